@@ -240,27 +240,29 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--folder", type=Path, default=ROOT / "generated" / "iiwa14")
     parser.add_argument("--part", choices=("controller", "kernels"), default="controller", help="sources [controller]")
-    parser.add_argument("--count", type=int, default=128, help="mutants drawn [128]")
+    parser.add_argument("--count", type=int, default=128, help="mutants drawn, and most defaults [128]")
     parser.add_argument("--seed", type=int, default=0, help="seed of the draw and of the sessions [0]")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="stiffgen-mutations-") as folder:
         robot = open_robot(options.folder)
-        draws: list[tuple[str, Workshop, list[Mutant]]] = []
+        draws: list[tuple[Workshop, dict[str, list[Mutant]]]] = []
         if options.part == "controller":
             workshop = Workshop(robot, Path(folder))
-            drawn = mutants(workshop.text, options.count, options.seed)
-            draws = [("defaults", workshop, changed_defaults(workshop.text)), ("mutants", workshop, drawn)]
+            defaults = changed_defaults(workshop.text)[: options.count]
+            drawn = {"defaults": defaults, "mutants": mutants(workshop.text, options.count, options.seed)}
+            draws = [(workshop, drawn)]
         else:
             files = [source.name for source in kernel_sources(robot.folder, robot.name)]
             for number, file in enumerate(files):
                 place = Path(folder) / str(number)
                 place.mkdir()
                 of_file = KernelWorkshop(robot, place, file)
-                draws.append((file, of_file, mutants(of_file.text, options.count // len(files), options.seed)))
-        for title, workshop, drawn in draws:
-            assert workshop.survives(workshop.reference, options.seed), f"{title}: the folder itself does not pass"
-            counted, survivors = count_survivors(workshop, drawn, options.seed)
-            print(f"{title}: {counted - len(survivors)} of {counted} killed ({len(drawn)} drawn)", flush=True)
+                draws.append((of_file, {file: mutants(of_file.text, options.count // len(files), options.seed)}))
+        for workshop, titled in draws:
+            assert workshop.survives(workshop.reference, options.seed), f"{[*titled]}: the folder itself does not pass"
+            for title, drawn in titled.items():
+                counted, survivors = count_survivors(workshop, drawn, options.seed)
+                print(f"{title}: {counted - len(survivors)} of {counted} killed ({len(drawn)} drawn)", flush=True)
 
 
 if __name__ == "__main__":

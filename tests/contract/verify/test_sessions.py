@@ -8,17 +8,18 @@ import os
 import re
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 import stiffgen
 from campaigns.mutations import Mutant, Workshop, changed_defaults, count_survivors, mutants
-from stiffgen.emit.fields import CONFIG
+from stiffgen.emit.fields import CONFIG, Field
 from stiffgen.emit.signals import INPUT
 from stiffgen.opened import open_robot
 from stiffgen.verify import sessions
-from stiffgen.verify.controller_library import CAREFUL, ControllerLibrary
+from stiffgen.verify.controller_library import CAREFUL, ControllerLibrary, set_field
 from stiffgen.verify.controller_rules import check_rules
 from stiffgen.verify.sessions import SESSIONS, confined
 from support.project import ROOT
@@ -45,8 +46,23 @@ def test_the_controller_itself_passes(workshop: Workshop) -> None:
     assert failed_rules(workshop, workshop.reference) == set()
 
 
+@pytest.mark.parametrize("field", CONFIG, ids=lambda field: field.name)
+def test_every_changed_default_is_found(workshop: Workshop, field: Field, monkeypatch: pytest.MonkeyPatch) -> None:
+    call = ControllerLibrary.call
+
+    def changed(library: ControllerLibrary, function: str, *arguments: Any) -> int:
+        code = call(library, function, *arguments)
+        if function == "default_config":
+            value = np.ravel(getattr(library.config, field.name))[-1]
+            set_field(library.config, field, 2 if field.type == "int" and value != 2 else 2.0 * value + 0.01, -1)
+        return code
+
+    monkeypatch.setattr(ControllerLibrary, "call", changed)
+    assert "defaults" in failed_rules(workshop, workshop.reference)
+
+
 def test_defaults_and_rules_are_the_tables(workshop: Workshop) -> None:
-    """Every default changed at once, and a rule: the table is the generator's, not the folder's."""
+    """A default and a rule changed in the C: the table is the generator's, not the folder's."""
     defaults = changed_defaults(workshop.text)
     assert len(defaults) >= 24
     chosen = next(each for each in defaults if "energy_limit" in each.before)
