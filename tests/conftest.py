@@ -16,6 +16,8 @@ from types import ModuleType
 # Matrices here are small: threads of the linear algebra would only keep the workers from their cores.
 for _library in ("OPENBLAS", "OMP", "MKL"):
     os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
+# Folders of single tests are compiled in two fifths of the time of a release; `robot_folder` is a release.
+os.environ.setdefault("CFLAGS", "-O1")
 
 import numpy as np
 import pytest
@@ -98,8 +100,14 @@ def kept_objects(once: Once) -> Iterator[KeptObjects]:
 
 @pytest.fixture(scope="session")
 def robot_folder(once: Once) -> Path:
-    """Return the iiwa 14's folder, compiled once for all workers. Read only."""
-    return once("generated", lambda output: stiffgen.generate(URDF, output=output)) / "iiwa14"
+    """Return the iiwa 14's folder, compiled once for all workers as a user's. Read only."""
+
+    def make(output: Path) -> None:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.delenv("CFLAGS")
+            stiffgen.generate(URDF, output=output)
+
+    return once("generated", make) / "iiwa14"
 
 
 @pytest.fixture(scope="session")
@@ -109,8 +117,8 @@ def robot(robot_folder: Path) -> ModuleType:
 
 @pytest.fixture
 def unoptimised(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Compile folders without optimisation, in a third of the time: for tests that do not look at the compiler."""
-    monkeypatch.setattr(build, "_FLAGS", ("-O0", "-std=gnu99", "-fPIC"))
+    """Compile folders, and libraries of verify, without optimisation: for tests that do not look at the compiler."""
+    monkeypatch.setenv("CFLAGS", "-O0")
     monkeypatch.setattr(build, "_FAST_TO_COMPILE", ("-O0",))
 
 

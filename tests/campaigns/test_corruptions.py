@@ -208,7 +208,7 @@ def failures(kept_objects: KeptObjects) -> Callable[..., list[str]]:
 @pytest.fixture
 def folder(robot_folder, tmp_path, monkeypatch) -> Path:
     """Copy the folder to spoil it, compiled without optimisation. Its name is its own: an extension is loaded once a process."""
-    monkeypatch.setattr(build, "_FLAGS", ("-O0", "-std=gnu99", "-fPIC"))
+    monkeypatch.setenv("CFLAGS", "-O0")
     target = tmp_path / "spoilt" / "iiwa14"
     shutil.copytree(robot_folder, target, ignore=shutil.ignore_patterns("*.so", "__pycache__"))
     return target

@@ -47,7 +47,7 @@ class KeptObjects:
         flags = [word for word in command if not word.endswith(".c") and word != _output(command)]
         if any(word.endswith(".o") for word in flags) or len(flags) + 1 == len(command):
             return None
-        words = [word for word in command if word not in ("-c", "-shared", "-o", _output(command))]
+        words = [word for word in command if word not in ("-shared", "-o", _output(command))]
         text = subprocess.run([*words, "-E", "-P"], capture_output=True, stdin=subprocess.DEVNULL, check=False)
         if text.returncode != 0:
             return None

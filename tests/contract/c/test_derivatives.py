@@ -59,10 +59,10 @@ def test_default_folder_knows_nothing_of_it(urdf):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("unoptimised", "narrowest_width")
 @pytest.mark.parametrize("case", CASES)
-def test_folder_is_verified(case, tmp_path, monkeypatch):
+def test_folder_is_verified(case, tmp_path):
     """Against differences and CasADi, with NaN, stacks of every length and the bounds of memory; reopened as it was."""
-    monkeypatch.setenv("CFLAGS", "-O1")
     folder = stiffgen.generate(urdf_of(case, tmp_path), output=tmp_path, name=case, springs=OPTIONS, **CASES[case])
     robot = open_robot(folder)
     assert robot.springs.derivatives

@@ -35,12 +35,7 @@ ALLOWED = {"sinf", "cosf", "sincosf", "memcpy", "memset", "memmove"}
 
 @pytest.fixture(scope="module")
 def folder(once):
-    def make(output):
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setenv("CFLAGS", "-O1")
-            stiffgen.generate(URDF, output=output, name=NAME, scalar="float")
-
-    return once("floats", make) / NAME
+    return once("floats", lambda output: stiffgen.generate(URDF, output=output, name=NAME, scalar="float")) / NAME
 
 
 @pytest.fixture(scope="module")

@@ -48,7 +48,6 @@ def test_a_chain_of_one_joint(tmp_path, monkeypatch):
 @pytest.mark.slow
 @pytest.mark.parametrize("types", CHAINS)
 def test_every_chain(types, tmp_path, monkeypatch):
-    monkeypatch.setenv("CFLAGS", "-O1")
     check_every_oracle(types, CHAINS[types], "chain", tmp_path, monkeypatch, 11)
 
 

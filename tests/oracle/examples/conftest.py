@@ -18,13 +18,8 @@ from support.project import URDF, Once
 @pytest.fixture(scope="session")
 def ball_folder(once: Once) -> Path:
     """Return the folder of the arm with the parkour's ball."""
-
-    def make(output: Path) -> None:
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setenv("CFLAGS", "-O1")
-            stiffgen.generate(URDF, name=BALL.robot, tool=BALL.for_generator(), output=output)
-
-    return once("ball", make) / BALL.robot
+    options = {"name": BALL.robot, "tool": BALL.for_generator()}
+    return once("ball", lambda output: stiffgen.generate(URDF, output=output, **options)) / BALL.robot
 
 
 @pytest.fixture(scope="session")

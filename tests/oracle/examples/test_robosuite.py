@@ -59,7 +59,6 @@ def arm() -> str:
 def register(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("STIFFGEN_CACHE", str(tmp_path_factory.mktemp("cache")))
-        patch.setenv("CFLAGS", "-O1")
         register = robosuite_stub.install(patch)
         patch.delitem(sys.modules, "examples.robosuite.controller", raising=False)
         import examples.robosuite.controller  # noqa: F401  registers itself

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -23,13 +22,8 @@ CONFIG = {"spring": "bounded", "spring_moment_limit": MOMENT, "motor_inertia": 0
 @pytest.fixture(scope="module")
 def arm(once: Once) -> ModuleType:
     options = stiffgen.SpringOptions(("bounded",), groups=("spring.energy",), batches=False)
-
-    def make(output: Path) -> None:
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setenv("CFLAGS", "-O1")
-            stiffgen.generate(URDF, output=output, springs=options, cuda=False)
-
-    return open_robot(once("bounded", make) / "iiwa14").module
+    folder = once("bounded", lambda output: stiffgen.generate(URDF, output=output, springs=options, cuda=False))
+    return open_robot(folder / "iiwa14").module
 
 
 def energy(pose: np.ndarray, rest: np.ndarray, force: float = FORCE, moment: float = MOMENT) -> float:
