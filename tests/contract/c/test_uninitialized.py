@@ -27,7 +27,7 @@ def check(seed: int, width: str, folder: Path) -> None:
     sources_of_varied_robot(seed, 4, folder)
     robot = open_robot(folder)
     (folder / "main.c").write_text(widths(robot, functions(robot), COUNT))
-    flags = ["-std=c99", "-O1", "-w", "-fsanitize=memory", "-fno-sanitize-recover=all", *WIDTHS[width]]
+    flags = ["-std=c99", "-O0", "-w", "-fsanitize=memory", "-fno-sanitize-recover=all", *WIDTHS[width]]
     command = [
         clang,
         *flags,
