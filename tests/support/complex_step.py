@@ -15,6 +15,8 @@ from stiffgen.symbolic.model import folded
 from support.graphs import COMPLEX, Graph
 
 STEP = 1e-100
+TOGETHER = 1024
+"""States and directions that one run of a graph takes together: a run costs as much per instruction as per number."""
 
 TWISTS = np.zeros((6, 4, 4))
 """Rates of a pose at unit twists (linear, angular), in the pose's own axes."""
@@ -40,22 +42,26 @@ def gradients(function: ca.Function, arguments: list[np.ndarray], cotangents: li
 
     A floating base's pose is differentiated along its body twists, (count, 6, 1); other arguments entry by entry.
     """
-    graph, number_of = Graph(function), partial(np.full, len(arguments[0]), dtype=complex)
+    graph, count = Graph(function), len(arguments[0])
     weights = [w.real for c in cotangents for w in _by_columns(c).T]
-    found = []
+    shapes = [(6, 1) if function.name_in(k) == "base_pose" else a.shape[1:] for k, a in enumerate(arguments)]
+    directions: list[tuple[int, np.ndarray]] = []
     for k, argument in enumerate(arguments):
-        if function.name_in(k) == "base_pose":
-            rates = [argument @ twist for twist in TWISTS]
-            shape: tuple[int, ...] = (6, 1)
-        else:
-            shape = argument.shape[1:]
-            rates = list(np.eye(argument[0].size).reshape(-1, *shape))
-        gradient = np.zeros((len(argument), len(rates)))
-        for number, rate in enumerate(rates):
-            moved = [a + 1j * STEP * rate if i == k else a for i, a in enumerate(arguments)]
-            with np.errstate(all="ignore"):  # in branches that are not chosen
-                results = graph.run([list(_by_columns(each).T) for each in moved], number_of, COMPLEX)
-            entries = [entry.imag for result in results for entry in result]
-            gradient[:, number] = sum(w * entry / STEP for w, entry in zip(weights, entries, strict=True))
-        found.append(gradient.reshape(len(argument), *shape))
-    return found
+        by_twists = function.name_in(k) == "base_pose"
+        rates = argument @ TWISTS[:, None] if by_twists else np.eye(argument[0].size).reshape(-1, 1, *shapes[k])
+        directions += [(k, rate) for rate in rates]
+    together = max(1, TOGETHER // count)
+    slopes: list[np.ndarray] = []
+    for start in range(0, len(directions), together):
+        chosen = directions[start : start + together]
+        moved = [np.tile(each.astype(complex), (len(chosen), 1, 1)) for each in arguments]
+        for place, (k, rate) in enumerate(chosen):
+            moved[k][place * count : (place + 1) * count] += 1j * STEP * rate
+        number_of = partial(np.full, len(chosen) * count, dtype=complex)
+        with np.errstate(all="ignore"):  # in branches that are not chosen
+            results = graph.run([list(_by_columns(each).T) for each in moved], number_of, COMPLEX)
+        entries = [entry.imag.reshape(len(chosen), count) for result in results for entry in result]
+        slopes += list(sum(w * entry / STEP for w, entry in zip(weights, entries, strict=True)))
+    of_argument = np.array([k for k, _ in directions])
+    stacked = np.array(slopes).reshape(len(directions), count).T
+    return [stacked[:, of_argument == k].reshape(count, *shape) for k, shape in enumerate(shapes)]
