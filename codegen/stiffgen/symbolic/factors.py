@@ -3,8 +3,8 @@
 
 A block is solved in two stages:
 
-1. Rods. A loop of 3 equations often has 2 passive joints that no other loop has (a rod with two hinges), and a planar
-   loop of 2 equations one. The columns c_1, c_2 of these joints span a plane. Its normal n = c_1 x c_2 turns the
+1. Rods. A loop of 3 equations often has exactly 2 passive joints that no other loop has (a rod with two hinges), and a
+   planar loop of 2 equations one. The columns c_1, c_2 of these joints span a plane. Its normal n = c_1 x c_2 turns the
    equations of the loop into one without the rod, n . C x = n . b. The dual vectors c_2 x n / n.n and n x c_1 / n.n
    return the rod's rates from the remainder of b. With a single column, n is that column turned by 90 degrees.
 2. Core. One or two remaining columns are solved by the adjugate matrix, more by Householder's reflections, which are
@@ -94,7 +94,7 @@ class Factors:
         for rows in loops:
             others = [row for row in everything if row not in rows]
             own = [k for k in columns if all(C[row, k].is_zero() for row in others)]
-            if len(rows) in (2, 3) and len(own) >= len(rows) - 1:
+            if (len(rows), len(own)) in ((2, 1), (2, 2), (3, 2)):  # of three own columns, two can be near a line
                 self.rods.append(_Rod.of(C, list(rows), own[: len(rows) - 1], units))
         in_rods = {row for rod in self.rods for row in rod.rows}
         self.others = [row for row in everything if row not in in_rods]
