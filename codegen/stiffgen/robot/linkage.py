@@ -135,6 +135,7 @@ class Linkage:
         return states
 
     def _condition(self, C: _Array, motors: list[int]) -> float:
+        """Return the condition number of C_p with its units, which cancel in ratios of two configurations."""
         passive = [k for k in range(len(self.coordinates)) if k not in motors]
         return float(np.linalg.cond(C[:, passive]))
 
