@@ -125,7 +125,7 @@ def controller() -> str:
     """Return the page of the controller's fields: configuration, input and output of a step."""
 
     def row(field: Field) -> tuple[str, ...]:
-        default = f"; {field.rule}; default `{field.default.format(name='NAME')}`" if field.default else ""
+        default = f"; {field.rule}; default `{field.default.format(name='NAME', i='i')}`" if field.default else ""
         return f"`{field.name}`", extent(field), field.unit, field.meaning + default
 
     config, given, results = (
