@@ -104,8 +104,13 @@ def expected_values(references):
     """Arguments (stacks) and results of every kernel, from the oracles of ``stiffgen verify``."""
     samples = references.samples
     q, wrench = samples.q, samples.wrench
+    measure, gradient = references.manipulability
+    held = q, wrench, samples.task_stiffness, references.direction
     wanted = {
         "forward_kinematics": ((q,), references.pose),
+        "manipulability": ((q,), measure),
+        "manipulability_gradient": ((q,), gradient),
+        "hybrid_stiffness_direction_gradient": (held, references.direction_gradient),
     } | dynamics_references(references.chain, samples)
     for rep in REPRESENTATIONS:
         derivative, correction = references.derivative[rep], gamma_F(rep, wrench)
@@ -172,16 +177,18 @@ def mutated(request, chain, references, tmp_path_factory):
 
     Some inertias of the iiwa 14 are too small for their signs to matter; those of the other chains, in which nothing is
     aligned, are not: one with a sliding and a mimic joint, and one of six turning joints, whose mass matrix has no
-    loops (and the shape of the Jacobian). The bias forces, of which some terms cancel, have a test of their own.
+    loops (and the shape of the Jacobian). The bias forces, of which some terms cancel, have a test of their own. Many
+    products of the manipulability vanish in a robot with parallel axes or a sliding joint.
     """
+    with_zeros = "bias_forces", "manipulability", "body_columns_vjp"
     if request.param == "iiwa14":
-        return chain, references, ("mass_matrix", "bias_forces")
+        return chain, references, ("mass_matrix", *with_zeros)
     urdf = tmp_path_factory.mktemp("skew") / "skew.urdf"
     urdf.write_text(
         chain_urdf({"skew": "rrpmr", "turning": "rrrrrr"}[request.param]).replace('"0 0 1"', '"0.48 0.6 0.64"')
     )
     skew = stiffgen.load_chain(urdf)
-    return skew, References(skew, count=2, seed=11), ("bias_forces",)
+    return skew, References(skew, count=2, seed=11), with_zeros if request.param == "skew" else ("bias_forces",)
 
 
 AWAITED = (("iiwa14", "CUDA on the host"), ("skew", "C"))

@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import casadi as ca
@@ -170,7 +172,8 @@ def _straight_line(run: Gradients, step: StraightLine, variables: tuple[Array, .
     bars = [(output, bar) for output in step.outputs for bar in run.bars.get(output.name, ())]
     shared = not step.moves and step.name and {output for output, _ in bars} == set(step.outputs[: step.columns])
     if not shared:
-        run.steps.append(_statements(step, variables, bars, outputs))
+        count = len(list(itertools.takewhile(lambda array: array.name in run.columns, variables)))
+        run.steps.append(replace(_statements(step, variables, bars, outputs), columns=count))
         return
     (columns,), (result,) = step.outputs[: step.columns], outputs
     bar, q_bar = Array(bar_name(columns.name), columns.shape), Array(bar_name(Q.name), result.shape)

@@ -8,7 +8,7 @@ import casadi as ca
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import BASE_POSE
 from stiffgen.symbolic.program import Array, Operand, Over, Program, Step
-from stiffgen.symbolic.steps import Gather, Map, SparseSum
+from stiffgen.symbolic.steps import Gather, Map, SparseSum, StraightLine
 
 
 def cotangent_name(result: str, count: int) -> str:
@@ -42,6 +42,7 @@ class Gradients:
             if isinstance(step, Map) and step.over is Over.JOINTS:
                 self.zeros[step.output.array.name] = _zeros(step, self.zeros)
         self.sparse = {step.output.name: step for step in program if isinstance(step, SparseSum)}
+        self.columns = {a.name for step in program if isinstance(step, StraightLine) for a in _columns_of(step)}
         self.mirrored = {step.output.array.name for step in program if isinstance(step, Map) and step.mirror}
         self.of_base: set[str] = set()  # arrays in which a later map overwrites the pairs of base joints
         self.motions: list[Array] = []  # covectors of a floating base's twist and the joints' rates
@@ -68,7 +69,7 @@ class Gradients:
     def one(self, columns: Array) -> Array:
         """Return the gradient with respect to columns of joints as one array of columns."""
         bars = self.bars[columns.name]
-        outputs = {array.name for step in self.steps if isinstance(step, (Map, Gather)) for array in step.writes}
+        outputs = {array.name for step in self.steps for array in _columns_of(step)}
         if len(bars) == 1 and bars[0].name in outputs:
             return bars[0]
         total = self.local(bar_name(columns.name), columns.shape)
@@ -80,6 +81,13 @@ class Gradients:
     def known(self, step: Map, values: list[ca.SX]) -> list[ca.SX]:
         """Return the operands with structural zeros for entries that are always zero; their gradient is not needed."""
         return [_cleared(value, self.zeros.get(o.array.name)) for o, value in zip(step.operands, values, strict=True)]
+
+
+def _columns_of(step: Step) -> tuple[Array, ...]:
+    """Return the arrays that a step writes column by column."""
+    if isinstance(step, StraightLine):
+        return step.outputs[: step.columns]
+    return step.writes if isinstance(step, (Map, Gather)) else ()
 
 
 def _sum(*values: ca.SX) -> ca.SX:

@@ -60,6 +60,8 @@ class Kernel:
     """Name of the kernel of the group whose vector-Jacobian product this is, with its arguments and cotangents."""
     by_tips: Callable[[Chain], Program] | None = None
     """Program of a total as a sum over the tips, differentiated tip by tip; ``program`` needs one pass."""
+    is_gradient: bool = False
+    """Whether the kernel is a gradient already: --derivatives adds no vector-Jacobian product."""
     of_masses: bool = False
     """Whether the kernel needs all moving joints, including side joints, which move masses but no tip."""
 

@@ -15,9 +15,10 @@ from functools import partial
 from stiffgen.errors import ChainError, PotentialError, listed, printable
 from stiffgen.names import CPP_NAMES
 from stiffgen.robot.chain import Chain, Tip
-from stiffgen.symbolic import arguments, joint_potentials, programs
+from stiffgen.symbolic import arguments, joint_potentials, manipulability, programs
 from stiffgen.symbolic.arguments import POSE, Argument, configuration_arguments
 from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
+from stiffgen.symbolic.direction_gradient import stiffness_direction_gradient
 from stiffgen.symbolic.dynamics_kernels import dynamics_kernels
 from stiffgen.symbolic.joint_potentials import JOINT_POTENTIALS, JointPotential
 from stiffgen.symbolic.joint_potentials import Part as JointPart
@@ -125,6 +126,52 @@ def _stiffness_kernels(rep: Representation, configuration: tuple[Argument, ...],
     )  # fmt: skip
 
 
+def _manipulability_kernels(configuration: tuple[Argument, ...]) -> tuple[Kernel, ...]:
+    """Return the kernels of Yoshikawa's measure; ``configuration`` is that of body representation."""
+    measure = Argument("manipulability", (), "m^3", "w, zero at a singularity; other units with fewer than six joints")
+    gradient = Argument("manipulability_gradient", ("q",), "m^3/rad", "dw/dq, zero where w is zero")
+    jacobian = "J the body or hybrid Jacobian of the joints"
+    return (
+        Kernel(
+            "manipulability", None, configuration, (measure,),
+            "Manipulability of the tip.",
+            f"w = sqrt(det(J J^T)), or sqrt(det(J^T J)) with fewer than six joints; {jacobian} (Yoshikawa 1985)",
+            partial(manipulability.manipulability, result=measure),
+            batch=True,
+        ),
+        Kernel(
+            "manipulability_gradient", None, configuration, (gradient,),
+            "Gradient of the manipulability with respect to the joint positions.",
+            "dw/dq_i = w tr(J^+ dJ/dq_i)",
+            partial(manipulability.manipulability_gradient, result=gradient),
+            batch=True,
+            is_gradient=True,
+        ),
+    )  # fmt: skip
+
+
+def _direction_gradient_kernel(configuration: tuple[Argument, ...]) -> Kernel:
+    """Return the kernel of the gradient of the hybrid joint stiffness along a direction."""
+    F, K = arguments.wrench("hybrid"), arguments.task_stiffness("hybrid", triangle=True)
+    direction = Argument("direction", ("n",), "1", "v, held", symbol="v", per_configuration=True)
+    result = Argument(
+        "stiffness_direction_gradient",
+        ("n",),
+        "N m/rad^2",
+        "gradient of v^T Kq v with respect to q",
+        floating_meaning="gradient of v^T Kq v: covector of the base link's twist in its own axes, then the joints'",
+    )
+    program = partial(stiffness_direction_gradient, wrench=F, task_stiffness=K, direction=direction, result=result)
+    return Kernel(
+        "stiffness_direction_gradient", "hybrid", (*configuration, F, K, direction), (result,),
+        "Gradient of the joint stiffness along a direction; wrench, task stiffness and direction are held.",
+        "d(v^T Kq v)/dq; with a unit eigenvector v of Kq, the gradient of its eigenvalue",
+        partial(program, representation="hybrid"),
+        batch=True,
+        is_gradient=True,
+    )  # fmt: skip
+
+
 _ENERGY = Argument("energy", (), "J", "energy U of the spring, 0 at the equilibrium")
 _SPRING_WRENCH = Argument.referred(
     "wrench", (6,), "N, N m",
@@ -210,12 +257,11 @@ def _tip_kernels(
         "product of joint poses",
         programs.forward_kinematics,
     )  # fmt: skip
-    kernels = [
-        pose,
-    ]
+    kernels = [pose, *_manipulability_kernels(seen_from_tip)]
     for rep in REPRESENTATIONS:
         seen = seen_from_tip if rep == "body" else configuration
         kernels += [*_jacobian_kernels(rep, seen), *_stiffness_kernels(rep, seen, reference)]
+    kernels.append(_direction_gradient_kernel(configuration))
     for spring in springs:
         kernels += _spring_kernels(spring, configuration)
     note = "'Tip' means the frame of the tool at tool_pose." if runtime_tool else ""

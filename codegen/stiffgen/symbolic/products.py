@@ -83,6 +83,8 @@ def products(kernels: tuple[Kernel, ...]) -> Iterator[Kernel]:
         kernel: whole[kernel.path, kernel.part_of] for kernel in kernels if (kernel.path, kernel.part_of) in whole
     }
     for kernel in kernels:
+        if kernel.is_gradient:
+            continue
         if kernel not in included:
             yield vector_jacobian_product(kernel)
         yield from (vector_jacobian_product(part, kernel) for part, of in included.items() if of is kernel)

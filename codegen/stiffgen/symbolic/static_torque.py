@@ -66,8 +66,8 @@ def columns_and_covectors(chain: Chain, *arguments: ca.SX) -> Expressions:
     q, *tools, wrenches, gravity = arguments
     masses = MovedMasses(chain, q)
     loads = _Loads(chain, masses, wrenches, gravity, tools[0] if tools else None)
-    columns, covectors, turned = [], [], []
-    zero = ca.SX.zeros(3)
+    columns, covectors, turned, zero = [], [], [], ca.SX.zeros(3)
+    moving: list[list[bool]] = []  # rows in which some column on the way to a joint is not always zero
     for index, (joint, axis) in enumerate(zip(chain.joints, masses.axes, strict=True)):
         total = loads.sums[index]
         if joint.prismatic:
@@ -84,11 +84,18 @@ def columns_and_covectors(chain: Chain, *arguments: ca.SX) -> Expressions:
                 moment = sum((cross(arm, f) for f, arm in loads.forces[index]), loads.moments[index])
                 covector, push = covector + cross(axis, moment), cross(axis, total)
             column, covector = ca.vertcat(sliding, column), ca.vertcat(push, covector)
+        before = moving[joint.parent] if joint.parent >= 0 else column.numel() * [False]
+        moving.append([row or not entry.is_zero() for row, entry in zip(before, ca.vertsplit(column), strict=True)])
         columns.append(column)
-        covectors.append(covector)
-        turned.append(outer)
+        covectors.append(_only(covector, moving[index]))
+        turned.append(_only(outer, before[-3:]))
     rows = ca.vertcat(*(ca.vec(ca.densify(ca.horzcat(*each)).T) for each in (columns, covectors, turned)))
     return Expressions(rows, tuple(masses.sections))
+
+
+def _only(vector: ca.SX, rows: list[bool]) -> ca.SX:
+    """Return the vector with zeros in the rows that meet zeros alone."""
+    return ca.vertcat(*(entry if row else ca.SX(0) for entry, row in zip(ca.vertsplit(vector), rows, strict=True)))
 
 
 def static_torque_derivatives(chain: Chain, result: Argument, inputs: tuple[Argument, ...]) -> Program:

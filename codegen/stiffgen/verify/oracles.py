@@ -67,6 +67,12 @@ def check_kernels(kernels: Kernels, references: References, prefix: str = "") ->
         checks.append(_of_one(kernels, references.chain, prefix, name, oracle, reference, *arguments))
 
     add("forward_kinematics", "product of poses", references.pose, *references.posture)
+    measure, gradient = references.manipulability
+    add("manipulability", "Gram determinant", measure, *references.posture_of("body"))
+    add("manipulability_gradient", "Gram determinant", gradient, *references.posture_of("body"))
+    held = wrench, samples.task_stiffness, references.direction
+    along = "form differentiated along v"
+    add("hybrid_stiffness_direction_gradient", along, references.direction_gradient, *references.posture, *held)
     for rep in REPRESENTATIONS:
         posture = references.posture_of(rep)
         derivative, kinematic = references.derivative[rep], references.kinematic_stiffness(rep)

@@ -86,6 +86,8 @@ class References:
             derivative[np.abs(derivative).max(axis=(1, 2)) <= rounding] = 0.0
             self.derivative[representation] = derivative.reshape(count, n, 6, n).transpose(0, 3, 1, 2)
         self.potential = self._potential(symbol, pose, seed)
+        self.direction = np.random.default_rng([seed, 6]).normal(size=(count, chain.dof))
+        self.direction_gradient = self._direction_gradient(place, mounted)
         self.parameters: dict[str, list[Array]] = {}
         self.springs = {spring.name: self._spring(spring, symbol, pose, seed) for spring in self.options.springs()}
 
@@ -150,6 +152,38 @@ class References:
         joint_hessian, _ = ca.hessian(potential(position, rotation), q)
         return self._evaluate(wrench)[..., 0], self._evaluate(covariant), self._evaluate(joint_hessian)
 
+    def _direction_gradient(self, place: Place, mounted: ca.SX) -> Array:
+        """Return the gradient of v^T Kq v from the terms of Kq, each differentiated along v."""
+        own, size = self.chain.base_joints, self.chain.dof
+        first, then = (ca.SX.sym(name, own) for name in ("s", "t"))
+        v, F, K = ca.SX.sym("v", size), ca.SX.sym("F", 6), ca.SX.sym("K", 36)
+        pose = product_of_poses(self.chain, place.q, place.base(first, then)) @ mounted
+        jacobian = jacobian_of(pose, ca.vertcat(then, place.q), "hybrid")
+        jacobian = ca.substitute(jacobian, then, ca.DM.zeros(own))
+        torque, twist = jacobian.T @ F, jacobian @ v
+        half = ca.diagcat(ca.SX(3, 3), -ca.skew(F[3:]) / 2)
+        form = ca.jtimes(ca.dot(torque, v), ca.vertcat(first, place.q), v)
+        form += twist.T @ (K.reshape((6, 6)) + half) @ twist
+        if own:
+            w, f = v[3:6], torque[:3]
+            form -= ca.dot(v[:3], ca.cross(f, w)) + ca.dot(w, ca.cross(torque[3:6], w)) / 2
+        form = ca.substitute(form, first, ca.DM.zeros(own))
+        columns = [self.direction, self.samples.wrench, self.samples.task_stiffness.reshape(-1, 36)]
+        gradient = ca.gradient(form, place.coordinates)
+        return self._evaluate(gradient, [v, F, K], [each.T for each in columns])[..., 0]
+
+    @property
+    def manipulability(self) -> tuple[Array, Array]:
+        """Measure and gradient from the Gram determinant of the joints' columns, in long doubles."""
+        own = sorted({joint.coordinate for joint in self.chain.joints[self.chain.base_joints :]})
+        J, derivative = self.jacobian["body"][:, :, own], self.derivative["body"][:, self.chain.base_joints :, own]
+        rates = derivative.transpose(0, 1, 3, 2)
+        if len(own) < 6:
+            J, rates = J.transpose(0, 2, 1), rates.transpose(0, 1, 3, 2)
+        determinant, solution = _eliminated(J @ J.transpose(0, 2, 1), J)
+        measure = np.sqrt(determinant)
+        return measure, measure[:, None] * np.einsum("skb,sikb->si", solution, rates)
+
     def kinematic_stiffness(self, representation: Representation) -> Array:
         """Return the kinematic stiffness: column i is dJ^T/dq_i F."""
         contracted: Array = np.einsum("sibk,sk->sbi", self.derivative[representation], self.samples.wrench)
@@ -167,6 +201,18 @@ class References:
             on_base = np.einsum("ski,sk->si", J[:, :, :6], self.samples.wrench)
             stiffness[:, :6, :6] -= gamma_F("body", on_base)
         return stiffness
+
+
+def _eliminated(matrices: Array, right: Array) -> tuple[Array, Array]:
+    """Return determinants of positive definite matrices and the solutions of A x = b, by Gauss-Jordan elimination."""
+    rows, determinant = np.concatenate([matrices, right], axis=2), np.ones(len(matrices), dtype=matrices.dtype)
+    size = matrices.shape[1]
+    for k in range(size):
+        determinant = determinant * rows[:, k, k]
+        rows[:, k] /= rows[:, k, k, None]
+        for other in (each for each in range(size) if each != k):
+            rows[:, other] -= rows[:, other, k, None] * rows[:, k]
+    return determinant, rows[:, :, size:]
 
 
 def dynamics_references(chain: Chain, samples: Samples) -> dict[str, tuple[tuple[Array, ...], Array]]:
