@@ -11,7 +11,7 @@ from math import prod
 
 import jinja2
 
-from stiffgen.emit.fields import CONFIG, Field
+from stiffgen.emit.fields import CONFIG
 from stiffgen.emit.status_words import FAULTS, REASONS
 from stiffgen.errors import OutputError
 from stiffgen.lower.graph import LIBM, LIBM_OF_TWO
@@ -109,17 +109,6 @@ INVARIANT: tuple[tuple[str, int, int], ...] = (
 """Integers of the controller's state with their bounds before and after every call."""
 
 
-@dataclass(frozen=True)
-class _Integer:
-    name: str
-    least: int
-    most: int
-
-
-def _integers(fields: Sequence[Field]) -> list[_Integer]:
-    return [_Integer(each.name, int(each.least), int(each.most)) for each in fields if each.type == "int"]
-
-
 STATES = (
     ("its_own", "any_state()"),
     ("overwritten_below", "any_bytes(-2147483647 - 1, READY - 1)"),
@@ -173,7 +162,7 @@ def controller(robot: GeneratedRobot, entries: Sequence[str], *, by_contract: bo
         name=robot.name,
         entries=entries,
         by_contract=by_contract,
-        integers=_integers(CONFIG),
+        integers=[field for field in CONFIG if field.type == "int"],
         invariant=INVARIANT,
         states=STATES,
     )
