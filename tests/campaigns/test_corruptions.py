@@ -234,13 +234,9 @@ def test_no_fault_passes(fault, folder, failures):
         assert (failed == []) == (fault.title in HARMLESS), failed
 
 
-@pytest.mark.slow  # tests/contract/cli/test_cli.py runs the same command
-def test_the_folder_itself_passes(robot_folder, failures):
-    assert failures(robot_folder, URDF) == []
-
-
 @pytest.mark.slow
 def test_the_folder_itself_passes_without_optimisation(folder, failures):
+    """As a user compiles it: tests/contract/cli/test_cli.py::test_verify."""
     build.build_module(folder, "iiwa14")
     assert failures(folder, URDF) == []
 
