@@ -36,8 +36,8 @@ def interpreter(version: str) -> str | None:
 
 
 def clean_environment() -> dict[str, str]:
-    """Without what leads to this working tree."""
-    return {key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "VIRTUAL_ENV")}
+    """Without what leads to this working tree, and the flags of its tests."""
+    return {key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "VIRTUAL_ENV", "CFLAGS")}
 
 
 @pytest.fixture(scope="module")

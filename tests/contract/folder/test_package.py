@@ -22,9 +22,11 @@ from support.project import URDF
 
 
 def run(*command: str | Path, cwd: Path, **environment: str) -> str:
+    """Run a command as a user does, whose CFLAGS are not set: CMake reads them."""
+    own = {name: value for name, value in os.environ.items() if name != "CFLAGS"}
     done = subprocess.run(
         [str(part) for part in command],
-        cwd=cwd, env={**os.environ, **environment}, capture_output=True, text=True, check=False,
+        cwd=cwd, env={**own, **environment}, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
