@@ -29,21 +29,23 @@ typedef iiwa14_impedance_policy policy_t;
  *   l            scale; the torque is the gradient of l U
  *   s, p, v      energy put in by sampling, by moving the equilibrium, by changing stiffness or scale
  */
-enum { NO_JOINT = -1, READY = 0x51f7, RECENT = 8, POSTURES = 32 };
+enum { NO_JOINT = -1, READY = 0x51f7, RECENT = 8, MOST_DELAY = 5, POSTURES = 32 };
 /* trials of a search for a posture, steps of a trial; how often a command by pose begins again from the arm */
 enum { SEARCHED = 40, SEARCH_STEPS = 60, RESTARTS = 5 };
 enum { MATRIX_NOT_FINITE = 1, MATRIX_NOT_POSITIVE, MATRIX_NOT_CONVERGED };
 
 /* Largest eigenvalues of M^-1 B T and M^-1 K T^2. With differenced velocity, a double integrator is unstable from
- * M^-1 B T = 2.0, 0.83, 0.53 on at a delay of 0, 1, 2 samples. */
-static const double LARGEST_DAMPING = 0.25, LARGEST_STIFFNESS = 0.0625;
+ * M^-1 B T = 2.0, 0.83, 0.53, 0.40, 0.32, 0.26 on at a delay of 0 to 5 samples: the damping has at most 0.475 of it, which
+ * is DELAYED_DAMPING / (1 + delay) from 2 samples on. */
+static const double LARGEST_DAMPING = 0.25, DELAYED_DAMPING = 0.75, LARGEST_STIFFNESS = 0.0625;
 static const double LIMIT_SHARE = 0.5; /* share of LARGEST_STIFFNESS for the limit avoidance: the springs add theirs */
 static const double SYMMETRY = 1e-9;          /* of the task damping, over its largest entry */
 static const double COMMAND_TOLERANCE = 1e-6; /* of a commanded stiffness, over its largest entry: single precision */
 static const double POSE_TOLERANCE = 1e-3;    /* of a commanded rotation, sum of |R^T R - I|: 5 digits */
 static const double FARTHEST = 1e6;   /* [rad] beyond it an angle has lost its last digits */
 static const double GOVERNOR = 0.8;   /* share of its velocity limits that the equilibrium uses: the arm overshoots */
-static const double FOLLOWED = 1e-3;     /* regularisation of the twists that dr follows, over their squares' sum */
+static const double TIP_RAMP = 2.0;      /* ramp times in which an equilibrium by pose reaches its largest velocity */
+static const double FOLLOWED = 3e-2;     /* regularisation of the twists that dr follows, over their squares' sum */
 static const double LEAST_DAMPED = 1e-9; /* added to B for its inverse, over its largest entry */
 static const double REACHED = 5e-5;      /* [m] or [rad] up to which a posture has its tips at a pose */
 static const double SAME_POSE = 1e-6;    /* [m] or [rad] per call up to which a commanded pose is the same */
@@ -73,6 +75,7 @@ static const double COVERED = 0.7;    /* share of the available energy for the s
 static const double NOISE_RANGE = 6.0, FROZEN_SHARE = 0.02, FROZEN_SAMPLES = 20.0;
 static const double GAIN_FADE = 0.9;     /* share of the motors' kp that is left after another call without a sample */
 static const double SCALE_TIME = 0.05;   /* [s] shortest time in which the scale rises from 0 to 1 */
+static const double NO_LOAD = 1e-3; /* share of heaviest_wrench up to which springs count as unloaded */
 static const double LARGEST_ENERGY = 1e4; /* [J] largest energy limit */
 static const double HALF_TURN = 3.14159265358979324;
 static const double GOLDEN = 0.61803398874989485; /* golden ratio less 1: its multiples fill [0, 1) evenly */
@@ -94,9 +97,11 @@ typedef struct {
     int pressing;  /* a wrench_command is accepted */
     int planned;   /* velocity and acceleration of a plan are accepted, and in force */
     int held;      /* a fault is latched, and the springs hold the arm */
+    int started;   /* an engagement starts in this call */
     int timed;     /* the sample's counter tells which calls are missing */
     int joint;     /* of the finding about the sample, or NO_JOINT */
     double seen, limit; /* of the finding */
+    double lack;   /* [J] that the tank receives if the engagement that starts is paid */
     double budget; /* [J] the tank's share for what costs energy */
     double tank_initial, tank_maximum, engagement_limit, energy_limit; /* [J] in force */
     double goal[16 * TIPS]; /* equilibrium of an accepted command by pose */
@@ -258,7 +263,7 @@ static int check_fields(const config_t *c)
     if (!doubles_within(&c->sample_time, 1, 1e-05, 0.1)) {
         return ID(E_CONFIG_SAMPLE_TIME);
     }
-    if (!integers_within(&c->delay_samples, 1, 0, 2)) {
+    if (!integers_within(&c->delay_samples, 1, 0, 5)) {
         return ID(E_CONFIG_DELAY_SAMPLES);
     }
     if (!integers_within(&c->law, 1, 1, 2)) {
@@ -1160,12 +1165,22 @@ static const double *find_acting_torque(const step_t *s)
     return s->m->delay == 0 ? s->transit : s->m->older + (s->m->delay - 1) * N;
 }
 
+/* Return the sum of |torque| of joint i over the newest `count` torques before `last`. */
+static double sum_older(const memory_t *m, int i, int count)
+{
+    double sum = 0.0;
+    for (int k = 0; k < count; ++k) {
+        sum += fabs(m->older[k * N + i]);
+    }
+    return sum;
+}
+
 /* Start another interval: `last` is in transit now; feed is the reference's share of the torque that follows it. */
 static void shift_history(memory_t *m, const double *last, const double *feed)
 {
-    memmove(m->older + N, m->older, N * sizeof(double));
+    memmove(m->older + N, m->older, (MOST_DELAY - 1) * N * sizeof(double));
     memcpy(m->older, last, N * sizeof(double));
-    memmove(m->feed + N, m->feed, 2 * N * sizeof(double));
+    memmove(m->feed + N, m->feed, MOST_DELAY * N * sizeof(double));
     memmove(m->feed, feed, N * sizeof(double));
 }
 
@@ -1211,7 +1226,7 @@ static double compute_reserve(const step_t *s, int calls, int gap, const double 
     parts[0] = parts[1] = parts[2] = 0.0;
     for (int i = 0; i < N; ++i) {
         const double size = fabs(torque[i]), far = farthest_motion(m, i);
-        parts[0] += far * ((m->delay > 0 ? fabs(s->transit[i]) : 0.0) + (m->delay > 1 ? fabs(m->older[i]) : 0.0));
+        parts[0] += far * ((m->delay > 0 ? fabs(s->transit[i]) : 0.0) + sum_older(m, i, m->delay - 1));
         parts[1] += far * gap * hold * size;
         parts[2] += far * gap * 0.5 * size * (size / m->rate[i]);
     }
@@ -1323,7 +1338,7 @@ static void note_untimed_call(step_t *s, const double *last)
     if (m->gap_calls == 0) {
         m->gap_base = m->gap > 0 ? m->gap_most : 0.0;
         for (int i = 0; i < N; ++i) {
-            m->gap_transit[i] = (m->delay > 0 ? fabs(m->older[i]) : 0.0) + (m->delay > 1 ? fabs(m->older[N + i]) : 0.0);
+            m->gap_transit[i] = sum_older(m, i, m->delay);
             m->gap_sum[i] = m->gap_largest[i] = 0.0;
         }
     }
@@ -1345,11 +1360,11 @@ static void bridge_missing_calls(step_t *s, const double *last, int missing)
     memory_t *const m = s->m;
     const double none[N] = {0.0};
     if (m->gap_calls == 0) {
-        for (int k = 0; k < missing && k < 3; ++k) {
+        for (int k = 0; k < missing && k <= MOST_DELAY; ++k) {
             bridge_gap(s, 1);
             shift_history(m, s->transit, m->feed);
         }
-        bridge_gap(s, clamp_count(missing - 3, 1000000));
+        bridge_gap(s, clamp_count(missing - MOST_DELAY - 1, 1000000));
         return;
     }
     note_untimed_call(s, last);
@@ -1503,7 +1518,7 @@ static void find_energies(step_t *s)
         const double Ko = largest_entry(9 * TIPS, m->rotation_stiffness);
         /* whatever the direction, the springs store this much before they exert the wrench */
         const double least = 0.5 * fmin(force * force / fmax(Kt, 1e-9), moment * moment / fmax(Ko, 1e-9));
-        const double most = m->load > 1e-3 ? fmax(least, m->load_energy / (m->load * m->load)) : least;
+        const double most = m->load > NO_LOAD ? fmax(least, m->load_energy / (m->load * m->load)) : least;
         s->energy_limit = fmin(most, LARGEST_ENERGY);
     }
 }
@@ -2512,6 +2527,13 @@ static void damp_modes(const config_t *c, const double *eigenvalues, double scal
     }
 }
 
+/* Return the largest eigenvalue of M^-1 B that sample time, delay and velocity filter allow [1/s]. */
+static double largest_damping(const config_t *c)
+{
+    const double share = fmin(LARGEST_DAMPING, DELAYED_DAMPING / (1.0 + c->delay_samples));
+    return share / (c->sample_time + c->velocity_filter_time);
+}
+
 /* Use the joint damping alone: the mass matrix is not positive definite. */
 static double damp_joints_only(step_t *s)
 {
@@ -2526,7 +2548,7 @@ static double damp_joints_only(step_t *s)
 /*
  * Design the damping. Modal: B = M V diag(b) V^T M + d I with Kq v = lambda M v, V^T M V = I (Albu-Schaeffer and
  * others 2003). Task: B = J^T task_damping J + d I. Both are capped, except for the paper's law: no eigenvalue of M^-1
- * B is above LARGEST_DAMPING / T. Return the largest scale that the sample time allows.
+ * B is above that of largest_damping. Return the largest scale that the sample time allows.
  */
 static double design_damping(step_t *s)
 {
@@ -2535,7 +2557,7 @@ static double design_damping(step_t *s)
     double *const L = s->scratch, *const C = L + NN, *const rows = L + 2 * NN;
     double b[N], mass, scale = 1.0, largest_b = 0.0, d = c->joint_damping;
     const int paper = s->m->law == ID(LAW_PAPER), by_task = c->damping_design == ID(DAMPING_DESIGN_TASK);
-    const double T = c->sample_time, most = paper ? 1e6 : LARGEST_DAMPING / (T + c->velocity_filter_time);
+    const double T = c->sample_time, most = paper ? 1e6 : largest_damping(c);
     /* only the symmetric part of the conventional formula has a say in the damping */
     if (solve_pencil(N, out->joint_stiffness, out->mass_matrix, L, C, out->eigenvalues, rows, &mass) != 0) {
         return damp_joints_only(s);
@@ -2706,13 +2728,13 @@ static double relative_size(int count, int length, const double *x, const double
 
 /*
  * Update the velocity towards a goal: the goal's own velocity, if it is within the limits, and a velocity that reduces
- * the remaining distance to zero and from which the ramp can stop. away: from here to the goal, including `moved`, the
- * goal's motion since the last step.
+ * the remaining distance to zero and from which the ramp can stop. ramp: time of that [s]; away: from here to the goal,
+ * including `moved`, the goal's motion since the last step.
  */
-static void approach_goal(const config_t *c, int count, int length, const double *away, const double *moved,
-                          const double *limits, double *velocity)
+static void approach_goal(const config_t *c, double ramp, int count, int length, const double *away,
+                          const double *moved, const double *limits, double *velocity)
 {
-    const double T = c->sample_time, slope = T / c->ramp_time;
+    const double T = c->sample_time, slope = T / ramp;
     double target[MAX_ROWS] = {0.0}, change[MAX_ROWS] = {0.0}, rest[MAX_ROWS] = {0.0};
     const int follow = relative_size(count, length, moved, limits) <= T;
     for (int i = 0; i < count; ++i) {
@@ -2878,7 +2900,7 @@ static int approach_poses(step_t *s, const double *goal, const double *from, dou
             memset(m->equilibrium_velocity + 6 * t, 0, 6 * sizeof(double));
             continue;
         }
-        approach_goal(c, 6, 3, away, moved, tip_limits, m->equilibrium_velocity + 6 * t);
+        approach_goal(c, TIP_RAMP * c->ramp_time, 6, 3, away, moved, tip_limits, m->equilibrium_velocity + 6 * t);
     }
     return arrived;
 }
@@ -2950,7 +2972,7 @@ static int update_velocities(step_t *s, int by_posture)
         moved[i] = s->commanded && !joining ? s->input->q0[i] - m->wanted_posture[i] : 0.0;
         moving |= away[i] != 0.0;
     }
-    approach_goal(c, N, 1, away, moved, c->reference_velocity_limit, m->posture_velocity);
+    approach_goal(c, c->ramp_time, N, 1, away, moved, c->reference_velocity_limit, m->posture_velocity);
     if (!by_posture) {
         /* after commands by pose the equilibrium first joins the posture's pose */
         const int arrived = approach_poses(s, here, NULL, 1.0);
@@ -3130,7 +3152,7 @@ static void adopt_command(step_t *s)
     m->commanded = 1;
 }
 
-/* Start an engagement. Its energy first makes up for what the tank lacks. */
+/* Start an engagement. Its energy is paid where the call ends without a fault: pay_engagement. */
 static void start_engagement(step_t *s)
 {
     memory_t *const m = s->m;
@@ -3142,9 +3164,18 @@ static void start_engagement(step_t *s)
         m->unaccounted += 1u;
         m->tank -= available_energy(m);
     }
-    const double lack = clamp(s->tank_initial - m->tank, 0.0, s->engagement_limit);
-    m->tank += lack;
-    m->engagement = s->engagement_limit - lack;
+    s->lack = clamp(s->tank_initial - m->tank, 0.0, s->engagement_limit);
+    s->started = 1;
+}
+
+/* Pay the energy of an engagement that this call started: it first makes up for what the tank lacks. */
+static void pay_engagement(step_t *s)
+{
+    memory_t *const m = s->m;
+    if (s->started && m->fault == ID(FAULT_NONE)) {
+        m->tank += s->lack;
+        m->engagement = s->engagement_limit - s->lack;
+    }
 }
 
 /* Settle the springs at the arm, where they store nothing: equilibrium, stiffness, tool and law are free to change. */
@@ -3298,7 +3329,16 @@ static void adopt_spring_limits(step_t *s)
     }
 }
 
-/* Change the stiffness towards the wanted one, as far as the tank can pay. */
+/*
+ * Return the energy [J] by which a rise of the stiffness may lift that of the tips' springs: the one at which they exert
+ * heaviest_wrench at the present deflection, where energy and wrench rise in the same ratio.
+ */
+static double heaviest_rise(const memory_t *m)
+{
+    return m->load > NO_LOAD ? m->load_energy * fmax(1.0 / m->load - 1.0, 0.0) : HUGE_VAL;
+}
+
+/* Change the stiffness towards the wanted one, as far as the tank can pay and the springs may pull. */
 static void vary_stiffness(step_t *s)
 {
     memory_t *const m = s->m;
@@ -3329,7 +3369,8 @@ static void vary_stiffness(step_t *s)
         share += step;
         cost = compute_stored_energy(m, m->q) - released;
         /* stiffer than covered would be paid in vain: the scale would fall */
-        const double budget = fmax(fmin(s->budget, available_energy(m) - m->reserve / COVERED), 0.0);
+        const double covered = fmin(s->budget, available_energy(m) - m->reserve / COVERED);
+        const double budget = fmax(fmin(covered, heaviest_rise(m)), 0.0);
         if (cost <= budget) {
             break;
         }
@@ -3708,7 +3749,7 @@ static void reduce_torque(step_t *s, const double *last, double *feed)
         try_torque(s, last, share);
     }
     s->status |= ID(STATUS_RESERVE);
-    if (share < 1.0 && m->tank < TANK_FLOOR * s->tank_maximum) {
+    if (share < 1.0 && m->tank + s->lack < TANK_FLOOR * s->tank_maximum) {
         latch_fault(m, ID(REASON_RESERVE), NO_JOINT, m->reserve, available_energy(m));
     }
     for (int i = 0; i < N; ++i) {
@@ -3802,7 +3843,7 @@ static void compute_torque(step_t *s, const double *last, int moved)
     if (paper && m->engaged && exceeds_paper_bound(slip, pull)) {
         latch_fault(m, ID(REASON_PAPER_BOUND), NO_JOINT, largest_entry(N, slip), PAPER_DEFLECTION);
     }
-    if (m->engaged) {
+    if (m->engaged && !s->started) {
         vary_scale(s, pull, energy, cap);
     }
     smooth_velocity(s);
@@ -4312,6 +4353,7 @@ static void step_with_sample(step_t *s, const double *last)
         moved = 1;
     }
     compute_torque(s, last, moved);
+    pay_engagement(s);
 }
 
 /*
@@ -4609,7 +4651,7 @@ const char *iiwa14_impedance_error_text(int code)
     case IIWA14_E_CONFIG_SAMPLE_TIME:
         return "sample_time: must lie between 1e-05 and 0.1";
     case IIWA14_E_CONFIG_DELAY_SAMPLES:
-        return "delay_samples: must lie between 0 and 2";
+        return "delay_samples: must lie between 0 and 5";
     case IIWA14_E_CONFIG_LAW:
         return "law: must be potential or paper";
     case IIWA14_E_CONFIG_STIFFNESS_FORMULA:

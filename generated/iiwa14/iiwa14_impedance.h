@@ -122,7 +122,7 @@ enum {
     IIWA14_STATUS_MOVING = 1 << 5, /* the equilibrium is on its way to the wanted one */
     IIWA14_STATUS_GOVERNOR = 1 << 6, /* the equilibrium is held back by the energy or the engagement limit */
     IIWA14_STATUS_STIFFNESS_CHANGING = 1 << 7, /* the applied stiffness is on its way to the wanted one */
-    IIWA14_STATUS_TANK_LIMITED = 1 << 8, /* the stiffness or the scale is held back because the tank cannot pay */
+    IIWA14_STATUS_TANK_LIMITED = 1 << 8, /* stiffness or scale is held back: the tank cannot pay, or the springs exert heaviest_wrench */
     IIWA14_STATUS_TANK_DEFICIT = 1 << 9, /* more was put out than tank and springs had: an assumption of the theorem does not hold */
     IIWA14_STATUS_RESERVE = 1 << 10, /* damping or scale is reduced: tank and stored energy do not cover more torque (tank_initial) */
     IIWA14_STATUS_JOINT_LIMIT = 1 << 11, /* a position is in the limit zone or beyond */
@@ -217,7 +217,7 @@ typedef struct {
     /* [s] time T from one call of step to the next. Must lie between 1e-05 and 0.1. Default: 0.001. */
     double sample_time;
     /* [samples] delay from the sample that a torque is computed from to the sample at which it acts; 0 if it
-     * acts at once. Must lie between 0 and 2. Default: 0. */
+     * acts at once. Must lie between 0 and 5. Default: 0. */
     int delay_samples;
     /* control law; potential: the torque is the negative gradient of a spring's energy; paper: Kq(q, wrench)
      * (q0 - q), to reproduce the paper, within bounds. Must be potential or paper. Default: potential. */
@@ -289,12 +289,12 @@ typedef struct {
     double tip_velocity_limit;
     /* [rad/s] velocity limit of the equilibrium's rotation. Must lie between 1e-06 and 100. Default: 2.5. */
     double tip_rotation_limit;
-    /* [s] time in which the equilibrium reaches its largest velocity. Must lie between 0.0001 and 100. Default:
-     * 0.05. */
+    /* [s] time in which the equilibrium reaches its largest velocity; one that moves by poses takes twice as
+     * long. Must lie between 0.0001 and 100. Default: 0.05. */
     double ramp_time;
-    /* [N, N m] heaviest force and moment that the springs are to exert at a tip; energy_limit, engagement_limit
-     * and the tank follow from it where they are 0. Every entry must lie between 0.001 and 100000. Default:
-     * 100.0, 20.0. */
+    /* [N, N m] heaviest force and moment that the springs are to exert at a tip, to which a rise of the
+     * stiffness is held; energy_limit, engagement_limit and the tank follow from it where they are 0. Every
+     * entry must lie between 0.001 and 100000. Default: 100.0, 20.0. */
     double heaviest_wrench[2];
     /* [J] largest energy that a move of the equilibrium may store in the springs of the tips; 0: the energy at
      * which they exert heaviest_wrench. Must lie between 0 and 10000. Default: 0.0. */
@@ -608,8 +608,8 @@ typedef struct {
 
 /* Memory between steps; opaque, initialised by iiwa14_impedance_init. */
 typedef struct {
-    double older[14];
-    double feed[21];
+    double older[35];
+    double feed[42];
     double gap_torque[7];
     double gap_transit[7];
     double gap_sum[7];

@@ -175,7 +175,7 @@ def schedule(random: Random, loop: Loop, moving: bool = False, sensors: bool = F
 
     sensors: whether measured positions may be wrong, for which there is no bound.
     """
-    delay = int(random.integers(0, 3))
+    delay = int(random.integers(0, 6))
     motor = np.exp(random.uniform(np.log(0.02), np.log(0.3), N))
     energy = {
         "tank_initial": float(10 ** random.uniform(-1, 0.6)),
@@ -428,7 +428,7 @@ def _change_config(random: Random, new: Schedule) -> None:
     if name == "delay_samples" and gains:
         return
     if name == "delay_samples":
-        new.config[name] = new.episode["delay"] = int(random.integers(0, 3))
+        new.config[name] = new.episode["delay"] = int(random.integers(0, 6))
     elif name == "coriolis":
         new.config[name] = 3 - new.config[name]
     elif name in ("missed_limit", "call_gap_limit"):

@@ -103,7 +103,7 @@ static void change(config_t *config)
         }
     }
     switch (bits() % 8) {
-    case 0: config->delay_samples = (int)(bits() % 3); break;
+    case 0: config->delay_samples = (int)(bits() % 6); break;
     case 1: config->law = bits() % 2 ? IIWA14_LAW_POTENTIAL : IIWA14_LAW_PAPER; break;
     case 2: config->sample_time = 0.001 * exp(3.0 * (uniform() - 0.5)); break;
     case 3: config->limit_zone = 0.1 * exp(4.0 * (uniform() - 0.5)); break;

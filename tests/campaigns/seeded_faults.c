@@ -18,7 +18,7 @@ static void seen(const void *from, size_t size)
 
 int main(void)
 {
-    for (int delay = 0; delay <= 3; ++delay) { /* 3 is refused */
+    for (int delay = 0; delay <= 6; ++delay) { /* 6 is refused */
         for (int coarse = 0; coarse < 2; ++coarse) {
             iiwa14_impedance_config config;
             iiwa14_impedance_state state;

@@ -102,7 +102,7 @@ def lost(
     return float(loop.run(2000, loop.segments(*parts, carried), episode, settings).excess) - tank
 
 
-@pytest.mark.parametrize("delay", [0, 1, 2])
+@pytest.mark.parametrize("delay", [0, 1, 2, 5])
 def test_carried_along_while_samples_or_calls_are_lost(loop: Loop, delay: int) -> None:
     """At the boundary of what the theorem assumes of calls (b); beyond it the bound does not hold."""
     for tank in (0.02, 0.3):

@@ -72,7 +72,7 @@ CONFIG: tuple[Field, ...] = (
         "delay from the sample that a torque is computed from to the sample at which it acts; 0 if it acts at once",
         "0",
         0,
-        2,
+        5,
         "int",
     ),
     choice_field(
@@ -210,13 +210,21 @@ CONFIG: tuple[Field, ...] = (
     ),
     Field("tip_velocity_limit", SCALAR, "m/s", "velocity limit of the equilibrium's translation", "1.0", 1e-6, 100.0),
     Field("tip_rotation_limit", SCALAR, "rad/s", "velocity limit of the equilibrium's rotation", "2.5", 1e-6, 100.0),
-    Field("ramp_time", SCALAR, "s", "time in which the equilibrium reaches its largest velocity", "0.05", 1e-4, 100.0),
+    Field(
+        "ramp_time",
+        SCALAR,
+        "s",
+        "time in which the equilibrium reaches its largest velocity; one that moves by poses takes twice as long",
+        "0.05",
+        1e-4,
+        100.0,
+    ),
     Field(
         "heaviest_wrench",
         (2,),
         "N, N m",
-        "heaviest force and moment that the springs are to exert at a tip; energy_limit, engagement_limit and the tank "
-        "follow from it where they are 0",
+        "heaviest force and moment that the springs are to exert at a tip, to which a rise of the stiffness is held; "
+        "energy_limit, engagement_limit and the tank follow from it where they are 0",
         "100.0, 20.0",
         1e-3,
         1e5,

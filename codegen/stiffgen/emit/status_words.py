@@ -12,7 +12,7 @@ STATUS: tuple[tuple[str, str], ...] = (
     ("moving", "the equilibrium is on its way to the wanted one"),
     ("governor", "the equilibrium is held back by the energy or the engagement limit"),
     ("stiffness_changing", "the applied stiffness is on its way to the wanted one"),
-    ("tank_limited", "the stiffness or the scale is held back because the tank cannot pay"),
+    ("tank_limited", "stiffness or scale is held back: the tank cannot pay, or the springs exert heaviest_wrench"),
     ("tank_deficit", "more was put out than tank and springs had: an assumption of the theorem does not hold"),
     ("reserve", "damping or scale is reduced: tank and stored energy do not cover more torque (tank_initial)"),
     ("joint_limit", "a position is in the limit zone or beyond"),

@@ -101,7 +101,7 @@ INVARIANT: tuple[tuple[str, int, int], ...] = (
     ("recent_count", 0, 8),
     ("regular", 0, 3),
     ("absent", 0, 2000),
-    ("delay", 0, 2),
+    ("delay", 0, 5),
     ("gap_calls", 0, 1_000_000),
     ("calls", 0, 1000),
     ("by_pose", 0, 1),

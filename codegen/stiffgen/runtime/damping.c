@@ -75,6 +75,13 @@ static void damp_modes(const config_t *c, const double *eigenvalues, double scal
     }
 }
 
+/* Return the largest eigenvalue of M^-1 B that sample time, delay and velocity filter allow [1/s]. */
+static double largest_damping(const config_t *c)
+{
+    const double share = fmin(LARGEST_DAMPING, DELAYED_DAMPING / (1.0 + c->delay_samples));
+    return share / (c->sample_time + c->velocity_filter_time);
+}
+
 /* Use the joint damping alone: the mass matrix is not positive definite. */
 static double damp_joints_only(step_t *s)
 {
@@ -89,7 +96,7 @@ static double damp_joints_only(step_t *s)
 /*
  * Design the damping. Modal: B = M V diag(b) V^T M + d I with Kq v = lambda M v, V^T M V = I (Albu-Schaeffer and
  * others 2003). Task: B = J^T task_damping J + d I. Both are capped, except for the paper's law: no eigenvalue of M^-1
- * B is above LARGEST_DAMPING / T. Return the largest scale that the sample time allows.
+ * B is above that of largest_damping. Return the largest scale that the sample time allows.
  */
 double design_damping(step_t *s)
 {
@@ -98,7 +105,7 @@ double design_damping(step_t *s)
     double *const L = s->scratch, *const C = L + NN, *const rows = L + 2 * NN;
     double b[N], mass, scale = 1.0, largest_b = 0.0, d = c->joint_damping;
     const int paper = s->m->law == ID(LAW_PAPER), by_task = c->damping_design == ID(DAMPING_DESIGN_TASK);
-    const double T = c->sample_time, most = paper ? 1e6 : LARGEST_DAMPING / (T + c->velocity_filter_time);
+    const double T = c->sample_time, most = paper ? 1e6 : largest_damping(c);
     /* only the symmetric part of the conventional formula has a say in the damping */
     if (solve_pencil(N, out->joint_stiffness, out->mass_matrix, L, C, out->eigenvalues, rows, &mass) != 0) {
         return damp_joints_only(s);

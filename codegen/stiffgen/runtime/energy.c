@@ -111,12 +111,22 @@ static const double *find_acting_torque(const step_t *s)
     return s->m->delay == 0 ? s->transit : s->m->older + (s->m->delay - 1) * N;
 }
 
+/* Return the sum of |torque| of joint i over the newest `count` torques before `last`. */
+static double sum_older(const memory_t *m, int i, int count)
+{
+    double sum = 0.0;
+    for (int k = 0; k < count; ++k) {
+        sum += fabs(m->older[k * N + i]);
+    }
+    return sum;
+}
+
 /* Start another interval: `last` is in transit now; feed is the reference's share of the torque that follows it. */
 void shift_history(memory_t *m, const double *last, const double *feed)
 {
-    memmove(m->older + N, m->older, N * sizeof(double));
+    memmove(m->older + N, m->older, (MOST_DELAY - 1) * N * sizeof(double));
     memcpy(m->older, last, N * sizeof(double));
-    memmove(m->feed + N, m->feed, 2 * N * sizeof(double));
+    memmove(m->feed + N, m->feed, MOST_DELAY * N * sizeof(double));
     memmove(m->feed, feed, N * sizeof(double));
 }
 
@@ -162,7 +172,7 @@ double compute_reserve(const step_t *s, int calls, int gap, const double *torque
     parts[0] = parts[1] = parts[2] = 0.0;
     for (int i = 0; i < N; ++i) {
         const double size = fabs(torque[i]), far = farthest_motion(m, i);
-        parts[0] += far * ((m->delay > 0 ? fabs(s->transit[i]) : 0.0) + (m->delay > 1 ? fabs(m->older[i]) : 0.0));
+        parts[0] += far * ((m->delay > 0 ? fabs(s->transit[i]) : 0.0) + sum_older(m, i, m->delay - 1));
         parts[1] += far * gap * hold * size;
         parts[2] += far * gap * 0.5 * size * (size / m->rate[i]);
     }
@@ -274,7 +284,7 @@ void note_untimed_call(step_t *s, const double *last)
     if (m->gap_calls == 0) {
         m->gap_base = m->gap > 0 ? m->gap_most : 0.0;
         for (int i = 0; i < N; ++i) {
-            m->gap_transit[i] = (m->delay > 0 ? fabs(m->older[i]) : 0.0) + (m->delay > 1 ? fabs(m->older[N + i]) : 0.0);
+            m->gap_transit[i] = sum_older(m, i, m->delay);
             m->gap_sum[i] = m->gap_largest[i] = 0.0;
         }
     }
@@ -296,11 +306,11 @@ void bridge_missing_calls(step_t *s, const double *last, int missing)
     memory_t *const m = s->m;
     const double none[N] = {0.0};
     if (m->gap_calls == 0) {
-        for (int k = 0; k < missing && k < 3; ++k) {
+        for (int k = 0; k < missing && k <= MOST_DELAY; ++k) {
             bridge_gap(s, 1);
             shift_history(m, s->transit, m->feed);
         }
-        bridge_gap(s, clamp_count(missing - 3, 1000000));
+        bridge_gap(s, clamp_count(missing - MOST_DELAY - 1, 1000000));
         return;
     }
     note_untimed_call(s, last);

@@ -13,13 +13,13 @@ static double relative_size(int count, int length, const double *x, const double
 
 /*
  * Update the velocity towards a goal: the goal's own velocity, if it is within the limits, and a velocity that reduces
- * the remaining distance to zero and from which the ramp can stop. away: from here to the goal, including `moved`, the
- * goal's motion since the last step.
+ * the remaining distance to zero and from which the ramp can stop. ramp: time of that [s]; away: from here to the goal,
+ * including `moved`, the goal's motion since the last step.
  */
-static void approach_goal(const config_t *c, int count, int length, const double *away, const double *moved,
-                          const double *limits, double *velocity)
+static void approach_goal(const config_t *c, double ramp, int count, int length, const double *away,
+                          const double *moved, const double *limits, double *velocity)
 {
-    const double T = c->sample_time, slope = T / c->ramp_time;
+    const double T = c->sample_time, slope = T / ramp;
     double target[MAX_ROWS] = {0.0}, change[MAX_ROWS] = {0.0}, rest[MAX_ROWS] = {0.0};
     const int follow = relative_size(count, length, moved, limits) <= T;
     for (int i = 0; i < count; ++i) {
@@ -185,7 +185,7 @@ static int approach_poses(step_t *s, const double *goal, const double *from, dou
             memset(m->equilibrium_velocity + 6 * t, 0, 6 * sizeof(double));
             continue;
         }
-        approach_goal(c, 6, 3, away, moved, tip_limits, m->equilibrium_velocity + 6 * t);
+        approach_goal(c, TIP_RAMP * c->ramp_time, 6, 3, away, moved, tip_limits, m->equilibrium_velocity + 6 * t);
     }
     return arrived;
 }
@@ -257,7 +257,7 @@ static int update_velocities(step_t *s, int by_posture)
         moved[i] = s->commanded && !joining ? s->input->q0[i] - m->wanted_posture[i] : 0.0;
         moving |= away[i] != 0.0;
     }
-    approach_goal(c, N, 1, away, moved, c->reference_velocity_limit, m->posture_velocity);
+    approach_goal(c, c->ramp_time, N, 1, away, moved, c->reference_velocity_limit, m->posture_velocity);
     if (!by_posture) {
         /* after commands by pose the equilibrium first joins the posture's pose */
         const int arrived = approach_poses(s, here, NULL, 1.0);
@@ -437,7 +437,7 @@ static void adopt_command(step_t *s)
     m->commanded = 1;
 }
 
-/* Start an engagement. Its energy first makes up for what the tank lacks. */
+/* Start an engagement. Its energy is paid where the call ends without a fault: pay_engagement. */
 static void start_engagement(step_t *s)
 {
     memory_t *const m = s->m;
@@ -449,9 +449,18 @@ static void start_engagement(step_t *s)
         m->unaccounted += 1u;
         m->tank -= available_energy(m);
     }
-    const double lack = clamp(s->tank_initial - m->tank, 0.0, s->engagement_limit);
-    m->tank += lack;
-    m->engagement = s->engagement_limit - lack;
+    s->lack = clamp(s->tank_initial - m->tank, 0.0, s->engagement_limit);
+    s->started = 1;
+}
+
+/* Pay the energy of an engagement that this call started: it first makes up for what the tank lacks. */
+void pay_engagement(step_t *s)
+{
+    memory_t *const m = s->m;
+    if (s->started && m->fault == ID(FAULT_NONE)) {
+        m->tank += s->lack;
+        m->engagement = s->engagement_limit - s->lack;
+    }
 }
 
 /* Settle the springs at the arm, where they store nothing: equilibrium, stiffness, tool and law are free to change. */

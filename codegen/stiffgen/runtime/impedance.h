@@ -18,21 +18,23 @@
 #include <stdint.h>
 #include <string.h>
 
-enum { NO_JOINT = -1, READY = 0x51f7, RECENT = 8, POSTURES = 32 };
+enum { NO_JOINT = -1, READY = 0x51f7, RECENT = 8, MOST_DELAY = 5, POSTURES = 32 };
 /* trials of a search for a posture, steps of a trial; how often a command by pose begins again from the arm */
 enum { SEARCHED = 40, SEARCH_STEPS = 60, RESTARTS = 5 };
 enum { MATRIX_NOT_FINITE = 1, MATRIX_NOT_POSITIVE, MATRIX_NOT_CONVERGED };
 
 /* Largest eigenvalues of M^-1 B T and M^-1 K T^2. With differenced velocity, a double integrator is unstable from
- * M^-1 B T = 2.0, 0.83, 0.53 on at a delay of 0, 1, 2 samples. */
-static const double LARGEST_DAMPING = 0.25, LARGEST_STIFFNESS = 0.0625;
+ * M^-1 B T = 2.0, 0.83, 0.53, 0.40, 0.32, 0.26 on at a delay of 0 to 5 samples: the damping has at most 0.475 of it, which
+ * is DELAYED_DAMPING / (1 + delay) from 2 samples on. */
+static const double LARGEST_DAMPING = 0.25, DELAYED_DAMPING = 0.75, LARGEST_STIFFNESS = 0.0625;
 static const double LIMIT_SHARE = 0.5; /* share of LARGEST_STIFFNESS for the limit avoidance: the springs add theirs */
 static const double SYMMETRY = 1e-9;          /* of the task damping, over its largest entry */
 static const double COMMAND_TOLERANCE = 1e-6; /* of a commanded stiffness, over its largest entry: single precision */
 static const double POSE_TOLERANCE = 1e-3;    /* of a commanded rotation, sum of |R^T R - I|: 5 digits */
 static const double FARTHEST = 1e6;   /* [rad] beyond it an angle has lost its last digits */
 static const double GOVERNOR = 0.8;   /* share of its velocity limits that the equilibrium uses: the arm overshoots */
-static const double FOLLOWED = 1e-3;     /* regularisation of the twists that dr follows, over their squares' sum */
+static const double TIP_RAMP = 2.0;      /* ramp times in which an equilibrium by pose reaches its largest velocity */
+static const double FOLLOWED = 3e-2;     /* regularisation of the twists that dr follows, over their squares' sum */
 static const double LEAST_DAMPED = 1e-9; /* added to B for its inverse, over its largest entry */
 static const double REACHED = 5e-5;      /* [m] or [rad] up to which a posture has its tips at a pose */
 static const double SAME_POSE = 1e-6;    /* [m] or [rad] per call up to which a commanded pose is the same */
@@ -62,6 +64,7 @@ static const double COVERED = 0.7;    /* share of the available energy for the s
 static const double NOISE_RANGE = 6.0, FROZEN_SHARE = 0.02, FROZEN_SAMPLES = 20.0;
 static const double GAIN_FADE = 0.9;     /* share of the motors' kp that is left after another call without a sample */
 static const double SCALE_TIME = 0.05;   /* [s] shortest time in which the scale rises from 0 to 1 */
+static const double NO_LOAD = 1e-3; /* share of heaviest_wrench up to which springs count as unloaded */
 static const double LARGEST_ENERGY = 1e4; /* [J] largest energy limit */
 static const double HALF_TURN = 3.14159265358979324;
 static const double GOLDEN = 0.61803398874989485; /* golden ratio less 1: its multiples fill [0, 1) evenly */
@@ -83,9 +86,11 @@ typedef struct {
     int pressing;  /* a wrench_command is accepted */
     int planned;   /* velocity and acceleration of a plan are accepted, and in force */
     int held;      /* a fault is latched, and the springs hold the arm */
+    int started;   /* an engagement starts in this call */
     int timed;     /* the sample's counter tells which calls are missing */
     int joint;     /* of the finding about the sample, or NO_JOINT */
     double seen, limit; /* of the finding */
+    double lack;   /* [J] that the tank receives if the engagement that starts is paid */
     double budget; /* [J] the tank's share for what costs energy */
     double tank_initial, tank_maximum, engagement_limit, energy_limit; /* [J] in force */
     double goal[16 * TIPS]; /* equilibrium of an accepted command by pose */
@@ -239,6 +244,7 @@ double travel_between(const config_t *c, const double *posture, const double *go
                       const double *goal_pose);
 void move_equilibrium(step_t *s);
 void settle_springs(step_t *s);
+void pay_engagement(step_t *s);
 
 /* stiffness.c */
 void vary_stiffness(step_t *s);

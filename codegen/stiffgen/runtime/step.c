@@ -117,6 +117,7 @@ static void step_with_sample(step_t *s, const double *last)
         moved = 1;
     }
     compute_torque(s, last, moved);
+    pay_engagement(s);
 }
 
 /*

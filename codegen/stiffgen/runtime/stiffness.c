@@ -47,7 +47,16 @@ static void adopt_spring_limits(step_t *s)
     }
 }
 
-/* Change the stiffness towards the wanted one, as far as the tank can pay. */
+/*
+ * Return the energy [J] by which a rise of the stiffness may lift that of the tips' springs: the one at which they exert
+ * heaviest_wrench at the present deflection, where energy and wrench rise in the same ratio.
+ */
+static double heaviest_rise(const memory_t *m)
+{
+    return m->load > NO_LOAD ? m->load_energy * fmax(1.0 / m->load - 1.0, 0.0) : HUGE_VAL;
+}
+
+/* Change the stiffness towards the wanted one, as far as the tank can pay and the springs may pull. */
 void vary_stiffness(step_t *s)
 {
     memory_t *const m = s->m;
@@ -78,7 +87,8 @@ void vary_stiffness(step_t *s)
         share += step;
         cost = compute_stored_energy(m, m->q) - released;
         /* stiffer than covered would be paid in vain: the scale would fall */
-        const double budget = fmax(fmin(s->budget, available_energy(m) - m->reserve / COVERED), 0.0);
+        const double covered = fmin(s->budget, available_energy(m) - m->reserve / COVERED);
+        const double budget = fmax(fmin(covered, heaviest_rise(m)), 0.0);
         if (cost <= budget) {
             break;
         }

@@ -102,7 +102,7 @@ void find_energies(step_t *s)
         const double Ko = largest_entry(9 * TIPS, m->rotation_stiffness);
         /* whatever the direction, the springs store this much before they exert the wrench */
         const double least = 0.5 * fmin(force * force / fmax(Kt, 1e-9), moment * moment / fmax(Ko, 1e-9));
-        const double most = m->load > 1e-3 ? fmax(least, m->load_energy / (m->load * m->load)) : least;
+        const double most = m->load > NO_LOAD ? fmax(least, m->load_energy / (m->load * m->load)) : least;
         s->energy_limit = fmin(most, LARGEST_ENERGY);
     }
 }

@@ -71,7 +71,7 @@ static void reduce_torque(step_t *s, const double *last, double *feed)
         try_torque(s, last, share);
     }
     s->status |= ID(STATUS_RESERVE);
-    if (share < 1.0 && m->tank < TANK_FLOOR * s->tank_maximum) {
+    if (share < 1.0 && m->tank + s->lack < TANK_FLOOR * s->tank_maximum) {
         latch_fault(m, ID(REASON_RESERVE), NO_JOINT, m->reserve, available_energy(m));
     }
     for (int i = 0; i < N; ++i) {
@@ -165,7 +165,7 @@ void compute_torque(step_t *s, const double *last, int moved)
     if (paper && m->engaged && exceeds_paper_bound(slip, pull)) {
         latch_fault(m, ID(REASON_PAPER_BOUND), NO_JOINT, largest_entry(N, slip), PAPER_DEFLECTION);
     }
-    if (m->engaged) {
+    if (m->engaged && !s->started) {
         vary_scale(s, pull, energy, cap);
     }
     smooth_velocity(s);

@@ -64,7 +64,7 @@ class HostileSession:
         both[0].call("default_config", config)
         effort = np.array(config.effort_limit)
         config.sample_time = float(random.choice([1e-3, 1e-3, 2e-3, 5e-3, 0.02]))
-        config.delay_samples = int(random.integers(0, 3))
+        config.delay_samples = int(random.integers(0, 6))
         fill(config.motor_inertia, random.uniform(0.1, 0.6, len(effort)))
         for field in CONFIG:
             if field.name in _CHOSEN_APART:

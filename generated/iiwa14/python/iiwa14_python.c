@@ -2750,7 +2750,7 @@ static const status statuses[] = {
     {"moving", IIWA14_STATUS_MOVING, "the equilibrium is on its way to the wanted one"},
     {"governor", IIWA14_STATUS_GOVERNOR, "the equilibrium is held back by the energy or the engagement limit"},
     {"stiffness_changing", IIWA14_STATUS_STIFFNESS_CHANGING, "the applied stiffness is on its way to the wanted one"},
-    {"tank_limited", IIWA14_STATUS_TANK_LIMITED, "the stiffness or the scale is held back because the tank cannot pay"},
+    {"tank_limited", IIWA14_STATUS_TANK_LIMITED, "stiffness or scale is held back: the tank cannot pay, or the springs exert heaviest_wrench"},
     {"tank_deficit", IIWA14_STATUS_TANK_DEFICIT, "more was put out than tank and springs had: an assumption of the theorem does not hold"},
     {"reserve", IIWA14_STATUS_RESERVE, "damping or scale is reduced: tank and stored energy do not cover more torque (tank_initial)"},
     {"joint_limit", IIWA14_STATUS_JOINT_LIMIT, "a position is in the limit zone or beyond"},
@@ -3177,7 +3177,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "4ff6f9a66e4e68c9") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "4b9acbb184d6abd7") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -306,3 +306,25 @@ def _replay_by_lerobot(config: Any, monkeypatch: pytest.MonkeyPatch) -> np.ndarr
     script.replay(script.ReplayConfig(robot=config, dataset=dataset, play_sounds=False))
     assert not made.is_connected and os.environ["HF_HUB_OFFLINE"] == "1"
     return np.array(states)
+
+
+def test_hostile_streams_keep_the_velocity_limits(make: Any) -> None:
+    """Actions jump by up to 1 m and 1 rad, their stiffness is random. Before: 5.11 rad/s in joint 6, limit 2.36."""
+    random, robot = np.random.default_rng(3), make(variable_stiffness=True)
+    first, arm = _pose(robot), robot.loop._arm
+    place, turn = (np.array([first[name] for name in names]) for names in (POSE[:3], POSE[3:]))
+    fastest = np.zeros(7)
+    step = arm.step
+
+    def watched(torque: np.ndarray) -> None:
+        step(torque)
+        np.maximum(fastest, np.abs(arm.dq), out=fastest)
+
+    arm.step = watched
+    for _ in range(160):
+        position, rotation = place + random.uniform(-1, 1, 3), Rotation.from_rotvec(random.uniform(-1, 1, 3))
+        stiffness = {"stiffness.translation": random.uniform(0, 3000), "stiffness.rotation": random.uniform(0, 300)}
+        goal = [*position, *(rotation * Rotation.from_rotvec(turn)).as_rotvec()]
+        robot.send_action(dict(zip(POSE, goal, strict=True)) | stiffness)
+        assert not robot.loop.fault
+    assert np.all(fastest <= 1.05 * robot.model.VELOCITY)

@@ -358,7 +358,7 @@ def test_beyond_a_joint_limit(loop: Loop) -> None:
 # ---- time ----
 
 
-@pytest.mark.parametrize("delay", [0, 1, 2])
+@pytest.mark.parametrize("delay", [0, 1, 2, 5])
 @pytest.mark.parametrize("motor", [0.0, MOTOR])
 def test_delay_and_differenced_velocity(loop: Loop, delay: int, motor: float) -> None:
     """A push for 0.1 s, velocity by differences of an encoder: comes to rest, declared delay or not at 0.1 kg m^2.
@@ -386,7 +386,7 @@ def modes(loop: Loop, motor: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("ratio", [0.3, 0.5, 0.7])
-@pytest.mark.parametrize("delay", [0, 1, 2])
+@pytest.mark.parametrize("delay", [0, 1, 2, 5])
 def test_designed_damping_ratio(loop: Loop, ratio: float, delay: int) -> None:
     """From the overshoot of each mode with omega T < 0.05: the designed ratio within 2 %.
 

@@ -62,6 +62,30 @@ def test_the_force_asked_for_is_given(robot: ModuleType, force: float, stiffness
     assert out.force_available >= 0.95 * force
 
 
+@pytest.mark.parametrize("kind", ["translation_stiffness", "rotation_stiffness"])
+def test_a_rise_of_the_stiffness_keeps_to_heaviest_wrench(robot: ModuleType, kind: str) -> None:
+    """At a deflection that soft springs allow, stiffer ones pull with heaviest_wrench, no more. Before: fully."""
+    q, controller = np.array(ARMS["iiwa14"]), robot.Impedance(motor_inertia=0.1, tank_initial=200.0, tank_maximum=200.0)
+    soft = {"translation_stiffness": 200.0 * np.eye(3), "rotation_stiffness": 25.0 * np.eye(3)}
+    at, index = (slice(0, 3), 0) if kind.startswith("t") else (slice(3, 6), 1)
+    goal = robot.forward_kinematics(q)
+    if index == 0:
+        goal[0, 3] += 0.1
+    else:
+        c, s = np.cos(0.2), np.sin(0.2)
+        goal[:3, :3] = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ goal[:3, :3]
+    for k in range(3000):
+        springs = soft if k < 1500 else soft | {kind: 10.0 * soft[kind]}
+        out = controller.step(q=q, dq=np.zeros(7), equilibrium=goal, posture=q, **springs)
+        if k == 1499:
+            before = np.linalg.norm(out.spring_wrench[at])
+    assert not out.fault
+    most = controller.config.heaviest_wrench[index]
+    assert 0.15 * most < before < 0.3 * most
+    assert np.linalg.norm(out.spring_wrench[at]) == pytest.approx(most, rel=0.02)
+    assert out.status & robot.Status.TANK_LIMITED
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ARMS)
 def test_force_on_four_robots(arms: dict[str, ModuleType], name: str) -> None:

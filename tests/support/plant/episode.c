@@ -236,8 +236,8 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
                 summary->reason = command.reason;
                 summary->fault_at = k;
             }
-            /* a return from a fault may end in another fault within its call */
-            summary->resets += was_faulted && (!command.faulted || command.fault_time < previous.fault_time);
+            /* a return whose call ends in another fault brings in nothing */
+            summary->resets += was_faulted && !command.faulted;
             was_faulted = command.faulted != 0;
             double H[16], moved[N], tip = 0.0;
             iiwa14_forward_kinematics(command.reference, H);

@@ -100,5 +100,4 @@ void law_step(const void *config, void *state, const sample_t *sample, void *out
     command->status = out->status;
     command->faulted = out->fault != 0;
     command->reason = out->reason;
-    command->fault_time = out->fault_time;
 }

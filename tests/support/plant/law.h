@@ -41,7 +41,6 @@ typedef struct {
     uint32_t status;
     int faulted;               /* not under control: fallback or latched */
     int reason;                /* for that, the law's own number */
-    double fault_time;         /* [s] since the last fault began */
     int code;                  /* what the step returned */
 } command_t;
 

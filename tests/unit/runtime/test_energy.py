@@ -19,11 +19,12 @@ def residual(out: Any) -> np.ndarray:
     return np.asarray(out.port_total + out.elastic_energy + out.limit_energy - put_in)
 
 
-@pytest.mark.parametrize("delay", [0, 1, 2])
+@pytest.mark.parametrize("delay", [0, 1, 2, 5])
 def test_the_account_is_the_work_at_the_port(robot: ModuleType, delay: int) -> None:
     """The port's total is the sum of (the torque that acted) . (change of q), taken outside; and nothing is missing."""
     inputs = walk(np.random.default_rng(delay), robot, 1500)
-    out = robot.Impedance(delay_samples=delay, limit_zone=0.9, motor_inertia=0.1).run(**inputs)
+    fields: dict[str, Any] = {"delay_samples": delay, "stiffness_cap": "accept"}
+    out = robot.Impedance(limit_zone=0.9, motor_inertia=0.1, **fields).run(**inputs)
     torque = np.vstack([np.zeros((delay, 7)), out.torque])[: len(out.torque)]
     port = np.concatenate([[0.0], np.cumsum(np.sum(torque[:-1] * np.diff(inputs["q"], axis=0), axis=1))])
     np.testing.assert_allclose(out.port_total, port, atol=1e-10)
@@ -128,3 +129,29 @@ def test_stiffness_change_is_split(robot: ModuleType) -> None:
         out = poor.step(q=q, dq=np.zeros(7), q0=Q, translation_stiffness=tilted, rotation_stiffness=KO)
     assert np.linalg.eigvalsh(out.translation_stiffness - KT * 0.62).max() < 700  # released where it was wanted softer
     assert out.translation_stiffness[2, 2] == pytest.approx(400, rel=1e-6)
+
+
+def test_a_reset_that_ends_in_another_fault_brings_in_nothing(robot: ModuleType) -> None:
+    """Deep in a limit zone, the torque over 300 missed samples is not covered: each reset ends in its own call.
+
+    Before: each such call filled the engagement.
+    """
+    controller = robot.Impedance(
+        motor_inertia=0.1, tank_initial=0.1, tank_maximum=4.0, engagement_limit=0.2, limit_zone=0.5, missed_limit=300,
+        call_gap_limit=1, limit_stiffness=300.0,
+    )  # fmt: skip
+    q, wanted, ended, before = Q.copy(), Q.copy(), [], (0.0, 0.0, 0.0, 0.0)
+    q[1] = wanted[1] = robot.UPPER[1] - 0.2
+    wanted[4] += 0.3
+    for k in range(400):
+        out = controller.step(q=q, dq=np.zeros(7), q0=wanted if k else q, **SPRING)
+        now = (float(out.fault), out.fault_time, out.engagement, out.tank_energy)
+        if before[0] and now[0] and now[1] < before[1]:
+            ended.append((before[2:], now[2:]))
+        before = now
+        if k % 50 == 49:
+            controller.reset()
+    assert len(ended) > 3
+    for then, since in ended:
+        np.testing.assert_allclose(since, then, atol=1e-12)
+        assert since[0] < 0.2 - 1e-6
