@@ -86,7 +86,8 @@ static const double PAPER_DEFLECTION = 0.7853981633974483;
 typedef struct {
     const config_t *c;
     memory_t *m;
-    double *scratch;
+    double *scratch; /* 3 N^2 numbers */
+    double *modes;   /* modes of the last two designs */
     const input_t *input;
     output_t *out;
     uint32_t status;
@@ -114,6 +115,9 @@ typedef struct {
     double carried[N];     /* [N m] torque of the plan's acceleration and Coriolis forces */
     double brake[N];       /* [N m s/rad] damping that one joint may still receive */
     double transit[N];     /* [N m] torque of the last call, 0 where its work is booked already */
+    double tip_energy;     /* [J] energy of the tips' springs at the sample, before the equilibrium moves; unscaled */
+    double jacobians[6 * N * TIPS]; /* of the tips at the sample, with the tool in force */
+    int has_jacobians;              /* the Jacobians are computed */
 } step_t;
 
 /* ---- robot: kernels at the tip ---- */
@@ -550,11 +554,23 @@ static void report_memory(const memory_t *m, output_t *out)
  * Vectors and symmetric matrices of the controller: dense, row-major, n x n.
  *
  * A function that can fail returns 0 or a code MATRIX_...; after an error its results are unspecified. Results must
- * overlap neither an argument nor one another.
- * Source: G. Golub, C. Van Loan, Matrix Computations: Cholesky reduction (8.7), Householder and implicit QL (8.3).
+ * overlap neither an argument nor one another, unless a function allows it.
+ * Source: G. Golub, C. Van Loan, Matrix Computations: Cholesky reduction (8.7).
  */
 
-enum { MAX_ITERATIONS = 60 }; /* per eigenvalue: two are usual; the bound makes the time bounded */
+/* Return the larger of two numbers, or the one that is not NaN: fmax without a call into the C library. */
+static double larger(double x, double y)
+{
+    const double result = x > y ? x : y; /* y if one of them is NaN */
+    return isnan(y) ? x : result;
+}
+
+/* Return the smaller of two numbers, or the one that is not NaN. */
+static double smaller(double x, double y)
+{
+    const double result = x < y ? x : y;
+    return isnan(y) ? x : result;
+}
 
 static double clamp(double x, double least, double most)
 {
@@ -631,166 +647,45 @@ static double largest_entry(int count, const double *A)
     return result;
 }
 
-/* Compute Y diag(d) Y^T from the columns of Y, stored as rows; one triangle is computed and mirrored. */
+/* Copy the lower triangle of a matrix to the upper one. */
+static void mirror_lower(int n, double *A)
+{
+    for (int i = 1; i < n; ++i) {
+        for (int j = 0; j < i; ++j) {
+            A[j * n + i] = A[i * n + j];
+        }
+    }
+}
+
+/* Compute Y diag(d) Y^T from the columns of Y, stored as rows; one triangle is mirrored. */
 static void form_congruence(int n, const double *rows, const double *d, double *result)
 {
     for (int i = 0; i < n; ++i) {
-        for (int j = 0; j <= i; ++j) {
-            double sum = 0.0;
-            for (int k = 0; k < n; ++k) {
-                sum += d[k] * rows[k * n + i] * rows[k * n + j];
-            }
-            result[i * n + j] = result[j * n + i] = sum;
+        double row[MAX_ROWS] = {0.0};
+        for (int k = 0; k < n; ++k) {
+            add_scaled(n, d[k] * rows[k * n + i], rows + k * n, row);
         }
+        memcpy(result + i * n, row, (size_t)n * sizeof(double));
     }
+    mirror_lower(n, result);
 }
 
-/*
- * Reflect X in place: X - beta v (v^T X), or X - beta (X v) v^T if the strides row and column are exchanged. Entries of
- * v before `first` count as 0.
- */
-static void reflect(int n, int first, double beta, const double *v, double *X, int row, int column)
-{
-    double p[MAX_ROWS] = {0.0};
-    for (int i = first; i < n; ++i) {
-        for (int j = 0; j < n; ++j) {
-            p[j] += beta * v[i] * X[i * row + j * column];
-        }
-    }
-    for (int i = first; i < n; ++i) {
-        for (int j = 0; j < n; ++j) {
-            X[i * row + j * column] -= v[i] * p[j];
-        }
-    }
-}
-
-/* Reduce A (destroyed) to the tridiagonal matrix (diagonal, beside) by Householder reflections; rows becomes Q^T. */
-static void tridiagonalise(int n, double *A, double *diagonal, double *beside, double *rows)
-{
-    double v[MAX_ROWS] = {0.0};
-    for (int i = 0; i < n * n; ++i) {
-        rows[i] = i % (n + 1) == 0 ? 1.0 : 0.0;
-    }
-    for (int k = 0; k < n - 2; ++k) {
-        double below = 0.0;
-        for (int i = k + 1; i < n; ++i) {
-            v[i] = A[k * n + i];
-            below += i > k + 1 ? v[i] * v[i] : 0.0;
-        }
-        if (below > 0.0) {
-            const double size = sqrt(v[k + 1] * v[k + 1] + below);
-            v[k + 1] += v[k + 1] > 0.0 ? size : -size;
-            const double beta = 2.0 / (v[k + 1] * v[k + 1] + below);
-            reflect(n, k + 1, beta, v, A, n, 1);
-            reflect(n, k + 1, beta, v, A, 1, n);
-            reflect(n, k + 1, beta, v, rows, n, 1);
-        }
-    }
-    for (int i = 0; i < n; ++i) {
-        diagonal[i] = A[i * n + i];
-        beside[i] = i < n - 1 ? A[i * n + i + 1] : 0.0;
-    }
-}
-
-/* Sort eigenvalues and their rows, ascending. */
-static void sort_eigenpairs(int n, double *d, double *rows)
-{
-    for (int i = 0; i < n - 1; ++i) {
-        int least = i;
-        for (int j = i + 1; j < n; ++j) {
-            least = d[j] < d[least] ? j : least;
-        }
-        if (least != i) {
-            const double value = d[i];
-            d[i] = d[least];
-            d[least] = value;
-            for (int k = 0; k < n; ++k) {
-                const double x = rows[i * n + k];
-                rows[i * n + k] = rows[least * n + k];
-                rows[least * n + k] = x;
-            }
-        }
-    }
-}
-
-/* Compute eigenvalues (ascending) and eigenvectors (the ROWS of `rows`) of a symmetric A (destroyed): implicit QL. */
-static int diagonalise_symmetric(int n, double *A, double *d, double *rows)
-{
-    double e[MAX_ROWS], size = 0.0;
-    for (int i = 0; i < n * n; ++i) {
-        size += A[i] * A[i];
-    }
-    const double negligible = 0.25 * DBL_EPSILON * sqrt(size) / n;
-    tridiagonalise(n, A, d, e, rows);
-    for (int l = 0; l < n; ++l) {
-        for (int iteration = 0;; ++iteration) {
-            int m = l;
-            while (m < n - 1 && fabs(e[m]) > negligible) {
-                ++m;
-            }
-            if (m == l) {
-                break;
-            }
-            if (iteration == MAX_ITERATIONS) {
-                return MATRIX_NOT_CONVERGED;
-            }
-            /* Wilkinson's shift, then a chase from m up to l */
-            const double half = 0.5 * (d[l + 1] - d[l]) / e[l], root = sqrt(half * half + 1.0);
-            double g = d[m] - d[l] + e[l] / (half < 0.0 ? half - root : half + root);
-            double s = 1.0, c = 1.0, p = 0.0;
-            int i = m - 1;
-            for (; i >= l; --i) {
-                const double f = s * e[i], b = c * e[i], r = sqrt(f * f + g * g);
-                e[i + 1] = r;
-                if (r == 0.0) {
-                    d[i + 1] -= p;
-                    break;
-                }
-                s = f / r;
-                c = g / r;
-                g = d[i + 1] - p;
-                const double t = (d[i] - g) * s + 2.0 * c * b;
-                p = s * t;
-                d[i + 1] = g + p;
-                g = c * t - b;
-                double *const low = rows + i * n, *const high = low + n;
-                for (int k = 0; k < n; ++k) {
-                    const double x = low[k], y = high[k];
-                    low[k] = c * x - s * y;
-                    high[k] = s * x + c * y;
-                }
-            }
-            if (i < l) {
-                d[l] -= p;
-                e[l] = g;
-            }
-            e[m] = 0.0;
-        }
-    }
-    sort_eigenpairs(n, d, rows);
-    return 0;
-}
-
-/* Compute the lower Cholesky factor L of A / scale + shift I. */
+/* Compute the lower Cholesky factor L of A / scale + shift I, column by column. */
 static int factorise_cholesky(int n, const double *A, double scale, double shift, double *L)
 {
     if (!(scale > 0.0 && scale <= DBL_MAX)) {
         return MATRIX_NOT_POSITIVE;
     }
-    for (int i = 0; i < n; ++i) {
-        for (int j = 0; j <= i; ++j) {
-            const double a = A[i * n + j] / scale + (i == j ? shift : 0.0);
-            double sum = a;
-            for (int k = 0; k < j; ++k) {
-                sum -= L[i * n + k] * L[j * n + k];
-            }
-            if (i > j) {
-                L[i * n + j] = sum / L[j * n + j];
-            } else if (sum > n * DBL_EPSILON * a && a > 0.0) {
-                L[i * n + i] = sqrt(sum);
-            } else {
-                return MATRIX_NOT_POSITIVE;
-            }
+    for (int j = 0; j < n; ++j) {
+        const double *const row = L + j * n;
+        const double a = A[j * (n + 1)] / scale + shift, square = a - dot(j, row, row);
+        if (!(square > n * DBL_EPSILON * a && a > 0.0)) {
+            return MATRIX_NOT_POSITIVE;
+        }
+        const double root = sqrt(square), reciprocal = 1.0 / root, share = reciprocal / scale;
+        L[j * (n + 1)] = root;
+        for (int i = j + 1; i < n; ++i) {
+            L[i * n + j] = share * A[i * n + j] - reciprocal * dot(j, L + i * n, row);
         }
     }
     return 0;
@@ -826,36 +721,387 @@ static void solve_upper(int n, const double *L, double *x)
 }
 
 /*
- * Solve K v = lambda M v for the symmetric parts of K and M. Results: L with L L^T = M / *scale, the eigenvalues lambda
- * (ascending), and rows w with v = L^-T w. C is work space.
+ * Return whether A (n x n, n <= 6) is finite, symmetric and positive semidefinite, up to a share of its largest entry.
  */
-static int solve_pencil(int n, const double *K, const double *M, double *L, double *C, double *eigenvalues, double *rows,
-                  double *scale)
+static int is_positive_semidefinite(int n, const double *A, double tolerance)
 {
-    *scale = largest_entry(n * n, M);
-    int error = factorise_cholesky(n, M, *scale, 0.0, L);
-    if (error != 0) {
-        return error;
+    double L[36];
+    const double scale = largest_entry(n * n, A);
+    for (int i = 0; i < n; ++i) {
+        for (int j = 0; j < i; ++j) {
+            if (!(fabs(A[i * n + j] - A[j * n + i]) <= tolerance * scale)) {
+                return 0;
+            }
+        }
     }
-    memcpy(rows, K, (size_t)(n * n) * sizeof(double));
-    solve_lower(n, n, L, rows);
-    for (int k = 0; k < n * n; ++k) {
-        C[k] = rows[k % n * n + k / n];
+    /* the factor exists exactly if no eigenvalue of A / scale lies below the shift */
+    return scale == 0.0 || factorise_cholesky(n, A, scale, tolerance, L) == 0;
+}
+
+/*
+ * Eigenvalues and eigenvectors of a symmetric matrix.
+ *
+ * Sources: G. Golub, C. Van Loan, Matrix Computations: Householder and implicit QL (8.3). B. Parlett, The Symmetric
+ * Eigenvalue Problem: QL without square roots (8.15).
+ */
+
+enum { MAX_ITERATIONS = 60 }; /* per eigenvalue: two are usual; the bound makes the time bounded */
+/* Square of the entries beside the diagonal of a matrix of size 1 that are 0 up to rounding. */
+static const double NEGLIGIBLE = 0.25 * DBL_EPSILON * DBL_EPSILON;
+
+/*
+ * Reflect the block of A from row and column k + 1 on, so that row k has zeros behind `beside`, and A stays symmetric:
+ * A - v w^T - w v^T. Row k of A becomes v from entry k + 1 on. Return beta of the reflection I - beta v v^T, or 0 for
+ * none.
+ */
+static double reflect_behind(int n, int k, double *A, double *beside)
+{
+    const int first = k + 1, count = n - first;
+    double *const v = A + k * n + first;
+    double w[MAX_ROWS] = {0.0};
+    const double below = dot(count - 1, v + 1, v + 1);
+    *beside = v[0];
+    if (!(below > 0.0)) {
+        return 0.0;
     }
-    solve_lower(n, n, L, C);
+    const double size = sqrt(v[0] * v[0] + below);
+    *beside = v[0] > 0.0 ? -size : size;
+    v[0] -= *beside;
+    const double beta = 2.0 / (v[0] * v[0] + below);
+    for (int i = 0; i < count; ++i) {
+        w[i] = beta * dot(count, A + (first + i) * n + first, v);
+    }
+    add_scaled(count, -0.5 * beta * dot(count, v, w), v, w);
+    for (int i = 0; i < count; ++i) {
+        double *const row = A + (first + i) * n + first;
+        for (int j = 0; j < count; ++j) {
+            row[j] -= v[i] * w[j] + w[i] * v[j];
+        }
+    }
+    return beta;
+}
+
+/*
+ * Reduce A (destroyed) to a tridiagonal matrix by Householder reflections: its diagonal, and the squares of the entries
+ * beside it, which count as positive; both for `scale` times A. rows becomes Q^T; NULL for none.
+ */
+static void tridiagonalise(int n, double *A, double scale, double *diagonal, double *squares, double *rows)
+{
+    double beta[MAX_ROWS] = {0.0}, beside[MAX_ROWS] = {0.0}, sign = 1.0;
+    for (int k = 0; k < n - 2; ++k) {
+        beta[k] = reflect_behind(n, k, A, beside + k);
+    }
+    if (n > 1) {
+        beside[n - 2] = A[(n - 1) * n - 1];
+    }
+    for (int i = 0; i < n; ++i) {
+        diagonal[i] = scale * A[i * n + i];
+        squares[i] = scale * beside[i] * (scale * beside[i]);
+    }
+    if (rows == NULL) {
+        return;
+    }
+    for (int i = 0; i < n; ++i) {
+        for (int j = 0; j < n; ++j) {
+            rows[i * n + j] = i == j ? 1.0 : 0.0;
+        }
+    }
+    /* from the last reflection on, whose block of rows is the smallest */
+    for (int k = n - 3; k >= 0; --k) {
+        const double *const v = A + k * n;
+        for (int i = k + 1; i < n && beta[k] > 0.0; ++i) {
+            double *const row = rows + i * n + k + 1;
+            add_scaled(n - k - 1, -beta[k] * dot(n - k - 1, row, v + k + 1), v + k + 1, row);
+        }
+    }
+    for (int i = 1; i < n; ++i) {
+        sign = beside[i - 1] < 0.0 ? -sign : sign;
+        for (int j = 0; j < n; ++j) {
+            rows[i * n + j] *= sign;
+        }
+    }
+}
+
+/* Rotate a row and the next one: the first becomes c x - s y, the second s x + c y. */
+static void rotate_rows(int n, double c, double s, double *row)
+{
+    double *const next = row + n;
+    for (int k = 0; k < n; ++k) {
+        const double x = row[k], y = next[k];
+        row[k] = c * x - s * y;
+        next[k] = s * x + c * y;
+    }
+}
+
+/* Swap two arrays. */
+static void swap(int count, double *x, double *y)
+{
+    for (int k = 0; k < count; ++k) {
+        const double value = x[k];
+        x[k] = y[k];
+        y[k] = value;
+    }
+}
+
+/* Sort eigenvalues and their rows (NULL for none), ascending. */
+static void sort_eigenpairs(int n, double *d, double *rows)
+{
+    for (int i = 1; i < n; ++i) {
+        for (int j = i; j >= 1 && d[j] < d[j - 1]; --j) {
+            swap(1, d + j - 1, d + j);
+            if (rows != NULL) {
+                swap(n, rows + (j - 1) * n, rows + j * n);
+            }
+        }
+    }
+}
+
+/* Return Wilkinson's shift: the eigenvalue of the block (a, b; b, d) that is nearer to a, from the square of b. */
+static double find_shift(double a, double d, double square)
+{
+    const double half = 0.5 * (d - a), root = sqrt(half * half + square);
+    return half < 0.0 ? a + (half + root) : a + (half - root);
+}
+
+/*
+ * Do one sweep of implicit QL on the block l ... m of a tridiagonal matrix whose norm is 1: its diagonal d and the
+ * squares e of the entries beside it. A rotation needs the squares of cosine and sine of the last one alone, and no root.
+ */
+static void sweep_block(int n, int l, int m, double *d, double *e, double *rows)
+{
+    const double shift = find_shift(d[l], d[l + 1], e[l]);
+    double gamma = d[m] - shift, p = gamma * gamma, cosine = 1.0, sine = 0.0, sign = 1.0;
+    for (int i = m - 1; i >= l; --i) {
+        const double square = e[i], r = p + square, before = gamma;
+        e[i + 1] = sine * r;
+        if (p > NEGLIGIBLE) {
+            const double product = p * (d[i] - shift) - square * gamma;
+            gamma = product / r;
+            cosine = p / r;
+            sine = square / r;
+            p = product * product / (r * p);
+            d[i + 1] = before + (d[i] - gamma);
+            sign = before < 0.0 ? -sign : sign;
+        } else { /* a right angle, up to rounding */
+            p = cosine * square;
+            gamma = cosine = 0.0;
+            sine = 1.0;
+            d[i + 1] = d[i];
+            sign = -sign;
+        }
+        if (rows != NULL) {
+            rotate_rows(n, sign * sqrt(cosine), sqrt(sine), rows + i * n);
+        }
+    }
+    e[l] = sine * p;
+    d[l] = shift + gamma;
+    for (int k = 0; rows != NULL && gamma * sign < 0.0 && k < n; ++k) {
+        rows[l * n + k] = -rows[l * n + k]; /* the entries beside the diagonal stay positive */
+    }
+}
+
+/*
+ * Compute eigenvalues (ascending) and eigenvectors (the ROWS of `rows`; NULL for none) of a symmetric A (destroyed):
+ * implicit QL in the variant of Pal, Walker and Kahan.
+ */
+static int diagonalise_symmetric(int n, double *A, double *d, double *rows)
+{
+    double e[MAX_ROWS];
+    const double size = norm(n * n, A);
+    tridiagonalise(n, A, size > 0.0 ? 1.0 / size : 0.0, d, e, rows);
+    for (int l = 0; l < n; ++l) {
+        for (int iteration = 0;; ++iteration) {
+            int m = l;
+            while (m < n - 1 && e[m] > NEGLIGIBLE) {
+                ++m;
+            }
+            if (m == l) {
+                break;
+            }
+            if (iteration == MAX_ITERATIONS) {
+                return MATRIX_NOT_CONVERGED;
+            }
+            sweep_block(n, l, m, d, e, rows);
+        }
+        d[l] *= size;
+    }
+    sort_eigenpairs(n, d, rows);
+    return 0;
+}
+
+/*
+ * Modes of two symmetric matrices, K v = lambda M v, and what the controller makes of them.
+ *
+ * Source: T. Ogita, K. Aishima, Iterative refinement for symmetric eigenvalue decomposition, Japan J.
+ * Indust. Appl. Math. 35 (2018).
+ */
+
+/* Rounds of refine_modes; the change above which it gives up, and the one whose square is 0 up to rounding. */
+enum { REFINEMENTS = 4 };
+static const double LARGEST_CHANGE = 0.05, LAST_CHANGE = 2e-8;
+
+/* Invert a lower triangular matrix; the entries above the diagonal become 0. */
+static void invert_lower(int n, const double *L, double *inverse)
+{
+    memset(inverse, 0, (size_t)(n * n) * sizeof(double));
+    for (int i = 0; i < n; ++i) {
+        double *const row = inverse + i * n;
+        const double reciprocal = 1.0 / L[i * (n + 1)];
+        for (int k = 0; k < i; ++k) {
+            add_scaled(k + 1, -reciprocal * L[i * n + k], inverse + k * n, row);
+        }
+        row[i] = reciprocal;
+    }
+}
+
+/* Factorise the M of a pencil: L with L L^T = M / *scale, and its inverse. */
+static int factorise_pencil(int n, const double *M, double *L, double *inverse, double *scale)
+{
+    *scale = 0.0; /* the largest entry of a positive definite matrix is on its diagonal */
+    for (int i = 0; i < n; ++i) {
+        *scale = larger(*scale, M[i * (n + 1)]);
+    }
+    const int error = factorise_cholesky(n, M, *scale, 0.0, L);
+    if (error == 0) {
+        invert_lower(n, L, inverse);
+    }
+    return error;
+}
+
+/* Compute the symmetric part of a matrix. */
+static void take_symmetric_part(int n, const double *K, double *result)
+{
     for (int i = 0; i < n; ++i) {
         for (int j = 0; j <= i; ++j) {
-            C[i * n + j] = C[j * n + i] = (C[i * n + j] + C[j * n + i]) / 2.0;
+            result[i * n + j] = result[j * n + i] = 0.5 * (K[i * n + j] + K[j * n + i]);
+        }
+    }
+}
+
+/*
+ * Solve K v = lambda M v for the symmetric part of K and M = scale L L^T, from the inverse of L. Results: the
+ * eigenvalues lambda (ascending), and rows w with v = L^-T w, which may overwrite the inverse. C is work space.
+ */
+static int diagonalise_pencil(int n, const double *K, double scale, const double *inverse, double *C,
+                              double *eigenvalues, double *rows)
+{
+    take_symmetric_part(n, K, C);
+    /* L^-1 C L^-T from the last row on: a row depends on the rows before it, and on no column behind its diagonal */
+    for (int i = n - 1; i >= 0; --i) {
+        double product[MAX_ROWS] = {0.0};
+        for (int k = 0; k <= i; ++k) {
+            add_scaled(i + 1, inverse[i * n + k], C + k * n, product);
+        }
+        for (int j = 0; j <= i; ++j) {
+            C[i * n + j] = C[j * n + i] = dot(j + 1, product, inverse + j * n);
         }
     }
     if (!(largest_entry(n * n, C) <= 1e140)) {
         return MATRIX_NOT_FINITE;
     }
-    error = diagonalise_symmetric(n, C, eigenvalues, rows);
+    const int error = diagonalise_symmetric(n, C, eigenvalues, rows);
     for (int i = 0; i < n; ++i) {
-        eigenvalues[i] /= *scale;
+        eigenvalues[i] /= scale;
     }
     return error;
+}
+
+/*
+ * Solve K v = lambda M v for the symmetric part of K. Results: L with L L^T = M / *scale, the eigenvalues lambda
+ * (ascending), and rows w with v = L^-T w. C is work space.
+ */
+static int solve_pencil(int n, const double *K, const double *M, double *L, double *C, double *eigenvalues, double *rows,
+                 double *scale)
+{
+    const int error = factorise_pencil(n, M, L, rows, scale);
+    return error != 0 ? error : diagonalise_pencil(n, K, *scale, rows, C, eigenvalues, rows);
+}
+
+/* Multiply rows by a square matrix A; the result may overwrite the rows. */
+static void multiply_rows(int n, const double *rows, const double *A, double *result)
+{
+    for (int i = 0; i < n; ++i) {
+        double row[MAX_ROWS] = {0.0};
+        for (int k = 0; k < n; ++k) {
+            add_scaled(n, rows[i * n + k], A + k * n, row);
+        }
+        memcpy(result + i * n, row, (size_t)n * sizeof(double));
+    }
+}
+
+/*
+ * Compute the modes of K v = lambda M v, for the symmetric part of K: the eigenvalues lambda (ascending), and rows v
+ * with v . M v = 1. work: 2 n^2 numbers.
+ */
+static int solve_modes(int n, const double *K, const double *M, double *work, double *eigenvalues, double *modes)
+{
+    double *const C = work, *const inverse = work + n * n, scale;
+    int error = factorise_pencil(n, M, C, inverse, &scale);
+    if (error == 0) {
+        error = diagonalise_pencil(n, K, scale, inverse, C, eigenvalues, modes);
+    }
+    if (error == 0) {
+        for (int k = 0; k < n * n; ++k) {
+            inverse[k] /= sqrt(scale);
+        }
+        multiply_rows(n, modes, inverse, modes);
+    }
+    return error;
+}
+
+/*
+ * Compute the changes of modes that nearly solve K v = lambda M v: mode i changes by the sum of changes[i][j] v_j. With
+ * S = v_i . K v_j and R = -v_i . M v_j the change is (S + lambda_i R) / (lambda_i - lambda_j), and (1 - v . M v) / 2
+ * along the mode itself: S and R then vanish to first order. products is work space.
+ */
+static void compare_modes(int n, const double *K, const double *M, const double *modes, double *products,
+                          double *eigenvalues, double *changes)
+{
+    multiply_rows(n, modes, K, products);
+    for (int i = 0; i < n; ++i) {
+        for (int j = 0; j <= i; ++j) {
+            changes[i * n + j] = dot(n, products + i * n, modes + j * n);
+        }
+    }
+    multiply_rows(n, modes, M, products);
+    for (int i = 0; i < n; ++i) {
+        const double square = dot(n, products + i * n, modes + i * n);
+        eigenvalues[i] = changes[i * (n + 1)] / square;
+        changes[i * (n + 1)] = 0.5 * (1.0 - square);
+        for (int j = 0; j < i; ++j) {
+            const double S = changes[i * n + j], R = -dot(n, products + i * n, modes + j * n);
+            const double reciprocal = 1.0 / (eigenvalues[i] - eigenvalues[j]);
+            changes[i * n + j] = (S + eigenvalues[i] * R) * reciprocal;
+            changes[j * n + i] = -(S + eigenvalues[j] * R) * reciprocal;
+        }
+    }
+}
+
+/*
+ * Refine modes that nearly solve K v = lambda M v, for symmetric matrices. Each round squares the error, unless two
+ * eigenvalues are close (Ogita and Aishima 2018, for a pencil). work: 2 n^2 numbers. Return whether the modes are those
+ * of solve_modes up to rounding and signs; else they are unspecified.
+ */
+static int refine_modes(int n, const double *K, const double *M, double *work, double *eigenvalues, double *modes)
+{
+    double *const products = work, *const changes = work + n * n;
+    for (int round = 0; round < REFINEMENTS; ++round) {
+        compare_modes(n, K, M, modes, products, eigenvalues, changes);
+        double size = 0.0;
+        for (int i = 0; i < n; ++i) {
+            size += dot(n, changes + i * n, changes + i * n);
+        }
+        if (!(size <= LARGEST_CHANGE * LARGEST_CHANGE)) {
+            return 0;
+        }
+        multiply_rows(n, changes, modes, products);
+        add_scaled(n * n, 1.0, products, modes);
+        if (size <= LAST_CHANGE * LAST_CHANGE) {
+            sort_eigenpairs(n, eigenvalues, modes);
+            return 1;
+        }
+    }
+    return 0;
 }
 
 /* Replace each row w by L w: the rows become the columns of M V / sqrt(scale). */
@@ -897,31 +1143,13 @@ static int soften(const double *wanted, double share, double *K, double *cost)
     }
     multiply_lower(3, L, rows);
     for (int k = 0; k < 3; ++k) {
-        values[k] = part * fmax(values[k], 0.0) * scale;
+        values[k] = part * larger(values[k], 0.0) * scale;
     }
     form_congruence(3, rows, values, cost);
     for (int k = 0; k < 9; ++k) {
         K[k] += part * D[k] - cost[k];
     }
     return 1;
-}
-
-/*
- * Return whether A (n x n, n <= 6) is finite, symmetric and positive semidefinite, up to a share of its largest entry.
- */
-static int is_positive_semidefinite(int n, const double *A, double tolerance)
-{
-    double L[36];
-    const double scale = largest_entry(n * n, A);
-    for (int i = 0; i < n; ++i) {
-        for (int j = 0; j < i; ++j) {
-            if (!(fabs(A[i * n + j] - A[j * n + i]) <= tolerance * scale)) {
-                return 0;
-            }
-        }
-    }
-    /* the factor exists exactly if no eigenvalue of A / scale lies below the shift */
-    return scale == 0.0 || factorise_cholesky(n, A, scale, tolerance, L) == 0;
 }
 
 /*
@@ -1003,7 +1231,7 @@ static void plan_gains(step_t *s)
         const double stiffness = s->out->joint_stiffness[i * (N + 1)], limit = s->limit_slope[i];
         const int gains = c->actuation == ID(ACTUATION_GAINS);
         const double wanted = m->scale * (stiffness - limit) + limit;
-        m->kp[i] = gains && wanted > 0.0 ? fmin(wanted, c->kp_limit[i]) : 0.0;
+        m->kp[i] = gains && wanted > 0.0 ? smaller(wanted, c->kp_limit[i]) : 0.0;
         m->kd[i] = gains ? clamp(s->out->damping[i * (N + 1)], 0.0, c->kd_limit[i]) : 0.0;
         s->damped[i] = m->kd[i] * s->velocity[i];
     }
@@ -1041,7 +1269,7 @@ static void report_gains(step_t *s, int refused)
     memcpy(out->tau_ff, out->torque, sizeof out->tau_ff);
     for (int i = 0; i < N; ++i) {
         const double damped = m->kd[i] * m->dq[i], limit = refused ? 0.0 : s->c->effort_limit[i];
-        const double most = fmax(limit, fabs(out->tau_ff[i])), applied = clamp(out->tau_ff[i] - damped, -most, most);
+        const double most = larger(limit, fabs(out->tau_ff[i])), applied = clamp(out->tau_ff[i] - damped, -most, most);
         if (applied != out->tau_ff[i] - damped) {
             m->kd[i] *= (out->tau_ff[i] - applied) / damped;
             s->status |= ID(STATUS_SATURATED);
@@ -1077,16 +1305,10 @@ static double add_posture_energy(const memory_t *m, const double *q, const doubl
     return m->law == ID(LAW_PAPER) ? 0.0 : tips + robot_posture_energy(q, posture, m->posture_stiffness);
 }
 
-/* Compute U at q, of the springs of all tips and of the posture, unscaled; the paper's law has none. */
-static double compute_spring_energy(const memory_t *m, const double *q, const double *equilibrium, const double *posture)
-{
-    return add_posture_energy(m, q, posture, compute_tip_energy(m, q, equilibrium));
-}
-
 /* Compute the energy that the scaled springs store at q. */
 static double compute_stored_energy(const memory_t *m, const double *q)
 {
-    return m->scale * compute_spring_energy(m, q, m->equilibrium, m->posture);
+    return m->scale * add_posture_energy(m, q, m->posture, compute_tip_energy(m, q, m->equilibrium));
 }
 
 /*
@@ -1133,12 +1355,12 @@ static double evaluate_limits(step_t *s, const double *q)
 static void pay_into_tank(step_t *s, double income)
 {
     memory_t *const m = s->m;
-    const double most = fmax(s->tank_maximum, m->reserve);
+    const double most = larger(s->tank_maximum, m->reserve);
     const double lost = m->tank + income - most;
     m->tank += income;
     if (lost > 0.0) {
         m->tank = most;
-        m->engagement = fmin(m->engagement + lost, s->engagement_limit);
+        m->engagement = smaller(m->engagement + lost, s->engagement_limit);
     }
 }
 
@@ -1155,8 +1377,8 @@ static void book_stiffness(step_t *s, double *energy, double v)
 static void book_reference(step_t *s, double p)
 {
     s->m->reference_total += p;
-    s->m->engagement -= fmax(p, 0.0);
-    pay_into_tank(s, fmax(-p, 0.0));
+    s->m->engagement -= larger(p, 0.0);
+    pay_into_tank(s, larger(-p, 0.0));
 }
 
 /* Return the torque that acted in the interval that ends now; zero where its work is booked already. */
@@ -1187,7 +1409,7 @@ static void shift_history(memory_t *m, const double *last, const double *feed)
 /* Return the farthest that joint i is taken to move in a sample time. */
 static double farthest_motion(const memory_t *m, int i)
 {
-    return fmax(m->velocity_limit[i], fabs(m->dq[i])) * m->sample_time;
+    return larger(m->velocity_limit[i], fabs(m->dq[i])) * m->sample_time;
 }
 
 /*
@@ -1256,9 +1478,10 @@ static double limit_stiffness(const step_t *s, int i)
     const double T = c->sample_time, delayed = 1.0 + 2.0 * c->delay_samples;
     const double rate = c->torque_rate_limit[i], inertia = s->m->inertia[i];
     const double followed = rate / c->velocity_limit[i];
-    const double damped = cbrt(inertia * (rate / (2.0 * c->limit_zone)) * (rate / (2.0 * c->limit_zone)));
+    const double share = rate / (2.0 * c->limit_zone), cube = inertia * share * share;
     const double sampled = LIMIT_SHARE * LARGEST_STIFFNESS * inertia / (T * T * delayed);
-    return fmin(fmin(c->limit_stiffness[i], sampled), fmin(followed, damped));
+    const double most = smaller(smaller(c->limit_stiffness[i], sampled), followed);
+    return most * most * most <= cube ? most : cbrt(cube); /* the damping's bound has the third power `cube` */
 }
 
 /*
@@ -1280,7 +1503,7 @@ static void adopt_limits(step_t *s, const double *q)
             double pull, slope;
             const double before = evaluate_avoidance(a, q[i], &pull, &slope);
             const double v = evaluate_avoidance(wanted, q[i], &pull, &slope) - before;
-            if (!(v <= fmax(s->budget, 0.0))) {
+            if (!(v <= larger(s->budget, 0.0))) {
                 s->status |= ID(STATUS_LIMITS_KEPT);
                 continue;
             }
@@ -1344,7 +1567,7 @@ static void note_untimed_call(step_t *s, const double *last)
     }
     for (int i = 0; i < N; ++i) {
         m->gap_sum[i] += fabs(last[i]);
-        m->gap_largest[i] = fmax(m->gap_largest[i], fabs(last[i]));
+        m->gap_largest[i] = larger(m->gap_largest[i], fabs(last[i]));
     }
     m->gap_calls = clamp_count(m->gap_calls + 1, 1000000);
 }
@@ -1368,10 +1591,10 @@ static void bridge_missing_calls(step_t *s, const double *last, int missing)
         return;
     }
     note_untimed_call(s, last);
-    const double each = fmin(1.0 + missing, m->call_gap), all = (double)m->gap_calls + missing;
+    const double each = smaller(1.0 + missing, m->call_gap), all = (double)m->gap_calls + missing;
     double most = m->gap_base;
     for (int i = 0; i < N; ++i) {
-        most += farthest_motion(m, i) * (m->gap_transit[i] + fmin(each * m->gap_sum[i], all * m->gap_largest[i]));
+        most += farthest_motion(m, i) * (m->gap_transit[i] + smaller(each * m->gap_sum[i], all * m->gap_largest[i]));
     }
     memcpy(s->transit, none, sizeof none);
     memset(m->older, 0, sizeof m->older);
@@ -1390,7 +1613,9 @@ static void book_interval(step_t *s, const double *q)
 {
     memory_t *const m = s->m;
     double work = 0.0, feed = 0.0, motion[N];
-    const double elastic = compute_stored_energy(m, q), limit = evaluate_limits(s, q);
+    s->tip_energy = compute_tip_energy(m, q, m->equilibrium);
+    const double elastic = m->scale * add_posture_energy(m, q, m->posture, s->tip_energy);
+    const double limit = evaluate_limits(s, q);
     const double rise = elastic - m->elastic_energy + limit - m->limit_energy;
     m->elastic_energy = elastic;
     m->limit_energy = limit;
@@ -1404,10 +1629,10 @@ static void book_interval(step_t *s, const double *q)
     add_scaled(N, -1.0, m->q, motion);
     if (m->gap > 0) {
         bridge_gap(s, 1);
-        work = fmin(m->gap_work + dot(N, m->gap_torque, motion), m->gap_most);
+        work = smaller(m->gap_work + dot(N, m->gap_torque, motion), m->gap_most);
     } else {
         work = dot(N, find_acting_torque(s), motion) - absorbed_work(m, motion);
-        feed = fmax(dot(N, m->feed + m->delay * N, motion), 0.0);
+        feed = larger(dot(N, m->feed + m->delay * N, motion), 0.0);
     }
     m->port_total += work;
     m->sampling_total += rise + work - feed;
@@ -1421,8 +1646,8 @@ static void book_interval(step_t *s, const double *q)
 static void place_posture(const config_t *c, const memory_t *m, int k, double *q)
 {
     for (int i = 0; i < N; ++i) {
-        const double low = fmax(c->lower_limit[i], fmin(c->upper_limit[i], HALF_TURN) - 2.0 * HALF_TURN);
-        const double high = fmin(c->upper_limit[i], low + 2.0 * HALF_TURN);
+        const double low = larger(c->lower_limit[i], smaller(c->upper_limit[i], HALF_TURN) - 2.0 * HALF_TURN);
+        const double high = smaller(c->upper_limit[i], low + 2.0 * HALF_TURN);
         const double x = (k + 1) * (i + 1) * GOLDEN;
         q[i] = low + (high - low) * (x - (int)x);
     }
@@ -1445,7 +1670,7 @@ static void place_no_tools(double *tool)
  */
 static void bound_wrench(const config_t *c, int rows, const double *J, const double *size, int clipped, double *parts)
 {
-    double held[36] = {0.0}, falling[36] = {0.0}, d[6] = {0.0}, vectors[36], sum = 0.0;
+    double held[36] = {0.0}, falling[36] = {0.0}, d[6] = {0.0}, sum = 0.0;
     const int gap = limit_call_gap(c, c->missed_limit);
     parts[2] = HUGE_VAL;
     for (int i = 0; i < N; ++i) {
@@ -1457,8 +1682,8 @@ static void bound_wrench(const config_t *c, int rows, const double *J, const dou
         }
         const double torque = norm(rows, row);
         const double kept = torque > 0.0 ? c->effort_limit[i] / torque : HUGE_VAL;
-        const double share = clipped ? fmin(kept, 1.0) : 1.0;
-        parts[2] = fmin(parts[2], kept);
+        const double share = clipped ? smaller(kept, 1.0) : 1.0;
+        parts[2] = smaller(parts[2], kept);
         sum += hold;
         for (int k = 0; k < rows * rows; ++k) {
             const double x = share * row[k / rows] * share * row[k % rows];
@@ -1466,10 +1691,10 @@ static void bound_wrench(const config_t *c, int rows, const double *J, const dou
             falling[k] += fall * x;
         }
     }
-    (void)diagonalise_symmetric(rows, held, d, vectors);
-    parts[0] = sqrt(sum * fmax(d[rows - 1], 0.0));
-    (void)diagonalise_symmetric(rows, falling, d, vectors);
-    parts[1] = fmax(d[rows - 1], 0.0);
+    (void)diagonalise_symmetric(rows, held, d, NULL);
+    parts[0] = sqrt(sum * larger(d[rows - 1], 0.0));
+    (void)diagonalise_symmetric(rows, falling, d, NULL);
+    parts[1] = larger(d[rows - 1], 0.0);
 }
 
 /* Return the largest l for which l a + l^2 b is at most `most`. */
@@ -1497,7 +1722,7 @@ static double size_tank(const config_t *c, const memory_t *m)
             bound_wrench(c, 6, J + 6 * N * t, size, 1, parts);
             sum += parts[0] + parts[1];
         }
-        most = fmax(most, sum);
+        most = larger(most, sum);
     }
     return most / COVERED;
 }
@@ -1517,9 +1742,9 @@ static void find_energies(step_t *s)
         const double Kt = largest_entry(9 * TIPS, m->translation_stiffness);
         const double Ko = largest_entry(9 * TIPS, m->rotation_stiffness);
         /* whatever the direction, the springs store this much before they exert the wrench */
-        const double least = 0.5 * fmin(force * force / fmax(Kt, 1e-9), moment * moment / fmax(Ko, 1e-9));
-        const double most = m->load > NO_LOAD ? fmax(least, m->load_energy / (m->load * m->load)) : least;
-        s->energy_limit = fmin(most, LARGEST_ENERGY);
+        const double least = 0.5 * smaller(force * force / larger(Kt, 1e-9), moment * moment / larger(Ko, 1e-9));
+        const double most = m->load > NO_LOAD ? larger(least, m->load_energy / (m->load * m->load)) : least;
+        s->energy_limit = smaller(most, LARGEST_ENERGY);
     }
 }
 
@@ -1534,9 +1759,19 @@ static void note_load(step_t *s, double energy)
     for (int t = 0; t < TIPS; ++t) {
         const double *const w = s->out->spring_wrench + 6 * t;
         const double parts[2] = {norm(3, w) / s->c->heaviest_wrench[0], norm(3, w + 3) / s->c->heaviest_wrench[1]};
-        m->load = fmax(m->load, norm(2, parts));
+        m->load = larger(m->load, norm(2, parts));
     }
     m->load_energy = energy;
+}
+
+/* Return the Jacobians of the tips at the last known position, with the tool in force; a step computes them once. */
+static const double *find_jacobians(step_t *s)
+{
+    if (!s->has_jacobians) {
+        robot_jacobians(s->m->q, s->m, s->jacobians);
+        s->has_jacobians = 1;
+    }
+    return s->jacobians;
 }
 
 /* Compute the force that effort limits and available energy cover at every tip, whatever its direction. */
@@ -1544,13 +1779,13 @@ static void report_force(step_t *s)
 {
     const memory_t *const m = s->m;
     const double unit[3] = {1.0, 1.0, 1.0};
-    double J[6 * N * TIPS], parts[3];
-    robot_jacobians(m->q, m, J);
+    const double *const J = find_jacobians(s);
+    double parts[3];
     s->out->force_available = HUGE_VAL;
     for (int t = 0; t < TIPS; ++t) {
         bound_wrench(s->c, 3, J + 6 * N * t, unit, 0, parts);
         const double covered = solve_share(parts[0], parts[1], COVERED * available_energy(m));
-        s->out->force_available = fmin(s->out->force_available, fmin(covered, parts[2]));
+        s->out->force_available = smaller(s->out->force_available, smaller(covered, parts[2]));
     }
 }
 
@@ -1644,7 +1879,7 @@ static double cap_spring(const double *A, double most, double *K)
         return 0.0;
     }
     for (int k = 0; k < 9; ++k) {
-        root[k] = sqrt(fmax(d[k / 3], 1e-9 * d[2])) * Q[k];
+        root[k] = sqrt(larger(d[k / 3], 1e-9 * d[2])) * Q[k];
     }
     for (int i = 0; i < 3; ++i) {
         for (int j = 0; j < 3; ++j) {
@@ -1661,7 +1896,7 @@ static double cap_spring(const double *A, double most, double *K)
     for (int r = 0; r < 3; ++r) {
         double u[3] = {0.0};
         for (int k = 0; k < 9; ++k) {
-            u[k % 3] += W[3 * r + k / 3] * Q[k] / sqrt(fmax(d[k / 3], 1e-9 * d[2]));
+            u[k % 3] += W[3 * r + k / 3] * Q[k] / sqrt(larger(d[k / 3], 1e-9 * d[2]));
         }
         for (int k = 0; mu[r] > most && k < 9; ++k) {
             K[k] -= (mu[r] - most) * u[k / 3] * u[k % 3];
@@ -1706,7 +1941,7 @@ static void cap_springs(step_t *s)
     for (int i = 0; i < N; ++i) {
         most -= (m->posture_stiffness[i] + s->limit_slope[i]) / m->inertia[i];
     }
-    most = fmax(most, 0.25 * largest_eigenvalue(s->c));
+    most = larger(most, 0.25 * largest_eigenvalue(s->c));
     for (int k = 0; k < 2 * TIPS; ++k) {
         largest[k] = cap_spring(A + 9 * k, HUGE_VAL, (k % 2 == 0 ? s->translation : s->rotation) + 9 * (k / 2));
         sum += largest[k];
@@ -1718,7 +1953,7 @@ static void cap_springs(step_t *s)
     const double level = find_level(2 * TIPS, largest, most);
     for (int k = 0; k < 2 * TIPS; ++k) {
         (void)cap_spring(A + 9 * k, level, (k % 2 == 0 ? s->translation : s->rotation) + 9 * (k / 2));
-        m->stiffness_share = fmin(m->stiffness_share, largest[k] > level ? level / largest[k] : 1.0);
+        m->stiffness_share = smaller(m->stiffness_share, largest[k] > level ? level / largest[k] : 1.0);
     }
     s->status |= ID(STATUS_STIFFNESS_CAPPED);
 }
@@ -1798,15 +2033,32 @@ static int validate(const config_t *c)
     return c->tank_initial <= c->tank_maximum || c->tank_maximum == 0.0 ? ID(OK) : ID(E_TANK);
 }
 
+/* Rotate the bits of a sum, and add word k of the memory: two values of the word never have the same result. */
+static uint64_t add_word(uint64_t sum, const memory_t *memory, size_t k)
+{
+    uint64_t word;
+    memcpy(&word, (const char *)memory + k * sizeof word, sizeof word);
+    return ((sum << 23) | (sum >> 41)) + word;
+}
+
 /* Compute the checksum of the memory; any single changed word changes it. */
 static uint64_t compute_checksum(const state_t *state)
 {
-    uint64_t sums[4] = {0x9e3779b97f4a7c15u, 0xc2b2ae3d27d4eb4fu, 0x165667b19e3779f9u, 0x27d4eb2f165667c5u}, word;
-    for (size_t k = 0; k < sizeof state->memory / sizeof word; ++k) {
-        memcpy(&word, (const char *)&state->memory + k * sizeof word, sizeof word);
-        sums[k % 4] = (sums[k % 4] ^ word) * 0x100000001b3u;
+    const memory_t *const m = &state->memory;
+    const size_t count = sizeof *m / sizeof(uint64_t);
+    uint64_t a = 0x9e3779b97f4a7c15u, b = 0xc2b2ae3d27d4eb4fu, c = 0x165667b19e3779f9u, d = 0x27d4eb2f165667c5u;
+    for (size_t block = 0; block < count / 4; ++block) { /* four sums: the processor adds to all at once */
+        const size_t k = 4 * block;
+        a = add_word(a, m, k);
+        b = add_word(b, m, k + 1);
+        c = add_word(c, m, k + 2);
+        d = add_word(d, m, k + 3);
     }
-    return sums[0] + 3u * sums[1] + 5u * sums[2] + 7u * sums[3];
+    const size_t left = count % 4;
+    for (size_t k = 0; k < left; ++k) {
+        a = add_word(a, m, count - 1 - k);
+    }
+    return a + 3u * b + 5u * c + 7u * d;
 }
 
 /* Vote on three copies, bit by bit: two of three decide. A number that is not finite becomes 0. */
@@ -1844,7 +2096,7 @@ static void start_memory(const config_t *c, state_t *state)
     store_copies(state->rate, m->rate);
     memcpy(m->velocity_limit, c->velocity_limit, sizeof m->velocity_limit);
     m->sized_tank = c->tank_initial > 0.0 ? 0.0 : size_tank(c, m);
-    m->tank = fmax(c->tank_initial, m->sized_tank);
+    m->tank = larger(c->tank_initial, m->sized_tank);
     m->calls = m->hold = c->missed_limit;
     m->fault_joint = NO_JOINT;
     m->stiffness_share = 1.0;
@@ -1963,14 +2215,14 @@ static int check_frozen(step_t *s, int i, double differs, double elapsed, double
     const config_t *const c = s->c;
     memory_t *const m = s->m;
     const double q = s->input->q[i], dq = s->input->dq[i], window = c->frozen_window;
-    const double drift = fmax(FROZEN_SHARE * m->velocity_limit[i], c->velocity_noise), allowed = drift * elapsed;
+    const double drift = larger(FROZEN_SHARE * m->velocity_limit[i], c->velocity_noise), allowed = drift * elapsed;
     const int q_changed = !m->known || q != m->still_q[i], dq_changed = !m->known || dq != m->still_dq[i];
     const double q_sum = sum_still(q_changed, window, differs, allowed, &m->q_age[i], &m->moved_q[i]);
     const double dq_sum = sum_still(dq_changed, window, differs, allowed, &m->dq_age[i], &m->moved_dq[i]);
     m->still_q[i] = q;
     m->still_dq[i] = dq;
-    *limit = fmax(4.0 * c->position_quantum, drift * FROZEN_SAMPLES * c->sample_time);
-    *seen = fmax(q_sum, dq_sum);
+    *limit = larger(4.0 * c->position_quantum, drift * FROZEN_SAMPLES * c->sample_time);
+    *seen = larger(q_sum, dq_sum);
     return (q_sum > *limit ? FROZEN_POSITION : 0) | (dq_sum > *limit ? FROZEN_VELOCITY : 0);
 }
 
@@ -2031,8 +2283,8 @@ static int check_joint(step_t *s, int i)
     const double motion = m->known ? q - m->q[i] : dq * elapsed;
     const double far = m->velocity_limit[i] * elapsed, measured = motion / elapsed, quanta = 2.0 * c->position_quantum;
     const double noise = NOISE_RANGE * c->velocity_noise * elapsed, differs = dq * elapsed - motion;
-    const double apart = c->state_period * fmin(fabs(dq), fabs(measured)); /* q and dq of different times */
-    const double most = fmax(0.5 * far, 0.3 * fabs(motion)) + quanta + noise + apart;
+    const double apart = c->state_period * smaller(fabs(dq), fabs(measured)); /* q and dq of different times */
+    const double most = larger(0.5 * far, 0.3 * fabs(motion)) + quanta + noise + apart;
     double still, still_limit;
     const int stuck = check_frozen(s, i, differs, elapsed, &still, &still_limit), differ = fabs(differs) > most;
     /* An arm that is too fast must be braked: q and dq that agree are believed at any speed that follows from the last
@@ -2357,7 +2609,7 @@ static double sum_errors(const memory_t *m, const double *q, const double *goal,
     for (int t = 0; t < TIPS; ++t) {
         double error[6];
         pose_difference(here + 16 * t, goal + 16 * t, error);
-        distance = fmax(distance, fmax(norm(3, error), norm(3, error + 3)));
+        distance = larger(distance, larger(norm(3, error), norm(3, error + 3)));
         for (int k = 0; k < 6; ++k) {
             const double *const row = J + (6 * t + k) * N, weight = k < 3 ? 1.0 / (ALIKE * ALIKE) : 1.0;
             squares += weight * error[k] * error[k];
@@ -2367,7 +2619,7 @@ static double sum_errors(const memory_t *m, const double *q, const double *goal,
             }
         }
     }
-    const double scale = fmax(largest_entry(NN, A), DBL_MIN);
+    const double scale = larger(largest_entry(NN, A), DBL_MIN);
     for (int k = 0; k < NN; ++k) {
         A[k] /= scale;
     }
@@ -2394,10 +2646,10 @@ static double find_posture_step(step_t *s, const double *q, const double *goal, 
     memset(step, 0, N * sizeof(double));
     for (int i = 0; i < N; ++i) {
         near[i] = clamp(wanted[i], m->avoidance[4 * i], m->avoidance[4 * i + 1]) - q[i];
-        speed = fmax(speed, fabs(near[i]) / (s->c->reference_velocity_limit[i] * NEAR_TIME));
+        speed = larger(speed, fabs(near[i]) / (s->c->reference_velocity_limit[i] * NEAR_TIME));
     }
     for (int i = 0; i < N; ++i) {
-        near[i] *= fmax(1.0 - distance / NEAR, 0.0) / fmax(speed, 1.0);
+        near[i] *= larger(1.0 - distance / NEAR, 0.0) / larger(speed, 1.0);
     }
     int good = 1, again = 1;
     for (int round = 1; round <= N && again; ++round) {
@@ -2416,8 +2668,8 @@ static void start_trial(step_t *s)
     memory_t *const m = s->m;
     const double share = 0.4 + 0.6 * m->search / (double)SEARCHED;
     for (int i = 0; i < N; ++i) {
-        const double low = fmax(m->avoidance[4 * i], m->posture[i] - HALF_TURN);
-        const double high = fmin(m->avoidance[4 * i + 1], m->posture[i] + HALF_TURN);
+        const double low = larger(m->avoidance[4 * i], m->posture[i] - HALF_TURN);
+        const double high = smaller(m->avoidance[4 * i + 1], m->posture[i] + HALF_TURN);
         const double x = (i + 1.0) * (m->search * GOLDEN + 0.1), place = x - (int)x;
         const double far = m->posture[i] + share * (low + place * (high - low) - m->posture[i]);
         const double first = m->search == 0 ? m->q[i] : s->input->q0[i];
@@ -2454,20 +2706,50 @@ static int search_posture(step_t *s)
 /* Damping: designed from the springs' tangent, limited by the sample time. */
 
 /*
- * Compute the inertia that each joint has alone, 1 / (M^-1)_ii, from L L^T = M / mass. Return the trace of M^-1, the
- * sum of the squares in L^-1: joint_damping I has no eigenvalue above trace times joint_damping with respect to M.
+ * Compute the inertia that each joint has alone, 1 / (M^-1)_ii, from modes v with v . M v = 1: M^-1 is the sum of
+ * v v^T. Return the trace of M^-1: joint_damping I has no eigenvalue above trace times joint_damping with respect to M.
  */
-static double reduce_inertia(const double *L, double mass, double *inertia)
+static double reduce_inertia(const double *modes, double *inertia)
 {
-    double trace = 0.0;
+    double squares[N] = {0.0}, trace = 0.0;
     for (int k = 0; k < N; ++k) {
-        double unit[N] = {0.0};
-        unit[k] = 1.0;
-        solve_lower(N, 1, L, unit);
-        inertia[k] = mass / dot(N, unit, unit);
-        trace += 1.0 / inertia[k];
+        for (int i = 0; i < N; ++i) {
+            squares[i] += modes[k * N + i] * modes[k * N + i];
+        }
+    }
+    for (int i = 0; i < N; ++i) {
+        inertia[i] = 1.0 / squares[i];
+        trace += squares[i];
     }
     return trace;
+}
+
+/*
+ * Compute the modes of the springs' tangent. They are refined from the extrapolation of the last two designs' modes;
+ * where these are too far away, or two eigenvalues are close, they are solved anew. The result is the same up to
+ * rounding. Return whether there are modes: M is positive definite.
+ */
+static int find_modes(step_t *s)
+{
+    output_t *const out = s->out;
+    double *const modes = s->modes, *const before = modes + NN;
+    const double *K = out->joint_stiffness;
+    for (int k = 0; k < NN; ++k) {
+        const double last = modes[k];
+        modes[k] = 2.0 * last - before[k];
+        before[k] = last;
+    }
+    if (s->m->law == ID(LAW_PAPER)) {
+        /* only the symmetric part of the conventional formula has a say in the damping */
+        take_symmetric_part(N, out->joint_stiffness, s->scratch);
+        K = s->scratch;
+    }
+    if (refine_modes(N, K, out->mass_matrix, s->scratch + NN, out->eigenvalues, modes)) {
+        return 1;
+    }
+    const int error = solve_modes(N, out->joint_stiffness, out->mass_matrix, s->scratch, out->eigenvalues, modes);
+    memcpy(before, modes, NN * sizeof(double));
+    return error == 0;
 }
 
 /*
@@ -2500,8 +2782,7 @@ static void measure_inertia(step_t *s, const double *q)
 /* Compute J^T task_damping J, summed over the tips. */
 static void apply_task_damping(step_t *s)
 {
-    double J[6 * N * TIPS];
-    robot_jacobians(s->m->q, s->m, J);
+    const double *const J = find_jacobians(s);
     for (int k = 0; k < 36 * TIPS; ++k) {
         const double D = (s->c->task_damping[k % 36] + s->c->task_damping[k % 6 * 6 + k / 6 % 6]) / 2.0;
         const double *const left = J + k / 6 * N, *const right = J + (k / 36 * 6 + k % 6) * N;
@@ -2523,7 +2804,7 @@ static void damp_modes(const config_t *c, const double *eigenvalues, double scal
         const double l = fabs(eigenvalues[k]) * scale, late = (c->delay_samples + 0.5) * c->sample_time;
         const double zeta = c->damping_ratio[k], later = late + c->velocity_filter_time;
         const double p = l * (2.0 * zeta * zeta * later - late);
-        b[k] = fmax(sqrt(fmax(p * p + 4.0 * zeta * zeta * l - l * l * late * late, 0.0)) - p, l * late);
+        b[k] = larger(sqrt(larger(p * p + 4.0 * zeta * zeta * l - l * l * late * late, 0.0)) - p, l * late);
     }
 }
 
@@ -2554,14 +2835,15 @@ static double design_damping(step_t *s)
 {
     const config_t *const c = s->c;
     output_t *const out = s->out;
-    double *const L = s->scratch, *const C = L + NN, *const rows = L + 2 * NN;
-    double b[N], mass, scale = 1.0, largest_b = 0.0, d = c->joint_damping;
+    double *const rows = s->scratch, *const own = rows + 2 * NN;
+    const double *modes = s->modes;
+    double b[N], scale = 1.0, largest_b = 0.0, d = c->joint_damping;
     const int paper = s->m->law == ID(LAW_PAPER), by_task = c->damping_design == ID(DAMPING_DESIGN_TASK);
     const double T = c->sample_time, most = paper ? 1e6 : largest_damping(c);
-    /* only the symmetric part of the conventional formula has a say in the damping */
-    if (solve_pencil(N, out->joint_stiffness, out->mass_matrix, L, C, out->eigenvalues, rows, &mass) != 0) {
+    if (!find_modes(s)) {
         return damp_joints_only(s);
     }
+    const double trace = reduce_inertia(modes, s->brake);
     const double delayed = 1.0 + 2.0 * c->delay_samples, stiffest = out->eigenvalues[N - 1] * T * T;
     s->status |= out->eigenvalues[0] < 0.0 ? (uint32_t)ID(STATUS_INDEFINITE) : 0u;
     if (stiffest * delayed > LARGEST_STIFFNESS && !paper) {
@@ -2569,16 +2851,16 @@ static double design_damping(step_t *s)
         s->status |= ID(STATUS_STIFFNESS_CAPPED);
         s->m->capped = 1;
     }
-    const double trace = reduce_inertia(L, mass, s->brake);
     if (d * trace > 0.5 * most) {
         d = 0.5 * most / trace;
         s->status |= ID(STATUS_DAMPING_CAPPED);
     }
     if (by_task) {
         apply_task_damping(s);
-        if (solve_pencil(N, out->damping, out->mass_matrix, L, C, b, rows, &mass) != 0) {
+        if (solve_modes(N, out->damping, out->mass_matrix, s->scratch, b, own) != 0) {
             memset(b, 0, sizeof b);
         }
+        modes = own;
     } else {
         damp_modes(c, out->eigenvalues, scale, b);
     }
@@ -2586,12 +2868,11 @@ static double design_damping(step_t *s)
     for (int k = 0; k < N; ++k) {
         capped |= b[k] > most - d * trace;
         b[k] = clamp(b[k], 0.0, most - d * trace);
-        largest_b = fmax(largest_b, b[k]);
-        b[k] *= mass;
+        largest_b = larger(largest_b, b[k]);
     }
     s->status |= capped ? (uint32_t)ID(STATUS_DAMPING_CAPPED) : 0u;
     if (capped || !by_task) {
-        multiply_lower(N, L, rows);
+        multiply_rows(N, modes, out->mass_matrix, rows);
         form_congruence(N, rows, b, out->damping);
     }
     for (int i = 0; i < N; ++i) {
@@ -2635,7 +2916,7 @@ static void follow_twists(step_t *s, const double *twists, double *velocity)
     if (factorise_cholesky(N, s->out->damping, largest_entry(NN, s->out->damping), LEAST_DAMPED, L) != 0) {
         return;
     }
-    robot_jacobians(s->m->q, s->m, J);
+    memcpy(J, find_jacobians(s), sizeof J);
     weigh_twists(L, J, weights, A);
     for (int r = 0; r < 6 * TIPS; ++r) {
         add_scaled(N, weights[r / 3 % 2] * twists[r], J + r * N, wanted);
@@ -2652,12 +2933,12 @@ static void follow_twists(step_t *s, const double *twists, double *velocity)
         solve_upper(N, L, velocity);
         excess = 0.0;
         for (int i = 0; i < N; ++i) {
-            excess = fmax(excess, fabs(velocity[i]) / limits[i]);
+            excess = larger(excess, fabs(velocity[i]) / limits[i]);
         }
         shift *= 10.0;
     }
     for (int i = 0; i < N; ++i) {
-        velocity[i] /= fmax(excess, 1.0);
+        velocity[i] /= larger(excess, 1.0);
     }
 }
 
@@ -2721,7 +3002,8 @@ static double relative_size(int count, int length, const double *x, const double
 {
     double most = 0.0;
     for (int k = 0; k < count; k += length) {
-        most = fmax(most, norm(length, x + k) / (GOVERNOR * limits[k / length]));
+        const double size = length == 1 ? fabs(x[k]) : norm(length, x + k);
+        most = larger(most, size / (GOVERNOR * limits[k / length]));
     }
     return most;
 }
@@ -2742,13 +3024,13 @@ static void approach_goal(const config_t *c, double ramp, int count, int length,
     }
     const double way = relative_size(count, length, rest, limits);
     const double stop = sqrt(0.25 * slope * slope + 2.0 * slope * (way / T)) - 0.5 * slope;
-    const double speed = fmin(fmin(way / T, 1.0), stop);
+    const double speed = smaller(smaller(way / T, 1.0), stop);
     for (int i = 0; i < count; ++i) {
         target[i] = (follow ? moved[i] / T : 0.0) + (way > 0.0 ? rest[i] * (speed / way) : 0.0);
     }
     const double size = relative_size(count, length, target, limits);
     for (int i = 0; i < count; ++i) {
-        change[i] = target[i] / fmax(size, 1.0) - velocity[i];
+        change[i] = target[i] / larger(size, 1.0) - velocity[i];
     }
     const double jump = relative_size(count, length, change, limits);
     add_scaled(count, jump > slope ? slope / jump : 1.0, change, velocity);
@@ -2778,7 +3060,7 @@ static double pose_distance(const double *from, const double *to)
     double most = 0.0, twist[6];
     for (int t = 0; t < TIPS; ++t) {
         pose_difference(from + 16 * t, to + 16 * t, twist);
-        most = fmax(most, fmax(norm(3, twist), norm(3, twist + 3)));
+        most = larger(most, larger(norm(3, twist), norm(3, twist + 3)));
     }
     return most;
 }
@@ -2791,7 +3073,7 @@ static void approach_step(const config_t *c, const double *step, double size, do
 {
     const double T = c->sample_time, slope = T / c->ramp_time;
     const double stop = sqrt(0.25 * slope * slope + 2.0 * slope * (size / T)) - 0.5 * slope;
-    const double speed = fmin(fmin(STEP_SHARE * size / T, most), stop), share = size > 0.0 ? speed / size : 0.0;
+    const double speed = smaller(smaller(STEP_SHARE * size / T, most), stop), share = size > 0.0 ? speed / size : 0.0;
     double change[N];
     for (int i = 0; i < N; ++i) {
         change[i] = share * step[i] - velocity[i];
@@ -2811,7 +3093,7 @@ static double arm_distance(const memory_t *m)
 {
     double most = 0.0;
     for (int i = 0; i < N; ++i) {
-        most = fmax(most, fabs(m->posture[i] - m->q[i]));
+        most = larger(most, fabs(m->posture[i] - m->q[i]));
     }
     return most;
 }
@@ -2934,13 +3216,13 @@ static double find_pace(const step_t *s, double lead)
     const memory_t *const m = s->m;
     double depth = 0.0;
     for (int i = 0; i < N; ++i) {
-        depth = fmax(depth, fmax(find_depth(m, i, -1.0), find_depth(m, i, 1.0)));
+        depth = larger(depth, larger(find_depth(m, i, -1.0), find_depth(m, i, 1.0)));
     }
     if (depth >= s->c->limit_zone && push_beyond_limit(m, s->c->limit_zone)) {
         return 0.0;
     }
-    const double zone = fmax(1.0 - 2.0 * depth / fmax(s->c->limit_zone, DBL_MIN), SLOWEST);
-    return m->beyond ? zone : fmin(zone, 2.0 - lead / PATH_LEAD);
+    const double zone = larger(1.0 - 2.0 * depth / larger(s->c->limit_zone, DBL_MIN), SLOWEST);
+    return m->beyond ? zone : smaller(zone, 2.0 - lead / PATH_LEAD);
 }
 
 /* Update the velocities of posture and equilibrium. Return whether either is still away from its goal. */
@@ -2997,7 +3279,7 @@ static double travel_between(const config_t *c, const double *posture, const dou
     double travel = relative_size(N, 1, away, c->reference_velocity_limit);
     for (int t = 0; goal_pose != NULL && t < TIPS; ++t) {
         pose_difference(equilibrium + 16 * t, goal_pose + 16 * t, twist);
-        travel = fmax(travel, relative_size(6, 3, twist, tip_limits));
+        travel = larger(travel, relative_size(6, 3, twist, tip_limits));
     }
     return travel;
 }
@@ -3028,18 +3310,18 @@ static void pay_for_travel(step_t *s)
     const double *const away_pose = by_pose || !m->joined ? pose : NULL;
     const double moved = travel_between(c, m->wanted_posture, q0, m->wanted_equilibrium, moved_pose);
     const double away = travel_between(c, m->posture, q0, m->equilibrium, away_pose);
-    m->travel = fmin(m->travel + moved, away);
-    const double paid = fmin(m->travel, c->sample_time);
+    m->travel = smaller(m->travel + moved, away);
+    const double paid = smaller(m->travel, c->sample_time);
     const double work = m->engagement + s->engagement_limit * (paid / TRAVEL_TIME);
     m->travel -= paid;
-    m->engagement = fmax(m->engagement, fmin(work, s->engagement_limit));
+    m->engagement = larger(m->engagement, smaller(work, s->engagement_limit));
     m->by_pose = by_pose;
 }
 
 /* Return the work [J] that the engagement has left for moves of posture and equilibrium. */
 static double work_left(const memory_t *m)
 {
-    return fmax(m->engagement - worst_feed_work(m, m->feed, m->call_gap), 0.0);
+    return larger(m->engagement - worst_feed_work(m, m->feed, m->call_gap), 0.0);
 }
 
 /*
@@ -3074,8 +3356,8 @@ static double find_share(step_t *s, int by_posture, double own, double *posture,
     const config_t *const c = s->c;
     memory_t *const m = s->m;
     const double tip_limits[2] = {c->tip_velocity_limit, c->tip_rotation_limit};
-    const double left = work_left(m) - own, tips = m->scale * compute_tip_energy(m, m->q, m->equilibrium);
-    const double allowed = fmin(fmax(s->energy_limit - tips, 0.0), left);
+    const double left = work_left(m) - own, tips = m->scale * s->tip_energy;
+    const double allowed = smaller(larger(s->energy_limit - tips, 0.0), left);
     double share = 1.0;
     int reached = 0;
     for (int attempt = 0; attempt < 5 && !reached; ++attempt) {
@@ -3083,7 +3365,7 @@ static double find_share(step_t *s, int by_posture, double own, double *posture,
         predict_equilibrium(s, share, by_posture, posture, equilibrium);
         for (int t = 0; by_posture && t < TIPS; ++t) {
             pose_difference(m->equilibrium + 16 * t, equilibrium + 16 * t, twist);
-            speed = fmax(speed, relative_size(6, 3, twist, tip_limits) / c->sample_time);
+            speed = larger(speed, relative_size(6, 3, twist, tip_limits) / c->sample_time);
         }
         const double energy = compute_tip_energy(m, m->q, equilibrium), tip_rise = m->scale * energy - tips;
         *rise = m->scale * add_posture_energy(m, m->q, posture, energy) - m->elastic_energy;
@@ -3091,7 +3373,7 @@ static double find_share(step_t *s, int by_posture, double own, double *posture,
         if (speed > 1.0) {
             share *= (1.0 - 1e-9) / speed;
         } else if (!reached) {
-            const double covered = fmin(allowed / fmax(tip_rise, allowed), left / fmax(*rise, left));
+            const double covered = smaller(allowed / larger(tip_rise, allowed), left / larger(*rise, left));
             share *= attempt < 3 && allowed > 0.0 ? 0.9 * covered : 0.0;
             s->status |= ID(STATUS_GOVERNOR);
         }
@@ -3147,6 +3429,7 @@ static void adopt_command(step_t *s)
     memcpy(m->wanted_equilibrium, s->goal, sizeof m->wanted_equilibrium);
     if (robot_tool(s->input) != NULL) {
         memcpy(m->tool_pose, robot_tool(s->input), sizeof m->tool_pose);
+        s->has_jacobians = 0;
     }
     m->by_pose = s->input->command == ID(COMMAND_EQUILIBRIUM);
     m->commanded = 1;
@@ -3217,11 +3500,12 @@ static void adopt_tool(step_t *s)
     if (tool == NULL || memcmp(tool, m->tool_pose, sizeof m->tool_pose) == 0) {
         return;
     }
-    const double left = fmax(m->engagement - worst_feed_work(m, m->feed, m->call_gap), 0.0);
+    const double left = larger(m->engagement - worst_feed_work(m, m->feed, m->call_gap), 0.0);
     double before[16 * TIPS], after[16 * TIPS], equilibrium[16 * TIPS], share = 1.0, rise = HUGE_VAL;
     memcpy(equilibrium, m->equilibrium, sizeof equilibrium);
     robot_poses(m->q, m, before);
     memcpy(m->tool_pose, tool, sizeof m->tool_pose);
+    s->has_jacobians = 0;
     robot_poses(m->q, m, after);
     for (int attempt = 0; attempt < 4 && rise > left; ++attempt) {
         for (int t = 0; t < TIPS; ++t) {
@@ -3230,7 +3514,8 @@ static void adopt_tool(step_t *s)
             add_scaled(6, share, away, twist);
             move_pose(after + 16 * t, twist, equilibrium + 16 * t);
         }
-        rise = m->scale * compute_spring_energy(m, m->q, equilibrium, m->posture) - m->elastic_energy;
+        s->tip_energy = compute_tip_energy(m, m->q, equilibrium);
+        rise = m->scale * add_posture_energy(m, m->q, m->posture, s->tip_energy) - m->elastic_energy;
         share = attempt < 2 ? 0.5 * share : 0.0;
     }
     memcpy(m->equilibrium, equilibrium, sizeof equilibrium);
@@ -3250,7 +3535,7 @@ static void separate_torque_offset(step_t *s, double *last, int refused)
     const int starts = !refused && !m->known && m->fault == ID(FAULT_NONE) && s->input->sample_valid;
     for (int i = 0; i < N; ++i) {
         if (starts && fabs(s->input->torque_offset[i]) <= DBL_MAX) {
-            m->offset[i] = clamp(s->input->torque_offset[i], fmin(last[i], 0.0), fmax(last[i], 0.0));
+            m->offset[i] = clamp(s->input->torque_offset[i], smaller(last[i], 0.0), larger(last[i], 0.0));
         }
         last[i] -= m->offset[i];
     }
@@ -3271,10 +3556,10 @@ static void add_torque_offset(step_t *s, const double *last, int refused)
             wanted = s->input->torque_offset[i];
         }
         const double moved = clamp(wanted - m->offset[i], -m->rate[i] - change, m->rate[i] - change);
-        const double most = refused ? HUGE_VAL : fmax(s->c->effort_limit[i], fabs(before) - m->rate[i]);
+        const double most = refused ? HUGE_VAL : larger(s->c->effort_limit[i], fabs(before) - m->rate[i]);
         const double total = clamp(own + m->offset[i] + moved, -most, most);
         m->offset[i] = total - own;
-        const int reached = fabs(m->offset[i] - wanted) <= 1e-9 * fmax(1.0, fabs(wanted));
+        const int reached = fabs(m->offset[i] - wanted) <= 1e-9 * larger(1.0, fabs(wanted));
         s->out->offset_torque[i] = m->offset[i];
         s->out->torque[i] = total;
         s->status |= reached ? 0u : (uint32_t)ID(STATUS_OFFSET_LIMITED);
@@ -3321,7 +3606,7 @@ static void adopt_spring_limits(step_t *s)
         return;
     }
     const double v = compute_stored_energy(m, m->q) - m->elastic_energy;
-    if (v <= fmax(fmin(s->budget, available_energy(m) - m->reserve / COVERED), 0.0)) {
+    if (v <= larger(smaller(s->budget, available_energy(m) - m->reserve / COVERED), 0.0)) {
         book_stiffness(s, &m->elastic_energy, v);
     } else {
         memcpy(m->spring_limits, old, sizeof old);
@@ -3369,8 +3654,8 @@ static void vary_stiffness(step_t *s)
         share += step;
         cost = compute_stored_energy(m, m->q) - released;
         /* stiffer than covered would be paid in vain: the scale would fall */
-        const double covered = fmin(s->budget, available_energy(m) - m->reserve / COVERED);
-        const double budget = fmax(fmin(covered, heaviest_rise(m)), 0.0);
+        const double covered = smaller(s->budget, available_energy(m) - m->reserve / COVERED);
+        const double budget = larger(smaller(covered, heaviest_rise(m)), 0.0);
         if (cost <= budget) {
             break;
         }
@@ -3395,27 +3680,27 @@ static void vary_scale(step_t *s, const double *pull, double energy, double cap)
         if (size > 1e-9) {
             const double limit = pull[i] > 0.0 ? s->out->limit_torque[i] : -s->out->limit_torque[i];
             const double offset = pull[i] > 0.0 ? m->offset[i] : -m->offset[i];
-            target = fmin(target, fmax((c->effort_limit[i] - limit - offset) / size, 0.0));
-            fastest_fall = fmin(fastest_fall, 0.9 * m->rate[i] / size);
+            target = smaller(target, larger((c->effort_limit[i] - limit - offset) / size, 0.0));
+            fastest_fall = smaller(fastest_fall, 0.9 * m->rate[i] / size);
         }
     }
     s->status |= target < cap ? (uint32_t)ID(STATUS_SATURATED) : 0u;
     compute_reserve(s, m->calls, m->call_gap, pull, parts);
-    const double most = fmax(COVERED * available_energy(m) - parts[0], 0.0), a = parts[1], b = parts[2];
+    const double most = larger(COVERED * available_energy(m) - parts[0], 0.0), a = parts[1], b = parts[2];
     if ((a + b * target) * target > most) {
         target = solve_share(a, b, most);
         s->status |= ID(STATUS_RESERVE);
     }
     if (m->fault != ID(FAULT_NONE) && !holds_in_fault(s)) {
-        target = fmax(m->scale - fastest_fall, 0.0);
+        target = larger(m->scale - fastest_fall, 0.0);
         if (m->law == ID(LAW_PAPER)) {
             target = 0.0; /* no energy to scale: its torque falls at the rate limit */
         }
     }
     const double rise = target - m->scale;
-    double step = fmin(rise, c->sample_time / fmax(c->stiffness_time, SCALE_TIME));
-    if (step > 0.0 && step * energy > fmax(s->budget, 0.0)) {
-        step = (1.0 - 1e-9) * fmax(s->budget, 0.0) / energy;
+    double step = smaller(rise, c->sample_time / larger(c->stiffness_time, SCALE_TIME));
+    if (step > 0.0 && step * energy > larger(s->budget, 0.0)) {
+        step = (1.0 - 1e-9) * larger(s->budget, 0.0) / energy;
         s->status |= ID(STATUS_TANK_LIMITED);
     }
     if (step != 0.0) {
@@ -3454,18 +3739,18 @@ static int accept_wrench(const step_t *s)
  */
 static int track_drift(double stated, double made, double elapsed, double most, double *drift)
 {
-    const double kept = fmax(1.0 - elapsed / PLAN_MEMORY, 0.0);
+    const double kept = larger(1.0 - elapsed / PLAN_MEMORY, 0.0);
     *drift = clamp(kept * *drift + stated - made, -2.0 * most, 2.0 * most);
     return fabs(*drift) <= most;
 }
 
 /* Track how far the velocity of the plan and the motion of the tips' equilibria disagree. Return whether they agree. */
-static int track_tips(const step_t *s, int *moves)
+static int track_tips(step_t *s, int *moves)
 {
     memory_t *const m = s->m;
-    double J[6 * N * TIPS], twist[6] = {0.0};
+    const double *const J = find_jacobians(s);
+    double twist[6] = {0.0};
     int agree = 1;
-    robot_jacobians(m->q, m, J);
     for (int k = 0; k < 6 * TIPS; ++k) {
         const double most = PLAN_DRIFT * (k % 6 < 3 ? s->c->tip_velocity_limit : s->c->tip_rotation_limit);
         if (k % 6 == 0) {
@@ -3482,7 +3767,7 @@ static int track_tips(const step_t *s, int *moves)
  * Track how far the velocity of the plan and the motion of its target disagree, and how long the target has been
  * standing still although the velocity is not zero. Return whether both are as a plan may be.
  */
-static int track_target(const step_t *s)
+static int track_target(step_t *s)
 {
     const input_t *const in = s->input;
     memory_t *const m = s->m;
@@ -3610,7 +3895,7 @@ static double fade_with_speed(const step_t *s, const double *J)
         for (int i = 0; i < 3; ++i) {
             power += part[i] * dot(N, J + (3 * k + i) * N, s->velocity);
         }
-        most = size > 0.0 ? fmax(most, power / (size * limit)) : most;
+        most = size > 0.0 ? larger(most, power / (size * limit)) : most;
     }
     return clamp(2.0 - 2.0 * most, 0.0, 1.0);
 }
@@ -3627,7 +3912,7 @@ static double share_wrench(const step_t *s, const double *press, double most)
         base[i] = s->out->elastic_torque[i] + s->out->limit_torque[i];
         const double other = base[i] + m->offset[i], size = fabs(press[i]);
         const double room = s->c->effort_limit[i] - (press[i] > 0.0 ? other : -other);
-        share = size > 1e-9 ? fmin(share, fmax(room, 0.0) / size) : share;
+        share = size > 1e-9 ? smaller(share, larger(room, 0.0) / size) : share;
     }
     double trial = share, step = 0.5 * share, covered = 0.0;
     for (int round = 0; round < 12 && covered < share; ++round) {
@@ -3648,18 +3933,18 @@ static double share_wrench(const step_t *s, const double *press, double most)
 static void press_tips(step_t *s)
 {
     memory_t *const m = s->m;
-    double J[6 * N * TIPS], press[N] = {0.0};
+    double press[N] = {0.0};
     if (!s->pressing || !m->engaged || m->fault != ID(FAULT_NONE)) {
         m->press_share = 0.0;
         return;
     }
-    robot_jacobians(m->q, m, J);
+    const double *const J = find_jacobians(s);
     for (int k = 0; k < 6 * TIPS; ++k) {
         add_scaled(N, s->input->wrench_command[k], J + k * N, press);
     }
-    const double share = share_wrench(s, press, fmin(fade_with_tank(s), fade_with_speed(s, J)));
+    const double share = share_wrench(s, press, smaller(fade_with_tank(s), fade_with_speed(s, J)));
     s->status |= share < 1.0 ? (uint32_t)ID(STATUS_FEEDFORWARD_LIMITED) : 0u;
-    m->press_share = fmin(share, m->press_share + s->c->sample_time / SCALE_TIME);
+    m->press_share = smaller(share, m->press_share + s->c->sample_time / SCALE_TIME);
     add_scaled(N, m->press_share, press, s->out->feedforward_torque);
     add_scaled(6 * TIPS, m->press_share, s->input->wrench_command, s->out->wrench_command);
 }
@@ -3695,8 +3980,8 @@ static void limit_torque(step_t *s, const double *last)
 {
     for (int i = 0; i < N; ++i) {
         const double rate = s->m->rate[i], limit = s->c->effort_limit[i], offset = s->m->offset[i];
-        const double least = fmin(fmin(-limit - offset, 0.0), last[i] + rate);
-        const double most = fmax(fmax(limit - offset, 0.0), last[i] - rate);
+        const double least = smaller(smaller(-limit - offset, 0.0), last[i] + rate);
+        const double most = larger(larger(limit - offset, 0.0), last[i] - rate);
         const double wanted = fabs(s->out->torque[i]) <= DBL_MAX ? s->out->torque[i] : 0.0;
         const double possible = clamp(wanted, least, most);
         const double reached = clamp(possible, last[i] - rate, last[i] + rate);
@@ -3753,9 +4038,9 @@ static void reduce_torque(step_t *s, const double *last, double *feed)
         latch_fault(m, ID(REASON_RESERVE), NO_JOINT, m->reserve, available_energy(m));
     }
     for (int i = 0; i < N; ++i) {
-        s->out->damping_torque[i] *= fmax(share - 1.0, 0.0);
-        s->carried[i] *= fmax(share - 1.0, 0.0);
-        feed[i] *= fmax(share - 1.0, 0.0);
+        s->out->damping_torque[i] *= larger(share - 1.0, 0.0);
+        s->carried[i] *= larger(share - 1.0, 0.0);
+        feed[i] *= larger(share - 1.0, 0.0);
     }
 }
 
@@ -3808,7 +4093,7 @@ static void compute_reference_velocity(step_t *s, int moved, int by_pose)
     }
     for (int i = 0; i < N; ++i) {
         reference[i] = moved ? s->m->posture_velocity[i] : 0.0;
-        speed = fmax(speed, fabs(reference[i]) / limits[i]);
+        speed = larger(speed, fabs(reference[i]) / limits[i]);
     }
     for (int i = 0; i < N; ++i) {
         reference[i] /= speed;
@@ -3820,7 +4105,7 @@ static int exceeds_paper_bound(const double *slip, const double *pull)
 {
     double deflection = 0.0;
     for (int i = 0; i < N; ++i) {
-        deflection = fmax(deflection, fabs(slip[i]));
+        deflection = larger(deflection, fabs(slip[i]));
     }
     return dot(N, slip, pull) < 0.0 || deflection > PAPER_DEFLECTION;
 }
@@ -3858,7 +4143,7 @@ static void compute_torque(step_t *s, const double *last, int moved)
     for (int k = 0; k < 6 * TIPS; ++k) {
         out->spring_wrench[k] *= m->scale;
     }
-    note_load(s, m->scale * fmax(energy - robot_posture_energy(m->q, m->posture, m->posture_stiffness), 0.0));
+    note_load(s, m->scale * larger(energy - robot_posture_energy(m->q, m->posture, m->posture_stiffness), 0.0));
     press_tips(s);
     multiply_vector(out->damping, out->reference_velocity, feed);
     memcpy(lead, feed, sizeof lead);
@@ -3968,14 +4253,14 @@ static int advance_time(policy_t *p, double now)
     if (!(fabs(now) <= DBL_MAX)) {
         return 0;
     }
-    p->now = fmax(p->now, now);
+    p->now = larger(p->now, now);
     return 1;
 }
 
 /* Return how long [s] a part has been stale; 0 for one that is not, or was never accepted. */
 static double overdue(const policy_t *p, int part)
 {
-    return p->stage[part] == ID(STAGE_WAITING) ? 0.0 : fmax(p->now - p->time[part] - hold_time(p), 0.0);
+    return p->stage[part] == ID(STAGE_WAITING) ? 0.0 : larger(p->now - p->time[part] - hold_time(p), 0.0);
 }
 
 /* Return the share of a fade that is left: 1 before, 0 at its end, with a slope of 0 at both. */
@@ -3992,7 +4277,7 @@ static double share_left(const policy_t *p, double late)
 /* Return how far the interpolation of a part has come, 0 to 1. */
 static double progress(const policy_t *p, int part)
 {
-    const double length = fmax(p->interval[part], SHORTEST_INTERVAL);
+    const double length = larger(p->interval[part], SHORTEST_INTERVAL);
     return clamp((p->now - p->begin[part]) / length, 0.0, 1.0);
 }
 
@@ -4020,7 +4305,7 @@ static void mix(int count, double x, double share, const double *from, const dou
 static double stiffness_share(const policy_t *p)
 {
     const double end = read_setting(p->stale_share, 1.0, 0.1);
-    return end + (1.0 - end) * share_left(p, fmax(overdue(p, ID(PART_POSE)), overdue(p, ID(PART_STIFFNESS))));
+    return end + (1.0 - end) * share_left(p, larger(overdue(p, ID(PART_POSE)), overdue(p, ID(PART_STIFFNESS))));
 }
 
 static double wrench_share(const policy_t *p)
@@ -4177,7 +4462,7 @@ static int start_policy(policy_t *p, const double *poses, double now)
 /* Note the time of an accepted part; its interpolation takes the commander's period. */
 static void accept_part(policy_t *p, int part, double time)
 {
-    const double most = fmax(read_setting(p->longest_interval, 1.0, 0.1), SHORTEST_INTERVAL);
+    const double most = larger(read_setting(p->longest_interval, 1.0, 0.1), SHORTEST_INTERVAL);
     const int first = p->stage[part] == ID(STAGE_WAITING);
     p->interval[part] = first ? most : clamp(time - p->time[part], SHORTEST_INTERVAL, most);
     p->begin[part] = p->now;
@@ -4212,7 +4497,7 @@ static int propose(const config_t *c, policy_t *p, const proposal_t *proposal, d
     if (accepted[ID(PART_STIFFNESS)] || after > springs) {
         begin_at(9 * TIPS, p->translation_stiffness, springs, after, p->from_translation);
         begin_at(9 * TIPS, p->rotation_stiffness, springs, after, p->from_rotation);
-        p->interval[ID(PART_STIFFNESS)] = fmax(p->interval[ID(PART_STIFFNESS)], SHORTEST_INTERVAL);
+        p->interval[ID(PART_STIFFNESS)] = larger(p->interval[ID(PART_STIFFNESS)], SHORTEST_INTERVAL);
         p->begin[ID(PART_STIFFNESS)] = p->now;
     }
     if (accepted[ID(PART_WRENCH)]) {
@@ -4245,6 +4530,7 @@ static void remember_sample(step_t *s)
 {
     memory_t *const m = s->m;
     memcpy(m->q, s->input->q, sizeof m->q);
+    s->has_jacobians = 0;
     memcpy(m->dq, s->velocity, sizeof m->dq);
     m->recent_count = m->gap > 0 ? 1 : clamp_count(m->recent_count + 1, RECENT);
     memmove(m->recent + N, m->recent, (RECENT - 1) * N * sizeof(double));
@@ -4267,10 +4553,10 @@ static void check_limits(step_t *s)
             s->status |= ID(STATUS_OVERSPEED);
         }
         /* a lowered limit bounds what is believed only once the arm is below it */
-        if (fmin(speed, m->velocity_limit[i]) <= c->velocity_limit[i]) {
+        if (smaller(speed, m->velocity_limit[i]) <= c->velocity_limit[i]) {
             m->velocity_limit[i] = c->velocity_limit[i];
         }
-        const double beyond = fmax(c->lower_limit[i] - in->q[i], in->q[i] - c->upper_limit[i]);
+        const double beyond = larger(c->lower_limit[i] - in->q[i], in->q[i] - c->upper_limit[i]);
         if (beyond > c->position_tolerance) {
             const double edge = in->q[i] > c->upper_limit[i] ? c->upper_limit[i] : c->lower_limit[i];
             latch_fault(m, ID(REASON_POSITION), i, in->q[i], edge);
@@ -4446,6 +4732,7 @@ static int step(const config_t *c, state_t *state, const input_t *input, output_
     s.c = c;
     s.m = m;
     s.scratch = state->scratch;
+    s.modes = state->modes;
     s.input = input;
     s.out = output;
     const int error = c == NULL || input == NULL ? ID(E_NULL) : validate(c);

@@ -716,6 +716,7 @@ typedef struct {
     uint64_t checksum; /* checksum of memory */
     iiwa14_impedance_memory memory;
     double scratch[147];
+    double modes[98]; /* start values of the next step's modes: any numbers will do */
 } iiwa14_impedance_state;
 
 /*

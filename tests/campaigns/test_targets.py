@@ -116,7 +116,7 @@ COUNTED = re.compile(r"\w+ (?:<|<=|>=) [\w .*/+\->\[\]]+"), re.compile(r"\s*(?:\
 OTHER_LOOPS = {
     # condition of the loop: why it ends
     "": "QL iterations: at most MAX_ITERATIONS, then MATRIX_NOT_CONVERGED",
-    "m < n - 1 && fabs(e[m]) > negligible": "m grows up to n - 1",
+    "m < n - 1 && e[m] > NEGLIGIBLE": "m grows up to n - 1",
     "words[k] != '\\0' && *length + 1u < size": "length grows up to size",
     "place < 7 || millionths > 0": "millionths, at most 1e15, loses a digit each time",
 }
@@ -136,7 +136,7 @@ def test_every_loop_of_the_controller_has_a_bound():
         assert "do {" not in file.read_text()
     assert seen == set(OTHER_LOOPS)
     assert re.search(
-        r"iteration == MAX_ITERATIONS\) \{\s*return MATRIX_NOT_CONVERGED", (runtime / "matrix.c").read_text()
+        r"iteration == MAX_ITERATIONS\) \{\s*return MATRIX_NOT_CONVERGED", (runtime / "eigen.c").read_text()
     )
 
 

@@ -23,6 +23,8 @@ OUT = ndpointer(np.float64, flags=("C_CONTIGUOUS", "WRITEABLE"))
 SIGNATURES = {
     "diagonalise_symmetric": (ctypes.c_int, OUT, OUT, OUT),
     "solve_pencil": (ctypes.c_int, IN, IN, OUT, OUT, OUT, OUT, OUT),
+    "solve_modes": (ctypes.c_int, IN, IN, OUT, OUT, OUT),
+    "refine_modes": (ctypes.c_int, IN, IN, OUT, OUT, OUT),
     "soften": (IN, ctypes.c_double, OUT, OUT),
     "is_positive_semidefinite": (ctypes.c_int, IN, ctypes.c_double),
 }
@@ -48,7 +50,7 @@ def compile_library(output: Path, *arguments: str | Path, compiler: str = "cc") 
 
 
 class Matrices:
-    """Functions of runtime/matrix.c on NumPy arrays, for up to MAX_ROWS rows."""
+    """Functions of runtime/matrix.c, eigen.c and modes.c on NumPy arrays, for up to MAX_ROWS rows."""
 
     def __init__(self, folder: Path) -> None:
         path = compile_library(folder / "matrix.so", f"-DSTUB_ROWS={MAX_ROWS}")
@@ -68,6 +70,18 @@ class Matrices:
         code = self.library.solve_pencil(n, K, M, L, C, values, rows, scale)
         V = np.linalg.solve(np.tril(L).T, rows.T) / np.sqrt(scale) if code == 0 else rows
         return code, values, V
+
+    def solve_modes(self, K: np.ndarray, M: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
+        """Return the code, eigenvalues and modes V, V^T M V = I."""
+        n = len(K)
+        work, values, rows = np.empty(2 * n * n), np.empty(n), np.empty((n, n))
+        return self.library.solve_modes(n, K, M, work, values, rows), values, rows.T
+
+    def refine_modes(self, K: np.ndarray, M: np.ndarray, start: np.ndarray) -> tuple[bool, np.ndarray, np.ndarray]:
+        """Return whether the modes became those of the pencil, eigenvalues and modes V, V^T M V = I."""
+        n = len(K)
+        work, values, rows = np.empty(2 * n * n), np.empty(n), np.ascontiguousarray(start.T)
+        return bool(self.library.refine_modes(n, K, M, work, values, rows)), values, rows.T
 
     def soften(self, wanted: np.ndarray, share: float, K: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
         """Return whether K differed from wanted, K after the change, and the cost."""

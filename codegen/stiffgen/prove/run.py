@@ -28,7 +28,10 @@ _SOLVER = {False: "z3", True: "boolector"}
 _AT_ONCE = 2
 """Proofs that run in parallel, each in up to 8 GiB."""
 _FRAME = ", configuration and sample not written"
-_APART = ("factorise_cholesky", "solve_pencil", "soften", "design_damping", "step_without_sample")
+_APART = (
+    "factorise_cholesky", "factorise_pencil", "diagonalise_pencil", "solve_pencil", "solve_modes", "soften",
+    "design_damping", "step_without_sample",
+)  # fmt: skip
 """Functions of the controller whose paths are analysed separately: results exist only on the path of success."""
 
 

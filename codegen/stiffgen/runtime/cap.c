@@ -89,7 +89,7 @@ static double cap_spring(const double *A, double most, double *K)
         return 0.0;
     }
     for (int k = 0; k < 9; ++k) {
-        root[k] = sqrt(fmax(d[k / 3], 1e-9 * d[2])) * Q[k];
+        root[k] = sqrt(larger(d[k / 3], 1e-9 * d[2])) * Q[k];
     }
     for (int i = 0; i < 3; ++i) {
         for (int j = 0; j < 3; ++j) {
@@ -106,7 +106,7 @@ static double cap_spring(const double *A, double most, double *K)
     for (int r = 0; r < 3; ++r) {
         double u[3] = {0.0};
         for (int k = 0; k < 9; ++k) {
-            u[k % 3] += W[3 * r + k / 3] * Q[k] / sqrt(fmax(d[k / 3], 1e-9 * d[2]));
+            u[k % 3] += W[3 * r + k / 3] * Q[k] / sqrt(larger(d[k / 3], 1e-9 * d[2]));
         }
         for (int k = 0; mu[r] > most && k < 9; ++k) {
             K[k] -= (mu[r] - most) * u[k / 3] * u[k % 3];
@@ -151,7 +151,7 @@ void cap_springs(step_t *s)
     for (int i = 0; i < N; ++i) {
         most -= (m->posture_stiffness[i] + s->limit_slope[i]) / m->inertia[i];
     }
-    most = fmax(most, 0.25 * largest_eigenvalue(s->c));
+    most = larger(most, 0.25 * largest_eigenvalue(s->c));
     for (int k = 0; k < 2 * TIPS; ++k) {
         largest[k] = cap_spring(A + 9 * k, HUGE_VAL, (k % 2 == 0 ? s->translation : s->rotation) + 9 * (k / 2));
         sum += largest[k];
@@ -163,7 +163,7 @@ void cap_springs(step_t *s)
     const double level = find_level(2 * TIPS, largest, most);
     for (int k = 0; k < 2 * TIPS; ++k) {
         (void)cap_spring(A + 9 * k, level, (k % 2 == 0 ? s->translation : s->rotation) + 9 * (k / 2));
-        m->stiffness_share = fmin(m->stiffness_share, largest[k] > level ? level / largest[k] : 1.0);
+        m->stiffness_share = smaller(m->stiffness_share, largest[k] > level ? level / largest[k] : 1.0);
     }
     s->status |= ID(STATUS_STIFFNESS_CAPPED);
 }

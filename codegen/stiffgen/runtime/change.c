@@ -12,11 +12,12 @@ void adopt_tool(step_t *s)
     if (tool == NULL || memcmp(tool, m->tool_pose, sizeof m->tool_pose) == 0) {
         return;
     }
-    const double left = fmax(m->engagement - worst_feed_work(m, m->feed, m->call_gap), 0.0);
+    const double left = larger(m->engagement - worst_feed_work(m, m->feed, m->call_gap), 0.0);
     double before[16 * TIPS], after[16 * TIPS], equilibrium[16 * TIPS], share = 1.0, rise = HUGE_VAL;
     memcpy(equilibrium, m->equilibrium, sizeof equilibrium);
     robot_poses(m->q, m, before);
     memcpy(m->tool_pose, tool, sizeof m->tool_pose);
+    s->has_jacobians = 0;
     robot_poses(m->q, m, after);
     for (int attempt = 0; attempt < 4 && rise > left; ++attempt) {
         for (int t = 0; t < TIPS; ++t) {
@@ -25,7 +26,8 @@ void adopt_tool(step_t *s)
             add_scaled(6, share, away, twist);
             move_pose(after + 16 * t, twist, equilibrium + 16 * t);
         }
-        rise = m->scale * compute_spring_energy(m, m->q, equilibrium, m->posture) - m->elastic_energy;
+        s->tip_energy = compute_tip_energy(m, m->q, equilibrium);
+        rise = m->scale * add_posture_energy(m, m->q, m->posture, s->tip_energy) - m->elastic_energy;
         share = attempt < 2 ? 0.5 * share : 0.0;
     }
     memcpy(m->equilibrium, equilibrium, sizeof equilibrium);
@@ -45,7 +47,7 @@ void separate_torque_offset(step_t *s, double *last, int refused)
     const int starts = !refused && !m->known && m->fault == ID(FAULT_NONE) && s->input->sample_valid;
     for (int i = 0; i < N; ++i) {
         if (starts && fabs(s->input->torque_offset[i]) <= DBL_MAX) {
-            m->offset[i] = clamp(s->input->torque_offset[i], fmin(last[i], 0.0), fmax(last[i], 0.0));
+            m->offset[i] = clamp(s->input->torque_offset[i], smaller(last[i], 0.0), larger(last[i], 0.0));
         }
         last[i] -= m->offset[i];
     }
@@ -66,10 +68,10 @@ void add_torque_offset(step_t *s, const double *last, int refused)
             wanted = s->input->torque_offset[i];
         }
         const double moved = clamp(wanted - m->offset[i], -m->rate[i] - change, m->rate[i] - change);
-        const double most = refused ? HUGE_VAL : fmax(s->c->effort_limit[i], fabs(before) - m->rate[i]);
+        const double most = refused ? HUGE_VAL : larger(s->c->effort_limit[i], fabs(before) - m->rate[i]);
         const double total = clamp(own + m->offset[i] + moved, -most, most);
         m->offset[i] = total - own;
-        const int reached = fabs(m->offset[i] - wanted) <= 1e-9 * fmax(1.0, fabs(wanted));
+        const int reached = fabs(m->offset[i] - wanted) <= 1e-9 * larger(1.0, fabs(wanted));
         s->out->offset_torque[i] = m->offset[i];
         s->out->torque[i] = total;
         s->status |= reached ? 0u : (uint32_t)ID(STATUS_OFFSET_LIMITED);

@@ -2,20 +2,50 @@
 #include "impedance.h"
 
 /*
- * Compute the inertia that each joint has alone, 1 / (M^-1)_ii, from L L^T = M / mass. Return the trace of M^-1, the
- * sum of the squares in L^-1: joint_damping I has no eigenvalue above trace times joint_damping with respect to M.
+ * Compute the inertia that each joint has alone, 1 / (M^-1)_ii, from modes v with v . M v = 1: M^-1 is the sum of
+ * v v^T. Return the trace of M^-1: joint_damping I has no eigenvalue above trace times joint_damping with respect to M.
  */
-static double reduce_inertia(const double *L, double mass, double *inertia)
+static double reduce_inertia(const double *modes, double *inertia)
 {
-    double trace = 0.0;
+    double squares[N] = {0.0}, trace = 0.0;
     for (int k = 0; k < N; ++k) {
-        double unit[N] = {0.0};
-        unit[k] = 1.0;
-        solve_lower(N, 1, L, unit);
-        inertia[k] = mass / dot(N, unit, unit);
-        trace += 1.0 / inertia[k];
+        for (int i = 0; i < N; ++i) {
+            squares[i] += modes[k * N + i] * modes[k * N + i];
+        }
+    }
+    for (int i = 0; i < N; ++i) {
+        inertia[i] = 1.0 / squares[i];
+        trace += squares[i];
     }
     return trace;
+}
+
+/*
+ * Compute the modes of the springs' tangent. They are refined from the extrapolation of the last two designs' modes;
+ * where these are too far away, or two eigenvalues are close, they are solved anew. The result is the same up to
+ * rounding. Return whether there are modes: M is positive definite.
+ */
+static int find_modes(step_t *s)
+{
+    output_t *const out = s->out;
+    double *const modes = s->modes, *const before = modes + NN;
+    const double *K = out->joint_stiffness;
+    for (int k = 0; k < NN; ++k) {
+        const double last = modes[k];
+        modes[k] = 2.0 * last - before[k];
+        before[k] = last;
+    }
+    if (s->m->law == ID(LAW_PAPER)) {
+        /* only the symmetric part of the conventional formula has a say in the damping */
+        take_symmetric_part(N, out->joint_stiffness, s->scratch);
+        K = s->scratch;
+    }
+    if (refine_modes(N, K, out->mass_matrix, s->scratch + NN, out->eigenvalues, modes)) {
+        return 1;
+    }
+    const int error = solve_modes(N, out->joint_stiffness, out->mass_matrix, s->scratch, out->eigenvalues, modes);
+    memcpy(before, modes, NN * sizeof(double));
+    return error == 0;
 }
 
 /*
@@ -48,8 +78,7 @@ void measure_inertia(step_t *s, const double *q)
 /* Compute J^T task_damping J, summed over the tips. */
 static void apply_task_damping(step_t *s)
 {
-    double J[6 * N * TIPS];
-    robot_jacobians(s->m->q, s->m, J);
+    const double *const J = find_jacobians(s);
     for (int k = 0; k < 36 * TIPS; ++k) {
         const double D = (s->c->task_damping[k % 36] + s->c->task_damping[k % 6 * 6 + k / 6 % 6]) / 2.0;
         const double *const left = J + k / 6 * N, *const right = J + (k / 36 * 6 + k % 6) * N;
@@ -71,7 +100,7 @@ static void damp_modes(const config_t *c, const double *eigenvalues, double scal
         const double l = fabs(eigenvalues[k]) * scale, late = (c->delay_samples + 0.5) * c->sample_time;
         const double zeta = c->damping_ratio[k], later = late + c->velocity_filter_time;
         const double p = l * (2.0 * zeta * zeta * later - late);
-        b[k] = fmax(sqrt(fmax(p * p + 4.0 * zeta * zeta * l - l * l * late * late, 0.0)) - p, l * late);
+        b[k] = larger(sqrt(larger(p * p + 4.0 * zeta * zeta * l - l * l * late * late, 0.0)) - p, l * late);
     }
 }
 
@@ -102,14 +131,15 @@ double design_damping(step_t *s)
 {
     const config_t *const c = s->c;
     output_t *const out = s->out;
-    double *const L = s->scratch, *const C = L + NN, *const rows = L + 2 * NN;
-    double b[N], mass, scale = 1.0, largest_b = 0.0, d = c->joint_damping;
+    double *const rows = s->scratch, *const own = rows + 2 * NN;
+    const double *modes = s->modes;
+    double b[N], scale = 1.0, largest_b = 0.0, d = c->joint_damping;
     const int paper = s->m->law == ID(LAW_PAPER), by_task = c->damping_design == ID(DAMPING_DESIGN_TASK);
     const double T = c->sample_time, most = paper ? 1e6 : largest_damping(c);
-    /* only the symmetric part of the conventional formula has a say in the damping */
-    if (solve_pencil(N, out->joint_stiffness, out->mass_matrix, L, C, out->eigenvalues, rows, &mass) != 0) {
+    if (!find_modes(s)) {
         return damp_joints_only(s);
     }
+    const double trace = reduce_inertia(modes, s->brake);
     const double delayed = 1.0 + 2.0 * c->delay_samples, stiffest = out->eigenvalues[N - 1] * T * T;
     s->status |= out->eigenvalues[0] < 0.0 ? (uint32_t)ID(STATUS_INDEFINITE) : 0u;
     if (stiffest * delayed > LARGEST_STIFFNESS && !paper) {
@@ -117,16 +147,16 @@ double design_damping(step_t *s)
         s->status |= ID(STATUS_STIFFNESS_CAPPED);
         s->m->capped = 1;
     }
-    const double trace = reduce_inertia(L, mass, s->brake);
     if (d * trace > 0.5 * most) {
         d = 0.5 * most / trace;
         s->status |= ID(STATUS_DAMPING_CAPPED);
     }
     if (by_task) {
         apply_task_damping(s);
-        if (solve_pencil(N, out->damping, out->mass_matrix, L, C, b, rows, &mass) != 0) {
+        if (solve_modes(N, out->damping, out->mass_matrix, s->scratch, b, own) != 0) {
             memset(b, 0, sizeof b);
         }
+        modes = own;
     } else {
         damp_modes(c, out->eigenvalues, scale, b);
     }
@@ -134,12 +164,11 @@ double design_damping(step_t *s)
     for (int k = 0; k < N; ++k) {
         capped |= b[k] > most - d * trace;
         b[k] = clamp(b[k], 0.0, most - d * trace);
-        largest_b = fmax(largest_b, b[k]);
-        b[k] *= mass;
+        largest_b = larger(largest_b, b[k]);
     }
     s->status |= capped ? (uint32_t)ID(STATUS_DAMPING_CAPPED) : 0u;
     if (capped || !by_task) {
-        multiply_lower(N, L, rows);
+        multiply_rows(N, modes, out->mass_matrix, rows);
         form_congruence(N, rows, b, out->damping);
     }
     for (int i = 0; i < N; ++i) {
@@ -183,7 +212,7 @@ void follow_twists(step_t *s, const double *twists, double *velocity)
     if (factorise_cholesky(N, s->out->damping, largest_entry(NN, s->out->damping), LEAST_DAMPED, L) != 0) {
         return;
     }
-    robot_jacobians(s->m->q, s->m, J);
+    memcpy(J, find_jacobians(s), sizeof J);
     weigh_twists(L, J, weights, A);
     for (int r = 0; r < 6 * TIPS; ++r) {
         add_scaled(N, weights[r / 3 % 2] * twists[r], J + r * N, wanted);
@@ -200,12 +229,12 @@ void follow_twists(step_t *s, const double *twists, double *velocity)
         solve_upper(N, L, velocity);
         excess = 0.0;
         for (int i = 0; i < N; ++i) {
-            excess = fmax(excess, fabs(velocity[i]) / limits[i]);
+            excess = larger(excess, fabs(velocity[i]) / limits[i]);
         }
         shift *= 10.0;
     }
     for (int i = 0; i < N; ++i) {
-        velocity[i] /= fmax(excess, 1.0);
+        velocity[i] /= larger(excess, 1.0);
     }
 }
 

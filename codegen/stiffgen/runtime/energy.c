@@ -23,16 +23,10 @@ double add_posture_energy(const memory_t *m, const double *q, const double *post
     return m->law == ID(LAW_PAPER) ? 0.0 : tips + robot_posture_energy(q, posture, m->posture_stiffness);
 }
 
-/* Compute U at q, of the springs of all tips and of the posture, unscaled; the paper's law has none. */
-double compute_spring_energy(const memory_t *m, const double *q, const double *equilibrium, const double *posture)
-{
-    return add_posture_energy(m, q, posture, compute_tip_energy(m, q, equilibrium));
-}
-
 /* Compute the energy that the scaled springs store at q. */
 double compute_stored_energy(const memory_t *m, const double *q)
 {
-    return m->scale * compute_spring_energy(m, q, m->equilibrium, m->posture);
+    return m->scale * add_posture_energy(m, q, m->posture, compute_tip_energy(m, q, m->equilibrium));
 }
 
 /*
@@ -79,12 +73,12 @@ double evaluate_limits(step_t *s, const double *q)
 void pay_into_tank(step_t *s, double income)
 {
     memory_t *const m = s->m;
-    const double most = fmax(s->tank_maximum, m->reserve);
+    const double most = larger(s->tank_maximum, m->reserve);
     const double lost = m->tank + income - most;
     m->tank += income;
     if (lost > 0.0) {
         m->tank = most;
-        m->engagement = fmin(m->engagement + lost, s->engagement_limit);
+        m->engagement = smaller(m->engagement + lost, s->engagement_limit);
     }
 }
 
@@ -101,8 +95,8 @@ void book_stiffness(step_t *s, double *energy, double v)
 void book_reference(step_t *s, double p)
 {
     s->m->reference_total += p;
-    s->m->engagement -= fmax(p, 0.0);
-    pay_into_tank(s, fmax(-p, 0.0));
+    s->m->engagement -= larger(p, 0.0);
+    pay_into_tank(s, larger(-p, 0.0));
 }
 
 /* Return the torque that acted in the interval that ends now; zero where its work is booked already. */
@@ -133,7 +127,7 @@ void shift_history(memory_t *m, const double *last, const double *feed)
 /* Return the farthest that joint i is taken to move in a sample time. */
 double farthest_motion(const memory_t *m, int i)
 {
-    return fmax(m->velocity_limit[i], fabs(m->dq[i])) * m->sample_time;
+    return larger(m->velocity_limit[i], fabs(m->dq[i])) * m->sample_time;
 }
 
 /*
@@ -202,9 +196,10 @@ static double limit_stiffness(const step_t *s, int i)
     const double T = c->sample_time, delayed = 1.0 + 2.0 * c->delay_samples;
     const double rate = c->torque_rate_limit[i], inertia = s->m->inertia[i];
     const double followed = rate / c->velocity_limit[i];
-    const double damped = cbrt(inertia * (rate / (2.0 * c->limit_zone)) * (rate / (2.0 * c->limit_zone)));
+    const double share = rate / (2.0 * c->limit_zone), cube = inertia * share * share;
     const double sampled = LIMIT_SHARE * LARGEST_STIFFNESS * inertia / (T * T * delayed);
-    return fmin(fmin(c->limit_stiffness[i], sampled), fmin(followed, damped));
+    const double most = smaller(smaller(c->limit_stiffness[i], sampled), followed);
+    return most * most * most <= cube ? most : cbrt(cube); /* the damping's bound has the third power `cube` */
 }
 
 /*
@@ -226,7 +221,7 @@ void adopt_limits(step_t *s, const double *q)
             double pull, slope;
             const double before = evaluate_avoidance(a, q[i], &pull, &slope);
             const double v = evaluate_avoidance(wanted, q[i], &pull, &slope) - before;
-            if (!(v <= fmax(s->budget, 0.0))) {
+            if (!(v <= larger(s->budget, 0.0))) {
                 s->status |= ID(STATUS_LIMITS_KEPT);
                 continue;
             }
@@ -290,7 +285,7 @@ void note_untimed_call(step_t *s, const double *last)
     }
     for (int i = 0; i < N; ++i) {
         m->gap_sum[i] += fabs(last[i]);
-        m->gap_largest[i] = fmax(m->gap_largest[i], fabs(last[i]));
+        m->gap_largest[i] = larger(m->gap_largest[i], fabs(last[i]));
     }
     m->gap_calls = clamp_count(m->gap_calls + 1, 1000000);
 }
@@ -314,10 +309,10 @@ void bridge_missing_calls(step_t *s, const double *last, int missing)
         return;
     }
     note_untimed_call(s, last);
-    const double each = fmin(1.0 + missing, m->call_gap), all = (double)m->gap_calls + missing;
+    const double each = smaller(1.0 + missing, m->call_gap), all = (double)m->gap_calls + missing;
     double most = m->gap_base;
     for (int i = 0; i < N; ++i) {
-        most += farthest_motion(m, i) * (m->gap_transit[i] + fmin(each * m->gap_sum[i], all * m->gap_largest[i]));
+        most += farthest_motion(m, i) * (m->gap_transit[i] + smaller(each * m->gap_sum[i], all * m->gap_largest[i]));
     }
     memcpy(s->transit, none, sizeof none);
     memset(m->older, 0, sizeof m->older);
@@ -336,7 +331,9 @@ void book_interval(step_t *s, const double *q)
 {
     memory_t *const m = s->m;
     double work = 0.0, feed = 0.0, motion[N];
-    const double elastic = compute_stored_energy(m, q), limit = evaluate_limits(s, q);
+    s->tip_energy = compute_tip_energy(m, q, m->equilibrium);
+    const double elastic = m->scale * add_posture_energy(m, q, m->posture, s->tip_energy);
+    const double limit = evaluate_limits(s, q);
     const double rise = elastic - m->elastic_energy + limit - m->limit_energy;
     m->elastic_energy = elastic;
     m->limit_energy = limit;
@@ -350,10 +347,10 @@ void book_interval(step_t *s, const double *q)
     add_scaled(N, -1.0, m->q, motion);
     if (m->gap > 0) {
         bridge_gap(s, 1);
-        work = fmin(m->gap_work + dot(N, m->gap_torque, motion), m->gap_most);
+        work = smaller(m->gap_work + dot(N, m->gap_torque, motion), m->gap_most);
     } else {
         work = dot(N, find_acting_torque(s), motion) - absorbed_work(m, motion);
-        feed = fmax(dot(N, m->feed + m->delay * N, motion), 0.0);
+        feed = larger(dot(N, m->feed + m->delay * N, motion), 0.0);
     }
     m->port_total += work;
     m->sampling_total += rise + work - feed;

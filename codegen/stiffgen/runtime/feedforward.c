@@ -29,18 +29,18 @@ static int accept_wrench(const step_t *s)
  */
 static int track_drift(double stated, double made, double elapsed, double most, double *drift)
 {
-    const double kept = fmax(1.0 - elapsed / PLAN_MEMORY, 0.0);
+    const double kept = larger(1.0 - elapsed / PLAN_MEMORY, 0.0);
     *drift = clamp(kept * *drift + stated - made, -2.0 * most, 2.0 * most);
     return fabs(*drift) <= most;
 }
 
 /* Track how far the velocity of the plan and the motion of the tips' equilibria disagree. Return whether they agree. */
-static int track_tips(const step_t *s, int *moves)
+static int track_tips(step_t *s, int *moves)
 {
     memory_t *const m = s->m;
-    double J[6 * N * TIPS], twist[6] = {0.0};
+    const double *const J = find_jacobians(s);
+    double twist[6] = {0.0};
     int agree = 1;
-    robot_jacobians(m->q, m, J);
     for (int k = 0; k < 6 * TIPS; ++k) {
         const double most = PLAN_DRIFT * (k % 6 < 3 ? s->c->tip_velocity_limit : s->c->tip_rotation_limit);
         if (k % 6 == 0) {
@@ -57,7 +57,7 @@ static int track_tips(const step_t *s, int *moves)
  * Track how far the velocity of the plan and the motion of its target disagree, and how long the target has been
  * standing still although the velocity is not zero. Return whether both are as a plan may be.
  */
-static int track_target(const step_t *s)
+static int track_target(step_t *s)
 {
     const input_t *const in = s->input;
     memory_t *const m = s->m;
@@ -185,7 +185,7 @@ static double fade_with_speed(const step_t *s, const double *J)
         for (int i = 0; i < 3; ++i) {
             power += part[i] * dot(N, J + (3 * k + i) * N, s->velocity);
         }
-        most = size > 0.0 ? fmax(most, power / (size * limit)) : most;
+        most = size > 0.0 ? larger(most, power / (size * limit)) : most;
     }
     return clamp(2.0 - 2.0 * most, 0.0, 1.0);
 }
@@ -202,7 +202,7 @@ static double share_wrench(const step_t *s, const double *press, double most)
         base[i] = s->out->elastic_torque[i] + s->out->limit_torque[i];
         const double other = base[i] + m->offset[i], size = fabs(press[i]);
         const double room = s->c->effort_limit[i] - (press[i] > 0.0 ? other : -other);
-        share = size > 1e-9 ? fmin(share, fmax(room, 0.0) / size) : share;
+        share = size > 1e-9 ? smaller(share, larger(room, 0.0) / size) : share;
     }
     double trial = share, step = 0.5 * share, covered = 0.0;
     for (int round = 0; round < 12 && covered < share; ++round) {
@@ -223,18 +223,18 @@ static double share_wrench(const step_t *s, const double *press, double most)
 void press_tips(step_t *s)
 {
     memory_t *const m = s->m;
-    double J[6 * N * TIPS], press[N] = {0.0};
+    double press[N] = {0.0};
     if (!s->pressing || !m->engaged || m->fault != ID(FAULT_NONE)) {
         m->press_share = 0.0;
         return;
     }
-    robot_jacobians(m->q, m, J);
+    const double *const J = find_jacobians(s);
     for (int k = 0; k < 6 * TIPS; ++k) {
         add_scaled(N, s->input->wrench_command[k], J + k * N, press);
     }
-    const double share = share_wrench(s, press, fmin(fade_with_tank(s), fade_with_speed(s, J)));
+    const double share = share_wrench(s, press, smaller(fade_with_tank(s), fade_with_speed(s, J)));
     s->status |= share < 1.0 ? (uint32_t)ID(STATUS_FEEDFORWARD_LIMITED) : 0u;
-    m->press_share = fmin(share, m->press_share + s->c->sample_time / SCALE_TIME);
+    m->press_share = smaller(share, m->press_share + s->c->sample_time / SCALE_TIME);
     add_scaled(N, m->press_share, press, s->out->feedforward_torque);
     add_scaled(6 * TIPS, m->press_share, s->input->wrench_command, s->out->wrench_command);
 }

@@ -6,7 +6,8 @@ static double relative_size(int count, int length, const double *x, const double
 {
     double most = 0.0;
     for (int k = 0; k < count; k += length) {
-        most = fmax(most, norm(length, x + k) / (GOVERNOR * limits[k / length]));
+        const double size = length == 1 ? fabs(x[k]) : norm(length, x + k);
+        most = larger(most, size / (GOVERNOR * limits[k / length]));
     }
     return most;
 }
@@ -27,13 +28,13 @@ static void approach_goal(const config_t *c, double ramp, int count, int length,
     }
     const double way = relative_size(count, length, rest, limits);
     const double stop = sqrt(0.25 * slope * slope + 2.0 * slope * (way / T)) - 0.5 * slope;
-    const double speed = fmin(fmin(way / T, 1.0), stop);
+    const double speed = smaller(smaller(way / T, 1.0), stop);
     for (int i = 0; i < count; ++i) {
         target[i] = (follow ? moved[i] / T : 0.0) + (way > 0.0 ? rest[i] * (speed / way) : 0.0);
     }
     const double size = relative_size(count, length, target, limits);
     for (int i = 0; i < count; ++i) {
-        change[i] = target[i] / fmax(size, 1.0) - velocity[i];
+        change[i] = target[i] / larger(size, 1.0) - velocity[i];
     }
     const double jump = relative_size(count, length, change, limits);
     add_scaled(count, jump > slope ? slope / jump : 1.0, change, velocity);
@@ -63,7 +64,7 @@ static double pose_distance(const double *from, const double *to)
     double most = 0.0, twist[6];
     for (int t = 0; t < TIPS; ++t) {
         pose_difference(from + 16 * t, to + 16 * t, twist);
-        most = fmax(most, fmax(norm(3, twist), norm(3, twist + 3)));
+        most = larger(most, larger(norm(3, twist), norm(3, twist + 3)));
     }
     return most;
 }
@@ -76,7 +77,7 @@ static void approach_step(const config_t *c, const double *step, double size, do
 {
     const double T = c->sample_time, slope = T / c->ramp_time;
     const double stop = sqrt(0.25 * slope * slope + 2.0 * slope * (size / T)) - 0.5 * slope;
-    const double speed = fmin(fmin(STEP_SHARE * size / T, most), stop), share = size > 0.0 ? speed / size : 0.0;
+    const double speed = smaller(smaller(STEP_SHARE * size / T, most), stop), share = size > 0.0 ? speed / size : 0.0;
     double change[N];
     for (int i = 0; i < N; ++i) {
         change[i] = share * step[i] - velocity[i];
@@ -96,7 +97,7 @@ static double arm_distance(const memory_t *m)
 {
     double most = 0.0;
     for (int i = 0; i < N; ++i) {
-        most = fmax(most, fabs(m->posture[i] - m->q[i]));
+        most = larger(most, fabs(m->posture[i] - m->q[i]));
     }
     return most;
 }
@@ -219,13 +220,13 @@ static double find_pace(const step_t *s, double lead)
     const memory_t *const m = s->m;
     double depth = 0.0;
     for (int i = 0; i < N; ++i) {
-        depth = fmax(depth, fmax(find_depth(m, i, -1.0), find_depth(m, i, 1.0)));
+        depth = larger(depth, larger(find_depth(m, i, -1.0), find_depth(m, i, 1.0)));
     }
     if (depth >= s->c->limit_zone && push_beyond_limit(m, s->c->limit_zone)) {
         return 0.0;
     }
-    const double zone = fmax(1.0 - 2.0 * depth / fmax(s->c->limit_zone, DBL_MIN), SLOWEST);
-    return m->beyond ? zone : fmin(zone, 2.0 - lead / PATH_LEAD);
+    const double zone = larger(1.0 - 2.0 * depth / larger(s->c->limit_zone, DBL_MIN), SLOWEST);
+    return m->beyond ? zone : smaller(zone, 2.0 - lead / PATH_LEAD);
 }
 
 /* Update the velocities of posture and equilibrium. Return whether either is still away from its goal. */
@@ -282,7 +283,7 @@ double travel_between(const config_t *c, const double *posture, const double *go
     double travel = relative_size(N, 1, away, c->reference_velocity_limit);
     for (int t = 0; goal_pose != NULL && t < TIPS; ++t) {
         pose_difference(equilibrium + 16 * t, goal_pose + 16 * t, twist);
-        travel = fmax(travel, relative_size(6, 3, twist, tip_limits));
+        travel = larger(travel, relative_size(6, 3, twist, tip_limits));
     }
     return travel;
 }
@@ -313,18 +314,18 @@ static void pay_for_travel(step_t *s)
     const double *const away_pose = by_pose || !m->joined ? pose : NULL;
     const double moved = travel_between(c, m->wanted_posture, q0, m->wanted_equilibrium, moved_pose);
     const double away = travel_between(c, m->posture, q0, m->equilibrium, away_pose);
-    m->travel = fmin(m->travel + moved, away);
-    const double paid = fmin(m->travel, c->sample_time);
+    m->travel = smaller(m->travel + moved, away);
+    const double paid = smaller(m->travel, c->sample_time);
     const double work = m->engagement + s->engagement_limit * (paid / TRAVEL_TIME);
     m->travel -= paid;
-    m->engagement = fmax(m->engagement, fmin(work, s->engagement_limit));
+    m->engagement = larger(m->engagement, smaller(work, s->engagement_limit));
     m->by_pose = by_pose;
 }
 
 /* Return the work [J] that the engagement has left for moves of posture and equilibrium. */
 static double work_left(const memory_t *m)
 {
-    return fmax(m->engagement - worst_feed_work(m, m->feed, m->call_gap), 0.0);
+    return larger(m->engagement - worst_feed_work(m, m->feed, m->call_gap), 0.0);
 }
 
 /*
@@ -359,8 +360,8 @@ static double find_share(step_t *s, int by_posture, double own, double *posture,
     const config_t *const c = s->c;
     memory_t *const m = s->m;
     const double tip_limits[2] = {c->tip_velocity_limit, c->tip_rotation_limit};
-    const double left = work_left(m) - own, tips = m->scale * compute_tip_energy(m, m->q, m->equilibrium);
-    const double allowed = fmin(fmax(s->energy_limit - tips, 0.0), left);
+    const double left = work_left(m) - own, tips = m->scale * s->tip_energy;
+    const double allowed = smaller(larger(s->energy_limit - tips, 0.0), left);
     double share = 1.0;
     int reached = 0;
     for (int attempt = 0; attempt < 5 && !reached; ++attempt) {
@@ -368,7 +369,7 @@ static double find_share(step_t *s, int by_posture, double own, double *posture,
         predict_equilibrium(s, share, by_posture, posture, equilibrium);
         for (int t = 0; by_posture && t < TIPS; ++t) {
             pose_difference(m->equilibrium + 16 * t, equilibrium + 16 * t, twist);
-            speed = fmax(speed, relative_size(6, 3, twist, tip_limits) / c->sample_time);
+            speed = larger(speed, relative_size(6, 3, twist, tip_limits) / c->sample_time);
         }
         const double energy = compute_tip_energy(m, m->q, equilibrium), tip_rise = m->scale * energy - tips;
         *rise = m->scale * add_posture_energy(m, m->q, posture, energy) - m->elastic_energy;
@@ -376,7 +377,7 @@ static double find_share(step_t *s, int by_posture, double own, double *posture,
         if (speed > 1.0) {
             share *= (1.0 - 1e-9) / speed;
         } else if (!reached) {
-            const double covered = fmin(allowed / fmax(tip_rise, allowed), left / fmax(*rise, left));
+            const double covered = smaller(allowed / larger(tip_rise, allowed), left / larger(*rise, left));
             share *= attempt < 3 && allowed > 0.0 ? 0.9 * covered : 0.0;
             s->status |= ID(STATUS_GOVERNOR);
         }
@@ -432,6 +433,7 @@ static void adopt_command(step_t *s)
     memcpy(m->wanted_equilibrium, s->goal, sizeof m->wanted_equilibrium);
     if (robot_tool(s->input) != NULL) {
         memcpy(m->tool_pose, robot_tool(s->input), sizeof m->tool_pose);
+        s->has_jacobians = 0;
     }
     m->by_pose = s->input->command == ID(COMMAND_EQUILIBRIUM);
     m->commanded = 1;

@@ -75,7 +75,8 @@ static const double PAPER_DEFLECTION = 0.7853981633974483;
 typedef struct {
     const config_t *c;
     memory_t *m;
-    double *scratch;
+    double *scratch; /* 3 N^2 numbers */
+    double *modes;   /* modes of the last two designs */
     const input_t *input;
     output_t *out;
     uint32_t status;
@@ -103,6 +104,9 @@ typedef struct {
     double carried[N];     /* [N m] torque of the plan's acceleration and Coriolis forces */
     double brake[N];       /* [N m s/rad] damping that one joint may still receive */
     double transit[N];     /* [N m] torque of the last call, 0 where its work is booked already */
+    double tip_energy;     /* [J] energy of the tips' springs at the sample, before the equilibrium moves; unscaled */
+    double jacobians[6 * N * TIPS]; /* of the tips at the sample, with the tool in force */
+    int has_jacobians;              /* the Jacobians are computed */
 } step_t;
 
 /* ---- functions, by file ---- */
@@ -141,6 +145,8 @@ const char *robot_joint(int joint);
 void report_memory(const memory_t *m, output_t *out);
 
 /* matrix.c */
+double larger(double x, double y);
+double smaller(double x, double y);
 double clamp(double x, double least, double most);
 int clamp_count(int x, int most);
 double dot(int count, const double *a, const double *b);
@@ -150,17 +156,27 @@ void multiply_vector(const double *A, const double *x, double *result);
 void multiply3(const double *A, int a, int transposed, const double *B, int b, double *C);
 double largest_entry(int count, const double *A);
 void form_congruence(int n, const double *rows, const double *d, double *result);
-int diagonalise_symmetric(int n, double *A, double *d, double *rows);
 int factorise_cholesky(int n, const double *A, double scale, double shift, double *L);
 void solve_lower(int n, int columns, const double *L, double *X);
 void solve_upper(int n, const double *L, double *x);
+int is_positive_semidefinite(int n, const double *A, double tolerance);
+
+/* eigen.c */
+void sort_eigenpairs(int n, double *d, double *rows);
+int diagonalise_symmetric(int n, double *A, double *d, double *rows);
+
+/* modes.c */
+void take_symmetric_part(int n, const double *K, double *result);
+void multiply_rows(int n, const double *rows, const double *A, double *result);
+int solve_modes(int n, const double *K, const double *M, double *work, double *eigenvalues, double *modes);
+int refine_modes(int n, const double *K, const double *M, double *work, double *eigenvalues, double *modes);
 int solve_pencil(int n, const double *K, const double *M, double *L, double *C, double *eigenvalues, double *rows,
                  double *scale);
 void multiply_lower(int n, const double *L, double *rows);
 int soften(const double *wanted, double share, double *K, double *cost);
-int is_positive_semidefinite(int n, const double *A, double tolerance);
 
 /* strength.c */
+const double *find_jacobians(step_t *s);
 void place_posture(const config_t *c, const memory_t *m, int k, double *q);
 void place_no_tools(double *tool);
 double solve_share(double a, double b, double most);
@@ -202,7 +218,6 @@ void report_gains(step_t *s, int refused);
 const double *find_spring_limits(const memory_t *m);
 double compute_tip_energy(const memory_t *m, const double *q, const double *equilibrium);
 double add_posture_energy(const memory_t *m, const double *q, const double *posture, double tips);
-double compute_spring_energy(const memory_t *m, const double *q, const double *equilibrium, const double *posture);
 double compute_stored_energy(const memory_t *m, const double *q);
 double evaluate_avoidance(const double *a, double q, double *pull, double *stiffness);
 double evaluate_limits(step_t *s, const double *q);

@@ -78,7 +78,7 @@ void plan_gains(step_t *s)
         const double stiffness = s->out->joint_stiffness[i * (N + 1)], limit = s->limit_slope[i];
         const int gains = c->actuation == ID(ACTUATION_GAINS);
         const double wanted = m->scale * (stiffness - limit) + limit;
-        m->kp[i] = gains && wanted > 0.0 ? fmin(wanted, c->kp_limit[i]) : 0.0;
+        m->kp[i] = gains && wanted > 0.0 ? smaller(wanted, c->kp_limit[i]) : 0.0;
         m->kd[i] = gains ? clamp(s->out->damping[i * (N + 1)], 0.0, c->kd_limit[i]) : 0.0;
         s->damped[i] = m->kd[i] * s->velocity[i];
     }
@@ -116,7 +116,7 @@ void report_gains(step_t *s, int refused)
     memcpy(out->tau_ff, out->torque, sizeof out->tau_ff);
     for (int i = 0; i < N; ++i) {
         const double damped = m->kd[i] * m->dq[i], limit = refused ? 0.0 : s->c->effort_limit[i];
-        const double most = fmax(limit, fabs(out->tau_ff[i])), applied = clamp(out->tau_ff[i] - damped, -most, most);
+        const double most = larger(limit, fabs(out->tau_ff[i])), applied = clamp(out->tau_ff[i] - damped, -most, most);
         if (applied != out->tau_ff[i] - damped) {
             m->kd[i] *= (out->tau_ff[i] - applied) / damped;
             s->status |= ID(STATUS_SATURATED);

@@ -26,14 +26,14 @@ static int advance_time(policy_t *p, double now)
     if (!(fabs(now) <= DBL_MAX)) {
         return 0;
     }
-    p->now = fmax(p->now, now);
+    p->now = larger(p->now, now);
     return 1;
 }
 
 /* Return how long [s] a part has been stale; 0 for one that is not, or was never accepted. */
 static double overdue(const policy_t *p, int part)
 {
-    return p->stage[part] == ID(STAGE_WAITING) ? 0.0 : fmax(p->now - p->time[part] - hold_time(p), 0.0);
+    return p->stage[part] == ID(STAGE_WAITING) ? 0.0 : larger(p->now - p->time[part] - hold_time(p), 0.0);
 }
 
 /* Return the share of a fade that is left: 1 before, 0 at its end, with a slope of 0 at both. */
@@ -50,7 +50,7 @@ static double share_left(const policy_t *p, double late)
 /* Return how far the interpolation of a part has come, 0 to 1. */
 static double progress(const policy_t *p, int part)
 {
-    const double length = fmax(p->interval[part], SHORTEST_INTERVAL);
+    const double length = larger(p->interval[part], SHORTEST_INTERVAL);
     return clamp((p->now - p->begin[part]) / length, 0.0, 1.0);
 }
 
@@ -78,7 +78,7 @@ static void mix(int count, double x, double share, const double *from, const dou
 static double stiffness_share(const policy_t *p)
 {
     const double end = read_setting(p->stale_share, 1.0, 0.1);
-    return end + (1.0 - end) * share_left(p, fmax(overdue(p, ID(PART_POSE)), overdue(p, ID(PART_STIFFNESS))));
+    return end + (1.0 - end) * share_left(p, larger(overdue(p, ID(PART_POSE)), overdue(p, ID(PART_STIFFNESS))));
 }
 
 static double wrench_share(const policy_t *p)
@@ -235,7 +235,7 @@ int start_policy(policy_t *p, const double *poses, double now)
 /* Note the time of an accepted part; its interpolation takes the commander's period. */
 static void accept_part(policy_t *p, int part, double time)
 {
-    const double most = fmax(read_setting(p->longest_interval, 1.0, 0.1), SHORTEST_INTERVAL);
+    const double most = larger(read_setting(p->longest_interval, 1.0, 0.1), SHORTEST_INTERVAL);
     const int first = p->stage[part] == ID(STAGE_WAITING);
     p->interval[part] = first ? most : clamp(time - p->time[part], SHORTEST_INTERVAL, most);
     p->begin[part] = p->now;
@@ -270,7 +270,7 @@ int propose(const config_t *c, policy_t *p, const proposal_t *proposal, double n
     if (accepted[ID(PART_STIFFNESS)] || after > springs) {
         begin_at(9 * TIPS, p->translation_stiffness, springs, after, p->from_translation);
         begin_at(9 * TIPS, p->rotation_stiffness, springs, after, p->from_rotation);
-        p->interval[ID(PART_STIFFNESS)] = fmax(p->interval[ID(PART_STIFFNESS)], SHORTEST_INTERVAL);
+        p->interval[ID(PART_STIFFNESS)] = larger(p->interval[ID(PART_STIFFNESS)], SHORTEST_INTERVAL);
         p->begin[ID(PART_STIFFNESS)] = p->now;
     }
     if (accepted[ID(PART_WRENCH)]) {

@@ -149,7 +149,7 @@ static double sum_errors(const memory_t *m, const double *q, const double *goal,
     for (int t = 0; t < TIPS; ++t) {
         double error[6];
         pose_difference(here + 16 * t, goal + 16 * t, error);
-        distance = fmax(distance, fmax(norm(3, error), norm(3, error + 3)));
+        distance = larger(distance, larger(norm(3, error), norm(3, error + 3)));
         for (int k = 0; k < 6; ++k) {
             const double *const row = J + (6 * t + k) * N, weight = k < 3 ? 1.0 / (ALIKE * ALIKE) : 1.0;
             squares += weight * error[k] * error[k];
@@ -159,7 +159,7 @@ static double sum_errors(const memory_t *m, const double *q, const double *goal,
             }
         }
     }
-    const double scale = fmax(largest_entry(NN, A), DBL_MIN);
+    const double scale = larger(largest_entry(NN, A), DBL_MIN);
     for (int k = 0; k < NN; ++k) {
         A[k] /= scale;
     }
@@ -186,10 +186,10 @@ double find_posture_step(step_t *s, const double *q, const double *goal, const d
     memset(step, 0, N * sizeof(double));
     for (int i = 0; i < N; ++i) {
         near[i] = clamp(wanted[i], m->avoidance[4 * i], m->avoidance[4 * i + 1]) - q[i];
-        speed = fmax(speed, fabs(near[i]) / (s->c->reference_velocity_limit[i] * NEAR_TIME));
+        speed = larger(speed, fabs(near[i]) / (s->c->reference_velocity_limit[i] * NEAR_TIME));
     }
     for (int i = 0; i < N; ++i) {
-        near[i] *= fmax(1.0 - distance / NEAR, 0.0) / fmax(speed, 1.0);
+        near[i] *= larger(1.0 - distance / NEAR, 0.0) / larger(speed, 1.0);
     }
     int good = 1, again = 1;
     for (int round = 1; round <= N && again; ++round) {
@@ -208,8 +208,8 @@ static void start_trial(step_t *s)
     memory_t *const m = s->m;
     const double share = 0.4 + 0.6 * m->search / (double)SEARCHED;
     for (int i = 0; i < N; ++i) {
-        const double low = fmax(m->avoidance[4 * i], m->posture[i] - HALF_TURN);
-        const double high = fmin(m->avoidance[4 * i + 1], m->posture[i] + HALF_TURN);
+        const double low = larger(m->avoidance[4 * i], m->posture[i] - HALF_TURN);
+        const double high = smaller(m->avoidance[4 * i + 1], m->posture[i] + HALF_TURN);
         const double x = (i + 1.0) * (m->search * GOLDEN + 0.1), place = x - (int)x;
         const double far = m->posture[i] + share * (low + place * (high - low) - m->posture[i]);
         const double first = m->search == 0 ? m->q[i] : s->input->q0[i];

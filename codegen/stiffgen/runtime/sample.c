@@ -42,14 +42,14 @@ static int check_frozen(step_t *s, int i, double differs, double elapsed, double
     const config_t *const c = s->c;
     memory_t *const m = s->m;
     const double q = s->input->q[i], dq = s->input->dq[i], window = c->frozen_window;
-    const double drift = fmax(FROZEN_SHARE * m->velocity_limit[i], c->velocity_noise), allowed = drift * elapsed;
+    const double drift = larger(FROZEN_SHARE * m->velocity_limit[i], c->velocity_noise), allowed = drift * elapsed;
     const int q_changed = !m->known || q != m->still_q[i], dq_changed = !m->known || dq != m->still_dq[i];
     const double q_sum = sum_still(q_changed, window, differs, allowed, &m->q_age[i], &m->moved_q[i]);
     const double dq_sum = sum_still(dq_changed, window, differs, allowed, &m->dq_age[i], &m->moved_dq[i]);
     m->still_q[i] = q;
     m->still_dq[i] = dq;
-    *limit = fmax(4.0 * c->position_quantum, drift * FROZEN_SAMPLES * c->sample_time);
-    *seen = fmax(q_sum, dq_sum);
+    *limit = larger(4.0 * c->position_quantum, drift * FROZEN_SAMPLES * c->sample_time);
+    *seen = larger(q_sum, dq_sum);
     return (q_sum > *limit ? FROZEN_POSITION : 0) | (dq_sum > *limit ? FROZEN_VELOCITY : 0);
 }
 
@@ -110,8 +110,8 @@ static int check_joint(step_t *s, int i)
     const double motion = m->known ? q - m->q[i] : dq * elapsed;
     const double far = m->velocity_limit[i] * elapsed, measured = motion / elapsed, quanta = 2.0 * c->position_quantum;
     const double noise = NOISE_RANGE * c->velocity_noise * elapsed, differs = dq * elapsed - motion;
-    const double apart = c->state_period * fmin(fabs(dq), fabs(measured)); /* q and dq of different times */
-    const double most = fmax(0.5 * far, 0.3 * fabs(motion)) + quanta + noise + apart;
+    const double apart = c->state_period * smaller(fabs(dq), fabs(measured)); /* q and dq of different times */
+    const double most = larger(0.5 * far, 0.3 * fabs(motion)) + quanta + noise + apart;
     double still, still_limit;
     const int stuck = check_frozen(s, i, differs, elapsed, &still, &still_limit), differ = fabs(differs) > most;
     /* An arm that is too fast must be braked: q and dq that agree are believed at any speed that follows from the last

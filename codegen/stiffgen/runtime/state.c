@@ -53,15 +53,32 @@ int validate(const config_t *c)
     return c->tank_initial <= c->tank_maximum || c->tank_maximum == 0.0 ? ID(OK) : ID(E_TANK);
 }
 
+/* Rotate the bits of a sum, and add word k of the memory: two values of the word never have the same result. */
+static uint64_t add_word(uint64_t sum, const memory_t *memory, size_t k)
+{
+    uint64_t word;
+    memcpy(&word, (const char *)memory + k * sizeof word, sizeof word);
+    return ((sum << 23) | (sum >> 41)) + word;
+}
+
 /* Compute the checksum of the memory; any single changed word changes it. */
 uint64_t compute_checksum(const state_t *state)
 {
-    uint64_t sums[4] = {0x9e3779b97f4a7c15u, 0xc2b2ae3d27d4eb4fu, 0x165667b19e3779f9u, 0x27d4eb2f165667c5u}, word;
-    for (size_t k = 0; k < sizeof state->memory / sizeof word; ++k) {
-        memcpy(&word, (const char *)&state->memory + k * sizeof word, sizeof word);
-        sums[k % 4] = (sums[k % 4] ^ word) * 0x100000001b3u;
+    const memory_t *const m = &state->memory;
+    const size_t count = sizeof *m / sizeof(uint64_t);
+    uint64_t a = 0x9e3779b97f4a7c15u, b = 0xc2b2ae3d27d4eb4fu, c = 0x165667b19e3779f9u, d = 0x27d4eb2f165667c5u;
+    for (size_t block = 0; block < count / 4; ++block) { /* four sums: the processor adds to all at once */
+        const size_t k = 4 * block;
+        a = add_word(a, m, k);
+        b = add_word(b, m, k + 1);
+        c = add_word(c, m, k + 2);
+        d = add_word(d, m, k + 3);
     }
-    return sums[0] + 3u * sums[1] + 5u * sums[2] + 7u * sums[3];
+    const size_t left = count % 4;
+    for (size_t k = 0; k < left; ++k) {
+        a = add_word(a, m, count - 1 - k);
+    }
+    return a + 3u * b + 5u * c + 7u * d;
 }
 
 /* Vote on three copies, bit by bit: two of three decide. A number that is not finite becomes 0. */
@@ -99,7 +116,7 @@ void start_memory(const config_t *c, state_t *state)
     store_copies(state->rate, m->rate);
     memcpy(m->velocity_limit, c->velocity_limit, sizeof m->velocity_limit);
     m->sized_tank = c->tank_initial > 0.0 ? 0.0 : size_tank(c, m);
-    m->tank = fmax(c->tank_initial, m->sized_tank);
+    m->tank = larger(c->tank_initial, m->sized_tank);
     m->calls = m->hold = c->missed_limit;
     m->fault_joint = NO_JOINT;
     m->stiffness_share = 1.0;

@@ -9,6 +9,7 @@ static void remember_sample(step_t *s)
 {
     memory_t *const m = s->m;
     memcpy(m->q, s->input->q, sizeof m->q);
+    s->has_jacobians = 0;
     memcpy(m->dq, s->velocity, sizeof m->dq);
     m->recent_count = m->gap > 0 ? 1 : clamp_count(m->recent_count + 1, RECENT);
     memmove(m->recent + N, m->recent, (RECENT - 1) * N * sizeof(double));
@@ -31,10 +32,10 @@ static void check_limits(step_t *s)
             s->status |= ID(STATUS_OVERSPEED);
         }
         /* a lowered limit bounds what is believed only once the arm is below it */
-        if (fmin(speed, m->velocity_limit[i]) <= c->velocity_limit[i]) {
+        if (smaller(speed, m->velocity_limit[i]) <= c->velocity_limit[i]) {
             m->velocity_limit[i] = c->velocity_limit[i];
         }
-        const double beyond = fmax(c->lower_limit[i] - in->q[i], in->q[i] - c->upper_limit[i]);
+        const double beyond = larger(c->lower_limit[i] - in->q[i], in->q[i] - c->upper_limit[i]);
         if (beyond > c->position_tolerance) {
             const double edge = in->q[i] > c->upper_limit[i] ? c->upper_limit[i] : c->lower_limit[i];
             latch_fault(m, ID(REASON_POSITION), i, in->q[i], edge);
@@ -210,6 +211,7 @@ int step(const config_t *c, state_t *state, const input_t *input, output_t *outp
     s.c = c;
     s.m = m;
     s.scratch = state->scratch;
+    s.modes = state->modes;
     s.input = input;
     s.out = output;
     const int error = c == NULL || input == NULL ? ID(E_NULL) : validate(c);

@@ -39,7 +39,7 @@ static void adopt_spring_limits(step_t *s)
         return;
     }
     const double v = compute_stored_energy(m, m->q) - m->elastic_energy;
-    if (v <= fmax(fmin(s->budget, available_energy(m) - m->reserve / COVERED), 0.0)) {
+    if (v <= larger(smaller(s->budget, available_energy(m) - m->reserve / COVERED), 0.0)) {
         book_stiffness(s, &m->elastic_energy, v);
     } else {
         memcpy(m->spring_limits, old, sizeof old);
@@ -87,8 +87,8 @@ void vary_stiffness(step_t *s)
         share += step;
         cost = compute_stored_energy(m, m->q) - released;
         /* stiffer than covered would be paid in vain: the scale would fall */
-        const double covered = fmin(s->budget, available_energy(m) - m->reserve / COVERED);
-        const double budget = fmax(fmin(covered, heaviest_rise(m)), 0.0);
+        const double covered = smaller(s->budget, available_energy(m) - m->reserve / COVERED);
+        const double budget = larger(smaller(covered, heaviest_rise(m)), 0.0);
         if (cost <= budget) {
             break;
         }
@@ -113,27 +113,27 @@ void vary_scale(step_t *s, const double *pull, double energy, double cap)
         if (size > 1e-9) {
             const double limit = pull[i] > 0.0 ? s->out->limit_torque[i] : -s->out->limit_torque[i];
             const double offset = pull[i] > 0.0 ? m->offset[i] : -m->offset[i];
-            target = fmin(target, fmax((c->effort_limit[i] - limit - offset) / size, 0.0));
-            fastest_fall = fmin(fastest_fall, 0.9 * m->rate[i] / size);
+            target = smaller(target, larger((c->effort_limit[i] - limit - offset) / size, 0.0));
+            fastest_fall = smaller(fastest_fall, 0.9 * m->rate[i] / size);
         }
     }
     s->status |= target < cap ? (uint32_t)ID(STATUS_SATURATED) : 0u;
     compute_reserve(s, m->calls, m->call_gap, pull, parts);
-    const double most = fmax(COVERED * available_energy(m) - parts[0], 0.0), a = parts[1], b = parts[2];
+    const double most = larger(COVERED * available_energy(m) - parts[0], 0.0), a = parts[1], b = parts[2];
     if ((a + b * target) * target > most) {
         target = solve_share(a, b, most);
         s->status |= ID(STATUS_RESERVE);
     }
     if (m->fault != ID(FAULT_NONE) && !holds_in_fault(s)) {
-        target = fmax(m->scale - fastest_fall, 0.0);
+        target = larger(m->scale - fastest_fall, 0.0);
         if (m->law == ID(LAW_PAPER)) {
             target = 0.0; /* no energy to scale: its torque falls at the rate limit */
         }
     }
     const double rise = target - m->scale;
-    double step = fmin(rise, c->sample_time / fmax(c->stiffness_time, SCALE_TIME));
-    if (step > 0.0 && step * energy > fmax(s->budget, 0.0)) {
-        step = (1.0 - 1e-9) * fmax(s->budget, 0.0) / energy;
+    double step = smaller(rise, c->sample_time / larger(c->stiffness_time, SCALE_TIME));
+    if (step > 0.0 && step * energy > larger(s->budget, 0.0)) {
+        step = (1.0 - 1e-9) * larger(s->budget, 0.0) / energy;
         s->status |= ID(STATUS_TANK_LIMITED);
     }
     if (step != 0.0) {

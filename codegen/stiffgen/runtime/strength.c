@@ -5,8 +5,8 @@
 void place_posture(const config_t *c, const memory_t *m, int k, double *q)
 {
     for (int i = 0; i < N; ++i) {
-        const double low = fmax(c->lower_limit[i], fmin(c->upper_limit[i], HALF_TURN) - 2.0 * HALF_TURN);
-        const double high = fmin(c->upper_limit[i], low + 2.0 * HALF_TURN);
+        const double low = larger(c->lower_limit[i], smaller(c->upper_limit[i], HALF_TURN) - 2.0 * HALF_TURN);
+        const double high = smaller(c->upper_limit[i], low + 2.0 * HALF_TURN);
         const double x = (k + 1) * (i + 1) * GOLDEN;
         q[i] = low + (high - low) * (x - (int)x);
     }
@@ -29,7 +29,7 @@ void place_no_tools(double *tool)
  */
 static void bound_wrench(const config_t *c, int rows, const double *J, const double *size, int clipped, double *parts)
 {
-    double held[36] = {0.0}, falling[36] = {0.0}, d[6] = {0.0}, vectors[36], sum = 0.0;
+    double held[36] = {0.0}, falling[36] = {0.0}, d[6] = {0.0}, sum = 0.0;
     const int gap = limit_call_gap(c, c->missed_limit);
     parts[2] = HUGE_VAL;
     for (int i = 0; i < N; ++i) {
@@ -41,8 +41,8 @@ static void bound_wrench(const config_t *c, int rows, const double *J, const dou
         }
         const double torque = norm(rows, row);
         const double kept = torque > 0.0 ? c->effort_limit[i] / torque : HUGE_VAL;
-        const double share = clipped ? fmin(kept, 1.0) : 1.0;
-        parts[2] = fmin(parts[2], kept);
+        const double share = clipped ? smaller(kept, 1.0) : 1.0;
+        parts[2] = smaller(parts[2], kept);
         sum += hold;
         for (int k = 0; k < rows * rows; ++k) {
             const double x = share * row[k / rows] * share * row[k % rows];
@@ -50,10 +50,10 @@ static void bound_wrench(const config_t *c, int rows, const double *J, const dou
             falling[k] += fall * x;
         }
     }
-    (void)diagonalise_symmetric(rows, held, d, vectors);
-    parts[0] = sqrt(sum * fmax(d[rows - 1], 0.0));
-    (void)diagonalise_symmetric(rows, falling, d, vectors);
-    parts[1] = fmax(d[rows - 1], 0.0);
+    (void)diagonalise_symmetric(rows, held, d, NULL);
+    parts[0] = sqrt(sum * larger(d[rows - 1], 0.0));
+    (void)diagonalise_symmetric(rows, falling, d, NULL);
+    parts[1] = larger(d[rows - 1], 0.0);
 }
 
 /* Return the largest l for which l a + l^2 b is at most `most`. */
@@ -81,7 +81,7 @@ double size_tank(const config_t *c, const memory_t *m)
             bound_wrench(c, 6, J + 6 * N * t, size, 1, parts);
             sum += parts[0] + parts[1];
         }
-        most = fmax(most, sum);
+        most = larger(most, sum);
     }
     return most / COVERED;
 }
@@ -101,9 +101,9 @@ void find_energies(step_t *s)
         const double Kt = largest_entry(9 * TIPS, m->translation_stiffness);
         const double Ko = largest_entry(9 * TIPS, m->rotation_stiffness);
         /* whatever the direction, the springs store this much before they exert the wrench */
-        const double least = 0.5 * fmin(force * force / fmax(Kt, 1e-9), moment * moment / fmax(Ko, 1e-9));
-        const double most = m->load > NO_LOAD ? fmax(least, m->load_energy / (m->load * m->load)) : least;
-        s->energy_limit = fmin(most, LARGEST_ENERGY);
+        const double least = 0.5 * smaller(force * force / larger(Kt, 1e-9), moment * moment / larger(Ko, 1e-9));
+        const double most = m->load > NO_LOAD ? larger(least, m->load_energy / (m->load * m->load)) : least;
+        s->energy_limit = smaller(most, LARGEST_ENERGY);
     }
 }
 
@@ -118,9 +118,19 @@ void note_load(step_t *s, double energy)
     for (int t = 0; t < TIPS; ++t) {
         const double *const w = s->out->spring_wrench + 6 * t;
         const double parts[2] = {norm(3, w) / s->c->heaviest_wrench[0], norm(3, w + 3) / s->c->heaviest_wrench[1]};
-        m->load = fmax(m->load, norm(2, parts));
+        m->load = larger(m->load, norm(2, parts));
     }
     m->load_energy = energy;
+}
+
+/* Return the Jacobians of the tips at the last known position, with the tool in force; a step computes them once. */
+const double *find_jacobians(step_t *s)
+{
+    if (!s->has_jacobians) {
+        robot_jacobians(s->m->q, s->m, s->jacobians);
+        s->has_jacobians = 1;
+    }
+    return s->jacobians;
 }
 
 /* Compute the force that effort limits and available energy cover at every tip, whatever its direction. */
@@ -128,12 +138,12 @@ void report_force(step_t *s)
 {
     const memory_t *const m = s->m;
     const double unit[3] = {1.0, 1.0, 1.0};
-    double J[6 * N * TIPS], parts[3];
-    robot_jacobians(m->q, m, J);
+    const double *const J = find_jacobians(s);
+    double parts[3];
     s->out->force_available = HUGE_VAL;
     for (int t = 0; t < TIPS; ++t) {
         bound_wrench(s->c, 3, J + 6 * N * t, unit, 0, parts);
         const double covered = solve_share(parts[0], parts[1], COVERED * available_energy(m));
-        s->out->force_available = fmin(s->out->force_available, fmin(covered, parts[2]));
+        s->out->force_available = smaller(s->out->force_available, smaller(covered, parts[2]));
     }
 }

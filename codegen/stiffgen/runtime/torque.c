@@ -17,8 +17,8 @@ void limit_torque(step_t *s, const double *last)
 {
     for (int i = 0; i < N; ++i) {
         const double rate = s->m->rate[i], limit = s->c->effort_limit[i], offset = s->m->offset[i];
-        const double least = fmin(fmin(-limit - offset, 0.0), last[i] + rate);
-        const double most = fmax(fmax(limit - offset, 0.0), last[i] - rate);
+        const double least = smaller(smaller(-limit - offset, 0.0), last[i] + rate);
+        const double most = larger(larger(limit - offset, 0.0), last[i] - rate);
         const double wanted = fabs(s->out->torque[i]) <= DBL_MAX ? s->out->torque[i] : 0.0;
         const double possible = clamp(wanted, least, most);
         const double reached = clamp(possible, last[i] - rate, last[i] + rate);
@@ -75,9 +75,9 @@ static void reduce_torque(step_t *s, const double *last, double *feed)
         latch_fault(m, ID(REASON_RESERVE), NO_JOINT, m->reserve, available_energy(m));
     }
     for (int i = 0; i < N; ++i) {
-        s->out->damping_torque[i] *= fmax(share - 1.0, 0.0);
-        s->carried[i] *= fmax(share - 1.0, 0.0);
-        feed[i] *= fmax(share - 1.0, 0.0);
+        s->out->damping_torque[i] *= larger(share - 1.0, 0.0);
+        s->carried[i] *= larger(share - 1.0, 0.0);
+        feed[i] *= larger(share - 1.0, 0.0);
     }
 }
 
@@ -130,7 +130,7 @@ static void compute_reference_velocity(step_t *s, int moved, int by_pose)
     }
     for (int i = 0; i < N; ++i) {
         reference[i] = moved ? s->m->posture_velocity[i] : 0.0;
-        speed = fmax(speed, fabs(reference[i]) / limits[i]);
+        speed = larger(speed, fabs(reference[i]) / limits[i]);
     }
     for (int i = 0; i < N; ++i) {
         reference[i] /= speed;
@@ -142,7 +142,7 @@ static int exceeds_paper_bound(const double *slip, const double *pull)
 {
     double deflection = 0.0;
     for (int i = 0; i < N; ++i) {
-        deflection = fmax(deflection, fabs(slip[i]));
+        deflection = larger(deflection, fabs(slip[i]));
     }
     return dot(N, slip, pull) < 0.0 || deflection > PAPER_DEFLECTION;
 }
@@ -180,7 +180,7 @@ void compute_torque(step_t *s, const double *last, int moved)
     for (int k = 0; k < 6 * TIPS; ++k) {
         out->spring_wrench[k] *= m->scale;
     }
-    note_load(s, m->scale * fmax(energy - robot_posture_energy(m->q, m->posture, m->posture_stiffness), 0.0));
+    note_load(s, m->scale * larger(energy - robot_posture_energy(m->q, m->posture, m->posture_stiffness), 0.0));
     press_tips(s);
     multiply_vector(out->damping, out->reference_velocity, feed);
     memcpy(lead, feed, sizeof lead);

@@ -301,7 +301,7 @@ def with_longest_iterations(source: str) -> str:
     """Return the controller's C with an additional QL iteration of the longest length that its bound permits."""
     found = re.search(rf"^static int {_QL}\(.*?^}}\n", source, flags=re.M | re.S)
     assert found is not None
-    going_on = "fabs(e[m]) > negligible"
+    going_on = "e[m] > NEGLIGIBLE"
     assert found[0].count(going_on) == 1
     longest = found[0].replace(_QL, "eigen_longest").replace(going_on, "iteration < MAX_ITERATIONS")
     own = found[0].replace(_QL, "eigen_found")

@@ -1,0 +1,223 @@
+/*
+ * Modes of two symmetric matrices, K v = lambda M v, and what the controller makes of them.
+ *
+ * Source: T. Ogita, K. Aishima, Iterative refinement for symmetric eigenvalue decomposition, Japan J.
+ * Indust. Appl. Math. 35 (2018).
+ */
+#include "impedance.h"
+
+/* Rounds of refine_modes; the change above which it gives up, and the one whose square is 0 up to rounding. */
+enum { REFINEMENTS = 4 };
+static const double LARGEST_CHANGE = 0.05, LAST_CHANGE = 2e-8;
+
+/* Invert a lower triangular matrix; the entries above the diagonal become 0. */
+static void invert_lower(int n, const double *L, double *inverse)
+{
+    memset(inverse, 0, (size_t)(n * n) * sizeof(double));
+    for (int i = 0; i < n; ++i) {
+        double *const row = inverse + i * n;
+        const double reciprocal = 1.0 / L[i * (n + 1)];
+        for (int k = 0; k < i; ++k) {
+            add_scaled(k + 1, -reciprocal * L[i * n + k], inverse + k * n, row);
+        }
+        row[i] = reciprocal;
+    }
+}
+
+/* Factorise the M of a pencil: L with L L^T = M / *scale, and its inverse. */
+static int factorise_pencil(int n, const double *M, double *L, double *inverse, double *scale)
+{
+    *scale = 0.0; /* the largest entry of a positive definite matrix is on its diagonal */
+    for (int i = 0; i < n; ++i) {
+        *scale = larger(*scale, M[i * (n + 1)]);
+    }
+    const int error = factorise_cholesky(n, M, *scale, 0.0, L);
+    if (error == 0) {
+        invert_lower(n, L, inverse);
+    }
+    return error;
+}
+
+/* Compute the symmetric part of a matrix. */
+void take_symmetric_part(int n, const double *K, double *result)
+{
+    for (int i = 0; i < n; ++i) {
+        for (int j = 0; j <= i; ++j) {
+            result[i * n + j] = result[j * n + i] = 0.5 * (K[i * n + j] + K[j * n + i]);
+        }
+    }
+}
+
+/*
+ * Solve K v = lambda M v for the symmetric part of K and M = scale L L^T, from the inverse of L. Results: the
+ * eigenvalues lambda (ascending), and rows w with v = L^-T w, which may overwrite the inverse. C is work space.
+ */
+static int diagonalise_pencil(int n, const double *K, double scale, const double *inverse, double *C,
+                              double *eigenvalues, double *rows)
+{
+    take_symmetric_part(n, K, C);
+    /* L^-1 C L^-T from the last row on: a row depends on the rows before it, and on no column behind its diagonal */
+    for (int i = n - 1; i >= 0; --i) {
+        double product[MAX_ROWS] = {0.0};
+        for (int k = 0; k <= i; ++k) {
+            add_scaled(i + 1, inverse[i * n + k], C + k * n, product);
+        }
+        for (int j = 0; j <= i; ++j) {
+            C[i * n + j] = C[j * n + i] = dot(j + 1, product, inverse + j * n);
+        }
+    }
+    if (!(largest_entry(n * n, C) <= 1e140)) {
+        return MATRIX_NOT_FINITE;
+    }
+    const int error = diagonalise_symmetric(n, C, eigenvalues, rows);
+    for (int i = 0; i < n; ++i) {
+        eigenvalues[i] /= scale;
+    }
+    return error;
+}
+
+/*
+ * Solve K v = lambda M v for the symmetric part of K. Results: L with L L^T = M / *scale, the eigenvalues lambda
+ * (ascending), and rows w with v = L^-T w. C is work space.
+ */
+int solve_pencil(int n, const double *K, const double *M, double *L, double *C, double *eigenvalues, double *rows,
+                 double *scale)
+{
+    const int error = factorise_pencil(n, M, L, rows, scale);
+    return error != 0 ? error : diagonalise_pencil(n, K, *scale, rows, C, eigenvalues, rows);
+}
+
+/* Multiply rows by a square matrix A; the result may overwrite the rows. */
+void multiply_rows(int n, const double *rows, const double *A, double *result)
+{
+    for (int i = 0; i < n; ++i) {
+        double row[MAX_ROWS] = {0.0};
+        for (int k = 0; k < n; ++k) {
+            add_scaled(n, rows[i * n + k], A + k * n, row);
+        }
+        memcpy(result + i * n, row, (size_t)n * sizeof(double));
+    }
+}
+
+/*
+ * Compute the modes of K v = lambda M v, for the symmetric part of K: the eigenvalues lambda (ascending), and rows v
+ * with v . M v = 1. work: 2 n^2 numbers.
+ */
+int solve_modes(int n, const double *K, const double *M, double *work, double *eigenvalues, double *modes)
+{
+    double *const C = work, *const inverse = work + n * n, scale;
+    int error = factorise_pencil(n, M, C, inverse, &scale);
+    if (error == 0) {
+        error = diagonalise_pencil(n, K, scale, inverse, C, eigenvalues, modes);
+    }
+    if (error == 0) {
+        for (int k = 0; k < n * n; ++k) {
+            inverse[k] /= sqrt(scale);
+        }
+        multiply_rows(n, modes, inverse, modes);
+    }
+    return error;
+}
+
+/*
+ * Compute the changes of modes that nearly solve K v = lambda M v: mode i changes by the sum of changes[i][j] v_j. With
+ * S = v_i . K v_j and R = -v_i . M v_j the change is (S + lambda_i R) / (lambda_i - lambda_j), and (1 - v . M v) / 2
+ * along the mode itself: S and R then vanish to first order. products is work space.
+ */
+static void compare_modes(int n, const double *K, const double *M, const double *modes, double *products,
+                          double *eigenvalues, double *changes)
+{
+    multiply_rows(n, modes, K, products);
+    for (int i = 0; i < n; ++i) {
+        for (int j = 0; j <= i; ++j) {
+            changes[i * n + j] = dot(n, products + i * n, modes + j * n);
+        }
+    }
+    multiply_rows(n, modes, M, products);
+    for (int i = 0; i < n; ++i) {
+        const double square = dot(n, products + i * n, modes + i * n);
+        eigenvalues[i] = changes[i * (n + 1)] / square;
+        changes[i * (n + 1)] = 0.5 * (1.0 - square);
+        for (int j = 0; j < i; ++j) {
+            const double S = changes[i * n + j], R = -dot(n, products + i * n, modes + j * n);
+            const double reciprocal = 1.0 / (eigenvalues[i] - eigenvalues[j]);
+            changes[i * n + j] = (S + eigenvalues[i] * R) * reciprocal;
+            changes[j * n + i] = -(S + eigenvalues[j] * R) * reciprocal;
+        }
+    }
+}
+
+/*
+ * Refine modes that nearly solve K v = lambda M v, for symmetric matrices. Each round squares the error, unless two
+ * eigenvalues are close (Ogita and Aishima 2018, for a pencil). work: 2 n^2 numbers. Return whether the modes are those
+ * of solve_modes up to rounding and signs; else they are unspecified.
+ */
+int refine_modes(int n, const double *K, const double *M, double *work, double *eigenvalues, double *modes)
+{
+    double *const products = work, *const changes = work + n * n;
+    for (int round = 0; round < REFINEMENTS; ++round) {
+        compare_modes(n, K, M, modes, products, eigenvalues, changes);
+        double size = 0.0;
+        for (int i = 0; i < n; ++i) {
+            size += dot(n, changes + i * n, changes + i * n);
+        }
+        if (!(size <= LARGEST_CHANGE * LARGEST_CHANGE)) {
+            return 0;
+        }
+        multiply_rows(n, changes, modes, products);
+        add_scaled(n * n, 1.0, products, modes);
+        if (size <= LAST_CHANGE * LAST_CHANGE) {
+            sort_eigenpairs(n, eigenvalues, modes);
+            return 1;
+        }
+    }
+    return 0;
+}
+
+/* Replace each row w by L w: the rows become the columns of M V / sqrt(scale). */
+void multiply_lower(int n, const double *L, double *rows)
+{
+    for (int k = 0; k < n; ++k) {
+        double *const w = rows + k * n;
+        for (int i = n - 1; i >= 0; --i) {
+            double sum = 0.0;
+            for (int j = 0; j <= i; ++j) {
+                sum += L[i * n + j] * w[j];
+            }
+            w[i] = sum;
+        }
+    }
+}
+
+/*
+ * Move K (3 x 3) by a share of the difference D = wanted - K, without the part of D that stiffens. That part is the
+ * result `cost`. It has the positive eigenvalues of D with respect to S = wanted + K: D V = S V diag(l), V^T S V = I,
+ * cost = share S V diag(max(l, 0)) V^T S. A difference below 1e-9 of the trace of S is covered in one step. Return
+ * whether K differed from wanted.
+ */
+int soften(const double *wanted, double share, double *K, double *cost)
+{
+    double D[9], S[9], L[9], C[9], rows[9], values[3], scale, size = 0.0;
+    for (int k = 0; k < 9; ++k) {
+        D[k] = wanted[k] - K[k];
+        S[k] = wanted[k] + K[k];
+        size += fabs(D[k]);
+        cost[k] = 0.0;
+    }
+    const double trace = S[0] + S[4] + S[8], part = size <= 1e-9 * trace ? 1.0 : share;
+    for (int k = 0; k < 9; k += 4) {
+        S[k] += 1e-10 * trace; /* directions without stiffness before and after */
+    }
+    if (size == 0.0 || solve_pencil(3, D, S, L, C, values, rows, &scale) != 0) {
+        return 0;
+    }
+    multiply_lower(3, L, rows);
+    for (int k = 0; k < 3; ++k) {
+        values[k] = part * larger(values[k], 0.0) * scale;
+    }
+    form_congruence(3, rows, values, cost);
+    for (int k = 0; k < 9; ++k) {
+        K[k] += part * D[k] - cost[k];
+    }
+    return 1;
+}
