@@ -105,6 +105,8 @@ INVARIANT: tuple[tuple[str, int, int], ...] = (
     ("gap_calls", 0, 1_000_000),
     ("calls", 0, 1000),
     ("by_pose", 0, 1),
+    ("state_age", 0, 1_000_000),
+    ("fast", 0, 1_000_000),
 )
 """Integers of the controller's state with their bounds before and after every call."""
 
