@@ -64,4 +64,5 @@ def gradients(function: ca.Function, arguments: list[np.ndarray], cotangents: li
         slopes += list(sum(w * entry / STEP for w, entry in zip(weights, entries, strict=True)))
     of_argument = np.array([k for k, _ in directions])
     stacked = np.array(slopes).reshape(len(directions), count).T
-    return [stacked[:, of_argument == k].reshape(count, *shape) for k, shape in enumerate(shapes)]
+    of_each = (stacked[:, of_argument == k].reshape(count, *shape) for k, shape in enumerate(shapes))
+    return [np.ascontiguousarray(each) for each in of_each]  # row by row: copies of the layout go to C
