@@ -40,7 +40,7 @@ def test_no_error_is_beyond_its_bound(width, robot_folder, chain, tmp_path):
     if not can_run(WIDTHS[width]):
         pytest.skip(f"this machine has no {width}")
     bounds, kernels, measured = measured_folder(robot_folder, chain, tmp_path, flags=WIDTHS[width], batches=True)
-    assert len(kernels) == 30
+    assert len(kernels) == 31
     for number, kernel in enumerate(kernels):
         errors, *_ = climbed(measured, kernel, RANGES, 2000, np.random.default_rng(number), pool=500)
         bound = bounds[kernel.qualified_name]
