@@ -7,7 +7,8 @@ A robot's name becomes an identifier by this rule:
    empty name becomes "robot".
 2. The prefix "robot_" is put before a leading digit, before "stiffgen", and before reserved names: words of C, C++,
    Python, CMake and Windows (device names), Python modules and C headers that the name would hide, and global names
-   that a C++ namespace meets in every program (functions of the C library, std, Eigen).
+   that a C++ namespace meets in every program (functions of the C library, std, Eigen), and those that would make a
+   public function equal to an internal one.
 3. A name is cut to 40 characters.
 
 The rule does not change its own results. Joint and link names never become identifiers; they stand in string literals
@@ -73,7 +74,10 @@ CPP_NAMES = ("detail", "map", "assign", "row_major", "self_check", "Array", "Inp
 """Names in the namespace of NAME.hpp other than functions; tips and potentials must not have these names."""
 _HIDDEN = frozenset((_HEADERS + _MODULES).split())
 _PYTHON = {word.lower() for word in (*keyword.kwlist, *keyword.softkwlist)}
-_RESERVED = _HIDDEN | frozenset((_C_AND_CPP + _GLOBALS).split()) | _PYTHON
+_INTERNAL = (
+    "add brake_fast compute_reference mirror multiply pack smooth"  # mirror_lower would be a table and a function
+)
+_RESERVED = _HIDDEN | frozenset((_C_AND_CPP + _GLOBALS).split()) | frozenset(_INTERNAL.split()) | _PYTHON
 
 
 def identifier(name: str) -> str:

@@ -122,26 +122,26 @@ typedef struct {
 
 /* ---- robot: kernels at the tip ---- */
 
-static void robot_poses(const double *q, const memory_t *m, double *pose)
+static void stiffgen_poses(const double *q, const memory_t *m, double *pose)
 {
     (void)m;
     iiwa14_forward_kinematics(q, pose + 0);
 }
 
-static void robot_jacobians(const double *q, const memory_t *m, double *jacobian)
+static void stiffgen_jacobians(const double *q, const memory_t *m, double *jacobian)
 {
     (void)m;
     iiwa14_hybrid_jacobian(q, jacobian + 6 * N * 0);
 }
 
-static void robot_joint_stiffness(const double *q, const memory_t *m, const double *wrench, const double *task_stiffness,
-    double *joint_stiffness)
+static void stiffgen_joint_stiffness(const double *q, const memory_t *m, const double *wrench,
+    const double *task_stiffness, double *joint_stiffness)
 {
     (void)m;
     iiwa14_hybrid_joint_stiffness(q, wrench, task_stiffness, joint_stiffness);
 }
 
-static void robot_conventional_stiffness(const double *q, const memory_t *m, const double *wrench,
+static void stiffgen_conventional_stiffness(const double *q, const memory_t *m, const double *wrench,
     const double *task_stiffness, double *joint_stiffness)
 {
     (void)m;
@@ -153,12 +153,12 @@ static void robot_conventional_stiffness(const double *q, const memory_t *m, con
  * force of every tip's bounded spring, then largest moments; NULL for springs without limits.
  */
 
-static int robot_has_bounded_spring(void)
+static int stiffgen_has_bounded_spring(void)
 {
     return 0;
 }
 
-static double robot_spring_energy(const double *q, const memory_t *m, const double *equilibrium,
+static double stiffgen_spring_energy(const double *q, const memory_t *m, const double *equilibrium,
     const double *translation_stiffness, const double *rotation_stiffness, const double *limits)
 {
     double energy = 0.0;
@@ -168,7 +168,7 @@ static double robot_spring_energy(const double *q, const memory_t *m, const doub
     return energy;
 }
 
-static double robot_spring(const double *q, const memory_t *m, const double *equilibrium,
+static double stiffgen_spring(const double *q, const memory_t *m, const double *equilibrium,
     const double *translation_stiffness, const double *rotation_stiffness, const double *limits, double *wrench,
     double *torque, double *joint_stiffness)
 {
@@ -182,21 +182,21 @@ static double robot_spring(const double *q, const memory_t *m, const double *equ
     return energy;
 }
 
-static double robot_posture_energy(const double *q, const double *posture, const double *posture_stiffness)
+static double stiffgen_posture_energy(const double *q, const double *posture, const double *posture_stiffness)
 {
     double energy;
     iiwa14_posture_energy(q, posture, posture_stiffness, &energy);
     return energy;
 }
 
-static void robot_mass_matrix(const double *q, const memory_t *m, double *mass_matrix)
+static void stiffgen_mass_matrix(const double *q, const memory_t *m, double *mass_matrix)
 {
     (void)m;
     iiwa14_mass_matrix(q, mass_matrix);
 }
 
 /* Compute C(q, dq) dq: the bias forces without gravity. */
-static void robot_coriolis(const double *q, const memory_t *m, const double *velocity, double *forces)
+static void stiffgen_coriolis(const double *q, const memory_t *m, const double *velocity, double *forces)
 {
     static const double no_gravity[3] = {0.0, 0.0, 0.0};
     (void)m;
@@ -204,53 +204,53 @@ static void robot_coriolis(const double *q, const memory_t *m, const double *vel
 }
 
 /* Closed loops: this robot has none. */
-static void robot_home(memory_t *m)
+static void stiffgen_home(memory_t *m)
 {
     (void)m;
 }
 
-static int robot_reaches(const double *q, const memory_t *m)
-{
-    (void)q;
-    (void)m;
-    return 1;
-}
-
-static int robot_follow(const double *q, memory_t *m)
+static int stiffgen_reaches(const double *q, const memory_t *m)
 {
     (void)q;
     (void)m;
     return 1;
 }
 
-static void robot_retract(const memory_t *m, double *q)
+static int stiffgen_follow(const double *q, memory_t *m)
+{
+    (void)q;
+    (void)m;
+    return 1;
+}
+
+static void stiffgen_retract(const memory_t *m, double *q)
 {
     (void)m;
     (void)q;
 }
 
-static const double *robot_tool(const input_t *input)
+static const double *stiffgen_tool(const input_t *input)
 {
     (void)input;
     return NULL;
 }
 
 /* Axes of a tip's stiffnesses, a pose with their rotation or NULL for the base's; centre of stiffness in the tip. */
-static const double *robot_translation_axes(const double *pose, const double *equilibrium)
+static const double *stiffgen_translation_axes(const double *pose, const double *equilibrium)
 {
     (void)pose;
     (void)equilibrium;
     return NULL;
 }
 
-static const double *robot_rotation_axes(const double *pose, const double *equilibrium)
+static const double *stiffgen_rotation_axes(const double *pose, const double *equilibrium)
 {
     (void)pose;
     (void)equilibrium;
     return equilibrium;
 }
 
-static const double *robot_centre(void)
+static const double *stiffgen_centre(void)
 {
     static const double centre[3] = {0.0, 0.0, 0.0};
     return centre;
@@ -503,7 +503,7 @@ static const char *seen_of_reason(int reason)
 }
 
 /* Return the name of a joint. */
-static const char *robot_joint(int joint)
+static const char *stiffgen_joint(int joint)
 {
     static const char *const names[N] = {
         "A1",
@@ -648,7 +648,7 @@ static double largest_entry(int count, const double *A)
 }
 
 /* Copy the lower triangle of a matrix to the upper one. */
-static void mirror_lower(int n, double *A)
+static void mirror_triangle(int n, double *A)
 {
     for (int i = 1; i < n; ++i) {
         for (int j = 0; j < i; ++j) {
@@ -667,7 +667,7 @@ static void form_congruence(int n, const double *rows, const double *d, double *
         }
         memcpy(result + i * n, row, (size_t)n * sizeof(double));
     }
-    mirror_lower(n, result);
+    mirror_triangle(n, result);
 }
 
 /* Compute the lower Cholesky factor L of A / scale + shift I, column by column. */
@@ -692,7 +692,7 @@ static int factorise_cholesky(int n, const double *A, double scale, double shift
 }
 
 /* Replace X, a matrix with the given number of columns, by L^-1 X. */
-static void solve_lower(int n, int columns, const double *L, double *X)
+static void solve_forward(int n, int columns, const double *L, double *X)
 {
     for (int i = 0; i < n; ++i) {
         double *const row = X + i * columns;
@@ -709,7 +709,7 @@ static void solve_lower(int n, int columns, const double *L, double *X)
 }
 
 /* Replace x by L^-T x. */
-static void solve_upper(int n, const double *L, double *x)
+static void solve_backward(int n, const double *L, double *x)
 {
     for (int i = n - 1; i >= 0; --i) {
         double sum = x[i];
@@ -941,7 +941,7 @@ enum { REFINEMENTS = 4 };
 static const double LARGEST_CHANGE = 0.05, LAST_CHANGE = 2e-8;
 
 /* Invert a lower triangular matrix; the entries above the diagonal become 0. */
-static void invert_lower(int n, const double *L, double *inverse)
+static void invert_triangle(int n, const double *L, double *inverse)
 {
     memset(inverse, 0, (size_t)(n * n) * sizeof(double));
     for (int i = 0; i < n; ++i) {
@@ -963,7 +963,7 @@ static int factorise_pencil(int n, const double *M, double *L, double *inverse, 
     }
     const int error = factorise_cholesky(n, M, *scale, 0.0, L);
     if (error == 0) {
-        invert_lower(n, L, inverse);
+        invert_triangle(n, L, inverse);
     }
     return error;
 }
@@ -1295,14 +1295,14 @@ static double compute_tip_energy(const memory_t *m, const double *q, const doubl
     if (m->law == ID(LAW_PAPER)) {
         return 0.0;
     }
-    return robot_spring_energy(q, m, equilibrium, m->translation_stiffness, m->rotation_stiffness,
-                               find_spring_limits(m));
+    return stiffgen_spring_energy(q, m, equilibrium, m->translation_stiffness, m->rotation_stiffness,
+                                  find_spring_limits(m));
 }
 
 /* Return the energy of the tips' springs with that of the posture's spring; the paper's law has neither. */
 static double add_posture_energy(const memory_t *m, const double *q, const double *posture, double tips)
 {
-    return m->law == ID(LAW_PAPER) ? 0.0 : tips + robot_posture_energy(q, posture, m->posture_stiffness);
+    return m->law == ID(LAW_PAPER) ? 0.0 : tips + stiffgen_posture_energy(q, posture, m->posture_stiffness);
 }
 
 /* Compute the energy that the scaled springs store at q. */
@@ -1651,7 +1651,7 @@ static void place_posture(const config_t *c, const memory_t *m, int k, double *q
         const double x = (k + 1) * (i + 1) * GOLDEN;
         q[i] = low + (high - low) * (x - (int)x);
     }
-    robot_retract(m, q);
+    stiffgen_retract(m, q);
 }
 
 /* Write the poses of tools that are none: the tips themselves. */
@@ -1716,7 +1716,7 @@ static double size_tank(const config_t *c, const memory_t *m)
     for (int k = 0; k < POSTURES; ++k) {
         double q[N], J[6 * N * TIPS], sum = 0.0;
         place_posture(c, m, k, q);
-        robot_jacobians(q, m, J);
+        stiffgen_jacobians(q, m, J);
         for (int t = 0; t < TIPS; ++t) {
             double parts[3];
             bound_wrench(c, 6, J + 6 * N * t, size, 1, parts);
@@ -1768,7 +1768,7 @@ static void note_load(step_t *s, double energy)
 static const double *find_jacobians(step_t *s)
 {
     if (!s->has_jacobians) {
-        robot_jacobians(s->m->q, s->m, s->jacobians);
+        stiffgen_jacobians(s->m->q, s->m, s->jacobians);
         s->has_jacobians = 1;
     }
     return s->jacobians;
@@ -1808,7 +1808,7 @@ static void turn_to_axes(const double *pose, const double *v, double *turned)
 /* Compute the mass matrix M at q, with the motors' inertia. */
 static void compute_inertia(const config_t *c, const memory_t *m, const double *q, double *M)
 {
-    robot_mass_matrix(q, m, M);
+    stiffgen_mass_matrix(q, m, M);
     for (int i = 0; i < N; ++i) {
         M[i * (N + 1)] += c->motor_inertia[i];
     }
@@ -1828,12 +1828,12 @@ static int measure_mobilities(const config_t *c, const memory_t *m, const double
     if (factorise_cholesky(N, M, mass, 0.0, L) != 0) {
         return 0;
     }
-    robot_jacobians(q, m, J);
-    robot_poses(q, m, pose);
+    stiffgen_jacobians(q, m, J);
+    stiffgen_poses(q, m, pose);
     memset(mobilities, 0, 18 * TIPS * sizeof(double));
     for (int t = 0; t < TIPS; ++t) {
         const double *const P = pose + 16 * t, *const E = equilibrium != NULL ? equilibrium + 16 * t : P;
-        const double *const G = robot_centre();
+        const double *const G = stiffgen_centre();
         double *const rows = J + 6 * N * t, centre[3];
         for (int i = 0; i < 3; ++i) {
             centre[i] = dot(3, P + 4 * i, G);
@@ -1847,17 +1847,17 @@ static int measure_mobilities(const config_t *c, const memory_t *m, const double
                 const int a = (i + 1) % 3, b = (i + 2) % 3;
                 v[i] = rows[i * N + k] + w[a] * centre[b] - w[b] * centre[a];
             }
-            turn_to_axes(robot_translation_axes(P, E), v, turned);
+            turn_to_axes(stiffgen_translation_axes(P, E), v, turned);
             for (int i = 0; i < 3; ++i) {
                 rows[i * N + k] = turned[i];
             }
-            turn_to_axes(robot_rotation_axes(P, E), w, turned);
+            turn_to_axes(stiffgen_rotation_axes(P, E), w, turned);
             for (int i = 0; i < 3; ++i) {
                 rows[(3 + i) * N + k] = turned[i];
             }
         }
         for (int i = 0; i < 6; ++i) {
-            solve_lower(N, 1, L, rows + i * N);
+            solve_forward(N, 1, L, rows + i * N);
         }
         for (int k = 0; k < 18; ++k) {
             const int spring = k / 9 * 3, i = spring + k % 9 / 3, j = spring + k % 3;
@@ -2027,7 +2027,7 @@ static int validate(const config_t *c)
     if (c->state_period > c->missed_limit * c->sample_time * (1.0 + 1e-9)) {
         return ID(E_STATE_PERIOD);
     }
-    if (c->spring == ID(SPRING_BOUNDED) && !robot_has_bounded_spring()) {
+    if (c->spring == ID(SPRING_BOUNDED) && !stiffgen_has_bounded_spring()) {
         return ID(E_BOUNDED_SPRING);
     }
     return c->tank_initial <= c->tank_maximum || c->tank_maximum == 0.0 ? ID(OK) : ID(E_TANK);
@@ -2089,7 +2089,7 @@ static void start_memory(const config_t *c, state_t *state)
     memory_t *const m = &state->memory;
     memset(m, 0, sizeof *m);
     place_no_tools(m->tool_pose);
-    robot_home(m);
+    stiffgen_home(m);
     for (int i = 0; i < N; ++i) {
         m->rate[i] = c->torque_rate_limit[i] * c->sample_time;
     }
@@ -2342,7 +2342,7 @@ static int check_sample(step_t *s, const double *last)
     if (!s->located) {
         return ID(REASON_JUMP);
     }
-    if (!robot_follow(in->q, m)) {
+    if (!stiffgen_follow(in->q, m)) {
         s->located = 0;
         note_finding(s, NO_JOINT, 0.0, 0.0);
         return ID(REASON_LOOPS);
@@ -2454,9 +2454,9 @@ static int accept_command(step_t *s)
                    is_positive_semidefinite(6, in->task_stiffness, COMMAND_TOLERANCE) &&
                    largest_entry(36, in->task_stiffness) <= s->c->translation_stiffness_limit;
         }
-        good = good && (robot_tool(in) == NULL || accept_pose(robot_tool(in) + 16 * t, tool));
+        good = good && (stiffgen_tool(in) == NULL || accept_pose(stiffgen_tool(in) + 16 * t, tool));
     }
-    return good && robot_reaches(in->q0, s->m);
+    return good && stiffgen_reaches(in->q0, s->m);
 }
 
 /*
@@ -2541,8 +2541,8 @@ static int solve_free(const double *A, double shift, const int *held, double *wo
     if (factorise_cholesky(N, work, 1.0, shift, L) != 0) {
         return 0;
     }
-    solve_lower(N, 1, L, x);
-    solve_upper(N, L, x);
+    solve_forward(N, 1, L, x);
+    solve_backward(N, L, x);
     return 1;
 }
 
@@ -2602,8 +2602,8 @@ static double sum_errors(const memory_t *m, const double *q, const double *goal,
                          double *damping)
 {
     double here[16 * TIPS], J[6 * N * TIPS], distance = 0.0, squares = 0.0;
-    robot_poses(q, m, here);
-    robot_jacobians(q, m, J);
+    stiffgen_poses(q, m, here);
+    stiffgen_jacobians(q, m, J);
     memset(A, 0, NN * sizeof(double));
     memset(task, 0, N * sizeof(double));
     for (int t = 0; t < TIPS; ++t) {
@@ -2770,8 +2770,8 @@ static void measure_inertia(step_t *s, const double *q)
     for (int i = 0; i < N; ++i) {
         double column[N] = {0.0}, sum = 0.0;
         column[i] = 1.0;
-        solve_lower(N, 1, L, column);
-        solve_upper(N, L, column);
+        solve_forward(N, 1, L, column);
+        solve_backward(N, L, column);
         for (int j = 0; j < N; ++j) {
             sum += fabs(column[j]);
         }
@@ -2888,7 +2888,7 @@ static void weigh_twists(const double *L, double *J, double *weights, double *A)
     memset(A, 0, NN * sizeof(double));
     weights[0] = weights[1] = 0.0;
     for (int r = 0; r < 6 * TIPS; ++r) {
-        solve_lower(N, 1, L, J + r * N);
+        solve_forward(N, 1, L, J + r * N);
         weights[r / 3 % 2] += dot(N, J + r * N, J + r * N);
     }
     for (int k = 0; k < 2; ++k) {
@@ -2928,9 +2928,9 @@ static void follow_twists(step_t *s, const double *twists, double *velocity)
             return;
         }
         memcpy(velocity, wanted, sizeof wanted);
-        solve_lower(N, 1, factor, velocity);
-        solve_upper(N, factor, velocity);
-        solve_upper(N, L, velocity);
+        solve_forward(N, 1, factor, velocity);
+        solve_backward(N, factor, velocity);
+        solve_backward(N, L, velocity);
         excess = 0.0;
         for (int i = 0; i < N; ++i) {
             excess = larger(excess, fabs(velocity[i]) / limits[i]);
@@ -3044,7 +3044,7 @@ static void predict_equilibrium(const step_t *s, double share, int by_posture, d
     memcpy(posture, m->posture, N * sizeof(double));
     if (by_posture) {
         add_scaled(N, T, m->posture_velocity, posture);
-        robot_poses(posture, m, equilibrium);
+        stiffgen_poses(posture, m, equilibrium);
         return;
     }
     for (int t = 0; t < TIPS; ++t) {
@@ -3198,8 +3198,8 @@ static int push_beyond_limit(const memory_t *m, double zone)
 {
     double wrench[6 * TIPS], torque[N], stiffness[NN];
     int pushed = 0;
-    robot_spring(m->q, m, m->equilibrium, m->translation_stiffness, m->rotation_stiffness,
-                 find_spring_limits(m), wrench, torque, stiffness);
+    stiffgen_spring(m->q, m, m->equilibrium, m->translation_stiffness, m->rotation_stiffness,
+                    find_spring_limits(m), wrench, torque, stiffness);
     for (int i = 0; i < N; ++i) {
         pushed |= torque[i] != 0.0 && find_depth(m, i, torque[i]) >= zone;
     }
@@ -3234,7 +3234,7 @@ static int update_velocities(step_t *s, int by_posture)
     int moving = 0;
     const int joining = s->input->command == ID(COMMAND_POSITION) && !by_posture;
     if (!by_posture) {
-        robot_poses(m->posture, m, here);
+        stiffgen_poses(m->posture, m, here);
     }
     if (!by_posture && !joining) {
         const double streamed = s->commanded ? pose_distance(m->wanted_equilibrium, s->goal) : 0.0;
@@ -3300,10 +3300,10 @@ static void pay_for_travel(step_t *s)
         return;
     }
     if (by_pose && !m->by_pose) {
-        robot_poses(m->wanted_posture, m, m->wanted_equilibrium);
+        stiffgen_poses(m->wanted_posture, m, m->wanted_equilibrium);
     }
     if (!by_pose && (m->by_pose || !m->joined)) {
-        robot_poses(q0, m, there);
+        stiffgen_poses(q0, m, there);
         pose = there;
     }
     const double *const moved_pose = by_pose || m->by_pose ? pose : NULL;
@@ -3334,9 +3334,9 @@ static double move_posture(step_t *s)
     double posture[N];
     memcpy(posture, m->posture, sizeof posture);
     add_scaled(N, s->c->sample_time, m->posture_velocity, posture);
-    const double before = robot_posture_energy(m->q, m->posture, m->posture_stiffness);
-    const double rise = m->scale * (robot_posture_energy(m->q, posture, m->posture_stiffness) - before);
-    if (rise > work_left(m) || !robot_reaches(posture, m)) {
+    const double before = stiffgen_posture_energy(m->q, m->posture, m->posture_stiffness);
+    const double rise = m->scale * (stiffgen_posture_energy(m->q, posture, m->posture_stiffness) - before);
+    if (rise > work_left(m) || !stiffgen_reaches(posture, m)) {
         memset(m->posture_velocity, 0, sizeof m->posture_velocity);
         s->status |= ID(STATUS_GOVERNOR);
         return 0.0;
@@ -3427,8 +3427,8 @@ static void adopt_command(step_t *s)
     }
     memcpy(m->wanted_posture, s->input->q0, sizeof m->wanted_posture);
     memcpy(m->wanted_equilibrium, s->goal, sizeof m->wanted_equilibrium);
-    if (robot_tool(s->input) != NULL) {
-        memcpy(m->tool_pose, robot_tool(s->input), sizeof m->tool_pose);
+    if (stiffgen_tool(s->input) != NULL) {
+        memcpy(m->tool_pose, stiffgen_tool(s->input), sizeof m->tool_pose);
         s->has_jacobians = 0;
     }
     m->by_pose = s->input->command == ID(COMMAND_EQUILIBRIUM);
@@ -3481,7 +3481,7 @@ static void settle_springs(step_t *s)
     if (s->commanded) {
         adopt_command(s);
     }
-    robot_poses(m->q, m, m->equilibrium);
+    stiffgen_poses(m->q, m, m->equilibrium);
     if (s->commanded && m->fault == ID(FAULT_NONE)) {
         start_engagement(s);
     }
@@ -3496,17 +3496,17 @@ static void settle_springs(step_t *s)
 static void adopt_tool(step_t *s)
 {
     memory_t *const m = s->m;
-    const double *const tool = robot_tool(s->input);
+    const double *const tool = stiffgen_tool(s->input);
     if (tool == NULL || memcmp(tool, m->tool_pose, sizeof m->tool_pose) == 0) {
         return;
     }
     const double left = larger(m->engagement - worst_feed_work(m, m->feed, m->call_gap), 0.0);
     double before[16 * TIPS], after[16 * TIPS], equilibrium[16 * TIPS], share = 1.0, rise = HUGE_VAL;
     memcpy(equilibrium, m->equilibrium, sizeof equilibrium);
-    robot_poses(m->q, m, before);
+    stiffgen_poses(m->q, m, before);
     memcpy(m->tool_pose, tool, sizeof m->tool_pose);
     s->has_jacobians = 0;
-    robot_poses(m->q, m, after);
+    stiffgen_poses(m->q, m, after);
     for (int attempt = 0; attempt < 4 && rise > left; ++attempt) {
         for (int t = 0; t < TIPS; ++t) {
             double away[6], twist[6] = {0.0};
@@ -3957,7 +3957,7 @@ static void compensate_coriolis(step_t *s)
 {
     double forces[N];
     if (s->c->coriolis == ID(CORIOLIS_ON) && s->m->engaged && s->m->fault == ID(FAULT_NONE)) {
-        robot_coriolis(s->m->q, s->m, s->velocity, forces);
+        stiffgen_coriolis(s->m->q, s->m, s->velocity, forces);
         add_scaled(N, fade_with_tank(s), forces, s->carried);
     }
 }
@@ -4058,15 +4058,15 @@ static double pull_springs(step_t *s, const double *slip, double *pull)
         memcpy(out->spring_wrench, out->wrench, sizeof out->wrench);
         const double *const K = s->input->task_stiffness;
         if (c->stiffness_formula == ID(STIFFNESS_FORMULA_CONVENTIONAL)) {
-            robot_conventional_stiffness(m->q, m, out->wrench, K, out->joint_stiffness);
+            stiffgen_conventional_stiffness(m->q, m, out->wrench, K, out->joint_stiffness);
         } else {
-            robot_joint_stiffness(m->q, m, out->wrench, K, out->joint_stiffness);
+            stiffgen_joint_stiffness(m->q, m, out->wrench, K, out->joint_stiffness);
         }
         multiply_vector(out->joint_stiffness, slip, pull);
     } else {
-        energy = robot_spring(m->q, m, m->equilibrium, m->translation_stiffness, m->rotation_stiffness,
-                              find_spring_limits(m), out->spring_wrench, pull, out->joint_stiffness);
-        energy += robot_posture_energy(m->q, m->posture, m->posture_stiffness);
+        energy = stiffgen_spring(m->q, m, m->equilibrium, m->translation_stiffness, m->rotation_stiffness,
+                                 find_spring_limits(m), out->spring_wrench, pull, out->joint_stiffness);
+        energy += stiffgen_posture_energy(m->q, m->posture, m->posture_stiffness);
     }
     for (int i = 0; i < N; ++i) {
         pull[i] += m->posture_stiffness[i] * slip[i];
@@ -4143,7 +4143,7 @@ static void compute_torque(step_t *s, const double *last, int moved)
     for (int k = 0; k < 6 * TIPS; ++k) {
         out->spring_wrench[k] *= m->scale;
     }
-    note_load(s, m->scale * larger(energy - robot_posture_energy(m->q, m->posture, m->posture_stiffness), 0.0));
+    note_load(s, m->scale * larger(energy - stiffgen_posture_energy(m->q, m->posture, m->posture_stiffness), 0.0));
     press_tips(s);
     multiply_vector(out->damping, out->reference_velocity, feed);
     memcpy(lead, feed, sizeof lead);
@@ -4212,7 +4212,7 @@ static void describe_fault(const output_t *out, char *text, size_t size)
     }
     text[0] = '\0';
     if (out->fault_joint >= 0 && out->fault_joint < N) {
-        append(text, size, &length, robot_joint(out->fault_joint));
+        append(text, size, &length, stiffgen_joint(out->fault_joint));
         append(text, size, &length, ": ");
     }
     append(text, size, &length, meaning_of_reason(out->reason));

@@ -104,12 +104,12 @@ def expected_values(references):
     """Arguments (stacks) and results of every kernel, from the oracles of ``stiffgen verify``."""
     samples = references.samples
     q, wrench = samples.q, samples.wrench
-    measure, gradient = references.manipulability
+    manipulability = references.manipulability
     held = q, wrench, samples.task_stiffness, references.direction
     wanted = {
         "forward_kinematics": ((q,), references.pose),
-        "manipulability": ((q,), measure),
-        "manipulability_gradient": ((q,), gradient),
+        "manipulability": ((q,), manipulability.measure),
+        "manipulability_gradient": ((q,), manipulability.gradient),
         "hybrid_stiffness_direction_gradient": (held, references.direction_gradient),
     } | dynamics_references(references.chain, samples)
     for rep in REPRESENTATIONS:

@@ -6,14 +6,17 @@ from __future__ import annotations
 import ast
 import keyword
 import re
+import subprocess
 import sys
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import stiffgen
 from stiffgen.errors import StiffgenError
 from stiffgen.names import MAX_LENGTH, c_string, checked_identifier, comment, identifier
+from support.project import ROOT, URDF
 
 ANY_TEXT = st.text(st.characters(), max_size=200)  # with surrogates and control characters
 SLOW = settings(derandomize=True, max_examples=500, deadline=None)
@@ -86,3 +89,24 @@ def test_comments_stay_comments(text):
     assert made.isprintable() and made.isascii()
     for ending in ("*/", "//*", '"', "\\", "`", "<", ">", "|", "#", "@", "$", "[", "]", "??"):
         assert ending not in made
+
+
+def test_no_name_of_a_robot_makes_a_function_equal_to_an_internal_one():
+    """A robot's public names are NAME_suffix; an internal name of that form needs a NAME that no robot can have."""
+    folder = ROOT / "generated" / "iiwa14"
+    texts = {file.name: re.sub(r"/\*.*?\*/", "", file.read_text(), flags=re.S) for file in folder.glob("*.[ch]")}
+    public = "".join(text for name, text in texts.items() if name.endswith(".h"))
+    suffixes = set(re.findall(r"\biiwa14(_\w+)", public))
+    declared = r"^(?:static|typedef)\b[^;={(\n]*?\b(\w+)\s*[\[(;=]"
+    internal = set(re.findall(declared, "\n".join(texts.values()), re.M))
+    assert {"solve_forward", "stiffgen_mass_matrix", "sine_cosine"} <= internal
+    robots = {(name[: -len(end)], end) for name in internal for end in suffixes if name.endswith(end)}
+    possible = [f"{robot}{end}" for robot, end in robots if identifier(robot) == robot]
+    assert possible == []
+
+
+def test_a_robot_named_robot_compiles(tmp_path):
+    """Many files give this name."""
+    folder = stiffgen.generate(URDF, output=tmp_path, name="robot", build=False)
+    for source in ("robot.c", "robot_impedance.c"):
+        subprocess.run(["gcc", "-std=c99", "-fsyntax-only", "-Wall", "-Werror", str(folder / source)], check=True)

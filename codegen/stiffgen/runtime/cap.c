@@ -18,7 +18,7 @@ static void turn_to_axes(const double *pose, const double *v, double *turned)
 /* Compute the mass matrix M at q, with the motors' inertia. */
 void compute_inertia(const config_t *c, const memory_t *m, const double *q, double *M)
 {
-    robot_mass_matrix(q, m, M);
+    stiffgen_mass_matrix(q, m, M);
     for (int i = 0; i < N; ++i) {
         M[i * (N + 1)] += c->motor_inertia[i];
     }
@@ -38,12 +38,12 @@ static int measure_mobilities(const config_t *c, const memory_t *m, const double
     if (factorise_cholesky(N, M, mass, 0.0, L) != 0) {
         return 0;
     }
-    robot_jacobians(q, m, J);
-    robot_poses(q, m, pose);
+    stiffgen_jacobians(q, m, J);
+    stiffgen_poses(q, m, pose);
     memset(mobilities, 0, 18 * TIPS * sizeof(double));
     for (int t = 0; t < TIPS; ++t) {
         const double *const P = pose + 16 * t, *const E = equilibrium != NULL ? equilibrium + 16 * t : P;
-        const double *const G = robot_centre();
+        const double *const G = stiffgen_centre();
         double *const rows = J + 6 * N * t, centre[3];
         for (int i = 0; i < 3; ++i) {
             centre[i] = dot(3, P + 4 * i, G);
@@ -57,17 +57,17 @@ static int measure_mobilities(const config_t *c, const memory_t *m, const double
                 const int a = (i + 1) % 3, b = (i + 2) % 3;
                 v[i] = rows[i * N + k] + w[a] * centre[b] - w[b] * centre[a];
             }
-            turn_to_axes(robot_translation_axes(P, E), v, turned);
+            turn_to_axes(stiffgen_translation_axes(P, E), v, turned);
             for (int i = 0; i < 3; ++i) {
                 rows[i * N + k] = turned[i];
             }
-            turn_to_axes(robot_rotation_axes(P, E), w, turned);
+            turn_to_axes(stiffgen_rotation_axes(P, E), w, turned);
             for (int i = 0; i < 3; ++i) {
                 rows[(3 + i) * N + k] = turned[i];
             }
         }
         for (int i = 0; i < 6; ++i) {
-            solve_lower(N, 1, L, rows + i * N);
+            solve_forward(N, 1, L, rows + i * N);
         }
         for (int k = 0; k < 18; ++k) {
             const int spring = k / 9 * 3, i = spring + k % 9 / 3, j = spring + k % 3;

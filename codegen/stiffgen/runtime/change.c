@@ -8,17 +8,17 @@
 void adopt_tool(step_t *s)
 {
     memory_t *const m = s->m;
-    const double *const tool = robot_tool(s->input);
+    const double *const tool = stiffgen_tool(s->input);
     if (tool == NULL || memcmp(tool, m->tool_pose, sizeof m->tool_pose) == 0) {
         return;
     }
     const double left = larger(m->engagement - worst_feed_work(m, m->feed, m->call_gap), 0.0);
     double before[16 * TIPS], after[16 * TIPS], equilibrium[16 * TIPS], share = 1.0, rise = HUGE_VAL;
     memcpy(equilibrium, m->equilibrium, sizeof equilibrium);
-    robot_poses(m->q, m, before);
+    stiffgen_poses(m->q, m, before);
     memcpy(m->tool_pose, tool, sizeof m->tool_pose);
     s->has_jacobians = 0;
-    robot_poses(m->q, m, after);
+    stiffgen_poses(m->q, m, after);
     for (int attempt = 0; attempt < 4 && rise > left; ++attempt) {
         for (int t = 0; t < TIPS; ++t) {
             double away[6], twist[6] = {0.0};

@@ -66,8 +66,8 @@ void measure_inertia(step_t *s, const double *q)
     for (int i = 0; i < N; ++i) {
         double column[N] = {0.0}, sum = 0.0;
         column[i] = 1.0;
-        solve_lower(N, 1, L, column);
-        solve_upper(N, L, column);
+        solve_forward(N, 1, L, column);
+        solve_backward(N, L, column);
         for (int j = 0; j < N; ++j) {
             sum += fabs(column[j]);
         }
@@ -184,7 +184,7 @@ static void weigh_twists(const double *L, double *J, double *weights, double *A)
     memset(A, 0, NN * sizeof(double));
     weights[0] = weights[1] = 0.0;
     for (int r = 0; r < 6 * TIPS; ++r) {
-        solve_lower(N, 1, L, J + r * N);
+        solve_forward(N, 1, L, J + r * N);
         weights[r / 3 % 2] += dot(N, J + r * N, J + r * N);
     }
     for (int k = 0; k < 2; ++k) {
@@ -224,9 +224,9 @@ void follow_twists(step_t *s, const double *twists, double *velocity)
             return;
         }
         memcpy(velocity, wanted, sizeof wanted);
-        solve_lower(N, 1, factor, velocity);
-        solve_upper(N, factor, velocity);
-        solve_upper(N, L, velocity);
+        solve_forward(N, 1, factor, velocity);
+        solve_backward(N, factor, velocity);
+        solve_backward(N, L, velocity);
         excess = 0.0;
         for (int i = 0; i < N; ++i) {
             excess = larger(excess, fabs(velocity[i]) / limits[i]);

@@ -13,14 +13,14 @@ double compute_tip_energy(const memory_t *m, const double *q, const double *equi
     if (m->law == ID(LAW_PAPER)) {
         return 0.0;
     }
-    return robot_spring_energy(q, m, equilibrium, m->translation_stiffness, m->rotation_stiffness,
-                               find_spring_limits(m));
+    return stiffgen_spring_energy(q, m, equilibrium, m->translation_stiffness, m->rotation_stiffness,
+                                  find_spring_limits(m));
 }
 
 /* Return the energy of the tips' springs with that of the posture's spring; the paper's law has neither. */
 double add_posture_energy(const memory_t *m, const double *q, const double *posture, double tips)
 {
-    return m->law == ID(LAW_PAPER) ? 0.0 : tips + robot_posture_energy(q, posture, m->posture_stiffness);
+    return m->law == ID(LAW_PAPER) ? 0.0 : tips + stiffgen_posture_energy(q, posture, m->posture_stiffness);
 }
 
 /* Compute the energy that the scaled springs store at q. */

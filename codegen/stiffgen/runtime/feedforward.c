@@ -247,7 +247,7 @@ void compensate_coriolis(step_t *s)
 {
     double forces[N];
     if (s->c->coriolis == ID(CORIOLIS_ON) && s->m->engaged && s->m->fault == ID(FAULT_NONE)) {
-        robot_coriolis(s->m->q, s->m, s->velocity, forces);
+        stiffgen_coriolis(s->m->q, s->m, s->velocity, forces);
         add_scaled(N, fade_with_tank(s), forces, s->carried);
     }
 }

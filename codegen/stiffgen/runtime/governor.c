@@ -48,7 +48,7 @@ static void predict_equilibrium(const step_t *s, double share, int by_posture, d
     memcpy(posture, m->posture, N * sizeof(double));
     if (by_posture) {
         add_scaled(N, T, m->posture_velocity, posture);
-        robot_poses(posture, m, equilibrium);
+        stiffgen_poses(posture, m, equilibrium);
         return;
     }
     for (int t = 0; t < TIPS; ++t) {
@@ -202,8 +202,8 @@ static int push_beyond_limit(const memory_t *m, double zone)
 {
     double wrench[6 * TIPS], torque[N], stiffness[NN];
     int pushed = 0;
-    robot_spring(m->q, m, m->equilibrium, m->translation_stiffness, m->rotation_stiffness,
-                 find_spring_limits(m), wrench, torque, stiffness);
+    stiffgen_spring(m->q, m, m->equilibrium, m->translation_stiffness, m->rotation_stiffness,
+                    find_spring_limits(m), wrench, torque, stiffness);
     for (int i = 0; i < N; ++i) {
         pushed |= torque[i] != 0.0 && find_depth(m, i, torque[i]) >= zone;
     }
@@ -238,7 +238,7 @@ static int update_velocities(step_t *s, int by_posture)
     int moving = 0;
     const int joining = s->input->command == ID(COMMAND_POSITION) && !by_posture;
     if (!by_posture) {
-        robot_poses(m->posture, m, here);
+        stiffgen_poses(m->posture, m, here);
     }
     if (!by_posture && !joining) {
         const double streamed = s->commanded ? pose_distance(m->wanted_equilibrium, s->goal) : 0.0;
@@ -304,10 +304,10 @@ static void pay_for_travel(step_t *s)
         return;
     }
     if (by_pose && !m->by_pose) {
-        robot_poses(m->wanted_posture, m, m->wanted_equilibrium);
+        stiffgen_poses(m->wanted_posture, m, m->wanted_equilibrium);
     }
     if (!by_pose && (m->by_pose || !m->joined)) {
-        robot_poses(q0, m, there);
+        stiffgen_poses(q0, m, there);
         pose = there;
     }
     const double *const moved_pose = by_pose || m->by_pose ? pose : NULL;
@@ -338,9 +338,9 @@ static double move_posture(step_t *s)
     double posture[N];
     memcpy(posture, m->posture, sizeof posture);
     add_scaled(N, s->c->sample_time, m->posture_velocity, posture);
-    const double before = robot_posture_energy(m->q, m->posture, m->posture_stiffness);
-    const double rise = m->scale * (robot_posture_energy(m->q, posture, m->posture_stiffness) - before);
-    if (rise > work_left(m) || !robot_reaches(posture, m)) {
+    const double before = stiffgen_posture_energy(m->q, m->posture, m->posture_stiffness);
+    const double rise = m->scale * (stiffgen_posture_energy(m->q, posture, m->posture_stiffness) - before);
+    if (rise > work_left(m) || !stiffgen_reaches(posture, m)) {
         memset(m->posture_velocity, 0, sizeof m->posture_velocity);
         s->status |= ID(STATUS_GOVERNOR);
         return 0.0;
@@ -431,8 +431,8 @@ static void adopt_command(step_t *s)
     }
     memcpy(m->wanted_posture, s->input->q0, sizeof m->wanted_posture);
     memcpy(m->wanted_equilibrium, s->goal, sizeof m->wanted_equilibrium);
-    if (robot_tool(s->input) != NULL) {
-        memcpy(m->tool_pose, robot_tool(s->input), sizeof m->tool_pose);
+    if (stiffgen_tool(s->input) != NULL) {
+        memcpy(m->tool_pose, stiffgen_tool(s->input), sizeof m->tool_pose);
         s->has_jacobians = 0;
     }
     m->by_pose = s->input->command == ID(COMMAND_EQUILIBRIUM);
@@ -485,7 +485,7 @@ void settle_springs(step_t *s)
     if (s->commanded) {
         adopt_command(s);
     }
-    robot_poses(m->q, m, m->equilibrium);
+    stiffgen_poses(m->q, m, m->equilibrium);
     if (s->commanded && m->fault == ID(FAULT_NONE)) {
         start_engagement(s);
     }

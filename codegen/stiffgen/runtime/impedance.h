@@ -113,35 +113,35 @@ typedef struct {
 
 /* robot.c: the robot's kernels at its tips, one after the other, and the tables of its fields. m: tools of the tips, and
  * with closed loops the joints from which they are closed */
-void robot_poses(const double *q, const memory_t *m, double *pose);
-void robot_jacobians(const double *q, const memory_t *m, double *jacobian);
-void robot_joint_stiffness(const double *q, const memory_t *m, const double *wrench, const double *task_stiffness,
-                           double *joint_stiffness);
-void robot_conventional_stiffness(const double *q, const memory_t *m, const double *wrench,
-                                  const double *task_stiffness, double *joint_stiffness);
-double robot_spring_energy(const double *q, const memory_t *m, const double *equilibrium,
-                           const double *translation_stiffness, const double *rotation_stiffness,
-                           const double *limits);
-double robot_spring(const double *q, const memory_t *m, const double *equilibrium, const double *translation_stiffness,
-                    const double *rotation_stiffness, const double *limits, double *wrench, double *torque,
-                    double *joint_stiffness);
-int robot_has_bounded_spring(void);
-double robot_posture_energy(const double *q, const double *posture, const double *posture_stiffness);
-void robot_mass_matrix(const double *q, const memory_t *m, double *mass_matrix);
-void robot_coriolis(const double *q, const memory_t *m, const double *velocity, double *forces);
-void robot_home(memory_t *m);
-int robot_reaches(const double *q, const memory_t *m);
-int robot_follow(const double *q, memory_t *m);
-void robot_retract(const memory_t *m, double *q);
-const double *robot_tool(const input_t *input);
-const double *robot_translation_axes(const double *pose, const double *equilibrium);
-const double *robot_rotation_axes(const double *pose, const double *equilibrium);
-const double *robot_centre(void);
+void stiffgen_poses(const double *q, const memory_t *m, double *pose);
+void stiffgen_jacobians(const double *q, const memory_t *m, double *jacobian);
+void stiffgen_joint_stiffness(const double *q, const memory_t *m, const double *wrench, const double *task_stiffness,
+                              double *joint_stiffness);
+void stiffgen_conventional_stiffness(const double *q, const memory_t *m, const double *wrench,
+                                     const double *task_stiffness, double *joint_stiffness);
+double stiffgen_spring_energy(const double *q, const memory_t *m, const double *equilibrium,
+                              const double *translation_stiffness, const double *rotation_stiffness,
+                              const double *limits);
+double stiffgen_spring(const double *q, const memory_t *m, const double *equilibrium,
+                       const double *translation_stiffness, const double *rotation_stiffness, const double *limits,
+                       double *wrench, double *torque, double *joint_stiffness);
+int stiffgen_has_bounded_spring(void);
+double stiffgen_posture_energy(const double *q, const double *posture, const double *posture_stiffness);
+void stiffgen_mass_matrix(const double *q, const memory_t *m, double *mass_matrix);
+void stiffgen_coriolis(const double *q, const memory_t *m, const double *velocity, double *forces);
+void stiffgen_home(memory_t *m);
+int stiffgen_reaches(const double *q, const memory_t *m);
+int stiffgen_follow(const double *q, memory_t *m);
+void stiffgen_retract(const memory_t *m, double *q);
+const double *stiffgen_tool(const input_t *input);
+const double *stiffgen_translation_axes(const double *pose, const double *equilibrium);
+const double *stiffgen_rotation_axes(const double *pose, const double *equilibrium);
+const double *stiffgen_centre(void);
 int check_fields(const config_t *c);
 int fault_of_reason(int reason);
 const char *meaning_of_reason(int reason);
 const char *seen_of_reason(int reason);
-const char *robot_joint(int joint);
+const char *stiffgen_joint(int joint);
 void report_memory(const memory_t *m, output_t *out);
 
 /* matrix.c */
@@ -157,8 +157,8 @@ void multiply3(const double *A, int a, int transposed, const double *B, int b, d
 double largest_entry(int count, const double *A);
 void form_congruence(int n, const double *rows, const double *d, double *result);
 int factorise_cholesky(int n, const double *A, double scale, double shift, double *L);
-void solve_lower(int n, int columns, const double *L, double *X);
-void solve_upper(int n, const double *L, double *x);
+void solve_forward(int n, int columns, const double *L, double *X);
+void solve_backward(int n, const double *L, double *x);
 int is_positive_semidefinite(int n, const double *A, double tolerance);
 
 /* eigen.c */

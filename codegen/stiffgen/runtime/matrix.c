@@ -97,7 +97,7 @@ double largest_entry(int count, const double *A)
 }
 
 /* Copy the lower triangle of a matrix to the upper one. */
-static void mirror_lower(int n, double *A)
+static void mirror_triangle(int n, double *A)
 {
     for (int i = 1; i < n; ++i) {
         for (int j = 0; j < i; ++j) {
@@ -116,7 +116,7 @@ void form_congruence(int n, const double *rows, const double *d, double *result)
         }
         memcpy(result + i * n, row, (size_t)n * sizeof(double));
     }
-    mirror_lower(n, result);
+    mirror_triangle(n, result);
 }
 
 /* Compute the lower Cholesky factor L of A / scale + shift I, column by column. */
@@ -141,7 +141,7 @@ int factorise_cholesky(int n, const double *A, double scale, double shift, doubl
 }
 
 /* Replace X, a matrix with the given number of columns, by L^-1 X. */
-void solve_lower(int n, int columns, const double *L, double *X)
+void solve_forward(int n, int columns, const double *L, double *X)
 {
     for (int i = 0; i < n; ++i) {
         double *const row = X + i * columns;
@@ -158,7 +158,7 @@ void solve_lower(int n, int columns, const double *L, double *X)
 }
 
 /* Replace x by L^-T x. */
-void solve_upper(int n, const double *L, double *x)
+void solve_backward(int n, const double *L, double *x)
 {
     for (int i = n - 1; i >= 0; --i) {
         double sum = x[i];

@@ -11,7 +11,7 @@ enum { REFINEMENTS = 4 };
 static const double LARGEST_CHANGE = 0.05, LAST_CHANGE = 2e-8;
 
 /* Invert a lower triangular matrix; the entries above the diagonal become 0. */
-static void invert_lower(int n, const double *L, double *inverse)
+static void invert_triangle(int n, const double *L, double *inverse)
 {
     memset(inverse, 0, (size_t)(n * n) * sizeof(double));
     for (int i = 0; i < n; ++i) {
@@ -33,7 +33,7 @@ static int factorise_pencil(int n, const double *M, double *L, double *inverse, 
     }
     const int error = factorise_cholesky(n, M, *scale, 0.0, L);
     if (error == 0) {
-        invert_lower(n, L, inverse);
+        invert_triangle(n, L, inverse);
     }
     return error;
 }

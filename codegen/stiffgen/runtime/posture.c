@@ -81,8 +81,8 @@ static int solve_free(const double *A, double shift, const int *held, double *wo
     if (factorise_cholesky(N, work, 1.0, shift, L) != 0) {
         return 0;
     }
-    solve_lower(N, 1, L, x);
-    solve_upper(N, L, x);
+    solve_forward(N, 1, L, x);
+    solve_backward(N, L, x);
     return 1;
 }
 
@@ -142,8 +142,8 @@ static double sum_errors(const memory_t *m, const double *q, const double *goal,
                          double *damping)
 {
     double here[16 * TIPS], J[6 * N * TIPS], distance = 0.0, squares = 0.0;
-    robot_poses(q, m, here);
-    robot_jacobians(q, m, J);
+    stiffgen_poses(q, m, here);
+    stiffgen_jacobians(q, m, J);
     memset(A, 0, NN * sizeof(double));
     memset(task, 0, N * sizeof(double));
     for (int t = 0; t < TIPS; ++t) {

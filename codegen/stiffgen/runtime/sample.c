@@ -169,7 +169,7 @@ static int check_sample(step_t *s, const double *last)
     if (!s->located) {
         return ID(REASON_JUMP);
     }
-    if (!robot_follow(in->q, m)) {
+    if (!stiffgen_follow(in->q, m)) {
         s->located = 0;
         note_finding(s, NO_JOINT, 0.0, 0.0);
         return ID(REASON_LOOPS);
@@ -281,7 +281,7 @@ int accept_command(step_t *s)
                    is_positive_semidefinite(6, in->task_stiffness, COMMAND_TOLERANCE) &&
                    largest_entry(36, in->task_stiffness) <= s->c->translation_stiffness_limit;
         }
-        good = good && (robot_tool(in) == NULL || accept_pose(robot_tool(in) + 16 * t, tool));
+        good = good && (stiffgen_tool(in) == NULL || accept_pose(stiffgen_tool(in) + 16 * t, tool));
     }
-    return good && robot_reaches(in->q0, s->m);
+    return good && stiffgen_reaches(in->q0, s->m);
 }

@@ -47,7 +47,7 @@ int validate(const config_t *c)
     if (c->state_period > c->missed_limit * c->sample_time * (1.0 + 1e-9)) {
         return ID(E_STATE_PERIOD);
     }
-    if (c->spring == ID(SPRING_BOUNDED) && !robot_has_bounded_spring()) {
+    if (c->spring == ID(SPRING_BOUNDED) && !stiffgen_has_bounded_spring()) {
         return ID(E_BOUNDED_SPRING);
     }
     return c->tank_initial <= c->tank_maximum || c->tank_maximum == 0.0 ? ID(OK) : ID(E_TANK);
@@ -109,7 +109,7 @@ void start_memory(const config_t *c, state_t *state)
     memory_t *const m = &state->memory;
     memset(m, 0, sizeof *m);
     place_no_tools(m->tool_pose);
-    robot_home(m);
+    stiffgen_home(m);
     for (int i = 0; i < N; ++i) {
         m->rate[i] = c->torque_rate_limit[i] * c->sample_time;
     }

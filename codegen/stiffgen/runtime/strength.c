@@ -10,7 +10,7 @@ void place_posture(const config_t *c, const memory_t *m, int k, double *q)
         const double x = (k + 1) * (i + 1) * GOLDEN;
         q[i] = low + (high - low) * (x - (int)x);
     }
-    robot_retract(m, q);
+    stiffgen_retract(m, q);
 }
 
 /* Write the poses of tools that are none: the tips themselves. */
@@ -75,7 +75,7 @@ double size_tank(const config_t *c, const memory_t *m)
     for (int k = 0; k < POSTURES; ++k) {
         double q[N], J[6 * N * TIPS], sum = 0.0;
         place_posture(c, m, k, q);
-        robot_jacobians(q, m, J);
+        stiffgen_jacobians(q, m, J);
         for (int t = 0; t < TIPS; ++t) {
             double parts[3];
             bound_wrench(c, 6, J + 6 * N * t, size, 1, parts);
@@ -127,7 +127,7 @@ void note_load(step_t *s, double energy)
 const double *find_jacobians(step_t *s)
 {
     if (!s->has_jacobians) {
-        robot_jacobians(s->m->q, s->m, s->jacobians);
+        stiffgen_jacobians(s->m->q, s->m, s->jacobians);
         s->has_jacobians = 1;
     }
     return s->jacobians;

@@ -44,7 +44,7 @@ void describe_fault(const output_t *out, char *text, size_t size)
     }
     text[0] = '\0';
     if (out->fault_joint >= 0 && out->fault_joint < N) {
-        append(text, size, &length, robot_joint(out->fault_joint));
+        append(text, size, &length, stiffgen_joint(out->fault_joint));
         append(text, size, &length, ": ");
     }
     append(text, size, &length, meaning_of_reason(out->reason));

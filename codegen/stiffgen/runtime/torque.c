@@ -95,15 +95,15 @@ static double pull_springs(step_t *s, const double *slip, double *pull)
         memcpy(out->spring_wrench, out->wrench, sizeof out->wrench);
         const double *const K = s->input->task_stiffness;
         if (c->stiffness_formula == ID(STIFFNESS_FORMULA_CONVENTIONAL)) {
-            robot_conventional_stiffness(m->q, m, out->wrench, K, out->joint_stiffness);
+            stiffgen_conventional_stiffness(m->q, m, out->wrench, K, out->joint_stiffness);
         } else {
-            robot_joint_stiffness(m->q, m, out->wrench, K, out->joint_stiffness);
+            stiffgen_joint_stiffness(m->q, m, out->wrench, K, out->joint_stiffness);
         }
         multiply_vector(out->joint_stiffness, slip, pull);
     } else {
-        energy = robot_spring(m->q, m, m->equilibrium, m->translation_stiffness, m->rotation_stiffness,
-                              find_spring_limits(m), out->spring_wrench, pull, out->joint_stiffness);
-        energy += robot_posture_energy(m->q, m->posture, m->posture_stiffness);
+        energy = stiffgen_spring(m->q, m, m->equilibrium, m->translation_stiffness, m->rotation_stiffness,
+                                 find_spring_limits(m), out->spring_wrench, pull, out->joint_stiffness);
+        energy += stiffgen_posture_energy(m->q, m->posture, m->posture_stiffness);
     }
     for (int i = 0; i < N; ++i) {
         pull[i] += m->posture_stiffness[i] * slip[i];
@@ -180,7 +180,7 @@ void compute_torque(step_t *s, const double *last, int moved)
     for (int k = 0; k < 6 * TIPS; ++k) {
         out->spring_wrench[k] *= m->scale;
     }
-    note_load(s, m->scale * larger(energy - robot_posture_energy(m->q, m->posture, m->posture_stiffness), 0.0));
+    note_load(s, m->scale * larger(energy - stiffgen_posture_energy(m->q, m->posture, m->posture_stiffness), 0.0));
     press_tips(s);
     multiply_vector(out->damping, out->reference_velocity, feed);
     memcpy(lead, feed, sizeof lead);

@@ -257,7 +257,10 @@ def _tip_kernels(
         "product of joint poses",
         programs.forward_kinematics,
     )  # fmt: skip
-    kernels = [pose, *_manipulability_kernels(seen_from_tip)]
+    kernels = [
+        pose,
+        *_manipulability_kernels(seen_from_tip),
+    ]
     for rep in REPRESENTATIONS:
         seen = seen_from_tip if rep == "body" else configuration
         kernels += [*_jacobian_kernels(rep, seen), *_stiffness_kernels(rep, seen, reference)]

@@ -67,9 +67,7 @@ def check_kernels(kernels: Kernels, references: References, prefix: str = "") ->
         checks.append(_of_one(kernels, references.chain, prefix, name, oracle, reference, *arguments))
 
     add("forward_kinematics", "product of poses", references.pose, *references.posture)
-    measure, gradient = references.manipulability
-    add("manipulability", "Gram determinant", measure, *references.posture_of("body"))
-    add("manipulability_gradient", "Gram determinant", gradient, *references.posture_of("body"))
+    checks += _manipulability_checks(kernels, references, prefix)
     held = wrench, samples.task_stiffness, references.direction
     along = "form differentiated along v"
     add("hybrid_stiffness_direction_gradient", along, references.direction_gradient, *references.posture, *held)
@@ -93,6 +91,18 @@ def check_kernels(kernels: Kernels, references: References, prefix: str = "") ->
             kernels, references.chain, samples
         )
     return checks + _potential_checks(kernels, references, prefix) + _spring_checks(kernels, references, prefix)
+
+
+def _manipulability_checks(kernels: Kernels, references: References, prefix: str) -> list[Check]:
+    found, checks = references.manipulability, []
+    for name, reference, sensitivity in (
+        ("manipulability", found.measure, found.measure_error),
+        ("manipulability_gradient", found.gradient, found.gradient_error),
+    ):
+        value = kernels[prefix + name](*references.posture_of("body"))
+        errors = partial(np.multiply, np.finfo(np.asarray(value).dtype).eps, sensitivity)
+        checks.append(_but_for_rounding(prefix + name, "singular values", value, reference, errors))
+    return checks
 
 
 def _spring_checks(kernels: Kernels, references: References, prefix: str) -> list[Check]:

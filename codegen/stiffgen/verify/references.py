@@ -30,6 +30,7 @@ from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.springs import Spring
 from stiffgen.verify.dynamics import differentiated as differentiated_energies
 from stiffgen.verify.dynamics import potential_energy
+from stiffgen.verify.manipulability import Manipulability
 from stiffgen.verify.poses import (
     Place,
     gamma_F,
@@ -173,16 +174,11 @@ class References:
         return self._evaluate(gradient, [v, F, K], [each.T for each in columns])[..., 0]
 
     @property
-    def manipulability(self) -> tuple[Array, Array]:
-        """Measure and gradient from the Gram determinant of the joints' columns, in long doubles."""
+    def manipulability(self) -> Manipulability:
+        """Measure and gradient from the singular values of the joints' columns."""
         own = sorted({joint.coordinate for joint in self.chain.joints[self.chain.base_joints :]})
-        J, derivative = self.jacobian["body"][:, :, own], self.derivative["body"][:, self.chain.base_joints :, own]
-        rates = derivative.transpose(0, 1, 3, 2)
-        if len(own) < 6:
-            J, rates = J.transpose(0, 2, 1), rates.transpose(0, 1, 3, 2)
-        determinant, solution = _eliminated(J @ J.transpose(0, 2, 1), J)
-        measure = np.sqrt(determinant)
-        return measure, measure[:, None] * np.einsum("skb,sikb->si", solution, rates)
+        rates = self.derivative["body"][:, self.chain.base_joints :, own].transpose(0, 1, 3, 2)
+        return Manipulability.of(self.jacobian["body"][:, :, own], rates)
 
     def kinematic_stiffness(self, representation: Representation) -> Array:
         """Return the kinematic stiffness: column i is dJ^T/dq_i F."""
@@ -201,18 +197,6 @@ class References:
             on_base = np.einsum("ski,sk->si", J[:, :, :6], self.samples.wrench)
             stiffness[:, :6, :6] -= gamma_F("body", on_base)
         return stiffness
-
-
-def _eliminated(matrices: Array, right: Array) -> tuple[Array, Array]:
-    """Return determinants of positive definite matrices and the solutions of A x = b, by Gauss-Jordan elimination."""
-    rows, determinant = np.concatenate([matrices, right], axis=2), np.ones(len(matrices), dtype=matrices.dtype)
-    size = matrices.shape[1]
-    for k in range(size):
-        determinant = determinant * rows[:, k, k]
-        rows[:, k] /= rows[:, k, k, None]
-        for other in (each for each in range(size) if each != k):
-            rows[:, other] -= rows[:, other, k, None] * rows[:, k]
-    return determinant, rows[:, :, size:]
 
 
 def dynamics_references(chain: Chain, samples: Samples) -> dict[str, tuple[tuple[Array, ...], Array]]:

@@ -30,7 +30,7 @@ from support.quad import draw
 
 NAME = "iiwa14f"
 PRECISION = PRECISIONS["float"]
-ALLOWED = {"sinf", "cosf", "sincosf", "memcpy", "memset", "memmove"}
+ALLOWED = {"sinf", "cosf", "sincosf", "sqrtf", "fmaxf", "memcpy", "memset", "memmove"}
 
 
 @pytest.fixture(scope="module")

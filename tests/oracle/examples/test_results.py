@@ -58,7 +58,7 @@ def test_numbers_in_contact(robots: Path) -> None:
 @pytest.mark.slow
 def test_numbers_of_the_adversary() -> None:
     """The page's command, by its first columns; what a climb comes to differs between processors."""
-    (options,) = re.findall(r'NAME=energy OPTIONS="(.*?)"', PAGE)
+    (options,) = re.findall(r'NAME=energy OPTIONS="(.*?)"', PAGE.replace("\n", " "))
     done = subprocess.run(
         [sys.executable, str(ROOT / "tests" / "campaigns" / "energy.py"), *options.split(), "--workers", "2"],
         env={**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT / "tests"), str(ROOT), *sys.path])},

@@ -2,7 +2,7 @@
 /* Kernels and tables of the stub robot, in closed form. */
 #include "impedance.h"
 
-void robot_poses(const double *q, const memory_t *m, double *pose)
+void stiffgen_poses(const double *q, const memory_t *m, double *pose)
 {
     (void)m;
     memset(pose, 0, 16 * sizeof(double));
@@ -13,7 +13,7 @@ void robot_poses(const double *q, const memory_t *m, double *pose)
     pose[15] = 1.0;
 }
 
-void robot_jacobians(const double *q, const memory_t *m, double *jacobian)
+void stiffgen_jacobians(const double *q, const memory_t *m, double *jacobian)
 {
     (void)q;
     (void)m;
@@ -23,8 +23,8 @@ void robot_jacobians(const double *q, const memory_t *m, double *jacobian)
     }
 }
 
-void robot_joint_stiffness(const double *q, const memory_t *m, const double *wrench, const double *task_stiffness,
-                           double *joint_stiffness)
+void stiffgen_joint_stiffness(const double *q, const memory_t *m, const double *wrench, const double *task_stiffness,
+                              double *joint_stiffness)
 {
     (void)q;
     (void)m;
@@ -35,15 +35,15 @@ void robot_joint_stiffness(const double *q, const memory_t *m, const double *wre
     }
 }
 
-void robot_conventional_stiffness(const double *q, const memory_t *m, const double *wrench,
-                                  const double *task_stiffness, double *joint_stiffness)
+void stiffgen_conventional_stiffness(const double *q, const memory_t *m, const double *wrench,
+                                     const double *task_stiffness, double *joint_stiffness)
 {
-    robot_joint_stiffness(q, m, wrench, task_stiffness, joint_stiffness);
+    stiffgen_joint_stiffness(q, m, wrench, task_stiffness, joint_stiffness);
 }
 
-double robot_spring(const double *q, const memory_t *m, const double *equilibrium, const double *translation_stiffness,
-                    const double *rotation_stiffness, const double *limits, double *wrench, double *torque,
-                    double *joint_stiffness)
+double stiffgen_spring(const double *q, const memory_t *m, const double *equilibrium,
+                       const double *translation_stiffness, const double *rotation_stiffness, const double *limits,
+                       double *wrench, double *torque, double *joint_stiffness)
 {
     double energy = 0.0;
     (void)limits; /* this robot has no bounded spring */
@@ -64,20 +64,21 @@ double robot_spring(const double *q, const memory_t *m, const double *equilibriu
     return energy;
 }
 
-double robot_spring_energy(const double *q, const memory_t *m, const double *equilibrium,
-                           const double *translation_stiffness, const double *rotation_stiffness,
-                           const double *limits)
+double stiffgen_spring_energy(const double *q, const memory_t *m, const double *equilibrium,
+                              const double *translation_stiffness, const double *rotation_stiffness,
+                              const double *limits)
 {
     double wrench[6], torque[N], tangent[NN];
-    return robot_spring(q, m, equilibrium, translation_stiffness, rotation_stiffness, limits, wrench, torque, tangent);
+    return stiffgen_spring(q, m, equilibrium, translation_stiffness, rotation_stiffness, limits, wrench, torque,
+                           tangent);
 }
 
-int robot_has_bounded_spring(void)
+int stiffgen_has_bounded_spring(void)
 {
     return 0;
 }
 
-double robot_posture_energy(const double *q, const double *posture, const double *posture_stiffness)
+double stiffgen_posture_energy(const double *q, const double *posture, const double *posture_stiffness)
 {
     double energy = 0.0;
     for (int i = 0; i < N; ++i) {
@@ -86,32 +87,32 @@ double robot_posture_energy(const double *q, const double *posture, const double
     return energy;
 }
 
-void robot_home(memory_t *m)
+void stiffgen_home(memory_t *m)
 {
     (void)m;
 }
 
-int robot_reaches(const double *q, const memory_t *m)
-{
-    (void)q;
-    (void)m;
-    return 1;
-}
-
-int robot_follow(const double *q, memory_t *m)
+int stiffgen_reaches(const double *q, const memory_t *m)
 {
     (void)q;
     (void)m;
     return 1;
 }
 
-void robot_retract(const memory_t *m, double *q)
+int stiffgen_follow(const double *q, memory_t *m)
+{
+    (void)q;
+    (void)m;
+    return 1;
+}
+
+void stiffgen_retract(const memory_t *m, double *q)
 {
     (void)m;
     (void)q;
 }
 
-void robot_mass_matrix(const double *q, const memory_t *m, double *mass_matrix)
+void stiffgen_mass_matrix(const double *q, const memory_t *m, double *mass_matrix)
 {
     (void)q;
     (void)m;
@@ -121,7 +122,7 @@ void robot_mass_matrix(const double *q, const memory_t *m, double *mass_matrix)
     }
 }
 
-void robot_coriolis(const double *q, const memory_t *m, const double *velocity, double *forces)
+void stiffgen_coriolis(const double *q, const memory_t *m, const double *velocity, double *forces)
 {
     (void)q;
     (void)m;
@@ -129,26 +130,26 @@ void robot_coriolis(const double *q, const memory_t *m, const double *velocity, 
     memset(forces, 0, N * sizeof(double));
 }
 
-const double *robot_tool(const input_t *input)
+const double *stiffgen_tool(const input_t *input)
 {
     (void)input;
     return NULL;
 }
 
-const double *robot_translation_axes(const double *pose, const double *equilibrium)
+const double *stiffgen_translation_axes(const double *pose, const double *equilibrium)
 {
     (void)pose;
     (void)equilibrium;
     return NULL;
 }
 
-const double *robot_rotation_axes(const double *pose, const double *equilibrium)
+const double *stiffgen_rotation_axes(const double *pose, const double *equilibrium)
 {
     (void)pose;
     return equilibrium;
 }
 
-const double *robot_centre(void)
+const double *stiffgen_centre(void)
 {
     static const double centre[3] = {0.0, 0.0, 0.0};
     return centre;
@@ -169,7 +170,7 @@ const char *seen_of_reason(int reason)
     return reason == IIWA14_REASON_FROZEN ? "motion" : "";
 }
 
-const char *robot_joint(int joint)
+const char *stiffgen_joint(int joint)
 {
     (void)joint;
     return "joint";
