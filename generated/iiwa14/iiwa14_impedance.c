@@ -35,8 +35,8 @@ enum { SEARCHED = 40, SEARCH_STEPS = 60, RESTARTS = 5 };
 enum { MATRIX_NOT_FINITE = 1, MATRIX_NOT_POSITIVE, MATRIX_NOT_CONVERGED };
 
 /* Largest eigenvalues of M^-1 B T and M^-1 K T^2. With differenced velocity, a double integrator is unstable from
- * M^-1 B T = 2.0, 0.83, 0.53, 0.40, 0.32, 0.26 on at a delay of 0 to 5 samples: the damping has at most 0.475 of it, which
- * is DELAYED_DAMPING / (1 + delay) from 2 samples on. */
+ * M^-1 B T = 2.0, 0.83, 0.53, 0.40, 0.32, 0.26 on at a delay of 0 to 5 samples: the damping has at most 0.475 of it,
+ * which is DELAYED_DAMPING / (1 + delay) from 2 samples on. */
 static const double LARGEST_DAMPING = 0.25, DELAYED_DAMPING = 0.75, LARGEST_STIFFNESS = 0.0625;
 static const double LIMIT_SHARE = 0.5; /* share of LARGEST_STIFFNESS for the limit avoidance: the springs add theirs */
 static const double SYMMETRY = 1e-9;          /* of the task damping, over its largest entry */
@@ -53,14 +53,14 @@ static const double STATIONARY = 1e-5;   /* [s] of travel below which a posture 
 static const double ALIKE = 0.25;        /* [m] that weigh as much as one radian in a posture's distance from a pose */
 static const double REGULARISED = 1e-9;  /* added to J^T J of a posture, over its largest entry */
 static const double NEAR = 0.1;          /* [m] or [rad] from a pose at which self-motion begins */
-static const double PATH_LEAD = 0.03;    /* [m] or [rad] between equilibrium and posture: the first slows down, and waits at twice this */
+static const double PATH_LEAD = 0.03; /* [m] or [rad] from posture to equilibrium: it slows, and at twice this waits */
 static const double SLOWEST = 0.1;       /* share of its velocity limits that an equilibrium keeps until it waits */
 static const double STEP_SHARE = 0.05;   /* of a posture's step that is gone in one call */
 static const double ANOTHER = 0.3;       /* [rad] or [m] from the arm from which on a posture is another one */
 static const double RESTING = 0.03;      /* [rad/s] or [m/s] up to which an arm rests */
 static const double UNLOADED = 0.5;      /* [N m] or [N] up to which an arm at rest has no load */
 static const double LONGEST_STEP = 0.5;  /* [rad] or [m] of a search */
-static const double CREEPING = 1e-3;     /* [s] of travel below which a posture for which the equilibrium waits is at the end of its reach */
+static const double CREEPING = 1e-3;  /* [s] of travel: a slower posture that is waited for is at its end */
 static const double NEAR_TIME = 0.1;     /* [s] of travel that one step of self-motion looks ahead */
 static const double BRAKED = 0.9;     /* share of the velocity limits from which on a joint is braked */
 static const double TANK_FLOOR = 0.1; /* share of the tank's maximum that stiffness is not paid from */
@@ -70,8 +70,8 @@ static const double TRAVEL_TIME = 1.0; /* [s] of the equilibrium's travel that b
  * times of travel that the equilibrium may be behind. */
 static const double PLAN_DRIFT = 0.05, PLAN_JUMP = 0.25, PLAN_MEMORY = 0.5, PLAN_STILL = 0.1, KEPT_UP = 2.0;
 static const double COVERED = 0.7;    /* share of the available energy for the springs; the damping has the remainder */
-/* A sensor: velocity_noise counts this often in one sample; a standstill is judged from this share of the velocity limit
- * on, over the motion of this many samples. */
+/* A sensor: velocity_noise counts this often in one sample; a standstill is judged from this share of the velocity
+ * limit on, over the motion of this many samples. */
 static const double NOISE_RANGE = 6.0, FROZEN_SHARE = 0.02, FROZEN_SAMPLES = 20.0;
 static const double GAIN_FADE = 0.9;     /* share of the motors' kp that is left after another call without a sample */
 static const double SCALE_TIME = 0.05;   /* [s] shortest time in which the scale rises from 0 to 1 */
@@ -865,7 +865,8 @@ static double find_shift(double a, double d, double square)
 
 /*
  * Do one sweep of implicit QL on the block l ... m of a tridiagonal matrix whose norm is 1: its diagonal d and the
- * squares e of the entries beside it. A rotation needs the squares of cosine and sine of the last one alone, and no root.
+ * squares e of the entries beside it. A rotation needs the squares of cosine and sine of the last one alone, and no
+ * root.
  */
 static void sweep_block(int n, int l, int m, double *d, double *e, double *rows)
 {
@@ -1194,9 +1195,10 @@ static int split_torque(const double *q, const double *dq, const double *q_des, 
 
 /*
  * Bound the work that a motor puts out within the time `hold` after the sample, whatever the environment does, with a
- * the torque of the motor at the sample's position at rest, and no joint faster than `speed`. At the distance x the work
- * is at most a x - kp x^2 / 2 - kd x^2 / hold, since the integral of dq^2 over at most `hold` is at least x^2 / hold
- * (Cauchy and Schwarz). The bound is the largest value for |x| <= speed hold; a motion at constant speed attains it.
+ * the torque of the motor at the sample's position at rest, and no joint faster than `speed`. At the distance x the
+ * work is at most a x - kp x^2 / 2 - kd x^2 / hold, since the integral of dq^2 over at most `hold` is at least x^2 /
+ * hold (Cauchy and Schwarz). The bound is the largest value for |x| <= speed hold; a motion at constant speed attains
+ * it.
  */
 static double bound_motor_work(double a, double kp, double kd, double speed, double hold)
 {
@@ -1205,7 +1207,8 @@ static double bound_motor_work(double a, double kp, double kd, double speed, dou
     return (fabs(a) - c * x) * x;
 }
 
-/* Bound the work of all motors within `hold` after the sample; NaN if an argument is not finite, or hold not above 0. */
+/* Bound the work of all motors within `hold` after the sample; NaN if an argument is not finite, or hold not above
+ * 0. */
 static double bound_late_work(const double *q, const double *q_des, const double *dq_des, const double *tau_ff,
                        const double *kp, const double *kd, const double *speed, double hold)
 {
@@ -1220,8 +1223,8 @@ static double bound_late_work(const double *q, const double *q_des, const double
 }
 
 /*
- * Plan the gains of a step: of the tangent of the scaled springs with the limit avoidance, and of the damping. kd acts on
- * the velocity itself, so the same torque at the present velocity is added to the one that is held.
+ * Plan the gains of a step: of the tangent of the scaled springs with the limit avoidance, and of the damping. kd acts
+ * on the velocity itself, so the same torque at the present velocity is added to the one that is held.
  */
 static void plan_gains(step_t *s)
 {
@@ -1238,8 +1241,9 @@ static void plan_gains(step_t *s)
 }
 
 /*
- * Bound the work that the gains take in over the last interval, which no call was missing from: exact for kp, whose spring
- * was at rest at the interval's start; for kd the least that any motion with these ends dissipates in a sample time.
+ * Bound the work that the gains take in over the last interval, which no call was missing from: exact for kp, whose
+ * spring was at rest at the interval's start; for kd the least that any motion with these ends dissipates in a sample
+ * time.
  */
 static double absorbed_work(const memory_t *m, const double *motion)
 {
@@ -1437,9 +1441,9 @@ static int limit_call_gap(const config_t *c, int missed)
 
 /*
  * Compute the reserve: the worst-case work of the torques in transit, whatever the environment does, until the last of
- * them has gone to zero at the rate limit. No joint is faster than its limit, and a call comes every `gap` sample times.
- * The torque is held for `calls` such calls without a sample, and, in a fault, for one.
- * With l times the torque the reserve is parts[0] + l parts[1] + l^2 parts[2].
+ * them has gone to zero at the rate limit. No joint is faster than its limit, and a call comes every `gap` sample
+ * times. The torque is held for `calls` such calls without a sample, and, in a fault, for one. With l times the torque
+ * the reserve is parts[0] + l parts[1] + l^2 parts[2].
  */
 static double compute_reserve(const step_t *s, int calls, int gap, const double *torque, double *parts)
 {
@@ -1922,9 +1926,9 @@ static double find_level(int count, const double *values, double most)
 }
 
 /*
- * Soften the accepted stiffness where the sample time does not allow it. M^-1 K has no eigenvalue above the sum of those
- * of the springs, of posture and of limit avoidance. Once nothing is cut, the springs are looked at only after the next
- * tangent that is too stiff.
+ * Soften the accepted stiffness where the sample time does not allow it. M^-1 K has no eigenvalue above the sum of
+ * those of the springs, of posture and of limit avoidance. Once nothing is cut, the springs are looked at only after
+ * the next tangent that is too stiff.
  */
 static void cap_springs(step_t *s)
 {
@@ -2290,7 +2294,8 @@ static int check_joint(step_t *s, int i)
     /* An arm that is too fast must be braked: q and dq that agree are believed at any speed that follows from the last
      * one, and in a fault at any speed. */
     const int fault = m->fault != ID(FAULT_NONE), follows = fabs(motion - m->dq[i] * elapsed) <= far + quanta;
-    const double range = 2.0 * far + quanta + apart, located = fault || (follows && !differ) ? 10.0 * far + quanta : range;
+    const double range = 2.0 * far + quanta + apart;
+    const double located = fault || (follows && !differ) ? 10.0 * far + quanta : range;
     s->velocity[i] = dq;
     if ((differ || !fault) && fabs(motion) > located) {
         s->located = 0;
@@ -2432,8 +2437,9 @@ static int accept_pose(const double *pose, double *accepted)
 }
 
 /*
- * Accept a command that can be followed: positions in the reach of closed loops, poses, and stiffnesses within limits. Poses and
- * stiffnesses are used as they are accepted, orthonormal and symmetric. Return whether the command is accepted.
+ * Accept a command that can be followed: positions in the reach of closed loops, poses, and stiffnesses within limits.
+ * Poses and stiffnesses are used as they are accepted, orthonormal and symmetric. Return whether the command is
+ * accepted.
  */
 static int accept_command(step_t *s)
 {
@@ -2527,7 +2533,8 @@ static void move_pose(const double *pose, const double *twist, double *moved)
     }
 }
 
-/* Solve (A + shift I) x = x over the free joints; held ones keep x. work: 2 N N numbers. Return whether it succeeded. */
+/* Solve (A + shift I) x = x over the free joints; held ones keep x. work: 2 N N numbers. Return whether it
+ * succeeded. */
 static int solve_free(const double *A, double shift, const int *held, double *work, double *x)
 {
     double *const L = work + NN;
@@ -2548,7 +2555,8 @@ static int solve_free(const double *A, double shift, const int *held, double *wo
 
 /*
  * Combine a damped least-squares step, with the slope J^T W e of the pose's error (task), and the part of `near` that
- * leaves the tips where they are. A = J^T W J. Joints that are held have their step already. Return whether it succeeded.
+ * leaves the tips where they are. A = J^T W J. Joints that are held have their step already. Return whether it
+ * succeeded.
  */
 static int combine_steps(const double *A, const double *task, const double *near, double shift, const int *held,
                          double *work, double *step)
@@ -2634,8 +2642,8 @@ static double sum_errors(const memory_t *m, const double *q, const double *goal,
  * Find the step from the posture q towards the one nearest to `wanted` that has its tips at goal and lies outside the
  * limit zones. Return the tips' distance from the goal, the larger of [m] and [rad].
  *
- * The step is damped by e^T W e and by its root. The first keeps it short far from the goal and at singular postures. The
- * second bounds what the neglected second derivative of e does to the share of the step that is gone in one call.
+ * The step is damped by e^T W e and by its root. The first keeps it short far from the goal and at singular postures.
+ * The second bounds what the neglected second derivative of e does to the share of the step that is gone in one call.
  */
 static double find_posture_step(step_t *s, const double *q, const double *goal, const double *wanted, double *step)
 {
@@ -3109,10 +3117,10 @@ static int rests_elsewhere(const step_t *s)
 /*
  * Update the posture's velocity towards a posture of the pose that is commanded, nearest to the wanted one. The posture
  * follows the equilibrium. Where it ends short of the equilibrium, the pose is out of reach from here (beyond): the
- * posture then goes towards the pose itself, as near as it can, and the equilibrium goes where the posture is. From there
- * another posture of the pose is searched; if there is one, the posture goes to it (detour). lead: distance of the
- * equilibrium from the pose of the posture; arrived: the equilibrium is at its goal. Return whether the posture is still
- * on its way.
+ * posture then goes towards the pose itself, as near as it can, and the equilibrium goes where the posture is. From
+ * there another posture of the pose is searched; if there is one, the posture goes to it (detour). lead: distance of
+ * the equilibrium from the pose of the posture; arrived: the equilibrium is at its goal. Return whether the posture is
+ * still on its way.
  */
 static int approach_posture(step_t *s, double lead, int arrived)
 {
@@ -3208,8 +3216,8 @@ static int push_beyond_limit(const memory_t *m, double zone)
 
 /*
  * Find the share of its velocity limits that an equilibrium by pose uses. It goes no farther ahead of its posture than
- * the posture can follow (lead: distance from the pose of the posture). It is slow while the arm is deep in a limit zone,
- * and waits while its springs push the arm out of the limits.
+ * the posture can follow (lead: distance from the pose of the posture). It is slow while the arm is deep in a limit
+ * zone, and waits while its springs push the arm out of the limits.
  */
 static double find_pace(const step_t *s, double lead)
 {
@@ -3526,8 +3534,8 @@ static void adopt_tool(step_t *s)
 }
 
 /*
- * Take the caller's torque out of the last one: the energy account is about the controller's own. A torque in force at the
- * start is the caller's as far as it has the sign of `torque_offset` and is no larger, so that gravity counts once.
+ * Take the caller's torque out of the last one: the energy account is about the controller's own. A torque in force at
+ * the start is the caller's as far as it has the sign of `torque_offset` and is no larger, so that gravity counts once.
  */
 static void separate_torque_offset(step_t *s, double *last, int refused)
 {
@@ -3542,9 +3550,9 @@ static void separate_torque_offset(step_t *s, double *last, int refused)
 }
 
 /*
- * Add the caller's torque to the controller's own. The own torque goes first in the rate limit, since the reserve counts
- * on its fall; the caller's goes first in the effort limit (limit_torque). Without a position the caller's stays, and it
- * goes to zero with a configuration that is refused.
+ * Add the caller's torque to the controller's own. The own torque goes first in the rate limit, since the reserve
+ * counts on its fall; the caller's goes first in the effort limit (limit_torque). Without a position the caller's
+ * stays, and it goes to zero with a configuration that is refused.
  */
 static void add_torque_offset(step_t *s, const double *last, int refused)
 {
@@ -3615,8 +3623,8 @@ static void adopt_spring_limits(step_t *s)
 }
 
 /*
- * Return the energy [J] by which a rise of the stiffness may lift that of the tips' springs: the one at which they exert
- * heaviest_wrench at the present deflection, where energy and wrench rise in the same ratio.
+ * Return the energy [J] by which a rise of the stiffness may lift that of the tips' springs: the one at which they
+ * exert heaviest_wrench at the present deflection, where energy and wrench rise in the same ratio.
  */
 static double heaviest_rise(const memory_t *m)
 {
@@ -3646,8 +3654,8 @@ static void vary_stiffness(step_t *s)
     }
     double step = 1.0, share = 0.0, cost = 0.0;
     for (int attempt = 0; attempt <= last; ++attempt) {
-        /* first the whole change, then the share that can be paid, as the energy is linear in the stiffness; that of the
-         * bounded spring is not: if its share costs more, there is no change */
+        /* first the whole change, then the share that can be paid, as the energy is linear in the stiffness; that of
+         * the bounded spring is not: if its share costs more, there is no change */
         add_scaled(9 * TIPS, step, translation, m->translation_stiffness);
         add_scaled(9 * TIPS, step, rotation, m->rotation_stiffness);
         add_scaled(N, step, posture, m->posture_stiffness);
@@ -3734,8 +3742,8 @@ static int accept_wrench(const step_t *s)
 }
 
 /*
- * Add to a drift what a plan states less what came of it; both fade with PLAN_MEMORY. Return whether the drift is at most
- * `most`.
+ * Add to a drift what a plan states less what came of it; both fade with PLAN_MEMORY. Return whether the drift is at
+ * most `most`.
  */
 static int track_drift(double stated, double made, double elapsed, double most, double *drift)
 {
@@ -3787,8 +3795,9 @@ static int track_target(step_t *s)
 }
 
 /*
- * Accept velocity and acceleration of a plan: within limits, and in agreement with the motion of the command. A velocity
- * that stays while the command stands still is stale, and so is an acceleration that the velocity does not follow.
+ * Accept velocity and acceleration of a plan: within limits, and in agreement with the motion of the command. A
+ * velocity that stays while the command stands still is stale, and so is an acceleration that the velocity does not
+ * follow.
  */
 static int accept_plan(step_t *s)
 {
@@ -3901,8 +3910,8 @@ static double fade_with_speed(const step_t *s, const double *J)
 }
 
 /*
- * Return the largest share of the torque press, up to `most`, beside springs and limit avoidance, that effort limits and
- * reserve allow. The reserve is convex in the share, so a share is allowed below each one that is.
+ * Return the largest share of the torque press, up to `most`, beside springs and limit avoidance, that effort limits
+ * and reserve allow. The reserve is convex in the share, so a share is allowed below each one that is.
  */
 static double share_wrench(const step_t *s, const double *press, double most)
 {
@@ -3951,7 +3960,8 @@ static void press_tips(step_t *s)
 
 /*
  * Add the Coriolis and centrifugal forces C(q, dq) dq at the velocity of the damping, so that the arm moves as if its
- * inertia did not change on the way. They do work on the way from one inertia to another: the tank pays, as for wrenches.
+ * inertia did not change on the way. They do work on the way from one inertia to another: the tank pays, as for
+ * wrenches.
  */
 static void compensate_coriolis(step_t *s)
 {
@@ -3992,8 +4002,8 @@ static void limit_torque(step_t *s, const double *last)
 }
 
 /*
- * Try the torque with a share of what is wanted: 0 the torque that goes to zero, 1 the springs and the commanded wrench,
- * 2 these with damping, plan and Coriolis forces. Return whether the available energy covers it.
+ * Try the torque with a share of what is wanted: 0 the torque that goes to zero, 1 the springs and the commanded
+ * wrench, 2 these with damping, plan and Coriolis forces. Return whether the available energy covers it.
  */
 static int try_torque(step_t *s, const double *last, double share)
 {

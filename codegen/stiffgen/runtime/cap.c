@@ -132,9 +132,9 @@ static double find_level(int count, const double *values, double most)
 }
 
 /*
- * Soften the accepted stiffness where the sample time does not allow it. M^-1 K has no eigenvalue above the sum of those
- * of the springs, of posture and of limit avoidance. Once nothing is cut, the springs are looked at only after the next
- * tangent that is too stiff.
+ * Soften the accepted stiffness where the sample time does not allow it. M^-1 K has no eigenvalue above the sum of
+ * those of the springs, of posture and of limit avoidance. Once nothing is cut, the springs are looked at only after
+ * the next tangent that is too stiff.
  */
 void cap_springs(step_t *s)
 {

@@ -38,8 +38,8 @@ void adopt_tool(step_t *s)
 }
 
 /*
- * Take the caller's torque out of the last one: the energy account is about the controller's own. A torque in force at the
- * start is the caller's as far as it has the sign of `torque_offset` and is no larger, so that gravity counts once.
+ * Take the caller's torque out of the last one: the energy account is about the controller's own. A torque in force at
+ * the start is the caller's as far as it has the sign of `torque_offset` and is no larger, so that gravity counts once.
  */
 void separate_torque_offset(step_t *s, double *last, int refused)
 {
@@ -54,9 +54,9 @@ void separate_torque_offset(step_t *s, double *last, int refused)
 }
 
 /*
- * Add the caller's torque to the controller's own. The own torque goes first in the rate limit, since the reserve counts
- * on its fall; the caller's goes first in the effort limit (limit_torque). Without a position the caller's stays, and it
- * goes to zero with a configuration that is refused.
+ * Add the caller's torque to the controller's own. The own torque goes first in the rate limit, since the reserve
+ * counts on its fall; the caller's goes first in the effort limit (limit_torque). Without a position the caller's
+ * stays, and it goes to zero with a configuration that is refused.
  */
 void add_torque_offset(step_t *s, const double *last, int refused)
 {

@@ -126,7 +126,8 @@ static double find_shift(double a, double d, double square)
 
 /*
  * Do one sweep of implicit QL on the block l ... m of a tridiagonal matrix whose norm is 1: its diagonal d and the
- * squares e of the entries beside it. A rotation needs the squares of cosine and sine of the last one alone, and no root.
+ * squares e of the entries beside it. A rotation needs the squares of cosine and sine of the last one alone, and no
+ * root.
  */
 static void sweep_block(int n, int l, int m, double *d, double *e, double *rows)
 {

@@ -155,9 +155,9 @@ int limit_call_gap(const config_t *c, int missed)
 
 /*
  * Compute the reserve: the worst-case work of the torques in transit, whatever the environment does, until the last of
- * them has gone to zero at the rate limit. No joint is faster than its limit, and a call comes every `gap` sample times.
- * The torque is held for `calls` such calls without a sample, and, in a fault, for one.
- * With l times the torque the reserve is parts[0] + l parts[1] + l^2 parts[2].
+ * them has gone to zero at the rate limit. No joint is faster than its limit, and a call comes every `gap` sample
+ * times. The torque is held for `calls` such calls without a sample, and, in a fault, for one. With l times the torque
+ * the reserve is parts[0] + l parts[1] + l^2 parts[2].
  */
 double compute_reserve(const step_t *s, int calls, int gap, const double *torque, double *parts)
 {

@@ -24,8 +24,8 @@ static int accept_wrench(const step_t *s)
 }
 
 /*
- * Add to a drift what a plan states less what came of it; both fade with PLAN_MEMORY. Return whether the drift is at most
- * `most`.
+ * Add to a drift what a plan states less what came of it; both fade with PLAN_MEMORY. Return whether the drift is at
+ * most `most`.
  */
 static int track_drift(double stated, double made, double elapsed, double most, double *drift)
 {
@@ -77,8 +77,9 @@ static int track_target(step_t *s)
 }
 
 /*
- * Accept velocity and acceleration of a plan: within limits, and in agreement with the motion of the command. A velocity
- * that stays while the command stands still is stale, and so is an acceleration that the velocity does not follow.
+ * Accept velocity and acceleration of a plan: within limits, and in agreement with the motion of the command. A
+ * velocity that stays while the command stands still is stale, and so is an acceleration that the velocity does not
+ * follow.
  */
 static int accept_plan(step_t *s)
 {
@@ -191,8 +192,8 @@ static double fade_with_speed(const step_t *s, const double *J)
 }
 
 /*
- * Return the largest share of the torque press, up to `most`, beside springs and limit avoidance, that effort limits and
- * reserve allow. The reserve is convex in the share, so a share is allowed below each one that is.
+ * Return the largest share of the torque press, up to `most`, beside springs and limit avoidance, that effort limits
+ * and reserve allow. The reserve is convex in the share, so a share is allowed below each one that is.
  */
 static double share_wrench(const step_t *s, const double *press, double most)
 {
@@ -241,7 +242,8 @@ void press_tips(step_t *s)
 
 /*
  * Add the Coriolis and centrifugal forces C(q, dq) dq at the velocity of the damping, so that the arm moves as if its
- * inertia did not change on the way. They do work on the way from one inertia to another: the tank pays, as for wrenches.
+ * inertia did not change on the way. They do work on the way from one inertia to another: the tank pays, as for
+ * wrenches.
  */
 void compensate_coriolis(step_t *s)
 {

@@ -113,10 +113,10 @@ static int rests_elsewhere(const step_t *s)
 /*
  * Update the posture's velocity towards a posture of the pose that is commanded, nearest to the wanted one. The posture
  * follows the equilibrium. Where it ends short of the equilibrium, the pose is out of reach from here (beyond): the
- * posture then goes towards the pose itself, as near as it can, and the equilibrium goes where the posture is. From there
- * another posture of the pose is searched; if there is one, the posture goes to it (detour). lead: distance of the
- * equilibrium from the pose of the posture; arrived: the equilibrium is at its goal. Return whether the posture is still
- * on its way.
+ * posture then goes towards the pose itself, as near as it can, and the equilibrium goes where the posture is. From
+ * there another posture of the pose is searched; if there is one, the posture goes to it (detour). lead: distance of
+ * the equilibrium from the pose of the posture; arrived: the equilibrium is at its goal. Return whether the posture is
+ * still on its way.
  */
 static int approach_posture(step_t *s, double lead, int arrived)
 {
@@ -212,8 +212,8 @@ static int push_beyond_limit(const memory_t *m, double zone)
 
 /*
  * Find the share of its velocity limits that an equilibrium by pose uses. It goes no farther ahead of its posture than
- * the posture can follow (lead: distance from the pose of the posture). It is slow while the arm is deep in a limit zone,
- * and waits while its springs push the arm out of the limits.
+ * the posture can follow (lead: distance from the pose of the posture). It is slow while the arm is deep in a limit
+ * zone, and waits while its springs push the arm out of the limits.
  */
 static double find_pace(const step_t *s, double lead)
 {

@@ -24,8 +24,8 @@ enum { SEARCHED = 40, SEARCH_STEPS = 60, RESTARTS = 5 };
 enum { MATRIX_NOT_FINITE = 1, MATRIX_NOT_POSITIVE, MATRIX_NOT_CONVERGED };
 
 /* Largest eigenvalues of M^-1 B T and M^-1 K T^2. With differenced velocity, a double integrator is unstable from
- * M^-1 B T = 2.0, 0.83, 0.53, 0.40, 0.32, 0.26 on at a delay of 0 to 5 samples: the damping has at most 0.475 of it, which
- * is DELAYED_DAMPING / (1 + delay) from 2 samples on. */
+ * M^-1 B T = 2.0, 0.83, 0.53, 0.40, 0.32, 0.26 on at a delay of 0 to 5 samples: the damping has at most 0.475 of it,
+ * which is DELAYED_DAMPING / (1 + delay) from 2 samples on. */
 static const double LARGEST_DAMPING = 0.25, DELAYED_DAMPING = 0.75, LARGEST_STIFFNESS = 0.0625;
 static const double LIMIT_SHARE = 0.5; /* share of LARGEST_STIFFNESS for the limit avoidance: the springs add theirs */
 static const double SYMMETRY = 1e-9;          /* of the task damping, over its largest entry */
@@ -42,14 +42,14 @@ static const double STATIONARY = 1e-5;   /* [s] of travel below which a posture 
 static const double ALIKE = 0.25;        /* [m] that weigh as much as one radian in a posture's distance from a pose */
 static const double REGULARISED = 1e-9;  /* added to J^T J of a posture, over its largest entry */
 static const double NEAR = 0.1;          /* [m] or [rad] from a pose at which self-motion begins */
-static const double PATH_LEAD = 0.03;    /* [m] or [rad] between equilibrium and posture: the first slows down, and waits at twice this */
+static const double PATH_LEAD = 0.03; /* [m] or [rad] from posture to equilibrium: it slows, and at twice this waits */
 static const double SLOWEST = 0.1;       /* share of its velocity limits that an equilibrium keeps until it waits */
 static const double STEP_SHARE = 0.05;   /* of a posture's step that is gone in one call */
 static const double ANOTHER = 0.3;       /* [rad] or [m] from the arm from which on a posture is another one */
 static const double RESTING = 0.03;      /* [rad/s] or [m/s] up to which an arm rests */
 static const double UNLOADED = 0.5;      /* [N m] or [N] up to which an arm at rest has no load */
 static const double LONGEST_STEP = 0.5;  /* [rad] or [m] of a search */
-static const double CREEPING = 1e-3;     /* [s] of travel below which a posture for which the equilibrium waits is at the end of its reach */
+static const double CREEPING = 1e-3;  /* [s] of travel: a slower posture that is waited for is at its end */
 static const double NEAR_TIME = 0.1;     /* [s] of travel that one step of self-motion looks ahead */
 static const double BRAKED = 0.9;     /* share of the velocity limits from which on a joint is braked */
 static const double TANK_FLOOR = 0.1; /* share of the tank's maximum that stiffness is not paid from */
@@ -59,8 +59,8 @@ static const double TRAVEL_TIME = 1.0; /* [s] of the equilibrium's travel that b
  * times of travel that the equilibrium may be behind. */
 static const double PLAN_DRIFT = 0.05, PLAN_JUMP = 0.25, PLAN_MEMORY = 0.5, PLAN_STILL = 0.1, KEPT_UP = 2.0;
 static const double COVERED = 0.7;    /* share of the available energy for the springs; the damping has the remainder */
-/* A sensor: velocity_noise counts this often in one sample; a standstill is judged from this share of the velocity limit
- * on, over the motion of this many samples. */
+/* A sensor: velocity_noise counts this often in one sample; a standstill is judged from this share of the velocity
+ * limit on, over the motion of this many samples. */
 static const double NOISE_RANGE = 6.0, FROZEN_SHARE = 0.02, FROZEN_SAMPLES = 20.0;
 static const double GAIN_FADE = 0.9;     /* share of the motors' kp that is left after another call without a sample */
 static const double SCALE_TIME = 0.05;   /* [s] shortest time in which the scale rises from 0 to 1 */
@@ -111,8 +111,8 @@ typedef struct {
 
 /* ---- functions, by file ---- */
 
-/* robot.c: the robot's kernels at its tips, one after the other, and the tables of its fields. m: tools of the tips, and
- * with closed loops the joints from which they are closed */
+/* robot.c: the robot's kernels at its tips, one after the other, and the tables of its fields. m: tools of the tips,
+ * and with closed loops the joints from which they are closed */
 void stiffgen_poses(const double *q, const memory_t *m, double *pose);
 void stiffgen_jacobians(const double *q, const memory_t *m, double *jacobian);
 void stiffgen_joint_stiffness(const double *q, const memory_t *m, const double *wrench, const double *task_stiffness,

@@ -41,9 +41,10 @@ int split_torque(const double *q, const double *dq, const double *q_des, const d
 
 /*
  * Bound the work that a motor puts out within the time `hold` after the sample, whatever the environment does, with a
- * the torque of the motor at the sample's position at rest, and no joint faster than `speed`. At the distance x the work
- * is at most a x - kp x^2 / 2 - kd x^2 / hold, since the integral of dq^2 over at most `hold` is at least x^2 / hold
- * (Cauchy and Schwarz). The bound is the largest value for |x| <= speed hold; a motion at constant speed attains it.
+ * the torque of the motor at the sample's position at rest, and no joint faster than `speed`. At the distance x the
+ * work is at most a x - kp x^2 / 2 - kd x^2 / hold, since the integral of dq^2 over at most `hold` is at least x^2 /
+ * hold (Cauchy and Schwarz). The bound is the largest value for |x| <= speed hold; a motion at constant speed attains
+ * it.
  */
 static double bound_motor_work(double a, double kp, double kd, double speed, double hold)
 {
@@ -52,7 +53,8 @@ static double bound_motor_work(double a, double kp, double kd, double speed, dou
     return (fabs(a) - c * x) * x;
 }
 
-/* Bound the work of all motors within `hold` after the sample; NaN if an argument is not finite, or hold not above 0. */
+/* Bound the work of all motors within `hold` after the sample; NaN if an argument is not finite, or hold not above
+ * 0. */
 double bound_late_work(const double *q, const double *q_des, const double *dq_des, const double *tau_ff,
                        const double *kp, const double *kd, const double *speed, double hold)
 {
@@ -67,8 +69,8 @@ double bound_late_work(const double *q, const double *q_des, const double *dq_de
 }
 
 /*
- * Plan the gains of a step: of the tangent of the scaled springs with the limit avoidance, and of the damping. kd acts on
- * the velocity itself, so the same torque at the present velocity is added to the one that is held.
+ * Plan the gains of a step: of the tangent of the scaled springs with the limit avoidance, and of the damping. kd acts
+ * on the velocity itself, so the same torque at the present velocity is added to the one that is held.
  */
 void plan_gains(step_t *s)
 {
@@ -85,8 +87,9 @@ void plan_gains(step_t *s)
 }
 
 /*
- * Bound the work that the gains take in over the last interval, which no call was missing from: exact for kp, whose spring
- * was at rest at the interval's start; for kd the least that any motion with these ends dissipates in a sample time.
+ * Bound the work that the gains take in over the last interval, which no call was missing from: exact for kp, whose
+ * spring was at rest at the interval's start; for kd the least that any motion with these ends dissipates in a sample
+ * time.
  */
 double absorbed_work(const memory_t *m, const double *motion)
 {

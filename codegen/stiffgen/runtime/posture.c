@@ -67,7 +67,8 @@ void move_pose(const double *pose, const double *twist, double *moved)
     }
 }
 
-/* Solve (A + shift I) x = x over the free joints; held ones keep x. work: 2 N N numbers. Return whether it succeeded. */
+/* Solve (A + shift I) x = x over the free joints; held ones keep x. work: 2 N N numbers. Return whether it
+ * succeeded. */
 static int solve_free(const double *A, double shift, const int *held, double *work, double *x)
 {
     double *const L = work + NN;
@@ -88,7 +89,8 @@ static int solve_free(const double *A, double shift, const int *held, double *wo
 
 /*
  * Combine a damped least-squares step, with the slope J^T W e of the pose's error (task), and the part of `near` that
- * leaves the tips where they are. A = J^T W J. Joints that are held have their step already. Return whether it succeeded.
+ * leaves the tips where they are. A = J^T W J. Joints that are held have their step already. Return whether it
+ * succeeded.
  */
 static int combine_steps(const double *A, const double *task, const double *near, double shift, const int *held,
                          double *work, double *step)
@@ -174,8 +176,8 @@ static double sum_errors(const memory_t *m, const double *q, const double *goal,
  * Find the step from the posture q towards the one nearest to `wanted` that has its tips at goal and lies outside the
  * limit zones. Return the tips' distance from the goal, the larger of [m] and [rad].
  *
- * The step is damped by e^T W e and by its root. The first keeps it short far from the goal and at singular postures. The
- * second bounds what the neglected second derivative of e does to the share of the step that is gone in one call.
+ * The step is damped by e^T W e and by its root. The first keeps it short far from the goal and at singular postures.
+ * The second bounds what the neglected second derivative of e does to the share of the step that is gone in one call.
  */
 double find_posture_step(step_t *s, const double *q, const double *goal, const double *wanted, double *step)
 {

@@ -117,7 +117,8 @@ static int check_joint(step_t *s, int i)
     /* An arm that is too fast must be braked: q and dq that agree are believed at any speed that follows from the last
      * one, and in a fault at any speed. */
     const int fault = m->fault != ID(FAULT_NONE), follows = fabs(motion - m->dq[i] * elapsed) <= far + quanta;
-    const double range = 2.0 * far + quanta + apart, located = fault || (follows && !differ) ? 10.0 * far + quanta : range;
+    const double range = 2.0 * far + quanta + apart;
+    const double located = fault || (follows && !differ) ? 10.0 * far + quanta : range;
     s->velocity[i] = dq;
     if ((differ || !fault) && fabs(motion) > located) {
         s->located = 0;
@@ -259,8 +260,9 @@ int accept_pose(const double *pose, double *accepted)
 }
 
 /*
- * Accept a command that can be followed: positions in the reach of closed loops, poses, and stiffnesses within limits. Poses and
- * stiffnesses are used as they are accepted, orthonormal and symmetric. Return whether the command is accepted.
+ * Accept a command that can be followed: positions in the reach of closed loops, poses, and stiffnesses within limits.
+ * Poses and stiffnesses are used as they are accepted, orthonormal and symmetric. Return whether the command is
+ * accepted.
  */
 int accept_command(step_t *s)
 {

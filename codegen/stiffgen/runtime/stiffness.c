@@ -48,8 +48,8 @@ static void adopt_spring_limits(step_t *s)
 }
 
 /*
- * Return the energy [J] by which a rise of the stiffness may lift that of the tips' springs: the one at which they exert
- * heaviest_wrench at the present deflection, where energy and wrench rise in the same ratio.
+ * Return the energy [J] by which a rise of the stiffness may lift that of the tips' springs: the one at which they
+ * exert heaviest_wrench at the present deflection, where energy and wrench rise in the same ratio.
  */
 static double heaviest_rise(const memory_t *m)
 {
@@ -79,8 +79,8 @@ void vary_stiffness(step_t *s)
     }
     double step = 1.0, share = 0.0, cost = 0.0;
     for (int attempt = 0; attempt <= last; ++attempt) {
-        /* first the whole change, then the share that can be paid, as the energy is linear in the stiffness; that of the
-         * bounded spring is not: if its share costs more, there is no change */
+        /* first the whole change, then the share that can be paid, as the energy is linear in the stiffness; that of
+         * the bounded spring is not: if its share costs more, there is no change */
         add_scaled(9 * TIPS, step, translation, m->translation_stiffness);
         add_scaled(9 * TIPS, step, rotation, m->rotation_stiffness);
         add_scaled(N, step, posture, m->posture_stiffness);

@@ -29,8 +29,8 @@ void limit_torque(step_t *s, const double *last)
 }
 
 /*
- * Try the torque with a share of what is wanted: 0 the torque that goes to zero, 1 the springs and the commanded wrench,
- * 2 these with damping, plan and Coriolis forces. Return whether the available energy covers it.
+ * Try the torque with a share of what is wanted: 0 the torque that goes to zero, 1 the springs and the commanded
+ * wrench, 2 these with damping, plan and Coriolis forces. Return whether the available energy covers it.
  */
 static int try_torque(step_t *s, const double *last, double share)
 {
