@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: MIT
 /*
- * The hybrid joint stiffness of the iiwa 14 and its vector-Jacobian product on a GPU, each against a device-to-device copy
- * that moves as many bytes: 41 doubles a configuration (7 of q, 6 of the wrench, 28 of the result), and 111 (49 of the
- * cotangent, and 7, 6 and 36 of the gradients). Values are checked against the C code first.
+ * The hybrid joint stiffness of the iiwa 14, with one task stiffness and with one per configuration, and its vector-Jacobian
+ * product on a GPU, each against a device-to-device copy that moves as many bytes: 41 doubles a configuration (7 of q, 6 of
+ * the wrench, 28 of the result), 62 (21 of the task stiffness's upper triangle), and 111 (49 of the cotangent, and 7, 6 and
+ * 36 of the gradients). Values are checked against the C code first.
  *
  *     make bench-cuda            (nvcc, a GPU; CONFIGURATIONS=number, default 4194304)
  */
@@ -34,20 +35,27 @@ static double draw(double low, double high)
     return low + (high - low) * ((double)(state >> 11) * 0x1p-53);
 }
 
-/* Largest difference to the C code over the largest entry, over every step-th configuration; -1 for a wrong NaN. */
-static double largest_error(const std::vector<double> &q, const std::vector<double> &wrench, const double K[36],
+/*
+ * Largest difference to the C code over the largest entry, over every step-th configuration; -1 for a wrong NaN. K holds one
+ * task stiffness for all, or one per configuration in columns.
+ */
+static double largest_error(const std::vector<double> &q, const std::vector<double> &wrench, const std::vector<double> &K,
     const std::vector<double> &found, size_t count, size_t step)
 {
+    const bool shared = K.size() == 36;
     double worst = 0.0;
     for (size_t c = 0; c < count; c += step) {
-        double one_q[JOINTS], one_wrench[6], Kq[JOINTS * JOINTS], difference = 0.0, scale = 0.0;
+        double one_q[JOINTS], one_wrench[6], one_K[36], Kq[JOINTS * JOINTS], difference = 0.0, scale = 0.0;
         for (size_t k = 0; k < JOINTS; ++k) {
             one_q[k] = q[k * count + c];
         }
         for (size_t k = 0; k < 6; ++k) {
             one_wrench[k] = wrench[k * count + c];
         }
-        iiwa14_hybrid_joint_stiffness(one_q, one_wrench, K, Kq);
+        for (size_t k = 0; k < 36; ++k) {
+            one_K[k] = shared ? K[k] : K[k * count + c];
+        }
+        iiwa14_hybrid_joint_stiffness(one_q, one_wrench, one_K, Kq);
         size_t packed = 0;
         for (size_t i = 0; i < JOINTS; ++i) {
             for (size_t j = i; j < JOINTS; ++j) {
@@ -67,7 +75,7 @@ static double largest_error(const std::vector<double> &q, const std::vector<doub
 }
 
 /* The same of the product's results, one after the other: q_bar, wrench_bar, task_stiffness_bar. */
-static double largest_error_of_product(const std::vector<double> &q, const std::vector<double> &wrench, const double K[36],
+static double largest_error_of_product(const std::vector<double> &q, const std::vector<double> &wrench, const std::vector<double> &K,
     const std::vector<double> &cotangent, const std::vector<double> &found, size_t count, size_t step)
 {
     enum { GRADIENTS = JOINTS + 6 + 36 };
@@ -83,7 +91,7 @@ static double largest_error_of_product(const std::vector<double> &q, const std::
         for (size_t k = 0; k < JOINTS * JOINTS; ++k) {
             one[k] = cotangent[k * count + c];
         }
-        iiwa14_hybrid_joint_stiffness_vjp(one_q, one_wrench, K, one, bar, bar + JOINTS, bar + JOINTS + 6);
+        iiwa14_hybrid_joint_stiffness_vjp(one_q, one_wrench, K.data(), one, bar, bar + JOINTS, bar + JOINTS + 6);
         const size_t ends[3] = {JOINTS, JOINTS + 6, GRADIENTS};
         size_t k = 0;
         for (int part = 0; part < 3; ++part) {
@@ -169,16 +177,18 @@ int main(int argc, char **argv)
     cudaDeviceProp device;
     check(cudaGetDeviceProperties(&device, 0), "no usable GPU");
 
-    std::vector<double> q(JOINTS * count), wrench(6 * count), found(PACKED * count);
-    double K[36];
+    std::vector<double> q(JOINTS * count), wrench(6 * count), found(PACKED * count), K(36), K_each(36 * count);
     for (size_t k = 0; k < q.size(); ++k) {
         q[k] = draw(iiwa14_lower[k / count], iiwa14_upper[k / count]);
     }
     for (size_t k = 0; k < wrench.size(); ++k) {
         wrench[k] = draw(-20.0, 20.0);
     }
-    for (int k = 0; k < 36; ++k) {
+    for (size_t k = 0; k < 36; ++k) {
         K[k] = draw(-100.0, 100.0) + (k % 7 == 0 ? 700.0 : 0.0);
+        for (size_t c = 0; c < count; ++c) {
+            K_each[k * count + c] = draw(0.5, 2.0) * K[k];
+        }
     }
     q[0] = NAN; /* configuration 0 */
 
@@ -188,13 +198,18 @@ int main(int argc, char **argv)
     }
     const double *const q_there = moved_there(q, "memory for q");
     const double *const wrench_there = moved_there(wrench, "memory for the wrenches");
-    const double *const K_there = moved_there(std::vector<double>(K, K + 36), "memory for the task stiffness");
+    const double *const K_there = moved_there(K, "memory for the task stiffness");
+    const double *const K_each_there = moved_there(K_each, "memory for a task stiffness per configuration");
     const double *const cotangent_there = moved_there(cotangent, "memory for the cotangents");
     double *const result_there = moved_there(found, "memory for the result");
     double *const gradients_there = moved_there(gradients, "memory for the gradients");
 
     const auto stiffness = [&] {
         return iiwa14_hybrid_joint_stiffness_cuda(count, count, q_there, wrench_there, K_there, result_there, NULL);
+    };
+    const auto stiffness_each = [&] {
+        return iiwa14_hybrid_joint_stiffness_each_cuda(
+            count, count, q_there, wrench_there, K_each_there, count, result_there, NULL);
     };
     const auto product = [&] {
         return iiwa14_hybrid_joint_stiffness_vjp_cuda(count, count, q_there, wrench_there, K_there, cotangent_there,
@@ -203,17 +218,23 @@ int main(int argc, char **argv)
     const size_t step = std::max<size_t>(1, count / 65536);
     check(stiffness(), "iiwa14_hybrid_joint_stiffness_cuda");
     check(cudaMemcpy(found.data(), result_there, found.size() * sizeof(double), cudaMemcpyDeviceToHost), "copying back");
+    const double error = largest_error(q, wrench, K, found, count, step);
+    check(stiffness_each(), "iiwa14_hybrid_joint_stiffness_each_cuda");
+    check(cudaMemcpy(found.data(), result_there, found.size() * sizeof(double), cudaMemcpyDeviceToHost), "copying back");
+    const double error_each = largest_error(q, wrench, K_each, found, count, step);
     check(product(), "iiwa14_hybrid_joint_stiffness_vjp_cuda");
     check(cudaMemcpy(gradients.data(), gradients_there, gradients.size() * sizeof(double), cudaMemcpyDeviceToHost),
         "copying back");
-    const double error = largest_error(q, wrench, K, found, count, step);
     const double product_error = largest_error_of_product(q, wrench, K, cotangent, gradients, count, step);
-    if (!(error >= 0.0 && error <= 1e-12 && product_error >= 0.0 && product_error <= 1e-11)) {
-        fprintf(stderr, "the values are wrong: relative error %g, of the product %g\n", error, product_error);
+    const auto within = [](double found_error, double bound) { return found_error >= 0.0 && found_error <= bound; };
+    if (!within(error, 1e-12) || !within(error_each, 1e-12) || !within(product_error, 1e-11)) {
+        fprintf(stderr, "the values are wrong: relative error %g, with a task stiffness each %g, of the product %g\n", error,
+            error_each, product_error);
         return 1;
     }
     printf("%s, %zu configurations\n", device.name, count);
     compare("hybrid joint stiffness", count, JOINTS + 6 + PACKED, error, stiffness);
+    compare("with a task stiffness each", count, JOINTS + 6 + 21 + PACKED, error_each, stiffness_each);
     compare("its vector-Jacobian product", count, 2 * (JOINTS + 6) + JOINTS * JOINTS + 36, product_error, product);
     return 0;
 }

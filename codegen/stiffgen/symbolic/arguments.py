@@ -33,9 +33,10 @@ class Argument:
         symbol: letter of the argument in formulas.
         plural: name of the argument where it holds one value per tip.
         per_configuration: whether CUDA always takes one per configuration (cotangents, vectors of all tips). Of other
-            arguments, CUDA takes one vector per configuration, but one matrix for all unless it is ``varying``.
+            arguments, CUDA takes one vector per configuration; all configurations share a matrix unless it is
+            ``varying`` or the launch function's name ends in ``_each_cuda``.
         of_configuration: whether the argument belongs to the configuration and is shared by all tips.
-        varying: whether CUDA takes one matrix per configuration.
+        varying: whether every launch function of CUDA takes one matrix per configuration.
         triangle: whether a kernel reads only the upper triangle of a symmetric matrix.
 
     """

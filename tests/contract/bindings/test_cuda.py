@@ -125,6 +125,31 @@ def test_an_equilibrium_for_each_configuration(host, robot, chain):
     assert (out != NOTHING).all()
 
 
+def test_every_matrix_for_each_configuration(host, robot, chain):
+    """Stiffnesses and numbers in columns with strides of their own; each can be shared; short strides are refused."""
+    samples = Samples.draw(chain, 37, seed=6)
+    ufuncs = kernels_of(robot, chain)
+    kernels = {name: k for name, k in host.kernels.items() if any(shared(a) and not a.varying for a in k.arguments)}
+    assert len(kernels) == 3 + 1 + 6 + 3  # joint stiffness, its gradient, the spring, the limits
+    for name, kernel in kernels.items():
+        stacks = [samples.of(a, 0) for a in kernel.arguments]
+        for place, argument in enumerate(kernel.arguments):
+            one = [stack[0] if k == place and shared(argument) else stack for k, stack in enumerate(stacks)]
+            for given in (stacks, one) if shared(argument) else (stacks,):
+                results = (as_results(each) for each in (host(name, *given, spare=2, each=True), ufuncs[name](*given)))
+                for found, expected in zip(*results, strict=True):
+                    for ours, theirs in zip(found, expected, strict=True):
+                        assert_close(ours, theirs)
+    kernel = kernels["hybrid_joint_stiffness"]
+    q, wrench, out = np.zeros((7, 4)), np.zeros((6, 4)), np.full((28, 4), NOTHING)
+    assert host.launch(kernel, 4, 4, q, wrench, np.zeros((36, 3)), out, each=True) == 1
+    assert (out == NOTHING).all()
+    assert host.launch(kernel, 4, 4, q, wrench, np.zeros((36, 4)), out, each=True) == 0
+    assert (out != NOTHING).all()
+    for name in set(host.kernels) - set(kernels):
+        assert not hasattr(host.library, f"iiwa14_{name}_each_cuda")
+
+
 @pytest.mark.parametrize(
     ("case", "compiler"),
     [
@@ -152,15 +177,18 @@ def test_other_chains(case, compiler, tmp_path):
     for kernel in chain_kernels(chain):
         if not kernel.batch:
             continue
-        given = [np.array(pool[a][0]) if shared(a) else pool[a] for a in kernel.arguments]
+        stacks = [pool[a] for a in kernel.arguments]
+        first = [np.array(pool[a][0]) if shared(a) else pool[a] for a in kernel.arguments]
+        has_each = any(shared(a) and not a.varying for a in kernel.arguments)
         function = casadi_function(chain, kernel)
-        found = as_results(host(kernel.qualified_name, *given, spare=2))
-        for c in range(5):
-            one = [g if shared(a) else g[c] for a, g in zip(kernel.arguments, given, strict=True)]
-            folds = [folded(argument.array(chain).shape) for argument in kernel.arguments]
-            expected = as_results(function(*(a.reshape(f) for a, f in zip(one, folds, strict=True))))
-            for stack, value in zip(found, expected, strict=True):
-                assert_close(stack[c], np.asarray(value).reshape(stack[c].shape))
+        folds = [folded(argument.array(chain).shape) for argument in kernel.arguments]
+        for given, each in ((first, False), (stacks, True)) if has_each else ((first, False),):
+            found = as_results(host(kernel.qualified_name, *given, spare=2, each=each))
+            for c in range(5):
+                one = [g if shared(a) and not each else g[c] for a, g in zip(kernel.arguments, given, strict=True)]
+                expected = as_results(function(*(a.reshape(f) for a, f in zip(one, folds, strict=True))))
+                for stack, value in zip(found, expected, strict=True):
+                    assert_close(stack[c], np.asarray(value).reshape(stack[c].shape))
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
@@ -271,21 +299,24 @@ def require_nvcc():
         pytest.skip("nvcc is not installed (NVIDIA's CUDA toolkit)")
 
 
-def nvcc(*arguments):
+def nvcc(*arguments, architecture="sm_80"):
     require_nvcc()
     warnings = ["-Werror", "all-warnings", "-Xcompiler", "-Wall,-Wextra,-Wconversion,-Wshadow,-Werror"]
-    command = ["nvcc", "-arch=sm_80", *warnings, *map(str, arguments)]
+    command = ["nvcc", f"-arch={architecture}", *warnings, *map(str, arguments)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout + done.stderr
 
 
 @pytest.mark.slow
-def test_nvcc(folder, tmp_path):
-    """No warning, and the stiffness of the iiwa 14 fits into registers."""
-    resources = nvcc("-Xptxas", "-v", "-c", folder / "iiwa14.cu", "-o", tmp_path / "o")
-    entry = resources[resources.index("hybrid_joint_stiffness_kernel") :]
-    assert " 0 bytes spill stores, 0 bytes spill loads" in entry.split("Used")[0]
+@pytest.mark.parametrize("architecture", ["sm_80", "sm_90", "sm_100"])
+def test_nvcc(architecture, folder, tmp_path):
+    """No warning, and the iiwa 14's stiffness fits into registers, with a task stiffness per configuration, too."""
+    options = ("-Xptxas", "-v", "-c", folder / "iiwa14.cu", "-o", tmp_path / "o")
+    resources = nvcc(*options, architecture=architecture)
+    for kernel in ("hybrid_joint_stiffness_kernel", "hybrid_joint_stiffness_each_kernel"):
+        entry = resources[resources.index(kernel) :]
+        assert " 0 bytes spill stores, 0 bytes spill loads" in entry.split("Used")[0]
 
 
 @pytest.mark.slow

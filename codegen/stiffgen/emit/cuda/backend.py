@@ -15,78 +15,112 @@ from stiffgen.emit.texts import extents, prototype, wrapped
 from stiffgen.errors import ChainError
 from stiffgen.lower.variant import CUDA as VARIANT
 from stiffgen.robot.chain import Chain
+from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import MAX_BATCH_JOINTS, Kernel
 from stiffgen.symbolic.program import Array
 
 
 @dataclass(frozen=True)
-class ThreadPage:
-    """A CUDA kernel. Every configuration has its own vectors and cotangents; other matrices are shared by all.
+class Launch:
+    """A CUDA kernel and the function that launches it.
 
-    A varying matrix has a stride of its own, 0 for a shared one.
+    Each configuration has its own vectors and cotangents. A varying argument has a stride of its own, 0 for one that
+    all configurations share; all configurations share every other argument.
 
     Attributes:
-        definition: function of one thread.
-        kernel: prototype of the function that runs it for all configurations.
+        name: name of the kernel and its launch function, without the suffixes.
+        kernel: prototype of the function that runs all configurations.
         prototype: launch function.
-        qualified_name: name of the kernel.
         own: arguments of which every configuration has its own.
         varying: arguments of which every configuration may have its own.
         arrays: arguments of the kernel in the launch function: arrays, strides, and results.
         values: arguments of the thread's function.
-        results: results, and the part of them that is written.
+        traffic: numbers read and written per configuration, in words.
         documentation: comment above the launch function, in lines.
 
     """
 
-    definition: Definition
+    name: str
     kernel: str
     prototype: str
-    qualified_name: str
     own: list[Array]
     varying: list[Array]
     arrays: list[str]
     values: list[str]
-    results: list[StoredResult]
+    traffic: str
     documentation: list[str]
 
-    @property
-    def moved(self) -> int:
-        """Numbers read and written per configuration."""
-        return sum(result.stored for result in self.results) + sum(array.size for array in self.own)
+
+@dataclass(frozen=True)
+class ThreadPage:
+    """The function of one thread, and the CUDA kernels that call it.
+
+    Attributes:
+        definition: function of one thread.
+        qualified_name: name of the kernel.
+        results: results, and the part of them that is written.
+        launches: kernel with shared matrices and, where there are any, the kernel with matrices per configuration.
+
+    """
+
+    definition: Definition
+    qualified_name: str
+    results: list[StoredResult]
+    launches: list[Launch]
+
+
+def _is_own(argument: Argument) -> bool:
+    return len(argument.shape) == 1 or argument.per_configuration
 
 
 def _thread_page(request: Request, code: VariantCode, kernel: Kernel, function: CFunction) -> ThreadPage:
-    chain, number = request.chain, code.variant.number
-    arguments = list(zip(kernel.arguments, function.inputs, strict=True))
-    own = [array for argument, array in arguments if len(array.shape) == 1 or argument.per_configuration]
-    varying = [array for argument, array in arguments if argument.varying]
+    shared = [a for a in kernel.arguments if not _is_own(a)]
+    varying = [a for a in shared if a.varying]
+    launches = [_launch(request, kernel, function, kernel.qualified_name, varying)]
+    if varying != shared:
+        launches.append(_launch(request, kernel, function, f"{kernel.qualified_name}_each", shared))
+    return ThreadPage(
+        definition=one_configuration(code.variant, kernel, function),
+        qualified_name=kernel.qualified_name,
+        results=[stored_result(request.chain, result, result.packed()) for result in kernel.results],
+        launches=launches,
+    )
+
+
+def _launch(request: Request, kernel: Kernel, function: CFunction, name: str, varying: list[Argument]) -> Launch:
+    number, strides = request.scalar.name, {argument.name for argument in varying}
     parameters, arrays = [], []
     for array in function.inputs:
         parameters.append(f"const {number} *{array.name}")
         arrays.append(array.name)
-        if array in varying:
+        if array.name in strides:
             parameters.append(f"size_t {array.name}_stride")
             arrays.append(f"{array.name}_stride")
     parameters += [f"{number} *{array.name}" for array in function.outputs]
     arrays += [array.name for array in function.outputs]
     apart = [text.replace("*", "*__restrict__ ") for text in parameters]
     sizes = ["size_t count", "size_t stride"]
-    return ThreadPage(
-        definition=one_configuration(code.variant, kernel, function),
-        kernel=prototype(f"KERNEL {kernel.qualified_name}_kernel(", sizes + apart),
-        prototype=prototype(f"int {request.name}_{kernel.qualified_name}_cuda(", [*sizes, *parameters, "void *stream"]),
-        qualified_name=kernel.qualified_name,
+    own = [a for argument, a in zip(kernel.arguments, function.inputs, strict=True) if _is_own(argument)]
+    own_strides = [array for array in function.inputs if array.name in strides]
+    loaded = {array.name for array in (*own, *own_strides)}
+    stored = [result.packed().array(request.chain) for result in kernel.results]
+    traffic = f"{sum(array.size for array in (*own, *stored))} {number}s per configuration"
+    if own_strides:
+        traffic += f", at most {sum(array.size for array in own_strides)} more with arguments that are not shared"
+    return Launch(
+        name=name,
+        kernel=prototype(f"KERNEL {name}_kernel(", sizes + apart),
+        prototype=prototype(f"int {request.name}_{name}_cuda(", [*sizes, *parameters, "void *stream"]),
         own=own,
-        varying=varying,
+        varying=own_strides,
         arrays=arrays,
-        values=[f"{a.name}_of_one" if a in own or a in varying else a.name for a in function.inputs],
-        results=[stored_result(chain, result, result.packed()) for result in kernel.results],
-        documentation=_documentation(chain, kernel),
+        values=[f"{a.name}_of_one" if a.name in loaded else a.name for a in function.inputs],
+        traffic=traffic,
+        documentation=_documentation(request.chain, kernel, varying),
     )
 
 
-def _documentation(chain: Chain, kernel: Kernel) -> list[str]:
+def _documentation(chain: Chain, kernel: Kernel, varying: list[Argument]) -> list[str]:
     """Return the comment above a launch function's prototype."""
     lines = [kernel.summary, *wrapped(kernel.equation), *(wrapped(kernel.note) if kernel.note else []), ""]
     for argument in (*kernel.arguments, *kernel.results):
@@ -95,10 +129,10 @@ def _documentation(chain: Chain, kernel: Kernel) -> list[str]:
         if argument in kernel.results:
             triangle = "upper triangle of " if argument.symmetric else ""
             text = f"{argument.packed().array(chain).size} per configuration: {triangle}{text}"
-        elif argument.varying:
+        elif argument in varying:
             text += f" per configuration, {argument.name}_stride apart; with {argument.name}_stride 0, shared"
         else:
-            text += " per configuration" if len(shape) == 1 or argument.per_configuration else ", shared"
+            text += " per configuration" if _is_own(argument) else ", shared"
         lines += wrapped(f"{argument.name} ({text}) [{argument.unit}]: {argument.meaning}", indent="    ")
     return lines
 
