@@ -105,7 +105,7 @@ def expected_values(references):
     samples = references.samples
     q, wrench = samples.q, samples.wrench
     manipulability = references.manipulability
-    held = q, wrench, samples.task_stiffness, references.direction
+    held = q, wrench, samples.task_stiffness, samples.direction
     wanted = {
         "forward_kinematics": ((q,), references.pose),
         "manipulability": ((q,), manipulability.measure),

@@ -68,7 +68,7 @@ def check_kernels(kernels: Kernels, references: References, prefix: str = "") ->
 
     add("forward_kinematics", "product of poses", references.pose, *references.posture)
     checks += _manipulability_checks(kernels, references, prefix)
-    held = wrench, samples.task_stiffness, references.direction
+    held = wrench, samples.task_stiffness, samples.direction
     along = "form differentiated along v"
     add("hybrid_stiffness_direction_gradient", along, references.direction_gradient, *references.posture, *held)
     for rep in REPRESENTATIONS:

@@ -87,7 +87,6 @@ class References:
             derivative[np.abs(derivative).max(axis=(1, 2)) <= rounding] = 0.0
             self.derivative[representation] = derivative.reshape(count, n, 6, n).transpose(0, 3, 1, 2)
         self.potential = self._potential(symbol, pose, seed)
-        self.direction = np.random.default_rng([seed, 6]).normal(size=(count, chain.dof))
         self.direction_gradient = self._direction_gradient(place, mounted)
         self.parameters: dict[str, list[Array]] = {}
         self.springs = {spring.name: self._spring(spring, symbol, pose, seed) for spring in self.options.springs()}
@@ -169,7 +168,7 @@ class References:
             w, f = v[3:6], torque[:3]
             form -= ca.dot(v[:3], ca.cross(f, w)) + ca.dot(w, ca.cross(torque[3:6], w)) / 2
         form = ca.substitute(form, first, ca.DM.zeros(own))
-        columns = [self.direction, self.samples.wrench, self.samples.task_stiffness.reshape(-1, 36)]
+        columns = [self.samples.direction, self.samples.wrench, self.samples.task_stiffness.reshape(-1, 36)]
         gradient = ca.gradient(form, place.coordinates)
         return self._evaluate(gradient, [v, F, K], [each.T for each in columns])[..., 0]
 

@@ -40,6 +40,7 @@ class Samples:
     base_pose: Array
     force_limit: Array
     moment_limit: Array
+    direction: Array
     chain: Chain
 
     @staticmethod
@@ -83,6 +84,7 @@ class Samples:
             base_pose=_random_poses(np.random.default_rng([seed, 2]), count),
             force_limit=np.random.default_rng([seed, 3]).uniform(20.0, 100.0, count),
             moment_limit=np.random.default_rng([seed, 4]).uniform(5.0, 20.0, count),
+            direction=np.random.default_rng([seed, 6]).normal(size=(count, chain.dof)),
             chain=chain,
         )
 

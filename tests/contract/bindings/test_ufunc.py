@@ -125,14 +125,14 @@ def test_help_is_for_a_reader(robot):
     text = pydoc.plain(pydoc.render_doc(robot))
     for line in (
         "joint_stiffness(q, wrench, task_stiffness) -> (7, 7)",
-        "body, spatial, hybrid",
+        "body, spatial\n",
         "LOWER, UPPER, VELOCITY",
     ):
         assert line in text
     assert "joint_stiffness(q, wrench, task_stiffness)\n" in pydoc.plain(pydoc.render_doc(robot.hybrid))
     assert "SimpleNamespace" not in text
     assert "ndarray(shape" not in text and "__abs__" not in text  # the pages of arrays and of integers
-    assert len(text.splitlines()) < 400
+    assert len(text.splitlines()) < 500
     assert repr(robot.hybrid).startswith("<iiwa14.hybrid: jacobian, ")
     assert set(vars(robot.hybrid)) == {kernel.name for kernel in KERNELS if kernel.group == "hybrid"}
 

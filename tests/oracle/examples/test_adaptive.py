@@ -28,15 +28,15 @@ def folder(tmp_path_factory):
 
 def test_greed_is_bounded(robot):
     """What would give out more than two joules without the bound gives out none of them with it."""
-    free = adaptive.simulate(robot, adaptive.greedy, adaptive.HUGE, duration=4.0)
-    bound = adaptive.simulate(robot, adaptive.greedy, adaptive.TANK, duration=4.0)
+    free = adaptive.simulate(robot, adaptive.greedy, adaptive.HUGE, duration=8.0)
+    bound = adaptive.simulate(robot, adaptive.greedy, adaptive.TANK, duration=8.0)
     assert free.fault == bound.fault == 0
     assert free.port.max() > adaptive.TANK
     assert bound.port.max() <= adaptive.TANK
     assert bound.tank.min() >= 0
-    refused = (bound.asked == adaptive.STIFF) & (bound.given < 0.5 * adaptive.STIFF)
-    same = (free.asked == adaptive.STIFF) & (free.given < 0.5 * adaptive.STIFF)
-    assert refused.sum() > 2 * same.sum()  # it waits for the tank, not for the time constant alone
+    late = free.given - bound.given
+    assert late.max() > 1000  # N/m: it waits for the tank, not for the time constant alone
+    assert late.min() > -100
 
 
 @pytest.mark.slow

@@ -139,9 +139,8 @@ def test_what_does_not_depend_on_the_base_has_no_gradient_by_it(tmp_path):
     for kernel, product in products(chain):
         takes = any(argument.name == "base_pose" for argument in kernel.arguments)
         assert takes == ("base_pose_bar" in [result.name for result in product.results])
-        assert takes != (
-            kernel.group in ("body", "posture", "limits") or kernel.name in ("mass_matrix", "connection_correction")
-        )
+        without = ("mass_matrix", "connection_correction", "manipulability")
+        assert takes != (kernel.group in ("body", "posture", "limits") or kernel.name in without)
 
 
 def test_default_table_has_no_products(chain):

@@ -84,12 +84,12 @@ def test_sliding_and_mimic_joints_and_a_tool_of_run_time(types, floating, tmp_pa
     file.write_text(chain_urdf(types))
     chain = load_chain(file, floating_base=floating, runtime_tool=True)
     kernels, references = StiffnessModel(chain), References(chain, 3, 5)
-    measure, gradient = references.manipulability
+    expected = references.manipulability
     for k in range(3):
         seen, where = ([each[k] for each in references.posture_of(rep)] for rep in ("body", "hybrid"))
-        assert_close(np.array(kernels.manipulability(*seen)).ravel(), measure[k : k + 1].astype(float))
-        assert_close(np.array(kernels.manipulability_gradient(*seen)).ravel(), gradient[k].astype(float))
-        held = references.samples.wrench[k], references.samples.task_stiffness[k], references.direction[k]
+        assert_close(np.array(kernels.manipulability(*seen)).ravel(), expected.measure[k : k + 1])
+        assert_close(np.array(kernels.manipulability_gradient(*seen)).ravel(), expected.gradient[k])
+        held = references.samples.wrench[k], references.samples.task_stiffness[k], references.samples.direction[k]
         found = np.array(kernels.hybrid.stiffness_direction_gradient(*where, *held)).ravel()
         assert_close(found, references.direction_gradient[k].astype(float))
 
@@ -107,7 +107,7 @@ def test_direction_gradient_by_complex_steps(floating):
     references = References(chain, 4, 2)
     given = [*references.posture, references.samples.wrench, references.samples.task_stiffness]
     shaped = [columns(each, each.shape[1:]) for each in given]
-    v = references.direction
+    v = references.samples.direction
     of = gradients(casadi_function(chain, stiffness), shaped, [v[:, :, None] * v[:, None, :]])
     expected = np.concatenate([each[..., 0] for each in of[: len(references.posture)]], axis=1)
     kernels = StiffnessModel(chain)

@@ -163,7 +163,7 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
     command_t command, previous;
     double pipe[MOST_DELAY + 1][N] = {{0}}, pipe_feed[MOST_DELAY + 1][N] = {{0}};
     double commanded[N] = {0}, last_reference[N] = {0}, last_tip[3] = {0}, least[N] = {0}, most[N] = {0};
-    int at = 0, was_faulted = 0, clamped = 0, initialised = 0, known = 0, skipped = 0;
+    int at = 0, was_faulted = 0, clamped = 0, initialised = 0, known = 0, skipped = 0, calls = 0;
     memset(&forces, 0, sizeof forces);
     memset(&sensors, 0, sizeof sensors);
     memset(&command, 0, sizeof command);
@@ -217,10 +217,10 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
         if (skipped == 0) {
             previous = command;
             law_step(configs[s->config], state, &sample, output, &command);
-            if (summary->finished == 0) {
+            if (initialised == 2 && calls++ == 0) { /* the first call that has a sample, not the first in time */
                 summary->start_energy = spring_energy(motion.q, &command, &command);
                 summary->first_energy = command.energy;
-            } else if (!was_faulted) { /* a call may move the equilibrium and then find that it has to fault */
+            } else if (initialised == 2 && !was_faulted) { /* a call may move the equilibrium and then find that it has to fault */
                 const double work = spring_energy(motion.q, &previous, &command) -
                                     spring_energy(motion.q, &previous, &previous);
                 summary->reference_work += fmax(work, 0.0);
