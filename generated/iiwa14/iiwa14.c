@@ -270,7 +270,7 @@ static void tip_pose(const double q[7], double pose[16])
         EIGHT(q[0], q[1], q[2], q[3], q[4], q[5], q[6], 0.0),
     };
     lanes sine[8 / LANES], cosine[8 / LANES];
-    sine_cosine(angle, sine, cosine, 8 / LANES);
+    sine_cosine(angle, sine, cosine, (7 + LANES - 1) / LANES);
     const double *const s = (const double *)sine;
     const double *const c = (const double *)cosine;
     const double s0 = s[0];
@@ -373,7 +373,7 @@ static void gravity_columns(const double q[7], lanes J[6][PADDED], double first_
         EIGHT(q[0], q[1], q[2], q[3], q[4], q[5], q[6], 0.0),
     };
     lanes sine[8 / LANES], cosine[8 / LANES];
-    sine_cosine(angle, sine, cosine, 8 / LANES);
+    sine_cosine(angle, sine, cosine, (7 + LANES - 1) / LANES);
     const double *const s = (const double *)sine;
     const double *const c = (const double *)cosine;
     const double s0 = s[0];
@@ -524,7 +524,7 @@ static void body_columns(const double q[7], lanes J[6][PADDED])
         EIGHT(q[1], q[2], q[3], q[4], q[5], q[6], 0.0, 0.0),
     };
     lanes sine[8 / LANES], cosine[8 / LANES];
-    sine_cosine(angle, sine, cosine, 8 / LANES);
+    sine_cosine(angle, sine, cosine, (6 + LANES - 1) / LANES);
     const double *const s = (const double *)sine;
     const double *const c = (const double *)cosine;
     const double s1 = s[0];
@@ -660,7 +660,7 @@ static void spatial_columns(const double q[7], lanes J[6][PADDED])
         EIGHT(q[0], q[1], q[2], q[3], q[4], q[5], 0.0, 0.0),
     };
     lanes sine[8 / LANES], cosine[8 / LANES];
-    sine_cosine(angle, sine, cosine, 8 / LANES);
+    sine_cosine(angle, sine, cosine, (6 + LANES - 1) / LANES);
     const double *const s = (const double *)sine;
     const double *const c = (const double *)cosine;
     const double s0 = s[0];
@@ -766,7 +766,7 @@ static void hybrid_columns(const double q[7], lanes J[6][PADDED])
         EIGHT(q[0], q[1], q[2], q[3], q[4], q[5], 0.0, 0.0),
     };
     lanes sine[8 / LANES], cosine[8 / LANES];
-    sine_cosine(angle, sine, cosine, 8 / LANES);
+    sine_cosine(angle, sine, cosine, (6 + LANES - 1) / LANES);
     const double *const s = (const double *)sine;
     const double *const c = (const double *)cosine;
     const double s0 = s[0];
@@ -923,7 +923,7 @@ static void hybrid_columns_and_pose(const double q[7], lanes J[6][PADDED], doubl
         EIGHT(q[0], q[1], q[2], q[3], q[4], q[5], q[6], 0.0),
     };
     lanes sine[8 / LANES], cosine[8 / LANES];
-    sine_cosine(angle, sine, cosine, 8 / LANES);
+    sine_cosine(angle, sine, cosine, (7 + LANES - 1) / LANES);
     const double *const s = (const double *)sine;
     const double *const c = (const double *)cosine;
     const double s0 = s[0];
@@ -1073,7 +1073,7 @@ void iiwa14_mass_matrix(const double q[7], double mass_matrix[49])
         EIGHT(q[1], q[2], q[3], q[4], q[5], q[6], 0.0, 0.0),
     };
     lanes sine[8 / LANES], cosine[8 / LANES];
-    sine_cosine(angle, sine, cosine, 8 / LANES);
+    sine_cosine(angle, sine, cosine, (6 + LANES - 1) / LANES);
     const double *const s = (const double *)sine;
     const double *const c = (const double *)cosine;
     const double s1 = s[0];
@@ -1293,7 +1293,7 @@ void iiwa14_bias_forces(const double q[7], const double velocity[7], const doubl
         EIGHT(q[0], q[1], q[2], q[3], q[4], q[5], q[6], 0.0),
     };
     lanes sine[8 / LANES], cosine[8 / LANES];
-    sine_cosine(angle, sine, cosine, 8 / LANES);
+    sine_cosine(angle, sine, cosine, (7 + LANES - 1) / LANES);
     const double *const s = (const double *)sine;
     const double *const c = (const double *)cosine;
     const double s0 = s[0];
@@ -1604,7 +1604,7 @@ void iiwa14_static_torque_derivatives(const double q[7], const double wrench[6],
         EIGHT(q[0], q[1], q[2], q[3], q[4], q[5], q[6], 0.0),
     };
     lanes sine[8 / LANES], cosine[8 / LANES];
-    sine_cosine(angle, sine, cosine, 8 / LANES);
+    sine_cosine(angle, sine, cosine, (7 + LANES - 1) / LANES);
     const double *const s = (const double *)sine;
     const double *const c = (const double *)cosine;
     const double s0 = s[0];

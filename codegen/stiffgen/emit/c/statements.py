@@ -123,15 +123,17 @@ class _Writer:
         scalar = self.variant.scalar
         batch = all(angle in self.wide for angle in angles)
         if batch:
-            count, padded = str(len(values)), [", ".join(values)]
+            vectors = used_vectors = str(len(values))
+            padded = [", ".join(values)]
         else:
-            count, padded = f"{scalar.filled(len(values))} / LANES", grouped(values, scalar)
+            vectors, padded = f"{scalar.filled(len(values))} / LANES", grouped(values, scalar)
+            used_vectors = f"({len(values)} + LANES - 1) / LANES"
         self.lines += [
-            f"const {self.variant.row} {array}[{count}] = {{",
+            f"const {self.variant.row} {array}[{vectors}] = {{",
             *(f"    {line}" for entry in padded for line in wrap_list(f"{entry},")),
             "};",
-            f"{self.variant.row} {sine}[{count}], {cosine}[{count}];",
-            f"sine_cosine({array}, {sine}, {cosine}, {count});",
+            f"{self.variant.row} {sine}[{vectors}], {cosine}[{vectors}];",
+            f"sine_cosine({array}, {sine}, {cosine}, {used_vectors});",
         ]
         view = {"sin": sine, "cos": cosine}
         if not batch:
