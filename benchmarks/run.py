@@ -316,6 +316,13 @@ GPU = [
 ]
 
 
+def other_processors() -> list[str]:
+    """Return the section of figures that were measured on other processors, as RESULTS.md has it."""
+    text = (HERE / "RESULTS.md").read_text()
+    start = text.index("## Other processors")
+    return [*text[start : text.index("\n## ", start)].splitlines(), ""]
+
+
 def machine() -> str:
     cpu = Path("/proc/cpuinfo").read_text() if Path("/proc/cpuinfo").exists() else ""
     model = next((line.split(":")[1].strip() for line in cpu.splitlines() if line.startswith("model name")), "unknown")
@@ -449,6 +456,7 @@ def main(target: Path = HERE) -> None:
         *throughput_section(many),
         *streamed_section(streamed),
         *growth_section(grown),
+        *other_processors(),
         *GPU,
         *(["Left out:", "", *(f"* {reason}" for reason in left_out), ""] if left_out else []),
     ]

@@ -197,10 +197,13 @@ def _functions_by_group(robot: GeneratedRobot) -> dict[str, list[str]]:
 
 
 def joined_kernels(name: str, texts: Mapping[str, str]) -> str:
-    """Return the C of all kernels in one piece: single calls and batches, behind the header that both include."""
+    """Return the C of all kernels in one piece: single calls and batches, behind the header that both include.
+
+    The single calls use vectors as wide as those of the batches.
+    """
     include = f'#include "{name}_lanes.h"\n'
     single, batch = texts[f"{name}.c"], texts.get(f"{name}_batch.c", "")
-    return single.replace(include, texts[f"{name}_lanes.h"]) + batch.replace(include, "")
+    return single.replace(f"#define SINGLE_CALLS\n{include}", texts[f"{name}_lanes.h"]) + batch.replace(include, "")
 
 
 def functions_of(module: ModuleType, kernels: tuple[Kernel, ...], folder: Path) -> dict[str, Callable[..., Any]]:

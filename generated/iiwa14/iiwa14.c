@@ -16,6 +16,7 @@
  */
 #include "iiwa14.h"
 
+#define SINGLE_CALLS
 #include "iiwa14_lanes.h"
 
 /* ---- Names and limits of the joints ------------------------------------------------------------------------- */
@@ -217,14 +218,18 @@ static void weighted_sums(const lanes *from, int rows, int m, int padded, int bl
     }
 }
 
-/* Copy rows of vectors. */
+/* Copy rows of vectors, each in one piece: clang would store halves, for which a load of the whole has to wait. */
 static inline void put_rows(const lanes *from, int rows, int padded, lanes *to)
 {
     UNROLLED
     for (int k = 0; k < rows; ++k) {
         UNROLLED
         for (int j = 0; j < padded; ++j) {
-            to[padded * k + j] = from[padded * k + j];
+            lanes row = from[padded * k + j];
+#if defined(__clang__) && LANE_BYTES == 32
+            __asm__("" : "+x"(row));
+#endif
+            to[padded * k + j] = row;
         }
     }
 }

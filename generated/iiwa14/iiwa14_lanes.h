@@ -126,7 +126,8 @@ enum { N = 7 }; /* coordinates */
  * A variable of type `lanes` is one vector of LANES numbers, as wide as the processor's vector registers. `lanes` is a
  * plain double where the compiler has no vector types or computes with more bits than a double has. In single calls
  * each lane belongs to a joint, and rows over joints are padded with zeros. In batches each lane belongs to a
- * configuration.
+ * configuration. Single calls (SINGLE_CALLS) use at most 256 bits: with 512 they take fewer instructions, but longer, because
+ * processors execute 512 bits in fewer places at a time.
  */
 #if !defined(__GNUC__) || EXCESS_PRECISION || defined(STIFFGEN_NO_VECTORS)
 #define LANE_BYTES 8
@@ -135,7 +136,7 @@ enum { N = 7 }; /* coordinates */
 typedef double lanes;
 typedef unsigned long long pattern;
 #else
-#if defined(__AVX512F__)
+#if defined(__AVX512F__) && !defined(SINGLE_CALLS)
 #define LANE_BYTES 64
 #define EIGHT(a, b, c, d, e, f, g, h) {a, b, c, d, e, f, g, h}
 #define EACH(of) {of(0), of(1), of(2), of(3), of(4), of(5), of(6), of(7)}

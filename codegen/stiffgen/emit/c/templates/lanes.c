@@ -3,7 +3,8 @@
  * A variable of type `lanes` is one vector of LANES numbers, as wide as the processor's vector registers. `lanes` is a
  * plain {{ scalar.name }} where the compiler has no vector types or computes with more bits than a {{ scalar.name }} has. In single calls
  * each lane belongs to a joint, and rows over joints are padded with zeros. In batches each lane belongs to a
- * configuration.
+ * configuration. Single calls (SINGLE_CALLS) use at most 256 bits: with 512 they take fewer instructions, but longer, because
+ * processors execute 512 bits in fewer places at a time.
  */
 #if !defined(__GNUC__) || EXCESS_PRECISION || defined(STIFFGEN_NO_VECTORS)
 #define LANE_BYTES {{ scalar.bytes }}
@@ -12,7 +13,7 @@
 typedef {{ scalar.name }} lanes;
 typedef {{ scalar.pattern }} pattern;
 #else
-{% for bytes, known in ((64, "#if defined(__AVX512F__)"), (32, "#elif defined(__AVX__)"), (16, "#else")) %}
+{% for bytes, known in ((64, "#if defined(__AVX512F__) && !defined(SINGLE_CALLS)"), (32, "#elif defined(__AVX__)"), (16, "#else")) %}
 {% set count = bytes // scalar.bytes %}
 {{ known }}
 #define LANE_BYTES {{ bytes }}
