@@ -2,8 +2,6 @@
 """Functions in motor coordinates of an ankle with two loops, beside the functions of its open tree.
 
 Each ratio is of one run: instructions of a call (callgrind, AVX2 with FMA) and its time (best of many, -march=native).
-The open tree has the joint stiffness of one tip (the sole), and of all five tips: the sole, and the four ends of the
-loops, which carry the forces of the loops.
 """
 
 from __future__ import annotations
@@ -90,6 +88,14 @@ int main(int argc, char **argv)
 """
 
 
+COMPARED = """
+Motors: one call of the function in motor coordinates at a closed q, without close.
+Open tree: the function of the same name of the same tree at the same q, of
+- one tip: the sole alone, whose branch has 2 of the 8 joints;
+- five tips: the sole and the four ends of the loops, which bear the loops' forces;
+- mass_matrix and bias_forces: all 8 joints."""
+
+
 def urdf(folder: Path, name: str, *, ends: bool) -> Path:
     """Write the ankle, with links at the ends of the loops if the tree is open."""
     text = "".join(
@@ -151,6 +157,7 @@ def main() -> None:
     for title, a, b in ROWS:
         counted = f"{count[a]} / {count[b]} | {count[a] / count[b]:.2f}"
         print(f"| {title} | {counted} | {time[a]:.0f} / {time[b]:.0f} | {time[a] / time[b]:.2f} |")
+    print(COMPARED)
 
 
 if __name__ == "__main__":

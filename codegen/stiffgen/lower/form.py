@@ -14,7 +14,7 @@ from enum import Enum
 
 import casadi as ca
 
-from stiffgen.lower.graph import CONDITIONAL, Graph, Operations, build_graph
+from stiffgen.lower.graph import Graph, Operations, build_graph
 from stiffgen.lower.scalar import Scalar
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kinematics import Kind
@@ -244,7 +244,6 @@ def make_body(
     results, rest = numbers[: len(outputs)], iter(numbers[len(outputs) :])
     named = [(title, [(name, next(rest), kind) for name, _, kind in members], only) for title, members, only in groups]
     known = [*zip(results, kinds, strict=False), *((n, kind) for _, members, _ in named for _, n, kind in members)]
-    conditional = any(graph.keys[number][0] in CONDITIONAL for number in graph.uses(results))
     return Body(
         graph,
         tuple(access for _, access in inputs),
@@ -255,7 +254,7 @@ def make_body(
         define,
         wide_outputs,
         accumulate,
-        poison if conditional else "",
+        poison if graph.chooses(results) else "",
     )
 
 

@@ -71,6 +71,8 @@ class Graph:
             for factor, other in ((int(a), b), (b, int(a))):
                 if self.keys[factor][0] == "neg":
                     return self.add("neg", self.add("mul", int(self.keys[factor][1]), other))
+            if a == b and self.keys[b][0] in ("less", "at_most"):  # 0 or 1
+                return b
             a, b = sorted((int(a), b), key=self._constants_first)
         if kind == "add":
             if self.keys[b][0] == "neg":
@@ -101,6 +103,30 @@ class Graph:
             if any(operand in above for operand in self.operands(number)):
                 above.add(number)
         return above
+
+    def chooses(self, results: Iterable[int]) -> bool:
+        """Return whether a comparison or a choice can make a number of a NaN that the results depend on.
+
+        A comparison that divides by itself cannot: with a NaN it is 0, and the results are 0/0.
+        """
+        results = list(results)
+        conditional = [n for n in self.uses(results) if self.keys[n][0] in CONDITIONAL]
+        return any(not self._is_mask(number, results) for number in conditional)
+
+    def _is_mask(self, comparison: int, results: Iterable[int]) -> bool:
+        """Return whether all results that depend on a comparison are NaN where it is 0."""
+        if self.keys[comparison][0] not in ("less", "at_most"):
+            return False
+        above = self.above([comparison])
+        zeros, nans = {comparison}, set[int]()
+        for number in sorted(above - {comparison}):  # operands come before what uses them
+            kind, operands = self.keys[number][0], self.operands(number)
+            inherits = kind not in CONDITIONAL and not nans.isdisjoint(operands)
+            if inherits or (kind == "div" and zeros.issuperset(operands)):
+                nans.add(number)
+            elif kind in ("mul", "neg") and not zeros.isdisjoint(operands):
+                zeros.add(number)  # or NaN
+        return all(result in nans for result in results if result in above)
 
     def sine_levels(self) -> list[int]:
         """Return how deep sines and cosines are nested in each operation: 1 in sin(q), 2 in sin(3 cos(q)), 0 in q."""

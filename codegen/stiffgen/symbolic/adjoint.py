@@ -64,6 +64,7 @@ def reverse(
         Steps that read arguments and cotangents.
 
     """
+    program = tuple(each for step in program for each in _apart(step))
     if len(program) == 1 and isinstance(program[0], Sum):
         return (_sum(program[0]),)
     names: dict[str, str] = {}
@@ -161,6 +162,10 @@ class _Reverse(Gradients):
 
     def _is(self, name: str, array: Array) -> bool:
         return self.names.get(name, name) == array.name
+
+
+def _apart(step: Step) -> Program:
+    return (isinstance(step, StraightLine) and step.apart) or (step,)
 
 
 def _sum(step: Sum) -> Sum:

@@ -24,6 +24,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
+from itertools import accumulate
 
 import casadi as ca
 import numpy as np
@@ -32,6 +33,27 @@ from numpy.typing import NDArray
 from stiffgen.robot.chain import Chain, Joint, LoopEnd
 from stiffgen.symbolic.factors import Factors, Units
 from stiffgen.symbolic.kinematics import constant, cross, joint_position
+
+_Angle = tuple[int, float, float]
+Turns = dict[_Angle, tuple[ca.SX, ca.SX]]
+"""Sine and cosine of each angle of a hinge: joints of one coordinate, multiplier and offset have the same angle."""
+
+
+def _angle(joint: Joint) -> _Angle:
+    return joint.coordinate, joint.multiplier, joint.offset
+
+
+def hinges(chain: Chain) -> tuple[Joint, ...]:
+    """Return one hinge for each angle that occurs in the loops, in the order of the coordinates."""
+    ends = (end for loop in chain.loops for end in (loop.first, loop.second))
+    joints = {_angle(joint): joint for end in ends for joint in end.joints if not joint.prismatic}
+    return tuple(joints[angle] for angle in sorted(joints))
+
+
+def sines_and_cosines(chain: Chain, q: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Return sines and cosines of the angles of all ``hinges``."""
+    angles = ca.vertcat(*(joint_position(chain, joint, q) for joint in hinges(chain)))
+    return ca.sin(angles), ca.cos(angles)
 
 
 @dataclass(frozen=True)
@@ -43,22 +65,27 @@ class _End:
     moves: tuple[tuple[Joint, ca.SX, ca.SX], ...]
 
     @staticmethod
-    def of(chain: Chain, end: LoopEnd, q: ca.SX) -> _End:
-        R, p = ca.SX.eye(3), ca.SX.zeros(3)
-        axes = []
+    def of(chain: Chain, end: LoopEnd, q: ca.SX, turns: Turns) -> _End:
+        R = ca.SX.eye(3)
+        axes, ways = [], []
         for joint in end.joints:
-            p, R = p + R @ constant(joint.translation), R @ constant(joint.rotation)
-            axis, position = constant(joint.axis), joint_position(chain, joint, q)
-            axes.append((joint, ca.densify(R @ axis), p))
+            ways.append(R @ constant(joint.translation))
+            R = R @ constant(joint.rotation)
+            axis = constant(joint.axis)
+            axes.append((joint, ca.densify(R @ axis)))
             if joint.prismatic:
-                p = p + R @ axis * position
+                ways[-1] += R @ axis * joint_position(chain, joint, q)
             else:
-                along = axis @ axis.T
-                R = R @ (along + ca.cos(position) * (ca.SX.eye(3) - along) + ca.sin(position) * ca.skew(axis))
-        p, R = ca.densify(p + R @ constant(end.translation)), R @ constant(end.rotation)
+                along, (sine, cosine) = axis @ axis.T, turns[_angle(joint)]
+                R = R @ (along + cosine * (ca.SX.eye(3) - along) + sine * ca.skew(axis))
+        ways.append(R @ constant(end.translation))
+        arms = list(accumulate(reversed(ways)))[::-1]  # to the end; the first from the shared link's frame
         zero = ca.SX.zeros(3)
-        moves = ((j, zero, a) if j.prismatic else (j, a, cross(a, p - origin)) for j, a, origin in axes)
-        return _End(ca.densify(R), p, tuple(moves))
+        moves = (
+            (j, zero, axis) if j.prismatic else (j, axis, cross(axis, arm))
+            for (j, axis), arm in zip(axes, arms[1:], strict=True)
+        )
+        return _End(ca.densify(R @ constant(end.rotation)), ca.densify(arms[0]), tuple(moves))
 
     def add_stiffness(self, wrench: ca.SX, total: ca.SX, sign: int) -> None:
         """Add the symmetric part of the kinematic stiffness under a wrench."""
@@ -83,12 +110,16 @@ class _End:
 
 
 class Closure:
-    """Closed loops of a chain at joint positions q."""
+    """Closed loops of a chain at joint positions q; ``turns`` are sines and cosines of the hinges, if known."""
 
-    def __init__(self, chain: Chain, q: ca.SX) -> None:
+    def __init__(self, chain: Chain, q: ca.SX, *turns: ca.SX) -> None:
         self.chain = chain
         self.n, self.motors = chain.dof, chain.motors
-        self.ends = [(_End.of(chain, loop.first, q), _End.of(chain, loop.second, q)) for loop in chain.loops]
+        pairs = zip(*map(ca.vertsplit, turns or sines_and_cosines(chain, q)), strict=True)
+        known = dict(zip(map(_angle, hinges(chain)), pairs, strict=True))
+        self.ends = [
+            (_End.of(chain, loop.first, q, known), _End.of(chain, loop.second, q, known)) for loop in chain.loops
+        ]
         self.rows = [(k, row) for k, loop in enumerate(chain.loops) for row in loop.rows]
         self.jacobian = ca.SX(len(self.rows), self.n)
         for number, (k, row) in enumerate(self.rows):

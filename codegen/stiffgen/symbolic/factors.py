@@ -241,10 +241,9 @@ def _dot(left: Iterable[ca.SX], right: Iterable[ca.SX]) -> ca.SX:
 
 
 def _inverse(number: ca.SX, size: ca.SX, least: ca.SX | float) -> ca.SX:
-    """Return 1 / number; NaN unless its ``size`` is above ``least``."""
-    is_regular, is_singular = size > least, size <= least
-    # 0/0 at a singularity; CasADi would simplify x / number / x
-    return is_regular / (number * (1 - is_singular))
+    """Return 1 / number; NaN unless its ``size`` is above ``least``, and wherever an input is NaN."""
+    is_regular = size > least
+    return is_regular / (number * is_regular**2)  # 0/0 at a singularity; CasADi would simplify x / (number x)
 
 
 def _reflected(v: Vector, scale: ca.SX, b: Vector) -> Vector:

@@ -10,9 +10,9 @@ import casadi as ca
 
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import VELOCITY, Argument, Q
-from stiffgen.symbolic.closure import Closure
-from stiffgen.symbolic.kinematics import Expressions, Section
-from stiffgen.symbolic.program import Array, Operand, Over, Program, Step
+from stiffgen.symbolic.closure import Closure, hinges, sines_and_cosines
+from stiffgen.symbolic.kinematics import Expressions, Kind, Section
+from stiffgen.symbolic.program import Array, Operand, Over, Program, Step, entries_of
 from stiffgen.symbolic.steps import ClosedLoops, Map, StraightLine, SumJoints
 from stiffgen.symbolic.stiffness import symmetric_from_upper
 
@@ -81,9 +81,12 @@ def reduction(
     second = hessian
     if hessian:
         tree, second = _of_joints(tree, hessian)
+    tree, turns = _with_turns(chain, tree)
+    values_of = first, *((second,) if second else ())
 
-    def expressions(chain: Chain, q: ca.SX, *values: ca.SX) -> Expressions:
-        closure = Closure(chain, q)
+    def expressions(chain: Chain, q: ca.SX, *inputs: ca.SX) -> Expressions:
+        values = inputs[: len(values_of)]
+        closure = Closure(chain, q, *inputs[len(values_of) :])
         of_tree = sign * _summed(chain, values[0], of_joints=first != gradient)
         forces = closure.multipliers(of_tree)
         of_motors = {"G": lambda: closure.gradient(of_tree, forces), "T": lambda: -closure.gradient(of_tree, forces)}
@@ -95,7 +98,7 @@ def reduction(
     names = {"G": "dU/da = dU/dq_a - C_a^T lambda", "T": "-dU/da = -(dU/dq_a - C_a^T lambda)"}
     names["K"] = "d2U/da2 = G^T (d2U/dq2 - sum_k lambda_k d2c_k/dq2) G"
     heading = "; ".join(names[part] for part in parts)
-    inputs = (Q.array(chain), first, *((second,) if second else ()))
+    inputs = Q.array(chain), *values_of, *turns
     return *tree, StraightLine(tuple(each.array(chain) for each in results), expressions, inputs, heading=heading)
 
 
@@ -114,6 +117,33 @@ def _of_joints(tree: Program, array: Array) -> tuple[Program, Array]:
         return step
 
     return tuple(triangle(step) for step in tree if step not in sums), source
+
+
+def _with_turns(chain: Chain, tree: Program) -> tuple[Program, tuple[Array, ...]]:
+    """Return ``tree`` with the sines and cosines of the hinges, and their arrays; none if no step computes columns.
+
+    The step that computes the columns of the tip's Jacobian writes them, too, so that no sine is computed twice. Its
+    statements stand within the kernel: a call of a function costs 40 instructions more.
+    """
+    count, q = len(hinges(chain)), Q.array(chain)
+    columns = [step for step in tree if isinstance(step, StraightLine) and step.columns and step.moves]
+    if not (columns and count):
+        return tree, ()
+    (step,), turns = columns, (Array("loop_sines", (count,)), Array("loop_cosines", (count,)))
+
+    def alone(chain: Chain, q: ca.SX) -> Expressions:
+        return Expressions(ca.vertcat(*sines_and_cosines(chain, q)), ())
+
+    def together(chain: Chain, *arguments: ca.SX) -> Expressions:
+        whole = step.expressions(chain, *arguments)
+        result = ca.vertcat(*entries_of(whole.result), alone(chain, arguments[step.arguments.index(q)]).result)
+        return Expressions(result, whole.sections, (*whole.kinds, *(2 * count * (Kind.ROTATION,))))
+
+    both = replace(
+        step, outputs=(*step.outputs, *turns), expressions=together, name="",
+        apart=(step, StraightLine(turns, alone, (q,), heading="sines and cosines of the hinges in loops")),
+    )  # fmt: skip
+    return tuple(both if each is step else each for each in tree), turns
 
 
 def _summed(chain: Chain, values: ca.SX, *, of_joints: bool) -> ca.SX:

@@ -53,6 +53,7 @@ class StraightLine(Step):
         columns: number of outputs, counted from the first, with one column per joint: shape (6, m) or (3, m).
         moves: representation, if the outputs are Jacobian columns, the tip's pose or both; their derivatives with
             respect to q then follow from the columns.
+        apart: steps that together fill the same outputs; reverse mode differentiates them in place of this step.
 
     """
 
@@ -64,6 +65,7 @@ class StraightLine(Step):
     meaning: str = ""
     columns: int = 0
     moves: Representation | None = None
+    apart: tuple[StraightLine, ...] = ()
 
     @property
     def reads(self) -> tuple[Array, ...]:

@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from itertools import product
+from pathlib import Path
 from types import ModuleType
 from xml.etree import ElementTree
 
@@ -13,6 +15,7 @@ import numpy as np
 import pytest
 from mpmath import mp, mpf
 
+import stiffgen
 from examples import closed_loops as example
 from examples import parallel_robots
 from support.project import ROOT
@@ -166,3 +169,22 @@ def test_figure_is_that_of_the_page(module: ModuleType, file: str) -> None:
         ]
 
     assert words(drawn) == words(committed)
+
+
+def test_each_sine_of_a_stiffness_is_computed_once(tmp_path: Path) -> None:
+    """Tip and loops share pitch and roll; the comment in C counts a sine and a cosine of each of 8 joints."""
+    text = "".join(
+        f'<link name="{name}"/><joint name="{name}" type="{"continuous" if axis else "fixed"}">'
+        f'<parent link="{parent}"/><child link="{name}"/><origin xyz="{xyz}"/><axis xyz="{axis or "0 0 1"}"/></joint>'
+        for name, parent, xyz, axis in example.ANKLE
+    )
+    file = tmp_path / "ankle.urdf"
+    file.write_text(f'<robot name="ankle"><link name="shank"/>{text}</robot>')
+    folder = stiffgen.generate(
+        file, output=tmp_path, tip="sole", masses=False, loop=example.ANKLE_LOOPS, actuated=["left", "right"],
+        controller=False, build=False,
+    )  # fmt: skip
+    code = (folder / "ankle.c").read_text()
+    for name in ("torque", "joint_stiffness", "spring_torque", "spring_joint_stiffness"):
+        comment = code[: code.index(f"\nvoid ankle_motors_{name}(")].rpartition("/*")[2]
+        assert re.findall(r"(\d+) sines and cosines", comment) == ["16"], name
