@@ -325,7 +325,13 @@ static inline lanes whole(lanes x)
     return x;
 }
 
-static inline void sine_cosine(const lanes *x, lanes *sine, lanes *cosine, int count)
+#if defined(__GNUC__) && LANE_BYTES <= 16
+/* Called for different counts: a copy in each caller would make the code up to a fifth larger. */
+__attribute__((noinline, unused)) static
+#else
+static inline
+#endif
+void sine_cosine(const lanes *x, lanes *sine, lanes *cosine, int count)
 {
     const double round = 6755399441055744.0;
     /* Variables, because FLT_EVAL_METHOD lets constants have more digits than a double. */

@@ -205,7 +205,7 @@ def _without_batches(source: str) -> str:
 
 def _in_quad(source: str, longer: str) -> str:
     """Return NAME.c, without batches, with its numbers in a type of more digits."""
-    start = source.index("static inline void sine_cosine(")
+    start = source.index("#if defined(__GNUC__) && LANE_BYTES <= 16\n/* Called")
     end = source.index("\n}\n", start) + 3
     source = source[:start] + _SINE_COSINE + source[end:]
     source = _without_batches(source)
