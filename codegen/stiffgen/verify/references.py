@@ -174,8 +174,9 @@ class References:
 
     @property
     def manipulability(self) -> Manipulability:
-        """Measure and gradient from the singular values of the joints' columns."""
-        own = sorted({joint.coordinate for joint in self.chain.joints[self.chain.base_joints :]})
+        """Measure and gradient from the singular values of the columns of the joints on the way to the tip."""
+        on_the_way = self.chain.without_side_joints().joints[self.chain.base_joints :]
+        own = sorted({joint.coordinate for joint in on_the_way})
         rates = self.derivative["body"][:, self.chain.base_joints :, own].transpose(0, 1, 3, 2)
         return Manipulability.of(self.jacobian["body"][:, :, own], rates)
 
