@@ -62,6 +62,8 @@ def with_switches(source, chosen=lambda function: True, signs=SIGN):
             return match[0]  # of an index
         if "*const" in before:
             return match[0]  # a pointer
+        if before.lstrip().startswith("sine_cosine("):
+            return match[0]  # of a number of vectors
         if match.string.startswith("poison", match.end()):
             return match[0]  # 0 or NaN whatever its sign
         places.append(f"{body}: {section} {match.string.strip()}")
