@@ -126,8 +126,7 @@ enum { N = 7 }; /* coordinates */
  * A variable of type `lanes` is one vector of LANES numbers, as wide as the processor's vector registers. `lanes` is a
  * plain double where the compiler has no vector types or computes with more bits than a double has. In single calls
  * each lane belongs to a joint, and rows over joints are padded with zeros. In batches each lane belongs to a
- * configuration. Single calls (SINGLE_CALLS) use at most 256 bits: with 512 they take fewer instructions, but longer, because
- * processors execute 512 bits in fewer places at a time.
+ * configuration. Single calls (SINGLE_CALLS) use at most 256 bits: 512, of which fewer are executed at a time, take longer.
  */
 #if !defined(__GNUC__) || EXCESS_PRECISION || defined(STIFFGEN_NO_VECTORS)
 #define LANE_BYTES 8

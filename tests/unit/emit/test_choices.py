@@ -68,6 +68,7 @@ def test_lanes_choose_as_numbers_do(compiler, flags, scalar, tmp_path):
             variant=replace(SINGLE, scalar=scalar),
             scalar=scalar,
             calls=calls,
+            batches=False,
             libm=LIBM,
             libm_of_two=LIBM_OF_TWO,
             own=OWN,

@@ -3,8 +3,7 @@
  * A variable of type `lanes` is one vector of LANES numbers, as wide as the processor's vector registers. `lanes` is a
  * plain {{ scalar.name }} where the compiler has no vector types or computes with more bits than a {{ scalar.name }} has. In single calls
  * each lane belongs to a joint, and rows over joints are padded with zeros. In batches each lane belongs to a
- * configuration. Single calls (SINGLE_CALLS) use at most 256 bits: with 512 they take fewer instructions, but longer, because
- * processors execute 512 bits in fewer places at a time.
+ * configuration. Single calls (SINGLE_CALLS) use at most 256 bits: 512, of which fewer are executed at a time, take longer.
  */
 #if !defined(__GNUC__) || EXCESS_PRECISION || defined(STIFFGEN_NO_VECTORS)
 #define LANE_BYTES {{ scalar.bytes }}
@@ -20,10 +19,12 @@ typedef {{ scalar.pattern }} pattern;
 #define {{ scalar.group }}({{ letters | join(", ") }}) {% for lane in letters | batch(count) %}{ {{- lane | join(", ") -}} }{{ ", " if not loop.last }}{% endfor %}
 
 #define EACH(of) { {%- for k in range(count) %}of({{ k }}){{ ", " if not loop.last }}{% endfor -%} }
+{% if batches or "add_lanes" in calls %}
 #define LOWER_HALVES {% for k in range(count // 2) %}{{ k }}, {{ k + count }}{{ ", " if not loop.last }}{% endfor %}
 
 #define UPPER_HALVES {% for k in range(count // 2, count) %}{{ k }}, {{ k + count }}{{ ", " if not loop.last }}{% endfor %}
 
+{% endif %}
 {% endfor %}
 #endif
 typedef {{ scalar.name }} lanes __attribute__((vector_size(LANE_BYTES)));
@@ -41,19 +42,27 @@ typedef {{ scalar.pattern }} pattern __attribute__((vector_size(LANE_BYTES)));
 
 #if defined(__GNUC__)
 #define ALIGNED __attribute__((aligned(64)))
+{% if batches %}
 #define APART __attribute__((noinline))
+{% endif %}
 #else
 #define ALIGNED
+{% if batches %}
 #define APART
+{% endif %}
 #endif
 
 /* Written before a short loop, which gcc -O2 would otherwise not unroll. */
 #if defined(__GNUC__) && !defined(__clang__) && __GNUC__ >= 8
 #define UNROLLED _Pragma("GCC unroll 8")
+{% if batches %}
 #define ROLLED _Pragma("GCC unroll 1") /* keeps a loop rolled: as fast, and faster to compile */
+{% endif %}
 #else
 #define UNROLLED
+{% if batches %}
 #define ROLLED
+{% endif %}
 #endif
 
 /*
