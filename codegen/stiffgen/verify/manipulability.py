@@ -20,8 +20,8 @@ class Manipulability:
     """References of one tip.
 
     Attributes:
-        measure: w, (count,).
-        gradient: dw/dq, (count, n).
+        measure: w [m^3 with six or more hinges], (count,).
+        gradient: dw/dq [m^3/rad], (count, n).
         measure_error: change of w for a relative change of J by one, to first order, (count,).
         gradient_error: the same of the gradient's entries, (count, n).
 
