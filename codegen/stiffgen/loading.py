@@ -49,13 +49,12 @@ def load_chain(
             a single leaf link. Several links: the chains to all of them, with one vector q.
         base: link at the start of the chain, an ancestor of the tip; default: the root link.
         masses: False leaves out all masses, and with them everything that the file says of links and joints
-            beside the chain: for files whose inertias are wrong, if no mass matrix is wanted.
+            beside the chain: for files whose inertias are wrong.
         tool: tool mounted on the (only) tip link; the tool's frame then takes the tip's place.
         runtime_tool: the kernels take the tool's pose (4x4, in the tip's frame) as an argument after q.
         lock: joints to hold at a position [rad or m]; they are no coordinates.
-        floating_base: the base link is free: its pose is an argument, its body twist comes before the joints' rates. A
-            file's own floating joint between base and tips, with nothing that moves before it, has the same effect:
-            the link behind it is the base.
+        floating_base: the base link is free: its pose is an argument, its body twist precedes the joints' rates. So
+            is the link behind a floating joint of the file that no moving joint precedes.
         ignore: names of unknown elements that resemble a URDF's own and are none.
         arguments: values of a xacro template's arguments, by name.
         package_path: folders in which a template's packages are looked for, before ROS_PACKAGE_PATH.
@@ -80,20 +79,9 @@ def load_chain(
         LoopWarning: the file has constraints that close loops, which all functions leave out (``close_loops``).
 
     """
+    reading = Reading(arguments or {}, tuple(package_path), tuple(ignore))
     options = ChainOptions(
-        tip,
-        base,
-        masses,
-        tool,
-        runtime_tool,
-        lock,
-        floating_base,
-        tuple(ignore),
-        arguments or {},
-        tuple(package_path),
-        close_loops,
-        tuple(loop),
-        tuple(actuated),
+        tip, base, masses, tool, runtime_tool, lock, floating_base, reading, close_loops, tuple(loop), tuple(actuated)
     )
     return read_chain(urdf, options)
 

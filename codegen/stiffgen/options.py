@@ -13,6 +13,7 @@ from stiffgen.loading import springs_of_manifest
 from stiffgen.lower.rounding import Ranges
 from stiffgen.lower.scalar import DOUBLE, SCALARS, Scalar
 from stiffgen.robot.chain import ChainOptions, Tool
+from stiffgen.robot.description import Reading
 from stiffgen.symbolic.potentials import SpringOptions
 
 
@@ -173,9 +174,7 @@ class GenerationOptions:
             self.runtime_tool,
             self.lock,
             self.floating_base,
-            tuple(self.ignore),
-            self.arguments or {},
-            tuple(self.package_path),
+            Reading(self.arguments or {}, tuple(self.package_path), tuple(self.ignore)),
             self.close_loops,
             tuple(self.loop),
             tuple(self.actuated.split(",") if isinstance(self.actuated, str) else self.actuated),

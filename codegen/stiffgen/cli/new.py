@@ -12,7 +12,8 @@ from stiffgen.cli.arguments import add_reading, add_robot, add_tool, reading_of,
 from stiffgen.cli.console import Progress, messages, print_note
 from stiffgen.errors import StiffgenError
 from stiffgen.new.project import new_project
-from stiffgen.new.questions import CONTROLLERS, Given
+from stiffgen.new.questions import CONTROLLERS, Answers, decide
+from stiffgen.robot.description import Description
 from stiffgen.symbolic.springs import KINDS
 
 
@@ -40,21 +41,27 @@ def run(options: argparse.Namespace) -> int:
     progress = Progress(messages())
     with ExitStack() as spinner:
 
-        def ready() -> None:  # the questions are answered
+        def decided(description: Description) -> Answers:
+            answers = decide(
+                description,
+                _ask if sys.stdin is not None and sys.stdin.isatty() else None,
+                tip=options.tip,
+                base=options.base,
+                tool=tool,
+                spring=options.spring,
+                controller=options.controller,
+                masses=options.masses,
+            )
             spinner.enter_context(progress.shown())
+            return answers
 
         project = new_project(
             source_of(options),
-            given=Given(
-                options.tip, options.base, tool is not None, options.spring, options.controller, options.masses
-            ),
+            decided,
             reading=reading_of(options),
-            tool=tool,
             name=options.name,
             output=options.output,
             build=not options.no_build,
-            ask=_ask if sys.stdin is not None and sys.stdin.isatty() else None,
-            ready=ready,
             progress=progress,
             note=print_note,
         )

@@ -6,8 +6,9 @@ from __future__ import annotations
 import os
 import shlex
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from stiffgen.emit.controller import has_controller
 from stiffgen.errors import ChainError, OutputError, StiffgenError, printable
@@ -15,10 +16,10 @@ from stiffgen.folder import swapped_in
 from stiffgen.generate import generate_folder
 from stiffgen.loading import chain_between, describe, located
 from stiffgen.names import c_string, checked_identifier, comment, identifier
-from stiffgen.new.questions import Answers, Ask, Given, decide
+from stiffgen.new.questions import Answers, decide
 from stiffgen.options import GenerationOptions
 from stiffgen.rendering import environment
-from stiffgen.robot.chain import Chain, Coordinate, Tool
+from stiffgen.robot.chain import Chain, Coordinate
 from stiffgen.robot.description import Description, Reading
 from stiffgen.robot.survey import missing_limits
 from stiffgen.symbolic.potentials import SpringOptions
@@ -40,49 +41,14 @@ _FORCE, _SPEED = 100.0, 2.0
 """Limits in place of missing or unusable limits of the URDF: [N m or N], [rad/s or m/s]. The README names them."""
 
 
-@dataclass(frozen=True)
-class _Page:
-    """Values for the templates.
-
-    Attributes:
-        name, macro: prefixes of C names and macros.
-        robot: the chain.
-        answers: the decisions.
-        group: namespace of the spring, with the namespace of the tip if there is one.
-        posture: the start configuration, away from limits and from a stretched arm.
-        zone: width of the zone inside the limits that pushes back [rad or m].
-        rotors: inertia of the motors at the joints [kg m^2 or kg]: the file's, or a guess.
-        effort, velocity: limits to set because the URDF has none, by joint.
-        regenerate: the command that made the generated folder.
-        file: the copy of the robot's file in the project.
-
-    """
-
-    name: str
-    macro: str
-    robot: Chain
-    answers: Answers
-    group: str
-    posture: tuple[float, ...]
-    zone: float
-    rotors: tuple[float, ...]
-    effort: dict[int, float]
-    velocity: dict[int, float]
-    regenerate: str
-    file: str
-
-
 def new_project(
     urdf: str | Path,
+    decide: Callable[[Description], Answers] = decide,
     *,
-    given: Given | None = None,
     reading: Reading | None = None,
-    tool: Tool | None = None,
     name: str | None = None,
     output: str | Path | None = None,
     build: bool = True,
-    ask: Ask | None = None,
-    ready: Callable[[], None] = lambda: None,
     progress: Callable[[str], None] = lambda step: None,
     note: Callable[[str], None] = lambda text: None,
 ) -> Path:
@@ -92,14 +58,11 @@ def new_project(
 
     Args:
         urdf: path of the robot's file, or its name; copies of the files become part of the project.
-        given: decisions already made: tip, base, spring, controller, masses.
+        decide: function that decides what the robot's description leaves open (default: asks nobody).
         reading: settings of the reader.
-        tool: the tool on the tip link.
         name: prefix of the C names and name of the Python module (default: from the robot's name).
         output: the folder to write (default: NAME_control).
         build: compile the Python module.
-        ask: function that asks for open decisions; None if nobody can answer.
-        ready: called after the last question.
         progress: called with a few words before each step.
         note: called with each sentence that the user should read and that changes nothing.
 
@@ -111,18 +74,15 @@ def new_project(
 
     """
     urdf, reading = located(urdf, reading or Reading())
-    given = given or Given(tool=tool is not None)
     description = describe(urdf, reading)
     name = identifier(description.robot) if name is None else checked_identifier(name)
     target = _free_folder(Path(f"{name}_control") if output is None else Path(output))
-    answers = decide(description, given, ask)
-    ready()
-    tool = tool or (None if answers.tool_xyz is None else Tool(xyz=answers.tool_xyz))
-    options = _options(answers, given.masses, reading, tool, description.root)
+    answers = decide(description)
+    options = _options(answers, reading, description.root)
     chain = chain_between(description, options.chain)
     _check(chain, answers)
     files = _copied_files(urdf, description)
-    page = _page(name, chain, answers, tool, f"urdf/{next(iter(files))}")
+    variables = _variables(name, chain, answers, f"urdf/{next(iter(files))}")
     with swapped_in(target) as staging:
         for file, source in files.items():
             (staging / "urdf" / file).parent.mkdir(parents=True, exist_ok=True)
@@ -130,21 +90,21 @@ def new_project(
         options = replace(options, name=name, output=staging / "generated", build=build, progress=progress)
         generate_folder(urdf, options)
         progress("writing the project")
-        _write(page, staging)
+        _write(variables, staging)
     if answers.controller == "impedance":
         for sentence in missing_limits(chain.source, chain.coordinates, guesses="src/control.hpp"):
             note(sentence)
     return target
 
 
-def _options(answers: Answers, masses: bool, reading: Reading, tool: Tool | None, root: str) -> GenerationOptions:
+def _options(answers: Answers, reading: Reading, root: str) -> GenerationOptions:
     """Return the options that select the robot's chain and spring; ``root`` is the root link of the description."""
     return GenerationOptions(
         tip=answers.tip,
         base=None if answers.base == root else answers.base,
-        tool=tool,
+        tool=answers.tool,
         springs=SpringOptions(() if answers.spring == "trace" else (answers.spring,)),
-        masses=masses,
+        masses=answers.masses,
         ignore=reading.ignored,
         arguments=reading.arguments,
         package_path=reading.package_path,
@@ -185,31 +145,41 @@ def _check(chain: Chain, answers: Answers) -> None:
         )
 
 
-def _page(name: str, chain: Chain, answers: Answers, tool: Tool | None, file: str) -> _Page:
+def _variables(name: str, chain: Chain, answers: Answers, file: str) -> dict[str, Any]:
+    """Return the variables of the templates; ``file`` is the copy of the robot's file in the project."""
     coordinates = chain.coordinates
+    return {
+        "name": name,
+        "macro": name.upper(),
+        "robot": chain,
+        "answers": answers,
+        "group": spring(answers.spring).name,
+        # the start configuration, away from limits and from a stretched arm
+        "posture": tuple(float(f"{_start(k, coordinate):.4g}") for k, coordinate in enumerate(coordinates)),
+        # width of the zone inside the limits that pushes back [rad or m]
+        "zone": min(0.1, *(float(f"{0.2 * (c.upper - c.lower):.2g}") for c in coordinates)),
+        # inertia of the motors at the joints [kg m^2 or kg]: the file's, or a guess
+        "rotors": tuple(c.motor_inertia or (1.0 if c.type == "prismatic" else 0.1) for c in coordinates),
+        # limits to set because the URDF has none, by joint
+        "effort": {k: _FORCE for k, c in enumerate(coordinates) if not 1e-6 <= c.effort <= 1e5},
+        "velocity": {k: _SPEED for k, c in enumerate(coordinates) if not 2e-6 <= c.velocity <= 1e3},
+        "regenerate": _command(name, chain, answers, file),
+        "file": file,
+    }
+
+
+def _command(name: str, chain: Chain, answers: Answers, file: str) -> str:
+    """Return the command that generates the robot's folder again."""
     arguments = [f"{argument}:={value}" for argument, value in chain.arguments]
     parts = ["stiffgen", "generate", file, *arguments, "--name", name, "--tip", answers.tip, "--base", chain.base]
     parts += [] if chain.masses else ["--no-masses"]
     parts += [word for element in chain.ignored for word in ("--ignore", element)]
     parts += [] if answers.spring == "trace" else ["--spring", answers.spring]
-    if tool is not None:
+    if (tool := answers.tool) is not None:
         for option, value in (("xyz", tool.xyz), ("rpy", tool.rpy), ("com", tool.com), ("inertia", tool.inertia)):
             parts += [f"--tool-{option}", *map(repr, value)] if any(value) else []
         parts += ["--tool-mass", repr(tool.mass)] if tool.mass else []
-    return _Page(
-        name=name,
-        macro=name.upper(),
-        robot=chain,
-        answers=answers,
-        group=spring(answers.spring).name,
-        posture=tuple(float(f"{_start(k, coordinate):.4g}") for k, coordinate in enumerate(coordinates)),
-        zone=min(0.1, *(float(f"{0.2 * (c.upper - c.lower):.2g}") for c in coordinates)),
-        rotors=tuple(c.motor_inertia or (1.0 if c.type == "prismatic" else 0.1) for c in coordinates),
-        effort={k: _FORCE for k, c in enumerate(coordinates) if not 1e-6 <= c.effort <= 1e5},
-        velocity={k: _SPEED for k, c in enumerate(coordinates) if not 2e-6 <= c.velocity <= 1e3},
-        regenerate=" ".join(map(_quoted, parts)),
-        file=file,
-    )
+    return " ".join(map(_quoted, parts))
 
 
 def _quoted(word: str) -> str:
@@ -236,14 +206,14 @@ def _start(index: int, coordinate: Coordinate) -> float:
     return lower + (upper - lower) * (0.7 if index % 2 else 0.4)
 
 
-def _write(page: _Page, folder: Path) -> None:
-    for file, rendered in _rendered(page).items():
+def _write(variables: dict[str, Any], folder: Path) -> None:
+    for file, rendered in _rendered(variables).items():
         path = folder / file
         path.parent.mkdir(exist_ok=True)
         path.write_text(rendered, encoding="utf-8", newline="\n")
 
 
-def _rendered(page: _Page) -> dict[str, str]:
+def _rendered(variables: dict[str, Any]) -> dict[str, str]:
     # in C++, Python and Markdown, names from the robot's file go through the filters
     templates = environment("stiffgen.new", {"comment": comment, "c_string": c_string, "python": ascii})
-    return {file: templates.get_template(template).render(vars(page)) for file, template in FILES.items()}
+    return {file: templates.get_template(template).render(variables) for file, template in FILES.items()}

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from stiffgen.errors import StiffgenError, listed, printable
+from stiffgen.robot.chain import Tool
 from stiffgen.robot.description import Description
 from stiffgen.robot.selection import possible_tips
 from stiffgen.robot.survey import TipSurvey, survey_tip
@@ -25,72 +26,72 @@ Ask = Callable[[str], str]
 
 @dataclass(frozen=True)
 class Answers:
-    """Decisions: links, origin of the tool in the tip link [m] (None: no tool), kind of spring, controller."""
+    """Decisions: links, tool (None: none), kind of spring, controller, and whether the file's masses are used."""
 
     tip: str
     base: str
-    tool_xyz: tuple[float, float, float] | None
+    tool: Tool | None
     spring: str
     controller: str
-
-
-@dataclass(frozen=True)
-class Given:
-    """Decisions from options; None where open. ``tool`` is true if the options describe a tool.
-
-    ``masses`` is False if the file's masses are to be ignored; then the controller can only be the spring.
-    """
-
-    tip: str | None = None
-    base: str | None = None
-    tool: bool = False
-    spring: str | None = None
-    controller: str | None = None
     masses: bool = True
 
 
-def decide(description: Description, given: Given, ask: Ask | None) -> Answers:
-    """Decide what the options leave open.
+def decide(
+    description: Description,
+    ask: Ask | None = None,
+    *,
+    tip: str | None = None,
+    base: str | None = None,
+    tool: Tool | None = None,
+    spring: str | None = None,
+    controller: str | None = None,
+    masses: bool = True,
+) -> Answers:
+    """Decide what the options leave open (None).
 
     Args:
         description: description of the robot.
-        given: decisions from options.
         ask: function that asks at the terminal; None without a terminal.
+        tip: link that touches things.
+        base: first link of the chain.
+        tool: tool on the tip link.
+        spring: kind of spring.
+        controller: control law.
+        masses: False ignores the file's masses; then the controller can only be the spring.
 
     Raises:
         StiffgenError: something is ambiguous and nobody can answer, or choices exclude each other.
         ChainError: there is no such tip or base.
 
     """
-    if not given.masses and given.controller == "impedance":
+    if not masses and controller == "impedance":
         raise StiffgenError("--controller impedance needs masses; leave out --no-masses, or use --controller spring")
-    survey = _tip(description, given, ask)
-    base = given.base or _chosen(
+    survey = _tip(description, tip, base, masses, ask)
+    base = base or _chosen(
         ask, f"Base link: first link of the chain [{printable(survey.base)}]", survey.base, description.links
     )
-    tool = None if given.tool else _tool(ask, survey.tip)
-    controller = given.controller or "spring"
-    if given.masses and given.controller is None:
-        controller = _chosen(ask, _menu("Controller", CONTROLLERS), "impedance", CONTROLLERS)
+    tool = tool or _tool(ask, survey.tip)
+    if controller is None:
+        controller = _chosen(ask, _menu("Controller", CONTROLLERS), "impedance", CONTROLLERS) if masses else "spring"
     if controller == "impedance":
-        if given.spring not in (None, "trace"):
+        if spring not in (None, "trace"):
             raise StiffgenError(
-                f"--spring {given.spring}: the impedance controller has the spring 'trace'; "
+                f"--spring {spring}: the impedance controller has the spring 'trace'; "
                 "choose --controller spring, or leave out --spring"
             )
         return Answers(survey.tip, base, tool, "trace", controller)
-    spring = given.spring or _chosen(ask, f"Spring: {', '.join(KINDS)} [trace]", "trace", KINDS)
-    return Answers(survey.tip, base, tool, spring, controller)
+    spring = spring or _chosen(ask, f"Spring: {', '.join(KINDS)} [trace]", "trace", KINDS)
+    return Answers(survey.tip, base, tool, spring, controller, masses)
 
 
-def _tip(description: Description, given: Given, ask: Ask | None) -> TipSurvey:
-    if given.tip is not None:
-        survey = survey_tip(description, given.tip, given.base, given.masses)
+def _tip(description: Description, tip: str | None, base: str | None, masses: bool, ask: Ask | None) -> TipSurvey:
+    if tip is not None:
+        survey = survey_tip(description, tip, base, masses)
         if survey.hindrance and survey.coordinates:  # only its masses are refused: say so before any question
             raise StiffgenError(f"{description.file}: tip '{printable(survey.tip)}': {survey.hindrance}")
         return survey
-    tips = possible_tips(description, given.base)
-    surveys = [survey_tip(description, tip, given.base, given.masses) for tip in tips[:_MOST_TIPS]]
+    tips = possible_tips(description, base)
+    surveys = [survey_tip(description, link, base, masses) for link in tips[:_MOST_TIPS]]
     good = [survey for survey in surveys if survey.coordinates and not survey.hindrance]
     hindered = [survey for survey in surveys if survey.hindrance]
     if not good and hindered:
@@ -109,7 +110,7 @@ def _tip(description: Description, given: Given, ask: Ask | None) -> TipSurvey:
     lines = {survey.tip: f"{len(survey.coordinates)} joints from {printable(survey.base)}" for survey in good}
     longest = max(good, key=lambda survey: len(survey.coordinates)).tip
     menu = _menu("Tip: the link that touches things; one of these, or any other", lines, longest)
-    return survey_tip(description, _chosen(ask, menu, longest, description.links), given.base, given.masses)
+    return survey_tip(description, _chosen(ask, menu, longest, description.links), base, masses)
 
 
 def _menu(title: str, lines: dict[str, str], default: str | None = None) -> str:
@@ -128,7 +129,7 @@ def _chosen(ask: Ask | None, question: str, default: str, allowed: Iterable[str]
     return default
 
 
-def _tool(ask: Ask | None, tip: str) -> tuple[float, float, float] | None:
+def _tool(ask: Ask | None, tip: str) -> Tool | None:
     question = f"Tool: its origin in the axes of {printable(tip)}, as x y z [m]; nothing without a tool []"
     while ask is not None:
         answer = ask(question).split()
@@ -139,5 +140,5 @@ def _tool(ask: Ask | None, tip: str) -> tuple[float, float, float] | None:
         except ValueError:
             question = "Three numbers [m], such as 0 0 0.2, or nothing []"
         else:
-            return x, y, z
+            return Tool(xyz=(x, y, z))
     return None

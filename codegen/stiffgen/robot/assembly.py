@@ -45,7 +45,7 @@ def assemble(description: Description, options: ChainOptions, selection: Selecti
         tool=tool,
         locked=tuple(sorted((options.lock or {}).items())),
         floating=selection.floating,
-        ignored=options.ignore,
+        ignored=options.reading.ignored,
         inputs=description.inputs,
         arguments=description.arguments,
         loops=loops,

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 from stiffgen.robot.description import Input, Reading
 from stiffgen.robot.geometry import Matrix, Vector
@@ -162,17 +161,10 @@ class ChainOptions:
     runtime_tool: bool = False
     lock: Mapping[str, float] | None = None
     floating_base: bool = False
-    ignore: tuple[str, ...] = ()
-    arguments: Mapping[str, str] = field(default_factory=dict)
-    package_path: tuple[str | Path, ...] = ()
+    reading: Reading = field(default_factory=Reading)
     close_loops: bool = False
     loop: tuple[str, ...] = ()
     actuated: tuple[str, ...] = ()
-
-    @property
-    def reading(self) -> Reading:
-        """Settings of the reader."""
-        return Reading(self.arguments, self.package_path, self.ignore)
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,8 @@ from stiffgen.cli import main
 from stiffgen.errors import StiffgenError
 from stiffgen.loading import describe
 from stiffgen.new.project import FILES, new_project
-from stiffgen.new.questions import Answers, Given, decide
+from stiffgen.new.questions import Answers, decide
+from stiffgen.robot.chain import Tool
 from stiffgen.robot.description import Reading
 from stiffgen.robot.reader import read_description
 from support.c_program import STRICT
@@ -44,30 +45,31 @@ def asked(*answers: str):
 
 
 def test_options_leave_nothing_to_ask():
-    given = Given("left hand", "base", True, None, "impedance")
+    tool = Tool(xyz=(0.0, 0.0, 0.2))
     ask, questions = asked()
-    assert decide(read_description(DUAL), given, ask) == Answers("left hand", "base", None, "trace", "impedance")
+    found = decide(read_description(DUAL), ask, tip="left hand", base="base", tool=tool, controller="impedance")
+    assert found == Answers("left hand", "base", tool, "trace", "impedance")
     assert questions == []
 
 
 def test_the_only_tip_is_taken_and_empty_answers_are_the_defaults():
-    assert decide(read_description(URDF), Given(), None) == Answers("link_ee", "link_0", None, "trace", "impedance")
+    assert decide(read_description(URDF), None) == Answers("link_ee", "link_0", None, "trace", "impedance")
     ask, questions = asked("", "", "")
-    assert decide(read_description(URDF), Given(), ask) == Answers("link_ee", "link_0", None, "trace", "impedance")
+    assert decide(read_description(URDF), ask) == Answers("link_ee", "link_0", None, "trace", "impedance")
     assert [question.split(":")[0].split("\n")[0] for question in questions] == ["Base link", "Tool", "Controller"]
 
 
 def test_answers_are_taken_and_wrong_ones_asked_again():
     ask, questions = asked("middle hand", "right-hand", "", "up", "0 0 0.2", "robust", "spring", "quaternion")
-    found = decide(read_description(DUAL), Given(), ask)
-    assert found == Answers("right-hand", "base", (0.0, 0.0, 0.2), "quaternion", "spring")
+    found = decide(read_description(DUAL), ask)
+    assert found == Answers("right-hand", "base", Tool(xyz=(0.0, 0.0, 0.2)), "quaternion", "spring")
     assert "left hand: " in questions[0] and "'middle hand' is not one of them" in questions[1]
     assert "Three numbers" in questions[4] and "'robust' is not one of them: impedance, spring" in questions[6]
 
 
 def test_another_spring_does_not_go_with_the_controller():
     with pytest.raises(StiffgenError, match=r"--spring quaternion.*choose --controller spring"):
-        decide(read_description(URDF), Given(spring="quaternion"), None)
+        decide(read_description(URDF), None, spring="quaternion")
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ import pytest
 from stiffgen import StiffnessModel, load_chain
 from stiffgen.emit.render import render
 from stiffgen.errors import ChainError, DescriptionError, StiffgenError
-from stiffgen.new.questions import Given, decide
+from stiffgen.new.questions import decide
 from stiffgen.robot.chain import MAX_MOVING_JOINTS, Chain
 from stiffgen.robot.reader import read_description
 from stiffgen.symbolic.kernels import KERNELS, chain_kernels
@@ -237,8 +237,8 @@ def test_a_leaf_without_a_moving_joint_on_its_way_is_no_tip(tmp_path):
     chain = loaded(tmp_path, text)
     assert chain.tip == "finger"
     description = read_description(tmp_path / "arm.urdf")
-    assert decide(description, Given(), None).tip == "finger"
+    assert decide(description).tip == "finger"
     text = text.replace('izz="0.03"', 'izz="9"')
     (tmp_path / "arm.urdf").write_text(text)
     with pytest.raises(StiffgenError, match=r"tip 'finger'.*--no-masses.*inertia"):
-        decide(read_description(tmp_path / "arm.urdf"), Given(), None)
+        decide(read_description(tmp_path / "arm.urdf"))
