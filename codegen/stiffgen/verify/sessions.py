@@ -11,6 +11,7 @@ from __future__ import annotations
 import faulthandler
 import json
 import os
+import shutil
 import signal
 import warnings
 from collections.abc import Callable, Mapping
@@ -47,15 +48,9 @@ def check_sessions(robot: GeneratedRobot, texts: Mapping[str, str], seed: int, b
     """
     if f"{robot.name}_impedance.c" not in texts:
         return []
-    fresh = build / "printed"
-    fresh.mkdir(parents=True)
-    for file, text in texts.items():
-        if file.endswith((".c", ".h")) and "/" not in file:
-            (fresh / file).write_text(text, encoding="utf-8")
     try:
         reference, library = (
-            ControllerLibrary(build_controller(folder, robot.name, build / title), robot.name, robot.chain)
-            for title, folder in (("reference", fresh), ("folder", robot.folder))
+            ControllerLibrary(file, robot.name, robot.chain) for file in _build_both(robot, texts, build)
         )
     except BuildError:  # the folder may have been compiled elsewhere
         return [left_out("controller: sessions", "the C compiler is missing or fails")]
@@ -64,6 +59,26 @@ def check_sessions(robot: GeneratedRobot, texts: Mapping[str, str], seed: int, b
         *check_rules(library, robot.module, robot.chain),
         faultless("controller: sessions", "this generator's controller, in bits", faults),
     ]
+
+
+def _build_both(robot: GeneratedRobot, texts: Mapping[str, str], build: Path) -> tuple[Path, Path]:
+    """Compile the controller of ``texts``, and the folder's: of the same sources one is a copy, with data of its own.
+
+    Raises:
+        BuildError: no compiler, or it failed.
+
+    """
+    fresh = build / "printed"
+    fresh.mkdir(parents=True)
+    sources = {file: text for file, text in texts.items() if file.endswith((".c", ".h")) and "/" not in file}
+    for file, text in sources.items():
+        (fresh / file).write_text(text, encoding="utf-8")
+    reference = build_controller(fresh, robot.name, build / "reference")
+    if any((robot.folder / file).read_bytes() != text.encode() for file, text in sources.items()):
+        return reference, build_controller(robot.folder, robot.name, build / "folder")
+    copied = build / "folder" / reference.name
+    copied.parent.mkdir()
+    return reference, shutil.copyfile(reference, copied)
 
 
 def confined(work: Callable[[], list[str]], seconds: int = 1200) -> list[str]:

@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 import math
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import cache, partial
 from pathlib import Path
 
 from stiffgen.emit.manifest import MANIFEST
@@ -14,6 +16,7 @@ from stiffgen.errors import StiffgenError
 from stiffgen.folder import temporary_folder
 from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.robot.chain import Chain
+from stiffgen.symbolic.arguments import Argument
 from stiffgen.verify.batches import LONG, check_c_batches, check_stacks
 from stiffgen.verify.bounds import check_bounds
 from stiffgen.verify.certified import check_certified_bounds
@@ -37,7 +40,7 @@ from stiffgen.verify.oracles import (
     check_far_angles,
     check_robot,
 )
-from stiffgen.verify.result import Check, left_out, one_by_one
+from stiffgen.verify.result import Array, Check, Kernels, left_out, one_by_one
 from stiffgen.verify.samples import (
     Samples,
     argument_samples,
@@ -109,6 +112,7 @@ def default_count(chain: Chain) -> int:
 
 
 def _steps(robot: GeneratedRobot, urdf: Path | None, count: int, seed: int, build: Path) -> list[tuple[str, Step]]:
+    """Return the steps and their titles; what several steps need is made by the first that asks."""
     chain, kernels, table, springs = robot.chain, robot.kernels, robot.table, robot.springs
     # Stacks use the batch functions if there are any; the oracles must see the single functions, too.
     single = {name: one_by_one(kernel) for name, kernel in kernels.items()}
@@ -117,13 +121,11 @@ def _steps(robot: GeneratedRobot, urdf: Path | None, count: int, seed: int, buil
     # Not symmetric, so that a batch that reads another triangle than the single call is detected.
     general = Samples.draw(chain, LONG, seed).general_stiffness
     pool |= {argument: general for argument in pool if argument.name == "task_stiffness"}
-    texts = print_again(robot)
-    stated, printed = (content["rounding"] for content in (robot.manifest, json.loads(texts[MANIFEST])))
-    libraries = build_widths(robot, build)
-    library = next(iter(libraries.values()), None)
+    texts = cache(partial(print_again, robot))
+    libraries = cache(partial(build_widths, robot, build))
     steps: list[tuple[str, Step]] = [
-        ("printing again", lambda: [check_functions(robot), check_text(robot, texts)]),
-        ("names and limits", lambda: check_tables(robot, libraries)),
+        ("printing again", lambda: [check_functions(robot), check_text(robot, texts())]),
+        ("names and limits", lambda: check_tables(robot, libraries())),
         (
             "differentiating and comparing",
             lambda: without_missing(check_robot(missing | single, chain, count, seed, springs), missing),
@@ -131,13 +133,10 @@ def _steps(robot: GeneratedRobot, urdf: Path | None, count: int, seed: int, buil
         ("comparing with CasADi", lambda: check_against_casadi(single, chain, min(count, 50), seed, springs)),
         ("angles many turns away", lambda: check_far_angles(single, chain, seed, springs)),
         ("stacks of every length", lambda: check_stacks(kernels, single, table, chain, pool)),
-        (
-            "certified bounds",
-            lambda: check_certified_bounds((single, kernels), table, chain, robot.scalar, stated, printed, pool),
-        ),
+        ("certified bounds", lambda: _check_rounding((single, kernels), robot, texts()[MANIFEST], pool)),
         ("NaN and infinity", lambda: check_not_finite(kernels, table, pool, robot.scalar)),
         ("stepping the controller", lambda: check_controller(robot, seed)),
-        ("hostile sessions", lambda: check_sessions(robot, texts, seed, build / "sessions")),
+        ("hostile sessions", lambda: check_sessions(robot, texts(), seed, build / "sessions")),
     ]
     if chain.loops:
         projected = min(count, 50)
@@ -146,17 +145,38 @@ def _steps(robot: GeneratedRobot, urdf: Path | None, count: int, seed: int, buil
         )
     if springs.derivatives:
         steps.append(("differences of what has derivatives", lambda: check_derivatives(single, table, chain, pool)))
-    if library is None:
-        steps.append(("batches in C", lambda: [left_out("batches in C, guard pages", "no C compiler was found")]))
-    else:
-        loaded = library
-        steps.append(
-            ("batches in C", lambda: check_c_batches(libraries, robot.name, single, table, chain, pool, robot.scalar))
-        )
-        steps.append(("bounds of memory", lambda: check_bounds(loaded, robot.name, table, chain, pool, robot.scalar)))
+    steps.append(("batches in C", lambda: _check_batches(libraries(), robot, single, pool)))
+    steps.append(("bounds of memory", lambda: _check_memory(libraries(), robot, pool)))
     if urdf is not None:
         file = urdf
         steps.insert(1, ("reading the URDF", lambda: [check_urdf(chain, file)]))
         states = Samples.draw(chain, 5, seed)
         steps.insert(2, ("masses of the URDF", lambda: check_masses(single, table, chain, file, states)))
     return steps
+
+
+def _check_rounding(
+    variants: tuple[Kernels, Kernels], robot: GeneratedRobot, printed: str, pool: Mapping[Argument, Array]
+) -> list[Check]:
+    fresh = json.loads(printed)["rounding"]
+    return check_certified_bounds(
+        variants, robot.table, robot.chain, robot.scalar, robot.manifest["rounding"], fresh, pool
+    )
+
+
+def _check_batches(
+    libraries: Mapping[str, ctypes.CDLL], robot: GeneratedRobot, single: Kernels, pool: Mapping[Argument, Array]
+) -> list[Check]:
+    if not libraries:
+        return [left_out("batches in C, guard pages", "no C compiler was found")]
+    return check_c_batches(libraries, robot.name, single, robot.table, robot.chain, pool, robot.scalar)
+
+
+def _check_memory(
+    libraries: Mapping[str, ctypes.CDLL], robot: GeneratedRobot, pool: Mapping[Argument, Array]
+) -> list[Check]:
+    """Check the accesses of one build; without a compiler, the step before says that there is none."""
+    if not libraries:
+        return []
+    library = next(iter(libraries.values()))
+    return check_bounds(library, robot.name, robot.table, robot.chain, pool, robot.scalar)
