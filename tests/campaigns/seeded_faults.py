@@ -30,7 +30,7 @@ def said(fault: Fault, folder: Path, work: Path, sanitizer: str) -> str:
     driver, sources = work / "driver.c", kernel_sources(folder, "iiwa14")
     if fault.part == "memory":
         robot = open_robot(FOLDER)
-        chosen = [each for each in harness.functions(robot) if each.qualified_name == fault.only]
+        chosen = [each for each in robot.table if each.qualified_name == fault.only]
         driver.write_text(harness.widths(robot, chosen, 3))
     else:
         driver.write_text((Path(__file__).parent / "seeded_faults.c").read_text())

@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from stiffgen.prove.tools import Tools, run
+from stiffgen.prove.tools import Provers, run
 from stiffgen.prove.verdict import Outcome
 
 _UNWOUND = 2000
@@ -15,12 +15,12 @@ _UNWOUND = 2000
 
 
 def check(
-    tools: Tools, source: Path, includes: Sequence[Path], timeout: float, *, entry: str, solver: str
+    provers: Provers, source: Path, includes: Sequence[Path], timeout: float, *, entry: str, solver: str
 ) -> tuple[Outcome, float, str]:
     """Return outcome, processor time and failed claims of a harness, with doubles in IEEE arithmetic.
 
     Args:
-        tools: the programs.
+        provers: the programs.
         source: the harness.
         includes: folders of headers and sources.
         timeout: in seconds of wall clock.
@@ -29,7 +29,7 @@ def check(
 
     """
     command = [
-        *(tools.esbmc, str(source), *(f"-I{each}" for each in includes)),
+        *(provers.esbmc, str(source), *(f"-I{each}" for each in includes)),
         *(
             "-DSTIFFGEN_NO_VECTORS",
             "--unwind",
@@ -45,10 +45,10 @@ def check(
     result = run(command, source.parent, timeout)
     if result.timed_out:
         return "unproved", result.seconds, f"no answer within {timeout:.0f} s"
-    if "VERIFICATION SUCCESSFUL" in result.said:
+    if "VERIFICATION SUCCESSFUL" in result.text:
         return "proved", result.seconds, ""
-    failed = re.findall(r"^\s*FAILED\s+(.+)$", result.said, re.MULTILINE)
-    if "VERIFICATION FAILED" in result.said:
+    failed = re.findall(r"^\s*FAILED\s+(.+)$", result.text, re.MULTILINE)
+    if "VERIFICATION FAILED" in result.text:
         return "FAILED", result.seconds, "; ".join(" ".join(each.split()) for each in failed[:3])
-    lines = [line for line in result.said.splitlines() if "ERROR" in line or "rror:" in line]
-    return "unproved", result.seconds, f"ESBMC gave up: {'; '.join(lines[:2]) or result.said[-200:].strip()}"
+    lines = [line for line in result.text.splitlines() if "ERROR" in line or "rror:" in line]
+    return "unproved", result.seconds, f"ESBMC gave up: {'; '.join(lines[:2]) or result.text[-200:].strip()}"

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from stiffgen.prove.tools import Tools, run
+from stiffgen.prove.tools import Provers, run
 
 _UNROLLED = 4000
 """Largest number of unrolled rounds: the longest loop, over the words of the controller's state, has some 1000."""
@@ -19,7 +19,7 @@ _PROVED = ("Valid", "Considered valid", "Dead", "Valid but dead")
 
 
 @dataclass(frozen=True)
-class Analysis:
+class Findings:
     """Results of a run.
 
     ``alarms``: C function -> properties that are not proved. ``reached``: C functions analysed. ``loops``: places where
@@ -49,7 +49,7 @@ def _alarms(table: Path, by_contract: Sequence[str]) -> dict[str, list[str]]:
 
 
 def analyse(
-    tools: Tools,
+    provers: Provers,
     folder: Path,
     source: str,
     includes: Sequence[Path],
@@ -59,11 +59,11 @@ def analyse(
     rounds: int = 0,
     apart: Sequence[str] = (),
     by_contract: Sequence[str] = (),
-) -> Analysis:
+) -> Findings:
     """Analyse the file ``source`` in ``folder`` from ``entry`` on.
 
     Args:
-        tools: the programs.
+        provers: the programs.
         folder: folder of the harness, and of the files that the run leaves.
         source: file name of the harness.
         includes: folders of headers.
@@ -78,7 +78,7 @@ def analyse(
     table.unlink(missing_ok=True)
     # Without __GNUC__ Frama-C reads its own headers and the folder's plain C: no vectors, no pragmas.
     flags = " ".join(["-DSTIFFGEN_NO_VECTORS", "-U__GNUC__", *(f"-I{each}" for each in includes)])
-    command = [tools.frama_c, "-eva", str(folder / source), "-main", entry, "-machdep", "gcc_x86_64"]
+    command = [provers.frama_c, "-eva", str(folder / source), "-main", entry, "-machdep", "gcc_x86_64"]
     command += [
         f"-cpp-extra-args={flags}",
         *("-warn-special-float", "none"),  # NaN and infinity are ordinary values
@@ -90,13 +90,13 @@ def analyse(
     ]
     result = run(command, folder, timeout)
     if result.timed_out:
-        return Analysis(result.seconds, trouble=f"no answer within {timeout:.0f} s")
-    if "[eva:summary]" not in result.said or not table.exists():
-        lines = [line for line in result.said.splitlines() if "rror" in line]
-        return Analysis(result.seconds, trouble="Frama-C gave up: " + "; ".join(lines[:3]))
+        return Findings(result.seconds, trouble=f"no answer within {timeout:.0f} s")
+    if "[eva:summary]" not in result.text or not table.exists():
+        lines = [line for line in result.text.splitlines() if "rror" in line]
+        return Findings(result.seconds, trouble="Frama-C gave up: " + "; ".join(lines[:3]))
     # The report may break a line between the place and its message.
-    text = re.sub(r"\n {2,}", " ", result.said)
-    return Analysis(
+    text = re.sub(r"\n {2,}", " ", result.text)
+    return Findings(
         result.seconds,
         _alarms(table, by_contract),
         frozenset(re.findall(r"computing for function (\w+)", text)),

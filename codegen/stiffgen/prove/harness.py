@@ -4,12 +4,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cache
+from collections.abc import Callable, Sequence
 from math import prod
-
-import jinja2
 
 from stiffgen.emit.fields import CONFIG
 from stiffgen.emit.status_words import FAULTS, REASONS
@@ -25,60 +21,6 @@ MOST = 3
 
 _EXACT = {"fabs"}
 """Functions that ESBMC computes itself; all others of libm may return any value."""
-
-
-@dataclass(frozen=True)
-class _Block:
-    """Argument or result: its size, and the rows of a square matrix that is claimed to be symmetric."""
-
-    name: str
-    size: int
-    rows: int = 0
-    symmetric: bool = False
-
-
-@dataclass(frozen=True)
-class Batch:
-    """Function of a kernel for many configurations: suffix of its name, and its results."""
-
-    suffix: str
-    outputs: tuple[_Block, ...]
-
-
-@dataclass(frozen=True)
-class Function:
-    """Kernel with the names and sizes of its C function."""
-
-    qualified_name: str
-    function: str
-    inputs: tuple[_Block, ...]
-    outputs: tuple[_Block, ...]
-    batches: tuple[Batch, ...]
-
-    @property
-    def symmetric(self) -> bool:
-        """Whether a result is claimed to be symmetric to the last bit."""
-        return any(each.symmetric for each in self.outputs)
-
-
-def functions(robot: GeneratedRobot) -> list[Function]:
-    """Return every kernel of a robot's folder."""
-    return [_function(robot, kernel) for kernel in robot.table]
-
-
-def _function(robot: GeneratedRobot, kernel: Kernel) -> Function:
-    def block(argument: Argument) -> _Block:
-        shape = argument.array(robot.chain).shape
-        rows = shape[-1] if argument.symmetric else 0
-        return _Block(argument.name, prod(shape), rows, argument.symmetric)
-
-    return Function(
-        kernel.qualified_name,
-        f"{robot.name}_{kernel.qualified_name}",
-        tuple(map(block, kernel.arguments)),
-        tuple(map(block, kernel.results)),
-        tuple(Batch(each.suffix, tuple(map(block, each.results))) for each in kernel.batches),
-    )
 
 
 INVARIANT: tuple[tuple[str, int, int], ...] = (
@@ -121,13 +63,13 @@ SERVICES = ("step_without", "init", "reset", "default_config", "error_text")
 """Entries of the controller's harness in which a contract replaces validate."""
 
 
-def kernels_bits(robot: GeneratedRobot, kernels: Sequence[Function]) -> str:
+def kernels_bits(robot: GeneratedRobot, kernels: Sequence[Kernel]) -> str:
     """Return all kernels for ESBMC: symmetry, bounds and loops, in IEEE arithmetic; includes :func:`bodies_apart`."""
     libm = ["sin", "cos", *(each for each in LIBM if each not in _EXACT)]
-    return _render("kernels_bits.c.j2", name=robot.name, kernels=kernels, libm=libm, libm_of_two=LIBM_OF_TWO)
+    return _render(robot, "kernels_bits.c.j2", kernels=kernels, libm=libm, libm_of_two=LIBM_OF_TWO)
 
 
-def bodies_apart(kernels: Sequence[Function], text: str) -> str:
+def bodies_apart(kernels: Sequence[Kernel], text: str) -> str:
     """Return the kernels' C file with the bodies of batches renamed: a harness defines the result of their calls."""
     for each in kernels:
         if each.batches:
@@ -140,11 +82,11 @@ def bodies_apart(kernels: Sequence[Function], text: str) -> str:
     return text
 
 
-def kernels_memory(robot: GeneratedRobot, kernels: Sequence[Function], entries: Sequence[str]) -> str:
+def kernels_memory(robot: GeneratedRobot, kernels: Sequence[Kernel], entries: Sequence[str]) -> str:
     """Return all kernels for Frama-C: memory, undefined behaviour, uninitialised reads."""
     return _render(
+        robot,
         "kernels_memory.c.j2",
-        name=robot.name,
         kernels=kernels,
         entries=entries,
         most=MOST,
@@ -152,16 +94,16 @@ def kernels_memory(robot: GeneratedRobot, kernels: Sequence[Function], entries: 
     )
 
 
-def contracts(robot: GeneratedRobot, kernels: Sequence[Function]) -> str:
+def contracts(robot: GeneratedRobot, kernels: Sequence[Kernel]) -> str:
     """Return the contracts of the kernels that the controller relies on."""
-    return _render("contracts.h.j2", name=robot.name, kernels=kernels)
+    return _render(robot, "contracts.h.j2", kernels=kernels)
 
 
 def controller(robot: GeneratedRobot, entries: Sequence[str], *, by_contract: bool) -> str:
     """Return the controller for Frama-C; ``by_contract``: a contract replaces validate."""
     return _render(
+        robot,
         "controller.c.j2",
-        name=robot.name,
         entries=entries,
         by_contract=by_contract,
         integers=[field for field in CONFIG if field.type == "int"],
@@ -170,16 +112,24 @@ def controller(robot: GeneratedRobot, entries: Sequence[str], *, by_contract: bo
     )
 
 
-def widths(robot: GeneratedRobot, kernels: Sequence[Function], most: int) -> str:
+def widths(robot: GeneratedRobot, kernels: Sequence[Kernel], most: int) -> str:
     """Return a program that calls every kernel in arrays of exactly their sizes, for every number of lanes."""
-    return _render("widths.c.j2", name=robot.name, batched=robot.has_batches, kernels=kernels, most=most)
+    return _render(robot, "widths.c.j2", batched=robot.has_batches, kernels=kernels, most=most)
 
 
-@cache
-def _templates() -> jinja2.Environment:
-    # C code; stiffgen has checked that names in it are identifiers
-    return environment("stiffgen.prove", {"prefixed": lambda text, prefix: prefix + text})
+def _prefixed(text: str, prefix: str) -> str:
+    return prefix + text
 
 
-def _render(template: str, **context: object) -> str:
-    return _templates().get_template(template).render(**context)
+def _render(robot: GeneratedRobot, template: str, **context: object) -> str:
+    """Render a template of C; stiffgen has checked that names in it are identifiers."""
+
+    def size(argument: Argument) -> int:
+        return prod(argument.array(robot.chain).shape)
+
+    def rows(result: Argument) -> int:
+        """Return the rows of a square matrix that is claimed to be symmetric; 0 for others."""
+        return result.array(robot.chain).shape[-1] if result.symmetric else 0
+
+    filters: dict[str, Callable[..., object]] = {"prefixed": _prefixed, "size": size, "rows": rows}
+    return environment("stiffgen.prove", filters).get_template(template).render(name=robot.name, **context)

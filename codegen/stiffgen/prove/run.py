@@ -13,9 +13,10 @@ from stiffgen.errors import OutputError, StiffgenError, listed
 from stiffgen.folder import temporary_folder
 from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.prove import esbmc, frama_c, harness
-from stiffgen.prove.tools import Tools, find_tools
+from stiffgen.prove.tools import Provers, find_provers
 from stiffgen.prove.verdict import Outcome, Verdict, write_verdicts
 from stiffgen.prove.widths import width_verdicts
+from stiffgen.symbolic.kernel import Kernel
 
 PARTS = ("memory", "bits", "services", "step", "widths")
 """Parts that can run alone: memory, bits and widths of the kernels; services are all functions of the controller but
@@ -36,15 +37,12 @@ _APART = (
 
 
 @dataclass(frozen=True)
-class _Job:
+class _ProofRun:
     robot: GeneratedRobot
-    functions: list[harness.Function]
-    tools: Tools
+    provers: Provers
     work: Path
     timeout: float
     progress: Callable[[str], None]
-    text: str
-    """C of the kernels."""
 
     @property
     def includes(self) -> list[Path]:
@@ -81,47 +79,43 @@ def prove(
     """
     robot = open_robot(folder)
     robot.require_doubles("'stiffgen prove'")
-    functions = harness.functions(robot)
-    chosen = _chosen(robot, functions, only)
+    chosen = _chosen(robot, only)
     if not set(parts) <= set(PARTS) or not parts:
         raise StiffgenError(f"parts are {', '.join(PARTS)}; not {listed(list(parts)) or 'none'}")
     if not timeout > 0.0:
         raise StiffgenError(f"--timeout {timeout:g}: must be above 0 (seconds)")
     sources = robot.source_digests()
-    tools = find_tools()
+    provers = find_provers()
     if json is not None and not Path(json).parent.is_dir():
         raise OutputError(f"{json}: there is no such folder; give another --json")
-    text = robot.kernel_text()
     verdicts: list[Verdict] = []
     with temporary_folder("prove") as temporary, ThreadPoolExecutor(_AT_ONCE) as pool:
-        job = _Job(robot, functions, tools, temporary.resolve(), timeout, progress, text)
+        run = _ProofRun(robot, provers, temporary.resolve(), timeout, progress)
         entries = [each.qualified_name for each in chosen]
         entries += [f"{each.qualified_name}{batch.suffix}" for each in chosen for batch in each.batches]
-        self_check = ["self_check"] * (len(chosen) == len(functions))
-        memory = pool.submit(_memory, job, chosen, [*entries, *self_check]) if "memory" in parts else None
+        self_check = ["self_check"] * (len(chosen) == len(robot.table))
+        memory = pool.submit(_memory, run, chosen, [*entries, *self_check]) if "memory" in parts else None
         with_controller = robot.has_controller and not only and not {"services", "step"}.isdisjoint(parts)
-        controller = pool.submit(_controller, job, parts) if with_controller else None
-        widths = pool.submit(width_verdicts, robot, chosen, job.work, timeout, progress) if "widths" in parts else None
+        controller = pool.submit(_controller, run, parts) if with_controller else None
+        widths = pool.submit(width_verdicts, robot, chosen, run.work, timeout, progress) if "widths" in parts else None
         if memory is not None:
             verdicts += memory.result()
         if "bits" in parts:
-            verdicts += _bits(job, chosen, _not_failed(entries, verdicts), pool)
+            verdicts += _bits(run, chosen, _not_failed(entries, verdicts), pool)
         for part in (controller, widths):
             verdicts += part.result() if part is not None else []
     if json is not None:
-        write_verdicts(Path(json), robot.name, sources, tools.versions, verdicts)
+        write_verdicts(Path(json), robot.name, sources, provers.versions, verdicts)
     return verdicts
 
 
-def _chosen(
-    robot: GeneratedRobot, functions: Sequence[harness.Function], only: Sequence[str]
-) -> list[harness.Function]:
-    """Return the functions whose names are in ``only``, or all; refuse names that the folder does not have."""
-    names = [each.qualified_name for each in functions]
+def _chosen(robot: GeneratedRobot, only: Sequence[str]) -> list[Kernel]:
+    """Return the kernels whose names are in ``only``, or all; refuse names that the folder does not have."""
+    names = [each.qualified_name for each in robot.table]
     unknown = [each for each in only if each not in names]
     if unknown:
         raise StiffgenError(f"{listed(unknown)}: no kernel of {robot.folder}; it has {listed(names, 60)}")
-    return [each for each in functions if not only or each.qualified_name in only]
+    return [each for each in robot.table if not only or each.qualified_name in only]
 
 
 def _not_failed(entries: Sequence[str], verdicts: Sequence[Verdict]) -> list[str]:
@@ -130,39 +124,39 @@ def _not_failed(entries: Sequence[str], verdicts: Sequence[Verdict]) -> list[str
     return [each for each in entries if each not in failed]
 
 
-def _memory(job: _Job, chosen: Sequence[harness.Function], entries: Sequence[str]) -> list[Verdict]:
+def _memory(run: _ProofRun, chosen: Sequence[Kernel], entries: Sequence[str]) -> list[Verdict]:
     # Frama-C 25 cannot size an initialised array by a quotient; with one lane the quotient equals its dividend.
-    (job.work / "one_lane.c").write_text(re.sub(r"\b(\d+) / LANES\b", r"\1", job.text), encoding="utf-8")
-    file = job.work / "kernels.c"
-    file.write_text(harness.kernels_memory(job.robot, chosen, entries))
+    (run.work / "one_lane.c").write_text(re.sub(r"\b(\d+) / LANES\b", r"\1", run.robot.kernel_text()), encoding="utf-8")
+    file = run.work / "kernels.c"
+    file.write_text(harness.kernels_memory(run.robot, chosen, entries))
 
-    def analysis(entry: str, count: int) -> frama_c.Analysis:
-        return frama_c.analyse(job.tools, job.work, file.name, job.includes, job.timeout * count, entry=entry)
+    def findings(entry: str, count: int) -> frama_c.Findings:
+        return frama_c.analyse(run.provers, run.work, file.name, run.includes, run.timeout * count, entry=entry)
 
-    job.progress(f"Frama-C: {len(entries)} kernels and batches, memory")
-    together = analysis("main", len(entries))
+    run.progress(f"Frama-C: {len(entries)} kernels and batches, memory")
+    together = findings("main", len(entries))
     if not (together.alarms or together.loops or together.trouble) and together.returned >= set(entries):
         return [Verdict(each, _MEMORY, "Frama-C", "proved", together.seconds / len(entries)) for each in entries]
     verdicts = []
     for entry in entries:  # find the entry that failed
-        job.progress(f"Frama-C: {entry}, memory")
-        alone = analysis(f"prove_{entry}", 1)
+        run.progress(f"Frama-C: {entry}, memory")
+        alone = findings(f"prove_{entry}", 1)
         outcome, detail = _judge(alone, [entry])
         verdicts.append(Verdict(entry, _MEMORY, "Frama-C", outcome, alone.seconds, detail))
     return verdicts
 
 
-def _bits(job: _Job, chosen: Sequence[harness.Function], entries: Sequence[str], pool: Executor) -> list[Verdict]:
-    (job.work / "bodies_apart.c").write_text(harness.bodies_apart(chosen, job.text), encoding="utf-8")
-    file = job.work / "bits.c"
-    file.write_text(harness.kernels_bits(job.robot, chosen))
-    symmetric = {each.qualified_name for each in chosen if each.symmetric}
+def _bits(run: _ProofRun, chosen: Sequence[Kernel], entries: Sequence[str], pool: Executor) -> list[Verdict]:
+    (run.work / "bodies_apart.c").write_text(harness.bodies_apart(chosen, run.robot.kernel_text()), encoding="utf-8")
+    file = run.work / "bits.c"
+    file.write_text(harness.kernels_bits(run.robot, chosen))
+    symmetric = {each.qualified_name for each in chosen if any(result.symmetric for result in each.results)}
 
     def bits(entry: str) -> Verdict:
-        job.progress(f"ESBMC: {entry}, bits")
+        run.progress(f"ESBMC: {entry}, bits")
         kernel = entry.removesuffix("_batch")
         outcome, seconds, detail = esbmc.check(
-            job.tools, file, job.includes, job.timeout, entry=f"prove_{entry}", solver=_SOLVER[entry != kernel]
+            run.provers, file, run.includes, run.timeout, entry=f"prove_{entry}", solver=_SOLVER[entry != kernel]
         )
         claims = _BITS + (_SYMMETRIC if kernel in symmetric else "")
         return Verdict(entry, claims, "ESBMC", outcome, seconds, detail)
@@ -170,7 +164,7 @@ def _bits(job: _Job, chosen: Sequence[harness.Function], entries: Sequence[str],
     return list(pool.map(bits, entries))
 
 
-def _judge(result: frama_c.Analysis, entries: Sequence[str]) -> tuple[Outcome, str]:
+def _judge(result: frama_c.Findings, entries: Sequence[str]) -> tuple[Outcome, str]:
     """Return the verdicts of an analysis: an alarm counts as a fault."""
     if result.trouble:
         return "unproved", result.trouble
@@ -184,23 +178,23 @@ def _judge(result: frama_c.Analysis, entries: Sequence[str]) -> tuple[Outcome, s
     )
 
 
-def _controller(job: _Job, parts: Sequence[str]) -> list[Verdict]:
-    (job.work / "contracts.h").write_text(harness.contracts(job.robot, job.functions))
+def _controller(run: _ProofRun, parts: Sequence[str]) -> list[Verdict]:
+    (run.work / "contracts.h").write_text(harness.contracts(run.robot, run.robot.table))
     runs: list[tuple[str, tuple[str, ...], bool]] = []
     if "services" in parts:
         runs += [("validate", ("validate",), False), ("services", harness.SERVICES, True)]
     if "step" in parts:
         runs += [(step, (step,), True) for step in harness.STEPS]
     verdicts, results = [], []
-    text = (job.robot.folder / f"{job.robot.name}_impedance.c").read_text(encoding="utf-8")
+    text = (run.robot.folder / f"{run.robot.name}_impedance.c").read_text(encoding="utf-8")
     apart = [each for each in _APART if f" {each}(" in text]
     for name, entries, by_contract in runs:
-        job.progress(f"Frama-C: controller, {name.replace('_', ' ')}")
-        file = job.work / f"{name}.c"
-        file.write_text(harness.controller(job.robot, entries, by_contract=by_contract))
+        run.progress(f"Frama-C: controller, {name.replace('_', ' ')}")
+        file = run.work / f"{name}.c"
+        file.write_text(harness.controller(run.robot, entries, by_contract=by_contract))
         result = frama_c.analyse(
-            job.tools, job.work, file.name, job.includes, 4.0 * job.timeout,
-            rounds=job.robot.chain.dof + 2, apart=apart, by_contract=["validate"] if by_contract else [],
+            run.provers, run.work, file.name, run.includes, 4.0 * run.timeout,
+            rounds=run.robot.chain.dof + 2, apart=apart, by_contract=["validate"] if by_contract else [],
         )  # fmt: skip
         results.append((result, entries))
     seconds = sum(result.seconds for result, _ in results)
@@ -215,14 +209,14 @@ def _controller(job: _Job, parts: Sequence[str]) -> list[Verdict]:
             if entry not in result.returned | {""} and not result.trouble
         ]
         if loose:
-            alarms.setdefault(f"{job.robot.name}_impedance_step", []).extend(loose)
+            alarms.setdefault(f"{run.robot.name}_impedance_step", []).extend(loose)
     trouble = [result.trouble for result, _ in results if result.trouble]
-    reached = _controller_functions(job.robot, {each for result, _ in results for each in result.reached})
+    reached = _controller_functions(run.robot, {each for result, _ in results for each in result.reached})
     for function in [*reached, *(each for each in alarms if each not in reached)]:
         found = alarms.get(function, [])
         unless_found: Outcome = "unproved" if trouble else "proved"
         outcome: Outcome = "FAILED" if found else unless_found
-        claims = _MEMORY + (_FRAME if function.startswith(f"{job.robot.name}_") else "")
+        claims = _MEMORY + (_FRAME if function.startswith(f"{run.robot.name}_") else "")
         verdicts.append(
             Verdict(function, claims, "Frama-C", outcome, seconds / len(reached), "; ".join((found or trouble)[:3]))
         )

@@ -17,7 +17,7 @@ from stiffgen.errors import OutputError, listed
 from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.page import POLICY, STYLE
 from stiffgen.prove.targets import Target, read_targets
-from stiffgen.prove.verdict import Filed, Verdict, read_verdicts
+from stiffgen.prove.verdict import Verdict, VerdictFile, read_verdicts
 from stiffgen.rendering import environment
 from stiffgen.verify.certified import CERTIFIED
 from stiffgen.verify.result import Array, Check
@@ -56,21 +56,18 @@ _CONTRACTS = (
 
 
 @dataclass(frozen=True)
-class _Bar:
-    x: float
-    height: float
-    title: str
+class _ErrorHistogram:
+    """Histogram of all errors relative to an oracle.
 
-
-@dataclass(frozen=True)
-class _Plot:
-    """Histogram of all errors relative to an oracle: count, worst error, least decade shown, and bars."""
+    ``count`` is the number of errors, ``worst`` the largest. The first of the ``bars``, each a number of errors, begins
+    at the decimal logarithm ``least`` and takes what is smaller, too.
+    """
 
     oracle: str
     count: int
     worst: float
     least: int
-    bars: list[_Bar]
+    bars: list[int]
 
 
 def write_page(
@@ -122,6 +119,7 @@ def write_page(
         plots=_plots(checks),
         decades=_BELOW + _ABOVE,
         below=_BELOW,
+        per_decade=_PER_DECADE,
         contracts=_CONTRACTS,
         filed=filed,
         tally=_tally(filed.verdicts) if filed else {},
@@ -146,7 +144,7 @@ def _write(file: Path, page: str) -> None:
         raise OutputError(f"{file}: cannot be written ({error.strerror}); give another --report") from error
 
 
-def filed_for(robot: GeneratedRobot, proofs: Path) -> Filed:
+def filed_for(robot: GeneratedRobot, proofs: Path) -> VerdictFile:
     """Read verdicts; their C sources must equal the folder's, byte for byte.
 
     Raises:
@@ -186,7 +184,7 @@ def _tally(verdicts: Sequence[Verdict]) -> dict[str, int]:
     return {outcome: sum(each.outcome == outcome for each in verdicts) for outcome in ("proved", "FAILED", "unproved")}
 
 
-def _plots(checks: Sequence[Check]) -> list[_Plot]:
+def _plots(checks: Sequence[Check]) -> list[_ErrorHistogram]:
     """Return one plot per oracle and bound."""
     grouped: dict[tuple[str, int], list[Array]] = {}
     for check in checks:
@@ -195,22 +193,16 @@ def _plots(checks: Sequence[Check]) -> list[_Plot]:
     plots = []
     for (oracle, bound), parts in grouped.items():
         errors, least = np.concatenate(parts), bound - _BELOW
-        plots.append(_Plot(oracle, len(errors), float(errors.max()), least, _bars(errors, least)))
+        plots.append(_ErrorHistogram(oracle, len(errors), float(errors.max()), least, _bars(errors, least)))
     return plots
 
 
-def _bars(errors: Array, least: int) -> list[_Bar]:
-    """Return bars over the decimal logarithm; 0 and values below the least decade belong to the first bar."""
+def _bars(errors: Array, least: int) -> list[int]:
+    """Return the errors per bar over the decimal logarithm; the first bar has 0 and values below the least decade."""
     bins = (_BELOW + _ABOVE) * _PER_DECADE
     finite = errors[np.isfinite(errors)]
     places = np.floor((np.log10(np.maximum(finite, 10.0**least)) - least) * _PER_DECADE).astype(int)
-    counts = np.bincount(np.clip(places, 0, bins - 1), minlength=bins)
-    top = max(int(counts.max()), 1)
-    return [
-        _Bar(k / bins, float(count) / top, f"{count} from 1e{least + k / _PER_DECADE:g} on")
-        for k, count in enumerate(counts)
-        if count
-    ]
+    return [int(count) for count in np.bincount(np.clip(places, 0, bins - 1), minlength=bins)]
 
 
 def _rounding(bounds: Any, checks: Sequence[Check]) -> list[tuple[str, str, str, str]]:
@@ -230,7 +222,9 @@ def _rounding(bounds: Any, checks: Sequence[Check]) -> list[tuple[str, str, str,
     ]
 
 
-def _uncovered(robot: GeneratedRobot, filed: Filed | None, targets: Sequence[Target], *, compared: bool) -> list[str]:
+def _uncovered(
+    robot: GeneratedRobot, filed: VerdictFile | None, targets: Sequence[Target], *, compared: bool
+) -> list[str]:
     """Return the evidence that this page lacks and that a reader must find elsewhere."""
     lines = [
         "Comparisons are at random postures and the sizes of wrench and stiffness that stiffgen draws; they prove "

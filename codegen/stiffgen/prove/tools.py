@@ -24,7 +24,7 @@ _MEMORY = 8 * 2**30
 
 
 @dataclass(frozen=True)
-class Tools:
+class Provers:
     """Commands of both programs, and the first line of each version text."""
 
     esbmc: str
@@ -33,15 +33,15 @@ class Tools:
 
 
 @dataclass(frozen=True)
-class Run:
-    """Output of a program, its processor time in seconds, and whether it exceeded its time limit."""
+class ProgramOutput:
+    """Text that a program printed, its processor time [s], and whether it exceeded its time limit."""
 
-    said: str
+    text: str
     seconds: float
     timed_out: bool
 
 
-def find_tools() -> Tools:
+def find_provers() -> Provers:
     """Find both programs.
 
     Raises:
@@ -69,7 +69,7 @@ def find_tools() -> Tools:
         except (OSError, subprocess.SubprocessError) as error:
             raise StiffgenError(f"{command[0]}: does not run ({error}); install it again") from error
         versions[name] = said.removeprefix(f"{name} version ").strip()
-    return Tools(esbmc, frama_c, versions)
+    return Provers(esbmc, frama_c, versions)
 
 
 def _bundled() -> str | None:
@@ -85,7 +85,7 @@ def _bundled() -> str | None:
     return None
 
 
-def run(command: Sequence[str], folder: Path, timeout: float, *, limited: bool = True) -> Run:
+def run(command: Sequence[str], folder: Path, timeout: float, *, limited: bool = True) -> ProgramOutput:
     """Run a program in ``folder``, for at most ``timeout`` seconds of wall clock; its children end with it.
 
     ``limited`` restricts it to 8 GiB of addresses; clang's sanitizers reserve terabytes that they do not use.
@@ -115,5 +115,5 @@ def run(command: Sequence[str], folder: Path, timeout: float, *, limited: bool =
             raise
         process.returncode = os.waitstatus_to_exitcode(ended[1])
         output.seek(max(0, output.seek(0, os.SEEK_END) - _KEPT))
-        said = output.read().decode("utf-8", "replace")
-    return Run(said, ended[2].ru_utime + ended[2].ru_stime, timed_out)
+        text = output.read().decode("utf-8", "replace")
+    return ProgramOutput(text, ended[2].ru_utime + ended[2].ru_stime, timed_out)

@@ -57,8 +57,8 @@ _MOST_BYTES = 1 << 26
 
 
 @dataclass(frozen=True)
-class Filed:
-    """Verdicts read from a file."""
+class VerdictFile:
+    """Content of a file of verdicts."""
 
     robot: str
     sources: dict[str, str]
@@ -74,7 +74,7 @@ def read_content(file: Path) -> Any:
     return json.loads(file.read_text(encoding="utf-8"))
 
 
-def read_verdicts(file: Path) -> Filed:
+def read_verdicts(file: Path) -> VerdictFile:
     """Read the file that :func:`write_verdicts` wrote.
 
     Raises:
@@ -84,7 +84,7 @@ def read_verdicts(file: Path) -> Filed:
     try:
         content = read_content(file)
         verdicts = tuple(_verdict(row) for row in content["verdicts"])
-        return Filed(str(content["robot"]), dict(content["sources"]), dict(content["tools"]), verdicts)
+        return VerdictFile(str(content["robot"]), dict(content["sources"]), dict(content["tools"]), verdicts)
     except OSError as error:
         raise OutputError(
             f"{file}: cannot be read ({error.strerror}); 'stiffgen prove DIR --json FILE' makes it"

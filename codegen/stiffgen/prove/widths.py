@@ -14,8 +14,9 @@ from pathlib import Path
 from stiffgen.emit.build import kernel_sources
 from stiffgen.opened import GeneratedRobot
 from stiffgen.prove import harness
-from stiffgen.prove.tools import Run, run
+from stiffgen.prove.tools import ProgramOutput, run
 from stiffgen.prove.verdict import Outcome, Verdict
+from stiffgen.symbolic.kernel import Kernel
 from stiffgen.verify.widths import WIDTHS, Width
 
 _SANITIZERS = ("address,undefined", "memory,undefined")
@@ -24,7 +25,7 @@ _CLAIMS = "every lane in bounds, no uninitialised value used, no undefined behav
 
 def width_verdicts(
     robot: GeneratedRobot,
-    kernels: Sequence[harness.Function],
+    kernels: Sequence[Kernel],
     folder: Path,
     timeout: float,
     progress: Callable[[str], None],
@@ -46,7 +47,7 @@ def width_verdicts(
 
 def _run_width(
     robot: GeneratedRobot,
-    kernels: Sequence[harness.Function],
+    kernels: Sequence[Kernel],
     folder: Path,
     clang: str,
     width: Width,
@@ -69,20 +70,20 @@ def _run_width(
         command += map(str, kernel_sources(robot.folder.resolve(), robot.name))
         built = run([*command, "-lm", "-o", str(program)], folder, timeout)
         seconds += built.seconds
-        if "error:" in built.said or built.timed_out or not program.exists():
+        if "error:" in built.text or built.timed_out or not program.exists():
             return "unproved", seconds, f"clang -fsanitize={sanitizer}: {_first(built)}"
         ran = run([str(program)], folder, timeout, limited=False)
         seconds += ran.seconds
         program.unlink()
         if ran.timed_out:
             return "unproved", seconds, f"no answer within {timeout:.0f} s"
-        if not ran.said.strip().isdigit():
+        if not ran.text.strip().isdigit():
             return "FAILED", seconds, _first(ran)
     return "proved", seconds, ""
 
 
-def _first(result: Run) -> str:
+def _first(result: ProgramOutput) -> str:
     """Return the first lines of a failed run that name the fault."""
-    lines = [line.strip() for line in result.said.splitlines() if line.strip()]
+    lines = [line.strip() for line in result.text.splitlines() if line.strip()]
     telling = [line for line in lines if "rror" in line or "WARNING" in line or line.startswith("#")]
     return "; ".join((telling or lines)[:3])[:400]

@@ -13,7 +13,7 @@ import pytest
 
 from stiffgen import open_robot
 from stiffgen.emit.build import kernel_sources
-from stiffgen.prove.harness import functions, widths
+from stiffgen.prove.harness import widths
 from support.project import require_compiler
 from support.warnings import sources_of_varied_robot
 
@@ -26,7 +26,7 @@ def check(seed: int, width: str, folder: Path) -> None:
     clang = require_compiler("clang")
     sources_of_varied_robot(seed, 4, folder)
     robot = open_robot(folder)
-    (folder / "main.c").write_text(widths(robot, functions(robot), COUNT))
+    (folder / "main.c").write_text(widths(robot, robot.table, COUNT))
     flags = ["-std=c99", "-O0", "-w", "-fsanitize=memory", "-fno-sanitize-recover=all", *WIDTHS[width]]
     command = [
         clang,

@@ -29,7 +29,7 @@ def provers() -> None:
     """Both programs; skip where one is missing, fail on CI."""
     require_program("frama-c", "frama-c-base")
     try:
-        tools.find_tools()
+        tools.find_provers()
     except MissingExtraError as error:
         if os.environ.get("CI"):
             pytest.fail(str(error))
