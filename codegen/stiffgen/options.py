@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import Field, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -24,30 +24,34 @@ class Help:
     Attributes:
         meaning: a phrase with unit and default.
         negative: meaning of the flag --no-NAME, for an option that is True by default.
-        argument: keyword arguments of argparse; None where the command line has no such option.
+        command: keyword arguments of argparse; None where the command line has no such option.
         flag: name on the command line; "" for the field's own.
+        group: heading of the option in --help; "" for none.
 
     """
 
     meaning: str
     negative: str = ""
-    argument: Mapping[str, Any] | None = field(default_factory=dict)
+    command: Mapping[str, Any] | None = field(default_factory=dict)
     flag: str = ""
+    group: str = ""
 
 
-def _help(meaning: str, negative: str = "", flag: str = "", **argument: Any) -> dict[str, Help]:
-    return {"help": Help(meaning, negative, argument, flag)}
+def described(meaning: str, negative: str = "", flag: str = "", group: str = "", **command: Any) -> dict[str, Help]:
+    """Return the metadata of a field that is an option in Python and on the command line."""
+    return {"help": Help(meaning, negative, command, flag, group)}
 
 
-def _python_only(meaning: str) -> dict[str, Help]:
-    return {"help": Help(meaning, argument=None)}
+def described_in_python(meaning: str) -> dict[str, Help]:
+    """Return the metadata of a field that the command line does not have."""
+    return {"help": Help(meaning, command=None)}
 
 
-def help_of(option: Any) -> Help:
-    """Return the description of a field of :class:`GenerationOptions`."""
-    described = option.metadata["help"]
-    assert isinstance(described, Help)
-    return described
+def help_of(option: Field[Any]) -> Help:
+    """Return the description of a field of a record of options."""
+    metadata = option.metadata["help"]
+    assert isinstance(metadata, Help)
+    return metadata
 
 
 ALL = "all"
@@ -61,41 +65,41 @@ class GenerationOptions:
     # More than twelve fields: every option stands here and nowhere else.
     tip: str | Sequence[str] | None = field(
         default=None,
-        metadata=_help(
+        metadata=described(
             "tip link; repeat it for several tips (default: the only leaf)", metavar="LINK", action="append"
         ),
     )
     base: str | None = field(
-        default=None, metadata=_help("first link of the chain (default: the root link)", metavar="LINK")
+        default=None, metadata=described("first link of the chain (default: the root link)", metavar="LINK")
     )
     floating_base: bool = field(
-        default=False, metadata=_help("free the base: functions take its pose, its twist precedes the joint rates")
+        default=False, metadata=described("free the base: functions take its pose, its twist precedes the joint rates")
     )
     lock: Mapping[str, float] | None = field(
         default=None,
-        metadata=_help("hold a joint at a position [rad or m]; repeatable", metavar="JOINT=VALUE", action="append"),
+        metadata=described("hold a joint at a position [rad or m]; repeatable", metavar="JOINT=VALUE", action="append"),
     )
     ignore: Sequence[str] = field(
         default=(),
-        metadata=_help(
+        metadata=described(
             "unknown element of the file that is no misspelling; repeatable", metavar="ELEMENT", action="append"
         ),
     )
     arguments: Mapping[str, str] | None = field(
-        default=None, metadata=_python_only("values of a xacro template's arguments, by name")
+        default=None, metadata=described_in_python("values of a xacro template's arguments, by name")
     )
     package_path: Sequence[str | Path] = field(
         default=(),
-        metadata=_help(
+        metadata=described(
             "folder of ROS packages that a xacro template includes; repeatable", metavar="DIR", action="append"
         ),
     )
     close_loops: bool = field(
-        default=False, metadata=_help("close the loops of an MJCF file: adds functions in motor coordinates")
+        default=False, metadata=described("close the loops of an MJCF file: adds functions in motor coordinates")
     )
     loop: Sequence[str] = field(
         default=(),
-        metadata=_help(
+        metadata=described(
             "close a loop: two points of two links coincide [m]; repeatable",
             metavar="LINK:X,Y,Z=LINK:X,Y,Z",
             action="append",
@@ -103,55 +107,58 @@ class GenerationOptions:
     )
     actuated: str | Sequence[str] = field(
         default=(),
-        metadata=_help("joints of closed loops with a motor, with commas (default: as in MJCF)", metavar="JOINTS"),
+        metadata=described("joints of closed loops with a motor, with commas (default: as in MJCF)", metavar="JOINTS"),
     )
-    tool: Tool | None = field(default=None, metadata=_python_only("tool mounted on the tip link"))
+    tool: Tool | None = field(default=None, metadata=described_in_python("tool mounted on the tip link"))
     runtime_tool: bool = field(
-        default=False, metadata=_python_only("pass the tool's pose to the functions, as an argument after q")
+        default=False, metadata=described_in_python("pass the tool's pose to the functions, as an argument after q")
     )
     name: str | None = field(
-        default=None, metadata=_help("prefix of C names and name of the module (default: the robot's name)")
+        default=None, metadata=described("prefix of C names and name of the module (default: the robot's name)")
     )
     output: str | Path = field(
         default="generated",
-        metadata=_help("folder that receives the robot's folder (default: generated)", metavar="DIR", type=Path),
+        metadata=described("folder that receives the robot's folder (default: generated)", metavar="DIR", type=Path),
     )
     force: bool = field(
-        default=False, metadata=_help("replace a folder whose robot has other joints, tips or arguments")
+        default=False, metadata=described("replace a folder whose robot has other joints, tips or arguments")
     )
     kernels: str | Sequence[str] = field(
         default=ALL,
-        metadata=_help(
+        metadata=described(
             "groups of functions, separated by commas, such as hybrid,spring (default: all); pose and the controller's "
             "functions are always included",
             metavar="GROUPS",
         ),
     )
     batches: bool = field(
-        default=True, metadata=_help("generate functions for many configurations per call", "omit NAME_batch.c")
+        default=True, metadata=described("generate functions for many configurations per call", "omit NAME_batch.c")
     )
     masses: bool = field(
-        default=True, metadata=_help("generate the functions that need masses", "ignore masses; omit their functions")
+        default=True,
+        metadata=described("generate the functions that need masses", "ignore masses; omit their functions"),
     )
     controller: bool = field(
-        default=True, metadata=_help("generate the impedance controller", "omit the impedance controller")
+        default=True, metadata=described("generate the impedance controller", "omit the impedance controller")
     )
-    python: bool = field(default=True, metadata=_help("generate the Python module", "omit the Python module"))
-    build: bool = field(default=True, metadata=_help("compile the Python module", "write the sources, compile nothing"))
-    cuda: bool = field(default=False, metadata=_help("also generate NAME.cu: batches of functions on a GPU"))
+    python: bool = field(default=True, metadata=described("generate the Python module", "omit the Python module"))
+    build: bool = field(
+        default=True, metadata=described("compile the Python module", "write the sources, compile nothing")
+    )
+    cuda: bool = field(default=False, metadata=described("also generate NAME.cu: batches of functions on a GPU"))
     scalar: str = field(
         default=DOUBLE.name,
-        metadata=_help(
+        metadata=described(
             "type of all numbers (default: double); float excludes the controller and --derivatives",
             choices=list(SCALARS),
         ),
     )
     springs: SpringOptions | None = field(
-        default=None, metadata=_python_only("additional springs, their axes and centre, potentials, derivatives")
+        default=None, metadata=described_in_python("additional springs, their axes and centre, potentials, derivatives")
     )
     ranges: Ranges | None = field(
         default=None,
-        metadata=_help(
+        metadata=described(
             f"largest argument for which the header states rounding bounds; NAME is one of {', '.join(_RANGES)}; "
             "repeatable (defaults: see the header)",
             metavar="NAME=VALUE",
@@ -160,7 +167,8 @@ class GenerationOptions:
         ),
     )
     progress: Callable[[str], None] = field(
-        default=lambda step: None, metadata=_python_only("function that is called with a few words before each step")
+        default=lambda step: None,
+        metadata=described_in_python("function that is called with a few words before each step"),
     )
 
     @property

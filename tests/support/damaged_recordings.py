@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from stiffgen.analyze.recording import Block, Request, open_recording, read_blocks
+from stiffgen.analyze.recording import Block, RecordingRequest, open_recording, read_blocks
 from stiffgen.errors import RecordingError
 from support import recordings
 
@@ -87,7 +87,7 @@ def check(path: Path) -> str:
         AssertionError: a value is not the file's, or a message is no clear sentence.
 
     """
-    request, said = Request(joints=JOINTS), io.StringIO()
+    request, said = RecordingRequest(joints=JOINTS), io.StringIO()
     try:
         with redirect_stdout(said), redirect_stderr(said):
             recording = open_recording(path, request)
@@ -99,7 +99,7 @@ def check(path: Path) -> str:
         return "refused"
     assert not said.getvalue(), said.getvalue()
     oracle = {".npz": _npz, ".parquet": _parquet, ".csv": _csv, ".mcap": _mcap}[path.suffix]
-    oracle(path, recording.layout.names, blocks)
+    oracle(path, recording.columns.names, blocks)
     return "rows"
 
 

@@ -29,7 +29,16 @@ from stiffgen.analyze.export import NAME as EXPORT_NAME
 from stiffgen.analyze.export import export
 from stiffgen.analyze.measures import MEASURES, Summary, Task, units
 from stiffgen.analyze.options import EXPORTS, AnalysisOptions, Progress, taking
-from stiffgen.analyze.recording import Array, Layout, Partition, Recording, Request, extra, open_recording, read_blocks
+from stiffgen.analyze.recording import (
+    Array,
+    Columns,
+    Partition,
+    Recording,
+    RecordingRequest,
+    extra,
+    open_recording,
+    read_blocks,
+)
 from stiffgen.analyze.report import bad_rows, write_report
 from stiffgen.errors import EmptyRecordingError, OutputError, RecordingError, StiffgenError, listed, printable
 from stiffgen.folder import swapped_in
@@ -95,8 +104,14 @@ def analyze(options: AnalysisOptions) -> Analysis:
     _check(options)
     with swapped_in(target) as staging:
         recording = open_recording(log, _request(options, chain), progress=lambda step: progress(step, 0.0))
-        job = _Job(robot.absolute(), task, recording.layout, options.block_rows)
-        result = _reduced(job, recording.partitions, options.dask, progress)
+        summarised = partial(
+            summarise_partition,
+            robot=robot.absolute(),
+            task=task,
+            columns=recording.columns,
+            block_rows=options.block_rows,
+        )
+        result = _reduced(summarised, recording.partitions, options.dask, progress)
         if not result.good:
             raise EmptyRecordingError(_nothing_left(recording, result))
         summary = _summary(recording, chain, task, result)
@@ -124,9 +139,9 @@ def _check(options: AnalysisOptions) -> None:
         raise RecordingError(f"--export {options.export}: choose one of {listed(EXPORTS)}")
 
 
-def _request(options: AnalysisOptions, chain: Chain) -> Request:
+def _request(options: AnalysisOptions, chain: Chain) -> RecordingRequest:
     """Return the columns and topics to read."""
-    return Request(
+    return RecordingRequest(
         joints=tuple(coordinate.name for coordinate in chain.coordinates),
         q=tuple(options.q_columns) if options.q_columns is not None else None,
         wrench=tuple(options.wrench_columns) if options.wrench_columns is not None else None,
@@ -243,34 +258,33 @@ def _refuse_foreign(target: Path) -> None:
         )
 
 
-@dataclass(frozen=True)
-class _Job:
-    """Data that a worker needs besides the partition; small enough to send to another process."""
-
-    robot: Path
-    task: Task
-    layout: Layout
-    block_rows: int
-
-
 @lru_cache(maxsize=4)
 def _robot_module(folder: Path) -> Any:
     return open_robot(folder).module
 
 
 def summarise_partition(
-    job: _Job, partition: Partition, advance: Callable[[float], None] = lambda work: None
+    partition: Partition,
+    *,
+    robot: Path,
+    task: Task,
+    columns: Columns,
+    block_rows: int,
+    advance: Callable[[float], None] = lambda work: None,
 ) -> Summary:
     """Read a partition block by block and merge the summaries. Runs in threads and on Dask workers."""
-    module = _robot_module(job.robot)
+    module = _robot_module(robot)
     summary = Summary()
-    for block in read_blocks(partition, job.block_rows):
-        summary = summary.merged(ms.summarise(module, job.task, job.layout, block))
+    for block in read_blocks(partition, block_rows):
+        summary = summary.merged(ms.summarise(module, task, columns, block))
         advance(block.work)
     return summary
 
 
-def _reduced(job: _Job, partitions: Sequence[Partition], dask: str | None, progress: Progress) -> Summary:
+def _reduced(
+    summarised: Callable[..., Summary], partitions: Sequence[Partition], dask: str | None, progress: Progress
+) -> Summary:
+    """Summarise the partitions, in threads or by Dask, and merge their summaries in order."""
     whole = sum(partition.work for partition in partitions) or 1.0
     result, done, lock = Summary(), 0.0, Lock()
 
@@ -285,8 +299,8 @@ def _reduced(job: _Job, partitions: Sequence[Partition], dask: str | None, progr
         threads = min(os.cpu_count() or 1, _MOST_THREADS, max(1, len(partitions)))
         with ThreadPoolExecutor(threads) as pool:
             try:
-                summarised = partial(summarise_partition, job, advance=advance)
-                for each in _in_order(partial(pool.submit, summarised), partitions, _AHEAD * threads):
+                submit = partial(pool.submit, partial(summarised, advance=advance))
+                for each in _in_order(submit, partitions, _AHEAD * threads):
                     result = result.merged(each)
             except BaseException:
                 pool.shutdown(cancel_futures=True)
@@ -294,7 +308,7 @@ def _reduced(job: _Job, partitions: Sequence[Partition], dask: str | None, progr
         return result
     with _dask_client(dask, progress) as client:
         workers = max(1, sum(client.ncores().values()))
-        submit = partial(client.submit, summarise_partition, job, pure=False)
+        submit = partial(client.submit, summarised, pure=False)
         try:
             for part, each in zip(partitions, _in_order(submit, partitions, _AHEAD * workers), strict=True):
                 result = result.merged(each)
@@ -402,9 +416,9 @@ def _summary(recording: Recording, chain: Chain, task: Task, result: Summary) ->
         "wrench_negated": task.negate,
         "task_stiffness": task.task_stiffness.tolist(),
         "columns": {
-            "time": recording.layout.time,
-            "q": list(recording.layout.q),
-            "wrench": list(recording.layout.wrench),
+            "time": recording.columns.time,
+            "q": list(recording.columns.q),
+            "wrench": list(recording.columns.wrench),
         },
         "notes": list(recording.notes),
         "rows": result.rows,

@@ -52,16 +52,16 @@ def export(
 
     """
     write = {"npz": _npz, "csv": _csv, "parquet": _parquet}[kind]
-    write(folder / f"{NAME}.{kind}", _rows(robot, task, recording, most, advance), good, len(recording.layout.q))
+    write(folder / f"{NAME}.{kind}", _rows(robot, task, recording, most, advance), good, len(recording.columns.q))
 
 
 def _rows(
     robot: ModuleType, task: Task, recording: Recording, most: int, advance: Callable[[float], None]
 ) -> Iterator[Rows]:
-    timed = recording.layout.time is not None
+    timed = recording.columns.time is not None
     for partition in recording.partitions:
         for block in read_blocks(partition, most):
-            good, q, wrench, *_ = judged(robot, task, recording.layout, block)
+            good, q, wrench, *_ = judged(robot, task, recording.columns, block)
             time = block.values[good, 0] if timed else np.full(int(good.sum()), np.nan)
             K = functions_of(robot, task).joint_stiffness(q[good], wrench[good], task.task_stiffness)
             yield Rows(block.rows[good], time, K)

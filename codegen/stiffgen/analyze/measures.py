@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stiffgen.analyze.recording import Array, Block, Layout, Problem
+from stiffgen.analyze.recording import Array, Block, Columns, RowProblem
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.connection import Representation
 
@@ -347,42 +347,42 @@ class Judged(NamedTuple):
     q: Array
     wrench: Array
     measures: Array
-    reasons: dict[int, Problem]
+    reasons: dict[int, RowProblem]
 
 
-def judged(robot: ModuleType, task: Task, layout: Layout, block: Block) -> Judged:
+def judged(robot: ModuleType, task: Task, columns: Columns, block: Block) -> Judged:
     """Find the rows of a block that can be analysed, and measure them."""
-    dof = len(layout.q)
+    dof = len(columns.q)
     values = block.values
-    timed = int(layout.time is not None)
+    timed = int(columns.time is not None)
     q, wrench = values[:, timed : timed + dof], values[:, timed + dof :]
     reasons = dict(block.problems)
     for index in np.flatnonzero(~np.isfinite(values).all(axis=1)):
-        reasons.setdefault(int(index), _not_a_number(layout, block, int(index)))
+        reasons.setdefault(int(index), _not_a_number(columns, block, int(index)))
     margin = LIMIT_MARGIN * (task.upper - task.lower)
     with np.errstate(invalid="ignore"):
         beyond = (q < task.lower - margin) | (q > task.upper + margin)
     for index in np.flatnonzero(beyond.any(axis=1)):
         joint = int(np.argmax(beyond[index]))
         text = (
-            f"{layout.q[joint]} is {q[index, joint]:.6g}, far beyond the joint's limits "
+            f"{columns.q[joint]} is {q[index, joint]:.6g}, far beyond the joint's limits "
             f"{task.lower[joint]:.6g} ... {task.upper[joint]:.6g}"
         )
-        reasons.setdefault(int(index), Problem("beyond joint limits", text))
+        reasons.setdefault(int(index), RowProblem("beyond joint limits", text))
     good = np.ones(len(values), dtype=bool)
     good[list(reasons)] = False
     wrench = -wrench if task.negate else wrench
     analysed = measured(robot, task, q[good], wrench[good])
     for index in np.flatnonzero(good)[np.isnan(analysed[:, 0])]:
-        reasons[int(index)] = Problem("overflow", "the stiffness is beyond what floating point holds")
+        reasons[int(index)] = RowProblem("overflow", "the stiffness is beyond what floating point holds")
         good[index] = False
     return Judged(good, q, wrench, analysed[~np.isnan(analysed[:, 0])], reasons)
 
 
-def summarise(robot: ModuleType, task: Task, layout: Layout, block: Block) -> Summary:
+def summarise(robot: ModuleType, task: Task, columns: Columns, block: Block) -> Summary:
     """Return the summary of one block: its bad rows are counted and named, the others measured."""
-    good, q, _, analysed, reasons = judged(robot, task, layout, block)
-    time = None if layout.time is None else block.values[good, 0]
+    good, q, _, analysed, reasons = judged(robot, task, columns, block)
+    time = None if columns.time is None else block.values[good, 0]
     result = _of_good_rows(block.rows[good], q[good], time, analysed)
     result.rows = len(block.values)
     result.bad = Counter(problem.category for problem in reasons.values())
@@ -390,14 +390,14 @@ def summarise(robot: ModuleType, task: Task, layout: Layout, block: Block) -> Su
     return result
 
 
-def _not_a_number(layout: Layout, block: Block, index: int) -> Problem:
+def _not_a_number(columns: Columns, block: Block, index: int) -> RowProblem:
     column = int(np.argmax(~np.isfinite(block.values[index])))
-    name, value = layout.names[column], block.values[index, column]
+    name, value = columns.names[column], block.values[index, column]
     if block.missing is not None and block.missing[index, column]:
-        return Problem("missing value", f"{name} is missing")
+        return RowProblem("missing value", f"{name} is missing")
     if math.isnan(value):
-        return Problem("not a number", f"{name} is not a number (NaN)")
-    return Problem("infinite", f"{name} is infinite")
+        return RowProblem("not a number", f"{name} is not a number (NaN)")
+    return RowProblem("infinite", f"{name} is infinite")
 
 
 def _of_good_rows(rows: NDArray[np.int64], q: Array, time: Array | None, values: Array) -> Summary:

@@ -6,35 +6,20 @@ from __future__ import annotations
 import inspect
 import textwrap
 from collections.abc import Callable, Sequence
-from dataclasses import KW_ONLY, MISSING, Field, dataclass, field, fields
+from dataclasses import KW_ONLY, dataclass, field, fields
 from functools import wraps
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 from numpy.typing import ArrayLike
 
+from stiffgen.options import described, described_in_python, help_of
 from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
 
 Progress = Callable[[str, float], None]
 _Fields = ParamSpec("_Fields")
 _Record = TypeVar("_Record")
 _Result = TypeVar("_Result")
-
-
-@dataclass(frozen=True)
-class Told:
-    """Description of a field for the docstring and for --help.
-
-    Attributes:
-        meaning: a phrase with units; for a field whose default is True, the effect of False.
-        group: heading of the option in --help, "" for none.
-        command: further arguments for argparse; None if the command line has no such option.
-
-    """
-
-    meaning: str
-    group: str = ""
-    command: dict[str, Any] | None = field(default_factory=dict)
 
 
 COLUMNS = "columns"
@@ -45,21 +30,6 @@ GROUPS = {
     "... or PREFIX with the joints' names (wrench: fx fy fz mx my mz)",
     TOPICS: "topics are needed where there are several of their type",
 }
-
-
-def told(field: Field[Any]) -> Told:
-    """Return the metadata of a field of :class:`AnalysisOptions`."""
-    said = field.metadata["told"]
-    assert isinstance(said, Told)
-    return said
-
-
-def _told(meaning: str, group: str = "", **command: Any) -> dict[str, Told]:
-    return {"told": Told(meaning, group, command)}
-
-
-def _told_in_python(meaning: str) -> dict[str, Told]:
-    return {"told": Told(meaning, command=None)}
 
 
 def _names(text: str) -> tuple[str, ...]:
@@ -75,11 +45,13 @@ class AnalysisOptions:
     """Options of an analysis: recording, robot, task stiffness, and how to read them."""
 
     log: str | Path = field(
-        metadata=_told("recording with q and wrench: .csv, .tsv, .txt, .npz, .parquet or .mcap (ROS 2)", metavar="LOG")
+        metadata=described(
+            "recording with q and wrench: .csv, .tsv, .txt, .npz, .parquet or .mcap (ROS 2)", metavar="LOG"
+        )
     )
-    robot: str | Path = field(metadata=_told("folder that 'stiffgen generate' wrote", metavar="DIR"))
+    robot: str | Path = field(metadata=described("folder that 'stiffgen generate' wrote", metavar="DIR"))
     task_stiffness: ArrayLike = field(
-        metadata=_told(
+        metadata=described(
             "six diagonal values or a symmetric 6x6 matrix (on the command line a CSV file with it), linear first "
             "[N/m, N, N m/rad]",
             nargs="+",
@@ -89,80 +61,92 @@ class AnalysisOptions:
     _: KW_ONLY
     representation: Representation = field(
         default="hybrid",
-        metadata=_told(
+        metadata=described(
             "representation of wrenches and task stiffness: axes and point of reference (hybrid: base axes, moment "
-            "about the tip's origin)",
+            "about the tip's origin) (default: hybrid)",
             choices=REPRESENTATIONS,
         ),
     )
     negate_wrench: bool = field(
-        default=False, metadata=_told("recorded wrenches are those that the robot applies to the environment")
+        default=False, metadata=described("recorded wrenches are those that the robot applies to the environment")
     )
-    tip: str | None = field(default=None, metadata=_told("tip link, for a robot with several tips", metavar="LINK"))
+    tip: str | None = field(default=None, metadata=described("tip link, for a robot with several tips", metavar="LINK"))
     q: str | None = field(
-        default=None, metadata=_told("prefix of the columns with joint positions", COLUMNS, metavar="PREFIX")
+        default=None, metadata=described("prefix of the columns with joint positions", group=COLUMNS, metavar="PREFIX")
     )
     wrench: str | None = field(
-        default=None, metadata=_told("prefix of the columns with the wrench", COLUMNS, metavar="PREFIX")
+        default=None, metadata=described("prefix of the columns with the wrench", group=COLUMNS, metavar="PREFIX")
     )
     q_columns: Sequence[str] | None = field(
         default=None,
-        metadata=_told(
+        metadata=described(
             "columns with joint positions [rad or m] (default: q_0 ...; NPZ: one array q; MCAP: joint names, "
             "default: the robot's)",
-            COLUMNS,
+            group=COLUMNS,
             type=_names,
             metavar="A,B,...",
         ),
     )
     wrench_columns: Sequence[str] | None = field(
         default=None,
-        metadata=_told(
+        metadata=described(
             "six columns, force [N], then moment [N m] (default: wrench_0 ...; NPZ: one array wrench)",
-            COLUMNS,
+            group=COLUMNS,
             type=_names,
             metavar="FX,...",
         ),
     )
     time_column: str | None = field(
         default=None,
-        metadata=_told("column with time [s], '' for none (default: time, if there is one)", COLUMNS, metavar="NAME"),
+        metadata=described(
+            "column with time [s], '' for none (default: time, if there is one)", group=COLUMNS, metavar="NAME"
+        ),
     )
     q_topic: str | None = field(
         default=None,
-        metadata=_told("topic of the joint positions, sensor_msgs/msg/JointState", TOPICS, metavar="TOPIC"),
+        metadata=described("topic of the joint positions, sensor_msgs/msg/JointState", group=TOPICS, metavar="TOPIC"),
     )
     wrench_topic: str | None = field(
         default=None,
-        metadata=_told("topic of the wrenches, geometry_msgs/msg/WrenchStamped", TOPICS, metavar="TOPIC"),
+        metadata=described("topic of the wrenches, geometry_msgs/msg/WrenchStamped", group=TOPICS, metavar="TOPIC"),
     )
     tolerance: float = field(
         default=0.01,
-        metadata=_told("largest time from joint positions to their wrench [s]", TOPICS, type=float, metavar="S"),
+        metadata=described(
+            "largest time from joint positions to their wrench [s] (default: 0.01)",
+            group=TOPICS,
+            type=float,
+            metavar="S",
+        ),
     )
     output: str | Path | None = field(
         default=None,
-        metadata=_told("folder to write (default: analysis/NAME, with the recording's name)", metavar="DIR"),
+        metadata=described("folder to write (default: analysis/NAME, with the recording's name)", metavar="DIR"),
     )
-    figures: bool = field(default=True, metadata=_told("write summary.json only, without figures and report.html"))
+    figures: bool = field(
+        default=True,
+        metadata=described(
+            "write figures and report.html (default: True)", "write summary.json only, without figures and report.html"
+        ),
+    )
     export: str | None = field(
         default=None,
-        metadata=_told(
+        metadata=described(
             "also write the corrected joint stiffness of each row: joint_stiffness.npz, .csv or .parquet",
             choices=EXPORTS,
         ),
     )
     dask: str | None = field(
         default=None,
-        metadata=_told(
+        metadata=described(
             "address of a Dask scheduler, or 'local' for processes on this machine (they import the calling "
             "script, which must guard its calls by if __name__ == '__main__')",
             metavar="ADDRESS",
         ),
     )
-    block_rows: int = field(default=8192, metadata=_told_in_python("rows per block"))
+    block_rows: int = field(default=8192, metadata=described_in_python("rows per block"))
     progress: Progress = field(
-        default=_silent, metadata=_told_in_python("called with a few words and the completed share (0 ... 1)")
+        default=_silent, metadata=described_in_python("called with a few words and the completed share (0 ... 1)")
     )
 
 
@@ -193,12 +177,6 @@ def _with_fields(text: str | None, record: Any) -> str | None:
         return None
     lines = []
     for each in fields(record):
-        said = told(each).meaning
-        said = f"False: {said}" if each.default is True else said
-        lines += textwrap.wrap(f"{each.name}: {said}.", 108, initial_indent=8 * " ", subsequent_indent=12 * " ")
+        meaning = help_of(each).meaning
+        lines += textwrap.wrap(f"{each.name}: {meaning}.", 108, initial_indent=8 * " ", subsequent_indent=12 * " ")
     return text.replace("{arguments}", "\n".join(["Args:", *lines]))
-
-
-def has_default(field: Field[Any]) -> bool:
-    """Return whether the field has a default."""
-    return field.default is not MISSING

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -49,16 +49,6 @@ class _Line:
     colour: str
     dashes: tuple[float, float] | None = None
     width: float = 1.2
-
-
-@dataclass(frozen=True)
-class _Figure:
-    """Figure over time: panels from top to bottom, each with an axis label and its lines."""
-
-    file: str
-    title: str
-    text: str
-    panels: tuple[tuple[str, tuple[_Line, ...]], ...]
 
 
 def table_rows(summary: Mapping[str, Any]) -> list[tuple[str, ...]]:
@@ -159,11 +149,7 @@ def write_report(folder: Path, recording: Recording, chain: Chain, result: Summa
         summary: the contents of ``summary.json``.
 
     """
-    figures = _figures(chain, result, summary["representation"])
-    x, x_label = _abscissa(result)
-    for figure in figures:
-        (folder / figure.file).write_text(_over_time(figure, result, x, x_label), encoding="utf-8")
-    shown = [(figure.file, figure.title, figure.text) for figure in figures]
+    shown = _draw_over_time(folder, chain, result, summary["representation"])
     if summary["measures"]["antisymmetric_per_moment"]["count"]:
         text = (
             f"Rows by moment and antisymmetric part, darker (on a dark page: brighter) where there are more; "
@@ -194,7 +180,8 @@ def write_report(folder: Path, recording: Recording, chain: Chain, result: Summa
     (folder / "report.html").write_text(page, encoding="utf-8")
 
 
-def _figures(chain: Chain, result: Summary, representation: str) -> tuple[_Figure, ...]:
+def _draw_over_time(folder: Path, chain: Chain, result: Summary, representation: str) -> list[tuple[str, str, str]]:
+    """Draw the figures over time; return file, title and text of each."""
     from stiffgen.style import AXES, CONVENTIONAL, CORRECTED
 
     unit = stiffness_unit(chain)
@@ -212,42 +199,44 @@ def _figures(chain: Chain, result: Summary, representation: str) -> tuple[_Figur
             f"In the {representation} representation the corrected stiffness is not this symmetric part: Gamma F has a "
             "symmetric part of its own."
         )
-    return (
-        _Figure(
-            "stiffness.svg",
-            "Largest singular values of the joint stiffness",
-            "Symmetric part (K + K^T)/2 and antisymmetric part (K - K^T)/2 of the conventional stiffness; "
-            f"antisymmetric part of the corrected one. {same}",
-            (
-                (f"symmetric part [{unit}]", tuple(parts)),
-                (
-                    f"antisymmetric part [{unit}]",
-                    (
-                        _Line("singular_value_antisymmetric", "conventional", CONVENTIONAL),
-                        _Line("corrected_antisymmetric", symmetric, CORRECTED),
-                    ),
-                ),
-            ),
-        ),
-        _Figure(
-            "eigenvalues.svg",
-            "Eigenvalues of the corrected joint stiffness",
-            f"Where the smallest one is negative the stiffness is indefinite: {share:.3g} % of the rows.",
-            (
-                (f"largest [{unit}]", (_Line("eigenvalue_largest", "corrected, largest eigenvalue", CORRECTED),)),
-                (f"smallest [{unit}]", (_Line("eigenvalue_smallest", "corrected, smallest eigenvalue", CORRECTED),)),
-            ),
-        ),
-        _Figure(
-            "wrench.svg",
-            "Wrench of the environment on the robot",
-            "As analysed, in the representation named above.",
-            tuple(
-                (f"{part} [{unit}]", tuple(_Line(f"{part}_{axis}", axis, AXES[k]) for k, axis in enumerate("xyz")))
-                for part, unit in (("force", "N"), ("moment", "N m"))
-            ),
-        ),
+    figures = []
+
+    def draw(file: str, title: str, text: str, panels: Mapping[str, Sequence[_Line]]) -> None:
+        (folder / file).write_text(_over_time(panels, result), encoding="utf-8")
+        figures.append((file, title, text))
+
+    draw(
+        "stiffness.svg",
+        "Largest singular values of the joint stiffness",
+        "Symmetric part (K + K^T)/2 and antisymmetric part (K - K^T)/2 of the conventional stiffness; "
+        f"antisymmetric part of the corrected one. {same}",
+        {
+            f"symmetric part [{unit}]": parts,
+            f"antisymmetric part [{unit}]": [
+                _Line("singular_value_antisymmetric", "conventional", CONVENTIONAL),
+                _Line("corrected_antisymmetric", symmetric, CORRECTED),
+            ],
+        },
     )
+    draw(
+        "eigenvalues.svg",
+        "Eigenvalues of the corrected joint stiffness",
+        f"Where the smallest one is negative the stiffness is indefinite: {share:.3g} % of the rows.",
+        {
+            f"largest [{unit}]": [_Line("eigenvalue_largest", "corrected, largest eigenvalue", CORRECTED)],
+            f"smallest [{unit}]": [_Line("eigenvalue_smallest", "corrected, smallest eigenvalue", CORRECTED)],
+        },
+    )
+    draw(
+        "wrench.svg",
+        "Wrench of the environment on the robot",
+        "As analysed, in the representation named above.",
+        {
+            f"{part} [{unit}]": [_Line(f"{part}_{axis}", axis, AXES[k]) for k, axis in enumerate("xyz")]
+            for part, unit in (("force", "N"), ("moment", "N m"))
+        },
+    )
+    return figures
 
 
 def _abscissa(result: Summary) -> tuple[Array, str]:
@@ -269,7 +258,9 @@ def _abscissa(result: Summary) -> tuple[Array, str]:
     return np.asarray(bins * 2.0**envelope.shift - 0.5, dtype=float), "row, counted from 0"
 
 
-def _over_time(figure: _Figure, result: Summary, x: Array, x_label: str) -> str:
+def _over_time(panels: Mapping[str, Sequence[_Line]], result: Summary) -> str:
+    """Draw panels from top to bottom, each with its axis label and lines."""
+    x, x_label = _abscissa(result)
     envelope = result.envelope
     assert envelope is not None
     import matplotlib as mpl
@@ -279,8 +270,8 @@ def _over_time(figure: _Figure, result: Summary, x: Array, x_label: str) -> str:
 
     with mpl.rc_context(STYLE):
         drawing = Figure(figsize=(8.4, 4.8), layout="constrained")
-        axes = drawing.subplots(len(figure.panels), 1, sharex=True)
-        for panel, (label, lines) in zip(axes, figure.panels, strict=True):
+        axes = drawing.subplots(len(panels), 1, sharex=True)
+        for panel, (label, lines) in zip(axes, panels.items(), strict=True):
             for line in lines:
                 index = MEASURES.index(line.measure)
                 some = envelope.count[:, index] > 0

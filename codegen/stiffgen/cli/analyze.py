@@ -7,7 +7,7 @@ import argparse
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import fields
+from dataclasses import MISSING, fields
 
 from rich.console import Console
 from rich.markup import escape
@@ -15,36 +15,29 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TimeElapsedCo
 from rich.table import Table
 
 from stiffgen.analyze.analysis import SUMMARY, analyze, checked_stiffness, read_stiffness
-from stiffgen.analyze.options import GROUPS, AnalysisOptions, has_default, told
+from stiffgen.analyze.options import GROUPS, AnalysisOptions
 from stiffgen.analyze.report import TABLE_HEAD, statements, table_rows
 from stiffgen.analyze.report import warnings as recording_warnings
+from stiffgen.cli.arguments import add_option
 from stiffgen.cli.console import TextConsole, messages
 from stiffgen.errors import EmptyRecordingError, terminal_text
+from stiffgen.options import help_of
 
 
 def add(command: argparse.ArgumentParser) -> None:
     """Add the arguments: fields of :class:`AnalysisOptions` are its options, the recording its argument."""
     groups = {"": command} | {title: command.add_argument_group(title, text) for title, text in GROUPS.items()}
     for option in fields(AnalysisOptions):
-        said = told(option)
-        if said.command is None:
-            continue
-        more = dict(said.command)
-        name, text = option.name.replace("_", "-"), said.meaning.replace("%", "%%")
-        if isinstance(option.default, bool):
-            names = [f"--no-{name}" if option.default else f"--{name}"]
-            more |= {"dest": option.name, "action": "store_false" if option.default else "store_true"}
-        elif option.name == "log":
-            names = ["log"]
-        else:
-            names = [f"--{name}"]
-            more |= {"default": option.default} if has_default(option) else {"required": True}
-            text += "" if more.get("default") is None else " (default: %(default)s)"
-        groups[said.group].add_argument(*names, help=text, **more)
+        described = help_of(option)
+        if option.name == "log":
+            command.add_argument("log", help=described.meaning, **(described.command or {}))
+        elif described.command is not None:
+            needed = {"required": True} if option.default is MISSING else {}
+            add_option(groups[described.group], option, **needed)
     command.set_defaults(run=run)
 
 
-class _Bar:
+class _ProgressBar:
     """Progress bar on a terminal; elsewhere a line per step and per tenth."""
 
     def __init__(self, console: Console) -> None:
@@ -73,7 +66,7 @@ class _Bar:
             self._console.print(f"{terminal_text(step)} ..." + (f" {10 * now[1]} %" if now[1] else ""), markup=False)
 
     @contextmanager
-    def shown(self) -> Iterator[_Bar]:
+    def shown(self) -> Iterator[_ProgressBar]:
         """Show progress until the block ends."""
         with self._bar:
             yield self
@@ -85,7 +78,7 @@ def run(options: argparse.Namespace) -> int:
     stiffness = options.task_stiffness
     K = read_stiffness(stiffness[0]) if len(stiffness) == 1 else checked_stiffness(stiffness)
     chosen = {each.name: getattr(options, each.name) for each in fields(AnalysisOptions) if each.name in options}
-    with _Bar(messages()).shown() as progress:
+    with _ProgressBar(messages()).shown() as progress:
         try:
             analysis = analyze(**chosen | {"task_stiffness": K, "progress": progress})
         except EmptyRecordingError as error:

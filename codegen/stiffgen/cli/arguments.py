@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import MISSING, Field
 from pathlib import Path
 from typing import Any
 
 from stiffgen.errors import StiffgenError, printable
+from stiffgen.options import help_of
 from stiffgen.robot.chain import Tool
 from stiffgen.robot.description import Reading
 from stiffgen.robot.names import is_name
@@ -77,6 +79,20 @@ def add_reading(command: argparse.ArgumentParser) -> None:
 def reading_of(options: argparse.Namespace) -> Reading:
     """Return the settings of the reader."""
     return Reading(options.arguments, tuple(options.package_path or ()), tuple(options.ignore or ()))
+
+
+def add_option(command: argparse._ActionsContainer, option: Field[Any], **more: Any) -> None:
+    """Add the option of a field of a record (:func:`stiffgen.options.help_of`); ``more`` goes to argparse."""
+    described = help_of(option)
+    name = option.name.replace("_", "-")
+    if option.default is True:
+        command.add_argument(f"--no-{name}", dest=option.name, action="store_false", help=described.negative)
+    elif option.default is False:
+        command.add_argument(f"--{name}", action="store_true", help=described.meaning)
+    else:
+        default: dict[str, Any] = {} if option.default is MISSING else {"default": option.default or None}
+        keywords = default | dict(described.command or {}) | more
+        command.add_argument(described.flag or f"--{name}", dest=option.name, help=described.meaning, **keywords)
 
 
 def add_tool(command: argparse.ArgumentParser, meaning: str) -> Any:

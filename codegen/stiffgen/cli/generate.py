@@ -5,11 +5,10 @@ from __future__ import annotations
 
 import argparse
 import math
-from dataclasses import Field, fields, replace
+from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
 
-from stiffgen.cli.arguments import add_robot, add_tool, source_of, tool_of
+from stiffgen.cli.arguments import add_option, add_robot, add_tool, source_of, tool_of
 from stiffgen.cli.console import Progress, messages, print_note
 from stiffgen.emit.manifest import chain_from_manifest, read_manifest
 from stiffgen.errors import StiffgenError, printable
@@ -26,27 +25,13 @@ def add(command: argparse.ArgumentParser) -> None:
     """Add the arguments."""
     add_robot(command)
     for option in fields(GenerationOptions):
-        if help_of(option).argument is not None:
-            _add_option(command, option)
+        if help_of(option).command is not None:
+            readers = {"lock": _lock, "ranges": _range}
+            add_option(command, option, **{"type": readers[option.name]} if option.name in readers else {})
     _add_springs(command)
     tool = add_tool(command, "fixed at generation, or a pose that the functions take at run time")
     tool.add_argument("--tool", choices=["runtime"], help="pass the tool's pose (4x4, in the tip) after q")
     command.set_defaults(run=run)
-
-
-def _add_option(command: argparse.ArgumentParser, option: Field[Any]) -> None:
-    """Add the option of a field of :class:`GenerationOptions`."""
-    described = help_of(option)
-    name = option.name.replace("_", "-")
-    if option.default is True:
-        command.add_argument(f"--no-{name}", dest=option.name, action="store_false", help=described.negative)
-    elif option.default is False:
-        command.add_argument(f"--{name}", action="store_true", help=described.meaning)
-    else:
-        readers = {"lock": _lock, "ranges": _range}
-        more: dict[str, Any] = {"default": option.default or None, **(described.argument or {})}
-        more |= {"type": readers[option.name]} if option.name in readers else {}
-        command.add_argument(described.flag or f"--{name}", dest=option.name, help=described.meaning, **more)
 
 
 def _add_springs(command: argparse.ArgumentParser) -> None:
@@ -106,7 +91,7 @@ def _note_missing_limits(folder: Path) -> None:
 
 def _generation_options(options: argparse.Namespace, progress: Progress) -> GenerationOptions:
     """Return the options of the command line as a record."""
-    described = {option.name for option in fields(GenerationOptions) if help_of(option).argument is not None}
+    described = {option.name for option in fields(GenerationOptions) if help_of(option).command is not None}
     values = {name: value for name, value in vars(options).items() if name in described}
     tips = options.tip or []
     return GenerationOptions(

@@ -21,10 +21,11 @@ from stiffgen.analyze import analysis, recording
 from stiffgen.analyze import measures as ms
 from stiffgen.analyze.analysis import _tip, checked_stiffness
 from stiffgen.analyze.measures import stiffness_unit
-from stiffgen.analyze.options import AnalysisOptions, told
-from stiffgen.analyze.recording import Request, csv_file, npz_file, open_recording
+from stiffgen.analyze.options import AnalysisOptions
+from stiffgen.analyze.recording import RecordingRequest, csv_file, npz_file, open_recording
 from stiffgen.cli import main
 from stiffgen.errors import MissingExtraError, RecordingError
+from stiffgen.options import help_of
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.verify.poses import gamma_F
 from stiffgen.verify.references import References
@@ -230,7 +231,7 @@ def test_readers_hold_a_few_blocks(name, rows, most, here, monkeypatch):
         recordings.write_parquet(here / name, numbers, row_group_size=rows, use_dictionary=False)
     else:
         recordings.write_csv(here / name, numbers)
-    (partition,) = open_recording(here / name, Request(joints=JOINTS)).partitions
+    (partition,) = open_recording(here / name, RecordingRequest(joints=JOINTS)).partitions
     gc.collect()
     before, held, seen = pa.total_allocated_bytes(), 0, 0
     for block in partition.blocks(1000):
@@ -242,7 +243,7 @@ def test_readers_hold_a_few_blocks(name, rows, most, here, monkeypatch):
 
 def test_a_recording_that_is_moved_away_while_it_is_read(here, robot_folder):
     log = recordings.write_csv(here / "log.csv", ROWS)
-    recording = open_recording(log, Request(joints=JOINTS))
+    recording = open_recording(log, RecordingRequest(joints=JOINTS))
     log.write_text("shorter")
     with pytest.raises(RecordingError, match="became shorter"):
         list(recording.partitions[0].blocks(10))
@@ -254,9 +255,9 @@ def test_quantiles_lie_within_the_extremes(robot):
     for count in (1, 5):
         rows = np.repeat(ROWS[:1], count, axis=0)
         block = recording.Block(np.arange(count), rows)
-        layout = recording.Layout("time", tuple(f"q_{k}" for k in range(7)), tuple(f"wrench_{k}" for k in range(6)))
+        columns = recording.Columns("time", tuple(f"q_{k}" for k in range(7)), tuple(f"wrench_{k}" for k in range(6)))
         limits = np.full(7, np.inf)
-        summary = ms.summarise(robot, ms.Task("hybrid", checked_stiffness(K), False, -limits, limits), layout, block)
+        summary = ms.summarise(robot, ms.Task("hybrid", checked_stiffness(K), False, -limits, limits), columns, block)
         for column, name in enumerate(ms.MEASURES):
             if summary.least[column] >= 0:
                 for share in (0.0, 0.5, 0.99, 1.0):
@@ -304,11 +305,11 @@ def test_one_record_makes_the_command_line_and_the_function(capsys):
         main(["analyze", "--help"])
     on_the_command_line = " ".join(capsys.readouterr().out.split())
     for each in described:
-        said = told(each)
+        said = help_of(each)
         assert f"{each.name}: " in in_python
         assert said.meaning in in_python
         if said.command is not None:
-            assert "".join(said.meaning.split()) in "".join(on_the_command_line.split())
-    assert [each.name for each in described if told(each).command is None] == ["block_rows", "progress"]
+            assert "".join((said.negative or said.meaning).split()) in "".join(on_the_command_line.split())
+    assert [each.name for each in described if help_of(each).command is None] == ["block_rows", "progress"]
     with pytest.raises(TypeError, match="figure"):
         stiffgen.analyze("log.csv", "folder", K, figure=False)

@@ -9,7 +9,7 @@ import zipfile
 import numpy as np
 import pytest
 
-from stiffgen.analyze.recording import Request, csv_file, open_recording
+from stiffgen.analyze.recording import RecordingRequest, csv_file, open_recording
 from stiffgen.cli import main
 from stiffgen.errors import RecordingError
 from support import damaged_recordings, recordings
@@ -36,7 +36,7 @@ def archive(path, compression, **counts):
 
 @pytest.mark.parametrize("compression", [zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED])
 def test_an_array_shorter_than_its_header_says(tmp_path, compression):
-    request = Request(joints=damaged_recordings.JOINTS)
+    request = RecordingRequest(joints=damaged_recordings.JOINTS)
     assert open_recording(archive(tmp_path / "good.npz", compression), request).partitions[0].stop == 10
     for rows in (24, 9, -1):
         log = archive(tmp_path / "short.npz", compression, time=rows, q=rows, wrench=rows)
@@ -51,7 +51,7 @@ def test_a_stored_array_whose_checksum_is_wrong(tmp_path):
     content[place + 3] ^= 16
     log.write_bytes(content)
     with pytest.raises(RecordingError, match="Bad CRC-32"):
-        open_recording(log, Request(joints=damaged_recordings.JOINTS))
+        open_recording(log, RecordingRequest(joints=damaged_recordings.JOINTS))
 
 
 def test_no_control_character_reaches_the_terminal(tmp_path, monkeypatch, robot_folder, capfd):

@@ -30,7 +30,7 @@ _NUMBER = re.compile(r"\d{1,3}\]?", re.ASCII)
 _WRENCH_NAMES = (("fx", "fy", "fz", "mx", "my", "mz"), ("fx", "fy", "fz", "tx", "ty", "tz"))
 
 
-class Problem(NamedTuple):
+class RowProblem(NamedTuple):
     """Reason why a row cannot be used: a category for the counts, and a sentence about this row."""
 
     category: str
@@ -43,7 +43,7 @@ class Block:
 
     Attributes:
         rows: (N,) row numbers in the file, from 0, ascending.
-        values: (N, C) one column per entry of ``Layout.names``; NaN where no number could be read.
+        values: (N, C) one column per entry of ``Columns.names``; NaN where no number could be read.
         missing: (N, C) true where a value is absent; None if no value is.
         problems: rows that could not be read as numbers, by index into the block.
         work: share of the partition's ``work`` that this block completes.
@@ -53,7 +53,7 @@ class Block:
     rows: NDArray[np.int64]
     values: Array
     missing: NDArray[np.bool_] | None = None
-    problems: Mapping[int, Problem] = field(default_factory=dict)
+    problems: Mapping[int, RowProblem] = field(default_factory=dict)
     work: float = 0.0
 
     def split(self, most: int) -> Iterator[Block]:
@@ -88,7 +88,7 @@ class Partition(Protocol):
 
 
 @dataclass(frozen=True)
-class Layout:
+class Columns:
     """Columns of a file in the order of ``Block.values``: time (if there is one), q, wrench."""
 
     time: str | None
@@ -102,7 +102,7 @@ class Layout:
 
 
 @dataclass(frozen=True)
-class Request:
+class RecordingRequest:
     """Data that the caller wants from a recording: the joints, and columns whose names differ from the convention.
 
     Attributes:
@@ -131,24 +131,24 @@ class Request:
         """Return the number of joint positions per row."""
         return len(self.joints)
 
-    def with_prefixes_found(self, path: Path, columns: Sequence[str]) -> Request:
+    def with_prefixes_found(self, path: Path, names: Sequence[str]) -> RecordingRequest:
         """Return the request with the names of the columns that begin with the prefixes.
 
         Raises:
             RecordingError: the columns of a prefix are not as many as needed, or names and a prefix are given.
 
         """
-        for option, prefix, names in (("q", self.q_prefix, self.q), ("wrench", self.wrench_prefix, self.wrench)):
-            if prefix is not None and names is not None:
+        for option, prefix, chosen in (("q", self.q_prefix, self.q), ("wrench", self.wrench_prefix, self.wrench)):
+            if prefix is not None and chosen is not None:
                 raise RecordingError(f"--{option} and --{option}-columns: give the prefix or the names, not both")
         q, wrench = self.q, self.wrench
         if self.q_prefix is not None:
-            q = _prefixed(path, columns, "--q", self.q_prefix, [self.joints])
+            q = _prefixed(path, names, "--q", self.q_prefix, [self.joints])
         if self.wrench_prefix is not None:
-            wrench = _prefixed(path, columns, "--wrench", self.wrench_prefix, _WRENCH_NAMES)
+            wrench = _prefixed(path, names, "--wrench", self.wrench_prefix, _WRENCH_NAMES)
         return replace(self, q=q, wrench=wrench, q_prefix=None, wrench_prefix=None)
 
-    def flat_layout(self, path: Path, columns: Sequence[str]) -> Layout:
+    def table_columns(self, path: Path, names: Sequence[str]) -> Columns:
         """Find the columns of a table by name.
 
         Raises:
@@ -156,24 +156,24 @@ class Request:
 
         """
         if self.q_prefix is not None or self.wrench_prefix is not None:
-            return self.with_prefixes_found(path, columns).flat_layout(path, columns)
+            return self.with_prefixes_found(path, names).table_columns(path, names)
         if self.q is not None and len(self.q) != self.dof:
             raise RecordingError(f"--q-columns: {len(self.q)} names, but the robot has {self.dof} joint positions")
         if self.wrench is not None and len(self.wrench) != 6:
             raise RecordingError(f"--wrench-columns: {len(self.wrench)} names, but a wrench has 6 entries")
-        default_time = "time" if "time" in columns else None
-        layout = Layout(
+        default_time = "time" if "time" in names else None
+        columns = Columns(
             time=default_time if self.time is None else self.time or None,
             q=self.q or tuple(f"q_{i}" for i in range(self.dof)),
             wrench=self.wrench or tuple(f"wrench_{i}" for i in range(6)),
         )
-        absent = [name for name in layout.names if name not in columns]
+        absent = [name for name in columns.names if name not in names]
         if absent:
-            raise RecordingError(f"{path}: has no column {listed(absent)}; it has {listed(columns, 40)}. {NAME_OTHERS}")
-        doubled = sorted({name for name in layout.names if list(columns).count(name) > 1})
+            raise RecordingError(f"{path}: has no column {listed(absent)}; it has {listed(names, 40)}. {NAME_OTHERS}")
+        doubled = sorted({name for name in columns.names if list(names).count(name) > 1})
         if doubled:
             raise RecordingError(f"{path}: has several columns {listed(doubled)}; rename all but one of each")
-        return layout
+        return columns
 
 
 def _prefixed(
@@ -207,7 +207,7 @@ class Recording:
 
     Attributes:
         path: the file.
-        layout: names of the columns.
+        columns: names of the columns.
         partitions: parts of the file, in order.
         first_line: for text files, the line that holds row 0; messages then name rows by line.
         notes: facts about the file that a reader of the results needs, one sentence each.
@@ -215,7 +215,7 @@ class Recording:
     """
 
     path: Path
-    layout: Layout
+    columns: Columns
     partitions: tuple[Partition, ...]
     first_line: int | None = None
     notes: tuple[str, ...] = ()
@@ -245,7 +245,7 @@ _FORMATS = {
 
 
 def open_recording(
-    path: str | Path, request: Request, *, progress: Callable[[str], None] = lambda step: None
+    path: str | Path, request: RecordingRequest, *, progress: Callable[[str], None] = lambda step: None
 ) -> Recording:
     """Open a recording and find its columns; no rows are kept in memory.
 
@@ -271,7 +271,7 @@ def open_recording(
         raise RecordingError(f"{printable(str(path), 200)}: cannot be read ({error.strerror})") from error
     if not readable:
         raise RecordingError(f"{path}: is no file; name a recording")
-    topics = request.q_topic or request.wrench_topic or request.tolerance != Request.tolerance
+    topics = request.q_topic or request.wrench_topic or request.tolerance != RecordingRequest.tolerance
     if known.name != "MCAP" and topics:
         raise RecordingError(f"{path}: --q-topic, --wrench-topic and --tolerance apply to MCAP files; leave them out")
     if known.name == "MCAP" and (request.q_prefix or request.wrench_prefix):
@@ -334,11 +334,11 @@ __all__ = [
     "PARTITION_ROWS",
     "Array",
     "Block",
-    "Layout",
+    "Columns",
     "Partition",
-    "Problem",
     "Recording",
-    "Request",
+    "RecordingRequest",
+    "RowProblem",
     "extra",
     "open_recording",
     "read_blocks",

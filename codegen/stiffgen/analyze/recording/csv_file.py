@@ -12,7 +12,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from stiffgen.analyze.recording import Block, Layout, Problem, Recording, Request, extra
+from stiffgen.analyze.recording import Block, Columns, Recording, RecordingRequest, RowProblem, extra
 from stiffgen.errors import RecordingError, printable
 
 _PARTITION = 64 << 20
@@ -97,7 +97,7 @@ class CsvPartition:
         rows: list[int] = []
         values: list[list[float]] = []
         missing: list[list[bool]] = []
-        problems: dict[int, Problem] = {}
+        problems: dict[int, RowProblem] = {}
         for index, line in enumerate(piece.decode("utf-8", errors="replace").split("\n")):
             if not line.strip(_SPACE):
                 continue
@@ -106,14 +106,14 @@ class CsvPartition:
             absent = [False] * len(self.wanted)
             if len(cells) != self.width:
                 text = f"{len(cells)} columns, where the header has {self.width}"
-                problems[len(rows)] = Problem("wrong number of columns", text)
+                problems[len(rows)] = RowProblem("wrong number of columns", text)
             else:
                 for k, column in enumerate(self.wanted):
                     absent[k] = not cells[column]
                     number = _number(cells[column])
                     if number is None:
                         text = f"{self.names[k]} is '{printable(cells[column], 20)}'"
-                        problems.setdefault(len(rows), Problem("text", text))
+                        problems.setdefault(len(rows), RowProblem("text", text))
                     else:
                         numbers[k] = number
             rows.append(row + index)
@@ -158,7 +158,7 @@ def _refuse_long(line: bytes, path: Path) -> None:
         raise RecordingError(f"{path}: has a line of over {_LONGEST_LINE} bytes; is it a text file?")
 
 
-def open_file(path: Path, request: Request, progress: Callable[[str], None]) -> Recording:
+def open_file(path: Path, request: RecordingRequest, progress: Callable[[str], None]) -> Recording:
     """Find the columns in the header line, and divide the file at line ends."""
     extra("pyarrow.csv", "reading CSV")
     header_line = 0
@@ -179,15 +179,15 @@ def open_file(path: Path, request: Request, progress: Callable[[str], None]) -> 
                 f"{path}: line {header_line} has numbers where the columns' names must stand: '{printable(header)}'; "
                 "add a header line such as time,q_0,...,wrench_5"
             )
-        layout = request.flat_layout(path, names)
+        columns = request.table_columns(path, names)
         partitions = []
         progress(f"counting the lines of {path.name}")
         start, row = file.tell(), 0
         while piece := _lines(file, _PARTITION, path):
             stop = start + len(piece)
-            partitions.append(_partition(path, start, stop, row, delimiter, names, layout))
+            partitions.append(_partition(path, start, stop, row, delimiter, names, columns))
             start, row = stop, row + piece.count(b"\n")
-    return Recording(path, layout, tuple(partitions), first_line=header_line + 1)
+    return Recording(path, columns, tuple(partitions), first_line=header_line + 1)
 
 
 def _delimiter(header: str) -> str:
@@ -197,7 +197,7 @@ def _delimiter(header: str) -> str:
 
 
 def _partition(
-    path: Path, start: int, stop: int, row: int, delimiter: str, names: list[str], layout: Layout
+    path: Path, start: int, stop: int, row: int, delimiter: str, names: list[str], columns: Columns
 ) -> CsvPartition:
-    wanted = tuple(names.index(name) for name in layout.names)
-    return CsvPartition(path, start, stop, row, delimiter, len(names), wanted, layout.names)
+    wanted = tuple(names.index(name) for name in columns.names)
+    return CsvPartition(path, start, stop, row, delimiter, len(names), wanted, columns.names)

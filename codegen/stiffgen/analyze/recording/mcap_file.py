@@ -15,7 +15,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from stiffgen.analyze.recording import Block, Layout, Problem, Recording, Request, extra
+from stiffgen.analyze.recording import Block, Columns, Recording, RecordingRequest, RowProblem, extra
 from stiffgen.errors import RecordingError, listed, printable
 
 _JOINTS = "sensor_msgs/msg/JointState"
@@ -55,10 +55,10 @@ class McapPartition:
                 values[index, 0] = stamp * 1e-9
                 values[index, 1 : 1 + len(positions)] = positions
                 if not positions:
-                    problems[index] = Problem("missing value", "the message lacks some of the joints")
+                    problems[index] = RowProblem("missing value", "the message lacks some of the joints")
                 elif wrench is None:
                     text = f"no wrench within {self.tolerance * 1e-9:g} s of the joint positions"
-                    problems[index] = Problem("no wrench in time", text)
+                    problems[index] = RowProblem("no wrench in time", text)
                 else:
                     values[index, -6:] = wrench
             yield Block(np.arange(row, row + len(batch)), values, missing, problems, work=len(batch))
@@ -131,7 +131,7 @@ def _quietly(function: Callable[..., Any], *arguments: Any) -> Any:
         return function(*arguments)
 
 
-def open_file(path: Path, request: Request, progress: Callable[[str], None]) -> Recording:
+def open_file(path: Path, request: RecordingRequest, progress: Callable[[str], None]) -> Recording:
     """Find the two topics in the file's summary, and the joints in the first messages."""
     progress(f"reading the summary of {path.name}")
     if request.wrench is not None or request.time is not None:
@@ -160,9 +160,9 @@ def open_file(path: Path, request: Request, progress: Callable[[str], None]) -> 
         frame = next((m.header.frame_id for _, _, m in _decoded(file, [wrench_topic])), "")
     tolerance = round(request.tolerance * 1e9)
     whole = McapPartition(path, joints, q_topic, wrench_topic, tolerance, messages[q_topic])
-    layout = Layout("time", joints, tuple(f"{part}.{axis}" for part in ("force", "torque") for axis in "xyz"))
+    columns = Columns("time", joints, tuple(f"{part}.{axis}" for part in ("force", "torque") for axis in "xyz"))
     note = f"Wrenches on {printable(wrench_topic)}: frame '{printable(str(frame))}', used without conversion."
-    return Recording(path, layout, (whole,), notes=(note,))
+    return Recording(path, columns, (whole,), notes=(note,))
 
 
 def _topic(path: Path, topics: Mapping[str, str], kind: str, chosen: str | None, option: str) -> str:

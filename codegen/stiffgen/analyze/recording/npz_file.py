@@ -14,7 +14,7 @@ from typing import IO, BinaryIO, cast
 
 import numpy as np
 
-from stiffgen.analyze.recording import NAME_OTHERS, PARTITION_ROWS, Array, Block, Layout, Recording, Request
+from stiffgen.analyze.recording import NAME_OTHERS, PARTITION_ROWS, Array, Block, Columns, Recording, RecordingRequest
 from stiffgen.errors import RecordingError, listed
 
 _LOCAL_HEADER = 30
@@ -107,7 +107,7 @@ def _rows(member: _Member, streams: Sequence[IO[bytes]], count: int) -> Array:
     return np.concatenate(parts, axis=1).astype(float)
 
 
-def open_file(path: Path, request: Request, progress: Callable[[str], None]) -> Recording:
+def open_file(path: Path, request: RecordingRequest, progress: Callable[[str], None]) -> Recording:
     """Find the arrays: ``q`` (N, n), ``wrench`` (N, 6) and ``time`` (N,), or one array (N,) per column."""
     progress(f"checking the arrays of {path.name}")
     with zipfile.ZipFile(path) as archive, path.open("rb") as file:
@@ -120,16 +120,16 @@ def open_file(path: Path, request: Request, progress: Callable[[str], None]) -> 
     if len(set(lengths.values())) > 1:
         shown = ", ".join(f"{name} {length}" for name, length in lengths.items())
         raise RecordingError(f"{path}: the arrays differ in length ({shown}); write arrays with one entry per row")
-    layout = Layout(time[0] if time else None, _column_names(q, request.dof), _column_names(wrench, 6))
+    columns = Columns(time[0] if time else None, _column_names(q, request.dof), _column_names(wrench, 6))
     rows = next(iter(lengths.values()))
     # A compressed array can be read only from its beginning.
     step = PARTITION_ROWS if all(member.stored for member in members.values()) else max(rows, 1)
     ordered = tuple(members[name] for name in (*time, *q, *wrench))
     partitions = (NpzPartition(path, ordered, start, min(start + step, rows)) for start in range(0, rows, step))
-    return Recording(path, layout, tuple(partitions))
+    return Recording(path, columns, tuple(partitions))
 
 
-def _chosen(path: Path, request: Request, names: Sequence[str]) -> tuple[tuple[str, ...], ...]:
+def _chosen(path: Path, request: RecordingRequest, names: Sequence[str]) -> tuple[tuple[str, ...], ...]:
     """Return the names of the arrays with time, q and wrench: one two-dimensional array, or one array per column."""
     q = request.q or (("q",) if "q" in names else tuple(f"q_{i}" for i in range(request.dof)))
     wrench = request.wrench or (("wrench",) if "wrench" in names else tuple(f"wrench_{i}" for i in range(6)))

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from stiffgen.analyze.recording import PARTITION_ROWS, Array, Block, Recording, Request, extra
+from stiffgen.analyze.recording import PARTITION_ROWS, Array, Block, Recording, RecordingRequest, extra
 from stiffgen.errors import RecordingError, printable
 
 _BUFFER = 1 << 18
@@ -65,17 +65,17 @@ def _numbers(column: Any) -> Array:
     return numbers
 
 
-def open_file(path: Path, request: Request, progress: Callable[[str], None]) -> Recording:
+def open_file(path: Path, request: RecordingRequest, progress: Callable[[str], None]) -> Recording:
     """Find the columns in the schema, and join row groups into partitions of some 10^5 rows."""
     pa = extra("pyarrow", "reading Parquet")
     progress(f"reading the footer of {path.name}")
     with _opened(path) as file:
         schema, metadata = file.schema_arrow, file.metadata
-    layout = request.flat_layout(path, schema.names)
-    for name in layout.names:
+    columns = request.table_columns(path, schema.names)
+    for name in columns.names:
         kind = schema.field(name).type
         number = pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind)
-        if not number and not (name == layout.time and pa.types.is_timestamp(kind)):
+        if not number and not (name == columns.time and pa.types.is_timestamp(kind)):
             raise RecordingError(
                 f"{path}: column {name} holds values of type {printable(str(kind))}, not numbers; convert it"
             )
@@ -86,6 +86,6 @@ def open_file(path: Path, request: Request, progress: Callable[[str], None]) -> 
         groups.append(group)
         rows += metadata.row_group(group).num_rows
         if rows >= PARTITION_ROWS or group == metadata.num_row_groups - 1:
-            partitions.append(ParquetPartition(path, tuple(groups), row, rows, layout.names))
+            partitions.append(ParquetPartition(path, tuple(groups), row, rows, columns.names))
             groups, row, rows = [], row + rows, 0
-    return Recording(path, layout, tuple(partitions))
+    return Recording(path, columns, tuple(partitions))
