@@ -21,7 +21,7 @@ from stiffgen.emit.controller import (
 )
 from stiffgen.emit.pages import (
     DifferentiablePage,
-    Group,
+    KernelGroup,
     KernelPage,
     differentiable_pages,
     groups_of,
@@ -119,7 +119,7 @@ class Request:
         return self.pages(self.single)
 
     @cached_property
-    def groups(self) -> list[Group]:
+    def groups(self) -> list[KernelGroup]:
         """Public functions by tip and group."""
         return groups_of(self.kernels)
 

@@ -146,7 +146,7 @@ def differentiable_pages(chain: Chain, kernels: Sequence[Kernel]) -> list[Differ
 
 
 @dataclass(frozen=True)
-class Group:
+class KernelGroup:
     """Functions of one tip and one group; ``tip`` and ``group`` are empty where the functions belong to none."""
 
     tip: str
@@ -195,12 +195,12 @@ def kernel_page(
     )
 
 
-def groups_of(kernels: Iterable[KernelPage]) -> list[Group]:
+def groups_of(kernels: Iterable[KernelPage]) -> list[KernelGroup]:
     """Sort functions by tip and group; those of a tip come before those of its groups."""
     members: dict[tuple[str, str], list[KernelPage]] = {}
     for kernel in kernels:
         members.setdefault((kernel.tip, kernel.group), []).append(kernel)
-    return [Group(tip, group, each) for (tip, group), each in members.items()]
+    return [KernelGroup(tip, group, each) for (tip, group), each in members.items()]
 
 
 def tool_lines(chain: Chain) -> list[str]:

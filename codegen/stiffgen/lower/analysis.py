@@ -68,7 +68,7 @@ ZERO = Bound(0.0)
 
 
 @dataclass
-class Analysis:
+class BoundAnalysis:
     """The bounds of a graph's operations, given those of its inputs."""
 
     graph: Graph

@@ -165,7 +165,7 @@ class Output:
 
 
 @dataclass(frozen=True)
-class Group:
+class LoweredSection:
     """Operations that the code shows under names of their own, below a comment; ``shared``: those used repeatedly."""
 
     comment: str
@@ -181,7 +181,7 @@ class Body:
         graph: operations.
         inputs: entry behind each input of the graph.
         outputs: results, in the order in which they are stored.
-        groups: intermediate results with names.
+        sections: intermediate results with names.
         kinds: kind of each operation of which something is known.
         heading: comment over the outputs.
         define: number of outputs, the first ones, that become locals unless they have a name already.
@@ -194,7 +194,7 @@ class Body:
     graph: Graph
     inputs: tuple[Access, ...]
     outputs: tuple[Output, ...]
-    groups: tuple[Group, ...] = ()
+    sections: tuple[LoweredSection, ...] = ()
     kinds: tuple[tuple[int, Kind], ...] = ()
     heading: str = ""
     define: int = 0
@@ -214,7 +214,7 @@ class Body:
 def make_body(
     inputs: Sequence[tuple[ca.SX, Access]],
     outputs: Sequence[tuple[tuple[Entry, ...], ca.SX]],
-    groups: Sequence[tuple[str, Sequence[tuple[str, ca.SX, Kind]], bool]] = (),
+    sections: Sequence[tuple[str, Sequence[tuple[str, ca.SX, Kind]], bool]] = (),
     kinds: Sequence[Kind] = (),
     *,
     poison: str = "poison",
@@ -228,7 +228,7 @@ def make_body(
     Args:
         inputs: symbols, and the entries behind them.
         outputs: places, and the expressions to be stored there.
-        groups: comments, the named values below them, in order of computation, and whether only shared ones count.
+        sections: comments, the named values below them, in order of computation, and whether only shared ones count.
         kinds: kinds of the outputs, where something is known of them.
         poison: name of the local that makes NaN of what depends on choices.
         heading: see :class:`Body`, as the others.
@@ -238,17 +238,21 @@ def make_body(
 
     """
     symbols = ca.vertcat(*(symbol for symbol, _ in inputs)) if inputs else ca.SX(0, 1)
-    values = [(name, value, kind) for _, members, _ in groups for name, value, kind in members]
+    values = [(name, value, kind) for _, members, _ in sections for name, value, kind in members]
     everything = ca.densify(ca.vertcat(*(value for _, value in outputs), *(value for _, value, _ in values)))
     graph, numbers = build_graph(ca.Function("f", [symbols], [everything]))
     results, rest = numbers[: len(outputs)], iter(numbers[len(outputs) :])
-    named = [(title, [(name, next(rest), kind) for name, _, kind in members], only) for title, members, only in groups]
+    named = [
+        (title, [(name, next(rest), kind) for name, _, kind in members], only) for title, members, only in sections
+    ]
     known = [*zip(results, kinds, strict=False), *((n, kind) for _, members, _ in named for _, n, kind in members)]
     return Body(
         graph,
         tuple(access for _, access in inputs),
         tuple(Output(places, number) for (places, _), number in zip(outputs, results, strict=True)),
-        tuple(Group(title, tuple((name, n) for name, n, _ in members), only) for title, members, only in named),
+        tuple(
+            LoweredSection(title, tuple((name, n) for name, n, _ in members), only) for title, members, only in named
+        ),
         tuple((number, kind) for number, kind in known if kind is not Kind.NUMBER),
         heading,
         define,
@@ -265,13 +269,16 @@ class Count(Enum):
     COORDINATES = "coordinates"
     USED = "vectors used per row over joints"
     ALLOCATED = "vectors allocated per row over joints"
+    USED_NUMBERS = "numbers used per row over joints"
+    ALLOCATED_NUMBERS = "numbers allocated per row over joints"
 
 
-@dataclass(frozen=True)
-class Table:
-    """A constant table about the chain."""
+class Table(Enum):
+    """A constant table about the chain, by its name in the code."""
 
-    name: str
+    COORDINATES = "coordinate_of"
+    MULTIPLIERS = "multiplier_of"
+    PARENTS = "parent_of"
 
 
 @dataclass(frozen=True)
@@ -289,14 +296,7 @@ class Pointer:
     plain: bool = False
 
 
-@dataclass(frozen=True)
-class Stride:
-    """Length of a row of vectors over joints: numbers allocated, or, without ``allocated``, numbers used."""
-
-    allocated: bool = True
-
-
-Argument = int | str | Count | Table | Pointer | Stride
+Argument = int | str | Count | Table | Pointer
 
 
 @dataclass(frozen=True)

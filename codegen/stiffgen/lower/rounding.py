@@ -20,7 +20,7 @@ from typing import Any
 
 import casadi as ca
 
-from stiffgen.lower.analysis import ENLARGED, PRECISIONS, ZERO, Analysis, Bound, NoBound, Precision, added
+from stiffgen.lower.analysis import ENLARGED, PRECISIONS, ZERO, Bound, BoundAnalysis, NoBound, Precision, added
 from stiffgen.lower.form import (
     Body,
     ColumnSums,
@@ -161,7 +161,9 @@ class ErrorBounds:
         for number, kind in body.kinds:
             known[number] = min(sizes[kind], known.get(number, math.inf))
         inputs = [arrays[a.operand.array.name][a.operand.entry(a.entry, i, j)] for a in body.inputs]
-        return Analysis(body.graph, inputs, self.precision, known).bounds([output.number for output in body.outputs])
+        return BoundAnalysis(body.graph, inputs, self.precision, known).bounds(
+            [output.number for output in body.outputs]
+        )
 
     def _statements(self, function: Function, item: Statements, arrays: Bounds) -> None:
         arrays |= {array.name: [ZERO] * array.size for array in item.step_outputs}
@@ -213,7 +215,7 @@ class ErrorBounds:
         for array in step.writes:
             entries = ca.densify(ca.vertcat(*result[array.name]))
             graph, numbers = build_graph(ca.Function("f", [place], [entries]))
-            arrays[array.name] = Analysis(graph, [bound for _, bound in inputs], self.precision).bounds(numbers)
+            arrays[array.name] = BoundAnalysis(graph, [bound for _, bound in inputs], self.precision).bounds(numbers)
 
     def _invoke(self, function: Function, item: Invoke, arrays: Bounds) -> None:
         called, inputs = item.function, [arrays[storage.array.name] for storage in item.arguments]

@@ -32,7 +32,7 @@ def statements(f: Lowering, step: StraightLine, storages: Sequence[Storage]) -> 
     body = make_body(
         inputs,
         outputs,
-        named_groups(expressions.sections),
+        named_sections(expressions.sections),
         kinds,
         poison=poison,
         heading=step.heading,
@@ -115,9 +115,9 @@ def _outputs(
     return outputs, stored_kinds
 
 
-def named_groups(sections: Sequence[Section]) -> list[tuple[str, list[tuple[str, ca.SX, Kind]], bool]]:
+def named_sections(sections: Sequence[Section]) -> list[tuple[str, list[tuple[str, ca.SX, Kind]], bool]]:
     """Return sections entry by entry: title, members, and whether only shared ones are named."""
-    groups = []
+    named = []
     for section in sections:
         members = []
         for name, value in section.values.items():
@@ -127,8 +127,8 @@ def named_groups(sections: Sequence[Section]) -> list[tuple[str, list[tuple[str,
                 for c in range(columns):
                     row, column = str(r) if rows * columns > 1 else "", str(c) if columns > 1 else ""
                     members.append((name + row + column, value[r, c], kind))
-        groups.append((c_comment(section.title), members, section.shared))
-    return groups
+        named.append((c_comment(section.title), members, section.shared))
+    return named
 
 
 def indices(shape: tuple[int, ...], k: int) -> list[int]:

@@ -30,20 +30,19 @@ from stiffgen.lower.form import (
     Pointer,
     SparseChange,
     Storage,
-    Stride,
     Table,
     TotalSums,
     make_body,
 )
 from stiffgen.lower.graph import Operations
 from stiffgen.lower.lowering import LoweredKernels, Lowering, Rules
-from stiffgen.lower.statements import named_groups, statements
+from stiffgen.lower.statements import named_sections, statements
 from stiffgen.lower.variant import Variant
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kinematics import Section
 from stiffgen.symbolic.program import Array, Operand, Over, as_operand, entries_of
 from stiffgen.symbolic.steps import (
-    ClosedLoops,
+    CloseLoops,
     Gather,
     Map,
     Reduce,
@@ -56,7 +55,7 @@ from stiffgen.symbolic.steps import (
     Weights,
 )
 
-_COORDINATES = Table("coordinate_of"), Table("multiplier_of")
+_COORDINATES = Table.COORDINATES, Table.MULTIPLIERS
 _TOGETHER = "joints that move together share a coordinate"
 
 
@@ -83,7 +82,7 @@ def _straight_line(f: Lowering, step: StraightLine) -> None:
             f.call(
                 "copy_rows",
                 Pointer(storage, plain=True),
-                Stride(),
+                Count.ALLOCATED_NUMBERS,
                 array.shape[0],
                 Pointer(f.storage(array)),
             )
@@ -131,7 +130,7 @@ def _map(f: Lowering, step: Map, sections: Callable[..., tuple[Section, ...]] = 
         for k, value in enumerate(values)
         if k not in storage.zeros
     ]
-    body = make_body(inputs, outputs, named_groups(named), wide_outputs=rows or over.is_rows or not lanes)
+    body = make_body(inputs, outputs, named_sections(named), wide_outputs=rows or over.is_rows or not lanes)
     first, storage.filled = rows and not storage.filled, storage.filled or rows
     if not row:
         f.stored([out.array], f.function.inputs)
@@ -185,8 +184,8 @@ def _sparse_sum(f: Lowering, step: SparseSum) -> None:
         if k < n * n:
             outputs.append(((places[k],), whole[k]))
     every = not f.variant.joint_lanes
-    groups = named_groups(step.sections(*of_change))
-    body = make_body(inputs, outputs, groups, define=len(changes) if in_place else 0, wide_outputs=every)
+    sections = named_sections(step.sections(*of_change))
+    body = make_body(inputs, outputs, sections, define=len(changes) if in_place else 0, wide_outputs=every)
     f.add(SparseChange(step.comment, output, start, body, copies=start is not None and not in_place))
 
 
@@ -213,7 +212,7 @@ def _sum_joints(f: Lowering, step: SumJoints) -> None:
         calls += [Call("mirror_upper", (Pointer(output), Count.COORDINATES))] if step.mirror else []
     else:
         lanes = source.layout is Layout.LANES
-        stride = Stride() if lanes else Count.JOINTS
+        stride = Count.ALLOCATED_NUMBERS if lanes else Count.JOINTS
         rows = 1 if len(step.source.shape) == 1 else step.source.shape[0]
         calls = [Call("sum_columns", (rows, Pointer(source, plain=lanes), stride, *rest))]
     f.add(Helpers(tuple(calls), _TOGETHER, step, cost))
@@ -252,7 +251,7 @@ def _weight_calls(f: Lowering, step: Weights, source: Storage, depth: int, into:
     if step.over.is_paths:
         padded = (Count.ALLOCATED,) if lanes else ()
         pairs = int(step.over is Over.BEYOND), int(step.mirror)
-        return [Call("weigh_branches", (given, Count.JOINTS, Table("parent_of"), *pairs, *padded, *into))]
+        return [Call("weigh_branches", (given, Count.JOINTS, Table.PARENTS, *pairs, *padded, *into))]
     if not lanes:
         return [Call("fold_pairs", (given, Count.JOINTS, *into))]
     shape = Count.JOINTS, depth, Count.ALLOCATED
@@ -333,7 +332,7 @@ def _scan(f: Lowering, step: Scan) -> None:
         raise NotImplementedError(f"{step.output.name} has rows that are never stored, and is read as a whole")
     rows = [k for k in range(step.source.shape[0]) if k not in output.zeros]
     # Rows of vectors are filled up to the last vector that holds a joint; what lies beyond was never written.
-    stride, length = (Stride(), Stride(allocated=False)) if lanes else 2 * (Count.JOINTS,)
+    stride, length = (Count.ALLOCATED_NUMBERS, Count.USED_NUMBERS) if lanes else 2 * (Count.JOINTS,)
     calls = []
     for _, run in itertools.groupby(enumerate(rows), lambda pair: pair[1] - pair[0]):
         group = [row for _, row in run]
@@ -399,7 +398,7 @@ def _result_shape(step: Sum, k: int) -> tuple[int, ...]:
 
 RULES: Rules = {
     StraightLine: _straight_line,
-    ClosedLoops: _straight_line,
+    CloseLoops: _straight_line,
     Map: _map,
     SparseSum: _sparse_sum,
     SumJoints: _sum_joints,

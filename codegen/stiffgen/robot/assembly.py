@@ -7,7 +7,7 @@ from collections.abc import Container, Sequence
 from dataclasses import replace
 
 from stiffgen.names import identifier
-from stiffgen.robot.chain import BASE_JOINTS, Body, Chain, ChainOptions, Coordinate, Joint, Loop, Tip, Tool
+from stiffgen.robot.chain import BASE_JOINTS, Chain, ChainOptions, ClosedLoop, Coordinate, Joint, RigidBody, Tip, Tool
 from stiffgen.robot.description import Description, JointElement
 from stiffgen.robot.geometry import IDENTITY, Inertia, Pose, Real, mpf
 from stiffgen.robot.linkage import Linkage
@@ -17,7 +17,7 @@ from stiffgen.robot.selection import Selection
 
 def assemble(description: Description, options: ChainOptions, selection: Selection, reserved: Container[str]) -> Chain:
     """Return the chain of a selection; tips receive names that are not ``reserved``."""
-    tree = _Tree(description, selection)
+    tree = _JointTree(description, selection)
     slides = tree.slide_origins()
     tool = options.tool
     if selection.floating:
@@ -56,7 +56,7 @@ def assemble(description: Description, options: ChainOptions, selection: Selecti
 
 def _closed_loops(
     description: Description, options: ChainOptions, selection: Selection, coordinates: tuple[Coordinate, ...]
-) -> tuple[tuple[Loop, ...], tuple[int, ...], tuple[float, ...]]:
+) -> tuple[tuple[ClosedLoop, ...], tuple[int, ...], tuple[float, ...]]:
     """Return the closed loops with independent equations, the indices of the motors, and a start for closing them.
 
     The start is rounded: it has the same digits on every machine, and closing it takes one step.
@@ -73,7 +73,7 @@ def _closed_loops(
     return loops, actuated, tuple(round(float(value), 6) + 0.0 for value in start)
 
 
-def _tips(selection: Selection, tree: _Tree, tool: Tool | None, reserved: Container[str]) -> tuple[Tip, ...]:
+def _tips(selection: Selection, tree: _JointTree, tool: Tool | None, reserved: Container[str]) -> tuple[Tip, ...]:
     first = BASE_JOINTS if selection.floating else 0
     tool_pose = Pose.identity() if tool is None else Pose.from_xyz_rpy(tool.xyz, tool.rpy)
     frames = [(pose @ tool_pose).rounded() for pose in tree.tip_poses]
@@ -124,12 +124,12 @@ def _on_base(joint: Joint) -> Joint:
     return replace(joint, parent=joint.parent + BASE_JOINTS, coordinate=joint.coordinate + BASE_JOINTS)
 
 
-def _body(inertia: Inertia) -> Body:
+def _body(inertia: Inertia) -> RigidBody:
     mass, moment, ((xx, xy, xz), (_, yy, yz), (_, _, zz)) = inertia.rounded()
-    return Body(mass, moment, (xx, xy, xz, yy, yz, zz))
+    return RigidBody(mass, moment, (xx, xy, xz, yy, yz, zz))
 
 
-def _joint(selection: Selection, tree: _Tree, index: int, inertia: Inertia) -> Joint:
+def _joint(selection: Selection, tree: _JointTree, index: int, inertia: Inertia) -> Joint:
     element = tree.moving[index]
     coupling = selection.couplings[element]
     rotation, translation = tree.poses[index].rounded()
@@ -142,7 +142,7 @@ def _joint(selection: Selection, tree: _Tree, index: int, inertia: Inertia) -> J
         axis=element.axis,
         body=_body(inertia),
         parent=tree.parents[index],
-        coordinate=selection.masters.index(coupling.master.name),
+        coordinate=selection.masters.index(coupling.joint),
         multiplier=coupling.multiplier,
         offset=coupling.offset,
     )
@@ -153,7 +153,7 @@ def _coordinate(element: JointElement, selection: Selection) -> Coordinate:
     rotors = [
         couplings[joint].multiplier ** 2 * joint.motor_inertia
         for joint in (*selection.moving, *selection.side)
-        if couplings[joint].master is element
+        if couplings[joint].joint == element.name
     ]
     return Coordinate(
         name=element.name,
@@ -166,7 +166,7 @@ def _coordinate(element: JointElement, selection: Selection) -> Coordinate:
     )
 
 
-class _Tree:
+class _JointTree:
     """Parents and poses of the moving joints, and frames of the tips; the joints on the paths come first."""
 
     def __init__(self, description: Description, selection: Selection) -> None:

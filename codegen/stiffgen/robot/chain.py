@@ -18,7 +18,7 @@ BASE_JOINTS = 6
 
 
 @dataclass(frozen=True)
-class Body:
+class RigidBody:
     """Inertia of all links that move rigidly with one joint, in the joint's frame.
 
     Mass [kg], first moment m*c [kg m], inertia tensor about the frame's origin (ixx, ixy, ixz, iyy, iyz, izz)
@@ -58,7 +58,7 @@ class Joint:
     rotation: Matrix
     translation: Vector
     axis: Vector
-    body: Body
+    body: RigidBody
     parent: int
     coordinate: int
     multiplier: float = 1.0
@@ -134,7 +134,7 @@ class LoopEnd:
 
 
 @dataclass(frozen=True)
-class Loop:
+class ClosedLoop:
     """Closed loop: two frames whose origins coincide and, for a weld, whose axes do too.
 
     ``rows`` are the independent equations: 0..2 are the distances of the origins along x, y, z of the shared link, 3..5
@@ -218,7 +218,7 @@ class Chain:
     ignored: tuple[str, ...] = ()
     inputs: tuple[Input, ...] = ()
     arguments: tuple[tuple[str, str], ...] = ()
-    loops: tuple[Loop, ...] = ()
+    loops: tuple[ClosedLoop, ...] = ()
     actuated: tuple[int, ...] = ()
     start: tuple[float, ...] = ()
 

@@ -325,7 +325,7 @@ class Checker:
             visited.update(path)
 
 
-def _affects(fault: urdf_format.Fault) -> Affects:
+def _affects(fault: urdf_format.ElementFault) -> Affects:
     if fault.note:
         return "nothing"
     if fault.repeats:

@@ -4,40 +4,30 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 from stiffgen.errors import DescriptionError, printable
-from stiffgen.robot.description import LARGEST, MOVING_TYPES, Description, JointElement
+from stiffgen.robot.description import LARGEST, MOVING_TYPES, Description, JointElement, Mimic
 from stiffgen.robot.geometry import Pose, exact
 
 
-@dataclass(frozen=True)
-class Coupling:
-    """Position of a joint: ``multiplier * q[master] + offset``."""
-
-    master: JointElement
-    multiplier: float
-    offset: float
-
-
 class Couplings:
-    """Couplings of all joints of a description: chains of ``<mimic>`` relations are resolved to their master."""
+    """Couplings of all joints of a description: chains of ``<mimic>`` relations, resolved to the joint that leads."""
 
     def __init__(self, description: Description, locks: Mapping[str, float]) -> None:
         self.description = description
         self.locks = locks
-        self._known: dict[str, Coupling] = {}
+        self._known: dict[str, Mimic] = {}
 
-    def __getitem__(self, element: JointElement) -> Coupling:
+    def __getitem__(self, element: JointElement) -> Mimic:
         followers: list[JointElement] = []
         while element.name not in self._known and element.mimic is not None:
             followers.append(element)
             element = self.description.joints[element.mimic.joint]
-        coupling = self._known.setdefault(element.name, Coupling(element, 1.0, 0.0))
+        coupling = self._known.setdefault(element.name, Mimic(element.name, 1.0, 0.0))
         for follower in reversed(followers):
             assert follower.mimic is not None
-            coupling = Coupling(
-                coupling.master,
+            coupling = Mimic(
+                coupling.joint,
                 follower.mimic.multiplier * coupling.multiplier,
                 follower.mimic.multiplier * coupling.offset + follower.mimic.offset,
             )
@@ -57,13 +47,13 @@ class Couplings:
         if element.type not in MOVING_TYPES:
             return False
         coupling = self[element]
-        master = coupling.master
+        master = self.description.joints[coupling.joint]
         return master.type in MOVING_TYPES and coupling.multiplier != 0 and master.name not in self.locks
 
     def position_at_rest(self, element: JointElement) -> float:
         """Return the position of a joint at rest: as locked, or with its coordinate at zero [rad or m]."""
         coupling = self[element]
-        return coupling.multiplier * self.locks.get(coupling.master.name, 0.0) + coupling.offset
+        return coupling.multiplier * self.locks.get(coupling.joint, 0.0) + coupling.offset
 
     def pose_at_rest(self, element: JointElement) -> Pose:
         """Return the pose of a joint's child link in its parent link, for a joint that is fixed, locked or not in q."""

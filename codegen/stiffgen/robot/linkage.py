@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiffgen.errors import ChainError, listed, printable
-from stiffgen.robot.chain import Coordinate, Joint, Loop, LoopEnd
+from stiffgen.robot.chain import ClosedLoop, Coordinate, Joint, LoopEnd
 
 _Array = NDArray[np.float64]
 
@@ -27,11 +27,13 @@ class Linkage:
     """Closed loops over the coordinates of a chain."""
 
     file: str
-    loops: tuple[Loop, ...]
+    loops: tuple[ClosedLoop, ...]
     coordinates: tuple[Coordinate, ...]
     base_joints: int
 
-    def study(self, reference: Sequence[float], actuated: set[str]) -> tuple[tuple[Loop, ...], tuple[int, ...], _Array]:
+    def study(
+        self, reference: Sequence[float], actuated: set[str]
+    ) -> tuple[tuple[ClosedLoop, ...], tuple[int, ...], _Array]:
         """Return the loops with independent equations, the indices of the motors in q, and a closed configuration.
 
         Coordinates outside of the loops count as motors.
@@ -163,7 +165,7 @@ class Linkage:
                 "joints out of --actuated, or a loop out"
             )
 
-    def _with_rows(self, rows: list[int]) -> tuple[Loop, ...]:
+    def _with_rows(self, rows: list[int]) -> tuple[ClosedLoop, ...]:
         loops, first = [], 0
         for loop in self.loops:
             own = tuple(row for k, row in enumerate(loop.rows) if first + k in rows)

@@ -8,14 +8,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from stiffgen.errors import ChainError, listed, printable
-from stiffgen.robot.chain import Body, ChainOptions, Joint, Loop, LoopEnd
+from stiffgen.robot.chain import ChainOptions, ClosedLoop, Joint, LoopEnd, RigidBody
 from stiffgen.robot.couplings import Couplings
 from stiffgen.robot.description import MOVING_TYPES, Description, JointElement, LoopElement, LoopEndElement
 from stiffgen.robot.geometry import Pose
 
 _NUMBERS = ",".join(3 * ("([^,:=]+)",))
 _LOOP = re.compile(f"(.+):{_NUMBERS}=(.+):{_NUMBERS}")
-_NO_BODY = Body(0.0, (0.0, 0.0, 0.0), (0.0,) * 6)
+_NO_BODY = RigidBody(0.0, (0.0, 0.0, 0.0), (0.0,) * 6)
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ def select_loops(
         )
 
     def coordinates(elements: Sequence[JointElement]) -> set[str]:
-        return {couplings[each].master.name for each in elements if couplings.moves(each)}
+        return {couplings[each].joint for each in elements if couplings.moves(each)}
 
     candidates = [_candidate(description, element) for element in (*map(read_loop, options.loop), *of_file)]
     found = [loop for loop in candidates if loop.element.option]
@@ -119,7 +119,7 @@ def _check(description: Description, loop: SelectedLoop, base: str) -> None:
         )
 
 
-def build_loop(loop: SelectedLoop, couplings: Couplings, masters: Sequence[str], base_joints: int) -> Loop:
+def build_loop(loop: SelectedLoop, couplings: Couplings, masters: Sequence[str], base_joints: int) -> ClosedLoop:
     """Return the record of a loop, with all its equations as rows."""
     element = loop.element
     ends = [
@@ -127,7 +127,7 @@ def build_loop(loop: SelectedLoop, couplings: Couplings, masters: Sequence[str],
         for path, end in ((loop.first, element.first), (loop.second, element.second))
     ]
     rows = tuple(range(6 if element.is_weld else 3))
-    return Loop(element.text, ends[0], ends[1], rows, element.is_weld, element.option)
+    return ClosedLoop(element.text, ends[0], ends[1], rows, element.is_weld, element.option)
 
 
 def _end(
@@ -150,7 +150,7 @@ def _end(
                 axis=element.axis,
                 body=_NO_BODY,
                 parent=len(joints) - 1,
-                coordinate=masters.index(coupling.master.name) + base_joints,
+                coordinate=masters.index(coupling.joint) + base_joints,
                 multiplier=coupling.multiplier,
                 offset=coupling.offset,
             )
@@ -160,7 +160,7 @@ def _end(
 
 
 def wanted_motors(
-    file: str, loops: Sequence[Loop], elements: Sequence[JointElement], base_joints: int, actuated: Sequence[str]
+    file: str, loops: Sequence[ClosedLoop], elements: Sequence[JointElement], base_joints: int, actuated: Sequence[str]
 ) -> set[str]:
     """Return the names of the actuated joints of the loops: as chosen, or those with a motor in the file.
 

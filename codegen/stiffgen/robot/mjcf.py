@@ -64,7 +64,7 @@ def read_mjcf(path: Path, data: bytes) -> Description:
             path.name,
             [f"a number of the compiled model is not finite or beyond {LARGEST:g}; give metres and kilograms"],
         )
-    tree = _Tree(model)
+    tree = _ModelTree(model)
     return Description(
         file=path.name,
         digest=hashlib.sha256(data).hexdigest(),
@@ -91,7 +91,7 @@ def _is_usable(value: float) -> bool:
     return abs(value) <= LARGEST
 
 
-class _Tree:
+class _ModelTree:
     """Links and joints of a compiled model."""
 
     def __init__(self, model: dict[str, Any]) -> None:
@@ -278,7 +278,7 @@ def _unique(elements: list[dict[str, Any]], kind: str, taken: set[str]) -> list[
     return names
 
 
-def _missing_meshes(tree: _Tree, stand_ins: list[list[str]]) -> Iterator[Problem]:
+def _missing_meshes(tree: _ModelTree, stand_ins: list[list[str]]) -> Iterator[Problem]:
     for body, mesh in stand_ins:
         yield Problem(
             f"link {body}",

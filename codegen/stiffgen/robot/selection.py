@@ -79,7 +79,7 @@ def select(description: Description, options: ChainOptions = _DEFAULTS) -> Selec
     loops = select_loops(description, options, couplings, base, moving)
     of_loops = {element.name: element for loop in loops for element in loop.joints}
     moving_all = [*moving, *(each for each in of_loops.values() if couplings.moves(each))]
-    masters = dict.fromkeys(couplings[element].master.name for element in moving_all)
+    masters = dict.fromkeys(couplings[element].joint for element in moving_all)
     beyond = _joints_beyond(description, base)
     wanted = [each for each in description.joints.values() if options.masses or each.name in of_loops]
     side = _side_joints(description, couplings, base, beyond, moving, masters, wanted)
@@ -157,14 +157,14 @@ def _side_joints(
     side = [
         element
         for element in wanted
-        if element.name not in on_paths and couplings.moves(element) and couplings[element].master.name in masters
+        if element.name not in on_paths and couplings.moves(element) and couplings[element].joint in masters
     ]
     ranks = {element.name: rank for rank, element in enumerate(beyond)}
     for element in side:
         if element.name not in ranks:
             raise ChainError(
                 f"{description.file}: joint '{printable(element.name)}' moves with "
-                f"'{printable(couplings[element].master.name)}' through <mimic> but is not beyond base "
+                f"'{printable(couplings[element].joint)}' through <mimic> but is not beyond base "
                 f"'{printable(base)}', so that its mass cannot be counted; choose a base nearer the root, or leave "
                 "all masses out (--no-masses)"
             )

@@ -76,7 +76,7 @@ _MAX_EDITS = 3
 
 
 @dataclass(frozen=True)
-class Fault:
+class ElementFault:
     """Fault of an element's content; ``text`` is a sentence without a full stop.
 
     ``concerns`` is the element of the format that is misspelt or, with ``repeats``, occurs twice; it may be empty. A
@@ -89,7 +89,7 @@ class Fault:
     note: bool = False
 
 
-def faults(element: etree._Element, ignored: Collection[str] = ()) -> Iterator[Fault]:
+def faults(element: etree._Element, ignored: Collection[str] = ()) -> Iterator[ElementFault]:
     """Yield misspelt names in an element of ``FORMAT``, and children that occur twice with different content."""
     tag = str(element.tag)
     known = FORMAT[tag]
@@ -101,25 +101,25 @@ def faults(element: etree._Element, ignored: Collection[str] = ()) -> Iterator[F
         if name not in known.elements:
             yield _unknown(tag, name, known.elements)
         elif name in FORMAT and _content(child) != _content(siblings.setdefault(name, child)):
-            yield Fault(
+            yield ElementFault(
                 f"<{name}> occurs twice in it, with different content; remove the wrong one", name, repeats=True
             )
     for name in map(str, element.attrib):
         if not _prefixed(name) and name not in known.attributes + known.added_attributes:
             meant = _meant(name, known.attributes)
             remedy = f"did you mean '{meant}'?" if meant else _remedy([f"'{each}'" for each in known.attributes])
-            yield Fault(f"<{tag}> has no attribute '{printable(name)}'; {remedy}")
+            yield ElementFault(f"<{tag}> has no attribute '{printable(name)}'; {remedy}")
 
 
-def _unknown(tag: str, name: str, elements: Sequence[str]) -> Fault:
+def _unknown(tag: str, name: str, elements: Sequence[str]) -> ElementFault:
     """Return the fault, or the note, of an unknown element."""
     meant = _meant(name, elements)
     says = f"<{printable(name)}> is no element of <{tag}>"
     if meant:
-        return Fault(f"{says}; did you mean <{meant}>? (if not: --ignore {printable(name)})", meant)
+        return ElementFault(f"{says}; did you mean <{meant}>? (if not: --ignore {printable(name)})", meant)
     if tag in _WITH_VENDOR_ELEMENTS:
-        return Fault(f"{says} that stiffgen knows; it is ignored", note=True)
-    return Fault(f"{says}; {_remedy([f'<{each}>' for each in elements])}, or --ignore {printable(name)}")
+        return ElementFault(f"{says} that stiffgen knows; it is ignored", note=True)
+    return ElementFault(f"{says}; {_remedy([f'<{each}>' for each in elements])}, or --ignore {printable(name)}")
 
 
 def misspelt_in_robot(robot: etree._Element, ignored: Collection[str] = ()) -> Iterator[str]:

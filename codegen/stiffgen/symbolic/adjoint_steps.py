@@ -19,7 +19,7 @@ from stiffgen.symbolic.gradients import Gradients, bar_name, column, extents, sh
 from stiffgen.symbolic.kinematics import Expressions
 from stiffgen.symbolic.program import Array, Operand, Over, Step, pruned
 from stiffgen.symbolic.steps import (
-    ClosedLoops,
+    CloseLoops,
     Gather,
     Map,
     Reduce,
@@ -183,7 +183,7 @@ def _straight_line(run: Gradients, step: StraightLine, variables: tuple[Array, .
     run.steps.append(Shared(f"{step.name}_vjp", meaning, parameters, q_bar, steps, arguments, result))
 
 
-def _closed_loops(run: Gradients, step: ClosedLoops) -> None:
+def _closed_loops(run: Gradients, step: CloseLoops) -> None:
     """Append the product with G = dq/da at the closed configuration (theorem of implicit functions)."""
     (closed,), (motors, _) = step.outputs, step.arguments
     bars = tuple(run.bars[closed.name])
@@ -333,6 +333,6 @@ RULES: dict[type[Step], Callable[[Gradients, Any], None]] = {
     SparseSum: _sparse_sum,
     SumJoints: _sum_joints,
     StraightLine: _any_straight_line,
-    ClosedLoops: _closed_loops,
+    CloseLoops: _closed_loops,
 }
 """Reverse rule per type of step. Types that occur only in reverse programs have no rule."""

@@ -88,7 +88,7 @@ def columns_and_covectors(chain: Chain, *arguments: ca.SX, representation: Repre
     """
     *configuration, wrenches, stiffnesses = arguments
     count = len(chain.tips)
-    tree = _Tree.of(chain, configuration, representation)
+    tree = _TipTree.of(chain, configuration, representation)
     loads = []
     for index, (wrench, matrix) in enumerate(zip(_per_tip(wrenches, count), _per_tip(stiffnesses, count), strict=True)):
         K = stiffness.symmetric_from_upper(ca.reshape(matrix, 6, 6).T)
@@ -111,7 +111,7 @@ def spring_terms(chain: Chain, *arguments: ca.SX, spring: Spring, parts: str) ->
 
     """
     count, size = len(chain.tips), len(arguments) - len(spring.parameters)
-    tree = _Tree.of(chain, arguments[:size], "hybrid")
+    tree = _TipTree.of(chain, arguments[:size], "hybrid")
     origin = Configuration.of(chain, arguments[:size]).base[1]
     energy, loads = ca.SX(0), list[_Load]()
     for index, tip in enumerate(chain.tips):
@@ -140,7 +140,7 @@ def spring_terms(chain: Chain, *arguments: ca.SX, spring: Spring, parts: str) ->
 
 
 @dataclass(frozen=True)
-class _Tree:
+class _TipTree:
     """Frames and columns of the joints, and poses (rotation, origin) of the tips, relative to the common point."""
 
     sections: list[Section]
@@ -149,7 +149,7 @@ class _Tree:
     poses: list[tuple[ca.SX, ca.SX]]
 
     @staticmethod
-    def of(chain: Chain, arguments: Sequence[ca.SX], representation: Representation) -> _Tree:
+    def of(chain: Chain, arguments: Sequence[ca.SX], representation: Representation) -> _TipTree:
         count = len(chain.tips)
         tools = _per_tip(arguments[-1], count) if chain.runtime_tool else [None] * count
         configuration = Configuration.of(chain, arguments, seen_from_tip=representation == "body")
@@ -159,7 +159,7 @@ class _Tree:
         r, frames = outward_frames(chain, Configuration(configuration.q, base_pose))
         columns = [spatial_column(joint, frame[1], frame[2]) for joint, frame in zip(chain.joints, frames, strict=True)]
         poses = [_tip_pose(tip, frames[tip.joint], tool) for tip, tool in zip(chain.tips, tools, strict=True)]
-        return _Tree(r.sections, frames, columns, poses)
+        return _TipTree(r.sections, frames, columns, poses)
 
 
 def _beyond(chain: Chain, loads: Sequence[_Load]) -> list[_Load | None]:
@@ -177,7 +177,7 @@ def _beyond(chain: Chain, loads: Sequence[_Load]) -> list[_Load | None]:
     return beyond
 
 
-def _covectors(chain: Chain, tree: _Tree, totals: Sequence[_Load | None]) -> list[ca.SX]:
+def _covectors(chain: Chain, tree: _TipTree, totals: Sequence[_Load | None]) -> list[ca.SX]:
     """Return u_j of every joint."""
     covectors = [ca.SX.zeros(6)] * len(chain.joints)
     for index, total in enumerate(totals):

@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 
-from stiffgen.robot.chain import Body, Chain, Joint
+from stiffgen.robot.chain import Chain, Joint, RigidBody
 from stiffgen.robot.geometry import Inertia, Pose, aligning_rotation, mpf
 from stiffgen.symbolic.kinematics import Configuration, Expressions, Section, constant, cross, joint_position
 
@@ -373,6 +373,6 @@ def _insensitive(body: Inertia, *, prismatic: bool) -> Inertia:
     return Inertia(body.mass, (zero, zero, body.moment[2]), rod)
 
 
-def _inertia(body: Body) -> Inertia:
+def _inertia(body: RigidBody) -> Inertia:
     xx, xy, xz, yy, yz, zz = map(mpf, body.tensor)
     return Inertia(mpf(body.mass), tuple(map(mpf, body.moment)), ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)))

@@ -13,7 +13,7 @@ from stiffgen.symbolic.arguments import VELOCITY, Argument, Q
 from stiffgen.symbolic.closure import Closure, hinges, sines_and_cosines
 from stiffgen.symbolic.kinematics import Expressions, Kind, Section
 from stiffgen.symbolic.program import Array, Operand, Over, Program, Step, entries_of
-from stiffgen.symbolic.steps import ClosedLoops, Map, StraightLine, SumJoints
+from stiffgen.symbolic.steps import CloseLoops, Map, StraightLine, SumJoints
 from stiffgen.symbolic.stiffness import symmetric_from_upper
 
 STEPS = 16
@@ -253,9 +253,7 @@ def close(chain: Chain, actuated: Argument, start: Argument, result: Argument) -
         for target, before, after in zip(targets, (begin, *states), states, strict=False)
     ]
     first = StraightLine(tuple(parts), spread, (motors, begin), heading="the motors on their way")
-    last = ClosedLoops(
-        (result.array(chain),), checked, (motors, states[-1]), heading="the last step; NaN unless closed"
-    )
+    last = CloseLoops((result.array(chain),), checked, (motors, states[-1]), heading="the last step; NaN unless closed")
     return first, *steps, last
 
 

@@ -110,7 +110,7 @@ class StraightLine(Step):
 
 
 @dataclass(frozen=True)
-class ClosedLoops(StraightLine):
+class CloseLoops(StraightLine):
     """Joint positions that close the loops: arguments are the positions of the motors and a configuration.
 
     The output depends on the motors alone; its derivative is that of the closed loops, not of the statements.

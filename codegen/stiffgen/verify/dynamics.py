@@ -16,12 +16,12 @@ from collections.abc import Sequence
 
 import casadi as ca
 
-from stiffgen.robot.chain import Body, Chain
+from stiffgen.robot.chain import Chain, RigidBody
 from stiffgen.verify.result import Array
 from stiffgen.verify.rounding import evaluate_longer, in_form_of
 
 
-def _second_moments(body: Body) -> ca.DM:
+def _second_moments(body: RigidBody) -> ca.DM:
     """Return P of a body."""
     xx, xy, xz, yy, yz, zz = body.tensor
     tensor = ca.DM([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])

@@ -92,7 +92,7 @@ def jacobian_of(pose: ca.SX, q: ca.SX, representation: Representation) -> ca.SX:
     return ca.horzcat(*columns)
 
 
-class Place:
+class MovedConfiguration:
     """Symbols of a configuration: joint positions, the base's pose, and the base's motion from there.
 
     Coordinates are the base's motion (none if it is fixed), then the joint positions. The base moves by x = (v, w) to

@@ -32,7 +32,7 @@ from stiffgen.verify.dynamics import differentiated as differentiated_energies
 from stiffgen.verify.dynamics import potential_energy
 from stiffgen.verify.manipulability import Manipulability
 from stiffgen.verify.poses import (
-    Place,
+    MovedConfiguration,
     gamma_F,
     homogeneous,
     jacobian_of,
@@ -65,7 +65,7 @@ class References:
         self.samples = Samples.draw(chain, count, seed)
         if at is not None:
             self.samples = replace(self.samples, q=at.q, base_pose=at.base_pose)
-        place, tool = Place(chain), ca.SX.sym("T", 16)
+        place, tool = MovedConfiguration(chain), ca.SX.sym("T", 16)
         self._symbols, self._moves, symbol = (place.q, place.base_pose, tool), place.moves, place.coordinates
         mounted = tool.reshape((4, 4)).T if chain.runtime_tool else ca.SX.eye(4)
         pose = product_of_poses(chain, place.q, place.base()) @ mounted
@@ -152,7 +152,7 @@ class References:
         joint_hessian, _ = ca.hessian(potential(position, rotation), q)
         return self._evaluate(wrench)[..., 0], self._evaluate(covariant), self._evaluate(joint_hessian)
 
-    def _direction_gradient(self, place: Place, mounted: ca.SX) -> Array:
+    def _direction_gradient(self, place: MovedConfiguration, mounted: ca.SX) -> Array:
         """Return the gradient of v^T Kq v from the terms of Kq, each differentiated along v."""
         own, size = self.chain.base_joints, self.chain.dof
         first, then = (ca.SX.sym(name, own) for name in ("s", "t"))
@@ -203,7 +203,7 @@ def dynamics_references(chain: Chain, samples: Samples) -> dict[str, tuple[tuple
     """Return arguments and reference values of the kernels of the whole tree's masses, by qualified name."""
     if not chain.masses:
         return {}
-    place = Place(chain)
+    place = MovedConfiguration(chain)
     stacks = samples.q, samples.base_pose.reshape(-1, 16), samples.velocity, samples.gravity
     poses = joint_poses(chain, place.q, place.base())
     expected = differentiated_energies(chain, poses, place.moves, place.q, place.base_pose, stacks)
@@ -215,7 +215,7 @@ def dynamics_references(chain: Chain, samples: Samples) -> dict[str, tuple[tuple
 
 def _static_torque_derivatives(chain: Chain, samples: Samples) -> Array:
     """Return the derivative of dU/dq - J^T F: J from differentiated poses, and the base moved twice."""
-    place, moves = Place(chain), ca.SX.sym("s", chain.base_joints)
+    place, moves = MovedConfiguration(chain), ca.SX.sym("s", chain.base_joints)
     gravity, count = ca.SX.sym("g", 3), len(chain.tips)
     wrenches, tools = (ca.SX.sym(name, size, count) for name, size in (("F", 6), ("T", 16)))
     poses, coordinates = joint_poses(chain, place.q, place.base(moves)), ca.vertcat(moves, place.q)

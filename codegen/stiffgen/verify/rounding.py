@@ -23,7 +23,7 @@ from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel
 from stiffgen.symbolic.model import casadi_function, folded
 from stiffgen.symbolic.program import as_operand, evaluate
-from stiffgen.symbolic.steps import ClosedLoops, StraightLine
+from stiffgen.symbolic.steps import CloseLoops, StraightLine
 from stiffgen.verify.result import Array
 
 SIGMAS = 8.0
@@ -128,7 +128,7 @@ def _last_step(chain: Chain, kernel: Kernel, stacks: Sequence[Array]) -> tuple[K
     The steps before it do not matter: each removes the rounding of the step before, which the analysis does not see.
     """
     steps = kernel.steps(chain)
-    if not isinstance(steps[-1], ClosedLoops):
+    if not isinstance(steps[-1], CloseLoops):
         return kernel, stacks
     function, newton = casadi_function(chain, kernel), steps[-2]
     assert isinstance(newton, StraightLine)

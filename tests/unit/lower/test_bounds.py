@@ -13,7 +13,7 @@ import pytest
 
 import stiffgen
 from stiffgen.lower import rounding, statements
-from stiffgen.lower.analysis import PRECISIONS, Analysis, Bound, added
+from stiffgen.lower.analysis import PRECISIONS, Bound, BoundAnalysis, added
 from stiffgen.lower.form import Statements
 from stiffgen.lower.graph import Graph, build_graph
 from stiffgen.lower.rounding import ErrorBounds, NoBound, Ranges, argument_sizes, chain_reach
@@ -84,7 +84,7 @@ def holds(case: Case) -> bool:
     computed = [each + np.sign(each) * case.error for each in exact]
     angle = rng.uniform(-3, 3, 20000).astype(np.float32).astype(float)
     inputs = [Bound(case.size, case.error), Bound(case.size, case.error), Bound(3.0)]
-    (bound,) = Analysis(graph, inputs, FLOAT).bounds([number])
+    (bound,) = BoundAnalysis(graph, inputs, FLOAT).bounds([number])
     true = values(graph, [*exact, angle], np.float64)[number]
     if case.of_size:
         return bool(np.abs(true).max() <= bound.size)
@@ -94,8 +94,8 @@ def holds(case: Case) -> bool:
 @pytest.mark.parametrize("case", CASES, ids=[f"{k}{case.rule}" for k, case in enumerate(CASES)])
 def test_a_rule_holds_and_half_of_it_does_not(case, monkeypatch):
     assert holds(case)
-    whole = getattr(Analysis, case.rule)
-    monkeypatch.setattr(Analysis, case.rule, lambda *args: Bound(*(0.5 * each for each in whole(*args))))
+    whole = getattr(BoundAnalysis, case.rule)
+    monkeypatch.setattr(BoundAnalysis, case.rule, lambda *args: Bound(*(0.5 * each for each in whole(*args))))
     assert not holds(case)
 
 
@@ -110,9 +110,9 @@ def test_a_sum_over_joints_counts_every_joint_and_half_of_its_rule_does_not_hold
     """The worst case adds the size and the error of a joint that mimics, times its factor, to those of its leader."""
     (tmp_path / "chain.urdf").write_text(chain_urdf("rpm"))
     chain = stiffgen.load_chain(tmp_path / "chain.urdf")
-    whole = Analysis.bounds
+    whole = BoundAnalysis.bounds
     halved = lambda *args: [Bound(share * each.size, share * each.error) for each in whole(*args)]  # noqa: E731
-    monkeypatch.setattr(Analysis, "bounds", halved)
+    monkeypatch.setattr(BoundAnalysis, "bounds", halved)
     step = SumJoints(Array("of_joints", (3,)), Array("of_coordinates", (2,)))
     arrays = {"of_joints": [Bound(4.0, 0.1), Bound(3.0, 0.2), Bound(6.0, 0.4)]}
     ErrorBounds(chain)._linear(chain, step, arrays)
@@ -168,7 +168,7 @@ def bounds_of(chain) -> dict[str, dict[str, list[float]]]:
 def test_bounds_do_not_depend_on_names(chain, monkeypatch):
     """Every local of every section gets a random name, which may begin with any letter."""
     before = bounds_of(chain)
-    rng, groups = random.Random(0), statements.named_groups
+    rng, groups = random.Random(0), statements.named_sections
 
     def renamed(sections):
         changed = []
@@ -178,7 +178,7 @@ def test_bounds_do_not_depend_on_names(chain, monkeypatch):
             changed.append(replace(section, values={names[n]: v for n, v in section.values.items()}, kinds=kinds))
         return groups(changed)
 
-    monkeypatch.setattr(statements, "named_groups", renamed)
+    monkeypatch.setattr(statements, "named_sections", renamed)
     assert bounds_of(chain) == before
     assert "hybrid_joint_stiffness" in before
 

@@ -22,7 +22,7 @@ _BYTES_AT_ONCE = 1 << 22
 
 
 @dataclass(frozen=True)
-class _Member:
+class _StoredArray:
     """Array of the archive. ``data`` is the offset of its first number: in the member, or (if stored) in the file."""
 
     name: str
@@ -51,7 +51,7 @@ class NpzPartition:
     """Rows ``start`` to ``stop`` of some arrays side by side."""
 
     path: Path
-    members: tuple[_Member, ...]
+    members: tuple[_StoredArray, ...]
     start: int
     stop: int
 
@@ -69,7 +69,7 @@ class NpzPartition:
                 values = np.concatenate([_rows(m, streams, count) for m, streams in opened], axis=1)
                 yield Block(np.arange(row, row + count), values, work=count)
 
-    def _streams(self, member: _Member, stack: ExitStack) -> list[IO[bytes]]:
+    def _streams(self, member: _StoredArray, stack: ExitStack) -> list[IO[bytes]]:
         streams: list[IO[bytes]] = []
         for index in range(member.streams):
             if member.stored:
@@ -97,7 +97,7 @@ def _exactly(stream: IO[bytes], size: int) -> bytes:
     return data
 
 
-def _rows(member: _Member, streams: Sequence[IO[bytes]], count: int) -> Array:
+def _rows(member: _StoredArray, streams: Sequence[IO[bytes]], count: int) -> Array:
     dtype = np.dtype(member.dtype)
     width = member.columns // len(streams)
     parts = [
@@ -145,7 +145,7 @@ def _chosen(path: Path, request: RecordingRequest, names: Sequence[str]) -> tupl
     return time, q, wrench
 
 
-def _member(archive: zipfile.ZipFile, file: BinaryIO, name: str, path: Path) -> _Member:
+def _member(archive: zipfile.ZipFile, file: BinaryIO, name: str, path: Path) -> _StoredArray:
     info = archive.getinfo(f"{name}.npy")
     if info.flag_bits & 1:
         raise RecordingError(f"{path}: is encrypted; write it without a password")
@@ -166,7 +166,7 @@ def _member(archive: zipfile.ZipFile, file: BinaryIO, name: str, path: Path) -> 
         file.seek(info.header_offset)
         lengths = struct.unpack_from("<HH", _exactly(file, _LOCAL_HEADER), 26)  # of the name and the extra field
         data += info.header_offset + _LOCAL_HEADER + sum(lengths)
-    return _Member(name, shape, fortran and len(shape) == 2, dtype.str, data, stored)
+    return _StoredArray(name, shape, fortran and len(shape) == 2, dtype.str, data, stored)
 
 
 def _header(stream: BinaryIO) -> tuple[tuple[int, ...], bool, np.dtype]:
@@ -179,7 +179,7 @@ def _header(stream: BinaryIO) -> tuple[tuple[int, ...], bool, np.dtype]:
     return np.lib.format.read_array_header_2_0(stream)
 
 
-def _check_shapes(path: Path, members: Sequence[_Member], width: int, what: str) -> None:
+def _check_shapes(path: Path, members: Sequence[_StoredArray], width: int, what: str) -> None:
     for member in members:
         shape = member.shape
         if shape[1:] == ((width,) if len(members) == 1 and what != "time" else ()) and len(shape) >= 1:

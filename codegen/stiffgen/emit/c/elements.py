@@ -17,7 +17,6 @@ from stiffgen.lower.form import (
     Pointer,
     Scope,
     Storage,
-    Stride,
     Table,
 )
 from stiffgen.lower.statements import indices
@@ -106,15 +105,15 @@ class Elements:
         if isinstance(argument, Pointer):
             return self.pointer(argument, written=written)
         if isinstance(argument, Table):
-            return f"{self.scope.prefix}{argument.name}"
-        if isinstance(argument, Stride):
-            return f"LANES * {self.scope.padded if argument.allocated else self.scope.blocks}"
+            return f"{self.scope.prefix}{argument.value}"
         if isinstance(argument, Count):
             return {
                 Count.JOINTS: self.scope.size,
                 Count.COORDINATES: "N",
                 Count.USED: self.scope.blocks,
                 Count.ALLOCATED: self.scope.padded,
+                Count.USED_NUMBERS: f"LANES * {self.scope.blocks}",
+                Count.ALLOCATED_NUMBERS: f"LANES * {self.scope.padded}",
             }[argument]
         return str(argument)
 

@@ -12,7 +12,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
-from stiffgen.lower.form import Body, Entry, Group
+from stiffgen.lower.form import Body, Entry, LoweredSection
 from stiffgen.lower.graph import CONDITIONAL, LIBM, LIBM_OF_TWO, OWN, Operations
 from stiffgen.lower.scalar import Scalar
 from stiffgen.lower.variant import Variant
@@ -60,8 +60,8 @@ def print_body(
         total = " + ".join(writer.inputs[k] for k in sorted(body.reads))
         writer.poison_line(f"{variant.scalar.constant(0.0)} * ({total})", wide=any(a.wide for a in body.inputs))
     writer.sines_and_cosines(of_level=0)
-    for group in body.groups:
-        writer.group(group)
+    for section in body.sections:
+        writer.section(section)
     if body.heading:
         writer.lines += ["", f"/* {body.heading} */"] if writer.lines else [f"/* {body.heading} */"]
     values = []
@@ -168,10 +168,10 @@ class _Writer:
     def _comment(self, text: str) -> None:
         self.lines += ["", f"/* {text} */"] if self.lines else [f"/* {text} */"]
 
-    def group(self, group: Group) -> None:
+    def section(self, section: LoweredSection) -> None:
         opened = False
-        for name, number in group.members:
-            if group.shared:
+        for name, number in section.members:
+            if section.shared:
                 if self.graph.keys[number][0] == "neg":  # its sign is written where it is used
                     name, number = f"minus_{name}", int(self.graph.keys[number][1])
                 if self.uses.get(number, 0) < 2:
@@ -181,8 +181,8 @@ class _Writer:
             printed = number in self.text or (number in self.inline and self.uses[number] == 1)
             printed = printed or self.spent.get(number) == self.uses.get(number)
             if number in self.uses and not printed and kind not in ("const", "input", "neg"):
-                if not opened and not all(self.graph.keys[n][0] in ("sin", "cos") for _, n in group.members):
-                    self._comment(group.comment)
+                if not opened and not all(self.graph.keys[n][0] in ("sin", "cos") for _, n in section.members):
+                    self._comment(section.comment)
                 opened = True
                 self._define(name, number)
 

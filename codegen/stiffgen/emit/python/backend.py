@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from stiffgen.emit.backend import Backend, Request
-from stiffgen.emit.pages import Group, KernelPage, groups_of
+from stiffgen.emit.pages import KernelGroup, KernelPage, groups_of
 from stiffgen.emit.texts import arguments_elsewhere, documented_arguments, wrapped
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel
@@ -72,7 +72,7 @@ def _turn_limits(chain: Chain) -> list[str]:
     return [f"{2 * math.pi!r}" if short else "INFINITY" for short in is_short]
 
 
-def overview(groups: list[Group]) -> list[str]:
+def overview(groups: list[KernelGroup]) -> list[str]:
     """Return call, shape and meaning of every function; groups with the same functions are listed once."""
     calls_of = {".".join(filter(None, (group.tip, group.group))): _calls(group.kernels) for group in groups}
     lines: list[str] = []
