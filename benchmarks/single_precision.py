@@ -22,7 +22,7 @@ import numpy as np
 
 import stiffgen
 from stiffgen.emit.build import build_library
-from stiffgen.lower.rounding import PRECISIONS, ErrorBounds, NoBound, Ranges, argument_sizes, chain_reach, rounded_up
+from stiffgen.lower.rounding import ErrorBounds, NoBound, Ranges, argument_sizes, chain_reach, rounded_up
 from stiffgen.lower.scalar import DOUBLE, FLOAT, Scalar
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
@@ -36,7 +36,6 @@ WIDTHS = {
 }
 COUNT, ROUNDS = 4096, 41
 AT_ONCE = 10_000
-PRECISION = PRECISIONS[FLOAT.name]
 
 
 class Batches:
@@ -89,10 +88,10 @@ def compare_times(chain: Chain, kernels: Sequence[Kernel], both: Sequence[Batche
 def drawn(chain: Chain, kernel: Kernel, count: int, random: np.random.Generator) -> list[np.ndarray]:
     """Arguments within the bounds' ranges, half of them at the ends; floats, as both types read them."""
     ranges = Ranges()
-    reach = chain_reach(chain, ranges, PRECISION)
+    reach = chain_reach(chain, ranges, FLOAT)
     given = []
     for argument in kernel.arguments:
-        sizes = np.array(argument_sizes(chain, argument, ranges, reach, PRECISION))
+        sizes = np.array(argument_sizes(chain, argument, ranges, reach, FLOAT))
         values = random.uniform(-1, 1, (count, len(sizes)))
         if argument.name == "q":
             lower, upper = ([getattr(c, side) for c in chain.coordinates] for side in ("lower", "upper"))
@@ -134,7 +133,7 @@ def compare_errors(chain: Chain, kernels: Sequence[Kernel], both: Sequence[Batch
             held &= within
             print(
                 f"{kernel.qualified_name + ', ' + result.name:64} {error.max():9.1e} {result.unit:12} "
-                f"bound {rounded_up(bound.max(), PRECISION):7.1e} {'' if within else 'BEYOND THE BOUND'}",
+                f"bound {rounded_up(bound.max(), FLOAT):7.1e} {'' if within else 'BEYOND THE BOUND'}",
                 flush=True,
             )
     return held

@@ -16,12 +16,12 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import stiffgen
-from stiffgen.lower.rounding import PRECISIONS
+from stiffgen.lower.scalar import FLOAT
 from support.float_sines import LAST, Sines, Worst
 from support.project import URDF
 from support.quad import can_run
 
-UNITS, ULPS = PRECISIONS["float"].sine * 2.0**24, 1.1
+UNITS, ULPS = FLOAT.sine * 2.0**24, 1.1
 BUILDS = {
     "gcc, native": ("gcc", ["-O3", "-march=native"]),
     "clang, native": ("clang", ["-O3", "-march=native"]),

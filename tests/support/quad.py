@@ -19,7 +19,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from flint import arb, ctx
 
-from stiffgen.lower.rounding import PRECISIONS, ErrorBounds, NoBound, Precision, Ranges, argument_sizes, chain_reach
+from stiffgen.lower.rounding import ErrorBounds, NoBound, Ranges, argument_sizes, chain_reach
 from stiffgen.lower.scalar import DOUBLE, SCALARS, Scalar
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel
@@ -27,7 +27,6 @@ from stiffgen.verify.rounding import Stages
 from support.generated_c import kernel_text
 from support.graphs import BALLS
 
-DOUBLES = PRECISIONS[DOUBLE.name]
 WIDTHS = {
     "no vectors": ["-DSTIFFGEN_NO_VECTORS"],
     "SSE2": ["-mno-avx"],
@@ -219,27 +218,27 @@ def draw(
     ranges: Ranges,
     count: int,
     random: np.random.Generator,
-    precision: Precision = DOUBLES,
+    scalar: Scalar = DOUBLE,
 ) -> list[np.ndarray]:
     """Draw random arguments of a kernel within the ranges of its bounds; half of them at the ends."""
     given = []
-    for argument, sizes in zip(kernel.arguments, argument_ends(chain, kernel, ranges, precision), strict=True):
+    for argument, sizes in zip(kernel.arguments, argument_ends(chain, kernel, ranges, scalar), strict=True):
         values = random.uniform(-1, 1, (count, len(sizes)))
         if argument.name != "q":
             ends = random.random((count, 1)) < 0.5
             values = np.where(ends, np.sign(values), values)
-        given.append(within(argument.name, values * sizes, chain, precision))
+        given.append(within(argument.name, values * sizes, chain, scalar))
     return given
 
 
-def within(name: str, values: np.ndarray, chain: Chain, precision: Precision) -> np.ndarray:
+def within(name: str, values: np.ndarray, chain: Chain, scalar: Scalar) -> np.ndarray:
     """Return the same values within their ranges: joint positions in their limits, poses with a rotation."""
     if name == "q":
         lower, upper = (np.array([getattr(c, side) for c in chain.coordinates]) for side in ("lower", "upper"))
         inside: np.ndarray = np.clip(
             values,
-            np.where(np.isfinite(lower), lower, -precision.far),
-            np.where(np.isfinite(upper), upper, precision.far),
+            np.where(np.isfinite(lower), lower, -scalar.far),
+            np.where(np.isfinite(upper), upper, scalar.far),
         )
         return inside
     if name in ("equilibrium", "base_pose", "tool_pose"):
@@ -285,17 +284,17 @@ def climbed(
     Half of the worst states have the largest part of a bound, half the largest error.
     """
     arguments = [argument.array(measured.chain) for argument in kernel.arguments]
-    precision = PRECISIONS[measured.number]
-    sizes = argument_ends(measured.chain, kernel, ranges, precision)
+    scalar = SCALARS[measured.number]
+    sizes = argument_ends(measured.chain, kernel, ranges, scalar)
     largest, worst, errors_of_worst, count = np.zeros(1), None, np.zeros((0, 2)), 0
     while worst is None or count < states:
-        given = draw(measured.chain, kernel, ranges, pool, random, precision)
+        given = draw(measured.chain, kernel, ranges, pool, random, scalar)
         if worst is not None:
             for k, (array, size) in enumerate(zip(arguments, sizes, strict=True)):
                 chosen = worst[k][random.integers(0, len(worst[k]), pool // 2)]
                 steps = 10.0 ** random.uniform(-14, 0, (pool // 2, 1)) * random.normal(size=chosen.shape)
                 moved = np.clip(chosen + size * steps * (random.random(chosen.shape) < 0.3), -size, size)
-                given[k][: pool // 2] = within(array.name, moved, measured.chain, precision)
+                given[k][: pool // 2] = within(array.name, moved, measured.chain, scalar)
         errors = measured.errors(kernel.qualified_name, given)
         largest = np.maximum(largest, errors.max(axis=0))
         parts = (errors / np.maximum(bounds, 1e-300)).max(axis=1)
@@ -311,10 +310,10 @@ def climbed(
     return Climb(largest, count, worst)
 
 
-def argument_ends(chain: Chain, kernel: Kernel, ranges: Ranges, precision: Precision = DOUBLES) -> list[np.ndarray]:
+def argument_ends(chain: Chain, kernel: Kernel, ranges: Ranges, scalar: Scalar = DOUBLE) -> list[np.ndarray]:
     """Return the largest entries of a kernel's arguments."""
-    reach = chain_reach(kernel.scope(chain), ranges, precision)
-    return [np.array(argument_sizes(chain, argument, ranges, reach, precision)) for argument in kernel.arguments]
+    reach = chain_reach(kernel.scope(chain), ranges, scalar)
+    return [np.array(argument_sizes(chain, argument, ranges, reach, scalar)) for argument in kernel.arguments]
 
 
 def with_eighty_digits(measured: Measured, kernel: Kernel, arguments: Sequence[np.ndarray]) -> tuple[float, float]:

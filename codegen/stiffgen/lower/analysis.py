@@ -15,42 +15,10 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from stiffgen.lower.graph import Graph
+from stiffgen.lower.scalar import DOUBLE, Scalar
 
 ENLARGED = 1.0 + 2.0**-46
 """After a few operations on doubles that are not negative, more than these can have lost."""
-
-
-@dataclass(frozen=True)
-class Precision:
-    """Properties of the arithmetic of a number type.
-
-    Attributes:
-        unit: largest relative error of an operation, half the distance from 1 to the next number.
-        smallest: largest error of an operation whose result is subnormal.
-        largest: largest number.
-        far: largest angle of the fast path of sine and cosine [rad] (templates/sine_cosine.c).
-        sine: largest error of a sine or cosine of an exact angle up to ``far``.
-        digits: decimal digits to which rotations in arguments are orthogonal.
-        rotation: largest entry of a product of at most 128 such rotations or rotations of the chain.
-
-    """
-
-    unit: float
-    smallest: float
-    largest: float
-    far: float
-    sine: float
-    digits: int
-    rotation: float
-
-
-PRECISIONS = {
-    # Proved of templates/sine_cosine.c: 1.22 units (tests/support/sine_cosine_proof.py); CUDA documents two ulps.
-    "double": Precision(2.0**-53, 2.0**-1074, 2.0**1023, 1e4, 2.0**-52, 11, 1.0 + 2.0**-36),
-    # 0.96 units over all floats up to far (tests/campaigns/float_sines.py); CUDA documents two ulps.
-    "float": Precision(2.0**-24, 2.0**-149, 2.0**127, 6e3, 2.0**-23, 6, 1.0 + 2.0**-19),
-}
-"""Precision by the name of the number type."""
 
 
 class NoBound(Exception):  # noqa: N818 - an answer, not a failure
@@ -73,7 +41,7 @@ class BoundAnalysis:
 
     graph: Graph
     inputs: Sequence[Bound]
-    precision: Precision
+    scalar: Scalar
     known: Mapping[int, float] = field(default_factory=dict)
     """Sizes of operations that follow from what they are, not from their operands."""
     found: dict[int, Bound] = field(default_factory=dict)
@@ -89,7 +57,7 @@ class BoundAnalysis:
             bound = self._bound(number)
             size = min(bound.size, self.known.get(number, math.inf))
             self.found[number] = Bound(size, bound.error)
-            if not size + bound.error < self.precision.largest:
+            if not size + bound.error < self.scalar.largest:
                 raise NoBound("numbers beyond the largest one")
         return [self.found[number] for number in numbers]
 
@@ -107,15 +75,15 @@ class BoundAnalysis:
             return self._sum(int(a), b)
         if kind in ("sin", "cos"):
             angle = self.found[int(a)]
-            if angle.size > self.precision.far:
-                raise NoBound(f"angles beyond {self.precision.far:g} rad")
-            return Bound(1.0, (self.precision.sine + angle.error) * ENLARGED)
+            if angle.size > self.scalar.far:
+                raise NoBound(f"angles beyond {self.scalar.far:g} rad")
+            return Bound(1.0, (self.scalar.sine + angle.error) * ENLARGED)
         raise NoBound(f"the operation {kind}")
 
     def _constant(self, value: float) -> Bound:
-        unit = self.precision.unit
-        exact = unit == PRECISIONS["double"].unit or math.frexp(value)[0] / unit % 1 == 0
-        return Bound(abs(value), 0.0 if exact else abs(value) * unit * ENLARGED + self.precision.smallest)
+        unit = self.scalar.unit
+        exact = unit == DOUBLE.unit or math.frexp(value)[0] / unit % 1 == 0
+        return Bound(abs(value), 0.0 if exact else abs(value) * unit * ENLARGED + self.scalar.smallest)
 
     def _is_power(self, number: int) -> bool:
         kind, a, _ = self.graph.keys[number]
@@ -128,8 +96,8 @@ class BoundAnalysis:
         size = x.size * y.size * ENLARGED
         error = x.size * y.error + y.size * x.error + x.error * y.error
         if self._is_power(a) or self._is_power(b):
-            return Bound(size, error * ENLARGED + self.precision.smallest)
-        return Bound(size, (error + self.precision.unit * (size + error)) * ENLARGED + self.precision.smallest)
+            return Bound(size, error * ENLARGED + self.scalar.smallest)
+        return Bound(size, (error + self.scalar.unit * (size + error)) * ENLARGED + self.scalar.smallest)
 
     def _sum(self, a: int, b: int) -> Bound:
         x, y = self.found[a], self.found[b]
@@ -139,7 +107,7 @@ class BoundAnalysis:
             return x
         turned = self._turned(a, b)
         size, error = turned or (x.size + y.size, x.error + y.error)
-        return Bound(size * ENLARGED, (error + self.precision.unit * (size + error)) * ENLARGED)
+        return Bound(size * ENLARGED, (error + self.scalar.unit * (size + error)) * ENLARGED)
 
     def _turned(self, a: int, b: int) -> Bound | None:
         """Return the bound of c X + s Y before rounding, c and s of one angle (cosine, sine); None for other sums."""
@@ -166,11 +134,11 @@ class BoundAnalysis:
         error = math.sqrt(x.error * x.error + y.error * y.error) * ENLARGED
         for turn, other in products:
             error += self.found[turn].error * (self.found[other].size + self.found[other].error)
-        rounded = self.precision.unit * (size + error) + 2 * self.precision.smallest
+        rounded = self.scalar.unit * (size + error) + 2 * self.scalar.smallest
         return Bound(size, (error + rounded) * ENLARGED)
 
 
-def added(x: Bound, y: Bound, precision: Precision) -> Bound:
+def added(x: Bound, y: Bound, scalar: Scalar) -> Bound:
     """Return the bound of a rounded sum of two numbers."""
     size, error = x.size + y.size, x.error + y.error
-    return Bound(size * ENLARGED, (error + precision.unit * (size + error)) * ENLARGED)
+    return Bound(size * ENLARGED, (error + scalar.unit * (size + error)) * ENLARGED)

@@ -20,7 +20,7 @@ from typing import Any
 
 import casadi as ca
 
-from stiffgen.lower.analysis import ENLARGED, PRECISIONS, ZERO, Bound, BoundAnalysis, NoBound, Precision, added
+from stiffgen.lower.analysis import ENLARGED, ZERO, Bound, BoundAnalysis, NoBound, added
 from stiffgen.lower.form import (
     Body,
     ColumnSums,
@@ -47,7 +47,7 @@ from stiffgen.symbolic.kinematics import Kind
 from stiffgen.symbolic.program import Array, Step, as_operand, evaluate
 
 __all__ = [
-    "PRECISIONS", "ErrorBounds", "NoBound", "Precision", "Ranges", "Stated",
+    "ErrorBounds", "NoBound", "Ranges", "Stated",
     "argument_sizes", "chain_reach", "kinds", "rounded_up",
 ]  # fmt: skip
 
@@ -60,7 +60,7 @@ class Ranges:
     """Largest arguments, entry by entry, for which the bounds hold.
 
     Joint positions stay within the limits of the URDF; without limits a turning joint goes up to
-    :attr:`Precision.far` and a sliding one up to ``slide``. Blocks of a stiffness that couple translation and rotation
+    :attr:`Scalar.far` and a sliding one up to ``slide``. Blocks of a stiffness that couple translation and rotation
     are at most the geometric mean of the two others: no positive definite matrix has more. The equilibrium's origin
     lies within the robot's reach.
 
@@ -85,11 +85,11 @@ class Ranges:
     rate: float = 10.0
     gravity: float = 10.0
 
-    def lines(self, precision: Precision) -> list[str]:
+    def lines(self, scalar: Scalar) -> list[str]:
         """Return the ranges in words, for a comment."""
         coupling = math.sqrt(self.translation_stiffness * self.rotation_stiffness)
         return [
-            f"joint positions within the limits (up to {precision.far:g} rad or {self.slide:g} m where there are none)"
+            f"joint positions within the limits (up to {scalar.far:g} rad or {self.slide:g} m where there are none)"
             ", every",
             f"force up to {self.force:g} N and moment up to {self.moment:g} N m, entries of stiffnesses up to",
             f"{self.translation_stiffness:g} N/m, {self.rotation_stiffness:g} N m/rad and, where they couple the two, "
@@ -108,7 +108,7 @@ class ErrorBounds:
 
         ``code`` is the lowered form that is printed; without one the functions are lowered here, in the same way.
         """
-        self.chain, self.ranges, self.precision = chain, ranges or Ranges(), PRECISIONS[scalar.name]
+        self.chain, self.ranges, self.scalar = chain, ranges or Ranges(), scalar
         self.code = code or lowered(chain, replace(SINGLE, scalar=scalar))
         self._called: dict[str, tuple[list[list[Bound]], list[list[Bound]]]] = {}
         """Internal functions that were analysed: bounds of the arguments and of the outputs."""
@@ -123,16 +123,16 @@ class ErrorBounds:
             NoBound: the kernel divides, chooses, overflows, or has an argument without a range.
 
         """
-        reach = chain_reach(kernel.scope(self.chain), self.ranges, self.precision)
+        reach = chain_reach(kernel.scope(self.chain), self.ranges, self.scalar)
         arrays = {
             argument.array(self.chain).name: [
-                Bound(size) for size in argument_sizes(self.chain, argument, self.ranges, reach, self.precision)
+                Bound(size) for size in argument_sizes(self.chain, argument, self.ranges, reach, self.scalar)
             ]
             for argument in kernel.arguments
         }
         self._run(self.code.kernel(kernel), arrays)
         found = {result.name: [bound.error for bound in arrays[result.name]] for result in kernel.results}
-        if not all(bound < self.precision.largest for bounds in found.values() for bound in bounds):
+        if not all(bound < self.scalar.largest for bounds in found.values() for bound in bounds):
             raise NoBound("numbers beyond the largest one")
         return found
 
@@ -143,7 +143,7 @@ class ErrorBounds:
         except NoBound:
             return ()
         return tuple(
-            Stated(result.name, what, unit, rounded_up(max(bounds[result.name][k] for k in entries), self.precision))
+            Stated(result.name, what, unit, rounded_up(max(bounds[result.name][k] for k in entries), self.scalar))
             for result in kernel.results
             for what, unit, entries in kinds(result, result.array(self.chain))
         )
@@ -155,15 +155,13 @@ class ErrorBounds:
 
     def _body(self, function: Function, body: Body, arrays: Bounds, i: int = 0, j: int = 0) -> list[Bound]:
         """Return the bounds of a body's outputs at (i, j)."""
-        reach = chain_reach(function.scope.chain, self.ranges, self.precision) if body.kinds else 0.0
-        sizes = {Kind.ROTATION: self.precision.rotation, Kind.POINT: reach, Kind.ZERO: 0.0, Kind.ONE: 1.0}
+        reach = chain_reach(function.scope.chain, self.ranges, self.scalar) if body.kinds else 0.0
+        sizes = {Kind.ROTATION: self.scalar.rotation, Kind.POINT: reach, Kind.ZERO: 0.0, Kind.ONE: 1.0}
         known: dict[int, float] = {}
         for number, kind in body.kinds:
             known[number] = min(sizes[kind], known.get(number, math.inf))
         inputs = [arrays[a.operand.array.name][a.operand.entry(a.entry, i, j)] for a in body.inputs]
-        return BoundAnalysis(body.graph, inputs, self.precision, known).bounds(
-            [output.number for output in body.outputs]
-        )
+        return BoundAnalysis(body.graph, inputs, self.scalar, known).bounds([output.number for output in body.outputs])
 
     def _statements(self, function: Function, item: Statements, arrays: Bounds) -> None:
         arrays |= {array.name: [ZERO] * array.size for array in item.step_outputs}
@@ -215,7 +213,7 @@ class ErrorBounds:
         for array in step.writes:
             entries = ca.densify(ca.vertcat(*result[array.name]))
             graph, numbers = build_graph(ca.Function("f", [place], [entries]))
-            arrays[array.name] = BoundAnalysis(graph, [bound for _, bound in inputs], self.precision).bounds(numbers)
+            arrays[array.name] = BoundAnalysis(graph, [bound for _, bound in inputs], self.scalar).bounds(numbers)
 
     def _invoke(self, function: Function, item: Invoke, arrays: Bounds) -> None:
         called, inputs = item.function, [arrays[storage.array.name] for storage in item.arguments]
@@ -239,7 +237,7 @@ class ErrorBounds:
             bounds = inner[result.name]
             if total:
                 pairs = zip(arrays[total.array.name], bounds, strict=True)
-                arrays[total.array.name] = [added(x, y, self.precision) for x, y in pairs]
+                arrays[total.array.name] = [added(x, y, self.scalar) for x, y in pairs]
             else:
                 arrays[output.array.name] = [*(arrays[output.array.name] if first else []), *bounds]
 
@@ -289,9 +287,9 @@ class Stated:
         return f"{self.what} {size}"
 
 
-def rounded_up(value: float, precision: Precision = PRECISIONS["double"]) -> float:
+def rounded_up(value: float, scalar: Scalar = DOUBLE) -> float:
     """Round up to two digits; return 0 where only underflow makes errors."""
-    if value < 2.0**50 * precision.smallest:
+    if value < 2.0**50 * scalar.smallest:
         return 0.0
     return float(Context(prec=2, rounding=ROUND_UP).create_decimal_from_float(value))
 
@@ -316,12 +314,12 @@ def kinds(result: Argument, array: Array) -> list[tuple[str, str, list[int]]]:
     return [(f"every entry of {result.name}" if array.size > 1 else result.name, result.unit, list(every))]
 
 
-def chain_reach(chain: Chain, ranges: Ranges, precision: Precision) -> float:
+def chain_reach(chain: Chain, ranges: Ranges, scalar: Scalar) -> float:
     """Return the largest distance of a point of a tip's frame from the base [m]: the sum of a chain's lengths."""
     joints = chain.joints[chain.base_joints :]
     ways = [math.sqrt(sum(x * x for x in place)) for place in (*(j.translation for j in joints), *_tips(chain))]
     slides = [
-        abs(joint.multiplier) * _largest(chain, joint.coordinate - chain.base_joints, ranges, precision)
+        abs(joint.multiplier) * _largest(chain, joint.coordinate - chain.base_joints, ranges, scalar)
         + abs(joint.offset)
         for joint in joints
         if joint.prismatic
@@ -331,22 +329,22 @@ def chain_reach(chain: Chain, ranges: Ranges, precision: Precision) -> float:
     total = 0.0
     for way in (*ways, *slides, base, tool):
         total = (total + way) * ENLARGED
-    return total * precision.rotation
+    return total * scalar.rotation
 
 
 def _tips(chain: Chain) -> Iterator[tuple[float, float, float]]:
     return (tip.translation for tip in chain.tips)
 
 
-def _largest(chain: Chain, coordinate: int, ranges: Ranges, precision: Precision) -> float:
+def _largest(chain: Chain, coordinate: int, ranges: Ranges, scalar: Scalar) -> float:
     """Return the largest distance of a joint position from zero [rad or m]."""
     own = chain.coordinates[coordinate]
     size = max(abs(own.lower), abs(own.upper))
-    without_limits = ranges.slide if own.type == "prismatic" else precision.far
+    without_limits = ranges.slide if own.type == "prismatic" else scalar.far
     return size if math.isfinite(size) else without_limits
 
 
-def argument_sizes(chain: Chain, argument: Argument, ranges: Ranges, reach: float, precision: Precision) -> list[float]:
+def argument_sizes(chain: Chain, argument: Argument, ranges: Ranges, reach: float, scalar: Scalar) -> list[float]:
     """Return the largest magnitude of each entry of a kernel's argument, row-major.
 
     Raises:
@@ -358,12 +356,12 @@ def argument_sizes(chain: Chain, argument: Argument, ranges: Ranges, reach: floa
     pose = {"equilibrium": reach, "base_pose": ranges.distance, "tool_pose": ranges.tool}
     name, size = argument.name, argument.array(chain).size
     if name == "q":
-        return [_largest(chain, k, ranges, precision) for k in range(size)]
+        return [_largest(chain, k, ranges, scalar) for k in range(size)]
     if name == "velocity":
         of_joints = [own.velocity if math.isfinite(own.velocity) else ranges.rate for own in chain.coordinates]
         return [ranges.rate] * chain.base_joints + of_joints
     if name in pose:
-        return [*([precision.rotation] * 3 + [pose[name]]) * 3, 0.0, 0.0, 0.0, 1.0]
+        return [*([scalar.rotation] * 3 + [pose[name]]) * 3, 0.0, 0.0, 0.0, 1.0]
     blocks = {
         "wrench": [ranges.force] * 3 + [ranges.moment] * 3,
         "task_stiffness": ([linear] * 3 + [coupled] * 3) * 3 + ([coupled] * 3 + [angular] * 3) * 3,

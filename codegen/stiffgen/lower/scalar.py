@@ -24,6 +24,10 @@ class Scalar:
         limits: prefix of the macros in float.h.
         pattern: integer type of the same size.
         group: macro that puts ``widest`` numbers into a vector (templates/lanes.c).
+        far: largest angle of the fast path of sine and cosine [rad] (templates/sine_cosine.c).
+        sine: largest error of a sine or cosine of an exact angle up to ``far``.
+        digits: decimal digits to which rotations in arguments are orthogonal.
+        rotation: largest entry of a product of at most 128 such rotations or rotations of the chain.
 
     """
 
@@ -34,6 +38,10 @@ class Scalar:
     limits: str
     pattern: str
     group: str
+    far: float
+    sine: float
+    digits: int
+    rotation: float
 
     @property
     def widest(self) -> int:
@@ -53,6 +61,16 @@ class Scalar:
     def unit(self) -> float:
         """Largest relative error of an operation, half the distance from 1 to the next number."""
         return 2.0**-self.bits
+
+    @property
+    def smallest(self) -> float:
+        """Largest error of an operation whose result is subnormal."""
+        return float(np.finfo(self.dtype).smallest_subnormal)
+
+    @property
+    def largest(self) -> float:
+        """Power of two below the largest number."""
+        return 2.0 ** (np.finfo(self.dtype).maxexp - 1)
 
     def constant(self, value: float) -> str:
         """Return the shortest C constant of this type that reads back as the number nearest to ``value``.
@@ -74,8 +92,15 @@ class Scalar:
         return f"{nearest!s}{self.suffix}"
 
 
-DOUBLE = Scalar("double", "", 53, 8, "DBL", "unsigned long long", "EIGHT")
-FLOAT = Scalar("float", "f", 24, 4, "FLT", "unsigned", "SIXTEEN")
+# Sines proved of templates/sine_cosine.c: 1.22 units (tests/support/sine_cosine_proof.py); CUDA documents two ulps.
+DOUBLE = Scalar(
+    "double", "", 53, 8, "DBL", "unsigned long long", "EIGHT",
+    far=1e4, sine=2.0**-52, digits=11, rotation=1.0 + 2.0**-36,
+)  # fmt: skip
+# 0.96 units over all floats up to far (tests/campaigns/float_sines.py); CUDA documents two ulps.
+FLOAT = Scalar(
+    "float", "f", 24, 4, "FLT", "unsigned", "SIXTEEN", far=6e3, sine=2.0**-23, digits=6, rotation=1.0 + 2.0**-19
+)
 SCALARS = {scalar.name: scalar for scalar in (DOUBLE, FLOAT)}
 """Number types by name."""
 

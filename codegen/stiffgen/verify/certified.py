@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from stiffgen.lower.rounding import PRECISIONS, Ranges, argument_sizes, chain_reach, kinds
+from stiffgen.lower.rounding import Ranges, argument_sizes, chain_reach, kinds
 from stiffgen.lower.scalar import Scalar
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import Argument
@@ -62,11 +62,10 @@ def check_certified_bounds(
 
 def within(chain: Chain, kernel: Kernel, ranges: Ranges, scalar: Scalar, stacks: Sequence[Array]) -> list[Array]:
     """Return stacks of a kernel's arguments in ``scalar``, clipped to the ranges of its bounds."""
-    precision = PRECISIONS[scalar.name]
-    reach = chain_reach(kernel.scope(chain), ranges, precision)
+    reach = chain_reach(kernel.scope(chain), ranges, scalar)
     given = []
     for argument, stack in zip(kernel.arguments, stacks, strict=True):
-        most = np.reshape(argument_sizes(chain, argument, ranges, reach, precision), stack.shape[1:])
+        most = np.reshape(argument_sizes(chain, argument, ranges, reach, scalar), stack.shape[1:])
         given.append(np.clip(stack, -most, most).astype(scalar.dtype).astype(float))
     return given
 

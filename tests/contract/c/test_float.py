@@ -16,7 +16,7 @@ import pytest
 import stiffgen
 from stiffgen import open_robot
 from stiffgen.cli import main
-from stiffgen.lower.rounding import PRECISIONS, ErrorBounds, NoBound, Ranges, rounded_up
+from stiffgen.lower.rounding import ErrorBounds, NoBound, Ranges, rounded_up
 from stiffgen.lower.scalar import FLOAT
 from stiffgen.symbolic.kernels import KERNELS, chain_kernels
 from stiffgen.verify.result import as_results
@@ -29,7 +29,6 @@ from support.project import URDF, compilers, kernels_of, require_32_bits, requir
 from support.quad import draw
 
 NAME = "iiwa14f"
-PRECISION = PRECISIONS["float"]
 ALLOWED = {"sinf", "cosf", "sincosf", "sqrtf", "fmaxf", "memcpy", "memset", "memmove"}
 
 
@@ -113,7 +112,7 @@ def test_no_error_is_beyond_its_bound(floats, robot, chain):
         given = [
             each.astype(np.float32).reshape(-1, *argument.array(chain).shape)
             for each, argument in zip(
-                draw(chain, kernel, Ranges(), 2000, np.random.default_rng(number), PRECISION),
+                draw(chain, kernel, Ranges(), 2000, np.random.default_rng(number), FLOAT),
                 kernel.arguments,
                 strict=True,
             )
@@ -139,7 +138,7 @@ def test_header_and_manifest_state_type_and_bounds(folder, chain):
     stated = manifest["rounding"]["bounds"]
     (kernel,) = (k for k in chain_kernels(chain) if k.qualified_name == "hybrid_joint_stiffness")
     (bound,) = (each["bound"] for each in stated[kernel.qualified_name])
-    assert bound == rounded_up(max(ErrorBounds(chain, scalar=FLOAT).of(kernel)["joint_stiffness"]), PRECISION)
+    assert bound == rounded_up(max(ErrorBounds(chain, scalar=FLOAT).of(kernel)["joint_stiffness"]), FLOAT)
     comment = header[: header.index(f"void {NAME}_hybrid_joint_stiffness(")].rsplit("/*", 1)[1]
     assert f"{bound:.1e} N m/rad" in comment
 

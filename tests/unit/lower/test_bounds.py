@@ -13,10 +13,11 @@ import pytest
 
 import stiffgen
 from stiffgen.lower import rounding, statements
-from stiffgen.lower.analysis import PRECISIONS, Bound, BoundAnalysis, added
+from stiffgen.lower.analysis import Bound, BoundAnalysis, added
 from stiffgen.lower.form import Statements
 from stiffgen.lower.graph import Graph, build_graph
 from stiffgen.lower.rounding import ErrorBounds, NoBound, Ranges, argument_sizes, chain_reach
+from stiffgen.lower.scalar import DOUBLE, FLOAT
 from stiffgen.lower.steps import lowered
 from stiffgen.lower.variant import SINGLE
 from stiffgen.symbolic.arguments import Argument
@@ -26,7 +27,6 @@ from stiffgen.symbolic.program import Array
 from stiffgen.symbolic.steps import SumJoints
 from support.chains import chain_urdf
 
-FLOAT = PRECISIONS["float"]
 OPERATIONS: dict[str, Callable] = {
     "neg": np.negative, "mul": np.multiply, "add": np.add, "sub": np.subtract, "sin": np.sin, "cos": np.cos,
 }  # fmt: skip
@@ -128,8 +128,8 @@ KINDS = (Kind.ROTATION, Kind.POINT)
 @pytest.mark.parametrize("factor", [1.0, 0.5])
 def test_sizes_of_kinds_hold_and_half_of_them_do_not(factor, chain):
     """Rotations and points of the chain, and columns and poses made of them, at random joint positions."""
-    reach = factor * chain_reach(chain, Ranges(), PRECISIONS["double"])
-    sizes = {Kind.ROTATION: factor * PRECISIONS["double"].rotation, Kind.POINT: reach, Kind.ZERO: 0.0, Kind.ONE: 1.0}
+    reach = factor * chain_reach(chain, Ranges(), DOUBLE)
+    sizes = {Kind.ROTATION: factor * DOUBLE.rotation, Kind.POINT: reach, Kind.ZERO: 0.0, Kind.ONE: 1.0}
     code, largest = lowered(chain, SINGLE), dict.fromkeys(Kind, 0.0)
     table = {kernel.qualified_name: kernel for kernel in chain_kernels(chain)}
     for name in ("forward_kinematics", "body_jacobian", "hybrid_jacobian", "spatial_jacobian"):
@@ -148,11 +148,11 @@ def test_sizes_of_kinds_hold_and_half_of_them_do_not(factor, chain):
 
 
 def test_sizes_of_arguments_are_the_ranges(chain):
-    ranges, precision = Ranges(force=3.0, moment=5.0), PRECISIONS["double"]
+    ranges = Ranges(force=3.0, moment=5.0)
     wrench = next(a for kernel in chain_kernels(chain) for a in kernel.arguments if a.name == "wrench")
-    assert argument_sizes(chain, wrench, ranges, 1.0, precision) == [3.0] * 3 + [5.0] * 3
+    assert argument_sizes(chain, wrench, ranges, 1.0, DOUBLE) == [3.0] * 3 + [5.0] * 3
     with pytest.raises(NoBound):
-        argument_sizes(chain, Argument("unknown", (3,), "", ""), ranges, 1.0, precision)
+        argument_sizes(chain, Argument("unknown", (3,), "", ""), ranges, 1.0, DOUBLE)
 
 
 def bounds_of(chain) -> dict[str, dict[str, list[float]]]:

@@ -13,7 +13,6 @@ from stiffgen.emit.c import CFunction, suffix_of
 from stiffgen.emit.c.dispatch import DispatchedFunction, batch_function, batch_self_check, single_functions
 from stiffgen.emit.pages import Definition, shared_functions
 from stiffgen.emit.texts import declared, definition_comment, prototype, wrapped
-from stiffgen.lower.rounding import PRECISIONS
 from stiffgen.lower.variant import Variant
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import Argument
@@ -104,7 +103,7 @@ def _public_functions(request: Request, batches: list[BatchPage]) -> list[Dispat
 
 
 def _variables(request: Request) -> dict[str, Any]:
-    single, batch, precision = request.single, request.batch, PRECISIONS[request.scalar.name]
+    single, batch = request.single, request.batch
     batch_names = [
         f"{kernel.qualified_name}{each.suffix}" for kernel, _ in batch.kernels for each in kernel.batches
     ]  # fmt: skip
@@ -120,8 +119,8 @@ def _variables(request: Request) -> dict[str, Any]:
         "single": single.variant,
         "many": batch.variant,
         "calls": _with_called_helpers(single.calls | batch.calls),
-        "rounding": request.ranges.lines(precision),
-        "digits": precision.digits,
+        "rounding": request.ranges.lines(request.scalar),
+        "digits": request.scalar.digits,
     }
 
 
