@@ -94,7 +94,7 @@ def cache_folder() -> Path:
 
 
 @dataclass(frozen=True)
-class Entry:
+class CachedRobot:
     """Robot in the cache: its folder, the file that it was made from, its size [bytes]."""
 
     folder: Path
@@ -102,14 +102,14 @@ class Entry:
     size: int
 
 
-def entries() -> list[Entry]:
+def entries() -> list[CachedRobot]:
     """Return the robots in the cache, by name."""
     found = []
     for record in sorted(cache_folder().glob(f"*/{_RECORD}")):
         content = _read_record(record.parent)
         if content is not None:
             size = sum(each.stat().st_size for each in record.parent.rglob("*") if each.is_file())
-            found.append(Entry(record.parent / content["folder"], content["file"], size))
+            found.append(CachedRobot(record.parent / content["folder"], content["file"], size))
     return found
 
 

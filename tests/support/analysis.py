@@ -13,8 +13,8 @@ import pytest
 from stiffgen.analyze import measures as ms
 from stiffgen.analyze.analysis import checked_stiffness
 from stiffgen.cli import main
+from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic.connection import Representation
-from stiffgen.verify.result import Array
 from support import recordings
 
 K = (700, 700, 800, 30, 30, 30)
@@ -33,7 +33,7 @@ def command(robot_folder: Path, log: Path, *options: object, stiffness: Sequence
     return log, "--robot", robot_folder, "--task-stiffness", *stiffness, *options
 
 
-def measured(robot: Any, rows: Array, representation: Representation = "hybrid") -> dict[str, Array]:
+def measured(robot: Any, rows: FloatArray, representation: Representation = "hybrid") -> dict[str, FloatArray]:
     limits = np.full(7, np.inf)
     task = ms.Task(representation, checked_stiffness(K), False, -limits, limits)
     return dict(zip(ms.MEASURES, ms.measured(robot, task, rows[:, 1:8], rows[:, 8:]).T, strict=True))

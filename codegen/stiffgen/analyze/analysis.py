@@ -28,9 +28,8 @@ import stiffgen.analyze.measures as ms
 from stiffgen.analyze.export import NAME as EXPORT_NAME
 from stiffgen.analyze.export import export
 from stiffgen.analyze.measures import MEASURES, Summary, Task, units
-from stiffgen.analyze.options import EXPORTS, AnalysisOptions, Progress, taking
+from stiffgen.analyze.options import EXPORTS, AnalysisOptions, ShowProgress, taking
 from stiffgen.analyze.recording import (
-    Array,
     Columns,
     Partition,
     Recording,
@@ -44,6 +43,7 @@ from stiffgen.errors import EmptyRecordingError, OutputError, RecordingError, St
 from stiffgen.folder import swapped_in
 from stiffgen.opened import open_robot
 from stiffgen.robot.chain import Chain
+from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
 
 GENERATOR = "stiffgen analyze"
@@ -167,7 +167,7 @@ def _exported(folder: Path, options: AnalysisOptions, task: Task, recording: Rec
     export(folder, options.export, module, task, recording, result.good, options.block_rows, advance)
 
 
-def checked_stiffness(value: ArrayLike) -> Array:
+def checked_stiffness(value: ArrayLike) -> FloatArray:
     """Return a task stiffness as a symmetric (6, 6) matrix.
 
     Raises:
@@ -191,11 +191,11 @@ def checked_stiffness(value: ArrayLike) -> Array:
             f"--task-stiffness: is not symmetric: entry ({row}, {column}) is {K[row, column]:.9g}, "
             f"({column}, {row}) is {K[column, row]:.9g} (counted from 0); give (K + K^T)/2 for the symmetric part"
         )
-    symmetric: Array = (K + K.T) / 2
+    symmetric: FloatArray = (K + K.T) / 2
     return symmetric
 
 
-def read_stiffness(path: str | Path) -> Array:
+def read_stiffness(path: str | Path) -> FloatArray:
     """Return a task stiffness from a CSV file of six lines of six numbers, separated by commas.
 
     Raises:
@@ -282,7 +282,7 @@ def summarise_partition(
 
 
 def _reduced(
-    summarised: Callable[..., Summary], partitions: Sequence[Partition], dask: str | None, progress: Progress
+    summarised: Callable[..., Summary], partitions: Sequence[Partition], dask: str | None, progress: ShowProgress
 ) -> Summary:
     """Summarise the partitions, in threads or by Dask, and merge their summaries in order."""
     whole = sum(partition.work for partition in partitions) or 1.0
@@ -335,7 +335,7 @@ def _in_order(submit: Callable[[Partition], Any], partitions: Iterable[Partition
 
 
 @contextmanager
-def _dask_client(address: str, progress: Progress) -> Iterator[Any]:
+def _dask_client(address: str, progress: ShowProgress) -> Iterator[Any]:
     distributed = extra("distributed", "--dask")
     progress("connecting to Dask" if address != "local" else "starting Dask workers", 0.0)
     if address == "local":

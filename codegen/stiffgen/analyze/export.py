@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiffgen.analyze.measures import Task, functions_of, judged
-from stiffgen.analyze.recording import Array, Recording, extra, read_blocks
+from stiffgen.analyze.recording import Recording, extra, read_blocks
+from stiffgen.robot.geometry import FloatArray
 
 NAME = "joint_stiffness"
 
@@ -24,8 +25,8 @@ class Rows:
     """Consecutive analysed rows: numbers in the recording, times [s] (NaN without time), stiffness (N, n, n)."""
 
     rows: NDArray[np.int64]
-    time: Array
-    stiffness: Array
+    time: FloatArray
+    stiffness: FloatArray
 
 
 def export(
@@ -93,7 +94,7 @@ def _npz(file: Path, parts: Iterator[Rows], good: int, count: int) -> None:
             member.unlink()
 
 
-def _table(part: Rows) -> Array:
+def _table(part: Rows) -> FloatArray:
     flat = part.stiffness.reshape(len(part.rows), -1)
     return np.column_stack([part.time, flat])
 

@@ -18,8 +18,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stiffgen.analyze.recording import Array, Block, Columns, RowProblem
+from stiffgen.analyze.recording import Block, Columns, RowProblem
 from stiffgen.robot.chain import Chain
+from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic.connection import Representation
 
 MEASURES = (
@@ -79,14 +80,14 @@ class Task:
     """
 
     representation: Representation
-    task_stiffness: Array
+    task_stiffness: FloatArray
     negate: bool
-    lower: Array
-    upper: Array
+    lower: FloatArray
+    upper: FloatArray
     tip: str = ""
 
 
-def measured(robot: ModuleType, task: Task, q: Array, wrench: Array) -> Array:
+def measured(robot: ModuleType, task: Task, q: FloatArray, wrench: FloatArray) -> FloatArray:
     """Compute the MEASURES of rows.
 
     Args:
@@ -138,25 +139,25 @@ def functions_of(robot: ModuleType, task: Task) -> Any:
     return getattr(getattr(robot, task.tip) if task.tip else robot, task.representation)
 
 
-def _parts(matrices: Array) -> tuple[Array, Array]:
+def _parts(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the symmetric and the antisymmetric part."""
     transposed = np.swapaxes(matrices, 1, 2)
     return (matrices + transposed) / 2, (matrices - transposed) / 2
 
 
-def _largest_singular_value(matrices: Array) -> Array:
+def _largest_singular_value(matrices: FloatArray) -> FloatArray:
     """Compute the largest singular value from the eigenvalues of A^T A, as accurate as an SVD and twice as fast."""
-    value: Array = np.sqrt(np.maximum(np.linalg.eigvalsh(np.swapaxes(matrices, 1, 2) @ matrices)[:, -1], 0.0))
+    value: FloatArray = np.sqrt(np.maximum(np.linalg.eigvalsh(np.swapaxes(matrices, 1, 2) @ matrices)[:, -1], 0.0))
     return value
 
 
-def _closed_form(functions: Any, q: Array, wrench: Array) -> Array:
+def _closed_form(functions: Any, q: FloatArray, wrench: FloatArray) -> FloatArray:
     """Return the antisymmetric part of the conventional stiffness, which the correction removes: J^T anti(-Gamma F) J.
 
     In the hybrid representation this is J_r^T [m]x J_r / 2, with J_r the rotational half of the Jacobian.
     """
     J = functions.jacobian(q)
-    closed: Array = np.swapaxes(J, 1, 2) @ _parts(-functions.connection_correction(wrench))[1] @ J
+    closed: FloatArray = np.swapaxes(J, 1, 2) @ _parts(-functions.connection_correction(wrench))[1] @ J
     return closed
 
 
@@ -166,15 +167,15 @@ class Envelope:
 
     shift: int
     first: int
-    least: Array
-    most: Array
-    total: Array
+    least: FloatArray
+    most: FloatArray
+    total: FloatArray
     count: NDArray[np.int64]
-    start: Array
-    stop: Array
+    start: FloatArray
+    stop: FloatArray
 
     @staticmethod
-    def of(rows: NDArray[np.int64], values: Array, times: Array) -> Envelope:
+    def of(rows: NDArray[np.int64], values: FloatArray, times: FloatArray) -> Envelope:
         """Make the envelope of ascending rows (N,) with measures (N, M) and times (N,) [s]."""
         shift = 0
         while (rows[-1] >> shift) - (rows[0] >> shift) >= BINS:
@@ -259,18 +260,18 @@ class Summary:
     bad: Counter[str] = field(default_factory=Counter)
     named: list[tuple[int, str]] = field(default_factory=list)
     count: NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(MEASURES), dtype=np.int64))
-    total: Array = field(default_factory=lambda: np.zeros(len(MEASURES)))
-    squares: Array = field(default_factory=lambda: np.zeros(len(MEASURES)))
-    least: Array = field(default_factory=lambda: np.full(len(MEASURES), np.inf))
-    most: Array = field(default_factory=lambda: np.full(len(MEASURES), -np.inf))
+    total: FloatArray = field(default_factory=lambda: np.zeros(len(MEASURES)))
+    squares: FloatArray = field(default_factory=lambda: np.zeros(len(MEASURES)))
+    least: FloatArray = field(default_factory=lambda: np.full(len(MEASURES), np.inf))
+    most: FloatArray = field(default_factory=lambda: np.full(len(MEASURES), -np.inf))
     least_row: NDArray[np.int64] = field(default_factory=lambda: np.full(len(MEASURES), -1, dtype=np.int64))
     most_row: NDArray[np.int64] = field(default_factory=lambda: np.full(len(MEASURES), -1, dtype=np.int64))
     indefinite: int = 0
     asymmetric: int = 0
     histogram: NDArray[np.int64] | None = None
     grid: NDArray[np.int64] | None = None
-    q_least: Array | None = None
-    q_most: Array | None = None
+    q_least: FloatArray | None = None
+    q_most: FloatArray | None = None
     times: tuple[float, float] | None = None
     first_good: int = -1
     longest_step: float = 0.0
@@ -344,9 +345,9 @@ class Judged(NamedTuple):
     """Rows of a block: which are good, q and wrench as analysed, MEASURES of the good rows, reasons of the others."""
 
     good: NDArray[np.bool_]
-    q: Array
-    wrench: Array
-    measures: Array
+    q: FloatArray
+    wrench: FloatArray
+    measures: FloatArray
     reasons: dict[int, RowProblem]
 
 
@@ -400,7 +401,7 @@ def _not_a_number(columns: Columns, block: Block, index: int) -> RowProblem:
     return RowProblem("infinite", f"{name} is infinite")
 
 
-def _of_good_rows(rows: NDArray[np.int64], q: Array, time: Array | None, values: Array) -> Summary:
+def _of_good_rows(rows: NDArray[np.int64], q: FloatArray, time: FloatArray | None, values: FloatArray) -> Summary:
     if not len(rows):
         return Summary()
     known = ~np.isnan(values)
@@ -435,7 +436,7 @@ def _of_good_rows(rows: NDArray[np.int64], q: Array, time: Array | None, values:
     return result
 
 
-def _decade_bins(values: Array, decades: tuple[int, int], per_decade: int) -> NDArray[np.int64]:
+def _decade_bins(values: FloatArray, decades: tuple[int, int], per_decade: int) -> NDArray[np.int64]:
     """Return bins: 0 below the grid, the last one above it. NaN goes to bin 0; the caller must exclude it."""
     size = (decades[1] - decades[0]) * per_decade
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -444,7 +445,7 @@ def _decade_bins(values: Array, decades: tuple[int, int], per_decade: int) -> ND
     return bins
 
 
-def _histogram(values: Array) -> NDArray[np.int64]:
+def _histogram(values: FloatArray) -> NDArray[np.int64]:
     size = (DECADES[1] - DECADES[0]) * PER_DECADE + 2
     bins = _decade_bins(values, DECADES, PER_DECADE)
     return np.stack(
@@ -452,7 +453,7 @@ def _histogram(values: Array) -> NDArray[np.int64]:
     ).astype(np.int64)
 
 
-def _grid(moment: Array, antisymmetric: Array) -> NDArray[np.int64]:
+def _grid(moment: FloatArray, antisymmetric: FloatArray) -> NDArray[np.int64]:
     size = (GRID_DECADES[1] - GRID_DECADES[0]) * GRID_PER_DECADE + 2
     x, y = (_decade_bins(v, GRID_DECADES, GRID_PER_DECADE) for v in (moment, antisymmetric))
     return np.bincount(x * size + y, minlength=size * size).reshape(size, size).astype(np.int64)

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from stiffgen.options import described, described_in_python, help_of
 from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
 
-Progress = Callable[[str, float], None]
+ShowProgress = Callable[[str, float], None]
 _Fields = ParamSpec("_Fields")
 _Record = TypeVar("_Record")
 _Result = TypeVar("_Result")
@@ -145,7 +145,7 @@ class AnalysisOptions:
         ),
     )
     block_rows: int = field(default=8192, metadata=described_in_python("rows per block"))
-    progress: Progress = field(
+    progress: ShowProgress = field(
         default=_silent, metadata=described_in_python("called with a few words and the completed share (0 ... 1)")
     )
 

@@ -20,11 +20,12 @@ from stiffgen.analyze.measures import (
     Summary,
     stiffness_unit,
 )
-from stiffgen.analyze.recording import Array, Recording
+from stiffgen.analyze.recording import Recording
 from stiffgen.page import POLICY
 from stiffgen.page import STYLE as PAGE_STYLE
 from stiffgen.rendering import environment
 from stiffgen.robot.chain import Chain
+from stiffgen.robot.geometry import FloatArray
 
 LABELS: Mapping[str, str] = {
     "singular_value_symmetric": "largest singular value, symmetric part, conventional",
@@ -239,7 +240,7 @@ def _draw_over_time(folder: Path, chain: Chain, result: Summary, representation:
     return figures
 
 
-def _abscissa(result: Summary) -> tuple[Array, str]:
+def _abscissa(result: Summary) -> tuple[FloatArray, str]:
     """Return the places of the bins: time since the first row, or row numbers where time cannot be used."""
     envelope = result.envelope
     assert envelope is not None

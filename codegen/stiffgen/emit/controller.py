@@ -60,14 +60,6 @@ def has_controller(chain: Chain, scalar: Scalar = DOUBLE) -> bool:
 
 
 @dataclass(frozen=True)
-class Rule:
-    """Check of a configuration field: the field's name and a C condition on the configuration c."""
-
-    name: str
-    check: str
-
-
-@dataclass(frozen=True)
 class Member:
     """Member of a C struct: declaration, lines of its comment, NumPy format of an entry, and shape."""
 
@@ -106,7 +98,7 @@ class ControllerPage:
         seen: reason and the meaning of its numbers.
         reason_classes: number of each reason's class.
         errors: name, code and text.
-        rules: checks of the configuration's fields.
+        checks: C condition on the configuration c, by field.
         structs: config, input and output.
         remembered: fields of the output copied from the memory: name, the memory's member, whether it is an array.
         choice_fields: name and words of the fields that are choices.
@@ -135,7 +127,7 @@ class ControllerPage:
     seen: list[tuple[str, str]]
     reason_classes: list[int]
     errors: list[tuple[str, int, str]]
-    rules: list[Rule]
+    checks: dict[str, str]
     structs: list[Struct]
     remembered: list[tuple[str, str, bool]]
     choice_fields: list[tuple[str, tuple[str, ...]]]
@@ -172,7 +164,7 @@ def controller_page(
         seen=list(SEEN.items()),
         reason_classes=[[fault for fault, _ in FAULTS].index(fault) for _, fault, _ in REASONS],
         errors=_errors(name),
-        rules=[_rule(field) for field in CONFIG],
+        checks={field.name: _check(field) for field in CONFIG},
         structs=[_struct(chain, prefix, *each) for each in _STRUCTS],
         remembered=[(f.name, f.name if f.memory == "=" else f.memory, bool(f.shape)) for f in OUTPUT if f.memory],
         choice_fields=[(f.name, f.choices) for f in (*CONFIG, *INPUT) if f.choices],
@@ -237,7 +229,8 @@ def _errors(name: str) -> list[tuple[str, int, str]]:
     ]
 
 
-def _rule(field: Field) -> Rule:
+def _check(field: Field) -> str:
+    """Return the C condition on a field of the configuration c."""
     if field.type == "int":
         bounds, kind = f"{field.least:.0f}, {field.most:.0f}", "integers"
     else:
@@ -245,7 +238,7 @@ def _rule(field: Field) -> Rule:
         bounds, kind = f"{least}, {most}", "doubles"
     each = f"c->{field.name}" if field.shape else f"&c->{field.name}"
     count = f"sizeof c->{field.name} / sizeof c->{field.name}[0]" if field.shape else "1"
-    return Rule(field.name, f"{kind}_within({each}, {count}, {bounds})")
+    return f"{kind}_within({each}, {count}, {bounds})"
 
 
 def _bound(bound: float) -> str:

@@ -296,7 +296,7 @@ class Pointer:
     plain: bool = False
 
 
-Argument = int | str | Count | Table | Pointer
+HelperArgument = int | str | Count | Table | Pointer
 
 
 @dataclass(frozen=True)
@@ -304,7 +304,7 @@ class Call:
     """Call of a helper, a fixed loop of the templates."""
 
     helper: str
-    arguments: tuple[Argument, ...]
+    arguments: tuple[HelperArgument, ...]
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from stiffgen.robot.chain import Chain, Joint, LoopEnd, Tip
 
-_Pose = NDArray[np.float64]
+_PoseMatrix = NDArray[np.float64]
 
 
-def pose(placed: Joint | LoopEnd | Tip) -> _Pose:
+def pose(placed: Joint | LoopEnd | Tip) -> _PoseMatrix:
     """Return the 4 x 4 pose of a joint, a tip or an end of a loop in its parent."""
     result = np.eye(4)
     result[:3, :3], result[:3, 3] = np.array(placed.rotation), placed.translation
@@ -29,7 +29,7 @@ def drawn_joints(chain: Chain) -> tuple[list[dict[str, Any]], list[list[dict[str
     share. The chain slides the origins of its joints along their axes, loops do not; a joint of both is drawn twice.
     """
     records = [_record(chain, joint, joint.parent, pose(joint)) for joint in chain.joints]
-    placed: dict[str, tuple[int, int, _Pose]] = {}  # of loops: number, parent, pose in the parent
+    placed: dict[str, tuple[int, int, _PoseMatrix]] = {}  # of loops: number, parent, pose in the parent
     ends = []
     for loop in chain.loops:
         parent, shared = _shared(chain, placed, (loop.first, loop.second))
@@ -46,7 +46,9 @@ def drawn_joints(chain: Chain) -> tuple[list[dict[str, Any]], list[list[dict[str
     return records, ends
 
 
-def _shared(chain: Chain, placed: dict[str, tuple[int, int, _Pose]], ends: Sequence[LoopEnd]) -> tuple[int, _Pose]:
+def _shared(
+    chain: Chain, placed: dict[str, tuple[int, int, _PoseMatrix]], ends: Sequence[LoopEnd]
+) -> tuple[int, _PoseMatrix]:
     """Return the shared link of a loop: a joint before it, and the link's pose in that joint's frame.
 
     Where only the chain has the first joint of an end, the link is known up to a shift along that joint's axis.
@@ -67,7 +69,7 @@ def _shared(chain: Chain, placed: dict[str, tuple[int, int, _Pose]], ends: Seque
     return -1, np.eye(4)
 
 
-def _record(chain: Chain, joint: Joint, parent: int, place: _Pose) -> dict[str, Any]:
+def _record(chain: Chain, joint: Joint, parent: int, place: _PoseMatrix) -> dict[str, Any]:
     return {
         "name": joint.name,
         "prismatic": joint.prismatic,

@@ -19,8 +19,9 @@ from stiffgen.page import POLICY, STYLE
 from stiffgen.prove.targets import Target, read_targets
 from stiffgen.prove.verdict import Verdict, VerdictFile, read_verdicts
 from stiffgen.rendering import environment
+from stiffgen.robot.geometry import FloatArray
 from stiffgen.verify.certified import CERTIFIED
-from stiffgen.verify.result import Array, Check
+from stiffgen.verify.result import Check
 
 _BELOW, _ABOVE = 6, 4
 """Decades of the plots below and above the bound."""
@@ -186,7 +187,7 @@ def _tally(verdicts: Sequence[Verdict]) -> dict[str, int]:
 
 def _plots(checks: Sequence[Check]) -> list[_ErrorHistogram]:
     """Return one plot per oracle and bound."""
-    grouped: dict[tuple[str, int], list[Array]] = {}
+    grouped: dict[tuple[str, int], list[FloatArray]] = {}
     for check in checks:
         if check.errors is not None and len(check.errors):
             grouped.setdefault((check.oracle, round(math.log10(check.bound))), []).append(check.errors)
@@ -197,7 +198,7 @@ def _plots(checks: Sequence[Check]) -> list[_ErrorHistogram]:
     return plots
 
 
-def _bars(errors: Array, least: int) -> list[int]:
+def _bars(errors: FloatArray, least: int) -> list[int]:
     """Return the errors per bar over the decimal logarithm; the first bar has 0 and values below the least decade."""
     bins = (_BELOW + _ABOVE) * _PER_DECADE
     finite = errors[np.isfinite(errors)]

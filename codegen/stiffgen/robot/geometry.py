@@ -18,6 +18,8 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import mpmath
+import numpy as np
+from numpy.typing import NDArray
 
 _DIGITS = 50
 SNAP = 1e-11
@@ -32,6 +34,7 @@ Rotations and translations have the scales 1 and 1 m: a length of at most 1e-15 
 """
 
 Matrix = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
+FloatArray = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 _context = mpmath.mp.clone()

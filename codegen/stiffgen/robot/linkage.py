@@ -8,12 +8,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stiffgen.errors import ChainError, listed, printable
 from stiffgen.robot.chain import ClosedLoop, Coordinate, Joint, LoopEnd
-
-_Array = NDArray[np.float64]
+from stiffgen.robot.geometry import FloatArray
 
 _CLOSED = 1e-5
 """Largest gap of a closed loop [m, rad]: files round points and axes to some digits."""
@@ -33,7 +31,7 @@ class Linkage:
 
     def study(
         self, reference: Sequence[float], actuated: set[str]
-    ) -> tuple[tuple[ClosedLoop, ...], tuple[int, ...], _Array]:
+    ) -> tuple[tuple[ClosedLoop, ...], tuple[int, ...], FloatArray]:
         """Return the loops with independent equations, the indices of the motors in q, and a closed configuration.
 
         Coordinates outside of the loops count as motors.
@@ -55,7 +53,7 @@ class Linkage:
             start = states[int(np.argmin(conditions))]
         return self._with_rows(rows), tuple(motors), start
 
-    def equations(self, q: _Array) -> tuple[_Array, _Array]:
+    def equations(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the residuals of all rows of the loops [m, rad], and their derivatives with respect to q."""
         values, derivatives = [], []
         for loop in self.loops:
@@ -66,7 +64,7 @@ class Linkage:
             derivatives.append((J - L)[rows])
         return np.concatenate(values), np.concatenate(derivatives)
 
-    def gap(self, q: _Array) -> float:
+    def gap(self, q: FloatArray) -> float:
         """Return the largest distance [m] or angle [rad] between the ends of a loop, all equations included."""
         gaps = [0.0]
         for loop in self.loops:
@@ -74,7 +72,7 @@ class Linkage:
             gaps += [float(np.linalg.norm(p - s)), float(np.linalg.norm(R - S)) / np.sqrt(2) if loop.is_weld else 0.0]
         return max(gaps)
 
-    def close(self, q: _Array) -> _Array:
+    def close(self, q: FloatArray) -> FloatArray:
         """Return a configuration near q with the smallest residuals, by damped least-norm steps."""
         for _ in range(_STEPS):
             values, derivatives = self.equations(q)
@@ -85,10 +83,10 @@ class Linkage:
             q = q - step * min(1.0, 0.5 / size)
         return q
 
-    def _end(self, end: LoopEnd, q: _Array) -> tuple[_Array, _Array, _Array]:
+    def _end(self, end: LoopEnd, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return rotation and position of an end, and its twists (linear, angular) at unit rates of the coordinates."""
         R, p = np.eye(3), np.zeros(3)
-        axes: list[tuple[Joint, _Array, _Array]] = []
+        axes: list[tuple[Joint, FloatArray, FloatArray]] = []
         for joint in end.joints:
             p, R = p + R @ np.array(joint.translation), R @ np.array(joint.rotation)
             axis = np.array(joint.axis)
@@ -106,7 +104,7 @@ class Linkage:
             J[:, joint.coordinate - self.base_joints] += joint.multiplier * np.array(column)
         return R, p, J
 
-    def _closed_start(self, reference: _Array, random: np.random.Generator) -> _Array:
+    def _closed_start(self, reference: FloatArray, random: np.random.Generator) -> FloatArray:
         lower = np.array([max(each.lower, -np.pi) for each in self.coordinates])
         upper = np.maximum(lower, [min(each.upper, np.pi) for each in self.coordinates])
         best, smallest = reference, np.inf
@@ -124,7 +122,7 @@ class Linkage:
             f"wherever joints {listed(list(names))} stand; correct the points, the lengths or the joints' limits"
         )
 
-    def _states_near(self, start: _Array, random: np.random.Generator) -> list[_Array]:
+    def _states_near(self, start: FloatArray, random: np.random.Generator) -> list[FloatArray]:
         """Return the start and random closed configurations near it."""
         states = [start]
         for attempt in range(20 * _STATES):
@@ -136,12 +134,12 @@ class Linkage:
                 break
         return states
 
-    def _condition(self, C: _Array, motors: list[int]) -> float:
+    def _condition(self, C: FloatArray, motors: list[int]) -> float:
         """Return the condition number of C_p with its units, which cancel in ratios of two configurations."""
         passive = [k for k in range(len(self.coordinates)) if k not in motors]
         return float(np.linalg.cond(C[:, passive]))
 
-    def _check_mobility(self, jacobians: list[_Array], motors: list[int]) -> None:
+    def _check_mobility(self, jacobians: list[FloatArray], motors: list[int]) -> None:
         """Refuse motors that the loops lock, and passive joints that no motor determines."""
         passive = [k for k in range(len(self.coordinates)) if k not in motors]
         generic = max(jacobians, key=lambda C: float(np.linalg.svd(C, compute_uv=False)[-1]))
@@ -174,7 +172,7 @@ class Linkage:
         return tuple(loops)
 
 
-def _independent(jacobians: list[_Array]) -> list[int]:
+def _independent(jacobians: list[FloatArray]) -> list[int]:
     """Return rows that are independent in every state: each time the row with the largest median remainder."""
     rest = [np.array(C) for C in jacobians[1:] or jacobians]  # the start may be singular
     largest = max(float(np.linalg.norm(C, axis=1).max(initial=0.0)) for C in rest)

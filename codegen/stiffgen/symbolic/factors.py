@@ -27,7 +27,7 @@ from stiffgen.symbolic.kinematics import cross
 SINGULAR = 1e-9
 """Distance of a column from the span of the others, relative to typical columns (``Units``), for NaN."""
 NONE = ca.SX(0)
-Vector = list[ca.SX]
+Entries = list[ca.SX]
 
 
 @dataclass(frozen=True)
@@ -63,8 +63,8 @@ class _Rod:
 
     rows: list[int]
     columns: list[int]
-    normal: Vector
-    duals: list[Vector]
+    normal: Entries
+    duals: list[Entries]
     squared: ca.SX
 
     @staticmethod
@@ -108,7 +108,7 @@ class Factors:
         lengths = [units.column(k) for k in self.shared]
         self.core = (_Adjugate if len(self.shared) <= 2 else _Reflections)(entries, scales, lengths)
 
-    def solve(self, right: Sequence[ca.SX]) -> Vector:
+    def solve(self, right: Sequence[ca.SX]) -> Entries:
         """Return the solution x of A x = right, in the order of the columns."""
         b = dict(zip(self.rows, map(ca.SX, right), strict=True))
         reduced = [_dot(rod.normal, [b[row] for row in rod.rows]) for rod in self.rods]
@@ -119,7 +119,7 @@ class Factors:
             x |= {column: _dot(dual, rest) for column, dual in zip(rod.columns, rod.duals, strict=True)}
         return [x[column] for column in self.columns]
 
-    def solve_transposed(self, right: Sequence[ca.SX]) -> Vector:
+    def solve_transposed(self, right: Sequence[ca.SX]) -> Entries:
         """Return the solution y of A^T y = right, in the order of the rows."""
         b = dict(zip(self.columns, map(ca.SX, right), strict=True))
         y: dict[int, ca.SX] = {}
@@ -158,7 +158,7 @@ class _Adjugate:
     ``scales`` are squared lengths of the factors of the rows, ``lengths`` squared lengths of typical columns.
     """
 
-    def __init__(self, entries: Sequence[Vector], scales: Sequence[ca.SX], lengths: Sequence[float]) -> None:
+    def __init__(self, entries: Sequence[Entries], scales: Sequence[ca.SX], lengths: Sequence[float]) -> None:
         if len(entries) == 2:
             (a, b), (c, d) = entries
             determinant, self.adjugate = a * d - b * c, [[d, -b], [-c, a]]
@@ -167,11 +167,11 @@ class _Adjugate:
         least = math.prod(scales, start=ca.SX(SINGULAR**2 * math.prod(lengths)))
         self.inverse = _inverse(determinant, determinant * determinant, least)
 
-    def solve(self, right: Vector) -> Vector:
+    def solve(self, right: Entries) -> Entries:
         """Return the solution x of A x = right."""
         return [_dot(row, right) * self.inverse for row in self.adjugate]
 
-    def solve_transposed(self, right: Vector) -> Vector:
+    def solve_transposed(self, right: Entries) -> Entries:
         """Return the solution y of A^T y = right."""
         return [_dot(column, right) * self.inverse for column in zip(*self.adjugate, strict=True)]
 
@@ -182,7 +182,7 @@ class _Reflections:
     Columns with few entries come first, so that reflections stay short. The arguments are those of ``_Adjugate``.
     """
 
-    def __init__(self, entries: Sequence[Vector], scales: Sequence[ca.SX], lengths: Sequence[float]) -> None:
+    def __init__(self, entries: Sequence[Entries], scales: Sequence[ca.SX], lengths: Sequence[float]) -> None:
         self.size = len(entries)
         numbers, left = range(self.size), list(range(self.size))
         self.columns = sorted(numbers, key=lambda k: sum(not row[k].is_zero() for row in entries))
@@ -194,7 +194,7 @@ class _Reflections:
         self.triangle = [
             [entries[row][k] * f for k in self.columns] for row, f in zip(self.rows, self.factors, strict=True)
         ]
-        self.reflections: list[tuple[int, Vector, ca.SX]] = []
+        self.reflections: list[tuple[int, Entries, ca.SX]] = []
         self.inverse_diagonal = [self._eliminate(k, lengths[column]) for k, column in enumerate(self.columns)]
 
     def _eliminate(self, k: int, length: float) -> ca.SX:
@@ -215,7 +215,7 @@ class _Reflections:
                     A[i][j] = value
         return _inverse(pivot, pivot * pivot, SINGULAR**2 * length)
 
-    def solve(self, right: Vector) -> Vector:
+    def solve(self, right: Entries) -> Entries:
         """Return the solution x of A x = right."""
         b = [right[row] * factor for row, factor in zip(self.rows, self.factors, strict=True)]
         for k, v, scale in self.reflections:
@@ -224,7 +224,7 @@ class _Reflections:
             b[k] = (b[k] - _dot(self.triangle[k][k + 1 :], b[k + 1 :])) * self.inverse_diagonal[k]
         return [b[self.columns.index(k)] for k in range(self.size)]
 
-    def solve_transposed(self, right: Vector) -> Vector:
+    def solve_transposed(self, right: Entries) -> Entries:
         """Return the solution y of A^T y = right."""
         b = [right[column] for column in self.columns]
         for k in range(self.size):
@@ -246,7 +246,7 @@ def _inverse(number: ca.SX, size: ca.SX, least: ca.SX | float) -> ca.SX:
     return is_regular / (number * is_regular**2)  # 0/0 at a singularity; CasADi would simplify x / (number x)
 
 
-def _reflected(v: Vector, scale: ca.SX, b: Vector) -> Vector:
+def _reflected(v: Entries, scale: ca.SX, b: Entries) -> Entries:
     """Return b - scale v (v . b)."""
     product = _dot(v, b) * scale
     if product.is_zero():

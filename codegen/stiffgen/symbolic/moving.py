@@ -22,11 +22,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
-
-Array = NDArray[np.float64]
 
 
 def move_stiffness(
@@ -37,7 +36,7 @@ def move_stiffness(
     target: Representation,
     *,
     as_tensor: bool = False,
-) -> tuple[Array, Array]:
+) -> tuple[FloatArray, FloatArray]:
     """Return wrench and task stiffness of the same spring in another representation.
 
     Leading dimensions broadcast.
@@ -74,32 +73,32 @@ def move_stiffness(
     return np.array(F), np.array(K)
 
 
-def _cross(v: Array) -> Array:
+def _cross(v: FloatArray) -> FloatArray:
     x, y, z = v[..., 0], v[..., 1], v[..., 2]
     o = np.zeros_like(x)
     return np.stack([np.stack(row, -1) for row in ((o, -z, y), (z, o, -x), (-y, x, o))], -2)
 
 
-def _blocks(upper_left: Any, lower_left: Any, lower_right: Any) -> Array:
+def _blocks(upper_left: Any, lower_left: Any, lower_right: Any) -> FloatArray:
     lead = np.broadcast_shapes(*(each.shape[:-2] for each in (upper_left, lower_left, lower_right)))
     matrix = np.zeros((*lead, 6, 6))
     matrix[..., :3, :3], matrix[..., 3:, :3], matrix[..., 3:, 3:] = upper_left, lower_left, lower_right
     return matrix
 
 
-def _transformed(matrix: Array, F: Array, K: Array) -> tuple[Array, Array]:
+def _transformed(matrix: FloatArray, F: FloatArray, K: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.einsum("...ij,...j->...i", matrix, F), matrix @ K @ np.swapaxes(matrix, -1, -2)
 
 
-def _point_term(point: Array, force: Array) -> Array:
+def _point_term(point: FloatArray, force: FloatArray) -> FloatArray:
     f, p = _cross(force), _cross(point)
     zero = np.zeros((3, 3))
     return _blocks(zero, zero, (f @ p + p @ f) / 2)
 
 
 def _to_hybrid(
-    rotation: Array, point: Array, F: Array, K: Array, source: Representation, *, as_tensor: bool
-) -> tuple[Array, Array]:
+    rotation: FloatArray, point: FloatArray, F: FloatArray, K: FloatArray, source: Representation, *, as_tensor: bool
+) -> tuple[FloatArray, FloatArray]:
     if source == "body":
         return _transformed(_blocks(rotation, np.zeros((3, 3)), rotation), F, K)
     if source == "spatial":
@@ -110,8 +109,8 @@ def _to_hybrid(
 
 
 def _from_hybrid(
-    rotation: Array, point: Array, F: Array, K: Array, target: Representation, *, as_tensor: bool
-) -> tuple[Array, Array]:
+    rotation: FloatArray, point: FloatArray, F: FloatArray, K: FloatArray, target: Representation, *, as_tensor: bool
+) -> tuple[FloatArray, FloatArray]:
     if target == "body":
         inverse = np.swapaxes(rotation, -1, -2)
         return _transformed(_blocks(inverse, np.zeros((3, 3)), inverse), F, K)

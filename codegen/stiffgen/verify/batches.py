@@ -13,9 +13,10 @@ import numpy as np
 
 from stiffgen.lower.scalar import Scalar, scalar_of
 from stiffgen.robot.chain import Chain
+from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import PACKED, Kernel
-from stiffgen.verify.result import Array, Check, Kernels, as_results, bound_of, faultless, relative_error
+from stiffgen.verify.result import Check, Kernels, as_results, bound_of, faultless, relative_error
 from stiffgen.verify.rounding import beyond_rounding, rounding_errors
 
 LENGTHS = (*range(18), 33)
@@ -26,7 +27,7 @@ _UNTOUCHED = -7.25
 
 
 def check_stacks(
-    kernels: Kernels, single: Kernels, table: tuple[Kernel, ...], chain: Chain, pool: Mapping[Argument, Array]
+    kernels: Kernels, single: Kernels, table: tuple[Kernel, ...], chain: Chain, pool: Mapping[Argument, FloatArray]
 ) -> list[Check]:
     """Verify stacks of every length through the Python module: forwards, backwards, spread, with one argument shared.
 
@@ -105,7 +106,7 @@ def check_c_batches(
     single: Kernels,
     table: tuple[Kernel, ...],
     chain: Chain,
-    pool: Mapping[Argument, Array],
+    pool: Mapping[Argument, FloatArray],
     scalar: Scalar,
 ) -> list[Check]:
     """Call NAME_..._batch from C's side, in every build: counts, steps of every sign, NaN around arguments, sentinels.
@@ -124,15 +125,15 @@ def check_c_batches(
     for kernel in table:
         for batch in kernel.batches:
             public, faults = f"{kernel.qualified_name}{batch.suffix}", []
-            for plan in _plans(kernel, batch.results, single[kernel.qualified_name], chain, pool, scalar):
+            for case in _cases(kernel, batch.results, single[kernel.qualified_name], chain, pool, scalar):
                 for width, library in libraries.items():
-                    faults += [f"{width}: {fault}" for fault in plan.faults(library[f"{name}_{public}"])]
+                    faults += [f"{width}: {fault}" for fault in case.faults(library[f"{name}_{public}"])]
             checks.append(faultless(public, f"C: counts, steps, ends; {', '.join(libraries)}", faults))
     return checks
 
 
 @dataclass(frozen=True)
-class _Plan:
+class _BatchCase:
     """Arguments of a batch in one layout, and the results of single calls.
 
     Attributes:
@@ -147,9 +148,9 @@ class _Plan:
 
     title: str
     kinds: list[str]
-    flat: list[Array]
-    full: list[Array]
-    expected: list[Array]
+    flat: list[FloatArray]
+    full: list[FloatArray]
+    expected: list[FloatArray]
     explained: Callable[..., bool]
     dtype: Any
 
@@ -173,14 +174,14 @@ class _Plan:
         return faults
 
 
-def _plans(
+def _cases(
     kernel: Kernel,
     results: tuple[Argument, ...],
     reference: Callable[..., Any],
     chain: Chain,
-    pool: Mapping[Argument, Array],
+    pool: Mapping[Argument, FloatArray],
     scalar: Scalar,
-) -> Iterator[_Plan]:
+) -> Iterator[_BatchCase]:
     """Yield the layouts of a batch's arguments: all in a row, reversed, spread, and each one shared in turn."""
     form, most = _form(kernel, results), LENGTHS[-1]
     stacks = [pool[argument][:most].reshape(most, -1).astype(scalar.dtype) for argument in kernel.arguments]
@@ -199,10 +200,10 @@ def _plans(
         full = [each.reshape(most, *shape) for each, shape in zip(flat, shapes, strict=True)]
         expected = [np.asarray(each).reshape(most, -1) for each in form(reference(*full))]
         explained = partial(_agree_but_for_rounding, chain, kernel, form)
-        yield _Plan(title, kinds, flat, full, expected, explained, scalar.dtype)
+        yield _BatchCase(title, kinds, flat, full, expected, explained, scalar.dtype)
 
 
-def _laid_out(stack: Array, kind: str) -> tuple[Array, int, int]:
+def _laid_out(stack: FloatArray, kind: str) -> tuple[FloatArray, int, int]:
     """Return memory with NaN around and between the entries, place of the first configuration, and step, in numbers."""
     length, size = stack.shape
     if kind == "shared":

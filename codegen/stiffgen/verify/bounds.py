@@ -18,9 +18,10 @@ from typing import Any
 
 from stiffgen.lower.scalar import Scalar
 from stiffgen.robot.chain import Chain
+from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import Kernel
-from stiffgen.verify.result import Array, Check, faultless
+from stiffgen.verify.result import Check, faultless
 
 COUNTS = (*range(1, 10), 16, 17)
 _KEPT: list[ctypes.c_char] = []
@@ -32,7 +33,7 @@ def check_bounds(
     name: str,
     table: tuple[Kernel, ...],
     chain: Chain,
-    pool: Mapping[Argument, Array],
+    pool: Mapping[Argument, FloatArray],
     scalar: Scalar,
 ) -> list[Check]:
     """Call every C function and batch with guard pages around its arguments; return nothing without ``fork``."""
@@ -84,13 +85,13 @@ def _guarded(size: int, *, behind: bool) -> int:
     return start + mmap.PAGESIZE + (length - size if behind else 0)
 
 
-def _filled(values: Array, *, behind: bool) -> int:
+def _filled(values: FloatArray, *, behind: bool) -> int:
     address = _guarded(values.nbytes, behind=behind)
     ctypes.memmove(address, values.tobytes(), values.nbytes)
     return address
 
 
-def _single(call: Any, stacks: list[Array], sizes: list[int], *, behind: bool) -> None:
+def _single(call: Any, stacks: list[FloatArray], sizes: list[int], *, behind: bool) -> None:
     given = [_filled(stack[0], behind=behind) for stack in stacks]
     call(
         *(
@@ -100,7 +101,7 @@ def _single(call: Any, stacks: list[Array], sizes: list[int], *, behind: bool) -
     )
 
 
-def _batch(call: Any, stacks: list[Array], sizes: list[int], *, behind: bool) -> None:
+def _batch(call: Any, stacks: list[FloatArray], sizes: list[int], *, behind: bool) -> None:
     for count in COUNTS:
         arguments: list[Any] = [ctypes.c_size_t(count)]
         for stack in stacks:

@@ -11,9 +11,10 @@ import numpy as np
 from stiffgen.lower.rounding import Ranges, argument_sizes, chain_reach, kinds
 from stiffgen.lower.scalar import Scalar
 from stiffgen.robot.chain import Chain
+from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import Kernel
-from stiffgen.verify.result import Array, Check, Kernels, as_results
+from stiffgen.verify.result import Check, Kernels, as_results
 from stiffgen.verify.rounding import with_more_digits
 
 CERTIFIED = "certified bound of rounding"
@@ -29,7 +30,7 @@ def check_certified_bounds(
     scalar: Scalar,
     rounding: Mapping[str, Any],
     printed: Mapping[str, Any],
-    pool: Mapping[Argument, Array],
+    pool: Mapping[Argument, FloatArray],
 ) -> list[Check]:
     """Verify that every function keeps to its bound, and that the stated bounds are those of the analysis.
 
@@ -60,7 +61,9 @@ def check_certified_bounds(
     return checks
 
 
-def within(chain: Chain, kernel: Kernel, ranges: Ranges, scalar: Scalar, stacks: Sequence[Array]) -> list[Array]:
+def within(
+    chain: Chain, kernel: Kernel, ranges: Ranges, scalar: Scalar, stacks: Sequence[FloatArray]
+) -> list[FloatArray]:
     """Return stacks of a kernel's arguments in ``scalar``, clipped to the ranges of its bounds."""
     reach = chain_reach(kernel.scope(chain), ranges, scalar)
     given = []
@@ -71,8 +74,12 @@ def within(chain: Chain, kernel: Kernel, ranges: Ranges, scalar: Scalar, stacks:
 
 
 def _fractions(
-    functions: Sequence[Any], chain: Chain, kernel: Kernel, given: list[Array], stated: Mapping[tuple[str, str], float]
-) -> Array:
+    functions: Sequence[Any],
+    chain: Chain,
+    kernel: Kernel,
+    given: list[FloatArray],
+    stated: Mapping[tuple[str, str], float],
+) -> FloatArray:
     """Return for every state the largest error of any entry, as a fraction of the entry's bound."""
     count = len(given[0])
     exact = with_more_digits(chain, kernel, given)

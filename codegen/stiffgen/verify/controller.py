@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 
 from stiffgen.opened import GeneratedRobot
+from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic.springs import Placement
-from stiffgen.verify.result import Array, Check, faultless
+from stiffgen.verify.result import Check, faultless
 
-Poses = Callable[[Array], Any]
+Poses = Callable[[FloatArray], Any]
 """Poses of the tips at q, (4, 4) or (tips, 4, 4)."""
 
 DEFAULT = Placement()
@@ -50,7 +51,7 @@ def energy(pose: Any, equilibrium: Any, Kt: Any, Ko: Any, placement: Placement =
     return float(e @ Kt @ e / 2 + w @ Ko @ w / (1 + cosine))
 
 
-def wrench(pose: Any, equilibrium: Any, Kt: Any, Ko: Any) -> Array:
+def wrench(pose: Any, equilibrium: Any, Kt: Any, Ko: Any) -> FloatArray:
     """Return the gradient of U of one tip in hybrid axes [N, N m], by differences along the six unit twists."""
     h, result = 1e-3, np.empty(6)
     for k in range(6):
@@ -71,7 +72,14 @@ def wrench(pose: Any, equilibrium: Any, Kt: Any, Ko: Any) -> Array:
 
 
 def potential(
-    poses: Poses, q: Array, equilibrium: Any, posture: Any, Kt: Any, Ko: Any, k: Any, placement: Placement = DEFAULT
+    poses: Poses,
+    q: FloatArray,
+    equilibrium: Any,
+    posture: Any,
+    Kt: Any,
+    Ko: Any,
+    k: Any,
+    placement: Placement = DEFAULT,
 ) -> float:
     """Return the energy [J] of the springs of all tips and of the posture potential k (q - posture)^2 / 2."""
     tips = (np.reshape(poses(q), (-1, 4, 4)), np.reshape(equilibrium, (-1, 4, 4)))
@@ -80,7 +88,7 @@ def potential(
     return springs + float(np.sum(k * (q - posture) ** 2) / 2)
 
 
-def elastic_torque(poses: Poses, q: Array, *spring: Any) -> Array:
+def elastic_torque(poses: Poses, q: FloatArray, *spring: Any) -> FloatArray:
     """Return -dU/dq [N m], (n), of :func:`potential` by differences; ``spring`` are its arguments after q."""
     h = 1e-3
     rows = []
@@ -90,7 +98,7 @@ def elastic_torque(poses: Poses, q: Array, *spring: Any) -> Array:
     return np.array(rows)
 
 
-def joint_hessian(poses: Poses, q: Array, *spring: Any) -> Array:
+def joint_hessian(poses: Poses, q: FloatArray, *spring: Any) -> FloatArray:
     """Return d2U/dq2 [N m/rad], (n, n), by differences of the torque."""
     h = 1e-3
     columns = []
@@ -102,7 +110,7 @@ def joint_hessian(poses: Poses, q: Array, *spring: Any) -> Array:
     return np.array(columns).T
 
 
-def modal_damping(K: Array, M: Array, ratio: Any, late: float, most: float, d: float) -> Array:
+def modal_damping(K: FloatArray, M: FloatArray, ratio: Any, late: float, most: float, d: float) -> FloatArray:
     """Return damping (n, n) that gives every mode its ratio, with stiffness and damping ``late`` [s], capped.
 
     Args:
@@ -129,7 +137,7 @@ def modal_damping(K: Array, M: Array, ratio: Any, late: float, most: float, d: f
     return np.asarray(M @ V @ np.diag(b) @ V.T @ M + d * np.eye(len(M)))
 
 
-def limit_torque(q: Array, lower: Any, upper: Any, zone: float, k: Any, effort: Any) -> Array:
+def limit_torque(q: FloatArray, lower: Any, upper: Any, zone: float, k: Any, effort: Any) -> FloatArray:
     """Return the torque of joint limit avoidance (n) [N m]: slope k times depth in the zone, capped, inwards."""
     depth = np.maximum(q - (upper - zone), 0) - np.maximum(lower + zone - q, 0)
     return np.asarray(-np.clip(k * depth, -effort, effort))
@@ -155,7 +163,7 @@ class _Bench:
         self.spring = {"translation_stiffness": Kt, "rotation_stiffness": Ko}
         self.given = {**self.spring, **({"tool_pose": self.tools} if chain.runtime_tool else {})}
 
-    def _bounds(self) -> tuple[Array, Array]:
+    def _bounds(self) -> tuple[FloatArray, FloatArray]:
         """Return bounds of the motors' positions; with closed loops they are near a closed configuration."""
         chain = self.robot.chain
         limits = np.array([(max(c.lower, -1.5), min(c.upper, 1.5)) for c in chain.motor_coordinates])
@@ -164,12 +172,12 @@ class _Bench:
             return middle - 0.15, middle + 0.15
         return limits[:, 0], limits[:, 1]
 
-    def joints(self, q: Array) -> Array:
+    def joints(self, q: FloatArray) -> FloatArray:
         """Return the positions of all joints at the motors' positions q."""
         chain = self.robot.chain
         return np.asarray(self.robot.kernels["close"](q, np.array(chain.start))) if chain.loops else q
 
-    def mass_matrix(self, q: Array) -> Array:
+    def mass_matrix(self, q: FloatArray) -> FloatArray:
         """Return the motors' mass matrix: G^T M G with closed loops, G = d joints/dq by differences."""
         M, h = np.asarray(self.robot.kernels["mass_matrix"](self.joints(q))), 1e-3
         if not self.robot.chain.loops:
@@ -181,7 +189,7 @@ class _Bench:
         G = np.array(columns).T
         return np.asarray(G.T @ M @ G)
 
-    def poses(self, q: Array) -> Array:
+    def poses(self, q: FloatArray) -> FloatArray:
         """Return the poses of all tips, from the kernels."""
         chain, kernels = self.robot.chain, self.robot.kernels
         joints = self.joints(q)
@@ -362,7 +370,7 @@ def _faults(bench: _Bench) -> list[str]:
         good = [bench.rest(controller, q0=q + 0.1 * bench.reach) for _ in range(5)][-1]
         last = np.array(good.torque)
 
-        def stepped(last: Array = last, title: str = title, controller: Any = controller, **given: Any) -> Any:
+        def stepped(last: FloatArray = last, title: str = title, controller: Any = controller, **given: Any) -> Any:
             out = bench.rest(controller, q0=q + 0.1 * bench.reach, **given)
             bounded = (np.abs(out.torque) <= 50.0).all() and (np.abs(out.torque - last) <= 0.5 * (1 + 1e-9)).all()
             if not bounded:

@@ -17,7 +17,7 @@ from stiffgen.emit.policy_fields import POLICY, PROPOSAL
 from stiffgen.emit.signals import INPUT, OUTPUT
 from stiffgen.errors import BuildError
 from stiffgen.robot.chain import Chain
-from stiffgen.verify.result import Array
+from stiffgen.robot.geometry import FloatArray
 
 _STATE_SIZE = 1 << 19
 """Bytes of memory for a state: more than the largest robot needs."""
@@ -93,7 +93,7 @@ class ControllerLibrary:
         function.restype = ctypes.c_char_p
         return bytes(function(error) or b"")
 
-    def joint_gains(self, *arguments: Array | None) -> tuple[int, bytes]:
+    def joint_gains(self, *arguments: FloatArray | None) -> tuple[int, bytes]:
         """Call joint_gains with nine arrays; return its error code and the bytes of its three results.
 
         Each result has one number more than the function may write, so that a write beyond its end shows.
@@ -104,7 +104,7 @@ class ControllerLibrary:
         code = int(self._library[self._prefix + "joint_gains"](*pointers))
         return code, np.concatenate(results).tobytes()
 
-    def late_work(self, hold: float, *arguments: Array | None) -> float:
+    def late_work(self, hold: float, *arguments: FloatArray | None) -> float:
         """Return late_work for seven arrays, or null pointers."""
         function = self._library[self._prefix + "late_work"]
         function.restype = ctypes.c_double

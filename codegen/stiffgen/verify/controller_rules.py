@@ -12,8 +12,9 @@ import numpy as np
 from stiffgen.emit.fields import CONFIG, Field
 from stiffgen.emit.presets import motor_tables
 from stiffgen.robot.chain import Chain
+from stiffgen.robot.geometry import FloatArray
 from stiffgen.verify.controller_library import ControllerLibrary
-from stiffgen.verify.result import Array, Check, faultless
+from stiffgen.verify.result import Check, faultless
 
 _FIRST_FIELD_ERROR = -20
 """Error code of the first field; each following field has one less (docs/controller.md)."""
@@ -44,7 +45,7 @@ def check_rules(library: ControllerLibrary, module: Any, chain: Chain) -> list[C
     ]
 
 
-def default_of(field: Field, chain: Chain) -> Array:
+def default_of(field: Field, chain: Chain) -> FloatArray:
     """Return the default of a field from the table: a number, a choice, or a share of a joint's limit."""
     if field.choices:
         return np.array(field.choices.index(field.default) + 1.0)

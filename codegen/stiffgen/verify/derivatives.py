@@ -20,10 +20,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from stiffgen.robot.chain import Chain
+from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic.arguments import BASE_POSE, Argument, Q
 from stiffgen.symbolic.kernels import Kernel
 from stiffgen.symbolic.motor_kernels import ACTUATED
-from stiffgen.verify.result import Array, Check, Kernels, as_results
+from stiffgen.verify.result import Check, Kernels, as_results
 from stiffgen.verify.rounding import beyond_rounding, choices, rounding_errors
 
 _EIGHTH = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
@@ -39,7 +40,7 @@ _AGREE = 1e-9, 1e-6
 
 
 def check_derivatives(
-    kernels: Kernels, table: tuple[Kernel, ...], chain: Chain, pool: Mapping[Argument, Array]
+    kernels: Kernels, table: tuple[Kernel, ...], chain: Chain, pool: Mapping[Argument, FloatArray]
 ) -> list[Check]:
     """Compare every NAME_vjp of the kernel table with finite differences of NAME.
 
@@ -54,7 +55,7 @@ def check_derivatives(
     return checks
 
 
-def _check(kernels: Kernels, of: Kernel, kernel: Kernel, chain: Chain, pool: Mapping[Argument, Array]) -> Check:
+def _check(kernels: Kernels, of: Kernel, kernel: Kernel, chain: Chain, pool: Mapping[Argument, FloatArray]) -> Check:
     random = np.random.default_rng(2)
     values = [np.asarray(pool[argument], dtype=float) for argument in of.arguments]
     cotangents = [pool[argument] for argument in kernel.arguments[len(of.arguments) :]]
@@ -99,18 +100,18 @@ def _check(kernels: Kernels, of: Kernel, kernel: Kernel, chain: Chain, pool: Map
     return Check(kernel.qualified_name, "differences of the function", worst, _BOUND)
 
 
-def _keeps_branch(chain: Chain, of: Kernel, values: list[Array], directions: list[Array]) -> Array:
+def _keeps_branch(chain: Chain, of: Kernel, values: list[FloatArray], directions: list[FloatArray]) -> FloatArray:
     """Return for every state whether the function takes the same branches at all steps along the direction."""
     places = [_moved(of, values, directions, k * _STEP) for k in range(-4, 5)]
     found = choices(chain, of, [np.concatenate(each) for each in zip(*places, strict=True)])
     if found is None:
         return np.ones(len(values[0]), dtype=bool)
     by_step = found.reshape(len(places), len(values[0]), -1)
-    same: Array = (by_step == by_step[0]).all(axis=(0, 2))
+    same: FloatArray = (by_step == by_step[0]).all(axis=(0, 2))
     return same
 
 
-def _moved(of: Kernel, values: list[Array], directions: list[Array], step: float) -> list[Array]:
+def _moved(of: Kernel, values: list[FloatArray], directions: list[FloatArray], step: float) -> list[FloatArray]:
     """Return every argument after a step along its direction."""
     return [
         _moved_base(value, step * direction) if argument.name == BASE_POSE.name else value + step * direction
@@ -118,7 +119,7 @@ def _moved(of: Kernel, values: list[Array], directions: list[Array], step: float
     ]
 
 
-def _moved_base(pose: Array, twist: Array) -> Array:
+def _moved_base(pose: FloatArray, twist: FloatArray) -> FloatArray:
     """Return poses (4, 4) of the base after a motion to p + R v, R exp([w]), by Rodrigues' formula."""
     rotation, angle = pose[:, :3, :3], np.linalg.norm(twist[:, 3:], axis=1)[:, None, None]
     turn = np.cross(np.eye(3), twist[:, None, 3:])  # [w]
@@ -129,7 +130,7 @@ def _moved_base(pose: Array, twist: Array) -> Array:
     return moved
 
 
-def _loss(function: object, values: list[Array], cotangents: list[Array]) -> tuple[Array, Array]:
+def _loss(function: object, values: list[FloatArray], cotangents: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
     """Return L and the size of its terms for every state."""
     assert callable(function)
     results = as_results(function(*values))
@@ -138,7 +139,7 @@ def _loss(function: object, values: list[Array], cotangents: list[Array]) -> tup
     return total, sum((np.abs(each).sum(axis=1) for each in terms), np.zeros(len(terms[0])))
 
 
-def _noise(chain: Chain, of: Kernel, values: list[Array], cotangents: list[Array]) -> Array:
+def _noise(chain: Chain, of: Kernel, values: list[FloatArray], cotangents: list[FloatArray]) -> FloatArray:
     """Return the effect of rounding on the difference of eighth order of L."""
     spread = math.sqrt(2 * sum(weight**2 for weight in _EIGHTH.values())) / _STEP
     errors = rounding_errors(chain, of, values) or []
@@ -146,15 +147,15 @@ def _noise(chain: Chain, of: Kernel, values: list[Array], cotangents: list[Array
     return spread * np.sqrt(sum((each.sum(axis=1) for each in squares), np.zeros(len(values[0]))))
 
 
-def _per_state(values: Array) -> Array:
+def _per_state(values: FloatArray) -> FloatArray:
     return np.asarray(values, dtype=float).reshape(len(values), -1)
 
 
-def _scale(value: Array, argument: Argument) -> Array:
+def _scale(value: FloatArray, argument: Argument) -> FloatArray:
     """Return scales of directions: about 1 for joints, the size of its entries for any other argument."""
     if argument.name in (Q.name, ACTUATED.name, BASE_POSE.name):
         return np.ones(1)
-    sizes: Array = np.abs(_per_state(value)).max(axis=1).reshape(-1, *[1] * (value.ndim - 1))
+    sizes: FloatArray = np.abs(_per_state(value)).max(axis=1).reshape(-1, *[1] * (value.ndim - 1))
     return np.minimum(sizes, 1.0) if argument.name in _WITH_TURNS else sizes
 
 

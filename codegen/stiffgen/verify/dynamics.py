@@ -17,7 +17,7 @@ from collections.abc import Sequence
 import casadi as ca
 
 from stiffgen.robot.chain import Chain, RigidBody
-from stiffgen.verify.result import Array
+from stiffgen.robot.geometry import FloatArray
 from stiffgen.verify.rounding import evaluate_longer, in_form_of
 
 
@@ -37,8 +37,8 @@ def potential_energy(chain: Chain, poses: Sequence[ca.SX], gravity: ca.SX) -> ca
 
 
 def differentiated(
-    chain: Chain, poses: Sequence[ca.SX], moves: ca.SX, q: ca.SX, base_pose: ca.SX, samples: Sequence[Array]
-) -> dict[str, Array]:
+    chain: Chain, poses: Sequence[ca.SX], moves: ca.SX, q: ca.SX, base_pose: ca.SX, samples: Sequence[FloatArray]
+) -> dict[str, FloatArray]:
     """Return the values of the kernels of a robot's dynamics, by qualified name.
 
     Args:

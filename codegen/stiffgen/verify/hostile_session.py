@@ -11,8 +11,8 @@ import numpy as np
 
 from stiffgen.emit.fields import CONFIG, Field
 from stiffgen.robot.chain import Chain
+from stiffgen.robot.geometry import FloatArray
 from stiffgen.verify.controller_library import ControllerLibrary, fill, is_same, set_field
-from stiffgen.verify.result import Array
 
 _FAVOURED = (
     "lower_limit", "upper_limit", "limit_zone", "limit_stiffness", "velocity_limit", "missed_limit",
@@ -352,7 +352,7 @@ class HostileSession:
         self.q = self.q + time * self.dq
 
 
-def finite(values: Array) -> Array:
+def finite(values: FloatArray) -> FloatArray:
     """Return numbers with NaN as 0 and infinity as the largest one; np.nan_to_num alone is slow."""
     return values if np.isfinite(values).all() else np.nan_to_num(values)
 
@@ -366,7 +366,7 @@ def _put(name: str, given: Any, place: int, value: float) -> None:
     array[place % len(array)] = value
 
 
-def _pose(random: Random, reach: float) -> Array:
+def _pose(random: Random, reach: float) -> FloatArray:
     """Return a pose near the identity."""
     angle, pose = random.normal() * 0.3, np.eye(4)
     pose[:2, :2] = [[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]

@@ -14,9 +14,10 @@ import casadi as ca
 import numpy as np
 
 from stiffgen.robot.chain import Chain, LoopEnd
+from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.verify.poses import homogeneous, moved_pose
-from stiffgen.verify.result import Array, Check, Kernels
+from stiffgen.verify.result import Check, Kernels
 from stiffgen.verify.rounding import in_doubles
 from stiffgen.verify.samples import Samples, joint_potential_arguments
 
@@ -36,11 +37,11 @@ class _Projection:
     """Closed configurations, G = dq/da, and the equations' derivatives there."""
 
     chain: Chain
-    q: Array
-    derivatives: Callable[..., tuple[Array, Array, Array]]
+    q: FloatArray
+    derivatives: Callable[..., tuple[FloatArray, FloatArray, FloatArray]]
 
     @staticmethod
-    def of(chain: Chain, q: Array) -> _Projection:
+    def of(chain: Chain, q: FloatArray) -> _Projection:
         symbol, weights, rates = (
             ca.SX.sym(name, size)
             for name, size in (
@@ -61,13 +62,13 @@ class _Projection:
         moving = ca.jacobian(C @ rates, symbol) @ rates
         function = ca.Function("c", [symbol, weights, rates], [C, hessian, moving])
 
-        def derivatives(*values: Array) -> tuple[Array, Array, Array]:
+        def derivatives(*values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
             C, hessian, moving = (np.asarray(each) for each in function(*values))
             return C, hessian, moving[:, 0]
 
         return _Projection(chain, q, derivatives)
 
-    def solved(self, k: int) -> tuple[Array, Array, list[int]]:
+    def solved(self, k: int) -> tuple[FloatArray, FloatArray, list[int]]:
         """Return C_p, G over the velocity coordinates, and the passive entries of q."""
         chain, base = self.chain, self.chain.base_joints
         zeros = np.zeros(sum(len(loop.rows) for loop in chain.loops)), np.zeros(len(chain.coordinates))
@@ -79,7 +80,7 @@ class _Projection:
         G[np.ix_([base + i for i in passive], range(base, len(chain.motors)))] = -np.linalg.solve(C[:, passive], right)
         return C[:, passive], G, passive
 
-    def reduced(self, gradient: Array, hessian: Array | None) -> tuple[Array, Array]:
+    def reduced(self, gradient: FloatArray, hessian: FloatArray | None) -> tuple[FloatArray, FloatArray]:
         """Return dU/da and d2U/da2 (without a Hessian: zeros) from gradients and Hessians of the tree."""
         base, firsts, seconds = self.chain.base_joints, [], []
         for k, g in enumerate(gradient):
@@ -92,7 +93,7 @@ class _Projection:
             seconds.append(G.T @ H @ G)
         return np.array(firsts), np.array(seconds)
 
-    def rates(self, velocity: Array) -> tuple[Array, Array]:
+    def rates(self, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return rates and accelerations of the tree at constant rates of the motors."""
         base, rates, accelerations = self.chain.base_joints, [], []
         for k, each in enumerate(velocity):
@@ -133,11 +134,11 @@ def _compared(
 ) -> list[Check]:
     checks = []
 
-    def add(name: str, value: Array, reference: Array) -> None:
+    def add(name: str, value: FloatArray, reference: FloatArray) -> None:
         scale = np.abs(reference).max(initial=0.0) or 1.0
         checks.append(Check(name, "projection of the tree", float(np.abs(value - reference).max() / scale), _BOUND))
 
-    def add_both(at: str, group: str, given: tuple[Array, ...]) -> None:
+    def add_both(at: str, group: str, given: tuple[FloatArray, ...]) -> None:
         """Compare torque and stiffness of a group of the tree with its counterparts of the motors."""
         torque, hessian = (kernels[f"{at}{group}_{result}"](*given) for result in ("torque", "joint_stiffness"))
         first, second = projection.reduced(-torque, hessian)
@@ -169,7 +170,7 @@ def _add_dynamics(
     chain: Chain,
     samples: Samples,
     projection: _Projection,
-    add: Callable[[str, Array, Array], None],
+    add: Callable[[str, FloatArray, FloatArray], None],
 ) -> None:
     q, gravity = samples.q, samples.gravity
     where = (samples.base_pose, q) if chain.floating else (q,)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stiffgen.verify.result import Array
+from stiffgen.robot.geometry import FloatArray
 
 
 @dataclass(frozen=True)
@@ -27,13 +27,13 @@ class Manipulability:
 
     """
 
-    measure: Array
-    gradient: Array
-    measure_error: Array
-    gradient_error: Array
+    measure: FloatArray
+    gradient: FloatArray
+    measure_error: FloatArray
+    gradient_error: FloatArray
 
     @staticmethod
-    def of(jacobian: Array, derivative: Array) -> Manipulability:
+    def of(jacobian: FloatArray, derivative: FloatArray) -> Manipulability:
         """Return the references of stacks of J, (count, 6, m), and of dJ/dq, (count, n, 6, m)."""
         U, s, Vt = np.linalg.svd(np.asarray(jacobian, dtype=float), full_matrices=False)
         rates = np.asarray(derivative, dtype=float)

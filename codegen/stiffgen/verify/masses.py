@@ -22,8 +22,9 @@ import numpy as np
 
 from stiffgen.errors import printable
 from stiffgen.robot.chain import Chain
+from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic.kernels import Kernel
-from stiffgen.verify.result import Array, Check, Kernels, left_out, relative_errors
+from stiffgen.verify.result import Check, Kernels, left_out, relative_errors
 
 _BOUND = 1e-8
 """Tolerance relative to the largest entry: differences of poses lose digits."""
@@ -57,7 +58,7 @@ def check_masses(
     model = _Model.read(urdf, chain) if chain.masses else "the folder was generated without masses"
     if isinstance(model, str):
         return [left_out("masses", model)]
-    references: dict[str, list[Array]] = {"mass_matrix": [], "bias_forces": [], "gravity_gradient": []}
+    references: dict[str, list[FloatArray]] = {"mass_matrix": [], "bias_forces": [], "gravity_gradient": []}
     for k in range(count):
         state = (samples["q"][k], samples["base_pose"][k])
         matrix, bias, pull = model.dynamics(*state, samples["velocity"][k], samples["gravity"][k])
@@ -114,7 +115,7 @@ class _Model:
         master = self.position(mimic.get("joint", ""), q)
         return float(mimic.get("multiplier", "1")) * master + float(mimic.get("offset", "0"))
 
-    def poses(self, q: Array, base_pose: Array) -> Array:
+    def poses(self, q: FloatArray, base_pose: FloatArray) -> FloatArray:
         """Return the poses (4x4) of all links that hang on the base link, the base link first."""
         named = dict(self.chain.locked) | {c.name: float(x) for c, x in zip(self.chain.coordinates, q, strict=True)}
         poses, open_links = [], [(self.chain.base, base_pose)]
@@ -135,15 +136,17 @@ class _Model:
             open_links += [_link(self.joints[name], "child") for name in self.below.get(names[-1], [])]
         return names
 
-    def dynamics(self, q: Array, base_pose: Array, rates: Array, gravity: Array) -> tuple[Array, Array, Array]:
+    def dynamics(
+        self, q: FloatArray, base_pose: FloatArray, rates: FloatArray, gravity: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return mass matrix, bias forces and gravity gradient at a state."""
         own = self.chain.base_joints
         start = base_pose if own else np.eye(4)
 
-        def moved(way: Array) -> Array:
+        def moved(way: FloatArray) -> FloatArray:
             return self.poses(q + way[own:], start @ _exponential(way[:own]) if own else start)
 
-        def along(direction: Array, weights: Mapping[int, float], order: int) -> Array:
+        def along(direction: FloatArray, weights: Mapping[int, float], order: int) -> FloatArray:
             speed = max(1.0, float(np.abs(direction).max()))
             step = _STEP / speed
             sign = -1.0 if order == 1 else 1.0
@@ -169,12 +172,12 @@ def _link(joint: ElementTree.Element, which: str) -> str:
     return "" if element is None else element.get("link", "")
 
 
-def _numbers(element: ElementTree.Element | None, name: str, default: str) -> Array:
+def _numbers(element: ElementTree.Element | None, name: str, default: str) -> FloatArray:
     text = default if element is None else element.get(name, default)
     return np.array([float(word) for word in text.split()])
 
 
-def _origin(element: ElementTree.Element) -> Array:
+def _origin(element: ElementTree.Element) -> FloatArray:
     """Return the pose in an element's <origin>."""
     origin, pose = element.find("origin"), np.eye(4)
     pose[:3, 3] = _numbers(origin, "xyz", "0 0 0")
@@ -184,7 +187,7 @@ def _origin(element: ElementTree.Element) -> Array:
     return pose
 
 
-def _motion(joint: ElementTree.Element, position: float) -> Array:
+def _motion(joint: ElementTree.Element, position: float) -> FloatArray:
     """Return the motion of a joint at a position."""
     if joint.get("type") not in _MOVING:
         return np.eye(4)
@@ -194,7 +197,7 @@ def _motion(joint: ElementTree.Element, position: float) -> Array:
     return _exponential(np.concatenate([way, np.zeros(3)] if sliding else [np.zeros(3), way]))
 
 
-def _exponential(motion: Array) -> Array:
+def _exponential(motion: FloatArray) -> FloatArray:
     """Return the motion exp of a constant twist (linear first), by Rodrigues' formulas."""
     linear, angular = motion[:3], motion[3:]
     angle = float(np.linalg.norm(angular))
@@ -208,7 +211,7 @@ def _exponential(motion: Array) -> Array:
     return pose
 
 
-def _second_moments(link: ElementTree.Element) -> Array:
+def _second_moments(link: ElementTree.Element) -> FloatArray:
     """Return the matrix P (4x4) of a link's second moments, first moment and mass; zero without <inertial>."""
     inertial = link.find("inertial")
     if inertial is None:
@@ -221,7 +224,7 @@ def _second_moments(link: ElementTree.Element) -> Array:
     return _moments(mass, pose[:3, 3], tensor)
 
 
-def _moments(mass: float, centre: Array, tensor: Array) -> Array:
+def _moments(mass: float, centre: FloatArray, tensor: FloatArray) -> FloatArray:
     """Return P of a body with an inertia tensor about its centre of mass."""
     result = np.zeros((4, 4))
     result[:3, :3] = np.trace(tensor) / 2 * np.eye(3) - tensor + mass * np.outer(centre, centre)

@@ -11,9 +11,10 @@ import numpy as np
 
 from stiffgen.opened import GeneratedRobot
 from stiffgen.robot.chain import Chain
+from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
 from stiffgen.symbolic.model import casadi_function, folded
-from stiffgen.verify.result import Array, Check, as_results
+from stiffgen.verify.result import Check, as_results
 
 
 def missing_functions(robot: GeneratedRobot) -> dict[str, Callable[..., Any]]:
@@ -35,7 +36,7 @@ def function_of_stacks(chain: Chain, kernel: Kernel) -> Callable[..., Any]:
     folds = [folded(argument.array(chain).shape) for argument in kernel.arguments]
     shapes = [result.array(chain).shape for result in kernel.results]
 
-    def call(*stacks: Array) -> Any:
+    def call(*stacks: FloatArray) -> Any:
         rows = [
             as_results(function(*(a.reshape(fold) for a, fold in zip(one, folds, strict=True))))
             for one in zip(*stacks, strict=True)

@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from stiffgen.lower.scalar import DOUBLE, Scalar
+from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import Kernel
-from stiffgen.verify.result import Array, Check, Kernels, as_results, faultless
+from stiffgen.verify.result import Check, Kernels, as_results, faultless
 
 STACK = 11
 """Configurations of a stack: more than one vector, but not a whole number of vectors."""
@@ -24,7 +25,7 @@ LARGE = {"double": (1e155, 1e200, 1e306, 1.7e308), "float": (1e20, 1e28, 1e37, 3
 
 
 def check_not_finite(
-    kernels: Kernels, table: tuple[Kernel, ...], pool: Mapping[Argument, Array], scalar: Scalar = DOUBLE
+    kernels: Kernels, table: tuple[Kernel, ...], pool: Mapping[Argument, FloatArray], scalar: Scalar = DOUBLE
 ) -> list[Check]:
     """Check that NaN and infinity in any entry of an argument make every entry NaN that depends on it.
 
@@ -46,7 +47,7 @@ def check_not_finite(
         ]
 
 
-def _faults(call: Any, kernel: Kernel, pool: Mapping[Argument, Array]) -> list[str]:
+def _faults(call: Any, kernel: Kernel, pool: Mapping[Argument, FloatArray]) -> list[str]:
     faults = []
     one = [np.array(pool[argument][0]) for argument in kernel.arguments]
     clean = _flat(call(*one))
@@ -80,7 +81,7 @@ def _faults(call: Any, kernel: Kernel, pool: Mapping[Argument, Array]) -> list[s
     return faults
 
 
-def _overflows(call: Any, kernel: Kernel, pool: Mapping[Argument, Array], larges: Sequence[float]) -> list[str]:
+def _overflows(call: Any, kernel: Kernel, pool: Mapping[Argument, FloatArray], larges: Sequence[float]) -> list[str]:
     """Return infinite results, single and in a stack, of large numbers in one entry, one argument and all arguments."""
     stacks = [pool[argument][:STACK] for argument in kernel.arguments]
     faults = []
@@ -100,13 +101,13 @@ def _overflows(call: Any, kernel: Kernel, pool: Mapping[Argument, Array], larges
     return faults
 
 
-def _right(found: Array, clean: Array, depends: Any) -> bool:
+def _right(found: FloatArray, clean: FloatArray, depends: Any) -> bool:
     return bool((np.isnan(found) | ~depends).all()) and _unchanged(found, clean)
 
 
-def _unchanged(found: Array, clean: Array) -> bool:
+def _unchanged(found: FloatArray, clean: FloatArray) -> bool:
     return bool((np.isnan(found) | (found == clean)).all())
 
 
-def _flat(value: Any) -> Array:
+def _flat(value: Any) -> FloatArray:
     return np.concatenate([np.asarray(each, dtype=float).ravel() for each in as_results(value)])

@@ -16,6 +16,7 @@ import numpy as np
 
 from stiffgen.lower.scalar import Scalar, scalar_of
 from stiffgen.robot.chain import Chain
+from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic.arguments import Argument, Q
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
@@ -25,7 +26,7 @@ from stiffgen.verify.poses import (
     gamma_F,
 )
 from stiffgen.verify.references import References, dynamics_references
-from stiffgen.verify.result import Array, Check, Kernels, as_results, compared
+from stiffgen.verify.result import Check, Kernels, as_results, compared
 from stiffgen.verify.rounding import beyond_rounding, rounding_errors
 from stiffgen.verify.samples import (
     Samples,
@@ -47,7 +48,7 @@ def _dynamics_checks(kernels: Kernels, chain: Chain, samples: Samples) -> list[C
 
 
 def _of_one(
-    kernels: Kernels, chain: Chain, prefix: str, name: str, oracle: str, reference: Array, *given: Array,
+    kernels: Kernels, chain: Chain, prefix: str, name: str, oracle: str, reference: FloatArray, *given: FloatArray,
     rounded: str = "constants",
 ) -> Check:  # fmt: skip
     """Compare the only result of a kernel of a tip with a reference; ``chain`` is the tip's branch."""
@@ -63,7 +64,7 @@ def check_kernels(kernels: Kernels, references: References, prefix: str = "") ->
     samples, wrench = references.samples, references.samples.wrench
     checks = []
 
-    def add(name: str, oracle: str, reference: Array, *arguments: Array) -> None:
+    def add(name: str, oracle: str, reference: FloatArray, *arguments: FloatArray) -> None:
         checks.append(_of_one(kernels, references.chain, prefix, name, oracle, reference, *arguments))
 
     add("forward_kinematics", "product of poses", references.pose, *references.posture)
@@ -142,23 +143,25 @@ class _ResultComparison:
     options: SpringOptions | None
     prefix: str
     oracle: str
-    arguments: tuple[Array, ...]
+    arguments: tuple[FloatArray, ...]
 
-    def check(self, name: str, value: Any, reference: Array, result: str = "", *, rounded: str = "constants") -> Check:
+    def check(
+        self, name: str, value: Any, reference: FloatArray, result: str = "", *, rounded: str = "constants"
+    ) -> Check:
         """Compare a result of a kernel: the only one, or the one with a name; ``rounded``: see `rounding_errors`."""
         errors = partial(self.errors, name, value, result, rounded=rounded)
         return _but_for_rounding(self._title(name, result), self.oracle, value, reference, errors)
 
-    def check_form(self, name: str, value: Any, other: _ResultComparison, of: str, reference: Array) -> Check:
+    def check_form(self, name: str, value: Any, other: _ResultComparison, of: str, reference: FloatArray) -> Check:
         """Compare the only result of a kernel with that of another one, ``of``, which has rounding of its own."""
 
-        def errors() -> Array:
+        def errors() -> FloatArray:
             own = self.errors(name, value, rounded="arguments")
             return np.asarray(np.hypot(own, other.errors(of, reference, rounded="arguments")))
 
         return _but_for_rounding(self._title(of), self.oracle, value, reference, errors)
 
-    def errors(self, name: str, value: Any, result: str = "", *, rounded: str) -> Array:
+    def errors(self, name: str, value: Any, result: str = "", *, rounded: str) -> FloatArray:
         """Return the standard errors of a result's samples, the largest of a sample for all its entries."""
         (kernel,) = (each for each in chain_kernels(self.chain, self.options) if each.qualified_name == name)
         which = [each.name for each in kernel.results].index(result) if result else 0
@@ -197,8 +200,8 @@ def _potential_checks(kernels: Kernels, references: References, prefix: str) -> 
     turn[:, :3, :3] = turn[:, 3:, 3:] = rotation
     back = np.swapaxes(turn, 1, 2)
 
-    def turned(vector: Array) -> Array:
-        result: Array = np.einsum("sij,sj->si", turn, vector)
+    def turned(vector: FloatArray) -> FloatArray:
+        result: FloatArray = np.einsum("sij,sj->si", turn, vector)
         return result
 
     oracle, chain = "Hessian of a potential", references.chain
@@ -259,12 +262,12 @@ def check_robot(
     return checks
 
 
-def _tool_pose(references: References) -> tuple[Array, ...]:
+def _tool_pose(references: References) -> tuple[FloatArray, ...]:
     """Return the argument that each tip has for itself: the pose of its tool, if it is an argument."""
     return (references.samples.tool_pose,) if references.chain.runtime_tool else ()
 
 
-def _shared_posture(posture: tuple[Array, ...], chain: Chain) -> tuple[Array, ...]:
+def _shared_posture(posture: tuple[FloatArray, ...], chain: Chain) -> tuple[FloatArray, ...]:
     """Return the configuration arguments that all tips share."""
     return posture[:-1] if chain.runtime_tool else posture
 
@@ -306,7 +309,7 @@ def _formulas(chain: Chain, options: SpringOptions | None) -> list[tuple[Kernel,
 
 
 def _against_casadi(
-    kernels: Kernels, chain: Chain, pool: dict[Argument, Array], options: SpringOptions | None
+    kernels: Kernels, chain: Chain, pool: dict[Argument, FloatArray], options: SpringOptions | None
 ) -> list[Check]:
     checks = []
     for kernel, function in _formulas(chain, options):
@@ -325,7 +328,9 @@ def _against_casadi(
     return checks
 
 
-def _but_for_rounding(name: str, oracle: str, value: Any, reference: Array, errors: Callable[[], Array]) -> Check:
+def _but_for_rounding(
+    name: str, oracle: str, value: Any, reference: FloatArray, errors: Callable[[], FloatArray]
+) -> Check:
     """Compare a value with its reference, up to the rounding of contributions that cancel."""
     check = compared(name, oracle, value, reference)
     if check.passed:
@@ -335,8 +340,8 @@ def _but_for_rounding(name: str, oracle: str, value: Any, reference: Array, erro
 
 
 def _rounding(
-    chain: Chain, kernel: Kernel, given: list[Array], scalar: Scalar, which: int, *, rounded: str = ""
-) -> Array:
+    chain: Chain, kernel: Kernel, given: list[FloatArray], scalar: Scalar, which: int, *, rounded: str = ""
+) -> FloatArray:
     """Return the standard errors of one result of a kernel, zero where they are unknown."""
     found = rounding_errors(chain, kernel, given, scalar, rounded=rounded)
     return np.zeros((len(given[0]), *kernel.results[which].array(chain).shape)) if found is None else found[which]

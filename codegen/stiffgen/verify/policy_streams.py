@@ -8,8 +8,8 @@ import math
 
 import numpy as np
 
+from stiffgen.robot.geometry import FloatArray
 from stiffgen.verify.controller_library import ControllerLibrary, fill
-from stiffgen.verify.result import Array
 
 _SETTINGS = ("hold_time", "fade_time", "stale_share", "longest_interval", "clock_tolerance")
 _BAD = (math.nan, math.inf, -math.inf, -1.0, 20.0)
@@ -107,7 +107,7 @@ class _Stream:
             array = getattr(proposal, str(random.choice(["time", "equilibrium", "stiffness", "wrench_command"])))
             array[int(random.integers(len(array)))] = float(random.choice(_BAD))
 
-    def _poses(self) -> Array:
+    def _poses(self) -> FloatArray:
         """Return poses with any turn, now and then half a turn about an axis."""
         random, poses = self.random, np.zeros((self.tips, 4, 4))
         for pose in poses:
@@ -116,7 +116,7 @@ class _Stream:
             pose[:3, 3], pose[3, 3] = random.normal(size=3), 1.0
         return poses
 
-    def _stiffness(self) -> Array:
+    def _stiffness(self) -> FloatArray:
         """Return stiffnesses, some of them singular, asymmetric, too large, or with a coupling."""
         random, matrices = self.random, np.zeros((self.tips, 6, 6))
         for matrix in matrices:

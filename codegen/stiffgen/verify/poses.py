@@ -14,8 +14,8 @@ import casadi as ca
 import numpy as np
 
 from stiffgen.robot.chain import Chain, Joint
+from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic.connection import Representation
-from stiffgen.verify.result import Array
 from stiffgen.verify.rounding import long_constant
 
 
@@ -122,7 +122,7 @@ class MovedConfiguration:
         return pose
 
 
-def gamma_F(representation: Representation, wrench: Array) -> Array:
+def gamma_F(representation: Representation, wrench: FloatArray) -> FloatArray:
     """Return Gamma F in cross-product matrices (facts of the paper's appendix), for a stack of wrenches."""
     force, moment = (_cross_matrices(wrench[..., part]) for part in (slice(0, 3), slice(3, 6)))
     result = np.zeros((*wrench.shape[:-1], 6, 6))
@@ -134,7 +134,7 @@ def gamma_F(representation: Representation, wrench: Array) -> Array:
     return result if representation == "body" else np.swapaxes(result, -1, -2)
 
 
-def _cross_matrices(v: Array) -> Array:
+def _cross_matrices(v: FloatArray) -> FloatArray:
     zero = np.zeros(v.shape[:-1])
     x, y, z = v[..., 0], v[..., 1], v[..., 2]
     rows = [np.stack(row, -1) for row in ((zero, -z, y), (z, zero, -x), (-y, x, zero))]

@@ -22,6 +22,7 @@ import casadi as ca
 import numpy as np
 
 from stiffgen.robot.chain import Chain
+from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic import arguments
 from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
 from stiffgen.symbolic.kernels import chain_kernels
@@ -39,7 +40,6 @@ from stiffgen.verify.poses import (
     joint_poses,
     product_of_poses,
 )
-from stiffgen.verify.result import Array
 from stiffgen.verify.rounding import evaluate_longer, in_form_of
 from stiffgen.verify.samples import Samples
 from stiffgen.verify.springs import differentiated
@@ -73,8 +73,8 @@ class References:
         # Rates of the coordinates, at the base's present pose.
         moves = ca.SX.sym("s", chain.base_joints)
         moved = product_of_poses(chain, place.q, place.base(moves)) @ mounted
-        self.jacobian: dict[str, Array] = {}
-        self.derivative: dict[str, Array] = {}
+        self.jacobian: dict[str, FloatArray] = {}
+        self.derivative: dict[str, FloatArray] = {}
         for representation in REPRESENTATIONS:
             jacobian = jacobian_of(moved, ca.vertcat(moves, place.q), representation)
             jacobian = ca.substitute(jacobian, moves, ca.DM.zeros(chain.base_joints))
@@ -88,33 +88,35 @@ class References:
             self.derivative[representation] = derivative.reshape(count, n, 6, n).transpose(0, 3, 1, 2)
         self.potential = self._potential(symbol, pose, seed)
         self.direction_gradient = self._direction_gradient(place, mounted)
-        self.parameters: dict[str, list[Array]] = {}
+        self.parameters: dict[str, list[FloatArray]] = {}
         self.springs = {spring.name: self._spring(spring, symbol, pose, seed) for spring in self.options.springs()}
 
     @property
-    def posture(self) -> tuple[Array, ...]:
+    def posture(self) -> tuple[FloatArray, ...]:
         """Configuration arguments: q, and the poses of base and tool where they are arguments."""
         given = arguments.configuration_arguments(runtime_tool=self.chain.runtime_tool, floating=self.chain.floating)
         return tuple(self.samples[argument.name] for argument in given)
 
-    def posture_of(self, representation: Representation) -> tuple[Array, ...]:
+    def posture_of(self, representation: Representation) -> tuple[FloatArray, ...]:
         """Return the configuration arguments of a representation's kernels; body ones do not take the base's pose."""
         based = self.chain.floating and representation != "body"
         given = arguments.configuration_arguments(runtime_tool=self.chain.runtime_tool, floating=based)
         return tuple(self.samples[argument.name] for argument in given)
 
     @property
-    def _columns(self) -> list[Array]:
+    def _columns(self) -> list[FloatArray]:
         """Return the stacks of arguments of the expressions, as columns."""
         samples = self.samples
         return [each.reshape(len(each), -1).T for each in (samples.q, samples.base_pose, samples.tool_pose)]
 
-    def _evaluate(self, expression: ca.SX, symbols: Sequence[ca.SX] = (), columns: Sequence[Array] = ()) -> Array:
+    def _evaluate(
+        self, expression: ca.SX, symbols: Sequence[ca.SX] = (), columns: Sequence[FloatArray] = ()
+    ) -> FloatArray:
         """Return the values of an expression of the configuration and further symbols, in the longest numbers."""
         there = ca.substitute(expression, self._moves, ca.DM.zeros(self._moves.shape[0]))
         return evaluate_longer([*self._symbols, *symbols], there, [*self._columns, *columns])
 
-    def _spring(self, spring: Spring, q: ca.SX, pose: ca.SX, seed: int) -> dict[str, Array]:
+    def _spring(self, spring: Spring, q: ca.SX, pose: ca.SX, seed: int) -> dict[str, FloatArray]:
         """Return the results of a spring's kernels by name, from its differentiated energy."""
         count = len(self.samples.q)
         symbols = [ca.SX.sym(a.name, *folded(a.array(self.chain).shape)) for a in spring.parameters]
@@ -130,7 +132,7 @@ class References:
             results[name] = in_form_of(name, values)
         return results
 
-    def _potential(self, q: ca.SX, pose: ca.SX, seed: int) -> tuple[Array, Array, Array]:
+    def _potential(self, q: ca.SX, pose: ca.SX, seed: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return (F = dU, covariant Hessian K, joint Hessian) of a potential of position and orientation."""
         random = np.random.default_rng(seed + 1)
         stiff = random.normal(size=(3, 3)) * 100
@@ -152,7 +154,7 @@ class References:
         joint_hessian, _ = ca.hessian(potential(position, rotation), q)
         return self._evaluate(wrench)[..., 0], self._evaluate(covariant), self._evaluate(joint_hessian)
 
-    def _direction_gradient(self, place: MovedConfiguration, mounted: ca.SX) -> Array:
+    def _direction_gradient(self, place: MovedConfiguration, mounted: ca.SX) -> FloatArray:
         """Return the gradient of v^T Kq v from the terms of Kq, each differentiated along v."""
         own, size = self.chain.base_joints, self.chain.dof
         first, then = (ca.SX.sym(name, own) for name in ("s", "t"))
@@ -180,26 +182,26 @@ class References:
         rates = self.derivative["body"][:, self.chain.base_joints :, own].transpose(0, 1, 3, 2)
         return Manipulability.of(self.jacobian["body"][:, :, own], rates)
 
-    def kinematic_stiffness(self, representation: Representation) -> Array:
+    def kinematic_stiffness(self, representation: Representation) -> FloatArray:
         """Return the kinematic stiffness: column i is dJ^T/dq_i F."""
-        contracted: Array = np.einsum("sibk,sk->sbi", self.derivative[representation], self.samples.wrench)
+        contracted: FloatArray = np.einsum("sibk,sk->sbi", self.derivative[representation], self.samples.wrench)
         return contracted
 
-    def joint_stiffness(self, representation: Representation, *, corrected: bool) -> Array:
+    def joint_stiffness(self, representation: Representation, *, corrected: bool) -> FloatArray:
         """Return the joint stiffness by the formula, term by term."""
         J = self.jacobian[representation]
         if corrected:
             matrix = self.samples.task_stiffness + gamma_F(representation, self.samples.wrench)
         else:
             matrix = self.samples.general_stiffness
-        stiffness: Array = self.kinematic_stiffness(representation) + np.swapaxes(J, 1, 2) @ matrix @ J
+        stiffness: FloatArray = self.kinematic_stiffness(representation) + np.swapaxes(J, 1, 2) @ matrix @ J
         if corrected and self.chain.floating:
             on_base = np.einsum("ski,sk->si", J[:, :, :6], self.samples.wrench)
             stiffness[:, :6, :6] -= gamma_F("body", on_base)
         return stiffness
 
 
-def dynamics_references(chain: Chain, samples: Samples) -> dict[str, tuple[tuple[Array, ...], Array]]:
+def dynamics_references(chain: Chain, samples: Samples) -> dict[str, tuple[tuple[FloatArray, ...], FloatArray]]:
     """Return arguments and reference values of the kernels of the whole tree's masses, by qualified name."""
     if not chain.masses:
         return {}
@@ -213,7 +215,7 @@ def dynamics_references(chain: Chain, samples: Samples) -> dict[str, tuple[tuple
     return {name: (given[name], reference) for name, reference in expected.items()}
 
 
-def _static_torque_derivatives(chain: Chain, samples: Samples) -> Array:
+def _static_torque_derivatives(chain: Chain, samples: Samples) -> FloatArray:
     """Return the derivative of dU/dq - J^T F: J from differentiated poses, and the base moved twice."""
     place, moves = MovedConfiguration(chain), ca.SX.sym("s", chain.base_joints)
     gravity, count = ca.SX.sym("g", 3), len(chain.tips)

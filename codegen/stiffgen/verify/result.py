@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from stiffgen.robot.geometry import FloatArray
+
 Kernels = Mapping[str, Callable[..., Any]]
 """Functions by qualified name ("hybrid_joint_stiffness"), taking stacks of arguments."""
 
@@ -31,7 +31,7 @@ class Check:
     error: float
     bound: float
     detail: str = ""
-    errors: Array | None = field(default=None, compare=False, repr=False)
+    errors: FloatArray | None = field(default=None, compare=False, repr=False)
 
     @property
     def passed(self) -> bool:
@@ -44,7 +44,7 @@ def bound_of(value: Any) -> float:
     return _FLOAT_BOUND if np.asarray(value).dtype == np.float32 else BOUND
 
 
-def compared(kernel: str, oracle: str, value: Any, reference: Array) -> Check:
+def compared(kernel: str, oracle: str, value: Any, reference: FloatArray) -> Check:
     """Check that ``value`` is ``reference`` within its type's bound."""
     errors = relative_errors(value, reference)
     return Check(kernel, oracle, _largest(errors), bound_of(value), errors=errors)
@@ -61,7 +61,7 @@ def left_out(kernel: str, reason: str) -> Check:
     return Check(kernel, f"not compared: {reason}", 0.0, 0.0)
 
 
-def relative_errors(value: Any, reference: Array) -> Array:
+def relative_errors(value: Any, reference: FloatArray) -> FloatArray:
     """Return for every sample the largest difference over the largest entry of its reference; NaN if any is NaN."""
     if len(reference) == 0:
         return np.zeros(0)
@@ -71,12 +71,12 @@ def relative_errors(value: Any, reference: Array) -> Array:
     return np.asarray(difference / scale, dtype=float)
 
 
-def relative_error(value: Any, reference: Array) -> float:
+def relative_error(value: Any, reference: FloatArray) -> float:
     """Return the largest difference of any sample over the largest entry of its reference; NaN if any is NaN."""
     return _largest(relative_errors(value, reference))
 
 
-def _largest(errors: Array) -> float:
+def _largest(errors: FloatArray) -> float:
     return float(errors.max()) if len(errors) else 0.0
 
 
@@ -88,7 +88,7 @@ def as_results(value: Any) -> tuple[Any, ...]:
 def one_by_one(kernel: Callable[..., Any]) -> Callable[..., Any]:
     """Return a function of stacks that calls ``kernel`` once for each configuration: never its batch."""
 
-    def call(*stacks: Array) -> Any:
+    def call(*stacks: FloatArray) -> Any:
         rows = [as_results(kernel(*each)) for each in zip(*stacks, strict=True)]
         stacked = tuple(np.stack(column) for column in zip(*rows, strict=True))
         return stacked if len(stacked) > 1 else stacked[0]

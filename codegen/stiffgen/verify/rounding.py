@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 
 from stiffgen.lower.scalar import DOUBLE, Scalar
 from stiffgen.robot.chain import Chain
+from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic.kernels import Kernel
 from stiffgen.symbolic.model import casadi_function, folded
 from stiffgen.symbolic.program import as_operand, evaluate
 from stiffgen.symbolic.steps import CloseLoops, StraightLine
-from stiffgen.verify.result import Array
 
 SIGMAS = 8.0
 """Multiple of the estimated size beyond which a difference is not rounding."""
@@ -32,15 +32,15 @@ SIGMAS = 8.0
 ONE = ca.SX.sym("one")
 """A symbol that is 1: CasADi adds constants in doubles, but leaves a + b ONE, which has more digits."""
 
-_Values = tuple[Array, ...]
-_Rule = tuple[Callable[..., Array], Callable[..., _Values]]
+_Values = tuple[FloatArray, ...]
+_Rule = tuple[Callable[..., FloatArray], Callable[..., _Values]]
 
 
-def _truth(condition: Array) -> Array:
+def _truth(condition: FloatArray) -> FloatArray:
     return condition.astype(float)
 
 
-def _nothing(*given: Array) -> _Values:
+def _nothing(*given: FloatArray) -> _Values:
     return tuple(np.zeros_like(each) for each in given)
 
 
@@ -78,8 +78,8 @@ _RULES: dict[int, _Rule] = {
 
 
 def rounding_errors(
-    chain: Chain, kernel: Kernel, stacks: Sequence[Array], scalar: Scalar = DOUBLE, *, rounded: str = ""
-) -> list[Array] | None:
+    chain: Chain, kernel: Kernel, stacks: Sequence[FloatArray], scalar: Scalar = DOUBLE, *, rounded: str = ""
+) -> list[FloatArray] | None:
     """Return standard errors of every entry of a kernel's results, one array per result, for stacks of arguments.
 
     Where ``scalar`` has fewer digits than the arguments, which are doubles, these are rounded, too.
@@ -93,7 +93,7 @@ def rounding_errors(
     function = casadi_function(chain, kernel)
     count, given = len(stacks[0]), _entries(function, stacks)
     found = [np.zeros((count, function.nnz_out(k))) for k in range(function.n_out())]
-    work: dict[int, tuple[Array, Array]] = {}
+    work: dict[int, tuple[FloatArray, FloatArray]] = {}
     nothing = np.zeros(count)
     with np.errstate(all="ignore"):  # in branches that are not selected
         for k in range(function.n_instructions()):
@@ -122,7 +122,7 @@ def rounding_errors(
     ]  # fmt: skip
 
 
-def _last_step(chain: Chain, kernel: Kernel, stacks: Sequence[Array]) -> tuple[Kernel, Sequence[Array]]:
+def _last_step(chain: Chain, kernel: Kernel, stacks: Sequence[FloatArray]) -> tuple[Kernel, Sequence[FloatArray]]:
     """Return the last step of Newton's method from the closed configuration; any other kernel as it is.
 
     The steps before it do not matter: each removes the rounding of the step before, which the analysis does not see.
@@ -138,7 +138,7 @@ def _last_step(chain: Chain, kernel: Kernel, stacks: Sequence[Array]) -> tuple[K
     return replace(kernel, program=lambda chain: (last,)), (stacks[0], np.asarray(closed).T)
 
 
-def choices(chain: Chain, kernel: Kernel, stacks: Sequence[Array]) -> Array | None:
+def choices(chain: Chain, kernel: Kernel, stacks: Sequence[FloatArray]) -> FloatArray | None:
     """Return which branches a kernel takes in each state: an array (states, conditions) of truth values.
 
     None where a user's potential has a function that has no rule here.
@@ -168,13 +168,13 @@ def choices(chain: Chain, kernel: Kernel, stacks: Sequence[Array]) -> Array | No
 
 
 _CONDITIONS = {ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE}
-_PIECES: dict[int, Callable[..., Array]] = {
+_PIECES: dict[int, Callable[..., FloatArray]] = {
     ca.OP_FMIN: lambda a, b: _truth(a <= b), ca.OP_FMAX: lambda a, b: _truth(a >= b),
     ca.OP_FABS: lambda a: _truth(a >= 0), ca.OP_SIGN: lambda a: _truth(a >= 0),
 }  # fmt: skip
 
 
-def _entries(function: ca.Function, stacks: Sequence[Array]) -> list[Array]:
+def _entries(function: ca.Function, stacks: Sequence[FloatArray]) -> list[FloatArray]:
     """Return the entries of stacks of arguments in CasADi's order: (states, entries), a matrix column by column."""
     count = len(stacks[0])
     return [
@@ -273,7 +273,7 @@ def run(
 _OPERATIONS = {operation: evaluate_it for operation, (evaluate_it, _) in _RULES.items()}
 
 
-def with_more_digits(chain: Chain, kernel: Kernel, stacks: Sequence[Array]) -> NDArray[np.longdouble]:
+def with_more_digits(chain: Chain, kernel: Kernel, stacks: Sequence[FloatArray]) -> NDArray[np.longdouble]:
     """Return the entries of a kernel's results, one after the other, in the longest numbers that this machine has.
 
     Raises:
@@ -286,7 +286,7 @@ def with_more_digits(chain: Chain, kernel: Kernel, stacks: Sequence[Array]) -> N
     return np.stack(found, axis=1)
 
 
-def in_form_of(name: str, values: Array) -> Array:
+def in_form_of(name: str, values: FloatArray) -> FloatArray:
     """Return values (states, rows, columns) as the function of this name does: a matrix, a vector or a number."""
     if name.endswith(("_matrix", "_stiffness")):
         return values
@@ -305,7 +305,7 @@ def in_doubles(expression: ca.SX) -> ca.SX:
     return ca.substitute(expression, ONE, 1)
 
 
-def evaluate_longer(symbols: Sequence[ca.SX], expression: ca.SX, columns: Sequence[Array]) -> Array:
+def evaluate_longer(symbols: Sequence[ca.SX], expression: ca.SX, columns: Sequence[FloatArray]) -> FloatArray:
     """Evaluate a matrix of the entries of some symbols at many states, in the longest numbers that this machine has.
 
     Args:
@@ -342,8 +342,8 @@ def evaluate_longer(symbols: Sequence[ca.SX], expression: ca.SX, columns: Sequen
     return np.ascontiguousarray(entries.reshape(width, rows, count).transpose(2, 1, 0))
 
 
-def beyond_rounding(difference: Array, errors: Array) -> Array:
+def beyond_rounding(difference: FloatArray, errors: FloatArray) -> FloatArray:
     """Return the part of differences that rounding does not explain."""
     explained = np.nan_to_num(errors.reshape(difference.shape), nan=0.0, posinf=0.0)
-    rest: Array = np.where(np.abs(difference) <= SIGMAS * explained, 0.0, difference)
+    rest: FloatArray = np.where(np.abs(difference) <= SIGMAS * explained, 0.0, difference)
     return rest

@@ -9,38 +9,38 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stiffgen.robot.chain import Chain
+from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic.arguments import Argument, configuration_arguments
 from stiffgen.symbolic.joint_potentials import JOINT_POTENTIALS
 from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.potentials import SpringOptions
-from stiffgen.verify.result import Array
 
 
 @dataclass(frozen=True)
 class Samples:
     """Random states: q within the limits, wrenches, symmetric and general task stiffness, and potential data."""
 
-    q: Array
-    wrench: Array
-    task_stiffness: Array
-    general_stiffness: Array
-    tool_pose: Array
-    equilibrium: Array
-    translation_stiffness: Array
-    rotation_stiffness: Array
-    stiffness: Array
-    posture: Array
-    posture_stiffness: Array
-    lower: Array
-    upper: Array
-    zone: Array
-    limit_stiffness: Array
-    velocity: Array
-    gravity: Array
-    base_pose: Array
-    force_limit: Array
-    moment_limit: Array
-    direction: Array
+    q: FloatArray
+    wrench: FloatArray
+    task_stiffness: FloatArray
+    general_stiffness: FloatArray
+    tool_pose: FloatArray
+    equilibrium: FloatArray
+    translation_stiffness: FloatArray
+    rotation_stiffness: FloatArray
+    stiffness: FloatArray
+    posture: FloatArray
+    posture_stiffness: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    zone: FloatArray
+    limit_stiffness: FloatArray
+    velocity: FloatArray
+    gravity: FloatArray
+    base_pose: FloatArray
+    force_limit: FloatArray
+    moment_limit: FloatArray
+    direction: FloatArray
     chain: Chain
 
     @staticmethod
@@ -88,7 +88,7 @@ class Samples:
             chain=chain,
         )
 
-    def at(self, q: Array) -> Samples:
+    def at(self, q: FloatArray) -> Samples:
         """Return the samples with other joint positions."""
         return replace(self, q=q)
 
@@ -99,7 +99,7 @@ class Samples:
         given = configuration_arguments(runtime_tool=chain.runtime_tool, floating=chain.floating)
         return tuple(argument.name for argument in given)
 
-    def q_of_motors(self, seed: int) -> tuple[Array, Array]:
+    def q_of_motors(self, seed: int) -> tuple[FloatArray, FloatArray]:
         """Return positions of the motors near the chain's closed configuration, and that configuration."""
         start = np.tile(self.chain.start, (len(self.q), 1))
         random = np.random.default_rng([seed, 5])
@@ -107,7 +107,7 @@ class Samples:
             -0.15, 0.15, (len(start), len(self.chain.actuated))
         ), start
 
-    def of(self, argument: Argument, seed: int) -> Array:
+    def of(self, argument: Argument, seed: int) -> FloatArray:
         """Return the values of a kernel's argument; parameters of a user's potential are drawn."""
         if argument.name in ("actuated", "start"):
             return self.q_of_motors(seed)[argument.name == "start"]
@@ -115,26 +115,26 @@ class Samples:
         if known is not None and len(known.shape) == 1 + len(argument.shape):
             sizes = zip(argument.shape, known.shape[1:], strict=True)
             if all(extent in ("n", "q", size) for extent, size in sizes):
-                values: Array = known
+                values: FloatArray = known
                 return values
         return _random_parameter(argument, len(self.q), seed, self.chain)
 
-    def of_tips(self, argument: str) -> Array:
+    def of_tips(self, argument: str) -> FloatArray:
         """Return the values of an argument for all tips: each tip takes those of another sample."""
         return np.stack([np.roll(self[argument], k, axis=0) for k in range(len(self.chain.tips))], axis=1)
 
-    def per_tip(self, argument: Argument) -> Array:
+    def per_tip(self, argument: Argument) -> FloatArray:
         """Return the values of a kernel's argument, which may hold one value per tip."""
         singular = {"wrenches": "wrench", "tool_poses": "tool_pose"}
         return self.of_tips(singular[argument.name]) if argument.name in singular else self[argument.name]
 
-    def __getitem__(self, argument: str) -> Array:
+    def __getitem__(self, argument: str) -> FloatArray:
         """Return the values of a kernel's argument by its name."""
-        values: Array = getattr(self, argument)
+        values: FloatArray = getattr(self, argument)
         return values
 
 
-def _random_poses(random: np.random.Generator, count: int) -> Array:
+def _random_poses(random: np.random.Generator, count: int) -> FloatArray:
     """Draw orientations from random quaternions, and positions of some decimetres."""
     w, x, y, z = (lambda quaternion: quaternion / np.linalg.norm(quaternion, axis=0))(random.normal(size=(4, count)))
     rows = [
@@ -149,23 +149,23 @@ def _random_poses(random: np.random.Generator, count: int) -> Array:
     return poses
 
 
-def _random_parameter(argument: Argument, count: int, seed: int, chain: Chain) -> Array:
+def _random_parameter(argument: Argument, count: int, seed: int, chain: Chain) -> FloatArray:
     """Draw values of about 1: of both signs for cotangents, positive for parameters of a user's potential."""
     extents = argument.array(chain).shape
     if argument.per_configuration:
-        cotangents: Array = np.random.default_rng([seed, *argument.name.encode()]).normal(size=(count, *extents))
+        cotangents: FloatArray = np.random.default_rng([seed, *argument.name.encode()]).normal(size=(count, *extents))
         return cotangents
     return np.random.default_rng(seed + 77).uniform(0.2, 2.0, (count, *extents))
 
 
-def _random_positive(random: np.random.Generator, count: int, size: int, scale: float) -> Array:
+def _random_positive(random: np.random.Generator, count: int, size: int, scale: float) -> FloatArray:
     """Draw full symmetric positive definite matrices."""
     roots = random.normal(size=(count, size, size))
-    matrices: Array = scale * (roots @ np.swapaxes(roots, 1, 2) + 0.1 * np.eye(size))
+    matrices: FloatArray = scale * (roots @ np.swapaxes(roots, 1, 2) + 0.1 * np.eye(size))
     return matrices
 
 
-def joint_potential_arguments(samples: Samples) -> dict[str, tuple[Array, ...]]:
+def joint_potential_arguments(samples: Samples) -> dict[str, tuple[FloatArray, ...]]:
     """Return the arguments of the joint potentials' kernels, by group."""
     return {
         potential.name: (samples.q, *(samples[argument.name] for argument in potential.parameters))
@@ -175,7 +175,7 @@ def joint_potential_arguments(samples: Samples) -> dict[str, tuple[Array, ...]]:
 
 def argument_samples(
     chain: Chain, count: int, seed: int, options: SpringOptions | None = None
-) -> dict[Argument, Array]:
+) -> dict[Argument, FloatArray]:
     """Draw a stack of ``count`` random values for every argument that kernels take."""
     drawn = [Samples.draw(chain, count, seed + index) for index in range(len(chain.tips))]
     names = [tip.name for tip in chain.tips]

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from stiffgen.robot.geometry import FloatArray
 from stiffgen.verify.controller_library import fill
 from stiffgen.verify.hostile_session import HostileSession, finite
-from stiffgen.verify.result import Array
 
 
 class SeekingSession(HostileSession):
@@ -45,7 +45,7 @@ class SeekingSession(HostileSession):
         """Initialise both controllers; the first command is a position."""
         super()._start()
         self.command, self.until = 1, 0
-        self.known: list[Array] = []
+        self.known: list[FloatArray] = []
 
     def _choose_stiffness(self) -> None:
         """Choose equal stiffnesses in all directions; slack springs leave an arm that stays behind without a load."""
@@ -72,12 +72,12 @@ class SeekingSession(HostileSession):
             for each in self.both:
                 each.call("reset", each.state)
 
-    def _choose_poses(self) -> Array:
+    def _choose_poses(self) -> FloatArray:
         """Return the poses of an earlier position, or poses that lie any turn and up to some metres from the tips."""
         random = self.random
         if len(self.known) > 1 and random.random() < 0.7 and not self.patient:
             return self.known[int(random.integers(len(self.known) - 1))]
-        poses: Array = np.reshape(np.array(self.output.equilibrium), (-1, 4, 4)).copy()
+        poses: FloatArray = np.reshape(np.array(self.output.equilibrium), (-1, 4, 4)).copy()
         for pose in poses:
             turn, _ = np.linalg.qr(random.normal(size=(3, 3)))
             pose[:3, :3] = turn * np.linalg.det(turn)

@@ -13,9 +13,9 @@ import numpy as np
 
 from stiffgen.emit.fields import CONFIG
 from stiffgen.robot.chain import Chain
+from stiffgen.robot.geometry import FloatArray
 from stiffgen.verify.controller_library import ControllerLibrary, fill, is_same, set_field
 from stiffgen.verify.policy_streams import compare_policy
-from stiffgen.verify.result import Array
 
 
 def compare_services(reference: ControllerLibrary, library: ControllerLibrary, chain: Chain) -> list[str]:
@@ -79,7 +79,7 @@ def _compare_joint_gains(reference: ControllerLibrary, library: ControllerLibrar
     random, faults = np.random.default_rng(6), set()
     sizes = (n, n, n, n, n, n * n, n * n, n, n)
     for _ in range(20):
-        arguments: list[Array | None] = [random.normal(size=size) for size in sizes]
+        arguments: list[FloatArray | None] = [random.normal(size=size) for size in sizes]
         arguments[7:] = np.abs(random.normal(size=(2, n)))
         cases = [arguments]
         for place, value in itertools.product(range(len(sizes)), (None, math.nan, math.inf, -1.0)):

@@ -12,9 +12,9 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 
+from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic.springs import KINDS, Placement, Spring
 from stiffgen.symbolic.springs import spring as stiffgen_spring
-from stiffgen.verify.result import Array
 
 Energy = Callable[..., ca.SX]
 
@@ -112,7 +112,7 @@ def differentiated(
     }  # fmt: skip
 
 
-def by_hand(group: str, q: Array, *parameters: Array) -> dict[str, Array]:
+def by_hand(group: str, q: FloatArray, *parameters: FloatArray) -> dict[str, FloatArray]:
     """Return energy, torque and joint stiffness of a joint potential, differentiated by hand; stacks."""
     if group == "posture":
         posture, k = parameters

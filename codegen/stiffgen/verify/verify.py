@@ -16,6 +16,7 @@ from stiffgen.errors import StiffgenError
 from stiffgen.folder import temporary_folder
 from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.robot.chain import Chain
+from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.verify.batches import LONG, check_c_batches, check_stacks
 from stiffgen.verify.bounds import check_bounds
@@ -40,7 +41,7 @@ from stiffgen.verify.oracles import (
     check_far_angles,
     check_robot,
 )
-from stiffgen.verify.result import Array, Check, Kernels, left_out, one_by_one
+from stiffgen.verify.result import Check, Kernels, left_out, one_by_one
 from stiffgen.verify.samples import (
     Samples,
     argument_samples,
@@ -48,7 +49,7 @@ from stiffgen.verify.samples import (
 from stiffgen.verify.sessions import check_sessions
 from stiffgen.verify.widths import build_widths
 
-Step = Callable[[], list[Check]]
+Comparison = Callable[[], list[Check]]
 
 
 def verify(
@@ -111,7 +112,9 @@ def default_count(chain: Chain) -> int:
     return max(10, min(200, round(200 * (7 / len(chain.joints)) ** 2)))
 
 
-def _steps(robot: GeneratedRobot, urdf: Path | None, count: int, seed: int, build: Path) -> list[tuple[str, Step]]:
+def _steps(
+    robot: GeneratedRobot, urdf: Path | None, count: int, seed: int, build: Path
+) -> list[tuple[str, Comparison]]:
     """Return the steps and their titles; what several steps need is made by the first that asks."""
     chain, kernels, table, springs = robot.chain, robot.kernels, robot.table, robot.springs
     # Stacks use the batch functions if there are any; the oracles must see the single functions, too.
@@ -123,7 +126,7 @@ def _steps(robot: GeneratedRobot, urdf: Path | None, count: int, seed: int, buil
     pool |= {argument: general for argument in pool if argument.name == "task_stiffness"}
     texts = cache(partial(print_again, robot))
     libraries = cache(partial(build_widths, robot, build))
-    steps: list[tuple[str, Step]] = [
+    steps: list[tuple[str, Comparison]] = [
         ("printing again", lambda: [check_functions(robot), check_text(robot, texts())]),
         ("names and limits", lambda: check_tables(robot, libraries())),
         (
@@ -156,7 +159,7 @@ def _steps(robot: GeneratedRobot, urdf: Path | None, count: int, seed: int, buil
 
 
 def _check_rounding(
-    variants: tuple[Kernels, Kernels], robot: GeneratedRobot, printed: str, pool: Mapping[Argument, Array]
+    variants: tuple[Kernels, Kernels], robot: GeneratedRobot, printed: str, pool: Mapping[Argument, FloatArray]
 ) -> list[Check]:
     fresh = json.loads(printed)["rounding"]
     return check_certified_bounds(
@@ -165,7 +168,7 @@ def _check_rounding(
 
 
 def _check_batches(
-    libraries: Mapping[str, ctypes.CDLL], robot: GeneratedRobot, single: Kernels, pool: Mapping[Argument, Array]
+    libraries: Mapping[str, ctypes.CDLL], robot: GeneratedRobot, single: Kernels, pool: Mapping[Argument, FloatArray]
 ) -> list[Check]:
     if not libraries:
         return [left_out("batches in C, guard pages", "no C compiler was found")]
@@ -173,7 +176,7 @@ def _check_batches(
 
 
 def _check_memory(
-    libraries: Mapping[str, ctypes.CDLL], robot: GeneratedRobot, pool: Mapping[Argument, Array]
+    libraries: Mapping[str, ctypes.CDLL], robot: GeneratedRobot, pool: Mapping[Argument, FloatArray]
 ) -> list[Check]:
     """Check the accesses of one build; without a compiler, the step before says that there is none."""
     if not libraries:

@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiffgen.errors import MissingExtraError, RecordingError, StiffgenError, listed, printable
-
-Array = NDArray[np.float64]
+from stiffgen.robot.geometry import FloatArray
 
 PARTITION_ROWS = 1 << 18
 """Rows per partition, for formats that can be divided at any row."""
@@ -51,7 +50,7 @@ class Block:
     """
 
     rows: NDArray[np.int64]
-    values: Array
+    values: FloatArray
     missing: NDArray[np.bool_] | None = None
     problems: Mapping[int, RowProblem] = field(default_factory=dict)
     work: float = 0.0
@@ -332,7 +331,6 @@ def extra(module: str, purpose: str) -> Any:
 __all__ = [
     "NAME_OTHERS",
     "PARTITION_ROWS",
-    "Array",
     "Block",
     "Columns",
     "Partition",

@@ -14,8 +14,9 @@ from typing import IO, BinaryIO, cast
 
 import numpy as np
 
-from stiffgen.analyze.recording import NAME_OTHERS, PARTITION_ROWS, Array, Block, Columns, Recording, RecordingRequest
+from stiffgen.analyze.recording import NAME_OTHERS, PARTITION_ROWS, Block, Columns, Recording, RecordingRequest
 from stiffgen.errors import RecordingError, listed
+from stiffgen.robot.geometry import FloatArray
 
 _LOCAL_HEADER = 30
 _BYTES_AT_ONCE = 1 << 22
@@ -97,7 +98,7 @@ def _exactly(stream: IO[bytes], size: int) -> bytes:
     return data
 
 
-def _rows(member: _StoredArray, streams: Sequence[IO[bytes]], count: int) -> Array:
+def _rows(member: _StoredArray, streams: Sequence[IO[bytes]], count: int) -> FloatArray:
     dtype = np.dtype(member.dtype)
     width = member.columns // len(streams)
     parts = [

@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from stiffgen.analyze.recording import PARTITION_ROWS, Array, Block, Recording, RecordingRequest, extra
+from stiffgen.analyze.recording import PARTITION_ROWS, Block, Recording, RecordingRequest, extra
 from stiffgen.errors import RecordingError, printable
+from stiffgen.robot.geometry import FloatArray
 
 _BUFFER = 1 << 18
 
@@ -55,13 +56,15 @@ def _opened(path: Path) -> Any:
     return parquet.ParquetFile(path, pre_buffer=False, buffer_size=_BUFFER, page_checksum_verification=True)
 
 
-def _numbers(column: Any) -> Array:
+def _numbers(column: Any) -> FloatArray:
     pa = extra("pyarrow", "reading Parquet")
     if pa.types.is_timestamp(column.type):
         nanoseconds = column.cast(pa.timestamp("ns", tz=column.type.tz)).cast(pa.int64())
-        seconds: Array = np.asarray(nanoseconds.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)) * 1e-9
+        seconds: FloatArray = (
+            np.asarray(nanoseconds.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)) * 1e-9
+        )
         return seconds
-    numbers: Array = column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
+    numbers: FloatArray = column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
     return numbers
 
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 from stiffgen.lower.form import (
     Access,
-    Argument,
     Count,
     Declaration,
     Declared,
     Entry,
+    HelperArgument,
     Layout,
     Local,
     Pointer,
@@ -100,7 +100,7 @@ class Elements:
             return array.name
         return array.name + "[0]" * (len(array.shape) - 1)
 
-    def argument(self, argument: Argument, *, written: bool = False) -> str:
+    def argument(self, argument: HelperArgument, *, written: bool = False) -> str:
         """Return the C text of a helper's argument."""
         if isinstance(argument, Pointer):
             return self.pointer(argument, written=written)
