@@ -153,7 +153,7 @@ def plate_folder(once: Once) -> Path:
     def make(output: Path) -> None:
         with pytest.MonkeyPatch.context() as patch:
             patch.setenv("CFLAGS", f"-O1 {EXACT}")
-            stiffgen.generate(URDF, name=PLATE.robot, tool=PLATE.for_generator(), output=output)
+            stiffgen.generate(URDF, name=PLATE.robot, tool=PLATE.for_generator(), batches=False, output=output)
 
     return once("robots", make) / PLATE.robot
 
@@ -166,5 +166,4 @@ def plate(plate_folder: Path) -> ModuleType:
 @pytest.fixture(scope="session")
 def loop(robot_folder: Path, once: Once) -> Loop:
     """Return the controller in the loop with a simulated arm, compiled once for all workers."""
-    flags = ("-O2", "-march=native")  # -O3 takes longer to compile than it saves
-    return Loop(once("loop", lambda folder: Loop(folder, robot_folder, flags=flags)), robot_folder)
+    return Loop(once("loop", lambda folder: Loop(folder, robot_folder)), robot_folder)

@@ -56,11 +56,11 @@ CAMPAIGNS = {
     "float-sines": _campaign(
         "float_sines", "pass every float through sine and cosine", "--builds 'gcc, SSE2' --every 16"
     ),
-    "mutations": _campaign("mutations", "count the mutants of a controller that verify kills", "--count 3"),
+    "mutations": _campaign("mutations", "count the mutants of a controller that verify kills", "--count 1"),
     "kernel-mutations": Campaign(
         "tests/campaigns/mutations.py",
         "count the mutants of kernels that verify kills",
-        "--part kernels --count 2",
+        "--part kernels --count 1",
         "--part kernels",
     ),
     "false-alarms": _campaign(
@@ -78,7 +78,9 @@ CAMPAIGNS = {
     ),
     "proofs": _campaign("proofs", "prove whole folders", None),
     "seeded-faults": _campaign("seeded_faults", "prove folders with seeded faults", None),
-    "soak": _campaign("soak", "run the controller for a million hostile steps", "--steps 12000 --pencils 20"),
+    "soak": _campaign(
+        "soak", "run the controller for a million hostile steps", "--steps 12000 --pencils 20 --builds threads valgrind"
+    ),
     "settle": _campaign("settle", "let random situations come to rest", "--count 2"),
     "nuisance": _campaign("nuisance", "count faults in harmless episodes of four arms", "--episodes 3 --arms ur5"),
     "compare": _campaign(

@@ -306,7 +306,7 @@ def main(given: Iterable[str] | None = None) -> int:
     for version in options.version or VERSIONS:
         folder = options.folder.resolve() / (version + ("-sanitized" if options.sanitize else ""))
         print(f"FRI {version}: building ...", flush=True)
-        flags = SANITIZERS if options.sanitize else "-O2"
+        flags = SANITIZERS if options.sanitize else "-O1"
         build(folder, [f"-DOPEN_FRI_VERSION={version}"], compiler="clang" if options.sanitize else "gcc", flags=flags)
         with Attack(folder / "attack", write_short_trajectory(folder / "short.csv")) as attack:
             if options.play:

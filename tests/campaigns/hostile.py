@@ -19,7 +19,7 @@ from pathlib import Path
 from support.project import ROOT
 
 PROGRAM = ROOT / "tests" / "campaigns" / "hostile.c"
-SANITIZERS = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+SANITIZERS = ("-g1", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 
 
 def build(folder: Path, robot: Path, compiler: str, flags: tuple[str, ...] = SANITIZERS) -> Path:

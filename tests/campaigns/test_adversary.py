@@ -49,6 +49,7 @@ def test_energy_of_schedules(loop: Loop, pattern: object) -> None:
         assert got.summary.torque_step <= 1 + 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moving", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_energy_hill_climbed(loop: Loop, moving: bool) -> None:
     for seed in range(5):

@@ -281,6 +281,7 @@ def fewer(chain: dict[str, Any]) -> None:
     chain["tips"][0]["joint"] -= 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "spoil",
     [mass, *(pytest.param(spoil, marks=pytest.mark.slow) for spoil in (fewer, axis, limit, coordinate, tip))],

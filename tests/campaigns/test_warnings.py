@@ -17,7 +17,7 @@ from support.warnings import LEVELS, complaints, sources_of_random_robot, source
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 5, 8])
+@pytest.mark.parametrize("seed", [1, 5])
 def test_random_robots_compile_without_a_warning(seed, tmp_path):
     """The controller, whose text differs in sizes alone, of the first robot; the campaign has another's."""
     gcc = require_compiler("gcc")
@@ -25,7 +25,8 @@ def test_random_robots_compile_without_a_warning(seed, tmp_path):
     assert {level: complaints(gcc, [level], sources) for level in LEVELS} == dict.fromkeys(LEVELS, "")
 
 
-@pytest.mark.parametrize("seed", [19, pytest.param(37, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [19, 37])
 def test_derivatives_of_random_robots_compile_without_a_warning(seed, tmp_path):
     """Of one joint and of five: what one derivative hands to another may be known to be zero."""
     kind, sources = sources_of_varied_robot(seed, 5, tmp_path)
@@ -40,6 +41,7 @@ def test_a_value_that_was_used_up_gets_no_name(tmp_path):
     assert complaints(require_compiler("gcc"), ["-O0"], sources[:1]) == ""
 
 
+@pytest.mark.slow
 def test_derivatives_of_a_floating_base_without_masses_compile_without_a_warning(tmp_path):
     """Bias forces and gravity are zero: gradients with respect to the base's pose must not be declared."""
     urdf = tmp_path / "light.urdf"

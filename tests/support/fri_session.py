@@ -49,7 +49,7 @@ FULL = (
 )
 """Options for the robot's full effort and an immediate start, because the arm of a script does not follow."""
 
-SANITIZERS = "-O2 -g -fsanitize=address,undefined -fno-sanitize-recover=all"
+SANITIZERS = "-O1 -g1 -fsanitize=address,undefined -fno-sanitize-recover=all"
 
 
 EXACT = "-ffp-contract=off"
@@ -102,7 +102,7 @@ def build(folder: Path, options: Sequence[str], *, compiler: str, flags: str, fu
     run_cmake(
         [
             "-S", ROOT / "tests" / "support" / "fri", "-B", folder, f"-DFRI_FUZZER={'ON' if fuzzer else 'OFF'}",
-            *compilers(compiler, flags, more), *options,
+            "-DIIWA14_DISPATCH=OFF", *compilers(compiler, flags, more), *options,
         ],
         ["--build", folder, "-j2"],
     )  # fmt: skip

@@ -178,6 +178,7 @@ def test_report(here, robot_folder, capsys):
     assert code == 2 and "mine.txt" in err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", ["backwards", "jump", "none", "one row"])
 def test_figures_over_rows_where_time_is_of_no_use(change, here, robot_folder):
     rows = ROWS[:1].copy() if change == "one row" else ROWS.copy()

@@ -15,6 +15,7 @@ from stiffgen.errors import RecordingError
 from support import damaged_recordings, recordings
 
 
+@pytest.mark.slow
 def test_damaged_files_of_every_format():
     """A fixed seed of the campaign ``tests/campaigns/fuzz_recordings.py``."""
     outcomes = damaged_recordings.run(0, 2000)

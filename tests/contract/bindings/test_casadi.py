@@ -230,7 +230,7 @@ def test_built_by_cmake(small, arm, tmp_path):
     """The libraries by themselves, for those who load them without the package."""
     require_program("cmake", "cmake")
     options = ["-DARM_CASADI=ON", "-DARM_JAX=ON", f"-DPython_EXECUTABLE={sys.executable}"]
-    options += [f"-DARM_PYTHON_DIR={tmp_path}", "-DCMAKE_BUILD_TYPE=Debug"]
+    options += [f"-DARM_PYTHON_DIR={tmp_path}", "-DARM_DISPATCH=OFF", "-DCMAKE_BUILD_TYPE=Debug"]
     for command in (["-S", small.folder, "-B", tmp_path / "build", *options], ["--build", tmp_path / "build"]):
         done = subprocess.run(["cmake", *command], capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stdout + done.stderr

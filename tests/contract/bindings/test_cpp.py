@@ -247,7 +247,6 @@ CASES = [
     for compiler in ("g++", "clang++") for standard in ("c++17", "c++20") for with_eigen in (False, True)
 ]  # fmt: skip
 CASES += [("dual", "g++", "c++20", True), ("tooled", "g++", "c++20", True), ("solo12", "clang++", "c++17", True)]
-QUICK = {("iiwa14", "g++", "c++17", True), ("iiwa14", "clang++", "c++20", False)}
 
 
 def command(compiler: str, standard: str, with_eigen: bool) -> list[str]:
@@ -255,9 +254,10 @@ def command(compiler: str, standard: str, with_eigen: bool) -> list[str]:
     return [*flags, "-isystem", str(eigen())] if with_eigen else flags
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "compiler", "standard", "with_eigen"),
-    [pytest.param(*case, marks=() if case in QUICK else pytest.mark.slow) for case in CASES],
+    CASES,
 )
 def test_every_function_gives_the_bits_of_c(made, name, compiler, standard, with_eigen, tmp_path):
     folder, objects = made(name)

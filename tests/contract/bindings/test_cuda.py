@@ -85,6 +85,7 @@ def test_every_kernel_against_the_c_code(count, spare, host, robot, chain):
                 assert_close(one, other)
 
 
+@pytest.mark.slow
 def test_single_precision_is_one_record(host, chain, robot, tmp_path):
     """A target with floats: no double is named, none computed with, and the values are those of doubles to 7 digits."""
     texts = render(chain, "iiwa14", GenerationOptions(scalar="float", cuda=True))
@@ -150,14 +151,15 @@ def test_every_matrix_for_each_configuration(host, robot, chain):
         assert not hasattr(host.library, f"iiwa14_{name}_each_cuda")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("case", "compiler"),
     [
         ("slides and mimics", "clang"),
-        pytest.param("two tips, tool at run time", "gcc", marks=pytest.mark.slow),
-        pytest.param("slides and mimics", "gcc", marks=pytest.mark.slow),
-        pytest.param("floating base", "gcc", marks=pytest.mark.slow),
-        pytest.param("two tips, tool at run time", "clang", marks=pytest.mark.slow),
+        ("two tips, tool at run time", "gcc"),
+        ("slides and mimics", "gcc"),
+        ("floating base", "gcc"),
+        ("two tips, tool at run time", "clang"),
     ],
 )
 def test_other_chains(case, compiler, tmp_path):
@@ -213,6 +215,7 @@ def test_nan_and_infinity(value, host, chain, robot):
     assert np.isnan(found[3]).all() and np.isfinite(np.delete(found, 3, axis=0)).all()
 
 
+@pytest.mark.slow
 def test_slides(tmp_path):
     """A sliding joint's coordinate enters linearly, where an infinity would otherwise stay one; it needs no sine."""
     for types in ("pp", "pr"):

@@ -280,6 +280,7 @@ def test_matrix_order(rep, robot, golden):
     assert np.allclose(robot.forward_kinematics(sample.q)[3], [0, 0, 0, 1])
 
 
+@pytest.mark.slow
 def test_the_gil_is_released(robot, samples):
     """Another thread counts on while one call is under way."""
     q = np.tile(samples.q, (20_000, 1))

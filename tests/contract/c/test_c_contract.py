@@ -34,6 +34,7 @@ def test_compiles_without_a_warning(compiler, language, optimisation, compiled):
     assert compiled(compiler, language, optimisation).exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compiler", [pytest.param("gcc", marks=pytest.mark.slow), "clang"])
 def test_other_chains_compile_without_a_warning(compiler, tmp_path):
     """Sliding and mimic joints. (gcc meets random robots at every level: test_warnings.py.)"""

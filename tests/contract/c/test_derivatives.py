@@ -72,6 +72,7 @@ def test_folder_is_verified(case, tmp_path):
     assert [check for check in verify(folder, count=5) if not check.passed] == []
 
 
+@pytest.mark.slow
 def test_copies_of_entries_have_names_of_their_own(tmp_path):
     """In a matrix of eleven columns entries 1, 11 and 11, 1 are two."""
     urdf = tmp_path / "chain.urdf"

@@ -87,17 +87,8 @@ def test_refused(build, robot_folder, tmp_path):
     assert "compile without" in done.stderr or "constants_must_be_doubles" in done.stderr
 
 
-@pytest.mark.parametrize(
-    "build",
-    # The build with clang and a small robot, below, finds the same.
-    [
-        pytest.param(
-            build, marks=() if "-O2 -fno-signed-zeros" in build[1] and "blind" in named(build) else pytest.mark.slow
-        )
-        for build in FOUND
-    ],
-    ids=[named(build) for build in FOUND],
-)
+@pytest.mark.slow  # the build with clang and a small robot, below, finds the same
+@pytest.mark.parametrize("build", FOUND, ids=named)
 def test_found_by_the_self_check(build, robot_folder, tmp_path):
     folder = tmp_path
     text = kernel_text(robot_folder, "iiwa14")

@@ -46,6 +46,7 @@ def failed(folder, count):
     return [check for check in verify(folder, count=count) if not check.passed]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unoptimised")
 def test_folder_is_verified(folder):
     assert failed(folder, 30) == []
@@ -74,6 +75,7 @@ def test_other_chains_and_widths(compiler, flags, types, options, tmp_path, monk
     assert failed(folder, 7) == []
 
 
+@pytest.mark.slow
 def test_what_is_broken_is_found(folder, tmp_path):
     """A length off by a ten-thousandth, and a term of the sine."""
     for number, (statement, broken) in enumerate((("0.42f * ", "0.4202f * "), ("0.008332157f", "0.0f"))):

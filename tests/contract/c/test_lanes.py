@@ -40,6 +40,7 @@ def check_every_oracle(types, widths, name, tmp_path, monkeypatch, count, **opti
         assert [check for check in verify(folder, count=count) if not check.passed] == [], width
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unoptimised")
 def test_a_chain_of_one_joint(tmp_path, monkeypatch):
     check_every_oracle("p", ["SSE2"], "quick", tmp_path, monkeypatch, 11)

@@ -93,6 +93,7 @@ def test_usage_errors_exit_with_2(capsys):
     capsys.readouterr()
 
 
+@pytest.mark.slow
 def test_verify(capsys, robot_folder):
     code, out, err = run(capsys, "verify", robot_folder, "--samples", 20, "--urdf", URDF)
     assert code == 0
@@ -145,6 +146,7 @@ def test_verify_fails_on_a_wrong_kernel(capsys, robot_folder, tmp_path):
     assert [line for line in failed if not line.startswith(named)] == []
 
 
+@pytest.mark.slow
 def test_bench(capsys, robot_folder, monkeypatch):
     """With fewer rounds and a fast compilation: what the figures are is not looked at."""
     monkeypatch.setattr("stiffgen.bench._ROUNDS", 3)
@@ -280,6 +282,7 @@ def test_standard_output_that_cannot_be_written(arguments, unbuffered, monkeypat
         assert error.startswith("stiffgen: standard output: ") and len(error.splitlines()) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "SIGTERM") or os.name == "nt", reason="no POSIX signals")
 def test_a_signal_leaves_nothing_behind(tmp_path):
     """While the compiler runs: neither folders nor the compiler stay."""

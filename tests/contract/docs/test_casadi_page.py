@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from support.pages import blocks
 from support.project import ROOT
 
@@ -31,6 +33,7 @@ assert near < far, (near, far)
 """
 
 
+@pytest.mark.slow
 def test_code_of_the_page(derived: Path, tmp_path: Path) -> None:
     (code,) = (block.code for block in blocks(ROOT / "docs" / "casadi.md") if block.language == "python")
     (tmp_path / "generated").symlink_to(derived.parent)

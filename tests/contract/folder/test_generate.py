@@ -183,6 +183,7 @@ def test_a_missing_compiler_is_named(tmp_path, monkeypatch):
     assert listing(tmp_path) == []
 
 
+@pytest.mark.slow
 def test_own_flags_come_last(tmp_path, monkeypatch):
     """The compiler may have arguments: before the build's -O3, which overrides them. Those in CFLAGS come behind it."""
     seen = tmp_path / "seen"

@@ -81,6 +81,7 @@ def test_two_robots_and_two_versions_in_one_program(pair: Path, objects: dict[st
     assert text.startswith("sample_time")
 
 
+@pytest.mark.slow
 def test_two_robots_in_one_shared_library(pair: Path, objects: dict[str, Path]) -> None:
     library = pair / "libarms.so"
     run("gcc", "-shared", *objects.values(), "-lm", "-o", library)

@@ -93,19 +93,20 @@ def release_time(run: Run, period: int = 5) -> float:
 # ---- time -----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @versions
 @pytest.mark.parametrize(
     ("faults", "period"),
     [
-        pytest.param("jitter@0-9:0.3", 5, marks=pytest.mark.slow),
-        pytest.param("jitter@0-9:0.9", 5, marks=pytest.mark.slow),
-        pytest.param("resolution@0-9:1,jitter@0-9:0.3", 1, marks=pytest.mark.slow),
-        pytest.param("resolution@0-9:10", 5, marks=pytest.mark.slow),
+        ("jitter@0-9:0.3", 5),
+        ("jitter@0-9:0.9", 5),
+        ("resolution@0-9:1,jitter@0-9:0.3", 1),
+        ("resolution@0-9:10", 5),
         ("clock@1.5-9:-0.9", 5),
-        pytest.param("clock@1.5-9:-0.012", 5, marks=pytest.mark.slow),
-        pytest.param("clock@1.5-1.52:7", 5, marks=pytest.mark.slow),
-        pytest.param("clock@1.5-9:-3600", 5, marks=pytest.mark.slow),
-        pytest.param("robot.missing@1.5-1.9:monitorData.timestamp", 5, marks=pytest.mark.slow),
+        ("clock@1.5-9:-0.012", 5),
+        ("clock@1.5-1.52:7", 5),
+        ("clock@1.5-9:-3600", 5),
+        ("robot.missing@1.5-1.9:monitorData.timestamp", 5),
     ],
 )
 def test_the_trajectory_takes_as_long_as_ever_whatever_the_clock_does(
@@ -211,11 +212,13 @@ def test_interrupted_it_brings_the_torque_down_while_it_still_answers(scenario: 
     run.check_sent()
 
 
+@pytest.mark.slow
 def test_interrupted_twice_it_leaves_at_once(scenario: Scenario) -> None:
     run = scenario("2.7", "", "--deaf", "--answer-timeout", 2, at=[(1.8, interrupt), (1.81, interrupt)])
     assert run.code == INTERRUPTED and "the client left at once" in last_line(run)
 
 
+@pytest.mark.slow
 def test_interrupted_before_anything_moves_it_leaves(scenario: Scenario) -> None:
     run = scenario("2.7", "", "--deaf", "--answer-timeout", 2, at=[(0.3, interrupt)])
     assert run.code == INTERRUPTED

@@ -100,7 +100,11 @@ ENDS = (signal.SIGTSTP, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SI
 IGNORED = (signal.SIGPIPE, signal.SIGXFSZ, signal.SIGTTIN, signal.SIGTTOU)
 
 
-@pytest.mark.parametrize("number", [*ENDS, *IGNORED], ids=lambda number: getattr(number, "name", str(number)))
+@pytest.mark.parametrize(
+    "number",
+    [*ENDS[:3], *(pytest.param(each, marks=pytest.mark.slow) for each in (*ENDS[3:], *IGNORED))],
+    ids=lambda number: getattr(number, "name", str(number)),
+)
 def test_no_signal_ends_the_program_under_torque(
     number: signal.Signals, one: Programs, request: pytest.FixtureRequest
 ) -> None:

@@ -246,6 +246,7 @@ def test_nothing_is_allocated_from_the_opening_of_the_port_to_its_closing(
     assert watched_session(programs, robot, tmp_path, registered=registered)[0] == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("registered", [True, False])
 def test_with_locked_memory_the_fri_thread_meets_no_page_fault(
     registered: bool, programs: Programs, robot: ModuleType, tmp_path: Path

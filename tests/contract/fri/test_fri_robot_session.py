@@ -255,6 +255,7 @@ def test_state_and_quality_faults(session: Any) -> None:
     assert outcome.summary["motions_broken_off"] == 2
 
 
+@pytest.mark.slow
 def test_faults_of_both_ways_in_lockstep(session: Any) -> None:
     faults = "robot.garbage=0.02@0.2-0.8,client.drop=0.05@0.2-0.8,client.six=0.02@0.2-0.8,robot.drop=0.03@0.2-0.8"
     options = ("--lockstep", "--duration", 0.3, "--send-period", 2, "--thresholds", 0.6, 0.5, 0.4, "--faults", faults)
@@ -281,6 +282,7 @@ def test_commands_that_come_twice_or_late_are_dropped(session: Any) -> None:
     assert outcome.summary["accepted"] == outcome.summary["sent"] - 1
 
 
+@pytest.mark.slow
 def test_by_the_clock(session: Any) -> None:
     client = PythonClient("2.7")
     outcome = session(client, "--duration", 0.2, "--send-period", 10, "--thresholds", 0.5, 0.4, 0.3)

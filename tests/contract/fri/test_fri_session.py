@@ -85,6 +85,7 @@ def test_random_loss_both_ways(session: Callable[..., Run], version: str, plate:
     assert session(version, *options).robot.summary["digest"] == run.robot.summary["digest"]
 
 
+@pytest.mark.slow
 @versions
 def test_loss_that_quality_does_not_bear_ends_with_a_reason(session: Callable[..., Run], version: str) -> None:
     run = session(version, *LOCKSTEP, "--duration", 2.0, "--faults", "drop=0.1")
@@ -126,6 +127,7 @@ def demo_options(folder: Path, robot: Path, port: int) -> argparse.Namespace:
     return demo.arguments().parse_args(given)
 
 
+@pytest.mark.slow
 def test_the_demo_says_that_the_port_is_taken(
     tmp_path: Path, plate_folder: Path, client_program: Callable[[str], Path]
 ) -> None:
@@ -136,6 +138,7 @@ def test_the_demo_says_that_the_port_is_taken(
             demo.run_session(options, client_program("2.7"))
 
 
+@pytest.mark.slow
 def test_the_demo_ends_with_its_client(tmp_path: Path, plate_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     children = []
     popen = subprocess.Popen

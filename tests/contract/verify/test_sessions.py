@@ -74,6 +74,7 @@ def test_defaults_and_rules_are_the_tables(workshop: Workshop) -> None:
     assert library is not None and failed_rules(workshop, library) == {"rules"}
 
 
+@pytest.mark.slow
 def test_sessions_kill_mutants(workshop: Workshop) -> None:
     """Draw five with a fixed seed; equivalent ones may be among them. ``make campaign NAME=mutations`` counts many."""
     counted, survivors = count_survivors(workshop, mutants(workshop.text, 5, seed=5), seed=0)

@@ -186,6 +186,7 @@ def test_picture_where_there_is_a_renderer(tmp_path: Path) -> None:
     assert picture.stat().st_size > 10_000  # not empty
 
 
+@pytest.mark.slow
 def test_a_trial_repeats_bit_for_bit(plate: ModuleType) -> None:
     first, second, other = (run(plate, "corrected", 350, seed=seed) for seed in (3, 3, 4))
     assert first["contact"].any()

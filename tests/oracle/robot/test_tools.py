@@ -185,6 +185,7 @@ def test_a_tip_on_the_way_to_another():
         assert_close(model.mass_matrix(q), crba(expected, q))
 
 
+@pytest.mark.slow
 def test_references_see_a_wrong_tool_point(robot):
     """The oracle moves with the tool: kernels of the flange fail against references at the tool."""
     chain = stiffgen.load_chain(URDF, tool=TOOL)

@@ -188,6 +188,7 @@ def test_the_pages_lines(ankle: Any) -> None:
     assert not names["out"].fault
 
 
+@pytest.mark.slow
 def test_no_work_round_a_closed_path(ankle: Any) -> None:
     """Round 0.3 rad of both motors, far from the equilibrium: the sum of torque times motion is 0 to 1e-10 J."""
     count, module = 400, ankle.module
@@ -285,6 +286,7 @@ class TestOutOfReach:
             found.append(float(a[0] + way * inside))
         return found[0], found[1]
 
+    @pytest.mark.slow
     def test_a_command_is_refused(self, four_bar: Callable[[str], Any]) -> None:
         robot = four_bar("rocker")
         arm, a = self.at_rest(robot)
@@ -351,6 +353,7 @@ def coupler_pose(crank: float) -> Array:
     return pose
 
 
+@pytest.mark.slow
 def test_a_crank_turns_on_through_whole_turns(four_bar: Callable[[str], Any]) -> None:
     """Five turns, past postures close to a dead centre: the energy is that of the coupler in closed form."""
     robot = four_bar("crank")
@@ -367,6 +370,7 @@ def test_a_crank_turns_on_through_whole_turns(four_bar: Callable[[str], Any]) ->
     assert not out.fault, out.text
 
 
+@pytest.mark.slow
 def test_verify_sees_a_controller_without_the_closures_term(ankle: Any, tmp_path: Path, unoptimised: None) -> None:
     """Verify differentiates the energy along ``close``; without the multipliers the tangent is that of a frozen G."""
     assert all(check.passed for check in check_controller(ankle, seed=3))

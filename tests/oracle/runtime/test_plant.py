@@ -20,6 +20,7 @@ def loop(robot_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Loop:
     return Loop(tmp_path_factory.mktemp("free"), robot_folder, FREE, KERNELS)
 
 
+@pytest.mark.slow
 def test_inertia_and_bias_are_mujocos(loop: Loop) -> None:
     """Two readers of the URDF, two dynamics: mass matrix to 1e-9, Coriolis and centrifugal forces to 1e-6."""
     other = Plant()

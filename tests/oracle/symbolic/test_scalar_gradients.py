@@ -21,6 +21,10 @@ from support.project import ROOT, URDF, assert_close
 DATA = ROOT / "tests" / "data"
 ARMS = {URDF: "link_ee", DATA / "ur5.urdf": "tool0", DATA / "panda.urdf": "panda_hand", DATA / "solo12.urdf": "FL_FOOT"}
 
+BASES = pytest.mark.parametrize(
+    "floating", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["fixed", "floating"]
+)
+
 
 def _arm(urdf, tmp_path):
     """Chain to the tip, and the same by Pinocchio."""
@@ -78,7 +82,7 @@ def test_measure_and_gradient_are_zero_where_w_is_zero(tmp_path):
     assert np.isnan(np.array(kernels.manipulability_gradient(q))).all()
 
 
-@pytest.mark.parametrize("floating", [False, True], ids=["fixed", "floating"])
+@BASES
 @pytest.mark.parametrize("types", ["rprrp", "rrmrrprr"])
 def test_sliding_and_mimic_joints_and_a_tool_of_run_time(types, floating, tmp_path):
     file = tmp_path / "robot.urdf"
@@ -111,7 +115,7 @@ def _kernel(chain, name):
     return found
 
 
-@pytest.mark.parametrize("floating", [False, True], ids=["fixed", "floating"])
+@BASES
 def test_direction_gradient_by_complex_steps(floating):
     """v^T Kq v of the joint stiffness, which Pinocchio confirms, with imaginary steps of q and of the base."""
     chain = load_chain(DATA / "ur5.urdf", tip="tool0", floating_base=floating)

@@ -43,6 +43,7 @@ def test_kernels_along_the_kinematics(robot, case, tmp_path):
             assert max(relative[spring].values()) <= BOUND, (spring, relative[spring])
 
 
+@pytest.mark.slow
 def test_no_work_round_closed_orbits():
     """Zero for every spring, far from zero for the laws in common use; and not by grace of the quadrature."""
     work = table(count=3, seed=4)

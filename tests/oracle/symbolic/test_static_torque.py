@@ -27,11 +27,15 @@ ROBOTS = {
     DATA / "solo12.urdf": ["FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT"],
 }
 
+BASES = pytest.mark.parametrize(
+    "floating", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["fixed", "floating"]
+)
+
 
 KERNEL = "static_torque_derivatives"
 
 
-@pytest.mark.parametrize("floating", [False, True], ids=["fixed", "floating"])
+@BASES
 @pytest.mark.parametrize("urdf", ROBOTS, ids=lambda urdf: urdf.stem)
 @pytest.mark.filterwarnings("ignore::stiffgen.errors.DescriptionWarning")
 def test_derivative_of_the_static_torque_by_pinocchio(urdf, floating, tmp_path):
@@ -72,7 +76,7 @@ def test_derivative_of_the_static_torque_by_pinocchio(urdf, floating, tmp_path):
         assert_close(found, np.reshape(expected, (model.nv, model.nv))[np.ix_(order, order)])
 
 
-@pytest.mark.parametrize("floating", [False, True], ids=["fixed", "floating"])
+@BASES
 @pytest.mark.parametrize("types", ["rprrp", "prmr", "rrmrr"])
 def test_prismatic_and_mimic_joints_and_a_tool_of_run_time(types, floating, tmp_path):
     file = tmp_path / "robot.urdf"
@@ -80,7 +84,8 @@ def test_prismatic_and_mimic_joints_and_a_tool_of_run_time(types, floating, tmp_
     _compare(stiffgen.load_chain(file, floating_base=floating, runtime_tool=True))
 
 
-@pytest.mark.parametrize("floating", [False, True], ids=["fixed", "floating"])
+@pytest.mark.slow
+@BASES
 def test_two_arms_with_a_tool_each(floating):
     tips = ["left hand", "right-hand"]
     _compare(stiffgen.load_chain(DATA / "dual_arm.urdf", tip=tips, floating_base=floating, runtime_tool=True))

@@ -53,6 +53,7 @@ def test_nor_with_other_axes_and_a_shifted_centre(placement: Placement) -> None:
             check(kernel, function)
 
 
+@pytest.mark.slow
 def test_nor_of_several_tips() -> None:
     chain = stiffgen.load_chain(DUAL, tip=["left hand", "right-hand"])
     totals = [pair for pair in printed(chain, SINGLE, Placement()) if pair[0].name.endswith("_total")]

@@ -100,6 +100,7 @@ def checks(chain, name, change):
     return [check for check in found if not check.passed]
 
 
+@pytest.mark.slow
 def test_what_cancels_may_differ_by_rounding_and_by_no_more(chain):
     name = "body_kinematic_stiffness_vjp"
     assert checks(chain, name, lambda q_bar: -q_bar) == []
