@@ -433,7 +433,8 @@ def _select(kernels: tuple[Kernel, ...], groups: tuple[str, ...]) -> tuple[Kerne
     if unknown:
         raise ChainError(
             f"--kernels {printable(unknown[0])}: this robot has no such group or function; groups are "
-            f"{listed(list(dict.fromkeys(kernel.choices[0] for kernel in kernels)))}, a function is GROUP.NAME"
+            f"{listed(list(dict.fromkeys(kernel.choices[0] for kernel in kernels)))}, a function is "
+            "GROUP.NAME; of dynamics, its name alone"
         )
     if not groups:
         return kernels
