@@ -130,21 +130,12 @@ def _body(inertia: Inertia) -> RigidBody:
 
 
 def _joint(selection: Selection, tree: _JointTree, index: int, inertia: Inertia) -> Joint:
-    element = tree.moving[index]
-    coupling = selection.couplings[element]
-    rotation, translation = tree.poses[index].rounded()
-    return Joint(
-        name=element.name,
-        type=element.type,
-        child=element.child,
-        rotation=rotation,
-        translation=translation,
-        axis=element.axis,
+    return selection.couplings.moving_joint(
+        tree.moving[index],
+        tree.poses[index],
+        selection.masters,
         body=_body(inertia),
         parent=tree.parents[index],
-        coordinate=selection.masters.index(coupling.joint),
-        multiplier=coupling.multiplier,
-        offset=coupling.offset,
     )
 
 

@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Mapping
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -16,21 +17,29 @@ from stiffgen.errors import DescriptionError, MissingExtraError, printable
 _SECONDS = 300  # of the clock; the scripts bound the processor time
 
 
-def answer_of(script: str, file: str, request: Mapping[str, Any], package: str, extra: str) -> dict[str, Any]:
+def answer_of(
+    script: str, file: str, request: Mapping[str, Any], package: str, extra: str, kind: str
+) -> dict[str, Any]:
     """Return the answer of a script of this folder to a request; both are JSON.
 
     Args:
         script: name of the script.
         file: name of the robot's file, for errors.
         request: content of the request.
-        package: package that the script imports, which is installed.
+        package: package that the script imports.
         extra: stiffgen's extra that installs it.
+        kind: kind of the file, for the message that the package is not installed.
 
     Raises:
-        MissingExtraError: the package cannot be imported.
+        MissingExtraError: the package is not installed, or cannot be imported.
         DescriptionError: the script was ended, by its limits or by a fault of the library that it calls.
 
     """
+    if find_spec(package) is None:
+        raise MissingExtraError(
+            f"{printable(file)}: is {kind}, and the package {package}, which reads it, is not installed: "
+            f"pip install 'stiffgen[{extra}]'"
+        )
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "PYTHONIOENCODING": "utf-8"}
     try:
         done = subprocess.run(

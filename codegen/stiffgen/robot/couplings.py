@@ -3,9 +3,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from stiffgen.errors import DescriptionError, printable
+from stiffgen.robot.chain import Joint, RigidBody
 from stiffgen.robot.description import LARGEST, MOVING_TYPES, Description, JointElement, Mimic
 from stiffgen.robot.geometry import Pose, exact
 
@@ -66,6 +67,36 @@ class Couplings:
         if element.type == "prismatic":
             return pose @ Pose.translated([exact(position) * exact(v) for v in element.axis])
         return pose @ Pose.rotation_about(element.axis, position)
+
+    def moving_joint(
+        self, element: JointElement, pose: Pose, masters: Sequence[str], *, body: RigidBody, parent: int, first: int = 0
+    ) -> Joint:
+        """Return a joint of a chain whose coordinates are ``masters``.
+
+        Args:
+            element: the joint in the file.
+            pose: pose of the joint at zero position, in the parent joint's frame.
+            masters: names of the joints that are coordinates.
+            body: inertia of the links that move with the joint.
+            parent: index of the parent joint.
+            first: index of the first master's coordinate.
+
+        """
+        coupling = self[element]
+        rotation, translation = pose.rounded()
+        return Joint(
+            name=element.name,
+            type=element.type,
+            child=element.child,
+            rotation=rotation,
+            translation=translation,
+            axis=element.axis,
+            body=body,
+            parent=parent,
+            coordinate=first + masters.index(coupling.joint),
+            multiplier=coupling.multiplier,
+            offset=coupling.offset,
+        )
 
     def followed(self, elements: list[JointElement]) -> set[str]:
         """Return the names of joints and of all joints that they mimic, directly or not, as in :class:`Problem`."""

@@ -138,21 +138,10 @@ def _end(
         if not couplings.moves(element):
             pose = pose @ couplings.pose_at_rest(element)
             continue
-        coupling = couplings[element]
-        rotation, translation = (pose @ Pose.placed(element.xyz, element.orientation)).rounded()
+        joint_pose = pose @ Pose.placed(element.xyz, element.orientation)
         joints.append(
-            Joint(
-                name=element.name,
-                type=element.type,
-                child=element.child,
-                rotation=rotation,
-                translation=translation,
-                axis=element.axis,
-                body=_NO_BODY,
-                parent=len(joints) - 1,
-                coordinate=masters.index(coupling.joint) + base_joints,
-                multiplier=coupling.multiplier,
-                offset=coupling.offset,
+            couplings.moving_joint(
+                element, joint_pose, masters, body=_NO_BODY, parent=len(joints) - 1, first=base_joints
             )
         )
         pose = Pose.identity()

@@ -11,11 +11,10 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Iterator, Sequence
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from stiffgen.errors import DescriptionError, MissingExtraError, listed, printable
+from stiffgen.errors import DescriptionError, listed, printable
 from stiffgen.robot.checker import MAX_JOINTS
 from stiffgen.robot.confined import answer_of
 from stiffgen.robot.description import (
@@ -47,13 +46,8 @@ def read_mjcf(path: Path, data: bytes) -> Description:
         MissingExtraError: MuJoCo is not installed.
 
     """
-    if find_spec("mujoco") is None:
-        raise MissingExtraError(
-            f"{printable(path.name)}: is an MJCF file, and the package mujoco, which reads it, is not installed: "
-            "pip install 'stiffgen[mjcf]'"
-        )
     file = str(path.resolve())
-    answer = answer_of("compilation.py", path.name, {"file": file}, "mujoco", "mjcf")
+    answer = answer_of("compilation.py", path.name, {"file": file}, "mujoco", "mjcf", "an MJCF file")
     if "error" in answer:
         raise DescriptionError(path.name, [f"MuJoCo refuses it: {printable(answer['error'], 400)}; correct it"])
     model = answer["model"]

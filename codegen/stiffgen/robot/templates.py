@@ -6,10 +6,9 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 
-from stiffgen.errors import DescriptionError, MissingExtraError, printable
+from stiffgen.errors import DescriptionError, printable
 from stiffgen.robot.confined import answer_of
 from stiffgen.robot.description import Input, Reading
 
@@ -33,18 +32,13 @@ def expand(path: Path, reading: Reading) -> Expansion:
         MissingExtraError: xacrodoc is not installed.
 
     """
-    if find_spec("xacrodoc") is None:
-        raise MissingExtraError(
-            f"{printable(path.name)}: is a xacro template, and xacrodoc, which expands it, is not installed: "
-            "pip install 'stiffgen[xacro]'"
-        )
     file = str(path.resolve())
     for folder in reading.package_path:
         if not Path(folder).is_dir():
             raise DescriptionError(path.name, [f"--package-path {printable(str(folder), 200)}: is not a folder"])
     folders = [str(each) for each in reading.package_path]
     request = {"file": file, "arguments": dict(reading.arguments), "package_path": folders}
-    answer = answer_of("expansion.py", path.name, request, "xacrodoc", "xacro")
+    answer = answer_of("expansion.py", path.name, request, "xacrodoc", "xacro", "a xacro template")
     if "error" in answer:
         raise DescriptionError(path.name, [printable(answer["error"], 600)])
     packages = {name: Path(folder) for name, folder in answer["packages"].items()}

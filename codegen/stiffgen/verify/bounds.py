@@ -8,10 +8,8 @@ signal ends at such an access. Then the function runs again part by part, to fin
 from __future__ import annotations
 
 import ctypes
-import faulthandler
 import mmap
 import os
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
@@ -21,6 +19,7 @@ from stiffgen.robot.chain import Chain
 from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import Kernel
+from stiffgen.verify.forked import confined
 from stiffgen.verify.result import Check, faultless
 
 COUNTS = (*range(1, 10), 16, 17)
@@ -58,18 +57,12 @@ def check_bounds(
 
 
 def _survive(works: Sequence[Callable[[], None]]) -> bool:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # other threads: the child calls C alone
-        child = os.fork()
-    if child == 0:
-        try:
-            faulthandler.disable()
-            for work in works:
-                work()
-            os._exit(0)
-        finally:
-            os._exit(1)
-    return os.waitpid(child, 0)[1] == 0
+    def run() -> list[str]:
+        for work in works:
+            work()
+        return []
+
+    return not confined(run)
 
 
 def _guarded(size: int, *, behind: bool) -> int:

@@ -34,6 +34,8 @@ ONE = ca.SX.sym("one")
 
 _Values = tuple[FloatArray, ...]
 _Rule = tuple[Callable[..., FloatArray], Callable[..., _Values]]
+_WithError = tuple[FloatArray, FloatArray]
+"""Values of a number in all states, and the sizes of their errors in units of the last place."""
 
 
 def _truth(condition: FloatArray) -> FloatArray:
@@ -91,35 +93,37 @@ def rounding_errors(
     """
     kernel, stacks = _last_step(chain, kernel, stacks)
     function = casadi_function(chain, kernel)
-    count, given = len(stacks[0]), _entries(function, stacks)
-    found = [np.zeros((count, function.nnz_out(k))) for k in range(function.n_out())]
-    work: dict[int, tuple[FloatArray, FloatArray]] = {}
+    count = len(stacks[0])
     nothing = np.zeros(count)
-    with np.errstate(all="ignore"):  # in branches that are not selected
-        for k in range(function.n_instructions()):
-            operation, taken = function.instruction_id(k), function.instruction_input(k)
-            into = function.instruction_output(k)
-            if operation == ca.OP_INPUT:
-                value = given[taken[0]][:, taken[1]]
-                work[into[0]] = value, nothing if scalar == DOUBLE and rounded != "arguments" else np.abs(value)
-            elif operation == ca.OP_CONST:
-                constant = np.full(count, function.instruction_constant(k))
-                work[into[0]] = constant, np.abs(constant) if rounded and 4 * constant[0] % 1 else nothing
-            elif operation == ca.OP_OUTPUT:
-                found[into[0]][:, into[1]] = work[taken[0]][1]
-            elif operation in _RULES:
-                evaluate, slopes = _RULES[operation]
-                values, errors = zip(*(work[each] for each in taken), strict=True)
-                value = evaluate(*values)
-                parts = [np.where(e == 0, 0.0, s * e) for s, e in zip(slopes(*values), errors, strict=True)]
-                own = nothing if operation in (ca.OP_NEG, ca.OP_TWICE) else value
-                work[into[0]] = value, np.sqrt(sum((part**2 for part in parts), own**2))
-            else:
-                return None
+
+    def argument(value: FloatArray) -> _WithError:
+        return value, nothing if scalar == DOUBLE and rounded != "arguments" else np.abs(value)
+
+    def constant(number: float) -> _WithError:
+        value = np.full(count, number)
+        return value, np.abs(value) if rounded and 4 * number % 1 else nothing
+
+    def result(operation: int, *operands: _WithError) -> _WithError:
+        evaluate, slopes = _RULES[operation]
+        values, errors = zip(*operands, strict=True)
+        value = evaluate(*values)
+        parts = [np.where(e == 0, 0.0, s * e) for s, e in zip(slopes(*values), errors, strict=True)]
+        own = nothing if operation in (ca.OP_NEG, ca.OP_TWICE) else value
+        return value, np.sqrt(sum((part**2 for part in parts), own**2))
+
+    given = [list(map(argument, entries.T)) for entries in _entries(function, stacks)]
+    try:
+        with np.errstate(all="ignore"):  # in branches that are not selected
+            found = run(function, given, constant, {operation: partial(result, operation) for operation in _RULES})
+    except KeyError:
+        return None
     return [
-        scalar.unit * each.reshape(count, *function.size_out(k)[::-1]).transpose(0, 2, 1)
-        for k, each in enumerate(found)
-    ]  # fmt: skip
+        scalar.unit
+        * np.stack([error for _, error in entries], axis=1)
+        .reshape(count, *function.size_out(k)[::-1])
+        .transpose(0, 2, 1)
+        for k, entries in enumerate(found)
+    ]
 
 
 def _last_step(chain: Chain, kernel: Kernel, stacks: Sequence[FloatArray]) -> tuple[Kernel, Sequence[FloatArray]]:
@@ -143,27 +147,28 @@ def choices(chain: Chain, kernel: Kernel, stacks: Sequence[FloatArray]) -> Float
 
     None where a user's potential has a function that has no rule here.
     """
-    function = casadi_function(chain, kernel)
-    given, made, work = _entries(function, stacks), [np.zeros(len(stacks[0]))], {}
-    with np.errstate(all="ignore"):
-        for k in range(function.n_instructions()):
-            operation, taken = function.instruction_id(k), function.instruction_input(k)
-            into = function.instruction_output(k)
-            if operation == ca.OP_INPUT:
-                work[into[0]] = given[taken[0]][:, taken[1]]
-            elif operation == ca.OP_CONST:
-                work[into[0]] = np.full(len(stacks[0]), function.instruction_constant(k))
-            elif operation == ca.OP_OUTPUT:
-                continue
-            elif operation in _RULES:
-                values = [work[each] for each in taken]
-                work[into[0]] = _RULES[operation][0](*values)
-                if operation in _CONDITIONS:
-                    made.append(work[into[0]])
-                elif operation in _PIECES:
-                    made.append(_PIECES[operation](*values))
-            else:
-                return None
+    function, count = casadi_function(chain, kernel), len(stacks[0])
+    made = [np.zeros(count)]
+
+    def result(operation: int, *values: FloatArray) -> FloatArray:
+        value = _OPERATIONS[operation](*values)
+        if operation in _CONDITIONS:
+            made.append(value)
+        elif operation in _PIECES:
+            made.append(_PIECES[operation](*values))
+        return value
+
+    given = [list(entries.T) for entries in _entries(function, stacks)]
+    try:
+        with np.errstate(all="ignore"):
+            run(
+                function,
+                given,
+                partial(np.full, count),
+                {operation: partial(result, operation) for operation in _RULES},
+            )
+    except KeyError:
+        return None
     return np.stack(made, axis=1)
 
 
@@ -236,7 +241,7 @@ class Stages:
         """Evaluate the results in any arithmetic, from the arguments' entries, row-major, and ``operations``."""
         numbers = list(arguments)
         for function in self.functions:
-            numbers += run(function, numbers, constant, operations)
+            numbers += run(function, [numbers], constant, operations)[0]
         return [constant(each) if isinstance(each, float) else numbers[each] for each in self.results]
 
 
@@ -245,26 +250,38 @@ def _is_plain(entry: ca.SX) -> bool:
 
 
 def run(
-    function: ca.Function, given: Sequence[Any], constant: Callable[[float], Any], operations: Mapping[int, Any]
-) -> list[Any]:
-    """Evaluate a function of one vector, operation by operation, in any arithmetic.
+    function: ca.Function,
+    given: Sequence[Sequence[Any]],
+    constant: Callable[[float], Any],
+    operations: Mapping[int, Callable[..., Any]],
+) -> list[list[Any]]:
+    """Evaluate a function operation by operation, in any arithmetic.
+
+    Args:
+        function: function whose results are dense.
+        given: entries of each argument, a matrix column by column.
+        constant: function that makes a number of the arithmetic.
+        operations: functions of numbers, by CasADi's code of the operation.
+
+    Returns:
+        Entries of each result, a matrix column by column.
 
     Raises:
         KeyError: an operation is not among ``operations``.
 
     """
     work: dict[int, Any] = {}
-    found = [constant(0.0)] * function.nnz_out(0)
+    found = [[constant(0.0)] * function.nnz_out(k) for k in range(function.n_out())]
     for k in range(function.n_instructions()):
         operation, taken, into = (
             function.instruction_id(k), function.instruction_input(k), function.instruction_output(k),
         )  # fmt: skip
         if operation == ca.OP_INPUT:
-            work[into[0]] = given[taken[1]]
+            work[into[0]] = given[taken[0]][taken[1]]
         elif operation == ca.OP_CONST:
             work[into[0]] = constant(function.instruction_constant(k))
         elif operation == ca.OP_OUTPUT:
-            found[into[1]] = work[taken[0]]
+            found[into[0]][into[1]] = work[taken[0]]
         else:
             work[into[0]] = operations[operation](*(work[each] for each in taken))
     return found
@@ -327,10 +344,10 @@ def evaluate_longer(symbols: Sequence[ca.SX], expression: ca.SX, columns: Sequen
                 np.stack(
                     run(
                         function,
-                        [row.astype(number) for each in columns for row in each],
+                        [[row.astype(number) for each in columns for row in each]],
                         partial(np.full, count, dtype=number),
                         _OPERATIONS,
-                    )
+                    )[0]
                 )
                 for number in (np.longdouble, np.float64)
             )

@@ -8,13 +8,8 @@ poses near and out of reach (:mod:`~stiffgen.verify.seeking_session`).
 
 from __future__ import annotations
 
-import faulthandler
-import json
-import os
 import shutil
-import signal
-import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +19,7 @@ from stiffgen.opened import GeneratedRobot
 from stiffgen.robot.chain import Chain
 from stiffgen.verify.controller_library import ControllerLibrary, build_controller
 from stiffgen.verify.controller_rules import check_rules
+from stiffgen.verify.forked import confined
 from stiffgen.verify.hostile_session import HostileSession
 from stiffgen.verify.result import Check, faultless, left_out
 from stiffgen.verify.seeking_session import SeekingSession
@@ -79,38 +75,6 @@ def _build_both(robot: GeneratedRobot, texts: Mapping[str, str], build: Path) ->
     copied = build / "folder" / reference.name
     copied.parent.mkdir()
     return reference, shutil.copyfile(reference, copied)
-
-
-def confined(work: Callable[[], list[str]], seconds: int = 1200) -> list[str]:
-    """Return the faults that ``work`` finds in a child process; a crash, and no end within ``seconds``, are faults."""
-    if not hasattr(os, "fork"):
-        return work()
-    reader, writer = os.pipe()
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # other threads: the child calls this module alone
-        child = os.fork()
-    if child == 0:
-        try:
-            faulthandler.disable()
-            signal.signal(signal.SIGALRM, signal.SIG_DFL)
-            signal.alarm(seconds)
-            with os.fdopen(writer, "w", encoding="utf-8") as pipe:
-                json.dump(work(), pipe)
-            os._exit(0)
-        finally:
-            os._exit(1)
-    os.close(writer)
-    try:
-        with os.fdopen(reader, encoding="utf-8") as pipe:
-            text = pipe.read()
-    except BaseException:  # a signal ends the parent: the child ends with it
-        os.kill(child, signal.SIGKILL)
-        raise
-    finally:
-        status = os.waitpid(child, 0)[1]
-    if status != 0:
-        return [f"the controller ends its process (status {os.waitstatus_to_exitcode(status)})"]
-    return [str(fault) for fault in json.loads(text)]
 
 
 def differences(

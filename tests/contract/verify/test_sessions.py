@@ -21,7 +21,8 @@ from stiffgen.opened import open_robot
 from stiffgen.verify import sessions
 from stiffgen.verify.controller_library import CAREFUL, ControllerLibrary, set_field
 from stiffgen.verify.controller_rules import check_rules
-from stiffgen.verify.sessions import SESSIONS, confined
+from stiffgen.verify.forked import confined
+from stiffgen.verify.sessions import SESSIONS
 from support.project import ROOT
 from support.runtime import compile_c
 

@@ -212,7 +212,7 @@ def test_an_expression_without_end_is_ended(tmp_path):
 
 
 def test_without_xacrodoc_the_extra_is_named(tmp_path, monkeypatch):
-    monkeypatch.setattr("stiffgen.robot.templates.find_spec", lambda name: None)
+    monkeypatch.setattr("stiffgen.robot.confined.find_spec", lambda name: None)
     template = written(tmp_path, VENDORS["call and conditions"])
     with pytest.raises(stiffgen.errors.MissingExtraError, match=r"stiffgen\[xacro\]"):
         describe(template)
