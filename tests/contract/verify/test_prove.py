@@ -6,22 +6,25 @@ from __future__ import annotations
 import json
 import os
 import re
+import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import stiffgen
 from stiffgen import generate
 from stiffgen.cli import main
 from stiffgen.errors import MissingExtraError, OutputError, StiffgenError
 from stiffgen.opened import open_robot
-from stiffgen.prove import tools, widths
+from stiffgen.prove import harness, tools, widths
 from stiffgen.prove.run import prove
 from stiffgen.prove.safety_page import filed_for, write_page
 from stiffgen.prove.verdict import Verdict, read_verdicts
 from stiffgen.verify.result import Check
+from support.chains import chain_urdf
 from support.generated_c import kernel_files
-from support.project import URDF, require_program
+from support.project import URDF, require_compiler, require_program
 from support.seeded_faults import CONTROLLER, FAULTS, FOLDER, Fault, faulty
 
 
@@ -121,6 +124,20 @@ def test_a_fault_is_caught(title: str, tmp_path: Path) -> None:
     (fault,) = (each for each in FAULTS if each.title == title)
     only = (fault.only,) if fault.only else ()
     assert outcomes(prove(faulty(fault, tmp_path), parts=(fault.part,), only=only))["FAILED"]
+
+
+def test_the_harness_of_a_folder_with_derivatives_is_c(tmp_path: Path) -> None:
+    """A body that calls another kernel's body (a product that is part of a larger one) is no damage to the folder."""
+    arm, springs = tmp_path / "arm.urdf", stiffgen.SpringOptions(derivatives=True)
+    arm.write_text(chain_urdf("rr"))
+    robot = open_robot(generate(arm, output=tmp_path, kernels="spring", springs=springs, controller=False, build=False))
+    text = robot.kernel_text()
+    assert text.count("spring_linearization_vjp_lanes(") == 3
+    (tmp_path / "bodies_apart.c").write_text(harness.bodies_apart(robot.table, text))
+    bits = tmp_path / "bits.c"
+    bits.write_text(harness.kernels_bits(robot, robot.table))
+    flags = ["-std=gnu11", "-fsyntax-only", "-Werror", "-DSTIFFGEN_NO_VECTORS", f"-I{robot.folder}", f"-I{tmp_path}"]
+    subprocess.run([require_compiler("gcc"), *flags, str(bits)], check=True)
 
 
 def test_missing_program_is_named(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
