@@ -83,9 +83,7 @@ class GeneratedRobot:
                 },
             )
         except OSError as error:
-            raise OutputError(
-                f"{error.filename}: cannot be read ({error.strerror}); generate the folder again"
-            ) from error
+            raise _unreadable(error) from error
 
     def source_digests(self) -> dict[str, str]:
         """Return the SHA-256 of every C source and header of the folder, by file.
@@ -109,9 +107,7 @@ class GeneratedRobot:
         try:
             return {file: hashlib.sha256((self.folder / file).read_bytes()).hexdigest() for file in files}
         except OSError as error:
-            raise OutputError(
-                f"{error.filename}: cannot be read ({error.strerror}); generate the folder again"
-            ) from error
+            raise _unreadable(error) from error
 
     @cached_property
     def module(self) -> ModuleType:
@@ -151,6 +147,10 @@ class GeneratedRobot:
 
         """
         return functions_of(self.module, self.table, self.folder)
+
+
+def _unreadable(error: OSError) -> OutputError:
+    return OutputError(f"{error.filename}: cannot be read ({error.strerror}); generate the folder again")
 
 
 _MOST_JOINTS = 20

@@ -115,15 +115,12 @@ def analyze(options: AnalysisOptions) -> Analysis:
         if not result.good:
             raise EmptyRecordingError(_nothing_left(recording, result))
         summary = _summary(recording, chain, task, result)
-        try:
-            (staging / SUMMARY).write_text(json.dumps(summary, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-            if options.export is not None:
-                _exported(staging, options, task, recording, result)
-            if options.figures:
-                progress("drawing", 1.0)
-                write_report(staging, recording, chain, result, summary)
-        except OSError as error:
-            raise OutputError(f"{target}: cannot be written ({error.strerror}); choose another --output") from error
+        (staging / SUMMARY).write_text(json.dumps(summary, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        if options.export is not None:
+            _exported(staging, options, task, recording, result)
+        if options.figures:
+            progress("drawing", 1.0)
+            write_report(staging, recording, chain, result, summary)
     return Analysis(target, summary, result, recording)
 
 

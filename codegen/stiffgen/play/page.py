@@ -15,7 +15,7 @@ from typing import Any
 
 from stiffgen._version import __version__
 from stiffgen.errors import OutputError, printable
-from stiffgen.folder import write_atomically
+from stiffgen.folder import unwritable, write_atomically
 from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.play.linkage import drawn_joints
 from stiffgen.play.wasm import compile_wasm
@@ -86,9 +86,7 @@ def write_page(
     try:
         write_atomically(target, text)
     except OSError as error:
-        raise OutputError(
-            f"{printable(str(target), 200)}: cannot be written ({error.strerror}); choose another --output"
-        ) from error
+        raise unwritable(target, error) from error
     return target
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from stiffgen.emit.c.loops import Loops, indented
-from stiffgen.emit.c.statements import Printed, grouped, print_body, wrap_list
+from stiffgen.emit.c.statements import PrintedStatements, grouped, print_body, wrap_list
 from stiffgen.lower.form import (
     Body,
     Call,
@@ -57,7 +57,7 @@ class Printer(Loops):
     def _comment(self, text: str) -> None:
         self.lines += ["", f"/* {text} */"] if self.lines else [f"/* {text} */"]
 
-    def _body(self, body: Body, times: int = 1) -> Printed:
+    def _body(self, body: Body, times: int = 1) -> PrintedStatements:
         printed = print_body(body, self.variant, self.elements.entry, self.temporaries)
         self.calls |= printed.calls
         self.operations = self.operations + printed.operations.times(times)
@@ -88,7 +88,7 @@ class Printer(Loops):
         lines += [f"(void){self.elements.base(entry)};" for entry in item.unused]
         printed = print_body(item.body, self.variant, text, self.temporaries, 0 if item.braces else self.sine_calls)
         lines += printed.lines
-        values = list(printed.values)
+        values = printed.values
         for storage in item.rows:
             lines += self._rows(storage, values[: storage.array.size])
             values = values[storage.array.size :]

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 
 from stiffgen.lower.form import Body, Entry, LoweredSection
 from stiffgen.lower.graph import CONDITIONAL, LIBM, LIBM_OF_TWO, OWN, Operations
@@ -21,27 +20,9 @@ _WIDTH = 100
 _SUM, _PRODUCT, _UNARY, _ATOM = range(4)
 
 
-@dataclass(frozen=True)
-class Printed:
-    """C statements, one a line (long ones wrapped), with the operations they cost.
-
-    ``values`` are the C texts of the outputs where these were defined rather than assigned, ``calls`` the C functions
-    that the statements call.
-    """
-
-    lines: list[str]
-    operations: Operations
-    values: tuple[str, ...]
-    calls: frozenset[str]
-    temporaries: int
-    """One past the last number of an unnamed local, t0, t1, ..."""
-    sine_calls: int
-    """One past the number of the last call that computes sines and cosines."""
-
-
 def print_body(
     body: Body, variant: Variant, text: Callable[[Entry], str], temporaries: int = 0, sine_calls: int = 0
-) -> Printed:
+) -> PrintedStatements:
     """Print the statements of a body, without indentation.
 
     Args:
@@ -52,7 +33,7 @@ def print_body(
         sine_calls: number of the first call that computes sines and cosines.
 
     """
-    writer = _Writer(body, variant, [text(access) for access in body.inputs])
+    writer = PrintedStatements(body, variant, [text(access) for access in body.inputs])
     writer.temporaries = temporaries
     writer.sine_calls = sine_calls
     # A choice by a comparison with NaN is a number: what depends on choices is NaN wherever an input is.
@@ -64,19 +45,19 @@ def print_body(
         writer.section(section)
     if body.heading:
         writer.lines += ["", f"/* {body.heading} */"] if writer.lines else [f"/* {body.heading} */"]
-    values = []
     for index, output in enumerate(body.outputs):
         lvalue = " = ".join(text(place) for place in reversed(output.places))
         if index < body.define:
-            values.append(writer.value(lvalue, output.number))
+            writer.values.append(writer.value(lvalue, output.number))
         else:
             sign = "+=" if body.accumulate else "="
             writer.assign(lvalue, output.number, wide=body.wide_outputs, sign=sign)
-    calls = frozenset(writer.calls)
-    return Printed(writer.lines, writer.operations, tuple(values), calls, writer.temporaries, writer.sine_calls)
+    return writer
 
 
-class _Writer:
+class PrintedStatements:
+    """C statements of a body, one per line (long ones wrapped), with the operations that they cost."""
+
     def __init__(self, body: Body, variant: Variant, inputs: Sequence[str]) -> None:
         self.graph = body.graph
         self.variant = variant
@@ -89,16 +70,21 @@ class _Writer:
         )
         self.lines: list[str] = []
         self.operations = Operations()
+        self.values: list[str] = []
+        """C texts of the outputs that were defined rather than assigned."""
         self.text: dict[int, str] = {}  # nodes that have a C name
         self.inline: set[int] = set()  # nodes that were printed where they are used
         self.results: dict[int, str] = {}  # sines and cosines: where the call left them
         self.temporaries = 0
+        """One past the last number of an unnamed local, t0, t1, ..."""
         self.sine_calls = 0
+        """One past the number of the last call that computes sines and cosines."""
         self.computed_levels = 0
         self.levels = self.graph.sine_levels()
         self.spent: dict[int, int] = {}  # uses of angles by sines and cosines that have been computed
         self.choices = self.graph.above(number for number, key in enumerate(self.graph.keys) if key[0] in CONDITIONAL)
         self.calls: set[str] = set()
+        """C functions that the statements call."""
         self.uses = body.graph.uses([output.number for output in body.outputs])
 
     def sines_and_cosines(self, *, of_level: int) -> None:
@@ -169,6 +155,7 @@ class _Writer:
         self.lines += ["", f"/* {text} */"] if self.lines else [f"/* {text} */"]
 
     def section(self, section: LoweredSection) -> None:
+        """Define the named values of a section that are computed here, below its comment."""
         opened = False
         for name, number in section.members:
             if section.shared:
@@ -187,6 +174,7 @@ class _Writer:
                 self._define(name, number)
 
     def assign(self, lvalue: str, number: int, *, wide: bool, sign: str = "=") -> None:
+        """Store an operation's value; ``wide``: in every lane."""
         inner = int(self.graph.keys[number][1]) if self.graph.keys[number][0] == "neg" else number
         if self.uses[inner] > 1 and not self._is_leaf(inner) and inner not in self.text:
             self._define(self._next_temporary(), inner)
@@ -198,7 +186,7 @@ class _Writer:
         self._write(f"{lvalue} {sign} {self._spread(text) if wide and number not in self.wide else text};")
 
     def value(self, name: str, number: int) -> str:
-        """C text of a node, which is defined under ``name`` unless it is short already."""
+        """Return the C text of a node, which is defined under ``name`` unless it is short already."""
         inner = int(self.graph.keys[number][1]) if self.graph.keys[number][0] == "neg" else number
         if self.poison and number in self.choices:
             self._prepare(number)
