@@ -114,7 +114,7 @@ def in_cpp(robot: Robot, pinocchio: Path, scratch: Path, rounds: int) -> list[tu
     sources = [str(folder / name) for name in ("peer.c", "robot.c")]
     objects = [str(folder / name) for name in ("peer.o", "robot.o")]
     for source, target in zip(sources, objects, strict=True):
-        run(["gcc", "-std=c99", *NATIVE.split(), "-w", "-c", source, "-o", target])
+        run(["gcc", "-std=gnu99", *NATIVE.split(), "-w", "-c", source, "-o", target])
     run(["g++", str(pinocchio), *objects, "-o", str(program), "-lm"])
     lines = run(pinned([str(program), str(rounds)])).splitlines()
     return [(name, float(ns)) for name, ns in (line.split("\t") for line in lines)]
