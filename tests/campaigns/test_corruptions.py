@@ -11,7 +11,7 @@ import json
 import re
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -158,22 +158,26 @@ def place(fault: Fault, folder: Path) -> Path:
     return folder / fault.file
 
 
-FIRST = {CONTROLLER: "stepping the controller", PYTHON: "names and limits"}
-"""The step of ``verify`` that looks at a file most closely: run first, since one failed comparison is enough."""
+FIRST = {
+    CONTROLLER: ("stepping the controller", "hostile sessions"),
+    PYTHON: ("names and limits",),
+    URDF.name: ("reading the URDF",),
+}
+"""The steps of ``verify`` that look at a file most closely: run first, since one failed comparison is enough."""
 TEXT = "printing again"
 """The step that finds every change of a source."""
 LAST = ("names and limits", "batches in C", "bounds of memory", "certified bounds", "hostile sessions")
-"""Steps that compile or print, in the order of their cost."""
+"""Steps that compile or print, in the order of their cost; all others come before."""
 
 
-def _order(title: str, first: str) -> int:
+def _order(title: str, first: Sequence[str]) -> tuple[bool, int]:
     """Return the rank of a step of ``verify``: what finds most faults in the least time comes first."""
-    if title == first:
-        return -2
-    return LAST.index(title) if title in LAST else -1
+    if title in first:
+        return False, first.index(title)
+    return True, LAST.index(title) if title in LAST else -1
 
 
-def _verify(folder: Path, urdf: Path | None, first: str, kept: KeptObjects, send: Connection) -> None:
+def _verify(folder: Path, urdf: Path | None, first: Sequence[str], kept: KeptObjects, send: Connection) -> None:
     """Send the comparisons of values of the first step of ``verify`` that has failed ones; [] if none has."""
     build._FAST_TO_COMPILE, build._run = ("-O0",), kept.run
     widths.WIDTHS = widths.WIDTHS[:2]  # the module has the widest vectors
@@ -196,7 +200,9 @@ def _verify(folder: Path, urdf: Path | None, first: str, kept: KeptObjects, send
     send.send([])
 
 
-def failed_comparisons(kept: KeptObjects, folder: Path, urdf: Path | None = None, first: str = "") -> list[str]:
+def failed_comparisons(
+    kept: KeptObjects, folder: Path, urdf: Path | None = None, first: Sequence[str] = ()
+) -> list[str]:
     """Return failed comparisons of values, in another process: a fault may write anywhere."""
     receive, send = LOADED.Pipe(duplex=False)
     process = LOADED.Process(target=_verify, args=(folder, urdf, first, kept, send))
@@ -244,7 +250,7 @@ def test_no_fault_passes(fault, folder, failures):
     except stiffgen.BuildError as error:  # guards and sines: the compiled code's own check comes first
         assert "self-check" in str(error)
     else:
-        failed = failures(folder, first=FIRST.get(fault.file, ""))
+        failed = failures(folder, first=FIRST.get(fault.file, ()))
         assert (failed == []) == (fault.title in HARMLESS), failed
 
 
@@ -305,7 +311,7 @@ def test_a_folder_of_another_urdf_needs_the_urdf(tmp_path, failures, unoptimised
     other.write_text(text)
     folder = stiffgen.generate(other, output=tmp_path / "generated", name="iiwa14")
     assert failures(folder) == []
-    (failed,) = failures(folder, URDF)
+    (failed,) = failures(folder, URDF, FIRST[URDF.name])
     assert "iiwa14.urdf, read again" in failed
 
 
