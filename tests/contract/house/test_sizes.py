@@ -1,0 +1,26 @@
+# SPDX-License-Identifier: MIT
+"""Functions of the package have at most 60 lines, classes 20 methods and files 500 lines."""
+
+from __future__ import annotations
+
+import ast
+
+from support.project import ROOT
+
+FILES = sorted((ROOT / "codegen" / "stiffgen").rglob("*.py"))
+
+
+def test_sizes() -> None:
+    assert len(FILES) > 150
+    long = []
+    for file in FILES:
+        text = file.read_text()
+        if text.count("\n") > 500:
+            long.append(f"{file.name}: {text.count(chr(10))} lines")
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.FunctionDef) and node.end_lineno and node.end_lineno - node.lineno >= 60:
+                long.append(f"{file.name}: {node.name}() has {node.end_lineno - node.lineno + 1} lines")
+            methods = [each for each in getattr(node, "body", ()) if isinstance(each, ast.FunctionDef)]
+            if isinstance(node, ast.ClassDef) and len(methods) > 20:
+                long.append(f"{file.name}: {node.name} has {len(methods)} methods")
+    assert long == []
