@@ -22,6 +22,7 @@ OUT = ndpointer(np.float64, flags=("C_CONTIGUOUS", "WRITEABLE"))
 
 SIGNATURES = {
     "diagonalise_symmetric": (ctypes.c_int, OUT, OUT, OUT),
+    "find_largest_eigenvalue": (IN,),
     "solve_pencil": (ctypes.c_int, IN, IN, OUT, OUT, OUT, OUT, OUT),
     "solve_modes": (ctypes.c_int, IN, IN, OUT, OUT, OUT),
     "refine_modes": (ctypes.c_int, IN, IN, OUT, OUT, OUT),
@@ -57,11 +58,15 @@ class Matrices:
         self.library: Any = ctypes.CDLL(str(path))
         for name, signature in SIGNATURES.items():
             getattr(self.library, name).argtypes = signature
+        self.library.find_largest_eigenvalue.restype = ctypes.c_double
 
     def diagonalise_symmetric(self, A: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
         n = len(A)
         values, rows = np.empty(n), np.empty((n, n))
         return self.library.diagonalise_symmetric(n, A.copy(), values, rows), values, rows.T
+
+    def find_largest_eigenvalue(self, A: np.ndarray) -> float:
+        return float(self.library.find_largest_eigenvalue(A))
 
     def solve_pencil(self, K: np.ndarray, M: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
         """Return the code, eigenvalues and eigenvectors V, V^T M V = I."""

@@ -75,7 +75,7 @@ static const double PAPER_DEFLECTION = 0.7853981633974483;
 typedef struct {
     const config_t *c;
     memory_t *m;
-    double *scratch; /* 3 N^2 numbers */
+    double *scratch; /* 2 N^2 numbers, and behind them the modes of the last design but two */
     double *modes;   /* modes of the last two designs */
     const input_t *input;
     output_t *out;
@@ -164,6 +164,7 @@ int is_positive_semidefinite(int n, const double *A, double tolerance);
 /* eigen.c */
 void sort_eigenpairs(int n, double *d, double *rows);
 int diagonalise_symmetric(int n, double *A, double *d, double *rows);
+double find_largest_eigenvalue(const double *A);
 
 /* modes.c */
 void take_symmetric_part(int n, const double *K, double *result);

@@ -22,14 +22,25 @@ void place_no_tools(double *tool)
     }
 }
 
+/* Return the largest eigenvalue of a positive semidefinite A (destroyed) of 3 or 6 rows. */
+static double bound_quadratic(int rows, double *A)
+{
+    double d[6] = {0.0};
+    if (rows == 3) {
+        return larger(find_largest_eigenvalue(A), 0.0);
+    }
+    (void)diagonalise_symmetric(rows, A, d, NULL);
+    return larger(d[rows - 1], 0.0);
+}
+
 /*
- * Bound the reserve of the torques J^T w of all w with |w_k / size_k| <= 1 (2-norm) in `rows` directions: l times such
- * a torque needs at most l parts[0] + l^2 parts[1]. parts[2]: largest l at which every joint keeps its effort limit;
- * with `clipped`, a joint that would exceed its limit counts with the limit.
+ * Bound the reserve of the torques J^T w of all w with |w_k / size_k| <= 1 (2-norm) in `rows` directions, 3 or 6: l
+ * times such a torque needs at most l parts[0] + l^2 parts[1]. parts[2]: largest l at which every joint keeps its effort
+ * limit; with `clipped`, a joint that would exceed its limit counts with the limit.
  */
 static void bound_wrench(const config_t *c, int rows, const double *J, const double *size, int clipped, double *parts)
 {
-    double held[36] = {0.0}, falling[36] = {0.0}, d[6] = {0.0}, sum = 0.0;
+    double held[36] = {0.0}, falling[36] = {0.0}, sum = 0.0;
     const int gap = limit_call_gap(c, c->missed_limit);
     parts[2] = HUGE_VAL;
     for (int i = 0; i < N; ++i) {
@@ -44,16 +55,13 @@ static void bound_wrench(const config_t *c, int rows, const double *J, const dou
         const double share = clipped ? smaller(kept, 1.0) : 1.0;
         parts[2] = smaller(parts[2], kept);
         sum += hold;
-        for (int k = 0; k < rows * rows; ++k) {
-            const double x = share * row[k / rows] * share * row[k % rows];
-            held[k] += hold * x;
-            falling[k] += fall * x;
+        for (int k = 0; k < rows; ++k) {
+            add_scaled(rows, hold * share * share * row[k], row, held + k * rows);
+            add_scaled(rows, fall * share * share * row[k], row, falling + k * rows);
         }
     }
-    (void)diagonalise_symmetric(rows, held, d, NULL);
-    parts[0] = sqrt(sum * larger(d[rows - 1], 0.0));
-    (void)diagonalise_symmetric(rows, falling, d, NULL);
-    parts[1] = larger(d[rows - 1], 0.0);
+    parts[0] = sqrt(sum * bound_quadratic(rows, held));
+    parts[1] = bound_quadratic(rows, falling);
 }
 
 /* Return the largest l for which l a + l^2 b is at most `most`. */

@@ -45,6 +45,29 @@ def test_eigenvectors_of_special_matrices(matrices: Matrices) -> None:
         np.testing.assert_allclose(values, np.linalg.eigvalsh(A), atol=1e-14 * max(1, np.abs(A).max()))
 
 
+def test_largest_eigenvalue_of_three(matrices: Matrices) -> None:
+    """Against LAPACK, to rounding: apart, and pairs of every distance at the top and at the bottom of the spectrum."""
+    random = np.random.default_rng(3)
+    worst = 0.0
+    for index in range(3000):
+        near = 1.0 - 10 ** random.uniform(-17, 0)
+        spectra = [
+            random.normal(size=3),
+            [1.0, near, random.uniform()],
+            [1.0, 0.3, 0.3 * near],
+            [1.0, near, near],
+            [1.0, 0.0, 0.0],
+        ]
+        A = symmetric(random, np.array(spectra[index % 5]) * 10 ** random.uniform(-9, 9))
+        exact = np.linalg.eigvalsh(A)
+        worst = max(worst, abs(matrices.find_largest_eigenvalue(A) - exact[-1]) / np.abs(exact).max())
+    print(f"worst relative error {worst:.1e}")
+    assert worst <= 3e-15
+    for A in (np.zeros((3, 3)), np.diag([2.0, 5.0, 2.0]), np.diag([5.0, 2.0, 5.0]), 5.0 * np.eye(3)):
+        assert matrices.find_largest_eigenvalue(A) == pytest.approx(A.max(), rel=1e-15)
+    assert np.isnan(matrices.find_largest_eigenvalue(np.full((3, 3), np.nan)))
+
+
 def test_what_is_refused(matrices: Matrices) -> None:
     good = np.diag([2.0, 3.0, 4.0])
     for bad in (np.nan, np.inf):
