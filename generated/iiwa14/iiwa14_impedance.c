@@ -997,9 +997,10 @@ static double find_largest_eigenvalue(const double *A)
  * Indust. Appl. Math. 35 (2018).
  */
 
-/* Rounds of refine_modes; the change above which it gives up, and the one whose square is 0 up to rounding. */
+/* Rounds of refine_modes; the changes above which it gives up, in the first round and over the round before; the change
+ * whose square is 0 up to rounding. */
 enum { REFINEMENTS = 4 };
-static const double LARGEST_CHANGE = 0.05, LAST_CHANGE = 2e-8;
+static const double LARGEST_CHANGE = 0.05, LARGEST_SHARE = 0.2, LAST_CHANGE = 5e-8;
 
 /* Invert a lower triangular matrix; the entries above the diagonal become 0. */
 static void invert_triangle(int n, const double *L, double *inverse)
@@ -1146,15 +1147,17 @@ static void compare_modes(int n, const double *K, const double *M, const double 
 static int refine_modes(int n, const double *K, const double *M, double *work, double *eigenvalues, double *modes)
 {
     double *const products = work, *const changes = work + n * n;
+    double most = LARGEST_CHANGE;
     for (int round = 0; round < REFINEMENTS; ++round) {
         compare_modes(n, K, M, modes, products, eigenvalues, changes);
         double size = 0.0;
         for (int i = 0; i < n; ++i) {
             size += dot(n, changes + i * n, changes + i * n);
         }
-        if (!(size <= LARGEST_CHANGE * LARGEST_CHANGE)) {
+        if (!(size <= most * most)) {
             return 0;
         }
+        most = LARGEST_SHARE * sqrt(size);
         multiply_rows(n, changes, modes, products);
         add_scaled(n * n, 1.0, products, modes);
         if (size <= LAST_CHANGE * LAST_CHANGE) {
@@ -2801,30 +2804,33 @@ static double reduce_inertia(const double *modes, double *inertia)
 }
 
 /*
- * Compute the modes of the springs' tangent. They are refined from the extrapolation of the last two designs' modes;
+ * Compute the modes of the springs' tangent. They are refined from the extrapolation of the last three designs' modes;
  * where these are too far away, or two eigenvalues are close, they are solved anew. The result is the same up to
  * rounding. Return whether there are modes: M is positive definite.
  */
 static int find_modes(step_t *s)
 {
     output_t *const out = s->out;
-    double *const modes = s->modes, *const before = modes + NN;
+    double *const modes = s->modes, *const before = modes + NN, *const oldest = s->scratch + 2 * NN;
+    double symmetric[NN];
     const double *K = out->joint_stiffness;
-    for (int k = 0; k < NN; ++k) {
+    for (int k = 0; k < NN; ++k) { /* a parabola */
         const double last = modes[k];
-        modes[k] = 2.0 * last - before[k];
+        modes[k] = 3.0 * (last - before[k]) + oldest[k];
+        oldest[k] = before[k];
         before[k] = last;
     }
     if (s->m->law == ID(LAW_PAPER)) {
         /* only the symmetric part of the conventional formula has a say in the damping */
-        take_symmetric_part(N, out->joint_stiffness, s->scratch);
-        K = s->scratch;
+        take_symmetric_part(N, out->joint_stiffness, symmetric);
+        K = symmetric;
     }
-    if (refine_modes(N, K, out->mass_matrix, s->scratch + NN, out->eigenvalues, modes)) {
+    if (refine_modes(N, K, out->mass_matrix, s->scratch, out->eigenvalues, modes)) {
         return 1;
     }
     const int error = solve_modes(N, out->joint_stiffness, out->mass_matrix, s->scratch, out->eigenvalues, modes);
     memcpy(before, modes, NN * sizeof(double));
+    memcpy(oldest, modes, NN * sizeof(double));
     return error == 0;
 }
 
@@ -2911,9 +2917,9 @@ static double design_damping(step_t *s)
 {
     const config_t *const c = s->c;
     output_t *const out = s->out;
-    double *const rows = s->scratch, *const own = rows + 2 * NN;
+    double *const rows = s->scratch;
     const double *modes = s->modes;
-    double b[N], scale = 1.0, largest_b = 0.0, d = c->joint_damping;
+    double b[N], own[NN], scale = 1.0, largest_b = 0.0, d = c->joint_damping;
     const int paper = s->m->law == ID(LAW_PAPER), by_task = c->damping_design == ID(DAMPING_DESIGN_TASK);
     const double T = c->sample_time, most = paper ? 1e6 : largest_damping(c);
     if (!find_modes(s)) {
@@ -2985,8 +2991,8 @@ static void weigh_twists(const double *L, double *J, double *weights, double *A)
  */
 static void follow_twists(step_t *s, const double *twists, double *velocity)
 {
-    double *const L = s->scratch, *const A = L + NN, *const factor = L + 2 * NN;
-    double J[6 * N * TIPS], weights[2], wanted[N] = {0.0}, excess = HUGE_VAL;
+    double *const L = s->scratch, *const A = L + NN;
+    double factor[NN], J[6 * N * TIPS], weights[2], wanted[N] = {0.0}, excess = HUGE_VAL;
     const double *const limits = s->c->reference_velocity_limit;
     memset(velocity, 0, N * sizeof(double));
     if (factorise_cholesky(N, s->out->damping, largest_entry(NN, s->out->damping), LEAST_DAMPED, L) != 0) {

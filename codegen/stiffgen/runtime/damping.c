@@ -21,30 +21,33 @@ static double reduce_inertia(const double *modes, double *inertia)
 }
 
 /*
- * Compute the modes of the springs' tangent. They are refined from the extrapolation of the last two designs' modes;
+ * Compute the modes of the springs' tangent. They are refined from the extrapolation of the last three designs' modes;
  * where these are too far away, or two eigenvalues are close, they are solved anew. The result is the same up to
  * rounding. Return whether there are modes: M is positive definite.
  */
 static int find_modes(step_t *s)
 {
     output_t *const out = s->out;
-    double *const modes = s->modes, *const before = modes + NN;
+    double *const modes = s->modes, *const before = modes + NN, *const oldest = s->scratch + 2 * NN;
+    double symmetric[NN];
     const double *K = out->joint_stiffness;
-    for (int k = 0; k < NN; ++k) {
+    for (int k = 0; k < NN; ++k) { /* a parabola */
         const double last = modes[k];
-        modes[k] = 2.0 * last - before[k];
+        modes[k] = 3.0 * (last - before[k]) + oldest[k];
+        oldest[k] = before[k];
         before[k] = last;
     }
     if (s->m->law == ID(LAW_PAPER)) {
         /* only the symmetric part of the conventional formula has a say in the damping */
-        take_symmetric_part(N, out->joint_stiffness, s->scratch);
-        K = s->scratch;
+        take_symmetric_part(N, out->joint_stiffness, symmetric);
+        K = symmetric;
     }
-    if (refine_modes(N, K, out->mass_matrix, s->scratch + NN, out->eigenvalues, modes)) {
+    if (refine_modes(N, K, out->mass_matrix, s->scratch, out->eigenvalues, modes)) {
         return 1;
     }
     const int error = solve_modes(N, out->joint_stiffness, out->mass_matrix, s->scratch, out->eigenvalues, modes);
     memcpy(before, modes, NN * sizeof(double));
+    memcpy(oldest, modes, NN * sizeof(double));
     return error == 0;
 }
 
@@ -131,9 +134,9 @@ double design_damping(step_t *s)
 {
     const config_t *const c = s->c;
     output_t *const out = s->out;
-    double *const rows = s->scratch, *const own = rows + 2 * NN;
+    double *const rows = s->scratch;
     const double *modes = s->modes;
-    double b[N], scale = 1.0, largest_b = 0.0, d = c->joint_damping;
+    double b[N], own[NN], scale = 1.0, largest_b = 0.0, d = c->joint_damping;
     const int paper = s->m->law == ID(LAW_PAPER), by_task = c->damping_design == ID(DAMPING_DESIGN_TASK);
     const double T = c->sample_time, most = paper ? 1e6 : largest_damping(c);
     if (!find_modes(s)) {
@@ -205,8 +208,8 @@ static void weigh_twists(const double *L, double *J, double *weights, double *A)
  */
 void follow_twists(step_t *s, const double *twists, double *velocity)
 {
-    double *const L = s->scratch, *const A = L + NN, *const factor = L + 2 * NN;
-    double J[6 * N * TIPS], weights[2], wanted[N] = {0.0}, excess = HUGE_VAL;
+    double *const L = s->scratch, *const A = L + NN;
+    double factor[NN], J[6 * N * TIPS], weights[2], wanted[N] = {0.0}, excess = HUGE_VAL;
     const double *const limits = s->c->reference_velocity_limit;
     memset(velocity, 0, N * sizeof(double));
     if (factorise_cholesky(N, s->out->damping, largest_entry(NN, s->out->damping), LEAST_DAMPED, L) != 0) {

@@ -6,9 +6,10 @@
  */
 #include "impedance.h"
 
-/* Rounds of refine_modes; the change above which it gives up, and the one whose square is 0 up to rounding. */
+/* Rounds of refine_modes; the changes above which it gives up, in the first round and over the round before; the change
+ * whose square is 0 up to rounding. */
 enum { REFINEMENTS = 4 };
-static const double LARGEST_CHANGE = 0.05, LAST_CHANGE = 2e-8;
+static const double LARGEST_CHANGE = 0.05, LARGEST_SHARE = 0.2, LAST_CHANGE = 5e-8;
 
 /* Invert a lower triangular matrix; the entries above the diagonal become 0. */
 static void invert_triangle(int n, const double *L, double *inverse)
@@ -155,15 +156,17 @@ static void compare_modes(int n, const double *K, const double *M, const double 
 int refine_modes(int n, const double *K, const double *M, double *work, double *eigenvalues, double *modes)
 {
     double *const products = work, *const changes = work + n * n;
+    double most = LARGEST_CHANGE;
     for (int round = 0; round < REFINEMENTS; ++round) {
         compare_modes(n, K, M, modes, products, eigenvalues, changes);
         double size = 0.0;
         for (int i = 0; i < n; ++i) {
             size += dot(n, changes + i * n, changes + i * n);
         }
-        if (!(size <= LARGEST_CHANGE * LARGEST_CHANGE)) {
+        if (!(size <= most * most)) {
             return 0;
         }
+        most = LARGEST_SHARE * sqrt(size);
         multiply_rows(n, changes, modes, products);
         add_scaled(n * n, 1.0, products, modes);
         if (size <= LAST_CHANGE * LAST_CHANGE) {
