@@ -210,6 +210,7 @@ void adopt_limits(step_t *s, const double *q)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
+    int changed = 0;
     for (int i = 0; i < N; ++i) {
         double *const a = m->avoidance + 4 * i;
         const double wanted[4] = {c->lower_limit[i] + c->limit_zone, c->upper_limit[i] - c->limit_zone,
@@ -228,8 +229,11 @@ void adopt_limits(step_t *s, const double *q)
             book_stiffness(s, &m->limit_energy, v);
         }
         memcpy(a, wanted, sizeof wanted);
+        changed = 1;
     }
-    evaluate_limits(s, q);
+    if (changed) {
+        evaluate_limits(s, q);
+    }
 }
 
 /*
@@ -241,8 +245,8 @@ void adopt_missed_limit(step_t *s, const double *last)
     memory_t *const m = s->m;
     double parts[3];
     const int calls = s->c->missed_limit, gap = limit_call_gap(s->c, calls);
-    const int covered = compute_reserve(s, calls, gap, last, parts) <= available_energy(m);
-    if ((calls <= m->calls && gap <= m->call_gap) || (m->fault == ID(FAULT_NONE) && covered)) {
+    if ((calls <= m->calls && gap <= m->call_gap) ||
+        (m->fault == ID(FAULT_NONE) && compute_reserve(s, calls, gap, last, parts) <= available_energy(m))) {
         m->calls = calls;
         m->call_gap = gap;
     }
