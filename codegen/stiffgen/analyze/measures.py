@@ -255,6 +255,7 @@ class Summary:
 
     """
 
+    # More than twelve fields: the summaries of partitions are merged and sent as one.
     rows: int = 0
     good: int = 0
     bad: Counter[str] = field(default_factory=Counter)

@@ -44,6 +44,7 @@ def _silent(step: str, done: float) -> None:
 class AnalysisOptions:
     """Options of an analysis: recording, robot, task stiffness, and how to read them."""
 
+    # More than twelve fields: every option stands here and nowhere else.
     log: str | Path = field(
         metadata=described(
             "recording with q and wrench: .csv, .tsv, .txt, .npz, .parquet or .mcap (ROS 2)", metavar="LOG"

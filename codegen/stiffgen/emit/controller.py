@@ -110,6 +110,7 @@ class ControllerPage:
 
     """
 
+    # More than twelve fields: one for each variable that the controller's templates read.
     n: int
     interface: str
     library: str

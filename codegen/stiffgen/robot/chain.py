@@ -202,6 +202,7 @@ class Chain:
 
     """
 
+    # More than twelve fields: all later stages read this record, and the manifest stores it.
     robot: str
     base: str
     tips: tuple[Tip, ...]

@@ -77,6 +77,7 @@ class JointElement:
     position in the file's own configuration, in which the loops of the file are closed [rad or m].
     """
 
+    # More than twelve fields: one for each entry of the element.
     name: str
     type: str
     parent: str

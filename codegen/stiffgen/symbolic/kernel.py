@@ -40,6 +40,7 @@ class Kernel:
 
     """
 
+    # More than twelve fields: a new function of a robot is one record of this table.
     name: str
     group: str | None
     arguments: tuple[Argument, ...]

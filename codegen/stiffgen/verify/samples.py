@@ -20,6 +20,7 @@ from stiffgen.symbolic.potentials import SpringOptions
 class Samples:
     """Random states: q within the limits, wrenches, symmetric and general task stiffness, and potential data."""
 
+    # More than twelve fields: one for each argument of a kernel, found by its name.
     q: FloatArray
     wrench: FloatArray
     task_stiffness: FloatArray
