@@ -647,6 +647,16 @@ static double largest_entry(int count, const double *A)
     return result;
 }
 
+/* Return the largest entry of a positive semidefinite matrix, which is on its diagonal; at least 0. */
+static double largest_diagonal(int n, const double *A)
+{
+    double result = 0.0;
+    for (int i = 0; i < n; ++i) {
+        result = larger(result, A[i * (n + 1)]);
+    }
+    return result;
+}
+
 /* Copy the lower triangle of a matrix to the upper one. */
 static void mirror_triangle(int n, double *A)
 {
@@ -691,20 +701,11 @@ static int factorise_cholesky(int n, const double *A, double scale, double shift
     return 0;
 }
 
-/* Replace X, a matrix with the given number of columns, by L^-1 X. */
-static void solve_forward(int n, int columns, const double *L, double *X)
+/* Replace x by L^-1 x. */
+static void solve_forward(int n, const double *L, double *x)
 {
     for (int i = 0; i < n; ++i) {
-        double *const row = X + i * columns;
-        const double inverse = 1.0 / L[i * (n + 1)];
-        for (int k = 0; k < i; ++k) {
-            for (int j = 0; j < columns; ++j) {
-                row[j] -= L[i * n + k] * X[k * columns + j];
-            }
-        }
-        for (int j = 0; j < columns; ++j) {
-            row[j] *= inverse;
-        }
+        x[i] = (x[i] - dot(i, L + i * n, x)) / L[i * (n + 1)];
     }
 }
 
@@ -1019,10 +1020,7 @@ static void invert_triangle(int n, const double *L, double *inverse)
 /* Factorise the M of a pencil: L with L L^T = M / *scale, and its inverse. */
 static int factorise_pencil(int n, const double *M, double *L, double *inverse, double *scale)
 {
-    *scale = 0.0; /* the largest entry of a positive definite matrix is on its diagonal */
-    for (int i = 0; i < n; ++i) {
-        *scale = larger(*scale, M[i * (n + 1)]);
-    }
+    *scale = largest_diagonal(n, M);
     const int error = factorise_cholesky(n, M, *scale, 0.0, L);
     if (error == 0) {
         invert_triangle(n, L, inverse);
@@ -1903,7 +1901,7 @@ static int measure_mobilities(const config_t *c, const memory_t *m, const double
 {
     double *const M = work, *const L = work + NN, J[6 * N * TIPS], pose[16 * TIPS];
     compute_inertia(c, m, q, M);
-    const double mass = largest_entry(NN, M);
+    const double mass = largest_diagonal(N, M);
     if (factorise_cholesky(N, M, mass, 0.0, L) != 0) {
         return 0;
     }
@@ -1936,7 +1934,7 @@ static int measure_mobilities(const config_t *c, const memory_t *m, const double
             }
         }
         for (int i = 0; i < 6; ++i) {
-            solve_forward(N, 1, L, rows + i * N);
+            solve_forward(N, L, rows + i * N);
         }
         for (int k = 0; k < 18; ++k) {
             const int spring = k / 9 * 3, i = spring + k % 9 / 3, j = spring + k % 3;
@@ -2613,17 +2611,16 @@ static void move_pose(const double *pose, const double *twist, double *moved)
 static int solve_free(const double *A, double shift, const int *held, double *work, double *x)
 {
     double *const L = work + NN;
-    for (int k = 0; k < NN; ++k) {
-        const int i = k / N, j = k % N;
-        work[k] = A[k];
-        if (held[i] || held[j]) {
-            work[k] = i == j ? 1.0 - shift : 0.0;
+    memcpy(work, A, NN * sizeof(double));
+    for (int i = 0; i < N; ++i) {
+        for (int j = 0; held[i] && j < N; ++j) {
+            work[i * N + j] = work[j * N + i] = i == j ? 1.0 - shift : 0.0;
         }
     }
     if (factorise_cholesky(N, work, 1.0, shift, L) != 0) {
         return 0;
     }
-    solve_forward(N, 1, L, x);
+    solve_forward(N, L, x);
     solve_backward(N, L, x);
     return 1;
 }
@@ -2681,11 +2678,10 @@ static int hold_joint(const memory_t *m, const double *q, int *held, double *ste
  * lets ALIKE weigh as much as one radian. Return |e|, the largest of the tips' distances [m] and angles [rad]; damping:
  * that of the step.
  */
-static double sum_errors(const memory_t *m, const double *q, const double *goal, double *A, double *task,
-                         double *damping)
+static double sum_errors(const memory_t *m, const double *q, const double *here, const double *goal, double *A,
+                         double *task, double *damping)
 {
-    double here[16 * TIPS], J[6 * N * TIPS], distance = 0.0, squares = 0.0;
-    stiffgen_poses(q, m, here);
+    double J[6 * N * TIPS], distance = 0.0, squares = 0.0;
     stiffgen_jacobians(q, m, J);
     memset(A, 0, NN * sizeof(double));
     memset(task, 0, N * sizeof(double));
@@ -2702,30 +2698,31 @@ static double sum_errors(const memory_t *m, const double *q, const double *goal,
             }
         }
     }
-    const double scale = larger(largest_entry(NN, A), DBL_MIN);
+    const double scale = larger(largest_diagonal(N, A), DBL_MIN), inverse = 1.0 / scale;
     for (int k = 0; k < NN; ++k) {
-        A[k] /= scale;
+        A[k] *= inverse;
     }
     for (int i = 0; i < N; ++i) {
-        task[i] /= scale;
+        task[i] *= inverse;
     }
     *damping = squares / scale + STEP_SHARE * sqrt(squares / scale);
     return distance;
 }
 
 /*
- * Find the step from the posture q towards the one nearest to `wanted` that has its tips at goal and lies outside the
- * limit zones. Return the tips' distance from the goal, the larger of [m] and [rad].
+ * Find the step from the posture q, whose tips are here, towards the one nearest to `wanted` that has its tips at goal
+ * and lies outside the limit zones. Return the tips' distance from the goal, the larger of [m] and [rad].
  *
  * The step is damped by e^T W e and by its root. The first keeps it short far from the goal and at singular postures.
  * The second bounds what the neglected second derivative of e does to the share of the step that is gone in one call.
  */
-static double find_posture_step(step_t *s, const double *q, const double *goal, const double *wanted, double *step)
+static double find_posture_step(step_t *s, const double *q, const double *here, const double *goal, const double *wanted,
+                         double *step)
 {
     const memory_t *const m = s->m;
     double A[NN], task[N], near[N], damping, speed = 0.0;
     int held[N] = {0};
-    const double distance = sum_errors(m, q, goal, A, task, &damping);
+    const double distance = sum_errors(m, q, here, goal, A, task, &damping);
     memset(step, 0, N * sizeof(double));
     for (int i = 0; i < N; ++i) {
         near[i] = clamp(wanted[i], m->avoidance[4 * i], m->avoidance[4 * i + 1]) - q[i];
@@ -2767,14 +2764,15 @@ static void start_trial(step_t *s)
 static int search_posture(step_t *s)
 {
     memory_t *const m = s->m;
-    double step[N];
+    double step[N], here[16 * TIPS];
     if (m->search >= SEARCHED) {
         return 0;
     }
     if (m->search_steps == 0) {
         start_trial(s);
     }
-    const int found = find_posture_step(s, m->trial, s->goal, m->trial, step) <= 0.1 * REACHED;
+    stiffgen_poses(m->trial, m, here);
+    const int found = find_posture_step(s, m->trial, here, s->goal, m->trial, step) <= 0.1 * REACHED;
     const double size = norm(N, step);
     add_scaled(N, size > LONGEST_STEP ? LONGEST_STEP / size : 1.0, step, m->trial);
     m->detour = found;
@@ -2849,14 +2847,14 @@ static void measure_inertia(step_t *s, const double *q)
     for (int i = 0; i < N; ++i) {
         s->m->inertia[i] = DBL_MAX;
     }
-    const double mass = largest_entry(NN, M);
+    const double mass = largest_diagonal(N, M);
     if (factorise_cholesky(N, M, mass, 0.0, L) != 0) {
         return;
     }
     for (int i = 0; i < N; ++i) {
         double column[N] = {0.0}, sum = 0.0;
         column[i] = 1.0;
-        solve_forward(N, 1, L, column);
+        solve_forward(N, L, column);
         solve_backward(N, L, column);
         for (int j = 0; j < N; ++j) {
             sum += fabs(column[j]);
@@ -2974,7 +2972,7 @@ static void weigh_twists(const double *L, double *J, double *weights, double *A)
     memset(A, 0, NN * sizeof(double));
     weights[0] = weights[1] = 0.0;
     for (int r = 0; r < 6 * TIPS; ++r) {
-        solve_forward(N, 1, L, J + r * N);
+        solve_forward(N, L, J + r * N);
         weights[r / 3 % 2] += dot(N, J + r * N, J + r * N);
     }
     for (int k = 0; k < 2; ++k) {
@@ -2999,7 +2997,7 @@ static void follow_twists(step_t *s, const double *twists, double *velocity)
     double factor[NN], J[6 * N * TIPS], weights[2], wanted[N] = {0.0}, excess = HUGE_VAL;
     const double *const limits = s->c->reference_velocity_limit;
     memset(velocity, 0, N * sizeof(double));
-    if (factorise_cholesky(N, s->out->damping, largest_entry(NN, s->out->damping), LEAST_DAMPED, L) != 0) {
+    if (factorise_cholesky(N, s->out->damping, largest_diagonal(N, s->out->damping), LEAST_DAMPED, L) != 0) {
         return;
     }
     memcpy(J, find_jacobians(s), sizeof J);
@@ -3014,7 +3012,7 @@ static void follow_twists(step_t *s, const double *twists, double *velocity)
             return;
         }
         memcpy(velocity, wanted, sizeof wanted);
-        solve_forward(N, 1, factor, velocity);
+        solve_forward(N, factor, velocity);
         solve_backward(N, factor, velocity);
         solve_backward(N, L, velocity);
         excess = 0.0;
@@ -3196,11 +3194,11 @@ static int rests_elsewhere(const step_t *s)
  * Update the posture's velocity towards a posture of the pose that is commanded, nearest to the wanted one. The posture
  * follows the equilibrium. Where it ends short of the equilibrium, the pose is out of reach from here (beyond): the
  * posture then goes towards the pose itself, as near as it can, and the equilibrium goes where the posture is. From
- * there another posture of the pose is searched; if there is one, the posture goes to it (detour). lead: distance of
- * the equilibrium from the pose of the posture; arrived: the equilibrium is at its goal. Return whether the posture is
+ * there another posture of the pose is searched; if there is one, the posture goes to it (detour). here: pose of the
+ * posture; lead: distance of the equilibrium from it; arrived: the equilibrium is at its goal. Return whether the posture is
  * still on its way.
  */
-static int approach_posture(step_t *s, double lead, int arrived)
+static int approach_posture(step_t *s, const double *here, double lead, int arrived)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
@@ -3216,7 +3214,7 @@ static int approach_posture(step_t *s, double lead, int arrived)
         add_scaled(N, -1.0, m->posture, step);
         distance = HUGE_VAL;
     } else {
-        distance = find_posture_step(s, m->posture, m->beyond ? s->goal : m->equilibrium, s->input->q0, step);
+        distance = find_posture_step(s, m->posture, here, m->beyond ? s->goal : m->equilibrium, s->input->q0, step);
     }
     const double size = relative_size(N, 1, step, limits);
     const int stands = size <= (awaited ? CREEPING : STATIONARY) && !m->detour;
@@ -3333,7 +3331,7 @@ static int update_velocities(step_t *s, int by_posture)
         const double lead = pose_distance(here, m->equilibrium), pace = find_pace(s, lead);
         const int arrived = m->beyond ? approach_poses(s, here, NULL, pace)
                                       : approach_poses(s, s->goal, m->wanted_equilibrium, pace);
-        return approach_posture(s, lead, arrived) || !arrived;
+        return approach_posture(s, here, lead, arrived) || !arrived;
     }
     for (int i = 0; i < N; ++i) {
         away[i] = s->commanded && !joining ? s->input->q0[i] - m->posture[i] : 0.0;

@@ -34,7 +34,7 @@ static int measure_mobilities(const config_t *c, const memory_t *m, const double
 {
     double *const M = work, *const L = work + NN, J[6 * N * TIPS], pose[16 * TIPS];
     compute_inertia(c, m, q, M);
-    const double mass = largest_entry(NN, M);
+    const double mass = largest_diagonal(N, M);
     if (factorise_cholesky(N, M, mass, 0.0, L) != 0) {
         return 0;
     }
@@ -67,7 +67,7 @@ static int measure_mobilities(const config_t *c, const memory_t *m, const double
             }
         }
         for (int i = 0; i < 6; ++i) {
-            solve_forward(N, 1, L, rows + i * N);
+            solve_forward(N, L, rows + i * N);
         }
         for (int k = 0; k < 18; ++k) {
             const int spring = k / 9 * 3, i = spring + k % 9 / 3, j = spring + k % 3;

@@ -62,14 +62,14 @@ void measure_inertia(step_t *s, const double *q)
     for (int i = 0; i < N; ++i) {
         s->m->inertia[i] = DBL_MAX;
     }
-    const double mass = largest_entry(NN, M);
+    const double mass = largest_diagonal(N, M);
     if (factorise_cholesky(N, M, mass, 0.0, L) != 0) {
         return;
     }
     for (int i = 0; i < N; ++i) {
         double column[N] = {0.0}, sum = 0.0;
         column[i] = 1.0;
-        solve_forward(N, 1, L, column);
+        solve_forward(N, L, column);
         solve_backward(N, L, column);
         for (int j = 0; j < N; ++j) {
             sum += fabs(column[j]);
@@ -187,7 +187,7 @@ static void weigh_twists(const double *L, double *J, double *weights, double *A)
     memset(A, 0, NN * sizeof(double));
     weights[0] = weights[1] = 0.0;
     for (int r = 0; r < 6 * TIPS; ++r) {
-        solve_forward(N, 1, L, J + r * N);
+        solve_forward(N, L, J + r * N);
         weights[r / 3 % 2] += dot(N, J + r * N, J + r * N);
     }
     for (int k = 0; k < 2; ++k) {
@@ -212,7 +212,7 @@ void follow_twists(step_t *s, const double *twists, double *velocity)
     double factor[NN], J[6 * N * TIPS], weights[2], wanted[N] = {0.0}, excess = HUGE_VAL;
     const double *const limits = s->c->reference_velocity_limit;
     memset(velocity, 0, N * sizeof(double));
-    if (factorise_cholesky(N, s->out->damping, largest_entry(NN, s->out->damping), LEAST_DAMPED, L) != 0) {
+    if (factorise_cholesky(N, s->out->damping, largest_diagonal(N, s->out->damping), LEAST_DAMPED, L) != 0) {
         return;
     }
     memcpy(J, find_jacobians(s), sizeof J);
@@ -227,7 +227,7 @@ void follow_twists(step_t *s, const double *twists, double *velocity)
             return;
         }
         memcpy(velocity, wanted, sizeof wanted);
-        solve_forward(N, 1, factor, velocity);
+        solve_forward(N, factor, velocity);
         solve_backward(N, factor, velocity);
         solve_backward(N, L, velocity);
         excess = 0.0;

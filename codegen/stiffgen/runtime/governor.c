@@ -114,11 +114,11 @@ static int rests_elsewhere(const step_t *s)
  * Update the posture's velocity towards a posture of the pose that is commanded, nearest to the wanted one. The posture
  * follows the equilibrium. Where it ends short of the equilibrium, the pose is out of reach from here (beyond): the
  * posture then goes towards the pose itself, as near as it can, and the equilibrium goes where the posture is. From
- * there another posture of the pose is searched; if there is one, the posture goes to it (detour). lead: distance of
- * the equilibrium from the pose of the posture; arrived: the equilibrium is at its goal. Return whether the posture is
+ * there another posture of the pose is searched; if there is one, the posture goes to it (detour). here: pose of the
+ * posture; lead: distance of the equilibrium from it; arrived: the equilibrium is at its goal. Return whether the posture is
  * still on its way.
  */
-static int approach_posture(step_t *s, double lead, int arrived)
+static int approach_posture(step_t *s, const double *here, double lead, int arrived)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
@@ -134,7 +134,7 @@ static int approach_posture(step_t *s, double lead, int arrived)
         add_scaled(N, -1.0, m->posture, step);
         distance = HUGE_VAL;
     } else {
-        distance = find_posture_step(s, m->posture, m->beyond ? s->goal : m->equilibrium, s->input->q0, step);
+        distance = find_posture_step(s, m->posture, here, m->beyond ? s->goal : m->equilibrium, s->input->q0, step);
     }
     const double size = relative_size(N, 1, step, limits);
     const int stands = size <= (awaited ? CREEPING : STATIONARY) && !m->detour;
@@ -251,7 +251,7 @@ static int update_velocities(step_t *s, int by_posture)
         const double lead = pose_distance(here, m->equilibrium), pace = find_pace(s, lead);
         const int arrived = m->beyond ? approach_poses(s, here, NULL, pace)
                                       : approach_poses(s, s->goal, m->wanted_equilibrium, pace);
-        return approach_posture(s, lead, arrived) || !arrived;
+        return approach_posture(s, here, lead, arrived) || !arrived;
     }
     for (int i = 0; i < N; ++i) {
         away[i] = s->commanded && !joining ? s->input->q0[i] - m->posture[i] : 0.0;

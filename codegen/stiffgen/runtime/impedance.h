@@ -155,9 +155,10 @@ void add_scaled(int count, double a, const double *x, double *y);
 void multiply_vector(const double *A, const double *x, double *result);
 void multiply3(const double *A, int a, int transposed, const double *B, int b, double *C);
 double largest_entry(int count, const double *A);
+double largest_diagonal(int n, const double *A);
 void form_congruence(int n, const double *rows, const double *d, double *result);
 int factorise_cholesky(int n, const double *A, double scale, double shift, double *L);
-void solve_forward(int n, int columns, const double *L, double *X);
+void solve_forward(int n, const double *L, double *x);
 void solve_backward(int n, const double *L, double *x);
 int is_positive_semidefinite(int n, const double *A, double tolerance);
 
@@ -252,7 +253,8 @@ int accept_pose(const double *pose, double *accepted);
 /* posture.c */
 void pose_difference(const double *from, const double *to, double *twist);
 void move_pose(const double *pose, const double *twist, double *moved);
-double find_posture_step(step_t *s, const double *q, const double *goal, const double *wanted, double *step);
+double find_posture_step(step_t *s, const double *q, const double *here, const double *goal, const double *wanted,
+                         double *step);
 int search_posture(step_t *s);
 
 /* governor.c */

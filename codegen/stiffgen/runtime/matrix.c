@@ -96,6 +96,16 @@ double largest_entry(int count, const double *A)
     return result;
 }
 
+/* Return the largest entry of a positive semidefinite matrix, which is on its diagonal; at least 0. */
+double largest_diagonal(int n, const double *A)
+{
+    double result = 0.0;
+    for (int i = 0; i < n; ++i) {
+        result = larger(result, A[i * (n + 1)]);
+    }
+    return result;
+}
+
 /* Copy the lower triangle of a matrix to the upper one. */
 static void mirror_triangle(int n, double *A)
 {
@@ -140,20 +150,11 @@ int factorise_cholesky(int n, const double *A, double scale, double shift, doubl
     return 0;
 }
 
-/* Replace X, a matrix with the given number of columns, by L^-1 X. */
-void solve_forward(int n, int columns, const double *L, double *X)
+/* Replace x by L^-1 x. */
+void solve_forward(int n, const double *L, double *x)
 {
     for (int i = 0; i < n; ++i) {
-        double *const row = X + i * columns;
-        const double inverse = 1.0 / L[i * (n + 1)];
-        for (int k = 0; k < i; ++k) {
-            for (int j = 0; j < columns; ++j) {
-                row[j] -= L[i * n + k] * X[k * columns + j];
-            }
-        }
-        for (int j = 0; j < columns; ++j) {
-            row[j] *= inverse;
-        }
+        x[i] = (x[i] - dot(i, L + i * n, x)) / L[i * (n + 1)];
     }
 }
 

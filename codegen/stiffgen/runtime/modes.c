@@ -28,10 +28,7 @@ static void invert_triangle(int n, const double *L, double *inverse)
 /* Factorise the M of a pencil: L with L L^T = M / *scale, and its inverse. */
 static int factorise_pencil(int n, const double *M, double *L, double *inverse, double *scale)
 {
-    *scale = 0.0; /* the largest entry of a positive definite matrix is on its diagonal */
-    for (int i = 0; i < n; ++i) {
-        *scale = larger(*scale, M[i * (n + 1)]);
-    }
+    *scale = largest_diagonal(n, M);
     const int error = factorise_cholesky(n, M, *scale, 0.0, L);
     if (error == 0) {
         invert_triangle(n, L, inverse);

@@ -72,17 +72,16 @@ void move_pose(const double *pose, const double *twist, double *moved)
 static int solve_free(const double *A, double shift, const int *held, double *work, double *x)
 {
     double *const L = work + NN;
-    for (int k = 0; k < NN; ++k) {
-        const int i = k / N, j = k % N;
-        work[k] = A[k];
-        if (held[i] || held[j]) {
-            work[k] = i == j ? 1.0 - shift : 0.0;
+    memcpy(work, A, NN * sizeof(double));
+    for (int i = 0; i < N; ++i) {
+        for (int j = 0; held[i] && j < N; ++j) {
+            work[i * N + j] = work[j * N + i] = i == j ? 1.0 - shift : 0.0;
         }
     }
     if (factorise_cholesky(N, work, 1.0, shift, L) != 0) {
         return 0;
     }
-    solve_forward(N, 1, L, x);
+    solve_forward(N, L, x);
     solve_backward(N, L, x);
     return 1;
 }
@@ -140,11 +139,10 @@ static int hold_joint(const memory_t *m, const double *q, int *held, double *ste
  * lets ALIKE weigh as much as one radian. Return |e|, the largest of the tips' distances [m] and angles [rad]; damping:
  * that of the step.
  */
-static double sum_errors(const memory_t *m, const double *q, const double *goal, double *A, double *task,
-                         double *damping)
+static double sum_errors(const memory_t *m, const double *q, const double *here, const double *goal, double *A,
+                         double *task, double *damping)
 {
-    double here[16 * TIPS], J[6 * N * TIPS], distance = 0.0, squares = 0.0;
-    stiffgen_poses(q, m, here);
+    double J[6 * N * TIPS], distance = 0.0, squares = 0.0;
     stiffgen_jacobians(q, m, J);
     memset(A, 0, NN * sizeof(double));
     memset(task, 0, N * sizeof(double));
@@ -161,30 +159,31 @@ static double sum_errors(const memory_t *m, const double *q, const double *goal,
             }
         }
     }
-    const double scale = larger(largest_entry(NN, A), DBL_MIN);
+    const double scale = larger(largest_diagonal(N, A), DBL_MIN), inverse = 1.0 / scale;
     for (int k = 0; k < NN; ++k) {
-        A[k] /= scale;
+        A[k] *= inverse;
     }
     for (int i = 0; i < N; ++i) {
-        task[i] /= scale;
+        task[i] *= inverse;
     }
     *damping = squares / scale + STEP_SHARE * sqrt(squares / scale);
     return distance;
 }
 
 /*
- * Find the step from the posture q towards the one nearest to `wanted` that has its tips at goal and lies outside the
- * limit zones. Return the tips' distance from the goal, the larger of [m] and [rad].
+ * Find the step from the posture q, whose tips are here, towards the one nearest to `wanted` that has its tips at goal
+ * and lies outside the limit zones. Return the tips' distance from the goal, the larger of [m] and [rad].
  *
  * The step is damped by e^T W e and by its root. The first keeps it short far from the goal and at singular postures.
  * The second bounds what the neglected second derivative of e does to the share of the step that is gone in one call.
  */
-double find_posture_step(step_t *s, const double *q, const double *goal, const double *wanted, double *step)
+double find_posture_step(step_t *s, const double *q, const double *here, const double *goal, const double *wanted,
+                         double *step)
 {
     const memory_t *const m = s->m;
     double A[NN], task[N], near[N], damping, speed = 0.0;
     int held[N] = {0};
-    const double distance = sum_errors(m, q, goal, A, task, &damping);
+    const double distance = sum_errors(m, q, here, goal, A, task, &damping);
     memset(step, 0, N * sizeof(double));
     for (int i = 0; i < N; ++i) {
         near[i] = clamp(wanted[i], m->avoidance[4 * i], m->avoidance[4 * i + 1]) - q[i];
@@ -226,14 +225,15 @@ static void start_trial(step_t *s)
 int search_posture(step_t *s)
 {
     memory_t *const m = s->m;
-    double step[N];
+    double step[N], here[16 * TIPS];
     if (m->search >= SEARCHED) {
         return 0;
     }
     if (m->search_steps == 0) {
         start_trial(s);
     }
-    const int found = find_posture_step(s, m->trial, s->goal, m->trial, step) <= 0.1 * REACHED;
+    stiffgen_poses(m->trial, m, here);
+    const int found = find_posture_step(s, m->trial, here, s->goal, m->trial, step) <= 0.1 * REACHED;
     const double size = norm(N, step);
     add_scaled(N, size > LONGEST_STEP ? LONGEST_STEP / size : 1.0, step, m->trial);
     m->detour = found;
