@@ -14,6 +14,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 ROBOT = ROOT / "generated" / "iiwa14"
 SOURCES = ("iiwa14.c", "iiwa14_impedance.c")
+OWN = ("impedance_step.c", "contenders/seven_sincos.c")
 DESIGNS = ("spring, the equilibrium moves", "spring, equilibrium and stiffness move", "the paper's law")
 
 
@@ -22,11 +23,12 @@ def main() -> int:
     parser.add_argument("--steps", type=int, default=1_000_000)
     parser.add_argument("--core", type=int, default=0)
     parser.add_argument("--compiler", default="cc")
+    parser.add_argument("--flags", default="-O3")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         program = Path(folder) / "impedance_step"
-        sources = [ROOT / "benchmarks" / "impedance_step.c", *(ROBOT / source for source in SOURCES)]
-        flags = ["-std=gnu99", "-O3", f"-I{ROBOT}"]
+        sources = [*(ROOT / "benchmarks" / source for source in OWN), *(ROBOT / source for source in SOURCES)]
+        flags = ["-std=gnu99", *options.flags.split(), f"-I{ROBOT}"]
         subprocess.run([options.compiler, *flags, *map(str, sources), "-lm", "-o", str(program)], check=True)
         for index, design in enumerate(DESIGNS):
             print(design, flush=True)
