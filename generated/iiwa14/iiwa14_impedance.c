@@ -956,9 +956,9 @@ static double find_largest_root(double r)
 
 /*
  * Return the largest eigenvalue of a symmetric A (3 x 3). B = (A - mean I) / size has eigenvalues t with t^3 - 3 t =
- * det B. One of the outer two is well apart from the others, and the polynomial is good for that one alone. If it is the
- * smallest, -t, the projection on its eigenvector is that of the adjugate of B + t I; what B is on the other two, less
- * their mean t / 2, has opposite eigenvalues, which come from its norm without cancellation.
+ * det B. One of the outer two is well apart from the others, and the polynomial is good for that one alone. If it is
+ * the smallest, -t, the projection on its eigenvector is that of the adjugate of B + t I; what B is on the other two,
+ * less their mean t / 2, has opposite eigenvalues, which come from its norm without cancellation.
  */
 static double find_largest_eigenvalue(const double *A)
 {
@@ -1745,8 +1745,8 @@ static double bound_quadratic(int rows, double *A)
 
 /*
  * Bound the reserve of the torques J^T w of all w with |w_k / size_k| <= 1 (2-norm) in `rows` directions, 3 or 6: l
- * times such a torque needs at most l parts[0] + l^2 parts[1]. parts[2]: largest l at which every joint keeps its effort
- * limit; with `clipped`, a joint that would exceed its limit counts with the limit.
+ * times such a torque needs at most l parts[0] + l^2 parts[1]. parts[2]: largest l at which every joint keeps its
+ * effort limit; with `clipped`, a joint that would exceed its limit counts with the limit.
  */
 static void bound_wrench(const config_t *c, int rows, const double *J, const double *size, int clipped, double *parts)
 {
@@ -2814,7 +2814,7 @@ static int find_modes(step_t *s)
 {
     output_t *const out = s->out;
     double *const modes = s->modes, *const before = modes + NN, *const oldest = s->scratch + 2 * NN;
-    double symmetric[NN];
+    double symmetric[NN] = {0.0};
     const double *K = out->joint_stiffness;
     for (int k = 0; k < NN; ++k) { /* a parabola */
         const double last = modes[k];
@@ -2921,7 +2921,7 @@ static double design_damping(step_t *s)
     output_t *const out = s->out;
     double *const rows = s->scratch;
     const double *modes = s->modes;
-    double b[N], own[NN], scale = 1.0, largest_b = 0.0, d = c->joint_damping;
+    double b[N], own[NN] = {0.0}, scale = 1.0, largest_b = 0.0, d = c->joint_damping;
     const int paper = s->m->law == ID(LAW_PAPER), by_task = c->damping_design == ID(DAMPING_DESIGN_TASK);
     const double T = c->sample_time, most = paper ? 1e6 : largest_damping(c);
     if (!find_modes(s)) {
@@ -2994,7 +2994,7 @@ static void weigh_twists(const double *L, double *J, double *weights, double *A)
 static void follow_twists(step_t *s, const double *twists, double *velocity)
 {
     double *const L = s->scratch, *const A = L + NN;
-    double factor[NN], J[6 * N * TIPS], weights[2], wanted[N] = {0.0}, excess = HUGE_VAL;
+    double factor[NN] = {0.0}, J[6 * N * TIPS], weights[2], wanted[N] = {0.0}, excess = HUGE_VAL;
     const double *const limits = s->c->reference_velocity_limit;
     memset(velocity, 0, N * sizeof(double));
     if (factorise_cholesky(N, s->out->damping, largest_diagonal(N, s->out->damping), LEAST_DAMPED, L) != 0) {
@@ -3195,8 +3195,8 @@ static int rests_elsewhere(const step_t *s)
  * follows the equilibrium. Where it ends short of the equilibrium, the pose is out of reach from here (beyond): the
  * posture then goes towards the pose itself, as near as it can, and the equilibrium goes where the posture is. From
  * there another posture of the pose is searched; if there is one, the posture goes to it (detour). here: pose of the
- * posture; lead: distance of the equilibrium from it; arrived: the equilibrium is at its goal. Return whether the posture is
- * still on its way.
+ * posture; lead: distance of the equilibrium from it; arrived: the equilibrium is at its goal. Return whether the
+ * posture is still on its way.
  */
 static int approach_posture(step_t *s, const double *here, double lead, int arrived)
 {

@@ -29,7 +29,7 @@ static int find_modes(step_t *s)
 {
     output_t *const out = s->out;
     double *const modes = s->modes, *const before = modes + NN, *const oldest = s->scratch + 2 * NN;
-    double symmetric[NN];
+    double symmetric[NN] = {0.0};
     const double *K = out->joint_stiffness;
     for (int k = 0; k < NN; ++k) { /* a parabola */
         const double last = modes[k];
@@ -136,7 +136,7 @@ double design_damping(step_t *s)
     output_t *const out = s->out;
     double *const rows = s->scratch;
     const double *modes = s->modes;
-    double b[N], own[NN], scale = 1.0, largest_b = 0.0, d = c->joint_damping;
+    double b[N], own[NN] = {0.0}, scale = 1.0, largest_b = 0.0, d = c->joint_damping;
     const int paper = s->m->law == ID(LAW_PAPER), by_task = c->damping_design == ID(DAMPING_DESIGN_TASK);
     const double T = c->sample_time, most = paper ? 1e6 : largest_damping(c);
     if (!find_modes(s)) {
@@ -209,7 +209,7 @@ static void weigh_twists(const double *L, double *J, double *weights, double *A)
 void follow_twists(step_t *s, const double *twists, double *velocity)
 {
     double *const L = s->scratch, *const A = L + NN;
-    double factor[NN], J[6 * N * TIPS], weights[2], wanted[N] = {0.0}, excess = HUGE_VAL;
+    double factor[NN] = {0.0}, J[6 * N * TIPS], weights[2], wanted[N] = {0.0}, excess = HUGE_VAL;
     const double *const limits = s->c->reference_velocity_limit;
     memset(velocity, 0, N * sizeof(double));
     if (factorise_cholesky(N, s->out->damping, largest_diagonal(N, s->out->damping), LEAST_DAMPED, L) != 0) {

@@ -216,9 +216,9 @@ static double find_largest_root(double r)
 
 /*
  * Return the largest eigenvalue of a symmetric A (3 x 3). B = (A - mean I) / size has eigenvalues t with t^3 - 3 t =
- * det B. One of the outer two is well apart from the others, and the polynomial is good for that one alone. If it is the
- * smallest, -t, the projection on its eigenvector is that of the adjugate of B + t I; what B is on the other two, less
- * their mean t / 2, has opposite eigenvalues, which come from its norm without cancellation.
+ * det B. One of the outer two is well apart from the others, and the polynomial is good for that one alone. If it is
+ * the smallest, -t, the projection on its eigenvector is that of the adjugate of B + t I; what B is on the other two,
+ * less their mean t / 2, has opposite eigenvalues, which come from its norm without cancellation.
  */
 double find_largest_eigenvalue(const double *A)
 {

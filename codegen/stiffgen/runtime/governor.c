@@ -115,8 +115,8 @@ static int rests_elsewhere(const step_t *s)
  * follows the equilibrium. Where it ends short of the equilibrium, the pose is out of reach from here (beyond): the
  * posture then goes towards the pose itself, as near as it can, and the equilibrium goes where the posture is. From
  * there another posture of the pose is searched; if there is one, the posture goes to it (detour). here: pose of the
- * posture; lead: distance of the equilibrium from it; arrived: the equilibrium is at its goal. Return whether the posture is
- * still on its way.
+ * posture; lead: distance of the equilibrium from it; arrived: the equilibrium is at its goal. Return whether the
+ * posture is still on its way.
  */
 static int approach_posture(step_t *s, const double *here, double lead, int arrived)
 {

@@ -35,8 +35,8 @@ static double bound_quadratic(int rows, double *A)
 
 /*
  * Bound the reserve of the torques J^T w of all w with |w_k / size_k| <= 1 (2-norm) in `rows` directions, 3 or 6: l
- * times such a torque needs at most l parts[0] + l^2 parts[1]. parts[2]: largest l at which every joint keeps its effort
- * limit; with `clipped`, a joint that would exceed its limit counts with the limit.
+ * times such a torque needs at most l parts[0] + l^2 parts[1]. parts[2]: largest l at which every joint keeps its
+ * effort limit; with `clipped`, a joint that would exceed its limit counts with the limit.
  */
 static void bound_wrench(const config_t *c, int rows, const double *J, const double *size, int clipped, double *parts)
 {
