@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -139,7 +141,7 @@ class _Browser:
             [sys.executable, "-c", _AS_THREE_AND_FOUR, str(to_read), str(to_write), program, *_FLAGS,
              f"--user-data-dir={profile}", "about:blank"],
             stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-            pass_fds=(to_read, to_write),
+            pass_fds=(to_read, to_write), start_new_session=True,
         )  # fmt: skip
         os.close(to_read)
         os.close(to_write)
@@ -189,6 +191,9 @@ class _Browser:
         except subprocess.TimeoutExpired:
             self.process.kill()
             self.process.wait()
+        # A child of the browser that outlives it would keep the pipe open, and the reader waiting.
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self.process.pid, signal.SIGKILL)
         self._reader.join()
         os.close(self._read)
         os.close(self._write)
