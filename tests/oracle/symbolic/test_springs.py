@@ -159,6 +159,7 @@ def test_potentials_of_files(tmp_path, capsys):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("unoptimised", "narrowest_width")
 def test_a_folder_with_everything_verifies(tmp_path):
     """Compiled, with choices, libm and sines in the potential; the manifest says what is in it."""
     file = tmp_path / "mine.py"
