@@ -75,7 +75,9 @@ static int solve_free(const double *A, double shift, const int *held, double *wo
     memcpy(work, A, NN * sizeof(double));
     for (int i = 0; i < N; ++i) {
         for (int j = 0; held[i] && j < N; ++j) {
-            work[i * N + j] = work[j * N + i] = i == j ? 1.0 - shift : 0.0;
+            const double entry = i == j ? 1.0 - shift : 0.0;
+            work[i * N + j] = entry;
+            work[j * N + i] = entry;
         }
     }
     if (factorise_cholesky(N, work, 1.0, shift, L) != 0) {
