@@ -70,11 +70,16 @@ def _build_both(robot: GeneratedRobot, texts: Mapping[str, str], build: Path) ->
     for file, text in sources.items():
         (fresh / file).write_text(text, encoding="utf-8")
     reference = build_controller(fresh, robot.name, build / "reference")
-    if any((robot.folder / file).read_bytes() != text.encode() for file, text in sources.items()):
+    if any(not _holds(robot.folder / file, text) for file, text in sources.items()):
         return reference, build_controller(robot.folder, robot.name, build / "folder")
     copied = build / "folder" / reference.name
     copied.parent.mkdir()
     return reference, shutil.copyfile(reference, copied)
+
+
+def _holds(file: Path, text: str) -> bool:
+    """Return whether a file is there with this text; a folder of another version may lack a file of this one."""
+    return file.exists() and file.read_bytes() == text.encode()
 
 
 def differences(

@@ -6,6 +6,7 @@ from __future__ import annotations
 import ctypes
 import os
 import re
+import shutil
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -45,6 +46,29 @@ def failed_rules(workshop: Workshop, library: Path) -> set[str]:
 def test_the_controller_itself_passes(workshop: Workshop) -> None:
     """All sessions of it run in tests/contract/cli/test_cli.py::test_verify."""
     assert failed_rules(workshop, workshop.reference) == set()
+
+
+@pytest.mark.parametrize("change", ["nothing", "a line", "a file less"])
+def test_the_folders_own_controller_runs(change: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is compiled from the folder where a source differs or, as of another version, is not there."""
+    folder = tmp_path / "iiwa14"
+    shutil.copytree(FOLDER, folder)
+    robot = open_robot(folder)
+    texts = {file: (FOLDER / file).read_text() for file in robot.manifest["files"] if file.endswith((".c", ".h"))}
+    if change == "a line":
+        texts["iiwa14.c"] += "\n"
+    elif change == "a file less":
+        (folder / "iiwa14_dispatch.c").unlink()
+
+    def compiled(source: Path, name: str, build: Path) -> Path:
+        build.mkdir(parents=True)
+        (build / "library").write_text(str(source))
+        return build / "library"
+
+    monkeypatch.setattr(sessions, "build_controller", compiled)
+    reference, own = sessions._build_both(robot, texts, tmp_path / "build")
+    assert reference != own
+    assert (own.read_text() == str(folder)) == (change != "nothing")
 
 
 @pytest.mark.parametrize("field", CONFIG, ids=lambda field: field.name)
