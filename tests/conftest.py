@@ -16,7 +16,7 @@ from types import ModuleType
 # Matrices here are small: threads of the linear algebra would only keep the workers from their cores.
 for _library in ("OPENBLAS", "OMP", "MKL"):
     os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
-# Folders of single tests are compiled in an eighth of the time of a release; `robot_folder` is a release.
+# Folders of single tests are compiled without optimisation, much faster than a release; `robot_folder` is a release.
 os.environ.setdefault("CFLAGS", "-O0")
 
 import numpy as np

@@ -49,12 +49,12 @@ def load_chain(
             a single leaf link. Several links: the chains to all of them, with one vector q.
         base: link at the start of the chain, an ancestor of the tip; default: the root link.
         masses: False leaves out all masses, and with them everything that the file says of links and joints
-            beside the chain: for files whose inertias are wrong.
+            beside the chain: for files whose inertias are wrong, if no mass matrix is wanted.
         tool: tool mounted on the (only) tip link; the tool's frame then takes the tip's place.
         runtime_tool: the kernels take the tool's pose (4x4, in the tip's frame) as an argument after q.
         lock: joints to hold at a position [rad or m]; they are no coordinates.
-        floating_base: the base link is free: its pose is an argument, its body twist precedes the joints' rates. So
-            is the link behind a floating joint of the file that no moving joint precedes.
+        floating_base: the base link is free: its pose is an argument, its body twist precedes the joints' rates. A
+            floating joint of the file between base and tips, behind no moving joint, frees the link behind it too.
         ignore: names of unknown elements that resemble a URDF's own and are none.
         arguments: values of a xacro template's arguments, by name.
         package_path: folders in which a template's packages are looked for, before ROS_PACKAGE_PATH.
