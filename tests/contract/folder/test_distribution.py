@@ -63,6 +63,7 @@ def test_the_wheel_has_the_whole_package_and_nothing_else(built: Path) -> None:
         inside = {name for name in archive.namelist() if ".dist-info/" not in name}
         expected = {name.removeprefix("codegen/") for name in tracked("codegen/stiffgen")}
         assert inside == expected
+        assert "stiffgen/py.typed" in inside  # else a user's type checker takes every result for Any
         for name in inside:
             assert archive.read(name) == (ROOT / "codegen" / name).read_bytes(), name
         assert any(name.endswith("licenses/LICENSE") for name in archive.namelist())

@@ -7,9 +7,11 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
 
 from support.project import ROOT
 
@@ -20,6 +22,29 @@ def test_help_prints_every_target() -> None:
     makefile = (ROOT / "Makefile").read_text()
     targets = re.findall(r"^(?:\.PHONY: |EXAMPLES := )([a-z].*)$", makefile, re.MULTILINE)
     assert set(" ".join(targets).split()) <= words
+
+
+def locked_versions() -> dict[str, list[str]]:
+    """Return the versions of each package in requirements.lock, one per range of Python versions."""
+    lines = (ROOT / "requirements.lock").read_text().splitlines()
+    versions: dict[str, list[str]] = {}
+    for name, version in (line.split(" ")[0].split("==") for line in lines if "==" in line.split(" ")[0]):
+        versions.setdefault(name, []).append(version)
+    return versions
+
+
+def test_the_lock_satisfies_the_package() -> None:
+    """Each dependency of pyproject.toml is locked at a version that it allows; none of yourdfpy's mesh libraries is."""
+    with (ROOT / "pyproject.toml").open("rb") as file:
+        project = tomllib.load(file)
+    locked = locked_versions()
+    for requirement in map(Requirement, project["project"]["dependencies"] + project["build-system"]["requires"]):
+        versions = locked[requirement.name.lower()]
+        assert all(version in requirement.specifier for version in versions), requirement
+    assert not locked.keys() & {"embreex", "manifold3d", "scipy", "shapely", "networkx"}
+    text = (ROOT / "requirements.lock").read_text()
+    assert text.count("--hash=sha256:") > 300
+    assert "://" not in text  # no address of a registry
 
 
 BENCHMARK = """
