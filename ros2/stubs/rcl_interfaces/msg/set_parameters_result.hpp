@@ -1,0 +1,5 @@
+// SPDX-License-Identifier: MIT
+// Stub of rcl_interfaces for tests: README.md.
+#pragma once
+
+#include "rclcpp/parameter.hpp"
