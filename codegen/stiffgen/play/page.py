@@ -47,7 +47,8 @@ OF_MOTORS = ("motors_torque", "motors_joint_stiffness")
 
 SCRIPTS = (
     "algebra.js", "kernels.js", "chain.js", "mechanics.js", "swing.js", "solids.js", "figures.js", "panels.js",
-    "swingpanel.js", "view.js", "main.js",
+    "swingpanel.js", "view.js", "values.js", "matrixpanel.js", "motorpanel.js", "looppanel.js", "controls.js",
+    "presets.js", "main.js",
 )  # fmt: skip
 """Modules of the page, each after the modules that it imports."""
 

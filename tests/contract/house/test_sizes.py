@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -34,3 +35,38 @@ def test_sizes() -> None:
     files = sorted((ROOT / "codegen" / "stiffgen").rglob("*.py"))
     assert len(files) > 150
     assert [f"{file.name}: {what}" for file in files for what in too_long(file)] == []
+
+
+TOKENS = re.compile(r"//[^\n]*|/\*.*?\*/|\"(?:\\.|[^\"\\])*\"|`|\$\{|[{}]|\\.", re.DOTALL)
+STATEMENT = re.compile(r"\b(if|for|while|switch|catch)\s*\([^\n]*\)$")
+
+
+def is_body(head: str) -> bool:
+    """Whether a brace behind this text opens a function: behind an arrow, or behind a list of parameters."""
+    return head.endswith("=>") or (head.endswith(")") and not STATEMENT.search(head))
+
+
+def functions(text: str) -> Iterator[tuple[int, int]]:
+    """First line and number of lines of each function of JavaScript."""
+    opened: list[tuple[str, int]] = []  # what a brace or backtick opened, and where
+    for found in TOKENS.finditer(text):
+        token, in_template = found[0], bool(opened) and opened[-1][0] == "template"
+        if token == "`" and in_template:
+            opened.pop()
+        elif in_template:
+            opened += [("inserted", found.start())] if token == "${" else []
+        elif token in ("`", "{"):
+            kind = "function" if is_body(text[: found.start()].rstrip()) else "block"
+            opened.append(("template" if token == "`" else kind, found.start()))
+        elif token == "}":
+            kind, start = opened.pop()
+            if kind == "function":
+                yield text.count("\n", 0, start) + 1, text.count("\n", start, found.start()) + 1
+    assert not opened
+
+
+def test_sizes_of_javascript() -> None:
+    page = ROOT / "codegen" / "stiffgen" / "play" / "page"
+    lengths = {(file.name, line): length for file in page.glob("*.js") for line, length in functions(file.read_text())}
+    assert len(lengths) > 100
+    assert {where: length for where, length in lengths.items() if length > 60} == {}

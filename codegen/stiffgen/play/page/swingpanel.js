@@ -9,6 +9,14 @@ import { SWING_LAWS, SWING_SECONDS, Swing } from "./swing.js";
 
 const EVERY = 0.01; // s between points of the figure
 
+/** Return what the panel says of the spring, and of the energy that each law has made. */
+function swingText(spring, swings) {
+  if (!spring) return "No spring with these gains bears this wrench, so there is nothing to let go of.";
+  if (!swings) return "The wrench holds the spring under tension. Let go, and the arm swings.";
+  const made = swings.map((swing) => `${swing.law} ${Math.abs(swing.made) < 1e-4 ? "0 J" : `${number(swing.made)} J`}`);
+  return `After ${swings[0].time.toFixed(2)} s, energy made out of nothing: ${made.join(", ")}.`;
+}
+
 /**
  * Wire the panel. `state` and `now()` are the page's; `redraw` asks for a frame. Gives {advance(seconds), show(colours),
  * stop(), arms()}: arms() are the laws with their postures while they swing, else null.
@@ -56,11 +64,7 @@ export function swingPanel({ $, state, now, redraw, calm }) {
     const laws = swings ? SWING_LAWS : [];
     drawCurves($("swing-way"), laws.map((law) => [law, curves[law].way]), EVERY, SWING_SECONDS, "way of the tip [mm]", colours);
     drawCurves($("swing-made"), laws.map((law) => [law, curves[law].made]), EVERY, SWING_SECONDS, "energy made [J]", colours);
-    $("swing-text").textContent = !spring
-      ? "No spring with these gains bears this wrench, so there is nothing to let go of."
-      : swings
-        ? `After ${swings[0].time.toFixed(2)} s, energy made out of nothing: ${swings.map(({ law, made }) => `${law} ${Math.abs(made) < 1e-4 ? "0 J" : `${number(made)} J`}`).join(", ")}.`
-        : "The wrench holds the spring under tension. Let go, and the arm swings.";
+    $("swing-text").textContent = swingText(spring, swings);
   }
 
   $("let-go").addEventListener("click", () => {

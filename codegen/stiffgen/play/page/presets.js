@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: MIT
+// Buttons that set the page to a situation worth seeing.
+
+import { nearSingular } from "./mechanics.js";
+import { GAINS, MOMENT, WRENCH } from "./values.js";
+
+const WIDE = 0.3; // radius of the loop on which the conventional law gives energy
+
+/** Return whether two lists have the same values, up to rounding. */
+function alike(a, b) {
+  return b !== null && a.every((value, k) => Math.abs(value - b[k]) < 1e-9);
+}
+
+/** Load the tip with a moment, and choose the direction of a wide loop in which the conventional law gives energy. */
+function giveEnergy(page) {
+  const { state } = page;
+  page.controls.load(MOMENT);
+  page.update({ loop: { ...state.loop, radius: WIDE } });
+  for (const reversed of [false, true]) {
+    state.loop = { ...state.loop, reversed };
+    page.compute();
+    if (page.now.works.conventional.at(-1) > 0) break;
+  }
+  page.loop.fill();
+  page.loop.setLap(0);
+  page.update();
+}
+
+/** Return the presets: name, what sets them, whether the page is there, and whether they need a tree. */
+function presetsOf(page, home) {
+  const { state, robot } = page, { load, stiffen } = page.controls;
+  let near = null, homeName = robot.paper ? "Paper's posture" : "Bent posture";
+  if (robot.loops) homeName = "Start";
+  const gives = () => !robot.loops && alike(state.wrench, MOMENT) && state.loop.radius === WIDE && page.now.works.conventional.at(-1) > 0;
+  return [
+    {
+      name: homeName, act() { page.stand(home); load(WRENCH); stiffen(GAINS); },
+      holds: () => alike(state.q, home) && alike(state.wrench, WRENCH) && alike(state.gains, GAINS),
+    },
+    { name: "Moment at the tip", act: () => load(MOMENT), holds: () => alike(state.wrench, MOMENT) && !gives() },
+    { name: "Energy out of nothing", act: () => giveEnergy(page), holds: gives, needsTree: true },
+    { name: "No load", act: () => load([0, 0, 0, 0, 0, 0]), holds: () => alike(state.wrench, [0, 0, 0, 0, 0, 0]) },
+    {
+      name: "Near singular", act() { near = nearSingular(state.tip, home); page.stand(near); },
+      holds: () => alike(state.q, near), needsTree: true,
+    },
+  ].filter(({ needsTree }) => !(needsTree && robot.loops));
+}
+
+/** Make the buttons. Gives {mark()}, which marks those whose values are the page's. */
+export function presetButtons(page, home) {
+  const made = presetsOf(page, home).map(({ name, act, holds }) => {
+    const button = Object.assign(document.createElement("button"), { type: "button", textContent: name });
+    button.addEventListener("click", act);
+    return { button, holds };
+  });
+  page.$("presets").replaceChildren(...made.map(({ button }) => button));
+  return {
+    mark() {
+      for (const { button, holds } of made) button.setAttribute("aria-pressed", Boolean(holds()));
+    },
+  };
+}
