@@ -15,8 +15,9 @@ from stiffgen.cli.console import table, tables
 from stiffgen.errors import DescriptionError, StiffgenError, listed, printable, terminal_text
 from stiffgen.loading import describe
 from stiffgen.names import comment
+from stiffgen.robot.couplings import Couplings
 from stiffgen.robot.description import Description, JointElement
-from stiffgen.robot.survey import TipSurvey, missing_limits, survey_tip
+from stiffgen.robot.survey import TipSurvey, missing_limits, narrowed_limits, survey_tip
 
 _MOST_TIPS = 100
 """Largest number of tips that ``inspect`` shows; humanoids with hands have some 40."""
@@ -56,7 +57,10 @@ def run(options: argparse.Namespace) -> int:
         print("\n".join(f"  {note}" for note in description.notes))
     if description.remarks:
         print("\n" + "\n".join(description.remarks))
-    if missing := _missing_limits(description, surveys):
+    coordinates = _coordinates(description, surveys)
+    if narrowed := list(narrowed_limits(description, coordinates)):
+        print("\n" + "\n".join(map(terminal_text, narrowed)))
+    if missing := missing_limits(description.file, coordinates):
         print("\n" + "\n".join(map(terminal_text, missing)))
     if description.loops:
         print(f"\n{len(description.loops)} constraints close loops; without --close-loops they are left out:")
@@ -68,10 +72,11 @@ def run(options: argparse.Namespace) -> int:
     return 1
 
 
-def _missing_limits(description: Description, surveys: list[TipSurvey]) -> list[str]:
-    """Return the limits that coordinates of the chains lack; a base that floats has no controller."""
+def _coordinates(description: Description, surveys: list[TipSurvey]) -> list[JointElement]:
+    """Return the coordinates of the chains with their limits; a base that floats has no controller."""
     names = dict.fromkeys(name for survey in surveys if not survey.floating for name in survey.coordinates)
-    return missing_limits(description.file, [description.joints[name] for name in names])
+    couplings = Couplings(description, {})
+    return [couplings.limited(description.joints[name]) for name in names]
 
 
 def _tip_table(surveys: list[TipSurvey], names: int) -> Table:

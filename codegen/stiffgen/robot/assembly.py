@@ -146,13 +146,14 @@ def _coordinate(element: JointElement, selection: Selection) -> Coordinate:
         for joint in (*selection.moving, *selection.side)
         if couplings[joint].joint == element.name
     ]
+    limited = couplings.limited(element)
     return Coordinate(
         name=element.name,
         type=element.type,
-        lower=element.lower,
-        upper=element.upper,
-        velocity=element.velocity,
-        effort=element.effort,
+        lower=limited.lower,
+        upper=limited.upper,
+        velocity=limited.velocity,
+        effort=limited.effort,
         motor_inertia=sum(rotors),
     )
 

@@ -3,9 +3,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
 
-from stiffgen.errors import DescriptionError, printable
+from stiffgen.errors import ChainError, DescriptionError, printable
 from stiffgen.robot.chain import Joint, RigidBody
 from stiffgen.robot.description import LARGEST, MOVING_TYPES, Description, JointElement, Mimic
 from stiffgen.robot.geometry import Pose, exact
@@ -50,6 +53,68 @@ class Couplings:
         coupling = self[element]
         master = self.description.joints[coupling.joint]
         return master.type in MOVING_TYPES and coupling.multiplier != 0 and master.name not in self.locks
+
+    def limited(self, master: JointElement) -> JointElement:
+        """Return the joint of a coordinate, its limits narrowed by those of each joint that follows it.
+
+        A follower at the position m q + o bounds q, by its velocity limit v the rate of q to v / |m|, and by its effort
+        limit e the force on q to |m| e: then no joint exceeds its limit, whichever of them carries the load. Velocity
+        and effort limits of 0, and a range of one point, are what exporters write for no limit.
+
+        Raises:
+            ChainError: no range of the coordinate is within the limits of all joints that follow it.
+
+        """
+        limited = master
+        for follower in self.followers(master):
+            limited = self._narrowed(limited, follower)
+            if limited.lower >= limited.upper and master.lower < master.upper:
+                raise ChainError(
+                    f"{self.description.file}: joint '{printable(master.name)}' has no range in which "
+                    f"'{printable(follower.name)}', which follows it, is within its limits {follower.lower:g} to "
+                    f"{follower.upper:g}; correct the limits of the two, or the relation between them"
+                )
+        return limited
+
+    def _narrowed(self, limited: JointElement, follower: JointElement) -> JointElement:
+        coupling = self[follower]
+        rate, offset = exact(coupling.multiplier), exact(coupling.offset)
+        lower, upper, velocity, effort = limited.lower, limited.upper, limited.velocity, limited.effort
+        if follower.lower < follower.upper:
+            ends = sorted(
+                float((exact(end) - offset) / rate) if math.isfinite(end) else math.copysign(end, end * rate)
+                for end in (follower.lower, follower.upper)
+            )
+            lower, upper = max(lower, ends[0]), min(upper, ends[1])
+        if follower.velocity > 0:
+            velocity = min(velocity, follower.velocity / abs(coupling.multiplier))
+        if follower.effort > 0:
+            effort = min(effort, follower.effort * abs(coupling.multiplier))
+        return replace(limited, lower=lower, upper=upper, velocity=velocity, effort=effort)
+
+    def followers(self, master: JointElement) -> Iterator[JointElement]:
+        """Yield the joints of the file, on the chain or not, that move when a coordinate moves."""
+        for name in self._followers.get(master.name, ()):
+            element = self.description.joints[name]
+            if self.moves(element):
+                yield element
+
+    @cached_property
+    def _followers(self) -> dict[str, list[str]]:
+        """Joints that mimic, by the joint that leads them."""
+        joints = self.description.joints
+        leaders: dict[str, str] = {}
+        found: dict[str, list[str]] = {}
+        for name, element in joints.items():
+            path = [name]
+            while element.mimic is not None and path[-1] not in leaders:
+                element = joints[element.mimic.joint]
+                path.append(element.name)
+            leader = leaders.get(path[-1], path[-1])
+            leaders |= dict.fromkeys(path, leader)
+            if name != leader:
+                found.setdefault(leader, []).append(name)
+        return found
 
     def position_at_rest(self, element: JointElement) -> float:
         """Return the position of a joint at rest: as locked, or with its coordinate at zero [rad or m]."""
@@ -98,7 +163,7 @@ class Couplings:
             offset=coupling.offset,
         )
 
-    def followed(self, elements: list[JointElement]) -> set[str]:
+    def followed(self, elements: Iterable[JointElement]) -> set[str]:
         """Return the names of joints and of all joints that they mimic, directly or not, as in :class:`Problem`."""
         names: set[str] = set()
         for start in elements:

@@ -127,7 +127,7 @@ class Problem:
 
     - "place": the element lies on the chain or moves with it;
     - "motion" (axis, type): the joint does not stand at zero;
-    - "bounds" (position, velocity, effort limit): the joint is a coordinate;
+    - "bounds" (position, velocity, effort limit): the joint is a coordinate, or follows one;
     - "coupling" (mimic relation): the joint's mass would count if the joint moved with a coordinate;
     - "nothing": the element is a vendor's own and is ignored.
     """

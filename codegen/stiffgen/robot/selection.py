@@ -88,6 +88,8 @@ def select(description: Description, options: ChainOptions = _DEFAULTS) -> Selec
     used = [*elements, *of_loops.values(), *side]
     beside = _beside(description, couplings, used, moving_all, carried, beyond if options.masses else [])
     _check_tips_move(description, couplings, base, tips, paths)
+    for name in masters:
+        couplings.limited(description.joints[name])  # raises ChainError
     return Selection(
         base=base,
         tips=tuple(tips),
@@ -215,8 +217,9 @@ def _beside(
     at_rest = [above for links in carried.values() for _, above in links if above is not None]
     coordinates = couplings.followed(moving)
     displaced = {f"joint {element.name}" for element in at_rest if couplings.position_at_rest(element) != 0}
+    masters = [description.joints[couplings[element].joint] for element in moving]
     used = {
-        "bounds": coordinates,
+        "bounds": coordinates | {f"joint {each.name}" for master in masters for each in couplings.followers(master)},
         "motion": coordinates | {f"joint {element.name}" for element in elements} | displaced,
     }
     # The position of a joint at rest depends on its masters, so that a misspelt <mimic> of these would change it.
@@ -290,6 +293,7 @@ def _checked_locks(description: Description, lock: Mapping[str, float]) -> Mappi
         ChainError: a joint does not exist, cannot be locked, or cannot reach the position.
 
     """
+    free = Couplings(description, {})
     for name, position in lock.items():
         element = description.joints.get(name)
         moving = [joint.name for joint in description.joints.values() if joint.type in MOVING_TYPES and not joint.mimic]
@@ -301,10 +305,12 @@ def _checked_locks(description: Description, lock: Mapping[str, float]) -> Mappi
             raise ChainError(
                 f"{description.file}: joint '{shown}' mimics '{printable(element.mimic.joint)}'; lock that one"
             )
-        if not element.lower <= position <= element.upper:
+        limited = free.limited(element)
+        if not limited.lower <= position <= limited.upper:
+            by_others = "" if limited == element else " (with those of the joints that follow it)"
             raise ChainError(
                 f"{description.file}: joint '{shown}' cannot be locked at {position:g}; "
-                f"its limits are {element.lower:g} to {element.upper:g}"
+                f"its limits{by_others} are {limited.lower:g} to {limited.upper:g}"
             )
         if not abs(position) <= LARGEST:
             raise ChainError(f"{description.file}: joint '{shown}' cannot be locked at {position:g}; give a number")

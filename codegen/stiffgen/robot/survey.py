@@ -4,11 +4,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
-from stiffgen.errors import DescriptionError, StiffgenError, listed
+from stiffgen.errors import DescriptionError, StiffgenError, listed, printable
 from stiffgen.robot.chain import ChainOptions, Coordinate
+from stiffgen.robot.couplings import Couplings
 from stiffgen.robot.description import MOVING_TYPES, Description, JointElement
 from stiffgen.robot.selection import Selection, carried_links, select
 
@@ -92,6 +93,18 @@ def missing_limits(file: str, joints: Iterable[JointElement | Coordinate], guess
                 f"{'joint' if len(names) == 1 else 'joints'} {listed(names)} ({in_mjcf}), or {remedy}"
             )
     return sentences
+
+
+def narrowed_limits(description: Description, coordinates: Iterable[JointElement]) -> Iterator[str]:
+    """Yield a sentence for each coordinate that joints which follow it narrow (:meth:`Couplings.limited`)."""
+    couplings = Couplings(description, {})
+    for limited in coordinates:
+        if limited != description.joints[limited.name]:
+            names = listed([each.name for each in couplings.followers(limited)], 4)
+            yield (
+                f"joint '{printable(limited.name)}', with the limits of joints that follow it ({names}): position "
+                f"{limited.lower:g} to {limited.upper:g}, velocity {limited.velocity:g}, effort {limited.effort:g}"
+            )
 
 
 def _joints_above(description: Description, link: str) -> list[JointElement]:

@@ -37,7 +37,7 @@ def check_files(robot: GeneratedRobot) -> list[Check]:
     faults = []
     for file, digest in robot.manifest["files"].items():
         path = robot.folder / file
-        if ".." in path.parts or Path(file).is_absolute() or not path.is_file():
+        if ".." in Path(file).parts or Path(file).is_absolute() or not path.is_file():
             faults.append(f"{printable(file)} is missing")
             continue
         text = path.read_bytes().replace(b"\r\n", b"\n")

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib.util
 import json
 import math
@@ -20,7 +21,7 @@ from stiffgen.opened import open_robot
 from stiffgen.prove.safety_page import filed_for, targets_for
 from stiffgen.prove.targets import read_targets
 from stiffgen.prove.verdict import read_verdicts
-from stiffgen.verify.files import check_text, load_module, print_again
+from stiffgen.verify.files import check_files, check_text, load_module, print_again
 from stiffgen.verify.verify import verify
 from support.folders import copy_folder, restamp
 from support.project import ROOT
@@ -139,3 +140,25 @@ def test_evidence_with_unknown_values_is_refused(kind: str, changed: dict[str, A
     read: Callable[..., Any] = filed_for if kind == "proofs" else targets_for
     with pytest.raises(OutputError, match=r"holds no (verdicts|targets) \("):
         read(open_robot(FOLDER), file)
+
+
+@pytest.mark.parametrize("path", ["../iiwa14", "../../{0}/iiwa14", "python/..", "."])
+def test_a_folder_is_intact_by_whatever_path_it_is_named(
+    path: str, robot_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """ ".." in the path of the folder is the user's; only ".." in the manifest would leave the folder."""
+    folder = copy_folder(robot_folder, tmp_path)
+    monkeypatch.chdir(folder)
+    (files,) = check_files(open_robot(Path(path.format(tmp_path.name))))
+    assert files.passed, files.detail
+
+
+@pytest.mark.parametrize("file", ["../outside.h", "python/../../outside.h", "{}/outside.h"])
+def test_a_manifest_names_no_file_outside_of_its_folder(file: str, robot_folder: Path, tmp_path: Path) -> None:
+    folder = copy_folder(robot_folder, tmp_path)
+    (tmp_path / "outside.h").write_text("")
+    manifest = json.loads((folder / "manifest.json").read_text())
+    manifest["files"][file.format(tmp_path)] = hashlib.sha256(b"").hexdigest()
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+    (files,) = check_files(open_robot(folder))
+    assert not files.passed and files.detail.endswith("is missing")

@@ -115,18 +115,21 @@ def test_mimics_of_mimics_and_of_joints_off_the_chain(tmp_path):
         ("</robot>", crank),
         ('<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><mimic joint="motor" multiplier="-2" offset="0.1"/>'),
         ('<axis xyz="1 0 0"/>', '<axis xyz="1 0 0"/><mimic joint="elbow" multiplier="0.1" offset="0.2"/>'),
+        ('upper="0.04" effort="5" velocity="0.1"', 'upper="0.4" effort="50" velocity="5"'),
     )
     chain = loaded(tmp_path, text, tip="finger")
     assert [c.name for c in chain.coordinates] == ["shoulder", "motor"]
     motor = chain.coordinates[1]
-    assert (motor.lower, motor.upper, motor.velocity, motor.effort) == (-0.5, 0.7, 8, 9)
+    # The elbow follows at -2 motor + 0.1, within -1 and 1, at most at 4 rad/s.
+    assert (motor.lower, motor.upper, motor.velocity, motor.effort) == (-0.45, 0.55, 2, 9)
     assert [(j.multiplier, j.offset) for j in chain.joints] == [(1, 0), (-2, 0.1), (-0.2, pytest.approx(0.21)), (1, 0)]
     assert [(j.name, j.parent) for j in chain.joints[3:]] == [("motor", -1)], "the master moves its own mass"
     assert_agrees(chain, text)
 
 
 def test_a_follower_beside_the_chain_is_carried_at_its_offset(tmp_path):
-    text = replaced(('<axis xyz="1 0 0"/>', '<axis xyz="1 0 0"/><mimic joint="elbow" multiplier="0.1" offset="0.2"/>'))
+    follower = '<axis xyz="1 0 0"/><mimic joint="elbow" multiplier="0.1" offset="0.2"/>'
+    text = replaced(('<axis xyz="1 0 0"/>', follower), ('upper="0.04"', 'upper="0.4"'))
     chain = loaded(tmp_path, text, tip="hand")
     assert chain.dof == 2
     assert_agrees(chain, text)

@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: MIT
+"""Limits of coordinates that other joints follow, against the joints' own limits: sampled, and by MuJoCo's model."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from stiffgen import load_chain
+from stiffgen.cli import main
+from stiffgen.errors import ChainError, DescriptionError
+from support.chains import INERTIAL, child_of
+
+LIMIT = 'lower="{0}" upper="{1}" velocity="{2}" effort="{3}"'
+
+
+def lift(followers: list[tuple[str, str]], master: str = LIMIT.format(0, 0.4, 1, 100)) -> str:
+    """Return a lift: joint x, and a joint for each (limit, mimic); the last follower is beside the path to the tip."""
+    text = f'<robot name="lift"><link name="base"/><link name="l0">{INERTIAL}</link>{joint("x", "base", "l0", master)}'
+    for k, (limit, mimic) in enumerate(followers):
+        parent = f"l{k}" if k < len(followers) - 1 or k == 0 else "l0"
+        text += f'<link name="l{k + 1}">{INERTIAL}</link>{joint(f"f{k}", parent, f"l{k + 1}", limit, mimic)}'
+    return text + "</robot>"
+
+
+def joint(name: str, parent: str, child: str, limit: str, mimic: str = "") -> str:
+    return (
+        f'<joint name="{name}" type="prismatic"><parent link="{parent}"/><child link="{child}"/><axis xyz="0 0 1"/>'
+        f"<limit {limit}/>{f'<mimic {mimic}/>' if mimic else ''}</joint>"
+    )
+
+
+def within(text: str, x: float, rate: float = 0.0, force: float = 0.0) -> bool:
+    """Return whether all joints are within their limits, where x has a position, a rate, and one joint its force."""
+    joints = {str(each.get("name")): each for each in ET.fromstring(text).iter("joint")}
+
+    def of(name: str) -> tuple[float, float]:
+        mimic = joints[name].find("mimic")
+        if mimic is None:
+            return 1.0, 0.0
+        rate, offset = of(str(mimic.get("joint")))
+        multiplier = float(mimic.get("multiplier", 1))
+        return multiplier * rate, multiplier * offset + float(mimic.get("offset", 0))
+
+    for name, element in joints.items():
+        limit = child_of(element, "limit").attrib
+        multiplier, offset = of(name)
+        position, speed = multiplier * x + offset, abs(multiplier * rate)
+        load = abs(force / multiplier)  # at the same power
+        if not float(limit["lower"]) - 1e-12 <= position <= float(limit["upper"]) + 1e-12:
+            return False
+        if speed > float(limit["velocity"]) + 1e-12 or load > float(limit["effort"]) + 1e-12:
+            return False
+    return True
+
+
+LIFTS = {
+    "offset": [(LIMIT.format(0, 0.1, 0.2, 30), 'joint="x" multiplier="0.5" offset="-0.02"')],
+    "negative": [(LIMIT.format(-0.3, -0.05, 0.7, 500), 'joint="x" multiplier="-1.25" offset="0.1"')],
+    "follower of a follower": [
+        (LIMIT.format(-1, 1, 5, 90), 'joint="x" multiplier="2" offset="0.1"'),
+        (LIMIT.format(-0.5, 0.35, 0.8, 20), 'joint="f0" multiplier="-0.5" offset="0.4"'),
+    ],
+    "two, one beside the path": [
+        (LIMIT.format(-1, 0.3, 5, 300), 'joint="x" multiplier="1" offset="0"'),
+        (LIMIT.format(0.05, 1, 0.1, 70), 'joint="x" multiplier="0.25" offset="0"'),
+    ],
+}
+
+
+@pytest.mark.parametrize("masses", [True, False])
+@pytest.mark.parametrize("name", LIFTS)
+def test_the_range_is_where_every_joint_is_within_its_limits(name: str, masses: bool, tmp_path: Path) -> None:
+    text = lift(LIFTS[name])
+    (tmp_path / "lift.urdf").write_text(text)
+    (x,) = load_chain(tmp_path / "lift.urdf", tip="l1", masses=masses).coordinates
+    grid = np.linspace(-1, 1, 2001)
+    inside = [value for value in grid if within(text, value)]
+    assert (x.lower, x.upper) == pytest.approx((min(inside), max(inside)), abs=1.01e-3)
+    middle = (x.lower + x.upper) / 2
+    for bound, key in ((x.velocity, "rate"), (x.effort, "force")):
+        assert within(text, middle, **{key: bound * (1 - 1e-9)})
+        assert not within(text, middle, **{key: bound * (1 + 1e-9) + 1e-9})
+
+
+def test_a_follower_without_limits_narrows_nothing(tmp_path: Path) -> None:
+    """Exporters write zeros, or infinite numbers, for no limit."""
+    for limit in (LIMIT.format(0, 0, 0, 0), LIMIT.format("-inf", "inf", "inf", "inf"), 'effort="0" velocity="0"'):
+        (tmp_path / "lift.urdf").write_text(lift([(limit, 'joint="x" multiplier="-2" offset="0.1"')]))
+        (x,) = load_chain(tmp_path / "lift.urdf", tip="l1").coordinates
+        assert (x.lower, x.upper, x.velocity, x.effort) == (0, 0.4, 1, 100)
+
+
+def test_half_open_ranges(tmp_path: Path) -> None:
+    for multiplier, limit, expected in ((-2, ("-inf", 0.0), (0.05, 0.4)), (-2, (-0.5, "inf"), (0.0, 0.3))):
+        text = lift([(LIMIT.format(*limit, 9, 900), f'joint="x" multiplier="{multiplier}" offset="0.1"')])
+        (tmp_path / "lift.urdf").write_text(text)
+        (x,) = load_chain(tmp_path / "lift.urdf", tip="l1").coordinates
+        assert (x.lower, x.upper) == expected
+
+
+@pytest.mark.parametrize(("lower", "upper", "multiplier"), [(1, 2, 0.5), (0, 0.4, -1)])
+def test_a_coordinate_without_a_range_is_refused(lower: float, upper: float, multiplier: float, tmp_path: Path) -> None:
+    """Limits that exclude each other; and a mirrored finger with the limits of the other: both can only stand at 0."""
+    limit = LIMIT.format(lower, upper, 1, 1)
+    (tmp_path / "lift.urdf").write_text(lift([(limit, f'joint="x" multiplier="{multiplier}" offset="0"')]))
+    with pytest.raises(ChainError, match=rf"lift.urdf: joint 'x' has no range .* 'f0', .* {lower} to {upper}; correct"):
+        load_chain(tmp_path / "lift.urdf", tip="l1")
+
+
+def test_a_lock_keeps_followers_within_their_limits(tmp_path: Path) -> None:
+    arm = joint("arm", "l1", "tip", LIMIT.format(-1, 1, 1, 1))
+    text = lift(LIFTS["offset"]).replace("</robot>", f'<link name="tip">{INERTIAL}</link>{arm}</robot>')
+    (tmp_path / "lift.urdf").write_text(text)
+    assert load_chain(tmp_path / "lift.urdf", lock={"x": 0.1}).dof == 1
+    with pytest.raises(ChainError, match=r"cannot be locked at 0; its limits \(with .* follow it\) are 0.04 to 0.24"):
+        load_chain(tmp_path / "lift.urdf", lock={"x": 0.0})
+
+
+def test_a_faulty_limit_of_a_follower_refuses_the_chain(tmp_path: Path) -> None:
+    """The limits of a follower are those of the coordinate, also where the follower is beside the path."""
+    text = lift(LIFTS["two, one beside the path"]).replace('lower="0.05"', 'lower="five"')
+    (tmp_path / "lift.urdf").write_text(text)
+    for masses in (True, False):
+        with pytest.raises(DescriptionError, match=r"joint 'f1'.*'five'"):
+            load_chain(tmp_path / "lift.urdf", tip="l1", masses=masses)
+
+
+def test_inspect_names_the_narrowed_limits(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "lift.urdf").write_text(lift(LIFTS["offset"]))
+    assert main(["inspect", str(tmp_path / "lift.urdf")]) == 0
+    said = "joint 'x', with the limits of joints that follow it (f0): position 0.04 to 0.24, velocity 0.4, effort 15"
+    assert said in capsys.readouterr().out
+
+
+HAND = """<mujoco><compiler angle="radian"/><worldbody><body name="a"><joint name="a" range="-1 2"/>
+<geom size="0.1"/><body name="b" pos="0 0 0.2"><joint name="b" axis="0 1 0" range="-0.3 0.5" ref="0.1"
+actuatorfrcrange="-4 4"/><geom size="0.1"/><body name="c" pos="0 0 0.2"><joint name="c" axis="0 1 0" range="-0.2 0.9"/>
+<geom size="0.1"/></body></body></body></worldbody>
+<equality><joint joint1="b" joint2="a" polycoef="0.05 -0.7 0 0 0"/><joint joint1="c" joint2="a" polycoef="0 0.4 0 0 0"/>
+</equality></mujoco>"""
+
+
+def test_followers_of_an_mjcf_file(tmp_path: Path) -> None:
+    """MuJoCo's own relation: q_b - ref_b = 0.05 - 0.7 (q_a - ref_a), with the ranges that its model states."""
+    (tmp_path / "hand.xml").write_text(HAND)
+    (a,) = load_chain(tmp_path / "hand.xml").coordinates
+    model = mujoco.MjModel.from_xml_string(HAND)
+    inside = []
+    for q in np.linspace(-1.5, 2.5, 4001):
+        reference = model.qpos0
+        positions = [q, reference[1] + model.eq_data[0][0] + model.eq_data[0][1] * q, model.eq_data[1][1] * q]
+        if all(low <= p <= high for p, (low, high) in zip(positions, model.jnt_range, strict=True)):
+            inside.append(q)
+    assert (a.lower, a.upper) == pytest.approx((min(inside), max(inside)), abs=1.01e-3)
+    assert a.effort == pytest.approx(0.7 * 4)
+    assert math.isinf(a.velocity)
