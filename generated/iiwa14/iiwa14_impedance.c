@@ -114,6 +114,8 @@ typedef struct {
     double damped[N];      /* [N m] torque of the motors' kd at the velocity of the damping */
     double carried[N];     /* [N m] torque of the plan's acceleration and Coriolis forces */
     double brake[N];       /* [N m s/rad] damping that one joint may still receive */
+    double before[N];      /* [N m] torque of the last call, with the caller's */
+    double effort[N];      /* [N m] largest torque that can be in force */
     double transit[N];     /* [N m] torque of the last call, 0 where its work is booked already */
     double tip_energy;     /* [J] energy of the tips' springs at the sample, before the equilibrium moves; unscaled */
     double jacobians[6 * N * TIPS]; /* of the tips at the sample, with the tool in force */
@@ -515,6 +517,43 @@ static const char *stiffgen_joint(int joint)
         "A7",
     };
     return names[joint];
+}
+
+/* Return whether every integer of the memory is in its range: none leads out of an array, or overflows. */
+static int fits_memory(const memory_t *m)
+{
+    int fits = 1;
+    fits = fits && m->law >= 0 && m->law <= 2;
+    fits = fits && m->spring >= 0 && m->spring <= 2;
+    fits = fits && m->known >= 0 && m->known <= 1;
+    fits = fits && m->engaged >= 0 && m->engaged <= 1;
+    fits = fits && m->commanded >= 0 && m->commanded <= 1;
+    fits = fits && m->joined >= 0 && m->joined <= 1;
+    fits = fits && m->beyond >= 0 && m->beyond <= 1;
+    fits = fits && m->detour >= 0 && m->detour <= 1;
+    fits = fits && m->search >= 0 && m->search <= 40;
+    fits = fits && m->search_steps >= 0 && m->search_steps <= 60;
+    fits = fits && m->restarts >= 0 && m->restarts <= 5;
+    fits = fits && m->fault >= 0 && m->fault <= 5;
+    fits = fits && m->reason >= 0 && m->reason <= 16;
+    fits = fits && m->reset >= 0 && m->reset <= 1;
+    fits = fits && m->bad >= 0 && m->bad <= 7;
+    fits = fits && m->missed >= 0 && m->missed <= 1000000;
+    fits = fits && m->gap >= 0 && m->gap <= 1000000;
+    fits = fits && m->recent_count >= 0 && m->recent_count <= 8;
+    fits = fits && m->regular >= 0 && m->regular <= 3;
+    fits = fits && m->absent >= 0 && m->absent <= 2000000;
+    fits = fits && m->delay >= 0 && m->delay <= 5;
+    fits = fits && m->gap_calls >= 0 && m->gap_calls <= 1000000;
+    fits = fits && m->calls >= 0 && m->calls <= 1000;
+    fits = fits && m->hold >= 0 && m->hold <= 1000;
+    fits = fits && m->state_age >= 0 && m->state_age <= 1000000;
+    fits = fits && m->fast >= 0 && m->fast <= 1000000;
+    fits = fits && m->call_gap >= 0 && m->call_gap <= 1000;
+    fits = fits && m->capped >= 0 && m->capped <= 1;
+    fits = fits && m->by_pose >= 0 && m->by_pose <= 1;
+    fits = fits && m->planning >= 0 && m->planning <= 2;
+    return fits;
 }
 
 /* Copy the output fields that the memory holds. */
@@ -1335,11 +1374,13 @@ static void report_gains(step_t *s, int refused)
     for (int i = 0; i < N; ++i) {
         const double damped = m->kd[i] * m->dq[i], limit = refused ? 0.0 : s->c->effort_limit[i];
         const double most = larger(limit, fabs(out->tau_ff[i])), applied = clamp(out->tau_ff[i] - damped, -most, most);
-        if (applied != out->tau_ff[i] - damped) {
+        if (!(fabs(damped) <= DBL_MAX)) { /* the memory holds no velocity */
+            m->kd[i] = 0.0;
+        } else if (applied != out->tau_ff[i] - damped) {
             m->kd[i] *= (out->tau_ff[i] - applied) / damped;
             s->status |= ID(STATUS_SATURATED);
         }
-        out->torque[i] = applied;
+        out->torque[i] = fabs(applied) <= DBL_MAX ? applied : out->tau_ff[i];
     }
     const double hold = m->fault == ID(FAULT_NONE) ? (double)m->hold * m->call_gap : (double)m->call_gap;
     out->late_work = m->known ? bound_late_work(m->q, m->q, out->dq_des, out->tau_ff, m->kp, m->kd, m->velocity_limit,
@@ -2138,25 +2179,34 @@ static uint64_t compute_checksum(const state_t *state)
     return a + 3u * b + 5u * c + 7u * d;
 }
 
-/* Vote on three copies, bit by bit: two of three decide. A number that is not finite becomes 0. */
-static void vote(const double *copies, double *result)
+/* Masks of the copies: memory that was never initialised, or overwritten by a pattern, has no two copies that agree. */
+static const uint64_t MASKS[3] = {0x9e3779b97f4a7c15u, 0xc2b2ae3d27d4eb4fu, 0x165667b19e3779f9u};
+
+/*
+ * Read numbers of three copies each; two that agree decide. Return whether all were stored by store_copies and are
+ * finite; those that were not become 0.
+ */
+static int vote(const uint64_t *copies, double *result)
 {
+    int all = 1;
     for (int i = 0; i < N; ++i) {
-        uint64_t a, b, c;
-        memcpy(&a, copies + i, sizeof a);
-        memcpy(&b, copies + N + i, sizeof b);
-        memcpy(&c, copies + 2 * N + i, sizeof c);
-        a = (a & b) | (b & c) | (a & c);
-        memcpy(result + i, &a, sizeof a);
-        result[i] = fabs(result[i]) <= DBL_MAX ? result[i] : 0.0;
+        const uint64_t a = copies[i] ^ MASKS[0], b = copies[N + i] ^ MASKS[1], c = copies[2 * N + i] ^ MASKS[2];
+        const uint64_t agreed = a == b ? a : c;
+        memcpy(result + i, &agreed, sizeof agreed);
+        if ((a != b && b != c && a != c) || !(fabs(result[i]) <= DBL_MAX)) {
+            result[i] = 0.0;
+            all = 0;
+        }
     }
+    return all;
 }
 
-/* Store values three times. */
-static void store_copies(double *copies, const double *values)
+/* Store numbers in three copies, each under its own mask. */
+static void store_copies(uint64_t *copies, const double *values)
 {
-    for (int copy = 0; copy < 3; ++copy) {
-        memcpy(copies + copy * N, values, N * sizeof(double));
+    for (int k = 0; k < 3 * N; ++k) {
+        memcpy(copies + k, values + k % N, sizeof *copies);
+        copies[k] ^= MASKS[k / N];
     }
 }
 
@@ -2171,6 +2221,7 @@ static void start_memory(const config_t *c, state_t *state)
         m->rate[i] = c->torque_rate_limit[i] * c->sample_time;
     }
     store_copies(state->rate, m->rate);
+    store_copies(state->effort, c->effort_limit);
     memcpy(m->velocity_limit, c->velocity_limit, sizeof m->velocity_limit);
     m->sized_tank = c->tank_initial > 0.0 ? 0.0 : size_tank(c, m);
     m->tank = larger(c->tank_initial, m->sized_tank);
@@ -2203,11 +2254,17 @@ static int initialise(const config_t *c, state_t *state, const double *torque)
         memset(state, 0, sizeof *state);
         return ID(E_STIFFNESS);
     }
-    if (torque != NULL) {
-        store_copies(state->torque, torque);
-    }
+    const double none[N] = {0.0};
+    store_copies(state->torque, torque != NULL ? torque : none);
     state->checksum = compute_checksum(state);
     return ID(OK);
+}
+
+/* Return whether the memory is what the last call left: mark, checksum, and every integer in its range. */
+static int is_believable(const state_t *state)
+{
+    const memory_t *const m = &state->memory;
+    return m->ready == READY && fits_memory(m) && state->checksum == compute_checksum(state);
 }
 
 /* Ask for the end of a fault; the next steps with good samples grant it. */
@@ -2216,7 +2273,7 @@ static int request_reset(state_t *state)
     if (state == NULL) {
         return ID(E_NULL);
     }
-    if (state->checksum != compute_checksum(state) || state->memory.ready != READY) {
+    if (!is_believable(state)) {
         return ID(E_NOT_INITIALISED);
     }
     state->memory.reset = 1;
@@ -3642,7 +3699,7 @@ static void add_torque_offset(step_t *s, const double *last, int refused)
             wanted = s->input->torque_offset[i];
         }
         const double moved = clamp(wanted - m->offset[i], -m->rate[i] - change, m->rate[i] - change);
-        const double most = refused ? HUGE_VAL : larger(s->c->effort_limit[i], fabs(before) - m->rate[i]);
+        const double most = refused ? s->effort[i] : larger(s->c->effort_limit[i], fabs(before) - m->rate[i]);
         const double total = clamp(own + m->offset[i] + moved, -most, most);
         m->offset[i] = total - own;
         const int reached = fabs(m->offset[i] - wanted) <= 1e-9 * larger(1.0, fabs(wanted));
@@ -4799,6 +4856,55 @@ static void report_step(const step_t *s)
     }
 }
 
+/*
+ * Read the torque in force and the most that it can be. Return whether both were stored by init or step: a state that
+ * was never initialised has none, and its torque is 0.
+ */
+static int read_torque(step_t *s, const state_t *state, double *last)
+{
+    const int all = vote(state->torque, last), limited = vote(state->effort, s->effort);
+    for (int i = 0; i < N; ++i) {
+        last[i] = all && limited ? clamp(last[i], -s->effort[i], s->effort[i]) : 0.0;
+    }
+    memcpy(s->before, last, sizeof s->before);
+    return all && limited;
+}
+
+/*
+ * Step without a memory to go on from: it was never initialised, or it was overwritten and there is no valid
+ * configuration to start anew with. A torque in force moves to zero at the last valid rate limit. Memory that is no
+ * state is cleared. Return the error.
+ */
+static int step_without_memory(state_t *state, int stored, const double *last, int error, output_t *output)
+{
+    double rate[N];
+    const int limited = vote(state->rate, rate);
+    memset(&state->memory, 0, sizeof state->memory);
+    if (stored && limited) {
+        step_towards_zero(last, rate, output->torque);
+        memcpy(output->tau_ff, output->torque, sizeof output->tau_ff);
+        store_copies(state->torque, output->torque);
+    }
+    return error != ID(OK) ? error : ID(E_NOT_INITIALISED);
+}
+
+/*
+ * Guard the torque that leaves the step, whatever the memory holds: finite, and within the effort limit or on its way
+ * down to a lowered one. Gains are finite and within their limits.
+ */
+static void guard_torque(step_t *s, int refused)
+{
+    memory_t *const m = s->m;
+    for (int i = 0; i < N; ++i) {
+        const double torque = s->out->torque[i];
+        const double most = refused ? s->effort[i] : larger(s->c->effort_limit[i], fabs(s->before[i]));
+        s->out->torque[i] = fabs(torque) <= DBL_MAX ? clamp(torque, -most, most) : 0.0;
+        s->effort[i] = refused ? s->effort[i] : larger(s->c->effort_limit[i], fabs(s->out->torque[i]));
+        m->kp[i] = m->kp[i] >= 0.0 ? smaller(m->kp[i], refused ? DBL_MAX : s->c->kp_limit[i]) : 0.0;
+        m->kd[i] = m->kd[i] >= 0.0 ? smaller(m->kd[i], refused ? DBL_MAX : s->c->kd_limit[i]) : 0.0;
+    }
+}
+
 /* Do one step. */
 static int step(const config_t *c, state_t *state, const input_t *input, output_t *output)
 {
@@ -4814,7 +4920,7 @@ static int step(const config_t *c, state_t *state, const input_t *input, output_
         return ID(E_NULL);
     }
     memory_t *const m = &state->memory;
-    double last[N], rate[N];
+    double last[N];
     step_t s;
     memset(&s, 0, sizeof s);
     s.c = c;
@@ -4824,14 +4930,10 @@ static int step(const config_t *c, state_t *state, const input_t *input, output_
     s.input = input;
     s.out = output;
     const int error = c == NULL || input == NULL ? ID(E_NULL) : validate(c);
-    vote(state->torque, last);
-    vote(state->rate, rate);
-    if (state->checksum != compute_checksum(state) || m->ready != READY) {
-        if (error != ID(OK) || state->checksum == 0u) {
-            step_towards_zero(last, rate, output->torque);
-            memcpy(output->tau_ff, output->torque, sizeof output->tau_ff);
-            store_copies(state->torque, output->torque);
-            return error != ID(OK) ? error : ID(E_NOT_INITIALISED);
+    const int stored = read_torque(&s, state, last);
+    if (!stored || !is_believable(state)) {
+        if (error != ID(OK) || !stored) {
+            return step_without_memory(state, stored, last, error, output);
         }
         /* memory was overwritten: nothing is believed but the torque, which is stored three times */
         start_memory(c, state);
@@ -4852,7 +4954,9 @@ static int step(const config_t *c, state_t *state, const input_t *input, output_
         step_without_sample(&s, last);
     }
     add_torque_offset(&s, last, error != ID(OK));
+    guard_torque(&s, error != ID(OK));
     store_copies(state->torque, output->torque);
+    store_copies(state->effort, s.effort);
     report_gains(&s, error != ID(OK));
     s.held = error == ID(OK) && holds_in_fault(&s);
     report_step(&s);

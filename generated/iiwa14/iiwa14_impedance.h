@@ -11,7 +11,8 @@
  *   Plain C99 and libm; allocation-free, lock-free, deterministic, bounded time, no globals that change. All data
  *   that changes is in the state. Different threads may use different states; use a state in one thread at a time.
  *   For any input the torque is finite, within the effort limits, and changes by no more than its rate limit. A torque
- *   above a lowered effort limit decreases at the rate limit.
+ *   above a lowered effort limit decreases at the rate limit. Whatever the state's memory holds, the torque is within the
+ *   effort limits. A state that was never initialised has the torque 0, at once, and the error IIWA14_E_NOT_INITIALISED.
  *
  * Use
  *   iiwa14_impedance_default_config(&config);            then change fields
@@ -608,111 +609,213 @@ typedef struct {
 
 /* Memory between steps; opaque, initialised by iiwa14_impedance_init. */
 typedef struct {
+    /* [N m] (5 x 7) torques before the last one, newest first, as far as a delay can need them. */
     double older[35];
+    /* [N m] (6 x 7) reference's share B dr + M ddr of the last torques, newest first. */
     double feed[42];
+    /* [N m] torque that acted in the newest interval of a gap. */
     double gap_torque[7];
+    /* [N m] sum of |torque| in transit at the last call that told the time. */
     double gap_transit[7];
+    /* [N m] sum of |torque| of the calls since then. */
     double gap_sum[7];
+    /* [N m] largest |torque| of these calls. */
     double gap_largest[7];
+    /* [N m] largest change of the torque per step, of the last valid configuration. */
     double rate[7];
+    /* [rad/s] velocity limit that bounds what is believed. */
     double velocity_limit[7];
+    /* limit avoidance per joint: lower edge, upper edge, stiffness, largest torque. */
     double avoidance[28];
+    /* [kg m^2] inertia of each joint beside any motion of the others, for the limit avoidance. */
     double inertia[7];
+    /* [N m] caller's torque_offset in force. */
     double offset[7];
+    /* [rad/s] velocity behind the low pass of velocity_filter_time. */
     double filtered[7];
+    /* [N m/rad] gain kp of the motors in force. */
     double kp[7];
+    /* [N m s/rad] gain kd of the motors in force. */
     double kd[7];
+    /* [rad/s] (8 x 7) velocities of the last samples, newest first, for their mean. */
     double recent[56];
+    /* [rad] last believed position. */
     double q[7];
+    /* [rad/s] velocity that was used with it. */
     double dq[7];
+    /* [rad] position of the last sample, believed or not, to see whether q changes. */
     double still_q[7];
+    /* [rad] motion that dq shows, less that of q, while q stands still. */
     double moved_q[7];
+    /* [rad/s] velocity of the last sample, to see whether dq changes. */
     double still_dq[7];
+    /* [rad] motion that dq shows, less that of q, while dq stands still. */
     double moved_dq[7];
+    /* [samples] samples since q changed. */
     double q_age[7];
+    /* [samples] samples since dq changed. */
     double dq_age[7];
+    /* [rad] posture of the equilibrium, where the posture spring is at rest. */
     double posture[7];
+    /* [rad/s] velocity of this posture. */
     double posture_velocity[7];
+    /* [rad] posture of the last accepted command. */
     double wanted_posture[7];
+    /* [rad] posture of the search, or the goal of a detour. */
     double trial[7];
+    /* [N m/rad] posture stiffness in force. */
     double posture_stiffness[7];
+    /* [m] (4 x 4) poses where the springs of the tips are at rest. */
     double equilibrium[16];
+    /* [m/s, rad/s] twists of these poses while they move by poses. */
     double equilibrium_velocity[6];
+    /* [m] (4 x 4) poses of the last accepted command by pose. */
     double wanted_equilibrium[16];
+    /* [N/m] (3 x 3) stiffness Kt in force. */
     double translation_stiffness[9];
+    /* [N m/rad] (3 x 3) stiffness Ko in force. */
     double rotation_stiffness[9];
+    /* [m] (4 x 4) tools in force; the tips themselves for a folder without tools. */
     double tool_pose[16];
+    /* [rad] plan: motion that its velocity states, less that of q0. */
     double posture_drift[7];
+    /* [rad/s] plan: change that its acceleration states, less that of its velocity. */
     double velocity_drift[7];
+    /* [rad/s] plan: its velocity at the last step. */
     double plan_velocity[7];
+    /* [m, rad] plan: motion of the tips that its velocity states, less the commanded one. */
     double tip_drift[6];
+    /* [N, N m] limits of bounded springs in force: forces, then moments. */
     double spring_limits[2];
+    /* scale l of the springs, from 0 to 1. */
     double scale;
+    /* [J] energy l U of the springs at the last position. */
     double elastic_energy;
+    /* [J] energy of the limit avoidance at the last position. */
     double limit_energy;
+    /* [J] energy in the tank, which pays for sampling and stiffness. */
     double tank;
+    /* [J] worst-case work of the torques in transit. */
     double reserve;
+    /* [J] work left for moves of the equilibrium. */
     double engagement;
+    /* [J] gap: bound on the work of the changes of its torque. */
     double gap_work;
+    /* [J] gap: bound on its work, every torque over the farthest motion. */
     double gap_most;
+    /* [J] gap: gap_most at the last call that told the time. */
     double gap_base;
+    /* [s] travel of commands that has brought in no engagement yet. */
     double travel;
+    /* [s] sample time of the last valid configuration. */
     double sample_time;
+    /* share of the commanded stiffness that the sample time allows. */
     double stiffness_share;
+    /* [J] tank that heaviest_wrench needs, from init. */
     double sized_tank;
+    /* wrench of the springs over heaviest_wrench. */
     double load;
+    /* [J] energy of the tips' springs at this load. */
     double load_energy;
+    /* share of wrench_command in force. */
     double press_share;
+    /* [s] plan: time for which its target has stood still with a velocity. */
     double plan_still;
+    /* [J] account: work put out at the robot's port. */
     double port_total;
+    /* [J] account: energy s put in by sampling. */
     double sampling_total;
+    /* [J] account: energy p put in by moves of the equilibrium. */
     double reference_total;
+    /* [J] account: energy v put in by changes of stiffness or scale. */
     double stiffness_total;
+    /* [J] account: energy of the limit avoidance where the account began. */
     double start_total;
+    /* [s] time since the fault was latched. */
     double fault_time;
+    /* [s] time of good samples since. */
     double good_time;
+    /* number that the fault is about. */
     double fault_seen;
+    /* limit of this number. */
     double fault_limit;
+    /* mark of an initialised memory. */
     int32_t ready;
+    /* law in force; 0 before the first sample. */
     int32_t law;
+    /* spring in force; 0 before the first sample. */
     int32_t spring;
+    /* a position is believed: the account has begun. */
     int32_t known;
+    /* the springs are in force. */
     int32_t engaged;
+    /* a command was accepted since init. */
     int32_t commanded;
+    /* the equilibrium is the pose of its posture. */
     int32_t joined;
+    /* the commanded pose is out of reach: the posture leads, the equilibrium follows. */
     int32_t beyond;
+    /* the posture goes to `trial`. */
     int32_t detour;
+    /* trials of the search for another posture that are done. */
     int32_t search;
+    /* steps of the present trial. */
     int32_t search_steps;
+    /* how often the present pose was begun again from the arm. */
     int32_t restarts;
+    /* class of the latched fault, IIWA14_FAULT_.... */
     int32_t fault;
+    /* its reason, IIWA14_REASON_.... */
     int32_t reason;
+    /* a reset is asked for. */
     int32_t reset;
+    /* the last three samples, one bit each: 1 was not believed. */
     int32_t bad;
+    /* calls since the last believed sample. */
     int32_t missed;
+    /* sample times since the last believed sample. */
     int32_t gap;
+    /* velocities in `recent`. */
     int32_t recent_count;
+    /* calls in a row whose counter advanced by one. */
     int32_t regular;
+    /* counter of the last believed sample. */
     uint32_t counter;
+    /* number of times that the account began anew. */
     uint32_t unaccounted;
+    /* counter of the last sample, believed or not. */
     uint32_t seen_counter;
+    /* twice the missing samples, less one per good sample since. */
     int32_t absent;
+    /* delay_samples of the last valid configuration. */
     int32_t delay;
+    /* calls since the last one that told the time. */
     int32_t gap_calls;
+    /* missed_limit in force. */
     int32_t calls;
+    /* calls without a sample for which the last torque is held. */
     int32_t hold;
+    /* samples for which the robot's state has repeated itself. */
     int32_t state_age;
+    /* samples in a row beyond a velocity limit. */
     int32_t fast;
+    /* joint that the fault is about, or -1. */
     int32_t fault_joint;
+    /* call_gap_limit in force. */
     int32_t call_gap;
+    /* the sample time has not allowed the springs' stiffness. */
     int32_t capped;
+    /* the last accepted command was a pose. */
     int32_t by_pose;
+    /* command of the plan that is followed; 0 without a plan. */
     int32_t planning;
 } iiwa14_impedance_memory;
 
 typedef struct {
-    double torque[21]; /* last torque, stored three times */
-    double rate[21]; /* largest change of the torque per step, stored three times */
+    /* Numbers that outlive a memory that is overwritten, each in three copies under different masks. */
+    uint64_t torque[21]; /* last torque */
+    uint64_t rate[21]; /* largest change of the torque per step */
+    uint64_t effort[21]; /* largest torque that can be in force */
     uint64_t checksum; /* checksum of memory */
     iiwa14_impedance_memory memory;
     double scratch[147];

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stiffgen.emit.fields import CONFIG, MAX_DOF, Field
+from stiffgen.emit.memory_fields import MEMORY, RANGES
 from stiffgen.emit.policy_fields import PARTS, POLICY, PROPOSAL, REFUSED, STAGES
 from stiffgen.emit.presets import motor_tables
 from stiffgen.emit.signals import INPUT, OUTPUT
@@ -35,7 +36,7 @@ LOOP_KERNELS = ("close", *(f"motors.{name}" for name in ("jacobian", "mass_matri
 """Functions that the controller calls in robots with closed loops, besides those of the tree."""
 BOUNDED_KERNELS = tuple(f"spring_bounded.{name}" for name in ("energy", "wrench", "torque", "linearization"))
 """Functions that the controller calls in folders with the bounded spring."""
-_FORMATS = {"double": "f8", "int": "i4", "uint32_t": "u4"}
+_FORMATS = {"double": "f8", "int": "i4", "int32_t": "i4", "uint32_t": "u4"}
 _STRUCTS = (
     (
         "config",
@@ -100,6 +101,8 @@ class ControllerPage:
         errors: name, code and text.
         checks: C condition on the configuration c, by field.
         structs: config, input and output.
+        memory: memory between steps.
+        ranges: integers of the memory with their bounds.
         remembered: fields of the output copied from the memory: name, the memory's member, whether it is an array.
         choice_fields: name and words of the fields that are choices.
         infinite_fields: names of the configuration's fields that may be infinite.
@@ -130,6 +133,8 @@ class ControllerPage:
     errors: list[tuple[str, int, str]]
     checks: dict[str, str]
     structs: list[Struct]
+    memory: Struct
+    ranges: tuple[tuple[str, int, int], ...]
     remembered: list[tuple[str, str, bool]]
     choice_fields: list[tuple[str, tuple[str, ...]]]
     infinite_fields: list[str]
@@ -167,6 +172,8 @@ def controller_page(
         errors=_errors(name),
         checks={field.name: _check(field) for field in CONFIG},
         structs=[_struct(chain, prefix, *each) for each in _STRUCTS],
+        memory=_struct(chain, prefix, "memory", "", MEMORY),
+        ranges=RANGES,
         remembered=[(f.name, f.name if f.memory == "=" else f.memory, bool(f.shape)) for f in OUTPUT if f.memory],
         choice_fields=[(f.name, f.choices) for f in (*CONFIG, *INPUT) if f.choices],
         infinite_fields=[field.name for field in CONFIG if math.isinf(field.most)],
@@ -196,8 +203,9 @@ def _library() -> str:
 
 
 def _struct(chain: Chain, prefix: str, name: str, summary: str, fields: tuple[Field, ...]) -> Struct:
-    sizes = {"n": len(chain.motor_coordinates), "tips": len(chain.tips)}
-    members = [_member(field, sizes, prefix) for field in fields if field.when != "tool" or chain.runtime_tool]
+    sizes = {"n": len(chain.motor_coordinates), "tips": len(chain.tips), "joints": chain.dof}
+    conditions = {"": True, "tool": chain.runtime_tool, "loops": bool(chain.loops)}
+    members = [_member(field, sizes, prefix) for field in fields if conditions[field.when]]
     return Struct(name, summary, members)
 
 

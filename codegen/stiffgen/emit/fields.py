@@ -14,7 +14,7 @@ MAX_DOF = 40
 """Most coordinates of a robot with a controller."""
 
 Extent = int | str
-"""Extent of a field: a number, "n" for the coordinates, or "tips" for the tips (left out if there is one)."""
+"""Extent of a field: a number, "n" for the coordinates, "tips" for the tips (left out if there is one), or "joints"."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Field:
     type: str = "double"
     choices: tuple[str, ...] = ()
     when: str = ""
-    """Condition for the field: "tool", a tool pose at run time."""
+    """Condition for the field: "tool", a tool pose at run time; "loops", a robot with closed loops."""
     memory: str = ""
     """Member of the state's memory that an output reports; "=" for the same name."""
 

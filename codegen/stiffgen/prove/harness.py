@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from math import prod
 
 from stiffgen.emit.fields import CONFIG
-from stiffgen.emit.status_words import FAULTS, REASONS
+from stiffgen.emit.memory_fields import RANGES
 from stiffgen.errors import OutputError
 from stiffgen.lower.graph import LIBM, LIBM_OF_TWO
 from stiffgen.opened import GeneratedRobot
@@ -21,36 +21,6 @@ MOST = 3
 
 _EXACT = {"fabs"}
 """Functions that ESBMC computes itself; all others of libm may return any value."""
-
-
-INVARIANT: tuple[tuple[str, int, int], ...] = (
-    ("law", 0, 2),
-    ("known", 0, 1),
-    ("engaged", 0, 1),
-    ("commanded", 0, 1),
-    ("joined", 0, 1),
-    ("beyond", 0, 1),
-    ("detour", 0, 1),
-    ("search", 0, 40),
-    ("search_steps", 0, 60),
-    ("restarts", 0, 5),
-    ("fault", 0, len(FAULTS) - 1),
-    ("reason", 0, len(REASONS) - 1),
-    ("reset", 0, 1),
-    ("bad", 0, 7),
-    ("missed", 0, 1_000_000),
-    ("gap", 0, 1_000_000),
-    ("recent_count", 0, 8),
-    ("regular", 0, 3),
-    ("absent", 0, 2000),
-    ("delay", 0, 5),
-    ("gap_calls", 0, 1_000_000),
-    ("calls", 0, 1000),
-    ("by_pose", 0, 1),
-    ("state_age", 0, 1_000_000),
-    ("fast", 0, 1_000_000),
-)
-"""Integers of the controller's state with their bounds before and after every call."""
 
 
 STATES = (
@@ -109,7 +79,7 @@ def controller(robot: GeneratedRobot, entries: Sequence[str], *, by_contract: bo
         entries=entries,
         by_contract=by_contract,
         integers=[field for field in CONFIG if field.type == "int"],
-        invariant=INVARIANT,
+        invariant=RANGES,
         states=STATES,
     )
 

@@ -68,7 +68,7 @@ void add_torque_offset(step_t *s, const double *last, int refused)
             wanted = s->input->torque_offset[i];
         }
         const double moved = clamp(wanted - m->offset[i], -m->rate[i] - change, m->rate[i] - change);
-        const double most = refused ? HUGE_VAL : larger(s->c->effort_limit[i], fabs(before) - m->rate[i]);
+        const double most = refused ? s->effort[i] : larger(s->c->effort_limit[i], fabs(before) - m->rate[i]);
         const double total = clamp(own + m->offset[i] + moved, -most, most);
         m->offset[i] = total - own;
         const int reached = fabs(m->offset[i] - wanted) <= 1e-9 * larger(1.0, fabs(wanted));

@@ -103,6 +103,8 @@ typedef struct {
     double damped[N];      /* [N m] torque of the motors' kd at the velocity of the damping */
     double carried[N];     /* [N m] torque of the plan's acceleration and Coriolis forces */
     double brake[N];       /* [N m s/rad] damping that one joint may still receive */
+    double before[N];      /* [N m] torque of the last call, with the caller's */
+    double effort[N];      /* [N m] largest torque that can be in force */
     double transit[N];     /* [N m] torque of the last call, 0 where its work is booked already */
     double tip_energy;     /* [J] energy of the tips' springs at the sample, before the equilibrium moves; unscaled */
     double jacobians[6 * N * TIPS]; /* of the tips at the sample, with the tool in force */
@@ -143,6 +145,7 @@ const char *meaning_of_reason(int reason);
 const char *seen_of_reason(int reason);
 const char *stiffgen_joint(int joint);
 void report_memory(const memory_t *m, output_t *out);
+int fits_memory(const memory_t *m);
 
 /* matrix.c */
 double larger(double x, double y);
@@ -197,13 +200,14 @@ int doubles_within(const double *x, size_t count, double least, double most);
 int integers_within(const int *x, size_t count, int least, int most);
 int validate(const config_t *c);
 uint64_t compute_checksum(const state_t *state);
-void vote(const double *copies, double *result);
-void store_copies(double *copies, const double *values);
+int vote(const uint64_t *copies, double *result);
+void store_copies(uint64_t *copies, const double *values);
 void start_memory(const config_t *c, state_t *state);
 int initialise(const config_t *c, state_t *state, const double *torque);
 int request_reset(state_t *state);
 void latch_fault(memory_t *m, int reason, int joint, double seen, double limit);
 int holds_in_fault(const step_t *s);
+int is_believable(const state_t *state);
 
 /* joint_gains.c */
 int split_torque(const double *q, const double *dq, const double *q_des, const double *dq_des, const double *torque,

@@ -120,11 +120,13 @@ void report_gains(step_t *s, int refused)
     for (int i = 0; i < N; ++i) {
         const double damped = m->kd[i] * m->dq[i], limit = refused ? 0.0 : s->c->effort_limit[i];
         const double most = larger(limit, fabs(out->tau_ff[i])), applied = clamp(out->tau_ff[i] - damped, -most, most);
-        if (applied != out->tau_ff[i] - damped) {
+        if (!(fabs(damped) <= DBL_MAX)) { /* the memory holds no velocity */
+            m->kd[i] = 0.0;
+        } else if (applied != out->tau_ff[i] - damped) {
             m->kd[i] *= (out->tau_ff[i] - applied) / damped;
             s->status |= ID(STATUS_SATURATED);
         }
-        out->torque[i] = applied;
+        out->torque[i] = fabs(applied) <= DBL_MAX ? applied : out->tau_ff[i];
     }
     const double hold = m->fault == ID(FAULT_NONE) ? (double)m->hold * m->call_gap : (double)m->call_gap;
     out->late_work = m->known ? bound_late_work(m->q, m->q, out->dq_des, out->tau_ff, m->kp, m->kd, m->velocity_limit,

@@ -81,25 +81,34 @@ uint64_t compute_checksum(const state_t *state)
     return a + 3u * b + 5u * c + 7u * d;
 }
 
-/* Vote on three copies, bit by bit: two of three decide. A number that is not finite becomes 0. */
-void vote(const double *copies, double *result)
+/* Masks of the copies: memory that was never initialised, or overwritten by a pattern, has no two copies that agree. */
+static const uint64_t MASKS[3] = {0x9e3779b97f4a7c15u, 0xc2b2ae3d27d4eb4fu, 0x165667b19e3779f9u};
+
+/*
+ * Read numbers of three copies each; two that agree decide. Return whether all were stored by store_copies and are
+ * finite; those that were not become 0.
+ */
+int vote(const uint64_t *copies, double *result)
 {
+    int all = 1;
     for (int i = 0; i < N; ++i) {
-        uint64_t a, b, c;
-        memcpy(&a, copies + i, sizeof a);
-        memcpy(&b, copies + N + i, sizeof b);
-        memcpy(&c, copies + 2 * N + i, sizeof c);
-        a = (a & b) | (b & c) | (a & c);
-        memcpy(result + i, &a, sizeof a);
-        result[i] = fabs(result[i]) <= DBL_MAX ? result[i] : 0.0;
+        const uint64_t a = copies[i] ^ MASKS[0], b = copies[N + i] ^ MASKS[1], c = copies[2 * N + i] ^ MASKS[2];
+        const uint64_t agreed = a == b ? a : c;
+        memcpy(result + i, &agreed, sizeof agreed);
+        if ((a != b && b != c && a != c) || !(fabs(result[i]) <= DBL_MAX)) {
+            result[i] = 0.0;
+            all = 0;
+        }
     }
+    return all;
 }
 
-/* Store values three times. */
-void store_copies(double *copies, const double *values)
+/* Store numbers in three copies, each under its own mask. */
+void store_copies(uint64_t *copies, const double *values)
 {
-    for (int copy = 0; copy < 3; ++copy) {
-        memcpy(copies + copy * N, values, N * sizeof(double));
+    for (int k = 0; k < 3 * N; ++k) {
+        memcpy(copies + k, values + k % N, sizeof *copies);
+        copies[k] ^= MASKS[k / N];
     }
 }
 
@@ -114,6 +123,7 @@ void start_memory(const config_t *c, state_t *state)
         m->rate[i] = c->torque_rate_limit[i] * c->sample_time;
     }
     store_copies(state->rate, m->rate);
+    store_copies(state->effort, c->effort_limit);
     memcpy(m->velocity_limit, c->velocity_limit, sizeof m->velocity_limit);
     m->sized_tank = c->tank_initial > 0.0 ? 0.0 : size_tank(c, m);
     m->tank = larger(c->tank_initial, m->sized_tank);
@@ -146,11 +156,17 @@ int initialise(const config_t *c, state_t *state, const double *torque)
         memset(state, 0, sizeof *state);
         return ID(E_STIFFNESS);
     }
-    if (torque != NULL) {
-        store_copies(state->torque, torque);
-    }
+    const double none[N] = {0.0};
+    store_copies(state->torque, torque != NULL ? torque : none);
     state->checksum = compute_checksum(state);
     return ID(OK);
+}
+
+/* Return whether the memory is what the last call left: mark, checksum, and every integer in its range. */
+int is_believable(const state_t *state)
+{
+    const memory_t *const m = &state->memory;
+    return m->ready == READY && fits_memory(m) && state->checksum == compute_checksum(state);
 }
 
 /* Ask for the end of a fault; the next steps with good samples grant it. */
@@ -159,7 +175,7 @@ int request_reset(state_t *state)
     if (state == NULL) {
         return ID(E_NULL);
     }
-    if (state->checksum != compute_checksum(state) || state->memory.ready != READY) {
+    if (!is_believable(state)) {
         return ID(E_NOT_INITIALISED);
     }
     state->memory.reset = 1;

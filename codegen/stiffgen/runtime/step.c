@@ -190,6 +190,55 @@ static void report_step(const step_t *s)
     }
 }
 
+/*
+ * Read the torque in force and the most that it can be. Return whether both were stored by init or step: a state that
+ * was never initialised has none, and its torque is 0.
+ */
+static int read_torque(step_t *s, const state_t *state, double *last)
+{
+    const int all = vote(state->torque, last), limited = vote(state->effort, s->effort);
+    for (int i = 0; i < N; ++i) {
+        last[i] = all && limited ? clamp(last[i], -s->effort[i], s->effort[i]) : 0.0;
+    }
+    memcpy(s->before, last, sizeof s->before);
+    return all && limited;
+}
+
+/*
+ * Step without a memory to go on from: it was never initialised, or it was overwritten and there is no valid
+ * configuration to start anew with. A torque in force moves to zero at the last valid rate limit. Memory that is no
+ * state is cleared. Return the error.
+ */
+static int step_without_memory(state_t *state, int stored, const double *last, int error, output_t *output)
+{
+    double rate[N];
+    const int limited = vote(state->rate, rate);
+    memset(&state->memory, 0, sizeof state->memory);
+    if (stored && limited) {
+        step_towards_zero(last, rate, output->torque);
+        memcpy(output->tau_ff, output->torque, sizeof output->tau_ff);
+        store_copies(state->torque, output->torque);
+    }
+    return error != ID(OK) ? error : ID(E_NOT_INITIALISED);
+}
+
+/*
+ * Guard the torque that leaves the step, whatever the memory holds: finite, and within the effort limit or on its way
+ * down to a lowered one. Gains are finite and within their limits.
+ */
+static void guard_torque(step_t *s, int refused)
+{
+    memory_t *const m = s->m;
+    for (int i = 0; i < N; ++i) {
+        const double torque = s->out->torque[i];
+        const double most = refused ? s->effort[i] : larger(s->c->effort_limit[i], fabs(s->before[i]));
+        s->out->torque[i] = fabs(torque) <= DBL_MAX ? clamp(torque, -most, most) : 0.0;
+        s->effort[i] = refused ? s->effort[i] : larger(s->c->effort_limit[i], fabs(s->out->torque[i]));
+        m->kp[i] = m->kp[i] >= 0.0 ? smaller(m->kp[i], refused ? DBL_MAX : s->c->kp_limit[i]) : 0.0;
+        m->kd[i] = m->kd[i] >= 0.0 ? smaller(m->kd[i], refused ? DBL_MAX : s->c->kd_limit[i]) : 0.0;
+    }
+}
+
 /* Do one step. */
 int step(const config_t *c, state_t *state, const input_t *input, output_t *output)
 {
@@ -205,7 +254,7 @@ int step(const config_t *c, state_t *state, const input_t *input, output_t *outp
         return ID(E_NULL);
     }
     memory_t *const m = &state->memory;
-    double last[N], rate[N];
+    double last[N];
     step_t s;
     memset(&s, 0, sizeof s);
     s.c = c;
@@ -215,14 +264,10 @@ int step(const config_t *c, state_t *state, const input_t *input, output_t *outp
     s.input = input;
     s.out = output;
     const int error = c == NULL || input == NULL ? ID(E_NULL) : validate(c);
-    vote(state->torque, last);
-    vote(state->rate, rate);
-    if (state->checksum != compute_checksum(state) || m->ready != READY) {
-        if (error != ID(OK) || state->checksum == 0u) {
-            step_towards_zero(last, rate, output->torque);
-            memcpy(output->tau_ff, output->torque, sizeof output->tau_ff);
-            store_copies(state->torque, output->torque);
-            return error != ID(OK) ? error : ID(E_NOT_INITIALISED);
+    const int stored = read_torque(&s, state, last);
+    if (!stored || !is_believable(state)) {
+        if (error != ID(OK) || !stored) {
+            return step_without_memory(state, stored, last, error, output);
         }
         /* memory was overwritten: nothing is believed but the torque, which is stored three times */
         start_memory(c, state);
@@ -243,7 +288,9 @@ int step(const config_t *c, state_t *state, const input_t *input, output_t *outp
         step_without_sample(&s, last);
     }
     add_torque_offset(&s, last, error != ID(OK));
+    guard_torque(&s, error != ID(OK));
     store_copies(state->torque, output->torque);
+    store_copies(state->effort, s.effort);
     report_gains(&s, error != ID(OK));
     s.held = error == ID(OK) && holds_in_fault(&s);
     report_step(&s);

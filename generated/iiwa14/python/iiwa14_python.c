@@ -3177,7 +3177,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "ea60c6558713f332") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "3bce7449f209d3c2") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -181,6 +181,11 @@ int fault_of_reason(int reason)
     return reason == ID(REASON_NONE) ? ID(FAULT_NONE) : ID(FAULT_SENSOR);
 }
 
+int fits_memory(const memory_t *m)
+{
+    return m->recent_count >= 0 && m->recent_count <= 8;
+}
+
 void report_memory(const memory_t *m, output_t *out)
 {
     out->fault = m->fault;
