@@ -23,20 +23,21 @@ from typing import TextIO
 import stiffgen
 from stiffgen.cli.parsing import CommandParser, Parser
 from stiffgen.errors import DescriptionWarning, StiffgenError, printable, terminal_text
+from stiffgen.rooms import is_there
 
 COMMANDS = {
-    "generate": "generate C code and a Python module for a robot",
-    "new": "write a project: a 1 kHz loop, a simulated robot, a test, a script",
-    "inspect": "show joints, chains to each tip, and problems of a robot's file",
-    "robots": "list the robots that can be named, with format and licence",
-    "verify": "verify a robot's compiled functions against independent references",
-    "prove": "prove contracts of a robot's C code for all inputs",
-    "bench": "time a robot's compiled functions on this machine",
-    "play": "write a robot's playground, a page for the browser, and open it",
-    "cache": "list or clear the robots that stiffgen.load() has generated",
-    "analyze": "joint stiffness along a recording, corrected and conventional",
+    "generate": ("cli.generate", "generate C code and a Python module for a robot"),
+    "new": ("new.command", "write a project: a 1 kHz loop, a simulated robot, a test, a script"),
+    "inspect": ("cli.inspect", "show joints, chains to each tip, and problems of a robot's file"),
+    "robots": ("cli.robots", "list the robots that can be named, with format and licence"),
+    "verify": ("cli.verify", "verify a robot's compiled functions against independent references"),
+    "prove": ("prove.command", "prove contracts of a robot's C code for all inputs"),
+    "bench": ("cli.bench", "time a robot's compiled functions on this machine"),
+    "play": ("play.command", "write a robot's playground, a page for the browser, and open it"),
+    "cache": ("cli.cache", "list or clear the robots that stiffgen.load() has generated"),
+    "analyze": ("analyze.command", "joint stiffness along a recording, corrected and conventional"),
 }
-"""Commands, each a module of this package, with their help."""
+"""Commands with the module that adds their arguments, and their help; those of rooms taken out are not listed."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -44,8 +45,9 @@ def parser() -> argparse.ArgumentParser:
     made = Parser(prog="stiffgen", description=stiffgen.__doc__)
     made.add_argument("--version", action="version", version=f"stiffgen {stiffgen.__version__}")
     commands = made.add_subparsers(metavar="COMMAND", parser_class=CommandParser)
-    for name, meaning in COMMANDS.items():
-        commands.add_parser(name, help=meaning)
+    for name, (module, meaning) in COMMANDS.items():
+        if is_there(module):
+            commands.add_parser(name, help=meaning).module = module
     return made
 
 

@@ -89,11 +89,12 @@ class Parser(argparse.ArgumentParser):
 
 
 class CommandParser(Parser):
-    """Parser of a command, whose module ``stiffgen.cli.NAME`` adds the arguments when the command is chosen.
+    """Parser of a command, whose ``module`` of the package adds the arguments when the command is chosen.
 
     Importing all modules at once would take most of a second, and more memory than ``inspect`` needs.
     """
 
+    module = ""
     _is_complete = False
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
@@ -101,5 +102,5 @@ class CommandParser(Parser):
         if not self._is_complete:
             self._is_complete = True
             check_memory()
-            import_module(f"stiffgen.cli.{self.prog.split()[-1]}").add(self)
+            import_module(f"stiffgen.{self.module}").add(self)
         return super().parse_known_args(args, namespace)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from types import ModuleType
 
 from rich.table import Table
 
@@ -12,7 +13,7 @@ from stiffgen.cli.arguments import add_folder, natural, positive
 from stiffgen.cli.console import Progress, messages, table, tables
 from stiffgen.errors import StiffgenError
 from stiffgen.opened import open_robot
-from stiffgen.prove.safety_page import filed_for, targets_for, write_page
+from stiffgen.rooms import optional
 from stiffgen.verify.result import Check
 from stiffgen.verify.verify import default_count, verify
 
@@ -25,23 +26,19 @@ def add(command: argparse.ArgumentParser) -> None:
         "--samples", type=positive, help="number of random configurations (default: 200 up to 7 joints, fewer for more)"
     )
     command.add_argument("--seed", type=natural, default=0, help="seed of the random configurations (default: 0)")
-    command.add_argument("--report", type=Path, metavar="FILE.html", help="write the evidence as one page")
-    command.add_argument("--proofs", type=Path, metavar="FILE", help="add the verdicts of 'stiffgen prove --json'")
-    command.add_argument("--targets", type=Path, metavar="FILE", help="add measurements on other processors")
-    command.add_argument("--date", metavar="TEXT", help="date to print on the page (default: none)")
-    command.set_defaults(run=run)
+    command.set_defaults(run=run, report=None)
+    if optional("prove.safety_page") is not None:
+        command.add_argument("--report", type=Path, metavar="FILE.html", help="write the evidence as one page")
+        command.add_argument("--proofs", type=Path, metavar="FILE", help="add the verdicts of 'stiffgen prove --json'")
+        command.add_argument("--targets", type=Path, metavar="FILE", help="add measurements on other processors")
+        command.add_argument("--date", metavar="TEXT", help="date to print on the page (default: none)")
 
 
 def run(options: argparse.Namespace) -> int:
     """Verify a folder; return 1 if a comparison fails."""
-    if options.report is None and any(each is not None for each in (options.proofs, options.targets, options.date)):
-        raise StiffgenError("--proofs, --targets and --date fill the page; add --report FILE.html")
-    if options.report is not None:
-        open_robot(options.folder).require_doubles("the page of --report")
-    if options.proofs is not None:  # before the long part
-        filed_for(open_robot(options.folder), options.proofs)
-    if options.targets is not None:
-        targets_for(open_robot(options.folder), options.targets)
+    page = optional("prove.safety_page")
+    if page is not None:
+        _check_page(page, options)
     with Progress(messages(wide=False)).shown() as progress:
         checks = verify(options.folder, urdf=options.urdf, count=options.samples, seed=options.seed, progress=progress)
     failed = [check for check in checks if not check.passed]
@@ -52,8 +49,8 @@ def run(options: argparse.Namespace) -> int:
     print(f"{len(checks) - len(failed)} of {len(checks)} comparisons within their bound")
     if options.urdf is None:
         print("URDF not checked (pass --urdf)")
-    if options.report is not None:
-        write_page(
+    if page is not None and options.report is not None:
+        page.write_page(
             options.folder,
             checks,
             options.report,
@@ -66,6 +63,18 @@ def run(options: argparse.Namespace) -> int:
         )
         print(options.report)
     return 1 if failed else 0
+
+
+def _check_page(page: ModuleType, options: argparse.Namespace) -> None:
+    """Refuse what the page cannot show, before the long part."""
+    if options.report is None and any(each is not None for each in (options.proofs, options.targets, options.date)):
+        raise StiffgenError("--proofs, --targets and --date fill the page; add --report FILE.html")
+    if options.report is not None:
+        open_robot(options.folder).require_doubles("the page of --report")
+    if options.proofs is not None:
+        page.filed_for(open_robot(options.folder), options.proofs)
+    if options.targets is not None:
+        page.targets_for(open_robot(options.folder), options.targets)
 
 
 def _check_table(checks: list[Check]) -> Table:

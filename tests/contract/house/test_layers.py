@@ -7,11 +7,12 @@ import ast
 from pathlib import Path
 
 import stiffgen
+from stiffgen.rooms import OPTIONAL
 from support.project import ROOT
 
 PACKAGE = Path(stiffgen.__file__).parent
 LAYERS = (
-    ("errors", "_version"),
+    ("errors", "_version", "rooms"),
     ("names", "folder", "page", "style", "rendering"),
     ("robot",),
     ("symbolic",),
@@ -23,11 +24,12 @@ LAYERS = (
     ("opened",),
     ("cache",),
     ("verify",),
-    ("bench", "prove"),
+    ("bench",),
+    ("cli",),
+    ("prove",),
     ("analyze",),
     ("play",),
     ("new",),
-    ("cli",),
     ("__main__",),
 )
 HEIGHT = {room: height for height, rooms in enumerate(LAYERS) for room in rooms}
@@ -64,6 +66,18 @@ def test_imports_run_downwards() -> None:
         if other != "stiffgen" and HEIGHT[other.split(".")[1]] > HEIGHT[module.split(".")[1]]
     ]
     assert not wrong
+
+
+def test_no_module_imports_a_room_that_can_be_taken_out() -> None:
+    found = [
+        f"{module} imports {other}"
+        for module, others in imports().items()
+        for other in others
+        if other.split(".")[1:2] != module.split(".")[1:2] and set(other.split(".")[1:2]) & set(OPTIONAL)
+    ]
+    assert found == [
+        f"stiffgen imports stiffgen.analyze.{name}" for name in ("analysis", "sensors")
+    ]  # for type checkers
 
 
 def test_no_module_imports_itself_through_others() -> None:
