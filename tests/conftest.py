@@ -24,14 +24,11 @@ import pytest
 from filelock import FileLock
 
 import stiffgen
-from examples.bowl_wiping.tool import PLATE
 from stiffgen import open_robot
 from stiffgen.emit import build
 from stiffgen.verify import widths
 from support.c_program import STRICT, language_flags
-from support.fri_session import EXACT
 from support.kept_objects import KeptObjects
-from support.plant.loop import Loop
 from support.project import ROOT, URDF, Compiled, Once, require_compiler
 
 
@@ -71,10 +68,10 @@ def model(chain: stiffgen.Chain) -> stiffgen.StiffnessModel:
 
 
 @pytest.fixture(scope="session")
-def once(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Once:
+def once(tmp_path_factory: pytest.TempPathFactory) -> Once:
     """Return ``once(name, make)``: a folder of that name, filled by ``make`` in the first worker that asks."""
     base = tmp_path_factory.getbasetemp()
-    root = base if worker_id == "master" else base.parent
+    root = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
 
     def made(name: str, make: Callable[[Path], object]) -> Path:
         folder, done = root / name, root / f"{name}.made"
@@ -140,30 +137,3 @@ def compiled(once: Once, robot_folder: Path) -> Compiled:
         return once(name, lambda folder: subprocess.run([*command, *linked, "-o", folder / "o"], check=True)) / "o"
 
     return made
-
-
-@pytest.fixture(scope="session")
-def plate_folder(once: Once) -> Path:
-    """Return the folder of the arm with the bowl-wiping tool, compiled once for all workers.
-
-    Its products and sums are rounded each: other builds of it compute the same bits (support/fri_session.py, EXACT),
-    so that it need not take the time of -O3.
-    """
-
-    def make(output: Path) -> None:
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setenv("CFLAGS", f"-O1 {EXACT}")
-            stiffgen.generate(URDF, name=PLATE.robot, tool=PLATE.for_generator(), batches=False, output=output)
-
-    return once("robots", make) / PLATE.robot
-
-
-@pytest.fixture(scope="session")
-def plate(plate_folder: Path) -> ModuleType:
-    return open_robot(plate_folder).module
-
-
-@pytest.fixture(scope="session")
-def loop(robot_folder: Path, once: Once) -> Loop:
-    """Return the controller in the loop with a simulated arm, compiled once for all workers."""
-    return Loop(once("loop", lambda folder: Loop(folder, robot_folder)), robot_folder)

@@ -161,9 +161,11 @@ def test_what_is_said_of_a_tool_without_masses_and_at_run_time() -> None:
 
 
 @pytest.mark.slow
-def test_no_tool(robot: ModuleType, plate: ModuleType) -> None:
+def test_no_tool(robot: ModuleType, tmp_path: Path, unoptimised: None) -> None:
     assert robot.TOOL is None
-    assert plate.TOOL["mass"] == 0.455
+    options = {"kernels": "limits", "batches": False, "controller": False}
+    folder = stiffgen.generate(URDF, name="wiper", tool=FULL, output=tmp_path, **options)
+    assert stiffgen.open_robot(folder).module.TOOL["mass"] == FULL.mass
     assert "TOOL" in robot.__all__
 
 

@@ -32,7 +32,10 @@ from support.fri_session import (
     run_cmake,
     sdk_options,
 )
+from support.plate import plate, plate_folder
 from support.project import ROOT, Once
+
+__all__ = ["plate", "plate_folder"]
 
 CLIENT = ROOT / "examples" / "fri_client"
 TRAJECTORY = ROOT / "examples" / "bowl_wiping" / "zero_force_trajectory.csv"

@@ -12,7 +12,10 @@ import stiffgen
 from examples.parkour.tool import BALL
 from examples.whole_body.plant import URDF as SOLO
 from examples.whole_body.stance import FEET
+from support.plate import plate, plate_folder
 from support.project import URDF, Once
+
+__all__ = ["plate", "plate_folder"]
 
 
 @pytest.fixture(scope="session")
