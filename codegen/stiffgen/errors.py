@@ -7,7 +7,7 @@ message alone and exits with code 2.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 
 def printable(text: str, most: int = 60) -> str:
@@ -78,6 +78,20 @@ class LoopWarning(DescriptionWarning):
             self,
             f"{self.file}: {len(self.problems)} constraints that close loops are left out, and joints of a loop are "
             f"independent of each other: {listed(self.problems, 4)}; --close-loops closes them",
+        )
+
+
+class OmissionWarning(DescriptionWarning):
+    """The file's model has forces at rest that no function contains."""
+
+    def __init__(self, file: str, forces: Mapping[str, float]) -> None:
+        self.file = printable(file, 200)
+        self.problems = tuple(forces)
+        UserWarning.__init__(
+            self,
+            f"{self.file}: springs, tendons or gravity compensation of the model push joints "
+            f"{listed(self.problems, 8)} at rest (up to {max(forces.values()):.3g} N m or N); no function contains "
+            "these forces, nor do gravity and bias forces ('stiffgen inspect' lists them)",
         )
 
 

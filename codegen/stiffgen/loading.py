@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from stiffgen.errors import DescriptionWarning, LoopWarning, PotentialError, listed
+from stiffgen.errors import DescriptionWarning, LoopWarning, OmissionWarning, PotentialError, listed
 from stiffgen.names import CPP_NAMES
 from stiffgen.robot.assembly import assemble
 from stiffgen.robot.chain import Chain, ChainOptions, Tool
@@ -76,6 +76,7 @@ def load_chain(
 
     Warns:
         DescriptionWarning: the file has problems that cannot change this chain.
+        OmissionWarning: springs, tendons or gravity compensation of an MJCF file push joints at rest.
         LoopWarning: the file has constraints that close loops, which all functions leave out (``close_loops``).
 
     """
@@ -95,6 +96,9 @@ def read_chain(urdf: str | Path, options: ChainOptions) -> Chain:
     selection = select(description, options)
     if selection.beside:
         warnings.warn(DescriptionWarning(description.file, selection.beside), stacklevel=3)
+    moving = {each.name for each in (*selection.moving, *selection.side)}
+    if forces := {name: force for name, force in description.forces_at_rest.items() if name in moving}:
+        warnings.warn(OmissionWarning(description.file, forces), stacklevel=3)
     if description.loops and not options.close_loops:
         warnings.warn(LoopWarning(description.file, [loop.text for loop in description.loops]), stacklevel=3)
     return assemble(description, options, selection, _RESERVED)

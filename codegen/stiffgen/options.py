@@ -82,7 +82,7 @@ class GenerationOptions:
     ignore: Sequence[str] = field(
         default=(),
         metadata=described(
-            "unknown element of the file that is no misspelling; repeatable", metavar="ELEMENT", action="append"
+            "unknown element or attribute that is no misspelling; repeatable", metavar="ELEMENT", action="append"
         ),
     )
     arguments: Mapping[str, str] | None = field(

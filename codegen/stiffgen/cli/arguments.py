@@ -65,7 +65,7 @@ def add_reading(command: argparse.ArgumentParser) -> None:
         metavar="ELEMENT",
         action="append",
         default=[],
-        help="unknown element of the file that is no misspelling; repeatable",
+        help="unknown element or attribute that is no misspelling; repeatable",
     )
     command.add_argument(
         "--package-path",

@@ -155,6 +155,9 @@ def _coordinate(element: JointElement, selection: Selection) -> Coordinate:
         velocity=limited.velocity,
         effort=limited.effort,
         motor_inertia=sum(rotors),
+        acceleration=limited.acceleration,
+        deceleration=limited.deceleration,
+        jerk=limited.jerk,
     )
 
 

@@ -6,6 +6,7 @@ A chain contains the effect of fixed joints, mimic relations and masses. Its use
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -75,6 +76,7 @@ class Coordinate:
     """Entry of q: name, type and limits of a joint (rad or m, rad/s or m/s, N m or N; infinite if unset).
 
     ``motor_inertia`` is that of all motors that move with it, reflected to it [kg m^2 or kg]; 0 if the file has none.
+    ``acceleration``, ``deceleration`` (per s^2) and ``jerk`` (per s^3) are limits of URDF 1.2, infinite without.
     """
 
     name: str
@@ -84,6 +86,9 @@ class Coordinate:
     velocity: float
     effort: float
     motor_inertia: float = 0.0
+    acceleration: float = math.inf
+    deceleration: float = math.inf
+    jerk: float = math.inf
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ MAX_JOINTS = 5_000
 _MOST_FAULTS = 10  # largest number of reported faults per element
 _REPEATED: dict[str, Affects] = {"axis": "motion", "limit": "bounds", "mimic": "coupling"}
 _TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+_NEWER_LIMITS = ("acceleration", "deceleration", "jerk")
 _NUMBER = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?\Z")
 _WORD = re.compile(r"[^ \t\r\n]+")
 
@@ -35,12 +36,14 @@ class Checker:
     def __init__(self, robot: etree._Element, ignored: Collection[str] = ()) -> None:
         self.robot = robot
         self.ignored = ignored
+        self.version, self._version_fault = urdf_format.version_of(robot)
         self.links: dict[str, etree._Element] = {}
         self.joints: dict[str, etree._Element] = {}
         self.parents: dict[str, str] = {}  # child link -> joint
         self.numbers: dict[tuple[etree._Element, str], tuple[float, ...]] = {}
         self.broken_mimics: set[str] = set()
         self.sound_mimics: set[str] = set()
+        self.remarks: list[str] = []
 
     def run(self) -> Iterator[Problem]:
         """Yield every problem of the file."""
@@ -55,6 +58,9 @@ class Checker:
             return
         if not self.robot.get("name", "").strip():
             yield Problem("file", '<robot> has no name; add name="..."')
+        if self._version_fault:
+            is_newer = self.version > urdf_format.NEWEST
+            yield Problem("file" if is_newer else "robot", self._version_fault, "place" if is_newer else "nothing")
         for fault in islice(urdf_format.misspelt_in_robot(self.robot, self.ignored), _MOST_FAULTS):
             yield Problem("file", fault)
         yield from self._named("link", self.links)
@@ -116,16 +122,16 @@ class Checker:
         # Joints that do not move have zero axes and empty limits in real files; these elements are not read.
         if kind in MOVING_TYPES:
             for problem in self._axis(this, element):
-                yield replace(problem, affects="motion")
+                yield problem if problem.affects == "nothing" else replace(problem, affects="motion")
             for problem in self._limit(this, element, bounded=kind != "continuous"):
-                yield replace(problem, affects="bounds")
+                yield problem if problem.affects == "nothing" else replace(problem, affects="bounds")
             yield from self._mimic(this, name, element)
 
     def _spelling(self, this: str, element: etree._Element) -> Iterator[Problem]:
         """Yield faults and notes for the names in an element; other methods check the names in its children."""
         is_fixed = element.tag == "joint" and element.get("type") not in MOVING_TYPES
         remaining = {True: _MOST_FAULTS, False: _MOST_FAULTS}
-        for fault in urdf_format.faults(element, self.ignored):
+        for fault in urdf_format.faults(element, self.ignored, self.version):
             if fault.repeats and (
                 fault.concerns in ("parent", "child") or (is_fixed and fault.concerns in ("axis", "limit", "mimic"))
             ):
@@ -141,15 +147,26 @@ class Checker:
         if limit is None:
             return
         yield from self._spelling(this, limit)
-        for key in ("lower", "upper", "velocity", "effort"):
-            if bounded or key in ("velocity", "effort"):
-                yield from self._number(this, limit, key, 1, limit=True)
+        magnitudes = ("velocity", "effort", *(_NEWER_LIMITS if self.version >= urdf_format.WITH_ACCELERATIONS else ()))
+        for key in (*(("lower", "upper") if bounded else ()), *magnitudes):
+            yield from self._number(this, limit, key, 1, limit=True)
+        if bounded:
+            yield from self._missing_bound(this, limit)
         lower, upper = (self.numbers.get((limit, key), (0.0,))[0] for key in ("lower", "upper"))
         if lower > upper:
             yield Problem(this, f"{_title(this)}: lower limit {lower:g} is above upper limit {upper:g}; swap them")
-        for key in ("velocity", "effort"):
+        for key in magnitudes:
             if self.numbers.get((limit, key), (0.0,))[0] < 0:
                 yield Problem(this, f"{_title(this)}: <limit {key}> is negative; give its magnitude")
+
+    def _missing_bound(self, this: str, limit: etree._Element) -> Iterator[Problem]:
+        """Yield a fault where URDF 1.2 requires both bounds; remark that an earlier version takes one as 0."""
+        missing = [key for key in ("lower", "upper") if limit.get(key) is None]
+        if missing and self.version >= urdf_format.WITH_ACCELERATIONS:
+            bounds = " and ".join(missing)
+            yield Problem(this, f"{_title(this)}: its <limit> has no {bounds}, which URDF 1.2 requires; add {bounds}")
+        elif len(missing) == 1:
+            self.remarks.append(f"{_title(this)}: its <limit> has no {missing[0]}, which is taken as 0; add it")
 
     def _axis(self, this: str, element: etree._Element) -> Iterator[Problem]:
         axis = element.find("axis")
@@ -265,6 +282,18 @@ class Checker:
             yield from self._spelling(this, origin)
             for key in ("xyz", "rpy"):
                 yield from self._number(this, origin, key, 3)
+            if self.version >= urdf_format.WITH_QUATERNIONS and origin.get("quat_xyzw") is not None:
+                yield from self._quaternion(this, origin)
+
+    def _quaternion(self, this: str, origin: etree._Element) -> Iterator[Problem]:
+        yield from self._number(this, origin, "quat_xyzw", 4)
+        if origin.get("rpy") is not None:
+            yield Problem(this, f"{_title(this)}: its <origin> has rpy and quat_xyzw; remove one of the two")
+        values = self.numbers.get((origin, "quat_xyzw"), (1.0,))
+        if not math.hypot(*values) > 1e-6:
+            yield Problem(
+                this, f'{_title(this)}: its quaternion {_show(values)} has no direction; give quat_xyzw="0 0 0 1"'
+            )
 
     def _number(
         self, this: str, element: etree._Element, key: str, count: int, *, limit: bool = False

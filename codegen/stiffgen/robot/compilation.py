@@ -3,13 +3,15 @@
 
 MuJoCo resolves defaults, classes, includes, attachments and the compiler's settings. Before it compiles, the script
 removes what kinematics and masses do not need, so that missing meshes and textures do not matter: textures, materials,
-sensors, cameras, and all geoms of bodies whose inertia the file states. A geom that gives a body its inertia stays; if
-its mesh is missing, a small sphere stands in, and the answer names the body. Of stiffgen the script imports its limits
-alone.
+sensors, cameras, and the geoms of bodies whose inertia the file states. No part is removed while another one that
+stays names it: geoms that a tendon wraps stay, and tendons, geoms and sites lose their materials. A body that the file
+would fuse with its parent unless a sensor names it stays, too. A geom that gives a body its inertia stays; if its mesh
+is missing, a small sphere stands in, and the answer names the body. If MuJoCo refuses what is left, the script compiles
+the file as it is, so that an error is the file's own. Of stiffgen the script imports modules of this folder alone.
 
 The request holds ``file``. The answer is JSON on standard output: ``model`` (name, bodies, joints, sites, couplings,
-loops), ``files`` (path and SHA-256 of each file read beside the main one) and ``stand_ins`` (body and mesh); or
-``error``.
+loops, actuators, omissions), ``files`` (path and SHA-256 of each file read beside the main one) and ``stand_ins`` (body
+and mesh); or ``error``.
 """
 
 from __future__ import annotations
@@ -24,7 +26,9 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+from stiffgen.robot.actuation import actuation, tendon_joints
 from stiffgen.robot.limits import limit_process
+from stiffgen.robot.omissions import Recorded, changed_options, forces_at_rest, omissions
 
 SECONDS = 60
 """Processor time that a compilation may take; the largest known model takes 4 s."""
@@ -40,16 +44,7 @@ def _compiled(file: Path) -> dict[str, Any]:
     """Return the answer for a file."""
     import mujoco
 
-    spec = mujoco.MjSpec.from_file(str(file))
-    used, stand_ins = _strip(mujoco, spec, all_missing=False)
-    try:
-        model = spec.compile()
-    except ValueError as error:
-        if not used or ("mesh" not in str(error).lower() and "resource" not in str(error).lower()):
-            raise
-        spec = mujoco.MjSpec.from_file(str(file))  # a mesh that MuJoCo cannot read
-        used, stand_ins = _strip(mujoco, spec, all_missing=True)
-        model = spec.compile()
+    model, spec, used, stand_ins = _model(mujoco, file)
     name = spec.modelname
     files = {str(each): hashlib.sha256(each.read_bytes()).hexdigest() for each in (*_includes(file), *used)}
     files.pop(str(file), None)
@@ -63,26 +58,50 @@ def _compiled(file: Path) -> dict[str, Any]:
     }
 
 
+def _model(mujoco: Any, file: Path) -> tuple[Any, Any, list[Path], list[tuple[str, str]]]:
+    """Return model, specification, meshes used and stand-ins of a file."""
+    first: ValueError | None = None
+    for all_missing in (False, True):
+        spec = mujoco.MjSpec.from_file(str(file))
+        used, stand_ins = _strip(mujoco, spec, all_missing=all_missing)
+        try:
+            return spec.compile(), spec, used, stand_ins
+        except ValueError as error:
+            first = first or error
+            if not used or not _names_mesh(error):  # else a mesh that MuJoCo cannot read: without any
+                break
+    try:
+        spec = mujoco.MjSpec.from_file(str(file))
+        return spec.compile(), spec, [], []
+    except ValueError as error:
+        raise (first or error) if _names_mesh(error) else error from None
+
+
+def _names_mesh(error: ValueError) -> bool:
+    return "mesh" in str(error).lower() or "resource" in str(error).lower()
+
+
 def _strip(mujoco: Any, spec: Any, all_missing: bool) -> tuple[list[Path], list[tuple[str, str]]]:
     """Remove what has no effect; return the meshes that give inertias, and the bodies with a stand-in for one."""
     for kind in _UNUSED:
         for element in list(getattr(spec, kind)):
             spec.delete(element)
-    for actuator in list(spec.actuators):
-        muscle = mujoco.mjtGain.mjGAIN_MUSCLE
-        if actuator.trntype != mujoco.mjtTrn.mjTRN_JOINT or actuator.gaintype == muscle or actuator.plugin.active:
-            spec.delete(actuator)
+    spec.compiler.fusestatic = False
     kept = (mujoco.mjtEq.mjEQ_JOINT, mujoco.mjtEq.mjEQ_TENDON, mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD)
     for equality in list(spec.equalities):
         if equality.type not in kept:
             spec.delete(equality)
+    wrapped = _wrapped_geoms(spec)
     meshes = {mesh.name: mesh for mesh in spec.meshes}
     used: dict[str, list[Path]] = {}
     stand_ins = []
     for body in spec.bodies:
         for geom in list(body.geoms):
             if not _gives_inertia(mujoco, spec, body, geom):
-                spec.delete(geom)
+                if geom.name in wrapped:
+                    geom.material = ""
+                else:
+                    spec.delete(geom)
                 continue
             geom.material = ""
             mesh = meshes.get(geom.meshname)
@@ -97,10 +116,20 @@ def _strip(mujoco: Any, spec: Any, all_missing: bool) -> tuple[list[Path], list[
                 used.setdefault(mesh.name, [])
     for site in spec.sites:
         site.material = ""
+        if site.meshname:
+            site.type, site.meshname = mujoco.mjtGeom.mjGEOM_SPHERE, ""
+    for tendon in spec.tendons:
+        tendon.material = ""
     for name, mesh in meshes.items():
         if name not in used:
             spec.delete(mesh)
     return [path for paths in used.values() for path in paths], stand_ins
+
+
+def _wrapped_geoms(spec: Any) -> set[str]:
+    """Return the names of the geoms that spatial tendons wrap."""
+    targets = (wrap.target for tendon in spec.tendons for wrap in tendon.path)
+    return {target.name for target in targets if target is not None and target.name}
 
 
 def _gives_inertia(mujoco: Any, spec: Any, body: Any, geom: Any) -> bool:
@@ -141,8 +170,24 @@ def _includes(file: Path) -> Iterator[Path]:
                 yield found
 
 
-def _content(mujoco: Any, model: Any) -> dict[str, Any]:
-    """Return the compiled model's kinematics and masses as plain numbers."""
+def _content(mujoco: Any, compiled: Any) -> dict[str, Any]:
+    """Return the compiled model's kinematics and masses as plain numbers, and what it has beside them."""
+    model = Recorded(compiled)
+    content = {
+        **_tree(mujoco, model),
+        "couplings": list(_couplings(mujoco, model)),
+        "loops": list(_loops(mujoco, model)),
+        "actuation": actuation(mujoco, model),
+    }
+    return content | {
+        "omissions": list(omissions(mujoco, compiled, model.read)),
+        "options": list(changed_options(mujoco, compiled)),
+        "at_rest": forces_at_rest(mujoco, compiled),
+    }
+
+
+def _tree(mujoco: Any, model: Any) -> dict[str, Any]:
+    """Return bodies, joints and sites."""
     joint_types = {
         mujoco.mjtJoint.mjJNT_FREE: "free",
         mujoco.mjtJoint.mjJNT_BALL: "ball",
@@ -171,11 +216,7 @@ def _content(mujoco: Any, model: Any) -> dict[str, Any]:
             "axis": model.jnt_axis[k].tolist(),
             "reference": float(model.qpos0[model.jnt_qposadr[k]]),
             "range": model.jnt_range[k].tolist() if model.jnt_limited[k] else None,
-            "force": model.jnt_actfrcrange[k].tolist() if model.jnt_actfrclimited[k] else None,
             "armature": float(model.dof_armature[model.jnt_dofadr[k]]),
-            "damping": float(abs(model.dof_damping[model.jnt_dofadr[k]]).max()),
-            "friction": float(model.dof_frictionloss[model.jnt_dofadr[k]]),
-            "stiffness": float(abs(model.jnt_stiffness[k]).max()),
         }
         for k in range(model.njnt)
     ]
@@ -188,14 +229,7 @@ def _content(mujoco: Any, model: Any) -> dict[str, Any]:
         }
         for k in range(model.nsite)
     ]
-    return {
-        "bodies": bodies,
-        "joints": joints,
-        "sites": sites,
-        "couplings": list(_couplings(mujoco, model)),
-        "loops": list(_loops(mujoco, model)),
-        "actuators": list(_actuators(mujoco, model)),
-    }
+    return {"bodies": bodies, "joints": joints, "sites": sites}
 
 
 def _couplings(mujoco: Any, model: Any) -> Iterator[dict[str, Any]]:
@@ -206,7 +240,7 @@ def _couplings(mujoco: Any, model: Any) -> Iterator[dict[str, Any]]:
         is_joint = model.eq_type[k] == mujoco.mjtEq.mjEQ_JOINT
         first, second = ([(int(i), 1.0)] for i in (model.eq_obj1id[k], model.eq_obj2id[k]))
         if not is_joint:
-            first, second = (list(_wrap(mujoco, model, pair[0][0])) for pair in (first, second))
+            first, second = (list(tendon_joints(mujoco, model, pair[0][0])) for pair in (first, second))
         yield {
             "name": model.equality(k).name,
             "active": bool(model.eq_active0[k]),
@@ -236,30 +270,6 @@ def _loops(mujoco: Any, model: Any) -> Iterator[dict[str, Any]]:
         name = f" '{model.equality(k).name}'" if model.equality(k).name else ""
         ends = [{"body": body, "pos": pos, "quat": quat} for body, pos, quat in frames]
         yield {"text": f"{kind}{name} ({names[0]}, {names[1]})", "weld": kind == "weld", "ends": ends}
-
-
-def _wrap(mujoco: Any, model: Any, tendon: int) -> Iterator[tuple[int, float]]:
-    """Yield joint and coefficient of a fixed tendon; -1 for a spatial one."""
-    if tendon < 0:
-        return
-    start = int(model.tendon_adr[tendon])
-    for k in range(start, start + int(model.tendon_num[tendon])):
-        fixed = model.wrap_type[k] == mujoco.mjtWrap.mjWRAP_JOINT
-        yield (int(model.wrap_objid[k]) if fixed else -2, float(model.wrap_prm[k]))
-
-
-def _actuators(mujoco: Any, model: Any) -> Iterator[dict[str, Any]]:
-    """Yield joint and largest force of the actuators; None for a force without a bound."""
-    for k in range(model.nu):
-        forces = []
-        if model.actuator_forcelimited[k]:
-            forces.append(float(abs(model.actuator_forcerange[k]).max()))
-        is_motor = model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_NONE
-        is_motor = is_motor and model.actuator_gaintype[k] == mujoco.mjtGain.mjGAIN_FIXED
-        if is_motor and model.actuator_ctrllimited[k] and model.actuator_dyntype[k] == mujoco.mjtDyn.mjDYN_NONE:
-            forces.append(float(abs(model.actuator_gainprm[k][0] * model.actuator_ctrlrange[k]).max()))
-        gear = float(abs(model.actuator_gear[k][0]))
-        yield {"joint": int(model.actuator_trnid[k][0]), "force": min(forces) * gear if forces else None}
 
 
 def main() -> None:

@@ -79,18 +79,20 @@ class Couplings:
     def _narrowed(self, limited: JointElement, follower: JointElement) -> JointElement:
         coupling = self[follower]
         rate, offset = exact(coupling.multiplier), exact(coupling.offset)
-        lower, upper, velocity, effort = limited.lower, limited.upper, limited.velocity, limited.effort
+        lower, upper, effort = limited.lower, limited.upper, limited.effort
         if follower.lower < follower.upper:
             ends = sorted(
                 float((exact(end) - offset) / rate) if math.isfinite(end) else math.copysign(end, end * rate)
                 for end in (follower.lower, follower.upper)
             )
             lower, upper = max(lower, ends[0]), min(upper, ends[1])
-        if follower.velocity > 0:
-            velocity = min(velocity, follower.velocity / abs(coupling.multiplier))
         if follower.effort > 0:
             effort = min(effort, follower.effort * abs(coupling.multiplier))
-        return replace(limited, lower=lower, upper=upper, velocity=velocity, effort=effort)
+        rates = {}
+        for name in ("velocity", "acceleration", "deceleration", "jerk"):
+            own, others = getattr(limited, name), getattr(follower, name)
+            rates[name] = min(own, others / abs(coupling.multiplier)) if others > 0 else own
+        return replace(limited, lower=lower, upper=upper, effort=effort, **rates)
 
     def followers(self, master: JointElement) -> Iterator[JointElement]:
         """Yield the joints of the file, on the chain or not, that move when a coordinate moves."""

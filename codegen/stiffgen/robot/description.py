@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -72,7 +73,8 @@ class JointElement:
     """Element ``<joint>`` of the file (SI units, radians).
 
     ``axis`` has unit length, or is zero for a joint that does not move. Missing limits are infinite; if only one
-    position limit is missing, it is 0. ``motor_inertia`` is the inertia of the motor's rotor, reflected to the joint
+    position limit is missing, it is 0. ``acceleration``, ``deceleration`` and ``jerk`` are limits of URDF 1.2.
+    ``motor_inertia`` is the inertia of the motor's rotor, reflected to the joint
     [kg m^2 or kg]; a URDF has none. ``has_motor``: an actuator of an MJCF file acts on the joint; ``reference`` is its
     position in the file's own configuration, in which the loops of the file are closed [rad or m].
     """
@@ -93,6 +95,9 @@ class JointElement:
     motor_inertia: float = 0.0
     has_motor: bool = False
     reference: float = 0.0
+    acceleration: float = math.inf
+    deceleration: float = math.inf
+    jerk: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -144,7 +149,8 @@ class Description:
     ``joints`` is keyed by joint name, ``inertials`` by link name (None for a link without inertia). ``digest`` is the
     SHA-256 of the file, ``inputs`` are the files that it includes, ``arguments`` the values of a template's arguments.
     ``notes`` name ignored elements of vendors; ``remarks`` name what the functions leave out (friction, springs).
-    ``loops`` are the constraints that close loops; without --close-loops the functions leave them out, too.
+    ``forces_at_rest`` are forces of springs, tendons and gravity compensation by joint, which the functions leave out
+    [N m or N]. ``loops`` are the constraints that close loops; without --close-loops the functions leave them out, too.
     """
 
     file: str
@@ -158,6 +164,7 @@ class Description:
     loops: tuple[LoopElement, ...] = ()
     inputs: tuple[Input, ...] = ()
     arguments: tuple[tuple[str, str], ...] = ()
+    forces_at_rest: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def links(self) -> tuple[str, ...]:

@@ -34,6 +34,7 @@ from stiffgen.robot.templates import portable_inputs
 
 _UPRIGHT: Quaternion = (1.0, 0.0, 0.0, 0.0)
 _ORIGIN: Vector = (0.0, 0.0, 0.0)
+_NOTABLE = 1e-9  # [N m or N]
 _TYPES = {"free": "floating", "ball": "ball", "slide": "prismatic", "hinge": "revolute"}
 _MASSLESS = Inertial(0.0, _ORIGIN, _UPRIGHT, (0.0,) * 6)
 
@@ -67,6 +68,9 @@ def read_mjcf(path: Path, data: bytes) -> Description:
         joints=tree.joints,
         problems=(*_missing_meshes(tree, answer["stand_ins"]), *tree.problems),
         remarks=tuple(_remarks(model)),
+        forces_at_rest={
+            name: force for name, force in zip(tree.names, model["at_rest"], strict=True) if force > _NOTABLE
+        },
         loops=tuple(map(tree.loop, model["loops"])),
         inputs=portable_inputs(file, answer["files"]),
     )
@@ -96,12 +100,7 @@ class _ModelTree:
         self.bodies = _unique(model["bodies"], "body", set())
         self.names = _unique(model["joints"], "joint", set())
         self._couplings = self._solved_couplings()
-        self._efforts: dict[int, float] = {}
-        self._motors = {actuator["joint"] for actuator in model["actuators"]}
-        for actuator in model["actuators"]:
-            joint = actuator["joint"]
-            if actuator["force"] is not None:
-                self._efforts[joint] = self._efforts.get(joint, 0.0) + actuator["force"]
+        self._motors = {next(iter(each)) for each in map(self._leaders, model["actuation"]["driven"]) if len(each) == 1}
         for index in range(len(self.bodies)):
             self._add_body(index)
         for site, name in zip(model["sites"], _unique(model["sites"], "site", set(self.inertials)), strict=True):
@@ -167,7 +166,6 @@ class _ModelTree:
         bounds = joint["range"] or (-math.inf, math.inf)
         if kind == "revolute" and not joint["range"]:
             kind = "continuous"
-        forces = [abs(bound) for bound in joint["force"] or ()] or [math.inf]
         return JointElement(
             name=self.names[k],
             type=kind,
@@ -179,9 +177,9 @@ class _ModelTree:
             lower=bounds[0] if moves else -math.inf,
             upper=bounds[1] if moves else math.inf,
             velocity=math.inf,
-            effort=min(max(forces), self._efforts.get(k, math.inf)),
+            effort=_effort(*self.model["actuation"]["forces"][k]) if moves else math.inf,
             mimic=mimic,
-            motor_inertia=joint["armature"] if moves else 0.0,
+            motor_inertia=joint["armature"] + self.model["actuation"]["armatures"][k] if moves else 0.0,
             has_motor=k in self._motors,
             reference=joint["reference"] if moves else 0.0,
         )
@@ -193,6 +191,15 @@ class _ModelTree:
             for end in constraint["ends"]
         )
         return LoopElement(constraint["text"], first, second, constraint["weld"])
+
+    def _leaders(self, actuator: dict[str, Any]) -> set[int]:
+        """Return the coordinates among the joints that an actuator drives, and that lead them."""
+        leaders = set()
+        for k in actuator["joints"]:
+            while isinstance(relation := self._couplings.get(k), Mimic):
+                k = self.names.index(relation.joint)
+            leaders.add(k)
+        return leaders
 
     def _solved_couplings(self) -> dict[int, Mimic | float]:
         """Return the mimic relation, or the constant position, of each joint that a linear constraint determines."""
@@ -281,15 +288,50 @@ def _missing_meshes(tree: _ModelTree, stand_ins: list[list[str]]) -> Iterator[Pr
         )
 
 
+_MEANINGS = {
+    "dof_damping": "damping",
+    "dof_frictionloss": "dry friction",
+    "jnt_stiffness": "a spring",
+    "jnt_actgravcomp": "gravity compensation by their actuators (actuatorgravcomp)",
+    "body_gravcomp": "gravity compensation (gravcomp)",
+    "tendon_stiffness": "a spring",
+    "tendon_damping": "damping",
+    "tendon_armature": "armature",
+    "tendon_frictionloss": "dry friction",
+    "tendon_range": "a range",
+    "actuator_biasprm": "a control law of their own",
+}
+"""Words for arrays of a model; another array is named as MuJoCo names it."""
+
+
 def _remarks(model: dict[str, Any]) -> Iterator[str]:
     """Yield what the compiled model has and the functions leave out."""
-    for key, meaning in (("damping", "damping"), ("friction", "dry friction"), ("stiffness", "a spring")):
-        names = [joint["name"] for joint in model["joints"] if joint[key]]
-        if names:
-            yield f"{len(names)} joints have {meaning}, which the functions do not contain: {listed(names, 8)}"
+    for each in model["omissions"]:
+        meaning, names = _MEANINGS.get(each["array"], each["array"]), each["names"]
+        yield f"{len(names)} {each['kind']} have {meaning}, which the functions do not contain: {listed(names, 8)}"
+    if model["options"]:
+        yield f"options of MuJoCo that the functions do not contain: {'; '.join(model['options'])}"
+    others = [each["name"] for each in model["actuation"]["driven"] if not each["joints"]]
+    if others:
+        yield f"{len(others)} actuators act on no single joints, and bound no effort: {listed(others, 8)}"
+    shared = [each["name"] for each in model["actuation"]["driven"] if len(each["joints"]) > 1]
+    if shared:
+        yield f"{len(shared)} actuators pull several joints, whose torques depend on each other: {listed(shared, 8)}"
+    one_way = [
+        joint["name"]
+        for joint, (low, high) in zip(model["joints"], model["actuation"]["forces"], strict=True)
+        if low is not None and high is not None and not low < 0 < high
+    ]
+    if one_way:
+        yield f"actuators push {len(one_way)} joints in one direction only, effort limit 0: {listed(one_way, 8)}"
     inactive = [each["name"] for each in model["couplings"] if not each["active"]]
     if inactive:
         yield f"{len(inactive)} constraints are inactive and ignored: {listed(inactive, 8)}"
+
+
+def _effort(low: float | None, high: float | None) -> float:
+    """Return the largest force that a joint has in both directions; infinite without a bound."""
+    return max(0.0, min(math.inf if low is None else -low, math.inf if high is None else high))
 
 
 def _vector(values: Sequence[float]) -> Vector:

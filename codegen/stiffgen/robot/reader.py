@@ -31,6 +31,7 @@ from stiffgen.robot.description import (
     Inertial,
     JointElement,
     Mimic,
+    Orientation,
     Reading,
     Vector,
 )
@@ -98,6 +99,7 @@ def read_description(path: str | Path, reading: Reading | None = None) -> Descri
         joints={joint.name: _joint(joint, checker) for joint in model.joints},
         problems=tuple(problem for problem in problems if problem.affects != "nothing"),
         notes=(*expansion.warnings, *(problem.text for problem in problems if problem.affects == "nothing")),
+        remarks=tuple(checker.remarks),
         inputs=expansion.inputs,
         arguments=tuple(sorted(reading.arguments.items())),
     )
@@ -244,13 +246,18 @@ def _copy_numbers(checker: Checker, into: etree._Element, element: etree._Elemen
             into.set(key, " ".join(map(repr, values)))
 
 
-def _origin(element: etree._Element | None, checker: Checker) -> tuple[Vector, Vector]:
+def _origin(element: etree._Element | None, checker: Checker) -> tuple[Vector, Orientation]:
     origin = None if element is None else element.find("origin")
     zero = (0.0, 0.0, 0.0)
     if origin is None:
         return zero, zero
     xyz, rpy = (checker.numbers.get((origin, key), zero) for key in ("xyz", "rpy"))
-    return (xyz[0], xyz[1], xyz[2]), (rpy[0], rpy[1], rpy[2])
+    quaternion = checker.numbers.get((origin, "quat_xyzw"))
+    place = (xyz[0], xyz[1], xyz[2])
+    if quaternion is not None:
+        x, y, z, w = quaternion
+        return place, (w, x, y, z)
+    return place, (rpy[0], rpy[1], rpy[2])
 
 
 def _inertial(link: yourdfpy.urdf.Link, checker: Checker) -> Inertial | None:
@@ -272,6 +279,11 @@ def _joint(joint: yourdfpy.urdf.Joint, checker: Checker) -> JointElement:
     # The default of a missing bound is 0 in the format. If both are missing, the joint is taken as unlimited.
     lower, upper = (bound or 0.0 for bound in bounds) if bounded else (-math.inf, math.inf)
     mimic = joint.mimic if joint.type in MOVING_TYPES else None
+    element = checker.joints[joint.name].find("limit")
+    acceleration, deceleration, jerk = (
+        checker.numbers.get((element, key), (math.inf,))[0] if element is not None else math.inf
+        for key in ("acceleration", "deceleration", "jerk")
+    )
     return JointElement(
         name=joint.name,
         type=joint.type,
@@ -285,6 +297,9 @@ def _joint(joint: yourdfpy.urdf.Joint, checker: Checker) -> JointElement:
         velocity=limit.velocity if limit and limit.velocity is not None else math.inf,
         effort=limit.effort if limit and limit.effort is not None else math.inf,
         mimic=None if mimic is None else Mimic(mimic.joint, float(mimic.multiplier), float(mimic.offset)),
+        acceleration=acceleration,
+        deceleration=deceleration,
+        jerk=jerk,
     )
 
 

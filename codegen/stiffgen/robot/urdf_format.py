@@ -2,34 +2,70 @@
 """Names of the URDF format, and the search for misspelt names.
 
 Other readers of URDF ignore unknown names: a misspelt ``<orgin>`` leaves a joint at its parent without a message. This
-module compares the names in joints, links and all elements that stiffgen reads with the format:
+module compares the names in joints, links and all elements that stiffgen reads with the format of the file's version
+(``<robot version="1.1">``; without it 1.0):
 
 * Names of simulators and tools, and names with a prefix (``drake:acceleration``), are accepted.
-* An unknown element of a joint or link that resembles no known name belongs to a vendor: accepted, with a note.
+* An unknown attribute that resembles no known name, and any unknown element of a joint or link that does not, belongs
+  to a vendor: accepted, with a note.
 * All other unknown names are faults, unless the user ignores them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+import re
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 
 from lxml import etree
 
 from stiffgen.errors import printable
 
+Version = tuple[int, int]
+OLDEST: Version = (1, 0)
+WITH_QUATERNIONS: Version = (1, 1)
+WITH_ACCELERATIONS: Version = (1, 2)
+"""Version with limits of acceleration, deceleration and jerk; its position limits have no default."""
+NEWEST = WITH_ACCELERATIONS
+
+
+def version_of(robot: etree._Element) -> tuple[Version, str]:
+    """Return the version of a file, and a note or a fault of its text ("" if there is none).
+
+    A text that is not of the form "1.1" is read as 1.0, as writers before version 1.1 meant it.
+    """
+    text = robot.get("version", "").strip()
+    match = re.fullmatch(r"([0-9]{1,3})\.([0-9]{1,3})", text)
+    if match is None:
+        note = f'<robot version="{printable(text)}"> is no version of the format, like 1.0; read as 1.0' if text else ""
+        return OLDEST, note
+    version = int(match[1]), int(match[2])
+    if version < OLDEST:
+        return OLDEST, f'<robot version="{text}"> is older than the format; read as 1.0'
+    newest = ".".join(map(str, NEWEST))
+    return version, f'<robot version="{text}"> is newer than {newest}, which stiffgen reads' if version > NEWEST else ""
+
 
 @dataclass(frozen=True)
 class ElementFormat:
-    """Names within an element: names of the format, and names that simulators and tools have added."""
+    """Names within an element: names of the format, and names that simulators and tools have added.
+
+    ``newer`` has the attributes of later versions, each with the first version that has it.
+    """
 
     elements: tuple[str, ...] = ()
     attributes: tuple[str, ...] = ()
     added_elements: tuple[str, ...] = ()
     added_attributes: tuple[str, ...] = ()
+    newer: Mapping[str, Version] = field(default_factory=dict)
+
+    def has_attribute(self, name: str, version: Version) -> bool:
+        """Return whether a version of the format, or a tool, knows an attribute."""
+        known = name in self.attributes or name in self.added_attributes
+        return known or (name in self.newer and version >= self.newer[name])
 
 
-_POSE = ElementFormat(attributes=("xyz", "rpy"))
+_POSE = ElementFormat(attributes=("xyz", "rpy"), newer={"quat_xyzw": WITH_QUATERNIONS})
 FORMAT = {
     "joint": ElementFormat(
         ("origin", "parent", "child", "axis", "calibration", "dynamics", "limit", "mimic", "safety_controller"),
@@ -72,6 +108,8 @@ FORMAT = {
 
 _IN_A_ROBOT = ("link", "joint")
 _WITH_VENDOR_ELEMENTS = ("joint", "link")
+_PLACES = ("origin", "axis")
+_NUMBERS = re.compile(r"[-+.,;eE0-9\s]*[0-9][-+.,;eE0-9\s]*")
 _MAX_EDITS = 3
 
 
@@ -89,7 +127,7 @@ class ElementFault:
     note: bool = False
 
 
-def faults(element: etree._Element, ignored: Collection[str] = ()) -> Iterator[ElementFault]:
+def faults(element: etree._Element, ignored: Collection[str] = (), version: Version = OLDEST) -> Iterator[ElementFault]:
     """Yield misspelt names in an element of ``FORMAT``, and children that occur twice with different content."""
     tag = str(element.tag)
     known = FORMAT[tag]
@@ -105,10 +143,29 @@ def faults(element: etree._Element, ignored: Collection[str] = ()) -> Iterator[E
                 f"<{name}> occurs twice in it, with different content; remove the wrong one", name, repeats=True
             )
     for name in map(str, element.attrib):
-        if not _prefixed(name) and name not in known.attributes + known.added_attributes:
-            meant = _meant(name, known.attributes)
-            remedy = f"did you mean '{meant}'?" if meant else _remedy([f"'{each}'" for each in known.attributes])
-            yield ElementFault(f"<{tag}> has no attribute '{printable(name)}'; {remedy}")
+        if not _prefixed(name) and name not in ignored and not known.has_attribute(name, version):
+            yield _unknown_attribute(element, name, known)
+
+
+def _unknown_attribute(element: etree._Element, name: str, known: ElementFormat) -> ElementFault:
+    """Return the fault of an attribute that is misspelt or of a later version, or the note of a vendor's own.
+
+    Unknown numbers of a pose or an axis would place the joint elsewhere: they are a fault.
+    """
+    tag, shown = str(element.tag), printable(name)
+    says = f"<{tag}> has no attribute '{shown}'"
+    valid = ", ".join(f"'{each}'" for each in known.attributes)
+    if name in known.newer:
+        needed = ".".join(map(str, known.newer[name]))
+        return ElementFault(
+            f'{says} before URDF {needed}; add version="{needed}" to <robot>, or correct it (valid: {valid})'
+        )
+    meant = _meant(name, (*known.attributes, *known.newer))
+    if meant:
+        return ElementFault(f"{says}; did you mean '{meant}'? (if not: --ignore {shown})")
+    if tag in _PLACES and _NUMBERS.fullmatch(element.get(name, "")):
+        return ElementFault(f"{says}; correct it (valid: {valid}), or --ignore {shown}")
+    return ElementFault(f"{says} that stiffgen knows; it is ignored", note=True)
 
 
 def _unknown(tag: str, name: str, elements: Sequence[str]) -> ElementFault:

@@ -75,7 +75,7 @@ def test_limits_forces_and_motors(tmp_path):
     yaw, pitch, lift, roll = chain.coordinates
     assert (yaw.lower, yaw.upper, yaw.effort, yaw.type) == (*np.radians([-120, 150]), 60.0, "revolute")
     assert (pitch.type, pitch.upper, pitch.effort, lift.type) == ("continuous", np.inf, np.inf, "prismatic")
-    assert (roll.effort, yaw.motor_inertia, roll.motor_inertia) == (7.0, 0.2, 0.05)
+    assert (roll.effort, yaw.motor_inertia, roll.motor_inertia) == (5.0, 0.2, 0.05)
     (thumb,) = (c for c in chain_between(describe(tmp_path / "arm.xml"), ChainOptions(tip="thumb")).coordinates[4:])
     assert thumb.motor_inertia > 0.05  # its own, and those of the fingers that move with it
 
