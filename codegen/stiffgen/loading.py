@@ -57,7 +57,7 @@ def load_chain(
             floating joint of the file between base and tips, behind no moving joint, frees the link behind it too.
         ignore: names of unknown elements that resemble a URDF's own and are none.
         arguments: values of a xacro template's arguments, by name.
-        package_path: folders in which a template's packages are looked for, before ROS_PACKAGE_PATH.
+        package_path: folders in which a template's packages are looked for first.
         close_loops: close the loops of an MJCF file (equality connect and weld) that share a joint with the chain;
             without it they stay open.
         loop: loops to close, each "LINK:X,Y,Z=LINK:X,Y,Z": two points of two links that coincide [m].

@@ -26,7 +26,7 @@ class Reading:
 
     Attributes:
         arguments: values of a xacro template's arguments.
-        package_path: folders that hold ROS packages or are some, in addition to ROS_PACKAGE_PATH.
+        package_path: folders that hold ROS packages or are some; they are searched first, and may be read.
         ignored: names of unknown elements that are no misspellings.
 
     """

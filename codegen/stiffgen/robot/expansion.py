@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: MIT
 """Expand one xacro template, as a script in a process of its own: ``python expansion.py < request.json``.
 
-A template runs expressions and may not end. The process bounds its time and memory, and keeps the settings that
-xacro holds in globals away from the caller. Of stiffgen the script imports its limits alone.
+The template may be anybody's. xacro's own evaluation, which Python's ``eval`` does, is replaced by
+:mod:`stiffgen.robot.expressions`. Files are read inside the template's packages alone. The process bounds its time and
+memory, may not write, run programs or connect, and keeps the settings that xacro holds in globals away from the caller.
 
 The request holds ``file``, ``arguments`` and ``package_path``. The answer is JSON on standard output: ``text``,
 ``files`` (path and SHA-256 of each file read), ``packages`` (paths of those found), ``warnings``; or ``error``.
@@ -11,23 +12,33 @@ The request holds ``file``, ``arguments`` and ``package_path``. The answer is JS
 from __future__ import annotations
 
 import contextlib
+import glob
 import hashlib
 import io
 import json
 import os
 import re
-import stat
 import sys
+from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
-from stiffgen.robot.limits import limit_process
+from stiffgen.robot.expressions import FUNCTIONS, MATH, Evaluator, ExpressionError, size
+from stiffgen.robot.files import FileError, read_regular
+from stiffgen.robot.limits import forbid_harm, limit_process
+from stiffgen.robot.packages import MANIFESTS, PackageError, Packages
 
 SECONDS = 20
 """Processor time that an expansion may take; the largest known template takes 2 s."""
 _GIBIBYTES = 2
 _MAX_BYTES = 4 * 2**20
+_MAX_FILES, _MAX_ELEMENTS = 500, 40_000  # 20 and 1659 in the largest of 35 known templates
 _ARGUMENT = re.compile(r"""<xacro:arg\s[^>]*?name\s*=\s*["']([^"']+)|\$\(arg\s+(\w+)\s*\)|\barg\(\s*["'](\w+)""")
+
+
+_REPLACED = ("safe_eval", "eval_text", "eval_all", "eval_extension", "load_yaml", "_global_symbols", "NameSpace")
 
 
 class _TemplateError(Exception):
@@ -37,20 +48,18 @@ class _TemplateError(Exception):
 class _Files:
     """Files that the expansion reads; xacro opens them by this object's method."""
 
-    def __init__(self) -> None:
+    def __init__(self, packages: Packages) -> None:
+        self.packages = packages
         self.texts: dict[str, str] = {}
         self.digests: dict[str, str] = {}
+        self._count = 0
 
     def open(self, path: str, *_: object) -> io.StringIO:
         """Return a file's text, as the function ``open`` of xacro."""
-        with Path(path).open("rb") as stream:
-            if not stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
-                raise _TemplateError(f"'{path}' is not a regular file; include XML or YAML files")
-            data = stream.read(_MAX_BYTES + 1)
-        if len(data) > _MAX_BYTES:
-            raise _TemplateError(
-                f"'{path}' is larger than {_MAX_BYTES // 2**20} MiB; include files of a description alone"
-            )
+        self._count += 1
+        if self._count > _MAX_FILES:
+            raise _TemplateError(f"includes more than {_MAX_FILES} files; correct the include that repeats")
+        data = read_regular(self._inside(path), _MAX_BYTES)
         try:
             text = data.decode("utf-8-sig")
         except UnicodeDecodeError as error:
@@ -62,6 +71,27 @@ class _Files:
         self.texts[path], self.digests[path] = text, hashlib.sha256(data).hexdigest()
         return io.StringIO(text)
 
+    def matching(self, pattern: str) -> list[str]:
+        """Return the files that a pattern names, as the function ``glob`` of xacro."""
+        normal = os.path.normpath(pattern)
+        self._inside(re.split(r"[*?\[]", normal)[0])
+        return glob.glob(normal)  # noqa: PTH207 - as xacro does; Path.glob finds hidden files, too
+
+    def _inside(self, path: str) -> str:
+        """Return the path of a file in the template's packages; refuse another one.
+
+        A link is followed, except in folders that the user has named: colcon installs links.
+        """
+        packages = self.packages
+        if os.path.lexists(path) and not _is_below(os.path.realpath(path), [packages.own, *packages.found.values()]):
+            path = os.path.normpath(path)
+            if not _is_below(path, packages.trusted, links=True):
+                raise _TemplateError(
+                    f"reads '{path}', which is outside the template's packages; if you trust it, name its folder: "
+                    "--package-path DIR"
+                )
+        return path
+
     def check_arguments(self, given: dict[str, str]) -> None:
         """Refuse an argument that no file mentions; xacro would ignore a misspelt name."""
         found = [match for text in self.texts.values() for match in _ARGUMENT.findall(text)]
@@ -69,6 +99,12 @@ class _Files:
         for name in given:
             if name not in known:
                 raise _TemplateError(f"has no argument '{name}'; its arguments: {', '.join(known) or '(none)'}")
+
+
+def _is_below(path: str, folders: list[Path], links: bool = False) -> bool:
+    """Return whether a path lies in one of some folders."""
+    roots = [os.path.normpath(each) if links else os.path.realpath(each) for each in folders]
+    return any(Path(path).is_relative_to(root) for root in roots)
 
 
 class _Context(dict[str, Any]):
@@ -87,26 +123,15 @@ class _Context(dict[str, Any]):
 def _expanded(request: dict[str, Any]) -> dict[str, Any]:
     """Return the answer to a request."""
     import xacro
-    from xacrodoc import XacroDoc, packages
+    from xacrodoc import XacroDoc
 
-    file, folders = request["file"], [str(Path(each).resolve()) for each in request["package_path"]]
-    files = _Files()
-    xacro.open = files.open
+    file = request["file"]
+    named = [Path(each).resolve() for each in request["package_path"]]
+    packages = Packages(Path(file), named, os.environ)
+    files = _Files(packages)
+    xacro.open, xacro.glob = files.open, SimpleNamespace(glob=files.matching)
     xacro.substitution_args_context = _Context()
-    packages.walk_up_from(file)
-    folders += [each for each in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if Path(each).is_dir()]
-    for folder in reversed(folders):
-        packages.look_in(folder)
-        inside = [each for each in Path(folder).iterdir() if each.is_dir() and not each.name.startswith(".")]
-        packages.update_package_cache({each.name: each for each in (*inside, Path(folder))})
-    asked: dict[str, str] = {}
-    find = packages.get_path
-
-    def find_and_note(package: str) -> str:
-        asked[package] = str(Path(find(package)).resolve())
-        return asked[package]
-
-    packages.get_path = find_and_note
+    variables = _confine(xacro, packages)
     text = files.open(file).getvalue()
     xacro.init_stacks(file)
     try:
@@ -114,27 +139,132 @@ def _expanded(request: dict[str, Any]) -> dict[str, Any]:
     except Exception as error:
         raise _TemplateError(_reason(error, (xacro.filestack or [file])[-1] or file, file)) from error
     files.check_arguments(request["arguments"])
-    for root in asked.values():  # its name is what the template asks for
-        manifest = Path(root) / "package.xml"
+    found = {name: os.path.realpath(root) for name, root in packages.found.items()}
+    for root in found.values():  # its name is what the template asks for
+        manifest = Path(root) / MANIFESTS[0]
         if manifest.is_file():
             files.digests[str(manifest)] = hashlib.sha256(manifest.read_bytes()).hexdigest()
-    return {"text": document.dom.toxml(), "files": list(files.digests.items()), "packages": asked}
+    used = [f"the template reads the environment variable {name}" for name in sorted(variables)]
+    return {"text": document.dom.toxml(), "files": list(files.digests.items()), "packages": found, "used": used}
+
+
+def _confine(xacro: Any, packages: Packages) -> set[str]:
+    """Replace all of xacro that runs code or finds files; return the set for variables of the environment it reads."""
+    from xacro import substitution_args
+
+    missing = [name for name in _REPLACED if not hasattr(xacro, name)]
+    if missing:
+        raise ImportError(f"xacro of another version, without {missing[0]}")
+    symbols = xacro._global_symbols
+    load = _checked(xacro.load_yaml)
+    given = {name: call for name, call in symbols["xacro"].items() if name != "tokenize"}
+    given["load_yaml"] = load
+    names = ("load_yaml", "abs_filename", "dotify")
+    old = {name: load if name == "load_yaml" else symbols[name] for name in names if name in symbols}
+    variables: set[str] = set()
+
+    def environment(name: str) -> str:
+        variables.add(name)
+        return str(read(name))
+
+    def optional(name: str, default: str = "") -> str:
+        return environment(name) if name in os.environ else default
+
+    read = substitution_args._eval_env
+    calls = [*given.values(), *old.values(), environment, optional, packages.find]
+    evaluator = Evaluator(calls, xacro.NameSpace, xacro.YamlDictWrapper)
+    for namespace, content in (("xacro", given), ("python", FUNCTIONS), ("math", MATH)):
+        dict.clear(symbols[namespace])
+        dict.update(symbols[namespace], content)
+    dict.update(symbols["xacro"], tokenize=FUNCTIONS["tokenize"])
+    spaces = {name: symbols[name] for name in ("xacro", "python", "math")}
+    plain = {name: value for name, value in {**FUNCTIONS, **MATH}.items() if name in symbols}
+    symbols.clear()
+    symbols.update({**plain, **old, **spaces})
+    substitution_args._eval_env, substitution_args._eval_optenv = environment, optional
+    substitution_args._eval_find = packages.find
+    call = {"env": environment, "optenv": optional, "find": packages.find}
+    substitution_args._eval = _substitution(substitution_args, evaluator, call)
+    xacro.safe_eval = lambda text, symbols, *_: evaluator.evaluate(text, symbols)
+    xacro.eval = substitution_args.eval = None
+    xacro.eval_text, xacro.eval_all = _short(xacro.eval_text), _counted(xacro.eval_all)
+    xacro.eval_extension = _without_working_folder(xacro.eval_extension)
+    return variables
+
+
+def _checked(load_yaml: Callable[[str], Any]) -> Callable[[str], Any]:
+    """Return ``load_yaml`` that refuses aliases which repeat content without end."""
+
+    def load(filename: str) -> Any:
+        content = load_yaml(filename)
+        if size(content) > _MAX_BYTES:
+            raise _TemplateError(f"'{filename}' repeats content by aliases without end; write it out")
+        return content
+
+    return load
+
+
+def _substitution(module: Any, evaluator: Evaluator, calls: dict[str, Any]) -> Callable[[str, Any], str]:
+    """Return the evaluation of ``$(eval ...)``."""
+
+    def evaluate(text: str, context: Any) -> str:
+        names = {"true": True, "false": False, **FUNCTIONS, **MATH, **calls}
+        given = {name: module.convert_value(value, "auto") for name, value in context["arg"].items()}
+        names |= {"arg": given.__getitem__, "dirname": lambda: module._eval_dirname(context["filename"])}
+        for each in (names["arg"], names["dirname"]):
+            evaluator.functions[id(each)] = each
+        return str(evaluator.evaluate(text, given | names))
+
+    return evaluate
+
+
+def _short(eval_text: Callable[..., Any]) -> Callable[..., Any]:
+    """Return xacro's evaluation of a text with a bound on the result."""
+
+    def evaluate(*arguments: Any, **named: Any) -> Any:
+        result = eval_text(*arguments, **named)
+        if isinstance(result, str) and len(result) > _MAX_BYTES:
+            raise _TemplateError(f"has a text above {_MAX_BYTES // 2**20} MiB; correct the property that repeats")
+        return result
+
+    return evaluate
+
+
+def _counted(eval_all: Callable[..., None]) -> Callable[..., None]:
+    """Return xacro's evaluation of an element with a bound on their number."""
+    count = 0
+
+    def evaluate(*arguments: Any) -> None:
+        nonlocal count
+        count += 1
+        if count > _MAX_ELEMENTS:
+            raise _TemplateError(f"expands to more than {_MAX_ELEMENTS} elements; correct the macro that repeats")
+        eval_all(*arguments)
+
+    return evaluate
+
+
+def _without_working_folder(eval_extension: Callable[[str], Any]) -> Callable[[str], Any]:
+    """Return the evaluation of ``$(...)`` without the working folder, which no robot may depend on."""
+
+    def evaluate(text: str) -> Any:
+        if text == "$(cwd)":
+            raise _TemplateError("asks for the working folder by $(cwd); write $(dirname), the template's own folder")
+        return eval_extension(text)
+
+    return evaluate
 
 
 def _reason(error: BaseException, current: str, file: str) -> str:
     """Return the sentence for an error of xacro: the first cause that has a remedy, else xacro's own words."""
     from xacro.substitution_args import ArgException
-    from xacrodoc.packages import PackageNotFoundError
 
     where = "" if current == file else f" in '{os.path.relpath(current, Path(file).parent)}'"
     for cause in _causes(error):
-        if isinstance(cause, _TemplateError):
+        if isinstance(cause, (_TemplateError, ExpressionError, FileError)):
             return str(cause)
-        if isinstance(cause, PackageNotFoundError):
-            return (
-                f"needs the package '{cause.args[0]}'{where}, which is not found; name the folder that holds it: "
-                "--package-path DIR, or the variable ROS_PACKAGE_PATH"
-            )
+        if isinstance(cause, PackageError):
+            return f"{cause}{where}"
         if isinstance(cause, ArgException):
             return f"needs a value for its argument '{cause}'{where}; add {cause}:=VALUE"
         if isinstance(cause, OSError):
@@ -161,22 +291,35 @@ def _causes(error: BaseException | None) -> list[BaseException]:
     return found
 
 
+def _import_all() -> None:
+    """Import what xacro imports late, before imports are forbidden."""
+    with contextlib.suppress(ImportError):
+        import xml.dom.expatbuilder
+
+        import xacrodoc
+
+        xml.dom.expatbuilder.parseString("<a/>")
+        xacrodoc.XacroDoc.from_string('<robot name="a"/>')
+        import_module("yaml").safe_load("[]")
+
+
 def main() -> None:
     """Answer the request on standard input."""
     request = json.load(sys.stdin)
     limit_process(SECONDS, _GIBIBYTES)
+    _import_all()
+    forbid_harm()
     noise = io.StringIO()
     try:
         with contextlib.redirect_stderr(noise), contextlib.redirect_stdout(noise):
             answer = _expanded(request)
-    except _TemplateError as error:
-        answer = {"error": str(error)}
     except ImportError as error:
         answer = {"missing": str(error)}
     except Exception as error:
         answer = {"error": _reason(error, request["file"], request["file"])}
     plain = re.sub(r"\x1b\[[0-9;]*m", "", noise.getvalue())
-    answer["warnings"] = [line[9:] for line in plain.splitlines() if line.startswith("warning: ")]
+    warnings = [line[9:] for line in plain.splitlines() if line.startswith("warning: ")]
+    answer["warnings"] = [*answer.pop("used", ()), *warnings]
     json.dump(answer, sys.stdout)
 
 

@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import contextlib
+import sys
+from typing import Any
 
 
 def limit_process(seconds: int, gibibytes: int) -> None:
@@ -13,3 +15,33 @@ def limit_process(seconds: int, gibibytes: int) -> None:
 
         resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
         resource.setrlimit(resource.RLIMIT_AS, (gibibytes * 2**30, gibibytes * 2**30))
+
+
+_HARMFUL = (
+    *("subprocess.", "pty.", "socket.", "ctypes.", "shutil.", "tempfile.", "urllib.", "webbrowser.", "mmap."),
+    *("os.system", "os.exec", "os.posix_spawn", "os.spawn", "os.fork", "os.startfile", "os.kill", "os.chdir"),
+    *("os.remove", "os.rename", "os.rmdir", "os.mkdir", "os.link", "os.symlink", "os.chmod", "os.chown"),
+    *("os.truncate", "os.putenv", "os.unsetenv", "os.utime", "os.setxattr", "signal.", "sys._getframe", "gc."),
+)
+
+
+def forbid_harm() -> None:
+    """Forbid this process to write files, run programs, open connections, and run code that is made at run time.
+
+    A hook of Python's audit events cannot be removed. The modules that the process needs are imported before.
+    """
+
+    def hook(event: str, arguments: tuple[Any, ...]) -> None:
+        writes = event == "open" and isinstance(arguments[1], str) and set(arguments[1]) & set("wax+")
+        # A file's code is that of a module; text that is compiled has a name of the form "<...>".
+        is_made = event == "exec" and getattr(arguments[0], "co_filename", "<").startswith("<")
+        is_made = is_made and not arguments[0].co_filename.startswith("<frozen ")
+        if writes or is_made or event.startswith(_HARMFUL):
+            raise PermissionError(f"{event} is not allowed here")
+
+    sys.addaudithook(hook)
+    with contextlib.suppress(ImportError, ValueError, OSError):  # not on Windows
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+        resource.setrlimit(resource.RLIMIT_NPROC, (0, 0))

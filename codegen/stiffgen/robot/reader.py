@@ -74,6 +74,12 @@ def read_description(path: str | Path, reading: Reading | None = None) -> Descri
         return read_mjcf(path, data)
     expansion = Expansion(data)
     is_template = _is_template(path.name, data)
+    if is_template and not path.name.endswith(".xacro") and not reading.arguments:
+        _parse_xml(path.name, data)  # a file that is not well-formed has no elements
+        raise DescriptionError(
+            path.name,
+            ["has elements of xacro; only a template is expanded: name it FILE.xacro, or give one of its arguments"],
+        )
     if is_template:
         expansion = expand(path, reading)
     elif reading.arguments:

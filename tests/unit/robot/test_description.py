@@ -448,10 +448,9 @@ def test_a_follower_of_a_broken_follower_is_refused(read):
         ("<robot name='s'><group name='arm'/></robot>", ["<link>", "SRDF"]),
         (
             '<robot name="a" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:macro name="m"/></robot>',
-            ["without links", "macros"],
+            ["only a template is expanded", "name it FILE.xacro"],
         ),
-        ('<robot name="a" xmlns:xacro="http://ros.org/wiki/xacro"><xacro:include/></robot>', ["include", "correct"]),
-        ('<robot name="a"><xacro:macro name="m"/></robot>', ["prefix", "correct"]),
+        ('<robot name="a"><xacro:macro name="m"/></robot>', ["only a template is expanded"]),
         ('<robot name="a" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:macro>', ["not well-formed XML"]),
         (b"\x7fELF\x02\x01\x01" + bytes(range(256)), ["not well-formed", "give a URDF"]),
         (b"<robot name='a\x00'/>", ["not well-formed"]),

@@ -177,10 +177,10 @@ FAULTS = {
     "circle of macros": (
         f'<robot {XACRO} name="a"><xacro:macro name="m"><xacro:m/></xacro:macro><xacro:m/></robot>', "without end"),
     "circle of files": (f'<robot {XACRO} name="a"><xacro:include filename="t.xacro"/></robot>', "without end"),
-    "a device": (f'<robot {XACRO} name="a"><xacro:include filename="/dev/zero"/></robot>', "not a regular file"),
+    "a folder": (f'<robot {XACRO} name="a"><xacro:include filename="."/></robot>', "not a regular file"),
+    "no name": (f'<robot {XACRO} name="a"><xacro:include/></robot>', "include.*correct"),
+    "no namespace": ('<robot name="a"><xacro:macro name="m"/></robot>', "prefix.*correct"),
     "entities": ("<!DOCTYPE r [<!ENTITY a 'ha'>]><robot name='&a;'/>", "has a DOCTYPE"),
-    "memory": (f"""<robot {XACRO} name="${{'a' * 10 ** 11}}"/>""", "GiB of memory"),
-    "way out of the expressions": (f'<robot {XACRO} name="${{().__class__}}"/>', "invalid name"),
     "not a number": (
         f'<robot {XACRO} name="a"><link name="a"/><link name="b"/><joint name="j" type="fixed"><parent link="a"/>'
         '<child link="b"/><origin xyz="${1e300 * 1e300} 0 ${nan}"/></joint></robot>', "not a finite decimal number"),
@@ -202,13 +202,6 @@ def test_faults_are_one_sentence(tmp_path, capsys, fault):
     assert code == (1 if fault == "not a number" else 2), said
     assert re.search(sentence, " ".join(said.split())), said
     assert fault == "not a number" or error.count("\n") == 1
-
-
-@pytest.mark.slow
-def test_an_expression_without_end_is_ended(tmp_path):
-    (tmp_path / "t.xacro").write_text(f'<robot {XACRO} name="${{10 ** 10 ** 10}}"/>')
-    with pytest.raises(StiffgenError, match="within the time"):
-        describe(tmp_path / "t.xacro")
 
 
 def test_without_xacrodoc_the_extra_is_named(tmp_path, monkeypatch):
