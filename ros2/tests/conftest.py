@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Fixtures of the ROS 2 package: the robot's objects, compiled once for all workers."""
+"""Fixtures of the ROS 2 package: the robot's objects and the scenarios' programs, made once for all workers."""
 
 from __future__ import annotations
 
@@ -11,7 +11,18 @@ from pathlib import Path
 import pytest
 from filelock import FileLock
 
-ROOT = Path(__file__).parents[2]
+ROS2 = Path(__file__).parents[1]
+PACKAGE, STUBS = ROS2 / "stiffgen_ros2", ROS2 / "stubs"
+STRICT = ("-std=c++17", "-O0", "-Wall", "-Wextra", "-Wpedantic", "-Werror")
+DISTROS = {"humble": 16, "jazzy": 28, "rolling": 30}
+"""Major version of rclcpp, which the stubs take their form from."""
+
+
+def run(command: list[object], folder: Path) -> str:
+    """Run a command in a folder; a failure shows what the command printed."""
+    done = subprocess.run([str(part) for part in command], cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-6000:] + done.stderr[-6000:]
+    return done.stdout
 
 
 @pytest.fixture(scope="session")
@@ -37,18 +48,36 @@ def made_once(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Calla
 @pytest.fixture(scope="session")
 def robot_folder() -> Path:
     """Return the folder of the committed robot."""
-    return ROOT / "generated" / "iiwa14"
+    return ROS2.parent / "generated" / "iiwa14"
 
 
 @pytest.fixture(scope="session")
-def robot_objects(made_once: Callable[..., Path], robot_folder: Path) -> list[Path]:
-    """Return the objects of the robot's functions and controller."""
-    names = (robot_folder.name, f"{robot_folder.name}_impedance")
+def scenarios(made_once: Callable[..., Path], robot_folder: Path) -> Callable[[str], Path]:
+    """Return a function of the distribution: the program that runs one scenario by name."""
 
-    def make(folder: Path) -> None:
-        for name in names:
-            command = ["cc", "-std=c99", "-O1", "-c", robot_folder / f"{name}.c", "-o", folder / f"{name}.o"]
-            subprocess.run(command, check=True)
+    def objects(folder: Path) -> None:
+        for name in (robot_folder.name, f"{robot_folder.name}_impedance"):
+            run(["cc", "-std=c99", "-O1", "-c", robot_folder / f"{name}.c"], folder)
 
-    folder = made_once("robot", make)
-    return [folder / f"{name}.o" for name in names]
+    def program(distro: str) -> Path:
+        robot = made_once("robot", objects)
+        sources = [*(PACKAGE / "src").glob("*.cpp"), *Path(__file__).parent.glob("*.cpp")]
+        sources.remove(PACKAGE / "src" / "mock_system.cpp")  # another plugin, with a program of its own
+
+        def make(folder: Path) -> None:
+            configured(folder, robot_folder.name)
+            include = [f"-I{path}" for path in (PACKAGE / "src", folder, STUBS, robot_folder)]
+            command = ["g++", *STRICT, f"-DSTUB_DISTRO={DISTROS[distro]}", *include]
+            for source in sources:
+                run([*command, "-c", source], folder)
+            run(["g++", *folder.glob("*.o"), *robot.glob("*.o"), "-o", "scenarios", "-lm"], folder)
+
+        return made_once(distro, make) / "scenarios"
+
+    return program
+
+
+def configured(folder: Path, name: str) -> None:
+    """Write robot.hpp as CMake does."""
+    text = (PACKAGE / "src" / "robot.hpp.in").read_text()
+    (folder / "robot.hpp").write_text(text.replace("@ROBOT_NAME@", name).replace("@ROBOT_MACRO@", name.upper()))

@@ -1,0 +1,272 @@
+// SPDX-License-Identifier: MIT
+#include "controller.hpp"
+
+#include "interfaces.hpp"
+
+#include <pluginlib/class_list_macros.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <exception>
+#include <limits>
+
+namespace stiffgen_ros2 {
+
+StiffnessController::Callback StiffnessController::refuse(const std::string &reason)
+{
+    RCLCPP_ERROR(get_node()->get_logger(), "%s", reason.c_str());
+    return Callback::FAILURE;
+}
+
+StiffnessController::Callback StiffnessController::on_init()
+{
+    try {
+        declare_parameters(*get_node());
+    } catch (const std::exception &error) {
+        RCLCPP_ERROR(get_node()->get_logger(), "%s (write 400.0 instead of 400)", error.what());
+        return Callback::ERROR;
+    }
+    return Callback::SUCCESS;
+}
+
+StiffnessController::Callback StiffnessController::on_configure(const State &)
+{
+    const auto node = get_node();
+    const Lookup lookup = [&node](const std::string &name) { return node->get_parameter(name); };
+    Settings settings{};
+    std::string reason;
+    try {
+        reason = read_setup(lookup, setup_);
+        sample_time_ = sample_time(lookup, get_update_rate());
+        if (reason.empty()) { reason = read_settings(lookup, sample_time_, settings); }
+    } catch (const std::exception &error) {
+        reason = error.what();
+    }
+    if (!reason.empty()) { return refuse(reason); }
+    settings_.write(settings);
+    topics_ = std::make_unique<Topics>(*node, setup_, commands_, time_);
+    topics_->change(settings);
+    report_ = std::make_unique<Report>(*node, setup_, snapshots_, reset_);
+    on_set_ = node->add_on_set_parameters_callback([this](const auto &changes) { return change(changes); });
+    return Callback::SUCCESS;
+}
+
+// Check a change of parameters as a whole, and hand it to the loop; a refused one changes nothing.
+rcl_interfaces::msg::SetParametersResult StiffnessController::change(const std::vector<rclcpp::Parameter> &changes)
+{
+    rcl_interfaces::msg::SetParametersResult result;
+    result.successful = true;
+    if (std::none_of(changes.begin(), changes.end(), [](const auto &each) { return is_ours(each.get_name()); })) { return result; }
+    const auto node = get_node();
+    const Lookup lookup = [&node, &changes](const std::string &name) {
+        for (const auto &each : changes) {
+            if (each.get_name() == name) { return each; }
+        }
+        return node->get_parameter(name);
+    };
+    Settings settings{};
+    try {
+        result.reason = read_settings(lookup, sample_time_, settings);
+    } catch (const std::exception &error) {
+        result.reason = error.what();
+    }
+    for (const auto &each : changes) {
+        if (is_fixed(each.get_name())) { result.reason = "'" + each.get_name() + "' changes only while the controller is unconfigured"; }
+    }
+    result.successful = result.reason.empty();
+    if (result.successful) {
+        settings_.write(settings);
+        topics_->change(settings);
+    }
+    return result;
+}
+
+StiffnessController::Configuration StiffnessController::command_interface_configuration() const
+{
+    Configuration configuration{controller_interface::interface_configuration_type::INDIVIDUAL, {}};
+    for (const auto &joint : setup_.joints) { configuration.names.push_back(joint + "/effort"); }
+    for (const auto &joint : setup_.joints) {
+        if (setup_.command_position) { configuration.names.push_back(joint + "/position"); }
+    }
+    return configuration;
+}
+
+StiffnessController::Configuration StiffnessController::state_interface_configuration() const
+{
+    Configuration configuration{controller_interface::interface_configuration_type::INDIVIDUAL, {}};
+    for (const auto &joint : setup_.joints) {
+        configuration.names.push_back(joint + "/position");
+        configuration.names.push_back(joint + "/velocity");
+    }
+    return configuration;
+}
+
+// Read the state. Return whether every value is there; values may be NaN.
+bool StiffnessController::measure(Measured &measured) const
+{
+    measured.is_complete = true;
+    for (std::size_t i = 0; i < robot::DOF; ++i) {
+        const auto q = value_of(state_interfaces_[2 * i]), dq = value_of(state_interfaces_[2 * i + 1]);
+        measured.is_complete = measured.is_complete && q && dq;
+        measured.q[i] = q.value_or(0.0);
+        measured.dq[i] = dq.value_or(0.0);
+    }
+    return measured.is_complete;
+}
+
+StiffnessController::Callback StiffnessController::on_activate(const State &)
+{
+    Measured measured;
+    measure(measured);
+    for (std::size_t i = 0; i < state_interfaces_.size(); ++i) {
+        const double value = i % 2 == 0 ? measured.q[i / 2] : measured.dq[i / 2];
+        if (!measured.is_complete || !std::isfinite(value)) { // drivers start so
+            return refuse(state_interfaces_[i].get_name() + " is not a finite number yet; activate the controller once the driver measures it");
+        }
+    }
+    robot::Joints torque;
+    for (std::size_t i = 0; i < robot::DOF; ++i) { torque[i] = value_of(command_interfaces_[i]).value_or(0.0); }
+    settings_.read(loop_settings_);
+    const int error = law_.start(loop_settings_, setup_.policy, measured.q, torque);
+    if (error != robot::GOOD) { return refuse(robot::Impedance::error_text(error)); }
+    for (Command old; commands_.pop(old);) {}
+    write_reference(measured.q);
+    time_ = 0.0;
+    reset_ = false;
+    failed_writes_ = 0;
+    topics_->accept(true);
+    return Callback::SUCCESS;
+}
+
+StiffnessController::Return StiffnessController::update_and_write_commands(const rclcpp::Time &, const rclcpp::Duration &period)
+{
+    if (settings_.read(loop_settings_)) { law_.change(loop_settings_); }
+    for (Command command; commands_.pop(command);) { law_.command(command); }
+    if (is_in_chained_mode()) {
+        robot::Joints q0;
+        read_reference(q0);
+        law_.follow(q0.data());
+    }
+    if (reset_.exchange(false)) { law_.reset(); }
+    Measured measured;
+    measure(measured);
+    const robot::Report &report = law_.step(measured, period.seconds());
+    time_ = law_.time();
+    snapshots_.write(law_.snapshot());
+    failed_writes_ = write(report) ? 0 : failed_writes_ + 1;
+    return failed_writes_ < loop_settings_.config.missed_limit ? Return::OK : Return::ERROR;
+}
+
+// Write torques, and believed positions for drivers that want both. Return whether every interface took its value.
+bool StiffnessController::write(const robot::Report &report)
+{
+    bool written = true;
+    for (std::size_t i = 0; i < robot::DOF; ++i) {
+        written = set_value(command_interfaces_[i], report.torque[i]) && written;
+        if (setup_.command_position) { written = set_value(command_interfaces_[robot::DOF + i], report.position[i]) && written; }
+    }
+    return written;
+}
+
+// Write zero torque: a driver goes on with the last value of an interface. Without claimed interfaces nothing is to be done.
+StiffnessController::Callback StiffnessController::release()
+{
+    bool released = true;
+    for (std::size_t i = 0; i < std::min(command_interfaces_.size(), robot::DOF); ++i) {
+        bool is_zero = false;
+        for (int tries = 0; tries < 100 && !is_zero; ++tries) { is_zero = set_value(command_interfaces_[i], 0.0); }
+        released = released && is_zero;
+    }
+    if (topics_) { topics_->accept(false); }
+    Snapshot last = law_.snapshot();
+    last.is_active = false;
+    snapshots_.write(last);
+    if (!released) {
+        RCLCPP_ERROR(get_node()->get_logger(), "a torque could not be set to zero: the driver keeps the interface locked");
+        return Callback::ERROR;
+    }
+    return Callback::SUCCESS;
+}
+
+void StiffnessController::forget()
+{
+    on_set_.reset();
+    report_.reset();
+    topics_.reset();
+}
+
+StiffnessController::Callback StiffnessController::on_deactivate(const State &) { return release(); }
+
+StiffnessController::Callback StiffnessController::on_cleanup(const State &)
+{
+    forget();
+    return Callback::SUCCESS;
+}
+
+StiffnessController::Callback StiffnessController::on_error(const State &)
+{
+    const Callback done = release();
+    forget();
+    return done;
+}
+
+StiffnessController::Callback StiffnessController::on_shutdown(const State &)
+{
+    const Callback done = release();
+    forget();
+    return done;
+}
+
+#if RCLCPP_VERSION_MAJOR < 21
+std::vector<hardware_interface::CommandInterface> StiffnessController::on_export_reference_interfaces()
+{
+    reference_interfaces_.assign(robot::DOF, std::numeric_limits<double>::quiet_NaN());
+    std::vector<hardware_interface::CommandInterface> exported;
+    for (std::size_t i = 0; i < robot::DOF; ++i) {
+        exported.emplace_back(get_node()->get_name(), setup_.joints[i] + "/position", &reference_interfaces_[i]);
+    }
+    return exported;
+}
+
+void StiffnessController::read_reference(robot::Joints &q0) const
+{
+    std::copy(reference_interfaces_.begin(), reference_interfaces_.end(), q0.begin());
+}
+
+void StiffnessController::write_reference(const robot::Joints &q0)
+{
+    std::copy(q0.begin(), q0.begin() + static_cast<std::ptrdiff_t>(reference_interfaces_.size()), reference_interfaces_.begin());
+}
+#else
+std::vector<hardware_interface::CommandInterface::SharedPtr> StiffnessController::on_export_reference_interfaces_list()
+{
+    std::vector<hardware_interface::CommandInterface::SharedPtr> exported;
+    for (const auto &joint : setup_.joints) {
+        hardware_interface::InterfaceInfo info{};
+        info.name = joint + "/position";
+        info.data_type = "double";
+        const hardware_interface::InterfaceDescription description(get_node()->get_name(), info);
+        exported.push_back(std::make_shared<hardware_interface::CommandInterface>(description));
+    }
+    return exported;
+}
+
+void StiffnessController::read_reference(robot::Joints &q0) const
+{
+    q0.fill(std::numeric_limits<double>::quiet_NaN());
+    for (std::size_t i = 0; i < ordered_exported_reference_interfaces_.size(); ++i) {
+        q0[i] = value_of(*ordered_exported_reference_interfaces_[i]).value_or(q0[i]);
+    }
+}
+
+void StiffnessController::write_reference(const robot::Joints &q0)
+{
+    for (std::size_t i = 0; i < ordered_exported_reference_interfaces_.size(); ++i) {
+        static_cast<void>(set_value(*ordered_exported_reference_interfaces_[i], q0[i])); // locked: the last one stays
+    }
+}
+#endif
+
+} // namespace stiffgen_ros2
+
+PLUGINLIB_EXPORT_CLASS(stiffgen_ros2::StiffnessController, controller_interface::ChainableControllerInterface)

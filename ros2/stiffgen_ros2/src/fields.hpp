@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: MIT
+// Parameters that are fields of the controller's configuration: NAME_impedance.h has their meaning, range and default.
+#pragma once
+
+#include "robot.hpp"
+
+#include <cstddef>
+
+namespace stiffgen_ros2 {
+
+/// Field of numbers: a parameter with one number, or an array of one number or of as many as the field has.
+struct Numbers {
+    const char *name;
+    std::size_t count; ///< 0: one number, not an array
+    double *(*at)(robot::Config &);
+};
+
+struct Integer {
+    const char *name;
+    int *(*at)(robot::Config &);
+};
+
+/// Field that is one of two words.
+struct Choice {
+    const char *name;
+    int *(*at)(robot::Config &);
+    const char *words[2];
+    int values[2];
+};
+
+#define STIFFGEN_NUMBER(field) {#field, 0, [](robot::Config &c) { return &c.field; }}
+#define STIFFGEN_JOINTS(field) {#field, robot::DOF, [](robot::Config &c) { return &c.field[0]; }}
+#define STIFFGEN_INTEGER(field) {#field, [](robot::Config &c) { return &c.field; }}
+
+inline constexpr Numbers NUMBERS[] = {
+    STIFFGEN_NUMBER(translation_stiffness_limit),
+    STIFFGEN_NUMBER(rotation_stiffness_limit),
+    STIFFGEN_NUMBER(stiffness_time),
+    STIFFGEN_NUMBER(joint_damping),
+    STIFFGEN_NUMBER(position_tolerance),
+    STIFFGEN_NUMBER(limit_zone),
+    STIFFGEN_NUMBER(tip_velocity_limit),
+    STIFFGEN_NUMBER(tip_rotation_limit),
+    STIFFGEN_NUMBER(ramp_time),
+    STIFFGEN_NUMBER(energy_limit),
+    STIFFGEN_NUMBER(engagement_limit),
+    STIFFGEN_NUMBER(state_period),
+    STIFFGEN_NUMBER(position_quantum),
+    STIFFGEN_NUMBER(velocity_noise),
+    STIFFGEN_NUMBER(velocity_filter_time),
+    STIFFGEN_NUMBER(overspeed_time),
+    STIFFGEN_NUMBER(communication_reset_time),
+    STIFFGEN_JOINTS(posture_stiffness),
+    STIFFGEN_JOINTS(damping_ratio),
+    STIFFGEN_JOINTS(motor_inertia),
+    STIFFGEN_JOINTS(velocity_limit),
+    STIFFGEN_JOINTS(reference_velocity_limit),
+    STIFFGEN_JOINTS(effort_limit),
+    STIFFGEN_JOINTS(torque_rate_limit),
+    {"heaviest_wrench", 2, [](robot::Config &c) { return &c.heaviest_wrench[0]; }},
+};
+
+inline constexpr Integer INTEGERS[] = {
+    STIFFGEN_INTEGER(delay_samples),
+    STIFFGEN_INTEGER(missed_limit),
+    STIFFGEN_INTEGER(loss_limit),
+    STIFFGEN_INTEGER(call_gap_limit),
+};
+
+inline constexpr Choice CHOICES[] = {
+    {"coriolis", [](robot::Config &c) { return &c.coriolis; }, {"off", "on"}, {robot::CORIOLIS_OFF, robot::CORIOLIS_ON}},
+    {"stiffness_cap", [](robot::Config &c) { return &c.stiffness_cap; }, {"refuse", "accept"},
+        {robot::CAP_REFUSE, robot::CAP_ACCEPT}},
+    {"communication_reaction", [](robot::Config &c) { return &c.communication_reaction; }, {"release", "hold"},
+        {robot::REACTION_RELEASE, robot::REACTION_HOLD}},
+};
+
+#undef STIFFGEN_NUMBER
+#undef STIFFGEN_JOINTS
+#undef STIFFGEN_INTEGER
+
+} // namespace stiffgen_ros2

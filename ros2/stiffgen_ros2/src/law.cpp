@@ -1,0 +1,151 @@
+// SPDX-License-Identifier: MIT
+#include "law.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace stiffgen_ros2 {
+
+int Law::start(const Settings &settings, bool policy, const robot::Joints &q, const robot::Joints &torque)
+{
+    robot::Joints in_force = torque;
+    for (std::size_t i = 0; i < robot::DOF; ++i) {
+        const double limit = settings.config.effort_limit[i];
+        in_force[i] = std::isfinite(torque[i]) ? std::clamp(torque[i], -limit, limit) : 0.0;
+    }
+    impedance_ = robot::Impedance(settings.config, in_force);
+    sample_ = {};
+    snapshot_ = {};
+    snapshot_.is_active = true;
+    sample_.command = robot::BY_POSITION;
+    std::copy(q.begin(), q.end(), sample_.q0);
+    change(settings);
+    uses_port_ = policy;
+    has_proposal_ = has_stiffness_ = false;
+    wrench_end_ = 0.0;
+    robot::start(port_, robot::forward_kinematics(q).data(), 0.0);
+    return impedance_.error();
+}
+
+void Law::change(const Settings &settings)
+{
+    settings_ = settings;
+    impedance_.config() = settings.config;
+    std::copy(settings.translation_stiffness.begin(), settings.translation_stiffness.end(), sample_.translation_stiffness);
+    std::copy(settings.rotation_stiffness.begin(), settings.rotation_stiffness.end(), sample_.rotation_stiffness);
+}
+
+void Law::set_stiffness(const double *stiffness)
+{
+    for (std::size_t row = 0; row < 3; ++row) {
+        for (std::size_t column = 0; column < 3; ++column) {
+            sample_.translation_stiffness[3 * row + column] = stiffness[6 * row + column];
+            sample_.rotation_stiffness[3 * row + column] = stiffness[6 * (row + 3) + column + 3];
+        }
+    }
+}
+
+void Law::command_at_once(const Command &command)
+{
+    switch (command.kind) {
+    case Command::JOINTS:
+        std::copy(command.values, command.values + robot::DOF, sample_.q0);
+        sample_.command = robot::BY_POSITION;
+        break;
+    case Command::POSE:
+        std::copy(command.values, command.values + 16, sample_.equilibrium);
+        sample_.command = robot::BY_EQUILIBRIUM;
+        break;
+    case Command::WRENCH:
+        std::copy(command.values, command.values + 6, sample_.wrench_command);
+        wrench_end_ = command.time - command.age + settings_.wrench_timeout;
+        break;
+    case Command::STIFFNESS:
+        set_stiffness(command.values);
+        break;
+    }
+}
+
+// Hand a command to the policy port, which interpolates, holds and fades. Joint positions are the wanted posture.
+void Law::propose(const Command &command)
+{
+    robot::Proposal proposal{};
+    const int part = command.kind == Command::POSE ? robot::POSE : command.kind == Command::WRENCH ? robot::WRENCH : robot::STIFFNESS;
+    const double stamp = command.time - command.age;
+    proposal.valid[part] = 1;
+    proposal.time[part] = stamp;
+    if (part == robot::POSE) { std::copy(command.values, command.values + 16, proposal.equilibrium); }
+    if (part == robot::WRENCH) { std::copy(command.values, command.values + 6, proposal.wrench_command); }
+    if (part == robot::STIFFNESS) {
+        std::copy(command.values, command.values + 36, proposal.stiffness);
+    } else if (!has_stiffness_) { // until somebody commands one, the parameters' stiffness goes with each proposal
+        proposal.valid[robot::STIFFNESS] = 1;
+        proposal.time[robot::STIFFNESS] = stamp;
+        for (std::size_t row = 0; row < 3; ++row) {
+            for (std::size_t column = 0; column < 3; ++column) {
+                proposal.stiffness[6 * row + column] = settings_.translation_stiffness[3 * row + column];
+                proposal.stiffness[6 * (row + 3) + column + 3] = settings_.rotation_stiffness[3 * row + column];
+            }
+        }
+    }
+    robot::propose(settings_.config, port_, proposal, snapshot_.time);
+    if (port_.refused[part] != 0) {
+        ++snapshot_.refusals;
+        snapshot_.refusal = port_.refused[part];
+        return;
+    }
+    has_proposal_ = true;
+    has_stiffness_ = has_stiffness_ || part == robot::STIFFNESS;
+}
+
+void Law::command(const Command &command)
+{
+    if (!uses_port_) {
+        command_at_once(command);
+    } else if (command.kind == Command::JOINTS) {
+        std::copy(command.values, command.values + robot::DOF, sample_.q0);
+    } else {
+        propose(command);
+    }
+}
+
+void Law::follow(const double *q0)
+{
+    if (std::all_of(q0, q0 + robot::DOF, [](double each) { return std::isfinite(each); })) {
+        std::copy(q0, q0 + robot::DOF, sample_.q0);
+        sample_.command = robot::BY_POSITION;
+    }
+}
+
+const robot::Report &Law::step(const Measured &measured, double period)
+{
+    const double sample_time = settings_.config.sample_time;
+    snapshot_.time += std::isfinite(period) && period > 0.0 ? period : sample_time;
+    // Late updates are missing samples, not a fault of the sensor: the counter says so.
+    const double samples = std::isfinite(period) ? std::clamp(std::round(period / sample_time), 1.0, 1e6) : 1.0;
+    sample_.counter += static_cast<std::uint32_t>(samples);
+    sample_.sample_valid = measured.is_complete ? 1 : 0;
+    std::copy(measured.q.begin(), measured.q.end(), sample_.q);
+    std::copy(measured.dq.begin(), measured.dq.end(), sample_.dq);
+    if (uses_port_ && has_proposal_) {
+        robot::command(port_, snapshot_.time, sample_);
+    } else if (snapshot_.time > wrench_end_) {
+        std::fill(std::begin(sample_.wrench_command), std::end(sample_.wrench_command), 0.0);
+    }
+    if (!settings_.compensate_gravity) {
+        std::fill(std::begin(sample_.torque_offset), std::end(sample_.torque_offset), 0.0);
+    } else if (measured.is_complete) {
+        const robot::Joints torque = robot::gravity::gradient(measured.q, settings_.gravity);
+        for (std::size_t i = 0; i < robot::DOF; ++i) {
+            if (std::isfinite(torque[i])) { sample_.torque_offset[i] = torque[i]; }
+        }
+    }
+    const bool had_fault = snapshot_.report.fault != robot::NO_FAULT;
+    static_cast<void>(impedance_.step(sample_, snapshot_.report)); // an error lowers the torque; the status has it
+    snapshot_.faults += !had_fault && snapshot_.report.fault != robot::NO_FAULT;
+    return snapshot_.report;
+}
+
+void Law::reset() { static_cast<void>(impedance_.reset()); }
+
+} // namespace stiffgen_ros2

@@ -1,0 +1,170 @@
+// SPDX-License-Identifier: MIT
+#include "report.hpp"
+
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+
+namespace stiffgen_ros2 {
+
+namespace {
+
+std::string fault_text(const robot::Report &report)
+{
+    char text[256];
+    robot::fault_text(report, text, sizeof text);
+    return text;
+}
+
+std::string number(double value)
+{
+    char text[32];
+    std::snprintf(text, sizeof text, "%.6g", value);
+    return text;
+}
+
+std::string status_words(unsigned status)
+{
+    std::string words;
+    for (const auto &each : robot::STATUS_NAMES) {
+        if ((status & each.bit) != 0) { words += (words.empty() ? "" : " ") + std::string(each.name); }
+    }
+    return words;
+}
+
+// Quaternion of a rotation (rows of a 4 x 4 pose), from its largest component.
+geometry_msgs::msg::Quaternion quaternion(const double *R)
+{
+    const double xx = R[0], yy = R[5], zz = R[10];
+    const double squares[4] = {1.0 + xx - yy - zz, 1.0 - xx + yy - zz, 1.0 - xx - yy + zz, 1.0 + xx + yy + zz};
+    int largest = 0;
+    for (int k = 1; k < 4; ++k) { largest = squares[k] > squares[largest] ? k : largest; }
+    const double r = std::sqrt(std::fmax(squares[largest], 0.0)), s = r > 0.0 ? 0.5 / r : 0.0;
+    const double xy = s * (R[1] + R[4]), xz = s * (R[2] + R[8]), yz = s * (R[6] + R[9]);
+    const double wx = s * (R[9] - R[6]), wy = s * (R[2] - R[8]), wz = s * (R[4] - R[1]), own = 0.5 * r;
+    const double found[4][4] = {{own, xy, xz, wx}, {xy, own, yz, wy}, {xz, yz, own, wz}, {wx, wy, wz, own}};
+    geometry_msgs::msg::Quaternion q;
+    q.x = found[largest][0];
+    q.y = found[largest][1];
+    q.z = found[largest][2];
+    q.w = found[largest][3];
+    return q;
+}
+
+void fill(const double *pose, geometry_msgs::msg::Pose &message)
+{
+    message.position.x = pose[3];
+    message.position.y = pose[7];
+    message.position.z = pose[11];
+    message.orientation = quaternion(pose);
+}
+
+} // namespace
+
+Report::Report(rclcpp_lifecycle::LifecycleNode &node, const Setup &setup, Latest<Snapshot> &snapshots, std::atomic<bool> &reset)
+    : node_(node), setup_(setup), snapshots_(snapshots)
+{
+    using Trigger = std_srvs::srv::Trigger;
+    pose_ = node.create_publisher<geometry_msgs::msg::PoseStamped>("~/pose", rclcpp::QoS(1));
+    equilibrium_ = node.create_publisher<geometry_msgs::msg::PoseStamped>("~/equilibrium", rclcpp::QoS(1));
+    wrench_ = node.create_publisher<geometry_msgs::msg::WrenchStamped>("~/wrench", rclcpp::QoS(1));
+    state_ = node.create_publisher<diagnostic_msgs::msg::DiagnosticStatus>("~/state", rclcpp::QoS(1));
+    diagnostics_ = node.create_publisher<diagnostic_msgs::msg::DiagnosticArray>("/diagnostics", rclcpp::QoS(1));
+    pose_->on_activate(); // the node's own transition does not reach the publishers of a controller
+    equilibrium_->on_activate();
+    wrench_->on_activate();
+    state_->on_activate();
+    diagnostics_->on_activate();
+    reset_ = node.create_service<Trigger>(
+        "~/reset", [this, &reset](const std::shared_ptr<Trigger::Request>, std::shared_ptr<Trigger::Response> response) {
+            reset = true;
+            response->success = true;
+            response->message = last_.report.fault == robot::NO_FAULT ? "no fault was latched" : "reset of: " + fault_text(last_.report);
+        });
+    timer_ = node.create_wall_timer(std::chrono::duration<double>(1.0 / setup.state_rate), [this] { publish(); });
+}
+
+// Log a new fault, and a new refusal of the policy port, once.
+void Report::tell_changes()
+{
+    const bool started = last_.faults < told_faults_ || last_.refusals < told_refusals_; // activated anew
+    told_faults_ = started ? 0 : told_faults_;
+    told_refusals_ = started ? 0 : told_refusals_;
+    if (last_.faults > told_faults_) {
+        RCLCPP_ERROR(node_.get_logger(), "fault: %s; find the cause, then call ~/reset", fault_text(last_.report).c_str());
+    }
+    if (last_.refusals > told_refusals_) {
+        RCLCPP_WARN(node_.get_logger(), "%u commands refused, the last one because %s", last_.refusals - told_refusals_,
+            robot::refusal(last_.refusal));
+    }
+    told_faults_ = last_.faults;
+    told_refusals_ = last_.refusals;
+}
+
+diagnostic_msgs::msg::DiagnosticStatus Report::status() const
+{
+    diagnostic_msgs::msg::DiagnosticStatus status;
+    const robot::Report &report = last_.report;
+    const bool has_fault = report.fault != robot::NO_FAULT;
+    double error = 0.0;
+    const robot::Array<4, 4> pose = robot::forward_kinematics(report.position);
+    for (const std::size_t k : {std::size_t{3}, std::size_t{7}, std::size_t{11}}) {
+        error += (pose[k] - report.equilibrium[k]) * (pose[k] - report.equilibrium[k]);
+    }
+    status.name = node_.get_name();
+    status.hardware_id = robot::TIP_FRAME;
+    status.level = has_fault ? diagnostic_msgs::msg::DiagnosticStatus::ERROR : diagnostic_msgs::msg::DiagnosticStatus::OK;
+    status.message = has_fault ? fault_text(report) : last_.is_active ? "active" : "inactive";
+    const std::pair<const char *, std::string> values[] = {
+        {"status", status_words(report.status)},
+        {"error [m]", number(std::sqrt(error))},
+        {"energy supplied [J]", number(report.port_total)},
+        {"elastic energy [J]", number(report.elastic_energy)},
+        {"tank energy [J]", number(report.tank_energy)},
+        {"stiffness share", number(report.stiffness_share)},
+        {"force available [N]", number(report.force_available)},
+        {"faults", std::to_string(last_.faults)},
+        {"commands refused", std::to_string(last_.refusals)},
+    };
+    for (const auto &each : values) {
+        diagnostic_msgs::msg::KeyValue value;
+        value.key = each.first;
+        value.value = each.second;
+        status.values.push_back(value);
+    }
+    return status;
+}
+
+void Report::publish()
+{
+    if (!snapshots_.read(last_)) { return; }
+    tell_changes();
+    geometry_msgs::msg::PoseStamped pose;
+    pose.header.stamp = node_.now();
+    pose.header.frame_id = setup_.base_frame;
+    fill(robot::forward_kinematics(last_.report.position).data(), pose.pose);
+    pose_->publish(pose);
+    fill(last_.report.equilibrium, pose.pose);
+    equilibrium_->publish(pose);
+
+    // The springs' wrench on the environment: the negative of what the environment applies at rest.
+    geometry_msgs::msg::WrenchStamped wrench;
+    wrench.header = pose.header;
+    const double *applied = last_.report.spring_wrench;
+    wrench.wrench.force.x = -applied[0];
+    wrench.wrench.force.y = -applied[1];
+    wrench.wrench.force.z = -applied[2];
+    wrench.wrench.torque.x = -applied[3];
+    wrench.wrench.torque.y = -applied[4];
+    wrench.wrench.torque.z = -applied[5];
+    wrench_->publish(wrench);
+
+    const auto status_now = status();
+    state_->publish(status_now);
+    diagnostic_msgs::msg::DiagnosticArray array;
+    array.header.stamp = pose.header.stamp;
+    array.status.push_back(status_now);
+    diagnostics_->publish(array);
+}
+
+} // namespace stiffgen_ros2

@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: MIT
+// State topics, diagnostics and the log, written by a timer outside the loop.
+#pragma once
+
+#include "exchange.hpp"
+#include "law.hpp"
+
+#include <diagnostic_msgs/msg/diagnostic_array.hpp>
+#include <geometry_msgs/msg/pose_stamped.hpp>
+#include <geometry_msgs/msg/wrench_stamped.hpp>
+#include <rclcpp/rclcpp.hpp>
+#include <rclcpp_lifecycle/lifecycle_node.hpp>
+#include <std_srvs/srv/trigger.hpp>
+
+#include <atomic>
+#include <memory>
+#include <string>
+
+namespace stiffgen_ros2 {
+
+class Report {
+public:
+    Report(rclcpp_lifecycle::LifecycleNode &node, const Setup &setup, Latest<Snapshot> &snapshots, std::atomic<bool> &reset);
+
+private:
+    template <class Message> using Publisher = typename rclcpp_lifecycle::LifecyclePublisher<Message>::SharedPtr;
+
+    void publish();
+    void tell_changes();
+    diagnostic_msgs::msg::DiagnosticStatus status() const;
+
+    rclcpp_lifecycle::LifecycleNode &node_;
+    Setup setup_;
+    Latest<Snapshot> &snapshots_;
+    Snapshot last_{};
+    unsigned told_faults_ = 0, told_refusals_ = 0;
+    Publisher<geometry_msgs::msg::PoseStamped> pose_, equilibrium_;
+    Publisher<geometry_msgs::msg::WrenchStamped> wrench_;
+    Publisher<diagnostic_msgs::msg::DiagnosticStatus> state_;
+    Publisher<diagnostic_msgs::msg::DiagnosticArray> diagnostics_;
+    std::shared_ptr<rclcpp::Service<std_srvs::srv::Trigger>> reset_;
+    rclcpp::TimerBase::SharedPtr timer_;
+};
+
+} // namespace stiffgen_ros2

@@ -1,0 +1,224 @@
+// SPDX-License-Identifier: MIT
+#include "settings.hpp"
+
+#include "fields.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstring>
+#include <iterator>
+
+namespace stiffgen_ros2 {
+
+namespace {
+
+// Parameters beside the fields of the configuration. Fixed: they change only while the controller is not configured.
+constexpr const char *FIXED[] = {
+    "joints", "prefix", "base_frame", "command_position", "policy", "state_rate", "sample_time", "ft_sensor"};
+constexpr const char *OTHERS[] = {
+    "translation_stiffness", "rotation_stiffness", "compensate_gravity", "gravity", "wrench_timeout"};
+
+template <class T> void declare(rclcpp_lifecycle::LifecycleNode &node, const std::string &name, const T &value)
+{
+    if (!node.has_parameter(name)) { node.declare_parameter<T>(name, value); }
+}
+
+template <class Names> bool contains(const Names &names, const std::string &name)
+{
+    return std::any_of(std::begin(names), std::end(names), [&name](const auto &each) { return name == each; });
+}
+
+template <class Table> bool has_row(const Table &table, const std::string &name)
+{
+    return std::any_of(std::begin(table), std::end(table), [&name](const auto &row) { return name == row.name; });
+}
+
+std::string counted(const std::string &name, std::size_t got, const std::string &wanted)
+{
+    return "parameter '" + name + "' has " + std::to_string(got) + " numbers; give " + wanted;
+}
+
+// Three numbers are the diagonal, nine the rows. Return why they are refused.
+std::string read_matrix(const Lookup &lookup, const std::string &name, std::array<double, 9> &matrix)
+{
+    const std::vector<double> given = lookup(name).as_double_array();
+    if (given.size() == 9) {
+        std::copy(given.begin(), given.end(), matrix.begin());
+        return "";
+    }
+    if (given.size() != 3) { return counted(name, given.size(), "3 (the diagonal) or 9 (the rows)"); }
+    matrix.fill(0.0);
+    for (std::size_t k = 0; k < 3; ++k) { matrix[4 * k] = given[k]; }
+    return "";
+}
+
+std::string read_fields(const Lookup &lookup, robot::Config &config)
+{
+    for (const Numbers &field : NUMBERS) {
+        if (field.count == 0) {
+            *field.at(config) = lookup(field.name).as_double();
+            continue;
+        }
+        const std::vector<double> given = lookup(field.name).as_double_array();
+        if (given.size() != field.count && given.size() != 1) {
+            return counted(field.name, given.size(), std::to_string(field.count) + ", or 1 for all");
+        }
+        for (std::size_t i = 0; i < field.count; ++i) { field.at(config)[i] = given[given.size() == 1 ? 0 : i]; }
+    }
+    for (const Integer &field : INTEGERS) { *field.at(config) = static_cast<int>(lookup(field.name).as_int()); }
+    for (const Choice &field : CHOICES) {
+        const std::string word = lookup(field.name).as_string();
+        if (word != field.words[0] && word != field.words[1]) {
+            return std::string("parameter '") + field.name + "' is '" + word + "'; give '" + field.words[0] + "' or '" +
+                   field.words[1] + "'";
+        }
+        *field.at(config) = field.values[word == field.words[1] ? 1 : 0];
+    }
+    return "";
+}
+
+int error_at(robot::Config config, double rate)
+{
+    config.sample_time = 1.0 / rate;
+    return robot::Impedance(config).error();
+}
+
+// Name the rate at which the stiffness limits are accepted, and what else can be done.
+std::string too_slow(const robot::Config &config)
+{
+    const double rate = 1.0 / config.sample_time;
+    double enough = rate;
+    while (enough < 2e4 && error_at(config, enough) == robot::TOO_STIFF) { enough = 10.0 * std::ceil(0.105 * enough + 0.1); }
+    char text[400];
+    std::snprintf(text, sizeof text,
+        "update_rate is %g Hz, and translation_stiffness_limit %g N/m with rotation_stiffness_limit %g N m/rad needs %g Hz or "
+        "more: set update_rate (or sample_time) accordingly, lower these limits, or set stiffness_cap to 'accept'",
+        rate, config.translation_stiffness_limit, config.rotation_stiffness_limit, enough);
+    return text;
+}
+
+std::string check(const Settings &settings)
+{
+    const int error = robot::Impedance(settings.config).error();
+    if (error == robot::TOO_STIFF) { return too_slow(settings.config); }
+    if (error != robot::GOOD) { return robot::Impedance::error_text(error); }
+    double stiffness[36] = {};
+    for (std::size_t row = 0; row < 3; ++row) {
+        for (std::size_t column = 0; column < 3; ++column) {
+            stiffness[6 * row + column] = settings.translation_stiffness[3 * row + column];
+            stiffness[6 * (row + 3) + column + 3] = settings.rotation_stiffness[3 * row + column];
+        }
+    }
+    const std::string reason = refuse_stiffness(settings.config, stiffness);
+    if (!reason.empty()) { return "translation_stiffness or rotation_stiffness: " + reason; }
+    for (const double each : settings.gravity) {
+        if (!std::isfinite(each) || std::abs(each) > 100.0) { return "gravity: give three numbers of at most 100 m/s^2"; }
+    }
+    if (!(settings.wrench_timeout > 0.0)) { return "wrench_timeout must be above 0 s"; }
+    return "";
+}
+
+} // namespace
+
+void declare_parameters(rclcpp_lifecycle::LifecycleNode &node)
+{
+    robot::Config config = robot::Impedance::default_config();
+    for (const Numbers &field : NUMBERS) {
+        const double *first = field.at(config);
+        if (field.count == 0) {
+            declare(node, field.name, *first);
+        } else {
+            declare(node, field.name, std::vector<double>(first, first + field.count));
+        }
+    }
+    for (const Integer &field : INTEGERS) { declare<std::int64_t>(node, field.name, *field.at(config)); }
+    for (const Choice &field : CHOICES) {
+        declare<std::string>(node, field.name, field.words[*field.at(config) == field.values[1] ? 1 : 0]);
+    }
+    declare(node, "joints", std::vector<std::string>());
+    declare<std::string>(node, "prefix", "");
+    declare<std::string>(node, "base_frame", "");
+    declare<std::string>(node, "ft_sensor", "");
+    declare(node, "command_position", false);
+    declare(node, "policy", false);
+    declare(node, "state_rate", 20.0);
+    declare(node, "sample_time", 0.0);
+    declare(node, "translation_stiffness", std::vector<double>{400.0, 400.0, 400.0});
+    declare(node, "rotation_stiffness", std::vector<double>{20.0, 20.0, 20.0});
+    declare(node, "compensate_gravity", false);
+    declare(node, "gravity", std::vector<double>{0.0, 0.0, -9.81});
+    declare(node, "wrench_timeout", 0.5);
+}
+
+std::string read_setup(const Lookup &lookup, Setup &setup)
+{
+    const std::string prefix = lookup("prefix").as_string();
+    setup.joints = lookup("joints").as_string_array();
+    if (setup.joints.empty()) {
+        for (const char *joint : robot::JOINTS) { setup.joints.push_back(prefix + joint); }
+    }
+    if (setup.joints.size() != robot::DOF) {
+        return "parameter 'joints' has " + std::to_string(setup.joints.size()) + " names; the robot has " +
+               std::to_string(robot::DOF) + " joints, from base to tip";
+    }
+    setup.base_frame = lookup("base_frame").as_string();
+    if (setup.base_frame.empty()) { setup.base_frame = prefix + robot::BASE_FRAME; }
+    setup.command_position = lookup("command_position").as_bool();
+    setup.policy = lookup("policy").as_bool();
+    setup.state_rate = lookup("state_rate").as_double();
+    if (!(setup.state_rate >= 1.0 && setup.state_rate <= 100.0)) { return "state_rate must lie between 1 and 100 Hz"; }
+    if (!lookup("ft_sensor").as_string().empty()) {
+        return "ft_sensor is not supported yet: leave it empty. The springs need no measured wrench";
+    }
+    return "";
+}
+
+double sample_time(const Lookup &lookup, unsigned update_rate)
+{
+    const double given = lookup("sample_time").as_double();
+    if (given != 0.0) { return given; }
+    return update_rate > 0 ? 1.0 / static_cast<double>(update_rate) : 0.0;
+}
+
+std::string read_settings(const Lookup &lookup, double sample_time, Settings &settings)
+{
+    if (sample_time == 0.0) { // Humble, where the controller has no rate of its own
+        return "the update rate is unknown: set sample_time [s], the time between two updates of the controller";
+    }
+    settings.config = robot::Impedance::default_config();
+    settings.config.sample_time = sample_time;
+    std::string reason = read_fields(lookup, settings.config);
+    if (reason.empty()) { reason = read_matrix(lookup, "translation_stiffness", settings.translation_stiffness); }
+    if (reason.empty()) { reason = read_matrix(lookup, "rotation_stiffness", settings.rotation_stiffness); }
+    if (!reason.empty()) { return reason; }
+    const std::vector<double> gravity = lookup("gravity").as_double_array();
+    if (gravity.size() != 3) { return counted("gravity", gravity.size(), "3, in axes of the base"); }
+    std::copy(gravity.begin(), gravity.end(), settings.gravity.begin());
+    settings.compensate_gravity = lookup("compensate_gravity").as_bool();
+    settings.wrench_timeout = lookup("wrench_timeout").as_double();
+    return check(settings);
+}
+
+bool is_fixed(const std::string &parameter) { return contains(FIXED, parameter); }
+
+bool is_ours(const std::string &parameter)
+{
+    return is_fixed(parameter) || contains(OTHERS, parameter) || has_row(NUMBERS, parameter) ||
+           has_row(INTEGERS, parameter) || has_row(CHOICES, parameter);
+}
+
+std::string refuse_stiffness(const robot::Config &config, const double *stiffness)
+{
+    // A port of its own knows whether the controller would accept the matrix.
+    robot::Policy port;
+    robot::Proposal proposal{};
+    const robot::Array<4, 4> pose = robot::forward_kinematics(robot::Joints{});
+    robot::start(port, pose.data(), 0.0);
+    proposal.valid[robot::STIFFNESS] = 1;
+    std::memcpy(proposal.stiffness, stiffness, sizeof proposal.stiffness);
+    if (robot::propose(config, port, proposal, 0.0) == 0) { return ""; }
+    return robot::refusal(port.refused[robot::STIFFNESS]);
+}
+
+} // namespace stiffgen_ros2

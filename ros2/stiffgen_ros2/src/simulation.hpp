@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: MIT
+// Simulated arm: M(q) ddq + C(q, dq) dq = torque + J^T push - friction dq. Gravity counts as compensated.
+#pragma once
+
+#include "robot.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+
+namespace stiffgen_ros2 {
+
+class Simulation {
+public:
+    Simulation() : config_(robot::Impedance::default_config()) {}
+
+    robot::Joints q{}, dq{};
+    std::array<double, 6> push{}; // [N, N m] wrench that the environment applies at the tip, hybrid axes
+
+    /// Apply a torque for a time [s]; a torque that is not finite counts as 0.
+    void step(const robot::Joints &torque, double time)
+    {
+        const int steps = std::max(1, static_cast<int>(std::ceil(time / 5e-4)));
+        for (int k = 0; k < steps; ++k) { substep(torque, time / steps); }
+    }
+
+private:
+    static constexpr double FRICTION = 0.2; // N m s/rad or N s/m
+
+    void substep(const robot::Joints &torque, double dt)
+    {
+        auto mass = robot::mass_matrix(q);
+        const auto jacobian = robot::hybrid::jacobian(q);
+        const auto bias = robot::bias_forces(q, dq, std::array<double, 3>{});
+        robot::Joints force;
+        for (std::size_t i = 0; i < robot::DOF; ++i) {
+            mass[i * robot::DOF + i] += config_.motor_inertia[i];
+            force[i] = (std::isfinite(torque[i]) ? torque[i] : 0.0) - bias[i] - FRICTION * dq[i];
+            for (std::size_t k = 0; k < 6; ++k) { force[i] += jacobian[k * robot::DOF + i] * push[k]; }
+        }
+        solve(mass, force);
+        for (std::size_t i = 0; i < robot::DOF; ++i) {
+            dq[i] += force[i] * dt;
+            q[i] += dq[i] * dt;
+        }
+    }
+
+    // Replace force by A^-1 force by Gauss' elimination; A is positive definite and needs no pivots.
+    static void solve(robot::Array<robot::DOF, robot::DOF> &A, robot::Joints &force)
+    {
+        constexpr std::size_t n = robot::DOF;
+        for (std::size_t k = 0; k < n; ++k) {
+            for (std::size_t i = k + 1; i < n; ++i) {
+                const double factor = A[i * n + k] / A[k * n + k];
+                for (std::size_t j = k; j < n; ++j) { A[i * n + j] -= factor * A[k * n + j]; }
+                force[i] -= factor * force[k];
+            }
+        }
+        for (std::size_t i = n; i-- > 0;) {
+            for (std::size_t j = i + 1; j < n; ++j) { force[i] -= A[i * n + j] * force[j]; }
+            force[i] /= A[i * n + i];
+        }
+    }
+
+    robot::Config config_;
+};
+
+} // namespace stiffgen_ros2

@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: MIT
+// Subscriptions of the controller: each message is checked, and refused with a sentence, before the loop sees it.
+#pragma once
+
+#include "exchange.hpp"
+#include "law.hpp"
+
+#include <geometry_msgs/msg/pose_stamped.hpp>
+#include <geometry_msgs/msg/wrench_stamped.hpp>
+#include <rclcpp/rclcpp.hpp>
+#include <rclcpp_lifecycle/lifecycle_node.hpp>
+#include <sensor_msgs/msg/joint_state.hpp>
+#include <std_msgs/msg/float64_multi_array.hpp>
+
+#include <atomic>
+#include <memory>
+#include <mutex>
+#include <string>
+
+namespace stiffgen_ros2 {
+
+using Commands = Queue<Command, 64>;
+
+class Topics {
+public:
+    Topics(rclcpp_lifecycle::LifecycleNode &node, const Setup &setup, Commands &commands, const std::atomic<double> &time);
+
+    /// Set the limits that the checks use.
+    void change(const Settings &settings);
+
+    /// Accept messages, or drop them silently.
+    void accept(bool active) { is_active_ = active; }
+
+private:
+    template <class Message> void subscribe(const char *topic, std::shared_ptr<rclcpp::Subscription<Message>> &subscription,
+        std::string (Topics::*convert)(const Message &, Command &));
+    std::string target_pose(const geometry_msgs::msg::PoseStamped &message, Command &command);
+    std::string target_joint(const sensor_msgs::msg::JointState &message, Command &command);
+    std::string target_wrench(const geometry_msgs::msg::WrenchStamped &message, Command &command);
+    std::string stiffness(const std_msgs::msg::Float64MultiArray &message, Command &command);
+    std::string check_header(const std_msgs::msg::Header &header, Command &command) const;
+    void tell(const char *topic, const std::string &reason);
+
+    rclcpp_lifecycle::LifecycleNode &node_;
+    Setup setup_;
+    Commands &commands_;
+    const std::atomic<double> &time_;
+    std::mutex mutex_; // of the threads that write commands; the loop never takes it
+    Settings settings_{};
+    std::atomic<bool> is_active_{false};
+    std::string told_;
+    std::shared_ptr<rclcpp::Subscription<geometry_msgs::msg::PoseStamped>> pose_;
+    std::shared_ptr<rclcpp::Subscription<sensor_msgs::msg::JointState>> joint_;
+    std::shared_ptr<rclcpp::Subscription<geometry_msgs::msg::WrenchStamped>> wrench_;
+    std::shared_ptr<rclcpp::Subscription<std_msgs::msg::Float64MultiArray>> stiffness_;
+};
+
+} // namespace stiffgen_ros2

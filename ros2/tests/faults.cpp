@@ -1,0 +1,122 @@
+// SPDX-License-Identifier: MIT
+// Scenarios: samples that are late, missing or wrong, and drivers with rules of their own.
+#include "rig.hpp"
+
+static void late_cycles_are_no_sensor_fault()
+{
+    Rig rig;
+    rig.start();
+    const robot::Joints before = rig.arm.q;
+    double time = 0.0;
+    for (int cycle = 0; cycle < 1000; ++cycle) { // led by hand, at up to 1 rad/s
+        const double period = cycle % 10 == 9 ? 3e-3 : 1e-3;
+        time += period;
+        for (std::size_t i = 0; i < N; ++i) {
+            rig.arm.q[i] = before[i] + 0.2 * (1.0 - std::cos(5.0 * time));
+            rig.arm.dq[i] = std::sin(5.0 * time);
+        }
+        rig.read();
+        rig.update(period);
+    }
+    check(!rig.has_fault(), "each tenth cycle three times as long");
+}
+
+static void half_rate_is_a_fault_that_is_told()
+{
+    Rig rig;
+    rig.start();
+    rig.run(1000, 2e-3);
+    check(rig.has_fault() && stub::world().said("error", "calls are missing"), "every cycle twice as long as the sample time");
+    check(largest(rig.torque) < 5.0, "the arm is released");
+}
+
+static void tells_a_fault_once_and_resets()
+{
+    Rig rig;
+    rig.start();
+    const auto before = rig.tip();
+    rig.run(100);
+    for (int cycle = 0; cycle < 100; ++cycle) {
+        rig.read();
+        rig.q[4] = NOT_A_NUMBER;
+        rig.update();
+        rig.arm.step(rig.applied, 1e-3);
+        if (cycle % 20 == 0) { rig.spin(); }
+    }
+    check(rig.has_fault(), "a fault");
+    check(largest(rig.torque) < 5.0, "torques are finite, and small");
+    check(stub::world().times("fault: ") == 1 && stub::world().said("error", "NaN, infinite"), "logged once, with its reason");
+    check(rig.status().message.find("NaN, infinite") != std::string::npos, "the state has the reason");
+    check(stub::world().logged_in_update == 0 && rig.allocated == 0, "no log and no allocation in update");
+    rig.run(500);
+    check(rig.has_fault(), "latched");
+    const auto answer = rig.call_reset();
+    check(answer.success && answer.message.find("NaN, infinite") != std::string::npos, "reset tells what it resets");
+    rig.run(4000);
+    check(!rig.has_fault() && distance(before, rig.tip()) < 3e-3, "back under control");
+    check(rig.call_reset().message == "no fault was latched", "nothing to reset");
+}
+
+static void kuka_needs_position_and_torque()
+{
+    for (const bool both : {false, true}) {
+        Rig rig;
+        rig.driver = Rig::KUKA;
+        rig.set("command_position", both);
+        rig.start();
+        rig.arm.push[2] = 10.0;
+        rig.run(300);
+        const bool moves_freely = largest(rig.applied) == 0.0;
+        check(moves_freely == !both, both ? "torque counts with command_position" : "without it the torque does not count");
+        double away = 0.0;
+        for (std::size_t i = 0; i < N && both; ++i) { away = std::max(away, std::abs(rig.position[i] - rig.arm.q[i])); }
+        check(away < 1e-2, "the position commanded is the measured one");
+    }
+}
+
+static void an_interface_that_is_locked()
+{
+#if RCLCPP_VERSION_MAJOR >= 21
+    Rig rig;
+    rig.start();
+    rig.run(100);
+    auto &state = *rig.states.at(std::string(robot::JOINTS[2]) + "/position");
+    for (int k = 0; k < 50; ++k) {
+        state.locked = k % 10 == 0;
+        rig.run(1);
+    }
+    check(!rig.has_fault() && rig.is_ok, "a sample now and then is missing");
+    auto &command = *rig.commands.at(std::string(robot::JOINTS[2]) + "/effort");
+    command.locked = true;
+    rig.run(1);
+    check(rig.is_ok, "one torque that is not taken");
+    rig.run(5);
+    check(!rig.is_ok, "many are an error: the driver goes on with an old torque");
+    check(rig.controller->on_deactivate(rig.state) == Callback::ERROR, "a torque that stays in force is an error");
+    check(stub::world().said("error", "could not be set to zero"), "and told");
+    command.locked = false;
+    check(rig.controller->on_error(rig.state) == Callback::SUCCESS && largest(rig.torque) == 0.0, "zero once it can be written");
+#endif
+}
+
+static void a_wild_period_is_survived()
+{
+    Rig rig;
+    rig.start();
+    for (const double period : {0.0, -1.0, 1e-9, 5.0}) {
+        rig.read();
+        rig.update(period);
+    }
+    check(largest(rig.torque) < 50.0, "torques are finite");
+    rig.run(100);
+    check(rig.is_ok, "and it goes on");
+}
+
+const std::vector<Scenario> FAULTS = {
+    {"late_cycles_are_no_sensor_fault", late_cycles_are_no_sensor_fault},
+    {"half_rate_is_a_fault_that_is_told", half_rate_is_a_fault_that_is_told},
+    {"tells_a_fault_once_and_resets", tells_a_fault_once_and_resets},
+    {"kuka_needs_position_and_torque", kuka_needs_position_and_torque},
+    {"an_interface_that_is_locked", an_interface_that_is_locked},
+    {"a_wild_period_is_survived", a_wild_period_is_survived},
+};

@@ -1,0 +1,182 @@
+// SPDX-License-Identifier: MIT
+// Scenarios: configuration, activation, and the torque that is left behind.
+#include "rig.hpp"
+
+static void holds_without_an_allocation()
+{
+    Rig rig;
+    rig.start();
+    const auto before = rig.tip();
+    rig.run(2000);
+    check(rig.is_ok, "every update is OK");
+    check(distance(before, rig.tip()) < 1e-4, "the tip stays");
+    check(rig.allocated == 0, "update allocates nothing");
+    check(stub::world().logged_in_update == 0, "update logs nothing");
+}
+
+static void yields_and_returns()
+{
+    Rig rig;
+    rig.start();
+    const auto before = rig.tip();
+    rig.arm.push[2] = 20.0;
+    rig.run(2000);
+    const double moved = distance(before, rig.tip());
+    rig.arm.push[2] = 0.0;
+    rig.run(4000);
+    check(moved > 0.02 && moved < 0.1, "20 N at 400 N/m move the tip by some 0.05 m");
+    check(distance(before, rig.tip()) < 3e-3, "the tip returns");
+}
+
+static void leaves_no_torque()
+{
+    for (const int end : {0, 1, 2}) {
+        Rig rig;
+        rig.start();
+        rig.arm.push[2] = 20.0;
+        rig.run(500);
+        check(largest(rig.torque) > 1.0, "a torque is in force");
+        const auto done = end == 0 ? rig.controller->on_deactivate(rig.state)
+            : end == 1 ? rig.controller->on_error(rig.state)
+                       : rig.controller->on_shutdown(rig.state);
+        check(done == Callback::SUCCESS, "the end succeeds");
+        check(largest(rig.torque) == 0.0, end == 0 ? "zero on deactivation" : end == 1 ? "zero on error" : "zero on shutdown");
+    }
+    Rig never;
+    check(never.configure() == Callback::SUCCESS, "configure");
+    check(never.controller->on_shutdown(never.state) == Callback::SUCCESS, "shutdown without claimed interfaces");
+}
+
+static void refuses_nan_at_activation()
+{
+    for (const bool velocity : {false, true}) {
+        Rig rig;
+        check(rig.configure() == Callback::SUCCESS, "configure");
+        (velocity ? rig.dq : rig.q)[3] = NOT_A_NUMBER;
+        check(rig.activate() == Callback::FAILURE, "NaN refused");
+        check(stub::world().said("error", std::string(robot::JOINTS[3]) + (velocity ? "/velocity" : "/position")), "the interface is named");
+        rig.read();
+        check(rig.activate() == Callback::SUCCESS, "accepted once finite");
+    }
+}
+
+static void starts_from_the_torque_in_force()
+{
+    Rig rig;
+    rig.torque.fill(0.5);
+    rig.torque[1] = 5.0;
+    rig.torque[2] = NOT_A_NUMBER;
+    rig.torque[N - 1] = 1e9;
+    check(rig.configure() == Callback::SUCCESS && rig.activate() == Callback::SUCCESS, "activate");
+    rig.update();
+    const auto config = robot::Impedance::default_config();
+    check(std::abs(rig.torque[1] - 5.0) <= 1e-3 * config.torque_rate_limit[1] + 1e-9, "no step of the torque");
+    check(rig.torque[1] > 1.0, "the torque in force goes on");
+    check(std::abs(rig.torque[2]) <= 1e-3 * config.torque_rate_limit[2] + 1e-9, "NaN counts as 0");
+    const double limit = config.effort_limit[N - 1];
+    check(rig.torque[N - 1] <= limit && rig.torque[N - 1] > 0.9 * limit, "clamped to the effort limit");
+}
+
+static void starts_again()
+{
+    Rig rig;
+    rig.start();
+    rig.arm.push[2] = 20.0;
+    rig.run(300);
+    check(rig.controller->on_deactivate(rig.state) == Callback::SUCCESS, "deactivate");
+    rig.arm.push[2] = 0.0;
+    rig.arm.dq.fill(0.0);
+    rig.read();
+    const auto here = rig.tip();
+    check(rig.activate() == Callback::SUCCESS, "activate again");
+    rig.run(1000);
+    check(distance(here, rig.tip()) < 1e-3, "it holds the new position");
+    check(rig.controller->on_deactivate(rig.state) == Callback::SUCCESS, "deactivate again");
+    check(rig.controller->on_cleanup(rig.state) == Callback::SUCCESS, "clean up");
+    check(rig.node->publishers.at("~/state").expired() && rig.node->subscriptions.at("~/target_pose").expired(), "nothing is left");
+    check(rig.controller->on_configure(rig.state) == Callback::SUCCESS, "configure again");
+}
+
+static void names_the_rate_that_is_needed()
+{
+    Rig slow;
+    check(slow.configure(100) == Callback::FAILURE, "100 Hz refused on configuration");
+    check(stub::world().said("error", "update_rate is 100 Hz"), "the rate is named");
+    check(stub::world().said("error", "Hz or more: set update_rate"), "the remedy is named");
+    Rig capped;
+    capped.set("stiffness_cap", "accept");
+    check(capped.configure(100) == Callback::SUCCESS, "accepted with stiffness_cap");
+    Rig unknown;
+    check(unknown.configure(0) == Callback::FAILURE, "no rate, no sample time");
+    check(stub::world().said("error", "sample_time"), "sample_time is asked for");
+    Rig given;
+    given.set("sample_time", 0.001);
+    check(given.configure(0) == Callback::SUCCESS, "sample_time in its place");
+    Rig fast;
+    check(fast.configure(400) == Callback::SUCCESS, "400 Hz accepted");
+}
+
+static void reads_its_parameters()
+{
+    Rig typed;
+    typed.set("wrench_timeout", std::string("soon"));
+    check(typed.configure() == Callback::ERROR, "a parameter of another type");
+    Rig few;
+    few.set("joints", std::vector<std::string>{"one"});
+    check(few.configure() == Callback::FAILURE && stub::world().said("error", "'joints' has 1 names"), "too few joints");
+    Rig counted;
+    counted.set("damping_ratio", std::vector<double>(N + 1, 0.7));
+    check(counted.configure() == Callback::FAILURE && stub::world().said("error", "'damping_ratio' has"), "too many ratios");
+    Rig word;
+    word.set("coriolis", "maybe");
+    check(word.configure() == Callback::FAILURE && stub::world().said("error", "give 'off' or 'on'"), "an unknown word");
+    Rig sensor;
+    sensor.set("ft_sensor", "wrist");
+    check(sensor.configure() == Callback::FAILURE && stub::world().said("error", "ft_sensor is not supported"), "no sensor yet");
+    Rig range;
+    range.set("joint_damping", -1.0);
+    check(range.configure() == Callback::FAILURE && stub::world().said("error", "joint_damping"), "a field out of its range is named");
+}
+
+static void takes_a_prefix()
+{
+    Rig rig("left_");
+    rig.set("prefix", "left_");
+    rig.start();
+    rig.run(200);
+    check(rig.is_ok && !rig.has_fault(), "joints with a prefix");
+    check(rig.last<geometry_msgs::msg::PoseStamped>("~/pose").header.frame_id == std::string("left_") + robot::BASE_FRAME, "frame");
+}
+
+static void exports_references_and_follows_them()
+{
+    Rig rig;
+    rig.start();
+    check(rig.references.size() == N, "a reference for each joint");
+    check(rig.controller->set_chained_mode(true), "chained");
+    const double target = rig.arm.q[0] + 0.2;
+    rig.run(100);
+    check(std::abs(rig.arm.q[0] - target + 0.2) < 1e-3, "it begins where the arm is");
+#if RCLCPP_VERSION_MAJOR < 21
+    check(rig.references[0].get_name() == "arm/" + std::string(robot::JOINTS[0]) + "/position", "name");
+    rig.references[0].set_value(target);
+#else
+    check(rig.references[0]->get_name() == "arm/" + std::string(robot::JOINTS[0]) + "/position", "name");
+    check(rig.references[0]->set_value(target), "write");
+#endif
+    rig.run(3000);
+    check(std::abs(rig.arm.q[0] - target) < 0.02, "it follows the reference");
+}
+
+const std::vector<Scenario> LIFECYCLE = {
+    {"holds_without_an_allocation", holds_without_an_allocation},
+    {"yields_and_returns", yields_and_returns},
+    {"leaves_no_torque", leaves_no_torque},
+    {"refuses_nan_at_activation", refuses_nan_at_activation},
+    {"starts_from_the_torque_in_force", starts_from_the_torque_in_force},
+    {"starts_again", starts_again},
+    {"names_the_rate_that_is_needed", names_the_rate_that_is_needed},
+    {"reads_its_parameters", reads_its_parameters},
+    {"takes_a_prefix", takes_a_prefix},
+    {"exports_references_and_follows_them", exports_references_and_follows_them},
+};

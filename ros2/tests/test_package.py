@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: MIT
+"""The package's files: CMake builds, tests and installs them with exported packages that lead to the stubs."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from xml.etree import ElementTree
+
+import cmake
+import ninja
+import pytest
+
+from .conftest import DISTROS, PACKAGE, ROS2, STRICT, STUBS, configured, run
+
+CMAKE = Path(cmake.CMAKE_BIN_DIR)
+FOUND = re.findall(r"find_package\((\w+) REQUIRED\)", (PACKAGE / "CMakeLists.txt").read_text())
+AMENT = Path("/usr/share/ament_cmake/cmake/ament_cmakeConfig.cmake")
+PLUGINLIB = """
+function(pluginlib_export_plugin_description_file category file)
+  install(FILES ${file} DESTINATION share/${PROJECT_NAME})
+endfunction()
+"""
+FAKE_AMENT = """
+macro(ament_package)
+  install(FILES package.xml DESTINATION share/${PROJECT_NAME})
+endmacro()
+include(CTest)
+"""
+
+
+def fake_packages(folder: Path, distro: str) -> Path:
+    """Write a config file for each package: an imported target of the stubs, under the names that ROS 2 exports."""
+    for name in FOUND:
+        package = folder / name
+        package.mkdir(parents=True)
+        if name == "ament_cmake":
+            (package / f"{name}Config.cmake").write_text(FAKE_AMENT)
+            continue
+        target = f"{name}::{name}"
+        text = f"add_library({target} INTERFACE IMPORTED)\n"
+        text += f"target_include_directories({target} INTERFACE {STUBS})\n"
+        text += f"target_compile_definitions({target} INTERFACE STUB_DISTRO={DISTROS[distro]})\n"
+        text += f"set({name}_TARGETS {target})\n" + (PLUGINLIB if name == "pluginlib" else "")
+        (package / f"{name}Config.cmake").write_text(text)
+    if AMENT.exists():  # Debian's own
+        (folder / "ament_cmake" / "ament_cmakeConfig.cmake").unlink()
+    return folder
+
+
+def build(source: Path, folder: Path, distro: str, *options: str) -> Path:
+    """Configure, build, test and install; return the folder of what is installed."""
+    packages, installed = fake_packages(folder / "packages", distro), folder / "installed"
+    flags = " ".join((*STRICT[1:],))
+    command = [CMAKE / "cmake", "-S", source, "-B", folder / "build", "-G", "Ninja", *options]
+    command += [f"-DCMAKE_MAKE_PROGRAM={Path(ninja.BIN_DIR) / 'ninja'}", "-DCMAKE_BUILD_TYPE=None"]
+    command += [f"-DCMAKE_CXX_FLAGS={flags}", "-DCMAKE_C_FLAGS=-O0", f"-DCMAKE_PREFIX_PATH={packages}"]
+    command += [f"-D{name}_DIR={packages / name}" for name in FOUND if (packages / name).glob("*")]
+    run(command, folder)
+    run([CMAKE / "cmake", "--build", folder / "build", "-j2"], folder)
+    assert "100% tests passed" in run([CMAKE / "ctest", "--test-dir", folder / "build"], folder)
+    run([CMAKE / "cmake", "--install", folder / "build", "--prefix", installed], folder)
+    return installed
+
+
+@pytest.mark.slow
+def test_the_package_is_built_and_installed(tmp_path: Path) -> None:
+    """Libraries have the classes that the plugin description names; no symbol is left open but those of libraries."""
+    installed = build(PACKAGE, tmp_path, "jazzy", "-DIIWA14_DISPATCH=OFF")
+    share = installed / "share" / "stiffgen_ros2"
+    for file in (
+        "package.xml",
+        "stiffgen_ros2.xml",
+        "config/controllers.yaml",
+        "launch/mock.launch.py",
+        "urdf/iiwa14.urdf",
+    ):
+        assert (share / file).is_file(), file
+    for library in ElementTree.parse(share / "stiffgen_ros2.xml").getroot():
+        binary = installed / "lib" / f"lib{library.get('path')}.so"
+        symbols = run(["nm", "-C", binary], tmp_path)
+        for each in library:
+            assert f"vtable for {each.get('type')}" in symbols
+
+
+def test_package_xml_declares_what_cmake_finds() -> None:
+    package = ElementTree.parse(PACKAGE / "package.xml").getroot()
+    declared = [element.text for tag in ("buildtool_depend", "depend") for element in package.findall(tag)]
+    assert sorted(map(str, declared)) == sorted(FOUND)
+    included = set()
+    for file in (PACKAGE / "src").iterdir():
+        included |= set(re.findall(r"#include <(\w+)/", file.read_text()))
+    assert included <= set(FOUND)
+
+
+@pytest.mark.parametrize("distro", DISTROS)
+def test_the_mock_system(distro: str, robot_folder: Path, tmp_path: Path) -> None:
+    configured(tmp_path, robot_folder.name)
+    include = [f"-I{path}" for path in (PACKAGE / "src", tmp_path, STUBS, robot_folder)]
+    source = tmp_path / "main.cpp"
+    source.write_text('#include "mock_system.cpp"\n' + (Path(__file__).parent / "mock_main.txt").read_text())
+    objects = []
+    for name in (robot_folder.name, f"{robot_folder.name}_impedance"):
+        run(["cc", "-std=c99", "-O0", "-c", robot_folder / f"{name}.c"], tmp_path)
+        objects.append(tmp_path / f"{name}.o")
+    run(["g++", *STRICT, f"-DSTUB_DISTRO={DISTROS[distro]}", *include, source, *objects, "-o", "mock", "-lm"], tmp_path)
+    run([tmp_path / "mock"], tmp_path)
+
+
+def launch_file(path: Path) -> ModuleType:
+    module = ModuleType("mock_launch")
+    exec(compile(path.read_text(), path, "exec"), module.__dict__)
+    return module
+
+
+def test_the_launch_file_describes_the_mock(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """The description has an effort interface per joint; the nodes are those of the package's dependencies."""
+    launch = launch_file(PACKAGE / "launch" / "mock.launch.py")
+    urdf = (ROS2.parent / "urdf" / "iiwa14.urdf").read_text()
+    robot = ElementTree.fromstring(launch.description(urdf))
+    moving = [joint.get("name") for joint in robot.findall("joint") if joint.get("type") != "fixed"]
+    control = robot.find("ros2_control")
+    assert control is not None and control.findtext("hardware/plugin") == "stiffgen_ros2/MockSystem"
+    assert [joint.get("name") for joint in control.findall("joint")] == moving
+
+    nodes = []
+    fakes = {
+        "launch": {"LaunchDescription": list},
+        "launch_ros.actions": {"Node": lambda **each: nodes.append(each)},
+        "ament_index_python.packages": {"get_package_share_directory": lambda name: str(tmp_path)},
+    }
+    for name, content in fakes.items():
+        for part in (name.split(".")[0], name):
+            monkeypatch.setitem(sys.modules, part, ModuleType(part))
+        vars(sys.modules[name]).update(content)
+    (tmp_path / "urdf").mkdir()
+    (tmp_path / "urdf" / "iiwa14.urdf").write_text(urdf)
+    launch.generate_launch_description()
+    package = ElementTree.parse(PACKAGE / "package.xml").getroot()
+    declared = {element.text for element in package.findall("exec_depend")}
+    assert {node["package"] for node in nodes} <= declared
+    spawned = next(node["arguments"] for node in nodes if node["executable"] == "spawner")
+    yaml = (PACKAGE / "config" / "controllers.yaml").read_text()
+    assert all(f"\n    {name}:\n      type: " in yaml for name in spawned)
+
+
+def test_the_yaml_names_parameters_that_exist(scenarios: Callable[[str], Path]) -> None:
+    yaml = (PACKAGE / "config" / "controllers.yaml").read_text().split("\nstiffness_controller:")[1]
+    sources = "".join((PACKAGE / "src" / name).read_text() for name in ("settings.cpp", "fields.hpp"))
+    for name in re.findall(r"^    (\w+):", yaml, re.MULTILINE):
+        assert f'"{name}"' in sources or f"({name})" in sources
+    assert not re.search(r": \[?\d+[,\] ]", yaml), "rclcpp refuses an integer for a double"
