@@ -81,6 +81,15 @@ class LoopWarning(DescriptionWarning):
         )
 
 
+class InertiaWarning(DescriptionWarning):
+    """The user accepts inertias that no rigid body has."""
+
+    def __init__(self, file: str, links: Iterable[str]) -> None:
+        self.file = printable(file, 200)
+        self.problems = tuple(links)
+        UserWarning.__init__(self, f"{self.file}: accepted although no rigid body has it: {'; '.join(self.problems)}")
+
+
 class OmissionWarning(DescriptionWarning):
     """The file's model has forces at rest that no function contains."""
 

@@ -9,10 +9,18 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from stiffgen.errors import DescriptionWarning, LoopWarning, OmissionWarning, PotentialError, listed
+from stiffgen.errors import (
+    DescriptionWarning,
+    InertiaWarning,
+    LoopWarning,
+    OmissionWarning,
+    PotentialError,
+    listed,
+    printable,
+)
 from stiffgen.names import CPP_NAMES
 from stiffgen.robot.assembly import assemble
-from stiffgen.robot.chain import Chain, ChainOptions, Tool
+from stiffgen.robot.chain import AcceptedInertia, Chain, ChainOptions, Tool
 from stiffgen.robot.description import Description, Reading
 from stiffgen.robot.names import find_robot, is_name
 from stiffgen.robot.reader import read_description
@@ -35,6 +43,7 @@ def load_chain(
     lock: Mapping[str, float] | None = None,
     floating_base: bool = False,
     ignore: Sequence[str] = (),
+    accept_inertia: Sequence[str] = (),
     arguments: Mapping[str, str] | None = None,
     package_path: Sequence[str | Path] = (),
     close_loops: bool = False,
@@ -55,7 +64,9 @@ def load_chain(
         lock: joints to hold at a position [rad or m]; they are no coordinates.
         floating_base: the base link is free: its pose is an argument, its body twist precedes the joints' rates. A
             floating joint of the file between base and tips, behind no moving joint, frees the link behind it too.
-        ignore: names of unknown elements that resemble a URDF's own and are none.
+        ignore: names of unknown elements and attributes that resemble a URDF's own and are none.
+        accept_inertia: links whose inertia is used although no rigid body has it, or "all". It is used as it is where
+            the mass matrix stays positive definite; else the nearest possible tensor is.
         arguments: values of a xacro template's arguments, by name.
         package_path: folders in which a template's packages are looked for first.
         close_loops: close the loops of an MJCF file (equality connect and weld) that share a joint with the chain;
@@ -76,11 +87,12 @@ def load_chain(
 
     Warns:
         DescriptionWarning: the file has problems that cannot change this chain.
+        InertiaWarning: an impossible inertia is accepted (``accept_inertia``).
         OmissionWarning: springs, tendons or gravity compensation of an MJCF file push joints at rest.
         LoopWarning: the file has constraints that close loops, which all functions leave out (``close_loops``).
 
     """
-    reading = Reading(arguments or {}, tuple(package_path), tuple(ignore))
+    reading = Reading(arguments or {}, tuple(package_path), tuple(ignore), tuple(accept_inertia))
     options = ChainOptions(
         tip, base, masses, tool, runtime_tool, lock, floating_base, reading, close_loops, tuple(loop), tuple(actuated)
     )
@@ -101,7 +113,16 @@ def read_chain(urdf: str | Path, options: ChainOptions) -> Chain:
         warnings.warn(OmissionWarning(description.file, forces), stacklevel=3)
     if description.loops and not options.close_loops:
         warnings.warn(LoopWarning(description.file, [loop.text for loop in description.loops]), stacklevel=3)
-    return assemble(description, options, selection, _RESERVED)
+    chain = assemble(description, options, selection, _RESERVED)
+    if chain.accepted:
+        warnings.warn(InertiaWarning(description.file, map(said_of, chain.accepted)), stacklevel=3)
+    return chain
+
+
+def said_of(inertia: AcceptedInertia) -> str:
+    """Return a clause about an accepted inertia: link, fault, what is used."""
+    use = "the nearest possible tensor is used" if inertia.is_nearest else "used as it is"
+    return f"link '{printable(inertia.link)}': {inertia.fault}; {use}"
 
 
 def describe(source: str | Path, reading: Reading | None = None) -> Description:

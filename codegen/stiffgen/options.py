@@ -85,6 +85,12 @@ class GenerationOptions:
             "unknown element or attribute that is no misspelling; repeatable", metavar="ELEMENT", action="append"
         ),
     )
+    accept_inertia: Sequence[str] = field(
+        default=(),
+        metadata=described(
+            "use an inertia that no rigid body has; repeatable (all: of every link)", metavar="LINK", action="append"
+        ),
+    )
     arguments: Mapping[str, str] | None = field(
         default=None, metadata=described_in_python("values of a xacro template's arguments, by name")
     )
@@ -182,7 +188,7 @@ class GenerationOptions:
             self.runtime_tool,
             self.lock,
             self.floating_base,
-            Reading(self.arguments or {}, tuple(self.package_path), tuple(self.ignore)),
+            Reading(self.arguments or {}, tuple(self.package_path), tuple(self.ignore), tuple(self.accept_inertia)),
             self.close_loops,
             tuple(self.loop),
             tuple(self.actuated.split(",") if isinstance(self.actuated, str) else self.actuated),

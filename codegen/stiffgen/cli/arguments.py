@@ -68,6 +68,13 @@ def add_reading(command: argparse.ArgumentParser) -> None:
         help="unknown element or attribute that is no misspelling; repeatable",
     )
     command.add_argument(
+        "--accept-inertia",
+        metavar="LINK",
+        action="append",
+        default=[],
+        help="use an inertia that no rigid body has; repeatable (all: of every link)",
+    )
+    command.add_argument(
         "--package-path",
         metavar="DIR",
         action="append",
@@ -78,7 +85,12 @@ def add_reading(command: argparse.ArgumentParser) -> None:
 
 def reading_of(options: argparse.Namespace) -> Reading:
     """Return the settings of the reader."""
-    return Reading(options.arguments, tuple(options.package_path or ()), tuple(options.ignore or ()))
+    return Reading(
+        options.arguments,
+        tuple(options.package_path or ()),
+        tuple(options.ignore or ()),
+        tuple(options.accept_inertia or ()),
+    )
 
 
 def add_option(command: argparse._ActionsContainer, option: Field[Any], **more: Any) -> None:

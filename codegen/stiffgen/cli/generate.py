@@ -99,6 +99,7 @@ def _generation_options(options: argparse.Namespace, progress: Progress) -> Gene
         | {
             "tip": tips[0] if len(tips) == 1 else options.tip,
             "ignore": options.ignore or (),
+            "accept_inertia": options.accept_inertia or (),
             "arguments": options.arguments,
             "package_path": options.package_path or (),
             "lock": _locks(options.lock or []),

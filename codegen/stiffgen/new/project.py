@@ -106,6 +106,7 @@ def _options(answers: Answers, reading: Reading, root: str) -> GenerationOptions
         springs=SpringOptions(() if answers.spring == "trace" else (answers.spring,)),
         masses=answers.masses,
         ignore=reading.ignored,
+        accept_inertia=reading.accepted,
         arguments=reading.arguments,
         package_path=reading.package_path,
     )
@@ -174,6 +175,7 @@ def _command(name: str, chain: Chain, answers: Answers, file: str) -> str:
     parts = ["stiffgen", "generate", file, *arguments, "--name", name, "--tip", answers.tip, "--base", chain.base]
     parts += [] if chain.masses else ["--no-masses"]
     parts += [word for element in chain.ignored for word in ("--ignore", element)]
+    parts += [word for each in chain.accepted for word in ("--accept-inertia", each.link)]
     parts += [] if answers.spring == "trace" else ["--spring", answers.spring]
     if (tool := answers.tool) is not None:
         for option, value in (("xyz", tool.xyz), ("rpy", tool.rpy), ("com", tool.com), ("inertia", tool.inertia)):

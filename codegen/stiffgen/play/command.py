@@ -47,6 +47,7 @@ def _generated(source: Path | str, folder: Path, options: argparse.Namespace, pr
         source,
         tip=options.tip,
         ignore=reading.ignored,
+        accept_inertia=reading.accepted,
         arguments=reading.arguments,
         package_path=reading.package_path,
         output=folder,

@@ -7,16 +7,51 @@ from collections.abc import Container, Sequence
 from dataclasses import replace
 
 from stiffgen.names import identifier
-from stiffgen.robot.chain import BASE_JOINTS, Chain, ChainOptions, ClosedLoop, Coordinate, Joint, RigidBody, Tip, Tool
+from stiffgen.robot.chain import (
+    BASE_JOINTS,
+    AcceptedInertia,
+    Chain,
+    ChainOptions,
+    ClosedLoop,
+    Coordinate,
+    Joint,
+    RigidBody,
+    Tip,
+    Tool,
+)
 from stiffgen.robot.description import Description, JointElement
 from stiffgen.robot.geometry import IDENTITY, Inertia, Pose, Real, mpf
+from stiffgen.robot.impossible import is_usable, nearest_possible
 from stiffgen.robot.linkage import Linkage
 from stiffgen.robot.loops import build_loop, wanted_motors
 from stiffgen.robot.selection import Selection
 
 
 def assemble(description: Description, options: ChainOptions, selection: Selection, reserved: Container[str]) -> Chain:
-    """Return the chain of a selection; tips receive names that are not ``reserved``."""
+    """Return the chain of a selection; tips receive names that are not ``reserved``.
+
+    An accepted inertia that no rigid body has is used as it is where the mass matrix stays positive definite. Else the
+    nearest possible tensor takes its place.
+    """
+    chain = _assembled(description, options, selection, reserved)
+    moving = dict.fromkeys(link for links in selection.carried.values() for link, _ in links)
+    accepted = {link: fault for link, fault in description.accepted.items() if link in moving}
+    if not accepted:
+        return chain
+    inertials = dict(description.inertials)
+    for link in accepted:
+        inertial = inertials[link]
+        assert inertial is not None  # it was found impossible
+        inertials[link] = replace(inertial, tensor=nearest_possible(inertial.tensor))
+    nearest = _assembled(replace(description, inertials=inertials), options, selection, reserved)
+    as_it_is = is_usable(chain, nearest)
+    records = tuple(AcceptedInertia(link, fault, not as_it_is) for link, fault in accepted.items())
+    return replace(chain if as_it_is else nearest, accepted=records)
+
+
+def _assembled(
+    description: Description, options: ChainOptions, selection: Selection, reserved: Container[str]
+) -> Chain:
     tree = _JointTree(description, selection)
     slides = tree.slide_origins()
     tool = options.tool

@@ -126,6 +126,15 @@ class Tool:
 
 
 @dataclass(frozen=True)
+class AcceptedInertia:
+    """Link whose inertia no rigid body has: the ``fault`` in words, and whether the nearest possible tensor is used."""
+
+    link: str
+    fault: str
+    is_nearest: bool = False
+
+
+@dataclass(frozen=True)
 class LoopEnd:
     """End of a loop: the joints that move the end relative to the last link that both ends share, and its frame.
 
@@ -198,7 +207,8 @@ class Chain:
         tool: tool option, for the record; the other fields contain its effect.
         locked: locked joints and their positions, for the record; the other fields contain their effect.
         floating: whether the base floats, so that its pose is an argument.
-        ignored: unknown elements that the user excluded from the checks.
+        ignored: unknown elements and attributes that the user excluded from the checks.
+        accepted: links on the chain with an impossible inertia that the user accepts.
         inputs: files that the file includes.
         arguments: values of a xacro template's arguments.
         loops: closed loops.
@@ -222,6 +232,7 @@ class Chain:
     locked: tuple[tuple[str, float], ...] = ()
     floating: bool = False
     ignored: tuple[str, ...] = ()
+    accepted: tuple[AcceptedInertia, ...] = ()
     inputs: tuple[Input, ...] = ()
     arguments: tuple[tuple[str, str], ...] = ()
     loops: tuple[ClosedLoop, ...] = ()

@@ -17,10 +17,12 @@ from lxml import etree
 
 from stiffgen.errors import listed, printable
 from stiffgen.robot import urdf_format
-from stiffgen.robot.description import JOINT_TYPES, LARGEST, MOVING_TYPES, Affects, Problem
+from stiffgen.robot.description import ALL_LINKS, JOINT_TYPES, LARGEST, MOVING_TYPES, Affects, Problem, Reading
 from stiffgen.robot.geometry import physical_inertia
+from stiffgen.robot.impossible import fault_of
 
 MAX_JOINTS = 5_000
+_DEFAULTS = Reading()
 
 _MOST_FAULTS = 10  # largest number of reported faults per element
 _REPEATED: dict[str, Affects] = {"axis": "motion", "limit": "bounds", "mimic": "coupling"}
@@ -33,9 +35,10 @@ _WORD = re.compile(r"[^ \t\r\n]+")
 class Checker:
     """Checks of one file; yields the problems and stores elements and numbers for the reader."""
 
-    def __init__(self, robot: etree._Element, ignored: Collection[str] = ()) -> None:
+    def __init__(self, robot: etree._Element, reading: Reading = _DEFAULTS) -> None:
         self.robot = robot
-        self.ignored = ignored
+        self.reading = reading
+        self.ignored: Collection[str] = reading.ignored
         self.version, self._version_fault = urdf_format.version_of(robot)
         self.links: dict[str, etree._Element] = {}
         self.joints: dict[str, etree._Element] = {}
@@ -44,6 +47,7 @@ class Checker:
         self.broken_mimics: set[str] = set()
         self.sound_mimics: set[str] = set()
         self.remarks: list[str] = []
+        self.accepted: dict[str, str] = {}
 
     def run(self) -> Iterator[Problem]:
         """Yield every problem of the file."""
@@ -75,6 +79,9 @@ class Checker:
             yield from self._joint(name, element)
         for name, element in self.links.items():
             yield from self._link(name, element)
+        for name in self.reading.accepted:
+            if name not in (*self.links, ALL_LINKS):
+                yield Problem("file", f"--accept-inertia {printable(name)}: is no link; {self._known_links}")
         yield from self._tree()
 
     def _named(self, tag: str, into: dict[str, etree._Element]) -> Iterator[Problem]:
@@ -262,11 +269,20 @@ class Checker:
             if tag == "mass" and values[0] < 0:
                 yield Problem(this, f"{title}: mass {values[0]:g} kg is negative; correct <mass>")
             if tag == "inertia" and not physical_inertia(*values):
-                yield Problem(
-                    this,
-                    f"{title}: no rigid body has this inertia tensor (principal moments must be positive and "
-                    "none above the sum of the other two); correct <inertia>, or leave all masses out (--no-masses)",
-                )
+                yield from self._impossible(name, values)
+
+    def _impossible(self, name: str, tensor: list[float]) -> Iterator[Problem]:
+        fault = fault_of(tensor)
+        if self.reading.accepts(name):
+            self.accepted[name] = fault
+            return
+        shown = printable(name)
+        yield Problem(
+            f"link {name}",
+            f"link '{shown}': no rigid body has this inertia tensor ({fault}; principal moments must be positive and "
+            f"none above the sum of the other two); correct <inertia>, accept it (--accept-inertia {shown}), or leave "
+            "all masses out (--no-masses)",
+        )
 
     @cached_property
     def _known_links(self) -> str:

@@ -13,6 +13,8 @@ LARGEST = 1e12  # bound on lengths, angles, masses and moments of inertia; keeps
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 MOVING_TYPES = ("revolute", "continuous", "prismatic")
 
+ALL_LINKS = "all"
+
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 Orientation = Vector | Quaternion
@@ -27,13 +29,19 @@ class Reading:
     Attributes:
         arguments: values of a xacro template's arguments.
         package_path: folders that hold ROS packages or are some; they are searched first, and may be read.
-        ignored: names of unknown elements that are no misspellings.
+        ignored: names of unknown elements and attributes that are no misspellings.
+        accepted: links whose inertia is used although no rigid body has it; "all" for every link.
 
     """
 
     arguments: Mapping[str, str] = field(default_factory=dict)
     package_path: tuple[str | Path, ...] = ()
     ignored: tuple[str, ...] = ()
+    accepted: tuple[str, ...] = ()
+
+    def accepts(self, link: str) -> bool:
+        """Return whether the inertia of a link is used although no rigid body has it."""
+        return link in self.accepted or ALL_LINKS in self.accepted
 
 
 @dataclass(frozen=True)
@@ -149,6 +157,7 @@ class Description:
     ``joints`` is keyed by joint name, ``inertials`` by link name (None for a link without inertia). ``digest`` is the
     SHA-256 of the file, ``inputs`` are the files that it includes, ``arguments`` the values of a template's arguments.
     ``notes`` name ignored elements of vendors; ``remarks`` name what the functions leave out (friction, springs).
+    ``accepted`` says by link why no rigid body has its inertia, which the user accepts.
     ``forces_at_rest`` are forces of springs, tendons and gravity compensation by joint, which the functions leave out
     [N m or N]. ``loops`` are the constraints that close loops; without --close-loops the functions leave them out, too.
     """
@@ -165,6 +174,7 @@ class Description:
     inputs: tuple[Input, ...] = ()
     arguments: tuple[tuple[str, str], ...] = ()
     forces_at_rest: Mapping[str, float] = field(default_factory=dict)
+    accepted: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def links(self) -> tuple[str, ...]:

@@ -264,6 +264,21 @@ def physical_inertia(xx: float, xy: float, xz: float, yy: float, yz: float, zz: 
     return low >= -0.01 * abs(high) and high <= 1.01 * (low + middle)
 
 
+def principal_moments(tensor: Sequence[float]) -> tuple[list[Real], Any]:
+    """Return the principal moments of a tensor (ixx, ixy, ixz, iyy, iyz, izz), the least first, and their axes."""
+    xx, xy, xz, yy, yz, zz = (exact(value) for value in tensor)
+    moments, axes = _context.eigsy(_context.matrix([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+    return list(moments), axes
+
+
+def with_moments(moments: Sequence[Real], axes: Any) -> tuple[float, float, float, float, float, float]:
+    """Return the tensor with principal moments about axes, as :func:`principal_moments` returns them."""
+    full = axes * _context.diag(list(moments)) * axes.T
+    scale = max(abs(moment) for moment in moments)
+    xx, xy, xz, yy, yz, zz = (rounded(full[i, j], scale) for i in range(3) for j in range(i, 3))
+    return xx, xy, xz, yy, yz, zz
+
+
 def _cos_sin(angle: float) -> tuple[Real, Real]:
     quarter = _context.pi / 2
     position = exact(angle)

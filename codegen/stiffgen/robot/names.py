@@ -15,7 +15,7 @@ import io
 import os
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -127,7 +127,7 @@ def _with_defaults(module: Any, reading: Reading) -> Reading:
     """Return settings with the package's own arguments and packages; the user's arguments come first."""
     arguments = dict(getattr(module, "XACRO_ARGS", {})) | dict(reading.arguments)
     packages = [*reading.package_path, *getattr(module, "XACRO_PACKAGE_PATHS", {}).values()]
-    return Reading(arguments, (*packages, Path(module.REPOSITORY_PATH)), reading.ignored)
+    return replace(reading, arguments=arguments, package_path=(*packages, Path(module.REPOSITORY_PATH)))
 
 
 def _menagerie() -> Path | None:

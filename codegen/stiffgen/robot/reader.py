@@ -91,7 +91,7 @@ def read_description(path: str | Path, reading: Reading | None = None) -> Descri
             path.name,
             ["expands to a robot without links; if it only defines macros, give the file that calls them"],
         )
-    checker = Checker(robot, reading.ignored)
+    checker = Checker(robot, reading)
     problems = tuple(checker.run())
     if any(p.element == "file" for p in problems):
         # Problems of the whole file come first, because the message shows only some of them.
@@ -106,6 +106,7 @@ def read_description(path: str | Path, reading: Reading | None = None) -> Descri
         problems=tuple(problem for problem in problems if problem.affects != "nothing"),
         notes=(*expansion.warnings, *(problem.text for problem in problems if problem.affects == "nothing")),
         remarks=tuple(checker.remarks),
+        accepted=checker.accepted,
         inputs=expansion.inputs,
         arguments=tuple(sorted(reading.arguments.items())),
     )

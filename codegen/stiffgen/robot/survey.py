@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from stiffgen.errors import DescriptionError, StiffgenError, listed, printable
@@ -56,8 +56,8 @@ def survey_tip(description: Description, tip: str, base: str | None = None, mass
         try:
             selection = select(description, replace(options, masses=False))
         except StiffgenError:
-            return TipSurvey(tip, base, hindrance=f"refused: {listed(error.problems, 2)}")
-        hindrance = f"only with --no-masses: {listed(error.problems, 2)}"
+            return TipSurvey(tip, base, hindrance=f"refused: {_first(error.problems)}")
+        hindrance = f"only with --no-masses: {_first(error.problems)}"
     except StiffgenError as error:
         moves = any(joint.type in MOVING_TYPES for joint in above)
         reason = str(error).removeprefix(f"{description.file}: ") if moves else "no moving joint"
@@ -105,6 +105,11 @@ def narrowed_limits(description: Description, coordinates: Iterable[JointElement
                 f"joint '{printable(limited.name)}', with the limits of joints that follow it ({names}): position "
                 f"{limited.lower:g} to {limited.upper:g}, velocity {limited.velocity:g}, effort {limited.effort:g}"
             )
+
+
+def _first(problems: Sequence[str]) -> str:
+    """Return the first problem with its remedy, and how many more there are."""
+    return printable(problems[0], 600) + (f" (and {len(problems) - 1} more)" if len(problems) > 1 else "")
 
 
 def _joints_above(description: Description, link: str) -> list[JointElement]:

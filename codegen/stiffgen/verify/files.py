@@ -121,6 +121,7 @@ def check_urdf(chain: Chain, urdf: Path) -> Check:
         lock=dict(chain.locked),
         floating_base=chain.floating,
         ignore=chain.ignored,
+        accept_inertia=[each.link for each in chain.accepted],
         arguments=dict(chain.arguments),
         close_loops=not all(loop.option for loop in chain.loops),
         loop=[loop.option for loop in chain.loops if loop.option],

@@ -55,6 +55,8 @@ def check_masses(
         without masses.
 
     """
+    if any(each.is_nearest for each in chain.accepted):
+        return [left_out("masses", "the nearest possible tensors take the place of the file's inertias")]
     model = _Model.read(urdf, chain) if chain.masses else "the folder was generated without masses"
     if isinstance(model, str):
         return [left_out("masses", model)]
@@ -181,6 +183,11 @@ def _origin(element: ElementTree.Element) -> FloatArray:
     """Return the pose in an element's <origin>."""
     origin, pose = element.find("origin"), np.eye(4)
     pose[:3, 3] = _numbers(origin, "xyz", "0 0 0")
+    if origin is not None and origin.get("quat_xyzw") is not None:  # URDF 1.1
+        x, y, z, w = (quaternion := _numbers(origin, "quat_xyzw", "")) / np.linalg.norm(quaternion)
+        cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        pose[:3, :3] = np.eye(3) + 2 * w * cross + 2 * cross @ cross
+        return pose
     roll, pitch, yaw = _numbers(origin, "rpy", "0 0 0")
     for axis, angle in ((5, yaw), (4, pitch), (3, roll)):
         pose = pose @ _exponential(angle * np.eye(6)[axis])
