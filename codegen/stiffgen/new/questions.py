@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from stiffgen.errors import StiffgenError, listed, printable
 from stiffgen.robot.chain import Tool
 from stiffgen.robot.description import Description
-from stiffgen.robot.selection import possible_tips
+from stiffgen.robot.selection import possible_tips, suggested_tips
 from stiffgen.robot.survey import TipSurvey, survey_tip
 from stiffgen.symbolic.springs import KINDS
 
@@ -103,9 +103,11 @@ def _tip(description: Description, tip: str | None, base: str | None, masses: bo
     if len(tips) == 1:  # as 'generate' chooses
         return good[0]
     if ask is None:
+        refused = {survey.tip for survey in surveys} - {survey.tip for survey in good}
+        names = [link for link in suggested_tips(description, base) if link not in refused]
         raise StiffgenError(
             f"{description.file}: several links could be the tip, and there is no terminal to ask at; "
-            f"choose one with --tip: {listed([survey.tip for survey in good])}"
+            f"choose one with --tip: {listed(names)}"
         )
     lines = {survey.tip: f"{len(survey.coordinates)} joints from {printable(survey.base)}" for survey in good}
     longest = max(good, key=lambda survey: len(survey.coordinates)).tip

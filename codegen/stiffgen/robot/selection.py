@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -238,16 +239,31 @@ def possible_tips(description: Description, base: str | None = None) -> list[str
 
     A leaf without a moving joint only marks a frame on its parent, such as ``base`` in descriptions of ROS-Industrial.
     """
-    above = description.parent_joint
-    tips = []
-    for leaf in description.leaves:
-        link, moves = leaf, False
-        while link in above and link != base:
-            moves = moves or above[link].type in MOVING_TYPES
-            link = above[link].parent
-        if moves and base in (None, link):
-            tips.append(leaf)
-    return tips
+    return [leaf for leaf in description.leaves if _has_moving(description, leaf, base)]
+
+
+_FRAMES = ("hand", "tool0", "tcp", "end_effector_link", "end_effector", "ee_link", "ee", "flange", "attachment_site")
+"""Last words of links that makers mean as tips, the usual choice first."""
+
+
+def suggested_tips(description: Description, base: str | None = None) -> list[str]:
+    """Return the possible tips, with frames that makers name as such before leaf fingers, cameras and the like."""
+    possible = possible_tips(description, base)
+    named = []
+    for word in _FRAMES:
+        pattern = re.compile(rf"(.*[^a-z0-9])?{word}", re.IGNORECASE | re.DOTALL)
+        named += [
+            link for link in description.links if pattern.fullmatch(link) and _has_moving(description, link, base)
+        ]
+    return list(dict.fromkeys([*named, *possible]))
+
+
+def _has_moving(description: Description, link: str, base: str | None) -> bool:
+    above, moves = description.parent_joint, False
+    while link in above and link != base:
+        moves = moves or above[link].type in MOVING_TYPES
+        link = above[link].parent
+    return moves and base in (None, link)
 
 
 def _tips(description: Description, options: ChainOptions) -> list[str]:
@@ -274,7 +290,8 @@ def _only_tip(description: Description, base: str | None) -> str:
             f"{description.file}: has no moving joint on the way to a leaf link; choose another base or file "
             f"(leaf links: {listed(description.leaves)})"
         )
-    raise ChainError(f"{description.file}: has several leaf links; choose one with --tip: {listed(tips)}")
+    names = suggested_tips(description, base if base in description.inertials else None)
+    raise ChainError(f"{description.file}: has several leaf links; choose one with --tip: {listed(names)}")
 
 
 def _known_tip(description: Description, tip: str) -> str:

@@ -109,6 +109,83 @@ def test_menagerie(tmp_path, monkeypatch, capsys):
     assert "BSD 3-Clause" in capsys.readouterr().out
 
 
+MODEL = """<mujoco model="{}"><worldbody><body name="b"><joint name="j"/><geom size=".1"/></body></worldbody>
+</mujoco>"""
+REGISTRY = """from pathlib import Path
+class Entry:
+    def __init__(self, file):
+        self.file = file
+class Robot:
+    license, default_model = "Apache-2.0", "left_hand"
+    def __init__(self, name):
+        self.name = name
+    def path(self, cache=None, progress=print):
+        if self.name == "far_hand":
+            raise LookupError("no route to host")
+        Path({cache!r}, "asked").write_text(self.name)
+        return Path({cache!r}, self.name)
+    def entry(self, name=None):
+        return Entry(f"{{name}}.xml")
+def robots(category=None):
+    return [Robot("maker_hand"), Robot("far_hand")]
+def get(name):
+    return next(robot for robot in robots() if robot.name == name)
+"""
+
+
+def hand(folder: Path) -> Path:
+    """Write a hand as shadow_hand of Menagerie has it: keyframes beside a left and a right model."""
+    folder.mkdir(parents=True)
+    (folder / "keyframes.xml").write_text('<mujoco><keyframe><key qpos="0"/></keyframe></mujoco>')
+    for side in ("left", "right"):
+        (folder / f"{side}_hand.xml").write_text(MODEL.format(side))
+        (folder / f"scene_{side}.xml").write_text(f'<mujoco><include file="{side}_hand.xml"/></mujoco>')
+    return folder
+
+
+@pytest.fixture
+def menagerie(tmp_path, monkeypatch):
+    """Install a stand-in for PyPI's mujoco_menagerie, which lists robots and downloads them into a cache."""
+    package, cache = tmp_path / "site" / "mujoco_menagerie", tmp_path / "cache"
+    package.mkdir(parents=True)
+    (package / "__init__.py").write_text(REGISTRY.format(cache=str(cache)))
+    hand(cache / "maker_hand")
+    monkeypatch.syspath_prepend(package.parent)
+    monkeypatch.chdir(tmp_path)
+    yield cache
+    sys.modules.pop("mujoco_menagerie", None)
+
+
+def test_robots_of_the_package_of_menagerie(menagerie, capsys):
+    assert describe("maker_hand").robot == "left"
+    assert main(["robots", "maker"]) == 0
+    assert "Apache-2.0" in capsys.readouterr().out
+    with pytest.raises(DescriptionError, match=r"cannot be downloaded \(no route to host\).*MUJOCO_MENAGERIE_PATH"):
+        describe("far_hand")
+
+
+def test_a_copy_of_menagerie_comes_before_a_download(menagerie, monkeypatch, tmp_path):
+    hand(tmp_path / "copy" / "maker_hand")
+    monkeypatch.setenv("MUJOCO_MENAGERIE_PATH", str(tmp_path / "copy"))
+    assert describe("maker_hand").robot == "left"
+    assert not (menagerie / "asked").exists()
+
+
+def test_a_file_of_keyframes_is_no_robot(tmp_path, monkeypatch):
+    """Without the package's list: the file has a body and is no scene."""
+    hand(tmp_path / "maker_hand")
+    monkeypatch.setenv("MUJOCO_MENAGERIE_PATH", str(tmp_path))
+    assert describe("maker_hand").robot == "left"
+    (tmp_path / "maker_hand" / "hand.xml").write_text("<mujoco><asset/><default/></mujoco>")
+    assert describe("maker_hand").robot == "left"
+
+
+def test_a_copy_comes_before_robot_descriptions(described, tmp_path, monkeypatch):
+    hand(tmp_path / "copy" / "far_description")
+    monkeypatch.setenv("MUJOCO_MENAGERIE_PATH", str(tmp_path / "copy"))
+    assert describe("far_description").robot == "left"
+
+
 def test_without_packages_the_remedy_is_named(monkeypatch):
     monkeypatch.setattr("stiffgen.robot.names.find_spec", lambda name: None)
     with pytest.raises(MissingExtraError, match="pip install robot_descriptions"):

@@ -10,6 +10,7 @@ import pytest
 from stiffgen.cli import main
 from stiffgen.errors import ChainError
 from stiffgen.robot.reader import read_description
+from stiffgen.robot.selection import select, suggested_tips
 from stiffgen.robot.survey import survey_tip
 from support.chains import ARM, INERTIAL, replaced
 
@@ -34,6 +35,29 @@ def test_a_whole_chain_leaves_nothing_out(described):
     survey = survey_tip(described(ARM), "finger")
     assert (survey.base, survey.coordinates) == ("base", ("shoulder", "elbow", "grip"))
     assert (survey.left_out, survey.hindrance) == ((), "")
+
+
+FRAMES = {
+    "hand": ["hand", "finger"],
+    "tool0": ["hand", "finger"],
+    "robot1_end_effector_link": ["hand", "finger"],
+    "left/attachment_site": ["hand", "finger"],
+    "lower_hand_camera": ["finger"],
+}
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+def test_named_frames_come_before_leaves(described, tmp_path, frame):
+    """The hand carries two fingers, which are the leaves; frames are told by their last word."""
+    other = (
+        '<link name="thumb"/><joint name="t" type="fixed"><parent link="hand"/><child link="thumb"/></joint></robot>'
+    )
+    text = replaced(("</robot>", other)).replace('link name="hand"', f'link name="{frame}"')
+    description = described(text.replace('link="hand"', f'link="{frame}"'))
+    expected = ([frame] if len(FRAMES[frame]) == 2 else []) + ["finger", "thumb"]
+    assert suggested_tips(description) == expected
+    with pytest.raises(ChainError, match="choose one with --tip: " + ", ".join(expected)):
+        select(description)
 
 
 def test_what_rides_along_and_other_limbs(described):
