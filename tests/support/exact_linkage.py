@@ -157,11 +157,12 @@ class ExactLinkage:
         for column, k in enumerate(self.passive):
             up, down = list(self.q), list(self.q)
             up[k], down[k] = up[k] + STEP, down[k] - STEP
-            slopes[:, column] = (self._gaps(up) - self._gaps(down)) / (2 * STEP)
+            slopes[:, column] = (self.gaps(up) - self.gaps(down)) / (2 * STEP)
         self.inverse = (slopes.T * slopes) ** -1 * slopes.T
         self.q = self.closed([self.q[k] for k in self.motors])
 
-    def _gaps(self, q: list[mpmath.mpf]) -> mpmath.matrix:
+    def gaps(self, q: list[mpmath.mpf]) -> mpmath.matrix:
+        """Return the distances between the ends of the loops, three entries per loop."""
         poses = self.tree.poses(self.base, q)
         gaps = []
         for (one, x), (other, y) in self.loops:
@@ -174,7 +175,7 @@ class ExactLinkage:
         for k, value in zip(self.motors, motors, strict=True):
             q[k] = value
         for _ in range(60):
-            step = self.inverse * self._gaps(q)
+            step = self.inverse * self.gaps(q)
             for k, value in zip(self.passive, step, strict=True):
                 q[k] -= value
             if max(abs(x) for x in step) < mp.mpf(10) ** -52:

@@ -347,8 +347,7 @@ def _scan(f: Lowering, step: Scan) -> None:
 def _shared(f: Lowering, step: Shared) -> None:
     name = f.scope.prefix + step.name
     if name not in f.kernels.shared:
-        shape = (6, len(f.chain.joints))
-        columns = frozenset(array.name for array in step.parameters if array.shape == shape)
+        columns = frozenset(array.name for array in step.columns)
         function = Function(name, f.scope, step.parameters, (step.result,), meaning=step.meaning, columns=columns)
         inner = Lowering(f.kernels, function)
         inner.read_parameters(step.steps)

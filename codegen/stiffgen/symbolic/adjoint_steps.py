@@ -180,7 +180,7 @@ def _straight_line(run: Gradients, step: StraightLine, variables: tuple[Array, .
     meaning = f"Gradient with respect to q, from the gradient {bar.name} with respect to the columns {shown(columns)}"
     steps = (_statements(step, variables, [(columns, bar)], (q_bar,)),)
     parameters, arguments = (*step.arguments, bar), (*step.arguments, run.one(columns))
-    run.steps.append(Shared(f"{step.name}_vjp", meaning, parameters, q_bar, steps, arguments, result))
+    run.steps.append(Shared(f"{step.name}_vjp", meaning, parameters, q_bar, steps, arguments, result, (bar,)))
 
 
 def _closed_loops(run: Gradients, step: CloseLoops) -> None:
@@ -243,7 +243,7 @@ def _columns(run: Gradients, moves: Representation, J: Array, covectors: list[Ar
         " and the covector f0 of the gradient with respect to the pose" if forces else ""
     ) + f"; {moves} representation"  # fmt: skip
     parameters, arguments = (columns, bar, *forces), (J, run.one(J), *covectors)
-    run.steps.append(Shared(name, meaning, parameters, q_bar, tuple(steps), arguments, output))
+    run.steps.append(Shared(name, meaning, parameters, q_bar, tuple(steps), arguments, output, (columns, bar)))
 
 
 def _covector(run: Gradients, pose: Array) -> Array:

@@ -87,11 +87,11 @@ def reduction(
     def expressions(chain: Chain, q: ca.SX, *inputs: ca.SX) -> Expressions:
         values = inputs[: len(values_of)]
         closure = Closure(chain, q, *inputs[len(values_of) :])
-        of_tree = sign * _summed(chain, values[0], of_joints=first != gradient)
+        of_tree = sign * _summed_vector(chain, values[0], of_joints=first != gradient)
         forces = closure.multipliers(of_tree)
         of_motors = {"G": lambda: closure.gradient(of_tree, forces), "T": lambda: -closure.gradient(of_tree, forces)}
         of_motors["K"] = lambda: _congruence(
-            closure, _summed(chain, values[1], of_joints=second != hessian) - closure.stiffness(forces)
+            closure, _summed_matrix(chain, values[1], of_joints=second != hessian) - closure.stiffness(forces)
         )
         return _expressions(closure, ca.vertcat(*(ca.vec(of_motors[part]().T) for part in parts)))
 
@@ -146,16 +146,22 @@ def _with_turns(chain: Chain, tree: Program) -> tuple[Program, tuple[Array, ...]
     return tuple(both if each is step else each for each in tree), turns
 
 
-def _summed(chain: Chain, values: ca.SX, *, of_joints: bool) -> ca.SX:
-    """Return a gradient, or a symmetric matrix from its upper triangle, summed over the joints of each coordinate."""
-    is_matrix = values.size2() > 1
+def _summed_vector(chain: Chain, values: ca.SX, *, of_joints: bool) -> ca.SX:
+    """Return a vector of the coordinates; that of joints is summed over the joints of each coordinate."""
     if not of_joints:
-        return symmetric_from_upper(values) if is_matrix else values
-    result = ca.SX(chain.dof, chain.dof if is_matrix else 1)
+        return values
+    result = ca.SX(chain.dof, 1)
+    for k, joint in enumerate(chain.joints):
+        result[joint.coordinate] += joint.multiplier * values[k]
+    return result
+
+
+def _summed_matrix(chain: Chain, values: ca.SX, *, of_joints: bool) -> ca.SX:
+    """Return a symmetric matrix of the coordinates from the upper triangle of that of coordinates or joints."""
+    if not of_joints:
+        return symmetric_from_upper(values)
+    result = ca.SX(chain.dof, chain.dof)
     for a, outer in enumerate(chain.joints):
-        if not is_matrix:
-            result[outer.coordinate] += outer.multiplier * values[a]
-            continue
         for b, inner in enumerate(chain.joints[a:], start=a):
             value = outer.multiplier * inner.multiplier * values[a, b]
             result[outer.coordinate, inner.coordinate] += value
@@ -179,7 +185,7 @@ def mass_matrix(chain: Chain, tree: Program, mass: Array, result: Argument) -> P
 
     def expressions(chain: Chain, q: ca.SX, values: ca.SX) -> Expressions:
         closure = Closure(chain, q)
-        return _expressions(closure, _congruence(closure, _summed(chain, values, of_joints=source != mass)))
+        return _expressions(closure, _congruence(closure, _summed_matrix(chain, values, of_joints=source != mass)))
 
     step = StraightLine((result.array(chain),), expressions, (Q.array(chain), source), heading="G^T M G")
     return *tree, step
@@ -207,7 +213,7 @@ def bias_forces(
         return _expressions(closure, stacked)
 
     def reduced(chain: Chain, G_p: ca.SX, values: ca.SX) -> Expressions:
-        total = _summed(chain, values, of_joints=source != forces)
+        total = _summed_vector(chain, values, of_joints=source != forces)
         return Expressions(ca.densify(total[list(motors)] + G_p.T @ total[passive]), ())
 
     heading = "rates G da and accelerations dG/dt da of the tree; passive rows of G"

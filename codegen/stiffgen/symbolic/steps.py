@@ -403,7 +403,7 @@ class Shared(Step):
     """Steps that several kernels share; they become the C function ``name``.
 
     The steps read the ``parameters`` and write the ``result``. A kernel passes ``arguments`` of the same shapes and
-    receives the ``output``. Parameters with the shape (6, m) are columns of joints. ``meaning`` is the comment above
+    receives the ``output``. ``columns`` are the parameters with one column per joint. ``meaning`` is the comment above
     the function.
     """
 
@@ -414,6 +414,7 @@ class Shared(Step):
     steps: Program
     arguments: tuple[Array, ...]
     output: Array
+    columns: tuple[Array, ...]
 
     @property
     def reads(self) -> tuple[Array, ...]:

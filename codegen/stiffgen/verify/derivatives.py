@@ -59,7 +59,8 @@ def _check(kernels: Kernels, of: Kernel, kernel: Kernel, chain: Chain, pool: Map
     random = np.random.default_rng(2)
     values = [np.asarray(pool[argument], dtype=float) for argument in of.arguments]
     cotangents = [pool[argument] for argument in kernel.arguments[len(of.arguments) :]]
-    closes = np.isfinite(_loss(kernels[of.qualified_name], values, cotangents)[0])  # NaN where loops do not close
+    first = _terms(kernels[of.qualified_name], values, cotangents)
+    closes = np.isfinite(first).all(axis=1)  # NaN where loops do not close
     values, cotangents = ([each[closes] for each in arrays] for arrays in (values, cotangents))
     gradients = as_results(kernels[kernel.qualified_name](*values, *cotangents))
     worst, used = 0.0, 0
@@ -68,19 +69,19 @@ def _check(kernels: Kernels, of: Kernel, kernel: Kernel, chain: Chain, pool: Map
             random.uniform(-1, 1, gradient.shape) * _scale(value, a)
             for gradient, value, a in zip(gradients, values, of.arguments, strict=True)
         ]
-        losses = {
-            k: _loss(kernels[of.qualified_name], _moved(of, values, directions, k * _STEP), cotangents)
+        moved = {
+            k: _terms(kernels[of.qualified_name], _moved(of, values, directions, k * _STEP), cotangents)
             for k in range(-4, 5)
             if k != 0
         }
         eighth, sixth, fourth = (
-            np.sum([w * (losses[k][0] - losses[-k][0]) for k, w in weights.items()], axis=0) / _STEP
+            np.sum([w * (moved[k] - moved[-k]).sum(axis=1) for k, w in weights.items()], axis=0) / _STEP
             for weights in (_EIGHTH, _SIXTH, _FOURTH)
         )
         terms = [_per_state(g * d) for g, d in zip(gradients, directions, strict=True)]
         products = [each.sum(axis=1) for each in terms]
         size = sum((np.abs(each).sum(axis=1) for each in terms), np.zeros(len(eighth)))
-        size = np.maximum(size, 1e-3 * float(np.nanmax(losses[1][1], initial=1e-300)))
+        size = np.maximum(size, 1e-3 * float(np.nanmax(np.abs(moved[1]).sum(axis=1), initial=1e-300)))
         smooth = (np.abs(eighth - sixth) <= _AGREE[0] * size) & (np.abs(eighth - fourth) <= _AGREE[1] * size)
         difference = np.abs(sum(products, np.zeros(len(eighth))) - eighth)
         if (difference > _BOUND * size).any():  # contributions that cancel leave their rounding
@@ -130,13 +131,14 @@ def _moved_base(pose: FloatArray, twist: FloatArray) -> FloatArray:
     return moved
 
 
-def _loss(function: object, values: list[FloatArray], cotangents: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
-    """Return L and the size of its terms for every state."""
+def _terms(function: object, values: list[FloatArray], cotangents: list[FloatArray]) -> FloatArray:
+    """Return the terms of L for every state.
+
+    Terms are subtracted one by one: entries that do not change leave no rounding in a difference of L.
+    """
     assert callable(function)
     results = as_results(function(*values))
-    terms = [_per_state(c * r) for c, r in zip(cotangents, results, strict=True)]
-    total = sum((each.sum(axis=1) for each in terms), np.zeros(len(terms[0])))
-    return total, sum((np.abs(each).sum(axis=1) for each in terms), np.zeros(len(terms[0])))
+    return np.concatenate([_per_state(c * r) for c, r in zip(cotangents, results, strict=True)], axis=1)
 
 
 def _noise(chain: Chain, of: Kernel, values: list[FloatArray], cotangents: list[FloatArray]) -> FloatArray:
