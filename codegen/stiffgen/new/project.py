@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from stiffgen.emit.controller import has_controller
+from stiffgen.emit.presets import Preset, motor_tables
 from stiffgen.errors import ChainError, OutputError, StiffgenError, printable
 from stiffgen.folder import swapped_in
 from stiffgen.generate import generate_folder
@@ -149,6 +150,10 @@ def _check(chain: Chain, answers: Answers) -> None:
 def _variables(name: str, chain: Chain, answers: Answers, file: str) -> dict[str, Any]:
     """Return the variables of the templates; ``file`` is the copy of the robot's file in the project."""
     coordinates = chain.coordinates
+    # limits to set because the URDF has none, by joint
+    effort = {k: _FORCE for k, c in enumerate(coordinates) if not 1e-6 <= c.effort <= 1e5}
+    velocity = {k: _SPEED for k, c in enumerate(coordinates) if not 2e-6 <= c.velocity <= 1e3}
+    rotors, configured = _rotors(chain, effort, velocity), motor_tables(chain).motor_inertia
     return {
         "name": name,
         "macro": name.upper(),
@@ -159,14 +164,24 @@ def _variables(name: str, chain: Chain, answers: Answers, file: str) -> dict[str
         "posture": tuple(float(f"{_start(k, coordinate):.4g}") for k, coordinate in enumerate(coordinates)),
         # width of the zone inside the limits that pushes back [rad or m]
         "zone": min(0.1, *(float(f"{0.2 * (c.upper - c.lower):.2g}") for c in coordinates)),
-        # inertia of the motors at the joints [kg m^2 or kg]: the file's, or a guess
-        "rotors": tuple(c.motor_inertia or (1.0 if c.type == "prismatic" else 0.1) for c in coordinates),
-        # limits to set because the URDF has none, by joint
-        "effort": {k: _FORCE for k, c in enumerate(coordinates) if not 1e-6 <= c.effort <= 1e5},
-        "velocity": {k: _SPEED for k, c in enumerate(coordinates) if not 2e-6 <= c.velocity <= 1e3},
+        # inertia of the motors at the joints [kg m^2 or kg], and where the generated controller has another number
+        "rotors": rotors.motor_inertia,
+        "rotors_source": rotors.inertia_source,
+        "other_rotors": {k: x for k, x in enumerate(rotors.motor_inertia) if x != configured[k]},
+        "effort": effort,
+        "velocity": velocity,
         "regenerate": _command(name, chain, answers, file),
         "file": file,
     }
+
+
+def _rotors(chain: Chain, effort: dict[int, float], velocity: dict[int, float]) -> Preset:
+    """Return the motors' numbers of the generated controller; guessed limits take the place of missing ones."""
+    limited = tuple(
+        replace(c, effort=effort.get(k, c.effort), velocity=velocity.get(k, c.velocity))
+        for k, c in enumerate(chain.coordinates)
+    )
+    return motor_tables(replace(chain, coordinates=limited))
 
 
 def _command(name: str, chain: Chain, answers: Answers, file: str) -> str:

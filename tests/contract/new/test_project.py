@@ -149,6 +149,48 @@ def test_names_with_ends_of_lines_and_html(tmp_path):
     assert os.fsdecode(words[0]) == f"urdf/{urdf.name}" and (project / os.fsdecode(words[0])).is_file()
 
 
+ARMATURE = """<mujoco><worldbody><body name="one"><inertial pos="0 0 0.1" mass="1" diaginertia="0.02 0.02 0.02"/>
+  <joint name="a" axis="0 0 1" range="-90 90" armature="0.04" actuatorfrcrange="-20 20"/><body name="two" pos="0.2 0 0">
+  <inertial pos="0 0 0.1" mass="1" diaginertia="0.02 0.02 0.02"/>
+  <joint name="b" axis="0 1 0" range="-90 90" armature="0.03" actuatorfrcrange="-20 20"/>
+  </body></body></worldbody></mujoco>
+"""
+
+
+def test_rotors_are_those_of_the_generated_controller(tmp_path):
+    """A preset, an armature and an estimate are kept; only an estimate from guessed limits is configured."""
+    without_limit = tmp_path / "without.urdf"
+    without_limit.write_text(replaced((' effort="20" velocity="4"', "")))
+    armature = tmp_path / "armature.xml"
+    armature.write_text(ARMATURE)
+    cases = {
+        "panda": (ROOT / "tests" / "data" / "panda.urdf", "panda_hand", set()),
+        "arm": (without_limit, "finger", {1}),
+        "armature": (armature, "two", set()),
+    }
+    for name, (file, tip, guessed) in cases.items():
+        options = {"name": name, "output": tmp_path / name, "build": False}
+        project = new_project(file, lambda found, tip=tip: decide(found, tip=tip), **options)
+        control = (project / "src" / "control.hpp").read_text()
+        robot = (project / "src" / "simulated_robot.hpp").read_text()
+        library = (project / "generated" / name / f"{name}_impedance.c").read_text()
+        configured = numbers_of(rf"{name}_motor_inertia\[\w+\] = ", library)
+        rotors = numbers_of("ROTORS = ", robot)
+        assert set(re.findall(r"config\.motor_inertia\[(\w+)\]", control)) == {str(k) for k in guessed}
+        expected = [0.005 * 100.0 / 2.0 if k in guessed else each for k, each in enumerate(configured)]
+        assert rotors == expected and all(rotors), name
+    panda = (tmp_path / "panda" / "src" / "simulated_robot.hpp").read_text()
+    assert "stated by Franka" in panda and "0.605721456" in panda
+    assert numbers_of("ROTORS = ", (tmp_path / "armature" / "src" / "simulated_robot.hpp").read_text()) == [0.04, 0.03]
+
+
+def numbers_of(before: str, text: str) -> list[float]:
+    """Return the numbers of the first initialiser behind a pattern."""
+    found = re.search(before + r"\{([^}]*)\}", text)
+    assert found, before
+    return [float(each) for each in found[1].split(",")]
+
+
 def regenerate(readme: str) -> str:
     """Return the README's command that generates the functions again."""
     found = re.search(r"^    (stiffgen generate .*)$", readme, re.MULTILINE)
