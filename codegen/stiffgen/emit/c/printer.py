@@ -184,7 +184,7 @@ class Printer(Loops):
     ) -> list[str]:
         """Return statements that give the sums from number ``first`` on to an array."""
         name, shape, size = storage.array.name, storage.array.shape, storage.array.size
-        n = shape[0] if shape == 2 * shape[:1] else 0
+        n = shape[0] if len(shape) == 2 and shape[0] == shape[1] else 0
         upper = tuple(n * i + j for i in range(n) for j in range(i, n))
         if entries == upper and n > 2:
             return [self.called("put_upper", f"&{source}[{first}]", n, name)]
