@@ -25,7 +25,7 @@ from support.exact_kernels import (
     symmetric,
 )
 from support.exact_linkage import ExactLinkage
-from support.exact_tree import STEP, Pose, as_array, differentiated, exact_pose, exponential, mp
+from support.exact_tree import STEP, ExactTree, Pose, as_array, differentiated, exact_pose, exponential, mp
 
 Values = list[np.ndarray]
 SPRINGS = ("spring", "spring_rotation_vector", "spring_quaternion", "spring_coupled", "spring_bounded")
@@ -211,8 +211,8 @@ class References:
 
     def _weight(self, robot: ExactRobot) -> mpmath.mpf:
         poses = robot.tree.poses(robot.base, robot.q)
-        fixed = () if self.chain.floating else (robot.tree.root,)
-        return robot.tree.potential_energy(poses, matrix(self.given["gravity"]), fixed)
+        still = () if self.chain.floating else tuple(_still(robot.tree))
+        return robot.tree.potential_energy(poses, matrix(self.given["gravity"]), still)
 
     def _mass_matrix(self, _: str) -> np.ndarray:
         return self.robot.tree.mass_matrix(self.robot.base, self.robot.q, self.robot.size)
@@ -233,6 +233,15 @@ class References:
             return total
 
         return np.hstack([as_array(self.robot.along(torque, k)) for k in range(self.robot.size)])
+
+
+def _still(tree: ExactTree) -> set[str]:
+    """Return the root and the links that are fixed to it."""
+    found = {tree.root}
+    for joint in tree.joints:
+        if joint.axis is None and joint.parent in found:
+            found.add(joint.child)
+    return found
 
 
 def difference_of(energy: Callable[[ExactRobot], mpmath.mpf], robot: ExactRobot, k: int) -> mpmath.mpf:

@@ -22,7 +22,7 @@ from support.exact_linkage import ExactLinkage, closed_state
 from support.kernel_references import MotorReferences, References
 from support.small_robots import LINKAGES, TREES, Small, part
 
-BOUND = 2e-12
+BOUND = 1e-11
 CANCELLED = 1e-3
 """Share of the largest argument that counts as size of a result whose terms cancel, or which is zero."""
 ALL_SPRINGS = SpringOptions(("rotation_vector", "quaternion", "coupled", "bounded"))
