@@ -18,6 +18,7 @@ import pytest
 from jax.test_util import check_grads
 
 from stiffgen.opened import open_robot
+from stiffgen.verify.samples import argument_samples
 from support.wrappers import cases, floating_robot, small_robot, wrapper
 
 COUNT = 3
@@ -45,6 +46,19 @@ def walker(tmp_path_factory):
     return floating_robot(tmp_path_factory.mktemp("walker"))
 
 
+def gradients(robot, framework):
+    """Yield the functions that are gradients: path, function of the wrapper, arguments and results of NumPy's."""
+    pool = argument_samples(robot.chain, COUNT, 11, robot.springs)
+    for kernel in (each for each in robot.table if each.is_gradient):
+        functions = []
+        for module in (wrapper(robot, framework), robot.module):
+            for part in (*kernel.path, kernel.name):
+                module = getattr(module, part)
+            functions.append(module)
+        given = [pool[argument] for argument in kernel.arguments]
+        yield kernel.name, functions[0], given, functions[1](*given)
+
+
 def listed(results):
     return list(results) if isinstance(results, tuple) else [results]
 
@@ -57,6 +71,19 @@ def assert_transposed(case, gradients):
     terms = [gradient * tangent for gradient, tangent in zip(gradients, tangents, strict=True)]
     scale = sum(np.abs(term).sum() for term in terms)
     assert abs(forward - sum(term.sum() for term in terms)) <= 1e-12 * scale, case.path
+
+
+@pytest.mark.parametrize("robot", ["small", "walker"])
+def test_gradients_have_values_and_no_derivatives(robot, request, double):
+    """Functions that are gradients are not left out; their derivative is refused by a sentence."""
+    seen = set()
+    for name, function, given, expected in gradients(request.getfixturevalue(robot), "jax"):
+        for found in (function(*given), jax.jit(jax.vmap(function))(*given)):
+            np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max(), err_msg=name)
+        with pytest.raises(NotImplementedError, match=f"{name}.. is a gradient and has no derivative"):
+            jax.grad(lambda q, *others, f=function: f(q, *others).sum())(*(each[0] for each in given))
+        seen.add(name)
+    assert seen == {"manipulability_gradient", "stiffness_direction_gradient"}
 
 
 @pytest.mark.parametrize(("robot", "step"), [("small", 1), ("walker", 3)])

@@ -20,13 +20,13 @@ from stiffgen.emit.controller import (
     has_controller,
 )
 from stiffgen.emit.pages import (
-    DifferentiablePage,
     KernelGroup,
     KernelPage,
-    differentiable_pages,
+    WrappedPage,
     groups_of,
     kernel_page,
     tool_lines,
+    wrapped_pages,
 )
 from stiffgen.lower.graph import LIBM, LIBM_OF_TWO, OWN, Operations
 from stiffgen.lower.rounding import ErrorBounds, Ranges, Stated
@@ -124,14 +124,14 @@ class Request:
         return groups_of(self.kernels)
 
     @cached_property
-    def differentiable(self) -> list[DifferentiablePage]:
-        """Functions that have a vector-Jacobian product; none unless derivatives were chosen."""
-        return differentiable_pages(self.chain, [kernel for kernel, _ in self.single.kernels])
+    def wrapped(self) -> list[WrappedPage]:
+        """Functions of the wrappers for CasADi, JAX and PyTorch; none unless derivatives were chosen."""
+        return wrapped_pages(self.chain, [kernel for kernel, _ in self.single.kernels])
 
     @property
     def has_wrappers(self) -> bool:
         """Whether the folder has wrappers for CasADi, JAX and PyTorch."""
-        return self.options.python and bool(self.differentiable)
+        return self.options.python and bool(self.wrapped)
 
     @cached_property
     def controller(self) -> ControllerPage | None:
@@ -173,7 +173,7 @@ class Request:
             "groups": self.groups,
             "batched": bool(self.batch.kernels),
             "has_widths": self.has_widths,
-            "functions": self.differentiable,
+            "functions": self.wrapped,
             "controller": self.controller,
             "libm": LIBM,
             "libm_of_two": LIBM_OF_TWO,

@@ -98,11 +98,12 @@ class KernelPage:
 
 
 @dataclass(frozen=True)
-class DifferentiablePage:
-    """A function that has a vector-Jacobian product, for the wrappers of JAX, PyTorch and CasADi.
+class WrappedPage:
+    """A function for the wrappers of JAX, PyTorch and CasADi.
 
     Attributes:
         path: namespaces and name, with dots.
+        is_gradient: whether the function is a gradient already, without a vector-Jacobian product.
         arguments: name and shape of each argument.
         results: shape of each result.
         triangles: arguments whose upper triangle alone is read.
@@ -112,6 +113,7 @@ class DifferentiablePage:
     """
 
     path: str
+    is_gradient: bool
     arguments: list[tuple[str, tuple[int, ...]]]
     results: list[tuple[int, ...]]
     triangles: list[str]
@@ -124,17 +126,19 @@ class DifferentiablePage:
         return self.path.replace(".", "_")
 
 
-def differentiable_pages(chain: Chain, kernels: Sequence[Kernel]) -> list[DifferentiablePage]:
-    """Return the functions whose vector-Jacobian product is among the kernels."""
-    names = {kernel.qualified_name for kernel in kernels}
+def wrapped_pages(chain: Chain, kernels: Sequence[Kernel]) -> list[WrappedPage]:
+    """Return every function but the vector-Jacobian products, which the wrappers call; none without products."""
+    if not any(kernel.product_of for kernel in kernels):
+        return []
     pages = []
     for kernel in kernels:
-        if f"{kernel.qualified_name}_vjp" not in names:
+        if kernel.product_of:
             continue
         arguments, results = ([each.array(chain) for each in side] for side in (kernel.arguments, kernel.results))
         pages.append(
-            DifferentiablePage(
+            WrappedPage(
                 path=".".join((*kernel.path, kernel.name)),
+                is_gradient=kernel.is_gradient,
                 arguments=[(argument.name, argument.shape) for argument in arguments],
                 results=[result.shape for result in results],
                 triangles=[argument.name for argument in kernel.arguments if argument.triangle],

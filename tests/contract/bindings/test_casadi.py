@@ -110,6 +110,25 @@ def test_signature_and_values(robot, pairs):
             each_close(compiled.call(given), graph.call(given), name)
 
 
+def test_gradients_have_values_and_no_derivatives(robot):
+    """Functions that are gradients are not left out; CasADi refuses to differentiate them."""
+    model, namespace, seen = stiffgen.StiffnessModel(robot.chain), wrapper(robot, "casadi"), set()
+    pool = argument_samples(robot.chain, COUNT, 11, robot.springs)
+    for kernel in robot.table:
+        if not kernel.is_gradient:
+            continue
+        compiled, graph = namespace, model
+        for part in (*kernel.path, kernel.name):
+            compiled, graph = getattr(compiled, part), getattr(graph, part)
+        for k in range(COUNT):
+            given = [pool[argument][k].reshape(matrix_shape(pool[argument][k].shape)) for argument in kernel.arguments]
+            each_close(compiled.call(given), graph.call(given), kernel.qualified_name)
+        with pytest.raises(RuntimeError, match=r"[Dd]erivative"):
+            compiled.jacobian()
+        seen.add(kernel.name)
+    assert seen == {"manipulability_gradient", "stiffness_direction_gradient"}
+
+
 def test_derivatives(pairs):
     """One product (adj1_), three at once, and every derivative (jac_): none is CasADi's own, by differences."""
     for name, compiled, graph, states in pairs:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Describe NAME_casadi.c and NAME_calls.c: the differentiable functions behind one signature."""
+"""Describe NAME_casadi.c and NAME_calls.c: the functions of the wrappers behind one signature."""
 
 from __future__ import annotations
 
@@ -10,9 +10,8 @@ from stiffgen.emit.backend import Backend, Request
 
 
 def called_functions(request: Request) -> dict[str, Any]:
-    """Return the variable ``called``: differentiable functions and their vector-Jacobian products."""
-    names = {name for function in request.differentiable for name in (function.name, f"{function.name}_vjp")}
-    return {"called": [page for page in request.kernels if page.qualified_name in names]}
+    """Return the variable ``called``: the functions of the wrappers and their vector-Jacobian products."""
+    return {"called": request.kernels}
 
 
 def _files(request: Request) -> dict[str, str]:
