@@ -13,6 +13,8 @@ import numpy as np
 
 import stiffgen
 from benchmarks.tools import AVX2, NATIVE, URDF, pinned, run
+from stiffgen.symbolic.arguments import Q
+from stiffgen.verify.references import TASK_STIFFNESS, WRENCH
 from stiffgen.verify.samples import Samples
 
 ROBOT = URDF.parent.parent / "generated" / "iiwa14"
@@ -23,7 +25,7 @@ COUNTS = {4096: 101, 1_000_000: 15}
 
 def main() -> None:
     """Measure and print."""
-    samples = Samples.draw(stiffgen.load_chain(URDF), max(COUNTS), seed=1)
+    samples = Samples(stiffgen.load_chain(URDF), max(COUNTS), seed=1)
     columns: dict[str, dict[str, float]] = {}
     with tempfile.TemporaryDirectory() as name:
         program, inputs = Path(name) / "parts", Path(name) / "inputs"
@@ -31,7 +33,7 @@ def main() -> None:
             for flags in (NATIVE, AVX2):
                 run([compiler, *flags.split(), "-w", f"-I{ROBOT}", str(SOURCE), "-o", str(program), "-lm"])
                 for count, rounds in COUNTS.items():
-                    given = samples.q[:count], samples.wrench[:count], samples.task_stiffness[0]
+                    given = samples[Q][:count], samples[WRENCH][:count], samples[TASK_STIFFNESS][0]
                     inputs.write_bytes(b"".join(np.ascontiguousarray(each).tobytes() for each in given))
                     lines = run(pinned([str(program), str(count), str(rounds), str(inputs)])).splitlines()
                     measured = dict(line.split("\t") for line in lines)

@@ -26,10 +26,12 @@ from numpy.typing import NDArray
 import stiffgen
 from stiffgen import open_robot
 from stiffgen.style import AXES, CORRECTED, THEME
+from stiffgen.symbolic.arguments import Q
 from stiffgen.symbolic.kernels import KERNELS, MAX_BATCH_JOINTS
 from stiffgen.symbolic.model import casadi_function
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.verify.poses import joint_poses, product_of_poses
+from stiffgen.verify.references import TASK_STIFFNESS, WRENCH
 from stiffgen.verify.samples import Samples
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
@@ -147,9 +149,9 @@ def pinocchio_joints(chain: stiffgen.Chain) -> str:
 
 def in_c(chain: stiffgen.Chain, folder: Path, built: dict[str, Path]) -> list[tuple[str, float, float, float]]:
     """(name, median, lower and upper quartile) in ns a configuration."""
-    samples = Samples.draw(chain, COUNT, seed=1)
+    samples = Samples(chain, COUNT, seed=1)
     inputs = folder / "inputs"
-    inputs.write_bytes(samples.q.tobytes() + samples.wrench.tobytes() + samples.task_stiffness[0].tobytes())
+    inputs.write_bytes(samples[Q].tobytes() + samples[WRENCH].tobytes() + samples[TASK_STIFFNESS][0].tobytes())
     driver = folder / "driver"
     run(["gcc", "-O2", str(HERE / "contenders" / "driver.c"), "-o", str(driver), "-ldl", "-lm"])
     names = {str(path): name for name, path in built.items()}
@@ -170,8 +172,8 @@ def in_python(chain: stiffgen.Chain, robot: Path) -> tuple[list[Row], list[Row]]
     """Rows (name, median, quartiles) for one call [us], and for a batch of BATCH [us a configuration]."""
     module = open_robot(robot).module
     size = BATCH
-    samples = Samples.draw(chain, size, seed=2)
-    q, F, K = samples.q, samples.wrench, samples.task_stiffness[0]
+    samples = Samples(chain, size, seed=2)
+    q, F, K = samples[Q], samples[WRENCH], samples[TASK_STIFFNESS][0]
     q0, F0 = q[0].copy(), F[0].copy()
     kernel = module.hybrid.joint_stiffness
     out, left = np.empty((7, 7)), np.random.default_rng(0).normal(size=(7, 7))

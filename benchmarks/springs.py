@@ -9,6 +9,9 @@ from pathlib import Path
 
 import stiffgen
 from benchmarks.tools import COUNT, HERE, NATIVE, Row, pinned, run
+from stiffgen.symbolic.arguments import Q
+from stiffgen.symbolic.springs import TRACE
+from stiffgen.verify.references import TASK_STIFFNESS, WRENCH
 from stiffgen.verify.samples import Samples
 
 SPRING_ROUNDS = 1001
@@ -16,11 +19,11 @@ SPRING_ROUNDS = 1001
 
 def of_springs(chain: stiffgen.Chain, folder: Path, robot: Path) -> dict[str, list[Row]]:
     """Return per compiler the rows (name, fastest, median, ninth decile) [ns] of springs and of the joint stiffness."""
-    samples = Samples.draw(chain, COUNT, seed=1)
-    shared = ("task_stiffness", "equilibrium", "translation_stiffness", "rotation_stiffness")
+    samples = Samples(chain, COUNT, seed=1)
+    shared = (TASK_STIFFNESS, *TRACE.parameters)
     inputs = folder / "spring_inputs"
     inputs.write_bytes(
-        samples.q.tobytes() + samples.wrench.tobytes() + b"".join(samples[n][0].tobytes() for n in shared)
+        samples[Q].tobytes() + samples[WRENCH].tobytes() + b"".join(samples[each][0].tobytes() for each in shared)
     )
     tables = {}
     for compiler in ("gcc", "clang"):

@@ -26,6 +26,8 @@ from numpy.typing import NDArray
 
 import stiffgen
 from stiffgen import open_robot
+from stiffgen.symbolic.arguments import Q
+from stiffgen.verify.references import TASK_STIFFNESS, WRENCH
 from stiffgen.verify.samples import Samples
 
 Array = NDArray[np.float64]
@@ -68,8 +70,8 @@ class Problem:
         self.chain, self.folder = chain, folder
         module: Any = open_robot(folder).module
         self.robot, self.packed = module.hybrid, module.packed
-        samples = Samples.draw(chain, COUNT, seed=3)
-        self.q, self.wrench, self.task_stiffness = samples.q, samples.wrench, samples.task_stiffness[0]
+        samples = Samples(chain, COUNT, seed=3)
+        self.q, self.wrench, self.task_stiffness = samples[Q], samples[WRENCH], samples[TASK_STIFFNESS][0]
         self.tip: Array = module.forward_kinematics(self.q)[:, :3, 3]
         random = np.random.default_rng(3)
         self.stiffness_cotangent = random.normal(size=(COUNT, 7, 7))

@@ -38,8 +38,8 @@ from stiffgen.verify.certified import check_certified_bounds
 from stiffgen.verify.controller_library import CAREFUL, ControllerLibrary
 from stiffgen.verify.files import check_c_tables, print_again
 from stiffgen.verify.forked import confined
+from stiffgen.verify.formulas import check_against_casadi, check_far_angles
 from stiffgen.verify.not_finite import check_not_finite
-from stiffgen.verify.oracles import check_against_casadi, check_far_angles
 from stiffgen.verify.result import Check
 from stiffgen.verify.samples import argument_samples
 from stiffgen.verify.sessions import differences

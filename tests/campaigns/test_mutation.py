@@ -21,11 +21,10 @@ from stiffgen.symbolic.model import casadi_function
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.springs import KINDS, Placement
 from stiffgen.symbolic.springs import spring as spring_of_kind
-from stiffgen.verify.poses import gamma_F
-from stiffgen.verify.references import References, dynamics_references
+from stiffgen.verify.oracles import oracles_of
+from stiffgen.verify.references import References
 from stiffgen.verify.result import BOUND, as_results, relative_error
-from stiffgen.verify.samples import argument_samples, joint_potential_arguments
-from stiffgen.verify.springs import by_hand
+from stiffgen.verify.samples import argument_samples
 from support import exact_c
 from support.chains import chain_urdf
 from support.complex_step import columns, gradients
@@ -104,42 +103,13 @@ def switches(library, count):
 
 def expected_values(references):
     """Arguments (stacks) and results of every kernel, from the oracles of ``stiffgen verify``."""
-    samples = references.samples
-    q, wrench = samples.q, samples.wrench
-    manipulability = references.manipulability
-    held = q, wrench, samples.task_stiffness, samples.direction
-    wanted = {
-        "forward_kinematics": ((q,), references.pose),
-        "manipulability": ((q,), manipulability.measure),
-        "manipulability_gradient": ((q,), manipulability.gradient),
-        "hybrid_stiffness_direction_gradient": (held, references.direction_gradient),
-    } | dynamics_references(references.chain, samples)
-    for rep in REPRESENTATIONS:
-        derivative, correction = references.derivative[rep], gamma_F(rep, wrench)
-        for name, arguments, result in (
-            ("jacobian", (q,), references.jacobian[rep]),
-            ("jacobian_transpose_derivative", (q,), derivative),
-            ("kinematic_stiffness", (q, wrench), references.kinematic_stiffness(rep)),
-            ("connection_correction", (wrench,), correction),
-            ("joint_stiffness", (q, wrench, samples.task_stiffness), references.joint_stiffness(rep, corrected=True)),
-            (
-                "joint_stiffness_uncorrected",
-                (q, wrench, samples.general_stiffness),
-                references.joint_stiffness(rep, corrected=False),
-            ),
-        ):
-            wanted[f"{rep}_{name}"] = arguments, result
-    wanted = {name: (arguments, [result]) for name, (arguments, result) in wanted.items()}
-    for spring in references.options.springs():
-        arguments = (q, *references.parameters[spring.name])
-        values = references.springs[spring.name]
-        for name, result in values.items():
-            wanted[f"{spring.name}_{name}"] = arguments, [result]
-        several = [values[name] for name in ("energy", "torque", "joint_stiffness")]
-        wanted[f"{spring.name}_linearization"] = arguments, several
-    for group, arguments in joint_potential_arguments(samples).items():
-        for name, result in by_hand(group, *arguments).items():
-            wanted[f"{group}_{name}"] = arguments, [result]
+    known, wanted = oracles_of(references.options), {}
+    for kernel in chain_kernels(references.chain, references.options):
+        for oracle in known[kernel.function][:1]:
+            arguments = references.samples.of(kernel.arguments)
+            shapes = [(len(arguments[0]), *result.array(references.chain).shape) for result in kernel.results]
+            results = map(np.reshape, as_results(oracle.values(references)), shapes)
+            wanted[kernel.qualified_name] = arguments, list(results)
     return wanted
 
 

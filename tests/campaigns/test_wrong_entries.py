@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from stiffgen.symbolic.connection import REPRESENTATIONS
-from stiffgen.verify import oracles
+from stiffgen.verify import comparison
 from stiffgen.verify.oracles import check_kernels
 from stiffgen.verify.poses import gamma_F
 from stiffgen.verify.references import References
@@ -42,19 +42,17 @@ def memoised(function):
 
 
 @pytest.fixture
-def kept_references(monkeypatch, references):
-    """Compute once what does not depend on the kernels' values: differentiated energies, and rounding errors."""
-    dynamics = oracles.dynamics_references(references.chain, references.samples)
-    errors, known = oracles.rounding_errors, {}
+def kept_errors(monkeypatch):
+    """Compute rounding errors once, since they do not depend on the kernels' values."""
+    errors, known = comparison.rounding_errors, {}
 
-    def kept_errors(chain, kernel, given, scalar, *, rounded):
+    def once(chain, kernel, given, scalar, *, rounded):
         key = (kernel.qualified_name, scalar, rounded, *(np.asarray(a).tobytes() for a in given))
         if key not in known:
             known[key] = errors(chain, kernel, given, scalar, rounded=rounded)
         return known[key]
 
-    monkeypatch.setattr(oracles, "dynamics_references", lambda *_: dynamics)
-    monkeypatch.setattr(oracles, "rounding_errors", kept_errors)
+    monkeypatch.setattr(comparison, "rounding_errors", once)
 
 
 def falsified(kernels, rep, entry):
@@ -92,7 +90,7 @@ def failures(checks):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("kept_references")
+@pytest.mark.usefixtures("kept_errors")
 @pytest.mark.parametrize("rep", REPRESENTATIONS)
 def test_no_entry_can_be_wrong_unnoticed(rep, chain, robot, references):
     kernels = {name: memoised(function) for name, function in kernels_of(robot, chain).items()}

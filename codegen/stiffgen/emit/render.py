@@ -43,11 +43,10 @@ def render(chain: Chain, name: str, options: GenerationOptions | None = None) ->
 
 def print_files(request: Request, backends: Sequence[Backend]) -> dict[str, str]:
     """Return the files that some backends write for a robot, by name."""
-    folders = dict.fromkeys(backend.folder for backend in (*backends, *BACKENDS))
-    templates = _templates(tuple(folder / "templates" for folder in folders))
     texts = {}
     for backend in backends:
-        files = backend.files(request)
+        folders = dict.fromkeys(each.folder / "templates" for each in (backend, *backends, *BACKENDS))
+        templates, files = _templates(tuple(folders)), backend.files(request)
         variables = request.variables | dict(backend.variables(request)) if files else {}
         for file, template in files.items():
             text = templates.get_template(template).render(variables, banner=_banner(file, request.banner))
@@ -64,7 +63,10 @@ def _with_sources(texts: dict[str, str]) -> dict[str, str]:
 
 @cache
 def _templates(folders: tuple[Path, ...]) -> jinja2.Environment:
-    """Return the environment of some folders' templates; compiling them takes a third of a robot's time."""
+    """Return the environment of some folders' templates: of a name in several folders, the first one's.
+
+    Compiling the templates takes a third of a robot's time.
+    """
     # C and Python, not HTML: names from the robot file go through these filters
     filters: dict[str, Callable[..., str]] = {
         "c_string": c_string,

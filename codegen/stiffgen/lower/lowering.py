@@ -171,7 +171,7 @@ class Lowering:
         }
         # Statements that take sines and name frames stand in braces of their own, where there are several.
         lines = [step for step in program if isinstance(step, StraightLine) and not step.name]
-        self.braces = len(lines) > 1 and any(array.name == "q" for step in lines for array in step.arguments)
+        self.braces = len(lines) > 1 and any(array.is_q for step in lines for array in step.arguments)
         used = {array.name for step in program for array in step.reads}
         for array in self.function.inputs:
             if array.name not in used:
@@ -193,7 +193,7 @@ class Lowering:
         """Note results that may overflow. Sines of q are bounded, and so is what depends on them without division."""
         slides = any(joint.prismatic for joint in self.chain.joints[self.chain.base_joints :])
         divides = bool(self.chain.loops)
-        if slides or divides or any(array.name != "q" for array in arguments):
+        if slides or divides or not all(array.is_q for array in arguments):
             for storage in map(self.storage, outputs):
                 storage.overflows |= storage.is_result
 

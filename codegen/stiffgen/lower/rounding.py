@@ -45,6 +45,7 @@ from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import Kernel
 from stiffgen.symbolic.kinematics import Kind
 from stiffgen.symbolic.program import Array, Step, as_operand, evaluate
+from stiffgen.symbolic.quantities import Range
 
 __all__ = [
     "ErrorBounds", "NoBound", "Ranges", "Stated",
@@ -85,15 +86,19 @@ class Ranges:
     rate: float = 10.0
     gravity: float = 10.0
 
+    @property
+    def coupling(self) -> float:
+        """Largest entry of a block that couples translation and rotation [N]."""
+        return math.sqrt(self.translation_stiffness * self.rotation_stiffness)
+
     def lines(self, scalar: Scalar) -> list[str]:
         """Return the ranges in words, for a comment."""
-        coupling = math.sqrt(self.translation_stiffness * self.rotation_stiffness)
         return [
             f"joint positions within the limits (up to {scalar.far:g} rad or {self.slide:g} m where there are none)"
             ", every",
             f"force up to {self.force:g} N and moment up to {self.moment:g} N m, entries of stiffnesses up to",
             f"{self.translation_stiffness:g} N/m, {self.rotation_stiffness:g} N m/rad and, where they couple the two, "
-            f"{coupling:.0f} N, gravity up to",
+            f"{self.coupling:.0f} N, gravity up to",
             f"{self.gravity:g} m/s^2, equilibria within the robot's reach, joint rates up to their limits",
         ]
 
@@ -147,6 +152,14 @@ class ErrorBounds:
             for result in kernel.results
             for what, unit, entries in kinds(result, result.array(self.chain))
         )
+
+    def hindrance(self, kernel: Kernel) -> str:
+        """Return why a kernel has no bounds; "" if it has."""
+        try:
+            self.of(kernel)
+        except NoBound as error:
+            return str(error)
+        return ""
 
     def _run(self, function: Function, arrays: Bounds) -> None:
         """Add the bounds of what a function writes to those of its arguments."""
@@ -296,22 +309,11 @@ def rounded_up(value: float, scalar: Scalar = DOUBLE) -> float:
 
 def kinds(result: Argument, array: Array) -> list[tuple[str, str, list[int]]]:
     """Return the kinds of entries of a result: name, unit, and numbers of the entries."""
-    every = range(array.size)
-    if result.name == "pose":
-        return [("rotation", "", [0, 1, 2, 4, 5, 6, 8, 9, 10]), ("position", "m", [3, 7, 11])]
-    if result.name == "wrench":
-        return [("force", "N", [0, 1, 2]), ("moment", "N m", [3, 4, 5])]
-    if result.name == "jacobian":
-        half, per = array.size // 2, "per rad or m"
-        return [
-            ("linear rows", f"m {per}", list(every[:half])),
-            ("angular rows", f"rad {per}", list(every[half:])),
-        ]
-    if result.name in ("task_stiffness", "connection_correction"):
-        blocks = [(k // 6 >= 3) + (k % 6 >= 3) for k in every]
-        names = (("translation block", "N/m"), ("coupling", "N"), ("rotation block", "N m"))
-        return [(*name, [k for k in every if blocks[k] == index]) for index, name in enumerate(names)]
-    return [(f"every entry of {result.name}" if array.size > 1 else result.name, result.unit, list(every))]
+    if result.blocks:
+        blocks = result.blocks.entries(array.shape)
+        return [(block.name, block.unit, entries) for block, entries in blocks if block.name]
+    name = f"every entry of {result.name}" if array.size > 1 else result.name
+    return [(name, result.unit, list(range(array.size)))]
 
 
 def chain_reach(chain: Chain, ranges: Ranges, scalar: Scalar) -> float:
@@ -351,26 +353,26 @@ def argument_sizes(chain: Chain, argument: Argument, ranges: Ranges, reach: floa
         NoBound: of this argument no range is known.
 
     """
-    both = math.sqrt(ranges.translation_stiffness * ranges.rotation_stiffness)
-    linear, coupled, angular = ranges.translation_stiffness, both, ranges.rotation_stiffness
-    pose = {"equilibrium": reach, "base_pose": ranges.distance, "tool_pose": ranges.tool}
-    name, size = argument.name, argument.array(chain).size
-    if name == "q":
-        return [_largest(chain, k, ranges, scalar) for k in range(size)]
-    if name == "velocity":
-        of_joints = [own.velocity if math.isfinite(own.velocity) else ranges.rate for own in chain.coordinates]
-        return [ranges.rate] * chain.base_joints + of_joints
-    if name in pose:
-        return [*([scalar.rotation] * 3 + [pose[name]]) * 3, 0.0, 0.0, 0.0, 1.0]
-    blocks = {
-        "wrench": [ranges.force] * 3 + [ranges.moment] * 3,
-        "task_stiffness": ([linear] * 3 + [coupled] * 3) * 3 + ([coupled] * 3 + [angular] * 3) * 3,
-        "translation_stiffness": [linear] * 9,
-        "rotation_stiffness": [angular] * 9,
-        "gravity": [ranges.gravity] * 3,
-    }
-    blocks |= {"wrenches": blocks["wrench"], "task_stiffnesses": blocks["task_stiffness"]}
-    block = blocks.get(name)
-    if block is None or size % len(block):
-        raise NoBound(f"the argument {name}")
-    return block * (size // len(block))
+    if argument.each:
+        return argument_sizes(chain, argument.each, ranges, reach, scalar) * argument.array(chain).shape[0]
+    array = argument.array(chain)
+
+    def sizes(largest: Range | None, count: int) -> list[float]:
+        if largest is None or largest == "none":
+            raise NoBound(f"no range is known of the argument {argument.name}")
+        if largest == "positions":
+            return [_largest(chain, k, ranges, scalar) for k in range(count)]
+        if largest == "rates":
+            of_joints = [own.velocity if math.isfinite(own.velocity) else ranges.rate for own in chain.coordinates]
+            return [ranges.rate] * chain.base_joints + of_joints
+        if isinstance(largest, str):
+            largest = {"reach": reach, "rotation": scalar.rotation}.get(largest) or float(getattr(ranges, largest))
+        return [largest] * count
+
+    if argument.blocks is None:
+        return sizes(argument.largest, array.size)
+    found = [0.0] * array.size
+    for block, entries in argument.blocks.entries(array.shape):
+        for k, largest in zip(entries, sizes(block.largest, len(entries)), strict=True):
+            found[k] = largest
+    return found

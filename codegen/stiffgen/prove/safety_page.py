@@ -21,14 +21,14 @@ from stiffgen.prove.verdict import Verdict, VerdictFile, read_verdicts
 from stiffgen.rendering import environment
 from stiffgen.robot.geometry import FloatArray
 from stiffgen.verify.certified import CERTIFIED
-from stiffgen.verify.result import Check
+from stiffgen.verify.result import NO_ORACLE, Check
 
 _BELOW, _ABOVE = 6, 4
 """Decades of the plots below and above the bound."""
 _PER_DECADE = 4
 
 _CONTRACTS = (
-    ("Every result is what its equation says", "the comparisons below, each against an oracle of its own"),
+    ("Every result is what its equation says", "the comparisons below; functions without an oracle are named below"),
     (
         "Rounding errors stay below the bounds of header and manifest, for all inputs in their ranges",
         f"the analysis (docs/accuracy.md), done again; rows '{CERTIFIED}' hold the compiled functions to it",
@@ -127,7 +127,7 @@ def write_page(
         rounding=_rounding(robot.manifest.get("rounding"), checks),
         targets=machines,
         ranges=_ranges(robot),
-        uncovered=_uncovered(robot, filed, machines, compared=urdf is not None),
+        uncovered=_uncovered(checks, robot, filed, machines, compared=urdf is not None),
     )
     _write(file, page)
 
@@ -224,10 +224,19 @@ def _rounding(bounds: Any, checks: Sequence[Check]) -> list[tuple[str, str, str,
 
 
 def _uncovered(
-    robot: GeneratedRobot, filed: VerdictFile | None, targets: Sequence[Target], *, compared: bool
+    checks: Sequence[Check],
+    robot: GeneratedRobot,
+    filed: VerdictFile | None,
+    targets: Sequence[Target],
+    *,
+    compared: bool,
 ) -> list[str]:
     """Return the evidence that this page lacks and that a reader must find elsewhere."""
+    without = [check.kernel for check in checks if check.oracle == NO_ORACLE]
     lines = [
+        f"Values without an oracle, which nothing independent confirms: {listed(without)}."
+        if without
+        else "Values without an oracle: none.",
         "Comparisons are at random postures and the sizes of wrench and stiffness that stiffgen draws; they prove "
         "nothing of the values in between. A worst error is the worst one met.",
         "Whether the URDF describes the arm that is bolted to the floor: masses, dimensions, limits and the tool.",

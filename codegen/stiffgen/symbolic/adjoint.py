@@ -37,7 +37,6 @@ import casadi as ca
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic import programs
 from stiffgen.symbolic.adjoint_steps import RULES, turn
-from stiffgen.symbolic.arguments import BASE_POSE, Q
 from stiffgen.symbolic.gradients import Gradients, bar_name, cotangent_name, extents, gradient_shape
 from stiffgen.symbolic.program import Array, Operand, Over, Program, Step
 from stiffgen.symbolic.steps import ArgumentSlice, Map, StraightLine, Sum, Term
@@ -129,10 +128,10 @@ class _Reverse(Gradients):
         """Add the step that writes the gradient with respect to an argument of the kernel."""
         result = Array(bar_name(argument.name), gradient_shape(argument))
         contributions = self.bars.get(argument.name, [])
-        if argument.name == BASE_POSE.name:
+        if argument.is_base_pose:
             self._finish_base(argument, result)
             return
-        motions = self.motions if argument.name == Q.name else []
+        motions = self.motions if argument.is_q else []
         if len(contributions) == 1 and not motions:
             (only,) = contributions
             self.final = {name: result.name if self._is(name, only) else final for name, final in self.final.items()}

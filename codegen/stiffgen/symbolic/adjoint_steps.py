@@ -12,7 +12,7 @@ import casadi as ca
 
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic import kinematics
-from stiffgen.symbolic.arguments import BASE_POSE, Q
+from stiffgen.symbolic.arguments import Q
 from stiffgen.symbolic.closure import motor_gradient
 from stiffgen.symbolic.connection import Representation
 from stiffgen.symbolic.gradients import Gradients, bar_name, column, extents, shown, symbols
@@ -209,14 +209,14 @@ def _dependencies(run: Gradients, step: StraightLine, variables: tuple[Array, ..
 def _moving(run: Gradients, step: StraightLine) -> None:
     """Append closed forms of the derivatives of columns and pose; a tool pose is differentiated by CasADi."""
     assert step.moves is not None
-    others = tuple(each for each in step.arguments if each.name not in (BASE_POSE.name, Q.name))
+    others = tuple(each for each in step.arguments if not (each.is_q or each.is_base_pose))
     J, m = step.outputs[0], len(run.chain.joints)
     covectors = [_covector(run, pose) for pose in step.outputs[1:] if pose.name in run.bars]
     if run.chain.floating:
         output = run.local("motion_bar", (run.chain.dof,))
         run.motions.append(output)
     else:
-        (q,) = (each for each in step.arguments if each.name == Q.name)
+        (q,) = (each for each in step.arguments if each.is_q)
         output = run.new(q)
     of_joints = run.local("q_bar_of_joints", (m,)) if run.chain.coupled else output
     if J.name in run.bars:

@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: MIT
-"""Arguments and results of kernels: name, shape, unit and meaning, as printed in headers, docstrings and manifests."""
+"""Arguments and results of kernels: one record has all that headers, bounds and checks know of a quantity."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from typing import Any
 
+from stiffgen.errors import StiffgenError, listed
 from stiffgen.robot.chain import Chain
+from stiffgen.symbolic import quantities
 from stiffgen.symbolic.connection import Representation
 from stiffgen.symbolic.program import Array
+from stiffgen.symbolic.quantities import RANGES, Blocks, Draw, Normal, Range, pose_within, random_poses, within_limits
 
 Extent = int | str
 """Extent of an array: an integer, or one of three names.
@@ -38,8 +41,17 @@ class Argument:
         of_configuration: whether the argument belongs to the configuration and is shared by all tips.
         varying: whether every launch function of CUDA takes one matrix per configuration.
         triangle: whether a kernel reads only the upper triangle of a symmetric matrix.
+        draw: random values for checks; every argument of a kernel has one, a result has none.
+        largest: range of the entries' magnitudes, for rounding bounds; "none" if no range is known.
+        blocks: kinds of entries with ranges of their own, in place of ``largest``; in reports, also of results.
+        turns: whether entries are angles or rotations.
+        is_q: whether the argument is the joint positions on which the kinematics depend.
+        is_base_pose: whether the argument is the pose of a floating base; its derivative belongs to the base's twist.
+        each: argument of one tip, if this one holds one value per tip.
 
     """
+
+    # More than twelve fields: what is known of a quantity stands in this record alone.
 
     name: str
     shape: tuple[Extent, ...]
@@ -53,6 +65,26 @@ class Argument:
     varying: bool = False
     triangle: bool = False
     floating_meaning: str = ""
+    draw: Draw | None = None
+    largest: Range | None = None
+    blocks: Blocks | None = None
+    turns: bool = False
+    is_q: bool = False
+    is_base_pose: bool = False
+    each: Argument | None = None
+
+    def check_complete(self, kernel: str) -> None:
+        """Raise StiffgenError, which names the line to write, if an argument of a kernel lacks draw or range."""
+        ranges = [self.largest] if self.blocks is None else [block.largest for block in self.blocks.kinds]
+        remedy = ""
+        if self.draw is None:
+            remedy = "has no random values for verify; write draw=Normal(SCALE) or another draw of quantities.py"
+        elif ranges == [None]:
+            remedy = 'has no range for rounding bounds; write largest=NUMBER, largest="none" or blocks=...'
+        elif any(isinstance(each, str) and each not in RANGES for each in ranges):
+            remedy = f"has an unknown range; ranges are numbers and {listed(list(RANGES))}"
+        if remedy:
+            raise StiffgenError(f"kernel {kernel}: Argument({self.name!r}, ...) {remedy}")
 
     @classmethod
     def referred(cls, name: str, shape: tuple[Extent, ...], unit: str, meaning: str, **options: Any) -> Argument:
@@ -74,6 +106,7 @@ class Argument:
             meaning=f"{order}: {self.meaning}",
             floating_meaning=self.floating_meaning and f"{order}: {self.floating_meaning}",
             per_configuration=self.per_configuration or len(self.shape) == 1,  # CUDA takes one vector per configuration
+            each=self,
         )
 
     def packed(self) -> Argument:
@@ -84,7 +117,7 @@ class Argument:
         triangles = {"n": "triangle", "a": "a_triangle"}
         extent = triangles[rows] if isinstance(rows, str) else rows * (rows + 1) // 2
         meaning = f"{self.meaning}: its upper triangle, row by row"
-        return replace(self, shape=(extent,), symmetric=False, meaning=meaning)
+        return replace(self, shape=(extent,), symmetric=False, blocks=None, meaning=meaning)
 
     def array(self, chain: Chain) -> Array:
         """Return the argument as an array of the chain's sizes."""
@@ -93,25 +126,29 @@ class Argument:
         sizes |= {"a": a, "actuated": len(chain.actuated), "a_triangle": a * (a + 1) // 2}
         sizes |= {"equations": sum(len(loop.rows) for loop in chain.loops)}
         shape = tuple(sizes[e] if isinstance(e, str) else e for e in self.shape)
-        return Array(self.name, shape, self.symbol, self.symmetric)
+        return Array(self.name, shape, self.symbol, self.symmetric, self.is_q, self.is_base_pose)
 
 
-Q = Argument("q", ("q",), "rad or m", "joint positions, base to tip", symbol="q", of_configuration=True)
+Q = Argument(
+    "q", ("q",), "rad or m", "joint positions, base to tip", symbol="q", of_configuration=True,
+    draw=within_limits, largest="positions", turns=True, is_q=True,
+)  # fmt: skip
 BASE_POSE = Argument(
     "base_pose", (4, 4), "m", "homogeneous pose [R p; 0 1] of the base link in the world; R must be a rotation",
-    symbol="B", of_configuration=True, varying=True,
+    symbol="B", of_configuration=True, varying=True, draw=random_poses, blocks=pose_within("distance"), turns=True,
+    is_base_pose=True,
 )  # fmt: skip
 TOOL_POSE = Argument(
     "tool_pose", (4, 4), "m", "homogeneous pose [R p; 0 1] of the tool in the tip's frame; R must be a rotation",
-    symbol="T", plural="tool_poses",
+    symbol="T", plural="tool_poses", draw=random_poses, blocks=pose_within("tool"), turns=True,
 )  # fmt: skip
 VELOCITY = Argument(
-    "velocity", ("n",), "rad/s or m/s", "rates of the joint positions", symbol="dq",
+    "velocity", ("n",), "rad/s or m/s", "rates of the joint positions", symbol="dq", draw=Normal(), largest="rates",
     floating_meaning="twist of the base link (linear, angular) in its own axes, then rates of the joints",
 )  # fmt: skip
 GRAVITY = Argument.referred(
     "gravity", (3,), "m/s^2", "acceleration of free fall in {reference} axes, (0, 0, -9.81) where z points up",
-    symbol="g",
+    symbol="g", draw=Normal(6.0), largest="gravity",
 )  # fmt: skip
 _WRENCH_FRAME = {
     "body": "in tip axes, moment about the tip's origin",
@@ -134,6 +171,8 @@ def wrench(representation: Representation) -> Argument:
         f"(force, moment) that the environment applies to the robot, {_WRENCH_FRAME[representation]}",
         symbol="F",
         plural="wrenches",
+        draw=Normal((30.0, 30.0, 30.0, 10.0, 10.0, 10.0)),
+        blocks=quantities.WRENCH,
     )
 
 
@@ -148,10 +187,14 @@ def task_stiffness(representation: Representation, *, triangle: bool) -> Argumen
         symbol="K",
         plural="task_stiffnesses",
         triangle=triangle,
+        draw=quantities.TaskStiffness(symmetric=triangle),
+        blocks=quantities.STIFFNESS,
     )
 
 
-POSE = Argument.referred("pose", (4, 4), "m", "homogeneous pose [R p; 0 1] of the tip in the {reference} frame")
+POSE = Argument.referred(
+    "pose", (4, 4), "m", "homogeneous pose [R p; 0 1] of the tip in the {reference} frame", blocks=pose_within("reach")
+)
 
 
 def configuration_arguments(*, runtime_tool: bool, floating: bool = False) -> tuple[Argument, ...]:

@@ -6,7 +6,6 @@ from __future__ import annotations
 import casadi as ca
 
 from stiffgen.robot.chain import Chain
-from stiffgen.symbolic.arguments import BASE_POSE
 from stiffgen.symbolic.program import Array, Operand, Over, Program, Step
 from stiffgen.symbolic.steps import Gather, Map, SparseSum, StraightLine
 
@@ -23,7 +22,7 @@ def bar_name(argument: str) -> str:
 
 def gradient_shape(argument: Array) -> tuple[int, ...]:
     """Return the shape of the gradient: the shape of the argument, or (6,) for the pose of a floating base."""
-    return (6,) if argument.name == BASE_POSE.name else argument.shape
+    return (6,) if argument.is_base_pose else argument.shape
 
 
 class Gradients:

@@ -20,10 +20,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 import casadi as ca
+import numpy as np
 
 from stiffgen.robot.chain import Chain
+from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic.arguments import Argument, Q
 from stiffgen.symbolic.program import Array, Operand, Over, Program, pruned
+from stiffgen.symbolic.quantities import Sampling, Uniform
 from stiffgen.symbolic.steps import Map, SparseSum
 
 Part = Literal["energy", "torque", "joint_stiffness"]
@@ -59,28 +62,57 @@ def _limits_energy(q: ca.SX, lower: ca.SX, upper: ca.SX, zone: ca.SX, stiffness:
     return stiffness * (_cube(q - (upper - zone)) + _cube((lower + zone) - q)) / (6 * zone)
 
 
+@dataclass(frozen=True)
+class _LimitNear:
+    """Limits of which the joints are in turn at or beyond the lower and the upper one; sometimes at none."""
+
+    is_upper: bool
+
+    def __call__(self, to: Sampling) -> FloatArray:
+        """Return values."""
+        state, joint = np.indices(to.size)
+        is_at = np.where(state % 4 == 3, to.random.random(to.size) < 0.5, ((state + joint) % 2 == 0) != self.is_upper)
+        distance = np.where(is_at, to.random.uniform(-0.2, 0.15, to.size), to.random.uniform(0.5, 1.5, to.size))
+        return np.asarray(to.values(Q) + (distance if self.is_upper else -distance))
+
+
 _STIFFNESS_UNIT = "N m/rad or N/m"
 POSTURE = JointPotential(
     "posture",
     "the spring that pulls every joint to a posture",
     (
-        Argument("posture", ("q",), "rad or m", "joint positions at which the spring is at rest", symbol="r"),
-        Argument("posture_stiffness", ("q",), _STIFFNESS_UNIT, "stiffness of every joint, not negative", symbol="k"),
+        Argument(
+            "posture", ("q",), "rad or m", "joint positions at which the spring is at rest", symbol="r",
+            draw=Uniform(-2.0, 2.0), largest="none", turns=True,
+        ),
+        Argument(
+            "posture_stiffness", ("q",), _STIFFNESS_UNIT, "stiffness of every joint, not negative", symbol="k",
+            draw=Uniform(0.5, 20.0), largest="none",
+        ),
     ),
     _posture_energy,
     "U = sum_i k_i (q_i - r_i)^2/2",
     "Torque and stiffness add to those of a spring at the tip; the sum is conservative.",
-)
+)  # fmt: skip
 LIMITS = JointPotential(
     "limits",
     "the potential that keeps joints away from their limits",
     (
-        Argument("lower", ("q",), "rad or m", "lower limits", symbol="a"),
-        Argument("upper", ("q",), "rad or m", "upper limits, greater than the lower limits", symbol="b"),
-        Argument("zone", (), "rad or m", "width w of the zone before a limit, positive", symbol="w"),
+        Argument(
+            "lower", ("q",), "rad or m", "lower limits", symbol="a", draw=_LimitNear(is_upper=False), largest="none",
+            turns=True,
+        ),
+        Argument(
+            "upper", ("q",), "rad or m", "upper limits, greater than the lower limits", symbol="b",
+            draw=_LimitNear(is_upper=True), largest="none", turns=True,
+        ),
+        Argument(
+            "zone", (), "rad or m", "width w of the zone before a limit, positive", symbol="w",
+            draw=Uniform(0.2, 0.4), largest="none",
+        ),
         Argument(
             "limit_stiffness", ("q",), _STIFFNESS_UNIT, "stiffness of every joint at its limit, not negative",
-            symbol="k",
+            symbol="k", draw=Uniform(50.0, 500.0), largest="none",
         ),
     ),
     _limits_energy,

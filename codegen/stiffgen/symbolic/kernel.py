@@ -66,11 +66,20 @@ class Kernel:
     of_masses: bool = False
     """Whether the kernel needs all moving joints, including side joints, which move masses but no tip."""
 
+    def __post_init__(self) -> None:
+        """Raise StiffgenError if an argument's record is not complete."""
+        for argument in self.arguments:
+            argument.check_complete(self.qualified_name)
+
+    @property
+    def function(self) -> str:
+        """``hybrid_joint_stiffness``: group and name, without the tip."""
+        return "_".join(part for part in (self.group, self.name) if part)
+
     @property
     def qualified_name(self) -> str:
         """``hybrid_joint_stiffness``, ``left_hand_hybrid_joint_stiffness`` or the bare name."""
-        tip = self.tip.name if self.tip else None
-        return "_".join(part for part in (tip, self.group, self.name) if part)
+        return "_".join((*((self.tip.name,) if self.tip else ()), self.function))
 
     @property
     def path(self) -> tuple[str, ...]:

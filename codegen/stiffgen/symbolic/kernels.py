@@ -15,7 +15,7 @@ from functools import partial
 from stiffgen.errors import ChainError, PotentialError, listed, printable
 from stiffgen.names import CPP_NAMES
 from stiffgen.robot.chain import Chain, Tip
-from stiffgen.symbolic import arguments, joint_potentials, manipulability, programs
+from stiffgen.symbolic import arguments, joint_potentials, manipulability, programs, quantities
 from stiffgen.symbolic.arguments import POSE, Argument, configuration_arguments
 from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
 from stiffgen.symbolic.direction_gradient import stiffness_direction_gradient
@@ -58,8 +58,9 @@ _SPATIAL_NOTE = (
 def _jacobian_kernels(rep: Representation, configuration: tuple[Argument, ...]) -> tuple[Kernel, ...]:
     """Return the kernels of the Jacobian and of its derivative in one representation."""
     jacobian = Argument.referred(
-        "jacobian", (6, "n"), "m, rad per rad or m", f"column i: twist of joint i, {_TWIST_FRAME[rep]}"
-    )
+        "jacobian", (6, "n"), "m, rad per rad or m", f"column i: twist of joint i, {_TWIST_FRAME[rep]}",
+        blocks=quantities.TWISTS,
+    )  # fmt: skip
     derivative = Argument(
         "jacobian_transpose_derivative", ("n", "n", 6), "per rad or m",
         "block i is dJ^T/dq_i: entry [i, b, k] = dJ[k, b]/dq_i",
@@ -89,8 +90,9 @@ def _stiffness_kernels(rep: Representation, configuration: tuple[Argument, ...],
     spatial = _SPATIAL_NOTE.format(reference=reference) if rep == "spatial" else ""
     kinematic = Argument("kinematic_stiffness", ("n", "n"), "N m/rad", "column i is dJ^T/dq_i F; not symmetric")
     correction = Argument(
-        "connection_correction", (6, 6), "N, N m", "(Gamma F)_ij = sum_k Gamma^k_ij F_k, added to the task stiffness"
-    )
+        "connection_correction", (6, 6), "N, N m", "(Gamma F)_ij = sum_k Gamma^k_ij F_k, added to the task stiffness",
+        blocks=quantities.STIFFNESS,
+    )  # fmt: skip
     joint = Argument("joint_stiffness", ("n", "n"), "N m/rad", "bitwise symmetric", symmetric=True)
     uncorrected = Argument("joint_stiffness_uncorrected", ("n", "n"), "N m/rad", "not symmetric under a moment")
     return (
@@ -150,10 +152,14 @@ def _manipulability_kernels(configuration: tuple[Argument, ...]) -> tuple[Kernel
     )  # fmt: skip
 
 
+DIRECTION = Argument(
+    "direction", ("n",), "1", "v, held", symbol="v", per_configuration=True, draw=quantities.Normal(), largest="none"
+)
+
+
 def _direction_gradient_kernel(configuration: tuple[Argument, ...]) -> Kernel:
     """Return the kernel of the gradient of the hybrid joint stiffness along a direction."""
     F, K = arguments.wrench("hybrid"), arguments.task_stiffness("hybrid", triangle=True)
-    direction = Argument("direction", ("n",), "1", "v, held", symbol="v", per_configuration=True)
     result = Argument(
         "stiffness_direction_gradient",
         ("n",),
@@ -161,9 +167,9 @@ def _direction_gradient_kernel(configuration: tuple[Argument, ...]) -> Kernel:
         "gradient of v^T Kq v with respect to q",
         floating_meaning="gradient of v^T Kq v: covector of the base link's twist in its own axes, then the joints'",
     )
-    program = partial(stiffness_direction_gradient, wrench=F, task_stiffness=K, direction=direction, result=result)
+    program = partial(stiffness_direction_gradient, wrench=F, task_stiffness=K, direction=DIRECTION, result=result)
     return Kernel(
-        "stiffness_direction_gradient", "hybrid", (*configuration, F, K, direction), (result,),
+        "stiffness_direction_gradient", "hybrid", (*configuration, F, K, DIRECTION), (result,),
         "Gradient of the joint stiffness along a direction; wrench, task stiffness and direction are held.",
         "d(v^T Kq v)/dq; with a unit eigenvector v of Kq, the gradient of its eigenvalue",
         partial(program, representation="hybrid"),
@@ -176,11 +182,12 @@ _ENERGY = Argument("energy", (), "J", "energy U of the spring, 0 at the equilibr
 _SPRING_WRENCH = Argument.referred(
     "wrench", (6,), "N, N m",
     "F = dU, (force, moment) that balances the spring at the tip, in {reference} axes, moment about the tip's origin",
+    blocks=quantities.WRENCH,
 )  # fmt: skip
 _SPRING_TASK_STIFFNESS = Argument.referred(
     "task_stiffness", (6, 6), "N/m, N, N m",
     "covariant Hessian of U on twists (linear, angular), {reference} axes at the tip's origin; bitwise symmetric",
-    symmetric=True,
+    symmetric=True, blocks=quantities.STIFFNESS,
 )  # fmt: skip
 _SPRING_TORQUE = Argument("torque", ("n",), "N m or N", "-dU/dq: torque that the spring exerts on the joints")
 _SPRING_JOINT_STIFFNESS = Argument(

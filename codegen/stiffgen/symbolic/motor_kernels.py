@@ -16,6 +16,7 @@ from stiffgen.symbolic.closure import Closure
 from stiffgen.symbolic.joint_potentials import JOINT_POTENTIALS, JointPotential
 from stiffgen.symbolic.kernel import Kernel
 from stiffgen.symbolic.program import Program
+from stiffgen.symbolic.quantities import Normal, at_start, near_start, symmetric
 from stiffgen.symbolic.springs import Spring
 
 GROUP = "motors"
@@ -24,22 +25,26 @@ _MOTORS = "entries in the order of q"
 _MULTIPLIERS = Argument(
     "multipliers", ("equations",), "N, N m", "forces (moments) that hold the loops closed: lambda, one per equation"
 )
-_GRADIENT = Argument("gradient", ("n",), "N m or N", "dU/dq of all joints", symbol="gq", per_configuration=True)
-_HESSIAN = Argument(
-    "hessian", ("n", "n"), "N m/rad", "d2U/dq2 of all joints; only the upper triangle is read", symbol="Hq",
-    triangle=True, per_configuration=True,
+GRADIENT = Argument(
+    "gradient", ("n",), "N m or N", "dU/dq of all joints", symbol="gq", per_configuration=True,
+    draw=Normal(), largest="none",
 )  # fmt: skip
-_VELOCITY = Argument(
+HESSIAN = Argument(
+    "hessian", ("n", "n"), "N m/rad", "d2U/dq2 of all joints; only the upper triangle is read", symbol="Hq",
+    triangle=True, per_configuration=True, draw=symmetric, largest="none",
+)  # fmt: skip
+MOTOR_VELOCITY = Argument(
     "motor_velocity", ("a",), "rad/s or m/s", f"rates of the motors, {_MOTORS}", symbol="da",
-    per_configuration=True,
+    per_configuration=True, draw=Normal(), largest="none",
     floating_meaning=f"twist of the base link (linear, angular) in its own axes, then rates of the motors, {_MOTORS}",
 )  # fmt: skip
 ACTUATED = Argument(
-    "actuated", ("actuated",), "rad or m", f"positions of the motors, {_MOTORS}", symbol="a", per_configuration=True
-)
-_START = Argument(
+    "actuated", ("actuated",), "rad or m", f"positions of the motors, {_MOTORS}", symbol="a", per_configuration=True,
+    draw=near_start, largest="none", turns=True,
+)  # fmt: skip
+START = Argument(
     "start", ("q",), "rad or m", "closed joint positions from which the motors move to theirs",
-    symbol="start", per_configuration=True,
+    symbol="start", per_configuration=True, draw=at_start, largest="none", turns=True,
 )  # fmt: skip
 _TORQUE = Argument("torque", ("a",), "N m or N", f"-dU/da of the motors, {_MOTORS}")
 _OF_MOTORS = Argument("motor_gradient", ("a",), "N m or N", f"dU/da of the motors, {_MOTORS}")
@@ -91,10 +96,10 @@ def _of_loops() -> tuple[Kernel, ...]:
         return _kernel(result.name, (arguments.Q,), (result,), summary, equation, program)
 
     close = Kernel(
-        "close", None, (ACTUATED, _START), (closed,), "Joint positions of closed loops from those of the motors.",
+        "close", None, (ACTUATED, START), (closed,), "Joint positions of closed loops from those of the motors.",
         f"Newton's method for the passive joints, {motor_programs.STEPS} steps of at most "
         f"{motor_programs.LARGEST_STEP} (rad, m)",
-        partial(motor_programs.close, actuated=ACTUATED, start=_START, result=closed),
+        partial(motor_programs.close, actuated=ACTUATED, start=START, result=closed),
         f"NaN unless the last step is at most {motor_programs.LAST_STEP:g} (rad, m). A linkage has several branches: "
         "the start decides. Take the last configuration in a control loop.",
         batch=True,
@@ -114,16 +119,16 @@ def _of_loops() -> tuple[Kernel, ...]:
             "|C| |C_p^-1| in Frobenius' norm less size - 1, lengths in units of the hinges' levers", Closure.condition,
         ),
         _kernel(
-            "multipliers", (arguments.Q, _GRADIENT), (_MULTIPLIERS,),
+            "multipliers", (arguments.Q, GRADIENT), (_MULTIPLIERS,),
             "Forces that hold the closed loops together under a load of the joints.", "lambda = C_p^-T dU/dp",
-            partial(motor_programs.multipliers, result=_MULTIPLIERS, gradient=_GRADIENT),
+            partial(motor_programs.multipliers, result=_MULTIPLIERS, gradient=GRADIENT),
         ),
         _kernel(
-            "from_joints", (arguments.Q, _GRADIENT, _HESSIAN), (_OF_MOTORS, _STIFFNESS),
+            "from_joints", (arguments.Q, GRADIENT, HESSIAN), (_OF_MOTORS, _STIFFNESS),
             "Gradient and stiffness of the motors from those of any energy of the joints.",
             f"dU/da = G^T dU/dq; {_FORMULA}",
             lambda chain: motor_programs.reduction(
-                chain, (), _GRADIENT.array(chain), _HESSIAN.array(chain), (_OF_MOTORS, _STIFFNESS), "GK"
+                chain, (), GRADIENT.array(chain), HESSIAN.array(chain), (_OF_MOTORS, _STIFFNESS), "GK"
             ),
         ),
     )  # fmt: skip
@@ -243,7 +248,7 @@ def _of_masses(chain: Chain) -> tuple[Kernel, ...]:
     def bias_program(chain: Chain) -> Program:
         forces = Argument("forces", ("n",), "", "")
         tree = partial(programs.bias_forces, chain, forces)
-        return motor_programs.bias_forces(chain, tree, forces.array(chain), _VELOCITY, bias)
+        return motor_programs.bias_forces(chain, tree, forces.array(chain), MOTOR_VELOCITY, bias)
 
     def gravity(chain: Chain) -> Program:
         tree = programs.gravity_gradient(chain, _TREE["gradient"])
@@ -265,7 +270,7 @@ def _of_masses(chain: Chain) -> tuple[Kernel, ...]:
             "Rotor inertias are not included.",
         ),
         _kernel(
-            "bias_forces", (*configuration, _VELOCITY, arguments.GRAVITY), (bias,),
+            "bias_forces", (*configuration, MOTOR_VELOCITY, arguments.GRAVITY), (bias,),
             "Bias forces of the motors: Coriolis, centrifugal and gravity forces.",
             "G^T (M dG/dt da + h(q, G da))", bias_program,
         ),

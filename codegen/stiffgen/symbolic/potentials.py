@@ -32,6 +32,7 @@ import casadi as ca
 from stiffgen.errors import PotentialError, listed, printable
 from stiffgen.names import MAX_LENGTH, identifier
 from stiffgen.symbolic.arguments import Argument
+from stiffgen.symbolic.quantities import Uniform
 from stiffgen.symbolic.springs import KINDS, Placement, Spring, spring
 
 MAX_PARAMETERS = 27
@@ -160,7 +161,10 @@ def _argument(owner: str, name: str, shape: Any, full: str) -> Argument:
     if not valid:
         raise PotentialError(f"potential {owner}: the shape of parameter '{name}' must be (), (k,) or (k, l)")
     meaning = f"parameter '{name}' of the potential {owner}"
-    return Argument(full, extents, "SI", meaning, symbol=f"{full}_", plural=f"{full}_of_tips")
+    return Argument(
+        full, extents, "SI", meaning, symbol=f"{full}_", plural=f"{full}_of_tips", draw=Uniform(0.2, 2.0),
+        largest="none",
+    )  # fmt: skip
 
 
 def _checked(name: str, result: Any, inputs: list[ca.SX]) -> ca.SX:

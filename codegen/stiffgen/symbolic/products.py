@@ -8,10 +8,11 @@ from dataclasses import replace
 from functools import partial
 
 from stiffgen.robot.chain import Chain
-from stiffgen.symbolic import adjoint, arguments, gradients
+from stiffgen.symbolic import adjoint, gradients
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernel import Kernel
 from stiffgen.symbolic.program import Program
+from stiffgen.symbolic.quantities import Normal
 from stiffgen.symbolic.steps import ArgumentSlice, Sum, Term
 
 
@@ -19,13 +20,14 @@ def _cotangent(result: Argument, count: int) -> Argument:
     meaning = f"weight of each entry of {result.name}" + (", both triangles" if result.symmetric else "")
     name = gradients.cotangent_name(result.name, count)
     return Argument(
-        name, result.shape, "1", meaning, symbol="G" if count == 1 else f"G_{result.name}", per_configuration=True
-    )
+        name, result.shape, "1", meaning, symbol="G" if count == 1 else f"G_{result.name}", per_configuration=True,
+        draw=Normal(), largest="none",
+    )  # fmt: skip
 
 
 def _gradient(argument: Argument) -> Argument:
     name = gradients.bar_name(argument.name)
-    if argument.name == arguments.BASE_POSE.name:
+    if argument.is_base_pose:
         meaning = (
             "gradient with respect to the base's motion: covector of the base link's twist (linear, angular) in base "
             "link axes; its product with (v, w) is the change of L as the base moves to p + R v, R exp([w])"

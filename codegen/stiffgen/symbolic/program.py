@@ -122,6 +122,10 @@ class Array:
     """Letter of the array in formulas."""
     symmetric: bool = field(default=False, compare=False)
     """Whether the array is a symmetric matrix, to the last bit."""
+    is_q: bool = field(default=False, compare=False)
+    """Whether the array is the kernel's joint positions."""
+    is_base_pose: bool = field(default=False, compare=False)
+    """Whether the array is the pose of a floating base."""
 
     @property
     def size(self) -> int:

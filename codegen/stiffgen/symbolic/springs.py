@@ -38,6 +38,7 @@ import casadi as ca
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kinematics import Expressions, Section
+from stiffgen.symbolic.quantities import PositiveDefinite, Uniform, pose_within, random_poses
 from stiffgen.symbolic.spring_parts import (
     Axes,
     Terms,
@@ -65,6 +66,9 @@ EQUILIBRIUM = Argument.referred(
     symbol="H",
     plural="equilibria",
     varying=True,
+    draw=random_poses,
+    blocks=pose_within("reach"),
+    turns=True,
 )
 AXES: tuple[Axes, ...] = ("base", "tip", "equilibrium")
 """Axes of a stiffness: base axes, tip axes (which rotate with the tip), or the tip's axes at the equilibrium."""
@@ -81,6 +85,7 @@ def _translation_stiffness(axes: Axes) -> Argument:
     return Argument.referred(
         "translation_stiffness", (3, 3), "N/m", f"{_AXES_TEXT[axes]}; {_SYMMETRIC}",
         symbol="Kt", plural="translation_stiffnesses", triangle=True,
+        draw=PositiveDefinite(300.0), largest="translation_stiffness",
     )  # fmt: skip
 
 
@@ -88,6 +93,7 @@ def _rotation_stiffness(axes: Axes) -> Argument:
     return Argument.referred(
         "rotation_stiffness", (3, 3), "N m/rad", f"{_AXES_TEXT[axes]}; {_SYMMETRIC}",
         symbol="Ko", plural="rotation_stiffnesses", triangle=True,
+        draw=PositiveDefinite(20.0), largest="rotation_stiffness",
     )  # fmt: skip
 
 
@@ -97,16 +103,17 @@ def _coupled_stiffness(translation: Axes, rotation: Axes) -> Argument:
     )  # fmt: skip
     return Argument.referred(
         "stiffness", (6, 6), "N/m, N, N m", f"on (translation, rotation), {axes}; {_SYMMETRIC}",
-        symbol="K", plural="stiffnesses", triangle=True,
+        symbol="K", plural="stiffnesses", triangle=True, draw=PositiveDefinite(30.0), largest="none",
     )  # fmt: skip
 
 
 FORCE_LIMIT = Argument(
-    "force_limit", (), "N", "largest force of the spring, positive", symbol="fl", plural="force_limits"
-)
+    "force_limit", (), "N", "largest force of the spring, positive", symbol="fl", plural="force_limits",
+    draw=Uniform(20.0, 100.0), largest="none",
+)  # fmt: skip
 MOMENT_LIMIT = Argument(
     "moment_limit", (), "N m", "largest moment of the spring about the tip's origin, positive", symbol="ml",
-    plural="moment_limits",
+    plural="moment_limits", draw=Uniform(5.0, 20.0), largest="none",
 )  # fmt: skip
 
 

@@ -20,7 +20,7 @@ from __future__ import annotations
 import casadi as ca
 
 from stiffgen.robot.chain import Chain
-from stiffgen.symbolic.arguments import BASE_POSE, GRAVITY, Argument
+from stiffgen.symbolic.arguments import GRAVITY, Argument
 from stiffgen.symbolic.gravity import MovedMasses
 from stiffgen.symbolic.kinematics import Expressions, Section, constant, cross
 from stiffgen.symbolic.program import Array, Operand, Over, Program
@@ -103,7 +103,7 @@ def static_torque_derivatives(chain: Chain, result: Argument, inputs: tuple[Argu
 
     ``inputs`` are the configuration arguments and the wrench, or the wrenches on all tips.
     """
-    *configuration, wrench = (each for each in inputs if each.name != BASE_POSE.name)
+    *configuration, wrench = (each for each in inputs if not each.is_base_pose)
     m, size = len(chain.joints), 6 if chain.floating else 3
     S, u, t = Array("S", (size, m)), Array("u", (size, m)), Array("t", (3, m))
     turning_wrench, F = in_base_axes(chain, wrench)

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from stiffgen.lower.rounding import Ranges, argument_sizes, chain_reach, kinds
+from stiffgen.lower.rounding import ErrorBounds, Ranges, argument_sizes, chain_reach, kinds
 from stiffgen.lower.scalar import Scalar
 from stiffgen.robot.chain import Chain
 from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import Kernel
-from stiffgen.verify.result import Check, Kernels, as_results
+from stiffgen.verify.result import Check, Kernels, as_results, left_out
 from stiffgen.verify.rounding import with_more_digits
 
 CERTIFIED = "certified bound of rounding"
@@ -45,7 +45,7 @@ def check_certified_bounds(
 
     """
     ranges = Ranges(**rounding["ranges"])
-    checks = []
+    bounds, checks = ErrorBounds(chain, ranges, scalar), []
     for kernel in table:
         name = kernel.qualified_name
         stated, fresh = (
@@ -58,6 +58,8 @@ def check_certified_bounds(
             given = within(chain, kernel, ranges, scalar, [pool[argument] for argument in kernel.arguments])
             fractions = _fractions([functions[name] for functions in variants], chain, kernel, given, stated)
             checks.append(Check(name, CERTIFIED, float(fractions.max()), _SLACK, errors=fractions))
+        else:
+            checks.append(left_out(name, f"no certified bound: {bounds.hindrance(kernel)}"))
     return checks
 
 

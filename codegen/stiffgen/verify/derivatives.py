@@ -21,9 +21,8 @@ import numpy as np
 
 from stiffgen.robot.chain import Chain
 from stiffgen.robot.geometry import FloatArray
-from stiffgen.symbolic.arguments import BASE_POSE, Argument, Q
+from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import Kernel
-from stiffgen.symbolic.motor_kernels import ACTUATED
 from stiffgen.verify.result import Check, Kernels, as_results
 from stiffgen.verify.rounding import beyond_rounding, choices, rounding_errors
 
@@ -47,10 +46,10 @@ def check_derivatives(
     The pool has the states: values of every argument.
     """
     checks = []
-    names = {kernel.qualified_name: kernel for kernel in table}
-    for name, kernel in names.items():
-        of = names.get(name.removesuffix("_vjp"))
-        if of is not None and of is not kernel:
+    names = {(kernel.path, kernel.name): kernel for kernel in table}
+    for kernel in table:
+        of = names.get((kernel.path, kernel.product_of))
+        if of is not None:
             checks.append(_check(kernels, of, kernel, chain, pool))
     return checks
 
@@ -115,7 +114,7 @@ def _keeps_branch(chain: Chain, of: Kernel, values: list[FloatArray], directions
 def _moved(of: Kernel, values: list[FloatArray], directions: list[FloatArray], step: float) -> list[FloatArray]:
     """Return every argument after a step along its direction."""
     return [
-        _moved_base(value, step * direction) if argument.name == BASE_POSE.name else value + step * direction
+        _moved_base(value, step * direction) if argument.is_base_pose else value + step * direction
         for argument, value, direction in zip(of.arguments, values, directions, strict=True)
     ]
 
@@ -154,12 +153,7 @@ def _per_state(values: FloatArray) -> FloatArray:
 
 
 def _scale(value: FloatArray, argument: Argument) -> FloatArray:
-    """Return scales of directions: about 1 for joints, the size of its entries for any other argument."""
-    if argument.name in (Q.name, ACTUATED.name, BASE_POSE.name):
+    """Return scales of directions: 1 for angles and rotations, the size of its entries for any other argument."""
+    if argument.turns:  # a pose's rotation is differentiated entry by entry, also away from rotations
         return np.ones(1)
-    sizes: FloatArray = np.abs(_per_state(value)).max(axis=1).reshape(-1, *[1] * (value.ndim - 1))
-    return np.minimum(sizes, 1.0) if argument.name in _WITH_TURNS else sizes
-
-
-_WITH_TURNS = ("equilibrium", "equilibria", "tool_pose", "tool_poses")
-"""Poses: their rotations are differentiated entry by entry, also away from rotations."""
+    return np.asarray(np.abs(_per_state(value)).max(axis=1).reshape(-1, *[1] * (value.ndim - 1)))

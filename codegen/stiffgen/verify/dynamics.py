@@ -18,7 +18,7 @@ import casadi as ca
 
 from stiffgen.robot.chain import Chain, RigidBody
 from stiffgen.robot.geometry import FloatArray
-from stiffgen.verify.rounding import evaluate_longer, in_form_of
+from stiffgen.verify.rounding import evaluate_longer
 
 
 def _second_moments(body: RigidBody) -> ca.DM:
@@ -69,9 +69,8 @@ def differentiated(
         "gravity_joint_stiffness": stiffness,
     }
     columns = [stack.reshape(len(stack), -1).T for stack in samples]
-    results = {}
-    for name, expression in expected.items():
-        there = ca.substitute(expression, moves, ca.DM.zeros(own))
-        values = evaluate_longer([q, base_pose, rates, gravity], there, columns)
-        results[name] = in_form_of(name, values)
-    return results
+    at_rest, symbols = ca.DM.zeros(own), [q, base_pose, rates, gravity]
+    return {
+        name: evaluate_longer(symbols, ca.substitute(expression, moves, at_rest), columns)
+        for name, expression in expected.items()
+    }

@@ -1,26 +1,36 @@
 # SPDX-License-Identifier: MIT
-"""Compare the functions of closed loops with projections of the tree's functions.
+"""Oracles of the functions of closed loops: projections of the references of the tree.
 
 The equations c(q) are products of 4x4 matrices, differentiated twice by CasADi; NumPy solves the linear systems. The
-gradient and Hessian of each energy are those of the tree's own functions, which have references of their own.
+gradient and Hessian of each energy are the references of the tree's own functions.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from stiffgen.robot.chain import Chain, LoopEnd
 from stiffgen.robot.geometry import FloatArray
+from stiffgen.symbolic.arguments import VELOCITY, Q
+from stiffgen.symbolic.joint_potentials import JOINT_POTENTIALS, JointPotential
+from stiffgen.symbolic.kernels import Kernel
+from stiffgen.symbolic.motor_kernels import ACTUATED, GRADIENT, HESSIAN, MOTOR_VELOCITY, START
 from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.springs import Spring
+from stiffgen.verify.comparison import Oracle
 from stiffgen.verify.poses import homogeneous, moved_pose
+from stiffgen.verify.references import WRENCH, References, of_joint_potential
 from stiffgen.verify.result import Check, Kernels
 from stiffgen.verify.rounding import in_doubles
-from stiffgen.verify.samples import Samples, joint_potential_arguments
+from stiffgen.verify.samples import Samples
 
+CLOSE = "close"
+"""Name of the kernel that closes the loops: :func:`check_loops` evaluates the equations at its results."""
 _BOUND = 1e-10
 """Relative bound: the passive joints are solved from equations with condition numbers up to about 1e3."""
 
@@ -32,47 +42,58 @@ def _end_pose(chain: Chain, end: LoopEnd, q: ca.SX) -> ca.SX:
     return pose @ homogeneous(end.rotation, end.translation)
 
 
-@dataclass(frozen=True)
-class _Projection:
-    """Closed configurations, G = dq/da, and the equations' derivatives there."""
+class _Equations:
+    """Equations c(q) of a chain's loops and their derivatives."""
 
-    chain: Chain
-    q: FloatArray
-    derivatives: Callable[..., tuple[FloatArray, FloatArray, FloatArray]]
-
-    @staticmethod
-    def of(chain: Chain, q: FloatArray) -> _Projection:
-        symbol, weights, rates = (
-            ca.SX.sym(name, size)
-            for name, size in (
-                ("q", len(chain.coordinates)),
-                ("w", sum(len(loop.rows) for loop in chain.loops)),
-                ("dq", len(chain.coordinates)),
-            )
-        )
+    def __init__(self, chain: Chain) -> None:
+        self.sizes = [sum(len(loop.rows) for loop in chain.loops), len(chain.coordinates)]
+        symbol, weights, rates = (ca.SX.sym(name, self.sizes[k]) for name, k in (("q", 1), ("w", 0), ("dq", 1)))
+        self.rows: list[tuple[int, int]] = []
         rows = []
-        for loop in chain.loops:
+        for number, loop in enumerate(chain.loops):
             first, second = (_end_pose(chain, end, symbol) for end in (loop.first, loop.second))
             turn = (first[:3, :3] @ second[:3, :3].T - second[:3, :3] @ first[:3, :3].T) / 2
             whole = ca.vertcat(first[:3, 3] - second[:3, 3], turn[2, 1], turn[0, 2], turn[1, 0])
             rows += [whole[row] for row in loop.rows]
+            self.rows += [(number, row) for row in loop.rows]
         c = in_doubles(ca.vertcat(*rows))
         C = ca.jacobian(c, symbol)
         hessian, _ = ca.hessian(ca.dot(weights, c), symbol)
         moving = ca.jacobian(C @ rates, symbol) @ rates
-        function = ca.Function("c", [symbol, weights, rates], [C, hessian, moving])
+        self._function = ca.Function("c", [symbol, weights, rates], [c, C, hessian, moving])
 
-        def derivatives(*values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-            C, hessian, moving = (np.asarray(each) for each in function(*values))
-            return C, hessian, moving[:, 0]
+    def __call__(
+        self, q: FloatArray, weights: FloatArray | None = None, rates: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return c, C = dc/dq, the weighted sum of Hessians, and dC/dt dq/dt."""
+        others = zip((weights, rates), self.sizes, strict=True)
+        given = (np.zeros(size) if each is None else each for each, size in others)
+        c, C, hessian, moving = (np.asarray(each) for each in self._function(q, *given))
+        return c[:, 0], C, hessian, moving[:, 0]
 
-        return _Projection(chain, q, derivatives)
+
+class _Projection:
+    """Closed configurations, G = dq/da, and the references of the tree there."""
+
+    def __init__(self, references: References, whole: _Projection | None = None) -> None:
+        self.references, self.chain, self.samples = references, references.chain, references.samples
+        self.q = self.samples[Q]
+        self.equations: _Equations = whole.equations if whole else _Equations(self.chain)
+
+    @cached_property
+    def tips(self) -> list[_Projection]:
+        """Projections of the references of each tip."""
+        return [_Projection(each, self) for each in self.references.tips]
+
+    @property
+    def motion(self) -> FloatArray:
+        """G in every state."""
+        return np.array([self.solved(k)[1] for k in range(len(self.q))])
 
     def solved(self, k: int) -> tuple[FloatArray, FloatArray, list[int]]:
         """Return C_p, G over the velocity coordinates, and the passive entries of q."""
         chain, base = self.chain, self.chain.base_joints
-        zeros = np.zeros(sum(len(loop.rows) for loop in chain.loops)), np.zeros(len(chain.coordinates))
-        C, _, _ = self.derivatives(self.q[k], *zeros)
+        _, C, _, _ = self.equations(self.q[k])
         passive = [i for i in range(len(chain.coordinates)) if i not in chain.actuated]
         G = np.zeros((chain.dof, len(chain.motors)))
         G[list(chain.motors), range(len(chain.motors))] = 1
@@ -80,15 +101,23 @@ class _Projection:
         G[np.ix_([base + i for i in passive], range(base, len(chain.motors)))] = -np.linalg.solve(C[:, passive], right)
         return C[:, passive], G, passive
 
-    def reduced(self, gradient: FloatArray, hessian: FloatArray | None) -> tuple[FloatArray, FloatArray]:
-        """Return dU/da and d2U/da2 (without a Hessian: zeros) from gradients and Hessians of the tree."""
-        base, firsts, seconds = self.chain.base_joints, [], []
+    def multipliers(self, gradient: FloatArray) -> FloatArray:
+        """Return the forces that hold the loops closed under a gradient of the tree."""
+        base, found = self.chain.base_joints, []
         for k, g in enumerate(gradient):
-            C_p, G, passive = self.solved(k)
-            multipliers = np.linalg.solve(C_p.T, g[base:][passive])
-            _, curvature, _ = self.derivatives(self.q[k], multipliers, np.zeros(self.q.shape[1]))
+            C_p, _, passive = self.solved(k)
+            found.append(np.linalg.solve(C_p.T, g[base:][passive]))
+        return np.array(found)
+
+    def reduced(self, gradient: FloatArray, hessian: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+        """Return dU/da and d2U/da2 (without a Hessian: of zeros) from gradients and Hessians of the tree."""
+        gradient = np.asarray(gradient, dtype=float).reshape(len(self.q), -1)
+        base, firsts, seconds = self.chain.base_joints, [], []
+        for k, (g, multipliers) in enumerate(zip(gradient, self.multipliers(gradient), strict=True)):
+            _, G, _ = self.solved(k)
+            _, _, curvature, _ = self.equations(self.q[k], multipliers)
             firsts.append(G.T @ g)
-            H = np.zeros((len(g), len(g))) if hessian is None else hessian[k].copy()
+            H = np.zeros((len(g), len(g))) if hessian is None else np.array(hessian[k], dtype=float)
             H[base:, base:] -= curvature
             seconds.append(G.T @ H @ G)
         return np.array(firsts), np.array(seconds)
@@ -99,90 +128,147 @@ class _Projection:
         for k, each in enumerate(velocity):
             C_p, G, passive = self.solved(k)
             rate = G @ each
-            _, _, moving = self.derivatives(self.q[k], np.zeros(len(C_p)), rate[base:])
+            _, _, _, moving = self.equations(self.q[k], rates=rate[base:])
             acceleration = np.zeros(len(rate))
             acceleration[[base + i for i in passive]] = -np.linalg.solve(C_p, moving)
             rates.append(rate)
             accelerations.append(acceleration)
         return np.array(rates), np.array(accelerations)
 
+    def bias_forces(self) -> FloatArray:
+        """Return G^T (M dG/dt da + h) from mass matrix and bias forces of the tree at the motors' rates."""
+        rates, accelerations = self.rates(self.samples[MOTOR_VELOCITY])
+        of_tree, samples = self.references, self.samples
+        moving = Samples(self.chain, samples.count, samples.seed, {Q: self.q, VELOCITY: rates})
+        bias = References(self.chain, samples.count, samples.seed, samples=moving).dynamics["bias_forces"][..., 0]
+        forces = np.einsum("sij,sj->si", of_tree.dynamics["mass_matrix"], accelerations) + bias
+        return np.asarray(np.einsum("sij,si->sj", self.motion, forces))
 
-def check_loops(kernels: Kernels, chain: Chain, count: int, seed: int, options: SpringOptions) -> list[Check]:
-    """Compare the functions in motor coordinates with projections of the tree's functions; nothing without loops."""
+    def condition(self) -> FloatArray:
+        """Return the largest |C| |C_p^-1| - size + 1 of a block of C_p, lengths in units of its hinges' levers."""
+        return np.array([self._condition(self.equations(q)[1]) for q in self.q])
+
+    def _condition(self, C: FloatArray) -> float:
+        chain, largest = self.chain, 1.0
+        slides = np.array([coordinate.type == "prismatic" for coordinate in chain.coordinates])
+        is_angular = np.array([row >= 3 for _, row in self.equations.rows])
+        for rows, columns in self._blocks:
+            levers = C[rows][~is_angular[rows]][:, self._pattern[rows][~is_angular[rows]].any(axis=0) & ~slides]
+            unit = np.sqrt((levers**2).sum() / levers.shape[1]) if levers.size else 1.0
+            free = C[rows] * np.where(is_angular[rows], 1.0, 1.0 / unit)[:, None] * np.where(slides, unit, 1.0)
+            size = np.linalg.norm(free) * np.linalg.norm(np.linalg.inv(free[:, columns]))
+            largest = max(largest, float(size) - len(rows) + 1)
+        return largest
+
+    @cached_property
+    def _pattern(self) -> Any:
+        """Entries of C that are not zero in every state."""
+        return np.array([np.abs(self.equations(q)[1]) > 1e-12 for q in self.q]).any(axis=0)
+
+    @cached_property
+    def _blocks(self) -> list[tuple[list[int], list[int]]]:
+        """Rows and passive columns of the blocks: equations that share passive joints."""
+        passive = [i for i in range(len(self.chain.coordinates)) if i not in self.chain.actuated]
+        blocks: list[tuple[set[int], set[int]]] = []
+        for row, pattern in enumerate(self._pattern):
+            rows, columns = {row}, {k for k in passive if pattern[k]}
+            for block in [each for each in blocks if each[1] & columns]:
+                blocks.remove(block)
+                rows, columns = rows | block[0], columns | block[1]
+            blocks.append((rows, columns))
+        return [(sorted(rows), sorted(columns)) for rows, columns in blocks]
+
+
+def _oracle(values: Callable[[_Projection], Any]) -> tuple[Oracle, ...]:
+    return (Oracle("projection of the tree", values, bound=_BOUND, closed=True),)
+
+
+def _residual(r: References) -> FloatArray:
+    equations = _Equations(r.chain)
+    return np.array([equations(q)[0] for q in r.samples[Q]])
+
+
+def _of_wrench(p: _Projection) -> FloatArray:
+    return np.asarray(np.einsum("skj,sk->sj", p.references.jacobian["hybrid"], p.samples[WRENCH]))
+
+
+def _of_joints(potential: JointPotential) -> dict[str, tuple[Oracle, ...]]:
+    def reduced(p: _Projection) -> tuple[FloatArray, FloatArray]:
+        of_tree = of_joint_potential(p.references, potential)
+        return p.reduced(-of_tree["torque"], of_tree["joint_stiffness"])
+
+    return {
+        f"motors_{potential.name}_torque": _oracle(lambda p: -reduced(p)[0]),
+        f"motors_{potential.name}_joint_stiffness": _oracle(lambda p: reduced(p)[1]),
+    }
+
+
+def _of_gravity(p: _Projection) -> tuple[FloatArray, FloatArray]:
+    dynamics = p.references.dynamics
+    return p.reduced(dynamics["gravity_gradient"], dynamics["gravity_joint_stiffness"])
+
+
+LOOP_ORACLES = {
+    "motors_residual": (Oracle("products of poses", _residual, bound=_BOUND),),
+    "motors_jacobian": _oracle(lambda p: p.motion),
+    "motors_condition": _oracle(lambda p: p.condition()),
+    "motors_multipliers": _oracle(lambda p: p.multipliers(p.samples[GRADIENT])),
+    "motors_from_joints": _oracle(lambda p: p.reduced(*p.samples.of((GRADIENT, HESSIAN)))),
+    "motors_torque": _oracle(lambda p: -p.reduced(_of_wrench(p))[0]),
+    "motors_joint_stiffness": _oracle(
+        lambda p: p.reduced(_of_wrench(p), p.references.joint_stiffness("hybrid", corrected=True))[1]
+    ),
+    "motors_mass_matrix": _oracle(
+        lambda p: np.swapaxes(p.motion, 1, 2) @ p.references.dynamics["mass_matrix"] @ p.motion
+    ),
+    "motors_bias_forces": _oracle(lambda p: p.bias_forces()),
+    "motors_gravity_gradient": _oracle(lambda p: _of_gravity(p)[0]),
+    "motors_gravity_joint_stiffness": _oracle(lambda p: _of_gravity(p)[1]),
+    **{name: oracle for potential in JOINT_POTENTIALS for name, oracle in _of_joints(potential).items()},
+}
+
+
+def loop_oracles(spring: Spring) -> dict[str, tuple[Oracle, ...]]:
+    """Return the oracles of a spring's functions in motor coordinates."""
+
+    def reduced(p: _Projection) -> tuple[FloatArray, FloatArray]:
+        of_tree = p.references.springs[spring.name]
+        return p.reduced(-of_tree["torque"], of_tree["joint_stiffness"])
+
+    return {
+        f"motors_{spring.name}_torque": _oracle(lambda p: -reduced(p)[0]),
+        f"motors_{spring.name}_joint_stiffness": _oracle(lambda p: reduced(p)[1]),
+    }
+
+
+def check_loops(
+    kernels: Kernels, chain: Chain, count: int, seed: int, options: SpringOptions, table: Sequence[Kernel]
+) -> list[Check]:
+    """Compare the functions in motor coordinates with projections of the tree's references; nothing without loops."""
     if not chain.loops:
         return []
-    samples = Samples.draw(chain, count, seed)
-    actuated, start = samples.q_of_motors(seed)
-    q = np.asarray(kernels["close"](actuated, start), dtype=float)
+    samples = Samples(chain, count, seed)
+    actuated, start = samples.of((ACTUATED, START))
+    q = np.asarray(kernels[CLOSE](actuated, start), dtype=float)
     closes = np.isfinite(q).all(axis=1)
-    residual = np.abs(kernels["motors_residual"](q[closes])).max(initial=0.0)
+    equations = _Equations(chain)
+    residual = max((float(np.abs(equations(each)[0]).max(initial=0.0)) for each in q[closes]), default=0.0)
     moved = np.abs(q[closes][:, chain.actuated] - actuated[closes]).max(initial=0.0)
     checks = [
-        Check("close", "share of starts that do not close", 1 - float(closes.mean()), 0.5),
-        Check("close", "residual", float(residual), 1e-9),
-        Check("close", "motors where asked for", float(moved), 0.0),
+        Check(CLOSE, "share of starts that do not close", 1 - float(closes.mean()), 0.5),
+        Check(CLOSE, "residual", residual, 1e-9),
+        Check(CLOSE, "motors where asked for", float(moved), 0.0),
     ]
     if not closes.any():
         return checks
     q = q[closes]
-    samples = Samples.draw(chain, len(q), seed).at(q)
-    return [*checks, *_compared(kernels, chain, samples, options, _Projection.of(chain, q), seed)]
-
-
-def _compared(
-    kernels: Kernels, chain: Chain, samples: Samples, options: SpringOptions, projection: _Projection, seed: int
-) -> list[Check]:
-    checks = []
-
-    def add(name: str, value: FloatArray, reference: FloatArray) -> None:
-        scale = np.abs(reference).max(initial=0.0) or 1.0
-        checks.append(Check(name, "projection of the tree", float(np.abs(value - reference).max() / scale), _BOUND))
-
-    def add_both(at: str, group: str, given: tuple[FloatArray, ...]) -> None:
-        """Compare torque and stiffness of a group of the tree with its counterparts of the motors."""
-        torque, hessian = (kernels[f"{at}{group}_{result}"](*given) for result in ("torque", "joint_stiffness"))
-        first, second = projection.reduced(-torque, hessian)
-        for name, reference in (("torque", -first), ("joint_stiffness", second)):
-            function = f"{at}motors_{group}_{name}"
-            add(function, kernels[function](*given), reference)
-
-    q = samples.q
-    add("motors_jacobian", kernels["motors_jacobian"](q), np.array([projection.solved(k)[1] for k in range(len(q))]))
-    where, wrench, task = tuple(samples[name] for name in samples.configuration), samples.wrench, samples.task_stiffness
-    for tip in chain.tips:
-        at = f"{tip.name}_" if len(chain.tips) > 1 else ""
-        J, Kq = kernels[f"{at}hybrid_jacobian"](*where), kernels[f"{at}hybrid_joint_stiffness"](*where, wrench, task)
-        first, second = projection.reduced(np.einsum("skj,sk->sj", J, wrench), Kq)
-        add(f"{at}motors_torque", kernels[f"{at}motors_torque"](*where, wrench), -first)
-        add(f"{at}motors_joint_stiffness", kernels[f"{at}motors_joint_stiffness"](*where, wrench, task), second)
-        for spring in options.springs():
-            parameters = (samples.of(each, seed + k) for k, each in enumerate(spring.parameters))
-            add_both(at, spring.name, (*where, *parameters))
-    for group, given in joint_potential_arguments(samples).items():
-        add_both("", group, given)
-    if chain.masses:
-        _add_dynamics(kernels, chain, samples, projection, add)
+    closed = References(chain, len(q), seed, options, Samples(chain, len(q), seed, {Q: q}))
+    projection = _Projection(closed)
+    oracles = {**LOOP_ORACLES, **{n: o for spring in options.springs() for n, o in loop_oracles(spring).items()}}
+    tips = {tip.name: each for tip, each in zip(chain.tips, projection.tips, strict=True)}
+    for kernel in table:
+        at = tips[kernel.tip.name] if kernel.tip else projection
+        for oracle in oracles.get(kernel.function, ()):
+            if oracle.closed:
+                checks += oracle.checks(kernels, chain, kernel, at)
     return checks
-
-
-def _add_dynamics(
-    kernels: Kernels,
-    chain: Chain,
-    samples: Samples,
-    projection: _Projection,
-    add: Callable[[str, FloatArray, FloatArray], None],
-) -> None:
-    q, gravity = samples.q, samples.gravity
-    where = (samples.base_pose, q) if chain.floating else (q,)
-    first, second = projection.reduced(
-        kernels["gravity_gradient"](*where, gravity), kernels["gravity_joint_stiffness"](*where, gravity)
-    )
-    add("motors_gravity_gradient", kernels["motors_gravity_gradient"](*where, gravity), first)
-    add("motors_gravity_joint_stiffness", kernels["motors_gravity_joint_stiffness"](*where, gravity), second)
-    M, G = kernels["mass_matrix"](q), np.array([projection.solved(k)[1] for k in range(len(q))])
-    add("motors_mass_matrix", kernels["motors_mass_matrix"](q), np.swapaxes(G, 1, 2) @ M @ G)
-    velocity = samples.velocity[:, list(chain.motors)]
-    rates, accelerations = projection.rates(velocity)
-    forces = np.einsum("sij,sj->si", M, accelerations) + kernels["bias_forces"](*where, rates, gravity)
-    value = kernels["motors_bias_forces"](*where, velocity, gravity)
-    add("motors_bias_forces", value, np.einsum("sij,si->sj", G, forces))

@@ -15,7 +15,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -23,8 +22,10 @@ import numpy as np
 from stiffgen.errors import printable
 from stiffgen.robot.chain import Chain
 from stiffgen.robot.geometry import FloatArray
+from stiffgen.symbolic.arguments import BASE_POSE, GRAVITY, VELOCITY, Q
 from stiffgen.symbolic.kernels import Kernel
 from stiffgen.verify.result import Check, Kernels, left_out, relative_errors
+from stiffgen.verify.samples import Samples
 
 _BOUND = 1e-8
 """Tolerance relative to the largest entry: differences of poses lose digits."""
@@ -38,7 +39,7 @@ ORACLE = "URDF's XML, differences of poses"
 
 
 def check_masses(
-    kernels: Kernels, table: tuple[Kernel, ...], chain: Chain, urdf: Path, samples: Any, count: int = 5
+    kernels: Kernels, table: tuple[Kernel, ...], chain: Chain, urdf: Path, samples: Samples, count: int = 5
 ) -> list[Check]:
     """Compare the kernels of a robot's masses with the bodies of the URDF file.
 
@@ -47,7 +48,7 @@ def check_masses(
         table: their records.
         chain: the robot: names of base, tip and coordinates, locked joints and the tool are taken from it.
         urdf: the file.
-        samples: values of arguments by name.
+        samples: values of arguments.
         count: number of states.
 
     Returns:
@@ -62,14 +63,13 @@ def check_masses(
         return [left_out("masses", model)]
     references: dict[str, list[FloatArray]] = {"mass_matrix": [], "bias_forces": [], "gravity_gradient": []}
     for k in range(count):
-        state = (samples["q"][k], samples["base_pose"][k])
-        matrix, bias, pull = model.dynamics(*state, samples["velocity"][k], samples["gravity"][k])
+        matrix, bias, pull = model.dynamics(*(samples[each][k] for each in (Q, BASE_POSE, VELOCITY, GRAVITY)))
         for name, value in zip(references, (matrix, bias, pull), strict=True):
             references[name].append(value)
     checks = []
     for kernel in table:
         if kernel.qualified_name in references:
-            stacks = [samples[argument.name][:count] for argument in kernel.arguments]
+            stacks = [samples[argument][:count] for argument in kernel.arguments]
             reference = np.array(references[kernel.qualified_name])
             errors = relative_errors(kernels[kernel.qualified_name](*stacks), reference)
             checks.append(Check(kernel.qualified_name, ORACLE, float(errors.max()), _BOUND, errors=errors))

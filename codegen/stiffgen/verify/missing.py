@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -14,7 +14,7 @@ from stiffgen.robot.chain import Chain
 from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
 from stiffgen.symbolic.model import casadi_function, folded
-from stiffgen.verify.result import Check, as_results
+from stiffgen.verify.result import as_results
 
 
 def missing_functions(robot: GeneratedRobot) -> dict[str, Callable[..., Any]]:
@@ -46,8 +46,3 @@ def function_of_stacks(chain: Chain, kernel: Kernel) -> Callable[..., Any]:
         return tuple(results) if len(results) > 1 else results[0]
 
     return call
-
-
-def without_missing(checks: list[Check], missing: Mapping[str, object]) -> list[Check]:
-    """Return the comparisons of functions that the folder has."""
-    return [check for check in checks if check.kernel.partition(",")[0] not in missing]

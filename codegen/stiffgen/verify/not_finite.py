@@ -48,17 +48,19 @@ def check_not_finite(
 
 
 def _faults(call: Any, kernel: Kernel, pool: Mapping[Argument, FloatArray]) -> list[str]:
-    faults = []
-    one = [np.array(pool[argument][0]) for argument in kernel.arguments]
-    clean = _flat(call(*one))
     stacks = [pool[argument][:STACK].copy() for argument in kernel.arguments]
     clean_stack = [np.array(each) for each in as_results(call(*stacks))]
-    turn = 0
+    is_number = np.all([np.isfinite(each.reshape(len(each), -1)).all(axis=1) for each in clean_stack], axis=0)
+    if not is_number.any():
+        return ["no random arguments give a finite result (their draws may not suit the function)"]
+    sound = int(np.flatnonzero(is_number)[0])
+    one = [np.array(stack[sound]) for stack in stacks]
+    clean, faults, turn = _flat(call(*one)), [], 0
     for argument, array, stack in zip(kernel.arguments, one, stacks, strict=True):
         for index in np.ndindex(array.shape):
             kept = array[index]
             array[index] = kept + 0.1 * (1 + abs(kept))
-            depends = np.abs(_flat(call(*one)) - clean) > _DEPENDS * max(1.0, float(np.abs(clean).max()))
+            depends = ~(np.abs(_flat(call(*one)) - clean) <= _DEPENDS * max(1.0, float(np.abs(clean).max())))
             for value in (np.nan, np.inf, -np.inf):
                 array[index] = value
                 if not _right(_flat(call(*one)), clean, depends):
@@ -70,7 +72,8 @@ def _faults(call: Any, kernel: Kernel, pool: Mapping[Argument, FloatArray]) -> l
                 found = [np.array(each) for each in as_results(call(*stacks))]
                 stack[at] = before
                 others = np.arange(STACK) != at[0]
-                if not all(np.array_equal(f[others], c[others]) for f, c in zip(found, clean_stack, strict=True)):
+                pairs = ((f[others], c[others]) for f, c in zip(found, clean_stack, strict=True))
+                if not all(np.array_equal(*pair, equal_nan=True) for pair in pairs):
                     faults.append(f"{value} in {argument.name}{list(index)} of one configuration reaches another")
                 # Each configuration of a stack has its own values; an entry affects all of them.
                 mine = np.concatenate([each[at[0]].ravel() for each in found])

@@ -1,347 +1,217 @@
 # SPDX-License-Identifier: MIT
-"""Compare kernels with reference values, and with the CasADi functions from which they were printed.
+"""Oracles of oracles: independent sources of the values of every kernel, by the kernel's group and name.
 
-Errors are relative to the largest entry of the reference.
+A kernel without an oracle is a failed check: the comparison with the CasADi functions sees the printing alone.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+import math
+from collections.abc import Iterable, Sequence
+from functools import partial
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
-from stiffgen.lower.scalar import Scalar, scalar_of
 from stiffgen.robot.chain import Chain
 from stiffgen.robot.geometry import FloatArray
-from stiffgen.symbolic.arguments import Argument, Q
-from stiffgen.symbolic.connection import REPRESENTATIONS
+from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
+from stiffgen.symbolic.joint_potentials import JOINT_POTENTIALS, JointPotential
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
-from stiffgen.symbolic.model import casadi_function, folded
 from stiffgen.symbolic.potentials import SpringOptions
-from stiffgen.verify.poses import (
-    gamma_F,
-)
-from stiffgen.verify.references import References, dynamics_references
-from stiffgen.verify.result import Check, Kernels, as_results, compared
-from stiffgen.verify.rounding import beyond_rounding, rounding_errors
-from stiffgen.verify.samples import (
-    Samples,
-    argument_samples,
-    joint_potential_arguments,
-)
-from stiffgen.verify.springs import by_hand
+from stiffgen.verify.comparison import KernelCall, Oracle, but_for_rounding, symmetry
+from stiffgen.verify.loops import CLOSE, LOOP_ORACLES, loop_oracles
+from stiffgen.verify.poses import gamma_F
+from stiffgen.verify.references import TASK_STIFFNESS, WRENCH, References, of_joint_potential
+from stiffgen.verify.result import NO_ORACLE, Check, Kernels
+
+Oracles = dict[str, tuple[Oracle, ...]]
 
 
-def _dynamics_checks(kernels: Kernels, chain: Chain, samples: Samples) -> list[Check]:
-    checks = []
-    for name, (given, reference) in dynamics_references(chain, samples).items():
-        value = kernels[name](*given)
-        compare = _ResultComparison(chain, None, "", "differentiated energies", given)
-        checks.append(compare.check(name, value, reference))
-        if name.endswith(("_matrix", "_stiffness")):
-            checks.append(_symmetry(name, value))
-    return checks
+def _of_representation(rep: Representation) -> Oracles:
+    def stiffness(r: References, *, corrected: bool) -> FloatArray:
+        return r.joint_stiffness(rep, corrected=corrected)
+
+    formula = "formula on differentiated Jacobian"
+    return {
+        f"{rep}_jacobian": (Oracle("differentiated pose", lambda r: r.jacobian[rep]),),
+        f"{rep}_jacobian_transpose_derivative": (Oracle("differentiated Jacobian", lambda r: r.derivative[rep]),),
+        f"{rep}_kinematic_stiffness": (
+            Oracle("differentiated Jacobian . F", lambda r: r.kinematic_stiffness(rep)),
+        ),
+        f"{rep}_connection_correction": (
+            Oracle("cross-product matrices", lambda r: gamma_F(rep, r.samples[WRENCH])),
+        ),
+        f"{rep}_joint_stiffness": (Oracle(formula, partial(stiffness, corrected=True)),),
+        f"{rep}_joint_stiffness_uncorrected": (Oracle(formula, partial(stiffness, corrected=False)),),
+    }  # fmt: skip
 
 
-def _of_one(
-    kernels: Kernels, chain: Chain, prefix: str, name: str, oracle: str, reference: FloatArray, *given: FloatArray,
-    rounded: str = "constants",
-) -> Check:  # fmt: skip
-    """Compare the only result of a kernel of a tip with a reference; ``chain`` is the tip's branch."""
-    value = kernels[prefix + name](*given)
-    return _ResultComparison(chain, None, prefix, oracle, given).check(name, value, reference, rounded=rounded)
+def _turned_to_hybrid(r: References) -> tuple[FloatArray, FloatArray]:
+    """Return wrench and covariant Hessian of the potential in hybrid axes."""
+    wrench, covariant, _ = r.potential
+    turn = _turns(r)
+    return np.einsum("sij,sj->si", turn, wrench).astype(float), (turn @ covariant @ _back(turn)).astype(float)
 
 
-def check_kernels(kernels: Kernels, references: References, prefix: str = "") -> list[Check]:
-    """Compare the kernels of one tip with every oracle but the CasADi functions they came from.
-
-    ``prefix`` is what stands before the kernels' names where a robot has several tips ("left_hand_").
-    """
-    samples, wrench = references.samples, references.samples.wrench
-    checks = []
-
-    def add(name: str, oracle: str, reference: FloatArray, *arguments: FloatArray) -> None:
-        checks.append(_of_one(kernels, references.chain, prefix, name, oracle, reference, *arguments))
-
-    add("forward_kinematics", "product of poses", references.pose, *references.posture)
-    checks += _manipulability_checks(kernels, references, prefix)
-    held = wrench, samples.task_stiffness, samples.direction
-    along = "form differentiated along v"
-    add("hybrid_stiffness_direction_gradient", along, references.direction_gradient, *references.posture, *held)
-    for rep in REPRESENTATIONS:
-        posture = references.posture_of(rep)
-        derivative, kinematic = references.derivative[rep], references.kinematic_stiffness(rep)
-        add(f"{rep}_jacobian", "differentiated pose", references.jacobian[rep], *posture)
-        add(f"{rep}_jacobian_transpose_derivative", "differentiated Jacobian", derivative, *posture)
-        add(f"{rep}_kinematic_stiffness", "differentiated Jacobian . F", kinematic, *posture, wrench)
-        add(f"{rep}_connection_correction", "cross-product matrices", gamma_F(rep, wrench), wrench)
-        for corrected, name, K in (
-            (True, "joint_stiffness", samples.task_stiffness),
-            (False, "joint_stiffness_uncorrected", samples.general_stiffness),
-        ):
-            reference = references.joint_stiffness(rep, corrected=corrected)
-            add(f"{rep}_{name}", "formula on differentiated Jacobian", reference, *posture, wrench, K)
-        Kq = kernels[f"{prefix}{rep}_joint_stiffness"](*posture, wrench, samples.task_stiffness)
-        checks.append(_symmetry(f"{prefix}{rep}_joint_stiffness", Kq))
-    if not prefix:
-        checks += _dynamics_checks(kernels, references.chain, samples) + _joint_potential_checks(
-            kernels, references.chain, samples
-        )
-    return checks + _potential_checks(kernels, references, prefix) + _spring_checks(kernels, references, prefix)
-
-
-def _manipulability_checks(kernels: Kernels, references: References, prefix: str) -> list[Check]:
-    found, checks = references.manipulability, []
-    for name, reference, sensitivity in (
-        ("manipulability", found.measure, found.measure_error),
-        ("manipulability_gradient", found.gradient, found.gradient_error),
-    ):
-        value = kernels[prefix + name](*references.posture_of("body"))
-        errors = partial(np.multiply, np.finfo(np.asarray(value).dtype).eps, sensitivity)
-        checks.append(_but_for_rounding(prefix + name, "singular values", value, reference, errors))
-    return checks
-
-
-def _spring_checks(kernels: Kernels, references: References, prefix: str) -> list[Check]:
-    chain, checks = references.chain, []
-    for spring in references.options.springs():
-        expected = references.springs[spring.name]
-        arguments = (*references.posture, *references.parameters[spring.name])
-        compare = _ResultComparison(chain, references.options, prefix, "differentiated energy", arguments)
-        for name, reference in expected.items():
-            kernel = f"{spring.name}_{name}"
-            value = kernels[prefix + kernel](*arguments)
-            checks.append(compare.check(kernel, value, reference))
-            if name.endswith("_stiffness"):
-                checks.append(_symmetry(prefix + kernel, value))
-        kernel = f"{spring.name}_linearization"
-        for name, value in zip(
-            ("energy", "torque", "joint_stiffness"), kernels[prefix + kernel](*arguments), strict=True
-        ):
-            checks.append(compare.check(kernel, value, expected[name], name))
-    return checks
-
-
-@dataclass(frozen=True)
-class _ResultComparison:
-    """Comparison of kernels' results with references, up to the rounding of contributions that cancel.
-
-    Attributes:
-        chain: the branch that the kernels are of.
-        options: its springs.
-        prefix: what stands before the kernels' names where a robot has several tips.
-        oracle: name of the references.
-        arguments: stacks of the kernels' arguments.
-
-    """
-
-    chain: Chain
-    options: SpringOptions | None
-    prefix: str
-    oracle: str
-    arguments: tuple[FloatArray, ...]
-
-    def check(
-        self, name: str, value: Any, reference: FloatArray, result: str = "", *, rounded: str = "constants"
-    ) -> Check:
-        """Compare a result of a kernel: the only one, or the one with a name; ``rounded``: see `rounding_errors`."""
-        errors = partial(self.errors, name, value, result, rounded=rounded)
-        return _but_for_rounding(self._title(name, result), self.oracle, value, reference, errors)
-
-    def check_form(self, name: str, value: Any, other: _ResultComparison, of: str, reference: FloatArray) -> Check:
-        """Compare the only result of a kernel with that of another one, ``of``, which has rounding of its own."""
-
-        def errors() -> FloatArray:
-            own = self.errors(name, value, rounded="arguments")
-            return np.asarray(np.hypot(own, other.errors(of, reference, rounded="arguments")))
-
-        return _but_for_rounding(self._title(of), self.oracle, value, reference, errors)
-
-    def errors(self, name: str, value: Any, result: str = "", *, rounded: str) -> FloatArray:
-        """Return the standard errors of a result's samples, the largest of a sample for all its entries."""
-        (kernel,) = (each for each in chain_kernels(self.chain, self.options) if each.qualified_name == name)
-        which = [each.name for each in kernel.results].index(result) if result else 0
-        found = _rounding(self.chain, kernel, list(self.arguments), scalar_of(value), which, rounded=rounded)
-        # Entries that are zero for orthonormal rotations are rounding in the reference.
-        whole = np.nan_to_num(found.reshape(len(found), -1), nan=0.0, posinf=0.0).max(axis=1)
-        return np.broadcast_to(whole.reshape(-1, *[1] * (found.ndim - 1)), found.shape)
-
-    def _title(self, name: str, result: str = "") -> str:
-        return self.prefix + name + (f", {result}" if result else "")
-
-
-def _joint_potential_checks(kernels: Kernels, chain: Chain, samples: Samples) -> list[Check]:
-    checks = []
-    for group, given in joint_potential_arguments(samples).items():
-        for result, by_joints in by_hand(group, *given).items():
-            # A floating base's coordinates come first; the potential does not depend on them.
-            own = chain.base_joints
-            reference = np.pad(by_joints, [(0, 0), *(by_joints.ndim - 1) * [(own, 0)]])
-            name = f"{group}_{result}"
-            checks.append(compared(name, "derivatives by hand", kernels[name](*given), reference))
-    return checks
-
-
-def _symmetry(kernel: str, value: Any) -> Check:
-    matrices = np.asarray(value)
-    return Check(kernel, "bitwise symmetry", float(np.abs(matrices - np.swapaxes(matrices, 1, 2)).max()), 0.0)
-
-
-def _potential_checks(kernels: Kernels, references: References, prefix: str) -> list[Check]:
-    samples, posture, seen_from_tip = references.samples, references.posture, references.posture_of("body")
-    body_kernel, hybrid_kernel = (f"{prefix}{rep}_joint_stiffness" for rep in ("body", "hybrid"))
-    wrench, covariant, hessian = references.potential
-    rotation = references.pose[:, :3, :3]
+def _turns(r: References) -> Any:
+    rotation = r.pose[:, :3, :3]
     turn = np.zeros((len(rotation), 6, 6), dtype=rotation.dtype)
     turn[:, :3, :3] = turn[:, 3:, 3:] = rotation
-    back = np.swapaxes(turn, 1, 2)
+    return turn
 
-    def turned(vector: FloatArray) -> FloatArray:
-        result: FloatArray = np.einsum("sij,sj->si", turn, vector)
-        return result
 
-    oracle, chain = "Hessian of a potential", references.chain
-    in_hybrid = turned(wrench).astype(float), (turn @ covariant @ back).astype(float)
-    seen = wrench.astype(float), covariant.astype(float)
-    in_body = np.einsum("sji,sj->si", turn, samples.wrench).astype(float)
-    stiffness_in_body = (back @ samples.task_stiffness @ turn).astype(float)
-    body_arguments = (*seen_from_tip, in_body, stiffness_in_body)
-    hybrid_arguments = (*posture, samples.wrench, samples.task_stiffness)
-    as_body, as_hybrid = kernels[body_kernel](*body_arguments), np.asarray(kernels[hybrid_kernel](*hybrid_arguments))
-    body, hybrid = (
-        _ResultComparison(chain, None, prefix, "body form, turned", each) for each in (body_arguments, hybrid_arguments)
-    )
+def _back(turn: Any) -> Any:
+    return np.swapaxes(turn, 1, 2)
+
+
+def _of_potential(loads: Any) -> Oracle:
+    return Oracle("Hessian of a potential", lambda r: r.potential[2], loads=loads, rounded="arguments")
+
+
+def _of_energies(name: str) -> tuple[Oracle, ...]:
+    return (Oracle("differentiated energies", lambda r: r.dynamics[name]),)
+
+
+def _by_hand(potential: JointPotential, result: str) -> tuple[Oracle, ...]:
+    return (Oracle("derivatives by hand", lambda r: of_joint_potential(r, potential)[result], rounded=""),)
+
+
+ORACLES: Oracles = {
+    "forward_kinematics": (Oracle("product of poses", lambda r: r.pose),),
+    "manipulability": (
+        Oracle("singular values", lambda r: r.manipulability.measure, errors=lambda r: r.manipulability.measure_error),
+    ),
+    "manipulability_gradient": (
+        Oracle(
+            "singular values", lambda r: r.manipulability.gradient, errors=lambda r: r.manipulability.gradient_error
+        ),
+    ),
+    **{name: oracles for rep in REPRESENTATIONS for name, oracles in _of_representation(rep).items()},
+    "hybrid_stiffness_direction_gradient": (
+        Oracle("form differentiated along v", lambda r: r.direction_gradient),
+    ),
+    "mass_matrix": _of_energies("mass_matrix"),
+    "bias_forces": _of_energies("bias_forces"),
+    "gravity_energy": _of_energies("gravity_energy"),
+    "gravity_gradient": _of_energies("gravity_gradient"),
+    "gravity_joint_stiffness": _of_energies("gravity_joint_stiffness"),
+    "static_torque_derivatives": (Oracle("differentiated energies", lambda r: r.static_torque_derivatives),),
+    **{
+        f"{potential.name}_{result}": _by_hand(potential, result)
+        for potential in JOINT_POTENTIALS
+        for result in ("energy", "torque", "joint_stiffness")
+    },
+    **LOOP_ORACLES,
+}  # fmt: skip
+"""Oracles by group and name of the kernel; those of springs follow from the energies (:func:`oracles_of`)."""
+ORACLES["body_joint_stiffness"] += (
+    _of_potential(lambda r: (r.potential[0].astype(float), r.potential[1].astype(float))),
+)
+ORACLES["hybrid_joint_stiffness"] += (_of_potential(_turned_to_hybrid),)
+
+
+def oracles_of(options: SpringOptions | None) -> Oracles:
+    """Return the table with the oracles of the chosen springs, also of a user's potentials."""
+    table = dict(ORACLES)
+    for spring in (options or SpringOptions()).springs():
+        names = ("energy", "wrench", "task_stiffness", "torque", "joint_stiffness")
+        for name in names:
+            table[f"{spring.name}_{name}"] = (_of_spring(spring.name, (name,)),)
+        table[f"{spring.name}_linearization"] = (_of_spring(spring.name, ("energy", "torque", "joint_stiffness")),)
+        table |= loop_oracles(spring)
+    return table
+
+
+def _of_spring(spring: str, results: tuple[str, ...]) -> Oracle:
+    return Oracle("differentiated energy", lambda r: tuple(r.springs[spring][result] for result in results))
+
+
+def _found(table: Oracles, kernel: Kernel) -> tuple[Oracle, ...]:
+    """Return the oracles of a kernel; a total over the tips has the sum of the tips' references."""
+    if not kernel.by_tips:
+        return table.get(kernel.function, ())
+    return tuple(map(_sum_over_tips, table.get(kernel.function.removesuffix("_total"), ())[:1]))
+
+
+def _sum_over_tips(of: Oracle) -> Oracle:
+    def total(r: References) -> Any:
+        each = [of.values(tip) for tip in r.tips]
+        return tuple(map(sum, zip(*each, strict=True))) if isinstance(each[0], tuple) else sum(each)
+
+    return Oracle(f"sum over the tips: {of.name}", total)
+
+
+def check_oracles(table: Iterable[Kernel], options: SpringOptions | None = None) -> list[Check]:
+    """Return a failed check for every kernel without an oracle.
+
+    A vector-Jacobian product is compared with differences of its kernel (:mod:`stiffgen.verify.derivatives`), the
+    closure of loops with their equations (:mod:`stiffgen.verify.loops`).
+    """
+    known, kernels = oracles_of(options), tuple(table)
+    names = {(kernel.path, kernel.name) for kernel in kernels}
     return [
-        _of_one(
-            kernels, chain, prefix, "body_joint_stiffness", oracle, hessian, *seen_from_tip, *seen, rounded="arguments"
-        ),
-        _of_one(
-            kernels, chain, prefix, "hybrid_joint_stiffness", oracle, hessian, *posture, *in_hybrid, rounded="arguments"
-        ),
-        body.check_form("body_joint_stiffness", as_body, hybrid, "hybrid_joint_stiffness", as_hybrid),
-    ]
+        Check(
+            kernel.qualified_name, NO_ORACLE, math.inf, 0.0,
+            f'write ORACLES["{kernel.function}"] in verify/oracles.py, from a source that shares no code',
+        )
+        for kernel in kernels
+        if not _found(known, kernel) and kernel.name != CLOSE and (kernel.path, kernel.product_of) not in names
+    ]  # fmt: skip
 
 
 def check_robot(
-    kernels: Kernels, chain: Chain, count: int, seed: int, options: SpringOptions | None = None
+    kernels: Kernels,
+    chain: Chain,
+    count: int,
+    seed: int,
+    options: SpringOptions | None = None,
+    table: Sequence[Kernel] | None = None,
 ) -> list[Check]:
-    """Compare all kernels of a robot with every oracle but the CasADi functions they came from."""
-    if len(chain.tips) == 1:
-        return check_kernels(kernels, References(chain, count, seed, options=options))
-    whole = Samples.draw(chain, count, seed)
-    tips = [References(chain.branch(tip), count, seed + index, whole, options) for index, tip in enumerate(chain.tips)]
-    checks = _dynamics_checks(kernels, chain, whole) + _joint_potential_checks(kernels, chain, whole)
-    for tip, references in zip(chain.tips, tips, strict=True):
-        checks += check_kernels(kernels, references, f"{tip.name}_")
-    for rep in REPRESENTATIONS:
-        contacts = [
-            (*_tool_pose(references), references.samples.wrench, references.samples.task_stiffness)
-            for references in tips
-        ]
-        stacked = [np.stack(each, axis=1) for each in zip(*contacts, strict=True)]
-        name = f"{rep}_joint_stiffness_total"
-        total = sum(references.joint_stiffness(rep, corrected=True) for references in tips)
-        arguments_of_all = (*_shared_posture(tips[0].posture_of(rep), chain), *stacked)
-        value = kernels[name](*arguments_of_all)
-        compare = _ResultComparison(chain, options, "", "sum of formulas", arguments_of_all)
-        checks += [compare.check(name, value, np.asarray(total)), _symmetry(name, value)]
-    for spring in tips[0].options.springs():
-        given = [np.stack(each, axis=1) for each in zip(*(r.parameters[spring.name] for r in tips), strict=True)]
-        poses = [np.stack(each, axis=1) for each in zip(*map(_tool_pose, tips), strict=True)]
-        where = _shared_posture(tips[0].posture, chain)
-        for result in ("energy", "torque", "joint_stiffness"):
-            name = f"{spring.name}_{result}_total"
-            total = np.asarray(sum(references.springs[spring.name][result] for references in tips))
-            stacks = (*where, *poses, *given)
-            compare = _ResultComparison(chain, options, "", "sum of differentiated energies", stacks)
-            checks.append(compare.check(name, kernels[name](*stacks), total))
+    """Compare all kernels of a robot with their oracles; ``table`` has those of a folder with fewer."""
+    return check_kernels(kernels, References(chain, count, seed, options), table)
+
+
+def check_kernels(kernels: Kernels, references: References, table: Sequence[Kernel] | None = None) -> list[Check]:
+    """Compare kernels of a robot with their oracles, at the samples of the references."""
+    chain, options, checks = references.chain, references.options, list[Check]()
+    known, table = oracles_of(options), chain_kernels(chain, options) if table is None else table
+    tips = {tip.name: of_tip for tip, of_tip in zip(chain.tips, references.tips, strict=True)}
+    for kernel in table:
+        at = tips[kernel.tip.name] if kernel.tip else references
+        oracles = [oracle for oracle in _found(known, kernel) if not oracle.closed]
+        for oracle in oracles:
+            checks += oracle.checks(kernels, chain, kernel, at)
+        if oracles:
+            checks += _symmetries(kernels, chain, kernel, at)
+        if kernel.function == "body_joint_stiffness":
+            checks.append(_check_body_form(kernels, chain, kernel, at))
     return checks
 
 
-def _tool_pose(references: References) -> tuple[FloatArray, ...]:
-    """Return the argument that each tip has for itself: the pose of its tool, if it is an argument."""
-    return (references.samples.tool_pose,) if references.chain.runtime_tool else ()
-
-
-def _shared_posture(posture: tuple[FloatArray, ...], chain: Chain) -> tuple[FloatArray, ...]:
-    """Return the configuration arguments that all tips share."""
-    return posture[:-1] if chain.runtime_tool else posture
-
-
-FAR = (1.5e4, -1.0e6, 3.0e9)
-"""Angles beyond the range that the generated code reduces itself."""
-
-
-def check_far_angles(kernels: Kernels, chain: Chain, seed: int, options: SpringOptions | None = None) -> list[Check]:
-    """Compare kernels with the CasADi functions, with one joint many turns away at a time.
-
-    Chains with mimic joints are left out: either code rounds multiplied and shifted positions in its own way.
-    """
-    turning = [k for k, coordinate in enumerate(chain.coordinates) if coordinate.type != "prismatic"]
-    if chain.coupled or not turning:
+def _symmetries(kernels: Kernels, chain: Chain, kernel: Kernel, at: References) -> list[Check]:
+    """Return a check for each symmetric result."""
+    if not any(result.symmetric for result in kernel.results):
         return []
-    pool = argument_samples(chain, len(FAR) * len(turning), seed, options)
-    for row, (angle, joint) in enumerate((angle, joint) for angle in FAR for joint in turning):
-        pool[Q][row, joint] = angle
-    return [
-        replace(check, oracle="CasADi, many turns away") for check in _against_casadi(kernels, chain, pool, options)
-    ]
+    call = KernelCall(kernels, chain, kernel, at.samples.of(kernel.arguments))
+    return [symmetry(call.title(k), call.values[k]) for k, result in enumerate(kernel.results) if result.symmetric]
 
 
-def check_against_casadi(
-    kernels: Kernels, chain: Chain, count: int, seed: int, options: SpringOptions | None = None
-) -> list[Check]:
-    """Compare kernels with the CasADi functions of the same chain (the C printing and the compiler)."""
-    pool = argument_samples(chain, count, seed, options)
-    general = Samples.draw(chain, count, seed).general_stiffness
-    pool |= {argument: general for argument in pool if argument.name == "task_stiffness"}
-    return _against_casadi(kernels, chain, pool, options)
+def _check_body_form(kernels: Kernels, chain: Chain, body: Kernel, at: References) -> Check:
+    """Compare the hybrid joint stiffness with the body one at turned wrench and stiffness; each has its rounding."""
+    functions = chain_kernels(chain)
+    hybrid = next(each for each in functions if each.function == "hybrid_joint_stiffness" and each.tip == body.tip)
+    turn, wrench = _turns(at), at.samples[WRENCH]
+    loads = np.einsum("sji,sj->si", turn, wrench), _back(turn) @ at.samples[TASK_STIFFNESS] @ turn
+    given = *at.posture_of("body"), *(each.astype(float) for each in loads)
+    calls = (
+        KernelCall(kernels, chain, kernel, arguments, "arguments")
+        for kernel, arguments in ((body, given), (hybrid, at.samples.of(hybrid.arguments)))
+    )
+    in_body, in_hybrid = calls
 
+    def errors() -> FloatArray:
+        return np.asarray(np.hypot(in_body.largest_errors(0), in_hybrid.largest_errors(0)))
 
-@lru_cache(maxsize=1)
-def _formulas(chain: Chain, options: SpringOptions | None) -> list[tuple[Kernel, ca.Function]]:
-    """Yield every kernel with its CasADi function; making the functions takes as long as all comparisons."""
-    return [(kernel, casadi_function(chain, kernel)) for kernel in chain_kernels(chain, options)]
-
-
-def _against_casadi(
-    kernels: Kernels, chain: Chain, pool: dict[Argument, FloatArray], options: SpringOptions | None
-) -> list[Check]:
-    checks = []
-    for kernel, function in _formulas(chain, options):
-        arguments = [pool[argument] for argument in kernel.arguments]
-        folds = [folded(argument.array(chain).shape) for argument in kernel.arguments]
-        each = [
-            as_results(function(*(a.reshape(f) for a, f in zip(one, folds, strict=True))))
-            for one in zip(*arguments, strict=True)
-        ]
-        values = as_results(kernels[kernel.qualified_name](*arguments))
-        for k, (result, value, stack) in enumerate(zip(kernel.results, values, zip(*each, strict=True), strict=True)):
-            name = kernel.qualified_name + (f", {result.name}" if len(values) > 1 else "")
-            reference = np.stack([np.asarray(one).reshape(result.array(chain).shape) for one in stack])
-            errors = partial(_rounding, chain, kernel, arguments, scalar_of(value), k)
-            checks.append(_but_for_rounding(name, "closed form in CasADi", value, reference, errors))
-    return checks
-
-
-def _but_for_rounding(
-    name: str, oracle: str, value: Any, reference: FloatArray, errors: Callable[[], FloatArray]
-) -> Check:
-    """Compare a value with its reference, up to the rounding of contributions that cancel."""
-    check = compared(name, oracle, value, reference)
-    if check.passed:
-        return check
-    rest = beyond_rounding(np.asarray(value) - reference, errors())
-    return compared(name, oracle, (reference + rest).astype(np.asarray(value).dtype), reference)
-
-
-def _rounding(
-    chain: Chain, kernel: Kernel, given: list[FloatArray], scalar: Scalar, which: int, *, rounded: str = ""
-) -> FloatArray:
-    """Return the standard errors of one result of a kernel, zero where they are unknown."""
-    found = rounding_errors(chain, kernel, given, scalar, rounded=rounded)
-    return np.zeros((len(given[0]), *kernel.results[which].array(chain).shape)) if found is None else found[which]
+    value, reference = in_body.values[0], np.asarray(in_hybrid.values[0])
+    return but_for_rounding(hybrid.qualified_name, "body form, turned", value, reference, errors)

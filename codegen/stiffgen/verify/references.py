@@ -16,7 +16,7 @@ must be better than the function.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -24,8 +24,10 @@ import numpy as np
 from stiffgen.robot.chain import Chain
 from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic import arguments
+from stiffgen.symbolic.arguments import BASE_POSE, GRAVITY, TOOL_POSE, VELOCITY, Q, configuration_arguments
 from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
-from stiffgen.symbolic.kernels import chain_kernels
+from stiffgen.symbolic.joint_potentials import JointPotential
+from stiffgen.symbolic.kernels import DIRECTION
 from stiffgen.symbolic.model import folded
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.springs import Spring
@@ -40,101 +42,125 @@ from stiffgen.verify.poses import (
     joint_poses,
     product_of_poses,
 )
-from stiffgen.verify.rounding import evaluate_longer, in_form_of
+from stiffgen.verify.rounding import evaluate_longer
 from stiffgen.verify.samples import Samples
-from stiffgen.verify.springs import differentiated
+from stiffgen.verify.springs import by_hand, differentiated
+
+WRENCH = arguments.wrench("hybrid")
+TASK_STIFFNESS = arguments.task_stiffness("hybrid", triangle=True)
+GENERAL_STIFFNESS = arguments.task_stiffness("hybrid", triangle=False)
 
 
 class References:
-    """Reference values of the kernels of one tip at random samples.
+    """Reference values of a robot's kernels at random samples, or of the kernels of one tip: the branch to the tip.
+
+    Each is computed when it is first asked for; all are stacks, one value per sample.
 
     Args:
         chain: the robot, or the branch to one of its tips.
         count: number of samples.
         seed: of the random generator.
-        at: where joint positions and base poses are taken from instead of random ones.
         options: springs beyond the default one.
+        samples: the samples, in place of random ones.
 
     """
 
     def __init__(
-        self, chain: Chain, count: int, seed: int, at: Samples | None = None, options: SpringOptions | None = None
+        self, chain: Chain, count: int, seed: int, options: SpringOptions | None = None, samples: Samples | None = None
     ) -> None:
-        self.chain = chain
+        self.chain, self.seed = chain, seed
         self.options = options or SpringOptions()
-        self.samples = Samples.draw(chain, count, seed)
-        if at is not None:
-            self.samples = replace(self.samples, q=at.q, base_pose=at.base_pose)
-        place, tool = MovedConfiguration(chain), ca.SX.sym("T", 16)
-        self._symbols, self._moves, symbol = (place.q, place.base_pose, tool), place.moves, place.coordinates
-        mounted = tool.reshape((4, 4)).T if chain.runtime_tool else ca.SX.eye(4)
-        pose = product_of_poses(chain, place.q, place.base()) @ mounted
-        self.pose = self._evaluate(pose)
-        # Rates of the coordinates, at the base's present pose.
-        moves = ca.SX.sym("s", chain.base_joints)
-        moved = product_of_poses(chain, place.q, place.base(moves)) @ mounted
-        self.jacobian: dict[str, FloatArray] = {}
-        self.derivative: dict[str, FloatArray] = {}
-        for representation in REPRESENTATIONS:
-            jacobian = jacobian_of(moved, ca.vertcat(moves, place.q), representation)
-            jacobian = ca.substitute(jacobian, moves, ca.DM.zeros(chain.base_joints))
-            self.jacobian[representation] = self._evaluate(jacobian)
-            # vec() stacks columns: row b*6 + k of the derivative is J[k, b].
-            derivative = self._evaluate(ca.jacobian(ca.vec(jacobian), symbol))
-            n = chain.dof
-            # The derivative with respect to a single joint is zero; differentiation leaves only rounding.
-            rounding = 64 * np.finfo(float).eps * np.abs(self.jacobian[representation]).max(axis=(1, 2))
-            derivative[np.abs(derivative).max(axis=(1, 2)) <= rounding] = 0.0
-            self.derivative[representation] = derivative.reshape(count, n, 6, n).transpose(0, 3, 1, 2)
-        self.potential = self._potential(symbol, pose, seed)
-        self.direction_gradient = self._direction_gradient(place, mounted)
-        self.parameters: dict[str, list[FloatArray]] = {}
-        self.springs = {spring.name: self._spring(spring, symbol, pose, seed) for spring in self.options.springs()}
+        self.samples = samples or Samples(chain, count, seed)
+        self._place, self._tool = MovedConfiguration(chain), ca.SX.sym("T", 16)
+
+    @cached_property
+    def tips(self) -> tuple[References, ...]:
+        """References of each tip."""
+        if len(self.chain.tips) == 1:
+            return (self,)
+        count, seed = self.samples.count, self.seed
+        return tuple(
+            References(self.chain.branch(tip), count, seed + k, self.options, self.samples.of_tip(k))
+            for k, tip in enumerate(self.chain.tips)
+        )
 
     @property
     def posture(self) -> tuple[FloatArray, ...]:
         """Configuration arguments: q, and the poses of base and tool where they are arguments."""
-        given = arguments.configuration_arguments(runtime_tool=self.chain.runtime_tool, floating=self.chain.floating)
-        return tuple(self.samples[argument.name] for argument in given)
+        return self.posture_of("hybrid")
 
     def posture_of(self, representation: Representation) -> tuple[FloatArray, ...]:
         """Return the configuration arguments of a representation's kernels; body ones do not take the base's pose."""
         based = self.chain.floating and representation != "body"
-        given = arguments.configuration_arguments(runtime_tool=self.chain.runtime_tool, floating=based)
-        return tuple(self.samples[argument.name] for argument in given)
+        return self.samples.of(configuration_arguments(runtime_tool=self.chain.runtime_tool, floating=based))
 
     @property
-    def _columns(self) -> list[FloatArray]:
-        """Return the stacks of arguments of the expressions, as columns."""
-        samples = self.samples
-        return [each.reshape(len(each), -1).T for each in (samples.q, samples.base_pose, samples.tool_pose)]
+    def _mounted(self) -> ca.SX:
+        return self._tool.reshape((4, 4)).T if self.chain.runtime_tool else ca.SX.eye(4)
+
+    @cached_property
+    def _pose(self) -> ca.SX:
+        return product_of_poses(self.chain, self._place.q, self._place.base()) @ self._mounted
+
+    @cached_property
+    def pose(self) -> FloatArray:
+        """Pose of the tip."""
+        return self._evaluate(self._pose)
+
+    @cached_property
+    def _jacobians(self) -> dict[str, ca.SX]:
+        moves = ca.SX.sym("s", self.chain.base_joints)  # rates of the coordinates, at the base's present pose
+        moved = product_of_poses(self.chain, self._place.q, self._place.base(moves)) @ self._mounted
+        at_rest = ca.DM.zeros(self.chain.base_joints)
+        variables = ca.vertcat(moves, self._place.q)
+        return {rep: ca.substitute(jacobian_of(moved, variables, rep), moves, at_rest) for rep in REPRESENTATIONS}
+
+    @cached_property
+    def jacobian(self) -> dict[str, FloatArray]:
+        """Jacobian in each representation."""
+        return {rep: self._evaluate(jacobian) for rep, jacobian in self._jacobians.items()}
+
+    @cached_property
+    def derivative(self) -> dict[str, FloatArray]:
+        """Derivative dJ^T/dq in each representation."""
+        found, n = {}, self.chain.dof
+        for rep, jacobian in self._jacobians.items():
+            # vec() stacks columns: row b*6 + k of the derivative is J[k, b].
+            derivative = self._evaluate(ca.jacobian(ca.vec(jacobian), self._place.coordinates))
+            # The derivative with respect to a single joint is zero; differentiation leaves only rounding.
+            rounding = 64 * np.finfo(float).eps * np.abs(self.jacobian[rep]).max(axis=(1, 2))
+            derivative[np.abs(derivative).max(axis=(1, 2)) <= rounding] = 0.0
+            found[rep] = derivative.reshape(-1, n, 6, n).transpose(0, 3, 1, 2)
+        return found
 
     def _evaluate(
         self, expression: ca.SX, symbols: Sequence[ca.SX] = (), columns: Sequence[FloatArray] = ()
     ) -> FloatArray:
         """Return the values of an expression of the configuration and further symbols, in the longest numbers."""
-        there = ca.substitute(expression, self._moves, ca.DM.zeros(self._moves.shape[0]))
-        return evaluate_longer([*self._symbols, *symbols], there, [*self._columns, *columns])
+        place = self._place
+        there = ca.substitute(expression, place.moves, ca.DM.zeros(place.moves.shape[0]))
+        of_place = [_as_columns(each) for each in self.samples.of((Q, BASE_POSE, TOOL_POSE))]
+        return evaluate_longer([place.q, place.base_pose, self._tool, *symbols], there, [*of_place, *columns])
 
-    def _spring(self, spring: Spring, q: ca.SX, pose: ca.SX, seed: int) -> dict[str, FloatArray]:
-        """Return the results of a spring's kernels by name, from its differentiated energy."""
-        count = len(self.samples.q)
+    @cached_property
+    def springs(self) -> dict[str, dict[str, FloatArray]]:
+        """Results of each spring's kernels by name, from its differentiated energy."""
+        return {spring.name: self._spring(spring) for spring in self.options.springs()}
+
+    def _spring(self, spring: Spring) -> dict[str, FloatArray]:
         symbols = [ca.SX.sym(a.name, *folded(a.array(self.chain).shape)) for a in spring.parameters]
-        stacks = self.parameters[spring.name] = [
-            self.samples.of(argument, seed + k) for k, argument in enumerate(spring.parameters)
-        ]
         # Stacks enter as columns, a matrix row by row.
         given = [ca.vec(symbol.T) for symbol in symbols]
-        columns = [each.reshape(count, -1).T for each in stacks]
-        results = {}
-        for name, expression in differentiated(spring, self.options.placement, pose, q, symbols).items():
-            values = self._evaluate(expression, given, columns)
-            results[name] = in_form_of(name, values)
-        return results
+        columns = [_as_columns(each) for each in self.samples.of(spring.parameters)]
+        q, placement = self._place.coordinates, self.options.placement
+        results = differentiated(spring, placement, self._pose, q, symbols)
+        return {name: self._evaluate(expression, given, columns) for name, expression in results.items()}
 
-    def _potential(self, q: ca.SX, pose: ca.SX, seed: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return (F = dU, covariant Hessian K, joint Hessian) of a potential of position and orientation."""
-        random = np.random.default_rng(seed + 1)
+    @cached_property
+    def potential(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Wrench F = dU, covariant Hessian K, joint Hessian of a potential of position and orientation."""
+        random = np.random.default_rng(self.seed + 1)
+        pose = self._pose
         stiff = random.normal(size=(3, 3)) * 100
         stiff, centre = stiff @ stiff.T / 100, random.normal(size=3)
         turning, mixed = random.normal(size=(3, 3)) * 30, random.normal(size=(3, 9)) * 20
@@ -151,15 +177,16 @@ class References:
         moved = potential(position + rotation @ x[:3], rotation @ (ca.DM.eye(3) + turn + turn @ turn / 2))
         hessian, gradient = ca.hessian(moved, x)
         wrench, covariant = (ca.substitute(e, x, ca.DM.zeros(6)) for e in (gradient, hessian))
-        joint_hessian, _ = ca.hessian(potential(position, rotation), q)
+        joint_hessian, _ = ca.hessian(potential(position, rotation), self._place.coordinates)
         return self._evaluate(wrench)[..., 0], self._evaluate(covariant), self._evaluate(joint_hessian)
 
-    def _direction_gradient(self, place: MovedConfiguration, mounted: ca.SX) -> FloatArray:
-        """Return the gradient of v^T Kq v from the terms of Kq, each differentiated along v."""
-        own, size = self.chain.base_joints, self.chain.dof
+    @cached_property
+    def direction_gradient(self) -> FloatArray:
+        """Gradient of v^T Kq v from the terms of Kq, each differentiated along v."""
+        place, own, size = self._place, self.chain.base_joints, self.chain.dof
         first, then = (ca.SX.sym(name, own) for name in ("s", "t"))
         v, F, K = ca.SX.sym("v", size), ca.SX.sym("F", 6), ca.SX.sym("K", 36)
-        pose = product_of_poses(self.chain, place.q, place.base(first, then)) @ mounted
+        pose = product_of_poses(self.chain, place.q, place.base(first, then)) @ self._mounted
         jacobian = jacobian_of(pose, ca.vertcat(then, place.q), "hybrid")
         jacobian = ca.substitute(jacobian, then, ca.DM.zeros(own))
         torque, twist = jacobian.T @ F, jacobian @ v
@@ -170,11 +197,10 @@ class References:
             w, f = v[3:6], torque[:3]
             form -= ca.dot(v[:3], ca.cross(f, w)) + ca.dot(w, ca.cross(torque[3:6], w)) / 2
         form = ca.substitute(form, first, ca.DM.zeros(own))
-        columns = [self.samples.direction, self.samples.wrench, self.samples.task_stiffness.reshape(-1, 36)]
-        gradient = ca.gradient(form, place.coordinates)
-        return self._evaluate(gradient, [v, F, K], [each.T for each in columns])[..., 0]
+        columns = [_as_columns(each) for each in self.samples.of((DIRECTION, WRENCH, TASK_STIFFNESS))]
+        return self._evaluate(ca.gradient(form, place.coordinates), [v, F, K], columns)[..., 0]
 
-    @property
+    @cached_property
     def manipulability(self) -> Manipulability:
         """Measure and gradient from the singular values of the columns of the joints on the way to the tip."""
         on_the_way = self.chain.without_side_joints().joints[self.chain.base_joints :]
@@ -184,53 +210,57 @@ class References:
 
     def kinematic_stiffness(self, representation: Representation) -> FloatArray:
         """Return the kinematic stiffness: column i is dJ^T/dq_i F."""
-        contracted: FloatArray = np.einsum("sibk,sk->sbi", self.derivative[representation], self.samples.wrench)
+        contracted: FloatArray = np.einsum("sibk,sk->sbi", self.derivative[representation], self.samples[WRENCH])
         return contracted
 
     def joint_stiffness(self, representation: Representation, *, corrected: bool) -> FloatArray:
         """Return the joint stiffness by the formula, term by term."""
         J = self.jacobian[representation]
         if corrected:
-            matrix = self.samples.task_stiffness + gamma_F(representation, self.samples.wrench)
+            matrix = self.samples[TASK_STIFFNESS] + gamma_F(representation, self.samples[WRENCH])
         else:
-            matrix = self.samples.general_stiffness
+            matrix = self.samples[GENERAL_STIFFNESS]
         stiffness: FloatArray = self.kinematic_stiffness(representation) + np.swapaxes(J, 1, 2) @ matrix @ J
         if corrected and self.chain.floating:
-            on_base = np.einsum("ski,sk->si", J[:, :, :6], self.samples.wrench)
+            on_base = np.einsum("ski,sk->si", J[:, :, :6], self.samples[WRENCH])
             stiffness[:, :6, :6] -= gamma_F("body", on_base)
         return stiffness
 
+    @cached_property
+    def dynamics(self) -> dict[str, FloatArray]:
+        """Mass matrix, bias forces and gravity by kernel, from the energies of the whole tree."""
+        place, samples = self._place, self.samples
+        poses = joint_poses(self.chain, place.q, place.base())
+        stacks = samples[Q], samples[BASE_POSE].reshape(-1, 16), samples[VELOCITY], samples[GRAVITY]
+        return differentiated_energies(self.chain, poses, place.moves, place.q, place.base_pose, stacks)
 
-def dynamics_references(chain: Chain, samples: Samples) -> dict[str, tuple[tuple[FloatArray, ...], FloatArray]]:
-    """Return arguments and reference values of the kernels of the whole tree's masses, by qualified name."""
-    if not chain.masses:
-        return {}
-    place = MovedConfiguration(chain)
-    stacks = samples.q, samples.base_pose.reshape(-1, 16), samples.velocity, samples.gravity
-    poses = joint_poses(chain, place.q, place.base())
-    expected = differentiated_energies(chain, poses, place.moves, place.q, place.base_pose, stacks)
-    table = {kernel.qualified_name: kernel for kernel in chain_kernels(chain)}
-    expected["static_torque_derivatives"] = _static_torque_derivatives(chain, samples)
-    given = {name: tuple(map(samples.per_tip, table[name].arguments)) for name in expected}
-    return {name: (given[name], reference) for name, reference in expected.items()}
+    @cached_property
+    def static_torque_derivatives(self) -> FloatArray:
+        """Derivative of dU/dq - J^T F: J from differentiated poses, and the base moved twice."""
+        chain, place, moves = self.chain, self._place, ca.SX.sym("s", self.chain.base_joints)
+        gravity, count = ca.SX.sym("g", 3), len(chain.tips)
+        wrenches, tools = (ca.SX.sym(name, size, count) for name, size in (("F", 6), ("T", 16)))
+        poses, coordinates = joint_poses(chain, place.q, place.base(moves)), ca.vertcat(moves, place.q)
+        torque = ca.gradient(potential_energy(chain, poses, gravity), coordinates)
+        for k, tip in enumerate(chain.tips):
+            mounted = tools[:, k].reshape((4, 4)).T if chain.runtime_tool else ca.SX.eye(4)
+            pose = poses[tip.joint] @ homogeneous(tip.rotation, tip.translation) @ mounted
+            torque -= jacobian_of(pose, coordinates, "hybrid").T @ wrenches[:, k]
+        at_rest = ca.DM.zeros(chain.base_joints)
+        derivative = ca.jacobian(ca.substitute(torque, moves, at_rest), place.coordinates)
+        of_tips = (np.stack([tip.samples[each] for tip in self.tips], axis=1) for each in (WRENCH, TOOL_POSE))
+        stacks = *self.samples.of((Q, BASE_POSE)), *of_tips, self.samples[GRAVITY]
+        symbols = [place.q, place.base_pose, ca.vec(wrenches), ca.vec(tools), gravity]
+        there = ca.substitute(derivative, place.moves, at_rest)
+        return evaluate_longer(symbols, there, [_as_columns(stack) for stack in stacks])
 
 
-def _static_torque_derivatives(chain: Chain, samples: Samples) -> FloatArray:
-    """Return the derivative of dU/dq - J^T F: J from differentiated poses, and the base moved twice."""
-    place, moves = MovedConfiguration(chain), ca.SX.sym("s", chain.base_joints)
-    gravity, count = ca.SX.sym("g", 3), len(chain.tips)
-    wrenches, tools = (ca.SX.sym(name, size, count) for name, size in (("F", 6), ("T", 16)))
-    poses, coordinates = joint_poses(chain, place.q, place.base(moves)), ca.vertcat(moves, place.q)
-    torque = ca.gradient(potential_energy(chain, poses, gravity), coordinates)
-    for k, tip in enumerate(chain.tips):
-        mounted = tools[:, k].reshape((4, 4)).T if chain.runtime_tool else ca.SX.eye(4)
-        pose = poses[tip.joint] @ homogeneous(tip.rotation, tip.translation) @ mounted
-        torque -= jacobian_of(pose, coordinates, "hybrid").T @ wrenches[:, k]
-    torque = ca.substitute(torque, moves, ca.DM.zeros(chain.base_joints))
-    derivative = ca.substitute(
-        ca.jacobian(torque, place.coordinates), place.moves, ca.DM.zeros(chain.base_joints)
-    )  # fmt: skip
-    stacks = samples.q, samples.base_pose, *(samples.of_tips(each) for each in ("wrench", "tool_pose")), samples.gravity
-    columns = [stack.reshape(len(stack), -1).T for stack in stacks]
-    symbols = [place.q, place.base_pose, ca.vec(wrenches), ca.vec(tools), gravity]
-    return evaluate_longer(symbols, derivative, columns)
+def of_joint_potential(r: References, potential: JointPotential) -> dict[str, FloatArray]:
+    """Return the results of a joint potential's kernels; entries of a floating base are zero."""
+    own = r.chain.base_joints
+    by_joints = by_hand(potential.name, *r.samples.of((Q, *potential.parameters)))
+    return {name: np.pad(each, [(0, 0), *(each.ndim - 1) * [(own, 0)]]) for name, each in by_joints.items()}
+
+
+def _as_columns(stack: FloatArray) -> FloatArray:
+    return stack.reshape(len(stack), -1).T

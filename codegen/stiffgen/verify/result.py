@@ -14,6 +14,8 @@ from stiffgen.robot.geometry import FloatArray
 Kernels = Mapping[str, Callable[..., Any]]
 """Functions by qualified name ("hybrid_joint_stiffness"), taking stacks of arguments."""
 
+NO_ORACLE = "no oracle"
+"""Oracle's name in the table for a kernel whose values nothing independent confirms."""
 BOUND = 1e-12
 _FLOAT_BOUND = 1e-4
 
@@ -47,7 +49,19 @@ def bound_of(value: Any) -> float:
 def compared(kernel: str, oracle: str, value: Any, reference: FloatArray) -> Check:
     """Check that ``value`` is ``reference`` within its type's bound."""
     errors = relative_errors(value, reference)
-    return Check(kernel, oracle, _largest(errors), bound_of(value), errors=errors)
+    return Check(kernel, oracle, _largest(errors), bound_of(value), _missing_numbers(value, reference), errors)
+
+
+def _missing_numbers(value: Any, reference: FloatArray) -> str:
+    """Return a sentence about states in which the reference or the result is NaN; "" if none is."""
+    of_value, of_reference = (
+        np.isnan(np.asarray(each, dtype=float)).reshape(len(reference), -1).any(axis=1) for each in (value, reference)
+    )
+    if of_reference.any():
+        return f"the reference is NaN in {of_reference.sum()} of {len(reference)} states: nothing is compared there"
+    if of_value.any():
+        return f"the result is NaN in {of_value.sum()} of {len(reference)} states, the reference is a number"
+    return ""
 
 
 def faultless(kernel: str, oracle: str, faults: list[str]) -> Check:

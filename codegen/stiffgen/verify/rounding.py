@@ -303,13 +303,6 @@ def with_more_digits(chain: Chain, kernel: Kernel, stacks: Sequence[FloatArray])
     return np.stack(found, axis=1)
 
 
-def in_form_of(name: str, values: FloatArray) -> FloatArray:
-    """Return values (states, rows, columns) as the function of this name does: a matrix, a vector or a number."""
-    if name.endswith(("_matrix", "_stiffness")):
-        return values
-    return values[..., 0, 0] if name.endswith("energy") else values[..., 0]
-
-
 def long_constant(values: NDArray[np.longdouble]) -> ca.SX:
     """Return a constant of which `evaluate_longer` sees more digits than a double has."""
     leading = np.asarray(values, dtype=float)

@@ -32,20 +32,14 @@ from stiffgen.verify.files import (
     load_module,
     print_again,
 )
+from stiffgen.verify.formulas import check_against_casadi, check_far_angles
 from stiffgen.verify.loops import check_loops
 from stiffgen.verify.masses import check_masses
-from stiffgen.verify.missing import missing_functions, without_missing
+from stiffgen.verify.missing import missing_functions
 from stiffgen.verify.not_finite import check_not_finite
-from stiffgen.verify.oracles import (
-    check_against_casadi,
-    check_far_angles,
-    check_robot,
-)
+from stiffgen.verify.oracles import check_oracles, check_robot
 from stiffgen.verify.result import Check, Kernels, left_out, one_by_one
-from stiffgen.verify.samples import (
-    Samples,
-    argument_samples,
-)
+from stiffgen.verify.samples import Samples, argument_samples, with_other_lower_triangles
 from stiffgen.verify.sessions import check_sessions
 from stiffgen.verify.widths import build_widths
 
@@ -120,10 +114,8 @@ def _steps(
     # Stacks use the batch functions if there are any; the oracles must see the single functions, too.
     single = {name: one_by_one(kernel) for name, kernel in kernels.items()}
     missing = missing_functions(robot)
-    pool = argument_samples(chain, LONG, seed, springs)
-    # Not symmetric, so that a batch that reads another triangle than the single call is detected.
-    general = Samples.draw(chain, LONG, seed).general_stiffness
-    pool |= {argument: general for argument in pool if argument.name == "task_stiffness"}
+    # A batch that reads another triangle than the single call is detected.
+    pool = with_other_lower_triangles(argument_samples(chain, LONG, seed, springs))
     texts = cache(partial(print_again, robot))
     libraries = cache(partial(build_widths, robot, build))
     steps: list[tuple[str, Comparison]] = [
@@ -131,7 +123,7 @@ def _steps(
         ("names and limits", lambda: check_tables(robot, libraries())),
         (
             "differentiating and comparing",
-            lambda: without_missing(check_robot(missing | single, chain, count, seed, springs), missing),
+            lambda: check_oracles(table, springs) + check_robot(missing | single, chain, count, seed, springs, table),
         ),
         ("comparing with CasADi", lambda: check_against_casadi(single, chain, min(count, 50), seed, springs)),
         ("angles many turns away", lambda: check_far_angles(single, chain, seed, springs)),
@@ -144,7 +136,7 @@ def _steps(
     if chain.loops:
         projected = min(count, 50)
         steps.append(
-            ("projecting closed loops", lambda: check_loops(missing | single, chain, projected, seed, springs))
+            ("projecting closed loops", lambda: check_loops(missing | single, chain, projected, seed, springs, table))
         )
     if springs.derivatives:
         steps.append(("differences of what has derivatives", lambda: check_derivatives(single, table, chain, pool)))
@@ -153,7 +145,7 @@ def _steps(
     if urdf is not None:
         file = urdf
         steps.insert(1, ("reading the URDF", lambda: [check_urdf(chain, file)]))
-        states = Samples.draw(chain, 5, seed)
+        states = Samples(chain, 5, seed)
         steps.insert(2, ("masses of the URDF", lambda: check_masses(single, table, chain, file, states)))
     return steps
 

@@ -26,9 +26,10 @@ from stiffgen.analyze.recording import RecordingRequest, csv_file, npz_file, ope
 from stiffgen.cli import main
 from stiffgen.errors import MissingExtraError, RecordingError
 from stiffgen.options import help_of
+from stiffgen.symbolic.arguments import Q
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.verify.poses import gamma_F
-from stiffgen.verify.references import References
+from stiffgen.verify.references import WRENCH, References
 from support import recordings
 from support.analysis import JOINTS, ROWS, K, bad_csv, command, measured, run
 from support.project import ROOT
@@ -38,11 +39,11 @@ from support.project import ROOT
 def test_measures_against_differentiated_poses(representation, robot, chain):
     """Singular values and eigenvalues of the formula on a Jacobian that CasADi differentiated."""
     references = References(chain, 40, seed=11)
-    J, wrench = references.jacobian[representation].astype(float), references.samples.wrench
+    J, wrench = references.jacobian[representation].astype(float), references.samples[WRENCH]
     stiffness = references.kinematic_stiffness(representation).astype(float) + J.transpose(0, 2, 1) @ np.diag(K) @ J
     gamma = ms._parts(J.transpose(0, 2, 1) @ gamma_F(representation, wrench) @ J)
     corrected = ms._parts(stiffness)[0] + gamma[0]
-    rows = np.hstack([np.zeros((40, 1)), references.samples.q, wrench])
+    rows = np.hstack([np.zeros((40, 1)), references.samples[Q], wrench])
     found = measured(robot, rows, representation)
     largest = [np.linalg.svd(part, compute_uv=False)[:, 0] for part in ms._parts(stiffness)]
     eigenvalues = np.linalg.eigvalsh(corrected)

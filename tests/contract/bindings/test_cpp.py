@@ -77,7 +77,7 @@ def extents_of(shape: tuple[int, ...]) -> tuple[int, int]:
 
 def block(name: str, chain: stiffgen.Chain, kernel, drawn: Samples) -> str:
     """A function that calls a kernel in every way and compares the bits."""
-    arguments = [(a.name, a.array(chain).shape, drawn.of(a, 0)[0]) for a in kernel.arguments]
+    arguments = [(a.name, a.array(chain).shape, drawn[a][0]) for a in kernel.arguments]
     results = [(r.name, r.array(chain).shape) for r in kernel.results]
     lines = [f"void {kernel.qualified_name}()", "{"]
     c, view, eigen, span = [], [], [], []
@@ -190,7 +190,7 @@ void controller()
 
 
 def program(name: str, chain: stiffgen.Chain, springs: SpringOptions) -> str:
-    drawn = Samples.draw(chain, 1, seed=3)
+    drawn = Samples(chain, 1, seed=3)
     kernels = chain_kernels(chain, springs)
     parts = [HEAD.format(name=name), *(block(name, chain, kernel, drawn) for kernel in kernels)]
     names = [kernel.qualified_name for kernel in kernels]

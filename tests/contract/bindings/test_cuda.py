@@ -17,11 +17,13 @@ import stiffgen
 from stiffgen.cli import main
 from stiffgen.emit.render import render
 from stiffgen.options import GenerationOptions
+from stiffgen.symbolic.arguments import Q
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.joint_potentials import JOINT_POTENTIALS
 from stiffgen.symbolic.kernels import MAX_BATCH_JOINTS, chain_kernels
 from stiffgen.symbolic.model import casadi_function, folded
 from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.verify.references import TASK_STIFFNESS, WRENCH
 from stiffgen.verify.result import as_results, relative_error
 from stiffgen.verify.samples import Samples, argument_samples
 from support.c_program import STRICT
@@ -49,7 +51,7 @@ def host(folder, chain, tmp_path_factory):
 
 def arguments(kernel, samples):
     """Vectors in stacks, matrices and numbers of the first sample for all."""
-    given = ((a, samples.of(a, 0)) for a in kernel.arguments)
+    given = ((a, samples[a]) for a in kernel.arguments)
     return [np.array(values[0]) if shared(a) else values for a, values in given]
 
 
@@ -73,14 +75,14 @@ def test_golden_values(rep, golden, host):
 @pytest.mark.parametrize(("count", "spare"), [(1, 0), (37, 0), (131, 6)])
 def test_every_kernel_against_the_c_code(count, spare, host, robot, chain):
     """Also with a stride beyond the count: nothing outside is read (NaN lies there) or written."""
-    samples = Samples.draw(chain, count, seed=4)
+    samples = Samples(chain, count, seed=4)
     ufuncs = kernels_of(robot, chain)
     assert len(host.kernels) == 21 + 3 * len(JOINT_POTENTIALS)
     for name, kernel in host.kernels.items():
         given = arguments(kernel, samples)
         results = (as_results(each) for each in (host(name, *given, spare=spare), ufuncs[name](*given)))
         for found, expected in zip(*results, strict=True):
-            rows = compared_rows(name, samples.q, robot)
+            rows = compared_rows(name, samples[Q], robot)
             for one, other in zip(found[rows], expected[rows], strict=True):
                 assert_close(one, other)
 
@@ -94,24 +96,23 @@ def test_single_precision_is_one_record(host, chain, robot, tmp_path):
         (tmp_path / file).write_text(texts[file])
         assert "double" not in texts[file]
     floats = HostCuda(source, "iiwa14", chain, tmp_path, number=np.float32)
-    samples = Samples.draw(chain, 20, seed=11)
+    samples = Samples(chain, 20, seed=11)
     for name, kernel in host.kernels.items():
         given = arguments(kernel, samples)
         for found, expected in zip(as_results(floats(name, *given)), as_results(host(name, *given)), strict=True):
-            rows = compared_rows(name, samples.q, robot)
+            rows = compared_rows(name, samples[Q], robot)
             assert 1e-9 < relative_error(found[rows], expected[rows]) < 1e-5, name
 
 
 def test_an_equilibrium_for_each_configuration(host, robot, chain):
     """As a stack for the C code; in columns with a stride of their own, at least the count."""
-    samples = Samples.draw(chain, 37, seed=5)
+    samples = Samples(chain, 37, seed=5)
     ufuncs = kernels_of(robot, chain)
     springs = {name: kernel for name, kernel in host.kernels.items() if kernel.group == "spring"}
     assert len(springs) == 6
     for name, kernel in springs.items():
         given = [
-            samples.of(a, 0) if a.varying else g
-            for a, g in zip(kernel.arguments, arguments(kernel, samples), strict=True)
+            samples[a] if a.varying else g for a, g in zip(kernel.arguments, arguments(kernel, samples), strict=True)
         ]
         assert given[1].shape == (37, 4, 4)
         results = (as_results(each) for each in (host(name, *given, spare=2), ufuncs[name](*given)))
@@ -128,12 +129,12 @@ def test_an_equilibrium_for_each_configuration(host, robot, chain):
 
 def test_every_matrix_for_each_configuration(host, robot, chain):
     """Stiffnesses and numbers in columns with strides of their own; each can be shared; short strides are refused."""
-    samples = Samples.draw(chain, 37, seed=6)
+    samples = Samples(chain, 37, seed=6)
     ufuncs = kernels_of(robot, chain)
     kernels = {name: k for name, k in host.kernels.items() if any(shared(a) and not a.varying for a in k.arguments)}
     assert len(kernels) == 3 + 1 + 6 + 3  # joint stiffness, its gradient, the spring, the limits
     for name, kernel in kernels.items():
-        stacks = [samples.of(a, 0) for a in kernel.arguments]
+        stacks = [samples[a] for a in kernel.arguments]
         for place, argument in enumerate(kernel.arguments):
             one = [stack[0] if k == place and shared(argument) else stack for k, stack in enumerate(stacks)]
             for given in (stacks, one) if shared(argument) else (stacks,):
@@ -196,7 +197,7 @@ def test_other_chains(case, compiler, tmp_path):
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_nan_and_infinity(value, host, chain, robot):
     """As in the C code, entry by entry; and they stay in their configuration."""
-    samples = Samples.draw(chain, 5, seed=2)
+    samples = Samples(chain, 5, seed=2)
     ufuncs = kernels_of(robot, chain)
     for name, kernel in host.kernels.items():
         given = arguments(kernel, samples)
@@ -209,9 +210,9 @@ def test_nan_and_infinity(value, host, chain, robot):
                 for one, other in zip(as_results(found), as_results(expected), strict=True):
                     assert np.array_equal(np.isnan(one), np.isnan(other)), (name, argument.name, entry)
                     assert not np.isinf(one).any()
-    q = samples.q.copy()
+    q = samples[Q].copy()
     q[3, 1] = value
-    found = host("hybrid_joint_stiffness", q, samples.wrench, samples.task_stiffness[0])
+    found = host("hybrid_joint_stiffness", q, samples[WRENCH], samples[TASK_STIFFNESS][0])
     assert np.isnan(found[3]).all() and np.isfinite(np.delete(found, 3, axis=0)).all()
 
 

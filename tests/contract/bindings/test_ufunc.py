@@ -16,8 +16,10 @@ import dask.array as da
 import numpy as np
 import pytest
 
+from stiffgen.symbolic.arguments import Q
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.kernels import KERNELS
+from stiffgen.verify.references import TASK_STIFFNESS, WRENCH
 from stiffgen.verify.result import as_results, relative_error
 from stiffgen.verify.samples import Samples
 from support.project import kernels_of
@@ -25,11 +27,11 @@ from support.project import kernels_of
 
 @pytest.fixture(scope="module")
 def samples(chain):
-    return Samples.draw(chain, 12, seed=21)
+    return Samples(chain, 12, seed=21)
 
 
 def arguments(kernel, samples):
-    return [samples[argument.name] for argument in kernel.arguments]
+    return [samples[argument] for argument in kernel.arguments]
 
 
 RESULTS = [(kernel, index) for kernel in KERNELS for index in range(len(kernel.results))]
@@ -86,11 +88,11 @@ def test_arguments_by_name(kernel, chain, robot, samples):
     assert same(ufunc(**computed), ufunc(*(array[0] for array in stacks)))
     assert list(inspect.signature(ufunc).parameters) == [*names, "out", "options"]
     assert ufunc.__doc__.startswith(f"{kernel.qualified_name}({', '.join(names)}, *, out=None, **options)\n\n")
-    assert repr(samples.q.dtype) and ufunc.__name__ == kernel.qualified_name
+    assert repr(samples[Q].dtype) and ufunc.__name__ == kernel.qualified_name
 
 
 def test_wrong_names(robot, samples):
-    q, wrench, stiffness = samples.q[0], samples.wrench[0], samples.task_stiffness[0]
+    q, wrench, stiffness = samples[Q][0], samples[WRENCH][0], samples[TASK_STIFFNESS][0]
     function = robot.hybrid.joint_stiffness
     for call, words in (
         (
@@ -111,7 +113,7 @@ def test_wrong_names(robot, samples):
 
 
 def test_a_call_by_name_keeps_no_reference(robot, samples):
-    q, wrench, stiffness = samples.q[0].copy(), samples.wrench[0].copy(), samples.task_stiffness[0].copy()
+    q, wrench, stiffness = samples[Q][0].copy(), samples[WRENCH][0].copy(), samples[TASK_STIFFNESS][0].copy()
     out = np.empty((7, 7))
     before = [sys.getrefcount(array) for array in (q, wrench, stiffness, out)]
     for _ in range(100):
@@ -217,13 +219,13 @@ def test_out(kernel, index, chain, robot, samples):
 
 
 def test_out_may_overlap_an_input(robot, samples):
-    stiffness = samples.task_stiffness.copy()
-    expected = robot.hybrid.connection_correction(samples.wrench)
+    stiffness = samples[TASK_STIFFNESS].copy()
+    expected = robot.hybrid.connection_correction(samples[WRENCH])
     buffer = np.zeros((12, 6, 6))
-    buffer[:, 0, :] = samples.wrench
+    buffer[:, 0, :] = samples[WRENCH]
     robot.hybrid.connection_correction(buffer[:, 0, :], out=buffer)
     assert np.array_equal(buffer, expected)
-    assert np.array_equal(stiffness, samples.task_stiffness)
+    assert np.array_equal(stiffness, samples[TASK_STIFFNESS])
 
 
 @pytest.mark.parametrize(
@@ -283,7 +285,7 @@ def test_matrix_order(rep, robot, golden):
 @pytest.mark.slow
 def test_the_gil_is_released(robot, samples):
     """Another thread counts on while one call is under way."""
-    q = np.tile(samples.q, (20_000, 1))
+    q = np.tile(samples[Q], (20_000, 1))
     out = np.empty((len(q), 7, 7, 6))
     started, done, seen = threading.Event(), threading.Event(), []
 
@@ -303,10 +305,10 @@ def test_the_gil_is_released(robot, samples):
 
 
 def test_threads_agree(robot, samples):
-    expected = robot.hybrid.joint_stiffness(samples.q, samples.wrench, samples.task_stiffness)
+    expected = robot.hybrid.joint_stiffness(samples[Q], samples[WRENCH], samples[TASK_STIFFNESS])
     with ThreadPoolExecutor(8) as pool:
         calls = [
-            pool.submit(robot.hybrid.joint_stiffness, samples.q, samples.wrench, samples.task_stiffness)
+            pool.submit(robot.hybrid.joint_stiffness, samples[Q], samples[WRENCH], samples[TASK_STIFFNESS])
             for _ in range(200)
         ]
     assert all(np.array_equal(call.result(), expected) for call in calls)
@@ -330,7 +332,7 @@ def test_dask_arrays(kernel, chain, robot, samples):
 
 def test_dask_cannot_call_them_as_they_are(robot, samples):
     """dask guesses the type on arrays of one entry. Once this fails, dask is better: simplify docs/analyze.md."""
-    q = da.from_array(samples.q, chunks=(5, -1))
+    q = da.from_array(samples[Q], chunks=(5, -1))
     with pytest.raises(ValueError, match="q has the shape"):
         robot.hybrid.jacobian(q)
 

@@ -137,8 +137,8 @@ def test_eight_threads(flags, robot_folder, tmp_path):
 def test_no_undefined_behaviour(level, golden, chain, robot_folder, tmp_path):
     """Address and undefined-behaviour sanitizers over every kernel."""
     sample = golden[0]
-    drawn = Samples.draw(chain, 1, seed=0)
-    pool = {argument.name: drawn.of(argument, 0)[0] for kernel in KERNELS for argument in kernel.arguments}
+    drawn = Samples(chain, 1, seed=0)
+    pool = {argument.name: drawn[argument][0] for kernel in KERNELS for argument in kernel.arguments}
     pool |= {"q": sample.q, "wrench": sample.wrench, "task_stiffness": sample.task_stiffness}
     sizes = {k.qualified_name: [result.array(chain).size for result in k.results] for k in KERNELS}
     calls = [(k.qualified_name, [pool[a.name] for a in k.arguments], sizes[k.qualified_name]) for k in KERNELS]

@@ -35,8 +35,8 @@ def flat(value):
 @pytest.mark.parametrize("kernel", KERNELS, ids=lambda kernel: kernel.qualified_name)
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_every_dependent_entry_is_nan(kernel, value, chain, robot):
-    samples = Samples.draw(chain, 1, seed=2)
-    arguments = [samples[argument.name][0] for argument in kernel.arguments]
+    samples = Samples(chain, 1, seed=2)
+    arguments = [samples[argument][0] for argument in kernel.arguments]
     ufunc = kernels_of(robot, chain)[kernel.qualified_name]
     clean = flat(ufunc(*arguments))
     for index, argument in enumerate(arguments):

@@ -9,6 +9,7 @@ import subprocess
 import numpy as np
 
 from stiffgen.emit.backend import Backend, Request
+from stiffgen.emit.c.backend import C
 from stiffgen.emit.pages import shared_functions
 from stiffgen.emit.render import print_files
 from stiffgen.lower.variant import Variant
@@ -34,6 +35,19 @@ static void sine_cosine(const double *x, double *sine, double *cosine, int count
 }
 {% for definition in definitions %}{{ function(definition) }}{% endfor %}
 """
+
+
+def test_a_backend_s_own_template_comes_first(chain, tmp_path):
+    """Before, a new backend's header.h.j2 and macros.j2 were those of emit/c."""
+    (tmp_path / "templates").mkdir()
+    for file, text in (("macros.j2", "{% macro line() %}own{% endmacro %}"), ("helper.j2", "helper of {{ name }}")):
+        (tmp_path / "templates" / file).write_text(text)
+    own = '{% from "macros.j2" import line %}{{ line() }} header, {% include "helper.j2" %}'
+    (tmp_path / "templates" / "header.h.j2").write_text(own)
+    mine = Backend(tmp_path, lambda request: {"mine.h": "header.h.j2"})
+    texts = print_files(Request(chain, "arm"), [C, mine])
+    assert texts["mine.h"] == "own header, helper of arm"
+    assert texts["arm.h"] == print_files(Request(chain, "arm"), [C])["arm.h"]
 
 
 def plain_files(request: Request) -> dict[str, str]:

@@ -16,7 +16,7 @@ from stiffgen.opened import open_robot
 from stiffgen.prove.safety_page import targets_for, write_page
 from stiffgen.prove.targets import Target, write_targets
 from stiffgen.verify.certified import CERTIFIED
-from stiffgen.verify.result import Check
+from stiffgen.verify.result import NO_ORACLE, Check
 from support.project import ROOT
 
 FOLDER = ROOT / "generated" / "iiwa14"
@@ -67,3 +67,11 @@ def test_certified_bounds_are_shown_with_what_was_met(tmp_path: Path) -> None:
     row = next(line for line in page.splitlines() if "<td>hybrid_jacobian</td><td>linear rows</td>" in line)
     assert "m per rad or m" in row and "5.1e-02" in row
     assert "posture_energy" in page.partition("which have no certified bound: ")[2].partition("<")[0].split(", ")
+
+
+def test_values_without_an_oracle_are_named(tmp_path: Path) -> None:
+    """Before, the page said "each against an oracle of its own" of functions that had none."""
+    page = page_of(tmp_path, Check("tip_height", NO_ORACLE, np.inf, 0.0, "write one"))
+    assert "Values without an oracle, which nothing independent confirms: tip_height." in page
+    assert "FAILED: tip_height, no oracle: write one" in page
+    assert "Values without an oracle: none." in page_of(tmp_path)

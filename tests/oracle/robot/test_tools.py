@@ -152,9 +152,9 @@ def test_dual_arm_folder(runtime_tool, tmp_path):
     assert robot.TIPS == ("left hand", "right-hand")
     checks = check_robot(kernels_of(robot, chain), chain, 20, 5)
     assert [check for check in checks if not check.passed] == []
-    of_joints = 3 * len(JOINT_POTENTIALS)  # energy, torque, joint stiffness
+    of_joints = 4 * len(JOINT_POTENTIALS)  # energy, torque, joint stiffness, which is symmetric
     of_masses = 6 + 2  # M, bias forces, energy, gradient, Hessian, static torque; two are symmetric
-    assert len(checks) == of_masses + of_joints + 2 * (28 + 10) + 6 + 3
+    assert len(checks) == of_masses + of_joints + 2 * (28 + 11) + 6 + 8
     q, random = np.zeros((3, 5)), np.random.default_rng(1)
     contacts = random.normal(size=(3, 2, 6)), random.normal(size=(3, 2, 6, 6))
     poses = [np.broadcast_to(np.eye(4), (3, 2, 4, 4))] if runtime_tool else []

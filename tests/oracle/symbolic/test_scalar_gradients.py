@@ -8,10 +8,11 @@ import pytest
 
 from examples import closed_loops
 from stiffgen import StiffnessModel, load_chain
-from stiffgen.symbolic.kernels import chain_kernels
+from stiffgen.symbolic.arguments import Q
+from stiffgen.symbolic.kernels import DIRECTION, chain_kernels
 from stiffgen.symbolic.model import casadi_function
 from stiffgen.verify.poses import gamma_F
-from stiffgen.verify.references import References
+from stiffgen.verify.references import TASK_STIFFNESS, WRENCH, References
 from support.chains import chain_urdf
 from support.complex_step import columns, gradients
 from support.exact_tree import AT_ORIGIN, ExactTree, mp
@@ -94,7 +95,7 @@ def test_sliding_and_mimic_joints_and_a_tool_of_run_time(types, floating, tmp_pa
         seen, where = ([each[k] for each in references.posture_of(rep)] for rep in ("body", "hybrid"))
         assert_close(np.array(kernels.manipulability(*seen)).ravel(), expected.measure[k : k + 1])
         assert_close(np.array(kernels.manipulability_gradient(*seen)).ravel(), expected.gradient[k])
-        held = references.samples.wrench[k], references.samples.task_stiffness[k], references.samples.direction[k]
+        held = references.samples[WRENCH][k], references.samples[TASK_STIFFNESS][k], references.samples[DIRECTION][k]
         found = np.array(kernels.hybrid.stiffness_direction_gradient(*where, *held)).ravel()
         assert_close(found, references.direction_gradient[k].astype(float))
 
@@ -105,7 +106,7 @@ def test_joints_beside_the_way_to_the_tip_do_not_count():
     references = References(kernels.chain, 3, 5)
     expected = references.manipulability
     assert expected.measure.min() > 0.5
-    for k, q in enumerate(references.samples.q):
+    for k, q in enumerate(references.samples[Q]):
         assert_close(np.array(kernels.manipulability(q)).ravel(), expected.measure[k : k + 1])
         assert_close(np.array(kernels.manipulability_gradient(q)).ravel(), expected.gradient[k])
 
@@ -121,9 +122,9 @@ def test_direction_gradient_by_complex_steps(floating):
     chain = load_chain(DATA / "ur5.urdf", tip="tool0", floating_base=floating)
     stiffness = _kernel(chain, "hybrid_joint_stiffness")
     references = References(chain, 4, 2)
-    given = [*references.posture, references.samples.wrench, references.samples.task_stiffness]
+    given = [*references.posture, references.samples[WRENCH], references.samples[TASK_STIFFNESS]]
     shaped = [columns(each, each.shape[1:]) for each in given]
-    v = references.samples.direction
+    v = references.samples[DIRECTION]
     of = gradients(casadi_function(chain, stiffness), shaped, [v[:, :, None] * v[:, None, :]])
     expected = np.concatenate([each[..., 0] for each in of[: len(references.posture)]], axis=1)
     kernels = StiffnessModel(chain)

@@ -12,9 +12,9 @@ import pinocchio as pin
 import pytest
 
 import stiffgen
+from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.model import folded
-from stiffgen.verify.references import dynamics_references
-from stiffgen.verify.samples import Samples
+from stiffgen.verify.references import References
 from support.chains import chain_urdf
 from support.pinocchio_oracle import with_exact_right_angles
 from support.project import ROOT, assert_close
@@ -94,7 +94,9 @@ def test_two_arms_with_a_tool_each(floating):
 def _compare(chain):
     """Compare the function with the derivative of dU/dq - J^T F, differentiated along the poses in long doubles."""
     function = getattr(stiffgen.StiffnessModel(chain), KERNEL)
-    given, expected = dynamics_references(chain, Samples.draw(chain, 3, 8))[KERNEL]
+    references = References(chain, 3, 8)
+    (kernel,) = (each for each in chain_kernels(chain) if each.name == KERNEL)
+    given, expected = references.samples.of(kernel.arguments), references.static_torque_derivatives
     for k in range(3):
         found = function(*(np.reshape(each[k], folded(each[k].shape)) for each in given))
         assert_close(np.array(found), expected[k])

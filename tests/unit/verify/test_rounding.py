@@ -18,8 +18,8 @@ from stiffgen.symbolic.model import casadi_function, folded
 from stiffgen.symbolic.potentials import Potential, SpringOptions
 from stiffgen.verify.certified import check_certified_bounds, within
 from stiffgen.verify.derivatives import check_derivatives
+from stiffgen.verify.formulas import compare
 from stiffgen.verify.missing import function_of_stacks
-from stiffgen.verify.oracles import _against_casadi
 from stiffgen.verify.result import Check, as_results
 from stiffgen.verify.rounding import rounding_errors, with_more_digits
 from stiffgen.verify.samples import argument_samples
@@ -96,7 +96,7 @@ def functions_of(chain, name, change):
 def checks(chain, name, change):
     """What ``verify`` says of a function that is CasADi's own, its first result changed, at states it would take."""
     pool = argument_samples(chain, 20, 0, OPTIONS)
-    found: list[Check] = _against_casadi(functions_of(chain, name, change), chain, pool, OPTIONS)
+    found: list[Check] = compare(functions_of(chain, name, change), chain, pool, OPTIONS)
     return [check for check in found if not check.passed]
 
 

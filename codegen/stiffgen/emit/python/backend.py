@@ -61,9 +61,9 @@ def _protocol(page: KernelPage) -> str:
 
 def _checks(page: KernelPage) -> str:
     """Return a letter for each argument: q for joint positions, t for a matrix whose upper triangle is read, else -."""
-    triangles = {each.name for each in page.kernel.arguments if each.triangle and not page.name.endswith("_vjp")}
-    letters = dict.fromkeys(triangles, "t") | {"q": "q"}
-    return "".join(letters.get(name, "-") for name in page.inputs)
+    is_product = bool(page.kernel.product_of)
+    letters = ("t" if each.triangle and not is_product else "-" for each in page.kernel.arguments)
+    return "".join("q" if each.is_q else letter for each, letter in zip(page.kernel.arguments, letters, strict=True))
 
 
 def _turn_limits(chain: Chain) -> list[str]:

@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: MIT
+"""Compare kernels with the CasADi functions from which they were printed: printer and compiler, no derivation."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache, partial
+
+import casadi as ca
+import numpy as np
+
+from stiffgen.robot.chain import Chain
+from stiffgen.robot.geometry import FloatArray
+from stiffgen.symbolic.arguments import Argument, Q
+from stiffgen.symbolic.kernels import Kernel, chain_kernels
+from stiffgen.symbolic.model import casadi_function, folded
+from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.verify.comparison import KernelCall, but_for_rounding
+from stiffgen.verify.result import Check, Kernels, as_results
+from stiffgen.verify.samples import argument_samples, with_other_lower_triangles
+
+FAR = (1.5e4, -1.0e6, 3.0e9)
+"""Angles beyond the range that the generated code reduces itself."""
+
+
+def check_far_angles(kernels: Kernels, chain: Chain, seed: int, options: SpringOptions | None = None) -> list[Check]:
+    """Compare kernels with the CasADi functions, with one joint many turns away at a time.
+
+    Chains with mimic joints are left out: either code rounds multiplied and shifted positions in its own way.
+    """
+    turning = [k for k, coordinate in enumerate(chain.coordinates) if coordinate.type != "prismatic"]
+    if chain.coupled or not turning:
+        return []
+    pool = argument_samples(chain, len(FAR) * len(turning), seed, options)
+    for row, (angle, joint) in enumerate((angle, joint) for angle in FAR for joint in turning):
+        pool[Q][row, joint] = angle
+    return [replace(check, oracle="CasADi, many turns away") for check in compare(kernels, chain, pool, options)]
+
+
+def check_against_casadi(
+    kernels: Kernels, chain: Chain, count: int, seed: int, options: SpringOptions | None = None
+) -> list[Check]:
+    """Compare kernels with the CasADi functions of the same chain (the C printing and the compiler)."""
+    pool = with_other_lower_triangles(argument_samples(chain, count, seed, options))
+    return compare(kernels, chain, pool, options)
+
+
+@lru_cache(maxsize=1)
+def _formulas(chain: Chain, options: SpringOptions | None) -> list[tuple[Kernel, ca.Function]]:
+    """Return every kernel with its CasADi function; making the functions takes as long as all comparisons."""
+    return [(kernel, casadi_function(chain, kernel)) for kernel in chain_kernels(chain, options)]
+
+
+def compare(
+    kernels: Kernels, chain: Chain, pool: dict[Argument, FloatArray], options: SpringOptions | None
+) -> list[Check]:
+    """Compare kernels with the CasADi functions at given arguments."""
+    checks = []
+    for kernel, function in _formulas(chain, options):
+        arguments = [pool[argument] for argument in kernel.arguments]
+        folds = [folded(argument.array(chain).shape) for argument in kernel.arguments]
+        each = [
+            as_results(function(*(a.reshape(f) for a, f in zip(one, folds, strict=True))))
+            for one in zip(*arguments, strict=True)
+        ]
+        call = KernelCall(kernels, chain, kernel, arguments)
+        for k, (result, stack) in enumerate(zip(kernel.results, zip(*each, strict=True), strict=True)):
+            reference = np.stack([np.asarray(one).reshape(result.array(chain).shape) for one in stack])
+            checks.append(
+                but_for_rounding(
+                    call.title(k), "closed form in CasADi", call.values[k], reference, partial(call.errors_of, k)
+                )
+            )
+    return checks

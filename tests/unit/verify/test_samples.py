@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: MIT
+"""Values of arguments come from their records; a record that lacks something names the line to write."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import stiffgen
+from stiffgen.errors import StiffgenError
+from stiffgen.symbolic.arguments import BASE_POSE, TOOL_POSE, Argument, Q
+from stiffgen.symbolic.kernels import KERNELS, chain_kernels
+from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.quantities import BlockKind, Blocks, Normal
+from stiffgen.symbolic.springs import KINDS
+from stiffgen.verify.samples import Samples, argument_samples, with_other_lower_triangles
+from support.project import ROOT
+
+POSE = KERNELS[0]
+DATA = ROOT / "tests" / "data"
+
+
+@pytest.mark.parametrize(
+    ("record", "line"),
+    [
+        ({"largest": 5.0}, r"Argument\('load', ...\) has no random values.*write draw="),
+        ({"draw": Normal()}, r"Argument\('load', ...\) has no range.*write largest="),
+        ({"draw": Normal(), "largest": "forces"}, r"unknown range; ranges are numbers and positions, .*force"),
+        ({"draw": Normal(), "blocks": Blocks((BlockKind("", "", "forces"),), lambda k: 0)}, r"unknown range"),
+    ],
+)
+def test_an_argument_without_a_draw_or_a_range_names_the_line_to_write(record: dict, line: str) -> None:
+    load = Argument("load", (3,), "N", "weight at the tip", **record)
+    with pytest.raises(StiffgenError, match=rf"kernel forward_kinematics: .*{line}"):
+        replace(POSE, arguments=(*POSE.arguments, load))
+    complete = replace(load, draw=Normal(), largest=5.0, blocks=None)
+    assert replace(POSE, arguments=(*POSE.arguments, complete)).arguments[-1] == complete
+
+
+@pytest.fixture(scope="module")
+def arms() -> stiffgen.Chain:
+    return stiffgen.load_chain(
+        DATA / "dual_arm.urdf", tip=["left hand", "right-hand"], floating_base=True, runtime_tool=True
+    )
+
+
+def test_tips_share_the_configuration_and_nothing_else(arms: stiffgen.Chain) -> None:
+    """The argument of all tips holds those of each, which the oracles of one tip take."""
+    samples = Samples(arms, 4, 3)
+    (tools,) = {a for k in chain_kernels(arms) for a in k.arguments if a.each == TOOL_POSE}
+    left, right = samples.of_tip(0), samples.of_tip(1)
+    assert np.array_equal(samples[tools], np.stack([left[TOOL_POSE], right[TOOL_POSE]], axis=1))
+    assert not np.array_equal(left[TOOL_POSE], right[TOOL_POSE])
+    for argument in (Q, BASE_POSE):
+        assert np.array_equal(left[argument], right[argument])
+    rotations = samples[tools][..., :3, :3]
+    assert np.allclose(rotations @ np.swapaxes(rotations, -1, -2), np.eye(3))
+
+
+def test_matrices_of_which_one_triangle_is_read_differ_in_the_other(chain: stiffgen.Chain) -> None:
+    """Every matrix, not the task stiffness alone: before, a batch that read all of Kt passed."""
+    pool = argument_samples(chain, 3, 0, SpringOptions(kinds=KINDS))
+    changed = with_other_lower_triangles(pool)
+    names = {argument.name for argument in pool if not np.array_equal(pool[argument], changed[argument])}
+    assert names == {"task_stiffness", "translation_stiffness", "rotation_stiffness", "stiffness"}
+    for argument, values in changed.items():
+        if argument.triangle:
+            assert np.array_equal(np.triu(values), np.triu(pool[argument]))
+            assert (np.abs(values - np.swapaxes(values, 1, 2))[:, 1, 0] > 0.5).all()
+
+
+def test_matrices_that_are_solved_are_well_conditioned(chain: stiffgen.Chain) -> None:
+    pool = argument_samples(chain, 200, 0, SpringOptions(kinds=KINDS))
+    positive = [pool[a] for a in pool if a.name in ("translation_stiffness", "rotation_stiffness", "stiffness")]
+    assert len(positive) == 3
+    assert all(np.linalg.cond(values).max() < 1e3 for values in positive)
