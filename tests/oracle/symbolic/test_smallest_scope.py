@@ -11,13 +11,14 @@ import pytest
 
 from stiffgen.errors import ChainError
 from stiffgen.robot.chain import Chain
+from stiffgen.symbolic.arguments import Q, configuration_arguments
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
 from stiffgen.symbolic.model import casadi_function, folded
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.verify.derivatives import check_derivatives
 from stiffgen.verify.missing import function_of_stacks
 from stiffgen.verify.result import as_results
-from stiffgen.verify.samples import Samples, argument_samples
+from stiffgen.verify.samples import argument_samples
 from support.exact_linkage import ExactLinkage, closed_state
 from support.kernel_references import MotorReferences, References
 from support.small_robots import LINKAGES, TREES, Small, part
@@ -56,9 +57,8 @@ def error(chain: Chain, kernel: Kernel, given: dict[str, np.ndarray], reference:
 ])  # fmt: skip
 def test_kernels_of_trees(robot: str, springs: SpringOptions, tmp_path) -> None:
     chain, errors = TREES[robot].load(tmp_path), {}
-    pool, samples = argument_samples(chain, 2, 5, springs), Samples.draw(chain, 2, 5)
-    where = {"q": samples.q[1], "base_pose": samples.base_pose[1]}
-    where = {name: value for name, value in where.items() if name in samples.configuration}
+    pool = argument_samples(chain, 2, 5, springs)
+    where = {each.name: pool[each][1] for each in configuration_arguments(runtime_tool=False, floating=chain.floating)}
     for kernel in chain_kernels(chain, springs):
         given = given_to(kernel, pool, 1)
         reference = References(TREES[robot].urdf, chain, where | given).of(kernel)
@@ -94,11 +94,11 @@ def test_motors_of_linkages(robot: str, springs: SpringOptions, tmp_path) -> Non
 def test_kernels_of_linkages_as_trees(robot: str, tmp_path) -> None:
     """Open loops leave a tree whose paths to the tips hold one or two of its three coordinates."""
     chain, errors = LINKAGES[robot].load(tmp_path), {}
-    pool, samples = argument_samples(chain, 2, 5), Samples.draw(chain, 2, 5)
+    pool = argument_samples(chain, 2, 5)
     for kernel in chain_kernels(chain):
         if kernel.group != "motors" and kernel.name != "close":
             given = given_to(kernel, pool, 1)
-            reference = References(LINKAGES[robot].urdf, chain, {"q": samples.q[1]} | given).of(kernel)
+            reference = References(LINKAGES[robot].urdf, chain, {"q": pool[Q][1]} | given).of(kernel)
             errors[kernel.qualified_name] = error(chain, kernel, given, reference)
     assert {name: each for name, each in errors.items() if not each <= BOUND} == {}
 
