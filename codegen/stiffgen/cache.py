@@ -3,7 +3,9 @@
 
 The name of an entry is a digest of everything that the compiled module depends on: the robot's file, the options, the
 generator's own files, Python, the processor and the compiler. An entry appears whole or not at all
-(:func:`stiffgen.folder.swapped_in`); a lock keeps two processes from doing the same work at the same time.
+(:func:`stiffgen.folder.swapped_in`); a lock keeps two processes from doing the same work at the same time. A record
+holds the digests of all files, the compiled module's too: a module that a crash has cut short would end the process
+that imports it. An entry with another digest is made again.
 """
 
 from __future__ import annotations
@@ -13,9 +15,10 @@ import importlib.util
 import json
 import os
 import platform
+import shutil
 import sys
 import sysconfig
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -25,8 +28,9 @@ import numpy as np
 
 from stiffgen._version import __version__
 from stiffgen.emit.build import compiler_command
-from stiffgen.errors import BuildError, OutputError, StiffgenError, printable, terminal_text
-from stiffgen.folder import exclusive, remove_unlocked, write_atomically
+from stiffgen.emit.manifest import MANIFEST
+from stiffgen.errors import BuildError, OutputError, StiffgenError, listed, printable, terminal_text
+from stiffgen.folder import exclusive, flush, remove_unlocked, write_atomically
 from stiffgen.generate import generate_folder
 from stiffgen.loading import describe
 from stiffgen.names import identifier
@@ -67,16 +71,18 @@ def load(file: str | Path, *, tip: Any = None, base: str | None = None, **option
     chosen = GenerationOptions(tip=tip, base=base, **{"progress": _print_step} | options)
     digest = _digest(_input_of(file, chosen), _plain(chosen), _generator(), _machine())
     entry = _entry(f"{identifier(Path(file).stem)}-{digest[:20]}")
-    robot = _open(entry)
+    robot = _open(entry, chosen.progress)
     if robot is None:
         compiler_command()  # the error of a missing compiler comes before a minute's work
         _make_folder(entry)
         with exclusive(entry.with_suffix(".lock"), lambda: chosen.progress(_WAITING)):
-            robot = _open(entry)  # another process may have made it just now
+            robot = _open(entry, lambda _: None)  # another process may have made it just now
             if robot is None:
+                shutil.rmtree(entry, ignore_errors=True)  # generation replaces no folder whose manifest is damaged
                 folder = generate_folder(file, replace(chosen, output=entry, force=True))
+                flush(folder)  # no record on the disk before the files that it vouches for
                 record = {"file": str(Path(file).absolute()), "folder": folder.name, "version": __version__}
-                write_atomically(entry / _RECORD, json.dumps(record))
+                write_atomically(entry / _RECORD, json.dumps(record | {"digests": _digests(folder)}))
                 robot = open_robot(folder)
     return robot
 
@@ -113,17 +119,29 @@ def entries() -> list[CachedRobot]:
     return found
 
 
-def clear() -> int:
-    """Remove all robots from the cache, except those that a process is making; return how many were removed.
+def clear(names: Sequence[str] = ()) -> int:
+    """Remove robots from the cache, except those that a process is making; return how many were removed.
+
+    Args:
+        names: names of robots; default: all.
 
     Raises:
         OutputError: one of them cannot be removed.
+        StiffgenError: the cache has no robot of a name.
 
     """
+    found = {each.folder.parent: each.folder.name for each in entries()}
+    for name in names:
+        if name not in found.values():
+            known = listed(sorted(set(found.values()))) or "(none)"
+            raise StiffgenError(f"the cache has no robot '{printable(name)}'; it has {known}")
     removed = 0
     for lock in sorted(cache_folder().glob("*-*.lock")):
+        entry = lock.with_suffix("")
+        if names and found.get(entry) not in names:
+            continue
         try:
-            removed += remove_unlocked(lock, lock.with_suffix(""))
+            removed += remove_unlocked(lock, entry)
         except OSError as error:
             raise OutputError(f"{lock.parent}: cannot be cleared ({error.strerror})") from error
     return removed
@@ -133,25 +151,35 @@ def _print_step(step: str) -> None:
     print(f"stiffgen: {terminal_text(step)} ...", file=sys.stderr, flush=True)
 
 
-def _open(entry: Path) -> GeneratedRobot | None:
-    """Return the robot of an entry; None if there is none, or a file is not what the manifest says."""
+def _open(entry: Path, say: Callable[[str], None]) -> GeneratedRobot | None:
+    """Return the robot of an entry; None if there is none, or a file is not what the record says."""
     content = _read_record(entry)
     if content is None:
+        if (entry / _RECORD).exists():
+            say(f"the cache's record of {entry.name} is damaged; generating the robot again")
         return None
     folder = entry / content["folder"]
+    found = _digests(folder)
+    damaged = sorted(file for file, digest in content["digests"].items() if found.get(file) != digest)
     try:
-        robot = open_robot(folder)
-        whole = robot.digests(robot.manifest["files"]) == robot.manifest["files"]
+        if not damaged:
+            return open_robot(folder)
     except OutputError:
-        return None
-    module = folder / "python" / f"{robot.name}_python{sysconfig.get_config_var('EXT_SUFFIX')}"
-    return robot if whole and module.exists() else None
+        damaged = [MANIFEST]
+    say(f"the robot {content['folder']} in the cache is damaged ({listed(damaged, 3)}); generating it again")
+    return None
 
 
-def _read_record(entry: Path) -> dict[str, str] | None:
+def _digests(folder: Path) -> dict[str, str]:
+    """Return the SHA-256 of all files of a folder, by file; those that Python writes at an import are left out."""
+    files = [each for each in folder.rglob("*") if each.is_file() and "__pycache__" not in each.parts]
+    return {each.relative_to(folder).as_posix(): hashlib.sha256(each.read_bytes()).hexdigest() for each in files}
+
+
+def _read_record(entry: Path) -> dict[str, Any] | None:
     try:
         content = json.loads((entry / _RECORD).read_text(encoding="utf-8"))
-        return {key: str(content[key]) for key in ("file", "folder")}
+        return {key: str(content[key]) for key in ("file", "folder")} | {"digests": dict(content["digests"])}
     except (OSError, ValueError, LookupError, TypeError):
         return None
 

@@ -128,6 +128,17 @@ def _is_locked_now(stream: IO[bytes]) -> bool:
     return True
 
 
+def flush(folder: Path) -> None:
+    """Have the system write a folder and all in it to the disk, so that a power cut leaves no file cut short."""
+    for path in (*folder.rglob("*"), folder):
+        with suppress(OSError):  # Windows flushes no folders
+            descriptor = os.open(path, os.O_RDONLY)
+            try:
+                os.fsync(descriptor)
+            finally:
+                os.close(descriptor)
+
+
 def write_atomically(target: Path, text: str) -> None:
     """Write a file beside its place and move it there; a symbolic link in its place is replaced, never followed.
 
@@ -144,7 +155,10 @@ def write_atomically(target: Path, text: str) -> None:
     target.parent.mkdir(parents=True, exist_ok=True)
     partial, lock = _locked(target.parent, f".{target.name[:40]}.stiffgen-", make)
     try:
-        partial.write_text(text, encoding="utf-8")
+        with partial.open("w", encoding="utf-8") as stream:
+            stream.write(text)
+            stream.flush()
+            os.fsync(stream.fileno())
         partial.chmod(0o666 & ~_umask())
         partial.replace(target)
     finally:

@@ -9,19 +9,22 @@ from rich.markup import escape
 
 from stiffgen.cache import cache_folder, clear, entries
 from stiffgen.cli.console import table, tables
-from stiffgen.errors import terminal_text
+from stiffgen.errors import StiffgenError, terminal_text
 
 
 def add(command: argparse.ArgumentParser) -> None:
     """Add the arguments."""
-    command.add_argument("--clear", action="store_true", help="remove all robots from the cache")
+    command.add_argument("robot", nargs="*", help="with --clear: names of the robots to remove [all]")
+    command.add_argument("--clear", action="store_true", help="remove robots from the cache")
     command.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
     """List the cache, or clear it."""
+    if options.robot and not options.clear:
+        raise StiffgenError(f"cache {options.robot[0]}: add --clear to remove this robot")
     if options.clear:
-        print(f"{clear()} robots removed from {terminal_text(str(cache_folder()))}")
+        print(f"{clear(options.robot)} robots removed from {terminal_text(str(cache_folder()))}")
         return 0
     found = entries()
     if found:

@@ -63,10 +63,11 @@ def test_first_use_generates_and_the_next_opens(here, monkeypatch, capsys):
         patched.setenv("CC", str(here / "absent"))  # nor is a compiler needed
         assert stiffgen.load("arm.urdf", **SMALL).folder == robot.folder
     assert capsys.readouterr().err == ""
-    (robot.folder / "iiwa14.h").write_text("cut")
-    assert stiffgen.load("arm.urdf", **SMALL).folder == robot.folder
-    assert "iiwa14_hybrid_jacobian" in (robot.folder / "iiwa14.h").read_text()
     assert main(["cache"]) == 0 and "1 robots" in capsys.readouterr().out
+    assert main(["cache", "iiwa14"]) == 2 and "add --clear" in capsys.readouterr().err
+    assert main(["cache", "--clear", "iiwa7"]) == 2
+    assert "the cache has no robot 'iiwa7'; it has iiwa14" in capsys.readouterr().err
+    assert robot.folder.exists()
     assert main(["cache", "--clear"]) == 0 and "1 robots removed" in capsys.readouterr().out
     assert cache.entries() == [] and not robot.folder.exists()
 
@@ -75,7 +76,7 @@ def test_what_the_name_of_an_entry_depends_on(here, monkeypatch):
     made = []
     monkeypatch.setattr(cache, "generate_folder", lambda file, options: made.append(options.output) or options.output)
     monkeypatch.setattr(cache, "open_robot", lambda folder: None)
-    monkeypatch.setattr(cache, "_open", lambda entry: None)
+    monkeypatch.setattr(cache, "_open", lambda entry, say: None)
     stiffgen.load("arm.urdf")
     stiffgen.load(here / "arm.urdf", progress=print)
     assert made[0] == made[1]
@@ -90,6 +91,31 @@ def test_what_the_name_of_an_entry_depends_on(here, monkeypatch):
     monkeypatch.setattr(cache, "_generator", lambda: "another version")
     stiffgen.load("arm.urdf")
     assert len(set(made)) == len(made) - 1
+
+
+@pytest.mark.parametrize("damage", ["module", "header", "manifest", "record", "absent"])
+def test_a_damaged_entry_is_made_again(here, capsys, damage):
+    """Also a compiled module that was cut short, which ends the process (SIGBUS) that imports it."""
+    robot = stiffgen.load("arm.urdf", **SMALL)
+    (module,) = (robot.folder / "python").glob("*.so")
+    header, manifest, record = (robot.folder / name for name in ("iiwa14.h", "manifest.json", "../entry.json"))
+    file = {"module": module, "header": header, "manifest": manifest, "record": record, "absent": module}[damage]
+    whole = file.read_bytes()
+    file.write_bytes(whole[: len(whole) // 2])
+    if damage == "absent":
+        file.unlink()
+    capsys.readouterr()
+    done = subprocess.run([sys.executable, "-c", LOAD], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (0, "(6, 7)\n")
+    assert done.stderr.count("is damaged") == 1 and "again" in done.stderr.splitlines()[0]
+    if damage != "record":
+        assert file.name in done.stderr.splitlines()[0] and len(file.read_bytes()) == len(whole)
+
+
+def test_one_robot_is_removed(here, capsys):
+    robots = [stiffgen.load("arm.urdf", name=name, **SMALL).folder for name in ("one", "two")]
+    assert main(["cache", "--clear", "two"]) == 0 and "1 robots removed" in capsys.readouterr().out
+    assert [folder.exists() for folder in robots] == [True, False]
 
 
 @pytest.mark.slow
