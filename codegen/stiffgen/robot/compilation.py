@@ -27,8 +27,10 @@ from typing import Any
 from xml.etree import ElementTree
 
 from stiffgen.robot.actuation import actuation, tendon_joints
+from stiffgen.robot.files import FileError
 from stiffgen.robot.limits import limit_process
 from stiffgen.robot.omissions import Recorded, changed_options, forces_at_rest, omissions
+from stiffgen.robot.repeats import check_parts
 
 SECONDS = 60
 """Processor time that a compilation may take; the largest known model takes 4 s."""
@@ -44,6 +46,7 @@ def _compiled(file: Path) -> dict[str, Any]:
     """Return the answer for a file."""
     import mujoco
 
+    check_parts(file, _MOST_FILES)
     model, spec, used, stand_ins = _model(mujoco, file)
     name = spec.modelname
     files = {str(each): hashlib.sha256(each.read_bytes()).hexdigest() for each in (*_includes(file), *used)}
@@ -283,6 +286,8 @@ def main() -> None:
             answer = _compiled(file)
         except ImportError as error:
             answer = {"missing": str(error)}
+        except FileError as error:
+            answer = {"refusal": str(error)}
         except MemoryError:
             answer = {"error": f"needs more than {_GIBIBYTES} GiB of memory to compile"}
         except Exception as error:
