@@ -101,6 +101,11 @@ CAMPAIGNS = {
         "measure the stiffness that motors with a controller inside allow",
         "--hosts 200 --postures 1 --first 25600 --ratio 4 --least 2",
     ),
+    "starts": _campaign(
+        "starts",
+        "start four arms with wrong first samples and memory",
+        "--episodes 18 --trials 500 --arms iiwa14,ur5",
+    ),
     "hostile": _campaign("hostile", "flip bits of the controller's state", "--steps 120000 --flips 2400"),
     "fri-fuzz": _campaign(
         "fuzz_fri", "send the FRI client a million hostile datagrams", "{folder} --version 2.7 -runs=3000 -seed=1"

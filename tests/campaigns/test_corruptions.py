@@ -127,7 +127,7 @@ FAULTS = [
     Fault("springs on in a fault", CONTROLLER, r"larger\(m->scale - fastest_fall, 0\.0\)", "m->scale + 0.0 * fastest_fall"),
     Fault("missed samples forgotten", CONTROLLER, r"periods > 0 \? 2 \* periods : -1", "periods > 0 ? -1 : -1"),
     Fault("overspeed allowed", CONTROLLER, r"m->fast \* c->sample_time > c->overspeed_time", "0.0 > c->overspeed_time"),
-    Fault("beyond the upper limit allowed", CONTROLLER, r"larger\(c->lower_limit\[i\] - in->q\[i\], in->q\[i\] - c->upper_limit\[i\]\)", "c->lower_limit[i] - in->q[i]"),
+    Fault("beyond the upper limit allowed", CONTROLLER, r"larger\(c->lower_limit\[i\] - q, q - c->upper_limit\[i\]\)", "c->lower_limit[i] - q"),
     Fault("governor's energy limit dropped", CONTROLLER, r"tip_rise <= allowed", "1", "static double find_share("),
     Fault("limit in Python", PYTHON, r"-2\.96706", "-2.9", "LOWER ="),
     Fault("effort in Python", PYTHON, r"320\.0", "300.0", "EFFORT ="),

@@ -108,6 +108,7 @@ _INTEGERS: tuple[Field, ...] = (
     _count("law", 0, 2, "law in force; 0 before the first sample"),
     _count("spring", 0, 2, "spring in force; 0 before the first sample"),
     _count("known", 0, 1, "a position is believed: the account has begun"),
+    _count("doubted", 0, 1, "the first position was beyond a limit, and is not believed: its unit may be wrong"),
     _count("engaged", 0, 1, "the springs are in force"),
     _count("commanded", 0, 1, "a command was accepted since init"),
     _count("joined", 0, 1, "the equilibrium is the pose of its posture"),

@@ -114,13 +114,12 @@ static double largest_damping(const config_t *c)
     return share / (c->sample_time + c->velocity_filter_time);
 }
 
-/* Use the joint damping alone: the mass matrix is not positive definite. */
-static double damp_joints_only(step_t *s)
+/* Use the joint damping d I alone, and no brake. */
+static double damp_joints_only(step_t *s, double d)
 {
-    s->status |= ID(STATUS_MASS_MATRIX);
-    memset(s->out->eigenvalues, 0, sizeof s->out->eigenvalues);
+    memset(s->brake, 0, sizeof s->brake);
     for (int i = 0; i < N; ++i) {
-        s->out->damping[i * (N + 1)] = s->c->joint_damping;
+        s->out->damping[i * (N + 1)] = d;
     }
     return 1.0;
 }
@@ -140,9 +139,14 @@ double design_damping(step_t *s)
     const int paper = s->m->law == ID(LAW_PAPER), by_task = c->damping_design == ID(DAMPING_DESIGN_TASK);
     const double T = c->sample_time, most = paper ? 1e6 : largest_damping(c);
     if (!find_modes(s)) {
-        return damp_joints_only(s);
+        s->status |= ID(STATUS_MASS_MATRIX);
+        memset(out->eigenvalues, 0, sizeof out->eigenvalues);
+        return damp_joints_only(s, d);
     }
     const double trace = reduce_inertia(modes, s->brake);
+    if (s->m->doubted) {
+        return damp_joints_only(s, smaller(d, DOUBTED_SHARE * 0.5 * most / trace));
+    }
     const double delayed = 1.0 + 2.0 * c->delay_samples, stiffest = out->eigenvalues[N - 1] * T * T;
     s->status |= out->eigenvalues[0] < 0.0 ? (uint32_t)ID(STATUS_INDEFINITE) : 0u;
     if (stiffest * delayed > LARGEST_STIFFNESS && !paper) {

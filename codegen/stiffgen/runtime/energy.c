@@ -52,6 +52,12 @@ double evaluate_avoidance(const double *a, double q, double *pull, double *stiff
     return fabs(*pull) * (fabs(depth) - 0.5 * fabs(*pull) / k);
 }
 
+/* Return how far a position is beyond its limits; negative inside. */
+double distance_beyond(const config_t *c, int i, double q)
+{
+    return larger(c->lower_limit[i] - q, q - c->upper_limit[i]);
+}
+
 /* Evaluate the limit avoidance of all joints: energy, torque, stiffness and status. */
 double evaluate_limits(step_t *s, const double *q)
 {
@@ -232,6 +238,28 @@ void adopt_limits(step_t *s, const double *q)
         changed = 1;
     }
     if (changed) {
+        evaluate_limits(s, q);
+    }
+}
+
+/*
+ * Drop the limit avoidance of joints whose position a fault condemns; the tank receives what it has stored. The next
+ * step without a fault adopts it again.
+ */
+void drop_limits(step_t *s, const double *q)
+{
+    memory_t *const m = s->m;
+    int dropped = 0;
+    for (int i = 0; i < N; ++i) {
+        double *const a = m->avoidance + 4 * i;
+        if (s->condemned[i] && a[2] > 0.0) {
+            double pull, slope;
+            book_stiffness(s, &m->limit_energy, -evaluate_avoidance(a, q[i], &pull, &slope));
+            a[2] = a[3] = 0.0;
+            dropped = 1;
+        }
+    }
+    if (dropped) {
         evaluate_limits(s, q);
     }
 }

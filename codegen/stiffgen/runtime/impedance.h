@@ -27,6 +27,9 @@ enum { MATRIX_NOT_FINITE = 1, MATRIX_NOT_POSITIVE, MATRIX_NOT_CONVERGED };
  * M^-1 B T = 2.0, 0.83, 0.53, 0.40, 0.32, 0.26 on at a delay of 0 to 5 samples: the damping has at most 0.475 of it,
  * which is DELAYED_DAMPING / (1 + delay) from 2 samples on. */
 static const double LARGEST_DAMPING = 0.25, DELAYED_DAMPING = 0.75, LARGEST_STIFFNESS = 0.0625;
+/* Share of its cap that damping has where the account began beyond a limit: units may be mistaken, and 57 times as
+ * large a velocity must not make the arm oscillate. */
+static const double DOUBTED_SHARE = 1.0 / 64.0;
 static const double LIMIT_SHARE = 0.5; /* share of LARGEST_STIFFNESS for the limit avoidance: the springs add theirs */
 static const double SYMMETRY = 1e-9;          /* of the task damping, over its largest entry */
 static const double COMMAND_TOLERANCE = 1e-6; /* of a commanded stiffness, over its largest entry: single precision */
@@ -83,6 +86,7 @@ typedef struct {
     int believed;  /* the sample is believed */
     int located;   /* the sample's position is believed, which is enough in a fault */
     int jumped;    /* the position is out of reach from the last known one */
+    int condemned[N]; /* the joint's position is not believed: the limit avoidance does not act on it */
     int commanded; /* the command is accepted */
     int pressing;  /* a wrench_command is accepted */
     int planned;   /* velocity and acceleration of a plan are accepted, and in force */
@@ -226,6 +230,7 @@ double compute_tip_energy(const memory_t *m, const double *q, const double *equi
 double add_posture_energy(const memory_t *m, const double *q, const double *posture, double tips);
 double compute_stored_energy(const memory_t *m, const double *q);
 double evaluate_avoidance(const double *a, double q, double *pull, double *stiffness);
+double distance_beyond(const config_t *c, int i, double q);
 double evaluate_limits(step_t *s, const double *q);
 void pay_into_tank(step_t *s, double income);
 void book_stiffness(step_t *s, double *energy, double v);
@@ -237,6 +242,7 @@ int limit_call_gap(const config_t *c, int missed);
 double compute_reserve(const step_t *s, int calls, int gap, const double *torque, double *parts);
 double available_energy(const memory_t *m);
 void adopt_limits(step_t *s, const double *q);
+void drop_limits(step_t *s, const double *q);
 void adopt_missed_limit(step_t *s, const double *last);
 void bridge_gap(step_t *s, int periods);
 void note_untimed_call(step_t *s, const double *last);

@@ -120,17 +120,19 @@ static int check_joint(step_t *s, int i)
     const double range = 2.0 * far + quanta + apart;
     const double located = fault || (follows && !differ) ? 10.0 * far + quanta : range;
     s->velocity[i] = dq;
+    s->condemned[i] = !m->known && distance_beyond(c, i, q) > c->position_tolerance;
     if ((differ || !fault) && fabs(motion) > located) {
         s->located = 0;
         note_finding(s, i, fabs(motion), located);
     }
     if (differ && fabs(motion) > range) {
         s->velocity[i] = 0.0;
-        s->jumped = 1;
+        s->jumped = s->condemned[i] = 1;
         return ID(REASON_JUMP);
     }
     if (stuck != 0) {
         note_finding(s, i, still, still_limit);
+        s->condemned[i] = (stuck & FROZEN_POSITION) != 0;
         s->velocity[i] = stuck == FROZEN_VELOCITY ? measured : dq;
         return ID(REASON_FROZEN);
     }

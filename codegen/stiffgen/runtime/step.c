@@ -35,8 +35,7 @@ static void check_limits(step_t *s)
         if (smaller(speed, m->velocity_limit[i]) <= c->velocity_limit[i]) {
             m->velocity_limit[i] = c->velocity_limit[i];
         }
-        const double beyond = larger(c->lower_limit[i] - in->q[i], in->q[i] - c->upper_limit[i]);
-        if (beyond > c->position_tolerance) {
+        if (distance_beyond(c, i, in->q[i]) > c->position_tolerance) {
             const double edge = in->q[i] > c->upper_limit[i] ? c->upper_limit[i] : c->lower_limit[i];
             latch_fault(m, ID(REASON_POSITION), i, in->q[i], edge);
         }
@@ -73,8 +72,31 @@ static void end_fault(step_t *s, const double *last)
         m->reason = ID(REASON_NONE);
         m->fault_joint = NO_JOINT;
         m->fault_seen = m->fault_limit = 0.0;
-        m->reset = m->absent = m->bad = 0;
+        m->reset = m->absent = m->bad = m->doubted = 0;
     }
+}
+
+/*
+ * Set the limit avoidance where the account begins. It leaves out joints whose position is not believed (condemned): it
+ * would drive the arm by what is wrong, and nothing of its energy counts. A first position beyond a limit may be one in
+ * other units (doubted), as no later one.
+ */
+static void begin_limits(step_t *s, const double *q)
+{
+    memory_t *const m = s->m;
+    int condemned = 0;
+    if (!m->known) {
+        measure_inertia(s, q);
+        adopt_limits(s, q);
+    }
+    for (int i = 0; i < N; ++i) {
+        double *const a = m->avoidance + 4 * i;
+        condemned |= s->condemned[i];
+        a[2] = s->condemned[i] ? 0.0 : a[2];
+        a[3] = s->condemned[i] ? 0.0 : a[3];
+    }
+    m->doubted |= condemned && !m->known;
+    s->status |= condemned ? (uint32_t)ID(STATUS_BAD_SAMPLE) : 0u;
 }
 
 /* Step with a believed sample, or, in a fault, with one whose position is believed. */
@@ -82,9 +104,8 @@ static void step_with_sample(step_t *s, const double *last)
 {
     memory_t *const m = s->m;
     int moved = 0;
-    if (!m->known) {
-        measure_inertia(s, s->input->q);
-        adopt_limits(s, s->input->q);
+    if (!m->known || s->jumped) {
+        begin_limits(s, s->input->q);
     }
     s->elapsed = s->c->sample_time * (1 + m->gap);
     book_interval(s, s->input->q);
@@ -97,8 +118,9 @@ static void step_with_sample(step_t *s, const double *last)
     adopt_missed_limit(s, last);
     if (m->fault == ID(FAULT_NONE)) {
         adopt_limits(s, s->input->q);
-    } else if (m->engaged && m->scale == 0.0 && !holds_in_fault(s)) {
-        m->engaged = 0;
+    } else {
+        drop_limits(s, s->input->q);
+        m->engaged = m->engaged && (m->scale != 0.0 || holds_in_fault(s));
     }
     if (!m->engaged) {
         end_fault(s, last);

@@ -189,9 +189,9 @@ static void measure(const plant_t *p, const motion_t *m, const double *noise, co
 {
     const int renew = s->seen == 0 || ++s->age >= p->state_period;
     for (int i = 0; renew && i < N; ++i) {
-        const double q = rounded(m->theta[i], p->position_quantum) + offset[i];
+        const double q = p->unit[i] * rounded(m->theta[i], p->position_quantum) + offset[i];
         const double change = s->seen ? (q - s->seen_q[i]) / (p->sample_time * s->age) : 0.0;
-        s->dq[i] = p->differences ? change : rounded(m->omega[i] + noise[i], p->velocity_quantum);
+        s->dq[i] = p->differences ? change : p->unit[i] * rounded(m->omega[i] + noise[i], p->velocity_quantum);
         s->seen_q[i] = s->q[i] = q;
     }
     s->age = renew ? 0 : s->age;

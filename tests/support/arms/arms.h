@@ -26,6 +26,7 @@ typedef struct {
     double wall_damping;    /* [N s/m] */
     double stop_stiffness;  /* [N m/rad] of the mechanical stops, 0.05 rad beyond the limits; 0: none */
     double position_quantum, velocity_quantum; /* of the sensors; 0: exact */
+    double unit[N];         /* of the sensors: 1, or another one that q and dq are mistaken in */
     double sample_time;
     double effort[N], rate[N]; /* limits of the textbook laws' torque [N m], [N m/s] */
     int differences;        /* dq is the difference of q; 0: a sensor of its own */

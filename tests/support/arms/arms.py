@@ -124,7 +124,7 @@ class Arm:
             "wall_normal": [0.0, 0.0, 1.0], "wall_damping": 100.0, "stop_stiffness": 2e3, "sample_time": 1e-3,
             "position_quantum": sensors.position_quantum, "velocity_quantum": sensors.velocity_quantum,
             "differences": int(sensors.differences), "delay": 1, "state_period": 1, "clamp_start": -1,
-            "effort": self.effort, "rate": 10 * self.effort,
+            "effort": self.effort, "rate": 10 * self.effort, "unit": 1.0,
         }  # fmt: skip
         return fill(self.Plant(), **(first | values))
 
