@@ -65,8 +65,8 @@ def build_module(folder: Path, name: str) -> None:
         module = folder / "python" / f"{name}_python{sysconfig.get_config_var('EXT_SUFFIX')}"
         link = [*command, *_link_options(), *own, "-o", str(module), *_libraries()]
         _run([link, *libraries], compiler[0], build)
-        kernels = [objects[source.stem] for source in kernel_sources(folder, name)]
-        _self_check([*command, *kernels], folder, name, build)
+        checked = [*(source.stem for source in kernel_sources(folder, name)), f"{name}_impedance"]
+        _self_check([*command, *(objects[stem] for stem in checked if stem in objects)], folder, name, build)
 
 
 def build_jax(folder: Path, name: str) -> None:
@@ -147,10 +147,16 @@ def build_library(
 
 
 def _self_check(command: Sequence[str], folder: Path, name: str, build: Path) -> None:
-    """Raise BuildError if the compiler's flags changed the arithmetic of the kernels."""
+    """Raise BuildError if the compiler's flags changed the arithmetic of kernels or controller."""
     source, program = build / "self_check.c", build / "self_check"
-    batches = f" | {name}_batch_self_check()" if len(kernel_sources(folder, name)) > 1 else ""
-    source.write_text(f'#include "{name}.h"\nint main(void) {{ return {name}_self_check(){batches}; }}\n')
+    calls, headers = [f"{name}_self_check()"], [f"{name}.h"]
+    if len(kernel_sources(folder, name)) > 1:
+        calls.append(f"{name}_batch_self_check()")
+    if (folder / f"{name}_impedance.c").exists():
+        calls.append(f"{name}_impedance_self_check()")
+        headers.append(f"{name}_impedance.h")
+    includes = "".join(f'#include "{header}"\n' for header in headers)
+    source.write_text(f"{includes}int main(void) {{ return {' | '.join(calls)}; }}\n")
     libraries = ["-lm"] if os.name != "nt" else []
     _run([[*command, f"-I{folder}", str(source), "-o", str(program), *libraries]], command[0], build)
     try:

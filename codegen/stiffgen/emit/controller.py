@@ -110,6 +110,7 @@ class ControllerPage:
         motors: tables of the motors, per coordinate: name, source and C initialiser.
         axes: axes of the translational and of the rotational stiffness.
         centre: centre of stiffness in the tip's frame, as a C initialiser.
+        start: motors' positions at which closed loops are closed; empty without loops.
 
     """
 
@@ -143,6 +144,7 @@ class ControllerPage:
     motors: list[tuple[str, str, str]]
     axes: tuple[str, str]
     centre: str
+    start: list[float]
 
 
 def controller_page(
@@ -184,6 +186,7 @@ def controller_page(
         motors=_motors(chain),
         axes=(placement.translation_axes or "base", placement.rotation_axes),
         centre=", ".join(map(repr, placement.centre)),
+        start=[chain.start[k] for k in chain.actuated] if chain.loops else [],
     )
 
 

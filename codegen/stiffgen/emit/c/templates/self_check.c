@@ -39,6 +39,13 @@ int {{ name }}_self_check(void)
 {% endif %}
     static const volatile {{ scalar.name }} large = {{ scalar.limits }}_MAX;
     const {{ scalar.name }} infinite[2] = {large * 2.0{{ scalar.suffix }}, -large * 2.0{{ scalar.suffix }}};
+    static const volatile {{ scalar.pattern }} quiet_nan = {{ "0x7ff8000000000000ULL" if scalar.name == "double" else "0x7fc00000U" }};
+    const {{ scalar.pattern }} pattern_of_nan = quiet_nan; /* sums may be simplified; bits are not */
+    {{ scalar.name }} nan;
+    memcpy(&nan, &pattern_of_nan, sizeof nan);
+    if (nan == nan || nan <= large || nan > large || !(nan != nan)) {
+        wrong |= 2; /* comparisons take NaN for a number */
+    }
     for (int n = 0; n < 2; ++n) {
         lanes infinities, finite;
         {{ scalar.name }} stored[LANES * LANES];
