@@ -166,7 +166,8 @@ static void weigh_triangle(const double *from, int m, int depth, int padded, int
             for (int b = 0; b < padded; ++b) {
                 const lanes place = EACH(PLACE), j = place + (double)(LANES * b), row = same((double)i);
                 const pattern on = MASK(j == row), before = MASK(j < row), beyond = MASK(j > row) & MASK(j < same((double)m));
-                const pattern diagonal_mask = diagonal ? on : on & ~on;
+                const pattern none = on ^ on; /* zeros in every lane */
+                const pattern diagonal_mask = diagonal ? on : none;
                 lanes entry = EACH(ENTRY), image = EACH(IMAGE);
                 if (mirror) {
                     entry += masked(~on, image);
@@ -4221,6 +4222,13 @@ int iiwa14_self_check(void)
     }
     static const volatile double large = DBL_MAX;
     const double infinite[2] = {large * 2.0, -large * 2.0};
+    static const volatile unsigned long long quiet_nan = 0x7ff8000000000000ULL;
+    const unsigned long long pattern_of_nan = quiet_nan; /* sums may be simplified; bits are not */
+    double nan;
+    memcpy(&nan, &pattern_of_nan, sizeof nan);
+    if (nan == nan || nan <= large || nan > large || !(nan != nan)) {
+        wrong |= 2; /* comparisons take NaN for a number */
+    }
     for (int n = 0; n < 2; ++n) {
         lanes infinities, finite;
         double stored[LANES * LANES];

@@ -748,9 +748,9 @@ void iiwa14_limits_joint_stiffness_packed_batch(size_t count, const double *q, p
     double *joint_stiffness);
 
 /*
- * Check this build: some compiler flags change the arithmetic, and no macro reveals them (clang -fno-honor-nans
- * -fno-signed-zeros). Return 0 if the arithmetic is correct, else the sum of 1 (sines and cosines are wrong) and 2
- * (infinity does not become NaN). The CMake build and the Python import call this function; your own build should, too.
+ * Check this build: some compiler flags change the arithmetic, and no macro reveals them (clang
+ * -fno-honor-nans). Return 0 if the arithmetic is correct, else the sum of 1 (sines and cosines are wrong) and 2
+ * (infinity does not become NaN, or comparisons take NaN for a number). The CMake build and the Python import call this function; your own build should, too.
  */
 int iiwa14_self_check(void);
 

@@ -12,8 +12,6 @@
 
 enum { N = 7, NN = N * N, TIPS = 1, MAX_ROWS = 7 };
 
-#define ID(name) IIWA14_##name
-
 typedef iiwa14_impedance_config config_t;
 typedef iiwa14_impedance_memory memory_t;
 typedef iiwa14_impedance_state state_t;
@@ -30,6 +28,7 @@ typedef iiwa14_impedance_policy policy_t;
  *   s, p, v      energy put in by sampling, by moving the equilibrium, by changing stiffness or scale
  */
 enum { NO_JOINT = -1, READY = 0x51f7, RECENT = 8, MOST_DELAY = 5, POSTURES = 32 };
+enum { LONGEST = 1000000 }; /* samples or calls at which a counter stands still: 17 minutes at 1 kHz, and no overflow */
 /* trials of a search for a posture, steps of a trial; how often a command by pose begins again from the arm */
 enum { SEARCHED = 40, SEARCH_STEPS = 60, RESTARTS = 5 };
 enum { MATRIX_NOT_FINITE = 1, MATRIX_NOT_POSITIVE, MATRIX_NOT_CONVERGED };
@@ -38,7 +37,25 @@ enum { MATRIX_NOT_FINITE = 1, MATRIX_NOT_POSITIVE, MATRIX_NOT_CONVERGED };
  * M^-1 B T = 2.0, 0.83, 0.53, 0.40, 0.32, 0.26 on at a delay of 0 to 5 samples: the damping has at most 0.475 of it,
  * which is DELAYED_DAMPING / (1 + delay) from 2 samples on. */
 static const double LARGEST_DAMPING = 0.25, DELAYED_DAMPING = 0.75, LARGEST_STIFFNESS = 0.0625;
+/* Share of its cap that damping has where the account began beyond a limit: units may be mistaken, and 57 times as
+ * large a velocity must not make the arm oscillate. */
+static const double DOUBTED_SHARE = 1.0 / 64.0;
 static const double LIMIT_SHARE = 0.5; /* share of LARGEST_STIFFNESS for the limit avoidance: the springs add theirs */
+/* Share by which numbers differ that are the same but for rounding: far above what any sum here can lose (1e-13), and
+ * far below what matters to an arm. Times, poses and stiffnesses are compared with it, and shares that a bound allows
+ * are smaller by it, so that rounding does not break the bound. */
+static const double ROUNDED = 1e-9;
+static const double ROUNDED_ENERGY = 1e-9;  /* [J] of the account that is rounding: its totals are below 1e5 J */
+static const double NO_TORQUE = 1e-9;       /* [N m] or [N] that counts as none: nothing is divided by it */
+static const double NO_STIFFNESS = 1e-9;    /* [N/m] or [N m/rad] in place of none, where it is divided by */
+static const double NO_ROTATION = 1e-9;     /* [rad] up to which a rotation is linear: its square is below rounding */
+static const double FLATTEST = 1e-9;        /* least mobility that a cap looks at, over the largest of the spring */
+static const double ARRIVED = 1e-12;        /* [s] of travel that is the rounding of poses: the goal is reached */
+static const double UNCAPPED = 1e6;         /* [1/s] cap of damping with the paper's law, which has none */
+static const double SPRINGS_CAP = 0.95;     /* of LARGEST_STIFFNESS for springs: the scale is capped behind them */
+static const double SPRINGS_LEAST = 0.25;   /* of it that posture and limit avoidance leave to the springs */
+static const double NEXT_SHARE = 0.9;       /* of the share that should do: the energy is not linear */
+static const double FALL_SHARE = 0.9;       /* of the rate limit for a scale that falls: the pull changes, too */
 static const double SYMMETRY = 1e-9;          /* of the task damping, over its largest entry */
 static const double COMMAND_TOLERANCE = 1e-6; /* of a commanded stiffness, over its largest entry: single precision */
 static const double POSE_TOLERANCE = 1e-3;    /* of a commanded rotation, sum of |R^T R - I|: 5 digits */
@@ -94,6 +111,7 @@ typedef struct {
     int believed;  /* the sample is believed */
     int located;   /* the sample's position is believed, which is enough in a fault */
     int jumped;    /* the position is out of reach from the last known one */
+    int condemned[N]; /* the joint's position is not believed: the limit avoidance does not act on it */
     int commanded; /* the command is accepted */
     int pressing;  /* a wrench_command is accepted */
     int planned;   /* velocity and acceleration of a plan are accepted, and in force */
@@ -267,162 +285,162 @@ static int integers_within(const int *x, size_t count, int least, int most);
 static int check_fields(const config_t *c)
 {
     if (!doubles_within(&c->sample_time, 1, 1e-05, 0.1)) {
-        return ID(E_CONFIG_SAMPLE_TIME);
+        return IIWA14_E_CONFIG_SAMPLE_TIME;
     }
     if (!integers_within(&c->delay_samples, 1, 0, 5)) {
-        return ID(E_CONFIG_DELAY_SAMPLES);
+        return IIWA14_E_CONFIG_DELAY_SAMPLES;
     }
     if (!integers_within(&c->law, 1, 1, 2)) {
-        return ID(E_CONFIG_LAW);
+        return IIWA14_E_CONFIG_LAW;
     }
     if (!integers_within(&c->stiffness_formula, 1, 1, 2)) {
-        return ID(E_CONFIG_STIFFNESS_FORMULA);
+        return IIWA14_E_CONFIG_STIFFNESS_FORMULA;
     }
     if (!doubles_within(c->posture_stiffness, sizeof c->posture_stiffness / sizeof c->posture_stiffness[0], 0.0, 10000.0)) {
-        return ID(E_CONFIG_POSTURE_STIFFNESS);
+        return IIWA14_E_CONFIG_POSTURE_STIFFNESS;
     }
     if (!doubles_within(&c->translation_stiffness_limit, 1, 1.0, 1000000.0)) {
-        return ID(E_CONFIG_TRANSLATION_STIFFNESS_LIMIT);
+        return IIWA14_E_CONFIG_TRANSLATION_STIFFNESS_LIMIT;
     }
     if (!doubles_within(&c->rotation_stiffness_limit, 1, 0.1, 100000.0)) {
-        return ID(E_CONFIG_ROTATION_STIFFNESS_LIMIT);
+        return IIWA14_E_CONFIG_ROTATION_STIFFNESS_LIMIT;
     }
     if (!integers_within(&c->spring, 1, 1, 2)) {
-        return ID(E_CONFIG_SPRING);
+        return IIWA14_E_CONFIG_SPRING;
     }
     if (!doubles_within(&c->spring_force_limit, 1, 0.001, 1000000.0)) {
-        return ID(E_CONFIG_SPRING_FORCE_LIMIT);
+        return IIWA14_E_CONFIG_SPRING_FORCE_LIMIT;
     }
     if (!doubles_within(&c->spring_moment_limit, 1, 0.001, 100000.0)) {
-        return ID(E_CONFIG_SPRING_MOMENT_LIMIT);
+        return IIWA14_E_CONFIG_SPRING_MOMENT_LIMIT;
     }
     if (!integers_within(&c->stiffness_cap, 1, 1, 2)) {
-        return ID(E_CONFIG_STIFFNESS_CAP);
+        return IIWA14_E_CONFIG_STIFFNESS_CAP;
     }
     if (!doubles_within(&c->stiffness_time, 1, 0.0001, 100.0)) {
-        return ID(E_CONFIG_STIFFNESS_TIME);
+        return IIWA14_E_CONFIG_STIFFNESS_TIME;
     }
     if (!integers_within(&c->damping_design, 1, 1, 2)) {
-        return ID(E_CONFIG_DAMPING_DESIGN);
+        return IIWA14_E_CONFIG_DAMPING_DESIGN;
     }
     if (!doubles_within(c->damping_ratio, sizeof c->damping_ratio / sizeof c->damping_ratio[0], 0.0, 100.0)) {
-        return ID(E_CONFIG_DAMPING_RATIO);
+        return IIWA14_E_CONFIG_DAMPING_RATIO;
     }
     if (!doubles_within(c->task_damping, sizeof c->task_damping / sizeof c->task_damping[0], -100000.0, 100000.0)) {
-        return ID(E_CONFIG_TASK_DAMPING);
+        return IIWA14_E_CONFIG_TASK_DAMPING;
     }
     if (!doubles_within(&c->joint_damping, 1, 0.0, 10000.0)) {
-        return ID(E_CONFIG_JOINT_DAMPING);
+        return IIWA14_E_CONFIG_JOINT_DAMPING;
     }
     if (!integers_within(&c->coriolis, 1, 1, 2)) {
-        return ID(E_CONFIG_CORIOLIS);
+        return IIWA14_E_CONFIG_CORIOLIS;
     }
     if (!doubles_within(c->motor_inertia, sizeof c->motor_inertia / sizeof c->motor_inertia[0], 0.0, 10000.0)) {
-        return ID(E_CONFIG_MOTOR_INERTIA);
+        return IIWA14_E_CONFIG_MOTOR_INERTIA;
     }
     if (!doubles_within(c->lower_limit, sizeof c->lower_limit / sizeof c->lower_limit[0], -INFINITY, INFINITY)) {
-        return ID(E_CONFIG_LOWER_LIMIT);
+        return IIWA14_E_CONFIG_LOWER_LIMIT;
     }
     if (!doubles_within(c->upper_limit, sizeof c->upper_limit / sizeof c->upper_limit[0], -INFINITY, INFINITY)) {
-        return ID(E_CONFIG_UPPER_LIMIT);
+        return IIWA14_E_CONFIG_UPPER_LIMIT;
     }
     if (!doubles_within(&c->position_tolerance, 1, 0.0, 10.0)) {
-        return ID(E_CONFIG_POSITION_TOLERANCE);
+        return IIWA14_E_CONFIG_POSITION_TOLERANCE;
     }
     if (!doubles_within(&c->limit_zone, 1, 1e-06, 10.0)) {
-        return ID(E_CONFIG_LIMIT_ZONE);
+        return IIWA14_E_CONFIG_LIMIT_ZONE;
     }
     if (!doubles_within(c->limit_stiffness, sizeof c->limit_stiffness / sizeof c->limit_stiffness[0], 0.0, 1000000.0)) {
-        return ID(E_CONFIG_LIMIT_STIFFNESS);
+        return IIWA14_E_CONFIG_LIMIT_STIFFNESS;
     }
     if (!doubles_within(c->velocity_limit, sizeof c->velocity_limit / sizeof c->velocity_limit[0], 1e-06, 1000.0)) {
-        return ID(E_CONFIG_VELOCITY_LIMIT);
+        return IIWA14_E_CONFIG_VELOCITY_LIMIT;
     }
     if (!doubles_within(c->reference_velocity_limit, sizeof c->reference_velocity_limit / sizeof c->reference_velocity_limit[0], 1e-06, 1000.0)) {
-        return ID(E_CONFIG_REFERENCE_VELOCITY_LIMIT);
+        return IIWA14_E_CONFIG_REFERENCE_VELOCITY_LIMIT;
     }
     if (!doubles_within(&c->tip_velocity_limit, 1, 1e-06, 100.0)) {
-        return ID(E_CONFIG_TIP_VELOCITY_LIMIT);
+        return IIWA14_E_CONFIG_TIP_VELOCITY_LIMIT;
     }
     if (!doubles_within(&c->tip_rotation_limit, 1, 1e-06, 100.0)) {
-        return ID(E_CONFIG_TIP_ROTATION_LIMIT);
+        return IIWA14_E_CONFIG_TIP_ROTATION_LIMIT;
     }
     if (!doubles_within(&c->ramp_time, 1, 0.0001, 100.0)) {
-        return ID(E_CONFIG_RAMP_TIME);
+        return IIWA14_E_CONFIG_RAMP_TIME;
     }
     if (!doubles_within(c->heaviest_wrench, sizeof c->heaviest_wrench / sizeof c->heaviest_wrench[0], 0.001, 100000.0)) {
-        return ID(E_CONFIG_HEAVIEST_WRENCH);
+        return IIWA14_E_CONFIG_HEAVIEST_WRENCH;
     }
     if (!doubles_within(&c->energy_limit, 1, 0.0, 10000.0)) {
-        return ID(E_CONFIG_ENERGY_LIMIT);
+        return IIWA14_E_CONFIG_ENERGY_LIMIT;
     }
     if (!doubles_within(&c->engagement_limit, 1, 0.0, 100000.0)) {
-        return ID(E_CONFIG_ENGAGEMENT_LIMIT);
+        return IIWA14_E_CONFIG_ENGAGEMENT_LIMIT;
     }
     if (!doubles_within(c->effort_limit, sizeof c->effort_limit / sizeof c->effort_limit[0], 1e-06, 100000.0)) {
-        return ID(E_CONFIG_EFFORT_LIMIT);
+        return IIWA14_E_CONFIG_EFFORT_LIMIT;
     }
     if (!doubles_within(c->torque_rate_limit, sizeof c->torque_rate_limit / sizeof c->torque_rate_limit[0], 1e-06, 100000000.0)) {
-        return ID(E_CONFIG_TORQUE_RATE_LIMIT);
+        return IIWA14_E_CONFIG_TORQUE_RATE_LIMIT;
     }
     if (!integers_within(&c->actuation, 1, 1, 2)) {
-        return ID(E_CONFIG_ACTUATION);
+        return IIWA14_E_CONFIG_ACTUATION;
     }
     if (!doubles_within(c->kp_limit, sizeof c->kp_limit / sizeof c->kp_limit[0], 0.0, 1000000.0)) {
-        return ID(E_CONFIG_KP_LIMIT);
+        return IIWA14_E_CONFIG_KP_LIMIT;
     }
     if (!doubles_within(c->kd_limit, sizeof c->kd_limit / sizeof c->kd_limit[0], 0.0, 100000.0)) {
-        return ID(E_CONFIG_KD_LIMIT);
+        return IIWA14_E_CONFIG_KD_LIMIT;
     }
     if (!doubles_within(&c->force_limit, 1, 0.001, 1000000.0)) {
-        return ID(E_CONFIG_FORCE_LIMIT);
+        return IIWA14_E_CONFIG_FORCE_LIMIT;
     }
     if (!doubles_within(&c->moment_limit, 1, 0.001, 1000000.0)) {
-        return ID(E_CONFIG_MOMENT_LIMIT);
+        return IIWA14_E_CONFIG_MOMENT_LIMIT;
     }
     if (!integers_within(&c->missed_limit, 1, 1, 1000)) {
-        return ID(E_CONFIG_MISSED_LIMIT);
+        return IIWA14_E_CONFIG_MISSED_LIMIT;
     }
     if (!integers_within(&c->loss_limit, 1, 1, 1000000)) {
-        return ID(E_CONFIG_LOSS_LIMIT);
+        return IIWA14_E_CONFIG_LOSS_LIMIT;
     }
     if (!doubles_within(&c->state_period, 1, 0.0, 1.0)) {
-        return ID(E_CONFIG_STATE_PERIOD);
+        return IIWA14_E_CONFIG_STATE_PERIOD;
     }
     if (!integers_within(&c->call_gap_limit, 1, 1, 1000)) {
-        return ID(E_CONFIG_CALL_GAP_LIMIT);
+        return IIWA14_E_CONFIG_CALL_GAP_LIMIT;
     }
     if (!doubles_within(&c->position_quantum, 1, 0.0, 0.1)) {
-        return ID(E_CONFIG_POSITION_QUANTUM);
+        return IIWA14_E_CONFIG_POSITION_QUANTUM;
     }
     if (!doubles_within(&c->velocity_noise, 1, 0.0, 100.0)) {
-        return ID(E_CONFIG_VELOCITY_NOISE);
+        return IIWA14_E_CONFIG_VELOCITY_NOISE;
     }
     if (!doubles_within(&c->velocity_filter_time, 1, 0.0, 0.1)) {
-        return ID(E_CONFIG_VELOCITY_FILTER_TIME);
+        return IIWA14_E_CONFIG_VELOCITY_FILTER_TIME;
     }
     if (!integers_within(&c->frozen_window, 1, 2, 1000000)) {
-        return ID(E_CONFIG_FROZEN_WINDOW);
+        return IIWA14_E_CONFIG_FROZEN_WINDOW;
     }
     if (!doubles_within(&c->overspeed_time, 1, 0.0, 10.0)) {
-        return ID(E_CONFIG_OVERSPEED_TIME);
+        return IIWA14_E_CONFIG_OVERSPEED_TIME;
     }
     if (!doubles_within(&c->automatic_reset_time, 1, 0.0, 10000.0)) {
-        return ID(E_CONFIG_AUTOMATIC_RESET_TIME);
+        return IIWA14_E_CONFIG_AUTOMATIC_RESET_TIME;
     }
     if (!doubles_within(&c->communication_reset_time, 1, 0.0, 10000.0)) {
-        return ID(E_CONFIG_COMMUNICATION_RESET_TIME);
+        return IIWA14_E_CONFIG_COMMUNICATION_RESET_TIME;
     }
     if (!integers_within(&c->communication_reaction, 1, 1, 2)) {
-        return ID(E_CONFIG_COMMUNICATION_REACTION);
+        return IIWA14_E_CONFIG_COMMUNICATION_REACTION;
     }
     if (!doubles_within(&c->tank_initial, 1, 0.0, 10000.0)) {
-        return ID(E_CONFIG_TANK_INITIAL);
+        return IIWA14_E_CONFIG_TANK_INITIAL;
     }
     if (!doubles_within(&c->tank_maximum, 1, 0.0, 10000.0)) {
-        return ID(E_CONFIG_TANK_MAXIMUM);
+        return IIWA14_E_CONFIG_TANK_MAXIMUM;
     }
-    return ID(OK);
+    return IIWA14_OK;
 }
 
 /* Return the class of a fault's reason. */
@@ -526,6 +544,7 @@ static int fits_memory(const memory_t *m)
     fits = fits && m->law >= 0 && m->law <= 2;
     fits = fits && m->spring >= 0 && m->spring <= 2;
     fits = fits && m->known >= 0 && m->known <= 1;
+    fits = fits && m->doubted >= 0 && m->doubted <= 1;
     fits = fits && m->engaged >= 0 && m->engaged <= 1;
     fits = fits && m->commanded >= 0 && m->commanded <= 1;
     fits = fits && m->joined >= 0 && m->joined <= 1;
@@ -1040,6 +1059,9 @@ static double find_largest_eigenvalue(const double *A)
 /* Rounds of refine_modes; the changes above which it gives up, in the first round and over the round before; the change
  * whose square is 0 up to rounding. */
 enum { REFINEMENTS = 4 };
+/* Largest entry of a matrix to diagonalise, whose squares and their sums are finite; stiffness, over the trace, that a
+ * direction without any before and after a change counts with: S stays positive definite. */
+static const double LARGEST_ENTRY = 1e140, UNCHANGED = 1e-10;
 static const double LARGEST_CHANGE = 0.05, LARGEST_SHARE = 0.2, LAST_CHANGE = 5e-8;
 
 /* Invert a lower triangular matrix; the entries above the diagonal become 0. */
@@ -1095,7 +1117,7 @@ static int diagonalise_pencil(int n, const double *K, double scale, const double
             C[i * n + j] = C[j * n + i] = dot(j + 1, product, inverse + j * n);
         }
     }
-    if (!(largest_entry(n * n, C) <= 1e140)) {
+    if (!(largest_entry(n * n, C) <= LARGEST_ENTRY)) {
         return MATRIX_NOT_FINITE;
     }
     const int error = diagonalise_symmetric(n, C, eigenvalues, rows);
@@ -1223,7 +1245,7 @@ static void multiply_lower(int n, const double *L, double *rows)
 /*
  * Move K (3 x 3) by a share of the difference D = wanted - K, without the part of D that stiffens. That part is the
  * result `cost`. It has the positive eigenvalues of D with respect to S = wanted + K: D V = S V diag(l), V^T S V = I,
- * cost = share S V diag(max(l, 0)) V^T S. A difference below 1e-9 of the trace of S is covered in one step. Return
+ * cost = share S V diag(max(l, 0)) V^T S. A difference below ROUNDED of the trace of S is covered in one step. Return
  * whether K differed from wanted.
  */
 static int soften(const double *wanted, double share, double *K, double *cost)
@@ -1235,9 +1257,9 @@ static int soften(const double *wanted, double share, double *K, double *cost)
         size += fabs(D[k]);
         cost[k] = 0.0;
     }
-    const double trace = S[0] + S[4] + S[8], part = size <= 1e-9 * trace ? 1.0 : share;
+    const double trace = S[0] + S[4] + S[8], part = size <= ROUNDED * trace ? 1.0 : share;
     for (int k = 0; k < 9; k += 4) {
-        S[k] += 1e-10 * trace; /* directions without stiffness before and after */
+        S[k] += UNCHANGED * trace;
     }
     if (size == 0.0 || solve_pencil(3, D, S, L, C, values, rows, &scale) != 0) {
         return 0;
@@ -1290,7 +1312,7 @@ static int split_torque(const double *q, const double *dq, const double *q_des, 
     for (int i = 0; i < N && !good; ++i) {
         tau_ff[i] = kp[i] = kd[i] = NAN;
     }
-    return good ? ID(OK) : ID(E_GAINS);
+    return good ? IIWA14_OK : IIWA14_E_GAINS;
 }
 
 /*
@@ -1332,7 +1354,7 @@ static void plan_gains(step_t *s)
     memory_t *const m = s->m;
     for (int i = 0; i < N; ++i) {
         const double stiffness = s->out->joint_stiffness[i * (N + 1)], limit = s->limit_slope[i];
-        const int gains = c->actuation == ID(ACTUATION_GAINS);
+        const int gains = c->actuation == IIWA14_ACTUATION_GAINS;
         const double wanted = m->scale * (stiffness - limit) + limit;
         m->kp[i] = gains && wanted > 0.0 ? smaller(wanted, c->kp_limit[i]) : 0.0;
         m->kd[i] = gains ? clamp(s->out->damping[i * (N + 1)], 0.0, c->kd_limit[i]) : 0.0;
@@ -1378,11 +1400,11 @@ static void report_gains(step_t *s, int refused)
             m->kd[i] = 0.0;
         } else if (applied != out->tau_ff[i] - damped) {
             m->kd[i] *= (out->tau_ff[i] - applied) / damped;
-            s->status |= ID(STATUS_SATURATED);
+            s->status |= IIWA14_STATUS_SATURATED;
         }
         out->torque[i] = fabs(applied) <= DBL_MAX ? applied : out->tau_ff[i];
     }
-    const double hold = m->fault == ID(FAULT_NONE) ? (double)m->hold * m->call_gap : (double)m->call_gap;
+    const double hold = m->fault == IIWA14_FAULT_NONE ? (double)m->hold * m->call_gap : (double)m->call_gap;
     out->late_work = m->known ? bound_late_work(m->q, m->q, out->dq_des, out->tau_ff, m->kp, m->kd, m->velocity_limit,
                                                 hold * m->sample_time) : 0.0;
 }
@@ -1392,13 +1414,13 @@ static void report_gains(step_t *s, int refused)
 /* Return the limits of the springs in force: of every tip's force, then of the moments; NULL without limits. */
 static const double *find_spring_limits(const memory_t *m)
 {
-    return m->spring == ID(SPRING_BOUNDED) ? m->spring_limits : NULL;
+    return m->spring == IIWA14_SPRING_BOUNDED ? m->spring_limits : NULL;
 }
 
 /* Compute the energy of all tips' springs at q, unscaled; the paper's law has none. */
 static double compute_tip_energy(const memory_t *m, const double *q, const double *equilibrium)
 {
-    if (m->law == ID(LAW_PAPER)) {
+    if (m->law == IIWA14_LAW_PAPER) {
         return 0.0;
     }
     return stiffgen_spring_energy(q, m, equilibrium, m->translation_stiffness, m->rotation_stiffness,
@@ -1408,7 +1430,7 @@ static double compute_tip_energy(const memory_t *m, const double *q, const doubl
 /* Return the energy of the tips' springs with that of the posture's spring; the paper's law has neither. */
 static double add_posture_energy(const memory_t *m, const double *q, const double *posture, double tips)
 {
-    return m->law == ID(LAW_PAPER) ? 0.0 : tips + stiffgen_posture_energy(q, posture, m->posture_stiffness);
+    return m->law == IIWA14_LAW_PAPER ? 0.0 : tips + stiffgen_posture_energy(q, posture, m->posture_stiffness);
 }
 
 /* Compute the energy that the scaled springs store at q. */
@@ -1440,6 +1462,12 @@ static double evaluate_avoidance(const double *a, double q, double *pull, double
     return fabs(*pull) * (fabs(depth) - 0.5 * fabs(*pull) / k);
 }
 
+/* Return how far a position is beyond its limits; negative inside. */
+static double distance_beyond(const config_t *c, int i, double q)
+{
+    return larger(c->lower_limit[i] - q, q - c->upper_limit[i]);
+}
+
 /* Evaluate the limit avoidance of all joints: energy, torque, stiffness and status. */
 static double evaluate_limits(step_t *s, const double *q)
 {
@@ -1449,7 +1477,7 @@ static double evaluate_limits(step_t *s, const double *q)
         double pull;
         energy += evaluate_avoidance(a, q[i], &pull, &s->limit_slope[i]);
         s->out->limit_torque[i] = 0.0 - pull;
-        s->status |= q[i] > a[1] || q[i] < a[0] ? (uint32_t)ID(STATUS_JOINT_LIMIT) : 0u;
+        s->status |= q[i] > a[1] || q[i] < a[0] ? (uint32_t)IIWA14_STATUS_JOINT_LIMIT : 0u;
     }
     return energy;
 }
@@ -1542,15 +1570,13 @@ static int limit_call_gap(const config_t *c, int missed)
 }
 
 /*
- * Compute the reserve: the worst-case work of the torques in transit, whatever the environment does, until the last of
- * them has gone to zero at the rate limit. No joint is faster than its limit, and a call comes every `gap` sample
- * times. The torque is held for `calls` such calls without a sample, and, in a fault, for one. With l times the torque
- * the reserve is parts[0] + l parts[1] + l^2 parts[2].
+ * Sum the worst-case work of the torques in transit, whatever the environment does, until the last of them has gone to
+ * zero at the rate limit. No joint is faster than its limit, a call comes every `gap` sample times, and the torque is
+ * held for `hold` such calls without a sample. With l times the torque the sum is parts[0] + l parts[1] + l^2 parts[2].
  */
-static double compute_reserve(const step_t *s, int calls, int gap, const double *torque, double *parts)
+static double sum_reserve(const step_t *s, double hold, int gap, const double *torque, double *parts)
 {
     const memory_t *const m = s->m;
-    const double hold = m->fault != ID(FAULT_NONE) ? 1.0 : calls;
     parts[0] = parts[1] = parts[2] = 0.0;
     for (int i = 0; i < N; ++i) {
         const double size = fabs(torque[i]), far = farthest_motion(m, i);
@@ -1559,6 +1585,12 @@ static double compute_reserve(const step_t *s, int calls, int gap, const double 
         parts[2] += far * gap * 0.5 * size * (size / m->rate[i]);
     }
     return parts[0] + parts[1] + parts[2];
+}
+
+/* Compute the reserve, with the torque held for `calls` calls without a sample, and, in a fault, for one. */
+static double compute_reserve(const step_t *s, int calls, int gap, const double *torque, double *parts)
+{
+    return sum_reserve(s, s->m->fault != IIWA14_FAULT_NONE ? 1.0 : calls, gap, torque, parts);
 }
 
 /* Return the energy available to cover the torque. */
@@ -1611,7 +1643,7 @@ static void adopt_limits(step_t *s, const double *q)
             const double before = evaluate_avoidance(a, q[i], &pull, &slope);
             const double v = evaluate_avoidance(wanted, q[i], &pull, &slope) - before;
             if (!(v <= larger(s->budget, 0.0))) {
-                s->status |= ID(STATUS_LIMITS_KEPT);
+                s->status |= IIWA14_STATUS_LIMITS_KEPT;
                 continue;
             }
             book_stiffness(s, &m->limit_energy, v);
@@ -1620,6 +1652,28 @@ static void adopt_limits(step_t *s, const double *q)
         changed = 1;
     }
     if (changed) {
+        evaluate_limits(s, q);
+    }
+}
+
+/*
+ * Drop the limit avoidance of joints whose position a fault condemns; the tank receives what it has stored. The next
+ * step without a fault adopts it again.
+ */
+static void drop_limits(step_t *s, const double *q)
+{
+    memory_t *const m = s->m;
+    int dropped = 0;
+    for (int i = 0; i < N; ++i) {
+        double *const a = m->avoidance + 4 * i;
+        if (s->condemned[i] && a[2] > 0.0) {
+            double pull, slope;
+            book_stiffness(s, &m->limit_energy, -evaluate_avoidance(a, q[i], &pull, &slope));
+            a[2] = a[3] = 0.0;
+            dropped = 1;
+        }
+    }
+    if (dropped) {
         evaluate_limits(s, q);
     }
 }
@@ -1634,7 +1688,7 @@ static void adopt_missed_limit(step_t *s, const double *last)
     double parts[3];
     const int calls = s->c->missed_limit, gap = limit_call_gap(s->c, calls);
     if ((calls <= m->calls && gap <= m->call_gap) ||
-        (m->fault == ID(FAULT_NONE) && compute_reserve(s, calls, gap, last, parts) <= available_energy(m))) {
+        (m->fault == IIWA14_FAULT_NONE && compute_reserve(s, calls, gap, last, parts) <= available_energy(m))) {
         m->calls = calls;
         m->call_gap = gap;
     }
@@ -1658,7 +1712,7 @@ static void bridge_gap(step_t *s, int periods)
         m->gap_most += fabs(torque[i]) * farthest_motion(m, i) * periods;
     }
     memcpy(m->gap_torque, torque, N * sizeof(double));
-    m->gap = m->gap < 1000000 - periods ? m->gap + periods : 1000000;
+    m->gap = clamp_count(m->gap + clamp_count(periods, LONGEST), LONGEST);
 }
 
 /*
@@ -1679,7 +1733,7 @@ static void note_untimed_call(step_t *s, const double *last)
         m->gap_sum[i] += fabs(last[i]);
         m->gap_largest[i] = larger(m->gap_largest[i], fabs(last[i]));
     }
-    m->gap_calls = clamp_count(m->gap_calls + 1, 1000000);
+    m->gap_calls = clamp_count(m->gap_calls + 1, LONGEST);
 }
 
 /*
@@ -1697,7 +1751,7 @@ static void bridge_missing_calls(step_t *s, const double *last, int missing)
             bridge_gap(s, 1);
             shift_history(m, s->transit, m->feed);
         }
-        bridge_gap(s, clamp_count(missing - MOST_DELAY - 1, 1000000));
+        bridge_gap(s, clamp_count(missing - MOST_DELAY - 1, LONGEST));
         return;
     }
     note_untimed_call(s, last);
@@ -1860,7 +1914,8 @@ static void find_energies(step_t *s)
         const double Kt = largest_entry(9 * TIPS, m->translation_stiffness);
         const double Ko = largest_entry(9 * TIPS, m->rotation_stiffness);
         /* whatever the direction, the springs store this much before they exert the wrench */
-        const double least = 0.5 * smaller(force * force / larger(Kt, 1e-9), moment * moment / larger(Ko, 1e-9));
+        const double by_force = force * force / larger(Kt, NO_STIFFNESS);
+        const double least = 0.5 * smaller(by_force, moment * moment / larger(Ko, NO_STIFFNESS));
         const double most = m->load > NO_LOAD ? larger(least, m->load_energy / (m->load * m->load)) : least;
         s->energy_limit = smaller(most, LARGEST_ENERGY);
     }
@@ -1997,7 +2052,7 @@ static double cap_spring(const double *A, double most, double *K)
         return 0.0;
     }
     for (int k = 0; k < 9; ++k) {
-        root[k] = sqrt(larger(d[k / 3], 1e-9 * d[2])) * Q[k];
+        root[k] = sqrt(larger(d[k / 3], FLATTEST * d[2])) * Q[k];
     }
     for (int i = 0; i < 3; ++i) {
         for (int j = 0; j < 3; ++j) {
@@ -2014,7 +2069,7 @@ static double cap_spring(const double *A, double most, double *K)
     for (int r = 0; r < 3; ++r) {
         double u[3] = {0.0};
         for (int k = 0; k < 9; ++k) {
-            u[k % 3] += W[3 * r + k / 3] * Q[k] / sqrt(larger(d[k / 3], 1e-9 * d[2]));
+            u[k % 3] += W[3 * r + k / 3] * Q[k] / sqrt(larger(d[k / 3], FLATTEST * d[2]));
         }
         for (int k = 0; mu[r] > most && k < 9; ++k) {
             K[k] -= (mu[r] - most) * u[k / 3] * u[k % 3];
@@ -2047,7 +2102,7 @@ static double find_level(int count, const double *values, double most)
 static void cap_springs(step_t *s)
 {
     memory_t *const m = s->m;
-    double A[18 * TIPS], largest[2 * TIPS], most = 0.95 * largest_eigenvalue(s->c), sum = 0.0;
+    double A[18 * TIPS], largest[2 * TIPS], most = SPRINGS_CAP * largest_eigenvalue(s->c), sum = 0.0;
     m->stiffness_share = 1.0;
     if (!m->capped || !measure_mobilities(s->c, m, m->q, m->equilibrium, s->scratch, A)) {
         return;
@@ -2059,7 +2114,7 @@ static void cap_springs(step_t *s)
     for (int i = 0; i < N; ++i) {
         most -= (m->posture_stiffness[i] + s->limit_slope[i]) / m->inertia[i];
     }
-    most = larger(most, 0.25 * largest_eigenvalue(s->c));
+    most = larger(most, SPRINGS_LEAST * largest_eigenvalue(s->c));
     for (int k = 0; k < 2 * TIPS; ++k) {
         largest[k] = cap_spring(A + 9 * k, HUGE_VAL, (k % 2 == 0 ? s->translation : s->rotation) + 9 * (k / 2));
         sum += largest[k];
@@ -2073,7 +2128,7 @@ static void cap_springs(step_t *s)
         (void)cap_spring(A + 9 * k, level, (k % 2 == 0 ? s->translation : s->rotation) + 9 * (k / 2));
         m->stiffness_share = smaller(m->stiffness_share, largest[k] > level ? level / largest[k] : 1.0);
     }
-    s->status |= ID(STATUS_STIFFNESS_CAPPED);
+    s->status |= IIWA14_STATUS_STIFFNESS_CAPPED;
 }
 
 /*
@@ -2125,30 +2180,30 @@ static int integers_within(const int *x, size_t count, int least, int most)
 static int validate(const config_t *c)
 {
     const int error = check_fields(c);
-    if (error != ID(OK)) {
+    if (error != IIWA14_OK) {
         return error;
     }
     for (int i = 0; i < N; ++i) {
         if (!(c->upper_limit[i] - c->lower_limit[i] > 2.0 * c->limit_zone)) {
-            return ID(E_POSITION_LIMITS);
+            return IIWA14_E_POSITION_LIMITS;
         }
     }
-    if (c->damping_design == ID(DAMPING_DESIGN_TASK) && !is_positive_semidefinite(6, c->task_damping, SYMMETRY)) {
-        return ID(E_TASK_DAMPING_SIGN);
+    if (c->damping_design == IIWA14_DAMPING_DESIGN_TASK && !is_positive_semidefinite(6, c->task_damping, SYMMETRY)) {
+        return IIWA14_E_TASK_DAMPING_SIGN;
     }
-    if (c->law == ID(LAW_PAPER) && TIPS > 1) {
-        return ID(E_PAPER_TIPS);
+    if (c->law == IIWA14_LAW_PAPER && TIPS > 1) {
+        return IIWA14_E_PAPER_TIPS;
     }
-    if (c->actuation == ID(ACTUATION_GAINS) && (c->law != ID(LAW_POTENTIAL) || c->delay_samples > 0)) {
-        return ID(E_ACTUATION);
+    if (c->actuation == IIWA14_ACTUATION_GAINS && (c->law != IIWA14_LAW_POTENTIAL || c->delay_samples > 0)) {
+        return IIWA14_E_ACTUATION;
     }
-    if (c->state_period > c->missed_limit * c->sample_time * (1.0 + 1e-9)) {
-        return ID(E_STATE_PERIOD);
+    if (c->state_period > c->missed_limit * c->sample_time * (1.0 + ROUNDED)) {
+        return IIWA14_E_STATE_PERIOD;
     }
-    if (c->spring == ID(SPRING_BOUNDED) && !stiffgen_has_bounded_spring()) {
-        return ID(E_BOUNDED_SPRING);
+    if (c->spring == IIWA14_SPRING_BOUNDED && !stiffgen_has_bounded_spring()) {
+        return IIWA14_E_BOUNDED_SPRING;
     }
-    return c->tank_initial <= c->tank_maximum || c->tank_maximum == 0.0 ? ID(OK) : ID(E_TANK);
+    return c->tank_initial <= c->tank_maximum || c->tank_maximum == 0.0 ? IIWA14_OK : IIWA14_E_TANK;
 }
 
 /* Rotate the bits of a sum, and add word k of the memory: two values of the word never have the same result. */
@@ -2236,28 +2291,28 @@ static void start_memory(const config_t *c, state_t *state)
 static int initialise(const config_t *c, state_t *state, const double *torque)
 {
     if (c == NULL || state == NULL) {
-        return ID(E_NULL);
+        return IIWA14_E_NULL;
     }
     memset(state, 0, sizeof *state);
     const int error = validate(c);
-    if (error != ID(OK)) {
+    if (error != IIWA14_OK) {
         return error;
     }
     for (int i = 0; torque != NULL && i < N; ++i) {
         if (!(fabs(torque[i]) <= c->effort_limit[i])) {
-            return ID(E_TORQUE);
+            return IIWA14_E_TORQUE;
         }
     }
     start_memory(c, state);
-    if (c->stiffness_cap == ID(STIFFNESS_CAP_REFUSE) && c->law == ID(LAW_POTENTIAL) &&
+    if (c->stiffness_cap == IIWA14_STIFFNESS_CAP_REFUSE && c->law == IIWA14_LAW_POTENTIAL &&
         halves_stiffness(c, &state->memory, state->scratch)) {
         memset(state, 0, sizeof *state);
-        return ID(E_STIFFNESS);
+        return IIWA14_E_STIFFNESS;
     }
     const double none[N] = {0.0};
     store_copies(state->torque, torque != NULL ? torque : none);
     state->checksum = compute_checksum(state);
-    return ID(OK);
+    return IIWA14_OK;
 }
 
 /* Return whether the memory is what the last call left: mark, checksum, and every integer in its range. */
@@ -2271,14 +2326,14 @@ static int is_believable(const state_t *state)
 static int request_reset(state_t *state)
 {
     if (state == NULL) {
-        return ID(E_NULL);
+        return IIWA14_E_NULL;
     }
     if (!is_believable(state)) {
-        return ID(E_NOT_INITIALISED);
+        return IIWA14_E_NOT_INITIALISED;
     }
     state->memory.reset = 1;
     state->checksum = compute_checksum(state);
-    return ID(OK);
+    return IIWA14_OK;
 }
 
 /*
@@ -2287,7 +2342,7 @@ static int request_reset(state_t *state)
  */
 static void latch_fault(memory_t *m, int reason, int joint, double seen, double limit)
 {
-    if (m->fault == ID(FAULT_NONE)) {
+    if (m->fault == IIWA14_FAULT_NONE) {
         m->fault = fault_of_reason(reason);
         m->reason = reason;
         m->fault_joint = joint;
@@ -2302,28 +2357,35 @@ static void latch_fault(memory_t *m, int reason, int joint, double seen, double 
 /* Return whether a latched communication fault is to be held: the springs stay, and the equilibrium stands still. */
 static int holds_in_fault(const step_t *s)
 {
-    return s->m->fault == ID(FAULT_COMMUNICATION) && s->m->law == ID(LAW_POTENTIAL) &&
-           s->c->communication_reaction == ID(COMMUNICATION_REACTION_HOLD);
+    return s->m->fault == IIWA14_FAULT_COMMUNICATION && s->m->law == IIWA14_LAW_POTENTIAL &&
+           s->c->communication_reaction == IIWA14_COMMUNICATION_REACTION_HOLD;
 }
 
 /* Samples: whether a measurement and a command are believed. */
 
 enum { FROZEN_POSITION = 1, FROZEN_VELOCITY = 2 };
+enum { HALVES = 2, SKIPPED = 1000 }; /* halves of a sample; most calls that are counted as skipped at once */
+/* Motion that dq and q may disagree by in a sample: share of the velocity limit, share of the motion itself. */
+static const double DISAGREED_LIMIT = 0.5, DISAGREED_MOTION = 0.3;
+/* Velocity limits that a dq may have: a faster one is no measurement. */
+static const double FASTEST = 1e3;
 
 /*
- * Count missing samples; each sample that is there (periods 0) takes half a one back. Faults are loss_limit in a row,
- * more than one of three for long, and missed_limit calls in a row.
+ * Count missing samples, in halves (m->absent), so that the count stays an integer: a missing sample is two halves, and
+ * one that is there (periods 0) takes one back. Faults are loss_limit samples in a row, more than one of three for
+ * long, and missed_limit calls in a row.
  */
 static void count_missing(step_t *s, int periods, int reason)
 {
     memory_t *const m = s->m;
     const int most = s->c->loss_limit > m->calls ? s->c->loss_limit : m->calls;
-    const int count = m->absent + (periods > 0 ? 2 * periods : -1), calls = reason == ID(REASON_SKIPPED) ? periods : 0;
-    m->absent = clamp_count(count, 2 * most);
+    const int halves = m->absent + (periods > 0 ? HALVES * periods : -1);
+    const int calls = reason == IIWA14_REASON_SKIPPED ? periods : 0;
+    m->absent = clamp_count(halves, HALVES * most);
     if (m->known && calls >= m->calls) {
         latch_fault(m, reason, NO_JOINT, calls, m->calls);
-    } else if (m->known && count >= 2 * most) {
-        latch_fault(m, reason, NO_JOINT, 0.5 * count, most);
+    } else if (m->known && halves >= HALVES * most) {
+        latch_fault(m, reason, NO_JOINT, (double)halves / HALVES, most);
     }
 }
 
@@ -2365,12 +2427,12 @@ static int repeats_state(step_t *s)
 {
     memory_t *const m = s->m;
     const input_t *const in = s->input;
-    int same = m->known && m->fault == ID(FAULT_NONE);
+    int same = m->known && m->fault == IIWA14_FAULT_NONE;
     for (int i = 0; i < N; ++i) {
         same = same && in->q[i] == m->still_q[i] && in->dq[i] == m->still_dq[i];
     }
-    m->state_age = clamp_count(m->state_age + 1, 1000000);
-    same = same && m->state_age * s->c->sample_time < (1.0 - 1e-9) * s->c->state_period;
+    m->state_age = clamp_count(m->state_age + 1, LONGEST);
+    same = same && m->state_age * s->c->sample_time < (1.0 - ROUNDED) * s->c->state_period;
     m->state_age = same ? m->state_age : 0;
     return same;
 }
@@ -2391,18 +2453,18 @@ static int check_counter(step_t *s, const double *last)
     const int32_t ahead = (int32_t)(counter - m->counter - (uint32_t)m->gap - 1u);
     m->regular = counter == m->seen_counter + 1u ? clamp_count(m->regular + 1, 3) : 0;
     m->seen_counter = counter;
-    if (ahead < 0 && (m->fault == ID(FAULT_NONE) || m->regular < 3)) {
+    if (ahead < 0 && (m->fault == IIWA14_FAULT_NONE || m->regular < 3)) {
         note_finding(s, NO_JOINT, 1.0 + ahead, 1.0);
-        return ID(REASON_STALE);
+        return IIWA14_REASON_STALE;
     }
     if (ahead > 0) {
-        s->status |= ID(STATUS_MISSED);
+        s->status |= IIWA14_STATUS_MISSED;
         bridge_missing_calls(s, last, ahead);
-        count_missing(s, ahead < 1000 ? ahead : 1000, ID(REASON_SKIPPED));
+        count_missing(s, clamp_count(ahead, SKIPPED), IIWA14_REASON_SKIPPED);
     }
     s->timed = ahead >= 0;
     m->gap_calls = ahead >= 0 ? 0 : m->gap_calls;
-    return ID(REASON_NONE);
+    return IIWA14_REASON_NONE;
 }
 
 /*
@@ -2418,36 +2480,38 @@ static int check_joint(step_t *s, int i)
     const double far = m->velocity_limit[i] * elapsed, measured = motion / elapsed, quanta = 2.0 * c->position_quantum;
     const double noise = NOISE_RANGE * c->velocity_noise * elapsed, differs = dq * elapsed - motion;
     const double apart = c->state_period * smaller(fabs(dq), fabs(measured)); /* q and dq of different times */
-    const double most = larger(0.5 * far, 0.3 * fabs(motion)) + quanta + noise + apart;
+    const double most = larger(DISAGREED_LIMIT * far, DISAGREED_MOTION * fabs(motion)) + quanta + noise + apart;
     double still, still_limit;
     const int stuck = check_frozen(s, i, differs, elapsed, &still, &still_limit), differ = fabs(differs) > most;
     /* An arm that is too fast must be braked: q and dq that agree are believed at any speed that follows from the last
      * one, and in a fault at any speed. */
-    const int fault = m->fault != ID(FAULT_NONE), follows = fabs(motion - m->dq[i] * elapsed) <= far + quanta;
+    const int fault = m->fault != IIWA14_FAULT_NONE, follows = fabs(motion - m->dq[i] * elapsed) <= far + quanta;
     const double range = 2.0 * far + quanta + apart;
     const double located = fault || (follows && !differ) ? 10.0 * far + quanta : range;
     s->velocity[i] = dq;
+    s->condemned[i] = !m->known && distance_beyond(c, i, q) > c->position_tolerance;
     if ((differ || !fault) && fabs(motion) > located) {
         s->located = 0;
         note_finding(s, i, fabs(motion), located);
     }
     if (differ && fabs(motion) > range) {
         s->velocity[i] = 0.0;
-        s->jumped = 1;
-        return ID(REASON_JUMP);
+        s->jumped = s->condemned[i] = 1;
+        return IIWA14_REASON_JUMP;
     }
     if (stuck != 0) {
         note_finding(s, i, still, still_limit);
+        s->condemned[i] = (stuck & FROZEN_POSITION) != 0;
         s->velocity[i] = stuck == FROZEN_VELOCITY ? measured : dq;
-        return ID(REASON_FROZEN);
+        return IIWA14_REASON_FROZEN;
     }
     if (differ) {
         note_finding(s, i, fabs(differs) / elapsed, most / elapsed);
         const double smaller = fabs(measured) < fabs(dq) ? measured : dq;
         s->velocity[i] = measured * dq <= 0.0 ? 0.0 : smaller;
-        return ID(REASON_MISMATCH);
+        return IIWA14_REASON_MISMATCH;
     }
-    return ID(REASON_NONE);
+    return IIWA14_REASON_NONE;
 }
 
 /*
@@ -2458,33 +2522,33 @@ static int check_sample(step_t *s, const double *last)
 {
     memory_t *const m = s->m;
     const input_t *const in = s->input;
-    int reason = ID(REASON_NONE);
+    int reason = IIWA14_REASON_NONE;
     for (int i = 0; i < N; ++i) {
-        if (!(fabs(in->q[i]) <= FARTHEST && fabs(in->dq[i]) <= 1e3 * m->velocity_limit[i])) {
+        if (!(fabs(in->q[i]) <= FARTHEST && fabs(in->dq[i]) <= FASTEST * m->velocity_limit[i])) {
             const double size = fabs(in->q[i]) <= FARTHEST ? in->dq[i] : in->q[i];
             note_finding(s, i, fabs(size) <= DBL_MAX ? size : 0.0, 0.0);
-            return ID(REASON_NOT_FINITE);
+            return IIWA14_REASON_NOT_FINITE;
         }
     }
-    if (m->known && check_counter(s, last) != ID(REASON_NONE)) {
-        return ID(REASON_STALE);
+    if (m->known && check_counter(s, last) != IIWA14_REASON_NONE) {
+        return IIWA14_REASON_STALE;
     }
     s->located = 1;
     for (int i = 0; i < N; ++i) {
         const int found = check_joint(s, i);
-        reason = found != ID(REASON_NONE) ? found : reason;
+        reason = found != IIWA14_REASON_NONE ? found : reason;
     }
     if (!s->located) {
-        return ID(REASON_JUMP);
+        return IIWA14_REASON_JUMP;
     }
     if (!stiffgen_follow(in->q, m)) {
         s->located = 0;
         note_finding(s, NO_JOINT, 0.0, 0.0);
-        return ID(REASON_LOOPS);
+        return IIWA14_REASON_LOOPS;
     }
-    if (reason == ID(REASON_NONE) && s->c->law == ID(LAW_PAPER) &&
-        (s->status & (uint32_t)ID(STATUS_WRENCH_REFUSED)) != 0u) {
-        reason = ID(REASON_WRENCH);
+    if (reason == IIWA14_REASON_NONE && s->c->law == IIWA14_LAW_PAPER &&
+        (s->status & (uint32_t)IIWA14_STATUS_WRENCH_REFUSED) != 0u) {
+        reason = IIWA14_REASON_WRENCH;
     }
     return reason;
 }
@@ -2499,8 +2563,8 @@ static void check_wrench(step_t *s)
     }
     if (good) {
         memcpy(s->out->wrench, s->input->wrench, sizeof s->out->wrench);
-    } else if (s->input->wrench_valid == 1 || s->c->law == ID(LAW_PAPER)) {
-        s->status |= ID(STATUS_WRENCH_REFUSED);
+    } else if (s->input->wrench_valid == 1 || s->c->law == IIWA14_LAW_PAPER) {
+        s->status |= IIWA14_STATUS_WRENCH_REFUSED;
     }
 }
 
@@ -2508,26 +2572,26 @@ static void check_wrench(step_t *s)
 static void observe_sample(step_t *s, const double *last)
 {
     memory_t *const m = s->m;
-    int reason = ID(REASON_MISSED);
+    int reason = IIWA14_REASON_MISSED;
     if (s->input->sample_valid == 1 && repeats_state(s)) {
         /* no new sample, and none that is missing: the torque is held */
-        s->status |= ID(STATUS_REPEATED);
+        s->status |= IIWA14_STATUS_REPEATED;
         check_counter(s, last);
         return;
     }
     if (s->input->sample_valid == 1) {
         check_wrench(s);
         reason = check_sample(s, last);
-        m->bad = ((m->bad << 1) | (reason != ID(REASON_NONE))) & 7;
-        if (reason != ID(REASON_NONE) && (m->bad & (m->bad - 1)) != 0) {
+        m->bad = ((m->bad << 1) | (reason != IIWA14_REASON_NONE)) & 7;
+        if (reason != IIWA14_REASON_NONE && (m->bad & (m->bad - 1)) != 0) {
             latch_fault(m, reason, s->joint, s->seen, s->limit);
         }
     }
-    s->believed = reason == ID(REASON_NONE);
-    if (reason == ID(REASON_MISSED)) {
-        s->status |= ID(STATUS_MISSED);
+    s->believed = reason == IIWA14_REASON_NONE;
+    if (reason == IIWA14_REASON_MISSED) {
+        s->status |= IIWA14_STATUS_MISSED;
     } else if (!s->believed) {
-        s->status |= ID(STATUS_BAD_SAMPLE);
+        s->status |= IIWA14_STATUS_BAD_SAMPLE;
     }
     count_missing(s, !s->believed, reason);
 }
@@ -2553,7 +2617,7 @@ static int accept_pose(const double *pose, double *accepted)
     const double det = pose[0] * (pose[5] * pose[10] - pose[6] * pose[9]) -
                        pose[1] * (pose[4] * pose[10] - pose[6] * pose[8]) +
                        pose[2] * (pose[4] * pose[9] - pose[5] * pose[8]);
-    for (int round = 0; off > 1e-9 && round < 2; ++round) { /* R (3 I - R^T R) / 2 */
+    for (int round = 0; off > ROUNDED && round < 2; ++round) { /* R (3 I - R^T R) / 2 */
         multiply3(accepted, 4, 1, accepted, 4, C);
         for (int i = 0; i < 9; ++i) {
             C[i] = (i % 4 == 0 ? 1.5 : 0.0) - 0.5 * C[i];
@@ -2574,19 +2638,19 @@ static int accept_pose(const double *pose, double *accepted)
 static int accept_command(step_t *s)
 {
     const input_t *const in = s->input;
-    int good = in->command == ID(COMMAND_POSITION) || in->command == ID(COMMAND_EQUILIBRIUM);
+    int good = in->command == IIWA14_COMMAND_POSITION || in->command == IIWA14_COMMAND_EQUILIBRIUM;
     double tool[16];
     for (int i = 0; i < N; ++i) {
         good = good && fabs(in->q0[i]) <= FARTHEST;
     }
     for (int t = 0; good && t < TIPS; ++t) {
-        good = in->command == ID(COMMAND_POSITION) || accept_pose(in->equilibrium + 16 * t, s->goal + 16 * t);
-        if (s->c->law == ID(LAW_POTENTIAL)) {
+        good = in->command == IIWA14_COMMAND_POSITION || accept_pose(in->equilibrium + 16 * t, s->goal + 16 * t);
+        if (s->c->law == IIWA14_LAW_POTENTIAL) {
             const double *const Kt = in->translation_stiffness + 9 * t, *const Ko = in->rotation_stiffness + 9 * t;
             good = good && accept_stiffness(Kt, s->c->translation_stiffness_limit, s->translation + 9 * t);
             good = good && accept_stiffness(Ko, s->c->rotation_stiffness_limit, s->rotation + 9 * t);
         } else {
-            good = good && in->command == ID(COMMAND_POSITION) &&
+            good = good && in->command == IIWA14_COMMAND_POSITION &&
                    is_positive_semidefinite(6, in->task_stiffness, COMMAND_TOLERANCE) &&
                    largest_entry(36, in->task_stiffness) <= s->c->translation_stiffness_limit;
         }
@@ -2599,6 +2663,9 @@ static int accept_command(step_t *s)
  * Poses, and postures of a pose: while the equilibrium is commanded by its pose, the posture goes to the one nearest to
  * the wanted posture that has its tips at that pose. The springs of tips and posture are then at rest at the same q.
  */
+
+/* Sine of a rotation up to which, near half a turn, it has lost the digits of the axis; sine too small to divide by. */
+static const double HALF_TURN_SINE = 1e-6, NO_SINE = 1e-150;
 
 /* Return the index of the largest of three numbers. */
 static int find_largest(double a, double b, double c)
@@ -2625,7 +2692,7 @@ static void pose_difference(const double *from, const double *to, double *twist)
     w[2] = (D[3] - D[1]) / 2.0;
     double sine = norm(3, w);
     const double angle = atan2(sine, cosine);
-    if (sine <= 1e-6 && cosine <= 0.0) {
+    if (sine <= HALF_TURN_SINE && cosine <= 0.0) {
         /* near half a turn the axis is the longest column of D + I */
         const int k = find_largest(D[0], D[4], D[8]);
         for (int i = 0; i < 3; ++i) {
@@ -2634,7 +2701,7 @@ static void pose_difference(const double *from, const double *to, double *twist)
         sine = norm(3, w);
     }
     for (int i = 0; i < 3; ++i) {
-        w[i] *= sine > 1e-150 ? angle / sine : 1.0;
+        w[i] *= sine > NO_SINE ? angle / sine : 1.0;
     }
 }
 
@@ -2642,8 +2709,8 @@ static void pose_difference(const double *from, const double *to, double *twist)
 static void move_pose(const double *pose, const double *twist, double *moved)
 {
     const double *const w = twist + 3, W[9] = {0.0, -w[2], w[1], w[2], 0.0, -w[0], -w[1], w[0], 0.0};
-    const double angle = norm(3, w), a = angle > 1e-9 ? sin(angle) / angle : 1.0;
-    const double b = angle > 1e-9 ? (1.0 - cos(angle)) / (angle * angle) : 0.5;
+    const double angle = norm(3, w), a = angle > NO_ROTATION ? sin(angle) / angle : 1.0;
+    const double b = angle > NO_ROTATION ? (1.0 - cos(angle)) / (angle * angle) : 0.5;
     double D[9], R[9];
     multiply3(W, 3, 0, W, 3, D);
     for (int k = 0; k < 9; ++k) {
@@ -2881,7 +2948,7 @@ static int find_modes(step_t *s)
         oldest[k] = before[k];
         before[k] = last;
     }
-    if (s->m->law == ID(LAW_PAPER)) {
+    if (s->m->law == IIWA14_LAW_PAPER) {
         /* only the symmetric part of the conventional formula has a say in the damping */
         take_symmetric_part(N, out->joint_stiffness, symmetric);
         K = symmetric;
@@ -2958,13 +3025,12 @@ static double largest_damping(const config_t *c)
     return share / (c->sample_time + c->velocity_filter_time);
 }
 
-/* Use the joint damping alone: the mass matrix is not positive definite. */
-static double damp_joints_only(step_t *s)
+/* Use the joint damping d I alone, and no brake. */
+static double damp_joints_only(step_t *s, double d)
 {
-    s->status |= ID(STATUS_MASS_MATRIX);
-    memset(s->out->eigenvalues, 0, sizeof s->out->eigenvalues);
+    memset(s->brake, 0, sizeof s->brake);
     for (int i = 0; i < N; ++i) {
-        s->out->damping[i * (N + 1)] = s->c->joint_damping;
+        s->out->damping[i * (N + 1)] = d;
     }
     return 1.0;
 }
@@ -2981,22 +3047,27 @@ static double design_damping(step_t *s)
     double *const rows = s->scratch;
     const double *modes = s->modes;
     double b[N], own[NN] = {0.0}, scale = 1.0, largest_b = 0.0, d = c->joint_damping;
-    const int paper = s->m->law == ID(LAW_PAPER), by_task = c->damping_design == ID(DAMPING_DESIGN_TASK);
-    const double T = c->sample_time, most = paper ? 1e6 : largest_damping(c);
+    const int paper = s->m->law == IIWA14_LAW_PAPER, by_task = c->damping_design == IIWA14_DAMPING_DESIGN_TASK;
+    const double T = c->sample_time, most = paper ? UNCAPPED : largest_damping(c);
     if (!find_modes(s)) {
-        return damp_joints_only(s);
+        s->status |= IIWA14_STATUS_MASS_MATRIX;
+        memset(out->eigenvalues, 0, sizeof out->eigenvalues);
+        return damp_joints_only(s, d);
     }
     const double trace = reduce_inertia(modes, s->brake);
+    if (s->m->doubted) {
+        return damp_joints_only(s, smaller(d, DOUBTED_SHARE * 0.5 * most / trace));
+    }
     const double delayed = 1.0 + 2.0 * c->delay_samples, stiffest = out->eigenvalues[N - 1] * T * T;
-    s->status |= out->eigenvalues[0] < 0.0 ? (uint32_t)ID(STATUS_INDEFINITE) : 0u;
+    s->status |= out->eigenvalues[0] < 0.0 ? (uint32_t)IIWA14_STATUS_INDEFINITE : 0u;
     if (stiffest * delayed > LARGEST_STIFFNESS && !paper) {
         scale = LARGEST_STIFFNESS / (stiffest * delayed);
-        s->status |= ID(STATUS_STIFFNESS_CAPPED);
+        s->status |= IIWA14_STATUS_STIFFNESS_CAPPED;
         s->m->capped = 1;
     }
     if (d * trace > 0.5 * most) {
         d = 0.5 * most / trace;
-        s->status |= ID(STATUS_DAMPING_CAPPED);
+        s->status |= IIWA14_STATUS_DAMPING_CAPPED;
     }
     if (by_task) {
         apply_task_damping(s);
@@ -3013,7 +3084,7 @@ static double design_damping(step_t *s)
         b[k] = clamp(b[k], 0.0, most - d * trace);
         largest_b = larger(largest_b, b[k]);
     }
-    s->status |= capped ? (uint32_t)ID(STATUS_DAMPING_CAPPED) : 0u;
+    s->status |= capped ? (uint32_t)IIWA14_STATUS_DAMPING_CAPPED : 0u;
     if (capped || !by_task) {
         multiply_rows(N, modes, out->mass_matrix, rows);
         form_congruence(N, rows, b, out->damping);
@@ -3290,7 +3361,7 @@ static int approach_posture(step_t *s, const double *here, double lead, int arri
     } else if (distance <= REACHED) {
         m->beyond = 0;
     }
-    s->status |= !moving && distance > REACHED ? (uint32_t)ID(STATUS_UNREACHABLE) : 0u;
+    s->status |= !moving && distance > REACHED ? (uint32_t)IIWA14_STATUS_UNREACHABLE : 0u;
     if (leads) {
         memset(step, 0, sizeof step);
     }
@@ -3320,7 +3391,7 @@ static int approach_poses(step_t *s, const double *goal, const double *from, dou
         if (s->commanded && from != NULL) {
             pose_difference(from + 16 * t, goal + 16 * t, moved);
         }
-        arrived &= relative_size(6, 3, away, tip_limits) <= 1e-12;
+        arrived &= relative_size(6, 3, away, tip_limits) <= ARRIVED;
         if (pace <= 0.0) {
             memset(m->equilibrium_velocity + 6 * t, 0, 6 * sizeof(double));
             continue;
@@ -3375,7 +3446,7 @@ static int update_velocities(step_t *s, int by_posture)
     memory_t *const m = s->m;
     double away[MAX_ROWS], moved[MAX_ROWS], here[16 * TIPS];
     int moving = 0;
-    const int joining = s->input->command == ID(COMMAND_POSITION) && !by_posture;
+    const int joining = s->input->command == IIWA14_COMMAND_POSITION && !by_posture;
     if (!by_posture) {
         stiffgen_poses(m->posture, m, here);
     }
@@ -3437,7 +3508,7 @@ static void pay_for_travel(step_t *s)
     const config_t *const c = s->c;
     memory_t *const m = s->m;
     const double *const q0 = s->input->q0, *pose = s->goal;
-    const int by_pose = s->input->command == ID(COMMAND_EQUILIBRIUM);
+    const int by_pose = s->input->command == IIWA14_COMMAND_EQUILIBRIUM;
     double there[16 * TIPS];
     if (!s->commanded) {
         return;
@@ -3481,7 +3552,7 @@ static double move_posture(step_t *s)
     const double rise = m->scale * (stiffgen_posture_energy(m->q, posture, m->posture_stiffness) - before);
     if (rise > work_left(m) || !stiffgen_reaches(posture, m)) {
         memset(m->posture_velocity, 0, sizeof m->posture_velocity);
-        s->status |= ID(STATUS_GOVERNOR);
+        s->status |= IIWA14_STATUS_GOVERNOR;
         return 0.0;
     }
     memcpy(m->posture, posture, sizeof posture);
@@ -3514,11 +3585,11 @@ static double find_share(step_t *s, int by_posture, double own, double *posture,
         *rise = m->scale * add_posture_energy(m, m->q, posture, energy) - m->elastic_energy;
         reached = speed <= 1.0 && tip_rise <= allowed && *rise <= left;
         if (speed > 1.0) {
-            share *= (1.0 - 1e-9) / speed;
+            share *= (1.0 - ROUNDED) / speed;
         } else if (!reached) {
             const double covered = smaller(allowed / larger(tip_rise, allowed), left / larger(*rise, left));
-            share *= attempt < 3 && allowed > 0.0 ? 0.9 * covered : 0.0;
-            s->status |= ID(STATUS_GOVERNOR);
+            share *= attempt < 3 && allowed > 0.0 ? NEXT_SHARE * covered : 0.0;
+            s->status |= IIWA14_STATUS_GOVERNOR;
         }
     }
     return reached ? share : 0.0;
@@ -3530,11 +3601,11 @@ static void move_equilibrium(step_t *s)
     memory_t *const m = s->m;
     double posture[N], equilibrium[16 * TIPS], rise = 0.0;
     pay_for_travel(s);
-    const int by_posture = m->joined && (!s->commanded || s->input->command == ID(COMMAND_POSITION));
+    const int by_posture = m->joined && (!s->commanded || s->input->command == IIWA14_COMMAND_POSITION);
     const int moving = update_velocities(s, by_posture);
     const double own = by_posture ? 0.0 : move_posture(s);
     const double share = find_share(s, by_posture, own, posture, equilibrium, &rise);
-    s->status |= moving ? (uint32_t)ID(STATUS_MOVING) : 0u;
+    s->status |= moving ? (uint32_t)IIWA14_STATUS_MOVING : 0u;
     for (int i = 0; by_posture && i < N; ++i) {
         m->posture_velocity[i] *= share;
     }
@@ -3550,7 +3621,7 @@ static void move_equilibrium(step_t *s)
     book_reference(s, own + (share > 0.0 ? rise : 0.0));
     if (s->commanded) {
         memcpy(m->wanted_posture, s->input->q0, sizeof posture);
-        if (s->input->command == ID(COMMAND_EQUILIBRIUM)) {
+        if (s->input->command == IIWA14_COMMAND_EQUILIBRIUM) {
             memcpy(m->wanted_equilibrium, s->goal, sizeof equilibrium);
             m->joined = 0;
         }
@@ -3561,7 +3632,7 @@ static void move_equilibrium(step_t *s)
 static void adopt_command(step_t *s)
 {
     memory_t *const m = s->m;
-    if (m->law == ID(LAW_POTENTIAL)) {
+    if (m->law == IIWA14_LAW_POTENTIAL) {
         memcpy(m->translation_stiffness, s->translation, 9 * TIPS * sizeof(double));
         memcpy(m->rotation_stiffness, s->rotation, 9 * TIPS * sizeof(double));
     } else {
@@ -3574,7 +3645,7 @@ static void adopt_command(step_t *s)
         memcpy(m->tool_pose, stiffgen_tool(s->input), sizeof m->tool_pose);
         s->has_jacobians = 0;
     }
-    m->by_pose = s->input->command == ID(COMMAND_EQUILIBRIUM);
+    m->by_pose = s->input->command == IIWA14_COMMAND_EQUILIBRIUM;
     m->commanded = 1;
 }
 
@@ -3598,7 +3669,7 @@ static void start_engagement(step_t *s)
 static void pay_engagement(step_t *s)
 {
     memory_t *const m = s->m;
-    if (s->started && m->fault == ID(FAULT_NONE)) {
+    if (s->started && m->fault == IIWA14_FAULT_NONE) {
         m->tank += s->lack;
         m->engagement = s->engagement_limit - s->lack;
     }
@@ -3625,7 +3696,7 @@ static void settle_springs(step_t *s)
         adopt_command(s);
     }
     stiffgen_poses(m->q, m, m->equilibrium);
-    if (s->commanded && m->fault == ID(FAULT_NONE)) {
+    if (s->commanded && m->fault == IIWA14_FAULT_NONE) {
         start_engagement(s);
     }
 }
@@ -3675,7 +3746,7 @@ static void adopt_tool(step_t *s)
 static void separate_torque_offset(step_t *s, double *last, int refused)
 {
     memory_t *const m = s->m;
-    const int starts = !refused && !m->known && m->fault == ID(FAULT_NONE) && s->input->sample_valid;
+    const int starts = !refused && !m->known && m->fault == IIWA14_FAULT_NONE && s->input->sample_valid;
     for (int i = 0; i < N; ++i) {
         if (starts && fabs(s->input->torque_offset[i]) <= DBL_MAX) {
             m->offset[i] = clamp(s->input->torque_offset[i], smaller(last[i], 0.0), larger(last[i], 0.0));
@@ -3702,10 +3773,10 @@ static void add_torque_offset(step_t *s, const double *last, int refused)
         const double most = refused ? s->effort[i] : larger(s->c->effort_limit[i], fabs(before) - m->rate[i]);
         const double total = clamp(own + m->offset[i] + moved, -most, most);
         m->offset[i] = total - own;
-        const int reached = fabs(m->offset[i] - wanted) <= 1e-9 * larger(1.0, fabs(wanted));
+        const int reached = fabs(m->offset[i] - wanted) <= ROUNDED * larger(1.0, fabs(wanted));
         s->out->offset_torque[i] = m->offset[i];
         s->out->torque[i] = total;
-        s->status |= reached ? 0u : (uint32_t)ID(STATUS_OFFSET_LIMITED);
+        s->status |= reached ? 0u : (uint32_t)IIWA14_STATUS_OFFSET_LIMITED;
     }
 }
 
@@ -3722,7 +3793,7 @@ static int release_stiffness(step_t *s, double *translation, double *rotation, d
     int changed = 0;
     for (int i = 0; i < N; ++i) {
         const double D = s->c->posture_stiffness[i] - m->posture_stiffness[i];
-        const double step = fabs(D) <= 1e-9 * s->c->posture_stiffness[i] ? D : share * D;
+        const double step = fabs(D) <= ROUNDED * s->c->posture_stiffness[i] ? D : share * D;
         posture[i] = step > 0.0 ? step : 0.0;
         m->posture_stiffness[i] += step < 0.0 ? step : 0.0;
         changed |= D != 0.0;
@@ -3745,7 +3816,7 @@ static void adopt_spring_limits(step_t *s)
         m->spring_limits[t] = s->c->spring_force_limit;
         m->spring_limits[TIPS + t] = s->c->spring_moment_limit;
     }
-    if (m->spring != ID(SPRING_BOUNDED) || memcmp(old, m->spring_limits, sizeof old) == 0) {
+    if (m->spring != IIWA14_SPRING_BOUNDED || memcmp(old, m->spring_limits, sizeof old) == 0) {
         return;
     }
     const double v = compute_stored_energy(m, m->q) - m->elastic_energy;
@@ -3753,7 +3824,7 @@ static void adopt_spring_limits(step_t *s)
         book_stiffness(s, &m->elastic_energy, v);
     } else {
         memcpy(m->spring_limits, old, sizeof old);
-        s->status |= ID(STATUS_TANK_LIMITED);
+        s->status |= IIWA14_STATUS_TANK_LIMITED;
     }
 }
 
@@ -3771,7 +3842,7 @@ static void vary_stiffness(step_t *s)
 {
     memory_t *const m = s->m;
     double translation[9 * TIPS], rotation[9 * TIPS], posture[N];
-    if (m->law == ID(LAW_PAPER)) {
+    if (m->law == IIWA14_LAW_PAPER) {
         memcpy(m->posture_stiffness, s->c->posture_stiffness, sizeof posture);
         return;
     }
@@ -3784,7 +3855,7 @@ static void vary_stiffness(step_t *s)
     const double released = compute_stored_energy(m, m->q);
     book_stiffness(s, &m->elastic_energy, released - m->elastic_energy);
     int last = 1;
-    if (m->spring == ID(SPRING_BOUNDED)) {
+    if (m->spring == IIWA14_SPRING_BOUNDED) {
         last = 2;
     }
     double step = 1.0, share = 0.0, cost = 0.0;
@@ -3802,11 +3873,11 @@ static void vary_stiffness(step_t *s)
         if (cost <= budget) {
             break;
         }
-        step = attempt == 0 ? (1.0 - 1e-9) * budget / cost - 1.0 : -share;
-        s->status |= ID(STATUS_TANK_LIMITED);
+        step = attempt == 0 ? (1.0 - ROUNDED) * budget / cost - 1.0 : -share;
+        s->status |= IIWA14_STATUS_TANK_LIMITED;
     }
     book_stiffness(s, &m->elastic_energy, cost);
-    s->status |= ID(STATUS_STIFFNESS_CHANGING);
+    s->status |= IIWA14_STATUS_STIFFNESS_CHANGING;
 }
 
 /*
@@ -3820,31 +3891,31 @@ static void vary_scale(step_t *s, const double *pull, double energy, double cap)
     double target = cap, fastest_fall = 2.0, parts[3];
     for (int i = 0; i < N; ++i) {
         const double size = fabs(pull[i]);
-        if (size > 1e-9) {
+        if (size > NO_TORQUE) {
             const double limit = pull[i] > 0.0 ? s->out->limit_torque[i] : -s->out->limit_torque[i];
             const double offset = pull[i] > 0.0 ? m->offset[i] : -m->offset[i];
             target = smaller(target, larger((c->effort_limit[i] - limit - offset) / size, 0.0));
-            fastest_fall = smaller(fastest_fall, 0.9 * m->rate[i] / size);
+            fastest_fall = smaller(fastest_fall, FALL_SHARE * m->rate[i] / size);
         }
     }
-    s->status |= target < cap ? (uint32_t)ID(STATUS_SATURATED) : 0u;
+    s->status |= target < cap ? (uint32_t)IIWA14_STATUS_SATURATED : 0u;
     compute_reserve(s, m->calls, m->call_gap, pull, parts);
     const double most = larger(COVERED * available_energy(m) - parts[0], 0.0), a = parts[1], b = parts[2];
     if ((a + b * target) * target > most) {
         target = solve_share(a, b, most);
-        s->status |= ID(STATUS_RESERVE);
+        s->status |= IIWA14_STATUS_RESERVE;
     }
-    if (m->fault != ID(FAULT_NONE) && !holds_in_fault(s)) {
+    if (m->fault != IIWA14_FAULT_NONE && !holds_in_fault(s)) {
         target = larger(m->scale - fastest_fall, 0.0);
-        if (m->law == ID(LAW_PAPER)) {
+        if (m->law == IIWA14_LAW_PAPER) {
             target = 0.0; /* no energy to scale: its torque falls at the rate limit */
         }
     }
     const double rise = target - m->scale;
     double step = smaller(rise, c->sample_time / larger(c->stiffness_time, SCALE_TIME));
     if (step > 0.0 && step * energy > larger(s->budget, 0.0)) {
-        step = (1.0 - 1e-9) * larger(s->budget, 0.0) / energy;
-        s->status |= ID(STATUS_TANK_LIMITED);
+        step = (1.0 - ROUNDED) * larger(s->budget, 0.0) / energy;
+        s->status |= IIWA14_STATUS_TANK_LIMITED;
     }
     if (step != 0.0) {
         m->scale = step == rise ? target : m->scale + step;
@@ -3868,7 +3939,7 @@ static int are_zero(int count, const double *x)
 static int accept_wrench(const step_t *s)
 {
     const double *const heaviest = s->c->heaviest_wrench;
-    int good = s->c->law == ID(LAW_POTENTIAL);
+    int good = s->c->law == IIWA14_LAW_POTENTIAL;
     for (int t = 0; t < TIPS; ++t) {
         const double *const wrench = s->input->wrench_command + 6 * t;
         good = good && norm(3, wrench) <= heaviest[0] && norm(3, wrench + 3) <= heaviest[1];
@@ -3914,7 +3985,7 @@ static int track_target(step_t *s)
 {
     const input_t *const in = s->input;
     memory_t *const m = s->m;
-    const int by_pose = in->command == ID(COMMAND_EQUILIBRIUM);
+    const int by_pose = in->command == IIWA14_COMMAND_EQUILIBRIUM;
     int agree = 1, moves = are_zero(N, in->velocity);
     for (int i = 0; i < N; ++i) {
         const double moved = in->q0[i] - m->wanted_posture[i], most = PLAN_DRIFT * s->c->velocity_limit[i];
@@ -3940,7 +4011,7 @@ static int accept_plan(step_t *s)
     memory_t *const m = s->m;
     const input_t *const in = s->input;
     const int accelerated = !are_zero(N, in->acceleration), begins = m->planning != in->command;
-    int good = c->law == ID(LAW_POTENTIAL);
+    int good = c->law == IIWA14_LAW_POTENTIAL;
     for (int i = 0; i < N; ++i) {
         good = good && fabs(in->velocity[i]) <= c->reference_velocity_limit[i];
         good = good && fabs(in->acceleration[i]) <= c->reference_velocity_limit[i] / c->ramp_time;
@@ -3977,7 +4048,7 @@ static void accept_feedforward(step_t *s)
     s->pressing = pressing && accept_wrench(s);
     s->planned = planned && s->commanded && accept_plan(s);
     if ((pressing && !s->pressing) || (planned && s->commanded && !s->planned)) {
-        s->status |= ID(STATUS_FEEDFORWARD_REFUSED);
+        s->status |= IIWA14_STATUS_FEEDFORWARD_REFUSED;
     }
     s->m->planning = planned && s->commanded ? s->m->planning : 0;
     s->pressing = s->pressing && s->commanded;
@@ -3989,7 +4060,7 @@ static int keeps_up(const step_t *s)
     const memory_t *const m = s->m;
     const double *const q0 = s->input->q0;
     double behind = HUGE_VAL;
-    if (s->input->command == ID(COMMAND_EQUILIBRIUM)) {
+    if (s->input->command == IIWA14_COMMAND_EQUILIBRIUM) {
         behind = travel_between(s->c, q0, q0, m->equilibrium, s->goal);
     } else if (m->joined) {
         behind = travel_between(s->c, m->posture, q0, m->equilibrium, NULL);
@@ -4008,7 +4079,7 @@ static void follow_plan(step_t *s, int moved)
     }
     s->planned = moved && keeps_up(s);
     if (!s->planned) {
-        s->status |= ID(STATUS_FEEDFORWARD_LIMITED);
+        s->status |= IIWA14_STATUS_FEEDFORWARD_LIMITED;
         return;
     }
     memcpy(s->out->reference_velocity, s->input->velocity, sizeof s->out->reference_velocity);
@@ -4056,7 +4127,7 @@ static double share_wrench(const step_t *s, const double *press, double most)
         base[i] = s->out->elastic_torque[i] + s->out->limit_torque[i];
         const double other = base[i] + m->offset[i], size = fabs(press[i]);
         const double room = s->c->effort_limit[i] - (press[i] > 0.0 ? other : -other);
-        share = size > 1e-9 ? smaller(share, larger(room, 0.0) / size) : share;
+        share = size > NO_TORQUE ? smaller(share, larger(room, 0.0) / size) : share;
     }
     double trial = share, step = 0.5 * share, covered = 0.0;
     for (int round = 0; round < 12 && covered < share; ++round) {
@@ -4078,7 +4149,7 @@ static void press_tips(step_t *s)
 {
     memory_t *const m = s->m;
     double press[N] = {0.0};
-    if (!s->pressing || !m->engaged || m->fault != ID(FAULT_NONE)) {
+    if (!s->pressing || !m->engaged || m->fault != IIWA14_FAULT_NONE) {
         m->press_share = 0.0;
         return;
     }
@@ -4087,7 +4158,7 @@ static void press_tips(step_t *s)
         add_scaled(N, s->input->wrench_command[k], J + k * N, press);
     }
     const double share = share_wrench(s, press, smaller(fade_with_tank(s), fade_with_speed(s, J)));
-    s->status |= share < 1.0 ? (uint32_t)ID(STATUS_FEEDFORWARD_LIMITED) : 0u;
+    s->status |= share < 1.0 ? (uint32_t)IIWA14_STATUS_FEEDFORWARD_LIMITED : 0u;
     m->press_share = smaller(share, m->press_share + s->c->sample_time / SCALE_TIME);
     add_scaled(N, m->press_share, press, s->out->feedforward_torque);
     add_scaled(6 * TIPS, m->press_share, s->input->wrench_command, s->out->wrench_command);
@@ -4101,7 +4172,7 @@ static void press_tips(step_t *s)
 static void compensate_coriolis(step_t *s)
 {
     double forces[N];
-    if (s->c->coriolis == ID(CORIOLIS_ON) && s->m->engaged && s->m->fault == ID(FAULT_NONE)) {
+    if (s->c->coriolis == IIWA14_CORIOLIS_ON && s->m->engaged && s->m->fault == IIWA14_FAULT_NONE) {
         stiffgen_coriolis(s->m->q, s->m, s->velocity, forces);
         add_scaled(N, fade_with_tank(s), forces, s->carried);
     }
@@ -4130,8 +4201,8 @@ static void limit_torque(step_t *s, const double *last)
         const double wanted = fabs(s->out->torque[i]) <= DBL_MAX ? s->out->torque[i] : 0.0;
         const double possible = clamp(wanted, least, most);
         const double reached = clamp(possible, last[i] - rate, last[i] + rate);
-        s->status |= possible != wanted ? (uint32_t)ID(STATUS_SATURATED) : 0u;
-        s->status |= reached != possible ? (uint32_t)ID(STATUS_RATE_LIMITED) : 0u;
+        s->status |= possible != wanted ? (uint32_t)IIWA14_STATUS_SATURATED : 0u;
+        s->status |= reached != possible ? (uint32_t)IIWA14_STATUS_RATE_LIMITED : 0u;
         s->out->torque[i] = reached;
     }
 }
@@ -4178,9 +4249,9 @@ static void reduce_torque(step_t *s, const double *last, double *feed)
         m->hold = 1;
         try_torque(s, last, share);
     }
-    s->status |= ID(STATUS_RESERVE);
+    s->status |= IIWA14_STATUS_RESERVE;
     if (share < 1.0 && m->tank + s->lack < TANK_FLOOR * s->tank_maximum) {
-        latch_fault(m, ID(REASON_RESERVE), NO_JOINT, m->reserve, available_energy(m));
+        latch_fault(m, IIWA14_REASON_RESERVE, NO_JOINT, m->reserve, available_energy(m));
     }
     for (int i = 0; i < N; ++i) {
         s->out->damping_torque[i] *= larger(share - 1.0, 0.0);
@@ -4199,10 +4270,10 @@ static double pull_springs(step_t *s, const double *slip, double *pull)
     memory_t *const m = s->m;
     output_t *const out = s->out;
     double energy = 0.0;
-    if (m->law == ID(LAW_PAPER)) {
+    if (m->law == IIWA14_LAW_PAPER) {
         memcpy(out->spring_wrench, out->wrench, sizeof out->wrench);
         const double *const K = s->input->task_stiffness;
-        if (c->stiffness_formula == ID(STIFFNESS_FORMULA_CONVENTIONAL)) {
+        if (c->stiffness_formula == IIWA14_STIFFNESS_FORMULA_CONVENTIONAL) {
             stiffgen_conventional_stiffness(m->q, m, out->wrench, K, out->joint_stiffness);
         } else {
             stiffgen_joint_stiffness(m->q, m, out->wrench, K, out->joint_stiffness);
@@ -4262,7 +4333,7 @@ static void compute_torque(step_t *s, const double *last, int moved)
     memory_t *const m = s->m;
     output_t *const out = s->out;
     m->hold = m->calls;
-    const int paper = m->law == ID(LAW_PAPER), by_pose = moved && !m->joined && !paper;
+    const int paper = m->law == IIWA14_LAW_PAPER, by_pose = moved && !m->joined && !paper;
     double pull[N], slip[N], lead[N], feed[N];
     compute_inertia(c, m, m->q, out->mass_matrix);
     for (int i = 0; i < N; ++i) {
@@ -4271,7 +4342,7 @@ static void compute_torque(step_t *s, const double *last, int moved)
     const double energy = pull_springs(s, slip, pull);
     const double cap = design_damping(s);
     if (paper && m->engaged && exceeds_paper_bound(slip, pull)) {
-        latch_fault(m, ID(REASON_PAPER_BOUND), NO_JOINT, largest_entry(N, slip), PAPER_DEFLECTION);
+        latch_fault(m, IIWA14_REASON_PAPER_BOUND, NO_JOINT, largest_entry(N, slip), PAPER_DEFLECTION);
     }
     if (m->engaged && !s->started) {
         vary_scale(s, pull, energy, cap);
@@ -4300,7 +4371,7 @@ static void compute_torque(step_t *s, const double *last, int moved)
         add_scaled(N, -1.0, lead, out->damping_torque);
         memset(s->carried, 0, sizeof s->carried);
         memset(feed, 0, sizeof feed);
-        s->status |= ID(STATUS_GOVERNOR);
+        s->status |= IIWA14_STATUS_GOVERNOR;
     }
     compensate_coriolis(s);
     plan_gains(s);
@@ -4405,7 +4476,7 @@ static int advance_time(policy_t *p, double now)
 /* Return how long [s] a part has been stale; 0 for one that is not, or was never accepted. */
 static double overdue(const policy_t *p, int part)
 {
-    return p->stage[part] == ID(STAGE_WAITING) ? 0.0 : larger(p->now - p->time[part] - hold_time(p), 0.0);
+    return p->stage[part] == IIWA14_STAGE_WAITING ? 0.0 : larger(p->now - p->time[part] - hold_time(p), 0.0);
 }
 
 /* Return the share of a fade that is left: 1 before, 0 at its end, with a slope of 0 at both. */
@@ -4428,13 +4499,13 @@ static double progress(const policy_t *p, int part)
 
 static void set_stage(policy_t *p, int part)
 {
-    if (p->stage[part] == ID(STAGE_WAITING)) {
+    if (p->stage[part] == IIWA14_STAGE_WAITING) {
         return;
     }
     const double late = overdue(p, part);
-    p->stage[part] = progress(p, part) < 1.0 ? ID(STAGE_MOVING) : ID(STAGE_HOLDING);
+    p->stage[part] = progress(p, part) < 1.0 ? IIWA14_STAGE_MOVING : IIWA14_STAGE_HOLDING;
     if (late > 0.0) {
-        p->stage[part] = late < fade_time(p) ? ID(STAGE_FADING) : ID(STAGE_FADED);
+        p->stage[part] = late < fade_time(p) ? IIWA14_STAGE_FADING : IIWA14_STAGE_FADED;
     }
 }
 
@@ -4450,12 +4521,12 @@ static void mix(int count, double x, double share, const double *from, const dou
 static double stiffness_share(const policy_t *p)
 {
     const double end = read_setting(p->stale_share, 1.0, 0.1);
-    return end + (1.0 - end) * share_left(p, larger(overdue(p, ID(PART_POSE)), overdue(p, ID(PART_STIFFNESS))));
+    return end + (1.0 - end) * share_left(p, larger(overdue(p, IIWA14_PART_POSE), overdue(p, IIWA14_PART_STIFFNESS)));
 }
 
 static double wrench_share(const policy_t *p)
 {
-    return share_left(p, overdue(p, ID(PART_WRENCH)));
+    return share_left(p, overdue(p, IIWA14_PART_WRENCH));
 }
 
 /* Begin an interpolation at what is commanded: the share may have risen since, and multiplies the beginning. */
@@ -4469,7 +4540,7 @@ static void begin_at(int count, const double *commanded, double before, double a
 /* Compute what the port commands at its time. */
 static void interpolate(policy_t *p)
 {
-    const double x = progress(p, ID(PART_POSE)), y = progress(p, ID(PART_STIFFNESS));
+    const double x = progress(p, IIWA14_PART_POSE), y = progress(p, IIWA14_PART_STIFFNESS);
     const double share = stiffness_share(p);
     for (int t = 0; t < TIPS; ++t) {
         double twist[6];
@@ -4484,7 +4555,7 @@ static void interpolate(policy_t *p)
     }
     mix(9 * TIPS, y, share, p->from_translation, p->to_translation, p->translation_stiffness);
     mix(9 * TIPS, y, share, p->from_rotation, p->to_rotation, p->rotation_stiffness);
-    mix(6 * TIPS, progress(p, ID(PART_WRENCH)), wrench_share(p), p->from_wrench, p->to_wrench, p->wrench_command);
+    mix(6 * TIPS, progress(p, IIWA14_PART_WRENCH), wrench_share(p), p->from_wrench, p->to_wrench, p->wrench_command);
     for (int part = 0; part < PARTS; ++part) {
         set_stage(p, part);
     }
@@ -4494,15 +4565,15 @@ static void interpolate(policy_t *p)
 static int check_time(const policy_t *p, int part, double time, int timed)
 {
     if (!timed || !(fabs(time) <= DBL_MAX)) {
-        return ID(REFUSED_TIME);
+        return IIWA14_REFUSED_TIME;
     }
     if (time > p->now + read_setting(p->clock_tolerance, 10.0, 0.005)) {
-        return ID(REFUSED_FUTURE);
+        return IIWA14_REFUSED_FUTURE;
     }
-    if (p->stage[part] != ID(STAGE_WAITING) && time <= p->time[part]) {
-        return ID(REFUSED_ORDER);
+    if (p->stage[part] != IIWA14_STAGE_WAITING && time <= p->time[part]) {
+        return IIWA14_REFUSED_ORDER;
     }
-    return p->now - time > hold_time(p) + fade_time(p) ? ID(REFUSED_STALE) : ID(REFUSED_NONE);
+    return p->now - time > hold_time(p) + fade_time(p) ? IIWA14_REFUSED_STALE : IIWA14_REFUSED_NONE;
 }
 
 static int propose_pose(policy_t *p, const proposal_t *proposal)
@@ -4510,12 +4581,12 @@ static int propose_pose(policy_t *p, const proposal_t *proposal)
     double accepted[16 * TIPS];
     for (int t = 0; t < TIPS; ++t) {
         if (!accept_pose(proposal->equilibrium + 16 * t, accepted + 16 * t)) {
-            return ID(REFUSED_POSE);
+            return IIWA14_REFUSED_POSE;
         }
     }
     memcpy(p->from_equilibrium, p->equilibrium, sizeof p->from_equilibrium);
     memcpy(p->to_equilibrium, accepted, sizeof p->to_equilibrium);
-    return ID(REFUSED_NONE);
+    return IIWA14_REFUSED_NONE;
 }
 
 /* Return whether a stiffness couples translation and rotation; NaN in a coupling counts as one. */
@@ -4542,15 +4613,15 @@ static int propose_stiffness(const config_t *c, policy_t *p, const proposal_t *p
         }
         if (!accept_stiffness(block[0], c->translation_stiffness_limit, Kt + 9 * t) ||
             !accept_stiffness(block[1], c->rotation_stiffness_limit, Ko + 9 * t)) {
-            return ID(REFUSED_STIFFNESS);
+            return IIWA14_REFUSED_STIFFNESS;
         }
         if (is_coupled(K)) {
-            return ID(REFUSED_COUPLING);
+            return IIWA14_REFUSED_COUPLING;
         }
     }
     memcpy(p->to_translation, Kt, sizeof Kt);
     memcpy(p->to_rotation, Ko, sizeof Ko);
-    return ID(REFUSED_NONE);
+    return IIWA14_REFUSED_NONE;
 }
 
 static int propose_wrench(const config_t *c, policy_t *p, const proposal_t *proposal)
@@ -4558,25 +4629,25 @@ static int propose_wrench(const config_t *c, policy_t *p, const proposal_t *prop
     for (int t = 0; t < TIPS; ++t) {
         const double *const wrench = proposal->wrench_command + 6 * t;
         if (!(norm(3, wrench) <= c->heaviest_wrench[0] && norm(3, wrench + 3) <= c->heaviest_wrench[1])) {
-            return ID(REFUSED_WRENCH);
+            return IIWA14_REFUSED_WRENCH;
         }
     }
     memcpy(p->to_wrench, proposal->wrench_command, sizeof p->to_wrench);
-    return ID(REFUSED_NONE);
+    return IIWA14_REFUSED_NONE;
 }
 
 static int propose_part(const config_t *c, policy_t *p, const proposal_t *proposal, int part)
 {
     switch (part) {
-    case ID(PART_POSE):
+    case IIWA14_PART_POSE:
         return propose_pose(p, proposal);
-    case ID(PART_STIFFNESS):
+    case IIWA14_PART_STIFFNESS:
         return propose_stiffness(c, p, proposal);
-    case ID(PART_WRENCH):
+    case IIWA14_PART_WRENCH:
         return propose_wrench(c, p, proposal);
     default:
         memcpy(&p->gripper, &proposal->gripper, sizeof p->gripper);
-        return ID(REFUSED_NONE);
+        return IIWA14_REFUSED_NONE;
     }
 }
 
@@ -4596,23 +4667,23 @@ static int start_policy(policy_t *p, const double *poses, double now)
         good = good && accept_pose(poses + 16 * t, fresh.equilibrium + 16 * t);
     }
     if (!good) {
-        return ID(E_POLICY);
+        return IIWA14_E_POLICY;
     }
     memcpy(fresh.from_equilibrium, fresh.equilibrium, sizeof fresh.equilibrium);
     memcpy(fresh.to_equilibrium, fresh.equilibrium, sizeof fresh.equilibrium);
     *p = fresh;
-    return ID(OK);
+    return IIWA14_OK;
 }
 
 /* Note the time of an accepted part; its interpolation takes the commander's period. */
 static void accept_part(policy_t *p, int part, double time)
 {
     const double most = larger(read_setting(p->longest_interval, 1.0, 0.1), SHORTEST_INTERVAL);
-    const int first = p->stage[part] == ID(STAGE_WAITING);
+    const int first = p->stage[part] == IIWA14_STAGE_WAITING;
     p->interval[part] = first ? most : clamp(time - p->time[part], SHORTEST_INTERVAL, most);
     p->begin[part] = p->now;
     p->time[part] = time;
-    p->stage[part] = ID(STAGE_MOVING);
+    p->stage[part] = IIWA14_STAGE_MOVING;
 }
 
 /* Accept a proposal, part by part, and name in `refused` why a part is refused. Return the number of refused parts. */
@@ -4623,15 +4694,15 @@ static int propose(const config_t *c, policy_t *p, const proposal_t *proposal, d
     interpolate(p);
     const double springs = stiffness_share(p), wrench = wrench_share(p);
     for (int part = 0; part < PARTS; ++part) {
-        p->refused[part] = ID(REFUSED_NONE);
+        p->refused[part] = IIWA14_REFUSED_NONE;
         if (proposal->valid[part] != 1) {
             continue;
         }
         const double time = proposal->time[part];
         int refused = check_time(p, part, time, timed);
-        refused = refused == ID(REFUSED_NONE) ? propose_part(c, p, proposal, part) : refused;
+        refused = refused == IIWA14_REFUSED_NONE ? propose_part(c, p, proposal, part) : refused;
         p->refused[part] = refused;
-        if (refused != ID(REFUSED_NONE)) {
+        if (refused != IIWA14_REFUSED_NONE) {
             ++count;
             continue;
         }
@@ -4639,13 +4710,13 @@ static int propose(const config_t *c, policy_t *p, const proposal_t *proposal, d
         accepted[part] = 1;
     }
     const double after = stiffness_share(p);
-    if (accepted[ID(PART_STIFFNESS)] || after > springs) {
+    if (accepted[IIWA14_PART_STIFFNESS] || after > springs) {
         begin_at(9 * TIPS, p->translation_stiffness, springs, after, p->from_translation);
         begin_at(9 * TIPS, p->rotation_stiffness, springs, after, p->from_rotation);
-        p->interval[ID(PART_STIFFNESS)] = larger(p->interval[ID(PART_STIFFNESS)], SHORTEST_INTERVAL);
-        p->begin[ID(PART_STIFFNESS)] = p->now;
+        p->interval[IIWA14_PART_STIFFNESS] = larger(p->interval[IIWA14_PART_STIFFNESS], SHORTEST_INTERVAL);
+        p->begin[IIWA14_PART_STIFFNESS] = p->now;
     }
-    if (accepted[ID(PART_WRENCH)]) {
+    if (accepted[IIWA14_PART_WRENCH]) {
         begin_at(6 * TIPS, p->wrench_command, wrench, wrench_share(p), p->from_wrench);
     }
     return count;
@@ -4656,7 +4727,7 @@ static void write_command(policy_t *p, double now, input_t *input)
 {
     advance_time(p, now);
     interpolate(p);
-    input->command = ID(COMMAND_EQUILIBRIUM);
+    input->command = IIWA14_COMMAND_EQUILIBRIUM;
     memcpy(input->equilibrium, p->equilibrium, sizeof input->equilibrium);
     memcpy(input->translation_stiffness, p->translation_stiffness, sizeof input->translation_stiffness);
     memcpy(input->rotation_stiffness, p->rotation_stiffness, sizeof input->rotation_stiffness);
@@ -4695,25 +4766,24 @@ static void check_limits(step_t *s)
         const double speed = fabs(s->velocity[i]);
         if (speed > c->velocity_limit[i] + NOISE_RANGE * c->velocity_noise) {
             fast = fast == NO_JOINT ? i : fast;
-            s->status |= ID(STATUS_OVERSPEED);
+            s->status |= IIWA14_STATUS_OVERSPEED;
         }
         /* a lowered limit bounds what is believed only once the arm is below it */
         if (smaller(speed, m->velocity_limit[i]) <= c->velocity_limit[i]) {
             m->velocity_limit[i] = c->velocity_limit[i];
         }
-        const double beyond = larger(c->lower_limit[i] - in->q[i], in->q[i] - c->upper_limit[i]);
-        if (beyond > c->position_tolerance) {
+        if (distance_beyond(c, i, in->q[i]) > c->position_tolerance) {
             const double edge = in->q[i] > c->upper_limit[i] ? c->upper_limit[i] : c->lower_limit[i];
-            latch_fault(m, ID(REASON_POSITION), i, in->q[i], edge);
+            latch_fault(m, IIWA14_REASON_POSITION, i, in->q[i], edge);
         }
     }
     /* a bump may drive a joint beyond its limit for a moment, which is braked */
-    m->fast = fast == NO_JOINT ? 0 : clamp_count(m->fast + 1, 1000000);
-    if (fast != NO_JOINT && m->fast * c->sample_time > c->overspeed_time * (1.0 + 1e-9)) {
-        latch_fault(m, ID(REASON_OVERSPEED), fast, fabs(s->velocity[fast]), c->velocity_limit[fast]);
+    m->fast = fast == NO_JOINT ? 0 : clamp_count(m->fast + 1, LONGEST);
+    if (fast != NO_JOINT && m->fast * c->sample_time > c->overspeed_time * (1.0 + ROUNDED)) {
+        latch_fault(m, IIWA14_REASON_OVERSPEED, fast, fabs(s->velocity[fast]), c->velocity_limit[fast]);
     }
     if (m->engaged && (c->law != m->law || c->spring != m->spring)) {
-        latch_fault(m, ID(REASON_CHANGED), NO_JOINT, 0.0, 0.0);
+        latch_fault(m, IIWA14_REASON_CHANGED, NO_JOINT, 0.0, 0.0);
     }
 }
 
@@ -4726,45 +4796,80 @@ static void end_fault(step_t *s, const double *last)
     const config_t *const c = s->c;
     memory_t *const m = s->m;
     m->good_time = s->believed ? m->good_time + s->c->sample_time : 0.0;
-    const int communication = m->fault == ID(FAULT_COMMUNICATION) && c->communication_reset_time > 0.0;
+    const int communication = m->fault == IIWA14_FAULT_COMMUNICATION && c->communication_reset_time > 0.0;
     const double wait = communication ? c->communication_reset_time : c->automatic_reset_time;
-    const int automatic = wait > 0.0 && m->good_time >= wait, fault = m->fault;
-    if (fault != ID(FAULT_NONE) && (m->reset || automatic) && m->good_time > c->sample_time) {
+    const int automatic = wait > 0.0 && m->good_time >= wait;
+    if (m->fault != IIWA14_FAULT_NONE && (m->reset || automatic) && m->good_time > c->sample_time) {
         double parts[3];
-        m->fault = ID(FAULT_NONE);
-        if (m->engaged && compute_reserve(s, m->calls, m->call_gap, last, parts) > available_energy(m)) {
-            m->fault = fault;
+        if (m->engaged && sum_reserve(s, m->calls, m->call_gap, last, parts) > available_energy(m)) {
             return;
         }
-        m->reason = ID(REASON_NONE);
+        m->fault = IIWA14_FAULT_NONE;
+        m->reason = IIWA14_REASON_NONE;
         m->fault_joint = NO_JOINT;
         m->fault_seen = m->fault_limit = 0.0;
-        m->reset = m->absent = m->bad = 0;
+        m->reset = m->absent = m->bad = m->doubted = 0;
     }
 }
 
-/* Step with a believed sample, or, in a fault, with one whose position is believed. */
+/*
+ * Set the limit avoidance where the account begins. It leaves out joints whose position is not believed (condemned): it
+ * would drive the arm by what is wrong, and nothing of its energy counts. A first position beyond a limit may be one in
+ * other units (doubted), as no later one.
+ */
+static void begin_limits(step_t *s, const double *q)
+{
+    memory_t *const m = s->m;
+    int condemned = 0;
+    if (!m->known) {
+        measure_inertia(s, q);
+        adopt_limits(s, q);
+    }
+    for (int i = 0; i < N; ++i) {
+        double *const a = m->avoidance + 4 * i;
+        condemned |= s->condemned[i];
+        a[2] = s->condemned[i] ? 0.0 : a[2];
+        a[3] = s->condemned[i] ? 0.0 : a[3];
+    }
+    m->doubted |= condemned && !m->known;
+    s->status |= condemned ? (uint32_t)IIWA14_STATUS_BAD_SAMPLE : 0u;
+}
+
+/*
+ * Step with a believed sample, or, in a fault, with one whose position is believed. The fault is the one after this
+ * sample's checks, the scale that of the last step. "Follow" settles the springs at the arm, where they store nothing.
+ *
+ *   engaged  fault                   scale  what is done                                        mode at the end
+ *   no       none                    0      follow; a command that is accepted engages          START or ACTIVE
+ *   no       any                     0      follow; a reset that is granted engages as above    FOLLOW, START, ACTIVE
+ *   yes      none                    any    move the equilibrium, vary stiffness and scale      ACTIVE
+ *   yes      communication, to hold  any    hold the equilibrium; a reset that is granted ends  HOLD or ACTIVE
+ *   yes      any other               > 0    let the scale fall (vary_scale)                     RELEASE
+ *   yes      any other               0      disengage, then as in the second row                FOLLOW, START, ACTIVE
+ *
+ * A fault that is found only in compute_torque (RESERVE, PAPER_BOUND) acts from the next step on.
+ */
 static void step_with_sample(step_t *s, const double *last)
 {
     memory_t *const m = s->m;
     int moved = 0;
-    if (!m->known) {
-        measure_inertia(s, s->input->q);
-        adopt_limits(s, s->input->q);
+    if (!m->known || s->jumped) {
+        begin_limits(s, s->input->q);
     }
     s->elapsed = s->c->sample_time * (1 + m->gap);
     book_interval(s, s->input->q);
     remember_sample(s);
     s->commanded = s->believed && accept_command(s);
-    s->status |= s->commanded ? 0u : (uint32_t)ID(STATUS_COMMAND_REFUSED);
+    s->status |= s->commanded ? 0u : (uint32_t)IIWA14_STATUS_COMMAND_REFUSED;
     accept_feedforward(s);
     check_limits(s);
     s->budget = m->tank - TANK_FLOOR * s->tank_maximum;
     adopt_missed_limit(s, last);
-    if (m->fault == ID(FAULT_NONE)) {
+    if (m->fault == IIWA14_FAULT_NONE) {
         adopt_limits(s, s->input->q);
-    } else if (m->engaged && m->scale == 0.0 && !holds_in_fault(s)) {
-        m->engaged = 0;
+    } else {
+        drop_limits(s, s->input->q);
+        m->engaged = m->engaged && (m->scale != 0.0 || holds_in_fault(s));
     }
     if (!m->engaged) {
         end_fault(s, last);
@@ -4773,7 +4878,7 @@ static void step_with_sample(step_t *s, const double *last)
         memset(m->posture_velocity, 0, sizeof m->posture_velocity);
         memset(m->equilibrium_velocity, 0, sizeof m->equilibrium_velocity);
         end_fault(s, last);
-    } else if (m->fault == ID(FAULT_NONE)) {
+    } else if (m->fault == IIWA14_FAULT_NONE) {
         m->reset = 0;
         if (s->commanded) {
             adopt_tool(s);
@@ -4788,6 +4893,19 @@ static void step_with_sample(step_t *s, const double *last)
 }
 
 /*
+ * Release the springs at once: the scale falls to 0, and without a position there is no torque to fall with it. This is
+ * a change of stiffness that costs -elastic_energy: the account books it as such, and the tank receives it, so that
+ * their sum, which covers the torques in transit, stays. The tank's maximum waits for the next booking, since there may
+ * be no configuration.
+ */
+static void release_springs(memory_t *m)
+{
+    m->stiffness_total -= m->elastic_energy;
+    m->tank += m->elastic_energy;
+    m->elastic_energy = m->scale = 0.0;
+}
+
+/*
  * Step without a believed sample: hold the torque for as many calls as the reserve covers, then move it to zero at the
  * rate limit. In a fault it moves at once, and the springs are released.
  */
@@ -4795,12 +4913,12 @@ static void step_without_sample(step_t *s, const double *last)
 {
     memory_t *const m = s->m;
     const double none[N] = {0.0};
-    m->missed += m->missed < 1000000 ? 1 : 0;
+    m->missed = clamp_count(m->missed + 1, LONGEST);
     if (!s->timed) {
         note_untimed_call(s, last);
     }
     bridge_gap(s, 1);
-    if (m->known && m->fault == ID(FAULT_NONE)) {
+    if (m->known && m->fault == IIWA14_FAULT_NONE) {
         memcpy(s->out->torque, last, N * sizeof(double));
         if (m->missed >= m->hold) {
             step_towards_zero(last, m->rate, s->out->torque);
@@ -4808,9 +4926,8 @@ static void step_without_sample(step_t *s, const double *last)
         }
         limit_torque(s, last);
     } else { /* there may be no configuration */
-        m->stiffness_total -= m->elastic_energy;
-        m->tank += m->elastic_energy;
-        m->elastic_energy = m->scale = m->good_time = 0.0;
+        release_springs(m);
+        m->good_time = 0.0;
         step_towards_zero(last, m->rate, s->out->torque);
         fade_gains(m);
     }
@@ -4832,6 +4949,18 @@ static void start_step(step_t *s, state_t *state, const double *last)
     observe_sample(s, last);
 }
 
+/* Return the mode of the step. */
+static int find_mode(const step_t *s)
+{
+    if (s->m->fault == IIWA14_FAULT_NONE) {
+        return s->m->engaged ? IIWA14_MODE_ACTIVE : IIWA14_MODE_START;
+    }
+    if (!s->m->engaged) {
+        return IIWA14_MODE_FOLLOW;
+    }
+    return s->held ? IIWA14_MODE_HOLD : IIWA14_MODE_RELEASE;
+}
+
 /* Report mode, status and the memory's part of the output. */
 static void report_step(const step_t *s)
 {
@@ -4844,15 +4973,10 @@ static void report_step(const step_t *s)
     out->tank_initial = s->tank_initial;
     out->engagement_limit = s->engagement_limit;
     out->energy_limit = s->energy_limit;
-    if (m->fault != ID(FAULT_NONE)) {
-        out->mode = m->engaged ? ID(MODE_RELEASE) : ID(MODE_FOLLOW);
-        out->mode = m->engaged && s->held ? ID(MODE_HOLD) : out->mode;
-        out->status |= ID(STATUS_FAULT);
-    } else {
-        out->mode = m->engaged ? ID(MODE_ACTIVE) : ID(MODE_START);
-    }
-    if (available_energy(m) < -1e-9) {
-        out->status |= ID(STATUS_TANK_DEFICIT);
+    out->mode = find_mode(s);
+    out->status |= m->fault != IIWA14_FAULT_NONE ? (uint32_t)IIWA14_STATUS_FAULT : 0u;
+    if (available_energy(m) < -ROUNDED_ENERGY) {
+        out->status |= IIWA14_STATUS_TANK_DEFICIT;
     }
 }
 
@@ -4885,7 +5009,7 @@ static int step_without_memory(state_t *state, int stored, const double *last, i
         memcpy(output->tau_ff, output->torque, sizeof output->tau_ff);
         store_copies(state->torque, output->torque);
     }
-    return error != ID(OK) ? error : ID(E_NOT_INITIALISED);
+    return error != IIWA14_OK ? error : IIWA14_E_NOT_INITIALISED;
 }
 
 /*
@@ -4909,15 +5033,15 @@ static void guard_torque(step_t *s, int refused)
 static int step(const config_t *c, state_t *state, const input_t *input, output_t *output)
 {
     if (output == NULL) {
-        return ID(E_NULL);
+        return IIWA14_E_NULL;
     }
     memset(output, 0, sizeof *output);
-    output->status = (uint32_t)ID(STATUS_CONFIG) | (uint32_t)ID(STATUS_FAULT);
-    output->mode = ID(MODE_FOLLOW);
-    output->fault = ID(FAULT_CONFIGURATION);
-    output->reason = ID(REASON_CONFIG);
+    output->status = (uint32_t)IIWA14_STATUS_CONFIG | (uint32_t)IIWA14_STATUS_FAULT;
+    output->mode = IIWA14_MODE_FOLLOW;
+    output->fault = IIWA14_FAULT_CONFIGURATION;
+    output->reason = IIWA14_REASON_CONFIG;
     if (state == NULL) {
-        return ID(E_NULL);
+        return IIWA14_E_NULL;
     }
     memory_t *const m = &state->memory;
     double last[N];
@@ -4929,36 +5053,36 @@ static int step(const config_t *c, state_t *state, const input_t *input, output_
     s.modes = state->modes;
     s.input = input;
     s.out = output;
-    const int error = c == NULL || input == NULL ? ID(E_NULL) : validate(c);
+    const int error = c == NULL || input == NULL ? IIWA14_E_NULL : validate(c);
     const int stored = read_torque(&s, state, last);
     if (!stored || !is_believable(state)) {
-        if (error != ID(OK) || !stored) {
+        if (error != IIWA14_OK || !stored) {
             return step_without_memory(state, stored, last, error, output);
         }
         /* memory was overwritten: nothing is believed but the torque, which is stored three times */
         start_memory(c, state);
         m->unaccounted = 1;
-        latch_fault(m, ID(REASON_STATE), NO_JOINT, 0.0, 0.0);
+        latch_fault(m, IIWA14_REASON_STATE, NO_JOINT, 0.0, 0.0);
     }
-    separate_torque_offset(&s, last, error != ID(OK));
+    separate_torque_offset(&s, last, error != IIWA14_OK);
     memcpy(s.transit, last, sizeof last);
-    if (error == ID(OK)) {
+    if (error == IIWA14_OK) {
         start_step(&s, state, last);
     } else {
-        latch_fault(m, ID(REASON_CONFIG), NO_JOINT, 0.0, 0.0);
-        s.status |= ID(STATUS_CONFIG);
+        latch_fault(m, IIWA14_REASON_CONFIG, NO_JOINT, 0.0, 0.0);
+        s.status |= IIWA14_STATUS_CONFIG;
     }
-    if (s.believed || (s.located && m->known && m->fault != ID(FAULT_NONE))) {
+    if (s.believed || (s.located && m->known && m->fault != IIWA14_FAULT_NONE)) {
         step_with_sample(&s, last);
     } else {
         step_without_sample(&s, last);
     }
-    add_torque_offset(&s, last, error != ID(OK));
-    guard_torque(&s, error != ID(OK));
+    add_torque_offset(&s, last, error != IIWA14_OK);
+    guard_torque(&s, error != IIWA14_OK);
     store_copies(state->torque, output->torque);
     store_copies(state->effort, s.effort);
-    report_gains(&s, error != ID(OK));
-    s.held = error == ID(OK) && holds_in_fault(&s);
+    report_gains(&s, error != IIWA14_OK);
+    s.held = error == IIWA14_OK && holds_in_fault(&s);
     report_step(&s);
     state->checksum = compute_checksum(state);
     return error;
@@ -5032,7 +5156,7 @@ void iiwa14_impedance_default_config(config_t *config)
 
 int iiwa14_impedance_validate(const config_t *config)
 {
-    return config == NULL ? ID(E_NULL) : validate(config);
+    return config == NULL ? IIWA14_E_NULL : validate(config);
 }
 
 int iiwa14_impedance_init(const config_t *config, state_t *state, const double *torque)
@@ -5056,7 +5180,7 @@ int iiwa14_impedance_joint_gains(const double *q, const double *dq, const double
 {
     const int null = q == NULL || dq == NULL || q_des == NULL || dq_des == NULL || torque == NULL || joint_stiffness == NULL ||
         damping == NULL || kp_limit == NULL || kd_limit == NULL || tau_ff == NULL || kp == NULL || kd == NULL;
-    return null ? ID(E_NULL)
+    return null ? IIWA14_E_NULL
                 : split_torque(q, dq, q_des, dq_des, torque, joint_stiffness, damping, kp_limit, kd_limit, tau_ff, kp, kd);
 }
 
@@ -5069,31 +5193,31 @@ double iiwa14_impedance_late_work(const double *q, const double *q_des, const do
 
 int iiwa14_impedance_policy_start(policy_t *policy, const double *poses, double now)
 {
-    return policy == NULL || poses == NULL ? ID(E_NULL) : start_policy(policy, poses, now);
+    return policy == NULL || poses == NULL ? IIWA14_E_NULL : start_policy(policy, poses, now);
 }
 
 int iiwa14_impedance_policy_propose(const config_t *config, policy_t *policy, const proposal_t *proposal, double now)
 {
     const int null = config == NULL || policy == NULL || proposal == NULL;
-    return null ? ID(E_NULL) : propose(config, policy, proposal, now);
+    return null ? IIWA14_E_NULL : propose(config, policy, proposal, now);
 }
 
 int iiwa14_impedance_policy_command(policy_t *policy, double now, input_t *input)
 {
     if (policy == NULL || input == NULL) {
-        return ID(E_NULL);
+        return IIWA14_E_NULL;
     }
     write_command(policy, now, input);
-    return ID(OK);
+    return IIWA14_OK;
 }
 
 int iiwa14_impedance_fault_text(const output_t *output, char *text, size_t size)
 {
     if (output == NULL || text == NULL) {
-        return ID(E_NULL);
+        return IIWA14_E_NULL;
     }
     describe_fault(output, text, size);
-    return ID(OK);
+    return IIWA14_OK;
 }
 
 const char *iiwa14_impedance_error_text(int code)
@@ -5234,4 +5358,74 @@ const char *iiwa14_impedance_error_text(int code)
     default:
         return "unknown error";
     }
+}
+
+/* ---- self-check ---- */
+
+/* Return whether numbers are finite. Their bits tell, whatever a compiler's flags say of NaN. */
+static int have_finite_bits(int count, const double *x)
+{
+    int finite = 1;
+    for (int i = 0; i < count; ++i) {
+        uint64_t bits;
+        memcpy(&bits, x + i, sizeof bits);
+        finite = finite && (bits << 1) < 0xffe0000000000000u;
+    }
+    return finite;
+}
+
+/* Fill configuration and sample of the self-check: the defaults with limits that any robot has, and an arm at rest. */
+static void prepare_check(config_t *c, input_t *in)
+{
+    iiwa14_impedance_default_config(c);
+    memset(in, 0, sizeof *in);
+    c->stiffness_cap = IIWA14_STIFFNESS_CAP_ACCEPT;
+    c->tank_initial = c->tank_maximum = 10.0;
+    for (int i = 0; i < N; ++i) {
+        c->lower_limit[i] = -1e3;
+        c->upper_limit[i] = 1e3;
+        c->velocity_limit[i] = c->reference_velocity_limit[i] = 2.0;
+        c->effort_limit[i] = 100.0;
+        c->torque_rate_limit[i] = 1e4;
+        c->motor_inertia[i] = 0.1;
+        in->q0[i] = in->q[i];
+    }
+    in->sample_valid = 1;
+    in->command = IIWA14_COMMAND_POSITION;
+    for (int k = 0; k < 9 * TIPS; k += 1) {
+        in->translation_stiffness[k] = k % 9 % 4 == 0 ? 300.0 : 0.0;
+        in->rotation_stiffness[k] = k % 9 % 4 == 0 ? 30.0 : 0.0;
+    }
+}
+
+int iiwa14_impedance_self_check(void)
+{
+    static const volatile uint64_t quiet_nan = 0x7ff8000000000000u;
+    const uint64_t pattern = quiet_nan;
+    double nan;
+    const uint32_t bad = (uint32_t)IIWA14_STATUS_BAD_SAMPLE, refused = (uint32_t)IIWA14_STATUS_COMMAND_REFUSED;
+    config_t c;
+    state_t state;
+    input_t in;
+    output_t out;
+    int right = 1;
+    memcpy(&nan, &pattern, sizeof nan);
+    prepare_check(&c, &in);
+    right = right && iiwa14_impedance_init(&c, &state, NULL) == IIWA14_OK;
+    /* good samples, then the velocity NaN twice, the second time with the position, and a stiffness NaN */
+    for (uint32_t k = 0; k < 8; ++k) {
+        in.counter = k;
+        in.dq[0] = k == 5 || k == 6 ? nan : 0.0;
+        in.q[N - 1] = k == 6 ? nan : in.q0[N - 1];
+        in.translation_stiffness[0] = k == 7 ? nan : 300.0;
+        right = right && iiwa14_impedance_step(&c, &state, &in, &out) == IIWA14_OK;
+        right = right && have_finite_bits(N, out.torque) && have_finite_bits(NN, out.damping);
+        right = right && ((out.status & bad) != 0u) == (k == 5 || k == 6);
+        right = right && ((out.status & refused) != 0u) == (k == 7);
+        right = right && out.fault == (k >= 6 ? IIWA14_FAULT_SENSOR : IIWA14_FAULT_NONE);
+    }
+    right = right && out.reason == IIWA14_REASON_NOT_FINITE;
+    c.sample_time = nan;
+    right = right && iiwa14_impedance_step(&c, &state, &in, &out) == IIWA14_E_CONFIG_SAMPLE_TIME;
+    return right && have_finite_bits(N, out.torque) ? 0 : 8;
 }

@@ -747,6 +747,8 @@ typedef struct {
     int32_t spring;
     /* a position is believed: the account has begun. */
     int32_t known;
+    /* the first position was beyond a limit, and is not believed: its unit may be wrong. */
+    int32_t doubted;
     /* the springs are in force. */
     int32_t engaged;
     /* a command was accepted since init. */
@@ -785,7 +787,7 @@ typedef struct {
     uint32_t unaccounted;
     /* counter of the last sample, believed or not. */
     uint32_t seen_counter;
-    /* twice the missing samples, less one per good sample since. */
+    /* halves of samples that are missing; a good sample takes one back. */
     int32_t absent;
     /* delay_samples of the last valid configuration. */
     int32_t delay;
@@ -897,6 +899,12 @@ int iiwa14_impedance_policy_command(iiwa14_impedance_policy *policy, double now,
  * At most size characters, the last one zero; 256 are enough. Return IIWA14_OK or IIWA14_E_NULL.
  */
 int iiwa14_impedance_fault_text(const iiwa14_impedance_output *output, char *text, size_t size);
+
+/*
+ * Check this build of the controller, as iiwa14_self_check does for the kernels: init and steps with good samples and
+ * with NaN. Return 0 if torques are finite and NaN is refused, else 8. A state lies on the stack meanwhile.
+ */
+int iiwa14_impedance_self_check(void);
 
 /* Return one line of English for an error code, "unknown error" for any other number. Never NULL. */
 const char *iiwa14_impedance_error_text(int code);

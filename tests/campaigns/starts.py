@@ -60,7 +60,7 @@ def episode(arm: Arm, kind: str, random: np.random.Generator) -> tuple[np.ndarra
     plant, inputs = wrong_sensors(arm, kind, start, random)
     if random.random() < 0.5:
         plant |= {"coulomb": 0.0, "viscous": 0.0}
-    stiffness = {"translation": random.uniform(200, 1500), "rotation": random.uniform(10, 60)}
+    stiffness: dict[str, Any] = {"translation": random.uniform(200, 1500), "rotation": random.uniform(10, 60)}
     # a limp arm that moves may speed up one of its joints without any torque: arms rest before a later jump
     away = 0.0 if kind.startswith("later") else random.choice([0.0, 0.3])
     goal = start + away * random.normal(size=arm.n)

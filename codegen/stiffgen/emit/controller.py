@@ -156,8 +156,8 @@ def controller_page(
     prefix, index = name.upper(), "motors[i]" if chain.loops else "i"
     return ControllerPage(
         n=len(chain.motor_coordinates),
-        interface=_interface(),
-        library=_library(),
+        interface=_whole_names(_interface(), prefix),
+        library=_whole_names(_library(), prefix),
         tool=chain.runtime_tool,
         bounded=bounded,
         tips=len(chain.tips),
@@ -196,6 +196,11 @@ def _interface() -> str:
     note, _, rest = text.partition("#ifndef IMPEDANCE_H")
     body = rest.partition("#include <string.h>\n")[2].partition("/* ---- functions, by file ---- */")[0]
     return note + body.strip("\n") + "\n"
+
+
+def _whole_names(text: str, prefix: str) -> str:
+    """Write the robot's names in full, for whoever searches them: ID(OK) becomes IIWA14_OK."""
+    return re.sub(r"\bID\((\w+)\)", rf"{prefix}_\1", text)
 
 
 def _library() -> str:

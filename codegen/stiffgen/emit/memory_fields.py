@@ -128,7 +128,7 @@ _INTEGERS: tuple[Field, ...] = (
     _any("counter", "counter of the last believed sample", "uint32_t"),
     _any("unaccounted", "number of times that the account began anew", "uint32_t"),
     _any("seen_counter", "counter of the last sample, believed or not", "uint32_t"),
-    _count("absent", 0, 2 * _MOST, "twice the missing samples, less one per good sample since"),
+    _count("absent", 0, 2 * _MOST, "halves of samples that are missing; a good sample takes one back"),
     _count("delay", 0, 5, "delay_samples of the last valid configuration"),
     _count("gap_calls", 0, _MOST, "calls since the last one that told the time"),
     _count("calls", 0, 1000, "missed_limit in force"),

@@ -89,7 +89,7 @@ static double cap_spring(const double *A, double most, double *K)
         return 0.0;
     }
     for (int k = 0; k < 9; ++k) {
-        root[k] = sqrt(larger(d[k / 3], 1e-9 * d[2])) * Q[k];
+        root[k] = sqrt(larger(d[k / 3], FLATTEST * d[2])) * Q[k];
     }
     for (int i = 0; i < 3; ++i) {
         for (int j = 0; j < 3; ++j) {
@@ -106,7 +106,7 @@ static double cap_spring(const double *A, double most, double *K)
     for (int r = 0; r < 3; ++r) {
         double u[3] = {0.0};
         for (int k = 0; k < 9; ++k) {
-            u[k % 3] += W[3 * r + k / 3] * Q[k] / sqrt(larger(d[k / 3], 1e-9 * d[2]));
+            u[k % 3] += W[3 * r + k / 3] * Q[k] / sqrt(larger(d[k / 3], FLATTEST * d[2]));
         }
         for (int k = 0; mu[r] > most && k < 9; ++k) {
             K[k] -= (mu[r] - most) * u[k / 3] * u[k % 3];
@@ -139,7 +139,7 @@ static double find_level(int count, const double *values, double most)
 void cap_springs(step_t *s)
 {
     memory_t *const m = s->m;
-    double A[18 * TIPS], largest[2 * TIPS], most = 0.95 * largest_eigenvalue(s->c), sum = 0.0;
+    double A[18 * TIPS], largest[2 * TIPS], most = SPRINGS_CAP * largest_eigenvalue(s->c), sum = 0.0;
     m->stiffness_share = 1.0;
     if (!m->capped || !measure_mobilities(s->c, m, m->q, m->equilibrium, s->scratch, A)) {
         return;
@@ -151,7 +151,7 @@ void cap_springs(step_t *s)
     for (int i = 0; i < N; ++i) {
         most -= (m->posture_stiffness[i] + s->limit_slope[i]) / m->inertia[i];
     }
-    most = larger(most, 0.25 * largest_eigenvalue(s->c));
+    most = larger(most, SPRINGS_LEAST * largest_eigenvalue(s->c));
     for (int k = 0; k < 2 * TIPS; ++k) {
         largest[k] = cap_spring(A + 9 * k, HUGE_VAL, (k % 2 == 0 ? s->translation : s->rotation) + 9 * (k / 2));
         sum += largest[k];

@@ -71,7 +71,7 @@ void add_torque_offset(step_t *s, const double *last, int refused)
         const double most = refused ? s->effort[i] : larger(s->c->effort_limit[i], fabs(before) - m->rate[i]);
         const double total = clamp(own + m->offset[i] + moved, -most, most);
         m->offset[i] = total - own;
-        const int reached = fabs(m->offset[i] - wanted) <= 1e-9 * larger(1.0, fabs(wanted));
+        const int reached = fabs(m->offset[i] - wanted) <= ROUNDED * larger(1.0, fabs(wanted));
         s->out->offset_torque[i] = m->offset[i];
         s->out->torque[i] = total;
         s->status |= reached ? 0u : (uint32_t)ID(STATUS_OFFSET_LIMITED);

@@ -137,7 +137,7 @@ double design_damping(step_t *s)
     const double *modes = s->modes;
     double b[N], own[NN] = {0.0}, scale = 1.0, largest_b = 0.0, d = c->joint_damping;
     const int paper = s->m->law == ID(LAW_PAPER), by_task = c->damping_design == ID(DAMPING_DESIGN_TASK);
-    const double T = c->sample_time, most = paper ? 1e6 : largest_damping(c);
+    const double T = c->sample_time, most = paper ? UNCAPPED : largest_damping(c);
     if (!find_modes(s)) {
         s->status |= ID(STATUS_MASS_MATRIX);
         memset(out->eigenvalues, 0, sizeof out->eigenvalues);

@@ -160,15 +160,13 @@ int limit_call_gap(const config_t *c, int missed)
 }
 
 /*
- * Compute the reserve: the worst-case work of the torques in transit, whatever the environment does, until the last of
- * them has gone to zero at the rate limit. No joint is faster than its limit, and a call comes every `gap` sample
- * times. The torque is held for `calls` such calls without a sample, and, in a fault, for one. With l times the torque
- * the reserve is parts[0] + l parts[1] + l^2 parts[2].
+ * Sum the worst-case work of the torques in transit, whatever the environment does, until the last of them has gone to
+ * zero at the rate limit. No joint is faster than its limit, a call comes every `gap` sample times, and the torque is
+ * held for `hold` such calls without a sample. With l times the torque the sum is parts[0] + l parts[1] + l^2 parts[2].
  */
-double compute_reserve(const step_t *s, int calls, int gap, const double *torque, double *parts)
+double sum_reserve(const step_t *s, double hold, int gap, const double *torque, double *parts)
 {
     const memory_t *const m = s->m;
-    const double hold = m->fault != ID(FAULT_NONE) ? 1.0 : calls;
     parts[0] = parts[1] = parts[2] = 0.0;
     for (int i = 0; i < N; ++i) {
         const double size = fabs(torque[i]), far = farthest_motion(m, i);
@@ -177,6 +175,12 @@ double compute_reserve(const step_t *s, int calls, int gap, const double *torque
         parts[2] += far * gap * 0.5 * size * (size / m->rate[i]);
     }
     return parts[0] + parts[1] + parts[2];
+}
+
+/* Compute the reserve, with the torque held for `calls` calls without a sample, and, in a fault, for one. */
+double compute_reserve(const step_t *s, int calls, int gap, const double *torque, double *parts)
+{
+    return sum_reserve(s, s->m->fault != ID(FAULT_NONE) ? 1.0 : calls, gap, torque, parts);
 }
 
 /* Return the energy available to cover the torque. */
@@ -298,7 +302,7 @@ void bridge_gap(step_t *s, int periods)
         m->gap_most += fabs(torque[i]) * farthest_motion(m, i) * periods;
     }
     memcpy(m->gap_torque, torque, N * sizeof(double));
-    m->gap = m->gap < 1000000 - periods ? m->gap + periods : 1000000;
+    m->gap = clamp_count(m->gap + clamp_count(periods, LONGEST), LONGEST);
 }
 
 /*
@@ -319,7 +323,7 @@ void note_untimed_call(step_t *s, const double *last)
         m->gap_sum[i] += fabs(last[i]);
         m->gap_largest[i] = larger(m->gap_largest[i], fabs(last[i]));
     }
-    m->gap_calls = clamp_count(m->gap_calls + 1, 1000000);
+    m->gap_calls = clamp_count(m->gap_calls + 1, LONGEST);
 }
 
 /*
@@ -337,7 +341,7 @@ void bridge_missing_calls(step_t *s, const double *last, int missing)
             bridge_gap(s, 1);
             shift_history(m, s->transit, m->feed);
         }
-        bridge_gap(s, clamp_count(missing - MOST_DELAY - 1, 1000000));
+        bridge_gap(s, clamp_count(missing - MOST_DELAY - 1, LONGEST));
         return;
     }
     note_untimed_call(s, last);

@@ -203,7 +203,7 @@ static double share_wrench(const step_t *s, const double *press, double most)
         base[i] = s->out->elastic_torque[i] + s->out->limit_torque[i];
         const double other = base[i] + m->offset[i], size = fabs(press[i]);
         const double room = s->c->effort_limit[i] - (press[i] > 0.0 ? other : -other);
-        share = size > 1e-9 ? smaller(share, larger(room, 0.0) / size) : share;
+        share = size > NO_TORQUE ? smaller(share, larger(room, 0.0) / size) : share;
     }
     double trial = share, step = 0.5 * share, covered = 0.0;
     for (int round = 0; round < 12 && covered < share; ++round) {

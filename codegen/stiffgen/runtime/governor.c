@@ -181,7 +181,7 @@ static int approach_poses(step_t *s, const double *goal, const double *from, dou
         if (s->commanded && from != NULL) {
             pose_difference(from + 16 * t, goal + 16 * t, moved);
         }
-        arrived &= relative_size(6, 3, away, tip_limits) <= 1e-12;
+        arrived &= relative_size(6, 3, away, tip_limits) <= ARRIVED;
         if (pace <= 0.0) {
             memset(m->equilibrium_velocity + 6 * t, 0, 6 * sizeof(double));
             continue;
@@ -375,10 +375,10 @@ static double find_share(step_t *s, int by_posture, double own, double *posture,
         *rise = m->scale * add_posture_energy(m, m->q, posture, energy) - m->elastic_energy;
         reached = speed <= 1.0 && tip_rise <= allowed && *rise <= left;
         if (speed > 1.0) {
-            share *= (1.0 - 1e-9) / speed;
+            share *= (1.0 - ROUNDED) / speed;
         } else if (!reached) {
             const double covered = smaller(allowed / larger(tip_rise, allowed), left / larger(*rise, left));
-            share *= attempt < 3 && allowed > 0.0 ? 0.9 * covered : 0.0;
+            share *= attempt < 3 && allowed > 0.0 ? NEXT_SHARE * covered : 0.0;
             s->status |= ID(STATUS_GOVERNOR);
         }
     }

@@ -19,6 +19,7 @@
 #include <string.h>
 
 enum { NO_JOINT = -1, READY = 0x51f7, RECENT = 8, MOST_DELAY = 5, POSTURES = 32 };
+enum { LONGEST = 1000000 }; /* samples or calls at which a counter stands still: 17 minutes at 1 kHz, and no overflow */
 /* trials of a search for a posture, steps of a trial; how often a command by pose begins again from the arm */
 enum { SEARCHED = 40, SEARCH_STEPS = 60, RESTARTS = 5 };
 enum { MATRIX_NOT_FINITE = 1, MATRIX_NOT_POSITIVE, MATRIX_NOT_CONVERGED };
@@ -31,6 +32,21 @@ static const double LARGEST_DAMPING = 0.25, DELAYED_DAMPING = 0.75, LARGEST_STIF
  * large a velocity must not make the arm oscillate. */
 static const double DOUBTED_SHARE = 1.0 / 64.0;
 static const double LIMIT_SHARE = 0.5; /* share of LARGEST_STIFFNESS for the limit avoidance: the springs add theirs */
+/* Share by which numbers differ that are the same but for rounding: far above what any sum here can lose (1e-13), and
+ * far below what matters to an arm. Times, poses and stiffnesses are compared with it, and shares that a bound allows
+ * are smaller by it, so that rounding does not break the bound. */
+static const double ROUNDED = 1e-9;
+static const double ROUNDED_ENERGY = 1e-9;  /* [J] of the account that is rounding: its totals are below 1e5 J */
+static const double NO_TORQUE = 1e-9;       /* [N m] or [N] that counts as none: nothing is divided by it */
+static const double NO_STIFFNESS = 1e-9;    /* [N/m] or [N m/rad] in place of none, where it is divided by */
+static const double NO_ROTATION = 1e-9;     /* [rad] up to which a rotation is linear: its square is below rounding */
+static const double FLATTEST = 1e-9;        /* least mobility that a cap looks at, over the largest of the spring */
+static const double ARRIVED = 1e-12;        /* [s] of travel that is the rounding of poses: the goal is reached */
+static const double UNCAPPED = 1e6;         /* [1/s] cap of damping with the paper's law, which has none */
+static const double SPRINGS_CAP = 0.95;     /* of LARGEST_STIFFNESS for springs: the scale is capped behind them */
+static const double SPRINGS_LEAST = 0.25;   /* of it that posture and limit avoidance leave to the springs */
+static const double NEXT_SHARE = 0.9;       /* of the share that should do: the energy is not linear */
+static const double FALL_SHARE = 0.9;       /* of the rate limit for a scale that falls: the pull changes, too */
 static const double SYMMETRY = 1e-9;          /* of the task damping, over its largest entry */
 static const double COMMAND_TOLERANCE = 1e-6; /* of a commanded stiffness, over its largest entry: single precision */
 static const double POSE_TOLERANCE = 1e-3;    /* of a commanded rotation, sum of |R^T R - I|: 5 digits */
@@ -239,6 +255,7 @@ void shift_history(memory_t *m, const double *last, const double *feed);
 double farthest_motion(const memory_t *m, int i);
 double worst_feed_work(const memory_t *m, const double *feed, int intervals);
 int limit_call_gap(const config_t *c, int missed);
+double sum_reserve(const step_t *s, double hold, int gap, const double *torque, double *parts);
 double compute_reserve(const step_t *s, int calls, int gap, const double *torque, double *parts);
 double available_energy(const memory_t *m);
 void adopt_limits(step_t *s, const double *q);

@@ -9,6 +9,9 @@
 /* Rounds of refine_modes; the changes above which it gives up, in the first round and over the round before; the change
  * whose square is 0 up to rounding. */
 enum { REFINEMENTS = 4 };
+/* Largest entry of a matrix to diagonalise, whose squares and their sums are finite; stiffness, over the trace, that a
+ * direction without any before and after a change counts with: S stays positive definite. */
+static const double LARGEST_ENTRY = 1e140, UNCHANGED = 1e-10;
 static const double LARGEST_CHANGE = 0.05, LARGEST_SHARE = 0.2, LAST_CHANGE = 5e-8;
 
 /* Invert a lower triangular matrix; the entries above the diagonal become 0. */
@@ -64,7 +67,7 @@ static int diagonalise_pencil(int n, const double *K, double scale, const double
             C[i * n + j] = C[j * n + i] = dot(j + 1, product, inverse + j * n);
         }
     }
-    if (!(largest_entry(n * n, C) <= 1e140)) {
+    if (!(largest_entry(n * n, C) <= LARGEST_ENTRY)) {
         return MATRIX_NOT_FINITE;
     }
     const int error = diagonalise_symmetric(n, C, eigenvalues, rows);
@@ -192,7 +195,7 @@ void multiply_lower(int n, const double *L, double *rows)
 /*
  * Move K (3 x 3) by a share of the difference D = wanted - K, without the part of D that stiffens. That part is the
  * result `cost`. It has the positive eigenvalues of D with respect to S = wanted + K: D V = S V diag(l), V^T S V = I,
- * cost = share S V diag(max(l, 0)) V^T S. A difference below 1e-9 of the trace of S is covered in one step. Return
+ * cost = share S V diag(max(l, 0)) V^T S. A difference below ROUNDED of the trace of S is covered in one step. Return
  * whether K differed from wanted.
  */
 int soften(const double *wanted, double share, double *K, double *cost)
@@ -204,9 +207,9 @@ int soften(const double *wanted, double share, double *K, double *cost)
         size += fabs(D[k]);
         cost[k] = 0.0;
     }
-    const double trace = S[0] + S[4] + S[8], part = size <= 1e-9 * trace ? 1.0 : share;
+    const double trace = S[0] + S[4] + S[8], part = size <= ROUNDED * trace ? 1.0 : share;
     for (int k = 0; k < 9; k += 4) {
-        S[k] += 1e-10 * trace; /* directions without stiffness before and after */
+        S[k] += UNCHANGED * trace;
     }
     if (size == 0.0 || solve_pencil(3, D, S, L, C, values, rows, &scale) != 0) {
         return 0;

@@ -4,6 +4,9 @@
  */
 #include "impedance.h"
 
+/* Sine of a rotation up to which, near half a turn, it has lost the digits of the axis; sine too small to divide by. */
+static const double HALF_TURN_SINE = 1e-6, NO_SINE = 1e-150;
+
 /* Return the index of the largest of three numbers. */
 static int find_largest(double a, double b, double c)
 {
@@ -29,7 +32,7 @@ void pose_difference(const double *from, const double *to, double *twist)
     w[2] = (D[3] - D[1]) / 2.0;
     double sine = norm(3, w);
     const double angle = atan2(sine, cosine);
-    if (sine <= 1e-6 && cosine <= 0.0) {
+    if (sine <= HALF_TURN_SINE && cosine <= 0.0) {
         /* near half a turn the axis is the longest column of D + I */
         const int k = find_largest(D[0], D[4], D[8]);
         for (int i = 0; i < 3; ++i) {
@@ -38,7 +41,7 @@ void pose_difference(const double *from, const double *to, double *twist)
         sine = norm(3, w);
     }
     for (int i = 0; i < 3; ++i) {
-        w[i] *= sine > 1e-150 ? angle / sine : 1.0;
+        w[i] *= sine > NO_SINE ? angle / sine : 1.0;
     }
 }
 
@@ -46,8 +49,8 @@ void pose_difference(const double *from, const double *to, double *twist)
 void move_pose(const double *pose, const double *twist, double *moved)
 {
     const double *const w = twist + 3, W[9] = {0.0, -w[2], w[1], w[2], 0.0, -w[0], -w[1], w[0], 0.0};
-    const double angle = norm(3, w), a = angle > 1e-9 ? sin(angle) / angle : 1.0;
-    const double b = angle > 1e-9 ? (1.0 - cos(angle)) / (angle * angle) : 0.5;
+    const double angle = norm(3, w), a = angle > NO_ROTATION ? sin(angle) / angle : 1.0;
+    const double b = angle > NO_ROTATION ? (1.0 - cos(angle)) / (angle * angle) : 0.5;
     double D[9], R[9];
     multiply3(W, 3, 0, W, 3, D);
     for (int k = 0; k < 9; ++k) {

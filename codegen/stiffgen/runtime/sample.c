@@ -2,21 +2,28 @@
 #include "impedance.h"
 
 enum { FROZEN_POSITION = 1, FROZEN_VELOCITY = 2 };
+enum { HALVES = 2, SKIPPED = 1000 }; /* halves of a sample; most calls that are counted as skipped at once */
+/* Motion that dq and q may disagree by in a sample: share of the velocity limit, share of the motion itself. */
+static const double DISAGREED_LIMIT = 0.5, DISAGREED_MOTION = 0.3;
+/* Velocity limits that a dq may have: a faster one is no measurement. */
+static const double FASTEST = 1e3;
 
 /*
- * Count missing samples; each sample that is there (periods 0) takes half a one back. Faults are loss_limit in a row,
- * more than one of three for long, and missed_limit calls in a row.
+ * Count missing samples, in halves (m->absent), so that the count stays an integer: a missing sample is two halves, and
+ * one that is there (periods 0) takes one back. Faults are loss_limit samples in a row, more than one of three for
+ * long, and missed_limit calls in a row.
  */
 static void count_missing(step_t *s, int periods, int reason)
 {
     memory_t *const m = s->m;
     const int most = s->c->loss_limit > m->calls ? s->c->loss_limit : m->calls;
-    const int count = m->absent + (periods > 0 ? 2 * periods : -1), calls = reason == ID(REASON_SKIPPED) ? periods : 0;
-    m->absent = clamp_count(count, 2 * most);
+    const int halves = m->absent + (periods > 0 ? HALVES * periods : -1);
+    const int calls = reason == ID(REASON_SKIPPED) ? periods : 0;
+    m->absent = clamp_count(halves, HALVES * most);
     if (m->known && calls >= m->calls) {
         latch_fault(m, reason, NO_JOINT, calls, m->calls);
-    } else if (m->known && count >= 2 * most) {
-        latch_fault(m, reason, NO_JOINT, 0.5 * count, most);
+    } else if (m->known && halves >= HALVES * most) {
+        latch_fault(m, reason, NO_JOINT, (double)halves / HALVES, most);
     }
 }
 
@@ -62,8 +69,8 @@ static int repeats_state(step_t *s)
     for (int i = 0; i < N; ++i) {
         same = same && in->q[i] == m->still_q[i] && in->dq[i] == m->still_dq[i];
     }
-    m->state_age = clamp_count(m->state_age + 1, 1000000);
-    same = same && m->state_age * s->c->sample_time < (1.0 - 1e-9) * s->c->state_period;
+    m->state_age = clamp_count(m->state_age + 1, LONGEST);
+    same = same && m->state_age * s->c->sample_time < (1.0 - ROUNDED) * s->c->state_period;
     m->state_age = same ? m->state_age : 0;
     return same;
 }
@@ -91,7 +98,7 @@ static int check_counter(step_t *s, const double *last)
     if (ahead > 0) {
         s->status |= ID(STATUS_MISSED);
         bridge_missing_calls(s, last, ahead);
-        count_missing(s, ahead < 1000 ? ahead : 1000, ID(REASON_SKIPPED));
+        count_missing(s, clamp_count(ahead, SKIPPED), ID(REASON_SKIPPED));
     }
     s->timed = ahead >= 0;
     m->gap_calls = ahead >= 0 ? 0 : m->gap_calls;
@@ -111,7 +118,7 @@ static int check_joint(step_t *s, int i)
     const double far = m->velocity_limit[i] * elapsed, measured = motion / elapsed, quanta = 2.0 * c->position_quantum;
     const double noise = NOISE_RANGE * c->velocity_noise * elapsed, differs = dq * elapsed - motion;
     const double apart = c->state_period * smaller(fabs(dq), fabs(measured)); /* q and dq of different times */
-    const double most = larger(0.5 * far, 0.3 * fabs(motion)) + quanta + noise + apart;
+    const double most = larger(DISAGREED_LIMIT * far, DISAGREED_MOTION * fabs(motion)) + quanta + noise + apart;
     double still, still_limit;
     const int stuck = check_frozen(s, i, differs, elapsed, &still, &still_limit), differ = fabs(differs) > most;
     /* An arm that is too fast must be braked: q and dq that agree are believed at any speed that follows from the last
@@ -155,7 +162,7 @@ static int check_sample(step_t *s, const double *last)
     const input_t *const in = s->input;
     int reason = ID(REASON_NONE);
     for (int i = 0; i < N; ++i) {
-        if (!(fabs(in->q[i]) <= FARTHEST && fabs(in->dq[i]) <= 1e3 * m->velocity_limit[i])) {
+        if (!(fabs(in->q[i]) <= FARTHEST && fabs(in->dq[i]) <= FASTEST * m->velocity_limit[i])) {
             const double size = fabs(in->q[i]) <= FARTHEST ? in->dq[i] : in->q[i];
             note_finding(s, i, fabs(size) <= DBL_MAX ? size : 0.0, 0.0);
             return ID(REASON_NOT_FINITE);
@@ -248,7 +255,7 @@ int accept_pose(const double *pose, double *accepted)
     const double det = pose[0] * (pose[5] * pose[10] - pose[6] * pose[9]) -
                        pose[1] * (pose[4] * pose[10] - pose[6] * pose[8]) +
                        pose[2] * (pose[4] * pose[9] - pose[5] * pose[8]);
-    for (int round = 0; off > 1e-9 && round < 2; ++round) { /* R (3 I - R^T R) / 2 */
+    for (int round = 0; off > ROUNDED && round < 2; ++round) { /* R (3 I - R^T R) / 2 */
         multiply3(accepted, 4, 1, accepted, 4, C);
         for (int i = 0; i < 9; ++i) {
             C[i] = (i % 4 == 0 ? 1.5 : 0.0) - 0.5 * C[i];

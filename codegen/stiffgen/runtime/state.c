@@ -44,7 +44,7 @@ int validate(const config_t *c)
     if (c->actuation == ID(ACTUATION_GAINS) && (c->law != ID(LAW_POTENTIAL) || c->delay_samples > 0)) {
         return ID(E_ACTUATION);
     }
-    if (c->state_period > c->missed_limit * c->sample_time * (1.0 + 1e-9)) {
+    if (c->state_period > c->missed_limit * c->sample_time * (1.0 + ROUNDED)) {
         return ID(E_STATE_PERIOD);
     }
     if (c->spring == ID(SPRING_BOUNDED) && !stiffgen_has_bounded_spring()) {

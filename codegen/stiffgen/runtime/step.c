@@ -41,8 +41,8 @@ static void check_limits(step_t *s)
         }
     }
     /* a bump may drive a joint beyond its limit for a moment, which is braked */
-    m->fast = fast == NO_JOINT ? 0 : clamp_count(m->fast + 1, 1000000);
-    if (fast != NO_JOINT && m->fast * c->sample_time > c->overspeed_time * (1.0 + 1e-9)) {
+    m->fast = fast == NO_JOINT ? 0 : clamp_count(m->fast + 1, LONGEST);
+    if (fast != NO_JOINT && m->fast * c->sample_time > c->overspeed_time * (1.0 + ROUNDED)) {
         latch_fault(m, ID(REASON_OVERSPEED), fast, fabs(s->velocity[fast]), c->velocity_limit[fast]);
     }
     if (m->engaged && (c->law != m->law || c->spring != m->spring)) {
@@ -61,14 +61,13 @@ static void end_fault(step_t *s, const double *last)
     m->good_time = s->believed ? m->good_time + s->c->sample_time : 0.0;
     const int communication = m->fault == ID(FAULT_COMMUNICATION) && c->communication_reset_time > 0.0;
     const double wait = communication ? c->communication_reset_time : c->automatic_reset_time;
-    const int automatic = wait > 0.0 && m->good_time >= wait, fault = m->fault;
-    if (fault != ID(FAULT_NONE) && (m->reset || automatic) && m->good_time > c->sample_time) {
+    const int automatic = wait > 0.0 && m->good_time >= wait;
+    if (m->fault != ID(FAULT_NONE) && (m->reset || automatic) && m->good_time > c->sample_time) {
         double parts[3];
-        m->fault = ID(FAULT_NONE);
-        if (m->engaged && compute_reserve(s, m->calls, m->call_gap, last, parts) > available_energy(m)) {
-            m->fault = fault;
+        if (m->engaged && sum_reserve(s, m->calls, m->call_gap, last, parts) > available_energy(m)) {
             return;
         }
+        m->fault = ID(FAULT_NONE);
         m->reason = ID(REASON_NONE);
         m->fault_joint = NO_JOINT;
         m->fault_seen = m->fault_limit = 0.0;
@@ -99,7 +98,20 @@ static void begin_limits(step_t *s, const double *q)
     s->status |= condemned ? (uint32_t)ID(STATUS_BAD_SAMPLE) : 0u;
 }
 
-/* Step with a believed sample, or, in a fault, with one whose position is believed. */
+/*
+ * Step with a believed sample, or, in a fault, with one whose position is believed. The fault is the one after this
+ * sample's checks, the scale that of the last step. "Follow" settles the springs at the arm, where they store nothing.
+ *
+ *   engaged  fault                   scale  what is done                                        mode at the end
+ *   no       none                    0      follow; a command that is accepted engages          START or ACTIVE
+ *   no       any                     0      follow; a reset that is granted engages as above    FOLLOW, START, ACTIVE
+ *   yes      none                    any    move the equilibrium, vary stiffness and scale      ACTIVE
+ *   yes      communication, to hold  any    hold the equilibrium; a reset that is granted ends  HOLD or ACTIVE
+ *   yes      any other               > 0    let the scale fall (vary_scale)                     RELEASE
+ *   yes      any other               0      disengage, then as in the second row                FOLLOW, START, ACTIVE
+ *
+ * A fault that is found only in compute_torque (RESERVE, PAPER_BOUND) acts from the next step on.
+ */
 static void step_with_sample(step_t *s, const double *last)
 {
     memory_t *const m = s->m;
@@ -144,6 +156,19 @@ static void step_with_sample(step_t *s, const double *last)
 }
 
 /*
+ * Release the springs at once: the scale falls to 0, and without a position there is no torque to fall with it. This is
+ * a change of stiffness that costs -elastic_energy: the account books it as such, and the tank receives it, so that
+ * their sum, which covers the torques in transit, stays. The tank's maximum waits for the next booking, since there may
+ * be no configuration.
+ */
+static void release_springs(memory_t *m)
+{
+    m->stiffness_total -= m->elastic_energy;
+    m->tank += m->elastic_energy;
+    m->elastic_energy = m->scale = 0.0;
+}
+
+/*
  * Step without a believed sample: hold the torque for as many calls as the reserve covers, then move it to zero at the
  * rate limit. In a fault it moves at once, and the springs are released.
  */
@@ -151,7 +176,7 @@ static void step_without_sample(step_t *s, const double *last)
 {
     memory_t *const m = s->m;
     const double none[N] = {0.0};
-    m->missed += m->missed < 1000000 ? 1 : 0;
+    m->missed = clamp_count(m->missed + 1, LONGEST);
     if (!s->timed) {
         note_untimed_call(s, last);
     }
@@ -164,9 +189,8 @@ static void step_without_sample(step_t *s, const double *last)
         }
         limit_torque(s, last);
     } else { /* there may be no configuration */
-        m->stiffness_total -= m->elastic_energy;
-        m->tank += m->elastic_energy;
-        m->elastic_energy = m->scale = m->good_time = 0.0;
+        release_springs(m);
+        m->good_time = 0.0;
         step_towards_zero(last, m->rate, s->out->torque);
         fade_gains(m);
     }
@@ -188,6 +212,18 @@ static void start_step(step_t *s, state_t *state, const double *last)
     observe_sample(s, last);
 }
 
+/* Return the mode of the step. */
+static int find_mode(const step_t *s)
+{
+    if (s->m->fault == ID(FAULT_NONE)) {
+        return s->m->engaged ? ID(MODE_ACTIVE) : ID(MODE_START);
+    }
+    if (!s->m->engaged) {
+        return ID(MODE_FOLLOW);
+    }
+    return s->held ? ID(MODE_HOLD) : ID(MODE_RELEASE);
+}
+
 /* Report mode, status and the memory's part of the output. */
 static void report_step(const step_t *s)
 {
@@ -200,14 +236,9 @@ static void report_step(const step_t *s)
     out->tank_initial = s->tank_initial;
     out->engagement_limit = s->engagement_limit;
     out->energy_limit = s->energy_limit;
-    if (m->fault != ID(FAULT_NONE)) {
-        out->mode = m->engaged ? ID(MODE_RELEASE) : ID(MODE_FOLLOW);
-        out->mode = m->engaged && s->held ? ID(MODE_HOLD) : out->mode;
-        out->status |= ID(STATUS_FAULT);
-    } else {
-        out->mode = m->engaged ? ID(MODE_ACTIVE) : ID(MODE_START);
-    }
-    if (available_energy(m) < -1e-9) {
+    out->mode = find_mode(s);
+    out->status |= m->fault != ID(FAULT_NONE) ? (uint32_t)ID(STATUS_FAULT) : 0u;
+    if (available_energy(m) < -ROUNDED_ENERGY) {
         out->status |= ID(STATUS_TANK_DEFICIT);
     }
 }

@@ -12,7 +12,7 @@ static int release_stiffness(step_t *s, double *translation, double *rotation, d
     int changed = 0;
     for (int i = 0; i < N; ++i) {
         const double D = s->c->posture_stiffness[i] - m->posture_stiffness[i];
-        const double step = fabs(D) <= 1e-9 * s->c->posture_stiffness[i] ? D : share * D;
+        const double step = fabs(D) <= ROUNDED * s->c->posture_stiffness[i] ? D : share * D;
         posture[i] = step > 0.0 ? step : 0.0;
         m->posture_stiffness[i] += step < 0.0 ? step : 0.0;
         changed |= D != 0.0;
@@ -92,7 +92,7 @@ void vary_stiffness(step_t *s)
         if (cost <= budget) {
             break;
         }
-        step = attempt == 0 ? (1.0 - 1e-9) * budget / cost - 1.0 : -share;
+        step = attempt == 0 ? (1.0 - ROUNDED) * budget / cost - 1.0 : -share;
         s->status |= ID(STATUS_TANK_LIMITED);
     }
     book_stiffness(s, &m->elastic_energy, cost);
@@ -110,11 +110,11 @@ void vary_scale(step_t *s, const double *pull, double energy, double cap)
     double target = cap, fastest_fall = 2.0, parts[3];
     for (int i = 0; i < N; ++i) {
         const double size = fabs(pull[i]);
-        if (size > 1e-9) {
+        if (size > NO_TORQUE) {
             const double limit = pull[i] > 0.0 ? s->out->limit_torque[i] : -s->out->limit_torque[i];
             const double offset = pull[i] > 0.0 ? m->offset[i] : -m->offset[i];
             target = smaller(target, larger((c->effort_limit[i] - limit - offset) / size, 0.0));
-            fastest_fall = smaller(fastest_fall, 0.9 * m->rate[i] / size);
+            fastest_fall = smaller(fastest_fall, FALL_SHARE * m->rate[i] / size);
         }
     }
     s->status |= target < cap ? (uint32_t)ID(STATUS_SATURATED) : 0u;
@@ -133,7 +133,7 @@ void vary_scale(step_t *s, const double *pull, double energy, double cap)
     const double rise = target - m->scale;
     double step = smaller(rise, c->sample_time / larger(c->stiffness_time, SCALE_TIME));
     if (step > 0.0 && step * energy > larger(s->budget, 0.0)) {
-        step = (1.0 - 1e-9) * larger(s->budget, 0.0) / energy;
+        step = (1.0 - ROUNDED) * larger(s->budget, 0.0) / energy;
         s->status |= ID(STATUS_TANK_LIMITED);
     }
     if (step != 0.0) {

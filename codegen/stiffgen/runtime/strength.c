@@ -109,7 +109,8 @@ void find_energies(step_t *s)
         const double Kt = largest_entry(9 * TIPS, m->translation_stiffness);
         const double Ko = largest_entry(9 * TIPS, m->rotation_stiffness);
         /* whatever the direction, the springs store this much before they exert the wrench */
-        const double least = 0.5 * smaller(force * force / larger(Kt, 1e-9), moment * moment / larger(Ko, 1e-9));
+        const double by_force = force * force / larger(Kt, NO_STIFFNESS);
+        const double least = 0.5 * smaller(by_force, moment * moment / larger(Ko, NO_STIFFNESS));
         const double most = m->load > NO_LOAD ? larger(least, m->load_energy / (m->load * m->load)) : least;
         s->energy_limit = smaller(most, LARGEST_ENERGY);
     }

@@ -3165,7 +3165,7 @@ static int execute(PyObject *module)
             "run 'stiffgen generate' here", missing);
         return -1;
     }
-    if ((iiwa14_self_check() | iiwa14_batch_self_check()) != 0) {
+    if ((iiwa14_self_check() | iiwa14_batch_self_check() | iiwa14_impedance_self_check()) != 0) {
         PyErr_SetString(PyExc_ImportError, "iiwa14: compiled with flags that change its arithmetic; "
             "compile it without -Ofast and its like (see CC, CFLAGS)");
         return -1;
@@ -3177,7 +3177,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "3bce7449f209d3c2") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "8a544f54c9065a9a") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }
