@@ -113,6 +113,9 @@ CAMPAIGNS = {
     "fri-attack": _campaign(
         "attack_fri", "attack the FRI client in whole sessions", "{folder} --version 2.7 --sessions 20"
     ),
+    "vendor": _campaign(
+        "vendor", "compare robots of makers' repositories in a folder", "../shared/data/vendor fr3 ur5e --tips 2"
+    ),
     "torch": _campaign("torch_wrapper", "test NAME.torch"),
     "drake": Campaign("tests/campaigns/drake_conventions.py", "test docs/conventions.md against Drake"),
 }

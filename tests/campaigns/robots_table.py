@@ -103,7 +103,7 @@ def check_file(path: Path, name: str) -> Row | None:
     except StiffgenError as error:
         row.refused.append(_reason(error, path))
         return row
-    for leaf in _tips(description):
+    for leaf in tips_of(description):
         try:
             chain, refused = load(description, leaf)
         except StiffgenError as error:
@@ -139,7 +139,7 @@ def compared(path: Path, chain: Chain, random: np.random.Generator, most: int) -
     return errors if not chain.masses or rotors <= 1e-9 else {**errors, "motor inertia": float(rotors)}
 
 
-def _tips(description: Description) -> list[str]:
+def tips_of(description: Description) -> list[str]:
     """Return the leaf links; of several massless frames on one link, the first."""
     tips: dict[object, str] = {}
     for leaf in description.leaves:

@@ -16,6 +16,7 @@ from stiffgen.generate import generate_folder
 from stiffgen.loading import read_potential
 from stiffgen.lower.rounding import Ranges
 from stiffgen.options import GenerationOptions, help_of
+from stiffgen.robot.plausibility import doubts
 from stiffgen.robot.survey import missing_limits
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.springs import AXES, KINDS, Placement
@@ -74,19 +75,22 @@ def run(options: argparse.Namespace) -> int:
     """Generate a folder and print its path."""
     with Progress(messages()).shown() as progress:
         folder = generate_folder(source_of(options), _generation_options(options, progress))
-    if options.controller:
-        _note_missing_limits(folder)
+    _print_notes(folder, options.controller)
     print(folder)
     return 0
 
 
-def _note_missing_limits(folder: Path) -> None:
-    """Print the limits that the controller of a folder lacks."""
+def _print_notes(folder: Path, controller: bool) -> None:
+    """Print the limits that the controller of a folder lacks, and numbers that are probably in another unit."""
     manifest = read_manifest(folder)
-    if manifest and (folder / f"{folder.name}_impedance.h").exists():
-        chain = chain_from_manifest(manifest)
+    if manifest is None:
+        return
+    chain = chain_from_manifest(manifest)
+    if controller and (folder / f"{folder.name}_impedance.h").exists():
         for sentence in missing_limits(chain.source, chain.coordinates):
             print_note(sentence)
+    for sentence in doubts(chain):
+        print_note(f"{printable(chain.source)}: {sentence}")
 
 
 def _generation_options(options: argparse.Namespace, progress: Progress) -> GenerationOptions:

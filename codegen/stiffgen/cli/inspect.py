@@ -13,13 +13,15 @@ from rich.table import Table
 from stiffgen.cli.arguments import add_reading, add_robot, reading_of, source_of
 from stiffgen.cli.console import table, tables
 from stiffgen.errors import DescriptionError, StiffgenError, listed, printable, terminal_text
-from stiffgen.loading import describe
+from stiffgen.loading import chain_between, describe
 from stiffgen.names import comment
+from stiffgen.robot.chain import ChainOptions
 from stiffgen.robot.couplings import Couplings
 from stiffgen.robot.description import Description, JointElement
+from stiffgen.robot.plausibility import doubts
 from stiffgen.robot.survey import TipSurvey, missing_limits, narrowed_limits, survey_tip
 
-_MOST_TIPS = 100
+_MOST_TIPS, _MOST_DOUBTED = 100, 3
 """Largest number of tips that ``inspect`` shows; humanoids with hands have some 40."""
 
 
@@ -60,6 +62,8 @@ def run(options: argparse.Namespace) -> int:
     coordinates = _coordinates(description, surveys)
     if narrowed := list(narrowed_limits(description, coordinates)):
         print("\n" + "\n".join(map(terminal_text, narrowed)))
+    if doubted := _doubts(description, surveys):
+        print("\n" + "\n".join(map(terminal_text, doubted)))
     if missing := missing_limits(description.file, coordinates):
         print("\n" + "\n".join(map(terminal_text, missing)))
     if description.loops:
@@ -77,6 +81,18 @@ def _coordinates(description: Description, surveys: list[TipSurvey]) -> list[Joi
     names = dict.fromkeys(name for survey in surveys if not survey.floating for name in survey.coordinates)
     couplings = Couplings(description, {})
     return [couplings.limited(description.joints[name]) for name in names]
+
+
+def _doubts(description: Description, surveys: list[TipSurvey]) -> list[str]:
+    """Return what hints at wrong units in the longest chains."""
+    usable = [survey for survey in surveys if survey.coordinates]
+    usable.sort(key=lambda survey: -len(survey.coordinates))
+    found: dict[str, None] = {}
+    for survey in usable[:_MOST_DOUBTED]:
+        base = None if survey.floating else survey.base
+        options = ChainOptions(tip=survey.tip, base=base, masses=not survey.hindrance)
+        found |= dict.fromkeys(doubts(chain_between(description, options)))
+    return list(found)
 
 
 def _tip_table(surveys: list[TipSurvey], names: int) -> Table:

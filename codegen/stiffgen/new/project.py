@@ -22,6 +22,7 @@ from stiffgen.options import GenerationOptions
 from stiffgen.rendering import environment
 from stiffgen.robot.chain import Chain, Coordinate
 from stiffgen.robot.description import Description, Reading
+from stiffgen.robot.plausibility import doubts
 from stiffgen.robot.survey import missing_limits
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.springs import spring
@@ -95,6 +96,8 @@ def new_project(
     if answers.controller == "impedance":
         for sentence in missing_limits(chain.source, chain.coordinates, guesses="src/control.hpp"):
             note(sentence)
+    for sentence in doubts(chain):
+        note(f"{printable(chain.source)}: {sentence}")
     return target
 
 

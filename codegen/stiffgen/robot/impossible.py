@@ -8,7 +8,7 @@ over the joint range; else the nearest possible tensor takes its place.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -59,30 +59,36 @@ def is_usable(chain: Chain, nearest: Chain) -> bool:
 def mass_matrix(chain: Chain, q: FloatArray) -> FloatArray:
     """Return the mass matrix of a chain from the bodies of its joints."""
     matrix = np.zeros((chain.dof, chain.dof))
-    poses: list[tuple[FloatArray, FloatArray]] = []
-    twists: list[FloatArray] = []  # of unit rates, of each joint's origin, linear first, in base axes
+    for joint, (rotation, motion) in zip(chain.joints, unit_motions(chain, q), strict=True):
+        body = joint.body
+        matrix += motion.T @ _spatial_inertia(body.mass, body.moment, body.tensor, rotation) @ motion
+    return matrix
+
+
+def unit_motions(chain: Chain, q: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Yield for each joint the rotation of its frame, and the twists (6, n) of its origin at unit rates, in base axes.
+
+    The linear part comes first.
+    """
+    frames: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     for joint in chain.joints:
         R, p, J = np.eye(3), np.zeros(3), np.zeros((6, chain.dof))
         if joint.parent >= 0:
-            (R, p), J = poses[joint.parent], twists[joint.parent].copy()
-        offset = R @ np.array(joint.translation)
-        J[:3] += np.cross(J[3:].T, offset).T
-        R, p, axis = R @ np.array(joint.rotation), p + offset, np.array(joint.axis)
+            R, p, J = frames[joint.parent]
+            J = J.copy()
         own = joint.coordinate - chain.base_joints
         position = joint.offset + (joint.multiplier * q[own] if own >= 0 else 0.0)
+        offset, axis = R @ np.array(joint.translation), np.array(joint.axis)
+        R = R @ np.array(joint.rotation)
         if joint.prismatic:
-            slide = R @ axis * position
-            J[:3] += np.cross(J[3:].T, slide).T
-            p = p + slide
-            J[:3, joint.coordinate] += joint.multiplier * (R @ axis)
-        else:
+            offset = offset + R @ axis * position
+        J[:3] += np.cross(J[3:].T, offset).T
+        J[: 3 if joint.prismatic else 6, joint.coordinate][-3:] += joint.multiplier * (R @ axis)
+        if not joint.prismatic:
             cross = np.cross(np.eye(3), axis)
-            J[3:, joint.coordinate] += joint.multiplier * (R @ axis)
             R = R @ (np.eye(3) + np.sin(position) * cross + (1 - np.cos(position)) * cross @ cross)
-        poses.append((R, p))
-        twists.append(J)
-        matrix += J.T @ _spatial_inertia(joint.body.mass, joint.body.moment, joint.body.tensor, R) @ J
-    return matrix
+        frames.append((R, p + offset, J))
+        yield R, J
 
 
 def _spatial_inertia(mass: float, moment: Sequence[float], tensor: Tensor, rotation: FloatArray) -> FloatArray:

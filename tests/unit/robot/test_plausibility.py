@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: MIT
+"""Notes about units: each kind of number in a wrong unit, and none for numbers that are right."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from stiffgen import Tool, load_chain
+from stiffgen.cli import main
+from stiffgen.robot.plausibility import doubts
+from support.chains import ARM, INERTIAL
+from support.project import URDF
+
+SOUND = ARM.replace('effort="5"', 'effort="50"')  # the slide carries its finger
+HEAVY = INERTIAL.replace('mass value="2"', 'mass value="2000"')
+LARGE = INERTIAL.replace("0.02", "20000").replace("0.03", "20000")
+CASES = {
+    "degrees": (('lower="-2" upper="2"', 'lower="-120" upper="120"'), "shoulder.*-120 to 120 rad: are these degrees"),
+    "one limit in degrees": (('lower="-1"', 'lower="-90"'), "elbow.*-90 to 1 rad"),
+    "millimetres": (('upper="0.04"', 'upper="40"'), "grip.*0 to 40 m: are these millimetres"),
+    "degrees per second": (('velocity="3"', 'velocity="180"'), "shoulder.*velocity limit 180 rad/s"),
+    "millimetres per second": (('velocity="0.1"', 'velocity="100"'), "grip.*velocity limit 100 m/s"),
+    "kg mm^2": ((INERTIAL, LARGE), "shoulder.*radius of gyration of 100 m.*kg mm"),
+    "grams": (
+        (f'name="lower">{INERTIAL}', f'name="lower">{HEAVY}'),
+        "gravity needs up to .* N m, above the effort limit 50 N m",
+    ),
+    "a link in millimetres": (('xyz="0.4 0 0"', 'xyz="400 0 0"'), "gravity needs up to"),
+}
+
+
+def replaced(old: str, new: str) -> str:
+    assert old in SOUND
+    return SOUND.replace(old, new, 1)
+
+
+def said(tmp_path: Path, text: str, **options: object) -> list[str]:
+    (tmp_path / "arm.urdf").write_text(text)
+    return list(doubts(load_chain(tmp_path / "arm.urdf", **options)))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_wrong_unit_is_a_note_with_its_number(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    change, words = CASES[name]
+    assert any(re.search(words, each) for each in said(tmp_path, replaced(*change)))
+    assert main(["inspect", str(tmp_path / "arm.urdf")]) == 0
+    assert re.search(words, capsys.readouterr().out)
+
+
+@pytest.mark.parametrize(
+    ("tool", "words"),
+    [
+        (Tool(rpy=(0.0, 90.0, 0.0)), "rpy (0, 90, 0) rad is beyond a turn: are these degrees"),
+        (Tool(xyz=(0.0, 0.0, 120.0)), "xyz (0, 0, 120) m is 120 m away: are these millimetres"),
+        (Tool(mass=850.0), "its mass, 850 kg, is above that of the moving links, 6 kg: are these grams"),
+    ],
+)
+def test_tools_in_other_units(tool: Tool, words: str, tmp_path: Path) -> None:
+    assert any(words in each for each in said(tmp_path, SOUND, tool=tool))
+
+
+def test_right_numbers_are_not_doubted(tmp_path: Path) -> None:
+    assert said(tmp_path, SOUND) == []
+    assert said(tmp_path, SOUND, tool=Tool((0.0, 0.0, 0.2), (0.0, 1.6, 0.0), 0.5)) == []
+    assert said(tmp_path, SOUND, masses=False) == []
+    assert list(doubts(load_chain(URDF))) == []
+
+
+def test_gravity_is_that_of_pinocchio(tmp_path: Path) -> None:
+    """An effort limit at Pinocchio's largest torque is no doubt, one at half of it is."""
+    (tmp_path / "arm.urdf").write_text(SOUND)
+    model = pin.buildModelFromUrdf(str(tmp_path / "arm.urdf"))
+    random, data = np.random.default_rng(3), model.createData()
+    lower, upper = model.lowerPositionLimit, model.upperPositionLimit
+    torques = [pin.computeGeneralizedGravity(model, data, random.uniform(lower, upper)) for _ in range(2000)]
+    largest = float(np.abs(torques)[:, 0].max())
+    assert said(tmp_path, replaced('effort="50"', f'effort="{largest * 1.001}"')) == []
+    (note,) = said(tmp_path, replaced('effort="50"', f'effort="{largest / 2}"'))
+    assert "joint 'shoulder': gravity needs up to" in note
+
+
+def test_generate_and_new_print_the_notes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "arm.urdf").write_text(replaced('lower="-2" upper="2"', 'lower="-120" upper="120"'))
+    file, quiet = str(tmp_path / "arm.urdf"), ["--no-build", "--output"]
+    assert main(["generate", file, "--no-controller", *quiet, str(tmp_path)]) == 0
+    assert main(["new", file, *quiet, str(tmp_path / "project")]) == 0
+    note = "note: arm.urdf: joint 'shoulder': limits -120 to 120 rad: are these degrees?"
+    assert capsys.readouterr().err.count(note) == 2
