@@ -205,7 +205,7 @@ static void tells_its_state()
     check(std::abs(std::abs(a.x * b.x + a.y * b.y + a.z * b.z + a.w * b.w) - 1.0) < 1e-6, "orientation");
     const auto rest = rig.last<geometry_msgs::msg::PoseStamped>("~/equilibrium").pose;
     check(rest.position.x < pose.position.x - 0.01, "the equilibrium is behind");
-    check(rig.last<geometry_msgs::msg::WrenchStamped>("~/wrench").wrench.force.x < -8.0, "the springs push against the environment");
+    check(rig.last<geometry_msgs::msg::WrenchStamped>("~/wrench").wrench.force.x < -5.0, "the springs push against the environment");
     const auto array = rig.last<diagnostic_msgs::msg::DiagnosticArray>("/diagnostics");
     check(array.status.size() == 1 && array.status[0].level == 0 && array.status[0].message == "active", "diagnostics");
     check(array.status[0].values.size() >= 8 && array.status[0].values[1].key == "error [m]", "values");

@@ -12,8 +12,9 @@ static void late_cycles_are_no_sensor_fault()
         const double period = cycle % 10 == 9 ? 3e-3 : 1e-3;
         time += period;
         for (std::size_t i = 0; i < N; ++i) {
-            rig.arm.q[i] = before[i] + 0.2 * (1.0 - std::cos(5.0 * time));
-            rig.arm.dq[i] = std::sin(5.0 * time);
+            const double inwards = 2.0 * before[i] > robot::LOWER[i] + robot::UPPER[i] ? -1.0 : 1.0;
+            rig.arm.q[i] = before[i] + inwards * 0.2 * (1.0 - std::cos(5.0 * time));
+            rig.arm.dq[i] = inwards * std::sin(5.0 * time);
         }
         rig.read();
         rig.update(period);
@@ -80,9 +81,9 @@ static void an_interface_that_is_locked()
     Rig rig;
     rig.start();
     rig.run(100);
-    auto &state = *rig.states.at(std::string(robot::JOINTS[2]) + "/position");
+    auto &state = *rig.states.at(std::string(robot::JOINTS[1]) + "/position"); // far from 0
     for (int k = 0; k < 50; ++k) {
-        state.locked = k % 10 == 0;
+        state.locked = k % 10 < 2;
         rig.run(1);
     }
     check(!rig.has_fault() && rig.is_ok, "a sample now and then is missing");

@@ -62,7 +62,8 @@ struct Rig {
         torque.fill(NOT_A_NUMBER); // as drivers begin
         position.fill(NOT_A_NUMBER);
         for (std::size_t i = 0; i < N; ++i) {
-            const double lower = std::max(robot::LOWER[i], -1.0), upper = std::min(robot::UPPER[i], 1.0);
+            double lower = std::max(robot::LOWER[i], -1.0), upper = std::min(robot::UPPER[i], 1.0);
+            if (upper - lower < 1.2) { lower = robot::LOWER[i], upper = robot::UPPER[i]; } // an elbow that bends to one side
             arm.q[i] = lower + (i % 2 == 0 ? 0.5 : 0.75) * (upper - lower);
             const std::string joint = prefix + robot::JOINTS[i];
             states[joint + "/position"] = std::make_shared<State>(q[i], joint, "position");
@@ -196,12 +197,18 @@ struct Rig {
         message.pose.position.x = pose[3];
         message.pose.position.y = pose[7];
         message.pose.position.z = pose[11];
-        // half angle and axis; the scenarios' arm is not turned by pi
-        auto &o = message.pose.orientation;
-        o.w = 0.5 * std::sqrt(1.0 + pose[0] + pose[5] + pose[10]);
-        o.x = (pose[9] - pose[6]) / (4.0 * o.w);
-        o.y = (pose[2] - pose[8]) / (4.0 * o.w);
-        o.z = (pose[4] - pose[1]) / (4.0 * o.w);
+        // (w, x, y, z) up to its sign: the largest column of 4 q q^T, which the rotation gives entry by entry
+        const double xx = pose[0], yy = pose[5], zz = pose[10], xy = pose[1] + pose[4], xz = pose[2] + pose[8], yz = pose[6] + pose[9];
+        const double x = pose[9] - pose[6], y = pose[2] - pose[8], z = pose[4] - pose[1];
+        const double columns[4][4] = {{1 + xx + yy + zz, x, y, z}, {x, 1 + xx - yy - zz, xy, xz}, {y, xy, 1 - xx + yy - zz, yz},
+            {z, xz, yz, 1 - xx - yy + zz}};
+        int best = 0;
+        for (int k = 1; k < 4; ++k) { best = columns[k][k] > columns[best][best] ? k : best; }
+        const double norm = 2.0 * std::sqrt(columns[best][best]);
+        message.pose.orientation.w = columns[best][0] / norm;
+        message.pose.orientation.x = columns[best][1] / norm;
+        message.pose.orientation.y = columns[best][2] / norm;
+        message.pose.orientation.z = columns[best][3] / norm;
         return message;
     }
 };

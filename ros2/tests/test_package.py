@@ -10,60 +10,9 @@ from pathlib import Path
 from types import ModuleType
 from xml.etree import ElementTree
 
-import cmake
-import ninja
 import pytest
 
-from .conftest import DISTROS, PACKAGE, ROS2, STRICT, STUBS, configured, run
-
-CMAKE = Path(cmake.CMAKE_BIN_DIR)
-FOUND = re.findall(r"find_package\((\w+) REQUIRED\)", (PACKAGE / "CMakeLists.txt").read_text())
-AMENT = Path("/usr/share/ament_cmake/cmake/ament_cmakeConfig.cmake")
-PLUGINLIB = """
-function(pluginlib_export_plugin_description_file category file)
-  install(FILES ${file} DESTINATION share/${PROJECT_NAME})
-endfunction()
-"""
-FAKE_AMENT = """
-macro(ament_package)
-  install(FILES package.xml DESTINATION share/${PROJECT_NAME})
-endmacro()
-include(CTest)
-"""
-
-
-def fake_packages(folder: Path, distro: str) -> Path:
-    """Write a config file for each package: an imported target of the stubs, under the names that ROS 2 exports."""
-    for name in FOUND:
-        package = folder / name
-        package.mkdir(parents=True)
-        if name == "ament_cmake":
-            (package / f"{name}Config.cmake").write_text(FAKE_AMENT)
-            continue
-        target = f"{name}::{name}"
-        text = f"add_library({target} INTERFACE IMPORTED)\n"
-        text += f"target_include_directories({target} INTERFACE {STUBS})\n"
-        text += f"target_compile_definitions({target} INTERFACE STUB_DISTRO={DISTROS[distro]})\n"
-        text += f"set({name}_TARGETS {target})\n" + (PLUGINLIB if name == "pluginlib" else "")
-        (package / f"{name}Config.cmake").write_text(text)
-    if AMENT.exists():  # Debian's own
-        (folder / "ament_cmake" / "ament_cmakeConfig.cmake").unlink()
-    return folder
-
-
-def build(source: Path, folder: Path, distro: str, *options: str) -> Path:
-    """Configure, build, test and install; return the folder of what is installed."""
-    packages, installed = fake_packages(folder / "packages", distro), folder / "installed"
-    flags = " ".join((*STRICT[1:],))
-    command = [CMAKE / "cmake", "-S", source, "-B", folder / "build", "-G", "Ninja", *options]
-    command += [f"-DCMAKE_MAKE_PROGRAM={Path(ninja.BIN_DIR) / 'ninja'}", "-DCMAKE_BUILD_TYPE=None"]
-    command += [f"-DCMAKE_CXX_FLAGS={flags}", "-DCMAKE_C_FLAGS=-O0", f"-DCMAKE_PREFIX_PATH={packages}"]
-    command += [f"-D{name}_DIR={packages / name}" for name in FOUND if (packages / name).glob("*")]
-    run(command, folder)
-    run([CMAKE / "cmake", "--build", folder / "build", "-j2"], folder)
-    assert "100% tests passed" in run([CMAKE / "ctest", "--test-dir", folder / "build"], folder)
-    run([CMAKE / "cmake", "--install", folder / "build", "--prefix", installed], folder)
-    return installed
+from .building import DISTROS, FOUND, PACKAGE, ROS2, STRICT, STUBS, build, compile_robot, configured, run
 
 
 @pytest.mark.slow
@@ -98,15 +47,13 @@ def test_package_xml_declares_what_cmake_finds() -> None:
 
 @pytest.mark.parametrize("distro", DISTROS)
 def test_the_mock_system(distro: str, robot_folder: Path, tmp_path: Path) -> None:
-    configured(tmp_path, robot_folder.name)
+    configured(tmp_path, PACKAGE, robot_folder.name)
     include = [f"-I{path}" for path in (PACKAGE / "src", tmp_path, STUBS, robot_folder)]
     source = tmp_path / "main.cpp"
     source.write_text('#include "mock_system.cpp"\n' + (Path(__file__).parent / "mock_main.txt").read_text())
-    objects = []
-    for name in (robot_folder.name, f"{robot_folder.name}_impedance"):
-        run(["cc", "-std=c99", "-O0", "-c", robot_folder / f"{name}.c"], tmp_path)
-        objects.append(tmp_path / f"{name}.o")
-    run(["g++", *STRICT, f"-DSTUB_DISTRO={DISTROS[distro]}", *include, source, *objects, "-o", "mock", "-lm"], tmp_path)
+    compile_robot(tmp_path, robot_folder)
+    command = ["g++", *STRICT, f"-DSTUB_DISTRO={DISTROS[distro]}", *include, source]
+    run([*command, *tmp_path.glob("*.o"), "-o", "mock", "-lm"], tmp_path)
     run([tmp_path / "mock"], tmp_path)
 
 
@@ -119,7 +66,7 @@ def launch_file(path: Path) -> ModuleType:
 def test_the_launch_file_describes_the_mock(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """The description has an effort interface per joint; the nodes are those of the package's dependencies."""
     launch = launch_file(PACKAGE / "launch" / "mock.launch.py")
-    urdf = (ROS2.parent / "urdf" / "iiwa14.urdf").read_text()
+    urdf = ROS2.parent / "urdf" / "iiwa14.urdf"
     robot = ElementTree.fromstring(launch.description(urdf))
     moving = [joint.get("name") for joint in robot.findall("joint") if joint.get("type") != "fixed"]
     control = robot.find("ros2_control")
@@ -137,7 +84,7 @@ def test_the_launch_file_describes_the_mock(monkeypatch: pytest.MonkeyPatch, tmp
             monkeypatch.setitem(sys.modules, part, ModuleType(part))
         vars(sys.modules[name]).update(content)
     (tmp_path / "urdf").mkdir()
-    (tmp_path / "urdf" / "iiwa14.urdf").write_text(urdf)
+    (tmp_path / "urdf" / "iiwa14.urdf").write_text(urdf.read_text())
     launch.generate_launch_description()
     package = ElementTree.parse(PACKAGE / "package.xml").getroot()
     declared = {element.text for element in package.findall("exec_depend")}

@@ -3,21 +3,19 @@
 
 from __future__ import annotations
 
-import re
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-SOURCES = [(Path(__file__).parent / f"{file}.cpp").read_text() for file in ("lifecycle", "commands", "faults")]
-NAMES = [name for text in SOURCES for name in re.findall(r'^    \{"(\w+)", \w+\},$', text, re.MULTILINE)]
+from .building import SCENARIOS
 
 
 def test_every_scenario_is_run(scenarios: Callable[[str], Path]) -> None:
     listed = subprocess.run([scenarios("rolling")], capture_output=True, text=True, check=True).stdout.split()
-    assert listed == NAMES
-    assert len(NAMES) >= 25
+    assert listed == SCENARIOS
+    assert len(SCENARIOS) >= 25
 
 
 def check(program: Path, name: str) -> None:
@@ -25,7 +23,7 @@ def check(program: Path, name: str) -> None:
     assert (done.stdout, done.returncode) == ("", 0)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", SCENARIOS)
 def test_scenario(scenarios: Callable[[str], Path], name: str) -> None:
     """On the interfaces of Rolling, which has the fewest: no get_value, and return values that must be read."""
     check(scenarios("rolling"), name)
@@ -33,6 +31,6 @@ def test_scenario(scenarios: Callable[[str], Path], name: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("distro", ["humble", "jazzy"])
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", SCENARIOS)
 def test_scenario_on_an_older_distribution(scenarios: Callable[[str], Path], name: str, distro: str) -> None:
     check(scenarios(distro), name)

@@ -29,7 +29,9 @@ def add(command: argparse.ArgumentParser) -> None:
         "--no-masses", dest="masses", action="store_false", help="ignore masses; the simulation has rotors alone"
     )
     command.add_argument("--name", help="prefix of C names and name of the module (default: the robot's name)")
-    command.add_argument("--output", type=Path, metavar="DIR", help="folder to write (default: NAME_control)")
+    command.add_argument(
+        "--output", type=Path, metavar="DIR", help="folder to write (default: NAME_control; NAME_ros2)"
+    )
     command.add_argument("--no-build", action="store_true", help="write the sources, compile nothing")
     add_tool(command, "mounted on the tip link (default: none)")
     command.set_defaults(run=run, tool=None)

@@ -17,7 +17,8 @@ from stiffgen.folder import swapped_in
 from stiffgen.generate import generate_folder
 from stiffgen.loading import chain_between, describe, located
 from stiffgen.names import c_string, checked_identifier, comment, identifier
-from stiffgen.new.questions import Answers, decide
+from stiffgen.new.questions import GENERATED, Answers, decide
+from stiffgen.new.ros2_package import check_robot, package_files, package_name
 from stiffgen.options import GenerationOptions
 from stiffgen.rendering import environment
 from stiffgen.robot.chain import Chain, Coordinate
@@ -78,23 +79,29 @@ def new_project(
     urdf, reading = located(urdf, reading or Reading())
     description = describe(urdf, reading)
     name = identifier(description.robot) if name is None else checked_identifier(name)
-    target = _free_folder(Path(f"{name}_control") if output is None else Path(output))
     answers = decide(description)
+    ros2 = answers.controller == "ros2"
+    default = package_name(name) if ros2 else f"{name}_control"
+    target = _free_folder(Path(default) if output is None else Path(output))
     options = _options(answers, reading, description.root)
     chain = chain_between(description, options.chain)
     _check(chain, answers)
+    if ros2:
+        check_robot(urdf)
     files = _copied_files(urdf, description)
     variables = _variables(name, chain, answers, f"urdf/{next(iter(files))}")
     with swapped_in(target) as staging:
         for file, source in files.items():
             (staging / "urdf" / file).parent.mkdir(parents=True, exist_ok=True)
             (staging / "urdf" / file).write_bytes(source.read_bytes())
+        build = build and not ros2  # colcon compiles the package
         options = replace(options, name=name, output=staging / "generated", build=build, progress=progress)
         generate_folder(urdf, options)
         progress("writing the project")
-        _write(variables, staging)
-    if answers.controller == "impedance":
-        for sentence in missing_limits(chain.source, chain.coordinates, guesses="src/control.hpp"):
+        _write(package_files(variables) if ros2 else _rendered(variables), staging)
+    if answers.controller in GENERATED:
+        guesses = "src/defaults.hpp" if ros2 else "src/control.hpp"
+        for sentence in missing_limits(chain.source, chain.coordinates, guesses=guesses):
             note(sentence)
     for sentence in doubts(chain):
         note(f"{printable(chain.source)}: {sentence}")
@@ -143,7 +150,7 @@ def _check(chain: Chain, answers: Answers) -> None:
             f"{chain.source}: the base floats, and projects need a fixed base; "
             "choose a --base above which nothing moves, or use 'stiffgen generate'"
         )
-    if answers.controller == "impedance" and not has_controller(chain):
+    if answers.controller in GENERATED and not has_controller(chain):
         raise StiffgenError(
             f"{chain.source}: the impedance controller takes at most 40 coordinates, and this robot has {chain.dof}; "
             "choose --controller spring"
@@ -226,10 +233,10 @@ def _start(index: int, coordinate: Coordinate) -> float:
     return lower + (upper - lower) * (0.7 if index % 2 else 0.4)
 
 
-def _write(variables: dict[str, Any], folder: Path) -> None:
-    for file, rendered in _rendered(variables).items():
+def _write(files: dict[str, str], folder: Path) -> None:
+    for file, rendered in files.items():
         path = folder / file
-        path.parent.mkdir(exist_ok=True)
+        path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(rendered, encoding="utf-8", newline="\n")
 
 

@@ -15,9 +15,12 @@ from stiffgen.symbolic.springs import KINDS
 
 CONTROLLERS = {
     "impedance": "the generated controller: energy account, governor, limits, faults",
+    "ros2": "a ros2_control package around the generated controller",
     "spring": "a law of your own to edit: the torque of a spring, and damping in the joints",
 }
 """Laws that can close the loop of a project."""
+GENERATED = ("impedance", "ros2")
+"""Those that are the generated controller."""
 _MOST_TIPS = 100
 
 Ask = Callable[[str], str]
@@ -64,8 +67,10 @@ def decide(
         ChainError: there is no such tip or base.
 
     """
-    if not masses and controller == "impedance":
-        raise StiffgenError("--controller impedance needs masses; leave out --no-masses, or use --controller spring")
+    if not masses and controller in GENERATED:
+        raise StiffgenError(
+            f"--controller {controller} needs masses; leave out --no-masses, or use --controller spring"
+        )
     survey = _tip(description, tip, base, masses, ask)
     base = base or _chosen(
         ask, f"Base link: first link of the chain [{printable(survey.base)}]", survey.base, description.links
@@ -73,7 +78,7 @@ def decide(
     tool = tool or _tool(ask, survey.tip)
     if controller is None:
         controller = _chosen(ask, _menu("Controller", CONTROLLERS), "impedance", CONTROLLERS) if masses else "spring"
-    if controller == "impedance":
+    if controller in GENERATED:
         if spring not in (None, "trace"):
             raise StiffgenError(
                 f"--spring {spring}: the impedance controller has the spring 'trace'; "

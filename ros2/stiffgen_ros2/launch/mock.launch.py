@@ -6,13 +6,20 @@ from xml.etree import ElementTree
 
 PACKAGE = "stiffgen_ros2"
 URDF = "iiwa14.urdf"
+ARGUMENTS = {}
+"""Arguments of the file, if it is a xacro template."""
 JOINTS = ("A1", "A2", "A3", "A4", "A5", "A6", "A7")
 """The robot's joints from base to tip."""
 
 
-def description(urdf: str) -> str:
-    """Return the URDF with a ros2_control element for the mock system."""
-    robot = ElementTree.fromstring(urdf)
+def description(path: Path) -> str:
+    """Return the robot's URDF with a ros2_control element for the mock system."""
+    text = path.read_text()
+    if path.suffix == ".xacro":
+        import xacro
+
+        text = xacro.process_file(str(path), mappings=ARGUMENTS).toxml()
+    robot = ElementTree.fromstring(text)
     for element in robot.findall("ros2_control"):
         robot.remove(element)
     control = ElementTree.SubElement(robot, "ros2_control", name="mock", type="system")
@@ -33,7 +40,7 @@ def generate_launch_description():
     from launch_ros.actions import Node
 
     share = Path(get_package_share_directory(PACKAGE))
-    robot = {"robot_description": description((share / "urdf" / URDF).read_text())}
+    robot = {"robot_description": description(share / "urdf" / URDF)}
     return LaunchDescription(
         [
             Node(package="robot_state_publisher", executable="robot_state_publisher", parameters=[robot]),

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "settings.hpp"
 
+#include "defaults.hpp"
 #include "fields.hpp"
 
 #include <algorithm>
@@ -123,7 +124,7 @@ std::string check(const Settings &settings)
 
 void declare_parameters(rclcpp_lifecycle::LifecycleNode &node)
 {
-    robot::Config config = robot::Impedance::default_config();
+    robot::Config config = default_config();
     for (const Numbers &field : NUMBERS) {
         const double *first = field.at(config);
         if (field.count == 0) {
@@ -186,7 +187,7 @@ std::string read_settings(const Lookup &lookup, double sample_time, Settings &se
     if (sample_time == 0.0) { // Humble, where the controller has no rate of its own
         return "the update rate is unknown: set sample_time [s], the time between two updates of the controller";
     }
-    settings.config = robot::Impedance::default_config();
+    settings.config = default_config();
     settings.config.sample_time = sample_time;
     std::string reason = read_fields(lookup, settings.config);
     if (reason.empty()) { reason = read_matrix(lookup, "translation_stiffness", settings.translation_stiffness); }

@@ -2,6 +2,7 @@
 // Simulated arm: M(q) ddq + C(q, dq) dq = torque + J^T push - friction dq. Gravity counts as compensated.
 #pragma once
 
+#include "defaults.hpp"
 #include "robot.hpp"
 
 #include <algorithm>
@@ -13,7 +14,7 @@ namespace stiffgen_ros2 {
 
 class Simulation {
 public:
-    Simulation() : config_(robot::Impedance::default_config()) {}
+    Simulation() : config_(default_config()) {}
 
     robot::Joints q{}, dq{};
     std::array<double, 6> push{}; // [N, N m] wrench that the environment applies at the tip, hybrid axes

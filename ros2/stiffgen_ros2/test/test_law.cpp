@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 // Test without ROS: the arm holds, yields to a push, returns, releases after a NaN, and comes back after a reset.
+#include "defaults.hpp"
 #include "law.hpp"
 #include "simulation.hpp"
 
@@ -51,7 +52,7 @@ int main()
 {
     Loop loop;
     stiffgen_ros2::Settings settings{};
-    settings.config = robot::Impedance::default_config();
+    settings.config = stiffgen_ros2::default_config();
     for (std::size_t k = 0; k < 3; ++k) {
         settings.translation_stiffness[4 * k] = 400.0;
         settings.rotation_stiffness[4 * k] = 20.0;

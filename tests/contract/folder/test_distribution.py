@@ -61,11 +61,13 @@ def test_the_wheel_has_the_whole_package_and_nothing_else(built: Path) -> None:
     assert wheel.name == f"stiffgen-{stiffgen.__version__}-py3-none-any.whl"
     with zipfile.ZipFile(wheel) as archive:
         inside = {name for name in archive.namelist() if ".dist-info/" not in name}
-        expected = {name.removeprefix("codegen/") for name in tracked("codegen/stiffgen")}
-        assert inside == expected
+        sources = {name.removeprefix("codegen/"): name for name in tracked("codegen/stiffgen")}
+        package = tracked("ros2/stiffgen_ros2")  # a template of 'stiffgen new'
+        sources |= {name.replace("ros2/stiffgen_ros2", "stiffgen/new/ros2"): name for name in package}
+        assert inside == set(sources)
         assert "stiffgen/py.typed" in inside  # else a user's type checker takes every result for Any
         for name in inside:
-            assert archive.read(name) == (ROOT / "codegen" / name).read_bytes(), name
+            assert archive.read(name) == (ROOT / sources[name]).read_bytes(), name
         assert any(name.endswith("licenses/LICENSE") for name in archive.namelist())
 
 

@@ -64,7 +64,7 @@ def test_answers_are_taken_and_wrong_ones_asked_again():
     found = decide(read_description(DUAL), ask)
     assert found == Answers("right-hand", "base", Tool(xyz=(0.0, 0.0, 0.2)), "quaternion", "spring")
     assert "left hand: " in questions[0] and "'middle hand' is not one of them" in questions[1]
-    assert "Three numbers" in questions[4] and "'robust' is not one of them: impedance, spring" in questions[6]
+    assert "Three numbers" in questions[4] and "'robust' is not one of them: impedance, ros2, spring" in questions[6]
 
 
 def test_another_spring_does_not_go_with_the_controller():

@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: MIT
+"""Compile packages, robots and scenarios; exported packages of CMake that lead to the stubs."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from pathlib import Path
+
+import cmake
+import ninja
+
+ROS2 = Path(__file__).parents[1]
+PACKAGE, STUBS = ROS2 / "stiffgen_ros2", ROS2 / "stubs"
+STRICT = ("-std=c++17", "-O0", "-Wall", "-Wextra", "-Wpedantic", "-Werror")
+DISTROS = {"humble": 16, "jazzy": 28, "rolling": 30}
+"""Major version of rclcpp, which the stubs take their form from."""
+CMAKE = Path(cmake.CMAKE_BIN_DIR)
+FOUND = re.findall(r"find_package\((\w+) REQUIRED\)", (PACKAGE / "CMakeLists.txt").read_text())
+AMENT = Path("/usr/share/ament_cmake/cmake/ament_cmakeConfig.cmake")
+PLUGINLIB = """
+function(pluginlib_export_plugin_description_file category file)
+  install(FILES ${file} DESTINATION share/${PROJECT_NAME})
+endfunction()
+"""
+FAKE_AMENT = """
+macro(ament_package)
+  install(FILES package.xml DESTINATION share/${PROJECT_NAME})
+endmacro()
+include(CTest)
+"""
+SCENARIOS = [
+    name
+    for file in ("lifecycle", "commands", "faults")
+    for name in re.findall(
+        r'^    \{"(\w+)", \w+\},$', (Path(__file__).parent / f"{file}.cpp").read_text(), re.MULTILINE
+    )
+]
+"""Names of the scenarios, in the order of the program."""
+
+
+def run(command: list[object], folder: Path) -> str:
+    """Run a command in a folder; a failure shows what the command printed."""
+    done = subprocess.run([str(part) for part in command], cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-6000:] + done.stderr[-6000:]
+    return done.stdout
+
+
+def fake_packages(folder: Path, distro: str) -> Path:
+    """Write a config file for each package: an imported target of the stubs, under the names that ROS 2 exports."""
+    for name in FOUND:
+        package = folder / name
+        package.mkdir(parents=True)
+        if name == "ament_cmake":
+            (package / f"{name}Config.cmake").write_text(FAKE_AMENT)
+            continue
+        target = f"{name}::{name}"
+        text = f"add_library({target} INTERFACE IMPORTED)\n"
+        text += f"target_include_directories({target} INTERFACE {STUBS})\n"
+        text += f"target_compile_definitions({target} INTERFACE STUB_DISTRO={DISTROS[distro]})\n"
+        text += f"set({name}_TARGETS {target})\n" + (PLUGINLIB if name == "pluginlib" else "")
+        (package / f"{name}Config.cmake").write_text(text)
+    if AMENT.exists():  # Debian's own
+        (folder / "ament_cmake" / "ament_cmakeConfig.cmake").unlink()
+    return folder
+
+
+def build(source: Path, folder: Path, distro: str, *options: str) -> Path:
+    """Configure, build, test and install; return the folder of what is installed."""
+    packages, installed = fake_packages(folder / "packages", distro), folder / "installed"
+    flags = " ".join((*STRICT[1:],))
+    command = [CMAKE / "cmake", "-S", source, "-B", folder / "build", "-G", "Ninja", *options]
+    command += [f"-DCMAKE_MAKE_PROGRAM={Path(ninja.BIN_DIR) / 'ninja'}", "-DCMAKE_BUILD_TYPE=None"]
+    command += [f"-DCMAKE_CXX_FLAGS={flags}", "-DCMAKE_C_FLAGS=-O0", f"-DCMAKE_PREFIX_PATH={packages}"]
+    command += [f"-D{name}_DIR={packages / name}" for name in FOUND if (packages / name).glob("*")]
+    run(command, folder)
+    run([CMAKE / "cmake", "--build", folder / "build", "-j2"], folder)
+    assert "100% tests passed" in run([CMAKE / "ctest", "--test-dir", folder / "build"], folder)
+    run([CMAKE / "cmake", "--install", folder / "build", "--prefix", installed], folder)
+    return installed
+
+
+def compile_robot(folder: Path, robot: Path) -> None:
+    """Compile the robot's functions and its controller into a folder."""
+    for name in (robot.name, f"{robot.name}_impedance"):
+        run(["cc", "-std=c99", "-O1", "-c", robot / f"{name}.c"], folder)
+
+
+def compile_scenarios(folder: Path, package: Path, robot: Path, objects: Path, distro: str) -> None:
+    """Build the program of the scenarios from a package and its robot's objects."""
+    configured(folder, package, robot.name)
+    sources = [*(package / "src").glob("*.cpp"), *Path(__file__).parent.glob("*.cpp")]
+    sources.remove(package / "src" / "mock_system.cpp")  # another plugin, with a program of its own
+    include = [f"-I{path}" for path in (package / "src", folder, STUBS, robot)]
+    namespace = f"-D{PACKAGE.name}={package.name}"  # the scenarios' name of the package
+    command = ["g++", *STRICT, f"-DSTUB_DISTRO={DISTROS[distro]}", namespace, *include]
+    for source in sources:
+        run([*command, "-c", source], folder)
+    run(["g++", *folder.glob("*.o"), *objects.glob("*.o"), "-o", "scenarios", "-lm"], folder)
+
+
+def configured(folder: Path, package: Path, name: str) -> None:
+    """Write robot.hpp as CMake does."""
+    text = (package / "src" / "robot.hpp.in").read_text()
+    (folder / "robot.hpp").write_text(text.replace("@ROBOT_NAME@", name).replace("@ROBOT_MACRO@", name.upper()))

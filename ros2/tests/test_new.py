@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: MIT
+"""``stiffgen new --controller ros2``: the package of another robot is built, and passes the scenarios."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from .building import PACKAGE, ROS2, SCENARIOS, build, compile_robot, compile_scenarios
+
+PANDA = ROS2.parent / "tests" / "data" / "panda.urdf"
+
+
+def new(*arguments: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "stiffgen", "new", *map(str, arguments), "--controller", "ros2"]
+    return subprocess.run(command, capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL)
+
+
+@pytest.fixture(scope="module")
+def panda(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a package around another arm, with a name that ROS does not want."""
+    folder = tmp_path_factory.mktemp("new") / "panda_ros2"
+    done = new(PANDA, "--tip", "panda_link8", "--name", "Panda", "--output", folder)
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def test_the_package_is_the_robots_own(panda: Path) -> None:
+    """No name of the repository's robot is left, nor the generator's licence; the launch file has the arm's joints."""
+    for file in (path for path in panda.rglob("*") if path.is_file() and "generated" not in path.parts):
+        text = file.read_text()
+        assert "stiffgen_ros2" not in text and "SPDX" not in text and "'A1'" not in text, file
+        assert "iiwa14" not in text or file.name == "README.md", file
+    assert {path.relative_to(PACKAGE).parts[0] for path in PACKAGE.rglob("*.cpp")} <= {
+        path.name for path in panda.iterdir()
+    }
+    assert ElementTree.parse(panda / "package.xml").findtext("name") == "panda_ros2"
+    joints = re.search(r"^JOINTS = (.*)$", (panda / "launch" / "mock.launch.py").read_text(), re.MULTILINE)
+    assert joints and joints[1].count("panda_joint") == 7
+    assert "stiffgen generate urdf/panda.urdf --name Panda" in (panda / "README.md").read_text()
+
+
+@pytest.mark.slow
+def test_the_package_is_built(panda: Path, tmp_path: Path) -> None:
+    installed = build(panda, tmp_path, "rolling", "-DPANDA_DISPATCH=OFF")
+    assert (installed / "share" / "panda_ros2" / "urdf" / "panda.urdf").is_file()
+    assert (installed / "lib" / "libpanda_ros2.so").is_file()
+
+
+@pytest.mark.slow
+def test_the_scenarios_of_another_robot(panda: Path, tmp_path: Path) -> None:
+    objects, robot = tmp_path / "robot", panda / "generated" / "Panda"
+    objects.mkdir()
+    compile_robot(objects, robot)
+    compile_scenarios(tmp_path, panda, robot, objects, "rolling")
+    for name in SCENARIOS:
+        done = subprocess.run([tmp_path / "scenarios", name], capture_output=True, text=True, check=False, timeout=300)
+        assert (done.stdout, done.returncode) == ("", 0), name
+
+
+@pytest.mark.slow
+def test_missing_limits_are_guesses_that_can_be_seen(tmp_path: Path) -> None:
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text(re.sub(r' (effort|velocity)="[^"]*"', "", PANDA.read_text()))
+    done = new(urdf, "--tip", "panda_link8", "--name", "arm", "--output", tmp_path / "arm_ros2")
+    assert done.returncode == 0 and "src/defaults.hpp" in done.stderr, done.stderr
+    defaults = (tmp_path / "arm_ros2" / "src" / "defaults.hpp").read_text()
+    assert defaults.count("a guess, use your robot's") == 14
+    build(tmp_path / "arm_ros2", tmp_path, "rolling", "-DARM_DISPATCH=OFF")  # its test needs limits
+
+
+def test_refused_robots_leave_nothing(tmp_path: Path) -> None:
+    mjcf = tmp_path / "arm.xml"
+    mjcf.write_text(
+        '<mujoco model="arm"><worldbody><body name="link"><joint name="a" axis="0 0 1" range="-1 1" limited="true"/>'
+        '<geom size="0.1"/><body name="tip" pos="1 0 0"><geom size="0.1"/></body></body></worldbody></mujoco>'
+    )
+    for arguments, said in (
+        ((mjcf, "--tip", "tip"), "needs a URDF or xacro"),
+        ((PANDA, "--tip", "panda_link8", "--no-masses"), "--controller ros2 needs masses"),
+        ((PANDA, "--tip", "panda_link8", "--spring", "quaternion"), "--spring quaternion"),
+    ):
+        done = new(*arguments, "--output", tmp_path / "out")
+        assert done.returncode == 2 and said in done.stderr, done.stderr
+        assert not (tmp_path / "out").exists()
