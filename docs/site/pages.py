@@ -16,8 +16,8 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import stiffgen
-from stiffgen.emit import fields, signals, status_words
-from stiffgen.emit.fields import Field
+from stiffgen.controller import fields, signals, status_words
+from stiffgen.controller.fields import Field
 from stiffgen.play.page import write_page
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import Argument

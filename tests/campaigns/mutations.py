@@ -27,22 +27,22 @@ from typing import Any
 
 import numpy as np
 
+from stiffgen.controller.fields import CONFIG
+from stiffgen.controller.sessions.library import CAREFUL, ControllerLibrary
+from stiffgen.controller.sessions.sessions import differences
 from stiffgen.emit.build import kernel_sources
-from stiffgen.emit.fields import CONFIG
 from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel
 from stiffgen.verify.batches import LONG, check_c_batches
 from stiffgen.verify.bounds import check_bounds
 from stiffgen.verify.certified import check_certified_bounds
-from stiffgen.verify.controller_library import CAREFUL, ControllerLibrary
 from stiffgen.verify.files import check_c_tables, print_again
 from stiffgen.verify.forked import confined
 from stiffgen.verify.formulas import check_against_casadi, check_far_angles
 from stiffgen.verify.not_finite import check_not_finite
 from stiffgen.verify.result import Check
 from stiffgen.verify.samples import argument_samples
-from stiffgen.verify.sessions import differences
 
 ROOT = Path(__file__).parents[2]
 OPERATORS = (

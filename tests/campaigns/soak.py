@@ -55,7 +55,7 @@ def was_eventful(said: str) -> bool:
 
 def worst_residual(count: int, folder: Path) -> float:
     """Of generalised eigenproblems of the C runtime, |K v - lambda M v| over (|K| + |lambda| |M|) |v|."""
-    from support.runtime import Matrices, pencils, residual
+    from support.controller_library import Matrices, pencils, residual
 
     matrices, worst = Matrices(folder), 0.0
     for K, M in pencils(2025, count):

@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 import stiffgen
-from stiffgen.emit.controller import has_controller
+from stiffgen.controller.page import has_controller
 from stiffgen.lower.scalar import DOUBLE, SCALARS
 from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.prove.targets import Target, write_targets

@@ -28,10 +28,10 @@ from stiffgen.verify.samples import argument_samples
 from support import exact_c
 from support.chains import chain_urdf
 from support.complex_step import columns, gradients
+from support.controller_library import compile_c
 from support.cuda_host import HostCuda
 from support.exact_springs import Energies, exact, floats, moved, orthonormal, rotation
 from support.generated_c import merged
-from support.runtime import compile_c
 from support.spring_digits import LIMITS, axis, parameters, stiffness
 
 

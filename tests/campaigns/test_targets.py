@@ -124,9 +124,9 @@ OTHER_LOOPS = {
 
 def test_every_loop_of_the_controller_has_a_bound():
     """Loops count up or down to a size, perhaps not all the way; the others are listed above, with what ends them."""
-    runtime = Path(render.__file__).parents[1] / "runtime"
+    library = Path(render.__file__).parents[1] / "controller" / "library"
     seen = set()
-    for file in runtime.glob("*.c"):
+    for file in library.glob("*.c"):
         for start, condition, step, during in LOOP.findall(file.read_text()):
             told = (condition or during).strip()
             counts_to = any(COUNTED[0].fullmatch(part) for part in told.split(" && "))
@@ -136,7 +136,7 @@ def test_every_loop_of_the_controller_has_a_bound():
         assert "do {" not in file.read_text()
     assert seen == set(OTHER_LOOPS)
     assert re.search(
-        r"iteration == MAX_ITERATIONS\) \{\s*return MATRIX_NOT_CONVERGED", (runtime / "eigen.c").read_text()
+        r"iteration == MAX_ITERATIONS\) \{\s*return MATRIX_NOT_CONVERGED", (library / "eigen.c").read_text()
     )
 
 

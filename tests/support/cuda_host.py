@@ -14,8 +14,8 @@ from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
 from stiffgen.symbolic.potentials import SpringOptions
 from support.c_program import STRICT
+from support.controller_library import compile_c
 from support.project import require_compiler
-from support.runtime import compile_c
 
 NOTHING = -77.0
 """Value of the result's entries before the call."""

@@ -11,14 +11,6 @@ from typing import Any
 
 from stiffgen._version import __version__
 from stiffgen.emit.c import VariantCode, print_kernels
-from stiffgen.emit.controller import (
-    BOUNDED_KERNELS,
-    CONTROLLER_KERNELS,
-    LOOP_KERNELS,
-    ControllerPage,
-    controller_page,
-    has_controller,
-)
 from stiffgen.emit.pages import (
     KernelGroup,
     KernelPage,
@@ -35,8 +27,11 @@ from stiffgen.lower.variant import BATCH, SINGLE, Variant
 from stiffgen.names import comment
 from stiffgen.options import GenerationOptions
 from stiffgen.robot.chain import Chain
+from stiffgen.rooms import optional
 from stiffgen.symbolic.potentials import SpringOptions
 
+_CONTROLLER = optional("controller.page")
+"""Tables of the controller, which may have been taken out."""
 SOURCES = "@digest of the C sources@"
 """Text in a template's result that the renderer replaces by the digest of all C sources."""
 
@@ -64,16 +59,18 @@ class Request:
     @property
     def has_controller(self) -> bool:
         """Whether the folder has an impedance controller."""
-        return self.options.controller and has_controller(self.chain, self.scalar)
+        return (
+            _CONTROLLER is not None
+            and self.options.controller
+            and bool(_CONTROLLER.has_controller(self.chain, self.scalar))
+        )
 
     @cached_property
     def springs(self) -> SpringOptions:
         """Springs and groups of functions; the controller's functions are among the groups where it is there."""
         springs, groups = self.options.springs or SpringOptions(), self.options.groups
-        if groups and self.has_controller:
-            bounded = BOUNDED_KERNELS if "bounded" in springs.kinds else ()
-            loops = LOOP_KERNELS if self.chain.loops else ()
-            groups = tuple(dict.fromkeys((*groups, *CONTROLLER_KERNELS, *bounded, *loops)))
+        if groups and _CONTROLLER and self.has_controller:
+            groups = tuple(dict.fromkeys((*groups, *_CONTROLLER.called_kernels(self.chain, springs.kinds))))
         return replace(springs, groups=groups, batches=self.options.batches)
 
     @property
@@ -134,13 +131,13 @@ class Request:
         return self.options.python and bool(self.wrapped)
 
     @cached_property
-    def controller(self) -> ControllerPage | None:
+    def controller(self) -> object | None:
         """Tables of the impedance controller; None without one."""
-        if not self.has_controller:
+        if not _CONTROLLER or not self.has_controller:
             return None
-        return controller_page(
-            self.name, self.chain, self.scalar, self.springs.placement, bounded="bounded" in self.springs.kinds
-        )
+        placement, bounded = self.springs.placement, "bounded" in self.springs.kinds
+        page: object = _CONTROLLER.controller_page(self.name, self.chain, self.scalar, placement, bounded=bounded)
+        return page
 
     @cached_property
     def banner(self) -> str:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The registry of backends: a new one is a folder and a line here."""
+"""The registry of backends: a new one is a folder and a line here. The controller's may have been taken out."""
 
 from __future__ import annotations
 
@@ -11,6 +11,9 @@ from stiffgen.emit.jax.backend import JAX
 from stiffgen.emit.package.backend import PACKAGE
 from stiffgen.emit.python.backend import PYTHON
 from stiffgen.emit.torch.backend import TORCH
+from stiffgen.rooms import optional
+
+_CONTROLLER = optional("controller.backend")
 
 BACKENDS = (
     C,
@@ -21,5 +24,6 @@ BACKENDS = (
     CASADI,
     JAX,
     TORCH,
+    *((_CONTROLLER.CONTROLLER,) if _CONTROLLER else ()),
 )
 """Backends in the order in which their files stand in the manifest."""

@@ -10,8 +10,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from stiffgen.emit.controller import has_controller
-from stiffgen.emit.presets import Preset, motor_tables
 from stiffgen.errors import ChainError, OutputError, StiffgenError, printable
 from stiffgen.folder import swapped_in
 from stiffgen.generate import generate_folder
@@ -24,7 +22,9 @@ from stiffgen.rendering import environment
 from stiffgen.robot.chain import Chain, Coordinate
 from stiffgen.robot.description import Description, Reading
 from stiffgen.robot.plausibility import doubts
+from stiffgen.robot.presets import Preset, motor_tables
 from stiffgen.robot.survey import missing_limits
+from stiffgen.rooms import optional
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.springs import spring
 
@@ -150,7 +150,11 @@ def _check(chain: Chain, answers: Answers) -> None:
             f"{chain.source}: the base floats, and projects need a fixed base; "
             "choose a --base above which nothing moves, or use 'stiffgen generate'"
         )
-    if answers.controller in GENERATED and not has_controller(chain):
+    controller = optional("controller.page")
+    needs_controller = answers.controller in GENERATED
+    if needs_controller and controller is None:
+        raise StiffgenError("this stiffgen has no impedance controller; choose --controller spring")
+    if needs_controller and controller and not controller.has_controller(chain):
         raise StiffgenError(
             f"{chain.source}: the impedance controller takes at most 40 coordinates, and this robot has {chain.dof}; "
             "choose --controller spring"

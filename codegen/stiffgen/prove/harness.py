@@ -7,12 +7,11 @@ import re
 from collections.abc import Callable, Sequence
 from math import prod
 
-from stiffgen.emit.fields import CONFIG
-from stiffgen.emit.memory_fields import RANGES
 from stiffgen.errors import OutputError
 from stiffgen.lower.graph import LIBM, LIBM_OF_TWO
 from stiffgen.opened import GeneratedRobot
 from stiffgen.rendering import environment
+from stiffgen.rooms import optional
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import Kernel
 
@@ -73,13 +72,16 @@ def contracts(robot: GeneratedRobot, kernels: Sequence[Kernel]) -> str:
 
 def controller(robot: GeneratedRobot, entries: Sequence[str], *, by_contract: bool) -> str:
     """Return the controller for Frama-C; ``by_contract``: a contract replaces validate."""
+    fields, memory = optional("controller.fields"), optional("controller.memory_fields")
+    if fields is None or memory is None:
+        raise OutputError(f"{robot.folder}: this stiffgen has no tables of the controller; prove other parts (--part)")
     return _render(
         robot,
         "controller.c.j2",
         entries=entries,
         by_contract=by_contract,
-        integers=[field for field in CONFIG if field.type == "int"],
-        invariant=RANGES,
+        integers=[field for field in fields.CONFIG if field.type == "int"],
+        invariant=memory.RANGES,
         states=STATES,
     )
 

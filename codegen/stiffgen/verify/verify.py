@@ -17,11 +17,11 @@ from stiffgen.folder import temporary_folder
 from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.robot.chain import Chain
 from stiffgen.robot.geometry import FloatArray
+from stiffgen.rooms import optional
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.verify.batches import LONG, check_c_batches, check_stacks
 from stiffgen.verify.bounds import check_bounds
 from stiffgen.verify.certified import check_certified_bounds
-from stiffgen.verify.controller import check_controller
 from stiffgen.verify.derivatives import check_derivatives
 from stiffgen.verify.files import (
     check_files,
@@ -40,7 +40,6 @@ from stiffgen.verify.not_finite import check_not_finite
 from stiffgen.verify.oracles import check_oracles, check_robot
 from stiffgen.verify.result import Check, Kernels, left_out, one_by_one
 from stiffgen.verify.samples import Samples, argument_samples, with_other_lower_triangles
-from stiffgen.verify.sessions import check_sessions
 from stiffgen.verify.widths import build_widths
 
 Comparison = Callable[[], list[Check]]
@@ -130,9 +129,13 @@ def _steps(
         ("stacks of every length", lambda: check_stacks(kernels, single, table, chain, pool)),
         ("certified bounds", lambda: _check_rounding((single, kernels), robot, texts()[MANIFEST], pool)),
         ("NaN and infinity", lambda: check_not_finite(kernels, table, pool, robot.scalar)),
-        ("stepping the controller", lambda: check_controller(robot, seed)),
-        ("hostile sessions", lambda: check_sessions(robot, texts(), seed, build / "sessions")),
     ]
+    controller = optional("controller.sessions")
+    if controller is not None:
+        steps += [
+            ("stepping the controller", lambda: controller.check_controller(robot, seed)),
+            ("hostile sessions", lambda: controller.check_sessions(robot, texts(), seed, build / "sessions")),
+        ]
     if chain.loops:
         projected = min(count, 50)
         steps.append(

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.emit.controller import has_controller
+from stiffgen.controller.page import has_controller
 from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.verify.samples import Samples

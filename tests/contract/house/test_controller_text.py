@@ -7,11 +7,11 @@ import re
 
 import pytest
 
-from stiffgen.emit.memory_fields import MEMORY
-from stiffgen.emit.status_words import REASONS, STATUS
+from stiffgen.controller.memory_fields import MEMORY
+from stiffgen.controller.status_words import REASONS, STATUS
 from support.project import ROOT
 
-RUNTIME = sorted((ROOT / "codegen" / "stiffgen" / "runtime").glob("*.c"))
+LIBRARY = sorted((ROOT / "codegen" / "stiffgen" / "controller" / "library").glob("*.c"))
 GOLDEN = ROOT / "generated" / "iiwa14"
 
 
@@ -43,7 +43,7 @@ def test_every_field_of_the_memory_has_a_comment() -> None:
 def test_small_and_large_numbers_have_a_name(number: str) -> None:
     """Each stands in one definition, with its reason. Before: 1e-9 in 22 places, 1000000 in 8."""
     bare = rf"(?<![\w.]){re.escape(number)}(?![\w.])"
-    for file in RUNTIME:
+    for file in LIBRARY:
         for line in without_comments(file.read_text()).splitlines():
             defined = line.startswith(("static const double", "enum {"))
             written = file.name == "text.c"  # digits of a number that is written out
@@ -51,6 +51,6 @@ def test_small_and_large_numbers_have_a_name(number: str) -> None:
 
 
 def test_no_fault_is_put_back_and_no_mode_assigned_twice() -> None:
-    text = without_comments("".join(file.read_text() for file in RUNTIME))
+    text = without_comments("".join(file.read_text() for file in LIBRARY))
     assert len(re.findall(r"out->mode = ", text)) == 1
     assert not re.search(r"m->fault = fault;", text)

@@ -24,6 +24,7 @@ LAYERS = (
     ("opened",),
     ("cache",),
     ("verify",),
+    ("controller",),
     ("bench",),
     ("cli",),
     ("prove",),

@@ -16,16 +16,16 @@ import pytest
 
 import stiffgen
 from campaigns.mutations import Mutant, Workshop, changed_defaults, count_survivors, mutants
-from stiffgen.emit.fields import CONFIG, Field
-from stiffgen.emit.signals import INPUT
+from stiffgen.controller.fields import CONFIG, Field
+from stiffgen.controller.sessions import sessions
+from stiffgen.controller.sessions.library import CAREFUL, ControllerLibrary, set_field
+from stiffgen.controller.sessions.rules import check_rules
+from stiffgen.controller.sessions.sessions import SESSIONS
+from stiffgen.controller.signals import INPUT
 from stiffgen.opened import open_robot
-from stiffgen.verify import sessions
-from stiffgen.verify.controller_library import CAREFUL, ControllerLibrary, set_field
-from stiffgen.verify.controller_rules import check_rules
 from stiffgen.verify.forked import confined
-from stiffgen.verify.sessions import SESSIONS
+from support.controller_library import compile_c
 from support.project import ROOT
-from support.runtime import compile_c
 
 FOLDER = ROOT / "generated" / "iiwa14"
 

@@ -13,10 +13,10 @@ import pytest
 
 import stiffgen
 from stiffgen.cli import main
-from stiffgen.emit.presets import motor_tables
 from stiffgen.errors import DescriptionError, MissingExtraError, StiffgenError
 from stiffgen.loading import chain_between, describe
 from stiffgen.robot.chain import ChainOptions
+from stiffgen.robot.presets import motor_tables
 from support.chain_checks import disagreements
 from support.mujoco_oracle import MujocoChain
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Describe the C library: single calls in NAME.c, batches in NAME_batch.c, the header, and the controller."""
+"""Describe the C library: single calls in NAME.c, batches in NAME_batch.c, and the header."""
 
 from __future__ import annotations
 
@@ -131,8 +131,6 @@ def _files(request: Request) -> dict[str, str]:
         files[f"{name}_dispatch.c"] = "dispatch.c.j2"
     if request.batch.kernels:
         files[f"{name}_batch.c"] = "batch.c.j2"
-    if request.controller:
-        files |= {f"{name}_impedance.h": "impedance.h.j2", f"{name}_impedance.c": "impedance.c.j2"}
     return files
 
 

@@ -130,8 +130,6 @@ def _files(request: Request) -> dict[str, str]:
         "pyproject.toml": "pyproject.toml.j2",
         f"python/{request.name}_python.c": "python.c.j2",
     }
-    if request.controller:
-        files |= {"python/impedance.py": "impedance.py.j2", "python/impedance.pyi": "impedance.pyi.j2"}
     if request.has_wrappers:
         files["python/_functions.py"] = "functions.py.j2"
     else:

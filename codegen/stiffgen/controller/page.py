@@ -5,20 +5,21 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from stiffgen.emit.fields import CONFIG, MAX_DOF, Field
-from stiffgen.emit.memory_fields import MEMORY, RANGES
-from stiffgen.emit.policy_fields import PARTS, POLICY, PROPOSAL, REFUSED, STAGES
-from stiffgen.emit.presets import motor_tables
-from stiffgen.emit.signals import INPUT, OUTPUT
-from stiffgen.emit.status_words import ERRORS, FAULTS, MODES, REASONS, SEEN, STATUS
+from stiffgen.controller.fields import CONFIG, MAX_DOF, Field
+from stiffgen.controller.memory_fields import MEMORY, RANGES
+from stiffgen.controller.policy_fields import PARTS, POLICY, PROPOSAL, REFUSED, STAGES
+from stiffgen.controller.signals import INPUT, OUTPUT
+from stiffgen.controller.status_words import ERRORS, FAULTS, MODES, REASONS, SEEN, STATUS
 from stiffgen.lower.scalar import DOUBLE, Scalar
 from stiffgen.robot.chain import Chain
+from stiffgen.robot.presets import motor_tables
 from stiffgen.symbolic.springs import Placement
 
-RUNTIME = Path(__file__).parent.parent / "runtime"
+LIBRARY = Path(__file__).parent / "library"
 """Folder of the C library that every NAME_impedance.c contains."""
 INTERFACE = "impedance.h"
 _PARTS = (
@@ -58,6 +59,12 @@ _FIRST_FIELD_ERROR = -20
 def has_controller(chain: Chain, scalar: Scalar = DOUBLE) -> bool:
     """Return whether a robot can have the controller: masses, a fixed base, at most MAX_DOF coordinates, doubles."""
     return scalar == DOUBLE and chain.masses and not chain.floating and len(chain.motor_coordinates) <= MAX_DOF
+
+
+def called_kernels(chain: Chain, springs: Sequence[str]) -> tuple[str, ...]:
+    """Return the functions that the controller of a robot with these kinds of springs calls."""
+    bounded = BOUNDED_KERNELS if "bounded" in springs else ()
+    return (*CONTROLLER_KERNELS, *bounded, *(LOOP_KERNELS if chain.loops else ()))
 
 
 @dataclass(frozen=True)
@@ -192,7 +199,7 @@ def controller_page(
 
 def _interface() -> str:
     """Return types and constants of the library's header."""
-    text = (RUNTIME / INTERFACE).read_text(encoding="utf-8")
+    text = (LIBRARY / INTERFACE).read_text(encoding="utf-8")
     note, _, rest = text.partition("#ifndef IMPEDANCE_H")
     body = rest.partition("#include <string.h>\n")[2].partition("/* ---- functions, by file ---- */")[0]
     return note + body.strip("\n") + "\n"
@@ -205,7 +212,7 @@ def _whole_names(text: str, prefix: str) -> str:
 
 def _library() -> str:
     """Return the library's functions in the order of SOURCES, all static."""
-    texts = [(RUNTIME / source).read_text(encoding="utf-8") for source in SOURCES]
+    texts = [(LIBRARY / source).read_text(encoding="utf-8") for source in SOURCES]
     bare = [text.replace(f'#include "{INTERFACE}"\n', "") for text in texts]
     return re.sub(r"^(?=(?!static\b)(?:const )?\w+ \*?\w+\()", "static ", "\n".join(bare), flags=re.MULTILINE)
 

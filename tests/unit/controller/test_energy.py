@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stiffgen.verify.controller import energy
+from stiffgen.controller.sessions.check import energy
 from support.controller_inputs import KO, KT, SPRING, Arm, Q, hostile, walk
 
 

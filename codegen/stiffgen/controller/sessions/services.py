@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from stiffgen.emit.fields import CONFIG
+from stiffgen.controller.fields import CONFIG
+from stiffgen.controller.sessions.library import ControllerLibrary, fill, is_same, set_field
+from stiffgen.controller.sessions.policy_streams import compare_policy
 from stiffgen.robot.chain import Chain
 from stiffgen.robot.geometry import FloatArray
-from stiffgen.verify.controller_library import ControllerLibrary, fill, is_same, set_field
-from stiffgen.verify.policy_streams import compare_policy
 
 
 def compare_services(reference: ControllerLibrary, library: ControllerLibrary, chain: Chain) -> list[str]:

@@ -15,16 +15,16 @@ import pytest
 
 import stiffgen
 from stiffgen import open_robot
-from stiffgen.emit.fields import CONFIG
-from stiffgen.emit.signals import INPUT, OUTPUT
-from stiffgen.emit.status_words import FAULTS, REASONS, STATUS
+from stiffgen.controller.fields import CONFIG
+from stiffgen.controller.sessions.check import check_controller, elastic_torque, joint_hessian, modal_damping
+from stiffgen.controller.sessions.check import wrench as spring_wrench
+from stiffgen.controller.signals import INPUT, OUTPUT
+from stiffgen.controller.status_words import FAULTS, REASONS, STATUS
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.springs import Placement
-from stiffgen.verify.controller import check_controller, elastic_torque, joint_hessian, modal_damping
-from stiffgen.verify.controller import wrench as spring_wrench
 from support.controller_inputs import KO, KT, SPRING, TASK_STIFFNESS, Arm, Q, hostile, walk
+from support.controller_library import WARNINGS, compile_c
 from support.project import ROOT, Once
-from support.runtime import WARNINGS, compile_c
 
 STILL = {"dq": np.zeros(7), "q0": Q, **SPRING}
 SLOW = {"tip_velocity_limit": 0.5, "tip_rotation_limit": 1.5}

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from stiffgen.emit.fields import CONFIG, Field
-from stiffgen.emit.presets import motor_tables
+from stiffgen.controller.fields import CONFIG, Field
+from stiffgen.controller.sessions.library import ControllerLibrary
 from stiffgen.robot.chain import Chain
 from stiffgen.robot.geometry import FloatArray
-from stiffgen.verify.controller_library import ControllerLibrary
+from stiffgen.robot.presets import motor_tables
 from stiffgen.verify.result import Check, faultless
 
 _FIRST_FIELD_ERROR = -20

@@ -2,8 +2,8 @@
 """Run sessions of a folder's controller beside the installed generator's; results must be equal in bits.
 
 The reference is compiled on the spot from what this generator prints for the chain in the manifest. A simple arm
-follows the reference's torque. Most sessions are hostile (:mod:`~stiffgen.verify.hostile_session`); the others command
-poses near and out of reach (:mod:`~stiffgen.verify.seeking_session`).
+follows the reference's torque. Most sessions are hostile (:mod:`~stiffgen.controller.sessions.hostile`); the others
+command poses near and out of reach (:mod:`~stiffgen.controller.sessions.seeking`).
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ from pathlib import Path
 
 import numpy as np
 
+from stiffgen.controller.sessions.hostile import HostileSession
+from stiffgen.controller.sessions.library import ControllerLibrary, build_controller
+from stiffgen.controller.sessions.rules import check_rules
+from stiffgen.controller.sessions.seeking import SeekingSession
+from stiffgen.controller.sessions.services import compare_services
 from stiffgen.errors import BuildError
 from stiffgen.opened import GeneratedRobot
 from stiffgen.robot.chain import Chain
-from stiffgen.verify.controller_library import ControllerLibrary, build_controller
-from stiffgen.verify.controller_rules import check_rules
 from stiffgen.verify.forked import confined
-from stiffgen.verify.hostile_session import HostileSession
 from stiffgen.verify.result import Check, faultless, left_out
-from stiffgen.verify.seeking_session import SeekingSession
-from stiffgen.verify.services import compare_services
 
 SESSIONS: tuple[type[HostileSession], ...] = (*[HostileSession] * 90, *[SeekingSession] * 8)
 """Kinds of the sessions, in their order."""

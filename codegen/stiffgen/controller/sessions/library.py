@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from stiffgen.controller.fields import CONFIG, Field
+from stiffgen.controller.policy_fields import POLICY, PROPOSAL
+from stiffgen.controller.signals import INPUT, OUTPUT
 from stiffgen.emit.build import build_library
-from stiffgen.emit.fields import CONFIG, Field
-from stiffgen.emit.policy_fields import POLICY, PROPOSAL
-from stiffgen.emit.signals import INPUT, OUTPUT
 from stiffgen.errors import BuildError
 from stiffgen.robot.chain import Chain
 from stiffgen.robot.geometry import FloatArray

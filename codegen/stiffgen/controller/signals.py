@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from stiffgen.emit.fields import NN, POSE, SCALAR, SPRING, TASK, WRENCH, Field, N, choice_field
+from stiffgen.controller.fields import NN, POSE, SCALAR, SPRING, TASK, WRENCH, Field, N, choice_field
 
 INPUT: tuple[Field, ...] = (
     Field(

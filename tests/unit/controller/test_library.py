@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stiffgen.emit.controller import RUNTIME, SOURCES
+from stiffgen.controller.page import LIBRARY, SOURCES
+from support.controller_library import LIBRARY_FLAGS, STUB, compile_library
 from support.plant.loop import fill, struct
 from support.project import ROOT, require_compiler
-from support.runtime import LIBRARY_FLAGS, STUB, compile_library
 
 HEADER = ROOT / "generated" / "iiwa14" / "iiwa14_impedance.h"
 POSITION = 1
@@ -65,7 +65,7 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> Library:
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
 def test_every_file_compiles_by_itself(compiler: str, tmp_path: Path) -> None:
     require_compiler(compiler)
-    for source in (STUB / "robot.c", *(RUNTIME / each for each in SOURCES)):
+    for source in (STUB / "robot.c", *(LIBRARY / each for each in SOURCES)):
         command = [compiler, *LIBRARY_FLAGS, "-O2", "-c", str(source), "-o", str(tmp_path / "x.o")]
         subprocess.run(command, check=True)
 
@@ -76,11 +76,11 @@ def test_editors_open_every_file(tool: str) -> None:
     """No diagnostics with the flags of compile_flags.txt, which both tools read."""
     if shutil.which(tool) is None:
         pytest.skip(f"{tool} is not installed")
-    assert {path.name for path in RUNTIME.glob("*.c")} == set(SOURCES)
+    assert {path.name for path in LIBRARY.glob("*.c")} == set(SOURCES)
     for source in SOURCES:
         command = ["clang-tidy", "--quiet", "--warnings-as-errors=*", source] if tool == "clang-tidy" else []
         command = command or ["clangd", f"--check={source}", "--log=error"]
-        done = subprocess.run(command, cwd=RUNTIME, capture_output=True, text=True, check=False)
+        done = subprocess.run(command, cwd=LIBRARY, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stdout + done.stderr
 
 
@@ -88,7 +88,7 @@ def test_generated_controller_contains_the_library() -> None:
     """Every function of the library is in NAME_impedance.c, static, and in the order of SOURCES."""
     generated = HEADER.with_suffix(".c").read_text()
     pattern = re.compile(r"^(?:static )?(?:const )?\w+ \*?(\w+)\([^;{]*\)\n\{", re.MULTILINE)
-    names = [name for source in SOURCES for name in pattern.findall((RUNTIME / source).read_text())]
+    names = [name for source in SOURCES for name in pattern.findall((LIBRARY / source).read_text())]
     found = [name for name in pattern.findall(generated) if name in names]
     assert found == names
     assert len(names) == len(set(names))
@@ -99,7 +99,7 @@ def test_generated_controller_contains_the_library() -> None:
 def test_functions_fit_on_a_page() -> None:
     """No function is longer than 60 lines, no file than 500, and no conditional is nested in another."""
     for source in SOURCES:
-        text = (RUNTIME / source).read_text()
+        text = (LIBRARY / source).read_text()
         assert text.count("\n") <= 500
         for function in re.findall(r"^\w[^;{}#]*\)\n\{\n.*?^\}", text, re.MULTILINE | re.DOTALL):
             assert function.count("\n") <= 60, function.splitlines()[0]

@@ -8,8 +8,8 @@ import math
 
 import numpy as np
 
+from stiffgen.controller.sessions.library import ControllerLibrary, fill
 from stiffgen.robot.geometry import FloatArray
-from stiffgen.verify.controller_library import ControllerLibrary, fill
 
 _SETTINGS = ("hold_time", "fade_time", "stale_share", "longest_interval", "clock_tolerance")
 _BAD = (math.nan, math.inf, -math.inf, -1.0, 20.0)

@@ -7,8 +7,8 @@ made from this table. Doubles come first, so that no padding lies between the fi
 
 from __future__ import annotations
 
-from stiffgen.emit.fields import POSE, SCALAR, SPRING, WRENCH, Extent, Field, N
-from stiffgen.emit.status_words import FAULTS, REASONS
+from stiffgen.controller.fields import POSE, SCALAR, SPRING, WRENCH, Extent, Field, N
+from stiffgen.controller.status_words import FAULTS, REASONS
 
 _MOST = 1_000_000
 """Bound of counters that only tell how long something lasts."""

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from stiffgen.controller.sessions.hostile import HostileSession, finite
+from stiffgen.controller.sessions.library import fill
 from stiffgen.robot.geometry import FloatArray
-from stiffgen.verify.controller_library import fill
-from stiffgen.verify.hostile_session import HostileSession, finite
 
 
 class SeekingSession(HostileSession):

@@ -11,7 +11,7 @@ import pytest
 import scipy.linalg
 
 from support.controller_inputs import SPRING, Q
-from support.runtime import Matrices, pencils, residual, symmetric
+from support.controller_library import Matrices, pencils, residual, symmetric
 
 
 @pytest.fixture(scope="module")

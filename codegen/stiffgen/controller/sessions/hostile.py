@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from stiffgen.emit.fields import CONFIG, Field
+from stiffgen.controller.fields import CONFIG, Field
+from stiffgen.controller.sessions.library import ControllerLibrary, fill, is_same, set_field
 from stiffgen.robot.chain import Chain
 from stiffgen.robot.geometry import FloatArray
-from stiffgen.verify.controller_library import ControllerLibrary, fill, is_same, set_field
 
 _FAVOURED = (
     "lower_limit", "upper_limit", "limit_zone", "limit_stiffness", "velocity_limit", "missed_limit",

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from support.runtime import Matrices, pencils, residual, symmetric
+from support.controller_library import Matrices, pencils, residual, symmetric
 
 
 @pytest.fixture(scope="module")
@@ -138,7 +138,7 @@ def test_semidefinite(matrices: Matrices) -> None:
 
 def test_the_files_stand_alone() -> None:
     """No name of the generator in what robots get, but for the adapter's prefix, which no robot's name has."""
-    from stiffgen.emit.controller import RUNTIME
+    from stiffgen.controller.page import LIBRARY
 
-    for path in Path(RUNTIME).glob("*.[ch]"):
+    for path in Path(LIBRARY).glob("*.[ch]"):
         assert "stiffgen" not in re.sub(r"\bstiffgen_\w+\(", "", path.read_text()).lower()

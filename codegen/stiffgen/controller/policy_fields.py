@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from stiffgen.emit.fields import POSE, SPRING, TASK, WRENCH, Field
+from stiffgen.controller.fields import POSE, SPRING, TASK, WRENCH, Field
 
 _PARTS = (4,)
 

@@ -2,7 +2,7 @@
 """Table of the controller's configuration: the only list of its fields; signals.py and status_words.py have the others.
 
 C structs and enumerations, error codes and texts, the check of every configuration field, documentation and the
-layout that Python reads are made from these tables. The C in ``runtime/`` uses the fields.
+layout that Python reads are made from these tables. The C in ``library/`` uses the fields.
 """
 
 from __future__ import annotations

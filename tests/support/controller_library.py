@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.ctypeslib import ndpointer
 
-from stiffgen.emit.controller import RUNTIME, SOURCES
+from stiffgen.controller.page import LIBRARY, SOURCES
 from support.project import ROOT
 
 WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror")
@@ -41,17 +41,17 @@ def compile_c(output: Path, *arguments: str | Path, compiler: str = "cc") -> Pat
 
 
 STUB = ROOT / "tests" / "support" / "stub_robot"
-LIBRARY_FLAGS = ("-std=c99", *WARNINGS, f"-I{RUNTIME}", f"-I{STUB}", f"-I{ROOT / 'generated' / 'iiwa14'}")
+LIBRARY_FLAGS = ("-std=c99", *WARNINGS, f"-I{LIBRARY}", f"-I{STUB}", f"-I{ROOT / 'generated' / 'iiwa14'}")
 
 
 def compile_library(output: Path, *arguments: str | Path, compiler: str = "cc") -> Path:
     """Compile the controller's library with its stub robot into a shared library, every function visible."""
-    sources = (STUB / "robot.c", *(RUNTIME / source for source in SOURCES))
+    sources = (STUB / "robot.c", *(LIBRARY / source for source in SOURCES))
     return compile_c(output, *LIBRARY_FLAGS, "-O2", "-shared", "-fPIC", *arguments, *sources, "-lm", compiler=compiler)
 
 
 class Matrices:
-    """Functions of runtime/matrix.c, eigen.c and modes.c on NumPy arrays, for up to MAX_ROWS rows."""
+    """Functions of library/matrix.c, eigen.c and modes.c on NumPy arrays, for up to MAX_ROWS rows."""
 
     def __init__(self, folder: Path) -> None:
         path = compile_library(folder / "matrix.so", f"-DSTUB_ROWS={MAX_ROWS}")

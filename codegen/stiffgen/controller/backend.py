@@ -1,0 +1,21 @@
+# SPDX-License-Identifier: MIT
+"""Describe the controller's files: the C library with the robot's kernels in it, and the Python class around it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from stiffgen.emit.backend import Backend, Request
+
+
+def _files(request: Request) -> dict[str, str]:
+    if not request.controller:
+        return {}
+    name = request.name
+    files = {f"{name}_impedance.h": "impedance.h.j2", f"{name}_impedance.c": "impedance.c.j2"}
+    if request.options.python:
+        files |= {"python/impedance.py": "impedance.py.j2", "python/impedance.pyi": "impedance.pyi.j2"}
+    return files
+
+
+CONTROLLER = Backend(Path(__file__).parent, _files)
