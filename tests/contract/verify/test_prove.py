@@ -109,6 +109,15 @@ def test_the_bits_of_every_shape_are_proved(shapes: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("provers")
+def test_the_controller_is_proved() -> None:
+    """For all inputs and states that a call can leave, by Eva: the whole controller of the committed folder."""
+    verdicts = prove(FOLDER, parts=("services", "step"))
+    assert_proved(verdicts)
+    assert {"iiwa14_impedance_step", "iiwa14_impedance_validate", "check_invariant"} < {v.function for v in verdicts}
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("provers")
 def test_a_width_runs_clean(monkeypatch: pytest.MonkeyPatch, shapes: Path) -> None:
     monkeypatch.setattr(widths, "WIDTHS", widths.WIDTHS[1:2])
     assert_proved(prove(shapes, parts=("widths",)))

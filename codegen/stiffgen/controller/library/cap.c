@@ -33,6 +33,7 @@ static int measure_mobilities(const config_t *c, const memory_t *m, const double
                               double *work, double *mobilities)
 {
     double *const M = work, *const L = work + NN, J[6 * N * TIPS], pose[16 * TIPS];
+    memset(mobilities, 0, 18 * TIPS * sizeof(double));
     compute_inertia(c, m, q, M);
     const double mass = largest_diagonal(N, M);
     if (factorise_cholesky(N, M, mass, 0.0, L) != 0) {
@@ -40,7 +41,6 @@ static int measure_mobilities(const config_t *c, const memory_t *m, const double
     }
     stiffgen_jacobians(q, m, J);
     stiffgen_poses(q, m, pose);
-    memset(mobilities, 0, 18 * TIPS * sizeof(double));
     for (int t = 0; t < TIPS; ++t) {
         const double *const P = pose + 16 * t, *const E = equilibrium != NULL ? equilibrium + 16 * t : P;
         const double *const G = stiffgen_centre();

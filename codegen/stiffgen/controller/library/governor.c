@@ -147,7 +147,7 @@ static int approach_posture(step_t *s, const double *here, double lead, int arri
         /* begin again from where the arm is */
         memcpy(m->trial, m->q, sizeof m->trial);
         m->beyond = m->detour = moving = 1;
-        m->restarts += 1;
+        m->restarts = clamp_count(m->restarts + 1, RESTARTS);
     } else if (distance <= REACHED) {
         m->beyond = 0;
     }
@@ -229,29 +229,46 @@ static double find_pace(const step_t *s, double lead)
     return m->beyond ? zone : smaller(zone, 2.0 - lead / PATH_LEAD);
 }
 
+/* Update the velocities towards a commanded pose. Return whether posture or equilibrium is still away from its goal. */
+static int follow_pose(step_t *s)
+{
+    memory_t *const m = s->m;
+    double here[16 * TIPS];
+    stiffgen_poses(m->posture, m, here);
+    const double streamed = s->commanded ? pose_distance(m->wanted_equilibrium, s->goal) : 0.0;
+    if (streamed > SAME_POSE) {
+        /* beyond the reach, the posture goes on towards the poses of a stream: waiting for each, it would stop */
+        const int far = m->beyond && !m->detour && pose_distance(here, s->goal) > PATH_LEAD;
+        forget_search(m);
+        m->beyond = far && streamed <= PATH_LEAD;
+    }
+    const double lead = pose_distance(here, m->equilibrium), pace = find_pace(s, lead);
+    const int arrived = m->beyond ? approach_poses(s, here, NULL, pace)
+                                  : approach_poses(s, s->goal, m->wanted_equilibrium, pace);
+    return approach_posture(s, here, lead, arrived) || !arrived;
+}
+
+/* After commands by pose, let the equilibrium join the posture's pose. Return whether it is still away from it. */
+static int join_posture(step_t *s)
+{
+    memory_t *const m = s->m;
+    double here[16 * TIPS];
+    stiffgen_poses(m->posture, m, here);
+    const int arrived = approach_poses(s, here, NULL, 1.0);
+    m->joined = s->commanded && arrived;
+    return !arrived;
+}
+
 /* Update the velocities of posture and equilibrium. Return whether either is still away from its goal. */
 static int update_velocities(step_t *s, int by_posture)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
-    double away[MAX_ROWS], moved[MAX_ROWS], here[16 * TIPS];
+    double away[MAX_ROWS], moved[MAX_ROWS];
     int moving = 0;
     const int joining = s->input->command == ID(COMMAND_POSITION) && !by_posture;
-    if (!by_posture) {
-        stiffgen_poses(m->posture, m, here);
-    }
     if (!by_posture && !joining) {
-        const double streamed = s->commanded ? pose_distance(m->wanted_equilibrium, s->goal) : 0.0;
-        if (streamed > SAME_POSE) {
-            /* beyond the reach, the posture goes on towards the poses of a stream: waiting for each, it would stop */
-            const int far = m->beyond && !m->detour && pose_distance(here, s->goal) > PATH_LEAD;
-            forget_search(m);
-            m->beyond = far && streamed <= PATH_LEAD;
-        }
-        const double lead = pose_distance(here, m->equilibrium), pace = find_pace(s, lead);
-        const int arrived = m->beyond ? approach_poses(s, here, NULL, pace)
-                                      : approach_poses(s, s->goal, m->wanted_equilibrium, pace);
-        return approach_posture(s, here, lead, arrived) || !arrived;
+        return follow_pose(s);
     }
     for (int i = 0; i < N; ++i) {
         away[i] = s->commanded && !joining ? s->input->q0[i] - m->posture[i] : 0.0;
@@ -259,13 +276,7 @@ static int update_velocities(step_t *s, int by_posture)
         moving |= away[i] != 0.0;
     }
     approach_goal(c, c->ramp_time, N, 1, away, moved, c->reference_velocity_limit, m->posture_velocity);
-    if (!by_posture) {
-        /* after commands by pose the equilibrium first joins the posture's pose */
-        const int arrived = approach_poses(s, here, NULL, 1.0);
-        m->joined = s->commanded && arrived;
-        moving |= !arrived;
-    }
-    return moving;
+    return joining ? join_posture(s) || moving : moving;
 }
 
 /*
@@ -297,18 +308,18 @@ static void pay_for_travel(step_t *s)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
-    const double *const q0 = s->input->q0, *pose = s->goal;
+    const double *const q0 = s->input->q0;
     const int by_pose = s->input->command == ID(COMMAND_EQUILIBRIUM);
-    double there[16 * TIPS];
+    double pose[16 * TIPS];
     if (!s->commanded) {
         return;
     }
     if (by_pose && !m->by_pose) {
         stiffgen_poses(m->wanted_posture, m, m->wanted_equilibrium);
     }
+    memcpy(pose, s->goal, sizeof pose);
     if (!by_pose && (m->by_pose || !m->joined)) {
-        stiffgen_poses(q0, m, there);
-        pose = there;
+        stiffgen_poses(q0, m, pose);
     }
     const double *const moved_pose = by_pose || m->by_pose ? pose : NULL;
     const double *const away_pose = by_pose || !m->joined ? pose : NULL;
