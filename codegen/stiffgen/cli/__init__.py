@@ -2,7 +2,7 @@
 """The command line ``stiffgen``: its commands, its exit codes, signals and closed streams.
 
 Exit code 0: done; 1: a check failed, or a recording has no usable row; 2: refused input or usage, or unwritable
-output. A refusal is one message on standard error.
+output; 3: ``prove`` leaves a claim undecided. A refusal is one message on standard error.
 """
 
 from __future__ import annotations

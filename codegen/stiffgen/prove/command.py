@@ -10,7 +10,7 @@ from typing import get_args
 from stiffgen.cli.arguments import add_folder
 from stiffgen.cli.console import Progress, messages, table, tables
 from stiffgen.prove.run import PARTS, prove
-from stiffgen.prove.verdict import Outcome
+from stiffgen.prove.verdict import EXIT_CODES, Outcome, worst_outcome
 
 
 def add(command: argparse.ArgumentParser) -> None:
@@ -28,7 +28,7 @@ def add(command: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the provers on a folder; return 1 if a claim is refuted."""
+    """Run the provers on a folder; return 1 if a claim is refuted, else 3 if one is not proved."""
     with Progress(messages(wide=False)).shown() as progress:
         verdicts = prove(
             options.folder,
@@ -49,4 +49,4 @@ def run(options: argparse.Namespace) -> int:
     print(", ".join(f"{count} {outcome}" for outcome, count in tally.items()))
     if options.json is not None:
         print(options.json)
-    return 1 if tally["FAILED"] else 0
+    return EXIT_CODES[worst_outcome(verdicts)]

@@ -44,11 +44,11 @@ def check(
     ]
     result = run(command, source.parent, timeout)
     if result.timed_out:
-        return "unproved", result.seconds, f"no answer within {timeout:.0f} s"
+        return "no answer", result.seconds, f"none within {timeout:.0f} s"
     if "VERIFICATION SUCCESSFUL" in result.text:
         return "proved", result.seconds, ""
     failed = re.findall(r"^\s*FAILED\s+(.+)$", result.text, re.MULTILINE)
     if "VERIFICATION FAILED" in result.text:
-        return "FAILED", result.seconds, "; ".join(" ".join(each.split()) for each in failed[:3])
+        return "refuted", result.seconds, "; ".join(" ".join(each.split()) for each in failed[:3])
     lines = [line for line in result.text.splitlines() if "ERROR" in line or "rror:" in line]
-    return "unproved", result.seconds, f"ESBMC gave up: {'; '.join(lines[:2]) or result.text[-200:].strip()}"
+    return "no answer", result.seconds, f"ESBMC gave up: {'; '.join(lines[:2]) or result.text[-200:].strip()}"

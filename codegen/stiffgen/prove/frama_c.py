@@ -18,6 +18,18 @@ _PROVED = ("Valid", "Considered valid", "Dead", "Valid but dead")
 """Status of a property that holds: by proof, by the specification of libc, or because it is not reachable."""
 
 
+_REFUTED = "Invalid"
+"""Beginning of the status of a property that fails wherever it is reached."""
+
+
+@dataclass(frozen=True)
+class Alarm:
+    """Property that is not proved. ``is_sure``: it fails for every input that reaches its statement."""
+
+    text: str
+    is_sure: bool = False
+
+
 @dataclass(frozen=True)
 class Findings:
     """Results of a run.
@@ -28,22 +40,29 @@ class Findings:
     """
 
     seconds: float
-    alarms: dict[str, list[str]] = field(default_factory=dict)
+    alarms: dict[str, list[Alarm]] = field(default_factory=dict)
     reached: frozenset[str] = frozenset()
     loops: tuple[str, ...] = ()
     returned: frozenset[str] = frozenset()
     trouble: str = ""
 
+    def open_ends(self, entries: Sequence[str]) -> list[Alarm]:
+        """Return the loops and the entries that are not known to end."""
+        loops = [f"{place}: this loop's rounds are not known to be bounded" for place in self.loops]
+        calls = [f"{entry} is not known to return" for entry in entries if entry not in self.returned]
+        return [Alarm(text) for text in (*loops, *([] if self.trouble else calls))]
 
-def _alarms(table: Path, by_contract: Sequence[str]) -> dict[str, list[str]]:
+
+def _alarms(table: Path, by_contract: Sequence[str]) -> dict[str, list[Alarm]]:
     """Return what Frama-C's report leaves unproved, by function; postconditions of contracts are taken for granted."""
-    alarms: dict[str, list[str]] = {}
+    alarms: dict[str, list[Alarm]] = {}
     with table.open(newline="", encoding="utf-8") as file:
         for row in csv.DictReader(file, delimiter="\t"):
             kind = row["property kind"]
             assumed = kind == "postcondition" and row["function"] in by_contract
             if row["status"] not in _PROVED and kind not in ("assigns clause", "from clause") and not assumed:
-                alarm = f"{row['file']}:{row['line']}: {kind}: {row['property']}"
+                text = f"{row['file']}:{row['line']}: {kind}: {row['property']}"
+                alarm = Alarm(text, row["status"].startswith(_REFUTED))
                 alarms.setdefault(row["function"], []).append(alarm)
     return alarms
 
@@ -90,7 +109,7 @@ def analyse(
     ]
     result = run(command, folder, timeout)
     if result.timed_out:
-        return Findings(result.seconds, trouble=f"no answer within {timeout:.0f} s")
+        return Findings(result.seconds, trouble=f"none within {timeout:.0f} s")
     if "[eva:summary]" not in result.text or not table.exists():
         lines = [line for line in result.text.splitlines() if "rror" in line]
         return Findings(result.seconds, trouble="Frama-C gave up: " + "; ".join(lines[:3]))

@@ -70,6 +70,11 @@ def contracts(robot: GeneratedRobot, kernels: Sequence[Kernel]) -> str:
     return _render(robot, "contracts.h.j2", kernels=kernels)
 
 
+def comparisons(robot: GeneratedRobot) -> str:
+    """Return the proof, for ESBMC, of the property of comparisons that the contracts admit."""
+    return _render(robot, "comparisons.c.j2")
+
+
 def controller(robot: GeneratedRobot, entries: Sequence[str], *, by_contract: bool) -> str:
     """Return the controller for Frama-C; ``by_contract``: a contract replaces validate."""
     fields, memory = optional("controller.fields"), optional("controller.memory_fields")

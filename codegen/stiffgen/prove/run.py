@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -84,6 +84,10 @@ def prove(
         raise StiffgenError(f"parts are {', '.join(PARTS)}; not {listed(list(parts)) or 'none'}")
     if not timeout > 0.0:
         raise StiffgenError(f"--timeout {timeout:g}: must be above 0 (seconds)")
+    with_controller = robot.has_controller and not only and not {"services", "step"}.isdisjoint(parts)
+    if not with_controller and {"services", "step"}.issuperset(parts):
+        why = "--only names kernels" if only else f"{robot.folder} has no controller"
+        raise StiffgenError(f"nothing to prove: {why}; parts of kernels are memory, bits, widths")
     sources = robot.source_digests()
     provers = find_provers()
     if json is not None and not Path(json).parent.is_dir():
@@ -95,13 +99,12 @@ def prove(
         entries += [f"{each.qualified_name}{batch.suffix}" for each in chosen for batch in each.batches]
         self_check = ["self_check"] * (len(chosen) == len(robot.table))
         memory = pool.submit(_memory, run, chosen, [*entries, *self_check]) if "memory" in parts else None
-        with_controller = robot.has_controller and not only and not {"services", "step"}.isdisjoint(parts)
         controller = pool.submit(_controller, run, parts) if with_controller else None
         widths = pool.submit(width_verdicts, robot, chosen, run.work, timeout, progress) if "widths" in parts else None
         if memory is not None:
             verdicts += memory.result()
         if "bits" in parts:
-            verdicts += _bits(run, chosen, _not_failed(entries, verdicts), pool)
+            verdicts += _bits(run, chosen, _without_alarm(entries, verdicts), pool)
         for part in (controller, widths):
             verdicts += part.result() if part is not None else []
     if json is not None:
@@ -118,10 +121,10 @@ def _chosen(robot: GeneratedRobot, only: Sequence[str]) -> list[Kernel]:
     return [each for each in robot.table if not only or each.qualified_name in only]
 
 
-def _not_failed(entries: Sequence[str], verdicts: Sequence[Verdict]) -> list[str]:
-    """Return the functions whose memory proof did not fail; a proof of bits means something for these only."""
-    failed = {each.function for each in verdicts if each.outcome == "FAILED"}
-    return [each for each in entries if each not in failed]
+def _without_alarm(entries: Sequence[str], verdicts: Sequence[Verdict]) -> list[str]:
+    """Return the functions whose memory is not refuted or alarming; a proof of bits means something for these only."""
+    bad = {each.function for each in verdicts if each.outcome in ("refuted", "alarm")}
+    return [each for each in entries if each not in bad]
 
 
 def _memory(run: _ProofRun, chosen: Sequence[Kernel], entries: Sequence[str]) -> list[Verdict]:
@@ -141,7 +144,8 @@ def _memory(run: _ProofRun, chosen: Sequence[Kernel], entries: Sequence[str]) ->
     for entry in entries:  # find the entry that failed
         run.progress(f"Frama-C: {entry}, memory")
         alone = findings(f"prove_{entry}", 1)
-        outcome, detail = _judge(alone, [entry])
+        found = [alarm for each in alone.alarms.values() for alarm in each] + alone.open_ends([entry])
+        outcome, detail = _judge(found, [alone.trouble] if alone.trouble else [])
         verdicts.append(Verdict(entry, _MEMORY, "Frama-C", outcome, alone.seconds, detail))
     return verdicts
 
@@ -164,18 +168,13 @@ def _bits(run: _ProofRun, chosen: Sequence[Kernel], entries: Sequence[str], pool
     return list(pool.map(bits, entries))
 
 
-def _judge(result: frama_c.Findings, entries: Sequence[str]) -> tuple[Outcome, str]:
-    """Return the verdicts of an analysis: an alarm counts as a fault."""
-    if result.trouble:
-        return "unproved", result.trouble
-    found = [alarm for each in result.alarms.values() for alarm in each]
-    found += [f"{place}: this loop's rounds are not known to be bounded" for place in result.loops]
-    found += [f"{entry} is not known to return" for entry in entries if entry not in result.returned]
-    return (
-        ("FAILED", "; ".join(found[:3]) + (f" and {len(found) - 3} more" if len(found) > 3 else ""))
-        if found
-        else ("proved", "")
-    )
+def _judge(found: Sequence[frama_c.Alarm], trouble: Sequence[str]) -> tuple[Outcome, str]:
+    """Return the verdict of an analysis by its alarms and what kept it from an answer."""
+    if not found:
+        return ("no answer" if trouble else "proved"), "; ".join(trouble[:3])
+    texts = [alarm.text for alarm in sorted(found, key=lambda alarm: not alarm.is_sure)]
+    more = f" and {len(texts) - 3} more" if len(texts) > 3 else ""
+    return ("refuted" if any(alarm.is_sure for alarm in found) else "alarm"), "; ".join(texts[:3]) + more
 
 
 def _controller(run: _ProofRun, parts: Sequence[str]) -> list[Verdict]:
@@ -185,7 +184,7 @@ def _controller(run: _ProofRun, parts: Sequence[str]) -> list[Verdict]:
         runs += [("validate", ("validate",), False), ("services", harness.SERVICES, True)]
     if "step" in parts:
         runs += [(step, (step,), True) for step in harness.STEPS]
-    verdicts, results = [], []
+    results = {}
     text = (run.robot.folder / f"{run.robot.name}_impedance.c").read_text(encoding="utf-8")
     apart = [each for each in _APART if f" {each}(" in text]
     for name, entries, by_contract in runs:
@@ -196,30 +195,42 @@ def _controller(run: _ProofRun, parts: Sequence[str]) -> list[Verdict]:
             run.provers, run.work, file.name, run.includes, 4.0 * run.timeout,
             rounds=run.robot.chain.dof + 2, apart=apart, by_contract=["validate"] if by_contract else [],
         )  # fmt: skip
-        results.append((result, entries))
-    seconds = sum(result.seconds for result, _ in results)
-    alarms: dict[str, list[str]] = {}
-    for result, entries in results:
-        for function, found in result.alarms.items():
+        if ends := result.open_ends(entries):
+            result.alarms.setdefault(f"{run.robot.name}_impedance_step", []).extend(ends)
+        results[name] = result
+    return [*_controller_verdicts(run.robot, results), _comparisons(run)]
+
+
+def _comparisons(run: _ProofRun) -> Verdict:
+    """Prove with ESBMC the property of comparisons that the controller's contracts admit."""
+    file = run.work / "comparisons.c"
+    file.write_text(harness.comparisons(run.robot))
+    outcome, seconds, detail = esbmc.check(
+        run.provers, file, run.includes, run.timeout, entry="prove_comparisons", solver=_SOLVER[False]
+    )
+    claims = "a true comparison has no NaN operand, as the models of fmax and fmin admit"
+    return Verdict("comparisons", claims, "ESBMC", outcome, seconds, detail)
+
+
+def _controller_verdicts(robot: GeneratedRobot, runs: Mapping[str, frama_c.Findings]) -> list[Verdict]:
+    """Return a verdict per function of the controller, and one per run that gave no answer."""
+    verdicts = [
+        Verdict(f"controller, {name.replace('_', ' ')}", _MEMORY, "Frama-C", "no answer", each.seconds, each.trouble)
+        for name, each in runs.items()
+        if each.trouble
+    ]
+    trouble = [each.trouble for each in runs.values() if each.trouble]
+    alarms: dict[str, list[frama_c.Alarm]] = {}
+    for each in runs.values():
+        for function, found in each.alarms.items():
             alarms.setdefault(function, []).extend(found)
-        loose = [f"{place}: this loop's rounds are not known to be bounded" for place in result.loops]
-        loose += [
-            f"{entry} is not known to return"
-            for entry in entries
-            if entry not in result.returned | {""} and not result.trouble
-        ]
-        if loose:
-            alarms.setdefault(f"{run.robot.name}_impedance_step", []).extend(loose)
-    trouble = [result.trouble for result, _ in results if result.trouble]
-    reached = _controller_functions(run.robot, {each for result, _ in results for each in result.reached})
-    for function in [*reached, *(each for each in alarms if each not in reached)]:
-        found = alarms.get(function, [])
-        unless_found: Outcome = "unproved" if trouble else "proved"
-        outcome: Outcome = "FAILED" if found else unless_found
-        claims = _MEMORY + (_FRAME if function.startswith(f"{run.robot.name}_") else "")
-        verdicts.append(
-            Verdict(function, claims, "Frama-C", outcome, seconds / len(reached), "; ".join((found or trouble)[:3]))
-        )
+    reached = _controller_functions(robot, {function for each in runs.values() for function in each.reached})
+    functions = [*reached, *(each for each in alarms if each not in reached)]
+    seconds = sum(each.seconds for each in runs.values()) / max(len(functions), 1)
+    for function in functions:
+        outcome, detail = _judge(alarms.get(function, []), trouble)
+        claims = _MEMORY + (_FRAME if function.startswith(f"{robot.name}_") else "")
+        verdicts.append(Verdict(function, claims, "Frama-C", outcome, seconds, detail))
     return verdicts
 
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from markupsafe import Markup
@@ -17,7 +17,7 @@ from stiffgen.errors import OutputError, listed
 from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.page import POLICY, STYLE
 from stiffgen.prove.targets import Target, read_targets
-from stiffgen.prove.verdict import Verdict, VerdictFile, read_verdicts
+from stiffgen.prove.verdict import Outcome, Verdict, VerdictFile, read_verdicts
 from stiffgen.rendering import environment
 from stiffgen.robot.geometry import FloatArray
 from stiffgen.verify.certified import CERTIFIED
@@ -182,7 +182,7 @@ def _must_be_of(robot: GeneratedRobot, filed: Mapping[str, str], file: Path, rem
 
 
 def _tally(verdicts: Sequence[Verdict]) -> dict[str, int]:
-    return {outcome: sum(each.outcome == outcome for each in verdicts) for outcome in ("proved", "FAILED", "unproved")}
+    return {outcome: sum(each.outcome == outcome for each in verdicts) for outcome in get_args(Outcome)}
 
 
 def _plots(checks: Sequence[Check]) -> list[_ErrorHistogram]:

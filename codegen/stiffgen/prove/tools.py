@@ -20,7 +20,7 @@ from stiffgen.errors import MissingExtraError, StiffgenError
 _KEPT = 400_000_000
 """Bytes of a program's output to keep, from its end."""
 _MEMORY = 8 * 2**30
-"""Address space of a program [bytes]: a formula that needs more is "unproved"."""
+"""Address space of a program [bytes]: a formula that needs more gets no answer."""
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,13 @@ from typing import Any, Literal, get_args
 
 from stiffgen.errors import OutputError
 
-Outcome = Literal["proved", "FAILED", "unproved"]
+Outcome = Literal["proved", "refuted", "alarm", "no answer"]
+"""Word of a verdict. "proved": the claim holds for all inputs. "refuted": ESBMC has an input for which it fails, a run
+has failed, or by Eva it fails wherever its statement is reached. "alarm": Eva cannot exclude that it fails. "no
+answer": a time limit, a program that gave up, or a width that this machine lacks."""
+
+EXIT_CODES: dict[Outcome, int] = {"proved": 0, "refuted": 1, "alarm": 3, "no answer": 3}
+"""Exit code of ``stiffgen prove`` for its worst verdict; 2 is a refused input."""
 
 
 @dataclass(frozen=True)
@@ -20,8 +26,7 @@ class Verdict:
     """Verdict on one claim: a row of the table of ``stiffgen prove``.
 
     ``function`` is the C function (or group of functions) and ``claims`` what was claimed of it for all inputs.
-    "unproved" is neither proved nor refuted: a time-out, or what a tool cannot say; ``detail`` has the reason, or the
-    first findings. ``seconds`` is the tool's processor time.
+    ``detail`` has the first findings, or the reason for no answer. ``seconds`` is the tool's processor time.
     """
 
     function: str
@@ -30,6 +35,13 @@ class Verdict:
     outcome: Outcome
     seconds: float
     detail: str = ""
+
+
+def worst_outcome(verdicts: Sequence[Verdict]) -> Outcome:
+    """Return the worst outcome: refuted before an alarm, before no answer."""
+    found = {each.outcome for each in verdicts}
+    order: tuple[Outcome, ...] = ("refuted", "alarm", "no answer")
+    return next((each for each in order if each in found), "proved")
 
 
 def write_verdicts(

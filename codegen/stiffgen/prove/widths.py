@@ -38,7 +38,7 @@ def width_verdicts(
         progress(f"sanitizers: {what}")
         if clang is None or not width.is_available:
             why = "clang is not installed" if clang is None else f"this machine has no {width.name}"
-            verdicts.append(Verdict(what, _CLAIMS, "sanitizers", "unproved", 0.0, why))
+            verdicts.append(Verdict(what, _CLAIMS, "sanitizers", "no answer", 0.0, why))
             continue
         outcome, seconds, detail = _run_width(robot, kernels, folder, clang, width, timeout)
         verdicts.append(Verdict(what, _CLAIMS, "sanitizers", outcome, seconds, detail))
@@ -71,14 +71,14 @@ def _run_width(
         built = run([*command, "-lm", "-o", str(program)], folder, timeout)
         seconds += built.seconds
         if "error:" in built.text or built.timed_out or not program.exists():
-            return "unproved", seconds, f"clang -fsanitize={sanitizer}: {_first(built)}"
+            return "no answer", seconds, f"clang -fsanitize={sanitizer}: {_first(built)}"
         ran = run([str(program)], folder, timeout, limited=False)
         seconds += ran.seconds
         program.unlink()
         if ran.timed_out:
-            return "unproved", seconds, f"no answer within {timeout:.0f} s"
+            return "no answer", seconds, f"none within {timeout:.0f} s"
         if not ran.text.strip().isdigit():
-            return "FAILED", seconds, _first(ran)
+            return "refuted", seconds, _first(ran)
     return "proved", seconds, ""
 
 

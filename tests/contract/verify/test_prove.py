@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import re
@@ -17,10 +18,10 @@ from stiffgen import generate
 from stiffgen.cli import main
 from stiffgen.errors import MissingExtraError, OutputError, StiffgenError
 from stiffgen.opened import open_robot
-from stiffgen.prove import harness, tools, widths
+from stiffgen.prove import frama_c, harness, tools, widths
 from stiffgen.prove.run import prove
 from stiffgen.prove.safety_page import filed_for, write_page
-from stiffgen.prove.verdict import Verdict, read_verdicts
+from stiffgen.prove.verdict import Outcome, Verdict, read_verdicts
 from stiffgen.verify.result import Check
 from support.chains import chain_urdf
 from support.generated_c import kernel_files
@@ -41,9 +42,9 @@ def provers() -> None:
 
 
 def outcomes(verdicts: list[Verdict]) -> dict[str, list[Verdict]]:
-    found: dict[str, list[Verdict]] = {"proved": [], "FAILED": [], "unproved": []}
+    found: dict[str, list[Verdict]] = {}
     for verdict in verdicts:
-        found[verdict.outcome].append(verdict)
+        found.setdefault(verdict.outcome, []).append(verdict)
     return found
 
 
@@ -132,7 +133,64 @@ def test_a_width_runs_clean(monkeypatch: pytest.MonkeyPatch, shapes: Path) -> No
 def test_a_fault_is_caught(title: str, tmp_path: Path) -> None:
     (fault,) = (each for each in FAULTS if each.title == title)
     only = (fault.only,) if fault.only else ()
-    assert outcomes(prove(faulty(fault, tmp_path), parts=(fault.part,), only=only))["FAILED"]
+    found = outcomes(prove(faulty(fault, tmp_path), parts=(fault.part,), only=only))
+    assert found.keys() & {"refuted", "alarm"}
+
+
+SMALL = """
+extern const double table[4];
+volatile int anything;
+volatile double seen;
+void prove_inside(void) { seen = table[anything & 3]; Frama_C_show_each_returned_inside(1); }
+void prove_perhaps_outside(void) { seen = table[anything & 7]; Frama_C_show_each_returned_perhaps_outside(1); }
+void prove_outside(void) { seen = table[4]; Frama_C_show_each_returned_outside(1); }
+"""
+
+
+@pytest.mark.usefixtures("provers")
+def test_eva_tells_an_alarm_from_a_refutation(tmp_path: Path) -> None:
+    """An index within 0 ... 3 is proved, within 0 ... 7 undecided, and 4 wrong wherever it is reached."""
+    (tmp_path / "small.c").write_text(SMALL)
+    sure = {}
+    for entry in ("inside", "perhaps_outside", "outside"):
+        found = frama_c.analyse(tools.find_provers(), tmp_path, "small.c", [], 60.0, entry=f"prove_{entry}")
+        assert not found.trouble
+        sure[entry] = [alarm.is_sure for alarms in found.alarms.values() for alarm in alarms]
+    assert sure == {"inside": [], "perhaps_outside": [False], "outside": [True]}
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        (("proved", "proved"), 0),
+        (("proved", "alarm"), 3),
+        (("no answer", "proved"), 3),
+        (("alarm", "refuted", "proved"), 1),
+        (("no answer", "refuted"), 1),
+    ],
+)
+def test_exit_codes_tell_outcomes_apart(
+    words: tuple[Outcome, ...], code: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """0: all proved; 1: one is refuted; 3: none is refuted, but one is undecided."""
+    verdicts = [Verdict("f", "in bounds", "Eva", word, 0.1, "because") for word in words]
+    monkeypatch.setattr(importlib.import_module("stiffgen.cli.prove"), "prove", lambda *_, **__: verdicts)
+    assert main(["prove", str(FOLDER)]) == code
+    out = capsys.readouterr().out
+    for word in {*words} - {"proved"}:
+        assert f"{word}: f, by Eva: because" in out
+
+
+@pytest.mark.usefixtures("provers")
+def test_a_prover_that_gives_up_is_no_proof(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without a result of Frama-C, the controller has no verdict "proved", and not none at all."""
+    program = tmp_path / "frama-c"
+    program.write_text("#!/bin/sh\necho 'fatal error: no more memory'\n")
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
+    found = outcomes(prove(FOLDER, parts=("services",)))
+    assert {verdict.tool for verdict in found["no answer"]} == {"Frama-C"}
+    assert [verdict.function for verdict in found["proved"]] == ["comparisons"]
 
 
 def test_the_harness_of_a_folder_with_derivatives_is_c(tmp_path: Path) -> None:
@@ -162,6 +220,8 @@ def test_missing_program_is_named(monkeypatch: pytest.MonkeyPatch, capsys: pytes
 def test_bad_input_is_refused(tmp_path: Path) -> None:
     with pytest.raises(StiffgenError, match=r"nonsense: no kernel of .*hybrid_joint_stiffness"):
         prove(FOLDER, only=("nonsense",))
+    with pytest.raises(StiffgenError, match="nothing to prove: --only names kernels"):
+        prove(FOLDER, parts=("step",), only=("mass_matrix",))
     with pytest.raises(StiffgenError, match="--timeout"):
         prove(FOLDER, timeout=0.0)
     with pytest.raises(OutputError, match="not a folder that 'stiffgen generate' wrote"):
@@ -182,7 +242,7 @@ def test_verdicts_of_other_bytes_are_refused(tmp_path: Path) -> None:
 
 def test_page_shows_what_it_was_given(tmp_path: Path) -> None:
     sources = open_robot(FOLDER).source_digests()
-    verdict = {"function": "act", "claims": "in bounds", "tool": "Frama-C", "outcome": "unproved", "seconds": 1.0}
+    verdict = {"function": "act", "claims": "in bounds", "tool": "Frama-C", "outcome": "alarm", "seconds": 1.0}
     content = {"robot": "iiwa14", "sources": sources, "tools": {"ESBMC": "8.4"}, "verdicts": [verdict]}
     (tmp_path / "verdicts.json").write_text(json.dumps(content))
     checks = [
