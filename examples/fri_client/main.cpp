@@ -97,21 +97,26 @@ void check_files(const Options &options, const Log &log)
     }
 }
 
-/* Complete log and summary, and report missing rows; a session without a complete log is not a success. */
+ExitCode fault_unless_refused(ExitCode code)
+{
+    return code == REFUSED ? REFUSED : FAULT;
+}
+
+/* Complete log and summary, and report missing rows. A session that loses either is a fault, however it ended. */
 void finish(const Options &options, const WipingClient &client, const Connection &connection, const Records &records,
             Log &log, Ending &ending)
 {
     log.finish();
     const std::string trouble = log.trouble();
     ending.sentence += (trouble.empty() ? "" : "; ") + trouble;
-    ending.code = ending.code == DONE && !trouble.empty() ? FAULT : ending.code;
+    ending.code = trouble.empty() ? ending.code : fault_unless_refused(ending.code);
     log.keep(ending.code != REFUSED || log.rows() > 0);
     const Summary summary(client, connection, records, log, options, ending.code);
     summary.print();
     const int error = options.summary.empty() ? 0 : summary.write(options.summary);
     if (error != 0) {
         ending.sentence += "; summary " + options.summary + ": " + std::strerror(error);
-        ending.code = ending.code == DONE ? FAULT : ending.code;
+        ending.code = fault_unless_refused(ending.code);
     }
 }
 

@@ -22,12 +22,12 @@ from support.fri_wiping import COMMANDING_ACTIVE, COMMANDING_WAIT, IDLE, over_ud
 
 
 def whole_session(
-    one: Programs, folder: Path, *arguments: str | Path, limit: int | None = None
+    one: Programs, folder: Path, *arguments: str | Path, limit: int | None = None, steps: int = 400
 ) -> tuple[int, str, str]:
-    """Follow a short trajectory to its end; ``limit``: most bytes of a file."""
+    """Follow a short trajectory to its end, or for fewer steps; ``limit``: most bytes of a file."""
     script = one.script()
     script.begin()
-    script.add(COMMANDING_ACTIVE, 400)
+    script.add(COMMANDING_ACTIVE, steps)
     script.add(IDLE)
     short = write_short_trajectory(folder / "short.csv")
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -54,6 +54,40 @@ def test_a_log_that_does_not_fit_is_no_success(limit: int | None, one: Programs,
         assert code == 1 and len(text) <= limit < len(text) + 2500
         assert f"the log is not complete: File too large, {told['log_rows']} rows written; make room" in errors
         assert "log: File too large; the rows from now on are lost" in out
+
+
+@pytest.mark.parametrize(
+    ("limit", "summary", "code"), [(None, "summary.json", 3), (20_000, "summary.json", 1), (None, "/dev/full", 1)]
+)
+def test_an_early_end_that_loses_its_record_is_a_fault(
+    limit: int | None, summary: str, code: int, one: Programs, tmp_path: Path
+) -> None:
+    """The robot ends before the trajectory's end: 3, but 1 if log or summary is incomplete."""
+    files = ("--log", tmp_path / "log.csv", "--summary", tmp_path / summary)
+    found, _, errors = whole_session(one, tmp_path, *files, limit=limit, steps=100)
+    assert (found, errors.count("\n")) == (code, 1)
+    assert "the robot ended the session before the trajectory's end" in errors
+    assert ("the log is not complete: File too large" in errors) == (limit is not None)
+    assert ("summary /dev/full: No space left on device" in errors) == (summary == "/dev/full")
+
+
+def test_an_interrupted_session_that_loses_its_summary_is_a_fault(one: Programs) -> None:
+    script = one.script()
+    script.begin()
+    script.add(COMMANDING_ACTIVE, 120)
+    with served(one.client, "--simulated-time", "--approach", "0.1", "--summary", "/dev/full") as session:
+        for k, datagram in enumerate(script.datagrams):
+            if k == 60:
+                session.client.send_signal(signal.SIGINT)
+                time.sleep(0.01)
+            session.send(datagram or b"")
+            try:
+                session.answer(1.0)
+            except (TimeoutError, ConnectionRefusedError):
+                break
+        code, _, errors = session.end()
+    assert code == 1
+    assert "interrupted; torque brought to zero" in errors and "summary /dev/full: No space left" in errors
 
 
 @pytest.mark.parametrize(

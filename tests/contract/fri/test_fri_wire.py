@@ -75,6 +75,25 @@ def test_wrong_build_option_is_refused_with_the_remedy(options: list[str], wante
         build(tmp_path, options, compiler="gcc", flags="")
 
 
+@pytest.mark.parametrize(("version", "said_by"), [("1.11", "header"), ("1.13", "option"), ("1.9", "option")])
+def test_an_sdk_older_than_the_interface_is_refused(version: str, said_by: str, tmp_path: Path) -> None:
+    """Before 1.14 the SDK lacks what the client calls: CMake says so, not the compiler."""
+    root = tmp_path / "sdk"
+    (root / "include").mkdir(parents=True)
+    (root / "lib").mkdir()
+    (root / "include" / "friLBRClient.h").touch()
+    (root / "lib" / "libFRIClient.a").touch()
+    options = [f"-DFRI_SDK_ROOT={root}"]
+    if said_by == "header":
+        major, minor = version.split(".")
+        macros = f"#define FRI_CLIENT_VERSION_MAJOR {major}\n#define FRI_CLIENT_VERSION_MINOR {minor}\n"
+        (root / "include" / "friClientVersion.h").write_text(macros)
+    else:
+        options.append(f"-DFRI_SDK_VERSION={version}")
+    with pytest.raises(AssertionError, match=rf"FRI {version} is older than 1\.14, which the client needs"):
+        build(tmp_path / "build", options, compiler="gcc", flags="")
+
+
 # ---- the wire ------------------------------------------------------------------------------------------------------
 
 
