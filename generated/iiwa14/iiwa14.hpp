@@ -56,7 +56,7 @@ template <class T> using bare = std::remove_cv_t<std::remove_reference_t<T>>;
 template <class T> inline constexpr bool refused = false;
 
 template <class T> inline constexpr std::size_t array_size = 0;
-template <std::size_t N> inline constexpr std::size_t array_size<std::array<double, N>> = N;
+template <std::size_t Count> inline constexpr std::size_t array_size<std::array<double, Count>> = Count;
 
 template <class T, class = void> inline constexpr bool is_eigen = false;
 template <class T>
@@ -71,13 +71,18 @@ template <class T>
 inline constexpr bool has_data<T, std::void_t<decltype(std::declval<T &>().data())>>
     = std::is_convertible_v<decltype(std::declval<T &>().data()), const double *>;
 
+/// True if the address of a type's first number is at hand; an Eigen expression, not yet computed, has none.
+template <class T>
+inline constexpr bool has_address = has_data<T>
+    || (std::is_array_v<T> && std::rank_v<T> <= 2 && std::is_same_v<std::remove_cv_t<std::remove_all_extents_t<T>>, double>);
+
 /// True if a type owns its numbers, so that a result written into a temporary is lost.
 template <class T, class = void> inline constexpr bool owns = std::is_array_v<T> || array_size<T> != 0;
 template <class T>
 inline constexpr bool owns<T, std::void_t<typename T::PlainObject>> = std::is_same_v<typename T::PlainObject, T>;
 
 /// Fail to compile, with the reason, unless T holds doubles of the given extents contiguously.
-template <class T, std::size_t... Extents> constexpr void check() noexcept
+template <class T, std::size_t... Extents> constexpr void demand_storage() noexcept
 {
     constexpr std::size_t count = size<Extents...>;
     constexpr bool matrix = sizeof...(Extents) > 1;
@@ -96,9 +101,9 @@ template <class T, std::size_t... Extents> constexpr void check() noexcept
         constexpr int rows = T::RowsAtCompileTime;
         constexpr int columns = T::ColsAtCompileTime;
         static_assert(std::is_same_v<typename T::Scalar, double>, "iiwa14: this Eigen object does not hold doubles");
-        static_assert(rows > 0 && columns > 0,
+        static_assert(!has_data<T> || (rows > 0 && columns > 0),
             "iiwa14: the size of this Eigen object is not known to the compiler: pass vector.head<N>(), or iiwa14::row_major<ROWS, COLUMNS>(matrix), which copies");
-        static_assert(has_data<T>, "iiwa14: this is an Eigen expression, not yet computed: pass its .eval()");
+        static_assert(has_data<T>, "iiwa14: this is an Eigen expression, not yet computed: pass (expression).eval(), or store it in a iiwa14::Matrix first");
         if constexpr (rows > 0 && columns > 0 && has_data<T>) {
             if constexpr (rows == 1 || columns == 1) {
                 static_assert(static_cast<std::size_t>(rows) * static_cast<std::size_t>(columns) == count,
@@ -151,9 +156,9 @@ public:
     constexpr Output(T &&values) noexcept // implicit, so that callers pass their own types
     {
         using Type = std::remove_reference_t<T>;
-        detail::check<detail::bare<T>, Extents...>();
+        detail::demand_storage<detail::bare<T>, Extents...>();
         static_assert(std::is_lvalue_reference_v<T> || !detail::owns<Type>, "iiwa14: the result would be written into a temporary, and lost");
-        if constexpr (std::is_lvalue_reference_v<T> || !detail::owns<Type>) {
+        if constexpr (detail::has_address<Type> && (std::is_lvalue_reference_v<T> || !detail::owns<Type>)) {
             constexpr bool writable = std::is_convertible_v<decltype(detail::first(values)), double *>;
             static_assert(writable, "iiwa14: the result cannot be written into something const");
             if constexpr (writable) { first_ = detail::first(values); }
@@ -177,8 +182,8 @@ public:
     template <class T, std::enable_if_t<!std::is_same_v<T, Input> && !std::is_same_v<T, Output<Extents...>>, int> = 0>
     constexpr Input(const T &values) noexcept // implicit, so that callers pass their own types
     {
-        detail::check<T, Extents...>();
-        first_ = detail::first(values);
+        detail::demand_storage<T, Extents...>();
+        if constexpr (detail::has_address<T>) { first_ = detail::first(values); }
     }
     constexpr Input(Output<Extents...> values) noexcept : first_(values.data()) {}
 

@@ -2396,7 +2396,8 @@ static void body_joint_stiffness_lanes(const lanes q[7], const lanes wrench[6],
     const lanes task_stiffness[36], lanes joint_stiffness[49])
 {
     const lanes *const F = wrench;
-    const lanes (*const K)[6] = (const lanes (*)[6])task_stiffness;
+    const lanes *const K[6] = {task_stiffness, task_stiffness + 6, task_stiffness + 12,
+        task_stiffness + 18, task_stiffness + 24, task_stiffness + 30};
     lanes J[6][7];
     lanes u[6][7];
 
@@ -2516,7 +2517,8 @@ static void spatial_joint_stiffness_lanes(const lanes q[7], const lanes wrench[6
     const lanes task_stiffness[36], lanes joint_stiffness[49])
 {
     const lanes *const F = wrench;
-    const lanes (*const K)[6] = (const lanes (*)[6])task_stiffness;
+    const lanes *const K[6] = {task_stiffness, task_stiffness + 6, task_stiffness + 12,
+        task_stiffness + 18, task_stiffness + 24, task_stiffness + 30};
     lanes J[6][7];
     lanes u[6][7];
 
@@ -2636,7 +2638,8 @@ static void hybrid_joint_stiffness_lanes(const lanes q[7], const lanes wrench[6]
     const lanes task_stiffness[36], lanes joint_stiffness[49])
 {
     const lanes *const F = wrench;
-    const lanes (*const K)[6] = (const lanes (*)[6])task_stiffness;
+    const lanes *const K[6] = {task_stiffness, task_stiffness + 6, task_stiffness + 12,
+        task_stiffness + 18, task_stiffness + 24, task_stiffness + 30};
     lanes J[6][7];
     lanes u[6][7];
 
@@ -2728,7 +2731,8 @@ static void hybrid_stiffness_direction_gradient_lanes(const lanes q[7], const la
     const lanes task_stiffness[36], const lanes direction[7], lanes stiffness_direction_gradient[7])
 {
     const lanes *const F = wrench;
-    const lanes (*const K)[6] = (const lanes (*)[6])task_stiffness;
+    const lanes *const K[6] = {task_stiffness, task_stiffness + 6, task_stiffness + 12,
+        task_stiffness + 18, task_stiffness + 24, task_stiffness + 30};
     const lanes *const v = direction;
     ALIGNED lanes vv[49];
     lanes J[6][7];

@@ -10,6 +10,10 @@
 #include <stddef.h>
 #include <string.h>
 
+/* Names of this file that headers of a platform may have as macros. */
+#undef FAR
+#undef N
+
 /* Names of the functions in a build of several vector widths (iiwa14_dispatch.c). */
 #if defined(IIWA14_WIDTH)
 #define JOINED(function, width) function##_##width

@@ -129,7 +129,8 @@ def tables(robot: GeneratedRobot, options: argparse.Namespace) -> int:
     table["the step, QL iterations at their bound, at most"] = [str(row.longest_step or "-") for row in rows]
     table["flash, all functions [kB]"] = [f"{row.flash / 1000:.0f}" for row in rows]
     table["RAM that stays [bytes]"] = [str(row.ram) for row in rows]
-    table["deepest stack [bytes]"] = [str(row.stack) for row in rows]
+    table["deepest stack of a function [bytes]"] = [str(row.stack or "-") for row in rows]
+    table["stack of the step as a whole [bytes]"] = [str(row.step_stack or "-") for row in rows]
     for name, row in table.items():
         print(f"| {name} | {' | '.join(row)} |")
     return int(not all(row.right for row in rows))

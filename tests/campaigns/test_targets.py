@@ -14,8 +14,9 @@ from stiffgen.emit import render
 from stiffgen.lower.scalar import FLOAT
 from stiffgen.symbolic.kernels import chain_kernels
 from support.golden_calls import golden_calls
-from support.project import URDF, assert_close, require_program
+from support.project import ROOT, URDF, assert_close, require_program
 from support.targets import MACHINES, built, counts, footprint, run, step_count
+from support.targets.call_graph import CallGraph
 
 OTHER = {machine.name: machine for machine in MACHINES if not machine.name.startswith("x86-64")}
 BY_NAME = {machine.name: machine for machine in MACHINES}
@@ -144,3 +145,30 @@ def test_the_golden_values_are_those_of_the_file(golden):
     calls = golden_calls(1)
     assert len(calls) == 10
     np.testing.assert_array_equal(calls[0][1][0], golden[0].q)
+
+
+@pytest.mark.slow
+def test_the_page_states_memory_and_stack_of_a_cortex_m7(robot_folder, tmp_path):
+    """Permanent memory with the self-check's constants, and the deepest path of a whole step: as measured."""
+    found = footprint(tools(BY_NAME["Cortex-M7, FPU for double"]), robot_folder, tmp_path)
+    table = (ROOT / "docs" / "targets.md").read_text().partition("| --- |")[2]
+    rows = {
+        line.split("|")[1].strip(): line.split("|")[5].strip() for line in table.splitlines() if line.count("|") == 7
+    }
+    assert int(rows["RAM that stays [bytes]"]) == found.ram > 0
+    assert int(rows["stack of the step as a whole [bytes]"]) == pytest.approx(found.step_stack, rel=0.05)
+    assert int(rows["deepest stack of a function [bytes]"]) == pytest.approx(found.stack, rel=0.05)
+    assert found.step_stack > 3000
+
+
+def test_the_deepest_path_of_calls_is_found(tmp_path):
+    """Three functions, two of them on the deepest path; a recursion has no bound."""
+    graph = CallGraph()
+    frame = 'node: {{ title: "{0}" label: "{0}\\nx.c:1:2\\n{1} bytes (static)" }}\n'
+    call = 'edge: {{ sourcename: "{0}" targetname: "{1}" label: "x.c:1:2" }}\n'
+    frames = [frame.format(name, size) for name, size in (("f", 10), ("x.c:g", 200), ("h", 30))]
+    graph.add("".join([*frames, call.format("f", "x.c:g"), call.format("f", "h"), call.format("h", "sin")]))
+    assert graph.depth("f") == 210
+    graph.add(call.format("x.c:g", "f"))
+    with pytest.raises(ValueError, match="no bound on the stack: f calls"):
+        graph.depth("f")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-STRICT = ["-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror"]
+STRICT = ["-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Wdouble-promotion", "-Wcast-qual", "-Werror"]
 
 
 def language_flags(language: str) -> list[str]:

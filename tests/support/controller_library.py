@@ -15,7 +15,16 @@ from numpy.ctypeslib import ndpointer
 from stiffgen.controller.page import LIBRARY, SOURCES
 from support.project import ROOT
 
-WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror")
+WARNINGS = (
+    "-Wall",
+    "-Wextra",
+    "-Wpedantic",
+    "-Wconversion",
+    "-Wshadow",
+    "-Wdouble-promotion",
+    "-Wcast-qual",
+    "-Werror",
+)
 MAX_ROWS = 40
 IN = ndpointer(np.float64, flags="C_CONTIGUOUS")
 OUT = ndpointer(np.float64, flags=("C_CONTIGUOUS", "WRITEABLE"))

@@ -267,7 +267,7 @@ def _check(field: Field) -> str:
 
 def _bound(bound: float) -> str:
     if math.isinf(bound):
-        return "INFINITY" if bound > 0 else "-INFINITY"
+        return "HUGE_VAL" if bound > 0 else "-HUGE_VAL"
     return repr(float(bound))
 
 

@@ -28,7 +28,9 @@ class Target:
         instructions: fewest and most of every function.
         step: fewest and most of the controller's step; None for a robot without controller.
         longest_step: most instructions if every eigenvalue takes all permitted iterations.
-        flash, ram, stack: of NAME.c without batches [bytes].
+        flash, ram: of NAME.c without batches [bytes].
+        stack: deepest stack of a function of NAME.c without batches [bytes]; None if the compiler does not tell.
+        step_stack: deepest stack of the controller's step [bytes]; None without a controller.
 
     """
 
@@ -43,7 +45,8 @@ class Target:
     longest_step: int | None
     flash: int
     ram: int
-    stack: int
+    stack: int | None
+    step_stack: int | None = None
 
     @property
     def varying(self) -> list[str]:
@@ -80,8 +83,13 @@ def _target(row: Any) -> Target:
     """Return a row as a target; ValueError or TypeError if a field has another type."""
     target = Target(**row)
     texts = (target.machine, target.compiler, target.emulator, target.compared)
-    numbers = (target.states, target.flash, target.ram, target.stack)
-    if not all(isinstance(text, str) for text in texts) or not all(isinstance(number, int) for number in numbers):
+    numbers = (target.states, target.flash, target.ram)
+    stacks = (target.stack, target.step_stack)
+    if (
+        not all(isinstance(text, str) for text in texts)
+        or not all(isinstance(number, int) for number in numbers)
+        or not all(number is None or isinstance(number, int) for number in stacks)
+    ):
         raise ValueError("a field has another type")
     if not isinstance(target.right, bool):
         raise ValueError(f"right {target.right!r} is neither true nor false")

@@ -289,7 +289,10 @@ REFUSED = {
         "dynamic": ("Eigen::MatrixXd K(6, 6); hybrid::joint_stiffness(q, F, K);", DYNAMIC),
         "into_columns": ("Eigen::Matrix<double, 7, 7> M; mass_matrix(q, M);", COLUMNS),
         "dynamic_vector": ("Eigen::VectorXd x(7); mass_matrix(x);", DYNAMIC),
-        "expression": ("mass_matrix(2.0 * q);", "an Eigen expression, not yet computed"),
+        "expression": ("mass_matrix(2.0 * q);", "an Eigen expression, not yet computed: pass (expression).eval()"),
+        "sum": ("Matrix<7> dq; hybrid::jacobian(q + dq);", "an Eigen expression, not yet computed"),
+        "dynamic_sum": ("Eigen::VectorXd x(7); mass_matrix(x + x);", "an Eigen expression, not yet computed"),
+        "into_expression": ("Matrix<7, 7> M; mass_matrix(q, M + M);", "an Eigen expression, not yet computed"),
         "strided": ("Matrix<7, 2> x; mass_matrix(x.col(0));", "do not lie one after the other: pass its .eval()"),
         "apart": ("Matrix<6, 8> K; hybrid::joint_stiffness(q, F, K.leftCols<6>());", "the rows of this Eigen matrix"),
         "shape": ("Matrix<4, 9> K; hybrid::joint_stiffness(q, F, K);", "this Eigen matrix has another shape"),
@@ -303,7 +306,7 @@ GOOD = {
     "plain": "double K[6][6] = {}; double *x = q;"
     "hybrid::joint_stiffness(Input<7>::at(x), F, K, Output<7, 7>::at(&big[0]));",
     "eigen": "Eigen::Matrix<double, 6, 6> K; hybrid::joint_stiffness(q, F, K.transpose());"
-    "Eigen::VectorXd x(9); mass_matrix(x.segment<7>(1));"
+    "Eigen::VectorXd x(9); mass_matrix(x.segment<7>(1)); mass_matrix((q + q).eval());"
     "hybrid::joint_stiffness(q, F, Eigen::Map<Matrix<6, 6>>(K.data()), map<7, 7>(big));",
 }
 PREAMBLE = {
@@ -340,6 +343,7 @@ def test_what_does_not_fit_is_refused_and_the_compiler_says_why(compiler, kind, 
     for case, (_, reason) in REFUSED[kind].items():
         assert f"case_{case}:2" in text, case
         assert reason in text, text
+    assert len(re.findall(r"\berror:", text)) == len(REFUSED[kind]), text  # one reason, and no other error, for each
 
 
 def test_a_column_major_matrix_of_the_wrong_size_gives_nan(made, tmp_path):

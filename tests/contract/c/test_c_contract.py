@@ -13,7 +13,7 @@ from stiffgen.symbolic.kernels import KERNELS
 from stiffgen.verify.samples import Samples
 from support.c_program import STRICT, run_kernels
 from support.chains import chain_urdf
-from support.project import compilers, require_compiler
+from support.project import ROOT, compilers, require_compiler
 
 # libm, and what compilers insert for copies and runs of zeros.
 ALLOWED = {"sin", "cos", "sincos", "sqrt", "fmax", "memcpy", "memset", "memmove"}
@@ -43,6 +43,45 @@ def test_other_chains_compile_without_a_warning(compiler, tmp_path):
     folder = stiffgen.generate(urdf, output=tmp_path, name="arm", build=False)
     command = [require_compiler(compiler), "-std=c99", "-O1", *STRICT]
     subprocess.run([*command, "-c", str(folder / "arm.c"), "-o", str(tmp_path / "o")], check=True)
+
+
+@pytest.mark.parametrize("standard", ["-std=c89", "-ansi", "-std=gnu89", "-std=iso9899:199409"])
+@pytest.mark.parametrize("compiler", compilers())
+@pytest.mark.parametrize("file", ["iiwa14.h", "iiwa14_impedance.h", "iiwa14.c", "iiwa14_batch.c", "iiwa14_impedance.c"])
+def test_c89_is_refused_by_a_sentence(file, compiler, standard, robot_folder):
+    """The first error names the remedy."""
+    command = [compiler, standard, "-fsyntax-only", "-x", "c", robot_folder / file]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode != 0
+    errors = [line for line in done.stderr.splitlines() if "error:" in line]
+    assert "iiwa14 needs C99 or later: compile with -std=c99, c11 or c17" in errors[0]
+
+
+PLATFORM = ROOT / "tests" / "support" / "platform_macros.h"
+FIRST = {
+    "c": ("float.h", "limits.h", "math.h", "stddef.h", "stdint.h", "stdio.h", "stdlib.h", "string.h"),
+    "c++": ("algorithm", "array", "cmath", "cstddef", "limits", "string", "type_traits", "utility", "vector"),
+}
+"""Headers of the system, which some of the macros would break."""
+
+
+@pytest.mark.parametrize(
+    ("file", "language"),
+    [
+        *((f"iiwa14{end}", "c") for end in (".c", "_batch.c", "_impedance.c", "_dispatch.c", ".h", "_impedance.h")),
+        *((f"iiwa14{end}", "c++") for end in (".h", "_impedance.h", ".hpp")),
+    ],
+)
+@pytest.mark.parametrize("compiler", compilers())
+def test_macros_of_platforms_do_no_harm(compiler, file, language, robot_folder, tmp_path):
+    """Compile beside the macros of Arduino, Windows, Apple, GNU, X11, Qt and termios, such as check, near, N and I."""
+    lines = [*(f"#include <{each}>" for each in FIRST[language]), f'#include "{PLATFORM}"', f'#include "{file}"', ""]
+    source = tmp_path / ("a.c" if language == "c" else "a.cpp")
+    source.write_text("\n".join(lines))
+    standard = "-std=gnu99" if language == "c" else "-std=gnu++17"
+    program = compiler if language == "c" else {"gcc": "g++", "clang": "clang++"}[compiler]
+    command = [program, standard, "-O0", "-fsyntax-only", "-Wall", "-Wextra", "-Werror", f"-I{robot_folder}", source]
+    subprocess.run(command, check=True)
 
 
 def test_compiles_alone(robot_folder, tmp_path):

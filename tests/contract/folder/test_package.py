@@ -110,6 +110,23 @@ def test_pkg_config_compiles_the_readmes_examples(
     )
 
 
+def test_a_shared_library_is_built_where_the_project_asks_for_one(folder: Path, tmp_path: Path) -> None:
+    """BUILD_SHARED_LIBS: one .so with all functions, found and run from where it is installed."""
+    flags = ("-DCMAKE_BUILD_TYPE=None", "-DCMAKE_C_FLAGS=-O0", "-DIIWA14_DISPATCH=OFF", "-DBUILD_SHARED_LIBS=ON")
+    run("cmake", "-S", folder, "-B", tmp_path / "build", *flags, cwd=tmp_path)
+    run("cmake", "--build", tmp_path / "build", cwd=tmp_path)
+    run("cmake", "--install", tmp_path / "build", "--prefix", tmp_path / "prefix", cwd=tmp_path)
+    libraries = {path.name for path in (tmp_path / "prefix" / "lib").iterdir() if path.is_file()}
+    assert libraries == {"libiiwa14.so", f"libiiwa14.so.{stiffgen.__version__}", "libiiwa14.so.0.2"}
+    (tmp_path / "example.c").write_text(example(folder, "c"))
+    flags = run(
+        "pkg-config", "--cflags", "--libs", "iiwa14",
+        cwd=tmp_path, PKG_CONFIG_PATH=str(tmp_path / "prefix" / "lib" / "pkgconfig"),
+    ).split()  # fmt: skip
+    run("cc", "-std=c99", "example.c", *flags, "-o", "a", cwd=tmp_path)
+    assert float(run(tmp_path / "a", cwd=tmp_path, LD_LIBRARY_PATH=str(tmp_path / "prefix" / "lib")))
+
+
 @pytest.mark.parametrize(
     ("asked", "found"), [("", True), ("0.2", True), ("0.2.0", True), ("0.1", False), ("0.3", False), ("1.0", False)]
 )

@@ -19,6 +19,7 @@ import numpy as np
 from stiffgen.lower.scalar import DOUBLE, FLOAT, Scalar
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel
+from support.targets.call_graph import CallGraph, compiled_object
 
 HERE = Path(__file__).parent
 
@@ -258,29 +259,32 @@ def counts(machine: Machine, program: Path, work: Path) -> list[Count]:
 
 @dataclass(frozen=True)
 class Footprint:
-    """Sizes of NAME.c with all functions [bytes]: code and constants, permanent memory, deepest stack."""
+    """Sizes [bytes]: code and constants of NAME.c, its permanent memory, its deepest stack, and that of a step.
+
+    The stacks are None for clang, which writes no graph of calls.
+    """
 
     flash: int
     ram: int
-    stack: int
+    stack: int | None
+    step_stack: int | None
 
 
 def footprint(machine: Machine, folder: Path, work: Path) -> Footprint:
-    """Measure the sizes of a folder's kernels for a machine, without batches."""
-    source = (folder / f"{folder.name}.c").read_text()
-    kernels, compiled = work / "kernels.c", work / "kernels.o"
-    kernels.write_text(source.partition("/* ---- Self-check")[0])
-    flags = ["-O2", "-std=gnu99", f"-I{folder}", "-fstack-usage", "-c", str(kernels), "-o", str(compiled)]
-    subprocess.run([flag for flag in (*machine.compiler, *flags) if flag != "-static"], check=True, cwd=work)
-    table = subprocess.run([f"{machine.prefix}size", str(compiled)], capture_output=True, text=True, check=True).stdout
+    """Measure the sizes of a folder's kernels, without batches, and of its controller's call path."""
+    graph = CallGraph()
+    graph.add(compiled_object(machine, folder / f"{folder.name}.c", work))
+    table = subprocess.run(
+        [f"{machine.prefix}size", str(work / f"{folder.name}.o")], capture_output=True, text=True, check=True
+    ).stdout
     text, data, bss = map(int, table.splitlines()[1].split()[:3])
-    depths = {}
-    for line in (work / "kernels.su").read_text().splitlines():
-        where, size, *_ = line.split("\t")
-        depths[where.rsplit(":", 1)[1]] = int(size)
-    public = max(size for function, size in depths.items() if function.startswith(f"{folder.name}_"))
-    inner = [size for function, size in depths.items() if not function.startswith(f"{folder.name}_")]
-    return Footprint(text, data + bss, public + sum(sorted(inner)[-2:]))
+    public = [function for function in graph.sizes if function.startswith(f"{folder.name}_")]
+    stack = max((graph.depth(function) for function in public), default=None)
+    controller, step = folder / f"{folder.name}_impedance.c", None
+    if controller.exists() and public:
+        graph.add(compiled_object(machine, controller, work))
+        step = graph.depth(f"{folder.name}_impedance_step")
+    return Footprint(text, data + bss, stack, step)
 
 
 _QL = "diagonalise_symmetric"

@@ -95,7 +95,7 @@ static int accept_plan(step_t *s)
     if (!good) {
         return 0;
     }
-    m->planning = in->command;
+    m->planning = in->command == ID(COMMAND_EQUILIBRIUM) ? ID(COMMAND_EQUILIBRIUM) : ID(COMMAND_POSITION);
     if (begins) {
         memset(m->posture_drift, 0, sizeof m->posture_drift);
         memset(m->tip_drift, 0, sizeof m->tip_drift);

@@ -34,7 +34,7 @@ int split_torque(const double *q, const double *dq, const double *q_des, const d
         good = good && fabs(tau_ff[i]) <= DBL_MAX;
     }
     for (int i = 0; i < N && !good; ++i) {
-        tau_ff[i] = kp[i] = kd[i] = NAN;
+        tau_ff[i] = kp[i] = kd[i] = (double)NAN;
     }
     return good ? ID(OK) : ID(E_GAINS);
 }
@@ -62,8 +62,8 @@ double bound_late_work(const double *q, const double *q_des, const double *dq_de
     for (int i = 0; i < N; ++i) {
         const double a = tau_ff[i] + kp[i] * (q_des[i] - q[i]) + kd[i] * dq_des[i];
         const int good = fabs(a) <= DBL_MAX && kp[i] >= 0.0 && kd[i] >= 0.0 && speed[i] >= 0.0 && hold > 0.0;
-        const double most = good ? bound_motor_work(a, kp[i], kd[i], speed[i], hold) : NAN;
-        work += fabs(most) <= DBL_MAX ? most : NAN;
+        const double most = good ? bound_motor_work(a, kp[i], kd[i], speed[i], hold) : (double)NAN;
+        work += fabs(most) <= DBL_MAX ? most : (double)NAN;
     }
     return work;
 }

@@ -129,8 +129,10 @@ class Elements:
         if declaration.kind is Declared.ALIAS and declaration.local:
             if len(array.shape) < 2:
                 return f"const {number} *const {declaration.local.name} = {array.name};"
-            row = f"[{array.shape[1]}]"
-            return f"const {number} (*const {declaration.local.name}){row} = (const {number} (*){row}){array.name};"
+            # Pointers to the rows: gcc takes a cast to a pointer to const arrays for one that discards const.
+            count, length = array.shape
+            rows = ", ".join([array.name, *(f"{array.name} + {length * k}" for k in range(1, count))])
+            return f"const {number} *const {declaration.local.name}[{count}] = {{{rows}}};"
         if declaration.kind is Declared.ZEROS:
             zeros = "" if self.variant.lanes else f" = {{{self.variant.scalar.constant(0.0)}}}"
             return f"{number} {array.name}[{array.size}]{zeros};"

@@ -51,7 +51,9 @@ class Printer(Loops):
         """Return the lines between the function's braces."""
         for item in self.function.items:
             _PRINTERS[type(item)](self, item)
-        declarations = [self.elements.declaration(each) for each in self.function.declarations]
+        declarations = [
+            line for each in self.function.declarations for line in wrap_list(self.elements.declaration(each))
+        ]
         return [*declarations, *([""] if declarations else []), *self.lines]
 
     def _comment(self, text: str) -> None:
