@@ -97,7 +97,12 @@ def kept_objects(once: Once) -> Iterator[KeptObjects]:
 
 @pytest.fixture(scope="session")
 def robot_folder(once: Once) -> Path:
-    """Return the iiwa 14's folder, compiled once for all workers as a user's. Read only."""
+    """Return the iiwa 14's folder, compiled once for all workers as a user's. Read only.
+
+    STIFFGEN_ROBOT_FOLDER names another one, to see a test fail (tests/campaigns/hazards.py).
+    """
+    if "STIFFGEN_ROBOT_FOLDER" in os.environ:
+        return Path(os.environ["STIFFGEN_ROBOT_FOLDER"])
 
     def make(output: Path) -> None:
         with pytest.MonkeyPatch.context() as patch:

@@ -2430,7 +2430,8 @@ void iiwa14_body_joint_stiffness(const double q[7], const double wrench[6], cons
     double joint_stiffness[49])
 {
     const double *const F = wrench;
-    const double (*const K)[6] = (const double (*)[6])task_stiffness;
+    const double *const K[6] = {task_stiffness, task_stiffness + 6, task_stiffness + 12,
+        task_stiffness + 18, task_stiffness + 24, task_stiffness + 30};
     lanes J[6][PADDED];
     lanes u[6][PADDED];
     const double (*const J_of)[LANES * PADDED] = (const double (*)[LANES * PADDED])J; /* joint by joint */
@@ -2492,7 +2493,8 @@ void iiwa14_body_joint_stiffness_uncorrected(const double q[7], const double wre
     const double task_stiffness[36], double joint_stiffness_uncorrected[49])
 {
     const double *const F = wrench;
-    const double (*const K)[6] = (const double (*)[6])task_stiffness;
+    const double *const K[6] = {task_stiffness, task_stiffness + 6, task_stiffness + 12,
+        task_stiffness + 18, task_stiffness + 24, task_stiffness + 30};
     lanes J[6][PADDED];
     lanes y[6][PADDED];
     lanes u_beyond[6][PADDED];
@@ -2709,7 +2711,8 @@ void iiwa14_spatial_joint_stiffness(const double q[7], const double wrench[6],
     const double task_stiffness[36], double joint_stiffness[49])
 {
     const double *const F = wrench;
-    const double (*const K)[6] = (const double (*)[6])task_stiffness;
+    const double *const K[6] = {task_stiffness, task_stiffness + 6, task_stiffness + 12,
+        task_stiffness + 18, task_stiffness + 24, task_stiffness + 30};
     lanes J[6][PADDED];
     lanes u[6][PADDED];
     const double (*const J_of)[LANES * PADDED] = (const double (*)[LANES * PADDED])J; /* joint by joint */
@@ -2773,7 +2776,8 @@ void iiwa14_spatial_joint_stiffness_uncorrected(const double q[7], const double 
     const double task_stiffness[36], double joint_stiffness_uncorrected[49])
 {
     const double *const F = wrench;
-    const double (*const K)[6] = (const double (*)[6])task_stiffness;
+    const double *const K[6] = {task_stiffness, task_stiffness + 6, task_stiffness + 12,
+        task_stiffness + 18, task_stiffness + 24, task_stiffness + 30};
     lanes J[6][PADDED];
     lanes y[6][PADDED];
     lanes u_beyond[6][PADDED];
@@ -2989,7 +2993,8 @@ void iiwa14_hybrid_joint_stiffness(const double q[7], const double wrench[6],
     const double task_stiffness[36], double joint_stiffness[49])
 {
     const double *const F = wrench;
-    const double (*const K)[6] = (const double (*)[6])task_stiffness;
+    const double *const K[6] = {task_stiffness, task_stiffness + 6, task_stiffness + 12,
+        task_stiffness + 18, task_stiffness + 24, task_stiffness + 30};
     lanes J[6][PADDED];
     lanes u[6][PADDED];
     const double (*const J_of)[LANES * PADDED] = (const double (*)[LANES * PADDED])J; /* joint by joint */
@@ -3047,7 +3052,8 @@ void iiwa14_hybrid_joint_stiffness_uncorrected(const double q[7], const double w
     const double task_stiffness[36], double joint_stiffness_uncorrected[49])
 {
     const double *const F = wrench;
-    const double (*const K)[6] = (const double (*)[6])task_stiffness;
+    const double *const K[6] = {task_stiffness, task_stiffness + 6, task_stiffness + 12,
+        task_stiffness + 18, task_stiffness + 24, task_stiffness + 30};
     lanes J[6][PADDED];
     lanes y[6][PADDED];
     lanes u_beyond[6][PADDED];
@@ -3122,7 +3128,8 @@ void iiwa14_hybrid_stiffness_direction_gradient(const double q[7], const double 
     const double task_stiffness[36], const double direction[7], double stiffness_direction_gradient[7])
 {
     const double *const F = wrench;
-    const double (*const K)[6] = (const double (*)[6])task_stiffness;
+    const double *const K[6] = {task_stiffness, task_stiffness + 6, task_stiffness + 12,
+        task_stiffness + 18, task_stiffness + 24, task_stiffness + 30};
     const double *const v = direction;
     lanes rows_of_direction[1][PADDED];
     ALIGNED double vv[49];

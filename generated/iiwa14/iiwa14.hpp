@@ -103,7 +103,8 @@ template <class T, std::size_t... Extents> constexpr void demand_storage() noexc
         static_assert(std::is_same_v<typename T::Scalar, double>, "iiwa14: this Eigen object does not hold doubles");
         static_assert(!has_data<T> || (rows > 0 && columns > 0),
             "iiwa14: the size of this Eigen object is not known to the compiler: pass vector.head<N>(), or iiwa14::row_major<ROWS, COLUMNS>(matrix), which copies");
-        static_assert(has_data<T>, "iiwa14: this is an Eigen expression, not yet computed: pass (expression).eval(), or store it in a iiwa14::Matrix first");
+        static_assert(has_data<T> || !std::is_same_v<typename T::Scalar, double>,
+            "iiwa14: this is an Eigen expression, not yet computed: pass (expression).eval(), or store it in a iiwa14::Matrix first");
         if constexpr (rows > 0 && columns > 0 && has_data<T>) {
             if constexpr (rows == 1 || columns == 1) {
                 static_assert(static_cast<std::size_t>(rows) * static_cast<std::size_t>(columns) == count,

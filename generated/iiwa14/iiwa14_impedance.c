@@ -6,6 +6,13 @@
 #include <stddef.h>
 #include <string.h>
 
+/* Names of this file that headers of a platform may have as macros. */
+#undef M
+#undef N
+#undef NEAR
+#undef far
+#undef near
+
 #if defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__
 #error "compile without -ffast-math and -ffinite-math-only: NaN and infinity must be seen"
 #endif
@@ -338,10 +345,10 @@ static int check_fields(const config_t *c)
     if (!doubles_within(c->motor_inertia, sizeof c->motor_inertia / sizeof c->motor_inertia[0], 0.0, 10000.0)) {
         return IIWA14_E_CONFIG_MOTOR_INERTIA;
     }
-    if (!doubles_within(c->lower_limit, sizeof c->lower_limit / sizeof c->lower_limit[0], -INFINITY, INFINITY)) {
+    if (!doubles_within(c->lower_limit, sizeof c->lower_limit / sizeof c->lower_limit[0], -HUGE_VAL, HUGE_VAL)) {
         return IIWA14_E_CONFIG_LOWER_LIMIT;
     }
-    if (!doubles_within(c->upper_limit, sizeof c->upper_limit / sizeof c->upper_limit[0], -INFINITY, INFINITY)) {
+    if (!doubles_within(c->upper_limit, sizeof c->upper_limit / sizeof c->upper_limit[0], -HUGE_VAL, HUGE_VAL)) {
         return IIWA14_E_CONFIG_UPPER_LIMIT;
     }
     if (!doubles_within(&c->position_tolerance, 1, 0.0, 10.0)) {
@@ -1310,7 +1317,7 @@ static int split_torque(const double *q, const double *dq, const double *q_des, 
         good = good && fabs(tau_ff[i]) <= DBL_MAX;
     }
     for (int i = 0; i < N && !good; ++i) {
-        tau_ff[i] = kp[i] = kd[i] = NAN;
+        tau_ff[i] = kp[i] = kd[i] = (double)NAN;
     }
     return good ? IIWA14_OK : IIWA14_E_GAINS;
 }
@@ -1338,8 +1345,8 @@ static double bound_late_work(const double *q, const double *q_des, const double
     for (int i = 0; i < N; ++i) {
         const double a = tau_ff[i] + kp[i] * (q_des[i] - q[i]) + kd[i] * dq_des[i];
         const int good = fabs(a) <= DBL_MAX && kp[i] >= 0.0 && kd[i] >= 0.0 && speed[i] >= 0.0 && hold > 0.0;
-        const double most = good ? bound_motor_work(a, kp[i], kd[i], speed[i], hold) : NAN;
-        work += fabs(most) <= DBL_MAX ? most : NAN;
+        const double most = good ? bound_motor_work(a, kp[i], kd[i], speed[i], hold) : (double)NAN;
+        work += fabs(most) <= DBL_MAX ? most : (double)NAN;
     }
     return work;
 }
@@ -1996,6 +2003,7 @@ static int measure_mobilities(const config_t *c, const memory_t *m, const double
                               double *work, double *mobilities)
 {
     double *const M = work, *const L = work + NN, J[6 * N * TIPS], pose[16 * TIPS];
+    memset(mobilities, 0, 18 * TIPS * sizeof(double));
     compute_inertia(c, m, q, M);
     const double mass = largest_diagonal(N, M);
     if (factorise_cholesky(N, M, mass, 0.0, L) != 0) {
@@ -2003,7 +2011,6 @@ static int measure_mobilities(const config_t *c, const memory_t *m, const double
     }
     stiffgen_jacobians(q, m, J);
     stiffgen_poses(q, m, pose);
-    memset(mobilities, 0, 18 * TIPS * sizeof(double));
     for (int t = 0; t < TIPS; ++t) {
         const double *const P = pose + 16 * t, *const E = equilibrium != NULL ? equilibrium + 16 * t : P;
         const double *const G = stiffgen_centre();
@@ -3357,7 +3364,7 @@ static int approach_posture(step_t *s, const double *here, double lead, int arri
         /* begin again from where the arm is */
         memcpy(m->trial, m->q, sizeof m->trial);
         m->beyond = m->detour = moving = 1;
-        m->restarts += 1;
+        m->restarts = clamp_count(m->restarts + 1, RESTARTS);
     } else if (distance <= REACHED) {
         m->beyond = 0;
     }
@@ -3439,43 +3446,51 @@ static double find_pace(const step_t *s, double lead)
     return m->beyond ? zone : smaller(zone, 2.0 - lead / PATH_LEAD);
 }
 
+/* Update the velocities towards a commanded pose. Return whether posture or equilibrium is still away from its goal. */
+static int follow_pose(step_t *s)
+{
+    memory_t *const m = s->m;
+    double here[16 * TIPS];
+    stiffgen_poses(m->posture, m, here);
+    const double streamed = s->commanded ? pose_distance(m->wanted_equilibrium, s->goal) : 0.0;
+    if (streamed > SAME_POSE) {
+        /* beyond the reach, the posture goes on towards the poses of a stream: waiting for each, it would stop */
+        const int far = m->beyond && !m->detour && pose_distance(here, s->goal) > PATH_LEAD;
+        forget_search(m);
+        m->beyond = far && streamed <= PATH_LEAD;
+    }
+    const double lead = pose_distance(here, m->equilibrium), pace = find_pace(s, lead);
+    const double *const to = m->beyond ? here : s->goal, *const from = m->beyond ? NULL : m->wanted_equilibrium;
+    const int arrived = approach_poses(s, to, from, pace);
+    return approach_posture(s, here, lead, arrived) || !arrived;
+}
+
+/* After commands by pose, let the equilibrium join the posture's pose. Return whether it is still away from it. */
+static int join_posture(step_t *s)
+{
+    double here[16 * TIPS];
+    stiffgen_poses(s->m->posture, s->m, here);
+    const int arrived = approach_poses(s, here, NULL, 1.0);
+    s->m->joined = s->commanded && arrived;
+    return !arrived;
+}
+
 /* Update the velocities of posture and equilibrium. Return whether either is still away from its goal. */
 static int update_velocities(step_t *s, int by_posture)
 {
-    const config_t *const c = s->c;
     memory_t *const m = s->m;
-    double away[MAX_ROWS], moved[MAX_ROWS], here[16 * TIPS];
-    int moving = 0;
-    const int joining = s->input->command == IIWA14_COMMAND_POSITION && !by_posture;
-    if (!by_posture) {
-        stiffgen_poses(m->posture, m, here);
-    }
+    double away[MAX_ROWS], moved[MAX_ROWS];
+    int moving = 0, joining = s->input->command == IIWA14_COMMAND_POSITION && !by_posture;
     if (!by_posture && !joining) {
-        const double streamed = s->commanded ? pose_distance(m->wanted_equilibrium, s->goal) : 0.0;
-        if (streamed > SAME_POSE) {
-            /* beyond the reach, the posture goes on towards the poses of a stream: waiting for each, it would stop */
-            const int far = m->beyond && !m->detour && pose_distance(here, s->goal) > PATH_LEAD;
-            forget_search(m);
-            m->beyond = far && streamed <= PATH_LEAD;
-        }
-        const double lead = pose_distance(here, m->equilibrium), pace = find_pace(s, lead);
-        const int arrived = m->beyond ? approach_poses(s, here, NULL, pace)
-                                      : approach_poses(s, s->goal, m->wanted_equilibrium, pace);
-        return approach_posture(s, here, lead, arrived) || !arrived;
+        return follow_pose(s);
     }
     for (int i = 0; i < N; ++i) {
         away[i] = s->commanded && !joining ? s->input->q0[i] - m->posture[i] : 0.0;
         moved[i] = s->commanded && !joining ? s->input->q0[i] - m->wanted_posture[i] : 0.0;
         moving |= away[i] != 0.0;
     }
-    approach_goal(c, c->ramp_time, N, 1, away, moved, c->reference_velocity_limit, m->posture_velocity);
-    if (!by_posture) {
-        /* after commands by pose the equilibrium first joins the posture's pose */
-        const int arrived = approach_poses(s, here, NULL, 1.0);
-        m->joined = s->commanded && arrived;
-        moving |= !arrived;
-    }
-    return moving;
+    approach_goal(s->c, s->c->ramp_time, N, 1, away, moved, s->c->reference_velocity_limit, m->posture_velocity);
+    return joining ? join_posture(s) || moving : moving;
 }
 
 /*
@@ -3507,18 +3522,18 @@ static void pay_for_travel(step_t *s)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
-    const double *const q0 = s->input->q0, *pose = s->goal;
+    const double *const q0 = s->input->q0;
     const int by_pose = s->input->command == IIWA14_COMMAND_EQUILIBRIUM;
-    double there[16 * TIPS];
+    double pose[16 * TIPS];
     if (!s->commanded) {
         return;
     }
     if (by_pose && !m->by_pose) {
         stiffgen_poses(m->wanted_posture, m, m->wanted_equilibrium);
     }
+    memcpy(pose, s->goal, sizeof pose);
     if (!by_pose && (m->by_pose || !m->joined)) {
-        stiffgen_poses(q0, m, there);
-        pose = there;
+        stiffgen_poses(q0, m, pose);
     }
     const double *const moved_pose = by_pose || m->by_pose ? pose : NULL;
     const double *const away_pose = by_pose || !m->joined ? pose : NULL;
@@ -4019,7 +4034,7 @@ static int accept_plan(step_t *s)
     if (!good) {
         return 0;
     }
-    m->planning = in->command;
+    m->planning = in->command == IIWA14_COMMAND_EQUILIBRIUM ? IIWA14_COMMAND_EQUILIBRIUM : IIWA14_COMMAND_POSITION;
     if (begins) {
         memset(m->posture_drift, 0, sizeof m->posture_drift);
         memset(m->tip_drift, 0, sizeof m->tip_drift);
@@ -5188,7 +5203,7 @@ double iiwa14_impedance_late_work(const double *q, const double *q_des, const do
     const double *kp, const double *kd, const double *velocity_limit, double hold)
 {
     const int null = q == NULL || q_des == NULL || dq_des == NULL || tau_ff == NULL || kp == NULL || kd == NULL || velocity_limit == NULL;
-    return null ? NAN : bound_late_work(q, q_des, dq_des, tau_ff, kp, kd, velocity_limit, hold);
+    return null ? (double)NAN : bound_late_work(q, q_des, dq_des, tau_ff, kp, kd, velocity_limit, hold);
 }
 
 int iiwa14_impedance_policy_start(policy_t *policy, const double *poses, double now)

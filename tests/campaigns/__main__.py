@@ -77,6 +77,7 @@ CAMPAIGNS = {
         "--states 16 --machines aarch64 --functions spring_wrench",
     ),
     "proofs": _campaign("proofs", "prove whole folders", None),
+    "hazards": _campaign("hazards", "see the test of each hazard fail on its seeded fault"),
     "seeded-faults": _campaign("seeded_faults", "prove folders with seeded faults", None),
     "soak": _campaign(
         "soak", "run the controller for a million hostile steps", "--steps 12000 --pencils 20 --builds threads valgrind"

@@ -3177,7 +3177,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "8a544f54c9065a9a") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "2a1054c65a6d3a22") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -243,30 +243,27 @@ static int follow_pose(step_t *s)
         m->beyond = far && streamed <= PATH_LEAD;
     }
     const double lead = pose_distance(here, m->equilibrium), pace = find_pace(s, lead);
-    const int arrived = m->beyond ? approach_poses(s, here, NULL, pace)
-                                  : approach_poses(s, s->goal, m->wanted_equilibrium, pace);
+    const double *const to = m->beyond ? here : s->goal, *const from = m->beyond ? NULL : m->wanted_equilibrium;
+    const int arrived = approach_poses(s, to, from, pace);
     return approach_posture(s, here, lead, arrived) || !arrived;
 }
 
 /* After commands by pose, let the equilibrium join the posture's pose. Return whether it is still away from it. */
 static int join_posture(step_t *s)
 {
-    memory_t *const m = s->m;
     double here[16 * TIPS];
-    stiffgen_poses(m->posture, m, here);
+    stiffgen_poses(s->m->posture, s->m, here);
     const int arrived = approach_poses(s, here, NULL, 1.0);
-    m->joined = s->commanded && arrived;
+    s->m->joined = s->commanded && arrived;
     return !arrived;
 }
 
 /* Update the velocities of posture and equilibrium. Return whether either is still away from its goal. */
 static int update_velocities(step_t *s, int by_posture)
 {
-    const config_t *const c = s->c;
     memory_t *const m = s->m;
     double away[MAX_ROWS], moved[MAX_ROWS];
-    int moving = 0;
-    const int joining = s->input->command == ID(COMMAND_POSITION) && !by_posture;
+    int moving = 0, joining = s->input->command == ID(COMMAND_POSITION) && !by_posture;
     if (!by_posture && !joining) {
         return follow_pose(s);
     }
@@ -275,7 +272,7 @@ static int update_velocities(step_t *s, int by_posture)
         moved[i] = s->commanded && !joining ? s->input->q0[i] - m->wanted_posture[i] : 0.0;
         moving |= away[i] != 0.0;
     }
-    approach_goal(c, c->ramp_time, N, 1, away, moved, c->reference_velocity_limit, m->posture_velocity);
+    approach_goal(s->c, s->c->ramp_time, N, 1, away, moved, s->c->reference_velocity_limit, m->posture_velocity);
     return joining ? join_posture(s) || moving : moving;
 }
 
