@@ -83,7 +83,7 @@ def load(file: str | Path, *, tip: Any = None, base: str | None = None, **option
                 flush(folder)  # no record on the disk before the files that it vouches for
                 record = {"file": str(Path(file).absolute()), "folder": folder.name, "version": __version__}
                 write_atomically(entry / _RECORD, json.dumps(record | {"digests": _digests(folder)}))
-                robot = open_robot(folder)
+                robot = open_robot(folder, trust_potentials=True)
     return robot
 
 
@@ -163,7 +163,7 @@ def _open(entry: Path, say: Callable[[str], None]) -> GeneratedRobot | None:
     damaged = sorted(file for file, digest in content["digests"].items() if found.get(file) != digest)
     try:
         if not damaged:
-            return open_robot(folder)
+            return open_robot(folder, trust_potentials=True)
     except OutputError:
         damaged = [MANIFEST]
     say(f"the robot {content['folder']} in the cache is damaged ({listed(damaged, 3)}); generating it again")

@@ -22,6 +22,7 @@ from stiffgen.names import CPP_NAMES
 from stiffgen.robot.assembly import assemble
 from stiffgen.robot.chain import AcceptedInertia, Chain, ChainOptions, Tool
 from stiffgen.robot.description import Description, Reading
+from stiffgen.robot.files import FileError, read_regular
 from stiffgen.robot.names import find_robot, is_name
 from stiffgen.robot.reader import read_description
 from stiffgen.robot.selection import select
@@ -30,6 +31,7 @@ from stiffgen.symbolic.potentials import Potential, SpringOptions
 from stiffgen.symbolic.springs import KINDS, Placement, spring
 
 _DEFAULTS = ChainOptions()
+_MAX_SOURCE = 4 * 2**20  # of a potential's file [bytes]
 
 
 def load_chain(
@@ -164,7 +166,9 @@ def read_potential(text: str) -> Potential:
     if not separator or not path or not function:
         raise PotentialError(f"--potential {text}: is not FILE.py:FUNCTION")
     try:
-        source = Path(path).read_text(encoding="utf-8")
+        source = read_regular(path, _MAX_SOURCE).decode("utf-8")
+    except FileError as error:
+        raise PotentialError(f"--potential {text}: {error}; name a Python file") from error
     except (OSError, UnicodeDecodeError) as error:
         raise PotentialError(f"--potential {path}: cannot be read ({getattr(error, 'strerror', error)})") from error
     return potential_of_source(source, Path(path).name, function)
@@ -188,8 +192,26 @@ def potential_of_source(source: str, file: str, function: str) -> Potential:
     return Potential(names[function], file, source)
 
 
-def springs_of_manifest(content: dict[str, Any]) -> SpringOptions:
-    """Return the springs of a robot's folder; a folder without a record has the default spring."""
+def sealed_potential(record: Mapping[str, Any]) -> Potential:
+    """Return a potential of a manifest without running its source: name and parameters alone."""
+    name = str(record["function"])
+
+    def refuse(*_: Any) -> Any:
+        raise PotentialError(
+            f"potential {name}: its source in manifest.json is not run; read it, then pass --trust-potentials, or "
+            "trust_potentials=True in Python"
+        )
+
+    refuse.__name__ = name
+    vars(refuse)["parameters"] = {str(key): tuple(map(int, shape)) for key, shape in record["parameters"]}
+    return Potential(refuse, record["file"], record["source"], is_sealed=True)
+
+
+def springs_of_manifest(content: dict[str, Any], trust_potentials: bool) -> SpringOptions:
+    """Return the springs of a robot's folder; a folder without a record has the default spring.
+
+    The source of potentials is run only if ``trust_potentials`` is True.
+    """
     recorded = content.get("springs")
     if recorded is None:
         return SpringOptions()
@@ -199,7 +221,12 @@ def springs_of_manifest(content: dict[str, Any]) -> SpringOptions:
     return SpringOptions(
         tuple(names[name] for name in recorded["kinds"] if name in names),
         Placement(recorded["translation_axes"], recorded["rotation_axes"], (x, y, z)),
-        tuple(potential_of_source(each["source"], each["file"], each["function"]) for each in recorded["potentials"]),
+        tuple(
+            potential_of_source(each["source"], each["file"], each["function"])
+            if trust_potentials
+            else sealed_potential(each)
+            for each in recorded["potentials"]
+        ),
         derivatives,
         tuple(recorded.get("groups", ())),
         recorded.get("batches", True),

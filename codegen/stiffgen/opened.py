@@ -226,13 +226,15 @@ def functions_of(module: ModuleType, kernels: tuple[Kernel, ...], folder: Path) 
     return functions
 
 
-def open_robot(folder: str | Path) -> GeneratedRobot:
+def open_robot(folder: str | Path, *, trust_potentials: bool = False) -> GeneratedRobot:
     """Open a robot's folder. Its module is imported when it is first asked for.
 
     Importing the module runs the folder's Python and machine code: open folders of people you trust (docs/proofs.md).
 
     Args:
         folder: what ``stiffgen generate`` wrote.
+        trust_potentials: run the source of potentials in manifest.json; without it they have names and parameters, and
+            programs of their functions are refused.
 
     Returns:
         The robot: ``chain``, ``springs``, ``module``, ``table``, ``kernels``, ``manifest``, ``name``, ``folder``.
@@ -251,7 +253,7 @@ def open_robot(folder: str | Path) -> GeneratedRobot:
     try:
         chain = chain_from_manifest(manifest)
         name = checked_identifier(manifest["name"])
-        springs = springs_of_manifest(manifest)
+        springs = springs_of_manifest(manifest, trust_potentials)
         scalar = scalar_of_manifest(manifest)
         chain_kernels(chain, springs)
     except (*DAMAGE, NotImplementedError, RuntimeError, StiffgenError) as error:  # also what CasADi raises

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from stiffgen.errors import ChainError, listed
-from stiffgen.loading import springs_of_manifest
 from stiffgen.lower.rounding import Ranges
 from stiffgen.lower.scalar import DOUBLE, SCALARS, Scalar
 from stiffgen.robot.chain import ChainOptions, Tool
@@ -245,11 +244,11 @@ GenerationOptions.__doc__ = "\n".join(
 )
 
 
-def options_of_manifest(content: Mapping[str, Any]) -> GenerationOptions:
+def options_of_manifest(content: Mapping[str, Any], springs: SpringOptions) -> GenerationOptions:
     """Return the options that a folder was printed with; those that select the chain have their defaults."""
     return GenerationOptions(
         **content["options"],
         scalar=content.get("scalar", DOUBLE.name),
-        springs=springs_of_manifest(dict(content)),
+        springs=springs,
         ranges=Ranges(**content["rounding"]["ranges"]),
     )

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 from types import ModuleType
 
@@ -11,7 +12,8 @@ from rich.table import Table
 
 from stiffgen.cli.arguments import add_folder, natural, positive
 from stiffgen.cli.console import Progress, messages, table, tables
-from stiffgen.errors import StiffgenError
+from stiffgen.emit.manifest import MANIFEST
+from stiffgen.errors import StiffgenError, listed
 from stiffgen.opened import open_robot
 from stiffgen.rooms import optional
 from stiffgen.verify.result import Check
@@ -26,6 +28,9 @@ def add(command: argparse.ArgumentParser) -> None:
         "--samples", type=positive, help="number of random configurations (default: 200 up to 7 joints, fewer for more)"
     )
     command.add_argument("--seed", type=natural, default=0, help="seed of the random configurations (default: 0)")
+    command.add_argument(
+        "--trust-potentials", action="store_true", help="run the source of potentials in manifest.json [ask]"
+    )
     command.set_defaults(run=run, report=None)
     if optional("prove.safety_page") is not None:
         command.add_argument("--report", type=Path, metavar="FILE.html", help="write the evidence as one page")
@@ -39,8 +44,16 @@ def run(options: argparse.Namespace) -> int:
     page = optional("prove.safety_page")
     if page is not None:
         _check_page(page, options)
+    trusts = options.trust_potentials or _asks(options.folder)
     with Progress(messages(wide=False)).shown() as progress:
-        checks = verify(options.folder, urdf=options.urdf, count=options.samples, seed=options.seed, progress=progress)
+        checks = verify(
+            options.folder,
+            urdf=options.urdf,
+            count=options.samples,
+            seed=options.seed,
+            trust_potentials=trusts,
+            progress=progress,
+        )
     failed = [check for check in checks if not check.passed]
     tables().print(_check_table(checks))
     for check in failed:
@@ -63,6 +76,15 @@ def run(options: argparse.Namespace) -> int:
         )
         print(options.report)
     return 1 if failed else 0
+
+
+def _asks(folder: Path) -> bool:
+    """Return whether a person at the terminal lets the potentials of a folder run; False where nobody can answer."""
+    names = [each.name for each in open_robot(folder).springs.potentials]
+    if not names or not sys.stdin.isatty():
+        return False
+    print(f"Verification runs the Python source of {listed(names)} in {folder / MANIFEST}. Run it? [y/N] ", end="")
+    return input().strip().lower() in ("y", "yes")
 
 
 def _check_page(page: ModuleType, options: argparse.Namespace) -> None:

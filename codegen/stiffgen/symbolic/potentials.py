@@ -49,11 +49,15 @@ _WITHOUT_DERIVATIVES = {
 
 @dataclass(frozen=True)
 class Potential:
-    """Function U(p, R, parameters), and file name and text of its source."""
+    """Function U(p, R, parameters), and file name and text of its source.
+
+    The function of a sealed potential has name and parameters, and refuses to be called: its source was not run.
+    """
 
     function: Callable[..., Any]
     file: str = ""
     source: str = ""
+    is_sealed: bool = False
 
     @property
     def name(self) -> str:
@@ -119,6 +123,8 @@ def spring_of(potential: Potential) -> Spring:
     text = inspect.getdoc(potential.function) or ""
     source = f" of {potential.file}" if potential.file else ""
     user = Spring(name, arguments, energy, f"U(p, R) by the function {name}{source}", " ".join(text.split()))
+    if potential.is_sealed:
+        return user
     p, R = ca.SX.sym("p", 3), ca.SX.sym("R", 3, 3)
     symbols = [ca.SX.sym(a.name, *_extent(a)) for a in arguments]
     value = energy(p, R, *symbols)
@@ -248,7 +254,16 @@ class SpringOptions:
             "rotation_axes": self.placement.rotation_axes,
             "centre": list(self.placement.centre),
             "potentials": [
-                {"file": each.file, "function": each.name, "source": each.source} for each in self.potentials
+                {
+                    "file": each.file,
+                    "function": each.name,
+                    "parameters": [
+                        [name, [int(extent) for extent in shape]]
+                        for name, shape in getattr(each.function, "parameters", {}).items()
+                    ],
+                    "source": each.source,
+                }
+                for each in self.potentials
             ],
             **({"groups": list(self.groups)} if self.groups else {}),
             **({} if self.batches else {"batches": False}),

@@ -73,7 +73,7 @@ def check_functions(robot: GeneratedRobot) -> Check:
 
 def print_again(robot: GeneratedRobot) -> dict[str, str]:
     """Print the files of the folder with this generator, from the chain and the options in its manifest."""
-    return render(robot.chain, robot.name, options_of_manifest(robot.manifest))
+    return render(robot.chain, robot.name, options_of_manifest(robot.manifest, robot.springs))
 
 
 def check_text(robot: GeneratedRobot, texts: Mapping[str, str]) -> Check:

@@ -12,7 +12,7 @@ from functools import cache, partial
 from pathlib import Path
 
 from stiffgen.emit.manifest import MANIFEST
-from stiffgen.errors import StiffgenError
+from stiffgen.errors import PotentialError, StiffgenError, listed
 from stiffgen.folder import temporary_folder
 from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.robot.chain import Chain
@@ -51,6 +51,7 @@ def verify(
     urdf: str | Path | None = None,
     count: int | None = None,
     seed: int = 0,
+    trust_potentials: bool = False,
     progress: Callable[[str], None] = lambda step: None,
 ) -> list[Check]:
     """Verify a robot's folder against independent references.
@@ -65,6 +66,7 @@ def verify(
         urdf: the file that it was generated from. Without it the chain in the manifest is believed.
         count: number of random postures within the limits (default: 200 up to 7 joints, fewer for more, at least 10).
         seed: of the random generator, not negative.
+        trust_potentials: run the source of the potentials in the folder's manifest.json, which these need.
         progress: called with a few words before each step.
 
     Returns:
@@ -74,11 +76,13 @@ def verify(
         OutputError: the folder is none of stiffgen's, is damaged, or is not compiled.
         DescriptionError, ChainError: the URDF has no such chain.
         StiffgenError: ``count`` or ``seed`` is out of range.
+        PotentialError: the folder has potentials that are not trusted.
 
     """
     if seed < 0 or (count is not None and count < 1):
         raise StiffgenError("the seed must not be negative, and there must be at least one posture")
-    robot = open_robot(folder)
+    robot = open_robot(folder, trust_potentials=trust_potentials)
+    _require_trust(robot)
     count = default_count(robot.chain) if count is None else count
     checks = check_files(robot)
     if not checks[0].passed:
@@ -98,6 +102,16 @@ def verify(
                 # A folder that does not accept its own arguments has failed; the input is not to blame.
                 checks.append(Check(title, "runs", math.inf, 0.0, f"{type(error).__name__}: {error}"))
     return checks
+
+
+def _require_trust(robot: GeneratedRobot) -> None:
+    """Refuse a folder with potentials whose source may not be run."""
+    sealed = [each.name for each in robot.springs.potentials if each.is_sealed]
+    if sealed:
+        raise PotentialError(
+            f"{robot.folder}: verification runs the source of the potentials in manifest.json ({listed(sealed)}); read "
+            "it, then pass --trust-potentials, or trust_potentials=True in Python"
+        )
 
 
 def default_count(chain: Chain) -> int:
