@@ -17,6 +17,7 @@ from stiffgen.symbolic.closure import motor_gradient
 from stiffgen.symbolic.connection import Representation
 from stiffgen.symbolic.gradients import Gradients, bar_name, column, extents, shown, symbols
 from stiffgen.symbolic.kinematics import Expressions
+from stiffgen.symbolic.masks import ones_or_nan
 from stiffgen.symbolic.program import Array, Operand, Over, Step, pruned
 from stiffgen.symbolic.steps import (
     CloseLoops,
@@ -30,8 +31,6 @@ from stiffgen.symbolic.steps import (
     SumJoints,
     Weights,
 )
-
-_LARGEST = 1e300
 
 
 def _any_map(run: Gradients, step: Map) -> None:
@@ -190,9 +189,8 @@ def _closed_loops(run: Gradients, step: CloseLoops) -> None:
 
     def expressions(chain: Chain, q: ca.SX, *values: ca.SX) -> Expressions:
         gradient = motor_gradient(chain, q, sum(values, ca.SX.zeros(closed.size)))
-        sizes = ca.vertcat(*(ca.fabs(q[k]) for k in chain.actuated))
-        one = (sizes < _LARGEST) / (sizes <= _LARGEST)  # 0/0 if q is NaN, also for motors outside of the loops
-        return Expressions(gradient * one, ())
+        positions = ca.vertcat(*(q[k] for k in chain.actuated))
+        return Expressions(gradient * ones_or_nan(positions), ())  # also for motors outside of the loops
 
     heading = "gradient with respect to the motors: G^T cotangent"
     run.steps.append(StraightLine((run.new(motors),), expressions, (closed, *bars), heading=heading))

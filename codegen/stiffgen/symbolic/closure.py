@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 from stiffgen.robot.chain import Chain, Joint, LoopEnd
 from stiffgen.symbolic.factors import Factors, Units
 from stiffgen.symbolic.kinematics import constant, cross, joint_position
+from stiffgen.symbolic.masks import larger_or_nan
 
 _Angle = tuple[int, float, float]
 Turns = dict[_Angle, tuple[ca.SX, ca.SX]]
@@ -238,9 +239,7 @@ class Closure:
         """Return the largest condition number of a block, 1 at best."""
         largest = ca.SX(1)
         for block in self.blocks:
-            value = block.condition()
-            is_less = value < largest
-            largest = is_less * largest + (1 - is_less) * value  # NaN if one is; fmax would drop it
+            largest = larger_or_nan(largest, block.condition())
         return largest
 
 

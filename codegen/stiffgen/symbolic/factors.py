@@ -23,6 +23,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from stiffgen.symbolic.kinematics import cross
+from stiffgen.symbolic.masks import reciprocal_or_nan
 
 SINGULAR = 1e-9
 """Distance of a column from the span of the others, relative to typical columns (``Units``), for NaN."""
@@ -80,7 +81,7 @@ class _Rod:
             duals = [ca.vertsplit(cross(second, plane)), ca.vertsplit(cross(plane, first))]
         squared = _dot(normal, normal)
         least = SINGULAR**2 * math.prod(units.column(column) for column in columns)
-        inverse = _inverse(squared, squared, least)
+        inverse = reciprocal_or_nan(squared, squared, least)
         return _Rod(rows, columns, normal, [[x * inverse for x in dual] for dual in duals], squared)
 
 
@@ -165,7 +166,7 @@ class _Adjugate:
         else:
             determinant, self.adjugate = (entries[0][0] if entries else ca.SX(1)), [[ca.SX(1)]] * len(entries)
         least = math.prod(scales, start=ca.SX(SINGULAR**2 * math.prod(lengths)))
-        self.inverse = _inverse(determinant, determinant * determinant, least)
+        self.inverse = reciprocal_or_nan(determinant, determinant * determinant, least)
 
     def solve(self, right: Entries) -> Entries:
         """Return the solution x of A x = right."""
@@ -213,7 +214,7 @@ class _Reflections:
                 rest = _reflected(v, scale, [A[i][j] for i in range(k, self.size)])
                 for i, value in enumerate(rest, start=k):
                     A[i][j] = value
-        return _inverse(pivot, pivot * pivot, SINGULAR**2 * length)
+        return reciprocal_or_nan(pivot, pivot * pivot, SINGULAR**2 * length)
 
     def solve(self, right: Entries) -> Entries:
         """Return the solution x of A x = right."""
@@ -238,12 +239,6 @@ class _Reflections:
 
 def _dot(left: Iterable[ca.SX], right: Iterable[ca.SX]) -> ca.SX:
     return sum((x * y for x, y in zip(left, right, strict=True)), NONE)
-
-
-def _inverse(number: ca.SX, size: ca.SX, least: ca.SX | float) -> ca.SX:
-    """Return 1 / number; NaN unless its ``size`` is above ``least``, and wherever an input is NaN."""
-    is_regular = size > least
-    return is_regular / (number * is_regular**2)  # 0/0 at a singularity; CasADi would simplify x / (number x)
 
 
 def _reflected(v: Entries, scale: ca.SX, b: Entries) -> Entries:

@@ -12,6 +12,7 @@ from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import VELOCITY, Argument, Q
 from stiffgen.symbolic.closure import Closure, hinges, sines_and_cosines
 from stiffgen.symbolic.kinematics import Expressions, Kind, Section
+from stiffgen.symbolic.masks import zero_or_nan
 from stiffgen.symbolic.program import Array, Operand, Over, Program, Step, entries_of
 from stiffgen.symbolic.steps import CloseLoops, Map, StraightLine, SumJoints
 from stiffgen.symbolic.stiffness import symmetric_from_upper
@@ -250,7 +251,7 @@ def close(chain: Chain, actuated: Argument, start: Argument, result: Argument) -
         closure = Closure(chain, q)
         step = closure.passive_rates(closure.residual())[chain.base_joints :]
         is_closed = (ca.sumsqr(step) <= LAST_STEP**2) * (closure.squared_gap() <= GAP**2)
-        return _expressions(closure, q + step + ca.sqrt(is_closed - 1))
+        return _expressions(closure, q + step + zero_or_nan(is_closed))
 
     meaning = "One step of Newton's method for the passive joints"
     targets = [*parts, *(len(states) - len(parts)) * [motors]]

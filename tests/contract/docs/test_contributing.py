@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -49,19 +50,69 @@ def test_there_are_recipes() -> None:
     assert len(recipes()) >= 5
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("title", recipes())
-def test_recipe(title: str, tmp_path: Path) -> None:
-    package = tmp_path / "stiffgen"
+def changed_package(title: str, folder: Path) -> list[Block]:
+    """Make the edits of a recipe in a copy of the package; return the recipe's blocks."""
+    package = folder / "stiffgen"
     shutil.copytree(ROOT / "codegen" / "stiffgen", package, ignore=shutil.ignore_patterns("__pycache__"))
     section = recipes()[title]
     for block in section:
         if block.marker == "edit":
             edit(package, block)
-    check = "".join(block.code for block in section if not block.shown)
-    assert check, "no code checks the recipe"
-    done = subprocess.run(
-        [sys.executable, "-c", check, str(URDF)], cwd=tmp_path, capture_output=True, text=True, check=False,
-        env=os.environ | {"PYTHONPATH": str(tmp_path)},
+    return section
+
+
+def run(folder: Path, *command: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    """Run Python with the copy of the package."""
+    return subprocess.run(
+        [sys.executable, *command], cwd=cwd or folder, capture_output=True, text=True, check=False,
+        env=os.environ | {"PYTHONPATH": str(folder), "CFLAGS": "-O0"},
     )  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("title", recipes())
+def test_recipe(title: str, tmp_path: Path) -> None:
+    check = "".join(block.code for block in changed_package(title, tmp_path) if not block.shown)
+    assert check, "no code checks the recipe"
+    done = run(tmp_path, "-c", check, str(URDF))
     assert done.returncode == 0, done.stderr
+
+
+VERIFY = "import sys; from stiffgen.cli import main; sys.exit(main(sys.argv[1:]))"
+ORACLE = re.compile(r'^    "load_energy".*\n', re.MULTILINE)
+
+
+@pytest.mark.slow
+def test_a_kernel_with_a_new_argument_is_verified_to_the_end(tmp_path: Path) -> None:
+    """The page's kernel: at most three files, verify and test_ufunc pass; wrong or without its oracle, verify fails.
+
+    Before, verify passed a kernel that returned y for z, since nothing asked for its oracle.
+    """
+    section = changed_package("Add a kernel", tmp_path)
+    files = {block.what.split()[0] for block in section if block.marker == "edit"}
+    assert len(files) <= 3 and "codegen/stiffgen/verify/oracles.py" in files
+    program, oracles = tmp_path / "stiffgen/symbolic/programs.py", tmp_path / "stiffgen/verify/oracles.py"
+
+    def verified() -> tuple[int, str]:
+        chosen = ["--kernels", "load_energy", "--no-controller", "--output", str(tmp_path / "out")]
+        made = run(tmp_path, "-c", VERIFY, "generate", str(URDF), *chosen)
+        assert made.returncode == 0, made.stderr
+        done = run(tmp_path, "-c", VERIFY, "verify", str(tmp_path / "out" / "iiwa14"), "--samples", "10")
+        return done.returncode, done.stdout
+
+    code, table = verified()
+    assert code == 0, table
+    assert re.search(r"load_energy +. product of poses +.+ok", table) and "certified bound of rounding" in table
+    tests = ["tests/contract/bindings/test_ufunc.py", "-k", "load_energy"]
+    done = run(tmp_path, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", *tests, cwd=ROOT)
+    assert done.returncode == 0 and " passed" in done.stdout, done.stdout
+    right = oracles.read_text()
+    oracles.write_text(ORACLE.sub("", right))
+    code, table = verified()
+    assert code == 1 and re.search(r"load_energy +. no oracle +.+FAILED", table), table
+    oracles.write_text(right)
+    text = program.read_text()
+    program.write_text(text.replace("pose[:3, 3])", "pose[[0, 2, 1], 3])"))
+    assert program.read_text() != text
+    code, table = verified()
+    assert code == 1 and re.search(r"load_energy +. product of poses +.+FAILED", table), table
