@@ -82,10 +82,10 @@ HAZARD_FAULTS = (
     ),
     HazardFault(
         "torque from stale data",
-        "test_blind_in_a_limit_zone",
-        "{ /* there may be no configuration */",
-        "if (m->known) {\n        memcpy(s->out->torque, last, N * sizeof(double));\n    } else {",
-        "static void step_without_sample(",
+        "test_calls_left_out",
+        "if (ahead > 0) {",
+        "if (ahead > 1000000) {",
+        "static int check_counter(",
     ),
     HazardFault(
         "motion after a fault",
@@ -132,9 +132,9 @@ HAZARD_FAULTS = (
     HazardFault(
         "torque beyond limits, NaN",
         "test_hostile_input",
-        "s->out->torque[i] = reached;",
-        "s->out->torque[i] = wanted;",
-        "static void limit_torque(",
+        "s->c->torque_rate_limit[i] * s->c->sample_time",
+        "2.0 * s->c->torque_rate_limit[i] * s->c->sample_time",
+        "static void start_step(",
     ),
     HazardFault(
         "memory overwritten",

@@ -84,10 +84,7 @@ def prove(
         raise StiffgenError(f"parts are {', '.join(PARTS)}; not {listed(list(parts)) or 'none'}")
     if not timeout > 0.0:
         raise StiffgenError(f"--timeout {timeout:g}: must be above 0 (seconds)")
-    with_controller = robot.has_controller and not only and not {"services", "step"}.isdisjoint(parts)
-    if not with_controller and {"services", "step"}.issuperset(parts):
-        why = "--only names kernels" if only else f"{robot.folder} has no controller"
-        raise StiffgenError(f"nothing to prove: {why}; parts of kernels are memory, bits, widths")
+    with_controller = _includes_controller(robot, parts, only)
     sources = robot.source_digests()
     provers = find_provers()
     if json is not None and not Path(json).parent.is_dir():
@@ -110,6 +107,16 @@ def prove(
     if json is not None:
         write_verdicts(Path(json), robot.name, sources, provers.versions, verdicts)
     return verdicts
+
+
+def _includes_controller(robot: GeneratedRobot, parts: Sequence[str], only: Sequence[str]) -> bool:
+    """Return whether the controller is to be proved; refuse parts of it alone where it is not."""
+    own = {"services", "step"}
+    included = robot.has_controller and not only and not own.isdisjoint(parts)
+    if not included and own.issuperset(parts):
+        why = "--only names kernels" if only else f"{robot.folder} has no controller"
+        raise StiffgenError(f"nothing to prove: {why}; parts of kernels are memory, bits, widths")
+    return included
 
 
 def _chosen(robot: GeneratedRobot, only: Sequence[str]) -> list[Kernel]:

@@ -34,6 +34,7 @@ class Target:
 
     """
 
+    # More than twelve fields: one for each figure of docs/targets.md.
     machine: str
     compiler: str
     emulator: str
