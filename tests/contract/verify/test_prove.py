@@ -174,7 +174,7 @@ def test_exit_codes_tell_outcomes_apart(
 ) -> None:
     """0: all proved; 1: one is refuted; 3: none is refuted, but one is undecided."""
     verdicts = [Verdict("f", "in bounds", "Eva", word, 0.1, "because") for word in words]
-    monkeypatch.setattr(importlib.import_module("stiffgen.cli.prove"), "prove", lambda *_, **__: verdicts)
+    monkeypatch.setattr(importlib.import_module("stiffgen.prove.command"), "prove", lambda *_, **__: verdicts)
     assert main(["prove", str(FOLDER)]) == code
     out = capsys.readouterr().out
     for word in {*words} - {"proved"}:
