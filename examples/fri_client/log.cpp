@@ -56,6 +56,7 @@ Log::Log(Records &records, const std::string &path, Question &question)
         names(file_, name, JOINTS);
     }
     names(file_, "wrench", 6);
+    names(file_, "load", JOINTS);
     names(file_, "torque", JOINTS);
     file_.append(",status,mode,sample_valid,start,reset,antisymmetric,tank_energy,elastic_energy");
     for (const char *name : AFTER) {
@@ -186,6 +187,7 @@ void Log::write(const Record &record)
     values(file_, record.q0, JOINTS);
     values(file_, record.dq0, JOINTS);
     values(file_, record.wrench, 6);
+    values(file_, record.load, JOINTS);
     values(file_, record.torque, JOINTS);
     file_.append(",%lu,%d,%d,%d,%d", static_cast<unsigned long>(record.status), record.mode, record.sample_valid,
                  record.start, record.reset);

@@ -18,7 +18,7 @@ struct Record {
     int start; /* 1: the controller was initialised just before this step */
     int reset; /* 1: a latched fault was reset just before this step */
     int sample_valid;
-    double q[JOINTS], dq[JOINTS], q0[JOINTS], dq0[JOINTS], wrench[6]; /* inputs of the step */
+    double q[JOINTS], dq[JOINTS], q0[JOINTS], dq0[JOINTS], wrench[6], load[JOINTS]; /* inputs of the step */
     double torque[JOINTS];                                            /* output of the step */
     std::uint32_t status;
     int mode;

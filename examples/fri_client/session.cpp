@@ -175,6 +175,11 @@ std::string let_go_text(const Options &options, const WipingClient &client)
                text("%g", 1e3 * client.reported_period()) + " ms while commanding";
     case LET_GO_DEFECTS: return defect_text(options, client);
     case LET_GO_CONTROLLER:
+        if (client.controller_reason() == robot::REASON_FROZEN && client.controller_joint() >= 0) {
+            return std::string("the measured position of joint ") + robot::joint(client.controller_joint()) +
+                   " does not follow the torque that acts on it: frozen, or the joint is held and the external torque does "
+                   "not say so; check the joint's encoder and --external-torque-sign";
+        }
         return std::string("the controller latched a fault: ") + fault_text(client.controller_fault()) + ", reason " +
                std::to_string(client.controller_reason()) + " of " + robot::name() + "_impedance.h";
     default: return "";

@@ -101,6 +101,7 @@ WipingClient::WipingClient(const Settings &settings, const Trajectory &trajector
     /* A message that is lost is also a call that is left out: the robot keeps the last torque until the next answer, so
      * that the controller's fall of the torque does not reach it. */
     config_.loss_limit = config_.missed_limit;
+    config_.velocity_source = robot::VELOCITY_SOURCE_DIFFERENCED; /* FRI has no velocity */
     /* [J] small, whatever the robot could do: the pace of the trajectory looks at the energy, too */
     config_.energy_limit = settings.pace.energy > 0.0 ? settings.pace.energy : 5.0;
     config_.engagement_limit = 20.0;
@@ -331,6 +332,21 @@ double WipingClient::contact_force() const
     return wrench_refused_ || since_force_ > WRENCH_PATIENCE ? std::max(force_, limit) : force_;
 }
 
+/*
+ * Tell the controller which torque acted on the joints beside its own: the environment's, by the robot's torque sensors,
+ * and the guard's cuts. A joint that stands still although the sum must move it has a frozen position.
+ */
+void WipingClient::fill_external_torque()
+{
+    const double *const external = robotState().getExternalTorque();
+    const bool told = connection_.arrival().message.has_external_torque && all_finite(external, JOINTS);
+    for (int i = 0; i < JOINTS; ++i) {
+        const double environment = told ? settings_.external_torque_sign * external[i] : 0.0;
+        input_.external_torque[i] = environment + guard_.sent()[i] - output_.torque[i];
+    }
+    input_.external_valid = 1;
+}
+
 /* Fill the controller's input for this sample; false if there is none. */
 bool WipingClient::fill_input()
 {
@@ -344,6 +360,7 @@ bool WipingClient::fill_input()
     copy(velocity_.velocity(), input_.dq, JOINTS);
     reference_.at(pace_.value(), input_.q0, dq0_);
     input_.wrench_valid = 1;
+    fill_external_torque();
     return true;
 }
 
@@ -386,6 +403,7 @@ void WipingClient::step_controller(bool valid)
     copy(input_.q0, record_.q0, JOINTS);
     copy(dq0_, record_.dq0, JOINTS);
     copy(input_.wrench, record_.wrench, 6);
+    copy(input_.external_torque, record_.load, JOINTS);
     if (!valid) {
         /* The controller has not read input_. */
         fill(record_.q, NOT_A_NUMBER, JOINTS);
@@ -393,6 +411,7 @@ void WipingClient::step_controller(bool valid)
         fill(record_.q0, NOT_A_NUMBER, JOINTS);
         fill(record_.dq0, NOT_A_NUMBER, JOINTS);
         fill(record_.wrench, NOT_A_NUMBER, 6);
+        fill(record_.load, NOT_A_NUMBER, JOINTS);
     }
     copy(output_.torque, record_.torque, JOINTS);
     record_.status = output_.status;

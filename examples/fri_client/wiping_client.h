@@ -128,6 +128,7 @@ public:
     double wild_position() const { return wild_position_; } /* [rad] of that joint */
     int controller_fault() const { return controller_fault_; }
     int controller_reason() const { return output_.reason; }
+    int controller_joint() const { return output_.fault_joint; } /* of that fault; -1: none */
     const Question &question() const { return question_; }
     bool trajectory_done() const { return reference_.done(); }
     double progress() const { return reference_.progress(); } /* [s] in the trajectory */
@@ -157,6 +158,7 @@ private:
     void control();
     void missed_and_advance();
     bool fill_input();
+    void fill_external_torque();
     double contact_force() const;
     void watch_controller();
     void step_controller(bool valid);

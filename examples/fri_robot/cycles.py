@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from . import encoders
 from .faults import DIRECTIONS, KINDS, Delivery, FaultInjector, FaultPlan
 from .link import Link
 from .messages import (
@@ -139,6 +140,7 @@ class Cycles:
         self.meter = QualityMeter(policy, settings.multiplier, grace)
         self._executed: deque[bool] = deque(maxlen=policy.tracking_window)
         self.tracking = 0.0
+        self._encoders = encoders.Encoders()
         self.statistics = Statistics()
         self.wrench = np.zeros(6)
         self.in_contact = robot.plant.in_contact
@@ -185,7 +187,7 @@ class Cycles:
             control=ControlMode.JOINT_IMPEDANCE if commanding else ControlMode.POSITION,
             command_mode=self._settings.mode if commanding else CommandMode.NO_COMMAND_MODE,
             overlay=OverlayType.JOINT if commanding else OverlayType.NO_OVERLAY,
-            position=robot.q,
+            position=self._encoders.read(robot.q, self._encoder_faults()),
             torque=robot.measured_torque,
             commanded_position=robot.commanded_position,
             commanded_torque=robot.commanded_torque,
@@ -198,6 +200,11 @@ class Cycles:
             tracking=self.tracking,
             sent_at=self._clock(),
         )
+
+    def _encoder_faults(self) -> dict[str, str]:
+        """Return the arguments of the encoders' faults of this cycle, by kind."""
+        said = {kind: self._faults.condition(kind, self.time) for kind in encoders.KINDS}
+        return {kind: argument for kind, argument in said.items() if argument is not None}
 
     def _counter(self) -> int:
         """Return the sequence counter of this cycle's message; a fault may stop it."""

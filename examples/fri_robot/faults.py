@@ -41,6 +41,10 @@ drives:STATE     it reports this state of its drives (default OFF)
 operation:MODE   it reports this operation mode (default T1)
 period:MS        it reports this send period, 0: none
 held             the arm does not move, whatever is commanded
+still:JOINTS     the measured positions of joints stand still: A6, A2+A4, or all
+stuck:JOINTS_Q   they are Q [rad], such as A6_0.3
+toggling:JOINTS_BIT  they stand still but for a bit (0 to 51) that toggles, such as A6_32
+late:JOINTS_CYCLES   they are those of so many cycles ago, such as all_20
 ===============  =======================================================================================
 """
 
@@ -54,6 +58,7 @@ from typing import Any
 
 import numpy as np
 
+from . import encoders
 from .messages import (
     JOINTS,
     MOST_BYTES,
@@ -69,7 +74,7 @@ from .messages import (
 DIRECTIONS = ("robot", "client")
 KINDS = ("drop", "delay", "reorder", "duplicate", "garbage", "empty", "identifier", "missing", "six", "nan", "crc",
          "silence", "state", "quality", "truncate", "version", "burst", "jitter", "resolution", "clock", "standing",
-         "safety", "drives", "operation", "period", "held")  # fmt: skip
+         "safety", "drives", "operation", "period", "held", *encoders.KINDS)  # fmt: skip
 _CONDITIONS: dict[str, tuple[Any, str | None]] = {
     "quality": (Quality, None),
     "safety": (SafetyState, "SAFETY_STOP_LEVEL_1"),
@@ -81,6 +86,7 @@ _CONDITIONS: dict[str, tuple[Any, str | None]] = {
     "clock": ((-1e9, 1e9), None),
     "period": ((0.0, 100.0), None),
     "held": (None, ""),
+    **dict.fromkeys(encoders.KINDS, ("joints", None)),
 }
 """Arguments of the robot's own faults: valid names or bounds, and default."""
 _CUTS = ("robotInfo", "monitorData", "connectionInfo", "ipoData")
@@ -241,6 +247,12 @@ def _among(item: str, word: str, words: Iterable[str]) -> str:
 def _condition(item: str, kind: str, argument: str) -> str:
     allowed, default = _CONDITIONS[kind]
     argument = argument or default or ""
+    if allowed == "joints":
+        try:
+            encoders.parse_joints(kind, argument)
+        except ValueError as error:
+            raise FaultError(f"fault '{item}': {error}") from error
+        return argument
     if allowed is None:
         if argument:
             raise FaultError(f"fault '{item}': '{kind}' takes no argument")

@@ -53,7 +53,8 @@ def controller(robot: Any, summary: Mapping[str, Any]) -> Any:
              "joint_damping", "effort_limit", "torque_rate_limit", "reference_velocity_limit", "ramp_time",
              "tip_velocity_limit", "tip_rotation_limit", "energy_limit", "loss_limit")  # fmt: skip
     client = {"engagement_limit": 20.0, "tank_initial": 10.0, "tank_maximum": 10.0, "stiffness_time": 0.05}
-    return robot.Impedance({name: told[name] for name in names} | client, stiffness_cap="accept")
+    words = {"stiffness_cap": "accept", "velocity_source": "differenced"}
+    return robot.Impedance({name: told[name] for name in names} | client, **words)
 
 
 def replayed_torque(robot: Any, log: ClientLog) -> NDArray[np.float64]:
@@ -78,6 +79,7 @@ def replayed_torque(robot: Any, log: ClientLog) -> NDArray[np.float64]:
         part = slice(begin, end)
         valid = log["sample_valid"][part].astype(int)
         inputs = {name: log[name][part] for name in ("q", "dq", "q0", "wrench")}
+        inputs["external_torque"] = log["load"][part]
         torque[part] = impedance.run(sample_valid=valid, **springs, **inputs).torque
     return torque
 

@@ -181,13 +181,14 @@ class Robot:
     def step(self, period: float, *, held: bool = False) -> None:
         """Advances by a period [s], a multiple of the plant's timestep.
 
-        Held, the arm does not move: what holds it takes up the torque.
+        Held, the arm does not move: what holds it takes up the torque, and at first the momentum.
         """
         if held:
             self.applied = self._torque()
+            momentum = (self.model.mass_matrix(self.q) + self._motor_inertia) @ self.dq
             self.plant.data.qvel[:] = 0.0
             self.dq = self.plant.dq
-            self.external_torque = -self.applied
+            self.external_torque = -self.applied - momentum / period
             return
         for _ in range(round(period / self.plant.timestep)):
             self.applied = self._torque()

@@ -97,6 +97,19 @@ static const double COVERED = 0.7;    /* share of the available energy for the s
 /* A sensor: velocity_noise counts this often in one sample; a standstill is judged from this share of the velocity
  * limit on, over the motion of this many samples. */
 static const double NOISE_RANGE = 6.0, FROZEN_SHARE = 0.02, FROZEN_SAMPLES = 20.0;
+/* A joint that stands still under a torque, with differenced velocities. Friction that slides with F holds up to 1.5 F,
+ * to both sides: 3 F, and a sixth more. Before a joint has moved for FRICTION_TIME its friction is a share of the
+ * effort limit, and never less than another. */
+static const double FRICTION_RANGE = 3.5, UNKNOWN_FRICTION = 0.03, LEAST_FRICTION = 0.005;
+static const double FRICTION_TIME = 0.25, FRICTION_MEMORY = 2.0; /* [s] of motion; [s] of its mean */
+static const double HELD_BEFORE = 1.25;     /* torque that was held before explains so many times itself */
+static const double FROZEN_TRAVEL = 4e-3;   /* [rad] or [m] predicted motion of a joint that stands still: no less */
+static const double STOPPED_BY = 0.3;       /* share of a joint's momentum that a torque from outside has taken */
+static const double GIVES_WAY = 0.05;       /* share of the effort limit that no contact holds to the last bit */
+static const double REST_MEMORY = 1.0;      /* [s] in which predicted motion fades: noise does not add up */
+static const double LEAST_QUANTUM = 1e-7;   /* [rad] or [m] up to which a position is the same */
+static const double LOAD_TIME = 0.02;       /* [s] low pass on the torque that is not explained */
+static const double SLOW = 0.01;            /* [rad/s] or [m/s] from which on a joint shows its friction */
 static const double GAIN_FADE = 0.9;     /* share of the motors' kp that is left after another call without a sample */
 static const double SCALE_TIME = 0.05;   /* [s] shortest time in which the scale rises from 0 to 1 */
 static const double NO_LOAD = 1e-3; /* share of heaviest_wrench up to which springs count as unloaded */
@@ -124,6 +137,7 @@ typedef struct {
     int planned;   /* velocity and acceleration of a plan are accepted, and in force */
     int held;      /* a fault is latched, and the springs hold the arm */
     int started;   /* an engagement starts in this call */
+    int has_external; /* the environment's torque on each joint is known */
     int timed;     /* the sample's counter tells which calls are missing */
     int joint;     /* of the finding about the sample, or NO_JOINT */
     double seen, limit; /* of the finding */
@@ -134,6 +148,7 @@ typedef struct {
     double translation[9 * TIPS], rotation[9 * TIPS]; /* stiffness of an accepted command */
     double old_equilibrium[16 * TIPS];
     double velocity[N];
+    double travel[N]; /* [rad] or [m] predicted for joints that stand still, with differenced velocities */
     double limit_slope[N]; /* [N m/rad] stiffness of the limit avoidance in force */
     double elapsed;        /* [s] from the sample before */
     double damped[N];      /* [N m] torque of the motors' kd at the velocity of the damping */
@@ -426,6 +441,9 @@ static int check_fields(const config_t *c)
     if (!doubles_within(&c->velocity_filter_time, 1, 0.0, 0.1)) {
         return IIWA14_E_CONFIG_VELOCITY_FILTER_TIME;
     }
+    if (!integers_within(&c->velocity_source, 1, 1, 2)) {
+        return IIWA14_E_CONFIG_VELOCITY_SOURCE;
+    }
     if (!integers_within(&c->frozen_window, 1, 2, 1000000)) {
         return IIWA14_E_CONFIG_FROZEN_WINDOW;
     }
@@ -470,7 +488,7 @@ static const char *meaning_of_reason(int reason)
     case IIWA14_REASON_MISMATCH:
         return "dq does not agree with the change of q (velocity_noise, position_quantum, state_period, velocity_limit)";
     case IIWA14_REASON_FROZEN:
-        return "q or dq stands still while the other moves (velocity_noise, position_quantum, frozen_window)";
+        return "q or dq stands still while the other moves, or q under a torque that must move it (velocity_noise, position_quantum, frozen_window, velocity_source)";
     case IIWA14_REASON_STALE:
         return "the sample counter does not advance";
     case IIWA14_REASON_WRENCH:
@@ -509,7 +527,7 @@ static const char *seen_of_reason(int reason)
     case IIWA14_REASON_MISMATCH:
         return "dq less the change of q per second [rad/s or m/s]";
     case IIWA14_REASON_FROZEN:
-        return "motion that only the other signal shows [rad or m]";
+        return "motion that only the other signal, or the torque, shows [rad or m]";
     case IIWA14_REASON_STALE:
         return "advance of the counter [samples]";
     case IIWA14_REASON_MISSED:
@@ -2368,6 +2386,154 @@ static int holds_in_fault(const step_t *s)
            s->c->communication_reaction == IIWA14_COMMUNICATION_REACTION_HOLD;
 }
 
+/* Motion: whether a joint that stands still can do so under the torque that acts, for velocities that are differences
+ * of the positions. */
+
+/* Return the controller's torque on joint i in the interval that ends now. */
+static double find_own_torque(const memory_t *m, const double *last, int i)
+{
+    return m->delay == 0 ? last[i] : m->older[(m->delay - 1) * N + i];
+}
+
+/* Return the torque of the environment on joint i; 0 if it is not known. */
+static double find_external(const step_t *s, int i)
+{
+    return s->has_external ? s->input->external_torque[i] : 0.0;
+}
+
+/* Return what is left of a torque beside the environment's: that one explains, it never accuses. */
+static double explain(double torque, double external)
+{
+    return torque + clamp(external, smaller(-torque, 0.0), larger(-torque, 0.0));
+}
+
+/* Return the torque that both of two readings agree on. */
+static double agree(double a, double b)
+{
+    return clamp(a, smaller(b, 0.0), larger(b, 0.0));
+}
+
+/*
+ * Return the change of torque that friction may hold on joint i: what it has been seen to hold, what the joint's motion
+ * has shown, or before any motion a share of the effort limit.
+ */
+static double find_held_torque(const step_t *s, int i)
+{
+    const memory_t *const m = s->m;
+    const double effort = s->c->effort_limit[i], shown = FRICTION_RANGE * m->friction[i];
+    const double least = m->moving_time[i] >= FRICTION_TIME ? LEAST_FRICTION : UNKNOWN_FRICTION;
+    return larger(larger(least * effort, shown), HELD_BEFORE * m->held_torque[i]);
+}
+
+/* Begin a standstill of joint i at its position, or between it and the one before; speed: with which it came. */
+static void begin_standstill(step_t *s, int i, double own, double speed)
+{
+    memory_t *const m = s->m;
+    m->rest_other[i] = m->rest_q[i];
+    m->rest_q[i] = s->input->q[i];
+    m->rest_torque[i] = own;
+    m->rest_external[i] = find_external(s, i);
+    m->rest_speed[i] = speed;
+    m->rest_change[i] = m->rest_travel[i] = m->alone_speed[i] = m->alone_travel[i] = 0.0;
+}
+
+/*
+ * Return whether joint i stands still: its position is one of two values (one bit may toggle) up to position_quantum.
+ * At a third value the standstill ends, and another one begins.
+ */
+static int stands_still(step_t *s, int i, double own, double elapsed)
+{
+    memory_t *const m = s->m;
+    const double q = s->input->q[i], quantum = larger(s->c->position_quantum, LEAST_QUANTUM);
+    if (!m->known || m->reset) {
+        begin_standstill(s, i, own, 0.0);
+        return 0;
+    }
+    if (fabs(q - m->rest_q[i]) <= quantum || fabs(q - m->rest_other[i]) <= quantum) {
+        return 1;
+    }
+    if (m->fault == IIWA14_FAULT_NONE) {
+        m->held_torque[i] = larger(m->held_torque[i], m->rest_change[i]);
+    }
+    /* One change of a coarse position, or of a velocity that is filtered, is not yet a speed. */
+    const double measured = (q - m->still_q[i]) / elapsed, filtered = m->dq[i];
+    const double least = smaller(fabs(measured), fabs(filtered));
+    begin_standstill(s, i, own, measured * filtered > 0.0 ? copysign(least, measured) : 0.0);
+    return 0;
+}
+
+/*
+ * Predict the motion of a joint that stands still, from the change of its torque, friction and inertia alone: no signal
+ * of the position enters. Predicted motion fades, so that noise does not add up.
+ */
+static void predict_motion(double torque, double held, double inertia, double elapsed, double *speed, double *travel)
+{
+    const double friction = held * elapsed / inertia, push = *speed + torque * elapsed / inertia;
+    *speed = push - clamp(push, -friction, friction);
+    *travel += *speed * elapsed - *travel * elapsed / (elapsed + REST_MEMORY);
+}
+
+/*
+ * Predict for each joint that stands still how far the torque must have moved it. What the environment is said to hold
+ * counts, but not to the last bit while the arm moves: every contact gives way (alone).
+ */
+static void predict_standstills(step_t *s, const double *last, double elapsed)
+{
+    memory_t *const m = s->m;
+    int moves = 0;
+    for (int i = 0; i < N; ++i) {
+        moves |= fabs(s->input->q[i] - m->still_q[i]) > SLOW * elapsed;
+    }
+    for (int i = 0; i < N; ++i) {
+        const double own = find_own_torque(m, last, i), effort = s->c->effort_limit[i];
+        s->travel[i] = 0.0;
+        if (!stands_still(s, i, own, elapsed) || !(m->mass[i] > 0.0)) {
+            continue;
+        }
+        const double change = own - m->rest_torque[i], held = find_held_torque(s, i);
+        const double external = find_external(s, i), taken = external - m->rest_external[i];
+        /* What acts now must move the joint, and so must what has changed since the joint stood still. */
+        const double left = agree(explain(own, external), explain(change, taken));
+        if (fabs(taken) * elapsed > STOPPED_BY * m->mass[i] * fabs(m->rest_speed[i])) {
+            m->rest_speed[i] = 0.0; /* it was stopped from outside */
+        }
+        m->rest_change[i] = larger(m->rest_change[i], fabs(left));
+        predict_motion(left, held, m->mass[i], elapsed, &m->rest_speed[i], &m->rest_travel[i]);
+        if (moves) {
+            predict_motion(change, larger(held, GIVES_WAY * effort), m->mass[i], elapsed, &m->alone_speed[i],
+                           &m->alone_travel[i]);
+        }
+        s->travel[i] = larger(fabs(m->rest_travel[i]), fabs(m->alone_travel[i]));
+    }
+}
+
+/*
+ * Learn from the motion of each joint which torque the mass matrix does not explain: friction, viscous or dry, and a
+ * load that is not measured.
+ */
+static void learn_friction(step_t *s, const double *last)
+{
+    memory_t *const m = s->m;
+    if (s->c->velocity_source != IIWA14_VELOCITY_SOURCE_DIFFERENCED) {
+        return;
+    }
+    double momentum[N];
+    const double T = s->elapsed, step = larger(s->c->position_quantum, LEAST_QUANTUM) / T, share = T / (T + LOAD_TIME);
+    multiply_vector(s->out->mass_matrix, m->dq, momentum);
+    for (int i = 0; i < N; ++i) {
+        const double own = find_own_torque(m, last, i), rate = (momentum[i] - m->momentum[i]) / T;
+        const double more = explain(rate - own, -find_external(s, i));
+        const int moves = m->rest_q[i] == s->input->q[i] && fabs(m->dq[i]) > larger(4.0 * step, SLOW);
+        m->unexplained[i] += s->believed && m->mass[i] > 0.0 ? share * (more - m->unexplained[i]) : 0.0;
+        m->momentum[i] = momentum[i];
+        m->mass[i] = s->out->mass_matrix[i * (N + 1)];
+        if (moves && s->believed && m->fault == IIWA14_FAULT_NONE) {
+            m->moving_time[i] = smaller(m->moving_time[i] + T, FRICTION_MEMORY);
+            m->friction[i] += (fabs(m->unexplained[i]) - m->friction[i]) * T / m->moving_time[i];
+        }
+    }
+}
+
 /* Samples: whether a measurement and a command are believed. */
 
 enum { FROZEN_POSITION = 1, FROZEN_VELOCITY = 2 };
@@ -2489,7 +2655,15 @@ static int check_joint(step_t *s, int i)
     const double apart = c->state_period * smaller(fabs(dq), fabs(measured)); /* q and dq of different times */
     const double most = larger(DISAGREED_LIMIT * far, DISAGREED_MOTION * fabs(motion)) + quanta + noise + apart;
     double still, still_limit;
-    const int stuck = check_frozen(s, i, differs, elapsed, &still, &still_limit), differ = fabs(differs) > most;
+    int stuck = check_frozen(s, i, differs, elapsed, &still, &still_limit);
+    const int differ = fabs(differs) > most;
+    const double farthest = larger(FROZEN_TRAVEL, 4.0 * c->position_quantum);
+    if (s->travel[i] > farthest) {
+        stuck = FROZEN_POSITION; /* the position is not believed, nor the velocity that follows from it */
+        still = s->travel[i];
+        still_limit = farthest;
+        s->located = 0;
+    }
     /* An arm that is too fast must be braked: q and dq that agree are believed at any speed that follows from the last
      * one, and in a fault at any speed. */
     const int fault = m->fault != IIWA14_FAULT_NONE, follows = fabs(motion - m->dq[i] * elapsed) <= far + quanta;
@@ -2541,12 +2715,15 @@ static int check_sample(step_t *s, const double *last)
         return IIWA14_REASON_STALE;
     }
     s->located = 1;
+    if (s->c->velocity_source == IIWA14_VELOCITY_SOURCE_DIFFERENCED) {
+        predict_standstills(s, last, s->c->sample_time * (1 + m->gap));
+    }
     for (int i = 0; i < N; ++i) {
         const int found = check_joint(s, i);
         reason = found != IIWA14_REASON_NONE ? found : reason;
     }
     if (!s->located) {
-        return IIWA14_REASON_JUMP;
+        return reason == IIWA14_REASON_FROZEN ? reason : IIWA14_REASON_JUMP;
     }
     if (!stiffgen_follow(in->q, m)) {
         s->located = 0;
@@ -2575,6 +2752,15 @@ static void check_wrench(step_t *s)
     }
 }
 
+/* Check the environment's torque on the joints: one that is not finite counts as none. */
+static void check_external(step_t *s)
+{
+    s->has_external = s->input->external_valid == 1;
+    for (int i = 0; i < N; ++i) {
+        s->has_external = s->has_external && fabs(s->input->external_torque[i]) <= DBL_MAX;
+    }
+}
+
 /* Observe a sample: is there one, and is it believed? Two bad samples of three are a fault. */
 static void observe_sample(step_t *s, const double *last)
 {
@@ -2588,6 +2774,7 @@ static void observe_sample(step_t *s, const double *last)
     }
     if (s->input->sample_valid == 1) {
         check_wrench(s);
+        check_external(s);
         reason = check_sample(s, last);
         m->bad = ((m->bad << 1) | (reason != IIWA14_REASON_NONE)) & 7;
         if (reason != IIWA14_REASON_NONE && (m->bad & (m->bad - 1)) != 0) {
@@ -4356,6 +4543,7 @@ static void compute_torque(step_t *s, const double *last, int moved)
     }
     const double energy = pull_springs(s, slip, pull);
     const double cap = design_damping(s);
+    learn_friction(s, last);
     if (paper && m->engaged && exceeds_paper_bound(slip, pull)) {
         latch_fault(m, IIWA14_REASON_PAPER_BOUND, NO_JOINT, largest_entry(N, slip), PAPER_DEFLECTION);
     }
@@ -5146,6 +5334,7 @@ void iiwa14_impedance_default_config(config_t *config)
     config->position_quantum = 0.0;
     config->velocity_noise = 0.0;
     config->velocity_filter_time = 0.0;
+    config->velocity_source = IIWA14_VELOCITY_SOURCE_MEASURED;
     config->frozen_window = 20;
     config->overspeed_time = 0.2;
     config->automatic_reset_time = 0.0;
@@ -5356,6 +5545,8 @@ const char *iiwa14_impedance_error_text(int code)
         return "velocity_noise: must lie between 0 and 100";
     case IIWA14_E_CONFIG_VELOCITY_FILTER_TIME:
         return "velocity_filter_time: must lie between 0 and 0.1";
+    case IIWA14_E_CONFIG_VELOCITY_SOURCE:
+        return "velocity_source: must be measured or differenced";
     case IIWA14_E_CONFIG_FROZEN_WINDOW:
         return "frozen_window: must lie between 2 and 1e+06";
     case IIWA14_E_CONFIG_OVERSPEED_TIME:

@@ -93,13 +93,14 @@ enum {
     IIWA14_E_CONFIG_POSITION_QUANTUM = -62,
     IIWA14_E_CONFIG_VELOCITY_NOISE = -63,
     IIWA14_E_CONFIG_VELOCITY_FILTER_TIME = -64,
-    IIWA14_E_CONFIG_FROZEN_WINDOW = -65,
-    IIWA14_E_CONFIG_OVERSPEED_TIME = -66,
-    IIWA14_E_CONFIG_AUTOMATIC_RESET_TIME = -67,
-    IIWA14_E_CONFIG_COMMUNICATION_RESET_TIME = -68,
-    IIWA14_E_CONFIG_COMMUNICATION_REACTION = -69,
-    IIWA14_E_CONFIG_TANK_INITIAL = -70,
-    IIWA14_E_CONFIG_TANK_MAXIMUM = -71
+    IIWA14_E_CONFIG_VELOCITY_SOURCE = -65,
+    IIWA14_E_CONFIG_FROZEN_WINDOW = -66,
+    IIWA14_E_CONFIG_OVERSPEED_TIME = -67,
+    IIWA14_E_CONFIG_AUTOMATIC_RESET_TIME = -68,
+    IIWA14_E_CONFIG_COMMUNICATION_RESET_TIME = -69,
+    IIWA14_E_CONFIG_COMMUNICATION_REACTION = -70,
+    IIWA14_E_CONFIG_TANK_INITIAL = -71,
+    IIWA14_E_CONFIG_TANK_MAXIMUM = -72
 };
 
 /* Choices. No choice has the value 0, so that a configuration or an input of zeros is refused. */
@@ -110,6 +111,7 @@ enum { IIWA14_STIFFNESS_CAP_REFUSE = 1, IIWA14_STIFFNESS_CAP_ACCEPT };
 enum { IIWA14_DAMPING_DESIGN_MODAL = 1, IIWA14_DAMPING_DESIGN_TASK };
 enum { IIWA14_CORIOLIS_OFF = 1, IIWA14_CORIOLIS_ON };
 enum { IIWA14_ACTUATION_TORQUE = 1, IIWA14_ACTUATION_GAINS };
+enum { IIWA14_VELOCITY_SOURCE_MEASURED = 1, IIWA14_VELOCITY_SOURCE_DIFFERENCED };
 enum { IIWA14_COMMUNICATION_REACTION_RELEASE = 1, IIWA14_COMMUNICATION_REACTION_HOLD };
 enum { IIWA14_COMMAND_POSITION = 1, IIWA14_COMMAND_EQUILIBRIUM };
 
@@ -168,7 +170,7 @@ enum {
     IIWA14_REASON_NOT_FINITE = 1, /* [sensor] q or dq is NaN, infinite, or absurdly large */
     IIWA14_REASON_JUMP = 2, /* [sensor] q moved by more than twice the velocity limit allows (velocity_limit, position_quantum, state_period) */
     IIWA14_REASON_MISMATCH = 3, /* [sensor] dq does not agree with the change of q (velocity_noise, position_quantum, state_period, velocity_limit) */
-    IIWA14_REASON_FROZEN = 4, /* [sensor] q or dq stands still while the other moves (velocity_noise, position_quantum, frozen_window) */
+    IIWA14_REASON_FROZEN = 4, /* [sensor] q or dq stands still while the other moves, or q under a torque that must move it (velocity_noise, position_quantum, frozen_window, velocity_source) */
     IIWA14_REASON_STALE = 5, /* [sensor] the sample counter does not advance */
     IIWA14_REASON_WRENCH = 6, /* [sensor] paper's law: no wrench, or one that is not believed (force_limit, moment_limit) */
     IIWA14_REASON_MISSED = 7, /* [communication] too many samples are missing in a row, or more than one of three for long (loss_limit) */
@@ -348,6 +350,10 @@ typedef struct {
     /* [s] time constant of a low pass on the velocity that the damping uses, for noisy velocities; the damping
      * is designed for its delay. Must lie between 0 and 0.1. Default: 0.0. */
     double velocity_filter_time;
+    /* source of dq: measured, by a sensor of its own; or differenced: computed from q, filtered or not. A
+     * differenced dq cannot show that q is frozen: with it a joint is FROZEN if it stands still under a change
+     * of torque that must move it. Must be measured or differenced. Default: measured. */
+    int velocity_source;
     /* [samples] number of samples for which a value may stand still while the other signal moves, before it is
      * judged. Must lie between 2 and 1e+06. Default: 20. */
     int frozen_window;
@@ -414,6 +420,12 @@ typedef struct {
     /* [N, N m] (force, moment) that the ENVIRONMENT APPLIES TO THE ROBOT at the tip, hybrid axes; negate the
      * reading of a sensor that reports the robot's wrench. */
     double wrench[6];
+    /* 1: external_torque is known, and explains why a joint stands still (velocity_source differenced); 0: it
+     * is not read. */
+    int external_valid;
+    /* [N m or N] torque that the ENVIRONMENT APPLIES to each joint, from a source that does not read q, such as
+     * torque sensors. */
+    double external_torque[7];
     /* [N/m, N, N m] (6 x 6) task stiffness of the paper's law, hybrid axes; symmetric, positive semidefinite. */
     double task_stiffness[36];
 } iiwa14_impedance_input;
@@ -655,6 +667,36 @@ typedef struct {
     double q_age[7];
     /* [samples] samples since dq changed. */
     double dq_age[7];
+    /* [rad] position since a joint stands still (velocity_source differenced). */
+    double rest_q[7];
+    /* [rad] position before it, between which and rest_q one bit may toggle. */
+    double rest_other[7];
+    /* [N m] torque that acted when the standstill began. */
+    double rest_torque[7];
+    /* [N m] torque of the environment at that time. */
+    double rest_external[7];
+    /* [N m] largest change of their sum since then. */
+    double rest_change[7];
+    /* [rad/s] speed since then that this change and friction predict. */
+    double rest_speed[7];
+    /* [rad] motion that belongs to it, which fades. */
+    double rest_travel[7];
+    /* [rad/s] the same without the environment, while other joints move. */
+    double alone_speed[7];
+    /* [rad] motion that belongs to it. */
+    double alone_travel[7];
+    /* [N m] largest change of torque under which the joint has stood still, and moved later. */
+    double held_torque[7];
+    /* [N m] mean of |unexplained| in motion. */
+    double friction[7];
+    /* [s] time of motion that this mean is about. */
+    double moving_time[7];
+    /* [N m] torque that mass matrix and known torques do not explain, behind a low pass. */
+    double unexplained[7];
+    /* [kg m^2/s] M dq of the last sample. */
+    double momentum[7];
+    /* [kg m^2] diagonal of M at the last sample. */
+    double mass[7];
     /* [rad] posture of the equilibrium, where the posture spring is at rest. */
     double posture[7];
     /* [rad/s] velocity of this posture. */

@@ -117,6 +117,11 @@ CAMPAIGNS = {
     "vendor": _campaign(
         "vendor", "compare robots of makers' repositories in a folder", "../shared/data/vendor fr3 ur5e --tips 2"
     ),
+    "fri-frozen": _campaign(
+        "frozen_fri",
+        "freeze measured positions under the FRI client",
+        "{folder} --faulty 12 --kinds one,several,all --harmless 12 --seed 3",
+    ),
     "torch": _campaign("torch_wrapper", "test NAME.torch"),
     "drake": Campaign("tests/campaigns/drake_conventions.py", "test docs/conventions.md against Drake"),
 }

@@ -200,8 +200,9 @@ class Break:
 class Attack:
     """Programs of a version, one process a send period, that play schedules."""
 
-    def __init__(self, program: Path, trajectory: Path) -> None:
+    def __init__(self, program: Path, trajectory: Path, seconds: float = 4.0) -> None:
         self._command = [str(program), str(trajectory)]
+        self._seconds = str(seconds)
         self._processes: dict[int, subprocess.Popen[str]] = {}
         self.sessions = 0
 
@@ -224,8 +225,9 @@ class Attack:
         """
         process = self._processes.get(schedule.period)
         if process is None:
-            process = subprocess.Popen([*self._command, str(schedule.period)], stdin=subprocess.PIPE,
-                                       stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)  # fmt: skip
+            process = subprocess.Popen([*self._command, str(schedule.period), self._seconds],
+                                       stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                                       text=True)  # fmt: skip
             self._processes[schedule.period] = process
         assert process.stdin is not None and process.stdout is not None
         self.sessions += 1

@@ -140,6 +140,11 @@ class RobotScript:
     def add(self, state: int, count: int = 1, change: Callable[[Any], object] | None = None, **fields: Any) -> None:
         self.datagrams += [self.message(state, change, **fields) for _ in range(count)]
 
+    def add_resting(self, count: int) -> None:
+        """Add an arm that rests but for the noise of its encoders: no position stands still to the last bit."""
+        for k in range(count):
+            self.add(SessionState.COMMANDING_ACTIVE, position=POSTURE + 1e-5 * (k % 3))
+
     def lose(self, count: int) -> None:
         """Add messages that never reach the client."""
         self.sequence += count

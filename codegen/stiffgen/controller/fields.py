@@ -343,6 +343,14 @@ CONFIG: tuple[Field, ...] = (
         0.0,
         0.1,
     ),
+    choice_field(
+        "velocity_source",
+        "source of dq: measured, by a sensor of its own; or differenced: computed from q, filtered or not. A "
+        "differenced dq cannot show that q is frozen: with it a joint is FROZEN if it stands still under a change of "
+        "torque that must move it",
+        ("measured", "differenced"),
+        "measured",
+    ),
     Field(
         "frozen_window",
         SCALAR,

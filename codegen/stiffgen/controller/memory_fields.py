@@ -56,6 +56,23 @@ _SAMPLES: tuple[Field, ...] = (
     _number("q_age", N, "samples", "samples since q changed"),
     _number("dq_age", N, "samples", "samples since dq changed"),
 )
+_STANDSTILLS: tuple[Field, ...] = (
+    _number("rest_q", N, "rad", "position since a joint stands still (velocity_source differenced)"),
+    _number("rest_other", N, "rad", "position before it, between which and rest_q one bit may toggle"),
+    _number("rest_torque", N, "N m", "torque that acted when the standstill began"),
+    _number("rest_external", N, "N m", "torque of the environment at that time"),
+    _number("rest_change", N, "N m", "largest change of their sum since then"),
+    _number("rest_speed", N, "rad/s", "speed since then that this change and friction predict"),
+    _number("rest_travel", N, "rad", "motion that belongs to it, which fades"),
+    _number("alone_speed", N, "rad/s", "the same without the environment, while other joints move"),
+    _number("alone_travel", N, "rad", "motion that belongs to it"),
+    _number("held_torque", N, "N m", "largest change of torque under which the joint has stood still, and moved later"),
+    _number("friction", N, "N m", "mean of |unexplained| in motion"),
+    _number("moving_time", N, "s", "time of motion that this mean is about"),
+    _number("unexplained", N, "N m", "torque that mass matrix and known torques do not explain, behind a low pass"),
+    _number("momentum", N, "kg m^2/s", "M dq of the last sample"),
+    _number("mass", N, "kg m^2", "diagonal of M at the last sample"),
+)
 _EQUILIBRIUM: tuple[Field, ...] = (
     _number("posture", N, "rad", "posture of the equilibrium, where the posture spring is at rest"),
     _number("posture_velocity", N, "rad/s", "velocity of this posture"),
@@ -141,7 +158,7 @@ _INTEGERS: tuple[Field, ...] = (
     _count("by_pose", 0, 1, "the last accepted command was a pose"),
     _count("planning", 0, 2, "command of the plan that is followed; 0 without a plan"),
 )
-MEMORY = (*_TORQUES, *_SAMPLES, *_EQUILIBRIUM, *_ENERGIES, *_INTEGERS)
+MEMORY = (*_TORQUES, *_SAMPLES, *_STANDSTILLS, *_EQUILIBRIUM, *_ENERGIES, *_INTEGERS)
 """Members of NAME_impedance_memory in their order."""
 RANGES: tuple[tuple[str, int, int], ...] = tuple(
     (field.name, int(field.least), int(field.most)) for field in _INTEGERS if field.least == field.least

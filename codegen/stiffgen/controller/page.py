@@ -23,8 +23,8 @@ LIBRARY = Path(__file__).parent / "library"
 """Folder of the C library that every NAME_impedance.c contains."""
 INTERFACE = "impedance.h"
 _PARTS = (
-    "matrix", "eigen", "modes", "joint_gains", "energy", "strength", "cap", "state", "sample", "posture", "damping",
-    "governor", "change", "stiffness", "feedforward", "torque", "text", "policy", "step",
+    "matrix", "eigen", "modes", "joint_gains", "energy", "strength", "cap", "state", "motion", "sample", "posture",
+    "damping", "governor", "change", "stiffness", "feedforward", "torque", "text", "policy", "step",
 )  # fmt: skip
 SOURCES = tuple(f"{part}.c" for part in _PARTS)
 """Files of the library in the order in which NAME_impedance.c contains them: no function is used before its file."""

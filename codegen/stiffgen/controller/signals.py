@@ -102,6 +102,20 @@ INPUT: tuple[Field, ...] = (
         "sensor that reports the robot's wrench",
     ),
     Field(
+        "external_valid",
+        SCALAR,
+        "",
+        "1: external_torque is known, and explains why a joint stands still (velocity_source differenced); 0: it is "
+        "not read",
+        type="int",
+    ),
+    Field(
+        "external_torque",
+        N,
+        "N m or N",
+        "torque that the ENVIRONMENT APPLIES to each joint, from a source that does not read q, such as torque sensors",
+    ),
+    Field(
         "task_stiffness",
         TASK,
         "N/m, N, N m",

@@ -81,7 +81,8 @@ REASONS: tuple[tuple[str, str, str], ...] = (
     (
         "frozen",
         "sensor",
-        "q or dq stands still while the other moves (velocity_noise, position_quantum, frozen_window)",
+        "q or dq stands still while the other moves, or q under a torque that must move it (velocity_noise, "
+        "position_quantum, frozen_window, velocity_source)",
     ),
     ("stale", "sensor", "the sample counter does not advance"),
     ("wrench", "sensor", "paper's law: no wrench, or one that is not believed (force_limit, moment_limit)"),
@@ -113,7 +114,7 @@ REASONS: tuple[tuple[str, str, str], ...] = (
 SEEN: dict[str, str] = {
     "jump": "change of q [rad or m]",
     "mismatch": "dq less the change of q per second [rad/s or m/s]",
-    "frozen": "motion that only the other signal shows [rad or m]",
+    "frozen": "motion that only the other signal, or the torque, shows [rad or m]",
     "stale": "advance of the counter [samples]",
     "missed": "samples missing, less half of the good ones since [samples]",
     "skipped": "calls left out [samples]",

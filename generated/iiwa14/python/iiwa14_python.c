@@ -2611,6 +2611,7 @@ static const field fields[] = {
     {"config", "position_quantum", "f8", offsetof(iiwa14_impedance_config, position_quantum), 0, {1, 1, 1}},
     {"config", "velocity_noise", "f8", offsetof(iiwa14_impedance_config, velocity_noise), 0, {1, 1, 1}},
     {"config", "velocity_filter_time", "f8", offsetof(iiwa14_impedance_config, velocity_filter_time), 0, {1, 1, 1}},
+    {"config", "velocity_source", "i4", offsetof(iiwa14_impedance_config, velocity_source), 0, {1, 1, 1}},
     {"config", "frozen_window", "i4", offsetof(iiwa14_impedance_config, frozen_window), 0, {1, 1, 1}},
     {"config", "overspeed_time", "f8", offsetof(iiwa14_impedance_config, overspeed_time), 0, {1, 1, 1}},
     {"config", "automatic_reset_time", "f8", offsetof(iiwa14_impedance_config, automatic_reset_time), 0, {1, 1, 1}},
@@ -2633,6 +2634,8 @@ static const field fields[] = {
     {"input", "translation_stiffness", "f8", offsetof(iiwa14_impedance_input, translation_stiffness), 2, {3, 3, 1}},
     {"input", "rotation_stiffness", "f8", offsetof(iiwa14_impedance_input, rotation_stiffness), 2, {3, 3, 1}},
     {"input", "wrench", "f8", offsetof(iiwa14_impedance_input, wrench), 1, {6, 1, 1}},
+    {"input", "external_valid", "i4", offsetof(iiwa14_impedance_input, external_valid), 0, {1, 1, 1}},
+    {"input", "external_torque", "f8", offsetof(iiwa14_impedance_input, external_torque), 1, {7, 1, 1}},
     {"input", "task_stiffness", "f8", offsetof(iiwa14_impedance_input, task_stiffness), 2, {6, 6, 1}},
     {"output", "torque", "f8", offsetof(iiwa14_impedance_output, torque), 1, {7, 1, 1}},
     {"output", "tau_ff", "f8", offsetof(iiwa14_impedance_output, tau_ff), 1, {7, 1, 1}},
@@ -2735,6 +2738,8 @@ static const choice choices[] = {
     {"coriolis", "on", IIWA14_CORIOLIS_ON},
     {"actuation", "torque", IIWA14_ACTUATION_TORQUE},
     {"actuation", "gains", IIWA14_ACTUATION_GAINS},
+    {"velocity_source", "measured", IIWA14_VELOCITY_SOURCE_MEASURED},
+    {"velocity_source", "differenced", IIWA14_VELOCITY_SOURCE_DIFFERENCED},
     {"communication_reaction", "release", IIWA14_COMMUNICATION_REACTION_RELEASE},
     {"communication_reaction", "hold", IIWA14_COMMUNICATION_REACTION_HOLD},
     {"command", "position", IIWA14_COMMAND_POSITION},
@@ -3177,7 +3182,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "2a1054c65a6d3a22") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "2d234db62a047cbe") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

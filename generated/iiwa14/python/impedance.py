@@ -271,6 +271,7 @@ class Impedance:
         wrench: ArrayLike | None = None,
         task_stiffness: ArrayLike | None = None,
         torque_offset: ArrayLike | None = None,
+        external_torque: ArrayLike | None = None,
         wrench_command: ArrayLike | None = None,
         velocity: ArrayLike | None = None,
         acceleration: ArrayLike | None = None,
@@ -280,7 +281,8 @@ class Impedance:
 
         Pass either ``q0`` (n), or ``equilibrium`` (4, 4) with ``posture`` (n). The potential law needs both stiffnesses,
         each (3, 3), and reports a ``wrench`` (6). The paper's law needs ``wrench`` and ``task_stiffness`` (6, 6).
-        ``torque_offset`` (n) is added to the torque, inside its limits. ``wrench_command`` (6) is a wrench that the tip is
+        ``torque_offset`` (n) is added to the torque, inside its limits. ``external_torque`` (n) is the environment's, known
+        from elsewhere than ``q``: it explains why a joint stands still. ``wrench_command`` (6) is a wrench that the tip is
         to exert on the environment. ``velocity`` and ``acceleration`` (n) are those of a planned ``q0``, or of the joints
         that follow a planned ``equilibrium``. ``counter`` numbers the samples; without it, each call counts as the next
         sample. With several tips, arrays per tip have the tips as their first axis. Fields of the result are attributes
@@ -299,7 +301,7 @@ class Impedance:
         ``sample_valid`` (0 or 1 per step) marks missed samples. Return a record whose fields have a leading time axis.
         """
         values = {name: value for name, value in inputs.items() if value is not None}
-        unknown = set(values) - {*_INPUT.names, "posture"} | (set(values) & {"command", "wrench_valid"})
+        unknown = set(values) - {*_INPUT.names, "posture"} | (set(values) & {"command", "wrench_valid", "external_valid"})
         if unknown:
             raise TypeError(f"no input '{sorted(unknown)[0]}'; there are: {', '.join(_names())}")
         lengths = {np.shape(value)[0] for name, value in values.items() if np.ndim(value) > _rank(name)}
@@ -314,6 +316,7 @@ class Impedance:
             self._require(values)
         inputs["command"] = _WORDS["command"]["equilibrium" if "equilibrium" in values else "position"]
         inputs["wrench_valid"] = "wrench" in values
+        inputs["external_valid"] = "external_torque" in values
         inputs["counter"] = (self._counter + 1 + np.arange(count)) % 2**32
         for argument, value in values.items():
             name = "q0" if argument == "posture" else argument
@@ -519,7 +522,7 @@ def late_work(
 
 
 def _names() -> list[str]:
-    return [*(name for name in _INPUT.names or () if name not in ("command", "wrench_valid")), "posture"]
+    return [*(name for name in _INPUT.names or () if name not in ("command", "wrench_valid", "external_valid")), "posture"]
 
 
 def _rank(name: str) -> int:

@@ -272,6 +272,10 @@ class Config:
     @velocity_filter_time.setter
     def velocity_filter_time(self, value: ArrayLike) -> None: ...
     @property
+    def velocity_source(self) -> str: ...
+    @velocity_source.setter
+    def velocity_source(self, value: ArrayLike) -> None: ...
+    @property
     def frozen_window(self) -> int: ...
     @frozen_window.setter
     def frozen_window(self, value: ArrayLike) -> None: ...
@@ -478,6 +482,7 @@ class Impedance:
         position_quantum: ArrayLike = ...,
         velocity_noise: ArrayLike = ...,
         velocity_filter_time: ArrayLike = ...,
+        velocity_source: Literal["measured", "differenced"] = ...,
         frozen_window: ArrayLike = ...,
         overspeed_time: ArrayLike = ...,
         automatic_reset_time: ArrayLike = ...,
@@ -504,6 +509,7 @@ class Impedance:
         wrench: ArrayLike | None = None,
         task_stiffness: ArrayLike | None = None,
         torque_offset: ArrayLike | None = None,
+        external_torque: ArrayLike | None = None,
         wrench_command: ArrayLike | None = None,
         velocity: ArrayLike | None = None,
         acceleration: ArrayLike | None = None,

@@ -18,7 +18,7 @@ import pytest
 from support.fri_python_client import free_port
 from support.fri_served import served
 from support.fri_session import FULL, TRAJECTORY, Programs, write_short_trajectory
-from support.fri_wiping import COMMANDING_ACTIVE, COMMANDING_WAIT, IDLE, over_udp
+from support.fri_wiping import COMMANDING_WAIT, IDLE, over_udp
 
 
 def whole_session(
@@ -27,7 +27,7 @@ def whole_session(
     """Follow a short trajectory to its end, or for fewer steps; ``limit``: most bytes of a file."""
     script = one.script()
     script.begin()
-    script.add(COMMANDING_ACTIVE, steps)
+    script.add_resting(steps)
     script.add(IDLE)
     short = write_short_trajectory(folder / "short.csv")
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -74,7 +74,7 @@ def test_an_early_end_that_loses_its_record_is_a_fault(
 def test_an_interrupted_session_that_loses_its_summary_is_a_fault(one: Programs) -> None:
     script = one.script()
     script.begin()
-    script.add(COMMANDING_ACTIVE, 120)
+    script.add_resting(120)
     with served(one.client, "--simulated-time", "--approach", "0.1", "--summary", "/dev/full") as session:
         for k, datagram in enumerate(script.datagrams):
             if k == 60:
@@ -147,7 +147,7 @@ def test_no_signal_ends_the_program_under_torque(
     request.addfinalizer(lambda: signal.signal(number, before))
     script = one.script()
     script.begin()
-    script.add(COMMANDING_ACTIVE, 120)
+    script.add_resting(120)
     torques = []
     with served(one.client, "--simulated-time", "--approach", "0.1") as session:
         for k, datagram in enumerate(script.datagrams):

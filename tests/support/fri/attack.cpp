@@ -3,7 +3,7 @@
  * Sessions of the client with a hostile robot, in one process, with a virtual clock, network and
  * arm. Reads schedules from stdin, one per line, and prints the result of each as a line of JSON.
  *
- *   attack TRAJECTORY PERIOD_MS
+ *   attack TRAJECTORY PERIOD_MS [SECONDS]
  *
  * A schedule is "SEED [KIND START LENGTH VALUE]...": what the robot, the network, this machine or the person does, from a
  * time [s] since the first message, for so long [s]. KIND is a name of KINDS. tests/campaigns/attack_fri.py makes and mutates
@@ -28,7 +28,7 @@ namespace {
 struct Seen {
     double elastic = 0.0, lead = 0.0, reference = 0.0, error = 0.0;
     bool let_go = false;
-    double let_go_time = -1.0, zero_time = -1.0;
+    double let_go_time = -1.0, zero_time = -1.0, apart = 0.0;
 };
 
 struct Place {
@@ -84,6 +84,7 @@ void session(const Schedule &schedule, const std::string &file, int period)
             if ((record.events & EVENT_LET_GO) != 0 && !seen.let_go) {
                 seen.let_go = true;
                 seen.let_go_time = seconds();
+                seen.apart = world.apart;
             }
             if (record.kind == Record::STATE || record.start || record.reset) {
                 places.clear();
@@ -141,11 +142,13 @@ void session(const Schedule &schedule, const std::string &file, int period)
                 seen.lead, seen.reference, seen.elastic, seen.error, world.kinetic, world.fast, world.arm.work,
                 world.axis_delta, world.unanswered, world.not_finite, world.sent, world.last_torque, recent, last);
     std::printf("\"release\": %.17g, \"let_go\": %s, \"done\": %s, \"idle\": %s, \"interrupted\": %s, \"interrupts\": %d, "
-                "\"declined\": %s, \"moved\": %s, \"refused\": %s, \"state\": %d, \"progress\": %.17g}\n",
+                "\"declined\": %s, \"moved\": %s, \"refused\": %s, \"state\": %d, \"progress\": %.17g, \"parted\": %.17g, "
+                "\"let_go_time\": %.17g, \"beyond\": %.17g, \"apart\": %.17g}\n",
                 seen.zero_time >= 0.0 ? seen.zero_time - seen.let_go_time : -1.0, boolean(seen.let_go),
                 boolean(client->trajectory_done()), boolean(world.idle_seen), boolean(world.interrupted),
                 static_cast<int>(interrupts), boolean(client->question().state() == Question::NO), boolean(world.moved),
-                boolean(client->refusal() != REFUSAL_NONE), world.last_state, client->progress());
+                boolean(client->refusal() != REFUSAL_NONE), world.last_state, client->progress(), world.parted,
+                seen.let_go_time, world.beyond, seen.let_go ? seen.apart : world.apart);
     std::fflush(stdout);
 }
 
@@ -153,10 +156,11 @@ void session(const Schedule &schedule, const std::string &file, int period)
 
 int main(int argc, char **argv)
 {
-    if (argc != 3) {
-        std::fprintf(stderr, "attack TRAJECTORY PERIOD_MS\n");
+    if (argc < 3 || argc > 4) {
+        std::fprintf(stderr, "attack TRAJECTORY PERIOD_MS [SECONDS]\n");
         return 2;
     }
+    END = argc > 3 ? std::atof(argv[3]) : END;
     for (std::string line; std::getline(std::cin, line);) {
         session(Schedule(line), argv[1], std::atoi(argv[2]));
     }

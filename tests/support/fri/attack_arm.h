@@ -126,7 +126,10 @@ bool take_joints(Part values, Vector *joints)
 /* Rigid, without gravity and Coriolis forces, that the robot compensates. What blocks a joint is a stiff spring. */
 class Arm {
 public:
-    explicit Arm(const Vector &start) : q(start), anchor_(start) { dq.fill(0.0), external.fill(0.0), blocked_.fill(false); }
+    explicit Arm(const Vector &start) : q(start), anchor_(start)
+    {
+        dq.fill(0.0), external.fill(0.0), dry.fill(0.0), bristle_.fill(0.0), blocked_.fill(false);
+    }
 
     /* Held by the robot's brakes or its position control. */
     void hold()
@@ -146,7 +149,7 @@ public:
             const int joint = static_cast<int>(i);
             const double beyond = q[i] - std::min(std::max(q[i], robot::lower(joint)), robot::upper(joint));
             external[i] -= beyond != 0.0 ? BLOCK * beyond + DAMPING * dq[i] : 0.0;
-            force[i] = torque[i] + external[i] - FRICTION * dq[i];
+            force[i] = torque[i] + external[i] - FRICTION * dq[i] - rub(i, time);
             M[i * JOINTS + i] += MOTOR;
         }
         blocked_ = blocked;
@@ -165,10 +168,22 @@ public:
     }
 
     Vector q, dq, external; /* [rad], [rad/s], [N m] of the environment */
+    Vector dry;             /* [N m] friction of a joint that slides */
     double kinetic = 0.0, work = 0.0; /* [J]; done by the torques given */
 
 private:
     static constexpr double BLOCK = 2e4, DAMPING = 60.0, FRICTION = 0.5, MOTOR = 0.2;
+
+    /* Dry friction: a bristle that breaks loose (LuGre), half as strong again at rest. */
+    double rub(std::size_t i, double time)
+    {
+        if (dry[i] <= 0.0) {
+            return 0.0;
+        }
+        const double fast = dq[i] / 0.01, most = dry[i] * (1.0 + 0.5 * std::exp(-fast * fast)), stiffness = most / 2e-5;
+        bristle_[i] = (bristle_[i] + time * dq[i]) / (1.0 + time * std::fabs(dq[i]) * stiffness / most);
+        return stiffness * bristle_[i] + 0.02 * dry[i] * dq[i];
+    }
 
     static Vector solve(const double *M, const Vector &right)
     {
@@ -198,7 +213,7 @@ private:
         return x;
     }
 
-    Vector anchor_;
+    Vector anchor_, bristle_;
     std::array<bool, JOINTS> blocked_;
 };
 

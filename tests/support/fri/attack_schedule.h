@@ -59,11 +59,18 @@ const char *const KINDS[] = {
     "offset",   /* [rad] of the position of joint 0 to 6, by the START's microseconds */
     "noise",    /* [rad] of the positions */
     "gain",     /* of the external torque */
+    "still",    /* the positions of these joints stand still; a sum of 2^joint, as with the next two */
+    "toggling", /* so do these, but for one bit of the mantissa: 100 times the joints, plus the bit */
+    "late",     /* these joints' are old: 10000 times the joints, plus the number of messages */
+    "hum",      /* [N m] noise of the external torque */
+    "misled",   /* the robot's external torque believes positions that stand still */
+    "quantum",  /* [rad] resolution of the positions */
     "button",   /* pressed */
     /* what happens to the arm */
     "held",     /* it does not move */
     "blocked",  /* this joint does not move */
     "push",     /* [N m] on joint 0 to 6, by the START's microseconds */
+    "sticky",   /* dry friction, as a share of the client's effort limits; half as much again at rest */
     "silence",  /* the robot does nothing */
     "slow",     /* its periods take so many times as long */
     "patient",  /* it never breaks a motion off for missing answers, and holds the last torque */

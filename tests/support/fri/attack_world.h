@@ -24,8 +24,9 @@ struct Answer {
     Vector torque;
 };
 
-const double END = 4.0;      /* [s] after which the robot has ended the session, and is silent */
-const double LONGEST = 30.0; /* [s] after which a client that has not left never will */
+double END = 4.0;            /* [s] after which the robot has ended the session, and is silent */
+const double PARTED = 0.02;  /* [rad] */
+const double LONGEST = 26.0; /* [s] after the end, after which a client that has not left never will */
 
 class World : public Datagrams {
 public:
@@ -120,6 +121,9 @@ public:
     int multiplier = 1;
     unsigned unanswered = 0, not_finite = 0, sent = 0;
     bool idle_seen = false, interrupted = false, moved = false;
+    double beyond = 0.0;  /* [rad] farthest beyond a joint's limit */
+    double apart = 0.0;   /* [rad] of the arm now from its measured position */
+    double parted = -1.0; /* [s] when a joint was PARTED from its measured position; -1: never */
     double last_torque = 0.0, last_delivery = 0.0, gap = 0.0; /* largest [N m] of the last answer; [s] */
     std::deque<double> deliveries;                            /* [s] of the last sound messages */
     int last_state = IDLE;                                    /* of the last message that was answered */
@@ -151,7 +155,7 @@ private:
             next_cycle_ += std::llround(1e6 * period_ * std::max(slow, 0.05));
         }
         now_ns = until;
-        if (seconds() > LONGEST) {
+        if (seconds() > END + LONGEST) {
             throw std::runtime_error("the client does not end");
         }
     }
@@ -247,13 +251,18 @@ private:
             if (hand != NULL) {
                 push[static_cast<std::size_t>(joint_of(*hand))] = hand->value;
             }
+            for (int i = 0; i < JOINTS; ++i) {
+                arm.dry[static_cast<std::size_t>(i)] = schedule.value("sticky", time, 0.0) * effort[i];
+            }
             const double elapsed = std::min(1e-9 * static_cast<double>(now_ns - last_cycle_), 0.1);
             const int count = std::max(1, static_cast<int>(std::lround(elapsed / 0.00025)));
             for (int k = 0; k < count; ++k) {
                 arm.step(torque_, push, blocked, elapsed / count);
                 kinetic = std::max(kinetic, arm.kinetic);
                 for (int i = 0; i < JOINTS; ++i) {
+                    const double q = arm.q[static_cast<std::size_t>(i)];
                     fast = std::max(fast, std::fabs(arm.dq[static_cast<std::size_t>(i)]) / robot::velocity(i));
+                    beyond = std::max(beyond, std::max(q - robot::upper(i), robot::lower(i) - q));
                 }
             }
             torque_ = commanded_;
@@ -293,18 +302,22 @@ private:
         if ((without & 8) == 0) {
             put(&body, 2, states);
         }
-        Vector q = arm.q, external;
+        Vector q = arm.q, external = arm.external;
         const Event *const off = schedule.at("offset", time), *const broken = schedule.at("nan", time);
         const double noise = schedule.value("noise", time, 0.0), gain = schedule.value("gain", time, 1.0);
         for (std::size_t i = 0; i < JOINTS; ++i) {
             q[i] += noise * (2.0 * uniform_(random_) - 1.0);
-            external[i] = gain * arm.external[i];
         }
         if (off != NULL) {
             q[static_cast<std::size_t>(joint_of(*off))] += off->value;
         }
         if (broken != NULL) {
             q[static_cast<std::size_t>(static_cast<int>(broken->value) % JOINTS)] = std::nan("");
+        }
+        deceive(time, &q, &external);
+        const double hum = schedule.value("hum", time, 0.0);
+        for (double &torque : external) {
+            torque = gain * torque + (hum > 0.0 ? hum * (2.0 * uniform_(random_) - 1.0) : 0.0);
         }
         if ((without & 1) == 0) {
             put_reals(&measured, 1, q.data(), JOINTS);
@@ -351,6 +364,39 @@ private:
         /* Whether the client has to answer it. */
         whole_ = (without & 32) == 0 && ((without & 4) == 0 || !commanding);
         return framed(body);
+    }
+
+    /* Replace positions by those of faulty encoders, and note how far the arm is from them. */
+    void deceive(double time, Vector *q, Vector *external)
+    {
+        const double quantum = schedule.value("quantum", time, 0.0);
+        for (std::size_t i = 0; quantum > 0.0 && i < JOINTS; ++i) {
+            (*q)[i] = quantum * std::nearbyint((*q)[i] / quantum);
+        }
+        measured_.push_back(*q);
+        const int still = static_cast<int>(schedule.value("still", time, 0.0));
+        const int toggling = static_cast<int>(schedule.value("toggling", time, 0.0));
+        const int late = static_cast<int>(schedule.value("late", time, 0.0));
+        const std::size_t back = std::min<std::size_t>(static_cast<std::size_t>(late % 10000), measured_.size() - 1);
+        for (std::size_t i = 0; i < JOINTS; ++i) {
+            const bool stands = ((still | toggling / 100) >> i & 1) != 0;
+            (*q)[i] = stands ? stood_[i] : (*q)[i];
+            stood_[i] = (*q)[i];
+            if ((toggling / 100 >> i & 1) != 0 && cycles_ % 2 == 0) {
+                std::uint64_t bits;
+                std::memcpy(&bits, &(*q)[i], sizeof bits);
+                bits ^= std::uint64_t(1) << (toggling % 100);
+                std::memcpy(&(*q)[i], &bits, sizeof bits);
+            }
+            (*q)[i] = (late / 10000 >> i & 1) != 0 ? measured_[measured_.size() - 1 - back][i] : (*q)[i];
+            if (stands && schedule.at("misled", time) != NULL) {
+                (*external)[i] = -torque_[i];
+            }
+            apart = std::max(i > 0 ? apart : 0.0, std::fabs(arm.q[i] - (*q)[i]));
+            if (parted < 0.0 && std::fabs(arm.q[i] - (*q)[i]) >= PARTED && state_ == COMMANDING_ACTIVE) {
+                parted = time;
+            }
+        }
     }
 
     std::uint64_t choice(const char *kind, double time, double otherwise) const
@@ -412,6 +458,8 @@ private:
     int cycles_ = 0, state_ = IDLE;
     int stage_ = MONITORING_WAIT, staying_ = 0, complete_ = 0; /* natural state; cycles in it; commands in this cycle */
     std::deque<bool> missing_;                                 /* answers of the last cycles */
+    std::vector<Vector> measured_;                             /* positions before the faults of their encoders */
+    Vector stood_ = Vector();                                  /* position that a joint is to stand at */
     Vector torque_, commanded_, anchor_; /* in force; received, in force from the next cycle on; interpolator's */
 };
 

@@ -81,6 +81,19 @@ static const double COVERED = 0.7;    /* share of the available energy for the s
 /* A sensor: velocity_noise counts this often in one sample; a standstill is judged from this share of the velocity
  * limit on, over the motion of this many samples. */
 static const double NOISE_RANGE = 6.0, FROZEN_SHARE = 0.02, FROZEN_SAMPLES = 20.0;
+/* A joint that stands still under a torque, with differenced velocities. Friction that slides with F holds up to 1.5 F,
+ * to both sides: 3 F, and a sixth more. Before a joint has moved for FRICTION_TIME its friction is a share of the
+ * effort limit, and never less than another. */
+static const double FRICTION_RANGE = 3.5, UNKNOWN_FRICTION = 0.03, LEAST_FRICTION = 0.005;
+static const double FRICTION_TIME = 0.25, FRICTION_MEMORY = 2.0; /* [s] of motion; [s] of its mean */
+static const double HELD_BEFORE = 1.25;     /* torque that was held before explains so many times itself */
+static const double FROZEN_TRAVEL = 4e-3;   /* [rad] or [m] predicted motion of a joint that stands still: no less */
+static const double STOPPED_BY = 0.3;       /* share of a joint's momentum that a torque from outside has taken */
+static const double GIVES_WAY = 0.05;       /* share of the effort limit that no contact holds to the last bit */
+static const double REST_MEMORY = 1.0;      /* [s] in which predicted motion fades: noise does not add up */
+static const double LEAST_QUANTUM = 1e-7;   /* [rad] or [m] up to which a position is the same */
+static const double LOAD_TIME = 0.02;       /* [s] low pass on the torque that is not explained */
+static const double SLOW = 0.01;            /* [rad/s] or [m/s] from which on a joint shows its friction */
 static const double GAIN_FADE = 0.9;     /* share of the motors' kp that is left after another call without a sample */
 static const double SCALE_TIME = 0.05;   /* [s] shortest time in which the scale rises from 0 to 1 */
 static const double NO_LOAD = 1e-3; /* share of heaviest_wrench up to which springs count as unloaded */
@@ -108,6 +121,7 @@ typedef struct {
     int planned;   /* velocity and acceleration of a plan are accepted, and in force */
     int held;      /* a fault is latched, and the springs hold the arm */
     int started;   /* an engagement starts in this call */
+    int has_external; /* the environment's torque on each joint is known */
     int timed;     /* the sample's counter tells which calls are missing */
     int joint;     /* of the finding about the sample, or NO_JOINT */
     double seen, limit; /* of the finding */
@@ -118,6 +132,7 @@ typedef struct {
     double translation[9 * TIPS], rotation[9 * TIPS]; /* stiffness of an accepted command */
     double old_equilibrium[16 * TIPS];
     double velocity[N];
+    double travel[N]; /* [rad] or [m] predicted for joints that stand still, with differenced velocities */
     double limit_slope[N]; /* [N m/rad] stiffness of the limit avoidance in force */
     double elapsed;        /* [s] from the sample before */
     double damped[N];      /* [N m] torque of the motors' kd at the velocity of the damping */
@@ -270,6 +285,10 @@ void book_interval(step_t *s, const double *q);
 void adopt_tool(step_t *s);
 void separate_torque_offset(step_t *s, double *last, int refused);
 void add_torque_offset(step_t *s, const double *last, int refused);
+
+/* motion.c */
+void predict_standstills(step_t *s, const double *last, double elapsed);
+void learn_friction(step_t *s, const double *last);
 
 /* sample.c */
 void observe_sample(step_t *s, const double *last);

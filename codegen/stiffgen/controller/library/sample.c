@@ -120,7 +120,15 @@ static int check_joint(step_t *s, int i)
     const double apart = c->state_period * smaller(fabs(dq), fabs(measured)); /* q and dq of different times */
     const double most = larger(DISAGREED_LIMIT * far, DISAGREED_MOTION * fabs(motion)) + quanta + noise + apart;
     double still, still_limit;
-    const int stuck = check_frozen(s, i, differs, elapsed, &still, &still_limit), differ = fabs(differs) > most;
+    int stuck = check_frozen(s, i, differs, elapsed, &still, &still_limit);
+    const int differ = fabs(differs) > most;
+    const double farthest = larger(FROZEN_TRAVEL, 4.0 * c->position_quantum);
+    if (s->travel[i] > farthest) {
+        stuck = FROZEN_POSITION; /* the position is not believed, nor the velocity that follows from it */
+        still = s->travel[i];
+        still_limit = farthest;
+        s->located = 0;
+    }
     /* An arm that is too fast must be braked: q and dq that agree are believed at any speed that follows from the last
      * one, and in a fault at any speed. */
     const int fault = m->fault != ID(FAULT_NONE), follows = fabs(motion - m->dq[i] * elapsed) <= far + quanta;
@@ -172,12 +180,15 @@ static int check_sample(step_t *s, const double *last)
         return ID(REASON_STALE);
     }
     s->located = 1;
+    if (s->c->velocity_source == ID(VELOCITY_SOURCE_DIFFERENCED)) {
+        predict_standstills(s, last, s->c->sample_time * (1 + m->gap));
+    }
     for (int i = 0; i < N; ++i) {
         const int found = check_joint(s, i);
         reason = found != ID(REASON_NONE) ? found : reason;
     }
     if (!s->located) {
-        return ID(REASON_JUMP);
+        return reason == ID(REASON_FROZEN) ? reason : ID(REASON_JUMP);
     }
     if (!stiffgen_follow(in->q, m)) {
         s->located = 0;
@@ -206,6 +217,15 @@ static void check_wrench(step_t *s)
     }
 }
 
+/* Check the environment's torque on the joints: one that is not finite counts as none. */
+static void check_external(step_t *s)
+{
+    s->has_external = s->input->external_valid == 1;
+    for (int i = 0; i < N; ++i) {
+        s->has_external = s->has_external && fabs(s->input->external_torque[i]) <= DBL_MAX;
+    }
+}
+
 /* Observe a sample: is there one, and is it believed? Two bad samples of three are a fault. */
 void observe_sample(step_t *s, const double *last)
 {
@@ -219,6 +239,7 @@ void observe_sample(step_t *s, const double *last)
     }
     if (s->input->sample_valid == 1) {
         check_wrench(s);
+        check_external(s);
         reason = check_sample(s, last);
         m->bad = ((m->bad << 1) | (reason != ID(REASON_NONE))) & 7;
         if (reason != ID(REASON_NONE) && (m->bad & (m->bad - 1)) != 0) {

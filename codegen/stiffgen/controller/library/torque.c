@@ -162,6 +162,7 @@ void compute_torque(step_t *s, const double *last, int moved)
     }
     const double energy = pull_springs(s, slip, pull);
     const double cap = design_damping(s);
+    learn_friction(s, last);
     if (paper && m->engaged && exceeds_paper_bound(slip, pull)) {
         latch_fault(m, ID(REASON_PAPER_BOUND), NO_JOINT, largest_entry(N, slip), PAPER_DEFLECTION);
     }

@@ -1,0 +1,148 @@
+/* Motion: whether a joint that stands still can do so under the torque that acts, for velocities that are differences
+ * of the positions. */
+#include "impedance.h"
+
+/* Return the controller's torque on joint i in the interval that ends now. */
+static double find_own_torque(const memory_t *m, const double *last, int i)
+{
+    return m->delay == 0 ? last[i] : m->older[(m->delay - 1) * N + i];
+}
+
+/* Return the torque of the environment on joint i; 0 if it is not known. */
+static double find_external(const step_t *s, int i)
+{
+    return s->has_external ? s->input->external_torque[i] : 0.0;
+}
+
+/* Return what is left of a torque beside the environment's: that one explains, it never accuses. */
+static double explain(double torque, double external)
+{
+    return torque + clamp(external, smaller(-torque, 0.0), larger(-torque, 0.0));
+}
+
+/* Return the torque that both of two readings agree on. */
+static double agree(double a, double b)
+{
+    return clamp(a, smaller(b, 0.0), larger(b, 0.0));
+}
+
+/*
+ * Return the change of torque that friction may hold on joint i: what it has been seen to hold, what the joint's motion
+ * has shown, or before any motion a share of the effort limit.
+ */
+static double find_held_torque(const step_t *s, int i)
+{
+    const memory_t *const m = s->m;
+    const double effort = s->c->effort_limit[i], shown = FRICTION_RANGE * m->friction[i];
+    const double least = m->moving_time[i] >= FRICTION_TIME ? LEAST_FRICTION : UNKNOWN_FRICTION;
+    return larger(larger(least * effort, shown), HELD_BEFORE * m->held_torque[i]);
+}
+
+/* Begin a standstill of joint i at its position, or between it and the one before; speed: with which it came. */
+static void begin_standstill(step_t *s, int i, double own, double speed)
+{
+    memory_t *const m = s->m;
+    m->rest_other[i] = m->rest_q[i];
+    m->rest_q[i] = s->input->q[i];
+    m->rest_torque[i] = own;
+    m->rest_external[i] = find_external(s, i);
+    m->rest_speed[i] = speed;
+    m->rest_change[i] = m->rest_travel[i] = m->alone_speed[i] = m->alone_travel[i] = 0.0;
+}
+
+/*
+ * Return whether joint i stands still: its position is one of two values (one bit may toggle) up to position_quantum.
+ * At a third value the standstill ends, and another one begins.
+ */
+static int stands_still(step_t *s, int i, double own, double elapsed)
+{
+    memory_t *const m = s->m;
+    const double q = s->input->q[i], quantum = larger(s->c->position_quantum, LEAST_QUANTUM);
+    if (!m->known || m->reset) {
+        begin_standstill(s, i, own, 0.0);
+        return 0;
+    }
+    if (fabs(q - m->rest_q[i]) <= quantum || fabs(q - m->rest_other[i]) <= quantum) {
+        return 1;
+    }
+    if (m->fault == ID(FAULT_NONE)) {
+        m->held_torque[i] = larger(m->held_torque[i], m->rest_change[i]);
+    }
+    /* One change of a coarse position, or of a velocity that is filtered, is not yet a speed. */
+    const double measured = (q - m->still_q[i]) / elapsed, filtered = m->dq[i];
+    const double least = smaller(fabs(measured), fabs(filtered));
+    begin_standstill(s, i, own, measured * filtered > 0.0 ? copysign(least, measured) : 0.0);
+    return 0;
+}
+
+/*
+ * Predict the motion of a joint that stands still, from the change of its torque, friction and inertia alone: no signal
+ * of the position enters. Predicted motion fades, so that noise does not add up.
+ */
+static void predict_motion(double torque, double held, double inertia, double elapsed, double *speed, double *travel)
+{
+    const double friction = held * elapsed / inertia, push = *speed + torque * elapsed / inertia;
+    *speed = push - clamp(push, -friction, friction);
+    *travel += *speed * elapsed - *travel * elapsed / (elapsed + REST_MEMORY);
+}
+
+/*
+ * Predict for each joint that stands still how far the torque must have moved it. What the environment is said to hold
+ * counts, but not to the last bit while the arm moves: every contact gives way (alone).
+ */
+void predict_standstills(step_t *s, const double *last, double elapsed)
+{
+    memory_t *const m = s->m;
+    int moves = 0;
+    for (int i = 0; i < N; ++i) {
+        moves |= fabs(s->input->q[i] - m->still_q[i]) > SLOW * elapsed;
+    }
+    for (int i = 0; i < N; ++i) {
+        const double own = find_own_torque(m, last, i), effort = s->c->effort_limit[i];
+        s->travel[i] = 0.0;
+        if (!stands_still(s, i, own, elapsed) || !(m->mass[i] > 0.0)) {
+            continue;
+        }
+        const double change = own - m->rest_torque[i], held = find_held_torque(s, i);
+        const double external = find_external(s, i), taken = external - m->rest_external[i];
+        /* What acts now must move the joint, and so must what has changed since the joint stood still. */
+        const double left = agree(explain(own, external), explain(change, taken));
+        if (fabs(taken) * elapsed > STOPPED_BY * m->mass[i] * fabs(m->rest_speed[i])) {
+            m->rest_speed[i] = 0.0; /* it was stopped from outside */
+        }
+        m->rest_change[i] = larger(m->rest_change[i], fabs(left));
+        predict_motion(left, held, m->mass[i], elapsed, &m->rest_speed[i], &m->rest_travel[i]);
+        if (moves) {
+            predict_motion(change, larger(held, GIVES_WAY * effort), m->mass[i], elapsed, &m->alone_speed[i],
+                           &m->alone_travel[i]);
+        }
+        s->travel[i] = larger(fabs(m->rest_travel[i]), fabs(m->alone_travel[i]));
+    }
+}
+
+/*
+ * Learn from the motion of each joint which torque the mass matrix does not explain: friction, viscous or dry, and a
+ * load that is not measured.
+ */
+void learn_friction(step_t *s, const double *last)
+{
+    memory_t *const m = s->m;
+    if (s->c->velocity_source != ID(VELOCITY_SOURCE_DIFFERENCED)) {
+        return;
+    }
+    double momentum[N];
+    const double T = s->elapsed, step = larger(s->c->position_quantum, LEAST_QUANTUM) / T, share = T / (T + LOAD_TIME);
+    multiply_vector(s->out->mass_matrix, m->dq, momentum);
+    for (int i = 0; i < N; ++i) {
+        const double own = find_own_torque(m, last, i), rate = (momentum[i] - m->momentum[i]) / T;
+        const double more = explain(rate - own, -find_external(s, i));
+        const int moves = m->rest_q[i] == s->input->q[i] && fabs(m->dq[i]) > larger(4.0 * step, SLOW);
+        m->unexplained[i] += s->believed && m->mass[i] > 0.0 ? share * (more - m->unexplained[i]) : 0.0;
+        m->momentum[i] = momentum[i];
+        m->mass[i] = s->out->mass_matrix[i * (N + 1)];
+        if (moves && s->believed && m->fault == ID(FAULT_NONE)) {
+            m->moving_time[i] = smaller(m->moving_time[i] + T, FRICTION_MEMORY);
+            m->friction[i] += (fabs(m->unexplained[i]) - m->friction[i]) * T / m->moving_time[i];
+        }
+    }
+}
