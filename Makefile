@@ -91,7 +91,7 @@ adaptive: build/robots/iiwa14_derivatives
 optimal-control: build/robots/iiwa14_wiping
 	$(BIN)/python -m examples.optimal_control
 fri-demo: build/robots/iiwa14_plate
-	@$(BIN)/python -m examples.fri_robot.demo
+	@$(BIN)/python -m fri.robot.demo
 
 iiwa14_tool := urdf/iiwa14.urdf --tool runtime --derivatives --no-masses
 iiwa14_derivatives := urdf/iiwa14.urdf --derivatives

@@ -5,31 +5,23 @@ from __future__ import annotations
 
 import gc
 import json
-import os
 import re
-import shutil
 import subprocess
-from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import ModuleType
 
-# Matrices here are small: threads of the linear algebra would only keep the workers from their cores.
-for _library in ("OPENBLAS", "OMP", "MKL"):
-    os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
-# Folders of single tests are compiled without optimisation, much faster than a release; `robot_folder` is a release.
-os.environ.setdefault("CFLAGS", "-O0")
+import support.environment  # isort: skip
 
 import numpy as np
 import pytest
-from filelock import FileLock
 
 import stiffgen
-from stiffgen import open_robot
 from stiffgen.emit import build
 from stiffgen.verify import widths
 from support.c_program import STRICT, language_flags
-from support.kept_objects import KeptObjects
+from support.fixtures import kept_objects, once, robot, robot_folder
 from support.project import ROOT, URDF, Compiled, Once, require_compiler
+
+__all__ = ["kept_objects", "once", "robot", "robot_folder"]
 
 
 def pytest_collection_finish() -> None:
@@ -65,56 +57,6 @@ def chain() -> stiffgen.Chain:
 @pytest.fixture(scope="session")
 def model(chain: stiffgen.Chain) -> stiffgen.StiffnessModel:
     return stiffgen.StiffnessModel(chain)
-
-
-@pytest.fixture(scope="session")
-def once(tmp_path_factory: pytest.TempPathFactory) -> Once:
-    """Return ``once(name, make)``: a folder of that name, filled by ``make`` in the first worker that asks."""
-    base = tmp_path_factory.getbasetemp()
-    root = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
-
-    def made(name: str, make: Callable[[Path], object]) -> Path:
-        folder, done = root / name, root / f"{name}.made"
-        with FileLock(f"{folder}.lock"):
-            if not done.exists():
-                shutil.rmtree(folder, ignore_errors=True)  # of one that failed
-                folder.mkdir()
-                make(folder)
-                done.touch()
-        return folder
-
-    return made
-
-
-@pytest.fixture(scope="session", autouse=True)
-def kept_objects(once: Once) -> Iterator[KeptObjects]:
-    """Compile each C file of generated folders once for all workers, in the process of the tests."""
-    kept = KeptObjects(once("objects", lambda folder: None))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(build, "_run", kept.run)
-        yield kept
-
-
-@pytest.fixture(scope="session")
-def robot_folder(once: Once) -> Path:
-    """Return the iiwa 14's folder, compiled once for all workers as a user's. Read only.
-
-    STIFFGEN_ROBOT_FOLDER names another one, to see a test fail (tests/campaigns/hazards.py).
-    """
-    if "STIFFGEN_ROBOT_FOLDER" in os.environ:
-        return Path(os.environ["STIFFGEN_ROBOT_FOLDER"])
-
-    def make(output: Path) -> None:
-        with pytest.MonkeyPatch.context() as patch:
-            patch.delenv("CFLAGS")
-            stiffgen.generate(URDF, output=output)
-
-    return once("generated", make) / "iiwa14"
-
-
-@pytest.fixture(scope="session")
-def robot(robot_folder: Path) -> ModuleType:
-    return open_robot(robot_folder).module
 
 
 @pytest.fixture

@@ -3,7 +3,7 @@
 
     python tests/campaigns/attack_fri.py [FOLDER] [--sessions 100000] [--seed 1] [--version 2.7] [--sanitize]
 
-Sessions run in one process with a virtual clock, network and arm (tests/support/fri/attack.cpp), some twenty a second
+Sessions run in one process with a virtual clock, network and arm (fri/support/native/attack.cpp), some twenty a second
 and more. A schedule is mutated, and the mutant kept if the measure that is climbed on has not become smaller; after a
 while the climb starts again, on the next measure. What is beyond a bound is a break: its schedule is printed, made
 smaller first. Exit code 1 if there is one.
@@ -23,8 +23,8 @@ from typing import Any
 
 import numpy as np
 
-from examples.fri_robot.messages import VERSIONS, SessionState
-from support.fri_session import SANITIZERS, build, write_short_trajectory
+from fri.robot.messages import VERSIONS, SessionState
+from fri.support.session import SANITIZERS, build, write_short_trajectory
 
 DONE, FAULT, REFUSED, EARLY, INTERRUPTED = range(5)
 PERIODS = (1, 2, 5, 10)

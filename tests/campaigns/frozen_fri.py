@@ -3,7 +3,7 @@
 
     python tests/campaigns/frozen_fri.py [FOLDER] [--faulty 1000] [--harmless 1000] [--seed 1] [--version 2.7]
 
-The bowl is wiped in one process, with a virtual clock, network and arm (tests/support/fri/attack.cpp) and without a
+The bowl is wiped in one process, with a virtual clock, network and arm (fri/support/native/attack.cpp) and without a
 robot stiffness. In a faulty session the positions of one, several or all joints stand still from some moment on, or
 stand still but for one bit that toggles, or are those of long ago. In a harmless session the arm rests, is pushed,
 blocked or held. Dry friction, the positions' resolution, and noise of the external torque are drawn for both.
@@ -27,8 +27,8 @@ from typing import Any
 import numpy as np
 
 from campaigns.attack_fri import PERIODS, Attack, Event, Schedule
-from examples.fri_robot.messages import VERSIONS
-from support.fri_session import TRAJECTORY, build
+from fri.robot.messages import VERSIONS
+from fri.support.session import TRAJECTORY, build
 
 SECONDS = 14.0
 """[s] of a session; the bowl is wiped after 12 s."""

@@ -16,8 +16,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-from examples.fri_robot.messages import VERSIONS
-from support.fri_session import SANITIZERS, build, write_session
+from fri.robot.messages import VERSIONS
+from fri.support.session import SANITIZERS, build, write_session
 
 
 def main() -> int:

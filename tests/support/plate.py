@@ -11,15 +11,17 @@ import pytest
 import stiffgen
 from examples.bowl_wiping.tool import PLATE
 from stiffgen import open_robot
-from support.fri_session import EXACT
 from support.project import URDF, Once
+
+EXACT = "-ffp-contract=off"
+"""Each product and sum is rounded: builds of one robot by other compilers compute the same bits."""
 
 
 @pytest.fixture(scope="session")
 def plate_folder(once: Once) -> Path:
     """Return the folder of the arm with the bowl-wiping tool, compiled once for all workers.
 
-    Its products and sums are rounded each: other builds of it compute the same bits (support/fri_session.py, EXACT),
+    Its products and sums are rounded each: other builds of it compute the same bits (EXACT),
     so that it need not take the time of -O3.
     """
 

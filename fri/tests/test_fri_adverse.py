@@ -17,10 +17,10 @@ import numpy as np
 import pytest
 
 from examples.experiments.plant import START_POSTURE
-from examples.fri_robot.messages import SessionState
-from support.fri_run import Run, versions
-from support.fri_served import served
-from support.fri_session import RobotScript, write_short_trajectory
+from fri.robot.messages import SessionState
+from fri.support.run import Run, versions
+from fri.support.served import served
+from fri.support.session import RobotScript, write_short_trajectory
 
 DONE, FAULT, REFUSED, EARLY, INTERRUPTED = range(5)
 REST = 0.3

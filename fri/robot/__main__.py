@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Run the robot: python -m examples.fri_robot --protocol 2.7 --lockstep --duration 15 --bowl.
+"""Run the robot: python -m fri.robot --protocol 2.7 --lockstep --duration 15 --bowl.
 
 Exit code 0 after a session that ended as planned, 1 if it did not, 2 if something was refused at the start.
 """
@@ -63,7 +63,7 @@ class RefusedError(Exception):
 def arguments() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
     parser = argparse.ArgumentParser(
-        prog="python -m examples.fri_robot",
+        prog="python -m fri.robot",
         description="A simulated LBR iiwa 14 that speaks FRI. Start a client on the same port, in any order.",
         epilog=f"Faults: {faults.__doc__.split('A specification', 1)[1]}" if faults.__doc__ else None,
         formatter_class=argparse.RawDescriptionHelpFormatter,

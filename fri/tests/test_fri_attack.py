@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from campaigns.attack_fri import DONE, EARLY, FAULT, INTERRUPTED, Attack, climb, measures, parse, untrue
-from support.fri_run import versions
-from support.fri_session import POSTURE, Programs, write_short_trajectory
+from fri.support.run import versions
+from fri.support.session import POSTURE, Programs, write_short_trajectory
 
 
 @pytest.fixture

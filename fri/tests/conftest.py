@@ -13,15 +13,17 @@ from pathlib import Path
 from types import ModuleType
 from typing import IO, Any
 
+import support.environment  # isort: skip
+
 import pytest
 
-from examples.fri_robot.emulator import Emulator
-from examples.fri_robot.messages import VERSIONS
-from examples.fri_robot.replay import read_client_log
-from support.fri_python_client import emulate, free_port
-from support.fri_run import Run
-from support.fri_served import unread, waits
-from support.fri_session import (
+from fri.robot.emulator import Emulator
+from fri.robot.messages import VERSIONS
+from fri.robot.replay import read_client_log
+from fri.support.python_client import emulate, free_port
+from fri.support.run import Run
+from fri.support.served import unread, waits
+from fri.support.session import (
     SANITIZERS,
     Programs,
     build,
@@ -32,12 +34,13 @@ from support.fri_session import (
     run_cmake,
     sdk_options,
 )
+from support.fixtures import kept_objects, once, robot_folder
 from support.plate import plate, plate_folder
 from support.project import ROOT, Once
 
-__all__ = ["plate", "plate_folder"]
+__all__ = ["kept_objects", "once", "plate", "plate_folder", "robot_folder"]
 
-CLIENT = ROOT / "examples" / "fri_client"
+CLIENT = ROOT / "fri" / "client"
 TRAJECTORY = ROOT / "examples" / "bowl_wiping" / "zero_force_trajectory.csv"
 
 

@@ -9,9 +9,9 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from examples.fri_robot.messages import VERSIONS, SessionState
-from examples.fri_robot.replay import ClientLog, check_commands, compare
-from support.fri_python_client import Outcome
+from fri.robot.messages import VERSIONS, SessionState
+from fri.robot.replay import ClientLog, check_commands, compare
+from fri.support.python_client import Outcome
 
 versions = pytest.mark.parametrize(
     "version", [pytest.param(version, marks=() if version == "2.7" else pytest.mark.slow) for version in VERSIONS]

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from examples.fri_robot.messages import SessionState
-from examples.fri_robot.replay import read_client_log
-from support.fri_served import served
-from support.fri_session import FULL, POSTURE, TRAJECTORY, Programs, RobotScript, run_harness
+from fri.robot.messages import SessionState
+from fri.robot.replay import read_client_log
+from fri.support.served import served
+from fri.support.session import FULL, POSTURE, TRAJECTORY, Programs, RobotScript, run_harness
 
 IDLE, MONITORING_WAIT, MONITORING_READY, COMMANDING_WAIT, COMMANDING_ACTIVE = SessionState
 

@@ -16,7 +16,7 @@ import cmake
 import ninja
 import numpy as np
 
-from examples.fri_robot.messages import (
+from fri.robot.messages import (
     CommandMode,
     IODirection,
     IOType,
@@ -26,6 +26,7 @@ from examples.fri_robot.messages import (
     Quality,
     SessionState,
 )
+from support.plate import EXACT
 from support.project import ROOT
 
 TRAJECTORY = ROOT / "examples" / "bowl_wiping" / "zero_force_trajectory.csv"
@@ -50,10 +51,6 @@ FULL = (
 """Options for the robot's full effort and an immediate start, because the arm of a script does not follow."""
 
 SANITIZERS = "-O1 -g1 -fsanitize=address,undefined -fno-sanitize-recover=all"
-
-
-EXACT = "-ffp-contract=off"
-"""Flag with which a robot's library computes the same bits at every level of optimisation, also with sanitizers."""
 
 
 def run_cmake(*commands: Sequence[object]) -> None:
@@ -86,7 +83,7 @@ def build_robot(robot: Path, folder: Path, *, compiler: str, flags: str) -> list
 
 def build_standin(folder: Path, version: str) -> list[str]:
     """Build the library that stands in for KUKA's; return the CMake options with which the client finds it."""
-    source, root = ROOT / "tests" / "support" / "fri" / "standin", folder / "installed"
+    source, root = ROOT / "fri" / "support" / "native" / "standin", folder / "installed"
     run_cmake(
         ["-S", source, "-B", folder, f"-DFRI_VERSION={version}", *compilers("gcc", "-O1")],
         ["--build", folder],
@@ -96,12 +93,12 @@ def build_standin(folder: Path, version: str) -> list[str]:
 
 
 def build(folder: Path, options: Sequence[str], *, compiler: str, flags: str, fuzzer: bool = False) -> Path:
-    """Configure and build tests/support/fri with warnings as errors; return the folder of the programs."""
+    """Configure and build fri/support/native with warnings as errors; return the folder of the programs."""
     # Coverage guides the fuzzer through the client alone: coverage of the controller only takes time.
     more = " -std=c++11 -Werror" + (" -fsanitize=fuzzer-no-link" if fuzzer else "")
     run_cmake(
         [
-            "-S", ROOT / "tests" / "support" / "fri", "-B", folder, f"-DFRI_FUZZER={'ON' if fuzzer else 'OFF'}",
+            "-S", ROOT / "fri" / "support" / "native", "-B", folder, f"-DFRI_FUZZER={'ON' if fuzzer else 'OFF'}",
             "-DIIWA14_DISPATCH=OFF", *compilers(compiler, flags, more), *options,
         ],
         ["--build", folder, "-j2"],

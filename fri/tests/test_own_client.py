@@ -11,8 +11,8 @@ import pytest
 from support.pages import blocks
 from support.project import ROOT, require_compiler
 
-STANDIN = ROOT / "tests" / "support" / "fri" / "standin"
-SESSION = (ROOT / "tests" / "support" / "fri" / "own_client.cpp").read_text()
+STANDIN = ROOT / "fri" / "support" / "native" / "standin"
+SESSION = (ROOT / "fri" / "support" / "native" / "own_client.cpp").read_text()
 
 
 @pytest.fixture(scope="module")

@@ -11,8 +11,8 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
-from support.fri_python_client import free_port
-from support.fri_session import TRAJECTORY
+from fri.support.python_client import free_port
+from fri.support.session import TRAJECTORY
 
 
 class Served:

@@ -8,15 +8,15 @@ import shlex
 
 import pytest
 
-from examples.fri_robot import demo
-from examples.fri_robot.__main__ import arguments
-from examples.fri_robot.faults import KINDS, parse_faults
+from fri.robot import demo
+from fri.robot.__main__ import arguments
+from fri.robot.faults import KINDS, parse_faults
 from stiffgen.cli import parser as stiffgen_parser
 from support.pages import blocks, commands
 from support.project import ROOT
 
 PAGES = {name: (ROOT / "docs" / name).read_text() for name in ("fri.md", "fri_reference.md", "fri_robot.md")}
-SOURCES = ROOT / "examples" / "fri_client"
+SOURCES = ROOT / "fri" / "client"
 CLIENT_OPTIONS = set(re.findall(r'\{"([a-z-]+)", (?:no|required)_argument', (SOURCES / "options.cpp").read_text()))
 ROBOT_OPTIONS = {name.lstrip("-") for action in arguments()._actions for name in action.option_strings}
 DEMO_OPTIONS = {name.lstrip("-") for action in demo.arguments()._actions for name in action.option_strings}
@@ -77,8 +77,8 @@ def test_every_command_that_is_shown_can_be_given(page: str) -> None:
                 assert name in variables
         elif words[0] == ".venv/bin/stiffgen":
             stiffgen_parser().parse_args(words[1:])
-        elif "examples.fri_robot" in words:
-            arguments().parse_args(words[words.index("examples.fri_robot") + 1 :])
+        elif "fri.robot" in words:
+            arguments().parse_args(words[words.index("fri.robot") + 1 :])
         elif words[0].endswith("/fri_wiping"):
             for word, value in zip(words[1:], [*words[2:], ""], strict=True):
                 assert not word.startswith("--") or word[2:] in CLIENT_OPTIONS
@@ -88,7 +88,7 @@ def test_every_command_that_is_shown_can_be_given(page: str) -> None:
 
 
 def test_every_event_has_a_text() -> None:
-    source = (ROOT / "examples" / "fri_client" / "events.h").read_text()
+    source = (ROOT / "fri" / "client" / "events.h").read_text()
     bits = {name: 1 << int(bit) for name, bit in re.findall(r"EVENT_(\w+) = 1 << (\d+)", source)}
     texts = re.findall(r'\{EVENT_(\w+), "([^"]*)",\s*"([^"]*)",\s*"([^"]*)"\}', source)
     assert [name for name, *_ in texts] == list(bits)

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from examples.fri_robot import __main__ as fri_robot
-from examples.fri_robot.messages import Command, IOValue, MessageError, Protocol, SessionState
+from fri.robot import __main__ as fri_robot
+from fri.robot.messages import Command, IOValue, MessageError, Protocol, SessionState
 
 Answer = Callable[[Any], tuple[Any, Any] | None]
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Wipe the bowl once through FRI: python -m examples.fri_robot.demo, or make fri-demo.
+"""Wipe the bowl once through FRI: python -m fri.robot.demo, or make fri-demo.
 
 Builds the C++ client, starts it and the simulated robot in lockstep, waits for both, holds what the robot received
 against the controller stepped in Python, and draws the session. Everything goes to build/fri-demo.
@@ -44,7 +44,7 @@ from .__main__ import ROBOT, ROOT, RefusedError, load_robot
 from .messages import VERSIONS, SessionState
 from .replay import ClientLog, check_commands, compare, read_client_log
 
-CLIENT = ROOT / "examples" / "fri_client"
+CLIENT = ROOT / "fri" / "client"
 TRAJECTORY = ROOT / "examples" / "bowl_wiping" / "zero_force_trajectory.csv"
 OUTPUT = ROOT / "build" / "fri-demo"
 APPROACH = 5.0
@@ -64,7 +64,7 @@ class BrokenOffError(Exception):
 def arguments() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
     parser = argparse.ArgumentParser(
-        prog="python -m examples.fri_robot.demo", description="Wipe the bowl once through FRI, with no robot."
+        prog="python -m fri.robot.demo", description="Wipe the bowl once through FRI, with no robot."
     )
     add = parser.add_argument
     add("--protocol", choices=VERSIONS, default="2.7", help="FRI version (%(default)s)")
@@ -141,7 +141,7 @@ def run_session(options: argparse.Namespace, client: Path) -> None:
         (folder / name).unlink(missing_ok=True)  # the client overwrites no log
     wiping += ["--log", str(folder / "client.csv"), "--summary", str(folder / "client.json")]
     wiping += [] if options.wall_clock else ["--simulated-time"]
-    robot = [sys.executable, "-m", "examples.fri_robot", "--protocol", options.protocol, "--port", str(options.port)]
+    robot = [sys.executable, "-m", "fri.robot", "--protocol", options.protocol, "--port", str(options.port)]
     robot += ["--robot", str(options.robot), "--send-period", str(options.send_period), "--bowl", "--duration"]
     robot += [str(duration), "--log", str(folder / "robot.npz"), "--summary", str(folder / "robot.json")]
     robot += [] if options.wall_clock else ["--lockstep"]

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """The FRI library and the client against an independent codec: fields, states, hostile datagrams.
 
-The robot's messages come from examples/fri_robot/messages.py (protobuf, a schema of its own), so that the two codecs
-check each other. They run against the open library, against the stand-in for KUKA's (tests/support/fri/standin), and
+The robot's messages come from fri/robot/messages.py (protobuf, a schema of its own), so that the two codecs
+check each other. They run against the open library, against the stand-in for KUKA's (fri/support/native/standin), and
 with FRI_SDK_ROOT (and FRI_SDK_VERSION, if its headers do not tell) against an installed SDK.
 """
 
@@ -19,15 +19,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from examples.fri_robot.messages import IODirection, IOType, IOValue, Protocol
-from support.fri_session import (
+from fri.robot.messages import IODirection, IOType, IOValue, Protocol
+from fri.support.session import (
     POSTURE,
     TIMEOUT,
     Programs,
     RobotScript,
     build,
 )
-from support.fri_wiping import (
+from fri.support.wiping import (
     COMMANDING_ACTIVE,
     COMMANDING_WAIT,
     IDLE,
@@ -47,11 +47,11 @@ def counters(line: str) -> bytes:
 
 @pytest.mark.slow
 def test_clang_takes_the_sources_without_a_warning(open_programs: Programs, plate_folder: Path) -> None:
-    folder, client = open_programs.folder, ROOT / "examples" / "fri_client"
+    folder, client = open_programs.folder, ROOT / "fri" / "client"
     sources = [
         *client.glob("*.cpp"),
         *(client / "open_fri").glob("*.cpp"),
-        ROOT / "tests" / "support" / "fri" / "harness.cpp",
+        ROOT / "fri" / "support" / "native" / "harness.cpp",
     ]
     includes = [client, client / "open_fri", plate_folder, folder / "client"]
     number = {"1.15": 115, "2.5": 205, "2.7": 207}[open_programs.version]

@@ -10,15 +10,15 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from examples.fri_robot.replay import replayed_torque
-from support.fri_session import (
+from fri.robot.replay import replayed_torque
+from fri.support.session import (
     POSTURE,
     TRAJECTORY,
     Programs,
     button,
     write_short_trajectory,
 )
-from support.fri_wiping import (
+from fri.support.wiping import (
     COMMANDING_ACTIVE,
     COMMANDING_WAIT,
     IDLE,

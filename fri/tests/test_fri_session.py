@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from examples.fri_robot import demo
-from examples.fri_robot.__main__ import RefusedError
-from examples.fri_robot.messages import SessionState
-from support.fri_python_client import free_port
-from support.fri_run import Run, versions
+from fri.robot import demo
+from fri.robot.__main__ import RefusedError
+from fri.robot.messages import SessionState
+from fri.support.python_client import free_port
+from fri.support.run import Run, versions
 from support.project import ROOT
 
-CLIENT = ROOT / "examples" / "fri_client"
+CLIENT = ROOT / "fri" / "client"
 TRAJECTORY = ROOT / "examples" / "bowl_wiping" / "zero_force_trajectory.csv"
 LOCKSTEP = ("--lockstep", "--bowl", "--send-period", 5)
 EARLY = 3

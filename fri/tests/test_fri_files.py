@@ -15,10 +15,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from support.fri_python_client import free_port
-from support.fri_served import served
-from support.fri_session import FULL, TRAJECTORY, Programs, write_short_trajectory
-from support.fri_wiping import COMMANDING_WAIT, IDLE, over_udp
+from fri.support.python_client import free_port
+from fri.support.served import served
+from fri.support.session import FULL, TRAJECTORY, Programs, write_short_trajectory
+from fri.support.wiping import COMMANDING_WAIT, IDLE, over_udp
 
 
 def whole_session(

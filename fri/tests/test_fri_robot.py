@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from examples.fri_robot.faults import FaultError, FaultInjector, parse_faults
-from examples.fri_robot.messages import (
+from fri.robot.faults import FaultError, FaultInjector, parse_faults
+from fri.robot.messages import (
     VERSIONS,
     Command,
     CommandMode,
@@ -26,8 +26,8 @@ from examples.fri_robot.messages import (
     SafetyState,
     SessionState,
 )
-from examples.fri_robot.robot import quaternion
-from examples.fri_robot.session import Policy, QualityMeter, Session
+from fri.robot.robot import quaternion
+from fri.robot.session import Policy, QualityMeter, Session
 
 S = SessionState
 BUTTON = IOValue("MediaFlange.UserButton", IOType.BOOLEAN, IODirection.INPUT, True)

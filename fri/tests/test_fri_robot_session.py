@@ -18,8 +18,8 @@ from scipy.spatial.transform import Rotation
 
 from examples.bowl_wiping.bowl import bowl_plant
 from examples.experiments.plant import MOTOR_INERTIA, START_POSTURE
-from examples.fri_robot.link import LinkError
-from examples.fri_robot.messages import (
+from fri.robot.link import LinkError
+from fri.robot.messages import (
     VERSIONS,
     Command,
     CommandMode,
@@ -30,9 +30,9 @@ from examples.fri_robot.messages import (
     SafetyState,
     SessionState,
 )
-from examples.fri_robot.robot import Robot
-from examples.fri_robot.session import Policy
-from support.fri_python_client import Outcome, PythonClient, emulate, follow, free_port, fri_robot
+from fri.robot.robot import Robot
+from fri.robot.session import Policy
+from fri.support.python_client import Outcome, PythonClient, emulate, follow, free_port, fri_robot
 from support.project import ROOT
 
 S = SessionState
@@ -355,8 +355,6 @@ def test_refusals(
 
 
 def test_the_module_runs_and_says_what_is_missing() -> None:
-    hidden = (
-        "import runpy, sys; sys.modules['mujoco'] = None; runpy.run_module('examples.fri_robot', run_name='__main__')"
-    )
+    hidden = "import runpy, sys; sys.modules['mujoco'] = None; runpy.run_module('fri.robot', run_name='__main__')"
     run = subprocess.run([sys.executable, "-c", hidden], cwd=ROOT, capture_output=True, text=True, check=False)
     assert (run.returncode, run.stderr) == (2, "mujoco is not installed: pip install -e '.[examples]'\n")

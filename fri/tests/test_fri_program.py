@@ -15,10 +15,10 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from examples.fri_robot.replay import read_client_log
-from support.fri_python_client import free_port
-from support.fri_served import served, unread
-from support.fri_session import (
+from fri.robot.replay import read_client_log
+from fri.support.python_client import free_port
+from fri.support.served import served, unread
+from fri.support.session import (
     FULL,
     POSTURE,
     TRAJECTORY,
@@ -27,7 +27,7 @@ from support.fri_session import (
     button,
     write_short_trajectory,
 )
-from support.fri_wiping import (
+from fri.support.wiping import (
     COMMANDING_ACTIVE,
     COMMANDING_WAIT,
     IDLE,
@@ -206,7 +206,8 @@ def watched_session(
     programs: Programs, robot: ModuleType, folder: Path, *arguments: str, registered: bool
 ) -> tuple[int, int, int]:
     """Allocations in all threads from the opening of the port to its closing; page faults, minor and major, of the FRI
-    thread from the first datagram on. A session with everything in it, its faults too."""
+    thread from the first datagram on. A session with everything in it, its faults too.
+    """
     script = programs.script()
     ios = [button(False)] if registered else []
     for state, count in ((MONITORING_WAIT, 3), (MONITORING_READY, 3), (COMMANDING_WAIT, 3)):

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from examples.fri_robot.replay import read_client_log
-from support.fri_python_client import free_port
-from support.fri_served import served, unread
-from support.fri_session import POSTURE, Programs, button
-from support.fri_wiping import COMMANDING_ACTIVE, IDLE, MONITORING_READY, MONITORING_WAIT, Wiped, over_udp
+from fri.robot.replay import read_client_log
+from fri.support.python_client import free_port
+from fri.support.served import served, unread
+from fri.support.session import POSTURE, Programs, button
+from fri.support.wiping import COMMANDING_ACTIVE, IDLE, MONITORING_READY, MONITORING_WAIT, Wiped, over_udp
 
 SLOWED, LET_GO, REFUSED = 1 << 13, 1 << 17, 1 << 19
 HELD = ("--force-limit", "150", "--hold-time", "0.3")

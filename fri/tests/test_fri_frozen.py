@@ -11,10 +11,10 @@ import pytest
 
 from campaigns.attack_fri import Attack, parse
 from campaigns.frozen_fri import LATEST, blames_position, judge
-from examples.fri_robot.encoders import Encoders
-from examples.fri_robot.faults import FaultError, parse_faults
-from support.fri_run import Run
-from support.fri_session import TRAJECTORY, Programs
+from fri.robot.encoders import Encoders
+from fri.robot.faults import FaultError, parse_faults
+from fri.support.run import Run
+from fri.support.session import TRAJECTORY, Programs
 
 
 @pytest.fixture(scope="module")

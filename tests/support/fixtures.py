@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: MIT
+"""Fixtures of all folders with tests: what is made once for all workers, and the iiwa 14's folder."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+from filelock import FileLock
+
+import stiffgen
+from stiffgen import open_robot
+from stiffgen.emit import build
+from support.kept_objects import KeptObjects
+from support.project import URDF, Once
+
+
+@pytest.fixture(scope="session")
+def once(tmp_path_factory: pytest.TempPathFactory) -> Once:
+    """Return ``once(name, make)``: a folder of that name, filled by ``make`` in the first worker that asks."""
+    base = tmp_path_factory.getbasetemp()
+    root = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+
+    def made(name: str, make: Callable[[Path], object]) -> Path:
+        folder, done = root / name, root / f"{name}.made"
+        with FileLock(f"{folder}.lock"):
+            if not done.exists():
+                shutil.rmtree(folder, ignore_errors=True)  # of one that failed
+                folder.mkdir()
+                make(folder)
+                done.touch()
+        return folder
+
+    return made
+
+
+@pytest.fixture(scope="session", autouse=True)
+def kept_objects(once: Once) -> Iterator[KeptObjects]:
+    """Compile each C file of generated folders once for all workers, in the process of the tests."""
+    kept = KeptObjects(once("objects", lambda folder: None))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(build, "_run", kept.run)
+        yield kept
+
+
+@pytest.fixture(scope="session")
+def robot_folder(once: Once) -> Path:
+    """Return the iiwa 14's folder, compiled once for all workers as a user's. Read only.
+
+    STIFFGEN_ROBOT_FOLDER names another one, to see a test fail (tests/campaigns/hazards.py).
+    """
+    if "STIFFGEN_ROBOT_FOLDER" in os.environ:
+        return Path(os.environ["STIFFGEN_ROBOT_FOLDER"])
+
+    def make(output: Path) -> None:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.delenv("CFLAGS")
+            stiffgen.generate(URDF, output=output)
+
+    return once("generated", make) / "iiwa14"
+
+
+@pytest.fixture(scope="session")
+def robot(robot_folder: Path) -> ModuleType:
+    return open_robot(robot_folder).module
