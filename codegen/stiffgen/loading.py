@@ -59,20 +59,18 @@ def load_chain(
         tip: link at the end of the chain; its frame is where the wrench acts. May be left out if the robot has
             a single leaf link. Several links: the chains to all of them, with one vector q.
         base: link at the start of the chain, an ancestor of the tip; default: the root link.
-        masses: False leaves out all masses, and with them everything that the file says of links and joints
-            beside the chain: for files whose inertias are wrong, if no mass matrix is wanted.
+        masses: False leaves out all masses, and what the file says of links and joints beside the chain.
         tool: tool mounted on the (only) tip link; the tool's frame then takes the tip's place.
         runtime_tool: the kernels take the tool's pose (4x4, in the tip's frame) as an argument after q.
         lock: joints to hold at a position [rad or m]; they are no coordinates.
         floating_base: the base link is free: its pose is an argument, its body twist precedes the joints' rates. A
             floating joint of the file between base and tips, behind no moving joint, frees the link behind it too.
         ignore: names of unknown elements and attributes that resemble a URDF's own and are none.
-        accept_inertia: links whose inertia is used although no rigid body has it, or "all". It is used as it is where
-            the mass matrix stays positive definite; else the nearest possible tensor is.
+        accept_inertia: links whose inertia is used although no rigid body has it, or "all"; the nearest possible tensor
+            replaces an inertia with which the mass matrix would not stay positive definite.
         arguments: values of a xacro template's arguments, by name.
         package_path: folders in which a template's packages are looked for first.
-        close_loops: close the loops of an MJCF file (equality connect and weld) that share a joint with the chain;
-            without it they stay open.
+        close_loops: close the loops of an MJCF file (equality connect and weld) that share a joint with the chain.
         loop: loops to close, each "LINK:X,Y,Z=LINK:X,Y,Z": two points of two links that coincide [m].
         actuated: joints of closed loops that have a motor (default: those with an actuator in an MJCF file); all other
             joints of the loops are passive.
@@ -83,9 +81,8 @@ def load_chain(
 
     Raises:
         DescriptionError: the file cannot be used (all problems that can change this chain are named).
-        ChainError: no such link or joint, no moving joint between base and tip, a joint type that has no
-            coordinate, a tool or lock that cannot be, or a loop that does not close, locks a motor or leaves a passive
-            joint free.
+        ChainError: no such link or joint, no moving joint between base and tip, a joint type without coordinate, an
+            impossible tool or lock, or a loop that does not close, locks a motor or leaves a passive joint free.
 
     Warns:
         DescriptionWarning: the file has problems that cannot change this chain.
@@ -95,10 +92,8 @@ def load_chain(
 
     """
     reading = Reading(arguments or {}, tuple(package_path), tuple(ignore), tuple(accept_inertia))
-    options = ChainOptions(
-        tip, base, masses, tool, runtime_tool, lock, floating_base, reading, close_loops, tuple(loop), tuple(actuated)
-    )
-    return read_chain(urdf, options)
+    loops = (close_loops, tuple(loop), tuple(actuated))
+    return read_chain(urdf, ChainOptions(tip, base, masses, tool, runtime_tool, lock, floating_base, reading, *loops))
 
 
 def read_chain(urdf: str | Path, options: ChainOptions) -> Chain:

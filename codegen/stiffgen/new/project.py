@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import os
 import shlex
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -99,13 +99,18 @@ def new_project(
         generate_folder(urdf, options)
         progress("writing the project")
         _write(package_files(variables) if ros2 else _rendered(variables), staging)
-    if answers.controller in GENERATED:
-        guesses = "src/defaults.hpp" if ros2 else "src/control.hpp"
-        for sentence in missing_limits(chain.source, chain.coordinates, guesses=guesses):
-            note(sentence)
-    for sentence in doubts(chain):
-        note(f"{printable(chain.source)}: {sentence}")
+    for sentence in _notes(chain, answers):
+        note(sentence)
     return target
+
+
+def _notes(chain: Chain, answers: Answers) -> Iterator[str]:
+    """Yield what the user should read: limits that were guessed, and numbers that are probably in another unit."""
+    if answers.controller in GENERATED:
+        guesses = "src/defaults.hpp" if answers.controller == "ros2" else "src/control.hpp"
+        yield from missing_limits(chain.source, chain.coordinates, guesses=guesses)
+    for sentence in doubts(chain):
+        yield f"{printable(chain.source)}: {sentence}"
 
 
 def _options(answers: Answers, reading: Reading, root: str) -> GenerationOptions:

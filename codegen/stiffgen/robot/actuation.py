@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-Range = tuple[float, float]
+ForceRange = tuple[float, float]
 
 
 def actuation(mujoco: Any, model: Any) -> dict[str, Any]:
@@ -16,7 +16,7 @@ def actuation(mujoco: Any, model: Any) -> dict[str, Any]:
     ``forces`` has the range of the force on each joint, None for an end without a bound. ``armatures`` has the inertia
     that the actuators reflect to it. ``driven`` has the joints of each actuator, [] where no joint is its target.
     """
-    pulls: dict[tuple[bool, int], list[tuple[Range, float]]] = {}
+    pulls: dict[tuple[bool, int], list[tuple[ForceRange, float]]] = {}
     armatures = [0.0] * int(model.njnt)
     driven = []
     for k in range(len(model.actuator_trntype)):
@@ -59,7 +59,7 @@ def _joints(mujoco: Any, model: Any, target: tuple[bool, int]) -> list[tuple[int
     return pairs if all(joint >= 0 and int(model.jnt_type[joint]) in scalar for joint, _ in pairs) else []
 
 
-def _force(mujoco: Any, model: Any, k: int) -> Range:
+def _force(mujoco: Any, model: Any, k: int) -> ForceRange:
     """Return the range of an actuator's force before its gear; infinite without a bound."""
     output, control = int(model.actuator_outadr[k]), int(model.actuator_ctrladr[k])
     limits, commands = model.actuator_forcerange[output], model.actuator_ctrlrange[control]
@@ -77,10 +77,10 @@ def _force(mujoco: Any, model: Any, k: int) -> Range:
 
 
 def _joint_forces(
-    mujoco: Any, model: Any, pulls: dict[tuple[bool, int], list[tuple[Range, float]]]
+    mujoco: Any, model: Any, pulls: dict[tuple[bool, int], list[tuple[ForceRange, float]]]
 ) -> list[tuple[float | None, float | None]]:
     """Return the range of the force on each joint, from forces and gears of the actuators by joint or tendon."""
-    on_joints: dict[int, Range] = {}
+    on_joints: dict[int, ForceRange] = {}
     for target, actuators in pulls.items():
         is_tendon, number = target
         force = (0.0, 0.0)
@@ -103,17 +103,17 @@ def _joint_forces(
     return ranges
 
 
-def _scaled(force: Range, factor: float) -> Range:
+def _scaled(force: ForceRange, factor: float) -> ForceRange:
     if factor == 0:
         return 0.0, 0.0
     low, high = sorted(factor * end for end in force)
     return low, high
 
 
-def _sum(a: Range, b: Range) -> Range:
+def _sum(a: ForceRange, b: ForceRange) -> ForceRange:
     return a[0] + b[0], a[1] + b[1]
 
 
-def _within(force: Range, limits: Any) -> Range:
+def _within(force: ForceRange, limits: Any) -> ForceRange:
     low, high = map(float, limits)
     return min(max(force[0], low), high), max(min(force[1], high), low)

@@ -162,6 +162,7 @@ class Description:
     [N m or N]. ``loops`` are the constraints that close loops; without --close-loops the functions leave them out, too.
     """
 
+    # More than twelve fields: what one file says, each part read by another step of the selection.
     file: str
     digest: str
     robot: str
