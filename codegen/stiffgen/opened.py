@@ -188,7 +188,7 @@ def _functions_by_group(robot: GeneratedRobot) -> dict[str, list[str]]:
     """Return the names of functions by the groups that have them; products are left out."""
     groups: dict[str, list[str]] = {}
     for kernel in robot.table:
-        if not kernel.name.endswith("_vjp"):
+        if not kernel.product_of:
             groups.setdefault(kernel.path[-1] if kernel.path else "", []).append(kernel.name)
     shared: dict[tuple[str, ...], list[str]] = {}
     for group, names in groups.items():

@@ -45,7 +45,7 @@ from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import Kernel
 from stiffgen.symbolic.kinematics import Kind
 from stiffgen.symbolic.program import Array, Step, as_operand, evaluate
-from stiffgen.symbolic.quantities import Range
+from stiffgen.symbolic.quantities import Magnitude
 
 __all__ = [
     "ErrorBounds", "NoBound", "Ranges", "Stated",
@@ -357,7 +357,7 @@ def argument_sizes(chain: Chain, argument: Argument, ranges: Ranges, reach: floa
         return argument_sizes(chain, argument.each, ranges, reach, scalar) * argument.array(chain).shape[0]
     array = argument.array(chain)
 
-    def sizes(largest: Range | None, count: int) -> list[float]:
+    def sizes(largest: Magnitude | None, count: int) -> list[float]:
         if largest is None or largest == "none":
             raise NoBound(f"no range is known of the argument {argument.name}")
         if largest == "positions":

@@ -35,7 +35,7 @@ from collections.abc import Sequence
 import casadi as ca
 
 from stiffgen.robot.chain import Chain
-from stiffgen.symbolic import programs
+from stiffgen.symbolic import pieces
 from stiffgen.symbolic.adjoint_steps import RULES, turn
 from stiffgen.symbolic.gradients import Gradients, bar_name, cotangent_name, extents, gradient_shape
 from stiffgen.symbolic.program import Array, Operand, Over, Program, Step
@@ -99,7 +99,7 @@ class _Reverse(Gradients):
     def _with_columns(self, step: Step) -> Step:
         """Replace a step that computes the pose by one that also computes the columns, which the derivative needs."""
         if isinstance(step, StraightLine) and step.moves and not step.columns:
-            return programs.columns_and_pose(self.chain, Array("J", (6, len(self.chain.joints))), step.outputs[0])
+            return pieces.columns_and_pose(self.chain, Array("J", (6, len(self.chain.joints))), step.outputs[0])
         return step
 
     def _drop_unread(self, results: set[str]) -> None:

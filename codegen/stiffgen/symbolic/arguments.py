@@ -11,7 +11,16 @@ from stiffgen.robot.chain import Chain
 from stiffgen.symbolic import quantities
 from stiffgen.symbolic.connection import Representation
 from stiffgen.symbolic.program import Array
-from stiffgen.symbolic.quantities import RANGES, Blocks, Draw, Normal, Range, pose_within, random_poses, within_limits
+from stiffgen.symbolic.quantities import (
+    RANGES,
+    Blocks,
+    Draw,
+    Magnitude,
+    Normal,
+    pose_within,
+    random_poses,
+    within_limits,
+)
 
 Extent = int | str
 """Extent of an array: an integer, or one of three names.
@@ -66,7 +75,7 @@ class Argument:
     triangle: bool = False
     floating_meaning: str = ""
     draw: Draw | None = None
-    largest: Range | None = None
+    largest: Magnitude | None = None
     blocks: Blocks | None = None
     turns: bool = False
     is_q: bool = False

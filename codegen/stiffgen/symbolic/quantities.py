@@ -25,8 +25,8 @@ Named = Literal[
 
 "none": no range is known; functions with such an argument have no certified bound.
 """
-Range = Named | float
-"""Largest magnitude of an entry: a name, or a number in the unit of the argument."""
+Magnitude = Named | float
+"""Largest size of an entry: a name, or a number in the unit of the argument."""
 RANGES = get_args(Named)
 
 
@@ -36,7 +36,7 @@ class BlockKind:
 
     name: str
     unit: str
-    largest: Range = "none"
+    largest: Magnitude = "none"
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 """CasADi expressions of the stiffness: contributions of one joint and of one pair of joints.
 
 Kq = dJ^T/dq . F + J^T (K + Gamma F) J  (Lachner, Nah, Hogan 2025, central equation). The expressions take Jacobian
-columns J_i (6) and therefore hold for any chain and any type of joint. :mod:`stiffgen.symbolic.programs` repeats them
+columns J_i (6) and therefore hold for any chain and any type of joint. :mod:`stiffgen.symbolic.families` repeats them
 over joints and pairs of joints.
 """
 

@@ -17,9 +17,9 @@ import numpy as np
 from stiffgen.robot.chain import Chain, LoopEnd
 from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic.arguments import VELOCITY, Q
-from stiffgen.symbolic.joint_potentials import JOINT_POTENTIALS, JointPotential
+from stiffgen.symbolic.families.joint_potentials import JOINT_POTENTIALS, JointPotential
+from stiffgen.symbolic.families.motors import ACTUATED, GRADIENT, HESSIAN, MOTOR_VELOCITY, START
 from stiffgen.symbolic.kernels import Kernel
-from stiffgen.symbolic.motor_kernels import ACTUATED, GRADIENT, HESSIAN, MOTOR_VELOCITY, START
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.springs import Spring
 from stiffgen.verify.comparison import Oracle

@@ -16,7 +16,7 @@ import numpy as np
 from stiffgen.robot.chain import Chain
 from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
-from stiffgen.symbolic.joint_potentials import JOINT_POTENTIALS, JointPotential
+from stiffgen.symbolic.families.joint_potentials import JOINT_POTENTIALS, JointPotential
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.verify.comparison import KernelCall, Oracle, but_for_rounding, symmetry

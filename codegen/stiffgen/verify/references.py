@@ -26,8 +26,8 @@ from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic import arguments
 from stiffgen.symbolic.arguments import BASE_POSE, GRAVITY, TOOL_POSE, VELOCITY, Q, configuration_arguments
 from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
-from stiffgen.symbolic.joint_potentials import JointPotential
-from stiffgen.symbolic.kernels import DIRECTION
+from stiffgen.symbolic.families.joint_potentials import JointPotential
+from stiffgen.symbolic.families.stiffness import DIRECTION
 from stiffgen.symbolic.model import folded
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.springs import Spring

@@ -19,7 +19,7 @@ from stiffgen.emit.render import render
 from stiffgen.options import GenerationOptions
 from stiffgen.symbolic.arguments import Q
 from stiffgen.symbolic.connection import REPRESENTATIONS
-from stiffgen.symbolic.joint_potentials import JOINT_POTENTIALS
+from stiffgen.symbolic.families.joint_potentials import JOINT_POTENTIALS
 from stiffgen.symbolic.kernels import MAX_BATCH_JOINTS, chain_kernels
 from stiffgen.symbolic.model import casadi_function, folded
 from stiffgen.symbolic.potentials import SpringOptions

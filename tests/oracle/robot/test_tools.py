@@ -15,7 +15,7 @@ from stiffgen import open_robot
 from stiffgen.cli import main
 from stiffgen.errors import ChainError
 from stiffgen.symbolic.connection import REPRESENTATIONS
-from stiffgen.symbolic.joint_potentials import JOINT_POTENTIALS
+from stiffgen.symbolic.families.joint_potentials import JOINT_POTENTIALS
 from stiffgen.verify.oracles import check_robot
 from stiffgen.verify.references import References
 from support.project import ROOT, URDF, assert_close, kernels_of

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from stiffgen import StiffnessModel, Tool, load_chain
+from stiffgen.symbolic.families.dynamics import MAX_UNROLLED_MASS_JOINTS
 from stiffgen.symbolic.kernels import KERNELS, chain_kernels
-from stiffgen.symbolic.programs import MAX_UNROLLED_MASS_JOINTS
 from stiffgen.symbolic.steps import Map
 from support.chain_checks import value
 from support.chains import chain_urdf

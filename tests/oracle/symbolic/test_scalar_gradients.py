@@ -9,7 +9,8 @@ import pytest
 from examples import closed_loops
 from stiffgen import StiffnessModel, load_chain
 from stiffgen.symbolic.arguments import Q
-from stiffgen.symbolic.kernels import DIRECTION, chain_kernels
+from stiffgen.symbolic.families.stiffness import DIRECTION
+from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.model import casadi_function
 from stiffgen.verify.poses import gamma_F
 from stiffgen.verify.references import TASK_STIFFNESS, WRENCH, References

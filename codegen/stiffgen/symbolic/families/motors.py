@@ -10,10 +10,11 @@ from functools import partial
 import casadi as ca
 
 from stiffgen.robot.chain import Chain
-from stiffgen.symbolic import arguments, joint_potentials, motor_programs, programs
+from stiffgen.symbolic import arguments
 from stiffgen.symbolic.arguments import Argument, configuration_arguments
 from stiffgen.symbolic.closure import Closure
-from stiffgen.symbolic.joint_potentials import JOINT_POTENTIALS, JointPotential
+from stiffgen.symbolic.families import dynamics, joint_potentials, motor_programs, pose, springs, stiffness
+from stiffgen.symbolic.families.joint_potentials import JOINT_POTENTIALS, JointPotential
 from stiffgen.symbolic.kernel import Kernel
 from stiffgen.symbolic.program import Program
 from stiffgen.symbolic.quantities import Normal, at_start, near_start, symmetric
@@ -140,29 +141,29 @@ def _of_wrench(chain: Chain) -> tuple[Kernel, ...]:
     wrench, task = arguments.wrench("hybrid"), arguments.task_stiffness("hybrid", triangle=True)
     columns = Argument("J", (6, "n"), "", "")
 
-    def torque(chain: Chain) -> Program:
+    def torque_program(chain: Chain) -> Program:
         gradient = _TREE["gradient"].array(chain)
         tree = (
-            *programs.jacobian(chain, "hybrid", columns)[:1],
+            *pose.jacobian(chain, "hybrid", columns)[:1],
             *motor_programs.wrench_gradient(chain, wrench.array(chain), gradient),
         )
         return motor_programs.reduction(chain, tree, gradient, None, (_TORQUE,), "T")
 
-    def stiffness(chain: Chain) -> Program:
+    def stiffness_program(chain: Chain) -> Program:
         gradient, hessian = _TREE["gradient"].array(chain), _TREE["joint_stiffness"]
-        tree = programs.joint_stiffness(chain, "hybrid", hessian, wrench, task)
+        tree = stiffness.joint_stiffness(chain, "hybrid", hessian, wrench, task)
         tree += motor_programs.wrench_gradient(chain, wrench.array(chain), gradient)
         return motor_programs.reduction(chain, tree, gradient, hessian.array(chain), (_STIFFNESS,), "K")
 
     return (
         _kernel(
             "torque", (*configuration, wrench), (_TORQUE,),
-            "Torque that a spring with this wrench exerts on the motors.", "-dU/da = -G^T J^T F", torque,
+            "Torque that a spring with this wrench exerts on the motors.", "-dU/da = -G^T J^T F", torque_program,
         ),
         _kernel(
             "joint_stiffness", (*configuration, wrench, task), (_STIFFNESS,),
             "Joint stiffness of the motors under a wrench and a task stiffness.",
-            f"{_FORMULA}, d2U/dq2 = dJ^T/dq . F + J^T (K + Gamma F) J", stiffness,
+            f"{_FORMULA}, d2U/dq2 = dJ^T/dq . F + J^T (K + Gamma F) J", stiffness_program,
         ),
     )  # fmt: skip
 
@@ -173,12 +174,12 @@ def _of_spring(chain: Chain, spring: Spring) -> tuple[Kernel, ...]:
     inputs = (*configuration, *spring.parameters)
 
     def torque(chain: Chain) -> Program:
-        tree = programs.spring_joint_terms(chain, spring, torque=_TREE["torque"])
+        tree = springs.spring_joint_terms(chain, spring, torque=_TREE["torque"])
         return _from_torque(chain, tree, None, (_TORQUE,), "T")
 
     def stiffness(chain: Chain) -> Program:
         hessian = _TREE["joint_stiffness"]
-        tree = programs.spring_joint_terms(chain, spring, torque=_TREE["torque"], joint_stiffness=hessian)
+        tree = springs.spring_joint_terms(chain, spring, torque=_TREE["torque"], joint_stiffness=hessian)
         return _from_torque(chain, tree, hessian, (_STIFFNESS,), "K")
 
     return (
@@ -242,23 +243,23 @@ def _of_masses(chain: Chain) -> tuple[Kernel, ...]:
     tree_mass = Argument("mass_matrix_of_tree", ("n", "n"), "", "", symmetric=True)
 
     def mass_program(chain: Chain) -> Program:
-        tree = programs.mass_matrix(chain, tree_mass)
+        tree = dynamics.mass_matrix(chain, tree_mass)
         return motor_programs.mass_matrix(chain, tree, tree_mass.array(chain), mass)
 
     def bias_program(chain: Chain) -> Program:
         forces = Argument("forces", ("n",), "", "")
-        tree = partial(programs.bias_forces, chain, forces)
+        tree = partial(dynamics.bias_forces, chain, forces)
         return motor_programs.bias_forces(chain, tree, forces.array(chain), MOTOR_VELOCITY, bias)
 
     def gravity(chain: Chain) -> Program:
-        tree = programs.gravity_gradient(chain, _TREE["gradient"])
+        tree = dynamics.gravity_gradient(chain, _TREE["gradient"])
         return motor_programs.reduction(chain, tree, _TREE["gradient"].array(chain), None, (gradient,), "G")
 
     def gravity_stiffness(chain: Chain) -> Program:
         hessian = _TREE["joint_stiffness"]
-        tree = programs.gravity_gradient(chain, _TREE["gradient"])
+        tree = dynamics.gravity_gradient(chain, _TREE["gradient"])
         written = {array.name for step in tree for array in step.writes}
-        more = programs.gravity_joint_stiffness(chain, hessian)
+        more = dynamics.gravity_joint_stiffness(chain, hessian)
         tree += tuple(step for step in more if not {array.name for array in step.writes} & written)
         return motor_programs.reduction(
             chain, tree, _TREE["gradient"].array(chain), hessian.array(chain), (_STIFFNESS,), "K"

@@ -23,8 +23,8 @@ from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import GRAVITY, Argument
 from stiffgen.symbolic.gravity import MovedMasses
 from stiffgen.symbolic.kinematics import Expressions, Section, constant, cross
+from stiffgen.symbolic.pieces import in_base_axes, over_joints
 from stiffgen.symbolic.program import Array, Operand, Over, Program
-from stiffgen.symbolic.programs import in_base_axes, over_joints
 from stiffgen.symbolic.steps import Map, StraightLine
 
 

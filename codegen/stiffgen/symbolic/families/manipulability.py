@@ -19,13 +19,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import casadi as ca
 
 from stiffgen.robot.chain import Chain
-from stiffgen.symbolic import adjoint, kinematics, programs
+from stiffgen.symbolic import adjoint, kinematics
 from stiffgen.symbolic.arguments import Argument, Q, configuration_arguments
+from stiffgen.symbolic.families import pose
 from stiffgen.symbolic.gradients import bar_name
+from stiffgen.symbolic.kernel import Kernel
 from stiffgen.symbolic.kinematics import Expressions, Section
 from stiffgen.symbolic.program import Array, Operand, Over, Program
 from stiffgen.symbolic.steps import Map, StraightLine
@@ -104,7 +107,7 @@ def _cotangent(chain: Chain, jacobian: ca.SX) -> Expressions:
 
 def _jacobian(chain: Chain) -> tuple[Program, Array]:
     result = Argument("J_of_coordinates" if chain.coupled else "J", (6, "n"), "", "")
-    return programs.jacobian(chain, "body", result), result.array(chain)
+    return pose.jacobian(chain, "body", result), result.array(chain)
 
 
 def manipulability(chain: Chain, result: Argument) -> Program:
@@ -123,3 +126,27 @@ def manipulability_gradient(chain: Chain, result: Argument) -> Program:
     gradient = Operand(Array(bar_name(q.name), q.shape), "")
     total = Map("dw/dq", Over.ONCE, Operand(result.array(chain), ""), (gradient,), lambda value: value)
     return *steps, cotangent, *product, total
+
+
+def manipulability_kernels(configuration: tuple[Argument, ...]) -> tuple[Kernel, ...]:
+    """Return the kernels of Yoshikawa's measure; ``configuration`` is that of body representation."""
+    measure = Argument("manipulability", (), "m^3", "w, zero at a singularity; other units with fewer than six joints")
+    gradient = Argument("manipulability_gradient", ("q",), "m^3/rad", "dw/dq, zero where w is zero")
+    jacobian = "J the body or hybrid Jacobian of the joints"
+    return (
+        Kernel(
+            "manipulability", None, configuration, (measure,),
+            "Manipulability of the tip.",
+            f"w = sqrt(det(J J^T)), or sqrt(det(J^T J)) with fewer than six joints; {jacobian} (Yoshikawa 1985)",
+            partial(manipulability, result=measure),
+            batch=True,
+        ),
+        Kernel(
+            "manipulability_gradient", None, configuration, (gradient,),
+            "Gradient of the manipulability with respect to the joint positions.",
+            "dw/dq_i = w tr(J^+ dJ/dq_i)",
+            partial(manipulability_gradient, result=gradient),
+            batch=True,
+            is_gradient=True,
+        ),
+    )  # fmt: skip

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import casadi as ca
@@ -25,6 +26,7 @@ import numpy as np
 from stiffgen.robot.chain import Chain
 from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic.arguments import Argument, Q
+from stiffgen.symbolic.kernel import Kernel
 from stiffgen.symbolic.program import Array, Operand, Over, Program, pruned
 from stiffgen.symbolic.quantities import Sampling, Uniform
 from stiffgen.symbolic.steps import Map, SparseSum
@@ -153,3 +155,31 @@ def program(chain: Chain, potential: JointPotential, part: Part, result: Argumen
         return step, SparseSum("diagonal", output, None, (terms,), lambda values: ca.diag(behind_base(values)))
     comment, total = ("sum", ca.sum1) if part == "energy" else ("zeros for the base, then the joints", behind_base)
     return step, Map(comment, Over.ONCE, Operand(output, ""), (Operand(terms, ""),), total)
+
+
+def _joint_potential_kernels(potential: JointPotential) -> tuple[Kernel, ...]:
+    energy = Argument("energy", (), "J", "energy U of the potential")
+    torque = Argument("torque", ("n",), "N m or N", "-dU/dq: torque that the potential exerts on the joints")
+    joint = Argument(
+        "joint_stiffness", ("n", "n"), "N m/rad", "d2U/dq2 = -d torque/dq, diagonal", symmetric=True
+    )  # fmt: skip
+
+    def kernel(result: Argument, summary: str, equation: str, part: Part) -> Kernel:
+        steps = partial(program, potential=potential, part=part, result=result)
+        inputs = (Q, *potential.parameters)
+        return Kernel(
+            part, potential.name, inputs, (result,), f"{summary} {potential.title}.", equation, steps,
+            potential.domain, batch=True,
+        )  # fmt: skip
+
+    return (
+        kernel(energy, "Energy of", potential.equation, "energy"),
+        kernel(torque, "Joint torque of", f"-dU/dq, {potential.equation}", "torque"),
+        kernel(joint, "Joint stiffness of", f"d2U/dq2, {potential.equation}", "joint_stiffness"),
+    )
+
+
+JOINT_POTENTIAL_KERNELS = tuple(
+    kernel for potential in JOINT_POTENTIALS for kernel in _joint_potential_kernels(potential)
+)
+"""Kernels of the potentials of the joints."""
