@@ -15,6 +15,7 @@ import importlib.util
 import json
 import os
 import platform
+import re
 import shutil
 import sys
 import sysconfig
@@ -35,12 +36,14 @@ from stiffgen.generate import generate_folder
 from stiffgen.loading import describe
 from stiffgen.names import identifier
 from stiffgen.opened import GeneratedRobot, open_robot
-from stiffgen.options import GenerationOptions
+from stiffgen.options import GenerationOptions, help_of
 from stiffgen.symbolic.potentials import SpringOptions
 
 _VARIABLE = "STIFFGEN_CACHE"
 _FIXED = {"output", "force", "build", "python"}
 """Options that the cache decides itself."""
+_WITH_VALUE = ("accept_inertia", "base", "ignore", "package_path")
+"""Options whose name a message puts before a value."""
 _RECORD = "entry.json"
 _WAITING = "waiting for another process, which generates the same robot"
 
@@ -66,6 +69,36 @@ def load(file: str | Path, *, tip: Any = None, base: str | None = None, **option
         StiffgenError: as :func:`stiffgen.generate`; also for an option that the cache decides itself.
 
     """
+    try:
+        return _loaded(file, tip, base, options)
+    except StiffgenError as error:  # without the frames of the generator, in the words of Python
+        error.args = (_in_python(str(error)),)
+        raise error.with_traceback(None) from None
+
+
+def _in_python(text: str) -> str:
+    """Return a message with the keywords of Python in place of the options of the command line."""
+    keywords = {
+        (help_of(option).flag or f"--{option.name.replace('_', '-')}"): option for option in fields(GenerationOptions)
+    }
+
+    def keyword(match: re.Match[str]) -> str:
+        flag, value = match[1], match[3]
+        if flag.startswith("--no-") and f"--{flag[5:]}" in keywords:
+            return f"{flag[5:].replace('-', '_')}=False{match[2] or ''}"
+        if flag not in keywords:
+            return match[0]
+        name = keywords[flag].name
+        if keywords[flag].default is False:
+            return f"{name}=True{match[2] or ''}"
+        if value and name in _WITH_VALUE:
+            return f"{name}=[{value!r}]" if name != "base" else f"{name}={value!r}"
+        return f"{name}=...{match[2] or ''}"
+
+    return re.sub(r"(--[a-z][a-z-]*)( ([^\s,;:()]+))?", keyword, text)
+
+
+def _loaded(file: str | Path, tip: Any, base: str | None, options: dict[str, Any]) -> GeneratedRobot:
     for name in sorted(_FIXED & options.keys()):
         raise StiffgenError(f"load() decides '{name}' itself; leave it out, or take stiffgen.generate()")
     chosen = GenerationOptions(tip=tip, base=base, **{"progress": _print_step} | options)

@@ -245,6 +245,8 @@ def open_robot(folder: str | Path, *, trust_potentials: bool = False) -> Generat
     """
     folder = Path(folder)
     manifest = read_manifest(folder)
+    if manifest is None and not folder.exists():
+        raise OutputError(f"{folder}: does not exist; give the folder that 'stiffgen generate' wrote")
     if manifest is None:
         raise OutputError(
             f"{folder}: is not a folder that 'stiffgen generate' wrote (it has no readable {MANIFEST} of stiffgen); "

@@ -35,6 +35,7 @@ from campaigns.robots_table import compared, load, tips_of
 from stiffgen.errors import StiffgenError
 from stiffgen.loading import describe
 from stiffgen.robot.description import Reading
+from stiffgen.robot.selection import possible_tips
 
 BLAME = {
     r"no rigid body has this inertia": "the file: impossible inertia (--accept-inertia)",
@@ -46,8 +47,9 @@ BLAME = {
     r"is negative|occurs twice|does not exist": "the file",
 }
 """Whose fault a refusal is, by words of its reason; without an entry it is stiffgen's."""
-_CUBE = "".join(f"v {x} {y} {z}\n" for x in (0, 0.01) for y in (0, 0.01) for z in (0, 0.01))
-_FACES = "f 1 3 2\nf 2 3 4\nf 5 6 7\nf 6 8 7\nf 1 2 5\nf 2 6 5\nf 3 7 4\nf 4 7 8\nf 1 5 3\nf 3 5 7\nf 2 4 6\nf 4 8 6\n"
+_CORNERS = [(x, y, z) for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)]
+_FACES = [(0, 2, 1), (1, 2, 3), (4, 5, 6), (5, 7, 6), (0, 1, 4), (1, 5, 4), (2, 6, 3), (3, 6, 7), (0, 4, 2), (2, 4, 6)]
+_FACES += [(1, 3, 5), (3, 7, 5)]
 
 
 @dataclass
@@ -78,7 +80,9 @@ def check(folder: Path, record: dict[str, Any], most_tips: int, scratch: Path) -
         entry.refused.append(" ".join(str(error).split()))
         return entry
     oracle = independent(path, record, folder, scratch)
-    for k, leaf in enumerate(tips_of(description)[:most_tips]):
+    possible = set(possible_tips(description))
+    leaves = [leaf for leaf in tips_of(description) if leaf in possible]
+    for k, leaf in enumerate(leaves[:most_tips]):
         try:
             chain, refused = load(description, leaf)
         except StiffgenError as error:
@@ -127,14 +131,14 @@ def independent(path: Path, record: dict[str, Any], folder: Path, scratch: Path)
         return target / "robot.urdf"
     shutil.copytree(path.parent, target / "model")
     copy = target / "model" / path.name
-    for place in _missing(copy):
+    for place, scale in _missing(copy):
         place.parent.mkdir(parents=True, exist_ok=True)
-        _stand_in(place)
+        _stand_in(place, 0.1 / scale)
     return copy
 
 
-def _missing(file: Path) -> Iterator[Path]:
-    """Yield the files of meshes and textures that a model names and that do not exist."""
+def _missing(file: Path) -> Iterator[tuple[Path, float]]:
+    """Yield the files of meshes and textures that a model names and that do not exist, and their scale."""
     spec = mujoco.MjSpec.from_file(str(file))
     groups = ((spec.meshes, spec.compiler.meshdir), (spec.textures, spec.compiler.texturedir), (spec.hfields, ""))
     for elements, folder in groups:
@@ -143,23 +147,24 @@ def _missing(file: Path) -> Iterator[Path]:
             for name in filter(None, names):
                 place = file.parent / folder / name
                 if not place.is_file():
-                    yield place
+                    yield place, float(np.abs(getattr(element, "scale", [1.0])).min())
 
 
-def _stand_in(place: Path) -> None:
+def _stand_in(place: Path, size: float) -> None:
+    """Write a picture, or a cube."""
     if place.suffix.lower() == ".png":
         from PIL import Image  # with matplotlib, of the extra test
 
         Image.new("RGB", (6, 8)).save(place)
     elif place.suffix.lower() == ".obj":
-        place.write_text(_CUBE + _FACES)
+        corners = [f"v {' '.join(f'{x * size:g}' for x in corner)}" for corner in _CORNERS]
+        faces = [f"f {' '.join(str(index + 1) for index in face)}" for face in _FACES]
+        place.write_text("\n".join([*corners, *faces, ""]))
     else:
-        vertices = [tuple(map(float, line.split()[1:])) for line in _CUBE.splitlines()]
-        faces = [[vertices[int(index) - 1] for index in line.split()[1:]] for line in _FACES.splitlines()]
         kind = np.dtype([("normal", "<f4", 3), ("points", "<f4", (3, 3)), ("attribute", "<u2")])
-        triangles = np.zeros(len(faces), kind)
-        triangles["points"] = faces
-        place.write_bytes(bytes(80) + np.uint32(len(faces)).tobytes() + triangles.tobytes())
+        triangles = np.zeros(len(_FACES), kind)
+        triangles["points"] = size * np.array(_CORNERS)[np.array(_FACES)]
+        place.write_bytes(bytes(80) + np.uint32(len(_FACES)).tobytes() + triangles.tobytes())
 
 
 def blame(reason: str) -> str:

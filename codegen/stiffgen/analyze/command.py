@@ -8,6 +8,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import MISSING, fields
+from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
@@ -20,6 +21,7 @@ from stiffgen.analyze.report import TABLE_HEAD, statements, table_rows
 from stiffgen.analyze.report import warnings as recording_warnings
 from stiffgen.cli.arguments import add_option
 from stiffgen.cli.console import TextConsole, messages
+from stiffgen.cli.parsing import Once
 from stiffgen.errors import EmptyRecordingError, terminal_text
 from stiffgen.options import help_of
 
@@ -32,9 +34,25 @@ def add(command: argparse.ArgumentParser) -> None:
         if option.name == "log":
             command.add_argument("log", help=described.meaning, **(described.command or {}))
         elif described.command is not None:
-            needed = {"required": True} if option.default is MISSING else {}
-            add_option(groups[described.group], option, **needed)
+            needed: dict[str, Any] = {"required": True} if option.default is MISSING else {}
+            own = {"action": _Stiffness} if option.name == "task_stiffness" else {}
+            add_option(groups[described.group], option, **needed, **own)
     command.set_defaults(run=run)
+
+
+class _Stiffness(Once):
+    """The task stiffness: six numbers or a file. A word behind them is the recording, which may stand last."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: object, option: str | None = None
+    ) -> None:
+        """Store the words, and the recording behind them."""
+        words = [str(word) for word in values] if isinstance(values, list) else [str(values)]
+        if len(words) in (2, 7) and namespace.log is None:
+            namespace.log = words.pop()
+            for action in parser._actions:
+                action.required = action.required and action.dest != "log"
+        super().__call__(parser, namespace, words, option)
 
 
 class _ProgressBar:

@@ -41,6 +41,47 @@ def table(*columns: str, right: tuple[str, ...] = ()) -> Table:
     return made
 
 
+def print_table(console: Console, shown: Table) -> None:
+    """Print a table; where it is wider than the console, each row as lines that break no word.
+
+    A column that is cut off or broken could not be copied into a command.
+    """
+    if _natural_width(console, shown) <= console.width:
+        console.print(shown)
+        return
+    first, *others = shown.columns
+    for number, title in enumerate(first.cells):
+        console.print(title, soft_wrap=True)
+        cells = [(str(column.header), str(list(column.cells)[number])) for column in others]
+        parts = [f"{header} {cell}" for header, cell in cells if cell and "\n" not in cell and ", " not in cell]
+        lines = list(_joined(parts, console.width - 2))
+        for header, cell in cells:
+            for line in cell.splitlines() if "\n" in cell or ", " in cell else ():
+                lines += _joined(f"{header}: {line}".split(", "), console.width - 2)
+        for line in lines:
+            console.print(f"  {line}", soft_wrap=True)
+
+
+def _joined(parts: list[str], width: int) -> Iterator[str]:
+    """Join parts by commas into lines of at most a width, as far as no part is longer."""
+    line = ""
+    for part in parts:
+        longer = f"{line}, {part}" if line else part
+        if line and len(longer) > width:
+            yield f"{line},"
+            longer = f"  {part}"
+        line = longer
+    if line:
+        yield line
+
+
+def _natural_width(console: Console, shown: Table) -> int:
+    """Return the width of a table whose cells are not broken."""
+    cells = [[column.header, *column.cells] for column in shown.columns]
+    widths = [max(console.measure(cell).maximum for cell in column) for column in cells]
+    return sum(widths) + 3 * (len(widths) - 1)
+
+
 def print_note(text: str) -> None:
     """Print a remark on standard error that changes nothing."""
     print(f"stiffgen: note: {terminal_text(text)}", file=sys.stderr)

@@ -87,7 +87,7 @@ def _print_notes(folder: Path, controller: bool) -> None:
         return
     chain = chain_from_manifest(manifest)
     if controller and (folder / f"{folder.name}_impedance.h").exists():
-        for sentence in missing_limits(chain.source, chain.coordinates):
+        for sentence in missing_limits(chain.source, chain.coordinates, is_mjcf=chain.is_mjcf):
             print_note(sentence)
     for sentence in doubts(chain):
         print_note(f"{printable(chain.source)}: {sentence}")

@@ -11,17 +11,16 @@ from rich.markup import escape
 from rich.table import Table
 
 from stiffgen.cli.arguments import add_reading, add_robot, reading_of, source_of
-from stiffgen.cli.console import table, tables
+from stiffgen.cli.console import print_table, table, tables
 from stiffgen.errors import DescriptionError, StiffgenError, listed, printable, terminal_text
 from stiffgen.loading import chain_between, describe
-from stiffgen.names import comment
 from stiffgen.robot.chain import ChainOptions
 from stiffgen.robot.couplings import Couplings
 from stiffgen.robot.description import Description, JointElement
 from stiffgen.robot.plausibility import doubts
 from stiffgen.robot.survey import TipSurvey, missing_limits, narrowed_limits, survey_tip
 
-_MOST_TIPS, _MOST_DOUBTED = 100, 3
+_MOST_TIPS, _MOST_DOUBTED, _LONGEST = 100, 3, 200
 """Largest number of tips that ``inspect`` shows; humanoids with hands have some 40."""
 
 
@@ -43,15 +42,17 @@ def run(options: argparse.Namespace) -> int:
     console = tables()
     moving = sum(joint.type not in ("fixed",) for joint in description.joints.values())
     console.print(
-        f"robot {comment(description.robot)}: {len(description.links)} links, {len(description.joints)} joints "
-        f"({moving} moving), root link {comment(description.root)}",
+        f"robot {_shown(description.robot)}: {len(description.links)} links, {len(description.joints)} joints "
+        f"({moving} moving), root link {_shown(description.root)}",
         markup=False,
     )
-    console.print(_joint_table(description))
+    if description.parameters:
+        console.print(_parameters(description), markup=False)
+    print_table(console, _joint_table(description))
     tips = description.leaves if options.tip is None else [options.tip]
     surveys = [survey_tip(description, tip, options.base) for tip in tips[:_MOST_TIPS]]
     console.print()
-    console.print(_tip_table(surveys, names=20 if options.tip else 4))
+    print_table(console, _tip_table(surveys, names=20 if options.tip else 4))
     if len(tips) > _MOST_TIPS:
         console.print(f"and {len(tips) - _MOST_TIPS} more tips; --tip shows one", markup=False)
     if description.notes:
@@ -64,7 +65,7 @@ def run(options: argparse.Namespace) -> int:
         print("\n" + "\n".join(map(terminal_text, narrowed)))
     if doubted := _doubts(description, surveys):
         print("\n" + "\n".join(map(terminal_text, doubted)))
-    if missing := missing_limits(description.file, coordinates):
+    if missing := missing_limits(description.file, coordinates, is_mjcf=description.is_mjcf):
         print("\n" + "\n".join(map(terminal_text, missing)))
     if description.loops:
         print(f"\n{len(description.loops)} constraints close loops; without --close-loops they are left out:")
@@ -81,6 +82,21 @@ def _coordinates(description: Description, surveys: list[TipSurvey]) -> list[Joi
     names = dict.fromkeys(name for survey in surveys if not survey.floating for name in survey.coordinates)
     couplings = Couplings(description, {})
     return [couplings.limited(description.joints[name]) for name in names]
+
+
+def _parameters(description: Description) -> str:
+    """Return the arguments of a template with their values, as they are given, and where these come from."""
+    given = dict(description.arguments)
+    words = [
+        f"{name}:={printable(given.get(name, default or ''), _LONGEST)}" for name, default in description.parameters
+    ]
+    words = [f"{word} (given)" if word.split(":=")[0] in given else word for word in words]
+    return f"arguments of the template, with defaults: {', '.join(words)}"
+
+
+def _shown(name: str) -> str:
+    """Return a name as it is written, so that --tip takes it; control characters are escaped."""
+    return printable(name, _LONGEST)
 
 
 def _doubts(description: Description, surveys: list[TipSurvey]) -> list[str]:
@@ -101,8 +117,8 @@ def _tip_table(surveys: list[TipSurvey], names: int) -> Table:
         coordinates = f"{len(survey.coordinates)}: {listed(survey.coordinates)}" if survey.coordinates else ""
         lines = [coordinates, survey.hindrance] if survey.hindrance else [coordinates]
         shown.add_row(
-            escape(comment(survey.tip)),
-            escape(comment(survey.base) + (", which floats" if survey.floating else "")),
+            escape(_shown(survey.tip)),
+            escape(_shown(survey.base) + (", which floats" if survey.floating else "")),
             escape("\n".join(filter(None, lines))),
             escape("\n".join(f"{what}: {len(joints)} ({listed(joints, names)})" for what, joints in survey.left_out)),
         )
@@ -116,14 +132,14 @@ def _joint_table(description: Description) -> Table:
         inertial = description.inertials[joint.child]
         limits = (joint.lower, joint.upper, joint.velocity, joint.effort)
         moves = joint.type in ("revolute", "continuous", "prismatic")
-        kind = joint.type if joint.mimic is None else f"{joint.type}, mimics {comment(joint.mimic.joint)}"
+        kind = joint.type if joint.mimic is None else f"{joint.type}, mimics {_shown(joint.mimic.joint)}"
         shown.add_row(
-            escape(comment(joint.name)),
+            escape(_shown(joint.name)),
             escape(kind),
             " ".join(f"{value:.4g}" for value in joint.axis) if moves else "",
             *(f"{value:.6g}" if moves and math.isfinite(value) else "" for value in limits),
-            escape(comment(joint.parent)),
-            escape(comment(joint.child)),
+            escape(_shown(joint.parent)),
+            escape(_shown(joint.child)),
             "" if inertial is None else f"{inertial.mass:.6g}",
         )
     return shown

@@ -55,13 +55,13 @@ def run(options: argparse.Namespace) -> int:
             progress=progress,
         )
     failed = [check for check in checks if not check.passed]
-    tables().print(_check_table(checks))
-    for check in failed:
-        if check.detail:
-            print(f"{check.kernel}, {check.oracle}: {check.detail}")
     print(f"{len(checks) - len(failed)} of {len(checks)} comparisons within their bound")
     if options.urdf is None:
         print("URDF not checked (pass --urdf)")
+    for check in failed:
+        print(f"FAILED {check.kernel}, {check.oracle}" + (f": {check.detail}" if check.detail else ""))
+    print()
+    tables().print(_check_table(checks))
     if page is not None and options.report is not None:
         page.write_page(
             options.folder,

@@ -21,7 +21,7 @@ from stiffgen.robot.chain import Chain
 
 MANIFEST = "manifest.json"
 _GENERATOR = "stiffgen"
-_OPTIONAL = ("ignored", "accepted", "inputs", "arguments", "loops", "actuated", "start")
+_OPTIONAL = ("ignored", "accepted", "inputs", "arguments", "loops", "actuated", "start", "is_mjcf")
 """Fields of a chain that are written where they are not empty."""
 _MOST_BYTES = 1 << 26
 DAMAGE = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError)

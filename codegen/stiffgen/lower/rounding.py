@@ -366,7 +366,8 @@ def argument_sizes(chain: Chain, argument: Argument, ranges: Ranges, reach: floa
             of_joints = [own.velocity if math.isfinite(own.velocity) else ranges.rate for own in chain.coordinates]
             return [ranges.rate] * chain.base_joints + of_joints
         if isinstance(largest, str):
-            largest = {"reach": reach, "rotation": scalar.rotation}.get(largest) or float(getattr(ranges, largest))
+            known = {"reach": reach, "rotation": scalar.rotation}
+            largest = known[largest] if largest in known else float(getattr(ranges, largest))
         return [largest] * count
 
     if argument.blocks is None:

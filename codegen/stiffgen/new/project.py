@@ -108,7 +108,7 @@ def _notes(chain: Chain, answers: Answers) -> Iterator[str]:
     """Yield what the user should read: limits that were guessed, and numbers that are probably in another unit."""
     if answers.controller in GENERATED:
         guesses = "src/defaults.hpp" if answers.controller == "ros2" else "src/control.hpp"
-        yield from missing_limits(chain.source, chain.coordinates, guesses=guesses)
+        yield from missing_limits(chain.source, chain.coordinates, guesses=guesses, is_mjcf=chain.is_mjcf)
     for sentence in doubts(chain):
         yield f"{printable(chain.source)}: {sentence}"
 

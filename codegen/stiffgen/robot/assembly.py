@@ -86,6 +86,7 @@ def _assembled(
         loops=loops,
         actuated=actuated,
         start=start,
+        is_mjcf=description.is_mjcf,
     )
 
 

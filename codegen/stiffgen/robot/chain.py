@@ -213,6 +213,7 @@ class Chain:
         arguments: values of a xacro template's arguments.
         loops: closed loops.
         actuated: indices of the motors' entries of q, in order; () without loops.
+        is_mjcf: whether the file is an MJCF file.
         start: entries of q near a closed configuration, from which Newton's method closes the loops.
 
     """
@@ -238,6 +239,7 @@ class Chain:
     loops: tuple[ClosedLoop, ...] = ()
     actuated: tuple[int, ...] = ()
     start: tuple[float, ...] = ()
+    is_mjcf: bool = False
 
     @property
     def motors(self) -> tuple[int, ...]:

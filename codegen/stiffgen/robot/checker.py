@@ -18,6 +18,7 @@ from lxml import etree
 from stiffgen.errors import listed, printable
 from stiffgen.robot import urdf_format
 from stiffgen.robot.description import ALL_LINKS, JOINT_TYPES, LARGEST, MOVING_TYPES, Affects, Problem, Reading
+from stiffgen.robot.extras import left_out, rotor_inertias
 from stiffgen.robot.geometry import physical_inertia
 from stiffgen.robot.impossible import fault_of
 
@@ -29,6 +30,7 @@ _REPEATED: dict[str, Affects] = {"axis": "motion", "limit": "bounds", "mimic": "
 _TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _NEWER_LIMITS = ("acceleration", "deceleration", "jerk")
 _NUMBER = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?\Z")
+_DECIMAL_COMMA = re.compile(r"([-+]?[0-9]+),([0-9]+(?:[eE][-+]?[0-9]+)?)")
 _WORD = re.compile(r"[^ \t\r\n]+")
 
 
@@ -48,6 +50,7 @@ class Checker:
         self.sound_mimics: set[str] = set()
         self.remarks: list[str] = []
         self.accepted: dict[str, str] = {}
+        self.rotors: dict[str, float] = {}
 
     def run(self) -> Iterator[Problem]:
         """Yield every problem of the file."""
@@ -79,6 +82,8 @@ class Checker:
             yield from self._joint(name, element)
         for name, element in self.links.items():
             yield from self._link(name, element)
+        self.remarks += left_out(self.joints)
+        self.rotors = rotor_inertias(self.robot)
         for name in self.reading.accepted:
             if name not in (*self.links, ALL_LINKS):
                 yield Problem("file", f"--accept-inertia {printable(name)}: is no link; {self._known_links}")
@@ -327,7 +332,8 @@ class Checker:
             return
         if len(words) != count:
             expected = "a number" if count == 1 else f"{count} numbers"
-            yield Problem(this, f"{place} holds {len(words)} words, expected {expected}")
+            remedy = "; separate numbers by spaces, without commas" if "," in text else ""
+            yield Problem(this, f"{place} holds {len(words)} words, expected {expected}{remedy}")
             return
         values = []
         for word in words:
@@ -336,7 +342,11 @@ class Checker:
                 continue
             value = float(word) if _NUMBER.match(word) else math.nan
             if not math.isfinite(value):
-                yield Problem(this, f"{place}: '{printable(word)}' is not a finite decimal number; write one like 0.25")
+                remedy = _DECIMAL_COMMA.sub(r"\1.\2", word) if _DECIMAL_COMMA.fullmatch(word) else "one like 0.25"
+                remedy = word.rstrip(",;") if _NUMBER.match(word.rstrip(",;")) else remedy
+                yield Problem(
+                    this, f"{place}: '{printable(word)}' is not a finite decimal number; write {printable(remedy)}"
+                )
                 return
             if abs(value) > LARGEST and not limit:
                 yield Problem(

@@ -82,9 +82,9 @@ class JointElement:
 
     ``axis`` has unit length, or is zero for a joint that does not move. Missing limits are infinite; if only one
     position limit is missing, it is 0. ``acceleration``, ``deceleration`` and ``jerk`` are limits of URDF 1.2.
-    ``motor_inertia`` is the inertia of the motor's rotor, reflected to the joint
-    [kg m^2 or kg]; a URDF has none. ``has_motor``: an actuator of an MJCF file acts on the joint; ``reference`` is its
-    position in the file's own configuration, in which the loops of the file are closed [rad or m].
+    ``motor_inertia`` is the inertia of the motor's rotor, reflected to the joint [kg m^2 or kg]; in a URDF of Drake's
+    elements. ``has_motor``: an actuator of an MJCF file acts on the joint; ``reference`` is its position in the file's
+    own configuration, in which the loops of the file are closed [rad or m].
     """
 
     # More than twelve fields: one for each entry of the element.
@@ -157,7 +157,8 @@ class Description:
     ``joints`` is keyed by joint name, ``inertials`` by link name (None for a link without inertia). ``digest`` is the
     SHA-256 of the file, ``inputs`` are the files that it includes, ``arguments`` the values of a template's arguments.
     ``notes`` name ignored elements of vendors; ``remarks`` name what the functions leave out (friction, springs).
-    ``accepted`` says by link why no rigid body has its inertia, which the user accepts.
+    ``parameters`` are the arguments of a template with their defaults, None without one. ``accepted`` says by link why
+    no rigid body has its inertia, which the user accepts.
     ``forces_at_rest`` are forces of springs, tendons and gravity compensation by joint, which the functions leave out
     [N m or N]. ``loops`` are the constraints that close loops; without --close-loops the functions leave them out, too.
     """
@@ -176,6 +177,8 @@ class Description:
     arguments: tuple[tuple[str, str], ...] = ()
     forces_at_rest: Mapping[str, float] = field(default_factory=dict)
     accepted: Mapping[str, str] = field(default_factory=dict)
+    is_mjcf: bool = False
+    parameters: tuple[tuple[str, str | None], ...] = ()
 
     @property
     def links(self) -> tuple[str, ...]:

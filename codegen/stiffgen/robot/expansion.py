@@ -19,10 +19,10 @@ import json
 import os
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from pathlib import Path
-from types import SimpleNamespace
+from types import MappingProxyType, SimpleNamespace
 from typing import Any
 
 from stiffgen.robot.expressions import FUNCTIONS, MATH, Evaluator, ExpressionError, size
@@ -37,7 +37,8 @@ _MAX_BYTES = 4 * 2**20
 _MAX_FILES, _MAX_ELEMENTS = 500, 40_000  # 20 and 1659 in the largest of 35 known templates
 _ARGUMENT = re.compile(r"""<xacro:arg\s[^>]*?name\s*=\s*["']([^"']+)|\$\(arg\s+(\w+)\s*\)|\barg\(\s*["'](\w+)""")
 
-
+_DECLARED = re.compile(r"<xacro:arg\s([^>]*)>")
+_ATTRIBUTE = re.compile(r"""(\w+)\s*=\s*["']([^"']*)["']""")
 _REPLACED = ("safe_eval", "eval_text", "eval_all", "eval_extension", "load_yaml", "_global_symbols", "NameSpace")
 
 
@@ -100,6 +101,19 @@ class _Files:
             if name not in known:
                 raise _TemplateError(f"has no argument '{name}'; its arguments: {', '.join(known) or '(none)'}")
 
+    def parameters(self) -> dict[str, str | None]:
+        """Return the arguments that the files declare or use, in order, with their defaults (None without one)."""
+        found: dict[str, str | None] = {}
+        for text in self.texts.values():
+            for element in _DECLARED.findall(text):
+                attributes = dict(_ATTRIBUTE.findall(element))
+                name, default = attributes.get("name"), attributes.get("default")
+                if name is not None and found.get(name) is None:
+                    found[name] = default
+            for names in _ARGUMENT.findall(text):
+                found.setdefault(next(filter(None, names)), None)
+        return found
+
 
 def _is_below(path: str, folders: list[Path], links: bool = False) -> bool:
     """Return whether a path lies in one of some folders."""
@@ -137,7 +151,8 @@ def _expanded(request: dict[str, Any]) -> dict[str, Any]:
     try:
         document = XacroDoc.from_string(text, subargs=dict(request["arguments"]), resolve_packages=False)
     except Exception as error:
-        raise _TemplateError(_reason(error, (xacro.filestack or [file])[-1] or file, file)) from error
+        values: dict[str, str | None] = files.parameters() | dict(request["arguments"])
+        raise _TemplateError(_reason(error, (xacro.filestack or [file])[-1] or file, file, values)) from error
     files.check_arguments(request["arguments"])
     found = {name: os.path.realpath(root) for name, root in packages.found.items()}
     for root in found.values():  # its name is what the template asks for
@@ -145,7 +160,13 @@ def _expanded(request: dict[str, Any]) -> dict[str, Any]:
         if manifest.is_file():
             files.digests[str(manifest)] = hashlib.sha256(manifest.read_bytes()).hexdigest()
     used = [f"the template reads the environment variable {name}" for name in sorted(variables)]
-    return {"text": document.dom.toxml(), "files": list(files.digests.items()), "packages": found, "used": used}
+    return {
+        "text": document.dom.toxml(),
+        "files": list(files.digests.items()),
+        "packages": found,
+        "used": used,
+        "parameters": list(files.parameters().items()),
+    }
 
 
 def _confine(xacro: Any, packages: Packages) -> set[str]:
@@ -255,8 +276,13 @@ def _without_working_folder(eval_extension: Callable[[str], Any]) -> Callable[[s
     return evaluate
 
 
-def _reason(error: BaseException, current: str, file: str) -> str:
-    """Return the sentence for an error of xacro: the first cause that has a remedy, else xacro's own words."""
+def _reason(
+    error: BaseException, current: str, file: str, values: Mapping[str, str | None] = MappingProxyType({})
+) -> str:
+    """Return the sentence for an error of xacro: the first cause that has a remedy, else xacro's own words.
+
+    ``values`` are those of the template's arguments; None for an argument without a default that is not given.
+    """
     from xacro.substitution_args import ArgException
 
     where = "" if current == file else f" in '{os.path.relpath(current, Path(file).parent)}'"
@@ -266,8 +292,13 @@ def _reason(error: BaseException, current: str, file: str) -> str:
         if isinstance(cause, PackageError):
             return f"{cause}{where}"
         if isinstance(cause, ArgException):
-            return f"needs a value for its argument '{cause}'{where}; add {cause}:=VALUE"
+            names = dict.fromkeys([str(cause), *(name for name, value in values.items() if value is None)])
+            return f"{_needs(list(names))}{where}; add {' '.join(f'{name}:=VALUE' for name in names)}"
         if isinstance(cause, OSError):
+            empty = [name for name, value in values.items() if value == "" and name in str(cause.filename)]
+            if empty:
+                added = " ".join(f"{name}:=VALUE" for name in empty)
+                return f"{_needs(empty)}{where}, which is empty: cannot read '{cause.filename}'; add {added}"
             return f"cannot read '{cause.filename}' ({cause.strerror}){where}; correct the path or add the file"
         if isinstance(cause, RecursionError):
             return f"calls itself without end{where}; correct the macro or include that repeats"
@@ -277,6 +308,11 @@ def _reason(error: BaseException, current: str, file: str) -> str:
             return f"is not well-formed XML{where}: {cause}; correct it"
     text = " ".join(str(error).split()) or type(error).__name__
     return f"xacro cannot expand it{where}: {text}; correct the template"
+
+
+def _needs(names: list[str]) -> str:
+    quoted = ", ".join(f"'{name}'" for name in names)
+    return f"needs a value for its argument {quoted}" if len(names) == 1 else f"needs values for its arguments {quoted}"
 
 
 def _causes(error: BaseException | None) -> list[BaseException]:

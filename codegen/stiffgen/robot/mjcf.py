@@ -70,6 +70,7 @@ def read_mjcf(path: Path, data: bytes) -> Description:
         joints=tree.joints,
         problems=(*_missing_meshes(tree, answer["stand_ins"]), *tree.problems),
         remarks=tuple(_remarks(model)),
+        is_mjcf=True,
         forces_at_rest={
             name: force for name, force in zip(tree.names, model["at_rest"], strict=True) if force > _NOTABLE
         },

@@ -107,6 +107,7 @@ def read_description(path: str | Path, reading: Reading | None = None) -> Descri
         notes=(*expansion.warnings, *(problem.text for problem in problems if problem.affects == "nothing")),
         remarks=tuple(checker.remarks),
         accepted=checker.accepted,
+        parameters=expansion.parameters,
         inputs=expansion.inputs,
         arguments=tuple(sorted(reading.arguments.items())),
     )
@@ -166,12 +167,16 @@ def _parse_xml(file: str, data: bytes) -> etree._Element:
     try:
         root = _well_formed(data)
     except (etree.XMLSyntaxError, ValueError) as error:
+        if encoding := _encoding_fault(data):
+            raise DescriptionError(file, [encoding]) from error
         reason = printable(getattr(error, "msg", None) or str(error) or "empty file", 200).rstrip(".")
         raise DescriptionError(file, [f"is not well-formed XML: {reason}; give a URDF file"]) from error
     tree = root.getroottree()
     if tree.docinfo.internalDTD is not None or tree.docinfo.doctype:
         raise DescriptionError(file, ["has a DOCTYPE; a URDF needs none: remove the <!DOCTYPE ...> declaration"])
     _drop_default_namespace(root)
+    if root.tag == "mujoco":
+        raise DescriptionError(file, ["is an MJCF file that is not UTF-8 text; save it as UTF-8"])
     if root.tag == "mujocoinclude":
         raise DescriptionError(file, ["is part of an MJCF file; give the file that includes it"])
     if root.tag != "robot":
@@ -179,6 +184,20 @@ def _parse_xml(file: str, data: bytes) -> etree._Element:
         fault = f"is an {other} file" if other else f"has the root element <{printable(str(root.tag))}>"
         raise DescriptionError(file, [f"{fault}, expected <robot>; give a URDF file, a xacro template or an MJCF file"])
     return root
+
+
+def _encoding_fault(data: bytes) -> str:
+    """Return the fault of bytes that are not text in their encoding, with the remedy; "" if there is none."""
+    if not data.lstrip().startswith(b"<"):  # no XML of any encoding
+        return ""
+    try:
+        data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        return (
+            f"is not well-formed XML: no UTF-8 text (byte 0x{data[error.start]:02x} at {error.start}); save it as "
+            'UTF-8, or declare its encoding: <?xml version="1.0" encoding="ISO-8859-1"?>'
+        )
+    return ""
 
 
 def _well_formed(data: bytes) -> etree._Element:
@@ -307,6 +326,7 @@ def _joint(joint: yourdfpy.urdf.Joint, checker: Checker) -> JointElement:
         acceleration=acceleration,
         deceleration=deceleration,
         jerk=jerk,
+        motor_inertia=checker.rotors.get(joint.name, 0.0),
     )
 
 

@@ -67,19 +67,22 @@ def survey_tip(description: Description, tip: str, base: str | None = None, mass
 
 
 _NEEDED = {
-    "velocity": ("MJCF has no such limit", "velocity_limit and reference_velocity_limit"),
-    "effort": ("in MJCF actuatorfrcrange", "effort_limit, torque_rate_limit and limit_stiffness"),
+    "velocity": ("", "velocity_limit and reference_velocity_limit"),
+    "effort": ("actuatorfrcrange", "effort_limit, torque_rate_limit and limit_stiffness"),
 }
-"""Limits of a joint that the impedance controller needs: where MJCF has them, and the fields that follow from each."""
+"""Limits of a joint that the impedance controller needs: attribute of MJCF, and the fields that follow from each."""
 
 
-def missing_limits(file: str, joints: Iterable[JointElement | Coordinate], guesses: str = "") -> list[str]:
+def missing_limits(
+    file: str, joints: Iterable[JointElement | Coordinate], guesses: str = "", *, is_mjcf: bool = False
+) -> list[str]:
     """Return a sentence for each limit that joints lack and the impedance controller needs, with the remedy.
 
     Args:
         file: name of the robot's file.
         joints: coordinates of the controller.
         guesses: file of a project that has guesses in place of the limits; else the remedy is the configuration.
+        is_mjcf: whether the file is an MJCF file, which has no <limit>.
 
     """
     joints = list(joints)
@@ -88,10 +91,14 @@ def missing_limits(file: str, joints: Iterable[JointElement | Coordinate], guess
         names = [joint.name for joint in joints if not 0.0 < getattr(joint, limit) < math.inf]
         if names:
             remedy = f"replace the guesses in {guesses}" if guesses else f"set {fields} of its configuration"
-            sentences.append(
-                f'{file}: no {limit} limit, which the impedance controller needs: add {limit}="..." to the <limit> of '
-                f"{'joint' if len(names) == 1 else 'joints'} {listed(names)} ({in_mjcf}), or {remedy}"
-            )
+            which = f"{'joint' if len(names) == 1 else 'joints'} {listed(names)}"
+            if not is_mjcf:
+                place = f'add {limit}="..." to the <limit> of {which} or {remedy}'
+            elif in_mjcf:
+                place = f'add {in_mjcf}="..." to {which}, or {remedy}'
+            else:
+                place = f"MJCF has none: {remedy} for {which}"
+            sentences.append(f"{file}: no {limit} limit, which the impedance controller needs: {place}")
     return sentences
 
 

@@ -17,11 +17,12 @@ _MOST_WARNINGS = 5
 
 @dataclass(frozen=True)
 class Expansion:
-    """URDF text of a template, the other files that went into it, and warnings of xacro."""
+    """URDF text of a template, the other files that went into it, warnings of xacro, and its arguments."""
 
     text: bytes
     inputs: tuple[Input, ...] = ()
     warnings: tuple[str, ...] = ()
+    parameters: tuple[tuple[str, str | None], ...] = ()
 
 
 def expand(path: Path, reading: Reading) -> Expansion:
@@ -35,7 +36,8 @@ def expand(path: Path, reading: Reading) -> Expansion:
     file = str(path.resolve())
     for folder in reading.package_path:
         if not Path(folder).is_dir():
-            raise DescriptionError(path.name, [f"--package-path {printable(str(folder), 200)}: is not a folder"])
+            fault = "is not a folder" if Path(folder).exists() else "does not exist"
+            raise DescriptionError(path.name, [f"--package-path {printable(str(folder), 200)}: {fault}"])
     folders = [str(each) for each in reading.package_path]
     request = {"file": file, "arguments": dict(reading.arguments), "package_path": folders}
     answer = answer_of("expansion.py", path.name, request, "xacrodoc", "xacro", "a xacro template")
@@ -46,6 +48,7 @@ def expand(path: Path, reading: Reading) -> Expansion:
         answer["text"].encode(),
         portable_inputs(file, answer["files"], packages),
         tuple(f"xacro: {printable(each, 200)}" for each in answer["warnings"][:_MOST_WARNINGS]),
+        tuple((name, default) for name, default in answer["parameters"]),
     )
 
 

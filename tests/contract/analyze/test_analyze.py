@@ -6,6 +6,7 @@ from __future__ import annotations
 import gc
 import html
 import inspect
+import itertools
 import json
 import shutil
 import tracemalloc
@@ -23,7 +24,7 @@ from stiffgen.analyze.analysis import _tip, checked_stiffness
 from stiffgen.analyze.measures import stiffness_unit
 from stiffgen.analyze.options import AnalysisOptions
 from stiffgen.analyze.recording import RecordingRequest, csv_file, npz_file, open_recording
-from stiffgen.cli import main
+from stiffgen.cli import main, parser
 from stiffgen.errors import MissingExtraError, RecordingError
 from stiffgen.options import help_of
 from stiffgen.symbolic.arguments import Q
@@ -106,6 +107,16 @@ def test_negated_wrench(here, robot_folder):
     plain = stiffgen.analyze("b.npz", robot_folder, K, figures=False).summary
     assert one["measures"] == two["measures"] != plain["measures"]
     assert two["wrench_negated"]
+
+
+@pytest.mark.parametrize("stiffness", [["1", "2", "3", "4", "5", "6"], ["K.csv"]])
+def test_the_recording_stands_anywhere(stiffness):
+    words = ["--task-stiffness", *stiffness]
+    for order in itertools.permutations((["log.csv"], words, ["--robot", "DIR"])):
+        options = parser().parse_args(["analyze", *itertools.chain(*order)])
+        assert (options.log, options.task_stiffness, options.robot) == ("log.csv", stiffness, "DIR"), order
+    with pytest.raises(SystemExit):
+        parser().parse_args(["analyze", *words, "--robot", "DIR"])
 
 
 def test_task_stiffness_from_a_file(here, robot_folder, capsys):

@@ -176,7 +176,7 @@ def test_chains_that_do_not_exist(tmp_path, options, words):
 def test_several_leaves_need_a_tip(tmp_path):
     text = replaced(("</robot>", '<link name="camera"/><joint name="mount" type="fixed"><parent link="hand"/>'
                                  '<child link="camera"/></joint></robot>'))  # fmt: skip
-    with pytest.raises(ChainError, match="--tip: finger, camera"):
+    with pytest.raises(ChainError, match="--tip: hand, finger, camera"):
         loaded(tmp_path, text)
     assert loaded(tmp_path, text, tip="camera").dof == 2
 

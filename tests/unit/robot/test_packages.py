@@ -155,5 +155,5 @@ def test_a_robot_is_the_same_from_every_working_folder(tmp_path, monkeypatch, fo
 
 
 def test_a_folder_that_does_not_exist_is_named(tmp_path, template):
-    with pytest.raises(StiffgenError, match=r"--package-path no.*is not a folder"):
+    with pytest.raises(StiffgenError, match=r"--package-path no.*does not exist"):
         describe(template, Reading(package_path=("no",)))

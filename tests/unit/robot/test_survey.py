@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from stiffgen.cli import main
+from stiffgen.cli.console import TextConsole
 from stiffgen.errors import ChainError
 from stiffgen.robot.reader import read_description
 from stiffgen.robot.selection import select, suggested_tips
@@ -99,6 +100,20 @@ def test_mimic_joints_are_no_coordinates(described):
     text = replaced(('<axis xyz="1 0 0"/>', '<axis xyz="1 0 0"/><mimic joint="elbow"/>'))
     assert survey_tip(described(text), "finger").coordinates == ("shoulder", "elbow")
     assert survey_tip(described(text), "hand").left_out == ()
+
+
+@pytest.mark.parametrize("width", [60, 80, 120])
+def test_names_are_whole_in_a_narrow_terminal(width, described, tmp_path, monkeypatch, capsys):
+    """A name is typed again behind --tip: none is cut off, and none is broken over two lines."""
+    long = "left/end_effector_link_of_the_gripper[0]"
+    text = replaced(('joint name="elbow"', f'joint name="{long}_joint"')).replace('"hand"', f'"{long}"')
+    described(text.replace('"lower"', '"right/forearm_roll_link_with_a_name"'))
+    monkeypatch.setattr("stiffgen.cli.inspect.tables", lambda: TextConsole(highlight=False, width=width))
+    assert main(["inspect", str(tmp_path / "arm.urdf")]) == 0
+    shown = capsys.readouterr().out
+    assert "…" not in shown
+    for name in (long, f"{long}_joint", "right/forearm_roll_link_with_a_name", "shoulder", "finger"):
+        assert name in shown, name
 
 
 def test_hindrances(described):

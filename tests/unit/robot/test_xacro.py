@@ -145,7 +145,7 @@ def test_arguments_change_the_robot_and_stand_in_the_manifest(tmp_path, capsys):
     assert set(manifest["urdf"]["inputs"]) == {"../package.xml", "common/arm.xacro", "one/limits.yaml"}
     assert stiffgen.open_robot(tmp_path / "out" / "arm").chain == chain
     assert main(["inspect", "hand:=false", str(template)]) == 0
-    assert "claw" not in capsys.readouterr().out
+    assert "│ claw" not in capsys.readouterr().out
 
 
 def test_packages_by_path_and_environment(tmp_path, monkeypatch):

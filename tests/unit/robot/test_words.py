@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: MIT
+"""Words about other people's files: what is left out, names as they are written, encodings, numbers, arguments."""
+
+from __future__ import annotations
+
+import re
+import traceback
+from pathlib import Path
+
+import pytest
+
+import stiffgen
+from stiffgen.cli import main
+from stiffgen.errors import StiffgenError
+from stiffgen.loading import describe
+from stiffgen.robot.description import Reading
+from support.chains import ARM, INERTIAL, replaced
+
+AXIS = '<axis xyz="0 1 0"/>'
+
+
+def written(folder: Path, text: str | bytes, name: str = "arm.urdf") -> Path:
+    (folder / name).write_bytes(text if isinstance(text, bytes) else text.encode())
+    return folder / name
+
+
+REMARKS = {
+    "soft limits": ('<safety_controller soft_lower_limit="-0.5" soft_upper_limit="0.4"/>', "elbow.*-0.5 to 0.4"),
+    "one soft limit": ('<safety_controller soft_upper_limit="0.4"/>', "'elbow': soft limits 0 to 0.4"),
+    "damping": ('<dynamics damping="0.7"/>', "1 joints have damping, which .*: elbow"),
+    "friction": ('<dynamics damping="0" friction="3"/>', "1 joints have dry friction, .*: elbow"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REMARKS)
+def test_what_a_urdf_has_and_the_functions_do_not_is_named(name: str, tmp_path: Path) -> None:
+    added, words = REMARKS[name]
+    (remark,) = describe(written(tmp_path, replaced((AXIS, AXIS + added)))).remarks
+    assert re.search(words, remark)
+
+
+def test_nothing_is_named_without_a_reason(tmp_path: Path) -> None:
+    zero = '<dynamics damping="0" friction="0.0"/><safety_controller k_velocity="10"/>'
+    assert describe(written(tmp_path, replaced((AXIS, AXIS + zero)))).remarks == ()
+
+
+DRAKE = '<drake:rotor_inertia value="0.0002"/>{}'
+ROTORS = {
+    "in a transmission": ('<transmission><joint name="elbow"/><actuator name="m">{}</actuator></transmission>', 100),
+    "without a ratio": ('<transmission><joint name="elbow"/><actuator name="m">{}</actuator></transmission>', None),
+    "beside an actuator": ('<transmission><joint name="elbow"/><actuator name="m"/>{}</transmission>', -50),
+}
+
+
+@pytest.mark.parametrize("namespace", ["", ' xmlns:drake="http://drake.mit.edu"'])
+@pytest.mark.parametrize("name", ROTORS)
+def test_rotors_are_motor_inertias(name: str, namespace: str, tmp_path: Path) -> None:
+    """Drake's reflected inertia: rotor times the square of the gear ratio."""
+    place, ratio = ROTORS[name]
+    rotor = DRAKE.format("" if ratio is None else f'<drake:gear_ratio value="{ratio}"/>')
+    text = replaced(("</robot>", place.format(rotor) + "</robot>"), ('name="arm"', f'name="arm"{namespace}'))
+    chain = stiffgen.load_chain(written(tmp_path, text))
+    assert [c.motor_inertia for c in chain.coordinates] == [0, pytest.approx(2e-4 * (ratio or 1) ** 2), 0]
+
+
+NAMES = ["關節/1", "right_finger[0]/base", "Übung", "DFKI_Motor_0.axis", "base link", "[bold]red[/bold]", "a*b`c|d"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_names_are_shown_as_written_and_accepted_back(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = ARM.replace('"hand"', f'"{name}"').replace('"elbow"', f'"{name} joint"')
+    file = written(tmp_path, text)
+    assert main(["inspect", str(file), "--tip", name]) == 0
+    shown = capsys.readouterr().out
+    assert shown.count(name) >= 3 and f"{name} joint" in shown
+    assert stiffgen.load_chain(file, tip=name, lock={f"{name} joint": 0.1}).tip == name
+
+
+LATIN = ARM.replace('"arm"', '"Übung"').encode("latin-1")
+ENCODINGS = {
+    "Latin-1, undeclared": (LATIN, "no UTF-8 text .byte 0xdc at .*save it as UTF-8.*encoding="),
+    "MJCF in UTF-16": ("<mujoco><worldbody/></mujoco>".encode("utf-16"), "MJCF.*save it as UTF-8"),
+}  # fmt: skip
+
+
+def test_the_remedy_of_a_template_in_utf_16(tmp_path: Path) -> None:
+    with pytest.raises(StiffgenError, match=r"arm.xacro.* is not UTF-8 text .*; save it as UTF-8"):
+        describe(written(tmp_path, TEMPLATE.encode("utf-16"), "arm.xacro"))
+
+
+@pytest.mark.parametrize("name", ENCODINGS)
+def test_the_remedy_of_an_encoding(name: str, tmp_path: Path) -> None:
+    data, words = ENCODINGS[name]
+    with pytest.raises(StiffgenError, match=words):
+        describe(written(tmp_path, data))
+
+
+def test_declared_encodings_are_read(tmp_path: Path) -> None:
+    text = ARM.replace('"arm"', '"Übung"').replace("?>", ' encoding="{}"?>')
+    for encoding in ("iso-8859-1", "utf-16", "utf-16-le"):
+        assert describe(written(tmp_path, text.format(encoding).encode(encoding))).robot == "Übung"
+
+
+COMMAS = {
+    'xyz="0,4 0 0"': "'0,4' is not a finite decimal number; write 0.4",
+    'xyz="-1,5e-3 0 0"': "write -1.5e-3",
+    'xyz="0.4, 0, 0"': "'0.4,' is not a finite decimal number; write 0.4",
+    'xyz="0.4,0,0"': "separate numbers by spaces, without commas",
+    'xyz="0.4; 0; 0"': "write 0.4",
+}
+
+
+@pytest.mark.parametrize("text", COMMAS)
+def test_commas_have_a_remedy(text: str, tmp_path: Path) -> None:
+    with pytest.raises(StiffgenError, match=re.escape(COMMAS[text])):
+        stiffgen.load_chain(written(tmp_path, replaced(('xyz="0.4 0 0"', text))))
+
+
+MODEL = '<mujoco><worldbody><body name="b"><joint name="j"/><geom size=".1"/></body></worldbody></mujoco>'
+
+
+def test_mjcf_files_are_not_told_to_edit_limits(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = written(tmp_path, MODEL, "arm.xml")
+    quiet = ["--no-build", "--output", str(tmp_path / "out")]
+    for command in (
+        ["inspect", str(file)],
+        ["generate", str(file), *quiet],
+        ["new", str(file), *quiet[:-1], str(tmp_path / "p")],
+    ):
+        assert main(command) == 0
+        said = "".join(capsys.readouterr())
+        assert "<limit>" not in said
+        assert "MJCF has none" in said and 'actuatorfrcrange="..." to joint j' in said
+
+
+def test_a_chain_without_reach(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The tip lies on the only axis: the range of positions is 0, which the bounds took for unknown."""
+    file = written(tmp_path, MODEL, "arm.xml")
+    assert main(["generate", str(file), "--no-build", "--output", str(tmp_path)]) == 0
+
+
+def test_load_speaks_python(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("STIFFGEN_CACHE", str(tmp_path / "cache"))
+    thumb = f'<link name="t">{INERTIAL}</link><joint name="tj" type="revolute"><parent link="hand"/><child link="t"/>'
+    file = written(tmp_path, replaced(("</robot>", f"{thumb}</joint></robot>")))
+    with pytest.raises(StiffgenError, match=r"choose one with tip=.*hand, finger, t") as refusal:
+        stiffgen.load(file)
+    assert len(traceback.extract_tb(refusal.value.__traceback__)) == 2
+    impossible = written(tmp_path, replaced(('ixx="0.02"', 'ixx="2"')))
+    with pytest.raises(StiffgenError, match=r"accept_inertia=\['upper'\]\), or .*\(masses=False\)") as refusal:
+        stiffgen.load(impossible)
+    assert "--" not in str(refusal.value) and refusal.value.__cause__ is None
+
+
+def test_a_folder_that_does_not_exist(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    template = written(tmp_path, '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"/>', "arm.xacro")
+    missing = tmp_path / "missing"
+    for command in (["inspect", str(template), "--package-path", str(missing)], ["verify", str(missing)]):
+        assert main(command) == 2
+        assert re.search(r"missing: does not exist", " ".join(capsys.readouterr().err.split()))
+
+
+TEMPLATE = """<robot name="$(arg type)_$(arg maker)" xmlns:xacro="http://www.ros.org/wiki/xacro">
+<xacro:arg name="dof" default=""/>
+<xacro:arg name="side" default="left"/>
+<xacro:include filename="$(dirname)/$(arg dof)dof.xacro"/></robot>"""
+PART = f"<robot>{ARM.split('?>')[1].split('>', 1)[1]}"
+
+
+def test_arguments_of_a_template(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = written(tmp_path, TEMPLATE, "arm.xacro")
+    written(tmp_path, PART, "6dof.xacro")
+    with pytest.raises(StiffgenError, match=r"needs values for its arguments 'type', 'maker'; add type:=VALUE maker:="):
+        describe(file)
+    with pytest.raises(StiffgenError, match=r"needs a value for its argument 'dof', which is empty.*; add dof:=VALUE"):
+        describe(file, Reading({"type": "a", "maker": "b"}))
+    assert main(["inspect", str(file), "dof:=6", "type:=a", "maker:=b"]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert (
+        "arguments of the template, with defaults: dof:=6 (given), side:=left, type:=a (given), maker:=b (given)"
+        in shown
+    )
