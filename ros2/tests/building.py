@@ -6,6 +6,7 @@ from __future__ import annotations
 import re
 import subprocess
 from pathlib import Path
+from xml.etree import ElementTree
 
 import cmake
 import ninja
@@ -92,7 +93,8 @@ def compile_scenarios(folder: Path, package: Path, robot: Path, objects: Path, d
     sources = [*(package / "src").glob("*.cpp"), *Path(__file__).parent.glob("*.cpp")]
     sources.remove(package / "src" / "mock_system.cpp")  # another plugin, with a program of its own
     include = [f"-I{path}" for path in (package / "src", folder, STUBS, robot)]
-    namespace = f"-D{PACKAGE.name}={package.name}"  # the scenarios' name of the package
+    name = ElementTree.parse(package / "package.xml").findtext("name")
+    namespace = f"-D{PACKAGE.name}={name}"  # the scenarios' name of the package
     command = ["g++", *STRICT, f"-DSTUB_DISTRO={DISTROS[distro]}", namespace, *include]
     for source in sources:
         run([*command, "-c", source], folder)

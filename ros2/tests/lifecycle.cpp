@@ -92,7 +92,10 @@ static void starts_again()
     rig.run(1000);
     check(distance(here, rig.tip()) < 1e-3, "it holds the new position");
     check(rig.controller->on_deactivate(rig.state) == Callback::SUCCESS, "deactivate again");
+    using Pose = geometry_msgs::msg::PoseStamped;
+    const auto late = std::dynamic_pointer_cast<rclcpp::Subscription<Pose>>(rig.node->subscriptions.at("~/target_pose").lock())->callback;
     check(rig.controller->on_cleanup(rig.state) == Callback::SUCCESS, "clean up");
+    late(rig.pose_message()); // a thread of the executor that was on its way
     check(rig.node->publishers.at("~/state").expired() && rig.node->subscriptions.at("~/target_pose").expired(), "nothing is left");
     check(rig.controller->on_configure(rig.state) == Callback::SUCCESS, "configure again");
 }
@@ -112,6 +115,10 @@ static void names_the_rate_that_is_needed()
     Rig given;
     given.set("sample_time", 0.001);
     check(given.configure(0) == Callback::SUCCESS, "sample_time in its place");
+    Rig other;
+    other.set("sample_time", 0.001);
+    check(other.configure(500) == Callback::FAILURE, "a sample time that is not the rate's");
+    check(stub::world().said("error", "sample_time is 0.001 s, but update_rate is 500 Hz"), "both are named");
     Rig fast;
     check(fast.configure(400) == Callback::SUCCESS, "400 Hz accepted");
 }

@@ -37,16 +37,18 @@ StiffnessController::Callback StiffnessController::on_configure(const State &)
     std::string reason;
     try {
         reason = read_setup(lookup, setup_);
-        sample_time_ = sample_time(lookup, get_update_rate());
+        if (reason.empty()) { reason = read_sample_time(lookup, get_update_rate(), sample_time_); }
         if (reason.empty()) { reason = read_settings(lookup, sample_time_, settings); }
     } catch (const std::exception &error) {
         reason = error.what();
     }
     if (!reason.empty()) { return refuse(reason); }
     settings_.write(settings);
-    topics_ = std::make_unique<Topics>(*node, setup_, commands_, time_);
+    topics_ = std::make_shared<Topics>(*node, setup_, commands_, time_);
     topics_->change(settings);
-    report_ = std::make_unique<Report>(*node, setup_, snapshots_, reset_);
+    topics_->subscribe();
+    report_ = std::make_shared<Report>(*node, setup_, snapshots_, reset_);
+    report_->start();
     on_set_ = node->add_on_set_parameters_callback([this](const auto &changes) { return change(changes); });
     return Callback::SUCCESS;
 }

@@ -67,8 +67,8 @@ private:
     Settings loop_settings_{};
     Law law_;
     int failed_writes_ = 0;
-    std::unique_ptr<Topics> topics_;
-    std::unique_ptr<Report> report_;
+    std::shared_ptr<Topics> topics_;
+    std::shared_ptr<Report> report_;
     rclcpp::node_interfaces::OnSetParametersCallbackHandle::SharedPtr on_set_;
 };
 

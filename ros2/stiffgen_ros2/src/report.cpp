@@ -62,26 +62,36 @@ void fill(const double *pose, geometry_msgs::msg::Pose &message)
 } // namespace
 
 Report::Report(rclcpp_lifecycle::LifecycleNode &node, const Setup &setup, Latest<Snapshot> &snapshots, std::atomic<bool> &reset)
-    : node_(node), setup_(setup), snapshots_(snapshots)
+    : node_(node), setup_(setup), snapshots_(snapshots), wants_reset_(reset)
+{
+}
+
+void Report::start()
 {
     using Trigger = std_srvs::srv::Trigger;
-    pose_ = node.create_publisher<geometry_msgs::msg::PoseStamped>("~/pose", rclcpp::QoS(1));
-    equilibrium_ = node.create_publisher<geometry_msgs::msg::PoseStamped>("~/equilibrium", rclcpp::QoS(1));
-    wrench_ = node.create_publisher<geometry_msgs::msg::WrenchStamped>("~/wrench", rclcpp::QoS(1));
-    state_ = node.create_publisher<diagnostic_msgs::msg::DiagnosticStatus>("~/state", rclcpp::QoS(1));
-    diagnostics_ = node.create_publisher<diagnostic_msgs::msg::DiagnosticArray>("/diagnostics", rclcpp::QoS(1));
+    const auto weak = weak_from_this();
+    pose_ = node_.create_publisher<geometry_msgs::msg::PoseStamped>("~/pose", rclcpp::QoS(1));
+    equilibrium_ = node_.create_publisher<geometry_msgs::msg::PoseStamped>("~/equilibrium", rclcpp::QoS(1));
+    wrench_ = node_.create_publisher<geometry_msgs::msg::WrenchStamped>("~/wrench", rclcpp::QoS(1));
+    state_ = node_.create_publisher<diagnostic_msgs::msg::DiagnosticStatus>("~/state", rclcpp::QoS(1));
+    diagnostics_ = node_.create_publisher<diagnostic_msgs::msg::DiagnosticArray>("/diagnostics", rclcpp::QoS(1));
     pose_->on_activate(); // the node's own transition does not reach the publishers of a controller
     equilibrium_->on_activate();
     wrench_->on_activate();
     state_->on_activate();
     diagnostics_->on_activate();
-    reset_ = node.create_service<Trigger>(
-        "~/reset", [this, &reset](const std::shared_ptr<Trigger::Request>, std::shared_ptr<Trigger::Response> response) {
-            reset = true;
-            response->success = true;
-            response->message = last_.report.fault == robot::NO_FAULT ? "no fault was latched" : "reset of: " + fault_text(last_.report);
+    reset_ = node_.create_service<Trigger>(
+        "~/reset", [weak](const std::shared_ptr<Trigger::Request>, std::shared_ptr<Trigger::Response> response) {
+            const auto self = weak.lock();
+            response->success = self != nullptr;
+            if (!self) { return; }
+            const robot::Report &report = self->last_.report;
+            self->wants_reset_ = true;
+            response->message = report.fault == robot::NO_FAULT ? "no fault was latched" : "reset of: " + fault_text(report);
         });
-    timer_ = node.create_wall_timer(std::chrono::duration<double>(1.0 / setup.state_rate), [this] { publish(); });
+    timer_ = node_.create_wall_timer(std::chrono::duration<double>(1.0 / setup_.state_rate), [weak] {
+        if (const auto self = weak.lock()) { self->publish(); }
+    });
 }
 
 // Log a new fault, and a new refusal of the policy port, once.

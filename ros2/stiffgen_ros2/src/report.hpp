@@ -18,9 +18,13 @@
 
 namespace stiffgen_ros2 {
 
-class Report {
+// Shared: a callback that another thread still runs keeps it alive.
+class Report : public std::enable_shared_from_this<Report> {
 public:
     Report(rclcpp_lifecycle::LifecycleNode &node, const Setup &setup, Latest<Snapshot> &snapshots, std::atomic<bool> &reset);
+
+    /// Begin to publish, and offer the service.
+    void start();
 
 private:
     template <class Message> using Publisher = typename rclcpp_lifecycle::LifecyclePublisher<Message>::SharedPtr;
@@ -32,6 +36,7 @@ private:
     rclcpp_lifecycle::LifecycleNode &node_;
     Setup setup_;
     Latest<Snapshot> &snapshots_;
+    std::atomic<bool> &wants_reset_;
     Snapshot last_{};
     unsigned told_faults_ = 0, told_refusals_ = 0;
     Publisher<geometry_msgs::msg::PoseStamped> pose_, equilibrium_;

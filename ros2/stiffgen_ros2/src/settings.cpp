@@ -175,18 +175,24 @@ std::string read_setup(const Lookup &lookup, Setup &setup)
     return "";
 }
 
-double sample_time(const Lookup &lookup, unsigned update_rate)
+std::string read_sample_time(const Lookup &lookup, unsigned update_rate, double &sample_time)
 {
-    const double given = lookup("sample_time").as_double();
-    if (given != 0.0) { return given; }
-    return update_rate > 0 ? 1.0 / static_cast<double>(update_rate) : 0.0;
+    const double given = lookup("sample_time").as_double(), rate = static_cast<double>(update_rate);
+    if (update_rate == 0 && given == 0.0) { // Humble, where the controller has no rate of its own
+        return "the update rate is unknown: set sample_time [s], the time between two updates of the controller";
+    }
+    if (update_rate > 0 && given != 0.0 && !(std::abs(given * rate - 1.0) < 0.1)) {
+        char text[200];
+        std::snprintf(text, sizeof text, "sample_time is %g s, but update_rate is %g Hz: set sample_time to %g, or to 0.0", given,
+            rate, 1.0 / rate);
+        return text;
+    }
+    sample_time = given != 0.0 ? given : 1.0 / rate;
+    return "";
 }
 
 std::string read_settings(const Lookup &lookup, double sample_time, Settings &settings)
 {
-    if (sample_time == 0.0) { // Humble, where the controller has no rate of its own
-        return "the update rate is unknown: set sample_time [s], the time between two updates of the controller";
-    }
     settings.config = default_config();
     settings.config.sample_time = sample_time;
     std::string reason = read_fields(lookup, settings.config);

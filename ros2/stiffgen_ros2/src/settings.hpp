@@ -40,8 +40,8 @@ void declare_parameters(rclcpp_lifecycle::LifecycleNode &node);
 /// Read the setup. Return why it is refused, or an empty text.
 std::string read_setup(const Lookup &lookup, Setup &setup);
 
-/// Return the sample time [s]: the parameter's, else that of the rate [1/s]; 0 without both.
-double sample_time(const Lookup &lookup, unsigned update_rate);
+/// Read the sample time [s]: the parameter's, else that of the rate [1/s]. Return why it is refused, or an empty text.
+std::string read_sample_time(const Lookup &lookup, unsigned update_rate, double &sample_time);
 
 /// Read and check the loop's settings. Return why they are refused, or an empty text.
 std::string read_settings(const Lookup &lookup, double sample_time, Settings &settings);

@@ -33,6 +33,10 @@ bool finite(const double *values, std::size_t count)
 Topics::Topics(rclcpp_lifecycle::LifecycleNode &node, const Setup &setup, Commands &commands, const std::atomic<double> &time)
     : node_(node), setup_(setup), commands_(commands), time_(time)
 {
+}
+
+void Topics::subscribe()
+{
     subscribe("~/target_pose", pose_, &Topics::target_pose);
     subscribe("~/target_joint", joint_, &Topics::target_joint);
     subscribe("~/target_wrench", wrench_, &Topics::target_wrench);
@@ -48,16 +52,17 @@ void Topics::change(const Settings &settings)
 template <class Message> void Topics::subscribe(const char *topic, std::shared_ptr<rclcpp::Subscription<Message>> &subscription,
     std::string (Topics::*convert)(const Message &, Command &))
 {
-    subscription = node_.create_subscription<Message>(topic, rclcpp::QoS(10), [this, topic, convert, &subscription](const Message &message) {
-        if (!is_active_) { return; }
-        const std::lock_guard<std::mutex> lock(mutex_);
+    subscription = node_.create_subscription<Message>(topic, rclcpp::QoS(10), [weak = weak_from_this(), topic, convert, &subscription](const Message &message) {
+        const auto self = weak.lock();
+        if (!self || !self->is_active_) { return; }
+        const std::lock_guard<std::mutex> lock(self->mutex_);
         Command command{};
-        command.time = time_.load();
+        command.time = self->time_.load();
         std::string reason = subscription->get_publisher_count() > 1
             ? "it has several publishers, whose commands would alternate; keep one"
-            : (this->*convert)(message, command);
-        if (reason.empty() && !commands_.push(command)) { reason = "the loop takes no commands"; }
-        tell(topic, reason);
+            : ((*self).*convert)(message, command);
+        if (reason.empty() && !self->commands_.push(command)) { reason = "the loop takes no commands"; }
+        self->tell(topic, reason);
     });
 }
 

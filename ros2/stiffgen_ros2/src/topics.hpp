@@ -21,9 +21,13 @@ namespace stiffgen_ros2 {
 
 using Commands = Queue<Command, 64>;
 
-class Topics {
+// Shared: a callback that another thread still runs keeps it alive.
+class Topics : public std::enable_shared_from_this<Topics> {
 public:
     Topics(rclcpp_lifecycle::LifecycleNode &node, const Setup &setup, Commands &commands, const std::atomic<double> &time);
+
+    /// Begin to listen.
+    void subscribe();
 
     /// Set the limits that the checks use.
     void change(const Settings &settings);
