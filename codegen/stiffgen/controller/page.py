@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from stiffgen.controller.fields import CONFIG, MAX_DOF, Field
@@ -54,6 +54,32 @@ _STRUCTS = (
     ("policy", "Port for slow commanders: settings, report and memory; start it by policy_start.", POLICY),
 )
 _FIRST_FIELD_ERROR = -20
+_SETTINGS = {(field.name, field.meaning) for field in CONFIG}
+_REFERENCE_SHARE = 0.9
+"""Share of a joint's velocity limit that is the default of reference_velocity_limit."""
+
+
+def config_of(chain: Chain) -> tuple[Field, ...]:
+    """Return the fields of the configuration with a chain's defaults.
+
+    Acceleration limits of the file (URDF 1.2) lengthen ``ramp_time``: the equilibrium starts and stops with at most
+    ``reference_velocity_limit`` / ``ramp_time``.
+    """
+    slowest = 0.0
+    for each in chain.motor_coordinates:
+        limit = min(each.acceleration, each.deceleration)
+        if 0 < limit < math.inf and math.isfinite(each.velocity):
+            slowest = max(slowest, _REFERENCE_SHARE * each.velocity / limit)
+    rounded = math.ceil(1e4 * slowest) / 1e4
+    return tuple(
+        replace(field, default=repr(rounded)) if field.name == "ramp_time" and rounded > float(field.default) else field
+        for field in CONFIG
+    )
+
+
+def _config_struct(chain: Chain) -> tuple[str, str, tuple[Field, ...]]:
+    name, summary, _ = _STRUCTS[0]
+    return name, summary, config_of(chain)
 
 
 def has_controller(chain: Chain, scalar: Scalar = DOUBLE) -> bool:
@@ -180,13 +206,13 @@ def controller_page(
         reason_classes=[[fault for fault, _ in FAULTS].index(fault) for _, fault, _ in REASONS],
         errors=_errors(name),
         checks={field.name: _check(field) for field in CONFIG},
-        structs=[_struct(chain, prefix, *each) for each in _STRUCTS],
+        structs=[_struct(chain, prefix, *each) for each in (_config_struct(chain), *_STRUCTS[1:])],
         memory=_struct(chain, prefix, "memory", "", MEMORY),
         ranges=RANGES,
         remembered=[(f.name, f.name if f.memory == "=" else f.memory, bool(f.shape)) for f in OUTPUT if f.memory],
         choice_fields=[(f.name, f.choices) for f in (*CONFIG, *INPUT) if f.choices],
         infinite_fields=[field.name for field in CONFIG if math.isinf(field.most)],
-        defaults=[line for f in CONFIG for line in _defaults(f, prefix)],
+        defaults=[line for f in config_of(chain) for line in _defaults(f, prefix)],
         joint_defaults=[
             f"config->{f.name}[i] = {f.default.format(name=name, i=index)};" for f in CONFIG if f.shape == ("n",)
         ],
@@ -276,7 +302,11 @@ def _member(field: Field, sizes: dict[str, int], prefix: str) -> Member:
     if field.shape[:1] == ("tips",) and sizes["tips"] == 1:
         extents = extents[1:]
     default = f" Default: {field.default.replace('{name}_', '').replace('{i}', 'i')}." if field.default else ""
-    bound = f" {field.rule[0].upper()}{field.rule[1:]}." if field in CONFIG or field.choices else ""
+    bound = (
+        f" {field.rule[0].upper()}{field.rule[1:]}."
+        if (field.name, field.meaning) in _SETTINGS or field.choices
+        else ""
+    )
     shape = f" ({' x '.join(map(str, extents))})" if len(extents) > 1 else ""
     unit = f"[{field.unit}]{shape} " if field.unit else ""
     return Member(

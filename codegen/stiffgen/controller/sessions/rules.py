@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from stiffgen.controller.fields import CONFIG, Field
+from stiffgen.controller.page import config_of
 from stiffgen.controller.sessions.library import ControllerLibrary
 from stiffgen.robot.chain import Chain
 from stiffgen.robot.geometry import FloatArray
@@ -32,7 +33,7 @@ def check_rules(library: ControllerLibrary, module: Any, chain: Chain) -> list[C
     library.call("default_config", library.config)
     configs = {"C": library.config, "Python": module.Impedance().config}
     defaults = []
-    for field in CONFIG:
+    for field in config_of(chain):
         expected = default_of(field, chain)
         for language, config in configs.items():
             shown = config[field.name] if isinstance(config, dict) else getattr(config, field.name)
