@@ -30,9 +30,9 @@ from stiffgen.symbolic.arguments import Q
 from stiffgen.symbolic.kernels import KERNELS, MAX_BATCH_JOINTS
 from stiffgen.symbolic.model import casadi_function
 from stiffgen.symbolic.potentials import SpringOptions
-from stiffgen.verify.poses import joint_poses, product_of_poses
-from stiffgen.verify.references import TASK_STIFFNESS, WRENCH
-from stiffgen.verify.samples import Samples
+from stiffgen.verify.kernels.poses import joint_poses, product_of_poses
+from stiffgen.verify.kernels.references import TASK_STIFFNESS, WRENCH
+from stiffgen.verify.kernels.samples import Samples
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from benchmarks import growth as joints

@@ -26,7 +26,7 @@ from stiffgen.lower.rounding import ErrorBounds, NoBound, Ranges, argument_sizes
 from stiffgen.lower.scalar import DOUBLE, FLOAT, Scalar
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
-from stiffgen.verify.samples import argument_samples
+from stiffgen.verify.kernels.samples import argument_samples
 
 URDF = Path(__file__).resolve().parent.parent / "urdf" / "iiwa14.urdf"
 WIDTHS = {

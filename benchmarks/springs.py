@@ -11,8 +11,8 @@ import stiffgen
 from benchmarks.tools import COUNT, HERE, NATIVE, Row, pinned, run
 from stiffgen.symbolic.arguments import Q
 from stiffgen.symbolic.springs import TRACE
-from stiffgen.verify.references import TASK_STIFFNESS, WRENCH
-from stiffgen.verify.samples import Samples
+from stiffgen.verify.kernels.references import TASK_STIFFNESS, WRENCH
+from stiffgen.verify.kernels.samples import Samples
 
 SPRING_ROUNDS = 1001
 

@@ -27,8 +27,8 @@ from numpy.typing import NDArray
 import stiffgen
 from stiffgen import open_robot
 from stiffgen.symbolic.arguments import Q
-from stiffgen.verify.references import TASK_STIFFNESS, WRENCH
-from stiffgen.verify.samples import Samples
+from stiffgen.verify.kernels.references import TASK_STIFFNESS, WRENCH
+from stiffgen.verify.kernels.samples import Samples
 
 Array = NDArray[np.float64]
 HERE = Path(__file__).resolve().parent

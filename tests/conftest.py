@@ -16,7 +16,7 @@ import pytest
 
 import stiffgen
 from stiffgen.emit import build
-from stiffgen.verify import widths
+from stiffgen.verify.folder import widths
 from support.c_program import STRICT, language_flags
 from support.fixtures import kept_objects, once, robot, robot_folder
 from support.project import ROOT, URDF, Compiled, Once, require_compiler

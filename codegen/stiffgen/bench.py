@@ -15,8 +15,8 @@ from stiffgen.emit.build import build_library
 from stiffgen.errors import BuildError
 from stiffgen.folder import temporary_folder
 from stiffgen.opened import GeneratedRobot, open_robot
+from stiffgen.verify.kernels.samples import argument_samples
 from stiffgen.verify.result import as_results
-from stiffgen.verify.samples import argument_samples
 
 _BATCH = 4096
 _SECONDS = 0.01

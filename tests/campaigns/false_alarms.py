@@ -18,8 +18,8 @@ import stiffgen
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.potentials import SpringOptions
-from stiffgen.verify.missing import function_of_stacks
-from stiffgen.verify.oracles import check_robot
+from stiffgen.verify.kernels.missing import function_of_stacks
+from stiffgen.verify.kernels.oracles import check_robot
 from stiffgen.verify.result import Check
 from stiffgen.verify.verify import default_count
 from support.random_urdf import Plain, random_robot

@@ -18,7 +18,7 @@ import pytest
 from jax.test_util import check_grads
 
 from stiffgen.opened import open_robot
-from stiffgen.verify.samples import argument_samples
+from stiffgen.verify.kernels.samples import argument_samples
 from support.wrappers import cases, floating_robot, small_robot, wrapper
 
 COUNT = 3

@@ -34,15 +34,15 @@ from stiffgen.emit.build import kernel_sources
 from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel
-from stiffgen.verify.batches import LONG, check_c_batches
-from stiffgen.verify.bounds import check_bounds
-from stiffgen.verify.certified import check_certified_bounds
-from stiffgen.verify.files import check_c_tables, print_again
-from stiffgen.verify.forked import confined
-from stiffgen.verify.formulas import check_against_casadi, check_far_angles
-from stiffgen.verify.not_finite import check_not_finite
+from stiffgen.verify.folder.bounds import check_bounds
+from stiffgen.verify.folder.files import check_c_tables, print_again
+from stiffgen.verify.folder.forked import confined
+from stiffgen.verify.kernels.batches import LONG, check_c_batches
+from stiffgen.verify.kernels.certified import check_certified_bounds
+from stiffgen.verify.kernels.formulas import check_against_casadi, check_far_angles
+from stiffgen.verify.kernels.not_finite import check_not_finite
+from stiffgen.verify.kernels.samples import argument_samples
 from stiffgen.verify.result import Check
-from stiffgen.verify.samples import argument_samples
 
 ROOT = Path(__file__).parents[2]
 OPERATORS = (

@@ -26,8 +26,8 @@ from stiffgen.lower.scalar import DOUBLE, SCALARS
 from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.prove.targets import Target, write_targets
 from stiffgen.symbolic.kernels import Kernel
+from stiffgen.verify.kernels.samples import argument_samples
 from stiffgen.verify.result import as_results
-from stiffgen.verify.samples import argument_samples
 from support.golden_calls import golden_calls
 from support.project import ROOT
 from support.targets import MACHINES, Count, Machine, built, counts, footprint, run, step_count

@@ -22,8 +22,8 @@ import pytest
 import stiffgen
 from stiffgen.emit import build
 from stiffgen.opened import open_robot
-from stiffgen.verify import widths
-from stiffgen.verify.files import check_files, load_module
+from stiffgen.verify.folder import widths
+from stiffgen.verify.folder.files import check_files, load_module
 from stiffgen.verify.verify import _steps
 from support.confined import LOADED
 from support.generated_c import kernel_files

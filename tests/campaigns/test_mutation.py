@@ -21,10 +21,10 @@ from stiffgen.symbolic.model import casadi_function
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.springs import KINDS, Placement
 from stiffgen.symbolic.springs import spring as spring_of_kind
-from stiffgen.verify.oracles import oracles_of
-from stiffgen.verify.references import References
+from stiffgen.verify.kernels.oracles import oracles_of
+from stiffgen.verify.kernels.references import References
+from stiffgen.verify.kernels.samples import argument_samples
 from stiffgen.verify.result import BOUND, as_results, relative_error
-from stiffgen.verify.samples import argument_samples
 from support import exact_c
 from support.chains import chain_urdf
 from support.complex_step import columns, gradients

@@ -10,7 +10,7 @@ from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
 from stiffgen.symbolic.program import evaluate
-from stiffgen.verify.poses import gamma_F
+from stiffgen.verify.kernels.poses import gamma_F
 from support.pinocchio_oracle import PinocchioChain
 
 BOUND = 1e-9

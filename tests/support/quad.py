@@ -23,7 +23,7 @@ from stiffgen.lower.rounding import ErrorBounds, NoBound, Ranges, argument_sizes
 from stiffgen.lower.scalar import DOUBLE, SCALARS, Scalar
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel
-from stiffgen.verify.rounding import Stages
+from stiffgen.verify.kernels.rounding import Stages
 from support.generated_c import kernel_text
 from support.graphs import BALLS
 

@@ -17,8 +17,8 @@ import pytest
 import stiffgen
 from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.verify.kernels.samples import argument_samples
 from stiffgen.verify.result import as_results
-from stiffgen.verify.samples import argument_samples
 from support.chains import chain_urdf
 from support.exact_tree import tree_urdf
 

@@ -20,7 +20,7 @@ from stiffgen.prove.targets import Target, read_targets
 from stiffgen.prove.verdict import Outcome, Verdict, VerdictFile, read_verdicts
 from stiffgen.rendering import environment
 from stiffgen.robot.geometry import FloatArray
-from stiffgen.verify.certified import CERTIFIED
+from stiffgen.verify.kernels.certified import CERTIFIED
 from stiffgen.verify.result import NO_ORACLE, Check
 
 _BELOW, _ABOVE = 6, 4

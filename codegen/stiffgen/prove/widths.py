@@ -17,7 +17,7 @@ from stiffgen.prove import harness
 from stiffgen.prove.tools import ProgramOutput, run
 from stiffgen.prove.verdict import Outcome, Verdict
 from stiffgen.symbolic.kernel import Kernel
-from stiffgen.verify.widths import WIDTHS, Width
+from stiffgen.verify.folder.widths import WIDTHS, Width
 
 _SANITIZERS = ("address,undefined", "memory,undefined")
 _CLAIMS = "every lane in bounds, no uninitialised value used, no undefined behaviour, symmetric, arguments not written"

@@ -19,11 +19,8 @@ from stiffgen.robot.chain import Chain
 from stiffgen.robot.geometry import FloatArray
 from stiffgen.rooms import optional
 from stiffgen.symbolic.arguments import Argument
-from stiffgen.verify.batches import LONG, check_c_batches, check_stacks
-from stiffgen.verify.bounds import check_bounds
-from stiffgen.verify.certified import check_certified_bounds
-from stiffgen.verify.derivatives import check_derivatives
-from stiffgen.verify.files import (
+from stiffgen.verify.folder.bounds import check_bounds
+from stiffgen.verify.folder.files import (
     check_files,
     check_functions,
     check_tables,
@@ -32,15 +29,18 @@ from stiffgen.verify.files import (
     load_module,
     print_again,
 )
-from stiffgen.verify.formulas import check_against_casadi, check_far_angles
-from stiffgen.verify.loops import check_loops
-from stiffgen.verify.masses import check_masses
-from stiffgen.verify.missing import missing_functions
-from stiffgen.verify.not_finite import check_not_finite
-from stiffgen.verify.oracles import check_oracles, check_robot
+from stiffgen.verify.folder.widths import build_widths
+from stiffgen.verify.kernels.batches import LONG, check_c_batches, check_stacks
+from stiffgen.verify.kernels.certified import check_certified_bounds
+from stiffgen.verify.kernels.derivatives import check_derivatives
+from stiffgen.verify.kernels.formulas import check_against_casadi, check_far_angles
+from stiffgen.verify.kernels.loops import check_loops
+from stiffgen.verify.kernels.masses import check_masses
+from stiffgen.verify.kernels.missing import missing_functions
+from stiffgen.verify.kernels.not_finite import check_not_finite
+from stiffgen.verify.kernels.oracles import check_oracles, check_robot
+from stiffgen.verify.kernels.samples import Samples, argument_samples, with_other_lower_triangles
 from stiffgen.verify.result import Check, Kernels, left_out, one_by_one
-from stiffgen.verify.samples import Samples, argument_samples, with_other_lower_triangles
-from stiffgen.verify.widths import build_widths
 
 Comparison = Callable[[], list[Check]]
 

@@ -29,8 +29,8 @@ from stiffgen.errors import MissingExtraError, RecordingError
 from stiffgen.options import help_of
 from stiffgen.symbolic.arguments import Q
 from stiffgen.symbolic.connection import REPRESENTATIONS
-from stiffgen.verify.poses import gamma_F
-from stiffgen.verify.references import WRENCH, References
+from stiffgen.verify.kernels.poses import gamma_F
+from stiffgen.verify.kernels.references import WRENCH, References
 from support import recordings
 from support.analysis import JOINTS, ROWS, K, bad_csv, command, measured, run
 from support.project import ROOT

@@ -17,7 +17,7 @@ import pytest
 import stiffgen
 from stiffgen.opened import open_robot
 from stiffgen.symbolic.model import matrix_shape
-from stiffgen.verify.samples import argument_samples
+from stiffgen.verify.kernels.samples import argument_samples
 from support.c_program import STRICT
 from support.project import require_compiler, require_program
 from support.wrappers import floating_robot, small_robot, wrapper

@@ -17,7 +17,7 @@ import stiffgen
 from stiffgen.controller.page import has_controller
 from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.potentials import SpringOptions
-from stiffgen.verify.samples import Samples
+from stiffgen.verify.kernels.samples import Samples
 from support.c_program import STRICT
 from support.project import ROOT, URDF, require_compiler
 

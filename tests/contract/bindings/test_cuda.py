@@ -23,9 +23,9 @@ from stiffgen.symbolic.families.joint_potentials import JOINT_POTENTIALS
 from stiffgen.symbolic.kernels import MAX_BATCH_JOINTS, chain_kernels
 from stiffgen.symbolic.model import casadi_function, folded
 from stiffgen.symbolic.potentials import SpringOptions
-from stiffgen.verify.references import TASK_STIFFNESS, WRENCH
+from stiffgen.verify.kernels.references import TASK_STIFFNESS, WRENCH
+from stiffgen.verify.kernels.samples import Samples, argument_samples
 from stiffgen.verify.result import as_results, relative_error
-from stiffgen.verify.samples import Samples, argument_samples
 from support.c_program import STRICT
 from support.chains import chain_urdf
 from support.cuda_host import NOTHING, HostCuda

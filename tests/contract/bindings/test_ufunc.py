@@ -19,9 +19,9 @@ import pytest
 from stiffgen.symbolic.arguments import Q
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.kernels import KERNELS
-from stiffgen.verify.references import TASK_STIFFNESS, WRENCH
+from stiffgen.verify.kernels.references import TASK_STIFFNESS, WRENCH
+from stiffgen.verify.kernels.samples import Samples
 from stiffgen.verify.result import as_results, relative_error
-from stiffgen.verify.samples import Samples
 from support.project import kernels_of
 
 

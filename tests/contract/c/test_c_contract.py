@@ -10,7 +10,7 @@ import pytest
 
 import stiffgen
 from stiffgen.symbolic.kernels import KERNELS
-from stiffgen.verify.samples import Samples
+from stiffgen.verify.kernels.samples import Samples
 from support.c_program import STRICT, run_kernels
 from support.chains import chain_urdf
 from support.project import ROOT, compilers, require_compiler

@@ -15,8 +15,8 @@ from stiffgen.opened import open_robot
 from stiffgen.options import GenerationOptions
 from stiffgen.symbolic.model import casadi_function, folded
 from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.verify.kernels.samples import argument_samples
 from stiffgen.verify.result import BOUND, as_results, relative_error
-from stiffgen.verify.samples import argument_samples
 from stiffgen.verify.verify import verify
 from support.chains import chain_urdf
 from support.cuda_host import HostCuda

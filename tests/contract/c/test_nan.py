@@ -12,9 +12,9 @@ from stiffgen import open_robot
 from stiffgen.symbolic.kernels import KERNELS
 from stiffgen.symbolic.model import casadi_function
 from stiffgen.symbolic.potentials import SpringOptions
-from stiffgen.verify.not_finite import STACK, check_not_finite
+from stiffgen.verify.kernels.not_finite import STACK, check_not_finite
+from stiffgen.verify.kernels.samples import Samples, argument_samples
 from stiffgen.verify.result import as_results
-from stiffgen.verify.samples import Samples, argument_samples
 from support.chains import chain_urdf, replaced
 from support.project import kernels_of
 

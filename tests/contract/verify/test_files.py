@@ -21,7 +21,7 @@ from stiffgen.opened import open_robot
 from stiffgen.prove.safety_page import filed_for, targets_for
 from stiffgen.prove.targets import read_targets
 from stiffgen.prove.verdict import read_verdicts
-from stiffgen.verify.files import check_files, check_text, load_module, print_again
+from stiffgen.verify.folder.files import check_files, check_text, load_module, print_again
 from stiffgen.verify.verify import verify
 from support.folders import copy_folder, restamp
 from support.project import ROOT

@@ -16,12 +16,12 @@ from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
 from stiffgen.symbolic.model import casadi_function, folded
 from stiffgen.symbolic.potentials import SpringOptions
-from stiffgen.verify.masses import check_masses
-from stiffgen.verify.missing import function_of_stacks
-from stiffgen.verify.oracles import check_kernels, check_robot
-from stiffgen.verify.references import References
+from stiffgen.verify.kernels.masses import check_masses
+from stiffgen.verify.kernels.missing import function_of_stacks
+from stiffgen.verify.kernels.oracles import check_kernels, check_robot
+from stiffgen.verify.kernels.references import References
+from stiffgen.verify.kernels.samples import Samples
 from stiffgen.verify.result import Check, compared
-from stiffgen.verify.samples import Samples
 from support.project import ROOT
 
 NAMES = ("mass_matrix", "bias_forces", "gravity_gradient")

@@ -15,7 +15,7 @@ from stiffgen.errors import OutputError
 from stiffgen.opened import open_robot
 from stiffgen.prove.safety_page import targets_for, write_page
 from stiffgen.prove.targets import Target, write_targets
-from stiffgen.verify.certified import CERTIFIED
+from stiffgen.verify.kernels.certified import CERTIFIED
 from stiffgen.verify.result import NO_ORACLE, Check
 from support.project import ROOT
 

@@ -23,7 +23,7 @@ from stiffgen.controller.sessions.rules import check_rules
 from stiffgen.controller.sessions.sessions import SESSIONS
 from stiffgen.controller.signals import INPUT
 from stiffgen.opened import open_robot
-from stiffgen.verify.forked import confined
+from stiffgen.verify.folder.forked import confined
 from support.controller_library import compile_c
 from support.project import ROOT
 

@@ -19,8 +19,8 @@ from stiffgen.robot.reader import read_description
 from stiffgen.robot.selection import select
 from stiffgen.symbolic.kernels import KERNELS
 from stiffgen.symbolic.model import casadi_function
-from stiffgen.verify.oracles import check_kernels
-from stiffgen.verify.references import References
+from stiffgen.verify.kernels.oracles import check_kernels
+from stiffgen.verify.kernels.references import References
 from stiffgen.verify.result import as_results
 from support.chain_checks import disagreements
 from support.pinocchio_oracle import PinocchioChain

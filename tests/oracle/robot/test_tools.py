@@ -16,8 +16,8 @@ from stiffgen.cli import main
 from stiffgen.errors import ChainError
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.families.joint_potentials import JOINT_POTENTIALS
-from stiffgen.verify.oracles import check_robot
-from stiffgen.verify.references import References
+from stiffgen.verify.kernels.oracles import check_robot
+from stiffgen.verify.kernels.references import References
 from support.project import ROOT, URDF, assert_close, kernels_of
 
 DUAL = ROOT / "tests" / "data" / "dual_arm.urdf"

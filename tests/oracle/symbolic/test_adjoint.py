@@ -10,8 +10,8 @@ import stiffgen
 from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.model import casadi_function
 from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.verify.kernels.samples import argument_samples
 from stiffgen.verify.result import relative_error
-from stiffgen.verify.samples import argument_samples
 from support.chains import chain_urdf
 from support.complex_step import columns, gradients
 from support.exact_tree import tree_urdf

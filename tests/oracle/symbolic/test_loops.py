@@ -18,10 +18,10 @@ from stiffgen.symbolic import closure
 from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.model import casadi_function
 from stiffgen.symbolic.potentials import SpringOptions
-from stiffgen.verify.derivatives import check_derivatives
-from stiffgen.verify.loops import check_loops
-from stiffgen.verify.missing import function_of_stacks
-from stiffgen.verify.samples import argument_samples
+from stiffgen.verify.kernels.derivatives import check_derivatives
+from stiffgen.verify.kernels.loops import check_loops
+from stiffgen.verify.kernels.missing import function_of_stacks
+from stiffgen.verify.kernels.samples import argument_samples
 from support.exact_linkage import STEP, ExactLinkage, linkage_errors, random_linkage
 
 BOUND = 1e-11

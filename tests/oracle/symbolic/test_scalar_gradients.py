@@ -12,8 +12,8 @@ from stiffgen.symbolic.arguments import Q
 from stiffgen.symbolic.families.stiffness import DIRECTION
 from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.model import casadi_function
-from stiffgen.verify.poses import gamma_F
-from stiffgen.verify.references import TASK_STIFFNESS, WRENCH, References
+from stiffgen.verify.kernels.poses import gamma_F
+from stiffgen.verify.kernels.references import TASK_STIFFNESS, WRENCH, References
 from support.chains import chain_urdf
 from support.complex_step import columns, gradients
 from support.exact_tree import AT_ORIGIN, ExactTree, mp

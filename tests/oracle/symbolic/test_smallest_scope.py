@@ -15,10 +15,10 @@ from stiffgen.symbolic.arguments import Q, configuration_arguments
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
 from stiffgen.symbolic.model import casadi_function, folded
 from stiffgen.symbolic.potentials import SpringOptions
-from stiffgen.verify.derivatives import check_derivatives
-from stiffgen.verify.missing import function_of_stacks
+from stiffgen.verify.kernels.derivatives import check_derivatives
+from stiffgen.verify.kernels.missing import function_of_stacks
+from stiffgen.verify.kernels.samples import argument_samples
 from stiffgen.verify.result import as_results
-from stiffgen.verify.samples import argument_samples
 from support.exact_linkage import ExactLinkage, closed_state
 from support.kernel_references import MotorReferences, References
 from support.small_robots import LINKAGES, TREES, Small, part

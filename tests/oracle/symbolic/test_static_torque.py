@@ -14,7 +14,7 @@ import pytest
 import stiffgen
 from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.model import folded
-from stiffgen.verify.references import References
+from stiffgen.verify.kernels.references import References
 from support.chains import chain_urdf
 from support.pinocchio_oracle import with_exact_right_angles
 from support.project import ROOT, assert_close

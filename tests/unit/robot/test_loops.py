@@ -14,7 +14,7 @@ from stiffgen.errors import ChainError, LoopWarning
 from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.model import casadi_function
 from stiffgen.symbolic.potentials import SpringOptions
-from stiffgen.verify.files import check_urdf
+from stiffgen.verify.folder.files import check_urdf
 
 LOOP = "coupler:0.35,0,0=rocker:0.25,0,0"
 

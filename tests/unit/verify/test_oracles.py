@@ -16,15 +16,15 @@ from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import KERNELS, chain_kernels
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.springs import KINDS
-from stiffgen.verify import batches
-from stiffgen.verify.batches import LONG, check_stacks
-from stiffgen.verify.certified import check_certified_bounds
-from stiffgen.verify.missing import function_of_stacks
-from stiffgen.verify.not_finite import check_not_finite
-from stiffgen.verify.oracles import check_kernels, check_oracles
-from stiffgen.verify.references import References
+from stiffgen.verify.kernels import batches
+from stiffgen.verify.kernels.batches import LONG, check_stacks
+from stiffgen.verify.kernels.certified import check_certified_bounds
+from stiffgen.verify.kernels.missing import function_of_stacks
+from stiffgen.verify.kernels.not_finite import check_not_finite
+from stiffgen.verify.kernels.oracles import check_kernels, check_oracles
+from stiffgen.verify.kernels.references import References
+from stiffgen.verify.kernels.samples import argument_samples
 from stiffgen.verify.result import NO_ORACLE, Check, as_results, compared
-from stiffgen.verify.samples import argument_samples
 from support.chains import chain_urdf
 from support.project import ROOT
 

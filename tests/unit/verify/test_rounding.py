@@ -16,13 +16,13 @@ from stiffgen.lower.scalar import DOUBLE
 from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.model import casadi_function, folded
 from stiffgen.symbolic.potentials import Potential, SpringOptions
-from stiffgen.verify.certified import check_certified_bounds, within
-from stiffgen.verify.derivatives import check_derivatives
-from stiffgen.verify.formulas import compare
-from stiffgen.verify.missing import function_of_stacks
+from stiffgen.verify.kernels.certified import check_certified_bounds, within
+from stiffgen.verify.kernels.derivatives import check_derivatives
+from stiffgen.verify.kernels.formulas import compare
+from stiffgen.verify.kernels.missing import function_of_stacks
+from stiffgen.verify.kernels.rounding import rounding_errors, with_more_digits
+from stiffgen.verify.kernels.samples import argument_samples
 from stiffgen.verify.result import Check, as_results
-from stiffgen.verify.rounding import rounding_errors, with_more_digits
-from stiffgen.verify.samples import argument_samples
 from support.chains import chain_urdf
 from support.graphs import DIGITS, Graph
 

@@ -15,7 +15,7 @@ from stiffgen.symbolic.kernels import KERNELS, chain_kernels
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.quantities import BlockKind, Blocks, Normal
 from stiffgen.symbolic.springs import KINDS
-from stiffgen.verify.samples import Samples, argument_samples, with_other_lower_triangles
+from stiffgen.verify.kernels.samples import Samples, argument_samples, with_other_lower_triangles
 from support.project import ROOT
 
 POSE = KERNELS[0]

@@ -22,7 +22,7 @@ from stiffgen.controller.sessions.services import compare_services
 from stiffgen.errors import BuildError
 from stiffgen.opened import GeneratedRobot
 from stiffgen.robot.chain import Chain
-from stiffgen.verify.forked import confined
+from stiffgen.verify.folder.forked import confined
 from stiffgen.verify.result import Check, faultless, left_out
 
 SESSIONS: tuple[type[HostileSession], ...] = (*[HostileSession] * 90, *[SeekingSession] * 8)

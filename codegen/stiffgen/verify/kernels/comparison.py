@@ -17,8 +17,8 @@ from stiffgen.lower.scalar import scalar_of
 from stiffgen.robot.chain import Chain
 from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic.kernel import Kernel
+from stiffgen.verify.kernels.rounding import beyond_rounding, rounding_errors
 from stiffgen.verify.result import Check, Kernels, as_results, compared
-from stiffgen.verify.rounding import beyond_rounding, rounding_errors
 
 
 @dataclass(frozen=True)
@@ -28,13 +28,13 @@ class Oracle:
     Attributes:
         name: name in the table of ``stiffgen verify``.
         values: function that returns the value of the only result, or a tuple for several, in all states. It takes the
-            :class:`~stiffgen.verify.references.References` of the kernel's tip, or of the robot if it has none.
+            :class:`~stiffgen.verify.kernels.references.References` of the kernel's tip, or of the robot if it has none.
         loads: function of the references that returns the kernel's last arguments; without one, they are random.
         rounded: numbers whose rounding counts as in :func:`rounding_errors`, since the oracle uses them in another way.
         errors: function of the references that returns standard errors of the values, relative to a unit of the last
             place, for kernels whose own analysis does not see them.
         bound: tolerance relative to the largest entry of all states, in place of the type's.
-        closed: whether ``values`` takes the projection at closed configurations (:mod:`stiffgen.verify.loops`).
+        closed: whether ``values`` takes the projection at closed configurations (:mod:`stiffgen.verify.kernels.loops`).
 
     """
 

@@ -16,7 +16,7 @@ import numpy as np
 from stiffgen.robot.chain import Chain, Joint
 from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic.connection import Representation
-from stiffgen.verify.rounding import long_constant
+from stiffgen.verify.kernels.rounding import long_constant
 
 
 def joint_poses(chain: Chain, q: ca.SX, base_pose: ca.SX | None = None) -> list[ca.SX]:

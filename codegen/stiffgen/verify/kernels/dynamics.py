@@ -18,7 +18,7 @@ import casadi as ca
 
 from stiffgen.robot.chain import Chain, RigidBody
 from stiffgen.robot.geometry import FloatArray
-from stiffgen.verify.rounding import evaluate_longer
+from stiffgen.verify.kernels.rounding import evaluate_longer
 
 
 def _second_moments(body: RigidBody) -> ca.DM:

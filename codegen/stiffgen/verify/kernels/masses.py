@@ -24,8 +24,8 @@ from stiffgen.robot.chain import Chain
 from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic.arguments import BASE_POSE, GRAVITY, VELOCITY, Q
 from stiffgen.symbolic.kernels import Kernel
+from stiffgen.verify.kernels.samples import Samples
 from stiffgen.verify.result import Check, Kernels, left_out, relative_errors
-from stiffgen.verify.samples import Samples
 
 _BOUND = 1e-8
 """Tolerance relative to the largest entry: differences of poses lose digits."""

@@ -7,7 +7,8 @@
 * Gamma F: the matrix forms in cross-product matrices, written down;
 * joint stiffness: the paper's formula put together from the above; and the joint Hessian of a potential
   U(p, R) along the pose, which it must equal for F = dU and K = the covariant Hessian;
-* mass matrix, bias forces and gravity: derivatives of kinetic and potential energy (:mod:`stiffgen.verify.dynamics`).
+* mass matrix, bias forces and gravity: derivatives of kinetic and potential energy
+  (:mod:`stiffgen.verify.kernels.dynamics`).
 
 All are evaluated in the longest numbers of the machine (80 bits on x86-64): where contributions cancel, the reference
 must be better than the function.
@@ -31,10 +32,10 @@ from stiffgen.symbolic.families.stiffness import DIRECTION
 from stiffgen.symbolic.model import folded
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.springs import Spring
-from stiffgen.verify.dynamics import differentiated as differentiated_energies
-from stiffgen.verify.dynamics import potential_energy
-from stiffgen.verify.manipulability import Manipulability
-from stiffgen.verify.poses import (
+from stiffgen.verify.kernels.dynamics import differentiated as differentiated_energies
+from stiffgen.verify.kernels.dynamics import potential_energy
+from stiffgen.verify.kernels.manipulability import Manipulability
+from stiffgen.verify.kernels.poses import (
     MovedConfiguration,
     gamma_F,
     homogeneous,
@@ -42,9 +43,9 @@ from stiffgen.verify.poses import (
     joint_poses,
     product_of_poses,
 )
-from stiffgen.verify.rounding import evaluate_longer
-from stiffgen.verify.samples import Samples
-from stiffgen.verify.springs import by_hand, differentiated
+from stiffgen.verify.kernels.rounding import evaluate_longer
+from stiffgen.verify.kernels.samples import Samples
+from stiffgen.verify.kernels.springs import by_hand, differentiated
 
 WRENCH = arguments.wrench("hybrid")
 TASK_STIFFNESS = arguments.task_stiffness("hybrid", triangle=True)

@@ -22,12 +22,12 @@ from stiffgen.symbolic.families.motors import ACTUATED, GRADIENT, HESSIAN, MOTOR
 from stiffgen.symbolic.kernels import Kernel
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.springs import Spring
-from stiffgen.verify.comparison import Oracle
-from stiffgen.verify.poses import homogeneous, moved_pose
-from stiffgen.verify.references import WRENCH, References, of_joint_potential
+from stiffgen.verify.kernels.comparison import Oracle
+from stiffgen.verify.kernels.poses import homogeneous, moved_pose
+from stiffgen.verify.kernels.references import WRENCH, References, of_joint_potential
+from stiffgen.verify.kernels.rounding import in_doubles
+from stiffgen.verify.kernels.samples import Samples
 from stiffgen.verify.result import Check, Kernels
-from stiffgen.verify.rounding import in_doubles
-from stiffgen.verify.samples import Samples
 
 CLOSE = "close"
 """Name of the kernel that closes the loops: :func:`check_loops` evaluates the equations at its results."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Oracles of oracles: independent sources of the values of every kernel, by the kernel's group and name.
+"""Oracles: independent sources of the values of every kernel, by its group and name.
 
 A kernel without an oracle is a failed check: the comparison with the CasADi functions sees the printing alone.
 """
@@ -19,10 +19,10 @@ from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
 from stiffgen.symbolic.families.joint_potentials import JOINT_POTENTIALS, JointPotential
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
 from stiffgen.symbolic.potentials import SpringOptions
-from stiffgen.verify.comparison import KernelCall, Oracle, but_for_rounding, symmetry
-from stiffgen.verify.loops import CLOSE, LOOP_ORACLES, loop_oracles
-from stiffgen.verify.poses import gamma_F
-from stiffgen.verify.references import TASK_STIFFNESS, WRENCH, References, of_joint_potential
+from stiffgen.verify.kernels.comparison import KernelCall, Oracle, but_for_rounding, symmetry
+from stiffgen.verify.kernels.loops import CLOSE, LOOP_ORACLES, loop_oracles
+from stiffgen.verify.kernels.poses import gamma_F
+from stiffgen.verify.kernels.references import TASK_STIFFNESS, WRENCH, References, of_joint_potential
 from stiffgen.verify.result import NO_ORACLE, Check, Kernels
 
 Oracles = dict[str, tuple[Oracle, ...]]
@@ -145,15 +145,16 @@ def _sum_over_tips(of: Oracle) -> Oracle:
 def check_oracles(table: Iterable[Kernel], options: SpringOptions | None = None) -> list[Check]:
     """Return a failed check for every kernel without an oracle.
 
-    A vector-Jacobian product is compared with differences of its kernel (:mod:`stiffgen.verify.derivatives`), the
-    closure of loops with their equations (:mod:`stiffgen.verify.loops`).
+    A vector-Jacobian product is compared with differences of its kernel
+    (:mod:`stiffgen.verify.kernels.derivatives`), the closure of loops with their equations
+    (:mod:`stiffgen.verify.kernels.loops`).
     """
     known, kernels = oracles_of(options), tuple(table)
     names = {(kernel.path, kernel.name) for kernel in kernels}
     return [
         Check(
             kernel.qualified_name, NO_ORACLE, math.inf, 0.0,
-            f'write ORACLES["{kernel.function}"] in verify/oracles.py, from a source that shares no code',
+            f'write ORACLES["{kernel.function}"] in verify/kernels/oracles.py, from a source that shares no code',
         )
         for kernel in kernels
         if not _found(known, kernel) and kernel.name != CLOSE and (kernel.path, kernel.product_of) not in names

@@ -15,9 +15,9 @@ from stiffgen.symbolic.arguments import Argument, Q
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
 from stiffgen.symbolic.model import casadi_function, folded
 from stiffgen.symbolic.potentials import SpringOptions
-from stiffgen.verify.comparison import KernelCall, but_for_rounding
+from stiffgen.verify.kernels.comparison import KernelCall, but_for_rounding
+from stiffgen.verify.kernels.samples import argument_samples, with_other_lower_triangles
 from stiffgen.verify.result import Check, Kernels, as_results
-from stiffgen.verify.samples import argument_samples, with_other_lower_triangles
 
 FAR = (1.5e4, -1.0e6, 3.0e9)
 """Angles beyond the range that the generated code reduces itself."""

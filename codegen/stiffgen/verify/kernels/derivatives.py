@@ -9,7 +9,7 @@ are not eight times differentiable everywhere (the potential of the joint limits
 locus of springs), and closed loops have singularities. States are chosen whose direction comes near no such place: the
 differences of sixth and fourth order must agree. Where loops do not close, ``close`` is NaN, and nothing is compared.
 A difference within the function's rounding is no fault, because contributions that cancel leave only rounding
-(:mod:`stiffgen.verify.rounding`).
+(:mod:`stiffgen.verify.kernels.rounding`).
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from stiffgen.robot.chain import Chain
 from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import Kernel
+from stiffgen.verify.kernels.rounding import beyond_rounding, choices, rounding_errors
 from stiffgen.verify.result import Check, Kernels, as_results
-from stiffgen.verify.rounding import beyond_rounding, choices, rounding_errors
 
 _EIGHTH = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
 _SIXTH = {1: 3 / 4, 2: -3 / 20, 3: 1 / 60}

@@ -14,8 +14,8 @@ from stiffgen.robot.chain import Chain
 from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import Kernel
+from stiffgen.verify.kernels.rounding import with_more_digits
 from stiffgen.verify.result import Check, Kernels, as_results, left_out
-from stiffgen.verify.rounding import with_more_digits
 
 CERTIFIED = "certified bound of rounding"
 """The oracle's name in the table: errors are fractions of the bound."""

@@ -19,7 +19,7 @@ from stiffgen.robot.chain import Chain
 from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import Kernel
-from stiffgen.verify.forked import confined
+from stiffgen.verify.folder.forked import confined
 from stiffgen.verify.result import Check, faultless
 
 COUNTS = (*range(1, 10), 16, 17)

@@ -16,8 +16,8 @@ from stiffgen.robot.chain import Chain
 from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import PACKED, Kernel
+from stiffgen.verify.kernels.rounding import beyond_rounding, rounding_errors
 from stiffgen.verify.result import Check, Kernels, as_results, bound_of, faultless, relative_error
-from stiffgen.verify.rounding import beyond_rounding, rounding_errors
 
 LENGTHS = (*range(18), 33)
 """Counts from 0 to two of the widest vectors plus one, for doubles (8) and for floats (16)."""
