@@ -301,3 +301,14 @@ def test_new_and_generate_choose_tips_alike(tmp_path, capsys):
     for command in ("new", "generate"):
         assert main([command, str(faulty), "--no-build", "--output", str(tmp_path / command)]) == 2
         assert "choose one with --tip: finger" in capsys.readouterr().err
+
+
+def test_a_mark_on_the_base_is_no_tip(tmp_path):
+    """ROS-Industrial marks the base by a leaf of its own; a refusal of the only tip's masses comes first."""
+    mark = '<link name="mark"/><joint name="m" type="fixed"><parent link="base"/><child link="mark"/></joint></robot>'
+    text = replaced(("</robot>", mark))
+    (tmp_path / "arm.urdf").write_text(text)
+    assert decide(read_description(tmp_path / "arm.urdf")).tip == "finger"
+    (tmp_path / "arm.urdf").write_text(text.replace('izz="0.03"', 'izz="9"'))
+    with pytest.raises(StiffgenError, match=r"tip 'finger'.*--no-masses.*inertia"):
+        decide(read_description(tmp_path / "arm.urdf"))

@@ -11,10 +11,8 @@ import pytest
 
 from stiffgen import StiffnessModel, load_chain
 from stiffgen.emit.render import render
-from stiffgen.errors import ChainError, DescriptionError, StiffgenError
-from stiffgen.new.questions import decide
+from stiffgen.errors import ChainError, DescriptionError
 from stiffgen.robot.chain import MAX_MOVING_JOINTS, Chain
-from stiffgen.robot.reader import read_description
 from stiffgen.symbolic.kernels import KERNELS, chain_kernels
 from support.chain_checks import disagreements, value
 from support.chains import ARM, INERTIAL, replaced
@@ -231,17 +229,9 @@ def test_forty_joints_are_generated_in_size(tmp_path):
 
 
 def test_a_leaf_without_a_moving_joint_on_its_way_is_no_tip(tmp_path):
-    """ROS-Industrial marks the base by a leaf of its own: neither generate nor new asks which of the two is the tip."""
+    """ROS-Industrial marks the base by a leaf of its own: nobody is asked which of the two is the tip."""
     mark = (
         '<link name="mark"/><joint name="base-mark" type="fixed"><parent link="base"/><child link="mark"/></joint>'
         "</robot>"
     )
-    text = replaced(("</robot>", mark))
-    chain = loaded(tmp_path, text)
-    assert chain.tip == "finger"
-    description = read_description(tmp_path / "arm.urdf")
-    assert decide(description).tip == "finger"
-    text = text.replace('izz="0.03"', 'izz="9"')
-    (tmp_path / "arm.urdf").write_text(text)
-    with pytest.raises(StiffgenError, match=r"tip 'finger'.*--no-masses.*inertia"):
-        decide(read_description(tmp_path / "arm.urdf"))
+    assert loaded(tmp_path, replaced(("</robot>", mark))).tip == "finger"
