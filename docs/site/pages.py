@@ -29,6 +29,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGES = (
     "CHANGELOG.md", "CONTRIBUTING.md", "LICENSE", "docs/*.md", "docs/*.svg", "docs/*.png", "docs/figures/*.svg",
     "urdf/README.md", "benchmarks/RESULTS.md", "benchmarks/*.svg", "codegen/stiffgen/emit/README.md",
+    "ros2/stiffgen_ros2/README.md",
 )  # fmt: skip
 CONTENTS = {
     "Start": ("docs/start", "docs/playground", "docs/install"),
@@ -40,6 +41,7 @@ CONTENTS = {
     ),
     "Use": (
         "docs/embedding", "docs/controller", "docs/conventions", "docs/lerobot", "docs/robosuite", "docs/ros2",
+        "ros2/stiffgen_ros2/README",
         "docs/fri", "docs/fri_reference", "docs/fri_robot",
         "docs/results", "docs/experiment", "docs/stance", "docs/compare",
         "docs/analyze", "docs/troubleshooting",

@@ -74,6 +74,7 @@ def build(source: Path, folder: Path, distro: str, *options: str) -> Path:
     command += [f"-DCMAKE_MAKE_PROGRAM={Path(ninja.BIN_DIR) / 'ninja'}", "-DCMAKE_BUILD_TYPE=None"]
     command += [f"-DCMAKE_CXX_FLAGS={flags}", "-DCMAKE_C_FLAGS=-O0", f"-DCMAKE_PREFIX_PATH={packages}"]
     command += [f"-D{name}_DIR={packages / name}" for name in FOUND if (packages / name).glob("*")]
+    command += ["-DPython3_EXECUTABLE=/usr/bin/python3"] if AMENT.exists() else []  # has Debian's ament packages
     run(command, folder)
     run([CMAKE / "cmake", "--build", folder / "build", "-j2"], folder)
     assert "100% tests passed" in run([CMAKE / "ctest", "--test-dir", folder / "build"], folder)

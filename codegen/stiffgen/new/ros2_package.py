@@ -39,7 +39,8 @@ def package_name(name: str) -> str:
 
 
 def check_robot(file: Path) -> None:
-    """Refuse a robot that ros2_control cannot describe."""
+    """Refuse a robot that ros2_control cannot describe, and an installation without the package."""
+    _source()
     if file.suffix not in (".urdf", ".xacro"):
         raise StiffgenError(
             f"{printable(str(file), 200)}: a ros2_control package needs a URDF or xacro file for robot_description; "
