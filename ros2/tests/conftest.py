@@ -40,12 +40,17 @@ def robot_folder() -> Path:
 
 
 @pytest.fixture(scope="session")
-def scenarios(made_once: Callable[..., Path], robot_folder: Path) -> Callable[[str], Path]:
+def robot_objects(made_once: Callable[..., Path], robot_folder: Path) -> Path:
+    """Return the folder of the robot's objects."""
+    return made_once("robot", lambda folder: compile_robot(folder, robot_folder))
+
+
+@pytest.fixture(scope="session")
+def scenarios(made_once: Callable[..., Path], robot_folder: Path, robot_objects: Path) -> Callable[[str], Path]:
     """Return a function of the distribution: the program that runs one scenario by name."""
 
     def program(distro: str) -> Path:
-        robot = made_once("robot", lambda folder: compile_robot(folder, robot_folder))
-        made = made_once(distro, lambda folder: compile_scenarios(folder, PACKAGE, robot_folder, robot, distro))
+        made = made_once(distro, lambda folder: compile_scenarios(folder, PACKAGE, robot_folder, robot_objects, distro))
         return made / "scenarios"
 
     return program

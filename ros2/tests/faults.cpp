@@ -113,7 +113,33 @@ static void a_wild_period_is_survived()
     check(rig.is_ok, "and it goes on");
 }
 
+static void a_frozen_position_is_a_fault()
+{
+    for (const bool differenced : {false, true}) {
+        Rig rig;
+        rig.set("velocity_source", differenced ? "differenced" : "measured");
+        rig.start();
+        sensor_msgs::msg::JointState message;
+        for (std::size_t i = 0; i < N; ++i) {
+            message.name.push_back(robot::JOINTS[i]);
+            message.position.push_back(rig.arm.q[i] + (i == 1 ? 0.3 : 0.0));
+        }
+        rig.publish("~/target_joint", message);
+        rig.read();
+        const double frozen = rig.q[1];
+        for (int cycle = 0; cycle < 500; ++cycle) { // its velocity is the quotient of a position that does not change
+            rig.read();
+            rig.q[1] = frozen;
+            rig.dq[1] = 0.0;
+            rig.update();
+            rig.arm.step(rig.applied, 1e-3);
+        }
+        check((rig.has_fault() && stub::world().said("error", "stands still")) == differenced, "seen if dq is declared as differenced");
+    }
+}
+
 const std::vector<Scenario> FAULTS = {
+    {"a_frozen_position_is_a_fault", a_frozen_position_is_a_fault},
     {"late_cycles_are_no_sensor_fault", late_cycles_are_no_sensor_fault},
     {"half_rate_is_a_fault_that_is_told", half_rate_is_a_fault_that_is_told},
     {"tells_a_fault_once_and_resets", tells_a_fault_once_and_resets},

@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from .building import DISTROS, FOUND, PACKAGE, ROS2, STRICT, STUBS, build, compile_robot, configured, run
+from .building import DISTROS, FOUND, PACKAGE, ROS2, STRICT, STUBS, build, configured, run
 
 
 @pytest.mark.slow
@@ -46,14 +46,13 @@ def test_package_xml_declares_what_cmake_finds() -> None:
 
 
 @pytest.mark.parametrize("distro", DISTROS)
-def test_the_mock_system(distro: str, robot_folder: Path, tmp_path: Path) -> None:
+def test_the_mock_system(distro: str, robot_folder: Path, robot_objects: Path, tmp_path: Path) -> None:
     configured(tmp_path, PACKAGE, robot_folder.name)
     include = [f"-I{path}" for path in (PACKAGE / "src", tmp_path, STUBS, robot_folder)]
     source = tmp_path / "main.cpp"
     source.write_text('#include "mock_system.cpp"\n' + (Path(__file__).parent / "mock_main.txt").read_text())
-    compile_robot(tmp_path, robot_folder)
     command = ["g++", *STRICT, f"-DSTUB_DISTRO={DISTROS[distro]}", *include, source]
-    run([*command, *tmp_path.glob("*.o"), "-o", "mock", "-lm"], tmp_path)
+    run([*command, *robot_objects.glob("*.o"), "-o", "mock", "-lm"], tmp_path)
     run([tmp_path / "mock"], tmp_path)
 
 

@@ -73,6 +73,8 @@ inline constexpr Choice CHOICES[] = {
         {robot::CAP_REFUSE, robot::CAP_ACCEPT}},
     {"communication_reaction", [](robot::Config &c) { return &c.communication_reaction; }, {"release", "hold"},
         {robot::REACTION_RELEASE, robot::REACTION_HOLD}},
+    {"velocity_source", [](robot::Config &c) { return &c.velocity_source; }, {"measured", "differenced"},
+        {robot::SOURCE_MEASURED, robot::SOURCE_DIFFERENCED}},
 };
 
 #undef STIFFGEN_NUMBER
