@@ -5593,6 +5593,7 @@ static void prepare_check(config_t *c, input_t *in)
         c->velocity_limit[i] = c->reference_velocity_limit[i] = 2.0;
         c->effort_limit[i] = 100.0;
         c->torque_rate_limit[i] = 1e4;
+        c->limit_stiffness[i] = 100.0;
         c->motor_inertia[i] = 0.1;
         in->q0[i] = in->q[i];
     }

@@ -23,14 +23,14 @@ import stiffgen
 from stiffgen.emit import build
 from support.hazard_faults import HAZARD_FAULTS, HazardFault, spoilt
 from support.kept_objects import KeptObjects
-from support.project import ROOT, URDF
+from support.project import ROOT, URDF, files_of_tests
 
 CONTROLLER = "iiwa14_impedance.c"
 
 
 def found_in(test: str) -> Path:
     """Return the file that defines a test."""
-    files = [file for file in sorted((ROOT / "tests").rglob("test_*.py")) if f"def {test}(" in file.read_text()]
+    files = [file for file in files_of_tests() if f"def {test}(" in file.read_text()]
     (file,) = files
     return file
 

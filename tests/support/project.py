@@ -23,6 +23,11 @@ ROOT = Path(__file__).resolve().parents[2]
 URDF = ROOT / "urdf" / "iiwa14.urdf"
 
 
+def files_of_tests(pattern: str = "test_*.py") -> list[Path]:
+    """Return the files of tests of that name, of the package and of the rooms around it."""
+    return [file for room in ("tests", "fri", "ros2") for file in sorted((ROOT / room).rglob(pattern))]
+
+
 Once = Callable[[str, Callable[[Path], object]], Path]
 """The fixture ``once``: a folder of that name, filled by the function in the first worker that asks for it."""
 

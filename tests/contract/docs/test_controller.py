@@ -15,7 +15,7 @@ import pytest
 
 from examples import controller
 from support.pages import blocks
-from support.project import ROOT, require_compiler
+from support.project import ROOT, files_of_tests, require_compiler
 
 PAGE = (ROOT / "docs" / "controller.md").read_text()
 
@@ -121,7 +121,7 @@ def test_python_of_the_page(robot: ModuleType) -> None:
 
 def test_tests_that_the_page_names_exist() -> None:
     """The safety case stands on them: the page, and docs/hazards.csv."""
-    tests = "".join(file.read_text() for file in (ROOT / "tests").rglob("test_*.py"))
+    tests = "".join(file.read_text() for file in files_of_tests())
     with (ROOT / "docs" / "hazards.csv").open() as file:
         hazards = list(csv.DictReader(file))
     assert len(hazards) == 17

@@ -21,7 +21,7 @@ from stiffgen.cli import main, parser
 from stiffgen.symbolic.kernels import chain_kernels
 from support.chains import chain_urdf
 from support.pages import PAGES, Block, blocks, commands
-from support.project import ROOT, require_compiler, require_program
+from support.project import ROOT, files_of_tests, require_compiler, require_program
 
 BLOCKS = {page: blocks(page) for page in PAGES}
 ALL = [block for page in PAGES for block in BLOCKS[page]]
@@ -239,13 +239,20 @@ def test_pages_that_the_package_names_exist():
     assert [(str(file), page) for file, page in sorted(named) if not (ROOT / page).is_file()] == []
 
 
+def test_an_entry_of_the_changelog_has_at_most_fifteen_words() -> None:
+    text = (ROOT / "CHANGELOG.md").read_text()
+    entries = re.findall(r"^- (.+(?:\n  .+)*)", text, re.MULTILINE)
+    assert len(entries) > 80
+    assert [entry for entry in entries if len(entry.split()) > 15] == []
+
+
 def test_every_test_that_the_design_names_exists():
     design = (ROOT / "docs" / "design.md").read_text()
     file = ""
     for named_file, test in re.findall(r"`(test_\w+\.py)?(?:::(test_\w+))?`", design):
         file = named_file or file
         if file:
-            [found] = (ROOT / "tests").rglob(file)
+            [found] = files_of_tests(file)
             source = found.read_text()
             assert not test or f"def {test}(" in source, (file, test)
 

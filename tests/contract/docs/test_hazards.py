@@ -9,7 +9,7 @@ from __future__ import annotations
 import pytest
 
 from support.hazard_faults import HAZARD_FAULTS, HazardFault, hazards, spoilt
-from support.project import ROOT
+from support.project import ROOT, files_of_tests
 
 CONTROLLER = (ROOT / "generated" / "iiwa14" / "iiwa14_impedance.c").read_text()
 
@@ -21,7 +21,7 @@ def test_each_row_has_a_seeded_fault_for_one_of_its_tests() -> None:
 
 
 def test_each_named_test_is_defined_once() -> None:
-    texts = "".join(file.read_text() for file in (ROOT / "tests").rglob("test_*.py"))
+    texts = "".join(file.read_text() for file in files_of_tests())
     named = {test.partition("[")[0] for tests in hazards().values() for test in tests}
     assert [test for test in sorted(named) if texts.count(f"def {test}(") != 1] == []
 
