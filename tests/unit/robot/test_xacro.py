@@ -168,7 +168,7 @@ def test_packages_by_path_and_environment(tmp_path, monkeypatch):
 FAULTS = {
     "no robot": (f'<robot {XACRO}><xacro:macro name="m"><link name="a"/></xacro:macro></robot>', "robot without links"),
     "missing argument": (f'<robot {XACRO} name="$(arg model)"/>', "value for its argument 'model'; add model:=VALUE"),
-    "missing package": (f'<robot {XACRO} name="$(find absent_parts)"/>', "the package 'absent_parts', which is not found"),
+    "missing package": (f'<robot {XACRO} name="$(find absent)"/>', "the package 'absent', which is not found"),
     "missing file": (f'<robot {XACRO} name="a"><xacro:include filename="b.xacro"/></robot>', "cannot read '"),
     "no such property": (f'<robot {XACRO} name="${{x}}"/>', "name 'x' is not defined"),
     "no such macro": (f'<robot {XACRO} name="a"><xacro:arm/></robot>', "unknown macro name: xacro:arm"),
