@@ -337,7 +337,7 @@ def test_nobody_reads_what_it_prints(one: Programs) -> None:
     """A pipe whose reader is gone ends no session under torque."""
     script = one.script()
     script.begin()
-    script.add(COMMANDING_ACTIVE, 60)
+    script.add_resting(60)
     script.add(MONITORING_READY)
     with served(one.client, "--simulated-time", "--approach", "0.1") as session:
         assert session.client.stdout is not None

@@ -4223,9 +4223,7 @@ int iiwa14_self_check(void)
     for (int n = 0; n < 16; ++n) {
         const double exact = n < 8 ? sines[n] : cosines[n - 8];
         const double off = ((const double *)both)[n] - exact, two_ulps = 4.4e-16 * (exact < 0.0 ? -exact : exact);
-        if (!(off <= two_ulps && -off <= two_ulps)) {
-            wrong |= 1;
-        }
+        wrong |= off <= two_ulps && -off <= two_ulps ? 0 : 1;
     }
     static const volatile double large = DBL_MAX;
     const double infinite[2] = {large * 2.0, -large * 2.0};
@@ -4233,17 +4231,15 @@ int iiwa14_self_check(void)
     const unsigned long long pattern_of_nan = quiet_nan; /* sums may be simplified; bits are not */
     double nan;
     memcpy(&nan, &pattern_of_nan, sizeof nan);
-    if (nan == nan || nan <= large || nan > large || !(nan != nan)) {
-        wrong |= 2; /* comparisons take NaN for a number */
-    }
+    wrong |= nan == nan || nan <= large || nan > large || !(nan != nan) ? 2 : 0; /* is NaN a number to comparisons? */
     for (int n = 0; n < 2; ++n) {
-        lanes infinities, finite;
+        lanes infinities;
         double stored[LANES * LANES];
         unsigned long long bits;
         for (int m = 0; m < LANES; ++m) {
             ((double *)&infinities)[m] = infinite[n];
         }
-        finite = finite_lanes(infinities);
+        const lanes finite = finite_lanes(infinities);
         memcpy(stored, &finite, sizeof finite);
         for (int round = 0; round < 2; ++round) {
             for (int m = 0; m < LANES; ++m) {

@@ -37,7 +37,6 @@
 #if !defined(__cplusplus) && !defined(_MSC_VER) && (!defined(__STDC_VERSION__) || __STDC_VERSION__ < 199901L)
 #error "iiwa14 needs C99 or later: compile with -std=c99, c11 or c17 in place of -std=c89 or -ansi"
 #endif
-
 #include <stddef.h>
 
 #define IIWA14_DOF 7

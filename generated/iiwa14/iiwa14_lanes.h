@@ -7,13 +7,10 @@
 
 #include <float.h>
 #include <math.h>
-#include <stddef.h>
 #include <string.h>
 
-/* Names of this file that headers of a platform may have as macros. */
-#undef FAR
+#undef FAR /* headers of a platform may have names of this file as macros */
 #undef N
-
 /* Names of the functions in a build of several vector widths (iiwa14_dispatch.c). */
 #if defined(IIWA14_WIDTH)
 #define JOINED(function, width) function##_##width
@@ -192,11 +189,7 @@ typedef unsigned long long pattern __attribute__((vector_size(LANE_BYTES)));
  * First vector of row i of a symmetric matrix that is computed, for loops behind UNROLLED_ROWS. The narrowest vectors leave
  * out what lies below the diagonal; of wider ones too few do to pay for it.
  */
-#if LANE_BYTES == 16
-#define FIRST_BLOCK(i) ((i) / LANES)
-#else
-#define FIRST_BLOCK(i) 0
-#endif
+#define FIRST_BLOCK(i) (LANE_BYTES == 16 ? (i) / LANES : 0)
 #if defined(__clang__) && LANE_BYTES == 16
 #define UNROLLED_ROWS _Pragma("clang loop unroll(full)")
 #else
@@ -204,10 +197,7 @@ typedef unsigned long long pattern __attribute__((vector_size(LANE_BYTES)));
 #endif
 
 /* The same lanes as numbers or as bit patterns. */
-typedef union {
-    lanes number;
-    pattern bits;
-} lane_bits;
+typedef union { lanes number; pattern bits; } lane_bits;
 
 /* Round x to a double, without the excess bits of a register. */
 static inline double as_double(double x)

@@ -59,7 +59,7 @@ def with_switches(source, chosen=lambda function: True, signs=SIGN):
         before = match.string[: match.start()]
         if before.count("[") > before.count("]"):
             return match[0]  # of an index
-        if "*const" in before:
+        if "*const" in before or match.string.lstrip().startswith("task_stiffness + "):
             return match[0]  # a pointer
         if before.lstrip().startswith("sine_cosine("):
             return match[0]  # of a number of vectors

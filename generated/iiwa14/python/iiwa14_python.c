@@ -3182,7 +3182,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "57222c8e2a156615") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "f2615f0bb4ceffcb") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

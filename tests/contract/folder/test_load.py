@@ -75,7 +75,7 @@ def test_first_use_generates_and_the_next_opens(here, monkeypatch, capsys):
 def test_what_the_name_of_an_entry_depends_on(here, monkeypatch):
     made = []
     monkeypatch.setattr(cache, "generate_folder", lambda file, options: made.append(options.output) or options.output)
-    monkeypatch.setattr(cache, "open_robot", lambda folder: None)
+    monkeypatch.setattr(cache, "open_robot", lambda folder, **options: None)
     monkeypatch.setattr(cache, "_open", lambda entry, say: None)
     stiffgen.load("arm.urdf")
     stiffgen.load(here / "arm.urdf", progress=print)

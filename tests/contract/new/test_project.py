@@ -300,7 +300,7 @@ def test_new_and_generate_choose_tips_alike(tmp_path, capsys):
     faulty.write_text(replaced(("</robot>", re.sub(r'izz="[^"]*"', 'izz="9"', leg))))
     for command in ("new", "generate"):
         assert main([command, str(faulty), "--no-build", "--output", str(tmp_path / command)]) == 2
-        assert "choose one with --tip: finger" in capsys.readouterr().err
+        assert "choose one with --tip: hand, finger" in capsys.readouterr().err
 
 
 def test_a_mark_on_the_base_is_no_tip(tmp_path):

@@ -23,7 +23,7 @@ static void count_missing(step_t *s, int periods, int reason)
     if (m->known && calls >= m->calls) {
         latch_fault(m, reason, NO_JOINT, calls, m->calls);
     } else if (m->known && halves >= HALVES * most) {
-        latch_fault(m, reason, NO_JOINT, (double)halves / HALVES, most);
+        latch_fault(m, reason, NO_JOINT, (double)halves / (double)HALVES, most);
     }
 }
 

@@ -28,6 +28,8 @@ def compare_services(reference: ControllerLibrary, library: ControllerLibrary, c
     for error in range(-80, 3):
         if reference.error_text(error) != library.error_text(error):
             faults.append(f"error_text({error}) differs")
+    if any(each.call("self_check") != 0 for each in both):
+        faults.append("self_check finds a wrong build")
     random = np.random.default_rng(5)
     for field in CONFIG:
         for value in (field.least, field.most, np.nextafter(field.least, -np.inf), np.nextafter(field.most, np.inf),

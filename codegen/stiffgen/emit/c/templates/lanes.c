@@ -69,11 +69,7 @@ typedef {{ scalar.pattern }} pattern __attribute__((vector_size(LANE_BYTES)));
  * First vector of row i of a symmetric matrix that is computed, for loops behind UNROLLED_ROWS. The narrowest vectors leave
  * out what lies below the diagonal; of wider ones too few do to pay for it.
  */
-#if LANE_BYTES == 16
-#define FIRST_BLOCK(i) ((i) / LANES)
-#else
-#define FIRST_BLOCK(i) 0
-#endif
+#define FIRST_BLOCK(i) (LANE_BYTES == 16 ? (i) / LANES : 0)
 #if defined(__clang__) && LANE_BYTES == 16
 #define UNROLLED_ROWS _Pragma("clang loop unroll(full)")
 #else
@@ -81,10 +77,7 @@ typedef {{ scalar.pattern }} pattern __attribute__((vector_size(LANE_BYTES)));
 #endif
 
 /* The same lanes as numbers or as bit patterns. */
-typedef union {
-    lanes number;
-    pattern bits;
-} lane_bits;
+typedef union { lanes number; pattern bits; } lane_bits;
 
 /* Round x to a {{ scalar.name }}, without the excess bits of a register. */
 static inline {{ scalar.name }} as_{{ scalar.name }}({{ scalar.name }} x)

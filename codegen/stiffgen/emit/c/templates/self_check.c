@@ -32,9 +32,7 @@ int {{ name }}_self_check(void)
     for (int n = 0; n < {{ 2 * scalar.widest }}; ++n) {
         const {{ scalar.name }} exact = n < {{ scalar.widest }} ? sines[n] : cosines[n - {{ scalar.widest }}];
         const {{ scalar.name }} off = ((const {{ scalar.name }} *)both)[n] - exact, two_ulps = {{ "4.4e-16" if scalar.name == "double" else "2.4e-7f" }} * (exact < 0.0{{ scalar.suffix }} ? -exact : exact);
-        if (!(off <= two_ulps && -off <= two_ulps)) {
-            wrong |= 1;
-        }
+        wrong |= off <= two_ulps && -off <= two_ulps ? 0 : 1;
     }
 {% endif %}
     static const volatile {{ scalar.name }} large = {{ scalar.limits }}_MAX;
@@ -43,17 +41,15 @@ int {{ name }}_self_check(void)
     const {{ scalar.pattern }} pattern_of_nan = quiet_nan; /* sums may be simplified; bits are not */
     {{ scalar.name }} nan;
     memcpy(&nan, &pattern_of_nan, sizeof nan);
-    if (nan == nan || nan <= large || nan > large || !(nan != nan)) {
-        wrong |= 2; /* comparisons take NaN for a number */
-    }
+    wrong |= nan == nan || nan <= large || nan > large || !(nan != nan) ? 2 : 0; /* is NaN a number to comparisons? */
     for (int n = 0; n < 2; ++n) {
-        lanes infinities, finite;
+        lanes infinities;
         {{ scalar.name }} stored[LANES * LANES];
         {{ scalar.pattern }} bits;
         for (int m = 0; m < LANES; ++m) {
             (({{ scalar.name }} *)&infinities)[m] = infinite[n];
         }
-        finite = finite_lanes(infinities);
+        const lanes finite = finite_lanes(infinities);
         memcpy(stored, &finite, sizeof finite);
         for (int round = 0; round < 2; ++round) {
             for (int m = 0; m < LANES; ++m) {
