@@ -278,6 +278,8 @@ class HostileSession:
         fill(given.velocity, self.stated[0])
         fill(given.acceleration, self.stated[1])
         given.wrench_valid = int(self.config.law == 2 or random.random() < 0.3)
+        given.external_valid = int(random.random() < 0.5)
+        fill(given.external_torque, random.normal(size=n) * 10.0 ** random.uniform(-1, 2))
         fill(given.wrench, random.normal(size=6 * len(self.chain.tips)) * 10.0 ** random.uniform(0, 2.3))
         root = _TYPICAL_ROOT + random.normal(size=(6, 6))
         fill(given.task_stiffness, np.broadcast_to(root @ root.T, (len(self.chain.tips), 6, 6)))
@@ -320,7 +322,7 @@ class HostileSession:
             _put(random.choice(fields), given, int(random.integers(6)), bad)
             given.task_stiffness[int(random.integers(36))] *= random.choice([1.0, -1.0, 1e3])
         elif event < 0.061:
-            name = str(random.choice(["command", "sample_valid", "wrench_valid"]))
+            name = str(random.choice(["command", "sample_valid", "wrench_valid", "external_valid"]))
             setattr(given, name, int(random.choice([-1, 0, 2, 3])))
         elif event < 0.063:
             ctypes.memset(ctypes.byref(given), 0, ctypes.sizeof(given))
