@@ -155,7 +155,11 @@ def _side_joints(
     masters: Container[str],
     wanted: Iterable[JointElement],
 ) -> list[JointElement]:
-    """Return the moving joints of ``wanted`` on no path that a coordinate (of ``masters``) moves, parents first."""
+    """Return the joints beside the paths to the tips that follow a coordinate, parents before children.
+
+    Their masses count although no tip moves with them. ``moving`` are the joints on the paths, ``masters`` the names of
+    the coordinates, ``beyond`` the joints below the base in the order of the tree, ``wanted`` the joints to look at.
+    """
     on_paths = {element.name for element in moving}
     side = [
         element

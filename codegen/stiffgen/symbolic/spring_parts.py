@@ -298,6 +298,14 @@ def by_quaternion(R: ca.SX, H: ca.SX, Ko: ca.SX, axes: Axes, factor: Factor, mea
     """Return the terms of V = g(eta) eps^T Ko eps.
 
     A rotation by y in the axes X of eps changes (eta, eps) by (-eps . y, eta y + y x eps)/2 - |y|^2/8 (eta, eps).
+    Inserted into V, with k = Ko eps, form = eps . k, n = eta k + eps x k and T = eta I - [eps], the terms of each order
+    in y give the moment m and the Hessian:
+
+        V(y) = V + m . y + y . hess y / 2
+        m    = g n - down eps
+        hess = bent eps eps^T - g' sym(eps n^T) + g/2 T^T Ko T - across I
+
+    where down = form g'/2, bent = form g''/4 and across = form (eta g' + 2 g)/4.
     """
     eta, eps, sections = _quaternion(R, H[:3, :3])
     X = H[:3, :3]
