@@ -59,8 +59,8 @@ def with_switches(source, chosen=lambda function: True, signs=SIGN):
         before = match.string[: match.start()]
         if before.count("[") > before.count("]"):
             return match[0]  # of an index
-        if "*const" in before or match.string.lstrip().startswith("task_stiffness + "):
-            return match[0]  # a pointer
+        if "*const" in before or re.match(r"\d+[,}]", match.string[match.end() :]):
+            return match[0]  # a pointer; numbers have a decimal point
         if before.lstrip().startswith("sine_cosine("):
             return match[0]  # of a number of vectors
         if match.string.startswith("poison", match.end()):
