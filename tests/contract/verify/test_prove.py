@@ -114,7 +114,7 @@ def test_the_controller_is_proved() -> None:
     """For all inputs and states that a call can leave, by Eva: the whole controller of the committed folder."""
     verdicts = prove(FOLDER, parts=("services", "step"))
     assert_proved(verdicts)
-    assert {"iiwa14_impedance_step", "iiwa14_impedance_validate", "check_invariant"} < {v.function for v in verdicts}
+    assert {"iiwa14_impedance_step", "iiwa14_impedance_validate", "fits_memory"} < {v.function for v in verdicts}
 
 
 @pytest.mark.slow
