@@ -298,7 +298,7 @@ REFUSED = {
         "shape": ("Matrix<4, 9> K; hybrid::joint_stiffness(q, F, K);", "this Eigen matrix has another shape"),
         "size": ("Matrix<6> x; mass_matrix(x);", "this Eigen object has another size"),
         "floats": ("Eigen::Matrix<float, 7, 1> x; mass_matrix(x);", "this Eigen object does not hold doubles"),
-        "gone": ("auto M = map<7, 7>(mass_matrix(q));", "deleted function"),
+        "gone": ("map<7, 7>(mass_matrix(q));", "deleted function"),
     },
 }
 """What must not compile, and what the compiler says."""
