@@ -11,7 +11,7 @@ from latex2mathml.converter import convert
 
 import stiffgen
 
-project, author, version = "stiffgen", "the authors of stiffgen", stiffgen.__version__
+project, author, version = "stiffgen", "stiffgen contributors", stiffgen.__version__
 release = version
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 root_doc = "index"

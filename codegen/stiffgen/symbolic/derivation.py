@@ -18,7 +18,7 @@ Gamma^k_ji - Gamma^k_ij = C^k_ij (the paper's appendix; Section 2 of the paper h
 the task stiffness is (Gamma F)_ij = sum_k Gamma^k_ij F_k.
 
 Source: Lachner, Nah, Hogan, "A Physically Consistent Stiffness Formulation for Contact-Rich Manipulation"
-(2025, arXiv 2503.06802), Section 2 and appendix.
+(Int. J. Robotics Research 2025, doi 10.1177/02783649251393332, arXiv 2503.06802), Section 2 and appendix.
 """
 
 from __future__ import annotations
