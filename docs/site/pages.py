@@ -29,7 +29,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGES = (
     "CHANGELOG.md", "CONTRIBUTING.md", "LICENSE", "docs/*.md", "docs/*.svg", "docs/*.png", "docs/figures/*.svg",
     "urdf/README.md", "benchmarks/RESULTS.md", "benchmarks/*.svg", "codegen/stiffgen/emit/README.md",
-    "ros2/stiffgen_ros2/README.md",
+    "ros2/stiffgen_ros2/README.md", ".github/*.md", "CITATION.cff", "docs/*.csv",
 )  # fmt: skip
 CONTENTS = {
     "Start": ("docs/start", "docs/playground", "docs/install"),
@@ -57,7 +57,10 @@ CONTENTS = {
         "reference/functions", "reference/controller", "reference/faults", "reference/cpp", "reference/python",
         "reference/command_line",
     ),
-    "Development": ("docs/README", "docs/design", "CONTRIBUTING", "codegen/stiffgen/emit/README", "CHANGELOG"),
+    "Development": (
+        "docs/README", "docs/design", "CONTRIBUTING", "codegen/stiffgen/emit/README", "CHANGELOG",
+        ".github/SUPPORT", ".github/SECURITY",
+    ),
 }  # fmt: skip
 GROUPS = {
     "body": "Body representation: tip axes, at the tip's origin",
