@@ -122,6 +122,7 @@ CAMPAIGNS = {
         "freeze measured positions under the FRI client",
         "{folder} --faulty 12 --kinds one,several,all --harmless 12 --seed 3",
     ),
+    "rooms": _campaign("rooms", "delete each optional room in a copy, and run the tests of the kernels"),
     "torch": _campaign("torch_wrapper", "test NAME.torch"),
     "drake": Campaign("tests/campaigns/drake_conventions.py", "test docs/conventions.md against Drake"),
 }
