@@ -83,8 +83,8 @@ def _in_a_process(what: str, experiment: str, configurations: NDArray[np.float64
     return HINT
 
 
-def _scene(experiment: str, size: tuple[int, int]) -> tuple[Any, Any, Plant]:
-    """Return a renderer, its camera, and the plant whose model it draws."""
+def scene(experiment: str, size: tuple[int, int]) -> tuple[Any, Any, Plant]:
+    """Return a renderer, its camera, and the plant whose model it draws; MUJOCO_GL names the renderer."""
     import mujoco
 
     chosen = importlib.import_module(f"examples.{experiment}.experiment").EXPERIMENT
@@ -107,18 +107,18 @@ def _draw(experiment: str, configurations: NDArray[np.float64], file: Path) -> N
     import mujoco
     from matplotlib.image import imsave
 
-    renderer, camera, plant = _scene(experiment, PICTURE_SIZE)
+    renderer, camera, plant = scene(experiment, PICTURE_SIZE)
     options, perturbation = mujoco.MjvOption(), mujoco.MjvPerturb()
     plant.place(configurations[-1])
     renderer.update_scene(plant.data, camera, options)
-    scene = renderer.scene
+    drawn = renderer.scene
     for configuration in configurations[:-1]:
         plant.place(configuration)
-        first = scene.ngeom
+        first = drawn.ngeom
         moving = mujoco.mjtCatBit.mjCAT_DYNAMIC
-        mujoco.mjv_addGeoms(plant.model, plant.data, options, perturbation, moving.value, scene)
-        for index in range(first, scene.ngeom):
-            scene.geoms[index].rgba[3] = SHADOW
+        mujoco.mjv_addGeoms(plant.model, plant.data, options, perturbation, moving.value, drawn)
+        for index in range(first, drawn.ngeom):
+            drawn.geoms[index].rgba[3] = SHADOW
     image = renderer.render()
     # The background is black and nothing else is: made transparent, the picture suits light and dark pages.
     alpha = np.where(image.sum(axis=2) > 0, 255, 0).astype(np.uint8)
@@ -128,7 +128,7 @@ def _draw(experiment: str, configurations: NDArray[np.float64], file: Path) -> N
 def _film(experiment: str, configurations: NDArray[np.float64], file: Path) -> None:
     import imageio_ffmpeg
 
-    renderer, camera, plant = _scene(experiment, FILM_SIZE)
+    renderer, camera, plant = scene(experiment, FILM_SIZE)
     with tempfile.TemporaryDirectory() as folder:  # a film that ends early is none
         unfinished = Path(folder) / file.name
         writer = imageio_ffmpeg.write_frames(
