@@ -28,9 +28,10 @@ if TYPE_CHECKING:
     )
     from stiffgen.generate import generate
     from stiffgen.loading import load_chain
+    from stiffgen.loads import ExternalWrench, StiffnessDeviation, external_wrench, stiffness_deviation, tip_covariance
     from stiffgen.opened import GeneratedRobot, open_robot
     from stiffgen.options import GenerationOptions
-    from stiffgen.robot.chain import Chain, Tool
+    from stiffgen.robot.chain import Chain, Sensor, Tool
     from stiffgen.symbolic.model import StiffnessModel
     from stiffgen.symbolic.moving import move_stiffness
     from stiffgen.symbolic.potentials import SpringOptions
@@ -44,6 +45,7 @@ __all__ = [
     "DescriptionError",
     "DescriptionWarning",
     "EmptyRecordingError",
+    "ExternalWrench",
     "GeneratedRobot",
     "GenerationOptions",
     "MissingExtraError",
@@ -51,19 +53,24 @@ __all__ = [
     "Placement",
     "PotentialError",
     "RecordingError",
+    "Sensor",
     "SensorProperties",
     "SpringOptions",
     "StiffgenError",
+    "StiffnessDeviation",
     "StiffnessModel",
     "Tool",
     "__version__",
     "analyze",
     "estimate_sensors",
+    "external_wrench",
     "generate",
     "load",
     "load_chain",
     "move_stiffness",
     "open_robot",
+    "stiffness_deviation",
+    "tip_covariance",
 ]
 
 _HOMES = {
@@ -72,9 +79,10 @@ _HOMES = {
     "cache": ("load",),
     "generate": ("generate",),
     "loading": ("load_chain",),
+    "loads": ("ExternalWrench", "StiffnessDeviation", "external_wrench", "stiffness_deviation", "tip_covariance"),
     "opened": ("GeneratedRobot", "open_robot"),
     "options": ("GenerationOptions",),
-    "robot.chain": ("Chain", "Tool"),
+    "robot.chain": ("Chain", "Sensor", "Tool"),
     "symbolic.model": ("StiffnessModel",),
     "symbolic.moving": ("move_stiffness",),
     "symbolic.potentials": ("SpringOptions",),

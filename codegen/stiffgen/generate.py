@@ -141,6 +141,7 @@ def _meaning(chain: Chain, scalar: Scalar) -> list[tuple[str, list[str]]]:
         ("base", [chain.base]),
         ("tips", [tip.link for tip in chain.tips]),
         ("numbers", [scalar.name]),
+        ("sensor", [chain.sensor.text] if chain.sensor else []),
         (
             "arguments",
             [each.name for each in configuration_arguments(runtime_tool=chain.runtime_tool, floating=chain.floating)],

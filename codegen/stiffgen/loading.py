@@ -20,7 +20,7 @@ from stiffgen.errors import (
 )
 from stiffgen.names import CPP_NAMES
 from stiffgen.robot.assembly import assemble
-from stiffgen.robot.chain import AcceptedInertia, Chain, ChainOptions, Tool
+from stiffgen.robot.chain import AcceptedInertia, Chain, ChainOptions, Sensor, Tool
 from stiffgen.robot.description import Description, Reading
 from stiffgen.robot.files import FileError, read_regular
 from stiffgen.robot.names import find_robot, is_name
@@ -51,6 +51,7 @@ def load_chain(
     close_loops: bool = False,
     loop: Sequence[str] = (),
     actuated: Sequence[str] = (),
+    sensor: Sensor | None = None,
 ) -> Chain:
     """Read the chain between two links of a robot's file, or the tree between a base and several tips.
 
@@ -74,6 +75,7 @@ def load_chain(
         loop: loops to close, each "LINK:X,Y,Z=LINK:X,Y,Z": two points of two links that coincide [m].
         actuated: joints of closed loops that have a motor (default: those with an actuator in an MJCF file); all other
             joints of the loops are passive.
+        sensor: force-torque sensor that moves rigidly with a tip.
 
     Returns:
         The chain; q holds its moving joints from base to tip, a mimic joint following its master's entry. Joints off
@@ -82,7 +84,8 @@ def load_chain(
     Raises:
         DescriptionError: the file cannot be used (all problems that can change this chain are named).
         ChainError: no such link or joint, no moving joint between base and tip, a joint type without coordinate, an
-            impossible tool or lock, or a loop that does not close, locks a motor or leaves a passive joint free.
+            impossible tool, sensor or lock, or a loop that does not close, locks a motor or leaves a passive joint
+            free.
 
     Warns:
         DescriptionWarning: the file has problems that cannot change this chain.
@@ -92,7 +95,7 @@ def load_chain(
 
     """
     reading = Reading(arguments or {}, tuple(package_path), tuple(ignore), tuple(accept_inertia))
-    loops = (close_loops, tuple(loop), tuple(actuated))
+    loops = (close_loops, tuple(loop), tuple(actuated), sensor)
     return read_chain(urdf, ChainOptions(tip, base, masses, tool, runtime_tool, lock, floating_base, reading, *loops))
 
 

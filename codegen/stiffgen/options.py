@@ -11,7 +11,7 @@ from typing import Any
 from stiffgen.errors import ChainError, listed
 from stiffgen.lower.rounding import Ranges
 from stiffgen.lower.scalar import DOUBLE, SCALARS, Scalar
-from stiffgen.robot.chain import ChainOptions, Tool
+from stiffgen.robot.chain import ChainOptions, Sensor, Tool
 from stiffgen.robot.description import Reading
 from stiffgen.symbolic.potentials import SpringOptions
 
@@ -118,6 +118,9 @@ class GenerationOptions:
     runtime_tool: bool = field(
         default=False, metadata=described_in_python("pass the tool's pose to the functions, as an argument after q")
     )
+    sensor: Sensor | None = field(
+        default=None, metadata=described_in_python("force-torque sensor that moves rigidly with a tip")
+    )
     name: str | None = field(
         default=None, metadata=described("prefix of C names and name of the module (default: the robot's name)")
     )
@@ -191,6 +194,7 @@ class GenerationOptions:
             self.close_loops,
             tuple(self.loop),
             tuple(self.actuated.split(",") if isinstance(self.actuated, str) else self.actuated),
+            self.sensor,
         )
 
     @property

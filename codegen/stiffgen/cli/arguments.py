@@ -6,11 +6,11 @@ from __future__ import annotations
 import argparse
 from dataclasses import MISSING, Field
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from stiffgen.errors import StiffgenError, printable
 from stiffgen.options import help_of
-from stiffgen.robot.chain import Tool
+from stiffgen.robot.chain import Sensor, Sign, Tool
 from stiffgen.robot.description import Reading
 from stiffgen.robot.names import is_name
 
@@ -142,3 +142,29 @@ def tool_of(options: argparse.Namespace) -> Tool | None:
     if options.tool == "runtime" and ("xyz" in chosen or "rpy" in chosen):
         raise StiffgenError("--tool runtime takes the tool's pose at run time; leave out --tool-xyz and --tool-rpy")
     return Tool(**chosen)
+
+
+def add_sensor(command: argparse.ArgumentParser) -> None:
+    """Add the options of a force-torque sensor."""
+    group = command.add_argument_group("sensor", "force-torque sensor: adds functions from its reading to the tip")
+    group.add_argument("--sensor", metavar="LINK", help="link with the sensor, rigidly connected to a tip")
+    group.add_argument(
+        "--sensor-xyz", type=float, nargs=3, metavar=("X", "Y", "Z"), help="sensor frame in its link [m] (default: 0)"
+    )
+    group.add_argument(
+        "--sensor-rpy", type=float, nargs=3, metavar=("R", "P", "Y"), help="its roll, pitch, yaw [rad] (default: 0)"
+    )
+    group.add_argument(
+        "--sensor-sign", choices=get_args(Sign), help="body whose wrench the sensor reports (default: environment)"
+    )
+
+
+def sensor_of(options: argparse.Namespace) -> Sensor | None:
+    """Return the sensor that the options describe; None without one."""
+    chosen = {field: getattr(options, f"sensor_{field}") for field in ("xyz", "rpy", "sign")}
+    chosen = {name: tuple(value) if isinstance(value, list) else value for name, value in chosen.items() if value}
+    if options.sensor is not None:
+        return Sensor(options.sensor, **chosen)
+    for name in chosen:
+        raise StiffgenError(f"--sensor-{name} without a sensor; add --sensor LINK")
+    return None

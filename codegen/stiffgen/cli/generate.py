@@ -8,7 +8,7 @@ import math
 from dataclasses import fields, replace
 from pathlib import Path
 
-from stiffgen.cli.arguments import add_option, add_robot, add_tool, source_of, tool_of
+from stiffgen.cli.arguments import add_option, add_robot, add_sensor, add_tool, sensor_of, source_of, tool_of
 from stiffgen.cli.console import Progress, messages, print_note
 from stiffgen.emit.manifest import chain_from_manifest, read_manifest
 from stiffgen.errors import StiffgenError, printable
@@ -32,6 +32,7 @@ def add(command: argparse.ArgumentParser) -> None:
     _add_springs(command)
     tool = add_tool(command, "fixed at generation, or a pose that the functions take at run time")
     tool.add_argument("--tool", choices=["runtime"], help="pass the tool's pose (4x4, in the tip) after q")
+    add_sensor(command)
     command.set_defaults(run=run)
 
 
@@ -111,6 +112,7 @@ def _generation_options(options: argparse.Namespace, progress: Progress) -> Gene
             "actuated": options.actuated or (),
             "ranges": replace(Ranges(), **dict(options.ranges or [])),
             "tool": tool_of(options),
+            "sensor": sensor_of(options),
             "runtime_tool": options.tool == "runtime",
             "springs": _springs(options),
             "progress": progress,

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, get_args, get_origin, get_type_hints
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from stiffgen._version import __version__
 from stiffgen.emit.backend import Request
@@ -21,7 +21,7 @@ from stiffgen.robot.chain import Chain
 
 MANIFEST = "manifest.json"
 _GENERATOR = "stiffgen"
-_OPTIONAL = ("ignored", "accepted", "inputs", "arguments", "loops", "actuated", "start", "is_mjcf")
+_OPTIONAL = ("ignored", "accepted", "inputs", "arguments", "loops", "actuated", "start", "is_mjcf", "sensor")
 """Fields of a chain that are written where they are not empty."""
 _MOST_BYTES = 1 << 26
 DAMAGE = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
@@ -117,6 +117,8 @@ def _record(kind: Any, value: Any) -> Any:
     if get_origin(kind) is tuple and isinstance(value, list):
         each = (options[0],) * len(value) if options[-1] is Ellipsis else options
         return tuple(_record(one, entry) for one, entry in zip(each, value, strict=True))
+    if get_origin(kind) is Literal and value in options:
+        return value
     if kind is float and (type(value) in (int, float) or value in ("inf", "-inf")):
         return float(value)
     if type(value) is not kind:

@@ -15,6 +15,7 @@ from stiffgen.robot.chain import (
     ClosedLoop,
     Coordinate,
     Joint,
+    MountedSensor,
     RigidBody,
     Tip,
     Tool,
@@ -25,6 +26,7 @@ from stiffgen.robot.impossible import is_usable, nearest_possible
 from stiffgen.robot.linkage import Linkage
 from stiffgen.robot.loops import build_loop, wanted_motors
 from stiffgen.robot.selection import Selection
+from stiffgen.robot.sensors import carrier, mounted
 
 
 def assemble(description: Description, options: ChainOptions, selection: Selection, reserved: Container[str]) -> Chain:
@@ -55,6 +57,7 @@ def _assembled(
     tree = _JointTree(description, selection)
     slides = tree.slide_origins()
     tool = options.tool
+    sensor = _sensor(description, options, selection, tree, slides)
     if selection.floating:
         slides = [Pose.identity(), *slides]
     inertias = _inertias(description, selection, slides)
@@ -87,6 +90,7 @@ def _assembled(
         actuated=actuated,
         start=start,
         is_mjcf=description.is_mjcf,
+        sensor=sensor,
     )
 
 
@@ -111,13 +115,34 @@ def _closed_loops(
 
 def _tips(selection: Selection, tree: _JointTree, tool: Tool | None, reserved: Container[str]) -> tuple[Tip, ...]:
     first = BASE_JOINTS if selection.floating else 0
-    tool_pose = Pose.identity() if tool is None else Pose.from_xyz_rpy(tool.xyz, tool.rpy)
+    tool_pose = _tool_pose(tool)
     frames = [(pose @ tool_pose).rounded() for pose in tree.tip_poses]
     names = _tip_names(selection.tips, reserved)
     return tuple(
         Tip(link, name, joint + first, *frame)
         for link, name, joint, frame in zip(selection.tips, names, tree.tip_joints, frames, strict=True)
     )
+
+
+def _sensor(
+    description: Description, options: ChainOptions, selection: Selection, tree: _JointTree, slides: list[Pose]
+) -> MountedSensor | None:
+    """Return the force-torque sensor in its tip's frame; ``slides`` are those of ``slide_origins``."""
+    if options.sensor is None:
+        return None
+    name, pose = carrier(description, selection, options.sensor)
+    carrying = [element.name for element in tree.moving].index(name)
+    tool_pose = _tool_pose(options.tool)
+    frames = [
+        frame @ tool_pose if joint == carrying else None
+        for joint, frame in zip(tree.tip_joints, tree.tip_poses, strict=True)
+    ]
+    pose = slides[carrying].inverse() @ pose
+    return mounted(description.file, options.sensor, pose, selection.tips, frames)
+
+
+def _tool_pose(tool: Tool | None) -> Pose:
+    return Pose.identity() if tool is None else Pose.from_xyz_rpy(tool.xyz, tool.rpy)
 
 
 def _tip_names(tips: Sequence[str], reserved: Container[str]) -> list[str]:

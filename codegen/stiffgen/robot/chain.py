@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 from stiffgen.robot.description import Input, Reading
 from stiffgen.robot.geometry import Matrix, Vector
@@ -125,6 +126,49 @@ class Tool:
     inertia: tuple[float, float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
+Sign = Literal["environment", "robot"]
+"""Body whose wrench on the other one a force-torque sensor reports."""
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """Force-torque sensor that moves rigidly with a tip.
+
+    Args:
+        link: link that carries the sensor.
+        xyz: origin of the sensor's frame in the link's frame [m].
+        rpy: orientation of the sensor's frame in the link's frame, as in a URDF's ``<origin>`` [rad].
+        sign: "environment" if the sensor reports the wrench that tool and environment apply to the robot, "robot" if
+            it reports the opposite wrench.
+        gravity: acceleration of free fall in base axes (world axes on a floating base) [m/s^2].
+
+    """
+
+    link: str
+    xyz: Vector = (0.0, 0.0, 0.0)
+    rpy: Vector = (0.0, 0.0, 0.0)
+    sign: Sign = "environment"
+    gravity: Vector = (0.0, 0.0, -9.81)
+
+
+@dataclass(frozen=True)
+class MountedSensor:
+    """Sensor of a chain: ``rotation`` and ``translation`` [m] are its pose in the frame of tip number ``tip``."""
+
+    link: str
+    sign: Sign
+    gravity: Vector
+    tip: int
+    rotation: Matrix
+    translation: Vector
+
+    @property
+    def text(self) -> str:
+        """Place, sign and gravity in one line, without spaces after commas."""
+        numbers = (*self.translation, *(entry for row in self.rotation for entry in row), *self.gravity)
+        return f"{self.link} {self.sign} {','.join(f'{number:g}' for number in numbers)}"
+
+
 @dataclass(frozen=True)
 class AcceptedInertia:
     """Link whose inertia no rigid body has: the ``fault`` in words, and whether the nearest possible tensor is used."""
@@ -179,6 +223,7 @@ class ChainOptions:
     close_loops: bool = False
     loop: tuple[str, ...] = ()
     actuated: tuple[str, ...] = ()
+    sensor: Sensor | None = None
 
 
 @dataclass(frozen=True)
@@ -215,6 +260,7 @@ class Chain:
         actuated: indices of the motors' entries of q, in order; () without loops.
         is_mjcf: whether the file is an MJCF file.
         start: entries of q near a closed configuration, from which Newton's method closes the loops.
+        sensor: force-torque sensor.
 
     """
 
@@ -240,6 +286,7 @@ class Chain:
     actuated: tuple[int, ...] = ()
     start: tuple[float, ...] = ()
     is_mjcf: bool = False
+    sensor: MountedSensor | None = None
 
     @property
     def motors(self) -> tuple[int, ...]:

@@ -9,10 +9,11 @@ objects, benchmarks and the parametrised tests follow from the record.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 from stiffgen.errors import ChainError, PotentialError, listed, printable
 from stiffgen.names import CPP_NAMES
-from stiffgen.robot.chain import Chain, Tip
+from stiffgen.robot.chain import Chain, MountedSensor, Tip
 from stiffgen.symbolic import arguments
 from stiffgen.symbolic.arguments import configuration_arguments
 from stiffgen.symbolic.connection import REPRESENTATIONS
@@ -22,6 +23,8 @@ from stiffgen.symbolic.families.joint_potentials import JOINT_POTENTIAL_KERNELS,
 from stiffgen.symbolic.families.manipulability import manipulability_kernels
 from stiffgen.symbolic.families.motors import GROUP, motor_kernels
 from stiffgen.symbolic.families.pose import jacobian_kernels, pose_kernels
+from stiffgen.symbolic.families.sensor import GROUP as SENSOR
+from stiffgen.symbolic.families.sensor import sensor_kernels
 from stiffgen.symbolic.families.springs import spring_kernels
 from stiffgen.symbolic.families.stiffness import direction_gradient_kernel, stiffness_kernels
 from stiffgen.symbolic.kernel import PACKED, Kernel
@@ -40,7 +43,12 @@ __all__ = [
 
 
 def _tip_kernels(
-    tip: Tip | None, springs: tuple[Spring, ...], *, runtime_tool: bool, floating: bool = False
+    tip: Tip | None,
+    springs: tuple[Spring, ...],
+    *,
+    runtime_tool: bool,
+    floating: bool = False,
+    sensor: MountedSensor | None = None,
 ) -> tuple[Kernel, ...]:
     configuration = configuration_arguments(runtime_tool=runtime_tool, floating=floating)
     reference = "world" if floating else "base"
@@ -52,14 +60,21 @@ def _tip_kernels(
     kernels.append(direction_gradient_kernel(configuration))
     for spring in springs:
         kernels += spring_kernels(spring, configuration)
+    if sensor:
+        kernels += sensor_kernels(configuration, sensor, reference)
     note = "'Tip' means the frame of the tool at tool_pose." if runtime_tool else ""
     return tuple(replace(kernel, tip=tip, note=" ".join(filter(None, (kernel.note, note)))) for kernel in kernels)
 
 
 def _serial(
-    springs: tuple[Spring, ...] = (TRACE,), *, runtime_tool: bool = False, masses: bool = True, floating: bool = False
+    springs: tuple[Spring, ...] = (TRACE,),
+    *,
+    runtime_tool: bool = False,
+    masses: bool = True,
+    floating: bool = False,
+    sensor: MountedSensor | None = None,
 ) -> tuple[Kernel, ...]:
-    first, *others = _tip_kernels(None, springs, runtime_tool=runtime_tool, floating=floating)
+    first, *others = _tip_kernels(None, springs, runtime_tool=runtime_tool, floating=floating, sensor=sensor)
     dynamics = dynamics_kernels(runtime_tool=runtime_tool, floating=floating) if masses else ()
     return (first, *dynamics, *others, *JOINT_POTENTIAL_KERNELS)
 
@@ -67,7 +82,12 @@ def _serial(
 KERNELS: tuple[Kernel, ...] = _serial()
 """Kernels of a chain with one tip, in the order of printing."""
 
-RESERVED_NAMES = frozenset(kernel.group or kernel.name for kernel in KERNELS) | {PACKED.lstrip("_"), GROUP, "close"}
+RESERVED_NAMES = frozenset(kernel.group or kernel.name for kernel in KERNELS) | {
+    PACKED.lstrip("_"),
+    GROUP,
+    SENSOR,
+    "close",
+}
 """Names in a robot's module that are forbidden for tips and potentials."""
 
 _ARGUMENT_NAMES = frozenset(
@@ -153,9 +173,20 @@ def _on_floating_base(kernel: Kernel) -> Kernel:
 
 def _all_kernels(chain: Chain, springs: tuple[Spring, ...]) -> tuple[Kernel, ...]:
     if len(chain.tips) == 1:
-        return _serial(springs, runtime_tool=chain.runtime_tool, masses=chain.masses, floating=chain.floating)
-    options = {"runtime_tool": chain.runtime_tool, "floating": chain.floating}
-    per_tip = [kernel for tip in chain.tips for kernel in _tip_kernels(tip, springs, **options)]
+        return _serial(
+            springs,
+            runtime_tool=chain.runtime_tool,
+            masses=chain.masses,
+            floating=chain.floating,
+            sensor=chain.sensor,
+        )
+    options: dict[str, Any] = {"runtime_tool": chain.runtime_tool, "floating": chain.floating}
+    sensors = [chain.sensor if chain.sensor and chain.sensor.tip == k else None for k in range(len(chain.tips))]
+    per_tip = [
+        kernel
+        for tip, sensor in zip(chain.tips, sensors, strict=True)
+        for kernel in _tip_kernels(tip, springs, **options, sensor=sensor)
+    ]
     of_masses = dynamics_kernels(chain.tips, **options) if chain.masses else ()
     totals = total_kernels(chain, _tip_kernels(None, springs, **options), springs)
     return (*of_masses, *per_tip, *totals, *JOINT_POTENTIAL_KERNELS)

@@ -25,7 +25,10 @@ DATA = ROOT / "tests" / "data"
 ROBOTS = {
     "iiwa14": (URDF, {}),
     "dual": (DATA / "dual_arm.urdf", {"tip": ["left hand", "right-hand"]}),
-    "tooled": (URDF, {"runtime_tool": True, "springs": SpringOptions(derivatives=True)}),
+    "tooled": (
+        URDF,
+        {"runtime_tool": True, "springs": SpringOptions(derivatives=True), "sensor": stiffgen.Sensor("link_ee")},
+    ),
     "solo12": (DATA / "solo12.urdf", {"floating_base": True, "tip": ["FL_FOOT", "HR_FOOT"]}),
 }
 EIGEN = Path("/usr/include/eigen3")

@@ -169,14 +169,16 @@ def test_other_chains(case, compiler, tmp_path):
         urdf.write_text(chain_urdf("rprmrr"))
         options = {"floating_base": True} if case == "floating base" else {}
     else:
-        urdf, options = DUAL, {"tip": ["left hand", "right-hand"], "runtime_tool": True}
+        sensor = stiffgen.Sensor("right-hand", sign="robot")
+        urdf, options = DUAL, {"tip": ["left hand", "right-hand"], "runtime_tool": True, "sensor": sensor}
     folder = stiffgen.generate(urdf, output=tmp_path, name="arm", build=False, cuda=True, **options)
     chain = stiffgen.load_chain(urdf, **options)
     host = HostCuda(folder / "arm.cu", "arm", chain, tmp_path, {"gcc": "g++", "clang": "clang++"}[compiler])
     pool = argument_samples(chain, 5, seed=9)
     of_joints = 3 * len(JOINT_POTENTIALS)  # energy, torque, joint stiffness
     totals = 7 if len(chain.tips) > 1 else 0  # three of contacts, four of springs
-    assert len(host.kernels) == 6 + of_joints + 15 * len(chain.tips) + totals  # 6: of masses
+    of_sensor = 4 if chain.sensor else 0
+    assert len(host.kernels) == 6 + of_joints + 15 * len(chain.tips) + totals + of_sensor  # 6: of masses
     for kernel in chain_kernels(chain):
         if not kernel.batch:
             continue

@@ -217,6 +217,8 @@ def test_an_option_given_twice_is_refused(capsys, arguments, named):
     [
         (["--lock", "A1=0", "--lock", "A1=1"], "'A1' twice"),
         (["--no-masses", "--tool-mass", "1"], "--no-masses"),
+        (["--sensor-xyz", "0", "0", "1"], "--sensor-xyz without a sensor; add --sensor LINK"),
+        (["--sensor", "link_5"], "a joint lies between the --sensor link 'link_5' and tip link_ee"),
         (["--name", "numpy"], "--name robot_numpy"),
         (["--name", "stddef"], "--name robot_stddef"),
     ],

@@ -21,7 +21,7 @@ LAYERS = (
     ("options",),
     ("emit",),
     ("generate",),
-    ("opened",),
+    ("opened", "loads"),
     ("cache",),
     ("verify",),
     ("controller",),

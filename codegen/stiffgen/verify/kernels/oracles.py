@@ -73,6 +73,10 @@ def _of_energies(name: str) -> tuple[Oracle, ...]:
     return (Oracle("differentiated energies", lambda r: r.dynamics[name]),)
 
 
+def _of_sensor(r: References, name: str) -> FloatArray:
+    return r.sensor[name]
+
+
 def _by_hand(potential: JointPotential, result: str) -> tuple[Oracle, ...]:
     return (Oracle("derivatives by hand", lambda r: of_joint_potential(r, potential)[result], rounded=""),)
 
@@ -102,6 +106,16 @@ ORACLES: Oracles = {
         for potential in JOINT_POTENTIALS
         for result in ("energy", "torque", "joint_stiffness")
     },
+    **{
+        f"sensor_{name}": (Oracle("momenta of the payload", partial(_of_sensor, name=name)),)
+        for name in ("tip_wrench", "reading", "tip_wrench_dynamic")
+    },
+    "sensor_joint_stiffness": (
+        Oracle(
+            "formula on the wrench of a reading",
+            lambda r: r.joint_stiffness("hybrid", corrected=True, wrench=r.sensor["tip_wrench"]),
+        ),
+    ),
     **LOOP_ORACLES,
 }  # fmt: skip
 """Oracles by group and name of the kernel; those of springs follow from the energies (:func:`oracles_of`)."""

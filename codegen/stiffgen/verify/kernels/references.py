@@ -45,6 +45,7 @@ from stiffgen.verify.kernels.poses import (
 )
 from stiffgen.verify.kernels.rounding import evaluate_longer
 from stiffgen.verify.kernels.samples import Samples
+from stiffgen.verify.kernels.sensor import expressions
 from stiffgen.verify.kernels.springs import by_hand, differentiated
 
 WRENCH = arguments.wrench("hybrid")
@@ -209,21 +210,34 @@ class References:
         rates = self.derivative["body"][:, self.chain.base_joints :, own].transpose(0, 1, 3, 2)
         return Manipulability.of(self.jacobian["body"][:, :, own], rates)
 
-    def kinematic_stiffness(self, representation: Representation) -> FloatArray:
+    @cached_property
+    def sensor(self) -> dict[str, FloatArray]:
+        """Wrenches and readings of a force-torque sensor, by the kernel's name."""
+        poses = joint_poses(self.chain, self._place.q, self._place.base())
+        of_sensor = expressions(self.chain, self._place, poses[self.chain.tips[0].joint], self._pose)
+        return {
+            name: self._evaluate(value, symbols, [_as_columns(each) for each in self.samples.of(arguments)])[..., 0]
+            for name, (value, symbols, arguments) in of_sensor.items()
+        }
+
+    def kinematic_stiffness(self, representation: Representation, wrench: FloatArray | None = None) -> FloatArray:
         """Return the kinematic stiffness: column i is dJ^T/dq_i F."""
-        contracted: FloatArray = np.einsum("sibk,sk->sbi", self.derivative[representation], self.samples[WRENCH])
+        load = self.samples[WRENCH] if wrench is None else wrench
+        contracted: FloatArray = np.einsum("sibk,sk->sbi", self.derivative[representation], load)
         return contracted
 
-    def joint_stiffness(self, representation: Representation, *, corrected: bool) -> FloatArray:
-        """Return the joint stiffness by the formula, term by term."""
-        J = self.jacobian[representation]
+    def joint_stiffness(
+        self, representation: Representation, *, corrected: bool, wrench: FloatArray | None = None
+    ) -> FloatArray:
+        """Return the joint stiffness by the formula, term by term; of another ``wrench`` than the samples'."""
+        J, load = self.jacobian[representation], self.samples[WRENCH] if wrench is None else wrench
         if corrected:
-            matrix = self.samples[TASK_STIFFNESS] + gamma_F(representation, self.samples[WRENCH])
+            matrix = self.samples[TASK_STIFFNESS] + gamma_F(representation, load)
         else:
             matrix = self.samples[GENERAL_STIFFNESS]
-        stiffness: FloatArray = self.kinematic_stiffness(representation) + np.swapaxes(J, 1, 2) @ matrix @ J
+        stiffness: FloatArray = self.kinematic_stiffness(representation, load) + np.swapaxes(J, 1, 2) @ matrix @ J
         if corrected and self.chain.floating:
-            on_base = np.einsum("ski,sk->si", J[:, :, :6], self.samples[WRENCH])
+            on_base = np.einsum("ski,sk->si", J[:, :, :6], load)
             stiffness[:, :6, :6] -= gamma_F("body", on_base)
         return stiffness
 
