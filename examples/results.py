@@ -14,6 +14,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -149,12 +150,57 @@ def secant(robots: Path) -> Rows:
     return rows
 
 
+_TOOL_POINT = (0.0, 0.0, 0.24)
+"""[m] Tool point of the bowl's plate from the flange, 0.275 m from joint 7."""
+_PAYLOAD = np.array([1.3, 0.0, 0.0, 1.3 * 0.09])
+"""Tool of 1.3 kg, its centre of mass 90 mm beyond the sensor."""
+
+
+def wrenches(robots: Path) -> Rows:
+    """Compare Kq under wrongly declared readings, and that of the published client, with Kq on the bowl's path."""
+
+    def model(tip: str = "link_ee", **options: Any) -> stiffgen.StiffnessModel:
+        chain = stiffgen.load_chain(ROOT / "urdf" / "iiwa14.urdf", tip=tip, masses=False, **options)
+        return stiffgen.StiffnessModel(chain)
+
+    def felt(xyz: tuple[float, float, float] = (0.0, 0.0, 0.0), sign: Any = "environment") -> stiffgen.StiffnessModel:
+        return model(tool=stiffgen.Tool(xyz=_TOOL_POINT), sensor=stiffgen.Sensor("link_ee", xyz, sign=sign))
+
+    true, client = felt(), model("link_7")
+    wrong = {
+        "the other sign": (felt(sign="robot"), -_PAYLOAD),
+        "moment left at the sensor": (felt(_TOOL_POINT), _PAYLOAD),
+        "weight of the tool left in": (true, np.zeros(4)),
+    }
+    found: dict[str, list[list[float]]] = {name: [] for name in (*wrong, "the published client")}
+    random, none = np.random.default_rng(0), np.zeros(6)
+    for q in np.loadtxt(energy_cycle.TRAJECTORY, delimiter=",").T[::20]:
+        wrench = random.uniform(-1, 1, 6) * [20, 20, 20, 2, 2, 2]
+        right = np.array(true.hybrid.joint_stiffness(q, wrench, TASK_STIFFNESS))
+        reading = true.sensor.reading(q, wrench, none, _PAYLOAD)
+        for name, (declared, payload) in wrong.items():
+            taken = np.array(declared.sensor.tip_wrench(q, reading, none, payload)).ravel()
+            off = np.array(true.hybrid.joint_stiffness(q, taken, TASK_STIFFNESS)) - right
+            found[name].append([np.abs((taken - wrench)[3:]).max(), np.abs(off).max() / np.abs(right).max()])
+        J, lever = np.array(client.hybrid.jacobian(q)), np.array([0, 0, 0.035 + _TOOL_POINT[2]])
+        moved = np.vstack([J[:3] - theory.cross_matrix(lever) @ J[3:], J[3:]])  # the lever stays in base axes
+        matrix = TASK_STIFFNESS + np.array(client.hybrid.connection_correction(wrench))
+        off = np.array(client.hybrid.kinematic_stiffness(q, wrench)) + moved.T @ matrix @ moved - right
+        found["the published client"].append([np.nan, np.abs(off).max() / np.abs(right).max()])
+    rows: Rows = []
+    for name, values in found.items():
+        (moment, median), (_, worst) = np.median(values, axis=0), np.max(values, axis=0)
+        rows.append((name, "" if np.isnan(moment) else f"{moment:.1f} N m", f"{median:.1%}", f"{worst:.1%}"))
+    return rows
+
+
 SECTIONS: dict[str, tuple[Callable[[Path], Rows], tuple[str, ...]]] = {
     "appendix": (appendix, ("quantity", "value")),
     "experiments": (experiments, ("quantity", "bowl", "parkour")),
     "per moment": (per_moment, ("trajectory", "antisymmetric part [N m/rad]", "symmetric part [N m/rad]")),
     "symmetrising": (symmetrising, ("wrench", "hybrid", "body", "spatial")),
     "spatial term": (spatial_term, ("conversion of the task stiffness", "largest difference")),
+    "wrench": (wrenches, ("mistake", "moment off by, median", "Kq off by, median", "Kq off by, at most")),
     "secant": (secant, ("case", "gradient", "tangent as secant")),
 }
 """Tables of the page: function and head of the columns."""

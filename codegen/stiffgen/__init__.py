@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from stiffgen.analyze.analysis import Analysis, analyze
     from stiffgen.analyze.sensors import SensorProperties, estimate_sensors
     from stiffgen.cache import load
+    from stiffgen.calibrate.calibration import Calibration, read_calibration, tare
     from stiffgen.errors import (
         BuildError,
         ChainError,
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Analysis",
     "BuildError",
+    "Calibration",
     "Chain",
     "ChainError",
     "DescriptionError",
@@ -69,7 +71,9 @@ __all__ = [
     "load_chain",
     "move_stiffness",
     "open_robot",
+    "read_calibration",
     "stiffness_deviation",
+    "tare",
     "tip_covariance",
 ]
 
@@ -77,6 +81,7 @@ _HOMES = {
     "analyze.analysis": ("Analysis", "analyze"),
     "analyze.sensors": ("SensorProperties", "estimate_sensors"),
     "cache": ("load",),
+    "calibrate.calibration": ("Calibration", "read_calibration", "tare"),
     "generate": ("generate",),
     "loading": ("load_chain",),
     "loads": ("ExternalWrench", "StiffnessDeviation", "external_wrench", "stiffness_deviation", "tip_covariance"),

@@ -67,14 +67,12 @@ def load_chain(
         floating_base: the base link is free: its pose is an argument, its body twist precedes the joints' rates. A
             floating joint of the file between base and tips, behind no moving joint, frees the link behind it too.
         ignore: names of unknown elements and attributes that resemble a URDF's own and are none.
-        accept_inertia: links whose inertia is used although no rigid body has it, or "all"; the nearest possible tensor
-            replaces an inertia with which the mass matrix would not stay positive definite.
+        accept_inertia: links whose impossible inertia is used, or "all"; the nearest possible one where it must be.
         arguments: values of a xacro template's arguments, by name.
         package_path: folders in which a template's packages are looked for first.
         close_loops: close the loops of an MJCF file (equality connect and weld) that share a joint with the chain.
         loop: loops to close, each "LINK:X,Y,Z=LINK:X,Y,Z": two points of two links that coincide [m].
-        actuated: joints of closed loops that have a motor (default: those with an actuator in an MJCF file); all other
-            joints of the loops are passive.
+        actuated: joints of closed loops that have a motor (default: those with an actuator in an MJCF file).
         sensor: force-torque sensor that moves rigidly with a tip.
 
     Returns:
@@ -84,8 +82,7 @@ def load_chain(
     Raises:
         DescriptionError: the file cannot be used (all problems that can change this chain are named).
         ChainError: no such link or joint, no moving joint between base and tip, a joint type without coordinate, an
-            impossible tool, sensor or lock, or a loop that does not close, locks a motor or leaves a passive joint
-            free.
+            impossible tool, sensor or lock, or a loop that does not close, locks a motor or frees a passive joint.
 
     Warns:
         DescriptionWarning: the file has problems that cannot change this chain.

@@ -44,6 +44,7 @@ from stiffgen.folder import swapped_in
 from stiffgen.opened import open_robot
 from stiffgen.robot.chain import Chain
 from stiffgen.robot.geometry import FloatArray
+from stiffgen.rooms import optional
 from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
 
 GENERATOR = "stiffgen analyze"
@@ -93,13 +94,15 @@ def analyze(options: AnalysisOptions) -> Analysis:
     _refuse_foreign(target)
     chain = _chain(robot)
     _robot_module(robot.absolute())
+    tip = _tip(chain, options.tip)
     task = Task(
         _one_of(options.representation),
         checked_stiffness(options.task_stiffness),
         options.negate_wrench,
         np.array([c.lower for c in chain.coordinates]),
         np.array([c.upper for c in chain.coordinates]),
-        _tip(chain, options.tip),
+        tip,
+        None if options.calibration is None else _calibrated(options, options.calibration, chain, tip),
     )
     _check(options)
     with swapped_in(target) as staging:
@@ -233,6 +236,31 @@ def _tip(chain: Chain, chosen: str | None) -> str:
     if chosen not in by_link:
         raise RecordingError(f"--tip {chosen}: is no tip of the robot; it has {listed(list(by_link))}")
     return by_link[chosen]
+
+
+def _calibrated(options: AnalysisOptions, file: str | Path, chain: Chain, tip: str) -> tuple[FloatArray, FloatArray]:
+    """Return bias and payload of a sensor.
+
+    Raises:
+        RecordingError: the file is not of the tip's sensor, or an option contradicts.
+
+    """
+    room = optional("calibrate.calibration")
+    if room is None:
+        raise RecordingError("--calibration is read by the package's folder calibrate/, which is not there")
+    if options.representation != "hybrid" or options.negate_wrench:
+        raise RecordingError(
+            "--calibration gives hybrid wrenches of the environment; leave out --negate-wrench and --representation"
+        )
+    sensor = chain.sensor
+    if sensor is None or chain.tips[sensor.tip].name != tip:
+        raise RecordingError(
+            f"--calibration {file}: the robot has no sensor at this tip; generate it with --sensor LINK"
+        )
+    found = room.read_calibration(file)
+    if found.sensor != sensor.text:
+        raise RecordingError(f"{file}: is the calibration of another sensor ({found.sensor}), not of {sensor.text}")
+    return np.array(found.bias), np.array(found.payload)
 
 
 def _refuse_foreign(target: Path) -> None:

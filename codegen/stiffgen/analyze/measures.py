@@ -76,6 +76,7 @@ class Task:
         negate: true if the recorded wrench is the one that the robot applies to the environment.
         lower, upper: (n,) limits of q [rad or m], infinite where there is none.
         tip: name of the tip in the robot's module, "" for the only one.
+        sensor: bias and payload of the sensor whose readings were recorded in place of wrenches.
 
     """
 
@@ -85,6 +86,15 @@ class Task:
     lower: FloatArray
     upper: FloatArray
     tip: str = ""
+    sensor: tuple[FloatArray, FloatArray] | None = None
+
+    def wrench_of(self, robot: ModuleType, q: FloatArray, recorded: FloatArray) -> FloatArray:
+        """Return the wrenches of the environment on the robot from the recorded ones, or from a sensor's readings."""
+        if self.sensor is None:
+            return -recorded if self.negate else recorded
+        of_tip = getattr(robot, self.tip) if self.tip else robot
+        with np.errstate(invalid="ignore"):  # rows with missing numbers are not used
+            return np.asarray(of_tip.sensor.tip_wrench(q, recorded, *self.sensor))
 
 
 def measured(robot: ModuleType, task: Task, q: FloatArray, wrench: FloatArray) -> FloatArray:
@@ -373,7 +383,7 @@ def judged(robot: ModuleType, task: Task, columns: Columns, block: Block) -> Jud
         reasons.setdefault(int(index), RowProblem("beyond joint limits", text))
     good = np.ones(len(values), dtype=bool)
     good[list(reasons)] = False
-    wrench = -wrench if task.negate else wrench
+    wrench = task.wrench_of(robot, q, wrench)
     analysed = measured(robot, task, q[good], wrench[good])
     for index in np.flatnonzero(good)[np.isnan(analysed[:, 0])]:
         reasons[int(index)] = RowProblem("overflow", "the stiffness is beyond what floating point holds")

@@ -71,6 +71,10 @@ class AnalysisOptions:
     negate_wrench: bool = field(
         default=False, metadata=described("recorded wrenches are those that the robot applies to the environment")
     )
+    calibration: str | Path | None = field(
+        default=None,
+        metadata=described("recorded wrenches are a sensor's readings; file of 'stiffgen calibrate'", metavar="FILE"),
+    )
     tip: str | None = field(default=None, metadata=described("tip link, for a robot with several tips", metavar="LINK"))
     q: str | None = field(
         default=None, metadata=described("prefix of the columns with joint positions", group=COLUMNS, metavar="PREFIX")

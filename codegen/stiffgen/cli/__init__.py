@@ -36,6 +36,7 @@ COMMANDS = {
     "play": ("play.command", "write a robot's playground, a page for the browser, and open it"),
     "cache": ("cli.cache", "list or clear the robots that stiffgen.load() has generated"),
     "analyze": ("analyze.command", "joint stiffness along a recording, corrected and conventional"),
+    "calibrate": ("calibrate.command", "bias and payload of a force-torque sensor, from a recording"),
 }
 """Commands with the module that adds their arguments, and their help; those of rooms taken out are not listed."""
 

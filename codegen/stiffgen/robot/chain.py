@@ -153,11 +153,9 @@ class Sensor:
 
 @dataclass(frozen=True)
 class MountedSensor:
-    """Sensor of a chain: ``rotation`` and ``translation`` [m] are its pose in the frame of tip number ``tip``."""
+    """Sensor of a chain, from the user's ``option``: its pose [m] in the frame of tip number ``tip``."""
 
-    link: str
-    sign: Sign
-    gravity: Vector
+    option: Sensor
     tip: int
     rotation: Matrix
     translation: Vector
@@ -165,8 +163,8 @@ class MountedSensor:
     @property
     def text(self) -> str:
         """Place, sign and gravity in one line, without spaces after commas."""
-        numbers = (*self.translation, *(entry for row in self.rotation for entry in row), *self.gravity)
-        return f"{self.link} {self.sign} {','.join(f'{number:g}' for number in numbers)}"
+        numbers = (*self.translation, *(entry for row in self.rotation for entry in row), *self.option.gravity)
+        return f"{self.option.link} {self.option.sign} {','.join(f'{number:g}' for number in numbers)}"
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import get_args
 
 from stiffgen.errors import ChainError, listed, printable
@@ -62,7 +63,9 @@ def mounted(file: str, sensor: Sensor, pose: Pose, tips: Sequence[str], frames: 
     for index, frame in enumerate(frames):
         if frame is not None:
             rotation, translation = (frame.inverse() @ pose).rounded()
-            return MountedSensor(sensor.link, sensor.sign, _vector(sensor.gravity), index, rotation, translation)
+            xyz, rpy, gravity = map(_vector, (sensor.xyz, sensor.rpy, sensor.gravity))
+            option = replace(sensor, xyz=xyz, rpy=rpy, gravity=gravity)
+            return MountedSensor(option, index, rotation, translation)
     raise ChainError(
         f"{file}: a joint lies between the --sensor link '{printable(sensor.link)}' and "
         f"{'tip' if len(tips) == 1 else 'each of the tips'} {listed(tips)}; choose a link that is rigidly connected to "

@@ -25,6 +25,7 @@ class StiffnessModel:
     * ``model.forward_kinematics``, ``model.mass_matrix`` (for a chain with masses);
     * ``model.hybrid.jacobian``, ``model.hybrid.joint_stiffness``, also of ``body`` and ``spatial``;
     * ``model.spring.torque``, ``model.posture.torque``, ``model.limits.torque``;
+    * with a force-torque sensor ``model.sensor.tip_wrench``;
     * with closed loops ``model.close``, ``model.motors.joint_stiffness``;
     * with several tips ``model.left_hand.hybrid.jacobian`` and ``model.hybrid.joint_stiffness_total``.
 
@@ -52,6 +53,7 @@ class StiffnessModel:
     spring: SimpleNamespace
     posture: SimpleNamespace
     limits: SimpleNamespace
+    sensor: SimpleNamespace
     motors: SimpleNamespace
     close: ca.Function
 

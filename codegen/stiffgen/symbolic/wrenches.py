@@ -50,7 +50,7 @@ def _weight(payload: ca.SX, fall: ca.SX) -> ca.SX:
 
 def _to_tip(chain: Chain, R: ca.SX, arm: ca.SX, reading: ca.SX, bias: ca.SX, load: ca.SX) -> ca.SX:
     """Return the hybrid wrench of the environment at the tip."""
-    net = (reading - bias if _sensor_of(chain).sign == "environment" else bias - reading) - load
+    net = (reading - bias if _sensor_of(chain).option.sign == "environment" else bias - reading) - load
     force = net[:3]
     return ca.densify(ca.vertcat(R @ force, R @ (net[3:] + cross(arm, force))))
 
@@ -59,7 +59,7 @@ def tip_wrench(chain: Chain, pose: ca.SX, *arguments: ca.SX) -> Expressions:
     """Return the wrench at the tip; ``arguments`` are a tool pose (at run time), reading, bias and payload."""
     *tool_pose, reading, bias, payload = arguments
     R, arm = _place(chain, pose, tool_pose[0] if tool_pose else None)
-    fall = R.T @ constant(_sensor_of(chain).gravity)
+    fall = R.T @ constant(_sensor_of(chain).option.gravity)
     load = _weight(payload, fall)
     return Expressions(_to_tip(chain, R, arm, reading, bias, load), _sections(R, fall, load))
 
@@ -68,11 +68,11 @@ def reading(chain: Chain, pose: ca.SX, *arguments: ca.SX) -> Expressions:
     """Return the sensor's reading; ``arguments`` are a tool pose (at run time), wrench, bias and payload."""
     *tool_pose, wrench, bias, payload = arguments
     R, arm = _place(chain, pose, tool_pose[0] if tool_pose else None)
-    fall = R.T @ constant(_sensor_of(chain).gravity)
+    fall = R.T @ constant(_sensor_of(chain).option.gravity)
     load = _weight(payload, fall)
     force = R.T @ wrench[:3]
     net = ca.vertcat(force, R.T @ wrench[3:] - cross(arm, force)) + load
-    value = bias + net if _sensor_of(chain).sign == "environment" else bias - net
+    value = bias + net if _sensor_of(chain).option.sign == "environment" else bias - net
     return Expressions(ca.densify(value), _sections(R, fall, load))
 
 
@@ -94,7 +94,7 @@ def tip_wrench_dynamic(chain: Chain, *arguments: ca.SX) -> Expressions:
     R, to_sensor, arm = _from_joint(chain, rotation, configuration.tool_pose)
     angular, rate, linear = _shifted(motions[-1], to_sensor)
     w, e = R.T @ angular, R.T @ rate
-    fall = ca.densify(R.T @ (constant(_sensor_of(chain).gravity) - linear))
+    fall = ca.densify(R.T @ (constant(_sensor_of(chain).option.gravity) - linear))
     tensor, moment = _tensor(payload[4:10]), payload[1:4]
     inertial = ca.vertcat(cross(e, moment) + cross(w, cross(w, moment)), tensor @ e + cross(w, tensor @ w))
     load = ca.densify(_weight(payload, fall) - inertial)

@@ -4,12 +4,16 @@
 from __future__ import annotations
 
 import inspect
+import subprocess
 
 import numpy as np
 import pytest
 
 import stiffgen
+from stiffgen.calibrate.calibration import Calibration
 from stiffgen.cli import main
+from stiffgen.verify.folder.files import check_urdf
+from support.c_program import STRICT
 from support.chains import chain_urdf
 
 OPTIONS = (
@@ -81,6 +85,7 @@ def test_manifest_and_replacement(robot, tmp_path, capsys):
     file = robot.folder.parent / "arm.urdf"
     sensor = stiffgen.Sensor("l2", (0.0, 0.0, 0.05), (0.0, 0.0, 0.4), "robot")
     assert robot.chain == stiffgen.load_chain(file, sensor=sensor)
+    assert check_urdf(robot.chain, file).passed
     options = ["generate", file, "--name", "felt", "--output", tmp_path, "--no-controller", "--no-build"]
     plain = [str(each) for each in options]
     assert main([*plain, *OPTIONS]) == 0
@@ -89,6 +94,17 @@ def test_manifest_and_replacement(robot, tmp_path, capsys):
     assert main([*plain, "--force"]) == 0
     for made in tmp_path.rglob("felt*"):
         assert not made.is_file() or "sensor_tip_wrench" not in made.read_text(encoding="utf-8", errors="replace")
+
+
+@pytest.mark.usefixtures("unoptimised")
+def test_a_links_name_ends_no_comment(tmp_path):
+    """Names of a file are any text; header, module and docstring hold this one as a word."""
+    (tmp_path / "arm.urdf").write_text(chain_urdf("rp").replace('"l2"', '"l2*/ int x; {{x}} \\ &quot;"'))
+    link = stiffgen.load_chain(tmp_path / "arm.urdf").tip
+    options = {"kernels": "sensor", "controller": False, "batches": False, "masses": False}
+    folder = stiffgen.generate(tmp_path / "arm.urdf", output=tmp_path, sensor=stiffgen.Sensor(link), **options)
+    assert "on link l2_/ int x; {{x}} _ _, " in " ".join((folder / "chain.h").read_text().replace("\n * ", " ").split())
+    assert "on link l2_/ int x;" in stiffgen.open_robot(folder).module.sensor.tip_wrench.__doc__
 
 
 def test_covariance_at_the_tip(robot):
@@ -100,3 +116,71 @@ def test_covariance_at_the_tip(robot):
     found = stiffgen.tip_covariance(robot.module, np.stack([0 * q, q]), root @ root.T)[1]
     scale = np.sqrt(np.diag(found))
     np.testing.assert_allclose(drawn / np.outer(scale, scale), found / np.outer(scale, scale), atol=0.04)
+
+
+PROGRAM = r"""
+#include "felt_sensor.h"
+#include <stdio.h>
+int main(int argc, char **argv)
+{
+    felt_filter filters[3];
+    double x[6], bias[6], payload[4];
+    if (!felt_low_pass_1(&filters[0], 10.0, 0.001) || !felt_low_pass_2(&filters[1], 10.0, 0.001) ||
+        !felt_notch(&filters[2], 50.0, 5.0, 0.001) || felt_low_pass_1(filters, 500.0, 0.001) ||
+        felt_low_pass_2(filters, 0.0, 0.001) || felt_notch(filters, 50.0, 0.0, 0.001)) {
+        return 1;
+    }
+    for (int f = 0; f < 3; ++f) {
+        felt_filter filter = filters[f];
+        for (int k = 0; k < 3000; ++k) { /* ramp, then sines of 10 and of 50 Hz, and a constant */
+            x[0] = k;
+            x[1] = sin(6.283185307179586 * 10.0 * 0.001 * k);
+            x[2] = sin(6.283185307179586 * 50.0 * 0.001 * k);
+            x[3] = x[4] = x[5] = 7.0;
+            felt_filter_step(&filter, x);
+            printf("%.17g %.17g %.17g %.17g\n", x[0], x[1], x[2], x[3]);
+        }
+        printf("%.17g 0 0 0\n", filter.delay);
+    }
+    x[0] = NAN;
+    felt_filter_step(&filters[0], x);
+    if (!isnan(x[0]) || !isnan(x[5])) {
+        return 2;
+    }
+    x[0] = x[1] = x[2] = x[3] = x[4] = x[5] = 1.0;
+    felt_filter_step(&filters[0], x);
+    if (argc != 2 || fabs(x[0] - 1.0) > 1e-12 || !felt_read_calibration(argv[1], bias, payload)) {
+        return 3;
+    }
+    printf("%.17g %.17g %.17g %.17g\n", bias[0], bias[5], payload[0], payload[3]);
+    return felt_read_calibration("{\"bias\": [1, 2], \"payload\": [1, 2, 3, 4]}", bias, payload) ||
+                   felt_read_calibration("{\"bias\": [1, 2, 3, 4, 5, 6]}", bias, payload)
+               ? 4
+               : 0;
+}
+"""
+
+
+@pytest.mark.parametrize("compiler", ["gcc", "g++"])
+def test_filters_and_reader_in_c(robot, tmp_path, compiler):
+    """Delays of a ramp, gains of sines, a constant from the first sample on, a NaN, and the file read in C."""
+    suffix = {"gcc": ".c", "g++": ".cpp"}[compiler]
+    source, program = tmp_path / f"filters{suffix}", tmp_path / "filters"
+    source.write_text(PROGRAM)
+    flags = [flag for flag in STRICT if not flag.startswith("-std")]
+    standard = {"gcc": "-std=c99", "g++": "-std=c++11"}[compiler]
+    command = [compiler, standard, *flags, f"-I{robot.folder}", str(source), "-lm", "-o", str(program)]
+    subprocess.run(command, check=True)
+    bias, payload = tuple(np.linspace(-1, 2, 6)), (1.3, 0.01, -2e-5, 0.117)
+    text = Calibration("felt", "l2", bias, payload, bias, payload, bias, bias, (0.0,) * 3, (0.1,) * 3, 9).to_json()
+    done = subprocess.run([str(program), text], check=True, capture_output=True, text=True)
+    rows = np.array([line.split() for line in done.stdout.splitlines()], dtype=float)
+    for f, gains in enumerate([(np.sqrt(0.5), None), (np.sqrt(0.5), None), (None, 0.0)]):
+        outputs, delay = rows[3001 * f : 3001 * f + 3000], rows[3001 * f + 3000, 0]
+        np.testing.assert_allclose(2999 - outputs[-1, 0], delay, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(outputs[:, 3], 7.0, rtol=1e-12)
+        for column, gain in zip((1, 2), gains, strict=True):
+            if gain is not None:
+                amplitude = np.sqrt(2 * np.mean(outputs[2000:, column] ** 2))
+                assert amplitude == pytest.approx(gain, abs=0.02 if f == 0 else 1e-6)
+    np.testing.assert_array_equal(rows[-1], [bias[0], bias[5], payload[0], payload[3]])

@@ -29,6 +29,7 @@ LAYERS = (
     ("cli",),
     ("prove",),
     ("analyze",),
+    ("calibrate",),
     ("play",),
     ("new",),
     ("__main__",),

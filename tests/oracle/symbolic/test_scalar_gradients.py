@@ -123,11 +123,11 @@ def test_direction_gradient_by_complex_steps(floating):
     chain = load_chain(DATA / "ur5.urdf", tip="tool0", floating_base=floating)
     stiffness = _kernel(chain, "hybrid_joint_stiffness")
     references = References(chain, 4, 2)
-    given = [*references.posture, references.samples[WRENCH], references.samples[TASK_STIFFNESS]]
+    given = [*references.posture_of("hybrid"), references.samples[WRENCH], references.samples[TASK_STIFFNESS]]
     shaped = [columns(each, each.shape[1:]) for each in given]
     v = references.samples[DIRECTION]
     of = gradients(casadi_function(chain, stiffness), shaped, [v[:, :, None] * v[:, None, :]])
-    expected = np.concatenate([each[..., 0] for each in of[: len(references.posture)]], axis=1)
+    expected = np.concatenate([each[..., 0] for each in of[: len(references.posture_of("hybrid"))]], axis=1)
     kernels = StiffnessModel(chain)
     for k in range(4):
         found = kernels.hybrid.stiffness_direction_gradient(*(each[k] for each in given), v[k])

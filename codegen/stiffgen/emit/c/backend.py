@@ -13,6 +13,7 @@ from stiffgen.emit.c import CFunction, suffix_of
 from stiffgen.emit.c.dispatch import DispatchedFunction, batch_function, batch_self_check, single_functions
 from stiffgen.emit.pages import Definition, shared_functions
 from stiffgen.emit.texts import declared, definition_comment, prototype, wrapped
+from stiffgen.lower.scalar import DOUBLE
 from stiffgen.lower.variant import Variant
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import Argument
@@ -131,6 +132,8 @@ def _files(request: Request) -> dict[str, str]:
         files[f"{name}_dispatch.c"] = "dispatch.c.j2"
     if request.batch.kernels:
         files[f"{name}_batch.c"] = "batch.c.j2"
+    if request.chain.sensor and request.scalar == DOUBLE:
+        files[f"{name}_sensor.h"] = "sensor.h.j2"
     return files
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from functools import partial
 
+from stiffgen.names import comment
 from stiffgen.robot.chain import Chain, MountedSensor
 from stiffgen.symbolic import arguments, quantities, wrenches
 from stiffgen.symbolic.arguments import POSE, TOOL_POSE, VELOCITY, Argument, configuration_arguments
@@ -96,13 +97,15 @@ def _note(sensor: MountedSensor, reference: str) -> str:
     """Return where the sensor sits, whose wrench it reports, and the gravity."""
     far = math.sqrt(sum(x * x for x in sensor.translation))
     where = "at the tip's origin" if far == 0 else f"{far:.4g} m from the tip's origin"
-    gravity = ", ".join(f"{each:.6g}" for each in sensor.gravity)
+    gravity = ", ".join(f"{each:.6g}" for each in sensor.option.gravity)
     acts = (
-        "tool and environment apply to the robot" if sensor.sign == "environment" else "the robot applies to the tool"
+        "tool and environment apply to the robot"
+        if sensor.option.sign == "environment"
+        else "the robot applies to the tool"
     )
     return (
-        f"The sensor is on link {sensor.link}, {where} at generation, and reports the wrench that {acts} "
-        f"(--sensor-sign {sensor.sign}). Free fall is ({gravity}) m/s^2 in {reference} axes."
+        f"The sensor is on link {comment(sensor.option.link)}, {where} at generation, and reports the wrench that "
+        f"{acts} (--sensor-sign {sensor.option.sign}). Free fall is ({gravity}) m/s^2 in {reference} axes."
     )
 
 
@@ -116,7 +119,7 @@ def sensor_kernels(configuration: tuple[Argument, ...], sensor: MountedSensor, r
     reported = Argument("sensor_reading", (6,), READING.unit, READING.meaning, blocks=quantities.WRENCH)
     stiffness = Argument("joint_stiffness", ("n", "n"), "N m/rad", "bitwise symmetric", symmetric=True)
     upper, note = arguments.task_stiffness("hybrid", triangle=True), _note(sensor, reference)
-    sign = "" if sensor.sign == "environment" else "-"
+    sign = "" if sensor.option.sign == "environment" else "-"
     net = f"w = {sign}(reading - bias)"
     return (
         Kernel(

@@ -125,6 +125,7 @@ def check_urdf(chain: Chain, urdf: Path) -> Check:
         arguments=dict(chain.arguments),
         close_loops=not all(loop.option for loop in chain.loops),
         loop=[loop.option for loop in chain.loops if loop.option],
+        sensor=chain.sensor.option if chain.sensor else None,
         actuated=[name for k, name in enumerate(names) if chain.base_joints + k in moved and k in chain.actuated],
     )
     compared = [field.name for field in fields(Chain) if field.name not in ("source", "digest", "inputs")]

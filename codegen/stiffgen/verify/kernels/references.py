@@ -86,13 +86,8 @@ class References:
             for k, tip in enumerate(self.chain.tips)
         )
 
-    @property
-    def posture(self) -> tuple[FloatArray, ...]:
-        """Configuration arguments: q, and the poses of base and tool where they are arguments."""
-        return self.posture_of("hybrid")
-
     def posture_of(self, representation: Representation) -> tuple[FloatArray, ...]:
-        """Return the configuration arguments of a representation's kernels; body ones do not take the base's pose."""
+        """Return q, and the poses of base and tool where the representation's kernels take them (body: no base)."""
         based = self.chain.floating and representation != "body"
         return self.samples.of(configuration_arguments(runtime_tool=self.chain.runtime_tool, floating=based))
 

@@ -46,7 +46,7 @@ def payload_wrench(chain: Chain, pose: ca.SX, acceleration: ca.SX, payload: ca.S
     assert chain.sensor is not None
     P = second_moments(payload)
     moments = pose @ P
-    weight = moments[:, 3] @ ca.DM(chain.sensor.gravity).T  # sum of x (m g)^T
+    weight = moments[:, 3] @ ca.DM(chain.sensor.option.gravity).T  # sum of x (m g)^T
     return _wrench_at_origin(weight - (moments @ acceleration.T)[:, :3])
 
 
@@ -67,7 +67,7 @@ def environment_wrench(
 ) -> ca.SX:
     """Return the wrench at the tip from a reading; poses and acceleration are 4x4."""
     assert chain.sensor is not None
-    sign = {"environment": 1, "robot": -1}[chain.sensor.sign]
+    sign = {"environment": 1, "robot": -1}[chain.sensor.option.sign]
     total = _out_of_sensor(pose, sign * (reading - bias))
     return _moved(total - payload_wrench(chain, pose, acceleration, payload), tip[:3, 3])
 
@@ -78,7 +78,7 @@ def reading_of(chain: Chain, pose: ca.SX, tip: ca.SX, wrench: ca.SX, bias: ca.SX
     still = payload_wrench(chain, pose, ca.SX.zeros(4, 4), payload)
     total, back = _moved(wrench, -tip[:3, 3]) + still, pose[:3, :3].T
     at_sensor = _moved(total, pose[:3, 3])
-    sign = {"environment": 1, "robot": -1}[chain.sensor.sign]
+    sign = {"environment": 1, "robot": -1}[chain.sensor.option.sign]
     return bias + sign * ca.vertcat(back @ at_sensor[:3], back @ at_sensor[3:])
 
 

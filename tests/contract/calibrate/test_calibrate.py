@@ -1,0 +1,229 @@
+# SPDX-License-Identifier: MIT
+"""``stiffgen calibrate``: a simulated ATI Gamma within its intervals, refusals, the check with a weight, the file."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import stiffgen
+from stiffgen.calibrate.estimate import estimate
+from stiffgen.cli import main
+from stiffgen.errors import RecordingError
+from support.project import URDF
+from support.sensor_recordings import PAYLOAD, SimulatedSensor, held
+
+BASE = np.array([0.3, 0.6, -0.2, -1.3, 0.4, 0.9, 0.1])
+TRUE = {"xyz": (0.0, 0.0, 0.03), "rpy": (0.0, 0.0, 0.5)}
+FAULTS = {
+    "sign": {"sign": "robot"},
+    "axes": {"rpy": (0.0, 0.0, 0.5 + np.pi / 2)},
+    "upside down": {"rpy": (np.pi, 0.0, 0.5)},
+    "place": {"xyz": (0.0, 0.0, -0.05)},
+}
+"""Four faults of sign and frame: what a user declares instead of TRUE."""
+
+
+def postures(random, count: int = 12) -> np.ndarray:
+    q = np.tile(BASE, (count, 1))
+    q[:, 4:] = random.uniform(-1.5, 1.5, (count, 3))
+    return q
+
+
+@pytest.fixture(scope="module")
+def robots(once):
+    """The iiwa 14 with the true sensor, and with the four faults."""
+
+    def make(output):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("CFLAGS", "-O0")
+            for name, fault in {"truth": {}, **FAULTS}.items():
+                sensor = stiffgen.Sensor("link_ee", **TRUE | fault)
+                options = {"kernels": "sensor,hybrid", "batches": False, "controller": False, "masses": False}
+                stiffgen.generate(URDF, name=name.replace(" ", "_"), output=output, sensor=sensor, **options)
+
+    folder = once("robots_with_sensor", make)
+    return {name: folder / name.replace(" ", "_") for name in ("truth", *FAULTS)}
+
+
+@pytest.fixture(scope="module")
+def sensor(robots):
+    return stiffgen.open_robot(robots["truth"]).module.sensor
+
+
+def test_within_its_intervals(sensor):
+    """All ten numbers at once, in 95 of 100 recordings with noise, quantum, drift and a walk of the bias."""
+    within, widths = 0, []
+    for seed in range(100):
+        random = np.random.default_rng(seed)
+        simulated = SimulatedSensor(sensor, random)
+        found = estimate(sensor, simulated.poses(postures(random))).calibration
+        inside = np.abs(np.array(found.payload) - PAYLOAD) <= found.payload_interval
+        inside = [*inside, *(np.abs(np.array(found.bias) - simulated.end) <= found.bias_interval)]
+        within += all(inside)
+        widths.append(found.payload_interval)
+    assert within >= 95
+    assert np.median(widths, axis=0).max() < 0.02  # kg, kg m: narrow enough to be of use
+
+
+UNEXCITED = {
+    "one posture": lambda random: np.tile(BASE, (12, 1)),
+    "turned about the vertical": lambda random: BASE + np.outer(np.linspace(-1, 1, 12), np.eye(7)[0]),
+    "two orientations": lambda random: np.tile(BASE, (12, 1)) + np.outer(np.arange(12) % 2, 0.8 * np.eye(7)[5]),
+    "five degrees": lambda random: BASE + random.uniform(-0.09, 0.09, (12, 7)) * [0, 0, 0, 0, 1, 1, 1],
+}
+
+
+@pytest.mark.parametrize("case", UNEXCITED)
+def test_unexcited_recordings_are_refused(sensor, case):
+    for seed in range(25):
+        random = np.random.default_rng(seed)
+        poses = SimulatedSensor(sensor, random).poses(UNEXCITED[case](random))
+        with pytest.raises(RecordingError, match="do not excite the payload"):
+            estimate(sensor, poses)
+
+
+@pytest.mark.parametrize(
+    ("fault", "message"),
+    [
+        ("sign", r"reports the wrench of the other body.*--sensor-sign"),
+        ("axes", r"rotation vector \(0\.\d, -?0\.\d, -90\.\d\) deg.*--sensor-rpy"),
+        ("upside down", r"rotation vector \(-?1\d\d\.\d, .*--sensor-rpy"),
+    ],
+)
+def test_faults_are_found_without_a_weight(robots, sensor, fault, message):
+    """A recording of the true sensor, calibrated with a folder that has a wrong sign or wrong axes."""
+    random = np.random.default_rng(0)
+    wrong = stiffgen.open_robot(robots[fault]).module.sensor
+    with pytest.raises(RecordingError, match=message):
+        estimate(wrong, SimulatedSensor(sensor, random).poses(postures(random)))
+
+
+def write_log(path, sensor, random, extra=0.0, simulated=None):
+    """Write a recording of the true sensor; ``extra`` [kg] hangs 40 mm before the tip's origin."""
+    simulated = simulated or SimulatedSensor(sensor, random)
+    q, time = held(postures(random, 10))
+    weight = np.array([0, 0, -9.81 * extra, 0, 0, 0])
+    reading = simulated.record(q, time) + sensor.reading(q, weight, np.zeros(6), np.zeros(4))
+    names = ["time", *(f"q_{k}" for k in range(7)), *(f"wrench_{k}" for k in range(6))]
+    np.savetxt(path, np.column_stack([time, q, reading]), delimiter=",", header=",".join(names), comments="")
+    return simulated
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory, sensor):
+    folder, random = tmp_path_factory.mktemp("logs"), np.random.default_rng(5)
+    simulated = write_log(folder / "free.csv", sensor, random)
+    simulated.drift = 0 * simulated.drift
+    simulated.bias = simulated.moved[-1]
+    write_log(folder / "weight.csv", sensor, random, 2.0, simulated)
+    return folder
+
+
+def test_from_recording_to_file(robots, logs, tmp_path, capsys):
+    """The whole command: poses found, table printed, file and picture written, and read again."""
+    file, picture = tmp_path / "sensor.json", tmp_path / "residuals.svg"
+    arguments = ["calibrate", logs / "free.csv", "--robot", robots["truth"], "--output", file, "--picture", picture]
+    assert main([str(each) for each in arguments]) == 0
+    out = capsys.readouterr().out
+    assert "residuals of 10 poses" in out and out.count("one more pose at q") == 3
+    found = stiffgen.read_calibration(file)
+    assert np.abs(np.array(found.payload) - PAYLOAD).max() < 0.01
+    np.testing.assert_allclose(found.centre_of_mass, PAYLOAD[1:] / PAYLOAD[0], atol=0.002)
+    assert json.loads(file.read_text())["payload"] == list(found.payload)
+    assert picture.read_text().startswith("<svg")
+    module, q = stiffgen.open_robot(robots["truth"]).module, np.stack([BASE, BASE + 0.2])
+    reading = module.sensor.reading(q, np.zeros(6), np.array(found.bias) + 1.5, PAYLOAD)
+    np.testing.assert_allclose(
+        stiffgen.tare(module.sensor, q, reading, PAYLOAD), np.array(found.bias) + 1.5, atol=1e-12
+    )
+
+
+@pytest.mark.parametrize("fault", ["truth", *FAULTS])
+def test_a_weight_at_the_tip_shows_each_fault(robots, logs, tmp_path, capsys, fault):
+    """What a user can run on a real arm: two kilograms at the tip, with the calibration of the true sensor."""
+    file = tmp_path / "sensor.json"
+    calibrate = ["calibrate", logs / "free.csv", "--robot", robots["truth"], "--output", file]
+    assert main([str(each) for each in calibrate]) == 0
+    place = stiffgen.open_robot(robots[fault]).chain.sensor.text
+    file.write_text(json.dumps(json.loads(file.read_text()) | {"sensor": place}))
+    if fault == "sign":  # what somebody with this fault has calibrated
+        content = json.loads(file.read_text())
+        file.write_text(json.dumps(content | {"payload": [-each for each in content["payload"]]}))
+    capsys.readouterr()
+    check = ["calibrate", logs / "weight.csv", "--robot", robots[fault], "--output", file, "--check", "2.0"]
+    code, out = main([str(each) for each in check]), capsys.readouterr().out
+    hints = {"truth": "passed", "sign": "--sensor-sign", "place": "the moment alone is wrong: look at --sensor-xyz"}
+    assert hints.get(fault, "look at") in out
+    assert code == int(fault != "truth")
+
+
+def test_a_weight_elsewhere(robots, logs, tmp_path, capsys):
+    """The weight hangs at the tip's origin; one who says 40 mm beside it is told about the moment."""
+    file, log = tmp_path / "sensor.json", str(logs / "weight.csv")
+    common = ["--robot", str(robots["truth"]), "--output", str(file)]
+    assert main(["calibrate", str(logs / "free.csv"), *common]) == 0
+    assert main(["calibrate", log, *common, "--check", "2", "--at", "0.04", "0", "0"]) == 1
+    assert "the moment alone is wrong" in capsys.readouterr().out
+    assert main(["calibrate", log, *common, "--check", "2.5"]) == 1
+    assert "the force has the wrong size" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "is no calibration by 'stiffgen calibrate'"),
+        ("[]", "is no calibration"),
+        ('{"generator": "stiffgen calibrate", "bias": [1, 2]}', "is no calibration"),
+        ('{"generator": "stiffgen calibrate", "bias": [NaN, 0, 0, 0, 0, 0]}', "is no calibration"),
+    ],
+)
+def test_damaged_files_are_refused(tmp_path, text, message):
+    file = tmp_path / "sensor.json"
+    file.write_text(text)
+    with pytest.raises(RecordingError, match=message):
+        stiffgen.read_calibration(file)
+    with pytest.raises(RecordingError, match="cannot be read"):
+        stiffgen.read_calibration(tmp_path / "nothing.json")
+
+
+def test_refusals_of_the_command(robots, logs, tmp_path, capsys, robot_folder):
+    """No sensor, no pose at rest, and the calibration of another sensor; nothing is written."""
+    log, file = str(logs / "free.csv"), tmp_path / "sensor.json"
+    assert main(["calibrate", log, "--robot", str(robot_folder), "--output", str(file)]) == 2
+    assert "has no force-torque sensor; generate it with --sensor LINK" in capsys.readouterr().err
+    moving = tmp_path / "moving.csv"
+    rows = np.random.default_rng(0).normal(size=(400, 13))
+    names = ",".join([*(f"q_{k}" for k in range(7)), *(f"wrench_{k}" for k in range(6))])
+    np.savetxt(moving, rows, delimiter=",", header=names, comments="")
+    common = ["--robot", str(robots["truth"]), "--output", str(file)]
+    assert main(["calibrate", str(moving), *common]) == 2
+    assert "stands still at 0 poses" in capsys.readouterr().err
+    assert not file.exists()
+    assert main(["calibrate", log, *common]) == 0
+    wrong = ["--robot", str(robots["place"]), "--output", str(file), "--check", "2"]
+    assert main(["calibrate", log, *wrong]) == 2
+    assert "is the calibration of another sensor" in capsys.readouterr().err
+
+
+def test_readings_are_analysed(robots, logs, tmp_path, capsys):
+    """``analyze --calibration`` takes the wrench of readings: the weight of two kilograms, and no moment at the tip."""
+    file, log = tmp_path / "sensor.json", logs / "weight.csv"
+    common = ["--robot", str(robots["truth"])]
+    assert main(["calibrate", str(logs / "free.csv"), *common, "--output", str(file)]) == 0
+    options = {"task_stiffness": [700, 700, 800, 30, 30, 30], "output": tmp_path / "found", "figures": False}
+    found = stiffgen.analyze(log, robots["truth"], calibration=file, **options).summary["measures"]
+    assert found["force"]["median"] == pytest.approx(2 * 9.81, rel=0.02)
+    assert found["moment"]["median"] < 0.05
+    raw = stiffgen.analyze(log, robots["truth"], **options).summary["measures"]
+    assert raw["force"]["median"] != pytest.approx(2 * 9.81, rel=0.1)
+    for wrong, message in (
+        ({"negate_wrench": True}, "leave out --negate-wrench"),
+        ({"representation": "body"}, "hybrid wrenches"),
+        ({"robot": robots["sign"]}, "is the calibration of another sensor"),
+    ):
+        arguments = {"robot": robots["truth"], **options, **wrong}
+        with pytest.raises(RecordingError, match=message):
+            stiffgen.analyze(log, calibration=file, **arguments)
