@@ -130,6 +130,8 @@ def faulty(attack: Attack, rng: np.random.Generator, count: int, kinds: list[str
         if not (verdict.safe and (verdict.prompt or verdict.apart <= APART)):
             found.append(f"{kind} {schedule.period}: {schedule}\n    {verdict} {told['sentence'][:90]}")
     for kind, verdicts in worst.items():
+        if not verdicts:
+            continue
         late = [v.late for v in verdicts if v.late is not None]
         print(f"{kind:9} {len(verdicts)} sessions, {sum(not v.safe for v in verdicts)} beyond a limit, "
               f"{sum(not v.prompt for v in verdicts)} let go late; at most {max(v.fast for v in verdicts):.2f} of a "

@@ -14,8 +14,10 @@ from stiffgen.controller.memory_fields import MEMORY, RANGES
 from stiffgen.controller.policy_fields import PARTS, POLICY, PROPOSAL, REFUSED, STAGES
 from stiffgen.controller.signals import INPUT, OUTPUT
 from stiffgen.controller.status_words import ERRORS, FAULTS, MODES, REASONS, SEEN, STATUS
+from stiffgen.errors import printable
 from stiffgen.lower.scalar import DOUBLE, Scalar
 from stiffgen.robot.chain import Chain
+from stiffgen.robot.plausibility import find_doubts
 from stiffgen.robot.presets import motor_tables
 from stiffgen.symbolic.springs import Placement
 
@@ -54,6 +56,14 @@ _STRUCTS = (
     ("policy", "Port for slow commanders: settings, report and memory; start it by policy_start.", POLICY),
 )
 _FIRST_FIELD_ERROR = -20
+_CAUSES = {
+    "position_limits": "position",
+    "config_lower_limit": "position",
+    "config_upper_limit": "position",
+    "config_velocity_limit": "velocity",
+    "config_reference_velocity_limit": "velocity",
+}
+"""Errors that follow from a wrong unit in the robot's file, and what the number is about (robot/plausibility.py)."""
 _SETTINGS = {(field.name, field.meaning) for field in CONFIG}
 _REFERENCE_SHARE = 0.9
 """Share of a joint's velocity limit that is the default of reference_velocity_limit."""
@@ -204,7 +214,7 @@ def controller_page(
         reasons=REASONS,
         seen=list(SEEN.items()),
         reason_classes=[[fault for fault, _ in FAULTS].index(fault) for _, fault, _ in REASONS],
-        errors=_errors(name),
+        errors=errors_of(name, chain),
         checks={field.name: _check(field) for field in CONFIG},
         structs=[_struct(chain, prefix, *each) for each in (_config_struct(chain), *_STRUCTS[1:])],
         memory=_struct(chain, prefix, "memory", "", MEMORY),
@@ -270,13 +280,17 @@ def _motors(chain: Chain) -> list[tuple[str, str, str]]:
     return [(name, source, ", ".join(map(_bound, values))) for name, source, values in rows]
 
 
-def _errors(name: str) -> list[tuple[str, int, str]]:
-    """Return name, code and text of every error."""
+def errors_of(name: str, chain: Chain) -> list[tuple[str, int, str]]:
+    """Return name, code and text of every error; a number of the robot's file that may be its cause is named."""
     general = [(error, -1 - k, text.replace("NAME", name)) for k, (error, text) in enumerate(ERRORS)]
-    return general + [
+    general += [
         (f"config_{field.name}", _FIRST_FIELD_ERROR - k, f"{field.name}: {field.rule}")
         for k, field in enumerate(CONFIG)
     ]
+    causes: dict[str, str] = {}
+    for doubt in find_doubts(chain):
+        causes.setdefault(doubt.about, f"; {printable(chain.source)}: {doubt.text}")
+    return [(error, code, text + causes.get(_CAUSES.get(error, ""), "")) for error, code, text in general]
 
 
 def _check(field: Field) -> str:

@@ -21,6 +21,7 @@ from stiffgen.robot.description import ALL_LINKS, JOINT_TYPES, LARGEST, MOVING_T
 from stiffgen.robot.extras import left_out, rotor_inertias
 from stiffgen.robot.geometry import physical_inertia
 from stiffgen.robot.impossible import fault_of
+from stiffgen.robot.plausibility import doubt_about_inertia
 
 MAX_JOINTS = 5_000
 _DEFAULTS = Reading()
@@ -274,9 +275,11 @@ class Checker:
             if tag == "mass" and values[0] < 0:
                 yield Problem(this, f"{title}: mass {values[0]:g} kg is negative; correct <mass>")
             if tag == "inertia" and not physical_inertia(*values):
-                yield from self._impossible(name, values)
+                mass = inertial.find("mass")
+                kilograms = 0.0 if mass is None else self.numbers.get((mass, "value"), (0.0,))[0]
+                yield from self._impossible(name, values, doubt_about_inertia(kilograms, tuple(values)))
 
-    def _impossible(self, name: str, tensor: list[float]) -> Iterator[Problem]:
+    def _impossible(self, name: str, tensor: list[float], doubt: str) -> Iterator[Problem]:
         fault = fault_of(tensor)
         if self.reading.accepts(name):
             self.accepted[name] = fault
@@ -285,8 +288,8 @@ class Checker:
         yield Problem(
             f"link {name}",
             f"link '{shown}': no rigid body has this inertia tensor ({fault}; principal moments must be positive and "
-            f"none above the sum of the other two); correct <inertia>, accept it (--accept-inertia {shown}), or leave "
-            "all masses out (--no-masses)",
+            f"none above the sum of the other two){doubt}; correct <inertia>, accept it (--accept-inertia {shown}), "
+            "or leave all masses out (--no-masses)",
         )
 
     @cached_property

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,29 +21,55 @@ _GRAVITY = 9.81
 _STATES = 100
 
 
+@dataclass(frozen=True)
+class Doubt:
+    """Number that is probably in another unit: what it is a number of, and the sentence about it."""
+
+    about: str
+    text: str
+
+
 def doubts(chain: Chain) -> Iterator[str]:
     """Yield a sentence for each number of a chain that is probably in another unit."""
+    for doubt in find_doubts(chain):
+        yield doubt.text
+
+
+def find_doubts(chain: Chain) -> Iterator[Doubt]:
+    """Yield each number of a chain that is probably in another unit."""
     for coordinate in chain.coordinates:
         yield from _about_limits(coordinate)
     if chain.tool is not None:
-        yield from _about_tool(chain)
+        for text in _about_tool(chain):
+            yield Doubt("tool", text)
     if chain.masses:
-        yield from _about_bodies(chain)
+        for text in _about_bodies(chain):
+            yield Doubt("mass", text)
         if not chain.floating:
-            yield from _about_gravity(chain)
+            for text in _about_gravity(chain):
+                yield Doubt("mass", text)
 
 
-def _about_limits(coordinate: Coordinate) -> Iterator[str]:
+def doubt_about_inertia(mass: float, tensor: tuple[float, ...]) -> str:
+    """Return a question if an inertia (xx, xy, xz, yy, yz, zz) is so large for its mass that its unit is doubtful."""
+    largest = max(map(abs, tensor))
+    radius = math.sqrt(largest / mass) if mass > 0 else 0.0
+    return f"; its radius of gyration would be {radius:.3g} m: is it in kg mm^2?" if radius > _SIZE else ""
+
+
+def _about_limits(coordinate: Coordinate) -> Iterator[Doubt]:
     title = f"joint '{printable(coordinate.name)}'"
     slides = coordinate.type == "prismatic"
     unit = "m" if slides else "rad"
     ends = [abs(end) for end in (coordinate.lower, coordinate.upper) if math.isfinite(end)]
     if max(ends, default=0.0) > (_SIZE * 10 if slides else _TURNS):
         guess = "millimetres" if slides else "degrees"
-        yield f"{title}: limits {coordinate.lower:g} to {coordinate.upper:g} {unit}: are these {guess}?"
+        yield Doubt(
+            "position", f"{title}: limits {coordinate.lower:g} to {coordinate.upper:g} {unit}: are these {guess}?"
+        )
     if math.isfinite(coordinate.velocity) and coordinate.velocity > _FASTEST["prismatic" if slides else "revolute"]:
         guess = "mm/s" if slides else "degrees per second"
-        yield f"{title}: velocity limit {coordinate.velocity:g} {unit}/s: are these {guess}?"
+        yield Doubt("velocity", f"{title}: velocity limit {coordinate.velocity:g} {unit}/s: are these {guess}?")
 
 
 def _about_tool(chain: Chain) -> Iterator[str]:

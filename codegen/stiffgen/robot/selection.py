@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -331,11 +332,18 @@ def _checked_locks(description: Description, lock: Mapping[str, float]) -> Mappi
             by_others = "" if limited == element else " (with those of the joints that follow it)"
             raise ChainError(
                 f"{description.file}: joint '{shown}' cannot be locked at {position:g}; "
-                f"its limits{by_others} are {limited.lower:g} to {limited.upper:g}"
+                f"its limits{by_others} are {limited.lower:g} to {limited.upper:g}{_in_degrees(limited, position)}"
             )
         if not abs(position) <= LARGEST:
             raise ChainError(f"{description.file}: joint '{shown}' cannot be locked at {position:g}; give a number")
     return lock
+
+
+def _in_degrees(joint: JointElement, position: float) -> str:
+    """Return a question if a position is within the limits of a joint only as degrees."""
+    radians = math.radians(position)
+    turns = joint.type != "prismatic" and joint.lower <= radians <= joint.upper
+    return f"; is it in degrees? {position:g} degrees are {radians:.6g} rad" if turns else ""
 
 
 def _check_tool(file: str, tool: Tool, tips: list[str]) -> None:

@@ -380,3 +380,17 @@ def test_two_robots_and_files_with_and_without_eigen_make_one_program(made, tmp_
     linked = [str(one / each) for each in objects] + [str(two / each) for each in others]
     subprocess.run([*line, *linked, "-o", "a", "-lm"], cwd=tmp_path, check=True)
     assert subprocess.run([str(tmp_path / "a")], check=False).returncode == 0
+
+
+def test_the_self_check_covers_the_controller(robot_folder, tmp_path):
+    """Before: the kernels' check alone was called, so that a wrong build of the controller passed."""
+    source = tmp_path / "main.cpp"
+    source.write_text(
+        '#include "iiwa14.hpp"\n'
+        'extern "C" int iiwa14_self_check(void) { return 2; }\n'
+        'extern "C" int iiwa14_impedance_self_check(void) { return 8; }\n'
+        "int main() { return iiwa14::self_check(); }\n"
+    )
+    compiler = [require_compiler("g++"), "-std=c++17", "-O1", f"-I{robot_folder}"]
+    subprocess.run([*compiler, str(source), "-o", str(tmp_path / "main")], check=True)
+    assert subprocess.run([tmp_path / "main"], check=False).returncode == 10

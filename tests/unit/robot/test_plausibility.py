@@ -12,6 +12,7 @@ import pytest
 
 from stiffgen import Tool, load_chain
 from stiffgen.cli import main
+from stiffgen.errors import ChainError, DescriptionError
 from stiffgen.robot.plausibility import doubts
 from support.chains import ARM, INERTIAL
 from support.project import URDF
@@ -91,3 +92,20 @@ def test_generate_and_new_print_the_notes(tmp_path: Path, capsys: pytest.Capture
     assert main(["new", file, *quiet, str(tmp_path / "project")]) == 0
     note = "note: arm.urdf: joint 'shoulder': limits -120 to 120 rad: are these degrees?"
     assert capsys.readouterr().err.count(note) == 2
+
+
+def test_a_refused_inertia_names_its_unit(tmp_path: Path) -> None:
+    """An impossible tensor in kg mm^2 is refused with the question that inspect asks of a possible one."""
+    with pytest.raises(DescriptionError, match=r"radius of gyration would be 100 m: is it in kg mm\^2"):
+        said(tmp_path, replaced(INERTIAL, INERTIAL.replace('ixx="0.02"', 'ixx="20000"')))
+    with pytest.raises(DescriptionError, match=r"other two\); correct"):
+        said(tmp_path, replaced(INERTIAL, INERTIAL.replace('ixx="0.02"', 'ixx="0.2"')))
+
+
+def test_a_refused_lock_names_its_unit(tmp_path: Path) -> None:
+    with pytest.raises(ChainError, match=r"limits are -2 to 2; is it in degrees\? 90 degrees are 1.5708 rad"):
+        said(tmp_path, SOUND, lock={"shoulder": 90.0})
+    with pytest.raises(ChainError, match=r"limits are -2 to 2$"):
+        said(tmp_path, SOUND, lock={"shoulder": 180.0})
+    with pytest.raises(ChainError, match=r"limits are 0 to 0.04$"):
+        said(tmp_path, SOUND, lock={"grip": 1.0})
