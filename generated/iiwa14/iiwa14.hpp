@@ -206,8 +206,9 @@ constexpr void assign(double (&field)[detail::size<Extents...>], typename detail
     for (std::size_t k = 0; k < detail::size<Extents...>; ++k) { field[k] = values.data()[k]; }
 }
 
-/// Return 0 if this build's arithmetic is correct, else the code of iiwa14.h: compiler flags changed the arithmetic.
-[[nodiscard]] inline int self_check() noexcept { return ::iiwa14_self_check(); }
+/// Return 0 if this build's arithmetic is correct, else the sum of the codes of iiwa14.h and iiwa14_impedance.h: compiler
+/// flags changed the arithmetic.
+[[nodiscard]] inline int self_check() noexcept { return ::iiwa14_self_check() + ::iiwa14_impedance_self_check(); }
 
 /**
  * @brief Pose of the tip in the base frame.
