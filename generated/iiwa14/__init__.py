@@ -96,6 +96,8 @@ Impedance(**config)
     Impedance controller; ``step(q=..., ...)`` gives the torque. Status, Mode, Fault and Reason name its outcomes.
 Policy(controller, pose=..., now=...)
     Port for slow commanders, such as learned policies; Refused and Stage name what happens to proposals.
+PaperLaw(formula, **fields)
+    Law Kq(q, F) (q0 - q) - B dq, to reproduce the paper; ``step(q=..., ...)`` gives the torque.
 joint_gains(...), late_work(...)
     Split of a torque for motors with a controller inside, and the most work that a late host costs.
 DOF, JOINTS, BASE, TIP
@@ -121,7 +123,7 @@ except ImportError as _error:
         "iiwa14: its C module is not built for this Python; run 'stiffgen generate FILE' on the robot's file again, "
         "with the same options and without --no-build (in stiffgen's repository: make generate)"
     ) from _error
-if getattr(_c, "SOURCES", "") != "f2615f0bb4ceffcb":
+if getattr(_c, "SOURCES", "") != "8e289beaf32e5e97":
     raise ImportError(
         "iiwa14: its C module was compiled from other sources than those in this folder; run 'stiffgen generate "
         "FILE' on the robot's file again (in stiffgen's repository: make generate). Restart Python if it has loaded the old module"
@@ -255,6 +257,7 @@ packed = _Functions(
 )
 
 from .impedance import Fault, Impedance, Mode, Policy, Reason, Refused, Stage, Status, joint_gains, late_work
+from .paper import PaperLaw
 
 # Names that help() documents. Arrays and enumerations are left out, because help() would add the documentation of
 # NumPy's arrays and of Python's integers for each of them; Policy, since help(Policy) is a page of its own.
@@ -274,7 +277,7 @@ __all__ = [
     "posture",
     "limits",
     "packed",
-    "Impedance", "joint_gains", "late_work",
+    "Impedance", "PaperLaw", "joint_gains", "late_work",
 ]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from stiffgen.controller.page import has_paper_law
 from stiffgen.emit.backend import Backend, Request
 
 
@@ -15,6 +16,10 @@ def _files(request: Request) -> dict[str, str]:
     files = {f"{name}_impedance.h": "impedance.h.j2", f"{name}_impedance.c": "impedance.c.j2"}
     if request.options.python:
         files |= {"python/impedance.py": "impedance.py.j2", "python/impedance.pyi": "impedance.pyi.j2"}
+    if has_paper_law(request.chain):
+        files |= {f"{name}_paper.h": "paper.h.j2", f"{name}_paper.c": "paper.c.j2"}
+        if request.options.python:
+            files |= {"python/paper.py": "paper.py.j2", "python/paper.pyi": "paper.pyi.j2"}
     return files
 
 

@@ -97,6 +97,11 @@ def has_controller(chain: Chain, scalar: Scalar = DOUBLE) -> bool:
     return scalar == DOUBLE and chain.masses and not chain.floating and len(chain.motor_coordinates) <= MAX_DOF
 
 
+def has_paper_law(chain: Chain) -> bool:
+    """Return whether a robot with a controller has the paper's law beside it: one tip, no closed loops."""
+    return len(chain.tips) == 1 and not chain.loops
+
+
 def called_kernels(chain: Chain, springs: Sequence[str]) -> tuple[str, ...]:
     """Return the functions that the controller of a robot with these kinds of springs calls."""
     bounded = BOUNDED_KERNELS if "bounded" in springs else ()
@@ -133,6 +138,7 @@ class ControllerPage:
         library: functions of the C library, static.
         tool: whether the tool's pose is an argument.
         bounded: whether the folder has the bounded spring.
+        paper: whether the folder has the paper's law by itself: one tip, no closed loops.
         tips: number of tips.
         scopes: prefix of the kernels' names, per tip.
         status, modes, faults: name and meaning.
@@ -163,6 +169,7 @@ class ControllerPage:
     library: str
     tool: bool
     bounded: bool
+    paper: bool
     tips: int
     scopes: list[str]
     status: tuple[tuple[str, str], ...]
@@ -203,6 +210,7 @@ def controller_page(
         library=_whole_names(_library(), prefix),
         tool=chain.runtime_tool,
         bounded=bounded,
+        paper=has_paper_law(chain),
         tips=len(chain.tips),
         scopes=[f"{tip.name}_" if tip.name else "" for tip in chain.tips],
         status=STATUS,

@@ -114,6 +114,7 @@ def _sources(folder: Path, name: str, header: Path) -> dict[Path, Sequence[str]]
     options: dict[Path, Sequence[str]] = {
         **{source: [] for source in kernel_sources(folder, name)},
         folder / f"{name}_impedance.c": [],
+        folder / f"{name}_paper.c": [],
         folder / "python" / f"{name}_python.c": [
             f"-I{header.parent}",
             f"-I{np.get_include()}",

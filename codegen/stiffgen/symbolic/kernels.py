@@ -95,7 +95,9 @@ _ARGUMENT_NAMES = frozenset(
     for kernel in KERNELS
     for argument in (*kernel.arguments, *kernel.results, arguments.BASE_POSE, arguments.TOOL_POSE)
 )
-_FORBIDDEN_NAMES = RESERVED_NAMES | _ARGUMENT_NAMES | {kernel.name for kernel in KERNELS} | {"impedance", *CPP_NAMES}
+_FORBIDDEN_NAMES = (
+    RESERVED_NAMES | _ARGUMENT_NAMES | {kernel.name for kernel in KERNELS} | {"impedance", "paper", *CPP_NAMES}
+)
 """Names that are forbidden for potentials."""
 
 

@@ -12,6 +12,7 @@
 #include <numpy/ufuncobject.h>
 
 #include "../iiwa14_impedance.h"
+#include "../iiwa14_paper.h"
 
 enum { MAX_OPERANDS = 7, MAX_RANK = 3, CHUNK = 64 };
 
@@ -3059,7 +3060,100 @@ static PyObject *error_text(PyObject *module, PyObject *arguments)
     return PyArg_ParseTuple(arguments, "i", &code) ? PyUnicode_FromString(iiwa14_impedance_error_text(code)) : NULL;
 }
 
+/* Copy the numbers of the paper's configuration from a row: conventional (0 or 1), and the fields of the struct. */
+static void read_paper_config(const double *row, iiwa14_paper_config *config)
+{
+    enum { N = 7 };
+    config->conventional = row[0] != 0.0;
+    config->sample_time = row[1];
+    config->damping_ratio = row[2];
+    config->joint_damping = row[3];
+    config->posture_stiffness = row[4];
+    memcpy(config->motor_inertia, row + 5, N * sizeof(double));
+    memcpy(config->effort_limit, row + 5 + N, N * sizeof(double));
+    memcpy(config->torque_rate_limit, row + 5 + 2 * N, N * sizeof(double));
+}
+
+/* Write the paper's default configuration without its formula: argument (row). */
+static PyObject *paper_default(PyObject *module, PyObject *arguments)
+{
+    enum { N = 7 };
+    Py_buffer row;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "w*", &row)) {
+        return NULL;
+    }
+    double *x = structs(&row, (4 + 3 * N) * sizeof(double), 1);
+    if (x != NULL) {
+        iiwa14_paper_config c;
+        iiwa14_paper_default_config(&c);
+        const double scalars[4] = {c.sample_time, c.damping_ratio, c.joint_damping, c.posture_stiffness};
+        memcpy(x, scalars, sizeof scalars);
+        memcpy(x + 4, c.motor_inertia, N * sizeof(double));
+        memcpy(x + 4 + N, c.effort_limit, N * sizeof(double));
+        memcpy(x + 4 + 2 * N, c.torque_rate_limit, N * sizeof(double));
+    }
+    PyBuffer_Release(&row);
+    return x != NULL ? Py_NewRef(Py_None) : NULL;
+}
+
+/* Check a configuration of the paper's law: argument (config). */
+static PyObject *paper_validate(PyObject *module, PyObject *arguments)
+{
+    Py_buffer config;
+    PyObject *result = NULL;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "y*", &config)) {
+        return NULL;
+    }
+    const double *row = structs(&config, (5 + 3 * 7) * sizeof(double), 1);
+    if (row != NULL) {
+        iiwa14_paper_config c;
+        read_paper_config(row, &c);
+        result = PyLong_FromLong(iiwa14_paper_validate(&c));
+    }
+    PyBuffer_Release(&config);
+    return result;
+}
+
+/* Do one step of the paper's law: arguments (config, torque of the last step, input, results). */
+static PyObject *paper_step(PyObject *module, PyObject *arguments)
+{
+    enum { N = 7 };
+    Py_buffer config, torque, input, results;
+    PyObject *result = NULL;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "y*w*y*w*", &config, &torque, &input, &results)) {
+        return NULL;
+    }
+    const double *row = structs(&config, (5 + 3 * N) * sizeof(double), 1);
+    void *s = row != NULL ? structs(&torque, sizeof(iiwa14_paper_state), 1) : NULL;
+    void *in = s != NULL ? structs(&input, sizeof(iiwa14_paper_input), 1) : NULL;
+    double *y = in != NULL ? structs(&results, (3 * N + 2 * N * N + 2) * sizeof(double), 1) : NULL;
+    if (y != NULL) {
+        iiwa14_paper_config c;
+        iiwa14_paper_output out;
+        read_paper_config(row, &c);
+        result = PyLong_FromLong(iiwa14_paper_step(&c, (iiwa14_paper_state *)s, (const iiwa14_paper_input *)in, &out));
+        memcpy(y, out.torque, N * sizeof(double));
+        memcpy(y + N, out.elastic_torque, N * sizeof(double));
+        memcpy(y + 2 * N, out.damping_torque, N * sizeof(double));
+        memcpy(y + 3 * N, out.joint_stiffness, N * N * sizeof(double));
+        memcpy(y + 3 * N + N * N, out.damping, N * N * sizeof(double));
+        y[3 * N + 2 * N * N] = out.saturated;
+        y[3 * N + 2 * N * N + 1] = out.rate_limited;
+    }
+    PyBuffer_Release(&config);
+    PyBuffer_Release(&torque);
+    PyBuffer_Release(&input);
+    PyBuffer_Release(&results);
+    return result;
+}
+
 static PyMethodDef controller_methods[] = {
+    {"paper_default", paper_default, METH_VARARGS, NULL},
+    {"paper_validate", paper_validate, METH_VARARGS, NULL},
+    {"paper_step", paper_step, METH_VARARGS, NULL},
     {"default_config", default_config, METH_VARARGS, NULL},
     {"initialise", initialise, METH_VARARGS, NULL},
     {"validate", validate, METH_VARARGS, NULL},
@@ -3182,7 +3276,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "f2615f0bb4ceffcb") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "8e289beaf32e5e97") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }
