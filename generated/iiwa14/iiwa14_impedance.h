@@ -875,13 +875,14 @@ typedef struct {
  */
 void iiwa14_impedance_default_config(iiwa14_impedance_config *config);
 
-/* Check a configuration. Return IIWA14_OK, or the code of the first invalid field. */
+/* Check a configuration's fields. Return IIWA14_OK, or the code of the first invalid field. */
 int iiwa14_impedance_validate(const iiwa14_impedance_config *config);
 
 /*
  * Prepare a state: no sample seen. torque (7): the torque in force, from which the controller's torque moves on at
  * the rate limit; NULL for zero. Give the torque_offset that it contains with the first sample: it then counts once.
- * Return IIWA14_OK, an error of iiwa14_impedance_validate, or IIWA14_E_TORQUE.
+ * Return IIWA14_OK, an error of iiwa14_impedance_validate, IIWA14_E_TORQUE, or, unless stiffness_cap is to accept,
+ * IIWA14_E_STIFFNESS: init alone looks at the stiffness that sample time and delay allow, in 32 postures.
  */
 int iiwa14_impedance_init(const iiwa14_impedance_config *config, iiwa14_impedance_state *state,
     const double *torque);

@@ -3276,7 +3276,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "8e289beaf32e5e97") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "9c89156c1030c524") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

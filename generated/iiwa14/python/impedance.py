@@ -64,6 +64,8 @@ def _number(name: str, value: Any) -> Any:
 class Config:
     """Configuration of a controller. Fields are attributes; a value is checked, and stored only if it is valid.
 
+    Arrays are read-only copies: assign a whole field, ``config.velocity_limit = limits``.
+
     The next step uses a change; torques stay within their rate limit.
     """
 
@@ -78,6 +80,8 @@ class Config:
         if name not in _CONFIG.names:
             raise AttributeError(_unknown(name))
         value = self._values[0][name].copy()
+        if isinstance(value, np.ndarray):
+            value.flags.writeable = False  # an entry that is set here would be lost
         words = {number: word for word, number in _WORDS.get(name, {}).items()}
         return words.get(int(value), int(value)) if words else value
 
@@ -123,6 +127,32 @@ class Config:
 
     def __repr__(self) -> str:
         return _listing("Config", {name: getattr(self, name) for name in self})
+
+
+def _allowed_stiffness(values: NDArray[Any]) -> str:
+    """Return which stiffness limits would be accepted, for a configuration that init refuses for them; else nothing."""
+    trial, state, torque = values.copy(), np.zeros((_c.SIZES["state"] + 7) // 8), np.zeros(7)
+    limits = {"translation_stiffness_limit": (1.0, "N/m"), "rotation_stiffness_limit": (0.1, "N m/rad")}
+
+    def accepts(**changed: float) -> bool:
+        for name, (least, _) in limits.items():
+            trial[0][name] = changed.get(name, least)
+        return bool(_c.initialise(trial, state, torque) == 0)
+
+    if _c.validate(values) or not accepts():
+        return ""
+    found = []
+    for name, (low, unit) in limits.items():
+        high = float(values[0][name])
+        if accepts(**{name: high}):
+            low = high
+        while high - low > 1e-3 * high:
+            middle = (low + high) / 2
+            low, high = (middle, high) if accepts(**{name: middle}) else (low, middle)
+        digit = 10.0 ** np.floor(np.log10(low) - 1)  # two digits, rounded down
+        found.append(f"{np.floor(low / digit + 1e-9) * digit:g} {unit}")
+    rate, delay = 1 / float(values[0]["sample_time"]), int(values[0]["delay_samples"])
+    return f" (at {rate:.0f} Hz and delay_samples {delay} at most {' and '.join(found)})"
 
 
 def _unknown(name: str) -> str:
@@ -249,7 +279,7 @@ class Impedance:
         initial = np.ascontiguousarray(np.broadcast_to(np.asarray(torque, float), 7))
         code = _c.initialise(self._config._values, self._state, initial)
         if code:
-            raise ValueError(_c.error_text(code))
+            raise ValueError(_c.error_text(code) + _allowed_stiffness(self._config._values))
         self._counter = 0
 
     def reset(self) -> None:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import ctypes
+import re
 import subprocess
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -604,6 +605,31 @@ def test_configuration_while_running(robot: ModuleType) -> None:
         _ = controller.config.nothing
     controller.config.update({"tank_maximum": 1.0, "tank_initial": 0.5})
     assert "damping_ratio" in repr(controller.config)
+
+
+def test_an_entry_of_a_field_is_not_lost(robot: ModuleType) -> None:
+    """Before, ``config.velocity_limit[0] = 0.1`` set an entry of a copy, and the controller had another limit."""
+    controller = robot.Impedance()
+    with pytest.raises(ValueError, match="read-only"):
+        controller.config.velocity_limit[0] = 0.1
+    controller.config.velocity_limit = 0.5 * controller.config.velocity_limit
+    np.testing.assert_allclose(controller.config.velocity_limit, 0.5 * robot.VELOCITY)
+
+
+@pytest.mark.parametrize("fields", [{"sample_time": 0.01}, {"sample_time": 0.005, "delay_samples": 3}])
+def test_a_refused_stiffness_names_what_is_allowed(robot: ModuleType, fields: dict[str, Any]) -> None:
+    """The named limits are accepted, and a tenth more of either is refused."""
+    with pytest.raises(ValueError, match="lower the limits") as refused:
+        robot.Impedance(fields)
+    words = re.search(r"at (\d+) Hz and delay_samples (\d) at most (\S+) N/m and (\S+) N m/rad\)$", str(refused.value))
+    assert words, refused.value
+    assert float(words[1]) * fields["sample_time"] == 1 and int(words[2]) == fields.get("delay_samples", 0)
+    limits = {"translation_stiffness_limit": float(words[3]), "rotation_stiffness_limit": float(words[4])}
+    robot.Impedance(fields | limits)
+    for name, limit in limits.items():
+        if limit < getattr(robot.Impedance().config, name):
+            with pytest.raises(ValueError, match="lower the limits"):
+                robot.Impedance(fields | limits | {name: 1.11 * limit})
 
 
 def test_inputs_are_required(robot: ModuleType) -> None:
