@@ -6,27 +6,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from stiffgen.lower.form import (
-    Access,
     Count,
     Declaration,
     Declared,
     Entry,
     HelperArgument,
     Layout,
-    Local,
     Pointer,
     Scope,
     Storage,
     Table,
 )
-from stiffgen.lower.statements import indices
+from stiffgen.lower.spots import Index, PairIndex, RowIndex, flat_name, spot_of
 from stiffgen.lower.variant import Variant
 from stiffgen.symbolic.program import Array
-
-
-def element(array: Array, k: int) -> str:
-    """Return the C text of the k-th entry of a local array with an index per dimension."""
-    return array.name + "".join(f"[{index}]" for index in indices(array.shape, k))
 
 
 @dataclass(frozen=True)
@@ -38,45 +31,16 @@ class Elements:
 
     def entry(self, entry: Entry) -> str:
         """Return the C text of an entry."""
-        if isinstance(entry, Local):
-            return entry.name if entry.index is None else f"{entry.name}[{entry.index}]"
-        if entry.guard:
-            return entry.guard
-        storage, operand, k = entry.storage, entry.operand, entry.entry
-        if entry.as_passed:
-            return f"{storage.array.name}[{k}]"
-        if storage.elsewhere:
-            return self.entry(storage.elsewhere[k])
-        if storage.layout in (Layout.WEIGHTS, Layout.WEIGHTS_TRANSPOSED, Layout.WEIGHT_ROWS):
-            return self._weight(entry)
-        if storage.layout is Layout.LANES:
-            return self._in_vectors(entry)
-        array = storage.named
-        if operand.at == "":
-            return f"{array.name}[{k}]" if storage.layout is Layout.FLAT else element(array, k)
-        if operand.at != "ij":
-            return f"{array.name}[{k}][{operand.at}]" if len(array.shape) > 1 else f"{array.name}[{operand.at}]"
-        if operand.count == 1:
-            return self.pair(array, "i", "j")
-        return f"entry[{k}]" if storage.is_result else f"{array.name}[i][j][{k}]"
+        spot = spot_of(entry)
+        return spot.name + "".join(f"[{self._index(index)}]" for index in spot.indices)
 
-    def _in_vectors(self, entry: Access) -> str:
-        array, k = entry.storage.array, entry.entry
-        if entry.wide:
-            return f"{array.name}[{k}][j]"
-        if entry.operand.at == "":
-            return element(Array(f"{array.name}_of", array.shape), k)
-        return f"{array.name}_of[{k}][{entry.operand.at}]"
-
-    def _weight(self, entry: Access) -> str:
-        storage, k, depth = entry.storage, entry.entry, entry.operand.count
-        if storage.layout is Layout.WEIGHT_ROWS:
-            row = "i" if depth == 1 else f"{depth} * i + {k}"
-            return f"{storage.array.name}[{row}][j]"
-        name = self.pointer(Pointer(storage.companion)) if storage.companion else storage.array.name
-        first, second = ("j", "i") if storage.layout is Layout.WEIGHTS_TRANSPOSED else ("i", "j")
-        place = f"{self.scope.size} * {first} + {second}"
-        return f"{name}[{place}]" if depth == 1 else f"{name}[{depth} * ({place}) + {k}]"
+    def _index(self, index: Index) -> str:
+        if isinstance(index, PairIndex):
+            place = f"{self.scope.size} * {index.first} + {index.second}"
+            return place if index.depth == 1 else f"{index.depth} * ({place}) + {index.offset}"
+        if isinstance(index, RowIndex):
+            return "i" if index.depth == 1 else f"{index.depth} * i + {index.offset}"
+        return str(index)
 
     def pair(self, array: Array, first: str, second: str) -> str:
         """Return the C text of the entry of a pair of joints."""
@@ -95,10 +59,9 @@ class Elements:
             return f"({'' if written else 'const '}{self.variant.scalar.name} *){array.name}{row}"
         if pointer.row is not None:
             return f"{array.name}[{pointer.row}]"
-        passed = storage.local is not None and not pointer.as_read
-        if passed or storage.layout is not Layout.SHAPED or (storage.place.is_parameter and not pointer.as_read):
-            return array.name
-        return array.name + "[0]" * (len(array.shape) - 1)
+        if not pointer.as_read:
+            return flat_name(storage)
+        return array.name if storage.layout is not Layout.SHAPED else array.name + "[0]" * (len(array.shape) - 1)
 
     def argument(self, argument: HelperArgument, *, written: bool = False) -> str:
         """Return the C text of a helper's argument."""
