@@ -13,6 +13,7 @@ import pytest
 from mpmath import mp
 
 import stiffgen
+from campaigns import exact_c
 from stiffgen.emit.render import render
 from stiffgen.options import GenerationOptions
 from stiffgen.symbolic.connection import REPRESENTATIONS
@@ -25,7 +26,6 @@ from stiffgen.verify.kernels.oracles import oracles_of
 from stiffgen.verify.kernels.references import References
 from stiffgen.verify.kernels.samples import argument_samples
 from stiffgen.verify.result import BOUND, as_results, relative_error
-from support import exact_c
 from support.chains import chain_urdf
 from support.complex_step import columns, gradients
 from support.controller_library import compile_c

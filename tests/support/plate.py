@@ -9,10 +9,17 @@ from types import ModuleType
 import pytest
 
 import stiffgen
-from examples.bowl_wiping.tool import PLATE
-from stiffgen import open_robot
+from stiffgen import Tool, open_robot
 from support.project import URDF, Once
 
+NAME = "iiwa14_plate"
+TOOL = Tool(
+    xyz=(0.0, 0.0, 0.24),
+    mass=0.455,
+    com=(0.0, 0.0, 0.0947),
+    inertia=(0.00469, 0.0, 0.0, 0.00469, 0.0, 0.00079),
+)
+"""Sensor, tube and plate of examples/bowl_wiping, bit for bit."""
 EXACT = "-ffp-contract=off"
 """Each product and sum is rounded: builds of one robot by other compilers compute the same bits."""
 
@@ -28,9 +35,9 @@ def plate_folder(once: Once) -> Path:
     def make(output: Path) -> None:
         with pytest.MonkeyPatch.context() as patch:
             patch.setenv("CFLAGS", f"-O1 {EXACT}")
-            stiffgen.generate(URDF, name=PLATE.robot, tool=PLATE.for_generator(), batches=False, output=output)
+            stiffgen.generate(URDF, name=NAME, tool=TOOL, batches=False, output=output)
 
-    return once("robots", make) / PLATE.robot
+    return once("robots", make) / NAME
 
 
 @pytest.fixture(scope="session")

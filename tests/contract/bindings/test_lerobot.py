@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from support.lerobot_base import EPISODE, IS_WHOLE, installed_plugin
+from contract.bindings.lerobot_base import EPISODE, IS_WHOLE, installed_plugin
 from support.pages import blocks
 from support.project import ROOT, URDF
 

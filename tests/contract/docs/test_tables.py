@@ -8,7 +8,6 @@ import csv
 import pytest
 
 from campaigns import compare, robots_table
-from examples.robosuite import tables as robosuite
 from support.project import ROOT
 
 DOCS = ROOT / "docs"
@@ -25,13 +24,6 @@ def test_comparison_with_laws_in_use() -> None:
     for row in csv.DictReader(text.splitlines()):
         measured.setdefault(row["arm"], {})[row["situation"]] = [float(row[law]) for law in compare.LAWS]
     assert compare.csv_text(measured) == text
-
-
-def test_comparison_in_robosuite() -> None:
-    text = (DOCS / "robosuite.csv").read_text()
-    records = list(csv.DictReader(text.splitlines()))
-    assert robosuite.csv_text(records) == text
-    assert below("robosuite.md", "writes all below this line -->").endswith(robosuite.tables(records))
 
 
 def test_robots() -> None:

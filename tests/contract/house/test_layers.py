@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from pathlib import Path
 
 import stiffgen
@@ -101,3 +102,10 @@ def test_no_test_imports_a_test_and_each_lies_in_a_room() -> None:
         }
         assert not {part for module in taken for part in module.split(".")} & names, file.name
         assert file.relative_to(tests).parts[0] in ("unit", "contract", "oracle", "campaigns"), file
+
+
+def test_only_tests_of_examples_import_examples() -> None:
+    """Every other test says what the package does by itself."""
+    text = re.compile(r"^ *(?:from|import) examples\b", re.MULTILINE)
+    found = [file for file in (ROOT / "tests").rglob("*.py") if text.search(file.read_text())]
+    assert {file.parent for file in found} == {ROOT / "tests" / "oracle" / "examples"}

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 import stiffgen
+from contract.play.browser import Page, chromium, require_chromium
 from stiffgen import open_robot
 from stiffgen.play.page import write_page
-from support.browser import Page, chromium, require_chromium
 from support.chains import chain_urdf
 from support.playground import require_wasm
 from support.project import ROOT, assert_close

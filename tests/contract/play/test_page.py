@@ -17,7 +17,6 @@ import numpy as np
 import pytest
 
 import stiffgen
-from examples import energy_cycle
 from stiffgen import open_robot
 from stiffgen.cli import main
 from stiffgen.play import page
@@ -149,23 +148,6 @@ def test_no_spring_for_a_moment_that_is_too_large(scripts: Scripts) -> None:
     assert found["spring"] is None
     assert found["exact"] is None
     assert np.isfinite(found["corrected"]).all()
-
-
-def test_a_laps_work(scripts: Scripts, robot: ModuleType) -> None:
-    """Net work of the four laws: closed form and sums of examples/energy_cycle.py."""
-    q, radius = energy_cycle.centre(), energy_cycle.RADIUS
-    tasks = [
-        {"do": "loop", "q": q, "wrench": energy_cycle.WRENCH, "gains": np.diag(energy_cycle.TASK_STIFFNESS),
-         "chosen": True, "loop": {"kind": "joints", "joints": plane, "radius": radius}}
-        for plane in energy_cycle.PLANES
-    ]  # fmt: skip
-    for plane, works in zip(energy_cycle.PLANES, scripts.run(tasks), strict=True):
-        conventional = energy_cycle.area_integral(robot, q, plane, radius, "conventional")
-        secant = energy_cycle.following(robot, q, plane, radius, "corrected")[-1]
-        assert works["conventional"][-1] == pytest.approx(conventional, abs=1e-12)
-        assert works["secant"][-1] == pytest.approx(secant, rel=1e-5, abs=1e-8)
-        assert abs(works["corrected"][-1]) < 1e-13
-        assert abs(works["exact"][-1]) < 1e-13
 
 
 def test_a_turn_of_the_tip_costs_the_moment_times_the_area(scripts: Scripts) -> None:

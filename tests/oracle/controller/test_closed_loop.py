@@ -11,11 +11,9 @@ from __future__ import annotations
 import ctypes
 from typing import Any
 
-import mujoco
 import numpy as np
 import pytest
 
-from examples.experiments.plant import Plant
 from support.plant.loop import Q0, Loop
 
 MOTOR = 0.1
@@ -38,37 +36,6 @@ def directions(count: int, size: float, seed: int = 1) -> list[np.ndarray]:
     """Displacements of the joints with that norm [rad]."""
     vectors = np.random.default_rng(seed).normal(size=(count, 7))
     return list(size * vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
-
-
-# ---- another plant ----
-
-
-def test_mujoco_sees_the_same(loop: Loop) -> None:
-    """A load and a jump of q0 with MuJoCo's dynamics: the same motion to 1e-4 rad."""
-    load, wanted = np.array([5.0, -3, -20, 1, 0.5, -1]), Q0 + 0.2
-    rows = loop.run(
-        2000, loop.segments({"load": load}, {"start": 300, "wanted": wanted}), configs=config(loop), rows=True
-    )[1]
-    arm = Plant(q=Q0)
-    model, data = arm.model, arm.data
-    model.opt.gravity[:] = 0
-    model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
-    model.opt.timestep = 2e-4
-    model.dof_armature[:] = MOTOR
-    site = model.site("tip").id
-    step = loop.stepper(config(loop))
-    J = np.zeros((6, 7))
-    for k in range(2000):
-        command = step(
-            q=data.qpos, dq=data.qvel, wanted=Q0 if k < 300 else wanted, translation=TRANSLATION, rotation=ROTATION
-        )
-        for _ in range(5):
-            mujoco.mj_forward(model, data)
-            mujoco.mj_jacSite(model, data, J[:3], J[3:], site)
-            data.qfrc_applied[:] = np.array(command.torque) + J.T @ load
-            mujoco.mj_step(model, data)
-        assert np.abs(data.qpos - rows["q"][k]).max() < 1e-4, k
-    assert np.abs(data.qpos - Q0).max() > 0.15
 
 
 # ---- loads ----

@@ -1,15 +1,13 @@
 # SPDX-License-Identifier: MIT
-"""The plant of the closed-loop tests: against MuJoCo, by its energy, and its statics by differences."""
+"""The plant of the closed-loop tests: by its energy, and its statics by differences."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import pytest
 
-from examples.experiments.plant import Plant
 from support.plant.loop import FREE, KERNELS, Q0, Loop
 
 RANDOM = np.random.default_rng(3)
@@ -18,22 +16,6 @@ RANDOM = np.random.default_rng(3)
 @pytest.fixture(scope="module")
 def loop(robot_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Loop:
     return Loop(tmp_path_factory.mktemp("free"), robot_folder, FREE, KERNELS)
-
-
-@pytest.mark.slow
-def test_inertia_and_bias_are_mujocos(loop: Loop) -> None:
-    """Two readers of the URDF, two dynamics: mass matrix to 1e-9, Coriolis and centrifugal forces to 1e-6."""
-    other = Plant()
-    other.model.opt.gravity[:] = 0
-    motor = np.diag(other.model.dof_armature)
-    for _ in range(20):
-        q, v = RANDOM.uniform(-1.5, 1.5, 7), RANDOM.normal(size=7)
-        other.data.qpos[:], other.data.qvel[:] = q, v
-        mujoco.mj_forward(other.model, other.data)
-        M = np.empty((7, 7))
-        mujoco.mj_fullM(other.model, other.data, M)
-        assert np.abs(M - motor - loop.mass_matrix(q)).max() < 1e-9
-        assert np.abs(other.data.qfrc_bias - loop.bias(q, v)).max() < 1e-6
 
 
 def test_energy_of_a_free_motion(loop: Loop) -> None:

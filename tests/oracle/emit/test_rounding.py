@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 import stiffgen
+from oracle.emit.sine_cosine_proof import NotProvedError, proved_units
 from stiffgen.lower.rounding import ErrorBounds, NoBound, Ranges, rounded_up
 from stiffgen.symbolic.kernels import chain_kernels
 from support.chains import chain_urdf
 from support.generated_c import kernel_text
 from support.project import ROOT, require_compiler
 from support.quad import WIDTHS, Measured, can_run, climbed, kernels_with_bounds, with_eighty_digits
-from support.sine_cosine_proof import NotProvedError, proved_units
 
 RANGES = Ranges()
 SINES = (ROOT / "generated" / "iiwa14" / "iiwa14_lanes.h").read_text().partition("#define FAR")

@@ -18,7 +18,9 @@ from mpmath import mp, mpf
 import stiffgen
 from examples import closed_loops as example
 from examples import parallel_robots
-from support.project import ROOT
+from stiffgen.symbolic.arguments import Q
+from stiffgen.verify.kernels.references import References
+from support.project import ROOT, assert_close
 
 
 def test_stiffness_is_the_change_of_the_torque_as_the_motors_turn() -> None:
@@ -188,3 +190,14 @@ def test_each_sine_of_a_stiffness_is_computed_once(tmp_path: Path) -> None:
     for name in ("torque", "joint_stiffness", "spring_torque", "spring_joint_stiffness"):
         comment = code[: code.index(f"\nvoid ankle_motors_{name}(")].rpartition("/*")[2]
         assert re.findall(r"(\d+) sines and cosines", comment) == ["16"], name
+
+
+def test_joints_beside_the_way_to_the_tip_do_not_count() -> None:
+    """An ankle's rods and cranks: before, verify took the joints of the loops for the tip's, and its measure was 0."""
+    kernels = example.ankle()
+    references = References(kernels.chain, 3, 5)
+    expected = references.manipulability
+    assert expected.measure.min() > 0.5
+    for k, q in enumerate(references.samples[Q]):
+        assert_close(np.array(kernels.manipulability(q)).ravel(), expected.measure[k : k + 1])
+        assert_close(np.array(kernels.manipulability_gradient(q)).ravel(), expected.gradient[k])

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import ModuleType
 from xml.etree import ElementTree
 
@@ -10,6 +11,8 @@ import numpy as np
 import pytest
 
 from examples import energy_cycle as cycle
+from stiffgen import open_robot
+from support.playground import Scripts
 
 KT, KO = cycle.TASK_STIFFNESS[:3, :3], cycle.TASK_STIFFNESS[3:, 3:]
 
@@ -81,3 +84,21 @@ def test_figure_is_that_of_the_page(robot: ModuleType) -> None:
     assert words(drawn) == words(committed)
     assert "prefers-color-scheme" in committed
     assert all(law in words(committed) for law in cycle.LAWS)
+
+
+def test_a_laps_work_on_the_playground(robot: ModuleType, robot_folder: Path, tmp_path: Path) -> None:
+    """Net work of the four laws: closed form and sums of examples/energy_cycle.py."""
+    scripts = Scripts(open_robot(robot_folder), tmp_path)
+    q, radius = cycle.centre(), cycle.RADIUS
+    tasks = [
+        {"do": "loop", "q": q, "wrench": cycle.WRENCH, "gains": np.diag(cycle.TASK_STIFFNESS),
+         "chosen": True, "loop": {"kind": "joints", "joints": plane, "radius": radius}}
+        for plane in cycle.PLANES
+    ]  # fmt: skip
+    for plane, works in zip(cycle.PLANES, scripts.run(tasks), strict=True):
+        conventional = cycle.area_integral(robot, q, plane, radius, "conventional")
+        secant = cycle.following(robot, q, plane, radius, "corrected")[-1]
+        assert works["conventional"][-1] == pytest.approx(conventional, abs=1e-12)
+        assert works["secant"][-1] == pytest.approx(secant, rel=1e-5, abs=1e-8)
+        assert abs(works["corrected"][-1]) < 1e-13
+        assert abs(works["exact"][-1]) < 1e-13

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from examples.bowl_wiping.bowl import Bowl, bowl_plant
+from examples.bowl_wiping.tool import PLATE
 from examples.experiments.plant import MOTOR_INERTIA, START_POSTURE, Plant
 from stiffgen import StiffgenError
+from support.plate import NAME, TOOL
 
 ABOVE = START_POSTURE + np.array([0.2, -0.6, 0.1, 0.2, 0.3, -0.4, 0.5])  # well clear of the bowl
 
@@ -146,3 +148,7 @@ def test_refusals() -> None:
         Plant(timestep=0.0)
     with pytest.raises(StiffgenError, match="q has shape"):
         Plant(q=np.zeros(6))
+
+
+def test_the_tests_plate_is_the_examples() -> None:
+    assert (PLATE.robot, PLATE.for_generator()) == (NAME, TOOL)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import csv
 import sys
 from collections.abc import Iterator
 from types import SimpleNamespace
@@ -12,7 +13,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from support import robosuite_stub
+from examples.robosuite import tables
+from oracle.examples import robosuite_stub
+from support.project import ROOT
 
 pytestmark = pytest.mark.slow
 
@@ -227,3 +230,11 @@ def test_targets_reach_every_pose_of_the_motion(register: dict[str, Any]) -> Non
 def test_refusals(register: dict[str, Any], fields: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Run(register, **fields)
+
+
+def test_tables_of_the_page() -> None:
+    text = (ROOT / "docs" / "robosuite.csv").read_text()
+    records = list(csv.DictReader(text.splitlines()))
+    assert tables.csv_text(records) == text
+    page = (ROOT / "docs" / "robosuite.md").read_text()
+    assert page.partition("writes all below this line -->")[2].endswith(tables.tables(records))

@@ -6,9 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from examples import closed_loops
 from stiffgen import StiffnessModel, load_chain
-from stiffgen.symbolic.arguments import Q
 from stiffgen.symbolic.families.stiffness import DIRECTION
 from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.model import casadi_function
@@ -99,17 +97,6 @@ def test_sliding_and_mimic_joints_and_a_tool_of_run_time(types, floating, tmp_pa
         held = references.samples[WRENCH][k], references.samples[TASK_STIFFNESS][k], references.samples[DIRECTION][k]
         found = np.array(kernels.hybrid.stiffness_direction_gradient(*where, *held)).ravel()
         assert_close(found, references.direction_gradient[k].astype(float))
-
-
-def test_joints_beside_the_way_to_the_tip_do_not_count():
-    """An ankle's rods and cranks: before, verify took the joints of the loops for the tip's, and its measure was 0."""
-    kernels = closed_loops.ankle()
-    references = References(kernels.chain, 3, 5)
-    expected = references.manipulability
-    assert expected.measure.min() > 0.5
-    for k, q in enumerate(references.samples[Q]):
-        assert_close(np.array(kernels.manipulability(q)).ravel(), expected.measure[k : k + 1])
-        assert_close(np.array(kernels.manipulability_gradient(q)).ravel(), expected.gradient[k])
 
 
 def _kernel(chain, name):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from oracle.symbolic.kernel_references import MotorReferences, References
 from stiffgen.errors import ChainError
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import Q, configuration_arguments
@@ -20,7 +21,6 @@ from stiffgen.verify.kernels.missing import function_of_stacks
 from stiffgen.verify.kernels.samples import argument_samples
 from stiffgen.verify.result import as_results
 from support.exact_linkage import ExactLinkage, closed_state
-from support.kernel_references import MotorReferences, References
 from support.small_robots import LINKAGES, TREES, Small, part
 
 BOUND = 1e-11
