@@ -63,7 +63,7 @@ campaign: $(if $(filter rounding-errors targets,$(NAME)),generate)
 campaign:  ## run a long search: NAME=..., OPTIONS="..."; without a name, list them
 	@PYTHONPATH=tests:. $(BIN)/python -m campaigns $(NAME) $(OPTIONS)
 
-compare: $(VENV)/installed-test  ## compare the controller with laws in use, into docs/compare.md
+compare: $(VENV)/installed-test  ## compare the controller with laws in use, into docs/results.md
 	@PYTHONPATH=tests:. $(BIN)/python -m campaigns compare
 
 robosuite: build/robosuite-venv/installed  ## compare the controller in robosuite with its own, into docs/robosuite.md

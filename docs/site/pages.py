@@ -32,18 +32,17 @@ PAGES = (
     "ros2/stiffgen_ros2/README.md", ".github/*.md", "CITATION.cff", "docs/*.csv",
 )  # fmt: skip
 CONTENTS = {
-    "Start": ("docs/start", "docs/playground", "docs/install"),
+    "Start": ("docs/start", "docs/playground"),
     "Notebooks": ("notebooks/first_steps", "notebooks/my_robot", "notebooks/springs_and_orbits", "notebooks/tuning"),
     "Concepts": (
-        "docs/theory", "docs/frames", "docs/springs", "docs/derivatives", "docs/casadi", "docs/identify",
+        "docs/theory", "docs/wrench", "docs/conventions", "docs/derivatives", "docs/casadi", "docs/identify",
         "docs/whole_body", "docs/loops",
-        "docs/glossary",
     ),
     "Use": (
-        "docs/embedding", "docs/controller", "docs/conventions", "docs/lerobot", "docs/robosuite", "docs/ros2",
+        "docs/embedding", "docs/controller", "docs/robosuite", "docs/ros2",
         "ros2/stiffgen_ros2/README",
-        "docs/fri", "docs/fri_reference", "docs/fri_robot",
-        "docs/results", "docs/experiment", "docs/stance", "docs/compare",
+        "docs/fri", "docs/fri_reference",
+        "docs/results", "docs/experiment",
         "docs/analyze", "docs/troubleshooting",
     ),
     "Evidence": (

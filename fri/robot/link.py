@@ -41,7 +41,8 @@ class Link:
             self.socket.close()
             raise LinkError(
                 f"cannot send from {own[0] or '0.0.0.0'}:{own[1]}: {error.strerror or error}; choose another "
-                "--robot-host or --robot-port, or run client and robot in two network namespaces (docs/fri_robot.md)"
+                "--robot-host or --robot-port, or run client and robot in two network namespaces "
+                "(docs/fri_reference.md)"
             ) from error
         try:
             if not deaf:

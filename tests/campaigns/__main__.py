@@ -86,9 +86,9 @@ CAMPAIGNS = {
     "nuisance": _campaign("nuisance", "count faults in harmless episodes of four arms", "--episodes 3 --arms ur5"),
     "compare": _campaign(
         "compare",
-        "compare the controller with laws in use, into docs/compare.md",
+        "compare the controller with laws in use, into docs/results.md",
         "--arms ur5",
-        "--count --output docs/compare.md",
+        "--count --output docs/results.md",
     ),
     "energy": _campaign("energy", "attack the controller's energy bound", "--count 4 --climb 2"),
     "policy": Campaign(

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Compare this controller with three laws in use, on the same plants with the same gains, in one table.
 
-    python tests/campaigns/compare.py [--arms iiwa14,panda,ur5] [--count] [--output docs/compare.md]
+    python tests/campaigns/compare.py [--arms iiwa14,panda,ur5] [--count] [--output docs/results.md]
 
 The laws stand in tests/support/arms/laws.c, each written from its formula: a rotation vector with a projected
 nullspace; a quaternion with clipped error and an integral; operational space, decoupled by inertia. All have the same
@@ -28,7 +28,7 @@ from support.arms.arms import FLAGS, Arm
 
 Array = np.ndarray[Any, np.dtype[Any]]
 LAWS = ("stiffgen", "rotation vector", "quaternion, clipped", "operational space")
-MARK = "<!-- table -->"
+MARK = "<!-- laws in use -->"
 
 
 def turned(pose: Array, shift: Any = (0, 0, 0), axis: int = 2, angle: float = 0.0) -> Array:

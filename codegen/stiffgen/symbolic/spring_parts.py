@@ -3,7 +3,7 @@
 
 A part has an energy V. A twist x = (v, w) moves the tip to (p + v, exp([w]) R); exp([w]) = I + [w] + [w]^2/2 up to
 second order. Each part names the quantities of its formulas in sections, under which the printed C computes them;
-docs/springs.md has the table of the symbols.
+docs/theory.md has the table of the symbols.
 
     displacement    V = d^T Kt d/2, d = X^T e, in axes X of the stiffness: base, equilibrium (R0) or tip (R)
     trace form      V = tr((R - R0) G (R - R0)^T)/2, G = tr(Ko)/2 I - Ko

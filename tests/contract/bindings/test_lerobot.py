@@ -273,7 +273,7 @@ def test_code_of_the_page(
     (tmp_path / "generated").symlink_to(robot_folder.parent)
     (tmp_path / "urdf").symlink_to(URDF.parent)
     monkeypatch.chdir(tmp_path)
-    for block in blocks(ROOT / "docs" / "lerobot.md"):
+    for block in blocks(ROOT / "docs" / "robosuite.md"):
         if block.language == "python":
             exec(block.code, {})
     assert re.fullmatch(r"moved by -0\.0[78]\d m, refused: \{\}\n", capsys.readouterr().out)

@@ -67,6 +67,11 @@ def bare(code: str) -> str:
     return re.sub(r",(?=[)}\]])", "", re.sub(r"\s+", "", code))
 
 
+def test_pages_stay_few() -> None:
+    """One question has one page: at most 30 in docs/."""
+    assert len(list((ROOT / "docs").glob("*.md"))) <= 30
+
+
 @pages(PAGES)
 def test_every_block_says_its_language(page: Path) -> None:
     """Otherwise no test would run it."""

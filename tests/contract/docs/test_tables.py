@@ -19,7 +19,7 @@ def below(page: str, mark: str) -> str:
 
 def test_comparison_with_laws_in_use() -> None:
     text = (DOCS / "compare.csv").read_text()
-    assert below("compare.md", compare.MARK).strip() == compare.table(text)
+    assert below("results.md", compare.MARK).strip() == compare.table(text)
     measured: dict[str, dict[str, list[float]]] = {}
     for row in csv.DictReader(text.splitlines()):
         measured.setdefault(row["arm"], {})[row["situation"]] = [float(row[law]) for law in compare.LAWS]

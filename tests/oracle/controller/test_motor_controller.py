@@ -128,7 +128,7 @@ class Linkage:
 
 
 def energy(pose: Array, equilibrium: Array) -> float:
-    """Return the energy of the trace form's spring, from the definition of docs/springs.md."""
+    """Return the energy of the trace form's spring, from the definition of docs/theory.md."""
     Kt, Ko = SPRING["translation_stiffness"], SPRING["rotation_stiffness"]
     e, R = pose[:3, 3] - equilibrium[:3, 3], equilibrium[:3, :3].T @ pose[:3, :3]
     weights = np.trace(Ko) / 2 * np.eye(3) - Ko

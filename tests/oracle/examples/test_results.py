@@ -35,7 +35,7 @@ def robots(plate_folder: Path, ball_folder: Path, tmp_path_factory: pytest.TempP
 
 
 def test_every_table_has_its_section_and_its_command() -> None:
-    assert set(re.findall(r"<!-- (?!end of)(.*?) -->", PAGE)) == {*results.SECTIONS, "energy"}
+    assert set(re.findall(r"<!-- (?!end of)(.*?) -->", PAGE)) == {*results.SECTIONS, "energy", "laws in use"}
     for section in results.SECTIONS:
         assert re.search(rf"examples\.results \"?{section}|make experiment", PAGE.replace("\n", " "))
 
