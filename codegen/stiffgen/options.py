@@ -13,6 +13,7 @@ from stiffgen.lower.rounding import Ranges
 from stiffgen.lower.scalar import DOUBLE, SCALARS, Scalar
 from stiffgen.robot.chain import ChainOptions, Sensor, Tool
 from stiffgen.robot.description import Reading
+from stiffgen.symbolic.kernels import ALL
 from stiffgen.symbolic.potentials import SpringOptions
 
 
@@ -53,7 +54,6 @@ def help_of(option: Field[Any]) -> Help:
     return metadata
 
 
-ALL = "all"
 _RANGES = tuple(each.name for each in fields(Ranges))
 
 
@@ -134,8 +134,8 @@ class GenerationOptions:
     kernels: str | Sequence[str] = field(
         default=ALL,
         metadata=described(
-            "groups of functions, separated by commas, such as hybrid,spring (default: all); pose and the controller's "
-            "functions are always included",
+            "groups of functions, separated by commas, such as hybrid,spring (default: all); all,compliance adds the "
+            "tip's compliance; pose and the controller's functions are always included",
             metavar="GROUPS",
         ),
     )
@@ -224,10 +224,10 @@ class GenerationOptions:
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """Groups of functions that were chosen; none for all."""
+        """Groups of functions that were chosen; none for all but those on request."""
         chosen = self.kernels.split(",") if isinstance(self.kernels, str) else self.kernels
         names = tuple(name.strip() for name in chosen)
-        return () if ALL in names else names
+        return () if set(names) == {ALL} else names
 
     def to_manifest(self) -> dict[str, Any]:
         """Return the options that decide which files a folder has; the manifest states the others elsewhere."""

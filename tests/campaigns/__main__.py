@@ -50,6 +50,9 @@ CAMPAIGNS = {
     "random-warnings": _campaign("compiler_warnings", "compile random robots by gcc at every level", "1 2 0"),
     "spring-digits": _campaign("springs_digits", "compare every spring with 60 digits", "1 1 pose"),
     "linkages": _campaign("linkages", "compare 200 random linkages with 60 digits", "2 1"),
+    "compliance": _campaign(
+        "compliance", "compare the tip's compliance in 200 trees with 60 digits", "--trees 1 --postures 6"
+    ),
     "rounding-errors": _campaign(
         "rounding_errors", "compare measured rounding errors with their bounds", "--states 400 --width SSE2"
     ),

@@ -94,7 +94,7 @@ class Lowering:
         self.chain = function.scope.chain
         self.storages = {array.name: Storage(array, Place.ARGUMENT, Layout.FLAT) for array in function.inputs}
         self.storages.update((array.name, Storage(array, Place.RESULT, Layout.FLAT)) for array in function.outputs)
-        self.braces = False
+        self.braces, self.guards = False, True
         self.guarded: set[str] = set()
         """Guarded copies of arguments' entries, and the local that makes NaN, defined so far outside of braces."""
 
@@ -223,6 +223,9 @@ class Lowering:
         storage, lanes = self.storage(operand.array), self.variant.joint_lanes
         if storage.layout in (Layout.WEIGHTS, Layout.WEIGHTS_TRANSPOSED, Layout.WEIGHT_ROWS):
             return Access(storage, operand, entry, wide=True)
+        flat = storage.layout is Layout.FLAT and storage.place is Place.LOCAL and len(operand.array.shape) == 2
+        if operand.at == "j" and flat and not lanes:
+            raise NotImplementedError(f"{storage.array.name}: a column of an array that was written as a whole")
         if operand.at == "j" and rows and lanes and storage.layout is not Layout.LANES:
             storage = self._in_vectors(storage)
         if storage.layout is not Layout.LANES:

@@ -79,7 +79,7 @@ def _argument(f: Lowering, storage: Storage, operand: Operand, k: int, sliding: 
     """Return the access to an argument's entry, guarded unless it is the angle of a joint."""
     array = operand.array
     guard = ""
-    if not array.is_q or k in sliding:
+    if f.guards and (not array.is_q or k in sliding):
         between = "_" if max(array.shape, default=0) > 10 else ""  # 1, 11 and 11, 1
         guard = array.symbol + between.join(map(str, indices(array.shape, k)))
     return Access(storage, operand, k, not f.variant.joint_lanes, as_passed=True, guard=guard)

@@ -350,9 +350,11 @@ def _shared(f: Lowering, step: Shared) -> None:
         columns = frozenset(array.name for array in step.columns)
         function = Function(name, f.scope, step.parameters, (step.result,), meaning=step.meaning, columns=columns)
         inner = Lowering(f.kernels, function)
+        inner.guards = not step.is_guarded
         inner.read_parameters(step.steps)
         inner.lower(step.steps)
         inner.guard_results()
+        inner.mirror_results()
         f.kernels.shared[name] = function
     output = f.storage(step.output)
     if not output.is_result:

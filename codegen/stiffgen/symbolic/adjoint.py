@@ -39,7 +39,7 @@ from stiffgen.symbolic import pieces
 from stiffgen.symbolic.adjoint_steps import RULES, turn
 from stiffgen.symbolic.gradients import Gradients, bar_name, cotangent_name, extents, gradient_shape
 from stiffgen.symbolic.program import Array, Operand, Over, Program, Step
-from stiffgen.symbolic.steps import ArgumentSlice, Map, StraightLine, Sum, Term
+from stiffgen.symbolic.steps import ArgumentSlice, Map, Shared, StraightLine, Sum, Term
 
 
 def reverse(
@@ -164,7 +164,7 @@ class _Reverse(Gradients):
 
 
 def _apart(step: Step) -> Program:
-    return (isinstance(step, StraightLine) and step.apart) or (step,)
+    return (isinstance(step, (Shared, StraightLine)) and step.apart) or (step,)
 
 
 def _sum(step: Sum) -> Sum:

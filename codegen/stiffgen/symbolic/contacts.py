@@ -98,6 +98,39 @@ def columns_and_covectors(chain: Chain, *arguments: ca.SX, representation: Repre
     return Expressions(ca.densify(stacked), tuple(tree.sections))
 
 
+def columns_of_loads(chain: Chain, *arguments: ca.SX, representation: Representation) -> Expressions:
+    """Return columns S, covectors u of loads without task stiffness, and Jacobians of all tips: row-major, stacked.
+
+    ``arguments`` are those of :func:`columns_and_covectors` without the stiffnesses. The Jacobians have the coordinates
+    of the chain as columns, and six rows per tip.
+    """
+    *configuration, wrenches = arguments
+    tree = _TipTree.of(chain, configuration, representation)
+    loads, jacobians = [], []
+    for index, wrench in enumerate(_per_tip(wrenches, len(chain.tips))):
+        tip, pose = chain.tips[index], tree.poses[index]
+        loads.append(_load(tree.sections, tip, index, pose, wrench, ca.SX(6, 6), representation))
+        jacobians.append(_jacobian(chain, tree, index, representation))
+    matrices = ca.horzcat(*tree.columns), ca.horzcat(*_covectors(chain, tree, _beyond(chain, loads)))
+    stacked = ca.vertcat(*(ca.vec(ca.densify(each).T) for each in (*matrices, ca.vertcat(*jacobians))))
+    return Expressions(stacked, tuple(tree.sections))
+
+
+def _jacobian(chain: Chain, tree: _TipTree, index: int, representation: Representation) -> ca.SX:
+    """Return the Jacobian of a tip: columns S moved to the tip and turned to its axes."""
+    rotation, point = tree.poses[index]
+    result, number = ca.SX(6, chain.dof), chain.tips[index].joint
+    while number >= 0:
+        joint, column = chain.joints[number], tree.columns[number]
+        if representation != "spatial":
+            column = ca.vertcat(column[:3] + cross(column[3:], point), column[3:])
+        if representation == "body":
+            column = ca.vertcat(rotation.T @ column[:3], rotation.T @ column[3:])
+        result[:, joint.coordinate] += joint.multiplier * column
+        number = joint.parent
+    return ca.densify(result)
+
+
 def spring_terms(chain: Chain, *arguments: ca.SX, spring: Spring, parts: str) -> Expressions:
     """Return the quantities that ``parts`` selects, for springs of one kind at all tips: row-major, stacked.
 

@@ -63,6 +63,8 @@ class Kernel:
     """Program of a total as a sum over the tips, differentiated tip by tip; ``program`` needs one pass."""
     is_gradient: bool = False
     """Whether the kernel is a gradient already: --derivatives adds no vector-Jacobian product."""
+    on_request: str = ""
+    """Word of --kernels that adds the kernel; empty for a kernel of every robot."""
     of_masses: bool = False
     """Whether the kernel needs all moving joints, including side joints, which move masses but no tip."""
 
@@ -88,8 +90,12 @@ class Kernel:
 
     @property
     def choices(self) -> tuple[str, str]:
-        """Words of --kernels that select the kernel: GROUP ("dynamics" without a group) and GROUP.NAME."""
-        return self.group or "dynamics", ".".join(filter(None, (self.group, self.name.removesuffix("_total"))))
+        """Words of --kernels that select the kernel: GROUP ("dynamics" without a group) and GROUP.NAME.
+
+        A kernel on request has the word of its family in place of the group.
+        """
+        name = ".".join(filter(None, (self.group, self.name.removesuffix("_total"))))
+        return self.on_request or self.group or "dynamics", name
 
     @property
     def result(self) -> Argument:

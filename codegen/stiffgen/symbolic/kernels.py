@@ -17,6 +17,7 @@ from stiffgen.robot.chain import Chain, MountedSensor, Tip
 from stiffgen.symbolic import arguments
 from stiffgen.symbolic.arguments import configuration_arguments
 from stiffgen.symbolic.connection import REPRESENTATIONS
+from stiffgen.symbolic.families.compliance import compliance_kernels, compliance_of_tip
 from stiffgen.symbolic.families.contacts import total_kernels
 from stiffgen.symbolic.families.dynamics import dynamics_kernels
 from stiffgen.symbolic.families.joint_potentials import JOINT_POTENTIAL_KERNELS, JOINT_POTENTIALS
@@ -92,7 +93,7 @@ RESERVED_NAMES = frozenset(kernel.group or kernel.name for kernel in KERNELS) | 
 
 _ARGUMENT_NAMES = frozenset(
     argument.name
-    for kernel in KERNELS
+    for kernel in (*KERNELS, *compliance_of_tip(configuration_arguments(runtime_tool=False)))
     for argument in (*kernel.arguments, *kernel.results, arguments.BASE_POSE, arguments.TOOL_POSE)
 )
 _FORBIDDEN_NAMES = (
@@ -110,6 +111,8 @@ def _check_names(springs: tuple[Spring, ...]) -> None:
             )
 
 
+ALL = "all"
+"""Word of --kernels for all kernels but those on request."""
 MAX_BATCH_JOINTS = 24
 """Largest number of moving joints with batch functions, which would double a C source of nearly a megabyte."""
 
@@ -118,12 +121,13 @@ def chain_kernels(chain: Chain, options: SpringOptions | None = None) -> tuple[K
     """Return the kernels of a chain in the order of printing; ``options`` adds springs to the default.
 
     A chain without masses has no kernels of dynamics. With several tips, each tip has its own kernels, and totals add
-    up the joint stiffnesses of all contacts and the springs at all tips.
+    up the joint stiffnesses of all contacts and the springs at all tips. ``options.groups`` adds kernels on request.
     """
     options = options or SpringOptions()
     springs = options.springs()
     _check_names(springs[len(springs) - len(options.potentials) :])
-    kernels = _select((*_all_kernels(chain, springs), *motor_kernels(chain, springs)), options.groups)
+    everything = *_all_kernels(chain, springs), *motor_kernels(chain, springs), *compliance_kernels(chain)
+    kernels = _select(everything, options.groups)
     if chain.loops:  # vectors of joints also hold coordinates, of which a path to a tip has more than joints
         kernels = tuple(replace(each, of_masses=True) if _of_coordinates(each) else each for each in kernels)
     if chain.floating:
@@ -143,24 +147,27 @@ def _of_coordinates(kernel: Kernel) -> bool:
 
 
 def _select(kernels: tuple[Kernel, ...], groups: tuple[str, ...]) -> tuple[Kernel, ...]:
-    """Return the kernels of some groups, always with the tips' poses; without groups return all kernels.
+    """Return the kernels of some groups, always with the tips' poses.
+
+    Without groups, and for the word "all", return all kernels but those on request.
 
     Raises:
         ChainError: the robot has no such group or function.
 
     """
     known = dict.fromkeys(choice for kernel in kernels for choice in kernel.choices)
-    unknown = [group for group in groups if group not in known]
+    unknown = [group for group in groups if group not in (ALL, *known)]
     if unknown:
         raise ChainError(
             f"--kernels {printable(unknown[0])}: this robot has no such group or function; groups are "
             f"{listed(list(dict.fromkeys(kernel.choices[0] for kernel in kernels)))}, a function is "
             "GROUP.NAME; of dynamics, its name alone"
         )
-    if not groups:
-        return kernels
+    whole = not groups or ALL in groups
     return tuple(
-        kernel for kernel in kernels if kernel.name == "forward_kinematics" or set(kernel.choices) & set(groups)
+        kernel
+        for kernel in kernels
+        if kernel.name == "forward_kinematics" or set(kernel.choices) & set(groups) or (whole and not kernel.on_request)
     )
 
 

@@ -22,6 +22,11 @@ def zero_or_nan(condition: ca.SX) -> ca.SX:
     return ca.sqrt(condition - 1)
 
 
+def nothing_or_nan(condition: ca.SX) -> ca.SX:
+    """Return 0 where a condition holds, else NaN: as :func:`zero_or_nan`, but printers know the division as a mask."""
+    return condition / condition**2 - 1
+
+
 def ones_or_nan(numbers: ca.SX) -> ca.SX:
     """Return 1 for each number, NaN for NaN: factors of results that do not depend on the numbers otherwise."""
     sizes = ca.fabs(numbers)

@@ -115,8 +115,6 @@ def tangent(
 ) -> Program:
     """Return the steps of output = dJ^T/dq . F + J^T (K + Gamma F) J over the moving joints."""
     A, u = Array("A", (6, 6)), Array("u", J.shape)
-    force = Operand(wrench, "")
-    half = Over.UPPER if stiffness.diagonal_is_outward(representation) else Over.LOWER
     return (
         SparseSum(
             "A = K + Gamma F, reading the upper triangle of K",
@@ -130,14 +128,30 @@ def tangent(
             "u_j = A J_j" + " + gradient of (dJ_i/dq_j) . F with respect to J_i" * (representation == "hybrid"),
             Over.JOINTS,
             Operand(u, "j"),
-            (Operand(J, "j"), force, Operand(A, "")),
+            (Operand(J, "j"), Operand(wrench, ""), Operand(A, "")),
             partial(stiffness.stiffness_covector, representation),
         ),
-        *with_base_connection(
-            chain,
-            output,
-            lambda into: (pairs_of(J, u, half, into, f"Kq_ij = J_i . u_j for {half}, mirrored", mirror=True),),
-            (Operand(J, "j"), force),
-            ca.dot,
-        ),
+        *_pairs_of_tangent(chain, J, u, wrench, representation, output),
+    )
+
+
+def load_tangent(chain: Chain, J: Array, wrench: Array, representation: Representation, output: Array) -> Program:
+    """Return the steps of output = dJ^T/dq . F + J^T (Gamma F) J over the moving joints."""
+    u, formula = Array("u", J.shape), "(Gamma F) J_j + gradient of (dJ_i/dq_j) . F with respect to J_i"
+    expression = partial(stiffness.load_covector, representation)
+    operands = Operand(J, "j"), Operand(wrench, "")
+    covectors = Map(f"u_j = {formula}", Over.JOINTS, Operand(u, "j"), operands, expression)
+    return covectors, *_pairs_of_tangent(chain, J, u, wrench, representation, output)
+
+
+def _pairs_of_tangent(
+    chain: Chain, J: Array, u: Array, wrench: Array, representation: Representation, output: Array
+) -> Program:
+    half = Over.UPPER if stiffness.diagonal_is_outward(representation) else Over.LOWER
+    return with_base_connection(
+        chain,
+        output,
+        lambda into: (pairs_of(J, u, half, into, f"Kq_ij = J_i . u_j for {half}, mirrored", mirror=True),),
+        (Operand(J, "j"), Operand(wrench, "")),
+        ca.dot,
     )

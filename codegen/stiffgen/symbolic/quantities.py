@@ -158,6 +158,14 @@ class TaskStiffness:
         return (general + general.transpose(0, 2, 1)) / 2 if self.symmetric else general
 
 
+def stiff_springs(to: Sampling) -> FloatArray:
+    """Draw symmetric stiffnesses of springs in the joints that hold the robot under the wrenches drawn for its tips."""
+    reach = sum(float(np.linalg.norm(joint.translation)) for joint in to.chain.joints)
+    scale = (300.0 + 300.0 * reach) * max(len(to.chain.tips), 1)
+    coupling = symmetric(to) * (0.5 / math.sqrt(to.shape[0]))
+    return np.asarray(scale * (coupling + np.eye(to.shape[0]) * to.random.uniform(1.0, 4.0, to.size)))
+
+
 def symmetric(to: Sampling) -> FloatArray:
     """Draw symmetric matrices with entries of both signs."""
     general = to.random.normal(size=to.size)

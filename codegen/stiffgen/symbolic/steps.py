@@ -415,6 +415,20 @@ class Shared(Step):
     arguments: tuple[Array, ...]
     output: Array
     columns: tuple[Array, ...]
+    is_guarded: bool = False
+    """Whether no argument is infinite, because earlier steps have written all."""
+
+    @staticmethod
+    def of(
+        name: str, meaning: str, steps: Program, arguments: tuple[Array, ...], output: Array, *columns: Array
+    ) -> Shared:
+        """Return steps whose parameters have the names of the arguments; reverse mode differentiates the steps."""
+        return Shared(name, meaning, arguments, output, steps, arguments, output, columns, is_guarded=True)
+
+    @property
+    def apart(self) -> Program:
+        """Steps that fill the output in place of this step; none where names differ from those of the function."""
+        return self.steps if (self.parameters, self.result) == (self.arguments, self.output) else ()
 
     @property
     def reads(self) -> tuple[Array, ...]:

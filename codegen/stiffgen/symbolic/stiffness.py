@@ -83,6 +83,11 @@ def stiffness_covector(representation: Representation, column: ca.SX, wrench: ca
     )
 
 
+def load_covector(representation: Representation, column: ca.SX, wrench: ca.SX) -> ca.SX:
+    """Return u_j of a load without task stiffness: (Gamma F) J_j + z_j."""
+    return stiffness_covector(representation, column, wrench, gamma_F(representation, wrench))
+
+
 def uncorrected_covector(
     representation: Representation, column: ca.SX, wrench: ca.SX, product: ca.SX, *, outward: bool
 ) -> ca.SX:

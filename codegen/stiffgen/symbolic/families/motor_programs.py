@@ -72,18 +72,19 @@ def reduction(
     parts: str,
     *,
     sign: int = 1,
+    columns: Array | None = None,
 ) -> Program:
     """Return ``tree`` and the step that turns its gradient and Hessian into those of the motors.
 
-    ``parts`` has one letter per result: "G" dU/da, "T" -dU/da, "K" d2U/da2. ``sign`` is -1 if the array ``gradient``
-    holds -dU/dq.
+    ``parts`` has one letter per result: "G" dU/da, "T" -dU/da, "K" d2U/da2, "J" the columns J of the joints as those
+    of the motors, J G. ``sign`` is -1 if the array ``gradient`` holds -dU/dq.
     """
     tree, first = _of_joints(tree, gradient)
     second = hessian
     if hessian:
         tree, second = _of_joints(tree, hessian)
     tree, turns = _with_turns(chain, tree)
-    values_of = first, *((second,) if second else ())
+    values_of = first, *((second,) if second else ()), *((columns,) if columns else ())
 
     def expressions(chain: Chain, q: ca.SX, *inputs: ca.SX) -> Expressions:
         values = inputs[: len(values_of)]
@@ -94,10 +95,11 @@ def reduction(
         of_motors["K"] = lambda: _congruence(
             closure, _summed_matrix(chain, values[1], of_joints=second != hessian) - closure.stiffness(forces)
         )
-        return _expressions(closure, ca.vertcat(*(ca.vec(of_motors[part]().T) for part in parts)))
+        of_motors["J"] = lambda: _summed_columns(chain, values[-1]) @ closure.motion()
+        return _expressions(closure, ca.vertcat(*(ca.vec(ca.densify(of_motors[part]()).T) for part in parts)))
 
     names = {"G": "dU/da = dU/dq_a - C_a^T lambda", "T": "-dU/da = -(dU/dq_a - C_a^T lambda)"}
-    names["K"] = "d2U/da2 = G^T (d2U/dq2 - sum_k lambda_k d2c_k/dq2) G"
+    names |= {"K": "d2U/da2 = G^T (d2U/dq2 - sum_k lambda_k d2c_k/dq2) G", "J": "J G"}
     heading = "; ".join(names[part] for part in parts)
     inputs = Q.array(chain), *values_of, *turns
     return *tree, StraightLine(tuple(each.array(chain) for each in results), expressions, inputs, heading=heading)
@@ -154,6 +156,14 @@ def _summed_vector(chain: Chain, values: ca.SX, *, of_joints: bool) -> ca.SX:
     result = ca.SX(chain.dof, 1)
     for k, joint in enumerate(chain.joints):
         result[joint.coordinate] += joint.multiplier * values[k]
+    return result
+
+
+def _summed_columns(chain: Chain, values: ca.SX) -> ca.SX:
+    """Return the columns of the coordinates from those of the joints."""
+    result = ca.SX(values.shape[0], chain.dof)
+    for k, joint in enumerate(chain.joints):
+        result[:, joint.coordinate] += joint.multiplier * values[:, k]
     return result
 
 

@@ -21,7 +21,7 @@ from stiffgen.symbolic.quantities import Normal, at_start, near_start, symmetric
 from stiffgen.symbolic.springs import Spring
 
 GROUP = "motors"
-_CLOSED = "q must close the loops (function close); NaN where the passive joints do not follow from the motors."
+CLOSED = "q must close the loops (function close); NaN where the passive joints do not follow from the motors."
 _MOTORS = "entries in the order of q"
 _MULTIPLIERS = Argument(
     "multipliers", ("equations",), "N, N m", "forces (moments) that hold the loops closed: lambda, one per equation"
@@ -81,7 +81,7 @@ def _kernel(
     program: Callable[[Chain], Program],
     note: str = "",
 ) -> Kernel:
-    note = " ".join(filter(None, (note, _CLOSED)))
+    note = " ".join(filter(None, (note, CLOSED)))
     return Kernel(name, GROUP, inputs, results, summary, equation, program, note, batch=True)
 
 

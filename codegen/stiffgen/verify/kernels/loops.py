@@ -8,7 +8,7 @@ gradient and Hessian of each energy are the references of the tree's own functio
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import casadi as ca
@@ -17,20 +17,23 @@ import numpy as np
 from stiffgen.robot.chain import Chain, LoopEnd
 from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic.arguments import VELOCITY, Q
+from stiffgen.symbolic.families.compliance import increment, joint_stiffness
 from stiffgen.symbolic.families.joint_potentials import JOINT_POTENTIALS, JointPotential
 from stiffgen.symbolic.families.motors import ACTUATED, GRADIENT, HESSIAN, MOTOR_VELOCITY, START
 from stiffgen.symbolic.kernels import Kernel
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.springs import Spring
+from stiffgen.verify.kernels import compliance
 from stiffgen.verify.kernels.comparison import Oracle
 from stiffgen.verify.kernels.poses import homogeneous, moved_pose
-from stiffgen.verify.kernels.references import WRENCH, References, of_joint_potential
+from stiffgen.verify.kernels.references import WRENCH, References, load_stiffness, of_joint_potential
 from stiffgen.verify.kernels.rounding import in_doubles
 from stiffgen.verify.kernels.samples import Samples
 from stiffgen.verify.result import Check, Kernels
 
 CLOSE = "close"
 """Name of the kernel that closes the loops: :func:`check_loops` evaluates the equations at its results."""
+_KTH = joint_stiffness("a")
 _BOUND = 1e-10
 """Relative bound: the passive joints are solved from equations with condition numbers up to about 1e3."""
 
@@ -208,6 +211,13 @@ def _of_gravity(p: _Projection) -> tuple[FloatArray, FloatArray]:
     return p.reduced(dynamics["gravity_gradient"], dynamics["gravity_joint_stiffness"])
 
 
+def _of_compliance(p: _Projection, name: str) -> FloatArray:
+    _, load = p.reduced(_of_wrench(p), load_stiffness(p.references, "hybrid"))
+    H = compliance.symmetric(p.samples[_KTH]) - load
+    J = p.references.jacobian["hybrid"].astype(float) @ p.motion
+    return compliance.results(H, J, p.samples[increment("hybrid")])[name]()
+
+
 LOOP_ORACLES = {
     "motors_residual": (Oracle("products of poses", _residual, bound=_BOUND),),
     "motors_jacobian": _oracle(lambda p: p.motion),
@@ -224,6 +234,7 @@ LOOP_ORACLES = {
     "motors_bias_forces": _oracle(lambda p: p.bias_forces()),
     "motors_gravity_gradient": _oracle(lambda p: _of_gravity(p)[0]),
     "motors_gravity_joint_stiffness": _oracle(lambda p: _of_gravity(p)[1]),
+    **{f"motors_{name}": _oracle(partial(_of_compliance, name=name)) for name in compliance.NAMES},
     **{name: oracle for potential in JOINT_POTENTIALS for name, oracle in _of_joints(potential).items()},
 }
 

@@ -20,6 +20,7 @@ from stiffgen.symbolic.families.joint_potentials import JOINT_POTENTIALS, JointP
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.verify.kernels.comparison import KernelCall, Oracle, but_for_rounding, symmetry
+from stiffgen.verify.kernels.compliance import COMPLIANCE_ORACLES
 from stiffgen.verify.kernels.loops import CLOSE, LOOP_ORACLES, loop_oracles
 from stiffgen.verify.kernels.poses import gamma_F
 from stiffgen.verify.kernels.references import TASK_STIFFNESS, WRENCH, References, of_joint_potential
@@ -116,6 +117,7 @@ ORACLES: Oracles = {
             lambda r: r.joint_stiffness("hybrid", corrected=True, wrench=r.sensor["tip_wrench"]),
         ),
     ),
+    **COMPLIANCE_ORACLES,
     **LOOP_ORACLES,
 }  # fmt: skip
 """Oracles by group and name of the kernel; those of springs follow from the energies (:func:`oracles_of`)."""

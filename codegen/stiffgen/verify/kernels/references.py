@@ -179,23 +179,8 @@ class References:
 
     @cached_property
     def direction_gradient(self) -> FloatArray:
-        """Gradient of v^T Kq v from the terms of Kq, each differentiated along v."""
-        place, own, size = self._place, self.chain.base_joints, self.chain.dof
-        first, then = (ca.SX.sym(name, own) for name in ("s", "t"))
-        v, F, K = ca.SX.sym("v", size), ca.SX.sym("F", 6), ca.SX.sym("K", 36)
-        pose = product_of_poses(self.chain, place.q, place.base(first, then)) @ self._mounted
-        jacobian = jacobian_of(pose, ca.vertcat(then, place.q), "hybrid")
-        jacobian = ca.substitute(jacobian, then, ca.DM.zeros(own))
-        torque, twist = jacobian.T @ F, jacobian @ v
-        half = ca.diagcat(ca.SX(3, 3), -ca.skew(F[3:]) / 2)
-        form = ca.jtimes(ca.dot(torque, v), ca.vertcat(first, place.q), v)
-        form += twist.T @ (K.reshape((6, 6)) + half) @ twist
-        if own:
-            w, f = v[3:6], torque[:3]
-            form -= ca.dot(v[:3], ca.cross(f, w)) + ca.dot(w, ca.cross(torque[3:6], w)) / 2
-        form = ca.substitute(form, first, ca.DM.zeros(own))
-        columns = [_as_columns(each) for each in self.samples.of((DIRECTION, WRENCH, TASK_STIFFNESS))]
-        return self._evaluate(ca.gradient(form, place.coordinates), [v, F, K], columns)[..., 0]
+        """Gradient of v^T Kq v along the drawn directions."""
+        return gradient_along(self, self.samples[DIRECTION], self.samples[TASK_STIFFNESS])
 
     @cached_property
     def manipulability(self) -> Manipulability:
@@ -225,16 +210,11 @@ class References:
         self, representation: Representation, *, corrected: bool, wrench: FloatArray | None = None
     ) -> FloatArray:
         """Return the joint stiffness by the formula, term by term; of another ``wrench`` than the samples'."""
-        J, load = self.jacobian[representation], self.samples[WRENCH] if wrench is None else wrench
+        J, transposed = self.jacobian[representation], np.swapaxes(self.jacobian[representation], 1, 2)
         if corrected:
-            matrix = self.samples[TASK_STIFFNESS] + gamma_F(representation, load)
-        else:
-            matrix = self.samples[GENERAL_STIFFNESS]
-        stiffness: FloatArray = self.kinematic_stiffness(representation, load) + np.swapaxes(J, 1, 2) @ matrix @ J
-        if corrected and self.chain.floating:
-            on_base = np.einsum("ski,sk->si", J[:, :, :6], load)
-            stiffness[:, :6, :6] -= gamma_F("body", on_base)
-        return stiffness
+            load = load_stiffness(self, representation, wrench)
+            return load + transposed @ self.samples[TASK_STIFFNESS] @ J
+        return self.kinematic_stiffness(representation, wrench) + transposed @ self.samples[GENERAL_STIFFNESS] @ J
 
     @cached_property
     def dynamics(self) -> dict[str, FloatArray]:
@@ -263,6 +243,38 @@ class References:
         symbols = [place.q, place.base_pose, ca.vec(wrenches), ca.vec(tools), gravity]
         there = ca.substitute(derivative, place.moves, at_rest)
         return evaluate_longer(symbols, there, [_as_columns(stack) for stack in stacks])
+
+
+def load_stiffness(r: References, representation: Representation, wrench: FloatArray | None = None) -> FloatArray:
+    """Return the joint stiffness without task stiffness: that of the wrench alone."""
+    J, load = r.jacobian[representation], r.samples[WRENCH] if wrench is None else wrench
+    matrix = gamma_F(representation, load)
+    stiffness: FloatArray = r.kinematic_stiffness(representation, load) + np.swapaxes(J, 1, 2) @ matrix @ J
+    if r.chain.floating:
+        on_base = np.einsum("ski,sk->si", J[:, :, :6], load)
+        stiffness[:, :6, :6] -= gamma_F("body", on_base)
+    return stiffness
+
+
+def gradient_along(r: References, directions: FloatArray, task_stiffness: FloatArray) -> FloatArray:
+    """Return the gradients of v^T Kq v from the terms of Kq, each differentiated along v."""
+    place, own, size = r._place, r.chain.base_joints, r.chain.dof
+    first, then = (ca.SX.sym(name, own) for name in ("s", "t"))
+    v, F, K = ca.SX.sym("v", size), ca.SX.sym("F", 6), ca.SX.sym("K", 36)
+    pose = product_of_poses(r.chain, place.q, place.base(first, then)) @ r._mounted
+    jacobian = jacobian_of(pose, ca.vertcat(then, place.q), "hybrid")
+    jacobian = ca.substitute(jacobian, then, ca.DM.zeros(own))
+    torque, twist = jacobian.T @ F, jacobian @ v
+    half = ca.diagcat(ca.SX(3, 3), -ca.skew(F[3:]) / 2)
+    form = ca.jtimes(ca.dot(torque, v), ca.vertcat(first, place.q), v)
+    form += twist.T @ (K.reshape((6, 6)) + half) @ twist
+    if own:
+        w, f = v[3:6], torque[:3]
+        form -= ca.dot(v[:3], ca.cross(f, w)) + ca.dot(w, ca.cross(torque[3:6], w)) / 2
+    form = ca.substitute(form, first, ca.DM.zeros(own))
+    stiffness = np.broadcast_to(task_stiffness, (len(directions), 6, 6))
+    columns = [_as_columns(each) for each in (directions, r.samples[WRENCH], stiffness)]
+    return r._evaluate(ca.gradient(form, place.coordinates), [v, F, K], columns)[..., 0]
 
 
 def of_joint_potential(r: References, potential: JointPotential) -> dict[str, FloatArray]:

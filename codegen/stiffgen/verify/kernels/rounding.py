@@ -79,6 +79,10 @@ _RULES: dict[int, _Rule] = {
 }
 
 
+_EXACT = {operation for operation, (_, slopes) in _RULES.items() if slopes is _nothing} | {ca.OP_NEG, ca.OP_TWICE}
+"""Operations without a rounding error of their own."""
+
+
 def rounding_errors(
     chain: Chain, kernel: Kernel, stacks: Sequence[FloatArray], scalar: Scalar = DOUBLE, *, rounded: str = ""
 ) -> list[FloatArray] | None:
@@ -108,7 +112,7 @@ def rounding_errors(
         values, errors = zip(*operands, strict=True)
         value = evaluate(*values)
         parts = [np.where(e == 0, 0.0, s * e) for s, e in zip(slopes(*values), errors, strict=True)]
-        own = nothing if operation in (ca.OP_NEG, ca.OP_TWICE) else value
+        own = nothing if operation in _EXACT else value
         return value, np.sqrt(sum((part**2 for part in parts), own**2))
 
     given = [list(map(argument, entries.T)) for entries in _entries(function, stacks)]

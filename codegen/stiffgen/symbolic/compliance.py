@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: MIT
+"""Expressions of the tip's compliance: a loaded arm with springs in its joints, solved without exchanging rows.
+
+H = Kth - Kload is the Hessian of the springs' energy less that of the load. An arm that is stable under its load has a
+positive definite H, whose factors H = L D L^T need no exchange of rows. A pivot that is not positive means that the arm
+gives way: all results are then NaN.
+
+The smallest eigenvalue of H follows from Householder's tridiagonal form by bisection: x is below all eigenvalues if and
+only if all pivots of T - x are positive. Both are backward stable: errors are some units of rounding of the largest
+entry of H.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+
+from stiffgen.robot.chain import Chain
+from stiffgen.symbolic.factors import SINGULAR
+from stiffgen.symbolic.kinematics import Expressions
+from stiffgen.symbolic.masks import larger_or_nan, nothing_or_nan, reciprocal_or_nan
+from stiffgen.symbolic.stiffness import symmetric_from_upper
+
+HALVINGS = 4
+"""Halvings of the interval of the smallest eigenvalue in one call of the C function."""
+CALLS = 14
+"""Calls: 56 halvings leave 1e-17 of the interval."""
+_Grid = list[list[ca.SX]]
+
+
+@dataclass(frozen=True)
+class Elimination:
+    """Factors L (unit lower triangle) and D of a symmetric matrix.
+
+    ``inverse`` holds the reciprocals of D; ``refusal`` is 0, or NaN unless all of D is positive.
+    """
+
+    lower: _Grid
+    inverse: list[ca.SX]
+    refusal: ca.SX
+
+    @staticmethod
+    def of(matrix: ca.SX) -> Elimination:
+        """Factor the matrix; its upper triangle is read."""
+        lower, inverse, is_stable = list[list[ca.SX]](), list[ca.SX](), ca.SX(1)
+        for i in range(matrix.shape[0]):
+            row, scaled = list[ca.SX](), list[ca.SX]()
+            for k in range(i):
+                row.append(matrix[k, i] - _dot(row, lower[k]))
+                scaled.append(row[k] * inverse[k])
+            pivot = matrix[i, i] - _dot(row, scaled)
+            is_positive = pivot > 0
+            # A factor that is 1 is in front of the division, since CasADi would make divisions of x * (1 / pivot).
+            inverse.append((is_stable if i else is_positive) / pivot)
+            is_stable *= is_positive
+            lower.append(scaled)
+        return Elimination(lower, inverse, nothing_or_nan(is_stable))
+
+    def forward(self, right: ca.SX) -> _Grid:
+        """Return the rows of L^-1 B."""
+        rows: _Grid = []
+        for k, row in enumerate(ca.vertsplit(ca.densify(right))):
+            entries = ca.horzsplit(row)
+            rows.append([x - _dot(self.lower[k], [each[c] for each in rows]) for c, x in enumerate(entries)])
+        return rows
+
+    def backward(self, right: Sequence[ca.SX]) -> list[ca.SX]:
+        """Return L^-T b."""
+        solution = list(right)
+        for k in reversed(range(len(solution))):
+            column = [self.lower[i][k] for i in range(k + 1, len(solution))]
+            solution[k] = solution[k] - _dot(column, solution[k + 1 :])
+        return solution
+
+
+def _dot(left: Sequence[ca.SX], right: Sequence[ca.SX]) -> ca.SX:
+    return sum((x * y for x, y in zip(left, right, strict=True)), ca.SX(0))
+
+
+def loaded_hessian(chain: Chain, joint_stiffness: ca.SX, load_stiffness: ca.SX) -> Expressions:
+    """Return H = Kth - Kload, from upper triangles."""
+    return Expressions(ca.vec(ca.densify(symmetric_from_upper(joint_stiffness - load_stiffness))), ())
+
+
+def packed_hessian(chain: Chain, joint_stiffness: ca.SX, load_stiffness: ca.SX) -> Expressions:
+    """Return the upper triangle of H, row by row."""
+    hessian, n = joint_stiffness - load_stiffness, joint_stiffness.shape[0]
+    return Expressions(ca.vertcat(*(hessian[i, j] for i in range(n) for j in range(i, n))), ())
+
+
+def unpacked(triangle: ca.SX) -> ca.SX:
+    """Return the symmetric matrix of an upper triangle that is stored row by row."""
+    n = math.isqrt(2 * triangle.numel())
+    result, entries = ca.SX(n, n), iter(ca.vertsplit(triangle))
+    for i in range(n):
+        for j in range(i, n):
+            result[i, j] = result[j, i] = next(entries)
+    return result
+
+
+def tip_compliance(chain: Chain, J: ca.SX, hessian: ca.SX) -> Expressions:
+    """Return C = J H^-1 J^T."""
+    factors = Elimination.of(unpacked(hessian))
+    rows = factors.forward(J.T)
+    scaled = [[x * inverse for x in row] for row, inverse in zip(rows, factors.inverse, strict=True)]
+    size = J.shape[0]
+    result = ca.SX(size, size)
+    for a in range(size):
+        for b in range(a, size):
+            value = _dot([row[a] for row in rows], [row[b] for row in scaled]) + factors.refusal
+            result[a, b] = result[b, a] = value
+    return Expressions(ca.vec(ca.densify(result)), ())
+
+
+def tip_stiffness(chain: Chain, J: ca.SX, hessian: ca.SX) -> Expressions:
+    """Return K = (J H^-1 J^T)^-1 from orthogonal columns of L^-1 J^T in the metric D^-1, which C would square."""
+    factors = Elimination.of(unpacked(hessian))
+    columns = [list(column) for column in zip(*factors.forward(J.T), strict=True)]
+    size, inverses, unit = len(columns), list[ca.SX](), list[list[ca.SX]]()
+
+    def product(left: Sequence[ca.SX], right: Sequence[ca.SX]) -> ca.SX:
+        return sum((x * y * d for x, y, d in zip(left, right, factors.inverse, strict=True)), ca.SX(0))
+
+    for a in range(size):
+        whole = product(columns[a], columns[a])
+        row = [ca.SX(0)] * size
+        for b in range(a):  # twice is enough: the second pass removes what rounding left of the first
+            part = product(columns[a], columns[b]) * inverses[b]
+            columns[a] = [x - part * y for x, y in zip(columns[a], columns[b], strict=True)]
+            row = [x - part * y for x, y in zip(row, unit[b], strict=True)]
+        row[a] += 1
+        unit.append(row)
+        square = product(columns[a], columns[a])
+        inverses.append(reciprocal_or_nan(square, square, SINGULAR**2 * whole))
+    result = ca.SX(size, size)
+    for a in range(size):
+        for b in range(a, size):
+            terms = [unit[k][a] * unit[k][b] * inverses[k] for k in range(b, size)]
+            result[a, b] = result[b, a] = sum(terms, factors.refusal)
+    return Expressions(ca.vec(ca.densify(result)), ())
+
+
+def deflection(chain: Chain, J: ca.SX, hessian: ca.SX, increment: ca.SX) -> Expressions:
+    """Return dq = H^-1 J^T dF."""
+    factors = Elimination.of(unpacked(hessian))
+    rows = factors.forward(J.T @ ca.vec(increment.T))
+    solution = factors.backward([x * inverse for (x,), inverse in zip(rows, factors.inverse, strict=True)])
+    return Expressions(ca.vertcat(*(x + factors.refusal for x in solution)), ())
+
+
+def tridiagonal(chain: Chain, hessian: ca.SX) -> Expressions:
+    """Return the diagonal of Householder's form of H, the squares beside it, and an interval of the eigenvalue."""
+    matrix = unpacked(hessian)
+    n = matrix.shape[0]
+    A: _Grid = [[matrix[i, k] for k in range(n)] for i in range(n)]
+    beside = [_reflect(A, k) for k in range(n - 1)]
+    diagonal, zero = [A[k][k] for k in range(n)], ca.SX(0)
+    sizes = [ca.fabs(each) for each in beside]
+    least = [d - a - b for d, a, b in zip(diagonal, [zero, *sizes], [*sizes, zero], strict=True)]
+    lower, upper = -least[0], -diagonal[0]
+    for k in range(1, n):  # Gershgorin's discs, and Rayleigh's quotients of the axes
+        lower, upper = larger_or_nan(lower, -least[k]), larger_or_nan(upper, -diagonal[k])
+    squares = [each * each for each in beside]
+    return Expressions(ca.vertcat(*diagonal, *squares, -lower, -upper), ())
+
+
+def _reflect(A: _Grid, k: int) -> ca.SX:
+    """Reflect column k below the diagonal onto its first entry, on both sides, and return that entry."""
+    places = range(k + 1, len(A))
+    x = [A[i][k] for i in places]
+    if len(x) == 1:
+        return x[0]
+    norm = ca.sqrt(sum((each * each for each in x), ca.SX(0)))
+    sign = 2 * (x[0] >= 0) - 1
+    v = [x[0] + sign * norm, *x[1:]]
+    divisor = norm * (norm + ca.fabs(x[0]))
+    scale = 1 / (divisor + (divisor <= 0))  # v = 0 where the column is
+    p = [scale * _dot([A[i][j] for j in places], v) for i in places]
+    half = scale * _dot(p, v) / 2
+    w = [a - half * b for a, b in zip(p, v, strict=True)]
+    for i, row in enumerate(places):
+        for j, column in enumerate(places):
+            if j >= i:
+                A[row][column] = A[column][row] = A[row][column] - v[i] * w[j] - w[i] * v[j]
+    return -sign * norm
+
+
+def halved(chain: Chain, diagonal: ca.SX, squares: ca.SX, interval: ca.SX) -> Expressions:
+    """Return the interval after some halvings: its lower end is below all eigenvalues, its upper end is not."""
+    lower, upper = interval[0], interval[1]
+    for _ in range(HALVINGS):
+        middle = (lower + upper) / 2
+        pivot = diagonal[0] - middle
+        is_below = pivot > 0
+        for k in range(1, diagonal.numel()):
+            pivot = diagonal[k] - middle - squares[k - 1] / pivot
+            is_below *= pivot > 0
+        lower, upper = lower + is_below * (middle - lower), upper + (1 - is_below) * (middle - upper)
+    return Expressions(ca.vertcat(lower, upper), ())
+
+
+def middle(chain: Chain, interval: ca.SX) -> Expressions:
+    """Return the middle of an interval."""
+    return Expressions((interval[0] + interval[1]) / 2, ())

@@ -1,0 +1,318 @@
+# SPDX-License-Identifier: MIT
+"""Compliance of the tip: the way back from springs in the joints to the tip, under a load.
+
+An arm rests with springs of stiffness Kth in its joints, under a wrench F. The wrench grows by dF, and keeps its
+components along geodesics of the tip. The joints then move by dq and the tip by the twist C dF, with
+
+    H = Kth - dJ^T/dq . F - J^T (Gamma F) J      dq = H^-1 J^T dF      C = J H^-1 J^T
+
+The family is made on request: ``--kernels all,compliance``.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, partial
+
+import casadi as ca
+import numpy as np
+
+from stiffgen.robot.chain import Chain, Tip
+from stiffgen.symbolic import arguments, compliance, contacts, kinematics, pieces, quantities
+from stiffgen.symbolic.arguments import Argument, configuration_arguments
+from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
+from stiffgen.symbolic.families import motor_programs
+from stiffgen.symbolic.families.motors import CLOSED, GROUP
+from stiffgen.symbolic.kernel import Kernel
+from stiffgen.symbolic.kinematics import Expressions
+from stiffgen.symbolic.program import Array, Program
+from stiffgen.symbolic.quantities import BlockKind, Blocks
+from stiffgen.symbolic.steps import Shared, StraightLine, SumJoints
+
+_Loaded = tuple[Program, Array, Array]
+"""Steps that compute the load's stiffness and the Jacobian, and the two arrays."""
+REQUEST = "compliance"
+"""Word of --kernels for the family."""
+
+
+def _quarter_of_tips(row: int, column: int) -> int:
+    return row % 6 // 3 + column % 6 // 3
+
+
+_COMPLIANCE = Blocks(
+    (
+        BlockKind("translation block", "m/N"),
+        BlockKind("coupling", "rad/N"),
+        BlockKind("rotation block", "rad/(N m)"),
+    ),
+    _quarter_of_tips,
+)
+_STIFFNESS = Blocks(
+    (BlockKind("translation block", "N/m"), BlockKind("coupling", "N"), BlockKind("rotation block", "N m")),
+    _quarter_of_tips,
+)
+_LOAD = Argument("load_stiffness", ("n", "n"), "N m/rad", "", symmetric=True, symbol="Kload")
+UNSTABLE = "NaN where the posture is unstable under its load: H is not positive definite."
+_HESSIAN = "H = Kth - dJ^T/dq . F - J^T (Gamma F) J"
+
+
+def joint_stiffness(size: str) -> Argument:
+    """Return the argument Kth of all joints ("n") or of the motors of closed loops ("a")."""
+    of = "motors" if size == "a" else "joints"
+    return Argument(
+        "joint_stiffness", (size, size), "N m/rad",
+        f"Kth, Hessian of the energy of the {of}' springs and of gravity; only the upper triangle is read",
+        symbol="Kth", triangle=True, draw=quantities.stiff_springs, largest="none",
+    )  # fmt: skip
+
+
+def increment(representation: Representation) -> Argument:
+    """Return the change of the wrench on a tip."""
+    wrench = arguments.wrench(representation)
+    return replace(
+        wrench, name="increment", symbol="dF", plural="increments", meaning=f"change of {wrench.meaning}",
+        floating_meaning=f"change of {wrench.floating_meaning}",
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Family:
+    """Kernels with one kind of load.
+
+    ``load`` returns the load's stiffness and the Jacobian, ``size`` is the extent of the joint stiffness, ``tips`` the
+    number of tips, ``prefix`` the beginning of the names of C functions, ``suffix`` the end of those of kernels,
+    ``domain`` a note for all of them.
+    """
+
+    group: str
+    configuration: tuple[Argument, ...]
+    wrench: Argument
+    increment: Argument
+    load: Callable[[Chain], _Loaded]
+    size: str = "n"
+    tips: int = 1
+    prefix: str = ""
+    suffix: str = ""
+    domain: str = ""
+
+    def kernels(self) -> tuple[Kernel, ...]:
+        """Return the kernels."""
+        size, rows, of = self.size, 6 * self.tips, " of all tips, in their order" * bool(self.suffix)
+        kernels = (
+            self._kernel(
+                Argument("loaded_hessian", (size, size), "N m/rad", "H, bitwise symmetric", symmetric=True),
+                "Stiffness of the joints under a load: Hessian of the energy of springs and load.", _HESSIAN,
+                compliance.loaded_hessian, (),
+            ),
+            self._kernel(
+                Argument("tip_compliance", (rows, rows), "m/N, 1/N, rad/(N m)", f"C{of}, bitwise symmetric",
+                    symmetric=True, blocks=_COMPLIANCE),
+                "Compliance of the tip under a load: twist of the tip per wrench.", "C = J H^-1 J^T",
+                compliance.tip_compliance, ("J",), UNSTABLE,
+            ),
+            self._kernel(
+                Argument("tip_stiffness", (rows, rows), "N/m, N, N m", f"C^-1{of}, bitwise symmetric",
+                    symmetric=True, blocks=_STIFFNESS),
+                "Stiffness of the tip under a load: wrench per twist of the tip.", "C^-1 = (J H^-1 J^T)^-1",
+                compliance.tip_stiffness, ("J",), f"{UNSTABLE} NaN where the Jacobian has no full row rank, too.",
+            ),
+            self._kernel(
+                Argument("deflection", (size,), "rad or m", "dq, displacement of the joints"),
+                "Displacement of the joints as the wrench changes.", "dq = H^-1 J^T dF",
+                compliance.deflection, ("J", self.increment), UNSTABLE,
+            ),
+            self._stability(
+                Argument("stability", (), "N m/rad", "smallest eigenvalue of H, positive for a stable posture")
+            ),
+        )  # fmt: skip
+        return tuple(each for each in kernels if not (self.suffix and each.name.startswith("tip_stiffness")))
+
+    def _kernel(
+        self,
+        result: Argument,
+        summary: str,
+        equation: str,
+        expressions: Callable[..., Expressions],
+        more: tuple[Argument | str, ...],
+        note: str = "",
+    ) -> Kernel:
+        """Return the kernel of one C function of joint stiffness, load stiffness and ``more``: "J" and arguments."""
+        given, result = joint_stiffness(self.size), replace(result, name=f"{result.name}{self.suffix}")
+        others = tuple(each for each in more if isinstance(each, Argument))
+
+        def program(chain: Chain) -> Program:
+            steps, load, J = self.load(chain)
+            output, parts = result.array(chain), (given.array(chain), load)
+            if not more:
+                return *steps, StraightLine((output,), expressions, parts, heading=equation)
+            pack, H = packed(*parts)
+            values = J, H, *(each.array(chain) for each in others)
+            line = StraightLine((output,), expressions, values, heading=equation)
+            columns = (J,) if J.name == "J" else ()
+            shared = Shared.of(f"{self.prefix}{result.name}_of", summary, (line,), values, output, *columns)
+            return *steps, pack, shared
+
+        return self._record(result, others, summary, equation, program, note)
+
+    def _record(
+        self,
+        result: Argument,
+        others: tuple[Argument, ...],
+        summary: str,
+        equation: str,
+        program: Callable[[Chain], Program],
+        note: str,
+    ) -> Kernel:
+        inputs = (*self.configuration, self.wrench, joint_stiffness(self.size), *others)
+        notes = " ".join(filter(None, (note, self.domain)))
+        return Kernel(
+            result.name, self.group, inputs, (result,), summary, equation, program, notes, batch=True,
+            on_request=REQUEST,
+        )  # fmt: skip
+
+    def _stability(self, result: Argument) -> Kernel:
+        given, result = joint_stiffness(self.size), replace(result, name=f"{result.name}{self.suffix}")
+
+        def program(chain: Chain) -> Program:
+            steps, load, _ = self.load(chain)
+            pack, H = packed(given.array(chain), load)
+            n = load.shape[0]
+            form = Array("diagonal", (n,), "d"), *((Array("squares", (n - 1,), "s"),) if n > 1 else ())
+            ends = [Array(f"interval{k}", (2,), "x") for k in range(compliance.CALLS + 1)]
+            meaning = "Tridiagonal form of H: diagonal, squares beside it, interval of the smallest eigenvalue"
+            first = StraightLine(
+                (*form, ends[0]), compliance.tridiagonal, (H,), f"{self.prefix}tridiagonal", meaning=meaning
+            )
+            name, meaning = f"{self.prefix}halved_interval", "Interval of the smallest eigenvalue, halved some times"
+            halvings = [
+                StraightLine((after,), compliance.halved, (*form, before), name, meaning=meaning)
+                for before, after in itertools.pairwise(ends)
+            ]
+            output = result.array(chain)
+            last = StraightLine((output,), compliance.middle, (ends[-1],), heading="smallest eigenvalue of H")
+            return *steps, pack, first, *halvings, last
+
+        kernel = self._record(
+            result, (), "Stability of the posture under its load: smallest eigenvalue of H.",
+            f"smallest eigenvalue of {_HESSIAN}", program, "Without a load, the smallest stiffness of the joints.",
+        )  # fmt: skip
+        return replace(kernel, is_gradient=True)  # an eigenvalue that occurs twice has no gradient
+
+
+def packed(springs: Array, load: Array) -> tuple[StraightLine, Array]:
+    """Return the step that computes the upper triangle of H, and its array."""
+    n = load.shape[0]
+    H = Array("H", (n * (n + 1) // 2,), "H")
+    return StraightLine((H,), compliance.packed_hessian, (springs, load), heading="H = Kth - Kload"), H
+
+
+def load_of_tip(chain: Chain, representation: Representation, wrench: Argument) -> _Loaded:
+    """Return the load of a wrench on a tip."""
+    recursion, J = pieces.columns_of(chain, representation)
+    load = pieces.over_joints(
+        chain,
+        _LOAD,
+        lambda output: pieces.load_tangent(chain, J, wrench.array(chain), representation, output),
+        mirror=True,
+    )
+    if not chain.coupled:
+        return (recursion, *load), _LOAD.array(chain), J
+    whole = Array("J_of_coordinates", (6, chain.dof), "J")
+    return (recursion, *load, SumJoints(J, whole, columns=True)), _LOAD.array(chain), whole
+
+
+def _of_tips(chain: Chain, representation: Representation, inputs: tuple[Argument, ...]) -> _Loaded:
+    m, J = len(chain.joints), Array("J_of_tips", (6 * len(chain.tips), chain.dof), "J")
+    S, u = Array("S", (6, m)), Array("u", (6, m))
+    expressions = partial(contacts.columns_of_loads, representation=representation)
+    heading = "columns S of the joints at one point; covectors u of the loads beyond each joint; Jacobians of the tips"
+    values = tuple(argument.array(chain) for argument in inputs)
+    step = StraightLine((S, u, J), expressions, values, heading=heading, columns=2)
+
+    def pairs(output: Array) -> Program:
+        return pieces.pairs_on_the_way(chain, S, u, output, "Kload_ij = S_i . u_j", ca.dot)
+
+    return (step, *pieces.over_joints(chain, _LOAD, pairs, mirror=True)), _LOAD.array(chain), J
+
+
+def _of_motors(chain: Chain, wrench: Argument) -> _Loaded:
+    of_tree, load, J = load_of_tip(chain, "hybrid", wrench)
+    kept = (step for step in of_tree if J not in step.writes or J.name == "J")
+    gradient = Array("gradient_of_tree", (chain.dof,))
+    tree = (*kept, *motor_programs.wrench_gradient(chain, wrench.array(chain), gradient))
+    results = (
+        replace(_LOAD, name="load_of_motors", shape=("a", "a")),
+        Argument("J_of_motors", (6, "a"), "", "", symbol="J"),
+    )
+    columns = Array("J", (6, len(chain.joints)))
+    steps = motor_programs.reduction(chain, tree, gradient, load, results, "KJ", columns=columns)
+    return steps, results[0].array(chain), results[1].array(chain)
+
+
+def compliance_of_tip(configuration: tuple[Argument, ...]) -> tuple[Kernel, ...]:
+    """Return the kernels of a robot with one tip, or of a tip among several."""
+    kernels: list[Kernel] = []
+    for rep in REPRESENTATIONS:
+        wrench = arguments.wrench(rep)
+        load = partial(load_of_tip, representation=rep, wrench=wrench)
+        kernels += _Family(rep, _seen(configuration, rep), wrench, increment(rep), load).kernels()
+    return tuple(kernels)
+
+
+def _of_loops(configuration: tuple[Argument, ...]) -> _Family:
+    wrench = arguments.wrench("hybrid")
+    load = partial(_of_motors, wrench=wrench)
+    return _Family(GROUP, configuration, wrench, increment("hybrid"), load, size="a", prefix="motors_", domain=CLOSED)
+
+
+def _seen(configuration: tuple[Argument, ...], representation: Representation) -> tuple[Argument, ...]:
+    """Return the configuration that a representation needs: all but the base's pose in body representation."""
+    return tuple(each for each in configuration if not (each.is_base_pose and representation == "body"))
+
+
+def _of_all_tips(tips: Sequence[Tip], configuration: tuple[Argument, ...]) -> tuple[Kernel, ...]:
+    """Return the kernels of loads at all tips: the compliance has a block C_ab = J_a H^-1 J_b^T per pair of tips."""
+    names, kernels = [tip.name for tip in tips], list[Kernel]()
+    whole = tuple(each if each.of_configuration else each.of_all_tips(names) for each in configuration)
+    for rep in REPRESENTATIONS:
+        seen, wrenches = _seen(whole, rep), arguments.wrench(rep).of_all_tips(names)
+        load = partial(_of_tips, representation=rep, inputs=(*seen, wrenches))
+        increments = increment(rep).of_all_tips(names)
+        kernels += _Family(rep, seen, wrenches, increments, load, tips=len(tips), suffix="_total").kernels()
+    return tuple(kernels)
+
+
+def compliance_kernels(chain: Chain) -> tuple[Kernel, ...]:
+    """Return the kernels of a chain: of each tip, also in motor coordinates, and of all tips."""
+    configuration = configuration_arguments(runtime_tool=chain.runtime_tool, floating=chain.floating)
+    several = len(chain.tips) > 1
+    kernels: list[Kernel] = []
+    for tip in chain.tips:
+        of_tip = compliance_of_tip(configuration)
+        if chain.loops:
+            of_tip += _of_loops(configuration).kernels()
+        kernels += (replace(kernel, tip=tip if several else None) for kernel in of_tip)
+    if several:
+        kernels += _of_all_tips(chain.tips, configuration)
+    return tuple(kernel for kernel in kernels if kernel.name != "tip_stiffness" or can_be_stiff(chain, kernel))
+
+
+def can_be_stiff(chain: Chain, kernel: Kernel) -> bool:
+    """Return whether the kernel's tip can move in all six directions; otherwise its stiffness is infinite."""
+    return (len(chain.motors) if kernel.group == GROUP else _rank(kernel.scope(chain))) >= 6
+
+
+@cache
+def _rank(chain: Chain) -> int:
+    """Return the rank of the Jacobian at a configuration without symmetries."""
+    given = configuration_arguments(runtime_tool=chain.runtime_tool)
+    symbols = [ca.SX.sym(a.name, *a.shape) for a in (argument.array(chain) for argument in given)]
+    columns = kinematics.joint_jacobian(chain, *symbols, representation="body").result
+    J = ca.SX.zeros(6, chain.dof)
+    for k, joint in enumerate(chain.joints):
+        J[:, joint.coordinate] += joint.multiplier * columns[:, k]
+    values = np.sin(np.arange(1.0, len(chain.coordinates) + 1.0)), np.eye(4)
+    found = np.array(ca.Function("J", symbols, [ca.densify(J)])(*values[: len(symbols)]))
+    return int(np.linalg.matrix_rank(found, tol=1e-9 * np.abs(found).max()))

@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: MIT
+"""Compliance of the tip: 60 digits, the closed form of Chen and Kao for a pure force, MuJoCo, and refusals.
+
+``tests/campaigns/compliance.py`` compares 200 trees and 1000 postures beside the limit of stability.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from stiffgen import load_chain
+from stiffgen.errors import ChainError
+from stiffgen.lower.steps import lowered
+from stiffgen.lower.variant import BATCH
+from stiffgen.symbolic import compliance
+from stiffgen.symbolic.kernels import chain_kernels
+from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.verify.kernels.missing import function_of_stacks
+from stiffgen.verify.kernels.oracles import check_oracles, check_robot
+from support.exact_compliance import FAMILY, Case
+from support.exact_tree import tree_urdf
+from support.project import ROOT
+
+UR5 = ROOT / "tests" / "data" / "ur5.urdf"
+WRENCH = np.array([20.0, -30, 60, 4, -3, 5])
+
+
+@pytest.fixture(scope="module")
+def ur5():
+    """Return functions of one state by name."""
+    chain = load_chain(UR5, tip="tool0")
+    table = chain_kernels(chain, SpringOptions(groups=("all", "compliance")))
+    wanted = [each for each in table if each.on_request or each.group == "hybrid"]
+    functions = {each.qualified_name: function_of_stacks(chain, each) for each in wanted}
+    return lambda name, *given: functions[name](*(np.asarray(each, dtype=float)[None] for each in given))[0]
+
+
+@pytest.mark.parametrize(
+    ("seed", "rep", "total"), [(0, "hybrid", True), (1, "body", False), (2, "spatial", True)], ids=str
+)
+def test_trees_against_60_digits(seed, rep, total, tmp_path):
+    file, text = tmp_path / "tree.urdf", tree_urdf(seed, 4)
+    file.write_text(text)
+    case = Case(text, load_chain(file, tip=["left", "right"]), rep, total=total, seed=seed)
+    for springs in (case.springs, case.near_the_limit(1e-2), case.near_the_limit(-1e-2)):
+        errors = case.errors(springs)
+        assert len(errors) >= 4
+        assert max(errors.values()) <= 1e-12, errors
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("rep", "total"), [("body", True), ("hybrid", False)])
+def test_floating_trees_against_60_digits(rep, total, tmp_path):
+    file, text = tmp_path / "tree.urdf", tree_urdf(3, 4)
+    file.write_text(text)
+    chain = load_chain(file, tip=["left", "right"], floating_base=True)
+    case = Case(text, chain, rep, total=total, seed=3)
+    assert max(case.errors(case.springs).values()) <= 1e-12
+
+
+def test_oracles_of_verify_see_a_wrong_sign(monkeypatch):
+    chain = load_chain(UR5, tip="tool0")
+    table = [each for each in chain_kernels(chain, FAMILY) if each.on_request and each.group == "hybrid"]
+    assert not check_oracles(table, FAMILY)
+
+    def failed():
+        functions = {each.qualified_name: function_of_stacks(chain, each) for each in table}
+        return {each.kernel for each in check_robot(functions, chain, 3, 0, FAMILY, table) if not each.passed}
+
+    assert not failed()
+    for name in ("packed_hessian", "loaded_hessian"):
+        right = getattr(compliance, name)
+        monkeypatch.setattr(compliance, name, lambda chain, springs, load, right=right: right(chain, springs, -load))
+    table = [each for each in chain_kernels(chain, FAMILY) if each.on_request and each.group == "hybrid"]
+    assert failed() == {each.qualified_name for each in table}
+
+
+def test_chen_and_kao_for_a_pure_force(ur5):
+    """Without a moment the conservative congruence transformation is symmetric, and the same."""
+    random = np.random.default_rng(0)
+    force = np.array([20.0, -30, 60, 0, 0, 0])
+    for _ in range(10):
+        q = np.array([0, -1, 1.5, 0.3, 1, 0]) + random.uniform(-0.5, 0.5, 6)
+        springs = np.diag(random.uniform(2e3, 8e3, 6))
+        J, load = ur5("hybrid_jacobian", q), ur5("hybrid_kinematic_stiffness", q, force)
+        inverse = np.linalg.inv(J)
+        expected = inverse.T @ (springs - load) @ inverse
+        found = ur5("hybrid_tip_stiffness", q, force, springs)
+        rounding = 1e-15 * np.linalg.cond(J) * np.linalg.cond(springs) * np.abs(expected).max()
+        assert np.abs(found - expected).max() <= rounding
+
+
+def test_representations_agree_and_an_unloaded_arm_needs_no_wrench(ur5):
+    q, springs = np.array([0.3, -1, 1.2, 0.4, 0.9, -0.2]), np.diag([900.0, 800, 700, 300, 200, 100])
+    J = ur5("hybrid_jacobian", q)
+    found = ur5("hybrid_tip_compliance", q, np.zeros(6), springs)
+    assert np.abs(found - J @ np.linalg.inv(springs) @ J.T).max() <= 1e-15 * np.abs(found).max() * 100
+    stability = [ur5(f"{rep}_stability", q, np.zeros(6), springs) for rep in ("body", "spatial", "hybrid")]
+    assert np.allclose(stability, 100.0, rtol=1e-15, atol=0)
+
+
+def test_mujoco_with_springs_in_the_joints(ur5, tmp_path):
+    """Push the tip by differences of a force: MuJoCo's kinematics and springs, a root of its joint forces."""
+    mujoco = pytest.importorskip("mujoco")
+    optimize = pytest.importorskip("scipy.optimize")
+    spec = mujoco.MjSpec.from_file(str(UR5))
+    spec.compiler.discardvisual, spec.compiler.fusestatic = True, False
+    spec.option.gravity = [0, 0, 0]
+    model = spec.compile()
+    q0, springs = np.array([0.3, -1, 1.2, 0.4, 0.9, -0.2]), np.array([900.0, 800, 700, 300, 200, 100])
+    model.jnt_stiffness[:], model.qpos_spring[:] = springs, q0
+    data, body = mujoco.MjData(model), model.body("tool0").id
+    J, rotations = np.zeros((3, 6)), np.zeros((3, 6))
+
+    def forces(q, force):
+        data.qpos[:], data.qvel[:] = q, 0
+        mujoco.mj_forward(model, data)
+        mujoco.mj_jac(model, data, J, rotations, data.xpos[body], body)
+        return data.qfrc_passive + J.T @ force
+
+    def tip(force, start):
+        found = optimize.root(forces, start, args=(force,), tol=1e-14).x
+        assert np.abs(forces(found, force)).max() < 1e-9
+        return found, data.xpos[body].copy()
+
+    force, step = np.array([20.0, -30, 60]), 1e-2
+    q, _ = tip(force, q0)
+    sides = [[tip(force + s * step * axis, q)[1] for s in (1, -1)] for axis in np.eye(3)]
+    measured = np.array([(up - down) / (2 * step) for up, down in sides]).T
+    found = ur5("hybrid_tip_compliance", q, [*force, 0, 0, 0], np.diag(springs))[:3, :3]
+    assert np.abs(found - measured).max() <= 1e-4 * np.abs(measured).max()
+    without = J @ np.diag(1 / springs) @ J.T
+    assert np.abs(without - measured).max() > 1e-2 * np.abs(measured).max()
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-150, 1e150])
+def test_smallest_eigenvalues(scale):
+    """Diagonal, double, zero and tiny eigenvalues; every size of a matrix from one to nine."""
+    random = np.random.default_rng(2)
+    for n in range(1, 10):
+        triangle = ca.SX.sym("h", n * (n + 1) // 2)
+        diagonal, squares = ca.SX.sym("d", n), ca.SX.sym("s", n - 1)
+        interval = ca.SX.sym("x", 2)
+        first = ca.Function("t", [triangle], [compliance.tridiagonal(None, triangle).result])
+        step = ca.Function("s", [diagonal, squares, interval], [
+            compliance.halved(None, diagonal, squares, interval).result
+        ])  # fmt: skip
+        cases = [np.zeros((n, n)), np.eye(n), np.diag(np.arange(n) - 1.0), np.ones((n, n))]
+        cases += [(lambda a: a + a.T)(random.normal(size=(n, n))) for _ in range(5)]
+        for matrix in (scale * case for case in cases):
+            form = np.array(first(matrix[np.triu_indices(n)])).ravel()
+            ends = form[2 * n - 1 :]
+            for _ in range(compliance.CALLS):
+                ends = np.array(step(form[:n], form[n : 2 * n - 1], ends)).ravel()
+            expected = np.linalg.eigvalsh(matrix)
+            assert abs(ends.mean() - expected[0]) <= 1e-15 * n * np.abs(expected).max()
+
+
+def test_products_are_lowered_column_by_column():
+    """Reverse mode reads the cotangent of J by columns: a batch would read lanes of an array written as a whole."""
+    chain = load_chain(UR5, tip="tool0")
+    options = SpringOptions(groups=("hybrid.tip_compliance", "body.deflection"), derivatives=True)
+    functions = lowered(chain, BATCH)
+    for kernel in chain_kernels(chain, options):
+        assert functions.kernel(kernel).items
+
+
+def test_kernels_on_request_alone():
+    chain = load_chain(UR5, tip="tool0")
+    whole, more = chain_kernels(chain), chain_kernels(chain, SpringOptions(groups=("all", "compliance")))
+    assert not any(each.on_request for each in whole)
+    assert [each.function for each in more if not each.on_request] == [each.function for each in whole]
+    assert {each.function for each in more if each.on_request} >= {"hybrid_tip_compliance", "body_stability"}
+    one = chain_kernels(chain, SpringOptions(groups=("hybrid.tip_compliance",)))
+    assert [each.function for each in one] == ["forward_kinematics", "hybrid_tip_compliance"]
+    assert not any(each.on_request for each in chain_kernels(chain, SpringOptions(groups=("hybrid",))))
+    with pytest.raises(ChainError, match="compliance"):
+        chain_kernels(chain, SpringOptions(groups=("hybrid.compliance",)))
+
+
+def test_a_tip_that_cannot_move_in_all_directions_has_no_stiffness():
+    chain = load_chain(UR5, tip="wrist_1_link")
+    names = {each.name for each in chain_kernels(chain, FAMILY)}
+    assert "tip_stiffness" not in names
+    assert "tip_compliance" in names
