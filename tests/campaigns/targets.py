@@ -4,7 +4,7 @@
 Compiles a folder for every machine of tests/support/targets, compares values (the iiwa 14's golden ones, another
 robot's with those of this machine), counts the instructions of every function at many states (denormals, limits, zeros;
 NaN, infinity and 1e300 in what is no angle) and of the controller's step, and prints the tables of docs/targets.md.
-``--json FILE`` writes what was found for ``stiffgen verify --report FILE.html --targets FILE``. Exit code 1 if a value
+``--json FILE`` writes what was found for ``stiffgen verify --report FILE.html --evidence FILE``. Exit code 1 if a value
 is wrong.
 """
 

@@ -29,12 +29,11 @@ COMMANDS = {
     "generate": ("cli.generate", "generate C code and a Python module for a robot"),
     "new": ("new.command", "write a project: a 1 kHz loop, a simulated robot, a test, a script"),
     "inspect": ("cli.inspect", "show joints, chains to each tip, and problems of a robot's file"),
-    "robots": ("cli.robots", "list the robots that can be named, with format and licence"),
+    "robots": ("cli.robots", "list robots that can be named, or those that stiffgen.load() has generated"),
     "verify": ("cli.verify", "verify a robot's compiled functions against independent references"),
     "prove": ("prove.command", "prove contracts of a robot's C code for all inputs"),
     "bench": ("cli.bench", "time a robot's compiled functions on this machine"),
     "play": ("play.command", "write a robot's playground, a page for the browser, and open it"),
-    "cache": ("cli.cache", "list or clear the robots that stiffgen.load() has generated"),
     "analyze": ("analyze.command", "joint stiffness along a recording, corrected and conventional"),
     "calibrate": ("calibrate.command", "bias and payload of a force-torque sensor, from a recording"),
 }

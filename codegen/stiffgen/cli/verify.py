@@ -34,16 +34,20 @@ def add(command: argparse.ArgumentParser) -> None:
     command.set_defaults(run=run, report=None)
     if optional("prove.safety_page") is not None:
         command.add_argument("--report", type=Path, metavar="FILE.html", help="write the evidence as one page")
-        command.add_argument("--proofs", type=Path, metavar="FILE", help="add the verdicts of 'stiffgen prove --json'")
-        command.add_argument("--targets", type=Path, metavar="FILE", help="add measurements on other processors")
-        command.add_argument("--date", metavar="TEXT", help="date to print on the page (default: none)")
+        command.add_argument(
+            "--evidence",
+            type=Path,
+            action="append",
+            default=[],
+            metavar="FILE",
+            help="verdicts of 'stiffgen prove --json', or measurements on other processors; repeatable",
+        )
 
 
 def run(options: argparse.Namespace) -> int:
     """Verify a folder; return 1 if a comparison fails."""
     page = optional("prove.safety_page")
-    if page is not None:
-        _check_page(page, options)
+    proofs, targets = _checked_evidence(page, options) if page is not None else (None, None)
     trusts = options.trust_potentials or _asks(options.folder)
     with Progress(messages(wide=False)).shown() as progress:
         checks = verify(
@@ -70,9 +74,8 @@ def run(options: argparse.Namespace) -> int:
             postures=options.samples or default_count(open_robot(options.folder).chain),
             seed=options.seed,
             urdf=options.urdf,
-            proofs=options.proofs,
-            targets=options.targets,
-            date=options.date,
+            proofs=proofs,
+            targets=targets,
         )
         print(options.report)
     return 1 if failed else 0
@@ -87,16 +90,18 @@ def _asks(folder: Path) -> bool:
     return input().strip().lower() in ("y", "yes")
 
 
-def _check_page(page: ModuleType, options: argparse.Namespace) -> None:
-    """Refuse what the page cannot show, before the long part."""
-    if options.report is None and any(each is not None for each in (options.proofs, options.targets, options.date)):
-        raise StiffgenError("--proofs, --targets and --date fill the page; add --report FILE.html")
+def _checked_evidence(page: ModuleType, options: argparse.Namespace) -> tuple[Path | None, Path | None]:
+    """Return the files of verdicts and measurements; refuse what the page cannot show, before the long part."""
+    if options.report is None and options.evidence:
+        raise StiffgenError("--evidence fills the page; add --report FILE.html")
+    proofs, targets = page.divided(options.evidence)
     if options.report is not None:
         open_robot(options.folder).require_doubles("the page of --report")
-    if options.proofs is not None:
-        page.filed_for(open_robot(options.folder), options.proofs)
-    if options.targets is not None:
-        page.targets_for(open_robot(options.folder), options.targets)
+    if proofs is not None:
+        page.filed_for(open_robot(options.folder), proofs)
+    if targets is not None:
+        page.targets_for(open_robot(options.folder), targets)
+    return proofs, targets
 
 
 def _check_table(checks: list[Check]) -> Table:

@@ -16,9 +16,11 @@ from stiffgen.prove.verdict import EXIT_CODES, Outcome, worst_outcome
 def add(command: argparse.ArgumentParser) -> None:
     """Add the arguments."""
     add_folder(command)
-    command.add_argument("--part", choices=PARTS, action="append", help="part to prove (default: all); repeatable")
     command.add_argument(
-        "--only", metavar="KERNEL", action="append", default=[], help="kernel to prove (default: all); repeatable"
+        "claims",
+        nargs="*",
+        metavar="PART|KERNEL",
+        help=f"parts to prove, of {', '.join(PARTS)}, and kernels (default: all)",
     )
     command.add_argument(
         "--timeout", type=float, default=300.0, metavar="S", help="time limit per function [s] (default: 300)"
@@ -32,8 +34,8 @@ def run(options: argparse.Namespace) -> int:
     with Progress(messages(wide=False)).shown() as progress:
         verdicts = prove(
             options.folder,
-            parts=tuple(options.part or PARTS),
-            only=tuple(options.only),
+            parts=tuple(part for part in PARTS if part in options.claims) or PARTS,
+            only=tuple(claim for claim in options.claims if claim not in PARTS),
             timeout=options.timeout,
             json=options.json,
             progress=progress,

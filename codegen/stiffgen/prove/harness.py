@@ -79,7 +79,7 @@ def controller(robot: GeneratedRobot, entries: Sequence[str], *, by_contract: bo
     """Return the controller for Frama-C; ``by_contract``: a contract replaces validate."""
     fields, memory = optional("controller.fields"), optional("controller.memory_fields")
     if fields is None or memory is None:
-        raise OutputError(f"{robot.folder}: this stiffgen has no tables of the controller; prove other parts (--part)")
+        raise OutputError(f"{robot.folder}: this stiffgen has no tables of the controller; prove other parts")
     return _render(
         robot,
         "controller.c.j2",

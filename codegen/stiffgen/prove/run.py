@@ -114,7 +114,7 @@ def _includes_controller(robot: GeneratedRobot, parts: Sequence[str], only: Sequ
     own = {"services", "step"}
     included = robot.has_controller and not only and not own.isdisjoint(parts)
     if not included and own.issuperset(parts):
-        why = "--only names kernels" if only else f"{robot.folder} has no controller"
+        why = "kernels alone were named" if only else f"{robot.folder} has no controller"
         raise StiffgenError(f"nothing to prove: {why}; parts of kernels are memory, bits, widths")
     return included
 

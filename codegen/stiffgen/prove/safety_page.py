@@ -17,7 +17,7 @@ from stiffgen.errors import OutputError, listed
 from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.page import POLICY, STYLE
 from stiffgen.prove.targets import Target, read_targets
-from stiffgen.prove.verdict import Outcome, Verdict, VerdictFile, read_verdicts
+from stiffgen.prove.verdict import Outcome, Verdict, VerdictFile, read_content, read_verdicts
 from stiffgen.rendering import environment
 from stiffgen.robot.geometry import FloatArray
 from stiffgen.verify.kernels.certified import CERTIFIED
@@ -81,7 +81,6 @@ def write_page(
     urdf: Path | None,
     proofs: Path | None = None,
     targets: Path | None = None,
-    date: str | None = None,
 ) -> None:
     """Write the page of evidence as HTML.
 
@@ -94,7 +93,6 @@ def write_page(
         urdf: the file that the chain was compared with, or None.
         proofs: the verdicts' file of ``stiffgen prove DIR --json FILE``, or None.
         targets: measurements on other machines (docs/targets.md), or None.
-        date: a date to print, or None: then the page has none.
 
     Raises:
         OutputError: ``file`` cannot be written, ``proofs`` or ``targets`` cannot be read or are about other C files.
@@ -114,7 +112,6 @@ def write_page(
         postures=postures,
         seed=seed,
         urdf=urdf.name if urdf is not None else None,
-        date=date,
         checks=checks,
         failed=[check for check in checks if not check.passed],
         plots=_plots(checks),
@@ -143,6 +140,30 @@ def _write(file: Path, page: str) -> None:
         file.write_text(page, encoding="utf-8")
     except OSError as error:
         raise OutputError(f"{file}: cannot be written ({error.strerror}); give another --report") from error
+
+
+def divided(files: Sequence[Path]) -> tuple[Path | None, Path | None]:
+    """Return the file of verdicts and the file of measurements among some files, each None where there is none.
+
+    Raises:
+        OutputError: two files are of one kind.
+
+    """
+    found: dict[bool, Path] = {}
+    for file in files:
+        of_targets = _has_targets(file)
+        if of_targets in found:
+            raise OutputError(f"{file}: says the same as {found[of_targets]}; give one of the two")
+        found[of_targets] = file
+    return found.get(False), found.get(True)
+
+
+def _has_targets(file: Path) -> bool:
+    """Return whether a file holds measurements; the reader of verdicts names the fault of one that cannot be read."""
+    try:
+        return "targets" in read_content(file)
+    except (OSError, ValueError, TypeError, RecursionError):
+        return False
 
 
 def filed_for(robot: GeneratedRobot, proofs: Path) -> VerdictFile:
@@ -247,7 +268,7 @@ def _uncovered(
     if not compared:
         lines.insert(1, "The chain is the manifest's: the URDF was not read again (--urdf).")
     if filed is None:
-        lines.insert(0, "Proofs: none were given (stiffgen prove DIR --json FILE, then --proofs FILE).")
+        lines.insert(0, "Proofs: none were given (stiffgen prove DIR --json FILE, then verify --evidence FILE).")
     else:
         lines.insert(
             0,

@@ -17,7 +17,7 @@ import pytest
 
 import stiffgen
 from stiffgen import open_robot
-from stiffgen.cli import main
+from stiffgen.cli import COMMANDS, main
 from stiffgen.symbolic.kernels import KERNELS
 from stiffgen.verify.result import Check
 from support.folders import restamp
@@ -351,3 +351,7 @@ def test_a_negative_seed_is_refused(capsys, robot_folder):
         main(["verify", str(robot_folder), "--seed", "-1"])
     assert refused.value.code == 2
     assert "--seed: must not be negative" in capsys.readouterr().err
+
+
+def test_commands_stay_few():
+    assert len(COMMANDS) <= 10

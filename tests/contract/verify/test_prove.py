@@ -220,7 +220,7 @@ def test_missing_program_is_named(monkeypatch: pytest.MonkeyPatch, capsys: pytes
 def test_bad_input_is_refused(tmp_path: Path) -> None:
     with pytest.raises(StiffgenError, match=r"nonsense: no kernel of .*hybrid_joint_stiffness"):
         prove(FOLDER, only=("nonsense",))
-    with pytest.raises(StiffgenError, match="nothing to prove: --only names kernels"):
+    with pytest.raises(StiffgenError, match="nothing to prove: kernels alone were named"):
         prove(FOLDER, parts=("step",), only=("mass_matrix",))
     with pytest.raises(StiffgenError, match="--timeout"):
         prove(FOLDER, timeout=0.0)
@@ -256,6 +256,4 @@ def test_page_shows_what_it_was_given(tmp_path: Path) -> None:
     assert "FAILED: &lt;b&gt;, batch: wrong &lt;i&gt;" in page
     assert "Not proved: act: in bounds" in page
     assert "http" not in page.replace("http-equiv", ""), "self-contained"
-    assert not re.search(r"20\d\d-\d\d", page), "no date unless asked for"
-    write_page(FOLDER, checks, tmp_path / "page.html", postures=2, seed=0, urdf=None, date="1 May 2031")
-    assert "1 May 2031" in (tmp_path / "page.html").read_text()
+    assert not re.search(r"20\d\d-\d\d", page), "no date"

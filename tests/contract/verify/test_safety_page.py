@@ -55,9 +55,12 @@ def test_targets_of_other_bytes_are_refused(tmp_path: Path, capsys: pytest.Captu
     file.write_text(json.dumps(content | {"sources": content["sources"] | {"iiwa14.c": "0" * 64}}))
     with pytest.raises(OutputError, match=r"about another iiwa14\.c"):
         targets_for(open_robot(FOLDER), file)
-    assert main(["verify", str(FOLDER), "--report", str(tmp_path / "page.html"), "--targets", str(file)]) == 2
-    assert main(["verify", str(FOLDER), "--targets", str(file)]) == 2
+    assert main(["verify", str(FOLDER), "--report", str(tmp_path / "page.html"), "--evidence", str(file)]) == 2
+    assert main(["verify", str(FOLDER), "--evidence", str(file)]) == 2
     assert "add --report" in capsys.readouterr().err
+    twice = ["--evidence", str(file), "--evidence", str(file)]
+    assert main(["verify", str(FOLDER), "--report", str(tmp_path / "page.html"), *twice]) == 2
+    assert "give one of the two" in capsys.readouterr().err
 
 
 def test_certified_bounds_are_shown_with_what_was_met(tmp_path: Path) -> None:
