@@ -63,7 +63,7 @@ def draw(file: Path) -> None:
     add_ellipsoid(renderer.scene, plant)
     image = renderer.render()
     alpha = np.where(image.sum(axis=2) > 0, 255, 0).astype(np.uint8)
-    used = alpha.any(axis=1).nonzero()[0], alpha.any(axis=0).nonzero()[0]
+    used = [np.nonzero(alpha.max(axis=axis))[0] for axis in (1, 0)]
     rows, columns = (slice(max(each[0] - 12, 0), each[-1] + 12) for each in used)
     imsave(file, np.dstack([image, alpha])[rows, columns])
 
