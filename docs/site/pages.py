@@ -32,35 +32,33 @@ PAGES = (
     "ros2/stiffgen_ros2/README.md", ".github/*.md", "CITATION.cff", "docs/*.csv",
 )  # fmt: skip
 CONTENTS = {
-    "Start": ("docs/start", "docs/playground"),
-    "Notebooks": ("notebooks/first_steps", "notebooks/my_robot", "notebooks/springs_and_orbits", "notebooks/tuning"),
-    "Concepts": (
-        "docs/theory", "docs/wrench", "docs/conventions", "docs/derivatives", "docs/casadi", "docs/identify",
-        "docs/whole_body", "docs/loops",
+    "Begin": (
+        "docs/start", "docs/playground", "docs/wrench", "docs/conventions", "docs/robots", "docs/troubleshooting",
     ),
-    "Use": (
-        "docs/embedding", "docs/controller", "docs/robosuite", "docs/ros2",
-        "ros2/stiffgen_ros2/README",
-        "docs/fri", "docs/fri_reference",
-        "docs/results", "docs/experiment",
-        "docs/analyze", "docs/troubleshooting",
-    ),
-    "Evidence": (
-        "docs/energy", "docs/proofs", "docs/performance", "docs/threads", "docs/accuracy", "docs/targets",
-        "benchmarks/RESULTS",
-        "docs/robots",
-        "reference/hazards", "reference/misra",
-        "urdf/README",
-    ),
-    "Reference": (
-        "reference/functions", "reference/controller", "reference/faults", "reference/cpp", "reference/python",
-        "reference/command_line",
-    ),
-    "Development": (
-        "docs/README", "docs/design", "CONTRIBUTING", "codegen/stiffgen/emit/README", "CHANGELOG",
-        ".github/SUPPORT", ".github/SECURITY",
-    ),
+    "Understand": ("docs/theory", "docs/whole_body", "docs/loops"),
+    "Use": ("docs/embedding", "docs/derivatives", "docs/controller", "docs/ros2", "docs/fri", "docs/analyze"),
+    "Evidence": ("docs/results", "docs/performance", "docs/proofs"),
+    "Reference": ("reference/python", "reference/command_line", "reference/functions"),
+    "Change the generator": ("docs/design", "CONTRIBUTING", "CHANGELOG"),
 }  # fmt: skip
+"""The sidebar, in the order of docs/README.md."""
+BELOW = {
+    "docs/start": (
+        "notebooks/first_steps", "notebooks/my_robot", "notebooks/springs_and_orbits", "notebooks/tuning",
+    ),
+    "docs/robots": ("urdf/README",),
+    "docs/embedding": ("docs/threads",),
+    "docs/derivatives": ("docs/casadi", "docs/identify"),
+    "docs/controller": ("docs/energy", "docs/robosuite", "reference/hazards"),
+    "docs/ros2": ("ros2/stiffgen_ros2/README",),
+    "docs/fri": ("docs/fri_reference",),
+    "docs/results": ("docs/experiment",),
+    "docs/performance": ("docs/accuracy", "docs/targets", "benchmarks/RESULTS"),
+    "docs/proofs": ("reference/misra",),
+    "reference/functions": ("reference/controller", "reference/faults", "reference/cpp"),
+    "docs/design": ("docs/README", "codegen/stiffgen/emit/README", ".github/SUPPORT", ".github/SECURITY"),
+}  # fmt: skip
+"""Pages that the sidebar shows below another page."""
 GROUPS = {
     "body": "Body representation: tip axes, at the tip's origin",
     "spatial": "Spatial representation: base axes, at the base's origin",
@@ -279,11 +277,16 @@ def command_line() -> str:
     return "\n".join(parts)
 
 
+def contents(pages: Iterable[str], caption: str = "") -> str:
+    """Return a part of the sidebar."""
+    entries = "".join(f"/{page}\n" for page in pages)
+    return f"```{{toctree}}\n:hidden:\n{caption}\n{entries}```\n"
+
+
 def index() -> str:
     """Return the first page: the README and the table of contents."""
     parts = [(ROOT / "README.md").read_text()]
-    for part, pages in CONTENTS.items():
-        parts.append(f"```{{toctree}}\n:hidden:\n:caption: {part}\n\n" + "\n".join(pages) + "\n```\n")
+    parts += [contents(pages, f":caption: {part}\n") for part, pages in CONTENTS.items()]
     return "\n".join(parts)
 
 
@@ -331,4 +334,7 @@ def stage(folder: Path) -> None:
     (folder / "reference").mkdir()
     for page in (functions, controller, faults, cpp, python, hazards, misra, command_line):
         (folder / "reference" / f"{page.__name__}.md").write_text(page())
+    for page, below in BELOW.items():
+        with (folder / f"{page}.md").open("a") as text:
+            text.write(f"\n{contents(below)}")
     playground(folder)
