@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from stiffgen.loads import ExternalWrench, StiffnessDeviation, external_wrench, stiffness_deviation, tip_covariance
     from stiffgen.opened import GeneratedRobot, open_robot
     from stiffgen.options import GenerationOptions
+    from stiffgen.postures import find_postures
     from stiffgen.robot.chain import Chain, Sensor, Tool
     from stiffgen.symbolic.model import StiffnessModel
     from stiffgen.symbolic.moving import move_stiffness
@@ -66,6 +67,7 @@ __all__ = [
     "analyze",
     "estimate_sensors",
     "external_wrench",
+    "find_postures",
     "generate",
     "load",
     "load_chain",
@@ -87,6 +89,7 @@ _HOMES = {
     "loads": ("ExternalWrench", "StiffnessDeviation", "external_wrench", "stiffness_deviation", "tip_covariance"),
     "opened": ("GeneratedRobot", "open_robot"),
     "options": ("GenerationOptions",),
+    "postures": ("find_postures",),
     "robot.chain": ("Chain", "Sensor", "Tool"),
     "symbolic.model": ("StiffnessModel",),
     "symbolic.moving": ("move_stiffness",),

@@ -36,8 +36,7 @@ typedef iiwa14_impedance_policy policy_t;
  */
 enum { NO_JOINT = -1, READY = 0x51f7, RECENT = 8, MOST_DELAY = 5, POSTURES = 32 };
 enum { LONGEST = 1000000 }; /* samples or calls at which a counter stands still: 17 minutes at 1 kHz, and no overflow */
-/* trials of a search for a posture, steps of a trial; how often a command by pose begins again from the arm */
-enum { SEARCHED = 40, SEARCH_STEPS = 60, RESTARTS = 5 };
+enum { SEARCHED = 40, SEARCH_STEPS = 60 }; /* trials of a search for a posture, steps of a trial */
 enum { MATRIX_NOT_FINITE = 1, MATRIX_NOT_POSITIVE, MATRIX_NOT_CONVERGED };
 
 /* Largest eigenvalues of M^-1 B T and M^-1 K T^2. With differenced velocity, a double integrator is unstable from
@@ -574,10 +573,6 @@ static int fits_memory(const memory_t *m)
     fits = fits && m->commanded >= 0 && m->commanded <= 1;
     fits = fits && m->joined >= 0 && m->joined <= 1;
     fits = fits && m->beyond >= 0 && m->beyond <= 1;
-    fits = fits && m->detour >= 0 && m->detour <= 1;
-    fits = fits && m->search >= 0 && m->search <= 40;
-    fits = fits && m->search_steps >= 0 && m->search_steps <= 60;
-    fits = fits && m->restarts >= 0 && m->restarts <= 5;
     fits = fits && m->fault >= 0 && m->fault <= 5;
     fits = fits && m->reason >= 0 && m->reason <= 16;
     fits = fits && m->reset >= 0 && m->reset <= 1;
@@ -3031,29 +3026,29 @@ static double sum_errors(const memory_t *m, const double *q, const double *here,
 
 /*
  * Find the step from the posture q, whose tips are here, towards the one nearest to `wanted` that has its tips at goal
- * and lies outside the limit zones. Return the tips' distance from the goal, the larger of [m] and [rad].
+ * and lies outside the limit zones. work: 2 N N numbers. Return the tips' distance from the goal, the larger of [m] and
+ * [rad].
  *
  * The step is damped by e^T W e and by its root. The first keeps it short far from the goal and at singular postures.
  * The second bounds what the neglected second derivative of e does to the share of the step that is gone in one call.
  */
-static double find_posture_step(step_t *s, const double *q, const double *here, const double *goal, const double *wanted,
-                         double *step)
+static double find_posture_step(const config_t *c, const memory_t *m, const double *q, const double *here, const double *goal,
+                         const double *wanted, double *work, double *step)
 {
-    const memory_t *const m = s->m;
     double A[NN], task[N], near[N], damping, speed = 0.0;
     int held[N] = {0};
     const double distance = sum_errors(m, q, here, goal, A, task, &damping);
     memset(step, 0, N * sizeof(double));
     for (int i = 0; i < N; ++i) {
         near[i] = clamp(wanted[i], m->avoidance[4 * i], m->avoidance[4 * i + 1]) - q[i];
-        speed = larger(speed, fabs(near[i]) / (s->c->reference_velocity_limit[i] * NEAR_TIME));
+        speed = larger(speed, fabs(near[i]) / (c->reference_velocity_limit[i] * NEAR_TIME));
     }
     for (int i = 0; i < N; ++i) {
         near[i] *= larger(1.0 - distance / NEAR, 0.0) / larger(speed, 1.0);
     }
     int good = 1, again = 1;
     for (int round = 1; round <= N && again; ++round) {
-        good = combine_steps(A, task, near, damping, held, s->scratch, step);
+        good = combine_steps(A, task, near, damping, held, work, step);
         again = good && round < N && hold_joint(m, q, held, step);
     }
     if (!good) {
@@ -3062,46 +3057,72 @@ static double find_posture_step(step_t *s, const double *q, const double *here, 
     return distance;
 }
 
-/* Start a trial of the search: first at the arm, then at the wanted posture, then ever farther from the reference. */
-static void start_trial(step_t *s)
+/*
+ * Choose where a trial of the search starts: first at `start`, then ever farther from it. avoidance has the edges of the
+ * limit zones.
+ */
+static void start_trial(const memory_t *m, const double *start, int number, double *q)
 {
-    memory_t *const m = s->m;
-    const double share = 0.4 + 0.6 * m->search / (double)SEARCHED;
+    const double share = 0.4 + 0.6 * number / (double)SEARCHED;
     for (int i = 0; i < N; ++i) {
-        const double low = larger(m->avoidance[4 * i], m->posture[i] - HALF_TURN);
-        const double high = smaller(m->avoidance[4 * i + 1], m->posture[i] + HALF_TURN);
-        const double x = (i + 1.0) * (m->search * GOLDEN + 0.1), place = x - (int)x;
-        const double far = m->posture[i] + share * (low + place * (high - low) - m->posture[i]);
-        const double first = m->search == 0 ? m->q[i] : s->input->q0[i];
-        m->trial[i] = clamp(m->search < 2 ? first : far, m->avoidance[4 * i], m->avoidance[4 * i + 1]);
+        const double *const a = m->avoidance + 4 * i;
+        const double low = larger(a[0], start[i] - HALF_TURN), high = smaller(a[1], start[i] + HALF_TURN);
+        const double x = (i + 1.0) * (number * GOLDEN + 0.1), place = x - (int)x;
+        const double far = start[i] + share * (low + place * (high - low) - start[i]);
+        q[i] = clamp(number == 0 ? start[i] : far, a[0], a[1]);
     }
 }
 
-/*
- * Search for another posture of the commanded pose, one step of one trial in each call, of at most SEARCHED trials.
- * One that is found becomes the posture's next goal (detour). Return whether the search goes on.
- */
-static int search_posture(step_t *s)
+/* Follow steps from q towards a posture of the goal. Return whether one is found: at most SEARCH_STEPS steps. */
+static int try_posture(const config_t *c, const memory_t *m, const double *goal, double *q)
 {
-    memory_t *const m = s->m;
-    double step[N], here[16 * TIPS];
-    if (m->search >= SEARCHED) {
-        return 0;
+    double work[2 * NN], step[N], here[16 * TIPS];
+    int found = 0;
+    for (int k = 0; k < SEARCH_STEPS && !found; ++k) {
+        stiffgen_poses(q, m, here);
+        found = find_posture_step(c, m, q, here, goal, q, work, step) <= 0.1 * REACHED;
+        const double size = norm(N, step);
+        add_scaled(N, size > LONGEST_STEP ? LONGEST_STEP / size : 1.0, step, q);
     }
-    if (m->search_steps == 0) {
-        start_trial(s);
+    return found;
+}
+
+/*
+ * Search for a posture of poses outside the limit zones, from `start` on. No step calls this: the caller decides whether
+ * the arm goes there. tool: poses of tools, or NULL. Return OK, or why there is no result; then posture is `start`.
+ */
+static int search_posture(const config_t *c, const double *poses, const double *tool, const double *start, double *posture)
+{
+    memory_t m;
+    double goal[16 * TIPS], q[N], accepted[16];
+    const int error = validate(c);
+    memset(&m, 0, sizeof m);
+    place_no_tools(m.tool_pose);
+    stiffgen_home(&m);
+    memcpy(q, start, sizeof q);
+    memcpy(posture, q, sizeof q);
+    int good = doubles_within(q, N, -FARTHEST, FARTHEST);
+    for (int t = 0; good && t < TIPS; ++t) {
+        good = accept_pose(poses + 16 * t, goal + 16 * t) && (tool == NULL || accept_pose(tool + 16 * t, accepted));
+        if (good && tool != NULL) {
+            memcpy(m.tool_pose + 16 * t, accepted, sizeof accepted);
+        }
     }
-    stiffgen_poses(m->trial, m, here);
-    const int found = find_posture_step(s, m->trial, here, s->goal, m->trial, step) <= 0.1 * REACHED;
-    const double size = norm(N, step);
-    add_scaled(N, size > LONGEST_STEP ? LONGEST_STEP / size : 1.0, step, m->trial);
-    m->detour = found;
-    m->search_steps += 1;
-    if (found || m->search_steps >= SEARCH_STEPS) {
-        m->search_steps = 0;
-        m->search += 1;
+    if (error != IIWA14_OK || !good) {
+        return error != IIWA14_OK ? error : IIWA14_E_POSE;
     }
-    return 1;
+    for (int i = 0; i < N; ++i) {
+        m.avoidance[4 * i] = c->lower_limit[i] + c->limit_zone;
+        m.avoidance[4 * i + 1] = c->upper_limit[i] - c->limit_zone;
+    }
+    for (int number = 0; number < SEARCHED; ++number) {
+        start_trial(&m, start, number, q);
+        if (try_posture(c, &m, goal, q) && stiffgen_reaches(q, &m)) {
+            memcpy(posture, q, sizeof q);
+            return IIWA14_OK;
+        }
+    }
+    return IIWA14_E_NO_POSTURE;
 }
 
 /* Damping: designed from the springs' tangent, limited by the sample time. */
@@ -3490,12 +3511,6 @@ static void approach_step(const config_t *c, const double *step, double size, do
     add_scaled(N, jump > slope ? slope / jump : 1.0, change, velocity);
 }
 
-/* Forget what was found on the way to the last pose, or searched for it. */
-static void forget_search(memory_t *m)
-{
-    m->beyond = m->detour = m->search = m->search_steps = m->restarts = 0;
-}
-
 /* Return the largest distance of a joint from its posture [rad] or [m]. */
 static double arm_distance(const memory_t *m)
 {
@@ -3506,56 +3521,38 @@ static double arm_distance(const memory_t *m)
     return most;
 }
 
-/* Return whether the arm rests without a load in another posture than the reference's, and may begin again. */
+/* Return whether the arm rests without a load in another posture than the reference's. */
 static int rests_elsewhere(const step_t *s)
 {
     const memory_t *const m = s->m;
-    return m->restarts < RESTARTS && arm_distance(m) > ANOTHER && norm(N, m->dq) < RESTING &&
-           norm(N, s->transit) < UNLOADED;
+    return arm_distance(m) > ANOTHER && norm(N, m->dq) < RESTING && norm(N, s->transit) < UNLOADED;
 }
 
 /*
  * Update the posture's velocity towards a posture of the pose that is commanded, nearest to the wanted one. The posture
  * follows the equilibrium. Where it ends short of the equilibrium, the pose is out of reach from here (beyond): the
- * posture then goes towards the pose itself, as near as it can, and the equilibrium goes where the posture is. From
- * there another posture of the pose is searched; if there is one, the posture goes to it (detour). here: pose of the
- * posture; lead: distance of the equilibrium from it; arrived: the equilibrium is at its goal. Return whether the
- * posture is still on its way.
+ * posture then goes towards the pose itself, as near as it can, and the equilibrium goes where the posture is. No other
+ * posture is searched, since it would move the arm unasked (search_posture). here: pose of the posture; lead: distance
+ * of the equilibrium from it; arrived: the equilibrium is at its goal. Return whether the posture is still on its way.
  */
 static int approach_posture(step_t *s, const double *here, double lead, int arrived)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
-    const double *const limits = c->reference_velocity_limit;
-    double step[N] = {0.0}, distance = 0.0;
+    double step[N] = {0.0};
     if (!s->commanded) {
         approach_step(c, step, 0.0, 1.0, m->posture_velocity);
         return 0;
     }
     const int leads = m->beyond && lead > PATH_LEAD, awaited = !m->beyond && lead >= 2.0 * PATH_LEAD;
-    if (m->detour) {
-        add_scaled(N, 1.0, m->trial, step);
-        add_scaled(N, -1.0, m->posture, step);
-        distance = HUGE_VAL;
-    } else {
-        distance = find_posture_step(s, m->posture, here, m->beyond ? s->goal : m->equilibrium, s->input->q0, step);
-    }
-    const double size = relative_size(N, 1, step, limits);
-    const int stands = size <= (awaited ? CREEPING : STATIONARY) && !m->detour;
-    int moving = !stands || leads || !arrived;
-    if (size <= STATIONARY && m->detour) {
-        m->detour = 0;
-    } else if (stands && distance > REACHED && (!m->beyond || search_posture(s))) {
-        m->beyond = moving = 1;
-    } else if (!moving && rests_elsewhere(s)) {
-        /* begin again from where the arm is */
-        memcpy(m->trial, m->q, sizeof m->trial);
-        m->beyond = m->detour = moving = 1;
-        m->restarts = clamp_count(m->restarts + 1, RESTARTS);
-    } else if (distance <= REACHED) {
-        m->beyond = 0;
-    }
-    s->status |= !moving && distance > REACHED ? (uint32_t)IIWA14_STATUS_UNREACHABLE : 0u;
+    const double *const goal = m->beyond ? s->goal : m->equilibrium;
+    const double distance = find_posture_step(c, m, m->posture, here, goal, s->input->q0, s->scratch, step);
+    const double size = relative_size(N, 1, step, c->reference_velocity_limit);
+    const int stands = size <= (awaited ? CREEPING : STATIONARY), ends = stands && distance > REACHED && !m->beyond;
+    const int moving = !stands || leads || !arrived || ends;
+    m->beyond = distance > REACHED && (m->beyond || ends);
+    const int ended = !moving && (distance > REACHED || rests_elsewhere(s));
+    s->status |= ended ? (uint32_t)IIWA14_STATUS_UNREACHABLE : 0u;
     if (leads) {
         memset(step, 0, sizeof step);
     }
@@ -3642,9 +3639,7 @@ static int follow_pose(step_t *s)
     const double streamed = s->commanded ? pose_distance(m->wanted_equilibrium, s->goal) : 0.0;
     if (streamed > SAME_POSE) {
         /* beyond the reach, the posture goes on towards the poses of a stream: waiting for each, it would stop */
-        const int far = m->beyond && !m->detour && pose_distance(here, s->goal) > PATH_LEAD;
-        forget_search(m);
-        m->beyond = far && streamed <= PATH_LEAD;
+        m->beyond = m->beyond && streamed <= PATH_LEAD && pose_distance(here, s->goal) > PATH_LEAD;
     }
     const double lead = pose_distance(here, m->equilibrium), pace = find_pace(s, lead);
     const double *const to = m->beyond ? here : s->goal, *const from = m->beyond ? NULL : m->wanted_equilibrium;
@@ -3893,7 +3888,7 @@ static void settle_springs(step_t *s)
     memcpy(m->posture_stiffness, s->c->posture_stiffness, sizeof m->posture_stiffness);
     m->scale = m->elastic_energy = m->travel = 0.0;
     m->joined = 1;
-    forget_search(m);
+    m->beyond = 0;
     if (s->commanded) {
         adopt_command(s);
     }
@@ -5415,6 +5410,12 @@ int iiwa14_impedance_policy_command(policy_t *policy, double now, input_t *input
     return IIWA14_OK;
 }
 
+int iiwa14_find_posture(const config_t *config, const double *poses, const double *start, double *posture)
+{
+    const int null = config == NULL || poses == NULL || start == NULL || posture == NULL;
+    return null ? IIWA14_E_NULL : search_posture(config, poses, NULL, start, posture);
+}
+
 int iiwa14_impedance_fault_text(const output_t *output, char *text, size_t size)
 {
     if (output == NULL || text == NULL) {
@@ -5455,6 +5456,10 @@ const char *iiwa14_impedance_error_text(int code)
         return "joint_gains: a number is not finite, or the limit of a gain is below 0";
     case IIWA14_E_POLICY:
         return "policy_start: a pose is no pose, or now is not finite";
+    case IIWA14_E_POSE:
+        return "find_posture: a pose is no pose, or start is not finite";
+    case IIWA14_E_NO_POSTURE:
+        return "find_posture: no posture of the poses was found outside the limit zones; one may exist";
     case IIWA14_E_CONFIG_SAMPLE_TIME:
         return "sample_time: must lie between 1e-05 and 0.1";
     case IIWA14_E_CONFIG_DELAY_SAMPLES:

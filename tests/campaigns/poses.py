@@ -5,8 +5,9 @@
 
 Every robot starts at rest at a random posture. Four kinds of poses are commanded in turn: of a
 posture up to 0.9 rad away in each joint, of any posture within the limits, of a posture near a singular one, and the
-pose at the start turned by pi. The arm reaches a pose if it ends within 0.1 mm and 0.02 degrees. Where it does not, a
-search over all postures says whether there is one.
+pose at the start turned by pi. The arm reaches a pose if it ends within 0.1 mm and 0.02 degrees. Where it does not,
+NAME_find_posture searches another posture, which is then commanded as q0; where it finds none, a search over all
+postures says whether there is one.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import re
 import subprocess
 import sys
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -36,12 +37,13 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Target:
-    """Start, commanded pose and wanted posture; kind of KINDS."""
+    """Start, commanded pose and wanted posture; kind of KINDS. With ``by_position`` the posture is the command."""
 
     kind: str
     start: Array
     pose: Array
     posture: Array
+    by_position: bool = False
 
 
 class Arm:
@@ -60,7 +62,7 @@ class Arm:
         library = folder / f"{name}.so"
         if not library.exists():
             subprocess.run([*command, *map(str, files), "-lm", "-o", str(library)], check=True)
-        self.library, self.name = ctypes.CDLL(str(library)), name
+        self.library, self.name, self.folder = ctypes.CDLL(str(library)), name, robot
         self.Config = struct(robot / f"{name}_impedance.h", f"{name}_impedance_config", {}, {})
         self.lower, self.upper = (
             np.array((ctypes.c_double * self.n).in_dll(self.library, f"{name}_{limit}")) for limit in ("lower", "upper")
@@ -83,6 +85,13 @@ class Arm:
         self.library.poses_default_config(ctypes.byref(config))
         return fill(config, **{"motor_inertia": 0.1, **values})
 
+    def find_posture(self, pose: Array, start: Array, **config: Any) -> Array | None:
+        """Return the posture of a pose that NAME_find_posture finds; None if it finds none."""
+        arrays, posture = [np.ascontiguousarray(x, dtype=float) for x in (pose, start)], np.empty(self.n)
+        search = getattr(self.library, f"{self.name}_find_posture")
+        code = search(ctypes.byref(self.config(**config)), *map(_pointer, (*arrays, posture)))
+        return posture if code == 0 else None
+
     def run(
         self, *targets: Target, seconds: float, translation: float = 700.0, rotation: float = 30.0, **config: Any
     ) -> dict[str, Any]:
@@ -94,7 +103,8 @@ class Arm:
         q, reference = targets[0].start.copy(), np.empty(self.n)
         status, speed = (ctypes.c_uint * len(targets))(), ctypes.c_double()
         poses, postures = (np.stack(each) for each in zip(*((t.pose, t.posture) for t in targets), strict=True))
-        arrays = (poses, postures, translation * np.eye(3), rotation * np.eye(3))
+        positions = np.array([target.by_position for target in targets], np.int32)
+        arrays = (poses, postures, positions, translation * np.eye(3), rotation * np.eye(3))
         reason = self.library.poses_run(
             ctypes.byref(self.config(**config)), len(targets), round(seconds / 1e-3), _pointer(q),
             *map(_pointer, arrays), _pointer(reference), status, ctypes.byref(speed),
@@ -160,14 +170,21 @@ def posture_of(random: np.random.Generator, arm: Arm, wanted: Array, first: Arra
 
 
 def survey(arm: Arm, count: int, seed: int, seconds: float, **config: Any) -> list[dict[str, Any]]:
-    """Run targets; those not reached are searched for."""
+    """Run targets; another posture is searched for those not reached, and commanded."""
     found = []
     for k in range(count):
         random = np.random.default_rng([seed, k])
         target = draw(random, arm, KINDS[k % len(KINDS)])
         got = arm.run(target, seconds=seconds, **config)
-        search = None if got["reached"] else posture_of(random, arm, target.pose, got["q"])
-        found.append({**got, "target": target, "kind": target.kind, "reachable": got["reached"] or search is not None})
+        row = {**got, "target": target, "kind": target.kind, "led": False, "exists": got["reached"]}
+        if not got["reached"] and got["reason"] == 0:
+            posture = arm.find_posture(target.pose, got["q"], **config)
+            row["exists"] = posture is not None or posture_of(random, arm, target.pose, got["q"]) is not None
+            if posture is not None:
+                row["led"] = arm.run(
+                    target, replace(target, posture=posture, by_position=True), seconds=seconds, **config
+                )["reached"]
+        found.append(row)
     return found
 
 
@@ -176,11 +193,10 @@ def report(arm: Arm, rows: list[dict[str, Any]]) -> None:
     for kind in KINDS:
         of_kind = [row for row in rows if row["kind"] == kind]
         short = [row for row in of_kind if not row["reached"]]
-        flagged = [row for row in short if row["last"] & arm.status["UNREACHABLE"]]
-        told = sum(row["reachable"] for row in flagged)
-        faults = sum(row["reason"] != 0 for row in short)
-        counts = (len(of_kind), kind, len(of_kind) - len(short), len(flagged) - told, told, faults,
-                  len(short) - len(flagged) - faults)  # fmt: skip
+        led = [row for row in short if row["led"]]
+        flagged = sum(bool(row["last"] & arm.status["UNREACHABLE"]) for row in short)
+        none, faults = sum(not row["exists"] for row in short), sum(row["reason"] != 0 for row in short)
+        counts = (len(of_kind), kind, len(of_kind) - len(short), flagged, len(led), none, faults)
         print(f"| {arm.name} | " + " | ".join(map(str, counts)) + " |", flush=True)
 
 
@@ -191,7 +207,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--seconds", type=float, default=20.0)
     options = parser.parse_args()
-    print("| robot | poses | kind | reached | out of reach, none found | out of reach, found here | faults | other |")
+    print("| robot | poses | kind | reached | UNREACHABLE | then reached by find_posture | no posture | faults |")
     print("|---|---|---|---|---|---|---|---|")
     for robot in options.robots:
         file, _, tip = robot.partition(":")

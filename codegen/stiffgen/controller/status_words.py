@@ -42,7 +42,11 @@ STATUS: tuple[tuple[str, str], ...] = (
         "feedforward_limited",
         "wrench_command is held back by tank, reserve, effort or speed, or the governor does not keep up with the plan",
     ),
-    ("unreachable", "the commanded pose is out of reach from here: the equilibrium ends at the nearest point"),
+    (
+        "unreachable",
+        "the commanded pose is out of reach from here: the posture is at its end, or the arm rests in another one; "
+        "find_posture searches a posture to be commanded as q0",
+    ),
 )
 """Status bits in their order, NAME_STATUS_<NAME>, with their meaning."""
 
@@ -143,5 +147,7 @@ ERRORS: tuple[tuple[str, str], ...] = (
     ("actuation", "actuation: gains need the potential law and delay_samples 0"),
     ("gains", "joint_gains: a number is not finite, or the limit of a gain is below 0"),
     ("policy", "policy_start: a pose is no pose, or now is not finite"),
+    ("pose", "find_posture: a pose is no pose, or start is not finite"),
+    ("no_posture", "find_posture: no posture of the poses was found outside the limit zones; one may exist"),
 )
 """Errors that are not those of single configuration fields, NAME_E_<NAME>, from -1 down."""

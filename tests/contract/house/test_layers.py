@@ -23,7 +23,7 @@ LAYERS = (
     ("emit",),
     ("generate",),
     ("opened", "loads"),
-    ("cache",),
+    ("cache", "postures"),
     ("verify",),
     ("controller",),
     ("bench",),

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import ctypes
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +12,7 @@ import numpy as np
 import pytest
 
 import stiffgen
-from campaigns.poses import KINDS, Arm, Target, draw
+from campaigns.poses import KINDS, Arm, Target, draw, errors
 from support.project import ROOT, Once
 
 START = np.array([0.3, 0.6, -0.4, -1.3, 0.2, 0.9, -0.5])
@@ -22,12 +24,24 @@ def arm(robot_folder: Path, once: Once) -> Arm:
     return Arm(once("poses", lambda folder: Arm(folder, robot_folder)), robot_folder)
 
 
+def elsewhere(arm: Arm, target: Target, start: np.ndarray) -> Target:
+    """Return the position that NAME_find_posture finds for a target's pose, to be commanded as q0."""
+    posture = arm.find_posture(target.pose, start)
+    assert posture is not None
+    assert max(errors(arm.pose(posture), target.pose)) < 1e-5
+    assert (posture >= arm.lower + 0.1 - 1e-12).all() and (posture <= arm.upper - 0.1 + 1e-12).all()
+    return replace(target, posture=posture, by_position=True)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS[:3])
 def test_the_arm_rests_on_the_commanded_pose(arm: Arm, kind: str) -> None:
     """Within 0.1 mm and 0.02 degrees. Before, up to 0.9 rad away: median 3.7 mm and 1.9 degrees, singular 7 degrees."""
     for seed in range(8):
-        got = arm.run(draw(np.random.default_rng([5, seed]), arm, kind), seconds=25.0)
+        target = draw(np.random.default_rng([5, seed]), arm, kind)
+        got = arm.run(target, seconds=25.0)
+        if kind == "far" and got["last"] & arm.status["UNREACHABLE"]:
+            got = arm.run(target, elsewhere(arm, target, got["q"]), seconds=25.0)
         assert got["reached"], (seed, got)
         assert not got["last"] & (arm.status["UNREACHABLE"] | arm.status["MOVING"])
 
@@ -78,13 +92,40 @@ def test_a_stream_beyond_the_reach_leads_the_arm_on(arm: Arm) -> None:
     assert np.linalg.norm(tip - goal) < 1e-3
 
 
-def test_each_pose_is_searched_for_anew(arm: Arm) -> None:
-    """After a pose that is out of reach, another one is found that needs another configuration of the arm."""
-    first = out_of_reach(arm, START, 2.0)
-    second = draw(np.random.default_rng([9, 39]), arm, "far")
-    got = arm.run(first, replace(second, posture=START), seconds=30.0)
-    assert got["statuses"][0] & arm.status["UNREACHABLE"]
-    assert got["reached"]
+@pytest.mark.parametrize(("seed", "length"), [(22, 0.01), (28, 0.01)], ids=["posture at its end", "arm elsewhere"])
+def test_no_command_by_pose_changes_the_configuration(arm: Arm, seed: int, length: float) -> None:
+    """The arm rests short of the pose, and says so; find_posture's result, commanded as q0, has the tip at the pose.
+
+    Before, the controller found another posture by itself, and began again from the arm: up to 3.5 rad in a joint.
+    """
+    target = replace(draw(np.random.default_rng([9, seed]), arm, "far"), start=START, posture=START)
+    got, later = (arm.run(target, seconds=seconds) for seconds in (15.0, 30.0))
+    assert got["last"] & arm.status["UNREACHABLE"] and not got["last"] & arm.status["MOVING"]
+    assert got["length"] > length
+    assert np.abs(later["q"] - got["q"]).max() < 1e-3
+    assert arm.run(target, elsewhere(arm, target, got["q"]), seconds=15.0)["reached"]
+
+
+def test_what_find_posture_refuses(arm: Arm) -> None:
+    """No posture, no pose, a number that is not finite, NULL: a code, and the start as the result."""
+    name, upper = arm.name, arm.name.upper()
+    header = (arm.folder / f"{name}_impedance.h").read_text()
+    codes = {word: int(value) for word, value in re.findall(rf"{upper}_(E_\w+) = (-\d+)", header)}
+    search = getattr(arm.library, f"{name}_find_posture")
+    config, posture = ctypes.byref(arm.config()), np.zeros(arm.n)
+
+    def find(pose: np.ndarray, start: np.ndarray = START) -> int:
+        arrays = [np.ascontiguousarray(x, dtype=float) for x in (pose, start)]
+        code = search(config, *(x.ctypes.data_as(ctypes.c_void_p) for x in (*arrays, posture)))
+        assert np.array_equal(posture, start, equal_nan=True) == (code != 0)
+        return int(code)
+
+    pose = arm.pose(START + 0.3)
+    assert find(pose) == 0
+    assert find(out_of_reach(arm, START, 2.0).pose) == codes["E_NO_POSTURE"]
+    assert find(np.full((4, 4), np.nan)) == find(2 * pose) == codes["E_POSE"]
+    assert find(pose, np.full(arm.n, np.nan)) == find(pose, np.full(arm.n, np.inf)) == codes["E_POSE"]
+    assert search(config, None, None, None) == codes["E_NULL"]
 
 
 @pytest.mark.slow
@@ -99,5 +140,8 @@ def test_springs_push_no_joint_beyond_its_limit(once: Once, seed: int, kind: str
 
     folder = once("poses_panda", make)
     arm = Arm(folder, folder / "panda")
-    got = arm.run(draw(np.random.default_rng([1, seed]), arm, kind), seconds=20.0)
+    target = draw(np.random.default_rng([1, seed]), arm, kind)
+    got = arm.run(target, seconds=20.0)
+    assert got["reason"] == 0 and got["last"] & arm.status["UNREACHABLE"], got
+    got = arm.run(target, elsewhere(arm, target, got["q"]), seconds=20.0)
     assert got["reason"] == 0 and got["reached"], got

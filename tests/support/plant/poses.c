@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
 /*
- * Any robot's controller with a command by pose and a rigid arm on the robot's own mass matrix and bias forces, without
+ * Any robot's controller with commands by pose or position, and a rigid arm on the robot's own mass matrix and bias forces, without
  * gravity, friction and load. ROBOT is the robot's name, UPPER the prefix of its macros.
  */
 #define JOIN_(a, b) a##b
@@ -48,11 +48,11 @@ static void solve(double *M, double *b)
 
 /*
  * Run from rest at q (which becomes the last position) towards some targets, a pose and a posture each, one after the
- * other. Results: the last reference, the last status of every target, the reason of a fault, and the largest joint speed
+ * other; positions: 1 where the posture is commanded, 0 where the pose is. Results: the last reference, the last status of every target, the reason of a fault, and the largest joint speed
  * of the last tenth.
  */
 int poses_run(const void *configuration, int targets, int samples, double *q, const double *equilibrium,
-              const double *posture, const double *translation, const double *rotation, double *reference,
+              const double *posture, const int *positions, const double *translation, const double *rotation, double *reference,
               unsigned *status, double *speed)
 {
     static NAMED(_impedance_state) state;
@@ -67,11 +67,11 @@ int poses_run(const void *configuration, int targets, int samples, double *q, co
         return -1;
     }
     input.sample_valid = 1;
-    input.command = ID(_COMMAND_EQUILIBRIUM);
     memcpy(input.translation_stiffness, translation, sizeof input.translation_stiffness);
     memcpy(input.rotation_stiffness, rotation, sizeof input.rotation_stiffness);
     for (int k = 0; k < targets * samples; ++k) {
         memcpy(input.q0, posture + COUNT * (k / samples), sizeof input.q0);
+        input.command = positions[k / samples] ? ID(_COMMAND_POSITION) : ID(_COMMAND_EQUILIBRIUM);
         memcpy(input.equilibrium, equilibrium + 16 * (k / samples), sizeof input.equilibrium);
         input.counter += 1u;
         memcpy(input.q, q, sizeof input.q);

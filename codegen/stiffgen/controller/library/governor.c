@@ -86,12 +86,6 @@ static void approach_step(const config_t *c, const double *step, double size, do
     add_scaled(N, jump > slope ? slope / jump : 1.0, change, velocity);
 }
 
-/* Forget what was found on the way to the last pose, or searched for it. */
-static void forget_search(memory_t *m)
-{
-    m->beyond = m->detour = m->search = m->search_steps = m->restarts = 0;
-}
-
 /* Return the largest distance of a joint from its posture [rad] or [m]. */
 static double arm_distance(const memory_t *m)
 {
@@ -102,56 +96,38 @@ static double arm_distance(const memory_t *m)
     return most;
 }
 
-/* Return whether the arm rests without a load in another posture than the reference's, and may begin again. */
+/* Return whether the arm rests without a load in another posture than the reference's. */
 static int rests_elsewhere(const step_t *s)
 {
     const memory_t *const m = s->m;
-    return m->restarts < RESTARTS && arm_distance(m) > ANOTHER && norm(N, m->dq) < RESTING &&
-           norm(N, s->transit) < UNLOADED;
+    return arm_distance(m) > ANOTHER && norm(N, m->dq) < RESTING && norm(N, s->transit) < UNLOADED;
 }
 
 /*
  * Update the posture's velocity towards a posture of the pose that is commanded, nearest to the wanted one. The posture
  * follows the equilibrium. Where it ends short of the equilibrium, the pose is out of reach from here (beyond): the
- * posture then goes towards the pose itself, as near as it can, and the equilibrium goes where the posture is. From
- * there another posture of the pose is searched; if there is one, the posture goes to it (detour). here: pose of the
- * posture; lead: distance of the equilibrium from it; arrived: the equilibrium is at its goal. Return whether the
- * posture is still on its way.
+ * posture then goes towards the pose itself, as near as it can, and the equilibrium goes where the posture is. No other
+ * posture is searched, since it would move the arm unasked (search_posture). here: pose of the posture; lead: distance
+ * of the equilibrium from it; arrived: the equilibrium is at its goal. Return whether the posture is still on its way.
  */
 static int approach_posture(step_t *s, const double *here, double lead, int arrived)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
-    const double *const limits = c->reference_velocity_limit;
-    double step[N] = {0.0}, distance = 0.0;
+    double step[N] = {0.0};
     if (!s->commanded) {
         approach_step(c, step, 0.0, 1.0, m->posture_velocity);
         return 0;
     }
     const int leads = m->beyond && lead > PATH_LEAD, awaited = !m->beyond && lead >= 2.0 * PATH_LEAD;
-    if (m->detour) {
-        add_scaled(N, 1.0, m->trial, step);
-        add_scaled(N, -1.0, m->posture, step);
-        distance = HUGE_VAL;
-    } else {
-        distance = find_posture_step(s, m->posture, here, m->beyond ? s->goal : m->equilibrium, s->input->q0, step);
-    }
-    const double size = relative_size(N, 1, step, limits);
-    const int stands = size <= (awaited ? CREEPING : STATIONARY) && !m->detour;
-    int moving = !stands || leads || !arrived;
-    if (size <= STATIONARY && m->detour) {
-        m->detour = 0;
-    } else if (stands && distance > REACHED && (!m->beyond || search_posture(s))) {
-        m->beyond = moving = 1;
-    } else if (!moving && rests_elsewhere(s)) {
-        /* begin again from where the arm is */
-        memcpy(m->trial, m->q, sizeof m->trial);
-        m->beyond = m->detour = moving = 1;
-        m->restarts = clamp_count(m->restarts + 1, RESTARTS);
-    } else if (distance <= REACHED) {
-        m->beyond = 0;
-    }
-    s->status |= !moving && distance > REACHED ? (uint32_t)ID(STATUS_UNREACHABLE) : 0u;
+    const double *const goal = m->beyond ? s->goal : m->equilibrium;
+    const double distance = find_posture_step(c, m, m->posture, here, goal, s->input->q0, s->scratch, step);
+    const double size = relative_size(N, 1, step, c->reference_velocity_limit);
+    const int stands = size <= (awaited ? CREEPING : STATIONARY), ends = stands && distance > REACHED && !m->beyond;
+    const int moving = !stands || leads || !arrived || ends;
+    m->beyond = distance > REACHED && (m->beyond || ends);
+    const int ended = !moving && (distance > REACHED || rests_elsewhere(s));
+    s->status |= ended ? (uint32_t)ID(STATUS_UNREACHABLE) : 0u;
     if (leads) {
         memset(step, 0, sizeof step);
     }
@@ -238,9 +214,7 @@ static int follow_pose(step_t *s)
     const double streamed = s->commanded ? pose_distance(m->wanted_equilibrium, s->goal) : 0.0;
     if (streamed > SAME_POSE) {
         /* beyond the reach, the posture goes on towards the poses of a stream: waiting for each, it would stop */
-        const int far = m->beyond && !m->detour && pose_distance(here, s->goal) > PATH_LEAD;
-        forget_search(m);
-        m->beyond = far && streamed <= PATH_LEAD;
+        m->beyond = m->beyond && streamed <= PATH_LEAD && pose_distance(here, s->goal) > PATH_LEAD;
     }
     const double lead = pose_distance(here, m->equilibrium), pace = find_pace(s, lead);
     const double *const to = m->beyond ? here : s->goal, *const from = m->beyond ? NULL : m->wanted_equilibrium;
@@ -489,7 +463,7 @@ void settle_springs(step_t *s)
     memcpy(m->posture_stiffness, s->c->posture_stiffness, sizeof m->posture_stiffness);
     m->scale = m->elastic_energy = m->travel = 0.0;
     m->joined = 1;
-    forget_search(m);
+    m->beyond = 0;
     if (s->commanded) {
         adopt_command(s);
     }

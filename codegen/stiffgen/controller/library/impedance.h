@@ -20,8 +20,7 @@
 
 enum { NO_JOINT = -1, READY = 0x51f7, RECENT = 8, MOST_DELAY = 5, POSTURES = 32 };
 enum { LONGEST = 1000000 }; /* samples or calls at which a counter stands still: 17 minutes at 1 kHz, and no overflow */
-/* trials of a search for a posture, steps of a trial; how often a command by pose begins again from the arm */
-enum { SEARCHED = 40, SEARCH_STEPS = 60, RESTARTS = 5 };
+enum { SEARCHED = 40, SEARCH_STEPS = 60 }; /* trials of a search for a posture, steps of a trial */
 enum { MATRIX_NOT_FINITE = 1, MATRIX_NOT_POSITIVE, MATRIX_NOT_CONVERGED };
 
 /* Largest eigenvalues of M^-1 B T and M^-1 K T^2. With differenced velocity, a double integrator is unstable from
@@ -299,9 +298,9 @@ int accept_pose(const double *pose, double *accepted);
 /* posture.c */
 void pose_difference(const double *from, const double *to, double *twist);
 void move_pose(const double *pose, const double *twist, double *moved);
-double find_posture_step(step_t *s, const double *q, const double *here, const double *goal, const double *wanted,
-                         double *step);
-int search_posture(step_t *s);
+double find_posture_step(const config_t *c, const memory_t *m, const double *q, const double *here, const double *goal,
+                         const double *wanted, double *work, double *step);
+int search_posture(const config_t *c, const double *poses, const double *tool, const double *start, double *posture);
 
 /* governor.c */
 double travel_between(const config_t *c, const double *posture, const double *goal, const double *equilibrium,

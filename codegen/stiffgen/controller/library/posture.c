@@ -177,29 +177,29 @@ static double sum_errors(const memory_t *m, const double *q, const double *here,
 
 /*
  * Find the step from the posture q, whose tips are here, towards the one nearest to `wanted` that has its tips at goal
- * and lies outside the limit zones. Return the tips' distance from the goal, the larger of [m] and [rad].
+ * and lies outside the limit zones. work: 2 N N numbers. Return the tips' distance from the goal, the larger of [m] and
+ * [rad].
  *
  * The step is damped by e^T W e and by its root. The first keeps it short far from the goal and at singular postures.
  * The second bounds what the neglected second derivative of e does to the share of the step that is gone in one call.
  */
-double find_posture_step(step_t *s, const double *q, const double *here, const double *goal, const double *wanted,
-                         double *step)
+double find_posture_step(const config_t *c, const memory_t *m, const double *q, const double *here, const double *goal,
+                         const double *wanted, double *work, double *step)
 {
-    const memory_t *const m = s->m;
     double A[NN], task[N], near[N], damping, speed = 0.0;
     int held[N] = {0};
     const double distance = sum_errors(m, q, here, goal, A, task, &damping);
     memset(step, 0, N * sizeof(double));
     for (int i = 0; i < N; ++i) {
         near[i] = clamp(wanted[i], m->avoidance[4 * i], m->avoidance[4 * i + 1]) - q[i];
-        speed = larger(speed, fabs(near[i]) / (s->c->reference_velocity_limit[i] * NEAR_TIME));
+        speed = larger(speed, fabs(near[i]) / (c->reference_velocity_limit[i] * NEAR_TIME));
     }
     for (int i = 0; i < N; ++i) {
         near[i] *= larger(1.0 - distance / NEAR, 0.0) / larger(speed, 1.0);
     }
     int good = 1, again = 1;
     for (int round = 1; round <= N && again; ++round) {
-        good = combine_steps(A, task, near, damping, held, s->scratch, step);
+        good = combine_steps(A, task, near, damping, held, work, step);
         again = good && round < N && hold_joint(m, q, held, step);
     }
     if (!good) {
@@ -208,44 +208,71 @@ double find_posture_step(step_t *s, const double *q, const double *here, const d
     return distance;
 }
 
-/* Start a trial of the search: first at the arm, then at the wanted posture, then ever farther from the reference. */
-static void start_trial(step_t *s)
+/*
+ * Choose where a trial of the search starts: first at `start`, then ever farther from it. avoidance has the edges of
+ * the limit zones.
+ */
+static void start_trial(const memory_t *m, const double *start, int number, double *q)
 {
-    memory_t *const m = s->m;
-    const double share = 0.4 + 0.6 * m->search / (double)SEARCHED;
+    const double share = 0.4 + 0.6 * number / (double)SEARCHED;
     for (int i = 0; i < N; ++i) {
-        const double low = larger(m->avoidance[4 * i], m->posture[i] - HALF_TURN);
-        const double high = smaller(m->avoidance[4 * i + 1], m->posture[i] + HALF_TURN);
-        const double x = (i + 1.0) * (m->search * GOLDEN + 0.1), place = x - (int)x;
-        const double far = m->posture[i] + share * (low + place * (high - low) - m->posture[i]);
-        const double first = m->search == 0 ? m->q[i] : s->input->q0[i];
-        m->trial[i] = clamp(m->search < 2 ? first : far, m->avoidance[4 * i], m->avoidance[4 * i + 1]);
+        const double *const a = m->avoidance + 4 * i;
+        const double low = larger(a[0], start[i] - HALF_TURN), high = smaller(a[1], start[i] + HALF_TURN);
+        const double x = (i + 1.0) * (number * GOLDEN + 0.1), place = x - (int)x;
+        const double far = start[i] + share * (low + place * (high - low) - start[i]);
+        q[i] = clamp(number == 0 ? start[i] : far, a[0], a[1]);
     }
 }
 
-/*
- * Search for another posture of the commanded pose, one step of one trial in each call, of at most SEARCHED trials.
- * One that is found becomes the posture's next goal (detour). Return whether the search goes on.
- */
-int search_posture(step_t *s)
+/* Follow steps from q towards a posture of the goal. Return whether one is found: at most SEARCH_STEPS steps. */
+static int try_posture(const config_t *c, const memory_t *m, const double *goal, double *q)
 {
-    memory_t *const m = s->m;
-    double step[N], here[16 * TIPS];
-    if (m->search >= SEARCHED) {
-        return 0;
+    double work[2 * NN], step[N], here[16 * TIPS];
+    int found = 0;
+    for (int k = 0; k < SEARCH_STEPS && !found; ++k) {
+        stiffgen_poses(q, m, here);
+        found = find_posture_step(c, m, q, here, goal, q, work, step) <= 0.1 * REACHED;
+        const double size = norm(N, step);
+        add_scaled(N, size > LONGEST_STEP ? LONGEST_STEP / size : 1.0, step, q);
     }
-    if (m->search_steps == 0) {
-        start_trial(s);
+    return found;
+}
+
+/*
+ * Search for a posture of poses outside the limit zones, from `start` on. No step calls this: the caller decides
+ * whether the arm goes there. tool: poses of tools, or NULL. Return OK, or why there is no result; then posture is
+ * `start`.
+ */
+int search_posture(const config_t *c, const double *poses, const double *tool, const double *start, double *posture)
+{
+    memory_t m;
+    double goal[16 * TIPS], q[N], accepted[16];
+    const int error = validate(c);
+    memset(&m, 0, sizeof m);
+    place_no_tools(m.tool_pose);
+    stiffgen_home(&m);
+    memcpy(q, start, sizeof q);
+    memcpy(posture, q, sizeof q);
+    int good = doubles_within(q, N, -FARTHEST, FARTHEST);
+    for (int t = 0; good && t < TIPS; ++t) {
+        good = accept_pose(poses + 16 * t, goal + 16 * t) && (tool == NULL || accept_pose(tool + 16 * t, accepted));
+        if (good && tool != NULL) {
+            memcpy(m.tool_pose + 16 * t, accepted, sizeof accepted);
+        }
     }
-    stiffgen_poses(m->trial, m, here);
-    const int found = find_posture_step(s, m->trial, here, s->goal, m->trial, step) <= 0.1 * REACHED;
-    const double size = norm(N, step);
-    add_scaled(N, size > LONGEST_STEP ? LONGEST_STEP / size : 1.0, step, m->trial);
-    m->detour = found;
-    m->search_steps += 1;
-    if (found || m->search_steps >= SEARCH_STEPS) {
-        m->search_steps = 0;
-        m->search += 1;
+    if (error != ID(OK) || !good) {
+        return error != ID(OK) ? error : ID(E_POSE);
     }
-    return 1;
+    for (int i = 0; i < N; ++i) {
+        m.avoidance[4 * i] = c->lower_limit[i] + c->limit_zone;
+        m.avoidance[4 * i + 1] = c->upper_limit[i] - c->limit_zone;
+    }
+    for (int number = 0; number < SEARCHED; ++number) {
+        start_trial(&m, start, number, q);
+        if (try_posture(c, &m, goal, q) && stiffgen_reaches(q, &m)) {
+            memcpy(posture, q, sizeof q);
+            return ID(OK);
+        }
+    }
+    return ID(E_NO_POSTURE);
 }

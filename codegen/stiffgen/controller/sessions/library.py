@@ -62,7 +62,7 @@ class ControllerLibrary:
 
     def __init__(self, file: Path, name: str, chain: Chain) -> None:
         self._library = ctypes.CDLL(str(file))
-        self._prefix = f"{name}_impedance_"
+        self._prefix, self._search = f"{name}_impedance_", f"{name}_find_posture"
         self.config = struct_of(chain, "Config", CONFIG)()
         self.input = struct_of(chain, "Input", INPUT)()
         self.output = struct_of(chain, "Output", OUTPUT)()
@@ -103,6 +103,12 @@ class ControllerLibrary:
         pointers = [None if each is None else each.ctypes.data_as(ctypes.c_void_p) for each in (*arguments, *results)]
         code = int(self._library[self._prefix + "joint_gains"](*pointers))
         return code, np.concatenate(results).tobytes()
+
+    def find_posture(self, *arguments: FloatArray | None) -> tuple[int, bytes]:
+        """Call find_posture with arrays, or null pointers, and the posture last; return its code and the posture."""
+        pointers = [None if each is None else each.ctypes.data_as(ctypes.c_void_p) for each in arguments]
+        code = int(self._library[self._search](ctypes.byref(self.config), *pointers))
+        return code, b"" if arguments[-1] is None else arguments[-1].tobytes()
 
     def late_work(self, hold: float, *arguments: FloatArray | None) -> float:
         """Return late_work for seven arrays, or null pointers."""

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Session in which a controller goes to commanded poses, in and out of reach, undisturbed and for long enough.
 
-Hostile sessions change too much too often for the search of another posture to begin: it starts where posture and
-equilibrium rest short of the commanded pose.
+Hostile sessions change too much too often for posture and equilibrium to come to rest short of a commanded pose.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ class SeekingSession(HostileSession):
     """
 
     steps = 4500
-    """Number of steps, enough to search all postures of a pose that is out of reach."""
+    """Number of steps, enough for three poses, or for one to whose nearest point the posture creeps."""
 
     def _configure(self) -> None:
         """Take the defaults, with a fast equilibrium and weak springs: few steps bring the posture to its goal."""

@@ -73,7 +73,30 @@ def compare_services(reference: ControllerLibrary, library: ControllerLibrary, c
         if reference.call("validate", reference.config) != library.call("validate", library.config):
             faults.append("validate differs at task_damping")
     faults += _compare_joint_gains(reference, library, n)
+    faults += _compare_searches(reference, library, chain)
     return faults + compare_policy(reference, library, len(chain.tips))
+
+
+def _compare_searches(reference: ControllerLibrary, library: ControllerLibrary, chain: Chain) -> list[str]:
+    """Return "find_posture differs" if it does, for poses in and out of reach, and arguments that are refused."""
+    random, n, tips = np.random.default_rng(8), len(chain.motor_coordinates), len(chain.tips)
+    for each in (reference, library):
+        each.call("default_config", each.config)
+    for case in range(6):
+        start = random.uniform(-1.0, 1.0, n)
+        poses = np.tile(np.eye(4), (tips, 1, 1))
+        for pose in poses:
+            turn, _ = np.linalg.qr(random.normal(size=(3, 3)))
+            pose[:3, :3] = turn * np.linalg.det(turn)
+            pose[:3, 3] = random.normal(size=3) * (5.0 if case == 0 else 0.3)
+        tools = [np.tile(np.eye(4), (tips, 1, 1))] if chain.runtime_tool else []
+        if case == 1:
+            start[0] = math.nan
+        given = [None if case == 2 else poses, *tools, start]
+        results = [each.find_posture(*given, np.zeros(n + 1)) for each in (reference, library)]
+        if results[0] != results[1]:
+            return ["find_posture differs"]
+    return []
 
 
 def _compare_joint_gains(reference: ControllerLibrary, library: ControllerLibrary, n: int) -> list[str]:

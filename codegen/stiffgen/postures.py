@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: MIT
+"""Search for postures of a pose, beside a control loop: no controller does so by itself."""
+
+from __future__ import annotations
+
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from stiffgen.errors import StiffgenError
+from stiffgen.opened import GeneratedRobot
+from stiffgen.robot.geometry import FloatArray
+
+_SQUARED = 0.25**2
+"""[m^2] that weighs as much as one squared radian, as in the controller."""
+_LONGEST = 0.5
+"""[rad] or [m] that a joint moves in one step."""
+_REACHED = 1e-8
+"""[m] and [rad] from the pose at which a posture is one of it."""
+_ALIKE = 0.1
+"""[rad] or [m] up to which two postures are the same."""
+
+
+def find_postures(
+    robot: GeneratedRobot | ModuleType,
+    pose: ArrayLike,
+    *,
+    near: ArrayLike,
+    margin: float = 0.1,
+    starts: int = 64,
+    steps: int = 200,
+) -> FloatArray:
+    """Search for postures of a tip's pose; the caller decides whether the arm goes to one of them.
+
+    The search starts at ``near`` and at points all over the joints' ranges. On each branch it goes to the posture next
+    to ``near``. It is local: a posture that is not found may exist. The same call returns the same postures.
+
+    Args:
+        robot: a robot with one tip and a fixed base, from ``stiffgen.load`` or ``open_robot``, or its module.
+        pose: (4, 4) pose of the tip in the base.
+        near: (n) joint positions to start from, such as the arm's.
+        margin: distance from the limits [rad or m]: the controller's ``limit_zone``.
+        starts: number of points to start from.
+        steps: number of steps from each.
+
+    Returns:
+        (k, n) postures, the one nearest to ``near`` first; none: (0, n).
+
+    Raises:
+        StiffgenError: the robot has several tips, a moving base or tools, or an argument is not finite.
+
+    """
+    module = robot.module if isinstance(robot, GeneratedRobot) else robot
+    at, goal = np.array(near, dtype=float), np.array(pose, dtype=float)
+    finite = np.isfinite(at).all() and np.isfinite(goal).all()
+    if goal.shape != (4, 4) or not finite or _function(module, "forward_kinematics", at).shape != (4, 4):
+        raise StiffgenError("find_postures: takes a finite pose (4, 4) and finite joint positions near it")
+    low = np.where(np.isfinite(module.LOWER), module.LOWER + margin, at - np.pi)
+    high = np.where(np.isfinite(module.UPPER), module.UPPER - margin, at + np.pi)
+    spread = np.random.default_rng(0).random((starts, len(at)))  # the same points in every call
+    q = np.clip(np.vstack([at, low + spread[1:] * (high - low)]), low, high)
+    for number in range(steps):
+        q = np.clip(q + _step(module, q, goal, at if number < steps // 2 else None), low, high)
+    found = q[np.abs(_errors(_function(module, "forward_kinematics", q), goal)).max(axis=1) <= _REACHED]
+    found = found[np.argsort(np.linalg.norm(found - at, axis=1), kind="stable")]
+    kept: list[FloatArray] = []
+    for posture in found:
+        if all(np.abs(posture - other).max() > _ALIKE for other in kept):
+            kept.append(posture)
+    return np.array(kept).reshape(-1, len(at))
+
+
+def _function(module: Any, name: str, q: FloatArray) -> FloatArray:
+    """Return values of a kernel at joint positions."""
+    try:
+        scope = module.hybrid if name == "jacobian" else module
+        return np.asarray(getattr(scope, name)(q), dtype=float)
+    except (AttributeError, TypeError, ValueError) as error:
+        raise StiffgenError(
+            "find_postures: takes a robot with one tip, a fixed base and no tool at run time, and its joint positions"
+        ) from error
+
+
+def _errors(poses: FloatArray, goal: FloatArray) -> FloatArray:
+    """Return the twists from poses to the goal: difference of the origins, and rotation vector in the base's axes."""
+    turn = goal[:3, :3] @ np.swapaxes(poses[:, :3, :3], 1, 2)
+    axis = np.stack(
+        [turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0], turn[:, 1, 0] - turn[:, 0, 1]], axis=1
+    )
+    sine = np.linalg.norm(axis, axis=1) / 2
+    angle = np.arctan2(sine, (np.trace(turn, axis1=1, axis2=2) - 1) / 2)
+    vectors = axis * np.where(sine > 1e-9, angle / np.maximum(2 * sine, 1e-18), 0.5)[:, None]
+    half = (sine <= 1e-6) & (angle > 1)  # half a turn, about any axis of it
+    vectors[half] = np.array([np.pi, 0.0, 0.0])
+    return np.concatenate([goal[:3, 3] - poses[:, :3, 3], vectors], axis=1)
+
+
+def _step(module: Any, q: FloatArray, goal: FloatArray, near: FloatArray | None) -> FloatArray:
+    """Return damped steps of least squares, and a motion towards ``near`` that leaves the tip where it is."""
+    error, J = _errors(_function(module, "forward_kinematics", q), goal), _function(module, "jacobian", q)
+    weight = np.array([1 / _SQUARED] * 3 + [1.0] * 3)
+    transposed = np.swapaxes(J, 1, 2)
+    A = transposed @ (weight[:, None] * J)
+    size = np.einsum("ki,i,ki->k", error, weight, error)
+    eye = np.eye(q.shape[1])
+    scale = np.maximum(np.trace(A, axis1=1, axis2=2), 1e-12)[:, None, None]
+    slope = (transposed @ (weight * error)[..., None])[..., 0]
+    step = np.linalg.solve(A + (1e-9 * scale + 1e-2 * size[:, None, None]) * eye, slope[..., None])[..., 0]
+    if near is not None:
+        away = 0.2 * (near - q)
+        stays = np.linalg.solve(A + 1e-9 * scale * eye, (A @ away[..., None]))[..., 0]
+        step += (away - stays) * (size < 1e-2)[:, None]
+    longest = np.abs(step).max(axis=1, keepdims=True)
+    result: FloatArray = step * np.minimum(1.0, _LONGEST / np.maximum(longest, 1e-12))
+    return result
