@@ -621,6 +621,7 @@ static void report_memory(const memory_t *m, output_t *out)
     out->tank_energy = m->tank;
     out->tank_reserve = m->reserve;
     out->engagement = m->engagement;
+    out->energy_supplied = m->energy_supplied;
     out->port_total = m->port_total;
     out->sampling_total = m->sampling_total;
     out->reference_total = m->reference_total;
@@ -1504,7 +1505,7 @@ static double evaluate_limits(step_t *s, const double *q)
 
 /*
  * Pay income into the tank. What a full tank cannot hold goes to the engagement: the sum of both bounds the work that
- * the controller puts out.
+ * the controller puts out. Work that goes back there has not left the port: it is supplied no longer.
  */
 static void pay_into_tank(step_t *s, double income)
 {
@@ -1513,8 +1514,10 @@ static void pay_into_tank(step_t *s, double income)
     const double lost = m->tank + income - most;
     m->tank += income;
     if (lost > 0.0) {
+        const double next = smaller(m->engagement + lost, s->engagement_limit);
         m->tank = most;
-        m->engagement = smaller(m->engagement + lost, s->engagement_limit);
+        m->supplied -= larger(next - m->engagement, 0.0);
+        m->engagement = next;
     }
 }
 
@@ -1532,6 +1535,7 @@ static void book_reference(step_t *s, double p)
 {
     s->m->reference_total += p;
     s->m->engagement -= larger(p, 0.0);
+    s->m->supplied += larger(p, 0.0);
     pay_into_tank(s, larger(-p, 0.0));
 }
 
@@ -1805,6 +1809,7 @@ static void book_interval(step_t *s, const double *q)
     m->limit_energy = limit;
     if (!m->known || s->jumped) {
         m->start_total += rise;
+        m->supplied += rise;
         m->unaccounted += (uint32_t)m->known;
         m->known = 1;
         return;
@@ -2299,7 +2304,7 @@ static void start_memory(const config_t *c, state_t *state)
     store_copies(state->effort, c->effort_limit);
     memcpy(m->velocity_limit, c->velocity_limit, sizeof m->velocity_limit);
     m->sized_tank = c->tank_initial > 0.0 ? 0.0 : size_tank(c, m);
-    m->tank = larger(c->tank_initial, m->sized_tank);
+    m->tank = m->supplied = m->energy_supplied = larger(c->tank_initial, m->sized_tank);
     m->calls = m->hold = c->missed_limit;
     m->fault_joint = NO_JOINT;
     m->stiffness_share = 1.0;
@@ -3058,8 +3063,8 @@ static double find_posture_step(const config_t *c, const memory_t *m, const doub
 }
 
 /*
- * Choose where a trial of the search starts: first at `start`, then ever farther from it. avoidance has the edges of the
- * limit zones.
+ * Choose where a trial of the search starts: first at `start`, then ever farther from it. avoidance has the edges of
+ * the limit zones.
  */
 static void start_trial(const memory_t *m, const double *start, int number, double *q)
 {
@@ -3088,8 +3093,9 @@ static int try_posture(const config_t *c, const memory_t *m, const double *goal,
 }
 
 /*
- * Search for a posture of poses outside the limit zones, from `start` on. No step calls this: the caller decides whether
- * the arm goes there. tool: poses of tools, or NULL. Return OK, or why there is no result; then posture is `start`.
+ * Search for a posture of poses outside the limit zones, from `start` on. No step calls this: the caller decides
+ * whether the arm goes there. tool: poses of tools, or NULL. Return OK, or why there is no result; then posture is
+ * `start`.
  */
 static int search_posture(const config_t *c, const double *poses, const double *tool, const double *start, double *posture)
 {
@@ -3856,6 +3862,7 @@ static void start_engagement(step_t *s)
     if (available_energy(m) < 0.0) {
         /* more was put out than there was: the account ends here, and begins anew */
         m->unaccounted += 1u;
+        m->supplied -= available_energy(m);
         m->tank -= available_energy(m);
     }
     s->lack = clamp(s->tank_initial - m->tank, 0.0, s->engagement_limit);
@@ -3868,6 +3875,7 @@ static void pay_engagement(step_t *s)
     memory_t *const m = s->m;
     if (s->started && m->fault == IIWA14_FAULT_NONE) {
         m->tank += s->lack;
+        m->supplied += s->lack;
         m->engagement = s->engagement_limit - s->lack;
     }
 }
@@ -5162,8 +5170,9 @@ static int find_mode(const step_t *s)
 /* Report mode, status and the memory's part of the output. */
 static void report_step(const step_t *s)
 {
-    const memory_t *const m = s->m;
+    memory_t *const m = s->m;
     output_t *const out = s->out;
+    m->energy_supplied = larger(m->energy_supplied, m->supplied);
     report_memory(m, out);
     memcpy(out->velocity, s->velocity, sizeof out->velocity);
     out->status = s->status;

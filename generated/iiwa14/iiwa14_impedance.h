@@ -48,6 +48,8 @@ enum {
     IIWA14_E_ACTUATION = -11,
     IIWA14_E_GAINS = -12,
     IIWA14_E_POLICY = -13,
+    IIWA14_E_POSE = -14,
+    IIWA14_E_NO_POSTURE = -15,
     IIWA14_E_CONFIG_SAMPLE_TIME = -20,
     IIWA14_E_CONFIG_DELAY_SAMPLES = -21,
     IIWA14_E_CONFIG_LAW = -22,
@@ -142,7 +144,7 @@ enum {
     IIWA14_STATUS_OFFSET_LIMITED = 1 << 22, /* torque_offset is held back by the effort or the rate limit */
     IIWA14_STATUS_FEEDFORWARD_REFUSED = 1 << 23, /* wrench_command, or velocity and acceleration, are not used: not finite, too large, with the paper's law, or a velocity that does not agree with the motion of the command */
     IIWA14_STATUS_FEEDFORWARD_LIMITED = 1 << 24, /* wrench_command is held back by tank, reserve, effort or speed, or the governor does not keep up with the plan */
-    IIWA14_STATUS_UNREACHABLE = 1 << 25 /* the commanded pose is out of reach from here: the equilibrium ends at the nearest point */
+    IIWA14_STATUS_UNREACHABLE = 1 << 25 /* the commanded pose is out of reach from here: the posture is at its end, or the arm rests in another one; find_posture searches a posture to be commanded as q0 */
 };
 
 /* Modes of a step. */
@@ -537,6 +539,9 @@ typedef struct {
     /* [N] force that effort limits, tank and stored energy cover at the tip now, in the direction of the least
      * force. */
     double force_available;
+    /* [J] upper bound on all work that has left the port since init, never falling: port_total is at most this,
+     * at every sample and until the next call. */
+    double energy_supplied;
     /* [J] work put out at the robot's port, the sum of torque . change of q. */
     double port_total;
     /* [J] energy s put in by holding and cutting the torque; damping counts against it. */
@@ -703,8 +708,6 @@ typedef struct {
     double posture_velocity[7];
     /* [rad] posture of the last accepted command. */
     double wanted_posture[7];
-    /* [rad] posture of the search, or the goal of a detour. */
-    double trial[7];
     /* [N m/rad] posture stiffness in force. */
     double posture_stiffness[7];
     /* [m] (4 x 4) poses where the springs of the tips are at rest. */
@@ -773,6 +776,10 @@ typedef struct {
     double stiffness_total;
     /* [J] account: energy of the limit avoidance where the account began. */
     double start_total;
+    /* [J] account: start, first tank, and what engagements have paid less what came back. */
+    double supplied;
+    /* [J] account: the most that was ever supplied. */
+    double energy_supplied;
     /* [s] time since the fault was latched. */
     double fault_time;
     /* [s] time of good samples since. */
@@ -799,14 +806,6 @@ typedef struct {
     int32_t joined;
     /* the commanded pose is out of reach: the posture leads, the equilibrium follows. */
     int32_t beyond;
-    /* the posture goes to `trial`. */
-    int32_t detour;
-    /* trials of the search for another posture that are done. */
-    int32_t search;
-    /* steps of the present trial. */
-    int32_t search_steps;
-    /* how often the present pose was begun again from the arm. */
-    int32_t restarts;
     /* class of the latched fault, IIWA14_FAULT_.... */
     int32_t fault;
     /* its reason, IIWA14_REASON_.... */
@@ -936,6 +935,14 @@ int iiwa14_impedance_policy_propose(const iiwa14_impedance_config *config, iiwa1
  * the caller's. Return IIWA14_OK or IIWA14_E_NULL.
  */
 int iiwa14_impedance_policy_command(iiwa14_impedance_policy *policy, double now, iiwa14_impedance_input *input);
+
+/*
+ * Search for a posture that has the tips at poses (16) and keeps out of the limit zones, from the posture start
+ * (7) on. No step does so: command the result as q0 if the arm is to go there. At most 2400 damped steps
+ * of least squares, too long for a control loop. A memory lies on the stack meanwhile. Return IIWA14_OK, IIWA14_E_NO_POSTURE
+ * with posture = start if none is found (there may be one), IIWA14_E_POSE, IIWA14_E_NULL or an error of validate.
+ */
+int iiwa14_find_posture(const iiwa14_impedance_config *config, const double *poses, const double *start, double *posture);
 
 /*
  * Write a step's fault in words: joint, reason with the configuration fields to look at, what was seen, and its limit.

@@ -9,16 +9,10 @@ jitter, missed samples, calls left out, velocities that lie, resets. Configurati
 limits, limit zones, damping, velocity filter, tank and engagement, with Coriolis forces and without, with motors that
 have a controller inside and without. Wrenches that the tip is to exert, velocities and accelerations of plans come and
 go, and lie. The work that the robot puts out at its port is summed from the exact motion and the torque that acted, and
-compared with
-
-    start + tank_initial + engagement_limit (returns from a fault + 1 if the start is not where the arm is wanted)
-
-if the wanted equilibrium is constant (start: energy of the limit avoidance at the first sample). A moving equilibrium
-adds the smaller of two: the positive work of its motion, computed here from the springs' energy, and engagement_limit
-per second of its travel. With --policy all commands reach the controller through the policy port, from a hostile
-commander (policy_law.c) whose seed the climb changes; a stream adds engagement_limit per second. A climb starts at a
-random schedule and keeps each change that brings the output nearer to the bound or beyond. A schedule
-in which control is lost at the start counts for nothing, and nothing else is exempted.
+compared with the controller's output energy_supplied, from the first sample to the last and at all times between. With
+--policy all commands reach the controller through the policy port, from a hostile commander (policy_law.c) whose seed
+the climb changes. A climb starts at a random schedule and keeps each change that brings the work nearer to the bound or
+beyond. A schedule in which control is lost at the start counts for nothing, and nothing else is exempted.
 """
 
 from __future__ import annotations
@@ -69,7 +63,7 @@ class Schedule:
 
 @dataclass(frozen=True)
 class Measured:
-    """Result of a run: output less bound [J], its value for a climb, output over bound, the episode's summary."""
+    """Result of a run: work less energy_supplied [J], its value for a climb, their ratio, the episode's summary."""
 
     excess: float
     interest: float
@@ -460,23 +454,11 @@ def measure(loop: Loop, chosen: Schedule) -> Measured:
     streamed = chosen.episode.get("streamed", 0)
     if streamed:
         ctypes.c_uint.in_dll(loop.library, "policy_seed").value = streamed
-    constant = (
-        not streamed
-        and not any("wanted" in one for one in parts[1:])
-        and not any(
-            np.any(one.get(name, 0)) for one in parts for name in ("jitter", "wanted_rate", "velocity", "acceleration")
-        )
-    )
-    away = int(bool(np.any(np.asarray(chosen.episode["q"]) != parts[0]["wanted"])))
-    limit, tank = chosen.config["engagement_limit"], chosen.config["tank_initial"]
+    limit = chosen.config["engagement_limit"]
     limits = {"engagement": limit, "fastest": 1.0, "rate": chosen.config.get("torque_rate_limit", 10 * loop.effort)}
     episode = loop.episode(**chosen.episode, **limits)
     summary = loop.run(SAMPLES, loop.segments(*parts), episode, loop.config(**chosen.config))
-    held = tank + summary.first_energy
-    if constant:
-        excess = summary.excess - held - limit * away
-    else:
-        excess = max(summary.excess_moving - held, summary.excess_travel - held - limit)
+    excess = summary.excess_supplied
     dead = summary.faults and summary.fault_at < LIVE
     bound = summary.port_most - excess
     ratio = summary.port_most / bound if bound > 0 else np.inf
@@ -554,7 +536,7 @@ def main() -> int:
                 beyond = sum(x > TOLERANCE for x, _ in found[False] + found[True])
                 print(f"{done * options.climb} schedules, {beyond} climbs beyond the bound, "
                       f"worst ratio {worst:.6f}, {time.monotonic() - start:.0f} s", flush=True)  # fmt: skip
-    print("| wanted equilibrium | schedules | climbs beyond | most of output less bound [J] | most put out [J] |")
+    print("| wanted equilibrium | schedules | climbs beyond | most of work less supply [J] | most put out [J] |")
     print("|---|---|---|---|---|")
     for moving, rows in found.items():
         if rows:

@@ -114,6 +114,8 @@ _ENERGIES: tuple[Field, ...] = (
     _number("reference_total", SCALAR, "J", "account: energy p put in by moves of the equilibrium"),
     _number("stiffness_total", SCALAR, "J", "account: energy v put in by changes of stiffness or scale"),
     _number("start_total", SCALAR, "J", "account: energy of the limit avoidance where the account began"),
+    _number("supplied", SCALAR, "J", "account: start, first tank, and what engagements have paid less what came back"),
+    _number("energy_supplied", SCALAR, "J", "account: the most that was ever supplied"),
     _number("fault_time", SCALAR, "s", "time since the fault was latched"),
     _number("good_time", SCALAR, "s", "time of good samples since"),
     _number("fault_seen", SCALAR, "", "number that the fault is about"),

@@ -232,6 +232,14 @@ OUTPUT: tuple[Field, ...] = (
         "N",
         "force that effort limits, tank and stored energy cover at the tip now, in the direction of the least force",
     ),
+    Field(
+        "energy_supplied",
+        SCALAR,
+        "J",
+        "upper bound on all work that has left the port since init, never falling: port_total is at most this, at "
+        "every sample and until the next call",
+        memory="=",
+    ),
     Field("port_total", SCALAR, "J", "work put out at the robot's port, the sum of torque . change of q", memory="="),
     Field(
         "sampling_total",

@@ -2687,6 +2687,7 @@ static const field fields[] = {
     {"output", "engagement_limit", "f8", offsetof(iiwa14_impedance_output, engagement_limit), 0, {1, 1, 1}},
     {"output", "energy_limit", "f8", offsetof(iiwa14_impedance_output, energy_limit), 0, {1, 1, 1}},
     {"output", "force_available", "f8", offsetof(iiwa14_impedance_output, force_available), 0, {1, 1, 1}},
+    {"output", "energy_supplied", "f8", offsetof(iiwa14_impedance_output, energy_supplied), 0, {1, 1, 1}},
     {"output", "port_total", "f8", offsetof(iiwa14_impedance_output, port_total), 0, {1, 1, 1}},
     {"output", "sampling_total", "f8", offsetof(iiwa14_impedance_output, sampling_total), 0, {1, 1, 1}},
     {"output", "reference_total", "f8", offsetof(iiwa14_impedance_output, reference_total), 0, {1, 1, 1}},
@@ -2773,7 +2774,7 @@ static const status statuses[] = {
     {"offset_limited", IIWA14_STATUS_OFFSET_LIMITED, "torque_offset is held back by the effort or the rate limit"},
     {"feedforward_refused", IIWA14_STATUS_FEEDFORWARD_REFUSED, "wrench_command, or velocity and acceleration, are not used: not finite, too large, with the paper's law, or a velocity that does not agree with the motion of the command"},
     {"feedforward_limited", IIWA14_STATUS_FEEDFORWARD_LIMITED, "wrench_command is held back by tank, reserve, effort or speed, or the governor does not keep up with the plan"},
-    {"unreachable", IIWA14_STATUS_UNREACHABLE, "the commanded pose is out of reach from here: the equilibrium ends at the nearest point"},
+    {"unreachable", IIWA14_STATUS_UNREACHABLE, "the commanded pose is out of reach from here: the posture is at its end, or the arm rests in another one; find_posture searches a posture to be commanded as q0"},
 };
 
 static const choice outcomes[] = {
@@ -3276,7 +3277,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "9c89156c1030c524") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "2dd19ce89cc2b4a1") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -128,7 +128,8 @@ diagnostic_msgs::msg::DiagnosticStatus Report::status() const
     const std::pair<const char *, std::string> values[] = {
         {"status", status_words(report.status)},
         {"error [m]", number(std::sqrt(error))},
-        {"energy supplied [J]", number(report.port_total)},
+        {"energy supplied [J]", number(report.energy_supplied)},
+        {"work at the port [J]", number(report.port_total)},
         {"elastic energy [J]", number(report.elastic_energy)},
         {"tank energy [J]", number(report.tank_energy)},
         {"stiffness share", number(report.stiffness_share)},

@@ -60,31 +60,6 @@ static void measure(const episode_t *e, const segment_t *s, const motion_t *moti
     memcpy(sample->rotation, s->rotation, sizeof sample->rotation);
 }
 
-/* Energy [J] of the springs of a command with the equilibrium of another, at q; written out from the trace form. */
-static double spring_energy(const double *q, const command_t *springs, const command_t *at)
-{
-    const double *const Kt = springs->translation, *const Ko = springs->rotation, *const E = at->equilibrium;
-    double H[16], energy = 0.0, trace = Ko[0] + Ko[4] + Ko[8], away[3];
-    iiwa14_forward_kinematics(q, H);
-    for (int i = 0; i < 3; ++i) {
-        away[i] = H[4 * i + 3] - E[4 * i + 3];
-    }
-    for (int i = 0; i < 3; ++i) {
-        for (int j = 0; j < 3; ++j) {
-            double turn = 0.0;
-            for (int k = 0; k < 3; ++k) {
-                turn += E[4 * k + j] * H[4 * k + i];
-            }
-            const double G = (i == j ? trace / 2.0 : 0.0) - Ko[3 * i + j];
-            energy += 0.5 * away[i] * Kt[3 * i + j] * away[j] + G * ((i == j ? 1.0 : 0.0) - turn);
-        }
-    }
-    for (int i = 0; i < N; ++i) {
-        energy += 0.5 * springs->joint[i] * (q[i] - at->reference[i]) * (q[i] - at->reference[i]);
-    }
-    return springs->scale * energy;
-}
-
 /* Time [s] that the governor, with its default velocity limits, needs for the path of the command. */
 static double travel(const episode_t *e, const sample_t *sample, const sample_t *last)
 {
@@ -160,16 +135,16 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
     forces_t forces;
     sensors_t sensors;
     sample_t sample, last;
-    command_t command, previous;
-    double pipe[MOST_DELAY + 1][N] = {{0}}, pipe_feed[MOST_DELAY + 1][N] = {{0}};
+    command_t command;
+    double pipe[MOST_DELAY + 1][N] = {{0}};
     double commanded[N] = {0}, last_reference[N] = {0}, last_tip[3] = {0}, least[N] = {0}, most[N] = {0};
     int at = 0, was_faulted = 0, clamped = 0, initialised = 0, known = 0, skipped = 0, calls = 0;
     memset(&forces, 0, sizeof forces);
     memset(&sensors, 0, sizeof sensors);
     memset(&command, 0, sizeof command);
-    memset(&previous, 0, sizeof previous);
     memset(summary, 0, sizeof *summary);
     summary->finite = 1;
+    summary->excess_supplied = -HUGE_VAL;
     memcpy(motion.q, e->q, sizeof motion.q);
     memcpy(motion.v, e->v, sizeof motion.v);
     const double kinetic = plant_kinetic_energy(&e->plant, &motion);
@@ -215,15 +190,9 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
             last = sample;
         }
         if (skipped == 0) {
-            previous = command;
             law_step(configs[s->config], state, &sample, output, &command);
             if (initialised == 2 && calls++ == 0) { /* the first call that has a sample, not the first in time */
-                summary->start_energy = spring_energy(motion.q, &command, &command);
                 summary->first_energy = command.energy;
-            } else if (initialised == 2 && !was_faulted) { /* a call may move the equilibrium and then find that it has to fault */
-                const double work = spring_energy(motion.q, &previous, &command) -
-                                    spring_energy(motion.q, &previous, &previous);
-                summary->reference_work += fmax(work, 0.0);
             }
             account(e, &command, commanded, summary);
             memcpy(commanded, command.torque, sizeof commanded);
@@ -261,10 +230,8 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
         }
         for (int d = MOST_DELAY; d > 0; --d) {
             memcpy(pipe[d], pipe[d - 1], sizeof pipe[d]);
-            memcpy(pipe_feed[d], pipe_feed[d - 1], sizeof pipe_feed[d]);
         }
         memcpy(pipe[0], commanded, sizeof pipe[0]);
-        memcpy(pipe_feed[0], command.feed, sizeof pipe_feed[0]);
         memcpy(forces.torque, pipe[e->delay], sizeof forces.torque);
         memcpy(forces.kp, command.kp, sizeof forces.kp);
         memcpy(forces.kd, command.kd, sizeof forces.kd);
@@ -279,21 +246,18 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
             motion = before;
             break;
         }
-        double fed = 0.0;
         summary->port += gains_work(&forces, &before, &motion, e->sample_time);
         for (int i = 0; i < N; ++i) {
-            fed += pipe_feed[e->delay][i] * (motion.q[i] - before.q[i]);
             summary->port += forces.torque[i] * (motion.q[i] - before.q[i]);
             summary->excursion = fmax(summary->excursion, fabs(motion.q[i] - sample.wanted[i]));
             summary->wander = fmax(summary->wander, fabs(motion.q[i] - e->q[i]));
         }
-        summary->reference_work += fmax(fed, 0.0);
-        const double moving = summary->port - summary->reference_work - summary->resets * e->engagement;
-        summary->excess_moving = k == 0 ? moving : fmax(summary->excess_moving, moving);
         const double paid = e->engagement * (summary->resets + (e->streamed ? (k + 1) * e->sample_time
                                                                           : fmin(summary->travel, (k + 1) * e->sample_time)));
         summary->excess_travel = k == 0 ? summary->port - paid : fmax(summary->excess_travel, summary->port - paid);
         summary->port_most = fmax(summary->port_most, summary->port);
+        const double beyond = calls > 0 ? summary->port - command.supplied : -HUGE_VAL;
+        summary->excess_supplied = fmax(summary->excess_supplied, beyond);
         summary->excess = k == 0 ? summary->port - summary->resets * e->engagement
                                  : fmax(summary->excess, summary->port - summary->resets * e->engagement);
         summary->speed = fmax(summary->speed, largest(motion.v, e->velocity_limit));

@@ -67,11 +67,9 @@ typedef struct {
     double port;                 /* [J] put out at the robot's port: sum of torque . change of q */
     double port_most;            /* [J] most of it at any time */
     double excess;               /* [J] most of port - engagement x resets at any time */
-    double reference_work;       /* [J] positive work of the moving equilibrium, from the springs' energy here */
-    double excess_moving;        /* [J] maximum over time of port - reference_work - engagement x resets */
+    double excess_supplied;      /* [J] most of port - what the law has supplied, from the first sample on */
     double travel;               /* [s] of the governor, at its default velocity limits, for the path of `wanted` */
     double excess_travel;        /* [J] most of port - engagement x (resets + travel, at most the time) at any time */
-    double start_energy;         /* [J] of the springs at the first sample */
     double first_energy;         /* [J] of springs and limit avoidance there, by the law's account */
     double kinetic;              /* [J] at the end */
     double energy_error;         /* [J] of the integration: change of kinetic energy less all work */

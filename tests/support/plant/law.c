@@ -86,16 +86,10 @@ void law_step(const void *config, void *state, const sample_t *sample, void *out
     memcpy(command->translation, out->translation_stiffness, sizeof command->translation);
     memcpy(command->rotation, out->rotation_stiffness, sizeof command->rotation);
     memcpy(command->joint, c->posture_stiffness, sizeof command->joint);
-    for (int i = 0; i < N; ++i) {
-        command->feed[i] = 0.0;
-        for (int j = 0; j < N; ++j) {
-            command->feed[i] += out->damping[i * N + j] * out->reference_velocity[j];
-            command->feed[i] += out->mass_matrix[i * N + j] * out->reference_acceleration[j];
-        }
-    }
     command->scale = out->scale;
     command->energy = out->elastic_energy + out->limit_energy;
     command->tank = out->tank_energy;
+    command->supplied = out->energy_supplied;
     command->deficit = out->tank_energy < 0.0 ? -out->tank_energy : 0.0;
     command->status = out->status;
     command->faulted = out->fault != 0;

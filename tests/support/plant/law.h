@@ -34,10 +34,10 @@ typedef struct {
     double equilibrium[16];    /* [m] pose in use */
     double translation[9], rotation[9]; /* [N/m], [N m/rad] in use */
     double joint[N];           /* [N m/rad] posture stiffness */
-    double feed[N];            /* [N m] damping times velocity, and inertia times acceleration, of the reference */
     double scale;              /* [1] of the elastic energy: below 1 while it is released */
     double energy;             /* [J] elastic and of the limits, by the law's account */
     double tank, deficit;      /* [J] */
+    double supplied;           /* [J] that can have left the port so far, by the law's account */
     uint32_t status;
     int faulted;               /* not under control: fallback or latched */
     int reason;                /* for that, the law's own number */

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The controller's energy account: an identity at every step, and the bound of docs/controller.md."""
+"""The controller's energy account: an identity at every step, and the output that bounds the work."""
 
 from __future__ import annotations
 
@@ -52,10 +52,9 @@ def test_the_identity_holds_through_faults_and_gaps(robot: ModuleType) -> None:
     assert np.unique(out.mode).size >= 3
 
 
-def bound(out: Any, config: Any, resets: int) -> np.ndarray:
-    """What may have been put out so far, less what was: never negative where the equilibrium wanted is constant."""
-    allowed = config.tank_initial + config.engagement_limit * (1 + resets) + out.start_total
-    return np.asarray(allowed - out.elastic_energy - out.limit_energy - out.port_total)
+def left(out: Any) -> np.ndarray:
+    """What can still be put out by the output energy_supplied, less what springs and tank hold: never negative."""
+    return np.asarray(out.energy_supplied - out.port_total - out.elastic_energy - out.limit_energy - out.tank_energy)
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -68,7 +67,10 @@ def test_constant_equilibrium_puts_out_no_more_than_it_was_given(robot: ModuleTy
     inputs["sample_valid"][random.integers(0, 3000, 8)] = 0
     controller = robot.Impedance(tank_initial=0.5, tank_maximum=0.6, engagement_limit=0.5, motor_inertia=0.1)
     out = controller.run(**inputs)
-    assert bound(out, controller.config, 0).min() > 0
+    assert left(out).min() > -1e-12
+    assert np.all(np.diff(out.energy_supplied) >= 0)
+    assert out.energy_supplied[0] == 0.5 + out.start_total[0]
+    assert np.all(out.energy_supplied <= 0.5 + 0.5 + out.start_total)
     assert out.tank_energy.min() > 0
     assert np.all(out.tank_energy <= 0.6)
 
@@ -95,7 +97,35 @@ def test_fault_cycles_put_out_nothing_without_an_end(robot: ModuleType) -> None:
     assert out.unaccounted == 0
     assert np.abs(arm.q - Q).max() < 0.05
     assert np.all(np.diff(start) < 0)  # the hand's work went into damping
-    assert bound(out, controller.config, resets) > 0
+    assert left(out) > -1e-12
+    assert out.energy_supplied <= 2.0 + (1 + resets) * out.engagement_limit
+
+
+def test_what_raises_the_energy_supplied(robot: ModuleType) -> None:
+    """Moves of the equilibrium do, and a limit zone at the start; damping, stiffness and repeated commands do not.
+
+    The table of docs/energy.md. The arm stands still throughout, so that nothing leaves the port.
+    """
+    fields: dict[str, Any] = {"motor_inertia": 0.1, "tank_initial": 5.0, "engagement_limit": 2.0}
+
+    def rises(controller: Any, steps: int, **changes: Any) -> np.ndarray:
+        given = {"q": Q, "dq": np.zeros(7), "q0": Q, **SPRING, **changes}
+        outs = [controller.step(**given) for _ in range(steps)]
+        assert all(abs(out.port_total) < 1e-12 for out in outs)
+        return np.array([out.energy_supplied for out in outs])
+
+    controller = robot.Impedance(**fields)
+    assert np.all(rises(controller, 200) == 5.0)  # at rest where it is commanded
+    stiffer = {name: 2 * value for name, value in SPRING.items()}
+    assert np.all(rises(controller, 200, **stiffer) == 5.0)
+    moved = rises(controller, 500, q0=Q + 0.2)
+    assert 5.0 < moved[-1] <= 5.0 + 2.0 + 2.0 * 0.5  # an engagement, and one per second of travel at most
+    assert np.all(np.diff(moved) >= 0)
+    assert np.all(rises(controller, 500, q0=Q + 0.2) == moved[-1])  # repeated: the first has been paid
+    deep = Q.copy()
+    deep[1] = robot.UPPER[1] - 0.02
+    started = robot.Impedance(**fields).step(q=deep, dq=np.zeros(7), q0=deep, **SPRING)
+    assert started.energy_supplied == 5.0 + started.limit_energy > 5.0
 
 
 def test_stiffness_change_is_split(robot: ModuleType) -> None:

@@ -74,7 +74,7 @@ double evaluate_limits(step_t *s, const double *q)
 
 /*
  * Pay income into the tank. What a full tank cannot hold goes to the engagement: the sum of both bounds the work that
- * the controller puts out.
+ * the controller puts out. Work that goes back there has not left the port: it is supplied no longer.
  */
 void pay_into_tank(step_t *s, double income)
 {
@@ -83,8 +83,10 @@ void pay_into_tank(step_t *s, double income)
     const double lost = m->tank + income - most;
     m->tank += income;
     if (lost > 0.0) {
+        const double next = smaller(m->engagement + lost, s->engagement_limit);
         m->tank = most;
-        m->engagement = smaller(m->engagement + lost, s->engagement_limit);
+        m->supplied -= larger(next - m->engagement, 0.0);
+        m->engagement = next;
     }
 }
 
@@ -102,6 +104,7 @@ void book_reference(step_t *s, double p)
 {
     s->m->reference_total += p;
     s->m->engagement -= larger(p, 0.0);
+    s->m->supplied += larger(p, 0.0);
     pay_into_tank(s, larger(-p, 0.0));
 }
 
@@ -375,6 +378,7 @@ void book_interval(step_t *s, const double *q)
     m->limit_energy = limit;
     if (!m->known || s->jumped) {
         m->start_total += rise;
+        m->supplied += rise;
         m->unaccounted += (uint32_t)m->known;
         m->known = 1;
         return;

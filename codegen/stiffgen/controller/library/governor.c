@@ -431,6 +431,7 @@ static void start_engagement(step_t *s)
     if (available_energy(m) < 0.0) {
         /* more was put out than there was: the account ends here, and begins anew */
         m->unaccounted += 1u;
+        m->supplied -= available_energy(m);
         m->tank -= available_energy(m);
     }
     s->lack = clamp(s->tank_initial - m->tank, 0.0, s->engagement_limit);
@@ -443,6 +444,7 @@ void pay_engagement(step_t *s)
     memory_t *const m = s->m;
     if (s->started && m->fault == ID(FAULT_NONE)) {
         m->tank += s->lack;
+        m->supplied += s->lack;
         m->engagement = s->engagement_limit - s->lack;
     }
 }

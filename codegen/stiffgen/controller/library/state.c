@@ -126,7 +126,7 @@ void start_memory(const config_t *c, state_t *state)
     store_copies(state->effort, c->effort_limit);
     memcpy(m->velocity_limit, c->velocity_limit, sizeof m->velocity_limit);
     m->sized_tank = c->tank_initial > 0.0 ? 0.0 : size_tank(c, m);
-    m->tank = larger(c->tank_initial, m->sized_tank);
+    m->tank = m->supplied = m->energy_supplied = larger(c->tank_initial, m->sized_tank);
     m->calls = m->hold = c->missed_limit;
     m->fault_joint = NO_JOINT;
     m->stiffness_share = 1.0;

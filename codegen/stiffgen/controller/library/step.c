@@ -227,8 +227,9 @@ static int find_mode(const step_t *s)
 /* Report mode, status and the memory's part of the output. */
 static void report_step(const step_t *s)
 {
-    const memory_t *const m = s->m;
+    memory_t *const m = s->m;
     output_t *const out = s->out;
+    m->energy_supplied = larger(m->energy_supplied, m->supplied);
     report_memory(m, out);
     memcpy(out->velocity, s->velocity, sizeof out->velocity);
     out->status = s->status;

@@ -299,11 +299,12 @@ def _law(bench: _Bench) -> list[Check]:
 
 
 def _limits(bench: _Bench) -> list[str]:
-    """Check torque and torque rate against their limits, with a motion and a command that demand more."""
+    """Check torque, torque rate, and work against energy_supplied, with a motion and a command that demand more."""
     faults, n = [], len(bench.q)
     effort, rate = np.linspace(0.02, 0.05, n), np.linspace(1.0, 3.0, n)
     controller = bench.controller(effort_limit=effort, torque_rate_limit=rate, reference_velocity_limit=5.0)
     last, seen, position = np.zeros(n), dict.fromkeys(("RATE_LIMITED", "SATURATED"), False), bench.q.copy()
+    work, supplied = 0.0, 0.0
     for step in range(200):
         speed = bench.reach * (2.0 if step // 50 % 2 else -2.0) * (step % 50 < 40)
         position = position + PERIOD * speed
@@ -312,7 +313,11 @@ def _limits(bench: _Bench) -> list[str]:
             faults.append(f"step {step}: torque beyond the effort limit")
         if not (np.abs(out.torque - last) <= rate * PERIOD * (1 + 1e-9)).all():
             faults.append(f"step {step}: torque beyond its rate limit")
-        last = np.array(out.torque)
+        work += float(np.sum(last) * PERIOD * speed) if step else 0.0
+        # what is in springs and tank can still leave
+        if not supplied <= out.energy_supplied >= work + out.elastic_energy + out.limit_energy + out.tank_energy - 1e-6:
+            faults.append(f"step {step}: work beyond energy_supplied, or less supplied than before")
+        last, supplied = np.array(out.torque), float(out.energy_supplied)
         seen = {name: found or bench.status(out, name) for name, found in seen.items()}
     return faults + [f"never {name}" for name, found in seen.items() if not found]
 
