@@ -188,6 +188,11 @@ def _reflect(A: _Grid, k: int) -> ca.SX:
     return -sign * norm
 
 
+def only_entry(chain: Chain, H: ca.SX) -> Expressions:
+    """Return the eigenvalue of a 1 x 1 matrix."""
+    return Expressions(H[0], ())
+
+
 def halved(chain: Chain, diagonal: ca.SX, squares: ca.SX, interval: ca.SX) -> Expressions:
     """Return the interval after some halvings: its lower end is below all eigenvalues, its upper end is not."""
     lower, upper = interval[0], interval[1]

@@ -6,6 +6,8 @@
 
 from __future__ import annotations
 
+import math
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -15,13 +17,18 @@ from stiffgen.errors import ChainError
 from stiffgen.lower.steps import lowered
 from stiffgen.lower.variant import BATCH
 from stiffgen.symbolic import compliance
+from stiffgen.symbolic.arguments import Q
 from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.verify.kernels import formulas
+from stiffgen.verify.kernels.loops import check_loops
 from stiffgen.verify.kernels.missing import function_of_stacks
 from stiffgen.verify.kernels.oracles import check_oracles, check_robot
+from stiffgen.verify.kernels.samples import argument_samples
 from support.exact_compliance import FAMILY, Case
 from support.exact_tree import tree_urdf
 from support.project import ROOT
+from support.small_robots import LINKAGES, TREES
 
 UR5 = ROOT / "tests" / "data" / "ur5.urdf"
 WRENCH = np.array([20.0, -30, 60, 4, -3, 5])
@@ -75,6 +82,30 @@ def test_oracles_of_verify_see_a_wrong_sign(monkeypatch):
         monkeypatch.setattr(compliance, name, lambda chain, springs, load, right=right: right(chain, springs, -load))
     table = [each for each in chain_kernels(chain, FAMILY) if each.on_request and each.group == "hybrid"]
     assert failed() == {each.qualified_name for each in table}
+
+
+@pytest.mark.parametrize("robot", ["one turning joint", "one coordinate of two joints", "four-bar", "slider-crank"])
+def test_smallest_scope(robot, tmp_path):
+    """With one joint or one motor H is a number. Closed loops remain closed where an angle is many turns away."""
+    chain = {**TREES, **LINKAGES}[robot].load(tmp_path)
+    table = [each for each in chain_kernels(chain, FAMILY) if each.on_request]
+    every = (*chain_kernels(chain), *table)
+    functions = {each.qualified_name: function_of_stacks(chain, each) for each in every}
+    checks = check_robot(functions, chain, 5, 0, FAMILY, table)
+    checks += check_loops(functions, chain, 5, 0, FAMILY, table) if chain.actuated else []
+    assert {each.kernel for each in checks} >= {each.qualified_name for each in table}
+    assert [each for each in checks if not each.passed] == []
+
+
+def test_far_angles_are_whole_turns(tmp_path, monkeypatch):
+    pools = []
+    monkeypatch.setattr(formulas, "compare", lambda kernels, chain, pool, options: pools.append(pool) or [])
+    chain = LINKAGES["four-bar"].load(tmp_path)
+    formulas.check_far_angles({}, chain, 1)
+    near = argument_samples(chain, len(pools[0][Q]), 1, None)[Q]
+    turns = (pools[0][Q] - near) / math.tau
+    assert np.abs(turns).max() > 1e8
+    np.testing.assert_allclose(turns, np.round(turns), atol=1e-7)
 
 
 def test_chen_and_kao_for_a_pure_force(ur5):

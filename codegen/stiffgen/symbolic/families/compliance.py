@@ -179,7 +179,10 @@ class _Family:
             steps, load, _ = self.load(chain)
             pack, H = packed(given.array(chain), load)
             n = load.shape[0]
-            form = Array("diagonal", (n,), "d"), *((Array("squares", (n - 1,), "s"),) if n > 1 else ())
+            if n == 1:
+                only = StraightLine((result.array(chain),), compliance.only_entry, (H,), heading="H is a number")
+                return *steps, pack, only
+            form = Array("diagonal", (n,), "d"), Array("squares", (n - 1,), "s")
             ends = [Array(f"interval{k}", (2,), "x") for k in range(compliance.CALLS + 1)]
             meaning = "Tridiagonal form of H: diagonal, squares beside it, interval of the smallest eigenvalue"
             first = StraightLine(

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import lru_cache, partial
 
@@ -33,7 +34,7 @@ def check_far_angles(kernels: Kernels, chain: Chain, seed: int, options: SpringO
         return []
     pool = argument_samples(chain, len(FAR) * len(turning), seed, options)
     for row, (angle, joint) in enumerate((angle, joint) for angle in FAR for joint in turning):
-        pool[Q][row, joint] = angle
+        pool[Q][row, joint] += math.tau * round(angle / math.tau)  # whole turns: closed loops remain closed
     return [replace(check, oracle="CasADi, many turns away") for check in compare(kernels, chain, pool, options)]
 
 
