@@ -116,7 +116,7 @@ def test_evidence_covers_every_source(kind: str, tmp_path: Path, capsys: pytest.
         with pytest.raises(OutputError, match="has no digest of"):
             read(robot, file)
     file.write_text(json.dumps(whole | {"sources": {}}))
-    arguments = ["verify", str(FOLDER), "--report", str(tmp_path / "page.html"), f"--{kind}", str(file)]
+    arguments = ["verify", str(FOLDER), "--report", str(tmp_path / "page.html"), "--evidence", str(file)]
     assert main(arguments) == 2
     assert "has no digest of" in capsys.readouterr().err
 
