@@ -334,7 +334,7 @@ def stage(folder: Path) -> None:
     (folder / "reference").mkdir()
     for page in (functions, controller, faults, cpp, python, hazards, misra, command_line):
         (folder / "reference" / f"{page.__name__}.md").write_text(page())
-    for page, below in BELOW.items():
-        with (folder / f"{page}.md").open("a") as text:
+    for above, below in BELOW.items():
+        with (folder / f"{above}.md").open("a") as text:
             text.write(f"\n{contents(below)}")
     playground(folder)
