@@ -19,6 +19,8 @@ _LONGEST = 0.5
 """[rad] or [m] that a joint moves in one step."""
 _REACHED = 1e-8
 """[m] and [rad] from the pose at which a posture is one of it."""
+_NO_POSE = 1e-3
+"""Largest entry of R R^T - I, and error of the last row, of a pose."""
 _ALIKE = 0.1
 """[rad] or [m] up to which two postures are the same."""
 
@@ -49,7 +51,7 @@ def find_postures(
         (k, n) postures, the one nearest to ``near`` first; none: (0, n).
 
     Raises:
-        StiffgenError: the robot has several tips, a moving base or tools, or an argument is not finite.
+        StiffgenError: the robot has several tips, a moving base or tools, or an argument is not finite or no pose.
 
     """
     module = robot.module if isinstance(robot, GeneratedRobot) else robot
@@ -57,6 +59,7 @@ def find_postures(
     finite = np.isfinite(at).all() and np.isfinite(goal).all()
     if goal.shape != (4, 4) or not finite or _function(module, "forward_kinematics", at).shape != (4, 4):
         raise StiffgenError("find_postures: takes a finite pose (4, 4) and finite joint positions near it")
+    _check_pose(goal)
     low = np.where(np.isfinite(module.LOWER), module.LOWER + margin, at - np.pi)
     high = np.where(np.isfinite(module.UPPER), module.UPPER - margin, at + np.pi)
     spread = np.random.default_rng(0).random((starts, len(at)))  # the same points in every call
@@ -70,6 +73,17 @@ def find_postures(
         if all(np.abs(posture - other).max() > _ALIKE for other in kept):
             kept.append(posture)
     return np.array(kept).reshape(-1, len(at))
+
+
+def _check_pose(pose: FloatArray) -> None:
+    """Raise StiffgenError if a matrix (4, 4) is no pose."""
+    R = pose[:3, :3]
+    off = max(np.abs(R @ R.T - np.eye(3)).max(), np.abs(pose[3] - [0, 0, 0, 1]).max())
+    if off > _NO_POSE or np.linalg.det(R) < 0:
+        raise StiffgenError(
+            "find_postures: the pose is none: rows (R, p) and (0, 0, 0, 1), with an orthonormal, right-handed R; is it "
+            "transposed?"
+        )
 
 
 def _function(module: Any, name: str, q: FloatArray) -> FloatArray:
