@@ -2723,6 +2723,26 @@ static const field fields[] = {
     {"policy", "to_translation", "f8", offsetof(iiwa14_impedance_policy, to_translation), 2, {3, 3, 1}},
     {"policy", "to_rotation", "f8", offsetof(iiwa14_impedance_policy, to_rotation), 2, {3, 3, 1}},
     {"policy", "to_wrench", "f8", offsetof(iiwa14_impedance_policy, to_wrench), 1, {6, 1, 1}},
+    {"paper_config", "conventional", "i4", offsetof(iiwa14_paper_config, conventional), 0, {1, 1, 1}},
+    {"paper_config", "sample_time", "f8", offsetof(iiwa14_paper_config, sample_time), 0, {1, 1, 1}},
+    {"paper_config", "damping_ratio", "f8", offsetof(iiwa14_paper_config, damping_ratio), 0, {1, 1, 1}},
+    {"paper_config", "joint_damping", "f8", offsetof(iiwa14_paper_config, joint_damping), 0, {1, 1, 1}},
+    {"paper_config", "posture_stiffness", "f8", offsetof(iiwa14_paper_config, posture_stiffness), 0, {1, 1, 1}},
+    {"paper_config", "motor_inertia", "f8", offsetof(iiwa14_paper_config, motor_inertia), 1, {7, 1, 1}},
+    {"paper_config", "effort_limit", "f8", offsetof(iiwa14_paper_config, effort_limit), 1, {7, 1, 1}},
+    {"paper_config", "torque_rate_limit", "f8", offsetof(iiwa14_paper_config, torque_rate_limit), 1, {7, 1, 1}},
+    {"paper_input", "q", "f8", offsetof(iiwa14_paper_input, q), 1, {7, 1, 1}},
+    {"paper_input", "dq", "f8", offsetof(iiwa14_paper_input, dq), 1, {7, 1, 1}},
+    {"paper_input", "q0", "f8", offsetof(iiwa14_paper_input, q0), 1, {7, 1, 1}},
+    {"paper_input", "wrench", "f8", offsetof(iiwa14_paper_input, wrench), 1, {6, 1, 1}},
+    {"paper_input", "task_stiffness", "f8", offsetof(iiwa14_paper_input, task_stiffness), 2, {6, 6, 1}},
+    {"paper_output", "torque", "f8", offsetof(iiwa14_paper_output, torque), 1, {7, 1, 1}},
+    {"paper_output", "elastic_torque", "f8", offsetof(iiwa14_paper_output, elastic_torque), 1, {7, 1, 1}},
+    {"paper_output", "damping_torque", "f8", offsetof(iiwa14_paper_output, damping_torque), 1, {7, 1, 1}},
+    {"paper_output", "joint_stiffness", "f8", offsetof(iiwa14_paper_output, joint_stiffness), 2, {7, 7, 1}},
+    {"paper_output", "damping", "f8", offsetof(iiwa14_paper_output, damping), 2, {7, 7, 1}},
+    {"paper_output", "saturated", "i4", offsetof(iiwa14_paper_output, saturated), 0, {1, 1, 1}},
+    {"paper_output", "rate_limited", "i4", offsetof(iiwa14_paper_output, rate_limited), 0, {1, 1, 1}},
 };
 
 static const choice choices[] = {
@@ -3061,41 +3081,20 @@ static PyObject *error_text(PyObject *module, PyObject *arguments)
     return PyArg_ParseTuple(arguments, "i", &code) ? PyUnicode_FromString(iiwa14_impedance_error_text(code)) : NULL;
 }
 
-/* Copy the numbers of the paper's configuration from a row: conventional (0 or 1), and the fields of the struct. */
-static void read_paper_config(const double *row, iiwa14_paper_config *config)
-{
-    enum { N = 7 };
-    config->conventional = row[0] != 0.0;
-    config->sample_time = row[1];
-    config->damping_ratio = row[2];
-    config->joint_damping = row[3];
-    config->posture_stiffness = row[4];
-    memcpy(config->motor_inertia, row + 5, N * sizeof(double));
-    memcpy(config->effort_limit, row + 5 + N, N * sizeof(double));
-    memcpy(config->torque_rate_limit, row + 5 + 2 * N, N * sizeof(double));
-}
-
-/* Write the paper's default configuration without its formula: argument (row). */
+/* Write the paper's default configuration: argument (config). */
 static PyObject *paper_default(PyObject *module, PyObject *arguments)
 {
-    enum { N = 7 };
-    Py_buffer row;
+    Py_buffer config;
     (void)module;
-    if (!PyArg_ParseTuple(arguments, "w*", &row)) {
+    if (!PyArg_ParseTuple(arguments, "w*", &config)) {
         return NULL;
     }
-    double *x = structs(&row, (4 + 3 * N) * sizeof(double), 1);
-    if (x != NULL) {
-        iiwa14_paper_config c;
-        iiwa14_paper_default_config(&c);
-        const double scalars[4] = {c.sample_time, c.damping_ratio, c.joint_damping, c.posture_stiffness};
-        memcpy(x, scalars, sizeof scalars);
-        memcpy(x + 4, c.motor_inertia, N * sizeof(double));
-        memcpy(x + 4 + N, c.effort_limit, N * sizeof(double));
-        memcpy(x + 4 + 2 * N, c.torque_rate_limit, N * sizeof(double));
+    void *c = structs(&config, sizeof(iiwa14_paper_config), 1);
+    if (c != NULL) {
+        iiwa14_paper_default_config((iiwa14_paper_config *)c);
     }
-    PyBuffer_Release(&row);
-    return x != NULL ? Py_NewRef(Py_None) : NULL;
+    PyBuffer_Release(&config);
+    return c != NULL ? Py_NewRef(Py_None) : NULL;
 }
 
 /* Check a configuration of the paper's law: argument (config). */
@@ -3107,47 +3106,35 @@ static PyObject *paper_validate(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "y*", &config)) {
         return NULL;
     }
-    const double *row = structs(&config, (5 + 3 * 7) * sizeof(double), 1);
-    if (row != NULL) {
-        iiwa14_paper_config c;
-        read_paper_config(row, &c);
-        result = PyLong_FromLong(iiwa14_paper_validate(&c));
+    const void *c = structs(&config, sizeof(iiwa14_paper_config), 1);
+    if (c != NULL) {
+        result = PyLong_FromLong(iiwa14_paper_validate((const iiwa14_paper_config *)c));
     }
     PyBuffer_Release(&config);
     return result;
 }
 
-/* Do one step of the paper's law: arguments (config, torque of the last step, input, results). */
+/* Do one step of the paper's law: arguments (config, state, input, output). */
 static PyObject *paper_step(PyObject *module, PyObject *arguments)
 {
-    enum { N = 7 };
-    Py_buffer config, torque, input, results;
+    Py_buffer config, state, input, output;
     PyObject *result = NULL;
     (void)module;
-    if (!PyArg_ParseTuple(arguments, "y*w*y*w*", &config, &torque, &input, &results)) {
+    if (!PyArg_ParseTuple(arguments, "y*w*y*w*", &config, &state, &input, &output)) {
         return NULL;
     }
-    const double *row = structs(&config, (5 + 3 * N) * sizeof(double), 1);
-    void *s = row != NULL ? structs(&torque, sizeof(iiwa14_paper_state), 1) : NULL;
-    void *in = s != NULL ? structs(&input, sizeof(iiwa14_paper_input), 1) : NULL;
-    double *y = in != NULL ? structs(&results, (3 * N + 2 * N * N + 2) * sizeof(double), 1) : NULL;
-    if (y != NULL) {
-        iiwa14_paper_config c;
-        iiwa14_paper_output out;
-        read_paper_config(row, &c);
-        result = PyLong_FromLong(iiwa14_paper_step(&c, (iiwa14_paper_state *)s, (const iiwa14_paper_input *)in, &out));
-        memcpy(y, out.torque, N * sizeof(double));
-        memcpy(y + N, out.elastic_torque, N * sizeof(double));
-        memcpy(y + 2 * N, out.damping_torque, N * sizeof(double));
-        memcpy(y + 3 * N, out.joint_stiffness, N * N * sizeof(double));
-        memcpy(y + 3 * N + N * N, out.damping, N * N * sizeof(double));
-        y[3 * N + 2 * N * N] = out.saturated;
-        y[3 * N + 2 * N * N + 1] = out.rate_limited;
+    const void *c = structs(&config, sizeof(iiwa14_paper_config), 1);
+    void *s = c != NULL ? structs(&state, sizeof(iiwa14_paper_state), 1) : NULL;
+    const void *in = s != NULL ? structs(&input, sizeof(iiwa14_paper_input), 1) : NULL;
+    void *out = in != NULL ? structs(&output, sizeof(iiwa14_paper_output), 1) : NULL;
+    if (out != NULL) {
+        result = PyLong_FromLong(iiwa14_paper_step((const iiwa14_paper_config *)c, (iiwa14_paper_state *)s,
+            (const iiwa14_paper_input *)in, (iiwa14_paper_output *)out));
     }
     PyBuffer_Release(&config);
-    PyBuffer_Release(&torque);
+    PyBuffer_Release(&state);
     PyBuffer_Release(&input);
-    PyBuffer_Release(&results);
+    PyBuffer_Release(&output);
     return result;
 }
 
@@ -3227,9 +3214,11 @@ static int add_controller(PyObject *module)
     if (add(module, "STATUSES", list) < 0) {
         return -1;
     }
-    return add(module, "SIZES", Py_BuildValue("{s:n,s:n,s:n,s:n,s:n,s:n}",
+    return add(module, "SIZES", Py_BuildValue("{s:n,s:n,s:n,s:n,s:n,s:n,s:n,s:n,s:n}",
         "config", (Py_ssize_t)sizeof(iiwa14_impedance_config), "state", (Py_ssize_t)sizeof(iiwa14_impedance_state),
         "input", (Py_ssize_t)sizeof(iiwa14_impedance_input), "output", (Py_ssize_t)sizeof(iiwa14_impedance_output),
+        "paper_config", (Py_ssize_t)sizeof(iiwa14_paper_config), "paper_input", (Py_ssize_t)sizeof(iiwa14_paper_input),
+        "paper_output", (Py_ssize_t)sizeof(iiwa14_paper_output),
         "proposal", (Py_ssize_t)sizeof(iiwa14_impedance_proposal), "policy", (Py_ssize_t)sizeof(iiwa14_impedance_policy)));
 }
 
@@ -3277,7 +3266,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "2dd19ce89cc2b4a1") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "4b77a1e94206fa1d") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

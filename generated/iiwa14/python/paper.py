@@ -9,17 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import iiwa14_python as _c
+from .impedance import _layout
 
-_N = 7
-_CONFIG: dict[str, tuple[int, ...]] = {
-    **dict.fromkeys(("sample_time", "damping_ratio", "joint_damping", "posture_stiffness"), ()),
-    **dict.fromkeys(("motor_inertia", "effort_limit", "torque_rate_limit"), (_N,)),
-}
-_INPUT: dict[str, tuple[int, ...]] = {
-    **dict.fromkeys(("q", "dq", "q0"), (_N,)),
-    "wrench": (6,),
-    "task_stiffness": (6, 6),
-}
+_CONFIG, _INPUT, _OUTPUT = map(_layout, ("paper_config", "paper_input", "paper_output"))
+_FIELDS = _CONFIG.names[1:]  # the first one is conventional: the formula
 _ERRORS = {
     -2: "configuration: every number must be finite and at least 0, and sample_time above 0; a robot without effort "
     "limits in its file needs effort_limit and torque_rate_limit",
@@ -68,18 +61,15 @@ class PaperLaw:
     def __init__(self, formula: str = "corrected", *, torque: ArrayLike = 0.0, **fields: ArrayLike) -> None:
         if formula not in ("corrected", "conventional"):
             raise ValueError(f"formula: no value '{formula}'; it takes corrected, conventional")
-        unknown = sorted(set(fields) - set(_CONFIG))
+        unknown = sorted(set(fields) - set(_FIELDS))
         if unknown:
-            raise TypeError(f"no configuration field '{unknown[0]}'; there are: formula, {', '.join(_CONFIG)}")
-        defaults, start = np.empty(4 + 3 * _N), 0
-        _c.paper_default(defaults)
-        parts = [np.array([float(formula == "conventional")])]
-        for name, shape in _CONFIG.items():
-            count = int(np.prod(shape, dtype=int))
-            parts.append(_flat(name, fields.get(name, defaults[start : start + count].reshape(shape)), shape))
-            start += count
-        self._config = np.concatenate(parts)
-        self._torque = _flat("torque", torque, (_N,))
+            raise TypeError(f"no configuration field '{unknown[0]}'; there are: formula, {', '.join(_FIELDS)}")
+        self._config = np.zeros(1, _CONFIG)
+        _c.paper_default(self._config)
+        self._config["conventional"] = formula == "conventional"
+        for name, value in fields.items():
+            self._config[name] = _of_shape(name, value, _CONFIG[name].shape)
+        self._torque = _of_shape("torque", torque, (7,))
         if _c.paper_validate(self._config):
             raise ValueError(_ERRORS[-2])
 
@@ -104,18 +94,19 @@ class PaperLaw:
         sample.
         """
         given: dict[str, Any] = {name: value for name, value in locals().items() if name != "self"}
-        numbers = np.concatenate([_flat(name, given[name], shape, one=False) for name, shape in _INPUT.items()])
-        results = np.empty(3 * _N + 2 * _N * _N + 2)
-        code = _c.paper_step(self._config, self._torque, numbers, results)
+        sample, output = np.zeros(1, _INPUT), np.zeros(1, _OUTPUT)
+        for name, value in given.items():
+            sample[name] = _of_shape(name, value, _INPUT[name].shape, one=False)
+        code = _c.paper_step(self._config, self._torque, sample, output)
         if code:
             raise ValueError(_ERRORS[code])
-        torques, matrices = results[: 3 * _N].reshape(3, _N), results[3 * _N : -2].reshape(2, _N, _N)
-        return PaperOutput(*torques, *matrices, *map(bool, results[-2:]))
+        *arrays, saturated, rate_limited = (output[name][0] for name in _OUTPUT.names)
+        return PaperOutput(*arrays, bool(saturated), bool(rate_limited))
 
 
-def _flat(name: str, value: ArrayLike, shape: tuple[int, ...], *, one: bool = True) -> NDArray[np.float64]:
-    """Return the numbers of an argument in a row; one number stands for all where that is allowed."""
+def _of_shape(name: str, value: ArrayLike, shape: tuple[int, ...], *, one: bool = True) -> NDArray[np.float64]:
+    """Return an argument's numbers; one number stands for all where that is allowed."""
     array = np.asarray(value, float)
     if array.shape != shape and not (one and array.ndim == 0):
         raise ValueError(f"{name}: shape {array.shape}, not {shape}")
-    return np.array(np.broadcast_to(array, shape)).ravel()
+    return np.array(np.broadcast_to(array, shape))
