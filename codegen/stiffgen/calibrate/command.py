@@ -54,10 +54,12 @@ def run(options: argparse.Namespace) -> int:
         return _check(robot, sensor, poses, options)
     assert robot.chain.sensor is not None
     found = estimate(sensor, poses, robot=robot.name, place=robot.chain.sensor.text)
+    texts = {options.output: found.calibration.to_json()}
+    if options.picture is not None:
+        texts[options.picture] = residual_picture(poses, found)
     try:
-        options.output.write_text(found.calibration.to_json(), encoding="utf-8")
-        if options.picture is not None:
-            options.picture.write_text(residual_picture(poses, found), encoding="utf-8")
+        for file, text in texts.items():
+            file.write_text(text, encoding="utf-8")
     except OSError as error:
         raise OutputError(f"{error.filename}: cannot be written ({error.strerror})") from error
     _print(found.calibration)

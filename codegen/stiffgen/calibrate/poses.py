@@ -27,7 +27,7 @@ _MOST_ROWS = 1 << 24
 
 @dataclass(frozen=True)
 class StandingPoses:
-    """StandingPoses at rest: joint positions (P, n), mean readings (P, 6), times (P) [s], zeros without time."""
+    """Poses at rest: joint positions (P, n), mean readings (P, 6), times (P) [s], zeros without time."""
 
     q: FloatArray
     reading: FloatArray

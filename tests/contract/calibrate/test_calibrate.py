@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -139,6 +140,14 @@ def test_from_recording_to_file(robots, logs, tmp_path, capsys):
     np.testing.assert_allclose(
         stiffgen.tare(module.sensor, q, reading, PAYLOAD), np.array(found.bias) + 1.5, atol=1e-12
     )
+
+
+def test_a_picture_that_cannot_be_drawn_leaves_no_file(robots, logs, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    file, picture = tmp_path / "sensor.json", tmp_path / "residuals.svg"
+    arguments = ["calibrate", logs / "free.csv", "--robot", robots["truth"], "--output", file, "--picture", picture]
+    assert main([str(each) for each in arguments]) == 2
+    assert not file.exists() and not picture.exists()
 
 
 @pytest.mark.parametrize("fault", ["truth", *FAULTS])
