@@ -95,7 +95,7 @@ fri-demo: build/robots/iiwa14_plate
 
 iiwa14_tool := urdf/iiwa14.urdf --tool runtime --derivatives --no-masses
 iiwa14_derivatives := urdf/iiwa14.urdf --derivatives
-iiwa14_wiping := urdf/iiwa14.urdf --tool-xyz 0 0 0.24 --derivatives --no-masses
+iiwa14_wiping := urdf/iiwa14.urdf --tool xyz=0,0,0.24 --derivatives --no-masses
 solo12 := tests/data/solo12.urdf --floating-base $(foreach foot,FL FR HL HR,--tip $(foot)_FOOT)
 build/robots/%: urdf/iiwa14.urdf tests/data/solo12.urdf $(GENERATOR) $(VENV)/installed-examples
 	$(BIN)/stiffgen generate $($*) --name $* --output build/robots

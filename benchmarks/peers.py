@@ -29,7 +29,7 @@ import stiffgen
 from benchmarks.run import BOOST
 from benchmarks.tools import COUNT, HERE, NATIVE, URDF, pinned, run
 from stiffgen.robot.chain import Chain
-from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.potentials import KernelOptions
 
 DATA = HERE.parent / "tests" / "data"
 GROUPS = ("dynamics", "gravity", "hybrid")
@@ -103,9 +103,9 @@ def in_cpp(robot: Robot, pinocchio: Path, scratch: Path, rounds: int) -> list[tu
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         chain = stiffgen.load_chain(robot.urdf, tip=robot.tips)
-        springs = SpringOptions(groups=GROUPS, batches=False)
+        springs = KernelOptions(kernels=GROUPS, batches=False)
         folder = stiffgen.generate(
-            robot.urdf, tip=robot.tips, name="peer", output=scratch / robot.urdf.stem, build=False, springs=springs
+            robot.urdf, tip=robot.tips, name="peer", output=scratch / robot.urdf.stem, build=False, **vars(springs)
         )
     if chain.coupled:
         raise SystemExit(f"{robot.title}: has mimic joints, which the contender does not know")
@@ -153,7 +153,7 @@ def _agree(what: str, found: object, expected: object) -> None:
 
 def batch_table(scratch: Path, rounds: int) -> None:
     """Print batches of Jacobians and mass matrices, and of a torque in operational space, of the iiwa 14."""
-    folder = stiffgen.generate(URDF, name="batch", output=scratch, springs=SpringOptions(groups=GROUPS))
+    folder = stiffgen.generate(URDF, name="batch", output=scratch, kernels=GROUPS)
     robot = stiffgen.open_robot(folder).module
     q = np.random.default_rng(1).uniform(-1.5, 1.5, (COUNT, 7))
     q[:, [3, 5]] = np.abs(q[:, [3, 5]]) / 2 + 0.5  # away from singularities, which magnify rounding

@@ -14,7 +14,6 @@ from pathlib import Path
 
 import stiffgen
 from benchmarks.tools import AVX2, HERE, NATIVE, PLAIN, URDF, pinned, run
-from stiffgen.symbolic.potentials import SpringOptions
 
 ROUNDS = 301
 BUILDS = 5
@@ -36,7 +35,7 @@ def ratios(folder: Path, scratch: Path) -> None:
 def compiled(output: Path, *, derivatives: bool) -> tuple[Path, float]:
     """Build a folder; return it and the processor time of its compiler [s]."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    folder = stiffgen.generate(URDF, output=output, springs=SpringOptions(derivatives=derivatives))
+    folder = stiffgen.generate(URDF, output=output, derivatives=derivatives)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return folder, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 

@@ -29,7 +29,6 @@ from stiffgen.style import AXES, CORRECTED, THEME
 from stiffgen.symbolic.arguments import Q
 from stiffgen.symbolic.kernels import KERNELS, MAX_BATCH_JOINTS
 from stiffgen.symbolic.model import casadi_function
-from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.verify.kernels.poses import joint_poses, product_of_poses
 from stiffgen.verify.kernels.references import TASK_STIFFNESS, WRENCH
 from stiffgen.verify.kernels.samples import Samples
@@ -421,9 +420,7 @@ def main(target: Path = HERE) -> None:
         springs = of_springs(chain, folder, robot)
         single, batch = in_python(chain, robot)
         streamed = streaming(robot)
-        derivatives = stiffgen.generate(
-            URDF, output=folder, name="iiwa14_derivatives", springs=SpringOptions(derivatives=True)
-        )
+        derivatives = stiffgen.generate(URDF, output=folder, name="iiwa14_derivatives", derivatives=True)
         pinocchio = next(
             (path for title, path in built.items() if title.startswith("Pinocchio") and NATIVE in title), None
         )

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from stiffgen.robot.chain import Chain, Sensor, Tool
     from stiffgen.symbolic.model import StiffnessModel
     from stiffgen.symbolic.moving import move_stiffness
-    from stiffgen.symbolic.potentials import SpringOptions
+    from stiffgen.symbolic.potentials import KernelOptions
     from stiffgen.symbolic.springs import Placement
 
 __all__ = [
@@ -51,6 +51,7 @@ __all__ = [
     "ExternalWrench",
     "GeneratedRobot",
     "GenerationOptions",
+    "KernelOptions",
     "MissingExtraError",
     "OutputError",
     "Placement",
@@ -58,7 +59,6 @@ __all__ = [
     "RecordingError",
     "Sensor",
     "SensorProperties",
-    "SpringOptions",
     "StiffgenError",
     "StiffnessDeviation",
     "StiffnessModel",
@@ -93,7 +93,7 @@ _HOMES = {
     "robot.chain": ("Chain", "Sensor", "Tool"),
     "symbolic.model": ("StiffnessModel",),
     "symbolic.moving": ("move_stiffness",),
-    "symbolic.potentials": ("SpringOptions",),
+    "symbolic.potentials": ("KernelOptions",),
     "symbolic.springs": ("Placement",),
 }
 """Module of each public name; all others are in ``errors``."""

@@ -28,6 +28,7 @@ from typing import Any
 import numpy as np
 
 from stiffgen._version import __version__
+from stiffgen.described import flag_of, help_of
 from stiffgen.emit.build import compiler_command
 from stiffgen.emit.manifest import MANIFEST
 from stiffgen.errors import BuildError, OutputError, StiffgenError, listed, printable, terminal_text
@@ -36,13 +37,12 @@ from stiffgen.generate import generate_folder
 from stiffgen.loading import describe
 from stiffgen.names import identifier
 from stiffgen.opened import GeneratedRobot, open_robot
-from stiffgen.options import GenerationOptions, help_of
-from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.options import GenerationOptions
 
 _VARIABLE = "STIFFGEN_CACHE"
 _FIXED = {"output", "force", "build", "python"}
 """Options that the cache decides itself."""
-_WITH_VALUE = ("accept_inertia", "base", "ignore", "package_path")
+_WITH_VALUE = ("accept_inertia", "base", "ignore", "package_path", "springs")
 """Options whose name a message puts before a value."""
 _RECORD = "entry.json"
 _WAITING = "waiting for another process, which generates the same robot"
@@ -78,9 +78,7 @@ def load(file: str | Path, *, tip: Any = None, base: str | None = None, **option
 
 def _in_python(text: str) -> str:
     """Return a message with the keywords of Python in place of the options of the command line."""
-    keywords = {
-        (help_of(option).flag or f"--{option.name.replace('_', '-')}"): option for option in fields(GenerationOptions)
-    }
+    keywords = {flag_of(option): option for option in fields(GenerationOptions)}
 
     def keyword(match: re.Match[str]) -> str:
         flag, value = match[1], match[3]
@@ -89,6 +87,11 @@ def _in_python(text: str) -> str:
         if flag not in keywords:
             return match[0]
         name = keywords[flag].name
+        if f"{name} {value}" == "tool runtime":
+            return "runtime_tool=True"
+        record, part = help_of(keywords[flag]).record, (value or "").partition("=")[0]
+        if record is not None and part != "link" and part in [each.name for each in fields(record)]:
+            return f"{name}={record.__name__}({part}=...)"
         if keywords[flag].default is False:
             return f"{name}=True{match[2] or ''}"
         if value and name in _WITH_VALUE:
@@ -253,7 +256,7 @@ def _input_of(file: str | Path, options: GenerationOptions) -> list[str]:
         data = path.read_bytes()
         if b"xacro" not in data:  # a URDF includes no other file, a template may
             return [path.name, hashlib.sha256(data).hexdigest()]
-    return [repr(describe(file, options.chain.reading))]
+    return [repr(describe(file, options))]
 
 
 @cache
@@ -280,10 +283,9 @@ def _machine() -> list[Any]:
 def _plain(value: Any) -> Any:
     """Return an option as values of JSON."""
     if isinstance(value, GenerationOptions):
-        skipped = {*_FIXED, "progress"}
-        return {each.name: _plain(getattr(value, each.name)) for each in fields(value) if each.name not in skipped}
-    if isinstance(value, SpringOptions):
-        return [value.to_manifest(), value.derivatives]
+        skipped = {*_FIXED, "progress", "potentials"}
+        plain = {each.name: _plain(getattr(value, each.name)) for each in fields(value) if each.name not in skipped}
+        return plain | value.springs_record()
     if is_dataclass(value) and not isinstance(value, type):
         return asdict(value)
     return dict(value) if isinstance(value, Mapping) else value

@@ -3,10 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Concatenate, ParamSpec
 
+from stiffgen.described import with_keywords
 from stiffgen.emit.build import build_module
 from stiffgen.emit.manifest import DAMAGE, MANIFEST, chain_from_manifest, read_manifest, scalar_of_manifest
 from stiffgen.emit.render import render
@@ -19,47 +18,32 @@ from stiffgen.options import GenerationOptions
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import configuration_arguments
 
-_Options = ParamSpec("_Options")
-
-
-def _with_keywords(
-    options: Callable[_Options, GenerationOptions], run: Callable[[str | Path, GenerationOptions], Path]
-) -> Callable[Concatenate[str | Path, _Options], Path]:
-    """Return ``run`` with the fields of the record as keywords, known to type checkers."""
-
-    def generate(urdf: str | Path, *none: _Options.args, **keywords: _Options.kwargs) -> Path:
-        """Write the folder ``output/name`` with a robot's C code and Python module.
-
-        The folder is written beside its place and swapped in when complete: after an error, the previous folder is
-        untouched.
-
-        Args:
-            urdf: path of the robot's file.
-            none: nothing; options are keywords.
-            keywords: fields of :class:`stiffgen.GenerationOptions`, which describes them.
-
-        Returns:
-            Path of the robot's folder.
-
-        Raises:
-            DescriptionError: see :func:`stiffgen.load_chain`.
-            ChainError: see :func:`stiffgen.load_chain`; also for options that exclude each other.
-            OutputError: the folder cannot be written, another thing stands in its place, or the robot in it has
-                other joints, tips or arguments (``force`` replaces it).
-            PotentialError: a spring or potential is refused.
-            BuildError: the C code did not compile.
-
-        """
-        return run(urdf, options(*none, **keywords))
-
-    return generate  # type: ignore[return-value]  # the file may be a keyword, too
-
 
 def generate_folder(urdf: str | Path, options: GenerationOptions) -> Path:
-    """Write a robot's folder; see :func:`stiffgen.generate`."""
+    """Write the folder ``output/name`` with a robot's C code and Python module.
+
+    The folder is written beside its place and swapped in when complete: after an error, the previous folder is
+    untouched.
+
+    Args:
+        urdf: path of the robot's file.
+        options: record of options.
+
+    Returns:
+        Path of the robot's folder.
+
+    Raises:
+        DescriptionError: see :func:`stiffgen.load_chain`.
+        ChainError: see :func:`stiffgen.load_chain`; also for options that exclude each other.
+        OutputError: the folder cannot be written, another thing stands in its place, or the robot in it has
+            other joints, tips or arguments (``force`` replaces it).
+        PotentialError: a spring or potential is refused.
+        BuildError: the C code did not compile.
+
+    """
     scalar = options.number
     options.progress(f"reading {Path(urdf).name}")
-    chain = read_chain(urdf, options.chain)
+    chain = read_chain(urdf, options)
     if chain.loops and scalar != DOUBLE:
         raise ChainError(
             f"--scalar {scalar.name} does not go with closed loops: close ends with a step of at most 1e-8 rad, and a "
@@ -85,7 +69,7 @@ def generate_folder(urdf: str | Path, options: GenerationOptions) -> Path:
     return folder
 
 
-generate = _with_keywords(GenerationOptions, generate_folder)
+generate = with_keywords("generate", GenerationOptions, generate_folder)
 
 
 def refuse_foreign(target: Path) -> None:
@@ -130,7 +114,7 @@ def refuse_another_robot(target: Path, chain: Chain, scalar: Scalar = DOUBLE) ->
     if changed:
         raise OutputError(
             f"{target}: holds another robot ({'; '.join(changed)}). What uses the folder would get other results: "
-            "take --force to replace it, or write beside it with another --name or --output"
+            "remove it first (force=True in Python), or write beside it with another --name or --output"
         )
 
 

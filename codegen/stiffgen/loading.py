@@ -5,10 +5,11 @@ from __future__ import annotations
 
 import inspect
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from stiffgen.described import with_keywords
 from stiffgen.errors import (
     DescriptionWarning,
     InertiaWarning,
@@ -20,60 +21,29 @@ from stiffgen.errors import (
 )
 from stiffgen.names import CPP_NAMES
 from stiffgen.robot.assembly import assemble
-from stiffgen.robot.chain import AcceptedInertia, Chain, ChainOptions, Sensor, Tool
+from stiffgen.robot.chain import AcceptedInertia, Chain, ChainOptions
 from stiffgen.robot.description import Description, Reading
 from stiffgen.robot.files import FileError, read_regular
 from stiffgen.robot.names import find_robot, is_name
 from stiffgen.robot.reader import read_description
 from stiffgen.robot.selection import select
 from stiffgen.symbolic.kernels import RESERVED_NAMES
-from stiffgen.symbolic.potentials import Potential, SpringOptions
+from stiffgen.symbolic.potentials import ALL, KernelOptions, Potential
 from stiffgen.symbolic.springs import KINDS, Placement, spring
 
 _DEFAULTS = ChainOptions()
 _MAX_SOURCE = 4 * 2**20  # of a potential's file [bytes]
 
 
-def load_chain(
-    urdf: str | Path,
-    *,
-    tip: str | Sequence[str] | None = None,
-    base: str | None = None,
-    masses: bool = True,
-    tool: Tool | None = None,
-    runtime_tool: bool = False,
-    lock: Mapping[str, float] | None = None,
-    floating_base: bool = False,
-    ignore: Sequence[str] = (),
-    accept_inertia: Sequence[str] = (),
-    arguments: Mapping[str, str] | None = None,
-    package_path: Sequence[str | Path] = (),
-    close_loops: bool = False,
-    loop: Sequence[str] = (),
-    actuated: Sequence[str] = (),
-    sensor: Sensor | None = None,
-) -> Chain:
+def read_chain(urdf: str | Path, options: ChainOptions) -> Chain:
     """Read the chain between two links of a robot's file, or the tree between a base and several tips.
+
+    With several tips, the chains to all of them share one vector q. A floating joint of the file between base and tips,
+    behind no moving joint, frees the link behind it as ``floating_base`` frees the base.
 
     Args:
         urdf: path of the robot's file (URDF, xacro template or MJCF), or the robot's name. Meshes are not needed.
-        tip: link at the end of the chain; its frame is where the wrench acts. May be left out if the robot has
-            a single leaf link. Several links: the chains to all of them, with one vector q.
-        base: link at the start of the chain, an ancestor of the tip; default: the root link.
-        masses: False leaves out all masses, and what the file says of links and joints beside the chain.
-        tool: tool mounted on the (only) tip link; the tool's frame then takes the tip's place.
-        runtime_tool: the kernels take the tool's pose (4x4, in the tip's frame) as an argument after q.
-        lock: joints to hold at a position [rad or m]; they are no coordinates.
-        floating_base: the base link is free: its pose is an argument, its body twist precedes the joints' rates. A
-            floating joint of the file between base and tips, behind no moving joint, frees the link behind it too.
-        ignore: names of unknown elements and attributes that resemble a URDF's own and are none.
-        accept_inertia: links whose impossible inertia is used, or "all"; the nearest possible one where it must be.
-        arguments: values of a xacro template's arguments, by name.
-        package_path: folders in which a template's packages are looked for first.
-        close_loops: close the loops of an MJCF file (equality connect and weld) that share a joint with the chain.
-        loop: loops to close, each "LINK:X,Y,Z=LINK:X,Y,Z": two points of two links that coincide [m].
-        actuated: joints of closed loops that have a motor (default: those with an actuator in an MJCF file).
-        sensor: force-torque sensor that moves rigidly with a tip.
+        options: record of options.
 
     Returns:
         The chain; q holds its moving joints from base to tip, a mimic joint following its master's entry. Joints off
@@ -91,19 +61,9 @@ def load_chain(
         LoopWarning: the file has constraints that close loops, which all functions leave out (``close_loops``).
 
     """
-    reading = Reading(arguments or {}, tuple(package_path), tuple(ignore), tuple(accept_inertia))
-    loops = (close_loops, tuple(loop), tuple(actuated), sensor)
-    return read_chain(urdf, ChainOptions(tip, base, masses, tool, runtime_tool, lock, floating_base, reading, *loops))
-
-
-def read_chain(urdf: str | Path, options: ChainOptions) -> Chain:
-    """Read a chain as :func:`load_chain` does, with all options in one record.
-
-    The warning names the line that called the caller.
-    """
-    description = describe(urdf, options.reading)
+    description = describe(urdf, options)
     selection = select(description, options)
-    if selection.beside:
+    if selection.beside:  # a warning names the line that called the caller
         warnings.warn(DescriptionWarning(description.file, selection.beside), stacklevel=3)
     moving = {each.name for each in (*selection.moving, *selection.side)}
     if forces := {name: force for name, force in description.forces_at_rest.items() if name in moving}:
@@ -114,6 +74,9 @@ def read_chain(urdf: str | Path, options: ChainOptions) -> Chain:
     if chain.accepted:
         warnings.warn(InertiaWarning(description.file, map(said_of, chain.accepted)), stacklevel=3)
     return chain
+
+
+load_chain = with_keywords("load_chain", ChainOptions, read_chain)
 
 
 def said_of(inertia: AcceptedInertia) -> str:
@@ -202,27 +165,26 @@ def sealed_potential(record: Mapping[str, Any]) -> Potential:
     return Potential(refuse, record["file"], record["source"], is_sealed=True)
 
 
-def springs_of_manifest(content: dict[str, Any], trust_potentials: bool) -> SpringOptions:
+def springs_of_manifest(content: dict[str, Any], trust_potentials: bool) -> KernelOptions:
     """Return the springs of a robot's folder; a folder without a record has the default spring.
 
     The source of potentials is run only if ``trust_potentials`` is True.
     """
     recorded = content.get("springs")
     if recorded is None:
-        return SpringOptions()
-    derivatives = bool(content.get("derivatives", False))
+        return KernelOptions()
     names = {spring(kind).name: kind for kind in KINDS}
     x, y, z = map(float, recorded["centre"])
-    return SpringOptions(
-        tuple(names[name] for name in recorded["kinds"] if name in names),
-        Placement(recorded["translation_axes"], recorded["rotation_axes"], (x, y, z)),
-        tuple(
+    return KernelOptions(
+        springs=tuple(names[name] for name in recorded["kinds"] if name in names),
+        placement=Placement(recorded["translation_axes"], recorded["rotation_axes"], (x, y, z)),
+        potentials=tuple(
             potential_of_source(each["source"], each["file"], each["function"])
             if trust_potentials
             else sealed_potential(each)
             for each in recorded["potentials"]
         ),
-        derivatives,
-        tuple(recorded.get("groups", ())),
-        recorded.get("batches", True),
+        derivatives=bool(content.get("derivatives", False)),
+        kernels=tuple(recorded.get("groups", (ALL,))),
+        batches=recorded.get("batches", True),
     )

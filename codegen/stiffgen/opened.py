@@ -21,7 +21,7 @@ from stiffgen.lower.scalar import DOUBLE, Scalar
 from stiffgen.names import checked_identifier
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import PACKED, Kernel, chain_kernels
-from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.potentials import KernelOptions
 
 
 @dataclass(frozen=True, repr=False)
@@ -35,7 +35,7 @@ class GeneratedRobot:
     folder: Path
     name: str
     chain: Chain
-    springs: SpringOptions
+    springs: KernelOptions
     manifest: Mapping[str, Any]
     scalar: Scalar
 

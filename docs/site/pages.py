@@ -22,7 +22,7 @@ from stiffgen.play.page import write_page
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
-from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.potentials import KernelOptions
 from stiffgen.symbolic.springs import KINDS
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -101,7 +101,7 @@ def function(kernel: Kernel, chain: Chain) -> str:
 def functions() -> str:
     """Return the page of functions: the kernel table of a robot with all springs."""
     chain = stiffgen.load_chain(ROOT / "urdf" / "iiwa14.urdf")
-    springs = SpringOptions(kinds=KINDS)
+    springs = KernelOptions(springs=KINDS)
     parts = [
         "# Functions of a robot\n\n"
         "Of the iiwa 14, with every spring that `--spring` knows; another robot has another number of joints, and its "

@@ -17,7 +17,7 @@ from xml.etree import ElementTree
 import stiffgen
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import chain_kernels
-from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.potentials import KernelOptions
 from stiffgen.verify.kernels.missing import function_of_stacks
 from stiffgen.verify.kernels.oracles import check_robot
 from stiffgen.verify.result import Check
@@ -43,7 +43,7 @@ def random_chain(folder: Path, seed: int) -> Chain:
 
 def alarms(chain: Chain, count: int, seed: int) -> list[Check]:
     """Return the comparisons of CasADi's functions that fail."""
-    options = SpringOptions()
+    options = KernelOptions()
     functions = {kernel.qualified_name: function_of_stacks(chain, kernel) for kernel in chain_kernels(chain, options)}
     return [check for check in check_robot(functions, chain, count, seed, options) if not check.passed]
 

@@ -101,8 +101,7 @@ def main(count: int = 1000, workers: int = multiprocessing.cpu_count(), *subject
         for robot in digits.ROBOTS:
             urdf = digits.urdf_of(robot, Path(folder))
             if f"{robot}, compiled" in subjects:
-                options = stiffgen.SpringOptions(KINDS)
-                stiffgen.generate(urdf, output=folder, name=robot.replace(" ", "_"), springs=options)
+                stiffgen.generate(urdf, output=folder, name=robot.replace(" ", "_"), springs=KINDS)
         with multiprocessing.Pool(workers) as pool:
             todo = list(tasks(subjects, count, folder))
             for done, (subject, part) in enumerate(pool.imap_unordered(run, todo), start=1):

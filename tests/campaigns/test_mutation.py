@@ -19,7 +19,7 @@ from stiffgen.options import GenerationOptions
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.model import casadi_function
-from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.potentials import KernelOptions
 from stiffgen.symbolic.springs import KINDS, Placement
 from stiffgen.symbolic.springs import spring as spring_of_kind
 from stiffgen.verify.kernels.oracles import oracles_of
@@ -311,7 +311,7 @@ def turned_states(library, chain, kind):
 @pytest.mark.parametrize("kind", KINDS[1:])
 def test_no_sign_in_the_other_springs_can_be_wrong(kind, chain, tmp_path):
     """Every sign of the bodies of the springs that are not the default one, single calls, against 60 digits."""
-    texts = merged(render(chain, "robot", GenerationOptions(springs=SpringOptions((kind,)))), "robot")
+    texts = merged(render(chain, "robot", GenerationOptions(springs=(kind,))), "robot")
     group = spring_of_kind(kind).name
     bodies = {f"robot_{group}_{name}": name for name in SPRING_KERNELS}
     texts["robot.c"], places = with_switches(texts["robot.c"], bodies.__contains__)
@@ -387,11 +387,11 @@ def test_no_sign_in_a_vector_jacobian_product_can_be_wrong(types, floating, chos
     """
     (tmp_path / "skew.urdf").write_text(chain_urdf(types).replace('"0 0 1"', '"0.48 0.6 0.64"'))
     chain = stiffgen.load_chain(tmp_path / "skew.urdf", floating_base=floating)
-    options = SpringOptions(derivatives=True)
+    options = KernelOptions(derivatives=True)
     table = {kernel.qualified_name: kernel for kernel in chain_kernels(chain, options)}
     products = {name: kernel for name, kernel in table.items() if name in (chosen or table) and name.endswith("_vjp")}
     bodies = {f"robot_{name}": name for name in products} | {f"{name}_lanes": name for name in products}
-    texts = merged(render(chain, "robot", GenerationOptions(springs=options)), "robot")
+    texts = merged(render(chain, "robot", GenerationOptions(**vars(options))), "robot")
     bodies |= shared_by(texts["robot.c"], bodies)
     texts["robot.c"], places = with_switches(texts["robot.c"], bodies.__contains__, SIGN_OR_FIRST)
     library = compiled_with_switches(texts, tmp_path)

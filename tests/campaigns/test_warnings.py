@@ -10,7 +10,6 @@ import pytest
 import stiffgen
 from stiffgen.emit.render import render
 from stiffgen.options import GenerationOptions
-from stiffgen.symbolic.potentials import SpringOptions
 from support.chains import chain_urdf
 from support.project import require_compiler
 from support.warnings import LEVELS, complaints, sources_of_random_robot, sources_of_varied_robot
@@ -49,7 +48,7 @@ def test_derivatives_of_a_floating_base_without_masses_compile_without_a_warning
     assert count > 0
     urdf.write_text(text)
     chain = stiffgen.load_chain(urdf, floating_base=True)
-    options = GenerationOptions(springs=SpringOptions(derivatives=True), controller=False, python=False)
+    options = GenerationOptions(derivatives=True, controller=False, python=False)
     texts = render(chain, "light", options)
     for file, text in texts.items():
         if file.endswith((".c", ".h")):

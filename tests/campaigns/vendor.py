@@ -75,7 +75,7 @@ def check(folder: Path, record: dict[str, Any], most_tips: int, scratch: Path) -
     others = tuple(folder / each for each in record["packages"] if not own.is_relative_to(each))
     entry = Entry(" ".join([record["file"], *(f"{name}:={value}" for name, value in arguments.items())]))
     try:
-        description = describe(path, Reading(arguments, others))
+        description = describe(path, Reading(arguments=arguments, package_path=others))
     except StiffgenError as error:
         entry.refused.append(" ".join(str(error).split()))
         return entry

@@ -12,7 +12,7 @@ import numpy as np
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
-from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.potentials import KernelOptions
 from support.c_program import STRICT
 from support.controller_library import compile_c
 from support.project import require_compiler
@@ -38,7 +38,7 @@ class HostCuda:
         compiler: str = "g++",
         level: str = "-O1",
         number: type[np.floating[Any]] = np.float64,
-        options: SpringOptions | None = None,
+        options: KernelOptions | None = None,
     ) -> None:
         flags = [
             "-x",

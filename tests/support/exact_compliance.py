@@ -14,13 +14,13 @@ import numpy as np
 
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import chain_kernels
-from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.potentials import KernelOptions
 from stiffgen.verify.kernels.missing import function_of_stacks
 from stiffgen.verify.kernels.samples import Samples
 from support.exact_kernels import ExactRobot, loaded, matrix, symmetric
 from support.exact_tree import as_array, mp
 
-FAMILY = SpringOptions(groups=("compliance",))
+FAMILY = KernelOptions(kernels=("compliance",))
 Array = np.ndarray[Any, Any]
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import stiffgen
 from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.model import casadi_function
-from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.potentials import KernelOptions
 from stiffgen.symbolic.springs import AXES, KINDS, Placement, derivatives, spring
 from support.chains import chain_urdf
 from support.exact_springs import Energies, Jet, Kinematics, exact, floats, moved, orthonormal, rotation
@@ -146,7 +146,11 @@ def by_casadi(chain: stiffgen.Chain) -> Evaluated:
 
     def kernels(kind: str, placement: Placement) -> dict[str, Callable[..., np.ndarray]]:
         chosen = spring(kind, placement)
-        table = [k for k in chain_kernels(chain, SpringOptions((kind,), placement)) if k.group == chosen.name]
+        table = [
+            k
+            for k in chain_kernels(chain, KernelOptions(springs=(kind,), placement=placement))
+            if k.group == chosen.name
+        ]
         functions = {k.name: casadi_function(chain, k) for k in table if k.name in RESULTS}
         return {name: lambda *given, f=f: in_stacks(f, *given)[0] for name, f in functions.items()}
 

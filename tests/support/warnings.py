@@ -13,7 +13,7 @@ from stiffgen.emit.manifest import MANIFEST
 from stiffgen.emit.render import render
 from stiffgen.errors import ChainError
 from stiffgen.options import GenerationOptions
-from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.potentials import KernelOptions
 from stiffgen.symbolic.springs import KINDS
 from support.c_program import STRICT
 from support.random_urdf import Plain, random_robot
@@ -28,7 +28,7 @@ VECTORS: tuple[tuple[str, ...], ...] = (
 
 
 def sources_of_random_robot(
-    seed: int, most_moving: int, folder: Path, *, floating: bool = False, options: SpringOptions | None = None
+    seed: int, most_moving: int, folder: Path, *, floating: bool = False, options: KernelOptions | None = None
 ) -> list[Path]:
     """Write kernels and controller of a random robot; return the C files.
 
@@ -39,7 +39,7 @@ def sources_of_random_robot(
     urdf.write_text(robot.text, encoding="utf-8")
     base = None if floating else robot.base
     chain = stiffgen.load_chain(urdf, base=base, tip=robot.tip, floating_base=floating)
-    texts = render(chain, "arm", GenerationOptions(springs=options))
+    texts = render(chain, "arm", GenerationOptions(**vars(options)))
     for file, text in texts.items():
         if file.endswith((".h", ".c")) or file == MANIFEST:
             (folder / file).parent.mkdir(exist_ok=True)
@@ -50,7 +50,7 @@ def sources_of_random_robot(
 def sources_of_varied_robot(seed: int, most_moving: int, folder: Path) -> tuple[str, list[Path]]:
     """Write a robot whose options depend on the seed; return the name of the options and the C files."""
     kind = ("plain", "derivatives", "plain", "springs", "plain", "floating")[seed % 6]
-    options = SpringOptions(kinds=tuple(KINDS) if kind == "springs" else (), derivatives=kind == "derivatives")
+    options = KernelOptions(springs=tuple(KINDS) if kind == "springs" else (), derivatives=kind == "derivatives")
     try:
         return kind, sources_of_random_robot(seed, most_moving, folder, floating=kind == "floating", options=options)
     except ChainError:

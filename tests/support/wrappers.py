@@ -16,14 +16,12 @@ import pytest
 
 import stiffgen
 from stiffgen.opened import GeneratedRobot, open_robot
-from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.verify.kernels.samples import argument_samples
 from stiffgen.verify.result import as_results
 from support.chains import chain_urdf
 from support.exact_tree import tree_urdf
 
 Array = npt.NDArray[np.float64]
-DERIVATIVES = SpringOptions(derivatives=True)
 
 
 def small_robot(output: Path, types: str = "rpm") -> GeneratedRobot:
@@ -32,14 +30,14 @@ def small_robot(output: Path, types: str = "rpm") -> GeneratedRobot:
     urdf.write_text(chain_urdf(types))
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("CFLAGS", "-O0")  # compiles in a third of the time
-        return open_robot(stiffgen.generate(urdf, output=output, name="arm", springs=DERIVATIVES))
+        return open_robot(stiffgen.generate(urdf, output=output, name="arm", derivatives=True))
 
 
 def floating_robot(output: Path) -> GeneratedRobot:
     """Generate a robot with four joints and two tips on a floating base, with derivatives."""
     urdf = output / "tree.urdf"
     urdf.write_text(tree_urdf(3, joints=4))
-    options: dict[str, Any] = {"tip": ["left", "right"], "floating_base": True, "springs": DERIVATIVES}
+    options: dict[str, Any] = {"tip": ["left", "right"], "floating_base": True, "derivatives": True}
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("CFLAGS", "-O0")
         return open_robot(stiffgen.generate(urdf, output=output, name="walker", **options))

@@ -34,6 +34,7 @@ from stiffgen.analyze.recording import (
     Partition,
     Recording,
     RecordingRequest,
+    chosen_names,
     extra,
     open_recording,
     read_blocks,
@@ -143,14 +144,11 @@ def _request(options: AnalysisOptions, chain: Chain) -> RecordingRequest:
     """Return the columns and topics to read."""
     return RecordingRequest(
         joints=tuple(coordinate.name for coordinate in chain.coordinates),
-        q=tuple(options.q_columns) if options.q_columns is not None else None,
-        wrench=tuple(options.wrench_columns) if options.wrench_columns is not None else None,
+        q=chosen_names(options.q),
+        wrench=chosen_names(options.wrench),
         time=options.time_column,
-        q_topic=options.q_topic,
-        wrench_topic=options.wrench_topic,
+        topics=tuple(options.topics),
         tolerance=options.tolerance,
-        q_prefix=options.q,
-        wrench_prefix=options.wrench,
     )
 
 
@@ -222,7 +220,7 @@ def _chain(robot: Path) -> Chain:
     if chain.runtime_tool:
         raise RecordingError(
             f"{robot}: its functions take the tool's pose at run time, which a recording does not have; "
-            "generate the robot with the tool fixed (--tool-xyz, --tool-rpy)"
+            "generate the robot with the tool fixed (--tool xyz, --tool rpy)"
         )
     return chain
 

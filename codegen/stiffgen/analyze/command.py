@@ -19,11 +19,11 @@ from stiffgen.analyze.analysis import SUMMARY, analyze, checked_stiffness, read_
 from stiffgen.analyze.options import GROUPS, AnalysisOptions
 from stiffgen.analyze.report import TABLE_HEAD, statements, table_rows
 from stiffgen.analyze.report import warnings as recording_warnings
-from stiffgen.cli.arguments import add_option
 from stiffgen.cli.console import TextConsole, messages
 from stiffgen.cli.parsing import Once
+from stiffgen.cli.records import add_option
+from stiffgen.described import help_of
 from stiffgen.errors import EmptyRecordingError, terminal_text
-from stiffgen.options import help_of
 
 
 def add(command: argparse.ArgumentParser) -> None:

@@ -4,16 +4,15 @@
 from __future__ import annotations
 
 import inspect
-import textwrap
 from collections.abc import Callable, Sequence
-from dataclasses import KW_ONLY, dataclass, field, fields
+from dataclasses import KW_ONLY, dataclass, field
 from functools import wraps
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 from numpy.typing import ArrayLike
 
-from stiffgen.options import described, described_in_python, help_of
+from stiffgen.described import described, meanings, option, python_option
 from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
 
 ShowProgress = Callable[[str, float], None]
@@ -30,10 +29,6 @@ GROUPS = {
     "... or PREFIX with the joints' names (wrench: fx fy fz mx my mz)",
     TOPICS: "topics are needed where there are several of their type",
 }
-
-
-def _names(text: str) -> tuple[str, ...]:
-    return tuple(name.strip() for name in text.split(","))
 
 
 def _silent(step: str, done: float) -> None:
@@ -60,99 +55,74 @@ class AnalysisOptions:
         )
     )
     _: KW_ONLY
-    representation: Representation = field(
+    representation: Representation = option(
+        "representation of wrenches and task stiffness: axes and point of reference (hybrid: base axes, moment "
+        "about the tip's origin) (default: hybrid)",
         default="hybrid",
-        metadata=described(
-            "representation of wrenches and task stiffness: axes and point of reference (hybrid: base axes, moment "
-            "about the tip's origin) (default: hybrid)",
-            choices=REPRESENTATIONS,
-        ),
+        choices=REPRESENTATIONS,
     )
-    negate_wrench: bool = field(
-        default=False, metadata=described("recorded wrenches are those that the robot applies to the environment")
+    negate_wrench: bool = option("recorded wrenches are those that the robot applies to the environment", default=False)
+    calibration: str | Path | None = option(
+        "recorded wrenches are a sensor's readings; file of 'stiffgen calibrate'", default=None, metavar="FILE"
     )
-    calibration: str | Path | None = field(
+    tip: str | None = option("tip link, for a robot with several tips", default=None, metavar="LINK")
+    q: str | Sequence[str] | None = option(
+        "joint positions [rad or m]: prefix of their columns, or names with commas (default: q_0 ...; NPZ: one "
+        "array q; MCAP: joint names, default: the robot's)",
         default=None,
-        metadata=described("recorded wrenches are a sensor's readings; file of 'stiffgen calibrate'", metavar="FILE"),
+        group=COLUMNS,
+        metavar="PREFIX|A,B,...",
     )
-    tip: str | None = field(default=None, metadata=described("tip link, for a robot with several tips", metavar="LINK"))
-    q: str | None = field(
-        default=None, metadata=described("prefix of the columns with joint positions", group=COLUMNS, metavar="PREFIX")
-    )
-    wrench: str | None = field(
-        default=None, metadata=described("prefix of the columns with the wrench", group=COLUMNS, metavar="PREFIX")
-    )
-    q_columns: Sequence[str] | None = field(
+    wrench: str | Sequence[str] | None = option(
+        "force [N], then moment [N m]: prefix of their columns, or six names with commas (default: wrench_0 ...; "
+        "NPZ: one array wrench)",
         default=None,
-        metadata=described(
-            "columns with joint positions [rad or m] (default: q_0 ...; NPZ: one array q; MCAP: joint names, "
-            "default: the robot's)",
-            group=COLUMNS,
-            type=_names,
-            metavar="A,B,...",
-        ),
+        group=COLUMNS,
+        metavar="PREFIX|FX,...",
     )
-    wrench_columns: Sequence[str] | None = field(
+    time_column: str | None = option(
+        "column with time [s], '' for none (default: time, if there is one)",
         default=None,
-        metadata=described(
-            "six columns, force [N], then moment [N m] (default: wrench_0 ...; NPZ: one array wrench)",
-            group=COLUMNS,
-            type=_names,
-            metavar="FX,...",
-        ),
+        group=COLUMNS,
+        metavar="NAME",
     )
-    time_column: str | None = field(
-        default=None,
-        metadata=described(
-            "column with time [s], '' for none (default: time, if there is one)", group=COLUMNS, metavar="NAME"
-        ),
+    topics: Sequence[str] = option(
+        "topic to read where several have the type sensor_msgs/msg/JointState or geometry_msgs/msg/WrenchStamped; "
+        "repeatable",
+        default=(),
+        flag="--topic",
+        group=TOPICS,
+        metavar="TOPIC",
+        action="append",
     )
-    q_topic: str | None = field(
-        default=None,
-        metadata=described("topic of the joint positions, sensor_msgs/msg/JointState", group=TOPICS, metavar="TOPIC"),
-    )
-    wrench_topic: str | None = field(
-        default=None,
-        metadata=described("topic of the wrenches, geometry_msgs/msg/WrenchStamped", group=TOPICS, metavar="TOPIC"),
-    )
-    tolerance: float = field(
+    tolerance: float = option(
+        "largest time from joint positions to their wrench [s] (default: 0.01)",
         default=0.01,
-        metadata=described(
-            "largest time from joint positions to their wrench [s] (default: 0.01)",
-            group=TOPICS,
-            type=float,
-            metavar="S",
-        ),
+        group=TOPICS,
+        type=float,
+        metavar="S",
     )
-    output: str | Path | None = field(
-        default=None,
-        metadata=described("folder to write (default: analysis/NAME, with the recording's name)", metavar="DIR"),
+    output: str | Path | None = option(
+        "folder to write (default: analysis/NAME, with the recording's name)", default=None, metavar="DIR"
     )
-    figures: bool = field(
+    figures: bool = option(
+        "write figures and report.html (default: True)",
         default=True,
-        metadata=described(
-            "write figures and report.html (default: True)", "write summary.json only, without figures and report.html"
-        ),
+        negative="write summary.json only, without figures and report.html",
     )
-    export: str | None = field(
+    export: str | None = option(
+        "also write the corrected joint stiffness of each row: joint_stiffness.npz, .csv or .parquet",
         default=None,
-        metadata=described(
-            "also write the corrected joint stiffness of each row: joint_stiffness.npz, .csv or .parquet",
-            choices=EXPORTS,
-        ),
+        choices=EXPORTS,
     )
-    dask: str | None = field(
+    dask: str | None = option(
+        "address of a Dask scheduler, or 'local' for processes on this machine (they import the calling "
+        "script, which must guard its calls by if __name__ == '__main__')",
         default=None,
-        metadata=described(
-            "address of a Dask scheduler, or 'local' for processes on this machine (they import the calling "
-            "script, which must guard its calls by if __name__ == '__main__')",
-            metavar="ADDRESS",
-        ),
+        metavar="ADDRESS",
     )
-    block_rows: int = field(default=8192, metadata=described_in_python("rows per block"))
-    progress: ShowProgress = field(
-        default=_silent, metadata=described_in_python("called with a few words and the completed share (0 ... 1)")
-    )
+    block_rows: int = python_option("rows per block", default=8192)
+    progress: ShowProgress = python_option("called with a few words and the completed share (0 ... 1)", default=_silent)
 
 
 def taking(record: Callable[_Fields, _Record]) -> Callable[[Callable[[_Record], _Result]], Callable[_Fields, _Result]]:
@@ -180,8 +150,4 @@ def taking(record: Callable[_Fields, _Record]) -> Callable[[Callable[[_Record], 
 def _with_fields(text: str | None, record: Any) -> str | None:
     if text is None:  # python -OO
         return None
-    lines = []
-    for each in fields(record):
-        meaning = help_of(each).meaning
-        lines += textwrap.wrap(f"{each.name}: {meaning}.", 108, initial_indent=8 * " ", subsequent_indent=12 * " ")
-    return text.replace("{arguments}", "\n".join(["Args:", *lines]))
+    return text.replace("{arguments}", "\n".join(["Args:", *meanings(record)]))

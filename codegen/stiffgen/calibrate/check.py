@@ -54,11 +54,11 @@ class WeightCheck:
         mean, wanted = self.measured[:, :3].mean(axis=0), self.expected[:, :3].mean(axis=0)
         down = float(mean @ wanted) / self.weight**2
         if self.force_errors.max() <= _SHARE:
-            lines.append("the moment alone is wrong: look at --sensor-xyz, the tip's link, and the point of the weight")
+            lines.append("the moment alone is wrong: look at --sensor xyz, the tip's link, and the point of the weight")
         elif down < -0.5:
-            lines.append("the force points up: look at --sensor-sign")
+            lines.append("the force points up: look at --sensor sign")
         elif float(np.linalg.norm(mean)) < 0.5 * self.weight or down < 0.8:
-            lines.append("the force does not point down at all poses: look at --sensor-rpy and the joints' order")
+            lines.append("the force does not point down at all poses: look at --sensor rpy and the joints' order")
         else:
             lines.append("the force has the wrong size: look at the payload, the bias and the sensor's scale")
         return lines

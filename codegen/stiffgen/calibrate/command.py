@@ -27,44 +27,74 @@ def add(command: argparse.ArgumentParser) -> None:
     command.add_argument("log", type=Path, metavar="LOG", help="recording of joint positions and the sensor's readings")
     command.add_argument("--robot", type=Path, metavar="DIR", required=True, help="robot's folder, with a sensor")
     command.add_argument(
-        "--output", type=Path, metavar="FILE", default=Path("calibration.json"),
-        help="file with the calibration (default: calibration.json)",
-    )  # fmt: skip
-    command.add_argument("--q", metavar="PREFIX", help="prefix of the columns with joint positions")
-    command.add_argument(
-        "--reading", metavar="PREFIX", help="prefix of the columns with the readings (default: wrench_)"
+        "--output",
+        type=Path,
+        metavar="FILE",
+        action="append",
+        default=[],
+        help="file with the calibration (default: calibration.json); FILE.svg: draw the residuals; repeatable",
     )
-    command.add_argument("--picture", type=Path, metavar="FILE.svg", help="draw the residuals of the poses")
+    command.add_argument(
+        "--q", metavar="PREFIX|A,B,...", help="joint positions: prefix of their columns, or names with commas"
+    )
+    command.add_argument(
+        "--reading",
+        metavar="PREFIX|FX,...",
+        help="readings: prefix of their columns, or six names with commas (default: wrench_)",
+    )
     check = command.add_argument_group("check", "compare with a weight that hangs at the tip; writes nothing")
-    check.add_argument("--check", type=float, metavar="KG", help="mass of the weight [kg]; reads --output")
     check.add_argument(
-        "--at", type=float, nargs=3, metavar=("X", "Y", "Z"), default=(0.0, 0.0, 0.0),
-        help="point of the weight in the tip [m] (default: its origin)",
-    )  # fmt: skip
+        "--check",
+        type=_weight,
+        metavar="KG[,X,Y,Z]",
+        help="mass of the weight [kg], and its point in the tip [m] (default: the origin); reads --output",
+    )
     command.set_defaults(run=run)
+
+
+def _weight(text: str) -> tuple[float, ...]:
+    """Return the mass of a weight and its point."""
+    try:
+        numbers = tuple(map(float, text.split(",")))
+    except ValueError:
+        numbers = ()
+    if len(numbers) not in (1, 4):
+        raise argparse.ArgumentTypeError(f"'{text}' is not KG or KG,X,Y,Z")
+    return (*numbers, 0.0, 0.0, 0.0)[:4]
+
+
+def _files(chosen: list[Path]) -> tuple[Path, Path | None]:
+    """Return the files of the calibration and of the picture, None without one."""
+    pictures = [file for file in chosen if file.suffix == ".svg"]
+    others = [file for file in chosen if file.suffix != ".svg"]
+    for files in (pictures, others):
+        if len(files) > 1:
+            raise OutputError(f"--output {files[1]}: {files[0]} has the same content; give one of the two")
+    return others[0] if others else Path("calibration.json"), pictures[0] if pictures else None
 
 
 def run(options: argparse.Namespace) -> int:
     """Calibrate, or check with a weight; return 1 if the check fails."""
     robot = open_robot(options.robot)
     robot.require_doubles("'stiffgen calibrate'")
+    file, picture = _files(options.output)
     sensor = sensor_functions(robot)
-    poses = standing(*read_rows(options.log, robot.chain, q_prefix=options.q, wrench_prefix=options.reading))
+    poses = standing(*read_rows(options.log, robot.chain, options.q, options.reading))
     if options.check is not None:
-        return _check(robot, sensor, poses, options)
+        return _check(robot, sensor, poses, file, options.check)
     assert robot.chain.sensor is not None
     found = estimate(sensor, poses, robot=robot.name, place=robot.chain.sensor.text)
-    texts = {options.output: found.calibration.to_json()}
-    if options.picture is not None:
-        texts[options.picture] = residual_picture(poses, found)
+    texts = {file: found.calibration.to_json()}
+    if picture is not None:
+        texts[picture] = residual_picture(poses, found)
     try:
-        for file, text in texts.items():
-            file.write_text(text, encoding="utf-8")
+        for target, text in texts.items():
+            target.write_text(text, encoding="utf-8")
     except OSError as error:
         raise OutputError(f"{error.filename}: cannot be written ({error.strerror})") from error
     _print(found.calibration)
     _print_further(robot, sensor, poses, found)
-    print(terminal_text(str(options.output)))
+    print(terminal_text(str(file)))
     return 0
 
 
@@ -91,18 +121,17 @@ def _print_further(robot: GeneratedRobot, sensor: Any, poses: StandingPoses, fou
         print(f"one more pose at q = ({posture}) would narrow the widest interval of the first moment to {factor:.0%}")
 
 
-def _check(robot: GeneratedRobot, sensor: Any, poses: StandingPoses, options: argparse.Namespace) -> int:
-    calibration = read_calibration(options.output)
+def _check(robot: GeneratedRobot, sensor: Any, poses: StandingPoses, file: Path, weight: tuple[float, ...]) -> int:
+    calibration = read_calibration(file)
     mounted = robot.chain.sensor
     assert mounted is not None
     if calibration.sensor != mounted.text:
         raise RecordingError(
-            f"{options.output}: is the calibration of another sensor ({calibration.sensor}); the robot has "
-            f"{mounted.text}"
+            f"{file}: is the calibration of another sensor ({calibration.sensor}); the robot has {mounted.text}"
         )
     tip = robot.chain.tips[mounted.tip].name
     pose = (getattr(robot.module, tip) if tip else robot.module).forward_kinematics
-    found = check_weight(sensor, pose, poses, calibration, options.check, options.at, mounted.option.gravity)
+    found = check_weight(sensor, pose, poses, calibration, weight[0], weight[1:], mounted.option.gravity)
     print("\n".join(found.findings()))
     print("passed" if found.passed else "FAILED")
     return 0 if found.passed else 1

@@ -166,7 +166,7 @@ def _excitation(A: FloatArray, common: FloatArray) -> float:
 def _refuse_sign(force: Fit) -> None:
     raise RecordingError(
         f"the mass would be {force.values[0]:.3g} kg +- {force.interval()[0]:.2g} kg: the sensor reports the wrench of "
-        "the other body; generate the robot with the other --sensor-sign"
+        "the other body; generate the robot with the other --sensor sign"
     )
 
 
@@ -204,7 +204,7 @@ def _rotation(gravity: FloatArray, forces: FloatArray, force: Fit, common: Float
         degrees = ", ".join(f"{each:.1f}" for each in np.degrees(rotation))
         raise RecordingError(
             f"the forces fit a sensor that is turned by the rotation vector ({degrees}) deg against its frame: "
-            "generate the robot with another --sensor-rpy"
+            "generate the robot with another --sensor rpy"
         )
     return rotation, np.minimum(interval, np.pi)
 

@@ -22,7 +22,7 @@ def residual_picture(poses: StandingPoses, found: Estimate) -> str:
         pyplot: Any = import_module("matplotlib.figure")
     except ImportError as error:
         raise MissingExtraError(
-            "--picture needs matplotlib, which is not installed; pip install 'stiffgen[analyze]'"
+            "the picture (--output FILE.svg) needs matplotlib, which is not installed; pip install 'stiffgen[analyze]'"
         ) from error
     style: Any = import_module("stiffgen.style")
     has_time = bool(poses.time.any())

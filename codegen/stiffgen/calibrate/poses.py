@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -37,10 +36,12 @@ class StandingPoses:
         return len(self.q)
 
 
-def read_rows(log: str | Path, chain: Chain, **columns: Any) -> tuple[FloatArray, FloatArray, FloatArray | None]:
+def read_rows(
+    log: str | Path, chain: Chain, q: str | None = None, reading: str | None = None
+) -> tuple[FloatArray, FloatArray, FloatArray | None]:
     """Return joint positions, readings and time (None without) of all rows without a missing number.
 
-    ``columns`` are fields of ``RecordingRequest``.
+    ``q`` and ``reading`` are prefixes of columns, or their names with commas; None for the default names.
 
     Raises:
         RecordingError: the recording cannot be read, or the reader of recordings has been taken out.
@@ -49,7 +50,11 @@ def read_rows(log: str | Path, chain: Chain, **columns: Any) -> tuple[FloatArray
     recording = optional("analyze.recording")
     if recording is None:
         raise RecordingError("calibrate reads recordings with the package's folder analyze/, which is not there")
-    request = recording.RecordingRequest(tuple(each.name for each in chain.coordinates), **columns)
+    request = recording.RecordingRequest(
+        tuple(each.name for each in chain.coordinates),
+        q=recording.chosen_names(q),
+        wrench=recording.chosen_names(reading),
+    )
     opened = recording.open_recording(log, request)
     blocks = [block.values for part in opened.partitions for block in recording.read_blocks(part, 1 << 16)]
     rows = np.concatenate(blocks) if blocks else np.zeros((0, len(opened.columns.names)))

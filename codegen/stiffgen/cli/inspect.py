@@ -10,13 +10,14 @@ from collections.abc import Iterator
 from rich.markup import escape
 from rich.table import Table
 
-from stiffgen.cli.arguments import add_reading, add_robot, reading_of, source_of
+from stiffgen.cli.arguments import add_robot, source_of
 from stiffgen.cli.console import print_table, table, tables
+from stiffgen.cli.records import add_options, group_of, values_of
 from stiffgen.errors import DescriptionError, StiffgenError, listed, printable, terminal_text
 from stiffgen.loading import chain_between, describe
 from stiffgen.robot.chain import ChainOptions
 from stiffgen.robot.couplings import Couplings
-from stiffgen.robot.description import Description, JointElement
+from stiffgen.robot.description import Description, JointElement, Reading
 from stiffgen.robot.plausibility import doubts
 from stiffgen.robot.survey import TipSurvey, missing_limits, narrowed_limits, survey_tip
 
@@ -27,16 +28,17 @@ _MOST_TIPS, _MOST_DOUBTED, _LONGEST = 100, 3, 200
 def add(command: argparse.ArgumentParser) -> None:
     """Add the arguments."""
     add_robot(command)
-    command.add_argument("--tip", metavar="LINK", help="show the chain to this link (default: to every leaf link)")
-    command.add_argument("--base", metavar="LINK", help="first link (default: the one nearest the root)")
-    add_reading(command)
+    add_options(command, Reading)
+    group_of(command, "frames").add_argument(
+        "--tip", metavar="LINK", help="show the chain to this link (default: to every leaf link)"
+    )
     command.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
     """Show a robot's file; return 1 if it has problems."""
     try:
-        description = describe(source_of(options), reading_of(options))
+        description = describe(source_of(options), Reading(**values_of(options, Reading)))
     except DescriptionError as error:
         raise StiffgenError(error.full) from error  # all problems, where other commands show the first ones
     console = tables()
@@ -50,7 +52,7 @@ def run(options: argparse.Namespace) -> int:
         console.print(_parameters(description), markup=False)
     print_table(console, _joint_table(description))
     tips = description.leaves if options.tip is None else [options.tip]
-    surveys = [survey_tip(description, tip, options.base) for tip in tips[:_MOST_TIPS]]
+    surveys = [survey_tip(description, tip) for tip in tips[:_MOST_TIPS]]
     console.print()
     print_table(console, _tip_table(surveys, names=20 if options.tip else 4))
     if len(tips) > _MOST_TIPS:

@@ -79,7 +79,7 @@ class Parser(argparse.ArgumentParser):
         rest = [word for word in words if not _ASSIGNMENT.fullmatch(word)]
         options, unknown = super().parse_known_args(rest, namespace)
         options.arguments = dict(found)
-        if (options.urdf is None) == (options.robot is None):
+        if "robot" in options and (options.urdf is None) == (options.robot is None):
             self.error("give a robot's FILE or --robot NAME, one of the two")
         return options, unknown
 

@@ -28,7 +28,7 @@ from stiffgen.names import comment
 from stiffgen.options import GenerationOptions
 from stiffgen.robot.chain import Chain
 from stiffgen.rooms import optional
-from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.potentials import KernelOptions
 
 _CONTROLLER = optional("controller.page")
 """Tables of the controller, which may have been taken out."""
@@ -66,12 +66,12 @@ class Request:
         )
 
     @cached_property
-    def springs(self) -> SpringOptions:
+    def springs(self) -> KernelOptions:
         """Springs and groups of functions; the controller's functions are among the groups where it is there."""
-        springs, groups = self.options.springs or SpringOptions(), self.options.groups
+        groups = self.options.groups
         if groups and _CONTROLLER and self.has_controller:
-            groups = tuple(dict.fromkeys((*groups, *_CONTROLLER.called_kernels(self.chain, springs.kinds))))
-        return replace(springs, groups=groups, batches=self.options.batches)
+            groups = tuple(dict.fromkeys((*groups, *_CONTROLLER.called_kernels(self.chain, self.options.springs))))
+        return replace(self.options, kernels=groups)
 
     @property
     def has_widths(self) -> bool:
@@ -95,7 +95,7 @@ class Request:
     @cached_property
     def ranges(self) -> Ranges:
         """Largest arguments for which rounding bounds are stated."""
-        return self.options.ranges or Ranges()
+        return self.options.ranges
 
     @cached_property
     def bounds(self) -> dict[str, tuple[Stated, ...]]:
@@ -135,7 +135,7 @@ class Request:
         """Tables of the impedance controller; None without one."""
         if not _CONTROLLER or not self.has_controller:
             return None
-        placement, bounded = self.springs.placement, "bounded" in self.springs.kinds
+        placement, bounded = self.springs.placement, "bounded" in self.springs.springs
         page: object = _CONTROLLER.controller_page(self.name, self.chain, self.scalar, placement, bounded=bounded)
         return page
 

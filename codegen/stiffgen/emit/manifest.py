@@ -63,7 +63,7 @@ def manifest_text(request: Request, texts: Mapping[str, str]) -> str:
             },
         },
         "files": {file: hashlib.sha256(text.encode()).hexdigest() for file, text in texts.items()},
-        "springs": springs.to_manifest(),
+        "springs": springs.springs_record(),
         **({"scalar": scalar.name} if scalar != DOUBLE else {}),
         **({"derivatives": True} if springs.derivatives else {}),
         "chain": _finite({k: v for k, v in asdict(chain).items() if k not in _OPTIONAL or v}),

@@ -20,6 +20,7 @@ from typing import Any
 
 import casadi as ca
 
+from stiffgen.errors import ChainError
 from stiffgen.lower.analysis import ENLARGED, ZERO, Bound, BoundAnalysis, NoBound, added
 from stiffgen.lower.form import (
     Body,
@@ -85,6 +86,12 @@ class Ranges:
     slide: float = 10.0
     rate: float = 10.0
     gravity: float = 10.0
+
+    def __post_init__(self) -> None:
+        """Refuse bounds that are not positive numbers."""
+        for name, largest in vars(self).items():
+            if not 0 < largest < math.inf:
+                raise ChainError(f"--range {name}={largest:g}: must be a positive number")
 
     @property
     def coupling(self) -> float:

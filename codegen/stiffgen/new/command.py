@@ -6,40 +6,46 @@ from __future__ import annotations
 import argparse
 import sys
 from contextlib import ExitStack
+from dataclasses import fields
 from pathlib import Path
 
-from stiffgen.cli.arguments import add_reading, add_robot, add_tool, reading_of, source_of, tool_of
+from stiffgen.cli.arguments import add_robot, source_of
 from stiffgen.cli.console import Progress, messages, print_note
+from stiffgen.cli.records import add_options, group_of, values_of
 from stiffgen.errors import StiffgenError
 from stiffgen.new.project import new_project
 from stiffgen.new.questions import CONTROLLERS, Answers, decide
-from stiffgen.robot.description import Description
+from stiffgen.options import GenerationOptions
+from stiffgen.robot.chain import ChainOptions
+from stiffgen.robot.description import Description, Reading
 from stiffgen.symbolic.springs import KINDS
+
+_OPTIONS = ("base", "masses", "tool", "name", "build")
+"""Options that ``new`` shares with ``generate``, beside those of the reader."""
 
 
 def add(command: argparse.ArgumentParser) -> None:
     """Add the arguments."""
     add_robot(command)
-    add_reading(command)
-    command.add_argument("--tip", metavar="LINK", help="link that touches things (needed where there are several)")
-    command.add_argument("--base", metavar="LINK", help="first link of the chain (default: the root link)")
-    command.add_argument("--controller", choices=list(CONTROLLERS), help="control law of the loop (default: impedance)")
-    command.add_argument("--spring", choices=KINDS, help="spring of --controller spring (default: trace)")
-    command.add_argument(
-        "--no-masses", dest="masses", action="store_false", help="ignore masses; the simulation has rotors alone"
+    add_options(command, GenerationOptions, *(each.name for each in fields(Reading)), *_OPTIONS)
+    group_of(command, "frames").add_argument(
+        "--tip", metavar="LINK", help="link that touches things (needed where there are several)"
     )
-    command.add_argument("--name", help="prefix of C names and name of the module (default: the robot's name)")
-    command.add_argument(
-        "--output", type=Path, metavar="DIR", help="folder to write (default: NAME_control; NAME_ros2)"
+    output = group_of(command, "output")
+    output.add_argument(
+        "--controller",
+        choices=[*CONTROLLERS, *(f"spring={kind}" for kind in KINDS)],
+        help="control law of the loop (default: impedance); spring=KIND: with this spring (default: trace)",
     )
-    command.add_argument("--no-build", action="store_true", help="write the sources, compile nothing")
-    add_tool(command, "mounted on the tip link (default: none)")
-    command.set_defaults(run=run, tool=None)
+    output.add_argument("--output", type=Path, metavar="DIR", help="folder to write (default: NAME_control; NAME_ros2)")
+    command.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
     """Write a project and print its path."""
-    tool = tool_of(options)
+    chosen, (controller, _, spring) = values_of(options, ChainOptions), (options.controller or "").partition("=")
+    if chosen.get("runtime_tool"):
+        raise StiffgenError("--tool runtime: a project's loop has a fixed tool; give NAME=VALUE")
     progress = Progress(messages())
     with ExitStack() as spinner:
 
@@ -49,9 +55,9 @@ def run(options: argparse.Namespace) -> int:
                 _ask if sys.stdin is not None and sys.stdin.isatty() else None,
                 tip=options.tip,
                 base=options.base,
-                tool=tool,
-                spring=options.spring,
-                controller=options.controller,
+                tool=chosen["tool"],
+                spring=spring or None,
+                controller=controller or None,
                 masses=options.masses,
             )
             spinner.enter_context(progress.shown())
@@ -60,10 +66,10 @@ def run(options: argparse.Namespace) -> int:
         project = new_project(
             source_of(options),
             decided,
-            reading=reading_of(options),
+            reading=Reading(**values_of(options, Reading)),
             name=options.name,
             output=options.output,
-            build=not options.no_build,
+            build=options.build,
             progress=progress,
             note=print_note,
         )

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import os
 import shlex
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,6 @@ from stiffgen.robot.plausibility import doubts
 from stiffgen.robot.presets import Preset, motor_tables
 from stiffgen.robot.survey import missing_limits
 from stiffgen.rooms import optional
-from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.springs import spring
 
 FILES = {
@@ -84,7 +83,7 @@ def new_project(
     default = package_name(name) if ros2 else f"{name}_control"
     target = _free_folder(Path(default) if output is None else Path(output))
     options = _options(answers, reading, description.root)
-    chain = chain_between(description, options.chain)
+    chain = chain_between(description, options)
     _check(chain, answers)
     if ros2:
         check_robot(urdf)
@@ -119,12 +118,9 @@ def _options(answers: Answers, reading: Reading, root: str) -> GenerationOptions
         tip=answers.tip,
         base=None if answers.base == root else answers.base,
         tool=answers.tool,
-        springs=SpringOptions(() if answers.spring == "trace" else (answers.spring,)),
+        springs=() if answers.spring == "trace" else (answers.spring,),
         masses=answers.masses,
-        ignore=reading.ignored,
-        accept_inertia=reading.accepted,
-        arguments=reading.arguments,
-        package_path=reading.package_path,
+        **vars(reading),
     )
 
 
@@ -212,9 +208,9 @@ def _command(name: str, chain: Chain, answers: Answers, file: str) -> str:
     parts += [word for each in chain.accepted for word in ("--accept-inertia", each.link)]
     parts += [] if answers.spring == "trace" else ["--spring", answers.spring]
     if (tool := answers.tool) is not None:
-        for option, value in (("xyz", tool.xyz), ("rpy", tool.rpy), ("com", tool.com), ("inertia", tool.inertia)):
-            parts += [f"--tool-{option}", *map(repr, value)] if any(value) else []
-        parts += ["--tool-mass", repr(tool.mass)] if tool.mass else []
+        for part, value in vars(tool).items():
+            numbers = value if isinstance(value, Iterable) else (value,)
+            parts += ["--tool", f"{part}={','.join(map(repr, numbers))}"] if any(numbers) else []
     return " ".join(map(_quoted, parts))
 
 

@@ -81,8 +81,8 @@ def decide(
     if controller in GENERATED:
         if spring not in (None, "trace"):
             raise StiffgenError(
-                f"--spring {spring}: the impedance controller has the spring 'trace'; "
-                "choose --controller spring, or leave out --spring"
+                f"spring {spring}: the impedance controller has the spring 'trace'; "
+                f"choose --controller spring={spring}, or the spring 'trace'"
             )
         return Answers(survey.tip, base, tool, "trace", controller)
     spring = spring or _chosen(ask, f"Spring: {', '.join(KINDS)} [trace]", "trace", KINDS)

@@ -10,18 +10,20 @@ import webbrowser
 from contextlib import ExitStack
 from pathlib import Path
 
-from stiffgen.cli.arguments import add_reading, add_robot, reading_of, source_of
+from stiffgen.cli.arguments import add_robot, source_of
 from stiffgen.cli.console import Progress, messages
+from stiffgen.cli.records import add_options, values_of
 from stiffgen.folder import temporary_folder
-from stiffgen.generate import generate
+from stiffgen.generate import generate_folder
+from stiffgen.options import GenerationOptions
 from stiffgen.play.page import write_page
+from stiffgen.robot.chain import ChainOptions
 
 
 def add(command: argparse.ArgumentParser) -> None:
     """Add the arguments."""
-    add_robot(command, "folder that 'stiffgen generate' wrote, or a robot's URDF, MJCF or xacro template")
-    add_reading(command)
-    command.add_argument("--tip", metavar="LINK", help="tip link, for a robot's file (default: the only leaf)")
+    add_robot(command, "folder that 'stiffgen generate' wrote, or a robot's URDF, MJCF, xacro template or name")
+    add_options(command, ChainOptions, "tip")
     command.add_argument("--output", type=Path, metavar="FILE.html", help="file to write (default: NAME.html)")
     command.add_argument("--no-open", action="store_true", help="write the page, do not open it")
     command.set_defaults(run=run)
@@ -42,18 +44,9 @@ def run(options: argparse.Namespace) -> int:
 
 def _generated(source: Path | str, folder: Path, options: argparse.Namespace, progress: Progress) -> Path:
     """Generate the functions of a robot's file, without the controller, and return their folder."""
-    reading = reading_of(options)
-    return generate(
-        source,
-        tip=options.tip,
-        ignore=reading.ignored,
-        accept_inertia=reading.accepted,
-        arguments=reading.arguments,
-        package_path=reading.package_path,
-        output=folder,
-        controller=False,
-        build=False,
-        progress=progress,
+    chosen = values_of(options, ChainOptions)
+    return generate_folder(
+        source, GenerationOptions(**chosen, output=folder, controller=False, build=False, progress=progress)
     )
 
 

@@ -83,7 +83,7 @@ def _assembled(
         tool=tool,
         locked=tuple(sorted((options.lock or {}).items())),
         floating=selection.floating,
-        ignored=options.reading.ignored,
+        ignored=tuple(options.ignore),
         inputs=description.inputs,
         arguments=description.arguments,
         loops=loops,
@@ -107,7 +107,7 @@ def _closed_loops(
     masters = list(selection.masters)
     loops = tuple(build_loop(loop, selection.couplings, masters, base_joints) for loop in selection.loops)
     elements = [description.joints[name] for name in masters]
-    motors = wanted_motors(description.file, loops, elements, base_joints, options.actuated)
+    motors = wanted_motors(description.file, loops, elements, base_joints, options.motors)
     linkage = Linkage(description.file, loops, coordinates, base_joints)
     loops, actuated, start = linkage.study([each.reference for each in elements], motors)
     return loops, actuated, tuple(round(float(value), 6) + 0.0 for value in start)

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
+from stiffgen.described import option, python_option, with_attributes
 from stiffgen.robot.description import Input, Reading
 from stiffgen.robot.geometry import Matrix, Vector
 
@@ -206,22 +207,76 @@ class ClosedLoop:
     option: str = ""
 
 
-@dataclass(frozen=True)
-class ChainOptions:
-    """Options that select a chain in a description, documented in :func:`stiffgen.load_chain`."""
+@dataclass(frozen=True, kw_only=True)
+class ChainOptions(Reading):
+    """Options that select a chain in a robot's file."""
 
-    tip: str | Sequence[str] | None = None
-    base: str | None = None
-    masses: bool = True
-    tool: Tool | None = None
-    runtime_tool: bool = False
-    lock: Mapping[str, float] | None = None
-    floating_base: bool = False
-    reading: Reading = field(default_factory=Reading)
-    close_loops: bool = False
-    loop: tuple[str, ...] = ()
-    actuated: tuple[str, ...] = ()
-    sensor: Sensor | None = None
+    tip: str | Sequence[str] | None = option(
+        "tip link; repeat it for several tips (default: the only leaf)",
+        default=None,
+        group="frames",
+        metavar="LINK",
+        action="append",
+    )
+    base: str | None = option(
+        "first link of the chain (default: the root link)", default=None, group="frames", metavar="LINK"
+    )
+    floating_base: bool = option(
+        "free the base: functions take its pose, its twist precedes the joint rates", default=False, group="frames"
+    )
+    lock: Mapping[str, float] | None = option(
+        "hold a joint at a position [rad or m]; repeatable",
+        default=None,
+        group="robot",
+        metavar="JOINT=VALUE",
+        action="append",
+    )
+    close_loops: bool = option(
+        "close the loops of an MJCF file: adds functions in motor coordinates", default=False, group="robot"
+    )
+    loop: Sequence[str] = option(
+        "close a loop by LINK:X,Y,Z=LINK:X,Y,Z, two points of two links that coincide [m]; repeatable",
+        default=(),
+        group="robot",
+        metavar="LINK:X,Y,Z=LINK:X,Y,Z",
+        action="append",
+    )
+    actuated: str | Sequence[str] = option(
+        "joints of closed loops with a motor, with commas (default: as in MJCF)",
+        default=(),
+        group="robot",
+        metavar="JOINTS",
+    )
+    masses: bool = option(
+        "generate the functions that need masses",
+        default=True,
+        negative="ignore masses; omit their functions",
+        group="robot",
+    )
+    tool: Tool | None = option(
+        "tool on the tip link by its properties, in the link's axes [SI units]; repeatable",
+        default=None,
+        group="tool",
+        record=Tool,
+        metavar="NAME=VALUE|runtime",
+    )
+    runtime_tool: bool = python_option("pass the tool's pose to the functions, as an argument after q", default=False)
+    sensor: Sensor | None = option(
+        "force-torque sensor: its link, rigidly connected to a tip, and properties in the link's axes [SI units]; "
+        "repeatable",
+        default=None,
+        group="tool",
+        record=Sensor,
+        metavar="LINK|NAME=VALUE",
+    )
+
+    @property
+    def motors(self) -> tuple[str, ...]:
+        """Joints of closed loops that have a motor."""
+        return tuple(self.actuated.split(",") if isinstance(self.actuated, str) else self.actuated)
+
+
+ChainOptions.__doc__ = with_attributes(ChainOptions)
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,7 @@ class Checker:
     def __init__(self, robot: etree._Element, reading: Reading = _DEFAULTS) -> None:
         self.robot = robot
         self.reading = reading
-        self.ignored: Collection[str] = reading.ignored
+        self.ignored: Collection[str] = reading.ignore
         self.version, self._version_fault = urdf_format.version_of(robot)
         self.links: dict[str, etree._Element] = {}
         self.joints: dict[str, etree._Element] = {}
@@ -85,7 +85,7 @@ class Checker:
             yield from self._link(name, element)
         self.remarks += left_out(self.joints)
         self.rotors = rotor_inertias(self.robot)
-        for name in self.reading.accepted:
+        for name in self.reading.accept_inertia:
             if name not in (*self.links, ALL_LINKS):
                 yield Problem("file", f"--accept-inertia {printable(name)}: is no link; {self._known_links}")
         yield from self._tree()

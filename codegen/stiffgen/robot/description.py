@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
+
+from stiffgen.described import option, python_option
 
 LARGEST = 1e12  # bound on lengths, angles, masses and moments of inertia; keeps every sum and product finite
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
@@ -22,26 +24,36 @@ Orientation = Vector | Quaternion
 Affects = Literal["place", "motion", "bounds", "coupling", "nothing"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Reading:
-    """Settings of the reader.
+    """Settings of the reader."""
 
-    Attributes:
-        arguments: values of a xacro template's arguments.
-        package_path: folders that hold ROS packages or are some; they are searched first, and may be read.
-        ignored: names of unknown elements and attributes that are no misspellings.
-        accepted: links whose inertia is used although no rigid body has it; "all" for every link.
-
-    """
-
-    arguments: Mapping[str, str] = field(default_factory=dict)
-    package_path: tuple[str | Path, ...] = ()
-    ignored: tuple[str, ...] = ()
-    accepted: tuple[str, ...] = ()
+    arguments: Mapping[str, str] | None = python_option("values of a xacro template's arguments, by name", default=None)
+    package_path: Sequence[str | Path] = option(
+        "folder of ROS packages that a xacro template includes; repeatable",
+        default=(),
+        group="robot",
+        metavar="DIR",
+        action="append",
+    )
+    ignore: Sequence[str] = option(
+        "unknown element or attribute that is no misspelling; repeatable",
+        default=(),
+        group="robot",
+        metavar="ELEMENT",
+        action="append",
+    )
+    accept_inertia: Sequence[str] = option(
+        "use an inertia that no rigid body has; repeatable (all: of every link)",
+        default=(),
+        group="robot",
+        metavar="LINK",
+        action="append",
+    )
 
     def accepts(self, link: str) -> bool:
         """Return whether the inertia of a link is used although no rigid body has it."""
-        return link in self.accepted or ALL_LINKS in self.accepted
+        return link in self.accept_inertia or ALL_LINKS in self.accept_inertia
 
 
 @dataclass(frozen=True)

@@ -72,7 +72,10 @@ def find_robot(name: str, reading: Reading) -> tuple[Path, Reading]:
         MissingExtraError: no package with descriptions is installed.
 
     """
-    robots = {(each.package, each.name) for each in known_robots()}
+    try:
+        robots = {(each.package, each.name) for each in known_robots()}
+    except MissingExtraError as error:
+        raise MissingExtraError(f"{printable(name)}: is no file; if it is a robot's name: {error}") from error
     copy = _copy_of_menagerie()
     if copy is not None and (_COPY, name) in robots:
         return _menagerie_file(copy / name), reading
@@ -132,7 +135,7 @@ def _downloaded(name: str, reading: Reading) -> tuple[Path, Reading]:
 
 def _with_defaults(module: Any, reading: Reading) -> Reading:
     """Return settings with the package's own arguments and packages; the user's arguments come first."""
-    arguments = dict(getattr(module, "XACRO_ARGS", {})) | dict(reading.arguments)
+    arguments = dict(getattr(module, "XACRO_ARGS", {})) | dict(reading.arguments or {})
     packages = [*reading.package_path, *getattr(module, "XACRO_PACKAGE_PATHS", {}).values()]
     return replace(reading, arguments=arguments, package_path=(*packages, Path(module.REPOSITORY_PATH)))
 

@@ -109,7 +109,7 @@ def read_description(path: str | Path, reading: Reading | None = None) -> Descri
         accepted=checker.accepted,
         parameters=expansion.parameters,
         inputs=expansion.inputs,
-        arguments=tuple(sorted(reading.arguments.items())),
+        arguments=tuple(sorted((reading.arguments or {}).items())),
     )
 
 

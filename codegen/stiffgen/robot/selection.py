@@ -351,24 +351,18 @@ def _check_tool(file: str, tool: Tool, tips: list[str]) -> None:
         raise ChainError(
             f"{file}: a tool was given for {len(tips)} tips; add its link to the URDF, or use --tool runtime"
         )
-    for option, values in (
-        ("--tool-xyz", tool.xyz),
-        ("--tool-rpy", tool.rpy),
-        ("--tool-mass", (tool.mass,)),
-        ("--tool-com", tool.com),
-        ("--tool-inertia", tool.inertia),
-    ):
-        if not all(abs(value) <= LARGEST for value in values):
-            raise ChainError(f"{file}: {option} holds a number that is not finite or beyond {LARGEST:g}")
+    for name, value in vars(tool).items():
+        if not all(abs(number) <= LARGEST for number in (value if isinstance(value, Iterable) else (value,))):
+            raise ChainError(f"{file}: --tool {name} holds a number that is not finite or beyond {LARGEST:g}")
     if tool.mass < 0:
-        raise ChainError(f"{file}: --tool-mass {tool.mass:g} kg is negative")
+        raise ChainError(f"{file}: --tool mass={tool.mass:g} is negative [kg]")
     if not physical_inertia(*tool.inertia):
         raise ChainError(
-            f"{file}: no rigid body has the inertia of --tool-inertia (principal moments must be positive and none "
+            f"{file}: no rigid body has the inertia of --tool inertia (principal moments must be positive and none "
             "above the sum of the other two)"
         )
     if tool.mass == 0 and any((*tool.com, *tool.inertia)):
-        raise ChainError(f"{file}: --tool-com or --tool-inertia without a mass; add --tool-mass")
+        raise ChainError(f"{file}: --tool com or --tool inertia without a mass; add --tool mass=KG")
 
 
 def _free_base(description: Description, base: str, tip: str, options: ChainOptions) -> tuple[str, bool]:

@@ -80,14 +80,10 @@ def _vector(values: Sequence[float]) -> tuple[float, float, float]:
 
 def _check(file: str, sensor: Sensor) -> None:
     """Raise ChainError if a number or the sign of the option is impossible."""
-    for option, values in (
-        ("--sensor-xyz", sensor.xyz),
-        ("--sensor-rpy", sensor.rpy),
-        ("gravity of the sensor", sensor.gravity),
-    ):
+    for name, values in (("xyz", sensor.xyz), ("rpy", sensor.rpy), ("gravity", sensor.gravity)):
         if len(values) != 3 or not all(abs(value) <= LARGEST for value in values):
-            raise ChainError(f"{file}: {option} must be three finite numbers up to {LARGEST:g}")
+            raise ChainError(f"{file}: --sensor {name} must be three finite numbers up to {LARGEST:g}")
     if sensor.sign not in get_args(Sign):
         raise ChainError(
-            f"{file}: --sensor-sign {printable(str(sensor.sign))} is not one of {listed(list(get_args(Sign)))}"
+            f"{file}: --sensor sign={printable(str(sensor.sign))} is not one of {listed(list(get_args(Sign)))}"
         )

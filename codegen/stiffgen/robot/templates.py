@@ -39,7 +39,7 @@ def expand(path: Path, reading: Reading) -> Expansion:
             fault = "is not a folder" if Path(folder).exists() else "does not exist"
             raise DescriptionError(path.name, [f"--package-path {printable(str(folder), 200)}: {fault}"])
     folders = [str(each) for each in reading.package_path]
-    request = {"file": file, "arguments": dict(reading.arguments), "package_path": folders}
+    request = {"file": file, "arguments": dict(reading.arguments or {}), "package_path": folders}
     answer = answer_of("expansion.py", path.name, request, "xacrodoc", "xacro", "a xacro template")
     if "error" in answer:
         raise DescriptionError(path.name, [printable(answer["error"], 600)])

@@ -29,7 +29,7 @@ from stiffgen.symbolic.families.sensor import sensor_kernels
 from stiffgen.symbolic.families.springs import spring_kernels
 from stiffgen.symbolic.families.stiffness import direction_gradient_kernel, stiffness_kernels
 from stiffgen.symbolic.kernel import PACKED, Kernel
-from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.potentials import ALL, KernelOptions
 from stiffgen.symbolic.products import products
 from stiffgen.symbolic.springs import TRACE, Spring
 
@@ -111,20 +111,18 @@ def _check_names(springs: tuple[Spring, ...]) -> None:
             )
 
 
-ALL = "all"
-"""Word of --kernels for all kernels but those on request."""
 MAX_BATCH_JOINTS = 24
 """Largest number of moving joints with batch functions, which would double a C source of nearly a megabyte."""
 
 
-def chain_kernels(chain: Chain, options: SpringOptions | None = None) -> tuple[Kernel, ...]:
+def chain_kernels(chain: Chain, options: KernelOptions | None = None) -> tuple[Kernel, ...]:
     """Return the kernels of a chain in the order of printing; ``options`` adds springs to the default.
 
     A chain without masses has no kernels of dynamics. With several tips, each tip has its own kernels, and totals add
     up the joint stiffnesses of all contacts and the springs at all tips. ``options.groups`` adds kernels on request.
     """
-    options = options or SpringOptions()
-    springs = options.springs()
+    options = options or KernelOptions()
+    springs = options.all_springs()
     _check_names(springs[len(springs) - len(options.potentials) :])
     everything = *_all_kernels(chain, springs), *motor_kernels(chain, springs), *compliance_kernels(chain)
     kernels = _select(everything, options.groups)

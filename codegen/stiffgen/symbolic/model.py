@@ -12,7 +12,7 @@ import casadi as ca
 
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
-from stiffgen.symbolic.potentials import Potential, SpringOptions
+from stiffgen.symbolic.potentials import KernelOptions, Potential
 from stiffgen.symbolic.program import as_operand, evaluate
 from stiffgen.symbolic.springs import Placement
 
@@ -67,8 +67,12 @@ class StiffnessModel:
         derivatives: bool = False,
     ) -> None:
         self.chain = chain
-        user_potentials = tuple(Potential(function) for function in potentials)
-        options = SpringOptions(tuple(springs), placement or Placement(), user_potentials, derivatives)
+        options = KernelOptions(
+            springs=springs,
+            placement=placement or Placement(),
+            potentials=tuple(map(Potential, potentials)),
+            derivatives=derivatives,
+        )
         for kernel in chain_kernels(chain, options):
             owner: object = self
             for name in kernel.path:

@@ -23,12 +23,13 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 
+from stiffgen.described import option, with_attributes
 from stiffgen.errors import PotentialError, listed, printable
 from stiffgen.names import MAX_LENGTH, identifier
 from stiffgen.symbolic.arguments import Argument
@@ -207,38 +208,71 @@ def _check_differentiable(name: str, value: ca.SX, inputs: list[ca.SX]) -> None:
         )
 
 
-@dataclass(frozen=True)
-class SpringOptions:
-    """Options that select the kernels of a robot, mostly its springs.
+ALL = "all"
+"""Word of --kernels for all kernels but those on request."""
 
-    Attributes:
-        kinds: kinds of :func:`stiffgen.symbolic.springs.spring` in addition to the default, "trace".
-        placement: axes and centre of stiffness.
-        potentials: user-defined potentials.
-        derivatives: whether every kernel has a vector-Jacobian product (:mod:`stiffgen.symbolic.adjoint`).
-        groups: kernels to generate, as groups ("hybrid") or single functions ("spring.energy"); empty for all.
-        batches: whether kernels have functions for many configurations.
 
-    """
+@dataclass(frozen=True, kw_only=True)
+class KernelOptions:
+    """Options that select the kernels of a robot."""
 
-    kinds: tuple[str, ...] = ()
-    placement: Placement = field(default_factory=Placement)
-    potentials: tuple[Potential, ...] = ()
-    derivatives: bool = False
-    groups: tuple[str, ...] = ()
-    batches: bool = True
+    springs: Sequence[str] = option(
+        "additional spring (default: trace); repeatable",
+        default=(),
+        flag="--spring",
+        group="springs",
+        choices=KINDS,
+        action="append",
+    )
+    placement: Placement = option(
+        "axes (base, tip, equilibrium) and centre (X,Y,Z [m]) of the springs; repeatable",
+        factory=Placement,
+        group="springs",
+        record=Placement,
+    )
+    potentials: Sequence[Potential] = option(
+        "your own U(p, R, parameters) of CasADi expressions; runs the file; repeatable",
+        default=(),
+        flag="--potential",
+        group="springs",
+        metavar="FILE.py:FUNCTION",
+        action="append",
+    )
+    derivatives: bool = option(
+        "generate NAME_vjp for every function: gradients in reverse mode", default=False, group="output"
+    )
+    kernels: str | Sequence[str] = option(
+        "groups or functions, separated by commas, such as hybrid,spring.energy (default: all); all,compliance adds "
+        "the tip's compliance; pose and the controller's functions are always included",
+        default=ALL,
+        group="output",
+        metavar="GROUPS",
+    )
+    batches: bool = option(
+        "generate functions for many configurations per call",
+        default=True,
+        negative="omit NAME_batch.c",
+        group="output",
+    )
 
-    def springs(self) -> tuple[Spring, ...]:
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """Groups and functions that were chosen; none for all but those on request."""
+        chosen = self.kernels.split(",") if isinstance(self.kernels, str) else self.kernels
+        names = tuple(name.strip() for name in chosen)
+        return () if set(names) == {ALL} else names
+
+    def all_springs(self) -> tuple[Spring, ...]:
         """Return all springs, the default spring first.
 
         Raises:
             PotentialError: a kind is unknown, a potential is not valid, or a name occurs twice.
 
         """
-        unknown = [kind for kind in self.kinds if kind not in KINDS]
+        unknown = [kind for kind in self.springs if kind not in KINDS]
         if unknown:
             raise PotentialError(f"there is no spring '{unknown[0]}'; springs are {listed(list(KINDS))}")
-        kinds = [kind for kind in KINDS if kind == "trace" or kind in self.kinds]
+        kinds = [kind for kind in KINDS if kind == "trace" or kind in self.springs]
         springs = [spring(kind, self.placement) for kind in kinds] + [spring_of(each) for each in self.potentials]
         names = [each.name for each in springs]
         twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
@@ -246,10 +280,10 @@ class SpringOptions:
             raise PotentialError(f"potential {twice[0]}: given twice; rename one of the two functions")
         return tuple(springs)
 
-    def to_manifest(self) -> dict[str, Any]:
+    def springs_record(self) -> dict[str, Any]:
         """Return the record that :func:`stiffgen.loading.springs_of_manifest` reads."""
         return {
-            "kinds": [each.name for each in self.springs()],
+            "kinds": [each.name for each in self.all_springs()],
             "translation_axes": self.placement.translation_axes,
             "rotation_axes": self.placement.rotation_axes,
             "centre": list(self.placement.centre),
@@ -268,3 +302,6 @@ class SpringOptions:
             **({"groups": list(self.groups)} if self.groups else {}),
             **({} if self.batches else {"batches": False}),
         }
+
+
+KernelOptions.__doc__ = with_attributes(KernelOptions)

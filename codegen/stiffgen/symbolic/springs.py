@@ -30,11 +30,13 @@ compare them with their energies. A potential of one's own is differentiated by 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
 
+from stiffgen.errors import PotentialError, listed, printable
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kinematics import Expressions, Section
@@ -154,6 +156,15 @@ class Placement:
     translation_axes: Axes | None = None
     rotation_axes: Axes = "equilibrium"
     centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        """Refuse unknown axes, and a centre that is not finite."""
+        for name in ("translation_axes", "rotation_axes"):
+            axes = getattr(self, name)
+            if axes not in AXES and (axes, name) != (None, "translation_axes"):
+                raise PotentialError(f"--placement {name}={printable(str(axes))}: axes are {listed(list(AXES))}")
+        if not all(map(math.isfinite, self.centre)):
+            raise PotentialError("--placement centre must be three finite numbers")
 
 
 def _softens(stiffness: str) -> str:

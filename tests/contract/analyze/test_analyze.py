@@ -25,8 +25,8 @@ from stiffgen.analyze.measures import stiffness_unit
 from stiffgen.analyze.options import AnalysisOptions
 from stiffgen.analyze.recording import RecordingRequest, csv_file, npz_file, open_recording
 from stiffgen.cli import main, parser
+from stiffgen.described import help_of
 from stiffgen.errors import MissingExtraError, RecordingError
-from stiffgen.options import help_of
 from stiffgen.symbolic.arguments import Q
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.verify.kernels.poses import gamma_F
@@ -87,13 +87,13 @@ def test_column_mapping(here, robot_folder, robot):
     extra = [*(names[i] for i in order), "other", "other"]
     rows = np.hstack([ROWS[:, order], ROWS[:, :2]])
     recordings.write_csv(here / "m.csv", rows, names=extra)
-    options = {"q_columns": names[1:8], "wrench_columns": names[8:], "time_column": "t"}
+    options = {"q": names[1:8], "wrench": names[8:], "time_column": "t"}
     expected = measured(robot, ROWS)["moment"].max()
     found = stiffgen.analyze("m.csv", robot_folder, K, figures=False, **options).summary
     assert found["measures"]["moment"]["most"] == expected
     assert found["time"]["last"] == ROWS[-1, 0]
     np.savez(here / "m.npz", joints=ROWS[:, 1:8], ft=ROWS[:, 8:])
-    found = stiffgen.analyze("m.npz", robot_folder, K, figures=False, q_columns=["joints"], wrench_columns=["ft"])
+    found = stiffgen.analyze("m.npz", robot_folder, K, figures=False, q="joints", wrench=["ft"])
     assert found.summary["measures"]["moment"]["most"] == expected
     assert found.summary["columns"]["q"][0] == "joints[0]"
 
@@ -303,7 +303,7 @@ def test_the_table_fits_80_columns(here, capsys, robot_folder):
 
 def test_options_of_another_format_are_refused(here, capsys, robot_folder):
     recordings.write_csv(here / "log.csv", ROWS)
-    for option in (("--q-topic", "/joints"), ("--tolerance", "0.1")):
+    for option in (("--topic", "/joints"), ("--tolerance", "0.1")):
         code, out, err = run(capsys, *command(robot_folder, "log.csv", *option))
         assert (code, out) == (2, "")
         assert "MCAP" in err

@@ -167,6 +167,14 @@ def test_mcap(here, robot, robot_folder):
     np.testing.assert_allclose(summary["time"]["last"], 1 + ROWS[-1, 0], atol=1e-9)
 
 
+def test_mcap_of_several_topics(here, robot_folder):
+    """The chosen topic is read; the topic of the other type is the only one."""
+    log = recordings.write_mcap(here / "two.mcap", ROWS[:5], JOINTS, extra_topics=("/left",))
+    for topic in ("/left", "/wrench"):
+        summary = stiffgen.analyze(log, robot_folder, K, figures=False, topics=[topic], output=here / topic[1:]).summary
+        assert f"Wrenches on {topic}:" in summary["notes"][0]
+
+
 def test_mcap_takes_the_nearest_wrench():
     """Against a search over all wrenches, with irregular stamps and late messages."""
     from stiffgen.analyze.recording.mcap_file import _matched

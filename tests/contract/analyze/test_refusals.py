@@ -18,6 +18,7 @@ def asymmetric(here):
     return ["K.csv"]
 
 
+TWICE = ["--topic", "/wrench", "--topic", "/left"]
 REFUSALS = [
     (lambda here, log: (log, {"stiffness": [1, 2, 3]}), "six numbers or a 6x6 matrix"),
     (lambda here, log: (log, {"stiffness": ["x"]}), "--task-stiffness x"),
@@ -26,14 +27,14 @@ REFUSALS = [
     (lambda here, log: (log, {"stiffness": asymmetric(here)}), "not symmetric: entry (0, 4) is 12"),
     (lambda here, log: (here / "absent.csv", {}), "is no file"),
     (lambda here, log: (here, {}), "not ''"),
-    (lambda here, log: (log, {"options": ["--q-columns", "a,b"]}), "2 names, but the robot has 7"),
-    (lambda here, log: (log, {"options": ["--q", "q_", "--q-columns", "a"]}), "prefix or the names, not both"),
+    (lambda here, log: (log, {"options": ["--q", "a,b"]}), "2 names, but the robot has 7"),
     (lambda here, log: (log, {"options": ["--wrench", "q_"]}), "needs 6 columns, q_0 ... q_5 or q_fx"),
     (lambda here, log: (log, {"options": ["--q", "wrench_"]}), "needs 7 columns"),
     (lambda here, log: (log, {"options": ["--q", "joint"]}), "the file has time, q_0"),
-    (lambda here, log: (log, {"options": ["--wrench-columns", "a,b"]}), "2 names, but a wrench has 6"),
+    (lambda here, log: (log, {"options": ["--q", "time"]}), "1 names, but the robot has 7"),
+    (lambda here, log: (log, {"options": ["--wrench", "a,b"]}), "2 names, but a wrench has 6"),
     (lambda here, log: (log, {"options": ["--time-column", "clock"]}), "no column clock; it has time, q_0"),
-    (lambda here, log: (log, {"options": ["--q-columns", "a,b,c,d,e,f,q_0"]}), "no column a, b, c, d, e, f;"),
+    (lambda here, log: (log, {"options": ["--q", "a,b,c,d,e,f,q_0"]}), "no column a, b, c, d, e, f;"),
     (lambda here, log: (log, {"options": ["--tip", "hand"]}), "--tip hand"),
     (lambda here, log: (log, {"options": ["--tolerance", "-1"]}), "--tolerance"),
     (lambda here, log: (log, {"options": ["--output", "taken"]}), "taken: exists and is not an analysis"),
@@ -54,8 +55,9 @@ REFUSALS = [
         lambda here, log: (recordings.write_mcap(here / "j.mcap", ROWS[:5], tuple("abcdefg")), {}),
         "the messages have finger, g",
     ),
-    (lambda here, log: (two_wrenches(here), {}), "choose with --wrench-topic: /left, /wrench"),
-    (lambda here, log: (two_wrenches(here), {"options": ["--q-topic", "/wrench"]}), "is no topic of type sensor_msgs"),
+    (lambda here, log: (two_wrenches(here), {}), "choose one with --topic: /left, /wrench"),
+    (lambda here, log: (two_wrenches(here), {"options": ["--topic", "/nothing"]}), "is no topic of type sensor_msgs"),
+    (lambda here, log: (two_wrenches(here), {"options": TWICE}), "choose one with --topic: /left, /wrench"),
     (lambda here, log: (cut_off(here), {}), "'mcap recover'"),
 ]
 

@@ -16,7 +16,7 @@ import pytest
 import stiffgen
 from stiffgen.controller.page import has_controller
 from stiffgen.symbolic.kernels import chain_kernels
-from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.potentials import KernelOptions
 from stiffgen.verify.kernels.samples import Samples
 from support.c_program import STRICT
 from support.project import ROOT, URDF, require_compiler
@@ -25,10 +25,7 @@ DATA = ROOT / "tests" / "data"
 ROBOTS = {
     "iiwa14": (URDF, {}),
     "dual": (DATA / "dual_arm.urdf", {"tip": ["left hand", "right-hand"]}),
-    "tooled": (
-        URDF,
-        {"runtime_tool": True, "springs": SpringOptions(derivatives=True), "sensor": stiffgen.Sensor("link_ee")},
-    ),
+    "tooled": (URDF, {"runtime_tool": True, "derivatives": True, "sensor": stiffgen.Sensor("link_ee")}),
     "solo12": (DATA / "solo12.urdf", {"floating_base": True, "tip": ["FL_FOOT", "HR_FOOT"]}),
 }
 EIGEN = Path("/usr/include/eigen3")
@@ -192,9 +189,9 @@ void controller()
 """
 
 
-def program(name: str, chain: stiffgen.Chain, springs: SpringOptions) -> str:
+def program(name: str, chain: stiffgen.Chain, options: KernelOptions) -> str:
     drawn = Samples(chain, 1, seed=3)
-    kernels = chain_kernels(chain, springs)
+    kernels = chain_kernels(chain, options)
     parts = [HEAD.format(name=name), *(block(name, chain, kernel, drawn) for kernel in kernels)]
     names = [kernel.qualified_name for kernel in kernels]
     if has_controller(chain):
@@ -225,13 +222,13 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[Path
     def make(name: str) -> tuple[Path, list[str]]:
         urdf, options = ROBOTS[name]
         folder = stiffgen.generate(urdf, name=name, output=tmp_path_factory.mktemp(name), build=False, **options)
-        chain = stiffgen.load_chain(urdf, **{key: value for key, value in options.items() if key != "springs"})
+        chain = stiffgen.load_chain(urdf, **{key: value for key, value in options.items() if key != "derivatives"})
         sources = [
             source for source in (f"{name}.c", f"{name}_batch.c", f"{name}_impedance.c") if (folder / source).exists()
         ]
         for source in sources:
             subprocess.run(["cc", "-std=c99", "-O0", "-c", source], cwd=folder, check=True)
-        (folder / "main.cpp").write_text(program(name, chain, options.get("springs", SpringOptions())))
+        (folder / "main.cpp").write_text(program(name, chain, KernelOptions(derivatives="derivatives" in options)))
         return folder, [source.replace(".c", ".o") for source in sources]
 
     return make

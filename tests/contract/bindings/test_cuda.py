@@ -22,7 +22,6 @@ from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.families.joint_potentials import JOINT_POTENTIALS
 from stiffgen.symbolic.kernels import MAX_BATCH_JOINTS, chain_kernels
 from stiffgen.symbolic.model import casadi_function, folded
-from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.verify.kernels.references import TASK_STIFFNESS, WRENCH
 from stiffgen.verify.kernels.samples import Samples, argument_samples
 from stiffgen.verify.result import as_results, relative_error
@@ -348,6 +347,5 @@ def test_nvcc_takes_mimic_joints_and_the_benchmark(tmp_path):
     urdf.write_text(chain_urdf("rprmrr"))
     arm = stiffgen.generate(urdf, output=tmp_path, name="arm", build=False, cuda=True)
     nvcc("-c", arm / "arm.cu", "-o", tmp_path / "o")
-    products = SpringOptions(derivatives=True)
-    robot = stiffgen.generate(URDF, output=tmp_path, build=False, cuda=True, springs=products)
+    robot = stiffgen.generate(URDF, output=tmp_path, build=False, cuda=True, derivatives=True)
     nvcc("-c", f"-I{robot}", ROOT / "benchmarks" / "cuda_stiffness.cu", "-o", tmp_path / "b")

@@ -15,10 +15,10 @@ from stiffgen.emit.registry import BACKENDS
 from stiffgen.emit.render import render
 from stiffgen.options import GenerationOptions
 from stiffgen.symbolic.kernels import chain_kernels
-from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.potentials import KernelOptions
 from support.small_robots import LINKAGES, TREES
 
-SPRINGS = SpringOptions(derivatives=True)
+SPRINGS = KernelOptions(derivatives=True)
 ROBOTS = {
     "closed loops": LINKAGES["two slides"],
     "two tips": TREES["two tips on one joint"],
@@ -33,7 +33,7 @@ ROBOTS = {
 def printed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
     """Return chain, kernel table and printed files of a robot."""
     chain = ROBOTS[request.param].load(tmp_path_factory.mktemp("lists"))
-    options = GenerationOptions(springs=SPRINGS, cuda=True, controller=False)
+    options = GenerationOptions(derivatives=True, cuda=True, controller=False)
     return SimpleNamespace(chain=chain, table=chain_kernels(chain, SPRINGS), files=render(chain, "r", options))
 
 

@@ -14,7 +14,7 @@ from stiffgen.emit.render import render
 from stiffgen.opened import open_robot
 from stiffgen.options import GenerationOptions
 from stiffgen.symbolic.model import casadi_function, folded
-from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.potentials import KernelOptions
 from stiffgen.verify.kernels.samples import argument_samples
 from stiffgen.verify.result import BOUND, as_results, relative_error
 from stiffgen.verify.verify import verify
@@ -23,7 +23,7 @@ from support.cuda_host import HostCuda
 from support.exact_tree import tree_urdf
 from support.generated_c import merged
 
-OPTIONS = SpringOptions(derivatives=True)
+OPTIONS = KernelOptions(derivatives=True)
 
 
 CASES = {"arm": {}, "walker": {"tip": ["left", "right"], "floating_base": True}}
@@ -78,7 +78,7 @@ def test_copies_of_entries_have_names_of_their_own(tmp_path):
     """In a matrix of eleven columns entries 1, 11 and 11, 1 are two."""
     urdf = tmp_path / "chain.urdf"
     urdf.write_text(chain_urdf("r" * 12))
-    source = merged(render(stiffgen.load_chain(urdf), "arm", GenerationOptions(springs=OPTIONS)), "arm")["arm.c"]
+    source = merged(render(stiffgen.load_chain(urdf), "arm", GenerationOptions(derivatives=True)), "arm")["arm.c"]
     for body in re.split(r"\n}\n", source):
         outermost = re.findall(r"^    const \w+ (\w+) = ", body, re.MULTILINE)
         assert len(outermost) == len(set(outermost))
@@ -89,7 +89,7 @@ def test_copies_of_entries_have_names_of_their_own(tmp_path):
 def test_cuda_on_the_host(case, tmp_path):
     """Cotangents lie with each configuration; gradients come back whole."""
     chain = stiffgen.load_chain(urdf_of(case, tmp_path), **CASES[case])
-    texts = render(chain, "arm", GenerationOptions(cuda=True, springs=OPTIONS))
+    texts = render(chain, "arm", GenerationOptions(cuda=True, derivatives=True))
     for name in ("arm.cu", "arm_cuda.h"):
         (tmp_path / name).write_text(texts[name])
     host = HostCuda(tmp_path / "arm.cu", "arm", chain, tmp_path, options=OPTIONS)

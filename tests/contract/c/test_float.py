@@ -70,7 +70,7 @@ def test_other_chains_and_widths(compiler, flags, types, options, tmp_path, monk
     urdf = tmp_path / "chain.urdf"
     urdf.write_text(chain_urdf(types))
     name = f"f_{compiler}_{types}_{zlib.crc32(flags.encode())}"  # an extension module is loaded once a process
-    springs = stiffgen.SpringOptions(kinds=("quaternion", "coupled"))
+    springs = ("quaternion", "coupled")
     folder = stiffgen.generate(urdf, output=tmp_path, name=name, scalar="float", springs=springs, **options)
     assert failed(folder, 7) == []
 

@@ -26,9 +26,6 @@ Nine joints fill the widest vector and begin another; sixteen fill the narrowest
 """
 
 
-DERIVATIVES = stiffgen.SpringOptions(derivatives=True)
-
-
 def check_every_oracle(types, widths, name, tmp_path, monkeypatch, count, **options):
     """Verify a chain's folder in builds of several widths, without the controller, which has no lanes of its own."""
     urdf = tmp_path / "chain.urdf"
@@ -67,7 +64,7 @@ def test_every_chain(types, tmp_path, monkeypatch):
     ],
 )
 def test_derivatives(types, widths, options, tmp_path, monkeypatch):
-    check_every_oracle(types, widths, "derivatives", tmp_path, monkeypatch, 3, springs=DERIVATIVES, **options)
+    check_every_oracle(types, widths, "derivatives", tmp_path, monkeypatch, 3, derivatives=True, **options)
 
 
 def test_ten_thousand_at_once_need_no_memory_but_the_result(robot):

@@ -11,7 +11,6 @@ import stiffgen
 from stiffgen import open_robot
 from stiffgen.symbolic.kernels import KERNELS
 from stiffgen.symbolic.model import casadi_function
-from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.verify.kernels.not_finite import STACK, check_not_finite
 from stiffgen.verify.kernels.samples import Samples, argument_samples
 from stiffgen.verify.result import as_results
@@ -98,7 +97,7 @@ def check_overflow(types, springs, tmp_path):
     """Of slides, joints that mimic and springs: no result is infinite however large the arguments are."""
     urdf = tmp_path / "chain.urdf"
     urdf.write_text(chain_urdf(types))
-    opened = open_robot(stiffgen.generate(urdf, output=tmp_path, springs=SpringOptions(kinds=springs)))
+    opened = open_robot(stiffgen.generate(urdf, output=tmp_path, springs=springs))
     pool = argument_samples(opened.chain, STACK, 4, opened.springs)
     failed = [check for check in check_not_finite(opened.kernels, opened.table, pool) if not check.passed]
     assert failed == []

@@ -89,9 +89,9 @@ def test_unexcited_recordings_are_refused(sensor, case):
 @pytest.mark.parametrize(
     ("fault", "message"),
     [
-        ("sign", r"reports the wrench of the other body.*--sensor-sign"),
-        ("axes", r"rotation vector \(0\.\d, -?0\.\d, -90\.\d\) deg.*--sensor-rpy"),
-        ("upside down", r"rotation vector \(-?1\d\d\.\d, .*--sensor-rpy"),
+        ("sign", r"reports the wrench of the other body.*--sensor sign"),
+        ("axes", r"rotation vector \(0\.\d, -?0\.\d, -90\.\d\) deg.*--sensor rpy"),
+        ("upside down", r"rotation vector \(-?1\d\d\.\d, .*--sensor rpy"),
     ],
 )
 def test_faults_are_found_without_a_weight(robots, sensor, fault, message):
@@ -126,7 +126,7 @@ def logs(tmp_path_factory, sensor):
 def test_from_recording_to_file(robots, logs, tmp_path, capsys):
     """The whole command: poses found, table printed, file and picture written, and read again."""
     file, picture = tmp_path / "sensor.json", tmp_path / "residuals.svg"
-    arguments = ["calibrate", logs / "free.csv", "--robot", robots["truth"], "--output", file, "--picture", picture]
+    arguments = ["calibrate", logs / "free.csv", "--robot", robots["truth"], "--output", file, "--output", picture]
     assert main([str(each) for each in arguments]) == 0
     out = capsys.readouterr().out
     assert "residuals of 10 poses" in out and out.count("one more pose at q") == 3
@@ -145,7 +145,7 @@ def test_from_recording_to_file(robots, logs, tmp_path, capsys):
 def test_a_picture_that_cannot_be_drawn_leaves_no_file(robots, logs, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     file, picture = tmp_path / "sensor.json", tmp_path / "residuals.svg"
-    arguments = ["calibrate", logs / "free.csv", "--robot", robots["truth"], "--output", file, "--picture", picture]
+    arguments = ["calibrate", logs / "free.csv", "--robot", robots["truth"], "--output", file, "--output", picture]
     assert main([str(each) for each in arguments]) == 2
     assert not file.exists() and not picture.exists()
 
@@ -164,7 +164,7 @@ def test_a_weight_at_the_tip_shows_each_fault(robots, logs, tmp_path, capsys, fa
     capsys.readouterr()
     check = ["calibrate", logs / "weight.csv", "--robot", robots[fault], "--output", file, "--check", "2.0"]
     code, out = main([str(each) for each in check]), capsys.readouterr().out
-    hints = {"truth": "passed", "sign": "--sensor-sign", "place": "the moment alone is wrong: look at --sensor-xyz"}
+    hints = {"truth": "passed", "sign": "--sensor sign", "place": "the moment alone is wrong: look at --sensor xyz"}
     assert hints.get(fault, "look at") in out
     assert code == int(fault != "truth")
 
@@ -174,9 +174,10 @@ def test_a_weight_elsewhere(robots, logs, tmp_path, capsys):
     file, log = tmp_path / "sensor.json", str(logs / "weight.csv")
     common = ["--robot", str(robots["truth"]), "--output", str(file)]
     assert main(["calibrate", str(logs / "free.csv"), *common]) == 0
-    assert main(["calibrate", log, *common, "--check", "2", "--at", "0.04", "0", "0"]) == 1
+    assert main(["calibrate", log, *common, "--check", "2,0.04,0,0"]) == 1
     assert "the moment alone is wrong" in capsys.readouterr().out
-    assert main(["calibrate", log, *common, "--check", "2.5"]) == 1
+    named = ["--q", ",".join(f"q_{k}" for k in range(7)), "--reading", ",".join(f"wrench_{k}" for k in range(6))]
+    assert main(["calibrate", log, *common, *named, "--check", "2.5"]) == 1
     assert "the force has the wrong size" in capsys.readouterr().out
 
 
@@ -208,6 +209,12 @@ def test_refusals_of_the_command(robots, logs, tmp_path, capsys, robot_folder):
     names = ",".join([*(f"q_{k}" for k in range(7)), *(f"wrench_{k}" for k in range(6))])
     np.savetxt(moving, rows, delimiter=",", header=names, comments="")
     common = ["--robot", str(robots["truth"]), "--output", str(file)]
+    assert main(["calibrate", log, *common, "--output", str(tmp_path / "other.json")]) == 2
+    assert "has the same content; give one of the two" in capsys.readouterr().err
+    for weight in ("2,0,0", "two"):
+        with pytest.raises(SystemExit):
+            main(["calibrate", log, *common, "--check", weight])
+        assert f"'{weight}' is not KG or KG,X,Y,Z" in capsys.readouterr().err
     assert main(["calibrate", str(moving), *common]) == 2
     assert "stands still at 0 poses" in capsys.readouterr().err
     assert not file.exists()

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import errno
+import inspect
 import os
 import re
 import shutil
@@ -11,6 +12,8 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import fields
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -18,6 +21,9 @@ import pytest
 import stiffgen
 from stiffgen import open_robot
 from stiffgen.cli import COMMANDS, main
+from stiffgen.cli.parsing import CommandParser
+from stiffgen.robot.chain import ChainOptions
+from stiffgen.rooms import is_there
 from stiffgen.symbolic.kernels import KERNELS
 from stiffgen.verify.result import Check
 from support.folders import restamp
@@ -200,7 +206,7 @@ def test_a_name_too_long_for_the_file_system(capsys, tmp_path, monkeypatch, argu
     [
         (["generate", URDF, "--name", "a", "--name", "b"], "--name is given twice"),
         (["generate", URDF, "--cuda", "--cuda"], "--cuda is given twice"),
-        (["generate", URDF, "--tool-xyz", *"000", "--tool-xyz", *"001"], "--tool-xyz is given twice"),
+        (["generate", URDF, "--scalar", "float", "--scalar", "double"], "--scalar is given twice"),
         (["verify", "x", "--seed", "1", "--seed", "1"], "--seed is given twice"),
         (["analyze", "x", "--robot", "x", "--robot", "y", "--task-stiffness", "1"], "--robot is given twice"),
     ],
@@ -216,9 +222,15 @@ def test_an_option_given_twice_is_refused(capsys, arguments, named):
     ("options", "named"),
     [
         (["--lock", "A1=0", "--lock", "A1=1"], "'A1' twice"),
-        (["--no-masses", "--tool-mass", "1"], "--no-masses"),
-        (["--sensor-xyz", "0", "0", "1"], "--sensor-xyz without a sensor; add --sensor LINK"),
+        (["--no-masses", "--tool", "mass=1"], "--no-masses"),
+        (["--sensor", "xyz=0,0,1"], "--sensor xyz=... without its link; add --sensor LINK"),
+        (["--sensor", "link_ee", "--sensor", "link_7"], "'link' twice"),
+        (["--sensor", "link_ee", "--sensor", "sign=both"], "--sensor sign=both is not one of environment, robot"),
         (["--sensor", "link_5"], "a joint lies between the --sensor link 'link_5' and tip link_ee"),
+        (["--tool", "xyz=0,0,0", "--tool", "xyz=0,0,1"], "'xyz' twice"),
+        (["--placement", "centre=0,0,inf"], "three finite numbers"),
+        (["--placement", "rotation_axes=flange"], "base, tip, equilibrium"),
+        (["--range", "force=-1"], "--range force=-1"),
         (["--name", "numpy"], "--name robot_numpy"),
         (["--name", "stddef"], "--name robot_stddef"),
     ],
@@ -232,23 +244,24 @@ def test_options_that_contradict_are_refused(capsys, tmp_path, options, named):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("unoptimised")
-def test_another_robot_in_the_folder_asks_for_force(capsys, tmp_path):
+def test_another_robot_in_the_folder_is_refused(capsys, tmp_path):
     generate = ("generate", URDF, "--no-build", "--output", tmp_path)
     assert run(capsys, *generate)[0] == 0
     before = (tmp_path / "iiwa14" / "iiwa14.h").read_text()
-    assert run(capsys, *generate, "--tool-mass", "1")[0] == 0  # the same q, frames and arguments
+    assert run(capsys, *generate, "--tool", "mass=1")[0] == 0  # the same q, frames and arguments
     for options, named in (
         (["--lock", "A3=0"], ("A1, A2, A3", "A1, A2, A4")),
         (["--tip", "link_6"], ("link_ee", "link_6")),
         (["--tool", "runtime"], ("tool_pose",)),
     ):
-        assert run(capsys, *generate, "--force")[0] == 0
+        shutil.rmtree(tmp_path / "iiwa14")
+        assert run(capsys, *generate)[0] == 0
         code, out, err = run(capsys, *generate, *options)
         assert (code, out) == (2, "")
-        assert "--force" in err and all(name in err for name in named)
+        assert "remove it first" in err and all(name in err for name in named)
         assert (tmp_path / "iiwa14" / "iiwa14.h").read_text() == before
-        assert run(capsys, *generate, *options, "--force")[0] == 0
-        assert (tmp_path / "iiwa14" / "iiwa14.h").read_text() != before
+    stiffgen.generate(URDF, output=tmp_path, build=False, force=True, tip="link_6")
+    assert (tmp_path / "iiwa14" / "iiwa14.h").read_text() != before
 
 
 def stiffgen_process(*arguments, **options):
@@ -353,5 +366,24 @@ def test_a_negative_seed_is_refused(capsys, robot_folder):
     assert "--seed: must not be negative" in capsys.readouterr().err
 
 
-def test_commands_stay_few():
-    assert len(COMMANDS) <= 10
+def test_the_keywords_of_python_are_the_fields_of_the_records():
+    """A call shows its keywords and their meanings; a field of the chain is one of all three."""
+    for call, record in ((stiffgen.load_chain, ChainOptions), (stiffgen.generate, stiffgen.GenerationOptions)):
+        names = [each.name for each in fields(record)]
+        assert list(inspect.signature(call).parameters) == ["urdf", *names]
+        assert all(f"        {name}: " in call.__doc__ for name in names)
+    assert stiffgen.load_chain(URDF, arguments=None, lock=None).dof == 7
+
+
+def test_commands_and_options_stay_few():
+    """At most ten commands, 30 options of ``generate`` and 75 of all commands; each option has a heading there."""
+    counts, titles = {}, []
+    for name, (module, _) in COMMANDS.items():
+        if is_there(module):
+            command = CommandParser(prog=name)
+            import_module(f"stiffgen.{module}").add(command)
+            counts[name] = sum(bool(action.option_strings) for action in command._actions) - 1  # --help
+            if name == "generate":
+                titles = [group.title for group in command._action_groups if group._group_actions]
+    assert len(counts) <= 10 and counts["generate"] <= 30 and sum(counts.values()) <= 75, counts
+    assert titles == ["positional arguments", "options", "robot", "frames", "springs", "tool", "output"]

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import stiffgen
-from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.potentials import KernelOptions
 from support.project import URDF, Once
 
 
@@ -19,6 +19,6 @@ def derived(once: Once) -> Path:
     def make(output: Path) -> None:
         with pytest.MonkeyPatch.context() as patch:
             patch.setenv("CFLAGS", "-O0")
-            stiffgen.generate(URDF, springs=SpringOptions(derivatives=True), cuda=True, output=output)
+            stiffgen.generate(URDF, derivatives=True, cuda=True, output=output)
 
     return once("derived", make) / "iiwa14"

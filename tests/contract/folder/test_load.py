@@ -82,7 +82,7 @@ def test_what_the_name_of_an_entry_depends_on(here, monkeypatch):
     assert made[0] == made[1]
     stiffgen.load("arm.urdf", tip="link_5")
     stiffgen.load("arm.urdf", lock={"A3": 0.1})
-    stiffgen.load("arm.urdf", springs=stiffgen.SpringOptions(derivatives=True))
+    stiffgen.load("arm.urdf", derivatives=True)
     stiffgen.load("arm.urdf", tool=stiffgen.Tool(mass=1.0))
     (here / "arm.urdf").write_text(URDF.read_text() + "<!-- changed -->")
     stiffgen.load("arm.urdf")

@@ -13,7 +13,7 @@ from support.project import ROOT
 
 PACKAGE = Path(stiffgen.__file__).parent
 LAYERS = (
-    ("errors", "_version", "rooms"),
+    ("errors", "_version", "rooms", "described"),
     ("names", "folder", "page", "style", "rendering"),
     ("robot",),
     ("symbolic",),

@@ -68,7 +68,7 @@ def test_answers_are_taken_and_wrong_ones_asked_again():
 
 
 def test_another_spring_does_not_go_with_the_controller():
-    with pytest.raises(StiffgenError, match=r"--spring quaternion.*choose --controller spring"):
+    with pytest.raises(StiffgenError, match=r"spring quaternion.*choose --controller spring=quaternion"):
         decide(read_description(URDF), None, spring="quaternion")
 
 
@@ -78,11 +78,10 @@ def test_another_spring_does_not_go_with_the_controller():
         ([str(DUAL)], "no terminal to ask at; choose one with --tip: left hand, right-hand"),
         (["nowhere.urdf"], "nowhere.urdf"),
         ([str(URDF), "--output", "taken"], "taken: exists, and a project is never overwritten; choose another"),
-        ([str(URDF), "--spring", "coupled"], "--controller spring"),
         ([str(URDF), "--tip", "link_9"], "link_9"),
         ([str(URDF), "--name", "int"], "nearest: --name robot_int"),
         ([str(ROOT / "tests" / "data" / "solo12.urdf"), "--tip", "FL_FOOT", "--base", "nothing"], "nothing"),
-        ([str(URDF), "--tool-mass", "-1"], "mass"),
+        ([str(URDF), "--tool", "mass=-1"], "mass"),
         ([str(URDF), "--no-masses", "--controller", "impedance"], "--controller impedance needs masses"),
     ],
 )
@@ -124,7 +123,7 @@ def test_a_template_takes_its_files_with_it(tmp_path):
     template = tmp_path / "arms" / "urdf" / "arm.urdf.xacro"
     template.write_text('<robot name="$(arg name)" xmlns:xacro="http://www.ros.org/wiki/xacro">'
                         '<xacro:include filename="$(find arms)/part.xacro"/></robot>')  # fmt: skip
-    reading = Reading({"name": "arm"})
+    reading = Reading(arguments={"name": "arm"})
     project = new_project(template, reading=reading, output=tmp_path / "project", build=False)
     words = regenerate((project / "README.md").read_text()).split()
     assert words[2:4] == ["urdf/urdf/arm.urdf.xacro", "name:=arm"]
@@ -227,9 +226,9 @@ def test_questions_at_a_terminal(tmp_path):
 
 PROJECTS = {
     "iiwa14": [str(URDF)],
-    "sliding": ["sliding.urdf", "--tool-xyz", "0", "0.05", "0.1", "--tool-mass", "0.5"],
-    "dual": [str(DUAL), "--tip", "left hand", "--controller", "spring", "--spring", "quaternion"],
-    "coupled": ["sliding.urdf", "--name", "coupled", "--controller", "spring", "--spring", "coupled"],
+    "sliding": ["sliding.urdf", "--tool", "xyz=0,0.05,0.1", "--tool", "mass=0.5"],
+    "dual": [str(DUAL), "--tip", "left hand", "--controller", "spring=quaternion"],
+    "coupled": ["sliding.urdf", "--name", "coupled", "--controller", "spring=coupled"],
 }
 
 

@@ -15,7 +15,7 @@ import stiffgen
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
 from stiffgen.symbolic.model import casadi_function, folded
-from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.potentials import KernelOptions
 from stiffgen.verify.kernels.masses import check_masses
 from stiffgen.verify.kernels.missing import function_of_stacks
 from stiffgen.verify.kernels.oracles import check_kernels, check_robot
@@ -78,7 +78,7 @@ def test_forces_that_are_zero_are_no_false_alarm(tmp_path: Path) -> None:
         '<joint name="j" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>'
         '<limit lower="-1" upper="1" velocity="1" effort="1"/></joint></robot>'
     )
-    chain, options = stiffgen.load_chain(urdf), SpringOptions()
+    chain, options = stiffgen.load_chain(urdf), KernelOptions()
     functions = {kernel.qualified_name: function_of_stacks(chain, kernel) for kernel in chain_kernels(chain, options)}
     checks = check_robot(functions, chain, 40, 0, options)
     assert "bias_forces" in {check.kernel for check in checks}

@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import stiffgen
 from stiffgen import generate
 from stiffgen.cli import main
 from stiffgen.errors import MissingExtraError, OutputError, StiffgenError
@@ -195,9 +194,10 @@ def test_a_prover_that_gives_up_is_no_proof(tmp_path: Path, monkeypatch: pytest.
 
 def test_the_harness_of_a_folder_with_derivatives_is_c(tmp_path: Path) -> None:
     """A body that calls another kernel's body (a product that is part of a larger one) is no damage to the folder."""
-    arm, springs = tmp_path / "arm.urdf", stiffgen.SpringOptions(derivatives=True)
+    arm = tmp_path / "arm.urdf"
     arm.write_text(chain_urdf("rr"))
-    robot = open_robot(generate(arm, output=tmp_path, kernels="spring", springs=springs, controller=False, build=False))
+    folder = generate(arm, output=tmp_path, kernels="spring", derivatives=True, controller=False, build=False)
+    robot = open_robot(folder)
     text = robot.kernel_text()
     assert text.count("spring_linearization_vjp_lanes(") == 3
     (tmp_path / "bodies_apart.c").write_text(harness.bodies_apart(robot.table, text))

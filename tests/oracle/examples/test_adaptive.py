@@ -12,7 +12,6 @@ import pytest
 import stiffgen
 from examples import adaptive
 from stiffgen import open_robot
-from stiffgen.symbolic.potentials import SpringOptions
 from support.project import ROOT, URDF
 
 
@@ -22,7 +21,7 @@ def folder(tmp_path_factory):
         URDF,
         name="iiwa14_derivatives",
         output=tmp_path_factory.mktemp("robots"),
-        springs=SpringOptions(derivatives=True),
+        derivatives=True,
     )
 
 

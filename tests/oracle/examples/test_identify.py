@@ -13,7 +13,6 @@ import stiffgen
 from examples.identify import __main__ as program
 from examples.identify.recording import UPPER, certainty, pose_of, record, residuals
 from stiffgen import open_robot
-from stiffgen.symbolic.potentials import SpringOptions
 from support.project import ROOT, URDF
 
 pytestmark = pytest.mark.slow
@@ -23,7 +22,7 @@ pytestmark = pytest.mark.slow
 def folder(tmp_path_factory):
     return stiffgen.generate(
         URDF, name="iiwa14_tool", runtime_tool=True, masses=False, output=tmp_path_factory.mktemp("robots"),
-        springs=SpringOptions(derivatives=True),
+        derivatives=True,
     )  # fmt: skip
 
 

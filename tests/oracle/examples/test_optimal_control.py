@@ -14,7 +14,6 @@ import stiffgen
 from examples.optimal_control import problem
 from examples.optimal_control.__main__ import feasible, softest
 from stiffgen.robot.chain import Tool
-from stiffgen.symbolic.potentials import SpringOptions
 from support.project import ROOT, URDF
 
 
@@ -82,7 +81,7 @@ def test_program(tmp_path):
     """make optimal-control, with fewer knots: all three ways, the table and the figure."""
     folder = stiffgen.generate(
         URDF, name="iiwa14_wiping", tool=Tool(xyz=(0.0, 0.0, 0.24)), masses=False, output=tmp_path,
-        springs=SpringOptions(derivatives=True),
+        derivatives=True,
     )  # fmt: skip
     figure = tmp_path / "figure.svg"
     command = [sys.executable, "-m", "examples.optimal_control", "--robot", str(folder), "--figure", str(figure)]

@@ -203,12 +203,12 @@ def test_references_see_a_wrong_tool_point(robot):
         (["--lock", "joint_ee=0"], "A1, A2"),
         (["--lock", "A2=9"], "-2.0944 to 2.0944"),
         (["--lock", "A2=nan"], "limits are"),
-        (["--tool", "runtime", "--tool-xyz", "0", "0", "1"], "--tool-xyz"),
-        (["--tool-mass", "-1"], "--tool-mass"),
-        (["--tool-xyz", "0", "inf", "0"], "--tool-xyz"),
-        (["--tool-com", "0", "0", "1"], "--tool-mass"),
-        (["--tool-mass", "1", "--tool-inertia", "1", "0", "0", "1", "0", "5"], "--tool-inertia"),
-        (["--tip", "link_3", "--tip", "link_ee", "--tool-mass", "1"], "--tool runtime"),
+        (["--tool", "runtime", "--tool", "xyz=0,0,1"], "--tool xyz"),
+        (["--tool", "mass=-1"], "--tool mass=-1"),
+        (["--tool", "xyz=0,inf,0"], "--tool xyz"),
+        (["--tool", "com=0,0,1"], "--tool mass"),
+        (["--tool", "mass=1", "--tool", "inertia=1,0,0,1,0,5"], "--tool inertia"),
+        (["--tip", "link_3", "--tip", "link_ee", "--tool", "mass=1"], "--tool runtime"),
         (["--tip", "link_3", "--tip", "link_3"], "twice"),
         (["--tip", "link_0", "--tip", "link_3"], "no moving joint"),
     ],
@@ -225,7 +225,7 @@ def test_all_locked_is_refused():
 
 
 def test_command_line_options_reach_the_chain(tmp_path):
-    options = ["--tool-xyz", "0", "0", "0.24", "--tool-mass", "0.455", "--lock", "A3=0.1"]
+    options = ["--tool", "xyz=0,0,0.24", "--tool", "mass=0.455", "--lock", "A3=0.1"]
     assert main(["generate", str(URDF), "--output", str(tmp_path), "--no-build", *options]) == 0
     header = (tmp_path / "iiwa14" / "iiwa14.h").read_text()
     assert "Joint A3 is held at 0.1" in header and "replaced by the tool's frame" in header

@@ -9,7 +9,7 @@ import pytest
 import stiffgen
 from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.model import casadi_function
-from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.potentials import KernelOptions
 from stiffgen.verify.kernels.samples import argument_samples
 from stiffgen.verify.result import relative_error
 from support.chains import chain_urdf
@@ -18,7 +18,7 @@ from support.exact_tree import tree_urdf
 from support.project import ROOT, URDF
 
 BOUND = 1e-11
-OPTIONS = SpringOptions(("rotation_vector", "quaternion", "coupled"), derivatives=True)
+OPTIONS = KernelOptions(springs=("rotation_vector", "quaternion", "coupled"), derivatives=True)
 ROBOTS = {
     "seven turning joints": lambda folder: stiffgen.load_chain(URDF),
     "sliding and mimic joints": lambda folder: of_types(folder, "rprmrr"),

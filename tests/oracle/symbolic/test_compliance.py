@@ -19,7 +19,7 @@ from stiffgen.lower.variant import BATCH
 from stiffgen.symbolic import compliance
 from stiffgen.symbolic.arguments import Q
 from stiffgen.symbolic.kernels import chain_kernels
-from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.potentials import KernelOptions
 from stiffgen.verify.kernels import formulas
 from stiffgen.verify.kernels.loops import check_loops
 from stiffgen.verify.kernels.missing import function_of_stacks
@@ -38,7 +38,7 @@ WRENCH = np.array([20.0, -30, 60, 4, -3, 5])
 def ur5():
     """Return functions of one state by name."""
     chain = load_chain(UR5, tip="tool0")
-    table = chain_kernels(chain, SpringOptions(groups=("all", "compliance")))
+    table = chain_kernels(chain, KernelOptions(kernels=("all", "compliance")))
     wanted = [each for each in table if each.on_request or each.group == "hybrid"]
     functions = {each.qualified_name: function_of_stacks(chain, each) for each in wanted}
     return lambda name, *given: functions[name](*(np.asarray(each, dtype=float)[None] for each in given))[0]
@@ -192,7 +192,7 @@ def test_smallest_eigenvalues(scale):
 def test_products_are_lowered_column_by_column():
     """Reverse mode reads the cotangent of J by columns: a batch would read lanes of an array written as a whole."""
     chain = load_chain(UR5, tip="tool0")
-    options = SpringOptions(groups=("hybrid.tip_compliance", "body.deflection"), derivatives=True)
+    options = KernelOptions(kernels=("hybrid.tip_compliance", "body.deflection"), derivatives=True)
     functions = lowered(chain, BATCH)
     for kernel in chain_kernels(chain, options):
         assert functions.kernel(kernel).items
@@ -200,15 +200,15 @@ def test_products_are_lowered_column_by_column():
 
 def test_kernels_on_request_alone():
     chain = load_chain(UR5, tip="tool0")
-    whole, more = chain_kernels(chain), chain_kernels(chain, SpringOptions(groups=("all", "compliance")))
+    whole, more = chain_kernels(chain), chain_kernels(chain, KernelOptions(kernels=("all", "compliance")))
     assert not any(each.on_request for each in whole)
     assert [each.function for each in more if not each.on_request] == [each.function for each in whole]
     assert {each.function for each in more if each.on_request} >= {"hybrid_tip_compliance", "body_stability"}
-    one = chain_kernels(chain, SpringOptions(groups=("hybrid.tip_compliance",)))
+    one = chain_kernels(chain, KernelOptions(kernels=("hybrid.tip_compliance",)))
     assert [each.function for each in one] == ["forward_kinematics", "hybrid_tip_compliance"]
-    assert not any(each.on_request for each in chain_kernels(chain, SpringOptions(groups=("hybrid",))))
+    assert not any(each.on_request for each in chain_kernels(chain, KernelOptions(kernels=("hybrid",))))
     with pytest.raises(ChainError, match="compliance"):
-        chain_kernels(chain, SpringOptions(groups=("hybrid.compliance",)))
+        chain_kernels(chain, KernelOptions(kernels=("hybrid.compliance",)))
 
 
 def test_a_tip_that_cannot_move_in_all_directions_has_no_stiffness():

@@ -15,12 +15,12 @@ from stiffgen.symbolic import contacts
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
 from stiffgen.symbolic.model import casadi_function
-from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.potentials import KernelOptions
 from stiffgen.verify.result import as_results
 from support.exact_tree import as_array, exponential, mp, tree_urdf
 from support.project import ROOT, assert_close
 
-SPRINGS = SpringOptions(("coupled", "quaternion"))
+SPRINGS = KernelOptions(springs=("coupled", "quaternion"))
 DATA = ROOT / "tests" / "data"
 ROBOTS = {
     "tree": ("left", "right"),

@@ -16,7 +16,7 @@ import stiffgen
 from stiffgen.errors import ChainError
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.kernels import chain_kernels
-from stiffgen.symbolic.potentials import Potential, SpringOptions
+from stiffgen.symbolic.potentials import KernelOptions, Potential
 from support.exact_tree import ExactTree, as_array, differentiated, exact_pose, exponential, mp, tree_urdf
 from support.pinocchio_oracle import with_exact_right_angles
 from support.project import ROOT, assert_close
@@ -365,7 +365,7 @@ def test_texts_name_the_world_and_a_users_docstring_stays():
 
     chain = stiffgen.load_chain(DATA / "solo12.urdf", tip="FL_FOOT", floating_base=True)
     kernels = {
-        kernel.qualified_name: kernel for kernel in chain_kernels(chain, SpringOptions(potentials=(Potential(own),)))
+        kernel.qualified_name: kernel for kernel in chain_kernels(chain, KernelOptions(potentials=(Potential(own),)))
     }
     assert kernels["own_energy"].note == own.__doc__
     assert kernels["forward_kinematics"].summary == "Pose of the tip in the world frame."

@@ -17,7 +17,7 @@ from stiffgen.robot.chain import Chain
 from stiffgen.symbolic import closure
 from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.model import casadi_function
-from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.potentials import KernelOptions
 from stiffgen.verify.kernels.derivatives import check_derivatives
 from stiffgen.verify.kernels.loops import check_loops
 from stiffgen.verify.kernels.missing import function_of_stacks
@@ -81,7 +81,7 @@ def test_verify_projects_linkages_with_turned_joints(seed, tmp_path):
     def failed() -> set[str]:
         return {
             each.kernel
-            for each in check_loops(kernels, chain, 6, 0, SpringOptions(), chain_kernels(chain))
+            for each in check_loops(kernels, chain, 6, 0, KernelOptions(), chain_kernels(chain))
             if not each.passed
         }
 
@@ -103,7 +103,7 @@ def test_gradient_of_close(seed, tmp_path):
     linkage = random_linkage(seed)
     file = tmp_path / "linkage.urdf"
     file.write_text(linkage.urdf)
-    chain, options = load_chain(file, masses=False, **linkage.options), SpringOptions(derivatives=True)
+    chain, options = load_chain(file, masses=False, **linkage.options), KernelOptions(derivatives=True)
     table = tuple(k for k in chain_kernels(chain, options) if k.qualified_name in ("close", "close_vjp"))
     right = {kernel.qualified_name: function_of_stacks(chain, kernel) for kernel in table}
     pool = argument_samples(chain, 24, seed, options)

@@ -79,7 +79,7 @@ def test_sixty_digits(case, tmp_path):
 def test_oracles_of_verify(case, tmp_path):
     """The oracles of ``stiffgen verify``, and the gradients, on chains of every kind."""
     chain = load(tmp_path, *CASES[case])
-    options = stiffgen.SpringOptions(derivatives=True)
+    options = stiffgen.KernelOptions(derivatives=True)
     table = [kernel for kernel in chain_kernels(chain, options) if kernel.group == GROUP]
     assert len(table) == 8
     functions = {kernel.qualified_name: function_of_stacks(chain, kernel) for kernel in table}
@@ -174,9 +174,9 @@ def payload_of(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
         (stiffgen.Sensor("base"), "is moved by no joint of the chain"),
         (stiffgen.Sensor("upper"), "a joint lies between the --sensor link 'upper' and tip hand"),
         (stiffgen.Sensor("finger"), "joint 'grip' moves the --sensor link 'finger'"),
-        (stiffgen.Sensor("hand", sign="both"), "--sensor-sign both is not one of environment, robot"),
-        (stiffgen.Sensor("hand", xyz=(0.0, np.inf, 0.0)), "--sensor-xyz must be three finite numbers"),
-        (stiffgen.Sensor("hand", rpy=(0.0, 0.0)), "--sensor-rpy must be three finite numbers"),
+        (stiffgen.Sensor("hand", sign="both"), "--sensor sign=both is not one of environment, robot"),
+        (stiffgen.Sensor("hand", xyz=(0.0, np.inf, 0.0)), "--sensor xyz must be three finite numbers"),
+        (stiffgen.Sensor("hand", rpy=(0.0, 0.0)), "--sensor rpy must be three finite numbers"),
     ],
 )
 def test_refused(sensor, message, tmp_path):

@@ -15,7 +15,7 @@ from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import Q, configuration_arguments
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
 from stiffgen.symbolic.model import casadi_function, folded
-from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.potentials import KernelOptions
 from stiffgen.verify.kernels.derivatives import check_derivatives
 from stiffgen.verify.kernels.missing import function_of_stacks
 from stiffgen.verify.kernels.samples import argument_samples
@@ -26,9 +26,9 @@ from support.small_robots import LINKAGES, TREES, Small, part
 BOUND = 1e-11
 CANCELLED = 1e-3
 """Share of the largest argument that counts as size of a result whose terms cancel, or which is zero."""
-ALL_SPRINGS = SpringOptions(("rotation_vector", "quaternion", "coupled", "bounded"))
+ALL_SPRINGS = KernelOptions(springs=("rotation_vector", "quaternion", "coupled", "bounded"))
 SPRINGS = [
-    pytest.param(SpringOptions(), id="one spring"),
+    pytest.param(KernelOptions(), id="one spring"),
     pytest.param(ALL_SPRINGS, id="all springs", marks=pytest.mark.slow),
 ]
 ELSEWHERE = {"condition"}
@@ -55,7 +55,7 @@ def error(chain: Chain, kernel: Kernel, given: dict[str, np.ndarray], reference:
 @pytest.mark.parametrize("robot", [
     pytest.param(name, marks=() if name.startswith("one sliding") else pytest.mark.slow) for name in TREES
 ])  # fmt: skip
-def test_kernels_of_trees(robot: str, springs: SpringOptions, tmp_path) -> None:
+def test_kernels_of_trees(robot: str, springs: KernelOptions, tmp_path) -> None:
     chain, errors = TREES[robot].load(tmp_path), {}
     pool = argument_samples(chain, 2, 5, springs)
     where = {each.name: pool[each][1] for each in configuration_arguments(runtime_tool=False, floating=chain.floating)}
@@ -71,7 +71,7 @@ def test_kernels_of_trees(robot: str, springs: SpringOptions, tmp_path) -> None:
 @pytest.mark.parametrize("robot", [
     pytest.param(name, marks=pytest.mark.slow if name == "four-bar" else ()) for name in LINKAGES
 ])  # fmt: skip
-def test_motors_of_linkages(robot: str, springs: SpringOptions, tmp_path) -> None:
+def test_motors_of_linkages(robot: str, springs: KernelOptions, tmp_path) -> None:
     """Against energies whose loops are closed again for every difference, at tips on crank, coupler and rocker."""
     small, seed = LINKAGES[robot], 3
     chain, errors = small.load(tmp_path), {}
@@ -106,10 +106,10 @@ def test_kernels_of_linkages_as_trees(robot: str, tmp_path) -> None:
 def test_verify_accepts_the_product_of_a_mass_matrix(tmp_path) -> None:
     """Few entries of a floating base with one joint depend on q: the others' rounding must not enter the difference."""
     chain = TREES["one joint on a floating base"].load(tmp_path)
-    table = tuple(k for k in chain_kernels(chain, SpringOptions(derivatives=True)) if k.name.startswith("mass_matrix"))
+    table = tuple(k for k in chain_kernels(chain, KernelOptions(derivatives=True)) if k.name.startswith("mass_matrix"))
     kernels = {kernel.qualified_name: function_of_stacks(chain, kernel) for kernel in table}
     for seed in range(5):
-        pool = argument_samples(chain, 24, seed, SpringOptions(derivatives=True))
+        pool = argument_samples(chain, 24, seed, KernelOptions(derivatives=True))
         assert [each for each in check_derivatives(kernels, table, chain, pool) if not each.passed] == []
 
 

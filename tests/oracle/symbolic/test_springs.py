@@ -171,7 +171,8 @@ def test_a_folder_with_everything_verifies(tmp_path):
         'well.parameters = {"centre": (3,), "stiffness": ()}\n'
     )
     kinds = [word for kind in KINDS[1:] for word in ("--spring", kind)]
-    axes = ["--translation-axes", "tip", "--rotation-axes", "base", "--spring-centre", "0.1", "-0.2", "0.3"]
+    parts = ("translation_axes=tip", "rotation_axes=base", "centre=0.1,-0.2,0.3")
+    axes = [word for part in parts for word in ("--placement", part)]
     command = ["generate", str(URDF), "--output", str(tmp_path), "--name", "arm", "--potential", f"{file}:well"]
     assert main([*command, *kinds, *axes]) == 0
     failed = [check for check in verify(tmp_path / "arm", count=20, trust_potentials=True) if not check.passed]

@@ -21,8 +21,8 @@ CONFIG = {"spring": "bounded", "spring_moment_limit": MOMENT, "motor_inertia": 0
 
 @pytest.fixture(scope="module")
 def arm(once: Once) -> ModuleType:
-    options = stiffgen.SpringOptions(("bounded",), groups=("spring.energy",), batches=False)
-    folder = once("bounded", lambda output: stiffgen.generate(URDF, output=output, springs=options, cuda=False))
+    options = stiffgen.KernelOptions(springs=("bounded",), kernels=("spring.energy",), batches=False)
+    folder = once("bounded", lambda output: stiffgen.generate(URDF, output=output, **vars(options)))
     return open_robot(folder / "iiwa14").module
 
 

@@ -21,7 +21,6 @@ from stiffgen.controller.sessions.check import check_controller, elastic_torque,
 from stiffgen.controller.sessions.check import wrench as spring_wrench
 from stiffgen.controller.signals import INPUT, OUTPUT
 from stiffgen.controller.status_words import FAULTS, REASONS, STATUS
-from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.springs import Placement
 from support.controller_inputs import KO, KT, SPRING, TASK_STIFFNESS, Arm, Q, hostile, walk
 from support.controller_library import WARNINGS, compile_c
@@ -888,11 +887,9 @@ def test_several_tips_and_tools(tmp_path: Path, runtime_tool: bool) -> None:
 
 @pytest.mark.slow
 def test_the_spring_lies_where_the_kernels_have_it(tmp_path: Path) -> None:
-    """Centre of stiffness and axes are the robot's: --spring-centre and --spring-...-axes hold for the controller."""
+    """Centre of stiffness and axes are the robot's: --placement holds for the controller."""
     where = Placement("tip", "base", (0.05, -0.1, 0.2))
-    robot = open_robot(
-        stiffgen.generate(ROOT / "urdf" / "iiwa14.urdf", output=tmp_path, springs=SpringOptions(placement=where))
-    )
+    robot = open_robot(stiffgen.generate(ROOT / "urdf" / "iiwa14.urdf", output=tmp_path, placement=where))
     arm = robot.module
     controller = arm.Impedance(**FAST, motor_inertia=0.1, energy_limit=1e4)
     Kt = KT + 100 * np.ones((3, 3))

@@ -12,7 +12,7 @@ import stiffgen
 from stiffgen.emit.c.functions import CFunction, print_kernels
 from stiffgen.lower.variant import BATCH, CUDA, SINGLE, Variant
 from stiffgen.symbolic.kernels import Kernel
-from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.potentials import KernelOptions
 from stiffgen.symbolic.springs import KINDS, Placement, spring
 from support.project import ROOT, URDF
 
@@ -26,7 +26,9 @@ def printed(
     chain: stiffgen.Chain, variant: Variant, placement: Placement, functions: tuple[str, ...] = FUNCTIONS
 ) -> Iterator[tuple[Kernel, CFunction]]:
     groups = tuple(f"{spring(kind).name}.{name}" for kind in KINDS for name in functions)
-    yield from print_kernels(chain, "arm", variant, SpringOptions(KINDS, placement, groups=groups)).kernels
+    yield from print_kernels(
+        chain, "arm", variant, KernelOptions(springs=KINDS, placement=placement, kernels=groups)
+    ).kernels
 
 
 def check(kernel: Kernel, function: CFunction) -> None:

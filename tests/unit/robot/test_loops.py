@@ -13,7 +13,7 @@ from stiffgen import StiffnessModel, generate, load_chain
 from stiffgen.errors import ChainError, LoopWarning
 from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.model import casadi_function
-from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.potentials import KernelOptions
 from stiffgen.verify.folder.files import check_urdf
 
 LOOP = "coupler:0.35,0,0=rocker:0.25,0,0"
@@ -173,7 +173,7 @@ def test_where_loops_do_not_close_no_motor_has_a_gradient(tmp_path):
     """Motors outside of the loops included."""
     links = CRANK, COUPLER, ROCKER, bar("tool", "coupler", "0.1 0 0")
     chain = loaded(tmp_path, *links, loop=["coupler:0.2,0,0=rocker:0.1,0,0"], actuated=["rocker"], tip="tool")
-    kernels = chain_kernels(chain, SpringOptions(derivatives=True))
+    kernels = chain_kernels(chain, KernelOptions(derivatives=True))
     close, gradient = (casadi_function(chain, k) for k in kernels if k.qualified_name in ("close", "close_vjp"))
     outside = [chain.coordinates[k].name for k in chain.actuated].index("tool")
     near, far = np.array(chain.start)[list(chain.actuated)], np.zeros(2)

@@ -65,8 +65,8 @@ def test_a_name_stands_for_a_file(described, capsys):
     assert "Cloning" not in capsys.readouterr().out  # standard output holds the result alone
     lab = describe("lab")
     assert (lab.robot, lab.arguments) == ("lab", (("name", "lab"),))
-    assert describe("lab", Reading({"name": "other"})).robot == "other"
-    assert main(["inspect", "--robot", "lab", "name:=mine"]) == 0
+    assert describe("lab", Reading(arguments={"name": "other"})).robot == "other"
+    assert main(["inspect", "lab", "name:=mine"]) == 0
     assert "robot mine: 2 links" in capsys.readouterr().out
 
 

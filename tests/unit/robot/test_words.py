@@ -175,7 +175,7 @@ def test_arguments_of_a_template(tmp_path: Path, capsys: pytest.CaptureFixture[s
     with pytest.raises(StiffgenError, match=r"needs values for its arguments 'type', 'maker'; add type:=VALUE maker:="):
         describe(file)
     with pytest.raises(StiffgenError, match=r"needs a value for its argument 'dof', which is empty.*; add dof:=VALUE"):
-        describe(file, Reading({"type": "a", "maker": "b"}))
+        describe(file, Reading(arguments={"type": "a", "maker": "b"}))
     assert main(["inspect", str(file), "dof:=6", "type:=a", "maker:=b"]) == 0
     shown = " ".join(capsys.readouterr().out.split())
     assert (

@@ -14,7 +14,7 @@ from stiffgen.lower.scalar import DOUBLE
 from stiffgen.opened import open_robot
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import KERNELS, chain_kernels
-from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.potentials import KernelOptions
 from stiffgen.symbolic.springs import KINDS
 from stiffgen.verify.kernels import batches
 from stiffgen.verify.kernels.batches import LONG, check_stacks
@@ -41,7 +41,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Chain:
 @pytest.mark.parametrize("case", ["one tip", "two tips", "floating base, tool at run time"])
 def test_every_kernel_has_an_oracle(case: str) -> None:
     """Also each spring's, totals over tips and vector-Jacobian products."""
-    options = SpringOptions(kinds=KINDS, derivatives=True)
+    options = KernelOptions(springs=KINDS, derivatives=True)
     tips = {"tip": ["left hand", "right-hand"]} if case == "two tips" else {"tip": "left hand"}
     moved = {"floating_base": True, "runtime_tool": True} if case.startswith("floating") else {}
     chain = stiffgen.load_chain(DATA / "dual_arm.urdf", **tips, **moved)

@@ -15,7 +15,7 @@ from stiffgen.lower.rounding import ErrorBounds, Ranges
 from stiffgen.lower.scalar import DOUBLE
 from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.model import casadi_function, folded
-from stiffgen.symbolic.potentials import Potential, SpringOptions
+from stiffgen.symbolic.potentials import KernelOptions, Potential
 from stiffgen.verify.kernels.certified import check_certified_bounds, within
 from stiffgen.verify.kernels.derivatives import check_derivatives
 from stiffgen.verify.kernels.formulas import compare
@@ -26,7 +26,7 @@ from stiffgen.verify.result import Check, as_results
 from support.chains import chain_urdf
 from support.graphs import DIGITS, Graph
 
-OPTIONS = SpringOptions(derivatives=True)
+OPTIONS = KernelOptions(derivatives=True)
 
 
 @pytest.fixture(scope="module")
@@ -149,7 +149,7 @@ def kinks(p, R, parameters):
 
 def test_a_kink_of_a_potential_is_no_false_alarm(chain):
     """The third derivative jumps: differences of eighth order miss their bound where a direction crosses the kink."""
-    options = SpringOptions(potentials=(Potential(kinks),), derivatives=True, groups=("kinks.energy",))
+    options = KernelOptions(potentials=(Potential(kinks),), derivatives=True, kernels=("kinks.energy",))
     table = chain_kernels(chain, options)
     functions = {kernel.qualified_name: function_of_stacks(chain, kernel) for kernel in table}
     pool = argument_samples(chain, 60, 2, options)

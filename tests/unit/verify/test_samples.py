@@ -12,7 +12,7 @@ import stiffgen
 from stiffgen.errors import StiffgenError
 from stiffgen.symbolic.arguments import BASE_POSE, TOOL_POSE, Argument, Q
 from stiffgen.symbolic.kernels import KERNELS, chain_kernels
-from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.potentials import KernelOptions
 from stiffgen.symbolic.quantities import BlockKind, Blocks, Normal
 from stiffgen.symbolic.springs import KINDS
 from stiffgen.verify.kernels.samples import Samples, argument_samples, with_other_lower_triangles
@@ -61,7 +61,7 @@ def test_tips_share_the_configuration_and_nothing_else(arms: stiffgen.Chain) -> 
 
 def test_matrices_of_which_one_triangle_is_read_differ_in_the_other(chain: stiffgen.Chain) -> None:
     """Every matrix, not the task stiffness alone: before, a batch that read all of Kt passed."""
-    pool = argument_samples(chain, 3, 0, SpringOptions(kinds=KINDS))
+    pool = argument_samples(chain, 3, 0, KernelOptions(springs=KINDS))
     changed = with_other_lower_triangles(pool)
     names = {argument.name for argument in pool if not np.array_equal(pool[argument], changed[argument])}
     assert names == {"task_stiffness", "translation_stiffness", "rotation_stiffness", "stiffness"}
@@ -72,7 +72,7 @@ def test_matrices_of_which_one_triangle_is_read_differ_in_the_other(chain: stiff
 
 
 def test_matrices_that_are_solved_are_well_conditioned(chain: stiffgen.Chain) -> None:
-    pool = argument_samples(chain, 200, 0, SpringOptions(kinds=KINDS))
+    pool = argument_samples(chain, 200, 0, KernelOptions(springs=KINDS))
     positive = [pool[a] for a in pool if a.name in ("translation_stiffness", "rotation_stiffness", "stiffness")]
     assert len(positive) == 3
     assert all(np.linalg.cond(values).max() < 1e3 for values in positive)

@@ -11,7 +11,7 @@ import importlib
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -24,7 +24,7 @@ from stiffgen.robot.geometry import FloatArray
 PARTITION_ROWS = 1 << 18
 """Rows per partition, for formats that can be divided at any row."""
 
-NAME_OTHERS = "Name others with --q, --wrench (prefixes), --q-columns, --wrench-columns and --time-column"
+NAME_OTHERS = "Name others with --q, --wrench (a prefix, or names with commas) and --time-column"
 _NUMBER = re.compile(r"\d{1,3}\]?", re.ASCII)
 _WRENCH_NAMES = (("fx", "fy", "fz", "mx", "my", "mz"), ("fx", "fy", "fz", "tx", "ty", "tz"))
 
@@ -100,29 +100,33 @@ class Columns:
         return (*((self.time,) if self.time else ()), *self.q, *self.wrench)
 
 
+def chosen_names(chosen: str | Sequence[str] | None) -> tuple[str, ...] | str | None:
+    """Return names as a tuple; a text without commas is a prefix."""
+    if isinstance(chosen, str):
+        return tuple(name.strip() for name in chosen.split(",")) if "," in chosen else chosen
+    return None if chosen is None else tuple(chosen)
+
+
 @dataclass(frozen=True)
 class RecordingRequest:
     """Data that the caller wants from a recording: the joints, and columns whose names differ from the convention.
 
     Attributes:
         joints: names of the robot's coordinates, in the order of q.
-        q: names of the columns with q, or None for ``q_0`` ... (NPZ: one array ``q``).
-        wrench: names of the six columns of the wrench, or None for ``wrench_0`` ... (NPZ: one array ``wrench``).
-        q_prefix, wrench_prefix: the beginning of these names, None where there is no common one.
+        q: names of the columns with q, or their prefix, or None for ``q_0`` ... (NPZ: one array ``q``).
+        wrench: names of the six columns of the wrench, or their prefix, or None for ``wrench_0`` ... (NPZ: one array
+            ``wrench``).
         time: name of the column with time [s], None for ``time`` if there is one, "" for no time.
-        q_topic, wrench_topic: topics of an MCAP file (default: the only ones of their type).
+        topics: topics of an MCAP file to read, at most one of each type (default: the only ones of their type).
         tolerance: MCAP: largest time between joint positions and their wrench [s].
 
     """
 
     joints: tuple[str, ...]
-    q: tuple[str, ...] | None = None
-    wrench: tuple[str, ...] | None = None
-    q_prefix: str | None = None
-    wrench_prefix: str | None = None
+    q: tuple[str, ...] | str | None = None
+    wrench: tuple[str, ...] | str | None = None
     time: str | None = None
-    q_topic: str | None = None
-    wrench_topic: str | None = None
+    topics: tuple[str, ...] = ()
     tolerance: float = 0.01
 
     @property
@@ -130,22 +134,18 @@ class RecordingRequest:
         """Return the number of joint positions per row."""
         return len(self.joints)
 
-    def with_prefixes_found(self, path: Path, names: Sequence[str]) -> RecordingRequest:
-        """Return the request with the names of the columns that begin with the prefixes.
+    def names_found(self, path: Path, names: Sequence[str]) -> tuple[tuple[str, ...] | None, tuple[str, ...] | None]:
+        """Return the names of the columns with q and wrench, also of those that begin with a prefix; None for default.
 
         Raises:
-            RecordingError: the columns of a prefix are not as many as needed, or names and a prefix are given.
+            RecordingError: the columns of a prefix are not as many as needed.
 
         """
-        for option, prefix, chosen in (("q", self.q_prefix, self.q), ("wrench", self.wrench_prefix, self.wrench)):
-            if prefix is not None and chosen is not None:
-                raise RecordingError(f"--{option} and --{option}-columns: give the prefix or the names, not both")
         q, wrench = self.q, self.wrench
-        if self.q_prefix is not None:
-            q = _prefixed(path, names, "--q", self.q_prefix, [self.joints])
-        if self.wrench_prefix is not None:
-            wrench = _prefixed(path, names, "--wrench", self.wrench_prefix, _WRENCH_NAMES)
-        return replace(self, q=q, wrench=wrench, q_prefix=None, wrench_prefix=None)
+        return (
+            _prefixed(path, names, "--q", q, [self.joints]) if isinstance(q, str) else q,
+            _prefixed(path, names, "--wrench", wrench, _WRENCH_NAMES) if isinstance(wrench, str) else wrench,
+        )
 
     def table_columns(self, path: Path, names: Sequence[str]) -> Columns:
         """Find the columns of a table by name.
@@ -154,17 +154,16 @@ class RecordingRequest:
             RecordingError: a column does not exist, or the number of names is wrong.
 
         """
-        if self.q_prefix is not None or self.wrench_prefix is not None:
-            return self.with_prefixes_found(path, names).table_columns(path, names)
-        if self.q is not None and len(self.q) != self.dof:
-            raise RecordingError(f"--q-columns: {len(self.q)} names, but the robot has {self.dof} joint positions")
-        if self.wrench is not None and len(self.wrench) != 6:
-            raise RecordingError(f"--wrench-columns: {len(self.wrench)} names, but a wrench has 6 entries")
+        q, wrench = self.names_found(path, names)
+        if q is not None and len(q) != self.dof:
+            raise RecordingError(f"--q: {len(q)} names, but the robot has {self.dof} joint positions")
+        if wrench is not None and len(wrench) != 6:
+            raise RecordingError(f"--wrench: {len(wrench)} names, but a wrench has 6 entries")
         default_time = "time" if "time" in names else None
         columns = Columns(
             time=default_time if self.time is None else self.time or None,
-            q=self.q or tuple(f"q_{i}" for i in range(self.dof)),
-            wrench=self.wrench or tuple(f"wrench_{i}" for i in range(6)),
+            q=q or tuple(f"q_{i}" for i in range(self.dof)),
+            wrench=wrench or tuple(f"wrench_{i}" for i in range(6)),
         )
         absent = [name for name in columns.names if name not in names]
         if absent:
@@ -178,7 +177,7 @@ class RecordingRequest:
 def _prefixed(
     path: Path, columns: Sequence[str], option: str, prefix: str, endings: Sequence[Sequence[str]]
 ) -> tuple[str, ...]:
-    """Return the columns of a prefix: with one of the lists of endings, or numbered from 0 or 1."""
+    """Return the columns of a prefix: with one of the lists of endings, numbered from 0 or 1, or the one so named."""
     for names in endings:
         named = tuple(prefix + name for name in names)
         if all(name in columns for name in named):
@@ -187,11 +186,13 @@ def _prefixed(
     numbered = {int(rest.removesuffix("]")): name for name in columns if _NUMBER.fullmatch(rest := _rest(name, prefix))}
     first = min(numbered, default=0)
     if first > 1 or sorted(numbered) != list(range(first, first + count)):
+        if prefix in columns:
+            return (prefix,)
         raise RecordingError(
             f"{path}: {option} {printable(prefix)}: needs {count} columns, {printable(prefix)}0 ... "
             f"{printable(prefix)}{count - 1} or {listed([prefix + name for name in endings[0]])}; the file has "
             f"{listed([name for name in columns if name.startswith(prefix)] or columns, 40)}. "
-            f"Name them one by one with {option}-columns"
+            "Name them one by one, with commas"
         )
     return tuple(numbered[k] for k in range(first, first + count))
 
@@ -270,14 +271,9 @@ def open_recording(
         raise RecordingError(f"{printable(str(path), 200)}: cannot be read ({error.strerror})") from error
     if not readable:
         raise RecordingError(f"{path}: is no file; name a recording")
-    topics = request.q_topic or request.wrench_topic or request.tolerance != RecordingRequest.tolerance
-    if known.name != "MCAP" and topics:
-        raise RecordingError(f"{path}: --q-topic, --wrench-topic and --tolerance apply to MCAP files; leave them out")
-    if known.name == "MCAP" and (request.q_prefix or request.wrench_prefix):
-        raise RecordingError(
-            f"{path}: --q and --wrench are prefixes of columns, which MCAP files do not have; name the joints with "
-            "--q-columns"
-        )
+    of_topics = request.topics or request.tolerance != RecordingRequest.tolerance
+    if known.name != "MCAP" and of_topics:
+        raise RecordingError(f"{path}: --topic and --tolerance apply to MCAP files; leave them out")
     reader = importlib.import_module(f"{__name__}.{known.module}")
     with _decoding(path):
         opened: Recording = reader.open_file(path, request, progress)

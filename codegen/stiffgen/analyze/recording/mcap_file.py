@@ -135,7 +135,7 @@ def open_file(path: Path, request: RecordingRequest, progress: Callable[[str], N
     """Find the two topics in the file's summary, and the joints in the first messages."""
     progress(f"reading the summary of {path.name}")
     if request.wrench is not None or request.time is not None:
-        raise RecordingError("--wrench-columns and --time-column do not apply to MCAP; name topics with --wrench-topic")
+        raise RecordingError("--wrench and --time-column do not apply to MCAP; choose its topic with --topic")
     with path.open("rb") as file:
         summary = extra("mcap.reader", _PURPOSE).make_reader(file).get_summary()
         if summary is None or summary.statistics is None:
@@ -149,11 +149,14 @@ def open_file(path: Path, request: RecordingRequest, progress: Callable[[str], N
             schema = summary.schemas.get(channel.schema_id)
             topics[channel.topic] = schema.name if schema else "no type"
             messages[channel.topic] = messages.get(channel.topic, 0) + counts.get(number, 0)
-        q_topic = _topic(path, topics, _JOINTS, request.q_topic, "--q-topic")
-        wrench_topic = _topic(path, topics, _WRENCH, request.wrench_topic, "--wrench-topic")
-        joints = request.q or request.joints
+        _check_topics(path, topics, request.topics)
+        q_topic, wrench_topic = (_topic(path, topics, kind, request.topics) for kind in (_JOINTS, _WRENCH))
+        joints = ((request.q,) if isinstance(request.q, str) else request.q) or request.joints
         if len(joints) != request.dof:
-            raise RecordingError(f"--q-columns: {len(joints)} names, but the robot has {request.dof} joint positions")
+            raise RecordingError(
+                f"--q: {len(joints)} names, but the robot has {request.dof} joint positions; MCAP files have no "
+                "columns with a prefix"
+            )
         file.seek(0)
         _check_joints(path, file, q_topic, joints)
         file.seek(0)
@@ -165,16 +168,22 @@ def open_file(path: Path, request: RecordingRequest, progress: Callable[[str], N
     return Recording(path, columns, (whole,), notes=(note,))
 
 
-def _topic(path: Path, topics: Mapping[str, str], kind: str, chosen: str | None, option: str) -> str:
+def _check_topics(path: Path, topics: Mapping[str, str], chosen: tuple[str, ...]) -> None:
+    for topic in chosen:
+        if topics.get(topic) not in (_JOINTS, _WRENCH):
+            raise RecordingError(
+                f"{path}: --topic {printable(topic)} is no topic of type {_JOINTS} or {_WRENCH}; {_listing(topics)}"
+            )
+
+
+def _topic(path: Path, topics: Mapping[str, str], kind: str, chosen: tuple[str, ...]) -> str:
+    """Return the topic of a type: the chosen one, or the only one."""
     fitting = sorted(topic for topic, type_name in topics.items() if type_name == kind)
-    if chosen is not None:
-        if chosen in fitting:
-            return chosen
-        raise RecordingError(f"{path}: {option} {printable(chosen)} is no topic of type {kind}; {_listing(topics)}")
-    if len(fitting) == 1:
-        return fitting[0]
-    if fitting:
-        raise RecordingError(f"{path}: has several topics of type {kind}; choose with {option}: {listed(fitting)}")
+    wanted = [topic for topic in fitting if topic in chosen] or fitting
+    if len(wanted) == 1:
+        return wanted[0]
+    if wanted:
+        raise RecordingError(f"{path}: has several topics of type {kind}; choose one with --topic: {listed(wanted)}")
     raise RecordingError(f"{path}: has no topic of type {kind}; {_listing(topics)}")
 
 
@@ -191,5 +200,5 @@ def _check_joints(path: Path, file: BinaryIO, topic: str, joints: tuple[str, ...
     absent = [joint for joint in joints if joint not in seen]
     raise RecordingError(
         f"{path}: no message on {printable(topic)} has joint {listed(absent)}; the messages have "
-        f"{listed(list(seen), 40) or 'none'}. Name the joints in the order of q with --q-columns"
+        f"{listed(list(seen), 40) or 'none'}. Name the joints in the order of q with --q A,B,..."
     )

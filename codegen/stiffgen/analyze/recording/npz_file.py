@@ -113,7 +113,7 @@ def open_file(path: Path, request: RecordingRequest, progress: Callable[[str], N
     progress(f"checking the arrays of {path.name}")
     with zipfile.ZipFile(path) as archive, path.open("rb") as file:
         names = [info.filename[:-4] for info in archive.infolist() if info.filename.endswith(".npy")]
-        time, q, wrench = _chosen(path, request.with_prefixes_found(path, names), names)
+        time, q, wrench = _chosen(path, request, names)
         members = {name: _member(archive, file, name, path) for name in (*time, *q, *wrench)}
     for group, width, what in ((time, 1, "time"), (q, request.dof, "q"), (wrench, 6, "wrench")):
         _check_shapes(path, [members[name] for name in group], width, what)
@@ -132,12 +132,13 @@ def open_file(path: Path, request: RecordingRequest, progress: Callable[[str], N
 
 def _chosen(path: Path, request: RecordingRequest, names: Sequence[str]) -> tuple[tuple[str, ...], ...]:
     """Return the names of the arrays with time, q and wrench: one two-dimensional array, or one array per column."""
-    q = request.q or (("q",) if "q" in names else tuple(f"q_{i}" for i in range(request.dof)))
-    wrench = request.wrench or (("wrench",) if "wrench" in names else tuple(f"wrench_{i}" for i in range(6)))
+    q, wrench = request.names_found(path, names)
+    q = q or (("q",) if "q" in names else tuple(f"q_{i}" for i in range(request.dof)))
+    wrench = wrench or (("wrench",) if "wrench" in names else tuple(f"wrench_{i}" for i in range(6)))
     default_time = "time" if "time" in names else ""
     time_name = default_time if request.time is None else request.time
     time = (time_name,) if time_name else ()
-    for option, chosen, width in (("--q-columns", q, request.dof), ("--wrench-columns", wrench, 6)):
+    for option, chosen, width in (("--q", q, request.dof), ("--wrench", wrench, 6)):
         if len(chosen) not in (1, width):
             raise RecordingError(f"{option}: name one array (N, {width}), or {width} arrays (N,)")
     absent = [name for name in (*time, *q, *wrench) if name not in names]

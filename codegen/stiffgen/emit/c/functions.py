@@ -18,7 +18,7 @@ from stiffgen.lower.steps import lowered
 from stiffgen.lower.variant import Variant
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
-from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.potentials import KernelOptions
 from stiffgen.symbolic.program import Array
 
 
@@ -54,7 +54,7 @@ class VariantCode:
         return frozenset().union(*(function.calls for _, function in (*self.shared, *self.kernels)))
 
 
-def print_kernels(chain: Chain, name: str, variant: Variant, options: SpringOptions) -> VariantCode:
+def print_kernels(chain: Chain, name: str, variant: Variant, options: KernelOptions) -> VariantCode:
     """Print the kernels of a chain for a variant; ``name`` is the prefix of public functions."""
     table = [kernel for kernel in chain_kernels(chain, options) if kernel.batch or not variant.batches]
     code = lowered(chain, variant)

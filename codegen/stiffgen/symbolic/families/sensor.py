@@ -105,7 +105,7 @@ def _note(sensor: MountedSensor, reference: str) -> str:
     )
     return (
         f"The sensor is on link {comment(sensor.option.link)}, {where} at generation, and reports the wrench that "
-        f"{acts} (--sensor-sign {sensor.option.sign}). Free fall is ({gravity}) m/s^2 in {reference} axes."
+        f"{acts} (--sensor sign={sensor.option.sign}). Free fall is ({gravity}) m/s^2 in {reference} axes."
     )
 
 

@@ -15,7 +15,7 @@ from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic.arguments import Argument, Q
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
 from stiffgen.symbolic.model import casadi_function, folded
-from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.potentials import KernelOptions
 from stiffgen.verify.kernels.comparison import KernelCall, but_for_rounding
 from stiffgen.verify.kernels.samples import argument_samples, with_other_lower_triangles
 from stiffgen.verify.result import Check, Kernels, as_results
@@ -24,7 +24,7 @@ FAR = (1.5e4, -1.0e6, 3.0e9)
 """Angles beyond the range that the generated code reduces itself."""
 
 
-def check_far_angles(kernels: Kernels, chain: Chain, seed: int, options: SpringOptions | None = None) -> list[Check]:
+def check_far_angles(kernels: Kernels, chain: Chain, seed: int, options: KernelOptions | None = None) -> list[Check]:
     """Compare kernels with the CasADi functions, with one joint many turns away at a time.
 
     Chains with mimic joints are left out: either code rounds multiplied and shifted positions in its own way.
@@ -39,7 +39,7 @@ def check_far_angles(kernels: Kernels, chain: Chain, seed: int, options: SpringO
 
 
 def check_against_casadi(
-    kernels: Kernels, chain: Chain, count: int, seed: int, options: SpringOptions | None = None
+    kernels: Kernels, chain: Chain, count: int, seed: int, options: KernelOptions | None = None
 ) -> list[Check]:
     """Compare kernels with the CasADi functions of the same chain (the C printing and the compiler)."""
     pool = with_other_lower_triangles(argument_samples(chain, count, seed, options))
@@ -47,13 +47,13 @@ def check_against_casadi(
 
 
 @lru_cache(maxsize=1)
-def _formulas(chain: Chain, options: SpringOptions | None) -> list[tuple[Kernel, ca.Function]]:
+def _formulas(chain: Chain, options: KernelOptions | None) -> list[tuple[Kernel, ca.Function]]:
     """Return every kernel with its CasADi function; making the functions takes as long as all comparisons."""
     return [(kernel, casadi_function(chain, kernel)) for kernel in chain_kernels(chain, options)]
 
 
 def compare(
-    kernels: Kernels, chain: Chain, pool: dict[Argument, FloatArray], options: SpringOptions | None
+    kernels: Kernels, chain: Chain, pool: dict[Argument, FloatArray], options: KernelOptions | None
 ) -> list[Check]:
     """Compare kernels with the CasADi functions at given arguments."""
     checks = []

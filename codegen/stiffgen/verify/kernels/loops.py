@@ -21,7 +21,7 @@ from stiffgen.symbolic.families.compliance import increment, joint_stiffness
 from stiffgen.symbolic.families.joint_potentials import JOINT_POTENTIALS, JointPotential
 from stiffgen.symbolic.families.motors import ACTUATED, GRADIENT, HESSIAN, MOTOR_VELOCITY, START
 from stiffgen.symbolic.kernels import Kernel
-from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.potentials import KernelOptions
 from stiffgen.symbolic.springs import Spring
 from stiffgen.verify.kernels import compliance
 from stiffgen.verify.kernels.comparison import Oracle
@@ -253,7 +253,7 @@ def loop_oracles(spring: Spring) -> dict[str, tuple[Oracle, ...]]:
 
 
 def check_loops(
-    kernels: Kernels, chain: Chain, count: int, seed: int, options: SpringOptions, table: Sequence[Kernel]
+    kernels: Kernels, chain: Chain, count: int, seed: int, options: KernelOptions, table: Sequence[Kernel]
 ) -> list[Check]:
     """Compare the functions in motor coordinates with projections of the tree's references; nothing without loops."""
     if not chain.loops:
@@ -275,7 +275,7 @@ def check_loops(
     q = q[closes]
     closed = References(chain, len(q), seed, options, Samples(chain, len(q), seed, {Q: q}))
     projection = _Projection(closed)
-    oracles = {**LOOP_ORACLES, **{n: o for spring in options.springs() for n, o in loop_oracles(spring).items()}}
+    oracles = {**LOOP_ORACLES, **{n: o for spring in options.all_springs() for n, o in loop_oracles(spring).items()}}
     tips = {tip.name: each for tip, each in zip(chain.tips, projection.tips, strict=True)}
     for kernel in table:
         at = tips[kernel.tip.name] if kernel.tip else projection

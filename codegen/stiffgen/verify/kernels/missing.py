@@ -14,6 +14,7 @@ from stiffgen.robot.chain import Chain
 from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
 from stiffgen.symbolic.model import casadi_function, folded
+from stiffgen.symbolic.potentials import ALL
 from stiffgen.verify.result import as_results
 
 
@@ -22,7 +23,7 @@ def missing_functions(robot: GeneratedRobot) -> dict[str, Callable[..., Any]]:
     if not robot.springs.groups:
         return {}
     present = {kernel.qualified_name for kernel in robot.table}
-    everything = chain_kernels(robot.chain, replace(robot.springs, groups=()))
+    everything = chain_kernels(robot.chain, replace(robot.springs, kernels=ALL))
     return {
         kernel.qualified_name: function_of_stacks(robot.chain, kernel)
         for kernel in everything

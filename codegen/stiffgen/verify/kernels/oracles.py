@@ -18,7 +18,7 @@ from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
 from stiffgen.symbolic.families.joint_potentials import JOINT_POTENTIALS, JointPotential
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
-from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.potentials import KernelOptions
 from stiffgen.verify.kernels.comparison import KernelCall, Oracle, but_for_rounding, symmetry
 from stiffgen.verify.kernels.compliance import COMPLIANCE_ORACLES
 from stiffgen.verify.kernels.loops import CLOSE, LOOP_ORACLES, loop_oracles
@@ -127,10 +127,10 @@ ORACLES["body_joint_stiffness"] += (
 ORACLES["hybrid_joint_stiffness"] += (_of_potential(_turned_to_hybrid),)
 
 
-def oracles_of(options: SpringOptions | None) -> Oracles:
+def oracles_of(options: KernelOptions | None) -> Oracles:
     """Return the table with the oracles of the chosen springs, also of a user's potentials."""
     table = dict(ORACLES)
-    for spring in (options or SpringOptions()).springs():
+    for spring in (options or KernelOptions()).all_springs():
         names = ("energy", "wrench", "task_stiffness", "torque", "joint_stiffness")
         for name in names:
             table[f"{spring.name}_{name}"] = (_of_spring(spring.name, (name,)),)
@@ -158,7 +158,7 @@ def _sum_over_tips(of: Oracle) -> Oracle:
     return Oracle(f"sum over the tips: {of.name}", total)
 
 
-def check_oracles(table: Iterable[Kernel], options: SpringOptions | None = None) -> list[Check]:
+def check_oracles(table: Iterable[Kernel], options: KernelOptions | None = None) -> list[Check]:
     """Return a failed check for every kernel without an oracle.
 
     A vector-Jacobian product is compared with differences of its kernel
@@ -182,7 +182,7 @@ def check_robot(
     chain: Chain,
     count: int,
     seed: int,
-    options: SpringOptions | None = None,
+    options: KernelOptions | None = None,
     table: Sequence[Kernel] | None = None,
 ) -> list[Check]:
     """Compare all kernels of a robot with their oracles; ``table`` has those of a folder with fewer."""

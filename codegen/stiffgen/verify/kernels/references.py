@@ -30,7 +30,7 @@ from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
 from stiffgen.symbolic.families.joint_potentials import JointPotential
 from stiffgen.symbolic.families.stiffness import DIRECTION
 from stiffgen.symbolic.model import folded
-from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.potentials import KernelOptions
 from stiffgen.symbolic.springs import Spring
 from stiffgen.verify.kernels.dynamics import differentiated as differentiated_energies
 from stiffgen.verify.kernels.dynamics import potential_energy
@@ -68,10 +68,10 @@ class References:
     """
 
     def __init__(
-        self, chain: Chain, count: int, seed: int, options: SpringOptions | None = None, samples: Samples | None = None
+        self, chain: Chain, count: int, seed: int, options: KernelOptions | None = None, samples: Samples | None = None
     ) -> None:
         self.chain, self.seed = chain, seed
-        self.options = options or SpringOptions()
+        self.options = options or KernelOptions()
         self.samples = samples or Samples(chain, count, seed)
         self._place, self._tool = MovedConfiguration(chain), ca.SX.sym("T", 16)
 
@@ -142,7 +142,7 @@ class References:
     @cached_property
     def springs(self) -> dict[str, dict[str, FloatArray]]:
         """Results of each spring's kernels by name, from its differentiated energy."""
-        return {spring.name: self._spring(spring) for spring in self.options.springs()}
+        return {spring.name: self._spring(spring) for spring in self.options.all_springs()}
 
     def _spring(self, spring: Spring) -> dict[str, FloatArray]:
         symbols = [ca.SX.sym(a.name, *folded(a.array(self.chain).shape)) for a in spring.parameters]

@@ -11,7 +11,7 @@ from stiffgen.robot.chain import Chain
 from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import chain_kernels
-from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.potentials import KernelOptions
 from stiffgen.symbolic.quantities import Sampling
 
 
@@ -57,7 +57,7 @@ class Samples:
 
 
 def argument_samples(
-    chain: Chain, count: int, seed: int, options: SpringOptions | None = None
+    chain: Chain, count: int, seed: int, options: KernelOptions | None = None
 ) -> dict[Argument, FloatArray]:
     """Draw a stack of ``count`` random values for every argument that kernels take."""
     samples = Samples(chain, count, seed)
