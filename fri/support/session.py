@@ -50,6 +50,8 @@ FULL = (
 )
 """Options for the robot's full effort and an immediate start, because the arm of a script does not follow."""
 
+FUZZER = "fri_fuzz"
+"""The target for libFuzzer, which clang alone builds."""
 SANITIZERS = "-O1 -g1 -fsanitize=address,undefined -fno-sanitize-recover=all"
 
 
@@ -92,8 +94,11 @@ def build_standin(folder: Path, version: str) -> list[str]:
     return [f"-DFRI_SDK_ROOT={root}", f"-DFRI_SDK_VERSION={version}"]
 
 
-def build(folder: Path, options: Sequence[str], *, compiler: str, flags: str, fuzzer: bool = False) -> Path:
-    """Configure and build fri/support/native with warnings as errors; return the folder of the programs."""
+def build(
+    folder: Path, options: Sequence[str], *, compiler: str, flags: str, targets: Sequence[str] = ("all",)
+) -> Path:
+    """Configure and build targets of fri/support/native with warnings as errors; return the folder of the programs."""
+    fuzzer = FUZZER in targets
     # Coverage guides the fuzzer through the client alone: coverage of the controller only takes time.
     more = " -std=c++11 -Werror" + (" -fsanitize=fuzzer-no-link" if fuzzer else "")
     run_cmake(
@@ -101,7 +106,7 @@ def build(folder: Path, options: Sequence[str], *, compiler: str, flags: str, fu
             "-S", ROOT / "fri" / "support" / "native", "-B", folder, f"-DFRI_FUZZER={'ON' if fuzzer else 'OFF'}",
             "-DIIWA14_DISPATCH=OFF", *compilers(compiler, flags, more), *options,
         ],
-        ["--build", folder, "-j2"],
+        ["--build", folder, "-j2", "--target", *targets],
     )  # fmt: skip
     return folder
 
@@ -239,3 +244,12 @@ def write_session(folder: Path, version: str) -> dict[str, str]:
     for name, data in sound.items():
         (corpus / name).write_bytes(data)
     return {"FRI_FUZZ_SESSION": str(folder / "session"), "FRI_FUZZ_TRAJECTORY": str(TRAJECTORY)}
+
+
+def fuzz(programs: Path, folder: Path, version: str, libfuzzer: Sequence[str]) -> int:
+    """Run the fuzz target in the folder, which keeps its corpus, with libFuzzer's options; return its exit code."""
+    # A small quarantine: pages met for the first time would take most of the time.
+    environment = {"ASAN_OPTIONS": "quarantine_size_mb=8", **os.environ, **write_session(folder, version)}
+    found = f"-artifact_prefix={folder}/"
+    command = [str(programs / FUZZER), str(folder / "corpus"), "-max_len=1700", found, *libfuzzer]
+    return subprocess.run(command, env=environment, check=False).returncode

@@ -24,6 +24,7 @@ from fri.support.python_client import emulate, free_port
 from fri.support.run import Run
 from fri.support.served import unread, waits
 from fri.support.session import (
+    FUZZER,
     SANITIZERS,
     Programs,
     build,
@@ -41,6 +42,8 @@ from support.project import ROOT, Once
 __all__ = ["kept_objects", "once", "plate", "plate_folder", "robot_folder"]
 
 CLIENT = ROOT / "fri" / "client"
+TOOLS = ("fri_wiping", "harness", "allocations")
+"""Targets of every build of the test programs; the attack takes as long as all of these, and one library is enough."""
 TRAJECTORY = ROOT / "examples" / "bowl_wiping" / "zero_force_trajectory.csv"
 
 
@@ -85,7 +88,8 @@ def make_programs(once: Once, robot_library: Callable[[str, str], list[str]]) ->
             else:
                 options = [f"-DOPEN_FRI_VERSION={version}"]
             options += robot_library(compiler, flags)
-            build(folder, options, compiler=compiler, flags=flags, fuzzer=name == "sanitized")
+            targets = {"sanitized": (*TOOLS, FUZZER), **dict.fromkeys(VERSIONS, ("all",))}.get(name, TOOLS)
+            build(folder, options, compiler=compiler, flags=flags, targets=targets)
 
         folder = once(f"fri_{name}", filled)
         if name == "sdk":

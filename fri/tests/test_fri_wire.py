@@ -26,6 +26,7 @@ from fri.support.session import (
     Programs,
     RobotScript,
     build,
+    fuzz,
 )
 from fri.support.wiping import (
     COMMANDING_ACTIVE,
@@ -381,6 +382,12 @@ def test_length_in_front_is_not_trusted(length: int, sanitized: Programs) -> Non
     *steps, statistics = sanitized.probe(script)
     assert [bool(step["sent"]) for step in steps] == [False, False, True]
     assert statistics["frame"] == 2
+
+
+@pytest.mark.slow
+def test_three_thousand_fuzzed_datagrams_are_survived(sanitized: Programs, tmp_path: Path) -> None:
+    """The short form of ``make campaign NAME=fri-fuzz``."""
+    assert fuzz(sanitized.folder, tmp_path, "2.7", ("-runs=3000", "-seed=1")) == 0
 
 
 @pytest.mark.slow

@@ -308,8 +308,8 @@ def main(given: Iterable[str] | None = None) -> int:
     for version in options.version or VERSIONS:
         folder = options.folder.resolve() / (version + ("-sanitized" if options.sanitize else ""))
         print(f"FRI {version}: building ...", flush=True)
-        flags = SANITIZERS if options.sanitize else "-O1"
-        build(folder, [f"-DOPEN_FRI_VERSION={version}"], compiler="clang" if options.sanitize else "gcc", flags=flags)
+        compiler, flags = ("clang", SANITIZERS) if options.sanitize else ("gcc", "-O1")
+        build(folder, [f"-DOPEN_FRI_VERSION={version}"], compiler=compiler, flags=flags, targets=["attack"])
         with Attack(folder / "attack", write_short_trajectory(folder / "short.csv")) as attack:
             if options.play:
                 schedule = parse(options.play)

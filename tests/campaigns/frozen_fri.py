@@ -165,7 +165,7 @@ def main(given: Iterable[str] | None = None) -> int:
     parser.add_argument("--version", choices=VERSIONS, default=VERSIONS[-1])
     options = parser.parse_args(None if given is None else list(given))
     folder = options.folder.resolve() / options.version
-    build(folder, [f"-DOPEN_FRI_VERSION={options.version}"], compiler="gcc", flags="-O1")
+    build(folder, [f"-DOPEN_FRI_VERSION={options.version}"], compiler="gcc", flags="-O1", targets=["attack"])
     begin = time.monotonic()
     with Attack(folder / "attack", TRAJECTORY, SECONDS) as attack:
         found = faulty(attack, np.random.default_rng([options.seed, 0]), options.faulty, options.kinds.split(","))

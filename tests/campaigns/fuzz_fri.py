@@ -5,19 +5,18 @@
 
 Each run puts one hostile datagram into a session, through the decoder, the open library and the whole client, once for
 each version. FOLDER (default: build/fri-fuzz) keeps programs and corpora. Options with one dash are libFuzzer's. With
-nanopb's sources the sanitizers see into nanopb too.
+nanopb's sources the sanitizers see into nanopb too. The short form is a test of fri/tests/test_fri_wire.py, with
+programs that other tests need as well.
 """
 
 from __future__ import annotations
 
 import argparse
-import os
-import subprocess
 import sys
 from pathlib import Path
 
 from fri.robot.messages import VERSIONS
-from fri.support.session import SANITIZERS, build, write_session
+from fri.support.session import FUZZER, SANITIZERS, build, fuzz
 
 
 def main() -> int:
@@ -32,12 +31,9 @@ def main() -> int:
     for version in options.version or VERSIONS:
         folder = options.folder.resolve() / version
         print(f"FRI {version}: building ...", flush=True)
-        build(folder, [f"-DOPEN_FRI_VERSION={version}", *sources], compiler="clang", flags=SANITIZERS, fuzzer=True)
-        # A small quarantine: pages met for the first time would take most of the time.
-        environment = {"ASAN_OPTIONS": "quarantine_size_mb=8", **os.environ, **write_session(folder, version)}
-        found = f"-artifact_prefix={folder}/"
-        command = [folder / "fri_fuzz", folder / "corpus", "-max_len=1700", found, *libfuzzer]
-        code = subprocess.run([str(part) for part in command], env=environment).returncode
+        options_of_cmake = [f"-DOPEN_FRI_VERSION={version}", *sources]
+        build(folder, options_of_cmake, compiler="clang", flags=SANITIZERS, targets=[FUZZER])
+        code = fuzz(folder, folder, version, libfuzzer)
         if code != 0:
             return code
     return 0

@@ -56,7 +56,7 @@ class Arm:
         bits = re.findall(rf"{name.upper()}_STATUS_(\w+) = 1 << (\d+)", (robot / f"{name}_impedance.h").read_text())
         self.status = {bit: 1 << int(place) for bit, place in bits}
         macros = {"ROBOT": name, "UPPER": name.upper(), "HEADER": f"{name}_impedance.h"}
-        command = ["gcc", "-std=c99", "-O2", "-march=native", "-shared", "-fPIC", f"-I{robot}"]
+        command = ["gcc", "-std=c99", "-O1", "-march=native", "-shared", "-fPIC", f"-I{robot}"]
         command += [f"-D{key}={value}" for key, value in macros.items()]
         files = [HERE / "poses.c", robot / f"{name}.c", robot / f"{name}_impedance.c"]
         library = folder / f"{name}.so"

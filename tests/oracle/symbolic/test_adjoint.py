@@ -35,9 +35,9 @@ ROBOTS = {
 
 
 def tree(folder, *tips):
-    """Twelve joints with two tips, sliding and mimic ones among them, on a floating base."""
+    """Eight joints with two tips, sliding and mimic ones among them, on a floating base."""
     urdf = folder / "tree.urdf"
-    urdf.write_text(tree_urdf(7))
+    urdf.write_text(tree_urdf(7, joints=8))
     return stiffgen.load_chain(urdf, tip=tips, floating_base=True)
 
 

@@ -19,7 +19,7 @@ from support.plant.loop import fill, struct
 from support.project import ROOT
 
 HERE = Path(__file__).resolve().parent
-FLAGS = ("-std=gnu99", "-O3", "-march=native", "-shared", "-fPIC")
+FLAGS = ("-std=gnu99", "-O1", "-march=native", "-shared", "-fPIC")
 GOOD, LOST, SKIPPED, Q_FROZEN, DQ_FROZEN, DQ_ZERO, DQ_REVERSED, NOT_A_NUMBER, COUNTER_FROZEN, BOTH_FROZEN = range(10)
 
 
@@ -87,7 +87,7 @@ class Arm:
         self.name, self.maker = name, maker or MAKERS[name]
         made = folder / name
         if not (made / f"{name}.h").exists():
-            stiffgen.generate(self.maker.urdf, tip=self.maker.tip, name=name, output=folder)
+            stiffgen.generate(self.maker.urdf, tip=self.maker.tip, name=name, batches=False, output=folder)
         self.module: ModuleType = stiffgen.open_robot(made).module
         self.n = n = int(self.module.DOF)
         path = folder / f"{name}_arm.so"

@@ -108,7 +108,7 @@ class Loop:
         robot: Path,
         law: Path = LAW,
         sources: tuple[str, ...] = (*KERNELS, "iiwa14_impedance.c"),
-        flags: tuple[str, ...] = ("-O2", "-march=native"),
+        flags: tuple[str, ...] = ("-O1", "-march=native"),
     ) -> None:
         path = folder / "loop.so"
         files = [HERE / "plant.c", HERE / "episode.c", law, *(robot / source for source in sources)]

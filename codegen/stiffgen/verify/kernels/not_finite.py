@@ -98,8 +98,8 @@ def _overflows(call: Any, kernel: Kernel, pool: Mapping[Argument, FloatArray], l
                 one[(..., *index)] = whole[k][(..., *index)]
                 plans.append((f"in {argument.name}{list(index)}", [*stacks[:k], one, *stacks[k + 1 :]]))
         for title, given in plans:
-            single = (_flat(call(*each)) for each in zip(*given, strict=True))
-            if np.isinf(_flat(call(*given))).any() or any(np.isinf(each).any() for each in single):
+            single = [np.ravel(result) for each in zip(*given, strict=True) for result in as_results(call(*each))]
+            if np.isinf(np.concatenate([_flat(call(*given)), *single])).any():
                 faults.append(f"{large:g} {title}")
     return faults
 
