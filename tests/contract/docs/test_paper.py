@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: MIT
+"""The software paper: its length, its references, and each of its numbers as a page states it that a command writes."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from support.project import ROOT
+
+PAPER = (ROOT / "docs" / "paper" / "paper.md").read_text()
+BODY = PAPER.split("---\n", 2)[2]
+NUMBERS = {
+    "docs/results.md": (
+        "8.0 N m/rad",
+        "6.7 N m",
+        "0.93 to 1.40",
+        "47.8%",
+        "30 N m/rad",
+        "0.0005 N m",
+        "| constant | 200 | 0 |",
+    ),
+    "docs/theory.md": ("| 0.13 | 150 |", "3.9e-13", "| 0.93 |", "100 closed joint-space orbits"),
+    "benchmarks/RESULTS.md": ("| 75.1 |", "| 0.47 |", "| 354 |", "| 1347 |"),
+}
+"""Page, and what it says; the paper has the same numbers."""
+
+
+def test_the_paper_is_short_and_cites_what_it_lists() -> None:
+    words = len(re.findall(r"[\w@'-]+", re.sub(r"^\|.*$|\$\$.*?\$\$", "", BODY, flags=re.MULTILINE | re.DOTALL)))
+    assert words <= 1000
+    listed = set(re.findall(r"@\w+\{(\w+),", (ROOT / "docs" / "paper" / "paper.bib").read_text()))
+    assert set(re.findall(r"@(\w+)", BODY)) == listed
+    assert "10.1177/02783649251393332" in (ROOT / "docs" / "paper" / "paper.bib").read_text()
+
+
+@pytest.mark.parametrize("page", NUMBERS)
+def test_every_number_is_that_of_a_page(page: str) -> None:
+    text = (ROOT / page).read_text()
+    for said in NUMBERS[page]:
+        assert said in text, said
+
+
+def test_no_number_is_unaccounted_for() -> None:
+    """Numbers with a decimal point or a unit stand in NUMBERS; names of standards and equations do not count."""
+    text = re.sub(r"\[@\w+\]|`[^`]*`|\$\$.*?\$\$|^\|.*$", "", BODY, flags=re.MULTILINE | re.DOTALL)
+    found = set(re.findall(r"\d+(?:\.\d+)?(?:e-\d+)?%?", re.sub(r"C99|iiwa 14|1 kHz|60 digits|1 N m ", "", text)))
+    stated = {
+        number for said in NUMBERS.values() for each in said for number in re.findall(r"[\d.]+(?:e-\d+)?%?", each)
+    }
+    assert found <= stated
