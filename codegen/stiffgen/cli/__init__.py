@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import TextIO
 
 import stiffgen
+from stiffgen.cli.completion import SHELLS, Completion
 from stiffgen.cli.parsing import CommandParser, Parser
 from stiffgen.errors import DescriptionWarning, StiffgenError, printable, terminal_text
 from stiffgen.rooms import is_there
@@ -44,6 +45,8 @@ def parser() -> argparse.ArgumentParser:
     """Return the parser of all commands."""
     made = Parser(prog="stiffgen", description=stiffgen.__doc__)
     made.add_argument("--version", action="version", version=f"stiffgen {stiffgen.__version__}")
+    shells = f"{', '.join(SHELLS[:-1])} or {SHELLS[-1]}"
+    made.add_argument("--completion", action=Completion, help=f"print the script of completions for {shells}")
     commands = made.add_subparsers(metavar="COMMAND", parser_class=CommandParser)
     for name, (module, meaning) in COMMANDS.items():
         if is_there(module):

@@ -97,10 +97,14 @@ class CommandParser(Parser):
     module = ""
     _is_complete = False
 
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Add the command's arguments on first use, then parse."""
+    def complete(self) -> None:
+        """Add the command's arguments on first use."""
         if not self._is_complete:
             self._is_complete = True
             check_memory()
             import_module(f"stiffgen.{self.module}").add(self)
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Add the command's arguments on first use, then parse."""
+        self.complete()
         return super().parse_known_args(args, namespace)
