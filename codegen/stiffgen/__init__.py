@@ -117,8 +117,8 @@ class _Package(ModuleType):
             super().__setattr__(name, value)
 
     def __dir__(self) -> list[str]:
-        """Return all public names, imported or not."""
-        return sorted({*super().__dir__(), *__all__})
+        """Return all public names, imported or not, and none of the modules that this file or others imported."""
+        return [*__all__, "__doc__", "__file__", "__name__", "__path__"]
 
 
 sys.modules[__name__].__class__ = _Package

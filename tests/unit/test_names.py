@@ -111,3 +111,10 @@ def test_a_robot_named_robot_compiles(tmp_path):
     folder = stiffgen.generate(URDF, output=tmp_path, name="robot", build=False)
     for source in ("robot.c", "robot_impedance.c"):
         subprocess.run(["gcc", "-std=c99", "-fsyntax-only", "-Wall", "-Werror", str(folder / source)], check=True)
+
+
+def test_dir_lists_public_names_alone() -> None:
+    """No module that the package or its user imported, such as ``sys`` or ``stiffgen.errors``."""
+    import stiffgen.robot.chain  # binds ``robot``
+
+    assert set(dir(stiffgen)) - {"__doc__", "__file__", "__name__", "__path__"} == set(stiffgen.__all__)
