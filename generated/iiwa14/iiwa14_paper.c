@@ -2,18 +2,24 @@
 #include "iiwa14_paper.h"
 
 #include <math.h>
+#include <stdint.h>
 #include <string.h>
 #undef M /* names that headers of a platform may have as macros */
 #undef N
+#if defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__
+#error "compile without -ffast-math and -ffinite-math-only: NaN and infinity must be seen"
+#endif
 
 enum { N = 7, SWEEPS = 16 };
 
-/* Return whether all numbers lie between the bounds; NaN does not. */
+/* Return whether all numbers lie between the bounds. NaN does not: its bits tell, whatever a compiler's flags say of it. */
 static int all_within(const double *x, int count, double least, double most)
 {
     int good = 1;
     for (int i = 0; i < count; ++i) {
-        good = good && x[i] >= least && x[i] <= most;
+        uint64_t bits;
+        memcpy(&bits, x + i, sizeof bits);
+        good = good && (bits << 1) < 0xffe0000000000000u && x[i] >= least && x[i] <= most;
     }
     return good;
 }
@@ -50,6 +56,7 @@ static void diagonalise(int n, double *A, double *V)
 /* Factorise M = L L^T (Cholesky). Return whether M is positive definite. */
 static int factorise(const double *M, double *L)
 {
+    int positive = 1;
     memset(L, 0, N * N * sizeof(double));
     for (int i = 0; i < N; ++i) {
         for (int j = 0; j <= i; ++j) {
@@ -57,13 +64,11 @@ static int factorise(const double *M, double *L)
             for (int k = 0; k < j; ++k) {
                 rest -= L[i * N + k] * L[j * N + k];
             }
-            if (i == j && !(rest > 0.0)) {
-                return 0;
-            }
+            positive = positive && (i != j || rest > 0.0);
             L[i * N + j] = i == j ? sqrt(rest) : rest / L[j * N + j];
         }
     }
-    return 1;
+    return positive;
 }
 
 /* Solve L x = y in place; the entries of x lie a stride apart. */
@@ -129,17 +134,11 @@ static int evaluate(const iiwa14_paper_config *c, const iiwa14_paper_input *inpu
     double M[N * N], *const K = out->joint_stiffness;
     const int finite = all_within(input->q, N, -1e6, 1e6) && all_within(input->dq, N, -1e6, 1e6) &&
                        all_within(input->q0, N, -1e6, 1e6) && all_within(input->wrench, 6, -1e6, 1e6);
-    if (!finite) {
-        return IIWA14_PAPER_E_INPUT;
+    if (!finite || !is_stiffness(input->task_stiffness)) {
+        return finite ? IIWA14_PAPER_E_STIFFNESS : IIWA14_PAPER_E_INPUT;
     }
-    if (!is_stiffness(input->task_stiffness)) {
-        return IIWA14_PAPER_E_STIFFNESS;
-    }
-    if (c->conventional == 1) {
-        iiwa14_hybrid_joint_stiffness_uncorrected(input->q, input->wrench, input->task_stiffness, K);
-    } else {
-        iiwa14_hybrid_joint_stiffness(input->q, input->wrench, input->task_stiffness, K);
-    }
+    (c->conventional == 1 ? iiwa14_hybrid_joint_stiffness_uncorrected : iiwa14_hybrid_joint_stiffness)(
+        input->q, input->wrench, input->task_stiffness, K);
     iiwa14_mass_matrix(input->q, M);
     for (int i = 0; i < N; ++i) {
         K[i * (N + 1)] += c->posture_stiffness;
@@ -171,7 +170,7 @@ int iiwa14_paper_validate(const iiwa14_paper_config *c)
     if (c == NULL) {
         return IIWA14_PAPER_E_NULL;
     }
-    const double scalars[4] = {1.0 / c->sample_time, c->damping_ratio, c->joint_damping, c->posture_stiffness};
+    const double scalars[4] = {c->sample_time - 1e-6, c->damping_ratio, c->joint_damping, c->posture_stiffness};
     const int good = (c->conventional == 0 || c->conventional == 1) && all_within(scalars, 4, 0.0, 1e6) &&
                      all_within(c->motor_inertia, N, 0.0, 1e6) && all_within(c->effort_limit, N, 0.0, 1e9) &&
                      all_within(c->torque_rate_limit, N, 0.0, 1e9);
@@ -189,7 +188,7 @@ int iiwa14_paper_step(const iiwa14_paper_config *config, iiwa14_paper_state *sta
     for (int i = 0; i < N; ++i) {
         const double most = invalid ? 0.0 : config->effort_limit[i];
         const double rate = invalid ? 0.0 : config->torque_rate_limit[i] * config->sample_time;
-        const double last = fabs(state->torque[i]) <= most ? state->torque[i] : 0.0;
+        const double last = all_within(state->torque + i, 1, -most, most) ? state->torque[i] : 0.0;
         const double wanted = error ? 0.0 : output->elastic_torque[i] + output->damping_torque[i];
         const double possible = fmin(fmax(wanted, -most), most);
         state->torque[i] = output->torque[i] = fmin(fmax(possible, last - rate), last + rate);

@@ -37,6 +37,7 @@ FLAGS = {
 COMPILERS = [name for base in FLAGS for name in (base, *(f"{base}-{k}" for k in range(11, 22))) if shutil.which(name)]
 PROGRAM = """
 #include "arm_impedance.h"
+#include "arm_paper.h"
 #include <math.h>
 #include <stdint.h>
 #include <stdio.h>
@@ -62,6 +63,27 @@ static void show_kernels(const double *q, const double *wrench, const double *st
     show(4, result);
 }
 
+/* Step the law of the paper with a bad number in each of its arguments: the torque is a number all the same. */
+static void show_paper(const double *q, const double *stiffness, const double *bad)
+{
+    for (int k = 0; k < 30; ++k) {
+        arm_paper_config c;
+        arm_paper_input in;
+        arm_paper_output out;
+        arm_paper_state state = {{0.1, -0.1}};
+        double *const at[] = {in.q, in.dq, in.q0, in.wrench, in.task_stiffness, state.torque, &c.sample_time,
+                              &c.damping_ratio, &c.joint_damping, &c.posture_stiffness, c.motor_inertia,
+                              c.effort_limit, c.torque_rate_limit, in.task_stiffness + 1, in.q0 + 1};
+        memset(&in, 0, sizeof in);
+        arm_paper_default_config(&c);
+        memcpy(in.q, q, sizeof in.q);
+        memcpy(in.task_stiffness, stiffness, sizeof in.task_stiffness);
+        *at[k / 2] = bad[k % 2];
+        printf("%d ", arm_paper_step(&c, &state, &in, &out));
+        show(2, out.torque);
+    }
+}
+
 int main(int count, char **words)
 {
     const uint64_t patterns[2] = {0x7ff8000000000000u, 0x7ff0000000000000u};
@@ -82,6 +104,7 @@ int main(int count, char **words)
         show_kernels(q, wrench, stiffness);
         *at = kept;
     }
+    show_paper(q, stiffness, bad);
     arm_impedance_default_config(&config);
     config.stiffness_cap = ARM_STIFFNESS_CAP_ACCEPT;
     config.automatic_reset_time = 0.005;
@@ -125,7 +148,7 @@ def numbers(words: list[str]) -> np.ndarray:
 def judge(compiler: str, flags: tuple[str, ...], sources: Path, work: Path) -> tuple[str, list[str]]:
     """Build and run with the flags. Return "refused", "found" or "ran", and the words that it printed."""
     program = work / "program"
-    files = [str(sources / name) for name in ("arm.c", "arm_impedance.c", "main.c")]
+    files = [str(sources / name) for name in ("arm.c", "arm_impedance.c", "arm_paper.c", "main.c")]
     command = [compiler, "-std=gnu99", "-O1", *flags, "-w", f"-I{sources}", *files, "-lm", "-o", str(program)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode != 0:

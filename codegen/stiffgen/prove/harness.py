@@ -30,6 +30,8 @@ STATES = (
 STEPS = tuple(f"step_{state}_{how}" for state, _ in STATES for how in ("accepted", "refused"))
 SERVICES = ("step_without", "init", "reset", "default_config", "error_text")
 """Entries of the controller's harness in which a contract replaces validate."""
+PAPER = ("paper_step", "paper_step_without", "paper_validate", "paper_default_config")
+"""Entries of the harness of the paper's law."""
 
 
 def kernels_bits(robot: GeneratedRobot, kernels: Sequence[Kernel]) -> str:
@@ -89,6 +91,11 @@ def controller(robot: GeneratedRobot, entries: Sequence[str], *, by_contract: bo
         invariant=memory.RANGES,
         states=STATES,
     )
+
+
+def paper(robot: GeneratedRobot) -> str:
+    """Return the paper's law for Frama-C."""
+    return _render(robot, "paper.c.j2", entries=PAPER)
 
 
 def widths(robot: GeneratedRobot, kernels: Sequence[Kernel], most: int) -> str:

@@ -18,9 +18,9 @@ from stiffgen.prove.verdict import Outcome, Verdict, write_verdicts
 from stiffgen.prove.widths import width_verdicts
 from stiffgen.symbolic.kernel import Kernel
 
-PARTS = ("memory", "bits", "services", "step", "widths")
+PARTS = ("memory", "bits", "services", "step", "paper", "widths")
 """Parts that can run alone: memory, bits and widths of the kernels; services are all functions of the controller but
-its step."""
+its step; paper is the paper's law by itself."""
 _MEMORY = "in bounds, initialised, no undefined behaviour, loops bounded, returns, nothing written but the result"
 _BITS = "in bounds, loops bounded"
 _SYMMETRIC = ", symmetric to the last bit"
@@ -62,7 +62,7 @@ def prove(
 
     Args:
         folder: what ``stiffgen generate`` wrote; it need not be compiled.
-        parts: the requested ones of "memory", "bits", "services", "step" and "widths".
+        parts: the requested ones of "memory", "bits", "services", "step", "paper" and "widths".
         only: qualified names of kernels ("hybrid_joint_stiffness"), or none for all.
         timeout: for one function, in seconds of wall clock.
         json: a file for the verdicts, or None.
@@ -111,11 +111,13 @@ def prove(
 
 def _includes_controller(robot: GeneratedRobot, parts: Sequence[str], only: Sequence[str]) -> bool:
     """Return whether the controller is to be proved; refuse parts of it alone where it is not."""
-    own = {"services", "step"}
+    own = {"services", "step", "paper"}
     included = robot.has_controller and not only and not own.isdisjoint(parts)
     if not included and own.issuperset(parts):
         why = "kernels alone were named" if only else f"{robot.folder} has no controller"
         raise StiffgenError(f"nothing to prove: {why}; parts of kernels are memory, bits, widths")
+    if set(parts) == {"paper"} and not (robot.folder / f"{robot.name}_paper.c").exists():
+        raise StiffgenError(f"nothing to prove: {robot.folder} has no {robot.name}_paper.c (one tip, no closed loops)")
     return included
 
 
@@ -191,7 +193,7 @@ def _controller(run: _ProofRun, parts: Sequence[str]) -> list[Verdict]:
         runs += [("validate", ("validate",), False), ("services", harness.SERVICES, True)]
     if "step" in parts:
         runs += [(step, (step,), True) for step in harness.STEPS]
-    results = {}
+    results: dict[str, frama_c.Findings] = {}
     text = (run.robot.folder / f"{run.robot.name}_impedance.c").read_text(encoding="utf-8")
     apart = [each for each in _APART if f" {each}(" in text]
     for name, entries, by_contract in runs:
@@ -205,7 +207,22 @@ def _controller(run: _ProofRun, parts: Sequence[str]) -> list[Verdict]:
         if ends := result.open_ends(entries):
             result.alarms.setdefault(f"{run.robot.name}_impedance_step", []).extend(ends)
         results[name] = result
-    return [*_controller_verdicts(run.robot, results), _comparisons(run)]
+    own = _controller_verdicts(run.robot, results, f"{run.robot.name}_impedance.c")
+    return [*own, *(_paper(run) if "paper" in parts else []), _comparisons(run)]
+
+
+def _paper(run: _ProofRun) -> list[Verdict]:
+    """Prove the law of the paper; none where the folder has no such file: it needs one tip and no closed loops."""
+    source = f"{run.robot.name}_paper.c"
+    if not (run.robot.folder / source).exists():
+        return []
+    run.progress("Frama-C: the paper's law")
+    file = run.work / "paper_proof.c"
+    file.write_text(harness.paper(run.robot))
+    found = frama_c.analyse(run.provers, run.work, file.name, run.includes, 4.0 * run.timeout)
+    if ends := found.open_ends(harness.PAPER):
+        found.alarms.setdefault(f"{run.robot.name}_paper_step", []).extend(ends)
+    return _controller_verdicts(run.robot, {"the paper's law": found}, source)
 
 
 def _comparisons(run: _ProofRun) -> Verdict:
@@ -219,8 +236,8 @@ def _comparisons(run: _ProofRun) -> Verdict:
     return Verdict("comparisons", claims, "ESBMC", outcome, seconds, detail)
 
 
-def _controller_verdicts(robot: GeneratedRobot, runs: Mapping[str, frama_c.Findings]) -> list[Verdict]:
-    """Return a verdict per function of the controller, and one per run that gave no answer."""
+def _controller_verdicts(robot: GeneratedRobot, runs: Mapping[str, frama_c.Findings], source: str) -> list[Verdict]:
+    """Return a verdict per function of a source of the controller, and one per run that gave no answer."""
     verdicts = [
         Verdict(f"controller, {name.replace('_', ' ')}", _MEMORY, "Frama-C", "no answer", each.seconds, each.trouble)
         for name, each in runs.items()
@@ -231,7 +248,7 @@ def _controller_verdicts(robot: GeneratedRobot, runs: Mapping[str, frama_c.Findi
     for each in runs.values():
         for function, found in each.alarms.items():
             alarms.setdefault(function, []).extend(found)
-    reached = _controller_functions(robot, {function for each in runs.values() for function in each.reached})
+    reached = _functions(robot.folder / source, {function for each in runs.values() for function in each.reached})
     functions = [*reached, *(each for each in alarms if each not in reached)]
     seconds = sum(each.seconds for each in runs.values()) / max(len(functions), 1)
     for function in functions:
@@ -241,8 +258,8 @@ def _controller_verdicts(robot: GeneratedRobot, runs: Mapping[str, frama_c.Findi
     return verdicts
 
 
-def _controller_functions(robot: GeneratedRobot, analysed: set[str]) -> list[str]:
-    """Return the analysed functions that the controller's file defines, in its order."""
-    text = (robot.folder / f"{robot.name}_impedance.c").read_text(encoding="utf-8")
+def _functions(source: Path, analysed: set[str]) -> list[str]:
+    """Return the analysed functions that a source defines, in its order."""
+    text = source.read_text(encoding="utf-8")
     places = {name: re.search(rf"^(?:static )?[a-z][\w *]*\b{name}\(", text, re.MULTILINE) for name in analysed}
     return sorted((name for name, place in places.items() if place), key=lambda name: places[name].start())  # type: ignore[union-attr]

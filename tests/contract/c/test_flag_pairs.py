@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -24,3 +25,22 @@ def test_flags_that_no_macro_tells_are_found(compiler: str, sources: Path, tmp_p
     """Before: with clang -fno-honor-nans every check said 0, and every torque was NaN."""
     unseen = [(flag,) for flag in FLAGS[compiler] if flag in UNSEEN]
     assert set(sweep(compiler, unseen, sources, tmp_path).values()) <= {"found"}
+
+
+@pytest.mark.parametrize("compiler", [name for name in COMPILERS if name in FLAGS])
+def test_the_papers_law_sees_nan_by_its_bits(compiler: str, sources: Path, tmp_path: Path) -> None:
+    """No macro tells some flags. Before: -ffinite-math-only compiled, and clang -fno-honor-nans gave torques of NaN."""
+    refusing = [*(flag for flag in FLAGS[compiler] if flag in UNSEEN), "-fno-signed-zeros", "-ffinite-math-only"]
+    plain: dict[tuple[str, ...], str] = {}
+    for flags in ((), *((flag,) for flag in refusing)):
+        objects = tmp_path / "paper.o"
+        paper = ["-std=gnu99", "-O2", *flags, "-c", str(sources / "arm_paper.c"), "-o", str(objects)]
+        done = subprocess.run([compiler, *paper], capture_output=True, text=True, check=False)
+        if "-ffinite-math-only" in flags:
+            assert "compile without" in done.stderr
+            continue
+        files = [str(sources / name) for name in ("arm.c", "arm_impedance.c", "main.c")]
+        rest = ["-std=gnu99", "-O1", "-w", f"-I{sources}", *files, str(objects), "-lm", "-o", str(tmp_path / "program")]
+        subprocess.run([compiler, *rest], check=True)
+        plain[flags] = subprocess.run([tmp_path / "program"], capture_output=True, text=True, check=True).stdout
+    assert len(plain) > 1 and len(set(plain.values())) == 1

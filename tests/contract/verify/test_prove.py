@@ -118,6 +118,21 @@ def test_the_controller_is_proved() -> None:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("provers")
+def test_the_papers_law_is_proved(tmp_path: Path) -> None:
+    """For all inputs, by Eva, of an arm of two joints (of seven: ``make campaign NAME=proofs``); a fault is caught."""
+    (tmp_path / "arm.urdf").write_text(chain_urdf("rr"))
+    folder = generate(tmp_path / "arm.urdf", output=tmp_path, build=False)
+    verdicts = prove(folder, parts=("paper",))
+    assert_proved(verdicts)
+    own = {f"{folder.name}_paper_step", f"{folder.name}_paper_validate", "diagonalise", "is_stiffness"}
+    assert own < {v.function for v in verdicts}
+    source = folder / f"{folder.name}_paper.c"
+    source.write_text(source.read_text().replace("i < 36; ++i", "i < 37; ++i"))
+    assert "is_stiffness" in {v.function for v in outcomes(prove(folder, parts=("paper",)))["alarm"]}
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("provers")
 def test_a_width_runs_clean(monkeypatch: pytest.MonkeyPatch, shapes: Path) -> None:
     monkeypatch.setattr(widths, "WIDTHS", widths.WIDTHS[1:2])
     assert_proved(prove(shapes, parts=("widths",)))

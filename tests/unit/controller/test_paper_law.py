@@ -84,7 +84,14 @@ def test_a_sample_is_refused_aloud(robot: ModuleType, changed: dict[str, Any], m
 
 
 @pytest.mark.parametrize(
-    "fields", [{"sample_time": 0}, {"damping_ratio": -1}, {"effort_limit": np.nan}, {"motor_inertia": np.inf}]
+    "fields",
+    [
+        {"sample_time": 0},
+        {"sample_time": np.inf},  # accepted before
+        {"damping_ratio": -1},
+        {"effort_limit": np.nan},
+        {"motor_inertia": np.inf},
+    ],
 )
 def test_a_configuration_is_refused(robot: ModuleType, fields: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match="must be finite"):
