@@ -6,7 +6,7 @@
  *   repeated: near the step's own posture, where the processor knows all branches: the least that they can cost
  * Each step is also repeated from the same state, 5 times, and up to 50 while the least of its times is above 10 us.
  * The least is what the code costs, without what the machine adds (other processes, interrupts, a hypervisor).
- * Arguments: steps, processor, configuration (0 the equilibrium moves, 1 the stiffness too, 2 the paper's law).
+ * Arguments: steps, processor, configuration (0 the equilibrium moves, 1 the stiffness too).
  */
 #define _GNU_SOURCE
 #include "iiwa14_impedance.h"
@@ -105,9 +105,6 @@ int main(int count, char **arguments)
         random[i] = 3.0 * rand() / RAND_MAX - 1.5;
     }
     iiwa14_impedance_default_config(&config);
-    if (design == 2) {
-        config.law = IIWA14_LAW_PAPER;
-    }
     for (int i = 0; i < N; ++i) {
         config.motor_inertia[i] = 0.1;
     }
@@ -127,7 +124,6 @@ int main(int count, char **arguments)
         }
         for (int i = 0; i < 6; ++i) {
             in.wrench[i] = (i < 3 ? 5.0 : 1.0) * sin((1.1 + i) * t);
-            in.task_stiffness[7 * i] = (i < 3 ? 700.0 : 30.0);
         }
         for (int i = 0; i < 3; ++i) {
             in.translation_stiffness[4 * i] = 700.0 * (design == 1 ? 1.0 + 0.05 * sin((0.9 + i) * t) : 1.0);

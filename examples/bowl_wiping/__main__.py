@@ -33,9 +33,8 @@ CAPTIONS = {
     report.PICTURE: "Configurations of the corrected trial: start, start of the wipe, on the way, and the turning "
     "point, which is solid. Rendered by MuJoCo.",
     report.FILM: "The corrected trial in real time.",
-    "joints.svg": f"{figures.CAPTIONS['joints.svg']} Towards the end the arm swings under the paper's law: the "
-    "smallest eigenvalue is small there, and the nullspace has 0.1 N m s/rad of damping alone. The potential law "
-    "designs damping for every mode.",
+    "joints.svg": f"{figures.CAPTIONS['joints.svg']} Towards the end joints 5 and 7 swing under the paper's law: "
+    "the smallest eigenvalue is near zero there, and with it the designed damping of that motion.",
     "trajectory.svg": "The zero-force trajectory: as recorded, and by inverse kinematics from the stated and from the "
     "measured geometry.",
 }

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
 """Run one trial: the plant under a law with the paper's gains, recorded step by step.
 
-Three laws of the C controller: the paper's with the ``corrected`` and with the ``conventional`` stiffness, and
-``potential``, the gradient of a spring with the same gains at the tool point. Beside them ``cartesian``, the law in
-common use (cartesian.py).
+Four laws: the paper's (NAME_paper.h) with the ``corrected`` and with the ``conventional`` stiffness; ``potential``, the
+controller's gradient of a spring with the same gains at the tool point; and ``cartesian``, the law in common use
+(cartesian.py).
 """
 
 from __future__ import annotations
@@ -27,7 +27,9 @@ TASK_STIFFNESS: Array = np.diag([700.0, 700.0, 800.0, 30.0, 30.0, 30.0])
 SPRING = {"translation_stiffness": TASK_STIFFNESS[:3, :3], "rotation_stiffness": TASK_STIFFNESS[3:, 3:]}
 """The same for the potential law; rotational axes are the tool's, which does not matter where they are equal."""
 TASK_DAMPING: Array = np.diag([40.0, 40.0, 40.0, 12.0, 12.0, 12.0])
-"""B [N s/m, N m s/rad], hybrid frame."""
+"""B [N s/m, N m s/rad] of the Cartesian law, hybrid frame: the gains of the paper's code."""
+DAMPING_RATIO = 0.7
+"""Damping ratio of the other laws, which design their damping from the joint stiffness and the mass matrix."""
 FORCE_NOISE, MOMENT_NOISE = 0.05, 0.002
 """[N], [N m] standard deviation of the force/torque sensor's noise, seeded."""
 POSTURE_STIFFNESS, JOINT_DAMPING = 1.0, 0.1
@@ -51,11 +53,11 @@ COLUMNS = {
     "wrench_used": "[N, N m] the mean of its last three samples: what the paper's stiffness was computed with",
     "torque": "[N m] command of the controller, without gravity and Coriolis compensation",
     "damping_torque": "[N m] the damping's share of it",
-    "status": "status bits of the controller (NAME_impedance.h)",
+    "status": "status bits of the controller (NAME_impedance.h); 0 in the other laws",
     "contact": "whether tool and surface touch",
     "arm_contact": "whether a link of the arm touches the surface",
     "position": "[m] of the tool point, base frame",
-    "error": "[rad] deflection r - q from the equilibrium posture",
+    "error": "[rad] deflection r - q from the equilibrium posture, q0 - q without one",
     "stiffness": "[N m/rad] joint stiffness Kq, posture stiffness included: applied in the paper's law, the tangent "
     "of the energy in the potential law, -d torque/dq at rest by differences in the Cartesian law",
     "symmetric": "[N m/rad] largest singular value of the symmetric part of the controller's joint stiffness",
@@ -65,8 +67,7 @@ COLUMNS = {
     "port_total": "[J] put out at the robot's port since the start",
     "sampling_total": "[J] put in by holding the torque between samples, damping counted against it; in laws that "
     "have no energy, all of the port's work but reference_total",
-    "reference_total": "[J] put in by moving the equilibrium; in the paper's law the damper's share alone, in the "
-    "Cartesian law 0",
+    "reference_total": "[J] put in by moving the equilibrium; 0 in laws that have no energy",
     "stiffness_total": "[J] put in by changing the stiffness",
 }
 """Arrays of the trace: name and content; the first axis is time."""
@@ -74,23 +75,18 @@ ENERGIES = ("_total", "_energy")
 """Ends of the names of the energy account's columns."""
 
 
-def controller(robot: ModuleType, law: str, sample_time: float, steps: int) -> Any:
-    """Return the controller of a trial: the paper's gains, limits that do not bind, no limit avoidance.
-
-    The paper's law has the paper's task damping, the potential law its own design, from the tangent.
+def controller(robot: ModuleType, sample_time: float, steps: int) -> Any:
+    """Return the controller of the potential law: the paper's gains, limits that do not bind, no limit avoidance.
 
     Args:
         robot: generated module of the arm with its tool.
-        law: one of the first three of :data:`LAWS`.
         sample_time: [s].
         steps: to be recorded.
 
     """
-    paper = {"law": "paper", "damping_design": "task", "task_damping": TASK_DAMPING}
     return robot.Impedance(
-        {} if law == "potential" else paper,
         sample_time=sample_time,
-        stiffness_formula="conventional" if law == "conventional" else "corrected",
+        damping_ratio=DAMPING_RATIO,
         posture_stiffness=POSTURE_STIFFNESS,
         joint_damping=JOINT_DAMPING,
         motor_inertia=MOTOR_INERTIA,
@@ -107,6 +103,19 @@ def controller(robot: ModuleType, law: str, sample_time: float, steps: int) -> A
         stiffness_time=0.05,
         stiffness_cap="accept",
         record=steps,
+    )
+
+
+def paper_law(robot: ModuleType, formula: str, sample_time: float) -> Any:
+    """Return the paper's law with the paper's gains, and limits that do not bind."""
+    return robot.PaperLaw(
+        formula,
+        sample_time=sample_time,
+        damping_ratio=DAMPING_RATIO,
+        posture_stiffness=POSTURE_STIFFNESS,
+        joint_damping=JOINT_DAMPING,
+        motor_inertia=MOTOR_INERTIA,
+        torque_rate_limit=robot.EFFORT / sample_time,
     )
 
 
@@ -164,21 +173,22 @@ def run(
     }
 
 
-def _steps(robot: ModuleType, law: str, sample_time: float, count: int) -> _ControllerSteps | _CartesianSteps:
+def _steps(robot: ModuleType, law: str, sample_time: float, count: int) -> _ControllerSteps | _RecordedSteps:
+    if law == "potential":
+        return _ControllerSteps(controller(robot, sample_time, count))
     if law == "cartesian":
         return _CartesianSteps(robot)
-    return _ControllerSteps(robot, law, sample_time, count)
+    return _PaperSteps(paper_law(robot, law, sample_time))
 
 
 class _ControllerSteps:
     """Steps of the C controller, which records what it does."""
 
-    def __init__(self, robot: ModuleType, law: str, sample_time: float, count: int) -> None:
-        self._impedance = controller(robot, law, sample_time, count)
-        self._gains = SPRING if law == "potential" else {"task_stiffness": TASK_STIFFNESS}
+    def __init__(self, impedance: Any) -> None:
+        self._impedance = impedance
 
     def torque(self, plant: Plant, q0: Array, wrench: Array) -> Array:
-        output = self._impedance.step(q=plant.q, dq=plant.dq, q0=q0, wrench=wrench, **self._gains)
+        output = self._impedance.step(q=plant.q, dq=plant.dq, q0=q0, wrench=wrench, **SPRING)
         return np.asarray(output.torque)
 
     def columns(self) -> Trace:
@@ -192,23 +202,24 @@ class _ControllerSteps:
         }
 
 
-class _CartesianSteps:
-    """Steps of the Cartesian law, recorded here; it has no energy and no status."""
+class _RecordedSteps:
+    """Steps of a law that has no energy and no status; they are recorded here."""
 
-    def __init__(self, robot: ModuleType) -> None:
-        self._law = CartesianLaw(robot, TASK_STIFFNESS, TASK_DAMPING, POSTURE_STIFFNESS, JOINT_DAMPING)
+    def __init__(self) -> None:
         self._rows: dict[str, list[Any]] = {
             name: [] for name in ("q", "dq", "torque", "damping_torque", "error", "stiffness")
         }
 
+    def command(self, plant: Plant, q0: Array, wrench: Array) -> tuple[Array, Array, Array]:
+        """Return the torque, the damping's share of it, and the joint stiffness."""
+        raise NotImplementedError
+
     def torque(self, plant: Plant, q0: Array, wrench: Array) -> Array:
-        q, dq = plant.q, plant.dq
-        spring, damping = self._law.torques(q, dq, q0)
-        stiffness = self._law.stiffness(q, q0)
-        values = (q, dq, spring + damping, damping, q0 - q, stiffness)
+        torque, damping, stiffness = self.command(plant, q0, wrench)
+        values = (plant.q, plant.dq, torque, damping, q0 - plant.q, stiffness)
         for rows, value in zip(self._rows.values(), values, strict=True):
             rows.append(value)
-        return spring + damping
+        return torque
 
     def columns(self) -> Trace:
         columns = {name: np.array(rows) for name, rows in self._rows.items()}
@@ -218,6 +229,30 @@ class _CartesianSteps:
         energies = {name: zero for name in COLUMNS if name.endswith(ENERGIES)}
         status = np.zeros(len(work), np.uint32)
         return {**columns, **energies, "status": status, "port_total": work, "sampling_total": work}
+
+
+class _PaperSteps(_RecordedSteps):
+    """Steps of the paper's law."""
+
+    def __init__(self, law: Any) -> None:
+        super().__init__()
+        self._law = law
+
+    def command(self, plant: Plant, q0: Array, wrench: Array) -> tuple[Array, Array, Array]:
+        output = self._law.step(q=plant.q, dq=plant.dq, q0=q0, wrench=wrench, task_stiffness=TASK_STIFFNESS)
+        return output.torque, output.damping_torque, output.joint_stiffness
+
+
+class _CartesianSteps(_RecordedSteps):
+    """Steps of the Cartesian law."""
+
+    def __init__(self, robot: ModuleType) -> None:
+        super().__init__()
+        self._law = CartesianLaw(robot, TASK_STIFFNESS, TASK_DAMPING, POSTURE_STIFFNESS, JOINT_DAMPING)
+
+    def command(self, plant: Plant, q0: Array, wrench: Array) -> tuple[Array, Array, Array]:
+        spring, damping = self._law.torques(plant.q, plant.dq, q0)
+        return spring + damping, damping, self._law.stiffness(plant.q, q0)
 
 
 def parts(stiffness: Array) -> tuple[Array, Array]:

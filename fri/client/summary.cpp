@@ -132,10 +132,10 @@ void Summary::set_controller(const robot::Config &config, const Settings &settin
 {
     controller_ = Fields{
         {"sample_time", number(config.sample_time)},
-        {"law", config.law == robot::LAW_PAPER ? quoted("paper") : quoted("potential")},
+        {"law", settings.paper ? quoted("paper") : quoted("potential")},
         {"task_stiffness", list(settings.task_stiffness, 6)},
         {"stiffness_formula", settings.conventional ? quoted("conventional") : quoted("corrected")},
-        {"posture_stiffness", number(config.posture_stiffness[0])},
+        {"posture_stiffness", number(settings.posture_stiffness)},
         {"motor_inertia", number(config.motor_inertia[0])},
         {"reference_velocity_limit", list(config.reference_velocity_limit, JOINTS)},
         {"ramp_time", number(config.ramp_time)},

@@ -34,19 +34,6 @@ double antisymmetric_norm(const double *matrix)
     return std::sqrt(sum);
 }
 
-/* Return the paper's elastic energy [J], e^T Kq e / 2 with e from the position to the reference. */
-double quadratic_energy(const robot::Output &output)
-{
-    double sum = 0.0;
-    for (int i = 0; i < JOINTS; ++i) {
-        for (int j = 0; j < JOINTS; ++j) {
-            sum += 0.5 * output.joint_stiffness[i * JOINTS + j] * (output.reference[i] - output.position[i]) *
-                   (output.reference[j] - output.position[j]);
-        }
-    }
-    return sum;
-}
-
 double clamp(double x, double least, double most)
 {
     return std::min(std::max(x, least), most);
@@ -93,7 +80,6 @@ WipingClient::WipingClient(const Settings &settings, const Trajectory &trajector
     fill(q_, 0.0, JOINTS);
     robot::default_config(&config_);
     config_.joint_damping = settings.joint_damping;
-    config_.law = settings.paper ? robot::LAW_PAPER : robot::LAW_POTENTIAL;
     /* The governor limits jumps; it lets the springs follow the trajectory itself. */
     config_.ramp_time = 0.05;
     config_.tip_velocity_limit = 2.0; /* [m/s] */
@@ -109,20 +95,16 @@ WipingClient::WipingClient(const Settings &settings, const Trajectory &trajector
     config_.stiffness_time = 0.05;
     config_.stiffness_cap = robot::STIFFNESS_CAP_ACCEPT; /* slow send periods soften light joints; the status says so */
     for (int i = 0; i < JOINTS; ++i) {
-        config_.posture_stiffness[i] = settings.posture_stiffness;
+        config_.posture_stiffness[i] = settings.paper ? 0.0 : settings.posture_stiffness;
         config_.motor_inertia[i] = settings.motor_inertia;
         config_.reference_velocity_limit[i] = robot::velocity(i); /* the file has been checked for it */
         config_.damping_ratio[i] = settings.damping_ratio;
         config_.effort_limit[i] *= settings.effort_share;
         config_.torque_rate_limit[i] = config_.effort_limit[i] / settings.torque_rise;
     }
-    if (settings.conventional) {
-        config_.stiffness_formula = robot::STIFFNESS_FORMULA_CONVENTIONAL;
-    }
-    for (int i = 0; i < 6; ++i) {
-        input_.task_stiffness[7 * i] = settings.task_stiffness[i];
-    }
-    for (int i = 0; i < 3; ++i) {
+    paper_.configure(settings.conventional, settings.task_stiffness, settings.posture_stiffness,
+                     settings.damping_ratio, config_);
+    for (int i = 0; i < 3 && !settings.paper; ++i) {
         input_.translation_stiffness[4 * i] = settings.task_stiffness[i];
         input_.rotation_stiffness[4 * i] = settings.task_stiffness[3 + i];
     }
@@ -277,6 +259,7 @@ void WipingClient::begin_commanding()
     start_ = 1;
     robot::init(&config_, &state_);
     std::memset(&output_, 0, sizeof output_);
+    paper_.begin();
 }
 
 /* Step the controller for lost messages, then advance the reference unless the controller has a fault. */
@@ -394,6 +377,10 @@ void WipingClient::watch_controller()
 /* Step the controller, with input_ or without a sample. */
 void WipingClient::step_controller(bool valid)
 {
+    if (valid && settings_.paper) {
+        paper_.step(config_, input_, faulted_ ? &output_ : NULL);
+        copy(paper_.torque(), input_.torque_offset, JOINTS);
+    }
     input_.sample_valid = valid ? 1 : 0;
     ++input_.counter;
     robot::step(&config_, &state_, &input_, &output_);
@@ -416,9 +403,10 @@ void WipingClient::step_controller(bool valid)
     copy(output_.torque, record_.torque, JOINTS);
     record_.status = output_.status;
     record_.mode = output_.mode;
-    record_.antisymmetric = antisymmetric_norm(output_.joint_stiffness);
+    record_.antisymmetric =
+        antisymmetric_norm(settings_.paper ? paper_.joint_stiffness() : output_.joint_stiffness);
     record_.tank_energy = output_.tank_energy;
-    record_.elastic_energy = settings_.paper ? quadratic_energy(output_) : output_.elastic_energy;
+    record_.elastic_energy = settings_.paper ? paper_.energy() : output_.elastic_energy;
     if (valid) {
         wrench_refused_ = (output_.status & robot::STATUS_WRENCH_REFUSED) != 0;
         counters_.wrench_refused += wrench_refused_ ? 1 : 0;

@@ -12,6 +12,7 @@
 #include "question.h"
 #include "record.h"
 #include "reference.h"
+#include "paper.h"
 #include "robot.h"
 #include "timing.h"
 #include "wrench.h"
@@ -176,6 +177,7 @@ private:
     robot::State state_;
     robot::Input input_;
     robot::Output output_;
+    PaperTorque paper_;
     RobotClock clock_;
     VelocityFilter velocity_;
     PositionFollower follower_;

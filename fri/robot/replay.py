@@ -49,12 +49,20 @@ def read_client_log(log: Path, summary: Path) -> ClientLog:
 def controller(robot: Any, summary: Mapping[str, Any]) -> Any:
     """Return the controller of a generated robot, configured as a client's summary says."""
     told = summary["controller"]
-    names = ("sample_time", "law", "stiffness_formula", "posture_stiffness", "motor_inertia", "damping_ratio",
-             "joint_damping", "effort_limit", "torque_rate_limit", "reference_velocity_limit", "ramp_time",
-             "tip_velocity_limit", "tip_rotation_limit", "energy_limit", "loss_limit")  # fmt: skip
+    names = ("sample_time", "motor_inertia", "damping_ratio", "joint_damping", "effort_limit", "torque_rate_limit",
+             "reference_velocity_limit", "ramp_time", "tip_velocity_limit", "tip_rotation_limit", "energy_limit",
+             "loss_limit")  # fmt: skip
     client = {"engagement_limit": 20.0, "tank_initial": 10.0, "tank_maximum": 10.0, "stiffness_time": 0.05}
+    client["posture_stiffness"] = 0.0 if told["law"] == "paper" else told["posture_stiffness"]
     words = {"stiffness_cap": "accept", "velocity_source": "differenced"}
     return robot.Impedance({name: told[name] for name in names} | client, **words)
+
+
+def paper_law(robot: Any, summary: Mapping[str, Any]) -> Any:
+    """Return the paper's law, configured as a client's summary says."""
+    told = summary["controller"]
+    names = ("sample_time", "damping_ratio", "posture_stiffness", "motor_inertia", "effort_limit", "torque_rate_limit")
+    return robot.PaperLaw(told["stiffness_formula"], joint_damping=0.0, **{name: told[name] for name in names})
 
 
 def replayed_torque(robot: Any, log: ClientLog) -> NDArray[np.float64]:
@@ -65,23 +73,55 @@ def replayed_torque(robot: Any, log: ClientLog) -> NDArray[np.float64]:
     torque = np.full((len(log), JOINTS), np.nan)
     told = log.summary["controller"]
     stiffness = np.diag(told["task_stiffness"])
-    springs = (
-        {"task_stiffness": stiffness}
-        if told["law"] == "paper"
-        else {"translation_stiffness": stiffness[:3, :3], "rotation_stiffness": stiffness[3:, 3:]}
-    )
+    paper = told["law"] == "paper"
+    blocks = (0.0 if paper else 1.0) * np.array([stiffness[:3, :3], stiffness[3:, 3:]])
+    springs = {"translation_stiffness": blocks[0], "rotation_stiffness": blocks[1]}
     steps = np.flatnonzero((log["start"] != 0) | (log["reset"] != 0))
     for begin, end in pairwise([*steps, len(log)]):
         if log["start"][begin]:
             impedance = controller(robot, log.summary)
+            law = _PaperTorque(robot, log.summary) if paper else None
         else:
             impedance.reset()
         part = slice(begin, end)
-        valid = log["sample_valid"][part].astype(int)
         inputs = {name: log[name][part] for name in ("q", "dq", "q0", "wrench")}
         inputs["external_torque"] = log["load"][part]
-        torque[part] = impedance.run(sample_valid=valid, **springs, **inputs).torque
+        inputs["sample_valid"] = log["sample_valid"][part].astype(int)
+        if law is None:
+            torque[part] = impedance.run(**springs, **inputs).torque
+            continue
+        for k in range(end - begin):
+            torque[begin + k] = law.step(impedance, springs, {name: each[k] for name, each in inputs.items()})
     return torque
+
+
+class _PaperTorque:
+    """The client's paper mode: the law's torque is the torque_offset of a controller without springs."""
+
+    def __init__(self, robot: Any, summary: Mapping[str, Any]) -> None:
+        self._law, self._bit = paper_law(robot, summary), int(robot.Status.FAULT)
+        self._stiffness = np.diag(summary["controller"]["task_stiffness"])
+        self._offset: NDArray[np.float64] = np.zeros(JOINTS)
+        self._last: Any = None
+
+    def step(self, impedance: Any, springs: Mapping[str, Any], sample: Mapping[str, Any]) -> NDArray[np.float64]:
+        """Return the controller's torque of one step."""
+        if sample["sample_valid"]:
+            self._offset = self._torque(impedance.config, sample)
+        self._last = impedance.run(**springs, **sample, torque_offset=self._offset)
+        return np.asarray(self._last.torque[0])
+
+    def _torque(self, config: Any, sample: Mapping[str, Any]) -> NDArray[np.float64]:
+        given = {name: np.array(sample[name]) for name in ("q", "dq", "q0", "wrench")}
+        if self._last is not None and int(self._last.status[0]) & self._bit:
+            given |= {"dq": self._last.velocity[0], "q0": given["q"], "wrench": np.zeros(6)}
+        sizes = np.linalg.norm(given["wrench"].reshape(2, 3), axis=1)
+        if not np.all(sizes <= [config.force_limit, config.moment_limit]):
+            given["wrench"][0] = np.nan
+        try:
+            return np.asarray(self._law.step(**given, task_stiffness=self._stiffness).torque)
+        except ValueError:
+            return np.asarray(self._law.torque)
 
 
 @dataclass(frozen=True)

@@ -57,12 +57,10 @@ static const double NO_STIFFNESS = 1e-9;    /* [N/m] or [N m/rad] in place of no
 static const double NO_ROTATION = 1e-9;     /* [rad] up to which a rotation is linear: its square is below rounding */
 static const double FLATTEST = 1e-9;        /* least mobility that a cap looks at, over the largest of the spring */
 static const double ARRIVED = 1e-12;        /* [s] of travel that is the rounding of poses: the goal is reached */
-static const double UNCAPPED = 1e6;         /* [1/s] cap of damping with the paper's law, which has none */
 static const double SPRINGS_CAP = 0.95;     /* of LARGEST_STIFFNESS for springs: the scale is capped behind them */
 static const double SPRINGS_LEAST = 0.25;   /* of it that posture and limit avoidance leave to the springs */
 static const double NEXT_SHARE = 0.9;       /* of the share that should do: the energy is not linear */
 static const double FALL_SHARE = 0.9;       /* of the rate limit for a scale that falls: the pull changes, too */
-static const double SYMMETRY = 1e-9;          /* of the task damping, over its largest entry */
 static const double COMMAND_TOLERANCE = 1e-6; /* of a commanded stiffness, over its largest entry: single precision */
 static const double POSE_TOLERANCE = 1e-3;    /* of a commanded rotation, sum of |R^T R - I|: 5 digits */
 static const double FARTHEST = 1e6;   /* [rad] beyond it an angle has lost its last digits */
@@ -115,8 +113,6 @@ static const double NO_LOAD = 1e-3; /* share of heaviest_wrench up to which spri
 static const double LARGEST_ENERGY = 1e4; /* [J] largest energy limit */
 static const double HALF_TURN = 3.14159265358979324;
 static const double GOLDEN = 0.61803398874989485; /* golden ratio less 1: its multiples fill [0, 1) evenly */
-/* Paper's law [rad]: the law takes a sine for its angle, which is up to 10 % off here. */
-static const double PAPER_DEFLECTION = 0.7853981633974483;
 
 /* Data of one call of step. */
 typedef struct {
@@ -173,20 +169,6 @@ static void stiffgen_jacobians(const double *q, const memory_t *m, double *jacob
 {
     (void)m;
     iiwa14_hybrid_jacobian(q, jacobian + 6 * N * 0);
-}
-
-static void stiffgen_joint_stiffness(const double *q, const memory_t *m, const double *wrench,
-    const double *task_stiffness, double *joint_stiffness)
-{
-    (void)m;
-    iiwa14_hybrid_joint_stiffness(q, wrench, task_stiffness, joint_stiffness);
-}
-
-static void stiffgen_conventional_stiffness(const double *q, const memory_t *m, const double *wrench,
-    const double *task_stiffness, double *joint_stiffness)
-{
-    (void)m;
-    iiwa14_hybrid_joint_stiffness_uncorrected(q, wrench, task_stiffness, joint_stiffness);
 }
 
 /*
@@ -311,12 +293,6 @@ static int check_fields(const config_t *c)
     if (!integers_within(&c->delay_samples, 1, 0, 5)) {
         return IIWA14_E_CONFIG_DELAY_SAMPLES;
     }
-    if (!integers_within(&c->law, 1, 1, 2)) {
-        return IIWA14_E_CONFIG_LAW;
-    }
-    if (!integers_within(&c->stiffness_formula, 1, 1, 2)) {
-        return IIWA14_E_CONFIG_STIFFNESS_FORMULA;
-    }
     if (!doubles_within(c->posture_stiffness, sizeof c->posture_stiffness / sizeof c->posture_stiffness[0], 0.0, 10000.0)) {
         return IIWA14_E_CONFIG_POSTURE_STIFFNESS;
     }
@@ -341,14 +317,8 @@ static int check_fields(const config_t *c)
     if (!doubles_within(&c->stiffness_time, 1, 0.0001, 100.0)) {
         return IIWA14_E_CONFIG_STIFFNESS_TIME;
     }
-    if (!integers_within(&c->damping_design, 1, 1, 2)) {
-        return IIWA14_E_CONFIG_DAMPING_DESIGN;
-    }
     if (!doubles_within(c->damping_ratio, sizeof c->damping_ratio / sizeof c->damping_ratio[0], 0.0, 100.0)) {
         return IIWA14_E_CONFIG_DAMPING_RATIO;
-    }
-    if (!doubles_within(c->task_damping, sizeof c->task_damping / sizeof c->task_damping[0], -100000.0, 100000.0)) {
-        return IIWA14_E_CONFIG_TASK_DAMPING;
     }
     if (!doubles_within(&c->joint_damping, 1, 0.0, 10000.0)) {
         return IIWA14_E_CONFIG_JOINT_DAMPING;
@@ -470,7 +440,7 @@ static int check_fields(const config_t *c)
 /* Return the class of a fault's reason. */
 static int fault_of_reason(int reason)
 {
-    static const int classes[] = {0, 1, 1, 1, 1, 1, 1, 2, 2, 3, 3, 3, 4, 5, 5, 5, 1};
+    static const int classes[] = {0, 1, 1, 1, 1, 1, 2, 2, 3, 3, 4, 5, 5, 5, 1};
     return classes[reason];
 }
 
@@ -490,8 +460,6 @@ static const char *meaning_of_reason(int reason)
         return "q or dq stands still while the other moves, or q under a torque that must move it (velocity_noise, position_quantum, frozen_window, velocity_source)";
     case IIWA14_REASON_STALE:
         return "the sample counter does not advance";
-    case IIWA14_REASON_WRENCH:
-        return "paper's law: no wrench, or one that is not believed (force_limit, moment_limit)";
     case IIWA14_REASON_MISSED:
         return "too many samples are missing in a row, or more than one of three for long (loss_limit)";
     case IIWA14_REASON_SKIPPED:
@@ -500,14 +468,12 @@ static const char *meaning_of_reason(int reason)
         return "a position is beyond its limit and tolerance (lower_limit, upper_limit, position_tolerance)";
     case IIWA14_REASON_OVERSPEED:
         return "a velocity is beyond its limit for long (velocity_limit, overspeed_time, velocity_noise)";
-    case IIWA14_REASON_PAPER_BOUND:
-        return "paper's law: load or deflection beyond the bound where the law is a spring (law)";
     case IIWA14_REASON_RESERVE:
         return "the tank is almost empty and the springs' torque is not covered (tank_initial, torque_rate_limit)";
     case IIWA14_REASON_CONFIG:
         return "the configuration was refused (the return value names the field)";
     case IIWA14_REASON_CHANGED:
-        return "law or spring changed while engaged (law, spring)";
+        return "the kind of spring changed while engaged (spring)";
     case IIWA14_REASON_STATE:
         return "the state's checksum is wrong: its memory was overwritten";
     case IIWA14_REASON_LOOPS:
@@ -537,8 +503,6 @@ static const char *seen_of_reason(int reason)
         return "q [rad or m]";
     case IIWA14_REASON_OVERSPEED:
         return "speed [rad/s or m/s]";
-    case IIWA14_REASON_PAPER_BOUND:
-        return "deflection [rad]";
     case IIWA14_REASON_RESERVE:
         return "reserve of the torque [J]";
     default:
@@ -565,7 +529,6 @@ static const char *stiffgen_joint(int joint)
 static int fits_memory(const memory_t *m)
 {
     int fits = 1;
-    fits = fits && m->law >= 0 && m->law <= 2;
     fits = fits && m->spring >= 0 && m->spring <= 2;
     fits = fits && m->known >= 0 && m->known <= 1;
     fits = fits && m->doubted >= 0 && m->doubted <= 1;
@@ -574,7 +537,7 @@ static int fits_memory(const memory_t *m)
     fits = fits && m->joined >= 0 && m->joined <= 1;
     fits = fits && m->beyond >= 0 && m->beyond <= 1;
     fits = fits && m->fault >= 0 && m->fault <= 5;
-    fits = fits && m->reason >= 0 && m->reason <= 16;
+    fits = fits && m->reason >= 0 && m->reason <= 14;
     fits = fits && m->reset >= 0 && m->reset <= 1;
     fits = fits && m->bad >= 0 && m->bad <= 7;
     fits = fits && m->missed >= 0 && m->missed <= 1000000;
@@ -1438,20 +1401,17 @@ static const double *find_spring_limits(const memory_t *m)
     return m->spring == IIWA14_SPRING_BOUNDED ? m->spring_limits : NULL;
 }
 
-/* Compute the energy of all tips' springs at q, unscaled; the paper's law has none. */
+/* Compute the energy of all tips' springs at q, unscaled. */
 static double compute_tip_energy(const memory_t *m, const double *q, const double *equilibrium)
 {
-    if (m->law == IIWA14_LAW_PAPER) {
-        return 0.0;
-    }
     return stiffgen_spring_energy(q, m, equilibrium, m->translation_stiffness, m->rotation_stiffness,
                                   find_spring_limits(m));
 }
 
-/* Return the energy of the tips' springs with that of the posture's spring; the paper's law has neither. */
+/* Return the energy of the tips' springs with that of the posture's spring. */
 static double add_posture_energy(const memory_t *m, const double *q, const double *posture, double tips)
 {
-    return m->law == IIWA14_LAW_PAPER ? 0.0 : tips + stiffgen_posture_energy(q, posture, m->posture_stiffness);
+    return tips + stiffgen_posture_energy(q, posture, m->posture_stiffness);
 }
 
 /* Compute the energy that the scaled springs store at q. */
@@ -2213,13 +2173,7 @@ static int validate(const config_t *c)
             return IIWA14_E_POSITION_LIMITS;
         }
     }
-    if (c->damping_design == IIWA14_DAMPING_DESIGN_TASK && !is_positive_semidefinite(6, c->task_damping, SYMMETRY)) {
-        return IIWA14_E_TASK_DAMPING_SIGN;
-    }
-    if (c->law == IIWA14_LAW_PAPER && TIPS > 1) {
-        return IIWA14_E_PAPER_TIPS;
-    }
-    if (c->actuation == IIWA14_ACTUATION_GAINS && (c->law != IIWA14_LAW_POTENTIAL || c->delay_samples > 0)) {
+    if (c->actuation == IIWA14_ACTUATION_GAINS && c->delay_samples > 0) {
         return IIWA14_E_ACTUATION;
     }
     if (c->state_period > c->missed_limit * c->sample_time * (1.0 + ROUNDED)) {
@@ -2329,8 +2283,7 @@ static int initialise(const config_t *c, state_t *state, const double *torque)
         }
     }
     start_memory(c, state);
-    if (c->stiffness_cap == IIWA14_STIFFNESS_CAP_REFUSE && c->law == IIWA14_LAW_POTENTIAL &&
-        halves_stiffness(c, &state->memory, state->scratch)) {
+    if (c->stiffness_cap == IIWA14_STIFFNESS_CAP_REFUSE && halves_stiffness(c, &state->memory, state->scratch)) {
         memset(state, 0, sizeof *state);
         return IIWA14_E_STIFFNESS;
     }
@@ -2382,7 +2335,7 @@ static void latch_fault(memory_t *m, int reason, int joint, double seen, double 
 /* Return whether a latched communication fault is to be held: the springs stay, and the equilibrium stands still. */
 static int holds_in_fault(const step_t *s)
 {
-    return s->m->fault == IIWA14_FAULT_COMMUNICATION && s->m->law == IIWA14_LAW_POTENTIAL &&
+    return s->m->fault == IIWA14_FAULT_COMMUNICATION &&
            s->c->communication_reaction == IIWA14_COMMUNICATION_REACTION_HOLD;
 }
 
@@ -2730,10 +2683,6 @@ static int check_sample(step_t *s, const double *last)
         note_finding(s, NO_JOINT, 0.0, 0.0);
         return IIWA14_REASON_LOOPS;
     }
-    if (reason == IIWA14_REASON_NONE && s->c->law == IIWA14_LAW_PAPER &&
-        (s->status & (uint32_t)IIWA14_STATUS_WRENCH_REFUSED) != 0u) {
-        reason = IIWA14_REASON_WRENCH;
-    }
     return reason;
 }
 
@@ -2747,7 +2696,7 @@ static void check_wrench(step_t *s)
     }
     if (good) {
         memcpy(s->out->wrench, s->input->wrench, sizeof s->out->wrench);
-    } else if (s->input->wrench_valid == 1 || s->c->law == IIWA14_LAW_PAPER) {
+    } else if (s->input->wrench_valid == 1) {
         s->status |= IIWA14_STATUS_WRENCH_REFUSED;
     }
 }
@@ -2839,15 +2788,9 @@ static int accept_command(step_t *s)
     }
     for (int t = 0; good && t < TIPS; ++t) {
         good = in->command == IIWA14_COMMAND_POSITION || accept_pose(in->equilibrium + 16 * t, s->goal + 16 * t);
-        if (s->c->law == IIWA14_LAW_POTENTIAL) {
-            const double *const Kt = in->translation_stiffness + 9 * t, *const Ko = in->rotation_stiffness + 9 * t;
-            good = good && accept_stiffness(Kt, s->c->translation_stiffness_limit, s->translation + 9 * t);
-            good = good && accept_stiffness(Ko, s->c->rotation_stiffness_limit, s->rotation + 9 * t);
-        } else {
-            good = good && in->command == IIWA14_COMMAND_POSITION &&
-                   is_positive_semidefinite(6, in->task_stiffness, COMMAND_TOLERANCE) &&
-                   largest_entry(36, in->task_stiffness) <= s->c->translation_stiffness_limit;
-        }
+        const double *const Kt = in->translation_stiffness + 9 * t, *const Ko = in->rotation_stiffness + 9 * t;
+        good = good && accept_stiffness(Kt, s->c->translation_stiffness_limit, s->translation + 9 * t);
+        good = good && accept_stiffness(Ko, s->c->rotation_stiffness_limit, s->rotation + 9 * t);
         good = good && (stiffgen_tool(in) == NULL || accept_pose(stiffgen_tool(in) + 16 * t, tool));
     }
     return good && stiffgen_reaches(in->q0, s->m);
@@ -3161,20 +3104,13 @@ static int find_modes(step_t *s)
 {
     output_t *const out = s->out;
     double *const modes = s->modes, *const before = modes + NN, *const oldest = s->scratch + 2 * NN;
-    double symmetric[NN] = {0.0};
-    const double *K = out->joint_stiffness;
     for (int k = 0; k < NN; ++k) { /* a parabola */
         const double last = modes[k];
         modes[k] = 3.0 * (last - before[k]) + oldest[k];
         oldest[k] = before[k];
         before[k] = last;
     }
-    if (s->m->law == IIWA14_LAW_PAPER) {
-        /* only the symmetric part of the conventional formula has a say in the damping */
-        take_symmetric_part(N, out->joint_stiffness, symmetric);
-        K = symmetric;
-    }
-    if (refine_modes(N, K, out->mass_matrix, s->scratch, out->eigenvalues, modes)) {
+    if (refine_modes(N, out->joint_stiffness, out->mass_matrix, s->scratch, out->eigenvalues, modes)) {
         return 1;
     }
     const int error = solve_modes(N, out->joint_stiffness, out->mass_matrix, s->scratch, out->eigenvalues, modes);
@@ -3207,19 +3143,6 @@ static void measure_inertia(step_t *s, const double *q)
             sum += fabs(column[j]);
         }
         s->m->inertia[i] = mass / sum;
-    }
-}
-
-/* Compute J^T task_damping J, summed over the tips. */
-static void apply_task_damping(step_t *s)
-{
-    const double *const J = find_jacobians(s);
-    for (int k = 0; k < 36 * TIPS; ++k) {
-        const double D = (s->c->task_damping[k % 36] + s->c->task_damping[k % 6 * 6 + k / 6 % 6]) / 2.0;
-        const double *const left = J + k / 6 * N, *const right = J + (k / 36 * 6 + k % 6) * N;
-        for (int i = 0; i < NN; ++i) {
-            s->out->damping[i] += left[i / N] * D * right[i % N];
-        }
     }
 }
 
@@ -3257,19 +3180,18 @@ static double damp_joints_only(step_t *s, double d)
 }
 
 /*
- * Design the damping. Modal: B = M V diag(b) V^T M + d I with Kq v = lambda M v, V^T M V = I (Albu-Schaeffer and
- * others 2003). Task: B = J^T task_damping J + d I. Both are capped, except for the paper's law: no eigenvalue of M^-1
- * B is above that of largest_damping. Return the largest scale that the sample time allows.
+ * Design the damping B = M V diag(b) V^T M + d I with Kq v = lambda M v, V^T M V = I (Albu-Schaeffer and others 2003).
+ * It is capped: no eigenvalue of M^-1 B is above that of largest_damping. Return the largest scale that the sample time
+ * allows.
  */
 static double design_damping(step_t *s)
 {
     const config_t *const c = s->c;
     output_t *const out = s->out;
     double *const rows = s->scratch;
-    const double *modes = s->modes;
-    double b[N], own[NN] = {0.0}, scale = 1.0, largest_b = 0.0, d = c->joint_damping;
-    const int paper = s->m->law == IIWA14_LAW_PAPER, by_task = c->damping_design == IIWA14_DAMPING_DESIGN_TASK;
-    const double T = c->sample_time, most = paper ? UNCAPPED : largest_damping(c);
+    const double *const modes = s->modes;
+    double b[N], scale = 1.0, largest_b = 0.0, d = c->joint_damping;
+    const double T = c->sample_time, most = largest_damping(c);
     if (!find_modes(s)) {
         s->status |= IIWA14_STATUS_MASS_MATRIX;
         memset(out->eigenvalues, 0, sizeof out->eigenvalues);
@@ -3281,7 +3203,7 @@ static double design_damping(step_t *s)
     }
     const double delayed = 1.0 + 2.0 * c->delay_samples, stiffest = out->eigenvalues[N - 1] * T * T;
     s->status |= out->eigenvalues[0] < 0.0 ? (uint32_t)IIWA14_STATUS_INDEFINITE : 0u;
-    if (stiffest * delayed > LARGEST_STIFFNESS && !paper) {
+    if (stiffest * delayed > LARGEST_STIFFNESS) {
         scale = LARGEST_STIFFNESS / (stiffest * delayed);
         s->status |= IIWA14_STATUS_STIFFNESS_CAPPED;
         s->m->capped = 1;
@@ -3290,15 +3212,7 @@ static double design_damping(step_t *s)
         d = 0.5 * most / trace;
         s->status |= IIWA14_STATUS_DAMPING_CAPPED;
     }
-    if (by_task) {
-        apply_task_damping(s);
-        if (solve_modes(N, out->damping, out->mass_matrix, s->scratch, b, own) != 0) {
-            memset(b, 0, sizeof b);
-        }
-        modes = own;
-    } else {
-        damp_modes(c, out->eigenvalues, scale, b);
-    }
+    damp_modes(c, out->eigenvalues, scale, b);
     int capped = 0;
     for (int k = 0; k < N; ++k) {
         capped |= b[k] > most - d * trace;
@@ -3306,12 +3220,10 @@ static double design_damping(step_t *s)
         largest_b = larger(largest_b, b[k]);
     }
     s->status |= capped ? (uint32_t)IIWA14_STATUS_DAMPING_CAPPED : 0u;
-    if (capped || !by_task) {
-        multiply_rows(N, modes, out->mass_matrix, rows);
-        form_congruence(N, rows, b, out->damping);
-    }
+    multiply_rows(N, modes, out->mass_matrix, rows);
+    form_congruence(N, rows, b, out->damping);
     for (int i = 0; i < N; ++i) {
-        s->brake[i] *= paper ? 0.0 : most - d * trace - largest_b;
+        s->brake[i] *= most - d * trace - largest_b;
         out->damping[i * (N + 1)] += d;
     }
     return scale;
@@ -3835,13 +3747,8 @@ static void move_equilibrium(step_t *s)
 static void adopt_command(step_t *s)
 {
     memory_t *const m = s->m;
-    if (m->law == IIWA14_LAW_POTENTIAL) {
-        memcpy(m->translation_stiffness, s->translation, 9 * TIPS * sizeof(double));
-        memcpy(m->rotation_stiffness, s->rotation, 9 * TIPS * sizeof(double));
-    } else {
-        memset(m->translation_stiffness, 0, 9 * TIPS * sizeof(double));
-        memset(m->rotation_stiffness, 0, 9 * TIPS * sizeof(double));
-    }
+    memcpy(m->translation_stiffness, s->translation, 9 * TIPS * sizeof(double));
+    memcpy(m->rotation_stiffness, s->rotation, 9 * TIPS * sizeof(double));
     memcpy(m->wanted_posture, s->input->q0, sizeof m->wanted_posture);
     memcpy(m->wanted_equilibrium, s->goal, sizeof m->wanted_equilibrium);
     if (stiffgen_tool(s->input) != NULL) {
@@ -3880,11 +3787,10 @@ static void pay_engagement(step_t *s)
     }
 }
 
-/* Settle the springs at the arm, where they store nothing: equilibrium, stiffness, tool and law are free to change. */
+/* Settle the springs at the arm, where they store nothing: equilibrium, stiffness, tool and spring may change. */
 static void settle_springs(step_t *s)
 {
     memory_t *const m = s->m;
-    m->law = s->c->law;
     m->spring = s->c->spring;
     for (int t = 0; t < TIPS; ++t) {
         m->spring_limits[t] = s->c->spring_force_limit;
@@ -4047,10 +3953,6 @@ static void vary_stiffness(step_t *s)
 {
     memory_t *const m = s->m;
     double translation[9 * TIPS], rotation[9 * TIPS], posture[N];
-    if (m->law == IIWA14_LAW_PAPER) {
-        memcpy(m->posture_stiffness, s->c->posture_stiffness, sizeof posture);
-        return;
-    }
     adopt_spring_limits(s);
     cap_springs(s);
     if (!release_stiffness(s, translation, rotation, posture)) {
@@ -4112,9 +4014,6 @@ static void vary_scale(step_t *s, const double *pull, double energy, double cap)
     }
     if (m->fault != IIWA14_FAULT_NONE && !holds_in_fault(s)) {
         target = larger(m->scale - fastest_fall, 0.0);
-        if (m->law == IIWA14_LAW_PAPER) {
-            target = 0.0; /* no energy to scale: its torque falls at the rate limit */
-        }
     }
     const double rise = target - m->scale;
     double step = smaller(rise, c->sample_time / larger(c->stiffness_time, SCALE_TIME));
@@ -4140,11 +4039,11 @@ static int are_zero(int count, const double *x)
     return zero;
 }
 
-/* Accept the commanded wrenches: finite, and no larger than heaviest_wrench. The paper's law takes none. */
+/* Accept the commanded wrenches: finite, and no larger than heaviest_wrench. */
 static int accept_wrench(const step_t *s)
 {
     const double *const heaviest = s->c->heaviest_wrench;
-    int good = s->c->law == IIWA14_LAW_POTENTIAL;
+    int good = 1;
     for (int t = 0; t < TIPS; ++t) {
         const double *const wrench = s->input->wrench_command + 6 * t;
         good = good && norm(3, wrench) <= heaviest[0] && norm(3, wrench + 3) <= heaviest[1];
@@ -4216,7 +4115,7 @@ static int accept_plan(step_t *s)
     memory_t *const m = s->m;
     const input_t *const in = s->input;
     const int accelerated = !are_zero(N, in->acceleration), begins = m->planning != in->command;
-    int good = c->law == IIWA14_LAW_POTENTIAL;
+    int good = 1;
     for (int i = 0; i < N; ++i) {
         good = good && fabs(in->velocity[i]) <= c->reference_velocity_limit[i];
         good = good && fabs(in->acceleration[i]) <= c->reference_velocity_limit[i] / c->ramp_time;
@@ -4471,24 +4370,12 @@ static void reduce_torque(step_t *s, const double *last, double *feed)
  */
 static double pull_springs(step_t *s, const double *slip, double *pull)
 {
-    const config_t *const c = s->c;
-    memory_t *const m = s->m;
+    const memory_t *const m = s->m;
     output_t *const out = s->out;
-    double energy = 0.0;
-    if (m->law == IIWA14_LAW_PAPER) {
-        memcpy(out->spring_wrench, out->wrench, sizeof out->wrench);
-        const double *const K = s->input->task_stiffness;
-        if (c->stiffness_formula == IIWA14_STIFFNESS_FORMULA_CONVENTIONAL) {
-            stiffgen_conventional_stiffness(m->q, m, out->wrench, K, out->joint_stiffness);
-        } else {
-            stiffgen_joint_stiffness(m->q, m, out->wrench, K, out->joint_stiffness);
-        }
-        multiply_vector(out->joint_stiffness, slip, pull);
-    } else {
-        energy = stiffgen_spring(m->q, m, m->equilibrium, m->translation_stiffness, m->rotation_stiffness,
-                                 find_spring_limits(m), out->spring_wrench, pull, out->joint_stiffness);
-        energy += stiffgen_posture_energy(m->q, m->posture, m->posture_stiffness);
-    }
+    const double energy =
+        stiffgen_spring(m->q, m, m->equilibrium, m->translation_stiffness, m->rotation_stiffness,
+                        find_spring_limits(m), out->spring_wrench, pull, out->joint_stiffness) +
+        stiffgen_posture_energy(m->q, m->posture, m->posture_stiffness);
     for (int i = 0; i < N; ++i) {
         pull[i] += m->posture_stiffness[i] * slip[i];
         out->joint_stiffness[i * (N + 1)] += m->posture_stiffness[i] + s->limit_slope[i];
@@ -4521,16 +4408,6 @@ static void compute_reference_velocity(step_t *s, int moved, int by_pose)
     }
 }
 
-/* Return whether the paper's law is beyond its bound: the load has turned the stiffness, or the deflection is large. */
-static int exceeds_paper_bound(const double *slip, const double *pull)
-{
-    double deflection = 0.0;
-    for (int i = 0; i < N; ++i) {
-        deflection = larger(deflection, fabs(slip[i]));
-    }
-    return dot(N, slip, pull) < 0.0 || deflection > PAPER_DEFLECTION;
-}
-
 /* Compute the torque at the last known position; moved: the governor has moved the equilibrium in this step. */
 static void compute_torque(step_t *s, const double *last, int moved)
 {
@@ -4538,7 +4415,7 @@ static void compute_torque(step_t *s, const double *last, int moved)
     memory_t *const m = s->m;
     output_t *const out = s->out;
     m->hold = m->calls;
-    const int paper = m->law == IIWA14_LAW_PAPER, by_pose = moved && !m->joined && !paper;
+    const int by_pose = moved && !m->joined;
     double pull[N], slip[N], lead[N], feed[N];
     compute_inertia(c, m, m->q, out->mass_matrix);
     for (int i = 0; i < N; ++i) {
@@ -4547,9 +4424,6 @@ static void compute_torque(step_t *s, const double *last, int moved)
     const double energy = pull_springs(s, slip, pull);
     const double cap = design_damping(s);
     learn_friction(s, last);
-    if (paper && m->engaged && exceeds_paper_bound(slip, pull)) {
-        latch_fault(m, IIWA14_REASON_PAPER_BOUND, NO_JOINT, largest_entry(N, slip), PAPER_DEFLECTION);
-    }
     if (m->engaged && !s->started) {
         vary_scale(s, pull, energy, cap);
     }
@@ -4581,7 +4455,7 @@ static void compute_torque(step_t *s, const double *last, int moved)
     }
     compensate_coriolis(s);
     plan_gains(s);
-    if (!try_torque(s, last, 2.0) && !paper) {
+    if (!try_torque(s, last, 2.0)) {
         reduce_torque(s, last, feed);
     }
     shift_history(m, s->transit, feed);
@@ -4961,7 +4835,7 @@ static void remember_sample(step_t *s)
     m->gap = m->missed = 0;
 }
 
-/* Check speed and position against their limits, and the law against the one in force. */
+/* Check speed and position against their limits, and the spring against the one in force. */
 static void check_limits(step_t *s)
 {
     const config_t *const c = s->c;
@@ -4988,7 +4862,7 @@ static void check_limits(step_t *s)
     if (fast != NO_JOINT && m->fast * c->sample_time > c->overspeed_time * (1.0 + ROUNDED)) {
         latch_fault(m, IIWA14_REASON_OVERSPEED, fast, fabs(s->velocity[fast]), c->velocity_limit[fast]);
     }
-    if (m->engaged && (c->law != m->law || c->spring != m->spring)) {
+    if (m->engaged && c->spring != m->spring) {
         latch_fault(m, IIWA14_REASON_CHANGED, NO_JOINT, 0.0, 0.0);
     }
 }
@@ -5053,7 +4927,7 @@ static void begin_limits(step_t *s, const double *q)
  *   yes      any other               > 0    let the scale fall (vary_scale)                     RELEASE
  *   yes      any other               0      disengage, then as in the second row                FOLLOW, START, ACTIVE
  *
- * A fault that is found only in compute_torque (RESERVE, PAPER_BOUND) acts from the next step on.
+ * A fault that is found only in compute_torque (RESERVE) acts from the next step on.
  */
 static void step_with_sample(step_t *s, const double *last)
 {
@@ -5307,8 +5181,6 @@ void iiwa14_impedance_default_config(config_t *config)
     memset(config, 0, sizeof *config);
     config->sample_time = 0.001;
     config->delay_samples = 0;
-    config->law = IIWA14_LAW_POTENTIAL;
-    config->stiffness_formula = IIWA14_STIFFNESS_FORMULA_CORRECTED;
     config->translation_stiffness_limit = 5e3;
     config->rotation_stiffness_limit = 500.0;
     config->spring = IIWA14_SPRING_TRACE;
@@ -5316,7 +5188,6 @@ void iiwa14_impedance_default_config(config_t *config)
     config->spring_moment_limit = 10.0;
     config->stiffness_cap = IIWA14_STIFFNESS_CAP_REFUSE;
     config->stiffness_time = 0.002;
-    config->damping_design = IIWA14_DAMPING_DESIGN_MODAL;
     config->joint_damping = 0.1;
     config->coriolis = IIWA14_CORIOLIS_OFF;
     config->position_tolerance = 0.1;
@@ -5445,14 +5316,10 @@ const char *iiwa14_impedance_error_text(int code)
         return "the state is not initialised: call iiwa14_impedance_init first";
     case IIWA14_E_TORQUE:
         return "the initial torque is not finite or beyond the effort limit";
-    case IIWA14_E_TASK_DAMPING_SIGN:
-        return "task_damping: must be symmetric and positive semidefinite";
     case IIWA14_E_POSITION_LIMITS:
         return "lower_limit, upper_limit: lower must be below upper by more than two limit zones";
     case IIWA14_E_TANK:
         return "tank_initial: must not be above tank_maximum";
-    case IIWA14_E_PAPER_TIPS:
-        return "law: the paper's law needs a robot with one tip";
     case IIWA14_E_STATE_PERIOD:
         return "state_period: must not be above missed_limit times sample_time";
     case IIWA14_E_BOUNDED_SPRING:
@@ -5460,7 +5327,7 @@ const char *iiwa14_impedance_error_text(int code)
     case IIWA14_E_STIFFNESS:
         return "translation_stiffness_limit, rotation_stiffness_limit: sample_time, delay_samples and motor_inertia allow less than half of this stiffness; lower the limits, correct motor_inertia, or set stiffness_cap to accept";
     case IIWA14_E_ACTUATION:
-        return "actuation: gains need the potential law and delay_samples 0";
+        return "actuation: gains need delay_samples 0";
     case IIWA14_E_GAINS:
         return "joint_gains: a number is not finite, or the limit of a gain is below 0";
     case IIWA14_E_POLICY:
@@ -5473,10 +5340,6 @@ const char *iiwa14_impedance_error_text(int code)
         return "sample_time: must lie between 1e-05 and 0.1";
     case IIWA14_E_CONFIG_DELAY_SAMPLES:
         return "delay_samples: must lie between 0 and 5";
-    case IIWA14_E_CONFIG_LAW:
-        return "law: must be potential or paper";
-    case IIWA14_E_CONFIG_STIFFNESS_FORMULA:
-        return "stiffness_formula: must be corrected or conventional";
     case IIWA14_E_CONFIG_POSTURE_STIFFNESS:
         return "posture_stiffness: every entry must lie between 0 and 10000";
     case IIWA14_E_CONFIG_TRANSLATION_STIFFNESS_LIMIT:
@@ -5493,12 +5356,8 @@ const char *iiwa14_impedance_error_text(int code)
         return "stiffness_cap: must be refuse or accept";
     case IIWA14_E_CONFIG_STIFFNESS_TIME:
         return "stiffness_time: must lie between 0.0001 and 100";
-    case IIWA14_E_CONFIG_DAMPING_DESIGN:
-        return "damping_design: must be modal or task";
     case IIWA14_E_CONFIG_DAMPING_RATIO:
         return "damping_ratio: every entry must lie between 0 and 100";
-    case IIWA14_E_CONFIG_TASK_DAMPING:
-        return "task_damping: every entry must lie between -100000 and 100000";
     case IIWA14_E_CONFIG_JOINT_DAMPING:
         return "joint_damping: must lie between 0 and 10000";
     case IIWA14_E_CONFIG_CORIOLIS:

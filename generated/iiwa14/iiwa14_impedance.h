@@ -38,79 +38,70 @@ enum {
     IIWA14_E_NULL = -1,
     IIWA14_E_NOT_INITIALISED = -2,
     IIWA14_E_TORQUE = -3,
-    IIWA14_E_TASK_DAMPING_SIGN = -4,
-    IIWA14_E_POSITION_LIMITS = -5,
-    IIWA14_E_TANK = -6,
-    IIWA14_E_PAPER_TIPS = -7,
-    IIWA14_E_STATE_PERIOD = -8,
-    IIWA14_E_BOUNDED_SPRING = -9,
-    IIWA14_E_STIFFNESS = -10,
-    IIWA14_E_ACTUATION = -11,
-    IIWA14_E_GAINS = -12,
-    IIWA14_E_POLICY = -13,
-    IIWA14_E_POSE = -14,
-    IIWA14_E_NO_POSTURE = -15,
+    IIWA14_E_POSITION_LIMITS = -4,
+    IIWA14_E_TANK = -5,
+    IIWA14_E_STATE_PERIOD = -6,
+    IIWA14_E_BOUNDED_SPRING = -7,
+    IIWA14_E_STIFFNESS = -8,
+    IIWA14_E_ACTUATION = -9,
+    IIWA14_E_GAINS = -10,
+    IIWA14_E_POLICY = -11,
+    IIWA14_E_POSE = -12,
+    IIWA14_E_NO_POSTURE = -13,
     IIWA14_E_CONFIG_SAMPLE_TIME = -20,
     IIWA14_E_CONFIG_DELAY_SAMPLES = -21,
-    IIWA14_E_CONFIG_LAW = -22,
-    IIWA14_E_CONFIG_STIFFNESS_FORMULA = -23,
-    IIWA14_E_CONFIG_POSTURE_STIFFNESS = -24,
-    IIWA14_E_CONFIG_TRANSLATION_STIFFNESS_LIMIT = -25,
-    IIWA14_E_CONFIG_ROTATION_STIFFNESS_LIMIT = -26,
-    IIWA14_E_CONFIG_SPRING = -27,
-    IIWA14_E_CONFIG_SPRING_FORCE_LIMIT = -28,
-    IIWA14_E_CONFIG_SPRING_MOMENT_LIMIT = -29,
-    IIWA14_E_CONFIG_STIFFNESS_CAP = -30,
-    IIWA14_E_CONFIG_STIFFNESS_TIME = -31,
-    IIWA14_E_CONFIG_DAMPING_DESIGN = -32,
-    IIWA14_E_CONFIG_DAMPING_RATIO = -33,
-    IIWA14_E_CONFIG_TASK_DAMPING = -34,
-    IIWA14_E_CONFIG_JOINT_DAMPING = -35,
-    IIWA14_E_CONFIG_CORIOLIS = -36,
-    IIWA14_E_CONFIG_MOTOR_INERTIA = -37,
-    IIWA14_E_CONFIG_LOWER_LIMIT = -38,
-    IIWA14_E_CONFIG_UPPER_LIMIT = -39,
-    IIWA14_E_CONFIG_POSITION_TOLERANCE = -40,
-    IIWA14_E_CONFIG_LIMIT_ZONE = -41,
-    IIWA14_E_CONFIG_LIMIT_STIFFNESS = -42,
-    IIWA14_E_CONFIG_VELOCITY_LIMIT = -43,
-    IIWA14_E_CONFIG_REFERENCE_VELOCITY_LIMIT = -44,
-    IIWA14_E_CONFIG_TIP_VELOCITY_LIMIT = -45,
-    IIWA14_E_CONFIG_TIP_ROTATION_LIMIT = -46,
-    IIWA14_E_CONFIG_RAMP_TIME = -47,
-    IIWA14_E_CONFIG_HEAVIEST_WRENCH = -48,
-    IIWA14_E_CONFIG_ENERGY_LIMIT = -49,
-    IIWA14_E_CONFIG_ENGAGEMENT_LIMIT = -50,
-    IIWA14_E_CONFIG_EFFORT_LIMIT = -51,
-    IIWA14_E_CONFIG_TORQUE_RATE_LIMIT = -52,
-    IIWA14_E_CONFIG_ACTUATION = -53,
-    IIWA14_E_CONFIG_KP_LIMIT = -54,
-    IIWA14_E_CONFIG_KD_LIMIT = -55,
-    IIWA14_E_CONFIG_FORCE_LIMIT = -56,
-    IIWA14_E_CONFIG_MOMENT_LIMIT = -57,
-    IIWA14_E_CONFIG_MISSED_LIMIT = -58,
-    IIWA14_E_CONFIG_LOSS_LIMIT = -59,
-    IIWA14_E_CONFIG_STATE_PERIOD = -60,
-    IIWA14_E_CONFIG_CALL_GAP_LIMIT = -61,
-    IIWA14_E_CONFIG_POSITION_QUANTUM = -62,
-    IIWA14_E_CONFIG_VELOCITY_NOISE = -63,
-    IIWA14_E_CONFIG_VELOCITY_FILTER_TIME = -64,
-    IIWA14_E_CONFIG_VELOCITY_SOURCE = -65,
-    IIWA14_E_CONFIG_FROZEN_WINDOW = -66,
-    IIWA14_E_CONFIG_OVERSPEED_TIME = -67,
-    IIWA14_E_CONFIG_AUTOMATIC_RESET_TIME = -68,
-    IIWA14_E_CONFIG_COMMUNICATION_RESET_TIME = -69,
-    IIWA14_E_CONFIG_COMMUNICATION_REACTION = -70,
-    IIWA14_E_CONFIG_TANK_INITIAL = -71,
-    IIWA14_E_CONFIG_TANK_MAXIMUM = -72
+    IIWA14_E_CONFIG_POSTURE_STIFFNESS = -22,
+    IIWA14_E_CONFIG_TRANSLATION_STIFFNESS_LIMIT = -23,
+    IIWA14_E_CONFIG_ROTATION_STIFFNESS_LIMIT = -24,
+    IIWA14_E_CONFIG_SPRING = -25,
+    IIWA14_E_CONFIG_SPRING_FORCE_LIMIT = -26,
+    IIWA14_E_CONFIG_SPRING_MOMENT_LIMIT = -27,
+    IIWA14_E_CONFIG_STIFFNESS_CAP = -28,
+    IIWA14_E_CONFIG_STIFFNESS_TIME = -29,
+    IIWA14_E_CONFIG_DAMPING_RATIO = -30,
+    IIWA14_E_CONFIG_JOINT_DAMPING = -31,
+    IIWA14_E_CONFIG_CORIOLIS = -32,
+    IIWA14_E_CONFIG_MOTOR_INERTIA = -33,
+    IIWA14_E_CONFIG_LOWER_LIMIT = -34,
+    IIWA14_E_CONFIG_UPPER_LIMIT = -35,
+    IIWA14_E_CONFIG_POSITION_TOLERANCE = -36,
+    IIWA14_E_CONFIG_LIMIT_ZONE = -37,
+    IIWA14_E_CONFIG_LIMIT_STIFFNESS = -38,
+    IIWA14_E_CONFIG_VELOCITY_LIMIT = -39,
+    IIWA14_E_CONFIG_REFERENCE_VELOCITY_LIMIT = -40,
+    IIWA14_E_CONFIG_TIP_VELOCITY_LIMIT = -41,
+    IIWA14_E_CONFIG_TIP_ROTATION_LIMIT = -42,
+    IIWA14_E_CONFIG_RAMP_TIME = -43,
+    IIWA14_E_CONFIG_HEAVIEST_WRENCH = -44,
+    IIWA14_E_CONFIG_ENERGY_LIMIT = -45,
+    IIWA14_E_CONFIG_ENGAGEMENT_LIMIT = -46,
+    IIWA14_E_CONFIG_EFFORT_LIMIT = -47,
+    IIWA14_E_CONFIG_TORQUE_RATE_LIMIT = -48,
+    IIWA14_E_CONFIG_ACTUATION = -49,
+    IIWA14_E_CONFIG_KP_LIMIT = -50,
+    IIWA14_E_CONFIG_KD_LIMIT = -51,
+    IIWA14_E_CONFIG_FORCE_LIMIT = -52,
+    IIWA14_E_CONFIG_MOMENT_LIMIT = -53,
+    IIWA14_E_CONFIG_MISSED_LIMIT = -54,
+    IIWA14_E_CONFIG_LOSS_LIMIT = -55,
+    IIWA14_E_CONFIG_STATE_PERIOD = -56,
+    IIWA14_E_CONFIG_CALL_GAP_LIMIT = -57,
+    IIWA14_E_CONFIG_POSITION_QUANTUM = -58,
+    IIWA14_E_CONFIG_VELOCITY_NOISE = -59,
+    IIWA14_E_CONFIG_VELOCITY_FILTER_TIME = -60,
+    IIWA14_E_CONFIG_VELOCITY_SOURCE = -61,
+    IIWA14_E_CONFIG_FROZEN_WINDOW = -62,
+    IIWA14_E_CONFIG_OVERSPEED_TIME = -63,
+    IIWA14_E_CONFIG_AUTOMATIC_RESET_TIME = -64,
+    IIWA14_E_CONFIG_COMMUNICATION_RESET_TIME = -65,
+    IIWA14_E_CONFIG_COMMUNICATION_REACTION = -66,
+    IIWA14_E_CONFIG_TANK_INITIAL = -67,
+    IIWA14_E_CONFIG_TANK_MAXIMUM = -68
 };
 
 /* Choices. No choice has the value 0, so that a configuration or an input of zeros is refused. */
-enum { IIWA14_LAW_POTENTIAL = 1, IIWA14_LAW_PAPER };
-enum { IIWA14_STIFFNESS_FORMULA_CORRECTED = 1, IIWA14_STIFFNESS_FORMULA_CONVENTIONAL };
 enum { IIWA14_SPRING_TRACE = 1, IIWA14_SPRING_BOUNDED };
 enum { IIWA14_STIFFNESS_CAP_REFUSE = 1, IIWA14_STIFFNESS_CAP_ACCEPT };
-enum { IIWA14_DAMPING_DESIGN_MODAL = 1, IIWA14_DAMPING_DESIGN_TASK };
 enum { IIWA14_CORIOLIS_OFF = 1, IIWA14_CORIOLIS_ON };
 enum { IIWA14_ACTUATION_TORQUE = 1, IIWA14_ACTUATION_GAINS };
 enum { IIWA14_VELOCITY_SOURCE_MEASURED = 1, IIWA14_VELOCITY_SOURCE_DIFFERENCED };
@@ -142,7 +133,7 @@ enum {
     IIWA14_STATUS_REPEATED = 1 << 20, /* the sample repeats the last state, as state_period allows: the torque is held */
     IIWA14_STATUS_OVERSPEED = 1 << 21, /* a joint is beyond its velocity limit and is braked: a fault after overspeed_time */
     IIWA14_STATUS_OFFSET_LIMITED = 1 << 22, /* torque_offset is held back by the effort or the rate limit */
-    IIWA14_STATUS_FEEDFORWARD_REFUSED = 1 << 23, /* wrench_command, or velocity and acceleration, are not used: not finite, too large, with the paper's law, or a velocity that does not agree with the motion of the command */
+    IIWA14_STATUS_FEEDFORWARD_REFUSED = 1 << 23, /* wrench_command, or velocity and acceleration, are not used: not finite, too large, or a velocity that does not agree with the motion of the command */
     IIWA14_STATUS_FEEDFORWARD_LIMITED = 1 << 24, /* wrench_command is held back by tank, reserve, effort or speed, or the governor does not keep up with the plan */
     IIWA14_STATUS_UNREACHABLE = 1 << 25 /* the commanded pose is out of reach from here: the posture is at its end, or the arm rests in another one; find_posture searches a posture to be commanded as q0 */
 };
@@ -163,7 +154,7 @@ enum {
     IIWA14_FAULT_COMMUNICATION = 2, /* samples or calls are missing */
     IIWA14_FAULT_LIMIT = 3, /* the arm is beyond a limit */
     IIWA14_FAULT_ENERGY = 4, /* tank and stored energy do not cover the torque */
-    IIWA14_FAULT_CONFIGURATION = 5 /* configuration, law or state changed in a way that needs a reset */
+    IIWA14_FAULT_CONFIGURATION = 5 /* configuration, spring or state changed in a way that needs a reset */
 };
 
 /* Reasons for faults: [class], meaning, (fields to look at). */
@@ -174,17 +165,15 @@ enum {
     IIWA14_REASON_MISMATCH = 3, /* [sensor] dq does not agree with the change of q (velocity_noise, position_quantum, state_period, velocity_limit) */
     IIWA14_REASON_FROZEN = 4, /* [sensor] q or dq stands still while the other moves, or q under a torque that must move it (velocity_noise, position_quantum, frozen_window, velocity_source) */
     IIWA14_REASON_STALE = 5, /* [sensor] the sample counter does not advance */
-    IIWA14_REASON_WRENCH = 6, /* [sensor] paper's law: no wrench, or one that is not believed (force_limit, moment_limit) */
-    IIWA14_REASON_MISSED = 7, /* [communication] too many samples are missing in a row, or more than one of three for long (loss_limit) */
-    IIWA14_REASON_SKIPPED = 8, /* [communication] the sample counter shows that calls are missing (missed_limit) */
-    IIWA14_REASON_POSITION = 9, /* [limit] a position is beyond its limit and tolerance (lower_limit, upper_limit, position_tolerance) */
-    IIWA14_REASON_OVERSPEED = 10, /* [limit] a velocity is beyond its limit for long (velocity_limit, overspeed_time, velocity_noise) */
-    IIWA14_REASON_PAPER_BOUND = 11, /* [limit] paper's law: load or deflection beyond the bound where the law is a spring (law) */
-    IIWA14_REASON_RESERVE = 12, /* [energy] the tank is almost empty and the springs' torque is not covered (tank_initial, torque_rate_limit) */
-    IIWA14_REASON_CONFIG = 13, /* [configuration] the configuration was refused (the return value names the field) */
-    IIWA14_REASON_CHANGED = 14, /* [configuration] law or spring changed while engaged (law, spring) */
-    IIWA14_REASON_STATE = 15, /* [configuration] the state's checksum is wrong: its memory was overwritten */
-    IIWA14_REASON_LOOPS = 16 /* [sensor] the closed loops do not close at q, or the passive joints have changed their branch */
+    IIWA14_REASON_MISSED = 6, /* [communication] too many samples are missing in a row, or more than one of three for long (loss_limit) */
+    IIWA14_REASON_SKIPPED = 7, /* [communication] the sample counter shows that calls are missing (missed_limit) */
+    IIWA14_REASON_POSITION = 8, /* [limit] a position is beyond its limit and tolerance (lower_limit, upper_limit, position_tolerance) */
+    IIWA14_REASON_OVERSPEED = 9, /* [limit] a velocity is beyond its limit for long (velocity_limit, overspeed_time, velocity_noise) */
+    IIWA14_REASON_RESERVE = 10, /* [energy] the tank is almost empty and the springs' torque is not covered (tank_initial, torque_rate_limit) */
+    IIWA14_REASON_CONFIG = 11, /* [configuration] the configuration was refused (the return value names the field) */
+    IIWA14_REASON_CHANGED = 12, /* [configuration] the kind of spring changed while engaged (spring) */
+    IIWA14_REASON_STATE = 13, /* [configuration] the state's checksum is wrong: its memory was overwritten */
+    IIWA14_REASON_LOOPS = 14 /* [sensor] the closed loops do not close at q, or the passive joints have changed their branch */
 };
 
 /* Parts of a proposal. */
@@ -224,12 +213,6 @@ typedef struct {
     /* [samples] delay from the sample that a torque is computed from to the sample at which it acts; 0 if it
      * acts at once. Must lie between 0 and 5. Default: 0. */
     int delay_samples;
-    /* control law; potential: the torque is the negative gradient of a spring's energy; paper: Kq(q, wrench)
-     * (q0 - q), to reproduce the paper, within bounds. Must be potential or paper. Default: potential. */
-    int law;
-    /* formula of Kq in the paper's law: corrected (symmetric) or conventional (without the connection's
-     * correction). Must be corrected or conventional. Default: corrected. */
-    int stiffness_formula;
     /* [N m/rad] stiffness k of the posture spring k (q - posture)^2 / 2. Every entry must lie between 0 and
      * 10000. Default: 1.0. */
     double posture_stiffness[7];
@@ -251,15 +234,8 @@ typedef struct {
     int stiffness_cap;
     /* [s] time constant of a change of stiffness. Must lie between 0.0001 and 100. Default: 0.002. */
     double stiffness_time;
-    /* design of the damping: modal (tangent and mass matrix diagonalised together) or task (J^T task_damping
-     * J); joint_damping I is added to both. Must be modal or task. Default: modal. */
-    int damping_design;
-    /* [1] damping ratio of each mode, softest first; modal design only. Every entry must lie between 0 and 100.
-     * Default: 0.7. */
+    /* [1] damping ratio of each mode, softest first. Every entry must lie between 0 and 100. Default: 0.7. */
     double damping_ratio[7];
-    /* [N s/m, N s, N m s] (6 x 6) damping of every tip's twist in hybrid axes; symmetric, positive
-     * semidefinite; task design only. Every entry must lie between -100000 and 100000. Default: 0.0. */
-    double task_damping[36];
     /* [N m s/rad] damping d of every joint, added as d I. Must lie between 0 and 10000. Default: 0.1. */
     double joint_damping;
     /* whether the torque compensates Coriolis and centrifugal forces; on: C(q, dq) dq is added, paid from the
@@ -314,8 +290,8 @@ typedef struct {
      * Default: torque_rate[i]. */
     double torque_rate_limit[7];
     /* what the motors are sent: torque, held from one step to the next; or gains: tau_ff, kp and kd for a
-     * controller inside each motor, which follows q and dq between the steps; gains need the potential law and
-     * delay_samples 0. Must be torque or gains. Default: torque. */
+     * controller inside each motor, which follows q and dq between the steps; gains need delay_samples 0. Must
+     * be torque or gains. Default: torque. */
     int actuation;
     /* [N m/rad] largest kp that a motor takes; actuation gains only. Every entry must lie between 0 and 1e+06.
      * Default: 500.0. */
@@ -386,7 +362,7 @@ typedef struct {
     int sample_valid;
     /* meaning of q0; equilibrium is read by the command of that name. Must be position or equilibrium. */
     int command;
-    /* 1: wrench is measured (the paper's law needs it); 0: wrench is not read. */
+    /* 1: wrench is measured; 0: wrench is not read. */
     int wrench_valid;
     /* sample counter; advances by one per sample time, also for missed samples. */
     uint32_t counter;
@@ -428,8 +404,6 @@ typedef struct {
     /* [N m or N] torque that the ENVIRONMENT APPLIES to each joint, from a source that does not read q, such as
      * torque sensors. */
     double external_torque[7];
-    /* [N/m, N, N m] (6 x 6) task stiffness of the paper's law, hybrid axes; symmetric, positive semidefinite. */
-    double task_stiffness[36];
 } iiwa14_impedance_input;
 
 /* Result of a step, complete enough to draw a log from it. */
@@ -496,7 +470,7 @@ typedef struct {
     double stiffness_share;
     /* [1] scale l of the elastic energy: 1 in normal operation, 0 after a fault. */
     double scale;
-    /* [N m or N] torque of the springs, -l dU/dq; paper: l Kq (r - q). */
+    /* [N m or N] torque of the springs, -l dU/dq. */
     double elastic_torque[7];
     /* [N m or N] B (dr - velocity), and the brake of joints beyond 0.9 of reference_velocity_limit. */
     double damping_torque[7];
@@ -790,8 +764,6 @@ typedef struct {
     double fault_limit;
     /* mark of an initialised memory. */
     int32_t ready;
-    /* law in force; 0 before the first sample. */
-    int32_t law;
     /* spring in force; 0 before the first sample. */
     int32_t spring;
     /* a position is believed: the account has begun. */

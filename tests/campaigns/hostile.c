@@ -61,8 +61,6 @@ static void good_sample(input_t *in, uint32_t counter)
         in->wrench[k] = 30.0 * sin((1.1 + k) * t);
         in->translation_stiffness[4 * k] = 700.0 * (1.2 + sin(0.3 * t + k));
         in->rotation_stiffness[4 * k] = 30.0 * (1.2 + sin(0.4 * t + k));
-        in->task_stiffness[7 * k] = 700.0;
-        in->task_stiffness[7 * (k + 3)] = 30.0;
     }
 }
 
@@ -104,10 +102,10 @@ static void change(config_t *config)
     }
     switch (bits() % 8) {
     case 0: config->delay_samples = (int)(bits() % 6); break;
-    case 1: config->law = bits() % 2 ? IIWA14_LAW_POTENTIAL : IIWA14_LAW_PAPER; break;
+    case 1: config->coriolis = 1 + (int)(bits() % 2); break;
     case 2: config->sample_time = 0.001 * exp(3.0 * (uniform() - 0.5)); break;
     case 3: config->limit_zone = 0.1 * exp(4.0 * (uniform() - 0.5)); break;
-    case 4: config->stiffness_formula = 1 + (int)(bits() % 2); break;
+    case 4: config->communication_reaction = 1 + (int)(bits() % 2); break;
     case 5: config->automatic_reset_time = uniform() < 0.5 ? 0.0 : 0.01; break;
     case 6: config->joint_damping = exp(10.0 * (uniform() - 0.5)); break;
     default: break;

@@ -64,13 +64,11 @@ static void make_configs(iiwa14_impedance_config *c)
         iiwa14_impedance_default_config(&c[k]);
         c[k].automatic_reset_time = 0.02;
     }
-    c[1].damping_design = IIWA14_DAMPING_DESIGN_TASK;
-    for (int k = 0; k < 6; ++k) {
-        c[1].task_damping[7 * k] = k < 3 ? 40.0 : 12.0;
+    for (int i = 0; i < N; ++i) {
+        c[1].damping_ratio[i] = 2.0;
     }
     c[2].delay_samples = 2;
-    c[3].law = IIWA14_LAW_PAPER;
-    c[3].stiffness_formula = IIWA14_STIFFNESS_FORMULA_CONVENTIONAL;
+    c[3].coriolis = IIWA14_CORIOLIS_ON;
 }
 
 static void good_sample(iiwa14_impedance_input *in, double t, unsigned long long *random)
@@ -87,7 +85,6 @@ static void good_sample(iiwa14_impedance_input *in, double t, unsigned long long
     }
     for (int k = 0; k < 6; ++k) {
         in->wrench[k] = sin((1.1 + k) * t) + uniform(random);
-        in->task_stiffness[7 * k] = k < 3 ? 700.0 : 30.0;
     }
     for (int k = 0; k < 3; ++k) {
         in->translation_stiffness[4 * k] = 700.0 * (1.2 + sin(0.3 * t));

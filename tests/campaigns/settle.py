@@ -11,9 +11,7 @@ starts away from where it is wanted. The static solution is found without the co
 stored energy above the governor's limit, or has taken up the work that one engagement may cost. A load may have several
 stable solutions: the one that a growing load leads to says whether there is any, and the arm may rest in another that
 is as good. A load that is dropped, or that grows so fast that its static solution moves at the velocity limit, may
-drive the arm beyond that limit, which is a fault; nothing else may be one. In the table the paper's law stands beside
-the potential's: the same controller with
-``law = paper`` and the bounds that it has.
+drive the arm beyond that limit, which is a fault; nothing else may be one.
 """
 
 from __future__ import annotations
@@ -32,6 +30,7 @@ from typing import Any
 
 import numpy as np
 
+from stiffgen.controller.status_words import REASONS
 from support.plant.loop import Loop, N
 from support.plant.statics import random_stiffness
 from support.project import ROOT
@@ -39,8 +38,7 @@ from support.project import ROOT
 Array = np.ndarray[Any, np.dtype[np.float64]]
 DURATION = 20.0
 """[s] of an episode: the softest modes, of the posture's 1 N m/rad, take seconds."""
-IIWA14_LAW_POTENTIAL, IIWA14_LAW_PAPER = 1, 2
-OVERSPEED = 10
+OVERSPEED = [name for name, _, _ in REASONS].index("overspeed")
 """The controller's reason for the fault."""
 RIPPLE = 5e-3
 """[rad] that a joint may still move in the last tenth and be at rest: some quanta of the encoder."""
@@ -247,12 +245,10 @@ def _start() -> None:
         _loop = build(Path(folder))
 
 
-def _both(case: Situation) -> list[Outcome]:
+def _settle(case: Situation) -> Outcome:
     assert _loop is not None
-    found = []
-    for law in (IIWA14_LAW_POTENTIAL, IIWA14_LAW_PAPER):
-        found += outcomes(_loop, [case], law=law)
-    return [replace(outcome, summary=_plain(outcome.summary)) for outcome in found]
+    (outcome,) = outcomes(_loop, [case])
+    return replace(outcome, summary=_plain(outcome.summary))
 
 
 def _plain(summary: Any) -> SimpleNamespace:
@@ -272,27 +268,26 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         loop = build(Path(folder))
     cases = [situation(random, loop.lower, loop.upper) for _ in range(options.count)]
-    tables: dict[str, list[Outcome]] = {"potential": [], "paper": []}
+    found: list[Outcome] = []
     with multiprocessing.Pool(options.workers, _start) as pool:
-        for k, (potential, paper) in enumerate(pool.imap(_both, cases)):
-            tables["potential"].append(potential)
-            tables["paper"].append(paper)
-            words = failures(cases[k], potential)
+        for k, outcome in enumerate(pool.imap(_settle, cases)):
+            found.append(outcome)
+            words = failures(cases[k], outcome)
             broken += bool(words)
             if words:
                 print(f"situation {k} of seed {options.seed}: {'; '.join(words)}", flush=True)
             if (k + 1) % 50 == 0:
                 print(f"{k + 1} of {options.count}, {broken} broken, {time.monotonic() - start:.0f} s", flush=True)
-    print(table(cases, tables))
+    print(table(cases, found))
     return 1 if broken else 0
 
 
-def table(cases: list[Situation], tables: dict[str, list[Outcome]]) -> str:
-    """Print both laws side by side."""
-    lines = ["| | potential | paper |", "|---|---|---|"]
+def table(cases: list[Situation], found: list[Outcome]) -> str:
+    """Return the numbers of situations by outcome."""
+    lines = ["| | situations |", "|---|---|"]
 
     def row(name: str, value: Any) -> None:
-        lines.append(f"| {name} | {value(tables['potential'])} | {value(tables['paper'])} |")
+        lines.append(f"| {name} | {value(found)} |")
 
     def free(case: Situation, outcome: Outcome) -> bool:
         return not np.any(case.load) and not outcome.faults

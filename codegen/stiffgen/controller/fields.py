@@ -75,19 +75,6 @@ CONFIG: tuple[Field, ...] = (
         5,
         "int",
     ),
-    choice_field(
-        "law",
-        "control law; potential: the torque is the negative gradient of a spring's energy; paper: Kq(q, wrench) "
-        "(q0 - q), to reproduce the paper, within bounds",
-        ("potential", "paper"),
-        "potential",
-    ),
-    choice_field(
-        "stiffness_formula",
-        "formula of Kq in the paper's law: corrected (symmetric) or conventional (without the connection's correction)",
-        ("corrected", "conventional"),
-        "corrected",
-    ),
     Field(
         "posture_stiffness", N, "N m/rad", "stiffness k of the posture spring k (q - posture)^2 / 2", "1.0", 0.0, 1e4
     ),
@@ -110,23 +97,7 @@ CONFIG: tuple[Field, ...] = (
         "refuse",
     ),
     Field("stiffness_time", SCALAR, "s", "time constant of a change of stiffness", "0.002", 1e-4, 100.0),
-    choice_field(
-        "damping_design",
-        "design of the damping: modal (tangent and mass matrix diagonalised together) or task (J^T task_damping J); "
-        "joint_damping I is added to both",
-        ("modal", "task"),
-        "modal",
-    ),
-    Field("damping_ratio", N, "1", "damping ratio of each mode, softest first; modal design only", "0.7", 0.0, 100.0),
-    Field(
-        "task_damping",
-        (6, 6),
-        "N s/m, N s, N m s",
-        "damping of every tip's twist in hybrid axes; symmetric, positive semidefinite; task design only",
-        "0.0",
-        -1e5,
-        1e5,
-    ),
+    Field("damping_ratio", N, "1", "damping ratio of each mode, softest first", "0.7", 0.0, 100.0),
     Field("joint_damping", SCALAR, "N m s/rad", "damping d of every joint, added as d I", "0.1", 0.0, 1e4),
     choice_field(
         "coriolis",
@@ -262,8 +233,7 @@ CONFIG: tuple[Field, ...] = (
     choice_field(
         "actuation",
         "what the motors are sent: torque, held from one step to the next; or gains: tau_ff, kp and kd for a "
-        "controller inside each motor, which follows q and dq between the steps; gains need the potential law and "
-        "delay_samples 0",
+        "controller inside each motor, which follows q and dq between the steps; gains need delay_samples 0",
         ("torque", "gains"),
         "torque",
     ),

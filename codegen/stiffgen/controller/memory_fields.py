@@ -123,7 +123,6 @@ _ENERGIES: tuple[Field, ...] = (
 )
 _INTEGERS: tuple[Field, ...] = (
     _any("ready", "mark of an initialised memory"),
-    _count("law", 0, 2, "law in force; 0 before the first sample"),
     _count("spring", 0, 2, "spring in force; 0 before the first sample"),
     _count("known", 0, 1, "a position is believed: the account has begun"),
     _count("doubted", 0, 1, "the first position was beyond a limit, and is not believed: its unit may be wrong"),

@@ -31,10 +31,12 @@ _PARTS = (
 SOURCES = tuple(f"{part}.c" for part in _PARTS)
 """Files of the library in the order in which NAME_impedance.c contains them: no function is used before its file."""
 CONTROLLER_KERNELS = (
-    "mass_matrix", "bias_forces", "hybrid.jacobian", "hybrid.joint_stiffness", "hybrid.joint_stiffness_uncorrected",
-    "spring.energy", "spring.wrench", "spring.torque", "spring.linearization", "posture.energy",
+    "mass_matrix", "bias_forces", "hybrid.jacobian", "spring.energy", "spring.wrench", "spring.torque",
+    "spring.linearization", "posture.energy",
 )  # fmt: skip
 """Functions that the controller calls, besides the poses of the tips."""
+PAPER_KERNELS = ("hybrid.joint_stiffness", "hybrid.joint_stiffness_uncorrected")
+"""Functions that the paper's law calls besides the mass matrix."""
 LOOP_KERNELS = ("close", *(f"motors.{name}" for name in ("jacobian", "mass_matrix", "bias_forces", "from_joints")))
 """Functions that the controller calls in robots with closed loops, besides those of the tree."""
 BOUNDED_KERNELS = tuple(f"spring_bounded.{name}" for name in ("energy", "wrench", "torque", "linearization"))
@@ -105,7 +107,8 @@ def has_paper_law(chain: Chain) -> bool:
 def called_kernels(chain: Chain, springs: Sequence[str]) -> tuple[str, ...]:
     """Return the functions that the controller of a robot with these kinds of springs calls."""
     bounded = BOUNDED_KERNELS if "bounded" in springs else ()
-    return (*CONTROLLER_KERNELS, *bounded, *(LOOP_KERNELS if chain.loops else ()))
+    paper = PAPER_KERNELS if has_paper_law(chain) else ()
+    return (*CONTROLLER_KERNELS, *bounded, *paper, *(LOOP_KERNELS if chain.loops else ()))
 
 
 @dataclass(frozen=True)

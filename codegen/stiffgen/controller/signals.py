@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from stiffgen.controller.fields import NN, POSE, SCALAR, SPRING, TASK, WRENCH, Field, N, choice_field
+from stiffgen.controller.fields import NN, POSE, SCALAR, SPRING, WRENCH, Field, N, choice_field
 
 INPUT: tuple[Field, ...] = (
     Field(
@@ -20,7 +20,7 @@ INPUT: tuple[Field, ...] = (
         "wrench_valid",
         SCALAR,
         "",
-        "1: wrench is measured (the paper's law needs it); 0: wrench is not read",
+        "1: wrench is measured; 0: wrench is not read",
         type="int",
     ),
     Field(
@@ -115,12 +115,6 @@ INPUT: tuple[Field, ...] = (
         "N m or N",
         "torque that the ENVIRONMENT APPLIES to each joint, from a source that does not read q, such as torque sensors",
     ),
-    Field(
-        "task_stiffness",
-        TASK,
-        "N/m, N, N m",
-        "task stiffness of the paper's law, hybrid axes; symmetric, positive semidefinite",
-    ),
 )
 
 OUTPUT: tuple[Field, ...] = (
@@ -193,7 +187,7 @@ OUTPUT: tuple[Field, ...] = (
         "scale l of the elastic energy: 1 in normal operation, 0 after a fault",
         memory="=",
     ),
-    Field("elastic_torque", N, "N m or N", "torque of the springs, -l dU/dq; paper: l Kq (r - q)"),
+    Field("elastic_torque", N, "N m or N", "torque of the springs, -l dU/dq"),
     Field(
         "damping_torque",
         N,

@@ -35,7 +35,7 @@ STATUS: tuple[tuple[str, str], ...] = (
     ("offset_limited", "torque_offset is held back by the effort or the rate limit"),
     (
         "feedforward_refused",
-        "wrench_command, or velocity and acceleration, are not used: not finite, too large, with the paper's law, or a "
+        "wrench_command, or velocity and acceleration, are not used: not finite, too large, or a "
         "velocity that does not agree with the motion of the command",
     ),
     (
@@ -65,7 +65,7 @@ FAULTS: tuple[tuple[str, str], ...] = (
     ("communication", "samples or calls are missing"),
     ("limit", "the arm is beyond a limit"),
     ("energy", "tank and stored energy do not cover the torque"),
-    ("configuration", "configuration, law or state changed in a way that needs a reset"),
+    ("configuration", "configuration, spring or state changed in a way that needs a reset"),
 )
 """Classes of faults, NAME_FAULT_<NAME>, from 0 on."""
 
@@ -89,7 +89,6 @@ REASONS: tuple[tuple[str, str, str], ...] = (
         "position_quantum, frozen_window, velocity_source)",
     ),
     ("stale", "sensor", "the sample counter does not advance"),
-    ("wrench", "sensor", "paper's law: no wrench, or one that is not believed (force_limit, moment_limit)"),
     (
         "missed",
         "communication",
@@ -102,14 +101,13 @@ REASONS: tuple[tuple[str, str, str], ...] = (
         "a position is beyond its limit and tolerance (lower_limit, upper_limit, position_tolerance)",
     ),
     ("overspeed", "limit", "a velocity is beyond its limit for long (velocity_limit, overspeed_time, velocity_noise)"),
-    ("paper_bound", "limit", "paper's law: load or deflection beyond the bound where the law is a spring (law)"),
     (
         "reserve",
         "energy",
         "the tank is almost empty and the springs' torque is not covered (tank_initial, torque_rate_limit)",
     ),
     ("config", "configuration", "the configuration was refused (the return value names the field)"),
-    ("changed", "configuration", "law or spring changed while engaged (law, spring)"),
+    ("changed", "configuration", "the kind of spring changed while engaged (spring)"),
     ("state", "configuration", "the state's checksum is wrong: its memory was overwritten"),
     ("loops", "sensor", "the closed loops do not close at q, or the passive joints have changed their branch"),
 )
@@ -124,7 +122,6 @@ SEEN: dict[str, str] = {
     "skipped": "calls left out [samples]",
     "position": "q [rad or m]",
     "overspeed": "speed [rad/s or m/s]",
-    "paper_bound": "deflection [rad]",
     "reserve": "reserve of the torque [J]",
 }
 """Meaning and unit of fault_seen and fault_limit for each reason with numbers."""
@@ -133,10 +130,8 @@ ERRORS: tuple[tuple[str, str], ...] = (
     ("null", "a pointer is NULL"),
     ("not_initialised", "the state is not initialised: call NAME_impedance_init first"),
     ("torque", "the initial torque is not finite or beyond the effort limit"),
-    ("task_damping_sign", "task_damping: must be symmetric and positive semidefinite"),
     ("position_limits", "lower_limit, upper_limit: lower must be below upper by more than two limit zones"),
     ("tank", "tank_initial: must not be above tank_maximum"),
-    ("paper_tips", "law: the paper's law needs a robot with one tip"),
     ("state_period", "state_period: must not be above missed_limit times sample_time"),
     ("bounded_spring", "spring: the folder has no bounded spring; generate it with --spring bounded"),
     (
@@ -144,7 +139,7 @@ ERRORS: tuple[tuple[str, str], ...] = (
         "translation_stiffness_limit, rotation_stiffness_limit: sample_time, delay_samples and motor_inertia allow "
         "less than half of this stiffness; lower the limits, correct motor_inertia, or set stiffness_cap to accept",
     ),
-    ("actuation", "actuation: gains need the potential law and delay_samples 0"),
+    ("actuation", "actuation: gains need delay_samples 0"),
     ("gains", "joint_gains: a number is not finite, or the limit of a gain is below 0"),
     ("policy", "policy_start: a pose is no pose, or now is not finite"),
     ("pose", "find_posture: a pose is no pose, or start is not finite"),

@@ -2569,8 +2569,6 @@ typedef struct {
 static const field fields[] = {
     {"config", "sample_time", "f8", offsetof(iiwa14_impedance_config, sample_time), 0, {1, 1, 1}},
     {"config", "delay_samples", "i4", offsetof(iiwa14_impedance_config, delay_samples), 0, {1, 1, 1}},
-    {"config", "law", "i4", offsetof(iiwa14_impedance_config, law), 0, {1, 1, 1}},
-    {"config", "stiffness_formula", "i4", offsetof(iiwa14_impedance_config, stiffness_formula), 0, {1, 1, 1}},
     {"config", "posture_stiffness", "f8", offsetof(iiwa14_impedance_config, posture_stiffness), 1, {7, 1, 1}},
     {"config", "translation_stiffness_limit", "f8", offsetof(iiwa14_impedance_config, translation_stiffness_limit), 0, {1, 1, 1}},
     {"config", "rotation_stiffness_limit", "f8", offsetof(iiwa14_impedance_config, rotation_stiffness_limit), 0, {1, 1, 1}},
@@ -2579,9 +2577,7 @@ static const field fields[] = {
     {"config", "spring_moment_limit", "f8", offsetof(iiwa14_impedance_config, spring_moment_limit), 0, {1, 1, 1}},
     {"config", "stiffness_cap", "i4", offsetof(iiwa14_impedance_config, stiffness_cap), 0, {1, 1, 1}},
     {"config", "stiffness_time", "f8", offsetof(iiwa14_impedance_config, stiffness_time), 0, {1, 1, 1}},
-    {"config", "damping_design", "i4", offsetof(iiwa14_impedance_config, damping_design), 0, {1, 1, 1}},
     {"config", "damping_ratio", "f8", offsetof(iiwa14_impedance_config, damping_ratio), 1, {7, 1, 1}},
-    {"config", "task_damping", "f8", offsetof(iiwa14_impedance_config, task_damping), 2, {6, 6, 1}},
     {"config", "joint_damping", "f8", offsetof(iiwa14_impedance_config, joint_damping), 0, {1, 1, 1}},
     {"config", "coriolis", "i4", offsetof(iiwa14_impedance_config, coriolis), 0, {1, 1, 1}},
     {"config", "motor_inertia", "f8", offsetof(iiwa14_impedance_config, motor_inertia), 1, {7, 1, 1}},
@@ -2637,7 +2633,6 @@ static const field fields[] = {
     {"input", "wrench", "f8", offsetof(iiwa14_impedance_input, wrench), 1, {6, 1, 1}},
     {"input", "external_valid", "i4", offsetof(iiwa14_impedance_input, external_valid), 0, {1, 1, 1}},
     {"input", "external_torque", "f8", offsetof(iiwa14_impedance_input, external_torque), 1, {7, 1, 1}},
-    {"input", "task_stiffness", "f8", offsetof(iiwa14_impedance_input, task_stiffness), 2, {6, 6, 1}},
     {"output", "torque", "f8", offsetof(iiwa14_impedance_output, torque), 1, {7, 1, 1}},
     {"output", "tau_ff", "f8", offsetof(iiwa14_impedance_output, tau_ff), 1, {7, 1, 1}},
     {"output", "kp", "f8", offsetof(iiwa14_impedance_output, kp), 1, {7, 1, 1}},
@@ -2746,16 +2741,10 @@ static const field fields[] = {
 };
 
 static const choice choices[] = {
-    {"law", "potential", IIWA14_LAW_POTENTIAL},
-    {"law", "paper", IIWA14_LAW_PAPER},
-    {"stiffness_formula", "corrected", IIWA14_STIFFNESS_FORMULA_CORRECTED},
-    {"stiffness_formula", "conventional", IIWA14_STIFFNESS_FORMULA_CONVENTIONAL},
     {"spring", "trace", IIWA14_SPRING_TRACE},
     {"spring", "bounded", IIWA14_SPRING_BOUNDED},
     {"stiffness_cap", "refuse", IIWA14_STIFFNESS_CAP_REFUSE},
     {"stiffness_cap", "accept", IIWA14_STIFFNESS_CAP_ACCEPT},
-    {"damping_design", "modal", IIWA14_DAMPING_DESIGN_MODAL},
-    {"damping_design", "task", IIWA14_DAMPING_DESIGN_TASK},
     {"coriolis", "off", IIWA14_CORIOLIS_OFF},
     {"coriolis", "on", IIWA14_CORIOLIS_ON},
     {"actuation", "torque", IIWA14_ACTUATION_TORQUE},
@@ -2792,7 +2781,7 @@ static const status statuses[] = {
     {"repeated", IIWA14_STATUS_REPEATED, "the sample repeats the last state, as state_period allows: the torque is held"},
     {"overspeed", IIWA14_STATUS_OVERSPEED, "a joint is beyond its velocity limit and is braked: a fault after overspeed_time"},
     {"offset_limited", IIWA14_STATUS_OFFSET_LIMITED, "torque_offset is held back by the effort or the rate limit"},
-    {"feedforward_refused", IIWA14_STATUS_FEEDFORWARD_REFUSED, "wrench_command, or velocity and acceleration, are not used: not finite, too large, with the paper's law, or a velocity that does not agree with the motion of the command"},
+    {"feedforward_refused", IIWA14_STATUS_FEEDFORWARD_REFUSED, "wrench_command, or velocity and acceleration, are not used: not finite, too large, or a velocity that does not agree with the motion of the command"},
     {"feedforward_limited", IIWA14_STATUS_FEEDFORWARD_LIMITED, "wrench_command is held back by tank, reserve, effort or speed, or the governor does not keep up with the plan"},
     {"unreachable", IIWA14_STATUS_UNREACHABLE, "the commanded pose is out of reach from here: the posture is at its end, or the arm rests in another one; find_posture searches a posture to be commanded as q0"},
 };
@@ -2829,12 +2818,10 @@ static const choice outcomes[] = {
     {"reason", "mismatch", IIWA14_REASON_MISMATCH},
     {"reason", "frozen", IIWA14_REASON_FROZEN},
     {"reason", "stale", IIWA14_REASON_STALE},
-    {"reason", "wrench", IIWA14_REASON_WRENCH},
     {"reason", "missed", IIWA14_REASON_MISSED},
     {"reason", "skipped", IIWA14_REASON_SKIPPED},
     {"reason", "position", IIWA14_REASON_POSITION},
     {"reason", "overspeed", IIWA14_REASON_OVERSPEED},
-    {"reason", "paper_bound", IIWA14_REASON_PAPER_BOUND},
     {"reason", "reserve", IIWA14_REASON_RESERVE},
     {"reason", "config", IIWA14_REASON_CONFIG},
     {"reason", "changed", IIWA14_REASON_CHANGED},
@@ -3266,7 +3253,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "4b77a1e94206fa1d") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "0122e6eda88c44d7") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

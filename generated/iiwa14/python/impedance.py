@@ -227,7 +227,7 @@ class Impedance:
     Parameters
     ----------
     config : mapping, optional
-        Values of configuration fields by name: words ("modal") where the header has choices, one number for all
+        Values of configuration fields by name: words ("bounded") where the header has choices, one number for all
         entries of an array. Other fields have their defaults.
     torque : (n) [N m], optional
         Torque in force, from which the controller's torque moves on at its rate limit; default: zero. Give the
@@ -299,7 +299,6 @@ class Impedance:
         translation_stiffness: ArrayLike | None = None,
         rotation_stiffness: ArrayLike | None = None,
         wrench: ArrayLike | None = None,
-        task_stiffness: ArrayLike | None = None,
         torque_offset: ArrayLike | None = None,
         external_torque: ArrayLike | None = None,
         wrench_command: ArrayLike | None = None,
@@ -309,8 +308,8 @@ class Impedance:
     ) -> Record:
         """Do one step.
 
-        Pass either ``q0`` (n), or ``equilibrium`` (4, 4) with ``posture`` (n). The potential law needs both stiffnesses,
-        each (3, 3), and reports a ``wrench`` (6). The paper's law needs ``wrench`` and ``task_stiffness`` (6, 6).
+        Pass either ``q0`` (n), or ``equilibrium`` (4, 4) with ``posture`` (n), and both stiffnesses, each (3, 3). A measured
+        ``wrench`` (6) is checked and reported.
         ``torque_offset`` (n) is added to the torque, inside its limits. ``external_torque`` (n) is the environment's, known
         from elsewhere than ``q``: it explains why a joint stands still. ``wrench_command`` (6) is a wrench that the tip is
         to exert on the environment. ``velocity`` and ``acceleration`` (n) are those of a planned ``q0``, or of the joints
@@ -367,11 +366,10 @@ class Impedance:
             raise TypeError("give either q0, or equilibrium and posture")
         needed = ["q", "dq", *(("equilibrium", "posture") if poses else ("q0",))]
         needed += ["tool_pose"] if "tool_pose" in _INPUT.names else []
-        paper = self._config.law == "paper"
-        needed += ["wrench", "task_stiffness"] if paper else ["translation_stiffness", "rotation_stiffness"]
+        needed += ["translation_stiffness", "rotation_stiffness"]
         missing = [name for name in needed if name not in values]
         if missing:
-            raise TypeError(f"the {self._config.law} law needs {', '.join(missing)}")
+            raise TypeError(f"a step needs {', '.join(missing)}")
 
     def _store(self, inputs: NDArray[Any], outputs: NDArray[Any]) -> None:
         capacity = len(self._record[0])

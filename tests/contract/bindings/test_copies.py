@@ -14,13 +14,13 @@ import pytest
 
 @pytest.mark.parametrize("made", [copy.copy, copy.deepcopy, lambda each: pickle.loads(pickle.dumps(each))])
 def test_a_copy_steps_as_the_controller_does(made: Callable[[Any], Any], robot: Any) -> None:
-    controller = robot.Impedance(energy_limit=3.0, damping_design="task", record=3)
+    controller = robot.Impedance(energy_limit=3.0, coriolis="on", record=3)
     q = 0.5 * (robot.LOWER + robot.UPPER) + 0.1
     sample = {"q": q, "dq": 0 * q, "translation_stiffness": 300 * np.eye(3), "rotation_stiffness": 20 * np.eye(3)}
     for _ in range(5):
         controller.step(q0=q + 0.05, **sample)
     other = made(controller)
-    assert other.config.energy_limit == 3.0 and other.config.damping_design == "task"
+    assert other.config.energy_limit == 3.0 and other.config.coriolis == "on"
     for _ in range(5):
         expected = controller.step(q0=q + 0.05, **sample)
     for _ in range(5):

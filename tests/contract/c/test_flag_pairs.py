@@ -31,7 +31,7 @@ def test_flags_that_no_macro_tells_are_found(compiler: str, sources: Path, tmp_p
 def test_the_papers_law_sees_nan_by_its_bits(compiler: str, sources: Path, tmp_path: Path) -> None:
     """No macro tells some flags. Before: -ffinite-math-only compiled, and clang -fno-honor-nans gave torques of NaN."""
     refusing = [*(flag for flag in FLAGS[compiler] if flag in UNSEEN), "-fno-signed-zeros", "-ffinite-math-only"]
-    plain: dict[tuple[str, ...], str] = {}
+    printed: dict[tuple[str, ...], str] = {}
     for flags in ((), *((flag,) for flag in refusing)):
         objects = tmp_path / "paper.o"
         paper = ["-std=gnu99", "-O2", *flags, "-c", str(sources / "arm_paper.c"), "-o", str(objects)]
@@ -42,5 +42,5 @@ def test_the_papers_law_sees_nan_by_its_bits(compiler: str, sources: Path, tmp_p
         files = [str(sources / name) for name in ("arm.c", "arm_impedance.c", "main.c")]
         rest = ["-std=gnu99", "-O1", "-w", f"-I{sources}", *files, str(objects), "-lm", "-o", str(tmp_path / "program")]
         subprocess.run([compiler, *rest], check=True)
-        plain[flags] = subprocess.run([tmp_path / "program"], capture_output=True, text=True, check=True).stdout
-    assert len(plain) > 1 and len(set(plain.values())) == 1
+        printed[flags] = subprocess.run([tmp_path / "program"], capture_output=True, text=True, check=True).stdout
+    assert len(printed) > 1 and len(set(printed.values())) == 1

@@ -13,12 +13,12 @@ PAPER = (ROOT / "docs" / "paper" / "paper.md").read_text()
 BODY = PAPER.split("---\n", 2)[2]
 NUMBERS = {
     "docs/results.md": (
-        "8.0 N m/rad",
+        "8.3 N m/rad",
         "6.7 N m",
         "0.93 to 1.40",
         "47.8%",
         "30 N m/rad",
-        "0.0005 N m",
+        "0.002 N m",
         "| constant | 200 | 0 |",
     ),
     "docs/theory.md": ("| 0.13 | 150 |", "3.9e-13", "| 0.93 |", "100 closed joint-space orbits"),

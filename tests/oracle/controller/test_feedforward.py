@@ -143,13 +143,6 @@ def test_a_wrench_that_is_refused_acts_like_none(robot: ModuleType, wrench: list
     assert not out.wrench_command.any()
 
 
-def test_the_papers_law_takes_no_wrench(robot: ModuleType) -> None:
-    controller = robot.Impedance(law="paper")
-    given = {"wrench": np.zeros(6), "task_stiffness": np.diag([400.0] * 3 + [20.0] * 3)}
-    out = controller.step(**STILL, **given, wrench_command=[0, 0, 5, 0, 0, 0])
-    assert out.status & robot.Status.FEEDFORWARD_REFUSED
-
-
 def test_wrenches_keep_the_limits(robot: ModuleType) -> None:
     """Wrenches and torques of the caller that jump, with samples missing: effort and rate limits hold."""
     random, effort = np.random.default_rng(5), 0.2 * robot.EFFORT

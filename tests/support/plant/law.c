@@ -34,24 +34,6 @@ int law_init(const void *config, void *state)
     return iiwa14_impedance_init(config, state, NULL);
 }
 
-/* Kt and Ko as the paper's task stiffness in hybrid axes: Ko turned by the equilibrium's rotation. */
-static void task_stiffness(const sample_t *sample, const double *pose, double *K)
-{
-    memset(K, 0, 36 * sizeof *K);
-    for (int i = 0; i < 3; ++i) {
-        for (int j = 0; j <= i; ++j) {
-            double sum = 0.0;
-            for (int a = 0; a < 3; ++a) {
-                for (int b = 0; b < 3; ++b) {
-                    sum += pose[4 * i + a] * sample->rotation[3 * a + b] * pose[4 * j + b];
-                }
-            }
-            K[6 * i + j] = K[6 * j + i] = sample->translation[3 * i + j];
-            K[6 * (i + 3) + j + 3] = K[6 * (j + 3) + i + 3] = sum;
-        }
-    }
-}
-
 void law_step(const void *config, void *state, const sample_t *sample, void *output, command_t *command)
 {
     const iiwa14_impedance_config *const c = config;
@@ -72,7 +54,6 @@ void law_step(const void *config, void *state, const sample_t *sample, void *out
     memcpy(in.velocity, sample->velocity, sizeof in.velocity);
     memcpy(in.acceleration, sample->acceleration, sizeof in.acceleration);
     memcpy(in.wrench_command, sample->wrench_command, sizeof in.wrench_command);
-    task_stiffness(sample, in.equilibrium, in.task_stiffness);
     if (sample->reset) {
         iiwa14_impedance_reset(state);
     }

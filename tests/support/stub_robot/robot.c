@@ -23,24 +23,6 @@ void stiffgen_jacobians(const double *q, const memory_t *m, double *jacobian)
     }
 }
 
-void stiffgen_joint_stiffness(const double *q, const memory_t *m, const double *wrench, const double *task_stiffness,
-                              double *joint_stiffness)
-{
-    (void)q;
-    (void)m;
-    (void)wrench;
-    memset(joint_stiffness, 0, NN * sizeof(double));
-    for (int i = 0; i < 9; ++i) {
-        joint_stiffness[i / 3 * N + i % 3] = task_stiffness[i / 3 * 6 + i % 3];
-    }
-}
-
-void stiffgen_conventional_stiffness(const double *q, const memory_t *m, const double *wrench,
-                                     const double *task_stiffness, double *joint_stiffness)
-{
-    stiffgen_joint_stiffness(q, m, wrench, task_stiffness, joint_stiffness);
-}
-
 double stiffgen_spring(const double *q, const memory_t *m, const double *equilibrium,
                        const double *translation_stiffness, const double *rotation_stiffness, const double *limits,
                        double *wrench, double *torque, double *joint_stiffness)

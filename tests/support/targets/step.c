@@ -64,7 +64,6 @@ int main(void)
         if (k % 50 == 0) {
             symmetric(in.translation_stiffness, 3, hostile ? uniform(0.0, 3000.0) : 700.0);
             symmetric(in.rotation_stiffness, 3, hostile ? uniform(0.0, 300.0) : 30.0);
-            symmetric(in.task_stiffness, 6, 500.0);
         }
         in.sample_valid = 1;
         in.wrench_valid = 1;

@@ -22,7 +22,7 @@ from stiffgen.controller.sessions.check import wrench as spring_wrench
 from stiffgen.controller.signals import INPUT, OUTPUT
 from stiffgen.controller.status_words import FAULTS, REASONS, STATUS
 from stiffgen.symbolic.springs import Placement
-from support.controller_inputs import KO, KT, SPRING, TASK_STIFFNESS, Arm, Q, hostile, walk
+from support.controller_inputs import KO, KT, SPRING, Arm, Q, hostile, walk
 from support.controller_library import WARNINGS, compile_c
 from support.project import ROOT, Once
 
@@ -119,37 +119,6 @@ def test_fast_joints_are_braked(robot: ModuleType) -> None:
     out = controller.step(q=Q + 0.2 * velocity, dq=velocity, q0=Q + 0.2 * velocity, **SPRING)
     expected_torque = out.damping @ (out.reference_velocity - velocity)
     np.testing.assert_allclose(out.damping_torque, expected_torque, atol=1e-9)
-
-
-def test_papers_law(robot: ModuleType) -> None:
-    wrench, e = np.array([3.0, -2, 4, 0.5, 1, -0.7]), np.array([0.03, -0.02, 0.04, 0.02, -0.03, 0.01, 0.02])
-    for formula, kernel in (("corrected", "joint_stiffness"), ("conventional", "joint_stiffness_uncorrected")):
-        controller = robot.Impedance(
-            **FAST, law="paper", stiffness_formula=formula, damping_design="task", task_damping=np.eye(6) * 12
-        )
-        for k in range(500):
-            out = controller.step(
-                q=Q - e * min(1, k / 100), dq=np.zeros(7), q0=Q, wrench=wrench, task_stiffness=TASK_STIFFNESS
-            )
-        K = getattr(robot.hybrid, kernel)(Q - e, wrench, TASK_STIFFNESS) + np.eye(7)
-        np.testing.assert_allclose(out.joint_stiffness, K, rtol=1e-12, atol=1e-10)
-        np.testing.assert_allclose(out.torque, K @ e, atol=1e-9)
-        J = robot.hybrid.jacobian(Q - e)
-        np.testing.assert_allclose(out.damping, 12 * J.T @ J + 0.1 * np.eye(7), atol=1e-10)
-
-
-def test_papers_law_is_refused_where_it_is_no_spring(robot: ModuleType) -> None:
-    """A hanging load, correctly measured: the old controller let 10 N carry the arm 0.95 rad away."""
-    for force in (20.0, 40.0):
-        load = np.array([0, 0, -force, 0, 0, 0])
-        controller, arm = robot.Impedance(law="paper", motor_inertia=0.1), Arm(robot, Q)
-        for _ in range(6000):
-            out = controller.step(q=arm.q, dq=arm.dq, q0=Q, wrench=load, task_stiffness=TASK_STIFFNESS)
-            arm.step(out.torque, load)
-            if out.fault:
-                break
-        assert out.reason == robot.Reason.PAPER_BOUND
-        assert np.abs(arm.q - Q).max() < 0.5
 
 
 # ---- governor
@@ -455,7 +424,7 @@ def contract(robot: ModuleType, controller: Any, out: Any, start: Any = 0.0) -> 
 @pytest.mark.parametrize("seed", range(4))
 def test_hostile_input(robot: ModuleType, seed: int) -> None:
     inputs, bad = hostile(np.random.default_rng(seed), robot, 5000, 0.01)
-    fields: dict[str, Any] = [{}, {"delay_samples": 2}, {"damping_design": "task", "task_damping": np.eye(6)},
+    fields: dict[str, Any] = [{}, {"delay_samples": 2}, {"damping_ratio": 0.3},
                               {"effort_limit": 5.0, "torque_rate_limit": 20.0}][seed]  # fmt: skip
     controller = robot.Impedance(motor_inertia=0.1, automatic_reset_time=0.02, **fields)
     out = controller.run(**inputs)
@@ -474,7 +443,6 @@ def test_extreme_accepted_values(robot: ModuleType) -> None:
     random = np.random.default_rng(1)
     inputs = walk(random, robot, 120)
     ends = {f.name: (f.least, f.most) for f in CONFIG if not f.choices and np.isfinite(f.most)}
-    ends.pop("task_damping")
     tried = 0
     cases = [{name: value} for name, pair in ends.items() for value in pair]
     cases += [{name: pair[random.integers(0, 2)] for name, pair in ends.items() if random.random() < 0.5}
@@ -497,18 +465,16 @@ def test_gains_change_without_a_bump(robot: ModuleType) -> None:
     controller, out = settled(robot, Q + 0.12, torque_rate_limit=robot.EFFORT * 10, effort_limit=robot.EFFORT)
     assert np.abs(out.torque).max() > 20
     changes = [("effort_limit", 1.0), ("effort_limit", robot.EFFORT), ("damping_ratio", 5.0), ("motor_inertia", 10.0),
-               ("posture_stiffness", 500.0), ("joint_damping", 50.0), ("law", "paper")]  # fmt: skip
+               ("posture_stiffness", 500.0), ("joint_damping", 50.0)]  # fmt: skip
     last = out.torque
     for name, value in changes:
         setattr(controller.config, name, value)
         for _ in range(60):
-            given = {"wrench": np.zeros(6), "task_stiffness": TASK_STIFFNESS} if name == "law" else SPRING
-            out = controller.step(q=Q + 0.12, dq=np.zeros(7), q0=Q, **given)
+            out = controller.step(q=Q + 0.12, dq=np.zeros(7), q0=Q, **SPRING)
             assert np.all(np.abs(out.torque - last) <= robot.EFFORT * 0.01 * (1 + 1e-12)), name
             last = out.torque
         if name == "effort_limit" and np.ndim(value) == 0:
             assert np.abs(out.torque).max() <= 1.0
-    assert out.reason == robot.Reason.CHANGED
 
 
 def test_initial_torque(robot: ModuleType) -> None:
@@ -579,7 +545,6 @@ def test_every_field_is_checked(robot: ModuleType) -> None:
                 robot.Impedance({field.name: value})
     for fields, words in (
         ({"lower_limit": 1.0, "upper_limit": 0.0}, "lower must be below upper"),
-        ({"damping_design": "task", "task_damping": -np.eye(6)}, "positive semidefinite"),
         ({"tank_initial": 60.0, "tank_maximum": 50.0}, "tank_maximum"),
         ({"missed_limit": 2.5}, "no whole number"),
         ({"effort_limit": np.ones(3)}, "shape"),
@@ -594,7 +559,7 @@ def test_configuration_while_running(robot: ModuleType) -> None:
     controller = robot.Impedance()
     controller.config.damping_ratio = 0.5
     np.testing.assert_array_equal(controller.config.damping_ratio, np.full(7, 0.5))
-    assert controller.config.law == "potential"
+    assert controller.config.spring == "trace"
     with pytest.raises(ValueError, match="damping_ratio: every entry must lie between 0 and 100"):
         controller.config.damping_ratio = -1
     np.testing.assert_array_equal(controller.config.damping_ratio, np.full(7, 0.5))
@@ -644,8 +609,6 @@ def test_inputs_are_required(robot: ModuleType) -> None:
         controller.step(q=Q, dq=zero, q0=Q, translation_stiffness=KT)
     with pytest.raises(TypeError):
         controller.step(Q, zero, Q)
-    with pytest.raises(TypeError, match="needs wrench, task_stiffness"):
-        robot.Impedance(law="paper").step(q=Q, dq=zero, q0=Q)
     with pytest.raises(TypeError, match="no input 'q1'"):
         controller.run(q=Q, dq=zero, q1=Q, **SPRING)
     with pytest.raises(ValueError, match="q0: shape"):
@@ -864,16 +827,6 @@ def test_several_tips_and_tools(tmp_path: Path, runtime_tool: bool) -> None:
         np.testing.assert_allclose(out.spring_wrench[t], out.scale * F, atol=1e-6)
         expected = expected - kernels.hybrid.jacobian(out.position, *given).T @ F
     np.testing.assert_allclose(out.elastic_torque, out.scale * expected, atol=1e-6)
-    D = np.diag([3.0, 2, 1, 0.3, 0.2, 0.1]) + 0.05
-    controller.config.update({"damping_design": "task", "task_damping": D})
-    out = controller.step(q=q0 + way, dq=np.zeros(n), q0=q0, **springs)
-    B = controller.config.joint_damping * np.eye(n)
-    for t, name in enumerate(("left_hand", "right_hand")):
-        J = getattr(arm, name).hybrid.jacobian(q0 + way, *((tools[t],) if runtime_tool else ()))
-        B = B + J.T @ D @ J
-    assert not out.status & arm.Status.DAMPING_CAPPED
-    np.testing.assert_allclose(out.damping, B, atol=1e-12)
-    controller.config.update({"damping_design": "modal"})
     if runtime_tool:
         tools[1, 0, 3] += 0.01
         for _ in range(200):

@@ -39,9 +39,6 @@ class Library:
     def config(self, **values: Any) -> Any:
         """Return a valid configuration: 1 ms, generous limits."""
         ones = {
-            "law": 1,
-            "stiffness_formula": 1,
-            "damping_design": 1,
             "delay_samples": 0,
             "missed_limit": 3,
             "call_gap_limit": 3,

@@ -29,20 +29,13 @@ static int find_modes(step_t *s)
 {
     output_t *const out = s->out;
     double *const modes = s->modes, *const before = modes + NN, *const oldest = s->scratch + 2 * NN;
-    double symmetric[NN] = {0.0};
-    const double *K = out->joint_stiffness;
     for (int k = 0; k < NN; ++k) { /* a parabola */
         const double last = modes[k];
         modes[k] = 3.0 * (last - before[k]) + oldest[k];
         oldest[k] = before[k];
         before[k] = last;
     }
-    if (s->m->law == ID(LAW_PAPER)) {
-        /* only the symmetric part of the conventional formula has a say in the damping */
-        take_symmetric_part(N, out->joint_stiffness, symmetric);
-        K = symmetric;
-    }
-    if (refine_modes(N, K, out->mass_matrix, s->scratch, out->eigenvalues, modes)) {
+    if (refine_modes(N, out->joint_stiffness, out->mass_matrix, s->scratch, out->eigenvalues, modes)) {
         return 1;
     }
     const int error = solve_modes(N, out->joint_stiffness, out->mass_matrix, s->scratch, out->eigenvalues, modes);
@@ -75,19 +68,6 @@ void measure_inertia(step_t *s, const double *q)
             sum += fabs(column[j]);
         }
         s->m->inertia[i] = mass / sum;
-    }
-}
-
-/* Compute J^T task_damping J, summed over the tips. */
-static void apply_task_damping(step_t *s)
-{
-    const double *const J = find_jacobians(s);
-    for (int k = 0; k < 36 * TIPS; ++k) {
-        const double D = (s->c->task_damping[k % 36] + s->c->task_damping[k % 6 * 6 + k / 6 % 6]) / 2.0;
-        const double *const left = J + k / 6 * N, *const right = J + (k / 36 * 6 + k % 6) * N;
-        for (int i = 0; i < NN; ++i) {
-            s->out->damping[i] += left[i / N] * D * right[i % N];
-        }
     }
 }
 
@@ -125,19 +105,18 @@ static double damp_joints_only(step_t *s, double d)
 }
 
 /*
- * Design the damping. Modal: B = M V diag(b) V^T M + d I with Kq v = lambda M v, V^T M V = I (Albu-Schaeffer and
- * others 2003). Task: B = J^T task_damping J + d I. Both are capped, except for the paper's law: no eigenvalue of M^-1
- * B is above that of largest_damping. Return the largest scale that the sample time allows.
+ * Design the damping B = M V diag(b) V^T M + d I with Kq v = lambda M v, V^T M V = I (Albu-Schaeffer and others 2003).
+ * It is capped: no eigenvalue of M^-1 B is above that of largest_damping. Return the largest scale that the sample time
+ * allows.
  */
 double design_damping(step_t *s)
 {
     const config_t *const c = s->c;
     output_t *const out = s->out;
     double *const rows = s->scratch;
-    const double *modes = s->modes;
-    double b[N], own[NN] = {0.0}, scale = 1.0, largest_b = 0.0, d = c->joint_damping;
-    const int paper = s->m->law == ID(LAW_PAPER), by_task = c->damping_design == ID(DAMPING_DESIGN_TASK);
-    const double T = c->sample_time, most = paper ? UNCAPPED : largest_damping(c);
+    const double *const modes = s->modes;
+    double b[N], scale = 1.0, largest_b = 0.0, d = c->joint_damping;
+    const double T = c->sample_time, most = largest_damping(c);
     if (!find_modes(s)) {
         s->status |= ID(STATUS_MASS_MATRIX);
         memset(out->eigenvalues, 0, sizeof out->eigenvalues);
@@ -149,7 +128,7 @@ double design_damping(step_t *s)
     }
     const double delayed = 1.0 + 2.0 * c->delay_samples, stiffest = out->eigenvalues[N - 1] * T * T;
     s->status |= out->eigenvalues[0] < 0.0 ? (uint32_t)ID(STATUS_INDEFINITE) : 0u;
-    if (stiffest * delayed > LARGEST_STIFFNESS && !paper) {
+    if (stiffest * delayed > LARGEST_STIFFNESS) {
         scale = LARGEST_STIFFNESS / (stiffest * delayed);
         s->status |= ID(STATUS_STIFFNESS_CAPPED);
         s->m->capped = 1;
@@ -158,15 +137,7 @@ double design_damping(step_t *s)
         d = 0.5 * most / trace;
         s->status |= ID(STATUS_DAMPING_CAPPED);
     }
-    if (by_task) {
-        apply_task_damping(s);
-        if (solve_modes(N, out->damping, out->mass_matrix, s->scratch, b, own) != 0) {
-            memset(b, 0, sizeof b);
-        }
-        modes = own;
-    } else {
-        damp_modes(c, out->eigenvalues, scale, b);
-    }
+    damp_modes(c, out->eigenvalues, scale, b);
     int capped = 0;
     for (int k = 0; k < N; ++k) {
         capped |= b[k] > most - d * trace;
@@ -174,12 +145,10 @@ double design_damping(step_t *s)
         largest_b = larger(largest_b, b[k]);
     }
     s->status |= capped ? (uint32_t)ID(STATUS_DAMPING_CAPPED) : 0u;
-    if (capped || !by_task) {
-        multiply_rows(N, modes, out->mass_matrix, rows);
-        form_congruence(N, rows, b, out->damping);
-    }
+    multiply_rows(N, modes, out->mass_matrix, rows);
+    form_congruence(N, rows, b, out->damping);
     for (int i = 0; i < N; ++i) {
-        s->brake[i] *= paper ? 0.0 : most - d * trace - largest_b;
+        s->brake[i] *= most - d * trace - largest_b;
         out->damping[i * (N + 1)] += d;
     }
     return scale;

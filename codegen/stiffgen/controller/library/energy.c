@@ -7,20 +7,17 @@ const double *find_spring_limits(const memory_t *m)
     return m->spring == ID(SPRING_BOUNDED) ? m->spring_limits : NULL;
 }
 
-/* Compute the energy of all tips' springs at q, unscaled; the paper's law has none. */
+/* Compute the energy of all tips' springs at q, unscaled. */
 double compute_tip_energy(const memory_t *m, const double *q, const double *equilibrium)
 {
-    if (m->law == ID(LAW_PAPER)) {
-        return 0.0;
-    }
     return stiffgen_spring_energy(q, m, equilibrium, m->translation_stiffness, m->rotation_stiffness,
                                   find_spring_limits(m));
 }
 
-/* Return the energy of the tips' springs with that of the posture's spring; the paper's law has neither. */
+/* Return the energy of the tips' springs with that of the posture's spring. */
 double add_posture_energy(const memory_t *m, const double *q, const double *posture, double tips)
 {
-    return m->law == ID(LAW_PAPER) ? 0.0 : tips + stiffgen_posture_energy(q, posture, m->posture_stiffness);
+    return tips + stiffgen_posture_energy(q, posture, m->posture_stiffness);
 }
 
 /* Compute the energy that the scaled springs store at q. */

@@ -11,11 +11,11 @@ static int are_zero(int count, const double *x)
     return zero;
 }
 
-/* Accept the commanded wrenches: finite, and no larger than heaviest_wrench. The paper's law takes none. */
+/* Accept the commanded wrenches: finite, and no larger than heaviest_wrench. */
 static int accept_wrench(const step_t *s)
 {
     const double *const heaviest = s->c->heaviest_wrench;
-    int good = s->c->law == ID(LAW_POTENTIAL);
+    int good = 1;
     for (int t = 0; t < TIPS; ++t) {
         const double *const wrench = s->input->wrench_command + 6 * t;
         good = good && norm(3, wrench) <= heaviest[0] && norm(3, wrench + 3) <= heaviest[1];
@@ -87,7 +87,7 @@ static int accept_plan(step_t *s)
     memory_t *const m = s->m;
     const input_t *const in = s->input;
     const int accelerated = !are_zero(N, in->acceleration), begins = m->planning != in->command;
-    int good = c->law == ID(LAW_POTENTIAL);
+    int good = 1;
     for (int i = 0; i < N; ++i) {
         good = good && fabs(in->velocity[i]) <= c->reference_velocity_limit[i];
         good = good && fabs(in->acceleration[i]) <= c->reference_velocity_limit[i] / c->ramp_time;

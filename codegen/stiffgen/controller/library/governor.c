@@ -404,13 +404,8 @@ void move_equilibrium(step_t *s)
 static void adopt_command(step_t *s)
 {
     memory_t *const m = s->m;
-    if (m->law == ID(LAW_POTENTIAL)) {
-        memcpy(m->translation_stiffness, s->translation, 9 * TIPS * sizeof(double));
-        memcpy(m->rotation_stiffness, s->rotation, 9 * TIPS * sizeof(double));
-    } else {
-        memset(m->translation_stiffness, 0, 9 * TIPS * sizeof(double));
-        memset(m->rotation_stiffness, 0, 9 * TIPS * sizeof(double));
-    }
+    memcpy(m->translation_stiffness, s->translation, 9 * TIPS * sizeof(double));
+    memcpy(m->rotation_stiffness, s->rotation, 9 * TIPS * sizeof(double));
     memcpy(m->wanted_posture, s->input->q0, sizeof m->wanted_posture);
     memcpy(m->wanted_equilibrium, s->goal, sizeof m->wanted_equilibrium);
     if (stiffgen_tool(s->input) != NULL) {
@@ -449,11 +444,10 @@ void pay_engagement(step_t *s)
     }
 }
 
-/* Settle the springs at the arm, where they store nothing: equilibrium, stiffness, tool and law are free to change. */
+/* Settle the springs at the arm, where they store nothing: equilibrium, stiffness, tool and spring may change. */
 void settle_springs(step_t *s)
 {
     memory_t *const m = s->m;
-    m->law = s->c->law;
     m->spring = s->c->spring;
     for (int t = 0; t < TIPS; ++t) {
         m->spring_limits[t] = s->c->spring_force_limit;

@@ -41,12 +41,10 @@ static const double NO_STIFFNESS = 1e-9;    /* [N/m] or [N m/rad] in place of no
 static const double NO_ROTATION = 1e-9;     /* [rad] up to which a rotation is linear: its square is below rounding */
 static const double FLATTEST = 1e-9;        /* least mobility that a cap looks at, over the largest of the spring */
 static const double ARRIVED = 1e-12;        /* [s] of travel that is the rounding of poses: the goal is reached */
-static const double UNCAPPED = 1e6;         /* [1/s] cap of damping with the paper's law, which has none */
 static const double SPRINGS_CAP = 0.95;     /* of LARGEST_STIFFNESS for springs: the scale is capped behind them */
 static const double SPRINGS_LEAST = 0.25;   /* of it that posture and limit avoidance leave to the springs */
 static const double NEXT_SHARE = 0.9;       /* of the share that should do: the energy is not linear */
 static const double FALL_SHARE = 0.9;       /* of the rate limit for a scale that falls: the pull changes, too */
-static const double SYMMETRY = 1e-9;          /* of the task damping, over its largest entry */
 static const double COMMAND_TOLERANCE = 1e-6; /* of a commanded stiffness, over its largest entry: single precision */
 static const double POSE_TOLERANCE = 1e-3;    /* of a commanded rotation, sum of |R^T R - I|: 5 digits */
 static const double FARTHEST = 1e6;   /* [rad] beyond it an angle has lost its last digits */
@@ -99,8 +97,6 @@ static const double NO_LOAD = 1e-3; /* share of heaviest_wrench up to which spri
 static const double LARGEST_ENERGY = 1e4; /* [J] largest energy limit */
 static const double HALF_TURN = 3.14159265358979324;
 static const double GOLDEN = 0.61803398874989485; /* golden ratio less 1: its multiples fill [0, 1) evenly */
-/* Paper's law [rad]: the law takes a sine for its angle, which is up to 10 % off here. */
-static const double PAPER_DEFLECTION = 0.7853981633974483;
 
 /* Data of one call of step. */
 typedef struct {
@@ -151,10 +147,6 @@ typedef struct {
  * and with closed loops the joints from which they are closed */
 void stiffgen_poses(const double *q, const memory_t *m, double *pose);
 void stiffgen_jacobians(const double *q, const memory_t *m, double *jacobian);
-void stiffgen_joint_stiffness(const double *q, const memory_t *m, const double *wrench, const double *task_stiffness,
-                              double *joint_stiffness);
-void stiffgen_conventional_stiffness(const double *q, const memory_t *m, const double *wrench,
-                                     const double *task_stiffness, double *joint_stiffness);
 double stiffgen_spring_energy(const double *q, const memory_t *m, const double *equilibrium,
                               const double *translation_stiffness, const double *rotation_stiffness,
                               const double *limits);

@@ -195,10 +195,6 @@ static int check_sample(step_t *s, const double *last)
         note_finding(s, NO_JOINT, 0.0, 0.0);
         return ID(REASON_LOOPS);
     }
-    if (reason == ID(REASON_NONE) && s->c->law == ID(LAW_PAPER) &&
-        (s->status & (uint32_t)ID(STATUS_WRENCH_REFUSED)) != 0u) {
-        reason = ID(REASON_WRENCH);
-    }
     return reason;
 }
 
@@ -212,7 +208,7 @@ static void check_wrench(step_t *s)
     }
     if (good) {
         memcpy(s->out->wrench, s->input->wrench, sizeof s->out->wrench);
-    } else if (s->input->wrench_valid == 1 || s->c->law == ID(LAW_PAPER)) {
+    } else if (s->input->wrench_valid == 1) {
         s->status |= ID(STATUS_WRENCH_REFUSED);
     }
 }
@@ -304,15 +300,9 @@ int accept_command(step_t *s)
     }
     for (int t = 0; good && t < TIPS; ++t) {
         good = in->command == ID(COMMAND_POSITION) || accept_pose(in->equilibrium + 16 * t, s->goal + 16 * t);
-        if (s->c->law == ID(LAW_POTENTIAL)) {
-            const double *const Kt = in->translation_stiffness + 9 * t, *const Ko = in->rotation_stiffness + 9 * t;
-            good = good && accept_stiffness(Kt, s->c->translation_stiffness_limit, s->translation + 9 * t);
-            good = good && accept_stiffness(Ko, s->c->rotation_stiffness_limit, s->rotation + 9 * t);
-        } else {
-            good = good && in->command == ID(COMMAND_POSITION) &&
-                   is_positive_semidefinite(6, in->task_stiffness, COMMAND_TOLERANCE) &&
-                   largest_entry(36, in->task_stiffness) <= s->c->translation_stiffness_limit;
-        }
+        const double *const Kt = in->translation_stiffness + 9 * t, *const Ko = in->rotation_stiffness + 9 * t;
+        good = good && accept_stiffness(Kt, s->c->translation_stiffness_limit, s->translation + 9 * t);
+        good = good && accept_stiffness(Ko, s->c->rotation_stiffness_limit, s->rotation + 9 * t);
         good = good && (stiffgen_tool(in) == NULL || accept_pose(stiffgen_tool(in) + 16 * t, tool));
     }
     return good && stiffgen_reaches(in->q0, s->m);

@@ -35,13 +35,7 @@ int validate(const config_t *c)
             return ID(E_POSITION_LIMITS);
         }
     }
-    if (c->damping_design == ID(DAMPING_DESIGN_TASK) && !is_positive_semidefinite(6, c->task_damping, SYMMETRY)) {
-        return ID(E_TASK_DAMPING_SIGN);
-    }
-    if (c->law == ID(LAW_PAPER) && TIPS > 1) {
-        return ID(E_PAPER_TIPS);
-    }
-    if (c->actuation == ID(ACTUATION_GAINS) && (c->law != ID(LAW_POTENTIAL) || c->delay_samples > 0)) {
+    if (c->actuation == ID(ACTUATION_GAINS) && c->delay_samples > 0) {
         return ID(E_ACTUATION);
     }
     if (c->state_period > c->missed_limit * c->sample_time * (1.0 + ROUNDED)) {
@@ -151,8 +145,7 @@ int initialise(const config_t *c, state_t *state, const double *torque)
         }
     }
     start_memory(c, state);
-    if (c->stiffness_cap == ID(STIFFNESS_CAP_REFUSE) && c->law == ID(LAW_POTENTIAL) &&
-        halves_stiffness(c, &state->memory, state->scratch)) {
+    if (c->stiffness_cap == ID(STIFFNESS_CAP_REFUSE) && halves_stiffness(c, &state->memory, state->scratch)) {
         memset(state, 0, sizeof *state);
         return ID(E_STIFFNESS);
     }
@@ -204,6 +197,6 @@ void latch_fault(memory_t *m, int reason, int joint, double seen, double limit)
 /* Return whether a latched communication fault is to be held: the springs stay, and the equilibrium stands still. */
 int holds_in_fault(const step_t *s)
 {
-    return s->m->fault == ID(FAULT_COMMUNICATION) && s->m->law == ID(LAW_POTENTIAL) &&
+    return s->m->fault == ID(FAULT_COMMUNICATION) &&
            s->c->communication_reaction == ID(COMMUNICATION_REACTION_HOLD);
 }

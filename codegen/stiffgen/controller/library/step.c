@@ -18,7 +18,7 @@ static void remember_sample(step_t *s)
     m->gap = m->missed = 0;
 }
 
-/* Check speed and position against their limits, and the law against the one in force. */
+/* Check speed and position against their limits, and the spring against the one in force. */
 static void check_limits(step_t *s)
 {
     const config_t *const c = s->c;
@@ -45,7 +45,7 @@ static void check_limits(step_t *s)
     if (fast != NO_JOINT && m->fast * c->sample_time > c->overspeed_time * (1.0 + ROUNDED)) {
         latch_fault(m, ID(REASON_OVERSPEED), fast, fabs(s->velocity[fast]), c->velocity_limit[fast]);
     }
-    if (m->engaged && (c->law != m->law || c->spring != m->spring)) {
+    if (m->engaged && c->spring != m->spring) {
         latch_fault(m, ID(REASON_CHANGED), NO_JOINT, 0.0, 0.0);
     }
 }
@@ -110,7 +110,7 @@ static void begin_limits(step_t *s, const double *q)
  *   yes      any other               > 0    let the scale fall (vary_scale)                     RELEASE
  *   yes      any other               0      disengage, then as in the second row                FOLLOW, START, ACTIVE
  *
- * A fault that is found only in compute_torque (RESERVE, PAPER_BOUND) acts from the next step on.
+ * A fault that is found only in compute_torque (RESERVE) acts from the next step on.
  */
 static void step_with_sample(step_t *s, const double *last)
 {

@@ -61,10 +61,6 @@ void vary_stiffness(step_t *s)
 {
     memory_t *const m = s->m;
     double translation[9 * TIPS], rotation[9 * TIPS], posture[N];
-    if (m->law == ID(LAW_PAPER)) {
-        memcpy(m->posture_stiffness, s->c->posture_stiffness, sizeof posture);
-        return;
-    }
     adopt_spring_limits(s);
     cap_springs(s);
     if (!release_stiffness(s, translation, rotation, posture)) {
@@ -126,9 +122,6 @@ void vary_scale(step_t *s, const double *pull, double energy, double cap)
     }
     if (m->fault != ID(FAULT_NONE) && !holds_in_fault(s)) {
         target = larger(m->scale - fastest_fall, 0.0);
-        if (m->law == ID(LAW_PAPER)) {
-            target = 0.0; /* no energy to scale: its torque falls at the rate limit */
-        }
     }
     const double rise = target - m->scale;
     double step = smaller(rise, c->sample_time / larger(c->stiffness_time, SCALE_TIME));

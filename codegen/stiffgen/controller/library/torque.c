@@ -87,24 +87,12 @@ static void reduce_torque(step_t *s, const double *last, double *feed)
  */
 static double pull_springs(step_t *s, const double *slip, double *pull)
 {
-    const config_t *const c = s->c;
-    memory_t *const m = s->m;
+    const memory_t *const m = s->m;
     output_t *const out = s->out;
-    double energy = 0.0;
-    if (m->law == ID(LAW_PAPER)) {
-        memcpy(out->spring_wrench, out->wrench, sizeof out->wrench);
-        const double *const K = s->input->task_stiffness;
-        if (c->stiffness_formula == ID(STIFFNESS_FORMULA_CONVENTIONAL)) {
-            stiffgen_conventional_stiffness(m->q, m, out->wrench, K, out->joint_stiffness);
-        } else {
-            stiffgen_joint_stiffness(m->q, m, out->wrench, K, out->joint_stiffness);
-        }
-        multiply_vector(out->joint_stiffness, slip, pull);
-    } else {
-        energy = stiffgen_spring(m->q, m, m->equilibrium, m->translation_stiffness, m->rotation_stiffness,
-                                 find_spring_limits(m), out->spring_wrench, pull, out->joint_stiffness);
-        energy += stiffgen_posture_energy(m->q, m->posture, m->posture_stiffness);
-    }
+    const double energy =
+        stiffgen_spring(m->q, m, m->equilibrium, m->translation_stiffness, m->rotation_stiffness,
+                        find_spring_limits(m), out->spring_wrench, pull, out->joint_stiffness) +
+        stiffgen_posture_energy(m->q, m->posture, m->posture_stiffness);
     for (int i = 0; i < N; ++i) {
         pull[i] += m->posture_stiffness[i] * slip[i];
         out->joint_stiffness[i * (N + 1)] += m->posture_stiffness[i] + s->limit_slope[i];
@@ -137,16 +125,6 @@ static void compute_reference_velocity(step_t *s, int moved, int by_pose)
     }
 }
 
-/* Return whether the paper's law is beyond its bound: the load has turned the stiffness, or the deflection is large. */
-static int exceeds_paper_bound(const double *slip, const double *pull)
-{
-    double deflection = 0.0;
-    for (int i = 0; i < N; ++i) {
-        deflection = larger(deflection, fabs(slip[i]));
-    }
-    return dot(N, slip, pull) < 0.0 || deflection > PAPER_DEFLECTION;
-}
-
 /* Compute the torque at the last known position; moved: the governor has moved the equilibrium in this step. */
 void compute_torque(step_t *s, const double *last, int moved)
 {
@@ -154,7 +132,7 @@ void compute_torque(step_t *s, const double *last, int moved)
     memory_t *const m = s->m;
     output_t *const out = s->out;
     m->hold = m->calls;
-    const int paper = m->law == ID(LAW_PAPER), by_pose = moved && !m->joined && !paper;
+    const int by_pose = moved && !m->joined;
     double pull[N], slip[N], lead[N], feed[N];
     compute_inertia(c, m, m->q, out->mass_matrix);
     for (int i = 0; i < N; ++i) {
@@ -163,9 +141,6 @@ void compute_torque(step_t *s, const double *last, int moved)
     const double energy = pull_springs(s, slip, pull);
     const double cap = design_damping(s);
     learn_friction(s, last);
-    if (paper && m->engaged && exceeds_paper_bound(slip, pull)) {
-        latch_fault(m, ID(REASON_PAPER_BOUND), NO_JOINT, largest_entry(N, slip), PAPER_DEFLECTION);
-    }
     if (m->engaged && !s->started) {
         vary_scale(s, pull, energy, cap);
     }
@@ -197,7 +172,7 @@ void compute_torque(step_t *s, const double *last, int moved)
     }
     compensate_coriolis(s);
     plan_gains(s);
-    if (!try_torque(s, last, 2.0) && !paper) {
+    if (!try_torque(s, last, 2.0)) {
         reduce_torque(s, last, feed);
     }
     shift_history(m, s->transit, feed);

@@ -20,7 +20,7 @@ _FAVOURED = (
 )  # fmt: skip
 """Fields whose change the controller may postpone (a joint is in its zone, or fast; samples are missing) or fade in."""
 _CHOSEN_APART = (
-    "sample_time", "delay_samples", "lower_limit", "upper_limit", "task_damping", "law", "spring",
+    "sample_time", "delay_samples", "lower_limit", "upper_limit", "spring",
 )  # fmt: skip
 """Fields of the configuration that a session chooses by rules of their own."""
 _RANGES = {
@@ -31,8 +31,6 @@ _RANGES = {
     "communication_reset_time": (-1.7, -0.7),
 }
 """Powers of ten between which fields lie whose default is 0."""
-_TYPICAL_ROOT = np.diag([20.0] * 3 + [3.0] * 3)
-"""Square root of a task stiffness [N/m, N m/rad]."""
 Random = np.random.Generator
 
 
@@ -77,18 +75,11 @@ class HostileSession:
             config.tank_initial, config.tank_maximum = 10.0 ** random.uniform([-3.0, -1.0], 0.5)
         if random.random() < 0.3:
             config.frozen_window = int(random.integers(2, 40))
-        if random.random() < 0.3:
-            root = random.normal(size=(6, 6))
-            fill(config.task_damping, root @ root.T * np.array([5.0] * 3 + [0.5] * 3))
         config.stiffness_cap = 1 + int(random.random() < 0.95)  # hardly ever refused
         if random.random() < 0.3:
             config.heaviest_wrench[0], config.heaviest_wrench[1] = 10.0 ** random.uniform([0.0, 0.0], [2.5, 1.7])
-        symmetric = np.array(config.task_damping).reshape(6, 6)
-        fill(config.task_damping, (symmetric + symmetric.T) / 2 + 60.0 * np.eye(6) * (np.abs(symmetric).max() > 0))
-        if len(self.chain.tips) == 1 and random.random() < 0.25:
-            config.law, config.stiffness_formula = 2, int(random.integers(1, 3))
         if config.actuation == 2:
-            config.law, config.delay_samples = 1, 0
+            config.delay_samples = 0
         config.tank_initial = min(config.tank_initial, config.tank_maximum or config.tank_initial)
         config.spring = 2
         if both[0].call("validate", config) != 0 or random.random() < 0.5:
@@ -209,9 +200,6 @@ class HostileSession:
                 each.call("reset", each.state)
         if random.random() < (0.012 if self.calm else 0.02):
             self._change_config()
-        if len(self.chain.tips) == 1 and random.random() < 0.001:
-            self.config.law = 3 - self.config.law
-            self._copy_config()
         if random.random() < 0.004 * rate:
             self.command = 3 - self.command
         if random.random() < 0.004:  # an obstacle holds the arm, perhaps far from the goal
@@ -240,7 +228,7 @@ class HostileSession:
             self.config.missed_limit = int(random.integers(1, 12))
         elif random.random() < 0.2:
             set_field(self.config, field, math.nan if field.type == "double" else -1, int(random.integers(self.n)))
-        elif field.name not in ("task_damping", "law"):
+        else:
             self._vary(field)
         self._copy_config()
         if self.both[0].call("validate", self.config) != 0 and random.random() < 0.8:
@@ -277,12 +265,10 @@ class HostileSession:
         fill(given.torque_offset, self.offset)
         fill(given.velocity, self.stated[0])
         fill(given.acceleration, self.stated[1])
-        given.wrench_valid = int(self.config.law == 2 or random.random() < 0.3)
+        given.wrench_valid = int(random.random() < 0.3)
         given.external_valid = int(random.random() < 0.5)
         fill(given.external_torque, random.normal(size=n) * 10.0 ** random.uniform(-1, 2))
         fill(given.wrench, random.normal(size=6 * len(self.chain.tips)) * 10.0 ** random.uniform(0, 2.3))
-        root = _TYPICAL_ROOT + random.normal(size=(6, 6))
-        fill(given.task_stiffness, np.broadcast_to(root @ root.T, (len(self.chain.tips), 6, 6)))
 
     def _spoil_sample(self) -> None:
         """Sometimes omit, repeat, skip or falsify samples and commands."""
@@ -317,10 +303,10 @@ class HostileSession:
         elif event < 0.045:
             given.dq[joint] += 5.0 * float(random.normal())
         elif event < 0.06:
-            fields = ["q0", "translation_stiffness", "rotation_stiffness", "wrench", "equilibrium", "task_stiffness"]
+            fields = ["q0", "translation_stiffness", "rotation_stiffness", "wrench", "equilibrium"]
             fields += ["wrench_command", "velocity", "acceleration", "torque_offset"]
             _put(random.choice(fields), given, int(random.integers(6)), bad)
-            given.task_stiffness[int(random.integers(36))] *= random.choice([1.0, -1.0, 1e3])
+            given.translation_stiffness[int(random.integers(9))] *= random.choice([1.0, -1.0, 1e3])
         elif event < 0.061:
             name = str(random.choice(["command", "sample_valid", "wrench_valid", "external_valid"]))
             setattr(given, name, int(random.choice([-1, 0, 2, 3])))

@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: MIT
+/* PaperTorque: the law of the paper inside the client. */
+#include "paper.h"
+
+#include <cmath>
+#include <cstring>
+
+namespace {
+
+double norm(const double *x)
+{
+    return std::sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]);
+}
+
+} // namespace
+
+PaperTorque::PaperTorque()
+{
+    std::memset(&input_, 0, sizeof input_);
+    robot::paper_default_config(&config_);
+    begin();
+}
+
+void PaperTorque::configure(bool conventional, const double *task_stiffness, double posture_stiffness,
+                            double damping_ratio, const robot::Config &controller)
+{
+    config_.conventional = conventional ? 1 : 0;
+    config_.damping_ratio = damping_ratio;
+    config_.joint_damping = 0.0;
+    config_.posture_stiffness = posture_stiffness;
+    std::memcpy(config_.motor_inertia, controller.motor_inertia, sizeof config_.motor_inertia);
+    std::memcpy(config_.effort_limit, controller.effort_limit, sizeof config_.effort_limit);
+    std::memcpy(config_.torque_rate_limit, controller.torque_rate_limit, sizeof config_.torque_rate_limit);
+    for (int i = 0; i < 6; ++i) {
+        input_.task_stiffness[7 * i] = task_stiffness[i];
+    }
+}
+
+void PaperTorque::begin()
+{
+    std::memset(&state_, 0, sizeof state_);
+    std::memset(&output_, 0, sizeof output_);
+}
+
+void PaperTorque::step(const robot::Config &controller, const robot::Input &sample, const robot::Output *faulted)
+{
+    std::memcpy(input_.q, sample.q, sizeof input_.q);
+    std::memcpy(input_.dq, faulted != NULL ? faulted->velocity : sample.dq, sizeof input_.dq);
+    std::memcpy(input_.q0, faulted != NULL ? sample.q : sample.q0, sizeof input_.q0);
+    std::memcpy(input_.wrench, sample.wrench, sizeof input_.wrench);
+    if (faulted != NULL) {
+        std::memset(input_.wrench, 0, sizeof input_.wrench);
+    } else if (!(norm(sample.wrench) <= controller.force_limit && norm(sample.wrench + 3) <= controller.moment_limit)) {
+        input_.wrench[0] = std::nan("");
+    }
+    config_.sample_time = controller.sample_time;
+    robot::paper_step(&config_, &state_, &input_, &output_);
+}
+
+double PaperTorque::energy() const
+{
+    double sum = 0.0;
+    for (int i = 0; i < robot::DOF; ++i) {
+        sum += 0.5 * output_.elastic_torque[i] * (input_.q0[i] - input_.q[i]);
+    }
+    return sum;
+}
