@@ -4,7 +4,7 @@
     python -m examples.results [SECTION ...]   prints tables: all, or those of some sections
     python -m examples.results --write         replaces the tables in docs/results.md
 
-The experiments need the robots of ``make experiment``.
+The section ``experiments`` reads what ``make experiment`` wrote.
 """
 
 from __future__ import annotations
@@ -52,21 +52,18 @@ def appendix(robots: Path) -> Rows:
 
 
 def experiments(robots: Path) -> Rows:
-    """Run both experiments at 5 ms, seed 0: corrected, conventional, and the laws beside them."""
+    """Look at both experiments at 5 ms, seed 0: corrected, conventional, and the laws beside them."""
     from examples.bowl_wiping import analysis as bowl_analysis
     from examples.bowl_wiping.experiment import EXPERIMENT as BOWL
-    from examples.experiments.command import Experiment, open_arm
-    from examples.experiments.trial import Trace, run
+    from examples.experiments.command import open_arm, read_traces
     from examples.parkour import analysis, trajectory
     from examples.parkour.experiment import EXPERIMENT as PARKOUR
 
-    def trials(experiment: Experiment, robot: ModuleType) -> dict[str, Trace]:
-        return {law: run(robot, law, experiment.plant(0.005), experiment.motion(0.005)) for law in experiment.laws}
-
-    plate = open_arm(BOWL, robots / BOWL.tool.robot)
-    bowl = bowl_analysis.findings(plate, list(trials(BOWL, plate).values()))
-    ball = open_arm(PARKOUR, robots / PARKOUR.tool.robot)
-    found = {law: analysis.findings(ball, law, trace) for law, trace in trials(PARKOUR, ball).items()}
+    results = robots.parent  # build/, where make experiment writes both
+    plate, ball = (open_arm(each, robots / each.tool.robot) for each in (BOWL, PARKOUR))
+    bowl = bowl_analysis.findings(plate, list(read_traces(BOWL, results / BOWL.name).values()))
+    traces = read_traces(PARKOUR, results / PARKOUR.name)
+    found = {law: analysis.findings(ball, law, trace) for law, trace in traces.items()}
     board, shift = found["conventional"], trajectory.compare(ball)
     return [
         ("antisymmetric part, corrected, every entry", *(_below(each, 1e-12) + " N m/rad" for each in (

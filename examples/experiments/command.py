@@ -68,6 +68,8 @@ class Experiment:
 
 
 _Describe = Callable[[ModuleType, Trials], report.Content]
+TRACES = "traces.npz"
+"""File of the trials at the first sample time."""
 _DONE: Any = None
 """Steps that each trial has done, shared by the processes."""
 
@@ -198,8 +200,26 @@ def _trial(experiment: Experiment, folder: Path, law: str, sample_time: float, s
 def _write(output: Path, content: report.Content, trials: list[Trace]) -> None:
     for name, svg in content.figures.items():
         (output / name).write_text(svg)
-    np.savez_compressed(output / "traces.npz", **join(trials))  # type: ignore[arg-type]
+    np.savez_compressed(output / TRACES, **join(trials))  # type: ignore[arg-type]
     (output / "report.html").write_text(report.page(content))
+
+
+def read_traces(experiment: Experiment, folder: Path) -> dict[str, Trace]:
+    """Return the trials of an experiment, by law, as its program wrote them into a folder.
+
+    Raises:
+        StiffgenError: the folder has none.
+
+    """
+    file = folder / TRACES
+    if not file.exists():
+        raise StiffgenError(f"{file}: does not exist; run 'make experiment'")
+    with np.load(file) as columns:
+        joined = dict(columns)
+    return {
+        law: {name: values[joined["trial"] == k] for name, values in joined.items()}
+        for k, law in enumerate(experiment.laws)
+    }
 
 
 def _print(content: report.Content, console: Console) -> None:

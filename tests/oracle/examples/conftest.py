@@ -3,12 +3,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
 import stiffgen
+from examples.bowl_wiping.__main__ import main as wipe_bowl
+from examples.parkour.__main__ import main as run_parkour
 from examples.parkour.tool import BALL
 from examples.whole_body.plant import URDF as SOLO
 from examples.whole_body.stance import FEET
@@ -23,6 +26,26 @@ def ball_folder(once: Once) -> Path:
     """Return the folder of the arm with the parkour's ball."""
     options = {"name": BALL.robot, "tool": BALL.for_generator()}
     return once("ball", lambda output: stiffgen.generate(URDF, output=output, **options)) / BALL.robot
+
+
+def run_experiment(main: Callable[..., int], *options: object) -> None:
+    """Run an experiment by its command line, without a renderer; it returns 1 if a bar does not hold."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("MUJOCO_GL", "disable")
+        assert main(list(map(str, options))) == 0
+
+
+@pytest.fixture(scope="session")
+def bowl_results(once: Once, plate_folder: Path) -> Path:
+    """Return the folder of the whole bowl experiment, run once for all workers."""
+    return once("bowl_wiping", lambda folder: run_experiment(wipe_bowl, "--robot", plate_folder, "--output", folder))
+
+
+@pytest.fixture(scope="session")
+def parkour_results(once: Once, ball_folder: Path) -> Path:
+    """Return the folder of the parkour at 5 ms, run once for all workers."""
+    options = ("--robot", ball_folder, "--sample-time", "0.005", "--output")
+    return once("parkour", lambda folder: run_experiment(run_parkour, *options, folder))
 
 
 @pytest.fixture(scope="session")

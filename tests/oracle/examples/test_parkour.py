@@ -13,9 +13,11 @@ import numpy as np
 import pytest
 
 from examples.experiments import report, trial
+from examples.experiments.command import read_traces
 from examples.experiments.plant import Plant
 from examples.parkour import analysis, board, trajectory
-from examples.parkour.__main__ import CAPTIONS, main
+from examples.parkour.__main__ import CAPTIONS
+from examples.parkour.experiment import EXPERIMENT
 from examples.parkour.tool import BALL_RADIUS, TOOL_POINT
 from stiffgen import open_robot
 
@@ -65,22 +67,13 @@ def test_the_board_lies_under_the_recorded_ball() -> None:
 
 
 @pytest.fixture(scope="module")
-def results(ball_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The experiment at 5 ms, by its command line; no renderer."""
-    output = tmp_path_factory.mktemp("parkour")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("MUJOCO_GL", "disable")
-        options = ["--robot", str(ball_folder), "--output", str(output), "--sample-time", "0.005"]
-        assert main(options) == 0  # 1 if a bar does not hold
-    return output
+def results(parkour_results: Path) -> Path:
+    return parkour_results
 
 
 @pytest.fixture(scope="module")
 def traces(results: Path) -> dict[str, trial.Trace]:
-    with np.load(results / "traces.npz") as file:
-        columns = dict(file)
-    return {law: {name: values[columns["trial"] == k] for name, values in columns.items()}
-            for k, law in enumerate(trial.LAWS)}  # fmt: skip
+    return read_traces(EXPERIMENT, results)
 
 
 @pytest.mark.slow

@@ -13,6 +13,7 @@ from types import ModuleType
 import pytest
 
 from examples import results
+from stiffgen.errors import StiffgenError
 from support.project import ROOT
 
 PAGE = results.PAGE.read_text()
@@ -27,11 +28,18 @@ def shown(section: str) -> str:
 
 
 @pytest.fixture(scope="module")
-def robots(plate_folder: Path, ball_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("robots")
+def robots(
+    plate_folder: Path, ball_folder: Path, bowl_results: Path, parkour_results: Path,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Path:  # fmt: skip
+    """Return a folder like build/robots, with what ``make experiment`` writes beside it."""
+    build = tmp_path_factory.mktemp("build")
+    (build / "robots").mkdir()
     for each in (plate_folder, ball_folder):
-        (folder / each.name).symlink_to(each)
-    return folder
+        (build / "robots" / each.name).symlink_to(each)
+    (build / "bowl_wiping").symlink_to(bowl_results)
+    (build / "parkour").symlink_to(parkour_results)
+    return build / "robots"
 
 
 def test_every_table_has_its_section_and_its_command() -> None:
@@ -45,6 +53,14 @@ def test_numbers(section: str, robot: ModuleType, monkeypatch: pytest.MonkeyPatc
     """The same text, to the digits shown."""
     monkeypatch.setattr(results, "_iiwa", lambda: robot)
     assert results.table(section, tmp_path) == shown(section)
+
+
+@pytest.mark.slow
+def test_without_the_experiments_their_command_is_named(plate_folder: Path, ball_folder: Path, tmp_path: Path) -> None:
+    for each in (plate_folder, ball_folder):
+        (tmp_path / each.name).symlink_to(each)
+    with pytest.raises(StiffgenError, match=r"traces\.npz: does not exist; run 'make experiment'"):
+        results.table("experiments", tmp_path)
 
 
 @pytest.mark.slow
