@@ -306,20 +306,25 @@ def _weighted(f: Lowering, step: Gather) -> Storage | None:
 
 
 def _reduce(f: Lowering, step: Reduce) -> None:
+    """Sum expressions over the joints, into one or several arrays.
+
+    Only entries that are not zero have an accumulator. Accumulators are numbered through all arrays, in their order.
+    """
     inputs, values = f.apply(step.operands, step.expression, rows=True)
     stored = [value for value in values if not value.is_zero()]
     sums: list[tuple[tuple[Entry, ...], ca.SX]] = [((Local("sum", k),), value) for k, value in enumerate(stored)]
     body = make_body(inputs, sums, wide_outputs=True, accumulate=True)
-    parts = []
+    parts, offset = [], 0
     for array in step.outputs:
         storage = f.storage(array)
-        entries, values = values[: array.size], values[array.size :]
-        zeros = {k for k, value in enumerate(entries) if value.is_zero()}
+        zeros = {k for k in range(array.size) if values[offset + k].is_zero()}
+        offset += array.size
         if not storage.is_result:
             f.declare_flat(storage)
             storage.zeros = set() if storage.whole else zeros
         summed = tuple(k for k in range(array.size) if k not in zeros)
-        cleared = tuple(sorted(zeros)) if storage.is_result or storage.whole else ()
+        zeros_are_stored = storage.is_result or storage.whole  # who reads the whole array reads its zeros
+        cleared = tuple(sorted(zeros)) if zeros_are_stored else ()
         parts.append((storage, summed, cleared))
     f.add(TotalSums(step.comment, step.over, body, tuple(parts)))
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import islice
@@ -196,6 +196,10 @@ class Checker:
             )
 
     def _mimic(self, this: str, name: str, element: etree._Element) -> Iterator[Problem]:
+        """Follow the mimics from a joint to its master, the master's master and so on, to the first fault.
+
+        All joints of a followed chain are remembered, so that each fault is reported once.
+        """
         mimic = element.find("mimic")
         if mimic is None:
             return
@@ -203,31 +207,35 @@ class Checker:
         yield from self._number(this, mimic, "offset", 1)
         for problem in self._number(this, mimic, "multiplier", 1):
             yield replace(problem, affects="motion")
-        followers = dict.fromkeys([name])
+        followers = [name]
         while mimic is not None:
-            last, master = next(reversed(followers)), mimic.get("joint", "")
-            fault = None
-            if not master:
-                fault = 'has a <mimic> without a joint; add joint="..."'
-            elif master not in self.joints:
-                fault = f"mimics the unknown joint '{printable(master)}'; {self._known_joints}"
-            elif master in followers:
-                fault = f"mimics in a circle ({listed([*followers, master])}); break it"
-            elif master in self.broken_mimics:
-                fault = f"mimics '{printable(master)}', whose <mimic> is faulty; correct that <mimic> first"
-            elif self.joints[master].get("type") not in (*MOVING_TYPES, "fixed"):
-                fault = f"mimics '{printable(master)}', which has no coordinate; name a {', '.join(MOVING_TYPES)} joint"
+            master = mimic.get("joint", "")
+            fault = self._fault_of_mimic(master, followers)
             if fault:
                 self.broken_mimics.update(followers)
-                yield Problem(this, f"joint '{printable(last)}' {fault}", "coupling")
+                yield Problem(this, f"joint '{printable(followers[-1])}' {fault}", "coupling")
                 return
             if master in self.sound_mimics:
                 break
-            followers[master] = None
+            followers.append(master)
             # A fixed joint does not move, even if a converter left a <mimic> in it.
             moves = self.joints[master].get("type") in MOVING_TYPES
             mimic = self.joints[master].find("mimic") if moves else None
         self.sound_mimics.update(followers)
+
+    def _fault_of_mimic(self, master: str, followers: Sequence[str]) -> str:
+        """Return what is wrong with a <mimic> that names the master, "" for nothing; ``followers`` lead to it."""
+        if not master:
+            return 'has a <mimic> without a joint; add joint="..."'
+        if master not in self.joints:
+            return f"mimics the unknown joint '{printable(master)}'; {self._known_joints}"
+        if master in followers:
+            return f"mimics in a circle ({listed([*followers, master])}); break it"
+        if master in self.broken_mimics:
+            return f"mimics '{printable(master)}', whose <mimic> is faulty; correct that <mimic> first"
+        if self.joints[master].get("type") not in (*MOVING_TYPES, "fixed"):  # a fixed one is at rest: a constant
+            return f"mimics '{printable(master)}', which has no coordinate; name a {', '.join(MOVING_TYPES)} joint"
+        return ""
 
     def _at_zero(self, joint: str) -> bool:
         """Return whether a joint is at zero if its coordinate is: no <mimic> on its chain of masters has an offset."""

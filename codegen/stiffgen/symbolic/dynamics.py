@@ -168,7 +168,11 @@ def _joint_forces(
     wrenches: list[tuple[ca.SX, ca.SX]],
     sections: list[Section],
 ) -> list[ca.SX]:
-    """Add up the wrenches of all links inwards; return the wrenches' components along the joints' axes."""
+    """Add up the wrenches of all links inwards; return the wrenches' components along the joints' axes.
+
+    ``wrenches`` holds a force and a moment for each link, and is altered: each link adds its own to its parent's. The
+    joints of a floating base carry one link, the last of them, whose wrench is the force of all six.
+    """
     base_joints = chain.base_joints
     forces: list[ca.SX] = [ca.SX()] * len(links)
     for index in reversed(range(base_joints, len(links))):

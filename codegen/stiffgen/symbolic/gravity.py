@@ -84,7 +84,7 @@ class MovedMasses:
             self.axes.append(ca.SX.eye(3)[:, k % 3])
         for index, joint in enumerate(chain.joints[chain.base_joints :], start=chain.base_joints):
             parent = self.rotations[joint.parent] if joint.parent >= 0 else ca.SX.eye(3)
-            offset, auxiliary = parent @ constant(joint.translation), parent @ r.local(index)
+            offset, auxiliary = parent @ constant(joint.translation), parent @ r.rotation_in_parent(index)
             axis, turn = r.axis(index, auxiliary), r.rotations[index]
             if turn is None:
                 offset = offset + axis * r.positions[index]
@@ -92,7 +92,7 @@ class MovedMasses:
                 auxiliary = auxiliary @ turn
             title = f"{frame_title(chain, index)}: rotation R{index}, in base axes"
             r.sections.append(Section(title, {f"R{index}_": ca.densify(auxiliary)}))
-            self.rotations.append(auxiliary @ r.after(index))
+            self.rotations.append(auxiliary @ r.rotation_to_urdf_frame(index))
             self.offsets.append(ca.densify(offset))
             self.axes.append(axis)
         self.masses = [joint.body.mass for joint in chain.joints]

@@ -115,7 +115,7 @@ def joint_position(chain: Chain, joint: Joint, q: ca.SX) -> ca.SX:
 
 @dataclass(frozen=True)
 class _Axis:
-    """Joint axis as a coordinate axis of an auxiliary frame."""
+    """Joint axis as a coordinate axis of an auxiliary frame, which is the URDF frame unless the axis is oblique."""
 
     index: int  # 0, 1, 2: x, y, z
     sign: int
@@ -148,7 +148,7 @@ class PoseRecursion:
         trig = Section("sine and cosine of each joint angle")
         self.rotations: list[ca.SX | None] = []
         for index, joint in enumerate(chain.joints):
-            if joint.prismatic or index < chain.base_joints:
+            if joint.prismatic or index < chain.base_joints:  # they turn nothing: a floating base's joints are at zero
                 self.rotations.append(None)
                 continue
             s, c = ca.sin(self.positions[index]), ca.cos(self.positions[index])
@@ -163,13 +163,13 @@ class PoseRecursion:
         values = {f"R{index}_": ca.densify(rotation), f"p{index}_": ca.densify(translation)}
         self.sections.append(Section(title, values, dict(zip(values, FRAME, strict=True))))
 
-    def local(self, index: int) -> ca.SX:
+    def rotation_in_parent(self, index: int) -> ca.SX:
         """Return the rotation of a joint's auxiliary frame at zero position, in the parent joint's frame."""
         joint, align = self.chain.joints[index], self.axes[index].align
         rotation = constant(joint.rotation)
         return rotation if align is None else rotation @ constant(align)
 
-    def after(self, index: int) -> ca.SX:
+    def rotation_to_urdf_frame(self, index: int) -> ca.SX:
         """Return the constant rotation from a joint's auxiliary frame to its URDF frame."""
         align = self.axes[index].align
         return _IDENTITY if align is None else constant(align).T
@@ -217,7 +217,7 @@ def outward_frames(chain: Chain, configuration: Configuration) -> tuple[PoseRecu
     for index, joint in enumerate(chain.joints[chain.base_joints :], start=chain.base_joints):
         rotation, origin, _ = frames[joint.parent] if joint.parent >= 0 else (base_rotation, base_origin, None)
         origin = origin + rotation @ constant(joint.translation)
-        auxiliary = rotation @ r.local(index)
+        auxiliary = rotation @ r.rotation_in_parent(index)
         axis = r.axis(index, auxiliary)
         turn = r.rotations[index]
         if turn is None:
@@ -225,7 +225,7 @@ def outward_frames(chain: Chain, configuration: Configuration) -> tuple[PoseRecu
         else:
             auxiliary = auxiliary @ turn
         r.frame(index, "base", auxiliary, origin)
-        frames.append((auxiliary @ r.after(index), origin, axis))
+        frames.append((auxiliary @ r.rotation_to_urdf_frame(index), origin, axis))
     return r, frames
 
 
@@ -317,7 +317,7 @@ def _body_jacobian(chain: Chain, configuration: Configuration) -> Expressions:
     columns: list[ca.SX] = []
     for index in reversed(range(chain.base_joints, len(chain.joints))):
         joint = chain.joints[index]
-        auxiliary = rotation @ r.after(index).T
+        auxiliary = rotation @ r.rotation_to_urdf_frame(index).T
         axis = r.axis(index, auxiliary)
         r.frame(index, "tip", auxiliary, origin)
         columns.append(spatial_column(joint, origin, axis))  # in the tip's frame instead of the base's
@@ -326,7 +326,7 @@ def _body_jacobian(chain: Chain, configuration: Configuration) -> Expressions:
             origin = origin - axis * r.positions[index]
         else:
             auxiliary = auxiliary @ turn.T
-        rotation = auxiliary @ r.local(index).T
+        rotation = auxiliary @ r.rotation_in_parent(index).T
         origin = origin - rotation @ constant(joint.translation)
     base_joints = chain.joints[: chain.base_joints]
     if base_joints:

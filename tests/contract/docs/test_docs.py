@@ -158,20 +158,23 @@ def project(folder: Path, robot_folder: Path) -> None:
     np.savetxt(folder / "log.csv", rows, delimiter=",", header=",".join(columns), comments="")
 
 
-def make(words: list[str]) -> None:
-    """Every target stands in the Makefile, and every campaign in the table of campaigns."""
+def check_targets(words: list[str]) -> None:
+    """Words behind make: every target stands in the Makefile, and every campaign in the table of campaigns."""
     assert {word.removeprefix("NAME=") for word in words if word.startswith("NAME=")} <= {*CAMPAIGNS}
     for target in (word for word in words if "=" not in word):
         assert re.search(rf"^(?:[^\n:]* )?{re.escape(target)}\b[^\n=]*:", MAKEFILE, re.MULTILINE), target
 
 
-def install(words: list[str]) -> None:
-    """The extras of pip are declared; Debian's packages are those that CI installs or has."""
+def check_packages(words: list[str]) -> None:
+    """Words behind pip or apt-get: the extras are declared; Debian's packages are those that CI installs.
+
+    CI looks for clang beside other programs, and cmake comes from pip.
+    """
     extras = re.findall(r"\[(\w+)\]", " ".join(words))
     assert all(re.search(rf"^{extra} = \[", (ROOT / "pyproject.toml").read_text(), re.MULTILINE) for extra in extras)
     if words[0] == "install" and not extras:
-        known = re.findall(r"missing\+=\((.*?)\)", (ROOT / ".ci" / "run").read_text())
-        assert {"cmake", "clang", *" ".join(known).split()} >= set(words[1:]), words
+        installed = re.findall(r"missing\+=\((.*?)\)", (ROOT / ".ci" / "run").read_text())
+        assert {"cmake", "clang", *" ".join(installed).split()} >= set(words[1:]), words
 
 
 @pytest.mark.slow
@@ -193,9 +196,9 @@ def test_commands(page: Path, robot_folder: Path, tmp_path: Path, monkeypatch: p
             monkeypatch.setenv(*words.pop(0).split("=", 1))
         program = Path(words[0]).name
         if program == "make":
-            make(words[1:])
+            check_targets(words[1:])
         elif program in ("pip", "apt-get"):
-            install(words[1:])
+            check_packages(words[1:])
         elif program == "stiffgen":
             quick = words[1] in ("generate", "new") and "CFLAGS" not in os.environ
             assert main([*words[1:], *(["--no-build"] if quick and "--no-build" not in words else [])]) == 0, line
@@ -213,9 +216,9 @@ def test_commands_in_sentences_exist(page: Path) -> None:
             if Path(words[0]).name == "stiffgen" and "..." not in words:
                 parser().parse_args(words[1:])
             elif words[0] == "make":
-                make(words[1:])
+                check_targets(words[1:])
     for target, name in re.findall(r"`make ([a-z-]+)( NAME=[a-z-]+)?[` ]", text):
-        make([target, *name.split()])
+        check_targets([target, *name.split()])
 
 
 @pages(PAGES)

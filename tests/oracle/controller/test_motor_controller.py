@@ -37,8 +37,8 @@ def site(name: str, pos: str) -> str:
     return f'<site name="{name}" pos="{pos}"/>'
 
 
-def rod(side: str, y: float, z: float, length: float) -> str:
-    """Return a crank on the shank, with a rod that swings about two axes."""
+def crank_with_rod(side: str, y: float, z: float, length: float) -> str:
+    """Return a crank of 0.05 m on the shank, with a rod that swings about two axes at the crank's end [m]."""
     hinge = body(f"{side}_rod", "0 0 0", "1 0 0", site(f"{side}_end", f"0 0 {-length}"))
     return body(side, f"0 {y} {z}", "0 1 0", body(f"{side}_swing", "-0.05 0 0", "0 1 0", hinge))
 
@@ -48,8 +48,8 @@ ANKLE = (
     '<mujoco model="ankle"><compiler angle="radian"/><option gravity="0 0 0" timestep="1e-4" iterations="200" '
     'tolerance="1e-14"/><worldbody><body name="shank">'
     + body("pitch", "0 0 -0.35", "0 1 0", body("roll", "0 0 0", "1 0 0", *FOOT))
-    + rod("left", 0.05, -0.05, 0.3)
-    + rod("right", -0.05, -0.12, 0.23)
+    + crank_with_rod("left", 0.05, -0.05, 0.3)
+    + crank_with_rod("right", -0.05, -0.12, 0.23)
     + "</body></worldbody><equality>"
     + "".join(
         f'<connect site1="{side}_end" site2="{side}_heel" solref="2e-4 1" solimp="0.9999 0.9999 0.001"/>'

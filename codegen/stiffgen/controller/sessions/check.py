@@ -326,33 +326,34 @@ def _governor(bench: _Bench) -> list[str]:
     """Check a jump of the command with a held arm: the equilibrium's velocity and energy."""
     faults, n, T = [], len(bench.q), PERIOD
     goal = bench.q + bench.reach
-    plans = (
-        (np.linspace(0.2, 0.5, n) * bench.reach, 1e4, 100.0, 100.0),
-        (np.full(n, 5.0), 0.02, 100.0, 100.0),
-        (np.full(n, 5.0), 1e4, 0.2 * bench.reach, 0.4 * bench.reach),
+    limits = (
+        (np.linspace(0.2, 0.5, n) * bench.reach, 1e4, 100.0, 100.0),  # the joints' alone binds
+        (np.full(n, 5.0), 0.02, 100.0, 100.0),  # the energy's
+        (np.full(n, 5.0), 1e4, 0.2 * bench.reach, 0.4 * bench.reach),  # the tips'
     )
-    for slow, most, along, about in plans:
+    for joint_speed, energy, tip_speed, tip_turn_rate in limits:
         controller = bench.controller(
-            reference_velocity_limit=slow, energy_limit=most, tip_velocity_limit=along, tip_rotation_limit=about,
-            ramp_time=1e-3,
+            reference_velocity_limit=joint_speed, energy_limit=energy, tip_velocity_limit=tip_speed,
+            tip_rotation_limit=tip_turn_rate, ramp_time=1e-3,
         )  # fmt: skip
         last, tips = bench.q, bench.poses(bench.q)
         for step in range(300):
             out = bench.rest(controller, q0=goal)
-            if not (np.abs(out.reference - last) <= slow * T * (1 + 1e-9)).all():
+            if not (np.abs(out.reference - last) <= joint_speed * T * (1 + 1e-9)).all():
                 faults.append(f"step {step}: the equilibrium is faster than reference_velocity_limit")
-            aside = 0.5 * np.sum(controller.config.posture_stiffness * (bench.q - out.reference) ** 2)
-            if not out.elastic_energy - out.scale * aside <= most * (1 + 1e-9):
+            # elastic_energy has the posture's spring, too; both are scaled alike
+            of_posture = 0.5 * np.sum(controller.config.posture_stiffness * (bench.q - out.reference) ** 2)
+            if not out.elastic_energy - out.scale * of_posture <= energy * (1 + 1e-9):
                 faults.append(f"step {step}: more energy in the tips' springs than energy_limit")
             moved = np.reshape(out.equilibrium, (-1, 4, 4))
-            # two rotations differ by 2 sqrt(2) sin(angle / 2) in the Frobenius norm
+            # 2 sin(angle / 2): the angle, up to 1e-8 of it here; the matrices differ by sqrt(2) times as much
             turned = np.linalg.norm(moved[:, :3, :3] - tips[:, :3, :3], axis=(1, 2)) / np.sqrt(2)
             way = np.linalg.norm(moved[:, :3, 3] - tips[:, :3, 3], axis=1)
-            if not (way <= along * T * (1 + 1e-6)).all() or not (turned <= about * T * (1 + 1e-6)).all():
+            if not (way <= tip_speed * T * (1 + 1e-6)).all() or not (turned <= tip_turn_rate * T * (1 + 1e-6)).all():
                 faults.append(f"step {step}: the equilibrium is faster than the tip's limits")
             last, tips = np.array(out.reference), np.array(moved)
         if (last == bench.q).any():
-            faults.append("the equilibrium does not move")
+            faults.append("a joint of the equilibrium does not move")
     return faults
 
 

@@ -86,13 +86,13 @@ def _kernel(
 
 
 def _of_loops() -> tuple[Kernel, ...]:
-    """Return the kernels that follow from the loops alone."""
+    """Return the kernels that follow from the loops alone. a: coordinates of the motors; p: of the passive joints."""
     closed = Argument("closed", ("q",), "rad or m", "joint positions that close the loops; NaN if they do not")
     residual = Argument("residual", ("equations",), "m, rad", "c(q) of the independent equations, 0 if closed")
     jacobian = Argument("jacobian", ("n", "a"), "rad or m per rad or m", "G = dq/da, rows of the motors are those of 1")
     condition = Argument("condition", (), "1", "largest condition number of the passive joints' equations, 1 at best")
 
-    def of_closure(result: Argument, summary: str, equation: str, value: Callable[[Closure], ca.SX]) -> Kernel:
+    def closure_kernel(result: Argument, summary: str, equation: str, value: Callable[[Closure], ca.SX]) -> Kernel:
         program = partial(motor_programs.of_closure, result=result, value=value, heading=equation)
         return _kernel(result.name, (arguments.Q,), (result,), summary, equation, program)
 
@@ -107,17 +107,17 @@ def _of_loops() -> tuple[Kernel, ...]:
     )  # fmt: skip
     return (
         close,
-        replace(
-            of_closure(residual, "Equations of the closed loops.", "c(q)", Closure.residual),
+        replace(  # its note stands alone: the residual is right where loops are open, too
+            closure_kernel(residual, "Equations of the closed loops.", "c(q)", Closure.residual),
             note="One per independent equation: distances of the two ends, rotations between them for welds.",
         ),
-        of_closure(
+        closure_kernel(
             jacobian, "Rates of all joints at unit rates of the motors.", "G = [1; -C_p^-1 C_a], C = dc/dq",
             Closure.motion,
         ),
-        of_closure(
+        closure_kernel(
             condition, "Condition number of the closed loops: how near the motors are to a singularity.",
-            "|C| |C_p^-1| in Frobenius' norm less size - 1, lengths in units of the hinges' levers", Closure.condition,
+            "|C| |C_p^-1| - (size - 1), norms of Frobenius, lengths in units of the hinges' levers", Closure.condition,
         ),
         _kernel(
             "multipliers", (arguments.Q, GRADIENT), (_MULTIPLIERS,),

@@ -24,6 +24,8 @@ LENGTHS = (*range(18), 33)
 LONG = 131
 """Count of more than two chunks of 64; the Python module copies arguments that are not contiguous in chunks."""
 _UNTOUCHED = -7.25
+GUARD = 16
+"""Numbers before and behind each array, in which nothing may be read or written."""
 
 
 def check_stacks(
@@ -152,23 +154,26 @@ class _BatchCase:
     rounding: _Rounding
 
     def faults(self, call: Any) -> list[str]:
-        """Call the batch for every count; return descriptions of the faults."""
-        faults, sizes = [], [each.shape[1] for each in self.expected]
+        """Call the batch for every count; return descriptions of the faults.
+
+        Results must agree with those of single calls, and nothing may be written outside them.
+        """
+        found, sizes = [], [each.shape[1] for each in self.expected]
         for length in LENGTHS:
             laid = [_laid_out(stack[:length], kind) for stack, kind in zip(self.flat, self.kinds, strict=True)]
-            outs = [np.full(2 * 16 + length * size, _UNTOUCHED, self.rounding.scalar.dtype) for size in sizes]
+            outs = [np.full(2 * GUARD + length * size, _UNTOUCHED, self.rounding.scalar.dtype) for size in sizes]
             arguments: list[Any] = [ctypes.c_size_t(length)]
             for memory, first, step in laid:
                 arguments += [ctypes.c_void_p(memory[first:].ctypes.data), ctypes.c_ssize_t(step)]
-            arguments += [ctypes.c_void_p(out[16:].ctypes.data) for out in outs]
+            arguments += [ctypes.c_void_p(out[GUARD:].ctypes.data) for out in outs]
             call(*arguments)
-            values = tuple(out[16:-16].reshape(length, size) for out, size in zip(outs, sizes, strict=True))
+            values = tuple(out[GUARD:-GUARD].reshape(length, size) for out, size in zip(outs, sizes, strict=True))
             wanted = [each[:length] for each in self.expected]
             if not (_agree(values, wanted) or self.rounding.explains(values, wanted)):
-                faults.append(f"{self.title}, count {length}")
-            if any((out[:16] != _UNTOUCHED).any() or (out[-16:] != _UNTOUCHED).any() for out in outs):
-                faults.append(f"{self.title}, count {length}: written beyond the ends")
-        return faults
+                found.append(f"{self.title}, count {length}")
+            if any((out[:GUARD] != _UNTOUCHED).any() or (out[-GUARD:] != _UNTOUCHED).any() for out in outs):
+                found.append(f"{self.title}, count {length}: written beyond the ends")
+        return found
 
 
 def _cases(
@@ -203,17 +208,18 @@ def _laid_out(stack: FloatArray, kind: str) -> tuple[FloatArray, int, int]:
     """Return memory with NaN around and between the entries, place of the first configuration, and step, in numbers."""
     length, size = stack.shape
     if kind == "shared":
-        memory = np.full(size + 32, np.nan, stack.dtype)
-        memory[16 : 16 + size] = stack[0] if length else 0.0
-        return memory, 16, 0
+        memory = np.full(size + 2 * GUARD, np.nan, stack.dtype)
+        memory[GUARD : GUARD + size] = stack[0] if length else 0.0
+        return memory, GUARD, 0
     step = size + 5 if kind == "spread" else size
-    memory = np.full(max(length, 1) * step + 32, np.nan, stack.dtype)
+    memory = np.full(max(length, 1) * step + 2 * GUARD, np.nan, stack.dtype)
     order = range(length - 1, -1, -1) if kind == "backwards" else range(length)
     for place, configuration in enumerate(order):
-        memory[16 + place * step : 16 + place * step + size] = stack[configuration]
+        at = GUARD + place * step
+        memory[at : at + size] = stack[configuration]
     if kind == "backwards":
-        return memory, 16 + max(length - 1, 0) * step, -step
-    return memory, 16, step
+        return memory, GUARD + max(length - 1, 0) * step, -step
+    return memory, GUARD, step
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Oracles of the tip's compliance: linear systems of the differentiated Jacobians, solved with exchange of rows.
 
-NumPy solves in double precision alone. One correction with a residual in long numbers makes the solution as good as
-these are.
+NumPy inverts with an exchange of rows, in double precision alone. Corrections with residuals in long numbers make the
+solution as good as these are.
 """
 
 from __future__ import annotations
@@ -39,11 +39,16 @@ def symmetric(stiffness: FloatArray) -> FloatArray:
 
 
 def results(H: FloatArray, J: FloatArray, increments: FloatArray) -> dict[str, Callable[[], FloatArray]]:
-    """Return functions of the results by name, from H, the Jacobian and the increments (states, rows)."""
-    turned = np.swapaxes(J, 1, 2)
+    """Return functions of the results by name.
+
+    ``H`` is the loaded Hessian (states, n, n), ``J`` the Jacobian (states, 6, n), and the increments of the wrench are
+    (states, 6), with 6 rows for each tip. The stability is the smallest eigenvalue of H: a posture at rest is stable
+    if it is positive.
+    """
+    jacobian_transposed = np.swapaxes(J, 1, 2)
 
     def compliance() -> FloatArray:
-        return np.asarray(J @ solved(H, turned))
+        return np.asarray(J @ solved(H, jacobian_transposed))
 
     def stiffness() -> FloatArray:
         return solved(compliance(), np.broadcast_to(np.eye(J.shape[1]), (*J.shape[:2], J.shape[1])))
@@ -52,7 +57,7 @@ def results(H: FloatArray, J: FloatArray, increments: FloatArray) -> dict[str, C
         "loaded_hessian": lambda: H,
         "tip_compliance": compliance,
         "tip_stiffness": stiffness,
-        "deflection": lambda: solved(H, turned @ increments[..., None])[..., 0],
+        "deflection": lambda: solved(H, jacobian_transposed @ increments[..., None])[..., 0],
         "stability": lambda: np.linalg.eigvalsh(H.astype(float))[:, 0],
     }
 
