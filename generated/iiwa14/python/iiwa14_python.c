@@ -3253,7 +3253,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "0122e6eda88c44d7") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "a1ec613316716aac") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

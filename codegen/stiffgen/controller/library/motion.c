@@ -131,18 +131,26 @@ void learn_friction(step_t *s, const double *last)
         return;
     }
     double momentum[N];
-    const double T = s->elapsed, step = larger(s->c->position_quantum, LEAST_QUANTUM) / T, share = T / (T + LOAD_TIME);
+    const double T = s->elapsed, low_pass_share = T / (T + LOAD_TIME);
+    const double quantum_speed = larger(s->c->position_quantum, LEAST_QUANTUM) / T;
     multiply_vector(s->out->mass_matrix, m->dq, momentum);
     for (int i = 0; i < N; ++i) {
+        /* rate of momentum = own + external + unexplained torque */
         const double own = find_own_torque(m, last, i), rate = (momentum[i] - m->momentum[i]) / T;
-        const double more = explain(rate - own, -find_external(s, i));
-        const int moves = m->rest_q[i] == s->input->q[i] && fabs(m->dq[i]) > larger(4.0 * step, SLOW);
-        m->unexplained[i] += s->believed && m->mass[i] > 0.0 ? share * (more - m->unexplained[i]) : 0.0;
-        m->momentum[i] = momentum[i];
-        m->mass[i] = s->out->mass_matrix[i * (N + 1)];
+        const double unexplained_now = explain(rate - own, -find_external(s, i));
+        /* rest_q is the position at which the last standstill began: this very one, if the joint goes on. */
+        const int goes_on = m->rest_q[i] == s->input->q[i];
+        const int moves = goes_on && fabs(m->dq[i]) > larger(4.0 * quantum_speed, SLOW);
+        if (s->believed && m->mass[i] > 0.0) {
+            m->unexplained[i] += low_pass_share * (unexplained_now - m->unexplained[i]);
+        }
         if (moves && s->believed && m->fault == ID(FAULT_NONE)) {
+            /* The mean over the motion, which forgets what is older than FRICTION_MEMORY. */
             m->moving_time[i] = smaller(m->moving_time[i] + T, FRICTION_MEMORY);
             m->friction[i] += (fabs(m->unexplained[i]) - m->friction[i]) * T / m->moving_time[i];
         }
+        /* for the next interval */
+        m->momentum[i] = momentum[i];
+        m->mass[i] = s->out->mass_matrix[i * (N + 1)];
     }
 }

@@ -260,16 +260,16 @@ static int read_torque(step_t *s, const state_t *state, double *last)
 
 /*
  * Step without a memory to go on from: it was never initialised, or it was overwritten and there is no valid
- * configuration to start anew with. A torque in force moves to zero at the last valid rate limit. Memory that is no
- * state is cleared. Return the error.
+ * configuration to start anew with. A torque in force moves to zero at the last valid rate limit; without one, or
+ * without a rate, the output keeps its zeros. The memory is cleared: it may be no state. Return the error.
  */
 static int step_without_memory(state_t *state, int stored, const double *last, int error, output_t *output)
 {
     double rate[N];
-    const int limited = vote(state->rate, rate);
+    const int rate_known = vote(state->rate, rate);
     memset(&state->memory, 0, sizeof state->memory);
-    if (stored && limited) {
-        step_towards_zero(last, rate, output->torque);
+    if (stored && rate_known) {
+        step_towards_zero(last, rate, output->torque); /* the gains are zero: tau_ff is all of it */
         memcpy(output->tau_ff, output->torque, sizeof output->tau_ff);
         store_copies(state->torque, output->torque);
     }
