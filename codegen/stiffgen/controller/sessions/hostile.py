@@ -19,6 +19,8 @@ _FAVOURED = (
     "posture_stiffness",
 )  # fmt: skip
 """Fields whose change the controller may postpone (a joint is in its zone, or fast; samples are missing) or fade in."""
+LEFT_OUT = (1, 2, 3, 4, 5, 12)
+"""Calls that are left out at once: fewer and more than the longest delay of the torque."""
 _CHOSEN_APART = (
     "sample_time", "delay_samples", "lower_limit", "upper_limit", "spring",
 )  # fmt: skip
@@ -292,7 +294,7 @@ class HostileSession:
         if event < 0.01:
             given.sample_valid = 0
         elif event < 0.015:
-            self.counter = (self.counter + int(random.integers(1, 6))) % 2**32
+            self.counter = (self.counter + int(random.choice(LEFT_OUT))) % 2**32
             given.counter = self.counter
         elif event < 0.02:
             given.counter = (self.counter - 1) % 2**32
