@@ -105,7 +105,7 @@ FAULTS = [
     Fault("a spring's energy", CONTROLLER, r"translation_stiffness, rotation_stiffness, &energy", "rotation_stiffness, translation_stiffness, &energy", "static double stiffgen_spring_energy("),
     Fault("a spring's torque", CONTROLLER, r"translation_stiffness, rotation_stiffness, &energy", "rotation_stiffness, translation_stiffness, &energy", "static double stiffgen_spring("),
     Fault("sign of the posture's potential", CONTROLLER, r"pull\[i\] \+= m->posture_stiffness", "pull[i] -= m->posture_stiffness"),
-    Fault("energy of springs that are let go", CONTROLLER, r"energy \+= stiffgen_posture", "energy += 3.0 * stiffgen_posture"),
+    Fault("energy of springs that are let go", CONTROLLER, r"stiffgen_posture_energy\(m->q", "3.0 * stiffgen_posture_energy(m->q", "static double pull_springs("),
     Fault("energy of the posture's potential", CONTROLLER, r"stiffgen_posture_energy\(q, posture", "3.0 * stiffgen_posture_energy(q, posture"),
     Fault("sign of the damping", CONTROLLER, r"reference_velocity\[i\] - s->velocity", "reference_velocity[i] + s->velocity"),
     Fault("damping against the base", CONTROLLER, r"out->reference_velocity\[i\] - s->velocity", "0.0 - s->velocity"),
