@@ -66,7 +66,7 @@ def test_default_folder_knows_nothing_of_it(urdf):
 @pytest.mark.parametrize("case", CASES)
 def test_folder_is_verified(case, tmp_path):
     """Against differences and CasADi, with NaN, stacks of every length and the bounds of memory; reopened as it was."""
-    chosen = {"springs": OPTIONS, "controller": False, **CASES[case], **FEWER[case]}
+    chosen = {"derivatives": True, "controller": False, **CASES[case], **FEWER[case]}
     folder = stiffgen.generate(urdf_of(case, tmp_path), output=tmp_path, name=case, **chosen)
     robot = open_robot(folder)
     assert robot.springs.derivatives
