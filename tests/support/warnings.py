@@ -39,7 +39,7 @@ def sources_of_random_robot(
     urdf.write_text(robot.text, encoding="utf-8")
     base = None if floating else robot.base
     chain = stiffgen.load_chain(urdf, base=base, tip=robot.tip, floating_base=floating)
-    texts = render(chain, "arm", GenerationOptions(**vars(options)))
+    texts = render(chain, "arm", GenerationOptions(**vars(options or KernelOptions())))
     for file, text in texts.items():
         if file.endswith((".h", ".c")) or file == MANIFEST:
             (folder / file).parent.mkdir(exist_ok=True)
