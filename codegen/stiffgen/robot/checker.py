@@ -228,7 +228,7 @@ class Checker:
         if not master:
             return 'has a <mimic> without a joint; add joint="..."'
         if master not in self.joints:
-            return f"mimics the unknown joint '{printable(master)}'; {self._known_joints}"
+            return f"mimics the unknown joint '{printable(master)}'; {_among(self.joints)}"
         if master in followers:
             return f"mimics in a circle ({listed([*followers, master])}); break it"
         if master in self.broken_mimics:
@@ -303,10 +303,6 @@ class Checker:
     @cached_property
     def _known_links(self) -> str:
         return _among(self.links)
-
-    @cached_property
-    def _known_joints(self) -> str:
-        return _among(self.joints)
 
     def _origin(self, this: str, element: etree._Element) -> Iterator[Problem]:
         origin = element.find("origin")
