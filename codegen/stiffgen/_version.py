@@ -1,4 +1,4 @@
 # SPDX-License-Identifier: MIT
 """The version, in a module of its own: generated files carry it."""
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
