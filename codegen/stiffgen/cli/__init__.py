@@ -31,7 +31,7 @@ COMMANDS = {
     "new": ("new.command", "write a project: a 1 kHz loop, a simulated robot, a test, a script"),
     "inspect": ("cli.inspect", "show joints, chains to each tip, and problems of a robot's file"),
     "robots": ("cli.robots", "list robots that can be named, or those that stiffgen.load() has generated"),
-    "verify": ("cli.verify", "verify a robot's compiled functions against independent references"),
+    "verify": ("cli.verify", "verify a robot's compiled functions against independent references (7 joints: a minute)"),
     "prove": ("prove.command", "prove contracts of a robot's C code for all inputs"),
     "bench": ("cli.bench", "time a robot's compiled functions on this machine"),
     "play": ("play.command", "write a robot's playground, a page for the browser, and open it"),
