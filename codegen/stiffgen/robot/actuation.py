@@ -15,22 +15,28 @@ def actuation(mujoco: Any, model: Any) -> dict[str, Any]:
 
     ``forces`` has the range of the force on each joint, None for an end without a bound. ``armatures`` has the inertia
     that the actuators reflect to it. ``driven`` has the joints of each actuator, [] where no joint is its target.
+    ``laws`` names the actuators whose force depends on the state, and ``disabled`` those of a group that is disabled.
     """
     pulls: dict[tuple[bool, int], list[tuple[ForceRange, float]]] = {}
     armatures = [0.0] * int(model.njnt)
-    driven = []
+    driven, laws, disabled = [], [], []
     for k in range(len(model.actuator_trntype)):
         target = _target(mujoco, model, k)
         joints = [] if target is None else _joints(mujoco, model, target)
         name, gear = model.actuator(k).name or f"actuator{k}", float(model.actuator_gear[k][0])
         inertia = gear**2 * float(model.actuator_armature[k])
         driven.append({"name": name, "joints": [joint for joint, _ in joints]})
+        if not _is_plain(mujoco, model, k):
+            laws.append(name)
+        if is_disabled := _is_disabled(model, k):
+            disabled.append(name)
         if target is None or not joints:
             continue
-        pulls.setdefault(target, []).append((_force(mujoco, model, k), gear))
+        pulls.setdefault(target, []).append(((0.0, 0.0) if is_disabled else _force(mujoco, model, k), gear))
         if not target[0]:
             armatures[target[1]] += inertia
-    return {"forces": _joint_forces(mujoco, model, pulls), "armatures": armatures, "driven": driven}
+    forces = _joint_forces(mujoco, model, pulls)
+    return {"forces": forces, "armatures": armatures, "driven": driven, "laws": laws, "disabled": disabled}
 
 
 def tendon_joints(mujoco: Any, model: Any, tendon: int) -> Iterator[tuple[int, float]]:
@@ -41,6 +47,19 @@ def tendon_joints(mujoco: Any, model: Any, tendon: int) -> Iterator[tuple[int, f
     for k in range(start, start + int(model.tendon_num[tendon])):
         fixed = model.wrap_type[k] == mujoco.mjtWrap.mjWRAP_JOINT
         yield (int(model.wrap_objid[k]) if fixed else -2, float(model.wrap_prm[k]))
+
+
+def _is_plain(mujoco: Any, model: Any, k: int) -> bool:
+    """Return whether an actuator's force is a constant times its control, but for a bias that ``biasprm`` states."""
+    biases = (int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE))
+    is_constant = int(model.actuator_gaintype[k]) == int(mujoco.mjtGain.mjGAIN_FIXED)
+    return is_constant and int(model.actuator_biastype[k]) in biases
+
+
+def _is_disabled(model: Any, k: int) -> bool:
+    """Return whether an actuator's group is one that the model disables; MuJoCo has a bit for each group to 30."""
+    group = int(model.actuator_group[k])
+    return 0 <= group <= 30 and bool(int(model.opt.disableactuator) >> group & 1)
 
 
 def _target(mujoco: Any, model: Any, k: int) -> tuple[bool, int] | None:

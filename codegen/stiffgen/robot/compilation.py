@@ -246,11 +246,17 @@ def _couplings(mujoco: Any, model: Any) -> Iterator[dict[str, Any]]:
             first, second = (list(tendon_joints(mujoco, model, pair[0][0])) for pair in (first, second))
         yield {
             "name": model.equality(k).name,
-            "active": bool(model.eq_active0[k]),
+            "active": _is_enforced(mujoco, model, k),
             "first": first,
             "second": [pair for pair in second if pair[0] >= 0],
             "polynomial": model.eq_data[k][:5].tolist(),
         }
+
+
+def _is_enforced(mujoco: Any, model: Any, k: int) -> bool:
+    """Return whether MuJoCo enforces a constraint: it is active, and no flag disables all of them."""
+    off = int(mujoco.mjtDisableBit.mjDSBL_EQUALITY) | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    return bool(model.eq_active0[k]) and not int(model.opt.disableflags) & off
 
 
 def _loops(mujoco: Any, model: Any) -> Iterator[dict[str, Any]]:
@@ -259,7 +265,7 @@ def _loops(mujoco: Any, model: Any) -> Iterator[dict[str, Any]]:
     upright = [1.0, 0.0, 0.0, 0.0]
     for k in range(model.neq):
         kind, ids = kinds.get(mujoco.mjtEq(int(model.eq_type[k]))), (int(model.eq_obj1id[k]), int(model.eq_obj2id[k]))
-        if kind is None or not model.eq_active0[k]:
+        if kind is None or not _is_enforced(mujoco, model, k):
             continue
         data = model.eq_data[k].tolist()
         if model.eq_objtype[k] == mujoco.mjtObj.mjOBJ_SITE:

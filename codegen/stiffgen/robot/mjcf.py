@@ -309,8 +309,12 @@ _MEANINGS = {
 
 def _remarks(model: dict[str, Any]) -> Iterator[str]:
     """Yield what the compiled model has and the functions leave out."""
-    for each in model["omissions"]:
+    laws = {"array": "actuator_biasprm", "kind": "actuators", "names": model["actuation"]["laws"]}
+    merged = {each["array"]: each for each in ([laws] if laws["names"] else []) + model["omissions"]}
+    for each in merged.values():
         meaning, names = _MEANINGS.get(each["array"], each["array"]), each["names"]
+        if each["array"] == laws["array"]:
+            names = list(dict.fromkeys([*names, *laws["names"]]))
         yield f"{len(names)} {each['kind']} have {meaning}, which the functions do not contain: {listed(names, 8)}"
     if model["options"]:
         yield f"options of MuJoCo that the functions do not contain: {'; '.join(model['options'])}"
@@ -327,6 +331,8 @@ def _remarks(model: dict[str, Any]) -> Iterator[str]:
     ]
     if one_way:
         yield f"actuators push {len(one_way)} joints in one direction only, effort limit 0: {listed(one_way, 8)}"
+    if disabled := model["actuation"]["disabled"]:
+        yield f"{len(disabled)} actuators have no force, since the model disables their group: {listed(disabled, 8)}"
     inactive = [each["name"] for each in model["couplings"] if not each["active"]]
     if inactive:
         yield f"{len(inactive)} constraints are inactive and ignored: {listed(inactive, 8)}"

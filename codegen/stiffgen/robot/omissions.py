@@ -30,6 +30,11 @@ A lag or a history of an actuator changes no bound of its force.
 """
 _SOLVER = re.compile(r"(o_|ccd_|ls_|noslip_|sdf_|sleep_).*|.*flags|cone|impratio|integrator|iterations|jacobian|solver")
 _NOT_MECHANICS = ("timestep", "tolerance", "magnetic", "disableactuator")
+_UNUSED_FLAGS = (
+    *("CONTACT", "FRICTIONLOSS", "LIMIT", "SPRING", "DAMPER", "CLAMPCTRL", "WARMSTART", "FILTERPARENT", "REFSAFE"),
+    *("SENSOR", "MIDPHASE", "EULERDAMP", "AUTORESET", "NATIVECCD", "MULTICCD", "ISLAND", "EQUALITY", "CONSTRAINT"),
+)
+"""Flags that disable what no function contains, and those of constraints, which the reader follows."""
 _STATES = 5
 
 
@@ -61,7 +66,11 @@ def omissions(mujoco: Any, model: Any, read: set[str]) -> Iterator[dict[str, Any
 
 
 def changed_options(mujoco: Any, model: Any) -> Iterator[str]:
-    """Yield the physical options (gravity, a medium) that are not at their defaults, with their values."""
+    """Yield the physical options (gravity, a medium) that are not at their defaults, and what a flag disables."""
+    for bit in mujoco.mjtDisableBit.__members__.values():
+        flag = bit.name.removeprefix("mjDSBL_")
+        if flag != bit.name and flag not in _UNUSED_FLAGS and int(model.opt.disableflags) & int(bit):
+            yield f"the flag {flag.lower()} (disable)"
     default = mujoco.MjOption()
     for option in dir(default):
         if option.startswith("_") or option in _NOT_MECHANICS or _SOLVER.fullmatch(option):

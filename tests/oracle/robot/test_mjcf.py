@@ -8,6 +8,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -102,6 +103,21 @@ def test_constraints_that_no_mimic_expresses(tmp_path):
     assert_agrees(written(tmp_path, held), tip="right")  # the constraint holds the finger at 0.03 m
     inactive = ARM.replace('name="fingers"', 'name="fingers" active="false"')
     assert assert_agrees(written(tmp_path, inactive), tip="right").dof == 5
+
+
+@pytest.mark.parametrize("flag", ["equality", "constraint"])
+def test_constraints_that_a_flag_disables(tmp_path, flag):
+    """MuJoCo enforces none of them: the finger has a coordinate of its own, and no loop is closed."""
+    loop = '<connect name="bar" body1="left" body2="palm" anchor="0 0 0"/></equality>'
+    disabled = f'<option><flag {flag}="disable"/></option><equality>'
+    file = written(tmp_path, ARM.replace("</equality>", loop).replace("<equality>", disabled))
+    model = mujoco.MjModel.from_xml_path(str(file))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert (model.neq, data.ne) == (3, 0)
+    description = describe(file)
+    assert chain_between(description, ChainOptions(tip="right")).dof == 5
+    assert description.loops == ()
 
 
 def test_loops_are_named(tmp_path, capsys):
