@@ -35,6 +35,8 @@ def expand(path: Path, reading: Reading) -> Expansion:
     """
     file = str(path.resolve())
     for folder in reading.package_path:
+        if not str(folder):  # Path("") is the working folder, for instance of a variable that a script has not set
+            raise DescriptionError(path.name, ["--package-path is empty; name a folder (the working folder: .)"])
         if not Path(folder).is_dir():
             fault = "is not a folder" if Path(folder).exists() else "does not exist"
             raise DescriptionError(path.name, [f"--package-path {printable(str(folder), 200)}: {fault}"])

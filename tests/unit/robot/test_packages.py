@@ -152,6 +152,8 @@ def test_a_robot_is_the_same_from_every_working_folder(tmp_path, monkeypatch, fo
     if folder == "elsewhere/old":
         for named, length in ((".", 0.7), ("..", 0.7), (str(tmp_path / "arms" / "arm"), 0.5)):
             assert describe(template, Reading(package_path=(named,))).joints["j"].xyz[0] == length
+        with pytest.raises(StiffgenError, match="--package-path is empty"):
+            describe(template, Reading(package_path=("",)))
 
 
 def test_a_folder_that_does_not_exist_is_named(tmp_path, template):
