@@ -84,7 +84,8 @@ class Checker:
         for name, element in self.links.items():
             yield from self._link(name, element)
         self.remarks += left_out(self.joints)
-        self.rotors = rotor_inertias(self.robot)
+        self.rotors, remarks = rotor_inertias(self.robot, self.joints)
+        self.remarks += remarks
         for name in self.reading.accept_inertia:
             if name not in (*self.links, ALL_LINKS):
                 yield Problem("file", f"--accept-inertia {printable(name)}: is no link; {self._known_links}")

@@ -37,6 +37,9 @@ _MAX_BYTES = 4 * 2**20
 _MAX_FILES, _MAX_ELEMENTS = 500, 40_000  # 20 and 1659 in the largest of 35 known templates
 _ARGUMENT = re.compile(r"""<xacro:arg\s[^>]*?name\s*=\s*["']([^"']+)|\$\(arg\s+(\w+)\s*\)|\barg\(\s*["'](\w+)""")
 
+_PATH = re.compile(
+    r"""<xacro:include\s[^>]*?filename\s*=\s*(?:"([^"]*)"|'([^']*)')|load_yaml\(((?:[^()]|\([^()]*\))*)\)"""
+)
 _DECLARED = re.compile(r"<xacro:arg\s([^>]*)>")
 _ATTRIBUTE = re.compile(r"""(\w+)\s*=\s*["']([^"']*)["']""")
 _REPLACED = ("safe_eval", "eval_text", "eval_all", "eval_extension", "load_yaml", "_global_symbols", "NameSpace")
@@ -101,6 +104,11 @@ class _Files:
             if name not in known:
                 raise _TemplateError(f"has no argument '{name}'; its arguments: {', '.join(known) or '(none)'}")
 
+    def named(self, path: str) -> list[str]:
+        """Return the expressions of includes and of load_yaml that a path can come from: it has their last part."""
+        found = ["".join(match) for text in self.texts.values() for match in _PATH.findall(text)]
+        return [each for each in found if path.endswith(re.split(r"[^\w./-]+", each.rstrip("'\"} "))[-1])]
+
     def parameters(self) -> dict[str, str | None]:
         """Return the arguments that the files declare or use, in order, with their defaults (None without one)."""
         found: dict[str, str | None] = {}
@@ -152,7 +160,8 @@ def _expanded(request: dict[str, Any]) -> dict[str, Any]:
         document = XacroDoc.from_string(text, subargs=dict(request["arguments"]), resolve_packages=False)
     except Exception as error:
         values: dict[str, str | None] = files.parameters() | dict(request["arguments"])
-        raise _TemplateError(_reason(error, (xacro.filestack or [file])[-1] or file, file, values)) from error
+        reason = _reason(error, (xacro.filestack or [file])[-1] or file, file, values, files.named)
+        raise _TemplateError(reason) from error
     files.check_arguments(request["arguments"])
     found = {name: os.path.realpath(root) for name, root in packages.found.items()}
     for root in found.values():  # its name is what the template asks for
@@ -277,11 +286,16 @@ def _without_working_folder(eval_extension: Callable[[str], Any]) -> Callable[[s
 
 
 def _reason(
-    error: BaseException, current: str, file: str, values: Mapping[str, str | None] = MappingProxyType({})
+    error: BaseException,
+    current: str,
+    file: str,
+    values: Mapping[str, str | None] = MappingProxyType({}),
+    named: Callable[[str], list[str]] = lambda path: [],
 ) -> str:
     """Return the sentence for an error of xacro: the first cause that has a remedy, else xacro's own words.
 
     ``values`` are those of the template's arguments; None for an argument without a default that is not given.
+    ``named`` returns the expressions that a path can come from.
     """
     from xacro.substitution_args import ArgException
 
@@ -293,13 +307,12 @@ def _reason(
             return f"{cause}{where}"
         if isinstance(cause, ArgException):
             names = dict.fromkeys([str(cause), *(name for name, value in values.items() if value is None)])
-            return f"{_needs(list(names))}{where}; add {' '.join(f'{name}:=VALUE' for name in names)}"
+            return f"{_needs(list(names))}{where}; add {_added(list(names))}"
         if isinstance(cause, OSError):
-            empty = [name for name, value in values.items() if value == "" and name in str(cause.filename)]
-            if empty:
-                added = " ".join(f"{name}:=VALUE" for name in empty)
-                return f"{_needs(empty)}{where}, which is empty: cannot read '{cause.filename}'; add {added}"
-            return f"cannot read '{cause.filename}' ({cause.strerror}){where}; correct the path or add the file"
+            text = f"cannot read '{cause.filename}'"
+            if empty := _empty(values, " ".join(named(str(cause.filename)))):
+                return f"{_needs(empty)}{where}, which {_is(empty)} empty: {text}; add {_added(empty)}"
+            return f"{text} ({cause.strerror}){where}; correct the path or add the file"
         if isinstance(cause, RecursionError):
             return f"calls itself without end{where}; correct the macro or include that repeats"
         if isinstance(cause, MemoryError):
@@ -307,7 +320,23 @@ def _reason(
         if type(cause).__name__ == "ExpatError":
             return f"is not well-formed XML{where}: {cause}; correct it"
     text = " ".join(str(error).split()) or type(error).__name__
+    if empty := _empty(values, text):
+        return f"{_needs(empty)}{where}, which {_is(empty)} empty: {text}; add {_added(empty)}"
     return f"xacro cannot expand it{where}: {text}; correct the template"
+
+
+def _empty(values: Mapping[str, str | None], text: str) -> list[str]:
+    """Return the arguments that are empty and that a text names."""
+    words = set(re.findall(r"\w+", text))
+    return [name for name, value in values.items() if value == "" and name in words]
+
+
+def _added(names: list[str]) -> str:
+    return " ".join(f"{name}:=VALUE" for name in names)
+
+
+def _is(names: list[str]) -> str:
+    return "is" if len(names) == 1 else "are"
 
 
 def _needs(names: list[str]) -> str:

@@ -32,23 +32,51 @@ def left_out(joints: Mapping[str, etree._Element]) -> Iterator[str]:
             )
 
 
-def rotor_inertias(robot: etree._Element) -> dict[str, float]:
+def rotor_inertias(robot: etree._Element, joints: Mapping[str, etree._Element]) -> tuple[dict[str, float], list[str]]:
     """Return the rotors' inertias, reflected to their joints, of Drake's elements in joints or transmissions.
 
     A rotor_inertia J [kg m^2] with a gear_ratio N (default 1) is J N^2 at the joint [kg m^2 or kg].
+
+    Returns:
+        Inertias by joint, and remarks: which are used, and which cannot be.
+
     """
     found: dict[str, float] = {}
+    remarks: list[str] = []
     for rotor in robot.iter():
         if not _is_called(rotor, "rotor_inertia"):
             continue
         owner = rotor.getparent()
         gear = next((each for each in owner if _is_called(each, "gear_ratio")), None)
-        ratio = 1.0 if gear is None else _number(gear, "value")
-        reflected = _number(rotor, "value") * ratio**2
-        for name in _joints_of(owner):
-            if 0 < reflected <= LARGEST:
-                found[name] = found.get(name, 0.0) + reflected
-    return found
+        words = rotor.get("value"), "1" if gear is None else gear.get("value")
+        names = [name for name in _joints_of(owner) if name in joints]
+        reflected = _reflected(*words)
+        if reflected == 0:
+            continue
+        if reflected is None or not names:
+            where = printable(f"{owner.tag} '{owner.get('name', '')}'")
+            value = printable(f"{words[0]} with gear ratio {words[1]}")
+            fault = "is not a number of at least 0" if reflected is None else "belongs to no single joint"
+            remarks.append(f"{where}: the rotor inertia {value} {fault}, and is not used; correct it")
+            continue
+        found[names[0]] = found.get(names[0], 0.0) + reflected
+    if found:
+        shown = [f"{name} ({value:g} {_unit(joints[name])})" for name, value in found.items()]
+        remarks.insert(0, f"{len(found)} joints have rotors, used as motor inertia: {listed(shown, 8)}")
+    return found, remarks
+
+
+def _reflected(inertia: str | None, ratio: str | None) -> float | None:
+    """Return a rotor's inertia at its joint; None if the two are not usable numbers."""
+    try:
+        value = float(inertia or "") * float(ratio or "") ** 2
+    except (ValueError, OverflowError):
+        return None
+    return value if 0 <= value <= LARGEST else None
+
+
+def _unit(joint: etree._Element) -> str:
+    return "kg" if joint.get("type") == "prismatic" else "kg m^2"
 
 
 def _joints_of(owner: etree._Element) -> list[str]:

@@ -61,6 +61,34 @@ def test_rotors_are_motor_inertias(name: str, namespace: str, tmp_path: Path) ->
     text = replaced(("</robot>", place.format(rotor) + "</robot>"), ('name="arm"', f'name="arm"{namespace}'))
     chain = stiffgen.load_chain(written(tmp_path, text))
     assert [c.motor_inertia for c in chain.coordinates] == [0, pytest.approx(2e-4 * (ratio or 1) ** 2), 0]
+    expected = f"1 joints have rotors, used as motor inertia: elbow ({2e-4 * (ratio or 1) ** 2:g} kg m^2)"
+    assert describe(tmp_path / "arm.urdf").remarks == (expected,)
+
+
+REFUSED_ROTORS = {
+    "no number": (
+        "elbow",
+        'value="2e-4 kg"',
+        "the rotor inertia 2e-4 kg with gear ratio 100 is not a number of at least 0",
+    ),
+    "negative": ("elbow", 'value="-2e-4"', "the rotor inertia -2e-4 .* is not a number of at least 0"),
+    "no value": ("elbow", 'inertia="2e-4"', "the rotor inertia None .* is not a number of at least 0"),
+    "not finite": ("elbow", 'value="inf"', "the rotor inertia inf .* is not a number of at least 0"),
+    "two joints": ('elbow"/><joint name="grip', 'value="2e-4"', "the rotor inertia 2e-4 .* belongs to no single joint"),
+    "of no joint": ("elbo", 'value="2e-4"', "the rotor inertia 2e-4 .* belongs to no single joint"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED_ROTORS)
+def test_rotors_that_cannot_be_used_are_named(name: str, tmp_path: Path) -> None:
+    joint, value, words = REFUSED_ROTORS[name]
+    rotor = (
+        f'<transmission name="t"><joint name="{joint}"/><drake:rotor_inertia {value}/><drake:gear_ratio value="100"/>'
+    )
+    description = describe(written(tmp_path, replaced(("</robot>", f"{rotor}</transmission></robot>"))))
+    assert [joint.motor_inertia for joint in description.joints.values()] == [0] * 4
+    (remark,) = description.remarks
+    assert re.search(f"transmission 't': {words}, and is not used", remark)
 
 
 NAMES = ["關節/1", "right_finger[0]/base", "Übung", "DFKI_Motor_0.axis", "base link", "[bold]red[/bold]", "a*b`c|d"]
@@ -182,3 +210,31 @@ def test_arguments_of_a_template(tmp_path: Path, capsys: pytest.CaptureFixture[s
         "arguments of the template, with defaults: dof:=6 (given), side:=left, type:=a (given), maker:=b (given)"
         in shown
     )
+
+
+EMPTY = {
+    "a folder of an include": '<xacro:include filename="$(dirname)/$(arg model)/macro.xacro"/>',
+    "an include by an expression": "<xacro:include filename=\"${'arms/' + '$(arg model)' + '/macro.xacro'}\" ns='m'/>",
+    "a file of numbers": "<xacro:property name='x' value=\"${xacro.load_yaml('$(dirname)/$(arg model).yaml')}\"/>${x}",
+    "a condition": '<xacro:if value="$(arg model)"><link name="b"/></xacro:if>',
+    "an expression": '<xacro:if value="${$(arg model) > 3}"><link name="b"/></xacro:if>',
+}
+
+
+@pytest.mark.parametrize("place", EMPTY)
+def test_an_empty_argument_is_named_wherever_it_is_used(place: str, tmp_path: Path) -> None:
+    declared = '<xacro:arg name="model" default=""/><xacro:arg name="prefix" default=""/>'
+    other = '<xacro:include filename="$(dirname)/$(arg prefix)part.xacro"/>'
+    head = '<robot name="a" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+    written(tmp_path, "<robot/>", "part.xacro")
+    file = written(tmp_path, f'{head}{declared}{other}<link name="a"/>{EMPTY[place]}</robot>', "arm.xacro")
+    words = r"needs a value for its argument 'model', which is empty: .*; add model:=VALUE$"
+    with pytest.raises(StiffgenError, match=words):
+        describe(file)
+
+
+def test_a_missing_file_is_no_fault_of_an_empty_argument(tmp_path: Path) -> None:
+    file = written(tmp_path, TEMPLATE.replace("$(arg dof)dof", "$(arg side)").replace("$(arg type)_$(arg maker)", "a"),
+                   "arm.xacro")  # fmt: skip
+    with pytest.raises(StiffgenError, match=r"cannot read '.*left.xacro' .*; correct the path or add the file"):
+        describe(file)
