@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, Field, fields
 from typing import Any
@@ -146,7 +147,7 @@ def _part_of(record: type[Any]) -> Callable[[str], tuple[str, Any]]:
             numbers = ()
         if len(numbers) != count:
             wanted = "a number" if count == 1 else f"{count} numbers with commas"
-            raise argparse.ArgumentTypeError(f"'{text}': {name} is {wanted}")
+            raise argparse.ArgumentTypeError(f"'{text}': {name} is {wanted}{_remedy(value) if count == 1 else ''}")
         return name, numbers if isinstance(default, tuple) else numbers[0]
 
     return part
@@ -156,7 +157,15 @@ def _lock(text: str) -> tuple[str, float]:
     joint, separator, value = text.rpartition("=")
     if not separator or not joint:
         raise argparse.ArgumentTypeError(f"'{text}' is not JOINT=VALUE")
-    return joint, float(value)
+    try:
+        return joint, float(value)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}': VALUE is a number [rad or m]{_remedy(value)}") from None
+
+
+def _remedy(value: str) -> str:
+    """Return the remedy for a number with a decimal comma."""
+    return f"; write {value.replace(',', '.')}" if re.fullmatch(r"[+-]?\d*,\d+", value) else ""
 
 
 def _tip(links: Any) -> Any:

@@ -11,7 +11,7 @@ the file as it is, so that an error is the file's own. Of stiffgen the script im
 
 The request holds ``file``. The answer is JSON on standard output: ``model`` (name, bodies, joints, sites, couplings,
 loops, actuators, omissions), ``files`` (path and SHA-256 of each file read beside the main one) and ``stand_ins`` (body
-and mesh); or ``error``.
+and mesh); or ``error``, ``refusal``, ``encoding``.
 """
 
 from __future__ import annotations
@@ -294,6 +294,9 @@ def main() -> None:
             answer = {"missing": str(error)}
         except FileError as error:
             answer = {"refusal": str(error)}
+        except UnicodeDecodeError as error:  # of a name; in comments MuJoCo reads any byte
+            fault = f"a name is no UTF-8 text (byte 0x{error.object[error.start]:02x})"
+            answer = {"encoding": f"{fault}; save the file, and those that it includes, as UTF-8"}
         except MemoryError:
             answer = {"error": f"needs more than {_GIBIBYTES} GiB of memory to compile"}
         except Exception as error:

@@ -49,6 +49,8 @@ def read_mjcf(path: Path, data: bytes) -> Description:
     """
     file = str(path.resolve())
     answer = answer_of("compilation.py", path.name, {"file": file}, "mujoco", "mjcf", "an MJCF file")
+    if "encoding" in answer:
+        raise DescriptionError(path.name, [printable(answer["encoding"], 400)])
     if "refusal" in answer:
         raise DescriptionError(path.name, [f"{printable(answer['refusal'], 400)}; correct it"])
     if "error" in answer:

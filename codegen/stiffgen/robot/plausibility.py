@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stiffgen.errors import printable
-from stiffgen.robot.chain import Chain, Coordinate, Joint
+from stiffgen.robot.chain import Chain, Coordinate, Joint, Sensor, Tool
 from stiffgen.robot.impossible import unit_motions
 
 _TURNS = 4 * math.pi  # [rad]
@@ -42,6 +42,9 @@ def find_doubts(chain: Chain) -> Iterator[Doubt]:
     if chain.tool is not None:
         for text in _about_tool(chain):
             yield Doubt("tool", text)
+    if chain.sensor is not None:
+        for text in _about_place("sensor", chain.sensor.option):
+            yield Doubt("sensor", text)
     if chain.masses:
         for text in _about_bodies(chain):
             yield Doubt("mass", text)
@@ -75,13 +78,19 @@ def _about_limits(coordinate: Coordinate) -> Iterator[Doubt]:
 def _about_tool(chain: Chain) -> Iterator[str]:
     tool = chain.tool
     assert tool is not None
-    if max(map(abs, tool.rpy)) > 2 * math.pi:
-        yield f"tool: rpy {_shown(tool.rpy)} rad is beyond a turn: are these degrees?"
-    if math.hypot(*tool.xyz) > _SIZE:
-        yield f"tool: xyz {_shown(tool.xyz)} m is {math.hypot(*tool.xyz):g} m away: are these millimetres?"
+    yield from _about_place("tool", tool)
+    if math.hypot(*tool.com) > _SIZE:
+        yield f"tool: com {_shown(tool.com)} m is {math.hypot(*tool.com):g} m away: are these millimetres?"
     rest = sum(joint.body.mass for joint in chain.joints) - tool.mass
     if chain.masses and tool.mass > rest > 0:
         yield f"tool: its mass, {tool.mass:g} kg, is above that of the moving links, {rest:.3g} kg: are these grams?"
+
+
+def _about_place(title: str, part: Tool | Sensor) -> Iterator[str]:
+    if max(map(abs, part.rpy)) > 2 * math.pi:
+        yield f"{title}: rpy {_shown(part.rpy)} rad is beyond a turn: are these degrees?"
+    if math.hypot(*part.xyz) > _SIZE:
+        yield f"{title}: xyz {_shown(part.xyz)} m is {math.hypot(*part.xyz):g} m away: are these millimetres?"
 
 
 def _about_bodies(chain: Chain) -> Iterator[str]:

@@ -188,6 +188,8 @@ def _parse_xml(file: str, data: bytes) -> etree._Element:
 
 def _encoding_fault(data: bytes) -> str:
     """Return the fault of bytes that are not text in their encoding, with the remedy; "" if there is none."""
+    if b"\0" in data[:4] and not data.startswith((b"\xff\xfe", b"\xfe\xff", b"\0\0\xfe\xff")):
+        return "is not well-formed XML: UTF-16 text without a byte order mark; save it as UTF-8"
     if not data.lstrip().startswith(b"<"):  # no XML of any encoding
         return ""
     try:

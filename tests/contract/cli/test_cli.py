@@ -209,9 +209,12 @@ def test_a_name_too_long_for_the_file_system(capsys, tmp_path, monkeypatch, argu
         (["generate", URDF, "--scalar", "float", "--scalar", "double"], "--scalar is given twice"),
         (["verify", "x", "--seed", "1", "--seed", "1"], "--seed is given twice"),
         (["analyze", "x", "--robot", "x", "--robot", "y", "--task-stiffness", "1"], "--robot is given twice"),
+        (["generate", URDF, "--lock", "A1=-0,5"], "'A1=-0,5': VALUE is a number [rad or m]; write -0.5"),
+        (["generate", URDF, "--lock", "A1=90deg"], "'A1=90deg': VALUE is a number [rad or m]"),
+        (["generate", URDF, "--tool", "mass=1,5"], "'mass=1,5': mass is a number; write 1.5"),
     ],
 )
-def test_an_option_given_twice_is_refused(capsys, arguments, named):
+def test_an_option_given_twice_or_without_a_number_is_refused(capsys, arguments, named):
     with pytest.raises(SystemExit) as stopped:
         main([str(a) for a in arguments])
     assert stopped.value.code == 2

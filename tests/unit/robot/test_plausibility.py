@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from stiffgen import Tool, load_chain
+from stiffgen import Sensor, Tool, load_chain
 from stiffgen.cli import main
 from stiffgen.errors import ChainError, DescriptionError
 from stiffgen.robot.plausibility import doubts
@@ -58,11 +58,24 @@ def test_a_wrong_unit_is_a_note_with_its_number(name: str, tmp_path: Path, capsy
     [
         (Tool(rpy=(0.0, 90.0, 0.0)), "rpy (0, 90, 0) rad is beyond a turn: are these degrees"),
         (Tool(xyz=(0.0, 0.0, 120.0)), "xyz (0, 0, 120) m is 120 m away: are these millimetres"),
+        (Tool(mass=1.0, com=(0.0, 0.0, 50.0)), "com (0, 0, 50) m is 50 m away: are these millimetres"),
         (Tool(mass=850.0), "its mass, 850 kg, is above that of the moving links, 6 kg: are these grams"),
     ],
 )
 def test_tools_in_other_units(tool: Tool, words: str, tmp_path: Path) -> None:
     assert any(words in each for each in said(tmp_path, SOUND, tool=tool))
+
+
+@pytest.mark.parametrize(
+    ("sensor", "words"),
+    [
+        (Sensor("hand", rpy=(0.0, 90.0, 0.0)), "sensor: rpy (0, 90, 0) rad is beyond a turn: are these degrees"),
+        (Sensor("hand", xyz=(0.0, 0.0, 35.0)), "sensor: xyz (0, 0, 35) m is 35 m away: are these millimetres"),
+    ],
+)
+def test_sensors_in_other_units(sensor: Sensor, words: str, tmp_path: Path) -> None:
+    (found,) = said(tmp_path, SOUND, tip="hand", sensor=sensor)
+    assert words in found
 
 
 def test_right_numbers_are_not_doubted(tmp_path: Path) -> None:

@@ -109,6 +109,12 @@ def test_names_are_shown_as_written_and_accepted_back(
 LATIN = ARM.replace('"arm"', '"Übung"').encode("latin-1")
 ENCODINGS = {
     "Latin-1, undeclared": (LATIN, "no UTF-8 text .byte 0xdc at .*save it as UTF-8.*encoding="),
+    "UTF-16 without a mark, big": (ARM.split("?>")[1].encode("utf-16-be"), "UTF-16 text without a .* as UTF-8"),
+    "UTF-16 without a mark, little": (LATIN.decode("latin-1").split("?>")[1].encode("utf-16-le"), "UTF-16 .* as UTF-8"),
+    "MJCF in Latin-1": (
+        '<mujoco model="Übung"><worldbody/></mujoco>'.encode("latin-1"),
+        r"a name is no UTF-8 text \(byte 0xdc\); save the file, and those that it includes, as UTF-8",
+    ),
     "MJCF in UTF-16": ("<mujoco><worldbody/></mujoco>".encode("utf-16"), "MJCF.*save it as UTF-8"),
 }  # fmt: skip
 
