@@ -81,7 +81,7 @@ def _in_python(text: str) -> str:
     keywords = {flag_of(option): option for option in fields(GenerationOptions)}
 
     def keyword(match: re.Match[str]) -> str:
-        flag, value = match[1], match[3]
+        flag, value = match[1], match[3] and match[3].strip("'")
         if flag.startswith("--no-") and f"--{flag[5:]}" in keywords:
             return f"{flag[5:].replace('-', '_')}=False{match[2] or ''}"
         if flag not in keywords:
@@ -98,7 +98,7 @@ def _in_python(text: str) -> str:
             return f"{name}=[{value!r}]" if name != "base" else f"{name}={value!r}"
         return f"{name}=...{match[2] or ''}"
 
-    return re.sub(r"(--[a-z][a-z-]*)( ([^\s,;:()]+))?", keyword, text)
+    return re.sub(r"(--[a-z][a-z-]*)( ('[^']+'|[^\s,;:()]+))?", keyword, text)
 
 
 def _loaded(file: str | Path, tip: Any, base: str | None, options: dict[str, Any]) -> GeneratedRobot:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+import shlex
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -294,10 +295,11 @@ class Checker:
             self.accepted[name] = fault
             return
         shown = printable(name)
+        option = f"--accept-inertia {shlex.quote(shown)}"
         yield Problem(
             f"link {name}",
             f"link '{shown}': no rigid body has this inertia tensor ({fault}; principal moments must be positive and "
-            f"none above the sum of the other two){doubt}; correct <inertia>, accept it (--accept-inertia {shown}), "
+            f"none above the sum of the other two){doubt}; correct <inertia>, accept it ({option}), "
             "or leave all masses out (--no-masses)",
         )
 

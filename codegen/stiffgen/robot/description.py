@@ -51,6 +51,13 @@ class Reading:
         action="append",
     )
 
+    def __post_init__(self) -> None:
+        """Take one word for the only value: as a sequence it would be its letters."""
+        for name in ("package_path", "ignore", "accept_inertia"):
+            value = getattr(self, name)
+            if isinstance(value, (str, Path)):
+                object.__setattr__(self, name, (value,))
+
     def accepts(self, link: str) -> bool:
         """Return whether the inertia of a link is used although no rigid body has it."""
         return link in self.accept_inertia or ALL_LINKS in self.accept_inertia

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 import traceback
 from pathlib import Path
 
@@ -186,6 +187,23 @@ def test_load_speaks_python(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     with pytest.raises(StiffgenError, match=r"accept_inertia=\['upper'\]\), or .*\(masses=False\)") as refusal:
         stiffgen.load(impossible)
     assert "--" not in str(refusal.value) and refusal.value.__cause__ is None
+    with pytest.raises(StiffgenError, match=r"accept_inertia=\['upper arm'\]\), or .*\(masses=False\)"):
+        stiffgen.load(written(tmp_path, impossible.read_text().replace('"upper"', '"upper arm"')))
+
+
+@pytest.mark.parametrize("value", ["all", "spin", Path("/ws")])
+def test_a_word_in_place_of_a_list_is_its_only_value(value: str | Path) -> None:
+    reading = Reading(package_path=value, ignore=str(value), accept_inertia=str(value))  # type: ignore[arg-type]
+    assert (reading.package_path, reading.ignore, reading.accept_inertia) == ((value,), (str(value),), (str(value),))
+
+
+@pytest.mark.parametrize("name", ["upper arm", "arm(1)", "arm[0]", "it's"])
+def test_a_remedy_can_be_typed(name: str, tmp_path: Path) -> None:
+    """The option of the refusal is accepted by the shell as one word, and names the link."""
+    text = replaced(('ixx="0.02"', 'ixx="2"')).replace('"upper"', f'"{name}"')
+    (problem,) = describe(written(tmp_path, text)).problems
+    option = problem.text.split("accept it (", 1)[1].split("), or leave", 1)[0]
+    assert shlex.split(option) == ["--accept-inertia", name]
 
 
 def test_a_folder_that_does_not_exist(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
