@@ -88,6 +88,18 @@ def test_the_range_is_where_every_joint_is_within_its_limits(name: str, masses: 
         assert not within(text, middle, **{key: bound * (1 + 1e-9) + 1e-9})
 
 
+@pytest.mark.parametrize("multiplier", [2, -0.5])
+@pytest.mark.parametrize("name", ["acceleration", "deceleration", "jerk"])
+def test_derivatives_of_the_rate_are_those_of_both_joints(name: str, multiplier: float, tmp_path: Path) -> None:
+    """At the bound of the coordinate the slower of the two joints is at its own limit; zero is no limit."""
+    for own, follower, expected in ((9, 4, min(9, 4 / abs(multiplier))), (9, 0, 9), (1, 40, 1)):
+        limits = [f'{LIMIT.format(-1, 1, 5, 90)} {name}="{each}"' for each in (own, follower)]
+        text = lift([(limits[1], f'joint="x" multiplier="{multiplier}" offset="0"')], limits[0])
+        (tmp_path / "lift.urdf").write_text(text.replace("<robot ", '<robot version="1.2" '))
+        (x,) = load_chain(tmp_path / "lift.urdf", tip="l1").coordinates
+        assert getattr(x, name) == expected
+
+
 def test_a_follower_without_limits_narrows_nothing(tmp_path: Path) -> None:
     """Exporters write zeros, or infinite numbers, for no limit."""
     for limit in (LIMIT.format(0, 0, 0, 0), LIMIT.format("-inf", "inf", "inf", "inf"), 'effort="0" velocity="0"'):

@@ -43,6 +43,8 @@ FRAMES = {
     "tool0": ["hand", "finger"],
     "robot1_end_effector_link": ["hand", "finger"],
     "left/attachment_site": ["hand", "finger"],
+    "panda_flange": ["hand", "finger"],
+    "hand_left_eye": ["finger"],
     "lower_hand_camera": ["finger"],
 }
 
