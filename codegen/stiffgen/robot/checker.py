@@ -44,6 +44,7 @@ class Checker:
         self.reading = reading
         self.ignored: Collection[str] = reading.ignore
         self.version, self._version_fault = urdf_format.version_of(robot)
+        self._has_accelerations = self.version >= urdf_format.WITH_ACCELERATIONS
         self.links: dict[str, etree._Element] = {}
         self.joints: dict[str, etree._Element] = {}
         self.parents: dict[str, str] = {}  # child link -> joint
@@ -84,7 +85,7 @@ class Checker:
             yield from self._joint(name, element)
         for name, element in self.links.items():
             yield from self._link(name, element)
-        self.remarks += left_out(self.joints)
+        self.remarks += left_out(self.joints, () if self._has_accelerations else _NEWER_LIMITS)
         self.rotors, remarks = rotor_inertias(self.robot, self.joints)
         self.remarks += remarks
         for name in self.reading.accept_inertia:
@@ -162,7 +163,7 @@ class Checker:
         if limit is None:
             return
         yield from self._spelling(this, limit)
-        magnitudes = ("velocity", "effort", *(_NEWER_LIMITS if self.version >= urdf_format.WITH_ACCELERATIONS else ()))
+        magnitudes = ("velocity", "effort", *(_NEWER_LIMITS if self._has_accelerations else ()))
         for key in (*(("lower", "upper") if bounded else ()), *magnitudes):
             yield from self._number(this, limit, key, 1, limit=True)
         if bounded:
@@ -177,7 +178,7 @@ class Checker:
     def _missing_bound(self, this: str, limit: etree._Element) -> Iterator[Problem]:
         """Yield a fault where URDF 1.2 requires both bounds; remark that an earlier version takes one as 0."""
         missing = [key for key in ("lower", "upper") if limit.get(key) is None]
-        if missing and self.version >= urdf_format.WITH_ACCELERATIONS:
+        if missing and self._has_accelerations:
             bounds = " and ".join(missing)
             yield Problem(this, f"{_title(this)}: its <limit> has no {bounds}, which URDF 1.2 requires; add {bounds}")
         elif len(missing) == 1:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 
 from lxml import etree
 
@@ -15,13 +15,18 @@ _LEFT_OUT = {"damping": "damping", "friction": "dry friction"}
 _SOFT = ("soft_lower_limit", "soft_upper_limit")
 
 
-def left_out(joints: Mapping[str, etree._Element]) -> Iterator[str]:
-    """Yield what joints have and the functions do not contain: damping, friction, soft limits."""
+def left_out(joints: Mapping[str, etree._Element], unread: Collection[str] = ()) -> Iterator[str]:
+    """Yield what joints have and the functions do not contain: damping, friction, soft limits, ``unread`` limits."""
     moving = {name: joint for name, joint in joints.items() if joint.get("type") in MOVING_TYPES}
     for attribute, meaning in _LEFT_OUT.items():
         names = [name for name, joint in moving.items() if _number(joint.find("dynamics"), attribute)]
         if names:
             yield f"{len(names)} joints have {meaning}, which the functions do not contain: {listed(names, 8)}"
+    for attribute in unread:
+        limits = {name: joint.find("limit") for name, joint in moving.items()}
+        names = [name for name, limit in limits.items() if limit is not None and limit.get(attribute) is not None]
+        if names:
+            yield f"{len(names)} joints have a limit of {attribute}, not read before URDF 1.2: {listed(names, 8)}"
     for name, joint in moving.items():
         soft = joint.find("safety_controller")
         if soft is not None and any(soft.get(key) is not None for key in _SOFT):

@@ -96,6 +96,15 @@ def test_limits_of_urdf_1_2(tmp_path: Path) -> None:
     assert load_chain(written(tmp_path, arm("1.2", limit='velocity="1"', kind="continuous"))).dof == 1
 
 
+@pytest.mark.parametrize("name", ["acceleration", "deceleration", "jerk"])
+def test_limits_of_a_later_version_are_named(name: str, tmp_path: Path) -> None:
+    limit = f'{LIMIT} {name}="5"'
+    for version in ("", "1.0", "1.1"):
+        (remark,) = describe(written(tmp_path, arm(version, limit=limit))).remarks
+        assert remark == f"1 joints have a limit of {name}, not read before URDF 1.2: j"
+    assert describe(written(tmp_path, arm("1.2", limit=limit))).remarks == ()
+
+
 @pytest.mark.parametrize("version", ["0.9", "1", "one"])
 def test_other_words_for_a_version_are_a_note(version: str, tmp_path: Path) -> None:
     (note,) = describe(written(tmp_path, arm(version))).notes
