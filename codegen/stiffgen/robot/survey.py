@@ -108,9 +108,14 @@ def narrowed_limits(description: Description, coordinates: Iterable[JointElement
     for limited in coordinates:
         if limited != description.joints[limited.name]:
             names = listed([each.name for each in couplings.followers(limited)], 4)
+            bounds = {
+                key: getattr(limited, key) for key in ("velocity", "effort", "acceleration", "deceleration", "jerk")
+            }
+            shown = [f"{key} {bound:g}" for key, bound in bounds.items() if math.isfinite(bound)]
+            position = f"position {limited.lower:g} to {limited.upper:g}"
             yield (
-                f"joint '{printable(limited.name)}', with the limits of joints that follow it ({names}): position "
-                f"{limited.lower:g} to {limited.upper:g}, velocity {limited.velocity:g}, effort {limited.effort:g}"
+                f"joint '{printable(limited.name)}', with the limits of joints that follow it ({names}): "
+                f"{', '.join([position, *shown])}"
             )
 
 

@@ -158,7 +158,7 @@ actuatorfrcrange="-4 4"/><geom size="0.1"/><body name="c" pos="0 0 0.2"><joint n
 </equality></mujoco>"""
 
 
-def test_followers_of_an_mjcf_file(tmp_path: Path) -> None:
+def test_followers_of_an_mjcf_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """MuJoCo's own relation: q_b - ref_b = 0.05 - 0.7 (q_a - ref_a), with the ranges that its model states."""
     (tmp_path / "hand.xml").write_text(HAND)
     (a,) = load_chain(tmp_path / "hand.xml").coordinates
@@ -172,3 +172,6 @@ def test_followers_of_an_mjcf_file(tmp_path: Path) -> None:
     assert (a.lower, a.upper) == pytest.approx((min(inside), max(inside)), abs=1.01e-3)
     assert a.effort == pytest.approx(0.7 * 4)
     assert math.isinf(a.velocity)
+    assert main(["inspect", str(tmp_path / "hand.xml")]) == 0
+    (line,) = (each for each in capsys.readouterr().out.splitlines() if "that follow it" in each)
+    assert line.endswith("(b, c): position -0.5 to 0.642857, effort 2.8")

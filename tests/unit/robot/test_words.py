@@ -12,8 +12,9 @@ import pytest
 
 import stiffgen
 from stiffgen.cli import main
-from stiffgen.errors import StiffgenError
-from stiffgen.loading import describe
+from stiffgen.errors import InertiaWarning, StiffgenError
+from stiffgen.loading import describe, read_chain
+from stiffgen.options import GenerationOptions
 from stiffgen.robot.description import Reading
 from support.chains import ARM, INERTIAL, replaced
 
@@ -189,6 +190,25 @@ def test_load_speaks_python(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     assert "--" not in str(refusal.value) and refusal.value.__cause__ is None
     with pytest.raises(StiffgenError, match=r"accept_inertia=\['upper arm'\]\), or .*\(masses=False\)"):
         stiffgen.load(written(tmp_path, impossible.read_text().replace('"upper"', '"upper arm"')))
+
+
+@pytest.mark.parametrize("accepted", ["all", ["upper"], ("upper", "lower")])
+def test_load_takes_inertias_that_the_user_accepts(
+    accepted: str | list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The generator gets them, and reads the robot that it refuses without."""
+    monkeypatch.setenv("STIFFGEN_CACHE", str(tmp_path / "cache"))
+    read = []
+
+    def generate(file: Path, options: GenerationOptions) -> None:
+        read.append(read_chain(file, options))
+        raise StiffgenError("enough")
+
+    monkeypatch.setattr("stiffgen.cache.generate_folder", generate)
+    file = written(tmp_path, replaced(('ixx="0.02"', 'ixx="2"')))
+    with pytest.warns(InertiaWarning), pytest.raises(StiffgenError, match="enough"):
+        stiffgen.load(file, accept_inertia=accepted)
+    assert [each.link for each in read[0].accepted] == ["upper"]
 
 
 @pytest.mark.parametrize("value", ["all", "spin", Path("/ws")])
