@@ -11,6 +11,7 @@ from importlib import import_module
 from typing import Any
 
 from stiffgen.cli.memory import check_memory
+from stiffgen.cli.replaced import refusal
 
 _ASSIGNMENT = re.compile(r"(\w+):=(.*)", re.DOTALL)
 
@@ -105,6 +106,9 @@ class CommandParser(Parser):
             import_module(f"stiffgen.{self.module}").add(self)
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Add the command's arguments on first use, then parse."""
+        """Add the command's arguments on first use, then parse; refuse what it does not take in the command's name."""
         self.complete()
-        return super().parse_known_args(args, namespace)
+        options, unknown = super().parse_known_args(args, namespace)
+        if unknown:
+            self.error(refusal(self.prog.split()[-1], unknown))
+        return options, unknown
