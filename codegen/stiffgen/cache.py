@@ -31,13 +31,14 @@ from stiffgen._version import __version__
 from stiffgen.described import flag_of, help_of
 from stiffgen.emit.build import compiler_command
 from stiffgen.emit.manifest import MANIFEST
-from stiffgen.errors import BuildError, OutputError, StiffgenError, listed, printable, terminal_text
+from stiffgen.errors import BuildError, ChainError, OutputError, StiffgenError, listed, printable, terminal_text
 from stiffgen.folder import exclusive, flush, remove_unlocked, write_atomically
 from stiffgen.generate import generate_folder
 from stiffgen.loading import describe
 from stiffgen.names import identifier
 from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.options import GenerationOptions
+from stiffgen.robot.names import is_name
 
 _VARIABLE = "STIFFGEN_CACHE"
 _FIXED = {"output", "force", "build", "python"}
@@ -104,7 +105,33 @@ def _in_python(text: str) -> str:
 def _loaded(file: str | Path, tip: Any, base: str | None, options: dict[str, Any]) -> GeneratedRobot:
     for name in sorted(_FIXED & options.keys()):
         raise StiffgenError(f"load() decides '{name}' itself; leave it out, or take stiffgen.generate()")
-    chosen = GenerationOptions(tip=tip, base=base, **{"progress": _print_step} | options)
+    return _kept(file, GenerationOptions(tip=tip, base=base, **{"progress": _print_step} | options))
+
+
+def folder_of(
+    source: str | Path, arguments: Mapping[str, str] | None = None, progress: Callable[[str], None] = lambda step: None
+) -> Path:
+    """Return a robot's folder: the source itself, or that of the cache for a robot's file or name.
+
+    Args:
+        source: folder that :func:`stiffgen.generate` wrote, or what that function takes.
+        arguments: of a template.
+        progress: called with a few words before each step.
+
+    Raises:
+        StiffgenError: the robot cannot be generated without options.
+
+    """
+    if not is_name(source) and Path(source).is_dir():
+        return Path(source)
+    try:
+        return _kept(source, GenerationOptions(arguments=arguments or None, progress=progress)).folder
+    except ChainError as error:
+        raise ChainError(f"{error}; with options: 'stiffgen generate', then give its folder here") from error
+
+
+def _kept(file: str | Path, chosen: GenerationOptions) -> GeneratedRobot:
+    """Open a robot of the cache; generate it there if it is not."""
     digest = _digest(_input_of(file, chosen), _plain(chosen), _generator(), _machine())
     entry = _entry(f"{identifier(Path(file).stem)}-{digest[:20]}")
     robot = _open(entry, chosen.progress)

@@ -15,7 +15,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from threading import Lock
@@ -40,6 +40,7 @@ from stiffgen.analyze.recording import (
     read_blocks,
 )
 from stiffgen.analyze.report import bad_rows, write_report
+from stiffgen.cache import folder_of
 from stiffgen.errors import EmptyRecordingError, OutputError, RecordingError, StiffgenError, listed, printable
 from stiffgen.folder import swapped_in
 from stiffgen.opened import open_robot
@@ -90,9 +91,11 @@ def analyze(options: AnalysisOptions) -> Analysis:
         MissingExtraError: a package is not installed.
 
     """
-    log, robot, progress = Path(options.log), Path(options.robot), options.progress
+    log, progress = Path(options.log), options.progress
     target = Path("analysis") / log.stem if options.output is None else Path(options.output)
     _refuse_foreign(target)
+    options = replace(options, robot=folder_of(options.robot, progress=lambda step: progress(step, 0.0)))
+    robot = Path(options.robot)
     chain = _chain(robot)
     _robot_module(robot.absolute())
     tip = _tip(chain, options.tip)

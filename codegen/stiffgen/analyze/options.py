@@ -45,7 +45,11 @@ class AnalysisOptions:
             "recording with q and wrench: .csv, .tsv, .txt, .npz, .parquet or .mcap (ROS 2)", metavar="LOG"
         )
     )
-    robot: str | Path = field(metadata=described("folder that 'stiffgen generate' wrote", metavar="DIR"))
+    robot: str | Path = field(
+        metadata=described(
+            "folder that 'stiffgen generate' wrote, or a robot's file or name (no options)", metavar="ROBOT"
+        )
+    )
     task_stiffness: ArrayLike = field(
         metadata=described(
             "six diagonal values or a symmetric 6x6 matrix (on the command line a CSV file with it), linear first "

@@ -7,20 +7,21 @@ import argparse
 import math
 
 from stiffgen.bench import bench
-from stiffgen.cli.arguments import add_folder
 from stiffgen.cli.console import Progress, messages, table, tables
+from stiffgen.cli.folders import add_folder_or_robot, chosen_folder
 
 
 def add(command: argparse.ArgumentParser) -> None:
     """Add the arguments."""
-    add_folder(command)
+    add_folder_or_robot(command)
     command.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Time the functions of a folder."""
+    """Time a robot's functions."""
+    folder = chosen_folder(options)
     with Progress(messages(wide=False)).shown() as progress:
-        timings = bench(options.folder, progress=progress)
+        timings = bench(folder, progress=progress)
     numbers = ("Python call [us]", "per configuration of 4096 [us]", "C call [us]")
     shown = table("kernel", *numbers, right=numbers)
     for timing in timings:

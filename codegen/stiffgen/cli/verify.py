@@ -10,8 +10,9 @@ from types import ModuleType
 
 from rich.table import Table
 
-from stiffgen.cli.arguments import add_folder, natural, positive
+from stiffgen.cli.arguments import natural, positive
 from stiffgen.cli.console import Progress, messages, table, tables
+from stiffgen.cli.folders import add_folder_or_robot, chosen_folder
 from stiffgen.emit.manifest import MANIFEST
 from stiffgen.errors import StiffgenError, listed
 from stiffgen.opened import open_robot
@@ -22,8 +23,13 @@ from stiffgen.verify.verify import default_count, verify
 
 def add(command: argparse.ArgumentParser) -> None:
     """Add the arguments."""
-    add_folder(command)
-    command.add_argument("--urdf", type=Path, metavar="URDF", help="read the robot's file again and compare the chain")
+    add_folder_or_robot(command)
+    command.add_argument(
+        "--urdf",
+        type=Path,
+        metavar="URDF",
+        help="read the robot's file again and compare the chain (default: ROBOT, if that is a URDF)",
+    )
     command.add_argument(
         "--samples", type=positive, help="number of random configurations (default: 200 up to 7 joints, fewer for more)"
     )
@@ -45,14 +51,16 @@ def add(command: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Verify a folder; return 1 if a comparison fails."""
+    """Verify a robot; return 1 if a comparison fails."""
     page = optional("prove.safety_page")
-    proofs, targets = _checked_evidence(page, options) if page is not None else (None, None)
-    trusts = options.trust_potentials or _asks(options.folder)
+    folder = chosen_folder(options)
+    urdf = Path(options.source) if options.urdf is None and options.source.endswith(".urdf") else options.urdf
+    proofs, targets = _checked_evidence(page, options, folder) if page is not None else (None, None)
+    trusts = options.trust_potentials or _asks(folder)
     with Progress(messages(wide=False)).shown() as progress:
         checks = verify(
-            options.folder,
-            urdf=options.urdf,
+            folder,
+            urdf=urdf,
             count=options.samples,
             seed=options.seed,
             trust_potentials=trusts,
@@ -60,7 +68,7 @@ def run(options: argparse.Namespace) -> int:
         )
     failed = [check for check in checks if not check.passed]
     print(f"{len(checks) - len(failed)} of {len(checks)} comparisons within their bound")
-    if options.urdf is None:
+    if urdf is None:
         print("URDF not checked (pass --urdf)")
     for check in failed:
         print(f"FAILED {check.kernel}, {check.oracle}" + (f": {check.detail}" if check.detail else ""))
@@ -68,12 +76,12 @@ def run(options: argparse.Namespace) -> int:
     tables().print(_check_table(checks))
     if page is not None and options.report is not None:
         page.write_page(
-            options.folder,
+            folder,
             checks,
             options.report,
-            postures=options.samples or default_count(open_robot(options.folder).chain),
+            postures=options.samples or default_count(open_robot(folder).chain),
             seed=options.seed,
-            urdf=options.urdf,
+            urdf=urdf,
             proofs=proofs,
             targets=targets,
         )
@@ -90,17 +98,17 @@ def _asks(folder: Path) -> bool:
     return input().strip().lower() in ("y", "yes")
 
 
-def _checked_evidence(page: ModuleType, options: argparse.Namespace) -> tuple[Path | None, Path | None]:
+def _checked_evidence(page: ModuleType, options: argparse.Namespace, folder: Path) -> tuple[Path | None, Path | None]:
     """Return the files of verdicts and measurements; refuse what the page cannot show, before the long part."""
     if options.report is None and options.evidence:
         raise StiffgenError("--evidence fills the page; add --report FILE.html")
     proofs, targets = page.divided(options.evidence)
     if options.report is not None:
-        open_robot(options.folder).require_doubles("the page of --report")
+        open_robot(folder).require_doubles("the page of --report")
     if proofs is not None:
-        page.filed_for(open_robot(options.folder), proofs)
+        page.filed_for(open_robot(folder), proofs)
     if targets is not None:
-        page.targets_for(open_robot(options.folder), targets)
+        page.targets_for(open_robot(folder), targets)
     return proofs, targets
 
 

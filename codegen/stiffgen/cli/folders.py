@@ -1,0 +1,24 @@
+# SPDX-License-Identifier: MIT
+"""Commands that read a robot's folder take the robot's file or name, too: it is generated into the cache."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from stiffgen.cache import folder_of
+from stiffgen.cli.console import Progress, messages
+
+
+def add_folder_or_robot(command: Any) -> None:
+    """Add the folder, or the robot's file or name with the arguments of a template."""
+    command.takes_arguments = True
+    meaning = "folder that 'stiffgen generate' wrote, or a robot's URDF, MJCF, xacro template or name (no options)"
+    command.add_argument("source", metavar="ROBOT", help=meaning)
+
+
+def chosen_folder(options: argparse.Namespace) -> Path:
+    """Return the folder; that of a file or name is generated first if the cache does not hold it."""
+    with Progress(messages(wide=False)).shown() as progress:
+        return folder_of(options.source, options.arguments, progress)
