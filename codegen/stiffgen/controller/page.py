@@ -75,18 +75,23 @@ def config_of(chain: Chain) -> tuple[Field, ...]:
     """Return the fields of the configuration with a chain's defaults.
 
     Acceleration limits of the file (URDF 1.2) lengthen ``ramp_time``: the equilibrium starts and stops with at most
-    ``reference_velocity_limit`` / ``ramp_time``.
+    ``reference_velocity_limit`` / ``ramp_time``. A short range makes ``limit_zone`` narrower: both zones of a
+    joint take half of it at most.
     """
     slowest = 0.0
     for each in chain.motor_coordinates:
         limit = min(each.acceleration, each.deceleration)
         if 0 < limit < math.inf and math.isfinite(each.velocity):
             slowest = max(slowest, _REFERENCE_SHARE * each.velocity / limit)
-    rounded = math.ceil(1e4 * slowest) / 1e4
-    return tuple(
-        replace(field, default=repr(rounded)) if field.name == "ramp_time" and rounded > float(field.default) else field
-        for field in CONFIG
+    shortest = min(
+        (each.upper - each.lower for each in chain.motor_coordinates if each.upper > each.lower), default=0.0
     )
+    defaults = {field.name: field.default for field in CONFIG}
+    ramp_time = max(float(defaults["ramp_time"]), math.ceil(1e4 * slowest) / 1e4)
+    defaults["ramp_time"] = repr(ramp_time)
+    if 0.0 < shortest / 4 < float(defaults["limit_zone"]):
+        defaults["limit_zone"] = repr(float(f"{shortest / 4:.2g}"))
+    return tuple(replace(field, default=defaults[field.name]) for field in CONFIG)
 
 
 def _config_struct(chain: Chain) -> tuple[str, str, tuple[Field, ...]]:

@@ -146,15 +146,16 @@ def test_an_index_outside_an_array_is_a_fault(tmp_path: Path) -> None:
 TREE = """<robot name="tree"><link name="base"/>{}</robot>"""
 BRANCH = """<link name="{0}"><inertial><origin xyz="0.1 0 0.1"/><mass value="2"/><inertia ixx="0.1" ixy="0" ixz="0"
 iyy="0.1" iyz="0" izz="0.1"/></inertial></link><joint name="to_{0}" type="{2}"><parent link="{1}"/><child link="{0}"/>
-<origin xyz="0.2 0.1 0.3" rpy="0.3 0.2 0.1"/><axis xyz="0 1 0"/><limit lower="-1.5" upper="1.5" velocity="2"
+<origin xyz="0.2 0.1 0.3" rpy="0.3 0.2 0.1"/><axis xyz="0 1 0"/><limit lower="-{3}" upper="{3}" velocity="2"
 effort="50"/>
 </joint>"""
 
 
 @pytest.mark.slow
 def test_sessions_run_on_robots_of_every_kind(tmp_path: Path) -> None:
-    """Two tips, a sliding joint, tools that are arguments: the sessions pass, and change tools while it runs."""
-    links = (("body", "base", "revolute"), ("left", "body", "prismatic"), ("right", "body", "revolute"))
+    """Two tips, a finger's short slide, tools that are arguments: the sessions pass, and change tools while it runs."""
+    turns = ("revolute", 1.5)
+    links = (("body", "base", *turns), ("left", "body", "prismatic", 0.02), ("right", "body", *turns))
     (tmp_path / "tree.urdf").write_text(TREE.format("".join(BRANCH.format(*each) for each in links)))
     tips = ["left", "right"]
     folder = stiffgen.generate(tmp_path / "tree.urdf", tip=tips, output=tmp_path, runtime_tool=True, build=False)

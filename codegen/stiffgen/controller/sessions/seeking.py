@@ -27,7 +27,8 @@ class SeekingSession(HostileSession):
         """Take the defaults, with a fast equilibrium and weak springs: few steps bring the posture to its goal."""
         config, random, n = self.config, self.random, self.n
         self.both[0].call("default_config", config)
-        config.sample_time, config.ramp_time, config.limit_zone = 5e-3, 0.01, 0.02
+        config.sample_time, config.ramp_time = 5e-3, 0.01
+        config.limit_zone = min(config.limit_zone, 0.02)  # less than the default where a joint has a short range
         config.stiffness_cap = 2
         config.tip_velocity_limit, config.tip_rotation_limit = 10.0, 40.0
         fill(config.reference_velocity_limit, random.uniform(20.0, 40.0, n))
