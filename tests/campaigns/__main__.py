@@ -48,7 +48,7 @@ CAMPAIGNS = {
     "robots": _campaign(
         "robots_table", "compare real robots with Pinocchio and MuJoCo, into docs/robots.md", None, "build/robots"
     ),
-    "random-warnings": _campaign("compiler_warnings", "compile random robots by gcc at every level", "1 2 0"),
+    "random-warnings": _campaign("compiler_warnings", "compile random robots by gcc at every level", "1 1 0"),
     "spring-digits": _campaign("springs_digits", "compare every spring with 60 digits", "1 1 pose"),
     "linkages": _campaign("linkages", "compare 200 random linkages with 60 digits", "2 1"),
     "compliance": _campaign(
@@ -63,7 +63,7 @@ CAMPAIGNS = {
     "float-sines": _campaign(
         "float_sines", "pass every float through sine and cosine", "--builds 'gcc, SSE2' --every 16"
     ),
-    "mutations": _campaign("mutations", "count the mutants of a controller that verify kills", "--count 1"),
+    "mutations": _campaign("mutations", "count the mutants of a controller that verify kills"),
     "kernel-mutations": Campaign(
         "tests/campaigns/mutations.py",
         "count the mutants of kernels that verify kills",
@@ -89,7 +89,7 @@ CAMPAIGNS = {
     "soak": _campaign(
         "soak", "run the controller for a million hostile steps", "--steps 12000 --pencils 20 --builds threads valgrind"
     ),
-    "settle": _campaign("settle", "let random situations come to rest", "--count 1"),
+    "settle": _campaign("settle", "let random situations come to rest"),
     "nuisance": _campaign("nuisance", "count faults in harmless episodes of four arms", "--episodes 3 --arms ur5"),
     "compare": _campaign(
         "compare",
@@ -116,9 +116,7 @@ CAMPAIGNS = {
     ),
     "hostile": _campaign("hostile", "flip bits of the controller's state", "--steps 24000 --flips 480"),
     "fri-fuzz": _campaign("fuzz_fri", "send the FRI client a million hostile datagrams"),
-    "fri-attack": _campaign(
-        "attack_fri", "attack the FRI client in whole sessions", "{folder} --version 2.7 --sessions 10"
-    ),
+    "fri-attack": _campaign("attack_fri", "attack the FRI client in whole sessions"),
     "vendor": _campaign(
         "vendor", "compare robots of makers' repositories in a folder", "../shared/data/vendor fr3 ur5e --tips 2"
     ),

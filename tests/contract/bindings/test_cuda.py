@@ -155,8 +155,6 @@ def test_every_matrix_for_each_configuration(host, robot, chain):
 @pytest.mark.parametrize(
     ("case", "compiler"),
     [
-        ("slides and mimics", "clang"),
-        ("two tips, tool at run time", "gcc"),
         ("slides and mimics", "gcc"),
         ("floating base", "gcc"),
         ("two tips, tool at run time", "clang"),

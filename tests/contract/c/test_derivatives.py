@@ -91,12 +91,13 @@ def test_copies_of_entries_have_names_of_their_own(tmp_path):
 def test_cuda_on_the_host(case, tmp_path):
     """Cotangents lie with each configuration; gradients come back whole."""
     chain = stiffgen.load_chain(urdf_of(case, tmp_path), **CASES[case])
-    texts = render(chain, "arm", GenerationOptions(cuda=True, derivatives=True))
+    options = KernelOptions(derivatives=True, **FEWER[case])
+    texts = render(chain, "arm", GenerationOptions(cuda=True, derivatives=True, **FEWER[case]))
     for name in ("arm.cu", "arm_cuda.h"):
         (tmp_path / name).write_text(texts[name])
-    host = HostCuda(tmp_path / "arm.cu", "arm", chain, tmp_path, options=OPTIONS)
+    host = HostCuda(tmp_path / "arm.cu", "arm", chain, tmp_path, options=options)
     count = 5
-    pool = argument_samples(chain, count, 3, OPTIONS)
+    pool = argument_samples(chain, count, 3, options)
     for name, kernel in host.kernels.items():
         if not name.endswith("_vjp"):
             continue

@@ -19,10 +19,11 @@ FLAGS = {
 }
 
 
-CHAINS = {"rprmrr": FLAGS, "rrprrrrrr": ["native"], "rrrpmrrrrrrrrrrrr": ["SSE2"]}
+CHAINS = {"rprmrr": ["AVX2", "no vectors"], "rrprrrrrr": ["native"], "rrrpmrrrrrrr": ["SSE2"]}
 """Widths of the single calls by chain; ``verify`` builds the batches in every width.
 
-Nine joints fill the widest vector and begin another; sixteen fill the narrowest one eight times.
+Six joints leave places of the second vector empty, nine fill the widest vector and begin another, and eleven
+coordinates leave one place of the narrowest. Seven joints in every width: tests/oracle/emit/test_rounding.py.
 """
 
 
@@ -44,21 +45,21 @@ def test_a_chain_of_one_joint(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("unoptimised")
 @pytest.mark.parametrize("types", CHAINS)
 def test_every_chain(types, tmp_path, monkeypatch):
     check_every_oracle(types, CHAINS[types], "chain", tmp_path, monkeypatch, 11)
 
 
-@pytest.mark.usefixtures("unoptimised")
+@pytest.mark.usefixtures("unoptimised", "narrowest_width")
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("types", "widths", "options"),
     [
         # The rows of five joints have places beyond the last vector, which nothing writes and no sum may read.
         ("rrrrr", ["SSE2"], {}),
-        # Eight or nine joints, six of them the base's own, seven or eight coordinates.
-        ("rm", ["no vectors"], {"floating_base": True}),
-        ("rpm", ["AVX2"], {"floating_base": True}),
+        # Nine joints, six of them the base's own, and eight coordinates.
+        ("rpm", ["AVX2"], {"floating_base": True, "kernels": ("body", "spring", "mass_matrix", "gravity")}),
         # One joint has a zero dJ/dq: what an oracle's rounding leaves of zero is no fault.
         ("r", ["native"], {"runtime_tool": True}),
     ],

@@ -62,6 +62,8 @@ NAMES = ("polynomial", "sines", "roots", "larger", "pieces", "chosen", "angle", 
 
 ``most`` has as many as a potential may have.
 """
+FORMULAS = ("sines", "roots", "larger", "pieces", "chosen", "kinks")
+"""Those that differ in their formulas; the others in names."""
 ROBOT = """<robot name="two"><link name="base"/><link name="a"/><link name="b"/><link name="c"/>
 <joint name="j1" type="revolute"><parent link="base"/><child link="a"/><origin xyz="0 0.1 0.3"/><axis xyz="0 1 0"/>
 </joint><joint name="j2" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0.4 0 0" rpy="0 0 1"/>
@@ -88,12 +90,11 @@ def generated(work: Path, *options: str) -> Path:
     return work / "made"
 
 
-SLOW = ("derivatives", "two tips", "two tips, derivatives", "floating base, tool, CUDA", "floats")
+SLOW = ("two tips, derivatives", "floating base, tool, CUDA", "floats")
+"""``derivatives`` and ``two tips`` alone are compiled with their values, below."""
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow) if name in SLOW else name for name in OPTIONS]
-)
+@pytest.mark.parametrize("name", ["one tip", *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])
 def test_potentials_compile_with_every_option(name: str, tmp_path: Path) -> None:
     folder = generated(tmp_path, "--no-build", *OPTIONS[name])
     for file in folder.glob("made*.c"):
@@ -103,8 +104,8 @@ def test_potentials_compile_with_every_option(name: str, tmp_path: Path) -> None
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["derivatives", "two tips"])
+@pytest.mark.parametrize(("name", "potentials"), [("derivatives", FORMULAS), ("two tips", NAMES)])
 @pytest.mark.usefixtures("unoptimised", "narrowest_width")
-def test_potentials_have_the_values_of_their_energies(name: str, tmp_path: Path) -> None:
-    folder = generated(tmp_path, *OPTIONS[name])
+def test_potentials_have_the_values_of_their_energies(name: str, potentials: tuple[str, ...], tmp_path: Path) -> None:
+    folder = generated(tmp_path, "--kernels", ",".join(potentials), *OPTIONS[name])
     assert [check for check in verify(folder, count=5, trust_potentials=True) if not check.passed] == []

@@ -100,6 +100,7 @@ def test_usage_errors_exit_with_2(capsys):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("unoptimised", "narrowest_width")
 def test_verify(capsys, robot_folder):
     code, out, err = run(capsys, "verify", robot_folder, "--samples", 20, "--urdf", URDF)
     assert code == 0
@@ -121,7 +122,7 @@ def test_verify(capsys, robot_folder):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("unoptimised")
+@pytest.mark.usefixtures("unoptimised", "narrowest_width")
 def test_verify_fails_on_a_wrong_kernel(capsys, robot_folder, tmp_path):
     """One sign in the compiled C, then the real command."""
     folder = tmp_path / "iiwa14"

@@ -13,6 +13,7 @@ from stiffgen.cli import main
 from stiffgen.errors import ChainError, OutputError
 from stiffgen.verify.verify import verify
 from support.c_program import STRICT
+from support.chains import chain_urdf
 from support.project import URDF, require_compiler
 
 SMALL = {"batches": False, "controller": False, "masses": False, "python": False}
@@ -48,7 +49,9 @@ def test_controller_brings_the_functions_that_it_calls(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.usefixtures("unoptimised")
 def test_part_of_the_functions_is_verified(tmp_path: Path) -> None:
-    folder = stiffgen.generate(URDF, output=tmp_path, kernels="spatial")
+    """Of a small arm, with the functions that its controller calls."""
+    (tmp_path / "arm.urdf").write_text(chain_urdf("rpr"))
+    folder = stiffgen.generate(tmp_path / "arm.urdf", output=tmp_path, kernels="spatial")
     assert [check for check in verify(folder, count=3) if not check.passed] == []
 
 

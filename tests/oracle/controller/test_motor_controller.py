@@ -191,7 +191,7 @@ def test_the_pages_lines(ankle: Any) -> None:
 @pytest.mark.slow
 def test_no_work_round_a_closed_path(ankle: Any) -> None:
     """Round 0.3 rad of both motors, far from the equilibrium: the sum of torque times motion is 0 to 1e-10 J."""
-    count, module = 400, ankle.module
+    count, module = 100, ankle.module
     angle = 2 * np.pi * np.arange(count) / count
     path = np.array([0.1, -0.1]) + 0.3 * np.stack([np.cos(angle), np.sin(angle) + 0.3 * np.cos(2 * angle)], axis=1)
     rate = 0.3 * np.stack([-np.sin(angle), np.cos(angle) - 0.6 * np.sin(2 * angle)], axis=1)
@@ -430,7 +430,7 @@ def work_put_out(robot: Any, seed: int) -> tuple[float, float]:
 
 @pytest.mark.slow
 def test_no_schedule_puts_out_more_than_the_bound(ankle: Any) -> None:
-    """40 of the schedules, of which some come near the bound."""
-    results = np.array([work_put_out(ankle, seed) for seed in range(40)])
+    """20 of the schedules, of which some come near the bound."""
+    results = np.array([work_put_out(ankle, seed) for seed in range(20)])
     assert (results[:, 0] <= results[:, 1] + 1e-9).all(), np.flatnonzero(results[:, 0] > results[:, 1] + 1e-9)
     assert (results[:, 0] > 0.5 * results[:, 1]).any()

@@ -22,7 +22,7 @@ OPTIONS = KernelOptions(springs=("rotation_vector", "quaternion", "coupled"), de
 ROBOTS = {
     "seven turning joints": lambda folder: stiffgen.load_chain(URDF),
     "sliding and mimic joints": lambda folder: of_types(folder, "rprmrr"),
-    "twelve joints": lambda folder: of_types(folder, "r" * 12),
+    "nine joints": lambda folder: of_types(folder, "r" * 9),
     "tool at run time": lambda folder: of_types(folder, "rpr", runtime_tool=True),
     "two tips": lambda folder: stiffgen.load_chain(
         ROOT / "tests" / "data" / "dual_arm.urdf", tip=["left hand", "right-hand"]
@@ -35,9 +35,9 @@ ROBOTS = {
 
 
 def tree(folder, *tips):
-    """Eight joints with two tips, sliding and mimic ones among them, on a floating base."""
+    """Six joints with two tips, sliding and mimic ones among them, on a floating base."""
     urdf = folder / "tree.urdf"
-    urdf.write_text(tree_urdf(7, joints=8))
+    urdf.write_text(tree_urdf(7, joints=6))
     return stiffgen.load_chain(urdf, tip=tips, floating_base=True)
 
 

@@ -175,7 +175,7 @@ def test_a_folder_with_everything_verifies(tmp_path):
     axes = [word for part in parts for word in ("--placement", part)]
     command = ["generate", str(URDF), "--output", str(tmp_path), "--name", "arm", "--potential", f"{file}:well"]
     assert main([*command, *kinds, *axes]) == 0
-    failed = [check for check in verify(tmp_path / "arm", count=20, trust_potentials=True) if not check.passed]
+    failed = [check for check in verify(tmp_path / "arm", count=5, trust_potentials=True) if not check.passed]
     assert failed == []
     robot = stiffgen.open_robot(tmp_path / "arm").module
     with np.errstate(invalid="ignore", over="ignore"):  # exp of NaN may raise either flag
