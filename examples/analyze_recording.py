@@ -7,7 +7,6 @@ The recording is the paper's zero-force trajectory, twice round the bowl in 28 s
 
 from __future__ import annotations
 
-import shutil
 import tempfile
 from pathlib import Path
 
@@ -31,15 +30,19 @@ def recording() -> dict[str, NDArray[np.float64]]:
     return {"time": time, "q": q, "wrench": wrench}
 
 
-def main() -> None:
-    """Analyse the recording and keep two of the figures."""
+def draw(robot: Path) -> dict[str, str]:
+    """Analyse the recording with the robot's folder; return two of the figures by the name of their file in docs/."""
     with tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "bowl.npz"
         np.savez(log, **recording())  # type: ignore[arg-type]
-        robot = ROOT / "generated" / "iiwa14"
         made = analyze(log, robot, np.diag(TASK_STIFFNESS), output=Path(folder) / "analysis").folder
-        for name in ("stiffness", "moment"):
-            shutil.copyfile(made / f"{name}.svg", ROOT / "docs" / f"analyze_{name}.svg")
+        return {f"analyze_{name}.svg": (made / f"{name}.svg").read_text() for name in ("stiffness", "moment")}
+
+
+def main() -> None:
+    """Write the figures."""
+    for name, svg in draw(ROOT / "generated" / "iiwa14").items():
+        (ROOT / "docs" / name).write_text(svg)
 
 
 if __name__ == "__main__":

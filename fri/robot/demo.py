@@ -215,8 +215,8 @@ def draw(log: ClientLog, received: Mapping[str, NDArray[Any]], parts: tuple[NDAr
         begin = received["time"][received["state"] == SessionState.COMMANDING_ACTIVE][0] + APPROACH
         for axes, columns, place in (
             (joints, 3, (0.01, 0.01)),
-            (torque, 2, "best"),
-            (wrench, 1, (0.35, 0.5)),
+            (torque, 4, (0.4, 0.65)),
+            (wrench, 1, (0.35, 0.42)),
             (stiffness, 1, (0.5, 0.3)),
         ):
             label = "trajectory begins" if axes is stiffness else None

@@ -60,7 +60,7 @@ def test_wheel_needs_numpy_alone_and_works_anywhere(folder: Path, robot: ModuleT
         (metadata,) = (name for name in names if name.endswith("METADATA"))
         headers = Parser().parsestr(archive.read(metadata).decode())
     assert headers.get_all("Requires-Dist") == ["numpy>=1.26"]
-    assert (headers["Name"], headers["Version"]) == ("iiwa14", stiffgen.__version__)
+    assert (headers["Name"], headers["Version"]) == ("stiffgen-iiwa14", stiffgen.__version__)
     (compiled,) = (name for name in names if name.endswith((".so", ".pyd")))
     assert compiled.startswith("iiwa14/python/iiwa14_python.")
     controllers = [f"{name}.{end}" for name in ("impedance", "paper") for end in ("py", "pyi")]

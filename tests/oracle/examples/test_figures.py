@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: MIT
+"""Pictures of the pages are those that their programs draw today.
+
+Not here: ``adaptive.svg`` and ``identify.svg``, which the tests of their programs compare; ``casadi.svg`` and those of
+``whole_body.md``, whose tests draw them from shorter runs; ``wrench.svg``, drawn by hand; ``fri_session.svg`` and
+``bowl_antisymmetric.svg``, which no test compares.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from support.pictures import difference
+from support.project import ROOT
+
+WITHIN = 1.0
+"""Coordinates may differ by this much of some 500: pictures of noise differ from machine to machine."""
+
+
+def assert_same(pictures: dict[str, str], within: float = WITHIN) -> None:
+    found = {name: difference(svg, (ROOT / "docs" / name).read_text(), within) for name, svg in pictures.items()}
+    assert found == dict.fromkeys(pictures, "")
+
+
+def test_theory() -> None:
+    from examples import theory
+
+    pictures = theory.draw()
+    assert len(pictures) == 3
+    assert_same(pictures)
+
+
+def test_a_change_is_seen() -> None:
+    """A word, a place, and an element less."""
+    picture = (ROOT / "docs" / "theory_basis.svg").read_text()
+    for old, new in (("</text>", "s</text>"), (' d="M ', ' d="M 1'), ("<path ", "<line ")):
+        assert old in picture
+        assert difference(picture.replace(old, new, 1), picture, WITHIN)
+
+
+def test_controller(robot: ModuleType) -> None:
+    from examples import controller
+
+    assert_same(controller.draw(robot))
+
+
+@pytest.mark.slow
+def test_analysis(robot_folder: Path) -> None:
+    from examples import analyze_recording
+
+    assert_same(analyze_recording.draw(robot_folder))
+
+
+@pytest.mark.slow
+def test_closed_loops() -> None:
+    from examples import closed_loops, parallel_robots
+
+    assert_same({"figures/loops.svg": closed_loops.figure(), "figures/parallel_robots.svg": parallel_robots.figure()})
+
+
+@pytest.mark.slow
+def test_energy_cycle(robot: ModuleType) -> None:
+    """Its curves of rounding alone lie within 3 of one another."""
+    from examples import energy_cycle
+
+    assert_same({"energy_cycle.svg": energy_cycle.figure(robot, energy_cycle.centre())}, within=3.0)
