@@ -123,7 +123,7 @@ except ImportError as _error:
         "iiwa14: its C module is not built for this Python; run 'stiffgen generate FILE' on the robot's file again, "
         "with the same options and without --no-build (in stiffgen's repository: make generate)"
     ) from _error
-if getattr(_c, "SOURCES", "") != "61c0050835cb4e7d":
+if getattr(_c, "SOURCES", "") != "73d2735216261642":
     raise ImportError(
         "iiwa14: its C module was compiled from other sources than those in this folder; run 'stiffgen generate "
         "FILE' on the robot's file again (in stiffgen's repository: make generate). Restart Python if it has loaded the old module"
@@ -256,7 +256,8 @@ packed = _Functions(
     limits_joint_stiffness=_c.limits_joint_stiffness_packed,
 )
 
-from .impedance import Fault, Impedance, Mode, Policy, Reason, Refused, Stage, Status, joint_gains, late_work
+from .impedance import CommandWarning, Fault, Impedance, Mode, Policy, Reason, Refusal, Refused, Stage, Status
+from .impedance import joint_gains, late_work
 from .paper import PaperLaw
 
 # Names that help() documents. Arrays and enumerations are left out, because help() would add the documentation of

@@ -63,6 +63,7 @@ static const double NEXT_SHARE = 0.9;       /* of the share that should do: the 
 static const double FALL_SHARE = 0.9;       /* of the rate limit for a scale that falls: the pull changes, too */
 static const double COMMAND_TOLERANCE = 1e-6; /* of a commanded stiffness, over its largest entry: single precision */
 static const double POSE_TOLERANCE = 1e-3;    /* of a commanded rotation, sum of |R^T R - I|: 5 digits */
+static const double REACH_MARGIN = 1.0; /* [m] beyond the arm's reach from which on a pose has a mistaken unit */
 static const double FARTHEST = 1e6;   /* [rad] beyond it an angle has lost its last digits */
 static const double GOVERNOR = 0.8;   /* share of its velocity limits that the equilibrium uses: the arm overshoots */
 static const double TIP_RAMP = 2.0;      /* ramp times in which an equilibrium by pose reaches its largest velocity */
@@ -114,6 +115,12 @@ static const double LARGEST_ENERGY = 1e4; /* [J] largest energy limit */
 static const double HALF_TURN = 3.14159265358979324;
 static const double GOLDEN = 0.61803398874989485; /* golden ratio less 1: its multiples fill [0, 1) evenly */
 
+/* Why a command is refused: the first reason, argument and entry, the number that was seen, and what it may be. */
+typedef struct {
+    int code, command, entry;
+    double seen, limit;
+} refusal_t;
+
 /* Data of one call of step. */
 typedef struct {
     const config_t *c;
@@ -139,6 +146,9 @@ typedef struct {
     double lack;   /* [J] that the tank receives if the engagement that starts is paid */
     double budget; /* [J] the tank's share for what costs energy */
     double tank_initial, tank_maximum, engagement_limit, energy_limit; /* [J] in force */
+    refusal_t refusal; /* of the command */
+    int limited;       /* first joint whose q0 is beyond its limit and followed to the zone there, or NO_JOINT */
+    double q0[N];      /* of the accepted command, within the joint limits */
     double goal[16 * TIPS]; /* equilibrium of an accepted command by pose */
     double translation[9 * TIPS], rotation[9 * TIPS]; /* stiffness of an accepted command */
     double old_equilibrium[16 * TIPS];
@@ -256,6 +266,14 @@ static const double *stiffgen_tool(const input_t *input)
 {
     (void)input;
     return NULL;
+}
+
+/* Return an upper bound on the distance [m] from the base's origin to a tip. tool: of all tips; without, infinity. */
+static double stiffgen_reach(int tip, const double *tool)
+{
+    static const double reach[TIPS] = {1.306};
+    (void)tool;
+    return reach[tip];
 }
 
 /* Axes of a tip's stiffnesses, a pose with their rotation or NULL for the base's; centre of stiffness in the tip. */
@@ -505,6 +523,66 @@ static const char *seen_of_reason(int reason)
         return "speed [rad/s or m/s]";
     case IIWA14_REASON_RESERVE:
         return "reserve of the torque [J]";
+    default:
+        return "";
+    }
+}
+
+/* Return the meaning of a refusal; "unknown refusal" for any other number. */
+static const char *meaning_of_refusal(int refusal)
+{
+    switch (refusal) {
+    case IIWA14_REFUSAL_NONE:
+        return "not refused";
+    case IIWA14_REFUSAL_COMMAND:
+        return "the command is neither a position nor an equilibrium";
+    case IIWA14_REFUSAL_NOT_FINITE:
+        return "a number is not finite, or absurdly large";
+    case IIWA14_REFUSAL_POSITION:
+        return "beyond the joint's limit by more than position_tolerance; positions are in radians and metres";
+    case IIWA14_REFUSAL_LOOPS:
+        return "the closed loops do not close at q0";
+    case IIWA14_REFUSAL_LAST_ROW:
+        return "the last row of the pose is not 0 0 0 1; matrices are row-major";
+    case IIWA14_REFUSAL_ROTATION:
+        return "the rotation is not orthonormal: sum of |R^T R - I|";
+    case IIWA14_REFUSAL_LEFT_HANDED:
+        return "the rotation is left-handed: determinant";
+    case IIWA14_REFUSAL_REACH:
+        return "the pose is farther away than the arm can be long, and a metre; positions are in metres";
+    case IIWA14_REFUSAL_STIFFNESS_LIMIT:
+        return "above its limit in the configuration (translation_stiffness_limit, rotation_stiffness_limit)";
+    case IIWA14_REFUSAL_ASYMMETRIC:
+        return "the stiffness is not symmetric: difference of two entries";
+    case IIWA14_REFUSAL_INDEFINITE:
+        return "the stiffness is not positive semidefinite: its smallest eigenvalue";
+    case IIWA14_REFUSAL_COUPLING:
+        return "the springs do not couple translation and rotation";
+    case IIWA14_REFUSAL_WRENCH:
+        return "larger than heaviest_wrench: force or moment";
+    default:
+        return "unknown refusal";
+    }
+}
+
+/* Return the name of an argument of a command; empty for none. */
+static const char *name_of_argument(int argument)
+{
+    switch (argument) {
+    case IIWA14_ARGUMENT_Q0:
+        return "q0";
+    case IIWA14_ARGUMENT_EQUILIBRIUM:
+        return "equilibrium";
+    case IIWA14_ARGUMENT_TRANSLATION_STIFFNESS:
+        return "translation_stiffness";
+    case IIWA14_ARGUMENT_ROTATION_STIFFNESS:
+        return "rotation_stiffness";
+    case IIWA14_ARGUMENT_TOOL_POSE:
+        return "tool_pose";
+    case IIWA14_ARGUMENT_STIFFNESS:
+        return "stiffness";
+    case IIWA14_ARGUMENT_WRENCH_COMMAND:
+        return "wrench_command";
     default:
         return "";
     }
@@ -768,7 +846,7 @@ static void solve_backward(int n, const double *L, double *x)
  */
 static int is_positive_semidefinite(int n, const double *A, double tolerance)
 {
-    double L[36];
+    double L[36], scaled[36];
     const double scale = largest_entry(n * n, A);
     for (int i = 0; i < n; ++i) {
         for (int j = 0; j < i; ++j) {
@@ -777,8 +855,14 @@ static int is_positive_semidefinite(int n, const double *A, double tolerance)
             }
         }
     }
+    if (scale == 0.0 || scale > DBL_MAX) {
+        return scale == 0.0;
+    }
+    for (int i = 0; i < n * n; ++i) {
+        scaled[i] = A[i] / scale; /* 1 / scale may overflow */
+    }
     /* the factor exists exactly if no eigenvalue of A / scale lies below the shift */
-    return scale == 0.0 || factorise_cholesky(n, A, scale, tolerance, L) == 0;
+    return factorise_cholesky(n, scaled, 1.0, tolerance, L) == 0;
 }
 
 /*
@@ -2495,7 +2579,7 @@ static void learn_friction(step_t *s, const double *last)
     }
 }
 
-/* Samples: whether a measurement and a command are believed. */
+/* Samples: whether a measurement is believed. */
 
 enum { FROZEN_POSITION = 1, FROZEN_VELOCITY = 2 };
 enum { HALVES = 2, SKIPPED = 1000 }; /* halves of a sample; most calls that are counted as skipped at once */
@@ -2747,61 +2831,197 @@ static void observe_sample(step_t *s, const double *last)
     count_missing(s, !s->believed, reason);
 }
 
-/* Copy a stiffness, made symmetric in every bit. Return whether K is one, up to single precision. */
-static int accept_stiffness(const double *K, double most, double *accepted)
+/* Commands: what is accepted, and why what is not is refused. */
+
+/* Note why a command is refused; the first reason stays. Outputs are finite: NaN counts as 0. Return 0. */
+static int refuse_command(refusal_t *r, int code, int command, int entry, double seen, double limit)
+{
+    if (r->code == IIWA14_REFUSAL_NONE) {
+        r->code = code;
+        r->command = command;
+        r->entry = entry;
+        r->seen = isnan(seen) ? 0.0 : clamp(seen, -DBL_MAX, DBL_MAX);
+        r->limit = limit;
+    }
+    return 0;
+}
+
+/* Check that numbers are no larger than a bound; NaN is. Return whether all are. */
+static int check_numbers(int count, const double *x, double most, int code, int command, int entry, refusal_t *r)
+{
+    int good = 1;
+    for (int i = 0; i < count; ++i) {
+        good = good && (fabs(x[i]) <= most || refuse_command(r, code, command, entry + i, x[i], most));
+    }
+    return good;
+}
+
+/*
+ * Check that a stiffness is symmetric and positive semidefinite, up to single precision. symmetric: the mean of K and
+ * its transpose. Return whether it is.
+ */
+static int check_definite(const double *K, const double *symmetric, int command, int entry, refusal_t *r)
+{
+    const double most = larger(COMMAND_TOLERANCE * largest_entry(9, K), DBL_MIN);
+    double A[9], values[3] = {0.0}, vectors[9];
+    for (int i = 0; i < 9; ++i) {
+        const double apart = fabs(K[i] - K[3 * (i % 3) + i / 3]);
+        if (!(apart <= most)) {
+            return refuse_command(r, IIWA14_REFUSAL_ASYMMETRIC, command, entry + i, apart, most);
+        }
+    }
+    if (is_positive_semidefinite(3, symmetric, COMMAND_TOLERANCE)) {
+        return 1;
+    }
+    memcpy(A, symmetric, sizeof A);
+    (void)diagonalise_symmetric(3, A, values, vectors);
+    return refuse_command(r, IIWA14_REFUSAL_INDEFINITE, command, entry, values[0], -most);
+}
+
+/*
+ * Copy a stiffness, made symmetric in every bit. command: translation_stiffness or rotation_stiffness. Return whether K
+ * is one, up to single precision.
+ */
+static int accept_stiffness(const double *K, double most, int command, int tip, double *accepted, refusal_t *r)
 {
     for (int i = 0; i < 9; ++i) {
         accepted[i] = (K[i] + K[3 * (i % 3) + i / 3]) / 2.0;
     }
-    return largest_entry(9, K) <= most && is_positive_semidefinite(3, K, COMMAND_TOLERANCE);
+    return check_numbers(9, K, DBL_MAX, IIWA14_REFUSAL_NOT_FINITE, command, 9 * tip, r) &&
+           check_numbers(9, K, most, IIWA14_REFUSAL_STIFFNESS_LIMIT, command, 9 * tip, r) &&
+           check_definite(K, accepted, command, 9 * tip, r);
 }
 
-/* Copy a pose. A rotation that is orthonormal up to POSE_TOLERANCE only is made so by two Newton steps. */
-static int accept_pose(const double *pose, double *accepted)
+/* Make a rotation that is almost one orthonormal, by two Newton steps R (3 I - R^T R) / 2. */
+static void orthonormalise(double *pose)
 {
-    double C[9], R[9], off = fabs(pose[12]) + fabs(pose[13]) + fabs(pose[14]) + fabs(pose[15] - 1.0);
+    double C[9], R[9];
+    for (int round = 0; round < 2; ++round) {
+        multiply3(pose, 4, 1, pose, 4, C);
+        for (int i = 0; i < 9; ++i) {
+            C[i] = (i % 4 == 0 ? 1.5 : 0.0) - 0.5 * C[i];
+        }
+        multiply3(pose, 4, 0, C, 3, R);
+        for (int i = 0; i < 9; ++i) {
+            pose[i / 3 * 4 + i % 3] = R[i];
+        }
+    }
+}
+
+/*
+ * Copy a pose. A rotation that is orthonormal up to POSE_TOLERANCE only is made so. command: equilibrium, tool_pose or
+ * none; reach: the largest distance from the origin. Return whether the pose is one.
+ */
+static int accept_pose(const double *pose, double reach, int command, int tip, double *accepted, refusal_t *r)
+{
+    double C[9], off = 0.0;
+    const int first = 16 * tip;
     memcpy(accepted, pose, 16 * sizeof(double));
-    multiply3(pose, 4, 1, pose, 4, C);
-    for (int i = 0; i < 9; ++i) {
-        off += fabs(C[i] - (i % 4 == 0 ? 1.0 : 0.0));
+    if (!check_numbers(16, pose, DBL_MAX, IIWA14_REFUSAL_NOT_FINITE, command, first, r)) {
+        return 0;
+    }
+    for (int i = 0; i < 4; ++i) {
+        const double wanted = i == 3 ? 1.0 : 0.0, apart = fabs(pose[12 + i] - wanted);
+        if (apart > POSE_TOLERANCE) {
+            return refuse_command(r, IIWA14_REFUSAL_LAST_ROW, command, first + 12 + i, pose[12 + i], wanted);
+        }
+        off += apart;
     }
     const double det = pose[0] * (pose[5] * pose[10] - pose[6] * pose[9]) -
                        pose[1] * (pose[4] * pose[10] - pose[6] * pose[8]) +
                        pose[2] * (pose[4] * pose[9] - pose[5] * pose[8]);
-    for (int round = 0; off > ROUNDED && round < 2; ++round) { /* R (3 I - R^T R) / 2 */
-        multiply3(accepted, 4, 1, accepted, 4, C);
-        for (int i = 0; i < 9; ++i) {
-            C[i] = (i % 4 == 0 ? 1.5 : 0.0) - 0.5 * C[i];
-        }
-        multiply3(accepted, 4, 0, C, 3, R);
-        for (int i = 0; i < 9; ++i) {
-            accepted[i / 3 * 4 + i % 3] = R[i];
+    multiply3(pose, 4, 1, pose, 4, C);
+    for (int i = 0; i < 9; ++i) {
+        off += fabs(C[i] - (i % 4 == 0 ? 1.0 : 0.0));
+    }
+    if (!(off <= POSE_TOLERANCE)) {
+        return refuse_command(r, IIWA14_REFUSAL_ROTATION, command, first, off, POSE_TOLERANCE);
+    }
+    if (!(det > 0.0)) {
+        return refuse_command(r, IIWA14_REFUSAL_LEFT_HANDED, command, first, det, 1.0);
+    }
+    const double position[3] = {pose[3], pose[7], pose[11]};
+    if (!(norm(3, position) <= reach)) {
+        return refuse_command(r, IIWA14_REFUSAL_REACH, command, first + 3, norm(3, position), reach);
+    }
+    if (off > ROUNDED) {
+        orthonormalise(accepted);
+    }
+    return 1;
+}
+
+/* Accept a wrench that a tip is to exert: finite, and no larger than heaviest_wrench. Return whether it is accepted. */
+static int accept_wrench(const config_t *c, const double *wrench, int tip, refusal_t *r)
+{
+    for (int k = 0; k < 2; ++k) {
+        const double size = norm(3, wrench + 3 * k), most = c->heaviest_wrench[k];
+        if (!(size <= most * (1.0 + ROUNDED))) {
+            const int code = size <= DBL_MAX ? IIWA14_REFUSAL_WRENCH : IIWA14_REFUSAL_NOT_FINITE;
+            return refuse_command(r, code, IIWA14_ARGUMENT_WRENCH_COMMAND, 6 * tip + 3 * k, size, most);
         }
     }
-    return off <= POSE_TOLERANCE && det > 0.0 && fabs(pose[3]) + fabs(pose[7]) + fabs(pose[11]) <= FARTHEST;
+    return 1;
 }
 
 /*
- * Accept a command that can be followed: positions in the reach of closed loops, poses, and stiffnesses within limits.
- * Poses and stiffnesses are used as they are accepted, orthonormal and symmetric. Return whether the command is
- * accepted.
+ * Accept q0. Beyond a joint limit by up to position_tolerance it is followed to the zone at this limit, to the point
+ * that is nearest to the reference: not farther outwards than where the limit avoidance begins, and not inwards. Beyond
+ * it by no more than single precision it is the limit. Return whether it is accepted.
+ */
+static int accept_positions(step_t *s)
+{
+    const config_t *const c = s->c;
+    const double *const reference = s->m->engaged ? s->m->posture : s->m->q;
+    const int q0 = IIWA14_ARGUMENT_Q0;
+    int good = check_numbers(N, s->input->q0, FARTHEST, IIWA14_REFUSAL_NOT_FINITE, q0, 0, &s->refusal);
+    for (int i = 0; good && i < N; ++i) {
+        const double wanted = s->input->q0[i], lower = c->lower_limit[i], upper = c->upper_limit[i];
+        const double limit = clamp(wanted, lower, upper), beyond = fabs(wanted - limit);
+        const double rounded = COMMAND_TOLERANCE * larger(1.0, fabs(limit));
+        s->q0[i] = limit;
+        if (beyond > larger(c->position_tolerance, rounded)) {
+            good = refuse_command(&s->refusal, IIWA14_REFUSAL_POSITION, q0, i, wanted, limit);
+        } else if (beyond > rounded) {
+            s->q0[i] = wanted > upper ? clamp(reference[i], upper - c->limit_zone, upper)
+                                      : clamp(reference[i], lower, lower + c->limit_zone);
+            s->limited = s->limited == NO_JOINT ? i : s->limited;
+        }
+    }
+    return good;
+}
+
+/*
+ * Accept a command that can be followed: positions within joint limits and in the reach of closed loops, poses within
+ * reach, and stiffnesses within limits. Poses and stiffnesses are used as they are accepted, orthonormal and symmetric.
+ * Return whether the command is accepted.
  */
 static int accept_command(step_t *s)
 {
     const input_t *const in = s->input;
-    int good = in->command == IIWA14_COMMAND_POSITION || in->command == IIWA14_COMMAND_EQUILIBRIUM;
-    double tool[16];
-    for (int i = 0; i < N; ++i) {
-        good = good && fabs(in->q0[i]) <= FARTHEST;
+    refusal_t *const r = &s->refusal;
+    const double *const tool = stiffgen_tool(in);
+    const int by_pose = in->command == IIWA14_COMMAND_EQUILIBRIUM;
+    double accepted[16];
+    if (!by_pose && in->command != IIWA14_COMMAND_POSITION) {
+        return refuse_command(r, IIWA14_REFUSAL_COMMAND, IIWA14_ARGUMENT_NONE, NO_JOINT, in->command, 0.0);
     }
+    int good = accept_positions(s);
     for (int t = 0; good && t < TIPS; ++t) {
-        good = in->command == IIWA14_COMMAND_POSITION || accept_pose(in->equilibrium + 16 * t, s->goal + 16 * t);
         const double *const Kt = in->translation_stiffness + 9 * t, *const Ko = in->rotation_stiffness + 9 * t;
-        good = good && accept_stiffness(Kt, s->c->translation_stiffness_limit, s->translation + 9 * t);
-        good = good && accept_stiffness(Ko, s->c->rotation_stiffness_limit, s->rotation + 9 * t);
-        good = good && (stiffgen_tool(in) == NULL || accept_pose(stiffgen_tool(in) + 16 * t, tool));
+        const int translation = IIWA14_ARGUMENT_TRANSLATION_STIFFNESS, rotation = IIWA14_ARGUMENT_ROTATION_STIFFNESS;
+        good = tool == NULL || accept_pose(tool + 16 * t, FARTHEST, IIWA14_ARGUMENT_TOOL_POSE, t, accepted, r);
+        const double reach = stiffgen_reach(t, tool) + REACH_MARGIN;
+        good = good && (!by_pose || accept_pose(in->equilibrium + 16 * t, reach, IIWA14_ARGUMENT_EQUILIBRIUM, t,
+                                                s->goal + 16 * t, r));
+        good = good &&
+               accept_stiffness(Kt, s->c->translation_stiffness_limit, translation, t, s->translation + 9 * t, r) &&
+               accept_stiffness(Ko, s->c->rotation_stiffness_limit, rotation, t, s->rotation + 9 * t, r);
     }
-    return good && stiffgen_reaches(in->q0, s->m);
+    good = good && (stiffgen_reaches(s->q0, s->m) ||
+                    refuse_command(r, IIWA14_REFUSAL_LOOPS, IIWA14_ARGUMENT_Q0, NO_JOINT, 0.0, 0.0));
+    s->limited = good ? s->limited : NO_JOINT;
+    s->status |= s->limited != NO_JOINT ? (uint32_t)IIWA14_STATUS_COMMAND_LIMITED : 0u;
+    return good;
 }
 
 /*
@@ -3060,7 +3280,9 @@ static int search_posture(const config_t *c, const double *poses, const double *
     memcpy(posture, q, sizeof q);
     int good = doubles_within(q, N, -FARTHEST, FARTHEST);
     for (int t = 0; good && t < TIPS; ++t) {
-        good = accept_pose(poses + 16 * t, goal + 16 * t) && (tool == NULL || accept_pose(tool + 16 * t, accepted));
+        refusal_t r = {IIWA14_REFUSAL_NONE, IIWA14_ARGUMENT_NONE, NO_JOINT, 0.0, 0.0};
+        good = accept_pose(poses + 16 * t, FARTHEST, IIWA14_ARGUMENT_EQUILIBRIUM, t, goal + 16 * t, &r) &&
+               (tool == NULL || accept_pose(tool + 16 * t, FARTHEST, IIWA14_ARGUMENT_TOOL_POSE, t, accepted, &r));
         if (good && tool != NULL) {
             memcpy(m.tool_pose + 16 * t, accepted, sizeof accepted);
         }
@@ -3472,7 +3694,7 @@ static int approach_posture(step_t *s, const double *here, double lead, int arri
     }
     const int leads = m->beyond && lead > PATH_LEAD, awaited = !m->beyond && lead >= 2.0 * PATH_LEAD;
     const double *const goal = m->beyond ? s->goal : m->equilibrium;
-    const double distance = find_posture_step(c, m, m->posture, here, goal, s->input->q0, s->scratch, step);
+    const double distance = find_posture_step(c, m, m->posture, here, goal, s->q0, s->scratch, step);
     const double size = relative_size(N, 1, step, c->reference_velocity_limit);
     const int stands = size <= (awaited ? CREEPING : STATIONARY), ends = stands && distance > REACHED && !m->beyond;
     const int moving = !stands || leads || !arrived || ends;
@@ -3593,8 +3815,8 @@ static int update_velocities(step_t *s, int by_posture)
         return follow_pose(s);
     }
     for (int i = 0; i < N; ++i) {
-        away[i] = s->commanded && !joining ? s->input->q0[i] - m->posture[i] : 0.0;
-        moved[i] = s->commanded && !joining ? s->input->q0[i] - m->wanted_posture[i] : 0.0;
+        away[i] = s->commanded && !joining ? s->q0[i] - m->posture[i] : 0.0;
+        moved[i] = s->commanded && !joining ? s->q0[i] - m->wanted_posture[i] : 0.0;
         moving |= away[i] != 0.0;
     }
     approach_goal(s->c, s->c->ramp_time, N, 1, away, moved, s->c->reference_velocity_limit, m->posture_velocity);
@@ -3630,7 +3852,7 @@ static void pay_for_travel(step_t *s)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
-    const double *const q0 = s->input->q0;
+    const double *const q0 = s->q0;
     const int by_pose = s->input->command == IIWA14_COMMAND_EQUILIBRIUM;
     double pose[16 * TIPS];
     if (!s->commanded) {
@@ -3743,7 +3965,7 @@ static void move_equilibrium(step_t *s)
     /* posture and equilibrium are one move: what one releases pays for the other */
     book_reference(s, own + (share > 0.0 ? rise : 0.0));
     if (s->commanded) {
-        memcpy(m->wanted_posture, s->input->q0, sizeof posture);
+        memcpy(m->wanted_posture, s->q0, sizeof posture);
         if (s->input->command == IIWA14_COMMAND_EQUILIBRIUM) {
             memcpy(m->wanted_equilibrium, s->goal, sizeof equilibrium);
             m->joined = 0;
@@ -3757,7 +3979,7 @@ static void adopt_command(step_t *s)
     memory_t *const m = s->m;
     memcpy(m->translation_stiffness, s->translation, 9 * TIPS * sizeof(double));
     memcpy(m->rotation_stiffness, s->rotation, 9 * TIPS * sizeof(double));
-    memcpy(m->wanted_posture, s->input->q0, sizeof m->wanted_posture);
+    memcpy(m->wanted_posture, s->q0, sizeof m->wanted_posture);
     memcpy(m->wanted_equilibrium, s->goal, sizeof m->wanted_equilibrium);
     if (stiffgen_tool(s->input) != NULL) {
         memcpy(m->tool_pose, stiffgen_tool(s->input), sizeof m->tool_pose);
@@ -4047,14 +4269,12 @@ static int are_zero(int count, const double *x)
     return zero;
 }
 
-/* Accept the commanded wrenches: finite, and no larger than heaviest_wrench. */
-static int accept_wrench(const step_t *s)
+/* Accept the commanded wrenches of all tips. */
+static int accept_wrenches(step_t *s)
 {
-    const double *const heaviest = s->c->heaviest_wrench;
     int good = 1;
     for (int t = 0; t < TIPS; ++t) {
-        const double *const wrench = s->input->wrench_command + 6 * t;
-        good = good && norm(3, wrench) <= heaviest[0] && norm(3, wrench + 3) <= heaviest[1];
+        good = good && accept_wrench(s->c, s->input->wrench_command + 6 * t, t, &s->refusal);
     }
     return good;
 }
@@ -4100,7 +4320,7 @@ static int track_target(step_t *s)
     const int by_pose = in->command == IIWA14_COMMAND_EQUILIBRIUM;
     int agree = 1, moves = are_zero(N, in->velocity);
     for (int i = 0; i < N; ++i) {
-        const double moved = in->q0[i] - m->wanted_posture[i], most = PLAN_DRIFT * s->c->velocity_limit[i];
+        const double moved = s->q0[i] - m->wanted_posture[i], most = PLAN_DRIFT * s->c->velocity_limit[i];
         const double stated = by_pose ? moved : in->velocity[i] * s->elapsed;
         agree &= track_drift(stated, moved, s->elapsed, most, &m->posture_drift[i]);
         moves |= moved != 0.0;
@@ -4157,7 +4377,7 @@ static void accept_feedforward(step_t *s)
 {
     const int pressing = !are_zero(6 * TIPS, s->input->wrench_command);
     const int planned = !are_zero(N, s->input->velocity) || !are_zero(N, s->input->acceleration);
-    s->pressing = pressing && accept_wrench(s);
+    s->pressing = pressing && accept_wrenches(s);
     s->planned = planned && s->commanded && accept_plan(s);
     if ((pressing && !s->pressing) || (planned && s->commanded && !s->planned)) {
         s->status |= IIWA14_STATUS_FEEDFORWARD_REFUSED;
@@ -4170,7 +4390,7 @@ static void accept_feedforward(step_t *s)
 static int keeps_up(const step_t *s)
 {
     const memory_t *const m = s->m;
-    const double *const q0 = s->input->q0;
+    const double *const q0 = s->q0;
     double behind = HUGE_VAL;
     if (s->input->command == IIWA14_COMMAND_EQUILIBRIUM) {
         behind = travel_between(s->c, q0, q0, m->equilibrium, s->goal);
@@ -4471,7 +4691,10 @@ static void compute_torque(step_t *s, const double *last, int moved)
     report_force(s);
 }
 
-/* Texts: a fault in words and numbers. */
+/* Texts: a fault or a refusal in words and numbers. */
+
+enum { POWERS = 330 }; /* of ten, down to the smallest number */
+static const double SAME_DIGITS = 1e-6; /* relative difference of two numbers whose digits may be the same */
 
 /* Append characters to a text of the given size, as far as they fit with the final zero. */
 static void append(char *text, size_t size, size_t *length, const char *words)
@@ -4483,16 +4706,15 @@ static void append(char *text, size_t size, size_t *length, const char *words)
     text[*length] = '\0';
 }
 
-/* Append a number with up to six decimals; beyond a billion, a billion. */
-static void append_number(char *text, size_t size, size_t *length, double number)
+/* Append a number that is given in millionths, at least 0. */
+static void append_millionths(char *text, size_t size, size_t *length, int64_t millionths)
 {
     char digits[24];
     int at = (int)sizeof digits - 1, shown = 0;
-    int64_t millionths = (int64_t)(clamp(fabs(number), 0.0, 1e9) * 1e6 + 0.5);
-    append(text, size, length, number < 0.0 && millionths > 0 ? "-" : "");
+    int64_t left = millionths;
     digits[at] = '\0';
-    for (int place = 0; place < 7 || millionths > 0; ++place) {
-        const int digit = (int)(millionths % 10);
+    for (int place = 0; place < 7 || left > 0; ++place) {
+        const int digit = (int)(left % 10);
         if (place == 6 && shown) {
             at -= 1;
             digits[at] = '.';
@@ -4502,9 +4724,25 @@ static void append_number(char *text, size_t size, size_t *length, double number
             at -= 1;
             digits[at] = (char)('0' + digit);
         }
-        millionths /= 10;
+        left /= 10;
     }
     append(text, size, length, digits + at);
+}
+
+/* Append a number with up to six decimals, one below 1e-4 with its power of ten; beyond a billion or NaN a billion. */
+static void append_number(char *text, size_t size, size_t *length, double number)
+{
+    double shown = fabs(number) <= 1e9 ? fabs(number) : 1e9;
+    int power;
+    for (power = 0; power < POWERS && shown > 0.0 && shown < (power > 0 ? 1.0 : 1e-4); ++power) {
+        shown *= 10.0;
+    }
+    append(text, size, length, number < 0.0 ? "-" : "");
+    append_millionths(text, size, length, (int64_t)(shown * 1e6 + 0.5));
+    if (power > 0) {
+        append(text, size, length, "e-");
+        append_millionths(text, size, length, (int64_t)power * 1000000);
+    }
 }
 
 /* Write what a fault is about into a text: joint, meaning with the fields to look at, what was seen, and its limit. */
@@ -4527,6 +4765,37 @@ static void describe_fault(const output_t *out, char *text, size_t size)
         append_number(text, size, &length, out->fault_seen);
         append(text, size, &length, ", limit ");
         append_number(text, size, &length, out->fault_limit);
+    }
+}
+
+/* Write a refusal into a text: argument and entry, meaning, what was seen, and its limit. */
+static void describe_refusal(int refusal, int argument, int entry, double seen, double limit, char *text, size_t size)
+{
+    size_t length = 0;
+    if (size == 0u) {
+        return;
+    }
+    text[0] = '\0';
+    append(text, size, &length, name_of_argument(argument));
+    if (argument == IIWA14_ARGUMENT_Q0 && entry >= 0 && entry < N) {
+        append(text, size, &length, " of ");
+        append(text, size, &length, stiffgen_joint(entry));
+    } else if (entry >= 0) {
+        append(text, size, &length, ", entry ");
+        append_number(text, size, &length, entry);
+    }
+    append(text, size, &length, argument != IIWA14_ARGUMENT_NONE ? ": " : "");
+    append(text, size, &length, meaning_of_refusal(refusal));
+    if (entry >= 0 && refusal != IIWA14_REFUSAL_NOT_FINITE) {
+        append(text, size, &length, "; seen ");
+        append_number(text, size, &length, seen);
+        append(text, size, &length, ", limit ");
+        append_number(text, size, &length, limit);
+        const double apart = fabs(seen - limit);
+        if (apart > 0.0 && apart < SAME_DIGITS * fabs(limit)) {
+            append(text, size, &length, ", apart by ");
+            append_number(text, size, &length, apart);
+        }
     }
 }
 
@@ -4664,11 +4933,12 @@ static int check_time(const policy_t *p, int part, double time, int timed)
     return p->now - time > hold_time(p) + fade_time(p) ? IIWA14_REFUSED_STALE : IIWA14_REFUSED_NONE;
 }
 
-static int propose_pose(policy_t *p, const proposal_t *proposal)
+static int propose_pose(policy_t *p, const proposal_t *proposal, refusal_t *r)
 {
     double accepted[16 * TIPS];
     for (int t = 0; t < TIPS; ++t) {
-        if (!accept_pose(proposal->equilibrium + 16 * t, accepted + 16 * t)) {
+        const double reach = stiffgen_reach(t, NULL) + REACH_MARGIN;
+        if (!accept_pose(proposal->equilibrium + 16 * t, reach, IIWA14_ARGUMENT_EQUILIBRIUM, t, accepted + 16 * t, r)) {
             return IIWA14_REFUSED_POSE;
         }
     }
@@ -4677,20 +4947,21 @@ static int propose_pose(policy_t *p, const proposal_t *proposal)
     return IIWA14_REFUSED_NONE;
 }
 
-/* Return whether a stiffness couples translation and rotation; NaN in a coupling counts as one. */
-static int is_coupled(const double *K)
+/* Check that a tip's stiffness does not couple translation and rotation. Return whether it does not. */
+static int check_uncoupled(const double *K, int tip, refusal_t *r)
 {
-    int coupled = 0;
-    for (int i = 0; i < 3; ++i) {
-        for (int j = 3; j < 6; ++j) {
-            const double most = COMMAND_TOLERANCE * sqrt(fabs(K[7 * i] * K[7 * j]));
-            coupled |= !(fabs(K[6 * i + j]) <= most && fabs(K[6 * j + i]) <= most);
+    for (int k = 0; k < 36; ++k) {
+        const int i = k / 6, j = k % 6;
+        const double most = COMMAND_TOLERANCE * sqrt(fabs(K[7 * i] * K[7 * j]));
+        if ((i < 3) != (j < 3) && !(fabs(K[k]) <= most)) {
+            const int code = fabs(K[k]) <= DBL_MAX ? IIWA14_REFUSAL_COUPLING : IIWA14_REFUSAL_NOT_FINITE;
+            return refuse_command(r, code, IIWA14_ARGUMENT_STIFFNESS, 36 * tip + k, K[k], most);
         }
     }
-    return coupled;
+    return 1;
 }
 
-static int propose_stiffness(const config_t *c, policy_t *p, const proposal_t *proposal)
+static int propose_stiffness(const config_t *c, policy_t *p, const proposal_t *proposal, refusal_t *r)
 {
     double Kt[9 * TIPS], Ko[9 * TIPS], block[2][9];
     for (int t = 0; t < TIPS; ++t) {
@@ -4699,11 +4970,12 @@ static int propose_stiffness(const config_t *c, policy_t *p, const proposal_t *p
             block[0][i] = K[i / 3 * 6 + i % 3];
             block[1][i] = K[(i / 3 + 3) * 6 + i % 3 + 3];
         }
-        if (!accept_stiffness(block[0], c->translation_stiffness_limit, Kt + 9 * t) ||
-            !accept_stiffness(block[1], c->rotation_stiffness_limit, Ko + 9 * t)) {
+        const int translation = IIWA14_ARGUMENT_TRANSLATION_STIFFNESS, rotation = IIWA14_ARGUMENT_ROTATION_STIFFNESS;
+        if (!accept_stiffness(block[0], c->translation_stiffness_limit, translation, t, Kt + 9 * t, r) ||
+            !accept_stiffness(block[1], c->rotation_stiffness_limit, rotation, t, Ko + 9 * t, r)) {
             return IIWA14_REFUSED_STIFFNESS;
         }
-        if (is_coupled(K)) {
+        if (!check_uncoupled(K, t, r)) {
             return IIWA14_REFUSED_COUPLING;
         }
     }
@@ -4712,11 +4984,11 @@ static int propose_stiffness(const config_t *c, policy_t *p, const proposal_t *p
     return IIWA14_REFUSED_NONE;
 }
 
-static int propose_wrench(const config_t *c, policy_t *p, const proposal_t *proposal)
+static int propose_wrench(const config_t *c, policy_t *p, const proposal_t *proposal, refusal_t *r)
 {
     for (int t = 0; t < TIPS; ++t) {
         const double *const wrench = proposal->wrench_command + 6 * t;
-        if (!(norm(3, wrench) <= c->heaviest_wrench[0] && norm(3, wrench + 3) <= c->heaviest_wrench[1])) {
+        if (!accept_wrench(c, wrench, t, r)) {
             return IIWA14_REFUSED_WRENCH;
         }
     }
@@ -4724,19 +4996,29 @@ static int propose_wrench(const config_t *c, policy_t *p, const proposal_t *prop
     return IIWA14_REFUSED_NONE;
 }
 
-static int propose_part(const config_t *c, policy_t *p, const proposal_t *proposal, int part)
+static int propose_part(const config_t *c, policy_t *p, const proposal_t *proposal, int part, refusal_t *r)
 {
     switch (part) {
     case IIWA14_PART_POSE:
-        return propose_pose(p, proposal);
+        return propose_pose(p, proposal, r);
     case IIWA14_PART_STIFFNESS:
-        return propose_stiffness(c, p, proposal);
+        return propose_stiffness(c, p, proposal, r);
     case IIWA14_PART_WRENCH:
-        return propose_wrench(c, p, proposal);
+        return propose_wrench(c, p, proposal, r);
     default:
         memcpy(&p->gripper, &proposal->gripper, sizeof p->gripper);
         return IIWA14_REFUSED_NONE;
     }
+}
+
+/* Note what of a part is refused, in numbers. */
+static void note_refusal(policy_t *p, int part, const refusal_t *r)
+{
+    p->refusal[part] = r->code;
+    p->refusal_argument[part] = r->command;
+    p->refusal_entry[part] = r->entry;
+    p->refusal_seen[part] = r->seen;
+    p->refusal_limit[part] = r->limit;
 }
 
 /* Start a port at poses, without stiffness and wrench. Return an error for poses that are none. */
@@ -4752,7 +5034,9 @@ static int start_policy(policy_t *p, const double *poses, double now)
     fresh.now = now;
     int good = fabs(now) <= DBL_MAX;
     for (int t = 0; t < TIPS; ++t) {
-        good = good && accept_pose(poses + 16 * t, fresh.equilibrium + 16 * t);
+        refusal_t r = {IIWA14_REFUSAL_NONE, IIWA14_ARGUMENT_NONE, NO_JOINT, 0.0, 0.0};
+        double *const accepted = fresh.equilibrium + 16 * t;
+        good = good && accept_pose(poses + 16 * t, FARTHEST, IIWA14_ARGUMENT_EQUILIBRIUM, t, accepted, &r);
     }
     if (!good) {
         return IIWA14_E_POLICY;
@@ -4782,14 +5066,17 @@ static int propose(const config_t *c, policy_t *p, const proposal_t *proposal, d
     interpolate(p);
     const double springs = stiffness_share(p), wrench = wrench_share(p);
     for (int part = 0; part < PARTS; ++part) {
+        refusal_t r = {IIWA14_REFUSAL_NONE, IIWA14_ARGUMENT_NONE, NO_JOINT, 0.0, 0.0};
         p->refused[part] = IIWA14_REFUSED_NONE;
+        note_refusal(p, part, &r);
         if (proposal->valid[part] != 1) {
             continue;
         }
         const double time = proposal->time[part];
         int refused = check_time(p, part, time, timed);
-        refused = refused == IIWA14_REFUSED_NONE ? propose_part(c, p, proposal, part) : refused;
+        refused = refused == IIWA14_REFUSED_NONE ? propose_part(c, p, proposal, part, &r) : refused;
         p->refused[part] = refused;
+        note_refusal(p, part, &r);
         if (refused != IIWA14_REFUSED_NONE) {
             ++count;
             continue;
@@ -5062,6 +5349,12 @@ static void report_step(const step_t *s)
     out->tank_initial = s->tank_initial;
     out->engagement_limit = s->engagement_limit;
     out->energy_limit = s->energy_limit;
+    out->refusal = s->refusal.code;
+    out->refusal_argument = s->refusal.command;
+    out->refusal_entry = s->refusal.entry;
+    out->limited_joint = s->limited;
+    out->refusal_seen = s->refusal.seen;
+    out->refusal_limit = s->refusal.limit;
     out->mode = find_mode(s);
     out->status |= m->fault != IIWA14_FAULT_NONE ? (uint32_t)IIWA14_STATUS_FAULT : 0u;
     if (available_energy(m) < -ROUNDED_ENERGY) {
@@ -5142,6 +5435,7 @@ static int step(const config_t *c, state_t *state, const input_t *input, output_
     s.modes = state->modes;
     s.input = input;
     s.out = output;
+    s.refusal.entry = s.limited = output->refusal_entry = output->limited_joint = NO_JOINT;
     const int error = c == NULL || input == NULL ? IIWA14_E_NULL : validate(c);
     const int stored = read_torque(&s, state, last);
     if (!stored || !is_believable(state)) {
@@ -5310,6 +5604,15 @@ int iiwa14_impedance_fault_text(const output_t *output, char *text, size_t size)
         return IIWA14_E_NULL;
     }
     describe_fault(output, text, size);
+    return IIWA14_OK;
+}
+
+int iiwa14_impedance_refusal_text(int refusal, int argument, int entry, double seen, double limit, char *text, size_t size)
+{
+    if (text == NULL) {
+        return IIWA14_E_NULL;
+    }
+    describe_refusal(refusal, argument, entry, seen, limit, text, size);
     return IIWA14_OK;
 }
 

@@ -113,7 +113,7 @@ enum {
     IIWA14_STATUS_FAULT = 1 << 0, /* a fault is latched: see fault, reason and fault_time */
     IIWA14_STATUS_MISSED = 1 << 1, /* no sample, or one whose counter did not advance by one */
     IIWA14_STATUS_BAD_SAMPLE = 1 << 2, /* the sample was not believed: two of three are a fault */
-    IIWA14_STATUS_COMMAND_REFUSED = 1 << 3, /* the command is refused: equilibrium and stiffness stay where they are */
+    IIWA14_STATUS_COMMAND_REFUSED = 1 << 3, /* the command is refused (refusal says why, or the sample is not believed): equilibrium and stiffness stay */
     IIWA14_STATUS_WRENCH_REFUSED = 1 << 4, /* the measured wrench is not finite or too large, and is not used */
     IIWA14_STATUS_MOVING = 1 << 5, /* the equilibrium is on its way to the wanted one */
     IIWA14_STATUS_GOVERNOR = 1 << 6, /* the equilibrium is held back by the energy or the engagement limit */
@@ -135,7 +135,8 @@ enum {
     IIWA14_STATUS_OFFSET_LIMITED = 1 << 22, /* torque_offset is held back by the effort or the rate limit */
     IIWA14_STATUS_FEEDFORWARD_REFUSED = 1 << 23, /* wrench_command, or velocity and acceleration, are not used: not finite, too large, or a velocity that does not agree with the motion of the command */
     IIWA14_STATUS_FEEDFORWARD_LIMITED = 1 << 24, /* wrench_command is held back by tank, reserve, effort or speed, or the governor does not keep up with the plan */
-    IIWA14_STATUS_UNREACHABLE = 1 << 25 /* the commanded pose is out of reach from here: the posture is at its end, or the arm rests in another one; find_posture searches a posture to be commanded as q0 */
+    IIWA14_STATUS_UNREACHABLE = 1 << 25, /* the commanded pose is out of reach from here: the posture is at its end, or the arm rests in another one; find_posture searches a posture to be commanded as q0 */
+    IIWA14_STATUS_COMMAND_LIMITED = 1 << 26 /* q0 is beyond a joint limit by up to position_tolerance: it is followed to the limit's zone (limited_joint) */
 };
 
 /* Modes of a step. */
@@ -156,6 +157,25 @@ enum {
     IIWA14_FAULT_ENERGY = 4, /* tank and stored energy do not cover the torque */
     IIWA14_FAULT_CONFIGURATION = 5 /* configuration, spring or state changed in a way that needs a reset */
 };
+
+/* Reasons for refusing a command, and the arguments that they are about. */
+enum {
+    IIWA14_REFUSAL_NONE = 0, /* not refused */
+    IIWA14_REFUSAL_COMMAND = 1, /* the command is neither a position nor an equilibrium */
+    IIWA14_REFUSAL_NOT_FINITE = 2, /* a number is not finite, or absurdly large */
+    IIWA14_REFUSAL_POSITION = 3, /* beyond the joint's limit by more than position_tolerance; positions are in radians and metres */
+    IIWA14_REFUSAL_LOOPS = 4, /* the closed loops do not close at q0 */
+    IIWA14_REFUSAL_LAST_ROW = 5, /* the last row of the pose is not 0 0 0 1; matrices are row-major */
+    IIWA14_REFUSAL_ROTATION = 6, /* the rotation is not orthonormal: sum of |R^T R - I| */
+    IIWA14_REFUSAL_LEFT_HANDED = 7, /* the rotation is left-handed: determinant */
+    IIWA14_REFUSAL_REACH = 8, /* the pose is farther away than the arm can be long, and a metre; positions are in metres */
+    IIWA14_REFUSAL_STIFFNESS_LIMIT = 9, /* above its limit in the configuration (translation_stiffness_limit, rotation_stiffness_limit) */
+    IIWA14_REFUSAL_ASYMMETRIC = 10, /* the stiffness is not symmetric: difference of two entries */
+    IIWA14_REFUSAL_INDEFINITE = 11, /* the stiffness is not positive semidefinite: its smallest eigenvalue */
+    IIWA14_REFUSAL_COUPLING = 12, /* the springs do not couple translation and rotation */
+    IIWA14_REFUSAL_WRENCH = 13 /* larger than heaviest_wrench: force or moment */
+};
+enum { IIWA14_ARGUMENT_NONE = 0, IIWA14_ARGUMENT_Q0, IIWA14_ARGUMENT_EQUILIBRIUM, IIWA14_ARGUMENT_TRANSLATION_STIFFNESS, IIWA14_ARGUMENT_ROTATION_STIFFNESS, IIWA14_ARGUMENT_TOOL_POSE, IIWA14_ARGUMENT_STIFFNESS, IIWA14_ARGUMENT_WRENCH_COMMAND };
 
 /* Reasons for faults: [class], meaning, (fields to look at). */
 enum {
@@ -437,11 +457,23 @@ typedef struct {
     int missed;
     /* number of times that the energy account began anew. */
     uint32_t unaccounted;
+    /* why the command, or its wrench_command, is refused, IIWA14_REFUSAL_.... */
+    int refusal;
+    /* argument that the refusal is about, IIWA14_ARGUMENT_.... */
+    int refusal_argument;
+    /* joint or row-major index of the entry in this argument, or -1. */
+    int refusal_entry;
+    /* first joint whose q0 is followed to its limit's zone, or -1. */
+    int limited_joint;
     /* index of the joint that the fault is about, or -1. */
     int fault_joint;
     /* [samples] calls without a sample for which the torque would be held: missed_limit, or 1 where the tank
      * covers no more. */
     int hold;
+    /* number that was seen. */
+    double refusal_seen;
+    /* what refusal_seen may be. */
+    double refusal_limit;
     /* [s] time since the fault was latched. */
     double fault_time;
     /* number that was seen, IIWA14_impedance_reason_seen says of what. */
@@ -568,6 +600,16 @@ typedef struct {
     double interval[4];
     /* why the newest proposal of each part was refused, IIWA14_REFUSED_*. */
     int refused[4];
+    /* what of it was refused, IIWA14_REFUSAL_*, as in the output of a step. */
+    int refusal[4];
+    /* argument that it is about, IIWA14_ARGUMENT_*. */
+    int refusal_argument[4];
+    /* index of the entry in this argument, or -1. */
+    int refusal_entry[4];
+    /* number that was seen. */
+    double refusal_seen[4];
+    /* what refusal_seen may be. */
+    double refusal_limit[4];
     /* IIWA14_STAGE_* of each part. */
     int stage[4];
     /* [m] (4 x 4) pose that the port commands. */
@@ -921,6 +963,12 @@ int iiwa14_find_posture(const iiwa14_impedance_config *config, const double *pos
  * At most size characters, the last one zero; 256 are enough. Return IIWA14_OK or IIWA14_E_NULL.
  */
 int iiwa14_impedance_fault_text(const iiwa14_impedance_output *output, char *text, size_t size);
+
+/*
+ * Write a refusal of a command in words: argument and entry, why, what was seen, and its limit. The numbers are those of
+ * a step's output (refusal, refusal_argument, ...) or of a part of the policy port. As for iiwa14_impedance_fault_text.
+ */
+int iiwa14_impedance_refusal_text(int refusal, int argument, int entry, double seen, double limit, char *text, size_t size);
 
 /*
  * Check this build of the controller, as iiwa14_self_check does for the kernels: init and steps with good samples and

@@ -76,6 +76,28 @@ static void follows_a_target_joint_by_name()
     check(stub::world().said("warn", "as many positions as names"), "a missing position");
 }
 
+static void refuses_what_the_arm_cannot_do()
+{
+    Rig rig;
+    rig.start();
+    const auto before = rig.tip();
+    sensor_msgs::msg::JointState degrees;
+    for (std::size_t i = 0; i < N; ++i) {
+        degrees.name.push_back(robot::JOINTS[i]);
+        degrees.position.push_back(rig.arm.q[i] * 180.0 / 3.14159265358979);
+    }
+    auto pose = rig.pose_message();
+    pose.pose.position.x += 1000.0; // millimetres
+    for (int k = 0; k < 3; ++k) { rig.publish("~/target_joint", degrees); }
+    for (int k = 0; k < 3; ++k) { rig.publish("~/target_pose", pose); }
+    rig.run(1000);
+    rig.spin();
+    check(stub::world().times("~/target_joint is refused: q0 of ") == 1 && stub::world().said("warn", "in radians"), "degrees");
+    check(stub::world().times("~/target_pose is refused: equilibrium, entry 3: the pose is farther away") == 1, "millimetres");
+    check(distance(before, rig.tip()) < 1e-4 && !rig.has_fault(), "the arm stays");
+    check(rig.status().values[0].value.find("COMMAND_REFUSED") == std::string::npos, "the loop keeps the command before");
+}
+
 static void presses_along_a_target_wrench()
 {
     Rig rig;
@@ -173,7 +195,7 @@ static void leads_proposals_through_the_policy_port()
     rig.publish("~/target_pose", message);
     rig.run(10);
     rig.spin();
-    check(stub::world().said("warn", "commands refused"), "an old stamp is refused");
+    check(stub::world().said("warn", "commands refused: 1; the last one: the time stamp is "), "an old stamp is refused");
     rig.arm.push[2] = -5.0;
     rig.run(3000);
     check(rig.tip()[2] < before - 0.1 - 0.03, "without proposals the arm becomes soft");
@@ -215,6 +237,7 @@ const std::vector<Scenario> COMMANDS = {
     {"follows_a_target_pose", follows_a_target_pose},
     {"refuses_a_bad_target_pose", refuses_a_bad_target_pose},
     {"follows_a_target_joint_by_name", follows_a_target_joint_by_name},
+    {"refuses_what_the_arm_cannot_do", refuses_what_the_arm_cannot_do},
     {"presses_along_a_target_wrench", presses_along_a_target_wrench},
     {"takes_a_stiffness", takes_a_stiffness},
     {"changes_parameters_while_it_runs", changes_parameters_while_it_runs},

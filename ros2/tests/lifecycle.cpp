@@ -155,6 +155,15 @@ static void takes_a_prefix()
     check(rig.last<geometry_msgs::msg::PoseStamped>("~/pose").header.frame_id == std::string("left_") + robot::BASE_FRAME, "frame");
 }
 
+static void set_reference(Rig &rig, double value)
+{
+#if RCLCPP_VERSION_MAJOR < 21
+    rig.references[0].set_value(value);
+#else
+    check(rig.references[0]->set_value(value), "write");
+#endif
+}
+
 static void exports_references_and_follows_them()
 {
     Rig rig;
@@ -166,13 +175,22 @@ static void exports_references_and_follows_them()
     check(std::abs(rig.arm.q[0] - target + 0.2) < 1e-3, "it begins where the arm is");
 #if RCLCPP_VERSION_MAJOR < 21
     check(rig.references[0].get_name() == "arm/" + std::string(robot::JOINTS[0]) + "/position", "name");
-    rig.references[0].set_value(target);
 #else
     check(rig.references[0]->get_name() == "arm/" + std::string(robot::JOINTS[0]) + "/position", "name");
-    check(rig.references[0]->set_value(target), "write");
 #endif
+    set_reference(rig, target);
     rig.run(3000);
     check(std::abs(rig.arm.q[0] - target) < 0.02, "it follows the reference");
+    set_reference(rig, target * 180.0 / 3.14159265358979);
+    for (int k = 0; k < 3; ++k) {
+        rig.run(200);
+        rig.spin();
+    }
+    check(stub::world().times("commands refused: 1; the last one: q0 of ") == 1, "degrees are refused, told once");
+    check(stub::world().logged_in_update == 0 && rig.allocated == 0, "and not in the loop");
+    const auto refusal = rig.status().values.back();
+    check(refusal.key == "last refusal" && refusal.value.find("in radians") != std::string::npos, "the state tells it");
+    check(std::abs(rig.arm.q[0] - target) < 0.02 && !rig.has_fault(), "the arm stays");
 }
 
 const std::vector<Scenario> LIFECYCLE = {

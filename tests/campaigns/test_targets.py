@@ -119,7 +119,7 @@ OTHER_LOOPS = {
     "": "QL iterations: at most MAX_ITERATIONS, then MATRIX_NOT_CONVERGED",
     "m < n - 1 && e[m] > NEGLIGIBLE": "m grows up to n - 1",
     "words[k] != '\\0' && *length + 1u < size": "length grows up to size",
-    "place < 7 || millionths > 0": "millionths, at most 1e15, loses a digit each time",
+    "place < 7 || left > 0": "left, at most 1e15, loses a digit each time",
 }
 
 

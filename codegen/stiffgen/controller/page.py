@@ -13,10 +13,10 @@ from stiffgen.controller.fields import CONFIG, MAX_DOF, Field
 from stiffgen.controller.memory_fields import MEMORY, RANGES
 from stiffgen.controller.policy_fields import PARTS, POLICY, PROPOSAL, REFUSED, STAGES
 from stiffgen.controller.signals import INPUT, OUTPUT
-from stiffgen.controller.status_words import ERRORS, FAULTS, MODES, REASONS, SEEN, STATUS
+from stiffgen.controller.status_words import ARGUMENTS, ERRORS, FAULTS, MODES, REASONS, REFUSALS, SEEN, STATUS
 from stiffgen.errors import printable
 from stiffgen.lower.scalar import DOUBLE, Scalar
-from stiffgen.robot.chain import Chain
+from stiffgen.robot.chain import Chain, Tip
 from stiffgen.robot.plausibility import find_doubts
 from stiffgen.robot.presets import motor_tables
 from stiffgen.symbolic.springs import Placement
@@ -25,8 +25,8 @@ LIBRARY = Path(__file__).parent / "library"
 """Folder of the C library that every NAME_impedance.c contains."""
 INTERFACE = "impedance.h"
 _PARTS = (
-    "matrix", "eigen", "modes", "joint_gains", "energy", "strength", "cap", "state", "motion", "sample", "posture",
-    "damping", "governor", "change", "stiffness", "feedforward", "torque", "text", "policy", "step",
+    "matrix", "eigen", "modes", "joint_gains", "energy", "strength", "cap", "state", "motion", "sample", "refusal",
+    "posture", "damping", "governor", "change", "stiffness", "feedforward", "torque", "text", "policy", "step",
 )  # fmt: skip
 SOURCES = tuple(f"{part}.c" for part in _PARTS)
 """Files of the library in the order in which NAME_impedance.c contains them: no function is used before its file."""
@@ -155,6 +155,8 @@ class ControllerPage:
         reasons: name, class of the fault and meaning.
         seen: reason and the meaning of its numbers.
         reason_classes: number of each reason's class.
+        refusals, arguments: name and meaning; arguments of a command.
+        reach: upper bound on the distance from the base's origin to each tip, as C.
         errors: name, code and text.
         checks: C condition on the configuration c, by field.
         structs: config, input and output.
@@ -189,6 +191,9 @@ class ControllerPage:
     reasons: tuple[tuple[str, str, str], ...]
     seen: list[tuple[str, str]]
     reason_classes: list[int]
+    refusals: tuple[tuple[str, str], ...]
+    arguments: tuple[str, ...]
+    reach: list[str]
     errors: list[tuple[str, int, str]]
     checks: dict[str, str]
     structs: list[Struct]
@@ -230,6 +235,9 @@ def controller_page(
         reasons=REASONS,
         seen=list(SEEN.items()),
         reason_classes=[[fault for fault, _ in FAULTS].index(fault) for _, fault, _ in REASONS],
+        refusals=REFUSALS,
+        arguments=ARGUMENTS,
+        reach=[_bound(_reach(chain, tip)) for tip in chain.tips],
         errors=errors_of(name, chain),
         checks={field.name: _check(field) for field in CONFIG},
         structs=[_struct(chain, prefix, *each) for each in (_config_struct(chain), *_STRUCTS[1:])],
@@ -247,6 +255,20 @@ def controller_page(
         centre=", ".join(map(repr, placement.centre)),
         start=[chain.start[k] for k in chain.actuated] if chain.loops else [],
     )
+
+
+def _reach(chain: Chain, tip: Tip) -> float:
+    """Return an upper bound on the distance from the base's origin to a tip [m]: all links in one line."""
+    reach, index = math.hypot(*tip.translation), tip.joint
+    while index >= 0:
+        joint = chain.joints[index]
+        reach += math.hypot(*joint.translation)
+        if joint.prismatic:
+            each = chain.coordinates[joint.coordinate - chain.base_joints]
+            ends = (joint.multiplier * each.lower + joint.offset, joint.multiplier * each.upper + joint.offset)
+            reach += max(map(abs, ends))
+        index = joint.parent
+    return math.ceil(1e3 * reach) / 1e3 if math.isfinite(reach) else math.inf
 
 
 def _interface() -> str:

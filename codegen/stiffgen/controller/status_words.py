@@ -7,7 +7,10 @@ STATUS: tuple[tuple[str, str], ...] = (
     ("fault", "a fault is latched: see fault, reason and fault_time"),
     ("missed", "no sample, or one whose counter did not advance by one"),
     ("bad_sample", "the sample was not believed: two of three are a fault"),
-    ("command_refused", "the command is refused: equilibrium and stiffness stay where they are"),
+    (
+        "command_refused",
+        "the command is refused (refusal says why, or the sample is not believed): equilibrium and stiffness stay",
+    ),
     ("wrench_refused", "the measured wrench is not finite or too large, and is not used"),
     ("moving", "the equilibrium is on its way to the wanted one"),
     ("governor", "the equilibrium is held back by the energy or the engagement limit"),
@@ -46,6 +49,10 @@ STATUS: tuple[tuple[str, str], ...] = (
         "unreachable",
         "the commanded pose is out of reach from here: the posture is at its end, or the arm rests in another one; "
         "find_posture searches a posture to be commanded as q0",
+    ),
+    (
+        "command_limited",
+        "q0 is beyond a joint limit by up to position_tolerance: it is followed to the limit's zone (limited_joint)",
     ),
 )
 """Status bits in their order, NAME_STATUS_<NAME>, with their meaning."""
@@ -125,6 +132,30 @@ SEEN: dict[str, str] = {
     "reserve": "reserve of the torque [J]",
 }
 """Meaning and unit of fault_seen and fault_limit for each reason with numbers."""
+
+REFUSALS: tuple[tuple[str, str], ...] = (
+    ("none", "not refused"),
+    ("command", "the command is neither a position nor an equilibrium"),
+    ("not_finite", "a number is not finite, or absurdly large"),
+    ("position", "beyond the joint's limit by more than position_tolerance; positions are in radians and metres"),
+    ("loops", "the closed loops do not close at q0"),
+    ("last_row", "the last row of the pose is not 0 0 0 1; matrices are row-major"),
+    ("rotation", "the rotation is not orthonormal: sum of |R^T R - I|"),
+    ("left_handed", "the rotation is left-handed: determinant"),
+    ("reach", "the pose is farther away than the arm can be long, and a metre; positions are in metres"),
+    ("stiffness_limit", "above its limit in the configuration (translation_stiffness_limit, rotation_stiffness_limit)"),
+    ("asymmetric", "the stiffness is not symmetric: difference of two entries"),
+    ("indefinite", "the stiffness is not positive semidefinite: its smallest eigenvalue"),
+    ("coupling", "the springs do not couple translation and rotation"),
+    ("wrench", "larger than heaviest_wrench: force or moment"),
+)
+"""Reasons for refusing a command, NAME_REFUSAL_<NAME> from 0 on: what was seen is the number in words."""
+
+ARGUMENTS: tuple[str, ...] = (
+    "none", "q0", "equilibrium", "translation_stiffness", "rotation_stiffness", "tool_pose", "stiffness",
+    "wrench_command",
+)  # fmt: skip
+"""Arguments that a refusal can be about, NAME_ARGUMENT_<NAME> from 0 on."""
 
 ERRORS: tuple[tuple[str, str], ...] = (
     ("null", "a pointer is NULL"),

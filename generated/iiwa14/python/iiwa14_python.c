@@ -2646,8 +2646,14 @@ static const field fields[] = {
     {"output", "reason", "i4", offsetof(iiwa14_impedance_output, reason), 0, {1, 1, 1}},
     {"output", "missed", "i4", offsetof(iiwa14_impedance_output, missed), 0, {1, 1, 1}},
     {"output", "unaccounted", "u4", offsetof(iiwa14_impedance_output, unaccounted), 0, {1, 1, 1}},
+    {"output", "refusal", "i4", offsetof(iiwa14_impedance_output, refusal), 0, {1, 1, 1}},
+    {"output", "refusal_argument", "i4", offsetof(iiwa14_impedance_output, refusal_argument), 0, {1, 1, 1}},
+    {"output", "refusal_entry", "i4", offsetof(iiwa14_impedance_output, refusal_entry), 0, {1, 1, 1}},
+    {"output", "limited_joint", "i4", offsetof(iiwa14_impedance_output, limited_joint), 0, {1, 1, 1}},
     {"output", "fault_joint", "i4", offsetof(iiwa14_impedance_output, fault_joint), 0, {1, 1, 1}},
     {"output", "hold", "i4", offsetof(iiwa14_impedance_output, hold), 0, {1, 1, 1}},
+    {"output", "refusal_seen", "f8", offsetof(iiwa14_impedance_output, refusal_seen), 0, {1, 1, 1}},
+    {"output", "refusal_limit", "f8", offsetof(iiwa14_impedance_output, refusal_limit), 0, {1, 1, 1}},
     {"output", "fault_time", "f8", offsetof(iiwa14_impedance_output, fault_time), 0, {1, 1, 1}},
     {"output", "fault_seen", "f8", offsetof(iiwa14_impedance_output, fault_seen), 0, {1, 1, 1}},
     {"output", "fault_limit", "f8", offsetof(iiwa14_impedance_output, fault_limit), 0, {1, 1, 1}},
@@ -2704,6 +2710,11 @@ static const field fields[] = {
     {"policy", "begin", "f8", offsetof(iiwa14_impedance_policy, begin), 1, {4, 1, 1}},
     {"policy", "interval", "f8", offsetof(iiwa14_impedance_policy, interval), 1, {4, 1, 1}},
     {"policy", "refused", "i4", offsetof(iiwa14_impedance_policy, refused), 1, {4, 1, 1}},
+    {"policy", "refusal", "i4", offsetof(iiwa14_impedance_policy, refusal), 1, {4, 1, 1}},
+    {"policy", "refusal_argument", "i4", offsetof(iiwa14_impedance_policy, refusal_argument), 1, {4, 1, 1}},
+    {"policy", "refusal_entry", "i4", offsetof(iiwa14_impedance_policy, refusal_entry), 1, {4, 1, 1}},
+    {"policy", "refusal_seen", "f8", offsetof(iiwa14_impedance_policy, refusal_seen), 1, {4, 1, 1}},
+    {"policy", "refusal_limit", "f8", offsetof(iiwa14_impedance_policy, refusal_limit), 1, {4, 1, 1}},
     {"policy", "stage", "i4", offsetof(iiwa14_impedance_policy, stage), 1, {4, 1, 1}},
     {"policy", "equilibrium", "f8", offsetof(iiwa14_impedance_policy, equilibrium), 2, {4, 4, 1}},
     {"policy", "translation_stiffness", "f8", offsetof(iiwa14_impedance_policy, translation_stiffness), 2, {3, 3, 1}},
@@ -2761,7 +2772,7 @@ static const status statuses[] = {
     {"fault", IIWA14_STATUS_FAULT, "a fault is latched: see fault, reason and fault_time"},
     {"missed", IIWA14_STATUS_MISSED, "no sample, or one whose counter did not advance by one"},
     {"bad_sample", IIWA14_STATUS_BAD_SAMPLE, "the sample was not believed: two of three are a fault"},
-    {"command_refused", IIWA14_STATUS_COMMAND_REFUSED, "the command is refused: equilibrium and stiffness stay where they are"},
+    {"command_refused", IIWA14_STATUS_COMMAND_REFUSED, "the command is refused (refusal says why, or the sample is not believed): equilibrium and stiffness stay"},
     {"wrench_refused", IIWA14_STATUS_WRENCH_REFUSED, "the measured wrench is not finite or too large, and is not used"},
     {"moving", IIWA14_STATUS_MOVING, "the equilibrium is on its way to the wanted one"},
     {"governor", IIWA14_STATUS_GOVERNOR, "the equilibrium is held back by the energy or the engagement limit"},
@@ -2784,6 +2795,7 @@ static const status statuses[] = {
     {"feedforward_refused", IIWA14_STATUS_FEEDFORWARD_REFUSED, "wrench_command, or velocity and acceleration, are not used: not finite, too large, or a velocity that does not agree with the motion of the command"},
     {"feedforward_limited", IIWA14_STATUS_FEEDFORWARD_LIMITED, "wrench_command is held back by tank, reserve, effort or speed, or the governor does not keep up with the plan"},
     {"unreachable", IIWA14_STATUS_UNREACHABLE, "the commanded pose is out of reach from here: the posture is at its end, or the arm rests in another one; find_posture searches a posture to be commanded as q0"},
+    {"command_limited", IIWA14_STATUS_COMMAND_LIMITED, "q0 is beyond a joint limit by up to position_tolerance: it is followed to the limit's zone (limited_joint)"},
 };
 
 static const choice outcomes[] = {
@@ -2807,6 +2819,20 @@ static const choice outcomes[] = {
     {"refused", "stiffness", IIWA14_REFUSED_STIFFNESS},
     {"refused", "coupling", IIWA14_REFUSED_COUPLING},
     {"refused", "wrench", IIWA14_REFUSED_WRENCH},
+    {"refusal", "none", IIWA14_REFUSAL_NONE},
+    {"refusal", "command", IIWA14_REFUSAL_COMMAND},
+    {"refusal", "not_finite", IIWA14_REFUSAL_NOT_FINITE},
+    {"refusal", "position", IIWA14_REFUSAL_POSITION},
+    {"refusal", "loops", IIWA14_REFUSAL_LOOPS},
+    {"refusal", "last_row", IIWA14_REFUSAL_LAST_ROW},
+    {"refusal", "rotation", IIWA14_REFUSAL_ROTATION},
+    {"refusal", "left_handed", IIWA14_REFUSAL_LEFT_HANDED},
+    {"refusal", "reach", IIWA14_REFUSAL_REACH},
+    {"refusal", "stiffness_limit", IIWA14_REFUSAL_STIFFNESS_LIMIT},
+    {"refusal", "asymmetric", IIWA14_REFUSAL_ASYMMETRIC},
+    {"refusal", "indefinite", IIWA14_REFUSAL_INDEFINITE},
+    {"refusal", "coupling", IIWA14_REFUSAL_COUPLING},
+    {"refusal", "wrench", IIWA14_REFUSAL_WRENCH},
     {"stage", "waiting", IIWA14_STAGE_WAITING},
     {"stage", "moving", IIWA14_STAGE_MOVING},
     {"stage", "holding", IIWA14_STAGE_HOLDING},
@@ -2953,6 +2979,20 @@ static PyObject *fault_text(PyObject *module, PyObject *arguments)
     }
     PyBuffer_Release(&output);
     return out != NULL ? PyUnicode_DecodeUTF8(text, (Py_ssize_t)strlen(text), "replace") : NULL;
+}
+
+/* Describe a refusal: arguments (refusal, argument, entry, seen, limit). */
+static PyObject *refusal_text(PyObject *module, PyObject *arguments)
+{
+    int refusal, argument, entry;
+    double seen, limit;
+    char text[512] = "";
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "iiidd", &refusal, &argument, &entry, &seen, &limit)) {
+        return NULL;
+    }
+    iiwa14_impedance_refusal_text(refusal, argument, entry, seen, limit, text, sizeof text);
+    return PyUnicode_DecodeUTF8(text, (Py_ssize_t)strlen(text), "replace");
 }
 
 /* Split a torque: arguments (numbers, results), one after the other in the order of the C function. */
@@ -3137,6 +3177,7 @@ static PyMethodDef controller_methods[] = {
     {"joint_gains", joint_gains, METH_VARARGS, NULL},
     {"late_work", late_work, METH_VARARGS, NULL},
     {"fault_text", fault_text, METH_VARARGS, NULL},
+    {"refusal_text", refusal_text, METH_VARARGS, NULL},
     {"policy_start", policy_start, METH_VARARGS, NULL},
     {"policy_propose", policy_propose, METH_VARARGS, NULL},
     {"policy_command", policy_command, METH_VARARGS, NULL},
@@ -3253,7 +3294,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "61c0050835cb4e7d") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "73d2735216261642") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

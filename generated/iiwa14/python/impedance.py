@@ -7,6 +7,7 @@ The header documents every field with its unit. A wrench is what the environment
 from __future__ import annotations
 
 import copy
+import warnings
 from collections.abc import Iterator, Mapping
 from enum import IntEnum, IntFlag
 from typing import Any, NamedTuple
@@ -46,9 +47,20 @@ STATUS_MEANING = {Status(bit): meaning for _, bit, meaning in _c.STATUSES}
 """Meaning of each bit."""
 Mode, Fault, Reason = (_enumeration(field) for field in ("mode", "fault", "reason"))
 """Mode of a step, class of a latched fault, and reason for the fault."""
-Refused, Stage = (_enumeration(field) for field in ("refused", "stage"))
-"""Why the policy port refuses a part, and the stage of a part."""
-_TYPES: dict[str, Any] = {"status": Status, "mode": Mode, "fault": Fault, "reason": Reason}
+Refusal, Refused, Stage = (_enumeration(field) for field in ("refusal", "refused", "stage"))
+"""Why a command is refused; why the policy port refuses a part, and the stage of a part."""
+_TYPES: dict[str, Any] = {"status": Status, "mode": Mode, "fault": Fault, "reason": Reason, "refusal": Refusal}
+_REFUSAL = ("refusal", "refusal_argument", "refusal_entry", "refusal_seen", "refusal_limit")
+
+
+class CommandWarning(UserWarning):
+    """A command is refused: the equilibrium stays where it is."""
+
+
+def _refusal_text(row: Any) -> str:
+    """Return a refusal of a step's output, or of a part of the port, in words."""
+    text: str = _c.refusal_text(*(row[name].item() for name in _REFUSAL))
+    return text
 
 
 def _number(name: str, value: Any) -> Any:
@@ -206,6 +218,8 @@ class Record:
             reason = Reason(int(row["reason"][0])).name
             lines.append(f"fault {fault.name}, {reason}: {_c.fault_text(np.ascontiguousarray(row))}")
         bits = int(row["status"][0])
+        if int(row["refusal"][0]):
+            lines.append(f"refused: {_refusal_text(row[0])}")
         lines += [f"{bit.name}: {meaning}" for bit, meaning in STATUS_MEANING.items() if bits & bit]
         return "\n".join(lines)
 
@@ -232,6 +246,9 @@ class Impedance:
     torque : (n) [N m], optional
         Torque in force, from which the controller's torque moves on at its rate limit; default: zero. Give the
         ``torque_offset`` that it contains with the first sample: it then counts once.
+    errors : str, optional
+        What a refused command does, beside the output's ``refusal``: "warn" with a :class:`CommandWarning`, once per
+        reason and argument; "raise" ValueError, for scripts; or "ignore".
     record : int, optional
         Number of steps whose inputs and outputs are recorded, the newest ones (:attr:`trace`).
     **fields
@@ -252,8 +269,12 @@ class Impedance:
         *,
         torque: ArrayLike = 0.0,
         record: int = 0,
+        errors: str = "warn",
         **fields: ArrayLike,
     ) -> None:
+        if errors not in ("warn", "raise", "ignore"):
+            raise ValueError(f"errors: no value {errors!r}; it takes warn, raise or ignore")
+        self._errors, self._warned = errors, set[tuple[int, int]]()
         self._config = Config()
         self._config.update({**(config or {}), **fields})
         self._state = np.zeros((_c.SIZES["state"] + 7) // 8)  # doubles, so that it is aligned
@@ -358,7 +379,22 @@ class Impedance:
         if code:
             raise ValueError(_c.error_text(code))
         self._store(inputs, outputs)
+        self._tell(outputs)
         return outputs
+
+    def _tell(self, outputs: NDArray[Any]) -> None:
+        """Warn of commands that are refused, or raise."""
+        if self._errors == "ignore" or not outputs["refusal"].any():
+            return
+        rows = outputs[outputs["refusal"] != 0]
+        _, firsts = np.unique(rows[["refusal", "refusal_argument"]], return_index=True)
+        for row in rows[np.sort(firsts)]:
+            if self._errors == "raise":
+                raise ValueError(f"command refused: {_refusal_text(row)}")
+            reason = (int(row["refusal"]), int(row["refusal_argument"]))
+            if reason not in self._warned:
+                self._warned.add(reason)
+                warnings.warn(f"command refused: {_refusal_text(row)}", CommandWarning, stacklevel=4)
 
     def _require(self, values: Mapping[str, Any]) -> None:
         poses = "equilibrium" in values or "posture" in values
@@ -473,6 +509,17 @@ class Policy:
         _c.policy_command(self._policy, now, row)
         names = ("equilibrium", "translation_stiffness", "rotation_stiffness", "wrench_command")
         return {name: row[name][0] for name in names}
+
+    @property
+    def refusals(self) -> dict[str, str]:
+        """Refused parts of the newest proposal in words, with the number that was seen and its limit."""
+        row = self._policy[0]
+        found = {part: {name: row[name][k] for name in ("refused", *_REFUSAL)} for k, part in enumerate(_PARTS)}
+        return {
+            part: _refusal_text(each) if each["refusal"] else Refused(each["refused"]).name.lower()
+            for part, each in found.items()
+            if each["refused"]
+        }
 
     @property
     def gripper(self) -> float:

@@ -91,7 +91,8 @@ void Law::propose(const Command &command)
     robot::propose(settings_.config, port_, proposal, snapshot_.time);
     if (port_.refused[part] != 0) {
         ++snapshot_.refusals;
-        snapshot_.refusal = port_.refused[part];
+        snapshot_.reason = port_.refused[part];
+        snapshot_.refusal = robot::refusal_of(port_, part);
         return;
     }
     has_proposal_ = true;
@@ -114,6 +115,17 @@ void Law::follow(const double *q0)
     if (std::all_of(q0, q0 + robot::DOF, [](double each) { return std::isfinite(each); })) {
         std::copy(q0, q0 + robot::DOF, sample_.q0);
         sample_.command = robot::BY_POSITION;
+    }
+}
+
+// Count a refusal by the controller once: a command stays in force until another one comes.
+void Law::note_refusal(const robot::Refusal &before)
+{
+    const robot::Refusal now = robot::refusal_of(snapshot_.report);
+    if (now.code != robot::NO_REFUSAL && (now.code != before.code || now.argument != before.argument)) {
+        ++snapshot_.refusals;
+        snapshot_.reason = 0;
+        snapshot_.refusal = now;
     }
 }
 
@@ -141,8 +153,10 @@ const robot::Report &Law::step(const Measured &measured, double period)
         }
     }
     const bool had_fault = snapshot_.report.fault != robot::NO_FAULT;
+    const robot::Refusal before = robot::refusal_of(snapshot_.report);
     static_cast<void>(impedance_.step(sample_, snapshot_.report)); // an error lowers the torque; the status has it
     snapshot_.faults += !had_fault && snapshot_.report.fault != robot::NO_FAULT;
+    note_refusal(before);
     return snapshot_.report;
 }
 

@@ -24,8 +24,9 @@ struct Snapshot {
     robot::Report report;
     double time; ///< [s] loop's time
     unsigned faults; ///< faults since the activation
-    unsigned refusals; ///< commands that the policy port refused since the activation
-    int refusal; ///< why the newest of them was refused
+    unsigned refusals; ///< commands that the policy port or the controller refused since the activation
+    int reason; ///< reason of the policy port for the newest of them, or none
+    robot::Refusal refusal; ///< numbers of the newest of them, if it has any
     bool is_active;
 };
 
@@ -59,6 +60,7 @@ public:
 
 private:
     void propose(const Command &command);
+    void note_refusal(const robot::Refusal &before);
     void command_at_once(const Command &command);
     void set_stiffness(const double *stiffness);
 

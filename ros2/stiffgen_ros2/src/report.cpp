@@ -94,7 +94,7 @@ void Report::start()
     });
 }
 
-// Log a new fault, and a new refusal of the policy port, once.
+// Log a new fault, and a new refusal, once.
 void Report::tell_changes()
 {
     const bool started = last_.faults < told_faults_ || last_.refusals < told_refusals_; // activated anew
@@ -104,8 +104,8 @@ void Report::tell_changes()
         RCLCPP_ERROR(node_.get_logger(), "fault: %s; find the cause, then call ~/reset", fault_text(last_.report).c_str());
     }
     if (last_.refusals > told_refusals_) {
-        RCLCPP_WARN(node_.get_logger(), "%u commands refused, the last one because %s", last_.refusals - told_refusals_,
-            robot::refusal(last_.refusal));
+        RCLCPP_WARN(node_.get_logger(), "commands refused: %u; the last one: %s", last_.refusals - told_refusals_,
+            robot::refusal_text(last_.refusal, last_.reason).c_str());
     }
     told_faults_ = last_.faults;
     told_refusals_ = last_.refusals;
@@ -136,6 +136,7 @@ diagnostic_msgs::msg::DiagnosticStatus Report::status() const
         {"force available [N]", number(report.force_available)},
         {"faults", std::to_string(last_.faults)},
         {"commands refused", std::to_string(last_.refusals)},
+        {"last refusal", last_.refusals > 0 ? robot::refusal_text(last_.refusal, last_.reason) : ""},
     };
     for (const auto &each : values) {
         diagnostic_msgs::msg::KeyValue value;

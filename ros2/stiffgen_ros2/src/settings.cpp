@@ -215,17 +215,45 @@ bool is_ours(const std::string &parameter)
            has_row(INTEGERS, parameter) || has_row(CHOICES, parameter);
 }
 
-std::string refuse_stiffness(const robot::Config &config, const double *stiffness)
+namespace {
+
+// A port of its own knows whether the controller would accept a part.
+std::string refuse_part(const robot::Config &config, const robot::Proposal &proposal, int part)
 {
-    // A port of its own knows whether the controller would accept the matrix.
     robot::Policy port;
-    robot::Proposal proposal{};
     const robot::Array<4, 4> pose = robot::forward_kinematics(robot::Joints{});
     robot::start(port, pose.data(), 0.0);
+    const int refused = robot::propose(config, port, proposal, 0.0);
+    return refused == 0 ? "" : robot::refusal_text(robot::refusal_of(port, part), port.refused[part]);
+}
+
+} // namespace
+
+std::string refuse_stiffness(const robot::Config &config, const double *stiffness)
+{
+    robot::Proposal proposal{};
     proposal.valid[robot::STIFFNESS] = 1;
     std::memcpy(proposal.stiffness, stiffness, sizeof proposal.stiffness);
-    if (robot::propose(config, port, proposal, 0.0) == 0) { return ""; }
-    return robot::refusal(port.refused[robot::STIFFNESS]);
+    return refuse_part(config, proposal, robot::STIFFNESS);
+}
+
+std::string refuse_pose(const robot::Config &config, const double *pose)
+{
+    robot::Proposal proposal{};
+    proposal.valid[robot::POSE] = 1;
+    std::memcpy(proposal.equilibrium, pose, sizeof proposal.equilibrium);
+    return refuse_part(config, proposal, robot::POSE);
+}
+
+std::string refuse_positions(const robot::Config &config, const double *q0)
+{
+    for (std::size_t i = 0; i < robot::DOF; ++i) {
+        const double limit = std::clamp(q0[i], config.lower_limit[i], config.upper_limit[i]);
+        if (std::abs(q0[i] - limit) > config.position_tolerance) {
+            return robot::refusal_text(robot::position_refusal(static_cast<int>(i), q0[i], limit), 0);
+        }
+    }
+    return "";
 }
 
 } // namespace stiffgen_ros2

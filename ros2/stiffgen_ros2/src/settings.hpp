@@ -55,4 +55,10 @@ bool is_ours(const std::string &parameter);
 /// Return why a stiffness (6 x 6, row-major) is refused, or an empty text.
 std::string refuse_stiffness(const robot::Config &config, const double *stiffness);
 
+/// Return why a pose (4 x 4, row-major) is refused, or an empty text.
+std::string refuse_pose(const robot::Config &config, const double *pose);
+
+/// Return why joint positions are refused, or an empty text.
+std::string refuse_positions(const robot::Config &config, const double *q0);
+
 } // namespace stiffgen_ros2

@@ -95,7 +95,8 @@ std::string Topics::target_pose(const geometry_msgs::msg::PoseStamped &message, 
     if (!rotation(message.pose.orientation, command.values)) { return "its quaternion does not have the norm 1"; }
     for (int i = 0; i < 3; ++i) { command.values[4 * i + 3] = position[i]; }
     command.values[15] = 1.0;
-    return check_header(message.header, command);
+    const std::string reason = check_header(message.header, command);
+    return reason.empty() ? refuse_pose(settings_.config, command.values) : reason;
 }
 
 std::string Topics::target_joint(const sensor_msgs::msg::JointState &message, Command &command)
@@ -108,7 +109,7 @@ std::string Topics::target_joint(const sensor_msgs::msg::JointState &message, Co
         command.values[i] = message.position[static_cast<std::size_t>(found - message.name.begin())];
         if (!std::isfinite(command.values[i])) { return "the position of '" + setup_.joints[i] + "' is not finite"; }
     }
-    return "";
+    return refuse_positions(settings_.config, command.values);
 }
 
 std::string Topics::target_wrench(const geometry_msgs::msg::WrenchStamped &message, Command &command)

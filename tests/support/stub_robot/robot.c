@@ -158,6 +158,23 @@ const char *stiffgen_joint(int joint)
     return "joint";
 }
 
+const char *meaning_of_refusal(int refusal)
+{
+    return refusal == ID(REFUSAL_NONE) ? "not refused" : "refused";
+}
+
+const char *name_of_argument(int argument)
+{
+    return argument == ID(ARGUMENT_NONE) ? "" : "argument";
+}
+
+double stiffgen_reach(int tip, const double *tool)
+{
+    (void)tip;
+    (void)tool;
+    return 10.0;
+}
+
 int fault_of_reason(int reason)
 {
     return reason == ID(REASON_NONE) ? ID(FAULT_NONE) : ID(FAULT_SENSOR);

@@ -212,7 +212,7 @@ def test_poses_as_command(robot: ModuleType) -> None:
 
 def test_a_refused_command_on_the_way_from_poses_to_positions(robot: ModuleType) -> None:
     """The equilibrium goes on from where it is: it must not be taken for having arrived, and jump."""
-    controller, zero = robot.Impedance(**SLOW, motor_inertia=0.1, ramp_time=0.1), np.zeros(7)
+    controller, zero = robot.Impedance(**SLOW, motor_inertia=0.1, ramp_time=0.1, errors="ignore"), np.zeros(7)
     goal = robot.forward_kinematics(Q)
     goal[0, 3] += 0.1
     for _ in range(800):
@@ -229,7 +229,7 @@ def test_a_refused_command_on_the_way_from_poses_to_positions(robot: ModuleType)
 
 
 def test_refused_commands_hold_what_there_is(robot: ModuleType) -> None:
-    controller = robot.Impedance(**FAST, motor_inertia=0.1)
+    controller = robot.Impedance(**FAST, motor_inertia=0.1, errors="ignore")
     for _ in range(30):
         before = controller.step(q=Q, **STILL)
     bad: list[dict[str, Any]] = [
@@ -426,7 +426,7 @@ def test_hostile_input(robot: ModuleType, seed: int) -> None:
     inputs, bad = hostile(np.random.default_rng(seed), robot, 5000, 0.01)
     fields: dict[str, Any] = [{}, {"delay_samples": 2}, {"damping_ratio": 0.3},
                               {"effort_limit": 5.0, "torque_rate_limit": 20.0}][seed]  # fmt: skip
-    controller = robot.Impedance(motor_inertia=0.1, automatic_reset_time=0.02, **fields)
+    controller = robot.Impedance(motor_inertia=0.1, automatic_reset_time=0.02, errors="ignore", **fields)
     out = controller.run(**inputs)
     contract(robot, controller, out)
     assert np.all(np.abs(out.torque) <= controller.config.effort_limit)
@@ -452,7 +452,7 @@ def test_extreme_accepted_values(robot: ModuleType) -> None:
                 and next(f for f in CONFIG if f.name == name).type == "int" else value
                 for name, value in case.items()}  # fmt: skip
         try:
-            controller = robot.Impedance(case)
+            controller = robot.Impedance(case, errors="ignore")
         except ValueError:
             continue  # a cross-field rule
         tried += 1
@@ -875,7 +875,7 @@ def test_rounded_commands_are_accepted(robot: ModuleType) -> None:
         turn = np.linalg.qr(random.normal(size=(3, 3)))[0].astype(np.float32)
         Kt = (turn @ np.diag([900, 400, 0]).astype(np.float32) @ turn.T).astype(float)
         pose = robot.forward_kinematics(Q + 0.01 * random.normal(size=7))
-        controller = robot.Impedance(motor_inertia=0.1)
+        controller = robot.Impedance(motor_inertia=0.1, errors="ignore")
         command = {"translation_stiffness": Kt, "rotation_stiffness": KO, "posture": Q, "equilibrium": pose.round(5)}
         assert not controller.run(q=Q, dq=np.zeros((1500, 7)), **command).fault.any()
         out = controller.step(q=Q, dq=np.zeros(7), **command)

@@ -132,6 +132,9 @@ def test_semidefinite(matrices: Matrices) -> None:
             values[0] = -1e-3
             assert not matrices.is_positive_semidefinite(symmetric(random, values))
     assert matrices.is_positive_semidefinite(np.zeros((3, 3)))
+    for size in (5e-324, 7e-318, 1e-310, 1e300):  # the reciprocal of the first three overflows
+        assert matrices.is_positive_semidefinite(np.diag([size, size, 0.0]))
+        assert not matrices.is_positive_semidefinite(np.diag([size, -size, 0.0]))
     assert not matrices.is_positive_semidefinite(np.array([[1.0, 0.1], [0.0, 1.0]]))
     assert not matrices.is_positive_semidefinite(np.array([[np.nan]]))
 

@@ -11,14 +11,12 @@ static int are_zero(int count, const double *x)
     return zero;
 }
 
-/* Accept the commanded wrenches: finite, and no larger than heaviest_wrench. */
-static int accept_wrench(const step_t *s)
+/* Accept the commanded wrenches of all tips. */
+static int accept_wrenches(step_t *s)
 {
-    const double *const heaviest = s->c->heaviest_wrench;
     int good = 1;
     for (int t = 0; t < TIPS; ++t) {
-        const double *const wrench = s->input->wrench_command + 6 * t;
-        good = good && norm(3, wrench) <= heaviest[0] && norm(3, wrench + 3) <= heaviest[1];
+        good = good && accept_wrench(s->c, s->input->wrench_command + 6 * t, t, &s->refusal);
     }
     return good;
 }
@@ -64,7 +62,7 @@ static int track_target(step_t *s)
     const int by_pose = in->command == ID(COMMAND_EQUILIBRIUM);
     int agree = 1, moves = are_zero(N, in->velocity);
     for (int i = 0; i < N; ++i) {
-        const double moved = in->q0[i] - m->wanted_posture[i], most = PLAN_DRIFT * s->c->velocity_limit[i];
+        const double moved = s->q0[i] - m->wanted_posture[i], most = PLAN_DRIFT * s->c->velocity_limit[i];
         const double stated = by_pose ? moved : in->velocity[i] * s->elapsed;
         agree &= track_drift(stated, moved, s->elapsed, most, &m->posture_drift[i]);
         moves |= moved != 0.0;
@@ -121,7 +119,7 @@ void accept_feedforward(step_t *s)
 {
     const int pressing = !are_zero(6 * TIPS, s->input->wrench_command);
     const int planned = !are_zero(N, s->input->velocity) || !are_zero(N, s->input->acceleration);
-    s->pressing = pressing && accept_wrench(s);
+    s->pressing = pressing && accept_wrenches(s);
     s->planned = planned && s->commanded && accept_plan(s);
     if ((pressing && !s->pressing) || (planned && s->commanded && !s->planned)) {
         s->status |= ID(STATUS_FEEDFORWARD_REFUSED);
@@ -134,7 +132,7 @@ void accept_feedforward(step_t *s)
 static int keeps_up(const step_t *s)
 {
     const memory_t *const m = s->m;
-    const double *const q0 = s->input->q0;
+    const double *const q0 = s->q0;
     double behind = HUGE_VAL;
     if (s->input->command == ID(COMMAND_EQUILIBRIUM)) {
         behind = travel_between(s->c, q0, q0, m->equilibrium, s->goal);

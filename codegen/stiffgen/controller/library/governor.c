@@ -121,7 +121,7 @@ static int approach_posture(step_t *s, const double *here, double lead, int arri
     }
     const int leads = m->beyond && lead > PATH_LEAD, awaited = !m->beyond && lead >= 2.0 * PATH_LEAD;
     const double *const goal = m->beyond ? s->goal : m->equilibrium;
-    const double distance = find_posture_step(c, m, m->posture, here, goal, s->input->q0, s->scratch, step);
+    const double distance = find_posture_step(c, m, m->posture, here, goal, s->q0, s->scratch, step);
     const double size = relative_size(N, 1, step, c->reference_velocity_limit);
     const int stands = size <= (awaited ? CREEPING : STATIONARY), ends = stands && distance > REACHED && !m->beyond;
     const int moving = !stands || leads || !arrived || ends;
@@ -242,8 +242,8 @@ static int update_velocities(step_t *s, int by_posture)
         return follow_pose(s);
     }
     for (int i = 0; i < N; ++i) {
-        away[i] = s->commanded && !joining ? s->input->q0[i] - m->posture[i] : 0.0;
-        moved[i] = s->commanded && !joining ? s->input->q0[i] - m->wanted_posture[i] : 0.0;
+        away[i] = s->commanded && !joining ? s->q0[i] - m->posture[i] : 0.0;
+        moved[i] = s->commanded && !joining ? s->q0[i] - m->wanted_posture[i] : 0.0;
         moving |= away[i] != 0.0;
     }
     approach_goal(s->c, s->c->ramp_time, N, 1, away, moved, s->c->reference_velocity_limit, m->posture_velocity);
@@ -279,7 +279,7 @@ static void pay_for_travel(step_t *s)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
-    const double *const q0 = s->input->q0;
+    const double *const q0 = s->q0;
     const int by_pose = s->input->command == ID(COMMAND_EQUILIBRIUM);
     double pose[16 * TIPS];
     if (!s->commanded) {
@@ -392,7 +392,7 @@ void move_equilibrium(step_t *s)
     /* posture and equilibrium are one move: what one releases pays for the other */
     book_reference(s, own + (share > 0.0 ? rise : 0.0));
     if (s->commanded) {
-        memcpy(m->wanted_posture, s->input->q0, sizeof posture);
+        memcpy(m->wanted_posture, s->q0, sizeof posture);
         if (s->input->command == ID(COMMAND_EQUILIBRIUM)) {
             memcpy(m->wanted_equilibrium, s->goal, sizeof equilibrium);
             m->joined = 0;
@@ -406,7 +406,7 @@ static void adopt_command(step_t *s)
     memory_t *const m = s->m;
     memcpy(m->translation_stiffness, s->translation, 9 * TIPS * sizeof(double));
     memcpy(m->rotation_stiffness, s->rotation, 9 * TIPS * sizeof(double));
-    memcpy(m->wanted_posture, s->input->q0, sizeof m->wanted_posture);
+    memcpy(m->wanted_posture, s->q0, sizeof m->wanted_posture);
     memcpy(m->wanted_equilibrium, s->goal, sizeof m->wanted_equilibrium);
     if (stiffgen_tool(s->input) != NULL) {
         memcpy(m->tool_pose, stiffgen_tool(s->input), sizeof m->tool_pose);

@@ -47,6 +47,7 @@ static const double NEXT_SHARE = 0.9;       /* of the share that should do: the 
 static const double FALL_SHARE = 0.9;       /* of the rate limit for a scale that falls: the pull changes, too */
 static const double COMMAND_TOLERANCE = 1e-6; /* of a commanded stiffness, over its largest entry: single precision */
 static const double POSE_TOLERANCE = 1e-3;    /* of a commanded rotation, sum of |R^T R - I|: 5 digits */
+static const double REACH_MARGIN = 1.0; /* [m] beyond the arm's reach from which on a pose has a mistaken unit */
 static const double FARTHEST = 1e6;   /* [rad] beyond it an angle has lost its last digits */
 static const double GOVERNOR = 0.8;   /* share of its velocity limits that the equilibrium uses: the arm overshoots */
 static const double TIP_RAMP = 2.0;      /* ramp times in which an equilibrium by pose reaches its largest velocity */
@@ -98,6 +99,12 @@ static const double LARGEST_ENERGY = 1e4; /* [J] largest energy limit */
 static const double HALF_TURN = 3.14159265358979324;
 static const double GOLDEN = 0.61803398874989485; /* golden ratio less 1: its multiples fill [0, 1) evenly */
 
+/* Why a command is refused: the first reason, argument and entry, the number that was seen, and what it may be. */
+typedef struct {
+    int code, command, entry;
+    double seen, limit;
+} refusal_t;
+
 /* Data of one call of step. */
 typedef struct {
     const config_t *c;
@@ -123,6 +130,9 @@ typedef struct {
     double lack;   /* [J] that the tank receives if the engagement that starts is paid */
     double budget; /* [J] the tank's share for what costs energy */
     double tank_initial, tank_maximum, engagement_limit, energy_limit; /* [J] in force */
+    refusal_t refusal; /* of the command */
+    int limited;       /* first joint whose q0 is beyond its limit and followed to the zone there, or NO_JOINT */
+    double q0[N];      /* of the accepted command, within the joint limits */
     double goal[16 * TIPS]; /* equilibrium of an accepted command by pose */
     double translation[9 * TIPS], rotation[9 * TIPS]; /* stiffness of an accepted command */
     double old_equilibrium[16 * TIPS];
@@ -162,6 +172,7 @@ int stiffgen_reaches(const double *q, const memory_t *m);
 int stiffgen_follow(const double *q, memory_t *m);
 void stiffgen_retract(const memory_t *m, double *q);
 const double *stiffgen_tool(const input_t *input);
+double stiffgen_reach(int tip, const double *tool);
 const double *stiffgen_translation_axes(const double *pose, const double *equilibrium);
 const double *stiffgen_rotation_axes(const double *pose, const double *equilibrium);
 const double *stiffgen_centre(void);
@@ -170,6 +181,8 @@ int fault_of_reason(int reason);
 const char *meaning_of_reason(int reason);
 const char *seen_of_reason(int reason);
 const char *stiffgen_joint(int joint);
+const char *meaning_of_refusal(int refusal);
+const char *name_of_argument(int argument);
 void report_memory(const memory_t *m, output_t *out);
 int fits_memory(const memory_t *m);
 
@@ -220,6 +233,13 @@ void report_force(step_t *s);
 void compute_inertia(const config_t *c, const memory_t *m, const double *q, double *M);
 void cap_springs(step_t *s);
 int halves_stiffness(const config_t *c, const memory_t *m, double *work);
+
+/* refusal.c */
+int refuse_command(refusal_t *r, int code, int command, int entry, double seen, double limit);
+int accept_stiffness(const double *K, double most, int command, int tip, double *accepted, refusal_t *r);
+int accept_pose(const double *pose, double reach, int command, int tip, double *accepted, refusal_t *r);
+int accept_wrench(const config_t *c, const double *wrench, int tip, refusal_t *r);
+int accept_command(step_t *s);
 
 /* state.c */
 int doubles_within(const double *x, size_t count, double least, double most);
@@ -283,9 +303,6 @@ void learn_friction(step_t *s, const double *last);
 
 /* sample.c */
 void observe_sample(step_t *s, const double *last);
-int accept_command(step_t *s);
-int accept_stiffness(const double *K, double most, double *accepted);
-int accept_pose(const double *pose, double *accepted);
 
 /* posture.c */
 void pose_difference(const double *from, const double *to, double *twist);
@@ -330,6 +347,7 @@ void write_command(policy_t *p, double now, input_t *input);
 
 /* text.c */
 void describe_fault(const output_t *out, char *text, size_t size);
+void describe_refusal(int refusal, int argument, int entry, double seen, double limit, char *text, size_t size);
 
 /* step.c */
 int step(const config_t *c, state_t *state, const input_t *input, output_t *output);

@@ -175,7 +175,7 @@ void solve_backward(int n, const double *L, double *x)
  */
 int is_positive_semidefinite(int n, const double *A, double tolerance)
 {
-    double L[36];
+    double L[36], scaled[36];
     const double scale = largest_entry(n * n, A);
     for (int i = 0; i < n; ++i) {
         for (int j = 0; j < i; ++j) {
@@ -184,6 +184,12 @@ int is_positive_semidefinite(int n, const double *A, double tolerance)
             }
         }
     }
+    if (scale == 0.0 || scale > DBL_MAX) {
+        return scale == 0.0;
+    }
+    for (int i = 0; i < n * n; ++i) {
+        scaled[i] = A[i] / scale; /* 1 / scale may overflow */
+    }
     /* the factor exists exactly if no eigenvalue of A / scale lies below the shift */
-    return scale == 0.0 || factorise_cholesky(n, A, scale, tolerance, L) == 0;
+    return factorise_cholesky(n, scaled, 1.0, tolerance, L) == 0;
 }

@@ -133,11 +133,12 @@ static int check_time(const policy_t *p, int part, double time, int timed)
     return p->now - time > hold_time(p) + fade_time(p) ? ID(REFUSED_STALE) : ID(REFUSED_NONE);
 }
 
-static int propose_pose(policy_t *p, const proposal_t *proposal)
+static int propose_pose(policy_t *p, const proposal_t *proposal, refusal_t *r)
 {
     double accepted[16 * TIPS];
     for (int t = 0; t < TIPS; ++t) {
-        if (!accept_pose(proposal->equilibrium + 16 * t, accepted + 16 * t)) {
+        const double reach = stiffgen_reach(t, NULL) + REACH_MARGIN;
+        if (!accept_pose(proposal->equilibrium + 16 * t, reach, ID(ARGUMENT_EQUILIBRIUM), t, accepted + 16 * t, r)) {
             return ID(REFUSED_POSE);
         }
     }
@@ -146,20 +147,21 @@ static int propose_pose(policy_t *p, const proposal_t *proposal)
     return ID(REFUSED_NONE);
 }
 
-/* Return whether a stiffness couples translation and rotation; NaN in a coupling counts as one. */
-static int is_coupled(const double *K)
+/* Check that a tip's stiffness does not couple translation and rotation. Return whether it does not. */
+static int check_uncoupled(const double *K, int tip, refusal_t *r)
 {
-    int coupled = 0;
-    for (int i = 0; i < 3; ++i) {
-        for (int j = 3; j < 6; ++j) {
-            const double most = COMMAND_TOLERANCE * sqrt(fabs(K[7 * i] * K[7 * j]));
-            coupled |= !(fabs(K[6 * i + j]) <= most && fabs(K[6 * j + i]) <= most);
+    for (int k = 0; k < 36; ++k) {
+        const int i = k / 6, j = k % 6;
+        const double most = COMMAND_TOLERANCE * sqrt(fabs(K[7 * i] * K[7 * j]));
+        if ((i < 3) != (j < 3) && !(fabs(K[k]) <= most)) {
+            const int code = fabs(K[k]) <= DBL_MAX ? ID(REFUSAL_COUPLING) : ID(REFUSAL_NOT_FINITE);
+            return refuse_command(r, code, ID(ARGUMENT_STIFFNESS), 36 * tip + k, K[k], most);
         }
     }
-    return coupled;
+    return 1;
 }
 
-static int propose_stiffness(const config_t *c, policy_t *p, const proposal_t *proposal)
+static int propose_stiffness(const config_t *c, policy_t *p, const proposal_t *proposal, refusal_t *r)
 {
     double Kt[9 * TIPS], Ko[9 * TIPS], block[2][9];
     for (int t = 0; t < TIPS; ++t) {
@@ -168,11 +170,12 @@ static int propose_stiffness(const config_t *c, policy_t *p, const proposal_t *p
             block[0][i] = K[i / 3 * 6 + i % 3];
             block[1][i] = K[(i / 3 + 3) * 6 + i % 3 + 3];
         }
-        if (!accept_stiffness(block[0], c->translation_stiffness_limit, Kt + 9 * t) ||
-            !accept_stiffness(block[1], c->rotation_stiffness_limit, Ko + 9 * t)) {
+        const int translation = ID(ARGUMENT_TRANSLATION_STIFFNESS), rotation = ID(ARGUMENT_ROTATION_STIFFNESS);
+        if (!accept_stiffness(block[0], c->translation_stiffness_limit, translation, t, Kt + 9 * t, r) ||
+            !accept_stiffness(block[1], c->rotation_stiffness_limit, rotation, t, Ko + 9 * t, r)) {
             return ID(REFUSED_STIFFNESS);
         }
-        if (is_coupled(K)) {
+        if (!check_uncoupled(K, t, r)) {
             return ID(REFUSED_COUPLING);
         }
     }
@@ -181,11 +184,11 @@ static int propose_stiffness(const config_t *c, policy_t *p, const proposal_t *p
     return ID(REFUSED_NONE);
 }
 
-static int propose_wrench(const config_t *c, policy_t *p, const proposal_t *proposal)
+static int propose_wrench(const config_t *c, policy_t *p, const proposal_t *proposal, refusal_t *r)
 {
     for (int t = 0; t < TIPS; ++t) {
         const double *const wrench = proposal->wrench_command + 6 * t;
-        if (!(norm(3, wrench) <= c->heaviest_wrench[0] && norm(3, wrench + 3) <= c->heaviest_wrench[1])) {
+        if (!accept_wrench(c, wrench, t, r)) {
             return ID(REFUSED_WRENCH);
         }
     }
@@ -193,19 +196,29 @@ static int propose_wrench(const config_t *c, policy_t *p, const proposal_t *prop
     return ID(REFUSED_NONE);
 }
 
-static int propose_part(const config_t *c, policy_t *p, const proposal_t *proposal, int part)
+static int propose_part(const config_t *c, policy_t *p, const proposal_t *proposal, int part, refusal_t *r)
 {
     switch (part) {
     case ID(PART_POSE):
-        return propose_pose(p, proposal);
+        return propose_pose(p, proposal, r);
     case ID(PART_STIFFNESS):
-        return propose_stiffness(c, p, proposal);
+        return propose_stiffness(c, p, proposal, r);
     case ID(PART_WRENCH):
-        return propose_wrench(c, p, proposal);
+        return propose_wrench(c, p, proposal, r);
     default:
         memcpy(&p->gripper, &proposal->gripper, sizeof p->gripper);
         return ID(REFUSED_NONE);
     }
+}
+
+/* Note what of a part is refused, in numbers. */
+static void note_refusal(policy_t *p, int part, const refusal_t *r)
+{
+    p->refusal[part] = r->code;
+    p->refusal_argument[part] = r->command;
+    p->refusal_entry[part] = r->entry;
+    p->refusal_seen[part] = r->seen;
+    p->refusal_limit[part] = r->limit;
 }
 
 /* Start a port at poses, without stiffness and wrench. Return an error for poses that are none. */
@@ -221,7 +234,9 @@ int start_policy(policy_t *p, const double *poses, double now)
     fresh.now = now;
     int good = fabs(now) <= DBL_MAX;
     for (int t = 0; t < TIPS; ++t) {
-        good = good && accept_pose(poses + 16 * t, fresh.equilibrium + 16 * t);
+        refusal_t r = {ID(REFUSAL_NONE), ID(ARGUMENT_NONE), NO_JOINT, 0.0, 0.0};
+        double *const accepted = fresh.equilibrium + 16 * t;
+        good = good && accept_pose(poses + 16 * t, FARTHEST, ID(ARGUMENT_EQUILIBRIUM), t, accepted, &r);
     }
     if (!good) {
         return ID(E_POLICY);
@@ -251,14 +266,17 @@ int propose(const config_t *c, policy_t *p, const proposal_t *proposal, double n
     interpolate(p);
     const double springs = stiffness_share(p), wrench = wrench_share(p);
     for (int part = 0; part < PARTS; ++part) {
+        refusal_t r = {ID(REFUSAL_NONE), ID(ARGUMENT_NONE), NO_JOINT, 0.0, 0.0};
         p->refused[part] = ID(REFUSED_NONE);
+        note_refusal(p, part, &r);
         if (proposal->valid[part] != 1) {
             continue;
         }
         const double time = proposal->time[part];
         int refused = check_time(p, part, time, timed);
-        refused = refused == ID(REFUSED_NONE) ? propose_part(c, p, proposal, part) : refused;
+        refused = refused == ID(REFUSED_NONE) ? propose_part(c, p, proposal, part, &r) : refused;
         p->refused[part] = refused;
+        note_refusal(p, part, &r);
         if (refused != ID(REFUSED_NONE)) {
             ++count;
             continue;

@@ -255,7 +255,9 @@ int search_posture(const config_t *c, const double *poses, const double *tool, c
     memcpy(posture, q, sizeof q);
     int good = doubles_within(q, N, -FARTHEST, FARTHEST);
     for (int t = 0; good && t < TIPS; ++t) {
-        good = accept_pose(poses + 16 * t, goal + 16 * t) && (tool == NULL || accept_pose(tool + 16 * t, accepted));
+        refusal_t r = {ID(REFUSAL_NONE), ID(ARGUMENT_NONE), NO_JOINT, 0.0, 0.0};
+        good = accept_pose(poses + 16 * t, FARTHEST, ID(ARGUMENT_EQUILIBRIUM), t, goal + 16 * t, &r) &&
+               (tool == NULL || accept_pose(tool + 16 * t, FARTHEST, ID(ARGUMENT_TOOL_POSE), t, accepted, &r));
         if (good && tool != NULL) {
             memcpy(m.tool_pose + 16 * t, accepted, sizeof accepted);
         }

@@ -1,4 +1,4 @@
-/* Samples: whether a measurement and a command are believed. */
+/* Samples: whether a measurement is believed. */
 #include "impedance.h"
 
 enum { FROZEN_POSITION = 1, FROZEN_VELOCITY = 2 };
@@ -249,61 +249,4 @@ void observe_sample(step_t *s, const double *last)
         s->status |= ID(STATUS_BAD_SAMPLE);
     }
     count_missing(s, !s->believed, reason);
-}
-
-/* Copy a stiffness, made symmetric in every bit. Return whether K is one, up to single precision. */
-int accept_stiffness(const double *K, double most, double *accepted)
-{
-    for (int i = 0; i < 9; ++i) {
-        accepted[i] = (K[i] + K[3 * (i % 3) + i / 3]) / 2.0;
-    }
-    return largest_entry(9, K) <= most && is_positive_semidefinite(3, K, COMMAND_TOLERANCE);
-}
-
-/* Copy a pose. A rotation that is orthonormal up to POSE_TOLERANCE only is made so by two Newton steps. */
-int accept_pose(const double *pose, double *accepted)
-{
-    double C[9], R[9], off = fabs(pose[12]) + fabs(pose[13]) + fabs(pose[14]) + fabs(pose[15] - 1.0);
-    memcpy(accepted, pose, 16 * sizeof(double));
-    multiply3(pose, 4, 1, pose, 4, C);
-    for (int i = 0; i < 9; ++i) {
-        off += fabs(C[i] - (i % 4 == 0 ? 1.0 : 0.0));
-    }
-    const double det = pose[0] * (pose[5] * pose[10] - pose[6] * pose[9]) -
-                       pose[1] * (pose[4] * pose[10] - pose[6] * pose[8]) +
-                       pose[2] * (pose[4] * pose[9] - pose[5] * pose[8]);
-    for (int round = 0; off > ROUNDED && round < 2; ++round) { /* R (3 I - R^T R) / 2 */
-        multiply3(accepted, 4, 1, accepted, 4, C);
-        for (int i = 0; i < 9; ++i) {
-            C[i] = (i % 4 == 0 ? 1.5 : 0.0) - 0.5 * C[i];
-        }
-        multiply3(accepted, 4, 0, C, 3, R);
-        for (int i = 0; i < 9; ++i) {
-            accepted[i / 3 * 4 + i % 3] = R[i];
-        }
-    }
-    return off <= POSE_TOLERANCE && det > 0.0 && fabs(pose[3]) + fabs(pose[7]) + fabs(pose[11]) <= FARTHEST;
-}
-
-/*
- * Accept a command that can be followed: positions in the reach of closed loops, poses, and stiffnesses within limits.
- * Poses and stiffnesses are used as they are accepted, orthonormal and symmetric. Return whether the command is
- * accepted.
- */
-int accept_command(step_t *s)
-{
-    const input_t *const in = s->input;
-    int good = in->command == ID(COMMAND_POSITION) || in->command == ID(COMMAND_EQUILIBRIUM);
-    double tool[16];
-    for (int i = 0; i < N; ++i) {
-        good = good && fabs(in->q0[i]) <= FARTHEST;
-    }
-    for (int t = 0; good && t < TIPS; ++t) {
-        good = in->command == ID(COMMAND_POSITION) || accept_pose(in->equilibrium + 16 * t, s->goal + 16 * t);
-        const double *const Kt = in->translation_stiffness + 9 * t, *const Ko = in->rotation_stiffness + 9 * t;
-        good = good && accept_stiffness(Kt, s->c->translation_stiffness_limit, s->translation + 9 * t);
-        good = good && accept_stiffness(Ko, s->c->rotation_stiffness_limit, s->rotation + 9 * t);
-        good = good && (stiffgen_tool(in) == NULL || accept_pose(stiffgen_tool(in) + 16 * t, tool));
-    }
-    return good && stiffgen_reaches(in->q0, s->m);
 }

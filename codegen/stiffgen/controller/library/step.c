@@ -237,6 +237,12 @@ static void report_step(const step_t *s)
     out->tank_initial = s->tank_initial;
     out->engagement_limit = s->engagement_limit;
     out->energy_limit = s->energy_limit;
+    out->refusal = s->refusal.code;
+    out->refusal_argument = s->refusal.command;
+    out->refusal_entry = s->refusal.entry;
+    out->limited_joint = s->limited;
+    out->refusal_seen = s->refusal.seen;
+    out->refusal_limit = s->refusal.limit;
     out->mode = find_mode(s);
     out->status |= m->fault != ID(FAULT_NONE) ? (uint32_t)ID(STATUS_FAULT) : 0u;
     if (available_energy(m) < -ROUNDED_ENERGY) {
@@ -317,6 +323,7 @@ int step(const config_t *c, state_t *state, const input_t *input, output_t *outp
     s.modes = state->modes;
     s.input = input;
     s.out = output;
+    s.refusal.entry = s.limited = output->refusal_entry = output->limited_joint = NO_JOINT;
     const int error = c == NULL || input == NULL ? ID(E_NULL) : validate(c);
     const int stored = read_torque(&s, state, last);
     if (!stored || !is_believable(state)) {

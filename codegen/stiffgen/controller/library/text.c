@@ -1,5 +1,8 @@
-/* Texts: a fault in words and numbers. */
+/* Texts: a fault or a refusal in words and numbers. */
 #include "impedance.h"
+
+enum { POWERS = 330 }; /* of ten, down to the smallest number */
+static const double SAME_DIGITS = 1e-6; /* relative difference of two numbers whose digits may be the same */
 
 /* Append characters to a text of the given size, as far as they fit with the final zero. */
 static void append(char *text, size_t size, size_t *length, const char *words)
@@ -11,16 +14,15 @@ static void append(char *text, size_t size, size_t *length, const char *words)
     text[*length] = '\0';
 }
 
-/* Append a number with up to six decimals; beyond a billion, a billion. */
-static void append_number(char *text, size_t size, size_t *length, double number)
+/* Append a number that is given in millionths, at least 0. */
+static void append_millionths(char *text, size_t size, size_t *length, int64_t millionths)
 {
     char digits[24];
     int at = (int)sizeof digits - 1, shown = 0;
-    int64_t millionths = (int64_t)(clamp(fabs(number), 0.0, 1e9) * 1e6 + 0.5);
-    append(text, size, length, number < 0.0 && millionths > 0 ? "-" : "");
+    int64_t left = millionths;
     digits[at] = '\0';
-    for (int place = 0; place < 7 || millionths > 0; ++place) {
-        const int digit = (int)(millionths % 10);
+    for (int place = 0; place < 7 || left > 0; ++place) {
+        const int digit = (int)(left % 10);
         if (place == 6 && shown) {
             at -= 1;
             digits[at] = '.';
@@ -30,9 +32,25 @@ static void append_number(char *text, size_t size, size_t *length, double number
             at -= 1;
             digits[at] = (char)('0' + digit);
         }
-        millionths /= 10;
+        left /= 10;
     }
     append(text, size, length, digits + at);
+}
+
+/* Append a number with up to six decimals, one below 1e-4 with its power of ten; beyond a billion or NaN a billion. */
+static void append_number(char *text, size_t size, size_t *length, double number)
+{
+    double shown = fabs(number) <= 1e9 ? fabs(number) : 1e9;
+    int power;
+    for (power = 0; power < POWERS && shown > 0.0 && shown < (power > 0 ? 1.0 : 1e-4); ++power) {
+        shown *= 10.0;
+    }
+    append(text, size, length, number < 0.0 ? "-" : "");
+    append_millionths(text, size, length, (int64_t)(shown * 1e6 + 0.5));
+    if (power > 0) {
+        append(text, size, length, "e-");
+        append_millionths(text, size, length, (int64_t)power * 1000000);
+    }
 }
 
 /* Write what a fault is about into a text: joint, meaning with the fields to look at, what was seen, and its limit. */
@@ -55,5 +73,36 @@ void describe_fault(const output_t *out, char *text, size_t size)
         append_number(text, size, &length, out->fault_seen);
         append(text, size, &length, ", limit ");
         append_number(text, size, &length, out->fault_limit);
+    }
+}
+
+/* Write a refusal into a text: argument and entry, meaning, what was seen, and its limit. */
+void describe_refusal(int refusal, int argument, int entry, double seen, double limit, char *text, size_t size)
+{
+    size_t length = 0;
+    if (size == 0u) {
+        return;
+    }
+    text[0] = '\0';
+    append(text, size, &length, name_of_argument(argument));
+    if (argument == ID(ARGUMENT_Q0) && entry >= 0 && entry < N) {
+        append(text, size, &length, " of ");
+        append(text, size, &length, stiffgen_joint(entry));
+    } else if (entry >= 0) {
+        append(text, size, &length, ", entry ");
+        append_number(text, size, &length, entry);
+    }
+    append(text, size, &length, argument != ID(ARGUMENT_NONE) ? ": " : "");
+    append(text, size, &length, meaning_of_refusal(refusal));
+    if (entry >= 0 && refusal != ID(REFUSAL_NOT_FINITE)) {
+        append(text, size, &length, "; seen ");
+        append_number(text, size, &length, seen);
+        append(text, size, &length, ", limit ");
+        append_number(text, size, &length, limit);
+        const double apart = fabs(seen - limit);
+        if (apart > 0.0 && apart < SAME_DIGITS * fabs(limit)) {
+            append(text, size, &length, ", apart by ");
+            append_number(text, size, &length, apart);
+        }
     }
 }

@@ -171,10 +171,10 @@ class HostileSession:
             self.held, self.dq = self.held - 1, np.zeros(self.n)
         else:
             self._move()
-        texts = [(0, b""), (0, b"")]
-        if self.output.fault or number == 0:
+        texts: list[tuple[object, ...]] = [(), ()]
+        if self.output.fault or self.output.refusal or number == 0:
             size = int(self.random.choice([512, 512, 40, 1, 0]))
-            texts = [each.fault_text(size) for each in self.both]
+            texts = [(each.fault_text(size), each.refusal_text(size)) for each in self.both]
         return results[0] == results[1] and texts[0] == texts[1] and is_same(*self.both)
 
     def _choose_events(self, number: int) -> None:
@@ -247,7 +247,11 @@ class HostileSession:
             self.reported = measured, self.dq + noise * random.normal(size=n)
         fill(given.q, self.reported[0])
         fill(given.dq, self.reported[1])
-        fill(given.q0, self.goal)
+        beyond = (0.5 if random.random() < 0.99 else 1e3) * self.config.position_tolerance
+        fill(
+            given.q0,
+            np.clip(self.goal, np.array(self.config.lower_limit) - beyond, np.array(self.config.upper_limit) + beyond),
+        )
         stiffness = self.stiffness.astype(np.float32) if random.random() < 0.05 else self.stiffness
         for field in ("translation_stiffness", "rotation_stiffness"):
             fill(getattr(given, field), stiffness[int(field.startswith("rotation"))])
@@ -258,6 +262,8 @@ class HostileSession:
             poses[:, :3, 3] += 1e-3 * self.random.normal(size=3)
             if random.random() < 0.05:  # half a turn about an axis
                 poses[:, :3, :3] *= np.roll([1.0, -1.0, -1.0], random.integers(3))
+            if random.random() < 0.01:
+                poses = _impossible(poses, int(random.integers(3)))
             if random.random() < 0.1:  # a command of few digits
                 poses = np.round(poses, int(random.integers(3, 7)))
             fill(given.equilibrium, poses)
@@ -354,6 +360,15 @@ def _copy(source: Any, target: Any) -> None:
 def _put(name: str, given: Any, place: int, value: float) -> None:
     array = getattr(given, name)
     array[place % len(array)] = value
+
+
+def _impossible(poses: FloatArray, kind: int) -> FloatArray:
+    """Return poses that are column-major (0), left-handed (1) or in millimetres (2)."""
+    if kind == 0:
+        return np.swapaxes(poses, 1, 2)
+    changed = poses.copy()
+    changed[:, :3, 0 if kind == 1 else 3] *= -1.0 if kind == 1 else 1e3
+    return changed
 
 
 def _pose(random: Random, reach: float) -> FloatArray:

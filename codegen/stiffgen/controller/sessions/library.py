@@ -123,6 +123,14 @@ class ControllerLibrary:
         length = self._library[self._prefix + "fault_text"](ctypes.byref(self.output), text, ctypes.c_size_t(size))
         return int(length), text.raw
 
+    def refusal_text(self, size: int) -> tuple[int, bytes]:
+        """Return the code and the text of the output's refusal, as it stands in ``size`` bytes."""
+        text, out = ctypes.create_string_buffer(b"~" * 600), self.output
+        numbers = (out.refusal, out.refusal_argument, out.refusal_entry)
+        seen = [ctypes.c_double(each) for each in (out.refusal_seen, out.refusal_limit)]
+        code = self._library[self._prefix + "refusal_text"](*numbers, *seen, text, ctypes.c_size_t(size))
+        return int(code), text.raw
+
 
 def is_same(reference: ControllerLibrary, library: ControllerLibrary) -> bool:
     """Return whether the outputs and the states of two controllers have the same bits."""
