@@ -247,7 +247,7 @@ class Impedance:
         Torque in force, from which the controller's torque moves on at its rate limit; default: zero. Give the
         ``torque_offset`` that it contains with the first sample: it then counts once.
     errors : str, optional
-        What a refused command does, beside the output's ``refusal``: "warn" with a :class:`CommandWarning`, once per
+        Reaction to a refused command, beside the output's ``refusal``: "warn" with a :class:`CommandWarning`, once per
         reason and argument; "raise" ValueError, for scripts; or "ignore".
     record : int, optional
         Number of steps whose inputs and outputs are recorded, the newest ones (:attr:`trace`).
@@ -302,6 +302,7 @@ class Impedance:
         if code:
             raise ValueError(_c.error_text(code) + _allowed_stiffness(self._config._values))
         self._counter = 0
+        self._clock: tuple[float, float, int] | None = None
 
     def reset(self) -> None:
         """Reset a latched fault; the governor then brings the equilibrium back from the arm's position."""
@@ -326,6 +327,7 @@ class Impedance:
         velocity: ArrayLike | None = None,
         acceleration: ArrayLike | None = None,
         counter: int | None = None,
+        time: float | None = None,
     ) -> Record:
         """Do one step.
 
@@ -334,12 +336,28 @@ class Impedance:
         ``torque_offset`` (n) is added to the torque, inside its limits. ``external_torque`` (n) is the environment's, known
         from elsewhere than ``q``: it explains why a joint stands still. ``wrench_command`` (6) is a wrench that the tip is
         to exert on the environment. ``velocity`` and ``acceleration`` (n) are those of a planned ``q0``, or of the joints
-        that follow a planned ``equilibrium``. ``counter`` numbers the samples; without it, each call counts as the next
-        sample. With several tips, arrays per tip have the tips as their first axis. Fields of the result are attributes
-        (``.torque``, ``.status``).
+        that follow a planned ``equilibrium``. ``counter`` numbers the samples, or ``time`` [s] of a clock counts them: a loop
+        that is late tells so that samples are missing. Without both, each call counts as the next sample, and the
+        energy account knows nothing of calls that are left out. With several tips, arrays per tip have the tips as their
+        first axis. Fields of the result are attributes (``.torque``, ``.status``).
         """
         values = {name: value for name, value in locals().items() if name != "self" and value is not None}
+        if time is not None:
+            if counter is not None:
+                raise TypeError("give either counter or time")
+            values["counter"] = self._count(float(values.pop("time")))
         return Record(self._run(values, 1), single=True)
+
+    def _count(self, time: float) -> int:
+        """Return the counter at a time: of the sample times that have passed, and at least one more than before."""
+        if not np.isfinite(time):
+            raise ValueError(f"time: {time} is not finite")
+        before, lead, last = self._clock or (time, 1.0, self._counter)  # lead: of the clock over the counter
+        counted = (self._counter - last + 2**31) % 2**32 - 2**31  # by calls without a time
+        lead += (time - before) / float(self._config.sample_time) - counted
+        ahead = max(1, round(lead))
+        self._clock = time, max(lead - ahead, -1.0), (self._counter + ahead) % 2**32
+        return (self._counter + ahead) % 2**32
 
     def missed(self) -> Record:
         """Do one step without a sample."""

@@ -525,6 +525,7 @@ class Impedance:
         velocity: ArrayLike | None = None,
         acceleration: ArrayLike | None = None,
         counter: int | None = None,
+        time: float | None = None,
     ) -> _Output: ...
     def run(self, **inputs: ArrayLike) -> Record: ...
     @property

@@ -859,6 +859,38 @@ def test_the_spring_lies_where_the_kernels_have_it(tmp_path: Path) -> None:
     assert not [check for check in check_controller(robot, 1) if not check.passed]
 
 
+def test_a_clock_tells_of_calls_that_are_left_out(robot: ModuleType) -> None:
+    """Late calls count as missing samples, jitter does not; each result is that of the counter a real-time loop has."""
+    random, clocked, counted = (
+        np.random.default_rng(4),
+        robot.Impedance(motor_inertia=0.1),
+        robot.Impedance(motor_inertia=0.1),
+    )
+    count, missing = 2**31 - 40, 0
+    counted._counter = clocked._counter = count
+    for k in range(300):
+        left_out = 3 if k % 50 == 20 else 0
+        count += 1 + left_out
+        time = 1e-3 * (count + random.uniform(-0.2, 0.2))
+        given = {"q": Q, "dq": np.zeros(7), "q0": Q + 0.1, **SPRING}
+        if k % 50 == 30:
+            clocked.missed()
+            counted.missed()
+            count += 1
+            time += 1e-3
+        a, b = clocked.step(time=1e6 + time, **given), counted.step(counter=count, **given)
+        missing += bool(a.status & robot.Status.MISSED)
+        assert bytes(a._rows) == bytes(b._rows)
+    assert missing == 6
+    plain = robot.Impedance()
+    for time in (0.0, 0.0, -5.0, -4.999):  # a clock that stands still or goes back counts as one
+        assert not plain.step(time=time, **given).status & (robot.Status.MISSED | robot.Status.BAD_SAMPLE)
+    with pytest.raises(TypeError, match="either counter or time"):
+        plain.step(time=0.0, counter=1, **given)
+    with pytest.raises(ValueError, match="not finite"):
+        plain.step(time=np.nan, **given)
+
+
 @pytest.mark.parametrize(("noise", "bias"), [(0.01, 0.0), (0.001, 0.0), (0.0, 1e-4)])
 def test_velocity_noise_at_rest_is_no_fault(robot: ModuleType, noise: float, bias: float) -> None:
     """q stands still and dq has noise or a bias [rad/s]. Before: frozen after 1.2 to 5 s."""
