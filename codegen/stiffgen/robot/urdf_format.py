@@ -162,7 +162,8 @@ def _unknown_attribute(element: etree._Element, name: str, known: ElementFormat)
         )
     meant = _meant(name, (*known.attributes, *known.newer))
     if meant:
-        return ElementFault(f"{says}; did you mean '{meant}'? (if not: --ignore {shown})")
+        order = ", with its numbers in this order" if tag in _PLACES and sorted(meant) == sorted(name) else ""
+        return ElementFault(f"{says}; did you mean '{meant}'{order}? (if not: --ignore {shown})")
     if tag in _PLACES and _NUMBERS.fullmatch(element.get(name, "")):
         return ElementFault(f"{says}; correct it (valid: {valid}), or --ignore {shown}")
     return ElementFault(f"{says} that stiffgen knows; it is ignored", note=True)
