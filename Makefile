@@ -77,7 +77,7 @@ clean:  ## remove what the above made, but not generated/
 # Examples: each with the robot that it needs.
 EXAMPLES := experiment whole-body identify identify-torch adaptive optimal-control fri-demo
 .PHONY: $(EXAMPLES)
-experiment: build/robots/iiwa14_plate build/robots/iiwa14_ball
+experiment: build/robots/iiwa14_plate build/robots/iiwa14_ball  ## run the paper's two experiments (3 minutes)
 	$(BIN)/python -m examples.bowl_wiping
 	$(BIN)/python -m examples.parkour
 whole-body: build/robots/solo12

@@ -97,7 +97,10 @@ def main(experiment: Experiment, describe: _Describe, arguments: Sequence[str] |
 def _parser(experiment: Experiment) -> argparse.ArgumentParser:
     first, *more = experiment.sample_times
     others = f", and {', '.join(f'{each:g}' for each in more)} for the table" if more else ""
-    parser = argparse.ArgumentParser(prog=f"python -m examples.{experiment.name}")
+    parser = argparse.ArgumentParser(
+        prog=f"python -m examples.{experiment.name}",
+        description="Run the experiment in simulation, usually in a minute or two on two free cores.",
+    )
     parser.add_argument(
         "--robot", type=Path, default=experiment.robot, metavar="DIR", help=f"generated folder ({experiment.robot})"
     )

@@ -21,6 +21,8 @@ def test_help_prints_every_target() -> None:
     makefile = (ROOT / "Makefile").read_text()
     targets = re.findall(r"^(?:\.PHONY: |EXAMPLES := )([a-z].*)$", makefile, re.MULTILINE)
     assert set(" ".join(targets).split()) <= words
+    for target in ("experiment", "test"):  # those that a new user waits for
+        assert re.search(rf"^  make {target} +.*\([0-9]+ minutes\)$", said, re.MULTILINE)
 
 
 def locked_versions() -> dict[str, list[str]]:
