@@ -80,14 +80,15 @@ static const double COVERED = 0.7;    /* share of the available energy for the s
  * limit on, over the motion of this many samples. */
 static const double NOISE_RANGE = 6.0, FROZEN_SHARE = 0.02, FROZEN_SAMPLES = 20.0;
 /* A joint that stands still under a torque, with differenced velocities. Friction that slides with F holds up to 1.5 F,
- * to both sides: 3 F, and a sixth more. Before a joint has moved for FRICTION_TIME its friction is a share of the
- * effort limit, and never less than another. */
-static const double FRICTION_RANGE = 3.5, UNKNOWN_FRICTION = 0.03, LEAST_FRICTION = 0.005;
+ * and a sixth more. Before a joint has moved for FRICTION_TIME its friction is a share of the effort limit, and never
+ * less than another. */
+static const double FRICTION_RANGE = 1.75, UNKNOWN_FRICTION = 0.03, LEAST_FRICTION = 0.005;
 static const double FRICTION_TIME = 0.25, FRICTION_MEMORY = 2.0; /* [s] of motion; [s] of its mean */
 static const double HELD_BEFORE = 1.25;     /* torque that was held before explains so many times itself */
 static const double FROZEN_TRAVEL = 4e-3;   /* [rad] or [m] predicted motion of a joint that stands still: no less */
 static const double STOPPED_BY = 0.3;       /* share of a joint's momentum that a torque from outside has taken */
 static const double GIVES_WAY = 0.05;       /* share of the effort limit that no contact holds to the last bit */
+static const double HARDEST = 5e4, COARSE = 1e-5; /* [N m/rad] hardest contact; [rad] quantum that is not declared */
 static const double REST_MEMORY = 1.0;      /* [s] in which predicted motion fades: noise does not add up */
 static const double LEAST_QUANTUM = 1e-7;   /* [rad] or [m] up to which a position is the same */
 static const double LOAD_TIME = 0.02;       /* [s] low pass on the torque that is not explained */
@@ -137,6 +138,7 @@ typedef struct {
     double translation[9 * TIPS], rotation[9 * TIPS]; /* stiffness of an accepted command */
     double old_equilibrium[16 * TIPS];
     double velocity[N];
+    int stands[N];    /* the joint stands still, with differenced velocities */
     double travel[N]; /* [rad] or [m] predicted for joints that stand still, with differenced velocities */
     double limit_slope[N]; /* [N m/rad] stiffness of the limit avoidance in force */
     double elapsed;        /* [s] from the sample before */
