@@ -162,6 +162,10 @@ std::string let_go_text(const Options &options, const WipingClient &client)
         return std::string("joint ") + robot::joint(client.fast_joint()) + " is faster than " +
                text("%.3g", client.settings().speed_share * robot::velocity(client.fast_joint())) +
                " rad/s; see --speed-share";
+    case LET_GO_COPIES:
+        return std::string("the measured positions of joint ") + robot::joint(client.copies().joint()) +
+               " repeat those of " + std::to_string(client.copies().late()) +
+               " messages before: late copies are not believed; check the joint's encoder and the robot's messages";
     case LET_GO_AWAY:
         return "the arm was moved by more than --approach-limit while messages were lost; see the network, and start "
                "again";

@@ -160,6 +160,7 @@ void WipingClient::onStateChange(KUKA::FRI::ESessionState oldState, KUKA::FRI::E
     }
     controlling_ = false;
     defects_.reset();
+    copies_.reset();
     guard_.reset();
     ended_ = newState == KUKA::FRI::IDLE;
 }

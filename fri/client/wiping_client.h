@@ -4,6 +4,7 @@
 
 #include "clock.h"
 #include "connection.h"
+#include "copies.h"
 #include "defects.h"
 #include "events.h"
 #include "filters.h"
@@ -86,6 +87,7 @@ enum LetGo {
     LET_GO_DECLINED,    /* the person answered no */
     LET_GO_HELD,        /* the trajectory stood still for too long */
     LET_GO_SPEED,
+    LET_GO_COPIES, /* measured positions repeat earlier ones */
     LET_GO_AWAY, /* the arm was moved far while messages were lost */
     LET_GO_SAFETY,
     LET_GO_DRIVES,
@@ -124,6 +126,7 @@ public:
     LetGo gone() const { return let_go_; }
     Pace::Reason held_by() const { return held_by_; }
     int fast_joint() const { return fast_joint_; }
+    const Copies &copies() const { return copies_; }
     const Defects &defects() const { return defects_; }
     int wild_joint() const { return wild_joint_; }           /* last joint far beyond its limit */
     double wild_position() const { return wild_position_; } /* [rad] of that joint */
@@ -180,6 +183,7 @@ private:
     PaperTorque paper_;
     RobotClock clock_;
     VelocityFilter velocity_;
+    Copies copies_;
     PositionFollower follower_;
     WrenchSource wrench_;
     Reference reference_;

@@ -33,6 +33,8 @@ FROZEN = {
     "A6, the lowest bit toggles": "5: 1 toggling 5 99 3200",
     "A6, bit 32 toggles": "5: 1 toggling 5 99 3232",
     "A6, and the robot's external torque believes it": "5: 1 still 5 99 32 misled 5 99 1",
+    "A7, whose viscous friction holds nothing at rest": "10: 1445719338 still 2.982688 99 64 quantum 0 99 1e-5 motor 0 "
+    "99 0.106691595",
 }  # fmt: skip
 """Schedules with faulty encoders. Before, A6 reached 4.8 velocity limits, all seven 6.1, and nothing let go."""
 
@@ -47,12 +49,32 @@ def test_frozen_positions_are_let_go(long_attack: Attack, name: str) -> None:
     assert verdict.late is None or verdict.late <= LATEST
 
 
+LATE = {
+    "A2, 5 ms": "5: 72013749 late 2.563130 99 20057 quantum 0 99 1e-5 bias 0 99 0.00576257481 motor 0 99 0.102517382",
+    "A4, 10 ms": "10: 630374985 late 2.400639 99 80034 bias 0 99 0.00912210632 motor 0 99 0.119344921",
+    "A3, 2 ms": "2: 1100784434 late 2.494117 99 40030 quantum 0 99 1e-5 hum 0 99 0.130977525 bias 0 99 0.00457856354 "
+    "motor 0 99 0.171046445",
+}
+"""Schedules with late copies of positions. Before, the arm reached 1.1, 3.9 and 2.1 velocity limits."""
+
+
+@pytest.mark.parametrize("name", LATE)
+def test_late_copies_of_positions_are_let_go(long_attack: Attack, name: str) -> None:
+    """Positions that repeat earlier ones bit by bit are found before the arm oscillates."""
+    told = long_attack.play(parse(LATE[name]))
+    verdict = judge(told)
+    assert "repeat those of" in told["sentence"]
+    assert verdict.fast <= 1.0 and verdict.beyond <= 0.0
+    assert verdict.late is None or verdict.late <= LATEST
+
+
 HARMLESS = (
     "5: 1 button 2 2 0 quantum 0 99 1e-6 sticky 0 99 0.012",
     "5: 1 held 4 0.7 0",
     "5: 1 blocked 4 0.7 3 hum 0 99 0.2",
     "2: 1 push 4.000004 0.5 10 sticky 0 99 0.012 quantum 0 99 1e-5",
     "5: 1 push 4.000001 0.5 -10 gain 0 99 0",
+    "2: 2108666675 quantum 0 99 1e-5 hum 0 99 0.0815786459 bias 0 99 0.00436239927 motor 0 99 0.0997190189",
 )
 
 

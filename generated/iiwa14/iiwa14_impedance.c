@@ -96,14 +96,15 @@ static const double COVERED = 0.7;    /* share of the available energy for the s
  * limit on, over the motion of this many samples. */
 static const double NOISE_RANGE = 6.0, FROZEN_SHARE = 0.02, FROZEN_SAMPLES = 20.0;
 /* A joint that stands still under a torque, with differenced velocities. Friction that slides with F holds up to 1.5 F,
- * to both sides: 3 F, and a sixth more. Before a joint has moved for FRICTION_TIME its friction is a share of the
- * effort limit, and never less than another. */
-static const double FRICTION_RANGE = 3.5, UNKNOWN_FRICTION = 0.03, LEAST_FRICTION = 0.005;
+ * and a sixth more. Before a joint has moved for FRICTION_TIME its friction is a share of the effort limit, and never
+ * less than another. */
+static const double FRICTION_RANGE = 1.75, UNKNOWN_FRICTION = 0.03, LEAST_FRICTION = 0.005;
 static const double FRICTION_TIME = 0.25, FRICTION_MEMORY = 2.0; /* [s] of motion; [s] of its mean */
 static const double HELD_BEFORE = 1.25;     /* torque that was held before explains so many times itself */
 static const double FROZEN_TRAVEL = 4e-3;   /* [rad] or [m] predicted motion of a joint that stands still: no less */
 static const double STOPPED_BY = 0.3;       /* share of a joint's momentum that a torque from outside has taken */
 static const double GIVES_WAY = 0.05;       /* share of the effort limit that no contact holds to the last bit */
+static const double HARDEST = 5e4, COARSE = 1e-5; /* [N m/rad] hardest contact; [rad] quantum that is not declared */
 static const double REST_MEMORY = 1.0;      /* [s] in which predicted motion fades: noise does not add up */
 static const double LEAST_QUANTUM = 1e-7;   /* [rad] or [m] up to which a position is the same */
 static const double LOAD_TIME = 0.02;       /* [s] low pass on the torque that is not explained */
@@ -153,6 +154,7 @@ typedef struct {
     double translation[9 * TIPS], rotation[9 * TIPS]; /* stiffness of an accepted command */
     double old_equilibrium[16 * TIPS];
     double velocity[N];
+    int stands[N];    /* the joint stands still, with differenced velocities */
     double travel[N]; /* [rad] or [m] predicted for joints that stand still, with differenced velocities */
     double limit_slope[N]; /* [N m/rad] stiffness of the limit avoidance in force */
     double elapsed;        /* [s] from the sample before */
@@ -2450,15 +2452,21 @@ static double agree(double a, double b)
     return clamp(a, smaller(b, 0.0), larger(b, 0.0));
 }
 
+/* Return whether joint i has moved for long enough to show its friction. */
+static int knows_friction(const memory_t *m, int i)
+{
+    return m->moving_time[i] >= FRICTION_TIME;
+}
+
 /*
- * Return the change of torque that friction may hold on joint i: what it has been seen to hold, what the joint's motion
- * has shown, or before any motion a share of the effort limit.
+ * Return the torque that friction may hold on joint i: what it has been seen to hold, what the joint's motion has
+ * shown, or before any motion a share of the effort limit.
  */
 static double find_held_torque(const step_t *s, int i)
 {
     const memory_t *const m = s->m;
     const double effort = s->c->effort_limit[i], shown = FRICTION_RANGE * m->friction[i];
-    const double least = m->moving_time[i] >= FRICTION_TIME ? LEAST_FRICTION : UNKNOWN_FRICTION;
+    const double least = knows_friction(m, i) ? LEAST_FRICTION : UNKNOWN_FRICTION;
     return larger(larger(least * effort, shown), HELD_BEFORE * m->held_torque[i]);
 }
 
@@ -2470,6 +2478,9 @@ static void begin_standstill(step_t *s, int i, double own, double speed)
     m->rest_q[i] = s->input->q[i];
     m->rest_torque[i] = own;
     m->rest_external[i] = find_external(s, i);
+    /* What is left of the unexplained torque without the friction of this motion is a load that stays. */
+    const double friction = m->dq[i] != 0.0 ? copysign(m->friction[i], m->dq[i]) : 0.0;
+    m->rest_load[i] = knows_friction(m, i) ? m->unexplained[i] + friction : 0.0;
     m->rest_speed[i] = speed;
     m->rest_change[i] = m->rest_travel[i] = m->alone_speed[i] = m->alone_travel[i] = 0.0;
 }
@@ -2512,7 +2523,7 @@ static void predict_motion(double torque, double held, double inertia, double el
 
 /*
  * Predict for each joint that stands still how far the torque must have moved it. What the environment is said to hold
- * counts, but not to the last bit while the arm moves: every contact gives way (alone).
+ * counts, but not to the last bit while the arm moves: every contact gives way (alone), the hardest by a quantum.
  */
 static void predict_standstills(step_t *s, const double *last, double elapsed)
 {
@@ -2523,25 +2534,48 @@ static void predict_standstills(step_t *s, const double *last, double elapsed)
     }
     for (int i = 0; i < N; ++i) {
         const double own = find_own_torque(m, last, i), effort = s->c->effort_limit[i];
+        const double quantum = larger(s->c->position_quantum, COARSE);
         s->travel[i] = 0.0;
-        if (!stands_still(s, i, own, elapsed) || !(m->mass[i] > 0.0)) {
+        s->stands[i] = stands_still(s, i, own, elapsed);
+        if (!s->stands[i] || !(m->mass[i] > 0.0)) {
             continue;
         }
-        const double change = own - m->rest_torque[i], held = find_held_torque(s, i);
+        const double acting = own + m->rest_load[i], change = own - m->rest_torque[i];
         const double external = find_external(s, i), taken = external - m->rest_external[i];
+        const double held = find_held_torque(s, i);
         /* What acts now must move the joint, and so must what has changed since the joint stood still. */
-        const double left = agree(explain(own, external), explain(change, taken));
+        const double left = agree(explain(acting, external), explain(change, taken));
         if (fabs(taken) * elapsed > STOPPED_BY * m->mass[i] * fabs(m->rest_speed[i])) {
             m->rest_speed[i] = 0.0; /* it was stopped from outside */
         }
         m->rest_change[i] = larger(m->rest_change[i], fabs(left));
         predict_motion(left, held, m->mass[i], elapsed, &m->rest_speed[i], &m->rest_travel[i]);
         if (moves) {
-            predict_motion(change, larger(held, GIVES_WAY * effort), m->mass[i], elapsed, &m->alone_speed[i],
+            const double given = larger(held, smaller(GIVES_WAY * effort, HARDEST * quantum));
+            predict_motion(agree(acting, change), given, m->mass[i], elapsed, &m->alone_speed[i],
                            &m->alone_travel[i]);
         }
         s->travel[i] = larger(fabs(m->rest_travel[i]), fabs(m->alone_travel[i]));
     }
+}
+
+/*
+ * Fit dry + viscous friction, |unexplained| = F + D |dq|, to the motion of joint i: only F holds a joint that stands
+ * still. share: of this sample in the means.
+ */
+static void learn_dry_friction(memory_t *m, int i, double share)
+{
+    const double torque = fabs(m->unexplained[i]), speed = fabs(m->dq[i]);
+    m->mean_torque[i] += share * (torque - m->mean_torque[i]);
+    m->mean_speed[i] += share * (speed - m->mean_speed[i]);
+    m->mean_square[i] += share * (speed * speed - m->mean_square[i]);
+    m->mean_power[i] += share * (torque * speed - m->mean_power[i]);
+    /* covariance and variance of a least-squares line */
+    const double variance = m->mean_square[i] - m->mean_speed[i] * m->mean_speed[i];
+    const double covariance = m->mean_power[i] - m->mean_torque[i] * m->mean_speed[i];
+    const int rises = covariance > 0.0 && variance > ROUNDED * m->mean_square[i];
+    const double viscous = rises ? covariance / variance * m->mean_speed[i] : 0.0;
+    m->friction[i] = larger(m->mean_torque[i] - viscous, 0.0);
 }
 
 /*
@@ -2562,16 +2596,15 @@ static void learn_friction(step_t *s, const double *last)
         /* rate of momentum = own + external + unexplained torque */
         const double own = find_own_torque(m, last, i), rate = (momentum[i] - m->momentum[i]) / T;
         const double unexplained_now = explain(rate - own, -find_external(s, i));
-        /* rest_q is the position at which the last standstill began: this very one, if the joint goes on. */
-        const int goes_on = m->rest_q[i] == s->input->q[i];
-        const int moves = goes_on && fabs(m->dq[i]) > larger(4.0 * quantum_speed, SLOW);
+        /* A bit that toggles has a velocity, too, but is no motion. */
+        const int moves = !s->stands[i] && fabs(m->dq[i]) > larger(4.0 * quantum_speed, SLOW);
         if (s->believed && m->mass[i] > 0.0) {
             m->unexplained[i] += low_pass_share * (unexplained_now - m->unexplained[i]);
         }
         if (moves && s->believed && m->fault == IIWA14_FAULT_NONE) {
             /* The mean over the motion, which forgets what is older than FRICTION_MEMORY. */
             m->moving_time[i] = smaller(m->moving_time[i] + T, FRICTION_MEMORY);
-            m->friction[i] += (fabs(m->unexplained[i]) - m->friction[i]) * T / m->moving_time[i];
+            learn_dry_friction(m, i, T / m->moving_time[i]);
         }
         /* for the next interval */
         m->momentum[i] = momentum[i];

@@ -696,6 +696,8 @@ typedef struct {
     double rest_torque[7];
     /* [N m] torque of the environment at that time. */
     double rest_external[7];
+    /* [N m] load that is not measured, at that time. */
+    double rest_load[7];
     /* [N m] largest change of their sum since then. */
     double rest_change[7];
     /* [rad/s] speed since then that this change and friction predict. */
@@ -708,8 +710,16 @@ typedef struct {
     double alone_travel[7];
     /* [N m] largest change of torque under which the joint has stood still, and moved later. */
     double held_torque[7];
-    /* [N m] mean of |unexplained| in motion. */
+    /* [N m] dry friction: |unexplained| in motion, less the part that grows with the speed. */
     double friction[7];
+    /* [N m] mean of |unexplained| in motion. */
+    double mean_torque[7];
+    /* [rad/s] mean of |dq| in motion. */
+    double mean_speed[7];
+    /* [rad^2/s^2] mean of dq^2 in motion. */
+    double mean_square[7];
+    /* [W] mean of |unexplained dq| in motion. */
+    double mean_power[7];
     /* [s] time of motion that this mean is about. */
     double moving_time[7];
     /* [N m] torque that mass matrix and known torques do not explain, behind a low pass. */

@@ -6,7 +6,8 @@
 The bowl is wiped in one process, with a virtual clock, network and arm (fri/support/native/attack.cpp) and without a
 robot stiffness. In a faulty session the positions of one, several or all joints stand still from some moment on, or
 stand still but for one bit that toggles, or are those of long ago. In a harmless session the arm rests, is pushed,
-blocked or held. Dry friction, the positions' resolution, and noise of the external torque are drawn for both.
+blocked or held. Dry friction, motor inertia, the positions' resolution, noise and offset of the external torque are
+drawn for both.
 
 Exit code 1 if in a faulty session a joint exceeds its velocity or position limit, if the client lets go later than
 60 ms after a joint has parted by 0.02 rad from its measured position and it is 0.1 rad away by then, or if a harmless
@@ -36,10 +37,12 @@ LATEST = 0.06
 """[s] from a joint's 0.02 rad to letting go."""
 APART = 0.1
 """[rad] A joint that parts so slowly that friction could hold its torque is let go later, but nearer than this."""
+MOTORS = (0.07, 0.2)
+"""[kg m^2] inertia of the motors, of which the client has been told 0.1."""
 EVER = 99.0
 FAULTS = ("one", "several", "all", "toggling", "late", "misled")
 HARMLESS = ("none", "rest", "push", "blocked", "held", "silent")
-WORDS = ("does not follow the torque", "are not believed")
+WORDS = ("does not follow the torque", "are not believed", "repeat those of")
 """Words of a last line about positions."""
 
 
@@ -56,15 +59,16 @@ def draw_faulty(rng: np.random.Generator, kind: str) -> Schedule:
     elif kind == "late":
         word, value = "late", float(10000 * joints + rng.integers(5, 60))
     events = [Event(word, start, EVER, value)]
-    events += [Event("misled", start, EVER, 1.0)] if kind == "misled" else []
+    events += [Event("misled", start, EVER, float(rng.integers(1, 3)))] if kind == "misled" else []
     return Schedule(int(rng.choice(PERIODS)), int(rng.integers(1 << 31)), (*events, *draw_sensors(rng)))
 
 
 def draw_sensors(rng: np.random.Generator) -> list[Event]:
-    """Draw dry friction (up to 0.3 % of the effort limits), resolution of q, and noise of the external torque."""
+    """Draw dry friction and offset of torques (shares of the effort limits), motor inertia, resolution and noise."""
     friction, quantum = float(rng.choice([0.0, rng.uniform(0.0, 0.012)])), float(rng.choice([0.0, 1e-6, 1e-5]))
     hum = float(rng.choice([0.0, rng.uniform(0.0, 0.3)]))
-    given = {"sticky": friction, "quantum": quantum, "hum": hum}
+    bias, motor = float(rng.choice([0.0, rng.uniform(0.0, 0.01)])), float(rng.uniform(*MOTORS))
+    given = {"sticky": friction, "quantum": quantum, "hum": hum, "bias": bias, "motor": motor}
     return [Event(word, 0.0, EVER, value) for word, value in given.items() if value > 0.0]
 
 

@@ -123,12 +123,13 @@ bool take_joints(Part values, Vector *joints)
 
 /* ---- the arm ----------------------------------------------------------------------------------------------------- */
 
-/* Rigid, without gravity and Coriolis forces, that the robot compensates. What blocks a joint is a stiff spring. */
+/* Rigid, without gravity and Coriolis forces, that the robot compensates. What blocks a joint is a stiff spring. Motor
+ * inertia and friction act before a joint's torque sensor, the links and the environment behind it. */
 class Arm {
 public:
     explicit Arm(const Vector &start) : q(start), anchor_(start)
     {
-        dq.fill(0.0), external.fill(0.0), dry.fill(0.0), bristle_.fill(0.0), blocked_.fill(false);
+        dq.fill(0.0), external.fill(0.0), sensed.fill(0.0), dry.fill(0.0), bristle_.fill(0.0), blocked_.fill(false);
     }
 
     /* Held by the robot's brakes or its position control. */
@@ -136,26 +137,29 @@ public:
     {
         dq.fill(0.0);
         external.fill(0.0);
+        sensed.fill(0.0);
     }
 
     void step(const Vector &torque, const Vector &push, const std::array<bool, JOINTS> &blocked, double time)
     {
         double M[JOINTS * JOINTS];
         ROBOT_MASS_MATRIX(q.data(), M);
-        Vector force;
+        Vector force, friction;
         for (std::size_t i = 0; i < JOINTS; ++i) {
             anchor_[i] = blocked[i] && !blocked_[i] ? q[i] : anchor_[i];
             external[i] = push[i] + (blocked[i] ? BLOCK * (anchor_[i] - q[i]) - DAMPING * dq[i] : 0.0);
             const int joint = static_cast<int>(i);
             const double beyond = q[i] - std::min(std::max(q[i], robot::lower(joint)), robot::upper(joint));
             external[i] -= beyond != 0.0 ? BLOCK * beyond + DAMPING * dq[i] : 0.0;
-            force[i] = torque[i] + external[i] - FRICTION * dq[i] - rub(i, time);
-            M[i * JOINTS + i] += MOTOR;
+            friction[i] = FRICTION * dq[i] + rub(i, time);
+            force[i] = torque[i] + external[i] - friction[i];
+            M[i * JOINTS + i] += motor;
         }
         blocked_ = blocked;
         const Vector rate = solve(M, force);
         kinetic = 0.0;
         for (std::size_t i = 0; i < JOINTS; ++i) {
+            sensed[i] = torque[i] - friction[i] - motor * rate[i];
             dq[i] += time * rate[i];
             work += time * torque[i] * dq[i];
             q[i] += time * dq[i];
@@ -168,11 +172,13 @@ public:
     }
 
     Vector q, dq, external; /* [rad], [rad/s], [N m] of the environment */
+    Vector sensed;          /* [N m] by the joints' torque sensors */
     Vector dry;             /* [N m] friction of a joint that slides */
+    double motor = 0.2;     /* [kg m^2] motors' inertia */
     double kinetic = 0.0, work = 0.0; /* [J]; done by the torques given */
 
 private:
-    static constexpr double BLOCK = 2e4, DAMPING = 60.0, FRICTION = 0.5, MOTOR = 0.2;
+    static constexpr double BLOCK = 2e4, DAMPING = 60.0, FRICTION = 0.5;
 
     /* Dry friction: a bristle that breaks loose (LuGre), half as strong again at rest. */
     double rub(std::size_t i, double time)
@@ -217,7 +223,7 @@ private:
     std::array<bool, JOINTS> blocked_;
 };
 
-constexpr double Arm::BLOCK, Arm::DAMPING, Arm::FRICTION, Arm::MOTOR;
+constexpr double Arm::BLOCK, Arm::DAMPING, Arm::FRICTION;
 
 } // namespace
 

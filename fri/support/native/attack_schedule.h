@@ -63,7 +63,10 @@ const char *const KINDS[] = {
     "toggling", /* so do these, but for one bit of the mantissa: 100 times the joints, plus the bit */
     "late",     /* these joints' are old: 10000 times the joints, plus the number of messages */
     "hum",      /* [N m] noise of the external torque */
-    "misled",   /* the robot's external torque believes positions that stand still */
+    "misled",   /* the robot's external torque believes positions that stand still: 1, it is the torque sent; 2, what the
+                 * joint's torque sensor shows */
+    "bias",     /* the external torque's offset, to both sides in turn, as a share of the client's effort limits */
+    "motor",    /* [kg m^2] inertia of the motors */
     "quantum",  /* [rad] resolution of the positions */
     "button",   /* pressed */
     /* what happens to the arm */

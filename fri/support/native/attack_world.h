@@ -251,6 +251,7 @@ private:
             if (hand != NULL) {
                 push[static_cast<std::size_t>(joint_of(*hand))] = hand->value;
             }
+            arm.motor = schedule.value("motor", time, 0.2);
             for (int i = 0; i < JOINTS; ++i) {
                 arm.dry[static_cast<std::size_t>(i)] = schedule.value("sticky", time, 0.0) * effort[i];
             }
@@ -316,13 +317,15 @@ private:
         }
         deceive(time, &q, &external);
         const double hum = schedule.value("hum", time, 0.0);
-        for (double &torque : external) {
-            torque = gain * torque + (hum > 0.0 ? hum * (2.0 * uniform_(random_) - 1.0) : 0.0);
+        const double bias = schedule.value("bias", time, 0.0);
+        for (std::size_t i = 0; i < JOINTS; ++i) {
+            external[i] = gain * external[i] + (hum > 0.0 ? hum * (2.0 * uniform_(random_) - 1.0) : 0.0);
+            external[i] += (i % 2 == 0 ? bias : -bias) * effort[i];
         }
         if ((without & 1) == 0) {
             put_reals(&measured, 1, q.data(), JOINTS);
         }
-        put_reals(&measured, 2, torque_.data(), JOINTS);
+        put_reals(&measured, 2, arm.sensed.data(), JOINTS);
         if (FRI_VERSION < 200) {
             put_reals(&measured, 3, q.data(), JOINTS);
         }
@@ -390,7 +393,7 @@ private:
             }
             (*q)[i] = (late / 10000 >> i & 1) != 0 ? measured_[measured_.size() - 1 - back][i] : (*q)[i];
             if (stands && schedule.at("misled", time) != NULL) {
-                (*external)[i] = -torque_[i];
+                (*external)[i] = schedule.value("misled", time, 0.0) > 1.5 ? -arm.sensed[i] : -torque_[i];
             }
             apart = std::max(i > 0 ? apart : 0.0, std::fabs(arm.q[i] - (*q)[i]));
             if (parted < 0.0 && std::fabs(arm.q[i] - (*q)[i]) >= PARTED && state_ == COMMANDING_ACTIVE) {

@@ -3294,7 +3294,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "73d2735216261642") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "d40ba4700d995be1") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }
