@@ -6,13 +6,27 @@ import { withJoint } from "./motorpanel.js";
 import { options, slider } from "./panels.js";
 import { DEGREES } from "./values.js";
 
+/** Return names without the words that all of them begin or end with: of panda_joint1, panda_joint2 the second word. */
+export function distinct(names) {
+  const words = names.map((name) => name.split(/[_\-/. ]+/)), fewest = Math.min(...words.map(({ length }) => length));
+  const shared = (at) => {
+    let count = 0;
+    while (count < fewest - 1 && words.every((each) => each.at(at(count)) === words[0].at(at(count)))) count++;
+    return count;
+  };
+  const first = shared((k) => k), last = Math.min(shared((k) => -1 - k), fewest - 1 - first);
+  return names.length < 2 ? names : words.map((each) => each.slice(first, each.length - last).join("_"));
+}
+
 /** Return a slider for each joint that can be moved, with its index k and its scale from q to the unit shown. */
 function jointSliders(page) {
-  const { $, robot, state } = page;
+  const { $, robot, state } = page, names = distinct(robot.coordinates.map(({ name }) => name));
+  const longest = Math.min(14, Math.max(4, ...names.map(({ length }) => length)));
+  $("joints").style.setProperty("--name", `calc(${longest}ch + 1.4rem)`);
   return robot.coordinates.flatMap(({ name, prismatic, lower, upper }, k) => {
     if (robot.loops && !robot.loops.actuated.includes(k)) return [];
     const scale = prismatic ? 1000 : DEGREES, far = prismatic ? 1 : Math.PI;
-    const text = Object.assign(document.createElement("i"), { textContent: name });
+    const text = Object.assign(document.createElement("i"), { textContent: names[k] });
     const made = slider($("joints"), {
       label: `joint ${k + 1}, ${name}`, shown: text.innerHTML, unit: prismatic ? "mm" : "deg",
       min: (lower ?? -far) * scale, max: (upper ?? far) * scale, step: 0.1,

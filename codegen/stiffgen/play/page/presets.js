@@ -47,17 +47,21 @@ function presetsOf(page, home) {
   ].filter(({ needsTree }) => !(needsTree && robot.loops));
 }
 
-/** Make the buttons. Gives {mark()}, which marks those whose values are the page's. */
+/** Make the buttons. Gives {mark()}, which marks the last one pressed while its values are the page's; at first, the first. */
 export function presetButtons(page, home) {
   const made = presetsOf(page, home).map(({ name, act, holds }) => {
     const button = Object.assign(document.createElement("button"), { type: "button", textContent: name });
-    button.addEventListener("click", act);
+    button.addEventListener("click", () => {
+      pressed = button;
+      act();
+    });
     return { button, holds };
   });
+  let pressed = made[0].button;
   page.$("presets").replaceChildren(...made.map(({ button }) => button));
   return {
     mark() {
-      for (const { button, holds } of made) button.setAttribute("aria-pressed", Boolean(holds()));
+      for (const { button, holds } of made) button.setAttribute("aria-pressed", button === pressed && Boolean(holds()));
     },
   };
 }
