@@ -48,7 +48,7 @@ CAMPAIGNS = {
     "robots": _campaign(
         "robots_table", "compare real robots with Pinocchio and MuJoCo, into docs/robots.md", None, "build/robots"
     ),
-    "random-warnings": _campaign("compiler_warnings", "compile random robots by gcc at every level", "1 1 0"),
+    "random-warnings": _campaign("compiler_warnings", "compile random robots by gcc at every level"),
     "spring-digits": _campaign("springs_digits", "compare every spring with 60 digits", "1 1 pose"),
     "linkages": _campaign("linkages", "compare 200 random linkages with 60 digits", "2 1"),
     "compliance": _campaign(
