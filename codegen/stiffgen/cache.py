@@ -119,11 +119,15 @@ def folder_of(
         progress: called with a few words before each step.
 
     Raises:
-        StiffgenError: the robot cannot be generated without options.
+        StiffgenError: there is no such folder or file, or the robot cannot be generated without options.
 
     """
     if not is_name(source) and Path(source).is_dir():
         return Path(source)
+    if not is_name(source) and not Path(source).exists():
+        raise OutputError(
+            f"{source}: does not exist; give a robot's file, or the folder that 'stiffgen generate' wrote"
+        )
     try:
         return _kept(source, GenerationOptions(arguments=arguments or None, progress=progress)).folder
     except ChainError as error:

@@ -20,6 +20,7 @@ public:
     void reset()
     {
         count_ = 0;
+        time_ = 0.0;
         joint_ = -1;
         std::fill(finest_, finest_ + JOINTS, 1.0);
         std::fill(lag_, lag_ + JOINTS, 0);
@@ -28,9 +29,14 @@ public:
         std::fill(begin_, begin_ + JOINTS, 0u);
     }
 
-    /* Take the positions [rad] of a new message. */
-    void add(const double *q)
+    /*
+     * Take the positions [rad] of a new message, `elapsed` after the one before. Copies are searched as far back as
+     * LONGEST messages of this period [s] last: where messages are lost, a slow motion may have come round.
+     */
+    void add(const double *q, double elapsed, double period)
     {
+        time_ += elapsed;
+        span_ = LONGEST * period;
         for (int i = 0; i < JOINTS; ++i) {
             const double step = count_ > 0 ? std::fabs(q[i] - past(i, 1)) : 0.0;
             if (step > 0.0) {
@@ -43,6 +49,7 @@ public:
             }
         }
         copy(q, past_[count_ % LONGEST], JOINTS);
+        when_[count_ % LONGEST] = time_;
         ++count_;
     }
 
@@ -53,6 +60,8 @@ private:
     enum { LONGEST = 128, BITS = 24, BITS_OF_STEP = 5, LONGEST_MATCH = 4 };
 
     double past(int joint, int back) const { return past_[(count_ - static_cast<unsigned>(back)) % LONGEST][joint]; }
+
+    double when(int back) const { return when_[(count_ - static_cast<unsigned>(back)) % LONGEST]; }
 
     /* Compare a position with the one as many messages ago as before, or else search for its copy. */
     void compare(int i, double q, double step)
@@ -72,7 +81,7 @@ private:
     {
         const int most = static_cast<int>(std::min<unsigned>(count_, LONGEST)) - LONGEST_MATCH;
         int found = 0, longest = -1;
-        for (int back = 2; back <= most; ++back) {
+        for (int back = 2; back <= most && time_ - when(back) <= span_; ++back) {
             int same = past(i, back) == q ? 0 : -1;
             while (same >= 0 && same < LONGEST_MATCH && past(i, back + same + 1) == past(i, same + 1)) {
                 ++same;
@@ -85,7 +94,9 @@ private:
         return found;
     }
 
-    unsigned count_; /* messages */
+    unsigned count_;       /* messages */
+    double time_, span_;   /* [s] of the last message; how far back copies are searched */
+    double when_[LONGEST]; /* [s] of a message */
     int joint_, late_;
     int lag_[JOINTS], bits_[JOINTS]; /* messages; [bit] that were repeated with this lag */
     unsigned begin_[JOINTS];         /* message at which this lag began */

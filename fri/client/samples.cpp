@@ -111,7 +111,7 @@ void WipingClient::watch_samples()
         /* While the clock is set the time since the last position is unknown. */
         const double elapsed = clock_.bad_stamp() && message.stamp != 0 ? 0.0 : since_position_;
         velocity_.update(q, elapsed);
-        copies_.add(q);
+        copies_.add(q, since_position_, sample_time_);
         if (copies_.joint() >= 0 && controlling_) {
             let_go(LET_GO_COPIES);
         }
