@@ -22,7 +22,7 @@ generate: $(VENV)/installed  ## generate and build every robot in urdf/, and pri
 	@set -e; for urdf in $(URDFS); do $(BIN)/stiffgen generate $$urdf; done
 	@$(BIN)/python examples/bowl_posture.py
 
-test: $(VENV)/installed-test  ## run the quick tests (10 minutes)
+test: $(VENV)/installed-test  ## run the quick tests (12 minutes)
 	$(BIN)/python -m pytest $(SPREAD) -m 'not slow'
 
 test-slow: $(VENV)/installed-test  ## run the other tests, with the short forms of the campaigns
