@@ -36,7 +36,7 @@ public:
     void add(const double *q, double elapsed, double period)
     {
         time_ += elapsed;
-        span_ = LONGEST * period;
+        span_ = static_cast<int>(LONGEST) * period;
         for (int i = 0; i < JOINTS; ++i) {
             const double step = count_ > 0 ? std::fabs(q[i] - past(i, 1)) : 0.0;
             if (step > 0.0) {
