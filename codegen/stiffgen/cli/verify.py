@@ -53,6 +53,8 @@ def add(command: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Verify a robot; return 1 if a comparison fails."""
     page = optional("prove.safety_page")
+    if page is not None and options.report is None and options.evidence:
+        raise StiffgenError("--evidence fills the page; add --report FILE.html")
     folder = chosen_folder(options)
     urdf = Path(options.source) if options.urdf is None and options.source.endswith(".urdf") else options.urdf
     proofs, targets = _checked_evidence(page, options, folder) if page is not None else (None, None)
@@ -100,8 +102,6 @@ def _asks(folder: Path) -> bool:
 
 def _checked_evidence(page: ModuleType, options: argparse.Namespace, folder: Path) -> tuple[Path | None, Path | None]:
     """Return the files of verdicts and measurements; refuse what the page cannot show, before the long part."""
-    if options.report is None and options.evidence:
-        raise StiffgenError("--evidence fills the page; add --report FILE.html")
     proofs, targets = page.divided(options.evidence)
     if options.report is not None:
         open_robot(folder).require_doubles("the page of --report")

@@ -311,7 +311,7 @@ def _reason(
         if isinstance(cause, OSError):
             text = f"cannot read '{cause.filename}'"
             if empty := _empty(values, " ".join(named(str(cause.filename)))):
-                return f"{_needs(empty)}{where}, which {_is(empty)} empty: {text}; add {_added(empty)}"
+                return _said_of_empty(empty, where, text)
             return f"{text} ({cause.strerror}){where}; correct the path or add the file"
         if isinstance(cause, RecursionError):
             return f"calls itself without end{where}; correct the macro or include that repeats"
@@ -321,7 +321,7 @@ def _reason(
             return f"is not well-formed XML{where}: {cause}; correct it"
     text = " ".join(str(error).split()) or type(error).__name__
     if empty := _empty(values, text):
-        return f"{_needs(empty)}{where}, which {_is(empty)} empty: {text}; add {_added(empty)}"
+        return _said_of_empty(empty, where, text)
     return f"xacro cannot expand it{where}: {text}; correct the template"
 
 
@@ -335,8 +335,9 @@ def _added(names: list[str]) -> str:
     return " ".join(f"{name}:=VALUE" for name in names)
 
 
-def _is(names: list[str]) -> str:
-    return "is" if len(names) == 1 else "are"
+def _said_of_empty(names: list[str], where: str, text: str) -> str:
+    verb = "is" if len(names) == 1 else "are"
+    return f"{_needs(names)}{where}, which {verb} empty: {text}; add {_added(names)}"
 
 
 def _needs(names: list[str]) -> str:
