@@ -11,7 +11,7 @@ WORKERS ?= 2
 # A worker takes neighbouring tests, so that it makes what they share only once.
 SPREAD := -n $(WORKERS) --dist worksteal
 
-.PHONY: help generate test test-slow lint check-generated docs report bench bench-cuda campaign compare robosuite clean
+.PHONY: help generate test test-slow test-wide lint check-generated docs report bench bench-cuda campaign compare robosuite clean
 .DELETE_ON_ERROR:
 
 help:  ## print this list
@@ -23,10 +23,13 @@ generate: $(VENV)/installed  ## generate and build every robot in urdf/, and pri
 	@$(BIN)/python examples/bowl_posture.py
 
 test: $(VENV)/installed-test  ## run the quick tests (12 minutes)
-	$(BIN)/python -m pytest $(SPREAD) -m 'not slow'
+	$(BIN)/python -m pytest $(SPREAD) -m 'not slow and not wide'
 
 test-slow: $(VENV)/installed-test  ## run the other tests, with the short forms of the campaigns
-	$(BIN)/python -m pytest $(SPREAD) -m slow
+	$(BIN)/python -m pytest $(SPREAD) -m 'slow and not wide'
+
+test-wide: $(VENV)/installed-test  ## run further robots, compilers and pages of what test-slow tests: before a release
+	$(BIN)/python -m pytest $(SPREAD) -m wide
 
 lint: $(VENV)/installed-test  ## run ruff and mypy
 	$(BIN)/ruff check .

@@ -9,12 +9,17 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from fri.robot.messages import VERSIONS, SessionState
+from fri.robot.messages import SessionState
 from fri.robot.replay import ClientLog, check_commands, compare
 from fri.support.python_client import Outcome
 
 versions = pytest.mark.parametrize(
-    "version", [pytest.param(version, marks=() if version == "2.7" else pytest.mark.slow) for version in VERSIONS]
+    "version",
+    [
+        pytest.param("1.15", marks=pytest.mark.slow),
+        pytest.param("2.5", marks=pytest.mark.wide),
+        "2.7",
+    ],
 )
 """Parameters for a test in each version of the FRI; 2.7 runs among the quick tests."""
 

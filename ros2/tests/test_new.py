@@ -52,7 +52,7 @@ def test_the_package_is_built(panda: Path, tmp_path: Path) -> None:
     assert (installed / "lib" / "libpanda_ros2.so").is_file()
 
 
-@pytest.mark.slow
+@pytest.mark.wide(instead="test_the_package_is_built")
 def test_the_scenarios_of_another_robot(panda: Path, tmp_path: Path) -> None:
     objects, robot = tmp_path / "robot", panda / "generated" / "Panda"
     objects.mkdir()
@@ -63,15 +63,25 @@ def test_the_scenarios_of_another_robot(panda: Path, tmp_path: Path) -> None:
         assert (done.stdout, done.returncode) == ("", 0), name
 
 
-@pytest.mark.slow
-def test_missing_limits_are_guesses_that_can_be_seen(tmp_path: Path) -> None:
-    urdf = tmp_path / "arm.urdf"
+@pytest.fixture(scope="module")
+def without_limits(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a package around an arm whose file gives neither efforts nor velocities."""
+    folder = tmp_path_factory.mktemp("limits")
+    urdf = folder / "arm.urdf"
     urdf.write_text(re.sub(r' (effort|velocity)="[^"]*"', "", PANDA.read_text()))
-    done = new(urdf, "--tip", "panda_link8", "--name", "arm", "--output", tmp_path / "arm_ros2")
+    done = new(urdf, "--tip", "panda_link8", "--name", "arm", "--output", folder / "arm_ros2")
     assert done.returncode == 0 and "src/defaults.hpp" in done.stderr, done.stderr
-    defaults = (tmp_path / "arm_ros2" / "src" / "defaults.hpp").read_text()
+    return folder / "arm_ros2"
+
+
+def test_missing_limits_are_guesses_that_can_be_seen(without_limits: Path) -> None:
+    defaults = (without_limits / "src" / "defaults.hpp").read_text()
     assert defaults.count("a guess, use your robot's") == 14
-    build(tmp_path / "arm_ros2", tmp_path, "rolling", "-DARM_DISPATCH=OFF")  # its test needs limits
+
+
+@pytest.mark.wide(instead="test_the_package_is_built")
+def test_guesses_are_compiled(without_limits: Path, tmp_path: Path) -> None:
+    build(without_limits, tmp_path, "rolling", "-DARM_DISPATCH=OFF")  # its test needs limits
 
 
 def test_refused_robots_leave_nothing(tmp_path: Path) -> None:

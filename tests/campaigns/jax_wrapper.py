@@ -73,7 +73,7 @@ def assert_transposed(case, gradients):
     assert abs(forward - sum(term.sum() for term in terms)) <= 1e-12 * scale, case.path
 
 
-@pytest.mark.parametrize("robot", ["small", "walker"])
+@pytest.mark.parametrize("robot", ["small", pytest.param("walker", marks=pytest.mark.wide)])
 def test_gradients_have_values_and_no_derivatives(robot, request, double):
     """Functions that are gradients are not left out; their derivative is refused by a sentence."""
     seen = set()
@@ -86,7 +86,7 @@ def test_gradients_have_values_and_no_derivatives(robot, request, double):
     assert seen == {"manipulability_gradient", "stiffness_direction_gradient"}
 
 
-@pytest.mark.parametrize(("robot", "step"), [("small", 1), ("walker", 3)])
+@pytest.mark.parametrize(("robot", "step"), [("small", 1), pytest.param("walker", 3, marks=pytest.mark.wide)])
 def test_values_and_gradients_are_those_of_numpy(robot, step, request, double):
     """Every function (of the walker every third): a stack, one configuration, vmap over all or the first argument."""
     robot = request.getfixturevalue(robot)
@@ -128,6 +128,7 @@ def test_gradients_are_differences(small, arm):
             np.testing.assert_allclose(found[k], expected, rtol=1e-11, atol=1e-11)
 
 
+@pytest.mark.wide(instead="test_gradients_are_differences")
 def test_gradients_through_the_bases_pose(walker, double):
     """A pose that stays a pose, however it is made: against JAX's own differences; stiffnesses of both tips."""
     random = np.random.default_rng(5)
@@ -255,6 +256,7 @@ def test_a_second_copy_in_the_process(small, arm, tmp_path):
         np.testing.assert_allclose(module.hybrid.jacobian(q), expected, rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.wide(instead="test_a_second_copy_in_the_process")
 def test_two_robots_of_one_name_in_the_process(small, arm, tmp_path):
     """Each calls its own functions."""
     other = small_robot(tmp_path, "rp")

@@ -14,7 +14,7 @@ from support.plant.loop import Q0, Loop
 from support.project import ROOT
 
 
-@pytest.mark.parametrize("part", [slice(0, 3), pytest.param(slice(3, 15), marks=pytest.mark.slow)], ids=str)
+@pytest.mark.parametrize("part", [slice(0, 3), pytest.param(slice(3, 15), marks=pytest.mark.wide)], ids=str)
 def test_random_situations_settle(loop: Loop, part: slice) -> None:
     """Fifteen of the situations of settle.py."""
     random = np.random.default_rng(11)

@@ -218,7 +218,7 @@ def test_no_sign_in_the_generated_code_can_be_wrong(vehicle, mutated, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("types", ["iiwa14", "rrprr", "rrrrrr"])
+@pytest.mark.parametrize("types", ["iiwa14", "rrprr", pytest.param("rrrrrr", marks=pytest.mark.wide)])
 def test_no_sign_in_the_bias_forces_can_be_wrong(types, chain, tmp_path):
     """Every sign of both bodies, single and batch, joint by joint: those of a wrist are small beside a shoulder's.
 
@@ -374,8 +374,8 @@ def shared_by(source, bodies):
     ("types", "floating", "chosen"),
     [
         ("rpr", True, PRODUCTS),
-        ("rrpmr", False, None),
-        ("rpm", True, None),
+        pytest.param("rrpmr", False, None, marks=pytest.mark.wide),
+        pytest.param("rpm", True, None, marks=pytest.mark.wide),
     ],
 )
 def test_no_sign_in_a_vector_jacobian_product_can_be_wrong(types, floating, chosen, tmp_path):

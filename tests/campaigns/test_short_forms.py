@@ -24,8 +24,14 @@ def test_every_campaign_is_a_program_and_the_makefile_lists_it() -> None:
     assert [line.split()[2].removeprefix("NAME=") for line in said.splitlines()] == list(CAMPAIGNS)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name, campaign in CAMPAIGNS.items() if campaign.short is not None])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow if campaign.in_ci else pytest.mark.wide)
+        for name, campaign in CAMPAIGNS.items()
+        if campaign.short is not None
+    ],
+)
 def test_short_form(name: str, tmp_path: Path) -> None:
     campaign = CAMPAIGNS[name]
     command = campaign.command(shlex.split(str(campaign.short).format(folder=tmp_path)))

@@ -35,7 +35,7 @@ def arm(small):
     return wrapper(small, "casadi")
 
 
-@pytest.fixture(scope="module", params=["small", pytest.param("walker", marks=pytest.mark.slow)])
+@pytest.fixture(scope="module", params=["small", pytest.param("walker", marks=pytest.mark.wide)])
 def robot(request, tmp_path_factory):
     """A chain with a base that stands, and a tree with one that floats."""
     if request.param == "small":

@@ -246,7 +246,11 @@ CASES = [
     ("iiwa14", "g++", "c++17", False), ("iiwa14", "g++", "c++20", True),
     ("iiwa14", "clang++", "c++17", True), ("iiwa14", "clang++", "c++20", False),
 ]  # fmt: skip
-CASES += [("dual", "g++", "c++20", True), ("tooled", "g++", "c++20", True), ("solo12", "clang++", "c++17", True)]
+CASES += [
+    pytest.param("dual", "g++", "c++20", True, marks=pytest.mark.wide),
+    ("tooled", "g++", "c++20", True),
+    pytest.param("solo12", "clang++", "c++17", True, marks=pytest.mark.wide),
+]
 
 
 def command(compiler: str, standard: str, with_eigen: bool) -> list[str]:

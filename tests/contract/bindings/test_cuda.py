@@ -155,8 +155,8 @@ def test_every_matrix_for_each_configuration(host, robot, chain):
 @pytest.mark.parametrize(
     ("case", "compiler"),
     [
-        ("slides and mimics", "gcc"),
-        ("floating base", "gcc"),
+        pytest.param("slides and mimics", "gcc", marks=pytest.mark.wide),
+        pytest.param("floating base", "gcc", marks=pytest.mark.wide),
         ("two tips, tool at run time", "clang"),
     ],
 )
@@ -312,7 +312,9 @@ def nvcc(*arguments, architecture="sm_80"):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("architecture", ["sm_80", "sm_90", "sm_100"])
+@pytest.mark.parametrize(
+    "architecture", ["sm_80", *(pytest.param(name, marks=pytest.mark.wide) for name in ("sm_90", "sm_100"))]
+)
 def test_nvcc(architecture, folder, tmp_path):
     """No warning, and the iiwa 14's stiffness fits into registers, with a task stiffness per configuration, too."""
     options = ("-Xptxas", "-v", "-c", folder / "iiwa14.cu", "-o", tmp_path / "o")
@@ -339,7 +341,7 @@ def test_cmake(folder, tmp_path):
     subprocess.run([tmp_path / "build" / "app"], check=True)
 
 
-@pytest.mark.slow
+@pytest.mark.wide(instead="test_nvcc")
 def test_nvcc_takes_mimic_joints_and_the_benchmark(tmp_path):
     urdf = tmp_path / "arm.urdf"
     urdf.write_text(chain_urdf("rprmrr"))

@@ -13,12 +13,14 @@ from support.project import ROOT
 from support.wrappers import small_robot
 
 
-@pytest.mark.slow
-def test_wrapper_for_jax(tmp_path):
+@pytest.mark.parametrize(
+    "chosen", [pytest.param("not wide", marks=pytest.mark.slow), pytest.param("wide", marks=pytest.mark.wide)]
+)
+def test_wrapper_for_jax(chosen, tmp_path):
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--basetemp", str(tmp_path / "own")]
     done = subprocess.run(
-        [*command, "tests/campaigns/jax_wrapper.py"],
+        [*command, "-m", chosen, "tests/campaigns/jax_wrapper.py"],
         cwd=ROOT,
         env=environment,
         capture_output=True,

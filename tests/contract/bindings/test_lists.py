@@ -28,7 +28,11 @@ ROBOTS = {
 
 @pytest.fixture(
     scope="module",
-    params=[pytest.param(name, marks=() if name == "closed loops" else pytest.mark.slow) for name in ROBOTS],
+    params=[
+        "closed loops",
+        pytest.param("two tips", marks=pytest.mark.wide),
+        pytest.param("floating base", marks=pytest.mark.slow),
+    ],
 )
 def printed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
     """Return chain, kernel table and printed files of a robot."""

@@ -63,7 +63,9 @@ def test_default_folder_knows_nothing_of_it(urdf):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("unoptimised", "narrowest_width")
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    "case", [pytest.param(case, marks=() if case == "arm" else pytest.mark.wide) for case in CASES]
+)
 def test_folder_is_verified(case, tmp_path):
     """Against differences and CasADi, with NaN, stacks of every length and the bounds of memory; reopened as it was."""
     chosen = {"derivatives": True, "controller": False, **CASES[case], **FEWER[case]}

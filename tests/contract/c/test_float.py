@@ -58,9 +58,9 @@ def test_folder_is_verified(folder):
     ("compiler", "flags", "types", "options"),
     [
         ("gcc", "-mno-avx", "rprmr", {}),
-        ("gcc", "-mno-avx512f", "rrrpmrrrrr", {}),
-        ("gcc", "-DSTIFFGEN_NO_VECTORS", "rr", {"runtime_tool": True}),
-        ("clang", "-march=native", "rrrr", {"floating_base": True}),
+        pytest.param("gcc", "-mno-avx512f", "rrrpmrrrrr", {}, marks=pytest.mark.wide),
+        pytest.param("gcc", "-DSTIFFGEN_NO_VECTORS", "rr", {"runtime_tool": True}, marks=pytest.mark.wide),
+        pytest.param("clang", "-march=native", "rrrr", {"floating_base": True}, marks=pytest.mark.wide),
     ],
 )
 def test_other_chains_and_widths(compiler, flags, types, options, tmp_path, monkeypatch):

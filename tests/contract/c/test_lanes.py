@@ -46,7 +46,9 @@ def test_a_chain_of_one_joint(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("unoptimised")
-@pytest.mark.parametrize("types", CHAINS)
+@pytest.mark.parametrize(
+    "types", [pytest.param(types, marks=() if types == "rprmrr" else pytest.mark.wide) for types in CHAINS]
+)
 def test_every_chain(types, tmp_path, monkeypatch):
     check_every_oracle(types, CHAINS[types], "chain", tmp_path, monkeypatch, 11)
 
@@ -57,11 +59,11 @@ def test_every_chain(types, tmp_path, monkeypatch):
     ("types", "widths", "options"),
     [
         # The rows of five joints have places beyond the last vector, which nothing writes and no sum may read.
-        ("rrrrr", ["SSE2"], {}),
+        pytest.param("rrrrr", ["SSE2"], {}, marks=pytest.mark.wide),
         # Nine joints, six of them the base's own, and eight coordinates.
         ("rpm", ["AVX2"], {"floating_base": True, "kernels": ("body", "spring", "mass_matrix", "gravity")}),
         # One joint has a zero dJ/dq: what an oracle's rounding leaves of zero is no fault.
-        ("r", ["native"], {"runtime_tool": True}),
+        pytest.param("r", ["native"], {"runtime_tool": True}, marks=pytest.mark.wide),
     ],
 )
 def test_derivatives(types, widths, options, tmp_path, monkeypatch):

@@ -17,7 +17,7 @@ from stiffgen.verify.kernels.samples import argument_samples
 from support.c_program import STRICT
 from support.project import kernels_of
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.wide(instead="tests/unit/robot/test_chain.py::test_forty_joints_are_generated_in_size")
 
 
 @pytest.fixture(scope="module")

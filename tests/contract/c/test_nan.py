@@ -88,7 +88,7 @@ def test_what_overflows_is_nan(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("types", ["rpr", "prpm", "rrm"])
+@pytest.mark.parametrize("types", ["rpr", *(pytest.param(types, marks=pytest.mark.wide) for types in ("prpm", "rrm"))])
 def test_what_overflows_is_nan_with_every_spring(types, tmp_path):
     check_overflow(types, OTHERS, tmp_path)
 

@@ -90,11 +90,15 @@ def generated(work: Path, *options: str) -> Path:
     return work / "made"
 
 
-SLOW = ("two tips, derivatives", "floating base, tool, CUDA", "floats")
+SLOW = {
+    "two tips, derivatives": pytest.mark.wide,
+    "floating base, tool, CUDA": pytest.mark.slow,
+    "floats": pytest.mark.slow,
+}
 """``derivatives`` and ``two tips`` alone are compiled with their values, below."""
 
 
-@pytest.mark.parametrize("name", ["one tip", *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])
+@pytest.mark.parametrize("name", ["one tip", *(pytest.param(name, marks=mark) for name, mark in SLOW.items())])
 def test_potentials_compile_with_every_option(name: str, tmp_path: Path) -> None:
     folder = generated(tmp_path, "--no-build", *OPTIONS[name])
     for file in folder.glob("made*.c"):
@@ -104,7 +108,9 @@ def test_potentials_compile_with_every_option(name: str, tmp_path: Path) -> None
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "potentials"), [("derivatives", FORMULAS), ("two tips", NAMES)])
+@pytest.mark.parametrize(
+    ("name", "potentials"), [("derivatives", FORMULAS), pytest.param("two tips", NAMES, marks=pytest.mark.wide)]
+)
 @pytest.mark.usefixtures("unoptimised", "narrowest_width")
 def test_potentials_have_the_values_of_their_energies(name: str, potentials: tuple[str, ...], tmp_path: Path) -> None:
     folder = generated(tmp_path, "--kernels", ",".join(potentials), *OPTIONS[name])

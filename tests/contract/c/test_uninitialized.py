@@ -50,7 +50,14 @@ def test_a_joint_without_a_force_that_shares_its_coordinate(tmp_path: Path) -> N
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("seed", "width"), [(9, "native"), (11, "native"), (13, "no vectors"), (16, "native"), (23, "no vectors")]
+    ("seed", "width"),
+    [
+        pytest.param(9, "native", marks=pytest.mark.wide),
+        (11, "native"),
+        pytest.param(13, "no vectors", marks=pytest.mark.wide),
+        (16, "native"),
+        (23, "no vectors"),
+    ],
 )
 def test_random_robots(seed: int, width: str, tmp_path: Path) -> None:
     """Of every kind, two of them with such a joint."""

@@ -121,7 +121,7 @@ def test_verify(capsys, robot_folder):
     assert "comparing" in err
 
 
-@pytest.mark.slow
+@pytest.mark.wide(instead="test_verify")
 @pytest.mark.usefixtures("unoptimised", "narrowest_width")
 def test_verify_fails_on_a_wrong_kernel(capsys, robot_folder, tmp_path):
     """One sign in the compiled C, then the real command."""

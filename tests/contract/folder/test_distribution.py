@@ -17,7 +17,7 @@ import pytest
 import stiffgen
 from support.project import ROOT
 
-VERSIONS = ("3.10", "3.13")
+VERSIONS = ("3.10", pytest.param("3.13", marks=pytest.mark.wide))
 """The oldest and the newest Python; the other tests run in one between them."""
 PAGE = (ROOT / "docs" / "start.md").read_text()
 

@@ -20,7 +20,7 @@ EVIL = [
 
 @pytest.mark.usefixtures("unoptimised")
 @pytest.mark.slow
-@pytest.mark.parametrize("several_tips", [False, True])
+@pytest.mark.parametrize("several_tips", [pytest.param(False, marks=pytest.mark.wide), True])
 def test_evil_names(several_tips, tmp_path):
     """Every name of a chain evil: it compiles, imports, and gives the names back as they are in the file."""
     links = [f"{name}#{k}" for k, name in enumerate([*EVIL, "last"])]

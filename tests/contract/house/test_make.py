@@ -69,7 +69,7 @@ run.main(Path(sys.argv[1]))
 """
 
 
-@pytest.mark.slow
+@pytest.mark.wide(instead="test_benchmark_of_a_step_runs")
 def test_the_benchmark_runs(tmp_path: Path):
     """benchmarks/run.py with few rounds: what it times agrees, and its tables are whole."""
     before = (ROOT / "benchmarks" / "RESULTS.md").read_text()

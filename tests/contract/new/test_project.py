@@ -233,7 +233,10 @@ PROJECTS = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", PROJECTS)
+@pytest.mark.parametrize(
+    "case",
+    [pytest.param(case, marks=() if case in ("iiwa14", "sliding") else pytest.mark.wide) for case in PROJECTS],
+)
 def test_the_project_builds_runs_and_passes_its_own_test(case, tmp_path):
     """As its README says, and without a warning."""
     (tmp_path / "sliding.urdf").write_text(chain_urdf("rprrmr"))

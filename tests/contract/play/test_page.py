@@ -90,7 +90,9 @@ def test_kernels_in_webassembly(scripts: Scripts) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", OTHERS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name == "two tips" else pytest.mark.wide) for name in OTHERS]
+)
 def test_kernels_of_other_robots(other: Callable[[str], Scripts], name: str) -> None:
     scripts = other(name)
     check_kernels(scripts, 30)

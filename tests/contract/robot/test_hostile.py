@@ -131,7 +131,7 @@ def test_refused_in_time_and_memory_and_nothing_written(tmp_path, name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("deep", [False, True])
+@pytest.mark.parametrize("deep", [pytest.param(False, marks=pytest.mark.wide), True])
 def test_the_largest_file_is_read_in_time(tmp_path, deep):
     text = tree(MAX_JOINTS, deep=deep)
     file = tmp_path / "large.urdf"

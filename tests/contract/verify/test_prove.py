@@ -144,7 +144,12 @@ def test_a_width_runs_clean(monkeypatch: pytest.MonkeyPatch, shapes: Path) -> No
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "title",
-    ["a shift beyond the width", "an argument is written", "a rate too many", "an invalid number is taken"],
+    [
+        "a shift beyond the width",
+        pytest.param("an argument is written", marks=pytest.mark.wide),
+        "a rate too many",
+        pytest.param("an invalid number is taken", marks=pytest.mark.wide),
+    ],
 )
 def test_a_fault_is_caught(title: str, tmp_path: Path) -> None:
     (fault,) = (each for each in FAULTS if each.title == title)

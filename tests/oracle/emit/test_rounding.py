@@ -34,7 +34,9 @@ def measured_folder(folder, chain, work, kernels=None, flags=("-O1",), source=No
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize(
+    "width", [pytest.param(width, marks=() if width == "AVX2" else pytest.mark.wide) for width in WIDTHS]
+)
 def test_no_error_is_beyond_its_bound(width, robot_folder, chain, tmp_path):
     """Random states and some beside the worst of them; and no bound is more than a thousand times what is seen."""
     if not can_run(WIDTHS[width]):
@@ -60,7 +62,11 @@ def test_some_errors_are_within_their_bounds(robot_folder, chain, tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("types", "options"),
-    [("rprmr", {}), ("rrrr", {"floating_base": True}), ("rr", {"runtime_tool": True})],
+    [
+        ("rprmr", {}),
+        pytest.param("rrrr", {"floating_base": True}, marks=pytest.mark.wide),
+        ("rr", {"runtime_tool": True}),
+    ],
     ids=["sliding and coupled joints", "floating base", "tool at run time"],
 )
 def test_other_chains(types, options, tmp_path):

@@ -51,7 +51,7 @@ def test_gradient_is_that_of_the_loss(folder):
             assert (ahead - behind) / 2e-5 == pytest.approx(gradient[i], rel=1e-6, abs=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.wide(instead="test_gradient_is_that_of_the_loss")
 def test_program(folder, tmp_path):
     figure = tmp_path / "figure.svg"
     command = [sys.executable, "-m", "examples.adaptive", "--robot", str(folder), "--figure", str(figure)]

@@ -76,7 +76,7 @@ def traces(results: Path) -> dict[str, trial.Trace]:
     return read_traces(EXPERIMENT, results)
 
 
-@pytest.mark.slow
+@pytest.mark.wide(instead="test_the_replayed_trajectory_lies_20_mm_lower")
 def test_report(results: Path) -> None:
     page = (results / "report.html").read_text()
     assert "All bars of the experiment hold." in page
@@ -86,7 +86,7 @@ def test_report(results: Path) -> None:
     assert not (results / report.PICTURE).exists() and not (results / report.FILM).exists()
 
 
-@pytest.mark.slow
+@pytest.mark.wide(instead="test_the_replayed_trajectory_lies_20_mm_lower")
 def test_each_seeded_fault_breaks_a_bar(ball_folder: Path, traces: dict[str, trial.Trace]) -> None:
     """Mirrored sign of Gamma, wrench in tool axes, moment about the wrong point."""
     robot = open_robot(ball_folder).module
@@ -113,7 +113,7 @@ def test_each_seeded_fault_breaks_a_bar(ball_folder: Path, traces: dict[str, tri
     assert analysis.failed_bars({}, shallow)[0].startswith("shift")
 
 
-@pytest.mark.slow
+@pytest.mark.wide(instead="test_the_replayed_trajectory_lies_20_mm_lower")
 def test_the_cartesian_law(ball_folder: Path, traces: dict[str, trial.Trace]) -> None:
     """Its stiffness at the equilibrium is J^T K J and the posture's share, and its torque is the applied one."""
     robot = open_robot(ball_folder).module

@@ -63,7 +63,7 @@ def test_without_the_experiments_their_command_is_named(plate_folder: Path, ball
         results.table("experiments", tmp_path)
 
 
-@pytest.mark.slow
+@pytest.mark.wide(instead="test_numbers")
 def test_numbers_in_contact(robots: Path) -> None:
     made, page = results.table("experiments", robots), shown("experiments")
     assert re.sub(NUMBER, "#", made) == re.sub(NUMBER, "#", page)

@@ -147,7 +147,7 @@ def test_at_rest_the_ground_gives_what_the_law_asks(solo: ModuleType) -> None:
     assert trace.wall[rest, 0] < -4 and np.all(trace.ground[rest, 1:, 2] > 0)
 
 
-@pytest.mark.slow
+@pytest.mark.wide(instead="test_rest_is_the_simulations_too")
 def test_the_whole_report(solo: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With fewer loads and less to record: all bars hold, and all files are written."""
     monkeypatch.setattr(findings, "LOADS", np.array([0.0, 55.0]))

@@ -143,7 +143,7 @@ def test_dual_arm_shares_one_q(dual):
 
 @pytest.mark.usefixtures("unoptimised")
 @pytest.mark.slow
-@pytest.mark.parametrize("runtime_tool", [False, True])
+@pytest.mark.parametrize("runtime_tool", [pytest.param(False, marks=pytest.mark.wide), True])
 def test_dual_arm_folder(runtime_tool, tmp_path):
     """The compiled module: every oracle for every tip, the total, and its namespaces."""
     folder = stiffgen.generate(DUAL, tip=["left hand", "right-hand"], runtime_tool=runtime_tool, output=tmp_path)

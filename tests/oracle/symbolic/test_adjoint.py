@@ -73,7 +73,12 @@ def products(chain):
 
 
 @pytest.mark.parametrize(
-    "robot", [pytest.param(robot, marks=() if robot == "small" else pytest.mark.slow) for robot in list(ROBOTS)[3:]]
+    "robot",
+    [
+        "small",
+        *(pytest.param(robot, marks=pytest.mark.slow) for robot in ("tool at run time", "two tips", "small floating")),
+        *(pytest.param(robot, marks=pytest.mark.wide) for robot in ("floating arm with a tool", "floating tree")),
+    ],
 )
 def test_products_are_complex_steps(robot, tmp_path):
     chain = ROBOTS[robot](tmp_path)
@@ -82,7 +87,14 @@ def test_products_are_complex_steps(robot, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("robot", [*list(ROBOTS)[:3], "small floating"])
+@pytest.mark.parametrize(
+    "robot",
+    [
+        "sliding and mimic joints",
+        "small floating",
+        *(pytest.param(robot, marks=pytest.mark.wide) for robot in ("seven turning joints", "nine joints")),
+    ],
+)
 def test_two_hundred_states(robot, tmp_path):
     chain = ROBOTS[robot](tmp_path)
     errors = {k.qualified_name: worst_error(chain, k, p, 200, seed=6) for k, p in products(chain)}

@@ -59,7 +59,7 @@ def test_no_work_round_closed_orbits():
     assert falling[3] < 1e-10
 
 
-@pytest.mark.slow
+@pytest.mark.wide(instead="test_no_work_round_closed_orbits")
 def test_the_page_has_todays_work():
     """docs/theory.md against the script: the springs' zeros in size, all else in its two digits."""
     page = (ROOT / "docs" / "theory.md").read_text()

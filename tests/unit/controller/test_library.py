@@ -68,7 +68,7 @@ def test_every_file_compiles_by_itself(compiler: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("tool", ["clang-tidy", "clangd"])
+@pytest.mark.parametrize("tool", ["clang-tidy", pytest.param("clangd", marks=pytest.mark.wide)])
 def test_editors_open_every_file(tool: str) -> None:
     """No diagnostics with the flags of compile_flags.txt, which both tools read."""
     if shutil.which(tool) is None:
