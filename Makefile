@@ -8,6 +8,7 @@ GENERATOR := $(shell find codegen -name '*.py' -o -name '*.j2' -o -name '*.[ch]'
 TORCH ?= torch>=2.5
 CONFIGURATIONS ?= 4194304
 WORKERS ?= 2
+TESTS ?= not slow and not wide
 # A worker takes neighbouring tests, so that it makes what they share only once.
 SPREAD := -n $(WORKERS) --dist worksteal
 
@@ -23,7 +24,7 @@ generate: $(VENV)/installed  ## generate and build every robot in urdf/, and pri
 	@$(BIN)/python examples/bowl_posture.py
 
 test: $(VENV)/installed-test  ## run the quick tests (12 minutes)
-	$(BIN)/python -m pytest $(SPREAD) -m 'not slow and not wide'
+	$(BIN)/python -m pytest $(SPREAD) -m '$(TESTS)'
 
 test-slow: $(VENV)/installed-test  ## run the other tests, with the short forms of the campaigns
 	$(BIN)/python -m pytest $(SPREAD) -m 'slow and not wide'

@@ -45,14 +45,14 @@ def test_the_package_is_the_robots_own(panda: Path) -> None:
     assert "stiffgen generate urdf/panda.urdf --name Panda" in (panda / "README.md").read_text()
 
 
-@pytest.mark.slow
+@pytest.mark.wide(instead="ros2/tests/test_package.py::test_the_package_is_built_and_installed")
 def test_the_package_is_built(panda: Path, tmp_path: Path) -> None:
     installed = build(panda, tmp_path, "rolling", "-DPANDA_DISPATCH=OFF")
     assert (installed / "share" / "panda_ros2" / "urdf" / "panda.urdf").is_file()
     assert (installed / "lib" / "libpanda_ros2.so").is_file()
 
 
-@pytest.mark.wide(instead="test_the_package_is_built")
+@pytest.mark.wide(instead="test_the_package_is_the_robots_own")
 def test_the_scenarios_of_another_robot(panda: Path, tmp_path: Path) -> None:
     objects, robot = tmp_path / "robot", panda / "generated" / "Panda"
     objects.mkdir()
@@ -79,7 +79,7 @@ def test_missing_limits_are_guesses_that_can_be_seen(without_limits: Path) -> No
     assert defaults.count("a guess, use your robot's") == 14
 
 
-@pytest.mark.wide(instead="test_the_package_is_built")
+@pytest.mark.wide(instead="test_the_package_is_the_robots_own")
 def test_guesses_are_compiled(without_limits: Path, tmp_path: Path) -> None:
     build(without_limits, tmp_path, "rolling", "-DARM_DISPATCH=OFF")  # its test needs limits
 

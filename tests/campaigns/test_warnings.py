@@ -16,7 +16,7 @@ from support.warnings import LEVELS, complaints, sources_of_random_robot, source
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 5])
+@pytest.mark.parametrize("seed", [pytest.param(1, marks=pytest.mark.wide), 5])
 def test_random_robots_compile_without_a_warning(seed, tmp_path):
     """The controller, whose text differs in sizes alone, of the first robot; the campaign has another's."""
     gcc = require_compiler("gcc")

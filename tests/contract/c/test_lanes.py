@@ -54,16 +54,16 @@ def test_every_chain(types, tmp_path, monkeypatch):
 
 
 @pytest.mark.usefixtures("unoptimised", "narrowest_width")
-@pytest.mark.slow
+@pytest.mark.wide(instead="tests/contract/c/test_derivatives.py::test_folder_is_verified")
 @pytest.mark.parametrize(
     ("types", "widths", "options"),
     [
         # The rows of five joints have places beyond the last vector, which nothing writes and no sum may read.
-        pytest.param("rrrrr", ["SSE2"], {}, marks=pytest.mark.wide),
+        ("rrrrr", ["SSE2"], {}),
         # Nine joints, six of them the base's own, and eight coordinates.
         ("rpm", ["AVX2"], {"floating_base": True, "kernels": ("body", "spring", "mass_matrix", "gravity")}),
         # One joint has a zero dJ/dq: what an oracle's rounding leaves of zero is no fault.
-        pytest.param("r", ["native"], {"runtime_tool": True}, marks=pytest.mark.wide),
+        ("r", ["native"], {"runtime_tool": True}),
     ],
 )
 def test_derivatives(types, widths, options, tmp_path, monkeypatch):

@@ -92,7 +92,7 @@ def generated(work: Path, *options: str) -> Path:
 
 SLOW = {
     "two tips, derivatives": pytest.mark.wide,
-    "floating base, tool, CUDA": pytest.mark.slow,
+    "floating base, tool, CUDA": pytest.mark.wide,
     "floats": pytest.mark.slow,
 }
 """``derivatives`` and ``two tips`` alone are compiled with their values, below."""

@@ -48,7 +48,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return stiffgen.generate(URDF, output=tmp_path_factory.mktemp("made"), build=False)
 
 
-@pytest.mark.slow
+@pytest.mark.wide(instead="test_find_package_knows_its_version")
 def test_wheel_needs_numpy_alone_and_works_anywhere(folder: Path, robot: ModuleType, tmp_path: Path) -> None:
     before = sorted(folder.rglob("*"))
     pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet")

@@ -47,7 +47,7 @@ def test_controller_brings_the_functions_that_it_calls(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("unoptimised")
+@pytest.mark.usefixtures("unoptimised", "narrowest_width")
 def test_part_of_the_functions_is_verified(tmp_path: Path) -> None:
     """Of a small arm, with the functions that its controller calls."""
     (tmp_path / "arm.urdf").write_text(chain_urdf("rpr"))

@@ -235,7 +235,7 @@ PROJECTS = {
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "case",
-    [pytest.param(case, marks=() if case in ("iiwa14", "sliding") else pytest.mark.wide) for case in PROJECTS],
+    [pytest.param(case, marks=() if case == "iiwa14" else pytest.mark.wide) for case in PROJECTS],
 )
 def test_the_project_builds_runs_and_passes_its_own_test(case, tmp_path):
     """As its README says, and without a warning."""

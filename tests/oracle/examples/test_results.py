@@ -71,7 +71,7 @@ def test_numbers_in_contact(robots: Path) -> None:
         assert float(ours) == pytest.approx(float(theirs), rel=IN_CONTACT), (ours, theirs)
 
 
-@pytest.mark.slow
+@pytest.mark.wide(instead="test_numbers")
 def test_numbers_of_the_adversary() -> None:
     """The page's command, by its first columns; what a climb comes to differs between processors."""
     (options,) = re.findall(r'NAME=energy OPTIONS="(.*?)"', PAGE.replace("\n", " "))

@@ -158,7 +158,7 @@ def test_potentials_of_files(tmp_path, capsys):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["mine.py"]
 
 
-@pytest.mark.slow
+@pytest.mark.wide(instead="tests/contract/c/test_potentials.py::test_potentials_have_the_values_of_their_energies")
 @pytest.mark.usefixtures("unoptimised", "narrowest_width")
 def test_a_folder_with_everything_verifies(tmp_path):
     """Compiled, with choices, libm and sines in the potential; the manifest says what is in it."""

@@ -776,7 +776,7 @@ def chain_of(joints: int, folder: Path) -> Path:
     return path
 
 
-@pytest.mark.slow
+@pytest.mark.wide(instead="test_several_tips_and_tools")
 def test_controller_of_40_joints_and_none_beyond(tmp_path: Path) -> None:
     folder = stiffgen.generate(chain_of(40, tmp_path), output=tmp_path)
     arm = open_robot(folder).module
