@@ -15,7 +15,6 @@ import importlib.util
 import json
 import os
 import platform
-import re
 import shutil
 import sys
 import sysconfig
@@ -28,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from stiffgen._version import __version__
-from stiffgen.described import flag_of, help_of
+from stiffgen.described import in_python
 from stiffgen.emit.build import compiler_command
 from stiffgen.emit.manifest import MANIFEST
 from stiffgen.errors import BuildError, ChainError, OutputError, StiffgenError, listed, printable, terminal_text
@@ -43,8 +42,6 @@ from stiffgen.robot.names import is_name
 _VARIABLE = "STIFFGEN_CACHE"
 _FIXED = {"output", "force", "build", "python"}
 """Options that the cache decides itself."""
-_WITH_VALUE = ("accept_inertia", "base", "ignore", "package_path", "springs")
-"""Options whose name a message puts before a value."""
 _RECORD = "entry.json"
 _WAITING = "waiting for another process, which generates the same robot"
 
@@ -73,33 +70,8 @@ def load(file: str | Path, *, tip: Any = None, base: str | None = None, **option
     try:
         return _loaded(file, tip, base, options)
     except StiffgenError as error:  # without the frames of the generator, in the words of Python
-        error.args = (_in_python(str(error)),)
+        error.reword(lambda text: in_python(text, GenerationOptions))
         raise error.with_traceback(None) from None
-
-
-def _in_python(text: str) -> str:
-    """Return a message with the keywords of Python in place of the options of the command line."""
-    keywords = {flag_of(option): option for option in fields(GenerationOptions)}
-
-    def keyword(match: re.Match[str]) -> str:
-        flag, value = match[1], match[3] and match[3].strip("'")
-        if flag.startswith("--no-") and f"--{flag[5:]}" in keywords:
-            return f"{flag[5:].replace('-', '_')}=False{match[2] or ''}"
-        if flag not in keywords:
-            return match[0]
-        name = keywords[flag].name
-        if f"{name} {value}" == "tool runtime":
-            return "runtime_tool=True"
-        record, part = help_of(keywords[flag]).record, (value or "").partition("=")[0]
-        if record is not None and part != "link" and part in [each.name for each in fields(record)]:
-            return f"{name}={record.__name__}({part}=...)"
-        if keywords[flag].default is False:
-            return f"{name}=True{match[2] or ''}"
-        if value and name in _WITH_VALUE:
-            return f"{name}=[{value!r}]" if name != "base" else f"{name}={value!r}"
-        return f"{name}=...{match[2] or ''}"
-
-    return re.sub(r"(--[a-z][a-z-]*)( ('[^']+'|[^\s,;:()]+))?", keyword, text)
 
 
 def _loaded(file: str | Path, tip: Any, base: str | None, options: dict[str, Any]) -> GeneratedRobot:

@@ -4,17 +4,26 @@
 from __future__ import annotations
 
 import inspect
+import re
 import textwrap
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import MISSING, Field, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Concatenate, ParamSpec, TypeVar
+
+from stiffgen.errors import StiffgenError
 
 _Options = ParamSpec("_Options")
 _Record = TypeVar("_Record")
 _Result = TypeVar("_Result")
 _OPTIONS = "        options: record of options."
 """Line of a docstring that becomes the meanings of the record's fields."""
+_WITH_VALUE = ("accept_inertia", "base", "ignore", "package_path", "springs")
+"""Options whose name a message puts before a value."""
+_FLAG = re.compile(r"""(--[a-z][a-z-]*)( ((?:'[^']*'|"[^"]*"|[^\s,;:()'"])+))?""")
+"""Option in a message, and the word behind it as a shell takes it."""
+_QUOTED = re.compile(r"""'([^']*)'|"([^"]*)\"""")
 
 
 @dataclass(frozen=True)
@@ -90,13 +99,52 @@ def meanings(record: Any) -> list[str]:
     ]
 
 
+def in_python(text: str, record: Any) -> str:
+    """Return a message with the keywords of Python, fields of ``record``, in place of the command line's options."""
+    keywords = {flag_of(each): each for each in fields(record)}
+
+    def keyword(match: re.Match[str]) -> str:
+        flag, rest, value = match[1], match[2] or "", _QUOTED.sub(r"\1\2", match[3] or "")
+        if flag.startswith("--no-") and f"--{flag[5:]}" in keywords:
+            return f"{flag[5:].replace('-', '_')}=False{rest}"
+        if flag not in keywords:
+            return match[0]
+        name = keywords[flag].name
+        if f"{name} {value}" == "tool runtime":
+            return "runtime_tool=True"
+        part_of, (part, _, given) = help_of(keywords[flag]).record, value.partition("=")
+        if part_of is not None and part != "link" and part in [each.name for each in fields(part_of)]:
+            return f"{name}={part_of.__name__}({part}={given or '...'})"
+        if keywords[flag].default is False:
+            return f"{name}=True{rest}"
+        if value and name in _WITH_VALUE:
+            return f"{name}=[{value!r}]" if name != "base" else f"{name}={value!r}"
+        return f"{name}=...{rest}"
+
+    return _FLAG.sub(keyword, text)
+
+
+@contextmanager
+def speaking_python(record: Any) -> Iterator[None]:
+    """Word refusals for a caller from Python (:func:`in_python`)."""
+    try:
+        yield
+    except StiffgenError as error:
+        error.reword(lambda text: in_python(text, record))
+        raise
+
+
 def with_keywords(
     name: str, options: Callable[_Options, _Record], run: Callable[[str | Path, _Record], _Result]
 ) -> Callable[Concatenate[str | Path, _Options], _Result]:
-    """Return ``run`` under another name, with the fields of its record as keywords, known to type checkers."""
+    """Return ``run`` under another name, with the fields of its record as keywords, known to type checkers.
+
+    Refusals name these keywords where those of ``run`` name options of the command line.
+    """
 
     def call(urdf: str | Path, *none: _Options.args, **keywords: _Options.kwargs) -> _Result:
-        return run(urdf, options(*none, **keywords))
+        with speaking_python(options):
+            return run(urdf, options(*none, **keywords))
 
     call.__name__ = call.__qualname__ = name
     call.__module__ = run.__module__

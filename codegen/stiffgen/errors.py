@@ -7,7 +7,11 @@ message alone and exits with code 2.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import shlex
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+_WHOLE = 1000
+"""Length up to which a name that the user copies from a message is whole."""
 
 
 def printable(text: str, most: int = 60) -> str:
@@ -21,14 +25,28 @@ def terminal_text(text: str) -> str:
     return "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text)
 
 
+def whole(name: str) -> str:
+    """Return a name for a message from which the user copies it: without control characters, and not cut."""
+    return printable(name, _WHOLE)
+
+
+def shell_word(name: str) -> str:
+    """Return a name as a shell takes it for one word of a command."""
+    return shlex.quote(whole(name))
+
+
 def listed(names: Sequence[str], most: int = 20) -> str:
-    """Return the first names of a list, and how many more there are."""
-    shown = ", ".join(printable(name) for name in names[:most])
+    """Return the first names of a list, each whole, and how many more there are."""
+    shown = ", ".join(whole(name) for name in names[:most])
     return shown if len(names) <= most else f"{shown} and {len(names) - most} more"
 
 
 class StiffgenError(Exception):
     """Base of every refusal of stiffgen; ``str(error)`` is a sentence for the user."""
+
+    def reword(self, change: Callable[[str], str]) -> None:
+        """Change the words of the message."""
+        self.args = (change(str(self)),)
 
 
 class DescriptionError(StiffgenError):
@@ -43,6 +61,11 @@ class DescriptionError(StiffgenError):
         self.file = file = printable(file, 200)
         self.problems = tuple(problems)
         super().__init__(self._message(self._SHOWN))
+
+    def reword(self, change: Callable[[str], str]) -> None:
+        """Change the words of the message and of each problem."""
+        super().reword(change)
+        self.problems = tuple(map(change, self.problems))
 
     @property
     def full(self) -> str:
@@ -77,7 +100,8 @@ class LoopWarning(DescriptionWarning):
         UserWarning.__init__(
             self,
             f"{self.file}: {len(self.problems)} constraints that close loops are left out, and joints of a loop are "
-            f"independent of each other: {listed(self.problems, 4)}; --close-loops closes them",
+            f"independent of each other: {listed(self.problems, 4)}; --close-loops (in Python close_loops=True) closes "
+            "them",
         )
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import re
-import shlex
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -16,7 +15,7 @@ from itertools import islice
 
 from lxml import etree
 
-from stiffgen.errors import listed, printable
+from stiffgen.errors import listed, printable, shell_word, whole
 from stiffgen.robot import urdf_format
 from stiffgen.robot.description import ALL_LINKS, JOINT_TYPES, LARGEST, MOVING_TYPES, Affects, Problem, Reading
 from stiffgen.robot.extras import left_out, rotor_inertias
@@ -90,7 +89,7 @@ class Checker:
         self.remarks += remarks
         for name in self.reading.accept_inertia:
             if name not in (*self.links, ALL_LINKS):
-                yield Problem("file", f"--accept-inertia {printable(name)}: is no link; {self._known_links}")
+                yield Problem("file", f"--accept-inertia {shell_word(name)}: is no link; {self._known_links}")
         yield from self._tree()
 
     def _named(self, tag: str, into: dict[str, etree._Element]) -> Iterator[Problem]:
@@ -295,13 +294,11 @@ class Checker:
         if self.reading.accepts(name):
             self.accepted[name] = fault
             return
-        shown = printable(name)
-        option = f"--accept-inertia {shlex.quote(shown)}"
         yield Problem(
             f"link {name}",
-            f"link '{shown}': no rigid body has this inertia tensor ({fault}; principal moments must be positive and "
-            f"none above the sum of the other two){doubt}; correct <inertia>, accept it ({option}), "
-            "or leave all masses out (--no-masses)",
+            f"link '{whole(name)}': no rigid body has this inertia tensor ({fault}; principal moments must be positive "
+            f"and none above the sum of the other two){doubt}; correct <inertia>, accept it "
+            f"(--accept-inertia {shell_word(name)}), or leave all masses out (--no-masses)",
         )
 
     @cached_property

@@ -37,7 +37,7 @@ from stiffgen.robot.description import (
 )
 from stiffgen.robot.geometry import unit
 from stiffgen.robot.mjcf import read_mjcf
-from stiffgen.robot.templates import Expansion, expand
+from stiffgen.robot.templates import Expansion, check_package_path, expand
 
 if TYPE_CHECKING:
     import yourdfpy
@@ -70,6 +70,7 @@ def read_description(path: str | Path, reading: Reading | None = None) -> Descri
     """
     path, reading = Path(path), reading or Reading()
     data = _read_bytes(path)
+    check_package_path(path, reading)
     if _is_mjcf(data) and not reading.arguments:
         return read_mjcf(path, data)
     expansion = Expansion(data)

@@ -8,7 +8,7 @@ import re
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from stiffgen.errors import ChainError, DescriptionError, listed, printable
+from stiffgen.errors import ChainError, DescriptionError, listed, printable, shell_word
 from stiffgen.robot.chain import MAX_MOVING_JOINTS, ChainOptions, Tool
 from stiffgen.robot.couplings import Couplings
 from stiffgen.robot.description import LARGEST, MOVING_TYPES, Description, JointElement
@@ -384,7 +384,7 @@ def _free_base(description: Description, base: str, tip: str, options: ChainOpti
     if base in above and above[base].type != "floating":
         raise ChainError(
             f"{description.file}: a floating base must be the root of the robot, but '{printable(base)}' is the child "
-            f"of joint '{printable(above[base].name)}'; remove --base, or use --base {printable(description.root)}"
+            f"of joint '{printable(above[base].name)}'; remove --base, or use --base {shell_word(description.root)}"
         )
     return base, True
 
@@ -413,6 +413,6 @@ def _path(description: Description, base: str, tip: str) -> list[JointElement]:
             raise ChainError(
                 f"{description.file}: joint '{printable(element.name)}' between '{printable(base)}' and "
                 f"'{printable(tip)}' is {element.type}, which has no single coordinate; "
-                f"choose a base behind it: --base {printable(element.child)}"
+                f"choose a base behind it: --base {shell_word(element.child)}"
             )
     return path[::-1]

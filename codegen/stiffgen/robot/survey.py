@@ -121,7 +121,7 @@ def narrowed_limits(description: Description, coordinates: Iterable[JointElement
 
 def _first(problems: Sequence[str]) -> str:
     """Return the first problem with its remedy, and how many more there are."""
-    return printable(problems[0], 600) + (f" (and {len(problems) - 1} more)" if len(problems) > 1 else "")
+    return printable(problems[0], 4000) + (f" (and {len(problems) - 1} more)" if len(problems) > 1 else "")
 
 
 def _joints_above(description: Description, link: str) -> list[JointElement]:

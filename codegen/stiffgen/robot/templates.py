@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from stiffgen.errors import DescriptionError, printable
+from stiffgen.errors import DescriptionError, printable, shell_word
 from stiffgen.robot.confined import answer_of
 from stiffgen.robot.description import Input, Reading
 
@@ -34,17 +34,11 @@ def expand(path: Path, reading: Reading) -> Expansion:
 
     """
     file = str(path.resolve())
-    for folder in reading.package_path:
-        if not str(folder):  # Path("") is the working folder, for instance of a variable that a script has not set
-            raise DescriptionError(path.name, ["--package-path is empty; name a folder (the working folder: .)"])
-        if not Path(folder).is_dir():
-            fault = "is not a folder" if Path(folder).exists() else "does not exist"
-            raise DescriptionError(path.name, [f"--package-path {printable(str(folder), 200)}: {fault}"])
     folders = [str(each) for each in reading.package_path]
     request = {"file": file, "arguments": dict(reading.arguments or {}), "package_path": folders}
     answer = answer_of("expansion.py", path.name, request, "xacrodoc", "xacro", "a xacro template")
     if "error" in answer:
-        raise DescriptionError(path.name, [printable(answer["error"], 600)])
+        raise DescriptionError(path.name, [printable(answer["error"], 2000)])
     packages = {name: Path(folder) for name, folder in answer["packages"].items()}
     return Expansion(
         answer["text"].encode(),
@@ -52,6 +46,21 @@ def expand(path: Path, reading: Reading) -> Expansion:
         tuple(f"xacro: {printable(each, 200)}" for each in answer["warnings"][:_MOST_WARNINGS]),
         tuple((name, default) for name, default in answer["parameters"]),
     )
+
+
+def check_package_path(path: Path, reading: Reading) -> None:
+    """Refuse folders of packages that do not exist, also where the file needs none: a command may be mistyped.
+
+    Raises:
+        DescriptionError: a folder does not exist, is a file, or its name is empty.
+
+    """
+    for folder in reading.package_path:
+        if not str(folder):  # Path("") is the working folder, for instance of a variable that a script has not set
+            raise DescriptionError(path.name, ["--package-path is empty; name a folder (the working folder: .)"])
+        if not Path(folder).is_dir():
+            fault = "is not a folder" if Path(folder).exists() else "does not exist"
+            raise DescriptionError(path.name, [f"--package-path {shell_word(str(folder))}: {fault}"])
 
 
 def portable_inputs(

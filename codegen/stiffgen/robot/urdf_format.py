@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 
 from lxml import etree
 
-from stiffgen.errors import printable
+from stiffgen.errors import printable, shell_word
 
 Version = tuple[int, int]
 OLDEST: Version = (1, 0)
@@ -163,9 +163,9 @@ def _unknown_attribute(element: etree._Element, name: str, known: ElementFormat)
     meant = _meant(name, (*known.attributes, *known.newer))
     if meant:
         order = ", with its numbers in this order" if tag in _PLACES and sorted(meant) == sorted(name) else ""
-        return ElementFault(f"{says}; did you mean '{meant}'{order}? (if not: --ignore {shown})")
+        return ElementFault(f"{says}; did you mean '{meant}'{order}? (if not: --ignore {shell_word(name)})")
     if tag in _PLACES and _NUMBERS.fullmatch(element.get(name, "")):
-        return ElementFault(f"{says}; correct it (valid: {valid}), or --ignore {shown}")
+        return ElementFault(f"{says}; correct it (valid: {valid}), or --ignore {shell_word(name)}")
     return ElementFault(f"{says} that stiffgen knows; it is ignored", note=True)
 
 
@@ -174,10 +174,10 @@ def _unknown(tag: str, name: str, elements: Sequence[str]) -> ElementFault:
     meant = _meant(name, elements)
     says = f"<{printable(name)}> is no element of <{tag}>"
     if meant:
-        return ElementFault(f"{says}; did you mean <{meant}>? (if not: --ignore {printable(name)})", meant)
+        return ElementFault(f"{says}; did you mean <{meant}>? (if not: --ignore {shell_word(name)})", meant)
     if tag in _WITH_VENDOR_ELEMENTS:
         return ElementFault(f"{says} that stiffgen knows; it is ignored", note=True)
-    return ElementFault(f"{says}; {_remedy([f'<{each}>' for each in elements])}, or --ignore {printable(name)}")
+    return ElementFault(f"{says}; {_remedy([f'<{each}>' for each in elements])}, or --ignore {shell_word(name)}")
 
 
 def misspelt_in_robot(robot: etree._Element, ignored: Collection[str] = ()) -> Iterator[str]:
@@ -185,8 +185,8 @@ def misspelt_in_robot(robot: etree._Element, ignored: Collection[str] = ()) -> I
     for name in dict.fromkeys(str(child.tag) for child in robot):
         meant = "" if name in _IN_A_ROBOT or _prefixed(name) or name in ignored else _meant(name, _IN_A_ROBOT)
         if meant:
-            shown = printable(name)
-            yield f"<{shown}> is no element of <robot>; did you mean <{meant}>? (if not: --ignore {shown})"
+            says = f"<{printable(name)}> is no element of <robot>"
+            yield f"{says}; did you mean <{meant}>? (if not: --ignore {shell_word(name)})"
 
 
 def _prefixed(name: str) -> bool:

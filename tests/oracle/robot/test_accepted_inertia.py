@@ -64,7 +64,9 @@ WORDS = {
 @pytest.mark.parametrize("name", WORDS)
 def test_the_refusal_has_the_number_and_the_remedy(name: str, tmp_path: Path) -> None:
     tensor, words = WORDS[name]
-    with pytest.raises(DescriptionError, match=rf"link 'l2': .*\(its {words}.*--accept-inertia l2\), or .*--no-masses"):
+    with pytest.raises(
+        DescriptionError, match=rf"link 'l2': .*\(its {words}.*accept_inertia=\[.l2.\]\), or .*masses=False"
+    ):
         load_chain(written(tmp_path, arm((SOUND, tensor, SOUND))))
 
 
@@ -122,7 +124,7 @@ def test_no_possible_tensor_is_nearer(tensor: tuple[float, ...]) -> None:
 
 def test_links_beside_the_chain_and_unknown_ones(tmp_path: Path) -> None:
     file = written(tmp_path, arm((SOUND, TRIANGLE, SOUND)))
-    with pytest.raises(StiffgenError, match=r"--accept-inertia elbow: is no link; valid names: l0, l1"):
+    with pytest.raises(StiffgenError, match=r"accept_inertia=\[.elbow.\]: is no link; valid names: l0, l1"):
         load_chain(file, accept_inertia=["elbow"])
     assert load_chain(file, accept_inertia=["all"], masses=False).accepted == ()
     with pytest.raises(DescriptionError, match="link 'l2'"):

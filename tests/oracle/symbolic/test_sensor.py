@@ -172,11 +172,11 @@ def payload_of(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
     [
         (stiffgen.Sensor("handy"), "link 'handy' does not exist; valid names: base, upper, lower, hand, finger"),
         (stiffgen.Sensor("base"), "is moved by no joint of the chain"),
-        (stiffgen.Sensor("upper"), "a joint lies between the --sensor link 'upper' and tip hand"),
-        (stiffgen.Sensor("finger"), "joint 'grip' moves the --sensor link 'finger'"),
-        (stiffgen.Sensor("hand", sign="both"), "--sensor sign=both is not one of environment, robot"),
-        (stiffgen.Sensor("hand", xyz=(0.0, np.inf, 0.0)), "--sensor xyz must be three finite numbers"),
-        (stiffgen.Sensor("hand", rpy=(0.0, 0.0)), "--sensor rpy must be three finite numbers"),
+        (stiffgen.Sensor("upper"), "a joint lies between the sensor=... link 'upper' and tip hand"),
+        (stiffgen.Sensor("finger"), "joint 'grip' moves the sensor=... link 'finger'"),
+        (stiffgen.Sensor("hand", sign="both"), r"sensor=Sensor\(sign=both\) is not one of environment, robot"),
+        (stiffgen.Sensor("hand", xyz=(0.0, np.inf, 0.0)), r"sensor=Sensor\(xyz=...\) must be three finite numbers"),
+        (stiffgen.Sensor("hand", rpy=(0.0, 0.0)), r"sensor=Sensor\(rpy=...\) must be three finite numbers"),
     ],
 )
 def test_refused(sensor, message, tmp_path):

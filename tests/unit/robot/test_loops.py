@@ -195,10 +195,10 @@ REFUSALS = {
     "joint '.*' of a closed loop is passive but free": {"extra": bar("knee", "rocker", "0.1 0 0")},
     "motor '.*' cannot move by itself": {"actuated": ["crank", "coupler"]},
     "does not close: its ends stay 0.2": {"loop": ["coupler:0.35,0,0=rocker:0.25,0,0.2"]},
-    "--actuated crnk: is no joint of a closed loop; these are: crank, coupler, rocker": {"actuated": ["crnk"]},
+    "actuated=... crnk: is no joint of a closed loop; these are: crank, coupler, rocker": {"actuated": ["crnk"]},
     "no joint of the closed loops has a motor": {"actuated": []},
     "has no constraints that close loops": {"loop": [], "close_loops": True},
-    "--actuated names the motors of closed loops, and none is closed": {"loop": []},
+    "actuated=... names the motors of closed loops, and none is closed": {"loop": []},
     "has no moving joint": {"loop": ["ground:0,0,0=ground:1,0,0"]},
     "starts at 'ground', before base 'crank'": {"base": "crank"},
 }
@@ -278,7 +278,7 @@ def test_constraints_of_mujoco(kind, tmp_path):
 
 def test_without_the_option_loops_stay_open(tmp_path):
     pytest.importorskip("mujoco")
-    with pytest.warns(LoopWarning, match="--close-loops closes them"):
+    with pytest.warns(LoopWarning, match=r"--close-loops \(in Python close_loops=True\) closes them"):
         chain = load_chain(four_bar(tmp_path), tip="coupler")
     assert chain.loops == () and [each.name for each in chain.coordinates] == ["crank", "coupler"]
 
@@ -293,7 +293,7 @@ def test_each_option_closes_its_own_loops(tmp_path):
     assert [loop.option for loop in chain.loops] == [own]
     with pytest.warns(LoopWarning):
         assert check_urdf(chain, file).passed
-    with pytest.raises(ChainError, match="add --close-loops"):
+    with pytest.raises(ChainError, match="add close_loops=True"):
         load_chain(file, **motors)
     chain = load_chain(file, close_loops=True, **motors)
     assert [loop.option for loop in chain.loops] == [""] and check_urdf(chain, file).passed

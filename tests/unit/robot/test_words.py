@@ -6,16 +6,21 @@ from __future__ import annotations
 import re
 import shlex
 import traceback
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import stiffgen
 from stiffgen.cli import main
-from stiffgen.errors import InertiaWarning, StiffgenError
+from stiffgen.described import in_python
+from stiffgen.errors import DescriptionError, InertiaWarning, StiffgenError, shell_word
 from stiffgen.loading import describe, read_chain
 from stiffgen.options import GenerationOptions
 from stiffgen.robot.description import Reading
+from stiffgen.robot.survey import survey_tip
+from stiffgen.verify.folder.files import check_urdf
 from support.chains import ARM, INERTIAL, replaced
 
 AXIS = '<axis xyz="0 1 0"/>'
@@ -190,6 +195,104 @@ def test_load_speaks_python(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     assert "--" not in str(refusal.value) and refusal.value.__cause__ is None
     with pytest.raises(StiffgenError, match=r"accept_inertia=\['upper arm'\]\), or .*\(masses=False\)"):
         stiffgen.load(written(tmp_path, impossible.read_text().replace('"upper"', '"upper arm"')))
+
+
+LEAF = '<link name="t"/><joint name="tj" type="fixed"><parent link="upper"/><child link="t"/></joint>'
+REFUSED: dict[str, tuple[str, str, dict[str, Any], str]] = {
+    "an inertia": ('ixx="0.02"', 'ixx="2"', {}, r"accept it \(accept_inertia=\['upper'\]\), or .*\(masses=False\)"),
+    "another name": ('ixx="0.02"', 'ixx="2"', {"accept_inertia": "x"}, r"\n  accept_inertia=\['x'\]: is no"),
+    "an element": ("<limit ", "<limitt/><limit ", {}, r"\(if not: ignore=\['limitt'\]\)"),
+    "a tip": ("</robot>", f"{LEAF}</robot>", {}, r"choose one with tip=\.\.\.: "),
+    "a tool": ("", "", {"tool": stiffgen.Tool(mass=-1.0)}, r"tool=Tool\(mass=-1\) is negative"),
+    "a folder": ("", "", {"package_path": ["/no/ws"]}, r"^arm.urdf: package_path=\['/no/ws'\]: does not exist$"),
+    "a loop": ("", "", {"loop": ["a=b"]}, r"^loop=\.\.\. a=b: is not LINK"),
+    "a motor": ("", "", {"actuated": "x"}, r"actuated=\.\.\. names the motors .* add close_loops=True"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFUSED)
+@pytest.mark.parametrize("function", [stiffgen.load_chain, stiffgen.generate])
+def test_python_speaks_python(function: Callable[..., Any], name: str, tmp_path: Path) -> None:
+    old, new, options, words = REFUSED[name]
+    file = written(tmp_path, replaced((old, new)) if old else ARM)
+    more = {} if function is stiffgen.load_chain else {"output": tmp_path, "build": False}
+    with pytest.raises(StiffgenError, match=words) as refusal:
+        function(file, **options, **more)
+    said = [str(refusal.value), *getattr(refusal.value, "problems", ()), getattr(refusal.value, "full", "")]
+    assert not any("--" in each for each in said)
+
+
+def test_options_of_generation_speak_python(tmp_path: Path) -> None:
+    file = written(tmp_path, ARM)
+    for options, words in (
+        ({"scalar": "half"}, r"^scalar=\.\.\. half: is not one of"),
+        ({"scalar": "float", "derivatives": True}, r"does not go with derivatives=True, which .* with another name="),
+        ({"cuda": True, "batches": False}, r"^cuda=True is made from the batches, which batches=False omits"),
+        ({"kernels": ("nonsense",)}, r"kernels=\.\.\. nonsense: this robot has no such group"),
+        ({"output": file}, r"choose another output="),
+    ):
+        with pytest.raises(StiffgenError, match=words) as refusal:
+            stiffgen.generate(file, **{"output": tmp_path, "build": False} | options)  # type: ignore[arg-type]
+        assert "--" not in str(refusal.value)
+
+
+def test_the_command_line_keeps_its_own_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Also where verify reads the robot's file again."""
+    file = written(tmp_path, replaced(('ixx="0.02"', 'ixx="2"')))
+    for words in (
+        ["generate", str(file)],
+        ["new", str(file), "--output", str(tmp_path / "p"), "--controller", "spring"],
+    ):
+        assert main(words) == 2
+        assert "(--accept-inertia upper)" in " ".join(capsys.readouterr().err.split())
+    with pytest.raises(StiffgenError, match=r"\(--accept-inertia upper\)"):
+        check_urdf(stiffgen.load_chain(written(tmp_path, ARM, "fine.urdf")), file)
+
+
+def test_a_remedy_for_python_can_be_evaluated() -> None:
+    for name in ("upper", "upper arm", "it's", 'a "b"', "arm(1)", "x" * 300, "a\\b"):
+        text = in_python(f"accept it (--accept-inertia {shell_word(name)}), or", GenerationOptions)
+        call = text.removeprefix("accept it (").removesuffix("), or")
+        assert eval(f"dict({call})") == {"accept_inertia": [name]}
+
+
+LONG = "left_arm_" + "_".join(f"segment_{k}" for k in range(18))  # 185 characters
+
+
+def test_names_to_be_copied_are_whole(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """In the remedy, in the list of tips, and in the sentence of inspect, up to its end."""
+    impossible = replaced(('ixx="0.02"', 'ixx="2"')).replace('"upper"', f'"{LONG}"')
+    file = written(tmp_path, impossible)
+    with pytest.raises(StiffgenError, match=rf"\(accept_inertia=\['{LONG}'\]\), or .*\(masses=False\)$"):
+        stiffgen.load_chain(file)
+    assert main(["inspect", str(file)]) == 1
+    shown = "".join(capsys.readouterr().out.split())
+    assert f"only with --no-masses: link '{LONG}'".replace(" ", "") in shown
+    assert shown.count(f"(--accept-inertia{LONG}),orleaveallmassesout(--no-masses)") >= 1
+    (survey,) = (each for each in (survey_tip(describe(file), tip) for tip in describe(file).leaves) if each.hindrance)
+    assert survey.hindrance.endswith(f"(--accept-inertia {LONG}), or leave all masses out (--no-masses)")
+    leaf = f'<link name="{LONG}"/><joint name="tj" type="fixed"><parent link="upper"/><child link="{LONG}"/></joint>'
+    with pytest.raises(StiffgenError, match=rf"choose one with tip=.*{LONG}"):
+        stiffgen.load_chain(written(tmp_path, replaced(("</robot>", f"{leaf}</robot>"))))
+    floating = replaced(("</robot>", "</robot>")).replace('"upper"', f'"{LONG}"').replace("revolute", "planar", 1)
+    with pytest.raises(StiffgenError, match=rf"choose a base behind it: base='{LONG}'$"):
+        stiffgen.load_chain(written(tmp_path, floating))
+    element = replaced(("<limit ", f'<limit {LONG[:-1]}="1" lowe="0" '))
+    assert any("--ignore lowe" in each.text for each in describe(written(tmp_path, element)).problems)
+
+
+@pytest.mark.parametrize("kind", ["urdf", "xacro", "mjcf"])
+@pytest.mark.parametrize("folder", ["missing", "arm.file", ""])
+def test_a_package_path_that_is_no_folder(kind: str, folder: str, tmp_path: Path) -> None:
+    """Also for a file that includes no package: the command is mistyped."""
+    text = {"urdf": ARM, "mjcf": MODEL, "xacro": '<robot name="a" xmlns:xacro="http://www.ros.org/wiki/xacro"/>'}[kind]
+    file = written(tmp_path, text, "arm.xacro" if kind == "xacro" else "arm.file")
+    written(tmp_path, text, "arm.file")
+    path = str(tmp_path / folder) if folder else ""
+    fault = {"missing": "does not exist", "arm.file": "is not a folder", "": "is empty"}[folder]
+    with pytest.raises(DescriptionError, match=fault) as refusal:
+        describe(file, Reading(package_path=[path]))
+    assert str(refusal.value).startswith(f"{file.name}: --package-path") and "\n" not in str(refusal.value)
 
 
 @pytest.mark.parametrize("accepted", ["all", ["upper"], ("upper", "lower")])

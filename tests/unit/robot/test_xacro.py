@@ -149,18 +149,20 @@ def test_arguments_change_the_robot_and_stand_in_the_manifest(tmp_path, capsys):
 
 
 def test_packages_by_path_and_environment(tmp_path, monkeypatch):
-    files = {"arm.urdf.xacro": f'<robot {XACRO} name="arm"><xacro:include filename="$(find parts)/a.xacro"/></robot>'}
+    files = {
+        "arm.urdf.xacro": f'<robot {XACRO} name="arm"><xacro:include filename="$(find lone_parts)/a.xacro"/></robot>'
+    }
     template = written(tmp_path / "arms", files)
-    part = tmp_path / "deep" / "parts" / "a.xacro"
+    part = tmp_path / "deep" / "lone_parts" / "a.xacro"
     part.parent.mkdir(parents=True)
     part.write_text('<robot><link name="a"/><link name="b"/><joint name="j" type="revolute"><parent link="a"/>'
                     '<child link="b"/></joint></robot>')  # fmt: skip
-    with pytest.raises(StiffgenError, match=r"needs the package 'parts'.*--package-path DIR"):
+    with pytest.raises(StiffgenError, match=r"needs the package 'lone_parts'.*--package-path DIR"):
         describe(template)
-    for place in (tmp_path / "deep", tmp_path / "deep" / "parts"):  # a folder of packages, a package without XML
+    for place in (tmp_path / "deep", tmp_path / "deep" / "lone_parts"):  # a folder of packages, a package without XML
         (found,) = describe(template, Reading(package_path=(place,))).inputs
-        assert found.file == "package://parts/a.xacro"
-    (part.parent / "package.xml").write_text(PACKAGE.format("parts"))
+        assert found.file == "package://lone_parts/a.xacro"
+    (part.parent / "package.xml").write_text(PACKAGE.format("lone_parts"))
     monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path / "deep"))
     assert stiffgen.load_chain(template).tip == "b"
 

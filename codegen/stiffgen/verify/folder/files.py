@@ -19,10 +19,10 @@ from stiffgen.emit.manifest import MANIFEST
 from stiffgen.emit.render import render
 from stiffgen.errors import printable
 from stiffgen.folder import temporary_folder
-from stiffgen.loading import load_chain
+from stiffgen.loading import read_chain
 from stiffgen.opened import GeneratedRobot
 from stiffgen.options import options_of_manifest
-from stiffgen.robot.chain import Chain
+from stiffgen.robot.chain import Chain, ChainOptions
 from stiffgen.verify.result import Check, faultless, left_out
 
 LIMITS = ("lower", "upper", "velocity", "effort")
@@ -111,8 +111,7 @@ def check_urdf(chain: Chain, urdf: Path) -> Check:
     links = [tip.link for tip in chain.tips]
     names = [coordinate.name for coordinate in chain.coordinates]
     moved = {j.coordinate for loop in chain.loops for end in (loop.first, loop.second) for j in end.joints}
-    fresh = load_chain(
-        urdf,
+    options = ChainOptions(
         tip=links[0] if len(links) == 1 else links,
         base=chain.base,
         masses=chain.masses,
@@ -128,6 +127,7 @@ def check_urdf(chain: Chain, urdf: Path) -> Check:
         sensor=chain.sensor.option if chain.sensor else None,
         actuated=[name for k, name in enumerate(names) if chain.base_joints + k in moved and k in chain.actuated],
     )
+    fresh = read_chain(urdf, options)
     compared = [field.name for field in fields(Chain) if field.name not in ("source", "digest", "inputs")]
     faults = [name for name in compared if getattr(fresh, name) != getattr(chain, name)]
     return faultless("chain", f"{urdf.name}, read again", faults)
