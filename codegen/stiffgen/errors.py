@@ -114,6 +114,15 @@ class InertiaWarning(DescriptionWarning):
         UserWarning.__init__(self, f"{self.file}: accepted although no rigid body has it: {'; '.join(self.problems)}")
 
 
+class LimitWarning(DescriptionWarning):
+    """The position limits of joints that follow a coordinate exclude each other, and none of them is used."""
+
+    def __init__(self, file: str, limits: Iterable[str]) -> None:
+        self.file = printable(file, 200)
+        self.problems = tuple(limits)
+        UserWarning.__init__(self, f"{self.file}: {'; '.join(self.problems)}")
+
+
 class OmissionWarning(DescriptionWarning):
     """The file's model has forces at rest that no function contains."""
 

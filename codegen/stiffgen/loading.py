@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import inspect
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from stiffgen.described import with_keywords
 from stiffgen.errors import (
     DescriptionWarning,
     InertiaWarning,
+    LimitWarning,
     LoopWarning,
     OmissionWarning,
     PotentialError,
@@ -27,6 +28,7 @@ from stiffgen.robot.files import FileError, read_regular
 from stiffgen.robot.names import find_robot, is_name
 from stiffgen.robot.reader import read_description
 from stiffgen.robot.selection import select
+from stiffgen.robot.survey import kept_limits
 from stiffgen.symbolic.kernels import RESERVED_NAMES
 from stiffgen.symbolic.potentials import ALL, KernelOptions, Potential
 from stiffgen.symbolic.springs import KINDS, Placement, spring
@@ -57,6 +59,7 @@ def read_chain(urdf: str | Path, options: ChainOptions) -> Chain:
     Warns:
         DescriptionWarning: the file has problems that cannot change this chain.
         InertiaWarning: an impossible inertia is accepted (``accept_inertia``).
+        LimitWarning: position limits of joints that follow an entry of q exclude each other; it keeps its own limits.
         OmissionWarning: springs, tendons or gravity compensation of an MJCF file push joints at rest.
         LoopWarning: the file has constraints that close loops, which all functions leave out (``close_loops``).
 
@@ -71,12 +74,21 @@ def read_chain(urdf: str | Path, options: ChainOptions) -> Chain:
     if description.loops and not options.close_loops:
         warnings.warn(LoopWarning(description.file, [loop.text for loop in description.loops]), stacklevel=3)
     chain = assemble(description, options, selection, _RESERVED)
+    if chain.unused_limits:
+        warnings.warn(LimitWarning(description.file, said_of_limits(chain)), stacklevel=3)
     if chain.accepted:
         warnings.warn(InertiaWarning(description.file, map(said_of, chain.accepted)), stacklevel=3)
     return chain
 
 
 load_chain = with_keywords("load_chain", ChainOptions, read_chain)
+
+
+def said_of_limits(chain: Chain) -> Iterator[str]:
+    """Yield a sentence about each coordinate that keeps its own position limits: joints, numbers, remedy."""
+    own = {each.name: each for each in chain.coordinates}
+    for each in chain.unused_limits:
+        yield kept_limits(own[each.joint], each.fault)
 
 
 def said_of(inertia: AcceptedInertia) -> str:

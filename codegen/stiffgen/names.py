@@ -111,10 +111,10 @@ def c_string(text: str) -> str:
     return '"' + "".join(chr(b) if b in plain else f"\\{b:03o}" for b in text.encode("utf-8", "replace")) + '"'
 
 
-def comment(text: str) -> str:
-    """Return text for a C or CMake comment, Markdown or a docstring: printable ASCII without markup."""
+def comment(text: str, most: int = 80) -> str:
+    """Return text for a C or CMake comment, Markdown or a docstring: printable ASCII without markup, cut at its end."""
     plain = "".join(c if " " <= c <= "~" and c not in '*\\`<>|"?#@$[]' else "_" for c in text)
-    return plain[:80] or "_"
+    return plain[:most] or "_"
 
 
 def c_comment(text: str) -> str:

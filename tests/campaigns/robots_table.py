@@ -91,6 +91,8 @@ def robots(package: str, folder: Path) -> Iterator[Path]:
         with zipfile.ZipFile(next(folder.glob(pattern))) as archive:
             archive.extractall(root)
     for path in sorted(root.rglob("*.xml" if package in MJCF else "*.urdf")):
+        if "random_urdfs" in path.parts:  # pybullet's thousand generated objects without joints
+            continue
         if package not in MJCF or re.search(rb"<mujoco[\s>](?s:.*)<(free)?joint[\s/>]", path.read_bytes()):
             yield path
 
@@ -99,7 +101,7 @@ def check_file(path: Path, name: str) -> Row | None:
     """Compare the chains of a file; return None if it has no moving joint."""
     row = Row(name)
     try:
-        description = describe(path)
+        description = describe(_named_template(path))
     except StiffgenError as error:
         row.refused.append(_reason(error, path))
         return row
@@ -126,6 +128,15 @@ def check_file(path: Path, name: str) -> Row | None:
         else:
             row.agreed += 1
     return row if row.chains else None
+
+
+def _named_template(path: Path) -> Path:
+    """Return a copy named .xacro of a template that is not; of all other files the file itself."""
+    if path.suffix == ".xacro" or b"<xacro:" not in path.read_bytes():
+        return path
+    copy = path.with_name(f"{path.name}.xacro")
+    copy.write_bytes(path.read_bytes())
+    return copy
 
 
 def compared(path: Path, chain: Chain, random: np.random.Generator, most: int) -> dict[str, float]:

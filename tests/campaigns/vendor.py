@@ -42,7 +42,6 @@ BLAME = {
     r"its inertia comes from the mesh": "the set: it has no meshes",
     r"has no single coordinate": "the robot: a joint with several coordinates",
     r"couples more than two joints|is not linear": "the file: a coupling that is not linear",
-    r"has no range in which": "the file: limits of <mimic> joints exclude each other",
     r"the oracle refuses": "the oracle",
     r"is negative|occurs twice|does not exist": "the file",
 }

@@ -21,7 +21,18 @@ from stiffgen.robot.chain import Chain
 
 MANIFEST = "manifest.json"
 _GENERATOR = "stiffgen"
-_OPTIONAL = ("ignored", "accepted", "inputs", "arguments", "loops", "actuated", "start", "is_mjcf", "sensor")
+_OPTIONAL = (
+    "ignored",
+    "accepted",
+    "unused_limits",
+    "inputs",
+    "arguments",
+    "loops",
+    "actuated",
+    "start",
+    "is_mjcf",
+    "sensor",
+)
 """Fields of a chain that are written where they are not empty."""
 _MOST_BYTES = 1 << 26
 DAMAGE = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError)

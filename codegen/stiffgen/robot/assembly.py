@@ -19,6 +19,7 @@ from stiffgen.robot.chain import (
     RigidBody,
     Tip,
     Tool,
+    UnusedLimits,
 )
 from stiffgen.robot.description import Description, JointElement
 from stiffgen.robot.geometry import IDENTITY, Inertia, Pose, Real, mpf
@@ -84,6 +85,7 @@ def _assembled(
         locked=tuple(sorted((options.lock or {}).items())),
         floating=selection.floating,
         ignored=tuple(options.ignore),
+        unused_limits=_unused_limits(description, selection),
         inputs=description.inputs,
         arguments=description.arguments,
         loops=loops,
@@ -92,6 +94,11 @@ def _assembled(
         is_mjcf=description.is_mjcf,
         sensor=sensor,
     )
+
+
+def _unused_limits(description: Description, selection: Selection) -> tuple[UnusedLimits, ...]:
+    faults = {name: selection.couplings.exclusion(description.joints[name]) for name in selection.masters}
+    return tuple(UnusedLimits(name, fault) for name, fault in faults.items() if fault)
 
 
 def _closed_loops(

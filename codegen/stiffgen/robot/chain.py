@@ -178,6 +178,14 @@ class AcceptedInertia:
 
 
 @dataclass(frozen=True)
+class UnusedLimits:
+    """Coordinate that keeps its own position limits: those of joints that follow it leave no range (``fault``)."""
+
+    joint: str
+    fault: str
+
+
+@dataclass(frozen=True)
 class LoopEnd:
     """End of a loop: the joints that move the end relative to the last link that both ends share, and its frame.
 
@@ -307,6 +315,7 @@ class Chain:
         floating: whether the base floats, so that its pose is an argument.
         ignored: unknown elements and attributes that the user excluded from the checks.
         accepted: links on the chain with an impossible inertia that the user accepts.
+        unused_limits: coordinates that keep their own position limits against joints that follow them.
         inputs: files that the file includes.
         arguments: values of a xacro template's arguments.
         loops: closed loops.
@@ -333,6 +342,7 @@ class Chain:
     floating: bool = False
     ignored: tuple[str, ...] = ()
     accepted: tuple[AcceptedInertia, ...] = ()
+    unused_limits: tuple[UnusedLimits, ...] = ()
     inputs: tuple[Input, ...] = ()
     arguments: tuple[tuple[str, str], ...] = ()
     loops: tuple[ClosedLoop, ...] = ()

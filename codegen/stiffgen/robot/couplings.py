@@ -8,10 +8,18 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 
-from stiffgen.errors import ChainError, DescriptionError, printable
+from stiffgen.errors import DescriptionError, printable
 from stiffgen.robot.chain import Joint, RigidBody
 from stiffgen.robot.description import LARGEST, MOVING_TYPES, Description, JointElement, Mimic
 from stiffgen.robot.geometry import Pose, exact
+
+_MOST_NAMED = 4
+"""Largest number of joints that the sentence about a coordinate names."""
+
+
+def _is_empty(limited: JointElement, master: JointElement) -> bool:
+    """Return whether the limits of a coordinate contain no range, or one point where its own have a range."""
+    return limited.lower > limited.upper or (limited.lower == limited.upper and master.lower < master.upper)
 
 
 class Couplings:
@@ -61,30 +69,50 @@ class Couplings:
         limit e the force on q to |m| e: then no joint exceeds its limit, whichever of them carries the load. Velocity
         and effort limits of 0, and a range of one point, are what exporters write for no limit.
 
-        Raises:
-            ChainError: no range of the coordinate is within the limits of all joints that follow it.
-
+        Position limits that exclude each other leave no range; then the coordinate keeps its own (:meth:`exclusion`).
         """
         limited = master
         for follower in self.followers(master):
             limited = self._narrowed(limited, follower)
-            if limited.lower >= limited.upper and master.lower < master.upper:
-                raise ChainError(
-                    f"{self.description.file}: joint '{printable(master.name)}' has no range in which "
-                    f"'{printable(follower.name)}', which follows it, is within its limits {follower.lower:g} to "
-                    f"{follower.upper:g}; correct the limits of the two, or the relation between them"
-                )
+        if _is_empty(limited, master):
+            return replace(limited, lower=master.lower, upper=master.upper)
         return limited
+
+    def exclusion(self, master: JointElement) -> str:
+        """Return which joints leave a coordinate no range within their position limits; "" if there is a range.
+
+        Named are the joints that exclude the coordinate's own range, or else all that narrow it.
+        """
+        limited, narrowing, excluding = master, [], []
+        for follower in self.followers(master):
+            limited = self._narrowed(limited, follower)
+            alone = self._narrowed(master, follower)
+            if (alone.lower, alone.upper) != (master.lower, master.upper):
+                lower, upper = self._range(follower)
+                narrowing.append(
+                    f"'{printable(follower.name)}' with {follower.lower:g} to {follower.upper:g}, which needs "
+                    f"{lower:g} to {upper:g}"
+                )
+                excluding += narrowing[-1:] if _is_empty(alone, master) else []
+        named = excluding or narrowing
+        more = f" and {len(named) - _MOST_NAMED} more" if len(named) > _MOST_NAMED else ""
+        return "; ".join(named[:_MOST_NAMED]) + more if _is_empty(limited, master) else ""
+
+    def _range(self, follower: JointElement) -> tuple[float, float]:
+        """Return the positions of the coordinate at the position limits of a joint that follows it."""
+        coupling = self[follower]
+        rate, offset = exact(coupling.multiplier), exact(coupling.offset)
+        lower, upper = sorted(
+            float((exact(end) - offset) / rate) if math.isfinite(end) else math.copysign(end, end * rate)
+            for end in (follower.lower, follower.upper)
+        )
+        return lower, upper
 
     def _narrowed(self, limited: JointElement, follower: JointElement) -> JointElement:
         coupling = self[follower]
-        rate, offset = exact(coupling.multiplier), exact(coupling.offset)
         lower, upper, effort = limited.lower, limited.upper, limited.effort
         if follower.lower < follower.upper:
-            ends = sorted(
-                float((exact(end) - offset) / rate) if math.isfinite(end) else math.copysign(end, end * rate)
-                for end in (follower.lower, follower.upper)
-            )
+            ends = self._range(follower)
             lower, upper = max(lower, ends[0]), min(upper, ends[1])
         if follower.effort > 0:
             effort = min(effort, follower.effort * abs(coupling.multiplier))

@@ -90,8 +90,6 @@ def select(description: Description, options: ChainOptions = _DEFAULTS) -> Selec
     used = [*elements, *of_loops.values(), *side]
     beside = _beside(description, couplings, used, moving_all, carried, beyond if options.masses else [])
     _check_tips_move(description, couplings, base, tips, paths)
-    for name in masters:
-        couplings.limited(description.joints[name])  # raises ChainError
     return Selection(
         base=base,
         tips=tuple(tips),

@@ -102,20 +102,33 @@ def missing_limits(
     return sentences
 
 
+def kept_limits(coordinate: JointElement | Coordinate, fault: str) -> str:
+    """Return a sentence about a coordinate that keeps its own position limits (:meth:`Couplings.exclusion`)."""
+    return (
+        f"joint '{printable(coordinate.name)}' keeps its own position limits {coordinate.lower:g} to "
+        f"{coordinate.upper:g}, since those of joints that follow it leave no range: {fault}; correct these limits or "
+        "the relation of the joints, or set lower_limit and upper_limit of the controller"
+    )
+
+
 def narrowed_limits(description: Description, coordinates: Iterable[JointElement]) -> Iterator[str]:
     """Yield a sentence for each coordinate that joints which follow it narrow (:meth:`Couplings.limited`)."""
     couplings = Couplings(description, {})
     for limited in coordinates:
+        fault = couplings.exclusion(description.joints[limited.name])
+        if fault:
+            yield kept_limits(limited, fault)
         if limited != description.joints[limited.name]:
             names = listed([each.name for each in couplings.followers(limited)], 4)
             bounds = {
                 key: getattr(limited, key) for key in ("velocity", "effort", "acceleration", "deceleration", "jerk")
             }
             shown = [f"{key} {bound:g}" for key, bound in bounds.items() if math.isfinite(bound)]
-            position = f"position {limited.lower:g} to {limited.upper:g}"
+            if not fault:
+                shown.insert(0, f"position {limited.lower:g} to {limited.upper:g}")
             yield (
                 f"joint '{printable(limited.name)}', with the limits of joints that follow it ({names}): "
-                f"{', '.join([position, *shown])}"
+                f"{', '.join(shown)}"
             )
 
 

@@ -11,9 +11,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from stiffgen import load_chain
+from stiffgen import load_chain, open_robot
 from stiffgen.cli import main
-from stiffgen.errors import ChainError, DescriptionError
+from stiffgen.errors import ChainError, DescriptionError, LimitWarning
+from stiffgen.robot.chain import UnusedLimits
+from stiffgen.verify.folder.files import check_urdf
 from support.chains import INERTIAL, child_of
 
 LIMIT = 'lower="{0}" upper="{1}" velocity="{2}" effort="{3}"'
@@ -116,13 +118,79 @@ def test_half_open_ranges(tmp_path: Path) -> None:
         assert (x.lower, x.upper) == expected
 
 
-@pytest.mark.parametrize(("lower", "upper", "multiplier"), [(1, 2, 0.5), (0, 0.4, -1)])
-def test_a_coordinate_without_a_range_is_refused(lower: float, upper: float, multiplier: float, tmp_path: Path) -> None:
-    """Limits that exclude each other; and a mirrored finger with the limits of the other: both can only stand at 0."""
-    limit = LIMIT.format(lower, upper, 1, 1)
-    (tmp_path / "lift.urdf").write_text(lift([(limit, f'joint="x" multiplier="{multiplier}" offset="0"')]))
-    with pytest.raises(ChainError, match=rf"lift.urdf: joint 'x' has no range .* 'f0', .* {lower} to {upper}; correct"):
-        load_chain(tmp_path / "lift.urdf", tip="l1")
+Follower = tuple[float, float, float, float]
+EXCLUDED: dict[str, tuple[list[Follower], list[str], list[str]]] = {
+    "beyond the range": ([(1, 2, 0.5, 0)], ["'f0' with 1 to 2, which needs 2 to 4"], []),
+    "a mirrored finger": ([(0, 0.4, -1, 0)], ["'f0' with 0 to 0.4, which needs -0.4 to 0"], []),
+    "two together": (
+        [(0, 0.1, 1, 0), (0.2, 0.4, 1, 0)],
+        ["'f0' with 0 to 0.1, which needs 0 to 0.1; 'f1' with 0.2 to 0.4, which needs 0.2 to 0.4"],
+        [],
+    ),
+    "one of two": ([(0, 0.2, 1, 0), (1, 1.5, 1, 0.1)], ["'f1' with 1 to 1.5, which needs 0.9 to 1.4"], ["'f0'"]),
+    "six": ([(1, 2, 1, 0)] * 6, ["'f3' with 1 to 2, which needs 1 to 2 and 2 more"], ["'f4'"]),
+}
+"""Limits, multiplier and offset of each follower; words of the warning; words that it lacks."""
+
+
+def excluded(name: str, folder: Path) -> Path:
+    """Write a lift whose followers leave no range, with velocity limits 0.5 m/s and effort limits 30 N."""
+    text = lift(
+        [
+            (LIMIT.format(lower, upper, 0.5, 30), f'joint="x" multiplier="{multiplier}" offset="{offset}"')
+            for lower, upper, multiplier, offset in EXCLUDED[name][0]
+        ]
+    )
+    (folder / "lift.urdf").write_text(text)
+    return folder / "lift.urdf"
+
+
+@pytest.mark.parametrize("name", EXCLUDED)
+def test_limits_that_exclude_each_other_leave_the_coordinate_its_own(name: str, tmp_path: Path) -> None:
+    """The warning names joints, numbers and remedy. Velocity and effort limits, of which the least exists, count."""
+    followers, words, others = EXCLUDED[name]
+    with pytest.warns(LimitWarning) as warned:
+        chain = load_chain(excluded(name, tmp_path), tip="l1")
+    (x,) = chain.coordinates
+    rates = [abs(multiplier) for *_, multiplier, _ in followers]
+    assert (x.lower, x.upper) == (0, 0.4)
+    assert (x.velocity, x.effort) == (min(1, 0.5 / max(rates)), min(100, 30 * min(rates)))
+    (said,) = (str(each.message) for each in warned if each.category is LimitWarning)
+    assert said.startswith("lift.urdf: joint 'x' keeps its own position limits 0 to 0.4, since ")
+    assert all(word in said for word in [*words, "; correct these limits or the relation of the joints, or set"])
+    assert not any(word in said for word in others)
+
+
+def test_a_range_of_one_point_of_the_coordinate_is_kept(tmp_path: Path) -> None:
+    """Exporters write it for no limit; a follower that excludes it leaves no range turned around (1 above 0)."""
+    text = lift([(LIMIT.format(1, 2, 1, 1), 'joint="x" multiplier="1" offset="0"')], LIMIT.format(0, 0, 1, 100))
+    (tmp_path / "lift.urdf").write_text(text)
+    with pytest.warns(LimitWarning, match="keeps its own position limits 0 to 0, "):
+        (x,) = load_chain(tmp_path / "lift.urdf", tip="l1").coordinates
+    assert (x.lower, x.upper) == (0, 0)
+
+
+@pytest.mark.usefixtures("unoptimised")
+def test_the_folder_says_whose_limits_are_not_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Command line, header, README, manifest and inspect; none states narrowed positions."""
+    file = str(excluded("one of two", tmp_path))
+    words = ["--tip", "l1", "--no-build", "--output", str(tmp_path / "out")]
+    assert main(["generate", file, *words]) == 0
+    assert "warning: lift.urdf: joint 'x' keeps its own position limits 0 to 0.4" in capsys.readouterr().err
+    folder = tmp_path / "out" / "lift"
+    fault = "'f1' with 1 to 1.5, which needs 0.9 to 1.4"
+    for text in ("lift.h", "README.md"):
+        assert f"The position limits of x are its own{'.' if text == 'lift.h' else ':'}" in (folder / text).read_text()
+        assert fault in (folder / text).read_text()
+    chain = open_robot(folder).chain
+    assert chain.unused_limits == (UnusedLimits("x", fault),)
+    assert (chain.coordinates[0].lower, chain.coordinates[0].upper) == (0, 0.4)
+    with pytest.warns(LimitWarning):
+        assert check_urdf(chain, Path(file)).passed
+    assert main(["inspect", file, "--tip", "l1"]) == 0
+    shown = capsys.readouterr().out
+    assert "joint 'x' keeps its own position limits 0 to 0.4" in shown and fault in shown
+    assert "joint 'x', with the limits of joints that follow it (f0, f1): velocity 0.5, effort 30\n" in shown
 
 
 def test_a_lock_keeps_followers_within_their_limits(tmp_path: Path) -> None:
