@@ -191,6 +191,13 @@ def wrenches(robots: Path) -> Rows:
     return rows
 
 
+def compliance(robots: Path) -> Rows:
+    """Compare the tip's compliance with the load's terms and without them with solved equilibria."""
+    from examples import tip_compliance
+
+    return tip_compliance.rows(_iiwa())
+
+
 SECTIONS: dict[str, tuple[Callable[[Path], Rows], tuple[str, ...]]] = {
     "appendix": (appendix, ("quantity", "value")),
     "experiments": (experiments, ("quantity", "bowl", "parkour")),
@@ -199,6 +206,16 @@ SECTIONS: dict[str, tuple[Callable[[Path], Rows], tuple[str, ...]]] = {
     "spatial term": (spatial_term, ("conversion of the task stiffness", "largest difference")),
     "wrench": (wrenches, ("mistake", "moment off by, median", "Kq off by, median", "Kq off by, at most")),
     "secant": (secant, ("case", "gradient", "tangent as secant")),
+    "compliance": (
+        compliance,
+        (
+            "motors [N m/rad]",
+            "without the load's terms",
+            "C = J H^-1 J^T",
+            "solved",
+            "smallest eigenvalue of H [N m/rad]",
+        ),
+    ),
 }
 """Tables of the page: function and head of the columns."""
 
