@@ -79,11 +79,14 @@ clean:  ## remove what the above made, but not generated/
 	rm -f generated/*/*.so
 
 # Examples: each with the robot that it needs.
-EXAMPLES := experiment whole-body identify identify-torch adaptive optimal-control fri-demo
+EXAMPLES := experiment flutter whole-body identify identify-torch adaptive optimal-control fri-demo
 .PHONY: $(EXAMPLES)
 experiment: build/robots/iiwa14_plate build/robots/iiwa14_ball  ## run the paper's two experiments (3 minutes)
 	$(BIN)/python -m examples.bowl_wiping
 	$(BIN)/python -m examples.parkour
+flutter: $(VENV)/installed-examples  ## push a ball joint that three drives hold, and one on a spring (1 minute)
+	@mkdir -p build
+	$(BIN)/python -m examples.flutter --figure build/flutter.svg
 whole-body: build/robots/solo12
 	$(BIN)/python -m examples.whole_body
 identify: build/robots/iiwa14_tool

@@ -198,6 +198,13 @@ def compliance(robots: Path) -> Rows:
     return tip_compliance.rows(_iiwa())
 
 
+def flutter(robots: Path) -> Rows:
+    """Push a ball joint at its target: three position drives, and the gradient of an energy, in MuJoCo."""
+    from examples import flutter
+
+    return flutter.rows()
+
+
 SECTIONS: dict[str, tuple[Callable[[Path], Rows], tuple[str, ...]]] = {
     "appendix": (appendix, ("quantity", "value")),
     "experiments": (experiments, ("quantity", "bowl", "parkour")),
@@ -206,6 +213,7 @@ SECTIONS: dict[str, tuple[Callable[[Path], Rows], tuple[str, ...]]] = {
     "spatial term": (spatial_term, ("conversion of the task stiffness", "largest difference")),
     "wrench": (wrenches, ("mistake", "moment off by, median", "Kq off by, median", "Kq off by, at most")),
     "secant": (secant, ("case", "gradient", "tangent as secant")),
+    "flutter": (flutter, ("target", "damping ratio", "limit of three drives", "three drives", "gradient")),
     "compliance": (
         compliance,
         (

@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: MIT
+"""Push a ball joint that three position drives hold: it flutters. The gradient of an energy lets it rest.
+
+Simulators drive a ball joint by three position drives: kp times the difference of rotation vectors, c - phi(R), as a
+torque about the body's axes. At its target c this drive has the stiffness kp Jr^-1(c), whose antisymmetric part
+(kp / 2) [c]x feeds a motion round the target. Two motions across c have the complex stiffness
+kp (a +- i |c| / 2), a = (|c| / 2) cot(|c| / 2). They grow if the damping ratio is below
+
+    |c| / (4 sqrt(a))        about |c| / 4 for small targets
+
+The gradient of the energy kp |log(R0^T R)|^2 / 2 is the same law with the rotation vector of the difference. Both are
+simulated in MuJoCo: the first with its own <position> actuators, the second as an applied torque.
+
+With --figure FILE the example writes flutter.svg (needs matplotlib: pip install 'stiffgen[examples,mjcf]').
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+INERTIA = 0.01  # kg m^2
+STIFFNESS = 10.0  # N m/rad
+STEP = 0.0002  # s
+PUSH = 0.027  # rad, across the target
+CASES = ((0.3, 0.05), (0.3, 0.086), (0.9, 0.20), (1.8, 0.05), (1.8, 0.20))
+"""Target [rad] and damping ratio."""
+TARGETS = (0.3, 0.6, 0.9, 1.2, 1.8)
+DRIVES, GRADIENT = "three drives", "gradient"
+LAWS = (DRIVES, GRADIENT)
+MODEL = """<mujoco><option timestep="{step}" integrator="RK4" gravity="0 0 0"/><worldbody><body>
+<joint name="ball" type="ball" damping="{damping}"/><inertial pos="0 0 0" mass="1" diaginertia="{inertia}"/>
+</body></worldbody><actuator>{drives}</actuator></mujoco>"""
+DRIVE = '<position joint="ball" kp="{}" gear="{} 0 0 0"/>'
+
+
+def limit(target: float) -> float:
+    """Return the damping ratio below which three drives flutter about a target [rad]."""
+    return float(target / (4 * np.sqrt(target / 2 / np.tan(target / 2))))
+
+
+def difference(rotation: Array, other: Array) -> Array:
+    """Return the rotation vector (3,) [rad] from one unit quaternion (4,) to another, in the axes of both bodies."""
+    back, between, vector = np.zeros(4), np.zeros(4), np.zeros(3)
+    mujoco.mju_negQuat(back, rotation)
+    mujoco.mju_mulQuat(between, back, other)
+    mujoco.mju_quat2Vel(vector, between, 1.0)
+    return vector
+
+
+def simulate(target: float, ratio: float, law: str, seconds: float = 6.0, every: int = 100) -> Array:
+    """Return the angle [rad] to a target about z [rad] after a push about x, each ``every`` steps from the first on."""
+    damping = 2 * ratio * np.sqrt(STIFFNESS * INERTIA)
+    drives = "".join(DRIVE.format(STIFFNESS, axis) for axis in ("1 0 0", "0 1 0", "0 0 1")) if law == DRIVES else ""
+    inertia = " ".join([str(INERTIA)] * 3)
+    model = mujoco.MjModel.from_xml_string(MODEL.format(step=STEP, damping=damping, inertia=inertia, drives=drives))
+    data = mujoco.MjData(model)
+    aim, push = np.zeros(4), np.zeros(4)
+    mujoco.mju_axisAngle2Quat(aim, np.array([0.0, 0.0, 1.0]), target)
+    mujoco.mju_axisAngle2Quat(push, np.array([1.0, 0.0, 0.0]), PUSH)
+    mujoco.mju_mulQuat(data.qpos, aim, push)
+    if law == DRIVES:
+        data.ctrl[:] = 0.0, 0.0, target
+    angles = []
+    for step in range(round(seconds / STEP) + 1):
+        away = difference(aim, data.qpos)
+        if step % every == 0:
+            angles.append(np.linalg.norm(away))
+        if law == GRADIENT:
+            data.qfrc_applied[:] = -STIFFNESS * away
+        mujoco.mj_step(model, data)
+    return np.array(angles)
+
+
+def rows() -> list[tuple[str, ...]]:
+    """Return the table: target, damping ratio, its limit, angle after 6 s of both laws."""
+    made = []
+    for target, ratio in CASES:
+        last = (float(simulate(target, ratio, law)[-1]) for law in LAWS)
+        angles = ("below 1e-4 rad" if each < 1e-4 else f"{each:.2g} rad" for each in last)
+        made.append((f"{target:g} rad", f"{ratio:g}", f"{limit(target):.3f}", *angles))
+    return made
+
+
+def figure() -> str:
+    """Return the SVG text: angle over time of both laws; where three drives flutter, by target and damping ratio."""
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    from examples.style import CONVENTIONAL, CORRECTED, INK, STYLE, themed_svg
+
+    with mpl.rc_context(STYLE):
+        drawing = Figure(figsize=(7.5, 3.6), layout="constrained")
+        left, right = drawing.subplots(1, 2)
+        for law, colour in zip(LAWS, (CONVENTIONAL, CORRECTED), strict=True):
+            angles = simulate(*CASES[0], law)
+            left.semilogy(np.linspace(0, 6, len(angles)), np.maximum(angles, 1e-7), color=colour, label=law)
+        left.set(xlabel="time since the push [s]", ylabel="angle to the target [rad]", ylim=(1e-6, 4))
+        left.set_title("target 0.3 rad, damping ratio 0.05")
+        left.legend(loc="center right")
+        targets = np.linspace(0.05, 2.0, 60)
+        right.plot(targets, [limit(target) for target in targets], color=INK, label="limit by linearisation")
+        for share, marker in ((0.9, "o"), (1.1, "s")):
+            ratios = [share * limit(target) for target in TARGETS]
+            grown = [simulate(target, ratio, DRIVES)[-1] > PUSH for target, ratio in zip(TARGETS, ratios, strict=True)]
+            word = {True: "flutters in MuJoCo", False: "comes to rest"}[grown[0]]
+            colour = CONVENTIONAL if grown[0] else CORRECTED
+            if len(set(grown)) != 1:
+                raise ArithmeticError(f"the limit is not where the drives flutter: {grown} at {share} of it")
+            right.plot(TARGETS, ratios, marker, color=colour, markersize=5, label=word)
+        right.set(xlabel="target [rad]", ylabel="damping ratio", title="three drives", ylim=(0, None))
+        right.legend(loc="upper left")
+        return themed_svg(drawing)
+
+
+def main() -> None:
+    """Print the table; draw the figure if requested."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--figure", type=Path, metavar="FILE", help="also draw an SVG")
+    options = parser.parse_args()
+    print(*(f"{word:>14}" for word in ("target", "damping ratio", "limit", *LAWS)))
+    for row in rows():
+        print(*(f"{value:>14}" for value in row))
+    if options.figure:
+        options.figure.write_text(figure())
+
+
+if __name__ == "__main__":
+    main()
