@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import re
 from itertools import combinations
 from pathlib import Path
 
@@ -11,8 +12,10 @@ import pytest
 
 from stiffgen.errors import StiffgenError
 from stiffgen.loading import describe
+from stiffgen.robot import packages
 from stiffgen.robot.description import Reading
 from stiffgen.robot.packages import PackageError, Packages
+from support.project import ROOT
 
 XACRO = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
 PACKAGE = "<package format='3'><!-- <name>no</name> --><name>{}</name><author>parts</author></package>"
@@ -62,6 +65,30 @@ def test_first_place_wins(tmp_path, template, pair):
     for place in reversed(places):
         package(tmp_path / place)
     assert found(template, tmp_path) == places[0]
+
+
+STATED = {  # words of docs/robots.md, in the order of PLACES
+    "--package-path": "--package-path",
+    "own package": "the template's own package",
+    "beside": "packages beside it",
+    "below the folder above": "below each of the four folders above it",
+    "ROS_PACKAGE_PATH": "ROS_PACKAGE_PATH",
+    "AMENT_PREFIX_PATH": "AMENT_PREFIX_PATH",
+}
+
+
+def test_the_page_states_the_order_of_the_search():
+    """The order of PLACES is that of the code (test_first_place_wins); the module's docstring has it, too."""
+    page = (ROOT / "docs" / "robots.md").read_text()
+    part = re.search(r"searches for the name in `package.xml`, in this order:\n(.*?)\n- ", page, re.DOTALL)[1]
+    numbers = re.findall(r"(?m)^  (\d)\. ", part)
+    assert numbers == ["1", "2", "3", "4"]
+    for text, names in ((part, STATED), (packages.__doc__, [each for each in STATED if "above" not in each])):
+        places = [" ".join(text.split()).index(STATED[each]) for each in names]
+        assert places == sorted(places) and len(set(places)) == len(places)
+    assert [each for each in PLACES if each in STATED] == list(STATED)
+    assert "The working folder has no part in it" in part and "The working folder has no part" in packages.__doc__
+    assert "Two packages of one name in one place are refused" in part
 
 
 @pytest.mark.parametrize("place", PLACES)
