@@ -149,6 +149,7 @@ typedef struct {
     double tank_initial, tank_maximum, engagement_limit, energy_limit; /* [J] in force */
     refusal_t refusal; /* of the command */
     int limited;       /* first joint whose q0 is beyond its limit and followed to the zone there, or NO_JOINT */
+    double q[N];       /* of the sample; turns of continuous joints are counted */
     double q0[N];      /* of the accepted command, within the joint limits */
     double goal[16 * TIPS]; /* equilibrium of an accepted command by pose */
     double translation[9 * TIPS], rotation[9 * TIPS]; /* stiffness of an accepted command */
@@ -278,6 +279,13 @@ static double stiffgen_reach(int tip, const double *tool)
     return reach[tip];
 }
 
+/* Return whether a joint is continuous: a turn farther, the robot is the same. */
+static int stiffgen_turns(int joint)
+{
+    static const int turns[N] = {0, 0, 0, 0, 0, 0, 0};
+    return turns[joint];
+}
+
 /* Axes of a tip's stiffnesses, a pose with their rotation or NULL for the base's; centre of stiffness in the tip. */
 static const double *stiffgen_translation_axes(const double *pose, const double *equilibrium)
 {
@@ -354,6 +362,9 @@ static int check_fields(const config_t *c)
     }
     if (!doubles_within(c->upper_limit, sizeof c->upper_limit / sizeof c->upper_limit[0], -HUGE_VAL, HUGE_VAL)) {
         return IIWA14_E_CONFIG_UPPER_LIMIT;
+    }
+    if (!integers_within(&c->continuous_joints, 1, 1, 2)) {
+        return IIWA14_E_CONFIG_CONTINUOUS_JOINTS;
     }
     if (!doubles_within(&c->position_tolerance, 1, 0.0, 10.0)) {
         return IIWA14_E_CONFIG_POSITION_TOLERANCE;
@@ -643,7 +654,7 @@ static void report_memory(const memory_t *m, output_t *out)
 {
     memcpy(out->kp, m->kp, sizeof out->kp);
     memcpy(out->kd, m->kd, sizeof out->kd);
-    memcpy(out->q_des, m->q, sizeof out->q_des);
+    memcpy(out->q_des, m->measured_q, sizeof out->q_des);
     out->fault = m->fault;
     out->reason = m->reason;
     out->missed = m->missed;
@@ -1535,6 +1546,21 @@ static double distance_beyond(const config_t *c, int i, double q)
     return larger(c->lower_limit[i] - q, q - c->upper_limit[i]);
 }
 
+/* Return whether the position of joint i counts modulo a turn: it has no limits, and cannot pass half a turn unseen. */
+static int counts_modulo_turn(const step_t *s, int i)
+{
+    const config_t *const c = s->c;
+    const double least_infinite = smaller(-c->lower_limit[i], c->upper_limit[i]);
+    return c->continuous_joints == IIWA14_CONTINUOUS_JOINTS_WRAPPED && stiffgen_turns(i) && least_infinite > DBL_MAX &&
+           s->m->velocity_limit[i] * c->sample_time < HALF_TURN;
+}
+
+/* Return the position of joint i that is nearest to another, of those that are whole turns apart. */
+static double nearest_turn(const step_t *s, int i, double q, double other)
+{
+    return counts_modulo_turn(s, i) ? q + 2.0 * HALF_TURN * floor((other - q) / (2.0 * HALF_TURN) + 0.5) : q;
+}
+
 /* Evaluate the limit avoidance of all joints: energy, torque, stiffness and status. */
 static double evaluate_limits(step_t *s, const double *q)
 {
@@ -1864,6 +1890,10 @@ static void book_interval(step_t *s, const double *q)
     add_scaled(N, -1.0, m->q, motion);
     if (m->gap > 0) {
         bridge_gap(s, 1);
+        for (int i = 0; i < N; ++i) { /* after a long gap the turn is open */
+            const int open = counts_modulo_turn(s, i) && farthest_motion(m, i) * m->gap >= HALF_TURN;
+            m->gap_work = open ? HUGE_VAL : m->gap_work;
+        }
         work = smaller(m->gap_work + dot(N, m->gap_torque, motion), m->gap_most);
     } else {
         work = dot(N, find_acting_torque(s), motion) - absorbed_work(m, motion);
@@ -2475,7 +2505,7 @@ static void begin_standstill(step_t *s, int i, double own, double speed)
 {
     memory_t *const m = s->m;
     m->rest_other[i] = m->rest_q[i];
-    m->rest_q[i] = s->input->q[i];
+    m->rest_q[i] = s->q[i];
     m->rest_torque[i] = own;
     m->rest_external[i] = find_external(s, i);
     /* What is left of the unexplained torque without the friction of this motion is a load that stays. */
@@ -2492,7 +2522,7 @@ static void begin_standstill(step_t *s, int i, double own, double speed)
 static int stands_still(step_t *s, int i, double own, double elapsed)
 {
     memory_t *const m = s->m;
-    const double q = s->input->q[i], quantum = larger(s->c->position_quantum, LEAST_QUANTUM);
+    const double q = s->q[i], quantum = larger(s->c->position_quantum, LEAST_QUANTUM);
     if (!m->known || m->reset) {
         begin_standstill(s, i, own, 0.0);
         return 0;
@@ -2530,7 +2560,7 @@ static void predict_standstills(step_t *s, const double *last, double elapsed)
     memory_t *const m = s->m;
     int moves = 0;
     for (int i = 0; i < N; ++i) {
-        moves |= fabs(s->input->q[i] - m->still_q[i]) > SLOW * elapsed;
+        moves |= fabs(s->q[i] - m->still_q[i]) > SLOW * elapsed;
     }
     for (int i = 0; i < N; ++i) {
         const double own = find_own_torque(m, last, i), effort = s->c->effort_limit[i];
@@ -2661,7 +2691,7 @@ static int check_frozen(step_t *s, int i, double differs, double elapsed, double
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
-    const double q = s->input->q[i], dq = s->input->dq[i], window = c->frozen_window;
+    const double q = s->q[i], dq = s->input->dq[i], window = c->frozen_window;
     const double drift = larger(FROZEN_SHARE * m->velocity_limit[i], c->velocity_noise), allowed = drift * elapsed;
     const int q_changed = !m->known || q != m->still_q[i], dq_changed = !m->known || dq != m->still_dq[i];
     const double q_sum = sum_still(q_changed, window, differs, allowed, &m->q_age[i], &m->moved_q[i]);
@@ -2677,10 +2707,9 @@ static int check_frozen(step_t *s, int i, double differs, double elapsed, double
 static int repeats_state(step_t *s)
 {
     memory_t *const m = s->m;
-    const input_t *const in = s->input;
     int same = m->known && m->fault == IIWA14_FAULT_NONE;
     for (int i = 0; i < N; ++i) {
-        same = same && in->q[i] == m->still_q[i] && in->dq[i] == m->still_dq[i];
+        same = same && s->q[i] == m->still_q[i] && s->input->dq[i] == m->still_dq[i];
     }
     m->state_age = clamp_count(m->state_age + 1, LONGEST);
     same = same && m->state_age * s->c->sample_time < (1.0 - ROUNDED) * s->c->state_period;
@@ -2726,7 +2755,7 @@ static int check_joint(step_t *s, int i)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
-    const double q = s->input->q[i], dq = s->input->dq[i], elapsed = c->sample_time * (1 + m->gap);
+    const double q = s->q[i], dq = s->input->dq[i], elapsed = c->sample_time * (1 + m->gap);
     const double motion = m->known ? q - m->q[i] : dq * elapsed;
     const double far = m->velocity_limit[i] * elapsed, measured = motion / elapsed, quanta = 2.0 * c->position_quantum;
     const double noise = NOISE_RANGE * c->velocity_noise * elapsed, differs = dq * elapsed - motion;
@@ -2803,7 +2832,7 @@ static int check_sample(step_t *s, const double *last)
     if (!s->located) {
         return reason == IIWA14_REASON_FROZEN ? reason : IIWA14_REASON_JUMP;
     }
-    if (!stiffgen_follow(in->q, m)) {
+    if (!stiffgen_follow(s->q, m)) {
         s->located = 0;
         note_finding(s, NO_JOINT, 0.0, 0.0);
         return IIWA14_REASON_LOOPS;
@@ -2840,6 +2869,9 @@ static void observe_sample(step_t *s, const double *last)
 {
     memory_t *const m = s->m;
     int reason = IIWA14_REASON_MISSED;
+    for (int i = 0; s->input->sample_valid == 1 && i < N; ++i) {
+        s->q[i] = m->known ? nearest_turn(s, i, s->input->q[i], m->q[i]) : s->input->q[i];
+    }
     if (s->input->sample_valid == 1 && repeats_state(s)) {
         /* no new sample, and none that is missing: the torque is held */
         s->status |= IIWA14_STATUS_REPEATED;
@@ -2997,9 +3029,10 @@ static int accept_wrench(const config_t *c, const double *wrench, int tip, refus
 }
 
 /*
- * Accept q0. Beyond a joint limit by up to position_tolerance it is followed to the zone at this limit, to the point
- * that is nearest to the reference: not farther outwards than where the limit avoidance begins, and not inwards. Beyond
- * it by no more than single precision it is the limit. Return whether it is accepted.
+ * Accept q0; a continuous joint takes the turn nearest to the reference. Beyond a joint limit by up to
+ * position_tolerance q0 is followed to the zone at this limit, to the point that is nearest to the reference: not
+ * farther outwards than where the limit avoidance begins, and not inwards. Beyond it by no more than single precision
+ * q0 is the limit. Return whether it is accepted.
  */
 static int accept_positions(step_t *s)
 {
@@ -3008,10 +3041,12 @@ static int accept_positions(step_t *s)
     const int q0 = IIWA14_ARGUMENT_Q0;
     int good = check_numbers(N, s->input->q0, FARTHEST, IIWA14_REFUSAL_NOT_FINITE, q0, 0, &s->refusal);
     for (int i = 0; good && i < N; ++i) {
-        const double wanted = s->input->q0[i], lower = c->lower_limit[i], upper = c->upper_limit[i];
+        const double wanted = nearest_turn(s, i, s->input->q0[i], reference[i]);
+        const double lower = c->lower_limit[i], upper = c->upper_limit[i];
         const double limit = clamp(wanted, lower, upper), beyond = fabs(wanted - limit);
         const double rounded = COMMAND_TOLERANCE * larger(1.0, fabs(limit));
         s->q0[i] = limit;
+        s->m->wanted_posture[i] = nearest_turn(s, i, s->m->wanted_posture[i], limit); /* the same command */
         if (beyond > larger(c->position_tolerance, rounded)) {
             good = refuse_command(&s->refusal, IIWA14_REFUSAL_POSITION, q0, i, wanted, limit);
         } else if (beyond > rounded) {
@@ -5153,7 +5188,8 @@ static void write_command(policy_t *p, double now, input_t *input)
 static void remember_sample(step_t *s)
 {
     memory_t *const m = s->m;
-    memcpy(m->q, s->input->q, sizeof m->q);
+    memcpy(m->q, s->q, sizeof m->q);
+    memcpy(m->measured_q, s->input->q, sizeof m->measured_q);
     s->has_jacobians = 0;
     memcpy(m->dq, s->velocity, sizeof m->dq);
     m->recent_count = m->gap > 0 ? 1 : clamp_count(m->recent_count + 1, RECENT);
@@ -5168,7 +5204,6 @@ static void check_limits(step_t *s)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
-    const input_t *const in = s->input;
     int fast = NO_JOINT;
     for (int i = 0; i < N; ++i) {
         const double speed = fabs(s->velocity[i]);
@@ -5180,9 +5215,9 @@ static void check_limits(step_t *s)
         if (smaller(speed, m->velocity_limit[i]) <= c->velocity_limit[i]) {
             m->velocity_limit[i] = c->velocity_limit[i];
         }
-        if (distance_beyond(c, i, in->q[i]) > c->position_tolerance) {
-            const double edge = in->q[i] > c->upper_limit[i] ? c->upper_limit[i] : c->lower_limit[i];
-            latch_fault(m, IIWA14_REASON_POSITION, i, in->q[i], edge);
+        if (distance_beyond(c, i, s->q[i]) > c->position_tolerance) {
+            const double edge = s->q[i] > c->upper_limit[i] ? c->upper_limit[i] : c->lower_limit[i];
+            latch_fault(m, IIWA14_REASON_POSITION, i, s->q[i], edge);
         }
     }
     /* a bump may drive a joint beyond its limit for a moment, which is braked */
@@ -5262,10 +5297,10 @@ static void step_with_sample(step_t *s, const double *last)
     memory_t *const m = s->m;
     int moved = 0;
     if (!m->known || s->jumped) {
-        begin_limits(s, s->input->q);
+        begin_limits(s, s->q);
     }
     s->elapsed = s->c->sample_time * (1 + m->gap);
-    book_interval(s, s->input->q);
+    book_interval(s, s->q);
     remember_sample(s);
     s->commanded = s->believed && accept_command(s);
     s->status |= s->commanded ? 0u : (uint32_t)IIWA14_STATUS_COMMAND_REFUSED;
@@ -5274,9 +5309,9 @@ static void step_with_sample(step_t *s, const double *last)
     s->budget = m->tank - TANK_FLOOR * s->tank_maximum;
     adopt_missed_limit(s, last);
     if (m->fault == IIWA14_FAULT_NONE) {
-        adopt_limits(s, s->input->q);
+        adopt_limits(s, s->q);
     } else {
-        drop_limits(s, s->input->q);
+        drop_limits(s, s->q);
         m->engaged = m->engaged && (m->scale != 0.0 || holds_in_fault(s));
     }
     if (!m->engaged) {
@@ -5525,6 +5560,7 @@ void iiwa14_impedance_default_config(config_t *config)
     config->stiffness_time = 0.002;
     config->joint_damping = 0.1;
     config->coriolis = IIWA14_CORIOLIS_OFF;
+    config->continuous_joints = IIWA14_CONTINUOUS_JOINTS_WRAPPED;
     config->position_tolerance = 0.1;
     config->limit_zone = 0.1;
     config->tip_velocity_limit = 1.0;
@@ -5712,6 +5748,8 @@ const char *iiwa14_impedance_error_text(int code)
         return "lower_limit: must be a number, or infinite";
     case IIWA14_E_CONFIG_UPPER_LIMIT:
         return "upper_limit: must be a number, or infinite";
+    case IIWA14_E_CONFIG_CONTINUOUS_JOINTS:
+        return "continuous_joints: must be wrapped or counted";
     case IIWA14_E_CONFIG_POSITION_TOLERANCE:
         return "position_tolerance: must lie between 0 and 10";
     case IIWA14_E_CONFIG_LIMIT_ZONE:

@@ -64,45 +64,47 @@ enum {
     IIWA14_E_CONFIG_MOTOR_INERTIA = -33,
     IIWA14_E_CONFIG_LOWER_LIMIT = -34,
     IIWA14_E_CONFIG_UPPER_LIMIT = -35,
-    IIWA14_E_CONFIG_POSITION_TOLERANCE = -36,
-    IIWA14_E_CONFIG_LIMIT_ZONE = -37,
-    IIWA14_E_CONFIG_LIMIT_STIFFNESS = -38,
-    IIWA14_E_CONFIG_VELOCITY_LIMIT = -39,
-    IIWA14_E_CONFIG_REFERENCE_VELOCITY_LIMIT = -40,
-    IIWA14_E_CONFIG_TIP_VELOCITY_LIMIT = -41,
-    IIWA14_E_CONFIG_TIP_ROTATION_LIMIT = -42,
-    IIWA14_E_CONFIG_RAMP_TIME = -43,
-    IIWA14_E_CONFIG_HEAVIEST_WRENCH = -44,
-    IIWA14_E_CONFIG_ENERGY_LIMIT = -45,
-    IIWA14_E_CONFIG_ENGAGEMENT_LIMIT = -46,
-    IIWA14_E_CONFIG_EFFORT_LIMIT = -47,
-    IIWA14_E_CONFIG_TORQUE_RATE_LIMIT = -48,
-    IIWA14_E_CONFIG_ACTUATION = -49,
-    IIWA14_E_CONFIG_KP_LIMIT = -50,
-    IIWA14_E_CONFIG_KD_LIMIT = -51,
-    IIWA14_E_CONFIG_FORCE_LIMIT = -52,
-    IIWA14_E_CONFIG_MOMENT_LIMIT = -53,
-    IIWA14_E_CONFIG_MISSED_LIMIT = -54,
-    IIWA14_E_CONFIG_LOSS_LIMIT = -55,
-    IIWA14_E_CONFIG_STATE_PERIOD = -56,
-    IIWA14_E_CONFIG_CALL_GAP_LIMIT = -57,
-    IIWA14_E_CONFIG_POSITION_QUANTUM = -58,
-    IIWA14_E_CONFIG_VELOCITY_NOISE = -59,
-    IIWA14_E_CONFIG_VELOCITY_FILTER_TIME = -60,
-    IIWA14_E_CONFIG_VELOCITY_SOURCE = -61,
-    IIWA14_E_CONFIG_FROZEN_WINDOW = -62,
-    IIWA14_E_CONFIG_OVERSPEED_TIME = -63,
-    IIWA14_E_CONFIG_AUTOMATIC_RESET_TIME = -64,
-    IIWA14_E_CONFIG_COMMUNICATION_RESET_TIME = -65,
-    IIWA14_E_CONFIG_COMMUNICATION_REACTION = -66,
-    IIWA14_E_CONFIG_TANK_INITIAL = -67,
-    IIWA14_E_CONFIG_TANK_MAXIMUM = -68
+    IIWA14_E_CONFIG_CONTINUOUS_JOINTS = -36,
+    IIWA14_E_CONFIG_POSITION_TOLERANCE = -37,
+    IIWA14_E_CONFIG_LIMIT_ZONE = -38,
+    IIWA14_E_CONFIG_LIMIT_STIFFNESS = -39,
+    IIWA14_E_CONFIG_VELOCITY_LIMIT = -40,
+    IIWA14_E_CONFIG_REFERENCE_VELOCITY_LIMIT = -41,
+    IIWA14_E_CONFIG_TIP_VELOCITY_LIMIT = -42,
+    IIWA14_E_CONFIG_TIP_ROTATION_LIMIT = -43,
+    IIWA14_E_CONFIG_RAMP_TIME = -44,
+    IIWA14_E_CONFIG_HEAVIEST_WRENCH = -45,
+    IIWA14_E_CONFIG_ENERGY_LIMIT = -46,
+    IIWA14_E_CONFIG_ENGAGEMENT_LIMIT = -47,
+    IIWA14_E_CONFIG_EFFORT_LIMIT = -48,
+    IIWA14_E_CONFIG_TORQUE_RATE_LIMIT = -49,
+    IIWA14_E_CONFIG_ACTUATION = -50,
+    IIWA14_E_CONFIG_KP_LIMIT = -51,
+    IIWA14_E_CONFIG_KD_LIMIT = -52,
+    IIWA14_E_CONFIG_FORCE_LIMIT = -53,
+    IIWA14_E_CONFIG_MOMENT_LIMIT = -54,
+    IIWA14_E_CONFIG_MISSED_LIMIT = -55,
+    IIWA14_E_CONFIG_LOSS_LIMIT = -56,
+    IIWA14_E_CONFIG_STATE_PERIOD = -57,
+    IIWA14_E_CONFIG_CALL_GAP_LIMIT = -58,
+    IIWA14_E_CONFIG_POSITION_QUANTUM = -59,
+    IIWA14_E_CONFIG_VELOCITY_NOISE = -60,
+    IIWA14_E_CONFIG_VELOCITY_FILTER_TIME = -61,
+    IIWA14_E_CONFIG_VELOCITY_SOURCE = -62,
+    IIWA14_E_CONFIG_FROZEN_WINDOW = -63,
+    IIWA14_E_CONFIG_OVERSPEED_TIME = -64,
+    IIWA14_E_CONFIG_AUTOMATIC_RESET_TIME = -65,
+    IIWA14_E_CONFIG_COMMUNICATION_RESET_TIME = -66,
+    IIWA14_E_CONFIG_COMMUNICATION_REACTION = -67,
+    IIWA14_E_CONFIG_TANK_INITIAL = -68,
+    IIWA14_E_CONFIG_TANK_MAXIMUM = -69
 };
 
 /* Choices. No choice has the value 0, so that a configuration or an input of zeros is refused. */
 enum { IIWA14_SPRING_TRACE = 1, IIWA14_SPRING_BOUNDED };
 enum { IIWA14_STIFFNESS_CAP_REFUSE = 1, IIWA14_STIFFNESS_CAP_ACCEPT };
 enum { IIWA14_CORIOLIS_OFF = 1, IIWA14_CORIOLIS_ON };
+enum { IIWA14_CONTINUOUS_JOINTS_WRAPPED = 1, IIWA14_CONTINUOUS_JOINTS_COUNTED };
 enum { IIWA14_ACTUATION_TORQUE = 1, IIWA14_ACTUATION_GAINS };
 enum { IIWA14_VELOCITY_SOURCE_MEASURED = 1, IIWA14_VELOCITY_SOURCE_DIFFERENCED };
 enum { IIWA14_COMMUNICATION_REACTION_RELEASE = 1, IIWA14_COMMUNICATION_REACTION_HOLD };
@@ -270,6 +272,11 @@ typedef struct {
     /* [rad or m] upper limit of the position; may be infinity. Must be a number, or infinite. Default:
      * upper[i]. */
     double upper_limit[7];
+    /* positions of joints without limits (URDF type continuous; not with closed loops): wrapped: q and q0 count
+     * modulo a turn, q as the turn nearest to the last believed one, q0 as the turn nearest to the reference;
+     * counted: as they are, so that an encoder that begins its turn again is a jump. Must be wrapped or
+     * counted. Default: wrapped. */
+    int continuous_joints;
     /* [rad or m] distance beyond a position limit up to which there is no fault. Must lie between 0 and 10.
      * Default: 0.1. */
     double position_tolerance;
@@ -438,7 +445,8 @@ typedef struct {
     double kp[7];
     /* [N m s/rad] gain kd of the motors; 0 with actuation torque. */
     double kd[7];
-    /* [rad or m] position q_des of the motors, the last believed q. */
+    /* [rad or m] position q_des of the motors, the last believed q as it was measured; where a position begins
+     * its turn again, the motor takes q_des - q modulo a turn. */
     double q_des[7];
     /* [rad/s or m/s] velocity dq_des of the motors, 0. */
     double dq_des[7];
@@ -480,7 +488,7 @@ typedef struct {
     double fault_seen;
     /* what fault_seen may be. */
     double fault_limit;
-    /* [rad or m] last believed q. */
+    /* [rad or m] last believed q; turns of continuous joints are counted. */
     double position[7];
     /* [rad/s or m/s] velocity that the damping used: dq, its mean, or the credible part of it; 0 without a
      * sample. */
@@ -672,8 +680,10 @@ typedef struct {
     double kd[7];
     /* [rad/s] (8 x 7) velocities of the last samples, newest first, for their mean. */
     double recent[56];
-    /* [rad] last believed position. */
+    /* [rad] last believed position; turns of continuous joints are counted. */
     double q[7];
+    /* [rad] the same position as it was measured. */
+    double measured_q[7];
     /* [rad/s] velocity that was used with it. */
     double dq[7];
     /* [rad] position of the last sample, believed or not, to see whether q changes. */

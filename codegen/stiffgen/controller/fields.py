@@ -133,6 +133,14 @@ CONFIG: tuple[Field, ...] = (
         -math.inf,
         math.inf,
     ),
+    choice_field(
+        "continuous_joints",
+        "positions of joints without limits (URDF type continuous; not with closed loops): wrapped: q and q0 count "
+        "modulo a turn, q as the turn nearest to the last believed one, q0 as the turn nearest to the reference; "
+        "counted: as they are, so that an encoder that begins its turn again is a jump",
+        ("wrapped", "counted"),
+        "wrapped",
+    ),
     Field(
         "position_tolerance",
         SCALAR,

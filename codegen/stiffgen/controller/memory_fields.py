@@ -47,7 +47,8 @@ _TORQUES: tuple[Field, ...] = (
 )
 _SAMPLES: tuple[Field, ...] = (
     _number("recent", (8, "n"), "rad/s", "velocities of the last samples, newest first, for their mean"),
-    _number("q", N, "rad", "last believed position"),
+    _number("q", N, "rad", "last believed position; turns of continuous joints are counted"),
+    _number("measured_q", N, "rad", "the same position as it was measured"),
     _number("dq", N, "rad/s", "velocity that was used with it"),
     _number("still_q", N, "rad", "position of the last sample, believed or not, to see whether q changes"),
     _number("moved_q", N, "rad", "motion that dq shows, less that of q, while q stands still"),

@@ -157,6 +157,7 @@ class ControllerPage:
         reason_classes: number of each reason's class.
         refusals, arguments: name and meaning; arguments of a command.
         reach: upper bound on the distance from the base's origin to each tip, as C.
+        turns: 1 for each motor a turn of which leaves the robot the same, else 0.
         errors: name, code and text.
         checks: C condition on the configuration c, by field.
         structs: config, input and output.
@@ -194,6 +195,7 @@ class ControllerPage:
     refusals: tuple[tuple[str, str], ...]
     arguments: tuple[str, ...]
     reach: list[str]
+    turns: list[int]
     errors: list[tuple[str, int, str]]
     checks: dict[str, str]
     structs: list[Struct]
@@ -238,6 +240,7 @@ def controller_page(
         refusals=REFUSALS,
         arguments=ARGUMENTS,
         reach=[_bound(_reach(chain, tip)) for tip in chain.tips],
+        turns=[int(_turns(chain, k)) for k in range(len(chain.motor_coordinates))],
         errors=errors_of(name, chain),
         checks={field.name: _check(field) for field in CONFIG},
         structs=[_struct(chain, prefix, *each) for each in (_config_struct(chain), *_STRUCTS[1:])],
@@ -269,6 +272,13 @@ def _reach(chain: Chain, tip: Tip) -> float:
             reach += max(map(abs, ends))
         index = joint.parent
     return math.ceil(1e3 * reach) / 1e3 if math.isfinite(reach) else math.inf
+
+
+def _turns(chain: Chain, index: int) -> bool:
+    """Return whether the robot is the same a turn of a coordinate farther: all its joints make whole turns."""
+    moved = [joint for joint in chain.joints if joint.coordinate == index]
+    whole = all(not joint.prismatic and float(joint.multiplier).is_integer() for joint in moved)
+    return whole and not chain.loops and chain.motor_coordinates[index].type == "continuous"
 
 
 def _interface() -> str:

@@ -133,7 +133,14 @@ OUTPUT: tuple[Field, ...] = (
     ),
     Field("kp", N, "N m/rad", "gain kp of the motors; 0 with actuation torque", memory="="),
     Field("kd", N, "N m s/rad", "gain kd of the motors; 0 with actuation torque", memory="="),
-    Field("q_des", N, "rad or m", "position q_des of the motors, the last believed q", memory="q"),
+    Field(
+        "q_des",
+        N,
+        "rad or m",
+        "position q_des of the motors, the last believed q as it was measured; where a position begins its turn again, "
+        "the motor takes q_des - q modulo a turn",
+        memory="measured_q",
+    ),
     Field("dq_des", N, "rad/s or m/s", "velocity dq_des of the motors, 0"),
     Field(
         "late_work",
@@ -165,7 +172,7 @@ OUTPUT: tuple[Field, ...] = (
     Field("fault_time", SCALAR, "s", "time since the fault was latched", memory="="),
     Field("fault_seen", SCALAR, "", "number that was seen, NAME_impedance_reason_seen says of what", memory="="),
     Field("fault_limit", SCALAR, "", "what fault_seen may be", memory="="),
-    Field("position", N, "rad or m", "last believed q", memory="q"),
+    Field("position", N, "rad or m", "last believed q; turns of continuous joints are counted", memory="q"),
     Field(
         "velocity",
         N,

@@ -2583,6 +2583,7 @@ static const field fields[] = {
     {"config", "motor_inertia", "f8", offsetof(iiwa14_impedance_config, motor_inertia), 1, {7, 1, 1}},
     {"config", "lower_limit", "f8", offsetof(iiwa14_impedance_config, lower_limit), 1, {7, 1, 1}},
     {"config", "upper_limit", "f8", offsetof(iiwa14_impedance_config, upper_limit), 1, {7, 1, 1}},
+    {"config", "continuous_joints", "i4", offsetof(iiwa14_impedance_config, continuous_joints), 0, {1, 1, 1}},
     {"config", "position_tolerance", "f8", offsetof(iiwa14_impedance_config, position_tolerance), 0, {1, 1, 1}},
     {"config", "limit_zone", "f8", offsetof(iiwa14_impedance_config, limit_zone), 0, {1, 1, 1}},
     {"config", "limit_stiffness", "f8", offsetof(iiwa14_impedance_config, limit_stiffness), 1, {7, 1, 1}},
@@ -2758,6 +2759,8 @@ static const choice choices[] = {
     {"stiffness_cap", "accept", IIWA14_STIFFNESS_CAP_ACCEPT},
     {"coriolis", "off", IIWA14_CORIOLIS_OFF},
     {"coriolis", "on", IIWA14_CORIOLIS_ON},
+    {"continuous_joints", "wrapped", IIWA14_CONTINUOUS_JOINTS_WRAPPED},
+    {"continuous_joints", "counted", IIWA14_CONTINUOUS_JOINTS_COUNTED},
     {"actuation", "torque", IIWA14_ACTUATION_TORQUE},
     {"actuation", "gains", IIWA14_ACTUATION_GAINS},
     {"velocity_source", "measured", IIWA14_VELOCITY_SOURCE_MEASURED},
@@ -3294,7 +3297,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "d40ba4700d995be1") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "0e1a94a22e5298b0") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -173,6 +173,10 @@ class Config:
     @upper_limit.setter
     def upper_limit(self, value: ArrayLike) -> None: ...
     @property
+    def continuous_joints(self) -> str: ...
+    @continuous_joints.setter
+    def continuous_joints(self, value: ArrayLike) -> None: ...
+    @property
     def position_tolerance(self) -> float: ...
     @position_tolerance.setter
     def position_tolerance(self, value: ArrayLike) -> None: ...
@@ -469,6 +473,7 @@ class Impedance:
         motor_inertia: ArrayLike = ...,
         lower_limit: ArrayLike = ...,
         upper_limit: ArrayLike = ...,
+        continuous_joints: Literal["wrapped", "counted"] = ...,
         position_tolerance: ArrayLike = ...,
         limit_zone: ArrayLike = ...,
         limit_stiffness: ArrayLike = ...,

@@ -94,6 +94,12 @@ void stiffgen_retract(const memory_t *m, double *q)
     (void)q;
 }
 
+int stiffgen_turns(int joint)
+{
+    (void)joint;
+    return 0;
+}
+
 void stiffgen_mass_matrix(const double *q, const memory_t *m, double *mass_matrix)
 {
     (void)q;

@@ -55,6 +55,21 @@ double distance_beyond(const config_t *c, int i, double q)
     return larger(c->lower_limit[i] - q, q - c->upper_limit[i]);
 }
 
+/* Return whether the position of joint i counts modulo a turn: it has no limits, and cannot pass half a turn unseen. */
+static int counts_modulo_turn(const step_t *s, int i)
+{
+    const config_t *const c = s->c;
+    const double least_infinite = smaller(-c->lower_limit[i], c->upper_limit[i]);
+    return c->continuous_joints == ID(CONTINUOUS_JOINTS_WRAPPED) && stiffgen_turns(i) && least_infinite > DBL_MAX &&
+           s->m->velocity_limit[i] * c->sample_time < HALF_TURN;
+}
+
+/* Return the position of joint i that is nearest to another, of those that are whole turns apart. */
+double nearest_turn(const step_t *s, int i, double q, double other)
+{
+    return counts_modulo_turn(s, i) ? q + 2.0 * HALF_TURN * floor((other - q) / (2.0 * HALF_TURN) + 0.5) : q;
+}
+
 /* Evaluate the limit avoidance of all joints: energy, torque, stiffness and status. */
 double evaluate_limits(step_t *s, const double *q)
 {
@@ -384,6 +399,10 @@ void book_interval(step_t *s, const double *q)
     add_scaled(N, -1.0, m->q, motion);
     if (m->gap > 0) {
         bridge_gap(s, 1);
+        for (int i = 0; i < N; ++i) { /* after a long gap the turn is open */
+            const int open = counts_modulo_turn(s, i) && farthest_motion(m, i) * m->gap >= HALF_TURN;
+            m->gap_work = open ? HUGE_VAL : m->gap_work;
+        }
         work = smaller(m->gap_work + dot(N, m->gap_torque, motion), m->gap_most);
     } else {
         work = dot(N, find_acting_torque(s), motion) - absorbed_work(m, motion);

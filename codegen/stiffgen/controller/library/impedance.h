@@ -133,6 +133,7 @@ typedef struct {
     double tank_initial, tank_maximum, engagement_limit, energy_limit; /* [J] in force */
     refusal_t refusal; /* of the command */
     int limited;       /* first joint whose q0 is beyond its limit and followed to the zone there, or NO_JOINT */
+    double q[N];       /* of the sample; turns of continuous joints are counted */
     double q0[N];      /* of the accepted command, within the joint limits */
     double goal[16 * TIPS]; /* equilibrium of an accepted command by pose */
     double translation[9 * TIPS], rotation[9 * TIPS]; /* stiffness of an accepted command */
@@ -173,6 +174,7 @@ void stiffgen_home(memory_t *m);
 int stiffgen_reaches(const double *q, const memory_t *m);
 int stiffgen_follow(const double *q, memory_t *m);
 void stiffgen_retract(const memory_t *m, double *q);
+int stiffgen_turns(int joint);
 const double *stiffgen_tool(const input_t *input);
 double stiffgen_reach(int tip, const double *tool);
 const double *stiffgen_translation_axes(const double *pose, const double *equilibrium);
@@ -275,6 +277,7 @@ double add_posture_energy(const memory_t *m, const double *q, const double *post
 double compute_stored_energy(const memory_t *m, const double *q);
 double evaluate_avoidance(const double *a, double q, double *pull, double *stiffness);
 double distance_beyond(const config_t *c, int i, double q);
+double nearest_turn(const step_t *s, int i, double q, double other);
 double evaluate_limits(step_t *s, const double *q);
 void pay_into_tank(step_t *s, double income);
 void book_stiffness(step_t *s, double *energy, double v);

@@ -49,7 +49,7 @@ static void begin_standstill(step_t *s, int i, double own, double speed)
 {
     memory_t *const m = s->m;
     m->rest_other[i] = m->rest_q[i];
-    m->rest_q[i] = s->input->q[i];
+    m->rest_q[i] = s->q[i];
     m->rest_torque[i] = own;
     m->rest_external[i] = find_external(s, i);
     /* What is left of the unexplained torque without the friction of this motion is a load that stays. */
@@ -66,7 +66,7 @@ static void begin_standstill(step_t *s, int i, double own, double speed)
 static int stands_still(step_t *s, int i, double own, double elapsed)
 {
     memory_t *const m = s->m;
-    const double q = s->input->q[i], quantum = larger(s->c->position_quantum, LEAST_QUANTUM);
+    const double q = s->q[i], quantum = larger(s->c->position_quantum, LEAST_QUANTUM);
     if (!m->known || m->reset) {
         begin_standstill(s, i, own, 0.0);
         return 0;
@@ -104,7 +104,7 @@ void predict_standstills(step_t *s, const double *last, double elapsed)
     memory_t *const m = s->m;
     int moves = 0;
     for (int i = 0; i < N; ++i) {
-        moves |= fabs(s->input->q[i] - m->still_q[i]) > SLOW * elapsed;
+        moves |= fabs(s->q[i] - m->still_q[i]) > SLOW * elapsed;
     }
     for (int i = 0; i < N; ++i) {
         const double own = find_own_torque(m, last, i), effort = s->c->effort_limit[i];

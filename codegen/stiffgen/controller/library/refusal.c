@@ -132,9 +132,10 @@ int accept_wrench(const config_t *c, const double *wrench, int tip, refusal_t *r
 }
 
 /*
- * Accept q0. Beyond a joint limit by up to position_tolerance it is followed to the zone at this limit, to the point
- * that is nearest to the reference: not farther outwards than where the limit avoidance begins, and not inwards. Beyond
- * it by no more than single precision it is the limit. Return whether it is accepted.
+ * Accept q0; a continuous joint takes the turn nearest to the reference. Beyond a joint limit by up to
+ * position_tolerance q0 is followed to the zone at this limit, to the point that is nearest to the reference: not
+ * farther outwards than where the limit avoidance begins, and not inwards. Beyond it by no more than single precision
+ * q0 is the limit. Return whether it is accepted.
  */
 static int accept_positions(step_t *s)
 {
@@ -143,10 +144,12 @@ static int accept_positions(step_t *s)
     const int q0 = ID(ARGUMENT_Q0);
     int good = check_numbers(N, s->input->q0, FARTHEST, ID(REFUSAL_NOT_FINITE), q0, 0, &s->refusal);
     for (int i = 0; good && i < N; ++i) {
-        const double wanted = s->input->q0[i], lower = c->lower_limit[i], upper = c->upper_limit[i];
+        const double wanted = nearest_turn(s, i, s->input->q0[i], reference[i]);
+        const double lower = c->lower_limit[i], upper = c->upper_limit[i];
         const double limit = clamp(wanted, lower, upper), beyond = fabs(wanted - limit);
         const double rounded = COMMAND_TOLERANCE * larger(1.0, fabs(limit));
         s->q0[i] = limit;
+        s->m->wanted_posture[i] = nearest_turn(s, i, s->m->wanted_posture[i], limit); /* the same command */
         if (beyond > larger(c->position_tolerance, rounded)) {
             good = refuse_command(&s->refusal, ID(REFUSAL_POSITION), q0, i, wanted, limit);
         } else if (beyond > rounded) {

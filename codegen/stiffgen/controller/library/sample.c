@@ -48,7 +48,7 @@ static int check_frozen(step_t *s, int i, double differs, double elapsed, double
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
-    const double q = s->input->q[i], dq = s->input->dq[i], window = c->frozen_window;
+    const double q = s->q[i], dq = s->input->dq[i], window = c->frozen_window;
     const double drift = larger(FROZEN_SHARE * m->velocity_limit[i], c->velocity_noise), allowed = drift * elapsed;
     const int q_changed = !m->known || q != m->still_q[i], dq_changed = !m->known || dq != m->still_dq[i];
     const double q_sum = sum_still(q_changed, window, differs, allowed, &m->q_age[i], &m->moved_q[i]);
@@ -64,10 +64,9 @@ static int check_frozen(step_t *s, int i, double differs, double elapsed, double
 static int repeats_state(step_t *s)
 {
     memory_t *const m = s->m;
-    const input_t *const in = s->input;
     int same = m->known && m->fault == ID(FAULT_NONE);
     for (int i = 0; i < N; ++i) {
-        same = same && in->q[i] == m->still_q[i] && in->dq[i] == m->still_dq[i];
+        same = same && s->q[i] == m->still_q[i] && s->input->dq[i] == m->still_dq[i];
     }
     m->state_age = clamp_count(m->state_age + 1, LONGEST);
     same = same && m->state_age * s->c->sample_time < (1.0 - ROUNDED) * s->c->state_period;
@@ -113,7 +112,7 @@ static int check_joint(step_t *s, int i)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
-    const double q = s->input->q[i], dq = s->input->dq[i], elapsed = c->sample_time * (1 + m->gap);
+    const double q = s->q[i], dq = s->input->dq[i], elapsed = c->sample_time * (1 + m->gap);
     const double motion = m->known ? q - m->q[i] : dq * elapsed;
     const double far = m->velocity_limit[i] * elapsed, measured = motion / elapsed, quanta = 2.0 * c->position_quantum;
     const double noise = NOISE_RANGE * c->velocity_noise * elapsed, differs = dq * elapsed - motion;
@@ -190,7 +189,7 @@ static int check_sample(step_t *s, const double *last)
     if (!s->located) {
         return reason == ID(REASON_FROZEN) ? reason : ID(REASON_JUMP);
     }
-    if (!stiffgen_follow(in->q, m)) {
+    if (!stiffgen_follow(s->q, m)) {
         s->located = 0;
         note_finding(s, NO_JOINT, 0.0, 0.0);
         return ID(REASON_LOOPS);
@@ -227,6 +226,9 @@ void observe_sample(step_t *s, const double *last)
 {
     memory_t *const m = s->m;
     int reason = ID(REASON_MISSED);
+    for (int i = 0; s->input->sample_valid == 1 && i < N; ++i) {
+        s->q[i] = m->known ? nearest_turn(s, i, s->input->q[i], m->q[i]) : s->input->q[i];
+    }
     if (s->input->sample_valid == 1 && repeats_state(s)) {
         /* no new sample, and none that is missing: the torque is held */
         s->status |= ID(STATUS_REPEATED);

@@ -8,7 +8,8 @@
 static void remember_sample(step_t *s)
 {
     memory_t *const m = s->m;
-    memcpy(m->q, s->input->q, sizeof m->q);
+    memcpy(m->q, s->q, sizeof m->q);
+    memcpy(m->measured_q, s->input->q, sizeof m->measured_q);
     s->has_jacobians = 0;
     memcpy(m->dq, s->velocity, sizeof m->dq);
     m->recent_count = m->gap > 0 ? 1 : clamp_count(m->recent_count + 1, RECENT);
@@ -23,7 +24,6 @@ static void check_limits(step_t *s)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
-    const input_t *const in = s->input;
     int fast = NO_JOINT;
     for (int i = 0; i < N; ++i) {
         const double speed = fabs(s->velocity[i]);
@@ -35,9 +35,9 @@ static void check_limits(step_t *s)
         if (smaller(speed, m->velocity_limit[i]) <= c->velocity_limit[i]) {
             m->velocity_limit[i] = c->velocity_limit[i];
         }
-        if (distance_beyond(c, i, in->q[i]) > c->position_tolerance) {
-            const double edge = in->q[i] > c->upper_limit[i] ? c->upper_limit[i] : c->lower_limit[i];
-            latch_fault(m, ID(REASON_POSITION), i, in->q[i], edge);
+        if (distance_beyond(c, i, s->q[i]) > c->position_tolerance) {
+            const double edge = s->q[i] > c->upper_limit[i] ? c->upper_limit[i] : c->lower_limit[i];
+            latch_fault(m, ID(REASON_POSITION), i, s->q[i], edge);
         }
     }
     /* a bump may drive a joint beyond its limit for a moment, which is braked */
@@ -117,10 +117,10 @@ static void step_with_sample(step_t *s, const double *last)
     memory_t *const m = s->m;
     int moved = 0;
     if (!m->known || s->jumped) {
-        begin_limits(s, s->input->q);
+        begin_limits(s, s->q);
     }
     s->elapsed = s->c->sample_time * (1 + m->gap);
-    book_interval(s, s->input->q);
+    book_interval(s, s->q);
     remember_sample(s);
     s->commanded = s->believed && accept_command(s);
     s->status |= s->commanded ? 0u : (uint32_t)ID(STATUS_COMMAND_REFUSED);
@@ -129,9 +129,9 @@ static void step_with_sample(step_t *s, const double *last)
     s->budget = m->tank - TANK_FLOOR * s->tank_maximum;
     adopt_missed_limit(s, last);
     if (m->fault == ID(FAULT_NONE)) {
-        adopt_limits(s, s->input->q);
+        adopt_limits(s, s->q);
     } else {
-        drop_limits(s, s->input->q);
+        drop_limits(s, s->q);
         m->engaged = m->engaged && (m->scale != 0.0 || holds_in_fault(s));
     }
     if (!m->engaged) {
