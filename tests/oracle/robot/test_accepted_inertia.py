@@ -101,6 +101,21 @@ def test_an_indefinite_mass_matrix_gets_the_nearest_tensor(tensor: tuple[float, 
         assert np.linalg.eigvalsh(expected)[0] > 0
 
 
+@pytest.mark.filterwarnings("ignore::stiffgen.errors.InertiaWarning")
+def test_the_mass_matrix_is_checked_over_the_joint_range(tmp_path: Path) -> None:
+    """A link turns about its own axis: its negative moment counts a quarter turn from zero and from both ends alone."""
+    text = arm(((0.02, 0.0, 0.0, 0.02, 0.0, 0.02), (0.03, 0.0, 0.0, -0.05, 0.0, 0.03)))
+    text = text.replace('<origin xyz="0.1 0.02 0.05" rpy="0.3 0.2 0.1"/>', "").replace("0.2 0 0.1", "0 0 0.1")
+    text = text.replace('axis xyz="0 1 0"', 'axis xyz="1 0 0"').replace(
+        'lower="-2" upper="2"', 'lower="-3.1" upper="3.1"'
+    )
+    file = written(tmp_path, text)
+    least = [np.linalg.eigvalsh(pinocchio_masses(file, np.array([0.0, q])))[0] for q in (0.0, -3.1, 3.1, np.pi / 2)]
+    assert min(least[:3]) > 0.02 and least[3] < -0.02
+    chain = load_chain(file, accept_inertia=["all"])
+    assert [(each.link, each.is_nearest) for each in chain.accepted] == [("l2", True)]
+
+
 @pytest.mark.parametrize("tensor", [TRIANGLE, LINE, NEGATIVE, LARGE])
 def test_no_possible_tensor_is_nearer(tensor: tuple[float, ...]) -> None:
     """A tensor is possible where its second moments, half its trace minus it, are positive semidefinite."""
