@@ -11,12 +11,14 @@ import ctypes
 import errno
 import os
 import shutil
+import signal
 import stat
 import tempfile
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 from stiffgen.errors import OutputError, printable
 
@@ -41,26 +43,28 @@ def swapped_in(target: Path) -> Iterator[Path]:
 
     """
     output = target.parent
-    try:
-        created = _missing_parents(output)
-        output.mkdir(parents=True, exist_ok=True)
-        staging, lock = _locked(output, f".{target.name[:40]}.stiffgen-", tempfile.mkdtemp)
-    except OSError as error:
-        raise unwritable(output, error) from error
-    try:
-        yield staging
-        _swap(staging, target)
-    except BaseException as error:
-        _remove(staging)
-        for folder in created:
-            with suppress(OSError):  # not empty: another process has put something there
-                folder.rmdir()
-        if isinstance(error, OSError):  # a full disk
-            inside = error.filename is None or str(staging) in str(error.filename)
-            raise unwritable(target if inside else Path(str(error.filename)), error) from error
-        raise
-    finally:
-        _release(lock)
+    with _signals_deferred() as deliver:
+        try:
+            created = _missing_parents(output)
+            output.mkdir(parents=True, exist_ok=True)
+            staging, lock = _locked(output, f".{target.name[:40]}.stiffgen-", tempfile.mkdtemp)
+        except OSError as error:
+            raise unwritable(output, error) from error
+        try:
+            deliver()
+            yield staging
+            _swap(staging, target)
+        except BaseException as error:
+            _remove(staging)
+            for folder in created:
+                with suppress(OSError):  # not empty: another process has put something there
+                    folder.rmdir()
+            if isinstance(error, OSError):  # a full disk
+                inside = error.filename is None or str(staging) in str(error.filename)
+                raise unwritable(target if inside else Path(str(error.filename)), error) from error
+            raise
+        finally:
+            _release(lock)
 
 
 @contextmanager
@@ -71,19 +75,21 @@ def temporary_folder(purpose: str) -> Iterator[Path]:
         OutputError: there is no place for it.
 
     """
-    try:
-        folder, lock = _locked(Path(tempfile.gettempdir()), f"stiffgen-{purpose}.", tempfile.mkdtemp)
-    except OSError as error:
-        place = os.environ.get("TMPDIR", "/tmp")
-        raise OutputError(
-            f"{printable(place, 200)}: has no room for temporary files ({error.strerror or error}); "
-            "set TMPDIR to a folder that can be written"
-        ) from error
-    try:
-        yield folder
-    finally:
-        _remove(folder)
-        _release(lock)
+    with _signals_deferred() as deliver:
+        try:
+            folder, lock = _locked(Path(tempfile.gettempdir()), f"stiffgen-{purpose}.", tempfile.mkdtemp)
+        except OSError as error:
+            place = os.environ.get("TMPDIR", "/tmp")
+            raise OutputError(
+                f"{printable(place, 200)}: has no room for temporary files ({error.strerror or error}); "
+                "set TMPDIR to a folder that can be written"
+            ) from error
+        try:
+            deliver()
+            yield folder
+        finally:
+            _remove(folder)
+            _release(lock)
 
 
 @contextmanager
@@ -152,18 +158,20 @@ def write_atomically(target: Path, text: str) -> None:
         os.close(descriptor)
         return name
 
-    target.parent.mkdir(parents=True, exist_ok=True)
-    partial, lock = _locked(target.parent, f".{target.name[:40]}.stiffgen-", make)
-    try:
-        with partial.open("w", encoding="utf-8") as stream:
-            stream.write(text)
-            stream.flush()
-            os.fsync(stream.fileno())
-        partial.chmod(0o666 & ~_umask())
-        partial.replace(target)
-    finally:
-        partial.unlink(missing_ok=True)
-        _release(lock)
+    with _signals_deferred() as deliver:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        partial, lock = _locked(target.parent, f".{target.name[:40]}.stiffgen-", make)
+        try:
+            deliver()
+            with partial.open("w", encoding="utf-8") as stream:
+                stream.write(text)
+                stream.flush()
+                os.fsync(stream.fileno())
+            partial.chmod(0o666 & ~_umask())
+            partial.replace(target)
+        finally:
+            partial.unlink(missing_ok=True)
+            _release(lock)
 
 
 _REMEDIES = {
@@ -185,6 +193,32 @@ def unwritable(path: Path, error: OSError) -> OutputError:
 def _missing_parents(folder: Path) -> list[Path]:
     """Return the folders that do not exist yet, the innermost first."""
     return [each for each in (folder, *folder.parents) if not each.exists()]
+
+
+@contextmanager
+def _signals_deferred() -> Iterator[Callable[[], None]]:
+    """Keep signals that end the process until the function that is yielded is called, or the block ends.
+
+    A signal between the making of a folder and the block that removes it would leave the folder there.
+    """
+    came: list[int] = []
+    held: dict[int, Any] = {}
+    if threading.current_thread() is threading.main_thread():  # Python runs handlers in this thread alone
+        numbers = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+        held = {number: handler for number in numbers if callable(handler := signal.getsignal(number))}
+    for number in held:
+        signal.signal(number, lambda number, frame: came.append(number))
+
+    def deliver() -> None:
+        while held:
+            signal.signal(*held.popitem())
+        while came:
+            signal.raise_signal(came.pop())
+
+    try:
+        yield deliver
+    finally:
+        deliver()
 
 
 def _locked(parent: Path, prefix: str, make: Callable[..., str]) -> tuple[Path, int | None]:
