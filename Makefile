@@ -8,7 +8,7 @@ GENERATOR := $(shell find codegen -name '*.py' -o -name '*.j2' -o -name '*.[ch]'
 TORCH ?= torch>=2.5
 CONFIGURATIONS ?= 4194304
 WORKERS ?= 2
-TESTS ?= not slow and not wide
+TESTS := not slow and not wide
 # A worker takes neighbouring tests, so that it makes what they share only once.
 SPREAD := -n $(WORKERS) --dist worksteal
 

@@ -106,14 +106,15 @@ def figure() -> str:
         left.legend(loc="center right")
         targets = np.linspace(0.05, 2.0, 60)
         right.plot(targets, [limit(target) for target in targets], color=INK, label="limit by linearisation")
-        for share, marker in ((0.9, "o"), (1.1, "s")):
+        for share, grows, marker, colour, label in (
+            (0.9, True, "o", CONVENTIONAL, "flutters in MuJoCo"),
+            (1.1, False, "s", CORRECTED, "comes to rest"),
+        ):
             ratios = [share * limit(target) for target in TARGETS]
             grown = [simulate(target, ratio, DRIVES)[-1] > PUSH for target, ratio in zip(TARGETS, ratios, strict=True)]
-            word = {True: "flutters in MuJoCo", False: "comes to rest"}[grown[0]]
-            colour = CONVENTIONAL if grown[0] else CORRECTED
-            if len(set(grown)) != 1:
+            if grown != [grows] * len(TARGETS):
                 raise ArithmeticError(f"the limit is not where the drives flutter: {grown} at {share} of it")
-            right.plot(TARGETS, ratios, marker, color=colour, markersize=5, label=word)
+            right.plot(TARGETS, ratios, marker, color=colour, markersize=5, label=label)
         right.set(xlabel="target [rad]", ylabel="damping ratio", title="three drives", ylim=(0, None))
         right.legend(loc="upper left")
         return themed_svg(drawing)

@@ -108,23 +108,14 @@ def rows(robot: ModuleType) -> list[tuple[str, ...]]:
     return made
 
 
-def pressed(robot: ModuleType, forces: Array) -> tuple[Array, Array]:
-    """Press the leaning arm down by forces [N]: height lost [m] as solved, and as C of the arm without a load says."""
-    stiffness, down = SOFT * np.eye(7), -np.eye(6)[2]
-    start = Posture(robot, LEANING, stiffness, np.zeros(6))
-    height = robot.forward_kinematics(LEANING)[2, 3]
-    lost, q = [], LEANING
+def pressed(robot: ModuleType, forces: Array) -> list[Posture]:
+    """Return where the leaning arm rests under each force downwards [N]."""
+    stiffness, postures, q = SOFT * np.eye(7), [], LEANING
     for force in forces:
-        q = equilibrium(Posture(robot, q, stiffness, force * down), LEANING, force * down)
-        lost.append(height - robot.forward_kinematics(q)[2, 3])
-    return np.array(lost), np.asarray(forces * start.compliance()[2, 2])
-
-
-def slope_of(robot: ModuleType, force: float) -> float:
-    """Return the vertical compliance [m/N] of the leaning arm where it rests under a force [N]."""
-    stiffness, wrench = SOFT * np.eye(7), -force * np.eye(6)[2]
-    q = equilibrium(Posture(robot, LEANING, stiffness, wrench), LEANING, wrench)
-    return float(Posture(robot, q, stiffness, wrench).compliance()[2, 2])
+        wrench = -force * np.eye(6)[2]
+        q = equilibrium(Posture(robot, q, stiffness, wrench), LEANING, wrench)
+        postures.append(Posture(robot, q, stiffness, wrench))
+    return postures
 
 
 def upright(robot: ModuleType, force: float, stiffness: float) -> Posture:
@@ -148,11 +139,13 @@ def figure(robot: ModuleType) -> str:
         drawing = Figure(figsize=(7.5, 3.6), layout="constrained")
         left, right = drawing.subplots(1, 2)
         forces = np.linspace(0, 60, 61)
-        lost, predicted = pressed(robot, forces)
+        postures = pressed(robot, forces)
+        heights = np.array([robot.forward_kinematics(each.q)[2, 3] for each in postures])
+        lost, unloaded = heights[0] - heights, postures[0].compliance()[2, 2]
         left.plot(forces, 1e3 * lost, color=INK, label="solved")
-        left.plot(forces, 1e3 * predicted, "--", color=CONVENTIONAL, label="C without the load's terms")
+        left.plot(forces, 1e3 * unloaded * forces, "--", color=CONVENTIONAL, label="C without the load's terms")
         for at in range(10, len(forces), 15):
-            push, slope = forces[at] + np.array([-6.0, 6.0]), slope_of(robot, forces[at])
+            push, slope = forces[at] + np.array([-6.0, 6.0]), postures[at].compliance()[2, 2]
             label = "slope: C with the load's terms" if at == 10 else None
             left.plot(push, 1e3 * (lost[at] + slope * (push - forces[at])), color=CORRECTED, linewidth=2.5, label=label)
         left.set(xlabel="force downwards [N]", ylabel="height lost [mm]", title="leaning arm, 100 N m/rad a joint")
