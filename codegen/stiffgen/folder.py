@@ -11,16 +11,15 @@ import ctypes
 import errno
 import os
 import shutil
-import signal
 import stat
 import tempfile
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 from stiffgen.errors import OutputError, printable
+from stiffgen.signals import signals_deferred
 
 try:
     import fcntl
@@ -43,7 +42,7 @@ def swapped_in(target: Path) -> Iterator[Path]:
 
     """
     output = target.parent
-    with _signals_deferred() as deliver:
+    with signals_deferred() as deliver:
         try:
             created = _missing_parents(output)
             output.mkdir(parents=True, exist_ok=True)
@@ -75,7 +74,7 @@ def temporary_folder(purpose: str) -> Iterator[Path]:
         OutputError: there is no place for it.
 
     """
-    with _signals_deferred() as deliver:
+    with signals_deferred() as deliver:
         try:
             folder, lock = _locked(Path(tempfile.gettempdir()), f"stiffgen-{purpose}.", tempfile.mkdtemp)
         except OSError as error:
@@ -158,7 +157,7 @@ def write_atomically(target: Path, text: str) -> None:
         os.close(descriptor)
         return name
 
-    with _signals_deferred() as deliver:
+    with signals_deferred() as deliver:
         target.parent.mkdir(parents=True, exist_ok=True)
         partial, lock = _locked(target.parent, f".{target.name[:40]}.stiffgen-", make)
         try:
@@ -193,32 +192,6 @@ def unwritable(path: Path, error: OSError) -> OutputError:
 def _missing_parents(folder: Path) -> list[Path]:
     """Return the folders that do not exist yet, the innermost first."""
     return [each for each in (folder, *folder.parents) if not each.exists()]
-
-
-@contextmanager
-def _signals_deferred() -> Iterator[Callable[[], None]]:
-    """Keep signals that end the process until the function that is yielded is called, or the block ends.
-
-    A signal between the making of a folder and the block that removes it would leave the folder there.
-    """
-    came: list[int] = []
-    held: dict[int, Any] = {}
-    if threading.current_thread() is threading.main_thread():  # Python runs handlers in this thread alone
-        numbers = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
-        held = {number: handler for number in numbers if callable(handler := signal.getsignal(number))}
-    for number in held:
-        signal.signal(number, lambda number, frame: came.append(number))
-
-    def deliver() -> None:
-        while held:
-            signal.signal(*held.popitem())
-        while came:
-            signal.raise_signal(came.pop())
-
-    try:
-        yield deliver
-    finally:
-        deliver()
 
 
 def _locked(parent: Path, prefix: str, make: Callable[..., str]) -> tuple[Path, int | None]:

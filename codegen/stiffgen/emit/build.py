@@ -18,6 +18,7 @@ import numpy as np
 
 from stiffgen.errors import BuildError
 from stiffgen.folder import temporary_folder
+from stiffgen.signals import signals_deferred
 
 _LAST_LINES = 20
 _FLAGS = ("-O3", "-DNDEBUG", "-std=gnu99", "-fPIC")
@@ -223,36 +224,39 @@ def _libraries() -> list[str]:
 def _run(commands: Sequence[Sequence[str]], compiler: str, temporary: Path) -> None:
     """Run commands in parallel; after an error none is left running and none of their files stays."""
     running: list[subprocess.Popen[str]] = []
-    try:
-        for command in commands:
-            running.append(
-                subprocess.Popen(
-                    command,
-                    stdin=subprocess.DEVNULL,
-                    stdout=subprocess.PIPE,
-                    stderr=subprocess.STDOUT,
-                    text=True,
-                    errors="replace",
-                    env=os.environ | {"TMPDIR": str(temporary)},
-                    start_new_session=True,  # with the compiler's own children
-                )
-            )
-        for process in running:
-            output, _ = process.communicate()
-            if process.returncode != 0:
-                lines = output.rstrip().splitlines()[-_LAST_LINES:]
-                raise BuildError(
-                    f"compiling with {compiler} failed (exit code {process.returncode}); repair the compiler, choose "
-                    "another one with CC, or use --no-build. Its last lines:\n  " + "\n  ".join(lines)
-                )
-    except OSError as error:
-        raise BuildError(f"{compiler} cannot be run ({error.strerror}); set CC, or use --no-build") from error
-    finally:
-        for process in running:
-            if process.poll() is None:
-                _kill(process)
-            elif process.stdout is not None:
-                process.stdout.close()
+    with signals_deferred() as deliver:
+        try:
+            running.extend(_start(command, temporary) for command in commands)
+            deliver()
+            for process in running:
+                output, _ = process.communicate()
+                if process.returncode != 0:
+                    lines = output.rstrip().splitlines()[-_LAST_LINES:]
+                    raise BuildError(
+                        f"compiling with {compiler} failed (exit code {process.returncode}); repair the compiler, "
+                        "choose another one with CC, or use --no-build. Its last lines:\n  " + "\n  ".join(lines)
+                    )
+        except OSError as error:
+            raise BuildError(f"{compiler} cannot be run ({error.strerror}); set CC, or use --no-build") from error
+        finally:
+            for process in running:
+                if process.poll() is None:
+                    _kill(process)
+                elif process.stdout is not None:
+                    process.stdout.close()
+
+
+def _start(command: Sequence[str], temporary: Path) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        errors="replace",
+        env=os.environ | {"TMPDIR": str(temporary)},
+        start_new_session=True,  # with the compiler's own children
+    )
 
 
 def _kill(process: subprocess.Popen[str]) -> None:

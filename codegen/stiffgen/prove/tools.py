@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stiffgen.errors import MissingExtraError, StiffgenError
+from stiffgen.signals import signals_deferred
 
 _KEPT = 400_000_000
 """Bytes of a program's output to keep, from its end."""
@@ -91,29 +92,37 @@ def run(command: Sequence[str], folder: Path, timeout: float, *, limited: bool =
     ``limited`` restricts it to 8 GiB of addresses; clang's sanitizers reserve terabytes that they do not use.
     """
     with tempfile.TemporaryFile() as output:
-        process = subprocess.Popen(
-            command,
-            cwd=folder,
-            stdin=subprocess.DEVNULL,
-            stdout=output,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-            env=os.environ | {"LC_ALL": "C.UTF-8"},
-        )
-        if limited and hasattr(resource, "prlimit"):  # Linux
-            resource.prlimit(process.pid, resource.RLIMIT_AS, (_MEMORY, _MEMORY))
-        end = time.monotonic() + timeout
-        timed_out = False
-        try:
-            while not (ended := os.wait4(process.pid, os.WNOHANG))[0]:
-                if time.monotonic() > end and not timed_out:
-                    timed_out = True
-                    os.killpg(process.pid, signal.SIGKILL)
-                time.sleep(0.02)
-        except BaseException:
-            os.killpg(process.pid, signal.SIGKILL)
-            raise
+        with signals_deferred() as deliver:
+            process = subprocess.Popen(
+                command,
+                cwd=folder,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+                env=os.environ | {"LC_ALL": "C.UTF-8"},
+            )
+            try:
+                deliver()
+                if limited and hasattr(resource, "prlimit"):  # Linux
+                    resource.prlimit(process.pid, resource.RLIMIT_AS, (_MEMORY, _MEMORY))
+                timed_out, ended = _wait(process, timeout)
+            except BaseException:
+                os.killpg(process.pid, signal.SIGKILL)
+                raise
         process.returncode = os.waitstatus_to_exitcode(ended[1])
         output.seek(max(0, output.seek(0, os.SEEK_END) - _KEPT))
         text = output.read().decode("utf-8", "replace")
     return ProgramOutput(text, ended[2].ru_utime + ended[2].ru_stime, timed_out)
+
+
+def _wait(process: subprocess.Popen[bytes], timeout: float) -> tuple[bool, tuple[int, int, resource.struct_rusage]]:
+    """Wait for the end of a program; kill it after ``timeout``. Return whether that was so, and what wait4 returned."""
+    end = time.monotonic() + timeout
+    timed_out = False
+    while not (ended := os.wait4(process.pid, os.WNOHANG))[0]:
+        if time.monotonic() > end and not timed_out:
+            timed_out = True
+            os.killpg(process.pid, signal.SIGKILL)
+        time.sleep(0.02)
+    return timed_out, ended

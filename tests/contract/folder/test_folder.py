@@ -8,12 +8,8 @@ import os
 import signal
 import subprocess
 import sys
-import tempfile
 import textwrap
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -150,43 +146,3 @@ def test_the_remedy_fits_the_error(number, remedy):
     message = str(folder.unwritable(Path("arm"), OSError(number, os.strerror(number))))
     assert message.startswith(f"arm: cannot be written ({os.strerror(number)}); {remedy}")
     assert ("room" in message) == (number == errno.ENOSPC)
-
-
-class Ended(BaseException):
-    """What a handler of signals raises, as the command line's does."""
-
-
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
-@pytest.mark.parametrize("what", ["result", "temporary", "file"])
-def test_a_signal_while_a_folder_is_made_leaves_nothing(
-    what: str, number: signal.Signals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """It comes between the making of a folder, or file, and the block that removes it."""
-
-    def end(number: int, frame: object) -> None:
-        raise Ended
-
-    def interrupted(make: Callable[..., Any]) -> Callable[..., Any]:
-        def call(**given: Any) -> Any:
-            made = make(**given)
-            signal.raise_signal(number)
-            return made
-
-        return call
-
-    blocks: dict[str, Callable[[], AbstractContextManager[Any]]] = {
-        "result": lambda: swapped_in(tmp_path / "new" / "arm"),
-        "temporary": lambda: temporary_folder("build"),
-        "file": lambda: nullcontext(write_atomically(tmp_path / "file", "text")),
-    }
-    for name in ("mkdtemp", "mkstemp"):
-        monkeypatch.setattr(tempfile, name, interrupted(getattr(tempfile, name)))
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    before = signal.signal(number, end)
-    try:
-        with pytest.raises(Ended), blocks[what]():
-            pytest.fail("the block began")
-        assert signal.getsignal(number) is end
-    finally:
-        signal.signal(number, before)
-    assert list(tmp_path.iterdir()) == []

@@ -13,7 +13,7 @@ from support.project import ROOT
 
 PACKAGE = Path(stiffgen.__file__).parent
 LAYERS = (
-    ("errors", "_version", "rooms", "described"),
+    ("errors", "_version", "rooms", "described", "signals"),
     ("names", "folder", "page", "style", "rendering"),
     ("robot",),
     ("symbolic",),
