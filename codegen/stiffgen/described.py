@@ -19,10 +19,14 @@ _Record = TypeVar("_Record")
 _Result = TypeVar("_Result")
 _OPTIONS = "        options: record of options."
 """Line of a docstring that becomes the meanings of the record's fields."""
-_WITH_VALUE = ("accept_inertia", "base", "ignore", "package_path", "springs")
-"""Options whose name a message puts before a value."""
-_FLAG = re.compile(r"""(--[a-z][a-z-]*)( ((?:'[^']*'|"[^"]*"|[^\s,;:()'"])+))?""")
-"""Option in a message, and the word behind it as a shell takes it."""
+_LISTS = ("accept_inertia", "ignore", "package_path", "springs", "topics")
+"""Options with a list of words, one of which a message puts behind the name."""
+_WORDS = ("base", "calibration", "dask", "export", "kernels", "name", "q", "representation", "scalar", "tip", "wrench")
+"""Options with one word, which a message may put behind the name."""
+_FLAG = re.compile(r"""(--[a-z][a-z-]*)( ((?:'[^']*'|"[^"]*"|[^\s,;:()'"]|:(?=[^\s'"]))+))?(:?)""")
+"""Option in a message, the word behind it as a shell takes it, and a colon."""
+_COMMAND = re.compile(r"'stiffgen (analyze|generate)'")
+"""Command in a message that is a function of the package, too."""
 _QUOTED = re.compile(r"""'([^']*)'|"([^"]*)\"""")
 
 
@@ -99,38 +103,47 @@ def meanings(record: Any) -> list[str]:
     ]
 
 
-def in_python(text: str, record: Any) -> str:
-    """Return a message with the keywords of Python, fields of ``record``, in place of the command line's options."""
-    keywords = {flag_of(each): each for each in fields(record)}
+def in_python(text: str, *records: Any) -> str:
+    """Return a message in the words of Python: keywords for options of the command line, functions for commands.
+
+    The keywords are the fields of ``records``; the first record that has an option decides.
+    """
+    keywords = {flag_of(each): each for record in reversed(records) for each in fields(record)}
 
     def keyword(match: re.Match[str]) -> str:
-        flag, rest, value = match[1], match[2] or "", _QUOTED.sub(r"\1\2", match[3] or "")
+        flag, rest, word, colon = match[1], match[2] or "", match[3] or "", match[4]
         if flag.startswith("--no-") and f"--{flag[5:]}" in keywords:
-            return f"{flag[5:].replace('-', '_')}=False{rest}"
-        if flag not in keywords:
-            return match[0]
-        name = keywords[flag].name
-        if f"{name} {value}" == "tool runtime":
-            return "runtime_tool=True"
-        part_of, (part, _, given) = help_of(keywords[flag]).record, value.partition("=")
-        if part_of is not None and part != "link" and part in [each.name for each in fields(part_of)]:
-            return f"{name}={part_of.__name__}({part}={given or '...'})"
-        if keywords[flag].default is False:
-            return f"{name}=True{rest}"
-        if value and name in _WITH_VALUE:
-            return f"{name}=[{value!r}]" if name != "base" else f"{name}={value!r}"
-        return f"{name}=...{rest}"
+            return f"{flag[5:].replace('-', '_')}=False{rest}{colon}"
+        return match[0] if flag not in keywords else f"{_keyword(keywords[flag], rest, word, bool(colon))}{colon}"
 
-    return _FLAG.sub(keyword, text)
+    return _COMMAND.sub(r"stiffgen.\1()", _FLAG.sub(keyword, text))
+
+
+def _keyword(option: Field[Any], rest: str, word: str, has_colon: bool) -> str:
+    """Return an option as a keyword, with the word behind it in a message: its value, or part of the sentence."""
+    name, value, described = option.name, _QUOTED.sub(r"\1\2", word), help_of(option)
+    if f"{name} {value}" == "tool runtime":
+        return "runtime_tool=True"
+    part, _, given = value.partition("=")
+    if described.record is not None and part != "link" and part in [each.name for each in fields(described.record)]:
+        return f"{name}={described.record.__name__}({part}={given or '...'})"
+    if option.default is False:
+        return f"{name}=True{rest}"
+    if value and name in _LISTS:
+        return f"{name}=[{value!r}]"
+    is_choice = value in (described.command or {}).get("choices", ())
+    if value and name in _WORDS and (name == "base" or is_choice or has_colon or word[0] in "\"'"):
+        return f"{name}={value!r}"
+    return f"{name}=..." if value.isalpha() and value.isupper() else f"{name}=...{rest}"
 
 
 @contextmanager
-def speaking_python(record: Any) -> Iterator[None]:
+def speaking_python(*records: Any) -> Iterator[None]:
     """Word refusals for a caller from Python (:func:`in_python`)."""
     try:
         yield
     except StiffgenError as error:
-        error.reword(lambda text: in_python(text, record))
+        error.reword(lambda text: in_python(text, *records))
         raise
 
 

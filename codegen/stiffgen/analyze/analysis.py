@@ -41,9 +41,19 @@ from stiffgen.analyze.recording import (
 )
 from stiffgen.analyze.report import bad_rows, write_report
 from stiffgen.cache import folder_of
-from stiffgen.errors import EmptyRecordingError, OutputError, RecordingError, StiffgenError, listed, printable
+from stiffgen.described import speaking_python
+from stiffgen.errors import (
+    EmptyRecordingError,
+    OutputError,
+    RecordingError,
+    StiffgenError,
+    listed,
+    printable,
+    shell_word,
+)
 from stiffgen.folder import swapped_in
 from stiffgen.opened import open_robot
+from stiffgen.options import GenerationOptions
 from stiffgen.robot.chain import Chain
 from stiffgen.robot.geometry import FloatArray
 from stiffgen.rooms import optional
@@ -91,6 +101,12 @@ def analyze(options: AnalysisOptions) -> Analysis:
         MissingExtraError: a package is not installed.
 
     """
+    with speaking_python(AnalysisOptions, GenerationOptions):
+        return run_analysis(options)
+
+
+def run_analysis(options: AnalysisOptions) -> Analysis:
+    """Do what :func:`analyze` does; refusals name options of the command line."""
     log, progress = Path(options.log), options.progress
     target = Path("analysis") / log.stem if options.output is None else Path(options.output)
     _refuse_foreign(target)
@@ -140,7 +156,7 @@ def _check(options: AnalysisOptions) -> None:
     if options.figures:
         extra("matplotlib", "drawing figures (leave them out with --no-figures)")
     if options.export is not None and options.export not in EXPORTS:
-        raise RecordingError(f"--export {options.export}: choose one of {listed(EXPORTS)}")
+        raise RecordingError(f"--export {shell_word(options.export)}: choose one of {listed(EXPORTS)}")
 
 
 def _request(options: AnalysisOptions, chain: Chain) -> RecordingRequest:
@@ -213,7 +229,7 @@ def _one_of(representation: str) -> Representation:
     for known in REPRESENTATIONS:
         if representation == known:
             return known
-    raise RecordingError(f"--representation {representation}: choose one of {listed(REPRESENTATIONS)}")
+    raise RecordingError(f"--representation {shell_word(representation)}: choose one of {listed(REPRESENTATIONS)}")
 
 
 def _chain(robot: Path) -> Chain:
@@ -235,7 +251,7 @@ def _tip(chain: Chain, chosen: str | None) -> str:
             return chain.tips[0].name
         raise RecordingError(f"the robot has several tips; choose with --tip: {listed(list(by_link))}")
     if chosen not in by_link:
-        raise RecordingError(f"--tip {chosen}: is no tip of the robot; it has {listed(list(by_link))}")
+        raise RecordingError(f"--tip {shell_word(chosen)}: is no tip of the robot; it has {listed(list(by_link))}")
     return by_link[chosen]
 
 
@@ -256,7 +272,8 @@ def _calibrated(options: AnalysisOptions, file: str | Path, chain: Chain, tip: s
     sensor = chain.sensor
     if sensor is None or chain.tips[sensor.tip].name != tip:
         raise RecordingError(
-            f"--calibration {file}: the robot has no sensor at this tip; generate it with --sensor LINK"
+            f"--calibration {shell_word(str(file))}: the robot has no sensor at this tip; generate it with "
+            "--sensor LINK"
         )
     found = room.read_calibration(file)
     if found.sensor != sensor.text:
@@ -343,8 +360,9 @@ def _reduced(
             raise
         except Exception as error:
             raise RecordingError(
-                f"--dask {dask}: a worker failed ({type(error).__name__}: {error}); workers need this version of "
-                "stiffgen with its extra 'analyze', and the recording and the robot's folder under the same paths"
+                f"--dask {shell_word(dask)}: a worker failed ({type(error).__name__}: {error}); workers need this "
+                "version of stiffgen with its extra 'analyze', and the recording and the robot's folder under "
+                "the same paths"
             ) from error
     return result
 
@@ -376,11 +394,13 @@ def _dask_client(address: str, progress: ShowProgress) -> Iterator[Any]:
         client = distributed.Client(address, timeout="10s")
     except (OSError, ValueError, TimeoutError) as error:
         raise RecordingError(
-            f"--dask {address}: no scheduler answers there ({error}); start 'dask scheduler'"
+            f"--dask {shell_word(address)}: no scheduler answers there ({error}); start 'dask scheduler'"
         ) from error
     with client:
         if not client.ncores():
-            raise RecordingError(f"--dask {address}: the scheduler has no workers; start 'dask worker {address}'")
+            raise RecordingError(
+                f"--dask {shell_word(address)}: the scheduler has no workers; start 'dask worker {address}'"
+            )
         yield client
 
 

@@ -15,7 +15,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
-from stiffgen.analyze.analysis import SUMMARY, analyze, checked_stiffness, read_stiffness
+from stiffgen.analyze.analysis import SUMMARY, checked_stiffness, read_stiffness, run_analysis
 from stiffgen.analyze.options import GROUPS, AnalysisOptions
 from stiffgen.analyze.report import TABLE_HEAD, statements, table_rows
 from stiffgen.analyze.report import warnings as recording_warnings
@@ -98,7 +98,7 @@ def run(options: argparse.Namespace) -> int:
     chosen = {each.name: getattr(options, each.name) for each in fields(AnalysisOptions) if each.name in options}
     with _ProgressBar(messages()).shown() as progress:
         try:
-            analysis = analyze(**chosen | {"task_stiffness": K, "progress": progress})
+            analysis = run_analysis(AnalysisOptions(**chosen | {"task_stiffness": K, "progress": progress}))
         except EmptyRecordingError as error:
             print(f"stiffgen: {terminal_text(str(error))}", file=sys.stderr)
             return 1

@@ -7,6 +7,8 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
+import stiffgen
+from stiffgen.errors import StiffgenError
 from support import recordings
 from support.analysis import JOINTS, ROWS, K, command, run
 
@@ -98,6 +100,48 @@ def test_refusals(case, named, here, robot_folder, capsys):
     assert named in err
     assert "Traceback" not in err
     assert sorted(here.iterdir()) == before
+
+
+IN_PYTHON = [  # keywords, and the words of the refusal
+    ({"task_stiffness": [1, 2]}, r"^task_stiffness=\.\.\.: six numbers or a 6x6 matrix"),
+    ({"task_stiffness": np.diag([1, 2, 3, 4, 5, np.nan])}, r"^task_stiffness=\.\.\.: has an entry"),
+    ({"representation": "world"}, r"^representation='world': choose one of"),
+    ({"export": "xlsx"}, r"^export='xlsx': choose one of"),
+    ({"tip": "left hand"}, r"^tip='left hand': is no tip"),
+    ({"tolerance": -1}, r"^tolerance=\.\.\.: must be a time"),
+    ({"q": ["a", "b"]}, r"^q=\.\.\.: 2 names, but"),
+    ({"q": "joint:"}, r"log.csv: q='joint:': needs 7 columns"),
+    ({"wrench": "q_"}, r"log.csv: wrench='q_': needs 6 columns"),
+    ({"time_column": "clock"}, r"Name others with q=\.\.\., wrench=\.\.\. .* and time_column="),
+    ({"topics": ["/a"]}, r"leave out the options of MCAP files: topics=\.\.\., tolerance=\.\.\.$"),
+    ({"log": "two.mcap"}, r"choose one with topics=\.\.\.: /left, /wrench"),
+    ({"log": "two.mcap", "topics": ["/no"]}, r"two.mcap: topics=\['/no'\]: is no topic of type"),
+    ({"log": "two.mcap", "wrench": "f"}, r"^wrench=\.\.\. and time_column=\.\.\. do not .* with topics=\.\.\.$"),
+    ({"calibration": "a.json"}, r"^calibration='a.json': the robot has no sensor .* with sensor=\.\.\.$"),
+    ({"calibration": "a.json", "negate_wrench": True}, r"^calibration=.*leave out negate_wrench=True and rep"),
+    ({"output": "taken"}, r"taken: exists .* choose another output=\.\.\.$"),
+    ({"robot": "taken"}, r"stiffgen\.generate\(\)"),
+    ({"robot": "two.urdf"}, r"one with tip=.* options: stiffgen\.generate\(\), then give its folder here$"),
+    ({"dask": "nowhere:1"}, r"^dask='nowhere:1': no scheduler answers"),
+]
+
+
+@pytest.mark.parametrize(("options", "words"), IN_PYTHON, ids=[words for _, words in IN_PYTHON])
+def test_python_is_refused_in_python(options, words, here, robot_folder, monkeypatch):
+    """Keywords in place of options, functions in place of commands; the command line has its own words above."""
+    monkeypatch.setattr("distributed.Client", unreachable)
+    (here / "taken").mkdir()
+    two_wrenches(here)
+    leaf = '<joint name="{0}" type="continuous"><parent link="b"/><child link="{0}"/></joint><link name="{0}"/>'
+    (here / "two.urdf").write_text(f'<robot name="r"><link name="b"/>{leaf.format("x")}{leaf.format("y")}</robot>')
+    recordings.write_csv(here / "log.csv", ROWS[:20])
+    with pytest.raises(StiffgenError, match=words) as refusal:
+        stiffgen.analyze(**{"log": "log.csv", "robot": robot_folder, "task_stiffness": K, "figures": False} | options)
+    assert "--" not in str(refusal.value) and "'stiffgen generate'" not in str(refusal.value)
+
+
+def unreachable(address, **_):
+    raise TimeoutError
 
 
 @pytest.mark.parametrize("name", ["d.npz", "d.parquet"])

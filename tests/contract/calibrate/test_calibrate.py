@@ -236,7 +236,7 @@ def test_readings_are_analysed(robots, logs, tmp_path, capsys):
     raw = stiffgen.analyze(log, robots["truth"], **options).summary["measures"]
     assert raw["force"]["median"] != pytest.approx(2 * 9.81, rel=0.1)
     for wrong, message in (
-        ({"negate_wrench": True}, "leave out --negate-wrench"),
+        ({"negate_wrench": True}, "leave out negate_wrench=True"),
         ({"representation": "body"}, "hybrid wrenches"),
         ({"robot": robots["sign"]}, "is the calibration of another sensor"),
     ):

@@ -8,11 +8,11 @@ import re
 from collections.abc import Callable
 from itertools import permutations
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
+from stiffgen.analyze.options import AnalysisOptions
 from stiffgen.cli import COMMANDS, main
 from stiffgen.errors import StiffgenError
 from stiffgen.verify.result import Check
@@ -70,17 +70,17 @@ PARTS = (["log.csv"], ["--robot", "generated/arm"], ["--task-stiffness", *"12345
 
 @pytest.mark.parametrize("parts", list(permutations(PARTS)), ids=lambda parts: "-".join(part[0] for part in parts))
 def test_arguments_of_analyze_in_any_order(parts: tuple[list[str], ...], monkeypatch: pytest.MonkeyPatch) -> None:
-    seen: list[dict[str, Any]] = []
+    seen: list[AnalysisOptions] = []
 
-    def analyze(**keywords: Any) -> None:
-        seen.append(keywords)
+    def run_analysis(options: AnalysisOptions) -> None:
+        seen.append(options)
         raise StiffgenError("enough")
 
-    monkeypatch.setattr(importlib.import_module("stiffgen.analyze.command"), "analyze", analyze)
+    monkeypatch.setattr(importlib.import_module("stiffgen.analyze.command"), "run_analysis", run_analysis)
     assert main(["analyze", *(word for part in parts for word in part)]) == 2
     (options,) = seen
-    assert (str(options["log"]), str(options["robot"]), options["figures"]) == ("log.csv", "generated/arm", False)
-    assert np.diag(options["task_stiffness"]).tolist() == [1, 2, 3, 4, 5, 6]
+    assert (str(options.log), str(options.robot), options.figures) == ("log.csv", "generated/arm", False)
+    assert np.diag(np.array(options.task_stiffness)).tolist() == [1, 2, 3, 4, 5, 6]
 
 
 def test_the_page_of_analyze_has_the_stiffness_over_time_in_few_lines() -> None:

@@ -225,10 +225,10 @@ def test_python_speaks_python(function: Callable[..., Any], name: str, tmp_path:
 def test_options_of_generation_speak_python(tmp_path: Path) -> None:
     file = written(tmp_path, ARM)
     for options, words in (
-        ({"scalar": "half"}, r"^scalar=\.\.\. half: is not one of"),
+        ({"scalar": "half"}, r"^scalar='half': is not one of"),
         ({"scalar": "float", "derivatives": True}, r"does not go with derivatives=True, which .* with another name="),
         ({"cuda": True, "batches": False}, r"^cuda=True is made from the batches, which batches=False omits"),
-        ({"kernels": ("nonsense",)}, r"kernels=\.\.\. nonsense: this robot has no such group"),
+        ({"kernels": ("nonsense",)}, r"kernels='nonsense': this robot has no such group"),
         ({"output": file}, r"choose another output="),
     ):
         with pytest.raises(StiffgenError, match=words) as refusal:

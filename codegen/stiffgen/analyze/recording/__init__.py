@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from stiffgen.errors import MissingExtraError, RecordingError, StiffgenError, listed, printable
+from stiffgen.errors import MissingExtraError, RecordingError, StiffgenError, listed, printable, shell_word
 from stiffgen.robot.geometry import FloatArray
 
 PARTITION_ROWS = 1 << 18
@@ -189,7 +189,7 @@ def _prefixed(
         if prefix in columns:
             return (prefix,)
         raise RecordingError(
-            f"{path}: {option} {printable(prefix)}: needs {count} columns, {printable(prefix)}0 ... "
+            f"{path}: {option} {shell_word(prefix)}: needs {count} columns, {printable(prefix)}0 ... "
             f"{printable(prefix)}{count - 1} or {listed([prefix + name for name in endings[0]])}; the file has "
             f"{listed([name for name in columns if name.startswith(prefix)] or columns, 40)}. "
             "Name them one by one, with commas"
@@ -273,7 +273,7 @@ def open_recording(
         raise RecordingError(f"{path}: is no file; name a recording")
     of_topics = request.topics or request.tolerance != RecordingRequest.tolerance
     if known.name != "MCAP" and of_topics:
-        raise RecordingError(f"{path}: --topic and --tolerance apply to MCAP files; leave them out")
+        raise RecordingError(f"{path}: leave out the options of MCAP files: --topic, --tolerance")
     reader = importlib.import_module(f"{__name__}.{known.module}")
     with _decoding(path):
         opened: Recording = reader.open_file(path, request, progress)

@@ -16,7 +16,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from stiffgen.analyze.recording import Block, Columns, Recording, RecordingRequest, RowProblem, extra
-from stiffgen.errors import RecordingError, listed, printable
+from stiffgen.errors import RecordingError, listed, printable, shell_word
 
 _JOINTS = "sensor_msgs/msg/JointState"
 _WRENCH = "geometry_msgs/msg/WrenchStamped"
@@ -172,7 +172,7 @@ def _check_topics(path: Path, topics: Mapping[str, str], chosen: tuple[str, ...]
     for topic in chosen:
         if topics.get(topic) not in (_JOINTS, _WRENCH):
             raise RecordingError(
-                f"{path}: --topic {printable(topic)} is no topic of type {_JOINTS} or {_WRENCH}; {_listing(topics)}"
+                f"{path}: --topic {shell_word(topic)}: is no topic of type {_JOINTS} or {_WRENCH}; {_listing(topics)}"
             )
 
 
@@ -200,5 +200,5 @@ def _check_joints(path: Path, file: BinaryIO, topic: str, joints: tuple[str, ...
     absent = [joint for joint in joints if joint not in seen]
     raise RecordingError(
         f"{path}: no message on {printable(topic)} has joint {listed(absent)}; the messages have "
-        f"{listed(list(seen), 40) or 'none'}. Name the joints in the order of q with --q A,B,..."
+        f"{listed(list(seen), 40) or 'none'}. Name the joints in the order of q with --q, separated by commas"
     )
