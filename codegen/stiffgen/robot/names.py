@@ -26,6 +26,7 @@ from stiffgen.robot.description import Reading
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_+-]*")
 _BODY = re.compile(rb"<mujoco[\s>](?s:.*)<body[\s>]")
 """Model with a body of its own; a list of keyframes, assets or contacts has none."""
+_COMMENT = re.compile(rb"<!--(?s:.*?)-->")
 _MENAGERIE, _COPY = "mujoco_menagerie", "copy of Menagerie"
 _INSTALL = "install one of them: pip install robot_descriptions"
 
@@ -200,7 +201,7 @@ def _menagerie_file(folder: Path) -> Path:
         if robot.name == folder.name and default.is_file():
             return default
     files = sorted(folder.glob("*.xml"))
-    bodies = [each for each in files if _BODY.search(each.read_bytes())] or files
+    bodies = [each for each in files if _BODY.search(_COMMENT.sub(b"", each.read_bytes()))] or files
     robots = [each for each in bodies if "scene" not in each.name] or bodies
     return min(
         robots,

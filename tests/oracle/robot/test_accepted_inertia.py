@@ -85,7 +85,7 @@ def test_an_accepted_inertia_is_used_as_it_is(tensor: tuple[float, ...], accepte
 
 
 @pytest.mark.filterwarnings("ignore::stiffgen.errors.InertiaWarning")
-@pytest.mark.parametrize("tensor", [LARGE, (-0.5, 0.2, 0.0, 0.1, 0.0, 0.1)])
+@pytest.mark.parametrize("tensor", [LARGE, (-0.5, 0.2, 0.0, 0.1, 0.0, 0.1), (0.0, 0.9, 0.9, 0.0, 0.9, 0.0)])
 def test_an_indefinite_mass_matrix_gets_the_nearest_tensor(tensor: tuple[float, ...], tmp_path: Path) -> None:
     file = written(tmp_path, arm((SOUND, SOUND, tensor)))
     chain = load_chain(file, accept_inertia=["all"])
@@ -101,16 +101,22 @@ def test_an_indefinite_mass_matrix_gets_the_nearest_tensor(tensor: tuple[float, 
         assert np.linalg.eigvalsh(expected)[0] > 0
 
 
+RANGES = {"from -178 deg": "-3.1 3.1", "from zero": "0.0 3.1", "without limits": ""}
+
+
 @pytest.mark.filterwarnings("ignore::stiffgen.errors.InertiaWarning")
-def test_the_mass_matrix_is_checked_over_the_joint_range(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", RANGES)
+def test_the_mass_matrix_is_checked_over_the_joint_range(name: str, tmp_path: Path) -> None:
     """A link turns about its own axis: its negative moment counts a quarter turn from zero and from both ends alone."""
     text = arm(((0.02, 0.0, 0.0, 0.02, 0.0, 0.02), (0.03, 0.0, 0.0, -0.05, 0.0, 0.03)))
     text = text.replace('<origin xyz="0.1 0.02 0.05" rpy="0.3 0.2 0.1"/>', "").replace("0.2 0 0.1", "0 0 0.1")
-    text = text.replace('axis xyz="0 1 0"', 'axis xyz="1 0 0"').replace(
-        'lower="-2" upper="2"', 'lower="-3.1" upper="3.1"'
-    )
+    text = text.replace('axis xyz="0 1 0"', 'axis xyz="1 0 0"')
     file = written(tmp_path, text)
     least = [np.linalg.eigvalsh(pinocchio_masses(file, np.array([0.0, q])))[0] for q in (0.0, -3.1, 3.1, np.pi / 2)]
+    if ends := RANGES[name].split():
+        file = written(tmp_path, text.replace('lower="-2" upper="2"', f'lower="{ends[0]}" upper="{ends[1]}"'))
+    else:
+        file = written(tmp_path, text.replace("revolute", "continuous"))
     assert min(least[:3]) > 0.02 and least[3] < -0.02
     chain = load_chain(file, accept_inertia=["all"])
     assert [(each.link, each.is_nearest) for each in chain.accepted] == [("l2", True)]
@@ -146,18 +152,29 @@ def test_links_beside_the_chain_and_unknown_ones(tmp_path: Path) -> None:
         load_chain(file, accept_inertia=["l3"])
 
 
-def test_generate_records_it_and_verify_reads_it_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    file = written(tmp_path, arm((SOUND, LINE, SOUND)))
+RECORDED = {
+    "line": (LINE, "its largest principal moment, 0.01 kg m^2", False),
+    "triangle": (TRIANGLE, "its largest principal moment, 9.73e-05 kg m^2", False),
+    "the nearest": (LARGE, "its least principal moment is negative, -3 kg m^2", True),
+}
+
+
+@pytest.mark.parametrize("name", RECORDED)
+def test_generate_records_it_and_verify_reads_it_again(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tensor, fault, is_nearest = RECORDED[name]
+    file = written(tmp_path, arm((SOUND, tensor)))
     command = ["generate", str(file), "--accept-inertia", "l2", "--output", str(tmp_path), "--no-build"]
-    assert main(command) == 0
-    assert (
-        "warning: arm.urdf: accepted although no rigid body has it: link 'l2': its largest" in capsys.readouterr().err
-    )
+    assert main([*command, "--kernels", "spring", "--no-controller"]) == 0
+    err, use = capsys.readouterr().err, "the nearest possible" if is_nearest else "used as it is"
+    assert f"warning: arm.urdf: accepted although no rigid body has it: link 'l2': {fault}" in err and use in err
     folder = tmp_path / "arm"
-    said = "Link l2 has an inertia that no rigid body has (its largest principal moment, 0.01 kg m^2"
     for page in ("arm.h", "README.md"):
-        assert said in (folder / page).read_text() and "used as it is" in (folder / page).read_text()
-    assert json.loads((folder / "manifest.json").read_text())["chain"]["accepted"][0]["link"] == "l2"
+        text = " ".join((folder / page).read_text().replace("\n *", "").split())
+        assert f"Link l2 has an inertia that no rigid body has ({fault}" in text and use in text
+    (recorded,) = json.loads((folder / "manifest.json").read_text())["chain"]["accepted"]
+    assert (recorded["link"], recorded["is_nearest"]) == ("l2", is_nearest) and fault in recorded["fault"]
     assert open_robot(folder).chain == load_with_warning(file)
 
 

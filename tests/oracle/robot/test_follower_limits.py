@@ -220,26 +220,46 @@ def test_inspect_names_the_narrowed_limits(tmp_path: Path, capsys: pytest.Captur
 
 HAND = """<mujoco><compiler angle="radian"/><worldbody><body name="a"><joint name="a" range="-1 2"/>
 <geom size="0.1"/><body name="b" pos="0 0 0.2"><joint name="b" axis="0 1 0" range="-0.3 0.5" ref="0.1"
-actuatorfrcrange="-4 4"/><geom size="0.1"/><body name="c" pos="0 0 0.2"><joint name="c" axis="0 1 0" range="-0.2 0.9"/>
+actuatorfrcrange="-4 4"/><geom size="0.1"/><body name="c" pos="0 0 0.2"><joint name="c" {}/>
 <geom size="0.1"/></body></body></body></worldbody>
-<equality><joint joint1="b" joint2="a" polycoef="0.05 -0.7 0 0 0"/><joint joint1="c" joint2="a" polycoef="0 0.4 0 0 0"/>
+<equality><joint joint1="b" joint2="a" polycoef="0.05 -0.7 0 0 0"/><joint joint1="c" joint2="a" polycoef="{} 0 0 0"/>
 </equality></mujoco>"""
+FINGERS = {  # joint c, its relation to a, and what inspect says
+    "two turn": ('axis="0 1 0" range="-0.2 0.9"', "0 0.4", "position -0.5 to 0.642857, effort 2.8"),
+    "one slides": (
+        'type="slide" range="-0.02 0.05" actuatorfrcrange="-30 30"',
+        "0.01 0.05",
+        "position -0.5 to 0.642857, effort 1.5",
+    ),
+    "one without a range": ('axis="1 0 0"', "0.3 -2", "position -0.5 to 0.642857, effort 2.8"),
+}
 
 
-def test_followers_of_an_mjcf_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("name", FINGERS)
+def test_followers_of_an_mjcf_file(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """MuJoCo's own relation: q_b - ref_b = 0.05 - 0.7 (q_a - ref_a), with the ranges that its model states."""
-    (tmp_path / "hand.xml").write_text(HAND)
+    joint_c, relation, words = FINGERS[name]
+    text = HAND.format(joint_c, relation)
+    (tmp_path / "hand.xml").write_text(text)
     (a,) = load_chain(tmp_path / "hand.xml").coordinates
-    model = mujoco.MjModel.from_xml_string(HAND)
+    model = mujoco.MjModel.from_xml_string(text)
     inside = []
     for q in np.linspace(-1.5, 2.5, 4001):
-        reference = model.qpos0
-        positions = [q, reference[1] + model.eq_data[0][0] + model.eq_data[0][1] * q, model.eq_data[1][1] * q]
-        if all(low <= p <= high for p, (low, high) in zip(positions, model.jnt_range, strict=True)):
+        followers = [start + rate * q for start, rate in model.eq_data[:, :2]]
+        positions = [q, *(model.qpos0[1:] + followers)]
+        bounded = zip(positions, model.jnt_range, model.jnt_limited, strict=True)
+        if all(low <= p <= high for p, (low, high), is_limited in bounded if is_limited):
             inside.append(q)
     assert (a.lower, a.upper) == pytest.approx((min(inside), max(inside)), abs=1.01e-3)
-    assert a.effort == pytest.approx(0.7 * 4)
+    forces = [
+        abs(rate) * limits[1]
+        for rate, limits, limited in zip(
+            [1, *model.eq_data[:, 1]], model.jnt_actfrcrange, model.jnt_actfrclimited, strict=True
+        )
+        if limited
+    ]
+    assert a.effort == pytest.approx(min(forces))
     assert math.isinf(a.velocity)
     assert main(["inspect", str(tmp_path / "hand.xml")]) == 0
     (line,) = (each for each in capsys.readouterr().out.splitlines() if "that follow it" in each)
-    assert line.endswith("(b, c): position -0.5 to 0.642857, effort 2.8")
+    assert line.endswith(f"(b, c): {words}")

@@ -17,16 +17,17 @@ from stiffgen.loading import describe
 
 BODY = '<inertial pos="0.2 0 0.01" mass="{}" diaginertia="0.01 0.02 0.02"/>'
 MODEL = """<mujoco model="arm">{compiler}<compiler angle="radian"/>{option}<worldbody>
+<site name="peg" pos="0.1 0.2 0.9"/>
 <body name="b1" pos="0 0 0.3" {body}><joint name="j1" axis="0 1 0" range="-2 2" {joint}/>{one}
  <body name="b2" pos="0.3 0 0"><joint name="j2" axis="0 1 0.2" range="-1 2"/>{two}
   <body name="b3" pos="0.3 0 0"><joint name="j3" type="slide" axis="1 0 0" range="-1 1"/>{two}
    <site name="tool" pos="0.4 0 0"/></body></body></body></worldbody>
 <tendon><fixed name="t" {tendon}><joint joint="j3" coef="2"/></fixed><fixed name="u"><joint joint="j1" coef="-3"/>
-<joint joint="j2" coef="0.5"/></fixed></tendon><actuator>{actuator}</actuator></mujoco>"""
+<joint joint="j2" coef="0.5"/></fixed>{spatial}</tendon><actuator>{actuator}</actuator></mujoco>"""
 
 
 def model(folder: Path, **parts: str) -> Path:
-    names = ("compiler", "option", "body", "joint", "tendon", "actuator")
+    names = ("compiler", "option", "body", "joint", "tendon", "spatial", "actuator")
     text = MODEL.format(**dict.fromkeys(names, "") | parts, one=BODY.format(2), two=BODY.format(1))
     (folder / "arm.xml").write_text(text)
     return folder / "arm.xml"
@@ -35,6 +36,8 @@ def model(folder: Path, **parts: str) -> Path:
 ACTUATORS = {
     "asymmetric": '<motor joint="j1" gear="10" ctrlrange="-4 1"/>',
     "in the parent": '<motor jointinparent="j2" gear="5" ctrlrange="-2 2"/>',
+    "in the parent, a slide": '<motor jointinparent="j3" gear="-4" ctrlrange="-3 1"/>',
+    "in the parent, and not": '<motor jointinparent="j1" ctrlrange="-6 2"/><motor joint="j1" ctrlrange="-1 1"/>',
     "tendon": '<motor tendon="t" ctrlrange="-3 3"/>',
     "negative gear": '<motor joint="j1" gear="-10" ctrlrange="-4 1"/><motor joint="j3" gear="2" ctrlrange="-1 5"/>',
     "two on one joint": '<motor joint="j1" gear="3" ctrlrange="-4 2"/><motor joint="j1" ctrlrange="-1 6"/>',
@@ -99,10 +102,16 @@ def test_inertias_that_actuators_reflect(tmp_path: Path) -> None:
 
 
 SPRING = 'stiffness="30" springlength="0.5"'
+ROPE = '<spatial name="rope" {}><site site="peg"/><site site="tool"/></spatial>'
+COMPENSATED = {"joint": 'actuatorgravcomp="true"', "actuator": '<motor joint="j1"/>'}
 LEFT_OUT = {
     "gravcomp": ({"body": 'gravcomp="1"'}, "gravcomp"),
-    "actuatorgravcomp": (
-        {"body": 'gravcomp="1"', "joint": 'actuatorgravcomp="true"', "actuator": '<motor joint="j1"/>'},
+    "half gravcomp": ({"body": 'gravcomp="0.5"'}, "gravcomp"),
+    "gravcomp above one": ({"body": 'gravcomp="1.5"'}, "gravcomp"),
+    "actuatorgravcomp": ({"body": 'gravcomp="1"', **COMPENSATED}, "actuatorgravcomp"),
+    "actuatorgravcomp, half": ({"body": 'gravcomp="0.5"', **COMPENSATED}, "actuatorgravcomp"),
+    "actuatorgravcomp, spring": (
+        {"body": 'gravcomp="1"', **COMPENSATED, "joint": 'actuatorgravcomp="true" stiffness="2"'},
         "actuatorgravcomp",
     ),
     "joint spring": ({"joint": 'stiffness="3" springref="0.4"'}, "a spring.*j1"),
@@ -112,6 +121,12 @@ LEFT_OUT = {
     "tendon spring": ({"tendon": SPRING}, "a spring.*: t"),
     "tendon damping": ({"tendon": 'damping="3"'}, "damping.*: t"),
     "tendon armature": ({"tendon": 'armature="3"'}, "armature.*: t"),
+    "tendon spring, dead zone": ({"tendon": 'stiffness="9" springlength="0.1 0.2"'}, "a spring.*: t"),
+    "rope spring": ({"spatial": ROPE.format(SPRING)}, "a spring.*: rope"),
+    "tendon damping, little": ({"tendon": 'damping="0.01"'}, "damping.*: t"),
+    "rope damping": ({"spatial": ROPE.format('damping="3"')}, "damping.*: rope"),
+    "tendon armature, little": ({"tendon": 'armature="0.01"'}, "armature.*: t"),
+    "rope armature": ({"spatial": ROPE.format('armature="0.5"')}, "armature.*: rope"),
     "actuator damping": ({"actuator": '<motor name="m" joint="j1" damping="2"/>'}, "actuator_damping.*: m"),
     "servo": ({"actuator": '<position name="m" joint="j1" kp="2"/>'}, "control law of their own.*: m"),
     "back EMF": (
@@ -127,7 +142,7 @@ LEFT_OUT = {
     "wind": ({"option": '<option density="1.2" wind="9 0 0"/>'}, "wind"),
     "gravity": ({"option": '<option gravity="0 0 -1.62"/>'}, "gravity"),
 }
-AT_REST = {"gravcomp", "actuatorgravcomp", "joint spring", "tendon spring", "wind"}
+AT_REST = {name for name in LEFT_OUT if "gravcomp" in name or "spring" in name or name == "wind"}
 
 
 def needed(file: Path) -> list[np.ndarray]:
@@ -208,6 +223,9 @@ NAMED = {
     },
     "a body that a sensor keeps from fusion": {
         "compiler": 'fusestatic="true"', "more": '<sensor><framepos objtype="body" objname="hand"/></sensor>'
+    },
+    "a body that an excluded contact keeps from fusion": {
+        "compiler": 'fusestatic="true"', "more": '<contact><exclude body1="hand" body2="upper"/></contact>'
     },
     "a body that is fused": {"compiler": 'fusestatic="true"'},
 }  # fmt: skip

@@ -139,7 +139,7 @@ def test_unknown_attributes_are_a_note(name: str, tmp_path: Path) -> None:
 
 
 def test_ignore_takes_attributes(tmp_path: Path) -> None:
-    for change in (('rpy="0 0 0"', 'rpyy="0 0 1"'), ('rpy="0 0 0"', 'spin="0 0 1"')):
+    for change in (('rpy="0 0 0"', 'rpyy="0 0 1"'), ('rpy="0 0 0"', 'spin="0 0 1"'), ('effort="10"', 'efort="10"')):
         file = written(tmp_path, arm("", 'rpy="0 0 0"').replace(*change, 1))
         attribute = change[1].split("=")[0]
         with pytest.raises(DescriptionError, match=rf"ignore=\[.{attribute}.\]"):

@@ -169,6 +169,23 @@ def test_a_copy_of_menagerie_comes_before_a_download(menagerie, monkeypatch, tmp
     monkeypatch.setenv("MUJOCO_MENAGERIE_PATH", str(tmp_path / "copy"))
     assert describe("maker_hand").robot == "left"
     assert not (menagerie / "asked").exists()
+    for other in ("far_hand", "own_hand"):  # a robot that cannot be downloaded, and one that the list lacks
+        hand(tmp_path / "copy" / other)
+        assert describe(other).robot == "left"
+    assert not (menagerie / "asked").exists()
+
+
+@pytest.mark.parametrize("model", ["left_hand", "right_hand", "follower_1.2"])
+def test_the_default_model_of_a_robot(menagerie, tmp_path, monkeypatch, model):
+    """The package's list decides which of a folder's models it is, downloaded or copied."""
+    package = tmp_path / "site" / "mujoco_menagerie" / "__init__.py"
+    package.write_text(package.read_text().replace("left_hand", model))
+    for folder in (menagerie, tmp_path / "copy"):
+        if folder != menagerie:
+            hand(folder / "maker_hand")
+            monkeypatch.setenv("MUJOCO_MENAGERIE_PATH", str(folder))
+        (folder / "maker_hand" / f"{model}.xml").write_text(MODEL.format(f"{model} of {folder.name}"))
+        assert describe("maker_hand").robot == f"{model} of {folder.name}"
 
 
 def test_a_file_of_keyframes_is_no_robot(tmp_path, monkeypatch):
@@ -176,8 +193,9 @@ def test_a_file_of_keyframes_is_no_robot(tmp_path, monkeypatch):
     hand(tmp_path / "maker_hand")
     monkeypatch.setenv("MUJOCO_MENAGERIE_PATH", str(tmp_path))
     assert describe("maker_hand").robot == "left"
-    (tmp_path / "maker_hand" / "hand.xml").write_text("<mujoco><asset/><default/></mujoco>")
-    assert describe("maker_hand").robot == "left"
+    for part in ("<asset/><default/>", "<sensor/>", '<keyframe><key qpos="1"/></keyframe><!-- <body> -->'):
+        (tmp_path / "maker_hand" / "hand.xml").write_text(f"<mujoco>{part}</mujoco>")
+        assert describe("maker_hand").robot == "left"
 
 
 def test_a_copy_comes_before_robot_descriptions(described, tmp_path, monkeypatch):

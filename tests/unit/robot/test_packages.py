@@ -97,6 +97,13 @@ def test_each_place_alone(tmp_path, template, place):
     assert found(template, tmp_path) == PLACES[place]
 
 
+@pytest.mark.parametrize("place", ["named", "named/repository/parts_2", "named/a/b/c/parts"])
+def test_a_named_folder_is_searched_to_its_packages(tmp_path, template, place):
+    """The folder is the package, or holds it at some depth, under whatever name."""
+    package(tmp_path / place)
+    assert found(template, tmp_path) == place
+
+
 def test_the_working_folder_is_never_searched(tmp_path, template):
     with pytest.raises(PackageError, match="'parts', which is not found"):
         found(template, tmp_path)

@@ -23,10 +23,18 @@ LARGE = INERTIAL.replace("0.02", "20000").replace("0.03", "20000")
 CASES = {
     "degrees": (('lower="-2" upper="2"', 'lower="-120" upper="120"'), "shoulder.*-120 to 120 rad: are these degrees"),
     "one limit in degrees": (('lower="-1"', 'lower="-90"'), "elbow.*-90 to 1 rad"),
+    "one positive limit in degrees": (('upper="1"', 'upper="57.3"'), "elbow.*-1 to 57.3 rad: are these degrees"),
     "millimetres": (('upper="0.04"', 'upper="40"'), "grip.*0 to 40 m: are these millimetres"),
     "degrees per second": (('velocity="3"', 'velocity="180"'), "shoulder.*velocity limit 180 rad/s"),
+    "degrees per second of the elbow": (('velocity="4"', 'velocity="114.6"'), "elbow.*114.6 rad/s: are these degrees"),
+    "revolutions per minute": (('velocity="3"', 'velocity="28.6"'), "shoulder.*velocity limit 28.6 rad/s"),
     "millimetres per second": (('velocity="0.1"', 'velocity="100"'), "grip.*velocity limit 100 m/s"),
     "kg mm^2": ((INERTIAL, LARGE), "shoulder.*radius of gyration of 100 m.*kg mm"),
+    "kg mm^2 of the finger": (
+        (f'"finger">{INERTIAL}', f'"finger">{LARGE}'),
+        "grip.*radius of gyration of 100 m.*kg mm",
+    ),
+    "kg cm^2": ((INERTIAL, INERTIAL.replace("0.0", "200.0")), "shoulder.*radius of gyration of .* m.*kg mm"),
     "grams": (
         (f'name="lower">{INERTIAL}', f'name="lower">{HEAVY}'),
         "gravity needs up to .* N m, above the effort limit 50 N m",
@@ -56,9 +64,14 @@ def test_a_wrong_unit_is_a_note_with_its_number(name: str, tmp_path: Path, capsy
 @pytest.mark.parametrize(
     ("tool", "words"),
     [
+        (Tool(rpy=(180.0, 0.0, 0.0)), "rpy (180, 0, 0) rad is beyond a turn: are these degrees"),
+        (Tool(rpy=(0.0, 0.0, -45.0)), "rpy (0, 0, -45) rad is beyond a turn: are these degrees"),
         (Tool(rpy=(0.0, 90.0, 0.0)), "rpy (0, 90, 0) rad is beyond a turn: are these degrees"),
         (Tool(xyz=(0.0, 0.0, 120.0)), "xyz (0, 0, 120) m is 120 m away: are these millimetres"),
         (Tool(mass=1.0, com=(0.0, 0.0, 50.0)), "com (0, 0, 50) m is 50 m away: are these millimetres"),
+        (Tool(xyz=(-40.0, 0.0, 30.0)), "xyz (-40, 0, 30) m is 50 m away: are these millimetres"),
+        (Tool(mass=7.5), "its mass, 7.5 kg, is above that of the moving links, 6 kg: are these grams"),
+        (Tool(xyz=(0.0, 0.0, 0.1), mass=1200.0), "its mass, 1200 kg, is above that of the moving links, 6 kg"),
         (Tool(mass=850.0), "its mass, 850 kg, is above that of the moving links, 6 kg: are these grams"),
     ],
 )
@@ -118,6 +131,11 @@ def test_a_refused_inertia_names_its_unit(tmp_path: Path) -> None:
 def test_a_refused_lock_names_its_unit(tmp_path: Path) -> None:
     with pytest.raises(ChainError, match=r"limits are -2 to 2; is it in degrees\? 90 degrees are 1.5708 rad"):
         said(tmp_path, SOUND, lock={"shoulder": 90.0})
+    for degrees, radians in ((30.0, "0.523599"), (-57.0, "-0.994838")):
+        with pytest.raises(
+            ChainError, match=rf"limits are -1 to 1; is it in degrees\? {degrees:g} degrees .* {radians} rad"
+        ):
+            said(tmp_path, SOUND, lock={"elbow": degrees})
     with pytest.raises(ChainError, match=r"limits are -2 to 2$"):
         said(tmp_path, SOUND, lock={"shoulder": 180.0})
     with pytest.raises(ChainError, match=r"limits are 0 to 0.04$"):

@@ -34,6 +34,12 @@ def written(folder: Path, text: str | bytes, name: str = "arm.urdf") -> Path:
 REMARKS = {
     "soft limits": ('<safety_controller soft_lower_limit="-0.5" soft_upper_limit="0.4"/>', "elbow.*-0.5 to 0.4"),
     "one soft limit": ('<safety_controller soft_upper_limit="0.4"/>', "'elbow': soft limits 0 to 0.4"),
+    "soft limits below zero": (
+        '<safety_controller soft_lower_limit="-0.9" soft_upper_limit="-0.2"/>',
+        "'elbow': soft limits -0.9 to -0.2",
+    ),
+    "little damping": ('<dynamics damping="1e-4" friction="0"/>', "1 joints have damping, which .*: elbow"),
+    "little friction": ('<dynamics friction="0.01"/>', "1 joints have dry friction, .*: elbow"),
     "damping": ('<dynamics damping="0.7"/>', "1 joints have damping, which .*: elbow"),
     "friction": ('<dynamics damping="0" friction="3"/>', "1 joints have dry friction, .*: elbow"),
 }  # fmt: skip
@@ -44,6 +50,18 @@ def test_what_a_urdf_has_and_the_functions_do_not_is_named(name: str, tmp_path: 
     added, words = REMARKS[name]
     (remark,) = describe(written(tmp_path, replaced((AXIS, AXIS + added)))).remarks
     assert re.search(words, remark)
+
+
+def test_the_joints_with_dynamics_are_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Damping and friction apart; inspect prints both."""
+    both, one = '<dynamics damping="0.7" friction="2"/>', '<dynamics damping="0.1"/>'
+    text = replaced((AXIS, AXIS + both), ('<axis xyz="1 0 0"/>', f'<axis xyz="1 0 0"/>{one}'))
+    remarks = describe(written(tmp_path, text)).remarks
+    assert [each.split(", which")[0] for each in remarks] == ["2 joints have damping", "1 joints have dry friction"]
+    assert [each.rsplit(": ", 1)[1] for each in remarks] == ["elbow, grip", "elbow"]
+    assert main(["inspect", str(tmp_path / "arm.urdf")]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert all(each in shown for each in remarks)
 
 
 def test_nothing_is_named_without_a_reason(tmp_path: Path) -> None:
@@ -160,10 +178,17 @@ def test_commas_have_a_remedy(text: str, tmp_path: Path) -> None:
 
 
 MODEL = '<mujoco><worldbody><body name="b"><joint name="j"/><geom size=".1"/></body></worldbody></mujoco>'
+UNLIMITED = {
+    "a hinge": '<joint name="j"/>',
+    "a slide": '<joint name="j" type="slide" axis="1 0 0"/>',
+    "a range without force": '<joint name="j" range="-90 90"/>',
+}
+FIRST, *OTHERS = UNLIMITED
 
 
-def test_mjcf_files_are_not_told_to_edit_limits(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    file = written(tmp_path, MODEL, "arm.xml")
+@pytest.mark.parametrize("name", [FIRST, *(pytest.param(each, marks=pytest.mark.wide) for each in OTHERS)])
+def test_mjcf_files_are_not_told_to_edit_limits(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = written(tmp_path, MODEL.replace('<joint name="j"/>', UNLIMITED[name]), "arm.xml")
     quiet = ["--no-build", "--output", str(tmp_path / "out")]
     for command in (
         ["inspect", str(file)],
@@ -351,6 +376,9 @@ def test_arguments_of_a_template(tmp_path: Path, capsys: pytest.CaptureFixture[s
         describe(file)
     with pytest.raises(StiffgenError, match=r"needs a value for its argument 'dof', which is empty.*; add dof:=VALUE"):
         describe(file, Reading(arguments={"type": "a", "maker": "b"}))
+    for given, missing in (({"type": "a"}, ["maker"]), ({"maker": "b"}, ["type"]), ({"dof": "6"}, ["type", "maker"])):
+        with pytest.raises(StiffgenError, match=f"add {':=VALUE '.join(missing)}:=VALUE$"):
+            describe(file, Reading(arguments=given))
     assert main(["inspect", str(file), "dof:=6", "type:=a", "maker:=b"]) == 0
     shown = " ".join(capsys.readouterr().out.split())
     assert (
