@@ -91,7 +91,7 @@ class Ranges:
         """Refuse bounds that are not positive numbers."""
         for name, largest in vars(self).items():
             if not 0 < largest < math.inf:
-                raise ChainError(f"--range {name}={largest:g}: must be a positive number")
+                raise ChainError(f"range {name}={largest:g}: must be a positive number")
 
     @property
     def coupling(self) -> float:

@@ -162,9 +162,9 @@ class Placement:
         for name in ("translation_axes", "rotation_axes"):
             axes = getattr(self, name)
             if axes not in AXES and (axes, name) != (None, "translation_axes"):
-                raise PotentialError(f"--placement {name}={printable(str(axes))}: axes are {listed(list(AXES))}")
-        if not all(map(math.isfinite, self.centre)):
-            raise PotentialError("--placement centre must be three finite numbers")
+                raise PotentialError(f"placement {name}={printable(str(axes))}: axes are {listed(list(AXES))}")
+        if len(self.centre) != 3 or not all(map(math.isfinite, self.centre)):
+            raise PotentialError("placement centre: must be three finite numbers [m]")
 
 
 def _softens(stiffness: str) -> str:

@@ -17,6 +17,7 @@ from stiffgen.cli import main
 from stiffgen.described import in_python
 from stiffgen.errors import DescriptionError, InertiaWarning, StiffgenError, shell_word
 from stiffgen.loading import describe, read_chain
+from stiffgen.lower.rounding import Ranges
 from stiffgen.options import GenerationOptions
 from stiffgen.robot.description import Reading
 from stiffgen.robot.survey import survey_tip
@@ -259,6 +260,21 @@ def test_options_of_generation_speak_python(tmp_path: Path) -> None:
         with pytest.raises(StiffgenError, match=words) as refusal:
             stiffgen.generate(file, **{"output": tmp_path, "build": False} | options)  # type: ignore[arg-type]
         assert "--" not in str(refusal.value)
+
+
+RECORDS: dict[str, tuple[type, dict[str, Any], str]] = {
+    "axes": (stiffgen.Placement, {"rotation_axes": "flange"}, "^placement rotation_axes=flange: axes are"),
+    "no number": (stiffgen.Placement, {"centre": (0, 0, float("nan"))}, "^placement centre: must be three finite"),
+    "two numbers": (stiffgen.Placement, {"centre": (0, 0)}, "^placement centre: must be three finite"),
+    "a range": (Ranges, {"force": -1}, "^range force=-1: must be a positive number$"),
+}
+
+
+@pytest.mark.parametrize("name", RECORDS)
+def test_records_of_options_are_refused_without_flags(name: str) -> None:
+    record, fields, words = RECORDS[name]
+    with pytest.raises(StiffgenError, match=words):
+        record(**fields)
 
 
 def test_the_command_line_keeps_its_own_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
