@@ -133,6 +133,7 @@ CAMPAIGNS = {
     "vendor": _campaign(
         "vendor", "compare robots of makers' repositories in a folder", "../shared/data/vendor fr3 ur5e --tips 2"
     ),
+    "recordings": _campaign("recordings", "estimate the asymmetry from recordings of a real arm, in a folder"),
     "fri-frozen": _campaign(
         "frozen_fri",
         "freeze measured positions under the FRI client",

@@ -43,7 +43,8 @@ def robots(
 
 
 def test_every_table_has_its_section_and_its_command() -> None:
-    assert set(re.findall(r"<!-- (?!end of)(.*?) -->", PAGE)) == {*results.SECTIONS, "energy", "laws in use"}
+    others = {"energy", "laws in use", "recordings"}
+    assert set(re.findall(r"<!-- (?!end of)(.*?) -->", PAGE)) == {*results.SECTIONS, *others}
     for section in results.SECTIONS:
         assert re.search(rf"examples\.results \"?{section}|make experiment", PAGE.replace("\n", " "))
 
