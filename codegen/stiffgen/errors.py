@@ -88,7 +88,7 @@ class DescriptionWarning(UserWarning):
         self.problems = tuple(problems)
         first, left = self.problems[0], len(self.problems) - 1
         more = f" ({left} more; 'stiffgen inspect' lists them all)" if left else ""
-        super().__init__(f"{self.file}: beside the chain, without effect on it: {first}{more}")
+        super().__init__(f"{self.file}: without effect on this chain: {first}{more}")
 
 
 class LoopWarning(DescriptionWarning):

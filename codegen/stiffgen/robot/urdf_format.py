@@ -7,7 +7,8 @@ module compares the names in joints, links and all elements that stiffgen reads 
 
 * Names of simulators and tools, and names with a prefix (``drake:acceleration``), are accepted.
 * An unknown attribute that resembles no known name, and any unknown element of a joint or link that does not, belongs
-  to a vendor: accepted, with a note.
+  to a vendor: accepted, with a note. Unknown numbers that may be a pose, an axis, the relation of a mimic joint or a
+  missing bound are no vendor's: the robot would be another one without them.
 * All other unknown names are faults, unless the user ignores them.
 """
 
@@ -109,6 +110,7 @@ FORMAT = {
 _IN_A_ROBOT = ("link", "joint")
 _WITH_VENDOR_ELEMENTS = ("joint", "link")
 _PLACES = ("origin", "axis")
+_BOUNDED = ("revolute", "prismatic")
 _NUMBERS = re.compile(r"[-+.,;eE0-9\s]*[0-9][-+.,;eE0-9\s]*")
 _MAX_EDITS = 3
 
@@ -137,7 +139,7 @@ def faults(element: etree._Element, ignored: Collection[str] = (), version: Vers
         if _prefixed(name) or name in known.added_elements or name in ignored:
             continue
         if name not in known.elements:
-            yield _unknown(tag, name, known.elements)
+            yield _unknown(element, child, known.elements)
         elif name in FORMAT and _content(child) != _content(siblings.setdefault(name, child)):
             yield ElementFault(
                 f"<{name}> occurs twice in it, with different content; remove the wrong one", name, repeats=True
@@ -148,10 +150,7 @@ def faults(element: etree._Element, ignored: Collection[str] = (), version: Vers
 
 
 def _unknown_attribute(element: etree._Element, name: str, known: ElementFormat) -> ElementFault:
-    """Return the fault of an attribute that is misspelt or of a later version, or the note of a vendor's own.
-
-    Unknown numbers of a pose or an axis would place the joint elsewhere: they are a fault.
-    """
+    """Return the fault of an attribute that is misspelt or of a later version, or the note of a vendor's own."""
     tag, shown = str(element.tag), printable(name)
     says = f"<{tag}> has no attribute '{shown}'"
     valid = ", ".join(f"'{each}'" for each in known.attributes)
@@ -164,20 +163,37 @@ def _unknown_attribute(element: etree._Element, name: str, known: ElementFormat)
     if meant:
         order = ", with its numbers in this order" if tag in _PLACES and sorted(meant) == sorted(name) else ""
         return ElementFault(f"{says}; did you mean '{meant}'{order}? (if not: --ignore {shell_word(name)})")
-    if tag in _PLACES and _NUMBERS.fullmatch(element.get(name, "")):
+    if _decides_the_robot(element) and _NUMBERS.fullmatch(element.get(name, "")):
         return ElementFault(f"{says}; correct it (valid: {valid}), or --ignore {shell_word(name)}")
     return ElementFault(f"{says} that stiffgen knows; it is ignored", note=True)
 
 
-def _unknown(tag: str, name: str, elements: Sequence[str]) -> ElementFault:
+def _decides_the_robot(element: etree._Element) -> bool:
+    """Return whether unknown numbers of an element may be those that place or bound a joint."""
+    tag, joint = str(element.tag), element.getparent()
+    if tag == "limit" and joint is not None and joint.get("type") in _BOUNDED:
+        return element.get("lower") is None or element.get("upper") is None
+    return tag in (*_PLACES, "mimic")
+
+
+def _unknown(element: etree._Element, child: etree._Element, elements: Sequence[str]) -> ElementFault:
     """Return the fault, or the note, of an unknown element."""
+    tag, name = str(element.tag), str(child.tag)
     meant = _meant(name, elements)
     says = f"<{printable(name)}> is no element of <{tag}>"
     if meant:
         return ElementFault(f"{says}; did you mean <{meant}>? (if not: --ignore {shell_word(name)})", meant)
-    if tag in _WITH_VENDOR_ELEMENTS:
+    if tag in _WITH_VENDOR_ELEMENTS and not _may_be_the_origin(element, child):
         return ElementFault(f"{says} that stiffgen knows; it is ignored", note=True)
     return ElementFault(f"{says}; {_remedy([f'<{each}>' for each in elements])}, or --ignore {shell_word(name)}")
+
+
+def _may_be_the_origin(element: etree._Element, child: etree._Element) -> bool:
+    """Return whether an unknown element of a joint without origin has numbers of a pose, such as <pose> of SDF."""
+    text = child.text or ""
+    numbers = text.split() if _NUMBERS.fullmatch(text) else []
+    has_pose = len(numbers) in (3, 6, 7) or any(each in child.attrib for each in _POSE.attributes)
+    return element.tag == "joint" and element.find("origin") is None and has_pose
 
 
 def misspelt_in_robot(robot: etree._Element, ignored: Collection[str] = ()) -> Iterator[str]:

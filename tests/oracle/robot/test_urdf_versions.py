@@ -86,6 +86,39 @@ REFUSED = {
 }
 
 
+MIMIC = (
+    '<mimic joint="i" {}/></joint><link name="side"/>'
+    '<joint name="i" type="revolute"><parent link="base"/><child link="side"/></joint>'
+)
+DECIDING = {
+    "a ratio": ("</joint>", MIMIC.format('ratio="2"'), "mimic.*'ratio'.*ignore="),
+    "a factor": ("</joint>", MIMIC.format('factor="-1.5e0"'), "mimic.*'factor'"),
+    "a bias": ("</joint>", MIMIC.format('bias=".1"'), "mimic.*'bias'.*ignore="),
+    "a pose": ('<origin xyz="0 0 0.3" />', "<pose>0 0 0.3 0 0 0</pose>", "<pose> is no element of <joint>; correct"),
+    "a place": ('<origin xyz="0 0 0.3" />', '<transform xyz="0 0 0.3"/>', "<transform> is no element of <joint>"),
+    "a position": (
+        '<origin xyz="0 0 0.3" />',
+        "<position> 0 0 3e-1\n</position>",
+        "<position> is no element of <joint>; .*ignore=",
+    ),
+    "min and max": (LIMIT, 'min="-2" max="1.5" velocity="1" effort="10"', "limit.*'min'.*ignore="),
+    "a range": (LIMIT, 'range="-2 1.5" velocity="1" effort="10"', "limit.*'range'.*ignore="),
+    "a maximum": (LIMIT, 'lower="-2" maximum="1.5" velocity="1" effort="10"', "limit.*'maximum'.*ignore="),
+}
+
+
+@pytest.mark.parametrize("name", DECIDING)
+def test_unknown_numbers_that_decide_the_robot_are_refused(name: str, tmp_path: Path) -> None:
+    """A relation or a bound under another name: the robot without them is another one. A limit's stall is a note."""
+    old, new, words = DECIDING[name]
+    with pytest.raises(DescriptionError, match=words):
+        load_chain(written(tmp_path, arm().replace(old, new, 1)), tip="tip")
+    continuous = arm(limit='velocity="1" effort="10" stall="3.5"', kind="continuous")
+    beside = continuous.replace("</joint>", "<tool_frame xyz='0 0 1'/></joint>", 1)  # of a joint with an origin
+    notes = describe(written(tmp_path, beside)).notes
+    assert ["'stall'" in each or "<tool_frame>" in each for each in notes] == [True, True]
+
+
 @pytest.mark.parametrize("name", REFUSED)
 def test_what_a_version_does_not_have_is_refused(name: str, tmp_path: Path) -> None:
     text, words = REFUSED[name]

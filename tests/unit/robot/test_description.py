@@ -300,7 +300,7 @@ def test_problems_beside_the_chain_are_warned_of(read, name, tmp_path):
     text = replaced(*BESIDE[name])
     description = read(text)
     assert description.problems
-    with pytest.warns(DescriptionWarning, match="beside the chain") as caught:
+    with pytest.warns(DescriptionWarning, match="without effect on this chain") as caught:
         chain = load_chain(tmp_path / "arm.urdf", tip="hand")
     assert caught[0].message.problems == tuple(problem.text for problem in description.problems)
     sound = chain_between(read(ARM), HAND)
