@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike
 import stiffgen.analyze.measures as ms
 from stiffgen.analyze.export import NAME as EXPORT_NAME
 from stiffgen.analyze.export import export
-from stiffgen.analyze.measures import MEASURES, Summary, Task, units
+from stiffgen.analyze.measures import MEASURES, Summary, units
 from stiffgen.analyze.options import EXPORTS, AnalysisOptions, ShowProgress, taking
 from stiffgen.analyze.recording import (
     Columns,
@@ -40,6 +40,7 @@ from stiffgen.analyze.recording import (
     read_blocks,
 )
 from stiffgen.analyze.report import bad_rows, write_report
+from stiffgen.analyze.task import SensorTask, Task
 from stiffgen.cache import folder_of
 from stiffgen.described import speaking_python
 from stiffgen.errors import (
@@ -255,8 +256,8 @@ def _tip(chain: Chain, chosen: str | None) -> str:
     return by_link[chosen]
 
 
-def _calibrated(options: AnalysisOptions, file: str | Path, chain: Chain, tip: str) -> tuple[FloatArray, FloatArray]:
-    """Return bias and payload of a sensor.
+def _calibrated(options: AnalysisOptions, file: str | Path, chain: Chain, tip: str) -> SensorTask:
+    """Return the sensor of a calibration's file.
 
     Raises:
         RecordingError: the file is not of the tip's sensor, or an option contradicts.
@@ -278,7 +279,7 @@ def _calibrated(options: AnalysisOptions, file: str | Path, chain: Chain, tip: s
     found = room.read_calibration(file)
     if found.sensor != sensor.text:
         raise RecordingError(f"{file}: is the calibration of another sensor ({found.sensor}), not of {sensor.text}")
-    return np.array(found.bias), np.array(found.payload)
+    return SensorTask(np.array(found.bias), np.array(found.payload), np.array(found.noise))
 
 
 def _refuse_foreign(target: Path) -> None:

@@ -13,8 +13,9 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 
-from stiffgen.analyze.measures import Task, functions_of, judged
+from stiffgen.analyze.measures import judged
 from stiffgen.analyze.recording import Recording, extra, read_blocks
+from stiffgen.analyze.task import Task
 from stiffgen.robot.geometry import FloatArray
 
 NAME = "joint_stiffness"
@@ -64,7 +65,7 @@ def _rows(
         for block in read_blocks(partition, most):
             good, q, wrench, *_ = judged(robot, task, recording.columns, block)
             time = block.values[good, 0] if timed else np.full(int(good.sum()), np.nan)
-            K = functions_of(robot, task).joint_stiffness(q[good], wrench[good], task.task_stiffness)
+            K = task.functions_of(robot).joint_stiffness(q[good], wrench[good], task.task_stiffness)
             yield Rows(block.rows[good], time, K)
             advance(len(time))
 

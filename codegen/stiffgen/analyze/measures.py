@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiffgen.analyze.recording import Block, Columns, RowProblem
+from stiffgen.analyze.task import Task
 from stiffgen.robot.chain import Chain
 from stiffgen.robot.geometry import FloatArray
-from stiffgen.symbolic.connection import Representation
 
 MEASURES = (
     "singular_value_symmetric",
@@ -39,12 +39,15 @@ MEASURES = (
     "moment_y",
     "moment_z",
     "antisymmetric_per_moment",
+    "antisymmetric_deviation",
+    "eigenvalue_smallest_deviation",
 )
 """Columns of :func:`measured`. ``singular_value_...``: largest singular values of the symmetric and the antisymmetric
 part of the conventional stiffness; ``corrected_antisymmetric``: largest entry of (K - K^T)/2 of the corrected one;
 ``eigenvalue_...``: of the corrected one; ``closed_form_difference``: largest entry of the antisymmetric part of the
 conventional stiffness less J^T anti(-Gamma F) J; ``force``, ``moment``: lengths; ``antisymmetric_per_moment``: [1/rad],
-NaN below SMALL_MOMENT.
+NaN below SMALL_MOMENT; ``..._deviation``: standard deviations of ``singular_value_antisymmetric`` and
+``eigenvalue_smallest`` that follow from the sensor's noise, NaN without a sensor.
 """
 
 SMALL_MOMENT = 1e-3
@@ -66,37 +69,6 @@ _LARGEST = 1e150  # largest stiffness and wrench; squares must not overflow
 _A, _M = MEASURES.index("singular_value_antisymmetric"), MEASURES.index("moment")
 
 
-@dataclass(frozen=True)
-class Task:
-    """Computation to do at each row.
-
-    Attributes:
-        representation: representation of the wrenches and of the task stiffness.
-        task_stiffness: (6, 6) symmetric [N/m, N, N m/rad].
-        negate: true if the recorded wrench is the one that the robot applies to the environment.
-        lower, upper: (n,) limits of q [rad or m], infinite where there is none.
-        tip: name of the tip in the robot's module, "" for the only one.
-        sensor: bias and payload of the sensor whose readings were recorded in place of wrenches.
-
-    """
-
-    representation: Representation
-    task_stiffness: FloatArray
-    negate: bool
-    lower: FloatArray
-    upper: FloatArray
-    tip: str = ""
-    sensor: tuple[FloatArray, FloatArray] | None = None
-
-    def wrench_of(self, robot: ModuleType, q: FloatArray, recorded: FloatArray) -> FloatArray:
-        """Return the wrenches of the environment on the robot from the recorded ones, or from a sensor's readings."""
-        if self.sensor is None:
-            return -recorded if self.negate else recorded
-        of_tip = getattr(robot, self.tip) if self.tip else robot
-        with np.errstate(invalid="ignore"):  # rows with missing numbers are not used
-            return np.asarray(of_tip.sensor.tip_wrench(q, recorded, *self.sensor))
-
-
 def measured(robot: ModuleType, task: Task, q: FloatArray, wrench: FloatArray) -> FloatArray:
     """Compute the MEASURES of rows.
 
@@ -114,7 +86,7 @@ def measured(robot: ModuleType, task: Task, q: FloatArray, wrench: FloatArray) -
     wrench = wrench.copy()
     if count == 1:  # single calls and batches differ in the last digit
         q, wrench = np.repeat(q, 2, axis=0), np.repeat(wrench, 2, axis=0)
-    functions = functions_of(robot, task)
+    functions = task.functions_of(robot)
     K = task.task_stiffness
     conventional = functions.joint_stiffness_uncorrected(q, wrench, K)
     corrected = functions.joint_stiffness(q, wrench, K)
@@ -138,15 +110,11 @@ def measured(robot: ModuleType, task: Task, q: FloatArray, wrench: FloatArray) -
         moment,
         *wrench.T,
         np.divide(largest, moment, out=np.full(len(q), np.nan), where=moment >= SMALL_MOMENT),
+        *task.deviations(robot, q, wrench).T,
     ]
     result = np.stack(columns, axis=1)
     result[~sound] = np.nan
     return result[:count]
-
-
-def functions_of(robot: ModuleType, task: Task) -> Any:
-    """Return the functions of the task's tip and representation in a generated module."""
-    return getattr(getattr(robot, task.tip) if task.tip else robot, task.representation)
 
 
 def _parts(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:

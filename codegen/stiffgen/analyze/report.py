@@ -17,6 +17,7 @@ from stiffgen.analyze.measures import (
     GRID_PER_DECADE,
     MEASURES,
     SMALL_MOMENT,
+    Envelope,
     Summary,
     stiffness_unit,
 )
@@ -34,22 +35,27 @@ LABELS: Mapping[str, str] = {
     "eigenvalue_smallest": "smallest eigenvalue, corrected",
     "eigenvalue_largest": "largest eigenvalue, corrected",
     "antisymmetric_per_moment": "antisymmetric singular value per moment",
+    "antisymmetric_deviation": "standard deviation of the antisymmetric part, from the sensor",
+    "eigenvalue_smallest_deviation": "standard deviation of the smallest eigenvalue, from the sensor",
     "closed_form_difference": "largest entry, antisymmetric part less its closed form",
     "force": "force",
     "moment": "moment",
 }
 """Rows of the table, in order, with their labels."""
+FROM_SENSOR = ("antisymmetric_deviation", "eigenvalue_smallest_deviation")
+"""Of these, what only a sensor's calibration gives."""
 
 
 @dataclass(frozen=True)
 class _Line:
-    """Measure to draw in one panel."""
+    """Measure to draw in one panel, with the measure that is its standard deviation."""
 
     measure: str
     label: str
     colour: str
     dashes: tuple[float, float] | None = None
     width: float = 1.2
+    deviation: str | None = None
 
 
 def table_rows(summary: Mapping[str, Any]) -> list[tuple[str, ...]]:
@@ -57,6 +63,8 @@ def table_rows(summary: Mapping[str, Any]) -> list[tuple[str, ...]]:
     rows = []
     for name, label in LABELS.items():
         measure = summary["measures"][name]
+        if not measure["count"] and name in FROM_SENSOR:
+            continue
         if not measure["count"]:
             rows.append((label, measure["unit"], *[""] * 7))
             continue
@@ -72,18 +80,22 @@ TABLE_HEAD = ("quantity", "unit", "least", "mean", "median", "99 %", "most", "le
 def statements(recording: Recording, result: Summary, summary: Mapping[str, Any]) -> list[str]:
     """Return the findings in sentences."""
     worst = summary["measures"]["singular_value_antisymmetric"]
+    deviation = summary["measures"]["antisymmetric_deviation"]
+    within = f" +- {2 * deviation['most']:.2g} by the sensor's noise" if deviation["count"] else ""
     lines = [
         f"{result.good} of {result.rows} rows analysed.",
         "The corrected stiffness is symmetric to the last bit at every row."
         if not result.asymmetric
         else f"The corrected stiffness is NOT symmetric at {result.asymmetric} rows.",
-        f"The conventional stiffness is asymmetric by up to {worst['most']:.4g} {worst['unit']} ({worst['most_at']}).",
+        f"The conventional stiffness is asymmetric by up to {worst['most']:.4g} {worst['unit']}{within} "
+        f"({worst['most_at']}).",
         f"The corrected stiffness is indefinite at {100 * summary['share_indefinite']:.3g} % of the rows.",
         *beside_torque_limits(summary),
     ]
     return lines + list(recording.notes)
 
 
+BAND = "within two standard deviations of the sensor"
 DEFLECTION = 0.1
 """Joint deflection [rad] at which the asymmetry is compared with the torque limits."""
 
@@ -181,13 +193,10 @@ def write_report(folder: Path, recording: Recording, chain: Chain, result: Summa
     (folder / "report.html").write_text(page, encoding="utf-8")
 
 
-def _draw_over_time(folder: Path, chain: Chain, result: Summary, representation: str) -> list[tuple[str, str, str]]:
-    """Draw the figures over time; return file, title and text of each."""
-    from stiffgen.style import AXES, CONVENTIONAL, CORRECTED
+def _symmetric_lines(representation: str) -> tuple[list[_Line], str]:
+    """Return the lines of the symmetric part, and a sentence that says whether they coincide."""
+    from stiffgen.style import CONVENTIONAL, CORRECTED
 
-    unit = stiffness_unit(chain)
-    symmetric = "corrected: 0 at every row" if not result.asymmetric else "corrected (largest entry)"
-    share = 100 * result.indefinite / result.good
     parts = [_Line("singular_value_symmetric", "conventional", CONVENTIONAL, width=3.0)]
     if representation == "hybrid":
         parts.append(_Line("singular_value_symmetric", "corrected: the same", CORRECTED, (10, 10), 2.0))
@@ -200,6 +209,17 @@ def _draw_over_time(folder: Path, chain: Chain, result: Summary, representation:
             f"In the {representation} representation the corrected stiffness is not this symmetric part: Gamma F has a "
             "symmetric part of its own."
         )
+    return parts, same
+
+
+def _draw_over_time(folder: Path, chain: Chain, result: Summary, representation: str) -> list[tuple[str, str, str]]:
+    """Draw the figures over time; return file, title and text of each."""
+    from stiffgen.style import AXES, CONVENTIONAL, CORRECTED
+
+    unit = stiffness_unit(chain)
+    symmetric = "corrected: 0 at every row" if not result.asymmetric else "corrected (largest entry)"
+    share = 100 * result.indefinite / result.good
+    parts, same = _symmetric_lines(representation)
     figures = []
 
     def draw(file: str, title: str, text: str, panels: Mapping[str, Sequence[_Line]]) -> None:
@@ -214,7 +234,9 @@ def _draw_over_time(folder: Path, chain: Chain, result: Summary, representation:
         {
             f"symmetric part [{unit}]": parts,
             f"antisymmetric part [{unit}]": [
-                _Line("singular_value_antisymmetric", "conventional", CONVENTIONAL),
+                _Line(
+                    "singular_value_antisymmetric", "conventional", CONVENTIONAL, deviation="antisymmetric_deviation"
+                ),
                 _Line("corrected_antisymmetric", symmetric, CORRECTED),
             ],
         },
@@ -225,7 +247,14 @@ def _draw_over_time(folder: Path, chain: Chain, result: Summary, representation:
         f"Where the smallest one is negative the stiffness is indefinite: {share:.3g} % of the rows.",
         {
             f"largest [{unit}]": [_Line("eigenvalue_largest", "corrected, largest eigenvalue", CORRECTED)],
-            f"smallest [{unit}]": [_Line("eigenvalue_smallest", "corrected, smallest eigenvalue", CORRECTED)],
+            f"smallest [{unit}]": [
+                _Line(
+                    "eigenvalue_smallest",
+                    "corrected, smallest eigenvalue",
+                    CORRECTED,
+                    deviation="eigenvalue_smallest_deviation",
+                )
+            ],
         },
     )
     draw(
@@ -259,6 +288,16 @@ def _abscissa(result: Summary) -> tuple[FloatArray, str]:
     return np.asarray(bins * 2.0**envelope.shift - 0.5, dtype=float), "row, counted from 0"
 
 
+def _curves(envelope: Envelope, measure: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return mean, least and most of a measure in each bin; NaN where there is none."""
+    index = MEASURES.index(measure)
+    some = envelope.count[:, index] > 0
+    mean, least, most = (np.full(len(some), np.nan) for _ in range(3))
+    mean[some] = envelope.total[some, index] / envelope.count[some, index]
+    least[some], most[some] = envelope.least[some, index], envelope.most[some, index]
+    return mean, least, most
+
+
 def _over_time(panels: Mapping[str, Sequence[_Line]], result: Summary) -> str:
     """Draw panels from top to bottom, each with its axis label and lines."""
     x, x_label = _abscissa(result)
@@ -274,14 +313,13 @@ def _over_time(panels: Mapping[str, Sequence[_Line]], result: Summary) -> str:
         axes = drawing.subplots(len(panels), 1, sharex=True)
         for panel, (label, lines) in zip(axes, panels.items(), strict=True):
             for line in lines:
-                index = MEASURES.index(line.measure)
-                some = envelope.count[:, index] > 0
-                mean, least, most = (np.full(len(x), np.nan) for _ in range(3))
-                mean[some] = envelope.total[some, index] / envelope.count[some, index]
-                least[some], most[some] = envelope.least[some, index], envelope.most[some, index]
+                mean, least, most = _curves(envelope, line.measure)
                 if envelope.shift:
                     panel.fill_between(x, least, most, color=line.colour, alpha=0.25, linewidth=0)
-                marker = "o" if some.sum() < 3 else None  # a single point has no line
+                if line.deviation and (2 * _curves(envelope, line.deviation)[0] > 0).any():
+                    twice = 2 * _curves(envelope, line.deviation)[0]
+                    panel.fill_between(x, mean - twice, mean + twice, color=INK, alpha=0.25, linewidth=0, label=BAND)
+                marker = "o" if (~np.isnan(mean)).sum() < 3 else None  # a single point has no line
                 panel.plot(
                     x,
                     mean,

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 import stiffgen
+from stiffgen.analyze.measures import MEASURES, measured
+from stiffgen.analyze.task import SensorTask, Task
 from stiffgen.calibrate.estimate import estimate
 from stiffgen.cli import main
 from stiffgen.errors import RecordingError
@@ -230,10 +232,18 @@ def test_readings_are_analysed(robots, logs, tmp_path, capsys):
     common = ["--robot", str(robots["truth"])]
     assert main(["calibrate", str(logs / "free.csv"), *common, "--output", str(file)]) == 0
     options = {"task_stiffness": [700, 700, 800, 30, 30, 30], "output": tmp_path / "found", "figures": False}
-    found = stiffgen.analyze(log, robots["truth"], calibration=file, **options).summary["measures"]
+    found = stiffgen.analyze(log, robots["truth"], calibration=file, **options | {"figures": True}).summary["measures"]
+    picture = (tmp_path / "found" / "stiffness.svg").read_text()
+    assert all(
+        word in picture for word in (">antisymmetric part [N m/rad]<", ">within two standard deviations of the sensor<")
+    )
+    assert "+- " in (tmp_path / "found" / "report.html").read_text()
     assert found["force"]["median"] == pytest.approx(2 * 9.81, rel=0.02)
     assert found["moment"]["median"] < 0.05
+    assert found["antisymmetric_deviation"]["count"] == found["moment"]["count"]
+    assert 0.0 < found["antisymmetric_deviation"]["most"] < 0.1
     raw = stiffgen.analyze(log, robots["truth"], **options).summary["measures"]
+    assert raw["antisymmetric_deviation"]["count"] == 0
     assert raw["force"]["median"] != pytest.approx(2 * 9.81, rel=0.1)
     for wrong, message in (
         ({"negate_wrench": True}, "leave out negate_wrench=True"),
@@ -243,3 +253,26 @@ def test_readings_are_analysed(robots, logs, tmp_path, capsys):
         arguments = {"robot": robots["truth"], **options, **wrong}
         with pytest.raises(RecordingError, match=message):
             stiffgen.analyze(log, calibration=file, **arguments)
+
+
+def test_deviations_of_an_analysis_are_those_of_drawn_readings(robots):
+    """Two thousand readings with the sensor's noise, each analysed by itself."""
+    robot = stiffgen.open_robot(robots["truth"]).module
+    q, reading = np.array([0.3, -0.8, 0.4, 1.1, 0.2, -0.6, 0.1]), np.array([6.0, -9.0, 12.0, 1.2, -1.5, 0.4])
+    noise = np.array([0.2, 0.1, 0.3, 0.02, 0.03, 0.01])
+    K = np.diag([700.0, 700.0, 800.0, 30.0, 30.0, 30.0])
+    sensor = SensorTask(np.zeros(6), np.array([1.3, 0.0, 0.01, 0.05]), noise)
+    task = Task("hybrid", K, False, np.full(7, -np.inf), np.full(7, np.inf), "", sensor)
+
+    def measures(readings):
+        postures = np.tile(q, (len(readings), 1))
+        found = measured(robot, task, postures, task.wrench_of(robot, postures, readings))
+        return dict(zip(MEASURES, found.T, strict=True))
+
+    drawn = measures(reading + noise * np.random.default_rng(1).normal(size=(2000, 6)))
+    told = measures(np.tile(reading, (2, 1)))
+    for value, deviation in (
+        ("singular_value_antisymmetric", "antisymmetric_deviation"),
+        ("eigenvalue_smallest", "eigenvalue_smallest_deviation"),
+    ):
+        assert told[deviation][0] == pytest.approx(drawn[value].std(), rel=0.06)
