@@ -39,80 +39,24 @@ enum { LONGEST = 1000000 }; /* samples or calls at which a counter stands still:
 enum { SEARCHED = 40, SEARCH_STEPS = 60 }; /* trials of a search for a posture, steps of a trial */
 enum { MATRIX_NOT_FINITE = 1, MATRIX_NOT_POSITIVE, MATRIX_NOT_CONVERGED };
 
-/* Largest eigenvalues of M^-1 B T and M^-1 K T^2. With differenced velocity, a double integrator is unstable from
- * M^-1 B T = 2.0, 0.83, 0.53, 0.40, 0.32, 0.26 on at a delay of 0 to 5 samples: the damping has at most 0.475 of it,
- * which is DELAYED_DAMPING / (1 + delay) from 2 samples on. */
-static const double LARGEST_DAMPING = 0.25, DELAYED_DAMPING = 0.75, LARGEST_STIFFNESS = 0.0625;
-/* Share of its cap that damping has where the account began beyond a limit: units may be mistaken, and 57 times as
- * large a velocity must not make the arm oscillate. */
-static const double DOUBTED_SHARE = 1.0 / 64.0;
-static const double LIMIT_SHARE = 0.5; /* share of LARGEST_STIFFNESS for the limit avoidance: the springs add theirs */
+static const double LARGEST_STIFFNESS = 0.0625; /* largest eigenvalue of M^-1 K T^2 */
 /* Share by which numbers differ that are the same but for rounding: far above what any sum here can lose (1e-13), and
  * far below what matters to an arm. Times, poses and stiffnesses are compared with it, and shares that a bound allows
  * are smaller by it, so that rounding does not break the bound. */
 static const double ROUNDED = 1e-9;
-static const double ROUNDED_ENERGY = 1e-9;  /* [J] of the account that is rounding: its totals are below 1e5 J */
 static const double NO_TORQUE = 1e-9;       /* [N m] or [N] that counts as none: nothing is divided by it */
-static const double NO_STIFFNESS = 1e-9;    /* [N/m] or [N m/rad] in place of none, where it is divided by */
-static const double NO_ROTATION = 1e-9;     /* [rad] up to which a rotation is linear: its square is below rounding */
-static const double FLATTEST = 1e-9;        /* least mobility that a cap looks at, over the largest of the spring */
-static const double ARRIVED = 1e-12;        /* [s] of travel that is the rounding of poses: the goal is reached */
-static const double SPRINGS_CAP = 0.95;     /* of LARGEST_STIFFNESS for springs: the scale is capped behind them */
-static const double SPRINGS_LEAST = 0.25;   /* of it that posture and limit avoidance leave to the springs */
-static const double NEXT_SHARE = 0.9;       /* of the share that should do: the energy is not linear */
-static const double FALL_SHARE = 0.9;       /* of the rate limit for a scale that falls: the pull changes, too */
 static const double COMMAND_TOLERANCE = 1e-6; /* of a commanded stiffness, over its largest entry: single precision */
-static const double POSE_TOLERANCE = 1e-3;    /* of a commanded rotation, sum of |R^T R - I|: 5 digits */
 static const double REACH_MARGIN = 1.0; /* [m] beyond the arm's reach from which on a pose has a mistaken unit */
 static const double FARTHEST = 1e6;   /* [rad] beyond it an angle has lost its last digits */
 static const double GOVERNOR = 0.8;   /* share of its velocity limits that the equilibrium uses: the arm overshoots */
-static const double TIP_RAMP = 2.0;      /* ramp times in which an equilibrium by pose reaches its largest velocity */
-static const double FOLLOWED = 3e-2;     /* regularisation of the twists that dr follows, over their squares' sum */
-static const double LEAST_DAMPED = 1e-9; /* added to B for its inverse, over its largest entry */
 static const double REACHED = 5e-5;      /* [m] or [rad] up to which a posture has its tips at a pose */
-static const double SAME_POSE = 1e-6;    /* [m] or [rad] per call up to which a commanded pose is the same */
-static const double STATIONARY = 1e-5;   /* [s] of travel below which a posture does not move on */
-static const double ALIKE = 0.25;        /* [m] that weigh as much as one radian in a posture's distance from a pose */
-static const double REGULARISED = 1e-9;  /* added to J^T J of a posture, over its largest entry */
-static const double NEAR = 0.1;          /* [m] or [rad] from a pose at which self-motion begins */
-static const double PATH_LEAD = 0.03; /* [m] or [rad] from posture to equilibrium: it slows, and at twice this waits */
-static const double SLOWEST = 0.1;       /* share of its velocity limits that an equilibrium keeps until it waits */
 static const double STEP_SHARE = 0.05;   /* of a posture's step that is gone in one call */
-static const double ANOTHER = 0.3;       /* [rad] or [m] from the arm from which on a posture is another one */
-static const double RESTING = 0.03;      /* [rad/s] or [m/s] up to which an arm rests */
-static const double UNLOADED = 0.5;      /* [N m] or [N] up to which an arm at rest has no load */
-static const double LONGEST_STEP = 0.5;  /* [rad] or [m] of a search */
-static const double CREEPING = 1e-3;  /* [s] of travel: a slower posture that is waited for is at its end */
-static const double NEAR_TIME = 0.1;     /* [s] of travel that one step of self-motion looks ahead */
-static const double BRAKED = 0.9;     /* share of the velocity limits from which on a joint is braked */
 static const double TANK_FLOOR = 0.1; /* share of the tank's maximum that stiffness is not paid from */
 static const double TRAVEL_TIME = 1.0; /* [s] of the equilibrium's travel that bring in one engagement limit */
-/* Plan: [s] of a velocity limit that a velocity and the command's motion may disagree by, share of it that velocity and
- * acceleration may, [s] in which a disagreement fades, [s] that a command may stand still with a velocity, and sample
- * times of travel that the equilibrium may be behind. */
-static const double PLAN_DRIFT = 0.05, PLAN_JUMP = 0.25, PLAN_MEMORY = 0.5, PLAN_STILL = 0.1, KEPT_UP = 2.0;
 static const double COVERED = 0.7;    /* share of the available energy for the springs; the damping has the remainder */
-/* A sensor: velocity_noise counts this often in one sample; a standstill is judged from this share of the velocity
- * limit on, over the motion of this many samples. */
-static const double NOISE_RANGE = 6.0, FROZEN_SHARE = 0.02, FROZEN_SAMPLES = 20.0;
-/* A joint that stands still under a torque, with differenced velocities. Friction that slides with F holds up to 1.5 F,
- * and a sixth more. Before a joint has moved for FRICTION_TIME its friction is a share of the effort limit, and never
- * less than another. */
-static const double FRICTION_RANGE = 1.75, UNKNOWN_FRICTION = 0.03, LEAST_FRICTION = 0.005;
-static const double FRICTION_TIME = 0.25, FRICTION_MEMORY = 2.0; /* [s] of motion; [s] of its mean */
-static const double HELD_BEFORE = 1.25;     /* torque that was held before explains so many times itself */
-static const double FROZEN_TRAVEL = 4e-3;   /* [rad] or [m] predicted motion of a joint that stands still: no less */
-static const double STOPPED_BY = 0.3;       /* share of a joint's momentum that a torque from outside has taken */
-static const double GIVES_WAY = 0.05;       /* share of the effort limit that no contact holds to the last bit */
-static const double HARDEST = 5e4, COARSE = 1e-5; /* [N m/rad] hardest contact; [rad] quantum that is not declared */
-static const double REST_MEMORY = 1.0;      /* [s] in which predicted motion fades: noise does not add up */
-static const double LEAST_QUANTUM = 1e-7;   /* [rad] or [m] up to which a position is the same */
-static const double LOAD_TIME = 0.02;       /* [s] low pass on the torque that is not explained */
-static const double SLOW = 0.01;            /* [rad/s] or [m/s] from which on a joint shows its friction */
-static const double GAIN_FADE = 0.9;     /* share of the motors' kp that is left after another call without a sample */
+static const double NOISE_RANGE = 6.0; /* velocity_noise counts this often in one sample */
 static const double SCALE_TIME = 0.05;   /* [s] shortest time in which the scale rises from 0 to 1 */
 static const double NO_LOAD = 1e-3; /* share of heaviest_wrench up to which springs count as unloaded */
-static const double LARGEST_ENERGY = 1e4; /* [J] largest energy limit */
 static const double HALF_TURN = 3.14159265358979324;
 static const double GOLDEN = 0.61803398874989485; /* golden ratio less 1: its multiples fill [0, 1) evenly */
 
@@ -878,6 +822,17 @@ static int is_positive_semidefinite(int n, const double *A, double tolerance)
     return factorise_cholesky(n, scaled, 1.0, tolerance, L) == 0;
 }
 
+/* Return whether all entries lie between the bounds (both allowed); NaN does not. */
+static int doubles_within(const double *x, size_t count, double least, double most)
+{
+    for (size_t i = 0; i < count; ++i) {
+        if (!(x[i] >= least && x[i] <= most)) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
 /*
  * Eigenvalues and eigenvectors of a symmetric matrix.
  *
@@ -1362,6 +1317,8 @@ static int soften(const double *wanted, double share, double *K, double *cost)
  * what is not diagonal.
  */
 
+static const double GAIN_FADE = 0.9; /* share of the motors' kp that is left after another call without a sample */
+
 /* Choose gains: the diagonal of a matrix, each entry at least 0 and at most its limit. */
 static void choose_gains(const double *matrix, const double *limit, double *gains)
 {
@@ -1465,24 +1422,37 @@ static void fade_gains(memory_t *m)
     }
 }
 
-/*
- * Write tau_ff, and as the torque what the motors apply at the last known state. kd falls where its torque would exceed
- * the effort limit; that of a refused configuration is not believed.
- */
-static void report_gains(step_t *s, int refused)
+/* Return the torque of motor i at the last known velocity, within the effort limit (0 if refused) or that of tau_ff. */
+static double apply_gains(const step_t *s, int i, double feed, int refused)
+{
+    const double most = larger(refused ? 0.0 : s->c->effort_limit[i], fabs(feed));
+    return clamp(feed - s->m->kd[i] * s->m->dq[i], -most, most);
+}
+
+/* Lower kd where its torque at the last known velocity would exceed the effort limit. */
+static void limit_gains(step_t *s, int refused)
 {
     memory_t *const m = s->m;
+    for (int i = 0; i < N; ++i) {
+        const double feed = s->out->torque[i], damped = m->kd[i] * m->dq[i];
+        const double applied = apply_gains(s, i, feed, refused);
+        if (!(fabs(damped) <= DBL_MAX)) { /* the memory holds no velocity */
+            m->kd[i] = 0.0;
+        } else if (applied != feed - damped) {
+            m->kd[i] *= (feed - applied) / damped;
+            s->status |= IIWA14_STATUS_SATURATED;
+        }
+    }
+}
+
+/* Write tau_ff, as the torque what the motors apply at the last known state, and the work of a late call. */
+static void report_gains(const step_t *s, int refused)
+{
+    const memory_t *const m = s->m;
     output_t *const out = s->out;
     memcpy(out->tau_ff, out->torque, sizeof out->tau_ff);
     for (int i = 0; i < N; ++i) {
-        const double damped = m->kd[i] * m->dq[i], limit = refused ? 0.0 : s->c->effort_limit[i];
-        const double most = larger(limit, fabs(out->tau_ff[i])), applied = clamp(out->tau_ff[i] - damped, -most, most);
-        if (!(fabs(damped) <= DBL_MAX)) { /* the memory holds no velocity */
-            m->kd[i] = 0.0;
-        } else if (applied != out->tau_ff[i] - damped) {
-            m->kd[i] *= (out->tau_ff[i] - applied) / damped;
-            s->status |= IIWA14_STATUS_SATURATED;
-        }
+        const double applied = apply_gains(s, i, out->tau_ff[i], refused);
         out->torque[i] = fabs(applied) <= DBL_MAX ? applied : out->tau_ff[i];
     }
     const double hold = m->fault == IIWA14_FAULT_NONE ? (double)m->hold * m->call_gap : (double)m->call_gap;
@@ -1491,6 +1461,8 @@ static void report_gains(step_t *s, int refused)
 }
 
 /* Energy: stored in springs and limit avoidance, in the tank, and put out by torques in transit. */
+
+static const double LIMIT_SHARE = 0.5; /* share of LARGEST_STIFFNESS for the limit avoidance: the springs add theirs */
 
 /* Return the limits of the springs in force: of every tip's force, then of the moments; NULL without limits. */
 static const double *find_spring_limits(const memory_t *m)
@@ -1907,6 +1879,9 @@ static void book_interval(step_t *s, const double *q)
 
 /* Strength: the tank that a wrench at the tip needs, and the wrench that the tank allows. */
 
+static const double NO_STIFFNESS = 1e-9; /* [N/m] or [N m/rad] in place of none, where it is divided by */
+static const double LARGEST_ENERGY = 1e4; /* [J] largest energy limit */
+
 /* Choose one of POSTURES postures, spread over the position limits (half a turn where there is none). */
 static void place_posture(const config_t *c, const memory_t *m, int k, double *q)
 {
@@ -2064,6 +2039,10 @@ static void report_force(step_t *s)
 }
 
 /* Caps: springs that are too stiff for the sample time are softened in the directions that are, and only there. */
+
+static const double FLATTEST = 1e-9; /* least mobility that a cap looks at, over the largest of the spring */
+static const double SPRINGS_CAP = 0.95; /* of LARGEST_STIFFNESS for springs: the scale is capped behind them */
+static const double SPRINGS_LEAST = 0.25; /* of it that posture and limit avoidance leave to the springs */
 
 /* Return the largest eigenvalue of M^-1 K that sample time and delay allow [1/s^2]. */
 static double largest_eigenvalue(const config_t *c)
@@ -2254,17 +2233,6 @@ static int halves_stiffness(const config_t *c, const memory_t *m, double *work)
 }
 
 /* Configuration and state: checks, checksum, start, reset, faults. */
-
-/* Return whether all entries lie between the bounds (both allowed); NaN does not. */
-static int doubles_within(const double *x, size_t count, double least, double most)
-{
-    for (size_t i = 0; i < count; ++i) {
-        if (!(x[i] >= least && x[i] <= most)) {
-            return 0;
-        }
-    }
-    return 1;
-}
 
 /* Return whether all entries lie between the bounds (both allowed). */
 static int integers_within(const int *x, size_t count, int least, int most)
@@ -2458,6 +2426,20 @@ static int holds_in_fault(const step_t *s)
 /* Motion: whether a joint that stands still can do so under the torque that acts, for velocities that are differences
  * of the positions. */
 
+/* Friction that slides with F holds up to 1.5 F,
+ * and a sixth more. Before a joint has moved for FRICTION_TIME its friction is a share of the effort limit, and never
+ * less than another. */
+static const double FRICTION_RANGE = 1.75, UNKNOWN_FRICTION = 0.03, LEAST_FRICTION = 0.005;
+static const double FRICTION_TIME = 0.25, FRICTION_MEMORY = 2.0; /* [s] of motion; [s] of its mean */
+static const double HELD_BEFORE = 1.25; /* torque that was held before explains so many times itself */
+static const double STOPPED_BY = 0.3; /* share of a joint's momentum that a torque from outside has taken */
+static const double GIVES_WAY = 0.05; /* share of the effort limit that no contact holds to the last bit */
+static const double HARDEST = 5e4, COARSE = 1e-5; /* [N m/rad] hardest contact; [rad] quantum that is not declared */
+static const double REST_MEMORY = 1.0; /* [s] in which predicted motion fades: noise does not add up */
+static const double LEAST_QUANTUM = 1e-7; /* [rad] or [m] up to which a position is the same */
+static const double LOAD_TIME = 0.02; /* [s] low pass on the torque that is not explained */
+static const double SLOW = 0.01; /* [rad/s] or [m/s] from which on a joint shows its friction */
+
 /* Return the controller's torque on joint i in the interval that ends now. */
 static double find_own_torque(const memory_t *m, const double *last, int i)
 {
@@ -2644,6 +2626,9 @@ static void learn_friction(step_t *s, const double *last)
 
 /* Samples: whether a measurement is believed. */
 
+/* A standstill is judged from this share of the velocity limit on, over the motion of this many samples. */
+static const double FROZEN_SHARE = 0.02, FROZEN_SAMPLES = 20.0;
+static const double FROZEN_TRAVEL = 4e-3; /* [rad] or [m] predicted motion of a joint that stands still: no less */
 enum { FROZEN_POSITION = 1, FROZEN_VELOCITY = 2 };
 enum { HALVES = 2, SKIPPED = 1000 }; /* halves of a sample; most calls that are counted as skipped at once */
 /* Motion that dq and q may disagree by in a sample: share of the velocity limit, share of the motion itself. */
@@ -2898,6 +2883,8 @@ static void observe_sample(step_t *s, const double *last)
 
 /* Commands: what is accepted, and why what is not is refused. */
 
+static const double POSE_TOLERANCE = 1e-3; /* of a commanded rotation, sum of |R^T R - I|: 5 digits */
+
 /* Note why a command is refused; the first reason stays. Outputs are finite: NaN counts as 0. Return 0. */
 static int refuse_command(refusal_t *r, int code, int command, int entry, double seen, double limit)
 {
@@ -3097,6 +3084,12 @@ static int accept_command(step_t *s)
  * the wanted posture that has its tips at that pose. The springs of tips and posture are then at rest at the same q.
  */
 
+static const double NO_ROTATION = 1e-9; /* [rad] up to which a rotation is linear: its square is below rounding */
+static const double RADIAN_LENGTH = 0.25; /* [m] that weigh as much as one radian in a posture's distance from a pose */
+static const double FLAT_SHARE = 1e-9; /* added to J^T J of a posture, over its largest entry */
+static const double SELF_MOTION_NEAR = 0.1; /* [m] or [rad] from a pose at which self-motion begins */
+static const double LONGEST_STEP = 0.5; /* [rad] or [m] of a search */
+static const double NEAR_TIME = 0.1; /* [s] of travel that one step of self-motion looks ahead */
 /* Sine of a rotation up to which, near half a turn, it has lost the digits of the axis; sine too small to divide by. */
 static const double HALF_TURN_SINE = 1e-6, NO_SINE = 1e-150;
 
@@ -3203,7 +3196,7 @@ static int combine_steps(const double *A, const double *task, const double *near
         slope[i] = held[i] ? 0.0 : slope[i];
         self[i] = held[i] ? 0.0 : self[i];
     }
-    if (!solve_free(A, REGULARISED + shift, held, work, slope) || !solve_free(A, REGULARISED, held, work, self)) {
+    if (!solve_free(A, FLAT_SHARE + shift, held, work, slope) || !solve_free(A, FLAT_SHARE, held, work, self)) {
         return 0;
     }
     for (int i = 0; i < N; ++i) {
@@ -3234,8 +3227,8 @@ static int hold_joint(const memory_t *m, const double *q, int *held, double *ste
 
 /*
  * Sum up the pose's error over the tips: the slope J^T W e and A = J^T W J, scaled so that A has the largest entry 1. W
- * lets ALIKE weigh as much as one radian. Return |e|, the largest of the tips' distances [m] and angles [rad]; damping:
- * that of the step.
+ * lets RADIAN_LENGTH weigh as much as one radian. Return |e|, the largest of the tips' distances [m] and angles [rad];
+ * damping: that of the step.
  */
 static double sum_errors(const memory_t *m, const double *q, const double *here, const double *goal, double *A,
                          double *task, double *damping)
@@ -3249,7 +3242,7 @@ static double sum_errors(const memory_t *m, const double *q, const double *here,
         pose_difference(here + 16 * t, goal + 16 * t, error);
         distance = larger(distance, larger(norm(3, error), norm(3, error + 3)));
         for (int k = 0; k < 6; ++k) {
-            const double *const row = J + (6 * t + k) * N, weight = k < 3 ? 1.0 / (ALIKE * ALIKE) : 1.0;
+            const double *const row = J + (6 * t + k) * N, weight = k < 3 ? 1.0 / (RADIAN_LENGTH * RADIAN_LENGTH) : 1.0;
             squares += weight * error[k] * error[k];
             add_scaled(N, weight * error[k], row, task);
             for (int i = 0; i < N; ++i) {
@@ -3288,7 +3281,7 @@ static double find_posture_step(const config_t *c, const memory_t *m, const doub
         speed = larger(speed, fabs(near[i]) / (c->reference_velocity_limit[i] * NEAR_TIME));
     }
     for (int i = 0; i < N; ++i) {
-        near[i] *= larger(1.0 - distance / NEAR, 0.0) / larger(speed, 1.0);
+        near[i] *= larger(1.0 - distance / SELF_MOTION_NEAR, 0.0) / larger(speed, 1.0);
     }
     int good = 1, again = 1;
     for (int round = 1; round <= N && again; ++round) {
@@ -3373,6 +3366,17 @@ static int search_posture(const config_t *c, const double *poses, const double *
 }
 
 /* Damping: designed from the springs' tangent, limited by the sample time. */
+
+/* Largest eigenvalue of M^-1 B T. With differenced velocity, a double integrator is unstable from M^-1 B T = 2.0, 0.83,
+ * 0.53, 0.40, 0.32, 0.26 on at a delay of 0 to 5 samples: the damping has at most 0.475 of it, which is
+ * DELAYED_DAMPING / (1 + delay) from 2 samples on. */
+static const double LARGEST_DAMPING = 0.25, DELAYED_DAMPING = 0.75;
+/* Share of its cap that damping has where the account began beyond a limit: units may be mistaken, and 57 times as
+ * large a velocity must not make the arm oscillate. */
+static const double DOUBTED_SHARE = 1.0 / 64.0;
+static const double FLAT_TWISTS = 3e-2; /* regularisation of the twists that dr follows, over their squares' sum */
+static const double LEAST_DAMPED = 1e-9; /* added to B for its inverse, over its largest entry */
+static const double BRAKED = 0.9; /* share of the velocity limits from which on a joint is braked */
 
 /*
  * Compute the inertia that each joint has alone, 1 / (M^-1)_ii, from modes v with v . M v = 1: M^-1 is the sum of
@@ -3566,7 +3570,7 @@ static void follow_twists(step_t *s, const double *twists, double *velocity)
     for (int r = 0; r < 6 * TIPS; ++r) {
         add_scaled(N, weights[r / 3 % 2] * twists[r], J + r * N, wanted);
     }
-    double shift = FOLLOWED;
+    double shift = FLAT_TWISTS;
     for (int attempt = 0; attempt < 4 && excess > 1.0; ++attempt) {
         if (factorise_cholesky(N, A, 1.0, shift, factor) != 0) {
             memset(velocity, 0, N * sizeof(double));
@@ -3641,6 +3645,18 @@ static void brake_fast_joints(step_t *s)
 }
 
 /* Governor: the equilibrium follows the wanted one, within bounds on its velocity, force and work. */
+
+static const double ARRIVED = 1e-12; /* [s] of travel that is the rounding of poses: the goal is reached */
+static const double NEXT_SHARE = 0.9; /* of the share that should do: the energy is not linear */
+static const double TIP_RAMP = 2.0; /* ramp times in which an equilibrium by pose reaches its largest velocity */
+static const double SAME_POSE = 1e-6; /* [m] or [rad] per call up to which a commanded pose is the same */
+static const double STATIONARY = 1e-5; /* [s] of travel below which a posture does not move on */
+static const double PATH_LEAD = 0.03; /* [m] or [rad] from posture to equilibrium: it slows, and at twice this waits */
+static const double SLOWEST = 0.1; /* share of its velocity limits that an equilibrium keeps until it waits */
+static const double OTHER_POSTURE = 0.3; /* [rad] or [m] from the arm from which on a posture is another one */
+static const double RESTING = 0.03; /* [rad/s] or [m/s] up to which an arm rests */
+static const double UNLOADED = 0.5; /* [N m] or [N] up to which an arm at rest has no load */
+static const double CREEPING = 1e-3; /* [s] of travel: a slower posture that is waited for is at its end */
 
 /* Return the largest norm of the vectors of x, each of the given length, over the governor's share of its limit. */
 static double relative_size(int count, int length, const double *x, const double *limits)
@@ -3741,7 +3757,7 @@ static double arm_distance(const memory_t *m)
 static int rests_elsewhere(const step_t *s)
 {
     const memory_t *const m = s->m;
-    return arm_distance(m) > ANOTHER && norm(N, m->dq) < RESTING && norm(N, s->transit) < UNLOADED;
+    return arm_distance(m) > OTHER_POSTURE && norm(N, m->dq) < RESTING && norm(N, s->transit) < UNLOADED;
 }
 
 /*
@@ -3773,7 +3789,7 @@ static int approach_posture(step_t *s, const double *here, double lead, int arri
         memset(step, 0, sizeof step);
     }
     /* a posture that leads is slow until the arm has followed */
-    approach_step(c, step, size, m->beyond && arm_distance(m) > ANOTHER ? SLOWEST : 1.0, m->posture_velocity);
+    approach_step(c, step, size, m->beyond && arm_distance(m) > OTHER_POSTURE ? SLOWEST : 1.0, m->posture_velocity);
     return moving;
 }
 
@@ -4191,6 +4207,8 @@ static void add_torque_offset(step_t *s, const double *last, int refused)
 
 /* Stiffness and scale: what releases energy is done, what costs energy waits for the tank. */
 
+static const double FALL_SHARE = 0.9; /* of the rate limit for a scale that falls: the pull changes, too */
+
 /*
  * Move the stiffness towards the wanted one at once where that releases energy. Results: the changes that cost energy,
  * per spring. Return whether anything changes.
@@ -4326,6 +4344,11 @@ static void vary_scale(step_t *s, const double *pull, double energy, double cap)
 }
 
 /* Feed-forward: a wrench that the tips are to exert, velocity and acceleration of a plan, Coriolis forces. */
+
+/* Plan: [s] of a velocity limit that a velocity and the command's motion may disagree by, share of it that velocity and
+ * acceleration may, [s] in which a disagreement fades, [s] that a command may stand still with a velocity, and sample
+ * times of travel that the equilibrium may be behind. */
+static const double PLAN_DRIFT = 0.05, PLAN_JUMP = 0.25, PLAN_MEMORY = 0.5, PLAN_STILL = 0.1, KEPT_UP = 2.0;
 
 /* Return whether numbers are all zero; NaN is not. */
 static int are_zero(int count, const double *x)
@@ -4608,21 +4631,21 @@ static void limit_torque(step_t *s, const double *last)
 }
 
 /*
- * Try the torque with a share of what is wanted: 0 the torque that goes to zero, 1 the springs and the commanded
- * wrench, 2 these with damping, plan and Coriolis forces. Return whether the available energy covers it.
+ * Try a torque: a share of the springs and the commanded wrench (0: the torque that goes to zero), and, behind all of
+ * these, a share of damping, plan and Coriolis forces. Return whether the available energy covers it.
  */
-static int try_torque(step_t *s, const double *last, double share)
+static int try_torque(step_t *s, const double *last, double springs, double damping)
 {
     output_t *const out = s->out;
     double least[N], parts[3];
     step_towards_zero(last, s->m->rate, least);
     for (int i = 0; i < N; ++i) {
         const double rate = s->m->rate[i];
-        const double springs = out->elastic_torque[i] + out->limit_torque[i] + out->feedforward_torque[i];
-        if (share < 1.0) {
-            out->torque[i] = least[i] + share * (clamp(springs, last[i] - rate, last[i] + rate) - least[i]);
+        const double pull = out->elastic_torque[i] + out->limit_torque[i] + out->feedforward_torque[i];
+        if (springs < 1.0) {
+            out->torque[i] = least[i] + springs * (clamp(pull, last[i] - rate, last[i] + rate) - least[i]);
         } else {
-            out->torque[i] = springs + (share - 1.0) * (out->damping_torque[i] + s->carried[i] + s->damped[i]);
+            out->torque[i] = pull + damping * (out->damping_torque[i] + s->carried[i] + s->damped[i]);
         }
     }
     limit_torque(s, last);
@@ -4631,32 +4654,37 @@ static int try_torque(step_t *s, const double *last, double share)
 }
 
 /*
- * Reduce a torque that is not covered: first damping, plan and Coriolis forces, then springs and wrench. feed: the
- * reference's share of the former is reduced with them.
+ * Reduce a torque that is not covered: first damping, plan and Coriolis forces, then springs and wrench, to a share in
+ * 1/32. feed: the reference's share of the former is reduced with them.
  */
 static void reduce_torque(step_t *s, const double *last, double *feed)
 {
     memory_t *const m = s->m;
-    double trial = 1.0, share = 0.0, step = 0.5;
-    for (int round = 0; round < 6; ++round) {
-        const int covered = try_torque(s, last, trial);
-        share = covered ? trial : share;
-        trial += covered ? step : -step;
+    double springs = 0.0, damping = 0.0, step = 0.5;
+    double *const share = try_torque(s, last, 1.0, 0.0) ? &damping : &springs;
+    if (share == &damping) {
+        springs = 1.0;
+    }
+    for (int round = 0; round < 5; ++round) {
+        *share += step;
+        if (!try_torque(s, last, springs, damping)) {
+            *share -= step;
+        }
         step *= 0.5;
     }
-    if (!try_torque(s, last, share)) {
+    if (!try_torque(s, last, springs, damping)) {
         /* after a long gap only a torque that is not held again may be covered */
         m->hold = 1;
-        try_torque(s, last, share);
+        try_torque(s, last, springs, damping);
     }
     s->status |= IIWA14_STATUS_RESERVE;
-    if (share < 1.0 && m->tank + s->lack < TANK_FLOOR * s->tank_maximum) {
+    if (springs < 1.0 && m->tank + s->lack < TANK_FLOOR * s->tank_maximum) {
         latch_fault(m, IIWA14_REASON_RESERVE, NO_JOINT, m->reserve, available_energy(m));
     }
     for (int i = 0; i < N; ++i) {
-        s->out->damping_torque[i] *= larger(share - 1.0, 0.0);
-        s->carried[i] *= larger(share - 1.0, 0.0);
-        feed[i] *= larger(share - 1.0, 0.0);
+        s->out->damping_torque[i] *= damping;
+        s->carried[i] *= damping;
+        feed[i] *= damping;
     }
 }
 
@@ -4751,7 +4779,7 @@ static void compute_torque(step_t *s, const double *last, int moved)
     }
     compensate_coriolis(s);
     plan_gains(s);
-    if (!try_torque(s, last, 2.0)) {
+    if (!try_torque(s, last, 1.0, 1.0)) {
         reduce_torque(s, last, feed);
     }
     shift_history(m, s->transit, feed);
@@ -5184,6 +5212,8 @@ static void write_command(policy_t *p, double now, input_t *input)
  * stiffness (v), design the damping, vary the scale (v), choose a torque that is covered and within its limits.
  */
 
+static const double ROUNDED_ENERGY = 1e-9; /* [J] of the account that is rounding: its totals are below 1e5 J */
+
 /* Remember position and velocity of a sample. */
 static void remember_sample(step_t *s)
 {
@@ -5532,6 +5562,7 @@ static int step(const config_t *c, state_t *state, const input_t *input, output_
     guard_torque(&s, error != IIWA14_OK);
     store_copies(state->torque, output->torque);
     store_copies(state->effort, s.effort);
+    limit_gains(&s, error != IIWA14_OK);
     report_gains(&s, error != IIWA14_OK);
     s.held = error == IIWA14_OK && holds_in_fault(&s);
     report_step(&s);

@@ -93,6 +93,27 @@ def test_generated_controller_contains_the_library() -> None:
         assert re.search(rf"^static (?:const )?\w+ \*?{name}\(", generated, re.MULTILINE)
 
 
+def test_no_file_calls_one_behind_it() -> None:
+    """In the order of SOURCES; so there is no circle."""
+    texts = {name: re.sub(r"/\*.*?\*/", "", (LIBRARY / name).read_text(), flags=re.DOTALL) for name in SOURCES}
+    head = re.compile(r"^(?!static )\w[\w *]*?\b(\w+)\([^;{}]*\)\n\{", re.MULTILINE)
+    homes = {function: name for name, text in texts.items() for function in head.findall(text)}
+    assert len(homes) > 100
+    for place, name in enumerate(SOURCES):
+        called = {home for function, home in homes.items() if re.search(rf"\b{function}\(", texts[name])}
+        assert called <= set(SOURCES[: place + 1])
+
+
+def test_a_constant_of_the_header_serves_several_files() -> None:
+    """One that a single file uses stands there, beside what it bounds."""
+    texts = [path.read_text() for path in LIBRARY.glob("*.c")]
+    header = (LIBRARY / "impedance.h").read_text()
+    names = re.findall(r"\b([A-Z][A-Z_]+) = [^;,]*[;,]", "".join(re.findall(r"^static const .*", header, re.MULTILINE)))
+    assert "ROUNDED" in names
+    used = {name: sum(re.search(rf"\b{name}\b", text) is not None for text in texts) for name in names}
+    assert {name for name, count in used.items() if count < 2} == set()
+
+
 def test_functions_fit_on_a_page() -> None:
     """No function is longer than 60 lines, no file than 500, and no conditional is nested in another."""
     for source in SOURCES:

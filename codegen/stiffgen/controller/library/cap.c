@@ -1,6 +1,10 @@
 /* Caps: springs that are too stiff for the sample time are softened in the directions that are, and only there. */
 #include "impedance.h"
 
+static const double FLATTEST = 1e-9; /* least mobility that a cap looks at, over the largest of the spring */
+static const double SPRINGS_CAP = 0.95; /* of LARGEST_STIFFNESS for springs: the scale is capped behind them */
+static const double SPRINGS_LEAST = 0.25; /* of it that posture and limit avoidance leave to the springs */
+
 /* Return the largest eigenvalue of M^-1 K that sample time and delay allow [1/s^2]. */
 static double largest_eigenvalue(const config_t *c)
 {

@@ -1,6 +1,17 @@
 /* Damping: designed from the springs' tangent, limited by the sample time. */
 #include "impedance.h"
 
+/* Largest eigenvalue of M^-1 B T. With differenced velocity, a double integrator is unstable from M^-1 B T = 2.0, 0.83,
+ * 0.53, 0.40, 0.32, 0.26 on at a delay of 0 to 5 samples: the damping has at most 0.475 of it, which is
+ * DELAYED_DAMPING / (1 + delay) from 2 samples on. */
+static const double LARGEST_DAMPING = 0.25, DELAYED_DAMPING = 0.75;
+/* Share of its cap that damping has where the account began beyond a limit: units may be mistaken, and 57 times as
+ * large a velocity must not make the arm oscillate. */
+static const double DOUBTED_SHARE = 1.0 / 64.0;
+static const double FLAT_TWISTS = 3e-2; /* regularisation of the twists that dr follows, over their squares' sum */
+static const double LEAST_DAMPED = 1e-9; /* added to B for its inverse, over its largest entry */
+static const double BRAKED = 0.9; /* share of the velocity limits from which on a joint is braked */
+
 /*
  * Compute the inertia that each joint has alone, 1 / (M^-1)_ii, from modes v with v . M v = 1: M^-1 is the sum of
  * v v^T. Return the trace of M^-1: joint_damping I has no eigenvalue above trace times joint_damping with respect to M.
@@ -193,7 +204,7 @@ void follow_twists(step_t *s, const double *twists, double *velocity)
     for (int r = 0; r < 6 * TIPS; ++r) {
         add_scaled(N, weights[r / 3 % 2] * twists[r], J + r * N, wanted);
     }
-    double shift = FOLLOWED;
+    double shift = FLAT_TWISTS;
     for (int attempt = 0; attempt < 4 && excess > 1.0; ++attempt) {
         if (factorise_cholesky(N, A, 1.0, shift, factor) != 0) {
             memset(velocity, 0, N * sizeof(double));

@@ -1,6 +1,8 @@
 /* Energy: stored in springs and limit avoidance, in the tank, and put out by torques in transit. */
 #include "impedance.h"
 
+static const double LIMIT_SHARE = 0.5; /* share of LARGEST_STIFFNESS for the limit avoidance: the springs add theirs */
+
 /* Return the limits of the springs in force: of every tip's force, then of the moments; NULL without limits. */
 const double *find_spring_limits(const memory_t *m)
 {

@@ -1,6 +1,11 @@
 /* Feed-forward: a wrench that the tips are to exert, velocity and acceleration of a plan, Coriolis forces. */
 #include "impedance.h"
 
+/* Plan: [s] of a velocity limit that a velocity and the command's motion may disagree by, share of it that velocity and
+ * acceleration may, [s] in which a disagreement fades, [s] that a command may stand still with a velocity, and sample
+ * times of travel that the equilibrium may be behind. */
+static const double PLAN_DRIFT = 0.05, PLAN_JUMP = 0.25, PLAN_MEMORY = 0.5, PLAN_STILL = 0.1, KEPT_UP = 2.0;
+
 /* Return whether numbers are all zero; NaN is not. */
 static int are_zero(int count, const double *x)
 {

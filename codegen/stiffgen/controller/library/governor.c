@@ -1,6 +1,18 @@
 /* Governor: the equilibrium follows the wanted one, within bounds on its velocity, force and work. */
 #include "impedance.h"
 
+static const double ARRIVED = 1e-12; /* [s] of travel that is the rounding of poses: the goal is reached */
+static const double NEXT_SHARE = 0.9; /* of the share that should do: the energy is not linear */
+static const double TIP_RAMP = 2.0; /* ramp times in which an equilibrium by pose reaches its largest velocity */
+static const double SAME_POSE = 1e-6; /* [m] or [rad] per call up to which a commanded pose is the same */
+static const double STATIONARY = 1e-5; /* [s] of travel below which a posture does not move on */
+static const double PATH_LEAD = 0.03; /* [m] or [rad] from posture to equilibrium: it slows, and at twice this waits */
+static const double SLOWEST = 0.1; /* share of its velocity limits that an equilibrium keeps until it waits */
+static const double OTHER_POSTURE = 0.3; /* [rad] or [m] from the arm from which on a posture is another one */
+static const double RESTING = 0.03; /* [rad/s] or [m/s] up to which an arm rests */
+static const double UNLOADED = 0.5; /* [N m] or [N] up to which an arm at rest has no load */
+static const double CREEPING = 1e-3; /* [s] of travel: a slower posture that is waited for is at its end */
+
 /* Return the largest norm of the vectors of x, each of the given length, over the governor's share of its limit. */
 static double relative_size(int count, int length, const double *x, const double *limits)
 {
@@ -100,7 +112,7 @@ static double arm_distance(const memory_t *m)
 static int rests_elsewhere(const step_t *s)
 {
     const memory_t *const m = s->m;
-    return arm_distance(m) > ANOTHER && norm(N, m->dq) < RESTING && norm(N, s->transit) < UNLOADED;
+    return arm_distance(m) > OTHER_POSTURE && norm(N, m->dq) < RESTING && norm(N, s->transit) < UNLOADED;
 }
 
 /*
@@ -132,7 +144,7 @@ static int approach_posture(step_t *s, const double *here, double lead, int arri
         memset(step, 0, sizeof step);
     }
     /* a posture that leads is slow until the arm has followed */
-    approach_step(c, step, size, m->beyond && arm_distance(m) > ANOTHER ? SLOWEST : 1.0, m->posture_velocity);
+    approach_step(c, step, size, m->beyond && arm_distance(m) > OTHER_POSTURE ? SLOWEST : 1.0, m->posture_velocity);
     return moving;
 }
 

@@ -23,80 +23,24 @@ enum { LONGEST = 1000000 }; /* samples or calls at which a counter stands still:
 enum { SEARCHED = 40, SEARCH_STEPS = 60 }; /* trials of a search for a posture, steps of a trial */
 enum { MATRIX_NOT_FINITE = 1, MATRIX_NOT_POSITIVE, MATRIX_NOT_CONVERGED };
 
-/* Largest eigenvalues of M^-1 B T and M^-1 K T^2. With differenced velocity, a double integrator is unstable from
- * M^-1 B T = 2.0, 0.83, 0.53, 0.40, 0.32, 0.26 on at a delay of 0 to 5 samples: the damping has at most 0.475 of it,
- * which is DELAYED_DAMPING / (1 + delay) from 2 samples on. */
-static const double LARGEST_DAMPING = 0.25, DELAYED_DAMPING = 0.75, LARGEST_STIFFNESS = 0.0625;
-/* Share of its cap that damping has where the account began beyond a limit: units may be mistaken, and 57 times as
- * large a velocity must not make the arm oscillate. */
-static const double DOUBTED_SHARE = 1.0 / 64.0;
-static const double LIMIT_SHARE = 0.5; /* share of LARGEST_STIFFNESS for the limit avoidance: the springs add theirs */
+static const double LARGEST_STIFFNESS = 0.0625; /* largest eigenvalue of M^-1 K T^2 */
 /* Share by which numbers differ that are the same but for rounding: far above what any sum here can lose (1e-13), and
  * far below what matters to an arm. Times, poses and stiffnesses are compared with it, and shares that a bound allows
  * are smaller by it, so that rounding does not break the bound. */
 static const double ROUNDED = 1e-9;
-static const double ROUNDED_ENERGY = 1e-9;  /* [J] of the account that is rounding: its totals are below 1e5 J */
 static const double NO_TORQUE = 1e-9;       /* [N m] or [N] that counts as none: nothing is divided by it */
-static const double NO_STIFFNESS = 1e-9;    /* [N/m] or [N m/rad] in place of none, where it is divided by */
-static const double NO_ROTATION = 1e-9;     /* [rad] up to which a rotation is linear: its square is below rounding */
-static const double FLATTEST = 1e-9;        /* least mobility that a cap looks at, over the largest of the spring */
-static const double ARRIVED = 1e-12;        /* [s] of travel that is the rounding of poses: the goal is reached */
-static const double SPRINGS_CAP = 0.95;     /* of LARGEST_STIFFNESS for springs: the scale is capped behind them */
-static const double SPRINGS_LEAST = 0.25;   /* of it that posture and limit avoidance leave to the springs */
-static const double NEXT_SHARE = 0.9;       /* of the share that should do: the energy is not linear */
-static const double FALL_SHARE = 0.9;       /* of the rate limit for a scale that falls: the pull changes, too */
 static const double COMMAND_TOLERANCE = 1e-6; /* of a commanded stiffness, over its largest entry: single precision */
-static const double POSE_TOLERANCE = 1e-3;    /* of a commanded rotation, sum of |R^T R - I|: 5 digits */
 static const double REACH_MARGIN = 1.0; /* [m] beyond the arm's reach from which on a pose has a mistaken unit */
 static const double FARTHEST = 1e6;   /* [rad] beyond it an angle has lost its last digits */
 static const double GOVERNOR = 0.8;   /* share of its velocity limits that the equilibrium uses: the arm overshoots */
-static const double TIP_RAMP = 2.0;      /* ramp times in which an equilibrium by pose reaches its largest velocity */
-static const double FOLLOWED = 3e-2;     /* regularisation of the twists that dr follows, over their squares' sum */
-static const double LEAST_DAMPED = 1e-9; /* added to B for its inverse, over its largest entry */
 static const double REACHED = 5e-5;      /* [m] or [rad] up to which a posture has its tips at a pose */
-static const double SAME_POSE = 1e-6;    /* [m] or [rad] per call up to which a commanded pose is the same */
-static const double STATIONARY = 1e-5;   /* [s] of travel below which a posture does not move on */
-static const double ALIKE = 0.25;        /* [m] that weigh as much as one radian in a posture's distance from a pose */
-static const double REGULARISED = 1e-9;  /* added to J^T J of a posture, over its largest entry */
-static const double NEAR = 0.1;          /* [m] or [rad] from a pose at which self-motion begins */
-static const double PATH_LEAD = 0.03; /* [m] or [rad] from posture to equilibrium: it slows, and at twice this waits */
-static const double SLOWEST = 0.1;       /* share of its velocity limits that an equilibrium keeps until it waits */
 static const double STEP_SHARE = 0.05;   /* of a posture's step that is gone in one call */
-static const double ANOTHER = 0.3;       /* [rad] or [m] from the arm from which on a posture is another one */
-static const double RESTING = 0.03;      /* [rad/s] or [m/s] up to which an arm rests */
-static const double UNLOADED = 0.5;      /* [N m] or [N] up to which an arm at rest has no load */
-static const double LONGEST_STEP = 0.5;  /* [rad] or [m] of a search */
-static const double CREEPING = 1e-3;  /* [s] of travel: a slower posture that is waited for is at its end */
-static const double NEAR_TIME = 0.1;     /* [s] of travel that one step of self-motion looks ahead */
-static const double BRAKED = 0.9;     /* share of the velocity limits from which on a joint is braked */
 static const double TANK_FLOOR = 0.1; /* share of the tank's maximum that stiffness is not paid from */
 static const double TRAVEL_TIME = 1.0; /* [s] of the equilibrium's travel that bring in one engagement limit */
-/* Plan: [s] of a velocity limit that a velocity and the command's motion may disagree by, share of it that velocity and
- * acceleration may, [s] in which a disagreement fades, [s] that a command may stand still with a velocity, and sample
- * times of travel that the equilibrium may be behind. */
-static const double PLAN_DRIFT = 0.05, PLAN_JUMP = 0.25, PLAN_MEMORY = 0.5, PLAN_STILL = 0.1, KEPT_UP = 2.0;
 static const double COVERED = 0.7;    /* share of the available energy for the springs; the damping has the remainder */
-/* A sensor: velocity_noise counts this often in one sample; a standstill is judged from this share of the velocity
- * limit on, over the motion of this many samples. */
-static const double NOISE_RANGE = 6.0, FROZEN_SHARE = 0.02, FROZEN_SAMPLES = 20.0;
-/* A joint that stands still under a torque, with differenced velocities. Friction that slides with F holds up to 1.5 F,
- * and a sixth more. Before a joint has moved for FRICTION_TIME its friction is a share of the effort limit, and never
- * less than another. */
-static const double FRICTION_RANGE = 1.75, UNKNOWN_FRICTION = 0.03, LEAST_FRICTION = 0.005;
-static const double FRICTION_TIME = 0.25, FRICTION_MEMORY = 2.0; /* [s] of motion; [s] of its mean */
-static const double HELD_BEFORE = 1.25;     /* torque that was held before explains so many times itself */
-static const double FROZEN_TRAVEL = 4e-3;   /* [rad] or [m] predicted motion of a joint that stands still: no less */
-static const double STOPPED_BY = 0.3;       /* share of a joint's momentum that a torque from outside has taken */
-static const double GIVES_WAY = 0.05;       /* share of the effort limit that no contact holds to the last bit */
-static const double HARDEST = 5e4, COARSE = 1e-5; /* [N m/rad] hardest contact; [rad] quantum that is not declared */
-static const double REST_MEMORY = 1.0;      /* [s] in which predicted motion fades: noise does not add up */
-static const double LEAST_QUANTUM = 1e-7;   /* [rad] or [m] up to which a position is the same */
-static const double LOAD_TIME = 0.02;       /* [s] low pass on the torque that is not explained */
-static const double SLOW = 0.01;            /* [rad/s] or [m/s] from which on a joint shows its friction */
-static const double GAIN_FADE = 0.9;     /* share of the motors' kp that is left after another call without a sample */
+static const double NOISE_RANGE = 6.0; /* velocity_noise counts this often in one sample */
 static const double SCALE_TIME = 0.05;   /* [s] shortest time in which the scale rises from 0 to 1 */
 static const double NO_LOAD = 1e-3; /* share of heaviest_wrench up to which springs count as unloaded */
-static const double LARGEST_ENERGY = 1e4; /* [J] largest energy limit */
 static const double HALF_TURN = 3.14159265358979324;
 static const double GOLDEN = 0.61803398874989485; /* golden ratio less 1: its multiples fill [0, 1) evenly */
 
@@ -268,7 +212,8 @@ double bound_late_work(const double *q, const double *q_des, const double *dq_de
 void plan_gains(step_t *s);
 double absorbed_work(const memory_t *m, const double *motion);
 void fade_gains(memory_t *m);
-void report_gains(step_t *s, int refused);
+void limit_gains(step_t *s, int refused);
+void report_gains(const step_t *s, int refused);
 
 /* energy.c */
 const double *find_spring_limits(const memory_t *m);

@@ -5,6 +5,8 @@
  */
 #include "impedance.h"
 
+static const double GAIN_FADE = 0.9; /* share of the motors' kp that is left after another call without a sample */
+
 /* Choose gains: the diagonal of a matrix, each entry at least 0 and at most its limit. */
 static void choose_gains(const double *matrix, const double *limit, double *gains)
 {
@@ -108,24 +110,37 @@ void fade_gains(memory_t *m)
     }
 }
 
-/*
- * Write tau_ff, and as the torque what the motors apply at the last known state. kd falls where its torque would exceed
- * the effort limit; that of a refused configuration is not believed.
- */
-void report_gains(step_t *s, int refused)
+/* Return the torque of motor i at the last known velocity, within the effort limit (0 if refused) or that of tau_ff. */
+static double apply_gains(const step_t *s, int i, double feed, int refused)
+{
+    const double most = larger(refused ? 0.0 : s->c->effort_limit[i], fabs(feed));
+    return clamp(feed - s->m->kd[i] * s->m->dq[i], -most, most);
+}
+
+/* Lower kd where its torque at the last known velocity would exceed the effort limit. */
+void limit_gains(step_t *s, int refused)
 {
     memory_t *const m = s->m;
+    for (int i = 0; i < N; ++i) {
+        const double feed = s->out->torque[i], damped = m->kd[i] * m->dq[i];
+        const double applied = apply_gains(s, i, feed, refused);
+        if (!(fabs(damped) <= DBL_MAX)) { /* the memory holds no velocity */
+            m->kd[i] = 0.0;
+        } else if (applied != feed - damped) {
+            m->kd[i] *= (feed - applied) / damped;
+            s->status |= ID(STATUS_SATURATED);
+        }
+    }
+}
+
+/* Write tau_ff, as the torque what the motors apply at the last known state, and the work of a late call. */
+void report_gains(const step_t *s, int refused)
+{
+    const memory_t *const m = s->m;
     output_t *const out = s->out;
     memcpy(out->tau_ff, out->torque, sizeof out->tau_ff);
     for (int i = 0; i < N; ++i) {
-        const double damped = m->kd[i] * m->dq[i], limit = refused ? 0.0 : s->c->effort_limit[i];
-        const double most = larger(limit, fabs(out->tau_ff[i])), applied = clamp(out->tau_ff[i] - damped, -most, most);
-        if (!(fabs(damped) <= DBL_MAX)) { /* the memory holds no velocity */
-            m->kd[i] = 0.0;
-        } else if (applied != out->tau_ff[i] - damped) {
-            m->kd[i] *= (out->tau_ff[i] - applied) / damped;
-            s->status |= ID(STATUS_SATURATED);
-        }
+        const double applied = apply_gains(s, i, out->tau_ff[i], refused);
         out->torque[i] = fabs(applied) <= DBL_MAX ? applied : out->tau_ff[i];
     }
     const double hold = m->fault == ID(FAULT_NONE) ? (double)m->hold * m->call_gap : (double)m->call_gap;

@@ -193,3 +193,14 @@ int is_positive_semidefinite(int n, const double *A, double tolerance)
     /* the factor exists exactly if no eigenvalue of A / scale lies below the shift */
     return factorise_cholesky(n, scaled, 1.0, tolerance, L) == 0;
 }
+
+/* Return whether all entries lie between the bounds (both allowed); NaN does not. */
+int doubles_within(const double *x, size_t count, double least, double most)
+{
+    for (size_t i = 0; i < count; ++i) {
+        if (!(x[i] >= least && x[i] <= most)) {
+            return 0;
+        }
+    }
+    return 1;
+}

@@ -2,6 +2,19 @@
  * of the positions. */
 #include "impedance.h"
 
+/* Friction that slides with F holds up to 1.5 F, and a sixth more. Before a joint has moved for FRICTION_TIME its
+ * friction is a share of the effort limit, and never less than another. */
+static const double FRICTION_RANGE = 1.75, UNKNOWN_FRICTION = 0.03, LEAST_FRICTION = 0.005;
+static const double FRICTION_TIME = 0.25, FRICTION_MEMORY = 2.0; /* [s] of motion; [s] of its mean */
+static const double HELD_BEFORE = 1.25; /* torque that was held before explains so many times itself */
+static const double STOPPED_BY = 0.3; /* share of a joint's momentum that a torque from outside has taken */
+static const double GIVES_WAY = 0.05; /* share of the effort limit that no contact holds to the last bit */
+static const double HARDEST = 5e4, COARSE = 1e-5; /* [N m/rad] hardest contact; [rad] quantum that is not declared */
+static const double REST_MEMORY = 1.0; /* [s] in which predicted motion fades: noise does not add up */
+static const double LEAST_QUANTUM = 1e-7; /* [rad] or [m] up to which a position is the same */
+static const double LOAD_TIME = 0.02; /* [s] low pass on the torque that is not explained */
+static const double SLOW = 0.01; /* [rad/s] or [m/s] from which on a joint shows its friction */
+
 /* Return the controller's torque on joint i in the interval that ends now. */
 static double find_own_torque(const memory_t *m, const double *last, int i)
 {

@@ -4,6 +4,12 @@
  */
 #include "impedance.h"
 
+static const double NO_ROTATION = 1e-9; /* [rad] up to which a rotation is linear: its square is below rounding */
+static const double RADIAN_LENGTH = 0.25; /* [m] that weigh as much as one radian in a posture's distance from a pose */
+static const double FLAT_SHARE = 1e-9; /* added to J^T J of a posture, over its largest entry */
+static const double SELF_MOTION_NEAR = 0.1; /* [m] or [rad] from a pose at which self-motion begins */
+static const double LONGEST_STEP = 0.5; /* [rad] or [m] of a search */
+static const double NEAR_TIME = 0.1; /* [s] of travel that one step of self-motion looks ahead */
 /* Sine of a rotation up to which, near half a turn, it has lost the digits of the axis; sine too small to divide by. */
 static const double HALF_TURN_SINE = 1e-6, NO_SINE = 1e-150;
 
@@ -110,7 +116,7 @@ static int combine_steps(const double *A, const double *task, const double *near
         slope[i] = held[i] ? 0.0 : slope[i];
         self[i] = held[i] ? 0.0 : self[i];
     }
-    if (!solve_free(A, REGULARISED + shift, held, work, slope) || !solve_free(A, REGULARISED, held, work, self)) {
+    if (!solve_free(A, FLAT_SHARE + shift, held, work, slope) || !solve_free(A, FLAT_SHARE, held, work, self)) {
         return 0;
     }
     for (int i = 0; i < N; ++i) {
@@ -141,8 +147,8 @@ static int hold_joint(const memory_t *m, const double *q, int *held, double *ste
 
 /*
  * Sum up the pose's error over the tips: the slope J^T W e and A = J^T W J, scaled so that A has the largest entry 1. W
- * lets ALIKE weigh as much as one radian. Return |e|, the largest of the tips' distances [m] and angles [rad]; damping:
- * that of the step.
+ * lets RADIAN_LENGTH weigh as much as one radian. Return |e|, the largest of the tips' distances [m] and angles [rad];
+ * damping: that of the step.
  */
 static double sum_errors(const memory_t *m, const double *q, const double *here, const double *goal, double *A,
                          double *task, double *damping)
@@ -156,7 +162,7 @@ static double sum_errors(const memory_t *m, const double *q, const double *here,
         pose_difference(here + 16 * t, goal + 16 * t, error);
         distance = larger(distance, larger(norm(3, error), norm(3, error + 3)));
         for (int k = 0; k < 6; ++k) {
-            const double *const row = J + (6 * t + k) * N, weight = k < 3 ? 1.0 / (ALIKE * ALIKE) : 1.0;
+            const double *const row = J + (6 * t + k) * N, weight = k < 3 ? 1.0 / (RADIAN_LENGTH * RADIAN_LENGTH) : 1.0;
             squares += weight * error[k] * error[k];
             add_scaled(N, weight * error[k], row, task);
             for (int i = 0; i < N; ++i) {
@@ -195,7 +201,7 @@ double find_posture_step(const config_t *c, const memory_t *m, const double *q, 
         speed = larger(speed, fabs(near[i]) / (c->reference_velocity_limit[i] * NEAR_TIME));
     }
     for (int i = 0; i < N; ++i) {
-        near[i] *= larger(1.0 - distance / NEAR, 0.0) / larger(speed, 1.0);
+        near[i] *= larger(1.0 - distance / SELF_MOTION_NEAR, 0.0) / larger(speed, 1.0);
     }
     int good = 1, again = 1;
     for (int round = 1; round <= N && again; ++round) {

@@ -1,6 +1,8 @@
 /* Commands: what is accepted, and why what is not is refused. */
 #include "impedance.h"
 
+static const double POSE_TOLERANCE = 1e-3; /* of a commanded rotation, sum of |R^T R - I|: 5 digits */
+
 /* Note why a command is refused; the first reason stays. Outputs are finite: NaN counts as 0. Return 0. */
 int refuse_command(refusal_t *r, int code, int command, int entry, double seen, double limit)
 {

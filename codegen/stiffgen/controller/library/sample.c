@@ -1,6 +1,9 @@
 /* Samples: whether a measurement is believed. */
 #include "impedance.h"
 
+/* A standstill is judged from this share of the velocity limit on, over the motion of this many samples. */
+static const double FROZEN_SHARE = 0.02, FROZEN_SAMPLES = 20.0;
+static const double FROZEN_TRAVEL = 4e-3; /* [rad] or [m] predicted motion of a joint that stands still: no less */
 enum { FROZEN_POSITION = 1, FROZEN_VELOCITY = 2 };
 enum { HALVES = 2, SKIPPED = 1000 }; /* halves of a sample; most calls that are counted as skipped at once */
 /* Motion that dq and q may disagree by in a sample: share of the velocity limit, share of the motion itself. */

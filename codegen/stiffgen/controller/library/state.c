@@ -1,17 +1,6 @@
 /* Configuration and state: checks, checksum, start, reset, faults. */
 #include "impedance.h"
 
-/* Return whether all entries lie between the bounds (both allowed); NaN does not. */
-int doubles_within(const double *x, size_t count, double least, double most)
-{
-    for (size_t i = 0; i < count; ++i) {
-        if (!(x[i] >= least && x[i] <= most)) {
-            return 0;
-        }
-    }
-    return 1;
-}
-
 /* Return whether all entries lie between the bounds (both allowed). */
 int integers_within(const int *x, size_t count, int least, int most)
 {

@@ -4,6 +4,8 @@
  */
 #include "impedance.h"
 
+static const double ROUNDED_ENERGY = 1e-9; /* [J] of the account that is rounding: its totals are below 1e5 J */
+
 /* Remember position and velocity of a sample. */
 static void remember_sample(step_t *s)
 {
@@ -352,6 +354,7 @@ int step(const config_t *c, state_t *state, const input_t *input, output_t *outp
     guard_torque(&s, error != ID(OK));
     store_copies(state->torque, output->torque);
     store_copies(state->effort, s.effort);
+    limit_gains(&s, error != ID(OK));
     report_gains(&s, error != ID(OK));
     s.held = error == ID(OK) && holds_in_fault(&s);
     report_step(&s);

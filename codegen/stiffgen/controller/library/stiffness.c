@@ -1,6 +1,8 @@
 /* Stiffness and scale: what releases energy is done, what costs energy waits for the tank. */
 #include "impedance.h"
 
+static const double FALL_SHARE = 0.9; /* of the rate limit for a scale that falls: the pull changes, too */
+
 /*
  * Move the stiffness towards the wanted one at once where that releases energy. Results: the changes that cost energy,
  * per spring. Return whether anything changes.

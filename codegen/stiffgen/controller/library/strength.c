@@ -1,6 +1,9 @@
 /* Strength: the tank that a wrench at the tip needs, and the wrench that the tank allows. */
 #include "impedance.h"
 
+static const double NO_STIFFNESS = 1e-9; /* [N/m] or [N m/rad] in place of none, where it is divided by */
+static const double LARGEST_ENERGY = 1e4; /* [J] largest energy limit */
+
 /* Choose one of POSTURES postures, spread over the position limits (half a turn where there is none). */
 void place_posture(const config_t *c, const memory_t *m, int k, double *q)
 {

@@ -29,21 +29,21 @@ void limit_torque(step_t *s, const double *last)
 }
 
 /*
- * Try the torque with a share of what is wanted: 0 the torque that goes to zero, 1 the springs and the commanded
- * wrench, 2 these with damping, plan and Coriolis forces. Return whether the available energy covers it.
+ * Try a torque: a share of the springs and the commanded wrench (0: the torque that goes to zero), and, behind all of
+ * these, a share of damping, plan and Coriolis forces. Return whether the available energy covers it.
  */
-static int try_torque(step_t *s, const double *last, double share)
+static int try_torque(step_t *s, const double *last, double springs, double damping)
 {
     output_t *const out = s->out;
     double least[N], parts[3];
     step_towards_zero(last, s->m->rate, least);
     for (int i = 0; i < N; ++i) {
         const double rate = s->m->rate[i];
-        const double springs = out->elastic_torque[i] + out->limit_torque[i] + out->feedforward_torque[i];
-        if (share < 1.0) {
-            out->torque[i] = least[i] + share * (clamp(springs, last[i] - rate, last[i] + rate) - least[i]);
+        const double pull = out->elastic_torque[i] + out->limit_torque[i] + out->feedforward_torque[i];
+        if (springs < 1.0) {
+            out->torque[i] = least[i] + springs * (clamp(pull, last[i] - rate, last[i] + rate) - least[i]);
         } else {
-            out->torque[i] = springs + (share - 1.0) * (out->damping_torque[i] + s->carried[i] + s->damped[i]);
+            out->torque[i] = pull + damping * (out->damping_torque[i] + s->carried[i] + s->damped[i]);
         }
     }
     limit_torque(s, last);
@@ -52,32 +52,37 @@ static int try_torque(step_t *s, const double *last, double share)
 }
 
 /*
- * Reduce a torque that is not covered: first damping, plan and Coriolis forces, then springs and wrench. feed: the
- * reference's share of the former is reduced with them.
+ * Reduce a torque that is not covered: first damping, plan and Coriolis forces, then springs and wrench, to a share in
+ * 1/32. feed: the reference's share of the former is reduced with them.
  */
 static void reduce_torque(step_t *s, const double *last, double *feed)
 {
     memory_t *const m = s->m;
-    double trial = 1.0, share = 0.0, step = 0.5;
-    for (int round = 0; round < 6; ++round) {
-        const int covered = try_torque(s, last, trial);
-        share = covered ? trial : share;
-        trial += covered ? step : -step;
+    double springs = 0.0, damping = 0.0, step = 0.5;
+    double *const share = try_torque(s, last, 1.0, 0.0) ? &damping : &springs;
+    if (share == &damping) {
+        springs = 1.0;
+    }
+    for (int round = 0; round < 5; ++round) {
+        *share += step;
+        if (!try_torque(s, last, springs, damping)) {
+            *share -= step;
+        }
         step *= 0.5;
     }
-    if (!try_torque(s, last, share)) {
+    if (!try_torque(s, last, springs, damping)) {
         /* after a long gap only a torque that is not held again may be covered */
         m->hold = 1;
-        try_torque(s, last, share);
+        try_torque(s, last, springs, damping);
     }
     s->status |= ID(STATUS_RESERVE);
-    if (share < 1.0 && m->tank + s->lack < TANK_FLOOR * s->tank_maximum) {
+    if (springs < 1.0 && m->tank + s->lack < TANK_FLOOR * s->tank_maximum) {
         latch_fault(m, ID(REASON_RESERVE), NO_JOINT, m->reserve, available_energy(m));
     }
     for (int i = 0; i < N; ++i) {
-        s->out->damping_torque[i] *= larger(share - 1.0, 0.0);
-        s->carried[i] *= larger(share - 1.0, 0.0);
-        feed[i] *= larger(share - 1.0, 0.0);
+        s->out->damping_torque[i] *= damping;
+        s->carried[i] *= damping;
+        feed[i] *= damping;
     }
 }
 
@@ -172,7 +177,7 @@ void compute_torque(step_t *s, const double *last, int moved)
     }
     compensate_coriolis(s);
     plan_gains(s);
-    if (!try_torque(s, last, 2.0)) {
+    if (!try_torque(s, last, 1.0, 1.0)) {
         reduce_torque(s, last, feed);
     }
     shift_history(m, s->transit, feed);
