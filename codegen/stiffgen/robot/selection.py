@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from stiffgen.errors import ChainError, DescriptionError, listed, printable, shell_word
@@ -83,8 +83,12 @@ def select(description: Description, options: ChainOptions = _DEFAULTS) -> Selec
     moving_all = [*moving, *(each for each in of_loops.values() if couplings.moves(each))]
     masters = dict.fromkeys(couplings[element].joint for element in moving_all)
     beyond = _joints_beyond(description, base)
-    wanted = [each for each in description.joints.values() if options.masses or each.name in of_loops]
-    side = _side_joints(description, couplings, base, beyond, moving, masters, wanted)
+    followers = {
+        each.name
+        for each in description.joints.values()
+        if couplings.moves(each) and couplings[each].joint in masters and (options.masses or each.name in of_loops)
+    }
+    side = _side_joints(description, couplings, base, beyond, followers - {element.name for element in moving})
     _check_count(file, base, tips, [*moving, *side])
     carried = carried_links(description, [*moving, *side], base if floating else None) if options.masses else {}
     used = [*elements, *of_loops.values(), *side]
@@ -146,35 +150,24 @@ def _joints_beyond(description: Description, base: str) -> list[JointElement]:
 
 
 def _side_joints(
-    description: Description,
-    couplings: Couplings,
-    base: str,
-    beyond: list[JointElement],
-    moving: list[JointElement],
-    masters: Container[str],
-    wanted: Iterable[JointElement],
+    description: Description, couplings: Couplings, base: str, beyond: list[JointElement], wanted: set[str]
 ) -> list[JointElement]:
-    """Return the joints beside the paths to the tips that follow a coordinate, parents before children.
+    """Return the wanted joints in the order of the tree; their masses count although no tip moves with them.
 
-    Their masses count although no tip moves with them. ``moving`` are the joints on the paths, ``masters`` the names of
-    the coordinates, ``beyond`` the joints below the base in the order of the tree, ``wanted`` the joints to look at.
+    Raises:
+        ChainError: one of them is not beyond the base.
+
     """
-    on_paths = {element.name for element in moving}
-    side = [
-        element
-        for element in wanted
-        if element.name not in on_paths and couplings.moves(element) and couplings[element].joint in masters
-    ]
-    ranks = {element.name: rank for rank, element in enumerate(beyond)}
-    for element in side:
-        if element.name not in ranks:
+    astray = wanted - {element.name for element in beyond}
+    for element in description.joints.values():
+        if element.name in astray:
             raise ChainError(
                 f"{description.file}: joint '{printable(element.name)}' moves with "
                 f"'{printable(couplings[element].joint)}' through <mimic> but is not beyond base "
                 f"'{printable(base)}', so that its mass cannot be counted; choose a base nearer the root, or leave "
                 "all masses out (--no-masses)"
             )
-    return sorted(side, key=lambda element: ranks[element.name])
+    return [element for element in beyond if element.name in wanted]
 
 
 def _check_count(file: str, base: str, tips: list[str], moving: list[JointElement]) -> None:
