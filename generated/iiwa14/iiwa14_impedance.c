@@ -2426,9 +2426,8 @@ static int holds_in_fault(const step_t *s)
 /* Motion: whether a joint that stands still can do so under the torque that acts, for velocities that are differences
  * of the positions. */
 
-/* Friction that slides with F holds up to 1.5 F,
- * and a sixth more. Before a joint has moved for FRICTION_TIME its friction is a share of the effort limit, and never
- * less than another. */
+/* Friction that slides with F holds up to 1.5 F, and a sixth more. Before a joint has moved for FRICTION_TIME its
+ * friction is a share of the effort limit, and never less than another. */
 static const double FRICTION_RANGE = 1.75, UNKNOWN_FRICTION = 0.03, LEAST_FRICTION = 0.005;
 static const double FRICTION_TIME = 0.25, FRICTION_MEMORY = 2.0; /* [s] of motion; [s] of its mean */
 static const double HELD_BEFORE = 1.25; /* torque that was held before explains so many times itself */

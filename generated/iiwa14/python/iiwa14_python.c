@@ -3297,7 +3297,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "f694c7c7ff50584c") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "f775d7625b422361") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }
