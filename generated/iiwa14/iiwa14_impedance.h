@@ -130,7 +130,7 @@ enum {
     IIWA14_STATUS_STIFFNESS_CAPPED = 1 << 15, /* springs are softened: M^-1 K T^2 would be too large for the sample time (stiffness_share) */
     IIWA14_STATUS_INDEFINITE = 1 << 16, /* the tangent has a negative eigenvalue: its mode is unstable, and is damped as if it were stable */
     IIWA14_STATUS_MASS_MATRIX = 1 << 17, /* the mass matrix is not positive definite: damping is joint_damping only */
-    IIWA14_STATUS_LIMITS_KEPT = 1 << 18, /* a changed limit avoidance waits: at the present position it would cost more energy than the tank can pay */
+    IIWA14_STATUS_LIMITS_KEPT = 1 << 18, /* a changed limit waits: limit avoidance that would cost more energy than the tank can pay, or a raised velocity_limit, missed_limit or call_gap_limit that tank and stored energy do not cover */
     IIWA14_STATUS_CONFIG = 1 << 19, /* the configuration is refused or the state is not initialised; the return value says why */
     IIWA14_STATUS_REPEATED = 1 << 20, /* the sample repeats the last state, as state_period allows: the torque is held */
     IIWA14_STATUS_OVERSPEED = 1 << 21, /* a joint is beyond its velocity limit and is braked: a fault after overspeed_time */
@@ -544,6 +544,12 @@ typedef struct {
     double tank_reserve;
     /* [J] work left for moves of the equilibrium. */
     double engagement;
+    /* [rad/s or m/s] velocity_limit in force: a raised one waits until it is covered. */
+    double velocity_limit[7];
+    /* [samples] missed_limit in force, as velocity_limit. */
+    int missed_limit;
+    /* [samples] call_gap_limit in force, as velocity_limit. */
+    int call_gap_limit;
     /* [J] tank_initial in force. */
     double tank_initial;
     /* [J] engagement_limit in force. */

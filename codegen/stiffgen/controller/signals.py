@@ -230,6 +230,17 @@ OUTPUT: tuple[Field, ...] = (
         memory="reserve",
     ),
     Field("engagement", SCALAR, "J", "work left for moves of the equilibrium", memory="="),
+    Field(
+        "velocity_limit",
+        N,
+        "rad/s or m/s",
+        "velocity_limit in force: a raised one waits until it is covered",
+        memory="=",
+    ),
+    Field("missed_limit", SCALAR, "samples", "missed_limit in force, as velocity_limit", type="int", memory="calls"),
+    Field(
+        "call_gap_limit", SCALAR, "samples", "call_gap_limit in force, as velocity_limit", type="int", memory="call_gap"
+    ),
     Field("tank_initial", SCALAR, "J", "tank_initial in force"),
     Field("engagement_limit", SCALAR, "J", "engagement_limit in force"),
     Field("energy_limit", SCALAR, "J", "energy_limit in force, at the present stiffness and deflection"),

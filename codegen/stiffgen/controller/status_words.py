@@ -30,7 +30,8 @@ STATUS: tuple[tuple[str, str], ...] = (
     ("mass_matrix", "the mass matrix is not positive definite: damping is joint_damping only"),
     (
         "limits_kept",
-        "a changed limit avoidance waits: at the present position it would cost more energy than the tank can pay",
+        "a changed limit waits: limit avoidance that would cost more energy than the tank can pay, or a raised "
+        "velocity_limit, missed_limit or call_gap_limit that tank and stored energy do not cover",
     ),
     ("config", "the configuration is refused or the state is not initialised; the return value says why"),
     ("repeated", "the sample repeats the last state, as state_period allows: the torque is held"),

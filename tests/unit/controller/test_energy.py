@@ -185,3 +185,85 @@ def test_a_reset_that_ends_in_another_fault_brings_in_nothing(robot: ModuleType)
     for then, since in ended:
         np.testing.assert_allclose(since, then, atol=1e-12)
         assert since[0] < 0.2 - 1e-6
+
+
+RAISED: dict[str, Any] = {"motor_inertia": 0.1, "call_gap_limit": 1, "missed_limit": 20, "loss_limit": 1000}
+
+
+def rest(controller: Any, steps: int, q: np.ndarray, q0: np.ndarray) -> Any:
+    """Hold the arm at q; a velocity that toggles is no frozen one."""
+    return [controller.step(q=q, dq=np.full(7, 1e-4 * (-1) ** k), q0=q0, **SPRING) for k in range(steps)][-1]
+
+
+@pytest.mark.parametrize("fault", [False, True])
+@pytest.mark.parametrize(("name", "raised"), [
+    ("velocity_limit", 10.0), ("missed_limit", 900), ("call_gap_limit", 20),
+])  # fmt: skip
+def test_a_raised_limit_waits_until_it_is_covered(robot: ModuleType, name: str, raised: float, fault: bool) -> None:
+    """An arm that is carried along at the limit in force. Before, ten times the velocity limit set TANK_DEFICIT."""
+    controller = robot.Impedance(**RAISED, errors="ignore")
+    out = rest(controller, 1500, Q, Q + 0.1)
+    before = np.copy(getattr(out, name))
+    wanted = raised * robot.VELOCITY if name == "velocity_limit" else int(raised)
+    setattr(controller.config, name, wanted)
+    q, work, torque = Q.copy(), 0.0, out.torque
+    for k in range(30):  # in the direction of the torque
+        dq = 0.999 * out.velocity_limit * np.sign(torque) * (k > 0)
+        q = q + 1e-3 * dq
+        work += 1e-3 * float(torque @ dq)
+        shown = np.full(7, np.nan) if fault and k in (2, 3) else q
+        out = controller.step(q=shown, dq=dq, q0=Q + 0.1, **SPRING)
+        torque = out.torque
+        assert work <= out.energy_supplied and not out.status & robot.Status.TANK_DEFICIT
+        if k == 0:
+            assert np.any(getattr(out, name) == before), "each joint by itself: a load holds back its own"
+            assert out.status & robot.Status.LIMITS_KEPT
+    out = rest(controller, 1500, q, q)  # at the command, or in a fault, nothing is in transit
+    np.testing.assert_array_equal(getattr(out, name), wanted)
+    assert bool(out.fault) == fault and not out.status & robot.Status.LIMITS_KEPT
+
+
+def test_a_speed_is_judged_by_the_limit_in_force(robot: ModuleType) -> None:
+    """A raise that waits is not yet a limit: joint 2, loaded, is too fast for the old one. Joint 7 has no load."""
+    controller = robot.Impedance(**RAISED, tank_initial=1.0, overspeed_time=0.0, errors="ignore")
+    q0 = Q + 0.1 * np.eye(7)[1]
+    rest(controller, 1500, Q, q0)
+    controller.config.velocity_limit = 10.0 * robot.VELOCITY
+    out = rest(controller, 1, Q, q0)
+    assert out.velocity_limit[1] == robot.VELOCITY[1] and out.velocity_limit[6] == 10.0 * robot.VELOCITY[6]
+    last = 1.2 * robot.VELOCITY * np.eye(7)[6]
+    out = controller.step(q=Q + 1e-3 * last, dq=last, q0=q0, **SPRING)
+    assert not out.fault and not out.status & robot.Status.OVERSPEED
+    second = 1.2 * robot.VELOCITY * np.eye(7)[1]
+    out = controller.step(q=Q + 1e-3 * (last + second), dq=second, q0=q0, **SPRING)
+    assert out.reason == robot.Reason.OVERSPEED and out.fault_joint == 1
+    assert out.fault_limit == robot.VELOCITY[1]
+
+
+def test_a_lowered_limit_acts_at_once(robot: ModuleType) -> None:
+    """Calls by the next sample; a velocity is judged by it at once, and counted with once the arm is below it."""
+    controller = robot.Impedance(**RAISED | {"call_gap_limit": 3}, overspeed_time=0.01, errors="ignore")
+    speed = 0.5 * robot.VELOCITY[6] * np.eye(7)[6]
+    outs = [controller.step(q=Q + 1e-3 * k * speed, dq=speed, q0=Q, **SPRING) for k in range(5)]
+    assert not outs[-1].fault
+    controller.config.velocity_limit = 0.4 * robot.VELOCITY
+    controller.config.missed_limit, controller.config.call_gap_limit = 7, 2
+    out = controller.step(q=Q + 5e-3 * speed, dq=speed, q0=Q, **SPRING)
+    assert (out.missed_limit, out.call_gap_limit) == (7, 2) and not out.status & robot.Status.LIMITS_KEPT
+    assert out.status & robot.Status.OVERSPEED and out.velocity_limit[6] == robot.VELOCITY[6]
+    np.testing.assert_array_equal(out.velocity_limit[:6], 0.4 * robot.VELOCITY[:6])
+    out = controller.step(q=Q + 5e-3 * speed, dq=np.zeros(7), q0=Q, **SPRING)
+    np.testing.assert_array_equal(out.velocity_limit, 0.4 * robot.VELOCITY)
+
+
+def test_a_raised_number_of_calls_raises_the_gap_that_it_holds_back(robot: ModuleType) -> None:
+    """The gap in force is at most missed_limit in force; each of both is adopted by itself."""
+    controller = robot.Impedance(**RAISED | {"call_gap_limit": 6, "missed_limit": 4})
+    out = rest(controller, 1500, Q, Q + 0.1)
+    assert (out.missed_limit, out.call_gap_limit) == (4, 4)
+    controller.config.missed_limit = 900
+    out = rest(controller, 1, Q, Q + 0.1)
+    assert (out.missed_limit, out.call_gap_limit) == (4, 4) and out.status & robot.Status.LIMITS_KEPT
+    controller.config.missed_limit = 5
+    out = rest(controller, 1, Q, Q)
+    assert (out.missed_limit, out.call_gap_limit) == (5, 5) and not out.status & robot.Status.LIMITS_KEPT

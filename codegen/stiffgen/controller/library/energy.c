@@ -286,19 +286,44 @@ void drop_limits(step_t *s, const double *q)
 }
 
 /*
- * Adopt the configured missed_limit and call_gap_limit. Larger ones let the torque act for longer: they wait until the
- * available energy covers that, and never come into force in a fault.
+ * Return whether tank, stored energy and engagement cover the present torque under given limits of calls. Torques that
+ * were in transit in a gap may be booked already, at the velocity limits in force then: they must have acted.
  */
-void adopt_missed_limit(step_t *s, const double *last)
+static int covers_torque(const step_t *s, int calls, int gap, const double *last)
 {
-    memory_t *const m = s->m;
+    const memory_t *const m = s->m;
     double parts[3];
-    const int calls = s->c->missed_limit, gap = limit_call_gap(s->c, calls);
-    if ((calls <= m->calls && gap <= m->call_gap) ||
-        (m->fault == ID(FAULT_NONE) && compute_reserve(s, calls, gap, last, parts) <= available_energy(m))) {
-        m->calls = calls;
+    return m->recent_count > m->delay && worst_feed_work(m, m->feed, gap) <= larger(m->engagement, 0.0) &&
+           sum_reserve(s, calls, gap, last, parts) <= available_energy(m);
+}
+
+/*
+ * Adopt the limits under which a torque can put out more: a raised velocity_limit, missed_limit or call_gap_limit. One
+ * rule for each, in a fault, too: it waits until the present torque is covered under it. Lower limits of calls come
+ * into force at once; check_limits lowers those of velocity.
+ */
+void adopt_raised_limits(step_t *s, const double *last)
+{
+    const config_t *const c = s->c;
+    memory_t *const m = s->m;
+    int kept = 0;
+    for (int i = 0; i < N; ++i) {
+        const double before = m->velocity_limit[i];
+        m->velocity_limit[i] = larger(before, c->velocity_limit[i]);
+        if (m->velocity_limit[i] > before && !covers_torque(s, m->calls, m->call_gap, last)) {
+            m->velocity_limit[i] = before;
+            kept = 1;
+        }
+    }
+    if (c->missed_limit <= m->calls || covers_torque(s, c->missed_limit, m->call_gap, last)) {
+        m->calls = c->missed_limit;
+    }
+    const int gap = limit_call_gap(c, m->calls);
+    if (gap <= m->call_gap || covers_torque(s, m->calls, gap, last)) {
         m->call_gap = gap;
     }
+    kept |= m->calls < c->missed_limit || m->call_gap < gap;
+    s->status |= kept ? (uint32_t)ID(STATUS_LIMITS_KEPT) : 0u;
 }
 
 /*

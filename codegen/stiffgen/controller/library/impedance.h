@@ -236,7 +236,7 @@ double compute_reserve(const step_t *s, int calls, int gap, const double *torque
 double available_energy(const memory_t *m);
 void adopt_limits(step_t *s, const double *q);
 void drop_limits(step_t *s, const double *q);
-void adopt_missed_limit(step_t *s, const double *last);
+void adopt_raised_limits(step_t *s, const double *last);
 void bridge_gap(step_t *s, int periods);
 void note_untimed_call(step_t *s, const double *last);
 void bridge_missing_calls(step_t *s, const double *last, int missing);

@@ -29,13 +29,14 @@ static void check_limits(step_t *s)
     int fast = NO_JOINT;
     for (int i = 0; i < N; ++i) {
         const double speed = fabs(s->velocity[i]);
-        if (speed > c->velocity_limit[i] + NOISE_RANGE * c->velocity_noise) {
+        const double limit = smaller(c->velocity_limit[i], m->velocity_limit[i]);
+        if (speed > limit + NOISE_RANGE * c->velocity_noise) {
             fast = fast == NO_JOINT ? i : fast;
             s->status |= ID(STATUS_OVERSPEED);
         }
-        /* a lowered limit bounds what is believed only once the arm is below it */
-        if (smaller(speed, m->velocity_limit[i]) <= c->velocity_limit[i]) {
-            m->velocity_limit[i] = c->velocity_limit[i];
+        /* a lowered limit bounds what is believed only once the arm is known to be below it */
+        if (s->believed && speed <= c->velocity_limit[i]) {
+            m->velocity_limit[i] = limit;
         }
         if (distance_beyond(c, i, s->q[i]) > c->position_tolerance) {
             const double edge = s->q[i] > c->upper_limit[i] ? c->upper_limit[i] : c->lower_limit[i];
@@ -45,7 +46,8 @@ static void check_limits(step_t *s)
     /* a bump may drive a joint beyond its limit for a moment, which is braked */
     m->fast = fast == NO_JOINT ? 0 : clamp_count(m->fast + 1, LONGEST);
     if (fast != NO_JOINT && m->fast * c->sample_time > c->overspeed_time * (1.0 + ROUNDED)) {
-        latch_fault(m, ID(REASON_OVERSPEED), fast, fabs(s->velocity[fast]), c->velocity_limit[fast]);
+        const double limit = smaller(c->velocity_limit[fast], m->velocity_limit[fast]);
+        latch_fault(m, ID(REASON_OVERSPEED), fast, fabs(s->velocity[fast]), limit);
     }
     if (m->engaged && c->spring != m->spring) {
         latch_fault(m, ID(REASON_CHANGED), NO_JOINT, 0.0, 0.0);
@@ -129,7 +131,7 @@ static void step_with_sample(step_t *s, const double *last)
     accept_feedforward(s);
     check_limits(s);
     s->budget = m->tank - TANK_FLOOR * s->tank_maximum;
-    adopt_missed_limit(s, last);
+    adopt_raised_limits(s, last);
     if (m->fault == ID(FAULT_NONE)) {
         adopt_limits(s, s->q);
     } else {
