@@ -1,17 +1,24 @@
 # SPDX-License-Identifier: MIT
 """Search for schedules that break the controller's energy bound, by hill climbing.
 
-    python tests/campaigns/energy.py [--count 100000] [--seed 1] [--climb 200] [--policy]
+    python tests/campaigns/energy.py [--count 100000] [--seed 1] [--climb 200] [--arm iiwa14] [--policy]
 
-A schedule says what an environment and a planner do to the robot in two seconds: loads, pushes, an arm that is moved
-whatever it does (into the limit zones, too), stiffness and equilibrium that change, targets that are streamed with
-jitter, missed samples, calls left out, velocities that lie, resets. Configurations vary in delay, missed_limit, rate
+A schedule (schedules.py) says what an environment and a planner do to the robot in two seconds: loads, pushes, an arm
+that is moved whatever it does, into the limit zones and along its torque, too; stiffness and equilibrium that change;
+constant commands by position or by pose, and targets that are streamed with jitter; missed samples, calls left out or
+early, velocities that lie, torques of the caller, commands of single precision, resets. Wrenches that the tip is to
+exert, velocities and accelerations of plans come and go, and lie. Configurations vary in delay, missed_limit, rate
 limits, limit zones, damping, velocity filter, tank and engagement, with Coriolis forces and without, with motors that
-have a controller inside and without. Wrenches that the tip is to exert, velocities and accelerations of plans come and
-go, and lie. The work that the robot puts out at its port is summed from the exact motion and the torque that acted, and
-compared with the controller's output energy_supplied, from the first sample to the last and at all times between. With
---policy all commands reach the controller through the policy port, from a hostile commander (policy_law.c) whose seed
-the climb changes. A climb starts at a random schedule and keeps each change that brings the work nearer to the bound or
+have a controller inside and without. They change to and fro while the arm moves: limits of velocity, calls and effort
+are raised and lowered, and the environment uses at once those that the outputs name as in force.
+
+The work that the robot puts out at its port is summed from the exact motion and the torque that acted, and compared
+with the controller's output energy_supplied, from the first sample to the last and at all times between. With --policy
+all commands reach the controller through the policy port, from a hostile commander (policy_law.c) whose seed the climb
+changes. Other arms than the iiwa 14 are generated: j2s6s200 and turning have joints without limits, whose encoders
+wrap, and which make more than half a turn while no sample comes.
+
+A climb starts at a random schedule and keeps each change that brings the work nearer to the bound or
 beyond. A schedule in which control is lost at the start counts for nothing, and nothing else is exempted.
 """
 
@@ -26,17 +33,32 @@ import shutil
 import sys
 import tempfile
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from support.plant.loop import LAW, POLICY, Q0, Loop, N
-from support.plant.statics import random_stiffness
+import stiffgen
+from campaigns.schedules import (
+    PATTERNS,
+    SAMPLES,
+    TURNING,
+    Random,
+    Schedule,
+    change_configuration,
+    draw_plan,
+    draw_wrench,
+    lies,
+    ordered,
+    part,
+    schedule,
+)  # fmt: skip
+from support.arms.arms import MAKERS
+from support.plant.loop import LAW, POLICY, Q0, Loop
 from support.project import ROOT
+from support.small_robots import turning_arm
 
-SAMPLES = 2000
 TOLERANCE = 1e-9
 """[J] by which the bound may be passed."""
 
@@ -49,17 +71,6 @@ CLIMBED = (
 )  # fmt: skip
 """Fields of the configuration that a climb changes; tank and engagement limit stay."""
 
-Random = np.random.Generator
-
-
-@dataclass
-class Schedule:
-    """Fields of the configuration, of the episode, and of the segments, by name."""
-
-    config: dict[str, Any]
-    episode: dict[str, Any]
-    parts: list[dict[str, Any]] = field(default_factory=list)
-
 
 @dataclass(frozen=True)
 class Measured:
@@ -71,323 +82,11 @@ class Measured:
     summary: Any
 
 
-def _springs(random: Random, least: float, least_rotation: float) -> dict[str, np.ndarray]:
-    """Random stiffness, up to 4000 N/m and 400 N m/rad."""
-    return {
-        "translation": random_stiffness(random, least, 4000),
-        "rotation": random_stiffness(random, least_rotation, 400),
-    }
-
-
-def part(random: Random, loop: Loop, moving: bool) -> dict[str, Any]:
-    """Draw a random segment."""
-    made: dict[str, Any] = {
-        "start": int(random.integers(1, SAMPLES)),
-        "missed": 0,
-        "skip": 0,
-        "reset": int(random.random() < 0.4),
-        "driven": 0,
-        "load": np.zeros(6),
-        "push": np.zeros(N),
-        "hand_stiffness": 0.0,
-        "q_stuck": 0,
-        "dq_stuck": 0,
-        "q_offset": np.zeros(N),
-        "dq_offset": np.zeros(N),
-    }
-    kind = random.integers(0, 10)
-    if kind == 0:
-        made["load"] = random.normal(size=6) * [30, 30, 30, 5, 5, 5]
-    elif kind == 1:
-        made["push"] = random.normal(size=N) * 0.05 * loop.effort
-    elif kind <= 4:
-        speed = random.uniform(0, 1) ** 0.5
-        made |= {
-            "driven": 1,
-            "driven_to": random.uniform(-1, 1, N) * loop.velocity * speed,
-            "driven_by": np.exp(random.uniform(np.log(1), np.log(4000), N)),
-        }
-        if kind > 2:
-            made |= {"driven": 2, "driven_at": np.abs(made["driven_to"]), "driven_to": Q0 + random.normal(size=N) * 0.4}
-    elif kind == 5:
-        made |= {
-            "hand_stiffness": 10 ** random.uniform(1, 3),
-            "hand_damping": 10 ** random.uniform(0, 2),
-            "hand_target": Q0 + random.uniform(-0.7, 0.7, N),
-        }
-    elif kind == 6:
-        made |= {"missed": int(random.random() < 0.7), "skip": int(random.integers(0, 6))}
-    elif kind == 7:
-        made |= {"q_stuck": int(random.integers(0, 3)), "q_mask": int(random.integers(0, 128))}
-        made |= {"dq_stuck": int(random.integers(0, 3)), "dq_mask": int(random.integers(0, 128))}
-    elif kind == 8:
-        made["q_offset"] = random.normal(size=N) * (random.random(N) < 0.3) * 10 ** random.uniform(-4, 0)
-        made["dq_offset"] = random.normal(size=N) * (random.random(N) < 0.3) * 10 ** random.uniform(-2, 1)
-    elif kind == 9:
-        made |= {"driven": 2, "driven_to": _at_limits(random, loop), "missed": int(random.random() < 0.5)}
-        made |= {"driven_at": loop.velocity * random.uniform(0.02, 0.99), "driven_by": np.full(N, 100.0)}
-    if random.random() < 0.4:
-        made |= _springs(random, 1, 0.1)
-    if random.random() < 0.3:
-        made["wrench_command"] = _wrench(random)
-    if moving and random.random() < 0.5:
-        made["wanted"] = Q0 + random.uniform(-0.8, 0.8, N)
-        made["pose"] = int(random.random() < 0.5)
-        made["posture"] = Q0 + random.uniform(-0.8, 0.8, N)
-        made["wanted_rate"] = random.normal(size=N) * 10 ** random.uniform(-3, 0.5) * (random.random() < 0.4)
-        if random.random() < 0.6:
-            made |= _plan(random, made["wanted_rate"])
-        made["jitter"] = 10 ** random.uniform(-13, -1) * (random.random() < 0.4)
-    return made
-
-
-def _wrench(random: Random) -> np.ndarray:
-    """Return a wrench that the tip is to exert, up to the default of heaviest_wrench; now and then none."""
-    parts = [size * direction / np.linalg.norm(direction) * random.random() ** 0.5
-             for size, direction in ((100.0, random.normal(size=3)), (20.0, random.normal(size=3)))]  # fmt: skip
-    return np.concatenate(parts) * (random.random() < 0.8) * (1 - 1e-9)
-
-
-def _plan(random: Random, rate: np.ndarray) -> dict[str, Any]:
-    """Return velocity and acceleration of a plan that moves at a rate; half of them lie."""
-    velocity = rate if random.random() < 0.5 else random.normal(size=N) * 10 ** random.uniform(-3, 0.3)
-    return {
-        "velocity": np.clip(velocity, -1.4, 1.4),
-        "acceleration": np.clip(random.normal(size=N) * 10 ** random.uniform(-2, 1.5), -30, 30) * random.integers(0, 2),
-    }
-
-
-def _at_limits(random: Random, loop: Loop) -> np.ndarray:
-    """Return a posture with some joints at their limits, up to 0.095 rad beyond them or 0.8 rad inside."""
-    limit = np.where(random.random(N) < 0.5, loop.lower, loop.upper)
-    inside = np.sign(limit) * random.uniform(-0.095, 0.8, N)
-    return np.where(random.random(N) < 0.6, limit - inside, Q0)
-
-
-def schedule(random: Random, loop: Loop, moving: bool = False, sensors: bool = False) -> Schedule:
-    """Draw a schedule with a small tank and engagement limit, so that little is hidden below the bound.
-
-    sensors: whether measured positions may be wrong, for which there is no bound.
-    """
-    delay = int(random.integers(0, 6))
-    motor = np.exp(random.uniform(np.log(0.02), np.log(0.3), N))
-    energy = {
-        "tank_initial": float(10 ** random.uniform(-1, 0.6)),
-        "energy_limit": float(10 ** random.uniform(-1, 1)),
-        "engagement_limit": float(10 ** random.uniform(-1, 1)),
-    }
-    made = Schedule(
-        {
-            **energy,
-            "tank_maximum": 4.0,
-            "delay_samples": delay,
-            "motor_inertia": motor,
-            "coriolis": int(random.integers(1, 3)),
-            "damping_ratio": float(random.uniform(0, 1.5)),
-            "joint_damping": float(10 ** random.uniform(-2, 0)),
-            "posture_stiffness": float(10 ** random.uniform(-1, 2)),
-            "stiffness_time": float(10 ** random.uniform(-3, -1)),
-            "ramp_time": float(10 ** random.uniform(-3, -0.5)),
-            "position_quantum": 1e-4 if sensors else 0.0,
-            "missed_limit": int(random.integers(1, 7)),
-            "call_gap_limit": int(random.integers(1, 7)),
-            "communication_reaction": int(random.integers(1, 3)),
-            "communication_reset_time": float(random.choice([0.0, 0.05])),
-            "torque_rate_limit": 10 * loop.effort * 10 ** random.uniform(-1.5, 1.5),
-            "limit_zone": float(10 ** random.uniform(-2, -0.1)),
-            "limit_stiffness": loop.effort * 10 ** random.uniform(-1.5, 1),
-        },
-        {
-            "delay": delay,
-            "motor": motor,
-            "differences": int(random.random() < 0.5),
-            "q": _first_posture(random, loop),
-            "v": np.zeros(N),
-        },
-        [{"wanted": Q0} | _springs(random, 1, 0.1)],
-    )
-    while len(made.parts) < random.integers(3, 12):
-        chosen = part(random, loop, moving)
-        if sensors or not _lies(chosen):
-            made.parts.append(chosen)
-    if random.random() < 0.3:
-        made.config["velocity_filter_time"] = float(10 ** random.uniform(-3.5, -1.5))
-    if random.random() < 0.4:
-        made.config |= _gains(random)
-        made.episode["delay"] = 0
-    return _ordered(made)
-
-
-def _gains(random: Random) -> dict[str, Any]:
-    """Return the configuration of motors with a controller inside, which take no delay."""
-    return {
-        "actuation": 2,
-        "delay_samples": 0,
-        "kp_limit": float(10 ** random.uniform(0, 4)),
-        "kd_limit": float(10 ** random.uniform(-1, 2)),
-    }
-
-
-def _first_posture(random: Random, loop: Loop) -> np.ndarray:
-    kind = random.random()
-    if kind < 0.5:
-        return Q0.copy()
-    return Q0 + random.uniform(-0.6, 0.6, N) if kind < 0.8 else _at_limits(random, loop)
-
-
-def _lies(one: dict[str, Any]) -> bool:
-    """Return whether measured positions are wrong; velocities may be."""
-    return bool(one.get("q_stuck") or np.any(one.get("q_offset", 0)))
-
-
-def _ordered(made: Schedule) -> Schedule:
-    """Segments by their starts."""
-    made.parts[1:] = sorted(made.parts[1:], key=lambda p: p["start"])
-    return made
-
-
-def _base(random: Random, loop: Loop) -> Schedule:
-    made = schedule(random, loop)
-    made.parts = [made.parts[0] | _springs(random, 300, 20)]
-    made.episode["q"] = Q0.copy()
-    return made
-
-
-def _drive(random: Random, loop: Loop, start: float, to: np.ndarray, **others: Any) -> dict[str, Any]:
-    rates = {
-        "driven_at": loop.velocity * random.uniform(0.3, 0.99),
-        "driven_by": np.full(N, 10 ** random.uniform(1, 3)),
-    }
-    return {"start": round(start), "driven": 2, "driven_to": to, **rates, **others}
-
-
-def laps(random: Random, loop: Loop) -> Schedule:
-    """Return the fault cycle: control lost, the arm moved away, a reset, and on the way back the arm held and freed."""
-    made, lap = _base(random, loop), int(random.integers(300, 1000))
-    for start in range(5, SAMPLES - lap + 1, lap):
-        away = Q0 + random.uniform(-0.6, 0.6, N)
-        made.parts += [
-            _drive(random, loop, start, away, missed=1, reset=0),
-            _drive(random, loop, start + 0.30 * lap, away, missed=0, reset=0),
-            _drive(random, loop, start + 0.35 * lap, away, missed=0, reset=1),
-            _drive(random, loop, start + 0.75 * lap, Q0, missed=0, reset=0),
-        ]
-    return _ordered(made)
-
-
-def pumping(random: Random, loop: Loop) -> Schedule:
-    """Away on soft springs, back on stiff ones, in a loop."""
-    made, lap = _base(random, loop), int(random.integers(100, 800))
-    soft = {"translation": made.parts[0]["translation"] * 0.01, "rotation": made.parts[0]["rotation"] * 0.01}
-    stiff = {name: made.parts[0][name] for name in soft}
-    away = Q0 + random.uniform(-0.5, 0.5, N)
-    for start in range(1, SAMPLES - lap + 1, lap):
-        made.parts += [
-            _drive(random, loop, start, away, **soft),
-            _drive(random, loop, start + 0.35 * lap, away, **stiff),
-            _drive(random, loop, start + 0.65 * lap, Q0, **stiff),
-        ]
-    return _ordered(made)
-
-
-def shaking(random: Random, loop: Loop) -> Schedule:
-    """To and fro at almost the velocity limit, reversed at once, with samples missed in time with it."""
-    made, half = _base(random, loop), int(random.integers(1, 8))
-    away = Q0 + random.uniform(-0.4, 0.4, N)
-    made.parts.append(_drive(random, loop, 1, away))
-    start, sign, way = int(random.integers(200, 400)), 1.0, random.choice([-1.0, 0.0, 1.0], N)
-    missing, when = int(random.integers(0, 3)), int(random.integers(0, 2))
-    while start < SAMPLES - half:
-        rates = {"driven": 1, "driven_to": sign * way * loop.velocity * 0.98, "driven_by": np.full(N, 1e6)}
-        made.parts.append({"start": start, "missed": 0, **rates})
-        if missing:
-            made.parts.append({"start": start + when, "missed": 1, **rates})
-            made.parts.append({"start": start + when + missing, "missed": 0, **rates})
-        start, sign = start + max(half, when + missing + 1), -sign
-    return _ordered(made)
-
-
-def zones(random: Random, loop: Loop) -> Schedule:
-    """Draw laps: control is lost, the arm is carried into the limit zones, a reset, and the arm is led out slowly."""
-    made, lap = _base(random, loop), int(random.integers(500, 1000))
-    for start in range(5, SAMPLES - lap + 1, lap):
-        inside = _at_limits(random, loop)
-        made.parts += [
-            _drive(random, loop, start, inside, missed=1, reset=0),
-            _drive(random, loop, start + 0.4 * lap, inside, missed=0, reset=0),
-            _drive(random, loop, start + 0.45 * lap, inside, missed=0, reset=1),
-            _drive(random, loop, start + 0.5 * lap, Q0, missed=0, reset=0)
-            | {"driven_at": loop.velocity * random.uniform(0.02, 0.5)},
-        ]
-    return _ordered(made)
-
-
-def gaps(random: Random, loop: Loop) -> Schedule:
-    """Draw shaking at almost the velocity limit while calls are left out and some calls have no sample."""
-    made = shaking(random, loop)
-    skip, every = int(random.integers(0, made.config["missed_limit"])), int(random.integers(2, 6))
-    made.parts[0]["skip"] = skip
-    turns, at, parts = _ordered(made).parts, 0, [made.parts[0]]
-    for start in range(1, SAMPLES):
-        turn = at + 1 < len(turns) and turns[at + 1]["start"] <= start
-        at += int(turn)
-        if turn or start % (skip + 1) == 0:
-            parts.append({**turns[at], "start": start, "missed": int(start // (skip + 1) % every == 0)})
-    made.parts = parts
-    return made
-
-
-def streams(random: Random, loop: Loop) -> Schedule:
-    """Draw targets that are streamed with jitter while a load hangs at the tip or the arm is moved."""
-    made = _base(random, loop)
-    made.parts[0]["jitter"] = 10 ** random.uniform(-13, -0.5)
-    made.parts[0]["wanted_rate"] = random.normal(size=N) * 10 ** random.uniform(-3, 0.5) * (random.random() < 0.5)
-    made.parts[0]["load"] = random.normal(size=6) * [30, 30, 60, 5, 5, 5]
-    made.parts += [part(random, loop, True) for _ in range(random.integers(0, 4))]
-    made.parts = [one for one in made.parts if not _lies(one)]
-    return _ordered(made)
-
-
-def presses(random: Random, loop: Loop) -> Schedule:
-    """Draw to and fro of the arm while wrenches come and go with it, some samples missing."""
-    made, lap = _base(random, loop), int(random.integers(20, 600))
-    made.parts[0] |= _springs(random, 1, 0.1)
-    away, wrench = Q0 + random.uniform(-0.5, 0.5, N), _wrench(random)
-    for start in range(1, SAMPLES - lap + 1, lap):
-        made.parts += [
-            _drive(random, loop, start, away, wrench_command=wrench, missed=0),
-            _drive(random, loop, start + 0.5 * lap, Q0, wrench_command=-wrench * random.integers(0, 2), missed=0),
-        ]
-        if random.random() < 0.2:
-            made.parts.append({**made.parts[-1], "start": round(start + 0.9 * lap), "missed": 1})
-    return _ordered(made)
-
-
-def plans(random: Random, loop: Loop) -> Schedule:
-    """Draw targets that move to and fro with a plan stated at each turn; the arm may be led, also along the plan."""
-    made, half = _base(random, loop), int(random.integers(20, 400))
-    rate = random.normal(size=N) * 10 ** random.uniform(-4, 0)
-    kind, steady = random.integers(0, 3), random.uniform(-1, 1, N) * 0.5 * loop.velocity
-    made.parts[0] |= _springs(random, 1, 0.1) if kind == 2 else {}
-    for k, start in enumerate(range(1, SAMPLES - half + 1, half)):
-        sign = (-1) ** k
-        one = {"start": start, "wanted": Q0 + (0.0 if k % 2 == 0 else 1e-3 * half) * rate, "wanted_rate": sign * rate}
-        plan, led = _plan(random, sign * rate), random.uniform(-0.9, 0.9, N) * loop.velocity
-        if kind == 2:  # an acceleration that stays below what is refused, and an arm that goes along
-            plan = {"velocity": sign * rate, "acceleration": sign * steady}
-            led = 0.4 * sign * np.sign(steady) * loop.velocity
-        made.parts.append(one | plan | ({"driven": 1, "driven_by": 1e4, "driven_to": led} if kind else {}))
-    return _ordered(made)
-
-
-PATTERNS = (laps, pumping, shaking, zones, gaps, streams, presses, plans)
-
-
 def changed(random: Random, loop: Loop, old: Schedule, moving: bool, sensors: bool) -> Schedule:
     """Return a neighbour: numbers shaken, segments moved, doubled, dropped, replaced, or copied from another one."""
     new = copy.deepcopy(old)
     for _ in range(random.integers(1, 4)):
-        kind = random.integers(0, 7)
+        kind = random.integers(0, 8)
         later = new.parts[1:]
         if kind == 0 or not later:
             new.parts.append(part(random, loop, moving))
@@ -407,11 +106,13 @@ def changed(random: Random, loop: Loop, old: Schedule, moving: bool, sensors: bo
             one = later[random.integers(len(later))]
             name = ("reset", "missed", "skip")[random.integers(3)]
             one[name] = 0 if one.get(name) else int(random.integers(1, 6)) if name == "skip" else 1
-        else:
+        elif kind == 6:
             _change_config(random, new)
+        else:
+            change_configuration(random, loop, new)
     if not sensors:
-        new.parts = [one for one in new.parts if not _lies(one)]
-    return _ordered(new)
+        new.parts = [one for one in new.parts if not lies(one)]
+    return ordered(new)
 
 
 def _change_config(random: Random, new: Schedule) -> None:
@@ -437,9 +138,9 @@ def _shake(random: Random, one: dict[str, Any]) -> None:
         if name in one and np.any(one[name]):
             one[name] = one[name] * (1 + size * random.normal(size=np.shape(one[name])))
     if random.random() < 0.1:
-        one["wrench_command"] = _wrench(random)
+        one["wrench_command"] = draw_wrench(random)
     if "velocity" in one and random.random() < 0.2:
-        one |= _plan(random, one.get("wanted_rate", np.zeros(N)))
+        one |= draw_plan(random, one.get("wanted_rate", np.zeros(np.shape(one["velocity"]))))
     if random.random() < 0.3 and one.get("driven"):
         one["driven_to"] = -one["driven_to"]
     for name in ("driven_by", "hand_stiffness", "hand_damping", "translation", "rotation"):
@@ -448,16 +149,15 @@ def _shake(random: Random, one: dict[str, Any]) -> None:
 
 
 def measure(loop: Loop, chosen: Schedule) -> Measured:
-    """Run a schedule. Calls come as often as call_gap_limit and missed_limit say; the arm keeps its velocity limits."""
-    most = min(chosen.config.get(name, 3) for name in ("missed_limit", "call_gap_limit")) - 1
-    parts = [{**one, "skip": min(one.get("skip", 0), most)} for one in chosen.parts]
+    """Run a schedule. Calls come as often, and the arm is as fast, as the limits in force allow."""
     streamed = chosen.episode.get("streamed", 0)
     if streamed:
         ctypes.c_uint.in_dll(loop.library, "policy_seed").value = streamed
     limit = chosen.config["engagement_limit"]
-    limits = {"engagement": limit, "fastest": 1.0, "rate": chosen.config.get("torque_rate_limit", 10 * loop.effort)}
-    episode = loop.episode(**chosen.episode, **limits)
-    summary = loop.run(SAMPLES, loop.segments(*parts), episode, loop.config(**chosen.config))
+    keeps = {"engagement": limit, "fastest": 1.0, "rate": chosen.config.get("torque_rate_limit", 10 * loop.effort)}
+    episode = loop.episode(**chosen.episode, **keeps, limited=1)
+    configs = [loop.config(**chosen.config | change) for change in ({}, *chosen.changes)]
+    summary = loop.run(SAMPLES, loop.segments(*chosen.parts), episode, configs)
     excess = summary.excess_supplied
     dead = summary.faults and summary.fault_at < LIVE
     bound = summary.port_most - excess
@@ -474,9 +174,10 @@ def _stream(random: Random, loop: Loop, one: Schedule) -> None:
 
 def climb(random: Random, loop: Loop, steps: int, moving: bool, sensors: bool = False) -> tuple[Schedule, Measured]:
     """Return the best of a climb, restarted from the best of ten random schedules."""
-    pattern = random.integers(0, 2 * len(PATTERNS))
+    patterns = PATTERNS if np.isfinite(loop.upper).all() else TURNING
+    pattern = random.integers(0, 2 * len(patterns))
     starts = [
-        PATTERNS[pattern](random, loop) if pattern < len(PATTERNS) else schedule(random, loop, moving, sensors)
+        patterns[pattern](random, loop) if pattern < len(patterns) else schedule(random, loop, moving, sensors)
         for _ in range(min(10, steps))
     ]
     for one in starts:
@@ -499,10 +200,23 @@ _loop: Loop | None = None
 """Of a worker process."""
 
 
-def _start(law: Path) -> None:
+def generate_arm(name: str, folder: Path) -> tuple[Path, tuple[float, ...]]:
+    """Return the folder of an arm, generated unless it is there, and a posture far from limits and singular poses."""
+    made = folder / name
+    if name in MAKERS:
+        file, tip, home = MAKERS[name].urdf, MAKERS[name].tip, MAKERS[name].posture
+    else:
+        file, tip, home = folder / "turning.urdf", "three", (2.8, 0.6, -2.9)
+        file.write_text(turning_arm().urdf)
+    if not made.exists():
+        stiffgen.generate(file, tip=tip, name=name, output=folder)
+    return made, home
+
+
+def _start(law: Path, robot: Path, home: tuple[float, ...]) -> None:
     global _loop
     _folder = tempfile.mkdtemp()
-    _loop = Loop(Path(_folder), ROOT / "generated" / "iiwa14", law)
+    _loop = Loop(Path(_folder), robot, law, home=home)
     shutil.rmtree(_folder)
 
 
@@ -519,6 +233,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--climb", type=int, default=200, help="schedules of a climb")
     parser.add_argument("--workers", type=int, default=os.cpu_count())
+    parser.add_argument("--arm", choices=[*MAKERS, "turning"], default="iiwa14")
     parser.add_argument("--policy", action="store_true", help="command through the policy port")
     options = parser.parse_args()
     law = POLICY if options.policy else LAW
@@ -526,7 +241,9 @@ def main() -> int:
     tasks = [(options.seed + k, options.climb, k % 2 == 1) for k in range(climbs)]
     found: dict[bool, list[tuple[float, float]]] = {False: [], True: []}
     worst = 0.0
-    with multiprocessing.Pool(options.workers, _start, (law,)) as pool:
+    folder = Path(tempfile.mkdtemp())
+    robot = (ROOT / "generated" / "iiwa14", Q0) if options.arm == "iiwa14" else generate_arm(options.arm, folder)
+    with multiprocessing.Pool(options.workers, _start, (law, *robot)) as pool:
         for done, (seed, moving, excess, port, reason, ratio) in enumerate(pool.imap_unordered(_climb, tasks), 1):
             found[moving].append((excess, port))
             worst = max(worst, ratio)
@@ -536,6 +253,7 @@ def main() -> int:
                 beyond = sum(x > TOLERANCE for x, _ in found[False] + found[True])
                 print(f"{done * options.climb} schedules, {beyond} climbs beyond the bound, "
                       f"worst ratio {worst:.6f}, {time.monotonic() - start:.0f} s", flush=True)  # fmt: skip
+    shutil.rmtree(folder)
     print("| wanted equilibrium | schedules | climbs beyond | most of work less supply [J] | most put out [J] |")
     print("|---|---|---|---|---|")
     for moving, rows in found.items():

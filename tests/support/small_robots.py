@@ -58,6 +58,13 @@ class Small:
         return load_chain(file, **self.all_options())
 
 
+def turning_arm(last: str = "") -> Small:
+    """Return an arm whose first and last joint turn without limits; ``last`` is another last joint."""
+    parts = part("base", "one", "continuous", axis="0 0 1") + part("one", "two", axis="0 1 0")
+    parts += last or part("two", "three", "continuous", axis="0.6 0 0.8")
+    return Small(parts.replace(_LIMIT, '<limit lower="-2" upper="2" effort="60" velocity="6"/>'), {"tip": "three"})
+
+
 _MIMIC = '<mimic joint="one" multiplier="-0.5" offset="0.3"/>'
 TREES = {
     "one turning joint": Small(part("base", "one"), {"tip": "one"}),

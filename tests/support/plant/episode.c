@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT */
 #include "episode.h"
 
-#include "iiwa14.h"
-
 #include <math.h>
 #include <string.h>
 
 enum { MOST_DELAY = 8 };
+
+static const double FULL_TURN = 6.28318530717958648;
 
 typedef struct {
     double last_measured[N], held_q[N], held_dq[N];
@@ -21,6 +21,13 @@ static double largest(const double *x, const double *over)
         most = fmax(most, fabs(x[i]) / (over != NULL ? over[i] : 1.0));
     }
     return most;
+}
+
+static void to_single(double *values, int count)
+{
+    for (int i = 0; i < count; ++i) {
+        values[i] = (float)values[i];
+    }
 }
 
 static void measure(const episode_t *e, const segment_t *s, const motion_t *motion, sensors_t *sensors, double t,
@@ -42,22 +49,37 @@ static void measure(const episode_t *e, const segment_t *s, const motion_t *moti
         }
         sensors->last_measured[i] = sensors->held_q[i] = q;
         sensors->held_dq[i] = dq;
-        sample->q[i] = q;
+        const double turn = e->wrapped >> i & 1 ? FULL_TURN : HUGE_VAL;
+        sample->q[i] = remainder(q, turn);
         sample->dq[i] = dq;
         sample->wanted[i] = s->wanted[i] + t * s->wanted_rate[i] + (sensors->counter & 1u ? s->jitter : 0.0);
+        sample->wanted[i] = remainder(sample->wanted[i], turn);
         sample->wanted_rate[i] = s->wanted_rate[i];
+        sample->posture[i] = remainder(s->posture[i], turn);
     }
     sensors->seen = 1;
     sensors->counter += s->frozen_counter ? 0u : 1u;
     sample->counter = sensors->counter;
     sample->valid = !s->missed;
     sample->pose = s->pose;
-    memcpy(sample->posture, s->posture, sizeof sample->posture);
     memcpy(sample->velocity, s->velocity, sizeof sample->velocity);
     memcpy(sample->acceleration, s->acceleration, sizeof sample->acceleration);
     memcpy(sample->wrench_command, s->wrench_command, sizeof sample->wrench_command);
     memcpy(sample->translation, s->translation, sizeof sample->translation);
     memcpy(sample->rotation, s->rotation, sizeof sample->rotation);
+    memcpy(sample->torque_offset, s->torque_offset, sizeof sample->torque_offset);
+    sample->single = e->single;
+    if (e->single) {
+        to_single(sample->dq, N);
+        to_single(sample->wanted, N);
+        to_single(sample->posture, N);
+        to_single(sample->velocity, N);
+        to_single(sample->acceleration, N);
+        to_single(sample->wrench_command, 6);
+        to_single(sample->translation, 9);
+        to_single(sample->rotation, 9);
+        to_single(sample->torque_offset, N);
+    }
 }
 
 /* Time [s] that the governor, with its default velocity limits, needs for the path of the command. */
@@ -72,8 +94,8 @@ static double travel(const episode_t *e, const sample_t *sample, const sample_t 
     if (!sample->pose && !last->pose) {
         return most;
     }
-    iiwa14_forward_kinematics(sample->wanted, H);
-    iiwa14_forward_kinematics(last->wanted, E);
+    ROBOT_(forward_kinematics)(sample->wanted, H);
+    ROBOT_(forward_kinematics)(last->wanted, E);
     for (int i = 0; i < 3; ++i) {
         away += (H[4 * i + 3] - E[4 * i + 3]) * (H[4 * i + 3] - E[4 * i + 3]);
         for (int k = 0; k < 3; ++k) {
@@ -83,15 +105,25 @@ static double travel(const episode_t *e, const sample_t *sample, const sample_t 
     return fmax(most, fmax(sqrt(away) / (0.8 * 0.5), acos(fmax(fmin(trace / 2.0, 1.0), -1.0)) / (0.8 * 1.5)));
 }
 
-static void drive(const segment_t *s, motion_t *motion, double T)
+/* Velocity limits that speeds are compared with: those in force, where the law has any. */
+static const double *limits_in_force(const episode_t *e, const command_t *command)
+{
+    return e->limited && command->velocity_limit[0] > 0.0 ? command->velocity_limit : e->velocity_limit;
+}
+
+/* speed: [rad/s] velocity limits, which the rates of the segment are relative to those of the episode of */
+static void drive(const episode_t *e, const segment_t *s, const double *speed, const double *torque, motion_t *motion,
+                  double T)
 {
     for (int i = 0; i < N; ++i) {
-        const double before = motion->v[i], most = s->driven_by[i] * T;
-        double rate = s->driven_to[i];
-        if (s->driven == 2) {
+        const double before = motion->v[i], most = s->driven_by[i] * T, share = speed[i] / e->velocity_limit[i];
+        double rate = s->driven_to[i] * share;
+        if (s->driven == DRIVEN_ALONG) {
+            rate = torque[i] != 0.0 ? copysign(rate, torque[i]) : 0.0;
+        } else if (s->driven == DRIVEN_POSTURE) {
             /* as fast as it can still stop there, if the steps are small */
             const double way = s->driven_to[i] - motion->q[i];
-            rate = fmin(fmin(sqrt(s->driven_by[i] * fabs(way)), 0.2 * fabs(way) / T), s->driven_at[i]);
+            rate = fmin(fmin(sqrt(s->driven_by[i] * fabs(way)), 0.2 * fabs(way) / T), s->driven_at[i] * share);
             rate = copysign(rate, way);
         }
         const double change = rate - before;
@@ -136,7 +168,8 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
     sensors_t sensors;
     sample_t sample, last;
     command_t command;
-    double pipe[MOST_DELAY + 1][N] = {{0}};
+    double pipe[MOST_DELAY + 1][N] = {{0}}, offsets[MOST_DELAY + 1][N] = {{0}};
+    uint32_t draw = 1u;
     double commanded[N] = {0}, last_reference[N] = {0}, last_tip[3] = {0}, least[N] = {0}, most[N] = {0};
     int at = 0, was_faulted = 0, clamped = 0, initialised = 0, known = 0, skipped = 0, calls = 0;
     memset(&forces, 0, sizeof forces);
@@ -156,7 +189,7 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
         const segment_t *const s = &segment[at];
         const double t = (k - s->start) * e->sample_time;
         if (s->clamp && !clamped) {
-            iiwa14_forward_kinematics(motion.q, forces.clamp_pose);
+            ROBOT_(forward_kinematics)(motion.q, forces.clamp_pose);
         }
         clamped = forces.clamped = s->clamp;
         memcpy(forces.load, s->load, sizeof forces.load);
@@ -183,7 +216,8 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
             }
             initialised = 1;
         }
-        skipped = skipped < s->skip ? skipped + 1 : 0;
+        const int most_skipped = e->limited && command.call_gap > 0 ? command.call_gap - 1 : s->skip;
+        skipped = skipped < s->skip && skipped < most_skipped ? skipped + 1 : 0;
         if (skipped == 0 && sample.valid) {
             summary->travel += initialised > 1 ? travel(e, &sample, &last) : 0.0;
             initialised = 2;
@@ -209,7 +243,7 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
             summary->resets += was_faulted && !command.faulted;
             was_faulted = command.faulted != 0;
             double H[16], moved[N], tip = 0.0;
-            iiwa14_forward_kinematics(command.reference, H);
+            ROBOT_(forward_kinematics)(command.reference, H);
             for (int i = 0; i < N; ++i) {
                 moved[i] = command.reference[i] - last_reference[i];
                 moved[i] /= e->sample_time;
@@ -230,25 +264,33 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
         }
         for (int d = MOST_DELAY; d > 0; --d) {
             memcpy(pipe[d], pipe[d - 1], sizeof pipe[d]);
+            memcpy(offsets[d], offsets[d - 1], sizeof offsets[d]);
         }
         memcpy(pipe[0], commanded, sizeof pipe[0]);
+        memcpy(offsets[0], command.offset, sizeof offsets[0]);
         memcpy(forces.torque, pipe[e->delay], sizeof forces.torque);
         memcpy(forces.kp, command.kp, sizeof forces.kp);
         memcpy(forces.kd, command.kd, sizeof forces.kd);
-        memcpy(forces.q_des, command.q_des, sizeof forces.q_des);
-        before = motion;
-        if (s->driven) {
-            drive(s, &motion, e->sample_time);
-        } else {
-            plant_advance(&e->plant, &motion, &forces, e->sample_time);
+        for (int i = 0; i < N; ++i) { /* a motor knows what its encoder shows */
+            const double turn = e->wrapped >> i & 1 ? FULL_TURN : HUGE_VAL;
+            forces.q_des[i] = motion.q[i] + remainder(command.q_des[i] - motion.q[i], turn);
         }
-        if (e->fastest > 0.0 && largest(motion.v, e->velocity_limit) > e->fastest) {
+        before = motion;
+        draw = draw * 1664525u + 1013904223u;
+        const double T = e->sample_time * (1.0 - e->early * (draw >> 8) / 16777216.0);
+        const double *const speed = limits_in_force(e, &command);
+        if (s->driven) {
+            drive(e, s, speed, forces.torque, &motion, T);
+        } else {
+            plant_advance(&e->plant, &motion, &forces, T);
+        }
+        if (e->fastest > 0.0 && fmax(largest(before.v, speed), largest(motion.v, speed)) > e->fastest) {
             motion = before;
             break;
         }
-        summary->port += gains_work(&forces, &before, &motion, e->sample_time);
+        summary->port += gains_work(&forces, &before, &motion, T);
         for (int i = 0; i < N; ++i) {
-            summary->port += forces.torque[i] * (motion.q[i] - before.q[i]);
+            summary->port += (forces.torque[i] - offsets[e->delay][i]) * (motion.q[i] - before.q[i]);
             summary->excursion = fmax(summary->excursion, fabs(motion.q[i] - sample.wanted[i]));
             summary->wander = fmax(summary->wander, fabs(motion.q[i] - e->q[i]));
         }
@@ -262,7 +304,7 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
                                  : fmax(summary->excess, summary->port - summary->resets * e->engagement);
         summary->speed = fmax(summary->speed, largest(motion.v, e->velocity_limit));
         double J[6 * N], tip_velocity = 0.0;
-        iiwa14_hybrid_jacobian(motion.q, J);
+        ROBOT_(hybrid_jacobian)(motion.q, J);
         for (int r = 0; r < 3; ++r) {
             double rate = 0.0;
             for (int i = 0; i < N; ++i) {

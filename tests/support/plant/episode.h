@@ -9,6 +9,7 @@
 #include "law.h"
 
 enum { STUCK_HELD = 1, STUCK_ZERO = 2 };
+enum { DRIVEN_RATE = 1, DRIVEN_POSTURE = 2, DRIVEN_ALONG = 3 }; /* at rates, to a posture, at rates along the torque */
 
 /* Values from `start` until the next segment. */
 typedef struct {
@@ -24,8 +25,8 @@ typedef struct {
     int q_mask, dq_mask;         /* bits of joints */
     double wanted[N];            /* [rad] posture whose tip pose is the equilibrium */
     int pose;                    /* 1: commanded as a pose and a posture apart */
-    int driven;                  /* the environment moves the arm whatever it does, 1: at rates, 2: to a posture */
-    double driven_to[N];         /* [rad/s] these rates, or [rad] this posture */
+    int driven;                  /* the environment moves the arm whatever it does, DRIVEN_ */
+    double driven_to[N];         /* [rad/s] these rates (along the torque: their size), or [rad] this posture */
     double driven_at[N];         /* [rad/s] at most at these rates, if to a posture */
     double driven_by[N];         /* [rad/s^2] at most at these accelerations */
     double posture[N];           /* [rad] */
@@ -34,6 +35,7 @@ typedef struct {
     double translation[9], rotation[9];
     double load[6], push[N];
     double wrench_command[6];    /* [N, N m] */
+    double torque_offset[N];     /* [N m] torque that the caller adds: its work is not the law's */
     double velocity[N], acceleration[N]; /* [rad/s], [rad/s^2] of the plan, as stated */
     double hand_target[N], hand_stiffness, hand_damping;
     double wrench_bias[6];       /* [N, N m] added to what is measured */
@@ -51,6 +53,11 @@ typedef struct {
     double effort[N], rate[N];   /* [N m], [N m/s] that the torque must keep */
     double engagement;           /* [J] that each return from a fault may bring in */
     int streamed;                /* seed of a hostile commander (policy_law.c); its path is unknown: travel is the time */
+    int limited;                 /* 1: speeds of a driven arm are relative to the velocity limits in force, and calls come as
+                                    often as the gap in force says */
+    double early;                /* [1] share of the sample time by which a call may come too early */
+    int wrapped;                 /* bits of joints whose encoder begins its turn again at half a turn; their q0, too */
+    int single;                  /* 1: velocities, commands and stiffness have single precision */
     double fastest;              /* [1] over the velocity limit: the episode ends when the arm is faster; 0: never */
 } episode_t;
 

@@ -2,21 +2,19 @@
 /* The generated controller as a law of the episodes. */
 #include "law.h"
 
-#include "iiwa14_impedance.h"
-
 #include <string.h>
 
-typedef iiwa14_impedance_input input_t;
-typedef iiwa14_impedance_output output_t;
+typedef ROBOT_(impedance_input) input_t;
+typedef ROBOT_(impedance_output) output_t;
 
 size_t law_config_size(void)
 {
-    return sizeof(iiwa14_impedance_config);
+    return sizeof(ROBOT_(impedance_config));
 }
 
 size_t law_state_size(void)
 {
-    return sizeof(iiwa14_impedance_state);
+    return sizeof(ROBOT_(impedance_state));
 }
 
 size_t law_output_size(void)
@@ -26,39 +24,46 @@ size_t law_output_size(void)
 
 void law_default_config(void *config)
 {
-    iiwa14_impedance_default_config(config);
+    ROBOT_(impedance_default_config)(config);
 }
 
 int law_init(const void *config, void *state)
 {
-    return iiwa14_impedance_init(config, state, NULL);
+    return ROBOT_(impedance_init)(config, state, NULL);
 }
 
 void law_step(const void *config, void *state, const sample_t *sample, void *output, command_t *command)
 {
-    const iiwa14_impedance_config *const c = config;
+    const ROBOT_(impedance_config) *const c = config;
     output_t *const out = output;
     input_t in;
     memset(&in, 0, sizeof in);
     in.sample_valid = sample->valid;
-    in.command = sample->pose ? IIWA14_COMMAND_EQUILIBRIUM : IIWA14_COMMAND_POSITION;
+    in.command = sample->pose ? UPPER_(COMMAND_EQUILIBRIUM) : UPPER_(COMMAND_POSITION);
     in.wrench_valid = 1;
     in.counter = sample->counter;
     memcpy(in.q, sample->q, sizeof in.q);
     memcpy(in.dq, sample->dq, sizeof in.dq);
     memcpy(in.q0, sample->pose ? sample->posture : sample->wanted, sizeof in.q0);
-    iiwa14_forward_kinematics(sample->wanted, in.equilibrium);
+    ROBOT_(forward_kinematics)(sample->wanted, in.equilibrium);
+    for (int i = 0; sample->single && i < 16; ++i) {
+        in.equilibrium[i] = (float)in.equilibrium[i];
+    }
     memcpy(in.translation_stiffness, sample->translation, sizeof in.translation_stiffness);
     memcpy(in.rotation_stiffness, sample->rotation, sizeof in.rotation_stiffness);
     memcpy(in.wrench, sample->wrench, sizeof in.wrench);
     memcpy(in.velocity, sample->velocity, sizeof in.velocity);
     memcpy(in.acceleration, sample->acceleration, sizeof in.acceleration);
     memcpy(in.wrench_command, sample->wrench_command, sizeof in.wrench_command);
+    memcpy(in.torque_offset, sample->torque_offset, sizeof in.torque_offset);
     if (sample->reset) {
-        iiwa14_impedance_reset(state);
+        ROBOT_(impedance_reset)(state);
     }
-    command->code = iiwa14_impedance_step(config, state, &in, out);
+    command->code = ROBOT_(impedance_step)(config, state, &in, out);
     memcpy(command->torque, out->tau_ff, sizeof command->torque);
+    memcpy(command->offset, out->offset_torque, sizeof command->offset);
+    memcpy(command->velocity_limit, out->velocity_limit, sizeof command->velocity_limit);
+    command->call_gap = out->call_gap_limit;
     memcpy(command->kp, out->kp, sizeof command->kp);
     memcpy(command->kd, out->kd, sizeof command->kd);
     memcpy(command->q_des, out->q_des, sizeof command->q_des);

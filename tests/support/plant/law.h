@@ -18,8 +18,10 @@ typedef struct {
     double wanted_rate[N];     /* [rad/s] */
     int pose;                  /* 1: the equilibrium is given as that pose, and the posture apart */
     double posture[N];         /* [rad] only then */
+    int single;                /* 1: the pose has single precision */
     double velocity[N], acceleration[N]; /* [rad/s], [rad/s^2] of the plan, as stated */
     double wrench_command[6];  /* [N, N m] wrench that the tip is to exert, base axes */
+    double torque_offset[N];   /* [N m] torque that the caller adds */
     double wrench[6];          /* [N, N m] measured wrench of the environment on the robot, base axes */
     double translation[9];     /* [N/m] base axes */
     double rotation[9];        /* [N m/rad] axes of the tip at the equilibrium */
@@ -28,6 +30,7 @@ typedef struct {
 /* Values of a step that the episodes read, for every law. */
 typedef struct {
     double torque[N];          /* [N m] commanded, held; motors with gains: tau_ff */
+    double offset[N];          /* [N m] the caller's part of it */
     double kp[N], kd[N];       /* [N m/rad], [N m s/rad] gains of the motors' own loops */
     double q_des[N];           /* [rad] position where kp is at rest */
     double reference[N];       /* [rad] equilibrium posture in use */
@@ -38,6 +41,8 @@ typedef struct {
     double energy;             /* [J] elastic and of the limits, by the law's account */
     double tank, deficit;      /* [J] */
     double supplied;           /* [J] that can have left the port so far, by the law's account */
+    double velocity_limit[N];  /* [rad/s] in force; 0: the law has none */
+    int call_gap;              /* [samples] in force; 0: the law has none */
     uint32_t status;
     int faulted;               /* not under control: fallback or latched */
     int reason;                /* for that, the law's own number */

@@ -96,9 +96,10 @@ class Loop:
 
     Args:
         folder: where to compile; a library that another process compiled there is used again.
-        robot: folder of the generated iiwa 14.
+        robot: folder of a generated robot, whose tip's path holds all joints.
         law: C file that implements law.h on the robot's controller.
-        sources: C files of the robot's folder.
+        sources: C files of the robot's folder; its kernels and its controller if None.
+        home: posture far from limits and singular poses [rad], where episodes start.
 
     """
 
@@ -107,18 +108,25 @@ class Loop:
         folder: Path,
         robot: Path,
         law: Path = LAW,
-        sources: tuple[str, ...] = (*KERNELS, "iiwa14_impedance.c"),
+        sources: tuple[str, ...] | None = None,
         flags: tuple[str, ...] = ("-O1", "-march=native"),
+        home: ArrayLike = Q0,
     ) -> None:
-        path = folder / "loop.so"
+        path, name = folder / "loop.so", robot.name
+        self.home = np.array(home, dtype=float)
+        self.n, self._name = len(self.home), name
+        sources = sources or tuple(f"{name}{part}.c" for part in ("", "_batch", "_impedance"))
         files = [HERE / "plant.c", HERE / "episode.c", law, *(robot / source for source in sources)]
-        command = ["gcc", "-std=c99", *flags, "-shared", "-fPIC", f"-I{HERE}", f"-I{robot}", *map(str, files), "-lm"]
+        names = [f"-DROBOT={name}", f"-DUPPER={name.upper()}", f"-DJOINTS={self.n}", "-include", f"{name}.h"]
+        names += ["-include", f"{name}_impedance.h"] if law in (LAW, POLICY) else []
+        folders = [f"-I{HERE}", f"-I{robot}"]
+        command = ["gcc", "-std=c99", *flags, "-shared", "-fPIC", *folders, *names, *map(str, files), "-lm"]
         if not path.exists():
             subprocess.run([*command, "-o", str(path)], check=True)
         self.library = ctypes.CDLL(str(path))
-        sizes = {"N": N}
+        sizes = {"N": self.n}
         known: dict[str, Any] = {}
-        for header, name in (
+        for header, record in (
             (HERE / "plant.h", "plant_t"),
             (HERE / "episode.h", "segment_t"),
             (HERE / "episode.h", "episode_t"),
@@ -127,25 +135,25 @@ class Loop:
             (HERE / "law.h", "sample_t"),
             (HERE / "law.h", "command_t"),
         ):
-            known[name] = struct(header, name, known, sizes)
+            known[record] = struct(header, record, known, sizes)
         self._known = known
         self.streamed = law == POLICY
         if law in (FREE, TEXTBOOK):
             self.Config: Any = ctypes.c_int
             self.Output: Any = ctypes.c_int
         else:
-            header = robot / "iiwa14_impedance.h"
-            self.Config = struct(header, "iiwa14_impedance_config", known, sizes)
-            self.Output = struct(header, "iiwa14_impedance_output", known, sizes)
+            header = robot / f"{name}_impedance.h"
+            self.Config = struct(header, f"{name}_impedance_config", known, sizes)
+            self.Output = struct(header, f"{name}_impedance_output", known, sizes)
         self.Segment, self.Episode, self.Summary = known["segment_t"], known["episode_t"], known["summary_t"]
         self.Row = known["row_t"]
-        for name in ("config", "state", "output"):
-            getattr(self.library, f"law_{name}_size").restype = ctypes.c_size_t
+        for record in ("config", "state", "output"):
+            getattr(self.library, f"law_{record}_size").restype = ctypes.c_size_t
         assert self.library.law_config_size() == ctypes.sizeof(self.Config)
         assert self.library.law_output_size() == ctypes.sizeof(self.Output)
         self.lower, self.upper, self.velocity, self.effort = (
-            np.array((ctypes.c_double * N).in_dll(self.library, f"iiwa14_{name}"))
-            for name in ("lower", "upper", "velocity", "effort")
+            np.array((ctypes.c_double * self.n).in_dll(self.library, f"{name}_{array}"))
+            for array in ("lower", "upper", "velocity", "effort")
         )
         self.state = ctypes.create_string_buffer(self.library.law_state_size())
 
@@ -154,23 +162,23 @@ class Loop:
         return self._kernel("forward_kinematics", q, 16).reshape(4, 4)
 
     def jacobian(self, q: ArrayLike) -> np.ndarray:
-        """Return the hybrid Jacobian (6, 7) at q."""
-        return self._kernel("hybrid_jacobian", q, 42).reshape(6, 7)
+        """Return the hybrid Jacobian (6, n) at q."""
+        return self._kernel("hybrid_jacobian", q, 6 * self.n).reshape(6, self.n)
 
     def mass_matrix(self, q: ArrayLike) -> np.ndarray:
-        """Return the links' mass matrix (7, 7) at q."""
-        return self._kernel("mass_matrix", q, 49).reshape(7, 7)
+        """Return the links' mass matrix (n, n) at q."""
+        return self._kernel("mass_matrix", q, self.n**2).reshape(self.n, self.n)
 
     def bias(self, q: ArrayLike, v: ArrayLike) -> np.ndarray:
-        """Return Coriolis and centrifugal forces (7) of the plant."""
-        result = np.empty(N)
+        """Return Coriolis and centrifugal forces (n) of the plant."""
+        result = np.empty(self.n)
         arguments = [np.ascontiguousarray(x, dtype=float) for x in (q, v)]
         self.library.plant_bias(*(x.ctypes.data_as(ctypes.c_void_p) for x in (*arguments, result)))
         return result
 
     def _kernel(self, name: str, q: ArrayLike, size: int) -> np.ndarray:
         q, result = np.ascontiguousarray(q, dtype=float), np.empty(size)
-        kernel = getattr(self.library, f"iiwa14_{name}")
+        kernel = getattr(self.library, f"{self._name}_{name}")
         kernel(q.ctypes.data_as(ctypes.c_void_p), result.ctypes.data_as(ctypes.c_void_p))
         return result
 
@@ -194,7 +202,7 @@ class Loop:
         return fill(config, **values)
 
     def episode(self, **values: Any) -> Any:
-        """Return an episode: 1 ms, rotors of 0.1 kg m^2, exact sensors, no delay, rest at Q0; ``values`` override."""
+        """Return an episode: 1 ms, rotors of 0.1 kg m^2, exact sensors, no delay, rest at home; ``values`` override."""
         plant: dict[str, Any] = {
             "motor": 0.1,
             "substeps": 1,
@@ -205,16 +213,16 @@ class Loop:
         names = {name for name, _ in self.Episode._fields_[0][1]._fields_}
         plant |= {name: values.pop(name) for name in list(values) if name in names}
         limits = {"velocity_limit": self.velocity, "effort": self.effort, "rate": 10 * self.effort}
-        first = {"sample_time": 1e-3, "q": Q0, **limits}
+        first = {"sample_time": 1e-3, "q": self.home, **limits}
         episode = fill(self.Episode(), **(first | values))
         fill(episode.plant, **plant)
         return episode
 
     def segment(self, base: Any = None, **values: Any) -> Any:
-        """Return the segment ``base`` with some fields changed and no reset; default: Q0 and the paper's stiffness."""
+        """Return the segment ``base`` with some fields changed and no reset; default: home, the paper's springs."""
         new = self.Segment()
         if base is None:
-            fill(new, wanted=Q0, translation=np.diag([700.0, 700, 800]), rotation=np.diag([30.0, 30, 30]))
+            fill(new, wanted=self.home, translation=np.diag([700.0, 700, 800]), rotation=np.diag([30.0, 30, 30]))
         else:
             ctypes.memmove(ctypes.byref(new), ctypes.byref(base), ctypes.sizeof(new))
             new.reset = 0

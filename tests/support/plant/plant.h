@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT */
 /*
- * A rigid arm as a plant, on the iiwa 14's generated mass matrix, Jacobian and forward kinematics:
+ * A rigid arm as a plant, on a generated robot's mass matrix, Jacobian and forward kinematics. Compiled for one robot:
+ * -DROBOT=NAME -DUPPER=NAME_IN_CAPITALS -DJOINTS=DOF, with NAME.h included, and NAME_impedance.h for its controller.
  *
  *     (M(q) + diag(motor)) dv/dt + c(q, v) = torque + push - friction v + J^T load + clamp + stops + hand
  *
@@ -14,7 +15,12 @@
 #ifndef PLANT_H
 #define PLANT_H
 
-enum { N = 7 };
+#define JOIN_NAMES(a, b) a##b
+#define JOIN(a, b) JOIN_NAMES(a, b)
+#define ROBOT_(name) JOIN(ROBOT, _##name)
+#define UPPER_(name) JOIN(UPPER, _##name)
+
+enum { N = JOINTS };
 
 typedef struct {
     double motor[N];       /* [kg m^2] motor inertia at the joint */

@@ -3,8 +3,6 @@
  * The generated controller behind its policy port, with a hostile commander: what an episode commands is proposed late by
  * up to 2 s, in jitter, out of order, with time stamps that lie, with NaN and with jumps. policy_seed chooses the commander.
  */
-#include "iiwa14_impedance.h"
-
 #include <math.h>
 #include <string.h>
 

@@ -15,28 +15,19 @@ from stiffgen.controller.page import controller_page
 from stiffgen.lower.scalar import DOUBLE
 from stiffgen.symbolic.springs import Placement
 from support.controller_inputs import Arm
-from support.small_robots import Small, part
+from support.small_robots import part, turning_arm
 
 TURN = 2 * np.pi
 START = np.array([2.8, 0.6, -2.9])
 APART, FIRST = np.array([1.0, 0.0, -1.0]), np.array([1.0, 0.0, 0.0])
 SPRING = {"translation_stiffness": 200 * np.eye(3), "rotation_stiffness": 10 * np.eye(3)}
-FAST = '<limit effort="60" velocity="6"/>'
 MIMIC = '<mimic joint="one" multiplier="{}"/>'
-
-
-def arm_of(last: str = "") -> Small:
-    """Return an arm whose first and last joint turn without limits."""
-    parts = part("base", "one", "continuous", axis="0 0 1") + part("one", "two", axis="0 1 0")
-    parts += last or part("two", "three", "continuous", axis="0.6 0 0.8")
-    return Small(parts.replace('<limit lower="-2" upper="2" effort="10" velocity="1"/>', FAST.replace(
-        "<limit", '<limit lower="-2" upper="2"')), {"tip": "three"})  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def turning(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
     folder = tmp_path_factory.mktemp("turning")
-    (folder / "arm.urdf").write_text(arm_of().urdf)
+    (folder / "arm.urdf").write_text(turning_arm().urdf)
     chosen: dict[str, Any] = {"kernels": "limits", "batches": False, "tip": "three"}
     return stiffgen.open_robot(stiffgen.generate(folder / "arm.urdf", output=folder, **chosen)).module
 
@@ -145,6 +136,6 @@ def test_a_gap_in_which_the_turn_is_lost_costs_the_most(turning: ModuleType) -> 
     (part("two", "three", "prismatic", more=MIMIC.format("1")), [0, 0]),
 ])  # fmt: skip
 def test_gears_and_screws_are_not_the_same_a_turn_farther(last: str, turns: list[int], tmp_path: Path) -> None:
-    chain = arm_of(last).load(tmp_path)
+    chain = turning_arm(last).load(tmp_path)
     page = controller_page("small", chain, DOUBLE, Placement(), bounded=False)
     assert page is not None and page.turns == turns
