@@ -619,6 +619,9 @@ static void report_memory(const memory_t *m, output_t *out)
     out->tank_energy = m->tank;
     out->tank_reserve = m->reserve;
     out->engagement = m->engagement;
+    memcpy(out->velocity_limit, m->velocity_limit, sizeof out->velocity_limit);
+    out->missed_limit = m->calls;
+    out->call_gap_limit = m->call_gap;
     out->energy_supplied = m->energy_supplied;
     out->port_total = m->port_total;
     out->sampling_total = m->sampling_total;
@@ -1747,19 +1750,44 @@ static void drop_limits(step_t *s, const double *q)
 }
 
 /*
- * Adopt the configured missed_limit and call_gap_limit. Larger ones let the torque act for longer: they wait until the
- * available energy covers that, and never come into force in a fault.
+ * Return whether tank, stored energy and engagement cover the present torque under given limits of calls. Torques that
+ * were in transit in a gap may be booked already, at the velocity limits in force then: they must have acted.
  */
-static void adopt_missed_limit(step_t *s, const double *last)
+static int covers_torque(const step_t *s, int calls, int gap, const double *last)
 {
-    memory_t *const m = s->m;
+    const memory_t *const m = s->m;
     double parts[3];
-    const int calls = s->c->missed_limit, gap = limit_call_gap(s->c, calls);
-    if ((calls <= m->calls && gap <= m->call_gap) ||
-        (m->fault == IIWA14_FAULT_NONE && compute_reserve(s, calls, gap, last, parts) <= available_energy(m))) {
-        m->calls = calls;
+    return m->recent_count > m->delay && worst_feed_work(m, m->feed, gap) <= larger(m->engagement, 0.0) &&
+           sum_reserve(s, calls, gap, last, parts) <= available_energy(m);
+}
+
+/*
+ * Adopt the limits under which a torque can put out more: a raised velocity_limit, missed_limit or call_gap_limit. One
+ * rule for each, in a fault, too: it waits until the present torque is covered under it. Lower limits of calls come
+ * into force at once; check_limits lowers those of velocity.
+ */
+static void adopt_raised_limits(step_t *s, const double *last)
+{
+    const config_t *const c = s->c;
+    memory_t *const m = s->m;
+    int kept = 0;
+    for (int i = 0; i < N; ++i) {
+        const double before = m->velocity_limit[i];
+        m->velocity_limit[i] = larger(before, c->velocity_limit[i]);
+        if (m->velocity_limit[i] > before && !covers_torque(s, m->calls, m->call_gap, last)) {
+            m->velocity_limit[i] = before;
+            kept = 1;
+        }
+    }
+    if (c->missed_limit <= m->calls || covers_torque(s, c->missed_limit, m->call_gap, last)) {
+        m->calls = c->missed_limit;
+    }
+    const int gap = limit_call_gap(c, m->calls);
+    if (gap <= m->call_gap || covers_torque(s, m->calls, gap, last)) {
         m->call_gap = gap;
     }
+    kept |= m->calls < c->missed_limit || m->call_gap < gap;
+    s->status |= kept ? (uint32_t)IIWA14_STATUS_LIMITS_KEPT : 0u;
 }
 
 /*
@@ -5236,13 +5264,14 @@ static void check_limits(step_t *s)
     int fast = NO_JOINT;
     for (int i = 0; i < N; ++i) {
         const double speed = fabs(s->velocity[i]);
-        if (speed > c->velocity_limit[i] + NOISE_RANGE * c->velocity_noise) {
+        const double limit = smaller(c->velocity_limit[i], m->velocity_limit[i]);
+        if (speed > limit + NOISE_RANGE * c->velocity_noise) {
             fast = fast == NO_JOINT ? i : fast;
             s->status |= IIWA14_STATUS_OVERSPEED;
         }
-        /* a lowered limit bounds what is believed only once the arm is below it */
-        if (smaller(speed, m->velocity_limit[i]) <= c->velocity_limit[i]) {
-            m->velocity_limit[i] = c->velocity_limit[i];
+        /* a lowered limit bounds what is believed only once the arm is known to be below it */
+        if (s->believed && speed <= c->velocity_limit[i]) {
+            m->velocity_limit[i] = limit;
         }
         if (distance_beyond(c, i, s->q[i]) > c->position_tolerance) {
             const double edge = s->q[i] > c->upper_limit[i] ? c->upper_limit[i] : c->lower_limit[i];
@@ -5252,7 +5281,8 @@ static void check_limits(step_t *s)
     /* a bump may drive a joint beyond its limit for a moment, which is braked */
     m->fast = fast == NO_JOINT ? 0 : clamp_count(m->fast + 1, LONGEST);
     if (fast != NO_JOINT && m->fast * c->sample_time > c->overspeed_time * (1.0 + ROUNDED)) {
-        latch_fault(m, IIWA14_REASON_OVERSPEED, fast, fabs(s->velocity[fast]), c->velocity_limit[fast]);
+        const double limit = smaller(c->velocity_limit[fast], m->velocity_limit[fast]);
+        latch_fault(m, IIWA14_REASON_OVERSPEED, fast, fabs(s->velocity[fast]), limit);
     }
     if (m->engaged && c->spring != m->spring) {
         latch_fault(m, IIWA14_REASON_CHANGED, NO_JOINT, 0.0, 0.0);
@@ -5336,7 +5366,7 @@ static void step_with_sample(step_t *s, const double *last)
     accept_feedforward(s);
     check_limits(s);
     s->budget = m->tank - TANK_FLOOR * s->tank_maximum;
-    adopt_missed_limit(s, last);
+    adopt_raised_limits(s, last);
     if (m->fault == IIWA14_FAULT_NONE) {
         adopt_limits(s, s->q);
     } else {

@@ -2685,6 +2685,9 @@ static const field fields[] = {
     {"output", "tank_energy", "f8", offsetof(iiwa14_impedance_output, tank_energy), 0, {1, 1, 1}},
     {"output", "tank_reserve", "f8", offsetof(iiwa14_impedance_output, tank_reserve), 0, {1, 1, 1}},
     {"output", "engagement", "f8", offsetof(iiwa14_impedance_output, engagement), 0, {1, 1, 1}},
+    {"output", "velocity_limit", "f8", offsetof(iiwa14_impedance_output, velocity_limit), 1, {7, 1, 1}},
+    {"output", "missed_limit", "i4", offsetof(iiwa14_impedance_output, missed_limit), 0, {1, 1, 1}},
+    {"output", "call_gap_limit", "i4", offsetof(iiwa14_impedance_output, call_gap_limit), 0, {1, 1, 1}},
     {"output", "tank_initial", "f8", offsetof(iiwa14_impedance_output, tank_initial), 0, {1, 1, 1}},
     {"output", "engagement_limit", "f8", offsetof(iiwa14_impedance_output, engagement_limit), 0, {1, 1, 1}},
     {"output", "energy_limit", "f8", offsetof(iiwa14_impedance_output, energy_limit), 0, {1, 1, 1}},
@@ -2790,7 +2793,7 @@ static const status statuses[] = {
     {"stiffness_capped", IIWA14_STATUS_STIFFNESS_CAPPED, "springs are softened: M^-1 K T^2 would be too large for the sample time (stiffness_share)"},
     {"indefinite", IIWA14_STATUS_INDEFINITE, "the tangent has a negative eigenvalue: its mode is unstable, and is damped as if it were stable"},
     {"mass_matrix", IIWA14_STATUS_MASS_MATRIX, "the mass matrix is not positive definite: damping is joint_damping only"},
-    {"limits_kept", IIWA14_STATUS_LIMITS_KEPT, "a changed limit avoidance waits: at the present position it would cost more energy than the tank can pay"},
+    {"limits_kept", IIWA14_STATUS_LIMITS_KEPT, "a changed limit waits: limit avoidance that would cost more energy than the tank can pay, or a raised velocity_limit, missed_limit or call_gap_limit that tank and stored energy do not cover"},
     {"config", IIWA14_STATUS_CONFIG, "the configuration is refused or the state is not initialised; the return value says why"},
     {"repeated", IIWA14_STATUS_REPEATED, "the sample repeats the last state, as state_period allows: the torque is held"},
     {"overspeed", IIWA14_STATUS_OVERSPEED, "a joint is beyond its velocity limit and is braked: a fault after overspeed_time"},
@@ -3297,7 +3300,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "f775d7625b422361") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "6ff241346b8a2431") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -124,7 +124,8 @@ class HostileSession:
         self.goal = self.q + 0.0
         self.absent = self.held = self.stuck = 0
         self.pressed = np.zeros(6 * len(self.chain.tips))
-        self.offset = np.zeros(self.n)
+        share = random.choice([0.0, 0.2])  # a torque in force at the start is the caller's as far as it is offset
+        self.offset = random.normal(size=self.n) * np.array(self.config.effort_limit) * share
         self.rate, self.stated = np.zeros(self.n), np.zeros((2, self.n))
         self.stuck_field = "q"
         self.command = 2 if random.random() < 0.3 else 1
