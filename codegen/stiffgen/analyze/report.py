@@ -316,8 +316,8 @@ def _over_time(panels: Mapping[str, Sequence[_Line]], result: Summary) -> str:
                 mean, least, most = _curves(envelope, line.measure)
                 if envelope.shift:
                     panel.fill_between(x, least, most, color=line.colour, alpha=0.25, linewidth=0)
-                if line.deviation and (2 * _curves(envelope, line.deviation)[0] > 0).any():
-                    twice = 2 * _curves(envelope, line.deviation)[0]
+                twice = 2 * _curves(envelope, line.deviation)[0] if line.deviation else mean * np.nan
+                if (twice > 0).any():
                     panel.fill_between(x, mean - twice, mean + twice, color=INK, alpha=0.25, linewidth=0, label=BAND)
                 marker = "o" if (~np.isnan(mean)).sum() < 3 else None  # a single point has no line
                 panel.plot(

@@ -226,7 +226,8 @@ def _run(commands: Sequence[Sequence[str]], compiler: str, temporary: Path) -> N
     running: list[subprocess.Popen[str]] = []
     with signals_deferred() as deliver:
         try:
-            running.extend(_start(command, temporary) for command in commands)
+            for command in commands:
+                running.append(_start(command, temporary))  # one by one: those before an error are ended, too
             deliver()
             for process in running:
                 output, _ = process.communicate()

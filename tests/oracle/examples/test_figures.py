@@ -2,8 +2,8 @@
 """Pictures of the pages are those that their programs draw today.
 
 Not here: ``adaptive.svg`` and ``identify.svg``, which the tests of their programs compare; ``casadi.svg`` and those of
-``whole_body.md``, whose tests draw them from shorter runs; ``wrench.svg``, drawn by hand; ``fri_session.svg`` and
-``bowl_antisymmetric.svg``, which no test compares.
+``whole_body.md``, whose tests draw them from shorter runs; ``recordings.svg``, which test_recordings compares;
+``wrench.svg``, drawn by hand; ``fri_session.svg`` and ``bowl_antisymmetric.svg``, which no test compares.
 """
 
 from __future__ import annotations
