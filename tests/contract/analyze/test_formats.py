@@ -293,7 +293,7 @@ def test_dask_gives_the_same(here, robot_folder, monkeypatch):
     here_result = stiffgen.analyze(log, robot_folder, K, figures=False)
     assert len(here_result.recording.partitions) > 3
     with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None
+        n_workers=2, threads_per_worker=1, processes=False, dashboard_address="127.0.0.1:0"
     ) as cluster:
         dask_result = stiffgen.analyze(log, robot_folder, K, figures=False, dask=cluster.scheduler_address)
     assert_same(here_result.result, dask_result.result, exact=True)
