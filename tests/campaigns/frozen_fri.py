@@ -91,12 +91,16 @@ def draw_harmless(rng: np.random.Generator, kind: str) -> Schedule:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Result of a faulty session: share of a velocity limit, delay of letting go [s] (None: no joint parted)."""
+    """Result of a faulty session: share of a velocity limit, delay of letting go [s] (None: no joint parted).
+
+    ``held`` is a share of the effort limit: friction that holds as much would make the measured position true.
+    """
 
     fast: float
     late: float | None
     beyond: float
     apart: float
+    held: float
 
     @property
     def safe(self) -> bool:
@@ -113,7 +117,7 @@ def judge(told: Mapping[str, Any]) -> Verdict:
     """Judge a faulty session."""
     gone = told["let_go_time"] if told["let_go_time"] >= 0.0 else np.inf
     late = gone - told["parted"] if told["parted"] >= 0.0 else None
-    return Verdict(told["fast"], late, told["beyond"], told["apart"])
+    return Verdict(told["fast"], late, told["beyond"], told["apart"], told["held"])
 
 
 def blames_position(told: Mapping[str, Any]) -> bool:
@@ -141,6 +145,10 @@ def faulty(attack: Attack, rng: np.random.Generator, count: int, kinds: list[str
               f"{sum(not v.prompt for v in verdicts)} let go late; at most {max(v.fast for v in verdicts):.2f} of a "
               f"velocity limit, {1e3 * max(late, default=0.0):.0f} ms after 0.02 rad, "
               f"{max(v.apart for v in verdicts):.3f} rad apart", flush=True)  # fmt: skip
+        held = sorted(100.0 * v.held for v in verdicts if not v.prompt)
+        if held:
+            print(f"          late: dry friction of {held[0]:.1f} to {held[-1]:.1f} % of the effort limit would hold "
+                  f"the joint (median {held[len(held) // 2]:.1f} %)", flush=True)  # fmt: skip
     return found
 
 

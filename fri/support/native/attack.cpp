@@ -143,12 +143,13 @@ void session(const Schedule &schedule, const std::string &file, int period)
                 world.axis_delta, world.unanswered, world.not_finite, world.sent, world.last_torque, recent, last);
     std::printf("\"release\": %.17g, \"let_go\": %s, \"done\": %s, \"idle\": %s, \"interrupted\": %s, \"interrupts\": %d, "
                 "\"declined\": %s, \"moved\": %s, \"refused\": %s, \"state\": %d, \"progress\": %.17g, \"parted\": %.17g, "
-                "\"let_go_time\": %.17g, \"beyond\": %.17g, \"apart\": %.17g}\n",
+                "\"let_go_time\": %.17g, \"beyond\": %.17g, \"apart\": %.17g, \"held\": %.17g}\n",
                 seen.zero_time >= 0.0 ? seen.zero_time - seen.let_go_time : -1.0, boolean(seen.let_go),
                 boolean(client->trajectory_done()), boolean(world.idle_seen), boolean(world.interrupted),
                 static_cast<int>(interrupts), boolean(client->question().state() == Question::NO), boolean(world.moved),
                 boolean(client->refusal() != REFUSAL_NONE), world.last_state, client->progress(), world.parted,
-                seen.let_go_time, world.beyond, seen.let_go ? seen.apart : world.apart);
+                seen.let_go_time, world.beyond, seen.let_go ? seen.apart : world.apart,
+                world.parted_joint >= 0 ? world.held[static_cast<std::size_t>(world.parted_joint)] : 0.0);
     std::fflush(stdout);
 }
 

@@ -26,6 +26,7 @@ struct Answer {
 
 double END = 4.0;            /* [s] after which the robot has ended the session, and is silent */
 const double PARTED = 0.02;  /* [rad] */
+const double LATEST = 0.06;  /* [s] from there to letting go */
 const double LONGEST = 26.0; /* [s] after the end, after which a client that has not left never will */
 
 class World : public Datagrams {
@@ -124,6 +125,8 @@ public:
     double beyond = 0.0;  /* [rad] farthest beyond a joint's limit */
     double apart = 0.0;   /* [rad] of the arm now from its measured position */
     double parted = -1.0; /* [s] when a joint was PARTED from its measured position; -1: never */
+    int parted_joint = -1;
+    Vector held = Vector(); /* share of the effort limit that friction held, if positions that stand still were true */
     double last_torque = 0.0, last_delivery = 0.0, gap = 0.0; /* largest [N m] of the last answer; [s] */
     std::deque<double> deliveries;                            /* [s] of the last sound messages */
     int last_state = IDLE;                                    /* of the last message that was answered */
@@ -322,6 +325,7 @@ private:
             external[i] = gain * external[i] + (hum > 0.0 ? hum * (2.0 * uniform_(random_) - 1.0) : 0.0);
             external[i] += (i % 2 == 0 ? bias : -bias) * effort[i];
         }
+        note_held(time, external);
         if ((without & 1) == 0) {
             put_reals(&measured, 1, q.data(), JOINTS);
         }
@@ -369,6 +373,25 @@ private:
         return framed(body);
     }
 
+    /* Note the torque that friction must hold if the positions that stand still are true, until it is too late. */
+    void note_held(double time, const Vector &external)
+    {
+        if (state_ != COMMANDING_ACTIVE || (parted >= 0.0 && time > parted + LATEST)) {
+            return;
+        }
+        for (std::size_t i = 0; i < JOINTS; ++i) {
+            const double share = std::fabs(torque_[i] + external[i]) / effort[i];
+            held[i] = stands(i, time) ? std::max(held[i], share) : held[i];
+        }
+    }
+
+    bool stands(std::size_t joint, double time) const
+    {
+        const int still = static_cast<int>(schedule.value("still", time, 0.0));
+        const int toggling = static_cast<int>(schedule.value("toggling", time, 0.0));
+        return ((still | toggling / 100) >> joint & 1) != 0;
+    }
+
     /* Replace positions by those of faulty encoders, and note how far the arm is from them. */
     void deceive(double time, Vector *q, Vector *external)
     {
@@ -377,13 +400,12 @@ private:
             (*q)[i] = quantum * std::nearbyint((*q)[i] / quantum);
         }
         measured_.push_back(*q);
-        const int still = static_cast<int>(schedule.value("still", time, 0.0));
         const int toggling = static_cast<int>(schedule.value("toggling", time, 0.0));
         const int late = static_cast<int>(schedule.value("late", time, 0.0));
         const std::size_t back = std::min<std::size_t>(static_cast<std::size_t>(late % 10000), measured_.size() - 1);
         for (std::size_t i = 0; i < JOINTS; ++i) {
-            const bool stands = ((still | toggling / 100) >> i & 1) != 0;
-            (*q)[i] = stands ? stood_[i] : (*q)[i];
+            const bool stuck = stands(i, time);
+            (*q)[i] = stuck ? stood_[i] : (*q)[i];
             stood_[i] = (*q)[i];
             if ((toggling / 100 >> i & 1) != 0 && cycles_ % 2 == 0) {
                 std::uint64_t bits;
@@ -392,12 +414,13 @@ private:
                 std::memcpy(&(*q)[i], &bits, sizeof bits);
             }
             (*q)[i] = (late / 10000 >> i & 1) != 0 ? measured_[measured_.size() - 1 - back][i] : (*q)[i];
-            if (stands && schedule.at("misled", time) != NULL) {
+            if (stuck && schedule.at("misled", time) != NULL) {
                 (*external)[i] = schedule.value("misled", time, 0.0) > 1.5 ? -arm.sensed[i] : -torque_[i];
             }
             apart = std::max(i > 0 ? apart : 0.0, std::fabs(arm.q[i] - (*q)[i]));
             if (parted < 0.0 && std::fabs(arm.q[i] - (*q)[i]) >= PARTED && state_ == COMMANDING_ACTIVE) {
                 parted = time;
+                parted_joint = static_cast<int>(i);
             }
         }
     }
