@@ -181,9 +181,9 @@ def robot(plate: ModuleType) -> ModuleType:
 
 
 def some(*names: str) -> list[Any]:
-    """Names of programs; those beside 2.7 are for the slow tests."""
-    quick = ("2.7", "sdk")
-    return [pytest.param(name, marks=() if name in quick else pytest.mark.slow) for name in names]
+    """Names of programs; those beside 2.7 are slow, and those between oldest and newest wide."""
+    marks = {"2.7": (), "sdk": (), "2.5": pytest.mark.wide, "standin-1.15": pytest.mark.wide}
+    return [pytest.param(name, marks=marks.get(name, pytest.mark.slow)) for name in names]
 
 
 SDK = ["sdk"] if sdk_options() else []

@@ -29,8 +29,8 @@ def test_scenario(scenarios: Callable[[str], Path], name: str) -> None:
     check(scenarios("rolling"), name)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("distro", ["humble", pytest.param("jazzy", marks=pytest.mark.wide)])
+@pytest.mark.wide(instead="test_scenario")
+@pytest.mark.parametrize("distro", ["humble", "jazzy"])
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_scenario_on_an_older_distribution(scenarios: Callable[[str], Path], name: str, distro: str) -> None:
     check(scenarios(distro), name)

@@ -164,12 +164,13 @@ def mutated(request, chain, references, tmp_path_factory):
 
 
 AWAITED = (("skew", "C"),)
+MARKS = {"C": pytest.mark.slow, "CUDA on the host": pytest.mark.wide}
 
 
 @pytest.mark.parametrize(
     ("mutated", "vehicle"),
     [
-        pytest.param(*case, marks=() if case in AWAITED else pytest.mark.slow)
+        pytest.param(*case, marks=() if case in AWAITED else MARKS[case[1]])
         for case in itertools.product(("iiwa14", "skew", "turning"), ("C", "CUDA on the host"))
     ],
     indirect=["mutated"],

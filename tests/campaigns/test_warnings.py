@@ -25,7 +25,7 @@ def test_random_robots_compile_without_a_warning(seed, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [19, 37])
+@pytest.mark.parametrize("seed", [19, pytest.param(37, marks=pytest.mark.wide)])
 def test_derivatives_of_random_robots_compile_without_a_warning(seed, tmp_path):
     """Of one joint and of five: what one derivative hands to another may be known to be zero."""
     kind, sources = sources_of_varied_robot(seed, 5, tmp_path)

@@ -248,7 +248,7 @@ CASES = [
 ]  # fmt: skip
 CASES += [
     pytest.param("dual", "g++", "c++20", True, marks=pytest.mark.wide),
-    ("tooled", "g++", "c++20", True),
+    pytest.param("tooled", "g++", "c++20", True, marks=pytest.mark.wide),
     pytest.param("solo12", "clang++", "c++17", True, marks=pytest.mark.wide),
 ]
 

@@ -88,8 +88,9 @@ def test_copies_of_entries_have_names_of_their_own(tmp_path):
         assert len(outermost) == len(set(outermost))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    "case", [pytest.param(case, marks=pytest.mark.slow if case == "arm" else pytest.mark.wide) for case in CASES]
+)
 def test_cuda_on_the_host(case, tmp_path):
     """Cotangents lie with each configuration; gradients come back whole."""
     chain = stiffgen.load_chain(urdf_of(case, tmp_path), **CASES[case])

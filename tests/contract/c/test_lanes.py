@@ -44,11 +44,9 @@ def test_a_chain_of_one_joint(tmp_path, monkeypatch):
     check_every_oracle("p", ["SSE2"], "quick", tmp_path, monkeypatch, 11)
 
 
-@pytest.mark.slow
+@pytest.mark.wide(instead="test_a_chain_of_one_joint")
 @pytest.mark.usefixtures("unoptimised")
-@pytest.mark.parametrize(
-    "types", [pytest.param(types, marks=() if types == "rprmrr" else pytest.mark.wide) for types in CHAINS]
-)
+@pytest.mark.parametrize("types", CHAINS)
 def test_every_chain(types, tmp_path, monkeypatch):
     check_every_oracle(types, CHAINS[types], "chain", tmp_path, monkeypatch, 11)
 

@@ -41,7 +41,10 @@ def found(source: Path, dump: Path) -> set[str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("file", NAMES, ids=NAMES.values())
+@pytest.mark.parametrize(
+    "file",
+    [pytest.param(file, marks=pytest.mark.wide if file == KERNELS else (), id=name) for file, name in NAMES.items()],
+)
 def test_every_finding_is_argued(file: str, tmp_path: Path) -> None:
     files = [KERNELS, "iiwa14_batch.c"] if file == KERNELS else [file]
     kinds = set().union(*(found(FOLDER / each, tmp_path) for each in files))

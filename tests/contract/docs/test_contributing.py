@@ -82,7 +82,7 @@ VERIFY = "import sys; from stiffgen.cli import main; sys.exit(main(sys.argv[1:])
 ORACLE = re.compile(r'^    "load_energy".*\n', re.MULTILINE)
 
 
-@pytest.mark.slow
+@pytest.mark.wide(instead="test_recipe")
 def test_a_kernel_with_a_new_argument_is_verified_to_the_end(tmp_path: Path) -> None:
     """The page's kernel: at most two files, verify and test_ufunc pass; wrong or without its oracle, verify fails.
 

@@ -46,7 +46,7 @@ def test_controller_brings_the_functions_that_it_calls(tmp_path: Path) -> None:
     assert "body_jacobian" not in names
 
 
-@pytest.mark.slow
+@pytest.mark.wide(instead="tests/contract/cli/test_cli.py::test_verify")
 @pytest.mark.usefixtures("unoptimised", "narrowest_width")
 def test_part_of_the_functions_is_verified(tmp_path: Path) -> None:
     """Of a small arm, with the functions that its controller calls."""

@@ -348,7 +348,9 @@ def test_without_webgl_the_rest_works(browser, file: Path, tmp_path: Path) -> No
     assert page.errors == []
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name in ("one joint", "two tips") else pytest.mark.wide) for name in ROBOTS]
+)
 def test_other_robots(browser, name: str, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     types, options = ROBOTS[name]
     urdf = ROOT / "tests" / "data" / "dual_arm.urdf" if types is None else tmp_path / "arm.urdf"

@@ -88,7 +88,7 @@ def shapes(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return generate(URDF, name="iiwa14", output=output, kernels=chosen, controller=False, python=False)
 
 
-@pytest.mark.slow
+@pytest.mark.wide(instead="test_the_controller_is_proved")
 @pytest.mark.usefixtures("provers")
 def test_the_memory_of_every_shape_is_proved(shapes: Path) -> None:
     """For all inputs, by Eva: accesses, initialisation, undefined behaviour, loops, arguments that are not written."""
@@ -98,7 +98,7 @@ def test_the_memory_of_every_shape_is_proved(shapes: Path) -> None:
     assert {*SHAPES, "hybrid_jacobian_batch", "self_check"} < {v.function for v in verdicts}
 
 
-@pytest.mark.slow
+@pytest.mark.wide(instead="test_a_fault_is_caught")
 @pytest.mark.usefixtures("provers")
 def test_the_bits_of_every_shape_are_proved(shapes: Path) -> None:
     """For all inputs, by ESBMC: bounds, and symmetry to the last bit of single calls, batches and packed ones."""
@@ -147,7 +147,7 @@ def test_a_width_runs_clean(monkeypatch: pytest.MonkeyPatch, shapes: Path) -> No
     [
         "a shift beyond the width",
         pytest.param("an argument is written", marks=pytest.mark.wide),
-        "a rate too many",
+        pytest.param("a rate too many", marks=pytest.mark.wide),
         pytest.param("an invalid number is taken", marks=pytest.mark.wide),
     ],
 )

@@ -151,7 +151,7 @@ effort="50"/>
 </joint>"""
 
 
-@pytest.mark.slow
+@pytest.mark.wide(instead="test_the_controller_itself_passes")
 def test_sessions_run_on_robots_of_every_kind(tmp_path: Path) -> None:
     """Two tips, a finger's short slide, tools that are arguments: the sessions pass, and change tools while it runs."""
     turns = ("revolute", 1.5)

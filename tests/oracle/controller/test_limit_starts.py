@@ -33,10 +33,14 @@ def slow(*values: float) -> Any:
     return pytest.param(*values, marks=pytest.mark.slow)
 
 
+def wide(*values: float) -> Any:
+    return pytest.param(*values, marks=pytest.mark.wide)
+
+
 @pytest.mark.parametrize("inside", [1e-3, -1e-3, 0.01])
 @pytest.mark.parametrize(
     ("sample_time", "rise", "delay"),
-    [slow(1e-3, 0.25, 0), slow(2e-3, 0.25, 0), (5e-3, 0.25, 0), slow(5e-3, 0.1, 2), slow(1e-2, 0.25, 0),
+    [slow(1e-3, 0.25, 0), wide(2e-3, 0.25, 0), (5e-3, 0.25, 0), slow(5e-3, 0.1, 2), wide(1e-2, 0.25, 0),
      slow(1e-2, 2.0, 1)],
 )  # fmt: skip
 def test_start_at_the_limits(loop: Loop, sample_time: float, rise: float, delay: int, inside: float) -> None:

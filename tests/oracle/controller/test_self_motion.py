@@ -77,7 +77,7 @@ def test_a_loaded_tip_is_moved(loop: Loop, textbook: Loop, force: float) -> None
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["iiwa14", "panda"])
+@pytest.mark.parametrize("name", ["iiwa14", pytest.param("panda", marks=pytest.mark.wide)])
 def test_a_swing_that_begins_at_once(name: str, tmp_path: Path) -> None:
     """Flexible joints, friction, delay: at most twice the rotation vector's law. Before: 2.05 and 2.49 times."""
     arm = Arm(name, tmp_path)

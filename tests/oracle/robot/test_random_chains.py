@@ -45,7 +45,7 @@ def test_random_chains_agree_with_pinocchio(file, robot, seed):
     check_against_pinocchio(file, robot, seed)
 
 
-@pytest.mark.slow
+@pytest.mark.wide(instead="test_random_chains_agree_with_pinocchio")
 @settings(FEW, max_examples=30)
 @given(robot=robots(), seed=st.integers(0, 999))
 def test_more_random_chains_agree_with_pinocchio(file, robot, seed):

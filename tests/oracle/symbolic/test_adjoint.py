@@ -76,8 +76,11 @@ def products(chain):
     "robot",
     [
         "small",
-        *(pytest.param(robot, marks=pytest.mark.slow) for robot in ("tool at run time", "two tips", "small floating")),
-        *(pytest.param(robot, marks=pytest.mark.wide) for robot in ("floating arm with a tool", "floating tree")),
+        *(pytest.param(robot, marks=pytest.mark.slow) for robot in ("tool at run time", "small floating")),
+        *(
+            pytest.param(robot, marks=pytest.mark.wide)
+            for robot in ("two tips", "floating arm with a tool", "floating tree")
+        ),
     ],
 )
 def test_products_are_complex_steps(robot, tmp_path):
@@ -91,8 +94,10 @@ def test_products_are_complex_steps(robot, tmp_path):
     "robot",
     [
         "sliding and mimic joints",
-        "small floating",
-        *(pytest.param(robot, marks=pytest.mark.wide) for robot in ("seven turning joints", "nine joints")),
+        *(
+            pytest.param(robot, marks=pytest.mark.wide)
+            for robot in ("small floating", "seven turning joints", "nine joints")
+        ),
     ],
 )
 def test_two_hundred_states(robot, tmp_path):

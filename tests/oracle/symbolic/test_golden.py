@@ -73,7 +73,7 @@ def test_joint_hessian_of_the_golden_potential(golden, model, robot):
 @pytest.mark.parametrize(
     ("language", "optimisation"),
     [
-        pytest.param(*case, marks=() if case in (("c99", "-O2"), ("c++11", "-O0")) else pytest.mark.slow)
+        pytest.param(*case, marks=() if case in (("c99", "-O2"), ("c++11", "-O0")) else pytest.mark.wide)
         for case in (("c99", "-O0"), ("c99", "-O2"), ("c99", "-O3"), ("c++11", "-O0"), ("c++11", "-O3"))
     ],
 )

@@ -83,7 +83,7 @@ def test_measure_and_gradient_are_zero_where_w_is_zero(tmp_path):
 
 
 @BASES
-@pytest.mark.parametrize("types", ["rprrp", "rrmrrprr"])
+@pytest.mark.parametrize("types", ["rprrp", pytest.param("rrmrrprr", marks=pytest.mark.wide)])
 def test_sliding_and_mimic_joints_and_a_tool_of_run_time(types, floating, tmp_path):
     file = tmp_path / "robot.urdf"
     file.write_text(chain_urdf(types))

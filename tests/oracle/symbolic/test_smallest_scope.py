@@ -90,7 +90,9 @@ def test_motors_of_linkages(robot: str, springs: KernelOptions, tmp_path) -> Non
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("robot", LINKAGES)
+@pytest.mark.parametrize("robot", [
+    pytest.param(name, marks=pytest.mark.wide if name == "four-bar" else ()) for name in LINKAGES
+])  # fmt: skip
 def test_kernels_of_linkages_as_trees(robot: str, tmp_path) -> None:
     """Open loops leave a tree whose paths to the tips hold one or two of its three coordinates."""
     chain, errors = LINKAGES[robot].load(tmp_path), {}
