@@ -135,8 +135,8 @@ enum {
     IIWA14_STATUS_REPEATED = 1 << 20, /* the sample repeats the last state, as state_period allows: the torque is held */
     IIWA14_STATUS_OVERSPEED = 1 << 21, /* a joint is beyond its velocity limit and is braked: a fault after overspeed_time */
     IIWA14_STATUS_OFFSET_LIMITED = 1 << 22, /* torque_offset is held back by the effort or the rate limit */
-    IIWA14_STATUS_FEEDFORWARD_REFUSED = 1 << 23, /* wrench_command, or velocity and acceleration, are not used: not finite, too large, or a velocity that does not agree with the motion of the command */
-    IIWA14_STATUS_FEEDFORWARD_LIMITED = 1 << 24, /* wrench_command is held back by tank, reserve, effort or speed, or the governor does not keep up with the plan */
+    IIWA14_STATUS_FEEDFORWARD_REFUSED = 1 << 23, /* wrench_command, or velocity and acceleration, are not used: not finite, or too large */
+    IIWA14_STATUS_FEEDFORWARD_LIMITED = 1 << 24, /* wrench_command is held back by tank, reserve, effort or speed; or velocity and acceleration are left out: the equilibrium stands still, or does not keep up with the plan */
     IIWA14_STATUS_UNREACHABLE = 1 << 25, /* the commanded pose is out of reach from here: the posture is at its end, or the arm rests in another one; find_posture searches a posture to be commanded as q0 */
     IIWA14_STATUS_COMMAND_LIMITED = 1 << 26 /* q0 is beyond a joint limit by up to position_tolerance: it is followed to the limit's zone (limited_joint) */
 };
@@ -406,8 +406,7 @@ typedef struct {
      * limits; its work is the caller's, outside the energy account. */
     double torque_offset[7];
     /* [rad/s or m/s] velocity of a planned q0, or with an equilibrium the joint velocity that follows it; 0
-     * without a plan; at most reference_velocity_limit; refused where it does not agree with the motion of the
-     * command. */
+     * without a plan; at most reference_velocity_limit; left out while the equilibrium stands still. */
     double velocity[7];
     /* [rad/s^2 or m/s^2] derivative of velocity: the torque M acceleration carries the arm; at most
      * reference_velocity_limit / ramp_time. */
@@ -764,14 +763,6 @@ typedef struct {
     double rotation_stiffness[9];
     /* [m] (4 x 4) tools in force; the tips themselves for a folder without tools. */
     double tool_pose[16];
-    /* [rad] plan: motion that its velocity states, less that of q0. */
-    double posture_drift[7];
-    /* [rad/s] plan: change that its acceleration states, less that of its velocity. */
-    double velocity_drift[7];
-    /* [rad/s] plan: its velocity at the last step. */
-    double plan_velocity[7];
-    /* [m, rad] plan: motion of the tips that its velocity states, less the commanded one. */
-    double tip_drift[6];
     /* [N, N m] limits of bounded springs in force: forces, then moments. */
     double spring_limits[2];
     /* scale l of the springs, from 0 to 1. */
@@ -806,8 +797,6 @@ typedef struct {
     double load_energy;
     /* share of wrench_command in force. */
     double press_share;
-    /* [s] plan: time for which its target has stood still with a velocity. */
-    double plan_still;
     /* [J] account: work put out at the robot's port. */
     double port_total;
     /* [J] account: energy s put in by sampling. */
@@ -890,8 +879,6 @@ typedef struct {
     int32_t capped;
     /* the last accepted command was a pose. */
     int32_t by_pose;
-    /* command of the plan that is followed; 0 without a plan. */
-    int32_t planning;
 } iiwa14_impedance_memory;
 
 typedef struct {

@@ -110,10 +110,10 @@ HAZARD_FAULTS = (
     ),
     HazardFault(
         "motion of a planner that died",
-        "test_a_stale_velocity_is_refused",
-        "m->plan_still <= PLAN_STILL",
-        "m->plan_still <= 1e3",
-        "static int track_target(",
+        "test_a_plan_that_is_repeated_ends",
+        "(s->status & (uint32_t)IIWA14_STATUS_MOVING) != 0u",
+        "1",
+        "void follow_plan(",
     ),
     HazardFault(
         "oscillation",

@@ -90,10 +90,6 @@ _EQUILIBRIUM: tuple[Field, ...] = (
     _number("translation_stiffness", SPRING, "N/m", "stiffness Kt in force"),
     _number("rotation_stiffness", SPRING, "N m/rad", "stiffness Ko in force"),
     _number("tool_pose", POSE, "m", "tools in force; the tips themselves for a folder without tools"),
-    _number("posture_drift", N, "rad", "plan: motion that its velocity states, less that of q0"),
-    _number("velocity_drift", N, "rad/s", "plan: change that its acceleration states, less that of its velocity"),
-    _number("plan_velocity", N, "rad/s", "plan: its velocity at the last step"),
-    _number("tip_drift", WRENCH, "m, rad", "plan: motion of the tips that its velocity states, less the commanded one"),
     _number("spring_limits", _TWO_PER_TIP, "N, N m", "limits of bounded springs in force: forces, then moments"),
     _number("joints", ("joints",), "rad", "joints of the tree from which the loops are closed", when="loops"),
 )
@@ -114,7 +110,6 @@ _ENERGIES: tuple[Field, ...] = (
     _number("load", SCALAR, "", "wrench of the springs over heaviest_wrench"),
     _number("load_energy", SCALAR, "J", "energy of the tips' springs at this load"),
     _number("press_share", SCALAR, "", "share of wrench_command in force"),
-    _number("plan_still", SCALAR, "s", "plan: time for which its target has stood still with a velocity"),
     _number("port_total", SCALAR, "J", "account: work put out at the robot's port"),
     _number("sampling_total", SCALAR, "J", "account: energy s put in by sampling"),
     _number("reference_total", SCALAR, "J", "account: energy p put in by moves of the equilibrium"),
@@ -158,7 +153,6 @@ _INTEGERS: tuple[Field, ...] = (
     _count("call_gap", 0, 1000, "call_gap_limit in force"),
     _count("capped", 0, 1, "the sample time has not allowed the springs' stiffness"),
     _count("by_pose", 0, 1, "the last accepted command was a pose"),
-    _count("planning", 0, 2, "command of the plan that is followed; 0 without a plan"),
 )
 MEMORY = (*_TORQUES, *_SAMPLES, *_STANDSTILLS, *_EQUILIBRIUM, *_ENERGIES, *_INTEGERS)
 """Members of NAME_impedance_memory in their order."""

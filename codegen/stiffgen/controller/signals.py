@@ -57,7 +57,7 @@ INPUT: tuple[Field, ...] = (
         N,
         "rad/s or m/s",
         "velocity of a planned q0, or with an equilibrium the joint velocity that follows it; 0 without a plan; at "
-        "most reference_velocity_limit; refused where it does not agree with the motion of the command",
+        "most reference_velocity_limit; left out while the equilibrium stands still",
     ),
     Field(
         "acceleration",

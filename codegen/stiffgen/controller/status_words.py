@@ -39,12 +39,12 @@ STATUS: tuple[tuple[str, str], ...] = (
     ("offset_limited", "torque_offset is held back by the effort or the rate limit"),
     (
         "feedforward_refused",
-        "wrench_command, or velocity and acceleration, are not used: not finite, too large, or a "
-        "velocity that does not agree with the motion of the command",
+        "wrench_command, or velocity and acceleration, are not used: not finite, or too large",
     ),
     (
         "feedforward_limited",
-        "wrench_command is held back by tank, reserve, effort or speed, or the governor does not keep up with the plan",
+        "wrench_command is held back by tank, reserve, effort or speed; or velocity and acceleration are left out: the "
+        "equilibrium stands still, or does not keep up with the plan",
     ),
     (
         "unreachable",

@@ -2798,8 +2798,8 @@ static const status statuses[] = {
     {"repeated", IIWA14_STATUS_REPEATED, "the sample repeats the last state, as state_period allows: the torque is held"},
     {"overspeed", IIWA14_STATUS_OVERSPEED, "a joint is beyond its velocity limit and is braked: a fault after overspeed_time"},
     {"offset_limited", IIWA14_STATUS_OFFSET_LIMITED, "torque_offset is held back by the effort or the rate limit"},
-    {"feedforward_refused", IIWA14_STATUS_FEEDFORWARD_REFUSED, "wrench_command, or velocity and acceleration, are not used: not finite, too large, or a velocity that does not agree with the motion of the command"},
-    {"feedforward_limited", IIWA14_STATUS_FEEDFORWARD_LIMITED, "wrench_command is held back by tank, reserve, effort or speed, or the governor does not keep up with the plan"},
+    {"feedforward_refused", IIWA14_STATUS_FEEDFORWARD_REFUSED, "wrench_command, or velocity and acceleration, are not used: not finite, or too large"},
+    {"feedforward_limited", IIWA14_STATUS_FEEDFORWARD_LIMITED, "wrench_command is held back by tank, reserve, effort or speed; or velocity and acceleration are left out: the equilibrium stands still, or does not keep up with the plan"},
     {"unreachable", IIWA14_STATUS_UNREACHABLE, "the commanded pose is out of reach from here: the posture is at its end, or the arm rests in another one; find_posture searches a posture to be commanded as q0"},
     {"command_limited", IIWA14_STATUS_COMMAND_LIMITED, "q0 is beyond a joint limit by up to position_tolerance: it is followed to the limit's zone (limited_joint)"},
 };
@@ -3300,7 +3300,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "6ff241346b8a2431") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "ede009808f634e70") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

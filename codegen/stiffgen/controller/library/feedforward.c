@@ -1,10 +1,7 @@
 /* Feed-forward: a wrench that the tips are to exert, velocity and acceleration of a plan, Coriolis forces. */
 #include "impedance.h"
 
-/* Plan: [s] of a velocity limit that a velocity and the command's motion may disagree by, share of it that velocity and
- * acceleration may, [s] in which a disagreement fades, [s] that a command may stand still with a velocity, and sample
- * times of travel that the equilibrium may be behind. */
-static const double PLAN_DRIFT = 0.05, PLAN_JUMP = 0.25, PLAN_MEMORY = 0.5, PLAN_STILL = 0.1, KEPT_UP = 2.0;
+static const double KEPT_UP = 2.0; /* sample times of travel that the equilibrium may be behind a plan */
 
 /* Return whether numbers are all zero; NaN is not. */
 static int are_zero(int count, const double *x)
@@ -26,96 +23,14 @@ static int accept_wrenches(step_t *s)
     return good;
 }
 
-/*
- * Add to a drift what a plan states less what came of it; both fade with PLAN_MEMORY. Return whether the drift is at
- * most `most`.
- */
-static int track_drift(double stated, double made, double elapsed, double most, double *drift)
+/* Return whether velocity and acceleration of a plan are within their limits. */
+static int accept_plan(const config_t *c, const input_t *in)
 {
-    const double kept = larger(1.0 - elapsed / PLAN_MEMORY, 0.0);
-    *drift = clamp(kept * *drift + stated - made, -2.0 * most, 2.0 * most);
-    return fabs(*drift) <= most;
-}
-
-/* Track how far the velocity of the plan and the motion of the tips' equilibria disagree. Return whether they agree. */
-static int track_tips(step_t *s, int *moves)
-{
-    memory_t *const m = s->m;
-    const double *const J = find_jacobians(s);
-    double twist[6] = {0.0};
-    int agree = 1;
-    for (int k = 0; k < 6 * TIPS; ++k) {
-        const double most = PLAN_DRIFT * (k % 6 < 3 ? s->c->tip_velocity_limit : s->c->tip_rotation_limit);
-        if (k % 6 == 0) {
-            pose_difference(m->wanted_equilibrium + 16 * (k / 6), s->goal + 16 * (k / 6), twist);
-        }
-        const double stated = dot(N, J + k * N, s->input->velocity) * s->elapsed;
-        agree &= track_drift(stated, twist[k % 6], s->elapsed, most, &m->tip_drift[k]);
-        *moves |= twist[k % 6] != 0.0;
-    }
-    return agree;
-}
-
-/*
- * Track how far the velocity of the plan and the motion of its target disagree, and how long the target has been
- * standing still although the velocity is not zero. Return whether both are as a plan may be.
- */
-static int track_target(step_t *s)
-{
-    const input_t *const in = s->input;
-    memory_t *const m = s->m;
-    const int by_pose = in->command == ID(COMMAND_EQUILIBRIUM);
-    int agree = 1, moves = are_zero(N, in->velocity);
-    for (int i = 0; i < N; ++i) {
-        const double moved = s->q0[i] - m->wanted_posture[i], most = PLAN_DRIFT * s->c->velocity_limit[i];
-        const double stated = by_pose ? moved : in->velocity[i] * s->elapsed;
-        agree &= track_drift(stated, moved, s->elapsed, most, &m->posture_drift[i]);
-        moves |= moved != 0.0;
-    }
-    if (by_pose) {
-        agree &= track_tips(s, &moves);
-    }
-    m->plan_still = moves ? 0.0 : m->plan_still + s->elapsed;
-    return agree && m->plan_still <= PLAN_STILL;
-}
-
-/*
- * Accept velocity and acceleration of a plan: within limits, and in agreement with the motion of the command. A
- * velocity that stays while the command stands still is stale, and so is an acceleration that the velocity does not
- * follow.
- */
-static int accept_plan(step_t *s)
-{
-    const config_t *const c = s->c;
-    memory_t *const m = s->m;
-    const input_t *const in = s->input;
-    const int accelerated = !are_zero(N, in->acceleration), begins = m->planning != in->command;
     int good = 1;
     for (int i = 0; i < N; ++i) {
         good = good && fabs(in->velocity[i]) <= c->reference_velocity_limit[i];
         good = good && fabs(in->acceleration[i]) <= c->reference_velocity_limit[i] / c->ramp_time;
     }
-    if (!good) {
-        return 0;
-    }
-    m->planning = in->command == ID(COMMAND_EQUILIBRIUM) ? ID(COMMAND_EQUILIBRIUM) : ID(COMMAND_POSITION);
-    if (begins) {
-        memset(m->posture_drift, 0, sizeof m->posture_drift);
-        memset(m->tip_drift, 0, sizeof m->tip_drift);
-        memset(m->velocity_drift, 0, sizeof m->velocity_drift);
-        m->plan_still = 0.0;
-    } else {
-        good = track_target(s);
-    }
-    for (int i = 0; i < N; ++i) {
-        const double most = PLAN_JUMP * c->velocity_limit[i], changed = in->velocity[i] - m->plan_velocity[i];
-        const double stated = in->acceleration[i] * s->elapsed;
-        m->velocity_drift[i] *= accelerated ? 1.0 : 0.0;
-        if (accelerated && !begins) {
-            good &= track_drift(stated, changed, s->elapsed, most, &m->velocity_drift[i]);
-        }
-    }
-    memcpy(m->plan_velocity, in->velocity, sizeof m->plan_velocity);
     return good;
 }
 
@@ -125,11 +40,10 @@ void accept_feedforward(step_t *s)
     const int pressing = !are_zero(6 * TIPS, s->input->wrench_command);
     const int planned = !are_zero(N, s->input->velocity) || !are_zero(N, s->input->acceleration);
     s->pressing = pressing && accept_wrenches(s);
-    s->planned = planned && s->commanded && accept_plan(s);
+    s->planned = planned && s->commanded && accept_plan(s->c, s->input);
     if ((pressing && !s->pressing) || (planned && s->commanded && !s->planned)) {
         s->status |= ID(STATUS_FEEDFORWARD_REFUSED);
     }
-    s->m->planning = planned && s->commanded ? s->m->planning : 0;
     s->pressing = s->pressing && s->commanded;
 }
 
@@ -148,15 +62,16 @@ static int keeps_up(const step_t *s)
 }
 
 /*
- * Take velocity and acceleration of the reference from the plan where the governor keeps up with it, and compute the
- * torque M ddr that carries the arm. Else the reference has the governor's velocity and no acceleration.
+ * Take velocity and acceleration of the reference from the plan where the equilibrium moves and keeps up with it, and
+ * compute the torque M ddr that carries the arm. Else the reference has the governor's velocity and no acceleration: a
+ * command that is repeated, as by a planner that died, soon has the equilibrium at rest.
  */
 void follow_plan(step_t *s, int moved)
 {
     if (!s->planned) {
         return;
     }
-    s->planned = moved && keeps_up(s);
+    s->planned = moved && (s->status & (uint32_t)ID(STATUS_MOVING)) != 0u && keeps_up(s);
     if (!s->planned) {
         s->status |= ID(STATUS_FEEDFORWARD_LIMITED);
         return;
