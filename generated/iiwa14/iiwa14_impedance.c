@@ -517,6 +517,8 @@ static const char *meaning_of_refusal(int refusal)
         return "the springs do not couple translation and rotation";
     case IIWA14_REFUSAL_WRENCH:
         return "larger than heaviest_wrench: force or moment";
+    case IIWA14_REFUSAL_ENGAGED:
+        return "another tool while the springs are in force: init or restart, with the torque in force, takes it";
     default:
         return "unknown refusal";
     }
@@ -3071,6 +3073,21 @@ static int accept_positions(step_t *s)
     return good;
 }
 
+/* Accept the pose of a tip's tool; while the springs are in force it is the one that they have. */
+static int accept_tool(const memory_t *m, const double *tool, int tip, refusal_t *r)
+{
+    double accepted[16];
+    if (!accept_pose(tool + 16 * tip, FARTHEST, IIWA14_ARGUMENT_TOOL_POSE, tip, accepted, r)) {
+        return 0;
+    }
+    for (int k = 16 * tip; m->engaged && k < 16 * (tip + 1); ++k) {
+        if (!(fabs(tool[k] - m->tool_pose[k]) <= COMMAND_TOLERANCE)) {
+            return refuse_command(r, IIWA14_REFUSAL_ENGAGED, IIWA14_ARGUMENT_TOOL_POSE, k, tool[k], m->tool_pose[k]);
+        }
+    }
+    return 1;
+}
+
 /*
  * Accept a command that can be followed: positions within joint limits and in the reach of closed loops, poses within
  * reach, and stiffnesses within limits. Poses and stiffnesses are used as they are accepted, orthonormal and symmetric.
@@ -3082,7 +3099,6 @@ static int accept_command(step_t *s)
     refusal_t *const r = &s->refusal;
     const double *const tool = stiffgen_tool(in);
     const int by_pose = in->command == IIWA14_COMMAND_EQUILIBRIUM;
-    double accepted[16];
     if (!by_pose && in->command != IIWA14_COMMAND_POSITION) {
         return refuse_command(r, IIWA14_REFUSAL_COMMAND, IIWA14_ARGUMENT_NONE, NO_JOINT, in->command, 0.0);
     }
@@ -3090,7 +3106,7 @@ static int accept_command(step_t *s)
     for (int t = 0; good && t < TIPS; ++t) {
         const double *const Kt = in->translation_stiffness + 9 * t, *const Ko = in->rotation_stiffness + 9 * t;
         const int translation = IIWA14_ARGUMENT_TRANSLATION_STIFFNESS, rotation = IIWA14_ARGUMENT_ROTATION_STIFFNESS;
-        good = tool == NULL || accept_pose(tool + 16 * t, FARTHEST, IIWA14_ARGUMENT_TOOL_POSE, t, accepted, r);
+        good = tool == NULL || accept_tool(s->m, tool, t, r);
         const double reach = stiffgen_reach(t, tool) + REACH_MARGIN;
         good = good && (!by_pose || accept_pose(in->equilibrium + 16 * t, reach, IIWA14_ARGUMENT_EQUILIBRIUM, t,
                                                 s->goal + 16 * t, r));
@@ -4152,85 +4168,6 @@ static void settle_springs(step_t *s)
     }
 }
 
-/* Changes from outside: another tool, and torques that the caller adds. */
-
-/*
- * Adopt another tool while engaged. The equilibrium goes with the tip, so that the springs keep their deflection; what
- * this costs is a move of the equilibrium. If the engagement cannot pay it, a smaller deflection stays.
- */
-static void adopt_tool(step_t *s)
-{
-    memory_t *const m = s->m;
-    const double *const tool = stiffgen_tool(s->input);
-    if (tool == NULL || memcmp(tool, m->tool_pose, sizeof m->tool_pose) == 0) {
-        return;
-    }
-    const double left = larger(m->engagement - worst_feed_work(m, m->feed, m->call_gap), 0.0);
-    double before[16 * TIPS], after[16 * TIPS], equilibrium[16 * TIPS], share = 1.0, rise = HUGE_VAL;
-    memcpy(equilibrium, m->equilibrium, sizeof equilibrium);
-    stiffgen_poses(m->q, m, before);
-    memcpy(m->tool_pose, tool, sizeof m->tool_pose);
-    s->has_jacobians = 0;
-    stiffgen_poses(m->q, m, after);
-    for (int attempt = 0; attempt < 4 && rise > left; ++attempt) {
-        for (int t = 0; t < TIPS; ++t) {
-            double away[6], twist[6] = {0.0};
-            pose_difference(before + 16 * t, m->equilibrium + 16 * t, away);
-            add_scaled(6, share, away, twist);
-            move_pose(after + 16 * t, twist, equilibrium + 16 * t);
-        }
-        s->tip_energy = compute_tip_energy(m, m->q, equilibrium);
-        rise = m->scale * add_posture_energy(m, m->q, m->posture, s->tip_energy) - m->elastic_energy;
-        share = attempt < 2 ? 0.5 * share : 0.0;
-    }
-    memcpy(m->equilibrium, equilibrium, sizeof equilibrium);
-    memset(m->equilibrium_velocity, 0, sizeof m->equilibrium_velocity);
-    m->joined = 0;
-    m->elastic_energy += rise;
-    book_reference(s, rise);
-}
-
-/*
- * Take the caller's torque out of the last one: the energy account is about the controller's own. A torque in force at
- * the start is the caller's as far as it has the sign of `torque_offset` and is no larger, so that gravity counts once.
- */
-static void separate_torque_offset(step_t *s, double *last, int refused)
-{
-    memory_t *const m = s->m;
-    const int starts = !refused && !m->known && m->fault == IIWA14_FAULT_NONE && s->input->sample_valid;
-    for (int i = 0; i < N; ++i) {
-        if (starts && fabs(s->input->torque_offset[i]) <= DBL_MAX) {
-            m->offset[i] = clamp(s->input->torque_offset[i], smaller(last[i], 0.0), larger(last[i], 0.0));
-        }
-        last[i] -= m->offset[i];
-    }
-}
-
-/*
- * Add the caller's torque to the controller's own. The own torque goes first in the rate limit, since the reserve
- * counts on its fall; the caller's goes first in the effort limit (limit_torque). Without a position the caller's
- * stays, and it goes to zero with a configuration that is refused.
- */
-static void add_torque_offset(step_t *s, const double *last, int refused)
-{
-    memory_t *const m = s->m;
-    for (int i = 0; i < N; ++i) {
-        const double own = s->out->torque[i], change = own - last[i], before = last[i] + m->offset[i];
-        double wanted = refused ? 0.0 : m->offset[i];
-        if (!refused && (s->believed || s->located) && fabs(s->input->torque_offset[i]) <= DBL_MAX) {
-            wanted = s->input->torque_offset[i];
-        }
-        const double moved = clamp(wanted - m->offset[i], -m->rate[i] - change, m->rate[i] - change);
-        const double most = refused ? s->effort[i] : larger(s->c->effort_limit[i], fabs(before) - m->rate[i]);
-        const double total = clamp(own + m->offset[i] + moved, -most, most);
-        m->offset[i] = total - own;
-        const int reached = fabs(m->offset[i] - wanted) <= ROUNDED * larger(1.0, fabs(wanted));
-        s->out->offset_torque[i] = m->offset[i];
-        s->out->torque[i] = total;
-        s->status |= reached ? 0u : (uint32_t)IIWA14_STATUS_OFFSET_LIMITED;
-    }
-}
-
 /* Stiffness and scale: what releases energy is done, what costs energy waits for the tank. */
 
 static const double FALL_SHARE = 0.9; /* of the rate limit for a scale that falls: the pull changes, too */
@@ -4726,6 +4663,47 @@ static void compute_torque(step_t *s, const double *last, int moved)
     shift_history(m, s->transit, feed);
     add_scaled(N, 1.0, s->carried, out->feedforward_torque);
     report_force(s);
+}
+
+/*
+ * Take the caller's torque out of the last one: the energy account is about the controller's own. A torque in force at
+ * the start is the caller's as far as it has the sign of `torque_offset` and is no larger, so that gravity counts once.
+ */
+static void separate_torque_offset(step_t *s, double *last, int refused)
+{
+    memory_t *const m = s->m;
+    const int starts = !refused && !m->known && m->fault == IIWA14_FAULT_NONE && s->input->sample_valid;
+    for (int i = 0; i < N; ++i) {
+        if (starts && fabs(s->input->torque_offset[i]) <= DBL_MAX) {
+            m->offset[i] = clamp(s->input->torque_offset[i], smaller(last[i], 0.0), larger(last[i], 0.0));
+        }
+        last[i] -= m->offset[i];
+    }
+}
+
+/*
+ * Add the caller's torque to the controller's own. The own torque goes first in the rate limit, since the reserve
+ * counts on its fall; the caller's goes first in the effort limit (limit_torque). Without a position the caller's
+ * stays, and it goes to zero with a configuration that is refused.
+ */
+static void add_torque_offset(step_t *s, const double *last, int refused)
+{
+    memory_t *const m = s->m;
+    for (int i = 0; i < N; ++i) {
+        const double own = s->out->torque[i], change = own - last[i], before = last[i] + m->offset[i];
+        double wanted = refused ? 0.0 : m->offset[i];
+        if (!refused && (s->believed || s->located) && fabs(s->input->torque_offset[i]) <= DBL_MAX) {
+            wanted = s->input->torque_offset[i];
+        }
+        const double moved = clamp(wanted - m->offset[i], -m->rate[i] - change, m->rate[i] - change);
+        const double most = refused ? s->effort[i] : larger(s->c->effort_limit[i], fabs(before) - m->rate[i]);
+        const double total = clamp(own + m->offset[i] + moved, -most, most);
+        m->offset[i] = total - own;
+        const int reached = fabs(m->offset[i] - wanted) <= ROUNDED * larger(1.0, fabs(wanted));
+        s->out->offset_torque[i] = m->offset[i];
+        s->out->torque[i] = total;
+        s->status |= reached ? 0u : (uint32_t)IIWA14_STATUS_OFFSET_LIMITED;
+    }
 }
 
 /* Texts: a fault or a refusal in words and numbers. */
@@ -5296,9 +5274,6 @@ static void step_with_sample(step_t *s, const double *last)
         end_fault(s, last);
     } else if (m->fault == IIWA14_FAULT_NONE) {
         m->reset = 0;
-        if (s->commanded) {
-            adopt_tool(s);
-        }
         memcpy(s->old_equilibrium, m->equilibrium, sizeof s->old_equilibrium);
         move_equilibrium(s);
         vary_stiffness(s);

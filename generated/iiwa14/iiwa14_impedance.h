@@ -175,7 +175,8 @@ enum {
     IIWA14_REFUSAL_ASYMMETRIC = 10, /* the stiffness is not symmetric: difference of two entries */
     IIWA14_REFUSAL_INDEFINITE = 11, /* the stiffness is not positive semidefinite: its smallest eigenvalue */
     IIWA14_REFUSAL_COUPLING = 12, /* the springs do not couple translation and rotation */
-    IIWA14_REFUSAL_WRENCH = 13 /* larger than heaviest_wrench: force or moment */
+    IIWA14_REFUSAL_WRENCH = 13, /* larger than heaviest_wrench: force or moment */
+    IIWA14_REFUSAL_ENGAGED = 14 /* another tool while the springs are in force: init or restart, with the torque in force, takes it */
 };
 enum { IIWA14_ARGUMENT_NONE = 0, IIWA14_ARGUMENT_Q0, IIWA14_ARGUMENT_EQUILIBRIUM, IIWA14_ARGUMENT_TRANSLATION_STIFFNESS, IIWA14_ARGUMENT_ROTATION_STIFFNESS, IIWA14_ARGUMENT_TOOL_POSE, IIWA14_ARGUMENT_STIFFNESS, IIWA14_ARGUMENT_WRENCH_COMMAND };
 

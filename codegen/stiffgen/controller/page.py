@@ -26,7 +26,7 @@ LIBRARY = Path(__file__).parent / "library"
 INTERFACE = "impedance.h"
 _PARTS = (
     "matrix", "eigen", "modes", "joint_gains", "energy", "strength", "cap", "state", "motion", "sample", "refusal",
-    "posture", "damping", "governor", "change", "stiffness", "feedforward", "torque", "text", "policy", "step",
+    "posture", "damping", "governor", "stiffness", "feedforward", "torque", "text", "policy", "step",
 )  # fmt: skip
 SOURCES = tuple(f"{part}.c" for part in _PARTS)
 """Files of the library in the order in which NAME_impedance.c contains them: no function is used before its file."""

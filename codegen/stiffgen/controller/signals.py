@@ -78,7 +78,7 @@ INPUT: tuple[Field, ...] = (
         "tool_pose",
         POSE,
         "m",
-        "pose of the tool in the tip's frame; a change takes the equilibrium along, as far as the engagement pays",
+        "pose of the tool in the tip's frame; refused if it changes while the springs are in force",
         when="tool",
     ),
     Field(

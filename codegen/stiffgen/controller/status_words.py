@@ -149,6 +149,7 @@ REFUSALS: tuple[tuple[str, str], ...] = (
     ("indefinite", "the stiffness is not positive semidefinite: its smallest eigenvalue"),
     ("coupling", "the springs do not couple translation and rotation"),
     ("wrench", "larger than heaviest_wrench: force or moment"),
+    ("engaged", "another tool while the springs are in force: init or restart, with the torque in force, takes it"),
 )
 """Reasons for refusing a command, NAME_REFUSAL_<NAME> from 0 on: what was seen is the number in words."""
 

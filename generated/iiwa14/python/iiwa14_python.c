@@ -2839,6 +2839,7 @@ static const choice outcomes[] = {
     {"refusal", "indefinite", IIWA14_REFUSAL_INDEFINITE},
     {"refusal", "coupling", IIWA14_REFUSAL_COUPLING},
     {"refusal", "wrench", IIWA14_REFUSAL_WRENCH},
+    {"refusal", "engaged", IIWA14_REFUSAL_ENGAGED},
     {"stage", "waiting", IIWA14_STAGE_WAITING},
     {"stage", "moving", IIWA14_STAGE_MOVING},
     {"stage", "holding", IIWA14_STAGE_HOLDING},
@@ -3300,7 +3301,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "ede009808f634e70") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "aebcd9ea825cfbe1") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

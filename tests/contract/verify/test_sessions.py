@@ -162,6 +162,7 @@ def test_sessions_run_on_robots_of_every_kind(tmp_path: Path) -> None:
     (tmp_path / "work").mkdir()
     workshop = Workshop(open_robot(folder), tmp_path / "work")
     assert workshop.survives(workshop.reference, seed=0)
-    text = workshop.text.replace("memcmp(tool, m->tool_pose", "memcmp(m->tool_pose, m->tool_pose")
-    assert text != workshop.text
-    assert count_survivors(workshop, [Mutant(0, "", "", text)], seed=0) == (1, [])
+    adopts, keeps = "memcpy(m->tool_pose, stiffgen_tool(s->input)", "fabs(tool[k] - m->tool_pose[k])"
+    assert workshop.text.count(adopts) == workshop.text.count(keeps) == 1
+    texts = [workshop.text.replace(adopts, "memmove(m->tool_pose, m->tool_pose"), workshop.text.replace(keeps, "0.0")]
+    assert count_survivors(workshop, [Mutant(0, "", "", text) for text in texts], seed=0) == (2, [])

@@ -295,11 +295,11 @@ def test_reach_with_slides_tools_and_two_tips(tmp_path: Path) -> None:
     arm = open_robot(folder).module
     q, tools, limits = (arm.LOWER + arm.UPPER) / 2, np.tile(np.eye(4), (2, 1, 1)), []
     kernels = (arm.left_hand.forward_kinematics, arm.right_hand.forward_kinematics)
-    controller = arm.Impedance(motor_inertia=0.3, errors="ignore")
     given: dict[str, Any] = {"q": q, "dq": 0 * q, "posture": q}
     given |= {"translation_stiffness": np.stack([KT, KT]), "rotation_stiffness": np.stack([KO, KO])}
     for length in (0.0, 3.0):
         tools[1, 2, 3] = length
+        controller = arm.Impedance(motor_inertia=0.3, errors="ignore")
         here = np.stack([kernels[k](q, tools[k]) for k in (0, 1)])
         far = here.copy()
         far[1, 0, 3] += 100.0

@@ -242,11 +242,6 @@ void note_untimed_call(step_t *s, const double *last);
 void bridge_missing_calls(step_t *s, const double *last, int missing);
 void book_interval(step_t *s, const double *q);
 
-/* change.c */
-void adopt_tool(step_t *s);
-void separate_torque_offset(step_t *s, double *last, int refused);
-void add_torque_offset(step_t *s, const double *last, int refused);
-
 /* motion.c */
 void predict_standstills(step_t *s, const double *last, double elapsed);
 void learn_friction(step_t *s, const double *last);
@@ -289,6 +284,8 @@ void compensate_coriolis(step_t *s);
 void step_towards_zero(const double *last, const double *rate, double *torque);
 void limit_torque(step_t *s, const double *last);
 void compute_torque(step_t *s, const double *last, int moved);
+void separate_torque_offset(step_t *s, double *last, int refused);
+void add_torque_offset(step_t *s, const double *last, int refused);
 
 /* policy.c */
 int start_policy(policy_t *p, const double *poses, double now);

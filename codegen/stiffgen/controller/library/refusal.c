@@ -163,6 +163,21 @@ static int accept_positions(step_t *s)
     return good;
 }
 
+/* Accept the pose of a tip's tool; while the springs are in force it is the one that they have. */
+static int accept_tool(const memory_t *m, const double *tool, int tip, refusal_t *r)
+{
+    double accepted[16];
+    if (!accept_pose(tool + 16 * tip, FARTHEST, ID(ARGUMENT_TOOL_POSE), tip, accepted, r)) {
+        return 0;
+    }
+    for (int k = 16 * tip; m->engaged && k < 16 * (tip + 1); ++k) {
+        if (!(fabs(tool[k] - m->tool_pose[k]) <= COMMAND_TOLERANCE)) {
+            return refuse_command(r, ID(REFUSAL_ENGAGED), ID(ARGUMENT_TOOL_POSE), k, tool[k], m->tool_pose[k]);
+        }
+    }
+    return 1;
+}
+
 /*
  * Accept a command that can be followed: positions within joint limits and in the reach of closed loops, poses within
  * reach, and stiffnesses within limits. Poses and stiffnesses are used as they are accepted, orthonormal and symmetric.
@@ -174,7 +189,6 @@ int accept_command(step_t *s)
     refusal_t *const r = &s->refusal;
     const double *const tool = stiffgen_tool(in);
     const int by_pose = in->command == ID(COMMAND_EQUILIBRIUM);
-    double accepted[16];
     if (!by_pose && in->command != ID(COMMAND_POSITION)) {
         return refuse_command(r, ID(REFUSAL_COMMAND), ID(ARGUMENT_NONE), NO_JOINT, in->command, 0.0);
     }
@@ -182,7 +196,7 @@ int accept_command(step_t *s)
     for (int t = 0; good && t < TIPS; ++t) {
         const double *const Kt = in->translation_stiffness + 9 * t, *const Ko = in->rotation_stiffness + 9 * t;
         const int translation = ID(ARGUMENT_TRANSLATION_STIFFNESS), rotation = ID(ARGUMENT_ROTATION_STIFFNESS);
-        good = tool == NULL || accept_pose(tool + 16 * t, FARTHEST, ID(ARGUMENT_TOOL_POSE), t, accepted, r);
+        good = tool == NULL || accept_tool(s->m, tool, t, r);
         const double reach = stiffgen_reach(t, tool) + REACH_MARGIN;
         good = good && (!by_pose || accept_pose(in->equilibrium + 16 * t, reach, ID(ARGUMENT_EQUILIBRIUM), t,
                                                 s->goal + 16 * t, r));

@@ -147,9 +147,6 @@ static void step_with_sample(step_t *s, const double *last)
         end_fault(s, last);
     } else if (m->fault == ID(FAULT_NONE)) {
         m->reset = 0;
-        if (s->commanded) {
-            adopt_tool(s);
-        }
         memcpy(s->old_equilibrium, m->equilibrium, sizeof s->old_equilibrium);
         move_equilibrium(s);
         vary_stiffness(s);

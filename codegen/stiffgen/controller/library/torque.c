@@ -184,3 +184,44 @@ void compute_torque(step_t *s, const double *last, int moved)
     add_scaled(N, 1.0, s->carried, out->feedforward_torque);
     report_force(s);
 }
+
+/*
+ * Take the caller's torque out of the last one: the energy account is about the controller's own. A torque in force at
+ * the start is the caller's as far as it has the sign of `torque_offset` and is no larger, so that gravity counts once.
+ */
+void separate_torque_offset(step_t *s, double *last, int refused)
+{
+    memory_t *const m = s->m;
+    const int starts = !refused && !m->known && m->fault == ID(FAULT_NONE) && s->input->sample_valid;
+    for (int i = 0; i < N; ++i) {
+        if (starts && fabs(s->input->torque_offset[i]) <= DBL_MAX) {
+            m->offset[i] = clamp(s->input->torque_offset[i], smaller(last[i], 0.0), larger(last[i], 0.0));
+        }
+        last[i] -= m->offset[i];
+    }
+}
+
+/*
+ * Add the caller's torque to the controller's own. The own torque goes first in the rate limit, since the reserve
+ * counts on its fall; the caller's goes first in the effort limit (limit_torque). Without a position the caller's
+ * stays, and it goes to zero with a configuration that is refused.
+ */
+void add_torque_offset(step_t *s, const double *last, int refused)
+{
+    memory_t *const m = s->m;
+    for (int i = 0; i < N; ++i) {
+        const double own = s->out->torque[i], change = own - last[i], before = last[i] + m->offset[i];
+        double wanted = refused ? 0.0 : m->offset[i];
+        if (!refused && (s->believed || s->located) && fabs(s->input->torque_offset[i]) <= DBL_MAX) {
+            wanted = s->input->torque_offset[i];
+        }
+        const double moved = clamp(wanted - m->offset[i], -m->rate[i] - change, m->rate[i] - change);
+        const double most = refused ? s->effort[i] : larger(s->c->effort_limit[i], fabs(before) - m->rate[i]);
+        const double total = clamp(own + m->offset[i] + moved, -most, most);
+        m->offset[i] = total - own;
+        const int reached = fabs(m->offset[i] - wanted) <= ROUNDED * larger(1.0, fabs(wanted));
+        s->out->offset_torque[i] = m->offset[i];
+        s->out->torque[i] = total;
+        s->status |= reached ? 0u : (uint32_t)ID(STATUS_OFFSET_LIMITED);
+    }
+}

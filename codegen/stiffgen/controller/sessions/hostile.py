@@ -269,6 +269,8 @@ class HostileSession:
                 poses = np.round(poses, int(random.integers(3, 7)))
             fill(given.equilibrium, poses)
         if self.chain.runtime_tool:
+            if self.output.fault and random.random() < 0.01:
+                self.tools[..., 0, 3] += 0.01
             fill(given.tool_pose, self.tools)
         fill(given.wrench_command, self.pressed)
         fill(given.torque_offset, self.offset)
