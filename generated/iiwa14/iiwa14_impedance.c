@@ -394,13 +394,7 @@ static int check_fields(const config_t *c)
     if (!doubles_within(&c->overspeed_time, 1, 0.0, 10.0)) {
         return IIWA14_E_CONFIG_OVERSPEED_TIME;
     }
-    if (!doubles_within(&c->automatic_reset_time, 1, 0.0, 10000.0)) {
-        return IIWA14_E_CONFIG_AUTOMATIC_RESET_TIME;
-    }
-    if (!doubles_within(&c->communication_reset_time, 1, 0.0, 10000.0)) {
-        return IIWA14_E_CONFIG_COMMUNICATION_RESET_TIME;
-    }
-    if (!integers_within(&c->communication_reaction, 1, 1, 2)) {
+    if (!integers_within(&c->communication_reaction, 1, 1, 3)) {
         return IIWA14_E_CONFIG_COMMUNICATION_REACTION;
     }
     if (!doubles_within(&c->tank_initial, 1, 0.0, 10000.0)) {
@@ -2449,7 +2443,7 @@ static void latch_fault(memory_t *m, int reason, int joint, double seen, double 
 static int holds_in_fault(const step_t *s)
 {
     return s->m->fault == IIWA14_FAULT_COMMUNICATION &&
-           s->c->communication_reaction == IIWA14_COMMUNICATION_REACTION_HOLD;
+           s->c->communication_reaction != IIWA14_COMMUNICATION_REACTION_RELEASE;
 }
 
 /* Motion: whether a joint that stands still can do so under the torque that acts, for velocities that are differences
@@ -5131,6 +5125,7 @@ static void write_command(policy_t *p, double now, input_t *input)
  * stiffness (v), design the damping, vary the scale (v), choose a torque that is covered and within its limits.
  */
 
+static const double RESUME_TIME = 0.1;    /* [s] of good samples after which a communication fault resets itself */
 static const double ROUNDED_ENERGY = 1e-9; /* [J] of the account that is rounding: its totals are below 1e5 J */
 
 /* Remember position and velocity of a sample. */
@@ -5189,11 +5184,10 @@ static void end_fault(step_t *s, const double *last)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
-    m->good_time = s->believed ? m->good_time + s->c->sample_time : 0.0;
-    const int communication = m->fault == IIWA14_FAULT_COMMUNICATION && c->communication_reset_time > 0.0;
-    const double wait = communication ? c->communication_reset_time : c->automatic_reset_time;
-    const int automatic = wait > 0.0 && m->good_time >= wait;
-    if (m->fault != IIWA14_FAULT_NONE && (m->reset || automatic) && m->good_time > c->sample_time) {
+    m->good_time = s->believed ? m->good_time + c->sample_time : 0.0;
+    const int resumes = m->fault == IIWA14_FAULT_COMMUNICATION &&
+                        c->communication_reaction == IIWA14_COMMUNICATION_REACTION_RESUME && m->good_time >= RESUME_TIME;
+    if (m->fault != IIWA14_FAULT_NONE && (m->reset || resumes) && m->good_time > c->sample_time) {
         double parts[3];
         if (m->engaged && sum_reserve(s, m->calls, m->call_gap, last, parts) > available_energy(m)) {
             return;
@@ -5532,8 +5526,6 @@ void iiwa14_impedance_default_config(config_t *config)
     config->velocity_source = IIWA14_VELOCITY_SOURCE_MEASURED;
     config->frozen_window = 20;
     config->overspeed_time = 0.2;
-    config->automatic_reset_time = 0.0;
-    config->communication_reset_time = 0.0;
     config->communication_reaction = IIWA14_COMMUNICATION_REACTION_RELEASE;
     config->tank_initial = 0.0;
     config->tank_maximum = 0.0;
@@ -5755,12 +5747,8 @@ const char *iiwa14_impedance_error_text(int code)
         return "frozen_window: must lie between 2 and 1e+06";
     case IIWA14_E_CONFIG_OVERSPEED_TIME:
         return "overspeed_time: must lie between 0 and 10";
-    case IIWA14_E_CONFIG_AUTOMATIC_RESET_TIME:
-        return "automatic_reset_time: must lie between 0 and 10000";
-    case IIWA14_E_CONFIG_COMMUNICATION_RESET_TIME:
-        return "communication_reset_time: must lie between 0 and 10000";
     case IIWA14_E_CONFIG_COMMUNICATION_REACTION:
-        return "communication_reaction: must be release or hold";
+        return "communication_reaction: must be release, hold or resume";
     case IIWA14_E_CONFIG_TANK_INITIAL:
         return "tank_initial: must lie between 0 and 10000";
     case IIWA14_E_CONFIG_TANK_MAXIMUM:

@@ -93,11 +93,9 @@ enum {
     IIWA14_E_CONFIG_VELOCITY_SOURCE = -62,
     IIWA14_E_CONFIG_FROZEN_WINDOW = -63,
     IIWA14_E_CONFIG_OVERSPEED_TIME = -64,
-    IIWA14_E_CONFIG_AUTOMATIC_RESET_TIME = -65,
-    IIWA14_E_CONFIG_COMMUNICATION_RESET_TIME = -66,
-    IIWA14_E_CONFIG_COMMUNICATION_REACTION = -67,
-    IIWA14_E_CONFIG_TANK_INITIAL = -68,
-    IIWA14_E_CONFIG_TANK_MAXIMUM = -69
+    IIWA14_E_CONFIG_COMMUNICATION_REACTION = -65,
+    IIWA14_E_CONFIG_TANK_INITIAL = -66,
+    IIWA14_E_CONFIG_TANK_MAXIMUM = -67
 };
 
 /* Choices. No choice has the value 0, so that a configuration or an input of zeros is refused. */
@@ -107,7 +105,7 @@ enum { IIWA14_CORIOLIS_OFF = 1, IIWA14_CORIOLIS_ON };
 enum { IIWA14_CONTINUOUS_JOINTS_WRAPPED = 1, IIWA14_CONTINUOUS_JOINTS_COUNTED };
 enum { IIWA14_ACTUATION_TORQUE = 1, IIWA14_ACTUATION_GAINS };
 enum { IIWA14_VELOCITY_SOURCE_MEASURED = 1, IIWA14_VELOCITY_SOURCE_DIFFERENCED };
-enum { IIWA14_COMMUNICATION_REACTION_RELEASE = 1, IIWA14_COMMUNICATION_REACTION_HOLD };
+enum { IIWA14_COMMUNICATION_REACTION_RELEASE = 1, IIWA14_COMMUNICATION_REACTION_HOLD, IIWA14_COMMUNICATION_REACTION_RESUME };
 enum { IIWA14_COMMAND_POSITION = 1, IIWA14_COMMAND_EQUILIBRIUM };
 
 /* Status bits. */
@@ -366,14 +364,9 @@ typedef struct {
     /* [s] time for which a joint may be beyond velocity_limit, as after a bump; it is braked from the first
      * sample on. Must lie between 0 and 10. Default: 0.2. */
     double overspeed_time;
-    /* [s] time of good samples after which a fault resets itself; 0: never. Must lie between 0 and 10000.
-     * Default: 0.0. */
-    double automatic_reset_time;
-    /* [s] time of good samples after which a communication fault resets itself; 0: as automatic_reset_time.
-     * Must lie between 0 and 10000. Default: 0.0. */
-    double communication_reset_time;
-    /* reaction to a communication fault, once samples are back: release the springs, or hold: the springs keep
-     * the arm where the equilibrium stands until the reset. Must be release or hold. Default: release. */
+    /* reaction to a communication fault, once samples are back: release the springs; hold: the springs keep the
+     * arm where the equilibrium stands until the reset; or resume: hold, and reset after 0.1 s of good samples.
+     * Must be release, hold or resume. Default: release. */
     int communication_reaction;
     /* [J] tank energy at the start; with the stored energy it covers the torques, so it bounds what the arm can
      * hold (status RESERVE; table in docs/controller.md); 0: what heaviest_wrench needs, computed by init. Must

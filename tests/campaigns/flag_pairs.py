@@ -107,7 +107,6 @@ int main(int count, char **words)
     show_paper(q, stiffness, bad);
     arm_impedance_default_config(&config);
     config.stiffness_cap = ARM_STIFFNESS_CAP_ACCEPT;
-    config.automatic_reset_time = 0.005;
     printf("%d ", arm_impedance_init(&config, &state, NULL));
     for (int k = 0; k < 400; ++k) {
         double *const fields[] = {in.q, in.dq, in.q0, in.translation_stiffness, in.rotation_stiffness, in.wrench,
@@ -123,6 +122,7 @@ int main(int count, char **words)
         for (int i = 0; i < 9; i += 4) { in.translation_stiffness[i] = 300.0; in.rotation_stiffness[i] = 20.0; }
         if (k % 20 == 10) { fields[k / 20 % 10][k / 200] = bad[count % 2]; }
         printf("%d ", arm_impedance_step(&config, &state, &in, &out));
+        if (k % 5 == 0) { printf("%d ", arm_impedance_reset(&state)); }
         show(2, out.torque);
         show(4, out.damping);
         printf("%x ", (unsigned)out.status & (ARM_STATUS_FAULT | ARM_STATUS_BAD_SAMPLE | ARM_STATUS_COMMAND_REFUSED));

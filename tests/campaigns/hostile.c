@@ -105,9 +105,8 @@ static void change(config_t *config)
     case 1: config->coriolis = 1 + (int)(bits() % 2); break;
     case 2: config->sample_time = 0.001 * exp(3.0 * (uniform() - 0.5)); break;
     case 3: config->limit_zone = 0.1 * exp(4.0 * (uniform() - 0.5)); break;
-    case 4: config->communication_reaction = 1 + (int)(bits() % 2); break;
-    case 5: config->automatic_reset_time = uniform() < 0.5 ? 0.0 : 0.01; break;
-    case 6: config->joint_damping = exp(10.0 * (uniform() - 0.5)); break;
+    case 4: config->communication_reaction = 1 + (int)(bits() % 3); break;
+    case 5: config->joint_damping = exp(10.0 * (uniform() - 0.5)); break;
     default: break;
     }
     if (bits() % 20 == 0) {

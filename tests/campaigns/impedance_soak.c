@@ -62,7 +62,6 @@ static void make_configs(iiwa14_impedance_config *c)
 {
     for (int k = 0; k < CONFIGS; ++k) {
         iiwa14_impedance_default_config(&c[k]);
-        c[k].automatic_reset_time = 0.02;
     }
     for (int i = 0; i < N; ++i) {
         c[1].damping_ratio[i] = 2.0;
@@ -148,6 +147,9 @@ static void *work(void *argument)
         in.sample_valid = !missed;
         if (j->failure == NULL && iiwa14_impedance_step(c, &state, &in, &out) != IIWA14_OK) {
             j->failure = "step refused";
+        }
+        if (k % 20 == 0 && iiwa14_impedance_reset(&state) != IIWA14_OK) {
+            j->failure = "reset refused";
         }
         quiet = bad || missed ? 0 : quiet + 1;
         j->recovered += quiet == QUIET + 1;

@@ -168,8 +168,7 @@ def schedule(random: Random, loop: Loop, moving: bool = False, sensors: bool = F
             "position_quantum": 1e-4 if sensors else 0.0,
             "missed_limit": int(random.integers(1, 7)),
             "call_gap_limit": int(random.integers(1, 7)),
-            "communication_reaction": int(random.integers(1, 3)),
-            "communication_reset_time": float(random.choice([0.0, 0.05])),
+            "communication_reaction": int(random.integers(1, 4)),
             "torque_rate_limit": 10 * loop.effort * 10 ** random.uniform(-1.5, 1.5),
             "limit_zone": float(10 ** random.uniform(-2, -0.1)),
             "limit_stiffness": loop.effort * 10 ** random.uniform(-1.5, 1),
@@ -236,7 +235,7 @@ def change_configuration(random: Random, loop: Loop, made: Schedule) -> None:
         "missed_limit": lambda: int(random.integers(1, 30)),
         "effort_limit": lambda: loop.effort * 10 ** random.uniform(-1.5, 0),
         "coriolis": lambda: int(random.integers(1, 3)),
-        "communication_reaction": lambda: int(random.integers(1, 3)),
+        "communication_reaction": lambda: int(random.integers(1, 4)),
         "lower_limit": lambda: loop.home - 10 ** random.uniform(-1.5, 0.3, loop.n) * turning,
         "upper_limit": lambda: loop.home + 10 ** random.uniform(-1.5, 0.3, loop.n) * turning,
         "position_tolerance": lambda: 10 ** random.uniform(-2, 0),
@@ -244,7 +243,6 @@ def change_configuration(random: Random, loop: Loop, made: Schedule) -> None:
         "heaviest_wrench": lambda: np.array([100.0, 20.0]) * 10 ** random.uniform(-1, 0.5),
         "loss_limit": lambda: int(random.integers(1, 100)),
         "overspeed_time": lambda: 10 ** random.uniform(-3, 0),
-        "automatic_reset_time": lambda: 0.1 * random.random(),
     }
     scaled = [name for name in SCALED if name in base]
     for _ in range(random.integers(1, 4)):

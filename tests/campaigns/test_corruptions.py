@@ -124,7 +124,7 @@ FAULTS = [
     Fault("governor's speed dropped", CONTROLLER, r"GOVERNOR \* limits\[k / length\]", "1e3"),
     Fault("governor's speed of the tip dropped", CONTROLLER, r"speed <= 1\.0", "speed <= 1e9", "static double find_share("),
     Fault("fault not latched", CONTROLLER, r"fault = fault_of_reason\(reason\)", "fault = 0 * fault_of_reason(reason)", "static void latch_fault("),
-    Fault("fault clears itself", CONTROLLER, r"m->reset \|\| automatic", "1 || automatic"),
+    Fault("fault clears itself", CONTROLLER, r"m->reset \|\| resumes", "1 || resumes"),
     Fault("reset does nothing", CONTROLLER, r"memory\.reset = 1", "memory.reset = 0", "static int request_reset("),
     Fault("springs on in a fault", CONTROLLER, r"larger\(m->scale - fastest_fall, 0\.0\)", "m->scale + 0.0 * fastest_fall"),
     Fault("missed samples forgotten", CONTROLLER, r"periods > 0 \? HALVES \* periods : -1", "periods > 0 ? -1 : -1"),

@@ -59,6 +59,16 @@ def hostile(random: np.random.Generator, robot: ModuleType, steps: int, share: f
     return inputs, bad
 
 
+def run_with_resets(controller: Any, inputs: Any, samples: int) -> Any:
+    """Run the controller, and ask for a reset every so many samples; return the outputs of all steps."""
+    rows = []
+    for start in range(0, len(inputs["q"]), samples):
+        controller.reset()
+        part = controller.run(**{name: values[start : start + samples] for name, values in inputs.items()})
+        rows.append(part._rows)
+    return type(part)(np.concatenate(rows))
+
+
 class Arm:
     """Simple arm for unit tests, with the mass matrix of the kernels.
 

@@ -90,8 +90,8 @@ HAZARD_FAULTS = (
     HazardFault(
         "motion after a fault",
         "test_a_fault_lasts_until_its_reset",
-        "(m->reset || automatic)",
-        "(m->known || automatic)",
+        "(m->reset || resumes)",
+        "(m->known || resumes)",
         "static void end_fault(",
     ),
     HazardFault(

@@ -348,29 +348,11 @@ CONFIG: tuple[Field, ...] = (
         0.0,
         10.0,
     ),
-    Field(
-        "automatic_reset_time",
-        SCALAR,
-        "s",
-        "time of good samples after which a fault resets itself; 0: never",
-        "0.0",
-        0.0,
-        1e4,
-    ),
-    Field(
-        "communication_reset_time",
-        SCALAR,
-        "s",
-        "time of good samples after which a communication fault resets itself; 0: as automatic_reset_time",
-        "0.0",
-        0.0,
-        1e4,
-    ),
     choice_field(
         "communication_reaction",
-        "reaction to a communication fault, once samples are back: release the springs, or hold: the springs keep the "
-        "arm where the equilibrium stands until the reset",
-        ("release", "hold"),
+        "reaction to a communication fault, once samples are back: release the springs; hold: the springs keep the arm "
+        "where the equilibrium stands until the reset; or resume: hold, and reset after 0.1 s of good samples",
+        ("release", "hold", "resume"),
         "release",
     ),
     Field(

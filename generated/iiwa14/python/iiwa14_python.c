@@ -2612,8 +2612,6 @@ static const field fields[] = {
     {"config", "velocity_source", "i4", offsetof(iiwa14_impedance_config, velocity_source), 0, {1, 1, 1}},
     {"config", "frozen_window", "i4", offsetof(iiwa14_impedance_config, frozen_window), 0, {1, 1, 1}},
     {"config", "overspeed_time", "f8", offsetof(iiwa14_impedance_config, overspeed_time), 0, {1, 1, 1}},
-    {"config", "automatic_reset_time", "f8", offsetof(iiwa14_impedance_config, automatic_reset_time), 0, {1, 1, 1}},
-    {"config", "communication_reset_time", "f8", offsetof(iiwa14_impedance_config, communication_reset_time), 0, {1, 1, 1}},
     {"config", "communication_reaction", "i4", offsetof(iiwa14_impedance_config, communication_reaction), 0, {1, 1, 1}},
     {"config", "tank_initial", "f8", offsetof(iiwa14_impedance_config, tank_initial), 0, {1, 1, 1}},
     {"config", "tank_maximum", "f8", offsetof(iiwa14_impedance_config, tank_maximum), 0, {1, 1, 1}},
@@ -2770,6 +2768,7 @@ static const choice choices[] = {
     {"velocity_source", "differenced", IIWA14_VELOCITY_SOURCE_DIFFERENCED},
     {"communication_reaction", "release", IIWA14_COMMUNICATION_REACTION_RELEASE},
     {"communication_reaction", "hold", IIWA14_COMMUNICATION_REACTION_HOLD},
+    {"communication_reaction", "resume", IIWA14_COMMUNICATION_REACTION_RESUME},
     {"command", "position", IIWA14_COMMAND_POSITION},
     {"command", "equilibrium", IIWA14_COMMAND_EQUILIBRIUM},
 };
@@ -3301,7 +3300,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "aebcd9ea825cfbe1") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "33fcd4b9d7ccf106") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -20,12 +20,12 @@ struct Integer {
     int *(*at)(robot::Config &);
 };
 
-/// Field that is one of two words.
+/// Field that is one of two or three words.
 struct Choice {
     const char *name;
     int *(*at)(robot::Config &);
-    const char *words[2];
-    int values[2];
+    const char *words[3]; ///< nullptr in place of a third one that is missing
+    int values[3];
 };
 
 #define STIFFGEN_NUMBER(field) {#field, 0, [](robot::Config &c) { return &c.field; }}
@@ -49,7 +49,6 @@ inline constexpr Numbers NUMBERS[] = {
     STIFFGEN_NUMBER(velocity_noise),
     STIFFGEN_NUMBER(velocity_filter_time),
     STIFFGEN_NUMBER(overspeed_time),
-    STIFFGEN_NUMBER(communication_reset_time),
     STIFFGEN_JOINTS(posture_stiffness),
     STIFFGEN_JOINTS(damping_ratio),
     STIFFGEN_JOINTS(motor_inertia),
@@ -71,8 +70,8 @@ inline constexpr Choice CHOICES[] = {
     {"coriolis", [](robot::Config &c) { return &c.coriolis; }, {"off", "on"}, {robot::CORIOLIS_OFF, robot::CORIOLIS_ON}},
     {"stiffness_cap", [](robot::Config &c) { return &c.stiffness_cap; }, {"refuse", "accept"},
         {robot::CAP_REFUSE, robot::CAP_ACCEPT}},
-    {"communication_reaction", [](robot::Config &c) { return &c.communication_reaction; }, {"release", "hold"},
-        {robot::REACTION_RELEASE, robot::REACTION_HOLD}},
+    {"communication_reaction", [](robot::Config &c) { return &c.communication_reaction; }, {"release", "hold", "resume"},
+        {robot::REACTION_RELEASE, robot::REACTION_HOLD, robot::REACTION_RESUME}},
     {"velocity_source", [](robot::Config &c) { return &c.velocity_source; }, {"measured", "differenced"},
         {robot::SOURCE_MEASURED, robot::SOURCE_DIFFERENCED}},
 };

@@ -70,11 +70,16 @@ std::string read_fields(const Lookup &lookup, robot::Config &config)
     for (const Integer &field : INTEGERS) { *field.at(config) = static_cast<int>(lookup(field.name).as_int()); }
     for (const Choice &field : CHOICES) {
         const std::string word = lookup(field.name).as_string();
-        if (word != field.words[0] && word != field.words[1]) {
-            return std::string("parameter '") + field.name + "' is '" + word + "'; give '" + field.words[0] + "' or '" +
-                   field.words[1] + "'";
+        std::string choices;
+        bool found = false;
+        for (std::size_t i = 0; i < std::size(field.words) && field.words[i] != nullptr; ++i) {
+            choices += (choices.empty() ? "'" : " or '") + std::string(field.words[i]) + "'";
+            if (word == field.words[i]) {
+                *field.at(config) = field.values[i];
+                found = true;
+            }
         }
-        *field.at(config) = field.values[word == field.words[1] ? 1 : 0];
+        if (!found) { return std::string("parameter '") + field.name + "' is '" + word + "'; give " + choices; }
     }
     return "";
 }
@@ -135,7 +140,8 @@ void declare_parameters(rclcpp_lifecycle::LifecycleNode &node)
     }
     for (const Integer &field : INTEGERS) { declare<std::int64_t>(node, field.name, *field.at(config)); }
     for (const Choice &field : CHOICES) {
-        declare<std::string>(node, field.name, field.words[*field.at(config) == field.values[1] ? 1 : 0]);
+        const int *const value = std::find(std::begin(field.values), std::end(field.values), *field.at(config));
+        declare<std::string>(node, field.name, field.words[value - std::begin(field.values)]);
     }
     declare(node, "joints", std::vector<std::string>());
     declare<std::string>(node, "prefix", "");

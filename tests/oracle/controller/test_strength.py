@@ -388,8 +388,7 @@ def test_another_tool_is_refused_with_a_load_in_the_hand(loop: Loop, tooled: Mod
     [
         ({}, 0.2, 0.4, 2),
         ({"communication_reaction": "hold"}, 0.0, 0.01, 2),
-        ({"communication_reaction": "hold", "communication_reset_time": 0.05}, 0.0, 0.01, 0),
-        ({"communication_reset_time": 0.05}, 0.0, 0.05, 0),
+        ({"communication_reaction": "resume"}, 0.0, 0.01, 0),
     ],
 )
 def test_lost_samples_under_a_load(
@@ -398,7 +397,7 @@ def test_lost_samples_under_a_load(
     """Three lost samples with 3 kg that nobody modelled. Released, the arm sinks by 270 mm in a second."""
     sunk, log = carry(loop, robot, 3.0, lost=(1000, 1001, 1002), loss_limit=3, **config)
     assert least <= sunk < most
-    assert log[1100].fault in (2, fault)
+    assert log[1100].fault == 2 and {out.fault for out in log[1104:]} <= {2, fault}
     assert log[-1].fault == fault
     held = "communication_reaction" in config and fault
     assert (log[-1].mode == robot.Mode.HOLD) == bool(held)

@@ -187,5 +187,5 @@ void latch_fault(memory_t *m, int reason, int joint, double seen, double limit)
 int holds_in_fault(const step_t *s)
 {
     return s->m->fault == ID(FAULT_COMMUNICATION) &&
-           s->c->communication_reaction == ID(COMMUNICATION_REACTION_HOLD);
+           s->c->communication_reaction != ID(COMMUNICATION_REACTION_RELEASE);
 }

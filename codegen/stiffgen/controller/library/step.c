@@ -4,6 +4,7 @@
  */
 #include "impedance.h"
 
+static const double RESUME_TIME = 0.1;    /* [s] of good samples after which a communication fault resets itself */
 static const double ROUNDED_ENERGY = 1e-9; /* [J] of the account that is rounding: its totals are below 1e5 J */
 
 /* Remember position and velocity of a sample. */
@@ -62,11 +63,10 @@ static void end_fault(step_t *s, const double *last)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
-    m->good_time = s->believed ? m->good_time + s->c->sample_time : 0.0;
-    const int communication = m->fault == ID(FAULT_COMMUNICATION) && c->communication_reset_time > 0.0;
-    const double wait = communication ? c->communication_reset_time : c->automatic_reset_time;
-    const int automatic = wait > 0.0 && m->good_time >= wait;
-    if (m->fault != ID(FAULT_NONE) && (m->reset || automatic) && m->good_time > c->sample_time) {
+    m->good_time = s->believed ? m->good_time + c->sample_time : 0.0;
+    const int resumes = m->fault == ID(FAULT_COMMUNICATION) &&
+                        c->communication_reaction == ID(COMMUNICATION_REACTION_RESUME) && m->good_time >= RESUME_TIME;
+    if (m->fault != ID(FAULT_NONE) && (m->reset || resumes) && m->good_time > c->sample_time) {
         double parts[3];
         if (m->engaged && sum_reserve(s, m->calls, m->call_gap, last, parts) > available_energy(m)) {
             return;

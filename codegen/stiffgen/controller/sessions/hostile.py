@@ -29,8 +29,6 @@ _RANGES = {
     "position_quantum": (-6.0, -3.0),
     "velocity_noise": (-4.0, -1.0),
     "velocity_filter_time": (-3.0, -1.5),
-    "automatic_reset_time": (-1.7, -0.7),
-    "communication_reset_time": (-1.7, -0.7),
 }
 """Powers of ten between which fields lie whose default is 0."""
 Random = np.random.Generator
