@@ -37,7 +37,7 @@ SCENARIOS = [
         r'^    \{"(\w+)", \w+\},$', (Path(__file__).parent / f"{file}.cpp").read_text(), re.MULTILINE
     )
 ]
-"""Names of the scenarios, in the order of the program."""
+"""Names of the scenarios of every robot, in the order of the program."""
 
 
 def run(command: list[object], folder: Path) -> str:

@@ -137,12 +137,21 @@ static void reads_its_parameters()
     Rig word;
     word.set("coriolis", "maybe");
     check(word.configure() == Callback::FAILURE && stub::world().said("error", "give 'off' or 'on'"), "an unknown word");
-    Rig sensor;
-    sensor.set("ft_sensor", "wrist");
-    check(sensor.configure() == Callback::FAILURE && stub::world().said("error", "ft_sensor is not supported"), "no sensor yet");
     Rig range;
     range.set("joint_damping", -1.0);
     check(range.configure() == Callback::FAILURE && stub::world().said("error", "joint_damping"), "a field out of its range is named");
+}
+
+static void names_what_is_wrong_with_a_sensor()
+{
+    Rig alone;
+    alone.set("ft_calibration", "sensor.json");
+    check(alone.configure() == Callback::FAILURE && stub::world().said("error", "no ft_sensor"), "a calibration without a sensor");
+    Rig other;
+    other.set("ft_sensor", "wrist");
+    other.set("ft_calibration", "no such file");
+    check(other.configure() == Callback::FAILURE, "a file that is not there");
+    check(stub::world().said("error", STIFFGEN_ROS2_SENSOR ? "'no such file' is not a file of" : "--sensor LINK"), "the remedy is named");
 }
 
 static void takes_a_prefix()
@@ -202,6 +211,7 @@ const std::vector<Scenario> LIFECYCLE = {
     {"starts_again", starts_again},
     {"names_the_rate_that_is_needed", names_the_rate_that_is_needed},
     {"reads_its_parameters", reads_its_parameters},
+    {"names_what_is_wrong_with_a_sensor", names_what_is_wrong_with_a_sensor},
     {"takes_a_prefix", takes_a_prefix},
     {"exports_references_and_follows_them", exports_references_and_follows_them},
 };

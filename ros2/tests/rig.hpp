@@ -45,6 +45,7 @@ struct Rig {
 
     stiffgen_ros2::Simulation arm;
     robot::Joints q, dq, torque, position, applied{};
+    robot::Wrench reading{}; // of the sensor "wrist"
     std::map<std::string, std::shared_ptr<State>> states;
     std::map<std::string, std::shared_ptr<Command>> commands;
     std::shared_ptr<rclcpp_lifecycle::LifecycleNode> node = std::make_shared<rclcpp_lifecycle::LifecycleNode>("arm");
@@ -70,6 +71,10 @@ struct Rig {
             states[joint + "/velocity"] = std::make_shared<State>(dq[i], joint, "velocity");
             commands[joint + "/effort"] = std::make_shared<Command>(torque[i], joint, "effort");
             commands[joint + "/position"] = std::make_shared<Command>(position[i], joint, "position");
+        }
+        const char *const axes[] = {"force.x", "force.y", "force.z", "torque.x", "torque.y", "torque.z"};
+        for (std::size_t k = 0; k < 6; ++k) {
+            states[std::string("wrist/") + axes[k]] = std::make_shared<State>(reading[k], "wrist", axes[k]);
         }
         read();
     }
@@ -229,4 +234,4 @@ struct Scenario {
     const char *name;
     void (*run)();
 };
-extern const std::vector<Scenario> LIFECYCLE, COMMANDS, FAULTS;
+extern const std::vector<Scenario> LIFECYCLE, COMMANDS, FAULTS, SENSOR;

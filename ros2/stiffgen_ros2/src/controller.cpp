@@ -100,6 +100,9 @@ StiffnessController::Configuration StiffnessController::state_interface_configur
         configuration.names.push_back(joint + "/position");
         configuration.names.push_back(joint + "/velocity");
     }
+    for (const char *axis : {"/force.x", "/force.y", "/force.z", "/torque.x", "/torque.y", "/torque.z"}) {
+        if (!setup_.ft_sensor.empty()) { configuration.names.push_back(setup_.ft_sensor + axis); }
+    }
     return configuration;
 }
 
@@ -113,6 +116,9 @@ bool StiffnessController::measure(Measured &measured) const
         measured.q[i] = q.value_or(0.0);
         measured.dq[i] = dq.value_or(0.0);
     }
+    for (std::size_t k = 2 * robot::DOF; k < state_interfaces_.size(); ++k) {
+        measured.reading[k - 2 * robot::DOF] = value_of(state_interfaces_[k]).value_or(std::numeric_limits<double>::quiet_NaN());
+    }
     return measured.is_complete;
 }
 
@@ -121,7 +127,9 @@ StiffnessController::Callback StiffnessController::on_activate(const State &)
     Measured measured;
     measure(measured);
     for (std::size_t i = 0; i < state_interfaces_.size(); ++i) {
-        const double value = i % 2 == 0 ? measured.q[i / 2] : measured.dq[i / 2];
+        const robot::Joints &values = i % 2 == 0 ? measured.q : measured.dq;
+        const bool is_joint = i < 2 * robot::DOF;
+        const double value = is_joint ? values[i / 2] : measured.reading[i - 2 * robot::DOF];
         if (!measured.is_complete || !std::isfinite(value)) { // drivers start so
             return refuse(state_interfaces_[i].get_name() + " is not a finite number yet; activate the controller once the driver measures it");
         }

@@ -157,6 +157,7 @@ const robot::Report &Law::step(const Measured &measured, double period)
     static_cast<void>(impedance_.step(sample_, snapshot_.report)); // an error lowers the torque; the status has it
     snapshot_.faults += !had_fault && snapshot_.report.fault != robot::NO_FAULT;
     note_refusal(before);
+    snapshot_.reading = measured.reading; // for the topics: the springs need no measured wrench
     return snapshot_.report;
 }
 

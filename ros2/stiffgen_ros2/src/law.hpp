@@ -27,6 +27,7 @@ struct Snapshot {
     unsigned refusals; ///< commands that the policy port or the controller refused since the activation
     int reason; ///< reason of the policy port for the newest of them, or none
     robot::Refusal refusal; ///< numbers of the newest of them, if it has any
+    robot::Wrench reading; ///< of the force-torque sensor
     bool is_active;
 };
 
@@ -34,6 +35,7 @@ struct Snapshot {
 struct Measured {
     robot::Joints q, dq; ///< [rad or m], [rad/s or m/s]
     bool is_complete; ///< false: an interface could not be read, and the sample counts as missed
+    robot::Wrench reading{}; ///< of the force-torque sensor, in its axes; NaN while it cannot be read
 };
 
 class Law {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "report.hpp"
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -59,6 +60,17 @@ void fill(const double *pose, geometry_msgs::msg::Pose &message)
     message.orientation = quaternion(pose);
 }
 
+// The reaction to a wrench that is applied to the robot.
+void fill_opposite(const double *applied, geometry_msgs::msg::Wrench &message)
+{
+    message.force.x = -applied[0];
+    message.force.y = -applied[1];
+    message.force.z = -applied[2];
+    message.torque.x = -applied[3];
+    message.torque.y = -applied[4];
+    message.torque.z = -applied[5];
+}
+
 } // namespace
 
 Report::Report(rclcpp_lifecycle::LifecycleNode &node, const Setup &setup, Latest<Snapshot> &snapshots, std::atomic<bool> &reset)
@@ -78,6 +90,10 @@ void Report::start()
     pose_->on_activate(); // the node's own transition does not reach the publishers of a controller
     equilibrium_->on_activate();
     wrench_->on_activate();
+    if (!setup_.ft_sensor.empty()) {
+        measured_wrench_ = node_.create_publisher<geometry_msgs::msg::WrenchStamped>("~/measured_wrench", rclcpp::QoS(1));
+        measured_wrench_->on_activate();
+    }
     state_->on_activate();
     diagnostics_->on_activate();
     reset_ = node_.create_service<Trigger>(
@@ -147,6 +163,20 @@ diagnostic_msgs::msg::DiagnosticStatus Report::status() const
     return status;
 }
 
+// Publish what the sensor measures at the tip, as the tip exerts it; while there is no reading, nothing.
+void Report::publish_measured(geometry_msgs::msg::WrenchStamped message)
+{
+#if STIFFGEN_ROS2_SENSOR
+    const robot::Wrench applied = robot::tip_wrench(last_.report.position, last_.reading, setup_.calibration);
+    if (measured_wrench_ && std::all_of(applied.begin(), applied.end(), [](double each) { return std::isfinite(each); })) {
+        fill_opposite(applied.data(), message.wrench);
+        measured_wrench_->publish(message);
+    }
+#else
+    static_cast<void>(message);
+#endif
+}
+
 void Report::publish()
 {
     if (!snapshots_.read(last_)) { return; }
@@ -162,14 +192,9 @@ void Report::publish()
     // The springs' wrench on the environment: the negative of what the environment applies at rest.
     geometry_msgs::msg::WrenchStamped wrench;
     wrench.header = pose.header;
-    const double *applied = last_.report.spring_wrench;
-    wrench.wrench.force.x = -applied[0];
-    wrench.wrench.force.y = -applied[1];
-    wrench.wrench.force.z = -applied[2];
-    wrench.wrench.torque.x = -applied[3];
-    wrench.wrench.torque.y = -applied[4];
-    wrench.wrench.torque.z = -applied[5];
+    fill_opposite(last_.report.spring_wrench, wrench.wrench);
     wrench_->publish(wrench);
+    publish_measured(wrench);
 
     const auto status_now = status();
     state_->publish(status_now);

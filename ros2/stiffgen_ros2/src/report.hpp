@@ -30,6 +30,7 @@ private:
     template <class Message> using Publisher = typename rclcpp_lifecycle::LifecyclePublisher<Message>::SharedPtr;
 
     void publish();
+    void publish_measured(geometry_msgs::msg::WrenchStamped message);
     void tell_changes();
     diagnostic_msgs::msg::DiagnosticStatus status() const;
 
@@ -40,7 +41,7 @@ private:
     Snapshot last_{};
     unsigned told_faults_ = 0, told_refusals_ = 0;
     Publisher<geometry_msgs::msg::PoseStamped> pose_, equilibrium_;
-    Publisher<geometry_msgs::msg::WrenchStamped> wrench_;
+    Publisher<geometry_msgs::msg::WrenchStamped> wrench_, measured_wrench_;
     Publisher<diagnostic_msgs::msg::DiagnosticStatus> state_;
     Publisher<diagnostic_msgs::msg::DiagnosticArray> diagnostics_;
     std::shared_ptr<rclcpp::Service<std_srvs::srv::Trigger>> reset_;

@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstdio>
 #include <cstring>
+#include <fstream>
 #include <iterator>
 
 namespace stiffgen_ros2 {
@@ -16,7 +17,7 @@ namespace {
 
 // Parameters beside the fields of the configuration. Fixed: they change only while the controller is not configured.
 constexpr const char *FIXED[] = {
-    "joints", "prefix", "base_frame", "command_position", "policy", "state_rate", "sample_time", "ft_sensor"};
+    "joints", "prefix", "base_frame", "command_position", "policy", "state_rate", "sample_time", "ft_sensor", "ft_calibration"};
 constexpr const char *OTHERS[] = {
     "translation_stiffness", "rotation_stiffness", "compensate_gravity", "gravity", "wrench_timeout"};
 
@@ -125,6 +126,26 @@ std::string check(const Settings &settings)
     return "";
 }
 
+// Read the sensor's name and calibration. Return why they are refused.
+std::string read_sensor(const Lookup &lookup, Setup &setup)
+{
+    const std::string file = lookup("ft_calibration").as_string();
+    setup.ft_sensor = lookup("ft_sensor").as_string();
+    setup.calibration = {};
+    if (setup.ft_sensor.empty()) { return file.empty() ? "" : "ft_calibration is given, but no ft_sensor: name the sensor, too"; }
+#if STIFFGEN_ROS2_SENSOR
+    if (file.empty()) { return ""; }
+    std::ifstream stream(file);
+    const std::string text{std::istreambuf_iterator<char>(stream), {}};
+    if (!robot::read_calibration(text, setup.calibration)) {
+        return "ft_calibration: '" + file + "' is not a file of 'stiffgen calibrate' (bias and payload)";
+    }
+    return "";
+#else
+    return "ft_sensor: the robot's functions know no sensor; generate them with --sensor LINK (README.md has the command)";
+#endif
+}
+
 } // namespace
 
 void declare_parameters(rclcpp_lifecycle::LifecycleNode &node)
@@ -147,6 +168,7 @@ void declare_parameters(rclcpp_lifecycle::LifecycleNode &node)
     declare<std::string>(node, "prefix", "");
     declare<std::string>(node, "base_frame", "");
     declare<std::string>(node, "ft_sensor", "");
+    declare<std::string>(node, "ft_calibration", "");
     declare(node, "command_position", false);
     declare(node, "policy", false);
     declare(node, "state_rate", 20.0);
@@ -175,10 +197,7 @@ std::string read_setup(const Lookup &lookup, Setup &setup)
     setup.policy = lookup("policy").as_bool();
     setup.state_rate = lookup("state_rate").as_double();
     if (!(setup.state_rate >= 1.0 && setup.state_rate <= 100.0)) { return "state_rate must lie between 1 and 100 Hz"; }
-    if (!lookup("ft_sensor").as_string().empty()) {
-        return "ft_sensor is not supported yet: leave it empty. The springs need no measured wrench";
-    }
-    return "";
+    return read_sensor(lookup, setup);
 }
 
 std::string read_sample_time(const Lookup &lookup, unsigned update_rate, double &sample_time)

@@ -30,6 +30,8 @@ struct Setup {
     std::string base_frame;
     bool command_position = false, policy = false;
     double state_rate = 0.0; ///< [1/s]
+    std::string ft_sensor; ///< name of a force-torque sensor; empty: none is read
+    robot::Calibration calibration; ///< of that sensor
 };
 
 using Lookup = std::function<rclcpp::Parameter(const std::string &)>;
