@@ -98,6 +98,25 @@ static void refuses_what_the_arm_cannot_do()
     check(rig.status().values[0].value.find("COMMAND_REFUSED") == std::string::npos, "the loop keeps the command before");
 }
 
+static void accepts_a_limit_in_single_precision()
+{
+    Rig rig;
+    rig.set("position_tolerance", 0.0);
+    rig.set("continuous_joints", "counted");
+    rig.start();
+    sensor_msgs::msg::JointState message;
+    for (std::size_t i = 0; i < N; ++i) {
+        message.name.push_back(robot::JOINTS[i]);
+        message.position.push_back(rig.arm.q[i]);
+    }
+    message.position[1] = robot::UPPER[1] + 5e-7;
+    rig.publish("~/target_joint", message);
+    check(stub::world().times("is refused") == 0, "the limit, rounded");
+    message.position[1] = robot::UPPER[1] + 5e-5;
+    rig.publish("~/target_joint", message);
+    check(stub::world().times("~/target_joint is refused: q0 of ") == 1, "beyond it");
+}
+
 static void presses_along_a_target_wrench()
 {
     Rig rig;
@@ -238,6 +257,7 @@ const std::vector<Scenario> COMMANDS = {
     {"refuses_a_bad_target_pose", refuses_a_bad_target_pose},
     {"follows_a_target_joint_by_name", follows_a_target_joint_by_name},
     {"refuses_what_the_arm_cannot_do", refuses_what_the_arm_cannot_do},
+    {"accepts_a_limit_in_single_precision", accepts_a_limit_in_single_precision},
     {"presses_along_a_target_wrench", presses_along_a_target_wrench},
     {"takes_a_stiffness", takes_a_stiffness},
     {"changes_parameters_while_it_runs", changes_parameters_while_it_runs},

@@ -72,6 +72,8 @@ inline constexpr Choice CHOICES[] = {
         {robot::CAP_REFUSE, robot::CAP_ACCEPT}},
     {"communication_reaction", [](robot::Config &c) { return &c.communication_reaction; }, {"release", "hold", "resume"},
         {robot::REACTION_RELEASE, robot::REACTION_HOLD, robot::REACTION_RESUME}},
+    {"continuous_joints", [](robot::Config &c) { return &c.continuous_joints; }, {"wrapped", "counted"},
+        {robot::TURNS_WRAPPED, robot::TURNS_COUNTED}},
     {"velocity_source", [](robot::Config &c) { return &c.velocity_source; }, {"measured", "differenced"},
         {robot::SOURCE_MEASURED, robot::SOURCE_DIFFERENCED}},
 };

@@ -274,7 +274,8 @@ std::string refuse_positions(const robot::Config &config, const double *q0)
 {
     for (std::size_t i = 0; i < robot::DOF; ++i) {
         const double limit = std::clamp(q0[i], config.lower_limit[i], config.upper_limit[i]);
-        if (std::abs(q0[i] - limit) > config.position_tolerance) {
+        const double rounded = 1e-6 * std::max(1.0, std::abs(limit)); // single precision, as in the controller
+        if (std::abs(q0[i] - limit) > std::max(config.position_tolerance, rounded)) {
             return robot::refusal_text(robot::position_refusal(static_cast<int>(i), q0[i], limit), 0);
         }
     }
