@@ -105,7 +105,6 @@ def simulate(robot: Any, learner: Learner, tank: float, duration: float = DURATI
         motor_inertia=MOTOR,
         posture_stiffness=POSTURE_STIFFNESS,
         tank_initial=tank,
-        tank_maximum=tank,
         engagement_limit=20.0,
         energy_limit=5.0,
         stiffness_time=0.05,

@@ -95,7 +95,6 @@ def controller(robot: ModuleType, sample_time: float, steps: int) -> Any:
         ramp_time=0.05,
         torque_rate_limit=robot.EFFORT / sample_time,
         tank_initial=100.0,
-        tank_maximum=100.0,
         engagement_limit=20.0,
         energy_limit=5.0,
         tip_velocity_limit=0.5,

@@ -91,7 +91,7 @@ WipingClient::WipingClient(const Settings &settings, const Trajectory &trajector
     /* [J] small, whatever the robot could do: the pace of the trajectory looks at the energy, too */
     config_.energy_limit = settings.pace.energy > 0.0 ? settings.pace.energy : 5.0;
     config_.engagement_limit = 20.0;
-    config_.tank_initial = config_.tank_maximum = 10.0;
+    config_.tank_initial = 10.0;
     config_.stiffness_time = 0.05;
     config_.stiffness_cap = robot::STIFFNESS_CAP_ACCEPT; /* slow send periods soften light joints; the status says so */
     for (int i = 0; i < JOINTS; ++i) {

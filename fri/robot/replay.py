@@ -52,7 +52,7 @@ def controller(robot: Any, summary: Mapping[str, Any]) -> Any:
     names = ("sample_time", "motor_inertia", "damping_ratio", "joint_damping", "effort_limit", "torque_rate_limit",
              "reference_velocity_limit", "ramp_time", "tip_velocity_limit", "tip_rotation_limit", "energy_limit",
              "loss_limit")  # fmt: skip
-    client = {"engagement_limit": 20.0, "tank_initial": 10.0, "tank_maximum": 10.0, "stiffness_time": 0.05}
+    client = {"engagement_limit": 20.0, "tank_initial": 10.0, "stiffness_time": 0.05}
     client["posture_stiffness"] = 0.0 if told["law"] == "paper" else told["posture_stiffness"]
     words = {"stiffness_cap": "accept", "velocity_source": "differenced"}
     return robot.Impedance({name: told[name] for name in names} | client, **words)

@@ -43,7 +43,7 @@ def test_torque_is_that_of_the_controller_stepped_in_python_on_what_the_robot_sa
     controller = robot.Impedance(
         sample_time=0.005, posture_stiffness=10.0, motor_inertia=0.1, ramp_time=0.05, tip_velocity_limit=2.0,
         tip_rotation_limit=6.0, reference_velocity_limit=robot.VELOCITY, energy_limit=5.0, engagement_limit=20.0,
-        tank_initial=10.0, tank_maximum=10.0, stiffness_time=0.05, stiffness_cap="accept",
+        tank_initial=10.0, stiffness_time=0.05, stiffness_cap="accept",
     )  # fmt: skip
     velocity, last = np.zeros(7), None
     springs = {"translation_stiffness": np.diag([700.0, 700.0, 800.0]), "rotation_stiffness": 30.0 * np.eye(3)}

@@ -51,7 +51,7 @@ static const double FARTHEST = 1e6;   /* [rad] beyond it an angle has lost its l
 static const double GOVERNOR = 0.8;   /* share of its velocity limits that the equilibrium uses: the arm overshoots */
 static const double REACHED = 5e-5;      /* [m] or [rad] up to which a posture has its tips at a pose */
 static const double STEP_SHARE = 0.05;   /* of a posture's step that is gone in one call */
-static const double TANK_FLOOR = 0.1; /* share of the tank's maximum that stiffness is not paid from */
+static const double TANK_FLOOR = 0.1; /* share of tank_initial that stiffness is not paid from */
 static const double TRAVEL_TIME = 1.0; /* [s] of the equilibrium's travel that bring in one engagement limit */
 static const double COVERED = 0.7;    /* share of the available energy for the springs; the damping has the remainder */
 static const double NOISE_RANGE = 6.0; /* velocity_noise counts this often in one sample */
@@ -90,7 +90,7 @@ typedef struct {
     double seen, limit; /* of the finding */
     double lack;   /* [J] that the tank receives if the engagement that starts is paid */
     double budget; /* [J] the tank's share for what costs energy */
-    double tank_initial, tank_maximum, engagement_limit, energy_limit; /* [J] in force */
+    double tank_initial, engagement_limit, energy_limit; /* [J] in force */
     refusal_t refusal; /* of the command */
     int limited;       /* first joint whose q0 is beyond its limit and followed to the zone there, or NO_JOINT */
     double q[N];       /* of the sample; turns of continuous joints are counted */
@@ -399,9 +399,6 @@ static int check_fields(const config_t *c)
     }
     if (!doubles_within(&c->tank_initial, 1, 0.0, 10000.0)) {
         return IIWA14_E_CONFIG_TANK_INITIAL;
-    }
-    if (!doubles_within(&c->tank_maximum, 1, 0.0, 10000.0)) {
-        return IIWA14_E_CONFIG_TANK_MAXIMUM;
     }
     return IIWA14_OK;
 }
@@ -1552,7 +1549,7 @@ static double evaluate_limits(step_t *s, const double *q)
 static void pay_into_tank(step_t *s, double income)
 {
     memory_t *const m = s->m;
-    const double most = larger(s->tank_maximum, m->reserve);
+    const double most = larger(s->tank_initial, m->reserve);
     const double lost = m->tank + income - most;
     m->tank += income;
     if (lost > 0.0) {
@@ -2006,7 +2003,6 @@ static void find_energies(step_t *s)
     const double force = c->heaviest_wrench[0], moment = c->heaviest_wrench[1];
     const double powers[2] = {force * c->tip_velocity_limit, moment * c->tip_rotation_limit};
     s->tank_initial = c->tank_initial > 0.0 ? c->tank_initial : m->sized_tank;
-    s->tank_maximum = c->tank_maximum > 0.0 ? c->tank_maximum : s->tank_initial;
     s->engagement_limit = c->engagement_limit > 0.0 ? c->engagement_limit : GOVERNOR * norm(2, powers) * TRAVEL_TIME;
     s->energy_limit = c->energy_limit;
     if (!(c->energy_limit > 0.0)) {
@@ -2286,10 +2282,7 @@ static int validate(const config_t *c)
     if (c->state_period > c->missed_limit * c->sample_time * (1.0 + ROUNDED)) {
         return IIWA14_E_STATE_PERIOD;
     }
-    if (c->spring == IIWA14_SPRING_BOUNDED && !stiffgen_has_bounded_spring()) {
-        return IIWA14_E_BOUNDED_SPRING;
-    }
-    return c->tank_initial <= c->tank_maximum || c->tank_maximum == 0.0 ? IIWA14_OK : IIWA14_E_TANK;
+    return c->spring == IIWA14_SPRING_BOUNDED && !stiffgen_has_bounded_spring() ? IIWA14_E_BOUNDED_SPRING : IIWA14_OK;
 }
 
 /* Rotate the bits of a sum, and add word k of the memory: two values of the word never have the same result. */
@@ -4550,7 +4543,7 @@ static void reduce_torque(step_t *s, const double *last, double *feed)
         try_torque(s, last, springs, damping);
     }
     s->status |= IIWA14_STATUS_RESERVE;
-    if (springs < 1.0 && m->tank + s->lack < TANK_FLOOR * s->tank_maximum) {
+    if (springs < 1.0 && m->tank + s->lack < TANK_FLOOR * s->tank_initial) {
         latch_fault(m, IIWA14_REASON_RESERVE, NO_JOINT, m->reserve, available_energy(m));
     }
     for (int i = 0; i < N; ++i) {
@@ -5251,7 +5244,7 @@ static void step_with_sample(step_t *s, const double *last)
     s->status |= s->commanded ? 0u : (uint32_t)IIWA14_STATUS_COMMAND_REFUSED;
     accept_feedforward(s);
     check_limits(s);
-    s->budget = m->tank - TANK_FLOOR * s->tank_maximum;
+    s->budget = m->tank - TANK_FLOOR * s->tank_initial;
     adopt_raised_limits(s, last);
     if (m->fault == IIWA14_FAULT_NONE) {
         adopt_limits(s, s->q);
@@ -5528,7 +5521,6 @@ void iiwa14_impedance_default_config(config_t *config)
     config->overspeed_time = 0.2;
     config->communication_reaction = IIWA14_COMMUNICATION_REACTION_RELEASE;
     config->tank_initial = 0.0;
-    config->tank_maximum = 0.0;
     for (int i = 0; i < N; ++i) {
         config->posture_stiffness[i] = 1.0;
         config->damping_ratio[i] = 0.7;
@@ -5639,8 +5631,6 @@ const char *iiwa14_impedance_error_text(int code)
         return "the initial torque is not finite or beyond the effort limit";
     case IIWA14_E_POSITION_LIMITS:
         return "lower_limit, upper_limit: lower must be below upper by more than two limit zones";
-    case IIWA14_E_TANK:
-        return "tank_initial: must not be above tank_maximum";
     case IIWA14_E_STATE_PERIOD:
         return "state_period: must not be above missed_limit times sample_time";
     case IIWA14_E_BOUNDED_SPRING:
@@ -5751,8 +5741,6 @@ const char *iiwa14_impedance_error_text(int code)
         return "communication_reaction: must be release, hold or resume";
     case IIWA14_E_CONFIG_TANK_INITIAL:
         return "tank_initial: must lie between 0 and 10000";
-    case IIWA14_E_CONFIG_TANK_MAXIMUM:
-        return "tank_maximum: must lie between 0 and 10000";
     default:
         return "unknown error";
     }
@@ -5778,7 +5766,7 @@ static void prepare_check(config_t *c, input_t *in)
     iiwa14_impedance_default_config(c);
     memset(in, 0, sizeof *in);
     c->stiffness_cap = IIWA14_STIFFNESS_CAP_ACCEPT;
-    c->tank_initial = c->tank_maximum = 10.0;
+    c->tank_initial = 10.0;
     for (int i = 0; i < N; ++i) {
         c->lower_limit[i] = -1e3;
         c->upper_limit[i] = 1e3;

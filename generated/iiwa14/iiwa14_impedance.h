@@ -39,15 +39,14 @@ enum {
     IIWA14_E_NOT_INITIALISED = -2,
     IIWA14_E_TORQUE = -3,
     IIWA14_E_POSITION_LIMITS = -4,
-    IIWA14_E_TANK = -5,
-    IIWA14_E_STATE_PERIOD = -6,
-    IIWA14_E_BOUNDED_SPRING = -7,
-    IIWA14_E_STIFFNESS = -8,
-    IIWA14_E_ACTUATION = -9,
-    IIWA14_E_GAINS = -10,
-    IIWA14_E_POLICY = -11,
-    IIWA14_E_POSE = -12,
-    IIWA14_E_NO_POSTURE = -13,
+    IIWA14_E_STATE_PERIOD = -5,
+    IIWA14_E_BOUNDED_SPRING = -6,
+    IIWA14_E_STIFFNESS = -7,
+    IIWA14_E_ACTUATION = -8,
+    IIWA14_E_GAINS = -9,
+    IIWA14_E_POLICY = -10,
+    IIWA14_E_POSE = -11,
+    IIWA14_E_NO_POSTURE = -12,
     IIWA14_E_CONFIG_SAMPLE_TIME = -20,
     IIWA14_E_CONFIG_DELAY_SAMPLES = -21,
     IIWA14_E_CONFIG_POSTURE_STIFFNESS = -22,
@@ -94,8 +93,7 @@ enum {
     IIWA14_E_CONFIG_FROZEN_WINDOW = -63,
     IIWA14_E_CONFIG_OVERSPEED_TIME = -64,
     IIWA14_E_CONFIG_COMMUNICATION_REACTION = -65,
-    IIWA14_E_CONFIG_TANK_INITIAL = -66,
-    IIWA14_E_CONFIG_TANK_MAXIMUM = -67
+    IIWA14_E_CONFIG_TANK_INITIAL = -66
 };
 
 /* Choices. No choice has the value 0, so that a configuration or an input of zeros is refused. */
@@ -368,13 +366,11 @@ typedef struct {
      * arm where the equilibrium stands until the reset; or resume: hold, and reset after 0.1 s of good samples.
      * Must be release, hold or resume. Default: release. */
     int communication_reaction;
-    /* [J] tank energy at the start; with the stored energy it covers the torques, so it bounds what the arm can
-     * hold (status RESERVE; table in docs/controller.md); 0: what heaviest_wrench needs, computed by init. Must
-     * lie between 0 and 10000. Default: 0.0. */
+    /* [J] tank energy at the start, above which income goes to the engagement or is lost, unless the reserve is
+     * larger; with the stored energy it covers the torques, so it bounds what the arm can hold (status RESERVE;
+     * table in docs/controller.md); 0: what heaviest_wrench needs, computed by init. Must lie between 0 and
+     * 10000. Default: 0.0. */
     double tank_initial;
-    /* [J] tank energy above which income goes to the engagement or is lost, unless the reserve is larger; 0: as
-     * tank_initial. Must lie between 0 and 10000. Default: 0.0. */
-    double tank_maximum;
 } iiwa14_impedance_config;
 
 /* One sample. A struct of zeros is a missed sample. */

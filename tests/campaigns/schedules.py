@@ -156,7 +156,6 @@ def schedule(random: Random, loop: Loop, moving: bool = False, sensors: bool = F
     made = Schedule(
         {
             **energy,
-            "tank_maximum": 4.0,
             "delay_samples": delay,
             "motor_inertia": motor,
             "coriolis": int(random.integers(1, 3)),
@@ -239,7 +238,7 @@ def change_configuration(random: Random, loop: Loop, made: Schedule) -> None:
         "lower_limit": lambda: loop.home - 10 ** random.uniform(-1.5, 0.3, loop.n) * turning,
         "upper_limit": lambda: loop.home + 10 ** random.uniform(-1.5, 0.3, loop.n) * turning,
         "position_tolerance": lambda: 10 ** random.uniform(-2, 0),
-        "tank_maximum": lambda: 4.0 * 10 ** random.uniform(0, 1),
+        "tank_initial": lambda: 10 ** random.uniform(-1, 1),
         "heaviest_wrench": lambda: np.array([100.0, 20.0]) * 10 ** random.uniform(-1, 0.5),
         "loss_limit": lambda: int(random.integers(1, 100)),
         "overspeed_time": lambda: 10 ** random.uniform(-3, 0),

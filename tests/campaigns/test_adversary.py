@@ -95,7 +95,7 @@ def test_energy_of_old_breaks(loop: Loop, name: str) -> None:
 def test_energy_held_where_the_first_sample_is_missing(loop: Loop) -> None:
     """The limit avoidance holds 30 J at the start; before, climb 1010371 forgot them."""
     zone = {"limit_zone": 1.8, "limit_stiffness": 1.7 * loop.effort}
-    config = {"tank_initial": 0.3, "tank_maximum": 4.0, "engagement_limit": 3.7, "damping_ratio": 0.1, **zone}
+    config = {"tank_initial": 0.3, "engagement_limit": 3.7, "damping_ratio": 0.1, **zone}
     along = np.array([0.06, -0.12, -0.06, 0.1, -0.3, 0.38, 0.21])
     carried = {"driven": 2, "driven_to": Q0 + along, "driven_at": 0.9 * loop.velocity, "driven_by": 11.0}
     parts = [{"wanted": Q0, "missed": 1}, {"start": 1, "missed": 0, **carried}]

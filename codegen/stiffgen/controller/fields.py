@@ -359,18 +359,9 @@ CONFIG: tuple[Field, ...] = (
         "tank_initial",
         SCALAR,
         "J",
-        "tank energy at the start; with the stored energy it covers the torques, so it bounds what the arm can hold "
-        "(status RESERVE; table in docs/controller.md); 0: what heaviest_wrench needs, computed by init",
-        "0.0",
-        0.0,
-        1e4,
-    ),
-    Field(
-        "tank_maximum",
-        SCALAR,
-        "J",
-        "tank energy above which income goes to the engagement or is lost, unless the reserve is larger; 0: as "
-        "tank_initial",
+        "tank energy at the start, above which income goes to the engagement or is lost, unless the reserve is larger; "
+        "with the stored energy it covers the torques, so it bounds what the arm can hold (status RESERVE; table in "
+        "docs/controller.md); 0: what heaviest_wrench needs, computed by init",
         "0.0",
         0.0,
         1e4,

@@ -164,7 +164,6 @@ ERRORS: tuple[tuple[str, str], ...] = (
     ("not_initialised", "the state is not initialised: call NAME_impedance_init first"),
     ("torque", "the initial torque is not finite or beyond the effort limit"),
     ("position_limits", "lower_limit, upper_limit: lower must be below upper by more than two limit zones"),
-    ("tank", "tank_initial: must not be above tank_maximum"),
     ("state_period", "state_period: must not be above missed_limit times sample_time"),
     ("bounded_spring", "spring: the folder has no bounded spring; generate it with --spring bounded"),
     (

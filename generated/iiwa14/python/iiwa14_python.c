@@ -2614,7 +2614,6 @@ static const field fields[] = {
     {"config", "overspeed_time", "f8", offsetof(iiwa14_impedance_config, overspeed_time), 0, {1, 1, 1}},
     {"config", "communication_reaction", "i4", offsetof(iiwa14_impedance_config, communication_reaction), 0, {1, 1, 1}},
     {"config", "tank_initial", "f8", offsetof(iiwa14_impedance_config, tank_initial), 0, {1, 1, 1}},
-    {"config", "tank_maximum", "f8", offsetof(iiwa14_impedance_config, tank_maximum), 0, {1, 1, 1}},
     {"input", "sample_valid", "i4", offsetof(iiwa14_impedance_input, sample_valid), 0, {1, 1, 1}},
     {"input", "command", "i4", offsetof(iiwa14_impedance_input, command), 0, {1, 1, 1}},
     {"input", "wrench_valid", "i4", offsetof(iiwa14_impedance_input, wrench_valid), 0, {1, 1, 1}},
@@ -3300,7 +3299,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "33fcd4b9d7ccf106") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "8a7a33005a76a69c") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

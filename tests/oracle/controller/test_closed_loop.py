@@ -391,7 +391,7 @@ def test_softening_passes_an_empty_tank(loop: Loop) -> None:
 
     Before: the whole change was blocked.
     """
-    settings = config(loop, tank_initial=0.05, tank_maximum=0.05, stiffness_time=0.01)
+    settings = config(loop, tank_initial=0.05, stiffness_time=0.01)
     parts = loop.segments(
         {"push": [0, 10, 0, 10, 0, 0, 0]},
         {"start": 2000, "translation": np.diag([100.0, 100, 100]), "rotation": np.diag([30.0, 30, 300])},

@@ -71,17 +71,25 @@ def round_trips(turns: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         yield Q0 + 0.08 * rise * np.sin(phase), 0.16 * np.pi * rise * np.cos(phase)
 
 
+def kept(command: Any, work: float, before: float, most: float) -> float:
+    """Return tank + energy + work: unchanged since the last sample, but for income that a full tank does not hold."""
+    account = float(command.tank + command.energy + work)
+    assert account == pytest.approx(before, abs=1e-9) or (account < before and command.tank == pytest.approx(most))
+    return account
+
+
 @pytest.mark.parametrize("wrench", [[0, 0, -40, 0, 0, 0], [30, 20, 10, 3, -4, 5]])
 def test_a_closed_orbit_costs_the_tank_what_it_puts_out(loop: Loop, wrench: list[float]) -> None:
     """A force has a potential, a moment has none: what either puts out is missing in the tank, exactly."""
-    step, works = loop.stepper(loop.default(motor_inertia=0.1, tank_initial=20.0, tank_maximum=1e3)), [0.0]
-    torque, last = np.zeros(N), Q0
+    step, works = loop.stepper(loop.default(motor_inertia=0.1, tank_initial=20.0)), [0.0]
+    torque, last, account, full = np.zeros(N), Q0, 20.0, 0
     for k, (q, v) in enumerate(round_trips(6)):
         works.append(works[-1] + float(torque @ (q - last)))
         command = step(q=q, dq=v, wanted=Q0, **SOFT, wrench_command=wrench)
         torque, last = np.array(command.torque), q
         assert not command.faulted, k
-        assert command.tank + command.energy + works[-1] == pytest.approx(20.0, abs=1e-9)
+        account, full = kept(command, works[-1], account, 20.0), full + (command.tank >= 20.0)
+    assert full < 0.5 * len(works)
     turn, swing = works[-1] - works[-1001], np.ptp(works[-1001:])
     assert swing > 1.0
     assert turn < (0.0 if wrench[5] == 0 else 0.2 * swing)  # the damping takes some
@@ -232,7 +240,7 @@ def test_the_engagement_pays_for_an_acceleration(loop: Loop, engagement: float) 
         wanted = {"wanted": Q0 + (0.0 if k % 2 == 0 else 0.2) * rate, "wanted_rate": sign * rate}
         along = {"driven": 1, "driven_by": 1e5, "driven_to": sign * 0.4 * sides * loop.velocity}
         parts.append({"start": start, **wanted, **plan, **along})
-    settings = {"tank_initial": tank, "tank_maximum": tank, "engagement_limit": engagement, "posture_stiffness": 0.01}
+    settings = {"tank_initial": tank, "engagement_limit": engagement, "posture_stiffness": 0.01}
     settings |= {"damping_ratio": 0.0, "joint_damping": 0.0}
     summary, outputs = loop.run(3000, loop.segments(*parts), None, loop.config(**settings), outputs=True)
     assert np.any(outputs["reference_acceleration"])
@@ -304,14 +312,15 @@ def test_coriolis_forces_are_compensated(robot: ModuleType, loop: Loop) -> None:
 
 def test_the_tank_pays_for_coriolis_forces(loop: Loop) -> None:
     """Led to and fro between postures of different inertia; all that is put out is missing in the tank."""
-    settings = {"coriolis": 2, "tank_initial": 3.0, "tank_maximum": 1e3, "damping_ratio": 0.0, "joint_damping": 0.0}
+    settings = {"coriolis": 2, "tank_initial": 3.0, "damping_ratio": 0.0, "joint_damping": 0.0}
     step, work, torque, last = loop.stepper(loop.default(motor_inertia=0.1, **settings)), 0.0, np.zeros(N), Q0
+    account, full = 3.0, 0
     for k in range(6000):
         phase, rise = 2e-3 * np.pi * k, min(1.0, k / 500)
         q = Q0 + rise * np.array([0.2 * np.sin(phase), 0, 0, 0.2 * np.sin(phase + 1.0), 0, 0, 0])
         work += float(torque @ (q - last))
         command = step(q=q, dq=1e3 * (q - last), wanted=Q0, translation=np.eye(3), rotation=np.eye(3))
         torque, last = np.array(command.torque), q
-        assert command.tank + command.energy + work == pytest.approx(3.0, abs=1e-9)
+        account, full = kept(command, work, account, 3.0), full + (command.tank >= 3.0)
         assert not command.faulted
-    assert command.tank > 1.4
+    assert command.tank > 1.4 and full < 3600

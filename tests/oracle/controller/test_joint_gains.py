@@ -75,7 +75,7 @@ def outputs(robot: ModuleType, **config: Any) -> tuple[Any, dict[str, np.ndarray
 
 def test_the_motors_apply_the_torque_of_the_springs(robot: ModuleType) -> None:
     """At the sample the motors' torque is that of torque mode, as long as no limit acts, and the status is the same."""
-    limits = {"torque_rate_limit": 1e6, "tank_initial": 100.0, "tank_maximum": 100.0, "effort_limit": 1e3}
+    limits = {"torque_rate_limit": 1e6, "tank_initial": 100.0, "effort_limit": 1e3}
     plain, inputs = outputs(robot, motor_inertia=0.1, **limits)
     motors, _ = outputs(robot, actuation="gains", **LOOSE, **limits)
     scale = np.abs(plain.torque).max()

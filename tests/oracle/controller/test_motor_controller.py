@@ -197,7 +197,7 @@ def test_no_work_round_a_closed_path(ankle: Any) -> None:
     rate = 0.3 * np.stack([-np.sin(angle), np.cos(angle) - 0.6 * np.sin(2 * angle)], axis=1)
     torques = []
     for a in path:
-        arm = controller(ankle, tank_initial=1e4, tank_maximum=1e4, energy_limit=1e4, engagement_limit=1e5,
+        arm = controller(ankle, tank_initial=1e4, energy_limit=1e4, engagement_limit=1e5,
                          effort_limit=1e4, torque_rate_limit=1e8)  # fmt: skip
         equilibrium = module.forward_kinematics(module.close(np.array([0.2, 0.1]), module.START))
         arm.step(q=a, dq=[0, 0], q0=a, **SPRING)
@@ -396,7 +396,7 @@ def work_put_out(robot: Any, seed: int) -> tuple[float, float]:
     random = np.random.default_rng(seed)
     tank, engagement, speed = 5.0, 4.0, np.array([8.0, 8.0])
     arm = controller(
-        robot, tank_initial=tank, tank_maximum=tank, engagement_limit=engagement, loss_limit=100, lower_limit=-1.0,
+        robot, tank_initial=tank, engagement_limit=engagement, loss_limit=100, lower_limit=-1.0,
         upper_limit=1.0, missed_limit=int(random.integers(1, 6)), torque_rate_limit=10 ** random.uniform(2.5, 4.5),
         posture_stiffness=random.choice([0.0, 1.0, 10.0]),
     )  # fmt: skip

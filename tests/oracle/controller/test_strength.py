@@ -65,7 +65,7 @@ def test_the_force_asked_for_is_given(robot: ModuleType, force: float, stiffness
 @pytest.mark.parametrize("kind", ["translation_stiffness", "rotation_stiffness"])
 def test_a_rise_of_the_stiffness_keeps_to_heaviest_wrench(robot: ModuleType, kind: str) -> None:
     """At a deflection that soft springs allow, stiffer ones pull with heaviest_wrench, no more. Before: fully."""
-    q, controller = np.array(ARMS["iiwa14"]), robot.Impedance(motor_inertia=0.1, tank_initial=200.0, tank_maximum=200.0)
+    q, controller = np.array(ARMS["iiwa14"]), robot.Impedance(motor_inertia=0.1, tank_initial=200.0)
     soft = {"translation_stiffness": 200.0 * np.eye(3), "rotation_stiffness": 25.0 * np.eye(3)}
     at, index = (slice(0, 3), 0) if kind.startswith("t") else (slice(3, 6), 1)
     goal = robot.forward_kinematics(q)

@@ -34,7 +34,6 @@ Q0 = np.array([0.3, 0.6, -0.4, -1.3, 0.2, 0.9, -0.5])
 """Joint positions of the failures in the controller's issue [rad]."""
 BASE = {
     "tank_initial": 10.0,
-    "tank_maximum": 10.0,
     "engagement_limit": 20.0,
     "energy_limit": 5.0,
     "tip_velocity_limit": 0.5,

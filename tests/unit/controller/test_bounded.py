@@ -15,7 +15,7 @@ from support.project import URDF, Once
 
 FORCE, MOMENT = 40.0, 5.0
 CONFIG = {"spring": "bounded", "spring_moment_limit": MOMENT, "motor_inertia": 0.1, "posture_stiffness": 0.0,
-          "energy_limit": 1e3, "tank_initial": 1e3, "tank_maximum": 1e3, "limit_stiffness": 0.0,
+          "energy_limit": 1e3, "tank_initial": 1e3, "limit_stiffness": 0.0,
           "torque_rate_limit": 1e6, "effort_limit": 1e4}  # fmt: skip
 
 
@@ -74,7 +74,7 @@ def test_pulls_with_the_limit_and_no_more(arm: ModuleType) -> None:
 def test_limits_and_stiffness_change_within_the_account(arm: ModuleType) -> None:
     """Every change is booked; a higher limit that the tank cannot pay waits."""
     inputs = walk(np.random.default_rng(2), arm, 1200)
-    controller = arm.Impedance(**{**CONFIG, "tank_initial": 2.0, "tank_maximum": 2.0, "energy_limit": 5.0})
+    controller = arm.Impedance(**{**CONFIG, "tank_initial": 2.0, "energy_limit": 5.0})
     seen = []
     for k in range(1200):
         if k % 100 == 0:

@@ -114,7 +114,7 @@ def test_a_position_that_is_not_believed_counts_no_turn(turning: ModuleType) -> 
 
 def test_a_gap_in_which_the_turn_is_lost_costs_the_most(turning: ModuleType) -> None:
     """A torque moves a joint by more than half a turn while no sample comes: the shorter way would be work back."""
-    held = {"missed_limit": 1000, "loss_limit": 100000, "tank_initial": 300.0, "tank_maximum": 300.0}
+    held = {"missed_limit": 1000, "loss_limit": 100000, "tank_initial": 300.0}
     controller = turning.Impedance(motor_inertia=0.1, call_gap_limit=1, **held)
     for _ in range(300):
         out = controller.step(q=START, dq=np.zeros(3), q0=START + 0.1 * FIRST, **SPRING)

@@ -47,7 +47,7 @@ class Library:
         limits = {"lower_limit": -5.0, "upper_limit": 5.0, "position_tolerance": 0.1, "limit_zone": 0.1}
         rates = {"velocity_limit": 2.0, "reference_velocity_limit": 1.0, "tip_velocity_limit": 0.5, "ramp_time": 0.2}
         torques = {"effort_limit": 100.0, "torque_rate_limit": 1e4, "limit_stiffness": 100.0, "damping_ratio": 0.7}
-        energies = {"energy_limit": 5.0, "engagement_limit": 20.0, "tank_initial": 10.0, "tank_maximum": 10.0}
+        energies = {"energy_limit": 5.0, "engagement_limit": 20.0, "tank_initial": 10.0}
         energies["heaviest_wrench"] = [100.0, 20.0]
         more = {"translation_stiffness_limit": 5e3, "rotation_stiffness_limit": 500.0, "stiffness_time": 0.05}
         rest = {"sample_time": 1e-3, "posture_stiffness": 10.0, "tip_rotation_limit": 1.5, "frozen_window": 20}

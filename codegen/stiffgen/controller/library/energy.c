@@ -93,7 +93,7 @@ double evaluate_limits(step_t *s, const double *q)
 void pay_into_tank(step_t *s, double income)
 {
     memory_t *const m = s->m;
-    const double most = larger(s->tank_maximum, m->reserve);
+    const double most = larger(s->tank_initial, m->reserve);
     const double lost = m->tank + income - most;
     m->tank += income;
     if (lost > 0.0) {

@@ -35,7 +35,7 @@ static const double FARTHEST = 1e6;   /* [rad] beyond it an angle has lost its l
 static const double GOVERNOR = 0.8;   /* share of its velocity limits that the equilibrium uses: the arm overshoots */
 static const double REACHED = 5e-5;      /* [m] or [rad] up to which a posture has its tips at a pose */
 static const double STEP_SHARE = 0.05;   /* of a posture's step that is gone in one call */
-static const double TANK_FLOOR = 0.1; /* share of the tank's maximum that stiffness is not paid from */
+static const double TANK_FLOOR = 0.1; /* share of tank_initial that stiffness is not paid from */
 static const double TRAVEL_TIME = 1.0; /* [s] of the equilibrium's travel that bring in one engagement limit */
 static const double COVERED = 0.7;    /* share of the available energy for the springs; the damping has the remainder */
 static const double NOISE_RANGE = 6.0; /* velocity_noise counts this often in one sample */
@@ -74,7 +74,7 @@ typedef struct {
     double seen, limit; /* of the finding */
     double lack;   /* [J] that the tank receives if the engagement that starts is paid */
     double budget; /* [J] the tank's share for what costs energy */
-    double tank_initial, tank_maximum, engagement_limit, energy_limit; /* [J] in force */
+    double tank_initial, engagement_limit, energy_limit; /* [J] in force */
     refusal_t refusal; /* of the command */
     int limited;       /* first joint whose q0 is beyond its limit and followed to the zone there, or NO_JOINT */
     double q[N];       /* of the sample; turns of continuous joints are counted */

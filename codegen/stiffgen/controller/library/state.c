@@ -30,10 +30,7 @@ int validate(const config_t *c)
     if (c->state_period > c->missed_limit * c->sample_time * (1.0 + ROUNDED)) {
         return ID(E_STATE_PERIOD);
     }
-    if (c->spring == ID(SPRING_BOUNDED) && !stiffgen_has_bounded_spring()) {
-        return ID(E_BOUNDED_SPRING);
-    }
-    return c->tank_initial <= c->tank_maximum || c->tank_maximum == 0.0 ? ID(OK) : ID(E_TANK);
+    return c->spring == ID(SPRING_BOUNDED) && !stiffgen_has_bounded_spring() ? ID(E_BOUNDED_SPRING) : ID(OK);
 }
 
 /* Rotate the bits of a sum, and add word k of the memory: two values of the word never have the same result. */

@@ -130,7 +130,7 @@ static void step_with_sample(step_t *s, const double *last)
     s->status |= s->commanded ? 0u : (uint32_t)ID(STATUS_COMMAND_REFUSED);
     accept_feedforward(s);
     check_limits(s);
-    s->budget = m->tank - TANK_FLOOR * s->tank_maximum;
+    s->budget = m->tank - TANK_FLOOR * s->tank_initial;
     adopt_raised_limits(s, last);
     if (m->fault == ID(FAULT_NONE)) {
         adopt_limits(s, s->q);

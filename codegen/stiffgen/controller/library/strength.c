@@ -105,7 +105,6 @@ void find_energies(step_t *s)
     const double force = c->heaviest_wrench[0], moment = c->heaviest_wrench[1];
     const double powers[2] = {force * c->tip_velocity_limit, moment * c->tip_rotation_limit};
     s->tank_initial = c->tank_initial > 0.0 ? c->tank_initial : m->sized_tank;
-    s->tank_maximum = c->tank_maximum > 0.0 ? c->tank_maximum : s->tank_initial;
     s->engagement_limit = c->engagement_limit > 0.0 ? c->engagement_limit : GOVERNOR * norm(2, powers) * TRAVEL_TIME;
     s->energy_limit = c->energy_limit;
     if (!(c->energy_limit > 0.0)) {

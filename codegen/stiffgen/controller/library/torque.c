@@ -76,7 +76,7 @@ static void reduce_torque(step_t *s, const double *last, double *feed)
         try_torque(s, last, springs, damping);
     }
     s->status |= ID(STATUS_RESERVE);
-    if (springs < 1.0 && m->tank + s->lack < TANK_FLOOR * s->tank_maximum) {
+    if (springs < 1.0 && m->tank + s->lack < TANK_FLOOR * s->tank_initial) {
         latch_fault(m, ID(REASON_RESERVE), NO_JOINT, m->reserve, available_energy(m));
     }
     for (int i = 0; i < N; ++i) {

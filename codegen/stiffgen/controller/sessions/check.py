@@ -205,7 +205,7 @@ class _Bench:
             "motor_inertia": 0.5, "frozen_window": 1000000, "limit_stiffness": 0.0, "limit_zone": self.reach,
             "lower_limit": self.q - 4 * self.reach, "upper_limit": self.q + 4 * self.reach,
             "velocity_limit": 10.0, "reference_velocity_limit": 5.0, "effort_limit": 1e4, "torque_rate_limit": 1e8,
-            "tank_initial": 1e4, "tank_maximum": 1e4, "energy_limit": 1e4, "engagement_limit": 1e5,
+            "tank_initial": 1e4, "energy_limit": 1e4, "engagement_limit": 1e5,
             "translation_stiffness_limit": 1e5, "rotation_stiffness_limit": 1e4, "stiffness_cap": "accept",
         }  # fmt: skip
         controller = self.robot.module.Impedance({**room, **config}, errors="ignore")

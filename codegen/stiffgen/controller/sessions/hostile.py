@@ -72,7 +72,7 @@ class HostileSession:
         if random.random() < 0.3:
             config.engagement_limit, config.energy_limit = 10.0 ** random.uniform([-4.0, -3.0], 0.5)
         if random.random() < 0.3:
-            config.tank_initial, config.tank_maximum = 10.0 ** random.uniform([-3.0, -1.0], 0.5)
+            config.tank_initial = 10.0 ** random.uniform(-3.0, 0.5)
         if random.random() < 0.3:
             config.frozen_window = int(random.integers(2, 40))
         config.stiffness_cap = 1 + int(random.random() < 0.95)  # hardly ever refused
@@ -80,7 +80,6 @@ class HostileSession:
             config.heaviest_wrench[0], config.heaviest_wrench[1] = 10.0 ** random.uniform([0.0, 0.0], [2.5, 1.7])
         if config.actuation == 2:
             config.delay_samples = 0
-        config.tank_initial = min(config.tank_initial, config.tank_maximum or config.tank_initial)
         config.spring = 2
         if both[0].call("validate", config) != 0 or random.random() < 0.5:
             config.spring = 1  # the folder has no other, or by chance

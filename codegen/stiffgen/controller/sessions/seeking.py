@@ -37,8 +37,7 @@ class SeekingSession(HostileSession):
         fill(
             config.posture_stiffness, np.full(n, 10.0 ** random.uniform(*((-3.0, -1.0) if self.slack else (-1.0, 1.0))))
         )
-        config.engagement_limit, config.energy_limit = 50.0, 50.0
-        config.tank_initial, config.tank_maximum = 50.0, 100.0
+        config.engagement_limit, config.energy_limit, config.tank_initial = 50.0, 50.0, 50.0
         self.patient = random.random() < 0.4
 
     def _start(self) -> None:
