@@ -154,9 +154,10 @@ def open_arm(experiment: Experiment, folder: Path) -> ModuleType:
         raise StiffgenError(f"{folder} is no generated robot; run 'make {experiment.robot}', or name one with --robot")
     robot: ModuleType = open_robot(folder).module
     plant = experiment.plant(surface=False)
-    if robot.DOF != DOF or not np.allclose(robot.forward_kinematics(plant.q), plant.pose, atol=1e-9):
+    fits = robot.DOF == DOF and hasattr(robot, "sensor")
+    if not fits or not np.allclose(robot.forward_kinematics(plant.q), plant.pose, atol=1e-9):
         raise StiffgenError(
-            f"{folder} is not the arm with the experiment's tool; 'make {experiment.robot}' generates it"
+            f"{folder} is not the arm with the experiment's tool and sensor; 'make {experiment.robot}' generates it"
         )
     return robot
 

@@ -15,6 +15,7 @@ shorter.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -91,6 +92,8 @@ class Plant:
         self._tip = self.model.site("tip").id
         self._sensor = self.model.site("sensor").id
         self._held = self.model.body("tool" if tool else FLANGE).id  # what the force/torque sensor holds
+        self._payload = _payload(self.model, self._held)
+        self._weight = np.zeros(3)
         self.place(np.asarray(q, dtype=float))
 
     def place(self, q: Array) -> None:
@@ -99,6 +102,11 @@ class Plant:
             raise StiffgenError(f"q has shape {q.shape}, not ({DOF},)")
         self.data.qpos[:] = q
         self.data.qvel[:] = 0
+        self._forward(np.zeros(DOF))
+
+    def hang(self, mass: float) -> None:
+        """Hang a weight [kg] at the tip: a force without inertia."""
+        self._weight = mass * np.array(self.model.opt.gravity)
         self._forward(np.zeros(DOF))
 
     @property
@@ -129,6 +137,7 @@ class Plant:
         torque = np.asarray(torque, dtype=float)
         for _ in range(self._substeps):
             mujoco.mj_step1(self.model, self.data)
+            self._pull()
             self.data.qfrc_applied[:] = torque + self.data.qfrc_bias
             mujoco.mj_step2(self.model, self.data)
         self._steps += 1
@@ -136,34 +145,31 @@ class Plant:
 
     def _forward(self, torque: Array) -> None:
         mujoco.mj_fwdPosition(self.model, self.data)
+        self._pull()
         mujoco.mj_fwdVelocity(self.model, self.data)
         self.data.qfrc_applied[:] = torque + self.data.qfrc_bias
         mujoco.mj_forward(self.model, self.data)
 
-    def wrench(self) -> Array:
-        """Wrench (force [N], moment [N m]) of the environment on the robot at the tip, base axes.
+    def _pull(self) -> None:
+        """Apply the force of a hanging weight at the present position."""
+        if self._weight.any():
+            lever = self.data.site_xpos[self._tip] - self.data.xipos[self._held]
+            self.data.xfrc_applied[self._held] = [*self._weight, *_cross(lever, self._weight)]
 
-        The force/torque sensor between flange and tool measures it. The method subtracts the tool's weight and inertia,
-        computed with the tool's true acceleration, and shifts the moment from the sensor to the tip.
+    @property
+    def reading(self) -> Array:
+        """Reading (6) of the force/torque sensor between flange and tool, flange axes: robot on tool [N, N m]."""
+        return np.concatenate([self.data.sensor(name).data for name in ("force", "torque")])
+
+    def wrench(self, robot: Any) -> Array:
+        """Return the wrench (force [N], moment [N m]) of the environment on the robot at the tip, base axes.
+
+        The generated functions of ``robot``, the arm with the tool and :data:`examples.experiments.tool.SENSOR`, take
+        the tool's weight and inertia from the sensor's reading, and shift the moment to the tip.
         """
-        data = self.data
-        to_base = data.site_xmat[self._sensor].reshape(3, 3)
-        force, moment = (to_base @ data.sensor(name).data for name in ("force", "torque"))
-        mass = self.model.body_mass[self._held]
-        com = data.xipos[self._held]
-        acceleration = np.empty(6)  # angular, linear at the centre of mass, gravity subtracted
-        mujoco.mj_objectAcceleration(self.model, data, mujoco.mjtObj.mjOBJ_BODY, self._held, acceleration, 0)
-        velocity = np.empty(6)
-        mujoco.mj_objectVelocity(self.model, data, mujoco.mjtObj.mjOBJ_BODY, self._held, velocity, 0)
-        axes = data.ximat[self._held].reshape(3, 3)
-        tensor = axes @ np.diag(self.model.body_inertia[self._held]) @ axes.T
-        spin = velocity[:3]
-        # Newton and Euler about the centre of mass: sensor + environment = change of momentum.
-        at_com = moment - _cross(com - data.site_xpos[self._sensor], force)
-        external_force = mass * acceleration[3:] - force
-        external_moment = tensor @ acceleration[:3] + _cross(spin, tensor @ spin) - at_com
-        lever = com - data.site_xpos[self._tip]
-        return np.concatenate([external_force, external_moment + _cross(lever, external_force)])
+        motion = self.q, self.dq, self.data.qacc
+        wrench = robot.sensor.tip_wrench_dynamic(*motion, self.reading, np.zeros(6), self._payload)
+        return np.asarray(wrench, dtype=float).ravel()
 
     def contact_wrench(self) -> Array:
         """Return the sum of the contact forces on the tool, with which :meth:`wrench` must agree."""
@@ -179,7 +185,7 @@ class Plant:
         return total
 
     def external_torque(self) -> Array:
-        """Joint torques of all contacts, J^T wrench [N m]: what KUKA's controller estimates as external torques."""
+        """Joint torques of contacts and hanging weight, J^T wrench [N m]: KUKA's controller estimates these torques."""
         data = self.data
         is_contact = np.isin(
             data.efc_type,
@@ -189,9 +195,10 @@ class Plant:
                 mujoco.mjtConstraint.mjCNSTR_CONTACT_ELLIPTIC,
             ],
         )
-        torque = np.zeros(DOF)
+        torque, at_tip = np.zeros(DOF), np.empty((3, DOF))
         mujoco.mj_mulJacTVec(self.model, data, torque, np.where(is_contact, data.efc_force, 0.0))
-        return torque
+        mujoco.mj_jacSite(self.model, data, at_tip, None, self._tip)
+        return np.asarray(torque + at_tip.T @ self._weight)
 
     @property
     def in_contact(self) -> bool:
@@ -209,8 +216,17 @@ class Plant:
         return [int(index) for index in np.flatnonzero(held & (contacts.efc_address >= 0))]
 
 
+def _payload(model: mujoco.MjModel, body: int) -> Array:
+    """Return mass, first moment and inertia (10) of a body about its frame's origin, as sensor functions take them."""
+    mass, com, turn = model.body_mass[body], model.body_ipos[body], np.empty(9)
+    mujoco.mju_quat2Mat(turn, model.body_iquat[body])
+    axes = turn.reshape(3, 3)
+    tensor = axes @ np.diag(model.body_inertia[body]) @ axes.T + mass * (com @ com * np.eye(3) - np.outer(com, com))
+    return np.concatenate([[mass], mass * com, tensor[np.triu_indices(3)]])
+
+
 def _cross(a: Array, b: Array) -> Array:
-    """np.cross of two vectors, in a tenth of its time: a cycle of 1 ms has three."""
+    """np.cross of two vectors, in a tenth of its time."""
     (a0, a1, a2), (b0, b1, b2) = a.tolist(), b.tolist()
     return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])
 

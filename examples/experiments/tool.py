@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 import stiffgen
 
 URDF = Path(__file__).resolve().parents[2] / "urdf" / "iiwa14.urdf"
+SENSOR = stiffgen.Sensor("link_ee", sign="robot")
+"""Force-torque sensor between flange and tool; MuJoCo's sensors report the wrench of the robot on the tool."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +92,8 @@ def generate(tool: WorkingTool, program: str, arguments: Sequence[str] | None = 
     output: Path = parser.parse_args(arguments).output
     progress = lambda step: print(f"{step} ...", file=sys.stderr)  # noqa: E731
     try:
-        print(stiffgen.generate(URDF, name=tool.robot, tool=tool.for_generator(), output=output, progress=progress))
+        arm = tool.for_generator()
+        print(stiffgen.generate(URDF, name=tool.robot, tool=arm, sensor=SENSOR, output=output, progress=progress))
     except stiffgen.StiffgenError as error:
         print(error, file=sys.stderr)
         return 2

@@ -148,7 +148,7 @@ def run(
     measured, used, contacts = (np.empty((count, 6)) for _ in range(3))
     for k in range(count):
         position[k], contact[k], arm_contact[k] = plant.pose[:3, 3], plant.in_contact, plant.arm_in_contact
-        measured[k], contacts[k] = plant.wrench() + noise[k], plant.contact_wrench()
+        measured[k], contacts[k] = plant.wrench(robot) + noise[k], plant.contact_wrench()
         used[k] = measured[max(0, k - 2) : k + 1].mean(axis=0)
         plant.step(steps.torque(plant, motion.q0[k], used[k]))
         progress()

@@ -62,6 +62,7 @@ Log::Log(Records &records, const std::string &path, Question &question)
     for (const char *name : AFTER) {
         names(file_, name, JOINTS);
     }
+    names(file_, "reading", 6);
     file_.append(",quality,tracking,pace,callback_time,events");
     file_.end_row();
     file_.flush();
@@ -198,6 +199,7 @@ void Log::write(const Record &record)
     values(file_, record.sent_position, JOINTS);
     values(file_, record.measured_torque, JOINTS);
     values(file_, record.external_torque, JOINTS);
+    values(file_, record.reading, 6);
     file_.append(",%d", record.quality);
     values(file_, &record.tracking, 1);
     values(file_, &record.pace, 1);

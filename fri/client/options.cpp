@@ -46,6 +46,7 @@ const char HELP[] =
     "  --external-torque-sign X 1: external torque = J^T (wrench of the environment on the robot); -1 (1)\n"
     "  --wrench-damping X       damping of the wrench's least squares (0.01)\n"
     "  --sensor-port N          UDP port of the sensor (30300)\n"
+    "  --calibration FILE       bias and payload of the sensor, by 'stiffgen calibrate'\n"
     "  --dry-run                send zero torque; do everything else\n"
     "  --simulated-time         take the robot's time for this machine's (emulator in lockstep)\n"
     "  --realtime PRIORITY      lock the memory, run with SCHED_FIFO, 1 to 99\n"
@@ -87,6 +88,7 @@ enum Name {
     EXTERNAL_TORQUE_SIGN,
     WRENCH_DAMPING,
     SENSOR_PORT,
+    CALIBRATION,
     DRY_RUN,
     SIMULATED_TIME,
     REALTIME,
@@ -124,6 +126,7 @@ const struct option LONG[] = {{"trajectory", required_argument, NULL, TRAJECTORY
                               {"external-torque-sign", required_argument, NULL, EXTERNAL_TORQUE_SIGN},
                               {"wrench-damping", required_argument, NULL, WRENCH_DAMPING},
                               {"sensor-port", required_argument, NULL, SENSOR_PORT},
+                              {"calibration", required_argument, NULL, CALIBRATION},
                               {"dry-run", no_argument, NULL, DRY_RUN},
                               {"simulated-time", no_argument, NULL, SIMULATED_TIME},
                               {"realtime", required_argument, NULL, REALTIME},
@@ -266,6 +269,7 @@ bool Options::parse(int argc, char **argv)
             }
             break;
         case SENSOR_PORT: sensor_port = integer(name, text, 1, 65535); break;
+        case CALIBRATION: calibration = text; break;
         case DRY_RUN: settings.dry_run = true; break;
         case SIMULATED_TIME: settings.simulated_time = true; break;
         case REALTIME: realtime = integer(name, text, 1, 99); break;
@@ -284,5 +288,24 @@ bool Options::parse(int argc, char **argv)
     if (trajectory.empty()) {
         throw std::runtime_error("no trajectory; name a file with --trajectory");
     }
+    read_calibration();
     return true;
+}
+
+/* Without a calibration a sensor's bias and the tool's weight would stand for a contact. */
+void Options::read_calibration()
+{
+    if (sensor && robot::sensor() == NULL) {
+        throw std::runtime_error(std::string("--wrench sensor: ") + robot::name() +
+                                 " has no force-torque sensor; generate it with --sensor LINK");
+    }
+    if (sensor && calibration.empty() && !settings.dry_run) {
+        throw std::runtime_error("--wrench sensor: it takes --calibration FILE; with --dry-run it records without one");
+    }
+    if (!sensor && !calibration.empty()) {
+        throw std::runtime_error("--calibration " + calibration + ": it belongs to --wrench sensor");
+    }
+    if (!calibration.empty()) {
+        settings.calibration = Calibration(calibration);
+    }
 }

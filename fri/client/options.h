@@ -9,7 +9,7 @@
 /* Options of the command line. */
 struct Options {
     Settings settings;
-    std::string trajectory, log, summary, host;
+    std::string trajectory, log, summary, host, calibration;
     double trajectory_period; /* [s] */
     int port, sensor_port;
     unsigned int timeout; /* [ms] of silence that ends the session */
@@ -21,6 +21,9 @@ struct Options {
 
     /* Parse; false if only help was asked for. Throws std::runtime_error, naming the option and the remedy. */
     bool parse(int argc, char **argv);
+
+private:
+    void read_calibration();
 };
 
 #endif

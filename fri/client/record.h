@@ -26,6 +26,7 @@ struct Record {
 
     double sent_torque[JOINTS], sent_position[JOINTS];
     double measured_torque[JOINTS], external_torque[JOINTS];
+    double reading[6]; /* of the sensor; NaN without one */
     int quality;
     double tracking;
     double pace;          /* rate of the trajectory's time, 0 to 1 */

@@ -62,7 +62,8 @@ Settings::Settings()
 WipingClient::WipingClient(const Settings &settings, const Trajectory &trajectory, WrenchSensor *sensor,
                            const Connection &connection, Records &records, Question &question)
     : settings_(settings), connection_(connection), records_(records), question_(question),
-      velocity_(settings.velocity_filter), wrench_(sensor, settings.wrench_damping, settings.external_torque_sign),
+      velocity_(settings.velocity_filter),
+      wrench_(sensor, settings.calibration, settings.wrench_damping, settings.external_torque_sign),
       reference_(trajectory, settings.approach_time), pace_(settings.pace), sample_time_(0.0), reported_period_(0.0),
       other_period_(0), since_position_(0.0), since_followed_(0.0), valid_(false), wild_joint_(0), wild_position_(0.0),
       has_velocity_(false), force_(0.0), since_force_(1e9), wrench_refused_(false), button_(false), has_button_(false),
@@ -401,6 +402,7 @@ void WipingClient::step_controller(bool valid)
         fill(record_.wrench, NOT_A_NUMBER, 6);
         fill(record_.load, NOT_A_NUMBER, JOINTS);
     }
+    copy(wrench_.reading(), record_.reading, 6);
     copy(output_.torque, record_.torque, JOINTS);
     record_.status = output_.status;
     record_.mode = output_.mode;

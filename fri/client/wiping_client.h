@@ -44,8 +44,9 @@ struct Settings {
     bool approach_anyway;        /* a long way needs no question */
     bool may_ask;                /* a person is at the terminal */
     double velocity_filter;      /* [s] */
-    double wrench_damping;       /* damping of wrench_from_torque */
+    double wrench_damping;       /* damping of the least squares from the external torque */
     double external_torque_sign; /* 1: the external torque is J^T times the wrench that the environment applies; -1 */
+    Calibration calibration;     /* of the sensor */
     PaceLimits pace;
     bool dry_run;        /* send zero torque */
     bool simulated_time; /* the robot's time is not this machine's: lockstep */

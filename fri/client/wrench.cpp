@@ -10,51 +10,33 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
+#include <cmath>
 #include <cstdint>
 #include <cstring>
+#include <fstream>
 #include <stdexcept>
 
-bool wrench_from_torque(const double *jacobian, const double *torque, double damping, double *wrench)
+Calibration::Calibration()
 {
-    /* Cholesky factor L of J J^T + damping^2 I, then two triangular solves. */
-    double L[6][6], y[6];
-    for (int i = 0; i < 6; ++i) {
-        wrench[i] = 0.0;
+    std::fill(bias, bias + 6, 0.0);
+    std::fill(payload, payload + 4, 0.0);
+}
+
+Calibration::Calibration(const std::string &path)
+{
+    std::ifstream file(path.c_str(), std::ios::binary);
+    std::string text(1 << 16, '\0'); /* its last byte stays zero */
+    file.read(&text[0], static_cast<std::streamsize>(text.size() - 1));
+    if (file.gcount() == 0 || !robot::read_calibration(text.c_str(), bias, payload)) {
+        throw std::runtime_error("calibration " + path + ": cannot be read, or is none by 'stiffgen calibrate'");
     }
-    for (int i = 0; i < 6; ++i) {
-        for (int j = 0; j <= i; ++j) {
-            double sum = i == j ? damping * damping : 0.0;
-            for (int k = 0; k < JOINTS; ++k) {
-                sum += jacobian[i * JOINTS + k] * jacobian[j * JOINTS + k];
-            }
-            for (int k = 0; k < j; ++k) {
-                sum -= L[i][k] * L[j][k];
-            }
-            if (i == j && !(sum > 0.0)) {
-                return false;
-            }
-            L[i][j] = i == j ? std::sqrt(sum) : sum / L[j][j];
-        }
+    const std::string wanted = std::string("\"sensor\": ") + (robot::sensor() != NULL ? robot::sensor() : "");
+    if (text.find(wanted) == std::string::npos) {
+        throw std::runtime_error("calibration " + path + ": is of another sensor than that of " + robot::name() +
+                                 "; calibrate again with this robot");
     }
-    for (int i = 0; i < 6; ++i) {
-        double sum = 0.0;
-        for (int k = 0; k < JOINTS; ++k) {
-            sum += jacobian[i * JOINTS + k] * torque[k];
-        }
-        for (int k = 0; k < i; ++k) {
-            sum -= L[i][k] * y[k];
-        }
-        y[i] = sum / L[i][i];
-    }
-    for (int i = 5; i >= 0; --i) {
-        double sum = y[i];
-        for (int k = i + 1; k < 6; ++k) {
-            sum -= L[k][i] * wrench[k];
-        }
-        wrench[i] = sum / L[i][i];
-    }
-    return true;
 }
 
 UdpWrenchSensor::UdpWrenchSensor(int port) : socket_(::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0)), stop_(false)
@@ -95,15 +77,15 @@ void UdpWrenchSensor::receive()
             for (int k = 7; k >= 0; --k) {
                 bits = bits << 8 | bytes[8 * i + k];
             }
-            std::memcpy(&sample.wrench[i], &bits, sizeof bits);
+            std::memcpy(&sample.reading[i], &bits, sizeof bits);
         }
-        if (all_finite(sample.wrench, 6)) {
+        if (all_finite(sample.reading, 6)) {
             ring_.push(sample);
         }
     }
 }
 
-bool UdpWrenchSensor::read(double wrench[6])
+bool UdpWrenchSensor::read(double reading[6])
 {
     Sample sample;
     bool any = false;
@@ -111,7 +93,7 @@ bool UdpWrenchSensor::read(double wrench[6])
         any = true;
     }
     if (any) {
-        std::memcpy(wrench, sample.wrench, sizeof sample.wrench);
+        std::memcpy(reading, sample.reading, sizeof sample.reading);
     }
     return any;
 }
@@ -123,16 +105,16 @@ const double SENSOR_PATIENCE = 0.05;
 
 } // namespace
 
-WrenchSource::WrenchSource(WrenchSensor *sensor, double damping, double sign)
-    : sensor_(sensor), damping_(damping), sign_(sign), age_(1e9)
+WrenchSource::WrenchSource(WrenchSensor *sensor, const Calibration &calibration, double damping, double sign)
+    : sensor_(sensor), calibration_(calibration), damping_(damping), sign_(sign), age_(1e9)
 {
-    std::memset(told_, 0, sizeof told_);
+    std::fill(reading_, reading_ + 6, std::nan(""));
 }
 
 void WrenchSource::observe(double seconds)
 {
     if (sensor_ != NULL) {
-        age_ = sensor_->read(told_) ? 0.0 : age_ + seconds;
+        age_ = sensor_->read(reading_) ? 0.0 : age_ + seconds;
     }
 }
 
@@ -143,21 +125,14 @@ bool WrenchSource::silent() const
 
 bool WrenchSource::read(const double *q, const double *external_torque, double *wrench) const
 {
-    if (sensor_ == NULL) {
-        double J[6 * JOINTS], torque[JOINTS];
-        robot::jacobian(q, J);
-        for (int i = 0; i < JOINTS; ++i) {
-            torque[i] = sign_ * external_torque[i];
-        }
-        return wrench_from_torque(J, torque, damping_, wrench);
+    if (sensor_ != NULL) {
+        robot::tip_wrench(q, reading_, calibration_.bias, calibration_.payload, wrench);
+        return !silent();
     }
-    double pose[16];
-    robot::pose(q, pose);
-    for (int k = 0; k < 2; ++k) {
-        for (int i = 0; i < 3; ++i) {
-            wrench[3 * k + i] = pose[4 * i] * told_[3 * k] + pose[4 * i + 1] * told_[3 * k + 1] +
-                                pose[4 * i + 2] * told_[3 * k + 2];
-        }
+    double torque[JOINTS];
+    for (int i = 0; i < JOINTS; ++i) {
+        torque[i] = sign_ * external_torque[i];
     }
-    return !silent();
+    robot::external_wrench(q, torque, damping_, wrench);
+    return all_finite(wrench, 6);
 }

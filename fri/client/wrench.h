@@ -8,26 +8,28 @@
 #include <string>
 #include <thread>
 
-/*
- * Compute the wrench (force, moment) [N, N m] at the tip in base axes from joint torques: the damped least-squares
- * solution of J^T wrench = torque, (J J^T + damping^2 I)^-1 J torque. J (6 x 7) is the hybrid Jacobian. damping is in
- * the Jacobian's units (m and rad, mixed); it removes a share damping^2 / (s^2 + damping^2) of the component of the
- * singular value s, and bounds the wrench near singular postures. Return false, and zeros, if the inverse does not
- * exist.
- */
-bool wrench_from_torque(const double *jacobian, const double *torque, double damping, double *wrench);
+/* Bias (6) and payload (4) of a sensor, from a file of 'stiffgen calibrate'. */
+struct Calibration {
+    double bias[6], payload[4];
 
-/* Interface of a force/torque sensor at the tip. */
+    /* No bias and no payload: for the recording from which a calibration is made. */
+    Calibration();
+
+    /* Throws std::runtime_error if the file cannot be read, or is the calibration of another sensor. */
+    explicit Calibration(const std::string &path);
+};
+
+/* Interface of a force/torque sensor; the robot is generated with its place and sign (--sensor). */
 class WrenchSensor {
 public:
     virtual ~WrenchSensor() {}
 
     /*
-     * Read the newest wrench (force, moment) [N, N m] that the ENVIRONMENT APPLIES TO THE ROBOT, about the tip's origin
-     * in tip axes, without the tool's weight. Return false if none has come since the last call. Called once per cycle
-     * from the FRI thread: it must not wait, lock or allocate.
+     * Read the newest reading (force, moment) [N, N m], as the sensor reports it: in sensor axes about its origin, with
+     * bias and the tool's weight. Return false if none has come since the last call. Called once per cycle from the FRI
+     * thread: it must not wait, lock or allocate.
      */
-    virtual bool read(double wrench[6]) = 0;
+    virtual bool read(double reading[6]) = 0;
 };
 
 /*
@@ -39,11 +41,11 @@ public:
     /* Throws std::runtime_error if the port cannot be opened. */
     explicit UdpWrenchSensor(int port);
     virtual ~UdpWrenchSensor();
-    virtual bool read(double wrench[6]);
+    virtual bool read(double reading[6]);
 
 private:
     struct Sample {
-        double wrench[6];
+        double reading[6];
     };
 
     UdpWrenchSensor(const UdpWrenchSensor &);
@@ -59,25 +61,29 @@ private:
 /* Source of the controller's wrench: the external joint torque, or a sensor. */
 class WrenchSource {
 public:
-    /* sensor: may be NULL; damping: of wrench_from_torque; sign: of the external torque. */
-    WrenchSource(WrenchSensor *sensor, double damping, double sign);
+    /* sensor: may be NULL; damping: of the least squares (NAME_sensor.h); sign: of the external torque. */
+    WrenchSource(WrenchSensor *sensor, const Calibration &calibration, double damping, double sign);
 
     bool uses_external_torque() const { return sensor_ == NULL; }
 
-    /* Take the sensor's newest wrench; call once per message with the seconds since the last one. */
+    /* Take the sensor's newest reading; call once per message with the seconds since the last one. */
     void observe(double seconds);
 
     /* Return whether the sensor has been silent for too long. */
     bool silent() const;
+
+    /* Newest reading (6); NaN before the first one. */
+    const double *reading() const { return reading_; }
 
     /* Compute the wrench that the environment applies to the robot at the tip, in base axes; false if there is none. */
     bool read(const double *q, const double *external_torque, double *wrench) const;
 
 private:
     WrenchSensor *const sensor_;
+    const Calibration calibration_;
     const double damping_, sign_;
-    double told_[6]; /* by the sensor */
-    double age_;     /* [s] */
+    double reading_[6];
+    double age_; /* [s] */
 };
 
 #endif

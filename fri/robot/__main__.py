@@ -97,6 +97,9 @@ def arguments() -> argparse.ArgumentParser:
     add("--stiffness", type=float, nargs="+", default=[0.0], metavar="K",
         help="stiffness of the joint impedance control, one or seven [N m/rad] (0)")  # fmt: skip
     add("--bowl", action="store_true", help="put the bowl under the tool")
+    add("--weight", type=float, default=0.0, metavar="KG", help="hang a weight at the tip [kg] (0)")
+    add("--sensor-port", type=int, default=0, metavar="PORT",
+        help="port that the sensor sends its readings to (none)")  # fmt: skip
     add("--start", type=float, nargs=JOINTS, metavar="Q", help="joint positions at the start [rad] (the experiment's)")
     add("--press-button", type=float, nargs=2, metavar=("FROM", "TO"), help="press MediaFlange.UserButton [s]")
     add(
@@ -142,14 +145,20 @@ def load_robot(folder: Path) -> ModuleType:
     Raises
     ------
     RefusedError
-        The folder has no generated robot.
+        The folder has no generated robot, or one without a sensor.
 
     """
     if not (folder / "__init__.py").is_file():
         raise RefusedError(
             f"no generated robot in {folder}: run 'make build/robots/iiwa14_plate', or name another with --robot"
         )
-    return open_robot(folder).module
+    module = open_robot(folder).module
+    if not hasattr(module, "sensor"):
+        raise RefusedError(
+            f"the robot in {folder} has no force-torque sensor: run 'make build/robots/iiwa14_plate', or generate it "
+            "with --sensor link_ee --sensor sign=robot"
+        )
+    return module
 
 
 def _check(options: argparse.Namespace) -> None:
@@ -159,6 +168,10 @@ def _check(options: argparse.Namespace) -> None:
         raise RefusedError(f"--receive-multiplier {options.receive_multiplier}: takes 1 to 100")
     if not 1 <= options.port <= 65535:
         raise RefusedError(f"--port {options.port}: takes 1 to 65535; KUKA's default is 30200")
+    if not 0 <= options.sensor_port <= 65535:
+        raise RefusedError(f"--sensor-port {options.sensor_port}: takes 0 to 65535; 0 is none")
+    if not 0 <= options.weight <= 10:
+        raise RefusedError(f"--weight {options.weight}: takes 0 to 10 kg")
     if not 0 <= options.robot_port <= 65535:
         raise RefusedError(f"--robot-port {options.robot_port}: takes 0 to 65535; 0 is any free one")
     for name in ("duration", "answer_timeout"):
@@ -202,6 +215,7 @@ def _robot(options: argparse.Namespace, policy: Policy) -> Robot:
     mode = CommandMode[options.command_mode.upper()]
     stiffness = np.broadcast_to(np.array(options.stiffness, dtype=float), JOINTS).copy()
     plant = bowl_plant(TIMESTEP, surface=options.bowl, **start)
+    plant.hang(options.weight)
     return Robot(plant, model, MOTOR_INERTIA, stiffness, mode, policy)
 
 
@@ -277,6 +291,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
         answer_timeout=options.answer_timeout,
         button=tuple(options.press_button) if options.press_button else None,
         ios=tuple(map(_io, options.io)),
+        sensor_port=options.sensor_port,
     )
     robot = _robot(options, policy)
     recorder = Recorder() if options.log else None

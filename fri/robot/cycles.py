@@ -59,6 +59,8 @@ class Settings:
         When the user button is pressed and let go, of the robot's clock [s].
     ios : tuple of IOValue
         Outputs that the client may set, with their values at the start.
+    sensor_port : int
+        Port of this machine that gets the sensor's reading before each message; 0 for none.
 
     """
 
@@ -69,6 +71,7 @@ class Settings:
     answer_timeout: float = 20.0
     button: tuple[float, float] | None = None
     ios: tuple[IOValue, ...] = ()
+    sensor_port: int = 0
 
 
 @dataclass
@@ -236,6 +239,8 @@ class Cycles:
             self.session.force(SessionState[self._forced.pop(0).argument])
             self._follow_state(old)
         monitoring = self._monitoring()
+        if self._settings.sensor_port:
+            self._link.send_reading(self.robot.plant.reading, self._settings.sensor_port)
         self._arrived.clear()
         self._received = 0
         if self.session.state is SessionState.IDLE:
@@ -333,7 +338,7 @@ class Cycles:
         """Read external wrench and contact for the next message, the log, the status line and the counts."""
         every = self._recorder is not None or self._cycle % OBSERVE == 0
         if every or self._protocol.framed:
-            self.wrench = self.robot.plant.wrench()
+            self.wrench = self.robot.plant.wrench(self.robot.model)
         if every:
             self.in_contact = self.robot.plant.in_contact
         if every and state is SessionState.COMMANDING_ACTIVE:

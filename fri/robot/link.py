@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import socket
+import struct
+from collections.abc import Iterable
 
 from .messages import MOST_BYTES
 
@@ -61,6 +63,11 @@ class Link:
             self.socket.sendto(datagram, self._peer)
         else:
             self.socket.send(datagram)
+
+    def send_reading(self, reading: Iterable[float], port: int) -> None:
+        """Send a sensor's reading (6), little-endian doubles, to a port of this machine, whoever listens."""
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sensor:
+            sensor.sendto(struct.pack("<6d", *reading), ("127.0.0.1", port))
 
     def receive(self, timeout: float) -> bytes | None:
         """Return the next datagram, None if none comes in time [s]; ConnectionRefusedError if nobody listens."""

@@ -48,9 +48,12 @@ class Plant(Protocol):
 
     def step(self, torque: Array) -> None: ...  # noqa: D102
 
-    def wrench(self) -> Array: ...  # noqa: D102
+    def wrench(self, robot: Any) -> Array: ...  # noqa: D102
 
     def external_torque(self) -> Array: ...  # noqa: D102
+
+    @property
+    def reading(self) -> Array: ...  # noqa: D102
 
 
 class Robot:

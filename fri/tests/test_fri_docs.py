@@ -20,8 +20,8 @@ SOURCES = ROOT / "fri" / "client"
 CLIENT_OPTIONS = set(re.findall(r'\{"([a-z-]+)", (?:no|required)_argument', (SOURCES / "options.cpp").read_text()))
 ROBOT_OPTIONS = {name.lstrip("-") for action in arguments()._actions for name in action.option_strings}
 DEMO_OPTIONS = {name.lstrip("-") for action in demo.arguments()._actions for name in action.option_strings}
-OTHERS = {"build", "set-eee", "quiet", "name", "output", "tool"}
-"""Options of cmake, ethtool and stiffgen generate."""
+OTHERS = {"build", "set-eee", "quiet", "name", "output", "tool", "sensor", "check"}
+"""Options of cmake, ethtool, stiffgen generate and calibrate."""
 
 
 def lines(page: str) -> list[str]:

@@ -19,6 +19,7 @@ from fri.support.python_client import free_port
 from fri.support.served import served, unread
 from fri.support.session import POSTURE, Programs, button
 from fri.support.wiping import COMMANDING_ACTIVE, IDLE, MONITORING_READY, MONITORING_WAIT, Wiped, over_udp
+from fri.support.wrench import calibration_text
 
 SLOWED, LET_GO, REFUSED = 1 << 13, 1 << 17, 1 << 19
 HELD = ("--force-limit", "150", "--hold-time", "0.3")
@@ -49,7 +50,7 @@ def test_a_contact_force_beyond_what_the_controller_takes_stops_the_trajectory(
 
 @pytest.mark.parametrize("wrench", [(500.0, 0.0), (1000.0, 0.0), (0.0, 120.0)], ids=str)
 def test_a_sensor_beyond_what_the_controller_takes_stops_the_trajectory(
-    wrench: tuple[float, float], one: Programs, tmp_path: Path
+    wrench: tuple[float, float], one: Programs, plate_folder: Path, tmp_path: Path
 ) -> None:
     """Force [N] and moment [N m] of the sensor."""
     sensor_port = free_port()
@@ -57,8 +58,10 @@ def test_a_sensor_beyond_what_the_controller_takes_stops_the_trajectory(
     script = one.script()
     script.begin()
     script.add(COMMANDING_ACTIVE, 220)
-    options = ("--simulated-time", "--wrench", "sensor", "--sensor-port", sensor_port, "--log", log,
-               "--summary", summary, *HELD)  # fmt: skip
+    calibration = tmp_path / "sensor.json"
+    calibration.write_text(calibration_text(plate_folder))
+    options = ("--simulated-time", "--wrench", "sensor", "--sensor-port", sensor_port, "--calibration", calibration,
+               "--log", log, "--summary", summary, *HELD)  # fmt: skip
     with served(one.client, *options) as session:
         for k, datagram in enumerate(script.datagrams):
             sample = struct.pack("<6d", 0, 0, wrench[0] * (k > 20), wrench[1] * (k > 20), 0, 0)
@@ -147,12 +150,14 @@ def test_positions_beyond_a_limit_are_let_go_and_named(one: Programs, robot: Any
     assert code == 1 and f"joint A4 is measured at {robot.LOWER[3] - 0.11:.3f} rad, 0.110 rad beyond" in errors
 
 
-def test_a_silent_sensor_is_let_go_and_named(one: Programs) -> None:
-    sensor_port = free_port()
+def test_a_silent_sensor_is_let_go_and_named(one: Programs, plate_folder: Path, tmp_path: Path) -> None:
+    sensor_port, calibration = free_port(), tmp_path / "sensor.json"
+    calibration.write_text(calibration_text(plate_folder))
+    options = ("--wrench", "sensor", "--sensor-port", sensor_port, "--calibration", calibration)
     script = one.script()
     script.begin()
     script.add(COMMANDING_ACTIVE, 800)
-    with served(one.client, "--simulated-time", "--wrench", "sensor", "--sensor-port", sensor_port) as session:
+    with served(one.client, "--simulated-time", *options) as session:
         for k, datagram in enumerate(script.datagrams):
             if k < 40:
                 session.robot.sendto(struct.pack("<6d", *range(6)), ("127.0.0.1", sensor_port))

@@ -39,6 +39,8 @@ from fri.support.wiping import (
     over_udp,
     position_mode,
 )
+from fri.support.wrench import calibration_text
+from support.plate import PAYLOAD
 
 
 def test_session_over_udp_ends_with_idle(programs: Programs, robot: ModuleType, tmp_path: Path) -> None:
@@ -175,15 +177,18 @@ def test_port_in_use_is_refused(one: Programs) -> None:
     assert done.returncode == 2 and f"port {port}: cannot be opened" in done.stderr
 
 
-def test_wrench_from_a_sensor(one: Programs, robot: ModuleType, tmp_path: Path) -> None:
-    """Six doubles in tip axes over UDP, base axes in the log; a sensor that falls silent is a missed sample."""
+def test_wrench_from_a_sensor(one: Programs, robot: ModuleType, plate_folder: Path, tmp_path: Path) -> None:
+    """Six doubles as the sensor reports them, the tip's wrench in the log; silence makes missed samples."""
     sensor_port = free_port()
     log, summary = tmp_path / "log.csv", tmp_path / "summary.json"
     script = one.script()
     script.begin()
     script.add(COMMANDING_ACTIVE, 100)
-    told = np.array([1.0, -2.0, 3.0, 0.4, -0.5, 0.6])
-    options = ("--wrench", "sensor", "--sensor-port", sensor_port, "--log", log, "--summary", summary)
+    told, bias = np.array([1.0, -2.0, 3.0, 0.4, -0.5, 0.6]), np.array([3.0, 1.0, -2.0, 0.3, 0.1, -0.2])
+    calibration = tmp_path / "sensor.json"
+    calibration.write_text(calibration_text(plate_folder, bias, PAYLOAD))
+    options = ("--wrench", "sensor", "--sensor-port", sensor_port, "--calibration", calibration, "--log", log,
+               "--summary", summary)  # fmt: skip
     with served(one.client, *options) as session:
         for k, datagram in enumerate(script.datagrams):
             for sample in [struct.pack("<6d", *told)] * (k < 60) + [b"short"]:
@@ -195,11 +200,33 @@ def test_wrench_from_a_sensor(one: Programs, robot: ModuleType, tmp_path: Path) 
         assert session.end()[0] == 3
     steps = read_client_log(log, summary)
     valid = steps["sample_valid"].astype(bool)
-    rotation_matrix = robot.forward_kinematics(POSTURE)[:3, :3]
-    expected = np.concatenate([rotation_matrix @ told[:3], rotation_matrix @ told[3:]])
+    R = robot.forward_kinematics(POSTURE)[:3, :3]
+    force, weight = R @ (bias - told)[:3], np.array([0.0, 0.0, -9.81 * PAYLOAD[0]])
+    of_weight = np.cross(R @ [0, 0, PAYLOAD[3] / PAYLOAD[0]], weight)  # about the sensor, 0.24 m behind the tip
+    moment = R @ (bias - told)[3:] - of_weight - np.cross(R @ [0, 0, 0.24], force - weight)
+    expected = np.concatenate([force - weight, moment])
+    np.testing.assert_array_equal(steps["reading"][10:50], np.tile(told, (40, 1)))
     np.testing.assert_allclose(steps["wrench"][10:50], np.tile(expected, (40, 1)), atol=1e-12)
     assert valid[10:50].all() and not valid[70:].any()
     assert steps.summary["faults"]["sensor_silent"] > 20
+
+
+def test_a_sensor_takes_a_calibration(one: Programs, plate_folder: Path, tmp_path: Path) -> None:
+    """The client refuses a sensor without a calibration, files that are none, and those of another sensor."""
+    text, file = calibration_text(plate_folder), tmp_path / "sensor.json"
+    cases = {
+        "it takes --calibration FILE": None,
+        "cannot be read, or is none by 'stiffgen calibrate'": "{}",
+        "is of another sensor than that of iiwa14_plate": text.replace('"link_ee robot', '"link_ee environment'),
+    }
+    for words, content in cases.items():
+        file.write_text(content or "")
+        given = () if content is None else ("--calibration", str(file))
+        done = fri_wiping(one, "--trajectory", TRAJECTORY, "--wrench", "sensor", *given)
+        assert done.returncode == 2 and words in done.stderr, done.stderr
+    file.write_text(text)
+    done = fri_wiping(one, "--trajectory", TRAJECTORY, "--calibration", str(file))
+    assert done.returncode == 2 and "it belongs to --wrench sensor" in done.stderr
 
 
 def watched_session(

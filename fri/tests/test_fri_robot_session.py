@@ -320,6 +320,13 @@ def test_nobody_listens(tmp_path: Path, plate_folder: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+def test_a_robot_without_a_sensor_is_refused(robot_folder: Path) -> None:
+    with pytest.raises(
+        fri_robot.RefusedError, match=r"has no force-torque sensor: run 'make build/robots/iiwa14_plate'"
+    ):
+        fri_robot.load_robot(robot_folder)
+
+
 @pytest.mark.parametrize(
     ("options", "reason"),
     [
@@ -335,6 +342,8 @@ def test_nobody_listens(tmp_path: Path, plate_folder: Path) -> None:
         (("--start", 9, 0, 0, 0, 0, 0, 0), "beyond its limits"),
         (("--robot", "nowhere"), "make build/robots/iiwa14_plate"),
         (("--robot-port", 70000), "--robot-port 70000"),
+        (("--sensor-port", 70000), "--sensor-port 70000"),
+        (("--weight", 11), "--weight 11.0: takes 0 to 10 kg"),
         (("--robot-port", "taken"), "cannot send from 0.0.0.0:"),
         (("--host", "not.an.address.invalid"), "cannot send to"),
         (("--log", "nowhere/log.npz"), "no folder nowhere"),

@@ -9,7 +9,7 @@ from types import ModuleType
 import pytest
 
 import stiffgen
-from stiffgen import Tool, open_robot
+from stiffgen import Sensor, Tool, open_robot
 from support.project import URDF, Once
 
 NAME = "iiwa14_plate"
@@ -20,6 +20,10 @@ TOOL = Tool(
     inertia=(0.00469, 0.0, 0.0, 0.00469, 0.0, 0.00079),
 )
 """Sensor, tube and plate of examples/bowl_wiping, bit for bit."""
+SENSOR = Sensor("link_ee", sign="robot")
+"""Sensor between flange and tool; it reports the wrench of the robot on the tool, as MuJoCo's do."""
+PAYLOAD = (0.455, 0.0, 0.0, 0.455 * 0.0947)
+"""Mass and first moment of the tool about the sensor's origin, in sensor axes [kg, kg m]."""
 EXACT = "-ffp-contract=off"
 """Each product and sum is rounded: builds of one robot by other compilers compute the same bits."""
 
@@ -35,7 +39,7 @@ def plate_folder(once: Once) -> Path:
     def make(output: Path) -> None:
         with pytest.MonkeyPatch.context() as patch:
             patch.setenv("CFLAGS", f"-O1 {EXACT}")
-            stiffgen.generate(URDF, name=NAME, tool=TOOL, batches=False, output=output)
+            stiffgen.generate(URDF, name=NAME, tool=TOOL, sensor=SENSOR, batches=False, output=output)
 
     return once("robots", make) / NAME
 

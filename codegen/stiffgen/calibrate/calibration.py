@@ -110,16 +110,28 @@ def sensor_functions(robot: GeneratedRobot) -> Any:
         RecordingError: the robot has no sensor.
 
     """
-    sensor = robot.chain.sensor
-    if sensor is None:
+    if robot.chain.sensor is None:
         raise RecordingError(f"{robot.folder}: has no force-torque sensor; generate it with --sensor LINK")
+    return tip_functions(robot).sensor
+
+
+def tip_functions(robot: GeneratedRobot) -> Any:
+    """Return the functions of the tip with the sensor; without one, of the robot's only tip.
+
+    Raises:
+        RecordingError: the functions take a pose that a recording does not have, or the tip is not known.
+
+    """
+    sensor = robot.chain.sensor
     if robot.chain.runtime_tool or robot.chain.floating:
         raise RecordingError(
             f"{robot.folder}: its functions take the pose of {'a tool' if robot.chain.runtime_tool else 'the base'}, "
             "which a recording does not have; generate a second folder without it, with another --name"
         )
-    tip = robot.chain.tips[sensor.tip].name
-    return (getattr(robot.module, tip) if tip else robot.module).sensor
+    if sensor is None and len(robot.chain.tips) > 1:
+        raise RecordingError(f"{robot.folder}: has several tips; generate it with --sensor LINK, or with one tip")
+    tip = robot.chain.tips[sensor.tip if sensor else 0].name
+    return getattr(robot.module, tip) if tip else robot.module
 
 
 def tare(sensor: Any, q: ArrayLike, reading: ArrayLike, payload: ArrayLike) -> FloatArray:

@@ -73,7 +73,7 @@ def check_weight(
     at: ArrayLike,
     gravity: ArrayLike,
 ) -> WeightCheck:
-    """Compare the wrenches at the tip with a known weight.
+    """Compare the wrenches at the tip from a sensor's readings with a known weight.
 
     Args:
         sensor: functions of the sensor.
@@ -88,13 +88,22 @@ def check_weight(
         RecordingError: there is no pose, or no weight.
 
     """
+    bias, payload = np.array(calibration.bias), np.array(calibration.payload)
+    wrenches = sensor.tip_wrench(poses.q, poses.reading, bias, payload)
+    return check_wrenches(pose, StandingPoses(poses.q, wrenches, poses.time), mass, at, gravity)
+
+
+def check_wrenches(pose: Any, poses: StandingPoses, mass: float, at: ArrayLike, gravity: ArrayLike) -> WeightCheck:
+    """Compare hybrid wrenches at the tip, in place of the poses' readings, with a known weight.
+
+    The other arguments and the errors are those of :func:`check_weight`.
+    """
     if not len(poses):
         raise RecordingError("the robot stands still at no pose; hold each for a second or more")
     force = mass * np.asarray(gravity, dtype=float)
     weight = float(np.linalg.norm(force))
     if not weight > 0:
         raise RecordingError("--check: the weight must have a positive mass")
-    measured = sensor.tip_wrench(poses.q, poses.reading, np.array(calibration.bias), np.array(calibration.payload))
     arm = pose(poses.q)[:, :3, :3] @ np.asarray(at, dtype=float)
     expected = np.concatenate([np.broadcast_to(force, arm.shape), np.cross(arm, force)], axis=1)
-    return WeightCheck(measured, expected, weight)
+    return WeightCheck(poses.reading, expected, weight)

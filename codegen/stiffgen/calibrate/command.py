@@ -9,14 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from stiffgen.calibrate.calibration import Calibration, read_calibration, sensor_functions
-from stiffgen.calibrate.check import check_weight
+from stiffgen.calibrate.calibration import Calibration, read_calibration, sensor_functions, tip_functions
+from stiffgen.calibrate.check import WeightCheck, check_weight, check_wrenches
 from stiffgen.calibrate.estimate import Estimate, estimate, further_poses
 from stiffgen.calibrate.picture import residual_picture
 from stiffgen.calibrate.poses import StandingPoses, read_rows, standing
 from stiffgen.cli.console import table, tables
 from stiffgen.errors import OutputError, RecordingError, terminal_text
 from stiffgen.opened import GeneratedRobot, open_robot
+from stiffgen.robot.chain import Sensor
 
 _AXES = ("Fx [N]", "Fy [N]", "Fz [N]", "Mx [N m]", "My [N m]", "Mz [N m]")
 _PAYLOAD = ("mass [kg]", "m cx [kg m]", "m cy [kg m]", "m cz [kg m]")
@@ -49,6 +50,11 @@ def add(command: argparse.ArgumentParser) -> None:
         metavar="KG[,X,Y,Z]",
         help="mass of the weight [kg], and its point in the tip [m] (default: the origin); reads --output",
     )
+    check.add_argument(
+        "--wrench",
+        metavar="PREFIX|FX,...",
+        help="columns of tip wrenches (base axes) to check, not readings",
+    )
     command.set_defaults(run=run)
 
 
@@ -78,6 +84,8 @@ def run(options: argparse.Namespace) -> int:
     robot = open_robot(options.robot)
     robot.require_doubles("'stiffgen calibrate'")
     file, picture = _files(options.output)
+    if options.wrench is not None:
+        return _check_wrenches(robot, options)
     sensor = sensor_functions(robot)
     poses = standing(*read_rows(options.log, robot.chain, options.q, options.reading))
     if options.check is not None:
@@ -129,9 +137,23 @@ def _check(robot: GeneratedRobot, sensor: Any, poses: StandingPoses, file: Path,
         raise RecordingError(
             f"{file}: is the calibration of another sensor ({calibration.sensor}); the robot has {mounted.text}"
         )
-    tip = robot.chain.tips[mounted.tip].name
-    pose = (getattr(robot.module, tip) if tip else robot.module).forward_kinematics
-    found = check_weight(sensor, pose, poses, calibration, weight[0], weight[1:], mounted.option.gravity)
+    pose = tip_functions(robot).forward_kinematics
+    return _said(check_weight(sensor, pose, poses, calibration, weight[0], weight[1:], mounted.option.gravity))
+
+
+def _check_wrenches(robot: GeneratedRobot, options: argparse.Namespace) -> int:
+    """Check wrenches that another program computed, as the FRI client logs them; no calibration is read."""
+    if options.check is None or options.reading is not None or options.output:
+        raise RecordingError(
+            "--wrench: goes with --check, without --reading and --output: wrenches need no calibration"
+        )
+    pose, mounted = tip_functions(robot).forward_kinematics, robot.chain.sensor
+    poses = standing(*read_rows(options.log, robot.chain, options.q, options.wrench))
+    gravity = mounted.option.gravity if mounted else Sensor.gravity
+    return _said(check_wrenches(pose, poses, options.check[0], options.check[1:], gravity))
+
+
+def _said(found: WeightCheck) -> int:
     print("\n".join(found.findings()))
     print("passed" if found.passed else "FAILED")
     return 0 if found.passed else 1

@@ -22,7 +22,7 @@ from stiffgen.emit.pages import (
 )
 from stiffgen.lower.graph import LIBM, LIBM_OF_TWO, OWN, Operations
 from stiffgen.lower.rounding import ErrorBounds, Ranges, Stated
-from stiffgen.lower.scalar import Scalar
+from stiffgen.lower.scalar import DOUBLE, Scalar
 from stiffgen.lower.variant import BATCH, SINGLE, Variant
 from stiffgen.names import comment
 from stiffgen.options import GenerationOptions
@@ -64,6 +64,11 @@ class Request:
             and self.options.controller
             and bool(_CONTROLLER.has_controller(self.chain, self.scalar))
         )
+
+    @property
+    def has_sensor_header(self) -> bool:
+        """Whether the folder has NAME_sensor.h: wrench from joint torques, filters, reader of calibrations."""
+        return bool(self.chain.sensor or self.has_controller) and self.scalar == DOUBLE
 
     @cached_property
     def springs(self) -> KernelOptions:
@@ -170,6 +175,7 @@ class Request:
             "groups": self.groups,
             "batched": bool(self.batch.kernels),
             "has_widths": self.has_widths,
+            "has_sensor_header": self.has_sensor_header,
             "functions": self.wrapped,
             "controller": self.controller,
             "libm": LIBM,

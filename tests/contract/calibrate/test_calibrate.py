@@ -276,3 +276,29 @@ def test_deviations_of_an_analysis_are_those_of_drawn_readings(robots):
         ("eigenvalue_smallest", "eigenvalue_smallest_deviation"),
     ):
         assert told[deviation][0] == pytest.approx(drawn[value].std(), rel=0.06)
+
+
+def test_wrenches_of_another_program_are_checked(tmp_path, capsys, robot_folder):
+    """Wrenches by hand, weight beside the tip, of a robot without a sensor; then turned about the vertical."""
+    q, time = held(postures(np.random.default_rng(3), 3))
+    pose = stiffgen.open_robot(robot_folder).module.forward_kinematics(q)
+    force = np.tile([0, 0, -9.81 * 2.0], (len(q), 1))
+    moment = np.cross(pose[:, :3, :3] @ [0.1, 0, 0], force)
+    names = ["time", *(f"q_{k}" for k in range(7)), *(f"F_{k}" for k in range(6))]
+    for file, wrench in (("right", [force, moment]), ("turned", [force, moment[:, [1, 0, 2]] * [-1, 1, 1]])):
+        rows = np.column_stack([time, q, *wrench])
+        np.savetxt(tmp_path / file, rows, delimiter=",", header=",".join(names), comments="")
+        (tmp_path / file).rename(tmp_path / f"{file}.csv")
+
+    def check(file, *more):
+        arguments = ["calibrate", tmp_path / f"{file}.csv", "--robot", robot_folder, "--wrench", "F_", *more]
+        return main([str(each) for each in arguments]), capsys.readouterr()
+
+    code, said = check("right", "--check", "2,0.1,0,0")
+    assert code == 0 and "within 0.0 % of the weight" in said.out
+    assert check("right", "--check", "2")[0] == 1
+    code, said = check("turned", "--check", "2,0.1,0,0")
+    assert code == 1 and "the moment alone is wrong" in said.out
+    for more in ((), ("--check", "2", "--reading", "F_"), ("--check", "2", "--output", tmp_path / "c.json")):
+        code, said = check("right", *more)
+        assert code == 2 and "--wrench: goes with --check, without --reading and --output" in said.err

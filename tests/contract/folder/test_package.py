@@ -92,7 +92,13 @@ def prefix(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_installed_files_carry_the_name(prefix: Path) -> None:
     installed = {path.relative_to(prefix).as_posix() for path in prefix.rglob("*") if path.is_file()}
-    assert {"include/iiwa14.h", "include/iiwa14.hpp", "include/iiwa14_impedance.h", "lib/libiiwa14.a"} <= installed
+    assert {
+        "include/iiwa14.h",
+        "include/iiwa14.hpp",
+        "include/iiwa14_impedance.h",
+        "include/iiwa14_sensor.h",
+        "lib/libiiwa14.a",
+    } <= installed
     assert [path for path in installed if not Path(path).name.removeprefix("lib").startswith("iiwa14")] == []
 
 

@@ -11,6 +11,7 @@ import pytest
 
 import stiffgen
 from examples.bowl_wiping.__main__ import main as wipe_bowl
+from examples.experiments.tool import SENSOR
 from examples.parkour.__main__ import main as run_parkour
 from examples.parkour.tool import BALL
 from examples.whole_body.plant import URDF as SOLO
@@ -24,7 +25,7 @@ __all__ = ["plate", "plate_folder"]
 @pytest.fixture(scope="session")
 def ball_folder(once: Once) -> Path:
     """Return the folder of the arm with the parkour's ball."""
-    options = {"name": BALL.robot, "tool": BALL.for_generator()}
+    options = {"name": BALL.robot, "tool": BALL.for_generator(), "sensor": SENSOR}
     return once("ball", lambda output: stiffgen.generate(URDF, output=output, **options)) / BALL.robot
 
 

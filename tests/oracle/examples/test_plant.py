@@ -9,11 +9,14 @@ import mujoco
 import numpy as np
 import pytest
 
+import stiffgen
 from examples.bowl_wiping.bowl import Bowl, bowl_plant
 from examples.bowl_wiping.tool import PLATE
+from examples.experiments import tool
 from examples.experiments.plant import MOTOR_INERTIA, START_POSTURE, Plant
 from stiffgen import StiffgenError
-from support.plate import NAME, TOOL
+from support.plate import NAME, SENSOR, TOOL
+from support.project import URDF
 
 ABOVE = START_POSTURE + np.array([0.2, -0.6, 0.1, 0.2, 0.3, -0.4, 0.5])  # well clear of the bowl
 
@@ -39,7 +42,8 @@ def test_without_a_tool_it_is_the_plain_arm(robot: ModuleType) -> None:
     mujoco.mj_fullM(plant.model, plant.data, M)
     np.testing.assert_allclose(M - MOTOR_INERTIA * np.eye(7), robot.mass_matrix(q), atol=1e-9)
     plant.step(np.ones(7))
-    np.testing.assert_allclose(plant.wrench(), 0, atol=1e-12)
+    felt = stiffgen.StiffnessModel(stiffgen.load_chain(URDF, sensor=SENSOR, masses=False))
+    np.testing.assert_allclose(plant.wrench(felt), 0, atol=1e-12)
 
 
 def test_zero_command_lets_the_arm_float() -> None:
@@ -81,8 +85,10 @@ def test_pressing_with_a_known_force(plate: ModuleType, timestep: float) -> None
     assert plant.in_contact
     assert not plant.arm_in_contact
     np.testing.assert_allclose(plant.dq, 0, atol=1e-3)
-    np.testing.assert_allclose(plant.wrench(), [0, 0, 30, 0, 0, 0], atol=0.02)
-    np.testing.assert_allclose(plant.external_torque(), plate.hybrid.jacobian(plant.q).T @ plant.wrench(), atol=1e-6)
+    np.testing.assert_allclose(plant.wrench(plate), [0, 0, 30, 0, 0, 0], atol=0.02)
+    np.testing.assert_allclose(
+        plant.external_torque(), plate.hybrid.jacobian(plant.q).T @ plant.wrench(plate), atol=1e-6
+    )
 
 
 def test_sensor_agrees_with_the_contacts_in_motion(plate: ModuleType) -> None:
@@ -92,9 +98,9 @@ def test_sensor_agrees_with_the_contacts_in_motion(plate: ModuleType) -> None:
         J = plate.hybrid.jacobian(plant.q)
         push = np.array([20 * np.sin(0.01 * k), 20 * np.cos(0.02 * k), -60, 1.0, -2.0, 1.0])
         plant.step(J.T @ push - 2 * plant.dq)
-        np.testing.assert_allclose(plant.wrench(), plant.contact_wrench(), atol=1e-6)
+        np.testing.assert_allclose(plant.wrench(plate), plant.contact_wrench(), atol=1e-6)
         J = plate.hybrid.jacobian(plant.q)
-        np.testing.assert_allclose(plant.external_torque(), J.T @ plant.wrench(), atol=1e-6)
+        np.testing.assert_allclose(plant.external_torque(), J.T @ plant.wrench(plate), atol=1e-6)
         forces.append(np.linalg.norm(plant.contact_wrench()[:3]))
         rates.append(np.abs(plant.dq).max())
     assert max(forces) > 60
@@ -110,8 +116,8 @@ def test_a_push_on_the_tool_shows_in_the_sensor(plate: ModuleType) -> None:
     plant.data.xfrc_applied[tool] = [*force, *moment]
     lever = plant.data.xipos[tool] - plant.pose[:3, 3]
     plant.step(np.zeros(7))
-    np.testing.assert_allclose(plant.wrench()[:3], force, atol=1e-9)
-    np.testing.assert_allclose(plant.wrench()[3:], moment + np.cross(lever, force), atol=1e-4)
+    np.testing.assert_allclose(plant.wrench(plate)[:3], force, atol=1e-9)
+    np.testing.assert_allclose(plant.wrench(plate)[3:], moment + np.cross(lever, force), atol=1e-4)
 
 
 def test_the_surface_is_the_sphere(plate: ModuleType) -> None:
@@ -132,13 +138,13 @@ def test_the_surface_is_the_sphere(plate: ModuleType) -> None:
     np.testing.assert_allclose(leaning, inward, atol=0.05 * np.linalg.norm(inward))
 
 
-def test_the_same_torques_give_the_same_motion() -> None:
+def test_the_same_torques_give_the_same_motion(plate: ModuleType) -> None:
     ends = []
     for _ in range(2):
         plant = bowl_plant()
         for k in range(500):
             plant.step(np.array([0, 20, 0, -5, 0, 1.0, np.sin(k)]))
-        ends.append(np.concatenate([plant.q, plant.dq, plant.wrench()]))
+        ends.append(np.concatenate([plant.q, plant.dq, plant.wrench(plate)]))
     assert np.array_equal(*ends)
     assert np.any(ends[0][14:] != 0)
 
@@ -151,4 +157,4 @@ def test_refusals() -> None:
 
 
 def test_the_tests_plate_is_the_examples() -> None:
-    assert (PLATE.robot, PLATE.for_generator()) == (NAME, TOOL)
+    assert (PLATE.robot, PLATE.for_generator(), tool.SENSOR) == (NAME, TOOL, SENSOR)

@@ -3,10 +3,14 @@
 
 from __future__ import annotations
 
+import subprocess
+
 import numpy as np
 import pytest
 
 import stiffgen
+from support.c_program import STRICT
+from support.chains import chain_urdf
 
 K = np.diag([700.0, 700, 800, 30, 30, 30])
 
@@ -94,3 +98,76 @@ def test_deviations_of_stacks(module):
     for name in ("deviation", "smallest_deviation", "antisymmetric_deviation"):
         np.testing.assert_allclose(getattr(stack, name)[1], getattr(one, name), rtol=1e-9, atol=1e-12)
     assert not stiffgen.stiffness_deviation(module, q, wrench, K, np.zeros((6, 6))).deviation.any()
+
+
+PROGRAM = r"""
+#include "NAME_sensor.h"
+#include <stdio.h>
+int main(void)
+{
+    double J[6 * N], torque[N], deviation[N], damping, wrench[6], unexplained[N];
+    for (;;) {
+        for (int i = 0; i < 6 * N + 2 * N + 1; ++i) {
+            double x;
+            if (scanf("%lf", &x) != 1) {
+                return 0;
+            }
+            *(i < 6 * N ? &J[i] : i < 7 * N ? &torque[i - 6 * N] : i < 8 * N ? &deviation[i - 7 * N] : &damping) = x;
+        }
+        const double *told = deviation[0] > 0.0 ? deviation : NULL;
+        printf("%.17g", NAME_external_wrench(J, torque, told, damping, wrench, unexplained));
+        for (int i = 0; i < 6 + N; ++i) {
+            printf(" %.17g", i < 6 ? wrench[i] : unexplained[i - 6]);
+        }
+        printf("\n");
+    }
+}
+"""
+
+
+def in_c(tmp_path, folder, rows):
+    """Results of the C function for rows of Jacobian, torques, deviations (zeros: none) and damping."""
+    n = stiffgen.open_robot(folder).chain.dof
+    source, program = tmp_path / f"{folder.name}.c", tmp_path / f"{folder.name}_program"
+    source.write_text(PROGRAM.replace("NAME", folder.name))
+    command = ["gcc", "-std=c99", *STRICT, f"-DN={n}", f"-I{folder}", str(source), "-lm", "-o", str(program)]
+    subprocess.run(command, check=True)
+    given = "\n".join(" ".join(repr(float(x)) for x in np.concatenate([np.ravel(x) for x in row])) for row in rows)
+    done = subprocess.run([program], input=given, check=True, capture_output=True, text=True)
+    found = np.array([line.split() for line in done.stdout.splitlines()], dtype=float)
+    return found[:, 0], found[:, 1:7], found[:, 7:]
+
+
+def test_the_function_in_c(robot_folder, tmp_path):
+    """NumPy's least squares of scaled rows, of damped ones, and the condition number of its singular values."""
+    module, random = stiffgen.open_robot(robot_folder).module, np.random.default_rng(4)
+    J = module.hybrid.jacobian(random.uniform(-2, 2, (40, 7)))
+    torque, deviation = random.normal(size=(40, 7)) * 20, random.uniform(0.2, 3, (40, 7))
+    deviation[::2], damping = 0.0, np.repeat([0.0, 0.01, 0.3, 0.0], 10)
+    condition, wrench, unexplained = in_c(tmp_path, robot_folder, zip(J, torque, deviation, damping, strict=True))
+    for k in range(40):
+        scale = 1 / np.where(deviation[k] > 0, deviation[k], 1.0)
+        across = J[k].T * scale[:, None]
+        rows, right = np.vstack([across, damping[k] * np.eye(6)]), np.r_[torque[k] * scale, np.zeros(6)]
+        expected = np.linalg.lstsq(rows, right, rcond=None)[0]
+        near = 1e-13 * np.linalg.cond(rows) * np.linalg.norm(expected)
+        np.testing.assert_allclose(wrench[k], expected, rtol=0, atol=near)
+        np.testing.assert_allclose(unexplained[k], torque[k] - J[k].T @ expected, rtol=0, atol=10 * near)
+        assert condition[k] == pytest.approx(np.linalg.cond(across), rel=1e-11)
+
+
+def test_the_function_in_c_makes_no_number_up(robot_folder, tmp_path):
+    """A stretched arm, numbers that are none, and an arm with fewer joints than a wrench has components."""
+    J = stiffgen.open_robot(robot_folder).module.hybrid.jacobian(np.zeros(7))
+    ones, none, holed = np.ones(7), np.zeros(7), np.where(np.arange(42) == 8, np.nan, 1.0)
+    rows = [(J, ones, none, 0.0), (J, ones, none, 0.01), (holed, ones, none, 0.01), (J, ones * np.nan, none, 0.01)]
+    condition, wrench, _ = in_c(tmp_path, robot_folder, [*rows, (0 * J, ones, none, 0.01)])
+    assert condition[0] > 1e10 and np.isnan(wrench[0]).all() and np.isfinite(wrench[1]).all()
+    assert np.isnan(condition[2]) and np.isnan(wrench[2:4]).all() and np.isinf(condition[4]) and not wrench[4].any()
+    (tmp_path / "arm.urdf").write_text(chain_urdf("rp"))
+    link = stiffgen.load_chain(tmp_path / "arm.urdf").tip
+    small = stiffgen.generate(tmp_path / "arm.urdf", output=tmp_path, sensor=stiffgen.Sensor(link), build=False)
+    J = np.random.default_rng(0).normal(size=(6, 2))
+    condition, wrench, _ = in_c(tmp_path, small, [(J, [1.0, 2.0], [0, 0], 0.0), (J, [1.0, 2.0], [0, 0], 0.1)])
+    assert np.isinf(condition).all() and np.isnan(wrench[0]).all()
+    np.testing.assert_allclose(wrench[1], np.linalg.solve(J @ J.T + 0.01 * np.eye(6), J @ [1.0, 2.0]), rtol=1e-9)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +14,6 @@ from stiffgen.emit.c import CFunction, suffix_of
 from stiffgen.emit.c.dispatch import DispatchedFunction, batch_function, batch_self_check, single_functions
 from stiffgen.emit.pages import Definition, shared_functions
 from stiffgen.emit.texts import declared, definition_comment, prototype, wrapped
-from stiffgen.lower.scalar import DOUBLE
 from stiffgen.lower.variant import Variant
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import Argument
@@ -122,6 +122,7 @@ def _variables(request: Request) -> dict[str, Any]:
         "calls": _with_called_helpers(single.calls | batch.calls),
         "rounding": request.ranges.lines(request.scalar),
         "digits": request.scalar.digits,
+        "sensor_text": json.dumps(request.chain.sensor.text) if request.chain.sensor else "",
     }
 
 
@@ -132,7 +133,7 @@ def _files(request: Request) -> dict[str, str]:
         files[f"{name}_dispatch.c"] = "dispatch.c.j2"
     if request.batch.kernels:
         files[f"{name}_batch.c"] = "batch.c.j2"
-    if request.chain.sensor and request.scalar == DOUBLE:
+    if request.has_sensor_header:
         files[f"{name}_sensor.h"] = "sensor.h.j2"
     return files
 
