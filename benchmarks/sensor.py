@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Time of one C call from a sensor's reading to Kq, beside Kq alone and the two calls after one another (iiwa 14).
 
-Generates the robot with a sensor into a temporary folder. The three are timed in turns; the least time counts.
+Generates the robot with a sensor into a temporary folder. Single calls and batches are timed in turns; the least time
+counts.
 """
 
 import argparse
@@ -18,12 +19,38 @@ PROGRAM = r"""
 #include "felt.h"
 #include <stdio.h>
 #include <time.h>
-enum { CALLS = 2000, ROUNDS = 400 };
+enum { CALLS = 2000, ROUNDS = 400, COUNT = 256 };
+static double many_q[7 * COUNT], many_readings[6 * COUNT], many_Kq[49 * COUNT];
 static double now(void)
 {
     struct timespec t;
     clock_gettime(CLOCK_MONOTONIC, &t);
     return 1e9 * (double)t.tv_sec + (double)t.tv_nsec;
+}
+static double batches(const double *bias, const double *payload, const double *K)
+{
+    double best[2] = {1e30, 1e30}, sum = 0.0;
+    for (int i = 0; i < 7 * COUNT; ++i) {
+        many_q[i] = i * 37 % 101 / 50.0 - 1.0;
+    }
+    for (int i = 0; i < 6 * COUNT; ++i) {
+        many_readings[i] = i * 53 % 97 / 5.0 - 9.0;
+    }
+    for (int round = 0; round < 2 * ROUNDS; ++round) {
+        const double start = now();
+        if (round % 2 == 0) {
+            felt_hybrid_joint_stiffness_batch(COUNT, many_q, 7, many_readings, 6, K, 0, many_Kq);
+        } else {
+            felt_sensor_joint_stiffness_batch(
+                COUNT, many_q, 7, many_readings, 6, bias, 0, payload, 0, K, 0, many_Kq);
+        }
+        const double each = (now() - start) / COUNT;
+        best[round % 2] = each < best[round % 2] ? each : best[round % 2];
+        sum += many_Kq[5];
+    }
+    printf("batch of Kq alone       %7.1f ns\n", best[0]);
+    printf("batch from readings     %7.1f ns, %.2f of Kq alone\n", best[1], best[1] / best[0]);
+    return sum;
 }
 int main(void)
 {
@@ -55,6 +82,7 @@ int main(void)
     printf("Kq alone                %7.1f ns\n", best[0]);
     printf("sensor.joint_stiffness  %7.1f ns, %.2f of Kq alone\n", best[1], best[1] / best[0]);
     printf("tip_wrench, then Kq     %7.1f ns, %.2f of Kq alone\n", best[2], best[2] / best[0]);
+    sum += batches(bias, payload, K);
     return sum == 0.0;
 }
 """
@@ -71,11 +99,20 @@ def main() -> int:
         tool = stiffgen.Tool(xyz=(0.0, 0.0, 0.24))
         folder = stiffgen.generate(
             ROOT / "urdf" / "iiwa14.urdf", name="felt", output=output, tool=tool, sensor=sensor, build=False,
-            controller=False, batches=False, masses=False, kernels="hybrid,sensor",
+            controller=False, masses=False, kernels="hybrid,sensor",
         )  # fmt: skip
         source, program = Path(output) / "main.c", Path(output) / "main"
         source.write_text(PROGRAM)
-        command = [options.compiler, "-std=c99", *options.flags.split(), f"-I{folder}", source, folder / "felt.c"]
+        print(next(line for line in Path("/proc/cpuinfo").read_text().splitlines() if line.startswith("model name")))
+        command = [
+            options.compiler,
+            "-std=c99",
+            *options.flags.split(),
+            f"-I{folder}",
+            source,
+            folder / "felt.c",
+            folder / "felt_batch.c",
+        ]
         subprocess.run([*map(str, command), "-lm", "-o", str(program)], check=True)
         return subprocess.run([str(program)], check=False).returncode
 

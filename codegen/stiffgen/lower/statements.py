@@ -64,7 +64,7 @@ def _inputs(f: Lowering, step: StraightLine) -> tuple[_Inputs, list[ca.SX], list
         zeros = set() if argument else storage.known_zeros()
         symbols = [ca.SX(0) if k in zeros else ca.SX.sym(f"{array.name}{k}") for k in range(array.size)]
         for k, symbol in enumerate(symbols):
-            access = f.access(operand, k) if not argument else _argument(f, storage, operand, k, sliding)
+            access = f.access(operand, k) if not argument else _argument(f, step, operand, k, sliding)
             if k not in zeros:
                 inputs.append((symbol, access))
             if k == 0:
@@ -75,14 +75,14 @@ def _inputs(f: Lowering, step: StraightLine) -> tuple[_Inputs, list[ca.SX], list
     return inputs, values, spans
 
 
-def _argument(f: Lowering, storage: Storage, operand: Operand, k: int, sliding: set[int]) -> Access:
-    """Return the access to an argument's entry, guarded unless it is the angle of a joint."""
+def _argument(f: Lowering, step: StraightLine, operand: Operand, k: int, sliding: set[int]) -> Access:
+    """Return the access to an argument's entry, guarded unless it is the angle of a joint or enters linearly."""
     array = operand.array
     guard = ""
-    if f.guards and (not array.is_q or k in sliding):
+    if f.guards and not step.is_linear and (not array.is_q or k in sliding):
         between = "_" if max(array.shape, default=0) > 10 else ""  # 1, 11 and 11, 1
         guard = array.symbol + between.join(map(str, indices(array.shape, k)))
-    return Access(storage, operand, k, not f.variant.joint_lanes, as_passed=True, guard=guard)
+    return Access(f.storage(array), operand, k, not f.variant.joint_lanes, as_passed=True, guard=guard)
 
 
 def _outputs(

@@ -54,6 +54,8 @@ class StraightLine(Step):
         moves: representation, if the outputs are Jacobian columns, the tip's pose or both; their derivatives with
             respect to q then follow from the columns.
         apart: steps that together fill the same outputs; reverse mode differentiates them in place of this step.
+        is_linear: the arguments of the kernel enter by sums and products alone, and only sums over pairs, which are
+            guarded against infinity, read the outputs: the arguments then need no guard of their own.
 
     """
 
@@ -66,6 +68,7 @@ class StraightLine(Step):
     columns: int = 0
     moves: Representation | None = None
     apart: tuple[StraightLine, ...] = ()
+    is_linear: bool = False
 
     @property
     def reads(self) -> tuple[Array, ...]:

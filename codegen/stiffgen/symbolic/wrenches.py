@@ -48,20 +48,39 @@ def _weight(payload: ca.SX, fall: ca.SX) -> ca.SX:
     return ca.vertcat(payload[0] * fall, cross(payload[1:4], fall))
 
 
+def _net(chain: Chain, reading: ca.SX, bias: ca.SX) -> ca.SX:
+    """Return the wrench of the tool side on the sensor, in sensor axes."""
+    return reading - bias if _sensor_of(chain).option.sign == "environment" else bias - reading
+
+
 def _to_tip(chain: Chain, R: ca.SX, arm: ca.SX, reading: ca.SX, bias: ca.SX, load: ca.SX) -> ca.SX:
     """Return the hybrid wrench of the environment at the tip."""
-    net = (reading - bias if _sensor_of(chain).option.sign == "environment" else bias - reading) - load
+    net = _net(chain, reading, bias) - load
     force = net[:3]
     return ca.densify(ca.vertcat(R @ force, R @ (net[3:] + cross(arm, force))))
 
 
 def tip_wrench(chain: Chain, pose: ca.SX, *arguments: ca.SX) -> Expressions:
-    """Return the wrench at the tip; ``arguments`` are a tool pose (at run time), reading, bias and payload."""
+    """Return the wrench at the tip; ``arguments`` are a tool pose (at run time), reading, bias and payload.
+
+    All that does not depend on the pose is computed in the tip's axes first, so that three products with its rotation
+    remain behind the kinematics.
+    """
     *tool_pose, reading, bias, payload = arguments
-    R, arm = _place(chain, pose, tool_pose[0] if tool_pose else None)
-    fall = R.T @ constant(_sensor_of(chain).option.gravity)
-    load = _weight(payload, fall)
-    return Expressions(_to_tip(chain, R, arm, reading, bias, load), _sections(R, fall, load))
+    sensor = _sensor_of(chain)
+    place, free_fall = constant(sensor.rotation), constant(sensor.option.gravity)
+    R, arm = pose[:3, :3], constant(sensor.translation)
+    if tool_pose:
+        R, arm = ca.densify(R @ tool_pose[0][:3, :3].T), arm - tool_pose[0][:3, 3]
+    net = _net(chain, reading, bias)
+    force, mass = place @ net[:3], payload[0]
+    moment, lever = place @ net[3:] + cross(arm, force), place @ payload[1:4] + mass * arm
+    heading = "tip axes, about the tip: force fs and moment ns of the net reading, first moment hs of the payload"
+    sections = (
+        Section(heading, {name: ca.densify(x) for name, x in (("fs_", force), ("ns_", moment), ("hs_", lever))}),
+    )
+    weight = ca.vertcat(mass * free_fall, cross(R @ lever, free_fall))
+    return Expressions(ca.densify(ca.vertcat(R @ force, R @ moment) - weight), sections)
 
 
 def reading(chain: Chain, pose: ca.SX, *arguments: ca.SX) -> Expressions:

@@ -86,7 +86,7 @@ def joint_stiffness(chain: Chain, result: Argument, task_stiffness: Argument) ->
         pose, *given = _arrays(chain, READING, BIAS, PAYLOAD)
         J, F = Array("J", (6, len(chain.joints))), WRENCH.array(chain)
         heading = "wrench F at the tip, base axes"
-        wrench = StraightLine((F,), wrenches.tip_wrench, (pose, *given), heading=heading)
+        wrench = StraightLine((F,), wrenches.tip_wrench, (pose, *given), heading=heading, is_linear=True)
         stiffness = tangent(chain, J, F, task_stiffness.array(chain), "hybrid", output)
         return columns_and_pose(chain, J, pose), wrench, *stiffness
 
