@@ -630,6 +630,8 @@ static void report_memory(const memory_t *m, output_t *out)
  * Source: G. Golub, C. Van Loan, Matrix Computations: Cholesky reduction (8.7).
  */
 
+enum { BLOCK = 4 }; /* sums that a loop takes at once */
+
 /* Return the larger of two numbers, or the one that is not NaN: fmax without a call into the C library. */
 static double larger(double x, double y)
 {
@@ -664,15 +666,48 @@ static int clamp_count(int x, int most)
 static double dot(int count, const double *a, const double *b)
 {
     double sum = 0.0;
-    for (int i = 0; i < count; ++i) {
+    int i = 0;
+    for (; i + 2 <= count; i += 2) {
         sum += a[i] * b[i];
+        sum += a[i + 1] * b[i + 1];
     }
-    return sum;
+    return i < count ? sum + a[i] * b[i] : sum;
 }
 
 static double norm(int count, const double *x)
 {
     return sqrt(dot(count, x, x));
+}
+
+/*
+ * Combine rows of n numbers: result_j is the sum of factors_k A_kj over all rows, for the first `count` columns. Four
+ * sums at a time stay in registers; the last four may overlap those before.
+ */
+static void combine_rows(int rows, int n, int count, const double *factors, const double *A, double *result)
+{
+    int j = 0;
+    for (; count >= BLOCK && j < count; j += BLOCK) {
+        const int first = j + BLOCK <= count ? j : count - BLOCK;
+        double a = 0.0, b = 0.0, c = 0.0, d = 0.0;
+        for (int k = 0; k < rows; ++k) {
+            const double x = factors[k], *const row = A + k * n + first;
+            a += x * row[0];
+            b += x * row[1];
+            c += x * row[2];
+            d += x * row[3];
+        }
+        result[first] = a;
+        result[first + 1] = b;
+        result[first + 2] = c;
+        result[first + 3] = d;
+    }
+    for (; j < count; ++j) {
+        double sum = 0.0;
+        for (int k = 0; k < rows; ++k) {
+            sum += factors[k] * A[k * n + j];
+        }
+        result[j] = sum;
+    }
 }
 
 /* Add a x to y. */
@@ -739,15 +774,15 @@ static void mirror_triangle(int n, double *A)
     }
 }
 
-/* Compute Y diag(d) Y^T from the columns of Y, stored as rows; one triangle is mirrored. */
-static void form_congruence(int n, const double *rows, const double *d, double *result)
+/* Compute Y^T diag(d) Y of the rows of Y, n numbers each; one triangle is mirrored. */
+static void form_congruence(int rows, int n, const double *Y, const double *d, double *result)
 {
     for (int i = 0; i < n; ++i) {
-        double row[MAX_ROWS] = {0.0};
-        for (int k = 0; k < n; ++k) {
-            add_scaled(n, d[k] * rows[k * n + i], rows + k * n, row);
+        double factors[MAX_ROWS] = {0.0};
+        for (int k = 0; k < rows; ++k) {
+            factors[k] = d[k] * Y[k * n + i];
         }
-        memcpy(result + i * n, row, (size_t)n * sizeof(double));
+        combine_rows(rows, n, i + 1, factors, Y, result + i * n);
     }
     mirror_triangle(n, result);
 }
@@ -1026,10 +1061,9 @@ static void compute_adjugate(const double *A, double *adjugate)
 {
     for (int i = 0; i < 3; ++i) {
         const double *const x = A + (i + 1) % 3 * 3, *const y = A + (i + 2) % 3 * 3;
-        for (int j = 0; j < 3; ++j) {
-            const int a = (j + 1) % 3, b = (j + 2) % 3;
-            adjugate[3 * i + j] = x[a] * y[b] - x[b] * y[a];
-        }
+        adjugate[3 * i] = x[1] * y[2] - x[2] * y[1];
+        adjugate[3 * i + 1] = x[2] * y[0] - x[0] * y[2];
+        adjugate[3 * i + 2] = x[0] * y[1] - x[1] * y[0];
     }
 }
 
@@ -1174,9 +1208,7 @@ static void multiply_rows(int n, const double *rows, const double *A, double *re
 {
     for (int i = 0; i < n; ++i) {
         double row[MAX_ROWS] = {0.0};
-        for (int k = 0; k < n; ++k) {
-            add_scaled(n, rows[i * n + k], A + k * n, row);
-        }
+        combine_rows(n, n, n, rows + i * n, A, row);
         memcpy(result + i * n, row, (size_t)n * sizeof(double));
     }
 }
@@ -1299,7 +1331,7 @@ static int soften(const double *wanted, double share, double *K, double *cost)
     for (int k = 0; k < 3; ++k) {
         values[k] = part * larger(values[k], 0.0) * scale;
     }
-    form_congruence(3, rows, values, cost);
+    form_congruence(3, 3, rows, values, cost);
     for (int k = 0; k < 9; ++k) {
         K[k] += part * D[k] - cost[k];
     }
@@ -1941,13 +1973,13 @@ static double bound_quadratic(int rows, double *A)
  */
 static void bound_wrench(const config_t *c, int rows, const double *J, const double *size, int clipped, double *parts)
 {
-    double held[36] = {0.0}, falling[36] = {0.0}, sum = 0.0;
+    double W[6 * N] = {0.0}, holds[N] = {0.0}, falls[N] = {0.0}, held[36] = {0.0}, falling[36] = {0.0}, sum = 0.0;
     const int gap = limit_call_gap(c, c->missed_limit);
     parts[2] = HUGE_VAL;
     for (int i = 0; i < N; ++i) {
         const double v = c->velocity_limit[i], fall = 0.5 * v * gap / c->torque_rate_limit[i];
         const double hold = v * c->sample_time * (gap * c->missed_limit + c->delay_samples);
-        double row[6] = {0.0};
+        double *const row = W + rows * i;
         for (int k = 0; k < rows; ++k) {
             row[k] = size[k] * J[k * N + i];
         }
@@ -1956,11 +1988,11 @@ static void bound_wrench(const config_t *c, int rows, const double *J, const dou
         const double share = clipped ? smaller(kept, 1.0) : 1.0;
         parts[2] = smaller(parts[2], kept);
         sum += hold;
-        for (int k = 0; k < rows; ++k) {
-            add_scaled(rows, hold * share * share * row[k], row, held + k * rows);
-            add_scaled(rows, fall * share * share * row[k], row, falling + k * rows);
-        }
+        holds[i] = hold * share * share;
+        falls[i] = fall * share * share;
     }
+    form_congruence(N, rows, W, holds, held);
+    form_congruence(N, rows, W, falls, falling);
     parts[0] = sqrt(sum * bound_quadratic(rows, held));
     parts[1] = bound_quadratic(rows, falling);
 }
@@ -2338,9 +2370,12 @@ static int vote(const uint64_t *copies, double *result)
 /* Store numbers in three copies, each under its own mask. */
 static void store_copies(uint64_t *copies, const double *values)
 {
-    for (int k = 0; k < 3 * N; ++k) {
-        memcpy(copies + k, values + k % N, sizeof *copies);
-        copies[k] ^= MASKS[k / N];
+    for (int i = 0; i < N; ++i) {
+        uint64_t word;
+        memcpy(&word, values + i, sizeof word);
+        copies[i] = word ^ MASKS[0];
+        copies[N + i] = word ^ MASKS[1];
+        copies[2 * N + i] = word ^ MASKS[2];
     }
 }
 
@@ -3262,23 +3297,21 @@ static int hold_joint(const memory_t *m, const double *q, int *held, double *ste
 static double sum_errors(const memory_t *m, const double *q, const double *here, const double *goal, double *A,
                          double *task, double *damping)
 {
-    double J[6 * N * TIPS], distance = 0.0, squares = 0.0;
+    double J[6 * N * TIPS], weights[6 * TIPS], distance = 0.0, squares = 0.0;
     stiffgen_jacobians(q, m, J);
-    memset(A, 0, NN * sizeof(double));
     memset(task, 0, N * sizeof(double));
     for (int t = 0; t < TIPS; ++t) {
         double error[6];
         pose_difference(here + 16 * t, goal + 16 * t, error);
         distance = larger(distance, larger(norm(3, error), norm(3, error + 3)));
         for (int k = 0; k < 6; ++k) {
-            const double *const row = J + (6 * t + k) * N, weight = k < 3 ? 1.0 / (RADIAN_LENGTH * RADIAN_LENGTH) : 1.0;
+            const double weight = k < 3 ? 1.0 / (RADIAN_LENGTH * RADIAN_LENGTH) : 1.0;
+            weights[6 * t + k] = weight;
             squares += weight * error[k] * error[k];
-            add_scaled(N, weight * error[k], row, task);
-            for (int i = 0; i < N; ++i) {
-                add_scaled(N, weight * row[i], row, A + i * N);
-            }
+            add_scaled(N, weight * error[k], J + (6 * t + k) * N, task);
         }
     }
+    form_congruence(6 * TIPS, N, J, weights, A);
     const double scale = larger(largest_diagonal(N, A), DBL_MIN), inverse = 1.0 / scale;
     for (int k = 0; k < NN; ++k) {
         A[k] *= inverse;
@@ -3552,7 +3585,7 @@ static double design_damping(step_t *s)
     }
     s->status |= capped ? (uint32_t)IIWA14_STATUS_DAMPING_CAPPED : 0u;
     multiply_rows(N, modes, out->mass_matrix, rows);
-    form_congruence(N, rows, b, out->damping);
+    form_congruence(N, N, rows, b, out->damping);
     for (int i = 0; i < N; ++i) {
         s->brake[i] *= most - d * trace - largest_b;
         out->damping[i * (N + 1)] += d;
@@ -3563,20 +3596,15 @@ static double design_damping(step_t *s)
 /* Replace the tips' J (rows) by J L^-T, and form A, the sum of their squares; translation and rotation weigh alike. */
 static void weigh_twists(const double *L, double *J, double *weights, double *A)
 {
-    memset(A, 0, NN * sizeof(double));
-    weights[0] = weights[1] = 0.0;
+    double squares[2] = {0.0};
     for (int r = 0; r < 6 * TIPS; ++r) {
         solve_forward(N, L, J + r * N);
-        weights[r / 3 % 2] += dot(N, J + r * N, J + r * N);
-    }
-    for (int k = 0; k < 2; ++k) {
-        weights[k] = weights[k] > DBL_MIN ? 1.0 / weights[k] : 0.0;
+        squares[r / 3 % 2] += dot(N, J + r * N, J + r * N);
     }
     for (int r = 0; r < 6 * TIPS; ++r) {
-        for (int i = 0; i < N; ++i) {
-            add_scaled(N, weights[r / 3 % 2] * J[r * N + i], J + r * N, A + i * N);
-        }
+        weights[r] = squares[r / 3 % 2] > DBL_MIN ? 1.0 / squares[r / 3 % 2] : 0.0;
     }
+    form_congruence(6 * TIPS, N, J, weights, A);
 }
 
 /*
@@ -3588,7 +3616,7 @@ static void weigh_twists(const double *L, double *J, double *weights, double *A)
 static void follow_twists(step_t *s, const double *twists, double *velocity)
 {
     double *const L = s->scratch, *const A = L + NN;
-    double factor[NN] = {0.0}, J[6 * N * TIPS], weights[2], wanted[N] = {0.0}, excess = HUGE_VAL;
+    double factor[NN] = {0.0}, J[6 * N * TIPS], weights[6 * TIPS], wanted[N] = {0.0}, excess = HUGE_VAL;
     const double *const limits = s->c->reference_velocity_limit;
     memset(velocity, 0, N * sizeof(double));
     if (factorise_cholesky(N, s->out->damping, largest_diagonal(N, s->out->damping), LEAST_DAMPED, L) != 0) {
@@ -3597,7 +3625,7 @@ static void follow_twists(step_t *s, const double *twists, double *velocity)
     memcpy(J, find_jacobians(s), sizeof J);
     weigh_twists(L, J, weights, A);
     for (int r = 0; r < 6 * TIPS; ++r) {
-        add_scaled(N, weights[r / 3 % 2] * twists[r], J + r * N, wanted);
+        add_scaled(N, weights[r] * twists[r], J + r * N, wanted);
     }
     double shift = FLAT_TWISTS;
     for (int attempt = 0; attempt < 4 && excess > 1.0; ++attempt) {

@@ -157,7 +157,7 @@ double design_damping(step_t *s)
     }
     s->status |= capped ? (uint32_t)ID(STATUS_DAMPING_CAPPED) : 0u;
     multiply_rows(N, modes, out->mass_matrix, rows);
-    form_congruence(N, rows, b, out->damping);
+    form_congruence(N, N, rows, b, out->damping);
     for (int i = 0; i < N; ++i) {
         s->brake[i] *= most - d * trace - largest_b;
         out->damping[i * (N + 1)] += d;
@@ -168,20 +168,15 @@ double design_damping(step_t *s)
 /* Replace the tips' J (rows) by J L^-T, and form A, the sum of their squares; translation and rotation weigh alike. */
 static void weigh_twists(const double *L, double *J, double *weights, double *A)
 {
-    memset(A, 0, NN * sizeof(double));
-    weights[0] = weights[1] = 0.0;
+    double squares[2] = {0.0};
     for (int r = 0; r < 6 * TIPS; ++r) {
         solve_forward(N, L, J + r * N);
-        weights[r / 3 % 2] += dot(N, J + r * N, J + r * N);
-    }
-    for (int k = 0; k < 2; ++k) {
-        weights[k] = weights[k] > DBL_MIN ? 1.0 / weights[k] : 0.0;
+        squares[r / 3 % 2] += dot(N, J + r * N, J + r * N);
     }
     for (int r = 0; r < 6 * TIPS; ++r) {
-        for (int i = 0; i < N; ++i) {
-            add_scaled(N, weights[r / 3 % 2] * J[r * N + i], J + r * N, A + i * N);
-        }
+        weights[r] = squares[r / 3 % 2] > DBL_MIN ? 1.0 / squares[r / 3 % 2] : 0.0;
     }
+    form_congruence(6 * TIPS, N, J, weights, A);
 }
 
 /*
@@ -193,7 +188,7 @@ static void weigh_twists(const double *L, double *J, double *weights, double *A)
 void follow_twists(step_t *s, const double *twists, double *velocity)
 {
     double *const L = s->scratch, *const A = L + NN;
-    double factor[NN] = {0.0}, J[6 * N * TIPS], weights[2], wanted[N] = {0.0}, excess = HUGE_VAL;
+    double factor[NN] = {0.0}, J[6 * N * TIPS], weights[6 * TIPS], wanted[N] = {0.0}, excess = HUGE_VAL;
     const double *const limits = s->c->reference_velocity_limit;
     memset(velocity, 0, N * sizeof(double));
     if (factorise_cholesky(N, s->out->damping, largest_diagonal(N, s->out->damping), LEAST_DAMPED, L) != 0) {
@@ -202,7 +197,7 @@ void follow_twists(step_t *s, const double *twists, double *velocity)
     memcpy(J, find_jacobians(s), sizeof J);
     weigh_twists(L, J, weights, A);
     for (int r = 0; r < 6 * TIPS; ++r) {
-        add_scaled(N, weights[r / 3 % 2] * twists[r], J + r * N, wanted);
+        add_scaled(N, weights[r] * twists[r], J + r * N, wanted);
     }
     double shift = FLAT_TWISTS;
     for (int attempt = 0; attempt < 4 && excess > 1.0; ++attempt) {

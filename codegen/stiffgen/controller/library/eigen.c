@@ -197,10 +197,9 @@ static void compute_adjugate(const double *A, double *adjugate)
 {
     for (int i = 0; i < 3; ++i) {
         const double *const x = A + (i + 1) % 3 * 3, *const y = A + (i + 2) % 3 * 3;
-        for (int j = 0; j < 3; ++j) {
-            const int a = (j + 1) % 3, b = (j + 2) % 3;
-            adjugate[3 * i + j] = x[a] * y[b] - x[b] * y[a];
-        }
+        adjugate[3 * i] = x[1] * y[2] - x[2] * y[1];
+        adjugate[3 * i + 1] = x[2] * y[0] - x[0] * y[2];
+        adjugate[3 * i + 2] = x[0] * y[1] - x[1] * y[0];
     }
 }
 

@@ -7,6 +7,8 @@
  */
 #include "impedance.h"
 
+enum { BLOCK = 4 }; /* sums that a loop takes at once */
+
 /* Return the larger of two numbers, or the one that is not NaN: fmax without a call into the C library. */
 double larger(double x, double y)
 {
@@ -41,15 +43,48 @@ int clamp_count(int x, int most)
 double dot(int count, const double *a, const double *b)
 {
     double sum = 0.0;
-    for (int i = 0; i < count; ++i) {
+    int i = 0;
+    for (; i + 2 <= count; i += 2) {
         sum += a[i] * b[i];
+        sum += a[i + 1] * b[i + 1];
     }
-    return sum;
+    return i < count ? sum + a[i] * b[i] : sum;
 }
 
 double norm(int count, const double *x)
 {
     return sqrt(dot(count, x, x));
+}
+
+/*
+ * Combine rows of n numbers: result_j is the sum of factors_k A_kj over all rows, for the first `count` columns. Four
+ * sums at a time stay in registers; the last four may overlap those before.
+ */
+void combine_rows(int rows, int n, int count, const double *factors, const double *A, double *result)
+{
+    int j = 0;
+    for (; count >= BLOCK && j < count; j += BLOCK) {
+        const int first = j + BLOCK <= count ? j : count - BLOCK;
+        double a = 0.0, b = 0.0, c = 0.0, d = 0.0;
+        for (int k = 0; k < rows; ++k) {
+            const double x = factors[k], *const row = A + k * n + first;
+            a += x * row[0];
+            b += x * row[1];
+            c += x * row[2];
+            d += x * row[3];
+        }
+        result[first] = a;
+        result[first + 1] = b;
+        result[first + 2] = c;
+        result[first + 3] = d;
+    }
+    for (; j < count; ++j) {
+        double sum = 0.0;
+        for (int k = 0; k < rows; ++k) {
+            sum += factors[k] * A[k * n + j];
+        }
+        result[j] = sum;
+    }
 }
 
 /* Add a x to y. */
@@ -116,15 +151,15 @@ static void mirror_triangle(int n, double *A)
     }
 }
 
-/* Compute Y diag(d) Y^T from the columns of Y, stored as rows; one triangle is mirrored. */
-void form_congruence(int n, const double *rows, const double *d, double *result)
+/* Compute Y^T diag(d) Y of the rows of Y, n numbers each; one triangle is mirrored. */
+void form_congruence(int rows, int n, const double *Y, const double *d, double *result)
 {
     for (int i = 0; i < n; ++i) {
-        double row[MAX_ROWS] = {0.0};
-        for (int k = 0; k < n; ++k) {
-            add_scaled(n, d[k] * rows[k * n + i], rows + k * n, row);
+        double factors[MAX_ROWS] = {0.0};
+        for (int k = 0; k < rows; ++k) {
+            factors[k] = d[k] * Y[k * n + i];
         }
-        memcpy(result + i * n, row, (size_t)n * sizeof(double));
+        combine_rows(rows, n, i + 1, factors, Y, result + i * n);
     }
     mirror_triangle(n, result);
 }

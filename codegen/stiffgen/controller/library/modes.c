@@ -93,9 +93,7 @@ void multiply_rows(int n, const double *rows, const double *A, double *result)
 {
     for (int i = 0; i < n; ++i) {
         double row[MAX_ROWS] = {0.0};
-        for (int k = 0; k < n; ++k) {
-            add_scaled(n, rows[i * n + k], A + k * n, row);
-        }
+        combine_rows(n, n, n, rows + i * n, A, row);
         memcpy(result + i * n, row, (size_t)n * sizeof(double));
     }
 }
@@ -218,7 +216,7 @@ int soften(const double *wanted, double share, double *K, double *cost)
     for (int k = 0; k < 3; ++k) {
         values[k] = part * larger(values[k], 0.0) * scale;
     }
-    form_congruence(3, rows, values, cost);
+    form_congruence(3, 3, rows, values, cost);
     for (int k = 0; k < 9; ++k) {
         K[k] += part * D[k] - cost[k];
     }

@@ -153,23 +153,21 @@ static int hold_joint(const memory_t *m, const double *q, int *held, double *ste
 static double sum_errors(const memory_t *m, const double *q, const double *here, const double *goal, double *A,
                          double *task, double *damping)
 {
-    double J[6 * N * TIPS], distance = 0.0, squares = 0.0;
+    double J[6 * N * TIPS], weights[6 * TIPS], distance = 0.0, squares = 0.0;
     stiffgen_jacobians(q, m, J);
-    memset(A, 0, NN * sizeof(double));
     memset(task, 0, N * sizeof(double));
     for (int t = 0; t < TIPS; ++t) {
         double error[6];
         pose_difference(here + 16 * t, goal + 16 * t, error);
         distance = larger(distance, larger(norm(3, error), norm(3, error + 3)));
         for (int k = 0; k < 6; ++k) {
-            const double *const row = J + (6 * t + k) * N, weight = k < 3 ? 1.0 / (RADIAN_LENGTH * RADIAN_LENGTH) : 1.0;
+            const double weight = k < 3 ? 1.0 / (RADIAN_LENGTH * RADIAN_LENGTH) : 1.0;
+            weights[6 * t + k] = weight;
             squares += weight * error[k] * error[k];
-            add_scaled(N, weight * error[k], row, task);
-            for (int i = 0; i < N; ++i) {
-                add_scaled(N, weight * row[i], row, A + i * N);
-            }
+            add_scaled(N, weight * error[k], J + (6 * t + k) * N, task);
         }
     }
+    form_congruence(6 * TIPS, N, J, weights, A);
     const double scale = larger(largest_diagonal(N, A), DBL_MIN), inverse = 1.0 / scale;
     for (int k = 0; k < NN; ++k) {
         A[k] *= inverse;

@@ -86,9 +86,12 @@ int vote(const uint64_t *copies, double *result)
 /* Store numbers in three copies, each under its own mask. */
 void store_copies(uint64_t *copies, const double *values)
 {
-    for (int k = 0; k < 3 * N; ++k) {
-        memcpy(copies + k, values + k % N, sizeof *copies);
-        copies[k] ^= MASKS[k / N];
+    for (int i = 0; i < N; ++i) {
+        uint64_t word;
+        memcpy(&word, values + i, sizeof word);
+        copies[i] = word ^ MASKS[0];
+        copies[N + i] = word ^ MASKS[1];
+        copies[2 * N + i] = word ^ MASKS[2];
     }
 }
 

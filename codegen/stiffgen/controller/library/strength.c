@@ -43,13 +43,13 @@ static double bound_quadratic(int rows, double *A)
  */
 static void bound_wrench(const config_t *c, int rows, const double *J, const double *size, int clipped, double *parts)
 {
-    double held[36] = {0.0}, falling[36] = {0.0}, sum = 0.0;
+    double W[6 * N] = {0.0}, holds[N] = {0.0}, falls[N] = {0.0}, held[36] = {0.0}, falling[36] = {0.0}, sum = 0.0;
     const int gap = limit_call_gap(c, c->missed_limit);
     parts[2] = HUGE_VAL;
     for (int i = 0; i < N; ++i) {
         const double v = c->velocity_limit[i], fall = 0.5 * v * gap / c->torque_rate_limit[i];
         const double hold = v * c->sample_time * (gap * c->missed_limit + c->delay_samples);
-        double row[6] = {0.0};
+        double *const row = W + rows * i;
         for (int k = 0; k < rows; ++k) {
             row[k] = size[k] * J[k * N + i];
         }
@@ -58,11 +58,11 @@ static void bound_wrench(const config_t *c, int rows, const double *J, const dou
         const double share = clipped ? smaller(kept, 1.0) : 1.0;
         parts[2] = smaller(parts[2], kept);
         sum += hold;
-        for (int k = 0; k < rows; ++k) {
-            add_scaled(rows, hold * share * share * row[k], row, held + k * rows);
-            add_scaled(rows, fall * share * share * row[k], row, falling + k * rows);
-        }
+        holds[i] = hold * share * share;
+        falls[i] = fall * share * share;
     }
+    form_congruence(N, rows, W, holds, held);
+    form_congruence(N, rows, W, falls, falling);
     parts[0] = sqrt(sum * bound_quadratic(rows, held));
     parts[1] = bound_quadratic(rows, falling);
 }
