@@ -20,7 +20,7 @@ SOURCES = ROOT / "fri" / "client"
 CLIENT_OPTIONS = set(re.findall(r'\{"([a-z-]+)", (?:no|required)_argument', (SOURCES / "options.cpp").read_text()))
 ROBOT_OPTIONS = {name.lstrip("-") for action in arguments()._actions for name in action.option_strings}
 DEMO_OPTIONS = {name.lstrip("-") for action in demo.arguments()._actions for name in action.option_strings}
-OTHERS = {"build", "set-eee", "quiet", "name", "output", "tool", "sensor", "check"}
+OTHERS = {"build", "set-eee", "quiet", "name", "output", "tool", "sensor", "check", "reading"}
 """Options of cmake, ethtool, stiffgen generate and calibrate."""
 
 

@@ -110,7 +110,7 @@ def check(
         assert (held.robot.code, held.code) == (0, 0), held.error
         (log,) = tmp_path.glob("client-*.csv")
         capsys.readouterr()
-        arguments = ["calibrate", log, "--robot", plate_folder, "--wrench", "wrench_", "--check", WEIGHT]
+        arguments = ["calibrate", log, "--robot", plate_folder, "--reading", "tip:wrench_", "--check", WEIGHT]
         return main([str(each) for each in arguments]), capsys.readouterr().out
 
     return run

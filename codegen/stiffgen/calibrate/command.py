@@ -19,6 +19,8 @@ from stiffgen.errors import OutputError, RecordingError, terminal_text
 from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.robot.chain import Sensor
 
+_TIP = "tip:"
+"""Beginning of ``--reading`` for wrenches at the tip, base axes, that another program computed."""
 _AXES = ("Fx [N]", "Fy [N]", "Fz [N]", "Mx [N m]", "My [N m]", "Mz [N m]")
 _PAYLOAD = ("mass [kg]", "m cx [kg m]", "m cy [kg m]", "m cz [kg m]")
 
@@ -41,7 +43,7 @@ def add(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--reading",
         metavar="PREFIX|FX,...",
-        help="readings: prefix of their columns, or six names with commas (default: wrench_)",
+        help="readings: prefix of their columns, or six names (default: wrench_); tip:PREFIX: tip wrenches to check",
     )
     check = command.add_argument_group("check", "compare with a weight that hangs at the tip; writes nothing")
     check.add_argument(
@@ -49,11 +51,6 @@ def add(command: argparse.ArgumentParser) -> None:
         type=_weight,
         metavar="KG[,X,Y,Z]",
         help="mass of the weight [kg], and its point in the tip [m] (default: the origin); reads --output",
-    )
-    check.add_argument(
-        "--wrench",
-        metavar="PREFIX|FX,...",
-        help="columns of tip wrenches (base axes) to check, not readings",
     )
     command.set_defaults(run=run)
 
@@ -84,7 +81,7 @@ def run(options: argparse.Namespace) -> int:
     robot = open_robot(options.robot)
     robot.require_doubles("'stiffgen calibrate'")
     file, picture = _files(options.output)
-    if options.wrench is not None:
+    if options.reading is not None and options.reading.startswith(_TIP):
         return _check_wrenches(robot, options)
     sensor = sensor_functions(robot)
     poses = standing(*read_rows(options.log, robot.chain, options.q, options.reading))
@@ -143,12 +140,10 @@ def _check(robot: GeneratedRobot, sensor: Any, poses: StandingPoses, file: Path,
 
 def _check_wrenches(robot: GeneratedRobot, options: argparse.Namespace) -> int:
     """Check wrenches that another program computed, as the FRI client logs them; no calibration is read."""
-    if options.check is None or options.reading is not None or options.output:
-        raise RecordingError(
-            "--wrench: goes with --check, without --reading and --output: wrenches need no calibration"
-        )
+    if options.check is None or options.output:
+        raise RecordingError(f"--reading {_TIP}...: goes with --check, without --output: wrenches need no calibration")
     pose, mounted = tip_functions(robot).forward_kinematics, robot.chain.sensor
-    poses = standing(*read_rows(options.log, robot.chain, options.q, options.wrench))
+    poses = standing(*read_rows(options.log, robot.chain, options.q, options.reading.removeprefix(_TIP)))
     gravity = mounted.option.gravity if mounted else Sensor.gravity
     return _said(check_wrenches(pose, poses, options.check[0], options.check[1:], gravity))
 

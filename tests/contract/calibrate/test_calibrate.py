@@ -291,7 +291,7 @@ def test_wrenches_of_another_program_are_checked(tmp_path, capsys, robot_folder)
         (tmp_path / file).rename(tmp_path / f"{file}.csv")
 
     def check(file, *more):
-        arguments = ["calibrate", tmp_path / f"{file}.csv", "--robot", robot_folder, "--wrench", "F_", *more]
+        arguments = ["calibrate", tmp_path / f"{file}.csv", "--robot", robot_folder, "--reading", "tip:F_", *more]
         return main([str(each) for each in arguments]), capsys.readouterr()
 
     code, said = check("right", "--check", "2,0.1,0,0")
@@ -299,6 +299,6 @@ def test_wrenches_of_another_program_are_checked(tmp_path, capsys, robot_folder)
     assert check("right", "--check", "2")[0] == 1
     code, said = check("turned", "--check", "2,0.1,0,0")
     assert code == 1 and "the moment alone is wrong" in said.out
-    for more in ((), ("--check", "2", "--reading", "F_"), ("--check", "2", "--output", tmp_path / "c.json")):
+    for more in ((), ("--check", "2", "--output", tmp_path / "c.json")):
         code, said = check("right", *more)
-        assert code == 2 and "--wrench: goes with --check, without --reading and --output" in said.err
+        assert code == 2 and "--reading tip:...: goes with --check, without --output" in said.err
