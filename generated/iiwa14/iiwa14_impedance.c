@@ -667,7 +667,7 @@ static double dot(int count, const double *a, const double *b)
 {
     double sum = 0.0;
     int i = 0;
-    for (; i + 2 <= count; i += 2) {
+    for (; i < count - 1; i += 2) {
         sum += a[i] * b[i];
         sum += a[i + 1] * b[i + 1];
     }
@@ -3098,12 +3098,13 @@ static int accept_positions(step_t *s)
 /* Accept the pose of a tip's tool; while the springs are in force it is the one that they have. */
 static int accept_tool(const memory_t *m, const double *tool, int tip, refusal_t *r)
 {
+    const int first = 16 * tip;
     double accepted[16];
-    if (!accept_pose(tool + 16 * tip, FARTHEST, IIWA14_ARGUMENT_TOOL_POSE, tip, accepted, r)) {
+    if (!accept_pose(tool + first, FARTHEST, IIWA14_ARGUMENT_TOOL_POSE, tip, accepted, r)) {
         return 0;
     }
-    for (int k = 16 * tip; m->engaged && k < 16 * (tip + 1); ++k) {
-        if (!(fabs(tool[k] - m->tool_pose[k]) <= COMMAND_TOLERANCE)) {
+    for (int k = first; k < first + 16; ++k) {
+        if (m->engaged && !(fabs(tool[k] - m->tool_pose[k]) <= COMMAND_TOLERANCE)) {
             return refuse_command(r, IIWA14_REFUSAL_ENGAGED, IIWA14_ARGUMENT_TOOL_POSE, k, tool[k], m->tool_pose[k]);
         }
     }

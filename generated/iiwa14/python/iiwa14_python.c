@@ -3299,7 +3299,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "2c880e9ccdd6ae3c") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "cdf7a6db66ee9482") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

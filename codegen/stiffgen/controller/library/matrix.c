@@ -44,7 +44,7 @@ double dot(int count, const double *a, const double *b)
 {
     double sum = 0.0;
     int i = 0;
-    for (; i + 2 <= count; i += 2) {
+    for (; i < count - 1; i += 2) {
         sum += a[i] * b[i];
         sum += a[i + 1] * b[i + 1];
     }

@@ -166,12 +166,13 @@ static int accept_positions(step_t *s)
 /* Accept the pose of a tip's tool; while the springs are in force it is the one that they have. */
 static int accept_tool(const memory_t *m, const double *tool, int tip, refusal_t *r)
 {
+    const int first = 16 * tip;
     double accepted[16];
-    if (!accept_pose(tool + 16 * tip, FARTHEST, ID(ARGUMENT_TOOL_POSE), tip, accepted, r)) {
+    if (!accept_pose(tool + first, FARTHEST, ID(ARGUMENT_TOOL_POSE), tip, accepted, r)) {
         return 0;
     }
-    for (int k = 16 * tip; m->engaged && k < 16 * (tip + 1); ++k) {
-        if (!(fabs(tool[k] - m->tool_pose[k]) <= COMMAND_TOLERANCE)) {
+    for (int k = first; k < first + 16; ++k) {
+        if (m->engaged && !(fabs(tool[k] - m->tool_pose[k]) <= COMMAND_TOLERANCE)) {
             return refuse_command(r, ID(REFUSAL_ENGAGED), ID(ARGUMENT_TOOL_POSE), k, tool[k], m->tool_pose[k]);
         }
     }
