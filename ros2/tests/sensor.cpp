@@ -9,10 +9,19 @@
 static const robot::Wrench BIAS = {1.0, -2.0, 3.0, 0.1, 0.2, -0.3};
 static const std::array<double, 4> PAYLOAD = {1.5, 0.01, -0.02, 0.06};
 
-static void write_calibration(const char *file)
+static void write_calibration(const char *file, const std::string &sensor)
 {
-    std::ofstream(file) << R"({"sensor": "wrist", "bias": [1.0, -2.0, 3.0, 0.1, 0.2, -0.3],
+    std::ofstream(file) << "{\"sensor\": " << sensor << R"(, "bias": [1.0, -2.0, 3.0, 0.1, 0.2, -0.3],
 "payload": [1.5, 0.01, -0.02, 0.06]})";
+}
+
+static void refuses_the_calibration_of_another_sensor()
+{
+    Rig rig;
+    write_calibration("other.json", "{\"link\": \"another\"}");
+    rig.set("ft_sensor", "wrist");
+    rig.set("ft_calibration", "other.json");
+    check(rig.configure() == Callback::FAILURE && stub::world().said("error", "'other.json' is of another sensor"), "another sensor");
 }
 
 static void run(Rig &rig, int cycles)
@@ -26,7 +35,7 @@ static void run(Rig &rig, int cycles)
 static void measures_the_wrench_at_the_tip()
 {
     Rig rig;
-    write_calibration("calibration.json");
+    write_calibration("calibration.json", robot::SENSOR);
     rig.set("ft_sensor", "wrist");
     rig.set("ft_calibration", "calibration.json");
     rig.start();
@@ -61,6 +70,7 @@ static void goes_on_without_a_reading()
 }
 
 const std::vector<Scenario> SENSOR = {
+    {"refuses_the_calibration_of_another_sensor", refuses_the_calibration_of_another_sensor},
     {"measures_the_wrench_at_the_tip", measures_the_wrench_at_the_tip},
     {"goes_on_without_a_reading", goes_on_without_a_reading},
 };

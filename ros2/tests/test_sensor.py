@@ -13,7 +13,11 @@ import stiffgen
 from .building import PACKAGE, ROS2, compile_robot, compile_scenarios
 
 OTHERS = ("names_what_is_wrong_with_a_sensor", "holds_without_an_allocation")
-SCENARIOS = ("measures_the_wrench_at_the_tip", "goes_on_without_a_reading")
+SCENARIOS = (
+    "refuses_the_calibration_of_another_sensor",
+    "measures_the_wrench_at_the_tip",
+    "goes_on_without_a_reading",
+)
 
 
 @pytest.mark.slow

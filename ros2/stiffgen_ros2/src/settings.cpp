@@ -140,6 +140,9 @@ std::string read_sensor(const Lookup &lookup, Setup &setup)
     if (!robot::read_calibration(text, setup.calibration)) {
         return "ft_calibration: '" + file + "' is not a file of 'stiffgen calibrate' (bias and payload)";
     }
+    if (text.find(std::string("\"sensor\": ") + robot::SENSOR) == std::string::npos) {
+        return "ft_calibration: '" + file + "' is of another sensor; calibrate again with this robot";
+    }
     return "";
 #else
     return "ft_sensor: the robot's functions know no sensor; generate them with --sensor LINK (README.md has the command)";
