@@ -39,7 +39,7 @@ from benchmarks.growth import SAME_FUNCTIONS, exponent, growth, growth_section
 from benchmarks.springs import of_springs, springs_section
 from benchmarks.throughput import section as throughput_section
 from benchmarks.throughput import throughput
-from benchmarks.tools import AVX2, COUNT, HERE, NATIVE, PLAIN, URDF, Row, pinned, quartiles, run, timed
+from benchmarks.tools import AVX2, COUNT, HERE, NATIVE, PLAIN, URDF, Row, machine, pinned, quartiles, run, timed
 
 ROUNDS = 61
 BATCH = 65536
@@ -322,13 +322,6 @@ def other_processors() -> list[str]:
     text = (HERE / "RESULTS.md").read_text()
     start = text.index("## Other processors")
     return [*text[start : text.index("\n## ", start)].splitlines(), ""]
-
-
-def machine() -> str:
-    cpu = Path("/proc/cpuinfo").read_text() if Path("/proc/cpuinfo").exists() else ""
-    model = next((line.split(":")[1].strip() for line in cpu.splitlines() if line.startswith("model name")), "unknown")
-    widths = [name for flag, name in ((" avx512f", "AVX-512"), (" avx2", "AVX2")) if flag in cpu]
-    return f"{platform.machine()}, {model}, {os.cpu_count()} cores, {', '.join(widths)}; virtual and shared"
 
 
 def table(head: str, rows: list[Row], unit: str, reference: float, named: str) -> list[str]:

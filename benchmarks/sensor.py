@@ -13,7 +13,9 @@ from pathlib import Path
 
 import stiffgen
 
-ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+from benchmarks.tools import URDF, machine
+
 PROGRAM = r"""
 #define _POSIX_C_SOURCE 199309L
 #include "felt.h"
@@ -98,21 +100,14 @@ def main() -> int:
         sensor = stiffgen.Sensor("link_ee", (0.0, 0.0, 0.03), tuple(options.rpy))
         tool = stiffgen.Tool(xyz=(0.0, 0.0, 0.24))
         folder = stiffgen.generate(
-            ROOT / "urdf" / "iiwa14.urdf", name="felt", output=output, tool=tool, sensor=sensor, build=False,
+            URDF, name="felt", output=output, tool=tool, sensor=sensor, build=False,
             controller=False, masses=False, kernels="hybrid,sensor",
         )  # fmt: skip
         source, program = Path(output) / "main.c", Path(output) / "main"
         source.write_text(PROGRAM)
-        print(next(line for line in Path("/proc/cpuinfo").read_text().splitlines() if line.startswith("model name")))
-        command = [
-            options.compiler,
-            "-std=c99",
-            *options.flags.split(),
-            f"-I{folder}",
-            source,
-            folder / "felt.c",
-            folder / "felt_batch.c",
-        ]
+        print(machine())
+        command = [options.compiler, "-std=c99", *options.flags.split(), f"-I{folder}", source]
+        command += [folder / "felt.c", folder / "felt_batch.c"]
         subprocess.run([*map(str, command), "-lm", "-o", str(program)], check=True)
         return subprocess.run([str(program)], check=False).returncode
 

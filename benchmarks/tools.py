@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import platform
 import shutil
 import statistics
 import subprocess
@@ -21,6 +22,13 @@ Row = tuple[str, float, float, float]
 
 def run(command: list[str], cwd: Path | None = None) -> str:
     return subprocess.run(command, check=True, capture_output=True, text=True, cwd=cwd).stdout
+
+
+def machine() -> str:
+    cpu = Path("/proc/cpuinfo").read_text() if Path("/proc/cpuinfo").exists() else ""
+    model = next((line.split(":")[1].strip() for line in cpu.splitlines() if line.startswith("model name")), "unknown")
+    widths = [name for flag, name in ((" avx512f", "AVX-512"), (" avx2", "AVX2")) if flag in cpu]
+    return f"{platform.machine()}, {model}, {os.cpu_count()} cores, {', '.join(widths)}; virtual and shared"
 
 
 def pinned(command: list[str]) -> list[str]:

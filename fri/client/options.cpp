@@ -295,7 +295,7 @@ bool Options::parse(int argc, char **argv)
 /* Without a calibration a sensor's bias and the tool's weight would stand for a contact. */
 void Options::read_calibration()
 {
-    if (sensor && robot::sensor() == NULL) {
+    if (sensor && !robot::has_sensor()) {
         throw std::runtime_error(std::string("--wrench sensor: ") + robot::name() +
                                  " has no force-torque sensor; generate it with --sensor LINK");
     }

@@ -32,8 +32,7 @@ Calibration::Calibration(const std::string &path)
     if (file.gcount() == 0 || !robot::read_calibration(text.c_str(), bias, payload)) {
         throw std::runtime_error("calibration " + path + ": cannot be read, or is none by 'stiffgen calibrate'");
     }
-    const std::string wanted = std::string("\"sensor\": ") + (robot::sensor() != NULL ? robot::sensor() : "");
-    if (text.find(wanted) == std::string::npos) {
+    if (!robot::is_of_sensor(text.c_str())) {
         throw std::runtime_error("calibration " + path + ": is of another sensor than that of " + robot::name() +
                                  "; calibrate again with this robot");
     }

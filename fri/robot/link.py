@@ -52,10 +52,12 @@ class Link:
         except OSError as error:
             self.socket.close()
             raise LinkError(f"cannot send to {host}:{port}: {error.strerror or error}") from error
+        self._sensor = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 
     def close(self) -> None:
-        """Close the socket."""
+        """Close the sockets."""
         self.socket.close()
+        self._sensor.close()
 
     def send(self, datagram: bytes) -> None:
         """Send; ConnectionRefusedError if nobody listened to the datagram before."""
@@ -66,8 +68,7 @@ class Link:
 
     def send_reading(self, reading: Iterable[float], port: int) -> None:
         """Send a sensor's reading (6), little-endian doubles, to a port of this machine, whoever listens."""
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sensor:
-            sensor.sendto(struct.pack("<6d", *reading), ("127.0.0.1", port))
+        self._sensor.sendto(struct.pack("<6d", *reading), ("127.0.0.1", port))
 
     def receive(self, timeout: float) -> bytes | None:
         """Return the next datagram, None if none comes in time [s]; ConnectionRefusedError if nobody listens."""

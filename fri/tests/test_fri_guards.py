@@ -19,7 +19,7 @@ from fri.support.python_client import free_port
 from fri.support.served import served, unread
 from fri.support.session import POSTURE, Programs, button
 from fri.support.wiping import COMMANDING_ACTIVE, IDLE, MONITORING_READY, MONITORING_WAIT, Wiped, over_udp
-from fri.support.wrench import calibration_text
+from support.calibrations import calibration_text
 
 SLOWED, LET_GO, REFUSED = 1 << 13, 1 << 17, 1 << 19
 HELD = ("--force-limit", "150", "--hold-time", "0.3")

@@ -39,7 +39,7 @@ from fri.support.wiping import (
     over_udp,
     position_mode,
 )
-from fri.support.wrench import calibration_text
+from support.calibrations import calibration_text
 from support.plate import PAYLOAD
 
 

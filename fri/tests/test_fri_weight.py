@@ -19,8 +19,8 @@ import pytest
 from fri.support.python_client import free_port
 from fri.support.run import Run
 from fri.support.session import POSTURE, Programs
-from fri.support.wrench import calibration_text
 from stiffgen.cli import main
+from support.calibrations import calibration_text
 from support.plate import PAYLOAD
 from support.project import ROOT, Once
 

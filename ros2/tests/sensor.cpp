@@ -1,24 +1,15 @@
 // SPDX-License-Identifier: MIT
-// Scenarios of a robot that was generated with a force-torque sensor.
+// Scenarios of a robot that was generated with a force-torque sensor. test_sensor.py writes the files of calibrations.
 #include "rig.hpp"
-
-#include <fstream>
 
 #if STIFFGEN_ROS2_SENSOR
 
 static const robot::Wrench BIAS = {1.0, -2.0, 3.0, 0.1, 0.2, -0.3};
 static const std::array<double, 4> PAYLOAD = {1.5, 0.01, -0.02, 0.06};
 
-static void write_calibration(const char *file, const std::string &sensor)
-{
-    std::ofstream(file) << "{\"sensor\": " << sensor << R"(, "bias": [1.0, -2.0, 3.0, 0.1, 0.2, -0.3],
-"payload": [1.5, 0.01, -0.02, 0.06]})";
-}
-
 static void refuses_the_calibration_of_another_sensor()
 {
     Rig rig;
-    write_calibration("other.json", "{\"link\": \"another\"}");
     rig.set("ft_sensor", "wrist");
     rig.set("ft_calibration", "other.json");
     check(rig.configure() == Callback::FAILURE && stub::world().said("error", "'other.json' is of another sensor"), "another sensor");
@@ -35,7 +26,6 @@ static void run(Rig &rig, int cycles)
 static void measures_the_wrench_at_the_tip()
 {
     Rig rig;
-    write_calibration("calibration.json", robot::SENSOR);
     rig.set("ft_sensor", "wrist");
     rig.set("ft_calibration", "calibration.json");
     rig.start();

@@ -9,9 +9,12 @@ from pathlib import Path
 import pytest
 
 import stiffgen
+from support.calibrations import calibration_text
 
 from .building import PACKAGE, ROS2, compile_robot, compile_scenarios
 
+BIAS, PAYLOAD = (1.0, -2.0, 3.0, 0.1, 0.2, -0.3), (1.5, 0.01, -0.02, 0.06)
+"""As sensor.cpp has them."""
 OTHERS = ("names_what_is_wrong_with_a_sensor", "holds_without_an_allocation")
 SCENARIOS = (
     "refuses_the_calibration_of_another_sensor",
@@ -26,6 +29,9 @@ def test_scenarios_of_a_sensor(tmp_path: Path) -> None:
     sensor = stiffgen.Sensor("link_7", xyz=(0.0, 0.02, -0.1), rpy=(0.3, 0.2, 0.1), sign="robot")
     urdf = ROS2.parent / "urdf" / "iiwa14.urdf"
     robot = stiffgen.generate(urdf, name="felt", output=tmp_path / "generated", build=False, sensor=sensor)
+    text = calibration_text(robot, BIAS, PAYLOAD)
+    (tmp_path / "calibration.json").write_text(text)
+    (tmp_path / "other.json").write_text(text.replace("link_7", "link_6"))
     objects = tmp_path / "objects"
     objects.mkdir()
     compile_robot(objects, robot)

@@ -140,7 +140,7 @@ std::string read_sensor(const Lookup &lookup, Setup &setup)
     if (!robot::read_calibration(text, setup.calibration)) {
         return "ft_calibration: '" + file + "' is not a file of 'stiffgen calibrate' (bias and payload)";
     }
-    if (text.find(std::string("\"sensor\": ") + robot::SENSOR) == std::string::npos) {
+    if (!robot::is_of_sensor(text)) {
         return "ft_calibration: '" + file + "' is of another sensor; calibrate again with this robot";
     }
     return "";

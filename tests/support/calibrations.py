@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Write a sensor's calibration for the client without estimating it."""
+"""Write a sensor's calibration for C and C++ programs without estimating it."""
 
 from __future__ import annotations
 
