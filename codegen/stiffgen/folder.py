@@ -2,7 +2,9 @@
 """Results that appear whole or not at all, and temporary folders that do not outlive their process for long.
 
 A process holds a lock on each folder or file that it makes. The system releases the lock when the process ends, also
-by kill -9; the next run removes what carries the name of such a folder and no lock.
+by kill -9; the next run removes what carries the name of such a folder and no lock. These locks are on the folders
+themselves (fcntl): a lock file, as of filelock, would stay in the user's output folder. Locks with a name, in the
+cache, are filelock's.
 """
 
 from __future__ import annotations
@@ -16,14 +18,15 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO
+
+from filelock import FileLock, Timeout
 
 from stiffgen.errors import OutputError, printable
 from stiffgen.signals import signals_deferred
 
 try:
     import fcntl
-except ImportError:  # Windows: nothing is locked there, and nothing of dead processes removed
+except ImportError:  # Windows: folders are not locked there, and those of dead processes stay
     fcntl = None  # type: ignore[assignment]
 
 _ATTEMPTS = 100
@@ -102,11 +105,16 @@ def exclusive(lock: Path, wait: Callable[[], None]) -> Iterator[None]:
         OSError: the file cannot be made.
 
     """
-    with lock.open("ab") as stream:
-        if not _is_locked_now(stream):
-            wait()
-            fcntl.flock(stream, fcntl.LOCK_EX)
+    held = FileLock(lock)
+    try:
+        held.acquire(blocking=False)
+    except Timeout:
+        wait()
+        held.acquire()
+    try:
         yield
+    finally:
+        held.release()
 
 
 def remove_unlocked(lock: Path, folder: Path) -> bool:
@@ -116,21 +124,14 @@ def remove_unlocked(lock: Path, folder: Path) -> bool:
         OSError: the folder cannot be removed.
 
     """
-    with lock.open("ab") as stream:
-        if not _is_locked_now(stream) or not folder.exists():
-            return False
-        shutil.rmtree(folder)
-        return True
-
-
-def _is_locked_now(stream: IO[bytes]) -> bool:
-    """Lock an open file unless another process holds its lock; return whether it is locked (always without locks)."""
-    if fcntl is not None:
-        try:
-            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return False
-    return True
+    try:
+        with FileLock(lock, blocking=False):
+            if not folder.exists():
+                return False
+            shutil.rmtree(folder)
+            return True
+    except Timeout:
+        return False
 
 
 def flush(folder: Path) -> None:

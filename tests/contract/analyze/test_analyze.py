@@ -23,7 +23,7 @@ from stiffgen.analyze import measures as ms
 from stiffgen.analyze.analysis import _tip, checked_stiffness
 from stiffgen.analyze.measures import stiffness_unit
 from stiffgen.analyze.options import AnalysisOptions
-from stiffgen.analyze.recording import RecordingRequest, csv_file, npz_file, open_recording
+from stiffgen.analyze.recording import RecordingRequest, csv_file, open_recording, parquet_file
 from stiffgen.analyze.task import Task
 from stiffgen.cli import main, parser
 from stiffgen.described import help_of
@@ -224,13 +224,13 @@ def test_a_missing_extra_is_named(here, robot_folder, capsys, monkeypatch):
 
 
 def test_memory_does_not_grow_with_the_rows(here, robot_folder, monkeypatch):
-    monkeypatch.setattr(npz_file, "PARTITION_ROWS", 1000)
+    monkeypatch.setattr(parquet_file, "PARTITION_ROWS", 1000)
     monkeypatch.setattr(analysis, "_MOST_THREADS", 1)  # what two of them hold at once is left to chance
     peaks = []
     for count in (6_000, 36_000):
-        recordings.write_npz(here / f"{count}.npz", np.resize(ROWS, (count, 14)))
+        recordings.write_parquet(here / f"{count}.parquet", np.resize(ROWS, (count, 14)), row_group_size=500)
         tracemalloc.start()
-        stiffgen.analyze(f"{count}.npz", robot_folder, K, figures=False, block_rows=250)
+        stiffgen.analyze(f"{count}.parquet", robot_folder, K, figures=False, block_rows=250)
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peaks[1] < 1.1 * peaks[0] + 1_000_000  # 36 000 rows are 4 MB of data and 14 MB of each matrix

@@ -51,7 +51,8 @@ class ParquetPartition:
 
 
 def _opened(path: Path) -> Any:
-    # Without pre-buffering and with a buffer per column, pyarrow reads page by page: row groups may have any size.
+    # Without pre-buffering and with a buffer per column, pyarrow reads page by page: row groups may have any size
+    # (one of 45 MB takes 6 MB; pyarrow.dataset holds all of it).
     parquet = extra("pyarrow.parquet", "reading Parquet")
     return parquet.ParquetFile(path, pre_buffer=False, buffer_size=_BUFFER, page_checksum_verification=True)
 
