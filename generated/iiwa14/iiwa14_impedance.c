@@ -103,7 +103,7 @@ typedef struct {
     double travel[N]; /* [rad] or [m] predicted for joints that stand still, with differenced velocities */
     double limit_slope[N]; /* [N m/rad] stiffness of the limit avoidance in force */
     double elapsed;        /* [s] from the sample before */
-    double damped[N];      /* [N m] torque of the motors' kd at the velocity of the damping */
+    double motor_damping[N]; /* [N m] kd times the velocity of the damping: the motors take it away again */
     double carried[N];     /* [N m] torque of the plan's acceleration and Coriolis forces */
     double brake[N];       /* [N m s/rad] damping that one joint may still receive */
     double before[N];      /* [N m] torque of the last call, with the caller's */
@@ -1121,12 +1121,12 @@ static double find_largest_eigenvalue(const double *A)
  * Indust. Appl. Math. 35 (2018).
  */
 
-/* Rounds of refine_modes; the changes above which it gives up, in the first round and over the round before; the change
- * whose square is 0 up to rounding. */
-enum { REFINEMENTS = 4 };
 /* Largest entry of a matrix to diagonalise, whose squares and their sums are finite; stiffness, over the trace, that a
  * direction without any before and after a change counts with: S stays positive definite. */
 static const double LARGEST_ENTRY = 1e140, UNCHANGED = 1e-10;
+enum { REFINEMENTS = 4 }; /* rounds of refine_modes */
+/* Changes above which refine_modes gives up, in the first round and over the round before; the change whose square is 0
+ * up to rounding. */
 static const double LARGEST_CHANGE = 0.05, LARGEST_SHARE = 0.2, LAST_CHANGE = 5e-8;
 
 /* Invert a lower triangular matrix; the entries above the diagonal become 0. */
@@ -1224,7 +1224,7 @@ static int solve_modes(int n, const double *K, const double *M, double *work, do
     if (error == 0) {
         error = diagonalise_pencil(n, K, scale, inverse, C, eigenvalues, modes);
     }
-    if (error == 0) {
+    if (error == 0) { /* v = L^-T w, of length 1 with respect to M = scale L L^T */
         for (int k = 0; k < n * n; ++k) {
             inverse[k] /= sqrt(scale);
         }
@@ -1250,7 +1250,7 @@ static void compare_modes(int n, const double *K, const double *M, const double 
     multiply_rows(n, modes, M, products);
     for (int i = 0; i < n; ++i) {
         const double square = dot(n, products + i * n, modes + i * n);
-        eigenvalues[i] = changes[i * (n + 1)] / square;
+        eigenvalues[i] = changes[i * (n + 1)] / square; /* v . K v / v . M v; those before i are known below */
         changes[i * (n + 1)] = 0.5 * (1.0 - square);
         for (int j = 0; j < i; ++j) {
             const double S = changes[i * n + j], R = -dot(n, products + i * n, modes + j * n);
@@ -1272,17 +1272,17 @@ static int refine_modes(int n, const double *K, const double *M, double *work, d
     double most = LARGEST_CHANGE;
     for (int round = 0; round < REFINEMENTS; ++round) {
         compare_modes(n, K, M, modes, products, eigenvalues, changes);
-        double size = 0.0;
+        double squares = 0.0; /* of all changes */
         for (int i = 0; i < n; ++i) {
-            size += dot(n, changes + i * n, changes + i * n);
+            squares += dot(n, changes + i * n, changes + i * n);
         }
-        if (!(size <= most * most)) {
+        if (!(squares <= most * most)) { /* NaN and infinity, of equal eigenvalues, give up, too */
             return 0;
         }
-        most = LARGEST_SHARE * sqrt(size);
+        most = LARGEST_SHARE * sqrt(squares);
         multiply_rows(n, changes, modes, products);
         add_scaled(n * n, 1.0, products, modes);
-        if (size <= LAST_CHANGE * LAST_CHANGE) {
+        if (squares <= LAST_CHANGE * LAST_CHANGE) { /* the error that is left is about its square */
             sort_eigenpairs(n, eigenvalues, modes);
             return 1;
         }
@@ -1321,13 +1321,13 @@ static int soften(const double *wanted, double share, double *K, double *cost)
         cost[k] = 0.0;
     }
     const double trace = S[0] + S[4] + S[8], part = size <= ROUNDED * trace ? 1.0 : share;
-    for (int k = 0; k < 9; k += 4) {
+    for (int k = 0; k < 9; k += 4) { /* the diagonal */
         S[k] += UNCHANGED * trace;
     }
     if (size == 0.0 || solve_pencil(3, D, S, L, C, values, rows, &scale) != 0) {
         return 0;
     }
-    multiply_lower(3, L, rows);
+    multiply_lower(3, L, rows); /* columns of S V / sqrt(scale): the scale goes to the values */
     for (int k = 0; k < 3; ++k) {
         values[k] = part * larger(values[k], 0.0) * scale;
     }
@@ -1401,41 +1401,46 @@ static double bound_late_work(const double *q, const double *q_des, const double
 {
     double work = 0.0;
     for (int i = 0; i < N; ++i) {
-        const double a = tau_ff[i] + kp[i] * (q_des[i] - q[i]) + kd[i] * dq_des[i];
-        const int good = fabs(a) <= DBL_MAX && kp[i] >= 0.0 && kd[i] >= 0.0 && speed[i] >= 0.0 && hold > 0.0;
-        const double most = good ? bound_motor_work(a, kp[i], kd[i], speed[i], hold) : (double)NAN;
+        const double at_rest = tau_ff[i] + kp[i] * (q_des[i] - q[i]) + kd[i] * dq_des[i];
+        const int good = fabs(at_rest) <= DBL_MAX && kp[i] >= 0.0 && kd[i] >= 0.0 && speed[i] >= 0.0 && hold > 0.0;
+        const double most = good ? bound_motor_work(at_rest, kp[i], kd[i], speed[i], hold) : (double)NAN;
         work += fabs(most) <= DBL_MAX ? most : (double)NAN;
     }
     return work;
 }
 
 /*
- * Plan the gains of a step: of the tangent of the scaled springs with the limit avoidance, and of the damping. kd acts
- * on the velocity itself, so the same torque at the present velocity is added to the one that is held.
+ * Plan the gains of a step: kp from the diagonal of the tangent, kd from that of the damping; 0 without
+ * ACTUATION_GAINS. motor_damping, the torque of kd at the present velocity, is added to the torque that is held: with
+ * what the motors do then, damping counts once.
  */
 static void plan_gains(step_t *s)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
+    const int has_gains = c->actuation == IIWA14_ACTUATION_GAINS;
     for (int i = 0; i < N; ++i) {
-        const double stiffness = s->out->joint_stiffness[i * (N + 1)], limit = s->limit_slope[i];
-        const int gains = c->actuation == IIWA14_ACTUATION_GAINS;
-        const double wanted = m->scale * (stiffness - limit) + limit;
-        m->kp[i] = gains && wanted > 0.0 ? smaller(wanted, c->kp_limit[i]) : 0.0;
-        m->kd[i] = gains ? clamp(s->out->damping[i * (N + 1)], 0.0, c->kd_limit[i]) : 0.0;
-        s->damped[i] = m->kd[i] * s->velocity[i];
+        const double tangent = s->out->joint_stiffness[i * (N + 1)], limit_slope = s->limit_slope[i];
+        /* the tangent is the unscaled springs' and the limit avoidance's, which no scale weakens */
+        const double wanted = m->scale * (tangent - limit_slope) + limit_slope;
+        m->kp[i] = has_gains && wanted > 0.0 ? smaller(wanted, c->kp_limit[i]) : 0.0;
+        m->kd[i] = has_gains ? clamp(s->out->damping[i * (N + 1)], 0.0, c->kd_limit[i]) : 0.0;
+        s->motor_damping[i] = m->kd[i] * s->velocity[i];
     }
 }
 
 /*
- * Bound the work that the gains take in over the last interval, which no call was missing from: exact for kp, whose
- * spring was at rest at the interval's start; for kd the least that any motion with these ends dissipates in a sample
- * time.
+ * Bound from below the work that the gains take in over the last interval, which no call was missing from: exact for
+ * kp, whose spring was at rest at the interval's start; for kd the least that any motion with these ends dissipates in
+ * a sample time. Gains go with no delay (validate).
  */
 static double absorbed_work(const memory_t *m, const double *motion)
 {
     double work = 0.0;
-    for (int i = 0; m->delay == 0 && i < N; ++i) {
+    if (m->delay > 0) {
+        return work;
+    }
+    for (int i = 0; i < N; ++i) {
         work += (0.5 * m->kp[i] + m->kd[i] / m->sample_time) * motion[i] * motion[i];
     }
     return work;
@@ -1449,11 +1454,14 @@ static void fade_gains(memory_t *m)
     }
 }
 
-/* Return the torque of motor i at the last known velocity, within the effort limit (0 if refused) or that of tau_ff. */
-static double apply_gains(const step_t *s, int i, double feed, int refused)
+/*
+ * Return the torque of motor i at the last known state, tau_ff - kd dq: kp adds none there. It is clamped to the effort
+ * limit (0 if the configuration is refused), or to |tau_ff| if this is larger.
+ */
+static double apply_gains(const step_t *s, int i, double tau_ff, int refused)
 {
-    const double most = larger(refused ? 0.0 : s->c->effort_limit[i], fabs(feed));
-    return clamp(feed - s->m->kd[i] * s->m->dq[i], -most, most);
+    const double most = larger(refused ? 0.0 : s->c->effort_limit[i], fabs(tau_ff));
+    return clamp(tau_ff - s->m->kd[i] * s->m->dq[i], -most, most);
 }
 
 /* Lower kd where its torque at the last known velocity would exceed the effort limit. */
@@ -1461,18 +1469,21 @@ static void limit_gains(step_t *s, int refused)
 {
     memory_t *const m = s->m;
     for (int i = 0; i < N; ++i) {
-        const double feed = s->out->torque[i], damped = m->kd[i] * m->dq[i];
-        const double applied = apply_gains(s, i, feed, refused);
-        if (!(fabs(damped) <= DBL_MAX)) { /* the memory holds no velocity */
+        const double tau_ff = s->out->torque[i], damping = m->kd[i] * m->dq[i];
+        const double applied = apply_gains(s, i, tau_ff, refused);
+        if (!(fabs(damping) <= DBL_MAX)) { /* the memory holds no velocity */
             m->kd[i] = 0.0;
-        } else if (applied != feed - damped) {
-            m->kd[i] *= (feed - applied) / damped;
+        } else if (applied != tau_ff - damping) { /* clamped: kd dq becomes what is left of it */
+            m->kd[i] *= (tau_ff - applied) / damping;
             s->status |= IIWA14_STATUS_SATURATED;
         }
     }
 }
 
-/* Write tau_ff, as the torque what the motors apply at the last known state, and the work of a late call. */
+/*
+ * Report tau_ff, the torque that the motors apply at the last known state, and the work of a late call: as late as one
+ * may be, `hold` calls with call_gap sample times each, or in a fault one.
+ */
 static void report_gains(const step_t *s, int refused)
 {
     const memory_t *const m = s->m;
@@ -1531,7 +1542,7 @@ static double evaluate_avoidance(const double *a, double q, double *pull, double
         depth = q - a[0];
     }
     *pull = clamp(k * depth, -a[3], a[3]);
-    if (*pull == k * depth) {
+    if (*pull == k * depth) { /* not clamped */
         *stiffness = depth != 0.0 ? k : 0.0;
         return 0.5 * k * depth * depth;
     }
@@ -1581,14 +1592,14 @@ static double evaluate_limits(step_t *s, const double *q)
 static void pay_into_tank(step_t *s, double income)
 {
     memory_t *const m = s->m;
-    const double most = larger(s->tank_initial, m->reserve);
-    const double lost = m->tank + income - most;
+    const double full = larger(s->tank_initial, m->reserve);
+    const double overflow = m->tank + income - full;
     m->tank += income;
-    if (lost > 0.0) {
-        const double next = smaller(m->engagement + lost, s->engagement_limit);
-        m->tank = most;
-        m->supplied -= larger(next - m->engagement, 0.0);
-        m->engagement = next;
+    if (overflow > 0.0) {
+        const double engagement = smaller(m->engagement + overflow, s->engagement_limit);
+        m->tank = full;
+        m->supplied -= larger(engagement - m->engagement, 0.0);
+        m->engagement = engagement;
     }
 }
 
@@ -1626,7 +1637,10 @@ static double sum_older(const memory_t *m, int i, int count)
     return sum;
 }
 
-/* Start another interval: `last` is in transit now; feed is the reference's share of the torque that follows it. */
+/*
+ * Start another interval: `last` is in transit now; feed is the reference's share of the torque that follows it, and
+ * may be m->feed itself: the newest share then counts once more.
+ */
 static void shift_history(memory_t *m, const double *last, const double *feed)
 {
     memmove(m->older + N, m->older, (MOST_DELAY - 1) * N * sizeof(double));
@@ -1737,7 +1751,7 @@ static void adopt_limits(step_t *s, const double *q)
             double pull, slope;
             const double before = evaluate_avoidance(a, q[i], &pull, &slope);
             const double v = evaluate_avoidance(wanted, q[i], &pull, &slope) - before;
-            if (!(v <= larger(s->budget, 0.0))) {
+            if (!(v <= larger(s->budget, 0.0))) { /* NaN is kept out, too */
                 s->status |= IIWA14_STATUS_LIMITS_KEPT;
                 continue;
             }
@@ -1747,7 +1761,7 @@ static void adopt_limits(step_t *s, const double *q)
         changed = 1;
     }
     if (changed) {
-        evaluate_limits(s, q);
+        evaluate_limits(s, q); /* torque and slope of the new one; its energy is booked */
     }
 }
 
@@ -1764,7 +1778,7 @@ static void drop_limits(step_t *s, const double *q)
         if (s->condemned[i] && a[2] > 0.0) {
             double pull, slope;
             book_stiffness(s, &m->limit_energy, -evaluate_avoidance(a, q[i], &pull, &slope));
-            a[2] = a[3] = 0.0;
+            a[2] = a[3] = 0.0; /* stiffness and largest torque */
             dropped = 1;
         }
     }
@@ -1796,7 +1810,7 @@ static void adopt_raised_limits(step_t *s, const double *last)
     memory_t *const m = s->m;
     int kept = 0;
     for (int i = 0; i < N; ++i) {
-        const double before = m->velocity_limit[i];
+        const double before = m->velocity_limit[i]; /* covers_torque reads the memory's limit: try the raised one */
         m->velocity_limit[i] = larger(before, c->velocity_limit[i]);
         if (m->velocity_limit[i] > before && !covers_torque(s, m->calls, m->call_gap, last)) {
             m->velocity_limit[i] = before;
@@ -1827,7 +1841,7 @@ static void bridge_gap(step_t *s, int periods)
         m->gap_work = m->gap_most = 0.0;
         memcpy(m->gap_torque, torque, N * sizeof(double));
     }
-    for (int i = 0; i < N; ++i) {
+    for (int i = 0; i < N; ++i) { /* the gap is as long as it was before these intervals */
         m->gap_work += fabs(torque[i] - m->gap_torque[i]) * farthest_motion(m, i) * m->gap;
         m->gap_most += fabs(torque[i]) * farthest_motion(m, i) * periods;
     }
@@ -1865,44 +1879,59 @@ static void note_untimed_call(step_t *s, const double *last)
 static void bridge_missing_calls(step_t *s, const double *last, int missing)
 {
     memory_t *const m = s->m;
-    const double none[N] = {0.0};
+    const double nothing[N] = {0.0};
     if (m->gap_calls == 0) {
         for (int k = 0; k < missing && k <= MOST_DELAY; ++k) {
             bridge_gap(s, 1);
             shift_history(m, s->transit, m->feed);
         }
+        /* further intervals are alike, as the history has the last torque alone by then: bridge them at once */
         bridge_gap(s, clamp_count(missing - MOST_DELAY - 1, LONGEST));
         return;
     }
     note_untimed_call(s, last);
+    /* sample times that one of these torques was held at most, and all of them together */
     const double each = smaller(1.0 + missing, m->call_gap), all = (double)m->gap_calls + missing;
     double most = m->gap_base;
     for (int i = 0; i < N; ++i) {
         most += farthest_motion(m, i) * (m->gap_transit[i] + smaller(each * m->gap_sum[i], all * m->gap_largest[i]));
     }
-    memcpy(s->transit, none, sizeof none);
+    memcpy(s->transit, nothing, sizeof nothing);
     memset(m->older, 0, sizeof m->older);
     memset(m->feed, 0, sizeof m->feed);
     bridge_gap(s, missing);
-    m->gap_work = HUGE_VAL;
+    m->gap_work = HUGE_VAL; /* no bound: only gap_most counts */
     m->gap_most = most;
 }
 
+/* Bound the work [J] of the torques over a gap that ends with this motion: the better one of its two bounds. */
+static double bound_gap_work(step_t *s, const double *motion)
+{
+    memory_t *const m = s->m;
+    bridge_gap(s, 1); /* the interval that ends now */
+    for (int i = 0; i < N; ++i) {
+        /* after a long gap it is open by how many turns a continuous joint has moved */
+        const int open = counts_modulo_turn(s, i) && farthest_motion(m, i) * m->gap >= HALF_TURN;
+        m->gap_work = open ? HUGE_VAL : m->gap_work;
+    }
+    return smaller(m->gap_work + dot(N, m->gap_torque, motion), m->gap_most);
+}
+
 /*
- * Book the interval that ends at the believed position q. The damper lies between the arm and the moving reference: the
- * work of the reference's share, feed = B dr + M ddr, over the arm's motion is the reference's. The account begins, or
- * begins anew, at a position with no known motion to it.
+ * Book the interval that ends at the believed position q. m->q is still the position at its start. The damper lies
+ * between the arm and the moving reference: the work of the reference's share, feed = B dr + M ddr, over the arm's
+ * motion is the reference's. The account begins, or begins anew, at a position with no known motion to it.
  */
 static void book_interval(step_t *s, const double *q)
 {
     memory_t *const m = s->m;
-    double work = 0.0, feed = 0.0, motion[N];
+    double port_work = 0.0, feed_work = 0.0, motion[N];
     s->tip_energy = compute_tip_energy(m, q, m->equilibrium);
-    const double elastic = m->scale * add_posture_energy(m, q, m->posture, s->tip_energy);
-    const double limit = evaluate_limits(s, q);
-    const double rise = elastic - m->elastic_energy + limit - m->limit_energy;
-    m->elastic_energy = elastic;
-    m->limit_energy = limit;
+    const double elastic_energy = m->scale * add_posture_energy(m, q, m->posture, s->tip_energy);
+    const double limit_energy = evaluate_limits(s, q);
+    const double rise = elastic_energy - m->elastic_energy + limit_energy - m->limit_energy;
+    m->elastic_energy = elastic_energy;
+    m->limit_energy = limit_energy;
     if (!m->known || s->jumped) {
         m->start_total += rise;
         m->supplied += rise;
@@ -1913,20 +1942,15 @@ static void book_interval(step_t *s, const double *q)
     memcpy(motion, q, sizeof motion);
     add_scaled(N, -1.0, m->q, motion);
     if (m->gap > 0) {
-        bridge_gap(s, 1);
-        for (int i = 0; i < N; ++i) { /* after a long gap the turn is open */
-            const int open = counts_modulo_turn(s, i) && farthest_motion(m, i) * m->gap >= HALF_TURN;
-            m->gap_work = open ? HUGE_VAL : m->gap_work;
-        }
-        work = smaller(m->gap_work + dot(N, m->gap_torque, motion), m->gap_most);
+        port_work = bound_gap_work(s, motion);
     } else {
-        work = dot(N, find_acting_torque(s), motion) - absorbed_work(m, motion);
-        feed = larger(dot(N, m->feed + m->delay * N, motion), 0.0);
+        port_work = dot(N, find_acting_torque(s), motion) - absorbed_work(m, motion);
+        feed_work = larger(dot(N, m->feed + m->delay * N, motion), 0.0);
     }
-    m->port_total += work;
-    m->sampling_total += rise + work - feed;
-    pay_into_tank(s, feed - work - rise);
-    book_reference(s, feed);
+    m->port_total += port_work;
+    m->sampling_total += rise + port_work - feed_work;
+    pay_into_tank(s, feed_work - port_work - rise);
+    book_reference(s, feed_work);
 }
 
 /* Strength: the tank that a wrench at the tip needs, and the wrench that the tank allows. */
@@ -1940,7 +1964,7 @@ static void place_posture(const config_t *c, const memory_t *m, int k, double *q
     for (int i = 0; i < N; ++i) {
         const double low = larger(c->lower_limit[i], smaller(c->upper_limit[i], HALF_TURN) - 2.0 * HALF_TURN);
         const double high = smaller(c->upper_limit[i], low + 2.0 * HALF_TURN);
-        const double x = (k + 1) * (i + 1) * GOLDEN;
+        const double x = (k + 1) * (i + 1) * GOLDEN; /* its fraction spreads evenly, differently for each joint */
         q[i] = low + (high - low) * (x - (int)x);
     }
     stiffgen_retract(m, q);
@@ -1970,6 +1994,9 @@ static double bound_quadratic(int rows, double *A)
  * Bound the reserve of the torques J^T w of all w with |w_k / size_k| <= 1 (2-norm) in `rows` directions, 3 or 6: l
  * times such a torque needs at most l parts[0] + l^2 parts[1]. parts[2]: largest l at which every joint keeps its
  * effort limit; with `clipped`, a joint that would exceed its limit counts with the limit.
+ *
+ * As in sum_reserve, joint i needs holds_i |torque_i| while its torque is held, and falls_i torque_i^2 while it falls.
+ * The sum of holds_i |torque_i| is at most the root of (sum holds_i) (sum holds_i torque_i^2) (Cauchy and Schwarz).
  */
 static void bound_wrench(const config_t *c, int rows, const double *J, const double *size, int clipped, double *parts)
 {
@@ -1983,8 +2010,8 @@ static void bound_wrench(const config_t *c, int rows, const double *J, const dou
         for (int k = 0; k < rows; ++k) {
             row[k] = size[k] * J[k * N + i];
         }
-        const double torque = norm(rows, row);
-        const double kept = torque > 0.0 ? c->effort_limit[i] / torque : HUGE_VAL;
+        const double largest_torque = norm(rows, row); /* of the worst w */
+        const double kept = largest_torque > 0.0 ? c->effort_limit[i] / largest_torque : HUGE_VAL;
         const double share = clipped ? smaller(kept, 1.0) : 1.0;
         parts[2] = smaller(parts[2], kept);
         sum += hold;
@@ -2020,7 +2047,7 @@ static double size_tank(const config_t *c, const memory_t *m)
         for (int t = 0; t < TIPS; ++t) {
             double parts[3];
             bound_wrench(c, 6, J + 6 * N * t, size, 1, parts);
-            sum += parts[0] + parts[1];
+            sum += parts[0] + parts[1]; /* l = 1 */
         }
         most = larger(most, sum);
     }
@@ -2043,8 +2070,9 @@ static void find_energies(step_t *s)
         /* whatever the direction, the springs store this much before they exert the wrench */
         const double by_force = force * force / larger(Kt, NO_STIFFNESS);
         const double least = 0.5 * smaller(by_force, moment * moment / larger(Ko, NO_STIFFNESS));
-        const double most = m->load > NO_LOAD ? larger(least, m->load_energy / (m->load * m->load)) : least;
-        s->energy_limit = smaller(most, LARGEST_ENERGY);
+        /* along the present deflection, as note_load says */
+        const double along = m->load > NO_LOAD ? larger(least, m->load_energy / (m->load * m->load)) : least;
+        s->energy_limit = smaller(along, LARGEST_ENERGY);
     }
 }
 
@@ -2119,9 +2147,39 @@ static void compute_inertia(const config_t *c, const memory_t *m, const double *
 }
 
 /*
- * Measure the mobilities J M^-1 J^T of each tip's two springs, 3 x 3, in the axes of their stiffnesses; J: from the
- * joints to the displacement of the centre of stiffness, or to the rotation. work: 2 N^2 entries. Return whether M is
- * positive definite.
+ * Turn the Jacobian of a tip (6 rows) into that of its springs' displacements: of the centre of stiffness in the axes
+ * of the translational stiffness, and of the rotation in those of the rotational one. pose, equilibrium: of the tip.
+ */
+static void turn_jacobian(const double *pose, const double *equilibrium, double *J)
+{
+    const double *const from_tip = stiffgen_centre();
+    double centre[3]; /* from the tip, in the base's axes */
+    for (int i = 0; i < 3; ++i) {
+        centre[i] = dot(3, pose + 4 * i, from_tip);
+    }
+    for (int k = 0; k < N; ++k) {
+        double v[3], w[3], turned[3];
+        for (int i = 0; i < 3; ++i) {
+            w[i] = J[(3 + i) * N + k];
+        }
+        for (int i = 0; i < 3; ++i) { /* v + w x centre */
+            const int a = (i + 1) % 3, b = (i + 2) % 3;
+            v[i] = J[i * N + k] + w[a] * centre[b] - w[b] * centre[a];
+        }
+        turn_to_axes(stiffgen_translation_axes(pose, equilibrium), v, turned);
+        for (int i = 0; i < 3; ++i) {
+            J[i * N + k] = turned[i];
+        }
+        turn_to_axes(stiffgen_rotation_axes(pose, equilibrium), w, turned);
+        for (int i = 0; i < 3; ++i) {
+            J[(3 + i) * N + k] = turned[i];
+        }
+    }
+}
+
+/*
+ * Measure the mobilities J M^-1 J^T of each tip's two springs, 3 x 3 each, with J of turn_jacobian. equilibrium: NULL
+ * for the poses at q. work: 2 N^2 entries. Return whether M is positive definite.
  */
 static int measure_mobilities(const config_t *c, const memory_t *m, const double *q, const double *equilibrium,
                               double *work, double *mobilities)
@@ -2136,34 +2194,12 @@ static int measure_mobilities(const config_t *c, const memory_t *m, const double
     stiffgen_jacobians(q, m, J);
     stiffgen_poses(q, m, pose);
     for (int t = 0; t < TIPS; ++t) {
-        const double *const P = pose + 16 * t, *const E = equilibrium != NULL ? equilibrium + 16 * t : P;
-        const double *const G = stiffgen_centre();
-        double *const rows = J + 6 * N * t, centre[3];
-        for (int i = 0; i < 3; ++i) {
-            centre[i] = dot(3, P + 4 * i, G);
-        }
-        for (int k = 0; k < N; ++k) {
-            double v[3], w[3], turned[3];
-            for (int i = 0; i < 3; ++i) {
-                w[i] = rows[(3 + i) * N + k];
-            }
-            for (int i = 0; i < 3; ++i) {
-                const int a = (i + 1) % 3, b = (i + 2) % 3;
-                v[i] = rows[i * N + k] + w[a] * centre[b] - w[b] * centre[a];
-            }
-            turn_to_axes(stiffgen_translation_axes(P, E), v, turned);
-            for (int i = 0; i < 3; ++i) {
-                rows[i * N + k] = turned[i];
-            }
-            turn_to_axes(stiffgen_rotation_axes(P, E), w, turned);
-            for (int i = 0; i < 3; ++i) {
-                rows[(3 + i) * N + k] = turned[i];
-            }
-        }
+        double *const rows = J + 6 * N * t;
+        turn_jacobian(pose + 16 * t, equilibrium != NULL ? equilibrium + 16 * t : pose + 16 * t, rows);
         for (int i = 0; i < 6; ++i) {
-            solve_forward(N, L, rows + i * N);
+            solve_forward(N, L, rows + i * N); /* rows L^-T, L L^T = M / mass */
         }
-        for (int k = 0; k < 18; ++k) {
+        for (int k = 0; k < 18; ++k) { /* two matrices: entry (i, j) is about rows of one spring */
             const int spring = k / 9 * 3, i = spring + k % 9 / 3, j = spring + k % 3;
             mobilities[18 * t + k] = dot(N, rows + i * N, rows + j * N) / mass;
         }
@@ -2174,22 +2210,24 @@ static int measure_mobilities(const config_t *c, const memory_t *m, const double
 /*
  * Cap a stiffness K (3 x 3): no eigenvalue of K times the mobility A stays above `most`, and directions below it stay
  * as they are. Return the largest eigenvalue before.
+ *
+ * With A = R^T R, C = R K R^T has these eigenvalues mu, and eigenvectors w. K is the sum of mu u u^T with u = R^-1 w.
  */
 static double cap_spring(const double *A, double most, double *K)
 {
-    double D[9], d[3], Q[9], C[9], mu[3] = {0.0}, W[9], root[9];
-    memcpy(D, A, sizeof D);
-    if (diagonalise_symmetric(3, D, d, Q) != 0 || !(d[2] > 0.0)) {
+    double copy[9], d[3], Q[9], C[9], mu[3] = {0.0}, W[9], R[9];
+    memcpy(copy, A, sizeof copy);
+    if (diagonalise_symmetric(3, copy, d, Q) != 0 || !(d[2] > 0.0)) { /* A = Q^T diag(d) Q */
         return 0.0;
     }
     for (int k = 0; k < 9; ++k) {
-        root[k] = sqrt(larger(d[k / 3], FLATTEST * d[2])) * Q[k];
+        R[k] = sqrt(larger(d[k / 3], FLATTEST * d[2])) * Q[k];
     }
     for (int i = 0; i < 3; ++i) {
         for (int j = 0; j < 3; ++j) {
             double sum = 0.0;
             for (int k = 0; k < 9; ++k) {
-                sum += root[3 * i + k / 3] * K[k] * root[3 * j + k % 3];
+                sum += R[3 * i + k / 3] * K[k] * R[3 * j + k % 3];
             }
             C[3 * i + j] = sum;
         }
@@ -2198,7 +2236,7 @@ static double cap_spring(const double *A, double most, double *K)
         return 0.0;
     }
     for (int r = 0; r < 3; ++r) {
-        double u[3] = {0.0};
+        double u[3] = {0.0}; /* R^-1 w = Q^T diag(1 / sqrt(d)) w, w: row r of W */
         for (int k = 0; k < 9; ++k) {
             u[k % 3] += W[3 * r + k / 3] * Q[k] / sqrt(larger(d[k / 3], FLATTEST * d[2]));
         }
@@ -2209,18 +2247,21 @@ static double cap_spring(const double *A, double most, double *K)
     return mu[2];
 }
 
-/* Share a sum among values: return the level above which each is cut so that the rest sums up to `most`. */
+/*
+ * Return the level to which each larger value is cut so that all sum up to `most`. Each round shares equally what the
+ * values below the level leave; the level rises, and fewer values are above it, until nothing changes.
+ */
 static double find_level(int count, const double *values, double most)
 {
     double level = most / count;
     for (int round = 0; round < count; ++round) {
-        double rest = most;
+        double left = most;
         int above = 0;
         for (int k = 0; k < count; ++k) {
             above += values[k] > level;
-            rest -= values[k] > level ? 0.0 : values[k];
+            left -= values[k] > level ? 0.0 : values[k];
         }
-        level = above > 0 ? rest / above : HUGE_VAL;
+        level = above > 0 ? left / above : HUGE_VAL;
     }
     return level;
 }
@@ -2228,7 +2269,7 @@ static double find_level(int count, const double *values, double most)
 /*
  * Soften the accepted stiffness where the sample time does not allow it. M^-1 K has no eigenvalue above the sum of
  * those of the springs, of posture and of limit avoidance. Once nothing is cut, the springs are looked at only after
- * the next tangent that is too stiff.
+ * the next tangent that is too stiff. A: mobilities of the springs, translation and rotation of each tip in turn.
  */
 static void cap_springs(step_t *s)
 {
@@ -2246,7 +2287,7 @@ static void cap_springs(step_t *s)
         most -= (m->posture_stiffness[i] + s->limit_slope[i]) / m->inertia[i];
     }
     most = larger(most, SPRINGS_LEAST * largest_eigenvalue(s->c));
-    for (int k = 0; k < 2 * TIPS; ++k) {
+    for (int k = 0; k < 2 * TIPS; ++k) { /* without a cap: to measure */
         largest[k] = cap_spring(A + 9 * k, HUGE_VAL, (k % 2 == 0 ? s->translation : s->rotation) + 9 * (k / 2));
         sum += largest[k];
     }
@@ -2270,14 +2311,14 @@ static int halves_stiffness(const config_t *c, const memory_t *m, double *work)
 {
     int halved = 0;
     for (int k = 0; k < POSTURES; ++k) {
-        double q[N], A[18 * TIPS], d[3], Q[9];
+        double q[N], mobilities[18 * TIPS], d[3], Q[9];
         place_posture(c, m, k, q);
-        if (!measure_mobilities(c, m, q, NULL, work, A)) {
+        if (!measure_mobilities(c, m, q, NULL, work, mobilities)) {
             continue;
         }
-        for (int j = 0; j < 2 * TIPS; ++j) {
+        for (int j = 0; j < 2 * TIPS; ++j) { /* translation and rotation of a tip in turn */
             const double K = j % 2 == 0 ? c->translation_stiffness_limit : c->rotation_stiffness_limit;
-            halved |= diagonalise_symmetric(3, A + 9 * j, d, Q) == 0 && K * d[2] > 2.0 * largest_eigenvalue(c);
+            halved |= diagonalise_symmetric(3, mobilities + 9 * j, d, Q) == 0 && K * d[2] > 2.0 * largest_eigenvalue(c);
         }
     }
     return halved;
@@ -2502,13 +2543,16 @@ static double find_external(const step_t *s, int i)
     return s->has_external ? s->input->external_torque[i] : 0.0;
 }
 
-/* Return what is left of a torque beside the environment's: that one explains, it never accuses. */
+/*
+ * Return what is left of a torque beside the environment's: that one can cancel it down to 0, but neither add to it nor
+ * turn its sign.
+ */
 static double explain(double torque, double external)
 {
     return torque + clamp(external, smaller(-torque, 0.0), larger(-torque, 0.0));
 }
 
-/* Return the torque that both of two readings agree on. */
+/* Return the torque that both of two readings agree on: the smaller one, or 0 if their signs differ. */
 static double agree(double a, double b)
 {
     return clamp(a, smaller(b, 0.0), larger(b, 0.0));
@@ -2562,6 +2606,7 @@ static int stands_still(step_t *s, int i, double own, double elapsed)
     if (fabs(q - m->rest_q[i]) <= quantum || fabs(q - m->rest_other[i]) <= quantum) {
         return 1;
     }
+    /* it moves after all, so that friction has held the torque of the standstill; before rest_change begins anew */
     if (m->fault == IIWA14_FAULT_NONE) {
         m->held_torque[i] = larger(m->held_torque[i], m->rest_change[i]);
     }
@@ -2578,8 +2623,8 @@ static int stands_still(step_t *s, int i, double own, double elapsed)
  */
 static void predict_motion(double torque, double held, double inertia, double elapsed, double *speed, double *travel)
 {
-    const double friction = held * elapsed / inertia, push = *speed + torque * elapsed / inertia;
-    *speed = push - clamp(push, -friction, friction);
+    const double friction = held * elapsed / inertia, push = *speed + torque * elapsed / inertia; /* speeds */
+    *speed = push - clamp(push, -friction, friction); /* friction slows it down, and never reverses it */
     *travel += *speed * elapsed - *travel * elapsed / (elapsed + REST_MEMORY);
 }
 
@@ -2603,18 +2648,18 @@ static void predict_standstills(step_t *s, const double *last, double elapsed)
             continue;
         }
         const double acting = own + m->rest_load[i], change = own - m->rest_torque[i];
-        const double external = find_external(s, i), taken = external - m->rest_external[i];
+        const double external = find_external(s, i), external_change = external - m->rest_external[i];
         const double held = find_held_torque(s, i);
         /* What acts now must move the joint, and so must what has changed since the joint stood still. */
-        const double left = agree(explain(acting, external), explain(change, taken));
-        if (fabs(taken) * elapsed > STOPPED_BY * m->mass[i] * fabs(m->rest_speed[i])) {
+        const double left = agree(explain(acting, external), explain(change, external_change));
+        if (fabs(external_change) * elapsed > STOPPED_BY * m->mass[i] * fabs(m->rest_speed[i])) {
             m->rest_speed[i] = 0.0; /* it was stopped from outside */
         }
         m->rest_change[i] = larger(m->rest_change[i], fabs(left));
         predict_motion(left, held, m->mass[i], elapsed, &m->rest_speed[i], &m->rest_travel[i]);
         if (moves) {
-            const double given = larger(held, smaller(GIVES_WAY * effort, HARDEST * quantum));
-            predict_motion(agree(acting, change), given, m->mass[i], elapsed, &m->alone_speed[i],
+            const double held_alone = larger(held, smaller(GIVES_WAY * effort, HARDEST * quantum));
+            predict_motion(agree(acting, change), held_alone, m->mass[i], elapsed, &m->alone_speed[i],
                            &m->alone_travel[i]);
         }
         s->travel[i] = larger(fabs(m->rest_travel[i]), fabs(m->alone_travel[i]));
@@ -2696,7 +2741,7 @@ static void count_missing(step_t *s, int periods, int reason)
     memory_t *const m = s->m;
     const int most = s->c->loss_limit > m->calls ? s->c->loss_limit : m->calls;
     const int halves = m->absent + (periods > 0 ? HALVES * periods : -1);
-    const int calls = reason == IIWA14_REASON_SKIPPED ? periods : 0;
+    const int calls = reason == IIWA14_REASON_SKIPPED ? periods : 0; /* in a row, without a step */
     m->absent = clamp_count(halves, HALVES * most);
     if (m->known && calls >= m->calls) {
         latch_fault(m, reason, NO_JOINT, calls, m->calls);
@@ -2720,7 +2765,7 @@ static double sum_still(int changed, double window, double differs, double allow
 
 /*
  * Find whether q or dq of joint i stands still while the other moves. differs: motion by dq less the change of q; seen,
- * limit: the sum and what it may be.
+ * limit: the sum and what it may be. Return FROZEN_POSITION, FROZEN_VELOCITY, both as bits, or 0.
  */
 static int check_frozen(step_t *s, int i, double differs, double elapsed, double *seen, double *limit)
 {
@@ -2765,9 +2810,11 @@ static int check_counter(step_t *s, const double *last)
 {
     memory_t *const m = s->m;
     const uint32_t counter = s->input->counter;
+    /* sample times that are missing besides those of the gap; unsigned, as the counter wraps */
     const int32_t ahead = (int32_t)(counter - m->counter - (uint32_t)m->gap - 1u);
     m->regular = counter == m->seen_counter + 1u ? clamp_count(m->regular + 1, 3) : 0;
     m->seen_counter = counter;
+    /* an old sample; but in a fault a counter that advances regularly again is believed, wherever it stands */
     if (ahead < 0 && (m->fault == IIWA14_FAULT_NONE || m->regular < 3)) {
         note_finding(s, NO_JOINT, 1.0 + ahead, 1.0);
         return IIWA14_REASON_STALE;
@@ -2785,6 +2832,10 @@ static int check_counter(step_t *s, const double *last)
 /*
  * Check one joint's q and dq, and choose the velocity to use: if one of the two is wrong the other's, or, where it is
  * open which, the smaller one if they agree in sign. Damping with too small a velocity puts no energy in.
+ *
+ * motion: change of q since the last known position; measured: its velocity; far: motion at the velocity limit;
+ * differs: motion by dq less that of q; apart: what q and dq of different times may differ by. Of jump, standstill
+ * and mismatch the first that is found counts.
  */
 static int check_joint(step_t *s, int i)
 {
@@ -2794,11 +2845,11 @@ static int check_joint(step_t *s, int i)
     const double motion = m->known ? q - m->q[i] : dq * elapsed;
     const double far = m->velocity_limit[i] * elapsed, measured = motion / elapsed, quanta = 2.0 * c->position_quantum;
     const double noise = NOISE_RANGE * c->velocity_noise * elapsed, differs = dq * elapsed - motion;
-    const double apart = c->state_period * smaller(fabs(dq), fabs(measured)); /* q and dq of different times */
-    const double most = larger(DISAGREED_LIMIT * far, DISAGREED_MOTION * fabs(motion)) + quanta + noise + apart;
+    const double apart = c->state_period * smaller(fabs(dq), fabs(measured));
+    const double allowed = larger(DISAGREED_LIMIT * far, DISAGREED_MOTION * fabs(motion)) + quanta + noise + apart;
     double still, still_limit;
     int stuck = check_frozen(s, i, differs, elapsed, &still, &still_limit);
-    const int differ = fabs(differs) > most;
+    const int disagree = fabs(differs) > allowed;
     const double farthest = larger(FROZEN_TRAVEL, 4.0 * c->position_quantum);
     if (s->travel[i] > farthest) {
         stuck = FROZEN_POSITION; /* the position is not believed, nor the velocity that follows from it */
@@ -2810,14 +2861,14 @@ static int check_joint(step_t *s, int i)
      * one, and in a fault at any speed. */
     const int fault = m->fault != IIWA14_FAULT_NONE, follows = fabs(motion - m->dq[i] * elapsed) <= far + quanta;
     const double range = 2.0 * far + quanta + apart;
-    const double located = fault || (follows && !differ) ? 10.0 * far + quanta : range;
+    const double locatable = fault || (follows && !disagree) ? 10.0 * far + quanta : range;
     s->velocity[i] = dq;
     s->condemned[i] = !m->known && distance_beyond(c, i, q) > c->position_tolerance;
-    if ((differ || !fault) && fabs(motion) > located) {
+    if ((disagree || !fault) && fabs(motion) > locatable) {
         s->located = 0;
-        note_finding(s, i, fabs(motion), located);
+        note_finding(s, i, fabs(motion), locatable);
     }
-    if (differ && fabs(motion) > range) {
+    if (disagree && fabs(motion) > range) {
         s->velocity[i] = 0.0;
         s->jumped = s->condemned[i] = 1;
         return IIWA14_REASON_JUMP;
@@ -2828,10 +2879,10 @@ static int check_joint(step_t *s, int i)
         s->velocity[i] = stuck == FROZEN_VELOCITY ? measured : dq;
         return IIWA14_REASON_FROZEN;
     }
-    if (differ) {
-        note_finding(s, i, fabs(differs) / elapsed, most / elapsed);
-        const double smaller = fabs(measured) < fabs(dq) ? measured : dq;
-        s->velocity[i] = measured * dq <= 0.0 ? 0.0 : smaller;
+    if (disagree) {
+        note_finding(s, i, fabs(differs) / elapsed, allowed / elapsed);
+        const double slower = fabs(measured) < fabs(dq) ? measured : dq;
+        s->velocity[i] = measured * dq <= 0.0 ? 0.0 : slower;
         return IIWA14_REASON_MISMATCH;
     }
     return IIWA14_REASON_NONE;
@@ -2848,15 +2899,15 @@ static int check_sample(step_t *s, const double *last)
     int reason = IIWA14_REASON_NONE;
     for (int i = 0; i < N; ++i) {
         if (!(fabs(in->q[i]) <= FARTHEST && fabs(in->dq[i]) <= FASTEST * m->velocity_limit[i])) {
-            const double size = fabs(in->q[i]) <= FARTHEST ? in->dq[i] : in->q[i];
-            note_finding(s, i, fabs(size) <= DBL_MAX ? size : 0.0, 0.0);
+            const double wrong = fabs(in->q[i]) <= FARTHEST ? in->dq[i] : in->q[i];
+            note_finding(s, i, fabs(wrong) <= DBL_MAX ? wrong : 0.0, 0.0); /* outputs are finite */
             return IIWA14_REASON_NOT_FINITE;
         }
     }
     if (m->known && check_counter(s, last) != IIWA14_REASON_NONE) {
         return IIWA14_REASON_STALE;
     }
-    s->located = 1;
+    s->located = 1; /* until a joint's check finds otherwise */
     if (s->c->velocity_source == IIWA14_VELOCITY_SOURCE_DIFFERENCED) {
         predict_standstills(s, last, s->c->sample_time * (1 + m->gap));
     }
@@ -2917,8 +2968,8 @@ static void observe_sample(step_t *s, const double *last)
         check_wrench(s);
         check_external(s);
         reason = check_sample(s, last);
-        m->bad = ((m->bad << 1) | (reason != IIWA14_REASON_NONE)) & 7;
-        if (reason != IIWA14_REASON_NONE && (m->bad & (m->bad - 1)) != 0) {
+        m->bad = ((m->bad << 1) | (reason != IIWA14_REASON_NONE)) & 7; /* the last three samples, a bit each */
+        if (reason != IIWA14_REASON_NONE && (m->bad & (m->bad - 1)) != 0) { /* more than one bit is set */
             latch_fault(m, reason, s->joint, s->seen, s->limit);
         }
     }
@@ -2953,7 +3004,7 @@ static int check_numbers(int count, const double *x, double most, int code, int 
 {
     int good = 1;
     for (int i = 0; i < count; ++i) {
-        good = good && (fabs(x[i]) <= most || refuse_command(r, code, command, entry + i, x[i], most));
+        good = good && (fabs(x[i]) <= most || refuse_command(r, code, command, entry + i, x[i], most)); /* returns 0 */
     }
     return good;
 }
@@ -3016,7 +3067,7 @@ static void orthonormalise(double *pose)
  */
 static int accept_pose(const double *pose, double reach, int command, int tip, double *accepted, refusal_t *r)
 {
-    double C[9], off = 0.0;
+    double C[9], off = 0.0; /* off: sum of the deviations from a pose */
     const int first = 16 * tip;
     memcpy(accepted, pose, 16 * sizeof(double));
     if (!check_numbers(16, pose, DBL_MAX, IIWA14_REFUSAL_NOT_FINITE, command, first, r)) {
@@ -3083,7 +3134,8 @@ static int accept_positions(step_t *s)
         const double limit = clamp(wanted, lower, upper), beyond = fabs(wanted - limit);
         const double rounded = COMMAND_TOLERANCE * larger(1.0, fabs(limit));
         s->q0[i] = limit;
-        s->m->wanted_posture[i] = nearest_turn(s, i, s->m->wanted_posture[i], limit); /* the same command */
+        /* the last command on the same turn, so that a turn between the two is no motion of the goal */
+        s->m->wanted_posture[i] = nearest_turn(s, i, s->m->wanted_posture[i], limit);
         if (beyond > larger(c->position_tolerance, rounded)) {
             good = refuse_command(&s->refusal, IIWA14_REFUSAL_POSITION, q0, i, wanted, limit);
         } else if (beyond > rounded) {
@@ -3170,7 +3222,7 @@ static int find_largest(double a, double b, double c)
 /* Compute the twist (hybrid axes) from one pose to another: the origin's motion and the rotation vector. */
 static void pose_difference(const double *from, const double *to, double *twist)
 {
-    double D[9], *const w = twist + 3;
+    double D[9], *const w = twist + 3; /* D: the rotation between them, R_to R_from^T */
     for (int i = 0; i < 3; ++i) {
         for (int j = 0; j < 3; ++j) {
             D[3 * i + j] = dot(3, to + 4 * i, from + 4 * j);
@@ -3196,7 +3248,21 @@ static void pose_difference(const double *from, const double *to, double *twist)
     }
 }
 
-/* Move a pose by a twist (hybrid axes), and make its rotation orthonormal again. */
+/* Return the largest distance [m] or angle [rad] between the poses of the tips. */
+static double pose_distance(const double *from, const double *to)
+{
+    double most = 0.0, twist[6];
+    for (int t = 0; t < TIPS; ++t) {
+        pose_difference(from + 16 * t, to + 16 * t, twist);
+        most = larger(most, larger(norm(3, twist), norm(3, twist + 3)));
+    }
+    return most;
+}
+
+/*
+ * Move a pose by a twist (hybrid axes): its rotation becomes (I + a W + b W^2) R (Rodrigues), and is made orthonormal
+ * again by a Newton step. moved may not be pose.
+ */
 static void move_pose(const double *pose, const double *twist, double *moved)
 {
     const double *const w = twist + 3, W[9] = {0.0, -w[2], w[1], w[2], 0.0, -w[0], -w[1], w[0], 0.0};
@@ -3208,7 +3274,7 @@ static void move_pose(const double *pose, const double *twist, double *moved)
         D[k] = (k % 4 == 0 ? 1.0 : 0.0) + a * W[k] + b * D[k];
     }
     multiply3(D, 3, 0, pose, 4, R);
-    multiply3(R, 3, 1, R, 3, D);
+    multiply3(R, 3, 1, R, 3, D); /* R^T R */
     for (int k = 0; k < 9; ++k) {
         D[k] = (k % 4 == 0 ? 1.5 : 0.0) - 0.5 * D[k];
     }
@@ -3221,8 +3287,10 @@ static void move_pose(const double *pose, const double *twist, double *moved)
     }
 }
 
-/* Solve (A + shift I) x = x over the free joints; held ones keep x. work: 2 N N numbers. Return whether it
- * succeeded. */
+/*
+ * Solve (A + shift I) y = x over the free joints, and write y to x; held joints keep their x: their rows and columns
+ * become those of I. work: 2 N N numbers. Return whether it succeeded.
+ */
 static int solve_free(const double *A, double shift, const int *held, double *work, double *x)
 {
     double *const L = work + NN;
@@ -3244,8 +3312,8 @@ static int solve_free(const double *A, double shift, const int *held, double *wo
 
 /*
  * Combine a damped least-squares step, with the slope J^T W e of the pose's error (task), and the part of `near` that
- * leaves the tips where they are. A = J^T W J. Joints that are held have their step already. Return whether it
- * succeeded.
+ * leaves the tips where they are: `near` less self = A^-1 A near (regularised). A = J^T W J. Joints that are held have
+ * their step already, and what it does to the tips counts. Return whether it succeeded.
  */
 static int combine_steps(const double *A, const double *task, const double *near, double shift, const int *held,
                          double *work, double *step)
@@ -3273,19 +3341,19 @@ static int combine_steps(const double *A, const double *task, const double *near
 /* Hold the free joint whose step leads farthest beyond its limit zones, at their edge. Return whether there is one. */
 static int hold_joint(const memory_t *m, const double *q, int *held, double *step)
 {
-    double farthest = 0.0, rest = 0.0;
+    double farthest = 0.0, step_to_edge = 0.0;
     int found = NO_JOINT;
     for (int i = 0; i < N; ++i) {
         const double next = q[i] + step[i], edge = clamp(next, m->avoidance[4 * i], m->avoidance[4 * i + 1]);
         if (!held[i] && fabs(next - edge) > farthest) {
             farthest = fabs(next - edge);
-            rest = edge - q[i];
+            step_to_edge = edge - q[i];
             found = i;
         }
     }
     if (found != NO_JOINT) {
         held[found] = 1;
-        step[found] = rest;
+        step[found] = step_to_edge;
     }
     return found != NO_JOINT;
 }
@@ -3335,19 +3403,19 @@ static double sum_errors(const memory_t *m, const double *q, const double *here,
 static double find_posture_step(const config_t *c, const memory_t *m, const double *q, const double *here, const double *goal,
                          const double *wanted, double *work, double *step)
 {
-    double A[NN], task[N], near[N], damping, speed = 0.0;
+    double A[NN], task[N], near[N], damping, excess = 0.0;
     int held[N] = {0};
     const double distance = sum_errors(m, q, here, goal, A, task, &damping);
     memset(step, 0, N * sizeof(double));
     for (int i = 0; i < N; ++i) {
         near[i] = clamp(wanted[i], m->avoidance[4 * i], m->avoidance[4 * i + 1]) - q[i];
-        speed = larger(speed, fabs(near[i]) / (c->reference_velocity_limit[i] * NEAR_TIME));
+        excess = larger(excess, fabs(near[i]) / (c->reference_velocity_limit[i] * NEAR_TIME));
     }
-    for (int i = 0; i < N; ++i) {
-        near[i] *= larger(1.0 - distance / SELF_MOTION_NEAR, 0.0) / larger(speed, 1.0);
+    for (int i = 0; i < N; ++i) { /* self-motion: as far as NEAR_TIME allows, and only near the pose */
+        near[i] *= larger(1.0 - distance / SELF_MOTION_NEAR, 0.0) / larger(excess, 1.0);
     }
     int good = 1, again = 1;
-    for (int round = 1; round <= N && again; ++round) {
+    for (int round = 1; round <= N && again; ++round) { /* each round holds one more joint at its limit zone */
         good = combine_steps(A, task, near, damping, held, work, step);
         again = good && round < N && hold_joint(m, q, held, step);
     }
@@ -3363,7 +3431,7 @@ static double find_posture_step(const config_t *c, const memory_t *m, const doub
  */
 static void start_trial(const memory_t *m, const double *start, int number, double *q)
 {
-    const double share = 0.4 + 0.6 * number / (double)SEARCHED;
+    const double share = 0.4 + 0.6 * number / (double)SEARCHED; /* of the way from `start` to an even spread */
     for (int i = 0; i < N; ++i) {
         const double *const a = m->avoidance + 4 * i;
         const double low = larger(a[0], start[i] - HALF_TURN), high = smaller(a[1], start[i] + HALF_TURN);
@@ -3380,11 +3448,28 @@ static int try_posture(const config_t *c, const memory_t *m, const double *goal,
     int found = 0;
     for (int k = 0; k < SEARCH_STEPS && !found; ++k) {
         stiffgen_poses(q, m, here);
+        /* wanted is q itself: no self-motion. Found is well within REACHED, and improved by one step more. */
         found = find_posture_step(c, m, q, here, goal, q, work, step) <= 0.1 * REACHED;
         const double size = norm(N, step);
         add_scaled(N, size > LONGEST_STEP ? LONGEST_STEP / size : 1.0, step, q);
     }
     return found;
+}
+
+/* Accept poses and tools (NULL: none) of a search; the tools go to the memory. Return whether all are accepted. */
+static int accept_search(const double *poses, const double *tool, double *goal, memory_t *m)
+{
+    int good = 1;
+    for (int t = 0; good && t < TIPS; ++t) {
+        refusal_t r = {IIWA14_REFUSAL_NONE, IIWA14_ARGUMENT_NONE, NO_JOINT, 0.0, 0.0};
+        double accepted[16];
+        good = accept_pose(poses + 16 * t, FARTHEST, IIWA14_ARGUMENT_EQUILIBRIUM, t, goal + 16 * t, &r) &&
+               (tool == NULL || accept_pose(tool + 16 * t, FARTHEST, IIWA14_ARGUMENT_TOOL_POSE, t, accepted, &r));
+        if (good && tool != NULL) {
+            memcpy(m->tool_pose + 16 * t, accepted, sizeof accepted);
+        }
+    }
+    return good;
 }
 
 /*
@@ -3394,25 +3479,19 @@ static int try_posture(const config_t *c, const memory_t *m, const double *goal,
  */
 static int search_posture(const config_t *c, const double *poses, const double *tool, const double *start, double *posture)
 {
-    memory_t m;
-    double goal[16 * TIPS], q[N], accepted[16];
+    memory_t m; /* a fresh one: of it tools, loops and limit zones are used */
+    double goal[16 * TIPS], q[N];
     const int error = validate(c);
     memset(&m, 0, sizeof m);
     place_no_tools(m.tool_pose);
     stiffgen_home(&m);
-    memcpy(q, start, sizeof q);
+    memcpy(q, start, sizeof q); /* `start` and `posture` may be one array */
     memcpy(posture, q, sizeof q);
-    int good = doubles_within(q, N, -FARTHEST, FARTHEST);
-    for (int t = 0; good && t < TIPS; ++t) {
-        refusal_t r = {IIWA14_REFUSAL_NONE, IIWA14_ARGUMENT_NONE, NO_JOINT, 0.0, 0.0};
-        good = accept_pose(poses + 16 * t, FARTHEST, IIWA14_ARGUMENT_EQUILIBRIUM, t, goal + 16 * t, &r) &&
-               (tool == NULL || accept_pose(tool + 16 * t, FARTHEST, IIWA14_ARGUMENT_TOOL_POSE, t, accepted, &r));
-        if (good && tool != NULL) {
-            memcpy(m.tool_pose + 16 * t, accepted, sizeof accepted);
-        }
+    if (error != IIWA14_OK) {
+        return error;
     }
-    if (error != IIWA14_OK || !good) {
-        return error != IIWA14_OK ? error : IIWA14_E_POSE;
+    if (!doubles_within(q, N, -FARTHEST, FARTHEST) || !accept_search(poses, tool, goal, &m)) {
+        return IIWA14_E_POSE;
     }
     for (int i = 0; i < N; ++i) {
         m.avoidance[4 * i] = c->lower_limit[i] + c->limit_zone;
@@ -3469,7 +3548,7 @@ static int find_modes(step_t *s)
 {
     output_t *const out = s->out;
     double *const modes = s->modes, *const before = modes + NN, *const oldest = s->scratch + 2 * NN;
-    for (int k = 0; k < NN; ++k) { /* a parabola */
+    for (int k = 0; k < NN; ++k) { /* extrapolate the parabola through the last three, and shift them by one */
         const double last = modes[k];
         modes[k] = 3.0 * (last - before[k]) + oldest[k];
         oldest[k] = before[k];
@@ -3496,11 +3575,11 @@ static void measure_inertia(step_t *s, const double *q)
         s->m->inertia[i] = DBL_MAX;
     }
     const double mass = largest_diagonal(N, M);
-    if (factorise_cholesky(N, M, mass, 0.0, L) != 0) {
+    if (factorise_cholesky(N, M, mass, 0.0, L) != 0) { /* L L^T = M / mass */
         return;
     }
     for (int i = 0; i < N; ++i) {
-        double column[N] = {0.0}, sum = 0.0;
+        double column[N] = {0.0}, sum = 0.0; /* of mass M^-1 */
         column[i] = 1.0;
         solve_forward(N, L, column);
         solve_backward(N, L, column);
@@ -3523,6 +3602,7 @@ static void damp_modes(const config_t *c, const double *eigenvalues, double scal
         const double l = fabs(eigenvalues[k]) * scale, late = (c->delay_samples + 0.5) * c->sample_time;
         const double zeta = c->damping_ratio[k], later = late + c->velocity_filter_time;
         const double p = l * (2.0 * zeta * zeta * later - late);
+        /* the larger root of b^2 + 2 p b + l^2 late^2 - 4 zeta^2 l = 0, and no less than l late, where zeta is 0 */
         b[k] = larger(sqrt(larger(p * p + 4.0 * zeta * zeta * l - l * l * late * late, 0.0)) - p, l * late);
     }
 }
@@ -3534,7 +3614,7 @@ static double largest_damping(const config_t *c)
     return share / (c->sample_time + c->velocity_filter_time);
 }
 
-/* Use the joint damping d I alone, and no brake. */
+/* Use the joint damping d I alone, and no brake: the damping of the output is 0 until now. Return the scale 1. */
 static double damp_joints_only(step_t *s, double d)
 {
     memset(s->brake, 0, sizeof s->brake);
@@ -3545,9 +3625,26 @@ static double damp_joints_only(step_t *s, double d)
 }
 
 /*
+ * Return the largest scale of the springs that sample time and delay allow for the stiffest mode, 1 at most. The
+ * eigenvalues in the output are those of find_modes.
+ */
+static double cap_scale(step_t *s)
+{
+    const config_t *const c = s->c;
+    const double T = c->sample_time;
+    const double delayed = 1.0 + 2.0 * c->delay_samples, stiffest = s->out->eigenvalues[N - 1] * T * T;
+    if (!(stiffest * delayed > LARGEST_STIFFNESS)) {
+        return 1.0;
+    }
+    s->status |= IIWA14_STATUS_STIFFNESS_CAPPED;
+    s->m->capped = 1; /* cap_springs looks at the springs from the next step on */
+    return LARGEST_STIFFNESS / (stiffest * delayed);
+}
+
+/*
  * Design the damping B = M V diag(b) V^T M + d I with Kq v = lambda M v, V^T M V = I (Albu-Schaeffer and others 2003).
- * It is capped: no eigenvalue of M^-1 B is above that of largest_damping. Return the largest scale that the sample time
- * allows.
+ * It is capped: no eigenvalue of M^-1 B is above that of largest_damping, of which the joint damping d has at most
+ * half, the modes' b what d leaves, and the brake what the largest b leaves. Return the scale of cap_scale.
  */
 static double design_damping(step_t *s)
 {
@@ -3555,8 +3652,8 @@ static double design_damping(step_t *s)
     output_t *const out = s->out;
     double *const rows = s->scratch;
     const double *const modes = s->modes;
-    double b[N], scale = 1.0, largest_b = 0.0, d = c->joint_damping;
-    const double T = c->sample_time, most = largest_damping(c);
+    double b[N], largest_b = 0.0, d = c->joint_damping;
+    const double most = largest_damping(c);
     if (!find_modes(s)) {
         s->status |= IIWA14_STATUS_MASS_MATRIX;
         memset(out->eigenvalues, 0, sizeof out->eigenvalues);
@@ -3566,44 +3663,45 @@ static double design_damping(step_t *s)
     if (s->m->doubted) {
         return damp_joints_only(s, smaller(d, DOUBTED_SHARE * 0.5 * most / trace));
     }
-    const double delayed = 1.0 + 2.0 * c->delay_samples, stiffest = out->eigenvalues[N - 1] * T * T;
     s->status |= out->eigenvalues[0] < 0.0 ? (uint32_t)IIWA14_STATUS_INDEFINITE : 0u;
-    if (stiffest * delayed > LARGEST_STIFFNESS) {
-        scale = LARGEST_STIFFNESS / (stiffest * delayed);
-        s->status |= IIWA14_STATUS_STIFFNESS_CAPPED;
-        s->m->capped = 1;
-    }
+    const double scale = cap_scale(s);
     if (d * trace > 0.5 * most) {
         d = 0.5 * most / trace;
         s->status |= IIWA14_STATUS_DAMPING_CAPPED;
     }
     damp_modes(c, out->eigenvalues, scale, b);
+    const double most_b = most - d * trace;
     int capped = 0;
     for (int k = 0; k < N; ++k) {
-        capped |= b[k] > most - d * trace;
-        b[k] = clamp(b[k], 0.0, most - d * trace);
+        capped |= b[k] > most_b;
+        b[k] = clamp(b[k], 0.0, most_b);
         largest_b = larger(largest_b, b[k]);
     }
     s->status |= capped ? (uint32_t)IIWA14_STATUS_DAMPING_CAPPED : 0u;
     multiply_rows(N, modes, out->mass_matrix, rows);
     form_congruence(N, N, rows, b, out->damping);
     for (int i = 0; i < N; ++i) {
-        s->brake[i] *= most - d * trace - largest_b;
+        s->brake[i] *= most_b - largest_b;
         out->damping[i * (N + 1)] += d;
     }
     return scale;
 }
 
-/* Replace the tips' J (rows) by J L^-T, and form A, the sum of their squares; translation and rotation weigh alike. */
+/*
+ * Replace the rows of the tips' J by those of J L^-T, and form A = J^T diag(weights) J from these. Linear and angular
+ * rows weigh alike: over all tips, either kind has the weighted sum of squares 1.
+ */
 static void weigh_twists(const double *L, double *J, double *weights, double *A)
 {
-    double squares[2] = {0.0};
+    double squares[2] = {0.0}; /* of the linear rows, of the angular ones */
     for (int r = 0; r < 6 * TIPS; ++r) {
+        const int angular = r % 6 >= 3;
         solve_forward(N, L, J + r * N);
-        squares[r / 3 % 2] += dot(N, J + r * N, J + r * N);
+        squares[angular] += dot(N, J + r * N, J + r * N);
     }
     for (int r = 0; r < 6 * TIPS; ++r) {
-        weights[r] = squares[r / 3 % 2] > DBL_MIN ? 1.0 / squares[r / 3 % 2] : 0.0;
+        const int angular = r % 6 >= 3;
+        weights[r] = squares[angular] > DBL_MIN ? 1.0 / squares[angular] : 0.0; /* 0 where no joint moves them */
     }
     form_congruence(6 * TIPS, N, J, weights, A);
 }
@@ -3636,7 +3734,7 @@ static void follow_twists(step_t *s, const double *twists, double *velocity)
         }
         memcpy(velocity, wanted, sizeof wanted);
         solve_forward(N, factor, velocity);
-        solve_backward(N, factor, velocity);
+        solve_backward(N, factor, velocity); /* L^T dr */
         solve_backward(N, L, velocity);
         excess = 0.0;
         for (int i = 0; i < N; ++i) {
@@ -3650,43 +3748,59 @@ static void follow_twists(step_t *s, const double *twists, double *velocity)
 }
 
 /*
- * Smooth the velocity that the damping uses. One quantum of position in a differenced velocity is a torque of B
- * quantum / T. Where that exceeds what the rate limit lets through, the damping would be lost; the velocity is then
- * the mean of the last few samples. The velocity filter comes behind, a low pass whose delay the design knows.
+ * Return of how many samples the velocity is the mean. One quantum of position in a differenced velocity is a torque of
+ * B quantum / T, and a mean of k samples divides it by k. Where the torque exceeds the rate, what one call may change,
+ * the damping would be lost.
  */
-static void smooth_velocity(step_t *s)
+static int count_averaged(const step_t *s)
 {
-    memory_t *const m = s->m;
-    const double T = s->c->sample_time, passed = T / (T + s->c->velocity_filter_time);
-    double most = 1.0;
-    for (int i = 0; s->c->position_quantum > 0.0 && i < N; ++i) {
+    const memory_t *const m = s->m;
+    double needed = 1.0;
+    if (!(s->c->position_quantum > 0.0)) {
+        return 1;
+    }
+    for (int i = 0; i < N; ++i) {
         double torque = 0.0;
         for (int j = 0; j < N; ++j) {
             torque += fabs(s->out->damping[i * N + j]) * s->c->position_quantum / s->c->sample_time;
         }
-        most = fmax(most, torque / m->rate[i]);
+        needed = fmax(needed, torque / m->rate[i]);
     }
-    const int wanted = (int)ceil(fmin(most, (double)RECENT));
-    const int count = wanted < m->recent_count ? wanted : m->recent_count;
-    if (count > 1 && m->gap == 0) {
-        for (int i = 0; i < N; ++i) {
-            double sum = 0.0;
-            for (int k = 0; k < count; ++k) {
-                sum += m->recent[k * N + i];
-            }
-            s->velocity[i] = sum / count;
-        }
-    }
+    const int wanted = (int)ceil(fmin(needed, (double)RECENT));
+    return wanted < m->recent_count ? wanted : m->recent_count;
+}
+
+/* Pass the velocity through the low pass of velocity_filter_time, which starts anew after a gap. */
+static void filter_velocity(step_t *s)
+{
+    memory_t *const m = s->m;
+    const double T = s->c->sample_time, passed_share = T / (T + s->c->velocity_filter_time);
     for (int i = 0; i < N; ++i) {
-        const double behind = m->recent_count > 1 ? (1.0 - passed) * (m->filtered[i] - s->velocity[i]) : 0.0;
+        const double behind = m->recent_count > 1 ? (1.0 - passed_share) * (m->filtered[i] - s->velocity[i]) : 0.0;
         s->velocity[i] += behind;
         m->filtered[i] = s->velocity[i];
     }
 }
 
+/* Smooth the velocity that the damping uses: a mean against quanta of position, then the low pass. */
+static void smooth_velocity(step_t *s)
+{
+    const memory_t *const m = s->m;
+    const int count = count_averaged(s);
+    for (int i = 0; count > 1 && i < N; ++i) {
+        double sum = 0.0;
+        for (int k = 0; k < count; ++k) {
+            sum += m->recent[k * N + i];
+        }
+        s->velocity[i] = sum / count;
+    }
+    filter_velocity(s); /* its delay is in damp_modes, that of the mean is not */
+}
+
 /*
  * Brake a joint that is faster than its reference may be, as hard as the sample time allows: modes of different
  * stiffness end a ramp at different times, and near a singularity a small tip motion needs a large joint motion.
+ * `brake` is what one joint may have; several fast joints share it.
  */
 static void brake_fast_joints(step_t *s)
 {
@@ -3716,7 +3830,10 @@ static const double RESTING = 0.03; /* [rad/s] or [m/s] up to which an arm rests
 static const double UNLOADED = 0.5; /* [N m] or [N] up to which an arm at rest has no load */
 static const double CREEPING = 1e-3; /* [s] of travel: a slower posture that is waited for is at its end */
 
-/* Return the largest norm of the vectors of x, each of the given length, over the governor's share of its limit. */
+/*
+ * Return the largest norm of the vectors of x, each of the given length, over the governor's share of its velocity
+ * limit: of a motion the time [s] that it takes, of a velocity the share of the limit.
+ */
 static double relative_size(int count, int length, const double *x, const double *limits)
 {
     double most = 0.0;
@@ -3728,6 +3845,27 @@ static double relative_size(int count, int length, const double *x, const double
 }
 
 /*
+ * Return the largest share v of the limits from which a velocity that falls by `slope` per step covers no more than the
+ * way [steps at the limits]: the sum of v, v - slope, ... is v (v + slope) / (2 slope).
+ */
+static double find_stoppable_speed(double slope, double way)
+{
+    return sqrt(0.25 * slope * slope + 2.0 * slope * way) - 0.5 * slope;
+}
+
+/* Move a velocity towards target, by at most `slope` of its limits. */
+static void ramp_velocity(double slope, int count, int length, const double *target, const double *limits,
+                          double *velocity)
+{
+    double change[MAX_ROWS] = {0.0};
+    for (int i = 0; i < count; ++i) {
+        change[i] = target[i] - velocity[i];
+    }
+    const double jump = relative_size(count, length, change, limits);
+    add_scaled(count, jump > slope ? slope / jump : 1.0, change, velocity);
+}
+
+/*
  * Update the velocity towards a goal: the goal's own velocity, if it is within the limits, and a velocity that reduces
  * the remaining distance to zero and from which the ramp can stop. ramp: time of that [s]; away: from here to the goal,
  * including `moved`, the goal's motion since the last step.
@@ -3736,53 +3874,41 @@ static void approach_goal(const config_t *c, double ramp, int count, int length,
                           const double *moved, const double *limits, double *velocity)
 {
     const double T = c->sample_time, slope = T / ramp;
-    double target[MAX_ROWS] = {0.0}, change[MAX_ROWS] = {0.0}, rest[MAX_ROWS] = {0.0};
+    double target[MAX_ROWS] = {0.0}, rest[MAX_ROWS] = {0.0};
     const int follow = relative_size(count, length, moved, limits) <= T;
     for (int i = 0; i < count; ++i) {
         rest[i] = away[i] - (follow ? moved[i] : 0.0);
     }
     const double way = relative_size(count, length, rest, limits);
-    const double stop = sqrt(0.25 * slope * slope + 2.0 * slope * (way / T)) - 0.5 * slope;
-    const double speed = smaller(smaller(way / T, 1.0), stop);
+    const double speed = smaller(smaller(way / T, 1.0), find_stoppable_speed(slope, way / T));
     for (int i = 0; i < count; ++i) {
         target[i] = (follow ? moved[i] / T : 0.0) + (way > 0.0 ? rest[i] * (speed / way) : 0.0);
     }
     const double size = relative_size(count, length, target, limits);
     for (int i = 0; i < count; ++i) {
-        change[i] = target[i] / larger(size, 1.0) - velocity[i];
+        target[i] = target[i] / larger(size, 1.0);
     }
-    const double jump = relative_size(count, length, change, limits);
-    add_scaled(count, jump > slope ? slope / jump : 1.0, change, velocity);
+    ramp_velocity(slope, count, length, target, limits, velocity);
 }
 
 /* Predict posture and equilibrium after a share of this step's motion. */
 static void predict_equilibrium(const step_t *s, double share, int by_posture, double *posture, double *equilibrium)
 {
     const memory_t *const m = s->m;
-    const double T = share * s->c->sample_time;
+    const double time = share * s->c->sample_time;
     memcpy(posture, m->posture, N * sizeof(double));
     if (by_posture) {
-        add_scaled(N, T, m->posture_velocity, posture);
+        add_scaled(N, time, m->posture_velocity, posture);
         stiffgen_poses(posture, m, equilibrium);
         return;
     }
     for (int t = 0; t < TIPS; ++t) {
         double twist[6] = {0.0};
-        add_scaled(6, T, m->equilibrium_velocity + 6 * t, twist);
+        add_scaled(6, time, m->equilibrium_velocity + 6 * t, twist);
         move_pose(m->equilibrium + 16 * t, twist, equilibrium + 16 * t);
     }
 }
 
-/* Return the largest distance [m] or angle [rad] between the poses of the tips. */
-static double pose_distance(const double *from, const double *to)
-{
-    double most = 0.0, twist[6];
-    for (int t = 0; t < TIPS; ++t) {
-        pose_difference(from + 16 * t, to + 16 * t, twist);
-        most = larger(most, larger(norm(3, twist), norm(3, twist + 3)));
-    }
-    return most;
-}
 
 /*
  * Move the posture's velocity towards a share of the step per call, within the share `most` of its limits and so that a
@@ -3790,15 +3916,13 @@ static double pose_distance(const double *from, const double *to)
  */
 static void approach_step(const config_t *c, const double *step, double size, double most, double *velocity)
 {
-    const double T = c->sample_time, slope = T / c->ramp_time;
-    const double stop = sqrt(0.25 * slope * slope + 2.0 * slope * (size / T)) - 0.5 * slope;
+    const double T = c->sample_time, slope = T / c->ramp_time, stop = find_stoppable_speed(slope, size / T);
     const double speed = smaller(smaller(STEP_SHARE * size / T, most), stop), share = size > 0.0 ? speed / size : 0.0;
-    double change[N];
+    double target[N];
     for (int i = 0; i < N; ++i) {
-        change[i] = share * step[i] - velocity[i];
+        target[i] = share * step[i];
     }
-    const double jump = relative_size(N, 1, change, c->reference_velocity_limit);
-    add_scaled(N, jump > slope ? slope / jump : 1.0, change, velocity);
+    ramp_velocity(slope, N, 1, target, c->reference_velocity_limit, velocity);
 }
 
 /* Return the largest distance of a joint from its posture [rad] or [m]. */
@@ -3834,16 +3958,18 @@ static int approach_posture(step_t *s, const double *here, double lead, int arri
         approach_step(c, step, 0.0, 1.0, m->posture_velocity);
         return 0;
     }
-    const int leads = m->beyond && lead > PATH_LEAD, awaited = !m->beyond && lead >= 2.0 * PATH_LEAD;
+    /* beyond the reach the equilibrium follows, and the posture waits for it; else it may wait for the posture */
+    const int waits = m->beyond && lead > PATH_LEAD, awaited = !m->beyond && lead >= 2.0 * PATH_LEAD;
     const double *const goal = m->beyond ? s->goal : m->equilibrium;
     const double distance = find_posture_step(c, m, m->posture, here, goal, s->q0, s->scratch, step);
     const double size = relative_size(N, 1, step, c->reference_velocity_limit);
-    const int stands = size <= (awaited ? CREEPING : STATIONARY), ends = stands && distance > REACHED && !m->beyond;
-    const int moving = !stands || leads || !arrived || ends;
-    m->beyond = distance > REACHED && (m->beyond || ends);
-    const int ended = !moving && (distance > REACHED || rests_elsewhere(s));
-    s->status |= ended ? (uint32_t)IIWA14_STATUS_UNREACHABLE : 0u;
-    if (leads) {
+    const int stands = size <= (awaited ? CREEPING : STATIONARY);
+    const int ends_short = stands && distance > REACHED && !m->beyond; /* beyond the reach from this call on */
+    const int moving = !stands || waits || !arrived || ends_short;
+    m->beyond = distance > REACHED && (m->beyond || ends_short);
+    const int unreachable = !moving && (distance > REACHED || rests_elsewhere(s));
+    s->status |= unreachable ? (uint32_t)IIWA14_STATUS_UNREACHABLE : 0u;
+    if (waits) {
         memset(step, 0, sizeof step);
     }
     /* a posture that leads is slow until the arm has followed */
@@ -3861,11 +3987,9 @@ static int approach_poses(step_t *s, const double *goal, const double *from, dou
     memory_t *const m = s->m;
     const double share = clamp(pace, SLOWEST, 1.0);
     const double tip_limits[2] = {share * c->tip_velocity_limit, share * c->tip_rotation_limit};
-    double away[MAX_ROWS], moved[MAX_ROWS];
     int arrived = 1;
     for (int t = 0; t < TIPS; ++t) {
-        memset(away, 0, sizeof away);
-        memset(moved, 0, sizeof moved);
+        double away[6] = {0.0}, moved[6] = {0.0};
         if (s->commanded) {
             pose_difference(m->equilibrium + 16 * t, goal + 16 * t, away);
         }
@@ -3873,7 +3997,7 @@ static int approach_poses(step_t *s, const double *goal, const double *from, dou
             pose_difference(from + 16 * t, goal + 16 * t, moved);
         }
         arrived &= relative_size(6, 3, away, tip_limits) <= ARRIVED;
-        if (pace <= 0.0) {
+        if (pace <= 0.0) { /* wait: stop at once, without a ramp */
             memset(m->equilibrium_velocity + 6 * t, 0, 6 * sizeof(double));
             continue;
         }
@@ -3882,23 +4006,26 @@ static int approach_poses(step_t *s, const double *goal, const double *from, dou
     return arrived;
 }
 
-/* Return how far a joint is in its limit zone, of its upper limit (side 1) or its lower one (-1); at most 0 outside. */
+/*
+ * Return how deep a joint is in its limit zone: 0 at the zone's edge, `zone` at the limit, below 0 outside. side: above
+ * 0 for the zone of the upper limit, else that of the lower one.
+ */
 static double find_depth(const memory_t *m, int i, double side)
 {
     return side > 0.0 ? m->q[i] - m->avoidance[4 * i + 1] : m->avoidance[4 * i] - m->q[i];
 }
 
-/* Return whether the springs of the tips push a joint outwards that is at its limit, or beyond. */
-static int push_beyond_limit(const memory_t *m, double zone)
+/* Return whether the tips' springs push outwards a joint that is at its limit or beyond; zone: width of the zones. */
+static int is_pushed_beyond_limit(const memory_t *m, double zone)
 {
-    double wrench[6 * TIPS], torque[N], stiffness[NN];
-    int pushed = 0;
+    double wrench[6 * TIPS], torque[N], stiffness[NN]; /* of these the torque alone is used */
+    int is_pushed = 0;
     stiffgen_spring(m->q, m, m->equilibrium, m->translation_stiffness, m->rotation_stiffness,
                     find_spring_limits(m), wrench, torque, stiffness);
-    for (int i = 0; i < N; ++i) {
-        pushed |= torque[i] != 0.0 && find_depth(m, i, torque[i]) >= zone;
+    for (int i = 0; i < N; ++i) { /* the torque's sign is the side to which it pushes */
+        is_pushed |= torque[i] != 0.0 && find_depth(m, i, torque[i]) >= zone;
     }
-    return pushed;
+    return is_pushed;
 }
 
 /*
@@ -3913,11 +4040,12 @@ static double find_pace(const step_t *s, double lead)
     for (int i = 0; i < N; ++i) {
         depth = larger(depth, larger(find_depth(m, i, -1.0), find_depth(m, i, 1.0)));
     }
-    if (depth >= s->c->limit_zone && push_beyond_limit(m, s->c->limit_zone)) {
+    if (depth >= s->c->limit_zone && is_pushed_beyond_limit(m, s->c->limit_zone)) {
         return 0.0;
     }
-    const double zone = larger(1.0 - 2.0 * depth / larger(s->c->limit_zone, DBL_MIN), SLOWEST);
-    return m->beyond ? zone : smaller(zone, 2.0 - lead / PATH_LEAD);
+    /* by depth: 1 outside the zones, SLOWEST from their middle on; by lead: below 1 from PATH_LEAD, 0 at twice that */
+    const double by_depth = larger(1.0 - 2.0 * depth / larger(s->c->limit_zone, DBL_MIN), SLOWEST);
+    return m->beyond ? by_depth : smaller(by_depth, 2.0 - lead / PATH_LEAD);
 }
 
 /* Update the velocities towards a commanded pose. Return whether posture or equilibrium is still away from its goal. */
@@ -3932,8 +4060,9 @@ static int follow_pose(step_t *s)
         m->beyond = m->beyond && streamed <= PATH_LEAD && pose_distance(here, s->goal) > PATH_LEAD;
     }
     const double lead = pose_distance(here, m->equilibrium), pace = find_pace(s, lead);
-    const double *const to = m->beyond ? here : s->goal, *const from = m->beyond ? NULL : m->wanted_equilibrium;
-    const int arrived = approach_poses(s, to, from, pace);
+    const double *const goal = m->beyond ? here : s->goal; /* beyond the reach: where the posture is */
+    const double *const last_goal = m->beyond ? NULL : m->wanted_equilibrium;
+    const int arrived = approach_poses(s, goal, last_goal, pace);
     return approach_posture(s, here, lead, arrived) || !arrived;
 }
 
@@ -3947,7 +4076,10 @@ static int join_posture(step_t *s)
     return !arrived;
 }
 
-/* Update the velocities of posture and equilibrium. Return whether either is still away from its goal. */
+/*
+ * Update the velocities of posture and equilibrium. by_posture: the equilibrium is the pose of its posture. Else a
+ * command by q0 first stops the posture until the equilibrium joins it. Return whether either is away from its goal.
+ */
 static int update_velocities(step_t *s, int by_posture)
 {
     memory_t *const m = s->m;
@@ -3966,8 +4098,8 @@ static int update_velocities(step_t *s, int by_posture)
 }
 
 /*
- * Return the time [s] that the governor's velocity limits need for the largest of the motions between postures and
- * poses.
+ * Return the time [s] that the governor's velocity limits need for the largest of the motions from posture to goal and
+ * from equilibrium to goal_pose (NULL: no poses).
  */
 static double travel_between(const config_t *c, const double *posture, const double *goal, const double *equilibrium,
                       const double *goal_pose)
@@ -3994,23 +4126,23 @@ static void pay_for_travel(step_t *s)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
-    const double *const q0 = s->q0;
     const int by_pose = s->input->command == IIWA14_COMMAND_EQUILIBRIUM;
     double pose[16 * TIPS];
     if (!s->commanded) {
         return;
     }
-    if (by_pose && !m->by_pose) {
+    if (by_pose && !m->by_pose) { /* the last command was q0: its poses */
         stiffgen_poses(m->wanted_posture, m, m->wanted_equilibrium);
     }
     memcpy(pose, s->goal, sizeof pose);
-    if (!by_pose && (m->by_pose || !m->joined)) {
-        stiffgen_poses(q0, m, pose);
+    if (!by_pose && (m->by_pose || !m->joined)) { /* poses of this q0, where they are compared below */
+        stiffgen_poses(s->q0, m, pose);
     }
+    /* poses count where a command by pose is one of the two that are compared */
     const double *const moved_pose = by_pose || m->by_pose ? pose : NULL;
     const double *const away_pose = by_pose || !m->joined ? pose : NULL;
-    const double moved = travel_between(c, m->wanted_posture, q0, m->wanted_equilibrium, moved_pose);
-    const double away = travel_between(c, m->posture, q0, m->equilibrium, away_pose);
+    const double moved = travel_between(c, m->wanted_posture, s->q0, m->wanted_equilibrium, moved_pose);
+    const double away = travel_between(c, m->posture, s->q0, m->equilibrium, away_pose);
     m->travel = smaller(m->travel + moved, away);
     const double paid = smaller(m->travel, c->sample_time);
     const double work = m->engagement + s->engagement_limit * (paid / TRAVEL_TIME);
@@ -4058,7 +4190,7 @@ static double find_share(step_t *s, int by_posture, double own, double *posture,
     memory_t *const m = s->m;
     const double tip_limits[2] = {c->tip_velocity_limit, c->tip_rotation_limit};
     const double left = work_left(m) - own, tips = m->scale * s->tip_energy;
-    const double allowed = smaller(larger(s->energy_limit - tips, 0.0), left);
+    const double allowed = smaller(larger(s->energy_limit - tips, 0.0), left); /* of tip_rise */
     double share = 1.0;
     int reached = 0;
     for (int attempt = 0; attempt < 5 && !reached; ++attempt) {
@@ -4073,7 +4205,7 @@ static double find_share(step_t *s, int by_posture, double own, double *posture,
         reached = speed <= 1.0 && tip_rise <= allowed && *rise <= left;
         if (speed > 1.0) {
             share *= (1.0 - ROUNDED) / speed;
-        } else if (!reached) {
+        } else if (!reached) { /* the share that would do if the energies were linear, or at last none */
             const double covered = smaller(allowed / larger(tip_rise, allowed), left / larger(*rise, left));
             share *= attempt < 3 && allowed > 0.0 ? NEXT_SHARE * covered : 0.0;
             s->status |= IIWA14_STATUS_GOVERNOR;
@@ -4087,7 +4219,7 @@ static void move_equilibrium(step_t *s)
 {
     memory_t *const m = s->m;
     double posture[N], equilibrium[16 * TIPS], rise = 0.0;
-    pay_for_travel(s);
+    pay_for_travel(s); /* compares this command with the last one, which is replaced at the end */
     const int by_posture = m->joined && (!s->commanded || s->input->command == IIWA14_COMMAND_POSITION);
     const int moving = update_velocities(s, by_posture);
     const double own = by_posture ? 0.0 : move_posture(s);
@@ -4189,13 +4321,13 @@ static void settle_springs(step_t *s)
 static const double FALL_SHARE = 0.9; /* of the rate limit for a scale that falls: the pull changes, too */
 
 /*
- * Move the stiffness towards the wanted one at once where that releases energy. Results: the changes that cost energy,
- * per spring. Return whether anything changes.
+ * Move the stiffness towards the wanted one, by the share of this step, where that releases energy. Results: the
+ * changes that cost energy, per spring; they are not made yet. Return whether anything changes.
  */
 static int release_stiffness(step_t *s, double *translation, double *rotation, double *posture)
 {
     memory_t *const m = s->m;
-    const double share = 1.0 - exp(-s->c->sample_time / s->c->stiffness_time);
+    const double share = 1.0 - exp(-s->c->sample_time / s->c->stiffness_time); /* a low pass */
     int changed = 0;
     for (int i = 0; i < N; ++i) {
         const double D = s->c->posture_stiffness[i] - m->posture_stiffness[i];
@@ -4204,10 +4336,11 @@ static int release_stiffness(step_t *s, double *translation, double *rotation, d
         m->posture_stiffness[i] += step < 0.0 ? step : 0.0;
         changed |= D != 0.0;
     }
+    const int is_wanted = s->commanded || m->capped; /* there is a stiffness of a command, or of cap_springs */
     for (int t = 0; t < TIPS; ++t) {
         double *const Kt = m->translation_stiffness + 9 * t, *const Ko = m->rotation_stiffness + 9 * t;
-        changed |= soften(s->commanded || m->capped ? s->translation + 9 * t : Kt, share, Kt, translation + 9 * t);
-        changed |= soften(s->commanded || m->capped ? s->rotation + 9 * t : Ko, share, Ko, rotation + 9 * t);
+        changed |= soften(is_wanted ? s->translation + 9 * t : Kt, share, Kt, translation + 9 * t);
+        changed |= soften(is_wanted ? s->rotation + 9 * t : Ko, share, Ko, rotation + 9 * t);
     }
     return changed;
 }
@@ -4225,7 +4358,7 @@ static void adopt_spring_limits(step_t *s)
     if (m->spring != IIWA14_SPRING_BOUNDED || memcmp(old, m->spring_limits, sizeof old) == 0) {
         return;
     }
-    const double v = compute_stored_energy(m, m->q) - m->elastic_energy;
+    const double v = compute_stored_energy(m, m->q) - m->elastic_energy; /* with the new limits, less with the old */
     if (v <= larger(smaller(s->budget, available_energy(m) - m->reserve / COVERED), 0.0)) {
         book_stiffness(s, &m->elastic_energy, v);
     } else {
@@ -4256,14 +4389,14 @@ static void vary_stiffness(step_t *s)
     /* a softer bounded spring can store more, as its limit comes later: the tank pays, its budget falls */
     const double released = compute_stored_energy(m, m->q);
     book_stiffness(s, &m->elastic_energy, released - m->elastic_energy);
+    /* First try the whole change, then the share that can be paid, as the energy is linear in the stiffness. That of
+     * the bounded spring is not: if its share costs more, a third attempt takes the change back. */
     int last = 1;
     if (m->spring == IIWA14_SPRING_BOUNDED) {
         last = 2;
     }
-    double step = 1.0, share = 0.0, cost = 0.0;
+    double step = 1.0, share = 0.0, cost = 0.0; /* share: of the change that is made, the sum of the steps */
     for (int attempt = 0; attempt <= last; ++attempt) {
-        /* first the whole change, then the share that can be paid, as the energy is linear in the stiffness; that of
-         * the bounded spring is not: if its share costs more, there is no change */
         add_scaled(9 * TIPS, step, translation, m->translation_stiffness);
         add_scaled(9 * TIPS, step, rotation, m->rotation_stiffness);
         add_scaled(N, step, posture, m->posture_stiffness);
@@ -4275,7 +4408,7 @@ static void vary_stiffness(step_t *s)
         if (cost <= budget) {
             break;
         }
-        step = attempt == 0 ? (1.0 - ROUNDED) * budget / cost - 1.0 : -share;
+        step = attempt == 0 ? (1.0 - ROUNDED) * budget / cost - 1.0 : -share; /* from share 1 to what can be paid */
         s->status |= IIWA14_STATUS_TANK_LIMITED;
     }
     book_stiffness(s, &m->elastic_energy, cost);
@@ -4283,21 +4416,19 @@ static void vary_stiffness(step_t *s)
 }
 
 /*
- * Vary the scale: in a fault to zero, as fast as the torque's rate limit allows; else as far as the cap, the effort
- * limits and the reserve allow. pull: torque of the springs at scale 1; energy: their energy.
+ * Return the largest scale, `cap` at most, at which the springs' torque stays within effort limits and reserve beside
+ * limit avoidance and the caller's torque. pull: torque of the springs at scale 1.
  */
-static void vary_scale(step_t *s, const double *pull, double energy, double cap)
+static double find_target_scale(step_t *s, const double *pull, double cap)
 {
-    memory_t *const m = s->m;
-    const config_t *const c = s->c;
-    double target = cap, fastest_fall = 2.0, parts[3];
+    const memory_t *const m = s->m;
+    double target = cap, parts[3];
     for (int i = 0; i < N; ++i) {
         const double size = fabs(pull[i]);
-        if (size > NO_TORQUE) {
+        if (size > NO_TORQUE) { /* limit, offset: what the others add in the springs' direction */
             const double limit = pull[i] > 0.0 ? s->out->limit_torque[i] : -s->out->limit_torque[i];
             const double offset = pull[i] > 0.0 ? m->offset[i] : -m->offset[i];
-            target = smaller(target, larger((c->effort_limit[i] - limit - offset) / size, 0.0));
-            fastest_fall = smaller(fastest_fall, FALL_SHARE * m->rate[i] / size);
+            target = smaller(target, larger((s->c->effort_limit[i] - limit - offset) / size, 0.0));
         }
     }
     s->status |= target < cap ? (uint32_t)IIWA14_STATUS_SATURATED : 0u;
@@ -4306,6 +4437,23 @@ static void vary_scale(step_t *s, const double *pull, double energy, double cap)
     if ((a + b * target) * target > most) {
         target = solve_share(a, b, most);
         s->status |= IIWA14_STATUS_RESERVE;
+    }
+    return target;
+}
+
+/*
+ * Vary the scale: in a fault to zero, as fast as the torque's rate limit allows; else as far as the cap, the effort
+ * limits and the reserve allow. pull: torque of the springs at scale 1; energy: their energy. A fall is done at once, a
+ * rise takes SCALE_TIME and is paid from the budget.
+ */
+static void vary_scale(step_t *s, const double *pull, double energy, double cap)
+{
+    memory_t *const m = s->m;
+    const config_t *const c = s->c;
+    double target = find_target_scale(s, pull, cap), fastest_fall = 2.0; /* more than any scale */
+    for (int i = 0; i < N; ++i) {
+        const double size = fabs(pull[i]);
+        fastest_fall = size > NO_TORQUE ? smaller(fastest_fall, FALL_SHARE * m->rate[i] / size) : fastest_fall;
     }
     if (m->fault != IIWA14_FAULT_NONE && !holds_in_fault(s)) {
         target = larger(m->scale - fastest_fall, 0.0);
@@ -4317,7 +4465,7 @@ static void vary_scale(step_t *s, const double *pull, double energy, double cap)
         s->status |= IIWA14_STATUS_TANK_LIMITED;
     }
     if (step != 0.0) {
-        m->scale = step == rise ? target : m->scale + step;
+        m->scale = step == rise ? target : m->scale + step; /* exactly, so that a fall ends at 0 */
         book_stiffness(s, &m->elastic_energy, m->scale * energy - m->elastic_energy);
     }
 }
@@ -4362,12 +4510,12 @@ static void accept_feedforward(step_t *s)
 {
     const int pressing = !are_zero(6 * TIPS, s->input->wrench_command);
     const int planned = !are_zero(N, s->input->velocity) || !are_zero(N, s->input->acceleration);
-    s->pressing = pressing && accept_wrenches(s);
+    const int good_wrenches = pressing && accept_wrenches(s); /* also beside a refused command: the status tells */
+    s->pressing = good_wrenches && s->commanded;
     s->planned = planned && s->commanded && accept_plan(s->c, s->input);
-    if ((pressing && !s->pressing) || (planned && s->commanded && !s->planned)) {
+    if ((pressing && !good_wrenches) || (planned && s->commanded && !s->planned)) {
         s->status |= IIWA14_STATUS_FEEDFORWARD_REFUSED;
     }
-    s->pressing = s->pressing && s->commanded;
 }
 
 /* Return whether the governor keeps up with the plan: the equilibrium is KEPT_UP sample times of travel behind. */
@@ -4420,7 +4568,7 @@ static double fade_with_tank(const step_t *s)
 static double fade_with_speed(const step_t *s, const double *J)
 {
     double most = 0.0;
-    for (int k = 0; k < 2 * TIPS; ++k) {
+    for (int k = 0; k < 2 * TIPS; ++k) { /* force and moment of a tip in turn */
         const double *const part = s->input->wrench_command + 3 * k, size = norm(3, part);
         const double limit = k % 2 == 0 ? s->c->tip_velocity_limit : s->c->tip_rotation_limit;
         double power = 0.0;
@@ -4443,11 +4591,11 @@ static double share_wrench(const step_t *s, const double *press, double most)
     for (int i = 0; i < N; ++i) {
         base[i] = s->out->elastic_torque[i] + s->out->limit_torque[i];
         const double other = base[i] + m->offset[i], size = fabs(press[i]);
-        const double room = s->c->effort_limit[i] - (press[i] > 0.0 ? other : -other);
+        const double room = s->c->effort_limit[i] - (press[i] > 0.0 ? other : -other); /* in press's direction */
         share = size > NO_TORQUE ? smaller(share, larger(room, 0.0) / size) : share;
     }
     double trial = share, step = 0.5 * share, covered = 0.0;
-    for (int round = 0; round < 12 && covered < share; ++round) {
+    for (int round = 0; round < 12 && covered < share; ++round) { /* bisection, the whole share first */
         memcpy(torque, base, sizeof torque);
         add_scaled(N, trial, press, torque);
         const int enough = compute_reserve(s, m->calls, m->call_gap, torque, parts) <= COVERED * available_energy(m);
@@ -4513,6 +4661,7 @@ static void limit_torque(step_t *s, const double *last)
 {
     for (int i = 0; i < N; ++i) {
         const double rate = s->m->rate[i], limit = s->c->effort_limit[i], offset = s->m->offset[i];
+        /* bounds of the own torque: the caller's offset has its part of the limit first, and 0 is always allowed */
         const double least = smaller(smaller(-limit - offset, 0.0), last[i] + rate);
         const double most = larger(larger(limit - offset, 0.0), last[i] - rate);
         const double wanted = fabs(s->out->torque[i]) <= DBL_MAX ? s->out->torque[i] : 0.0;
@@ -4525,21 +4674,22 @@ static void limit_torque(step_t *s, const double *last)
 }
 
 /*
- * Try a torque: a share of the springs and the commanded wrench (0: the torque that goes to zero), and, behind all of
- * these, a share of damping, plan and Coriolis forces. Return whether the available energy covers it.
+ * Try a torque, limit it, and compute its reserve. springs: share of springs, limit avoidance and commanded wrench; at
+ * 0 the torque falls towards zero. damping: share of damping, plan and Coriolis forces, which have none before springs
+ * is 1. Return whether the available energy covers the torque.
  */
 static int try_torque(step_t *s, const double *last, double springs, double damping)
 {
     output_t *const out = s->out;
-    double least[N], parts[3];
-    step_towards_zero(last, s->m->rate, least);
+    double falling[N], parts[3];
+    step_towards_zero(last, s->m->rate, falling);
     for (int i = 0; i < N; ++i) {
         const double rate = s->m->rate[i];
         const double pull = out->elastic_torque[i] + out->limit_torque[i] + out->feedforward_torque[i];
         if (springs < 1.0) {
-            out->torque[i] = least[i] + springs * (clamp(pull, last[i] - rate, last[i] + rate) - least[i]);
+            out->torque[i] = falling[i] + springs * (clamp(pull, last[i] - rate, last[i] + rate) - falling[i]);
         } else {
-            out->torque[i] = pull + damping * (out->damping_torque[i] + s->carried[i] + s->damped[i]);
+            out->torque[i] = pull + damping * (out->damping_torque[i] + s->carried[i] + s->motor_damping[i]);
         }
     }
     limit_torque(s, last);
@@ -4548,8 +4698,9 @@ static int try_torque(step_t *s, const double *last, double springs, double damp
 }
 
 /*
- * Reduce a torque that is not covered: first damping, plan and Coriolis forces, then springs and wrench, to a share in
- * 1/32. feed: the reference's share of the former is reduced with them.
+ * Reduce a torque that is not covered to a share in 1/32: of damping, plan and Coriolis forces, if springs and wrench
+ * without them are covered, else of springs and wrench alone. feed, the reference's share of damping and plan, is
+ * reduced with them.
  */
 static void reduce_torque(step_t *s, const double *last, double *feed)
 {
@@ -4559,7 +4710,7 @@ static void reduce_torque(step_t *s, const double *last, double *feed)
     if (share == &damping) {
         springs = 1.0;
     }
-    for (int round = 0; round < 5; ++round) {
+    for (int round = 0; round < 5; ++round) { /* bisection: 2^5 = 32 */
         *share += step;
         if (!try_torque(s, last, springs, damping)) {
             *share -= step;
@@ -4582,11 +4733,8 @@ static void reduce_torque(step_t *s, const double *last, double *feed)
     }
 }
 
-/*
- * Compute torque and tangent of the springs at the last known position, unscaled. slip: from the arm to the posture;
- * pull = -dU/dq. Return the energy.
- */
-static double pull_springs(step_t *s, const double *slip, double *pull)
+/* Compute torque pull = -dU/dq and tangent of the springs at the last known position, unscaled. Return the energy U. */
+static double pull_springs(step_t *s, double *pull)
 {
     const memory_t *const m = s->m;
     output_t *const out = s->out;
@@ -4595,19 +4743,22 @@ static double pull_springs(step_t *s, const double *slip, double *pull)
                         find_spring_limits(m), out->spring_wrench, pull, out->joint_stiffness) +
         stiffgen_posture_energy(m->q, m->posture, m->posture_stiffness);
     for (int i = 0; i < N; ++i) {
-        pull[i] += m->posture_stiffness[i] * slip[i];
+        pull[i] += m->posture_stiffness[i] * (m->posture[i] - m->q[i]);
         out->joint_stiffness[i * (N + 1)] += m->posture_stiffness[i] + s->limit_slope[i];
     }
     return energy;
 }
 
-/* Compute the reference's velocity, within its limits: of the posture, or of the equilibrium that moves by poses. */
-static void compute_reference_velocity(step_t *s, int moved, int by_pose)
+/*
+ * Compute the reference's velocity, within its limits: of the posture, or of the equilibrium that moves by poses. It is
+ * 0 where the equilibrium was not moved in this step.
+ */
+static void compute_reference_velocity(step_t *s, int moved)
 {
     const double *const limits = s->c->reference_velocity_limit;
     double *const reference = s->out->reference_velocity;
-    double twists[6 * TIPS], speed = 1.0;
-    if (by_pose) {
+    double twists[6 * TIPS], excess = 1.0;
+    if (moved && !s->m->joined) {
         for (int t = 0; t < TIPS; ++t) {
             pose_difference(s->old_equilibrium + 16 * t, s->m->equilibrium + 16 * t, twists + 6 * t);
         }
@@ -4619,34 +4770,55 @@ static void compute_reference_velocity(step_t *s, int moved, int by_pose)
     }
     for (int i = 0; i < N; ++i) {
         reference[i] = moved ? s->m->posture_velocity[i] : 0.0;
-        speed = larger(speed, fabs(reference[i]) / limits[i]);
+        excess = larger(excess, fabs(reference[i]) / limits[i]);
     }
     for (int i = 0; i < N; ++i) {
-        reference[i] /= speed;
+        reference[i] /= excess;
     }
 }
 
-/* Compute the torque at the last known position; moved: the governor has moved the equilibrium in this step. */
+/*
+ * Compute the reference's share of the torque, feed = B dr + M ddr, whose work the engagement pays. Where too little is
+ * left, that work must not be done: the damper holds the arm as if the reference stood, and feed is 0.
+ */
+static void feed_reference(step_t *s, double *feed)
+{
+    output_t *const out = s->out;
+    double damper[N];
+    multiply_vector(out->damping, out->reference_velocity, damper);
+    memcpy(feed, damper, sizeof damper);
+    add_scaled(N, 1.0, s->carried, feed);
+    if (worst_feed_work(s->m, feed, s->m->call_gap) > s->m->engagement) {
+        memset(out->reference_velocity, 0, sizeof out->reference_velocity);
+        memset(out->reference_acceleration, 0, sizeof out->reference_acceleration);
+        add_scaled(N, -1.0, damper, out->damping_torque);
+        memset(s->carried, 0, sizeof s->carried);
+        memset(feed, 0, sizeof damper);
+        s->status |= IIWA14_STATUS_GOVERNOR;
+    }
+}
+
+/*
+ * Compute the torque at the last known position; moved: the governor has moved the equilibrium in this step. The
+ * velocity is smoothed behind design_damping, whose B says how much, and before all that uses it. feed_reference reads
+ * carried while it has the plan's M ddr alone: the engagement pays for this, the tank for the Coriolis forces.
+ */
 static void compute_torque(step_t *s, const double *last, int moved)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
     output_t *const out = s->out;
     m->hold = m->calls;
-    const int by_pose = moved && !m->joined;
-    double pull[N], slip[N], lead[N], feed[N];
+    double pull[N], slip[N], feed[N];
     compute_inertia(c, m, m->q, out->mass_matrix);
-    for (int i = 0; i < N; ++i) {
-        slip[i] = m->posture[i] - m->q[i];
-    }
-    const double energy = pull_springs(s, slip, pull);
+    const double energy = pull_springs(s, pull);
     const double cap = design_damping(s);
     learn_friction(s, last);
     if (m->engaged && !s->started) {
         vary_scale(s, pull, energy, cap);
     }
     smooth_velocity(s);
-    compute_reference_velocity(s, moved, by_pose);
+    compute_reference_velocity(s, moved);
     follow_plan(s, moved);
     for (int i = 0; i < N; ++i) {
         slip[i] = out->reference_velocity[i] - s->velocity[i];
@@ -4659,18 +4831,7 @@ static void compute_torque(step_t *s, const double *last, int moved)
     }
     note_load(s, m->scale * larger(energy - stiffgen_posture_energy(m->q, m->posture, m->posture_stiffness), 0.0));
     press_tips(s);
-    multiply_vector(out->damping, out->reference_velocity, feed);
-    memcpy(lead, feed, sizeof lead);
-    add_scaled(N, 1.0, s->carried, feed);
-    if (worst_feed_work(m, feed, m->call_gap) > m->engagement) {
-        /* work that is not left must not be done: the damper holds the arm as if the reference stood */
-        memset(out->reference_velocity, 0, sizeof out->reference_velocity);
-        memset(out->reference_acceleration, 0, sizeof out->reference_acceleration);
-        add_scaled(N, -1.0, lead, out->damping_torque);
-        memset(s->carried, 0, sizeof s->carried);
-        memset(feed, 0, sizeof feed);
-        s->status |= IIWA14_STATUS_GOVERNOR;
-    }
+    feed_reference(s, feed);
     compensate_coriolis(s);
     plan_gains(s);
     if (!try_torque(s, last, 1.0, 1.0)) {
@@ -4700,7 +4861,7 @@ static void separate_torque_offset(step_t *s, double *last, int refused)
 /*
  * Add the caller's torque to the controller's own. The own torque goes first in the rate limit, since the reserve
  * counts on its fall; the caller's goes first in the effort limit (limit_torque). Without a position the caller's
- * stays, and it goes to zero with a configuration that is refused.
+ * stays, and it goes to zero with a configuration that is refused. last: the own torque of the last call.
  */
 static void add_torque_offset(step_t *s, const double *last, int refused)
 {
@@ -4711,6 +4872,7 @@ static void add_torque_offset(step_t *s, const double *last, int refused)
         if (!refused && (s->believed || s->located) && fabs(s->input->torque_offset[i]) <= DBL_MAX) {
             wanted = s->input->torque_offset[i];
         }
+        /* both changes together stay within the rate limit, at which a lowered effort limit is reached, too */
         const double moved = clamp(wanted - m->offset[i], -m->rate[i] - change, m->rate[i] - change);
         const double most = refused ? s->effort[i] : larger(s->c->effort_limit[i], fabs(before) - m->rate[i]);
         const double total = clamp(own + m->offset[i] + moved, -most, most);
@@ -4737,20 +4899,20 @@ static void append(char *text, size_t size, size_t *length, const char *words)
     text[*length] = '\0';
 }
 
-/* Append a number that is given in millionths, at least 0. */
+/* Append a number that is given in millionths, at least 0, without zeros at the end of its decimals. */
 static void append_millionths(char *text, size_t size, size_t *length, int64_t millionths)
 {
-    char digits[24];
+    char digits[24]; /* filled from the end */
     int at = (int)sizeof digits - 1, shown = 0;
     int64_t left = millionths;
     digits[at] = '\0';
-    for (int place = 0; place < 7 || left > 0; ++place) {
+    for (int place = 0; place < 7 || left > 0; ++place) { /* six decimals, then at least one digit before the point */
         const int digit = (int)(left % 10);
         if (place == 6 && shown) {
             at -= 1;
             digits[at] = '.';
         }
-        shown |= digit != 0 || place >= 6;
+        shown |= digit != 0 || place >= 6; /* zeros behind the last decimal are left out */
         if (shown) {
             at -= 1;
             digits[at] = (char)('0' + digit);
@@ -4885,6 +5047,7 @@ static double progress(const policy_t *p, int part)
     return clamp((p->now - p->begin[part]) / length, 0.0, 1.0);
 }
 
+/* Set the stage of a part from the port's time; one that was never accepted goes on waiting. */
 static void set_stage(policy_t *p, int part)
 {
     if (p->stage[part] == IIWA14_STAGE_WAITING) {
@@ -4917,7 +5080,10 @@ static double wrench_share(const policy_t *p)
     return share_left(p, overdue(p, IIWA14_PART_WRENCH));
 }
 
-/* Begin an interpolation at what is commanded: the share may have risen since, and multiplies the beginning. */
+/*
+ * Let an interpolation begin at what is commanded. `after`, the share from now on, multiplies its beginning: this is
+ * divided by a share that has risen from `before`, so that nothing jumps. A share that falls acts at once.
+ */
 static void begin_at(int count, const double *commanded, double before, double after, double *from)
 {
     for (int i = 0; i < count; ++i) {
@@ -4964,6 +5130,7 @@ static int check_time(const policy_t *p, int part, double time, int timed)
     return p->now - time > hold_time(p) + fade_time(p) ? IIWA14_REFUSED_STALE : IIWA14_REFUSED_NONE;
 }
 
+/* Accept the poses of all tips, or none; the interpolation begins at the commanded ones. Return why not. */
 static int propose_pose(policy_t *p, const proposal_t *proposal, refusal_t *r)
 {
     double accepted[16 * TIPS];
@@ -4992,12 +5159,13 @@ static int check_uncoupled(const double *K, int tip, refusal_t *r)
     return 1;
 }
 
+/* Accept the stiffnesses (6 x 6) of all tips as two blocks each, or none. Return why not. */
 static int propose_stiffness(const config_t *c, policy_t *p, const proposal_t *proposal, refusal_t *r)
 {
     double Kt[9 * TIPS], Ko[9 * TIPS], block[2][9];
     for (int t = 0; t < TIPS; ++t) {
         const double *const K = proposal->stiffness + 36 * t;
-        for (int i = 0; i < 9; ++i) {
+        for (int i = 0; i < 9; ++i) { /* entry (i / 3, i % 3) of the upper left block, and of the lower right one */
             block[0][i] = K[i / 3 * 6 + i % 3];
             block[1][i] = K[(i / 3 + 3) * 6 + i % 3 + 3];
         }
@@ -5036,7 +5204,7 @@ static int propose_part(const config_t *c, policy_t *p, const proposal_t *propos
         return propose_stiffness(c, p, proposal, r);
     case IIWA14_PART_WRENCH:
         return propose_wrench(c, p, proposal, r);
-    default:
+    default: /* the gripper's number is passed on as it is */
         memcpy(&p->gripper, &proposal->gripper, sizeof p->gripper);
         return IIWA14_REFUSED_NONE;
     }
@@ -5094,7 +5262,7 @@ static int propose(const config_t *c, policy_t *p, const proposal_t *proposal, d
 {
     const int timed = advance_time(p, now);
     int count = 0, accepted[PARTS] = {0};
-    interpolate(p);
+    interpolate(p); /* what is commanded now: accepted parts begin there */
     const double springs = stiffness_share(p), wrench = wrench_share(p);
     for (int part = 0; part < PARTS; ++part) {
         refusal_t r = {IIWA14_REFUSAL_NONE, IIWA14_ARGUMENT_NONE, NO_JOINT, 0.0, 0.0};
@@ -5116,6 +5284,7 @@ static int propose(const config_t *c, policy_t *p, const proposal_t *proposal, d
         accepted[part] = 1;
     }
     const double after = stiffness_share(p);
+    /* a pose that is accepted may raise the share of the stiffness, too: it then begins anew from what is commanded */
     if (accepted[IIWA14_PART_STIFFNESS] || after > springs) {
         begin_at(9 * TIPS, p->translation_stiffness, springs, after, p->from_translation);
         begin_at(9 * TIPS, p->rotation_stiffness, springs, after, p->from_rotation);
@@ -5158,6 +5327,7 @@ static void remember_sample(step_t *s)
     memcpy(m->measured_q, s->input->q, sizeof m->measured_q);
     s->has_jacobians = 0;
     memcpy(m->dq, s->velocity, sizeof m->dq);
+    /* before the gap is cleared: velocities from before a gap are no part of a mean */
     m->recent_count = m->gap > 0 ? 1 : clamp_count(m->recent_count + 1, RECENT);
     memmove(m->recent + N, m->recent, (RECENT - 1) * N * sizeof(double));
     memcpy(m->recent, s->velocity, N * sizeof(double));
@@ -5165,34 +5335,53 @@ static void remember_sample(step_t *s)
     m->gap = m->missed = 0;
 }
 
-/* Check speed and position against their limits, and the spring against the one in force. */
-static void check_limits(step_t *s)
+/* Latch a fault for a joint that is beyond its position limit by more than position_tolerance. */
+static void check_positions(step_t *s)
+{
+    const config_t *const c = s->c;
+    for (int i = 0; i < N; ++i) {
+        if (distance_beyond(c, i, s->q[i]) > c->position_tolerance) {
+            const double edge = s->q[i] > c->upper_limit[i] ? c->upper_limit[i] : c->lower_limit[i];
+            latch_fault(s->m, IIWA14_REASON_POSITION, i, s->q[i], edge);
+        }
+    }
+}
+
+/*
+ * Latch a fault for a speed that is above its limit for longer than overspeed_time: a bump may drive a joint beyond it
+ * for a moment, which is braked. A velocity limit that the configuration lowers comes into force here.
+ */
+static void check_speeds(step_t *s)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
-    int fast = NO_JOINT;
+    int first_fast = NO_JOINT;
     for (int i = 0; i < N; ++i) {
         const double speed = fabs(s->velocity[i]);
         const double limit = smaller(c->velocity_limit[i], m->velocity_limit[i]);
         if (speed > limit + NOISE_RANGE * c->velocity_noise) {
-            fast = fast == NO_JOINT ? i : fast;
+            first_fast = first_fast == NO_JOINT ? i : first_fast;
             s->status |= IIWA14_STATUS_OVERSPEED;
         }
         /* a lowered limit bounds what is believed only once the arm is known to be below it */
         if (s->believed && speed <= c->velocity_limit[i]) {
             m->velocity_limit[i] = limit;
         }
-        if (distance_beyond(c, i, s->q[i]) > c->position_tolerance) {
-            const double edge = s->q[i] > c->upper_limit[i] ? c->upper_limit[i] : c->lower_limit[i];
-            latch_fault(m, IIWA14_REASON_POSITION, i, s->q[i], edge);
-        }
     }
-    /* a bump may drive a joint beyond its limit for a moment, which is braked */
-    m->fast = fast == NO_JOINT ? 0 : clamp_count(m->fast + 1, LONGEST);
-    if (fast != NO_JOINT && m->fast * c->sample_time > c->overspeed_time * (1.0 + ROUNDED)) {
-        const double limit = smaller(c->velocity_limit[fast], m->velocity_limit[fast]);
-        latch_fault(m, IIWA14_REASON_OVERSPEED, fast, fabs(s->velocity[fast]), limit);
+    m->fast = first_fast == NO_JOINT ? 0 : clamp_count(m->fast + 1, LONGEST);
+    if (first_fast != NO_JOINT && m->fast * c->sample_time > c->overspeed_time * (1.0 + ROUNDED)) {
+        const double limit = smaller(c->velocity_limit[first_fast], m->velocity_limit[first_fast]);
+        latch_fault(m, IIWA14_REASON_OVERSPEED, first_fast, fabs(s->velocity[first_fast]), limit);
     }
+}
+
+/* Check position and speed against their limits, and the spring against the one in force. The first fault stays. */
+static void check_limits(step_t *s)
+{
+    const config_t *const c = s->c;
+    memory_t *const m = s->m;
+    check_positions(s);
+    check_speeds(s);
     if (m->engaged && c->spring != m->spring) {
         latch_fault(m, IIWA14_REASON_CHANGED, NO_JOINT, 0.0, 0.0);
     }
@@ -5212,7 +5401,7 @@ static void end_fault(step_t *s, const double *last)
     if (m->fault != IIWA14_FAULT_NONE && (m->reset || resumes) && m->good_time > c->sample_time) {
         double parts[3];
         if (m->engaged && sum_reserve(s, m->calls, m->call_gap, last, parts) > available_energy(m)) {
-            return;
+            return; /* the fault stays until a later sample */
         }
         m->fault = IIWA14_FAULT_NONE;
         m->reason = IIWA14_REASON_NONE;
@@ -5238,8 +5427,8 @@ static void begin_limits(step_t *s, const double *q)
     for (int i = 0; i < N; ++i) {
         double *const a = m->avoidance + 4 * i;
         condemned |= s->condemned[i];
-        a[2] = s->condemned[i] ? 0.0 : a[2];
-        a[3] = s->condemned[i] ? 0.0 : a[3];
+        a[2] = s->condemned[i] ? 0.0 : a[2]; /* stiffness */
+        a[3] = s->condemned[i] ? 0.0 : a[3]; /* largest torque */
     }
     m->doubted |= condemned && !m->known;
     s->status |= condemned ? (uint32_t)IIWA14_STATUS_BAD_SAMPLE : 0u;
@@ -5266,13 +5455,14 @@ static void step_with_sample(step_t *s, const double *last)
     if (!m->known || s->jumped) {
         begin_limits(s, s->q);
     }
+    /* gap and last position are read before remember_sample replaces them */
     s->elapsed = s->c->sample_time * (1 + m->gap);
     book_interval(s, s->q);
     remember_sample(s);
     s->commanded = s->believed && accept_command(s);
     s->status |= s->commanded ? 0u : (uint32_t)IIWA14_STATUS_COMMAND_REFUSED;
     accept_feedforward(s);
-    check_limits(s);
+    check_limits(s); /* may latch a fault: m->fault counts from here on */
     s->budget = m->tank - TANK_FLOOR * s->tank_initial;
     adopt_raised_limits(s, last);
     if (m->fault == IIWA14_FAULT_NONE) {
@@ -5296,7 +5486,7 @@ static void step_with_sample(step_t *s, const double *last)
         moved = 1;
     }
     compute_torque(s, last, moved);
-    pay_engagement(s);
+    pay_engagement(s); /* last, since compute_torque may find a fault: then nothing is paid */
 }
 
 /*
@@ -5319,7 +5509,7 @@ static void release_springs(memory_t *m)
 static void step_without_sample(step_t *s, const double *last)
 {
     memory_t *const m = s->m;
-    const double none[N] = {0.0};
+    const double no_feed[N] = {0.0};
     m->missed = clamp_count(m->missed + 1, LONGEST);
     if (!s->timed) {
         note_untimed_call(s, last);
@@ -5338,7 +5528,7 @@ static void step_without_sample(step_t *s, const double *last)
         step_towards_zero(last, m->rate, s->out->torque);
         fade_gains(m);
     }
-    shift_history(m, s->transit, none);
+    shift_history(m, s->transit, no_feed);
 }
 
 /* Take what the configuration says of time and limits, and observe the sample. */
@@ -5400,12 +5590,12 @@ static void report_step(const step_t *s)
  */
 static int read_torque(step_t *s, const state_t *state, double *last)
 {
-    const int all = vote(state->torque, last), limited = vote(state->effort, s->effort);
+    const int torque_stored = vote(state->torque, last), effort_stored = vote(state->effort, s->effort);
     for (int i = 0; i < N; ++i) {
-        last[i] = all && limited ? clamp(last[i], -s->effort[i], s->effort[i]) : 0.0;
+        last[i] = torque_stored && effort_stored ? clamp(last[i], -s->effort[i], s->effort[i]) : 0.0;
     }
     memcpy(s->before, last, sizeof s->before);
-    return all && limited;
+    return torque_stored && effort_stored;
 }
 
 /*
@@ -5428,18 +5618,28 @@ static int step_without_memory(state_t *state, int stored, const double *last, i
 
 /*
  * Guard the torque that leaves the step, whatever the memory holds: finite, and within the effort limit or on its way
- * down to a lowered one. Gains are finite and within their limits.
+ * down to a lowered one. Gains are finite and within their limits. refused: this call has no valid configuration, so
+ * that the last effort limit stays in force, and gains have no limit.
  */
 static void guard_torque(step_t *s, int refused)
 {
     memory_t *const m = s->m;
     for (int i = 0; i < N; ++i) {
         const double torque = s->out->torque[i];
-        const double most = refused ? s->effort[i] : larger(s->c->effort_limit[i], fabs(s->before[i]));
+        double most = s->effort[i], kp_limit = DBL_MAX, kd_limit = DBL_MAX;
+        if (!refused) {
+            /* a limit that was lowered below the last torque is reached at the rate limit, without a jump */
+            most = larger(s->c->effort_limit[i], fabs(s->before[i]));
+            kp_limit = s->c->kp_limit[i];
+            kd_limit = s->c->kd_limit[i];
+        }
+        /* NaN fails every comparison, and becomes 0 */
         s->out->torque[i] = fabs(torque) <= DBL_MAX ? clamp(torque, -most, most) : 0.0;
-        s->effort[i] = refused ? s->effort[i] : larger(s->c->effort_limit[i], fabs(s->out->torque[i]));
-        m->kp[i] = m->kp[i] >= 0.0 ? smaller(m->kp[i], refused ? DBL_MAX : s->c->kp_limit[i]) : 0.0;
-        m->kd[i] = m->kd[i] >= 0.0 ? smaller(m->kd[i], refused ? DBL_MAX : s->c->kd_limit[i]) : 0.0;
+        m->kp[i] = m->kp[i] >= 0.0 ? smaller(m->kp[i], kp_limit) : 0.0;
+        m->kd[i] = m->kd[i] >= 0.0 ? smaller(m->kd[i], kd_limit) : 0.0;
+        if (!refused) { /* what the next call may find in force */
+            s->effort[i] = larger(s->c->effort_limit[i], fabs(s->out->torque[i]));
+        }
     }
 }
 
@@ -5450,6 +5650,7 @@ static int step(const config_t *c, state_t *state, const input_t *input, output_
         return IIWA14_E_NULL;
     }
     memset(output, 0, sizeof *output);
+    /* the report of a call that ends without a step; report_step overwrites it */
     output->status = (uint32_t)IIWA14_STATUS_CONFIG | (uint32_t)IIWA14_STATUS_FAULT;
     output->mode = IIWA14_MODE_FOLLOW;
     output->fault = IIWA14_FAULT_CONFIGURATION;
@@ -5468,10 +5669,10 @@ static int step(const config_t *c, state_t *state, const input_t *input, output_
     s.input = input;
     s.out = output;
     s.refusal.entry = s.limited = output->refusal_entry = output->limited_joint = NO_JOINT;
-    const int error = c == NULL || input == NULL ? IIWA14_E_NULL : validate(c);
+    const int error = c == NULL || input == NULL ? IIWA14_E_NULL : validate(c), refused = error != IIWA14_OK;
     const int stored = read_torque(&s, state, last);
     if (!stored || !is_believable(state)) {
-        if (error != IIWA14_OK || !stored) {
+        if (refused || !stored) {
             return step_without_memory(state, stored, last, error, output);
         }
         /* memory was overwritten: nothing is believed but the torque, which is stored three times */
@@ -5479,26 +5680,27 @@ static int step(const config_t *c, state_t *state, const input_t *input, output_
         m->unaccounted = 1;
         latch_fault(m, IIWA14_REASON_STATE, NO_JOINT, 0.0, 0.0);
     }
-    separate_torque_offset(&s, last, error != IIWA14_OK);
+    separate_torque_offset(&s, last, refused); /* `last` is the controller's own torque from here on */
     memcpy(s.transit, last, sizeof last);
-    if (error == IIWA14_OK) {
-        start_step(&s, state, last);
-    } else {
+    if (refused) {
         latch_fault(m, IIWA14_REASON_CONFIG, NO_JOINT, 0.0, 0.0);
         s.status |= IIWA14_STATUS_CONFIG;
+    } else {
+        start_step(&s, state, last);
     }
     if (s.believed || (s.located && m->known && m->fault != IIWA14_FAULT_NONE)) {
         step_with_sample(&s, last);
     } else {
         step_without_sample(&s, last);
     }
-    add_torque_offset(&s, last, error != IIWA14_OK);
-    guard_torque(&s, error != IIWA14_OK);
+    add_torque_offset(&s, last, refused);
+    guard_torque(&s, refused);
+    /* stored before report_gains: the account is about tau_ff, and out->torque then has what the motors apply */
     store_copies(state->torque, output->torque);
     store_copies(state->effort, s.effort);
-    limit_gains(&s, error != IIWA14_OK);
-    report_gains(&s, error != IIWA14_OK);
-    s.held = error == IIWA14_OK && holds_in_fault(&s);
+    limit_gains(&s, refused);
+    report_gains(&s, refused);
+    s.held = !refused && holds_in_fault(&s);
     report_step(&s);
     state->checksum = compute_checksum(state);
     return error;

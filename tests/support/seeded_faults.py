@@ -68,7 +68,7 @@ FAULTS = (
     Fault("an invalid number is taken", "x[i] > most", "x[i] > most + 1", "int integers_within(", part="services"),
     Fault("a delay beyond the memory of torques", "c->delay_samples;", "c->delay_samples + 1;", "", part="step"),
     Fault("a velocity too old", "k < count; ++k", "k <= count; ++k", "void smooth_velocity(", part="step"),
-    Fault("an unguarded conversion", "ceil(fmin(most, (double)RECENT))", "ceil(most)", "", part="step"),
+    Fault("an unguarded conversion", "ceil(fmin(needed, (double)RECENT))", "ceil(needed)", "", part="step"),
 )  # fmt: skip
 
 

@@ -3299,7 +3299,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "cdf7a6db66ee9482") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "775e7915718061ee") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -29,9 +29,39 @@ void compute_inertia(const config_t *c, const memory_t *m, const double *q, doub
 }
 
 /*
- * Measure the mobilities J M^-1 J^T of each tip's two springs, 3 x 3, in the axes of their stiffnesses; J: from the
- * joints to the displacement of the centre of stiffness, or to the rotation. work: 2 N^2 entries. Return whether M is
- * positive definite.
+ * Turn the Jacobian of a tip (6 rows) into that of its springs' displacements: of the centre of stiffness in the axes
+ * of the translational stiffness, and of the rotation in those of the rotational one. pose, equilibrium: of the tip.
+ */
+static void turn_jacobian(const double *pose, const double *equilibrium, double *J)
+{
+    const double *const from_tip = stiffgen_centre();
+    double centre[3]; /* from the tip, in the base's axes */
+    for (int i = 0; i < 3; ++i) {
+        centre[i] = dot(3, pose + 4 * i, from_tip);
+    }
+    for (int k = 0; k < N; ++k) {
+        double v[3], w[3], turned[3];
+        for (int i = 0; i < 3; ++i) {
+            w[i] = J[(3 + i) * N + k];
+        }
+        for (int i = 0; i < 3; ++i) { /* v + w x centre */
+            const int a = (i + 1) % 3, b = (i + 2) % 3;
+            v[i] = J[i * N + k] + w[a] * centre[b] - w[b] * centre[a];
+        }
+        turn_to_axes(stiffgen_translation_axes(pose, equilibrium), v, turned);
+        for (int i = 0; i < 3; ++i) {
+            J[i * N + k] = turned[i];
+        }
+        turn_to_axes(stiffgen_rotation_axes(pose, equilibrium), w, turned);
+        for (int i = 0; i < 3; ++i) {
+            J[(3 + i) * N + k] = turned[i];
+        }
+    }
+}
+
+/*
+ * Measure the mobilities J M^-1 J^T of each tip's two springs, 3 x 3 each, with J of turn_jacobian. equilibrium: NULL
+ * for the poses at q. work: 2 N^2 entries. Return whether M is positive definite.
  */
 static int measure_mobilities(const config_t *c, const memory_t *m, const double *q, const double *equilibrium,
                               double *work, double *mobilities)
@@ -46,34 +76,12 @@ static int measure_mobilities(const config_t *c, const memory_t *m, const double
     stiffgen_jacobians(q, m, J);
     stiffgen_poses(q, m, pose);
     for (int t = 0; t < TIPS; ++t) {
-        const double *const P = pose + 16 * t, *const E = equilibrium != NULL ? equilibrium + 16 * t : P;
-        const double *const G = stiffgen_centre();
-        double *const rows = J + 6 * N * t, centre[3];
-        for (int i = 0; i < 3; ++i) {
-            centre[i] = dot(3, P + 4 * i, G);
-        }
-        for (int k = 0; k < N; ++k) {
-            double v[3], w[3], turned[3];
-            for (int i = 0; i < 3; ++i) {
-                w[i] = rows[(3 + i) * N + k];
-            }
-            for (int i = 0; i < 3; ++i) {
-                const int a = (i + 1) % 3, b = (i + 2) % 3;
-                v[i] = rows[i * N + k] + w[a] * centre[b] - w[b] * centre[a];
-            }
-            turn_to_axes(stiffgen_translation_axes(P, E), v, turned);
-            for (int i = 0; i < 3; ++i) {
-                rows[i * N + k] = turned[i];
-            }
-            turn_to_axes(stiffgen_rotation_axes(P, E), w, turned);
-            for (int i = 0; i < 3; ++i) {
-                rows[(3 + i) * N + k] = turned[i];
-            }
-        }
+        double *const rows = J + 6 * N * t;
+        turn_jacobian(pose + 16 * t, equilibrium != NULL ? equilibrium + 16 * t : pose + 16 * t, rows);
         for (int i = 0; i < 6; ++i) {
-            solve_forward(N, L, rows + i * N);
+            solve_forward(N, L, rows + i * N); /* rows L^-T, L L^T = M / mass */
         }
-        for (int k = 0; k < 18; ++k) {
+        for (int k = 0; k < 18; ++k) { /* two matrices: entry (i, j) is about rows of one spring */
             const int spring = k / 9 * 3, i = spring + k % 9 / 3, j = spring + k % 3;
             mobilities[18 * t + k] = dot(N, rows + i * N, rows + j * N) / mass;
         }
@@ -84,22 +92,24 @@ static int measure_mobilities(const config_t *c, const memory_t *m, const double
 /*
  * Cap a stiffness K (3 x 3): no eigenvalue of K times the mobility A stays above `most`, and directions below it stay
  * as they are. Return the largest eigenvalue before.
+ *
+ * With A = R^T R, C = R K R^T has these eigenvalues mu, and eigenvectors w. K is the sum of mu u u^T with u = R^-1 w.
  */
 static double cap_spring(const double *A, double most, double *K)
 {
-    double D[9], d[3], Q[9], C[9], mu[3] = {0.0}, W[9], root[9];
-    memcpy(D, A, sizeof D);
-    if (diagonalise_symmetric(3, D, d, Q) != 0 || !(d[2] > 0.0)) {
+    double copy[9], d[3], Q[9], C[9], mu[3] = {0.0}, W[9], R[9];
+    memcpy(copy, A, sizeof copy);
+    if (diagonalise_symmetric(3, copy, d, Q) != 0 || !(d[2] > 0.0)) { /* A = Q^T diag(d) Q */
         return 0.0;
     }
     for (int k = 0; k < 9; ++k) {
-        root[k] = sqrt(larger(d[k / 3], FLATTEST * d[2])) * Q[k];
+        R[k] = sqrt(larger(d[k / 3], FLATTEST * d[2])) * Q[k];
     }
     for (int i = 0; i < 3; ++i) {
         for (int j = 0; j < 3; ++j) {
             double sum = 0.0;
             for (int k = 0; k < 9; ++k) {
-                sum += root[3 * i + k / 3] * K[k] * root[3 * j + k % 3];
+                sum += R[3 * i + k / 3] * K[k] * R[3 * j + k % 3];
             }
             C[3 * i + j] = sum;
         }
@@ -108,7 +118,7 @@ static double cap_spring(const double *A, double most, double *K)
         return 0.0;
     }
     for (int r = 0; r < 3; ++r) {
-        double u[3] = {0.0};
+        double u[3] = {0.0}; /* R^-1 w = Q^T diag(1 / sqrt(d)) w, w: row r of W */
         for (int k = 0; k < 9; ++k) {
             u[k % 3] += W[3 * r + k / 3] * Q[k] / sqrt(larger(d[k / 3], FLATTEST * d[2]));
         }
@@ -119,18 +129,21 @@ static double cap_spring(const double *A, double most, double *K)
     return mu[2];
 }
 
-/* Share a sum among values: return the level above which each is cut so that the rest sums up to `most`. */
+/*
+ * Return the level to which each larger value is cut so that all sum up to `most`. Each round shares equally what the
+ * values below the level leave; the level rises, and fewer values are above it, until nothing changes.
+ */
 static double find_level(int count, const double *values, double most)
 {
     double level = most / count;
     for (int round = 0; round < count; ++round) {
-        double rest = most;
+        double left = most;
         int above = 0;
         for (int k = 0; k < count; ++k) {
             above += values[k] > level;
-            rest -= values[k] > level ? 0.0 : values[k];
+            left -= values[k] > level ? 0.0 : values[k];
         }
-        level = above > 0 ? rest / above : HUGE_VAL;
+        level = above > 0 ? left / above : HUGE_VAL;
     }
     return level;
 }
@@ -138,7 +151,7 @@ static double find_level(int count, const double *values, double most)
 /*
  * Soften the accepted stiffness where the sample time does not allow it. M^-1 K has no eigenvalue above the sum of
  * those of the springs, of posture and of limit avoidance. Once nothing is cut, the springs are looked at only after
- * the next tangent that is too stiff.
+ * the next tangent that is too stiff. A: mobilities of the springs, translation and rotation of each tip in turn.
  */
 void cap_springs(step_t *s)
 {
@@ -156,7 +169,7 @@ void cap_springs(step_t *s)
         most -= (m->posture_stiffness[i] + s->limit_slope[i]) / m->inertia[i];
     }
     most = larger(most, SPRINGS_LEAST * largest_eigenvalue(s->c));
-    for (int k = 0; k < 2 * TIPS; ++k) {
+    for (int k = 0; k < 2 * TIPS; ++k) { /* without a cap: to measure */
         largest[k] = cap_spring(A + 9 * k, HUGE_VAL, (k % 2 == 0 ? s->translation : s->rotation) + 9 * (k / 2));
         sum += largest[k];
     }
@@ -180,14 +193,14 @@ int halves_stiffness(const config_t *c, const memory_t *m, double *work)
 {
     int halved = 0;
     for (int k = 0; k < POSTURES; ++k) {
-        double q[N], A[18 * TIPS], d[3], Q[9];
+        double q[N], mobilities[18 * TIPS], d[3], Q[9];
         place_posture(c, m, k, q);
-        if (!measure_mobilities(c, m, q, NULL, work, A)) {
+        if (!measure_mobilities(c, m, q, NULL, work, mobilities)) {
             continue;
         }
-        for (int j = 0; j < 2 * TIPS; ++j) {
+        for (int j = 0; j < 2 * TIPS; ++j) { /* translation and rotation of a tip in turn */
             const double K = j % 2 == 0 ? c->translation_stiffness_limit : c->rotation_stiffness_limit;
-            halved |= diagonalise_symmetric(3, A + 9 * j, d, Q) == 0 && K * d[2] > 2.0 * largest_eigenvalue(c);
+            halved |= diagonalise_symmetric(3, mobilities + 9 * j, d, Q) == 0 && K * d[2] > 2.0 * largest_eigenvalue(c);
         }
     }
     return halved;

@@ -40,7 +40,7 @@ static int find_modes(step_t *s)
 {
     output_t *const out = s->out;
     double *const modes = s->modes, *const before = modes + NN, *const oldest = s->scratch + 2 * NN;
-    for (int k = 0; k < NN; ++k) { /* a parabola */
+    for (int k = 0; k < NN; ++k) { /* extrapolate the parabola through the last three, and shift them by one */
         const double last = modes[k];
         modes[k] = 3.0 * (last - before[k]) + oldest[k];
         oldest[k] = before[k];
@@ -67,11 +67,11 @@ void measure_inertia(step_t *s, const double *q)
         s->m->inertia[i] = DBL_MAX;
     }
     const double mass = largest_diagonal(N, M);
-    if (factorise_cholesky(N, M, mass, 0.0, L) != 0) {
+    if (factorise_cholesky(N, M, mass, 0.0, L) != 0) { /* L L^T = M / mass */
         return;
     }
     for (int i = 0; i < N; ++i) {
-        double column[N] = {0.0}, sum = 0.0;
+        double column[N] = {0.0}, sum = 0.0; /* of mass M^-1 */
         column[i] = 1.0;
         solve_forward(N, L, column);
         solve_backward(N, L, column);
@@ -94,6 +94,7 @@ static void damp_modes(const config_t *c, const double *eigenvalues, double scal
         const double l = fabs(eigenvalues[k]) * scale, late = (c->delay_samples + 0.5) * c->sample_time;
         const double zeta = c->damping_ratio[k], later = late + c->velocity_filter_time;
         const double p = l * (2.0 * zeta * zeta * later - late);
+        /* the larger root of b^2 + 2 p b + l^2 late^2 - 4 zeta^2 l = 0, and no less than l late, where zeta is 0 */
         b[k] = larger(sqrt(larger(p * p + 4.0 * zeta * zeta * l - l * l * late * late, 0.0)) - p, l * late);
     }
 }
@@ -105,7 +106,7 @@ static double largest_damping(const config_t *c)
     return share / (c->sample_time + c->velocity_filter_time);
 }
 
-/* Use the joint damping d I alone, and no brake. */
+/* Use the joint damping d I alone, and no brake: the damping of the output is 0 until now. Return the scale 1. */
 static double damp_joints_only(step_t *s, double d)
 {
     memset(s->brake, 0, sizeof s->brake);
@@ -116,9 +117,26 @@ static double damp_joints_only(step_t *s, double d)
 }
 
 /*
+ * Return the largest scale of the springs that sample time and delay allow for the stiffest mode, 1 at most. The
+ * eigenvalues in the output are those of find_modes.
+ */
+static double cap_scale(step_t *s)
+{
+    const config_t *const c = s->c;
+    const double T = c->sample_time;
+    const double delayed = 1.0 + 2.0 * c->delay_samples, stiffest = s->out->eigenvalues[N - 1] * T * T;
+    if (!(stiffest * delayed > LARGEST_STIFFNESS)) {
+        return 1.0;
+    }
+    s->status |= ID(STATUS_STIFFNESS_CAPPED);
+    s->m->capped = 1; /* cap_springs looks at the springs from the next step on */
+    return LARGEST_STIFFNESS / (stiffest * delayed);
+}
+
+/*
  * Design the damping B = M V diag(b) V^T M + d I with Kq v = lambda M v, V^T M V = I (Albu-Schaeffer and others 2003).
- * It is capped: no eigenvalue of M^-1 B is above that of largest_damping. Return the largest scale that the sample time
- * allows.
+ * It is capped: no eigenvalue of M^-1 B is above that of largest_damping, of which the joint damping d has at most
+ * half, the modes' b what d leaves, and the brake what the largest b leaves. Return the scale of cap_scale.
  */
 double design_damping(step_t *s)
 {
@@ -126,8 +144,8 @@ double design_damping(step_t *s)
     output_t *const out = s->out;
     double *const rows = s->scratch;
     const double *const modes = s->modes;
-    double b[N], scale = 1.0, largest_b = 0.0, d = c->joint_damping;
-    const double T = c->sample_time, most = largest_damping(c);
+    double b[N], largest_b = 0.0, d = c->joint_damping;
+    const double most = largest_damping(c);
     if (!find_modes(s)) {
         s->status |= ID(STATUS_MASS_MATRIX);
         memset(out->eigenvalues, 0, sizeof out->eigenvalues);
@@ -137,44 +155,45 @@ double design_damping(step_t *s)
     if (s->m->doubted) {
         return damp_joints_only(s, smaller(d, DOUBTED_SHARE * 0.5 * most / trace));
     }
-    const double delayed = 1.0 + 2.0 * c->delay_samples, stiffest = out->eigenvalues[N - 1] * T * T;
     s->status |= out->eigenvalues[0] < 0.0 ? (uint32_t)ID(STATUS_INDEFINITE) : 0u;
-    if (stiffest * delayed > LARGEST_STIFFNESS) {
-        scale = LARGEST_STIFFNESS / (stiffest * delayed);
-        s->status |= ID(STATUS_STIFFNESS_CAPPED);
-        s->m->capped = 1;
-    }
+    const double scale = cap_scale(s);
     if (d * trace > 0.5 * most) {
         d = 0.5 * most / trace;
         s->status |= ID(STATUS_DAMPING_CAPPED);
     }
     damp_modes(c, out->eigenvalues, scale, b);
+    const double most_b = most - d * trace;
     int capped = 0;
     for (int k = 0; k < N; ++k) {
-        capped |= b[k] > most - d * trace;
-        b[k] = clamp(b[k], 0.0, most - d * trace);
+        capped |= b[k] > most_b;
+        b[k] = clamp(b[k], 0.0, most_b);
         largest_b = larger(largest_b, b[k]);
     }
     s->status |= capped ? (uint32_t)ID(STATUS_DAMPING_CAPPED) : 0u;
     multiply_rows(N, modes, out->mass_matrix, rows);
     form_congruence(N, N, rows, b, out->damping);
     for (int i = 0; i < N; ++i) {
-        s->brake[i] *= most - d * trace - largest_b;
+        s->brake[i] *= most_b - largest_b;
         out->damping[i * (N + 1)] += d;
     }
     return scale;
 }
 
-/* Replace the tips' J (rows) by J L^-T, and form A, the sum of their squares; translation and rotation weigh alike. */
+/*
+ * Replace the rows of the tips' J by those of J L^-T, and form A = J^T diag(weights) J from these. Linear and angular
+ * rows weigh alike: over all tips, either kind has the weighted sum of squares 1.
+ */
 static void weigh_twists(const double *L, double *J, double *weights, double *A)
 {
-    double squares[2] = {0.0};
+    double squares[2] = {0.0}; /* of the linear rows, of the angular ones */
     for (int r = 0; r < 6 * TIPS; ++r) {
+        const int angular = r % 6 >= 3;
         solve_forward(N, L, J + r * N);
-        squares[r / 3 % 2] += dot(N, J + r * N, J + r * N);
+        squares[angular] += dot(N, J + r * N, J + r * N);
     }
     for (int r = 0; r < 6 * TIPS; ++r) {
-        weights[r] = squares[r / 3 % 2] > DBL_MIN ? 1.0 / squares[r / 3 % 2] : 0.0;
+        const int angular = r % 6 >= 3;
+        weights[r] = squares[angular] > DBL_MIN ? 1.0 / squares[angular] : 0.0; /* 0 where no joint moves them */
     }
     form_congruence(6 * TIPS, N, J, weights, A);
 }
@@ -207,7 +226,7 @@ void follow_twists(step_t *s, const double *twists, double *velocity)
         }
         memcpy(velocity, wanted, sizeof wanted);
         solve_forward(N, factor, velocity);
-        solve_backward(N, factor, velocity);
+        solve_backward(N, factor, velocity); /* L^T dr */
         solve_backward(N, L, velocity);
         excess = 0.0;
         for (int i = 0; i < N; ++i) {
@@ -221,43 +240,59 @@ void follow_twists(step_t *s, const double *twists, double *velocity)
 }
 
 /*
- * Smooth the velocity that the damping uses. One quantum of position in a differenced velocity is a torque of B
- * quantum / T. Where that exceeds what the rate limit lets through, the damping would be lost; the velocity is then
- * the mean of the last few samples. The velocity filter comes behind, a low pass whose delay the design knows.
+ * Return of how many samples the velocity is the mean. One quantum of position in a differenced velocity is a torque of
+ * B quantum / T, and a mean of k samples divides it by k. Where the torque exceeds the rate, what one call may change,
+ * the damping would be lost.
  */
-void smooth_velocity(step_t *s)
+static int count_averaged(const step_t *s)
 {
-    memory_t *const m = s->m;
-    const double T = s->c->sample_time, passed = T / (T + s->c->velocity_filter_time);
-    double most = 1.0;
-    for (int i = 0; s->c->position_quantum > 0.0 && i < N; ++i) {
+    const memory_t *const m = s->m;
+    double needed = 1.0;
+    if (!(s->c->position_quantum > 0.0)) {
+        return 1;
+    }
+    for (int i = 0; i < N; ++i) {
         double torque = 0.0;
         for (int j = 0; j < N; ++j) {
             torque += fabs(s->out->damping[i * N + j]) * s->c->position_quantum / s->c->sample_time;
         }
-        most = fmax(most, torque / m->rate[i]);
+        needed = fmax(needed, torque / m->rate[i]);
     }
-    const int wanted = (int)ceil(fmin(most, (double)RECENT));
-    const int count = wanted < m->recent_count ? wanted : m->recent_count;
-    if (count > 1 && m->gap == 0) {
-        for (int i = 0; i < N; ++i) {
-            double sum = 0.0;
-            for (int k = 0; k < count; ++k) {
-                sum += m->recent[k * N + i];
-            }
-            s->velocity[i] = sum / count;
-        }
-    }
+    const int wanted = (int)ceil(fmin(needed, (double)RECENT));
+    return wanted < m->recent_count ? wanted : m->recent_count;
+}
+
+/* Pass the velocity through the low pass of velocity_filter_time, which starts anew after a gap. */
+static void filter_velocity(step_t *s)
+{
+    memory_t *const m = s->m;
+    const double T = s->c->sample_time, passed_share = T / (T + s->c->velocity_filter_time);
     for (int i = 0; i < N; ++i) {
-        const double behind = m->recent_count > 1 ? (1.0 - passed) * (m->filtered[i] - s->velocity[i]) : 0.0;
+        const double behind = m->recent_count > 1 ? (1.0 - passed_share) * (m->filtered[i] - s->velocity[i]) : 0.0;
         s->velocity[i] += behind;
         m->filtered[i] = s->velocity[i];
     }
 }
 
+/* Smooth the velocity that the damping uses: a mean against quanta of position, then the low pass. */
+void smooth_velocity(step_t *s)
+{
+    const memory_t *const m = s->m;
+    const int count = count_averaged(s);
+    for (int i = 0; count > 1 && i < N; ++i) {
+        double sum = 0.0;
+        for (int k = 0; k < count; ++k) {
+            sum += m->recent[k * N + i];
+        }
+        s->velocity[i] = sum / count;
+    }
+    filter_velocity(s); /* its delay is in damp_modes, that of the mean is not */
+}
+
 /*
  * Brake a joint that is faster than its reference may be, as hard as the sample time allows: modes of different
  * stiffness end a ramp at different times, and near a singularity a small tip motion needs a large joint motion.
+ * `brake` is what one joint may have; several fast joints share it.
  */
 void brake_fast_joints(step_t *s)
 {

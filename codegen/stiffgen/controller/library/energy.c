@@ -43,7 +43,7 @@ double evaluate_avoidance(const double *a, double q, double *pull, double *stiff
         depth = q - a[0];
     }
     *pull = clamp(k * depth, -a[3], a[3]);
-    if (*pull == k * depth) {
+    if (*pull == k * depth) { /* not clamped */
         *stiffness = depth != 0.0 ? k : 0.0;
         return 0.5 * k * depth * depth;
     }
@@ -93,14 +93,14 @@ double evaluate_limits(step_t *s, const double *q)
 void pay_into_tank(step_t *s, double income)
 {
     memory_t *const m = s->m;
-    const double most = larger(s->tank_initial, m->reserve);
-    const double lost = m->tank + income - most;
+    const double full = larger(s->tank_initial, m->reserve);
+    const double overflow = m->tank + income - full;
     m->tank += income;
-    if (lost > 0.0) {
-        const double next = smaller(m->engagement + lost, s->engagement_limit);
-        m->tank = most;
-        m->supplied -= larger(next - m->engagement, 0.0);
-        m->engagement = next;
+    if (overflow > 0.0) {
+        const double engagement = smaller(m->engagement + overflow, s->engagement_limit);
+        m->tank = full;
+        m->supplied -= larger(engagement - m->engagement, 0.0);
+        m->engagement = engagement;
     }
 }
 
@@ -138,7 +138,10 @@ static double sum_older(const memory_t *m, int i, int count)
     return sum;
 }
 
-/* Start another interval: `last` is in transit now; feed is the reference's share of the torque that follows it. */
+/*
+ * Start another interval: `last` is in transit now; feed is the reference's share of the torque that follows it, and
+ * may be m->feed itself: the newest share then counts once more.
+ */
 void shift_history(memory_t *m, const double *last, const double *feed)
 {
     memmove(m->older + N, m->older, (MOST_DELAY - 1) * N * sizeof(double));
@@ -249,7 +252,7 @@ void adopt_limits(step_t *s, const double *q)
             double pull, slope;
             const double before = evaluate_avoidance(a, q[i], &pull, &slope);
             const double v = evaluate_avoidance(wanted, q[i], &pull, &slope) - before;
-            if (!(v <= larger(s->budget, 0.0))) {
+            if (!(v <= larger(s->budget, 0.0))) { /* NaN is kept out, too */
                 s->status |= ID(STATUS_LIMITS_KEPT);
                 continue;
             }
@@ -259,7 +262,7 @@ void adopt_limits(step_t *s, const double *q)
         changed = 1;
     }
     if (changed) {
-        evaluate_limits(s, q);
+        evaluate_limits(s, q); /* torque and slope of the new one; its energy is booked */
     }
 }
 
@@ -276,7 +279,7 @@ void drop_limits(step_t *s, const double *q)
         if (s->condemned[i] && a[2] > 0.0) {
             double pull, slope;
             book_stiffness(s, &m->limit_energy, -evaluate_avoidance(a, q[i], &pull, &slope));
-            a[2] = a[3] = 0.0;
+            a[2] = a[3] = 0.0; /* stiffness and largest torque */
             dropped = 1;
         }
     }
@@ -308,7 +311,7 @@ void adopt_raised_limits(step_t *s, const double *last)
     memory_t *const m = s->m;
     int kept = 0;
     for (int i = 0; i < N; ++i) {
-        const double before = m->velocity_limit[i];
+        const double before = m->velocity_limit[i]; /* covers_torque reads the memory's limit: try the raised one */
         m->velocity_limit[i] = larger(before, c->velocity_limit[i]);
         if (m->velocity_limit[i] > before && !covers_torque(s, m->calls, m->call_gap, last)) {
             m->velocity_limit[i] = before;
@@ -339,7 +342,7 @@ void bridge_gap(step_t *s, int periods)
         m->gap_work = m->gap_most = 0.0;
         memcpy(m->gap_torque, torque, N * sizeof(double));
     }
-    for (int i = 0; i < N; ++i) {
+    for (int i = 0; i < N; ++i) { /* the gap is as long as it was before these intervals */
         m->gap_work += fabs(torque[i] - m->gap_torque[i]) * farthest_motion(m, i) * m->gap;
         m->gap_most += fabs(torque[i]) * farthest_motion(m, i) * periods;
     }
@@ -377,44 +380,59 @@ void note_untimed_call(step_t *s, const double *last)
 void bridge_missing_calls(step_t *s, const double *last, int missing)
 {
     memory_t *const m = s->m;
-    const double none[N] = {0.0};
+    const double nothing[N] = {0.0};
     if (m->gap_calls == 0) {
         for (int k = 0; k < missing && k <= MOST_DELAY; ++k) {
             bridge_gap(s, 1);
             shift_history(m, s->transit, m->feed);
         }
+        /* further intervals are alike, as the history has the last torque alone by then: bridge them at once */
         bridge_gap(s, clamp_count(missing - MOST_DELAY - 1, LONGEST));
         return;
     }
     note_untimed_call(s, last);
+    /* sample times that one of these torques was held at most, and all of them together */
     const double each = smaller(1.0 + missing, m->call_gap), all = (double)m->gap_calls + missing;
     double most = m->gap_base;
     for (int i = 0; i < N; ++i) {
         most += farthest_motion(m, i) * (m->gap_transit[i] + smaller(each * m->gap_sum[i], all * m->gap_largest[i]));
     }
-    memcpy(s->transit, none, sizeof none);
+    memcpy(s->transit, nothing, sizeof nothing);
     memset(m->older, 0, sizeof m->older);
     memset(m->feed, 0, sizeof m->feed);
     bridge_gap(s, missing);
-    m->gap_work = HUGE_VAL;
+    m->gap_work = HUGE_VAL; /* no bound: only gap_most counts */
     m->gap_most = most;
 }
 
+/* Bound the work [J] of the torques over a gap that ends with this motion: the better one of its two bounds. */
+static double bound_gap_work(step_t *s, const double *motion)
+{
+    memory_t *const m = s->m;
+    bridge_gap(s, 1); /* the interval that ends now */
+    for (int i = 0; i < N; ++i) {
+        /* after a long gap it is open by how many turns a continuous joint has moved */
+        const int open = counts_modulo_turn(s, i) && farthest_motion(m, i) * m->gap >= HALF_TURN;
+        m->gap_work = open ? HUGE_VAL : m->gap_work;
+    }
+    return smaller(m->gap_work + dot(N, m->gap_torque, motion), m->gap_most);
+}
+
 /*
- * Book the interval that ends at the believed position q. The damper lies between the arm and the moving reference: the
- * work of the reference's share, feed = B dr + M ddr, over the arm's motion is the reference's. The account begins, or
- * begins anew, at a position with no known motion to it.
+ * Book the interval that ends at the believed position q. m->q is still the position at its start. The damper lies
+ * between the arm and the moving reference: the work of the reference's share, feed = B dr + M ddr, over the arm's
+ * motion is the reference's. The account begins, or begins anew, at a position with no known motion to it.
  */
 void book_interval(step_t *s, const double *q)
 {
     memory_t *const m = s->m;
-    double work = 0.0, feed = 0.0, motion[N];
+    double port_work = 0.0, feed_work = 0.0, motion[N];
     s->tip_energy = compute_tip_energy(m, q, m->equilibrium);
-    const double elastic = m->scale * add_posture_energy(m, q, m->posture, s->tip_energy);
-    const double limit = evaluate_limits(s, q);
-    const double rise = elastic - m->elastic_energy + limit - m->limit_energy;
-    m->elastic_energy = elastic;
-    m->limit_energy = limit;
+    const double elastic_energy = m->scale * add_posture_energy(m, q, m->posture, s->tip_energy);
+    const double limit_energy = evaluate_limits(s, q);
+    const double rise = elastic_energy - m->elastic_energy + limit_energy - m->limit_energy;
+    m->elastic_energy = elastic_energy;
+    m->limit_energy = limit_energy;
     if (!m->known || s->jumped) {
         m->start_total += rise;
         m->supplied += rise;
@@ -425,18 +443,13 @@ void book_interval(step_t *s, const double *q)
     memcpy(motion, q, sizeof motion);
     add_scaled(N, -1.0, m->q, motion);
     if (m->gap > 0) {
-        bridge_gap(s, 1);
-        for (int i = 0; i < N; ++i) { /* after a long gap the turn is open */
-            const int open = counts_modulo_turn(s, i) && farthest_motion(m, i) * m->gap >= HALF_TURN;
-            m->gap_work = open ? HUGE_VAL : m->gap_work;
-        }
-        work = smaller(m->gap_work + dot(N, m->gap_torque, motion), m->gap_most);
+        port_work = bound_gap_work(s, motion);
     } else {
-        work = dot(N, find_acting_torque(s), motion) - absorbed_work(m, motion);
-        feed = larger(dot(N, m->feed + m->delay * N, motion), 0.0);
+        port_work = dot(N, find_acting_torque(s), motion) - absorbed_work(m, motion);
+        feed_work = larger(dot(N, m->feed + m->delay * N, motion), 0.0);
     }
-    m->port_total += work;
-    m->sampling_total += rise + work - feed;
-    pay_into_tank(s, feed - work - rise);
-    book_reference(s, feed);
+    m->port_total += port_work;
+    m->sampling_total += rise + port_work - feed_work;
+    pay_into_tank(s, feed_work - port_work - rise);
+    book_reference(s, feed_work);
 }

@@ -39,12 +39,12 @@ void accept_feedforward(step_t *s)
 {
     const int pressing = !are_zero(6 * TIPS, s->input->wrench_command);
     const int planned = !are_zero(N, s->input->velocity) || !are_zero(N, s->input->acceleration);
-    s->pressing = pressing && accept_wrenches(s);
+    const int good_wrenches = pressing && accept_wrenches(s); /* also beside a refused command: the status tells */
+    s->pressing = good_wrenches && s->commanded;
     s->planned = planned && s->commanded && accept_plan(s->c, s->input);
-    if ((pressing && !s->pressing) || (planned && s->commanded && !s->planned)) {
+    if ((pressing && !good_wrenches) || (planned && s->commanded && !s->planned)) {
         s->status |= ID(STATUS_FEEDFORWARD_REFUSED);
     }
-    s->pressing = s->pressing && s->commanded;
 }
 
 /* Return whether the governor keeps up with the plan: the equilibrium is KEPT_UP sample times of travel behind. */
@@ -97,7 +97,7 @@ static double fade_with_tank(const step_t *s)
 static double fade_with_speed(const step_t *s, const double *J)
 {
     double most = 0.0;
-    for (int k = 0; k < 2 * TIPS; ++k) {
+    for (int k = 0; k < 2 * TIPS; ++k) { /* force and moment of a tip in turn */
         const double *const part = s->input->wrench_command + 3 * k, size = norm(3, part);
         const double limit = k % 2 == 0 ? s->c->tip_velocity_limit : s->c->tip_rotation_limit;
         double power = 0.0;
@@ -120,11 +120,11 @@ static double share_wrench(const step_t *s, const double *press, double most)
     for (int i = 0; i < N; ++i) {
         base[i] = s->out->elastic_torque[i] + s->out->limit_torque[i];
         const double other = base[i] + m->offset[i], size = fabs(press[i]);
-        const double room = s->c->effort_limit[i] - (press[i] > 0.0 ? other : -other);
+        const double room = s->c->effort_limit[i] - (press[i] > 0.0 ? other : -other); /* in press's direction */
         share = size > NO_TORQUE ? smaller(share, larger(room, 0.0) / size) : share;
     }
     double trial = share, step = 0.5 * share, covered = 0.0;
-    for (int round = 0; round < 12 && covered < share; ++round) {
+    for (int round = 0; round < 12 && covered < share; ++round) { /* bisection, the whole share first */
         memcpy(torque, base, sizeof torque);
         add_scaled(N, trial, press, torque);
         const int enough = compute_reserve(s, m->calls, m->call_gap, torque, parts) <= COVERED * available_energy(m);

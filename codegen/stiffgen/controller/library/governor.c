@@ -13,7 +13,10 @@ static const double RESTING = 0.03; /* [rad/s] or [m/s] up to which an arm rests
 static const double UNLOADED = 0.5; /* [N m] or [N] up to which an arm at rest has no load */
 static const double CREEPING = 1e-3; /* [s] of travel: a slower posture that is waited for is at its end */
 
-/* Return the largest norm of the vectors of x, each of the given length, over the governor's share of its limit. */
+/*
+ * Return the largest norm of the vectors of x, each of the given length, over the governor's share of its velocity
+ * limit: of a motion the time [s] that it takes, of a velocity the share of the limit.
+ */
 static double relative_size(int count, int length, const double *x, const double *limits)
 {
     double most = 0.0;
@@ -25,6 +28,27 @@ static double relative_size(int count, int length, const double *x, const double
 }
 
 /*
+ * Return the largest share v of the limits from which a velocity that falls by `slope` per step covers no more than the
+ * way [steps at the limits]: the sum of v, v - slope, ... is v (v + slope) / (2 slope).
+ */
+static double find_stoppable_speed(double slope, double way)
+{
+    return sqrt(0.25 * slope * slope + 2.0 * slope * way) - 0.5 * slope;
+}
+
+/* Move a velocity towards target, by at most `slope` of its limits. */
+static void ramp_velocity(double slope, int count, int length, const double *target, const double *limits,
+                          double *velocity)
+{
+    double change[MAX_ROWS] = {0.0};
+    for (int i = 0; i < count; ++i) {
+        change[i] = target[i] - velocity[i];
+    }
+    const double jump = relative_size(count, length, change, limits);
+    add_scaled(count, jump > slope ? slope / jump : 1.0, change, velocity);
+}
+
+/*
  * Update the velocity towards a goal: the goal's own velocity, if it is within the limits, and a velocity that reduces
  * the remaining distance to zero and from which the ramp can stop. ramp: time of that [s]; away: from here to the goal,
  * including `moved`, the goal's motion since the last step.
@@ -33,53 +57,41 @@ static void approach_goal(const config_t *c, double ramp, int count, int length,
                           const double *moved, const double *limits, double *velocity)
 {
     const double T = c->sample_time, slope = T / ramp;
-    double target[MAX_ROWS] = {0.0}, change[MAX_ROWS] = {0.0}, rest[MAX_ROWS] = {0.0};
+    double target[MAX_ROWS] = {0.0}, rest[MAX_ROWS] = {0.0};
     const int follow = relative_size(count, length, moved, limits) <= T;
     for (int i = 0; i < count; ++i) {
         rest[i] = away[i] - (follow ? moved[i] : 0.0);
     }
     const double way = relative_size(count, length, rest, limits);
-    const double stop = sqrt(0.25 * slope * slope + 2.0 * slope * (way / T)) - 0.5 * slope;
-    const double speed = smaller(smaller(way / T, 1.0), stop);
+    const double speed = smaller(smaller(way / T, 1.0), find_stoppable_speed(slope, way / T));
     for (int i = 0; i < count; ++i) {
         target[i] = (follow ? moved[i] / T : 0.0) + (way > 0.0 ? rest[i] * (speed / way) : 0.0);
     }
     const double size = relative_size(count, length, target, limits);
     for (int i = 0; i < count; ++i) {
-        change[i] = target[i] / larger(size, 1.0) - velocity[i];
+        target[i] = target[i] / larger(size, 1.0);
     }
-    const double jump = relative_size(count, length, change, limits);
-    add_scaled(count, jump > slope ? slope / jump : 1.0, change, velocity);
+    ramp_velocity(slope, count, length, target, limits, velocity);
 }
 
 /* Predict posture and equilibrium after a share of this step's motion. */
 static void predict_equilibrium(const step_t *s, double share, int by_posture, double *posture, double *equilibrium)
 {
     const memory_t *const m = s->m;
-    const double T = share * s->c->sample_time;
+    const double time = share * s->c->sample_time;
     memcpy(posture, m->posture, N * sizeof(double));
     if (by_posture) {
-        add_scaled(N, T, m->posture_velocity, posture);
+        add_scaled(N, time, m->posture_velocity, posture);
         stiffgen_poses(posture, m, equilibrium);
         return;
     }
     for (int t = 0; t < TIPS; ++t) {
         double twist[6] = {0.0};
-        add_scaled(6, T, m->equilibrium_velocity + 6 * t, twist);
+        add_scaled(6, time, m->equilibrium_velocity + 6 * t, twist);
         move_pose(m->equilibrium + 16 * t, twist, equilibrium + 16 * t);
     }
 }
 
-/* Return the largest distance [m] or angle [rad] between the poses of the tips. */
-static double pose_distance(const double *from, const double *to)
-{
-    double most = 0.0, twist[6];
-    for (int t = 0; t < TIPS; ++t) {
-        pose_difference(from + 16 * t, to + 16 * t, twist);
-        most = larger(most, larger(norm(3, twist), norm(3, twist + 3)));
-    }
-    return most;
-}
 
 /*
  * Move the posture's velocity towards a share of the step per call, within the share `most` of its limits and so that a
@@ -87,15 +99,13 @@ static double pose_distance(const double *from, const double *to)
  */
 static void approach_step(const config_t *c, const double *step, double size, double most, double *velocity)
 {
-    const double T = c->sample_time, slope = T / c->ramp_time;
-    const double stop = sqrt(0.25 * slope * slope + 2.0 * slope * (size / T)) - 0.5 * slope;
+    const double T = c->sample_time, slope = T / c->ramp_time, stop = find_stoppable_speed(slope, size / T);
     const double speed = smaller(smaller(STEP_SHARE * size / T, most), stop), share = size > 0.0 ? speed / size : 0.0;
-    double change[N];
+    double target[N];
     for (int i = 0; i < N; ++i) {
-        change[i] = share * step[i] - velocity[i];
+        target[i] = share * step[i];
     }
-    const double jump = relative_size(N, 1, change, c->reference_velocity_limit);
-    add_scaled(N, jump > slope ? slope / jump : 1.0, change, velocity);
+    ramp_velocity(slope, N, 1, target, c->reference_velocity_limit, velocity);
 }
 
 /* Return the largest distance of a joint from its posture [rad] or [m]. */
@@ -131,16 +141,18 @@ static int approach_posture(step_t *s, const double *here, double lead, int arri
         approach_step(c, step, 0.0, 1.0, m->posture_velocity);
         return 0;
     }
-    const int leads = m->beyond && lead > PATH_LEAD, awaited = !m->beyond && lead >= 2.0 * PATH_LEAD;
+    /* beyond the reach the equilibrium follows, and the posture waits for it; else it may wait for the posture */
+    const int waits = m->beyond && lead > PATH_LEAD, awaited = !m->beyond && lead >= 2.0 * PATH_LEAD;
     const double *const goal = m->beyond ? s->goal : m->equilibrium;
     const double distance = find_posture_step(c, m, m->posture, here, goal, s->q0, s->scratch, step);
     const double size = relative_size(N, 1, step, c->reference_velocity_limit);
-    const int stands = size <= (awaited ? CREEPING : STATIONARY), ends = stands && distance > REACHED && !m->beyond;
-    const int moving = !stands || leads || !arrived || ends;
-    m->beyond = distance > REACHED && (m->beyond || ends);
-    const int ended = !moving && (distance > REACHED || rests_elsewhere(s));
-    s->status |= ended ? (uint32_t)ID(STATUS_UNREACHABLE) : 0u;
-    if (leads) {
+    const int stands = size <= (awaited ? CREEPING : STATIONARY);
+    const int ends_short = stands && distance > REACHED && !m->beyond; /* beyond the reach from this call on */
+    const int moving = !stands || waits || !arrived || ends_short;
+    m->beyond = distance > REACHED && (m->beyond || ends_short);
+    const int unreachable = !moving && (distance > REACHED || rests_elsewhere(s));
+    s->status |= unreachable ? (uint32_t)ID(STATUS_UNREACHABLE) : 0u;
+    if (waits) {
         memset(step, 0, sizeof step);
     }
     /* a posture that leads is slow until the arm has followed */
@@ -158,11 +170,9 @@ static int approach_poses(step_t *s, const double *goal, const double *from, dou
     memory_t *const m = s->m;
     const double share = clamp(pace, SLOWEST, 1.0);
     const double tip_limits[2] = {share * c->tip_velocity_limit, share * c->tip_rotation_limit};
-    double away[MAX_ROWS], moved[MAX_ROWS];
     int arrived = 1;
     for (int t = 0; t < TIPS; ++t) {
-        memset(away, 0, sizeof away);
-        memset(moved, 0, sizeof moved);
+        double away[6] = {0.0}, moved[6] = {0.0};
         if (s->commanded) {
             pose_difference(m->equilibrium + 16 * t, goal + 16 * t, away);
         }
@@ -170,7 +180,7 @@ static int approach_poses(step_t *s, const double *goal, const double *from, dou
             pose_difference(from + 16 * t, goal + 16 * t, moved);
         }
         arrived &= relative_size(6, 3, away, tip_limits) <= ARRIVED;
-        if (pace <= 0.0) {
+        if (pace <= 0.0) { /* wait: stop at once, without a ramp */
             memset(m->equilibrium_velocity + 6 * t, 0, 6 * sizeof(double));
             continue;
         }
@@ -179,23 +189,26 @@ static int approach_poses(step_t *s, const double *goal, const double *from, dou
     return arrived;
 }
 
-/* Return how far a joint is in its limit zone, of its upper limit (side 1) or its lower one (-1); at most 0 outside. */
+/*
+ * Return how deep a joint is in its limit zone: 0 at the zone's edge, `zone` at the limit, below 0 outside. side: above
+ * 0 for the zone of the upper limit, else that of the lower one.
+ */
 static double find_depth(const memory_t *m, int i, double side)
 {
     return side > 0.0 ? m->q[i] - m->avoidance[4 * i + 1] : m->avoidance[4 * i] - m->q[i];
 }
 
-/* Return whether the springs of the tips push a joint outwards that is at its limit, or beyond. */
-static int push_beyond_limit(const memory_t *m, double zone)
+/* Return whether the tips' springs push outwards a joint that is at its limit or beyond; zone: width of the zones. */
+static int is_pushed_beyond_limit(const memory_t *m, double zone)
 {
-    double wrench[6 * TIPS], torque[N], stiffness[NN];
-    int pushed = 0;
+    double wrench[6 * TIPS], torque[N], stiffness[NN]; /* of these the torque alone is used */
+    int is_pushed = 0;
     stiffgen_spring(m->q, m, m->equilibrium, m->translation_stiffness, m->rotation_stiffness,
                     find_spring_limits(m), wrench, torque, stiffness);
-    for (int i = 0; i < N; ++i) {
-        pushed |= torque[i] != 0.0 && find_depth(m, i, torque[i]) >= zone;
+    for (int i = 0; i < N; ++i) { /* the torque's sign is the side to which it pushes */
+        is_pushed |= torque[i] != 0.0 && find_depth(m, i, torque[i]) >= zone;
     }
-    return pushed;
+    return is_pushed;
 }
 
 /*
@@ -210,11 +223,12 @@ static double find_pace(const step_t *s, double lead)
     for (int i = 0; i < N; ++i) {
         depth = larger(depth, larger(find_depth(m, i, -1.0), find_depth(m, i, 1.0)));
     }
-    if (depth >= s->c->limit_zone && push_beyond_limit(m, s->c->limit_zone)) {
+    if (depth >= s->c->limit_zone && is_pushed_beyond_limit(m, s->c->limit_zone)) {
         return 0.0;
     }
-    const double zone = larger(1.0 - 2.0 * depth / larger(s->c->limit_zone, DBL_MIN), SLOWEST);
-    return m->beyond ? zone : smaller(zone, 2.0 - lead / PATH_LEAD);
+    /* by depth: 1 outside the zones, SLOWEST from their middle on; by lead: below 1 from PATH_LEAD, 0 at twice that */
+    const double by_depth = larger(1.0 - 2.0 * depth / larger(s->c->limit_zone, DBL_MIN), SLOWEST);
+    return m->beyond ? by_depth : smaller(by_depth, 2.0 - lead / PATH_LEAD);
 }
 
 /* Update the velocities towards a commanded pose. Return whether posture or equilibrium is still away from its goal. */
@@ -229,8 +243,9 @@ static int follow_pose(step_t *s)
         m->beyond = m->beyond && streamed <= PATH_LEAD && pose_distance(here, s->goal) > PATH_LEAD;
     }
     const double lead = pose_distance(here, m->equilibrium), pace = find_pace(s, lead);
-    const double *const to = m->beyond ? here : s->goal, *const from = m->beyond ? NULL : m->wanted_equilibrium;
-    const int arrived = approach_poses(s, to, from, pace);
+    const double *const goal = m->beyond ? here : s->goal; /* beyond the reach: where the posture is */
+    const double *const last_goal = m->beyond ? NULL : m->wanted_equilibrium;
+    const int arrived = approach_poses(s, goal, last_goal, pace);
     return approach_posture(s, here, lead, arrived) || !arrived;
 }
 
@@ -244,7 +259,10 @@ static int join_posture(step_t *s)
     return !arrived;
 }
 
-/* Update the velocities of posture and equilibrium. Return whether either is still away from its goal. */
+/*
+ * Update the velocities of posture and equilibrium. by_posture: the equilibrium is the pose of its posture. Else a
+ * command by q0 first stops the posture until the equilibrium joins it. Return whether either is away from its goal.
+ */
 static int update_velocities(step_t *s, int by_posture)
 {
     memory_t *const m = s->m;
@@ -263,8 +281,8 @@ static int update_velocities(step_t *s, int by_posture)
 }
 
 /*
- * Return the time [s] that the governor's velocity limits need for the largest of the motions between postures and
- * poses.
+ * Return the time [s] that the governor's velocity limits need for the largest of the motions from posture to goal and
+ * from equilibrium to goal_pose (NULL: no poses).
  */
 double travel_between(const config_t *c, const double *posture, const double *goal, const double *equilibrium,
                       const double *goal_pose)
@@ -291,23 +309,23 @@ static void pay_for_travel(step_t *s)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
-    const double *const q0 = s->q0;
     const int by_pose = s->input->command == ID(COMMAND_EQUILIBRIUM);
     double pose[16 * TIPS];
     if (!s->commanded) {
         return;
     }
-    if (by_pose && !m->by_pose) {
+    if (by_pose && !m->by_pose) { /* the last command was q0: its poses */
         stiffgen_poses(m->wanted_posture, m, m->wanted_equilibrium);
     }
     memcpy(pose, s->goal, sizeof pose);
-    if (!by_pose && (m->by_pose || !m->joined)) {
-        stiffgen_poses(q0, m, pose);
+    if (!by_pose && (m->by_pose || !m->joined)) { /* poses of this q0, where they are compared below */
+        stiffgen_poses(s->q0, m, pose);
     }
+    /* poses count where a command by pose is one of the two that are compared */
     const double *const moved_pose = by_pose || m->by_pose ? pose : NULL;
     const double *const away_pose = by_pose || !m->joined ? pose : NULL;
-    const double moved = travel_between(c, m->wanted_posture, q0, m->wanted_equilibrium, moved_pose);
-    const double away = travel_between(c, m->posture, q0, m->equilibrium, away_pose);
+    const double moved = travel_between(c, m->wanted_posture, s->q0, m->wanted_equilibrium, moved_pose);
+    const double away = travel_between(c, m->posture, s->q0, m->equilibrium, away_pose);
     m->travel = smaller(m->travel + moved, away);
     const double paid = smaller(m->travel, c->sample_time);
     const double work = m->engagement + s->engagement_limit * (paid / TRAVEL_TIME);
@@ -355,7 +373,7 @@ static double find_share(step_t *s, int by_posture, double own, double *posture,
     memory_t *const m = s->m;
     const double tip_limits[2] = {c->tip_velocity_limit, c->tip_rotation_limit};
     const double left = work_left(m) - own, tips = m->scale * s->tip_energy;
-    const double allowed = smaller(larger(s->energy_limit - tips, 0.0), left);
+    const double allowed = smaller(larger(s->energy_limit - tips, 0.0), left); /* of tip_rise */
     double share = 1.0;
     int reached = 0;
     for (int attempt = 0; attempt < 5 && !reached; ++attempt) {
@@ -370,7 +388,7 @@ static double find_share(step_t *s, int by_posture, double own, double *posture,
         reached = speed <= 1.0 && tip_rise <= allowed && *rise <= left;
         if (speed > 1.0) {
             share *= (1.0 - ROUNDED) / speed;
-        } else if (!reached) {
+        } else if (!reached) { /* the share that would do if the energies were linear, or at last none */
             const double covered = smaller(allowed / larger(tip_rise, allowed), left / larger(*rise, left));
             share *= attempt < 3 && allowed > 0.0 ? NEXT_SHARE * covered : 0.0;
             s->status |= ID(STATUS_GOVERNOR);
@@ -384,7 +402,7 @@ void move_equilibrium(step_t *s)
 {
     memory_t *const m = s->m;
     double posture[N], equilibrium[16 * TIPS], rise = 0.0;
-    pay_for_travel(s);
+    pay_for_travel(s); /* compares this command with the last one, which is replaced at the end */
     const int by_posture = m->joined && (!s->commanded || s->input->command == ID(COMMAND_POSITION));
     const int moving = update_velocities(s, by_posture);
     const double own = by_posture ? 0.0 : move_posture(s);

@@ -87,7 +87,7 @@ typedef struct {
     double travel[N]; /* [rad] or [m] predicted for joints that stand still, with differenced velocities */
     double limit_slope[N]; /* [N m/rad] stiffness of the limit avoidance in force */
     double elapsed;        /* [s] from the sample before */
-    double damped[N];      /* [N m] torque of the motors' kd at the velocity of the damping */
+    double motor_damping[N]; /* [N m] kd times the velocity of the damping: the motors take it away again */
     double carried[N];     /* [N m] torque of the plan's acceleration and Coriolis forces */
     double brake[N];       /* [N m s/rad] damping that one joint may still receive */
     double before[N];      /* [N m] torque of the last call, with the caller's */
@@ -252,6 +252,7 @@ void observe_sample(step_t *s, const double *last);
 
 /* posture.c */
 void pose_difference(const double *from, const double *to, double *twist);
+double pose_distance(const double *from, const double *to);
 void move_pose(const double *pose, const double *twist, double *moved);
 double find_posture_step(const config_t *c, const memory_t *m, const double *q, const double *here, const double *goal,
                          const double *wanted, double *work, double *step);

@@ -62,41 +62,46 @@ double bound_late_work(const double *q, const double *q_des, const double *dq_de
 {
     double work = 0.0;
     for (int i = 0; i < N; ++i) {
-        const double a = tau_ff[i] + kp[i] * (q_des[i] - q[i]) + kd[i] * dq_des[i];
-        const int good = fabs(a) <= DBL_MAX && kp[i] >= 0.0 && kd[i] >= 0.0 && speed[i] >= 0.0 && hold > 0.0;
-        const double most = good ? bound_motor_work(a, kp[i], kd[i], speed[i], hold) : (double)NAN;
+        const double at_rest = tau_ff[i] + kp[i] * (q_des[i] - q[i]) + kd[i] * dq_des[i];
+        const int good = fabs(at_rest) <= DBL_MAX && kp[i] >= 0.0 && kd[i] >= 0.0 && speed[i] >= 0.0 && hold > 0.0;
+        const double most = good ? bound_motor_work(at_rest, kp[i], kd[i], speed[i], hold) : (double)NAN;
         work += fabs(most) <= DBL_MAX ? most : (double)NAN;
     }
     return work;
 }
 
 /*
- * Plan the gains of a step: of the tangent of the scaled springs with the limit avoidance, and of the damping. kd acts
- * on the velocity itself, so the same torque at the present velocity is added to the one that is held.
+ * Plan the gains of a step: kp from the diagonal of the tangent, kd from that of the damping; 0 without
+ * ACTUATION_GAINS. motor_damping, the torque of kd at the present velocity, is added to the torque that is held: with
+ * what the motors do then, damping counts once.
  */
 void plan_gains(step_t *s)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
+    const int has_gains = c->actuation == ID(ACTUATION_GAINS);
     for (int i = 0; i < N; ++i) {
-        const double stiffness = s->out->joint_stiffness[i * (N + 1)], limit = s->limit_slope[i];
-        const int gains = c->actuation == ID(ACTUATION_GAINS);
-        const double wanted = m->scale * (stiffness - limit) + limit;
-        m->kp[i] = gains && wanted > 0.0 ? smaller(wanted, c->kp_limit[i]) : 0.0;
-        m->kd[i] = gains ? clamp(s->out->damping[i * (N + 1)], 0.0, c->kd_limit[i]) : 0.0;
-        s->damped[i] = m->kd[i] * s->velocity[i];
+        const double tangent = s->out->joint_stiffness[i * (N + 1)], limit_slope = s->limit_slope[i];
+        /* the tangent is the unscaled springs' and the limit avoidance's, which no scale weakens */
+        const double wanted = m->scale * (tangent - limit_slope) + limit_slope;
+        m->kp[i] = has_gains && wanted > 0.0 ? smaller(wanted, c->kp_limit[i]) : 0.0;
+        m->kd[i] = has_gains ? clamp(s->out->damping[i * (N + 1)], 0.0, c->kd_limit[i]) : 0.0;
+        s->motor_damping[i] = m->kd[i] * s->velocity[i];
     }
 }
 
 /*
- * Bound the work that the gains take in over the last interval, which no call was missing from: exact for kp, whose
- * spring was at rest at the interval's start; for kd the least that any motion with these ends dissipates in a sample
- * time.
+ * Bound from below the work that the gains take in over the last interval, which no call was missing from: exact for
+ * kp, whose spring was at rest at the interval's start; for kd the least that any motion with these ends dissipates in
+ * a sample time. Gains go with no delay (validate).
  */
 double absorbed_work(const memory_t *m, const double *motion)
 {
     double work = 0.0;
-    for (int i = 0; m->delay == 0 && i < N; ++i) {
+    if (m->delay > 0) {
+        return work;
+    }
+    for (int i = 0; i < N; ++i) {
         work += (0.5 * m->kp[i] + m->kd[i] / m->sample_time) * motion[i] * motion[i];
     }
     return work;
@@ -110,11 +115,14 @@ void fade_gains(memory_t *m)
     }
 }
 
-/* Return the torque of motor i at the last known velocity, within the effort limit (0 if refused) or that of tau_ff. */
-static double apply_gains(const step_t *s, int i, double feed, int refused)
+/*
+ * Return the torque of motor i at the last known state, tau_ff - kd dq: kp adds none there. It is clamped to the effort
+ * limit (0 if the configuration is refused), or to |tau_ff| if this is larger.
+ */
+static double apply_gains(const step_t *s, int i, double tau_ff, int refused)
 {
-    const double most = larger(refused ? 0.0 : s->c->effort_limit[i], fabs(feed));
-    return clamp(feed - s->m->kd[i] * s->m->dq[i], -most, most);
+    const double most = larger(refused ? 0.0 : s->c->effort_limit[i], fabs(tau_ff));
+    return clamp(tau_ff - s->m->kd[i] * s->m->dq[i], -most, most);
 }
 
 /* Lower kd where its torque at the last known velocity would exceed the effort limit. */
@@ -122,18 +130,21 @@ void limit_gains(step_t *s, int refused)
 {
     memory_t *const m = s->m;
     for (int i = 0; i < N; ++i) {
-        const double feed = s->out->torque[i], damped = m->kd[i] * m->dq[i];
-        const double applied = apply_gains(s, i, feed, refused);
-        if (!(fabs(damped) <= DBL_MAX)) { /* the memory holds no velocity */
+        const double tau_ff = s->out->torque[i], damping = m->kd[i] * m->dq[i];
+        const double applied = apply_gains(s, i, tau_ff, refused);
+        if (!(fabs(damping) <= DBL_MAX)) { /* the memory holds no velocity */
             m->kd[i] = 0.0;
-        } else if (applied != feed - damped) {
-            m->kd[i] *= (feed - applied) / damped;
+        } else if (applied != tau_ff - damping) { /* clamped: kd dq becomes what is left of it */
+            m->kd[i] *= (tau_ff - applied) / damping;
             s->status |= ID(STATUS_SATURATED);
         }
     }
 }
 
-/* Write tau_ff, as the torque what the motors apply at the last known state, and the work of a late call. */
+/*
+ * Report tau_ff, the torque that the motors apply at the last known state, and the work of a late call: as late as one
+ * may be, `hold` calls with call_gap sample times each, or in a fault one.
+ */
 void report_gains(const step_t *s, int refused)
 {
     const memory_t *const m = s->m;

@@ -6,12 +6,12 @@
  */
 #include "impedance.h"
 
-/* Rounds of refine_modes; the changes above which it gives up, in the first round and over the round before; the change
- * whose square is 0 up to rounding. */
-enum { REFINEMENTS = 4 };
 /* Largest entry of a matrix to diagonalise, whose squares and their sums are finite; stiffness, over the trace, that a
  * direction without any before and after a change counts with: S stays positive definite. */
 static const double LARGEST_ENTRY = 1e140, UNCHANGED = 1e-10;
+enum { REFINEMENTS = 4 }; /* rounds of refine_modes */
+/* Changes above which refine_modes gives up, in the first round and over the round before; the change whose square is 0
+ * up to rounding. */
 static const double LARGEST_CHANGE = 0.05, LARGEST_SHARE = 0.2, LAST_CHANGE = 5e-8;
 
 /* Invert a lower triangular matrix; the entries above the diagonal become 0. */
@@ -109,7 +109,7 @@ int solve_modes(int n, const double *K, const double *M, double *work, double *e
     if (error == 0) {
         error = diagonalise_pencil(n, K, scale, inverse, C, eigenvalues, modes);
     }
-    if (error == 0) {
+    if (error == 0) { /* v = L^-T w, of length 1 with respect to M = scale L L^T */
         for (int k = 0; k < n * n; ++k) {
             inverse[k] /= sqrt(scale);
         }
@@ -135,7 +135,7 @@ static void compare_modes(int n, const double *K, const double *M, const double 
     multiply_rows(n, modes, M, products);
     for (int i = 0; i < n; ++i) {
         const double square = dot(n, products + i * n, modes + i * n);
-        eigenvalues[i] = changes[i * (n + 1)] / square;
+        eigenvalues[i] = changes[i * (n + 1)] / square; /* v . K v / v . M v; those before i are known below */
         changes[i * (n + 1)] = 0.5 * (1.0 - square);
         for (int j = 0; j < i; ++j) {
             const double S = changes[i * n + j], R = -dot(n, products + i * n, modes + j * n);
@@ -157,17 +157,17 @@ int refine_modes(int n, const double *K, const double *M, double *work, double *
     double most = LARGEST_CHANGE;
     for (int round = 0; round < REFINEMENTS; ++round) {
         compare_modes(n, K, M, modes, products, eigenvalues, changes);
-        double size = 0.0;
+        double squares = 0.0; /* of all changes */
         for (int i = 0; i < n; ++i) {
-            size += dot(n, changes + i * n, changes + i * n);
+            squares += dot(n, changes + i * n, changes + i * n);
         }
-        if (!(size <= most * most)) {
+        if (!(squares <= most * most)) { /* NaN and infinity, of equal eigenvalues, give up, too */
             return 0;
         }
-        most = LARGEST_SHARE * sqrt(size);
+        most = LARGEST_SHARE * sqrt(squares);
         multiply_rows(n, changes, modes, products);
         add_scaled(n * n, 1.0, products, modes);
-        if (size <= LAST_CHANGE * LAST_CHANGE) {
+        if (squares <= LAST_CHANGE * LAST_CHANGE) { /* the error that is left is about its square */
             sort_eigenpairs(n, eigenvalues, modes);
             return 1;
         }
@@ -206,13 +206,13 @@ int soften(const double *wanted, double share, double *K, double *cost)
         cost[k] = 0.0;
     }
     const double trace = S[0] + S[4] + S[8], part = size <= ROUNDED * trace ? 1.0 : share;
-    for (int k = 0; k < 9; k += 4) {
+    for (int k = 0; k < 9; k += 4) { /* the diagonal */
         S[k] += UNCHANGED * trace;
     }
     if (size == 0.0 || solve_pencil(3, D, S, L, C, values, rows, &scale) != 0) {
         return 0;
     }
-    multiply_lower(3, L, rows);
+    multiply_lower(3, L, rows); /* columns of S V / sqrt(scale): the scale goes to the values */
     for (int k = 0; k < 3; ++k) {
         values[k] = part * larger(values[k], 0.0) * scale;
     }

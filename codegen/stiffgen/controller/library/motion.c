@@ -27,13 +27,16 @@ static double find_external(const step_t *s, int i)
     return s->has_external ? s->input->external_torque[i] : 0.0;
 }
 
-/* Return what is left of a torque beside the environment's: that one explains, it never accuses. */
+/*
+ * Return what is left of a torque beside the environment's: that one can cancel it down to 0, but neither add to it nor
+ * turn its sign.
+ */
 static double explain(double torque, double external)
 {
     return torque + clamp(external, smaller(-torque, 0.0), larger(-torque, 0.0));
 }
 
-/* Return the torque that both of two readings agree on. */
+/* Return the torque that both of two readings agree on: the smaller one, or 0 if their signs differ. */
 static double agree(double a, double b)
 {
     return clamp(a, smaller(b, 0.0), larger(b, 0.0));
@@ -87,6 +90,7 @@ static int stands_still(step_t *s, int i, double own, double elapsed)
     if (fabs(q - m->rest_q[i]) <= quantum || fabs(q - m->rest_other[i]) <= quantum) {
         return 1;
     }
+    /* it moves after all, so that friction has held the torque of the standstill; before rest_change begins anew */
     if (m->fault == ID(FAULT_NONE)) {
         m->held_torque[i] = larger(m->held_torque[i], m->rest_change[i]);
     }
@@ -103,8 +107,8 @@ static int stands_still(step_t *s, int i, double own, double elapsed)
  */
 static void predict_motion(double torque, double held, double inertia, double elapsed, double *speed, double *travel)
 {
-    const double friction = held * elapsed / inertia, push = *speed + torque * elapsed / inertia;
-    *speed = push - clamp(push, -friction, friction);
+    const double friction = held * elapsed / inertia, push = *speed + torque * elapsed / inertia; /* speeds */
+    *speed = push - clamp(push, -friction, friction); /* friction slows it down, and never reverses it */
     *travel += *speed * elapsed - *travel * elapsed / (elapsed + REST_MEMORY);
 }
 
@@ -128,18 +132,18 @@ void predict_standstills(step_t *s, const double *last, double elapsed)
             continue;
         }
         const double acting = own + m->rest_load[i], change = own - m->rest_torque[i];
-        const double external = find_external(s, i), taken = external - m->rest_external[i];
+        const double external = find_external(s, i), external_change = external - m->rest_external[i];
         const double held = find_held_torque(s, i);
         /* What acts now must move the joint, and so must what has changed since the joint stood still. */
-        const double left = agree(explain(acting, external), explain(change, taken));
-        if (fabs(taken) * elapsed > STOPPED_BY * m->mass[i] * fabs(m->rest_speed[i])) {
+        const double left = agree(explain(acting, external), explain(change, external_change));
+        if (fabs(external_change) * elapsed > STOPPED_BY * m->mass[i] * fabs(m->rest_speed[i])) {
             m->rest_speed[i] = 0.0; /* it was stopped from outside */
         }
         m->rest_change[i] = larger(m->rest_change[i], fabs(left));
         predict_motion(left, held, m->mass[i], elapsed, &m->rest_speed[i], &m->rest_travel[i]);
         if (moves) {
-            const double given = larger(held, smaller(GIVES_WAY * effort, HARDEST * quantum));
-            predict_motion(agree(acting, change), given, m->mass[i], elapsed, &m->alone_speed[i],
+            const double held_alone = larger(held, smaller(GIVES_WAY * effort, HARDEST * quantum));
+            predict_motion(agree(acting, change), held_alone, m->mass[i], elapsed, &m->alone_speed[i],
                            &m->alone_travel[i]);
         }
         s->travel[i] = larger(fabs(m->rest_travel[i]), fabs(m->alone_travel[i]));

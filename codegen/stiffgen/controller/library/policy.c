@@ -54,6 +54,7 @@ static double progress(const policy_t *p, int part)
     return clamp((p->now - p->begin[part]) / length, 0.0, 1.0);
 }
 
+/* Set the stage of a part from the port's time; one that was never accepted goes on waiting. */
 static void set_stage(policy_t *p, int part)
 {
     if (p->stage[part] == ID(STAGE_WAITING)) {
@@ -86,7 +87,10 @@ static double wrench_share(const policy_t *p)
     return share_left(p, overdue(p, ID(PART_WRENCH)));
 }
 
-/* Begin an interpolation at what is commanded: the share may have risen since, and multiplies the beginning. */
+/*
+ * Let an interpolation begin at what is commanded. `after`, the share from now on, multiplies its beginning: this is
+ * divided by a share that has risen from `before`, so that nothing jumps. A share that falls acts at once.
+ */
 static void begin_at(int count, const double *commanded, double before, double after, double *from)
 {
     for (int i = 0; i < count; ++i) {
@@ -133,6 +137,7 @@ static int check_time(const policy_t *p, int part, double time, int timed)
     return p->now - time > hold_time(p) + fade_time(p) ? ID(REFUSED_STALE) : ID(REFUSED_NONE);
 }
 
+/* Accept the poses of all tips, or none; the interpolation begins at the commanded ones. Return why not. */
 static int propose_pose(policy_t *p, const proposal_t *proposal, refusal_t *r)
 {
     double accepted[16 * TIPS];
@@ -161,12 +166,13 @@ static int check_uncoupled(const double *K, int tip, refusal_t *r)
     return 1;
 }
 
+/* Accept the stiffnesses (6 x 6) of all tips as two blocks each, or none. Return why not. */
 static int propose_stiffness(const config_t *c, policy_t *p, const proposal_t *proposal, refusal_t *r)
 {
     double Kt[9 * TIPS], Ko[9 * TIPS], block[2][9];
     for (int t = 0; t < TIPS; ++t) {
         const double *const K = proposal->stiffness + 36 * t;
-        for (int i = 0; i < 9; ++i) {
+        for (int i = 0; i < 9; ++i) { /* entry (i / 3, i % 3) of the upper left block, and of the lower right one */
             block[0][i] = K[i / 3 * 6 + i % 3];
             block[1][i] = K[(i / 3 + 3) * 6 + i % 3 + 3];
         }
@@ -205,7 +211,7 @@ static int propose_part(const config_t *c, policy_t *p, const proposal_t *propos
         return propose_stiffness(c, p, proposal, r);
     case ID(PART_WRENCH):
         return propose_wrench(c, p, proposal, r);
-    default:
+    default: /* the gripper's number is passed on as it is */
         memcpy(&p->gripper, &proposal->gripper, sizeof p->gripper);
         return ID(REFUSED_NONE);
     }
@@ -263,7 +269,7 @@ int propose(const config_t *c, policy_t *p, const proposal_t *proposal, double n
 {
     const int timed = advance_time(p, now);
     int count = 0, accepted[PARTS] = {0};
-    interpolate(p);
+    interpolate(p); /* what is commanded now: accepted parts begin there */
     const double springs = stiffness_share(p), wrench = wrench_share(p);
     for (int part = 0; part < PARTS; ++part) {
         refusal_t r = {ID(REFUSAL_NONE), ID(ARGUMENT_NONE), NO_JOINT, 0.0, 0.0};
@@ -285,6 +291,7 @@ int propose(const config_t *c, policy_t *p, const proposal_t *proposal, double n
         accepted[part] = 1;
     }
     const double after = stiffness_share(p);
+    /* a pose that is accepted may raise the share of the stiffness, too: it then begins anew from what is commanded */
     if (accepted[ID(PART_STIFFNESS)] || after > springs) {
         begin_at(9 * TIPS, p->translation_stiffness, springs, after, p->from_translation);
         begin_at(9 * TIPS, p->rotation_stiffness, springs, after, p->from_rotation);

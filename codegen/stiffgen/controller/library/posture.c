@@ -25,7 +25,7 @@ static int find_largest(double a, double b, double c)
 /* Compute the twist (hybrid axes) from one pose to another: the origin's motion and the rotation vector. */
 void pose_difference(const double *from, const double *to, double *twist)
 {
-    double D[9], *const w = twist + 3;
+    double D[9], *const w = twist + 3; /* D: the rotation between them, R_to R_from^T */
     for (int i = 0; i < 3; ++i) {
         for (int j = 0; j < 3; ++j) {
             D[3 * i + j] = dot(3, to + 4 * i, from + 4 * j);
@@ -51,7 +51,21 @@ void pose_difference(const double *from, const double *to, double *twist)
     }
 }
 
-/* Move a pose by a twist (hybrid axes), and make its rotation orthonormal again. */
+/* Return the largest distance [m] or angle [rad] between the poses of the tips. */
+double pose_distance(const double *from, const double *to)
+{
+    double most = 0.0, twist[6];
+    for (int t = 0; t < TIPS; ++t) {
+        pose_difference(from + 16 * t, to + 16 * t, twist);
+        most = larger(most, larger(norm(3, twist), norm(3, twist + 3)));
+    }
+    return most;
+}
+
+/*
+ * Move a pose by a twist (hybrid axes): its rotation becomes (I + a W + b W^2) R (Rodrigues), and is made orthonormal
+ * again by a Newton step. moved may not be pose.
+ */
 void move_pose(const double *pose, const double *twist, double *moved)
 {
     const double *const w = twist + 3, W[9] = {0.0, -w[2], w[1], w[2], 0.0, -w[0], -w[1], w[0], 0.0};
@@ -63,7 +77,7 @@ void move_pose(const double *pose, const double *twist, double *moved)
         D[k] = (k % 4 == 0 ? 1.0 : 0.0) + a * W[k] + b * D[k];
     }
     multiply3(D, 3, 0, pose, 4, R);
-    multiply3(R, 3, 1, R, 3, D);
+    multiply3(R, 3, 1, R, 3, D); /* R^T R */
     for (int k = 0; k < 9; ++k) {
         D[k] = (k % 4 == 0 ? 1.5 : 0.0) - 0.5 * D[k];
     }
@@ -76,8 +90,10 @@ void move_pose(const double *pose, const double *twist, double *moved)
     }
 }
 
-/* Solve (A + shift I) x = x over the free joints; held ones keep x. work: 2 N N numbers. Return whether it
- * succeeded. */
+/*
+ * Solve (A + shift I) y = x over the free joints, and write y to x; held joints keep their x: their rows and columns
+ * become those of I. work: 2 N N numbers. Return whether it succeeded.
+ */
 static int solve_free(const double *A, double shift, const int *held, double *work, double *x)
 {
     double *const L = work + NN;
@@ -99,8 +115,8 @@ static int solve_free(const double *A, double shift, const int *held, double *wo
 
 /*
  * Combine a damped least-squares step, with the slope J^T W e of the pose's error (task), and the part of `near` that
- * leaves the tips where they are. A = J^T W J. Joints that are held have their step already. Return whether it
- * succeeded.
+ * leaves the tips where they are: `near` less self = A^-1 A near (regularised). A = J^T W J. Joints that are held have
+ * their step already, and what it does to the tips counts. Return whether it succeeded.
  */
 static int combine_steps(const double *A, const double *task, const double *near, double shift, const int *held,
                          double *work, double *step)
@@ -128,19 +144,19 @@ static int combine_steps(const double *A, const double *task, const double *near
 /* Hold the free joint whose step leads farthest beyond its limit zones, at their edge. Return whether there is one. */
 static int hold_joint(const memory_t *m, const double *q, int *held, double *step)
 {
-    double farthest = 0.0, rest = 0.0;
+    double farthest = 0.0, step_to_edge = 0.0;
     int found = NO_JOINT;
     for (int i = 0; i < N; ++i) {
         const double next = q[i] + step[i], edge = clamp(next, m->avoidance[4 * i], m->avoidance[4 * i + 1]);
         if (!held[i] && fabs(next - edge) > farthest) {
             farthest = fabs(next - edge);
-            rest = edge - q[i];
+            step_to_edge = edge - q[i];
             found = i;
         }
     }
     if (found != NO_JOINT) {
         held[found] = 1;
-        step[found] = rest;
+        step[found] = step_to_edge;
     }
     return found != NO_JOINT;
 }
@@ -190,19 +206,19 @@ static double sum_errors(const memory_t *m, const double *q, const double *here,
 double find_posture_step(const config_t *c, const memory_t *m, const double *q, const double *here, const double *goal,
                          const double *wanted, double *work, double *step)
 {
-    double A[NN], task[N], near[N], damping, speed = 0.0;
+    double A[NN], task[N], near[N], damping, excess = 0.0;
     int held[N] = {0};
     const double distance = sum_errors(m, q, here, goal, A, task, &damping);
     memset(step, 0, N * sizeof(double));
     for (int i = 0; i < N; ++i) {
         near[i] = clamp(wanted[i], m->avoidance[4 * i], m->avoidance[4 * i + 1]) - q[i];
-        speed = larger(speed, fabs(near[i]) / (c->reference_velocity_limit[i] * NEAR_TIME));
+        excess = larger(excess, fabs(near[i]) / (c->reference_velocity_limit[i] * NEAR_TIME));
     }
-    for (int i = 0; i < N; ++i) {
-        near[i] *= larger(1.0 - distance / SELF_MOTION_NEAR, 0.0) / larger(speed, 1.0);
+    for (int i = 0; i < N; ++i) { /* self-motion: as far as NEAR_TIME allows, and only near the pose */
+        near[i] *= larger(1.0 - distance / SELF_MOTION_NEAR, 0.0) / larger(excess, 1.0);
     }
     int good = 1, again = 1;
-    for (int round = 1; round <= N && again; ++round) {
+    for (int round = 1; round <= N && again; ++round) { /* each round holds one more joint at its limit zone */
         good = combine_steps(A, task, near, damping, held, work, step);
         again = good && round < N && hold_joint(m, q, held, step);
     }
@@ -218,7 +234,7 @@ double find_posture_step(const config_t *c, const memory_t *m, const double *q, 
  */
 static void start_trial(const memory_t *m, const double *start, int number, double *q)
 {
-    const double share = 0.4 + 0.6 * number / (double)SEARCHED;
+    const double share = 0.4 + 0.6 * number / (double)SEARCHED; /* of the way from `start` to an even spread */
     for (int i = 0; i < N; ++i) {
         const double *const a = m->avoidance + 4 * i;
         const double low = larger(a[0], start[i] - HALF_TURN), high = smaller(a[1], start[i] + HALF_TURN);
@@ -235,11 +251,28 @@ static int try_posture(const config_t *c, const memory_t *m, const double *goal,
     int found = 0;
     for (int k = 0; k < SEARCH_STEPS && !found; ++k) {
         stiffgen_poses(q, m, here);
+        /* wanted is q itself: no self-motion. Found is well within REACHED, and improved by one step more. */
         found = find_posture_step(c, m, q, here, goal, q, work, step) <= 0.1 * REACHED;
         const double size = norm(N, step);
         add_scaled(N, size > LONGEST_STEP ? LONGEST_STEP / size : 1.0, step, q);
     }
     return found;
+}
+
+/* Accept poses and tools (NULL: none) of a search; the tools go to the memory. Return whether all are accepted. */
+static int accept_search(const double *poses, const double *tool, double *goal, memory_t *m)
+{
+    int good = 1;
+    for (int t = 0; good && t < TIPS; ++t) {
+        refusal_t r = {ID(REFUSAL_NONE), ID(ARGUMENT_NONE), NO_JOINT, 0.0, 0.0};
+        double accepted[16];
+        good = accept_pose(poses + 16 * t, FARTHEST, ID(ARGUMENT_EQUILIBRIUM), t, goal + 16 * t, &r) &&
+               (tool == NULL || accept_pose(tool + 16 * t, FARTHEST, ID(ARGUMENT_TOOL_POSE), t, accepted, &r));
+        if (good && tool != NULL) {
+            memcpy(m->tool_pose + 16 * t, accepted, sizeof accepted);
+        }
+    }
+    return good;
 }
 
 /*
@@ -249,25 +282,19 @@ static int try_posture(const config_t *c, const memory_t *m, const double *goal,
  */
 int search_posture(const config_t *c, const double *poses, const double *tool, const double *start, double *posture)
 {
-    memory_t m;
-    double goal[16 * TIPS], q[N], accepted[16];
+    memory_t m; /* a fresh one: of it tools, loops and limit zones are used */
+    double goal[16 * TIPS], q[N];
     const int error = validate(c);
     memset(&m, 0, sizeof m);
     place_no_tools(m.tool_pose);
     stiffgen_home(&m);
-    memcpy(q, start, sizeof q);
+    memcpy(q, start, sizeof q); /* `start` and `posture` may be one array */
     memcpy(posture, q, sizeof q);
-    int good = doubles_within(q, N, -FARTHEST, FARTHEST);
-    for (int t = 0; good && t < TIPS; ++t) {
-        refusal_t r = {ID(REFUSAL_NONE), ID(ARGUMENT_NONE), NO_JOINT, 0.0, 0.0};
-        good = accept_pose(poses + 16 * t, FARTHEST, ID(ARGUMENT_EQUILIBRIUM), t, goal + 16 * t, &r) &&
-               (tool == NULL || accept_pose(tool + 16 * t, FARTHEST, ID(ARGUMENT_TOOL_POSE), t, accepted, &r));
-        if (good && tool != NULL) {
-            memcpy(m.tool_pose + 16 * t, accepted, sizeof accepted);
-        }
+    if (error != ID(OK)) {
+        return error;
     }
-    if (error != ID(OK) || !good) {
-        return error != ID(OK) ? error : ID(E_POSE);
+    if (!doubles_within(q, N, -FARTHEST, FARTHEST) || !accept_search(poses, tool, goal, &m)) {
+        return ID(E_POSE);
     }
     for (int i = 0; i < N; ++i) {
         m.avoidance[4 * i] = c->lower_limit[i] + c->limit_zone;

@@ -21,7 +21,7 @@ static int check_numbers(int count, const double *x, double most, int code, int 
 {
     int good = 1;
     for (int i = 0; i < count; ++i) {
-        good = good && (fabs(x[i]) <= most || refuse_command(r, code, command, entry + i, x[i], most));
+        good = good && (fabs(x[i]) <= most || refuse_command(r, code, command, entry + i, x[i], most)); /* returns 0 */
     }
     return good;
 }
@@ -84,7 +84,7 @@ static void orthonormalise(double *pose)
  */
 int accept_pose(const double *pose, double reach, int command, int tip, double *accepted, refusal_t *r)
 {
-    double C[9], off = 0.0;
+    double C[9], off = 0.0; /* off: sum of the deviations from a pose */
     const int first = 16 * tip;
     memcpy(accepted, pose, 16 * sizeof(double));
     if (!check_numbers(16, pose, DBL_MAX, ID(REFUSAL_NOT_FINITE), command, first, r)) {
@@ -151,7 +151,8 @@ static int accept_positions(step_t *s)
         const double limit = clamp(wanted, lower, upper), beyond = fabs(wanted - limit);
         const double rounded = COMMAND_TOLERANCE * larger(1.0, fabs(limit));
         s->q0[i] = limit;
-        s->m->wanted_posture[i] = nearest_turn(s, i, s->m->wanted_posture[i], limit); /* the same command */
+        /* the last command on the same turn, so that a turn between the two is no motion of the goal */
+        s->m->wanted_posture[i] = nearest_turn(s, i, s->m->wanted_posture[i], limit);
         if (beyond > larger(c->position_tolerance, rounded)) {
             good = refuse_command(&s->refusal, ID(REFUSAL_POSITION), q0, i, wanted, limit);
         } else if (beyond > rounded) {

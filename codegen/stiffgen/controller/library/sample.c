@@ -21,7 +21,7 @@ static void count_missing(step_t *s, int periods, int reason)
     memory_t *const m = s->m;
     const int most = s->c->loss_limit > m->calls ? s->c->loss_limit : m->calls;
     const int halves = m->absent + (periods > 0 ? HALVES * periods : -1);
-    const int calls = reason == ID(REASON_SKIPPED) ? periods : 0;
+    const int calls = reason == ID(REASON_SKIPPED) ? periods : 0; /* in a row, without a step */
     m->absent = clamp_count(halves, HALVES * most);
     if (m->known && calls >= m->calls) {
         latch_fault(m, reason, NO_JOINT, calls, m->calls);
@@ -45,7 +45,7 @@ static double sum_still(int changed, double window, double differs, double allow
 
 /*
  * Find whether q or dq of joint i stands still while the other moves. differs: motion by dq less the change of q; seen,
- * limit: the sum and what it may be.
+ * limit: the sum and what it may be. Return FROZEN_POSITION, FROZEN_VELOCITY, both as bits, or 0.
  */
 static int check_frozen(step_t *s, int i, double differs, double elapsed, double *seen, double *limit)
 {
@@ -90,9 +90,11 @@ static int check_counter(step_t *s, const double *last)
 {
     memory_t *const m = s->m;
     const uint32_t counter = s->input->counter;
+    /* sample times that are missing besides those of the gap; unsigned, as the counter wraps */
     const int32_t ahead = (int32_t)(counter - m->counter - (uint32_t)m->gap - 1u);
     m->regular = counter == m->seen_counter + 1u ? clamp_count(m->regular + 1, 3) : 0;
     m->seen_counter = counter;
+    /* an old sample; but in a fault a counter that advances regularly again is believed, wherever it stands */
     if (ahead < 0 && (m->fault == ID(FAULT_NONE) || m->regular < 3)) {
         note_finding(s, NO_JOINT, 1.0 + ahead, 1.0);
         return ID(REASON_STALE);
@@ -110,6 +112,10 @@ static int check_counter(step_t *s, const double *last)
 /*
  * Check one joint's q and dq, and choose the velocity to use: if one of the two is wrong the other's, or, where it is
  * open which, the smaller one if they agree in sign. Damping with too small a velocity puts no energy in.
+ *
+ * motion: change of q since the last known position; measured: its velocity; far: motion at the velocity limit;
+ * differs: motion by dq less that of q; apart: what q and dq of different times may differ by. Of jump, standstill
+ * and mismatch the first that is found counts.
  */
 static int check_joint(step_t *s, int i)
 {
@@ -119,11 +125,11 @@ static int check_joint(step_t *s, int i)
     const double motion = m->known ? q - m->q[i] : dq * elapsed;
     const double far = m->velocity_limit[i] * elapsed, measured = motion / elapsed, quanta = 2.0 * c->position_quantum;
     const double noise = NOISE_RANGE * c->velocity_noise * elapsed, differs = dq * elapsed - motion;
-    const double apart = c->state_period * smaller(fabs(dq), fabs(measured)); /* q and dq of different times */
-    const double most = larger(DISAGREED_LIMIT * far, DISAGREED_MOTION * fabs(motion)) + quanta + noise + apart;
+    const double apart = c->state_period * smaller(fabs(dq), fabs(measured));
+    const double allowed = larger(DISAGREED_LIMIT * far, DISAGREED_MOTION * fabs(motion)) + quanta + noise + apart;
     double still, still_limit;
     int stuck = check_frozen(s, i, differs, elapsed, &still, &still_limit);
-    const int differ = fabs(differs) > most;
+    const int disagree = fabs(differs) > allowed;
     const double farthest = larger(FROZEN_TRAVEL, 4.0 * c->position_quantum);
     if (s->travel[i] > farthest) {
         stuck = FROZEN_POSITION; /* the position is not believed, nor the velocity that follows from it */
@@ -135,14 +141,14 @@ static int check_joint(step_t *s, int i)
      * one, and in a fault at any speed. */
     const int fault = m->fault != ID(FAULT_NONE), follows = fabs(motion - m->dq[i] * elapsed) <= far + quanta;
     const double range = 2.0 * far + quanta + apart;
-    const double located = fault || (follows && !differ) ? 10.0 * far + quanta : range;
+    const double locatable = fault || (follows && !disagree) ? 10.0 * far + quanta : range;
     s->velocity[i] = dq;
     s->condemned[i] = !m->known && distance_beyond(c, i, q) > c->position_tolerance;
-    if ((differ || !fault) && fabs(motion) > located) {
+    if ((disagree || !fault) && fabs(motion) > locatable) {
         s->located = 0;
-        note_finding(s, i, fabs(motion), located);
+        note_finding(s, i, fabs(motion), locatable);
     }
-    if (differ && fabs(motion) > range) {
+    if (disagree && fabs(motion) > range) {
         s->velocity[i] = 0.0;
         s->jumped = s->condemned[i] = 1;
         return ID(REASON_JUMP);
@@ -153,10 +159,10 @@ static int check_joint(step_t *s, int i)
         s->velocity[i] = stuck == FROZEN_VELOCITY ? measured : dq;
         return ID(REASON_FROZEN);
     }
-    if (differ) {
-        note_finding(s, i, fabs(differs) / elapsed, most / elapsed);
-        const double smaller = fabs(measured) < fabs(dq) ? measured : dq;
-        s->velocity[i] = measured * dq <= 0.0 ? 0.0 : smaller;
+    if (disagree) {
+        note_finding(s, i, fabs(differs) / elapsed, allowed / elapsed);
+        const double slower = fabs(measured) < fabs(dq) ? measured : dq;
+        s->velocity[i] = measured * dq <= 0.0 ? 0.0 : slower;
         return ID(REASON_MISMATCH);
     }
     return ID(REASON_NONE);
@@ -173,15 +179,15 @@ static int check_sample(step_t *s, const double *last)
     int reason = ID(REASON_NONE);
     for (int i = 0; i < N; ++i) {
         if (!(fabs(in->q[i]) <= FARTHEST && fabs(in->dq[i]) <= FASTEST * m->velocity_limit[i])) {
-            const double size = fabs(in->q[i]) <= FARTHEST ? in->dq[i] : in->q[i];
-            note_finding(s, i, fabs(size) <= DBL_MAX ? size : 0.0, 0.0);
+            const double wrong = fabs(in->q[i]) <= FARTHEST ? in->dq[i] : in->q[i];
+            note_finding(s, i, fabs(wrong) <= DBL_MAX ? wrong : 0.0, 0.0); /* outputs are finite */
             return ID(REASON_NOT_FINITE);
         }
     }
     if (m->known && check_counter(s, last) != ID(REASON_NONE)) {
         return ID(REASON_STALE);
     }
-    s->located = 1;
+    s->located = 1; /* until a joint's check finds otherwise */
     if (s->c->velocity_source == ID(VELOCITY_SOURCE_DIFFERENCED)) {
         predict_standstills(s, last, s->c->sample_time * (1 + m->gap));
     }
@@ -242,8 +248,8 @@ void observe_sample(step_t *s, const double *last)
         check_wrench(s);
         check_external(s);
         reason = check_sample(s, last);
-        m->bad = ((m->bad << 1) | (reason != ID(REASON_NONE))) & 7;
-        if (reason != ID(REASON_NONE) && (m->bad & (m->bad - 1)) != 0) {
+        m->bad = ((m->bad << 1) | (reason != ID(REASON_NONE))) & 7; /* the last three samples, a bit each */
+        if (reason != ID(REASON_NONE) && (m->bad & (m->bad - 1)) != 0) { /* more than one bit is set */
             latch_fault(m, reason, s->joint, s->seen, s->limit);
         }
     }

@@ -15,6 +15,7 @@ static void remember_sample(step_t *s)
     memcpy(m->measured_q, s->input->q, sizeof m->measured_q);
     s->has_jacobians = 0;
     memcpy(m->dq, s->velocity, sizeof m->dq);
+    /* before the gap is cleared: velocities from before a gap are no part of a mean */
     m->recent_count = m->gap > 0 ? 1 : clamp_count(m->recent_count + 1, RECENT);
     memmove(m->recent + N, m->recent, (RECENT - 1) * N * sizeof(double));
     memcpy(m->recent, s->velocity, N * sizeof(double));
@@ -22,34 +23,53 @@ static void remember_sample(step_t *s)
     m->gap = m->missed = 0;
 }
 
-/* Check speed and position against their limits, and the spring against the one in force. */
-static void check_limits(step_t *s)
+/* Latch a fault for a joint that is beyond its position limit by more than position_tolerance. */
+static void check_positions(step_t *s)
+{
+    const config_t *const c = s->c;
+    for (int i = 0; i < N; ++i) {
+        if (distance_beyond(c, i, s->q[i]) > c->position_tolerance) {
+            const double edge = s->q[i] > c->upper_limit[i] ? c->upper_limit[i] : c->lower_limit[i];
+            latch_fault(s->m, ID(REASON_POSITION), i, s->q[i], edge);
+        }
+    }
+}
+
+/*
+ * Latch a fault for a speed that is above its limit for longer than overspeed_time: a bump may drive a joint beyond it
+ * for a moment, which is braked. A velocity limit that the configuration lowers comes into force here.
+ */
+static void check_speeds(step_t *s)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
-    int fast = NO_JOINT;
+    int first_fast = NO_JOINT;
     for (int i = 0; i < N; ++i) {
         const double speed = fabs(s->velocity[i]);
         const double limit = smaller(c->velocity_limit[i], m->velocity_limit[i]);
         if (speed > limit + NOISE_RANGE * c->velocity_noise) {
-            fast = fast == NO_JOINT ? i : fast;
+            first_fast = first_fast == NO_JOINT ? i : first_fast;
             s->status |= ID(STATUS_OVERSPEED);
         }
         /* a lowered limit bounds what is believed only once the arm is known to be below it */
         if (s->believed && speed <= c->velocity_limit[i]) {
             m->velocity_limit[i] = limit;
         }
-        if (distance_beyond(c, i, s->q[i]) > c->position_tolerance) {
-            const double edge = s->q[i] > c->upper_limit[i] ? c->upper_limit[i] : c->lower_limit[i];
-            latch_fault(m, ID(REASON_POSITION), i, s->q[i], edge);
-        }
     }
-    /* a bump may drive a joint beyond its limit for a moment, which is braked */
-    m->fast = fast == NO_JOINT ? 0 : clamp_count(m->fast + 1, LONGEST);
-    if (fast != NO_JOINT && m->fast * c->sample_time > c->overspeed_time * (1.0 + ROUNDED)) {
-        const double limit = smaller(c->velocity_limit[fast], m->velocity_limit[fast]);
-        latch_fault(m, ID(REASON_OVERSPEED), fast, fabs(s->velocity[fast]), limit);
+    m->fast = first_fast == NO_JOINT ? 0 : clamp_count(m->fast + 1, LONGEST);
+    if (first_fast != NO_JOINT && m->fast * c->sample_time > c->overspeed_time * (1.0 + ROUNDED)) {
+        const double limit = smaller(c->velocity_limit[first_fast], m->velocity_limit[first_fast]);
+        latch_fault(m, ID(REASON_OVERSPEED), first_fast, fabs(s->velocity[first_fast]), limit);
     }
+}
+
+/* Check position and speed against their limits, and the spring against the one in force. The first fault stays. */
+static void check_limits(step_t *s)
+{
+    const config_t *const c = s->c;
+    memory_t *const m = s->m;
+    check_positions(s);
+    check_speeds(s);
     if (m->engaged && c->spring != m->spring) {
         latch_fault(m, ID(REASON_CHANGED), NO_JOINT, 0.0, 0.0);
     }
@@ -69,7 +89,7 @@ static void end_fault(step_t *s, const double *last)
     if (m->fault != ID(FAULT_NONE) && (m->reset || resumes) && m->good_time > c->sample_time) {
         double parts[3];
         if (m->engaged && sum_reserve(s, m->calls, m->call_gap, last, parts) > available_energy(m)) {
-            return;
+            return; /* the fault stays until a later sample */
         }
         m->fault = ID(FAULT_NONE);
         m->reason = ID(REASON_NONE);
@@ -95,8 +115,8 @@ static void begin_limits(step_t *s, const double *q)
     for (int i = 0; i < N; ++i) {
         double *const a = m->avoidance + 4 * i;
         condemned |= s->condemned[i];
-        a[2] = s->condemned[i] ? 0.0 : a[2];
-        a[3] = s->condemned[i] ? 0.0 : a[3];
+        a[2] = s->condemned[i] ? 0.0 : a[2]; /* stiffness */
+        a[3] = s->condemned[i] ? 0.0 : a[3]; /* largest torque */
     }
     m->doubted |= condemned && !m->known;
     s->status |= condemned ? (uint32_t)ID(STATUS_BAD_SAMPLE) : 0u;
@@ -123,13 +143,14 @@ static void step_with_sample(step_t *s, const double *last)
     if (!m->known || s->jumped) {
         begin_limits(s, s->q);
     }
+    /* gap and last position are read before remember_sample replaces them */
     s->elapsed = s->c->sample_time * (1 + m->gap);
     book_interval(s, s->q);
     remember_sample(s);
     s->commanded = s->believed && accept_command(s);
     s->status |= s->commanded ? 0u : (uint32_t)ID(STATUS_COMMAND_REFUSED);
     accept_feedforward(s);
-    check_limits(s);
+    check_limits(s); /* may latch a fault: m->fault counts from here on */
     s->budget = m->tank - TANK_FLOOR * s->tank_initial;
     adopt_raised_limits(s, last);
     if (m->fault == ID(FAULT_NONE)) {
@@ -153,7 +174,7 @@ static void step_with_sample(step_t *s, const double *last)
         moved = 1;
     }
     compute_torque(s, last, moved);
-    pay_engagement(s);
+    pay_engagement(s); /* last, since compute_torque may find a fault: then nothing is paid */
 }
 
 /*
@@ -176,7 +197,7 @@ static void release_springs(memory_t *m)
 static void step_without_sample(step_t *s, const double *last)
 {
     memory_t *const m = s->m;
-    const double none[N] = {0.0};
+    const double no_feed[N] = {0.0};
     m->missed = clamp_count(m->missed + 1, LONGEST);
     if (!s->timed) {
         note_untimed_call(s, last);
@@ -195,7 +216,7 @@ static void step_without_sample(step_t *s, const double *last)
         step_towards_zero(last, m->rate, s->out->torque);
         fade_gains(m);
     }
-    shift_history(m, s->transit, none);
+    shift_history(m, s->transit, no_feed);
 }
 
 /* Take what the configuration says of time and limits, and observe the sample. */
@@ -257,12 +278,12 @@ static void report_step(const step_t *s)
  */
 static int read_torque(step_t *s, const state_t *state, double *last)
 {
-    const int all = vote(state->torque, last), limited = vote(state->effort, s->effort);
+    const int torque_stored = vote(state->torque, last), effort_stored = vote(state->effort, s->effort);
     for (int i = 0; i < N; ++i) {
-        last[i] = all && limited ? clamp(last[i], -s->effort[i], s->effort[i]) : 0.0;
+        last[i] = torque_stored && effort_stored ? clamp(last[i], -s->effort[i], s->effort[i]) : 0.0;
     }
     memcpy(s->before, last, sizeof s->before);
-    return all && limited;
+    return torque_stored && effort_stored;
 }
 
 /*
@@ -285,18 +306,28 @@ static int step_without_memory(state_t *state, int stored, const double *last, i
 
 /*
  * Guard the torque that leaves the step, whatever the memory holds: finite, and within the effort limit or on its way
- * down to a lowered one. Gains are finite and within their limits.
+ * down to a lowered one. Gains are finite and within their limits. refused: this call has no valid configuration, so
+ * that the last effort limit stays in force, and gains have no limit.
  */
 static void guard_torque(step_t *s, int refused)
 {
     memory_t *const m = s->m;
     for (int i = 0; i < N; ++i) {
         const double torque = s->out->torque[i];
-        const double most = refused ? s->effort[i] : larger(s->c->effort_limit[i], fabs(s->before[i]));
+        double most = s->effort[i], kp_limit = DBL_MAX, kd_limit = DBL_MAX;
+        if (!refused) {
+            /* a limit that was lowered below the last torque is reached at the rate limit, without a jump */
+            most = larger(s->c->effort_limit[i], fabs(s->before[i]));
+            kp_limit = s->c->kp_limit[i];
+            kd_limit = s->c->kd_limit[i];
+        }
+        /* NaN fails every comparison, and becomes 0 */
         s->out->torque[i] = fabs(torque) <= DBL_MAX ? clamp(torque, -most, most) : 0.0;
-        s->effort[i] = refused ? s->effort[i] : larger(s->c->effort_limit[i], fabs(s->out->torque[i]));
-        m->kp[i] = m->kp[i] >= 0.0 ? smaller(m->kp[i], refused ? DBL_MAX : s->c->kp_limit[i]) : 0.0;
-        m->kd[i] = m->kd[i] >= 0.0 ? smaller(m->kd[i], refused ? DBL_MAX : s->c->kd_limit[i]) : 0.0;
+        m->kp[i] = m->kp[i] >= 0.0 ? smaller(m->kp[i], kp_limit) : 0.0;
+        m->kd[i] = m->kd[i] >= 0.0 ? smaller(m->kd[i], kd_limit) : 0.0;
+        if (!refused) { /* what the next call may find in force */
+            s->effort[i] = larger(s->c->effort_limit[i], fabs(s->out->torque[i]));
+        }
     }
 }
 
@@ -307,6 +338,7 @@ int step(const config_t *c, state_t *state, const input_t *input, output_t *outp
         return ID(E_NULL);
     }
     memset(output, 0, sizeof *output);
+    /* the report of a call that ends without a step; report_step overwrites it */
     output->status = (uint32_t)ID(STATUS_CONFIG) | (uint32_t)ID(STATUS_FAULT);
     output->mode = ID(MODE_FOLLOW);
     output->fault = ID(FAULT_CONFIGURATION);
@@ -325,10 +357,10 @@ int step(const config_t *c, state_t *state, const input_t *input, output_t *outp
     s.input = input;
     s.out = output;
     s.refusal.entry = s.limited = output->refusal_entry = output->limited_joint = NO_JOINT;
-    const int error = c == NULL || input == NULL ? ID(E_NULL) : validate(c);
+    const int error = c == NULL || input == NULL ? ID(E_NULL) : validate(c), refused = error != ID(OK);
     const int stored = read_torque(&s, state, last);
     if (!stored || !is_believable(state)) {
-        if (error != ID(OK) || !stored) {
+        if (refused || !stored) {
             return step_without_memory(state, stored, last, error, output);
         }
         /* memory was overwritten: nothing is believed but the torque, which is stored three times */
@@ -336,26 +368,27 @@ int step(const config_t *c, state_t *state, const input_t *input, output_t *outp
         m->unaccounted = 1;
         latch_fault(m, ID(REASON_STATE), NO_JOINT, 0.0, 0.0);
     }
-    separate_torque_offset(&s, last, error != ID(OK));
+    separate_torque_offset(&s, last, refused); /* `last` is the controller's own torque from here on */
     memcpy(s.transit, last, sizeof last);
-    if (error == ID(OK)) {
-        start_step(&s, state, last);
-    } else {
+    if (refused) {
         latch_fault(m, ID(REASON_CONFIG), NO_JOINT, 0.0, 0.0);
         s.status |= ID(STATUS_CONFIG);
+    } else {
+        start_step(&s, state, last);
     }
     if (s.believed || (s.located && m->known && m->fault != ID(FAULT_NONE))) {
         step_with_sample(&s, last);
     } else {
         step_without_sample(&s, last);
     }
-    add_torque_offset(&s, last, error != ID(OK));
-    guard_torque(&s, error != ID(OK));
+    add_torque_offset(&s, last, refused);
+    guard_torque(&s, refused);
+    /* stored before report_gains: the account is about tau_ff, and out->torque then has what the motors apply */
     store_copies(state->torque, output->torque);
     store_copies(state->effort, s.effort);
-    limit_gains(&s, error != ID(OK));
-    report_gains(&s, error != ID(OK));
-    s.held = error == ID(OK) && holds_in_fault(&s);
+    limit_gains(&s, refused);
+    report_gains(&s, refused);
+    s.held = !refused && holds_in_fault(&s);
     report_step(&s);
     state->checksum = compute_checksum(state);
     return error;

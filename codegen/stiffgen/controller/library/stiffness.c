@@ -4,13 +4,13 @@
 static const double FALL_SHARE = 0.9; /* of the rate limit for a scale that falls: the pull changes, too */
 
 /*
- * Move the stiffness towards the wanted one at once where that releases energy. Results: the changes that cost energy,
- * per spring. Return whether anything changes.
+ * Move the stiffness towards the wanted one, by the share of this step, where that releases energy. Results: the
+ * changes that cost energy, per spring; they are not made yet. Return whether anything changes.
  */
 static int release_stiffness(step_t *s, double *translation, double *rotation, double *posture)
 {
     memory_t *const m = s->m;
-    const double share = 1.0 - exp(-s->c->sample_time / s->c->stiffness_time);
+    const double share = 1.0 - exp(-s->c->sample_time / s->c->stiffness_time); /* a low pass */
     int changed = 0;
     for (int i = 0; i < N; ++i) {
         const double D = s->c->posture_stiffness[i] - m->posture_stiffness[i];
@@ -19,10 +19,11 @@ static int release_stiffness(step_t *s, double *translation, double *rotation, d
         m->posture_stiffness[i] += step < 0.0 ? step : 0.0;
         changed |= D != 0.0;
     }
+    const int is_wanted = s->commanded || m->capped; /* there is a stiffness of a command, or of cap_springs */
     for (int t = 0; t < TIPS; ++t) {
         double *const Kt = m->translation_stiffness + 9 * t, *const Ko = m->rotation_stiffness + 9 * t;
-        changed |= soften(s->commanded || m->capped ? s->translation + 9 * t : Kt, share, Kt, translation + 9 * t);
-        changed |= soften(s->commanded || m->capped ? s->rotation + 9 * t : Ko, share, Ko, rotation + 9 * t);
+        changed |= soften(is_wanted ? s->translation + 9 * t : Kt, share, Kt, translation + 9 * t);
+        changed |= soften(is_wanted ? s->rotation + 9 * t : Ko, share, Ko, rotation + 9 * t);
     }
     return changed;
 }
@@ -40,7 +41,7 @@ static void adopt_spring_limits(step_t *s)
     if (m->spring != ID(SPRING_BOUNDED) || memcmp(old, m->spring_limits, sizeof old) == 0) {
         return;
     }
-    const double v = compute_stored_energy(m, m->q) - m->elastic_energy;
+    const double v = compute_stored_energy(m, m->q) - m->elastic_energy; /* with the new limits, less with the old */
     if (v <= larger(smaller(s->budget, available_energy(m) - m->reserve / COVERED), 0.0)) {
         book_stiffness(s, &m->elastic_energy, v);
     } else {
@@ -71,14 +72,14 @@ void vary_stiffness(step_t *s)
     /* a softer bounded spring can store more, as its limit comes later: the tank pays, its budget falls */
     const double released = compute_stored_energy(m, m->q);
     book_stiffness(s, &m->elastic_energy, released - m->elastic_energy);
+    /* First try the whole change, then the share that can be paid, as the energy is linear in the stiffness. That of
+     * the bounded spring is not: if its share costs more, a third attempt takes the change back. */
     int last = 1;
     if (m->spring == ID(SPRING_BOUNDED)) {
         last = 2;
     }
-    double step = 1.0, share = 0.0, cost = 0.0;
+    double step = 1.0, share = 0.0, cost = 0.0; /* share: of the change that is made, the sum of the steps */
     for (int attempt = 0; attempt <= last; ++attempt) {
-        /* first the whole change, then the share that can be paid, as the energy is linear in the stiffness; that of
-         * the bounded spring is not: if its share costs more, there is no change */
         add_scaled(9 * TIPS, step, translation, m->translation_stiffness);
         add_scaled(9 * TIPS, step, rotation, m->rotation_stiffness);
         add_scaled(N, step, posture, m->posture_stiffness);
@@ -90,7 +91,7 @@ void vary_stiffness(step_t *s)
         if (cost <= budget) {
             break;
         }
-        step = attempt == 0 ? (1.0 - ROUNDED) * budget / cost - 1.0 : -share;
+        step = attempt == 0 ? (1.0 - ROUNDED) * budget / cost - 1.0 : -share; /* from share 1 to what can be paid */
         s->status |= ID(STATUS_TANK_LIMITED);
     }
     book_stiffness(s, &m->elastic_energy, cost);
@@ -98,21 +99,19 @@ void vary_stiffness(step_t *s)
 }
 
 /*
- * Vary the scale: in a fault to zero, as fast as the torque's rate limit allows; else as far as the cap, the effort
- * limits and the reserve allow. pull: torque of the springs at scale 1; energy: their energy.
+ * Return the largest scale, `cap` at most, at which the springs' torque stays within effort limits and reserve beside
+ * limit avoidance and the caller's torque. pull: torque of the springs at scale 1.
  */
-void vary_scale(step_t *s, const double *pull, double energy, double cap)
+static double find_target_scale(step_t *s, const double *pull, double cap)
 {
-    memory_t *const m = s->m;
-    const config_t *const c = s->c;
-    double target = cap, fastest_fall = 2.0, parts[3];
+    const memory_t *const m = s->m;
+    double target = cap, parts[3];
     for (int i = 0; i < N; ++i) {
         const double size = fabs(pull[i]);
-        if (size > NO_TORQUE) {
+        if (size > NO_TORQUE) { /* limit, offset: what the others add in the springs' direction */
             const double limit = pull[i] > 0.0 ? s->out->limit_torque[i] : -s->out->limit_torque[i];
             const double offset = pull[i] > 0.0 ? m->offset[i] : -m->offset[i];
-            target = smaller(target, larger((c->effort_limit[i] - limit - offset) / size, 0.0));
-            fastest_fall = smaller(fastest_fall, FALL_SHARE * m->rate[i] / size);
+            target = smaller(target, larger((s->c->effort_limit[i] - limit - offset) / size, 0.0));
         }
     }
     s->status |= target < cap ? (uint32_t)ID(STATUS_SATURATED) : 0u;
@@ -121,6 +120,23 @@ void vary_scale(step_t *s, const double *pull, double energy, double cap)
     if ((a + b * target) * target > most) {
         target = solve_share(a, b, most);
         s->status |= ID(STATUS_RESERVE);
+    }
+    return target;
+}
+
+/*
+ * Vary the scale: in a fault to zero, as fast as the torque's rate limit allows; else as far as the cap, the effort
+ * limits and the reserve allow. pull: torque of the springs at scale 1; energy: their energy. A fall is done at once, a
+ * rise takes SCALE_TIME and is paid from the budget.
+ */
+void vary_scale(step_t *s, const double *pull, double energy, double cap)
+{
+    memory_t *const m = s->m;
+    const config_t *const c = s->c;
+    double target = find_target_scale(s, pull, cap), fastest_fall = 2.0; /* more than any scale */
+    for (int i = 0; i < N; ++i) {
+        const double size = fabs(pull[i]);
+        fastest_fall = size > NO_TORQUE ? smaller(fastest_fall, FALL_SHARE * m->rate[i] / size) : fastest_fall;
     }
     if (m->fault != ID(FAULT_NONE) && !holds_in_fault(s)) {
         target = larger(m->scale - fastest_fall, 0.0);
@@ -132,7 +148,7 @@ void vary_scale(step_t *s, const double *pull, double energy, double cap)
         s->status |= ID(STATUS_TANK_LIMITED);
     }
     if (step != 0.0) {
-        m->scale = step == rise ? target : m->scale + step;
+        m->scale = step == rise ? target : m->scale + step; /* exactly, so that a fall ends at 0 */
         book_stiffness(s, &m->elastic_energy, m->scale * energy - m->elastic_energy);
     }
 }

@@ -10,7 +10,7 @@ void place_posture(const config_t *c, const memory_t *m, int k, double *q)
     for (int i = 0; i < N; ++i) {
         const double low = larger(c->lower_limit[i], smaller(c->upper_limit[i], HALF_TURN) - 2.0 * HALF_TURN);
         const double high = smaller(c->upper_limit[i], low + 2.0 * HALF_TURN);
-        const double x = (k + 1) * (i + 1) * GOLDEN;
+        const double x = (k + 1) * (i + 1) * GOLDEN; /* its fraction spreads evenly, differently for each joint */
         q[i] = low + (high - low) * (x - (int)x);
     }
     stiffgen_retract(m, q);
@@ -40,6 +40,9 @@ static double bound_quadratic(int rows, double *A)
  * Bound the reserve of the torques J^T w of all w with |w_k / size_k| <= 1 (2-norm) in `rows` directions, 3 or 6: l
  * times such a torque needs at most l parts[0] + l^2 parts[1]. parts[2]: largest l at which every joint keeps its
  * effort limit; with `clipped`, a joint that would exceed its limit counts with the limit.
+ *
+ * As in sum_reserve, joint i needs holds_i |torque_i| while its torque is held, and falls_i torque_i^2 while it falls.
+ * The sum of holds_i |torque_i| is at most the root of (sum holds_i) (sum holds_i torque_i^2) (Cauchy and Schwarz).
  */
 static void bound_wrench(const config_t *c, int rows, const double *J, const double *size, int clipped, double *parts)
 {
@@ -53,8 +56,8 @@ static void bound_wrench(const config_t *c, int rows, const double *J, const dou
         for (int k = 0; k < rows; ++k) {
             row[k] = size[k] * J[k * N + i];
         }
-        const double torque = norm(rows, row);
-        const double kept = torque > 0.0 ? c->effort_limit[i] / torque : HUGE_VAL;
+        const double largest_torque = norm(rows, row); /* of the worst w */
+        const double kept = largest_torque > 0.0 ? c->effort_limit[i] / largest_torque : HUGE_VAL;
         const double share = clipped ? smaller(kept, 1.0) : 1.0;
         parts[2] = smaller(parts[2], kept);
         sum += hold;
@@ -90,7 +93,7 @@ double size_tank(const config_t *c, const memory_t *m)
         for (int t = 0; t < TIPS; ++t) {
             double parts[3];
             bound_wrench(c, 6, J + 6 * N * t, size, 1, parts);
-            sum += parts[0] + parts[1];
+            sum += parts[0] + parts[1]; /* l = 1 */
         }
         most = larger(most, sum);
     }
@@ -113,8 +116,9 @@ void find_energies(step_t *s)
         /* whatever the direction, the springs store this much before they exert the wrench */
         const double by_force = force * force / larger(Kt, NO_STIFFNESS);
         const double least = 0.5 * smaller(by_force, moment * moment / larger(Ko, NO_STIFFNESS));
-        const double most = m->load > NO_LOAD ? larger(least, m->load_energy / (m->load * m->load)) : least;
-        s->energy_limit = smaller(most, LARGEST_ENERGY);
+        /* along the present deflection, as note_load says */
+        const double along = m->load > NO_LOAD ? larger(least, m->load_energy / (m->load * m->load)) : least;
+        s->energy_limit = smaller(along, LARGEST_ENERGY);
     }
 }
 

@@ -14,20 +14,20 @@ static void append(char *text, size_t size, size_t *length, const char *words)
     text[*length] = '\0';
 }
 
-/* Append a number that is given in millionths, at least 0. */
+/* Append a number that is given in millionths, at least 0, without zeros at the end of its decimals. */
 static void append_millionths(char *text, size_t size, size_t *length, int64_t millionths)
 {
-    char digits[24];
+    char digits[24]; /* filled from the end */
     int at = (int)sizeof digits - 1, shown = 0;
     int64_t left = millionths;
     digits[at] = '\0';
-    for (int place = 0; place < 7 || left > 0; ++place) {
+    for (int place = 0; place < 7 || left > 0; ++place) { /* six decimals, then at least one digit before the point */
         const int digit = (int)(left % 10);
         if (place == 6 && shown) {
             at -= 1;
             digits[at] = '.';
         }
-        shown |= digit != 0 || place >= 6;
+        shown |= digit != 0 || place >= 6; /* zeros behind the last decimal are left out */
         if (shown) {
             at -= 1;
             digits[at] = (char)('0' + digit);

@@ -17,6 +17,7 @@ void limit_torque(step_t *s, const double *last)
 {
     for (int i = 0; i < N; ++i) {
         const double rate = s->m->rate[i], limit = s->c->effort_limit[i], offset = s->m->offset[i];
+        /* bounds of the own torque: the caller's offset has its part of the limit first, and 0 is always allowed */
         const double least = smaller(smaller(-limit - offset, 0.0), last[i] + rate);
         const double most = larger(larger(limit - offset, 0.0), last[i] - rate);
         const double wanted = fabs(s->out->torque[i]) <= DBL_MAX ? s->out->torque[i] : 0.0;
@@ -29,21 +30,22 @@ void limit_torque(step_t *s, const double *last)
 }
 
 /*
- * Try a torque: a share of the springs and the commanded wrench (0: the torque that goes to zero), and, behind all of
- * these, a share of damping, plan and Coriolis forces. Return whether the available energy covers it.
+ * Try a torque, limit it, and compute its reserve. springs: share of springs, limit avoidance and commanded wrench; at
+ * 0 the torque falls towards zero. damping: share of damping, plan and Coriolis forces, which have none before springs
+ * is 1. Return whether the available energy covers the torque.
  */
 static int try_torque(step_t *s, const double *last, double springs, double damping)
 {
     output_t *const out = s->out;
-    double least[N], parts[3];
-    step_towards_zero(last, s->m->rate, least);
+    double falling[N], parts[3];
+    step_towards_zero(last, s->m->rate, falling);
     for (int i = 0; i < N; ++i) {
         const double rate = s->m->rate[i];
         const double pull = out->elastic_torque[i] + out->limit_torque[i] + out->feedforward_torque[i];
         if (springs < 1.0) {
-            out->torque[i] = least[i] + springs * (clamp(pull, last[i] - rate, last[i] + rate) - least[i]);
+            out->torque[i] = falling[i] + springs * (clamp(pull, last[i] - rate, last[i] + rate) - falling[i]);
         } else {
-            out->torque[i] = pull + damping * (out->damping_torque[i] + s->carried[i] + s->damped[i]);
+            out->torque[i] = pull + damping * (out->damping_torque[i] + s->carried[i] + s->motor_damping[i]);
         }
     }
     limit_torque(s, last);
@@ -52,8 +54,9 @@ static int try_torque(step_t *s, const double *last, double springs, double damp
 }
 
 /*
- * Reduce a torque that is not covered: first damping, plan and Coriolis forces, then springs and wrench, to a share in
- * 1/32. feed: the reference's share of the former is reduced with them.
+ * Reduce a torque that is not covered to a share in 1/32: of damping, plan and Coriolis forces, if springs and wrench
+ * without them are covered, else of springs and wrench alone. feed, the reference's share of damping and plan, is
+ * reduced with them.
  */
 static void reduce_torque(step_t *s, const double *last, double *feed)
 {
@@ -63,7 +66,7 @@ static void reduce_torque(step_t *s, const double *last, double *feed)
     if (share == &damping) {
         springs = 1.0;
     }
-    for (int round = 0; round < 5; ++round) {
+    for (int round = 0; round < 5; ++round) { /* bisection: 2^5 = 32 */
         *share += step;
         if (!try_torque(s, last, springs, damping)) {
             *share -= step;
@@ -86,11 +89,8 @@ static void reduce_torque(step_t *s, const double *last, double *feed)
     }
 }
 
-/*
- * Compute torque and tangent of the springs at the last known position, unscaled. slip: from the arm to the posture;
- * pull = -dU/dq. Return the energy.
- */
-static double pull_springs(step_t *s, const double *slip, double *pull)
+/* Compute torque pull = -dU/dq and tangent of the springs at the last known position, unscaled. Return the energy U. */
+static double pull_springs(step_t *s, double *pull)
 {
     const memory_t *const m = s->m;
     output_t *const out = s->out;
@@ -99,19 +99,22 @@ static double pull_springs(step_t *s, const double *slip, double *pull)
                         find_spring_limits(m), out->spring_wrench, pull, out->joint_stiffness) +
         stiffgen_posture_energy(m->q, m->posture, m->posture_stiffness);
     for (int i = 0; i < N; ++i) {
-        pull[i] += m->posture_stiffness[i] * slip[i];
+        pull[i] += m->posture_stiffness[i] * (m->posture[i] - m->q[i]);
         out->joint_stiffness[i * (N + 1)] += m->posture_stiffness[i] + s->limit_slope[i];
     }
     return energy;
 }
 
-/* Compute the reference's velocity, within its limits: of the posture, or of the equilibrium that moves by poses. */
-static void compute_reference_velocity(step_t *s, int moved, int by_pose)
+/*
+ * Compute the reference's velocity, within its limits: of the posture, or of the equilibrium that moves by poses. It is
+ * 0 where the equilibrium was not moved in this step.
+ */
+static void compute_reference_velocity(step_t *s, int moved)
 {
     const double *const limits = s->c->reference_velocity_limit;
     double *const reference = s->out->reference_velocity;
-    double twists[6 * TIPS], speed = 1.0;
-    if (by_pose) {
+    double twists[6 * TIPS], excess = 1.0;
+    if (moved && !s->m->joined) {
         for (int t = 0; t < TIPS; ++t) {
             pose_difference(s->old_equilibrium + 16 * t, s->m->equilibrium + 16 * t, twists + 6 * t);
         }
@@ -123,34 +126,55 @@ static void compute_reference_velocity(step_t *s, int moved, int by_pose)
     }
     for (int i = 0; i < N; ++i) {
         reference[i] = moved ? s->m->posture_velocity[i] : 0.0;
-        speed = larger(speed, fabs(reference[i]) / limits[i]);
+        excess = larger(excess, fabs(reference[i]) / limits[i]);
     }
     for (int i = 0; i < N; ++i) {
-        reference[i] /= speed;
+        reference[i] /= excess;
     }
 }
 
-/* Compute the torque at the last known position; moved: the governor has moved the equilibrium in this step. */
+/*
+ * Compute the reference's share of the torque, feed = B dr + M ddr, whose work the engagement pays. Where too little is
+ * left, that work must not be done: the damper holds the arm as if the reference stood, and feed is 0.
+ */
+static void feed_reference(step_t *s, double *feed)
+{
+    output_t *const out = s->out;
+    double damper[N];
+    multiply_vector(out->damping, out->reference_velocity, damper);
+    memcpy(feed, damper, sizeof damper);
+    add_scaled(N, 1.0, s->carried, feed);
+    if (worst_feed_work(s->m, feed, s->m->call_gap) > s->m->engagement) {
+        memset(out->reference_velocity, 0, sizeof out->reference_velocity);
+        memset(out->reference_acceleration, 0, sizeof out->reference_acceleration);
+        add_scaled(N, -1.0, damper, out->damping_torque);
+        memset(s->carried, 0, sizeof s->carried);
+        memset(feed, 0, sizeof damper);
+        s->status |= ID(STATUS_GOVERNOR);
+    }
+}
+
+/*
+ * Compute the torque at the last known position; moved: the governor has moved the equilibrium in this step. The
+ * velocity is smoothed behind design_damping, whose B says how much, and before all that uses it. feed_reference reads
+ * carried while it has the plan's M ddr alone: the engagement pays for this, the tank for the Coriolis forces.
+ */
 void compute_torque(step_t *s, const double *last, int moved)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
     output_t *const out = s->out;
     m->hold = m->calls;
-    const int by_pose = moved && !m->joined;
-    double pull[N], slip[N], lead[N], feed[N];
+    double pull[N], slip[N], feed[N];
     compute_inertia(c, m, m->q, out->mass_matrix);
-    for (int i = 0; i < N; ++i) {
-        slip[i] = m->posture[i] - m->q[i];
-    }
-    const double energy = pull_springs(s, slip, pull);
+    const double energy = pull_springs(s, pull);
     const double cap = design_damping(s);
     learn_friction(s, last);
     if (m->engaged && !s->started) {
         vary_scale(s, pull, energy, cap);
     }
     smooth_velocity(s);
-    compute_reference_velocity(s, moved, by_pose);
+    compute_reference_velocity(s, moved);
     follow_plan(s, moved);
     for (int i = 0; i < N; ++i) {
         slip[i] = out->reference_velocity[i] - s->velocity[i];
@@ -163,18 +187,7 @@ void compute_torque(step_t *s, const double *last, int moved)
     }
     note_load(s, m->scale * larger(energy - stiffgen_posture_energy(m->q, m->posture, m->posture_stiffness), 0.0));
     press_tips(s);
-    multiply_vector(out->damping, out->reference_velocity, feed);
-    memcpy(lead, feed, sizeof lead);
-    add_scaled(N, 1.0, s->carried, feed);
-    if (worst_feed_work(m, feed, m->call_gap) > m->engagement) {
-        /* work that is not left must not be done: the damper holds the arm as if the reference stood */
-        memset(out->reference_velocity, 0, sizeof out->reference_velocity);
-        memset(out->reference_acceleration, 0, sizeof out->reference_acceleration);
-        add_scaled(N, -1.0, lead, out->damping_torque);
-        memset(s->carried, 0, sizeof s->carried);
-        memset(feed, 0, sizeof feed);
-        s->status |= ID(STATUS_GOVERNOR);
-    }
+    feed_reference(s, feed);
     compensate_coriolis(s);
     plan_gains(s);
     if (!try_torque(s, last, 1.0, 1.0)) {
@@ -204,7 +217,7 @@ void separate_torque_offset(step_t *s, double *last, int refused)
 /*
  * Add the caller's torque to the controller's own. The own torque goes first in the rate limit, since the reserve
  * counts on its fall; the caller's goes first in the effort limit (limit_torque). Without a position the caller's
- * stays, and it goes to zero with a configuration that is refused.
+ * stays, and it goes to zero with a configuration that is refused. last: the own torque of the last call.
  */
 void add_torque_offset(step_t *s, const double *last, int refused)
 {
@@ -215,6 +228,7 @@ void add_torque_offset(step_t *s, const double *last, int refused)
         if (!refused && (s->believed || s->located) && fabs(s->input->torque_offset[i]) <= DBL_MAX) {
             wanted = s->input->torque_offset[i];
         }
+        /* both changes together stay within the rate limit, at which a lowered effort limit is reached, too */
         const double moved = clamp(wanted - m->offset[i], -m->rate[i] - change, m->rate[i] - change);
         const double most = refused ? s->effort[i] : larger(s->c->effort_limit[i], fabs(before) - m->rate[i]);
         const double total = clamp(own + m->offset[i] + moved, -most, most);
