@@ -237,8 +237,8 @@ def within(name: str, values: np.ndarray, chain: Chain, scalar: Scalar) -> np.nd
         lower, upper = (np.array([getattr(c, side) for c in chain.coordinates]) for side in ("lower", "upper"))
         inside: np.ndarray = np.clip(
             values,
-            np.where(np.isfinite(lower), lower, -scalar.far),
-            np.where(np.isfinite(upper), upper, scalar.far),
+            np.where(np.isfinite(lower), lower, -scalar.largest_angle),
+            np.where(np.isfinite(upper), upper, scalar.largest_angle),
         )
         return inside
     if name in ("equilibrium", "base_pose", "tool_pose"):

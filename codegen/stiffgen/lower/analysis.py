@@ -62,6 +62,11 @@ class BoundAnalysis:
         return [self.found[number] for number in numbers]
 
     def _bound(self, number: int) -> Bound:
+        """Return the bound of an operation, from those in ``found``: operands have smaller numbers.
+
+        ``a`` is the number of an input, the value of a constant, or the number of the first operand, ``b`` that of the
+        second.
+        """
         kind, a, b = self.graph.keys[number]
         if kind == "input":
             return self.inputs[int(a)]
@@ -75,19 +80,21 @@ class BoundAnalysis:
             return self._sum(int(a), b)
         if kind in ("sin", "cos"):
             angle = self.found[int(a)]
-            if angle.size > self.scalar.far:
-                raise NoBound(f"angles beyond {self.scalar.far:g} rad")
-            return Bound(1.0, (self.scalar.sine + angle.error) * ENLARGED)
+            if angle.size > self.scalar.largest_angle:
+                raise NoBound(f"angles beyond {self.scalar.largest_angle:g} rad")
+            return Bound(1.0, (self.scalar.sine_error + angle.error) * ENLARGED)
         raise NoBound(f"the operation {kind}")
 
     def _constant(self, value: float) -> Bound:
+        """Return the bound of a constant, which is a double: its type may not have so many bits."""
         unit = self.scalar.unit
-        exact = unit == DOUBLE.unit or math.frexp(value)[0] / unit % 1 == 0
-        return Bound(abs(value), 0.0 if exact else abs(value) * unit * ENLARGED + self.scalar.smallest)
+        significand = math.frexp(value)[0]
+        is_exact = unit == DOUBLE.unit or (significand / unit).is_integer()
+        return Bound(abs(value), 0.0 if is_exact else abs(value) * unit * ENLARGED + self.scalar.smallest)
 
-    def _is_power(self, number: int) -> bool:
-        kind, a, _ = self.graph.keys[number]
-        return kind == "const" and math.frexp(float(a))[0] == 0.5
+    def _is_power_of_two(self, number: int) -> bool:
+        kind, value, _ = self.graph.keys[number]
+        return kind == "const" and math.frexp(float(value))[0] == 0.5
 
     def _product(self, a: int, b: int) -> Bound:
         x, y = self.found[a], self.found[b]
@@ -95,27 +102,27 @@ class BoundAnalysis:
             return ZERO
         size = x.size * y.size * ENLARGED
         error = x.size * y.error + y.size * x.error + x.error * y.error
-        if self._is_power(a) or self._is_power(b):
+        if self._is_power_of_two(a) or self._is_power_of_two(b):  # not rounded, unless the product is subnormal
             return Bound(size, error * ENLARGED + self.scalar.smallest)
         return Bound(size, (error + self.scalar.unit * (size + error)) * ENLARGED + self.scalar.smallest)
 
     def _sum(self, a: int, b: int) -> Bound:
+        """Return the bound of a sum or difference; a subnormal one is exact."""
         x, y = self.found[a], self.found[b]
         if x == ZERO:
             return y
         if y == ZERO:
             return x
-        turned = self._turned(a, b)
-        size, error = turned or (x.size + y.size, x.error + y.error)
+        size, error = self._turned(a, b) or (x.size + y.size, x.error + y.error)
         return Bound(size * ENLARGED, (error + self.scalar.unit * (size + error)) * ENLARGED)
 
     def _turned(self, a: int, b: int) -> Bound | None:
         """Return the bound of c X + s Y before rounding, c and s of one angle (cosine, sine); None for other sums."""
-        for turn, x in self._with_turn(a):
-            for other, y in self._with_turn(b):
-                (kind, angle, _), (another, same, _) = self.graph.keys[turn], self.graph.keys[other]
-                if kind != another and angle == same:
-                    return self._of_turn((turn, x), (other, y))
+        for first, x in self._with_turn(a):
+            for second, y in self._with_turn(b):
+                (kind, angle, _), (other_kind, other_angle, _) = self.graph.keys[first], self.graph.keys[second]
+                if kind != other_kind and angle == other_angle:
+                    return self._of_turn((first, x), (second, y))
         return None
 
     def _with_turn(self, number: int) -> list[tuple[int, int]]:
@@ -127,8 +134,11 @@ class BoundAnalysis:
         return [(turn, other) for turn, other in pairs if self.graph.keys[turn][0] in ("sin", "cos")]
 
     def _of_turn(self, *products: tuple[int, int]) -> Bound:
-        # |c X + s Y|, |c e_X + s e_Y| and |d_1 c X + d_2 s Y| <= unit sqrt(X^2 + Y^2): Cauchy and Schwarz; c and s are
-        # those of one angle, and their errors count with the sizes of X and Y.
+        """Return the bound of the sum of two products (number of sine or cosine, number of the other factor).
+
+        Cauchy and Schwarz bound c X + s Y, its error c e_X + s e_Y, and the rounding d_1 c X + d_2 s Y of the products
+        (|d| <= unit), since c and s are those of one angle. Their own errors count with the sizes of X and Y.
+        """
         x, y = (self.found[other] for _, other in products)
         size = math.sqrt(x.size * x.size + y.size * y.size) * ENLARGED
         error = math.sqrt(x.error * x.error + y.error * y.error) * ENLARGED

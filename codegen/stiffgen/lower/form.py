@@ -123,8 +123,8 @@ class Storage:
         """Return the row-major entries that are zero whatever the arguments."""
         if not self.zero_rows:
             return set(self.zeros)
-        count = self.array.shape[1]
-        return {row * count + column for row in self.zeros for column in range(count)}
+        columns = self.array.shape[1]
+        return {row * columns + column for row in self.zeros for column in range(columns)}
 
 
 @dataclass(frozen=True)
@@ -241,6 +241,7 @@ def make_body(
     values = [(name, value, kind) for _, members, _ in sections for name, value, kind in members]
     everything = ca.densify(ca.vertcat(*(value for _, value in outputs), *(value for _, value, _ in values)))
     graph, numbers = build_graph(ca.Function("f", [symbols], [everything]))
+    # The graph's outputs are those of the body, then the named values of all sections, in order.
     results, rest = numbers[: len(outputs)], iter(numbers[len(outputs) :])
     named = [
         (title, [(name, next(rest), kind) for name, _, kind in members], only) for title, members, only in sections

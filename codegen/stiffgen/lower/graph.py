@@ -58,7 +58,10 @@ class Graph:
         return self.numbers[key]
 
     def _canonical(self, kind: str, a: int | float, b: int) -> Key | int:
-        """Pull signs out of products and into differences (exact in floating point)."""
+        """Return the key of an equal operation in one form, or the number of an operation that exists already.
+
+        Signs move out of products and into differences, which is exact in floating point.
+        """
         if kind == "const" and a < 0:
             return "neg", self.add("const", -a), 0
         if kind == "neg":
@@ -118,7 +121,7 @@ class Graph:
         if self.keys[comparison][0] not in ("less", "at_most"):
             return False
         above = self.above([comparison])
-        zeros, nans = {comparison}, set[int]()
+        zeros, nans = {comparison}, set[int]()  # where the comparison is 0
         for number in sorted(above - {comparison}):  # operands come before what uses them
             kind, operands = self.keys[number][0], self.operands(number)
             inherits = kind not in CONDITIONAL and not nans.isdisjoint(operands)

@@ -13,7 +13,7 @@ of :mod:`stiffgen.lower.analysis`. Three facts keep them close to the actual err
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from decimal import ROUND_UP, Context
 from typing import Any
@@ -39,6 +39,7 @@ from stiffgen.lower.form import (
 from stiffgen.lower.graph import build_graph
 from stiffgen.lower.lowering import LoweredKernels
 from stiffgen.lower.scalar import DOUBLE, Scalar
+from stiffgen.lower.statements import upper_entry
 from stiffgen.lower.steps import lowered
 from stiffgen.lower.variant import SINGLE
 from stiffgen.robot.chain import Chain
@@ -62,9 +63,9 @@ class Ranges:
     """Largest arguments, entry by entry, for which the bounds hold.
 
     Joint positions stay within the limits of the URDF; without limits a turning joint goes up to
-    :attr:`Scalar.far` and a sliding one up to ``slide``. Blocks of a stiffness that couple translation and rotation
-    are at most the geometric mean of the two others: no positive definite matrix has more. The equilibrium's origin
-    lies within the robot's reach.
+    :attr:`Scalar.largest_angle` and a sliding one up to ``slide``. Blocks of a stiffness that couple translation and
+    rotation are at most the geometric mean of the two others: no positive definite matrix has more. The equilibrium's
+    origin lies within the robot's reach.
 
     Attributes:
         force, moment: of a wrench [N], [N m].
@@ -101,8 +102,8 @@ class Ranges:
     def lines(self, scalar: Scalar) -> list[str]:
         """Return the ranges in words, for a comment."""
         return [
-            f"joint positions within the limits (up to {scalar.far:g} rad or {self.slide:g} m where there are none)"
-            ", every",
+            f"joint positions within the limits (up to {scalar.largest_angle:g} rad or {self.slide:g} m where there "
+            "are none), every",
             f"force up to {self.force:g} N and moment up to {self.moment:g} N m, entries of stiffnesses up to",
             f"{self.translation_stiffness:g} N/m, {self.rotation_stiffness:g} N m/rad and, where they couple the two, "
             f"{self.coupling:.0f} N, gravity up to",
@@ -174,17 +175,17 @@ class ErrorBounds:
             _RULES[type(item)](self, function, item, arrays)
 
     def _body(self, function: Function, body: Body, arrays: Bounds, i: int = 0, j: int = 0) -> list[Bound]:
-        """Return the bounds of a body's outputs at (i, j)."""
+        """Return the bounds of a body's outputs at (i, j); marked quantities have the bounds of their kinds, too."""
         reach = chain_reach(function.scope.chain, self.ranges, self.scalar) if body.kinds else 0.0
         sizes = {Kind.ROTATION: self.scalar.rotation, Kind.POINT: reach, Kind.ZERO: 0.0, Kind.ONE: 1.0}
         known: dict[int, float] = {}
         for number, kind in body.kinds:
             known[number] = min(sizes[kind], known.get(number, math.inf))
-        inputs = [arrays[a.operand.array.name][a.operand.entry(a.entry, i, j)] for a in body.inputs]
+        inputs = [arrays[each.operand.array.name][each.operand.entry(each.entry, i, j)] for each in body.inputs]
         return BoundAnalysis(body.graph, inputs, self.scalar, known).bounds([output.number for output in body.outputs])
 
     def _statements(self, function: Function, item: Statements, arrays: Bounds) -> None:
-        arrays |= {array.name: [ZERO] * array.size for array in item.step_outputs}
+        arrays |= {array.name: [ZERO] * array.size for array in item.step_outputs}  # entries without a place are zero
         for output, bound in zip(item.body.outputs, self._body(function, item.body, arrays), strict=True):
             for place in output.places:
                 _store(arrays, place, bound)
@@ -204,7 +205,7 @@ class ErrorBounds:
         entries = [ZERO] * (n * n)
         if item.start:
             start = arrays[item.start.array.name]
-            entries = [start[min(k, k % n * n + k // n)] for k in range(n * n)]
+            entries = [start[upper_entry(k, n)] for k in range(n * n)]
         arrays[item.output.array.name] = entries
         for output, bound in zip(item.body.outputs, bounds, strict=True):
             for place in output.places:
@@ -219,9 +220,10 @@ class ErrorBounds:
     def _linear(self, chain: Chain, step: Step, arrays: Bounds) -> None:
         """Unroll a step that adds and scales. Its sums have one order on every vector width."""
         symbols = {
-            a.name: [ca.SX.sym("x") if bound != ZERO else ca.SX(0) for bound in arrays[a.name]] for a in step.reads
+            array.name: [ca.SX.sym("x") if bound != ZERO else ca.SX(0) for bound in arrays[array.name]]
+            for array in step.reads
         }
-        shapes = {a.name: a.shape if len(a.shape) == 2 else (a.size,) for a in step.reads}
+        shapes = {array.name: array.shape if len(array.shape) == 2 else (array.size,) for array in step.reads}
         result = evaluate(chain, (step,), {name: as_operand(shapes[name], each) for name, each in symbols.items()})
         inputs = [
             (symbol, bound)
@@ -236,9 +238,10 @@ class ErrorBounds:
             arrays[array.name] = BoundAnalysis(graph, [bound for _, bound in inputs], self.scalar).bounds(numbers)
 
     def _invoke(self, function: Function, item: Invoke, arrays: Bounds) -> None:
+        """Analyse the internal function, unless the last call of it had the same bounds of the arguments."""
         called, inputs = item.function, [arrays[storage.array.name] for storage in item.arguments]
-        before, outputs = self._called.get(called.name, (None, []))
-        if before != inputs:
+        last_inputs, outputs = self._called.get(called.name, (None, []))
+        if inputs != last_inputs:
             inner = {array.name: list(bounds) for array, bounds in zip(called.inputs, inputs, strict=True)}
             self._run(called, inner)
             outputs = [inner[array.name] for array in called.outputs]
@@ -246,6 +249,7 @@ class ErrorBounds:
         arrays |= {array.name: list(bounds) for array, bounds in zip(item.arrays, outputs, strict=True)}
 
     def _invoke_kernel(self, function: Function, item: InvokeKernel, arrays: Bounds) -> None:
+        """Analyse the kernel of a term; its results are added to sums, or appended as the next slices of an array."""
         inner: Bounds = {}
         for array, source, first in item.arguments:
             if source is None:
@@ -283,6 +287,7 @@ _RULES: dict[type, Callable[[ErrorBounds, Function, Any, Bounds], None]] = {
 
 
 def _store(arrays: Bounds, place: Entry, bound: Bound, i: int = 0, j: int = 0) -> None:
+    """Note the bound of what a body writes at (i, j); locals without an operand belong to no array."""
     if place.operand:
         arrays[place.operand.array.name][place.operand.entry(place.entry, i, j)] = bound
 
@@ -326,8 +331,9 @@ def kinds(result: Argument, array: Array) -> list[tuple[str, str, list[int]]]:
 def chain_reach(chain: Chain, ranges: Ranges, scalar: Scalar) -> float:
     """Return the largest distance of a point of a tip's frame from the base [m]: the sum of a chain's lengths."""
     joints = chain.joints[chain.base_joints :]
-    ways = [math.sqrt(sum(x * x for x in place)) for place in (*(j.translation for j in joints), *_tips(chain))]
-    slides = [
+    translations = [*(joint.translation for joint in joints), *(tip.translation for tip in chain.tips)]
+    lengths = [math.sqrt(sum(x * x for x in translation)) for translation in translations]
+    strokes = [
         abs(joint.multiplier) * _largest(chain, joint.coordinate - chain.base_joints, ranges, scalar)
         + abs(joint.offset)
         for joint in joints
@@ -336,20 +342,16 @@ def chain_reach(chain: Chain, ranges: Ranges, scalar: Scalar) -> float:
     base = ranges.distance * math.sqrt(3.0) if chain.floating else 0.0
     tool = ranges.tool * math.sqrt(3.0) if chain.runtime_tool else 0.0
     total = 0.0
-    for way in (*ways, *slides, base, tool):
-        total = (total + way) * ENLARGED
+    for length in (*lengths, *strokes, base, tool):
+        total = (total + length) * ENLARGED
     return total * scalar.rotation
 
 
-def _tips(chain: Chain) -> Iterator[tuple[float, float, float]]:
-    return (tip.translation for tip in chain.tips)
-
-
-def _largest(chain: Chain, coordinate: int, ranges: Ranges, scalar: Scalar) -> float:
-    """Return the largest distance of a joint position from zero [rad or m]."""
-    own = chain.coordinates[coordinate]
-    size = max(abs(own.lower), abs(own.upper))
-    without_limits = ranges.slide if own.type == "prismatic" else scalar.far
+def _largest(chain: Chain, k: int, ranges: Ranges, scalar: Scalar) -> float:
+    """Return the largest distance of the k-th joint position from zero [rad or m]."""
+    coordinate = chain.coordinates[k]
+    size = max(abs(coordinate.lower), abs(coordinate.upper))
+    without_limits = ranges.slide if coordinate.type == "prismatic" else scalar.largest_angle
     return size if math.isfinite(size) else without_limits
 
 
@@ -365,17 +367,20 @@ def argument_sizes(chain: Chain, argument: Argument, ranges: Ranges, reach: floa
     array = argument.array(chain)
 
     def sizes(largest: Magnitude | None, count: int) -> list[float]:
-        if largest is None or largest == "none":
+        """Return the sizes of ``count`` entries with a range: a number, or a word of ``quantities.Named``."""
+        if largest is None or largest == "none":  # of results, and of arguments whose record says so
             raise NoBound(f"no range is known of the argument {argument.name}")
         if largest == "positions":
             return [_largest(chain, k, ranges, scalar) for k in range(count)]
         if largest == "rates":
-            of_joints = [own.velocity if math.isfinite(own.velocity) else ranges.rate for own in chain.coordinates]
-            return [ranges.rate] * chain.base_joints + of_joints
-        if isinstance(largest, str):
-            known = {"reach": reach, "rotation": scalar.rotation}
-            largest = known[largest] if largest in known else float(getattr(ranges, largest))
-        return [largest] * count
+            limits = [coordinate.velocity for coordinate in chain.coordinates]
+            return [ranges.rate] * chain.base_joints + [v if math.isfinite(v) else ranges.rate for v in limits]
+        if largest == "reach":
+            return [reach] * count
+        if largest == "rotation":
+            return [scalar.rotation] * count
+        # The other words are fields of Ranges.
+        return [float(getattr(ranges, largest)) if isinstance(largest, str) else largest] * count
 
     if argument.blocks is None:
         return sizes(argument.largest, array.size)

@@ -24,8 +24,8 @@ class Scalar:
         limits: prefix of the macros in float.h.
         pattern: integer type of the same size.
         group: macro that puts ``widest`` numbers into a vector (templates/lanes.c).
-        far: largest angle of the fast path of sine and cosine [rad] (templates/sine_cosine.c).
-        sine: largest error of a sine or cosine of an exact angle up to ``far``.
+        largest_angle: of the fast path of sine and cosine [rad] (templates/sine_cosine.c).
+        sine_error: largest error of a sine or cosine of an exact angle up to ``largest_angle``.
         digits: decimal digits to which rotations in arguments are orthogonal.
         rotation: largest entry of a product of at most 128 such rotations or rotations of the chain.
 
@@ -38,8 +38,8 @@ class Scalar:
     limits: str
     pattern: str
     group: str
-    far: float
-    sine: float
+    largest_angle: float
+    sine_error: float
     digits: int
     rotation: float
 
@@ -95,12 +95,13 @@ class Scalar:
 # Sines proved of templates/sine_cosine.c: 1.22 units (tests/oracle/emit/sine_cosine_proof.py); CUDA documents two ulps.
 DOUBLE = Scalar(
     "double", "", 53, 8, "DBL", "unsigned long long", "EIGHT",
-    far=1e4, sine=2.0**-52, digits=11, rotation=1.0 + 2.0**-36,
+    largest_angle=1e4, sine_error=2.0**-52, digits=11, rotation=1.0 + 2.0**-36,
 )  # fmt: skip
-# 0.96 units over all floats up to far (tests/campaigns/float_sines.py); CUDA documents two ulps.
+# 0.96 units over all floats up to 6e3 rad (tests/campaigns/float_sines.py); CUDA documents two ulps.
 FLOAT = Scalar(
-    "float", "f", 24, 4, "FLT", "unsigned", "SIXTEEN", far=6e3, sine=2.0**-23, digits=6, rotation=1.0 + 2.0**-19
-)
+    "float", "f", 24, 4, "FLT", "unsigned", "SIXTEEN",
+    largest_angle=6e3, sine_error=2.0**-23, digits=6, rotation=1.0 + 2.0**-19,
+)  # fmt: skip
 SCALARS = {scalar.name: scalar for scalar in (DOUBLE, FLOAT)}
 """Number types by name."""
 

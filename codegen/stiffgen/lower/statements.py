@@ -21,14 +21,15 @@ _Inputs = list[tuple[ca.SX, Access]]
 def statements(f: Lowering, step: StraightLine, storages: Sequence[Storage]) -> Statements:
     """Return the statements of a straight-line step that fill ``storages``.
 
-    Entries of local outputs that are always zero are not stored, which their records note.
+    Entries of local outputs that are always zero are not stored, which their records note. Outside of braces the
+    statements add the locals that they define to ``f.guarded``, so that later statements do not define them again.
     """
     inputs, values, spans = _inputs(f, step)
     expressions = step.expressions(f.chain, *values)
     outputs, kinds = _outputs(f, step, storages, expressions)
     rows = tuple(storages[: step.columns]) if f.variant.joint_lanes else ()
-    known = set() if f.braces else f.guarded
-    poison = "poison_of_gradients" if "poison" in known else "poison"
+    defined = set() if f.braces else f.guarded
+    poison = "poison_of_gradients" if "poison" in defined else "poison"
     body = make_body(
         inputs,
         outputs,
@@ -41,8 +42,8 @@ def statements(f: Lowering, step: StraightLine, storages: Sequence[Storage]) -> 
     )
     reads = body.reads
     guards = [access for k, (_, access) in enumerate(inputs) if access.guard and k in reads]
-    new = tuple(access for access in guards if access.guard not in known)
-    known |= {body.poison, *(access.guard for access in new)}
+    new = tuple(access for access in guards if access.guard not in defined)
+    defined |= {body.poison, *(access.guard for access in new)}
     unused = tuple(first for span, first in spans if reads.isdisjoint(span))
     return Statements(body, tuple(step.outputs), new, unused, rows, f.braces)
 
@@ -60,18 +61,16 @@ def _inputs(f: Lowering, step: StraightLine) -> tuple[_Inputs, list[ca.SX], list
     values, spans = list[ca.SX](), list[tuple[range, Entry]]()
     for array in step.arguments:
         storage, operand, start = f.storage(array), Operand(array, ""), len(inputs)
-        argument = storage.place is Place.ARGUMENT and array.name not in f.function.columns
-        zeros = set() if argument else storage.known_zeros()
+        is_argument = storage.place is Place.ARGUMENT and array.name not in f.function.columns
+        zeros = set() if is_argument else storage.known_zeros()
         symbols = [ca.SX(0) if k in zeros else ca.SX.sym(f"{array.name}{k}") for k in range(array.size)]
-        for k, symbol in enumerate(symbols):
-            access = f.access(operand, k) if not argument else _argument(f, step, operand, k, sliding)
-            if k not in zeros:
-                inputs.append((symbol, access))
-            if k == 0:
-                first = access
+        accesses = [
+            _argument(f, step, operand, k, sliding) if is_argument else f.access(operand, k) for k in range(array.size)
+        ]
+        inputs += [(symbols[k], accesses[k]) for k in range(array.size) if k not in zeros]
         values.append(as_operand(array.shape, symbols))
-        if argument or len(inputs) > start:
-            spans.append((range(start, len(inputs)), replace(first, guard="")))
+        if is_argument or len(inputs) > start:
+            spans.append((range(start, len(inputs)), replace(accesses[0], guard="")))
     return inputs, values, spans
 
 
@@ -88,7 +87,11 @@ def _argument(f: Lowering, step: StraightLine, operand: Operand, k: int, sliding
 def _outputs(
     f: Lowering, step: StraightLine, storages: Sequence[Storage], expressions: Expressions
 ) -> tuple[list[tuple[tuple[Entry, ...], ca.SX]], list[Kind]]:
-    """Return place, expression and kind of each output that is stored."""
+    """Return places, expression and kind of each output that is stored.
+
+    A symmetric result has one expression for both triangles, that of the upper one. With vectors of joints, entries of
+    columns become locals, from which the vectors are filled.
+    """
     entries, m = entries_of(expressions.result), len(f.chain.joints)
     kinds = expressions.kinds or (Kind.NUMBER,) * len(entries)
     outputs: list[tuple[tuple[Entry, ...], ca.SX]] = []
@@ -100,15 +103,16 @@ def _outputs(
         if not (is_column or storage.is_result or storage.whole or storage.by_joints):
             zeros = storage.zeros = {k for k, value in enumerate(values) if value.is_zero()}
             storage.zero_rows = False
-        mirrored = array.shape[0] if array.symmetric and storage.is_result else 0
+        has_mirror = array.symmetric and storage.is_result
         for k, value in enumerate(values):
-            if k in zeros or (mirrored and k // mirrored > k % mirrored):
+            upper = upper_entry(k, array.shape[0]) if has_mirror else k
+            if k in zeros or k != upper:
                 continue
             places: tuple[Entry, ...] = (Access(storage, operand, k),)
             if is_column and f.variant.joint_lanes:
                 places = (Local(f"{storage.array.name}{k // m}_{k % m}", None, operand, k),)
-            elif mirrored and k // mirrored < k % mirrored:
-                places = *places, Access(storage, operand, k % mirrored * mirrored + k // mirrored)
+            elif has_mirror and lower_entry(k, array.shape[0]) != k:
+                places = *places, Access(storage, operand, lower_entry(k, array.shape[0]))
             outputs.append((places, value))
             stored_kinds.append(kinds[start + k])
         start += array.size
@@ -116,7 +120,10 @@ def _outputs(
 
 
 def named_sections(sections: Sequence[Section]) -> list[tuple[str, list[tuple[str, ca.SX, Kind]], bool]]:
-    """Return sections entry by entry: title, members, and whether only shared ones are named."""
+    """Return sections entry by entry: title, members (name, expression, kind), and whether only shared ones are named.
+
+    A number keeps its name; entries of a column have the row as suffix, those of a matrix row and column.
+    """
     named = []
     for section in sections:
         members = []
@@ -138,3 +145,15 @@ def indices(shape: tuple[int, ...], k: int) -> list[int]:
         k, index = divmod(k, extent)
         found.append(index)
     return found[::-1]
+
+
+def upper_entry(k: int, n: int) -> int:
+    """Return the entry in the upper triangle that equals entry k of a symmetric n x n matrix, both row-major."""
+    row, column = divmod(k, n)
+    return min(row, column) * n + max(row, column)
+
+
+def lower_entry(k: int, n: int) -> int:
+    """Return the entry in the lower triangle that equals entry k of a symmetric n x n matrix, both row-major."""
+    row, column = divmod(k, n)
+    return max(row, column) * n + min(row, column)

@@ -418,7 +418,7 @@ class Shared(Step):
     arguments: tuple[Array, ...]
     output: Array
     columns: tuple[Array, ...]
-    is_guarded: bool = False
+    arguments_are_guarded: bool = False
     """Whether no argument is infinite, because earlier steps have written all."""
 
     @staticmethod
@@ -426,7 +426,7 @@ class Shared(Step):
         name: str, meaning: str, steps: Program, arguments: tuple[Array, ...], output: Array, *columns: Array
     ) -> Shared:
         """Return steps whose parameters have the names of the arguments; reverse mode differentiates the steps."""
-        return Shared(name, meaning, arguments, output, steps, arguments, output, columns, is_guarded=True)
+        return Shared(name, meaning, arguments, output, steps, arguments, output, columns, arguments_are_guarded=True)
 
     @property
     def apart(self) -> Program:
