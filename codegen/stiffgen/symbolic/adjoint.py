@@ -66,13 +66,15 @@ def reverse(
     program = tuple(each for step in program for each in _apart(step))
     if len(program) == 1 and isinstance(program[0], Sum):
         return (_sum(program[0]),)
+    # A single contribution to a result is written directly into the result. Which arrays these are, is known at the end
+    # of a run (``final``); the next run gives them these names.
     names: dict[str, str] = {}
     while True:
         run = _Reverse(chain, program, names)
         steps = run.steps_of(arguments, results, cotangents)
         if names == run.final:
             return steps
-        names = run.final  # a single contribution to a result is written directly into the result
+        names = run.final
 
 
 class _Reverse(Gradients):
@@ -104,13 +106,12 @@ class _Reverse(Gradients):
 
     def _drop_unread(self, results: set[str]) -> None:
         """Drop outputs of reverse steps that are neither results nor operands of a later step."""
-        results = results | (set(self.final.values()) - set(self.final))
+        renamed = set(self.final.values()) - set(self.final)  # arrays that become results in the next run
+        needed = results | renamed
         steps: list[Step] = []
-        needed: set[str] = set()
         for step in reversed(self.steps):
-            outputs = {array.name for array in step.writes}
-            if outputs & (results | needed):
-                steps.append(step.without_unread(results | needed))
+            if any(array.name in needed for array in step.writes):
+                steps.append(step.without_unread(needed))
                 needed |= {array.name for array in step.reads}
         self.steps = steps[::-1]
 
@@ -125,7 +126,10 @@ class _Reverse(Gradients):
         return tuple(reversed(steps))
 
     def _finish(self, argument: Array) -> None:
-        """Add the step that writes the gradient with respect to an argument of the kernel."""
+        """Add the step that writes the gradient with respect to an argument of the kernel: the sum of contributions.
+
+        A single contribution needs no step; it gets the result's name in the next run.
+        """
         result = Array(bar_name(argument.name), gradient_shape(argument))
         contributions = self.bars.get(argument.name, [])
         if argument.is_base_pose:
@@ -134,7 +138,9 @@ class _Reverse(Gradients):
         motions = self.motions if argument.is_q else []
         if len(contributions) == 1 and not motions:
             (only,) = contributions
-            self.final = {name: result.name if self._is(name, only) else final for name, final in self.final.items()}
+            for name in self.final:
+                if self.names.get(name, name) == only.name:
+                    self.final[name] = result.name
             return
         operands = tuple(Operand(each, "") for each in (*motions, *contributions))
 
@@ -159,16 +165,18 @@ class _Reverse(Gradients):
 
         self.steps.append(Map(f"{result.name}: in the base's axes", Over.ONCE, Operand(result, ""), operands, body))
 
-    def _is(self, name: str, array: Array) -> bool:
-        return self.names.get(name, name) == array.name
-
 
 def _apart(step: Step) -> Program:
+    """Return the steps that reverse mode differentiates in place of a step; the step itself if it names none."""
     return (isinstance(step, (Shared, StraightLine)) and step.apart) or (step,)
 
 
 def _sum(step: Sum) -> Sum:
-    """Return the sum of the products of all tips, each with the whole cotangent."""
+    """Return the sum of the products of all tips, each with the whole cotangent.
+
+    Gradients with respect to arguments that all tips share are added up; of an argument with one value per tip, each
+    product writes its own slice.
+    """
     first = step.terms[0]
     cotangents = [
         Array(cotangent_name(output.name, len(step.outputs)), output.shape) for output in step.outputs

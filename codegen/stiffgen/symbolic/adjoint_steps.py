@@ -61,9 +61,12 @@ def _sparse_sum(run: Gradients, step: SparseSum) -> None:
 
 
 def _map(run: Gradients, step: Map) -> None:
-    """Append one map per operand with one column per joint, and one sum over joints for all other operands."""
+    """Append one map per operand with one column per joint, and one sum over joints for all other operands.
+
+    The gradients are those of the loss, the dot product of the map's expression with the gradient of its output.
+    """
     bars = tuple(Operand(bar, step.output.at) for bar in run.bars[step.output.array.name])
-    whole: dict[str, tuple[Array, ca.SX]] = {}
+    sums: dict[str, tuple[Array, ca.SX]] = {}  # gradients with respect to whole arrays, as terms of one joint
     values = [symbols(operand, f"x{k}_") for k, operand in enumerate(step.operands)]
     seeds = [symbols(operand, f"c{k}_") for k, operand in enumerate(bars)]
     symbols_of = tuple(zip((*step.operands, *bars), (*values, *seeds), strict=True))
@@ -82,26 +85,30 @@ def _map(run: Gradients, step: Map) -> None:
             _append_map(run, step, operand, gradient, symbols_of)
             continue
         for array, part in _through_sums(run, operand.array, gradient):
-            total = whole.get(array.name, (array, ca.SX.zeros(array.size)))[1]
-            whole[array.name] = array, total + part
-    if whole:
-        sums = tuple(run.new(array) for array, _ in whole.values())
-        operands, body = pruned(symbols_of, ca.vertcat(*(part for _, part in whole.values())))
-        comment = "gradient with respect to " + ", ".join(shown(array) for array, _ in whole.values())
+            total = sums.get(array.name, (array, ca.SX.zeros(array.size)))[1]
+            sums[array.name] = array, total + part
+    if sums:
+        outputs = tuple(run.new(array) for array, _ in sums.values())
+        operands, body = pruned(symbols_of, ca.vertcat(*(term for _, term in sums.values())))
+        comment = "gradient with respect to " + ", ".join(shown(array) for array, _ in sums.values())
         of = "coordinates" if step.over is Over.COORDINATES else "joints"
-        run.steps.append(Reduce(f"sums over the {of}: {comment}", sums, operands, body, step.over))
+        run.steps.append(Reduce(f"sums over the {of}: {comment}", outputs, operands, body, step.over))
 
 
 def _append_map(
     run: Gradients, step: Map, operand: Operand, gradient: ca.SX, symbols_of: tuple[tuple[Operand, ca.SX], ...]
 ) -> None:
+    """Append the map that computes the gradient with respect to one operand; ``symbols_of`` pairs arrays and symbols.
+
+    For columns that a forward step writes, the map also adds what other steps have contributed so far, so that one
+    array holds the sum. Contributions to a kernel's argument are added up at the end (``_finish``).
+    """
     comment = f"gradient with respect to {shown(operand.array)}, through {shown(step.output.array)}"
     total = column(gradient)
     if operand.at == "j" and operand.array.name in run.written and operand.array.name in run.bars:
-        # Contributions of other steps are added here, so that one array holds the sum.
-        others = [Operand(each, "j") for each in run.bars.pop(operand.array.name)]
-        seeds = [symbols(each, f"b{k}_") for k, each in enumerate(others)]
-        symbols_of = (*symbols_of, *zip(others, seeds, strict=True))
+        earlier = [Operand(each, "j") for each in run.bars.pop(operand.array.name)]  # run.new adds the sum alone
+        seeds = [symbols(each, f"b{k}_") for k, each in enumerate(earlier)]
+        symbols_of = (*symbols_of, *zip(earlier, seeds, strict=True))
         total = sum(seeds, total)
         comment += ", plus contributions of other steps"
     operands, body = pruned(symbols_of, total)
@@ -134,6 +141,7 @@ def _pairs(run: Gradients, step: Map) -> None:
     if not step.operands:
         return
     bar = run.only(step.output.array)
+    # Steps come in reverse: a map that overwrites the pairs of base joints comes before the map that it overwrites.
     without_base = step.output.array.name in run.of_base
     if step.over is Over.BASE:
         run.of_base.add(step.output.array.name)
@@ -148,7 +156,7 @@ def _pairs(run: Gradients, step: Map) -> None:
     for operand, value in zip(step.operands, values, strict=True):
         if operand.at not in ("i", "j"):
             raise NotImplementedError("a map over pairs has operands of its joints only")
-        flip = operand.at == "i"
+        flip = operand.at == "i"  # a Gather sums over i for every j: exchange the two
         all_operands = [each.flipped if flip else each for each in step.operands]
         weighted = Operand(transposed if flip else weights, "ij")
         symbols_of = tuple(zip((*all_operands, weighted), (*values, seed), strict=True))
@@ -163,16 +171,19 @@ def _pairs(run: Gradients, step: Map) -> None:
 
 
 def _straight_line(run: Gradients, step: StraightLine, variables: tuple[Array, ...]) -> None:
-    """Append CasADi's reverse mode of the statements; columns that several kernels share have a shared product."""
+    """Append CasADi's reverse mode of the statements with respect to ``variables``.
+
+    Columns that several kernels share have a shared product, if nothing but the columns has a gradient.
+    """
     variables = _dependencies(run, step, variables)
     if not variables:
         return
     outputs = tuple(run.new(array) for array in variables)
     bars = [(output, bar) for output in step.outputs for bar in run.bars.get(output.name, ())]
-    shared = not step.moves and step.name and {output for output, _ in bars} == set(step.outputs[: step.columns])
-    if not shared:
-        count = len(list(itertools.takewhile(lambda array: array.name in run.columns, variables)))
-        run.steps.append(replace(_statements(step, variables, bars, outputs), columns=count))
+    is_shared = not step.moves and step.name and {output for output, _ in bars} == set(step.outputs[: step.columns])
+    if not is_shared:
+        columns_first = itertools.takewhile(lambda array: array.name in run.columns, variables)
+        run.steps.append(replace(_statements(step, variables, bars, outputs), columns=len(list(columns_first))))
         return
     (columns,), (result,) = step.outputs[: step.columns], outputs
     bar, q_bar = Array(bar_name(columns.name), columns.shape), Array(bar_name(Q.name), result.shape)
@@ -205,7 +216,10 @@ def _dependencies(run: Gradients, step: StraightLine, variables: tuple[Array, ..
 
 
 def _moving(run: Gradients, step: StraightLine) -> None:
-    """Append closed forms of the derivatives of columns and pose; a tool pose is differentiated by CasADi."""
+    """Append closed forms of the derivatives of columns and pose; a tool pose is differentiated by CasADi.
+
+    The first output is the columns, since ``_with_columns`` has replaced steps of the pose alone.
+    """
     assert step.moves is not None
     others = tuple(each for each in step.arguments if not (each.is_q or each.is_base_pose))
     J, m = step.outputs[0], len(run.chain.joints)
@@ -298,28 +312,27 @@ def _statements(
     step: StraightLine, variables: tuple[Array, ...], bars: Sequence[tuple[Array, Array]], outputs: tuple[Array, ...]
 ) -> StraightLine:
     """Return CasADi's reverse mode of a step with respect to ``variables``; ``bars`` pairs outputs with gradients."""
-    is_variable = [argument in variables for argument in step.arguments]
     count = len(step.arguments)
 
     def expressions(chain: Chain, *values: ca.SX) -> Expressions:
+        """Return the gradients as columns, stacked; ``values`` are the step's arguments, then the gradients."""
         symbols = [ca.SX.sym(a.name, *extents(a.shape)) for a in step.arguments]
+        of_variables = [s for s, argument in zip(symbols, step.arguments, strict=True) if argument in variables]
         forward = step.expressions(chain, *symbols)
         sums = {output.name: ca.SX.zeros(output.size) for output in step.outputs}
         for (output, _), value in zip(bars, values[count:], strict=True):
             sums[output.name] += column(value)
         seed = ca.vertcat(*(sums[output.name] for output in step.outputs))
-        place = ca.vertcat(*(ca.vec(s) for s, wanted in zip(symbols, is_variable, strict=True) if wanted))
-        gradient = ca.densify(ca.jtimes(column(forward.result), place, seed, True))
+        stacked = ca.vertcat(*map(ca.vec, of_variables))
+        gradient = ca.densify(ca.jtimes(column(forward.result), stacked, seed, True))  # True: transposed Jacobian
         entries = []
         start = 0
-        for symbol, wanted in zip(symbols, is_variable, strict=True):
-            if wanted:
-                size = symbol.numel()
-                entries.append(column(ca.reshape(gradient[start : start + size], *symbol.shape)))
-                start += size
-        place = ca.vertcat(*map(ca.vec, symbols))
-        at = ca.vertcat(*map(ca.vec, values[:count]))
-        return Expressions(ca.densify(ca.substitute(ca.vertcat(*entries), place, at)), ())
+        for symbol in of_variables:
+            size = symbol.numel()
+            entries.append(column(ca.reshape(gradient[start : start + size], *symbol.shape)))
+            start += size
+        everything, at = (ca.vertcat(*map(ca.vec, each)) for each in (symbols, values[:count]))
+        return Expressions(ca.densify(ca.substitute(ca.vertcat(*entries), everything, at)), ())
 
     heading = "gradients with respect to " + ", ".join(shown(array) for array in variables)
     arguments = (*step.arguments, *(bar for _, bar in bars))

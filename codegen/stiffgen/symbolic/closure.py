@@ -41,6 +41,7 @@ Turns = dict[_Angle, tuple[ca.SX, ca.SX]]
 
 
 def _angle(joint: Joint) -> _Angle:
+    """Return what two hinges have in common whose angles are equal at every q."""
     return joint.coordinate, joint.multiplier, joint.offset
 
 
@@ -59,7 +60,15 @@ def sines_and_cosines(chain: Chain, q: ca.SX) -> tuple[ca.SX, ca.SX]:
 
 @dataclass(frozen=True)
 class _End:
-    """Frame of an end in the shared link; joints with the axis (zero if it slides) and the end's velocity v."""
+    """End of a loop, in the axes of the link that both ends share.
+
+    Attributes:
+        rotation: axes of the end's frame.
+        point: its origin [m].
+        moves: the joints from the shared link to the end, each with its axis (zero if it slides) and the velocity v of
+            the end at its unit rate.
+
+    """
 
     rotation: ca.SX
     point: ca.SX
@@ -67,20 +76,21 @@ class _End:
 
     @staticmethod
     def of(chain: Chain, end: LoopEnd, q: ca.SX, turns: Turns) -> _End:
+        """Return the end at joint positions q; ``turns`` has the sine and cosine of every hinge."""
         R = ca.SX.eye(3)
-        axes, ways = [], []
+        axes, offsets = [], []  # offsets [m]: from one joint to the next, at last to the end
         for joint in end.joints:
-            ways.append(R @ constant(joint.translation))
+            offsets.append(R @ constant(joint.translation))
             R = R @ constant(joint.rotation)
             axis = constant(joint.axis)
             axes.append((joint, ca.densify(R @ axis)))
             if joint.prismatic:
-                ways[-1] += R @ axis * joint_position(chain, joint, q)
+                offsets[-1] += R @ axis * joint_position(chain, joint, q)
             else:
                 along, (sine, cosine) = axis @ axis.T, turns[_angle(joint)]
-                R = R @ (along + cosine * (ca.SX.eye(3) - along) + sine * ca.skew(axis))
-        ways.append(R @ constant(end.translation))
-        arms = list(accumulate(reversed(ways)))[::-1]  # to the end; the first from the shared link's frame
+                R = R @ (along + cosine * (ca.SX.eye(3) - along) + sine * ca.skew(axis))  # Rodrigues' formula
+        offsets.append(R @ constant(end.translation))
+        arms = list(accumulate(reversed(offsets)))[::-1]  # to the end; the first from the shared link's frame
         zero = ca.SX.zeros(3)
         moves = (
             (j, zero, axis) if j.prismatic else (j, axis, cross(axis, arm))
@@ -89,7 +99,10 @@ class _End:
         return _End(ca.densify(R @ constant(end.rotation)), ca.densify(arms[0]), tuple(moves))
 
     def add_stiffness(self, wrench: ca.SX, total: ca.SX, sign: int) -> None:
-        """Add the symmetric part of the kinematic stiffness under a wrench."""
+        """Add ``sign`` times the symmetric part of the kinematic stiffness under a wrench to ``total`` (n x n).
+
+        The formula is that of the module's head; it holds for joint i before joint j and fills both triangles.
+        """
         for j, (outer, _, velocity) in enumerate(self.moves):
             for i, (inner, axis, _) in enumerate(self.moves[: j + 1]):
                 value = ca.dot(wrench[:3], cross(axis, velocity))
@@ -111,20 +124,23 @@ class _End:
 
 
 class Closure:
-    """Closed loops of a chain at joint positions q; ``turns`` are sines and cosines of the hinges, if known."""
+    """Closed loops of a chain at joint positions q; ``turns`` are sines and cosines of the hinges, if known.
+
+    ``rows`` has the loop and the row (0..2 position, 3..5 angle) of each equation, ``jacobian`` is C = dc/dq.
+    """
 
     def __init__(self, chain: Chain, q: ca.SX, *turns: ca.SX) -> None:
         self.chain = chain
         self.n, self.motors = chain.dof, chain.motors
         pairs = zip(*map(ca.vertsplit, turns or sines_and_cosines(chain, q)), strict=True)
-        known = dict(zip(map(_angle, hinges(chain)), pairs, strict=True))
+        turn_of = dict(zip(map(_angle, hinges(chain)), pairs, strict=True))
         self.ends = [
-            (_End.of(chain, loop.first, q, known), _End.of(chain, loop.second, q, known)) for loop in chain.loops
+            (_End.of(chain, loop.first, q, turn_of), _End.of(chain, loop.second, q, turn_of)) for loop in chain.loops
         ]
         self.rows = [(k, row) for k, loop in enumerate(chain.loops) for row in loop.rows]
         self.jacobian = ca.SX(len(self.rows), self.n)
         for number, (k, row) in enumerate(self.rows):
-            for sign, end in zip((1, -1), self.ends[k], strict=True):
+            for sign, end in zip((1, -1), self.ends[k], strict=True):  # c is the first end less the second
                 for joint, axis, velocity in end.moves:
                     value = ca.vertcat(velocity, axis)[row]
                     if not value.is_zero():
@@ -151,16 +167,16 @@ class Closure:
 
     @cached_property
     def blocks(self) -> list[Factors]:
-        """Factors of the blocks of C_p."""
+        """Factors of the blocks of C_p: equations that share passive coordinates, directly or through others."""
         groups: list[tuple[set[int], set[int]]] = []  # rows and passive coordinates
         for number in range(len(self.rows)):
             rows, columns = {number}, {k for k in self.passive if not self.jacobian[number, k].is_zero()}
             apart = []
-            for other in groups:
-                if other[1] & columns:
-                    rows, columns = rows | other[0], columns | other[1]
+            for other_rows, other_columns in groups:
+                if other_columns & columns:
+                    rows, columns = rows | other_rows, columns | other_columns
                 else:
-                    apart.append(other)
+                    apart.append((other_rows, other_columns))
             groups = [*apart, (rows, columns)]
         return [
             Factors(self.jacobian, self._by_loop(sorted(rows)), sorted(columns), self._units(sorted(rows)))
@@ -168,10 +184,12 @@ class Closure:
         ]
 
     def _by_loop(self, rows: Sequence[int]) -> list[list[int]]:
+        """Return the rows of each loop."""
         loops = dict.fromkeys(self.rows[row][0] for row in rows)
         return [[row for row in rows if self.rows[row][0] == loop] for loop in loops]
 
     def _units(self, rows: Sequence[int]) -> Units:
+        """Return the unit of length of the block with these rows."""
         types = enumerate(self.chain.coordinates, start=self.chain.base_joints)
         slides = {k for k, coordinate in types if coordinate.type == "prismatic"}
         angular = {row for row in rows if self.rows[row][1] >= 3}

@@ -183,12 +183,13 @@ class _TipTree:
 
     @staticmethod
     def of(chain: Chain, arguments: Sequence[ca.SX], representation: Representation) -> _TipTree:
+        """Return the tree at configuration arguments; the representation decides the common point."""
         count = len(chain.tips)
         tools = _per_tip(arguments[-1], count) if chain.runtime_tool else [None] * count
         configuration = Configuration.of(chain, arguments, seen_from_tip=representation == "body")
         base_pose = configuration.base_pose
         if base_pose is not None and representation == "hybrid":
-            base_pose = ca.diagcat(base_pose[:3, :3], 1)
+            base_pose = ca.diagcat(base_pose[:3, :3], 1)  # axes of the world, origin of the base link
         r, frames = outward_frames(chain, Configuration(configuration.q, base_pose))
         columns = [spatial_column(joint, frame[1], frame[2]) for joint, frame in zip(chain.joints, frames, strict=True)]
         poses = [_tip_pose(tip, frames[tip.joint], tool) for tip, tool in zip(chain.tips, tools, strict=True)]
@@ -217,7 +218,7 @@ def _covectors(chain: Chain, tree: _TipTree, totals: Sequence[_Load | None]) -> 
         if total is None:
             continue
         covectors[index] = total.covector(tree.columns[index])
-        if 3 <= index < chain.base_joints:
+        if 3 <= index < chain.base_joints:  # the base's rotations: connection term of the base
             _, origin, axis = tree.frames[index]
             covectors[index] += ca.vertcat(ca.SX.zeros(3), cross(total.moment(origin), axis) / 2)
     return covectors
@@ -248,6 +249,10 @@ def _load(
     K: ca.SX,
     representation: Representation,
 ) -> _Load:
+    """Return the load of one tip at the common point, and add its sections.
+
+    ``wrench`` and ``K`` are those of the representation, ``pose`` (rotation, origin) is relative to the common point.
+    """
     if representation == "spatial":
         return _Load(K, wrench[:3], wrench[3:], ca.SX(3, 3))
     rotation, p = (ca.densify(each) for each in pose)
@@ -262,11 +267,11 @@ def _load(
     if not any(section.title == title for section in sections):
         sections.append(Section(title, values))
     A, B = K[:3, :3], K[:3, 3:]
+    # X^T K X with X = [[1, -[p]], [0, 1]], block by block
     coupling = B - A @ ca.skew(p)
-    half = ca.skew(p) @ B
-    C = stiffness.symmetric_from_upper(K[3:, 3:] + ca.skew(p) @ coupling + half.T)
+    rotational = stiffness.symmetric_from_upper(K[3:, 3:] + ca.skew(p) @ coupling + (ca.skew(p) @ B).T)
     load = _Load(
-        ca.densify(ca.vertcat(ca.horzcat(A, coupling), ca.horzcat(coupling.T, C))),
+        ca.densify(ca.vertcat(ca.horzcat(A, coupling), ca.horzcat(coupling.T, rotational))),
         ca.densify(f),
         ca.densify(m),
         ca.densify(p @ f.T - ca.dot(p, f) * ca.SX.eye(3)),

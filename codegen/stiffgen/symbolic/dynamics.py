@@ -61,16 +61,16 @@ def mass_matrix(chain: Chain, q: ca.SX) -> Expressions:
     for index, (linear, angular) in enumerate(_momenta(chain, links, turns, q, sections)):
         values: dict[str, ca.SX] = {}
         result[index, index] = angular[2]
-        link, at = links[index], chain.joints[index].parent
-        while at >= 0:
+        link, inner = links[index], chain.joints[index].parent
+        while inner >= 0:  # the momentum in the axes of link ``inner``; its joint turns about z
             linear, angular = ca.densify(link.rotation @ linear), ca.densify(link.rotation @ angular)
             angular = angular + cross(link.translation, linear)
-            turn = turns[at]
+            turn = turns[inner]
             if turn is not None:
                 linear, angular = _turned(linear, turn), _turned(angular, turn)
-            values |= {f"l{index}_{at}_": linear, f"a{index}_{at}_": angular}
-            result[at, index] = result[index, at] = angular[2]
-            link, at = links[at], chain.joints[at].parent
+            values |= {f"l{index}_{inner}_": linear, f"a{index}_{inner}_": angular}
+            result[inner, index] = result[index, inner] = angular[2]
+            link, inner = links[inner], chain.joints[inner].parent
         title = f"momentum h{index} of all bodies beyond joint {chain.joints[index].name}, in the axes of links k"
         sections.append(Section(f"{title}: linear l{index}_k, angular a{index}_k", values))
     return Expressions(ca.densify(ca.vec(result)), tuple(sections))
@@ -128,7 +128,8 @@ def joint_forces(chain: Chain, *arguments: ca.SX) -> Expressions:
     values = {f"{letter}{k}": turn[i] for k, turn in enumerate(turns) if turn for i, letter in enumerate("sc")}
     sections.append(Section("sine and cosine of each joint angle", values))
     zero = ca.SX(3, 1)
-    upward = ca.densify(-(base_rotation.T @ gravity))
+    upward = ca.densify(-(base_rotation.T @ gravity))  # a base that accelerates upwards feels gravity
+    # Per link, in its axes: angular velocity, its rate, acceleration of the origin; force and moment for this motion.
     motions: list[tuple[ca.SX, ca.SX, ca.SX]] = []
     wrenches: list[tuple[ca.SX, ca.SX]] = []
     if base_link is not None:
@@ -143,7 +144,7 @@ def joint_forces(chain: Chain, *arguments: ca.SX) -> Expressions:
         shift, relative = _shift(chain, joint, link, q), rate * _ALONG
         own = joint.multiplier * acceleration[joint.coordinate] * _ALONG
         linear = linear + cross(angular_rate, shift) + cross(angular, cross(angular, shift))
-        angular, angular_rate, linear = (
+        angular, angular_rate, linear = (  # until here in the parent's axes
             _into_link(each, link.rotation, turn) for each in (angular, angular_rate, linear)
         )
         if joint.prismatic:
@@ -226,6 +227,7 @@ _Turn = tuple[ca.SX, ca.SX] | None
 
 
 def _turns(chain: Chain, q: ca.SX, sections: list[Section]) -> list[_Turn]:
+    """Return the turn of every joint on which the mass matrix depends, and add their section."""
     section = Section("sine and cosine of each joint angle")
     turns: list[_Turn] = []
     for index, joint in enumerate(chain.joints):
@@ -249,13 +251,13 @@ def _frames(
 ) -> list[tuple[ca.SX, ca.SX]]:
     """Return axes (z along the joint's axis) and origin of each joint at zero position, in the first link."""
     frames: list[tuple[ca.SX, ca.SX]] = []
-    links_frames: list[tuple[ca.SX, ca.SX]] = []
-    inner = {joint.parent for joint in chain.joints}
+    link_frames: list[tuple[ca.SX, ca.SX]] = []  # the same, turned by the joint's angle
+    parents = {joint.parent for joint in chain.joints}
     for index, (joint, link, turn) in enumerate(zip(chain.joints, links, turns, strict=True)):
         if joint.parent < 0:
             axes, origin = ca.SX.eye(3), ca.SX.zeros(3)
         else:
-            axes, origin = links_frames[joint.parent]
+            axes, origin = link_frames[joint.parent]
             origin = origin + axes @ link.translation
             axes = axes @ link.rotation
             if joint.prismatic:
@@ -264,13 +266,13 @@ def _frames(
         if turn is not None:
             s, c = turn
             link_axes = ca.horzcat(c * axes[:, 0] + s * axes[:, 1], c * axes[:, 1] - s * axes[:, 0], axes[:, 2])
-        if index in inner:
+        if index in parents:
             values = {f"R{index}_": ca.densify(link_axes), f"p{index}_": ca.densify(origin)}
             sections.append(
                 Section(f"link of joint {joint.name}: axes R{index}, origin p{index}, in the first link", values)
             )
         frames.append((axes, origin))
-        links_frames.append((link_axes, origin))
+        link_frames.append((link_axes, origin))
     return frames
 
 
@@ -286,16 +288,16 @@ def _momenta(
     momenta: list[tuple[ca.SX, ca.SX]] = [(ca.SX(), ca.SX())] * len(links)
     for index in reversed(range(len(links))):
         joint, link = chain.joints[index], links[index]
-        mass, moment, tensor = beyond[index]
+        mass, moment, tensor = beyond[index]  # in the link's axes
         turn = turns[index]
-        if turn is not None:
+        if turn is not None:  # to the link's axes at the zero position of its joint
             moment, tensor = _turned(moment, turn), _turned_tensor(tensor, turn)
         upper = {f"I{index}_{r}{c}": tensor[r, c] for r in range(3) for c in range(r, 3)}
         title = f"all links from joint {joint.name} outwards: first moment m{index} [kg m], inertia I{index} [kg m^2]"
         sections.append(Section(title, {f"m{index}_": ca.densify(moment), **upper}))
-        if joint.prismatic:
+        if joint.prismatic:  # velocity z at every point: m z, and the first moment x z
             linear, angular = mass * _ALONG, ca.vertcat(moment[1], -moment[0], 0)
-        else:
+        else:  # angular velocity z: z x the first moment, and I z
             linear, angular = ca.vertcat(-moment[1], moment[0], 0), tensor[:, 2]
         if joint.parent < 0:  # the components that no parent link needs are zero
             linear, angular = _ALONG * linear, _ALONG * angular
@@ -319,6 +321,7 @@ def _turned_tensor(tensor: ca.SX, turn: tuple[ca.SX, ca.SX]) -> ca.SX:
     """Rotate an inertia tensor about z."""
     s, c = turn
     xx, xy, xz, yy, yz, zz = (tensor[r, k] for r in range(3) for k in range(r, 3))
+    # c^2 xx - 2 s c xy + s^2 yy = xx - s moved; the other entries likewise, with fewer operations than R I R^T
     moved, product = s * (xx - yy) + 2 * (c * xy), c * (xx - yy) - 2 * (s * xy)
     upper = ca.SX(3, 3)
     upper[0, 0], upper[1, 1], upper[2, 2] = xx - s * moved, yy + s * moved, zz
@@ -345,7 +348,7 @@ def _links(chain: Chain) -> tuple[list[_Link], _Link | None]:
     Inertia that the motion of a joint does not affect is added to the parent link.
     """
     joints = chain.joints
-    aligned = [Pose.turned(aligning_rotation(joint.axis)) for joint in joints]
+    aligned = [Pose.turned(aligning_rotation(joint.axis)) for joint in joints]  # link axes in the joint's frame
     poses = []
     for joint, axes in zip(joints, aligned, strict=True):
         parent_axes = aligned[joint.parent] if joint.parent >= 0 else Pose.identity()
@@ -353,7 +356,7 @@ def _links(chain: Chain) -> tuple[list[_Link], _Link | None]:
     bodies = [_inertia(joint.body).seen_from(axes.inverse()) for joint, axes in zip(joints, aligned, strict=True)]
     links: list[_Link] = []
     base_link = None
-    for index in reversed(range(len(joints))):
+    for index in reversed(range(len(joints))):  # children first: each passes its remainder on to its parent's body
         joint, total = joints[index], bodies[index]
         if index == chain.base_joints - 1:
             mass, moment, tensor = total.rounded()

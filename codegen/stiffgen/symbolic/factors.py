@@ -36,8 +36,15 @@ class Units:
     """Unit of length of a block: root mean square of the levers of all its hinges, those of motors included.
 
     A lever is the displacement of an end per radian. One unit for all columns, since a column that vanishes is a
-    singularity of the motors. ``squared`` is the unit's square [m^2], ``typical`` its value at the start configuration,
-    ``slides`` are coordinates, ``angular`` rows.
+    singularity of the motors.
+
+    Attributes:
+        squared: square of the unit [m^2].
+        typical: ``squared`` at the start configuration.
+        slides: coordinates of prismatic joints.
+        angular: rows of equations of angles.
+        has_points: whether the block has rows of positions.
+
     """
 
     squared: ca.SX
@@ -53,7 +60,7 @@ class Units:
         return self.typical * int(self.has_points) + int(bool(self.angular))
 
     def entry(self, row: int, coordinate: int) -> ca.SX:
-        """Return the square of the factor that frees an entry of C from its unit."""
+        """Return the square of the factor that frees an entry of C (m per rad, rad per m ...) from its unit."""
         factor = ca.SX(1) if row in self.angular else 1 / self.squared
         return factor * self.squared if coordinate in self.slides else factor
 
@@ -70,6 +77,7 @@ class _Rod:
 
     @staticmethod
     def of(C: ca.SX, rows: list[int], columns: list[int], units: Units) -> _Rod:
+        """Return the rod of a loop with 2 rows and 1 column, or 3 rows and 2 columns; see the head of the module."""
         vectors = [[ca.SX(C[row, column]) for row in rows] for column in columns]
         if len(rows) == 2:
             normal = [-vectors[0][1], vectors[0][0]]
@@ -86,19 +94,23 @@ class _Rod:
 
 
 class Factors:
-    """A block of C_p, ready to be solved; its rows and columns are in the order of ``rows`` and ``columns``."""
+    """A block of C_p, ready to be solved; its rows and columns are in the order of ``rows`` and ``columns``.
+
+    Rods come first. The core has one row per rod (the equation along the rod's normal), then the rows without a rod
+    (``others``), and as many columns (``shared``).
+    """
 
     def __init__(self, C: ca.SX, loops: Sequence[Sequence[int]], columns: Sequence[int], units: Units) -> None:
         self.C, self.units = C, units
-        everything = [row for rows in loops for row in rows]
+        all_rows = [row for rows in loops for row in rows]
         self.rods: list[_Rod] = []
         for rows in loops:
-            others = [row for row in everything if row not in rows]
+            others = [row for row in all_rows if row not in rows]
             own = [k for k in columns if all(C[row, k].is_zero() for row in others)]
             if (len(rows), len(own)) in ((2, 1), (2, 2), (3, 2)):  # of three own columns, two can be near a line
                 self.rods.append(_Rod.of(C, list(rows), own[: len(rows) - 1], units))
         in_rods = {row for rod in self.rods for row in rod.rows}
-        self.others = [row for row in everything if row not in in_rods]
+        self.others = [row for row in all_rows if row not in in_rods]
         self.rows = [*(row for rod in self.rods for row in rod.rows), *self.others]
         private = [column for rod in self.rods for column in rod.columns]
         self.shared = [column for column in columns if column not in private]
@@ -110,7 +122,7 @@ class Factors:
         self.core = (_Adjugate if len(self.shared) <= 2 else _Reflections)(entries, scales, lengths)
 
     def solve(self, right: Sequence[ca.SX]) -> Entries:
-        """Return the solution x of A x = right, in the order of the columns."""
+        """Return the solution x of A x = right, in the order of the columns; ``right`` is in the order of the rows."""
         b = dict(zip(self.rows, map(ca.SX, right), strict=True))
         reduced = [_dot(rod.normal, [b[row] for row in rod.rows]) for rod in self.rods]
         shared = self.core.solve([*reduced, *(b[row] for row in self.others)])
@@ -121,7 +133,11 @@ class Factors:
         return [x[column] for column in self.columns]
 
     def solve_transposed(self, right: Sequence[ca.SX]) -> Entries:
-        """Return the solution y of A^T y = right, in the order of the rows."""
+        """Return the solution y of A^T y = right, in the order of the rows; ``right`` is in that of the columns.
+
+        Of a rod's rows, the duals give the part of y in the plane of its columns; the core gives the part along the
+        normal, from what the first part leaves of the other columns' equations.
+        """
         b = dict(zip(self.columns, map(ca.SX, right), strict=True))
         y: dict[int, ca.SX] = {}
         for rod in self.rods:
@@ -130,27 +146,29 @@ class Factors:
                 for i, row in enumerate(rod.rows)
             }
         rest = [b[k] - _dot([self.C[row, k] for row in y], y.values()) for k in self.shared]
-        along = self.core.solve_transposed(rest)
-        for rod, value in zip(self.rods, along, strict=False):
+        of_core = self.core.solve_transposed(rest)
+        for rod, value in zip(self.rods, of_core, strict=False):  # then come the rows without a rod
             y |= {row: y[row] + x * value for row, x in zip(rod.rows, rod.normal, strict=True)}
-        return [y[row] for row in self.rows[: len(y)]] + along[len(self.rods) :]
+        return [y[row] for row in self.rows[: len(y)]] + of_core[len(self.rods) :]
 
     def condition(self) -> ca.SX:
-        """Return |C| |C_p^-1| of the block without units, in Frobenius' norm, less size - 1.
+        """Return |C| |C_p^-1| - (n - 1) of the block without units, n its number of equations, in Frobenius' norm.
 
-        This is at least 1, at least cond(C_p) - 1 in the spectral norm, and grows with G = -C_p^-1 C_a.
+        C has the block's rows and the columns of all coordinates. The norms of an n x n matrix and its inverse multiply
+        to n or more, so that the result is at least 1. It is at least cond(C_p) - 1 in the spectral norm, and grows
+        with G = -C_p^-1 C_a.
         """
-        size, inverse, count = ca.SX(0), ca.SX(0), len(self.rows)
+        squares, inverse_squares, n = ca.SX(0), ca.SX(0), len(self.rows)
         for row in self.rows:
-            for k in range(self.C.size2()):
-                value = self.C[row, k]
+            for coordinate in range(self.C.size2()):
+                value = self.C[row, coordinate]
                 if not value.is_zero():
-                    size += self.units.entry(row, k) * value * value
-        for unit, row in enumerate(self.rows):
-            solution = self.solve([ca.SX(int(i == unit)) for i in range(count)])
-            for k, value in zip(self.columns, solution, strict=True):
-                inverse += value * value / self.units.entry(row, k)
-        return ca.sqrt(size * inverse) - (count - 1)
+                    squares += self.units.entry(row, coordinate) * value * value
+        for equation, row in enumerate(self.rows):
+            column_of_inverse = self.solve([ca.SX(int(k == equation)) for k in range(n)])
+            for coordinate, value in zip(self.columns, column_of_inverse, strict=True):
+                inverse_squares += value * value / self.units.entry(row, coordinate)  # it has the inverse unit
+        return ca.sqrt(squares * inverse_squares) - (n - 1)
 
 
 class _Adjugate:
@@ -178,9 +196,10 @@ class _Adjugate:
 
 
 class _Reflections:
-    """Matrix as a product of Householder's reflections and a triangle; rows are scaled to the length 1.
+    """Matrix as a product of Householder's reflections and a triangle; rows are divided by the roots of ``scales``.
 
-    Columns with few entries come first, so that reflections stay short. The arguments are those of ``_Adjugate``.
+    Columns with few entries come first, each with a row in which it has one, so that reflections stay short. The
+    arguments are those of ``_Adjugate``.
     """
 
     def __init__(self, entries: Sequence[Entries], scales: Sequence[ca.SX], lengths: Sequence[float]) -> None:
@@ -199,6 +218,10 @@ class _Reflections:
         self.inverse_diagonal = [self._eliminate(k, lengths[column]) for k, column in enumerate(self.columns)]
 
     def _eliminate(self, k: int, length: float) -> ca.SX:
+        """Clear column k below the diagonal by a reflection of rows k and below; return the pivot's reciprocal or NaN.
+
+        ``length`` is the squared length of a typical column.
+        """
         A = self.triangle
         column = [A[i][k] for i in range(k, self.size)]
         if all(value.is_zero() for value in column[1:]):

@@ -26,11 +26,15 @@ def gradient_shape(argument: Array) -> tuple[int, ...]:
 
 
 class Gradients:
-    """Gradients of one backward pass; ``bars`` holds for each array the arrays whose sum is the gradient."""
+    """Gradients of one backward pass through ``program``.
+
+    ``bars`` holds for each array the arrays whose sum is the gradient with respect to it, ``steps`` the reverse steps
+    so far. ``names`` are the ``final`` names of the pass before this one; a new array has such a name from the start.
+    """
 
     def __init__(self, chain: Chain, program: Program, names: dict[str, str]) -> None:
         self.chain = chain
-        self.written = {array.name for step in program for array in step.writes}
+        self.written = {array.name for step in program for array in step.writes}  # all but the kernel's arguments
         self.names = names
         self.final: dict[str, str] = {}
         self.bars: dict[str, list[Array]] = {}
@@ -66,10 +70,10 @@ class Gradients:
         return Array(f"{name}{self.count}", shape)
 
     def one(self, columns: Array) -> Array:
-        """Return the gradient with respect to columns of joints as one array of columns."""
+        """Return the gradient with respect to columns of joints as one array that a step writes column by column."""
         bars = self.bars[columns.name]
-        outputs = {array.name for step in self.steps for array in _columns_of(step)}
-        if len(bars) == 1 and bars[0].name in outputs:
+        by_columns = {array.name for step in self.steps for array in _columns_of(step)}
+        if len(bars) == 1 and bars[0].name in by_columns:
             return bars[0]
         total = self.local(bar_name(columns.name), columns.shape)
         operands = tuple(Operand(bar, "j") for bar in bars)
@@ -93,10 +97,10 @@ def _sum(*values: ca.SX) -> ca.SX:
     return sum(values, ca.SX(0))
 
 
-def _zeros(step: Map, before: dict[str, set[int]]) -> set[int]:
-    """Return the entries of a map's output that are zero for all operands."""
+def _zeros(step: Map, of_earlier: dict[str, set[int]]) -> set[int]:
+    """Return the entries of a map's output that are zero for all operands, given those of the maps before it."""
     values = [
-        _cleared(symbols(operand, f"x{k}_"), before.get(operand.array.name) if operand.at else None)
+        _cleared(symbols(operand, f"x{k}_"), of_earlier.get(operand.array.name) if operand.at else None)
         for k, operand in enumerate(step.operands)
     ]
     result = column(step.expression(*values))
@@ -104,6 +108,7 @@ def _zeros(step: Map, before: dict[str, set[int]]) -> set[int]:
 
 
 def _cleared(value: ca.SX, zeros: set[int] | None) -> ca.SX:
+    """Return a column with structural zeros in some entries."""
     if not zeros:
         return value
     return ca.vertcat(*(ca.SX(0) if k in zeros else value[k] for k in range(value.numel())))

@@ -51,9 +51,10 @@ def _tip_kernels(
     floating: bool = False,
     sensor: MountedSensor | None = None,
 ) -> tuple[Kernel, ...]:
+    """Return the kernels of one tip; ``tip`` is None for a robot with one tip."""
     configuration = configuration_arguments(runtime_tool=runtime_tool, floating=floating)
     reference = "world" if floating else "base"
-    seen_from_tip = configuration_arguments(runtime_tool=runtime_tool)
+    seen_from_tip = configuration_arguments(runtime_tool=runtime_tool)  # body representation: without the base's pose
     kernels = [*pose_kernels(configuration, reference), *manipulability_kernels(seen_from_tip)]
     for rep in REPRESENTATIONS:
         seen = seen_from_tip if rep == "body" else configuration
@@ -75,6 +76,7 @@ def _serial(
     floating: bool = False,
     sensor: MountedSensor | None = None,
 ) -> tuple[Kernel, ...]:
+    """Return the kernels of a robot with one tip: pose, dynamics, all others of the tip, potentials of the joints."""
     first, *others = _tip_kernels(None, springs, runtime_tool=runtime_tool, floating=floating, sensor=sensor)
     dynamics = dynamics_kernels(runtime_tool=runtime_tool, floating=floating) if masses else ()
     return (first, *dynamics, *others, *JOINT_POTENTIAL_KERNELS)
@@ -130,7 +132,7 @@ def chain_kernels(chain: Chain, options: KernelOptions | None = None) -> tuple[K
         kernels = tuple(replace(each, of_masses=True) if _of_coordinates(each) else each for each in kernels)
     if chain.floating:
         kernels = tuple(map(_on_floating_base, kernels))
-    if options.derivatives:
+    if options.derivatives:  # last: products take over the arguments as they are now
         kernels = (*kernels, *products(kernels))
     if options.batches and len(chain.joints) <= MAX_BATCH_JOINTS:
         return kernels
@@ -179,6 +181,7 @@ def _on_floating_base(kernel: Kernel) -> Kernel:
 
 
 def _all_kernels(chain: Chain, springs: tuple[Spring, ...]) -> tuple[Kernel, ...]:
+    """Return the kernels in joint coordinates: of one tip, or of each tip and their totals."""
     if len(chain.tips) == 1:
         return _serial(
             springs,

@@ -123,12 +123,14 @@ class _Axis:
 
     @staticmethod
     def of(joint: Joint) -> _Axis:
+        has_one_entry = sum(map(bool, joint.axis)) == 1  # beside an entry of 1.0 may be a small tilt
         for index in range(3):
-            if sum(map(bool, joint.axis)) == 1 and joint.axis[index]:  # an entry of 1.0 may hide a small tilt
+            if has_one_entry and joint.axis[index]:
                 return _Axis(index, int(joint.axis[index]), None)
         return _Axis(2, 1, aligning_rotation(joint.axis))
 
     def rotation(self, c: ca.SX, s: ca.SX) -> ca.SX:
+        """Return the rotation about the axis by the angle with this cosine and sine."""
         matrix = ca.SX(3, 3)
         i, j, k = self.index, (self.index + 1) % 3, (self.index + 2) % 3
         matrix[i, i] = 1
@@ -138,7 +140,11 @@ class _Axis:
 
 
 class PoseRecursion:
-    """Shared parts of outward and inward pose recursions: sines and cosines of the joint angles, and named frames."""
+    """Shared parts of outward and inward pose recursions: sines and cosines of the joint angles, and named frames.
+
+    Each joint has ``positions`` [rad or m], ``axes``, and ``rotations`` about its axis; None for a joint that turns
+    nothing.
+    """
 
     def __init__(self, chain: Chain, q: ca.SX) -> None:
         self.chain = chain
@@ -217,7 +223,7 @@ def outward_frames(chain: Chain, configuration: Configuration) -> tuple[PoseRecu
     for index, joint in enumerate(chain.joints[chain.base_joints :], start=chain.base_joints):
         rotation, origin, _ = frames[joint.parent] if joint.parent >= 0 else (base_rotation, base_origin, None)
         origin = origin + rotation @ constant(joint.translation)
-        auxiliary = rotation @ r.rotation_in_parent(index)
+        auxiliary = rotation @ r.rotation_in_parent(index)  # at the joint's zero position
         axis = r.axis(index, auxiliary)
         turn = r.rotations[index]
         if turn is None:
@@ -238,6 +244,7 @@ def _tip_in_joint(chain: Chain, tool_pose: ca.SX | None) -> tuple[ca.SX, ca.SX]:
 
 
 def _tip_in_base(chain: Chain, frames: list[Frame], tool_pose: ca.SX | None) -> tuple[ca.SX, ca.SX]:
+    """Return rotation and origin of the tip, or of the tool mounted there, in base axes; the last frame carries it."""
     rotation, origin, _ = frames[-1]
     tip_rotation, tip_origin = _tip_in_joint(chain, tool_pose)
     return ca.densify(rotation @ tip_rotation), ca.densify(origin + rotation @ tip_origin)
@@ -297,6 +304,7 @@ def _kinds(chain: Chain) -> tuple[Kind, ...]:
 
 
 def _outward_columns(chain: Chain, frames: list[Frame], tip: ca.SX, representation: Representation) -> ca.SX:
+    """Return spatial or hybrid columns (6 x number of joints); ``tip`` is the tip's origin in base axes [m]."""
     columns = []
     for joint, (_, origin, axis) in zip(chain.joints, frames, strict=True):
         if representation == "spatial":
@@ -309,12 +317,16 @@ def _outward_columns(chain: Chain, frames: list[Frame], tip: ca.SX, representati
 
 
 def _body_jacobian(chain: Chain, configuration: Configuration) -> Expressions:
-    """Return the body Jacobian, by a recursion from the tip to the base."""
+    """Return the body Jacobian, by a recursion from the tip to the base.
+
+    (rotation, origin) is the pose in the tip's frame: first of the last joint's URDF frame, then, joint by joint, of
+    the parent's, at last of the base link.
+    """
     r = PoseRecursion(chain, configuration.q)
     tip_rotation, tip_origin = _tip_in_joint(chain, configuration.tool_pose)
-    rotation = tip_rotation.T  # (rotation, origin): pose of the current frame in the tip's frame
+    rotation = tip_rotation.T
     origin = -(rotation @ tip_origin)
-    columns: list[ca.SX] = []
+    columns: list[ca.SX] = []  # from the tip to the base
     for index in reversed(range(chain.base_joints, len(chain.joints))):
         joint = chain.joints[index]
         auxiliary = rotation @ r.rotation_to_urdf_frame(index).T

@@ -74,12 +74,14 @@ def move_stiffness(
 
 
 def _cross(v: FloatArray) -> FloatArray:
+    """Return the cross-product matrices [v] (..., 3, 3) of vectors (..., 3)."""
     x, y, z = v[..., 0], v[..., 1], v[..., 2]
     o = np.zeros_like(x)
     return np.stack([np.stack(row, -1) for row in ((o, -z, y), (z, o, -x), (-y, x, o))], -2)
 
 
 def _blocks(upper_left: Any, lower_left: Any, lower_right: Any) -> FloatArray:
+    """Return matrices (..., 6, 6) of blocks (..., 3, 3); the upper right block is zero."""
     lead = np.broadcast_shapes(*(each.shape[:-2] for each in (upper_left, lower_left, lower_right)))
     matrix = np.zeros((*lead, 6, 6))
     matrix[..., :3, :3], matrix[..., 3:, :3], matrix[..., 3:, 3:] = upper_left, lower_left, lower_right
@@ -87,10 +89,12 @@ def _blocks(upper_left: Any, lower_left: Any, lower_right: Any) -> FloatArray:
 
 
 def _transformed(matrix: FloatArray, F: FloatArray, K: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return T F and T K T^T."""
     return np.einsum("...ij,...j->...i", matrix, F), matrix @ K @ np.swapaxes(matrix, -1, -2)
 
 
 def _point_term(point: FloatArray, force: FloatArray) -> FloatArray:
+    """Return N = blkdiag(0, ([f][p] + [p][f])/2)."""
     f, p = _cross(force), _cross(point)
     zero = np.zeros((3, 3))
     return _blocks(zero, zero, (f @ p + p @ f) / 2)
@@ -99,6 +103,7 @@ def _point_term(point: FloatArray, force: FloatArray) -> FloatArray:
 def _to_hybrid(
     rotation: FloatArray, point: FloatArray, F: FloatArray, K: FloatArray, source: Representation, *, as_tensor: bool
 ) -> tuple[FloatArray, FloatArray]:
+    """Return F and K of ``source`` in hybrid representation; N is removed before the transformation by X^T."""
     if source == "body":
         return _transformed(_blocks(rotation, np.zeros((3, 3)), rotation), F, K)
     if source == "spatial":
@@ -111,6 +116,7 @@ def _to_hybrid(
 def _from_hybrid(
     rotation: FloatArray, point: FloatArray, F: FloatArray, K: FloatArray, target: Representation, *, as_tensor: bool
 ) -> tuple[FloatArray, FloatArray]:
+    """Return hybrid F and K in ``target``; N is added after the transformation by X^-T, which keeps the force."""
     if target == "body":
         inverse = np.swapaxes(rotation, -1, -2)
         return _transformed(_blocks(inverse, np.zeros((3, 3)), inverse), F, K)

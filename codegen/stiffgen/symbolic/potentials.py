@@ -93,13 +93,7 @@ def spring_of(potential: Potential) -> Spring:
 
     """
     name = potential.name
-    if identifier(name) != name:
-        raise PotentialError(
-            f"potential {printable(name)}: the function's name is no usable name in C and Python; call it "
-            f"{identifier(name)}"
-        )
-    if name in {spring(kind).name for kind in KINDS}:
-        raise PotentialError(f"potential {name}: the name is taken by stiffgen's own functions; give it another")
+    _check_name(name)
     declared = dict(_items(name, getattr(potential.function, "parameters", {})))
     if len(declared) > MAX_PARAMETERS:
         raise PotentialError(
@@ -112,6 +106,7 @@ def spring_of(potential: Potential) -> Spring:
     )
 
     def energy(p: ca.SX, R: ca.SX, *values: ca.SX) -> ca.SX:
+        """Call the user's function; all that goes wrong in it becomes a PotentialError."""
         parameters = dict(zip(declared, values, strict=True))
         try:
             result = potential.function(p, R, _Parameters(name, parameters))
@@ -124,24 +119,31 @@ def spring_of(potential: Potential) -> Spring:
     text = inspect.getdoc(potential.function) or ""
     source = f" of {potential.file}" if potential.file else ""
     user = Spring(name, arguments, energy, f"U(p, R) by the function {name}{source}", " ".join(text.split()))
-    if potential.is_sealed:
+    if potential.is_sealed:  # its function cannot be called
         return user
     p, R = ca.SX.sym("p", 3), ca.SX.sym("R", 3, 3)
-    symbols = [ca.SX.sym(a.name, *_extent(a)) for a in arguments]
-    value = energy(p, R, *symbols)
-    _check_differentiable(name, value, [p, R, *symbols])
+    symbols = [ca.SX.sym(a.name, *map(int, a.shape)) for a in arguments]
+    _check_differentiable(name, energy(p, R, *symbols), [p, R, *symbols])
     return user
 
 
+def _check_name(name: str) -> None:
+    """Raise PotentialError unless a function's name can be the name of a spring."""
+    if identifier(name) != name:
+        raise PotentialError(
+            f"potential {printable(name)}: the function's name is no usable name in C and Python; call it "
+            f"{identifier(name)}"
+        )
+    if name in {spring(kind).name for kind in KINDS}:
+        raise PotentialError(f"potential {name}: the name is taken by stiffgen's own functions; give it another")
+
+
 def _items(owner: str, declared: Any) -> list[tuple[str, Any]]:
+    """Return names and shapes that the potential ``owner`` declares, not checked yet."""
     try:
         return list(declared.items())
     except AttributeError as error:
         raise PotentialError(f"potential {owner}: .parameters must be a dictionary of names and shapes") from error
-
-
-def _extent(argument: Argument) -> tuple[int, ...]:
-    return tuple(int(extent) for extent in argument.shape)
 
 
 def _argument_name(owner: str, names: list[Any], k: int) -> str:
@@ -160,6 +162,7 @@ def _argument_name(owner: str, names: list[Any], k: int) -> str:
 
 
 def _argument(owner: str, name: str, shape: Any, full: str) -> Argument:
+    """Return the argument called ``full`` of the parameter ``name``, whose shape is what the user wrote."""
     try:
         extents = tuple(int(extent) for extent in shape)
         valid = len(extents) <= 2 and all(extent > 0 for extent in extents)

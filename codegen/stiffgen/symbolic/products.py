@@ -17,6 +17,7 @@ from stiffgen.symbolic.steps import ArgumentSlice, Sum, Term
 
 
 def _cotangent(result: Argument, count: int) -> Argument:
+    """Return the cotangent of a result of a kernel with ``count`` results."""
     meaning = f"weight of each entry of {result.name}" + (", both triangles" if result.symmetric else "")
     name = gradients.cotangent_name(result.name, count)
     return Argument(
@@ -26,6 +27,7 @@ def _cotangent(result: Argument, count: int) -> Argument:
 
 
 def _gradient(argument: Argument) -> Argument:
+    """Return the gradient with respect to an argument, a result of the product."""
     name = gradients.bar_name(argument.name)
     if argument.is_base_pose:
         meaning = (
@@ -40,6 +42,7 @@ def _gradient(argument: Argument) -> Argument:
 
 
 def _reverse_program(chain: Chain, of: Kernel) -> Program:
+    """Return the program of the product of ``of``: a total over the tips is differentiated tip by tip."""
     inputs, results = ([argument.array(chain) for argument in each] for each in (of.arguments, of.results))
     cotangents = [_cotangent(result, len(results)).array(chain) for result in of.results]
     return adjoint.reverse(chain, (of.by_tips or of.program)(chain), inputs, results, cotangents)
@@ -79,14 +82,14 @@ def vector_jacobian_product(of: Kernel, whole: Kernel | None = None) -> Kernel:
 
 
 def products(kernels: tuple[Kernel, ...]) -> Iterator[Kernel]:
-    """Yield VJP kernels, callees first."""
-    whole = {(kernel.path, kernel.name): kernel for kernel in kernels}
-    included = {
-        kernel: whole[kernel.path, kernel.part_of] for kernel in kernels if (kernel.path, kernel.part_of) in whole
+    """Yield VJP kernels, callees first: the product of a part calls that of the whole kernel."""
+    by_name = {(kernel.path, kernel.name): kernel for kernel in kernels}
+    whole_of = {
+        kernel: by_name[kernel.path, kernel.part_of] for kernel in kernels if (kernel.path, kernel.part_of) in by_name
     }
     for kernel in kernels:
         if kernel.is_gradient:
             continue
-        if kernel not in included:
+        if kernel not in whole_of:
             yield vector_jacobian_product(kernel)
-        yield from (vector_jacobian_product(part, kernel) for part, of in included.items() if of is kernel)
+        yield from (vector_jacobian_product(part, kernel) for part, whole in whole_of.items() if whole is kernel)

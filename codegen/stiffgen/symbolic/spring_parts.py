@@ -67,9 +67,9 @@ class Displacement:
     """Displacement of the centre of stiffness from the equilibrium, and its first derivative.
 
     Attributes:
-        d: displacement in the axes X of the stiffness; X d' = v + w x arm for a twist (v, w).
+        d: displacement [m] in the axes X of the stiffness; X d' = v + w x arm for a twist (v, w).
         X: axes of the stiffness, None for base axes.
-        arm: see ``d``; None for no arm.
+        arm: see ``d`` [m]; None for no arm.
         bend: vector b with second derivative w x (w x b)/2 of X d; None for no arm.
         with_tip: whether X turns with the tip, which adds v x w to the second derivative.
         section: names of the displacement.
@@ -111,7 +111,8 @@ class Displacement:
     def terms(self, force: ca.SX, stiffness: ca.SX, V: ca.SX | None = None) -> Terms:
         """Return the terms of an energy V(d): its gradient ``force`` and Hessian ``stiffness``, in the axes of d.
 
-        Without V, the energy is d . force/2.
+        Without V, the energy is d . force/2. The chain rule with the derivatives of d (see the attributes) gives the
+        moment arm x f, the coupling vw = -S [arm] and the rotational block ww; -[f] is added to vw for tip axes.
         """
         f, S = self.in_base(force), stiffness
         sections = [self.section, Section("force f", {"f": f})]

@@ -203,7 +203,11 @@ def spring(kind: str = "trace", placement: Placement | None = None) -> Spring:
 
 
 def _kinds(placement: Placement) -> dict[str, Spring]:
-    """Return all springs by kind; stiffgen has no second list of springs."""
+    """Return all springs by kind; stiffgen has no second list of springs.
+
+    ``linear`` is the part of the translation, which all but the coupled spring share; Kt and Ko are read from their
+    upper triangles.
+    """
     rotation, axes = placement.rotation_axes, placement.translation_axes or "base"
     centre, symmetric = placement.centre, symmetric_from_upper
     remote = (
@@ -286,6 +290,7 @@ def derivatives(spring: Spring, p: ca.SX, R: ca.SX, parameters: Sequence[ca.SX])
         return defined
     origin, turn = ca.SX.sym("p", 3), ca.SX.sym("M", 3, 3)
     generators = [ca.skew(ca.DM.eye(3)[:, k]) for k in range(3)]
+    # First derivative of p + v and of the entries of M (12) with respect to the twist (v, w) at zero.
     first = ca.SX(ca.sparsify(ca.diagcat(ca.DM.eye(3), ca.horzcat(*(ca.vec(each) for each in generators)))))
 
     def second(i: int, j: int) -> ca.SX:
@@ -293,8 +298,8 @@ def derivatives(spring: Spring, p: ca.SX, R: ca.SX, parameters: Sequence[ca.SX])
         return ca.SX(ca.sparsify(ca.vec(generators[i] @ generators[j] + generators[j] @ generators[i]) / 2))
 
     moved = spring.energy(origin, turn @ R, *parameters)
-    place, at = ca.vertcat(origin, ca.vec(turn)), ca.densify(ca.vertcat(p, ca.vec(ca.SX.eye(3))))
-    hessian, gradient = ca.substitute(list(ca.hessian(moved, place)), [place], [at])
+    variables, at = ca.vertcat(origin, ca.vec(turn)), ca.densify(ca.vertcat(p, ca.vec(ca.SX.eye(3))))
+    hessian, gradient = ca.substitute(list(ca.hessian(moved, variables)), [variables], [at])
     K = first.T @ hessian @ first
     for i in range(3):
         for j in range(3):

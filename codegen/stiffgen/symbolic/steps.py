@@ -210,19 +210,19 @@ class SumJoints(_OnSource):
     def _evaluate(self, run: Unrolling) -> None:
         m, n, joints = len(run.chain.joints), run.chain.dof, run.chain.joints
         source, output = run.entries[self.source.name], [ca.SX(0)] * self.output.size
-        counted = n if self.spread else m
+        extent = n if self.spread else m  # of the source, per index that runs over joints or coordinates
         if not self.of_pairs:
-            for row, (a, joint) in itertools.product(range(len(source) // counted), enumerate(joints)):
-                of_joint, of_coordinate = row * m + a, row * n + joint.coordinate
+            for row, (i, joint) in itertools.product(range(len(source) // extent), enumerate(joints)):
+                of_joint, of_coordinate = row * m + i, row * n + joint.coordinate
                 to, from_ = (of_joint, of_coordinate) if self.spread else (of_coordinate, of_joint)
                 output[to] += joint.multiplier * source[from_]
             run.entries[self.output.name] = output
             return
-        depth = len(source) // (counted * counted)
-        for (a, outer), (b, inner), k in itertools.product(enumerate(joints), enumerate(joints), range(depth)):
-            of_joints, of_coordinates = (a * m + b) * depth + k, (outer.coordinate * n + inner.coordinate) * depth + k
+        depth = len(source) // (extent * extent)
+        for (i, first), (j, second), k in itertools.product(enumerate(joints), enumerate(joints), range(depth)):
+            of_joints, of_coordinates = (i * m + j) * depth + k, (first.coordinate * n + second.coordinate) * depth + k
             to, from_ = (of_joints, of_coordinates) if self.spread else (of_coordinates, of_joints)
-            output[to] += outer.multiplier * inner.multiplier * source[from_]
+            output[to] += first.multiplier * second.multiplier * source[from_]
         if self.mirror:
             for i, j in itertools.combinations(range(n), 2):
                 output[j * n + i] = output[i * n + j]
@@ -331,9 +331,10 @@ class Scan(_OnSource):
         m, output = self.source.shape[1], []
         source = run.entries[self.source.name]
         for row in (source[start : start + m] for start in range(0, len(source), m)):
-            ranges = [row[j + 1 :] if self.beyond else row[: j + 1] for j in range(m)]
-            ranges[: self.base] = self.base * [row if self.beyond else []]
-            output += [sum(reversed(each) if self.beyond else each, ca.SX(0)) for each in ranges]
+            summands = [row[j + 1 :] if self.beyond else row[: j + 1] for j in range(m)]
+            summands[: self.base] = self.base * [row if self.beyond else []]
+            # The order of the running sums in C, which continue from one joint to the next.
+            output += [sum(reversed(each) if self.beyond else each, ca.SX(0)) for each in summands]
         run.entries[self.output.name] = output
 
 

@@ -111,7 +111,7 @@ def tip_wrench_dynamic(chain: Chain, *arguments: ca.SX) -> Expressions:
     rotation, *_ = frames[-1]
     motions, sections = _motions(chain, configuration, frames, velocity, acceleration)
     R, to_sensor, arm = _from_joint(chain, rotation, configuration.tool_pose)
-    angular, rate, linear = _shifted(motions[-1], to_sensor)
+    angular, rate, linear = _shifted(motions[-1], to_sensor)  # of the sensor's origin, in base axes
     w, e = R.T @ angular, R.T @ rate
     fall = ca.densify(R.T @ (constant(_sensor_of(chain).option.gravity) - linear))
     tensor, moment = _tensor(payload[4:10]), payload[1:4]
@@ -144,16 +144,16 @@ def _motions(
 ) -> tuple[list[Motion], list[Section]]:
     """Return the motion of every joint's frame, and sections with those behind the base."""
     base_rotation, base_origin = configuration.base
-    zero, own = ca.SX(3, 1), chain.base_joints
-    still: Motion = (zero, zero, zero)
-    if own:  # the rate of the body twist is that seen from the base
+    zero, base_joints = ca.SX(3, 1), chain.base_joints
+    of_base: Motion = (zero, zero, zero)
+    if base_joints:  # the rate of the body twist is that seen from the base
         w, v = velocity[3:6], velocity[:3]
-        turned = (w, acceleration[3:6], acceleration[:3] + cross(w, v))
-        still = base_rotation @ turned[0], base_rotation @ turned[1], base_rotation @ turned[2]
-    motions, sections = own * [still], list[Section]()
-    for index, joint in enumerate(chain.joints[own:], start=own):
-        before = joint.parent if joint.parent >= 0 else -1
-        motion, origin = (motions[before], frames[before][1]) if before >= 0 else (still, base_origin)
+        linear = acceleration[:3] + cross(w, v)
+        of_base = base_rotation @ w, base_rotation @ acceleration[3:6], base_rotation @ linear
+    motions, sections = base_joints * [of_base], list[Section]()
+    for index, joint in enumerate(chain.joints[base_joints:], start=base_joints):
+        parent = joint.parent
+        motion, origin = (motions[parent], frames[parent][1]) if parent >= 0 else (of_base, base_origin)
         _, place, axis = frames[index]
         w, e, a = _shifted(motion, place - origin)
         rate = joint.multiplier * velocity[joint.coordinate] * axis
@@ -171,5 +171,6 @@ def _motions(
 
 
 def _tensor(entries: ca.SX) -> ca.SX:
+    """Return the symmetric inertia (3x3) of its entries xx, xy, xz, yy, yz, zz."""
     xx, xy, xz, yy, yz, zz = ca.vertsplit(entries)
     return ca.blockcat([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])

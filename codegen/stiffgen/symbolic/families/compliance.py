@@ -173,6 +173,7 @@ class _Family:
         )  # fmt: skip
 
     def _stability(self, result: Argument) -> Kernel:
+        """Return the kernel of the smallest eigenvalue: tridiagonal form, then bisection by one function."""
         given, result = joint_stiffness(self.size), replace(result, name=f"{result.name}{self.suffix}")
 
         def program(chain: Chain) -> Program:
@@ -189,7 +190,7 @@ class _Family:
                 (*form, ends[0]), compliance.tridiagonal, (H,), f"{self.prefix}tridiagonal", meaning=meaning
             )
             name, meaning = f"{self.prefix}halved_interval", "Interval of the smallest eigenvalue, halved some times"
-            halvings = [
+            halvings = [  # one function, called with the interval of the call before
                 StraightLine((after,), compliance.halved, (*form, before), name, meaning=meaning)
                 for before, after in itertools.pairwise(ends)
             ]
@@ -227,6 +228,7 @@ def load_of_tip(chain: Chain, representation: Representation, wrench: Argument) 
 
 
 def _of_tips(chain: Chain, representation: Representation, inputs: tuple[Argument, ...]) -> _Loaded:
+    """Return the load of wrenches on all tips; ``inputs`` are the configuration arguments and the wrenches."""
     m, J = len(chain.joints), Array("J_of_tips", (6 * len(chain.tips), chain.dof), "J")
     S, u = Array("S", (6, m)), Array("u", (6, m))
     expressions = partial(contacts.columns_of_loads, representation=representation)
@@ -241,7 +243,9 @@ def _of_tips(chain: Chain, representation: Representation, inputs: tuple[Argumen
 
 
 def _of_motors(chain: Chain, wrench: Argument) -> _Loaded:
+    """Return the load of a wrench on a tip in motor coordinates: load and Jacobian of the tree, reduced."""
     of_tree, load, J = load_of_tip(chain, "hybrid", wrench)
+    # The reduction takes the columns of the joints; the step that sums them into coordinates is not needed.
     kept = (step for step in of_tree if J not in step.writes or J.name == "J")
     gradient = Array("gradient_of_tree", (chain.dof,))
     tree = (*kept, *motor_programs.wrench_gradient(chain, wrench.array(chain), gradient))
@@ -265,6 +269,7 @@ def compliance_of_tip(configuration: tuple[Argument, ...]) -> tuple[Kernel, ...]
 
 
 def _of_loops(configuration: tuple[Argument, ...]) -> _Family:
+    """Return the kernels of a tip in motor coordinates."""
     wrench = arguments.wrench("hybrid")
     load = partial(_of_motors, wrench=wrench)
     return _Family(GROUP, configuration, wrench, increment("hybrid"), load, size="a", prefix="motors_", domain=CLOSED)

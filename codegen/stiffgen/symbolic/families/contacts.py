@@ -53,6 +53,7 @@ def spring_total(
     energy, torque, joint_stiffness = (results.get(name) for name in ("energy", "torque", "joint_stiffness"))
     m, parts, outputs, headings = len(chain.joints), "", list[Array](), list[str]()
     S, u = Array("S", (6, m)), Array("u", (6, m))
+    # ``outputs`` follow the letters of ``parts`` (contacts.spring_terms); columns of joints must come first.
     if joint_stiffness:
         parts, outputs = "S", [S, u]
         headings.append("columns S of the joints at one point; covectors u of the loads beyond each joint")

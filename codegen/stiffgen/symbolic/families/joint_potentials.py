@@ -73,7 +73,8 @@ class _LimitNear:
     def __call__(self, to: Sampling) -> FloatArray:
         """Return values."""
         state, joint = np.indices(to.size)
-        is_at = np.where(state % 4 == 3, to.random.random(to.size) < 0.5, ((state + joint) % 2 == 0) != self.is_upper)
+        alternates = ((state + joint) % 2 == 0) != self.is_upper
+        is_at = np.where(state % 4 == 3, to.random.random(to.size) < 0.5, alternates)
         distance = np.where(is_at, to.random.uniform(-0.2, 0.15, to.size), to.random.uniform(0.5, 1.5, to.size))
         return np.asarray(to.values(Q) + (distance if self.is_upper else -distance))
 
@@ -137,10 +138,12 @@ def term(q: ca.SX, *parameters: ca.SX, potential: JointPotential, part: Part) ->
 
 def program(chain: Chain, potential: JointPotential, part: Part, result: Argument) -> Program:
     """Return the program of energy, torque or joint stiffness of a potential of q; entries of a floating base are 0."""
-    every = [Operand(argument.array(chain), "j" if argument.shape else "") for argument in (Q, *potential.parameters)]
-    symbols = [ca.SX.sym(operand.array.name) for operand in every]
-    of_one = term(*symbols, potential=potential, part=part)
-    operands, body = pruned(tuple(zip(every, symbols, strict=True)), of_one)
+    candidates = [
+        Operand(argument.array(chain), "j" if argument.shape else "") for argument in (Q, *potential.parameters)
+    ]
+    symbols = [ca.SX.sym(operand.array.name) for operand in candidates]
+    of_coordinate = term(*symbols, potential=potential, part=part)
+    operands, body = pruned(tuple(zip(candidates, symbols, strict=True)), of_coordinate)  # the stiffness may not read q
     output, base_joints = result.array(chain), chain.base_joints
     symbol, formula = {"energy": ("u", "U"), "torque": ("t", "-dU/dq"), "joint_stiffness": ("d", "d2U/dq2")}[part]
     if part == "torque" and not base_joints:

@@ -77,23 +77,25 @@ def reduction(
     """Return ``tree`` and the step that turns its gradient and Hessian into those of the motors.
 
     ``parts`` has one letter per result: "G" dU/da, "T" -dU/da, "K" d2U/da2, "J" the columns J of the joints as those
-    of the motors, J G. ``sign`` is -1 if the array ``gradient`` holds -dU/dq.
+    of the motors, J G. ``sign`` is -1 if the array ``gradient`` holds -dU/dq. Where ``tree`` sums an array over joints,
+    the step reads the array of joints and sums it itself (:func:`_of_joints`).
     """
-    tree, first = _of_joints(tree, gradient)
-    second = hessian
+    tree, gradient_read = _of_joints(tree, gradient)
+    hessian_read = hessian
     if hessian:
-        tree, second = _of_joints(tree, hessian)
+        tree, hessian_read = _of_joints(tree, hessian)
     tree, turns = _with_turns(chain, tree)
-    values_of = first, *((second,) if second else ()), *((columns,) if columns else ())
+    arrays = gradient_read, *((hessian_read,) if hessian_read else ()), *((columns,) if columns else ())
 
     def expressions(chain: Chain, q: ca.SX, *inputs: ca.SX) -> Expressions:
-        values = inputs[: len(values_of)]
-        closure = Closure(chain, q, *inputs[len(values_of) :])
-        of_tree = sign * _summed_vector(chain, values[0], of_joints=first != gradient)
+        values = inputs[: len(arrays)]
+        closure = Closure(chain, q, *inputs[len(arrays) :])
+        of_tree = sign * _summed_vector(chain, values[0], of_joints=gradient_read != gradient)
         forces = closure.multipliers(of_tree)
+        # Functions, since each builds what only its part needs; values has a Hessian for K and the columns for J.
         of_motors = {"G": lambda: closure.gradient(of_tree, forces), "T": lambda: -closure.gradient(of_tree, forces)}
         of_motors["K"] = lambda: _congruence(
-            closure, _summed_matrix(chain, values[1], of_joints=second != hessian) - closure.stiffness(forces)
+            closure, _summed_matrix(chain, values[1], of_joints=hessian_read != hessian) - closure.stiffness(forces)
         )
         of_motors["J"] = lambda: _summed_columns(chain, values[-1]) @ closure.motion()
         return _expressions(closure, ca.vertcat(*(ca.vec(ca.densify(of_motors[part]()).T) for part in parts)))
@@ -101,7 +103,7 @@ def reduction(
     names = {"G": "dU/da = dU/dq_a - C_a^T lambda", "T": "-dU/da = -(dU/dq_a - C_a^T lambda)"}
     names |= {"K": "d2U/da2 = G^T (d2U/dq2 - sum_k lambda_k d2c_k/dq2) G", "J": "J G"}
     heading = "; ".join(names[part] for part in parts)
-    inputs = Q.array(chain), *values_of, *turns
+    inputs = Q.array(chain), *arrays, *turns
     return *tree, StraightLine(tuple(each.array(chain) for each in results), expressions, inputs, heading=heading)
 
 
@@ -172,12 +174,12 @@ def _summed_matrix(chain: Chain, values: ca.SX, *, of_joints: bool) -> ca.SX:
     if not of_joints:
         return symmetric_from_upper(values)
     result = ca.SX(chain.dof, chain.dof)
-    for a, outer in enumerate(chain.joints):
-        for b, inner in enumerate(chain.joints[a:], start=a):
-            value = outer.multiplier * inner.multiplier * values[a, b]
-            result[outer.coordinate, inner.coordinate] += value
-            if a != b:
-                result[inner.coordinate, outer.coordinate] += value
+    for i, first in enumerate(chain.joints):
+        for j, second in enumerate(chain.joints[i:], start=i):
+            value = first.multiplier * second.multiplier * values[i, j]
+            result[first.coordinate, second.coordinate] += value
+            if i != j:
+                result[second.coordinate, first.coordinate] += value
     return result
 
 
@@ -237,7 +239,7 @@ def close(chain: Chain, actuated: Argument, start: Argument, result: Argument) -
     """Return the program of Newton's method for the passive joints: a fixed number of steps with bounded length.
 
     The motors move from their start to their positions in ``TRACKING`` equal parts, so that the passive joints stay on
-    the branch of the start.
+    the branch of the start. The first ``TRACKING - 1`` steps aim at these parts, all others at the motors' positions.
     """
     motors, begin = actuated.array(chain), start.array(chain)
     states = [Array(f"q{k}", begin.shape, "y") for k in range(1, STEPS)]
@@ -249,6 +251,7 @@ def close(chain: Chain, actuated: Argument, start: Argument, result: Argument) -
         return Expressions(ca.densify(ca.vertcat(*moved)), ())
 
     def newton(chain: Chain, actuated: ca.SX, q: ca.SX) -> Expressions:
+        """Move the passive joints by one step, shortened to ``LARGEST_STEP``; the next step places the motors anew."""
         q = _placed(chain, actuated, q)
         closure = Closure(chain, q)
         step = closure.passive_rates(closure.residual())[chain.base_joints :]
@@ -257,6 +260,7 @@ def close(chain: Chain, actuated: Argument, start: Argument, result: Argument) -
         return _expressions(closure, ca.vertcat(*moved))
 
     def checked(chain: Chain, actuated: ca.SX, q: ca.SX) -> Expressions:
+        """Make the last step; NaN unless it is short and the loops were closed before it."""
         q = _placed(chain, actuated, q)
         closure = Closure(chain, q)
         step = closure.passive_rates(closure.residual())[chain.base_joints :]

@@ -46,13 +46,13 @@ class _Loads:
             if tools is not None:
                 tool = ca.reshape(ca.densify(tools).T, 16, len(chain.tips))[:, k]
                 point = point + constant(tip.rotation) @ tool[3:12:4]
-            arm, index, arms = masses.rotations[tip.joint] @ point, tip.joint, dict[str, ca.SX]()
-            while index >= 0:
-                arms[f"r{k}_{index}_"] = arm = ca.densify(arm)
-                self.forces[index].append((force, arm))
-                self.sums[index] += force
-                self.moments[index] = self.moments[index] + moment
-                arm, index = arm + masses.offsets[index], chain.joints[index].parent
+            arm, joint, arms = masses.rotations[tip.joint] @ point, tip.joint, dict[str, ca.SX]()
+            while joint >= 0:  # from the tip to the base; the arm is that from the joint's origin
+                arms[f"r{k}_{joint}_"] = arm = ca.densify(arm)
+                self.forces[joint].append((force, arm))
+                self.sums[joint] += force
+                self.moments[joint] = self.moments[joint] + moment
+                arm, joint = arm + masses.offsets[joint], chain.joints[joint].parent
             title = f"arms r{k}_j to tip {tip.link}, from joint j's origin" if tip.link else f"arms r{k}_j to the tip"
             masses.sections.append(Section(title, arms))
 
@@ -66,30 +66,30 @@ def columns_and_covectors(chain: Chain, *arguments: ca.SX) -> Expressions:
     q, *tools, wrenches, gravity = arguments
     masses = MovedMasses(chain, q)
     loads = _Loads(chain, masses, wrenches, gravity, tools[0] if tools else None)
-    columns, covectors, turned, zero = [], [], [], ca.SX.zeros(3)
+    columns, u_columns, t_columns, zero = [], [], [], ca.SX.zeros(3)
     moving: list[list[bool]] = []  # rows in which some column on the way to a joint is not always zero
     for index, (joint, axis) in enumerate(zip(chain.joints, masses.axes, strict=True)):
-        total = loads.sums[index]
+        force = loads.sums[index]
         if joint.prismatic:
-            column, covector = zero, cross(total, axis)
-            outer = covector
+            column, u = zero, cross(force, axis)
+            t = u
         else:
             column = axis
-            covector = sum((cross(f, cross(axis, arm)) for f, arm in loads.forces[index]), zero)
-            outer = covector + cross(loads.moments[index], axis)
-        if chain.floating:
+            u = sum((cross(f, cross(axis, arm)) for f, arm in loads.forces[index]), zero)
+            t = u + cross(loads.moments[index], axis)
+        if chain.floating:  # three more entries, and the term a_j x N; see the head of the module
             sliding = axis if index < chain.base_joints and joint.prismatic else zero
             push = zero
             if index < chain.base_joints and not joint.prismatic:
                 moment = sum((cross(arm, f) for f, arm in loads.forces[index]), loads.moments[index])
-                covector, push = covector + cross(axis, moment), cross(axis, total)
-            column, covector = ca.vertcat(sliding, column), ca.vertcat(push, covector)
-        before = moving[joint.parent] if joint.parent >= 0 else column.numel() * [False]
-        moving.append([row or not entry.is_zero() for row, entry in zip(before, ca.vertsplit(column), strict=True)])
+                u, push = u + cross(axis, moment), cross(axis, force)
+            column, u = ca.vertcat(sliding, column), ca.vertcat(push, u)
+        of_parent = moving[joint.parent] if joint.parent >= 0 else column.numel() * [False]
+        moving.append([row or not entry.is_zero() for row, entry in zip(of_parent, ca.vertsplit(column), strict=True)])
         columns.append(column)
-        covectors.append(_only(covector, moving[index]))
-        turned.append(_only(outer, before[-3:]))
-    rows = ca.vertcat(*(ca.vec(ca.densify(ca.horzcat(*each)).T) for each in (columns, covectors, turned)))
+        u_columns.append(_only(u, moving[index]))
+        t_columns.append(_only(t, of_parent[-3:]))
+    rows = ca.vertcat(*(ca.vec(ca.densify(ca.horzcat(*each)).T) for each in (columns, u_columns, t_columns)))
     return Expressions(rows, tuple(masses.sections))
 
 
