@@ -170,6 +170,7 @@ def _steps(
 def _check_rounding(
     variants: tuple[Kernels, Kernels], robot: GeneratedRobot, printed: str, pool: Mapping[Argument, FloatArray]
 ) -> list[Check]:
+    """Compare with the bounds of the manifest, and these with the manifest that was ``printed`` again."""
     fresh = json.loads(printed)["rounding"]
     return check_certified_bounds(
         variants, robot.table, robot.chain, robot.scalar, robot.manifest["rounding"], fresh, pool

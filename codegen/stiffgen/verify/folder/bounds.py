@@ -57,6 +57,8 @@ def check_bounds(
 
 
 def _survive(works: Sequence[Callable[[], None]]) -> bool:
+    """Return whether a child process lives through all of ``works``."""
+
     def run() -> list[str]:
         for work in works:
             work()
@@ -79,27 +81,25 @@ def _guarded(size: int, *, behind: bool) -> int:
 
 
 def _filled(values: FloatArray, *, behind: bool) -> int:
+    """Return the address of a copy of ``values`` next to a page without access."""
     address = _guarded(values.nbytes, behind=behind)
     ctypes.memmove(address, values.tobytes(), values.nbytes)
     return address
 
 
 def _single(call: Any, stacks: list[FloatArray], sizes: list[int], *, behind: bool) -> None:
-    given = [_filled(stack[0], behind=behind) for stack in stacks]
-    call(
-        *(
-            ctypes.c_void_p(each)
-            for each in (*given, *(_guarded(stacks[0].itemsize * size, behind=behind) for size in sizes))
-        )
-    )
+    """Call a function once; ``sizes`` are the numbers in its results."""
+    inputs = [_filled(stack[0], behind=behind) for stack in stacks]
+    outputs = [_guarded(stacks[0].itemsize * size, behind=behind) for size in sizes]
+    call(*map(ctypes.c_void_p, (*inputs, *outputs)))
 
 
 def _batch(call: Any, stacks: list[FloatArray], sizes: list[int], *, behind: bool) -> None:
+    """Call a batch for each count, with dense stacks; ``sizes`` are the numbers in the results of one configuration."""
     for count in COUNTS:
         arguments: list[Any] = [ctypes.c_size_t(count)]
         for stack in stacks:
             address = _filled(stack[:count], behind=behind)
             arguments += [ctypes.c_void_p(address), ctypes.c_ssize_t(stack[0].size)]
-        call(
-            *arguments, *(ctypes.c_void_p(_guarded(stacks[0].itemsize * count * size, behind=behind)) for size in sizes)
-        )
+        outputs = [_guarded(stacks[0].itemsize * count * size, behind=behind) for size in sizes]
+        call(*arguments, *map(ctypes.c_void_p, outputs))

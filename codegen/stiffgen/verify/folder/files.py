@@ -177,6 +177,7 @@ def _c_faults(
 def _python_faults(
     module: Any, chain: Chain, rows: dict[str, list[float]], joints: list[str], links: list[str]
 ) -> list[str]:
+    """Return the constants of a Python module that differ from the chain's."""
     faults = [limit.upper() for limit in LIMITS if not np.array_equal(getattr(module, limit.upper()), rows[limit])]
     expected: dict[str, Any] = {"DOF": chain.dof, "JOINTS": tuple(joints), "BASE": chain.base}
     if len(links) == 1:
@@ -193,4 +194,5 @@ def _python_faults(
 
 
 def _strings(library: ctypes.CDLL, name: str, count: int) -> list[str]:
+    """Return an array of C strings."""
     return [(text or b"").decode() for text in (ctypes.c_char_p * count).in_dll(library, name)]

@@ -54,36 +54,42 @@ def check_stacks(
         whole, call = (kernels[kernel.qualified_name + which] for which in ("", suffix))
         reference = single[kernel.qualified_name]
         stacks = [pool[argument][:LONG] for argument in kernel.arguments]
-        expected = form(reference(*stacks))
         faults = []
         pairs = zip(as_results(call(*stacks)), form(whole(*stacks)), strict=True) if suffix else ()
         if not all(np.array_equal(*pair, equal_nan=True) for pair in pairs):
             faults.append(f"other bits than {kernel.qualified_name} has")
-        for length in (*LENGTHS, LONG):
-            out = tuple(np.full((length + 1, *each.shape[1:]), _UNTOUCHED, each.dtype) for each in expected)
-            kept = tuple(each[:length] for each in out)
-            call(*(stack[:length] for stack in stacks), out=kept)
-            if not _agree(kept, [each[:length] for each in expected]):
-                faults.append(f"a stack of {length}")
-            if any((each[length] != _UNTOUCHED).any() for each in out):
-                faults.append(f"a stack of {length} is written beyond its end")
-        for title, order in (("backwards", slice(None, None, -1)), ("every second", slice(1, None, 2))):
-            if not _agree(as_results(call(*(stack[order] for stack in stacks))), [each[order] for each in expected]):
-                faults.append(f"a stack {title}")
-        out = tuple(np.empty(each.shape[::-1], each.dtype).T for each in expected)
-        call(*(np.asfortranarray(stack) for stack in stacks), out=out)
-        if not _agree(out, expected):
-            faults.append("columns first in memory")
+        faults += _layout_faults(call, stacks, form(reference(*stacks)))
         for k, argument in enumerate(kernel.arguments):
             given: list[Any] = list(stacks)
-            given[k] = stacks[k][3]
+            given[k] = stacks[k][3]  # one value, which broadcasts
             shared = [stack if i != k else np.broadcast_to(stack[3], stack.shape) for i, stack in enumerate(stacks)]
-            found, alone = as_results(call(*given)), form(reference(*shared))
-            explained = _Rounding(chain, kernel, form, shared, scalar_of(alone[0])).explains
-            if len(stacks) > 1 and not (_agree(found, alone) or explained(found, alone)):
+            found, expected = as_results(call(*given)), form(reference(*shared))
+            is_rounding = _Rounding(chain, kernel, form, shared, scalar_of(expected[0])).explains
+            if len(stacks) > 1 and not (_agree(found, expected) or is_rounding(found, expected)):
                 faults.append(f"{argument.name} shared")
         checks.append(faultless(kernel.qualified_name + suffix, "stacks: lengths, order, sharing", faults))
     return checks
+
+
+def _layout_faults(call: Any, stacks: Sequence[FloatArray], expected: Sequence[FloatArray]) -> list[str]:
+    """Return the faults of a function at stacks of every length, and of every order in memory."""
+    faults = []
+    for length in (*LENGTHS, LONG):
+        memory = tuple(np.full((length + 1, *each.shape[1:]), _UNTOUCHED, each.dtype) for each in expected)
+        out = tuple(each[:length] for each in memory)
+        call(*(stack[:length] for stack in stacks), out=out)
+        if not _agree(out, [each[:length] for each in expected]):
+            faults.append(f"a stack of {length}")
+        if any((each[length] != _UNTOUCHED).any() for each in memory):
+            faults.append(f"a stack of {length} is written beyond its end")
+    for title, order in (("backwards", slice(None, None, -1)), ("every second", slice(1, None, 2))):
+        if not _agree(as_results(call(*(stack[order] for stack in stacks))), [each[order] for each in expected]):
+            faults.append(f"a stack {title}")
+    out = tuple(np.empty(each.shape[::-1], each.dtype).T for each in expected)
+    call(*(np.asfortranarray(stack) for stack in stacks), out=out)
+    if not _agree(out, expected):
+        faults.append("columns first in memory")
+    return faults
 
 
 _Form = Callable[[Any], tuple[Any, ...]]
@@ -255,6 +261,7 @@ def _same_numbers(value: Any, reference: Any) -> bool:
 
 
 def _agree(values: Sequence[Any], expected: Sequence[Any]) -> bool:
+    """Return whether results agree within their type's bound, with NaN at the same places."""
     return all(
         _same_numbers(value, reference)
         and relative_error(*(np.where(np.isnan(each), 0, each) for each in (value, reference))) <= bound_of(reference)

@@ -55,18 +55,21 @@ def check_derivatives(
 
 
 def _check(kernels: Kernels, of: Kernel, kernel: Kernel, chain: Chain, pool: Mapping[Argument, FloatArray]) -> Check:
+    """Compare the product ``kernel`` with differences of ``of``, in all states in which ``of`` is a number.
+
+    The check fails unless as many differences are smooth as there are states, of ``_DIRECTIONS`` in each.
+    """
     random = np.random.default_rng(2)
     values = [np.asarray(pool[argument], dtype=float) for argument in of.arguments]
     cotangents = [pool[argument] for argument in kernel.arguments[len(of.arguments) :]]
-    first = _terms(kernels[of.qualified_name], values, cotangents)
-    closes = np.isfinite(first).all(axis=1)  # NaN where loops do not close
+    closes = np.isfinite(_terms(kernels[of.qualified_name], values, cotangents)).all(axis=1)  # NaN: loops do not close
     values, cotangents = ([each[closes] for each in arrays] for arrays in (values, cotangents))
     gradients = as_results(kernels[kernel.qualified_name](*values, *cotangents))
     worst, used = 0.0, 0
     for _ in range(_DIRECTIONS):
         directions = [
-            random.uniform(-1, 1, gradient.shape) * _scale(value, a)
-            for gradient, value, a in zip(gradients, values, of.arguments, strict=True)
+            random.uniform(-1, 1, gradient.shape) * _scale(value, argument)
+            for gradient, value, argument in zip(gradients, values, of.arguments, strict=True)
         ]
         moved = {
             k: _terms(kernels[of.qualified_name], _moved(of, values, directions, k * _STEP), cotangents)
@@ -78,26 +81,26 @@ def _check(kernels: Kernels, of: Kernel, kernel: Kernel, chain: Chain, pool: Map
             for weights in (_EIGHTH, _SIXTH, _FOURTH)
         )
         terms = [_per_state(g * d) for g, d in zip(gradients, directions, strict=True)]
-        products = [each.sum(axis=1) for each in terms]
+        product = sum((each.sum(axis=1) for each in terms), np.zeros(len(eighth)))
         size = sum((np.abs(each).sum(axis=1) for each in terms), np.zeros(len(eighth)))
+        # Where the gradients are small, the rounding of the terms of L sets the scale.
         size = np.maximum(size, 1e-3 * float(np.nanmax(np.abs(moved[1]).sum(axis=1), initial=1e-300)))
         smooth = (np.abs(eighth - sixth) <= _AGREE[0] * size) & (np.abs(eighth - fourth) <= _AGREE[1] * size)
-        difference = np.abs(sum(products, np.zeros(len(eighth))) - eighth)
+        difference = np.abs(product - eighth)
         if (difference > _BOUND * size).any():  # contributions that cancel leave their rounding
             difference = beyond_rounding(difference, _noise(chain, of, values, cotangents))
         error = difference / size
-        if (error[smooth] > _BOUND).any():
+        if (error[smooth] > _BOUND).any():  # only now, since the branches take long to find
             smooth &= _keeps_branch(chain, of, values, directions)
         used += int(smooth.sum())
         if smooth.any():
             worst = max(worst, float(np.max(error[smooth])))
-        if not np.isfinite(error[np.isfinite(eighth)]).all():
+        if not np.isfinite(error[np.isfinite(eighth)]).all():  # the product is none where the function is
             worst = math.inf
-    if not closes.any() or used < closes.sum():  # each state has three directions
-        return Check(
-            kernel.qualified_name, "differences of the function", math.inf, _BOUND, f"{used} states are smooth"
-        )
-    return Check(kernel.qualified_name, "differences of the function", worst, _BOUND)
+    title = "differences of the function"
+    if not closes.any() or used < closes.sum():
+        return Check(kernel.qualified_name, title, math.inf, _BOUND, f"{used} states are smooth")
+    return Check(kernel.qualified_name, title, worst, _BOUND)
 
 
 def _keeps_branch(chain: Chain, of: Kernel, values: list[FloatArray], directions: list[FloatArray]) -> FloatArray:
@@ -149,6 +152,7 @@ def _noise(chain: Chain, of: Kernel, values: list[FloatArray], cotangents: list[
 
 
 def _per_state(values: FloatArray) -> FloatArray:
+    """Return the entries of each state as a row."""
     return np.asarray(values, dtype=float).reshape(len(values), -1)
 
 

@@ -39,6 +39,7 @@ _BOUND = 1e-10
 
 
 def _end_pose(chain: Chain, end: LoopEnd, q: ca.SX) -> ca.SX:
+    """Return the pose (4x4) of a loop's end in the link that both ends share."""
     pose = ca.SX.eye(4)
     for joint in end.joints:
         pose = moved_pose(pose, joint, q[joint.coordinate - chain.base_joints])
@@ -46,24 +47,24 @@ def _end_pose(chain: Chain, end: LoopEnd, q: ca.SX) -> ca.SX:
 
 
 class _Equations:
-    """Equations c(q) of a chain's loops and their derivatives."""
+    """Equations c(q) of a chain's loops and their derivatives; ``rows`` has loop and row (of 6) of each equation."""
 
     def __init__(self, chain: Chain) -> None:
         self.sizes = [sum(len(loop.rows) for loop in chain.loops), len(chain.coordinates)]
-        symbol, weights, rates = (ca.SX.sym(name, self.sizes[k]) for name, k in (("q", 1), ("w", 0), ("dq", 1)))
+        q, weights, rates = (ca.SX.sym(name, self.sizes[k]) for name, k in (("q", 1), ("w", 0), ("dq", 1)))
         self.rows: list[tuple[int, int]] = []
-        rows = []
+        equations = []
         for number, loop in enumerate(chain.loops):
-            first, second = (_end_pose(chain, end, symbol) for end in (loop.first, loop.second))
+            first, second = (_end_pose(chain, end, q) for end in (loop.first, loop.second))
             turn = (first[:3, :3] @ second[:3, :3].T - second[:3, :3] @ first[:3, :3].T) / 2
-            whole = ca.vertcat(first[:3, 3] - second[:3, 3], turn[2, 1], turn[0, 2], turn[1, 0])
-            rows += [whole[row] for row in loop.rows]
+            gap = ca.vertcat(first[:3, 3] - second[:3, 3], turn[2, 1], turn[0, 2], turn[1, 0])
+            equations += [gap[row] for row in loop.rows]
             self.rows += [(number, row) for row in loop.rows]
-        c = in_doubles(ca.vertcat(*rows))
-        C = ca.jacobian(c, symbol)
-        hessian, _ = ca.hessian(ca.dot(weights, c), symbol)
-        moving = ca.jacobian(C @ rates, symbol) @ rates
-        self._function = ca.Function("c", [symbol, weights, rates], [c, C, hessian, moving])
+        c = in_doubles(ca.vertcat(*equations))
+        C = ca.jacobian(c, q)
+        hessian, _ = ca.hessian(ca.dot(weights, c), q)
+        moving = ca.jacobian(C @ rates, q) @ rates
+        self._function = ca.Function("c", [q, weights, rates], [c, C, hessian, moving])
 
     def __call__(
         self, q: FloatArray, weights: FloatArray | None = None, rates: FloatArray | None = None
@@ -76,7 +77,7 @@ class _Equations:
 
 
 class _Projection:
-    """Closed configurations, G = dq/da, and the references of the tree there."""
+    """Closed configurations, G = dq/da, and references of the tree there; ``whole`` lends its equations to a tip."""
 
     def __init__(self, references: References, whole: _Projection | None = None) -> None:
         self.references, self.chain, self.samples = references, references.chain, references.samples
@@ -152,15 +153,17 @@ class _Projection:
         return np.array([self._condition(self.equations(q)[1]) for q in self.q])
 
     def _condition(self, C: FloatArray) -> float:
-        chain, largest = self.chain, 1.0
-        slides = np.array([coordinate.type == "prismatic" for coordinate in chain.coordinates])
+        """Return the condition in one state from C = dc/dq there."""
+        largest = 1.0
+        slides = np.array([coordinate.type == "prismatic" for coordinate in self.chain.coordinates])
         is_angular = np.array([row >= 3 for _, row in self.equations.rows])
         for rows, columns in self._blocks:
-            levers = C[rows][~is_angular[rows]][:, self._pattern[rows][~is_angular[rows]].any(axis=0) & ~slides]
-            unit = np.sqrt((levers**2).sum() / levers.shape[1]) if levers.size else 1.0
+            of_points = [row for row in rows if not is_angular[row]]
+            levers = C[of_points][:, self._pattern[of_points].any(axis=0) & ~slides]
+            unit = np.sqrt((levers**2).sum() / levers.shape[1]) if levers.size else 1.0  # [m]
             free = C[rows] * np.where(is_angular[rows], 1.0, 1.0 / unit)[:, None] * np.where(slides, unit, 1.0)
-            size = np.linalg.norm(free) * np.linalg.norm(np.linalg.inv(free[:, columns]))
-            largest = max(largest, float(size) - len(rows) + 1)
+            product = np.linalg.norm(free) * np.linalg.norm(np.linalg.inv(free[:, columns]))
+            largest = max(largest, float(product) - len(rows) + 1)
         return largest
 
     @cached_property
@@ -183,15 +186,18 @@ class _Projection:
 
 
 def _oracle(values: Callable[[_Projection], Any]) -> tuple[Oracle, ...]:
+    """Return the oracle of one kernel, from values at closed configurations."""
     return (Oracle("projection of the tree", values, bound=_BOUND, closed=True),)
 
 
 def _residual(r: References) -> FloatArray:
+    """Return c(q) at random configurations, where loops are open."""
     equations = _Equations(r.chain)
     return np.array([equations(q)[0] for q in r.samples[Q]])
 
 
 def _of_wrench(p: _Projection) -> FloatArray:
+    """Return the gradient J^T F of the tree."""
     return np.asarray(np.einsum("skj,sk->sj", p.references.jacobian["hybrid"], p.samples[WRENCH]))
 
 
@@ -258,13 +264,13 @@ def check_loops(
     """Compare the functions in motor coordinates with projections of the tree's references; nothing without loops."""
     if not chain.loops:
         return []
-    samples = Samples(chain, count, seed)
-    actuated, start = samples.of((ACTUATED, START))
-    q = np.asarray(kernels[CLOSE](actuated, start), dtype=float)
-    closes = np.isfinite(q).all(axis=1)
+    actuated, start = Samples(chain, count, seed).of((ACTUATED, START))
+    found = np.asarray(kernels[CLOSE](actuated, start), dtype=float)
+    closes = np.isfinite(found).all(axis=1)
+    q = found[closes]
     equations = _Equations(chain)
-    residual = max((float(np.abs(equations(each)[0]).max(initial=0.0)) for each in q[closes]), default=0.0)
-    moved = np.abs(q[closes][:, chain.actuated] - actuated[closes]).max(initial=0.0)
+    residual = max((float(np.abs(equations(each)[0]).max(initial=0.0)) for each in q), default=0.0)
+    moved = np.abs(q[:, chain.actuated] - actuated[closes]).max(initial=0.0)
     checks = [
         Check(CLOSE, "share of starts that do not close", 1 - float(closes.mean()), 0.5),
         Check(CLOSE, "residual", residual, 1e-9),
@@ -272,7 +278,6 @@ def check_loops(
     ]
     if not closes.any():
         return checks
-    q = q[closes]
     closed = References(chain, len(q), seed, options, Samples(chain, len(q), seed, {Q: q}))
     projection = _Projection(closed)
     oracles = {**LOOP_ORACLES, **{n: o for spring in options.all_springs() for n, o in loop_oracles(spring).items()}}

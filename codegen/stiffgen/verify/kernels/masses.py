@@ -141,16 +141,18 @@ class _Model:
     def dynamics(
         self, q: FloatArray, base_pose: FloatArray, rates: FloatArray, gravity: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return mass matrix, bias forces and gravity gradient at a state."""
-        own = self.chain.base_joints
-        start = base_pose if own else np.eye(4)
+        """Return mass matrix, bias forces and gravity gradient at a state, by the formulas of the module's head."""
+        base_joints = self.chain.base_joints
+        start = base_pose if base_joints else np.eye(4)
 
-        def moved(way: FloatArray) -> FloatArray:
-            return self.poses(q + way[own:], start @ _exponential(way[:own]) if own else start)
+        def moved(x: FloatArray) -> FloatArray:
+            """Return the poses (links, 4, 4) after a motion of all velocity coordinates from the state."""
+            base = start @ _exponential(x[:base_joints]) if base_joints else start
+            return self.poses(q + x[base_joints:], base)
 
         def along(direction: FloatArray, weights: Mapping[int, float], order: int) -> FloatArray:
-            speed = max(1.0, float(np.abs(direction).max()))
-            step = _STEP / speed
+            """Return the first or second derivative of the poses along a direction, by central differences."""
+            step = _STEP / max(1.0, float(np.abs(direction).max()))
             sign = -1.0 if order == 1 else 1.0
             total = weights.get(0, 0.0) * moved(0.0 * direction)
             for k, weight in weights.items():
@@ -158,8 +160,8 @@ class _Model:
                     total = total + weight * (moved(k * step * direction) + sign * moved(-k * step * direction))
             return np.asarray(total / step**order)
 
-        bodies = np.array([self.bodies[link] for link in self.links()])
-        columns = np.array([along(unit, _FIRST, 1) for unit in np.eye(len(rates))])
+        bodies = np.array([self.bodies[link] for link in self.links()])  # P, (links, 4, 4)
+        columns = np.array([along(unit, _FIRST, 1) for unit in np.eye(len(rates))])  # dH/dx_i, (n, links, 4, 4)
         momenta = columns @ bodies
         falling = np.zeros((4, 4))
         falling[:3, 3] = gravity
@@ -170,11 +172,13 @@ class _Model:
 
 
 def _link(joint: ElementTree.Element, which: str) -> str:
+    """Return the name of a joint's "parent" or "child"."""
     element = joint.find(which)
     return "" if element is None else element.get("link", "")
 
 
 def _numbers(element: ElementTree.Element | None, name: str, default: str) -> FloatArray:
+    """Return the numbers of an attribute; ``default`` where the element or the attribute is missing."""
     text = default if element is None else element.get(name, default)
     return np.array([float(word) for word in text.split()])
 

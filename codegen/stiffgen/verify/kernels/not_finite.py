@@ -48,39 +48,54 @@ def check_not_finite(
 
 
 def _faults(call: Any, kernel: Kernel, pool: Mapping[Argument, FloatArray]) -> list[str]:
+    """Return the entries and values with a wrong effect, in a single call or in a stack.
+
+    An entry is replaced in place and restored. In the stack the configurations take turns, so that all lanes of a
+    vector are tried.
+    """
     stacks = [pool[argument][:STACK].copy() for argument in kernel.arguments]
     clean_stack = [np.array(each) for each in as_results(call(*stacks))]
     is_number = np.all([np.isfinite(each.reshape(len(each), -1)).all(axis=1) for each in clean_stack], axis=0)
     if not is_number.any():
         return ["no random arguments give a finite result (their draws may not suit the function)"]
     sound = int(np.flatnonzero(is_number)[0])
-    one = [np.array(stack[sound]) for stack in stacks]
-    clean, faults, turn = _flat(call(*one)), [], 0
-    for argument, array, stack in zip(kernel.arguments, one, stacks, strict=True):
+    single = [np.array(stack[sound]) for stack in stacks]
+    clean, faults, trials = _flat(call(*single)), [], 0
+    for argument, array, stack in zip(kernel.arguments, single, stacks, strict=True):
         for index in np.ndindex(array.shape):
-            kept = array[index]
-            array[index] = kept + 0.1 * (1 + abs(kept))
-            depends = ~(np.abs(_flat(call(*one)) - clean) <= _DEPENDS * max(1.0, float(np.abs(clean).max())))
+            original = array[index]
+            array[index] = original + 0.1 * (1 + abs(original))
+            depends = ~(np.abs(_flat(call(*single)) - clean) <= _DEPENDS * max(1.0, float(np.abs(clean).max())))
             for value in (np.nan, np.inf, -np.inf):
+                title = f"{value} in {argument.name}{list(index)}"
                 array[index] = value
-                if not _right(_flat(call(*one)), clean, depends):
-                    faults.append(f"{value} in {argument.name}{list(index)}")
-                turn += 1
-                at = (turn % STACK, *index)
-                before = stack[at]
-                stack[at] = value
+                if not _right(_flat(call(*single)), clean, depends):
+                    faults.append(title)
+                trials += 1
+                place = (trials % STACK, *index)
+                before = stack[place]
+                stack[place] = value
                 found = [np.array(each) for each in as_results(call(*stacks))]
-                stack[at] = before
-                others = np.arange(STACK) != at[0]
-                pairs = ((f[others], c[others]) for f, c in zip(found, clean_stack, strict=True))
-                if not all(np.array_equal(*pair, equal_nan=True) for pair in pairs):
-                    faults.append(f"{value} in {argument.name}{list(index)} of one configuration reaches another")
-                # Each configuration of a stack has its own values; an entry affects all of them.
-                mine = np.concatenate([each[at[0]].ravel() for each in found])
-                own = np.concatenate([each[at[0]].ravel() for each in clean_stack])
-                if np.isinf(mine).any() or not (np.isnan(mine) | ~depends).all() or not _unchanged(mine, own):
-                    faults.append(f"{value} in {argument.name}{list(index)}, in a stack")
-            array[index] = kept
+                stack[place] = before
+                faults += _faults_in_stack(found, clean_stack, place[0], depends, title)
+            array[index] = original
+    return faults
+
+
+def _faults_in_stack(
+    found: list[FloatArray], clean: list[FloatArray], configuration: int, depends: Any, title: str
+) -> list[str]:
+    """Return the faults of a stack's results where one configuration has a NaN or infinity.
+
+    ``depends`` is that of the single call: each configuration has values of its own, but the same entries depend.
+    """
+    faults, others = [], np.arange(STACK) != configuration
+    pairs = ((f[others], c[others]) for f, c in zip(found, clean, strict=True))
+    if not all(np.array_equal(*pair, equal_nan=True) for pair in pairs):
+        faults.append(f"{title} of one configuration reaches another")
+    own, own_clean = (np.concatenate([each[configuration].ravel() for each in results]) for results in (found, clean))
+    if np.isinf(own).any() or not _right(own, own_clean, depends):
+        faults.append(f"{title}, in a stack")
     return faults
 
 
@@ -105,12 +120,10 @@ def _overflows(call: Any, kernel: Kernel, pool: Mapping[Argument, FloatArray], l
 
 
 def _right(found: FloatArray, clean: FloatArray, depends: Any) -> bool:
-    return bool((np.isnan(found) | ~depends).all()) and _unchanged(found, clean)
-
-
-def _unchanged(found: FloatArray, clean: FloatArray) -> bool:
-    return bool((np.isnan(found) | (found == clean)).all())
+    """Return whether entries that depend on the argument are NaN, and all others NaN or as before."""
+    return bool((np.isnan(found) | ~depends).all() and (np.isnan(found) | (found == clean)).all())
 
 
 def _flat(value: Any) -> FloatArray:
+    """Return the entries of all results, one after the other."""
     return np.concatenate([np.asarray(each, dtype=float).ravel() for each in as_results(value)])

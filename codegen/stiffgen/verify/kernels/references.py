@@ -93,10 +93,12 @@ class References:
 
     @property
     def _mounted(self) -> ca.SX:
+        """Pose of the tool in the tip's frame."""
         return self._tool.reshape((4, 4)).T if self.chain.runtime_tool else ca.SX.eye(4)
 
     @cached_property
     def _pose(self) -> ca.SX:
+        """Pose of the tip as an expression of the configuration."""
         return product_of_poses(self.chain, self._place.q, self._place.base()) @ self._mounted
 
     @cached_property
@@ -106,6 +108,7 @@ class References:
 
     @cached_property
     def _jacobians(self) -> dict[str, ca.SX]:
+        """Jacobian in each representation, as an expression of the configuration."""
         moves = ca.SX.sym("s", self.chain.base_joints)  # rates of the coordinates, at the base's present pose
         moved = product_of_poses(self.chain, self._place.q, self._place.base(moves)) @ self._mounted
         at_rest = ca.DM.zeros(self.chain.base_joints)
@@ -145,6 +148,7 @@ class References:
         return {spring.name: self._spring(spring) for spring in self.options.all_springs()}
 
     def _spring(self, spring: Spring) -> dict[str, FloatArray]:
+        """Return the results of a spring's kernels."""
         symbols = [ca.SX.sym(a.name, *folded(a.array(self.chain).shape)) for a in spring.parameters]
         # Stacks enter as columns, a matrix row by row.
         given = [ca.vec(symbol.T) for symbol in symbols]
@@ -257,21 +261,25 @@ def load_stiffness(r: References, representation: Representation, wrench: FloatA
 
 
 def gradient_along(r: References, directions: FloatArray, task_stiffness: FloatArray) -> FloatArray:
-    """Return the gradients of v^T Kq v from the terms of Kq, each differentiated along v."""
-    place, own, size = r._place, r.chain.base_joints, r.chain.dof
-    first, then = (ca.SX.sym(name, own) for name in ("s", "t"))
+    """Return the gradients of v^T Kq v from the terms of Kq, each differentiated along v.
+
+    A floating base moves three times: ``then`` for the Jacobian, ``first`` for its derivative along v, and the place's
+    own motion for the gradient. The first two are zero afterwards.
+    """
+    place, base_joints, size = r._place, r.chain.base_joints, r.chain.dof
+    first, then = (ca.SX.sym(name, base_joints) for name in ("s", "t"))
     v, F, K = ca.SX.sym("v", size), ca.SX.sym("F", 6), ca.SX.sym("K", 36)
     pose = product_of_poses(r.chain, place.q, place.base(first, then)) @ r._mounted
     jacobian = jacobian_of(pose, ca.vertcat(then, place.q), "hybrid")
-    jacobian = ca.substitute(jacobian, then, ca.DM.zeros(own))
+    jacobian = ca.substitute(jacobian, then, ca.DM.zeros(base_joints))
     torque, twist = jacobian.T @ F, jacobian @ v
-    half = ca.diagcat(ca.SX(3, 3), -ca.skew(F[3:]) / 2)
+    connection = ca.diagcat(ca.SX(3, 3), -ca.skew(F[3:]) / 2)  # Gamma F, hybrid
     form = ca.jtimes(ca.dot(torque, v), ca.vertcat(first, place.q), v)
-    form += twist.T @ (K.reshape((6, 6)) + half) @ twist
-    if own:
+    form += twist.T @ (K.reshape((6, 6)) + connection) @ twist
+    if base_joints:  # connection of the base's twist
         w, f = v[3:6], torque[:3]
         form -= ca.dot(v[:3], ca.cross(f, w)) + ca.dot(w, ca.cross(torque[3:6], w)) / 2
-    form = ca.substitute(form, first, ca.DM.zeros(own))
+    form = ca.substitute(form, first, ca.DM.zeros(base_joints))
     stiffness = np.broadcast_to(task_stiffness, (len(directions), 6, 6))
     columns = [_as_columns(each) for each in (directions, r.samples[WRENCH], stiffness)]
     return r._evaluate(ca.gradient(form, place.coordinates), [v, F, K], columns)[..., 0]
@@ -285,4 +293,5 @@ def of_joint_potential(r: References, potential: JointPotential) -> dict[str, Fl
 
 
 def _as_columns(stack: FloatArray) -> FloatArray:
+    """Return a stack (states, ...) as (row-major entries, states)."""
     return stack.reshape(len(stack), -1).T

@@ -34,6 +34,7 @@ ONE = ca.SX.sym("one")
 
 _Values = tuple[FloatArray, ...]
 _Rule = tuple[Callable[..., FloatArray], Callable[..., _Values]]
+"""An operation, and the sizes of its derivatives with respect to its operands (their signs do not matter)."""
 _WithError = tuple[FloatArray, FloatArray]
 """Values of a number in all states, and the sizes of their errors in units of the last place."""
 

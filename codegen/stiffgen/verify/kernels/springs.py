@@ -24,6 +24,7 @@ def _symmetric(matrix: ca.SX) -> ca.SX:
 
 
 def _vee(E: ca.SX) -> ca.SX:
+    """Return the vector a of [a] = (E - E^T)/2: the axis of a rotation times the sine of its angle."""
     return ca.vertcat(E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]) / 2
 
 
@@ -46,18 +47,23 @@ def _rotation(R: ca.SX, R0: ca.SX, Ko: ca.SX, rotation: str, axes: str) -> ca.SX
 
 
 def _quaternion(E: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Return (w, v), w >= 0, divided by the largest of w, x, y, z (Shepperd 1978); differentiable in this form."""
+    """Return the unit quaternion (w, v), w >= 0, of a rotation by the one of four formulas with the largest divisor.
+
+    Each formula has one component as the root of its square and divides by it (Shepperd 1978). The squares are
+    4 w^2 = 1 + t and 4 v_k^2 = 1 + 2 E_kk - t, t the trace: the largest of t and E_kk decides. The chosen formula is
+    smooth where it is chosen, so that CasADi can differentiate it.
+    """
     t = ca.trace(E)
-    largest, q = t, ca.vertcat(1 + t, 2 * _vee(E)) / (2 * ca.sqrt(1 + t))
+    largest, q = t, ca.vertcat(1 + t, 2 * _vee(E)) / (2 * ca.sqrt(1 + t))  # divides by w
     for k in range(3):
-        j, m = (k + 1) % 3, (k + 2) % 3
-        root = 2 * ca.sqrt(1 + 2 * E[k, k] - t)
-        parts = ca.SX(4, 1)
-        parts[0] = (E[m, j] - E[j, m]) / root
-        parts[1 + k] = root / 4
-        parts[1 + j], parts[1 + m] = (E[j, k] + E[k, j]) / root, (E[m, k] + E[k, m]) / root
-        better = E[k, k] > largest
-        q, largest = ca.if_else(better, parts, q), ca.if_else(better, E[k, k], largest)
+        i, j = (k + 1) % 3, (k + 2) % 3
+        divisor = 2 * ca.sqrt(1 + 2 * E[k, k] - t)  # 4 v_k
+        by_component = ca.SX(4, 1)
+        by_component[0] = (E[j, i] - E[i, j]) / divisor
+        by_component[1 + k] = divisor / 4
+        by_component[1 + i], by_component[1 + j] = (E[i, k] + E[k, i]) / divisor, (E[j, k] + E[k, j]) / divisor
+        is_larger = E[k, k] > largest
+        q, largest = ca.if_else(is_larger, by_component, q), ca.if_else(is_larger, E[k, k], largest)
     sign = ca.if_else(q[0] < 0, -1, 1)
     return sign * q[0], sign * q[1:]
 
@@ -101,7 +107,7 @@ def differentiated(
     own = spring.name in {each.name for each in map(stiffgen_spring, KINDS)}
     energy = textbook(spring.name, placement) if own else spring.energy
     p, R = pose[:3, 3], pose[:3, :3]
-    x = ca.SX.sym("x", 6)
+    x = ca.SX.sym("x", 6)  # twist of the tip
     turn = ca.skew(x[3:])
     moved = energy(p + x[:3], (ca.DM.eye(3) + turn + turn @ turn / 2) @ R, *parameters)
     covariant, wrench = (ca.substitute(each, x, ca.DM.zeros(6)) for each in ca.hessian(moved, x))
