@@ -59,13 +59,12 @@ def build_module(folder: Path, name: str) -> None:
     with temporary_folder("build") as build:
         command, objects = _compile(compiler, _sources(folder, name, header), build)
         wrappers = [which for which in ("casadi", "jax") if f"{name}_{which}" in objects]
-        libraries = [_wrapper_link(command, objects, folder, name, which) for which in wrappers]
-        own = [
-            made for stem, made in objects.items() if stem not in {f"{name}_{each}" for each in (*wrappers, "calls")}
-        ]
+        wrapper_links = [_wrapper_link(command, objects, folder, name, which) for which in wrappers]
+        of_wrappers = {f"{name}_{each}" for each in (*wrappers, "calls")}
+        of_module = [file for stem, file in objects.items() if stem not in of_wrappers]
         module = folder / "python" / f"{name}_python{sysconfig.get_config_var('EXT_SUFFIX')}"
-        link = [*command, *_link_options(), *own, "-o", str(module), *_libraries()]
-        _run([link, *libraries], compiler[0], build)
+        link = [*command, *_link_options(), *of_module, "-o", str(module), *_libraries()]
+        _run([link, *wrapper_links], compiler[0], build)
         checked = [*(source.stem for source in kernel_sources(folder, name)), f"{name}_impedance"]
         _self_check([*command, *(objects[stem] for stem in checked if stem in objects)], folder, name, build)
 
@@ -248,6 +247,7 @@ def _run(commands: Sequence[Sequence[str]], compiler: str, temporary: Path) -> N
 
 
 def _start(command: Sequence[str], temporary: Path) -> subprocess.Popen[str]:
+    """Start a command whose temporary files lie in ``temporary``, which the caller removes."""
     return subprocess.Popen(
         command,
         stdin=subprocess.DEVNULL,
@@ -261,6 +261,7 @@ def _start(command: Sequence[str], temporary: Path) -> subprocess.Popen[str]:
 
 
 def _kill(process: subprocess.Popen[str]) -> None:
+    """End a command with all that it has started, and take its output."""
     if os.name == "nt":
         process.kill()
     else:

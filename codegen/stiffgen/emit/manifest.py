@@ -35,6 +35,7 @@ _OPTIONAL = (
 )
 """Fields of a chain that are written where they are not empty."""
 _MOST_BYTES = 1 << 26
+"""Largest manifest that is read [bytes]."""
 DAMAGE = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
 """Errors with which a damaged manifest, or one of another version, ends."""
 
@@ -118,17 +119,24 @@ def chain_from_manifest(content: dict[str, Any]) -> Chain:
 
 
 def _record(kind: Any, value: Any) -> Any:
-    """Turn an entry of the manifest into a value of an annotated type: a record, a tuple, a number, a text."""
+    """Turn an entry of the manifest into a value of an annotated type.
+
+    Types are records, ``X | None``, tuples, literals, floats and what JSON has by itself. A bool is no number.
+
+    Raises:
+        TypeError: the entry is of another type, or not among the literals; one of DAMAGE for a record of other fields.
+
+    """
     if hasattr(kind, "__dataclass_fields__"):
         kinds = get_type_hints(kind)
         return kind(**{name: _record(kinds[name], entry) for name, entry in value.items()})
-    options = get_args(kind)
-    if type(None) in options:
-        return None if value is None else _record(options[0], value)
+    parameters = get_args(kind)
+    if type(None) in parameters:
+        return None if value is None else _record(parameters[0], value)
     if get_origin(kind) is tuple and isinstance(value, list):
-        each = (options[0],) * len(value) if options[-1] is Ellipsis else options
-        return tuple(_record(one, entry) for one, entry in zip(each, value, strict=True))
-    if get_origin(kind) is Literal and value in options:
+        kinds_of_entries = (parameters[0],) * len(value) if parameters[-1] is Ellipsis else parameters
+        return tuple(_record(each, entry) for each, entry in zip(kinds_of_entries, value, strict=True))
+    if get_origin(kind) is Literal and value in parameters:
         return value
     if kind is float and (type(value) in (int, float) or value in ("inf", "-inf")):
         return float(value)

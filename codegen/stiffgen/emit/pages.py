@@ -164,6 +164,7 @@ def shared_functions(code: VariantCode) -> list[Definition]:
 
 
 def _shared(variant: Variant, scope: Scope, function: CFunction) -> Definition:
+    """Describe an internal function; columns of joints are passed as 6 rows, in vectors or in numbers."""
     extent = scope.padded if variant.joint_lanes else scope.size
     parameters = [
         f"{variant.row} {array.name}[6][{extent}]" if array.name in function.columns

@@ -79,4 +79,5 @@ def _templates(folders: tuple[Path, ...]) -> jinja2.Environment:
 
 
 def _banner(file: str, line: str) -> str:
+    """Return the first line of a file as a comment of its language."""
     return f"/* {line} */" if file.endswith((".h", ".hpp", ".c", ".cu")) else f"# {line}"

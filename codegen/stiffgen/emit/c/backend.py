@@ -68,6 +68,7 @@ def one_configuration(variant: Variant, kernel: Kernel, function: CFunction) -> 
 
 
 def _batch_page(chain: Chain, name: str, variant: Variant, kernel: Kernel, function: CFunction) -> BatchPage:
+    """Describe the batches of a kernel; ``name`` is the robot's."""
     number, parameters = variant.scalar.name, ["size_t count"]
     for array in function.inputs:
         parameters += [f"const {number} *{array.name}", f"ptrdiff_t {array.name}_step"]
@@ -95,6 +96,7 @@ def _in_lines(names: Iterable[str]) -> list[str]:
 
 
 def _public_functions(request: Request, batches: list[BatchPage]) -> list[DispatchedFunction]:
+    """Return what NAME_dispatch.c defines: single calls, batches, and the self-check of each file."""
     name = request.name
     functions = list(single_functions(name, request.kernels))
     for page in batches:

@@ -35,6 +35,7 @@ class Elements:
         return spot.name + "".join(f"[{self._index(index)}]" for index in spot.indices)
 
     def _index(self, index: Index) -> str:
+        """Return the C text of an index; pairs and rows of weights with one number need no depth."""
         if isinstance(index, PairIndex):
             place = f"{self.scope.size} * {index.first} + {index.second}"
             return place if index.depth == 1 else f"{index.depth} * ({place}) + {index.offset}"
@@ -102,6 +103,7 @@ class Elements:
         return self._array(declaration)
 
     def _array(self, declaration: Declaration) -> str:
+        """Return the C text of an array's declaration in its layout."""
         array, number = declaration.array, self.variant.number
         if declaration.layout is Layout.LANES:
             return f"lanes {array.name}[{array.shape[0]}][{self.scope.padded}];"

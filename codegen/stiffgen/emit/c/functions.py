@@ -62,6 +62,7 @@ def print_kernels(chain: Chain, name: str, variant: Variant, options: KernelOpti
     printed: dict[int, CFunction] = {}
 
     def print_function(function: Function) -> CFunction:
+        """Print a function once, those that it calls first: their operations count among its own."""
         if id(function) not in printed:
             printer = Printer(function, variant, lambda called: print_function(called).operations, name)
             lines = tuple(printer.print())

@@ -29,7 +29,7 @@ class Loops:
         return _LOOPS[item.form](self, item, lines)
 
     def called(self, helper: str, *arguments: object) -> str:
-        """Return the C text of a call of a helper (templates/macros.j2)."""
+        """Return the C text of a call of a helper (templates/macros.j2), and note what the call needs."""
         name = helper + self.variant.suffix
         self.calls.add(name)
         if helper == "copy_finite":
@@ -135,6 +135,7 @@ class Loops:
         return str(self.scope.chain.base_joints) if over is Over.BASE else self.scope.size
 
     def _mirrored(self, item: Loop) -> list[str]:
+        """Return the call that copies the computed half of a matrix to the other one; none where nothing is copied."""
         half = "upper" if item.over.upper else "lower"
         return [self.called(f"mirror_{half}", item.output.array.name, self.scope.size)] if item.mirror else []
 

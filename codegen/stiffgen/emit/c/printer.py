@@ -45,7 +45,8 @@ class Printer(Loops):
         self.operations = Operations()
         self.temporaries = 0
         self.sine_calls = 0
-        self.cleared = False
+        self.has_zeros = False
+        """Whether the array of zeros was cleared by an item before."""
 
     def print(self) -> list[str]:
         """Return the lines between the function's braces."""
@@ -60,12 +61,14 @@ class Printer(Loops):
         self.lines += ["", f"/* {text} */"] if self.lines else [f"/* {text} */"]
 
     def _body(self, body: Body, times: int = 1) -> PrintedStatements:
+        """Print the statements of a body that runs so many times."""
         printed = print_body(body, self.variant, self.elements.entry, self.temporaries)
         self.calls |= printed.calls
         self.operations = self.operations + printed.operations.times(times)
         return printed
 
     def _call(self, call: Call) -> str:
+        """Return the C text of a helper's call; its last argument is what it writes."""
         last = len(call.arguments) - 1
         texts = [self.elements.argument(each, written=k == last) for k, each in enumerate(call.arguments)]
         if call.helper == "weigh_branches":
@@ -210,9 +213,9 @@ class Printer(Loops):
 
     def invoke_kernel(self, item: InvokeKernel) -> None:
         """Print the call of another kernel, and the sum of its results."""
-        if item.zeros and self.variant.lanes and not self.cleared:
+        if item.zeros and self.variant.lanes and not self.has_zeros:
             self.lines.append("memset(nothing, 0, sizeof nothing);")
-            self.cleared = True
+            self.has_zeros = True
         texts = [
             f"&{name}[{first}]" if first is not None else name
             for name, first in (

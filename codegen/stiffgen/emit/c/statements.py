@@ -36,6 +36,7 @@ def print_body(
     writer = PrintedStatements(body, variant, [text(access) for access in body.inputs])
     writer.temporaries = temporaries
     writer.sine_calls = sine_calls
+    # The order is that of the C: the poison, sines of the inputs, sections, outputs; each uses names of those before.
     # A choice by a comparison with NaN is a number: what depends on choices is NaN wherever an input is.
     if body.poison:
         total = " + ".join(writer.inputs[k] for k in sorted(body.reads))
@@ -98,7 +99,7 @@ class PrintedStatements:
         angles = sorted({int(self.graph.keys[number][1]) for number in used}, key=self._first_input)
         if not angles:
             return
-        call = str(self.sine_calls or "")
+        call = str(self.sine_calls or "")  # the first call has no number
         self.sine_calls += 1
         array, sine, cosine = f"angle{call}", f"sine{call}", f"cosine{call}"
         self._comment("sine and cosine of each joint angle" if of_level == 0 else "sines and cosines of what has sines")
@@ -107,39 +108,44 @@ class PrintedStatements:
         self.calls.add("sine_cosine")
         values = [self._expression(angle)[0] for angle in angles]
         scalar = self.variant.scalar
-        batch = all(angle in self.wide for angle in angles)
-        if batch:
+        each_in_vector = all(angle in self.wide for angle in angles)  # of configurations; else lanes hold angles
+        if each_in_vector:
             vectors = used_vectors = str(len(values))
-            padded = [", ".join(values)]
+            initialisers = [", ".join(values)]
         else:
-            vectors, padded = f"{scalar.filled(len(values))} / LANES", grouped(values, scalar)
+            vectors, initialisers = f"{scalar.filled(len(values))} / LANES", grouped(values, scalar)
             used_vectors = f"({len(values)} + LANES - 1) / LANES"
         self.lines += [
             f"const {self.variant.row} {array}[{vectors}] = {{",
-            *(f"    {line}" for entry in padded for line in wrap_list(f"{entry},")),
+            *(f"    {line}" for entry in initialisers for line in wrap_list(f"{entry},")),
             "};",
             f"{self.variant.row} {sine}[{vectors}], {cosine}[{vectors}];",
             f"sine_cosine({array}, {sine}, {cosine}, {used_vectors});",
         ]
-        view = {"sin": sine, "cos": cosine}
-        if not batch:
+        names = {"sin": sine, "cos": cosine}
+        if not each_in_vector:
             # "s1" and "c1" are the names of a joint's own sine and cosine.
-            rows, view = view, {"sin": f"sines{call}" if call else "s", "cos": f"cosines{call}" if call else "c"}
+            rows, names = names, {"sin": f"sines{call}" if call else "s", "cos": f"cosines{call}" if call else "c"}
             kinds = {self.graph.keys[number][0] for number in used}
             self.lines += [
-                f"const {scalar.name} *const {view[kind]} = (const {scalar.name} *){rows[kind]};"
+                f"const {scalar.name} *const {names[kind]} = (const {scalar.name} *){rows[kind]};"
                 for kind in ("sin", "cos")
                 if kind in kinds
             ]
         for number in used:
             kind, argument, _ = self.graph.keys[number]
             self.operations.sincos += 1
-            self.results[number] = f"{view[kind]}[{angles.index(int(argument))}]"
-            inner = int(self.graph.keys[int(argument)][1] if self.graph.keys[int(argument)][0] == "neg" else argument)
+            self.results[number] = f"{names[kind]}[{angles.index(int(argument))}]"
+            inner = self._without_sign(int(argument))
             self.spent[inner] = self.spent.get(inner, 0) + 1
 
+    def _without_sign(self, number: int) -> int:
+        """Return the operand of a negation, any other node as it is: a sign is written where the value is used."""
+        kind, operand, _ = self.graph.keys[number]
+        return int(operand) if kind == "neg" else number
+
     def _first_input(self, number: int) -> tuple[int, int]:
-        """Sorts angles as the coordinates that they depend on."""
+        """Return a key that sorts angles as the coordinates that they depend on."""
         pending, first = [number], len(self.inputs)
         while pending:
             kind, index, _ = self.graph.keys[current := pending.pop()]
@@ -155,27 +161,32 @@ class PrintedStatements:
         self.lines += ["", f"/* {text} */"] if self.lines else [f"/* {text} */"]
 
     def section(self, section: LoweredSection) -> None:
-        """Define the named values of a section that are computed here, below its comment."""
-        opened = False
+        """Define the named values of a section that are computed here, below its comment.
+
+        Values that the outputs do not need, constants and inputs get no name, nor does what is printed already: under
+        another name, within an expression, or as an angle that only the call of sines used.
+        """
+        has_comment = all(self.graph.keys[n][0] in ("sin", "cos") for _, n in section.members)  # the call has one
         for name, number in section.members:
             if section.shared:
-                if self.graph.keys[number][0] == "neg":  # its sign is written where it is used
-                    name, number = f"minus_{name}", int(self.graph.keys[number][1])
+                if self.graph.keys[number][0] == "neg":
+                    name, number = f"minus_{name}", self._without_sign(number)
                 if self.uses.get(number, 0) < 2:
                     continue
             # A negated value goes without a name of its own: its sign is written where it is used.
-            kind = self.graph.keys[number][0]
-            printed = number in self.text or (number in self.inline and self.uses[number] == 1)
-            printed = printed or self.spent.get(number) == self.uses.get(number)
-            if number in self.uses and not printed and kind not in ("const", "input", "neg"):
-                if not opened and not all(self.graph.keys[n][0] in ("sin", "cos") for _, n in section.members):
-                    self._comment(section.comment)
-                opened = True
-                self._define(name, number)
+            if number not in self.uses or self.graph.keys[number][0] in ("const", "input", "neg"):
+                continue
+            is_inline = number in self.inline and self.uses[number] == 1
+            if number in self.text or is_inline or self.spent.get(number) == self.uses[number]:
+                continue
+            if not has_comment:
+                self._comment(section.comment)
+                has_comment = True
+            self._define(name, number)
 
     def assign(self, lvalue: str, number: int, *, wide: bool, sign: str = "=") -> None:
-        """Store an operation's value; ``wide``: in every lane."""
-        inner = int(self.graph.keys[number][1]) if self.graph.keys[number][0] == "neg" else number
+        """Store an operation's value; ``wide``: in every lane. A value that others use gets a name first."""
+        inner = self._without_sign(number)
         if self.uses[inner] > 1 and not self._is_leaf(inner) and inner not in self.text:
             self._define(self._next_temporary(), inner)
         self._prepare(number)
@@ -187,7 +198,7 @@ class PrintedStatements:
 
     def value(self, name: str, number: int) -> str:
         """Return the C text of a node, which is defined under ``name`` unless it is short already."""
-        inner = int(self.graph.keys[number][1]) if self.graph.keys[number][0] == "neg" else number
+        inner = self._without_sign(number)
         if self.poison and number in self.choices:
             self._prepare(number)
             self.operations.add += 1
@@ -201,10 +212,12 @@ class PrintedStatements:
         return f"const {self.variant.row if number in self.wide else self.variant.scalar.name}"
 
     def _is_leaf(self, number: int) -> bool:
+        """Return whether a node is a constant or an input, maybe with a sign."""
         kind, a, _ = self.graph.keys[number]
         return kind in ("const", "input") or (kind == "neg" and self._is_leaf(int(a)))
 
     def _define(self, name: str, number: int) -> None:
+        """Write a local with a node's value; from now on its name is the node's text."""
         self._prepare(number)
         self._write(f"{self._type(number)} {name} = {self._expression(number)[0]};")
         self.text[number] = name
@@ -213,6 +226,7 @@ class PrintedStatements:
         """Define the shared operands below a node, deepest first."""
         while self.computed_levels < self.levels[number]:
             self.sines_and_cosines(of_level=self.computed_levels)
+        # Depth first: a node is left, and maybe written, when all operands below it are.
         stack: list[tuple[int, Iterator[int]]] = [(number, iter(self._operands(number)))]
         visited = {number}
         while stack:
@@ -234,10 +248,11 @@ class PrintedStatements:
         return f"t{self.temporaries - 1}"
 
     def _operands(self, number: int) -> tuple[int, ...]:
-        """Operands that are still to be computed: the angles of sines and cosines were used up by the call."""
+        """Return the operands that are still to be computed: the call has used the angles of sines and cosines."""
         return () if number in self.results else self.graph.operands(number)
 
     def _expression(self, number: int) -> tuple[str, int]:
+        """Return the C text of a node whose shared operands have names (:meth:`_prepare`), and its precedence."""
         if number in self.text:
             return self.text[number], _ATOM
         self.inline.add(number)
@@ -281,6 +296,7 @@ class PrintedStatements:
         return f"{self.variant.spread}({text})"
 
     def _nested(self, number: int, at_least: int) -> str:
+        """Return the C text of an operand, in brackets unless it binds at least so tightly."""
         text, precedence = self._expression(number)
         return text if precedence >= at_least else f"({text})"
 
@@ -289,7 +305,7 @@ class PrintedStatements:
 
 
 def grouped(values: Sequence[str], scalar: Scalar) -> list[str]:
-    """Values in groups for the initialiser of an array of lanes, the last group filled with zeros."""
+    """Return values in groups for the initialiser of an array of lanes, the last group filled with zeros."""
     widest = scalar.widest
     filled = [*values, *[scalar.constant(0.0)] * (scalar.filled(len(values)) - len(values))]
     return [f"{scalar.group}({', '.join(filled[k : k + widest])})" for k in range(0, len(filled), widest)]
@@ -316,6 +332,7 @@ _OPERATORS = re.compile(r" (?=[-+*] (?![^\[]*\]))")
 
 
 def _filled(statement: str, breaks: re.Pattern[str]) -> list[str]:
+    """Break a statement at ``breaks`` into lines of at most ``_WIDTH`` characters with the indent of continuations."""
     pieces = breaks.split(statement)
     lines = [pieces[0]]
     for piece in pieces[1:]:

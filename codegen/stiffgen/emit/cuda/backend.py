@@ -70,10 +70,12 @@ class ThreadPage:
 
 
 def _is_own(argument: Argument) -> bool:
+    """Return whether every configuration has its own value in any case: vectors, cotangents."""
     return len(argument.shape) == 1 or argument.per_configuration
 
 
 def _thread_page(request: Request, code: VariantCode, kernel: Kernel, function: CFunction) -> ThreadPage:
+    """Describe a kernel; a second CUDA kernel, NAME_each, is made where the first shares a matrix."""
     shared = [a for a in kernel.arguments if not _is_own(a)]
     varying = [a for a in shared if a.varying]
     launches = [_launch(request, kernel, function, kernel.qualified_name, varying)]
@@ -88,6 +90,7 @@ def _thread_page(request: Request, code: VariantCode, kernel: Kernel, function: 
 
 
 def _launch(request: Request, kernel: Kernel, function: CFunction, name: str, varying: list[Argument]) -> Launch:
+    """Describe a CUDA kernel; ``varying`` are the matrices that have a stride."""
     number, strides = request.scalar.name, {argument.name for argument in varying}
     parameters, arrays = [], []
     for array in function.inputs:
@@ -98,7 +101,7 @@ def _launch(request: Request, kernel: Kernel, function: CFunction, name: str, va
             arrays.append(f"{array.name}_stride")
     parameters += [f"{number} *{array.name}" for array in function.outputs]
     arrays += [array.name for array in function.outputs]
-    apart = [text.replace("*", "*__restrict__ ") for text in parameters]
+    without_aliases = [text.replace("*", "*__restrict__ ") for text in parameters]
     sizes = ["size_t count", "size_t stride"]
     own = [a for argument, a in zip(kernel.arguments, function.inputs, strict=True) if _is_own(argument)]
     own_strides = [array for array in function.inputs if array.name in strides]
@@ -109,7 +112,7 @@ def _launch(request: Request, kernel: Kernel, function: CFunction, name: str, va
         traffic += f", at most {sum(array.size for array in own_strides)} more with arguments that are not shared"
     return Launch(
         name=name,
-        kernel=prototype(f"KERNEL {name}_kernel(", sizes + apart),
+        kernel=prototype(f"KERNEL {name}_kernel(", sizes + without_aliases),
         prototype=prototype(f"int {request.name}_{name}_cuda(", [*sizes, *parameters, "void *stream"]),
         own=own,
         varying=own_strides,
