@@ -19,8 +19,11 @@ from stiffgen.verify.kernels.samples import argument_samples
 from stiffgen.verify.result import as_results
 
 _BATCH = 4096
+"""Configurations of a stack."""
 _SECONDS = 0.01
+"""Duration of a round [s]: a function is called as often as fits."""
 _ROUNDS = 7
+"""Rounds of which the median counts."""
 _FLAGS = (("-O3", "-march=native"), ("-O3",))
 """Flags of the plain C build: the first set that the compiler accepts."""
 
@@ -98,6 +101,7 @@ def _c_loops(robot: GeneratedRobot, build: Path) -> ctypes.CDLL | None:
 
 
 def _median(function: Callable[..., object], arguments: Sequence[object], options: Mapping[str, object]) -> float:
+    """Return the median duration of a call [us]; a first call, which is not counted, decides how many make a round."""
     start = time.perf_counter()
     function(*arguments, **options)
     number = max(1, int(_SECONDS / max(time.perf_counter() - start, 1e-7)))

@@ -75,6 +75,7 @@ def load(file: str | Path, *, tip: Any = None, base: str | None = None, **option
 
 
 def _loaded(file: str | Path, tip: Any, base: str | None, options: dict[str, Any]) -> GeneratedRobot:
+    """Do what :func:`load` does, with refusals in the words of the command line."""
     for name in sorted(_FIXED & options.keys()):
         raise StiffgenError(f"load() decides '{name}' itself; leave it out, or take stiffgen.generate()")
     return _kept(file, GenerationOptions(tip=tip, base=base, **{"progress": _print_step} | options))
@@ -111,19 +112,20 @@ def _kept(file: str | Path, chosen: GenerationOptions) -> GeneratedRobot:
     digest = _digest(_input_of(file, chosen), _plain(chosen), _generator(), _machine())
     entry = _entry(f"{identifier(Path(file).stem)}-{digest[:20]}")
     robot = _open(entry, chosen.progress)
-    if robot is None:
-        compiler_command()  # the error of a missing compiler comes before a minute's work
-        _make_folder(entry)
-        with exclusive(entry.with_suffix(".lock"), lambda: chosen.progress(_WAITING)):
-            robot = _open(entry, lambda _: None)  # another process may have made it just now
-            if robot is None:
-                shutil.rmtree(entry, ignore_errors=True)  # generation replaces no folder whose manifest is damaged
-                folder = generate_folder(file, replace(chosen, output=entry, force=True))
-                flush(folder)  # no record on the disk before the files that it vouches for
-                record = {"file": str(Path(file).absolute()), "folder": folder.name, "version": __version__}
-                write_atomically(entry / _RECORD, json.dumps(record | {"digests": _digests(folder)}))
-                robot = open_robot(folder, trust_potentials=True)
-    return robot
+    if robot is not None:
+        return robot
+    compiler_command()  # the error of a missing compiler comes before a minute's work
+    _make_folder(entry)
+    with exclusive(entry.with_suffix(".lock"), lambda: chosen.progress(_WAITING)):
+        robot = _open(entry, lambda _: None)  # another process may have made it just now
+        if robot is not None:
+            return robot
+        shutil.rmtree(entry, ignore_errors=True)  # generation replaces no folder whose manifest is damaged
+        folder = generate_folder(file, replace(chosen, output=entry, force=True))
+        flush(folder)  # no record on the disk before the files that it vouches for
+        record = {"file": str(Path(file).absolute()), "folder": folder.name, "version": __version__}
+        write_atomically(entry / _RECORD, json.dumps(record | {"digests": _digests(folder)}))
+        return open_robot(folder, trust_potentials=True)
 
 
 def cache_folder() -> Path:
@@ -216,6 +218,7 @@ def _digests(folder: Path) -> dict[str, str]:
 
 
 def _read_record(entry: Path) -> dict[str, Any] | None:
+    """Return file, folder and digests of an entry; None without a record, or for one that is damaged."""
     try:
         content = json.loads((entry / _RECORD).read_text(encoding="utf-8"))
         return {key: str(content[key]) for key in ("file", "folder")} | {"digests": dict(content["digests"])}
@@ -295,4 +298,5 @@ def _plain(value: Any) -> Any:
 
 
 def _digest(*values: Any) -> str:
+    """Return the SHA-256 of values as JSON; other types count by their text."""
     return hashlib.sha256(json.dumps(values, sort_keys=True, default=str).encode()).hexdigest()

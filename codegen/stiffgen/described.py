@@ -111,6 +111,7 @@ def in_python(text: str, *records: Any) -> str:
     keywords = {flag_of(each): each for record in reversed(records) for each in fields(record)}
 
     def keyword(match: re.Match[str]) -> str:
+        """Return an option of the message as a keyword; ``rest`` is a blank and the word behind the option."""
         flag, rest, word, colon = match[1], match[2] or "", match[3] or "", match[4]
         if flag.startswith("--no-") and f"--{flag[5:]}" in keywords:
             return f"{flag[5:].replace('-', '_')}=False{rest}{colon}"
@@ -120,9 +121,15 @@ def in_python(text: str, *records: Any) -> str:
 
 
 def _keyword(option: Field[Any], rest: str, word: str, has_colon: bool) -> str:
-    """Return an option as a keyword, with the word behind it in a message: its value, or part of the sentence."""
+    """Return an option as a keyword, with the word behind it in a message: its value, or part of the sentence.
+
+    In order: a tool at run time has a keyword of its own; NAME=VALUE is a field of the option's record; a switch is
+    True, and the word belongs to the sentence; a list holds the word. A single word is the value where it must be
+    one: a base, a choice, in quotes, or before a colon. All others are "...": a placeholder in capitals (DIR) goes, a
+    word of the sentence stays.
+    """
     name, value, described = option.name, _QUOTED.sub(r"\1\2", word), help_of(option)
-    if f"{name} {value}" == "tool runtime":
+    if name == "tool" and value == "runtime":
         return "runtime_tool=True"
     part, _, given = value.partition("=")
     if described.record is not None and part != "link" and part in [each.name for each in fields(described.record)]:
@@ -134,7 +141,8 @@ def _keyword(option: Field[Any], rest: str, word: str, has_colon: bool) -> str:
     is_choice = value in (described.command or {}).get("choices", ())
     if value and name in _WORDS and (name == "base" or is_choice or has_colon or word[0] in "\"'"):
         return f"{name}={value!r}"
-    return f"{name}=..." if value.isalpha() and value.isupper() else f"{name}=...{rest}"
+    is_placeholder = value.isalpha() and value.isupper()
+    return f"{name}=..." if is_placeholder else f"{name}=...{rest}"
 
 
 @contextmanager

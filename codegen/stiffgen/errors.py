@@ -73,6 +73,7 @@ class DescriptionError(StiffgenError):
         return self._message(len(self.problems))
 
     def _message(self, most: int) -> str:
+        """Return the message with the first ``most`` problems."""
         if len(self.problems) == 1:
             return f"{self.file}: {self.problems[0]}"
         left = len(self.problems) - most

@@ -30,7 +30,8 @@ except ImportError:  # Windows: folders are not locked there, and those of dead 
     fcntl = None  # type: ignore[assignment]
 
 _ATTEMPTS = 100
-_AT_FDCWD, _RENAME_EXCHANGE = -100, 2
+"""Attempts to swap or remove a folder in which other processes work at the same time."""
+_AT_FDCWD, _RENAME_EXCHANGE = -100, 2  # of Linux's renameat2
 
 
 @contextmanager
@@ -53,7 +54,7 @@ def swapped_in(target: Path) -> Iterator[Path]:
         except OSError as error:
             raise unwritable(output, error) from error
         try:
-            deliver()
+            deliver()  # a signal that came meanwhile raises here, where the folder is removed
             yield staging
             _swap(staging, target)
         except BaseException as error:
@@ -62,8 +63,8 @@ def swapped_in(target: Path) -> Iterator[Path]:
                 with suppress(OSError):  # not empty: another process has put something there
                     folder.rmdir()
             if isinstance(error, OSError):  # a full disk
-                inside = error.filename is None or str(staging) in str(error.filename)
-                raise unwritable(target if inside else Path(str(error.filename)), error) from error
+                is_inside = error.filename is None or str(staging) in str(error.filename)  # the user knows the target
+                raise unwritable(target if is_inside else Path(str(error.filename)), error) from error
             raise
         finally:
             _release(lock)
@@ -252,6 +253,7 @@ def _remove(path: Path) -> None:
 
 
 def _umask() -> int:
+    """Return the process' umask, which can be read only by setting it."""
     umask = os.umask(0)
     os.umask(umask)
     return umask
@@ -278,6 +280,7 @@ def _swap(staging: Path, target: Path) -> None:
 
 @contextmanager
 def _tolerate(*numbers: int) -> Iterator[None]:
+    """Suppress OSErrors with these numbers."""
     try:
         yield
     except OSError as error:

@@ -55,26 +55,27 @@ def external_wrench(robot: Any, q: ArrayLike, external_torque: ArrayLike, deviat
 
     """
     tau, sigma = np.asarray(external_torque, dtype=float), np.asarray(deviation, dtype=float)
-    across = np.swapaxes(robot.hybrid.jacobian(q), -1, -2)
-    n = across.shape[-2]
+    J_T = np.swapaxes(robot.hybrid.jacobian(q), -1, -2)  # (..., n, 6)
+    n = J_T.shape[-2]
     if tau.shape[-1:] != (n,):
         raise ValueError(f"external_torque must end with {n} torques, not have the shape {tau.shape}")
     if sigma.ndim and sigma.shape[-1] != n:
         raise ValueError(f"deviation must be one number or end with {n} numbers, not have the shape {sigma.shape}")
     if not np.all(sigma > 0):
         raise ValueError("deviation: every standard deviation must be positive")
-    scale = 1.0 / np.broadcast_to(sigma, (*sigma.shape[:-1], n))
-    scaled = across * scale[..., None]
-    left, values, right = np.linalg.svd(np.where(np.isfinite(scaled), scaled, 0.0), full_matrices=False)
-    finite = np.isfinite(scaled).all(axis=(-1, -2))
+    # With rows divided by the deviations, the torques' errors are independent and of the size 1.
+    weights = 1.0 / np.broadcast_to(sigma, (*sigma.shape[:-1], n))
+    weighted = J_T * weights[..., None]
+    left, values, right = np.linalg.svd(np.where(np.isfinite(weighted), weighted, 0.0), full_matrices=False)
+    is_finite = np.isfinite(weighted).all(axis=(-1, -2))
     smallest = values[..., -1] if n >= 6 else np.zeros(values.shape[:-1])
     with np.errstate(divide="ignore", invalid="ignore"):
-        condition = np.where(finite, np.where(smallest > 0, values[..., 0] / smallest, np.inf), np.nan)
+        condition = np.where(is_finite, np.where(smallest > 0, values[..., 0] / smallest, np.inf), np.nan)
         inverse = np.where((condition < _SINGULAR)[..., None], 1.0 / values, np.nan)
-    along = np.einsum("...nk,...n->...k", left, tau * scale)
+    along = np.einsum("...nk,...n->...k", left, tau * weights)
     wrench = np.einsum("...ki,...k->...i", right, inverse * along)
     covariance = np.einsum("...ki,...k,...kj->...ij", right, inverse**2, right)
-    return ExternalWrench(wrench, tau - np.einsum("...ni,...i->...n", across, wrench), condition, covariance)
+    return ExternalWrench(wrench, tau - np.einsum("...ni,...i->...n", J_T, wrench), condition, covariance)
 
 
 def tip_covariance(robot: Any, q: ArrayLike, reading_covariance: ArrayLike) -> FloatArray:
@@ -87,9 +88,9 @@ def tip_covariance(robot: Any, q: ArrayLike, reading_covariance: ArrayLike) -> F
 
     """
     position = np.asarray(q, dtype=float)[..., None, :]
-    nothing, no_payload = np.zeros(6), np.zeros(4)
-    across = robot.sensor.tip_wrench(position, np.eye(6), nothing, no_payload)  # row k: wrench of reading k
-    return np.asarray(np.swapaxes(across, -1, -2) @ np.asarray(reading_covariance, dtype=float) @ across)
+    no_bias, no_payload = np.zeros(6), np.zeros(4)
+    wrenches = robot.sensor.tip_wrench(position, np.eye(6), no_bias, no_payload)  # row k: wrench of unit reading k
+    return np.asarray(np.swapaxes(wrenches, -1, -2) @ np.asarray(reading_covariance, dtype=float) @ wrenches)
 
 
 @dataclass(frozen=True)
@@ -131,25 +132,25 @@ def stiffness_deviation(
 
     """
     sigma, K = np.asarray(covariance, dtype=float), np.asarray(task_stiffness, dtype=float)
-    place, units, none = np.asarray(q, dtype=float)[..., None, :], np.eye(6), np.zeros((6, 6))
+    position, units, zero = np.asarray(q, dtype=float)[..., None, :], np.eye(6), np.zeros((6, 6))
     stiffness = robot.hybrid.joint_stiffness(q, wrench, K)
-    rates = robot.hybrid.joint_stiffness(place, units, none)  # (..., 6, n, n): derivative by each entry of F
+    rates = robot.hybrid.joint_stiffness(position, units, zero)  # (..., 6, n, n): derivative with respect to F_k
     values, vectors = np.linalg.eigh(stiffness)
     lowest = vectors[..., :, 0]
-    along = np.einsum("...i,...kij,...j->...k", lowest, rates, lowest)
+    of_eigenvalue = np.einsum("...i,...kij,...j->...k", lowest, rates, lowest)
     conventional = robot.hybrid.kinematic_stiffness(q, wrench)
     skew = (conventional - np.swapaxes(conventional, -1, -2)) / 2  # J^T K J is symmetric
-    of_unit = robot.hybrid.kinematic_stiffness(place, units)
+    of_units = robot.hybrid.kinematic_stiffness(position, units)
+    skew_rates = (of_units - np.swapaxes(of_units, -1, -2)) / 2
     left, sizes, right = np.linalg.svd(skew)
-    turned = (of_unit - np.swapaxes(of_unit, -1, -2)) / 2
-    slope = np.einsum("...i,...kij,...j->...k", left[..., :, 0], turned, right[..., 0, :])
+    of_singular_value = np.einsum("...i,...kij,...j->...k", left[..., :, 0], skew_rates, right[..., 0, :])
     return StiffnessDeviation(
         stiffness,
         np.sqrt(np.einsum("...kij,...kl,...lij->...ij", rates, sigma, rates)),
         values[..., 0],
-        _deviation(along, sigma),
+        _deviation(of_eigenvalue, sigma),
         sizes[..., 0],
-        _deviation(slope, sigma),
+        _deviation(of_singular_value, sigma),
     )
 
 

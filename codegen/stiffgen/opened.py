@@ -185,15 +185,15 @@ def overview(robot: GeneratedRobot) -> str:
 
 
 def _functions_by_group(robot: GeneratedRobot) -> dict[str, list[str]]:
-    """Return the names of functions by the groups that have them; products are left out."""
-    groups: dict[str, list[str]] = {}
+    """Return the names of functions by the groups that have them ("body, spatial"); products are left out."""
+    names_of: dict[str, list[str]] = {}
     for kernel in robot.table:
         if not kernel.product_of:
-            groups.setdefault(kernel.path[-1] if kernel.path else "", []).append(kernel.name)
-    shared: dict[tuple[str, ...], list[str]] = {}
-    for group, names in groups.items():
-        shared.setdefault(tuple(dict.fromkeys(names)), []).append(group)
-    return {", ".join(places): list(names) for names, places in shared.items()}
+            names_of.setdefault(kernel.path[-1] if kernel.path else "", []).append(kernel.name)
+    groups_with: dict[tuple[str, ...], list[str]] = {}
+    for group, names in names_of.items():
+        groups_with.setdefault(tuple(dict.fromkeys(names)), []).append(group)  # several tips repeat names
+    return {", ".join(groups): list(names) for names, groups in groups_with.items()}
 
 
 def joined_kernels(name: str, texts: Mapping[str, str]) -> str:

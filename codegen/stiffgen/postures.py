@@ -64,7 +64,7 @@ def find_postures(
     high = np.where(np.isfinite(module.UPPER), module.UPPER - margin, at + np.pi)
     spread = np.random.default_rng(0).random((starts, len(at)))  # the same points in every call
     q = np.clip(np.vstack([at, low + spread[1:] * (high - low)]), low, high)
-    for number in range(steps):
+    for number in range(steps):  # the second half without a pull towards ``near``
         q = np.clip(q + _step(module, q, goal, at if number < steps // 2 else None), low, high)
     found = q[np.abs(_errors(_function(module, "forward_kinematics", q), goal)).max(axis=1) <= _REACHED]
     found = found[np.argsort(np.linalg.norm(found - at, axis=1), kind="stable")]
@@ -100,32 +100,35 @@ def _function(module: Any, name: str, q: FloatArray) -> FloatArray:
 def _errors(poses: FloatArray, goal: FloatArray) -> FloatArray:
     """Return the twists from poses to the goal: difference of the origins, and rotation vector in the base's axes."""
     turn = goal[:3, :3] @ np.swapaxes(poses[:, :3, :3], 1, 2)
-    axis = np.stack(
+    axial = np.stack(  # 2 sin(angle) times the axis
         [turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0], turn[:, 1, 0] - turn[:, 0, 1]], axis=1
     )
-    sine = np.linalg.norm(axis, axis=1) / 2
+    sine = np.linalg.norm(axial, axis=1) / 2
     angle = np.arctan2(sine, (np.trace(turn, axis1=1, axis2=2) - 1) / 2)
-    vectors = axis * np.where(sine > 1e-9, angle / np.maximum(2 * sine, 1e-18), 0.5)[:, None]
-    half = (sine <= 1e-6) & (angle > 1)  # half a turn, about any axis of it
-    vectors[half] = np.array([np.pi, 0.0, 0.0])
+    vectors = axial * np.where(sine > 1e-9, angle / np.maximum(2 * sine, 1e-18), 0.5)[:, None]
+    is_half_turn = (sine <= 1e-6) & (angle > 1)  # its axis is lost, and any one will do
+    vectors[is_half_turn] = np.array([np.pi, 0.0, 0.0])
     return np.concatenate([goal[:3, 3] - poses[:, :3, 3], vectors], axis=1)
 
 
 def _step(module: Any, q: FloatArray, goal: FloatArray, near: FloatArray | None) -> FloatArray:
-    """Return damped steps of least squares, and a motion towards ``near`` that leaves the tip where it is."""
+    """Return damped steps of least squares, and a motion towards ``near`` that leaves the tip where it is.
+
+    The damping grows with the squared error. Steps towards ``near`` begin where the tip is near the goal.
+    """
     error, J = _errors(_function(module, "forward_kinematics", q), goal), _function(module, "jacobian", q)
     weight = np.array([1 / _SQUARED] * 3 + [1.0] * 3)
     transposed = np.swapaxes(J, 1, 2)
     A = transposed @ (weight[:, None] * J)
-    size = np.einsum("ki,i,ki->k", error, weight, error)
+    squared_error = np.einsum("ki,i,ki->k", error, weight, error)
     eye = np.eye(q.shape[1])
     scale = np.maximum(np.trace(A, axis1=1, axis2=2), 1e-12)[:, None, None]
     slope = (transposed @ (weight * error)[..., None])[..., 0]
-    step = np.linalg.solve(A + (1e-9 * scale + 1e-2 * size[:, None, None]) * eye, slope[..., None])[..., 0]
+    step = np.linalg.solve(A + (1e-9 * scale + 1e-2 * squared_error[:, None, None]) * eye, slope[..., None])[..., 0]
     if near is not None:
-        away = 0.2 * (near - q)
-        stays = np.linalg.solve(A + 1e-9 * scale * eye, (A @ away[..., None]))[..., 0]
-        step += (away - stays) * (size < 1e-2)[:, None]
+        pull = 0.2 * (near - q)
+        moves_tip = np.linalg.solve(A + 1e-9 * scale * eye, (A @ pull[..., None]))[..., 0]  # its part that does
+        step += (pull - moves_tip) * (squared_error < 1e-2)[:, None]
     longest = np.abs(step).max(axis=1, keepdims=True)
     result: FloatArray = step * np.minimum(1.0, _LONGEST / np.maximum(longest, 1e-12))
     return result
