@@ -97,6 +97,7 @@ class BoundAnalysis:
         return kind == "const" and math.frexp(float(value))[0] == 0.5
 
     def _product(self, a: int, b: int) -> Bound:
+        """Return the bound of a product; the last term is the error of a subnormal one."""
         x, y = self.found[a], self.found[b]
         if ZERO in (x, y):
             return ZERO

@@ -191,7 +191,10 @@ class ErrorBounds:
                 _store(arrays, place, bound)
 
     def _loop(self, function: Function, item: Loop, arrays: Bounds) -> None:
-        # The operands at i and at j are symbols of their own also where i is j: the printed loop does not know that.
+        """Analyse the body for every element of the index set; entries that no loop stores are zero.
+
+        The operands at i and at j are symbols of their own also where i is j: the printed loop does not know that.
+        """
         array = item.operand.array
         arrays.setdefault(array.name, [ZERO] * array.size)
         for i, j in item.over.indices(function.scope.chain):
@@ -201,6 +204,7 @@ class ErrorBounds:
                     _store(arrays, output.places[0], bound, j, i)
 
     def _sparse_change(self, function: Function, item: SparseChange, arrays: Bounds) -> None:
+        """Analyse the entries that change; the others have the bounds of the start's upper triangle, or are zero."""
         bounds, n = self._body(function, item.body, arrays), item.output.array.shape[0]
         entries = [ZERO] * (n * n)
         if item.start:

@@ -148,6 +148,7 @@ def _map(f: Lowering, step: Map, sections: Callable[..., tuple[Section, ...]] = 
 
 
 def _form(over: Over, *, rows: bool, vector: bool) -> LoopForm:
+    """Return the form of a map's loop; ``rows`` and ``vector`` are what vectors of joints fill."""
     if rows:
         return LoopForm.ROWS
     if vector:
@@ -206,6 +207,7 @@ def _sparse_sum(f: Lowering, step: SparseSum) -> None:
 
 
 def _sum_joints(f: Lowering, step: SumJoints) -> None:
+    """Call the helper for the shape of the arrays: pairs or columns of joints, summed or spread."""
     source, output, m = f.storage(step.source), f.storage(step.output), len(f.chain.joints)
     if step.spread and not step.columns:
         f.declare_flat(output)

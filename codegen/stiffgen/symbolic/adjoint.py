@@ -135,7 +135,7 @@ class _Reverse(Gradients):
         if argument.is_base_pose:
             self._finish_base(argument, result)
             return
-        motions = self.motions if argument.is_q else []
+        motions = self.motions if argument.is_q else []  # of the base's twist and the joints; the joints' part counts
         if len(contributions) == 1 and not motions:
             (only,) = contributions
             for name in self.final:

@@ -47,7 +47,7 @@ class Elimination:
         """Factor the matrix; its upper triangle is read."""
         lower, inverse, is_stable = list[list[ca.SX]](), list[ca.SX](), ca.SX(1)
         for i in range(matrix.shape[0]):
-            row, scaled = list[ca.SX](), list[ca.SX]()
+            row, scaled = list[ca.SX](), list[ca.SX]()  # of L D, and of L
             for k in range(i):
                 row.append(matrix[k, i] - _dot(row, lower[k]))
                 scaled.append(row[k] * inverse[k])
@@ -77,6 +77,7 @@ class Elimination:
 
 
 def _dot(left: Sequence[ca.SX], right: Sequence[ca.SX]) -> ca.SX:
+    """Return the dot product of two lists of equal length, 0 if they are empty."""
     return sum((x * y for x, y in zip(left, right, strict=True)), ca.SX(0))
 
 
@@ -102,7 +103,7 @@ def unpacked(triangle: ca.SX) -> ca.SX:
 
 
 def tip_compliance(chain: Chain, J: ca.SX, hessian: ca.SX) -> Expressions:
-    """Return C = J H^-1 J^T."""
+    """Return C = J H^-1 J^T = (L^-1 J^T)^T D^-1 (L^-1 J^T)."""
     factors = Elimination.of(unpacked(hessian))
     rows = factors.forward(J.T)
     scaled = [[x * inverse for x in row] for row, inverse in zip(rows, factors.inverse, strict=True)]
@@ -116,29 +117,34 @@ def tip_compliance(chain: Chain, J: ca.SX, hessian: ca.SX) -> Expressions:
 
 
 def tip_stiffness(chain: Chain, J: ca.SX, hessian: ca.SX) -> Expressions:
-    """Return K = (J H^-1 J^T)^-1 from orthogonal columns of L^-1 J^T in the metric D^-1, which C would square."""
+    """Return K = (J H^-1 J^T)^-1 from orthogonal columns of L^-1 J^T in the metric D^-1, which C would square.
+
+    Gram and Schmidt make the columns orthogonal by a unit lower triangle U. With their squared lengths S,
+    C = U^-1 S U^-T and K = U^T S^-1 U.
+    """
     factors = Elimination.of(unpacked(hessian))
     columns = [list(column) for column in zip(*factors.forward(J.T), strict=True)]
-    size, inverses, unit = len(columns), list[ca.SX](), list[list[ca.SX]]()
+    size, inverse_squares, U = len(columns), list[ca.SX](), list[list[ca.SX]]()
 
     def product(left: Sequence[ca.SX], right: Sequence[ca.SX]) -> ca.SX:
+        """Return left . D^-1 right."""
         return sum((x * y * d for x, y, d in zip(left, right, factors.inverse, strict=True)), ca.SX(0))
 
     for a in range(size):
-        whole = product(columns[a], columns[a])
+        square_before = product(columns[a], columns[a])
         row = [ca.SX(0)] * size
-        for b in range(a):  # twice is enough: the second pass removes what rounding left of the first
-            part = product(columns[a], columns[b]) * inverses[b]
+        for b in range(a):
+            part = product(columns[a], columns[b]) * inverse_squares[b]
             columns[a] = [x - part * y for x, y in zip(columns[a], columns[b], strict=True)]
-            row = [x - part * y for x, y in zip(row, unit[b], strict=True)]
+            row = [x - part * y for x, y in zip(row, U[b], strict=True)]
         row[a] += 1
-        unit.append(row)
+        U.append(row)
         square = product(columns[a], columns[a])
-        inverses.append(reciprocal_or_nan(square, square, SINGULAR**2 * whole))
+        inverse_squares.append(reciprocal_or_nan(square, square, SINGULAR**2 * square_before))
     result = ca.SX(size, size)
     for a in range(size):
         for b in range(a, size):
-            terms = [unit[k][a] * unit[k][b] * inverses[k] for k in range(b, size)]
+            terms = [U[k][a] * U[k][b] * inverse_squares[k] for k in range(b, size)]
             result[a, b] = result[b, a] = sum(terms, factors.refusal)
     return Expressions(ca.vec(ca.densify(result)), ())
 
@@ -152,37 +158,45 @@ def deflection(chain: Chain, J: ca.SX, hessian: ca.SX, increment: ca.SX) -> Expr
 
 
 def tridiagonal(chain: Chain, hessian: ca.SX) -> Expressions:
-    """Return the diagonal of Householder's form of H, the squares beside it, and an interval of the eigenvalue."""
+    """Return the diagonal of Householder's form of H, the squares beside it, and an interval of the eigenvalue.
+
+    No eigenvalue is below the lowest end of Gershgorin's discs. The smallest is at most Rayleigh's quotient of an axis:
+    any entry of the diagonal.
+    """
     matrix = unpacked(hessian)
     n = matrix.shape[0]
     A: _Grid = [[matrix[i, k] for k in range(n)] for i in range(n)]
     beside = [_reflect(A, k) for k in range(n - 1)]
     diagonal, zero = [A[k][k] for k in range(n)], ca.SX(0)
     sizes = [ca.fabs(each) for each in beside]
-    least = [d - a - b for d, a, b in zip(diagonal, [zero, *sizes], [*sizes, zero], strict=True)]
-    lower, upper = -least[0], -diagonal[0]
-    for k in range(1, n):  # Gershgorin's discs, and Rayleigh's quotients of the axes
-        lower, upper = larger_or_nan(lower, -least[k]), larger_or_nan(upper, -diagonal[k])
+    disc_ends = [d - a - b for d, a, b in zip(diagonal, [zero, *sizes], [*sizes, zero], strict=True)]
+    minus_lower, minus_upper = -disc_ends[0], -diagonal[0]  # minima as maxima, which masks.py has
+    for k in range(1, n):
+        minus_lower = larger_or_nan(minus_lower, -disc_ends[k])
+        minus_upper = larger_or_nan(minus_upper, -diagonal[k])
     squares = [each * each for each in beside]
-    return Expressions(ca.vertcat(*diagonal, *squares, -lower, -upper), ())
+    return Expressions(ca.vertcat(*diagonal, *squares, -minus_lower, -minus_upper), ())
 
 
 def _reflect(A: _Grid, k: int) -> ca.SX:
-    """Reflect column k below the diagonal onto its first entry, on both sides, and return that entry."""
-    places = range(k + 1, len(A))
-    x = [A[i][k] for i in places]
+    """Reflect column k below the diagonal onto its first entry, on both sides, and return that entry.
+
+    The trailing block of A becomes (1 - s v v^T) A (1 - s v v^T) = A - v w^T - w v^T in place, s = 2/|v|^2.
+    """
+    rest = range(k + 1, len(A))
+    x = [A[i][k] for i in rest]
     if len(x) == 1:
         return x[0]
     norm = ca.sqrt(sum((each * each for each in x), ca.SX(0)))
     sign = 2 * (x[0] >= 0) - 1
     v = [x[0] + sign * norm, *x[1:]]
-    divisor = norm * (norm + ca.fabs(x[0]))
+    divisor = norm * (norm + ca.fabs(x[0]))  # |v|^2/2
     scale = 1 / (divisor + (divisor <= 0))  # v = 0 where the column is
-    p = [scale * _dot([A[i][j] for j in places], v) for i in places]
+    p = [scale * _dot([A[i][j] for j in rest], v) for i in rest]
     half = scale * _dot(p, v) / 2
     w = [a - half * b for a, b in zip(p, v, strict=True)]
-    for i, row in enumerate(places):
-        for j, column in enumerate(places):
+    for i, row in enumerate(rest):
+        for j, column in enumerate(rest):
             if j >= i:
                 A[row][column] = A[column][row] = A[row][column] - v[i] * w[j] - w[i] * v[j]
     return -sign * norm
@@ -194,7 +208,10 @@ def only_entry(chain: Chain, H: ca.SX) -> Expressions:
 
 
 def halved(chain: Chain, diagonal: ca.SX, squares: ca.SX, interval: ca.SX) -> Expressions:
-    """Return the interval after some halvings: its lower end is below all eigenvalues, its upper end is not."""
+    """Return the interval after some halvings: its lower end is below all eigenvalues, its upper end is not.
+
+    The middle is below all eigenvalues if all pivots of T - middle are positive; masks choose the half.
+    """
     lower, upper = interval[0], interval[1]
     for _ in range(HALVINGS):
         middle = (lower + upper) / 2

@@ -181,7 +181,7 @@ class _Adjugate:
         if len(entries) == 2:
             (a, b), (c, d) = entries
             determinant, self.adjugate = a * d - b * c, [[d, -b], [-c, a]]
-        else:
+        else:  # one column, or none
             determinant, self.adjugate = (entries[0][0] if entries else ca.SX(1)), [[ca.SX(1)]] * len(entries)
         least = math.prod(scales, start=ca.SX(SINGULAR**2 * math.prod(lengths)))
         self.inverse = reciprocal_or_nan(determinant, determinant * determinant, least)
@@ -204,12 +204,12 @@ class _Reflections:
 
     def __init__(self, entries: Sequence[Entries], scales: Sequence[ca.SX], lengths: Sequence[float]) -> None:
         self.size = len(entries)
-        numbers, left = range(self.size), list(range(self.size))
+        numbers, rows_left = range(self.size), list(range(self.size))
         self.columns = sorted(numbers, key=lambda k: sum(not row[k].is_zero() for row in entries))
         self.rows: list[int] = []
         for k in self.columns:
-            self.rows.append(next((row for row in left if not entries[row][k].is_zero()), left[0]))
-            left.remove(self.rows[-1])
+            self.rows.append(next((row for row in rows_left if not entries[row][k].is_zero()), rows_left[0]))
+            rows_left.remove(self.rows[-1])
         self.factors = [1 / ca.sqrt(scales[row]) for row in self.rows]
         self.triangle = [
             [entries[row][k] * f for k in self.columns] for row, f in zip(self.rows, self.factors, strict=True)

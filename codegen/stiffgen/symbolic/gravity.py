@@ -78,6 +78,7 @@ class MovedMasses:
         self.rotations: list[ca.SX] = []
         self.offsets: list[ca.SX] = []
         self.axes: list[ca.SX] = []
+        # Outwards: rotations, offsets and axes.
         for k in range(chain.base_joints):  # in the base link's axes
             self.rotations.append(ca.SX.eye(3))
             self.offsets.append(ca.SX.zeros(3))
@@ -95,6 +96,7 @@ class MovedMasses:
             self.rotations.append(auxiliary @ r.rotation_to_urdf_frame(index))
             self.offsets.append(ca.densify(offset))
             self.axes.append(axis)
+        # Inwards: each joint's sums are complete when they are added to those of its parent.
         self.masses = [joint.body.mass for joint in chain.joints]
         self.moments = [R @ constant(j.body.moment) for R, j in zip(self.rotations, chain.joints, strict=True)]
         self.first_moment = ca.SX.zeros(3)

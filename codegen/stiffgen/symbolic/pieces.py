@@ -147,6 +147,7 @@ def load_tangent(chain: Chain, J: Array, wrench: Array, representation: Represen
 def _pairs_of_tangent(
     chain: Chain, J: Array, u: Array, wrench: Array, representation: Representation, output: Array
 ) -> Program:
+    """Return the steps Kq_ij = J_i . u_j for the half of the pairs in which u_j holds, mirrored."""
     half = Over.UPPER if stiffness.diagonal_is_outward(representation) else Over.LOWER
     return with_base_connection(
         chain,

@@ -100,6 +100,7 @@ def _rotation_stiffness(axes: Axes) -> Argument:
 
 
 def _coupled_stiffness(translation: Axes, rotation: Axes) -> Argument:
+    """Return the 6x6 stiffness, whose blocks may have axes of their own."""
     axes = _AXES_TEXT[translation] if translation == rotation else (
         f"translation {_AXES_TEXT[translation]}, rotation {_AXES_TEXT[rotation]}"
     )  # fmt: skip

@@ -150,7 +150,7 @@ class _Family:
             pack, H = packed(*parts)
             values = J, H, *(each.array(chain) for each in others)
             line = StraightLine((output,), expressions, values, heading=equation)
-            columns = (J,) if J.name == "J" else ()
+            columns = (J,) if J.name == "J" else ()  # of joints; other Jacobians have coordinates as columns
             shared = Shared.of(f"{self.prefix}{result.name}_of", summary, (line,), values, output, *columns)
             return *steps, pack, shared
 
@@ -165,6 +165,7 @@ class _Family:
         program: Callable[[Chain], Program],
         note: str,
     ) -> Kernel:
+        """Return the record of a kernel with the family's arguments, then ``others``."""
         inputs = (*self.configuration, self.wrench, joint_stiffness(self.size), *others)
         notes = " ".join(filter(None, (note, self.domain)))
         return Kernel(

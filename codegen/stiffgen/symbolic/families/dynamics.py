@@ -57,6 +57,7 @@ def bias_forces(chain: Chain, result: Argument, acceleration: Array | None = Non
 
 
 def _gravity_columns(chain: Chain) -> tuple[StraightLine, Array, Array]:
+    """Return the step that the kernels of gravity share, with its arrays: columns (a_j, w_j), and the first moment."""
     columns, moment = Array("C", (6, len(chain.joints))), Array("first_moment", (3,))
     heading = "axes a of revolute joints (rows 0..2), moment rates w (rows 3..5); first moment of all bodies"
     meaning = (
@@ -144,6 +145,7 @@ _GRAVITY_STIFFNESS = Argument("joint_stiffness", ("n", "n"), "N m/rad", "d2U/dq2
 def _gravity_kernel(
     inputs: tuple[Argument, ...], result: Argument, summary: str, equation: str, program: Callable[..., Program]
 ) -> Kernel:
+    """Return a kernel of the group ``gravity``."""
     return Kernel(
         result.name, "gravity", inputs, (result,), summary, equation, partial(program, result=result),
         _MASS_MATRIX.note, batch=True, of_masses=True,

@@ -161,6 +161,7 @@ def program(chain: Chain, potential: JointPotential, part: Part, result: Argumen
 
 
 def _joint_potential_kernels(potential: JointPotential) -> tuple[Kernel, ...]:
+    """Return the kernels of a potential: energy, torque and joint stiffness."""
     energy = Argument("energy", (), "J", "energy U of the potential")
     torque = Argument("torque", ("n",), "N m or N", "-dU/dq: torque that the potential exerts on the joints")
     joint = Argument(

@@ -39,7 +39,7 @@ _LEAST = 1e-37
 
 @dataclass(frozen=True)
 class _Orthogonal:
-    """Orthogonal rows of a matrix, their squared lengths as divisors, and C below the diagonal."""
+    """Orthogonal rows of a matrix, their squared lengths as divisors, C below the diagonal (``parts``), and w."""
 
     rows: Sequence[ca.SX]
     squares: Sequence[ca.SX]
@@ -49,6 +49,7 @@ class _Orthogonal:
 
     @staticmethod
     def of(matrix: ca.SX) -> _Orthogonal:
+        """Orthogonalise the rows: each takes its part out of all later ones (modified Gram-Schmidt)."""
         rows, squares, parts, sections = list(ca.vertsplit(ca.densify(matrix))), list[ca.SX](), {}, list[Section]()
         product = ca.SX(1)
         for k, row in enumerate(rows):
@@ -94,11 +95,13 @@ def _orthogonal(chain: Chain, jacobian: ca.SX) -> tuple[_Orthogonal, list[int]]:
 
 
 def _measure(chain: Chain, jacobian: ca.SX) -> Expressions:
+    """Return w."""
     found, _ = _orthogonal(chain, jacobian)
     return Expressions(found.measure, found.sections)
 
 
 def _cotangent(chain: Chain, jacobian: ca.SX) -> Expressions:
+    """Return Y in the shape of the Jacobian, row-major; zero where an entry does not depend on q."""
     found, columns = _orthogonal(chain, jacobian)
     own, result = found.cotangent(), ca.SX.zeros(*jacobian.shape)
     result[:, columns] = own if len(columns) >= 6 else own.T
@@ -106,6 +109,7 @@ def _cotangent(chain: Chain, jacobian: ca.SX) -> Expressions:
 
 
 def _jacobian(chain: Chain) -> tuple[Program, Array]:
+    """Return the steps that compute the body Jacobian, with a column per coordinate, and its array."""
     result = Argument("J_of_coordinates" if chain.coupled else "J", (6, "n"), "", "")
     return pose.jacobian(chain, "body", result), result.array(chain)
 

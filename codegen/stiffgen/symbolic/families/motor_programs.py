@@ -218,6 +218,7 @@ def bias_forces(
     steps, source = _of_joints(tree(acceleration), forces)
 
     def motion(chain: Chain, q: ca.SX, velocity: ca.SX) -> Expressions:
+        """Return rates of all coordinates, their accelerations at constant rates of the motors, and G_p."""
         closure = Closure(chain, q)
         G = closure.motion()
         rates = G @ velocity

@@ -81,6 +81,7 @@ def _kernel(
     program: Callable[[Chain], Program],
     note: str = "",
 ) -> Kernel:
+    """Return a kernel of the group ``motors``, with the note that q must close the loops."""
     note = " ".join(filter(None, (note, CLOSED)))
     return Kernel(name, GROUP, inputs, results, summary, equation, program, note, batch=True)
 
@@ -259,8 +260,8 @@ def _of_masses(chain: Chain) -> tuple[Kernel, ...]:
         hessian = _TREE["joint_stiffness"]
         tree = dynamics.gravity_gradient(chain, _TREE["gradient"])
         written = {array.name for step in tree for array in step.writes}
-        more = dynamics.gravity_joint_stiffness(chain, hessian)
-        tree += tuple(step for step in more if not {array.name for array in step.writes} & written)
+        for_hessian = dynamics.gravity_joint_stiffness(chain, hessian)  # without the steps that both programs share
+        tree += tuple(step for step in for_hessian if not {array.name for array in step.writes} & written)
         return motor_programs.reduction(
             chain, tree, _TREE["gradient"].array(chain), hessian.array(chain), (_STIFFNESS,), "K"
         )

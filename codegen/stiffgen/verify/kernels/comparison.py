@@ -52,6 +52,7 @@ class Oracle:
         return [self._check(call, k, reference, at) for k, reference in enumerate(as_results(self.values(at)))]
 
     def _check(self, call: KernelCall, k: int, reference: Any, at: Any) -> Check:
+        """Compare the k-th result: up to its rounding, or within the oracle's own bound."""
         title, value = call.title(k), call.values[k]
         reference = np.reshape(reference, np.shape(value))
         if self.bound is None:
@@ -60,6 +61,7 @@ class Oracle:
         return Check(title, self.name, float(np.abs(value - reference).max(initial=0.0) / scale), self.bound)
 
     def _errors(self, call: KernelCall, k: int, at: Any) -> FloatArray:
+        """Return the standard errors of the k-th result, as the oracle or the kernel's analysis states them."""
         if self.errors:
             return np.asarray(np.finfo(np.asarray(call.values[k]).dtype).eps * self.errors(at))
         return call.largest_errors(k) if self.rounded else np.zeros(np.shape(call.values[k]))

@@ -202,6 +202,8 @@ def _of_wrench(p: _Projection) -> FloatArray:
 
 
 def _of_joints(potential: JointPotential) -> dict[str, tuple[Oracle, ...]]:
+    """Return the oracles of a joint potential's functions in motor coordinates."""
+
     def reduced(p: _Projection) -> tuple[FloatArray, FloatArray]:
         of_tree = of_joint_potential(p.references, potential)
         return p.reduced(-of_tree["torque"], of_tree["joint_stiffness"])

@@ -30,6 +30,8 @@ Oracles = dict[str, tuple[Oracle, ...]]
 
 
 def _of_representation(rep: Representation) -> Oracles:
+    """Return the oracles of the kernels of a representation."""
+
     def stiffness(r: References, *, corrected: bool) -> FloatArray:
         return r.joint_stiffness(rep, corrected=corrected)
 
@@ -56,6 +58,7 @@ def _turned_to_hybrid(r: References) -> tuple[FloatArray, FloatArray]:
 
 
 def _turns(r: References) -> Any:
+    """Return blkdiag(R, R) in every state, R the tip's rotation: it turns body wrenches to hybrid ones."""
     rotation = r.pose[:, :3, :3]
     turn = np.zeros((len(rotation), 6, 6), dtype=rotation.dtype)
     turn[:, :3, :3] = turn[:, 3:, 3:] = rotation
@@ -63,6 +66,7 @@ def _turns(r: References) -> Any:
 
 
 def _back(turn: Any) -> Any:
+    """Return the transposes of matrices."""
     return np.swapaxes(turn, 1, 2)
 
 
@@ -151,6 +155,8 @@ def _found(table: Oracles, kernel: Kernel) -> tuple[Oracle, ...]:
 
 
 def _sum_over_tips(of: Oracle) -> Oracle:
+    """Return the oracle of a total from that of one tip."""
+
     def total(r: References) -> Any:
         each = [of.values(tip) for tip in r.tips]
         return tuple(map(sum, zip(*each, strict=True))) if isinstance(each[0], tuple) else sum(each)

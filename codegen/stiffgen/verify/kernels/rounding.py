@@ -106,9 +106,11 @@ def rounding_errors(
 
     def constant(number: float) -> _WithError:
         value = np.full(count, number)
-        return value, np.abs(value) if rounded and 4 * number % 1 else nothing
+        is_exact = 4 * number % 1 == 0  # multiples of 1/4 belong to formulas; a chain's constants are rounded
+        return value, np.abs(value) if rounded and not is_exact else nothing
 
     def result(operation: int, *operands: _WithError) -> _WithError:
+        """Return value and error of an operation; errors of operands that have none count as zero, also times NaN."""
         evaluate, slopes = _RULES[operation]
         values, errors = zip(*operands, strict=True)
         value = evaluate(*values)
@@ -221,6 +223,7 @@ class Stages:
         functions: list[ca.Function] = []
 
         def replaced(written: list[ca.SX]) -> list[ca.SX]:
+            """Close a stage: later ones read what a step has written as numbers, but for copies and 0, 1 and -1."""
             new = [k for k, entry in enumerate(written) if not (entry.is_symbolic() or _is_plain(entry))]
             if not new:
                 return written

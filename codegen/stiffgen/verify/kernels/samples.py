@@ -44,15 +44,14 @@ class Samples:
         return Samples(self.chain, self.count, self.seed, known, tip)
 
     def _drawn(self, argument: Argument) -> FloatArray:
+        """Return random values of an argument; one with a value per tip has those that the tips have alone."""
         if argument.each:
             each = argument.each
             return np.stack([self.of_tip(tip)[each] for tip in range(len(self.chain.tips))], axis=1)
         assert argument.draw is not None, f"{argument.name} is no argument of a kernel"
-        own = [self.tip] if argument.plural else []
-        random, shape = (
-            np.random.default_rng([self.seed, *own, *argument.name.encode()]),
-            argument.array(self.chain).shape,
-        )
+        tip = [self.tip] if argument.plural else []
+        random = np.random.default_rng([self.seed, *tip, *argument.name.encode()])
+        shape = argument.array(self.chain).shape
         return argument.draw(Sampling(random, self.count, shape, self.chain, self.__getitem__))
 
 
