@@ -78,7 +78,7 @@ def _loaded(file: str | Path, tip: Any, base: str | None, options: dict[str, Any
     """Do what :func:`load` does, with refusals in the words of the command line."""
     for name in sorted(_FIXED & options.keys()):
         raise StiffgenError(f"load() decides '{name}' itself; leave it out, or take stiffgen.generate()")
-    return _kept(file, GenerationOptions(tip=tip, base=base, **{"progress": _print_step} | options))
+    return _open_or_generate(file, GenerationOptions(tip=tip, base=base, **{"progress": _print_step} | options))
 
 
 def folder_of(
@@ -102,12 +102,12 @@ def folder_of(
             f"{source}: does not exist; give a robot's file, or the folder that 'stiffgen generate' wrote"
         )
     try:
-        return _kept(source, GenerationOptions(arguments=arguments or None, progress=progress)).folder
+        return _open_or_generate(source, GenerationOptions(arguments=arguments or None, progress=progress)).folder
     except ChainError as error:
         raise ChainError(f"{error}; with options: 'stiffgen generate', then give its folder here") from error
 
 
-def _kept(file: str | Path, chosen: GenerationOptions) -> GeneratedRobot:
+def _open_or_generate(file: str | Path, chosen: GenerationOptions) -> GeneratedRobot:
     """Open a robot of the cache; generate it there if it is not."""
     digest = _digest(_input_of(file, chosen), _plain(chosen), _generator(), _machine())
     entry = _entry(f"{identifier(Path(file).stem)}-{digest[:20]}")

@@ -100,6 +100,7 @@ def _outputs(
     for number, (array, storage) in enumerate(zip(step.outputs, storages, strict=True)):
         is_column, operand, zeros = number < step.columns, Operand(array, ""), set[int]()
         values = entries[start : start + array.size]
+        # Who reads a whole array, or reads it by joints, reads its zeros, too.
         if not (is_column or storage.is_result or storage.whole or storage.by_joints):
             zeros = storage.zeros = {k for k, value in enumerate(values) if value.is_zero()}
             storage.zero_rows = False

@@ -256,7 +256,7 @@ def _weights(f: Lowering, step: Weights) -> None:
             f.declare_as(storage)
         else:
             f.declare_flat(storage)
-            storage.layout = Layout.WEIGHTS
+            storage.layout = Layout.WEIGHTS  # declared as numbers in a row, read as weights of pairs
     if not lanes:  # folded pairs are symmetric
         transposed.layout = Layout.WEIGHTS_TRANSPOSED if paths else Layout.WEIGHTS
         transposed.companion = output

@@ -201,7 +201,8 @@ def _closed_loops(run: Gradients, step: CloseLoops) -> None:
     def expressions(chain: Chain, q: ca.SX, *values: ca.SX) -> Expressions:
         gradient = motor_gradient(chain, q, sum(values, ca.SX.zeros(closed.size)))
         positions = ca.vertcat(*(q[k] for k in chain.actuated))
-        return Expressions(gradient * ones_or_nan(positions), ())  # also for motors outside of the loops
+        # NaN where the loops do not close, also for motors outside of them.
+        return Expressions(gradient * ones_or_nan(positions), ())
 
     heading = "gradient with respect to the motors: G^T cotangent"
     run.steps.append(StraightLine((run.new(motors),), expressions, (closed, *bars), heading=heading))

@@ -159,7 +159,7 @@ class Printer(Loops):
         ]
 
     def total_sums(self, item: TotalSums) -> None:
-        """Print sums over joints or coordinates."""
+        """Print sums over joints or coordinates; where lanes hold joints, a helper adds them up behind the loop."""
         count, scalar = len(item.body.outputs), self.variant.scalar
         printed = self._body(item.body, sum(1 for _ in item.over.indices(self.scope.chain)))
         lines = [

@@ -214,6 +214,7 @@ def _exponential(motion: FloatArray) -> FloatArray:
     angle = float(np.linalg.norm(angular))
     x, y, z = angular
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    # NumPy's sinc(x) is sin(pi x)/(pi x): half is (1 - cos a)/a^2, third (a - sin a)/a^3, near 0 by its series.
     half = 0.5 * np.sinc(angle / (2 * math.pi)) ** 2
     third = (1.0 - np.sinc(angle / math.pi)) / angle**2 if angle > 1e-3 else 1 / 6 - angle**2 / 120
     pose = np.eye(4)

@@ -225,13 +225,10 @@ def _check_body_form(kernels: Kernels, chain: Chain, body: Kernel, at: Reference
     functions = chain_kernels(chain)
     hybrid = next(each for each in functions if each.function == "hybrid_joint_stiffness" and each.tip == body.tip)
     turn, wrench = _turns(at), at.samples[WRENCH]
-    loads = np.einsum("sji,sj->si", turn, wrench), _back(turn) @ at.samples[TASK_STIFFNESS] @ turn
+    loads = np.einsum("sji,sj->si", turn, wrench), _back(turn) @ at.samples[TASK_STIFFNESS] @ turn  # in body axes
     given = *at.posture_of("body"), *(each.astype(float) for each in loads)
-    calls = (
-        KernelCall(kernels, chain, kernel, arguments, "arguments")
-        for kernel, arguments in ((body, given), (hybrid, at.samples.of(hybrid.arguments)))
-    )
-    in_body, in_hybrid = calls
+    in_body = KernelCall(kernels, chain, body, given, "arguments")
+    in_hybrid = KernelCall(kernels, chain, hybrid, at.samples.of(hybrid.arguments), "arguments")
 
     def errors() -> FloatArray:
         return np.asarray(np.hypot(in_body.largest_errors(0), in_hybrid.largest_errors(0)))

@@ -34,7 +34,7 @@ def _in(axes: str, R: ca.SX, R0: ca.SX) -> ca.SX:
 
 
 def _rotation(R: ca.SX, R0: ca.SX, Ko: ca.SX, rotation: str, axes: str) -> ca.SX:
-    """Return the rotational energy, with Ko in the equilibrium's axes and the angle from the trace."""
+    """Return the rotational energy of a kind of spring; ``axes`` are those of Ko, which is turned to R0's."""
     Q = R0.T @ _in(axes, R, R0)
     K, E = Q @ _symmetric(Ko) @ Q.T, R0.T @ R
     if rotation == "trace":
@@ -42,7 +42,7 @@ def _rotation(R: ca.SX, R0: ca.SX, Ko: ca.SX, rotation: str, axes: str) -> ca.SX
     w, v = _quaternion(E)
     square = ca.dot(v, v)
     angle = 2 * ca.atan2(ca.sqrt(square), w)
-    form = v.T @ K @ v / square
+    form = v.T @ K @ v / square  # u^T K u, u the axis
     return form * {"rotation_vector": angle**2 / 2, "quaternion": 4 * (1 - ca.cos(angle / 2))}[rotation]
 
 
