@@ -41,8 +41,8 @@ HAZARD_FAULTS = (
     HazardFault(
         "a load carries the arm away",
         "test_torque_is_the_gradient_of_the_springs_energy",
-        "+= m->posture_stiffness[i] * slip[i];",
-        "-= m->posture_stiffness[i] * slip[i];",
+        "+= m->posture_stiffness[i] * (m->posture[i] - m->q[i]);",
+        "-= m->posture_stiffness[i] * (m->posture[i] - m->q[i]);",
         "static double pull_springs(",
     ),
     HazardFault(
@@ -145,7 +145,7 @@ HAZARD_FAULTS = (
     ),
     HazardFault(
         "limp arm under a load",
-        "test_limits_of_the_arm",
+        "test_a_joint_beyond_its_velocity_limit_is_believed_and_braked",
         "\n    brake_fast_joints(s);\n",
         LIMP,
         "static void compute_torque(",

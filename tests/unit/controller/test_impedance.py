@@ -45,6 +45,7 @@ def settled(robot: ModuleType, q: np.ndarray, **fields: Any) -> tuple[Any, Any]:
 
 
 def test_torque_is_the_gradient_of_the_springs_energy(robot: ModuleType) -> None:
+    """Torque and stiffness of an arm away from its equilibrium at Q, against differences of the energy."""
     random = np.random.default_rng(0)
     for _ in range(5):
         q = Q + random.uniform(-0.2, 0.2, 7)
@@ -57,11 +58,13 @@ def test_torque_is_the_gradient_of_the_springs_energy(robot: ModuleType) -> None
         np.testing.assert_allclose(out.joint_stiffness, H, atol=2e-4)
         assert np.array_equal(out.joint_stiffness, out.joint_stiffness.T)
         J = robot.hybrid.jacobian(q)
-        np.testing.assert_allclose(J.T @ out.spring_wrench, 2.5 * (Q - q) - expected, atol=1e-7)
+        of_posture = 2.5 * (Q - q)
+        np.testing.assert_allclose(J.T @ out.spring_wrench, of_posture - expected, atol=1e-7)  # F = dU
 
 
 @pytest.mark.parametrize("delay", [0, 1, 2, 5])
 def test_damping_design(robot: ModuleType, delay: int) -> None:
+    """Each mode has its damping ratio, at any delay, below the cap for the sample time (docs/controller.md)."""
     random = np.random.default_rng(delay)
     ratio = np.linspace(0.4, 1.0, 7)
     for _ in range(3):
@@ -70,7 +73,7 @@ def test_damping_design(robot: ModuleType, delay: int) -> None:
         _, out = settled(robot, q, damping_ratio=ratio, joint_damping=0.05, **fields)
         M = robot.mass_matrix(q) + 0.1 * np.eye(7)
         np.testing.assert_allclose(out.mass_matrix, M, rtol=1e-12)
-        most = min(0.25, 0.75 / (1 + delay)) * 1e3
+        most = min(0.25, 0.75 / (1 + delay)) * 1e3  # largest eigenvalue of M^-1 B [1/s]
         expected = modal_damping(out.joint_stiffness, M, ratio, (delay + 0.5) * 1e-3, most, 0.05)
         np.testing.assert_allclose(out.damping, expected, rtol=1e-6, atol=1e-6)
         assert not out.status & robot.Status.DAMPING_CAPPED
@@ -228,6 +231,7 @@ def test_a_refused_command_on_the_way_from_poses_to_positions(robot: ModuleType)
 
 
 def test_refused_commands_hold_what_there_is(robot: ModuleType) -> None:
+    """Neither equilibrium nor stiffness changes, and a refused command is no fault."""
     controller = robot.Impedance(**FAST, motor_inertia=0.1, errors="ignore")
     for _ in range(30):
         before = controller.step(q=Q, **STILL)
@@ -289,6 +293,7 @@ def setter(name: str, value: Any) -> Any:
     ],
 )
 def test_every_reason_of_the_samples(robot: ModuleType, change: Any, reason: str, latest: int) -> None:
+    """A fault of its reason and class comes after ``latest`` steps at most, stays, and lets the springs go."""
     outs = spoil(robot, change)
     latched = next((k for k, out in enumerate(outs) if out.fault), None)
     assert latched is not None
@@ -301,6 +306,7 @@ def test_every_reason_of_the_samples(robot: ModuleType, change: Any, reason: str
 
 
 def test_one_bad_sample_of_three_is_no_fault(robot: ModuleType) -> None:
+    """Two bad ones of three are, and so are two missing ones of three, but for a short time."""
     outs = spoil(robot, lambda k, s: s.update(q=np.full(7, np.nan)) if k % 3 == 0 else None)
     assert not any(out.fault for out in outs)
     assert all(bool(out.status & robot.Status.BAD_SAMPLE) == (k % 3 == 0) for k, out in enumerate(outs))
@@ -323,12 +329,12 @@ def test_an_encoder_jump_is_not_believed(robot: ModuleType) -> None:
     assert outs[-1].unaccounted == 1
 
 
-def test_limits_of_the_arm(robot: ModuleType) -> None:
+def test_a_joint_beyond_its_velocity_limit_is_believed_and_braked(robot: ModuleType) -> None:
+    """The first joint accelerates by 8 rad/s^2 to the limit, a fault, and by 30 rad/s^2 beyond."""
     controller = robot.Impedance(motor_inertia=0.1, overspeed_time=0.0)
     q, dq = Q.copy(), np.zeros(7)
     for k in range(400):
-        dq = np.full(7, min(2.0 * k * 1e-3, 3.0)) * np.eye(7)[0]
-        dq = dq * 4
+        dq = 8.0 * k * 1e-3 * np.eye(7)[0]
         q = q + dq * 1e-3
         out = controller.step(q=q, dq=dq, q0=Q, **SPRING)
         if out.fault:
@@ -336,24 +342,30 @@ def test_limits_of_the_arm(robot: ModuleType) -> None:
     assert out.reason == robot.Reason.OVERSPEED
     assert dq[0] == pytest.approx(robot.VELOCITY[0], rel=0.02)
     for _ in range(60):
-        dq = dq + 0.03 * np.eye(7)[0]  # faster still: it is believed, and braked
+        dq = dq + 0.03 * np.eye(7)[0]
         q = q + dq * 1e-3
         out = controller.step(q=q, dq=dq, q0=Q, **SPRING)
         assert not out.status & robot.Status.BAD_SAMPLE
     assert out.damping_torque[0] < -5
-    other = robot.Impedance(motor_inertia=0.1, limit_zone=0.2)
+
+
+def test_a_joint_is_pushed_back_from_its_position_limit(robot: ModuleType) -> None:
+    """The fourth joint moves at 0.5 rad/s through its limit zone (0.2 rad) and as far beyond: a fault."""
+    controller, zone = robot.Impedance(motor_inertia=0.1, limit_zone=0.2), 0.2
     q = Q.copy()
     q[3] = -1.9
     while q[3] > robot.LOWER[3] - 0.2:
         q[3] -= 0.5e-3
-        out = other.step(q=q, dq=-0.5 * np.eye(7)[3], q0=Q, **SPRING)
-        depth = max(0.0, robot.LOWER[3] + 0.2 - q[3])
+        out = controller.step(q=q, dq=-0.5 * np.eye(7)[3], q0=Q, **SPRING)
+        depth = max(0.0, robot.LOWER[3] + zone - q[3])
+        # the default of limit_stiffness is the effort limit per radian
         assert out.limit_torque[3] == pytest.approx(min(depth * robot.EFFORT[3], robot.EFFORT[3]), abs=1e-9)
     assert out.reason == robot.Reason.POSITION
-    assert out.limit_torque[3] > 50  # where it is needed most
+    assert out.limit_torque[3] > 50  # still there in the fault, where it is needed most
 
 
 def test_a_fault_lasts_until_its_reset(robot: ModuleType) -> None:
+    """Two bad samples release the arm, which a hand then pushes away; after the reset it goes back to Q."""
     controller, arm = robot.Impedance(motor_inertia=0.1), Arm(robot, Q)
     load = np.array([20.0, 0, 0, 0, 0, 0])
     modes, faults = [], []
@@ -410,6 +422,7 @@ def test_wrench_is_observed(robot: ModuleType) -> None:
 
 
 def contract(robot: ModuleType, controller: Any, out: Any, start: Any = 0.0) -> None:
+    """All outputs are finite, and the torque keeps its rate limit from ``start`` on."""
     for name in out.names:
         assert np.all(np.isfinite(out[name])), name
     steps = np.abs(np.diff(np.vstack([np.zeros(7) + start, out.torque]), axis=0))
@@ -418,6 +431,7 @@ def contract(robot: ModuleType, controller: Any, out: Any, start: Any = 0.0) -> 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_hostile_input(robot: ModuleType, seed: int) -> None:
+    """The torque keeps its limits, each bad row is named, and good samples bring the controller back."""
     inputs, bad = hostile(np.random.default_rng(seed), robot, 5000, 0.01)
     fields: dict[str, Any] = [{}, {"delay_samples": 2}, {"damping_ratio": 0.3},
                               {"effort_limit": 5.0, "torque_rate_limit": 20.0}][seed]  # fmt: skip
@@ -425,9 +439,9 @@ def test_hostile_input(robot: ModuleType, seed: int) -> None:
     out = run_with_resets(controller, inputs, 20)
     contract(robot, controller, out)
     assert np.all(np.abs(out.torque) <= controller.config.effort_limit)
-    seen = bad[inputs["sample_valid"][bad] == 1]
-    mask = int(robot.Status.BAD_SAMPLE | robot.Status.COMMAND_REFUSED)
-    assert np.all(out.status[seen] & mask)
+    seen = bad[inputs["sample_valid"][bad] == 1]  # rows that are spoilt, and not missing
+    either = int(robot.Status.BAD_SAMPLE | robot.Status.COMMAND_REFUSED)
+    assert np.all(out.status[seen] & either)
     assert np.all(out.status[inputs["sample_valid"] == 0] & int(robot.Status.MISSED))
     later = walk(np.random.default_rng(7), robot, 1500, sample_valid=np.ones(1500, int))
     recovered = run_with_resets(controller, later, 20)
@@ -438,15 +452,14 @@ def test_extreme_accepted_values(robot: ModuleType) -> None:
     """Every field at both ends of its range, alone and many at once: no product overflows."""
     random = np.random.default_rng(1)
     inputs = walk(random, robot, 120)
-    ends = {f.name: (f.least, f.most) for f in CONFIG if not f.choices and np.isfinite(f.most)}
+    numbers = [field for field in CONFIG if not field.choices and np.isfinite(field.most)]
+    kinds = {field.name: int if field.type == "int" else float for field in numbers}
+    ends = {field.name: (kinds[field.name](field.least), kinds[field.name](field.most)) for field in numbers}
     tried = 0
     cases = [{name: value} for name, pair in ends.items() for value in pair]
     cases += [{name: pair[random.integers(0, 2)] for name, pair in ends.items() if random.random() < 0.5}
               for _ in range(60)]  # fmt: skip
     for case in cases:
-        case = {name: int(value) if name.endswith(("samples", "_limit", "window")) and value == int(value)
-                and next(f for f in CONFIG if f.name == name).type == "int" else value
-                for name, value in case.items()}  # fmt: skip
         try:
             controller = robot.Impedance(case, errors="ignore")
         except ValueError:
@@ -474,6 +487,7 @@ def test_gains_change_without_a_bump(robot: ModuleType) -> None:
 
 
 def test_initial_torque(robot: ModuleType) -> None:
+    """A torque in force at the start falls at the rate limit; one beyond the effort limit is refused."""
     torque = 0.9 * robot.EFFORT
     controller = robot.Impedance(torque=torque, motor_inertia=0.1)
     out = controller.run(q=np.tile(Q, (150, 1)), **STILL)
@@ -511,6 +525,7 @@ def test_flipped_bits_of_the_state(robot: ModuleType) -> None:
 
 
 def test_invalid_configuration_while_running(robot: ModuleType) -> None:
+    """A field that is overwritten behind Python's checks is refused by the step, and is a fault afterwards."""
     controller, out = settled(robot, Q + 0.05)
     controller._config._values[0]["sample_time"] = -1.0
     before = out.torque
@@ -732,6 +747,7 @@ def test_stack_of_the_call_path(objects: Path) -> None:
 
 
 def test_null_and_uninitialised(robot_folder: Path, tmp_path: Path) -> None:
+    """Null pointers, a state of zeros and a configuration of zeros have errors with their remedy."""
     controller = [robot_folder / "iiwa14_impedance.c", "-std=c99", "-O2", "-fPIC", "-c"]
     kernels = [robot_folder / "iiwa14.c", "-std=c99", "-O0", "-fPIC"]
     linked = ["-shared", compile_c(tmp_path / "controller.o", *controller), "-lm"]
@@ -758,6 +774,7 @@ def test_null_and_uninitialised(robot_folder: Path, tmp_path: Path) -> None:
 
 
 def chain_of(joints: int, folder: Path) -> Path:
+    """The file of a serial arm of equal links, whose axes are z, y, x in turn."""
     inertial = '<inertial><mass value="1"/><origin xyz="0.05 0 0"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" '
     inertial += 'ixz="0" iyz="0"/></inertial>'
     links = "".join(f'<link name="l{k}">{inertial}</link>' for k in range(joints + 1))

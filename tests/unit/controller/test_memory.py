@@ -65,7 +65,7 @@ def test_every_integer_that_the_library_bounds_has_its_range() -> None:
 def test_the_program_finds_a_torque_beyond_its_limit(tmp_path: Path, robot_folder: Path) -> None:
     """A controller whose last guard is gone fails: the check is one."""
     source = (robot_folder / "iiwa14_impedance.c").read_text()
-    guarded = "last[i] = all && limited ? clamp(last[i], -s->effort[i], s->effort[i]) : 0.0;"
+    guarded = "last[i] = torque_stored && effort_stored ? clamp(last[i], -s->effort[i], s->effort[i]) : 0.0;"
     assert guarded in source
     broken = tmp_path / "iiwa14_impedance.c"
     broken.write_text(source.replace(guarded, ""))
