@@ -360,6 +360,10 @@ def _bound(bound: float) -> str:
 
 
 def _member(field: Field, sizes: dict[str, int], prefix: str) -> Member:
+    """Return the member of a C struct; ``sizes`` are the extents with a name, and one tip has no extent.
+
+    The comment has unit, shape, meaning, the rule of a setting or choice, and the default.
+    """
     extents = [sizes[extent] if isinstance(extent, str) else extent for extent in field.shape]
     if field.shape[:1] == ("tips",) and sizes["tips"] == 1:
         extents = extents[1:]
@@ -381,6 +385,7 @@ def _member(field: Field, sizes: dict[str, int], prefix: str) -> Member:
 
 
 def _comment(text: str, width: int = 108) -> list[str]:
+    """Return a C comment in lines of at most ``width`` characters."""
     lines = ["/*"]
     for word in text.split():
         if len(lines[-1]) + 1 + len(word) > width:

@@ -61,7 +61,7 @@ def wrench(pose: Any, equilibrium: Any, Kt: Any, Ko: Any) -> FloatArray:
             if k < 3:
                 moved[k, 3] += step
             else:
-                i, j = [(1, 2), (2, 0), (0, 1)][k - 3]
+                i, j = [(1, 2), (2, 0), (0, 1)][k - 3]  # axes that turn about axis k - 3
                 turn = np.eye(3)
                 turn[i, i] = turn[j, j] = np.cos(step)
                 turn[j, i], turn[i, j] = np.sin(step), -np.sin(step)
@@ -127,12 +127,13 @@ def modal_damping(K: FloatArray, M: FloatArray, ratio: Any, late: float, most: f
     V = root.T @ vectors  # V^T M V = I
     b = np.empty(len(values))
     for k, (value, zeta) in enumerate(zip(np.abs(values), np.broadcast_to(ratio, len(values)), strict=True)):
-        # zeta = (b - l h) / (2 sqrt(l (1 - b h))), solved by bisection
+        # zeta = (b - l h) / (2 sqrt(l (1 - b h))) with l: value, h: late, solved for b by bisection
         low, high = value * late, min(1 / late, 1e9) if late else 2 * zeta * np.sqrt(value) + 1e-12
         for _ in range(200):
             middle = (low + high) / 2
-            realised = (middle - value * late) - 2 * zeta * np.sqrt(value * max(1 - middle * late, 0))
-            low, high = (middle, high) if realised < 0 else (low, middle)
+            excess = (middle - value * late) - 2 * zeta * np.sqrt(value * max(1 - middle * late, 0))
+            low, high = (middle, high) if excess < 0 else (low, middle)
+        # d leaves so much of it: no eigenvalue of M^-1 d is above d times the trace of M^-1
         b[k] = min(low, most - d * np.trace(np.linalg.inv(M)))
     return np.asarray(M @ V @ np.diag(b) @ V.T @ M + d * np.eye(len(M)))
 
@@ -144,7 +145,11 @@ def limit_torque(q: FloatArray, lower: Any, upper: Any, zone: float, k: Any, eff
 
 
 class _Bench:
-    """Robot's controller with samples around one configuration, close to which all limits lie."""
+    """Robot's controller with samples around one configuration, close to which all limits lie.
+
+    ``reach`` is the distance [rad or m] that each joint moves from ``q`` in these sessions. ``given`` are the arguments
+    of ``step`` that stay: stiffnesses and, where the robot takes them, tools.
+    """
 
     def __init__(self, robot: GeneratedRobot, seed: int) -> None:
         self.robot, chain = robot, robot.chain
@@ -241,7 +246,7 @@ def check_controller(robot: GeneratedRobot, seed: int) -> list[Check]:
 
 def _law(bench: _Bench) -> list[Check]:
     """Check a slow motion of arm and equilibrium into the limit zones: every term of the torque, and their sum."""
-    errors: dict[str, float] = {}
+    errors: dict[str, float] = {}  # the largest one of each quantity, in all steps
 
     def hold(name: str, value: Any, reference: Any) -> None:
         # relative to the largest entry, or to 1 of its unit if all are smaller
@@ -250,6 +255,7 @@ def _law(bench: _Bench) -> list[Check]:
         errors[name] = max(errors.get(name, 0.0), error if np.isfinite(error) else np.inf)
 
     q, n, reach = bench.q, len(bench.q), bench.reach
+    # the arm moves from q to q + way in 0.4 s, the command to q + aim / 2 in the first half of this
     way, aim = (bench.random.choice([-1.0, 1.0], n) * reach for _ in range(2))
     stiff, k, placement = np.linspace(20.0, 200.0, n), 2.5, bench.robot.springs.placement
     for delay in (0, 5):
@@ -262,7 +268,7 @@ def _law(bench: _Bench) -> list[Check]:
             phase = np.pi * step / 400
             at, rate = q + way * (0.5 - 0.5 * np.cos(phase)), way * np.pi / 0.8 * np.sin(phase)
             out = controller.step(q=at, dq=rate, q0=q + 0.5 * aim * min(1.0, step / 200), **bench.given)
-            if step % 40:
+            if step % 40:  # a comparison takes much longer than a step
                 continue
             spring = (out.equilibrium, out.reference, out.translation_stiffness, out.rotation_stiffness, k, placement)
             pushed = limit_torque(
@@ -280,7 +286,7 @@ def _law(bench: _Bench) -> list[Check]:
             hold("torque", out.torque, out.elastic_torque + out.damping_torque + out.limit_torque)
             hold("scale", out.scale, 1.0 if not capped else out.scale)
             hold("no fault", float(out.fault), 0.0)
-            if step % 200:
+            if step % 200:  # differences of differences take longer still
                 continue
             slope = np.where(pushed != 0, stiff, 0.0)
             hold("tangent", out.joint_stiffness, joint_hessian(bench.poses, at, *spring) + np.diag(slope))
@@ -301,11 +307,12 @@ def _law(bench: _Bench) -> list[Check]:
 def _limits(bench: _Bench) -> list[str]:
     """Check torque, torque rate, and work against energy_supplied, with a motion and a command that demand more."""
     faults, n = [], len(bench.q)
-    effort, rate = np.linspace(0.02, 0.05, n), np.linspace(1.0, 3.0, n)
+    effort, rate = np.linspace(0.02, 0.05, n), np.linspace(1.0, 3.0, n)  # so little that both bind
     controller = bench.controller(effort_limit=effort, torque_rate_limit=rate, reference_velocity_limit=5.0)
     last, seen, position = np.zeros(n), dict.fromkeys(("RATE_LIMITED", "SATURATED"), False), bench.q.copy()
     work, supplied = 0.0, 0.0
     for step in range(200):
+        # 40 steps at a constant speed, 10 at rest, and back
         speed = bench.reach * (2.0 if step // 50 % 2 else -2.0) * (step % 50 < 40)
         position = position + PERIOD * speed
         out = controller.step(q=position, dq=np.full(n, speed), q0=bench.q + bench.reach, **bench.given)
@@ -313,7 +320,7 @@ def _limits(bench: _Bench) -> list[str]:
             faults.append(f"step {step}: torque beyond the effort limit")
         if not (np.abs(out.torque - last) <= rate * PERIOD * (1 + 1e-9)).all():
             faults.append(f"step {step}: torque beyond its rate limit")
-        work += float(np.sum(last) * PERIOD * speed) if step else 0.0
+        work += float(np.sum(last) * PERIOD * speed) if step else 0.0  # all joints have the same speed
         # what is in springs and tank can still leave
         if not supplied <= out.energy_supplied >= work + out.elastic_energy + out.limit_energy + out.tank_energy - 1e-6:
             faults.append(f"step {step}: work beyond energy_supplied, or less supplied than before")
@@ -358,7 +365,10 @@ def _governor(bench: _Bench) -> list[str]:
 
 
 def _faults(bench: _Bench) -> list[str]:
-    """Check that one bad sample is no fault, and that two of three, or a value beyond a limit, latch a fault."""
+    """Check that one bad sample is no fault, and that two of three, or a value beyond a limit, latch a fault.
+
+    In a fault the torque keeps its limits, the springs' scale falls to 0, and a reset ends the fault.
+    """
     module, n, q = bench.robot.module, len(bench.q), bench.q
     faults: list[str] = []
     first = np.arange(n) == 0
@@ -376,6 +386,7 @@ def _faults(bench: _Bench) -> list[str]:
         good = [bench.rest(controller, q0=q + 0.1 * bench.reach) for _ in range(5)][-1]
         last = np.array(good.torque)
 
+        # defaults bind the loop's variables; ``last`` is changed in place, from step to step
         def stepped(last: FloatArray = last, title: str = title, controller: Any = controller, **given: Any) -> Any:
             out = bench.rest(controller, q0=q + 0.1 * bench.reach, **given)
             bounded = (np.abs(out.torque) <= 50.0).all() and (np.abs(out.torque - last) <= 0.5 * (1 + 1e-9)).all()
@@ -411,19 +422,21 @@ def _faults(bench: _Bench) -> list[str]:
 
 
 def _other_faults(bench: _Bench) -> list[str]:
+    """Check faults of communication, speed and position, and that a command with NaN is refused without a fault."""
     module, n, q, faults = bench.robot.module, len(bench.q), bench.q, []
     controller = bench.controller(missed_limit=4, loss_limit=4)
     kinds = [int(controller.missed().fault) for _ in range(4)]
     if kinds != [0, 0, 0, int(module.Fault.COMMUNICATION)]:
         faults.append("missed samples")
     controller = bench.controller(velocity_limit=2.0, upper_limit=q + 1e3, overspeed_time=0.0)
+    # one sample time at 2.4 rad/s from rest: q and dq agree
     out = controller.step(q=q + 2.4 * PERIOD, dq=np.full(n, 2.4), q0=q, **bench.given)
     if out.reason != module.Reason.OVERSPEED:
         faults.append("overspeed is no fault")
     for limit, sign in (("upper_limit", 1.0), ("lower_limit", -1.0)):
         controller = bench.controller(position_tolerance=0.5 * bench.reach)
         bench.rest(controller)
-        controller.config.update({limit: q - sign * 0.6 * bench.reach})
+        controller.config.update({limit: q - sign * 0.6 * bench.reach})  # q is beyond by more than the tolerance
         if bench.rest(controller).reason != module.Reason.POSITION:
             faults.append(f"beyond {limit} is no fault")
     for name in ("q0", "translation_stiffness", "rotation_stiffness"):

@@ -35,7 +35,11 @@ Random = np.random.Generator
 
 
 class HostileSession:
-    """Session with a configuration, an arm that moves with the reference's torque, and random events."""
+    """Session with a configuration, an arm that moves with the reference's torque, and random events.
+
+    A seed names a session: a draw more, or in another place, makes other sessions of all seeds. ``config``, ``input``
+    and ``output`` are the reference's; the library has copies of the first two.
+    """
 
     steps = 400
     """Number of steps."""
@@ -63,7 +67,7 @@ class HostileSession:
         effort = np.array(config.effort_limit)
         config.sample_time = float(random.choice([1e-3, 1e-3, 2e-3, 5e-3, 0.02]))
         config.delay_samples = int(random.integers(0, 6))
-        fill(config.motor_inertia, random.uniform(0.1, 0.6, len(effort)))
+        fill(config.motor_inertia, random.uniform(0.1, 0.6, len(effort)))  # [kg m^2]
         for field in CONFIG:
             if field.name in _CHOSEN_APART:
                 continue
@@ -79,13 +83,16 @@ class HostileSession:
         if random.random() < 0.3:
             config.heaviest_wrench[0], config.heaviest_wrench[1] = 10.0 ** random.uniform([0.0, 0.0], [2.5, 1.7])
         if config.actuation == 2:
-            config.delay_samples = 0
+            config.delay_samples = 0  # gains go with no delay
         config.spring = 2
         if both[0].call("validate", config) != 0 or random.random() < 0.5:
             config.spring = 1  # the folder has no other, or by chance
 
     def _vary(self, field: Field) -> None:
-        """Change a field of the configuration within its rule."""
+        """Change a field of the configuration within its own rule; rules about several fields may refuse the result.
+
+        A field over joints gets one value and a share of it per joint.
+        """
         random = self.random
         if field.choices:
             value: float = int(random.integers(1, len(field.choices) + 1))
@@ -96,8 +103,8 @@ class HostileSession:
         elif field.name in ("posture_stiffness", "limit_stiffness") and random.random() < 0.3:
             value = 0.0
         else:
-            shown = getattr(self.config, field.name)
-            typical = float(np.max(np.abs(shown))) if field.shape else float(shown)
+            present = getattr(self.config, field.name)
+            typical = float(np.max(np.abs(present))) if field.shape else float(present)
             value = typical * 10.0 ** random.uniform(-1.5, 0.7)
         value = min(max(value, field.least), field.most)
         set_field(self.config, field, round(value) if field.type == "int" else value, -1)
@@ -130,24 +137,26 @@ class HostileSession:
         self._choose_stiffness()
 
     def _copy_config(self) -> None:
+        """Give the library the reference's configuration."""
         _copy(self.config, self.both[1].config)
 
     def _choose_stiffness(self) -> None:
+        """Choose translational and rotational stiffness of the tips, (2, tips, 3, 3); one in ten is not positive."""
         random, tips = self.random, len(self.chain.tips)
         roots = random.normal(size=(2, tips, 3, 3))
-        scale = np.array([500.0, 20.0]) * 10.0 ** random.uniform(-1.5, 0.5)
+        scale = np.array([500.0, 20.0]) * 10.0 ** random.uniform(-1.5, 0.5)  # [N/m], [N m/rad]
         self.stiffness = (roots @ np.swapaxes(roots, 2, 3) / 3) * scale[:, None, None, None]
         if random.random() < 0.1:
             self.stiffness[:, :, 0, 0] *= -1.0
 
     def _choose_plan(self) -> None:
         """Choose the rate of the goal, and what the plan states of it: the truth, something else, or nothing."""
-        random, most = self.random, np.nan_to_num(np.array(self.config.velocity_limit))
-        self.rate = random.uniform(-0.3, 0.3, self.n) * most * random.integers(0, 2)
-        stated = self.rate if random.random() < 0.7 else random.uniform(-0.1, 0.1, self.n) * most
-        turn = random.uniform(-1.1, 1.1, self.n) * most / max(self.config.ramp_time, 1e-4)
-        size = random.choice([0.0, 0.01, 0.3, 1.0], p=[0.4, 0.3, 0.2, 0.1])
-        self.stated = np.stack([stated, size * turn]) * float(random.random() < 0.7)
+        random, limit = self.random, np.nan_to_num(np.array(self.config.velocity_limit))
+        self.rate = random.uniform(-0.3, 0.3, self.n) * limit * random.integers(0, 2)
+        velocity = self.rate if random.random() < 0.7 else random.uniform(-0.1, 0.1, self.n) * limit
+        acceleration = random.uniform(-1.1, 1.1, self.n) * limit / max(self.config.ramp_time, 1e-4)
+        share = random.choice([0.0, 0.01, 0.3, 1.0], p=[0.4, 0.3, 0.2, 0.1])
+        self.stated = np.stack([velocity, share * acceleration]) * float(random.random() < 0.7)
 
     def find_difference(self) -> int | None:
         """Run the session; return the number of the first step whose results differ, or None."""
@@ -165,7 +174,7 @@ class HostileSession:
         if self.random.random() < (0.001 if self.calm else 0.006):
             self._overwrite_state()
         results = [each.call("step", each.config, each.state, each.input, each.output) for each in self.both]
-        if self.held > 0:
+        if self.held > 0:  # by an obstacle
             self.held, self.dq = self.held - 1, np.zeros(self.n)
         else:
             self._move()
@@ -212,7 +221,10 @@ class HostileSession:
             self._start()
 
     def _change_config(self) -> None:
-        """Change one field while the controller runs, also to values that are refused."""
+        """Change one field while the controller runs, also to values that are refused.
+
+        Of the refused ones one in five stays: every step then refuses the configuration, until another change.
+        """
         random = self.random
         field = CONFIG[int(random.integers(len(CONFIG)))]
         if random.random() < 0.4:
@@ -220,8 +232,8 @@ class HostileSession:
             field = next(each for each in CONFIG if each.name == name)
         before = bytes(self.config)
         if field.name in ("lower_limit", "upper_limit"):
-            sign = -1.0 if field.name == "lower_limit" else 1.0
-            fill(getattr(self.config, field.name), self.q + sign * random.uniform(-0.2, 0.6, self.n))
+            outwards = -1.0 if field.name == "lower_limit" else 1.0
+            fill(getattr(self.config, field.name), self.q + outwards * random.uniform(-0.2, 0.6, self.n))
         elif field.name == "velocity_limit" and random.random() < 0.7:
             fill(self.config.velocity_limit, 0.01 + np.abs(self.dq) * random.uniform(0.5, 2.0, self.n))
         elif field.name == "missed_limit" and random.random() < 0.7:
@@ -236,6 +248,7 @@ class HostileSession:
             self._copy_config()
 
     def _write_input(self) -> None:
+        """Write a good sample and a command into the reference's input; now and then the command is refused."""
         random, given, n = self.random, self.input, self.n
         self.counter = (self.counter + 1) % 2**32
         given.sample_valid, given.command, given.counter = 1, self.command, self.counter
@@ -254,17 +267,7 @@ class HostileSession:
         for field in ("translation_stiffness", "rotation_stiffness"):
             fill(getattr(given, field), stiffness[int(field.startswith("rotation"))])
         if self.command == 2:
-            poses = np.reshape(np.array(self.output.equilibrium), (-1, 4, 4)).copy()
-            if not poses[:, 3, 3].all():
-                poses = np.broadcast_to(np.eye(4), poses.shape).copy()
-            poses[:, :3, 3] += 1e-3 * self.random.normal(size=3)
-            if random.random() < 0.05:  # half a turn about an axis
-                poses[:, :3, :3] *= np.roll([1.0, -1.0, -1.0], random.integers(3))
-            if random.random() < 0.01:
-                poses = _impossible(poses, int(random.integers(3)))
-            if random.random() < 0.1:  # a command of few digits
-                poses = np.round(poses, int(random.integers(3, 7)))
-            fill(given.equilibrium, poses)
+            fill(given.equilibrium, self._commanded_poses())
         if self.chain.runtime_tool:
             if self.output.fault and random.random() < 0.01:
                 self.tools[..., 0, 3] += 0.01
@@ -278,8 +281,27 @@ class HostileSession:
         fill(given.external_torque, random.normal(size=n) * 10.0 ** random.uniform(-1, 2))
         fill(given.wrench, random.normal(size=6 * len(self.chain.tips)) * 10.0 ** random.uniform(0, 2.3))
 
+    def _commanded_poses(self) -> FloatArray:
+        """Return poses (tips, 4, 4) near the equilibrium in force, now and then far from it, rounded or impossible."""
+        random = self.random
+        poses = np.reshape(np.array(self.output.equilibrium), (-1, 4, 4)).copy()
+        if not poses[:, 3, 3].all():  # no step has written the output yet
+            poses = np.broadcast_to(np.eye(4), poses.shape).copy()
+        poses[:, :3, 3] += 1e-3 * random.normal(size=3)
+        if random.random() < 0.05:  # half a turn about an axis
+            poses[:, :3, :3] *= np.roll([1.0, -1.0, -1.0], random.integers(3))
+        if random.random() < 0.01:
+            poses = _impossible(poses, int(random.integers(3)))
+        if random.random() < 0.1:  # a command of few digits
+            poses = np.round(poses, int(random.integers(3, 7)))
+        return poses
+
     def _spoil_sample(self) -> None:
-        """Sometimes omit, repeat, skip or falsify samples and commands."""
+        """Sometimes omit, repeat, skip or falsify samples and commands.
+
+        At most one of the single events happens: each has the probability of its interval of ``event``, an eighth of
+        it in a calm session.
+        """
         random, given = self.random, self.input
         event, joint = random.random() * (8.0 if self.calm else 1.0), int(random.integers(self.n))
         bad = float(random.choice([math.nan, math.inf, -math.inf, 1e7]))
@@ -326,7 +348,10 @@ class HostileSession:
             self.dq[joint] += 3.0 * float(random.normal())
 
     def _overwrite_state(self) -> None:
-        """Overwrite the same bytes of both states, such as a copy of the last torque, or two of the three."""
+        """Overwrite the same bytes of both states, such as a copy of the last torque, or two of the three.
+
+        A state begins with copies, n doubles each: three of the last torque, then three of its largest change.
+        """
         random, n = self.random, self.n
         place = int(random.integers(6 * n)) if random.random() < 0.7 else int(random.integers(6 * n, 40 * n))
         twice = place < n and random.random() < 0.3

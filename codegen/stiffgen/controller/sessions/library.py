@@ -69,7 +69,7 @@ class ControllerLibrary:
         self.policy = struct_of(chain, "Policy", POLICY)()
         self.proposal = struct_of(chain, "Proposal", PROPOSAL)()
         self.state = (ctypes.c_double * (_STATE_SIZE // 8))()
-        self.call("default_config", self.config)
+        self.call("default_config", self.config)  # before the size is found: init needs a configuration
         self.state_size = self._find_state_size()
 
     def call(self, function: str, *arguments: Any) -> int:
@@ -139,16 +139,18 @@ def is_same(reference: ControllerLibrary, library: ControllerLibrary) -> bool:
 
 
 def set_field(config: Any, field: Field, value: float, entry: int) -> None:
-    """Set a field of a configuration, or one entry of a field with a shape (all for -1)."""
-    number = int(max(min(value, 2**31 - 1), -(2**31))) if field.type == "int" and math.isfinite(value) else value
-    if field.type == "int" and not isinstance(number, int):
-        number = -(2**31)
+    """Set a field of a configuration, or one entry of a field with a shape (all for -1).
+
+    An int takes the nearest value of its 32 bits, and the least one for NaN and infinity.
+    """
+    if field.type == "int":
+        value = int(max(min(value, 2**31 - 1), -(2**31))) if math.isfinite(value) else -(2**31)
     if not field.shape:
-        setattr(config, field.name, number)
+        setattr(config, field.name, value)
         return
     values = getattr(config, field.name)
     for place in range(len(values)) if entry < 0 else [entry % len(values)]:
-        values[place] = number
+        values[place] = value
 
 
 def fill(array: Any, values: Any) -> None:

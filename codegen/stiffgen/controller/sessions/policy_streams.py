@@ -46,7 +46,7 @@ def _arguments(library: ControllerLibrary, function: str, tips: int, missing: in
         "policy_propose": [library.config, library.policy, library.proposal, now],
         "policy_command": [library.policy, library.input, now],
     }
-    given = arguments[function]
+    given = arguments[function]  # those that may be missing come first
     given[missing] = None
     return [given[0], given[2], given[1]] if function == "policy_command" else given
 
@@ -57,7 +57,7 @@ class _Stream:
     def __init__(self, random: Random, tips: int) -> None:
         self.random, self.tips = random, tips
         self.now = float(random.choice([0.0, 10.0, -3.0]))
-        self.lies = float(random.choice([0.0, 0.2]))
+        self.lies = float(random.choice([0.0, 0.2]))  # share of proposals with a bad number, and of other faults
 
     def start(self, both: tuple[ControllerLibrary, ControllerLibrary]) -> bool:
         """Start both ports, sometimes with a bad pose or time; change settings. Return whether they are the same."""
@@ -87,6 +87,7 @@ class _Stream:
             ctypes.memmove(target, source, ctypes.sizeof(both[0].proposal))
         results = []
         for each in both:
+            # any pattern that shows which bytes policy_command leaves alone
             ctypes.memset(ctypes.byref(each.input), 1, ctypes.sizeof(each.input))
             code = each.call("policy_propose", each.config, each.policy, each.proposal, now) if proposed else 0
             codes = code, each.call("policy_command", each.policy, now, each.input)

@@ -47,15 +47,20 @@ def check_rules(library: ControllerLibrary, module: Any, chain: Chain) -> list[C
 
 
 def default_of(field: Field, chain: Chain) -> FloatArray:
-    """Return the default of a field from the table: a number, a choice, or a share of a joint's limit."""
+    """Return the default of a field from the table, as the configuration in C should have it.
+
+    The table has the word of a choice, numbers with ", " between them, or a product of a number and a limit with one
+    entry per motor: "0.9 * {name}_velocity[{i}]" (a limit of the joint), "{name}_torque_rate[i]" (a motor's table).
+    """
     if field.choices:
-        return np.array(field.choices.index(field.default) + 1.0)
+        return np.array(field.choices.index(field.default) + 1.0)  # choices count from 1
     if ", " in field.default:
         return np.array([float(entry) for entry in field.default.split(", ")])
     value, motors = np.ones(1), motor_tables(chain)
     for factor in field.default.split(" * "):
         limit = factor.removeprefix("{name}_").removesuffix("[i]").removesuffix("[{i}]")
-        if limit == factor:
+        is_number = limit == factor  # names have the prefix
+        if is_number:
             value = value * float(factor)
         elif hasattr(motors, limit):
             value = value * np.array(getattr(motors, limit))
@@ -72,16 +77,20 @@ def _tried_entries(field: Field, dof: int) -> Sequence[int]:
 
 
 def _rule_faults(library: ControllerLibrary, chain: Chain) -> list[str]:
-    """Try every field at its bounds and beyond; the error code must name the field."""
+    """Try every field at its bounds and just beyond; the error code must name the field beyond, and there alone.
+
+    At its bounds a field may be refused by a rule about several fields, whose code is another one.
+    """
     faults = []
     for number, field in enumerate(CONFIG):
-        code, integer = _FIRST_FIELD_ERROR - number, field.type == "int"
-        least, most = (int(field.least), int(field.most)) if integer else (field.least, field.most)
+        code, is_integer = _FIRST_FIELD_ERROR - number, field.type == "int"
+        least, most = (int(field.least), int(field.most)) if is_integer else (field.least, field.most)
         inside = [each for each in (least, most) if math.isfinite(each)]
-        beyond = (
-            [least - 1, most + 1] if integer else [np.nextafter(least, -np.inf), np.nextafter(most, np.inf), math.nan]
-        )
-        beyond = [each for each in beyond if not (math.isinf(each) and each in (least, most))]
+        if is_integer:
+            beyond: list[float] = [least - 1, most + 1]
+        else:
+            beyond = [np.nextafter(least, -np.inf), np.nextafter(most, np.inf), math.nan]
+        beyond = [each for each in beyond if not (math.isinf(each) and each in (least, most))]  # infinity is allowed
         for place in _tried_entries(field, len(chain.motor_coordinates)):
             for value in (*inside, *beyond):
                 library.call("default_config", library.config)

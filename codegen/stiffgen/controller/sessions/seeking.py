@@ -33,12 +33,11 @@ class SeekingSession(HostileSession):
         config.tip_velocity_limit, config.tip_rotation_limit = 10.0, 40.0
         fill(config.reference_velocity_limit, random.uniform(20.0, 40.0, n))
         fill(config.velocity_limit, np.full(n, 60.0))
-        self.slack = random.random() < 0.5
-        fill(
-            config.posture_stiffness, np.full(n, 10.0 ** random.uniform(*((-3.0, -1.0) if self.slack else (-1.0, 1.0))))
-        )
+        self.slack = random.random() < 0.5  # springs so weak that an arm that stays behind has no load
+        powers = (-3.0, -1.0) if self.slack else (-1.0, 1.0)
+        fill(config.posture_stiffness, np.full(n, 10.0 ** random.uniform(*powers)))
         config.engagement_limit, config.energy_limit, config.tank_initial = 50.0, 50.0, 50.0
-        self.patient = random.random() < 0.4
+        self.patient = random.random() < 0.4  # the first command by pose stays to the end
 
     def _start(self) -> None:
         """Initialise both controllers; the first command is a position."""
@@ -55,7 +54,7 @@ class SeekingSession(HostileSession):
     def _choose_events(self, number: int) -> None:
         """Command another position, or a pose, and let the arm follow better or worse; reset faults."""
         random = self.random
-        if number >= self.until:
+        if number >= self.until:  # the next command; 1: a position, 2: a pose
             if self.command == 1 and number:
                 self.known.append(np.reshape(np.array(self.output.equilibrium), (-1, 4, 4)))
             self.command = 3 - self.command if number else 1
@@ -64,9 +63,8 @@ class SeekingSession(HostileSession):
                 self.until = self.steps
             self.goal = random.uniform(self.lower, self.upper)
             self.poses = self._choose_poses()
-            self.following = float(
-                random.choice([0.0, 0.02, 0.3], p=[0.5, 0.1, 0.4] if self.slack else [0.1, 0.2, 0.7])
-            )
+            probabilities = [0.5, 0.1, 0.4] if self.slack else [0.1, 0.2, 0.7]
+            self.following = float(random.choice([0.0, 0.02, 0.3], p=probabilities))  # share per step, see _move
         if self.output.fault and random.random() < 0.02:
             for each in self.both:
                 each.call("reset", each.state)
@@ -75,7 +73,7 @@ class SeekingSession(HostileSession):
         """Return the poses of an earlier position, or poses that lie any turn and up to some metres from the tips."""
         random = self.random
         if len(self.known) > 1 and random.random() < 0.7 and not self.patient:
-            return self.known[int(random.integers(len(self.known) - 1))]
+            return self.known[int(random.integers(len(self.known) - 1))]  # not the last one, where the arm is now
         poses: FloatArray = np.reshape(np.array(self.output.equilibrium), (-1, 4, 4)).copy()
         for pose in poses:
             turn, _ = np.linalg.qr(random.normal(size=(3, 3)))
