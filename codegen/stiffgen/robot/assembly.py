@@ -55,14 +55,18 @@ def assemble(description: Description, options: ChainOptions, selection: Selecti
 def _assembled(
     description: Description, options: ChainOptions, selection: Selection, reserved: Container[str]
 ) -> Chain:
+    """Return the chain with the inertias as they are in the description.
+
+    On a floating base the base link comes before the moving joints in ``slides`` and ``inertias``.
+    """
     tree = _JointTree(description, selection)
-    slides = tree.slide_origins()
+    slides = tree.slide_origins()  # moves the tree's poses, so that all below sees the slid frames
     tool = options.tool
     sensor = _sensor(description, options, selection, tree, slides)
     if selection.floating:
         slides = [Pose.identity(), *slides]
     inertias = _inertias(description, selection, slides)
-    if tool is not None and options.masses:
+    if tool is not None and options.masses:  # a tool has one tip
         inertias[tree.tip_joints[0] + selection.floating] += _tool_inertia(tool, tree.tip_poses[0])
     joints = [_joint(selection, tree, index, each) for index, each in enumerate(inertias[selection.floating :])]
     if selection.floating:
@@ -208,6 +212,7 @@ def _joint(selection: Selection, tree: _JointTree, index: int, inertia: Inertia)
 
 
 def _coordinate(element: JointElement, selection: Selection) -> Coordinate:
+    """Return the entry of q that a joint leads, with the limits and reflected rotors of the joints that follow it."""
     couplings = selection.couplings
     rotors = [
         couplings[joint].multiplier ** 2 * joint.motor_inertia
@@ -245,11 +250,11 @@ class _JointTree:
             self.tip_joints.append(parent)
             self.tip_poses.append(pose)
         above = description.parent_joint
-        for element in selection.side:
-            path_to: list[JointElement] = [element]
-            while path_to[-1].parent != selection.base:
-                path_to.append(above[path_to[-1].parent])
-            self._follow(selection, path_to[::-1])
+        for element in selection.side:  # beyond the base, so that the way up ends there
+            upwards: list[JointElement] = [element]
+            while upwards[-1].parent != selection.base:
+                upwards.append(above[upwards[-1].parent])
+            self._follow(selection, upwards[::-1])
 
     def _follow(self, selection: Selection, path: Sequence[JointElement]) -> tuple[int, Pose]:
         """Store parents and poses of a path's joints; return the last moving joint and the pose of the end there."""
@@ -276,7 +281,7 @@ class _JointTree:
 
         """
         slides = [Pose.identity()] * len(self.moving)
-        for index in reversed(range(len(self.moving))):
+        for index in reversed(range(len(self.moving))):  # children before their parents, whose offsets they change
             children = [child for child, parent in enumerate(self.parents) if parent == index]
             tips = [tip for tip, joint in enumerate(self.tip_joints) if joint == index]
             following = [self.poses[child] for child in children if child < self.on_paths]

@@ -103,6 +103,7 @@ class Checker:
                 into[name] = element
 
     def _joint(self, name: str, element: etree._Element) -> Iterator[Problem]:
+        """Yield the problems of a joint, and store its child's parent; ``this`` names the element in a Problem."""
         this, title = f"joint {name}", f"joint '{printable(name)}'"
         kind = element.get("type")
         if kind not in JOINT_TYPES:
@@ -145,7 +146,7 @@ class Checker:
     def _spelling(self, this: str, element: etree._Element) -> Iterator[Problem]:
         """Yield faults and notes for the names in an element; other methods check the names in its children."""
         is_fixed = element.tag == "joint" and element.get("type") not in MOVING_TYPES
-        remaining = {True: _MOST_FAULTS, False: _MOST_FAULTS}
+        remaining = {True: _MOST_FAULTS, False: _MOST_FAULTS}  # notes, faults
         for fault in urdf_format.faults(element, self.ignored, self.version):
             if fault.repeats and (
                 fault.concerns in ("parent", "child") or (is_fixed and fault.concerns in ("axis", "limit", "mimic"))
@@ -158,6 +159,7 @@ class Checker:
                 return
 
     def _limit(self, this: str, element: etree._Element, *, bounded: bool) -> Iterator[Problem]:
+        """Yield the problems of a joint's <limit>; position limits count for ``bounded`` joints alone."""
         limit = element.find("limit")
         if limit is None:
             return
@@ -167,6 +169,7 @@ class Checker:
             yield from self._number(this, limit, key, 1, limit=True)
         if bounded:
             yield from self._missing_bound(this, limit)
+        # a missing number is 0, as in the format; a faulty one, which is reported, counts as 0, too
         lower, upper = (self.numbers.get((limit, key), (0.0,))[0] for key in ("lower", "upper"))
         if lower > upper:
             yield Problem(this, f"{_title(this)}: lower limit {lower:g} is above upper limit {upper:g}; swap them")
@@ -184,6 +187,7 @@ class Checker:
             self.remarks.append(f"{_title(this)}: its <limit> has no {missing[0]}, which is taken as 0; add it")
 
     def _axis(self, this: str, element: etree._Element) -> Iterator[Problem]:
+        """Yield the problems of a joint's <axis>; without one the axis is x."""
         axis = element.find("axis")
         if axis is None:
             return
@@ -215,11 +219,11 @@ class Checker:
             fault = self._fault_of_mimic(master, followers)
             if fault:
                 self.broken_mimics.update(followers)
-                yield Problem(this, f"joint '{printable(followers[-1])}' {fault}", "coupling")
+                yield Problem(this, f"joint '{printable(followers[-1])}' {fault}", affects="coupling")
                 return
             if master in self.sound_mimics:
                 break
-            followers.append(master)
+            followers.append(master)  # without a fault it exists, and is not yet a follower: the loop ends
             # A fixed joint does not move, even if a converter left a <mimic> in it.
             moves = self.joints[master].get("type") in MOVING_TYPES
             mimic = self.joints[master].find("mimic") if moves else None
@@ -262,6 +266,7 @@ class Checker:
         return "motion" if self._at_zero(joint) else "place"
 
     def _link(self, name: str, element: etree._Element) -> Iterator[Problem]:
+        """Yield the problems of a link's <inertial>: missing parts, numbers, and a mass or tensor that no body has."""
         this, title = f"link {name}", f"link '{printable(name)}'"
         yield from self._spelling(this, element)
         inertial = element.find("inertial")
@@ -290,6 +295,10 @@ class Checker:
                 yield from self._impossible(name, values, doubt_about_inertia(kilograms, tuple(values)))
 
     def _impossible(self, name: str, tensor: list[float], doubt: str) -> Iterator[Problem]:
+        """Record an impossible tensor (xx, xy, xz, yy, yz, zz) that the user accepts, or yield it as a problem.
+
+        ``doubt`` is a question about its unit, or "".
+        """
         fault = fault_of(tensor)
         if self.reading.accepts(name):
             self.accepted[name] = fault
@@ -327,6 +336,7 @@ class Checker:
     def _number(
         self, this: str, element: etree._Element, key: str, count: int, *, limit: bool = False
     ) -> Iterator[Problem]:
+        """Store the ``count`` numbers of an attribute, or yield the first problem; a ``limit`` may be infinite."""
         text = element.get(key)
         if text is None:
             return
@@ -365,6 +375,10 @@ class Checker:
         self.numbers[element, key] = tuple(values)
 
     def _tree(self) -> Iterator[Problem]:
+        """Yield a problem for several roots, and one for each circle of links.
+
+        From every link the parents are followed until a root or a link of an earlier path: each link is visited once.
+        """
         roots = [link for link in self.links if link not in self.parents]
         if len(roots) > 1:
             yield Problem("file", f"has {len(roots)} root links ({listed(roots)}); connect them by joints to one tree")
@@ -389,6 +403,7 @@ class Checker:
 
 
 def _affects(fault: urdf_format.ElementFault) -> Affects:
+    """Return which chains a fault of spelling affects; a note affects none."""
     if fault.note:
         return "nothing"
     if fault.repeats:

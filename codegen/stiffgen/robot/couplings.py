@@ -31,6 +31,10 @@ class Couplings:
         self._known: dict[str, Mimic] = {}
 
     def __getitem__(self, element: JointElement) -> Mimic:
+        """Return the joint that leads an element, with multiplier and offset; a joint that mimics none leads itself.
+
+        The chain of masters is followed to the first known one, and composed back from there.
+        """
         followers: list[JointElement] = []
         while element.name not in self._known and element.mimic is not None:
             followers.append(element)
@@ -109,6 +113,7 @@ class Couplings:
         return lower, upper
 
     def _narrowed(self, limited: JointElement, follower: JointElement) -> JointElement:
+        """Return the joint of a coordinate, its limits narrowed by those of one follower (:meth:`limited`)."""
         coupling = self[follower]
         lower, upper, effort = limited.lower, limited.upper, limited.effort
         if follower.lower < follower.upper:
@@ -118,8 +123,8 @@ class Couplings:
             effort = min(effort, follower.effort * abs(coupling.multiplier))
         rates = {}
         for name in ("velocity", "acceleration", "deceleration", "jerk"):
-            own, others = getattr(limited, name), getattr(follower, name)
-            rates[name] = min(own, others / abs(coupling.multiplier)) if others > 0 else own
+            own, of_follower = getattr(limited, name), getattr(follower, name)
+            rates[name] = min(own, of_follower / abs(coupling.multiplier)) if of_follower > 0 else own
         return replace(limited, lower=lower, upper=upper, effort=effort, **rates)
 
     def followers(self, master: JointElement) -> Iterator[JointElement]:
@@ -136,7 +141,7 @@ class Couplings:
         leaders: dict[str, str] = {}
         found: dict[str, list[str]] = {}
         for name, element in joints.items():
-            path = [name]
+            path = [name]  # to the leader, or to a joint whose leader is known
             while element.mimic is not None and path[-1] not in leaders:
                 element = joints[element.mimic.joint]
                 path.append(element.name)

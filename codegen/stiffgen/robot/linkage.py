@@ -105,6 +105,12 @@ class Linkage:
         return R, p, J
 
     def _closed_start(self, reference: FloatArray, random: np.random.Generator) -> FloatArray:
+        """Return a configuration that closes all loops, from the file's reference or from random ones.
+
+        Raises:
+            ChainError: none is found; the loop that stays open farthest is named.
+
+        """
         lower = np.array([max(each.lower, -np.pi) for each in self.coordinates])
         upper = np.maximum(lower, [min(each.upper, np.pi) for each in self.coordinates])
         best, smallest = reference, np.inf
@@ -142,19 +148,20 @@ class Linkage:
     def _check_mobility(self, jacobians: list[FloatArray], motors: list[int]) -> None:
         """Refuse motors that the loops lock, and passive joints that no motor determines."""
         passive = [k for k in range(len(self.coordinates)) if k not in motors]
+        # the state farthest from a singularity
         generic = max(jacobians, key=lambda C: float(np.linalg.svd(C, compute_uv=False)[-1]))
         left, right, rank = np.eye(len(generic)), np.eye(0), 0
         if passive:
             left, sizes, right = np.linalg.svd(generic[:, passive])
             rank = int((sizes > _INDEPENDENT * sizes.max()).sum())
-        if rank < len(passive):
+        if rank < len(passive):  # right[rank:] spans the passive motions that the equations allow
             index = passive[int(np.abs(right[rank:]).max(axis=0).argmax())]
             raise ChainError(
                 f"{self.file}: joint '{printable(self.coordinates[index].name)}' of a closed loop is passive but free: "
                 f"{len(passive) - rank} of the passive joints move although all motors stand; name as many more with "
                 "--actuated, lock or remove the joint, or add the missing loop"
             )
-        if rank < len(generic):
+        if rank < len(generic):  # left[:, rank:] combines equations in which no passive joint occurs
             held = np.abs(left[:, rank:].T @ generic).max(axis=0)
             name = self.coordinates[int(held.argmax())].name
             raise ChainError(
@@ -164,6 +171,7 @@ class Linkage:
             )
 
     def _with_rows(self, rows: list[int]) -> tuple[ClosedLoop, ...]:
+        """Return the loops with some of their equations; ``rows`` count the equations of all loops in turn."""
         loops, first = [], 0
         for loop in self.loops:
             own = tuple(row for k, row in enumerate(loop.rows) if first + k in rows)

@@ -74,6 +74,7 @@ def select_loops(
     candidates = [_candidate(description, element) for element in (*map(read_loop, options.loop), *of_file)]
     found = [loop for loop in candidates if loop.element.option]
     reached = coordinates(on_paths).union(*(coordinates(loop.joints) for loop in found))
+    # A loop of the file belongs to the chain if it shares a coordinate with it, or with a loop that does.
     while near := [loop for loop in candidates if loop not in found and coordinates(loop.joints) & reached]:
         found += near
         reached = reached.union(*(coordinates(loop.joints) for loop in near))
@@ -97,6 +98,7 @@ def _above(description: Description, link: str) -> list[JointElement]:
 
 
 def _candidate(description: Description, element: LoopElement) -> SelectedLoop:
+    """Return a loop without the joints from the root that both ends share."""
     first, second = (_above(description, end.link) for end in (element.first, element.second))
     while first and second and first[0] is second[0]:
         first, second = first[1:], second[1:]
@@ -104,17 +106,22 @@ def _candidate(description: Description, element: LoopElement) -> SelectedLoop:
 
 
 def _check(description: Description, loop: SelectedLoop, base: str) -> None:
-    """Refuse a loop that starts before the base, moves nothing, or has a joint without a single coordinate."""
-    shared = next((path[0].parent for path in (loop.first, loop.second) if path), loop.element.first.link)
-    beyond = base in (shared, *(joint.parent for joint in _above(description, shared)))
-    start, moving = f"{description.file}: {printable(loop.element.text)}", [j for j in loop.joints if j.type != "fixed"]
-    if not moving or (not beyond and any(base == joint.child for joint in loop.joints)):
-        fault = f"starts at '{printable(shared)}', before base '{printable(base)}'" if moving else "has no moving joint"
-        raise ChainError(f"{start} {fault}; choose a base nearer the root, or leave the loop out")
-    without = [joint for joint in moving if joint.type not in MOVING_TYPES]
-    if without:
+    """Refuse a loop that moves nothing, starts before the base, or has a joint with none or several coordinates.
+
+    A loop on a branch that does not hold the base passes here: ``_side_joints`` refuses joints that are not beyond it.
+    """
+    title = f"{description.file}: {printable(loop.element.text)}"
+    remedy = "choose a base nearer the root, or leave the loop out"
+    moving = [joint for joint in loop.joints if joint.type != "fixed"]
+    if not moving:
+        raise ChainError(f"{title} has no moving joint; {remedy}")
+    if any(joint.child == base for joint in loop.joints):
+        shared = loop.joints[0].parent
+        raise ChainError(f"{title} starts at '{printable(shared)}', before base '{printable(base)}'; {remedy}")
+    other = next((joint for joint in moving if joint.type not in MOVING_TYPES), None)
+    if other is not None:
         raise ChainError(
-            f"{start}: joint '{printable(without[0].name)}' is {without[0].type}, which has no single coordinate; "
+            f"{title}: joint '{printable(other.name)}' is {other.type}, which has no single coordinate; "
             "replace it by hinges with one coordinate each (links without mass between them), or leave the loop open"
         )
 
@@ -133,7 +140,8 @@ def build_loop(loop: SelectedLoop, couplings: Couplings, masters: Sequence[str],
 def _end(
     path: Sequence[JointElement], end: LoopEndElement, couplings: Couplings, masters: Sequence[str], base_joints: int
 ) -> LoopEnd:
-    pose, joints = Pose.identity(), list[Joint]()
+    """Return an end with the moving joints of its path; joints at rest are part of the poses after them."""
+    pose, joints = Pose.identity(), list[Joint]()  # pose: since the last moving joint
     for element in path:
         if not couplings.moves(element):
             pose = pose @ couplings.pose_at_rest(element)

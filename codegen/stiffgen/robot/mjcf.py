@@ -113,11 +113,16 @@ class _ModelTree:
             self._add_link(name, _MASSLESS, self.bodies[site["body"]], *pose)
 
     def _add_body(self, index: int) -> None:
+        """Add a body as a chain of links, one per joint, since a joint of a URDF has a link of its own.
+
+        The last link is the body if its joint is at the body's origin; else a fixed joint leads from there to the body.
+        All other links are massless, and have their origins in the joints (anchors).
+        """
         body, name = self.model["bodies"][index], self.bodies[index]
         tensor = body["inertia"]
         inertia = (tensor[0], 0.0, 0.0, tensor[1], 0.0, tensor[2])
         inertial = Inertial(body["mass"], _vector(body["com"]), _quaternion(body["axes"]), inertia)
-        if index == 0:
+        if index == 0:  # the world
             self.inertials[name] = None
             return
         moving = [k for k, joint in enumerate(self.model["joints"]) if joint["body"] == index]
@@ -147,6 +152,7 @@ class _ModelTree:
         self._add(JointElement(joint, "fixed", parent, "", xyz, orientation, _ORIGIN, *infinite, None), name, inertial)
 
     def _add(self, element: JointElement, link: str, inertial: Inertial) -> None:
+        """Add a joint and its child link, whose name is lengthened until it is free."""
         while link in self.inertials:
             link += "_"
         self.inertials[link] = inertial
@@ -213,7 +219,7 @@ class _ModelTree:
             terms, constant = self._linear(coupling)
             if not coupling["active"] or terms is None:
                 continue
-            follower = next((k for k in terms if k not in found), None)
+            follower = next((k for k in terms if k not in found), None)  # the first joint that is not determined yet
             if follower is None or len(terms) > 2:
                 self._refuse(terms, coupling, "couples more than two joints")
                 continue
@@ -257,6 +263,7 @@ class _ModelTree:
         return True
 
     def _refuse(self, joints: Sequence[int] | dict[int, float], coupling: dict[str, Any], fault: str) -> None:
+        """Note a problem of each joint, for chains with one of them."""
         names = [self.names[k] for k in joints]
         for name in names:
             self.problems.append(

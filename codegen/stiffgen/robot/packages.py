@@ -39,7 +39,7 @@ class Packages:
     """
 
     def __init__(self, template: Path, named: list[Path], environment: Mapping[str, str]) -> None:
-        above = [template.parent, *template.parent.parents]
+        above = [template.parent, *template.parent.parents]  # nearest first
         self.own = next((each for each in above if _name_of(each) is not None), template.parent)
         self.found: dict[str, Path] = {}
         ros, ament = (_absolute(environment.get(key, "")) for key in ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH"))
@@ -65,6 +65,7 @@ class Packages:
         return str(self.found[name])
 
     def _search(self, name: str) -> Path:
+        """Return the package of the first place that has one of this name; two in one place are refused."""
         for place in self._places:
             candidates = place(name)
             if len(candidates) > 1:

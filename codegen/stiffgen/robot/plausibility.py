@@ -61,6 +61,7 @@ def doubt_about_inertia(mass: float, tensor: tuple[float, ...]) -> str:
 
 
 def _about_limits(coordinate: Coordinate) -> Iterator[Doubt]:
+    """Yield position and velocity limits so large that they are probably in degrees or millimetres."""
     title = f"joint '{printable(coordinate.name)}'"
     slides = coordinate.type == "prismatic"
     unit = "m" if slides else "rad"
@@ -94,6 +95,7 @@ def _about_place(title: str, part: Tool | Sensor) -> Iterator[str]:
 
 
 def _about_bodies(chain: Chain) -> Iterator[str]:
+    """Yield the joints whose bodies have a radius of gyration beyond the length of the stretched chain."""
     reach = sum(math.hypot(*joint.translation) for joint in chain.joints)
     reach += max(math.hypot(*tip.translation) for tip in chain.tips)
     for joint in chain.joints:
@@ -129,8 +131,9 @@ def _about_gravity(chain: Chain) -> Iterator[str]:
             chain.joints, unit_motions(chain, random.uniform(lower, upper)), strict=True
         ):
             moment = rotation @ np.array(joint.body.moment)
-            along = joint.body.mass * motion[2] + motion[3] * moment[1] - motion[4] * moment[0]
-            torque += _GRAVITY * along
+            # z component of the rate of m c at unit rates of the coordinates: m v + w x (m c)
+            rise = joint.body.mass * motion[2] + motion[3] * moment[1] - motion[4] * moment[0]
+            torque += _GRAVITY * rise
         largest = np.maximum(largest, np.abs(torque))
     for coordinate, needed in zip(chain.coordinates, largest, strict=True):
         if 0 < coordinate.effort < needed and not chain.loops:

@@ -115,6 +115,7 @@ def read_description(path: str | Path, reading: Reading | None = None) -> Descri
 
 
 def _read_bytes(path: Path) -> bytes:
+    """Return the content of a file; a :class:`DescriptionError` says why it has none, or too much."""
     try:
         if path.is_dir():
             raise DescriptionError(str(path), ["is a folder; name the URDF file in it"])
@@ -165,6 +166,7 @@ def _is_template(file: str, data: bytes) -> bool:
 
 
 def _parse_xml(file: str, data: bytes) -> etree._Element:
+    """Return the element <robot> of a URDF, without a default namespace; refuse all other files by what they are."""
     try:
         root = _well_formed(data)
     except (etree.XMLSyntaxError, ValueError) as error:
@@ -219,6 +221,7 @@ def _well_formed(data: bytes) -> etree._Element:
         lenient = etree.XMLParser(recover=True, **settings)
         root = etree.fromstring(data, lenient)
         log = lenient.error_log.filter_from_errors()
+        # a log that is full may have lost a fault that is not harmless
         if root is None or len(lenient.error_log) >= _MAX_LOGGED or {entry.type_name for entry in log} - _HARMLESS:
             raise
         return root
@@ -276,6 +279,7 @@ def _copy_numbers(checker: Checker, into: etree._Element, element: etree._Elemen
 
 
 def _origin(element: etree._Element | None, checker: Checker) -> tuple[Vector, Orientation]:
+    """Return position [m] and orientation of an <origin>: roll, pitch, yaw [rad], or a quaternion (w, x, y, z)."""
     origin = None if element is None else element.find("origin")
     zero = (0.0, 0.0, 0.0)
     if origin is None:
@@ -298,6 +302,10 @@ def _inertial(link: yourdfpy.urdf.Link, checker: Checker) -> Inertial | None:
 
 
 def _joint(joint: yourdfpy.urdf.Joint, checker: Checker) -> JointElement:
+    """Return the record of a joint; axis, limits and mimic of a joint that does not move are not read.
+
+    yourdfpy does not read acceleration, deceleration and jerk of URDF 1.2, which come from the checker.
+    """
     xyz, rpy = _origin(checker.joints[joint.name], checker)
     axis = (0.0, 0.0, 0.0)
     if joint.type in MOVING_TYPES and any(joint.axis):

@@ -76,12 +76,12 @@ def select(description: Description, options: ChainOptions = _DEFAULTS) -> Selec
     base, floating = _free_base(description, base, tips[0], options)
     couplings = Couplings(description, _checked_locks(description, options.lock or {}))
     paths = [_path(description, base, link) for link in tips]
-    elements = list({element.name: element for path in paths for element in path}.values())
+    elements = list({element.name: element for path in paths for element in path}.values())  # on any path, each once
     moving = [element for element in elements if couplings.moves(element)]
     loops = select_loops(description, options, couplings, base, moving)
     of_loops = {element.name: element for loop in loops for element in loop.joints}
     moving_all = [*moving, *(each for each in of_loops.values() if couplings.moves(each))]
-    masters = dict.fromkeys(couplings[element].joint for element in moving_all)
+    masters = dict.fromkeys(couplings[element].joint for element in moving_all)  # the coordinates, in order
     beyond = _joints_beyond(description, base)
     followers = {
         each.name
@@ -263,6 +263,7 @@ def _has_moving(description: Description, link: str, base: str | None) -> bool:
 
 
 def _tips(description: Description, options: ChainOptions) -> list[str]:
+    """Return the tip links: those that the user names, once each, or the only possible one."""
     tip = options.tip
     if tip is None:
         return [_only_tip(description, options.base)]
@@ -278,6 +279,7 @@ def _tips(description: Description, options: ChainOptions) -> list[str]:
 
 
 def _only_tip(description: Description, base: str | None) -> str:
+    """Return the only leaf with a moving joint above it; name the tips to choose from if there are several."""
     tips = possible_tips(description, base if base in description.inertials else None)
     if len(tips) == 1:
         return tips[0]
@@ -338,6 +340,7 @@ def _in_degrees(joint: JointElement, position: float) -> str:
 
 
 def _check_tool(file: str, tool: Tool, tips: list[str]) -> None:
+    """Refuse a tool with several tips, with impossible numbers, or with an inertia but no mass."""
     if len(tips) > 1:
         raise ChainError(
             f"{file}: a tool was given for {len(tips)} tips; add its link to the URDF, or use --tool runtime"

@@ -138,6 +138,7 @@ def _first(problems: Sequence[str]) -> str:
 
 
 def _joints_above(description: Description, link: str) -> list[JointElement]:
+    """Return the joints from the root to a link."""
     above, parents = [], description.parent_joint
     while link in parents:
         above.append(parents[link])
@@ -146,6 +147,7 @@ def _joints_above(description: Description, link: str) -> list[JointElement]:
 
 
 def _left_out(description: Description, selection: Selection) -> list[tuple[str, tuple[str, ...]]]:
+    """Return the names of the joints that are no coordinates of a selection, by their role."""
     before = _joints_above(description, selection.base)
     floating = selection.base if selection.floating else None
     carried = carried_links(description, (*selection.moving, *selection.side), floating).values()
