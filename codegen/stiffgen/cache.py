@@ -151,13 +151,13 @@ class CachedRobot:
 
 def entries() -> list[CachedRobot]:
     """Return the robots in the cache, by name."""
-    found = []
+    robots = []
     for record in sorted(cache_folder().glob(f"*/{_RECORD}")):
         content = _read_record(record.parent)
         if content is not None:
             size = sum(each.stat().st_size for each in record.parent.rglob("*") if each.is_file())
-            found.append(CachedRobot(record.parent / content["folder"], content["file"], size))
-    return found
+            robots.append(CachedRobot(record.parent / content["folder"], content["file"], size))
+    return robots
 
 
 def clear(names: Sequence[str] = ()) -> int:
@@ -171,15 +171,15 @@ def clear(names: Sequence[str] = ()) -> int:
         StiffgenError: the cache has no robot of a name.
 
     """
-    found = {each.folder.parent: each.folder.name for each in entries()}
+    names_by_entry = {each.folder.parent: each.folder.name for each in entries()}
     for name in names:
-        if name not in found.values():
-            known = listed(sorted(set(found.values()))) or "(none)"
+        if name not in names_by_entry.values():
+            known = listed(sorted(set(names_by_entry.values()))) or "(none)"
             raise StiffgenError(f"the cache has no robot '{printable(name)}'; it has {known}")
     removed = 0
     for lock in sorted(cache_folder().glob("*-*.lock")):
         entry = lock.with_suffix("")
-        if names and found.get(entry) not in names:
+        if names and names_by_entry.get(entry) not in names:
             continue
         try:
             removed += remove_unlocked(lock, entry)

@@ -131,9 +131,9 @@ def _keyword(option: Field[Any], rest: str, word: str, has_colon: bool) -> str:
     name, value, described = option.name, _QUOTED.sub(r"\1\2", word), help_of(option)
     if name == "tool" and value == "runtime":
         return "runtime_tool=True"
-    part, _, given = value.partition("=")
+    part, _, entry = value.partition("=")
     if described.record is not None and part != "link" and part in [each.name for each in fields(described.record)]:
-        return f"{name}={described.record.__name__}({part}={given or '...'})"
+        return f"{name}={described.record.__name__}({part}={entry or '...'})"
     if option.default is False:
         return f"{name}=True{rest}"
     if value and name in _LISTS:

@@ -82,9 +82,9 @@ def temporary_folder(purpose: str) -> Iterator[Path]:
         try:
             folder, lock = _locked(Path(tempfile.gettempdir()), f"stiffgen-{purpose}.", tempfile.mkdtemp)
         except OSError as error:
-            place = os.environ.get("TMPDIR", "/tmp")
+            parent = os.environ.get("TMPDIR", "/tmp")
             raise OutputError(
-                f"{printable(place, 200)}: has no room for temporary files ({error.strerror or error}); "
+                f"{printable(parent, 200)}: has no room for temporary files ({error.strerror or error}); "
                 "set TMPDIR to a folder that can be written"
             ) from error
         try:

@@ -103,10 +103,10 @@ def refuse_another_robot(target: Path, chain: Chain, scalar: Scalar = DOUBLE) ->
     if manifest is None:
         return
     try:
-        before = _meaning(chain_from_manifest(manifest), scalar_of_manifest(manifest))
+        meaning = _meaning(chain_from_manifest(manifest), scalar_of_manifest(manifest))
         changed = [
             f"{what} {listed(old) or 'none'} would become {listed(new) or 'none'}"
-            for (what, old), (_, new) in zip(before, _meaning(chain, scalar), strict=True)
+            for (what, old), (_, new) in zip(meaning, _meaning(chain, scalar), strict=True)
             if old != new
         ]
     except DAMAGE:  # of another version of stiffgen

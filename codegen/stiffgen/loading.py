@@ -86,9 +86,9 @@ load_chain = with_keywords("load_chain", ChainOptions, read_chain)
 
 def said_of_limits(chain: Chain) -> Iterator[str]:
     """Yield a sentence about each coordinate that keeps its own position limits: joints, numbers, remedy."""
-    own = {each.name: each for each in chain.coordinates}
+    coordinates = {each.name: each for each in chain.coordinates}
     for each in chain.unused_limits:
-        yield kept_limits(own[each.joint], each.fault)
+        yield kept_limits(coordinates[each.joint], each.fault)
 
 
 def said_of(inertia: AcceptedInertia) -> str:

@@ -55,24 +55,24 @@ def find_postures(
 
     """
     module = robot.module if isinstance(robot, GeneratedRobot) else robot
-    at, goal = np.array(near, dtype=float), np.array(pose, dtype=float)
-    finite = np.isfinite(at).all() and np.isfinite(goal).all()
-    if goal.shape != (4, 4) or not finite or _function(module, "forward_kinematics", at).shape != (4, 4):
+    start, goal = np.array(near, dtype=float), np.array(pose, dtype=float)
+    finite = np.isfinite(start).all() and np.isfinite(goal).all()
+    if goal.shape != (4, 4) or not finite or _function(module, "forward_kinematics", start).shape != (4, 4):
         raise StiffgenError("find_postures: takes a finite pose (4, 4) and finite joint positions near it")
     _check_pose(goal)
-    low = np.where(np.isfinite(module.LOWER), module.LOWER + margin, at - np.pi)
-    high = np.where(np.isfinite(module.UPPER), module.UPPER - margin, at + np.pi)
-    spread = np.random.default_rng(0).random((starts, len(at)))  # the same points in every call
-    q = np.clip(np.vstack([at, low + spread[1:] * (high - low)]), low, high)
+    low = np.where(np.isfinite(module.LOWER), module.LOWER + margin, start - np.pi)
+    high = np.where(np.isfinite(module.UPPER), module.UPPER - margin, start + np.pi)
+    spread = np.random.default_rng(0).random((starts, len(start)))  # the same points in every call
+    q = np.clip(np.vstack([start, low + spread[1:] * (high - low)]), low, high)
     for number in range(steps):  # the second half without a pull towards ``near``
-        q = np.clip(q + _step(module, q, goal, at if number < steps // 2 else None), low, high)
-    found = q[np.abs(_errors(_function(module, "forward_kinematics", q), goal)).max(axis=1) <= _REACHED]
-    found = found[np.argsort(np.linalg.norm(found - at, axis=1), kind="stable")]
+        q = np.clip(q + _step(module, q, goal, start if number < steps // 2 else None), low, high)
+    postures = q[np.abs(_errors(_function(module, "forward_kinematics", q), goal)).max(axis=1) <= _REACHED]
+    postures = postures[np.argsort(np.linalg.norm(postures - start, axis=1), kind="stable")]
     kept: list[FloatArray] = []
-    for posture in found:
+    for posture in postures:
         if all(np.abs(posture - other).max() > _ALIKE for other in kept):
             kept.append(posture)
-    return np.array(kept).reshape(-1, len(at))
+    return np.array(kept).reshape(-1, len(start))
 
 
 def _check_pose(pose: FloatArray) -> None:

@@ -178,9 +178,9 @@ def compiler_command() -> list[str]:
     """Return the C compiler and its leading arguments: CC if set, else the first of cc, gcc, clang on the PATH."""
     chosen = shlex.split(os.environ.get("CC", ""))
     for candidate in [chosen] if chosen else [["cc"], ["gcc"], ["clang"]]:
-        found = shutil.which(candidate[0])
-        if found:
-            return [found, *candidate[1:]]
+        program = shutil.which(candidate[0])
+        if program:
+            return [program, *candidate[1:]]
     what = (
         f"the C compiler '{chosen[0]}' named by CC was not found" if chosen else "no C compiler (cc, gcc, clang) found"
     )

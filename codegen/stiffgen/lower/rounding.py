@@ -144,10 +144,10 @@ class ErrorBounds:
             for argument in kernel.arguments
         }
         self._run(self.code.kernel(kernel), arrays)
-        found = {result.name: [bound.error for bound in arrays[result.name]] for result in kernel.results}
-        if not all(bound < self.scalar.largest for bounds in found.values() for bound in bounds):
+        errors = {result.name: [bound.error for bound in arrays[result.name]] for result in kernel.results}
+        if not all(bound < self.scalar.largest for bounds in errors.values() for bound in bounds):
             raise NoBound("numbers beyond the largest one")
-        return found
+        return errors
 
     def stated(self, kernel: Kernel) -> tuple[Stated, ...]:
         """Return the largest bound of the entries of each kind, rounded up to two digits; () without bounds."""
@@ -235,10 +235,10 @@ class ErrorBounds:
             for symbol, bound in zip(entries, arrays[name], strict=True)
             if bound != ZERO
         ]
-        place = ca.vertcat(*(symbol for symbol, _ in inputs)) if inputs else ca.SX(0, 1)
+        stacked = ca.vertcat(*(symbol for symbol, _ in inputs)) if inputs else ca.SX(0, 1)
         for array in step.writes:
             entries = ca.densify(ca.vertcat(*result[array.name]))
-            graph, numbers = build_graph(ca.Function("f", [place], [entries]))
+            graph, numbers = build_graph(ca.Function("f", [stacked], [entries]))
             arrays[array.name] = BoundAnalysis(graph, [bound for _, bound in inputs], self.scalar).bounds(numbers)
 
     def _invoke(self, function: Function, item: Invoke, arrays: Bounds) -> None:
@@ -388,8 +388,8 @@ def argument_sizes(chain: Chain, argument: Argument, ranges: Ranges, reach: floa
 
     if argument.blocks is None:
         return sizes(argument.largest, array.size)
-    found = [0.0] * array.size
+    largest_of_entries = [0.0] * array.size
     for block, entries in argument.blocks.entries(array.shape):
         for k, largest in zip(entries, sizes(block.largest, len(entries)), strict=True):
-            found[k] = largest
-    return found
+            largest_of_entries[k] = largest
+    return largest_of_entries

@@ -141,11 +141,11 @@ def named_sections(sections: Sequence[Section]) -> list[tuple[str, list[tuple[st
 
 def indices(shape: tuple[int, ...], k: int) -> list[int]:
     """Return the indices of the k-th entry of an array of a shape."""
-    found = []
+    reversed_indices = []
     for extent in reversed(shape):
         k, index = divmod(k, extent)
-        found.append(index)
-    return found[::-1]
+        reversed_indices.append(index)
+    return reversed_indices[::-1]
 
 
 def upper_entry(k: int, n: int) -> int:

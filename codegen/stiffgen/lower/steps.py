@@ -316,15 +316,15 @@ def _gather(f: Lowering, step: Gather) -> None:
 
 def _weighted_columns(f: Lowering, step: Gather) -> Storage | None:
     """Return the columns of which a gather is the weighted sum; None for any other gather."""
-    at = {operand.at: operand for operand in step.operands}
-    if len(step.operands) != 2 or at.keys() != {"i", "ij"} or at["ij"].count != 1:
+    by_place = {operand.at: operand for operand in step.operands}
+    if len(step.operands) != 2 or by_place.keys() != {"i", "ij"} or by_place["ij"].count != 1:
         return None
-    columns = f.storage(at["i"].array)
+    columns = f.storage(by_place["i"].array)
     if columns.layout is not Layout.LANES or columns.zeros:
         return None
     symbols = {operand: ca.SX.sym("x", *operand.shape) for operand in step.operands}
     term = ca.densify(step.expression(*(symbols[operand] for operand in step.operands)))
-    product = ca.densify(symbols[at["i"]] * symbols[at["ij"]])
+    product = ca.densify(symbols[by_place["i"]] * symbols[by_place["ij"]])
     return columns if product.shape == term.shape and ca.is_equal(product, term, 1) else None
 
 

@@ -332,8 +332,8 @@ def _statements(
             size = symbol.numel()
             entries.append(column(ca.reshape(gradient[start : start + size], *symbol.shape)))
             start += size
-        everything, at = (ca.vertcat(*map(ca.vec, each)) for each in (symbols, values[:count]))
-        return Expressions(ca.densify(ca.substitute(ca.vertcat(*entries), everything, at)), ())
+        everything, given_values = (ca.vertcat(*map(ca.vec, each)) for each in (symbols, values[:count]))
+        return Expressions(ca.densify(ca.substitute(ca.vertcat(*entries), everything, given_values)), ())
 
     heading = "gradients with respect to " + ", ".join(shown(array) for array in variables)
     arguments = (*step.arguments, *(bar for _, bar in bars))

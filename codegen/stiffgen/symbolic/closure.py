@@ -270,6 +270,6 @@ def _jacobian_at_start(chain: Chain) -> NDArray[np.float64]:
 
 def motor_gradient(chain: Chain, q: ca.SX, gradient: ca.SX) -> ca.SX:
     """Return (dq/da)^T of a gradient with respect to the joint positions, for the actuated joints."""
-    whole = ca.vertcat(ca.SX.zeros(chain.base_joints), gradient)
+    of_tree = ca.vertcat(ca.SX.zeros(chain.base_joints), gradient)
     closure = Closure(chain, q)
-    return closure.gradient(whole, closure.multipliers(whole))[chain.base_joints :]
+    return closure.gradient(of_tree, closure.multipliers(of_tree))[chain.base_joints :]

@@ -155,12 +155,12 @@ def spring_terms(chain: Chain, *arguments: ca.SX, spring: Spring, parts: str) ->
             parameters.append(ca.reshape(entries, *shape[::-1]).T if len(shape) == 2 else entries)
         R, p = (ca.densify(each) for each in tree.poses[index])
         tree.sections.append(Section(f"pose of tip {tip.link}", {f"R{index}_tip": R, f"p{index}_tip": p}))
-        found = springs.derivatives(spring, p + origin, R, parameters).of_tip(index)
-        tree.sections.extend(found.sections)
-        energy += found.V
+        quantities = springs.derivatives(spring, p + origin, R, parameters).of_tip(index)
+        tree.sections.extend(quantities.sections)
+        energy += quantities.V
         if set(parts) - {"U"}:
-            K = stiffness.symmetric_from_upper(found.K) if "S" in parts else ca.SX(6, 6)
-            loads.append(_load(tree.sections, tip, index, (R, p), ca.densify(found.F), K, "hybrid"))
+            K = stiffness.symmetric_from_upper(quantities.K) if "S" in parts else ca.SX(6, 6)
+            loads.append(_load(tree.sections, tip, index, (R, p), ca.densify(quantities.F), K, "hybrid"))
     results = {"U": energy}
     totals = _beyond(chain, loads) if loads else []
     if "S" in parts:

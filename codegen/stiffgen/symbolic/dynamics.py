@@ -142,15 +142,15 @@ def joint_forces(chain: Chain, *arguments: ca.SX) -> Expressions:
             continue
         angular, angular_rate, linear = motions[joint.parent] if joint.parent >= 0 else (zero, zero, upward)
         shift, relative = _shift(chain, joint, link, q), rate * _ALONG
-        own = joint.multiplier * acceleration[joint.coordinate] * _ALONG
+        joint_acceleration = joint.multiplier * acceleration[joint.coordinate] * _ALONG
         linear = linear + cross(angular_rate, shift) + cross(angular, cross(angular, shift))
         angular, angular_rate, linear = (  # until here in the parent's axes
             _into_link(each, link.rotation, turn) for each in (angular, angular_rate, linear)
         )
         if joint.prismatic:
-            linear = linear + 2 * cross(angular, relative) + own
+            linear = linear + 2 * cross(angular, relative) + joint_acceleration
         else:
-            angular, angular_rate = angular + relative, angular_rate + cross(angular, relative) + own
+            angular, angular_rate = angular + relative, angular_rate + cross(angular, relative) + joint_acceleration
         motion = ca.densify(angular), ca.densify(angular_rate), ca.densify(linear)
         title = f"link of joint {joint.name}: angular velocity w{index} and its rate e{index}, acceleration a{index}"
         letters = zip(("w", "e", "a"), motion, strict=True)

@@ -106,9 +106,9 @@ class Factors:
         self.rods: list[_Rod] = []
         for rows in loops:
             others = [row for row in all_rows if row not in rows]
-            own = [k for k in columns if all(C[row, k].is_zero() for row in others)]
-            if (len(rows), len(own)) in ((2, 1), (2, 2), (3, 2)):  # of three own columns, two can be near a line
-                self.rods.append(_Rod.of(C, list(rows), own[: len(rows) - 1], units))
+            alone = [k for k in columns if all(C[row, k].is_zero() for row in others)]
+            if (len(rows), len(alone)) in ((2, 1), (2, 2), (3, 2)):  # of three such columns, two can be near a line
+                self.rods.append(_Rod.of(C, list(rows), alone[: len(rows) - 1], units))
         in_rods = {row for rod in self.rods for row in rod.rows}
         self.others = [row for row in all_rows if row not in in_rods]
         self.rows = [*(row for rod in self.rods for row in rod.rows), *self.others]

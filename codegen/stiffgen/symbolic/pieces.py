@@ -52,8 +52,8 @@ def pairs_of(left: Array, right: Array, over: Over, output: Array, comment: str,
 def tip_pose(chain: Chain, pose: Array) -> StraightLine:
     """Return the step that computes the pose of the tip, a function that kernels share."""
     heading, meaning = "pose of the tip", "Pose of the tip in the base frame"
-    given, expressions = configuration_arrays(chain), kinematics.forward_kinematics
-    return StraightLine((pose,), expressions, given, "tip_pose", heading, meaning, moves="hybrid")
+    configuration, expressions = configuration_arrays(chain), kinematics.forward_kinematics
+    return StraightLine((pose,), expressions, configuration, "tip_pose", heading, meaning, moves="hybrid")
 
 
 def columns_and_pose(chain: Chain, J: Array, pose: Array) -> StraightLine:
@@ -79,12 +79,12 @@ def pairs_on_the_way(
 
 def in_base_axes(chain: Chain, argument: Argument) -> tuple[Program, Array]:
     """Return the steps and the array of an argument in base axes: gravity, a wrench or one wrench per tip."""
-    given = argument.array(chain)
+    array = argument.array(chain)
     if not chain.floating:
-        return (), given
-    turned = Array(f"{given.symbol or given.name}_in_base", given.shape)
-    operands = Operand(BASE_POSE.array(chain), ""), Operand(given, "")
-    comment = f"{given.name} in base axes"
+        return (), array
+    turned = Array(f"{array.symbol or array.name}_in_base", array.shape)
+    operands = Operand(BASE_POSE.array(chain), ""), Operand(array, "")
+    comment = f"{array.name} in base axes"
     return (Map(comment, Over.ONCE, Operand(turned, ""), operands, gravity.in_base_axes),), turned
 
 

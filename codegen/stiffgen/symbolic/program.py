@@ -271,9 +271,9 @@ def pruned(
 ) -> tuple[tuple[Operand, ...], Callable[..., ca.SX]]:
     """Return the operands on which an expression of their symbols depends, and the expression as their function."""
     dependent = [(o, s) for o, s in operands if ca.depends_on(expression, ca.vec(s))]
-    place = ca.vertcat(*(ca.vec(symbol) for _, symbol in dependent))
+    stacked = ca.vertcat(*(ca.vec(symbol) for _, symbol in dependent))
 
     def body(*values: ca.SX) -> ca.SX:
-        return ca.densify(ca.substitute(expression, place, ca.vertcat(*(ca.vec(ca.densify(v)) for v in values))))
+        return ca.densify(ca.substitute(expression, stacked, ca.vertcat(*(ca.vec(ca.densify(v)) for v in values))))
 
     return tuple(operand for operand, _ in dependent), body

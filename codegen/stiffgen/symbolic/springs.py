@@ -299,8 +299,8 @@ def derivatives(spring: Spring, p: ca.SX, R: ca.SX, parameters: Sequence[ca.SX])
         return ca.SX(ca.sparsify(ca.vec(generators[i] @ generators[j] + generators[j] @ generators[i]) / 2))
 
     moved = spring.energy(origin, turn @ R, *parameters)
-    variables, at = ca.vertcat(origin, ca.vec(turn)), ca.densify(ca.vertcat(p, ca.vec(ca.SX.eye(3))))
-    hessian, gradient = ca.substitute(list(ca.hessian(moved, variables)), [variables], [at])
+    variables, point = ca.vertcat(origin, ca.vec(turn)), ca.densify(ca.vertcat(p, ca.vec(ca.SX.eye(3))))
+    hessian, gradient = ca.substitute(list(ca.hessian(moved, variables)), [variables], [point])
     K = first.T @ hessian @ first
     for i in range(3):
         for j in range(3):
@@ -313,10 +313,10 @@ def terms(chain: Chain, pose: ca.SX, *parameters: ca.SX, spring: Spring, parts: 
 
     "U" selects the energy, "F" the wrench, "K" the covariant Hessian, "k" the upper triangle of the Hessian.
     """
-    found = derivatives(spring, pose[:3, 3], pose[:3, :3], parameters)
-    K = symmetric_from_upper(found.K)
-    values = {"U": found.V, "F": found.F, "K": ca.vec(K.T), "k": ca.vec(ca.triu(K).T)}
-    sections = found.sections
+    quantities = derivatives(spring, pose[:3, 3], pose[:3, :3], parameters)
+    K = symmetric_from_upper(quantities.K)
+    values = {"U": quantities.V, "F": quantities.F, "K": ca.vec(K.T), "k": ca.vec(ca.triu(K).T)}
+    sections = quantities.sections
     if "K" in parts:  # its entries stand in both triangles
         sections += (Section("covariant Hessian", {"hessian": K}, shared=True),)
     return Expressions(ca.vertcat(*(values[part] for part in parts)), sections)

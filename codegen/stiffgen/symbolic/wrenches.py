@@ -68,13 +68,13 @@ def tip_wrench(chain: Chain, pose: ca.SX, *arguments: ca.SX) -> Expressions:
     """
     *tool_pose, reading, bias, payload = arguments
     sensor = _sensor_of(chain)
-    place, free_fall = constant(sensor.rotation), constant(sensor.option.gravity)
+    rotation, free_fall = constant(sensor.rotation), constant(sensor.option.gravity)
     R, arm = pose[:3, :3], constant(sensor.translation)
     if tool_pose:
         R, arm = ca.densify(R @ tool_pose[0][:3, :3].T), arm - tool_pose[0][:3, 3]
     net = _net(chain, reading, bias)
-    force, mass = place @ net[:3], payload[0]
-    moment, lever = place @ net[3:] + cross(arm, force), place @ payload[1:4] + mass * arm
+    force, mass = rotation @ net[:3], payload[0]
+    moment, lever = rotation @ net[3:] + cross(arm, force), rotation @ payload[1:4] + mass * arm
     heading = "tip axes, about the tip: force fs and moment ns of the net reading, first moment hs of the payload"
     sections = (
         Section(heading, {name: ca.densify(x) for name, x in (("fs_", force), ("ns_", moment), ("hs_", lever))}),
@@ -154,19 +154,19 @@ def _motions(
     for index, joint in enumerate(chain.joints[base_joints:], start=base_joints):
         parent = joint.parent
         motion, origin = (motions[parent], frames[parent][1]) if parent >= 0 else (of_base, base_origin)
-        _, place, axis = frames[index]
-        w, e, a = _shifted(motion, place - origin)
+        _, point, axis = frames[index]
+        w, e, a = _shifted(motion, point - origin)
         rate = joint.multiplier * velocity[joint.coordinate] * axis
         own_acceleration = joint.multiplier * acceleration[joint.coordinate] * axis
         if joint.prismatic:
             a = a + 2 * cross(w, rate) + own_acceleration
         else:
             w, e = w + rate, e + cross(w, rate) + own_acceleration
-        found = ca.densify(w), ca.densify(e), ca.densify(a)
-        letters = zip("wea", found, strict=True)
+        moving = ca.densify(w), ca.densify(e), ca.densify(a)
+        letters = zip("wea", moving, strict=True)
         title = f"frame of joint {joint.name}: angular velocity w{index}, its rate e{index}, acceleration a{index}"
         sections.append(Section(title, {f"{letter}{index}_": each for letter, each in letters}))
-        motions.append(found)
+        motions.append(moving)
     return motions, sections
 
 

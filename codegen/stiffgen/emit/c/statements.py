@@ -274,11 +274,11 @@ class PrintedStatements:
         if kind not in ("add", "sub"):
             self.operations.call += 1
             wide = number in self.wide and bool(self.variant.lanes)
-            given = ", ".join(self._argument(operand, wide=wide) for operand in self.graph.operands(number))
+            arguments = ", ".join(self._argument(operand, wide=wide) for operand in self.graph.operands(number))
             libm = self.variant.scalar.suffix if kind in LIBM + LIBM_OF_TWO else ""
             function = f"{kind}_lanes" if wide else f"{kind}{libm}"
             self.calls |= {function, "masked", self.variant.spread} if wide and kind in OWN else {function}
-            return f"{function}({given})", _ATOM
+            return f"{function}({arguments})", _ATOM
         self.operations.add += 1
         sign = "+" if kind == "add" else "-"
         # The right operand of a sum keeps its parentheses: floating-point addition is not associative.

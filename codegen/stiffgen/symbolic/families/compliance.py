@@ -139,12 +139,12 @@ class _Family:
         note: str = "",
     ) -> Kernel:
         """Return the kernel of one C function of joint stiffness, load stiffness and ``more``: "J" and arguments."""
-        given, result = joint_stiffness(self.size), replace(result, name=f"{result.name}{self.suffix}")
+        springs, result = joint_stiffness(self.size), replace(result, name=f"{result.name}{self.suffix}")
         others = tuple(each for each in more if isinstance(each, Argument))
 
         def program(chain: Chain) -> Program:
             steps, load, J = self.load(chain)
-            output, parts = result.array(chain), (given.array(chain), load)
+            output, parts = result.array(chain), (springs.array(chain), load)
             if not more:
                 return *steps, StraightLine((output,), expressions, parts, heading=equation)
             pack, H = packed(*parts)
@@ -175,11 +175,11 @@ class _Family:
 
     def _stability(self, result: Argument) -> Kernel:
         """Return the kernel of the smallest eigenvalue: tridiagonal form, then bisection by one function."""
-        given, result = joint_stiffness(self.size), replace(result, name=f"{result.name}{self.suffix}")
+        springs, result = joint_stiffness(self.size), replace(result, name=f"{result.name}{self.suffix}")
 
         def program(chain: Chain) -> Program:
             steps, load, _ = self.load(chain)
-            pack, H = packed(given.array(chain), load)
+            pack, H = packed(springs.array(chain), load)
             n = load.shape[0]
             if n == 1:
                 only = StraightLine((result.array(chain),), compliance.only_entry, (H,), heading="H is a number")
@@ -224,8 +224,8 @@ def load_of_tip(chain: Chain, representation: Representation, wrench: Argument) 
     )
     if not chain.coupled:
         return (recursion, *load), _LOAD.array(chain), J
-    whole = Array("J_of_coordinates", (6, chain.dof), "J")
-    return (recursion, *load, SumJoints(J, whole, columns=True)), _LOAD.array(chain), whole
+    of_coordinates = Array("J_of_coordinates", (6, chain.dof), "J")
+    return (recursion, *load, SumJoints(J, of_coordinates, columns=True)), _LOAD.array(chain), of_coordinates
 
 
 def _of_tips(chain: Chain, representation: Representation, inputs: tuple[Argument, ...]) -> _Loaded:
@@ -284,9 +284,9 @@ def _seen(configuration: tuple[Argument, ...], representation: Representation) -
 def _of_all_tips(tips: Sequence[Tip], configuration: tuple[Argument, ...]) -> tuple[Kernel, ...]:
     """Return the kernels of loads at all tips: the compliance has a block C_ab = J_a H^-1 J_b^T per pair of tips."""
     names, kernels = [tip.name for tip in tips], list[Kernel]()
-    whole = tuple(each if each.of_configuration else each.of_all_tips(names) for each in configuration)
+    of_all = tuple(each if each.of_configuration else each.of_all_tips(names) for each in configuration)
     for rep in REPRESENTATIONS:
-        seen, wrenches = _seen(whole, rep), arguments.wrench(rep).of_all_tips(names)
+        seen, wrenches = _seen(of_all, rep), arguments.wrench(rep).of_all_tips(names)
         load = partial(_of_tips, representation=rep, inputs=(*seen, wrenches))
         increments = increment(rep).of_all_tips(names)
         kernels += _Family(rep, seen, wrenches, increments, load, tips=len(tips), suffix="_total").kernels()
@@ -316,12 +316,12 @@ def can_be_stiff(chain: Chain, kernel: Kernel) -> bool:
 @cache
 def _rank(chain: Chain) -> int:
     """Return the rank of the Jacobian at a configuration without symmetries."""
-    given = configuration_arguments(runtime_tool=chain.runtime_tool)
-    symbols = [ca.SX.sym(a.name, *a.shape) for a in (argument.array(chain) for argument in given)]
+    configuration = configuration_arguments(runtime_tool=chain.runtime_tool)
+    symbols = [ca.SX.sym(a.name, *a.shape) for a in (argument.array(chain) for argument in configuration)]
     columns = kinematics.joint_jacobian(chain, *symbols, representation="body").result
     J = ca.SX.zeros(6, chain.dof)
     for k, joint in enumerate(chain.joints):
         J[:, joint.coordinate] += joint.multiplier * columns[:, k]
     values = np.sin(np.arange(1.0, len(chain.coordinates) + 1.0)), np.eye(4)
-    found = np.array(ca.Function("J", symbols, [ca.densify(J)])(*values[: len(symbols)]))
-    return int(np.linalg.matrix_rank(found, tol=1e-9 * np.abs(found).max()))
+    jacobian = np.array(ca.Function("J", symbols, [ca.densify(J)])(*values[: len(symbols)]))
+    return int(np.linalg.matrix_rank(jacobian, tol=1e-9 * np.abs(jacobian).max()))

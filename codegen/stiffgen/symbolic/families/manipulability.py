@@ -67,22 +67,22 @@ class _Orthogonal:
 
     def cotangent(self) -> ca.SX:
         """Return Y, the gradient of w with respect to the entries of the matrix."""
-        found: dict[int, ca.SX] = {}
+        rows: dict[int, ca.SX] = {}
         for k in reversed(range(len(self.rows))):
-            others = (self.parts[later, k] * found[later] for later in found)
-            found[k] = self.rows[k] / self.squares[k] - sum(others, ca.SX.zeros(1, self.rows[k].shape[1]))
-        return self.measure * ca.vertcat(*(found[k] for k in sorted(found)))
+            others = (self.parts[later, k] * rows[later] for later in rows)
+            rows[k] = self.rows[k] / self.squares[k] - sum(others, ca.SX.zeros(1, self.rows[k].shape[1]))
+        return self.measure * ca.vertcat(*(rows[k] for k in sorted(rows)))
 
 
 def _patterns(chain: Chain) -> tuple[ca.DM, ca.DM]:
     """Return ones where an entry of the Jacobian is not always zero, and where it depends on q; else zeros."""
-    given = configuration_arguments(runtime_tool=chain.runtime_tool)
-    q, *tool = (ca.SX.sym(a.name, *a.shape) for a in (argument.array(chain) for argument in given))
+    configuration = configuration_arguments(runtime_tool=chain.runtime_tool)
+    q, *tool = (ca.SX.sym(a.name, *a.shape) for a in (argument.array(chain) for argument in configuration))
     columns = kinematics.joint_jacobian(chain, q, *tool, representation="body").result
-    moving = ca.SX.zeros(6, chain.dof)
+    by_coordinates = ca.SX.zeros(6, chain.dof)
     for k, joint in enumerate(chain.joints):
-        moving[:, joint.coordinate] += columns[:, k]
-    entries = [[moving[row, column] for column in range(chain.dof)] for row in range(6)]
+        by_coordinates[:, joint.coordinate] += columns[:, k]
+    entries = [[by_coordinates[row, column] for column in range(chain.dof)] for row in range(6)]
     nonzero = [[not entry.is_zero() for entry in row] for row in entries]
     return ca.DM(nonzero), ca.DM([[ca.depends_on(entry, q) for entry in row] for row in entries])
 
@@ -90,22 +90,22 @@ def _patterns(chain: Chain) -> tuple[ca.DM, ca.DM]:
 def _orthogonal(chain: Chain, jacobian: ca.SX) -> tuple[_Orthogonal, list[int]]:
     """Return the orthogonal rows and the columns of the Jacobian: coordinates of the tip's joints."""
     columns = sorted({joint.coordinate for joint in chain.joints[chain.base_joints :]})
-    own = (jacobian * _patterns(chain)[0])[:, columns]
-    return _Orthogonal.of(own if len(columns) >= 6 else own.T), columns
+    of_tip = (jacobian * _patterns(chain)[0])[:, columns]
+    return _Orthogonal.of(of_tip if len(columns) >= 6 else of_tip.T), columns
 
 
 def _measure(chain: Chain, jacobian: ca.SX) -> Expressions:
     """Return w."""
-    found, _ = _orthogonal(chain, jacobian)
-    return Expressions(found.measure, found.sections)
+    orthogonal, _ = _orthogonal(chain, jacobian)
+    return Expressions(orthogonal.measure, orthogonal.sections)
 
 
 def _cotangent(chain: Chain, jacobian: ca.SX) -> Expressions:
     """Return Y in the shape of the Jacobian, row-major; zero where an entry does not depend on q."""
-    found, columns = _orthogonal(chain, jacobian)
-    own, result = found.cotangent(), ca.SX.zeros(*jacobian.shape)
-    result[:, columns] = own if len(columns) >= 6 else own.T
-    return Expressions(ca.vec(ca.densify(result * _patterns(chain)[1]).T), found.sections)
+    orthogonal, columns = _orthogonal(chain, jacobian)
+    of_tip, result = orthogonal.cotangent(), ca.SX.zeros(*jacobian.shape)
+    result[:, columns] = of_tip if len(columns) >= 6 else of_tip.T
+    return Expressions(ca.vec(ca.densify(result * _patterns(chain)[1]).T), orthogonal.sections)
 
 
 def _jacobian(chain: Chain) -> tuple[Program, Array]:

@@ -247,8 +247,8 @@ def close(chain: Chain, actuated: Argument, start: Argument, result: Argument) -
     parts = [Array(f"motors{k}", motors.shape, "m") for k in range(1, TRACKING)]
 
     def spread(chain: Chain, actuated: ca.SX, start: ca.SX) -> Expressions:
-        before = ca.vertcat(*(start[joint] for joint in chain.actuated))
-        moved = (before + (actuated - before) * (k / TRACKING) for k in range(1, TRACKING))
+        from_ = ca.vertcat(*(start[joint] for joint in chain.actuated))
+        moved = (from_ + (actuated - from_) * (k / TRACKING) for k in range(1, TRACKING))
         return Expressions(ca.densify(ca.vertcat(*moved)), ())
 
     def newton(chain: Chain, actuated: ca.SX, q: ca.SX) -> Expressions:

@@ -56,25 +56,26 @@ def _arrays(chain: Chain, *further: Argument) -> tuple[Array, ...]:
 
 def tip_wrench(chain: Chain, result: Argument) -> Program:
     """Return the program of the tip's pose and of the wrench there."""
-    given = _arrays(chain, READING, BIAS, PAYLOAD)
+    inputs = _arrays(chain, READING, BIAS, PAYLOAD)
     heading = "wrench at the tip, base axes"
-    return tip_pose(chain, given[0]), StraightLine((result.array(chain),), wrenches.tip_wrench, given, heading=heading)
+    wrench = StraightLine((result.array(chain),), wrenches.tip_wrench, inputs, heading=heading)
+    return tip_pose(chain, inputs[0]), wrench
 
 
 def reading(chain: Chain, result: Argument) -> Program:
     """Return the program of the tip's pose and of the sensor's reading."""
-    given = _arrays(chain, WRENCH, BIAS, PAYLOAD)
+    inputs = _arrays(chain, WRENCH, BIAS, PAYLOAD)
     heading = "reading of the sensor, sensor axes"
-    return tip_pose(chain, given[0]), StraightLine((result.array(chain),), wrenches.reading, given, heading=heading)
+    return tip_pose(chain, inputs[0]), StraightLine((result.array(chain),), wrenches.reading, inputs, heading=heading)
 
 
 def tip_wrench_dynamic(chain: Chain, result: Argument) -> Program:
     """Return the program of the wrench at the tip of a moving robot."""
-    given = (
+    inputs = (
         *configuration_arguments(runtime_tool=chain.runtime_tool, floating=chain.floating),
         VELOCITY, ACCELERATION, READING, BIAS, MOVING_PAYLOAD,
     )  # fmt: skip
-    arrays = tuple(argument.array(chain) for argument in given)
+    arrays = tuple(argument.array(chain) for argument in inputs)
     heading = "wrench at the tip, base axes"
     return (StraightLine((result.array(chain),), wrenches.tip_wrench_dynamic, arrays, heading=heading),)
 

@@ -115,21 +115,21 @@ def stiffness_direction_gradient(
     m, v = len(chain.joints), direction.array(chain)
     stiffness = Argument("Kq", ("n", "n"), "", "", symmetric=True)
     forward = joint_stiffness(chain, representation, stiffness, wrench, task_stiffness)
-    of_joints, before = stiffness.array(chain), list[Step]()
+    of_joints, spreading = stiffness.array(chain), list[Step]()
     if chain.coupled:
         total, spread = forward[-1], Array("v_of_joints", (m,))
         assert isinstance(total, SumJoints)
         forward, of_joints = forward[:-1], total.source
-        before, v = [SumJoints(v, spread, spread=True)], spread
+        spreading, v = [SumJoints(v, spread, spread=True)], spread
     weights = Array("vv", of_joints.shape)
     operands = Operand(v, "i"), Operand(v, "j")
     comment = "cotangent v_i v_j for i<=j, mirrored"
-    before.append(Map(comment, Over.UPPER, Operand(weights, "ij"), operands, lambda a, b: a * b, mirror=True))
+    spreading.append(Map(comment, Over.UPPER, Operand(weights, "ij"), operands, lambda a, b: a * b, mirror=True))
     places = [argument.array(chain) for argument in (*((BASE_POSE,) if chain.floating else ()), Q)]
     product = adjoint.reverse(chain, forward, places, [of_joints], [weights])
     gradients = tuple(Operand(Array(bar_name(each.name), gradient_shape(each)), "") for each in places)
     output = Operand(result.array(chain), "")
-    return *before, *product, Map("gradient", Over.ONCE, output, gradients, lambda *parts: ca.vertcat(*parts))
+    return *spreading, *product, Map("gradient", Over.ONCE, output, gradients, lambda *parts: ca.vertcat(*parts))
 
 
 _SPATIAL_NOTE = (

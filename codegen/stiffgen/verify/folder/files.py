@@ -51,8 +51,8 @@ def _unlisted(robot: GeneratedRobot) -> list[str]:
     """Return the files of the folder that the manifest does not list, without modules compiled from its sources."""
     known = {MANIFEST, *robot.manifest["files"]}
     compiled = re.compile(rf"{robot.name}_(python|casadi|jax)(\.[\w-]+)?\.(so|pyd)")
-    found = (file for file in robot.folder.rglob("*") if file.is_symlink() or not file.is_dir())
-    files = [file.relative_to(robot.folder) for file in found]  # a link to a folder is a package that Python imports
+    paths = (file for file in robot.folder.rglob("*") if file.is_symlink() or not file.is_dir())
+    files = [file.relative_to(robot.folder) for file in paths]  # a link to a folder is a package that Python imports
     return sorted(
         str(file)
         for file in files
@@ -92,13 +92,13 @@ def check_text(robot: GeneratedRobot, texts: Mapping[str, str]) -> Check:
 
 def load_module(robot: GeneratedRobot) -> None:
     """Import the folder's Python package from its sources, never from bytecode beside them."""
-    before = sys.pycache_prefix
+    prefix = sys.pycache_prefix
     with temporary_folder("bytecode") as empty:
         sys.pycache_prefix = str(empty)
         try:
             _ = robot.module
         finally:
-            sys.pycache_prefix = before
+            sys.pycache_prefix = prefix
 
 
 def check_urdf(chain: Chain, urdf: Path) -> Check:
@@ -187,8 +187,8 @@ def _python_faults(
         if not np.array_equal(module.START, chain.start):
             faults.append("START")
     for name, value in expected.items():
-        found = getattr(module, name)
-        if (tuple(found) if isinstance(value, tuple) else found) != value:
+        constant = getattr(module, name)
+        if (tuple(constant) if isinstance(value, tuple) else constant) != value:
             faults.append(name)
     return faults
 

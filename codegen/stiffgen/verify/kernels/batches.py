@@ -164,7 +164,7 @@ class _BatchCase:
 
         Results must agree with those of single calls, and nothing may be written outside them.
         """
-        found, sizes = [], [each.shape[1] for each in self.expected]
+        texts, sizes = [], [each.shape[1] for each in self.expected]
         for length in LENGTHS:
             laid = [_laid_out(stack[:length], kind) for stack, kind in zip(self.flat, self.kinds, strict=True)]
             outs = [np.full(2 * GUARD + length * size, _UNTOUCHED, self.rounding.scalar.dtype) for size in sizes]
@@ -176,10 +176,10 @@ class _BatchCase:
             values = tuple(out[GUARD:-GUARD].reshape(length, size) for out, size in zip(outs, sizes, strict=True))
             wanted = [each[:length] for each in self.expected]
             if not (_agree(values, wanted) or self.rounding.explains(values, wanted)):
-                found.append(f"{self.title}, count {length}")
+                texts.append(f"{self.title}, count {length}")
             if any((out[:GUARD] != _UNTOUCHED).any() or (out[-GUARD:] != _UNTOUCHED).any() for out in outs):
-                found.append(f"{self.title}, count {length}: written beyond the ends")
-        return found
+                texts.append(f"{self.title}, count {length}: written beyond the ends")
+        return texts
 
 
 def _cases(

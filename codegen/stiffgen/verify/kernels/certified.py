@@ -55,8 +55,8 @@ def check_certified_bounds(
         if stated != fresh:
             checks.append(Check(name, CERTIFIED, np.inf, 1.0, "the manifest's bound is not that of the analysis"))
         elif stated:
-            given = within(chain, kernel, ranges, scalar, [pool[argument] for argument in kernel.arguments])
-            fractions = _fractions([functions[name] for functions in variants], chain, kernel, given, stated)
+            stacks = within(chain, kernel, ranges, scalar, [pool[argument] for argument in kernel.arguments])
+            fractions = _fractions([functions[name] for functions in variants], chain, kernel, stacks, stated)
             checks.append(Check(name, CERTIFIED, float(fractions.max()), _SLACK, errors=fractions))
         else:
             checks.append(left_out(name, f"no certified bound: {bounds.hindrance(kernel)}"))
@@ -68,26 +68,26 @@ def within(
 ) -> list[FloatArray]:
     """Return stacks of a kernel's arguments in ``scalar``, clipped to the ranges of its bounds."""
     reach = chain_reach(kernel.scope(chain), ranges, scalar)
-    given = []
+    clipped = []
     for argument, stack in zip(kernel.arguments, stacks, strict=True):
         most = np.reshape(argument_sizes(chain, argument, ranges, reach, scalar), stack.shape[1:])
-        given.append(np.clip(stack, -most, most).astype(scalar.dtype).astype(float))
-    return given
+        clipped.append(np.clip(stack, -most, most).astype(scalar.dtype).astype(float))
+    return clipped
 
 
 def _fractions(
     functions: Sequence[Any],
     chain: Chain,
     kernel: Kernel,
-    given: list[FloatArray],
+    stacks: list[FloatArray],
     stated: Mapping[tuple[str, str], float],
 ) -> FloatArray:
     """Return for every state the largest error of any entry, as a fraction of the entry's bound."""
-    count = len(given[0])
-    exact = with_more_digits(chain, kernel, given)
+    count = len(stacks[0])
+    exact = with_more_digits(chain, kernel, stacks)
     largest = np.zeros(count)
     for function in functions:
-        values = [np.reshape(each, (count, -1)) for each in as_results(function(*given))]
+        values = [np.reshape(each, (count, -1)) for each in as_results(function(*stacks))]
         start = 0
         for result, value in zip(kernel.results, values, strict=True):
             array = result.array(chain)
@@ -95,6 +95,6 @@ def _fractions(
             start += array.size
             for what, _, entries in kinds(result, array):
                 error, bound = errors[:, entries].max(axis=1).astype(float), stated[result.name, what]
-                found = error / bound if bound else np.where(error == 0.0, 0.0, np.inf)
-                largest = np.maximum(largest, found)  # keeps NaN
+                fraction = error / bound if bound else np.where(error == 0.0, 0.0, np.inf)
+                largest = np.maximum(largest, fraction)  # keeps NaN
     return largest

@@ -108,9 +108,9 @@ class KernelCall:
 
         Entries that are zero for orthonormal rotations are rounding in the reference.
         """
-        found = self.errors_of(k)
-        whole = np.nan_to_num(found.reshape(len(found), -1), nan=0.0, posinf=0.0).max(axis=1)
-        return np.broadcast_to(whole.reshape(-1, *[1] * (found.ndim - 1)), found.shape)
+        errors = self.errors_of(k)
+        per_state = np.nan_to_num(errors.reshape(len(errors), -1), nan=0.0, posinf=0.0).max(axis=1)
+        return np.broadcast_to(per_state.reshape(-1, *[1] * (errors.ndim - 1)), errors.shape)
 
 
 def but_for_rounding(

@@ -106,10 +106,10 @@ def _check(kernels: Kernels, of: Kernel, kernel: Kernel, chain: Chain, pool: Map
 def _keeps_branch(chain: Chain, of: Kernel, values: list[FloatArray], directions: list[FloatArray]) -> FloatArray:
     """Return for every state whether the function takes the same branches at all steps along the direction."""
     places = [_moved(of, values, directions, k * _STEP) for k in range(-4, 5)]
-    found = choices(chain, of, [np.concatenate(each) for each in zip(*places, strict=True)])
-    if found is None:
+    branches = choices(chain, of, [np.concatenate(each) for each in zip(*places, strict=True)])
+    if branches is None:
         return np.ones(len(values[0]), dtype=bool)
-    by_step = found.reshape(len(places), len(values[0]), -1)
+    by_step = branches.reshape(len(places), len(values[0]), -1)
     same: FloatArray = (by_step == by_step[0]).all(axis=(0, 2))
     return same
 

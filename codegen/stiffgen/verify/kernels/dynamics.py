@@ -50,16 +50,16 @@ def differentiated(
         samples: stacks of joint positions, base poses, rates and accelerations of free fall.
 
     """
-    place, own = ca.vertcat(moves, q), moves.shape[0]
-    rates, gravity = ca.SX.sym("dq", *place.shape), ca.SX.sym("g", 3)
+    coordinates, base_joints = ca.vertcat(moves, q), moves.shape[0]
+    rates, gravity = ca.SX.sym("dq", *coordinates.shape), ca.SX.sym("g", 3)
     kinetic, potential = ca.SX(0), potential_energy(chain, poses, gravity)
     for joint, pose in zip(chain.joints, poses, strict=True):
-        moving = ca.jtimes(ca.vec(pose), place, rates).reshape((4, 4))
+        moving = ca.jtimes(ca.vec(pose), coordinates, rates).reshape((4, 4))
         kinetic += ca.trace(moving @ _second_moments(joint.body) @ moving.T) / 2
     mass_matrix, momentum = ca.hessian(kinetic, rates)
-    stiffness, gradient = ca.hessian(potential, place)
-    forces = ca.jtimes(momentum, place, rates) - ca.gradient(kinetic, place) + gradient
-    if own:
+    stiffness, gradient = ca.hessian(potential, coordinates)
+    forces = ca.jtimes(momentum, coordinates, rates) - ca.gradient(kinetic, coordinates) + gradient
+    if base_joints:
         forces += mass_matrix[:, :3] @ ca.cross(rates[3:6], rates[:3])
     expected = {
         "mass_matrix": mass_matrix,
@@ -69,7 +69,7 @@ def differentiated(
         "gravity_joint_stiffness": stiffness,
     }
     columns = [stack.reshape(len(stack), -1).T for stack in samples]
-    at_rest, symbols = ca.DM.zeros(own), [q, base_pose, rates, gravity]
+    at_rest, symbols = ca.DM.zeros(base_joints), [q, base_pose, rates, gravity]
     return {
         name: evaluate_longer(symbols, ca.substitute(expression, moves, at_rest), columns)
         for name, expression in expected.items()

@@ -4,19 +4,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache, partial
-
-import casadi as ca
-import numpy as np
+from typing import Any
 
 from stiffgen.robot.chain import Chain
 from stiffgen.robot.geometry import FloatArray
 from stiffgen.symbolic.arguments import Argument, Q
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
-from stiffgen.symbolic.model import casadi_function, folded
 from stiffgen.symbolic.potentials import KernelOptions
 from stiffgen.verify.kernels.comparison import KernelCall, but_for_rounding
+from stiffgen.verify.kernels.missing import function_of_stacks
 from stiffgen.verify.kernels.samples import argument_samples, with_other_lower_triangles
 from stiffgen.verify.result import Check, Kernels, as_results
 
@@ -47,9 +46,9 @@ def check_against_casadi(
 
 
 @lru_cache(maxsize=1)
-def _formulas(chain: Chain, options: KernelOptions | None) -> list[tuple[Kernel, ca.Function]]:
+def _formulas(chain: Chain, options: KernelOptions | None) -> list[tuple[Kernel, Callable[..., Any]]]:
     """Return every kernel with its CasADi function; making the functions takes as long as all comparisons."""
-    return [(kernel, casadi_function(chain, kernel)) for kernel in chain_kernels(chain, options)]
+    return [(kernel, function_of_stacks(chain, kernel)) for kernel in chain_kernels(chain, options)]
 
 
 def compare(
@@ -58,18 +57,8 @@ def compare(
     """Compare kernels with the CasADi functions at given arguments."""
     checks = []
     for kernel, function in _formulas(chain, options):
-        arguments = [pool[argument] for argument in kernel.arguments]
-        folds = [folded(argument.array(chain).shape) for argument in kernel.arguments]
-        each = [
-            as_results(function(*(a.reshape(f) for a, f in zip(one, folds, strict=True))))
-            for one in zip(*arguments, strict=True)
-        ]
-        call = KernelCall(kernels, chain, kernel, arguments)
-        for k, (result, stack) in enumerate(zip(kernel.results, zip(*each, strict=True), strict=True)):
-            reference = np.stack([np.asarray(one).reshape(result.array(chain).shape) for one in stack])
-            checks.append(
-                but_for_rounding(
-                    call.title(k), "closed form in CasADi", call.values[k], reference, partial(call.errors_of, k)
-                )
-            )
+        call = KernelCall(kernels, chain, kernel, [pool[argument] for argument in kernel.arguments])
+        for k, reference in enumerate(as_results(function(*call.arguments))):
+            errors = partial(call.errors_of, k)
+            checks.append(but_for_rounding(call.title(k), "closed form in CasADi", call.values[k], reference, errors))
     return checks

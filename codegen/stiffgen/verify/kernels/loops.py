@@ -71,8 +71,8 @@ class _Equations:
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return c, C = dc/dq, the weighted sum of Hessians, and dC/dt dq/dt."""
         others = zip((weights, rates), self.sizes, strict=True)
-        given = (np.zeros(size) if each is None else each for each, size in others)
-        c, C, hessian, moving = (np.asarray(each) for each in self._function(q, *given))
+        values = (np.zeros(size) if each is None else each for each, size in others)
+        c, C, hessian, moving = (np.asarray(each) for each in self._function(q, *values))
         return c[:, 0], C, hessian, moving[:, 0]
 
 
@@ -107,11 +107,11 @@ class _Projection:
 
     def multipliers(self, gradient: FloatArray) -> FloatArray:
         """Return the forces that hold the loops closed under a gradient of the tree."""
-        base, found = self.chain.base_joints, []
+        base, forces = self.chain.base_joints, []
         for k, g in enumerate(gradient):
             C_p, _, passive = self.solved(k)
-            found.append(np.linalg.solve(C_p.T, g[base:][passive]))
-        return np.array(found)
+            forces.append(np.linalg.solve(C_p.T, g[base:][passive]))
+        return np.array(forces)
 
     def reduced(self, gradient: FloatArray, hessian: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
         """Return dU/da and d2U/da2 (without a Hessian: of zeros) from gradients and Hessians of the tree."""
@@ -267,9 +267,9 @@ def check_loops(
     if not chain.loops:
         return []
     actuated, start = Samples(chain, count, seed).of((ACTUATED, START))
-    found = np.asarray(kernels[CLOSE](actuated, start), dtype=float)
-    closes = np.isfinite(found).all(axis=1)
-    q = found[closes]
+    closed_or_nan = np.asarray(kernels[CLOSE](actuated, start), dtype=float)
+    closes = np.isfinite(closed_or_nan).all(axis=1)
+    q = closed_or_nan[closes]
     equations = _Equations(chain)
     residual = max((float(np.abs(equations(each)[0]).max(initial=0.0)) for each in q), default=0.0)
     moved = np.abs(q[:, chain.actuated] - actuated[closes]).max(initial=0.0)
@@ -285,8 +285,8 @@ def check_loops(
     oracles = {**LOOP_ORACLES, **{n: o for spring in options.all_springs() for n, o in loop_oracles(spring).items()}}
     tips = {tip.name: each for tip, each in zip(chain.tips, projection.tips, strict=True)}
     for kernel in table:
-        at = tips[kernel.tip.name] if kernel.tip else projection
+        projection_of_tip = tips[kernel.tip.name] if kernel.tip else projection
         for oracle in oracles.get(kernel.function, ()):
             if oracle.closed:
-                checks += oracle.checks(kernels, chain, kernel, at)
+                checks += oracle.checks(kernels, chain, kernel, projection_of_tip)
     return checks

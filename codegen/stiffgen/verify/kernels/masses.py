@@ -52,8 +52,8 @@ def check_masses(
         count: number of states.
 
     Returns:
-        One row with the reason for a file of another kind (xacro, MJCF), a joint type with several axes, or a robot
-        without masses.
+        One row per kernel. For a file of another kind (xacro, MJCF), a joint type with several axes, or a robot without
+        masses, one row with the reason why nothing is compared.
 
     """
     if any(each.is_nearest for each in chain.accepted):

@@ -104,14 +104,14 @@ def _overflows(call: Any, kernel: Kernel, pool: Mapping[Argument, FloatArray], l
     stacks = [pool[argument][:STACK] for argument in kernel.arguments]
     faults = []
     for large in larges:
-        whole = [np.copysign(large, stack) for stack in stacks]
-        plans = [("everywhere", whole)]
+        all_large = [np.copysign(large, stack) for stack in stacks]
+        plans = [("everywhere", all_large)]
         for k, (argument, stack) in enumerate(zip(kernel.arguments, stacks, strict=True)):
-            plans.append((f"in {argument.name}", [*stacks[:k], whole[k], *stacks[k + 1 :]]))
+            plans.append((f"in {argument.name}", [*stacks[:k], all_large[k], *stacks[k + 1 :]]))
             for index in np.ndindex(stack.shape[1:]):
-                one = stack.copy()
-                one[(..., *index)] = whole[k][(..., *index)]
-                plans.append((f"in {argument.name}{list(index)}", [*stacks[:k], one, *stacks[k + 1 :]]))
+                one_large = stack.copy()
+                one_large[(..., *index)] = all_large[k][(..., *index)]
+                plans.append((f"in {argument.name}{list(index)}", [*stacks[:k], one_large, *stacks[k + 1 :]]))
         for title, given in plans:
             single = [np.ravel(result) for each in zip(*given, strict=True) for result in as_results(call(*each))]
             if np.isinf(np.concatenate([_flat(call(*given)), *single])).any():

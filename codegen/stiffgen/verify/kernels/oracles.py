@@ -201,14 +201,14 @@ def check_kernels(kernels: Kernels, references: References, table: Sequence[Kern
     known, table = oracles_of(options), chain_kernels(chain, options) if table is None else table
     tips = {tip.name: of_tip for tip, of_tip in zip(chain.tips, references.tips, strict=True)}
     for kernel in table:
-        at = tips[kernel.tip.name] if kernel.tip else references
+        references_of_tip = tips[kernel.tip.name] if kernel.tip else references
         oracles = [oracle for oracle in _found(known, kernel) if not oracle.closed]
         for oracle in oracles:
-            checks += oracle.checks(kernels, chain, kernel, at)
+            checks += oracle.checks(kernels, chain, kernel, references_of_tip)
         if oracles:
-            checks += _symmetries(kernels, chain, kernel, at)
+            checks += _symmetries(kernels, chain, kernel, references_of_tip)
         if kernel.function == "body_joint_stiffness":
-            checks.append(_check_body_form(kernels, chain, kernel, at))
+            checks.append(_check_body_form(kernels, chain, kernel, references_of_tip))
     return checks
 
 
@@ -226,8 +226,8 @@ def _check_body_form(kernels: Kernels, chain: Chain, body: Kernel, at: Reference
     hybrid = next(each for each in functions if each.function == "hybrid_joint_stiffness" and each.tip == body.tip)
     turn, wrench = _turns(at), at.samples[WRENCH]
     loads = np.einsum("sji,sj->si", turn, wrench), _back(turn) @ at.samples[TASK_STIFFNESS] @ turn  # in body axes
-    given = *at.posture_of("body"), *(each.astype(float) for each in loads)
-    in_body = KernelCall(kernels, chain, body, given, "arguments")
+    body_arguments = *at.posture_of("body"), *(each.astype(float) for each in loads)
+    in_body = KernelCall(kernels, chain, body, body_arguments, "arguments")
     in_hybrid = KernelCall(kernels, chain, hybrid, at.samples.of(hybrid.arguments), "arguments")
 
     def errors() -> FloatArray:

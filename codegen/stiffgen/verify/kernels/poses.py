@@ -21,12 +21,12 @@ from stiffgen.verify.kernels.rounding import long_constant
 
 def joint_poses(chain: Chain, q: ca.SX, base_pose: ca.SX | None = None) -> list[ca.SX]:
     """Return the pose of every joint's frame in the base, or in the world of ``base_pose``, by 4x4 products."""
-    own = chain.base_joints
+    base_joints = chain.base_joints
     base = ca.SX.eye(4) if base_pose is None else base_pose
-    joints: list[ca.SX] = own * [base]
-    for joint in chain.joints[own:]:
+    joints: list[ca.SX] = base_joints * [base]
+    for joint in chain.joints[base_joints:]:
         pose = joints[joint.parent] if joint.parent >= 0 else base
-        joints.append(moved_pose(pose, joint, q[joint.coordinate - own]))
+        joints.append(moved_pose(pose, joint, q[joint.coordinate - base_joints]))
     return joints
 
 

@@ -123,15 +123,15 @@ class References:
     @cached_property
     def derivative(self) -> dict[str, FloatArray]:
         """Derivative dJ^T/dq in each representation."""
-        found, n = {}, self.chain.dof
+        derivatives, n = {}, self.chain.dof
         for rep, jacobian in self._jacobians.items():
             # vec() stacks columns: row b*6 + k of the derivative is J[k, b].
             derivative = self._evaluate(ca.jacobian(ca.vec(jacobian), self._place.coordinates))
             # The derivative with respect to a single joint is zero; differentiation leaves only rounding.
             rounding = 64 * np.finfo(float).eps * np.abs(self.jacobian[rep]).max(axis=(1, 2))
             derivative[np.abs(derivative).max(axis=(1, 2)) <= rounding] = 0.0
-            found[rep] = derivative.reshape(-1, n, 6, n).transpose(0, 3, 1, 2)
-        return found
+            derivatives[rep] = derivative.reshape(-1, n, 6, n).transpose(0, 3, 1, 2)
+        return derivatives
 
     def _evaluate(
         self, expression: ca.SX, symbols: Sequence[ca.SX] = (), columns: Sequence[FloatArray] = ()
@@ -151,11 +151,11 @@ class References:
         """Return the results of a spring's kernels."""
         symbols = [ca.SX.sym(a.name, *folded(a.array(self.chain).shape)) for a in spring.parameters]
         # Stacks enter as columns, a matrix row by row.
-        given = [ca.vec(symbol.T) for symbol in symbols]
+        rows = [ca.vec(symbol.T) for symbol in symbols]
         columns = [_as_columns(each) for each in self.samples.of(spring.parameters)]
         q, placement = self._place.coordinates, self.options.placement
         results = differentiated(spring, placement, self._pose, q, symbols)
-        return {name: self._evaluate(expression, given, columns) for name, expression in results.items()}
+        return {name: self._evaluate(expression, rows, columns) for name, expression in results.items()}
 
     @cached_property
     def potential(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -190,9 +190,9 @@ class References:
     def manipulability(self) -> Manipulability:
         """Measure and gradient from the singular values of the columns of the joints on the way to the tip."""
         on_the_way = self.chain.without_side_joints().joints[self.chain.base_joints :]
-        own = sorted({joint.coordinate for joint in on_the_way})
-        rates = self.derivative["body"][:, self.chain.base_joints :, own].transpose(0, 1, 3, 2)
-        return Manipulability.of(self.jacobian["body"][:, :, own], rates)
+        columns = sorted({joint.coordinate for joint in on_the_way})
+        rates = self.derivative["body"][:, self.chain.base_joints :, columns].transpose(0, 1, 3, 2)
+        return Manipulability.of(self.jacobian["body"][:, :, columns], rates)
 
     @cached_property
     def sensor(self) -> dict[str, FloatArray]:
@@ -287,9 +287,9 @@ def gradient_along(r: References, directions: FloatArray, task_stiffness: FloatA
 
 def of_joint_potential(r: References, potential: JointPotential) -> dict[str, FloatArray]:
     """Return the results of a joint potential's kernels; entries of a floating base are zero."""
-    own = r.chain.base_joints
+    base_joints = r.chain.base_joints
     by_joints = by_hand(potential.name, *r.samples.of((Q, *potential.parameters)))
-    return {name: np.pad(each, [(0, 0), *(each.ndim - 1) * [(own, 0)]]) for name, each in by_joints.items()}
+    return {name: np.pad(each, [(0, 0), *(each.ndim - 1) * [(base_joints, 0)]]) for name, each in by_joints.items()}
 
 
 def _as_columns(stack: FloatArray) -> FloatArray:

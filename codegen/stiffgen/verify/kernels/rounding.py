@@ -115,13 +115,15 @@ def rounding_errors(
         values, errors = zip(*operands, strict=True)
         value = evaluate(*values)
         parts = [np.where(e == 0, 0.0, s * e) for s, e in zip(slopes(*values), errors, strict=True)]
-        own = nothing if operation in _EXACT else value
-        return value, np.sqrt(sum((part**2 for part in parts), own**2))
+        rounding = nothing if operation in _EXACT else value
+        return value, np.sqrt(sum((part**2 for part in parts), rounding**2))
 
-    given = [list(map(argument, entries.T)) for entries in _entries(function, stacks)]
+    arguments = [list(map(argument, entries.T)) for entries in _entries(function, stacks)]
     try:
         with np.errstate(all="ignore"):  # in branches that are not selected
-            found = run(function, given, constant, {operation: partial(result, operation) for operation in _RULES})
+            results = run(
+                function, arguments, constant, {operation: partial(result, operation) for operation in _RULES}
+            )
     except KeyError:
         return None
     return [
@@ -129,7 +131,7 @@ def rounding_errors(
         * np.stack([error for _, error in entries], axis=1)
         .reshape(count, *function.size_out(k)[::-1])
         .transpose(0, 2, 1)
-        for k, entries in enumerate(found)
+        for k, entries in enumerate(results)
     ]
 
 
@@ -165,15 +167,11 @@ def choices(chain: Chain, kernel: Kernel, stacks: Sequence[FloatArray]) -> Float
             made.append(_PIECES[operation](*values))
         return value
 
-    given = [list(entries.T) for entries in _entries(function, stacks)]
+    arguments = [list(entries.T) for entries in _entries(function, stacks)]
+    operations = {operation: partial(result, operation) for operation in _RULES}
     try:
         with np.errstate(all="ignore"):
-            run(
-                function,
-                given,
-                partial(np.full, count),
-                {operation: partial(result, operation) for operation in _RULES},
-            )
+            run(function, arguments, partial(np.full, count), operations)
     except KeyError:
         return None
     return np.stack(made, axis=1)
@@ -227,18 +225,18 @@ class Stages:
             new = [k for k, entry in enumerate(written) if not (entry.is_symbolic() or _is_plain(entry))]
             if not new:
                 return written
-            given = ca.densify(ca.vertcat(*(written[k] for k in new)))
-            functions.append(ca.Function("step", [ca.vertcat(*numbers)], [given]))
-            kept = list(written)
+            stacked = ca.densify(ca.vertcat(*(written[k] for k in new)))
+            functions.append(ca.Function("step", [ca.vertcat(*numbers)], [stacked]))
+            readable = list(written)
             for k in new:
-                kept[k] = ca.SX.sym("x")
-                numbers.append(kept[k])
-            return kept
+                readable[k] = ca.SX.sym("x")
+                numbers.append(readable[k])
+            return readable
 
-        given = {a.name: as_operand(folded(a.shape), own) for a, own in zip(arrays, entries, strict=True)}
-        found = evaluate(kernel.scope(chain), kernel.steps(chain), given, replaced)
+        arguments = {a.name: as_operand(folded(a.shape), each) for a, each in zip(arrays, entries, strict=True)}
+        values = evaluate(kernel.scope(chain), kernel.steps(chain), arguments, replaced)
         places = {number.element_hash(): k for k, number in enumerate(numbers)}
-        results = [entry for each in kernel.results for entry in found[each.array(chain).name]]
+        results = [entry for each in kernel.results for entry in values[each.array(chain).name]]
         return Stages(
             tuple(functions), tuple(places.get(e.element_hash(), 0) if e.is_symbolic() else float(e) for e in results)
         )
@@ -279,7 +277,7 @@ def run(
 
     """
     work: dict[int, Any] = {}
-    found = [[constant(0.0)] * function.nnz_out(k) for k in range(function.n_out())]
+    results = [[constant(0.0)] * function.nnz_out(k) for k in range(function.n_out())]
     for k in range(function.n_instructions()):
         operation, taken, into = (
             function.instruction_id(k), function.instruction_input(k), function.instruction_output(k),
@@ -289,10 +287,10 @@ def run(
         elif operation == ca.OP_CONST:
             work[into[0]] = constant(function.instruction_constant(k))
         elif operation == ca.OP_OUTPUT:
-            found[into[0]][into[1]] = work[taken[0]]
+            results[into[0]][into[1]] = work[taken[0]]
         else:
             work[into[0]] = operations[operation](*(work[each] for each in taken))
-    return found
+    return results
 
 
 _OPERATIONS = {operation: evaluate_it for operation, (evaluate_it, _) in _RULES.items()}
@@ -306,9 +304,9 @@ def with_more_digits(chain: Chain, kernel: Kernel, stacks: Sequence[FloatArray])
 
     """
     count = len(stacks[0])
-    given = np.concatenate([np.reshape(stack, (count, -1)) for stack in stacks], axis=1).astype(np.longdouble)
-    found = Stages.of(chain, kernel).run(list(given.T), partial(np.full, count, dtype=np.longdouble), _OPERATIONS)
-    return np.stack(found, axis=1)
+    entries = np.concatenate([np.reshape(stack, (count, -1)) for stack in stacks], axis=1).astype(np.longdouble)
+    results = Stages.of(chain, kernel).run(list(entries.T), partial(np.full, count, dtype=np.longdouble), _OPERATIONS)
+    return np.stack(results, axis=1)
 
 
 def long_constant(values: NDArray[np.longdouble]) -> ca.SX:

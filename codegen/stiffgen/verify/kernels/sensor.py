@@ -90,13 +90,13 @@ def expressions(
     A floating base has moved by x = (v, w) to p + R v, R exp([w]); its twist has the rate a where x accelerates by
     a + (w x v, 0).
     """
-    own, n = place.moves.shape[0], chain.dof
+    base_joints, n = place.moves.shape[0], chain.dof
     r, b, F, rates, accelerations = (
         ca.SX.sym(name, size) for name, size in (("r", 6), ("b", 6), ("F", 6), ("dq", n), ("ddq", n))
     )
     at_rest, moving = ca.SX.sym("l", 4), ca.SX.sym("l10", 10)
     pose, second = sensor_pose(chain, joint_pose), accelerations
-    if own:
+    if base_joints:
         second = ca.vertcat(accelerations[:3] + ca.cross(rates[3:6], rates[:3]), accelerations[3:])
     flat = ca.vec(pose)
     along = ca.jtimes(ca.jtimes(flat, place.coordinates, rates), place.coordinates, rates)

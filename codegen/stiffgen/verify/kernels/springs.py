@@ -104,8 +104,8 @@ def differentiated(
 
     A user's potential is differentiated along the pose without changes.
     """
-    own = spring.name in {each.name for each in map(stiffgen_spring, KINDS)}
-    energy = textbook(spring.name, placement) if own else spring.energy
+    is_stiffgens = spring.name in {each.name for each in map(stiffgen_spring, KINDS)}
+    energy = textbook(spring.name, placement) if is_stiffgens else spring.energy
     p, R = pose[:3, 3], pose[:3, :3]
     x = ca.SX.sym("x", 6)  # twist of the tip
     turn = ca.skew(x[3:])
