@@ -30,6 +30,7 @@ T = 0.001  # s
 JUMP = np.array([0.0, 0.6, 0.0, 0.6, 0.0, 0.0, 0.0])  # rad, of q0 at JUMP_TIME
 JUMP_TIME, LOAD_TIME = 0.2, 0.2  # s
 LOAD = np.array([0.0, 0.0, -40.0, 0.0, 0.0, 0.0])  # N, N m that the environment applies to the robot
+HEAVIEST = (60.0, 10.0)  # N, N m: 1.5 times the load
 SLOW = {"tip_velocity_limit": 0.5, "tip_rotation_limit": 1.5}  # m/s, rad/s: a governor that the figure can show
 ZERO = np.zeros(3)
 
@@ -46,7 +47,7 @@ def simulate(
 ) -> dict[str, Array]:
     """Run the controller with a simulated arm from rest at Q0; arrays with a leading time axis."""
     slow = {"ramp_time": 0.2, "reference_velocity_limit": 0.5 * robot.VELOCITY} | SLOW
-    controller = robot.Impedance(motor_inertia=MOTOR, record=round(duration / T), **slow)
+    controller = robot.Impedance(heaviest_wrench=HEAVIEST, motor_inertia=MOTOR, record=round(duration / T), **slow)
     gains = {"translation_stiffness": TRANSLATION, "rotation_stiffness": ROTATION}
     q, dq = Q0.copy(), np.zeros(7)
     for k in range(round(duration / T)):

@@ -30,6 +30,7 @@ SAMPLE_TIME = 0.001  # s
 RADIUS, LAP = 0.05, 8.0  # m, s
 ROTORS = [0.2, 0.2, 0.2, 0.2, 0.07, 0.07, 0.07]  # kg m^2, of the motors at the joints: a guess
 TRANSLATION, ROTATION = 400.0, 25.0  # N/m, N m/rad
+HEAVIEST = (40.0, 10.0)  # N, N m: what the tip may press on the way
 
 
 def fr3() -> Any:
@@ -83,7 +84,9 @@ def wipe(robot: Any, module: Any, seconds: float) -> dict[str, float]:
     franka = import_module("pylibfranka")
     start = np.array(robot.read_once().q)
     rest = module.forward_kinematics(start)
-    controller = module.Impedance(motor_inertia=ROTORS, torque_rate_limit=np.minimum(10.0 * module.EFFORT, 900.0))
+    controller = module.Impedance(
+        heaviest_wrench=HEAVIEST, motor_inertia=ROTORS, torque_rate_limit=np.minimum(10.0 * module.EFFORT, 900.0)
+    )
     Kt, Ko = TRANSLATION * np.eye(3), ROTATION * np.eye(3)
     counted = {"cycles": 0, "missed": 0, "faults": 0, "error": 0.0, "step": 0.0}
     control, counter, elapsed = robot.start_torque_control(), 0, 0.0

@@ -31,6 +31,7 @@ MAGIC = b"SGP1"
 Q0 = np.array([0.3, 0.6, -0.4, -1.3, 0.2, 0.9, -0.5])  # rad
 STIFFNESS = np.diag([500.0, 500.0, 500.0, 30.0, 30.0, 30.0])  # N/m, N m/rad
 MOTOR = 0.1 * np.eye(7)  # kg m^2 of the rotors
+HEAVIEST = (40.0, 10.0)  # N, N m: what the springs may exert where the tip is stopped
 T, PERIOD = 0.001, 0.05  # s
 SILENT = (1.0, 2.2)  # s: the policy sends nothing
 
@@ -89,7 +90,8 @@ def receive(incoming: socket.socket, port: Any, begin: float) -> list[str]:
 
 def simulate(robot: Any, seconds: float) -> list[dict[str, Any]]:
     """Run controller, port and arm in real time; return a row for each half second."""
-    controller, q, dq, rows = robot.Impedance(), Q0.copy(), np.zeros(7), []
+    controller = robot.Impedance(heaviest_wrench=HEAVIEST, motor_inertia=np.diag(MOTOR))
+    q, dq, rows = Q0.copy(), np.zeros(7), []
     first, begin, refused = robot.forward_kinematics(Q0), time.monotonic(), []
     port = robot.Policy(controller, pose=first, now=0.0)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as incoming:

@@ -12,7 +12,7 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import stiffgen
@@ -130,10 +130,14 @@ def controller() -> str:
         default = f"; {field.rule}; default `{field.default.format(name='NAME', i='i')}`" if field.default else ""
         return f"`{field.name}`", extent(field), field.unit, field.meaning + default
 
-    config, given, results = (
-        table(("field", "shape", "unit", "meaning"), map(row, which))
-        for which in (fields.CONFIG, signals.INPUT, signals.OUTPUT)
-    )
+    def tables(sections: Iterable[tuple[str, Sequence[Field]]]) -> str:
+        return "\n".join(
+            f"{heading}\n\n{table(('field', 'shape', 'unit', 'meaning'), map(row, which))}"
+            for heading, which in sections
+        )
+
+    config, results = tables(fields.CONFIG_SECTIONS), tables(signals.OUTPUT_SECTIONS)
+    given = table(("field", "shape", "unit", "meaning"), map(row, signals.INPUT))
     return (
         "# Fields of the controller\n\n"
         "The members of `NAME_impedance_config`, `NAME_impedance_input` and `NAME_impedance_output`; in Python the "

@@ -265,6 +265,42 @@ static int check_fields(const config_t *c)
     if (!integers_within(&c->delay_samples, 1, 0, 5)) {
         return IIWA14_E_CONFIG_DELAY_SAMPLES;
     }
+    if (!doubles_within(c->heaviest_wrench, sizeof c->heaviest_wrench / sizeof c->heaviest_wrench[0], 0.001, 100000.0)) {
+        return IIWA14_E_CONFIG_HEAVIEST_WRENCH;
+    }
+    if (!doubles_within(c->motor_inertia, sizeof c->motor_inertia / sizeof c->motor_inertia[0], 0.0, 10000.0)) {
+        return IIWA14_E_CONFIG_MOTOR_INERTIA;
+    }
+    if (!doubles_within(c->lower_limit, sizeof c->lower_limit / sizeof c->lower_limit[0], -HUGE_VAL, HUGE_VAL)) {
+        return IIWA14_E_CONFIG_LOWER_LIMIT;
+    }
+    if (!doubles_within(c->upper_limit, sizeof c->upper_limit / sizeof c->upper_limit[0], -HUGE_VAL, HUGE_VAL)) {
+        return IIWA14_E_CONFIG_UPPER_LIMIT;
+    }
+    if (!doubles_within(c->velocity_limit, sizeof c->velocity_limit / sizeof c->velocity_limit[0], 1e-06, 1000.0)) {
+        return IIWA14_E_CONFIG_VELOCITY_LIMIT;
+    }
+    if (!doubles_within(c->effort_limit, sizeof c->effort_limit / sizeof c->effort_limit[0], 1e-06, 100000.0)) {
+        return IIWA14_E_CONFIG_EFFORT_LIMIT;
+    }
+    if (!doubles_within(&c->tip_velocity_limit, 1, 1e-06, 100.0)) {
+        return IIWA14_E_CONFIG_TIP_VELOCITY_LIMIT;
+    }
+    if (!doubles_within(&c->tip_rotation_limit, 1, 1e-06, 100.0)) {
+        return IIWA14_E_CONFIG_TIP_ROTATION_LIMIT;
+    }
+    if (!doubles_within(&c->position_quantum, 1, 0.0, 0.1)) {
+        return IIWA14_E_CONFIG_POSITION_QUANTUM;
+    }
+    if (!doubles_within(&c->velocity_noise, 1, 0.0, 100.0)) {
+        return IIWA14_E_CONFIG_VELOCITY_NOISE;
+    }
+    if (!integers_within(&c->call_gap_limit, 1, 1, 1000)) {
+        return IIWA14_E_CONFIG_CALL_GAP_LIMIT;
+    }
+    if (!integers_within(&c->communication_reaction, 1, 1, 3)) {
+        return IIWA14_E_CONFIG_COMMUNICATION_REACTION;
+    }
     if (!doubles_within(c->posture_stiffness, sizeof c->posture_stiffness / sizeof c->posture_stiffness[0], 0.0, 10000.0)) {
         return IIWA14_E_CONFIG_POSTURE_STIFFNESS;
     }
@@ -298,15 +334,6 @@ static int check_fields(const config_t *c)
     if (!integers_within(&c->coriolis, 1, 1, 2)) {
         return IIWA14_E_CONFIG_CORIOLIS;
     }
-    if (!doubles_within(c->motor_inertia, sizeof c->motor_inertia / sizeof c->motor_inertia[0], 0.0, 10000.0)) {
-        return IIWA14_E_CONFIG_MOTOR_INERTIA;
-    }
-    if (!doubles_within(c->lower_limit, sizeof c->lower_limit / sizeof c->lower_limit[0], -HUGE_VAL, HUGE_VAL)) {
-        return IIWA14_E_CONFIG_LOWER_LIMIT;
-    }
-    if (!doubles_within(c->upper_limit, sizeof c->upper_limit / sizeof c->upper_limit[0], -HUGE_VAL, HUGE_VAL)) {
-        return IIWA14_E_CONFIG_UPPER_LIMIT;
-    }
     if (!integers_within(&c->continuous_joints, 1, 1, 2)) {
         return IIWA14_E_CONFIG_CONTINUOUS_JOINTS;
     }
@@ -319,32 +346,17 @@ static int check_fields(const config_t *c)
     if (!doubles_within(c->limit_stiffness, sizeof c->limit_stiffness / sizeof c->limit_stiffness[0], 0.0, 1000000.0)) {
         return IIWA14_E_CONFIG_LIMIT_STIFFNESS;
     }
-    if (!doubles_within(c->velocity_limit, sizeof c->velocity_limit / sizeof c->velocity_limit[0], 1e-06, 1000.0)) {
-        return IIWA14_E_CONFIG_VELOCITY_LIMIT;
-    }
     if (!doubles_within(c->reference_velocity_limit, sizeof c->reference_velocity_limit / sizeof c->reference_velocity_limit[0], 1e-06, 1000.0)) {
         return IIWA14_E_CONFIG_REFERENCE_VELOCITY_LIMIT;
     }
-    if (!doubles_within(&c->tip_velocity_limit, 1, 1e-06, 100.0)) {
-        return IIWA14_E_CONFIG_TIP_VELOCITY_LIMIT;
-    }
-    if (!doubles_within(&c->tip_rotation_limit, 1, 1e-06, 100.0)) {
-        return IIWA14_E_CONFIG_TIP_ROTATION_LIMIT;
-    }
     if (!doubles_within(&c->ramp_time, 1, 0.0001, 100.0)) {
         return IIWA14_E_CONFIG_RAMP_TIME;
-    }
-    if (!doubles_within(c->heaviest_wrench, sizeof c->heaviest_wrench / sizeof c->heaviest_wrench[0], 0.001, 100000.0)) {
-        return IIWA14_E_CONFIG_HEAVIEST_WRENCH;
     }
     if (!doubles_within(&c->energy_limit, 1, 0.0, 10000.0)) {
         return IIWA14_E_CONFIG_ENERGY_LIMIT;
     }
     if (!doubles_within(&c->engagement_limit, 1, 0.0, 100000.0)) {
         return IIWA14_E_CONFIG_ENGAGEMENT_LIMIT;
-    }
-    if (!doubles_within(c->effort_limit, sizeof c->effort_limit / sizeof c->effort_limit[0], 1e-06, 100000.0)) {
-        return IIWA14_E_CONFIG_EFFORT_LIMIT;
     }
     if (!doubles_within(c->torque_rate_limit, sizeof c->torque_rate_limit / sizeof c->torque_rate_limit[0], 1e-06, 100000000.0)) {
         return IIWA14_E_CONFIG_TORQUE_RATE_LIMIT;
@@ -373,15 +385,6 @@ static int check_fields(const config_t *c)
     if (!doubles_within(&c->state_period, 1, 0.0, 1.0)) {
         return IIWA14_E_CONFIG_STATE_PERIOD;
     }
-    if (!integers_within(&c->call_gap_limit, 1, 1, 1000)) {
-        return IIWA14_E_CONFIG_CALL_GAP_LIMIT;
-    }
-    if (!doubles_within(&c->position_quantum, 1, 0.0, 0.1)) {
-        return IIWA14_E_CONFIG_POSITION_QUANTUM;
-    }
-    if (!doubles_within(&c->velocity_noise, 1, 0.0, 100.0)) {
-        return IIWA14_E_CONFIG_VELOCITY_NOISE;
-    }
     if (!doubles_within(&c->velocity_filter_time, 1, 0.0, 0.1)) {
         return IIWA14_E_CONFIG_VELOCITY_FILTER_TIME;
     }
@@ -393,9 +396,6 @@ static int check_fields(const config_t *c)
     }
     if (!doubles_within(&c->overspeed_time, 1, 0.0, 10.0)) {
         return IIWA14_E_CONFIG_OVERSPEED_TIME;
-    }
-    if (!integers_within(&c->communication_reaction, 1, 1, 3)) {
-        return IIWA14_E_CONFIG_COMMUNICATION_REACTION;
     }
     if (!doubles_within(&c->tank_initial, 1, 0.0, 10000.0)) {
         return IIWA14_E_CONFIG_TANK_INITIAL;
@@ -593,33 +593,33 @@ static void report_memory(const memory_t *m, output_t *out)
     memcpy(out->q_des, m->measured_q, sizeof out->q_des);
     out->fault = m->fault;
     out->reason = m->reason;
-    out->missed = m->missed;
-    out->unaccounted = m->unaccounted;
     out->fault_joint = m->fault_joint;
+    out->missed = m->missed;
     out->hold = m->hold;
-    out->fault_time = m->fault_time;
+    out->unaccounted = m->unaccounted;
     out->fault_seen = m->fault_seen;
     out->fault_limit = m->fault_limit;
-    memcpy(out->position, m->q, sizeof out->position);
-    memcpy(out->reference, m->posture, sizeof out->reference);
-    memcpy(out->equilibrium, m->equilibrium, sizeof out->equilibrium);
-    memcpy(out->translation_stiffness, m->translation_stiffness, sizeof out->translation_stiffness);
-    memcpy(out->rotation_stiffness, m->rotation_stiffness, sizeof out->rotation_stiffness);
-    out->scale = m->scale;
-    out->elastic_energy = m->elastic_energy;
-    out->limit_energy = m->limit_energy;
-    out->tank_energy = m->tank;
-    out->tank_reserve = m->reserve;
-    out->engagement = m->engagement;
-    memcpy(out->velocity_limit, m->velocity_limit, sizeof out->velocity_limit);
-    out->missed_limit = m->calls;
-    out->call_gap_limit = m->call_gap;
+    out->fault_time = m->fault_time;
     out->energy_supplied = m->energy_supplied;
     out->port_total = m->port_total;
     out->sampling_total = m->sampling_total;
     out->reference_total = m->reference_total;
     out->stiffness_total = m->stiffness_total;
     out->start_total = m->start_total;
+    out->elastic_energy = m->elastic_energy;
+    out->limit_energy = m->limit_energy;
+    out->tank_energy = m->tank;
+    out->tank_reserve = m->reserve;
+    out->engagement = m->engagement;
+    memcpy(out->position, m->q, sizeof out->position);
+    memcpy(out->reference, m->posture, sizeof out->reference);
+    memcpy(out->equilibrium, m->equilibrium, sizeof out->equilibrium);
+    memcpy(out->translation_stiffness, m->translation_stiffness, sizeof out->translation_stiffness);
+    memcpy(out->rotation_stiffness, m->rotation_stiffness, sizeof out->rotation_stiffness);
+    out->scale = m->scale;
+    memcpy(out->velocity_limit, m->velocity_limit, sizeof out->velocity_limit);
+    out->missed_limit = m->calls;
+    out->call_gap_limit = m->call_gap;
 }
 
 /*
@@ -5718,6 +5718,14 @@ void iiwa14_impedance_default_config(config_t *config)
     memset(config, 0, sizeof *config);
     config->sample_time = 0.001;
     config->delay_samples = 0;
+    config->heaviest_wrench[0] = 100.0;
+    config->heaviest_wrench[1] = 20.0;
+    config->tip_velocity_limit = 1.0;
+    config->tip_rotation_limit = 2.5;
+    config->position_quantum = 0.0;
+    config->velocity_noise = 0.0;
+    config->call_gap_limit = 3;
+    config->communication_reaction = IIWA14_COMMUNICATION_REACTION_RELEASE;
     config->translation_stiffness_limit = 5e3;
     config->rotation_stiffness_limit = 500.0;
     config->spring = IIWA14_SPRING_TRACE;
@@ -5730,11 +5738,7 @@ void iiwa14_impedance_default_config(config_t *config)
     config->continuous_joints = IIWA14_CONTINUOUS_JOINTS_WRAPPED;
     config->position_tolerance = 0.1;
     config->limit_zone = 0.1;
-    config->tip_velocity_limit = 1.0;
-    config->tip_rotation_limit = 2.5;
     config->ramp_time = 0.05;
-    config->heaviest_wrench[0] = 100.0;
-    config->heaviest_wrench[1] = 20.0;
     config->energy_limit = 0.0;
     config->engagement_limit = 0.0;
     config->actuation = IIWA14_ACTUATION_TORQUE;
@@ -5743,25 +5747,21 @@ void iiwa14_impedance_default_config(config_t *config)
     config->missed_limit = 3;
     config->loss_limit = 10;
     config->state_period = 0.0;
-    config->call_gap_limit = 3;
-    config->position_quantum = 0.0;
-    config->velocity_noise = 0.0;
     config->velocity_filter_time = 0.0;
     config->velocity_source = IIWA14_VELOCITY_SOURCE_MEASURED;
     config->frozen_window = 20;
     config->overspeed_time = 0.2;
-    config->communication_reaction = IIWA14_COMMUNICATION_REACTION_RELEASE;
     config->tank_initial = 0.0;
     for (int i = 0; i < N; ++i) {
-        config->posture_stiffness[i] = 1.0;
-        config->damping_ratio[i] = 0.7;
         config->motor_inertia[i] = iiwa14_motor_inertia[i];
         config->lower_limit[i] = iiwa14_lower[i];
         config->upper_limit[i] = iiwa14_upper[i];
-        config->limit_stiffness[i] = iiwa14_effort[i];
         config->velocity_limit[i] = iiwa14_velocity[i];
-        config->reference_velocity_limit[i] = 0.9 * iiwa14_velocity[i];
         config->effort_limit[i] = iiwa14_effort[i];
+        config->posture_stiffness[i] = 1.0;
+        config->damping_ratio[i] = 0.7;
+        config->limit_stiffness[i] = iiwa14_effort[i];
+        config->reference_velocity_limit[i] = 0.9 * iiwa14_velocity[i];
         config->torque_rate_limit[i] = iiwa14_torque_rate[i];
         config->kp_limit[i] = 500.0;
         config->kd_limit[i] = 5.0;
@@ -5882,6 +5882,30 @@ const char *iiwa14_impedance_error_text(int code)
         return "sample_time: must lie between 1e-05 and 0.1";
     case IIWA14_E_CONFIG_DELAY_SAMPLES:
         return "delay_samples: must lie between 0 and 5";
+    case IIWA14_E_CONFIG_HEAVIEST_WRENCH:
+        return "heaviest_wrench: every entry must lie between 0.001 and 100000";
+    case IIWA14_E_CONFIG_MOTOR_INERTIA:
+        return "motor_inertia: every entry must lie between 0 and 10000";
+    case IIWA14_E_CONFIG_LOWER_LIMIT:
+        return "lower_limit: must be a number, or infinite";
+    case IIWA14_E_CONFIG_UPPER_LIMIT:
+        return "upper_limit: must be a number, or infinite";
+    case IIWA14_E_CONFIG_VELOCITY_LIMIT:
+        return "velocity_limit: every entry must lie between 1e-06 and 1000";
+    case IIWA14_E_CONFIG_EFFORT_LIMIT:
+        return "effort_limit: every entry must lie between 1e-06 and 100000";
+    case IIWA14_E_CONFIG_TIP_VELOCITY_LIMIT:
+        return "tip_velocity_limit: must lie between 1e-06 and 100";
+    case IIWA14_E_CONFIG_TIP_ROTATION_LIMIT:
+        return "tip_rotation_limit: must lie between 1e-06 and 100";
+    case IIWA14_E_CONFIG_POSITION_QUANTUM:
+        return "position_quantum: must lie between 0 and 0.1";
+    case IIWA14_E_CONFIG_VELOCITY_NOISE:
+        return "velocity_noise: must lie between 0 and 100";
+    case IIWA14_E_CONFIG_CALL_GAP_LIMIT:
+        return "call_gap_limit: must lie between 1 and 1000";
+    case IIWA14_E_CONFIG_COMMUNICATION_REACTION:
+        return "communication_reaction: must be release, hold or resume";
     case IIWA14_E_CONFIG_POSTURE_STIFFNESS:
         return "posture_stiffness: every entry must lie between 0 and 10000";
     case IIWA14_E_CONFIG_TRANSLATION_STIFFNESS_LIMIT:
@@ -5904,12 +5928,6 @@ const char *iiwa14_impedance_error_text(int code)
         return "joint_damping: must lie between 0 and 10000";
     case IIWA14_E_CONFIG_CORIOLIS:
         return "coriolis: must be off or on";
-    case IIWA14_E_CONFIG_MOTOR_INERTIA:
-        return "motor_inertia: every entry must lie between 0 and 10000";
-    case IIWA14_E_CONFIG_LOWER_LIMIT:
-        return "lower_limit: must be a number, or infinite";
-    case IIWA14_E_CONFIG_UPPER_LIMIT:
-        return "upper_limit: must be a number, or infinite";
     case IIWA14_E_CONFIG_CONTINUOUS_JOINTS:
         return "continuous_joints: must be wrapped or counted";
     case IIWA14_E_CONFIG_POSITION_TOLERANCE:
@@ -5918,24 +5936,14 @@ const char *iiwa14_impedance_error_text(int code)
         return "limit_zone: must lie between 1e-06 and 10";
     case IIWA14_E_CONFIG_LIMIT_STIFFNESS:
         return "limit_stiffness: every entry must lie between 0 and 1e+06";
-    case IIWA14_E_CONFIG_VELOCITY_LIMIT:
-        return "velocity_limit: every entry must lie between 1e-06 and 1000";
     case IIWA14_E_CONFIG_REFERENCE_VELOCITY_LIMIT:
         return "reference_velocity_limit: every entry must lie between 1e-06 and 1000";
-    case IIWA14_E_CONFIG_TIP_VELOCITY_LIMIT:
-        return "tip_velocity_limit: must lie between 1e-06 and 100";
-    case IIWA14_E_CONFIG_TIP_ROTATION_LIMIT:
-        return "tip_rotation_limit: must lie between 1e-06 and 100";
     case IIWA14_E_CONFIG_RAMP_TIME:
         return "ramp_time: must lie between 0.0001 and 100";
-    case IIWA14_E_CONFIG_HEAVIEST_WRENCH:
-        return "heaviest_wrench: every entry must lie between 0.001 and 100000";
     case IIWA14_E_CONFIG_ENERGY_LIMIT:
         return "energy_limit: must lie between 0 and 10000";
     case IIWA14_E_CONFIG_ENGAGEMENT_LIMIT:
         return "engagement_limit: must lie between 0 and 100000";
-    case IIWA14_E_CONFIG_EFFORT_LIMIT:
-        return "effort_limit: every entry must lie between 1e-06 and 100000";
     case IIWA14_E_CONFIG_TORQUE_RATE_LIMIT:
         return "torque_rate_limit: every entry must lie between 1e-06 and 1e+08";
     case IIWA14_E_CONFIG_ACTUATION:
@@ -5954,12 +5962,6 @@ const char *iiwa14_impedance_error_text(int code)
         return "loss_limit: must lie between 1 and 1e+06";
     case IIWA14_E_CONFIG_STATE_PERIOD:
         return "state_period: must lie between 0 and 1";
-    case IIWA14_E_CONFIG_CALL_GAP_LIMIT:
-        return "call_gap_limit: must lie between 1 and 1000";
-    case IIWA14_E_CONFIG_POSITION_QUANTUM:
-        return "position_quantum: must lie between 0 and 0.1";
-    case IIWA14_E_CONFIG_VELOCITY_NOISE:
-        return "velocity_noise: must lie between 0 and 100";
     case IIWA14_E_CONFIG_VELOCITY_FILTER_TIME:
         return "velocity_filter_time: must lie between 0 and 0.1";
     case IIWA14_E_CONFIG_VELOCITY_SOURCE:
@@ -5968,8 +5970,6 @@ const char *iiwa14_impedance_error_text(int code)
         return "frozen_window: must lie between 2 and 1e+06";
     case IIWA14_E_CONFIG_OVERSPEED_TIME:
         return "overspeed_time: must lie between 0 and 10";
-    case IIWA14_E_CONFIG_COMMUNICATION_REACTION:
-        return "communication_reaction: must be release, hold or resume";
     case IIWA14_E_CONFIG_TANK_INITIAL:
         return "tank_initial: must lie between 0 and 10000";
     default:

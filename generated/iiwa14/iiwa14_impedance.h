@@ -49,61 +49,61 @@ enum {
     IIWA14_E_NO_POSTURE = -12,
     IIWA14_E_CONFIG_SAMPLE_TIME = -20,
     IIWA14_E_CONFIG_DELAY_SAMPLES = -21,
-    IIWA14_E_CONFIG_POSTURE_STIFFNESS = -22,
-    IIWA14_E_CONFIG_TRANSLATION_STIFFNESS_LIMIT = -23,
-    IIWA14_E_CONFIG_ROTATION_STIFFNESS_LIMIT = -24,
-    IIWA14_E_CONFIG_SPRING = -25,
-    IIWA14_E_CONFIG_SPRING_FORCE_LIMIT = -26,
-    IIWA14_E_CONFIG_SPRING_MOMENT_LIMIT = -27,
-    IIWA14_E_CONFIG_STIFFNESS_CAP = -28,
-    IIWA14_E_CONFIG_STIFFNESS_TIME = -29,
-    IIWA14_E_CONFIG_DAMPING_RATIO = -30,
-    IIWA14_E_CONFIG_JOINT_DAMPING = -31,
-    IIWA14_E_CONFIG_CORIOLIS = -32,
-    IIWA14_E_CONFIG_MOTOR_INERTIA = -33,
-    IIWA14_E_CONFIG_LOWER_LIMIT = -34,
-    IIWA14_E_CONFIG_UPPER_LIMIT = -35,
-    IIWA14_E_CONFIG_CONTINUOUS_JOINTS = -36,
-    IIWA14_E_CONFIG_POSITION_TOLERANCE = -37,
-    IIWA14_E_CONFIG_LIMIT_ZONE = -38,
-    IIWA14_E_CONFIG_LIMIT_STIFFNESS = -39,
-    IIWA14_E_CONFIG_VELOCITY_LIMIT = -40,
-    IIWA14_E_CONFIG_REFERENCE_VELOCITY_LIMIT = -41,
-    IIWA14_E_CONFIG_TIP_VELOCITY_LIMIT = -42,
-    IIWA14_E_CONFIG_TIP_ROTATION_LIMIT = -43,
-    IIWA14_E_CONFIG_RAMP_TIME = -44,
-    IIWA14_E_CONFIG_HEAVIEST_WRENCH = -45,
-    IIWA14_E_CONFIG_ENERGY_LIMIT = -46,
-    IIWA14_E_CONFIG_ENGAGEMENT_LIMIT = -47,
-    IIWA14_E_CONFIG_EFFORT_LIMIT = -48,
-    IIWA14_E_CONFIG_TORQUE_RATE_LIMIT = -49,
-    IIWA14_E_CONFIG_ACTUATION = -50,
-    IIWA14_E_CONFIG_KP_LIMIT = -51,
-    IIWA14_E_CONFIG_KD_LIMIT = -52,
-    IIWA14_E_CONFIG_FORCE_LIMIT = -53,
-    IIWA14_E_CONFIG_MOMENT_LIMIT = -54,
-    IIWA14_E_CONFIG_MISSED_LIMIT = -55,
-    IIWA14_E_CONFIG_LOSS_LIMIT = -56,
-    IIWA14_E_CONFIG_STATE_PERIOD = -57,
-    IIWA14_E_CONFIG_CALL_GAP_LIMIT = -58,
-    IIWA14_E_CONFIG_POSITION_QUANTUM = -59,
-    IIWA14_E_CONFIG_VELOCITY_NOISE = -60,
-    IIWA14_E_CONFIG_VELOCITY_FILTER_TIME = -61,
-    IIWA14_E_CONFIG_VELOCITY_SOURCE = -62,
-    IIWA14_E_CONFIG_FROZEN_WINDOW = -63,
-    IIWA14_E_CONFIG_OVERSPEED_TIME = -64,
-    IIWA14_E_CONFIG_COMMUNICATION_REACTION = -65,
+    IIWA14_E_CONFIG_HEAVIEST_WRENCH = -22,
+    IIWA14_E_CONFIG_MOTOR_INERTIA = -23,
+    IIWA14_E_CONFIG_LOWER_LIMIT = -24,
+    IIWA14_E_CONFIG_UPPER_LIMIT = -25,
+    IIWA14_E_CONFIG_VELOCITY_LIMIT = -26,
+    IIWA14_E_CONFIG_EFFORT_LIMIT = -27,
+    IIWA14_E_CONFIG_TIP_VELOCITY_LIMIT = -28,
+    IIWA14_E_CONFIG_TIP_ROTATION_LIMIT = -29,
+    IIWA14_E_CONFIG_POSITION_QUANTUM = -30,
+    IIWA14_E_CONFIG_VELOCITY_NOISE = -31,
+    IIWA14_E_CONFIG_CALL_GAP_LIMIT = -32,
+    IIWA14_E_CONFIG_COMMUNICATION_REACTION = -33,
+    IIWA14_E_CONFIG_POSTURE_STIFFNESS = -34,
+    IIWA14_E_CONFIG_TRANSLATION_STIFFNESS_LIMIT = -35,
+    IIWA14_E_CONFIG_ROTATION_STIFFNESS_LIMIT = -36,
+    IIWA14_E_CONFIG_SPRING = -37,
+    IIWA14_E_CONFIG_SPRING_FORCE_LIMIT = -38,
+    IIWA14_E_CONFIG_SPRING_MOMENT_LIMIT = -39,
+    IIWA14_E_CONFIG_STIFFNESS_CAP = -40,
+    IIWA14_E_CONFIG_STIFFNESS_TIME = -41,
+    IIWA14_E_CONFIG_DAMPING_RATIO = -42,
+    IIWA14_E_CONFIG_JOINT_DAMPING = -43,
+    IIWA14_E_CONFIG_CORIOLIS = -44,
+    IIWA14_E_CONFIG_CONTINUOUS_JOINTS = -45,
+    IIWA14_E_CONFIG_POSITION_TOLERANCE = -46,
+    IIWA14_E_CONFIG_LIMIT_ZONE = -47,
+    IIWA14_E_CONFIG_LIMIT_STIFFNESS = -48,
+    IIWA14_E_CONFIG_REFERENCE_VELOCITY_LIMIT = -49,
+    IIWA14_E_CONFIG_RAMP_TIME = -50,
+    IIWA14_E_CONFIG_ENERGY_LIMIT = -51,
+    IIWA14_E_CONFIG_ENGAGEMENT_LIMIT = -52,
+    IIWA14_E_CONFIG_TORQUE_RATE_LIMIT = -53,
+    IIWA14_E_CONFIG_ACTUATION = -54,
+    IIWA14_E_CONFIG_KP_LIMIT = -55,
+    IIWA14_E_CONFIG_KD_LIMIT = -56,
+    IIWA14_E_CONFIG_FORCE_LIMIT = -57,
+    IIWA14_E_CONFIG_MOMENT_LIMIT = -58,
+    IIWA14_E_CONFIG_MISSED_LIMIT = -59,
+    IIWA14_E_CONFIG_LOSS_LIMIT = -60,
+    IIWA14_E_CONFIG_STATE_PERIOD = -61,
+    IIWA14_E_CONFIG_VELOCITY_FILTER_TIME = -62,
+    IIWA14_E_CONFIG_VELOCITY_SOURCE = -63,
+    IIWA14_E_CONFIG_FROZEN_WINDOW = -64,
+    IIWA14_E_CONFIG_OVERSPEED_TIME = -65,
     IIWA14_E_CONFIG_TANK_INITIAL = -66
 };
 
 /* Choices. No choice has the value 0, so that a configuration or an input of zeros is refused. */
+enum { IIWA14_COMMUNICATION_REACTION_RELEASE = 1, IIWA14_COMMUNICATION_REACTION_HOLD, IIWA14_COMMUNICATION_REACTION_RESUME };
 enum { IIWA14_SPRING_TRACE = 1, IIWA14_SPRING_BOUNDED };
 enum { IIWA14_STIFFNESS_CAP_REFUSE = 1, IIWA14_STIFFNESS_CAP_ACCEPT };
 enum { IIWA14_CORIOLIS_OFF = 1, IIWA14_CORIOLIS_ON };
 enum { IIWA14_CONTINUOUS_JOINTS_WRAPPED = 1, IIWA14_CONTINUOUS_JOINTS_COUNTED };
 enum { IIWA14_ACTUATION_TORQUE = 1, IIWA14_ACTUATION_GAINS };
 enum { IIWA14_VELOCITY_SOURCE_MEASURED = 1, IIWA14_VELOCITY_SOURCE_DIFFERENCED };
-enum { IIWA14_COMMUNICATION_REACTION_RELEASE = 1, IIWA14_COMMUNICATION_REACTION_HOLD, IIWA14_COMMUNICATION_REACTION_RESUME };
 enum { IIWA14_COMMAND_POSITION = 1, IIWA14_COMMAND_EQUILIBRIUM };
 
 /* Status bits. */
@@ -227,11 +227,51 @@ enum {
 
 /* Configuration; start from the defaults. */
 typedef struct {
+    /* ---- Basic: what you state. ---- */
     /* [s] time T from one call of step to the next. Must lie between 1e-05 and 0.1. Default: 0.001. */
     double sample_time;
     /* [samples] delay from the sample that a torque is computed from to the sample at which it acts; 0 if it
      * acts at once. Must lie between 0 and 5. Default: 0. */
     int delay_samples;
+    /* [N, N m] heaviest force and moment that the springs are to exert at a tip, to which a rise of the
+     * stiffness is held; energy_limit, engagement_limit and the tank follow from it where they are 0. Every
+     * entry must lie between 0.001 and 100000. Default: 100.0, 20.0. */
+    double heaviest_wrench[2];
+    /* [kg m^2] inertia of the motors' rotors at the joints; a URDF has none, and without it light joints are
+     * damped wrongly. Every entry must lie between 0 and 10000. Default: motor_inertia[i]. */
+    double motor_inertia[7];
+    /* [rad or m] lower limit of the position; may be -infinity. Must be a number, or infinite. Default:
+     * lower[i]. */
+    double lower_limit[7];
+    /* [rad or m] upper limit of the position; may be infinity. Must be a number, or infinite. Default:
+     * upper[i]. */
+    double upper_limit[7];
+    /* [rad/s or m/s] velocity limit of the arm; exceeding it for overspeed_time is a limit fault. Every entry
+     * must lie between 1e-06 and 1000. Default: velocity[i]. */
+    double velocity_limit[7];
+    /* [N m or N] largest torque. Every entry must lie between 1e-06 and 100000. Default: effort[i]. */
+    double effort_limit[7];
+    /* [m/s] velocity limit of the equilibrium's translation. Must lie between 1e-06 and 100. Default: 1.0. */
+    double tip_velocity_limit;
+    /* [rad/s] velocity limit of the equilibrium's rotation. Must lie between 1e-06 and 100. Default: 2.5. */
+    double tip_rotation_limit;
+    /* [rad or m] resolution of the positions that velocities are computed from; the damping then uses the mean
+     * velocity of as many samples (up to 8) as the torque's rate limit needs. Must lie between 0 and 0.1.
+     * Default: 0.0. */
+    double position_quantum;
+    /* [rad/s or m/s] standard deviation or resolution of dq, the larger one; what the checks of samples and
+     * speed allow for. Must lie between 0 and 100. Default: 0.0. */
+    double velocity_noise;
+    /* [samples] most sample times from one call to the next, with a sample or without; 1 if no call is ever
+     * left out, which lets the tank cover larger torques; no larger than missed_limit counts. Must lie between
+     * 1 and 1000. Default: 3. */
+    int call_gap_limit;
+    /* reaction to a communication fault, once samples are back: release the springs; hold: the springs keep the
+     * arm where the equilibrium stands until the reset; or resume: hold, and reset after 0.1 s of good samples.
+     * Must be release, hold or resume. Default: release. */
+    int communication_reaction;
+
+    /* ---- Expert: these defaults fit, or follow from the basic fields. ---- */
     /* [N m/rad] stiffness k of the posture spring k (q - posture)^2 / 2. Every entry must lie between 0 and
      * 10000. Default: 1.0. */
     double posture_stiffness[7];
@@ -260,15 +300,6 @@ typedef struct {
     /* whether the torque compensates Coriolis and centrifugal forces; on: C(q, dq) dq is added, paid from the
      * tank; off where the robot does so itself. Must be off or on. Default: off. */
     int coriolis;
-    /* [kg m^2] inertia of the motors' rotors at the joints; a URDF has none, and without it light joints are
-     * damped wrongly. Every entry must lie between 0 and 10000. Default: motor_inertia[i]. */
-    double motor_inertia[7];
-    /* [rad or m] lower limit of the position; may be -infinity. Must be a number, or infinite. Default:
-     * lower[i]. */
-    double lower_limit[7];
-    /* [rad or m] upper limit of the position; may be infinity. Must be a number, or infinite. Default:
-     * upper[i]. */
-    double upper_limit[7];
     /* positions of joints without limits (URDF type continuous; not with closed loops): wrapped: q and q0 count
      * modulo a turn, q as the turn nearest to the last believed one, q0 as the turn nearest to the reference;
      * counted: as they are, so that an encoder that begins its turn again is a jump. Must be wrapped or
@@ -284,23 +315,12 @@ typedef struct {
      * rate and sample time can follow; 0 turns it off. Every entry must lie between 0 and 1e+06. Default:
      * effort[i]. */
     double limit_stiffness[7];
-    /* [rad/s or m/s] velocity limit of the arm; exceeding it for overspeed_time is a limit fault. Every entry
-     * must lie between 1e-06 and 1000. Default: velocity[i]. */
-    double velocity_limit[7];
     /* [rad/s or m/s] velocity limit of the equilibrium, which uses 0.8 of it; from 0.9 of it on the arm's joint
      * is braked. Every entry must lie between 1e-06 and 1000. Default: 0.9 * velocity[i]. */
     double reference_velocity_limit[7];
-    /* [m/s] velocity limit of the equilibrium's translation. Must lie between 1e-06 and 100. Default: 1.0. */
-    double tip_velocity_limit;
-    /* [rad/s] velocity limit of the equilibrium's rotation. Must lie between 1e-06 and 100. Default: 2.5. */
-    double tip_rotation_limit;
     /* [s] time in which the equilibrium reaches its largest velocity; one that moves by poses takes twice as
      * long. Must lie between 0.0001 and 100. Default: 0.05. */
     double ramp_time;
-    /* [N, N m] heaviest force and moment that the springs are to exert at a tip, to which a rise of the
-     * stiffness is held; energy_limit, engagement_limit and the tank follow from it where they are 0. Every
-     * entry must lie between 0.001 and 100000. Default: 100.0, 20.0. */
-    double heaviest_wrench[2];
     /* [J] largest energy that a move of the equilibrium may store in the springs of the tips; 0: the energy at
      * which they exert heaviest_wrench. Must lie between 0 and 10000. Default: 0.0. */
     double energy_limit;
@@ -308,8 +328,6 @@ typedef struct {
      * travel at the governor's velocity limits; 0: work against heaviest_wrench in a second at the tip's
      * velocity limits. Must lie between 0 and 100000. Default: 0.0. */
     double engagement_limit;
-    /* [N m or N] largest torque. Every entry must lie between 1e-06 and 100000. Default: effort[i]. */
-    double effort_limit[7];
     /* [N m/s or N/s] largest change of the torque per second. Every entry must lie between 1e-06 and 1e+08.
      * Default: torque_rate[i]. */
     double torque_rate_limit[7];
@@ -338,17 +356,6 @@ typedef struct {
      * new sample, and none that is missing; at most missed_limit sample times; 0: each sample is new. Must lie
      * between 0 and 1. Default: 0.0. */
     double state_period;
-    /* [samples] most sample times from one call to the next, with a sample or without; 1 if no call is ever
-     * left out, which lets the tank cover larger torques; no larger than missed_limit counts. Must lie between
-     * 1 and 1000. Default: 3. */
-    int call_gap_limit;
-    /* [rad or m] resolution of the positions that velocities are computed from; the damping then uses the mean
-     * velocity of as many samples (up to 8) as the torque's rate limit needs. Must lie between 0 and 0.1.
-     * Default: 0.0. */
-    double position_quantum;
-    /* [rad/s or m/s] standard deviation or resolution of dq, the larger one; what the checks of samples and
-     * speed allow for. Must lie between 0 and 100. Default: 0.0. */
-    double velocity_noise;
     /* [s] time constant of a low pass on the velocity that the damping uses, for noisy velocities; the damping
      * is designed for its delay. Must lie between 0 and 0.1. Default: 0.0. */
     double velocity_filter_time;
@@ -362,10 +369,6 @@ typedef struct {
     /* [s] time for which a joint may be beyond velocity_limit, as after a bump; it is braked from the first
      * sample on. Must lie between 0 and 10. Default: 0.2. */
     double overspeed_time;
-    /* reaction to a communication fault, once samples are back: release the springs; hold: the springs keep the
-     * arm where the equilibrium stands until the reset; or resume: hold, and reset after 0.1 s of good samples.
-     * Must be release, hold or resume. Default: release. */
-    int communication_reaction;
     /* [J] tank energy at the start, above which income goes to the engagement or is lost, unless the reserve is
      * larger; with the stored energy it covers the torques, so it bounds what the arm can hold (status RESERVE;
      * table in docs/controller.md); 0: what heaviest_wrench needs, computed by init. Must lie between 0 and
@@ -424,6 +427,7 @@ typedef struct {
 
 /* Result of a step, complete enough to draw a log from it. */
 typedef struct {
+    /* ---- Torque: what the motors are sent. ---- */
     /* [N m or N] command: elastic + damping + limit + feed-forward torque, and the caller's torque_offset,
      * within all limits. */
     double torque[7];
@@ -439,9 +443,8 @@ typedef struct {
     double q_des[7];
     /* [rad/s or m/s] velocity dq_des of the motors, 0. */
     double dq_des[7];
-    /* [J] most work that the motors put out until the next step, or as many steps as torques are held for,
-     * comes. */
-    double late_work;
+
+    /* ---- Status: what happened, and why. ---- */
     /* bits IIWA14_STATUS_.... */
     uint32_t status;
     /* mode of the step, IIWA14_MODE_.... */
@@ -450,8 +453,13 @@ typedef struct {
     int fault;
     /* reason for the fault, IIWA14_REASON_.... */
     int reason;
+    /* index of the joint that the fault is about, or -1. */
+    int fault_joint;
     /* [samples] samples missed since the last believed one. */
     int missed;
+    /* [samples] calls without a sample for which the torque would be held: missed_limit, or 1 where the tank
+     * covers no more. */
+    int hold;
     /* number of times that the energy account began anew. */
     uint32_t unaccounted;
     /* why the command, or its wrench_command, is refused, IIWA14_REFUSAL_.... */
@@ -462,21 +470,46 @@ typedef struct {
     int refusal_entry;
     /* first joint whose q0 is followed to its limit's zone, or -1. */
     int limited_joint;
-    /* index of the joint that the fault is about, or -1. */
-    int fault_joint;
-    /* [samples] calls without a sample for which the torque would be held: missed_limit, or 1 where the tank
-     * covers no more. */
-    int hold;
-    /* number that was seen. */
-    double refusal_seen;
-    /* what refusal_seen may be. */
-    double refusal_limit;
-    /* [s] time since the fault was latched. */
-    double fault_time;
     /* number that was seen, IIWA14_impedance_reason_seen says of what. */
     double fault_seen;
     /* what fault_seen may be. */
     double fault_limit;
+    /* [s] time since the fault was latched. */
+    double fault_time;
+    /* number that was seen. */
+    double refusal_seen;
+    /* what refusal_seen may be. */
+    double refusal_limit;
+
+    /* ---- Energies: the account. ---- */
+    /* [J] upper bound on all work that has left the port since init, never falling: port_total is at most this,
+     * at every sample and until the next call. */
+    double energy_supplied;
+    /* [J] work put out at the robot's port, the sum of torque . change of q. */
+    double port_total;
+    /* [J] energy s put in by holding and cutting the torque; damping counts against it. */
+    double sampling_total;
+    /* [J] energy p put in by moves of the equilibrium. */
+    double reference_total;
+    /* [J] energy v put in by changes of stiffness or scale. */
+    double stiffness_total;
+    /* [J] energy of the limit avoidance where the account began. */
+    double start_total;
+    /* [J] energy l U of the springs. */
+    double elastic_energy;
+    /* [J] energy of the joint limit avoidance. */
+    double limit_energy;
+    /* [J] energy in the tank, which pays for sampling and stiffness. */
+    double tank_energy;
+    /* [J] worst-case work of the torques in transit; tank and stored energy cover it. */
+    double tank_reserve;
+    /* [J] work left for moves of the equilibrium. */
+    double engagement;
+    /* [J] most work that the motors put out until the next step, or as many steps as torques are held for,
+     * comes. */
+    double late_work;
+
+    /* ---- Diagnostics: what is in force, for a log. ---- */
     /* [rad or m] last believed q; turns of continuous joints are counted. */
     double position[7];
     /* [rad/s or m/s] velocity that the damping used: dq, its mean, or the credible part of it; 0 without a
@@ -523,16 +556,6 @@ typedef struct {
     double mass_matrix[49];
     /* [1/s^2] eigenvalues of the tangent with respect to the mass matrix, ascending. */
     double eigenvalues[7];
-    /* [J] energy l U of the springs. */
-    double elastic_energy;
-    /* [J] energy of the joint limit avoidance. */
-    double limit_energy;
-    /* [J] energy in the tank, which pays for sampling and stiffness. */
-    double tank_energy;
-    /* [J] worst-case work of the torques in transit; tank and stored energy cover it. */
-    double tank_reserve;
-    /* [J] work left for moves of the equilibrium. */
-    double engagement;
     /* [rad/s or m/s] velocity_limit in force: a raised one waits until it is covered. */
     double velocity_limit[7];
     /* [samples] missed_limit in force, as velocity_limit. */
@@ -548,19 +571,6 @@ typedef struct {
     /* [N] force that effort limits, tank and stored energy cover at the tip now, in the direction of the least
      * force. */
     double force_available;
-    /* [J] upper bound on all work that has left the port since init, never falling: port_total is at most this,
-     * at every sample and until the next call. */
-    double energy_supplied;
-    /* [J] work put out at the robot's port, the sum of torque . change of q. */
-    double port_total;
-    /* [J] energy s put in by holding and cutting the torque; damping counts against it. */
-    double sampling_total;
-    /* [J] energy p put in by moves of the equilibrium. */
-    double reference_total;
-    /* [J] energy v put in by changes of stiffness or scale. */
-    double stiffness_total;
-    /* [J] energy of the limit avoidance where the account began. */
-    double start_total;
 } iiwa14_impedance_output;
 
 /* Proposal of a slow commander (a learned policy, 10 to 60 Hz). A struct of zeros proposes nothing. */

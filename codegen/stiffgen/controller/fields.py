@@ -63,7 +63,7 @@ def choice_field(name: str, meaning: str, choices: tuple[str, ...], default: str
     return Field(name, SCALAR, "", meaning, default, 1, len(choices), "int", choices)
 
 
-CONFIG: tuple[Field, ...] = (
+BASIC: tuple[Field, ...] = (
     Field("sample_time", SCALAR, "s", "time T from one call of step to the next", "0.001", 1e-5, 0.1),
     Field(
         "delay_samples",
@@ -75,6 +75,96 @@ CONFIG: tuple[Field, ...] = (
         5,
         "int",
     ),
+    Field(
+        "heaviest_wrench",
+        (2,),
+        "N, N m",
+        "heaviest force and moment that the springs are to exert at a tip, to which a rise of the stiffness is held; "
+        "energy_limit, engagement_limit and the tank follow from it where they are 0",
+        "100.0, 20.0",
+        1e-3,
+        1e5,
+    ),
+    Field(
+        "motor_inertia",
+        N,
+        "kg m^2",
+        "inertia of the motors' rotors at the joints; a URDF has none, and without it light joints are damped wrongly",
+        "{name}_motor_inertia[i]",
+        0.0,
+        1e4,
+    ),
+    Field(
+        "lower_limit",
+        N,
+        "rad or m",
+        "lower limit of the position; may be -infinity",
+        "{name}_lower[{i}]",
+        -math.inf,
+        math.inf,
+    ),
+    Field(
+        "upper_limit",
+        N,
+        "rad or m",
+        "upper limit of the position; may be infinity",
+        "{name}_upper[{i}]",
+        -math.inf,
+        math.inf,
+    ),
+    Field(
+        "velocity_limit",
+        N,
+        "rad/s or m/s",
+        "velocity limit of the arm; exceeding it for overspeed_time is a limit fault",
+        "{name}_velocity[{i}]",
+        1e-6,
+        1e3,
+    ),
+    Field("effort_limit", N, "N m or N", "largest torque", "{name}_effort[{i}]", 1e-6, 1e5),
+    Field("tip_velocity_limit", SCALAR, "m/s", "velocity limit of the equilibrium's translation", "1.0", 1e-6, 100.0),
+    Field("tip_rotation_limit", SCALAR, "rad/s", "velocity limit of the equilibrium's rotation", "2.5", 1e-6, 100.0),
+    Field(
+        "position_quantum",
+        SCALAR,
+        "rad or m",
+        "resolution of the positions that velocities are computed from; the damping then uses the mean velocity of as "
+        "many samples (up to 8) as the torque's rate limit needs",
+        "0.0",
+        0.0,
+        0.1,
+    ),
+    Field(
+        "velocity_noise",
+        SCALAR,
+        "rad/s or m/s",
+        "standard deviation or resolution of dq, the larger one; what the checks of samples and speed allow for",
+        "0.0",
+        0.0,
+        100.0,
+    ),
+    Field(
+        "call_gap_limit",
+        SCALAR,
+        "samples",
+        "most sample times from one call to the next, with a sample or without; 1 if no call is ever left out, which "
+        "lets the tank cover larger torques; no larger than missed_limit counts",
+        "3",
+        1,
+        1000,
+        "int",
+    ),
+    choice_field(
+        "communication_reaction",
+        "reaction to a communication fault, once samples are back: release the springs; hold: the springs keep the arm "
+        "where the equilibrium stands until the reset; or resume: hold, and reset after 0.1 s of good samples",
+        ("release", "hold", "resume"),
+        "release",
+    ),
+)
+"""What a user states: timing, load, the robot's motors and limits, sensors, and what to do when samples were lost."""
+
+EXPERT: tuple[Field, ...] = (
     Field(
         "posture_stiffness", N, "N m/rad", "stiffness k of the posture spring k (q - posture)^2 / 2", "1.0", 0.0, 1e4
     ),
@@ -105,33 +195,6 @@ CONFIG: tuple[Field, ...] = (
         "off where the robot does so itself",
         ("off", "on"),
         "off",
-    ),
-    Field(
-        "motor_inertia",
-        N,
-        "kg m^2",
-        "inertia of the motors' rotors at the joints; a URDF has none, and without it light joints are damped wrongly",
-        "{name}_motor_inertia[i]",
-        0.0,
-        1e4,
-    ),
-    Field(
-        "lower_limit",
-        N,
-        "rad or m",
-        "lower limit of the position; may be -infinity",
-        "{name}_lower[{i}]",
-        -math.inf,
-        math.inf,
-    ),
-    Field(
-        "upper_limit",
-        N,
-        "rad or m",
-        "upper limit of the position; may be infinity",
-        "{name}_upper[{i}]",
-        -math.inf,
-        math.inf,
     ),
     choice_field(
         "continuous_joints",
@@ -170,15 +233,6 @@ CONFIG: tuple[Field, ...] = (
         1e6,
     ),
     Field(
-        "velocity_limit",
-        N,
-        "rad/s or m/s",
-        "velocity limit of the arm; exceeding it for overspeed_time is a limit fault",
-        "{name}_velocity[{i}]",
-        1e-6,
-        1e3,
-    ),
-    Field(
         "reference_velocity_limit",
         N,
         "rad/s or m/s",
@@ -187,8 +241,6 @@ CONFIG: tuple[Field, ...] = (
         1e-6,
         1e3,
     ),
-    Field("tip_velocity_limit", SCALAR, "m/s", "velocity limit of the equilibrium's translation", "1.0", 1e-6, 100.0),
-    Field("tip_rotation_limit", SCALAR, "rad/s", "velocity limit of the equilibrium's rotation", "2.5", 1e-6, 100.0),
     Field(
         "ramp_time",
         SCALAR,
@@ -197,16 +249,6 @@ CONFIG: tuple[Field, ...] = (
         "0.05",
         1e-4,
         100.0,
-    ),
-    Field(
-        "heaviest_wrench",
-        (2,),
-        "N, N m",
-        "heaviest force and moment that the springs are to exert at a tip, to which a rise of the stiffness is held; "
-        "energy_limit, engagement_limit and the tank follow from it where they are 0",
-        "100.0, 20.0",
-        1e-3,
-        1e5,
     ),
     Field(
         "energy_limit",
@@ -228,7 +270,6 @@ CONFIG: tuple[Field, ...] = (
         0.0,
         1e5,
     ),
-    Field("effort_limit", N, "N m or N", "largest torque", "{name}_effort[{i}]", 1e-6, 1e5),
     Field(
         "torque_rate_limit",
         N,
@@ -282,36 +323,6 @@ CONFIG: tuple[Field, ...] = (
         1.0,
     ),
     Field(
-        "call_gap_limit",
-        SCALAR,
-        "samples",
-        "most sample times from one call to the next, with a sample or without; 1 if no call is ever left out, which "
-        "lets the tank cover larger torques; no larger than missed_limit counts",
-        "3",
-        1,
-        1000,
-        "int",
-    ),
-    Field(
-        "position_quantum",
-        SCALAR,
-        "rad or m",
-        "resolution of the positions that velocities are computed from; the damping then uses the mean velocity of as "
-        "many samples (up to 8) as the torque's rate limit needs",
-        "0.0",
-        0.0,
-        0.1,
-    ),
-    Field(
-        "velocity_noise",
-        SCALAR,
-        "rad/s or m/s",
-        "standard deviation or resolution of dq, the larger one; what the checks of samples and speed allow for",
-        "0.0",
-        0.0,
-        100.0,
-    ),
-    Field(
         "velocity_filter_time",
         SCALAR,
         "s",
@@ -348,13 +359,6 @@ CONFIG: tuple[Field, ...] = (
         0.0,
         10.0,
     ),
-    choice_field(
-        "communication_reaction",
-        "reaction to a communication fault, once samples are back: release the springs; hold: the springs keep the arm "
-        "where the equilibrium stands until the reset; or resume: hold, and reset after 0.1 s of good samples",
-        ("release", "hold", "resume"),
-        "release",
-    ),
     Field(
         "tank_initial",
         SCALAR,
@@ -367,3 +371,11 @@ CONFIG: tuple[Field, ...] = (
         1e4,
     ),
 )
+"""Everything else: its defaults fit, or follow from the basic fields."""
+
+CONFIG_SECTIONS = (
+    ("Basic: what you state.", BASIC),
+    ("Expert: these defaults fit, or follow from the basic fields.", EXPERT),
+)
+CONFIG = (*BASIC, *EXPERT)
+"""Both records in one C struct: C99 has no anonymous members, and config.basic.sample_time says no more to a reader."""

@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from stiffgen.controller.fields import CONFIG, MAX_DOF, Field
+from stiffgen.controller.fields import CONFIG, CONFIG_SECTIONS, MAX_DOF, Field
 from stiffgen.controller.memory_fields import MEMORY, RANGES
 from stiffgen.controller.policy_fields import PARTS, POLICY, PROPOSAL, REFUSED, STAGES
-from stiffgen.controller.signals import INPUT, OUTPUT
+from stiffgen.controller.signals import INPUT, OUTPUT, OUTPUT_SECTIONS
 from stiffgen.controller.status_words import ARGUMENTS, ERRORS, FAULTS, MODES, REASONS, REFUSALS, SEEN, STATUS
 from stiffgen.errors import printable
 from stiffgen.lower.scalar import DOUBLE, Scalar
@@ -43,11 +43,7 @@ BOUNDED_KERNELS = tuple(f"spring_bounded.{name}" for name in ("energy", "wrench"
 """Functions that the controller calls in folders with the bounded spring."""
 _FORMATS = {"double": "f8", "int": "i4", "int32_t": "i4", "uint32_t": "u4"}
 _STRUCTS = (
-    (
-        "config",
-        "Configuration; start from the defaults.",
-        CONFIG,
-    ),
+    ("config", "Configuration; start from the defaults.", CONFIG),
     ("input", "One sample. A struct of zeros is a missed sample.", INPUT),
     ("output", "Result of a step, complete enough to draw a log from it.", OUTPUT),
     (
@@ -57,6 +53,11 @@ _STRUCTS = (
     ),
     ("policy", "Port for slow commanders: settings, report and memory; start it by policy_start.", POLICY),
 )
+_SECTIONS = {
+    struct: {fields[0].name: heading for heading, fields in sections}
+    for struct, sections in (("config", CONFIG_SECTIONS), ("output", OUTPUT_SECTIONS))
+}
+"""Heading above the first field of each section, by struct."""
 _FIRST_FIELD_ERROR = -20
 _CAUSES = {
     "position_limits": "position",
@@ -118,13 +119,14 @@ def called_kernels(chain: Chain, springs: Sequence[str]) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Member:
-    """Member of a C struct: declaration, lines of its comment, NumPy format of an entry, and shape."""
+    """Member of a C struct: declaration, comment, NumPy format of an entry, shape, heading if it begins a section."""
 
     name: str
     declaration: str
     comment: list[str]
     format: str
     extents: list[int]
+    heading: str = ""
 
 
 @dataclass(frozen=True)
@@ -304,7 +306,12 @@ def _library() -> str:
 def _struct(chain: Chain, prefix: str, name: str, summary: str, fields: tuple[Field, ...]) -> Struct:
     sizes = {"n": len(chain.motor_coordinates), "tips": len(chain.tips), "joints": chain.dof}
     conditions = {"": True, "tool": chain.runtime_tool, "loops": bool(chain.loops)}
-    members = [_member(field, sizes, prefix) for field in fields if conditions[field.when]]
+    headings = _SECTIONS.get(name, {})
+    members = [
+        replace(_member(field, sizes, prefix), heading=headings.get(field.name, ""))
+        for field in fields
+        if conditions[field.when]
+    ]
     return Struct(name, summary, members)
 
 

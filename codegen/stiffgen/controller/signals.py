@@ -117,7 +117,7 @@ INPUT: tuple[Field, ...] = (
     ),
 )
 
-OUTPUT: tuple[Field, ...] = (
+_TORQUE: tuple[Field, ...] = (
     Field(
         "torque",
         N,
@@ -142,23 +142,15 @@ OUTPUT: tuple[Field, ...] = (
         memory="measured_q",
     ),
     Field("dq_des", N, "rad/s or m/s", "velocity dq_des of the motors, 0"),
-    Field(
-        "late_work",
-        SCALAR,
-        "J",
-        "most work that the motors put out until the next step, or as many steps as torques are held for, comes",
-    ),
+)
+
+_STATUS: tuple[Field, ...] = (  # whole numbers first: the struct has no gaps
     Field("status", SCALAR, "", "bits NAME_STATUS_...", type="uint32_t"),
     Field("mode", SCALAR, "", "mode of the step, NAME_MODE_...", type="int"),
     Field("fault", SCALAR, "", "class of the latched fault, NAME_FAULT_...", type="int", memory="="),
     Field("reason", SCALAR, "", "reason for the fault, NAME_REASON_...", type="int", memory="="),
-    Field("missed", SCALAR, "samples", "samples missed since the last believed one", type="int", memory="="),
-    Field("unaccounted", SCALAR, "", "number of times that the energy account began anew", type="uint32_t", memory="="),
-    Field("refusal", SCALAR, "", "why the command, or its wrench_command, is refused, NAME_REFUSAL_...", type="int"),
-    Field("refusal_argument", SCALAR, "", "argument that the refusal is about, NAME_ARGUMENT_...", type="int"),
-    Field("refusal_entry", SCALAR, "", "joint or row-major index of the entry in this argument, or -1", type="int"),
-    Field("limited_joint", SCALAR, "", "first joint whose q0 is followed to its limit's zone, or -1", type="int"),
     Field("fault_joint", SCALAR, "", "index of the joint that the fault is about, or -1", type="int", memory="="),
+    Field("missed", SCALAR, "samples", "samples missed since the last believed one", type="int", memory="="),
     Field(
         "hold",
         SCALAR,
@@ -167,11 +159,58 @@ OUTPUT: tuple[Field, ...] = (
         type="int",
         memory="=",
     ),
-    Field("refusal_seen", SCALAR, "", "number that was seen"),
-    Field("refusal_limit", SCALAR, "", "what refusal_seen may be"),
-    Field("fault_time", SCALAR, "s", "time since the fault was latched", memory="="),
+    Field("unaccounted", SCALAR, "", "number of times that the energy account began anew", type="uint32_t", memory="="),
+    Field("refusal", SCALAR, "", "why the command, or its wrench_command, is refused, NAME_REFUSAL_...", type="int"),
+    Field("refusal_argument", SCALAR, "", "argument that the refusal is about, NAME_ARGUMENT_...", type="int"),
+    Field("refusal_entry", SCALAR, "", "joint or row-major index of the entry in this argument, or -1", type="int"),
+    Field("limited_joint", SCALAR, "", "first joint whose q0 is followed to its limit's zone, or -1", type="int"),
     Field("fault_seen", SCALAR, "", "number that was seen, NAME_impedance_reason_seen says of what", memory="="),
     Field("fault_limit", SCALAR, "", "what fault_seen may be", memory="="),
+    Field("fault_time", SCALAR, "s", "time since the fault was latched", memory="="),
+    Field("refusal_seen", SCALAR, "", "number that was seen"),
+    Field("refusal_limit", SCALAR, "", "what refusal_seen may be"),
+)
+
+_ENERGIES: tuple[Field, ...] = (
+    Field(
+        "energy_supplied",
+        SCALAR,
+        "J",
+        "upper bound on all work that has left the port since init, never falling: port_total is at most this, at "
+        "every sample and until the next call",
+        memory="=",
+    ),
+    Field("port_total", SCALAR, "J", "work put out at the robot's port, the sum of torque . change of q", memory="="),
+    Field(
+        "sampling_total",
+        SCALAR,
+        "J",
+        "energy s put in by holding and cutting the torque; damping counts against it",
+        memory="=",
+    ),
+    Field("reference_total", SCALAR, "J", "energy p put in by moves of the equilibrium", memory="="),
+    Field("stiffness_total", SCALAR, "J", "energy v put in by changes of stiffness or scale", memory="="),
+    Field("start_total", SCALAR, "J", "energy of the limit avoidance where the account began", memory="="),
+    Field("elastic_energy", SCALAR, "J", "energy l U of the springs", memory="="),
+    Field("limit_energy", SCALAR, "J", "energy of the joint limit avoidance", memory="="),
+    Field("tank_energy", SCALAR, "J", "energy in the tank, which pays for sampling and stiffness", memory="tank"),
+    Field(
+        "tank_reserve",
+        SCALAR,
+        "J",
+        "worst-case work of the torques in transit; tank and stored energy cover it",
+        memory="reserve",
+    ),
+    Field("engagement", SCALAR, "J", "work left for moves of the equilibrium", memory="="),
+    Field(
+        "late_work",
+        SCALAR,
+        "J",
+        "most work that the motors put out until the next step, or as many steps as torques are held for, comes",
+    ),
+)
+
+_DIAGNOSTICS: tuple[Field, ...] = (
     Field("position", N, "rad or m", "last believed q; turns of continuous joints are counted", memory="q"),
     Field(
         "velocity",
@@ -219,17 +258,6 @@ OUTPUT: tuple[Field, ...] = (
     Field("damping", NN, "N m s/rad", "damping matrix B, symmetric positive semidefinite"),
     Field("mass_matrix", NN, "kg m^2", "mass matrix M(q) + motor inertia"),
     Field("eigenvalues", N, "1/s^2", "eigenvalues of the tangent with respect to the mass matrix, ascending"),
-    Field("elastic_energy", SCALAR, "J", "energy l U of the springs", memory="="),
-    Field("limit_energy", SCALAR, "J", "energy of the joint limit avoidance", memory="="),
-    Field("tank_energy", SCALAR, "J", "energy in the tank, which pays for sampling and stiffness", memory="tank"),
-    Field(
-        "tank_reserve",
-        SCALAR,
-        "J",
-        "worst-case work of the torques in transit; tank and stored energy cover it",
-        memory="reserve",
-    ),
-    Field("engagement", SCALAR, "J", "work left for moves of the equilibrium", memory="="),
     Field(
         "velocity_limit",
         N,
@@ -250,23 +278,12 @@ OUTPUT: tuple[Field, ...] = (
         "N",
         "force that effort limits, tank and stored energy cover at the tip now, in the direction of the least force",
     ),
-    Field(
-        "energy_supplied",
-        SCALAR,
-        "J",
-        "upper bound on all work that has left the port since init, never falling: port_total is at most this, at "
-        "every sample and until the next call",
-        memory="=",
-    ),
-    Field("port_total", SCALAR, "J", "work put out at the robot's port, the sum of torque . change of q", memory="="),
-    Field(
-        "sampling_total",
-        SCALAR,
-        "J",
-        "energy s put in by holding and cutting the torque; damping counts against it",
-        memory="=",
-    ),
-    Field("reference_total", SCALAR, "J", "energy p put in by moves of the equilibrium", memory="="),
-    Field("stiffness_total", SCALAR, "J", "energy v put in by changes of stiffness or scale", memory="="),
-    Field("start_total", SCALAR, "J", "energy of the limit avoidance where the account began", memory="="),
 )
+
+OUTPUT_SECTIONS = (
+    ("Torque: what the motors are sent.", _TORQUE),
+    ("Status: what happened, and why.", _STATUS),
+    ("Energies: the account.", _ENERGIES),
+    ("Diagnostics: what is in force, for a log.", _DIAGNOSTICS),
+)
+OUTPUT = tuple(field for _, fields in OUTPUT_SECTIONS for field in fields)
