@@ -161,20 +161,20 @@ def trace_form(R: ca.SX, H: ca.SX, Ko: ca.SX, axes: Axes) -> Terms:
     """
     R0 = H[:3, :3]
     D, turned = R - R0, "R"
-    before: tuple[Section, ...] = ()
-    if axes == "base":
-        before = (Section("D = R - R0, rotation N = R R0^T from the equilibrium", {"D": D, "N": R @ R0.T}),)
+    of_base: tuple[Section, ...] = ()
+    if axes == "base":  # from here on R is N, and R0 is 1
+        of_base = (Section("D = R - R0, rotation N = R R0^T from the equilibrium", {"D": D, "N": R @ R0.T}),)
         D, R, R0, turned = D @ R0.T, R @ R0.T, ca.SX.eye(3), "N"
-    name = "DN" if before else "D"
+    name = "DN" if of_base else "D"
     half_trace = 0.5 * ca.trace(Ko)
     G = half_trace * ca.SX.eye(3) - Ko
     W, L = D @ G, R @ G
     Y, P = W @ R.T, L @ R0.T
     work = sum((ca.dot(D[row, :], W[row, :]) for row in range(3)), ca.SX(0))
     sections = (
-        *before,
+        *of_base,
         Section(
-            f"{name} = {'D R0^T' if before else 'R - R0'}; G = tr(Ko)/2 I - Ko, its diagonal",
+            f"{name} = {'D R0^T' if of_base else 'R - R0'}; G = tr(Ko)/2 I - Ko, its diagonal",
             {name: D, "half_trace": half_trace, "G": ca.diag(G)},
         ),
         Section(f"gradient W = {name} G with respect to {turned}; Y = W {turned}^T; moment: Y - Y^T", {"W": W, "Y": Y}),
@@ -203,32 +203,23 @@ def _quaternion(R: ca.SX, R0: ca.SX) -> tuple[ca.SX, ca.SX, tuple[Section, ...]]
     """
     E = R0.T @ R
     D = R0.T @ (R - R0)
-    x, y, z = ca.vertsplit(_axial(D))
+    wx, wy, wz = ca.vertsplit(_axial(D))
     xy, xz, yz = E[0, 1] + E[1, 0], E[0, 2] + E[2, 0], E[1, 2] + E[2, 1]
-    same, other = 1 + E[0, 0], 1 - E[0, 0]
-    ww, xx = same + E[1, 1] + E[2, 2], same - E[1, 1] - E[2, 2]
-    yy, zz = other + E[1, 1] - E[2, 2], other - E[1, 1] + E[2, 2]
-    rows = ca.vertcat(ww, x, y, z), ca.vertcat(x, xx, xy, xz), ca.vertcat(y, xy, yy, yz), ca.vertcat(z, xz, yz, zz)
+    one_plus, one_minus = 1 + E[0, 0], 1 - E[0, 0]
+    ww, xx = one_plus + E[1, 1] + E[2, 2], one_plus - E[1, 1] - E[2, 2]
+    yy, zz = one_minus + E[1, 1] - E[2, 2], one_minus - E[1, 1] + E[2, 2]
+    products = (ww, wx, wy, wz), (wx, xx, xy, xz), (wy, xy, yy, yz), (wz, xz, yz, zz)
+    rows = [ca.vertcat(*each) for each in products]
     x_first, z_first, yz_first = ww < xx, yy < zz, ca.fmax(ww, xx) < ca.fmax(yy, zz)
     row = ca.if_else(yz_first, ca.if_else(z_first, rows[3], rows[2]), ca.if_else(x_first, rows[1], rows[0]))
-    negative = row[0] < 0
-    length = ca.if_else(negative, -1, 1) * ca.sqrt(ca.dot(row, row))
+    is_negative = row[0] < 0
+    length = ca.if_else(is_negative, -1, 1) * ca.sqrt(ca.dot(row, row))
     unit = row / length
     diagonal = {f"E{k}{k}": E[k, k] for k in range(3)}
     squares = {
-        "one_plus": same,
-        "one_minus": other,
-        "ww": ww,
-        "xx": xx,
-        "yy": yy,
-        "zz": zz,
-        "wx": x,
-        "wy": y,
-        "wz": z,
-        "xy": xy,
-        "xz": xz,
-        "yz": yz,
-    }
+        "one_plus": one_plus, "one_minus": one_minus, "ww": ww, "xx": xx, "yy": yy, "zz": zz,
+        "wx": wx, "wy": wy, "wz": wz, "xy": xy, "xz": xz, "yz": yz,
+    }  # fmt: skip
     choices = {"x_first": x_first, "z_first": z_first, "yz_first": yz_first}
     choices |= {f"not_{name}": ca.logic_not(flag) for name, flag in choices.items()}
     return (
@@ -238,7 +229,7 @@ def _quaternion(R: ca.SX, R0: ca.SX) -> tuple[ca.SX, ca.SX, tuple[Section, ...]]
             Section("E = R0^T R: rotation from the equilibrium; D = R - R0", {"D": R - R0, **diagonal}),
             Section("4 times the products of the quaternion's components (w, x, y, z)", squares),
             Section("choice of the row with the largest square; the row, and its length with the sign of w",
-                    {**choices, "row": row, "negative": negative, "length": length}),
+                    {**choices, "row": row, "negative": is_negative, "length": length}),
             Section("unit quaternion (eta, eps) of E, eta >= 0", {"eta": unit[0], "eps": unit[1:]}),
         ),
     )  # fmt: skip
@@ -348,7 +339,12 @@ def by_quaternion(R: ca.SX, H: ca.SX, Ko: ca.SX, axes: Axes, factor: Factor, mea
 
 
 def coupled(p: ca.SX, R: ca.SX, H: ca.SX, K: ca.SX, axes: tuple[Axes, Axes], centre: Centre) -> Terms:
-    """Return the terms of d^T K11 d/2 + d^T K12 sigma and the trace form of K22; axes of translation and rotation."""
+    """Return the terms of d^T K11 d/2 + d^T K12 sigma and the trace form of K22; axes of translation and rotation.
+
+    With Y the rotational axes in the base, Y sigma is the axial vector of N/2, N = R R0^T. Its derivative with respect
+    to w is M = (tr(N) I - N)/2. The middle term therefore has the force K12 sigma (with that of K11) and the moment
+    M^T Y K12^T d; without K12 the other two are a translation and a trace form.
+    """
     displacement, R0 = Displacement.of(p, R, H, axes[0], centre), H[:3, :3]
     d = displacement.d
     sine = sigma = 0.5 * _axial(R0.T @ (R - R0))
@@ -360,7 +356,7 @@ def coupled(p: ca.SX, R: ca.SX, H: ca.SX, K: ca.SX, axes: tuple[Axes, Axes], cen
     Kl = K[:3, :3] @ d
     linear = displacement.terms(Kl + Ks, K[:3, :3], ca.dot(d, 0.5 * Kl + Ks))
     turning = trace_form(R, H, K[3:, 3:], axes[1])
-    N = R @ R0.T  # the axial vector of N/2 has the derivative M with respect to w
+    N = R @ R0.T
     M = -0.5 * N
     for k in range(3):
         M[k, k] = 0.5 * (N[(k + 1) % 3, (k + 1) % 3] + N[(k + 2) % 3, (k + 2) % 3])
@@ -407,7 +403,7 @@ def bounded(part: Terms, stiffness: ca.SX, limit: ca.SX, suffix: str) -> Terms:
     rho = ca.sqrt(1 + 2 * soft * part.V)
     F = part.F / rho
     bent = soft / rho
-    t = suffix
+    t = suffix  # of the names in C
     energy = {f"V{t}": part.V, f"size{t}": sizes, f"kappa{t}": kappa, f"soft{t}": soft, f"rho{t}": rho}
     sections = (
         Section(f"V{t}: energy without limit; kappa{t} >= eigenvalues; soft{t} = kappa{t}/limit^2; rho{t}", energy),

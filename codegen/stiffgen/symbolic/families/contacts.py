@@ -130,17 +130,15 @@ def _total(chain: Chain, of: Kernel, summary: str, note: str, spring: Spring | N
 
 def total_kernels(chain: Chain, kernels: tuple[Kernel, ...], springs: tuple[Spring, ...]) -> tuple[Kernel, ...]:
     """Return the sums over the tips of the stiffnesses and springs among the ``kernels`` of one tip."""
-    contact_texts = (
-        "Symmetric joint stiffness of the contacts at all tips, added up.",
-        "For a tip without contact, pass zero wrench and task stiffness.",
-    )
-    of_springs = ("{summary} Sum over the springs at all tips.", "For a tip without a spring, pass zero stiffnesses.")
+    spring_of = {spring.name: spring for spring in springs}
     totals = []
     for kernel in kernels:
-        if kernel.group in REPRESENTATIONS:
-            if kernel.name == "joint_stiffness":
-                totals.append(_total(chain, kernel, *contact_texts))
-        elif kernel.group and kernel.name in ("energy", "torque", "joint_stiffness", "linearization"):
-            spring = next(each for each in springs if each.name == kernel.group)
-            totals.append(_total(chain, kernel, of_springs[0].format(summary=kernel.summary), of_springs[1], spring))
+        if kernel.group in REPRESENTATIONS and kernel.name == "joint_stiffness":
+            summary = "Symmetric joint stiffness of the contacts at all tips, added up."
+            note = "For a tip without contact, pass zero wrench and task stiffness."
+            totals.append(_total(chain, kernel, summary, note))
+        if kernel.group in spring_of and kernel.name in ("energy", "torque", "joint_stiffness", "linearization"):
+            summary = f"{kernel.summary} Sum over the springs at all tips."
+            note = "For a tip without a spring, pass zero stiffnesses."
+            totals.append(_total(chain, kernel, summary, note, spring_of[kernel.group]))
     return tuple(totals)

@@ -111,25 +111,29 @@ def stiffness_direction_gradient(
     task_stiffness: Argument,
     direction: Argument,
 ) -> Program:
-    """Return the program of the gradient; on a floating base, its first six entries belong to the base's twist."""
+    """Return the program of the gradient; on a floating base, its first six entries belong to the base's twist.
+
+    The gradient of v^T Kq v is the vector-Jacobian product of Kq with the cotangent v v^T. Where joints mimic, the
+    stiffness of the joints is differentiated in place of its sum, and v is spread over the joints.
+    """
     m, v = len(chain.joints), direction.array(chain)
     stiffness = Argument("Kq", ("n", "n"), "", "", symmetric=True)
     forward = joint_stiffness(chain, representation, stiffness, wrench, task_stiffness)
-    of_joints, spreading = stiffness.array(chain), list[Step]()
+    Kq, steps = stiffness.array(chain), list[Step]()
     if chain.coupled:
-        total, spread = forward[-1], Array("v_of_joints", (m,))
-        assert isinstance(total, SumJoints)
-        forward, of_joints = forward[:-1], total.source
-        spreading, v = [SumJoints(v, spread, spread=True)], spread
-    weights = Array("vv", of_joints.shape)
+        sum_joints, v_of_joints = forward[-1], Array("v_of_joints", (m,))
+        assert isinstance(sum_joints, SumJoints)
+        forward, Kq = forward[:-1], sum_joints.source
+        steps, v = [SumJoints(v, v_of_joints, spread=True)], v_of_joints
+    cotangent = Array("vv", Kq.shape)
     operands = Operand(v, "i"), Operand(v, "j")
     comment = "cotangent v_i v_j for i<=j, mirrored"
-    spreading.append(Map(comment, Over.UPPER, Operand(weights, "ij"), operands, lambda a, b: a * b, mirror=True))
-    places = [argument.array(chain) for argument in (*((BASE_POSE,) if chain.floating else ()), Q)]
-    product = adjoint.reverse(chain, forward, places, [of_joints], [weights])
-    gradients = tuple(Operand(Array(bar_name(each.name), gradient_shape(each)), "") for each in places)
+    steps.append(Map(comment, Over.UPPER, Operand(cotangent, "ij"), operands, lambda a, b: a * b, mirror=True))
+    variables = [argument.array(chain) for argument in (*((BASE_POSE,) if chain.floating else ()), Q)]
+    product = adjoint.reverse(chain, forward, variables, [Kq], [cotangent])
+    gradients = tuple(Operand(Array(bar_name(each.name), gradient_shape(each)), "") for each in variables)
     output = Operand(result.array(chain), "")
-    return *spreading, *product, Map("gradient", Over.ONCE, output, gradients, lambda *parts: ca.vertcat(*parts))
+    return *steps, *product, Map("gradient", Over.ONCE, output, gradients, lambda *parts: ca.vertcat(*parts))
 
 
 _SPATIAL_NOTE = (
