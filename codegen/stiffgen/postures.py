@@ -23,6 +23,14 @@ _NO_POSE = 1e-3
 """Largest entry of R R^T - I, and error of the last row, of a pose."""
 _ALIKE = 0.1
 """[rad] or [m] up to which two postures are the same."""
+_REGULAR = 1e-9
+"""Damping relative to the trace of J^T W J, which keeps systems regular."""
+_DAMPING = 1e-2
+"""Further damping per squared error."""
+_CLOSE = 1e-2
+"""Squared error below which a step also pulls towards ``near``."""
+_PULL = 0.2
+"""Share of the way to ``near`` per step."""
 
 
 def find_postures(
@@ -112,10 +120,7 @@ def _errors(poses: FloatArray, goal: FloatArray) -> FloatArray:
 
 
 def _step(module: Any, q: FloatArray, goal: FloatArray, near: FloatArray | None) -> FloatArray:
-    """Return damped steps of least squares, and a motion towards ``near`` that leaves the tip where it is.
-
-    The damping grows with the squared error. Steps towards ``near`` begin where the tip is near the goal.
-    """
+    """Return damped steps of least squares, and a motion towards ``near`` that leaves the tip where it is."""
     error, J = _errors(_function(module, "forward_kinematics", q), goal), _function(module, "jacobian", q)
     weight = np.array([1 / _SQUARED] * 3 + [1.0] * 3)
     transposed = np.swapaxes(J, 1, 2)
@@ -124,11 +129,12 @@ def _step(module: Any, q: FloatArray, goal: FloatArray, near: FloatArray | None)
     eye = np.eye(q.shape[1])
     scale = np.maximum(np.trace(A, axis1=1, axis2=2), 1e-12)[:, None, None]
     slope = (transposed @ (weight * error)[..., None])[..., 0]
-    step = np.linalg.solve(A + (1e-9 * scale + 1e-2 * squared_error[:, None, None]) * eye, slope[..., None])[..., 0]
+    damping = _REGULAR * scale + _DAMPING * squared_error[:, None, None]
+    step = np.linalg.solve(A + damping * eye, slope[..., None])[..., 0]
     if near is not None:
-        pull = 0.2 * (near - q)
-        moves_tip = np.linalg.solve(A + 1e-9 * scale * eye, (A @ pull[..., None]))[..., 0]  # its part that does
-        step += (pull - moves_tip) * (squared_error < 1e-2)[:, None]
+        pull = _PULL * (near - q)
+        moves_tip = np.linalg.solve(A + _REGULAR * scale * eye, (A @ pull[..., None]))[..., 0]  # its part that does
+        step += (pull - moves_tip) * (squared_error < _CLOSE)[:, None]
     longest = np.abs(step).max(axis=1, keepdims=True)
     result: FloatArray = step * np.minimum(1.0, _LONGEST / np.maximum(longest, 1e-12))
     return result

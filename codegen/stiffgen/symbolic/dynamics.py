@@ -213,8 +213,8 @@ def _shift(chain: Chain, joint: Joint, link: _Link, q: ca.SX) -> ca.SX:
 
 def _into_link(vector: ca.SX, rotation: ca.SX, turn: _Turn) -> ca.SX:
     """Rotate a vector from the axes of a link's parent to the axes of the link."""
-    vector = rotation.T @ vector
-    return ca.densify(vector if turn is None else _turned(vector, (-turn[0], turn[1])))
+    at_zero = rotation.T @ vector
+    return ca.densify(at_zero if turn is None else _turned(at_zero, (-turn[0], turn[1])))
 
 
 def _out_of_link(vector: ca.SX, rotation: ca.SX, turn: _Turn) -> ca.SX:

@@ -37,11 +37,15 @@ def axes_and_moment_rates(chain: Chain, q: ca.SX) -> Expressions:
 
 
 def potential_energy(chain: Chain, first_moment: ca.SX, gravity: ca.SX, base_pose: ca.SX | None = None) -> Expressions:
-    """Return U [J], 0 where the centre of mass is level with the origin of the base (floating base: of the world)."""
-    if base_pose is not None:
-        mass = sum(joint.body.mass for joint in chain.joints)
-        first_moment = base_pose[:3, :3] @ first_moment + mass * base_pose[:3, 3]
-    return Expressions(ca.SX(-ca.dot(gravity, first_moment)), ())
+    """Return U [J], 0 where the centre of mass is level with the origin of the base (floating base: of the world).
+
+    ``first_moment`` [kg m] is about the base's origin in the base's axes, ``gravity`` in base axes or the world's.
+    """
+    if base_pose is None:
+        return Expressions(ca.SX(-ca.dot(gravity, first_moment)), ())
+    mass = sum(joint.body.mass for joint in chain.joints)
+    in_world = base_pose[:3, :3] @ first_moment + mass * base_pose[:3, 3]
+    return Expressions(ca.SX(-ca.dot(gravity, in_world)), ())
 
 
 def in_base_axes(base_pose: ca.SX, vectors: ca.SX) -> ca.SX:

@@ -30,8 +30,8 @@ def columns_of(chain: Chain, representation: Representation, name: str = "J") ->
     heading = "Jacobian columns: rows 0..2 linear, 3..5 angular"
     meaning = f"Jacobian columns of the moving joints, {representation} representation"
     arguments = configuration_arrays(chain, seen_from_tip=representation == "body")
-    name = f"{representation}_columns"
-    return StraightLine((array,), expressions, arguments, name, heading, meaning, 1, moves=representation), array
+    function = f"{representation}_columns"
+    return StraightLine((array,), expressions, arguments, function, heading, meaning, 1, moves=representation), array
 
 
 def over_joints(chain: Chain, result: Argument, steps: Callable[[Array], Program], *, mirror: bool = False) -> Program:

@@ -160,6 +160,7 @@ class TaskStiffness:
 
 def stiff_springs(to: Sampling) -> FloatArray:
     """Draw symmetric stiffnesses of springs in the joints that hold the robot under the wrenches drawn for its tips."""
+    # Wrenches of 30 N and 10 N m (arguments.wrench) at this reach [m] have less stiffness than these springs.
     reach = sum(float(np.linalg.norm(joint.translation)) for joint in to.chain.joints)
     scale = (300.0 + 300.0 * reach) * max(len(to.chain.tips), 1)
     coupling = symmetric(to) * (0.5 / math.sqrt(to.shape[0]))
@@ -189,10 +190,14 @@ def random_poses(to: Sampling) -> FloatArray:
     return poses
 
 
+_NEAR = 0.15
+"""Largest distance of drawn joints from a closed configuration [rad or m]."""
+
+
 def within_limits(to: Sampling) -> FloatArray:
     """Draw joint positions within the limits (unbounded joints: one turn, one metre), near a closed configuration."""
     if to.chain.loops:  # the loops' functions have singularities; near the closed configuration there are none
-        return np.array(to.chain.start) + to.random.uniform(-0.15, 0.15, to.size)
+        return np.array(to.chain.start) + to.random.uniform(-_NEAR, _NEAR, to.size)
     reach = [math.pi if c.type != "prismatic" else 1.0 for c in to.chain.coordinates]
     lower = [max(c.lower, -r) for c, r in zip(to.chain.coordinates, reach, strict=True)]
     upper = [min(c.upper, r) for c, r in zip(to.chain.coordinates, reach, strict=True)]
@@ -202,7 +207,7 @@ def within_limits(to: Sampling) -> FloatArray:
 
 def near_start(to: Sampling) -> FloatArray:
     """Draw positions of the motors near the closed configuration where the robot starts."""
-    return np.array(to.chain.start)[list(to.chain.actuated)] + to.random.uniform(-0.15, 0.15, to.size)
+    return np.array(to.chain.start)[list(to.chain.actuated)] + to.random.uniform(-_NEAR, _NEAR, to.size)
 
 
 def at_start(to: Sampling) -> FloatArray:

@@ -35,6 +35,7 @@ class DispatchedFunction:
 
 
 def _dispatched(robot: str, prototype: str, call: Iterable[str], widths: tuple[int, int, int]) -> DispatchedFunction:
+    """Describe a function from its prototype; ``call`` are the arguments that it passes on."""
     opening, _, parameters = prototype.partition("(")
     result, _, name = opening.partition(" ")
     return DispatchedFunction(

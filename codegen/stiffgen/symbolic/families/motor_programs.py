@@ -251,18 +251,18 @@ def close(chain: Chain, actuated: Argument, start: Argument, result: Argument) -
         moved = (from_ + (actuated - from_) * (k / TRACKING) for k in range(1, TRACKING))
         return Expressions(ca.densify(ca.vertcat(*moved)), ())
 
-    def newton(chain: Chain, actuated: ca.SX, q: ca.SX) -> Expressions:
+    def newton(chain: Chain, actuated: ca.SX, last: ca.SX) -> Expressions:
         """Move the passive joints by one step, shortened to ``LARGEST_STEP``; the next step places the motors anew."""
-        q = _placed(chain, actuated, q)
+        q = _placed(chain, actuated, last)
         closure = Closure(chain, q)
         step = closure.passive_rates(closure.residual())[chain.base_joints :]
         scale = 1 / ca.fmax(1, ca.sqrt(ca.sumsqr(step)) / LARGEST_STEP)
         moved = (q[k] if k in chain.actuated else q[k] + scale * step[k] for k in range(q.numel()))
         return _expressions(closure, ca.vertcat(*moved))
 
-    def checked(chain: Chain, actuated: ca.SX, q: ca.SX) -> Expressions:
+    def checked(chain: Chain, actuated: ca.SX, last: ca.SX) -> Expressions:
         """Make the last step; NaN unless it is short and the loops were closed before it."""
-        q = _placed(chain, actuated, q)
+        q = _placed(chain, actuated, last)
         closure = Closure(chain, q)
         step = closure.passive_rates(closure.residual())[chain.base_joints :]
         is_closed = (ca.sumsqr(step) <= LAST_STEP**2) * (closure.squared_gap() <= GAP**2)
