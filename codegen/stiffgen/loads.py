@@ -63,7 +63,7 @@ def external_wrench(robot: Any, q: ArrayLike, external_torque: ArrayLike, deviat
         raise ValueError(f"deviation must be one number or end with {n} numbers, not have the shape {sigma.shape}")
     if not np.all(sigma > 0):
         raise ValueError("deviation: every standard deviation must be positive")
-    # With rows divided by the deviations, the torques' errors are independent and of the size 1.
+    # With rows divided by the deviations, the errors of all torques have the deviation 1.
     weights = 1.0 / np.broadcast_to(sigma, (*sigma.shape[:-1], n))
     weighted = J_T * weights[..., None]
     left, values, right = np.linalg.svd(np.where(np.isfinite(weighted), weighted, 0.0), full_matrices=False)

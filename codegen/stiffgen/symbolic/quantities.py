@@ -175,9 +175,8 @@ def symmetric(to: Sampling) -> FloatArray:
 
 def random_poses(to: Sampling) -> FloatArray:
     """Draw orientations from random quaternions, and positions of some decimetres."""
-    w, x, y, z = (lambda quaternion: quaternion / np.linalg.norm(quaternion, axis=0))(
-        to.random.normal(size=(4, to.count))
-    )
+    quaternions = to.random.normal(size=(4, to.count))
+    w, x, y, z = quaternions / np.linalg.norm(quaternions, axis=0)
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
         [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],

@@ -104,18 +104,18 @@ def _launch(request: Request, kernel: Kernel, function: CFunction, name: str, va
     without_aliases = [text.replace("*", "*__restrict__ ") for text in parameters]
     sizes = ["size_t count", "size_t stride"]
     own = [a for argument, a in zip(kernel.arguments, function.inputs, strict=True) if _is_own(argument)]
-    own_strides = [array for array in function.inputs if array.name in strides]
-    loaded = {array.name for array in (*own, *own_strides)}
+    with_stride = [array for array in function.inputs if array.name in strides]
+    loaded = {array.name for array in (*own, *with_stride)}  # of which a thread copies its configuration's values
     stored = [result.packed().array(request.chain) for result in kernel.results]
     traffic = f"{sum(array.size for array in (*own, *stored))} {number}s per configuration"
-    if own_strides:
-        traffic += f", at most {sum(array.size for array in own_strides)} more with arguments that are not shared"
+    if with_stride:
+        traffic += f", at most {sum(array.size for array in with_stride)} more with arguments that are not shared"
     return Launch(
         name=name,
         kernel=prototype(f"KERNEL {name}_kernel(", sizes + without_aliases),
         prototype=prototype(f"int {request.name}_{name}_cuda(", [*sizes, *parameters, "void *stream"]),
         own=own,
-        varying=own_strides,
+        varying=with_stride,
         arrays=arrays,
         values=[f"{a.name}_of_one" if a.name in loaded else a.name for a in function.inputs],
         traffic=traffic,

@@ -31,19 +31,12 @@ def check_not_finite(
 
     Single calls and a stack of configurations are checked. A result depends on an entry if it changes with the entry.
     """
+    calls = [(kernel, kernel.qualified_name, kernels[kernel.qualified_name]) for kernel in table]
+    larges = LARGE[scalar.name]
     with np.errstate(all="ignore"):
         return [
-            faultless(
-                kernel.qualified_name, "NaN and infinity in", _faults(kernels[kernel.qualified_name], kernel, pool)
-            )
-            for kernel in table
-        ] + [
-            faultless(
-                kernel.qualified_name,
-                "large numbers in",
-                _overflows(kernels[kernel.qualified_name], kernel, pool, LARGE[scalar.name]),
-            )
-            for kernel in table
+            *(faultless(name, "NaN and infinity in", _faults(call, each, pool)) for each, name, call in calls),
+            *(faultless(name, "large numbers in", _overflows(call, each, pool, larges)) for each, name, call in calls),
         ]
 
 
