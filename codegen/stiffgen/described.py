@@ -15,7 +15,7 @@ from typing import Any, Concatenate, ParamSpec, TypeVar
 from stiffgen.errors import StiffgenError
 
 _Options = ParamSpec("_Options")
-_Record = TypeVar("_Record")
+_Chosen = TypeVar("_Chosen")
 _Result = TypeVar("_Result")
 _OPTIONS = "        options: record of options."
 """Line of a docstring that becomes the meanings of the record's fields."""
@@ -156,7 +156,7 @@ def speaking_python(*records: Any) -> Iterator[None]:
 
 
 def with_keywords(
-    name: str, options: Callable[_Options, _Record], run: Callable[[str | Path, _Record], _Result]
+    name: str, options: Callable[_Options, _Chosen], run: Callable[[str | Path, _Chosen], _Result]
 ) -> Callable[Concatenate[str | Path, _Options], _Result]:
     """Return ``run`` under another name, with the fields of its record as keywords, known to type checkers.
 

@@ -10,9 +10,10 @@
 #error "compile without -ffast-math and -ffinite-math-only: NaN and infinity must be seen"
 #endif
 
-enum { N = 7, SWEEPS = 16 };
+enum { N = 7 };
+enum { SWEEPS = 16 }; /* of rotations that diagonalise a matrix */
 
-/* Return whether all numbers lie between the bounds. NaN does not: its bits tell, whatever a compiler's flags say of it. */
+/* Return whether all numbers lie between the bounds. NaN does not: its bits tell, whatever a compiler's flags say. */
 static int all_within(const double *x, int count, double least, double most)
 {
     int good = 1;
@@ -83,8 +84,8 @@ static void solve(const double *L, double *x, int stride)
 }
 
 /*
- * Design B = L U diag(2 zeta sqrt|l|) U^T L^T + d I, with M = L L^T and the symmetric part of Kq = L U diag(l) U^T L^T. A
- * mode with l < 0, which falls, is damped as if it stood. Return whether M is positive definite.
+ * Design B = L U diag(2 zeta sqrt|l|) U^T L^T + d I, with M = L L^T and the symmetric part of Kq = L U diag(l) U^T L^T.
+ * A mode with l < 0, which falls, is damped as if it stood. Return whether M is positive definite.
  */
 static int design_damping(const iiwa14_paper_config *c, const double *M, const double *K, double *B)
 {

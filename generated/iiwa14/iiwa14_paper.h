@@ -35,41 +35,61 @@ enum {
     IIWA14_PAPER_E_MASS = -5       /* the mass matrix is not positive definite */
 };
 
-/* Configuration; start from the defaults. */
-typedef struct {
-    int conventional;         /* 0: corrected, symmetric Kq; 1: conventional, without the connection's correction */
-    double sample_time;       /* [s] from one call to the next. Default: 0.001. */
-    double damping_ratio;     /* of every mode. Default: 0.7. */
-    double joint_damping;     /* [N m s/rad] added to B as a multiple of the unit matrix. Default: 0.1. */
-    double posture_stiffness; /* [N m/rad] added to the diagonal of Kq: it holds the self-motion. Default: 1. */
-    double motor_inertia[7];      /* [kg m^2] of the rotors at the joints, added to M. Default: as the controller's. */
-    double effort_limit[7];       /* [N m] Default: iiwa14_effort. */
-    double torque_rate_limit[7];  /* [N m/s] Default: as the controller's. */
-} iiwa14_paper_config;
-
 /* Torque of the last call. Start with zeros, or with the torque in force. */
 typedef struct {
     double torque[7];
 } iiwa14_paper_state;
 
+/* Configuration of the paper's law; start from the defaults. */
+typedef struct {
+    /* 0: corrected, symmetric Kq; 1: conventional, without the connection's correction. */
+    int conventional;
+    /* [s] time from one call to the next. Default: 0.001. */
+    double sample_time;
+    /* damping ratio of every mode. Default: 0.7. */
+    double damping_ratio;
+    /* [N m s/rad] added to B as a multiple of the unit matrix. Default: 0.1. */
+    double joint_damping;
+    /* [N m/rad] added to the diagonal of Kq: it holds the self-motion. Default: 1. */
+    double posture_stiffness;
+    /* [kg m^2] inertia of the rotors at the joints, added to M. Default: as the controller's. */
+    double motor_inertia[7];
+    /* [N m] largest torque. Every entry must lie between nan and nan. Default: iiwa14_effort. */
+    double effort_limit[7];
+    /* [N m/s] largest rate of the torque. Default: as the controller's. */
+    double torque_rate_limit[7];
+} iiwa14_paper_config;
+
 /* One sample. */
 typedef struct {
-    double q[7];               /* [rad] measured joint positions */
-    double dq[7];              /* [rad/s] joint velocities */
-    double q0[7];              /* [rad] zero-force joint positions */
-    double wrench[6];          /* [N, N m] of the ENVIRONMENT ON THE ROBOT at the tip, hybrid axes */
-    double task_stiffness[36]; /* [N/m, N, N m] hybrid axes; symmetric, positive semidefinite */
+    /* [rad] measured joint positions. */
+    double q[7];
+    /* [rad/s] joint velocities. */
+    double dq[7];
+    /* [rad] zero-force joint positions. */
+    double q0[7];
+    /* [N, N m] wrench of the ENVIRONMENT ON THE ROBOT at the tip, hybrid axes. */
+    double wrench[6];
+    /* [N/m, N, N m] (6 x 6) hybrid axes; symmetric, positive semidefinite. */
+    double task_stiffness[36];
 } iiwa14_paper_input;
 
 /* Result of a step. */
 typedef struct {
-    double torque[7];          /* [N m] command: elastic and damping torque, within the limits */
-    double elastic_torque[7];  /* [N m] Kq (q0 - q) */
-    double damping_torque[7];  /* [N m] -B dq */
-    double joint_stiffness[49]; /* [N m/rad] Kq, with posture_stiffness */
-    double damping[49];         /* [N m s/rad] B */
-    int saturated;             /* the torque is cut to effort_limit */
-    int rate_limited;          /* the torque is cut to torque_rate_limit */
+    /* [N m] command: elastic and damping torque, within the limits. */
+    double torque[7];
+    /* [N m] Kq (q0 - q). */
+    double elastic_torque[7];
+    /* [N m] -B dq. */
+    double damping_torque[7];
+    /* [N m/rad] (7 x 7) Kq, with posture_stiffness. */
+    double joint_stiffness[49];
+    /* [N m s/rad] (7 x 7) B. */
+    double damping[49];
+    /* 1: the torque is cut to effort_limit. */
+    int saturated;
+    /* 1: the torque is cut to torque_rate_limit. */
+    int rate_limited;
 } iiwa14_paper_output;
 
 void iiwa14_paper_default_config(iiwa14_paper_config *config);

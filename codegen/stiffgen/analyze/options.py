@@ -17,7 +17,7 @@ from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
 
 ShowProgress = Callable[[str, float], None]
 _Fields = ParamSpec("_Fields")
-_Record = TypeVar("_Record")
+_Chosen = TypeVar("_Chosen")
 _Result = TypeVar("_Result")
 
 
@@ -129,13 +129,13 @@ class AnalysisOptions:
     progress: ShowProgress = python_option("called with a few words and the completed share (0 ... 1)", default=_silent)
 
 
-def taking(record: Callable[_Fields, _Record]) -> Callable[[Callable[[_Record], _Result]], Callable[_Fields, _Result]]:
+def taking(record: Callable[_Fields, _Chosen]) -> Callable[[Callable[[_Chosen], _Result]], Callable[_Fields, _Result]]:
     """Turn a function of a record into a function of the record's fields, with their signature and meanings.
 
     The meanings replace ``{arguments}`` in the docstring.
     """
 
-    def made(function: Callable[[_Record], _Result]) -> Callable[_Fields, _Result]:
+    def made(function: Callable[[_Chosen], _Result]) -> Callable[_Fields, _Result]:
         @wraps(function)
         def call(*arguments: _Fields.args, **options: _Fields.kwargs) -> _Result:
             return function(record(*arguments, **options))

@@ -8,18 +8,22 @@ from pathlib import Path
 from stiffgen.controller.page import has_paper_law
 from stiffgen.emit.backend import Backend, Request
 
+_PYTHON = Path(__file__).parent / "python"
+"""Python modules that are the same for every robot: the tables of the compiled module say what differs."""
 
-def _files(request: Request) -> dict[str, str]:
+
+def _files(request: Request) -> dict[str, str | Path]:
     if not request.controller:
         return {}
     name = request.name
-    files = {f"{name}_impedance.h": "impedance.h.j2", f"{name}_impedance.c": "impedance.c.j2"}
+    files: dict[str, str | Path] = {f"{name}_impedance.h": "impedance.h.j2", f"{name}_impedance.c": "impedance.c.j2"}
     if request.options.python:
-        files |= {"python/impedance.py": "impedance.py.j2", "python/impedance.pyi": "impedance.pyi.j2"}
+        files |= {f"python/{file}": _PYTHON / file for file in ("_structs.py", "impedance.py")}
+        files["python/impedance.pyi"] = "impedance.pyi.j2"
     if has_paper_law(request.chain):
         files |= {f"{name}_paper.h": "paper.h.j2", f"{name}_paper.c": "paper.c.j2"}
         if request.options.python:
-            files |= {"python/paper.py": "paper.py.j2", "python/paper.pyi": "paper.pyi.j2"}
+            files |= {"python/paper.py": _PYTHON / "paper.py", "python/paper.pyi": "paper.pyi.j2"}
     return files
 
 

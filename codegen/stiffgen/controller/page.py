@@ -4,16 +4,17 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from stiffgen.controller.fields import CONFIG, CONFIG_SECTIONS, MAX_DOF, Field
 from stiffgen.controller.memory_fields import MEMORY, RANGES
+from stiffgen.controller.paper_fields import PAPER_STRUCTS
 from stiffgen.controller.policy_fields import PARTS, POLICY, PROPOSAL, REFUSED, STAGES
 from stiffgen.controller.signals import INPUT, OUTPUT, OUTPUT_SECTIONS
 from stiffgen.controller.status_words import ARGUMENTS, ERRORS, FAULTS, MODES, REASONS, REFUSALS, SEEN, STATUS
+from stiffgen.emit.library import Library
 from stiffgen.errors import printable
 from stiffgen.lower.scalar import DOUBLE, Scalar
 from stiffgen.robot.chain import Chain, Tip
@@ -23,13 +24,19 @@ from stiffgen.symbolic.springs import Placement
 
 LIBRARY = Path(__file__).parent / "library"
 """Folder of the C library that every NAME_impedance.c contains."""
-INTERFACE = "impedance.h"
 _PARTS = (
     "matrix", "eigen", "modes", "joint_gains", "energy", "strength", "cap", "state", "motion", "sample", "refusal",
     "posture", "damping", "governor", "stiffness", "feedforward", "torque", "text", "policy", "step",
 )  # fmt: skip
 SOURCES = tuple(f"{part}.c" for part in _PARTS)
-"""Files of the library in the order in which NAME_impedance.c contains them: no function is used before its file."""
+IMPEDANCE = Library(LIBRARY, "impedance.h", SOURCES)
+"""C of every NAME_impedance.c."""
+MODULE = Library(Path(__file__).parent / "python", "controller.h", ("controller.c", "paper.c"))
+"""C of every NAME_python.c with a controller."""
+LAW = Library(Path(__file__).parent / "paper", "law.h", ("law.c",))
+"""C of every NAME_paper.c."""
+LOOPS = Library(Path(__file__).parent / "loops", "loops.h", ("loops.c",))
+"""C of the NAME_impedance.c of robots with closed loops."""
 CONTROLLER_KERNELS = (
     "mass_matrix", "bias_forces", "hybrid.jacobian", "spring.energy", "spring.wrench", "spring.torque",
     "spring.linearization", "posture.energy",
@@ -119,19 +126,20 @@ def called_kernels(chain: Chain, springs: Sequence[str]) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Member:
-    """Member of a C struct: declaration, comment, NumPy format of an entry, shape, heading if it begins a section."""
+    """Member of a C struct: declaration, comment, NumPy format, shape, whether unbounded, and a section's heading."""
 
     name: str
     declaration: str
     comment: list[str]
     format: str
     extents: list[int]
+    unbounded: bool
     heading: str = ""
 
 
 @dataclass(frozen=True)
 class Struct:
-    """C struct NAME_impedance_<name>."""
+    """C struct NAME_impedance_<name>, or NAME_<name> of the paper's law."""
 
     name: str
     summary: str
@@ -146,9 +154,12 @@ class ControllerPage:
         n: number of motors.
         interface: types and constants of the C library.
         library: functions of the C library, static.
+        law_interface, law: types and functions of the paper's law.
+        loops_interface, loops: types and functions of closed loops.
+        module_interface, module: types and functions of the C that gives the controller to Python.
         tool: whether the tool's pose is an argument.
         bounded: whether the folder has the bounded spring.
-        paper: whether the folder has the paper's law by itself: one tip, no closed loops.
+        paper: structs of the paper's law by itself; none with several tips or closed loops.
         tips: number of tips.
         scopes: prefix of the kernels' names, per tip.
         status, modes, faults: name and meaning.
@@ -167,7 +178,7 @@ class ControllerPage:
         ranges: integers of the memory with their bounds.
         remembered: fields of the output copied from the memory: name, the memory's member, whether it is an array.
         choice_fields: name and words of the fields that are choices.
-        infinite_fields: names of the configuration's fields that may be infinite.
+        outcomes: name and words of what a step or the policy port reports.
         defaults, joint_defaults: C statements that set the configuration's fields, and entry i of those over joints.
         motors: tables of the motors, per coordinate: name, source and C initialiser.
         axes: axes of the translational and of the rotational stiffness.
@@ -180,9 +191,15 @@ class ControllerPage:
     n: int
     interface: str
     library: str
+    law_interface: str
+    law: str
+    loops_interface: str
+    loops: str
+    module_interface: str
+    module: str
     tool: bool
     bounded: bool
-    paper: bool
+    paper: list[Struct]
     tips: int
     scopes: list[str]
     status: tuple[tuple[str, str], ...]
@@ -205,7 +222,7 @@ class ControllerPage:
     ranges: tuple[tuple[str, int, int], ...]
     remembered: list[tuple[str, str, bool]]
     choice_fields: list[tuple[str, tuple[str, ...]]]
-    infinite_fields: list[str]
+    outcomes: list[tuple[str, tuple[str, ...]]]
     defaults: list[str]
     joint_defaults: list[str]
     motors: list[tuple[str, str, str]]
@@ -220,14 +237,20 @@ def controller_page(
     """Return the template variables of a robot's controller; None without one."""
     if not has_controller(chain, scalar):
         return None
-    prefix, index = name.upper(), "motors[i]" if chain.loops else "i"
+    prefix, index = name.upper(), "loop_motors[i]" if chain.loops else "i"
     return ControllerPage(
         n=len(chain.motor_coordinates),
-        interface=_whole_names(_interface(), prefix),
-        library=_whole_names(_library(), prefix),
+        interface=IMPEDANCE.interface(name),
+        library=IMPEDANCE.functions(name),
+        law_interface=LAW.interface(name),
+        law=LAW.functions(name),
+        loops_interface=LOOPS.interface(name),
+        loops=LOOPS.functions(name),
+        module_interface=MODULE.interface(name),
+        module=MODULE.functions(name, () if has_paper_law(chain) else MODULE.sources[:1]),
         tool=chain.runtime_tool,
         bounded=bounded,
-        paper=has_paper_law(chain),
+        paper=[_struct(chain, prefix, *each) for each in PAPER_STRUCTS] if has_paper_law(chain) else [],
         tips=len(chain.tips),
         scopes=[f"{tip.name}_" if tip.name else "" for tip in chain.tips],
         status=STATUS,
@@ -250,7 +273,7 @@ def controller_page(
         ranges=RANGES,
         remembered=[(f.name, f.name if f.memory == "=" else f.memory, bool(f.shape)) for f in OUTPUT if f.memory],
         choice_fields=[(f.name, f.choices) for f in (*CONFIG, *INPUT) if f.choices],
-        infinite_fields=[field.name for field in CONFIG if math.isinf(field.most)],
+        outcomes=_outcomes(),
         defaults=[line for f in config_of(chain) for line in _defaults(f, prefix)],
         joint_defaults=[
             f"config->{f.name}[i] = {f.default.format(name=name, i=index)};" for f in CONFIG if f.shape == ("n",)
@@ -283,24 +306,17 @@ def _turns(chain: Chain, index: int) -> bool:
     return whole and not chain.loops and chain.motor_coordinates[index].type == "continuous"
 
 
-def _interface() -> str:
-    """Return types and constants of the library's header."""
-    text = (LIBRARY / INTERFACE).read_text(encoding="utf-8")
-    note, _, rest = text.partition("#ifndef IMPEDANCE_H")
-    body = rest.partition("#include <string.h>\n")[2].partition("/* ---- functions, by file ---- */")[0]
-    return note + body.strip("\n") + "\n"
-
-
-def _whole_names(text: str, prefix: str) -> str:
-    """Write the robot's names in full, for whoever searches them: ID(OK) becomes IIWA14_OK."""
-    return re.sub(r"\bID\((\w+)\)", rf"{prefix}_\1", text)
-
-
-def _library() -> str:
-    """Return the library's functions in the order of SOURCES, all static."""
-    texts = [(LIBRARY / source).read_text(encoding="utf-8") for source in SOURCES]
-    bare = [text.replace(f'#include "{INTERFACE}"\n', "") for text in texts]
-    return re.sub(r"^(?=(?!static\b)(?:const )?\w+ \*?\w+\()", "static ", "\n".join(bare), flags=re.MULTILINE)
+def _outcomes() -> list[tuple[str, tuple[str, ...]]]:
+    """Return name and words of the enumerations that a step and the policy port report."""
+    tables = {
+        "mode": MODES,
+        "fault": FAULTS,
+        "refused": REFUSED,
+        "refusal": REFUSALS,
+        "stage": STAGES,
+        "reason": REASONS,
+    }
+    return [("part", PARTS), *((name, tuple(row[0] for row in rows)) for name, rows in tables.items())]
 
 
 def _struct(chain: Chain, prefix: str, name: str, summary: str, fields: tuple[Field, ...]) -> Struct:
@@ -388,6 +404,7 @@ def _member(field: Field, sizes: dict[str, int], prefix: str) -> Member:
         comment=_comment(f"{unit}{field.meaning.replace('NAME_', prefix + '_')}.{bound}{default}"),
         format=_FORMATS[field.type],
         extents=extents,
+        unbounded=math.isinf(field.most),
     )
 
 

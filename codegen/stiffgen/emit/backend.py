@@ -194,11 +194,12 @@ class Backend:
 
     Attributes:
         folder: folder whose subfolder ``templates`` has the templates; it may use those of other backends, too.
-        files: function that returns the template of each file; no files where the options do not ask for the backend.
+        files: function that returns each file's template by its name, or a source by its path: a program that is the
+            same for every robot, and gets a banner. No files where the options do not ask for the backend.
         variables: function that returns the variables of these templates, beside :attr:`Request.variables`.
 
     """
 
     folder: Path
-    files: Callable[[Request], Mapping[str, str]]
+    files: Callable[[Request], Mapping[str, str | Path]]
     variables: Callable[[Request], Mapping[str, Any]] = _no_variables

@@ -48,9 +48,12 @@ def print_files(request: Request, backends: Sequence[Backend]) -> dict[str, str]
         folders = dict.fromkeys(each.folder / "templates" for each in (backend, *backends, *BACKENDS))
         templates, files = _templates(tuple(folders)), backend.files(request)
         variables = request.variables | dict(backend.variables(request)) if files else {}
-        for file, template in files.items():
-            text = templates.get_template(template).render(variables, banner=_banner(file, request.banner))
-            texts[file] = text
+        for file, source in files.items():
+            banner = _banner(file, request.banner)
+            if isinstance(source, Path):
+                texts[file] = f"{banner}\n{source.read_text(encoding='utf-8')}"
+            else:
+                texts[file] = templates.get_template(source).render(variables, banner=banner)
     return texts
 
 

@@ -14,7 +14,21 @@
 #include "../iiwa14_impedance.h"
 #include "../iiwa14_paper.h"
 
-enum { MAX_OPERANDS = 7, MAX_RANK = 3, CHUNK = 64 };
+#define ROBOT "iiwa14"
+#define SOURCES "777241e85387b462"
+
+typedef double number;
+static const int NUMBER = NPY_DOUBLE;
+enum { POSITIONS = 7, KERNELS = 50, MAX_OPERANDS = 7 };
+static const number ASYMMETRY = (number)1e-9; /* of a matrix, over the sum of its diagonal */
+/* 2 pi [rad] if the joint's limits are below */
+static const number turn_limits[POSITIONS] = {(number)6.283185307179586, (number)6.283185307179586, (number)6.283185307179586, (number)6.283185307179586, (number)6.283185307179586, (number)6.283185307179586, (number)6.283185307179586};
+
+/*
+ * NumPy generalised ufuncs over a table of kernels: copies of operands with gaps, looks at suspicious inputs, arguments
+ * by name, and errors that name the argument. The inner loops run without the GIL.
+ */
+enum { MAX_RANK = 3, CHUNK = 64 };
 
 typedef struct {
     const char *name;
@@ -23,244 +37,18 @@ typedef struct {
     int inputs;
     int operands; /* inputs, then outputs */
     const char *argument[MAX_OPERANDS];
-    char check[MAX_OPERANDS]; /* of inputs: 'q' joint positions, 't' matrix of which the upper triangle is read, else '-' */
+    char check[MAX_OPERANDS]; /* of inputs: 'q' joint positions, 't' matrix whose upper triangle is read, else '-' */
     int rank[MAX_OPERANDS];
     npy_intp extent[MAX_OPERANDS][MAX_RANK];
-    void (*evaluate)(const double *const *in, double *const *out); /* NULL: batches only */
-    /* count configurations, steps between them in doubles; NULL where the C code has no batch */
-    void (*evaluate_batch)(size_t count, const double *const *in, const npy_intp *steps, double *const *out);
+    void (*evaluate)(const number *const *in, number *const *out); /* NULL: batches only */
+    /* count configurations, steps between them in numbers; NULL where the C code has no batch */
+    void (*evaluate_batch)(size_t count, const number *const *in, const npy_intp *steps, number *const *out);
 } kernel;
 
-static npy_intp size_of(const kernel *k, int operand)
+/* Return 0 if the compiler's flags leave the arithmetic as it is. */
+static int self_check(void)
 {
-    npy_intp size = 1;
-    for (int d = 0; d < k->rank[operand]; ++d) {
-        size *= k->extent[operand][d];
-    }
-    return size;
-}
-
-/* Check whether the C function can use an operand's memory in place: aligned and without gaps. */
-static int is_direct(const kernel *k, int operand, const char *block, npy_intp outer, const npy_intp *steps)
-{
-    npy_intp expected = (npy_intp)sizeof(double);
-    for (int d = k->rank[operand] - 1; d >= 0; --d) {
-        if (k->extent[operand][d] != 1 && steps[d] != expected) {
-            return 0;
-        }
-        expected *= k->extent[operand][d];
-    }
-    return (npy_uintp)block % sizeof(double) == 0 && outer % (npy_intp)sizeof(double) == 0;
-}
-
-/* Check whether the batch function can use an operand's memory in place; results must also be contiguous. */
-static int is_batch(const kernel *k, int operand, const char *block, npy_intp outer, const npy_intp *steps)
-{
-    return is_direct(k, operand, block, outer, steps)
-        && (operand < k->inputs || outer == size_of(k, operand) * (npy_intp)sizeof(double));
-}
-
-/* Copy one configuration of a strided operand into (pack = 1) or out of a packed buffer. */
-static void copy_block(const kernel *k, int operand, char *block, const npy_intp *steps, double *packed, int pack)
-{
-    const npy_intp *extent = k->extent[operand];
-    const int rank = k->rank[operand];
-    const npy_intp rows = rank > 1 ? extent[rank - 2] : 1;
-    const npy_intp planes = rank > 2 ? extent[0] : 1;
-    const npy_intp columns = rank > 0 ? extent[rank - 1] : 1;
-    for (npy_intp a = 0; a < planes; ++a) {
-        for (npy_intp b = 0; b < rows; ++b) {
-            for (npy_intp c = 0; c < columns; ++c) {
-                char *at = block;
-                at += rank > 0 ? c * steps[rank - 1] : 0;
-                at += rank > 1 ? b * steps[rank - 2] : 0;
-                at += rank > 2 ? a * steps[0] : 0;
-                if (pack) {
-                    memcpy(packed++, at, sizeof(double));
-                } else {
-                    memcpy(at, packed++, sizeof(double));
-                }
-            }
-        }
-    }
-}
-
-static void out_of_memory(void)
-{
-    PyGILState_STATE state = PyGILState_Ensure();
-    PyErr_NoMemory();
-    PyGILState_Release(state);
-}
-
-/* Run a batch. To bound memory, operands that are not contiguous are copied CHUNK configurations at a time. */
-static void batch_loop(const kernel *k, char **args, npy_intp count, const npy_intp *steps)
-{
-    const npy_intp *core_steps[MAX_OPERANDS];
-    npy_intp batch_steps[MAX_OPERANDS];
-    double *packed[MAX_OPERANDS] = {NULL};
-    double *buffer = NULL;
-    npy_intp needed = 0;
-
-    const npy_intp *next = steps + k->operands;
-    for (int o = 0; o < k->operands; ++o) {
-        core_steps[o] = next;
-        next += k->rank[o];
-        batch_steps[o] = steps[o] / (npy_intp)sizeof(double);
-        if (!is_batch(k, o, args[o], steps[o], core_steps[o])) {
-            needed += CHUNK * size_of(k, o);
-            batch_steps[o] = size_of(k, o);
-        }
-    }
-    if (needed > 0) {
-        double *free_part = buffer = (double *)PyMem_RawMalloc((size_t)needed * sizeof(double));
-        if (buffer == NULL) {
-            out_of_memory();
-            return;
-        }
-        for (int o = 0; o < k->operands; ++o) {
-            if (!is_batch(k, o, args[o], steps[o], core_steps[o])) {
-                packed[o] = free_part;
-                free_part += CHUNK * size_of(k, o);
-            }
-        }
-    }
-    const npy_intp most = needed > 0 ? CHUNK : count;
-    for (npy_intp done = 0; done < count; done += most) {
-        const npy_intp now = count - done < most ? count - done : most;
-        double *at[MAX_OPERANDS];
-        for (int o = 0; o < k->operands; ++o) {
-            for (npy_intp n = 0; o < k->inputs && packed[o] != NULL && n < now; ++n) {
-                copy_block(k, o, args[o] + steps[o] * (done + n), core_steps[o], packed[o] + batch_steps[o] * n, 1);
-            }
-            at[o] = packed[o] != NULL ? packed[o] : (double *)(args[o] + steps[o] * done);
-        }
-        k->evaluate_batch((size_t)now, (const double *const *)at, batch_steps, at + k->inputs);
-        for (int o = k->inputs; o < k->operands; ++o) {
-            for (npy_intp n = 0; packed[o] != NULL && n < now; ++n) {
-                copy_block(k, o, args[o] + steps[o] * (done + n), core_steps[o], packed[o] + batch_steps[o] * n, 0);
-            }
-        }
-    }
-    PyMem_RawFree(buffer);
-}
-
-static const double turn_limits[] = {(double)6.283185307179586, (double)6.283185307179586, (double)6.283185307179586, (double)6.283185307179586, (double)6.283185307179586, (double)6.283185307179586, (double)6.283185307179586}; /* 2 pi [rad] if the joint's limits are below */
-
-/* Inputs are checked in the first ALL_CALLS calls and every SOME_CALLS-th call, since a check takes some 40 ns. */
-enum { DEGREES = 1, ASYMMETRIC = 2, MOST_CHECKED = 4, ALL_CALLS = 256, SOME_CALLS = 32 };
-static volatile unsigned calls;
-static volatile int suspicious; /* set without the GIL; the calling thread warns, once for each bit */
-static int warned;
-
-static double value_at(const char *at)
-{
-    double value;
-    memcpy(&value, at, sizeof value);
-    return value;
-}
-
-static int is_beyond_a_turn(const char *q, const npy_intp *steps)
-{
-    int beyond = 0;
-    for (npy_intp i = 0; i < 7; ++i) {
-        const double value = value_at(q + i * steps[0]);
-        beyond |= value > turn_limits[i] || value < -turn_limits[i];
-    }
-    return beyond;
-}
-
-/* Compare the triangles of a matrix, or of the first of several, with a tolerance for rounding. */
-static int is_asymmetric(const kernel *k, int operand, const char *matrix, const npy_intp *steps)
-{
-    const int last = k->rank[operand] - 1;
-    const npy_intp size = k->extent[operand][last], row = steps[last - 1], column = steps[last];
-    double scale = 0, largest = 0;
-    for (npy_intp i = 0; i < size; ++i) {
-        const double diagonal = value_at(matrix + i * (row + column));
-        scale += diagonal < 0 ? -diagonal : diagonal;
-        for (npy_intp j = i + 1; j < size; ++j) {
-            const double difference = value_at(matrix + i * row + j * column) - value_at(matrix + j * row + i * column);
-            largest = difference > largest ? difference : -difference > largest ? -difference : largest;
-        }
-    }
-    return largest > (double)1e-9 * scale;
-}
-
-/* Look for degrees and asymmetric matrices in at most MOST_CHECKED configurations of a call. */
-static void look_at_inputs(const kernel *k, char **args, npy_intp count, const npy_intp *steps)
-{
-    const npy_intp *core_steps = steps + k->operands;
-    const npy_intp stride = count > MOST_CHECKED ? (count - 1) / (MOST_CHECKED - 1) : 1;
-    for (int o = 0; o < k->inputs; core_steps += k->rank[o], ++o) {
-        for (npy_intp n = 0; n < count && k->check[o] != '-' && (n == 0 || steps[o] != 0); n += stride) {
-            const char *const block = args[o] + n * steps[o];
-            if (k->check[o] == 'q' ? is_beyond_a_turn(block, core_steps) : is_asymmetric(k, o, block, core_steps)) {
-                suspicious |= k->check[o] == 'q' ? DEGREES : ASYMMETRIC;
-            }
-        }
-    }
-}
-
-static void loop(char **args, const npy_intp *dimensions, const npy_intp *steps, void *data)
-{
-    const kernel *k = (const kernel *)data;
-    const int operands = k->operands;
-    const npy_intp count = dimensions[0];
-    const npy_intp *core_steps[MAX_OPERANDS];
-    double *at[MAX_OPERANDS];
-    double *packed[MAX_OPERANDS] = {NULL};
-    char *block[MAX_OPERANDS];
-    double *buffer = NULL;
-    npy_intp needed = 0;
-
-    const unsigned call_number = calls++;
-    if (call_number < ALL_CALLS || call_number % SOME_CALLS == 0) {
-        look_at_inputs(k, args, count, steps);
-    }
-    if (k->evaluate == NULL || (count > 1 && k->evaluate_batch != NULL)) {
-        batch_loop(k, args, count, steps);
-        return;
-    }
-    const npy_intp *next = steps + operands;
-    for (int o = 0; o < operands; ++o) {
-        core_steps[o] = next;
-        next += k->rank[o];
-        block[o] = args[o];
-        if (!is_direct(k, o, args[o], steps[o], core_steps[o])) {
-            needed += size_of(k, o);
-        }
-    }
-    if (needed > 0) {
-        double *free_part = buffer = (double *)PyMem_RawMalloc((size_t)needed * sizeof(double));
-        if (buffer == NULL) {
-            out_of_memory();
-            return;
-        }
-        for (int o = 0; o < operands; ++o) {
-            if (!is_direct(k, o, args[o], steps[o], core_steps[o])) {
-                packed[o] = free_part;
-                free_part += size_of(k, o);
-            }
-        }
-    }
-    for (npy_intp n = 0; n < count; ++n) {
-        for (int o = 0; o < operands; ++o) {
-            if (o < k->inputs && packed[o] != NULL) {
-                copy_block(k, o, block[o], core_steps[o], packed[o], 1);
-            }
-            at[o] = packed[o] != NULL ? packed[o] : (double *)block[o];
-        }
-        k->evaluate((const double *const *)at, at + k->inputs);
-        for (int o = k->inputs; o < operands; ++o) {
-            if (packed[o] != NULL) {
-                copy_block(k, o, block[o], core_steps[o], packed[o], 0);
-            }
-        }
-        for (int o = 0; o < operands; ++o) {
-            block[o] += steps[o];
-        }
-    }
-    PyMem_RawFree(buffer);
+    return iiwa14_self_check() | iiwa14_batch_self_check() | iiwa14_impedance_self_check();
 }
 
 static void evaluate_forward_kinematics(const double *const *in, double *const *out)
@@ -648,7 +436,7 @@ static void evaluate_limits_joint_stiffness_packed_batch(size_t count, const dou
     iiwa14_limits_joint_stiffness_packed_batch(count, in[0], steps[0], in[1], steps[1], in[2], steps[2], in[3], steps[3], in[4], steps[4], out[0]);
 }
 
-static kernel kernels[] = {
+static kernel kernels[KERNELS] = {
     {
         "forward_kinematics",
         "(7)->(4,4)",
@@ -2295,11 +2083,274 @@ static kernel kernels[] = {
     },
 };
 
-enum { KERNELS = sizeof kernels / sizeof kernels[0] };
+/* Memory of operands: sizes, use in place, copies. */
 
-static PyUFuncGenericFunction loops[] = {loop};
-static PyObject *argument_names[KERNELS][MAX_OPERANDS];
-static vectorcallfunc numpys_call; /* NumPy's own call, the same for every ufunc */
+static npy_intp size_of(const kernel *k, int operand)
+{
+    npy_intp size = 1;
+    for (int d = 0; d < k->rank[operand]; ++d) {
+        size *= k->extent[operand][d];
+    }
+    return size;
+}
+
+/* Check whether the C function can use an operand's memory in place: aligned and without gaps. */
+static int is_direct(const kernel *k, int operand, const char *block, npy_intp outer, const npy_intp *steps)
+{
+    npy_intp expected = (npy_intp)sizeof(number);
+    for (int d = k->rank[operand] - 1; d >= 0; --d) {
+        if (k->extent[operand][d] != 1 && steps[d] != expected) {
+            return 0;
+        }
+        expected *= k->extent[operand][d];
+    }
+    return (npy_uintp)block % sizeof(number) == 0 && outer % (npy_intp)sizeof(number) == 0;
+}
+
+/* Check whether the batch function can use an operand's memory in place; results must also be contiguous. */
+static int is_batch(const kernel *k, int operand, const char *block, npy_intp outer, const npy_intp *steps)
+{
+    return is_direct(k, operand, block, outer, steps)
+        && (operand < k->inputs || outer == size_of(k, operand) * (npy_intp)sizeof(number));
+}
+
+/* Copy one configuration of a strided operand into (pack = 1) or out of a packed buffer. */
+static void copy_block(const kernel *k, int operand, char *block, const npy_intp *steps, number *packed, int pack)
+{
+    const npy_intp *extent = k->extent[operand];
+    const int rank = k->rank[operand];
+    const npy_intp rows = rank > 1 ? extent[rank - 2] : 1;
+    const npy_intp planes = rank > 2 ? extent[0] : 1;
+    const npy_intp columns = rank > 0 ? extent[rank - 1] : 1;
+    for (npy_intp a = 0; a < planes; ++a) {
+        for (npy_intp b = 0; b < rows; ++b) {
+            for (npy_intp c = 0; c < columns; ++c) {
+                char *at = block;
+                at += rank > 0 ? c * steps[rank - 1] : 0;
+                at += rank > 1 ? b * steps[rank - 2] : 0;
+                at += rank > 2 ? a * steps[0] : 0;
+                if (pack) {
+                    memcpy(packed++, at, sizeof(number));
+                } else {
+                    memcpy(at, packed++, sizeof(number));
+                }
+            }
+        }
+    }
+}
+
+/* Likely mistakes in inputs: degrees and asymmetric matrices. */
+
+/* Inputs are checked in the first ALL_CALLS calls and every SOME_CALLS-th call, since a check takes some 40 ns. */
+enum { DEGREES = 1, ASYMMETRIC = 2, MOST_CHECKED = 4, ALL_CALLS = 256, SOME_CALLS = 32 };
+static volatile unsigned calls;
+static volatile int suspicious; /* set without the GIL; the calling thread warns, once for each bit */
+static int warned;
+
+static number value_at(const char *at)
+{
+    number value;
+    memcpy(&value, at, sizeof value);
+    return value;
+}
+
+static int is_beyond_a_turn(const char *q, const npy_intp *steps)
+{
+    int beyond = 0;
+    for (npy_intp i = 0; i < POSITIONS; ++i) {
+        const number value = value_at(q + i * steps[0]);
+        beyond |= value > turn_limits[i] || value < -turn_limits[i];
+    }
+    return beyond;
+}
+
+/* Compare the triangles of a matrix, or of the first of several, with a tolerance for rounding. */
+static int is_asymmetric(const kernel *k, int operand, const char *matrix, const npy_intp *steps)
+{
+    const int last = k->rank[operand] - 1;
+    const npy_intp size = k->extent[operand][last], row = steps[last - 1], column = steps[last];
+    number scale = 0, largest = 0;
+    for (npy_intp i = 0; i < size; ++i) {
+        const number diagonal = value_at(matrix + i * (row + column));
+        scale += diagonal < 0 ? -diagonal : diagonal;
+        for (npy_intp j = i + 1; j < size; ++j) {
+            const number difference = value_at(matrix + i * row + j * column) - value_at(matrix + j * row + i * column);
+            const number distance = difference < 0 ? -difference : difference;
+            largest = distance > largest ? distance : largest;
+        }
+    }
+    return largest > ASYMMETRY * scale;
+}
+
+/* Look for degrees and asymmetric matrices in at most MOST_CHECKED configurations of a call. */
+static void look_at_each(const kernel *k, char **args, npy_intp count, const npy_intp *steps)
+{
+    const npy_intp *core_steps = steps + k->operands;
+    const npy_intp stride = count > MOST_CHECKED ? (count - 1) / (MOST_CHECKED - 1) : 1;
+    for (int o = 0; o < k->inputs; core_steps += k->rank[o], ++o) {
+        for (npy_intp n = 0; n < count && k->check[o] != '-' && (n == 0 || steps[o] != 0); n += stride) {
+            const char *const block = args[o] + n * steps[o];
+            if (k->check[o] == 'q' ? is_beyond_a_turn(block, core_steps) : is_asymmetric(k, o, block, core_steps)) {
+                suspicious |= k->check[o] == 'q' ? DEGREES : ASYMMETRIC;
+            }
+        }
+    }
+}
+
+/* Look at the inputs of some calls. */
+static void look_at_inputs(const kernel *k, char **args, npy_intp count, const npy_intp *steps)
+{
+    const unsigned call_number = calls++;
+    if (call_number < ALL_CALLS || call_number % SOME_CALLS == 0) {
+        look_at_each(k, args, count, steps);
+    }
+}
+
+static int warn(int bit, const char *message)
+{
+    if ((suspicious & bit & ~warned) == 0) {
+        return 0;
+    }
+    warned |= bit;
+    return PyErr_WarnEx(PyExc_UserWarning, message, 1);
+}
+
+/* Warn once about each likely mistake that was seen. Return -1 where a warning is an error. */
+static int warn_of_inputs(void)
+{
+    if ((suspicious & ~warned) == 0) {
+        return 0;
+    }
+    if (warn(DEGREES, ROBOT ": a joint position is beyond 2 pi, and the joint's limits are below: are the positions in "
+            "degrees? Functions take radians") < 0) {
+        return -1;
+    }
+    return warn(ASYMMETRIC, ROBOT ": a stiffness matrix is not symmetric, and only its upper triangle is read");
+}
+
+/* Inner loop of every ufunc: single calls, or a batch. */
+
+/* Give each operand with a size a part of one buffer, which has room for all. Return NULL without memory. */
+static number *share_buffer(int operands, const npy_intp *sizes, npy_intp needed, number **packed)
+{
+    number *const buffer = (number *)PyMem_RawMalloc((size_t)needed * sizeof(number));
+    if (buffer == NULL) {
+        PyGILState_STATE state = PyGILState_Ensure();
+        PyErr_NoMemory();
+        PyGILState_Release(state);
+        return NULL;
+    }
+    number *free_part = buffer;
+    for (int o = 0; o < operands; ++o) {
+        packed[o] = sizes[o] > 0 ? free_part : NULL;
+        free_part += sizes[o];
+    }
+    return buffer;
+}
+
+/* Run a batch. To bound memory, operands that are not contiguous are copied CHUNK configurations at a time. */
+static void batch_loop(const kernel *k, char **args, npy_intp count, const npy_intp *steps)
+{
+    const npy_intp *core_steps[MAX_OPERANDS];
+    npy_intp batch_steps[MAX_OPERANDS];
+    number *packed[MAX_OPERANDS] = {NULL};
+    number *buffer = NULL;
+    npy_intp sizes[MAX_OPERANDS], needed = 0; /* numbers of the copies */
+
+    const npy_intp *next = steps + k->operands;
+    for (int o = 0; o < k->operands; ++o) {
+        core_steps[o] = next;
+        next += k->rank[o];
+        const int in_place = is_batch(k, o, args[o], steps[o], core_steps[o]);
+        batch_steps[o] = in_place ? steps[o] / (npy_intp)sizeof(number) : size_of(k, o);
+        sizes[o] = in_place ? 0 : CHUNK * size_of(k, o);
+        needed += sizes[o];
+    }
+    if (needed > 0) {
+        buffer = share_buffer(k->operands, sizes, needed, packed);
+        if (buffer == NULL) {
+            return;
+        }
+    }
+    const npy_intp most = needed > 0 ? CHUNK : count;
+    for (npy_intp done = 0; done < count; done += most) {
+        const npy_intp now = count - done < most ? count - done : most;
+        number *at[MAX_OPERANDS];
+        for (int o = 0; o < k->operands; ++o) {
+            for (npy_intp n = 0; o < k->inputs && packed[o] != NULL && n < now; ++n) {
+                copy_block(k, o, args[o] + steps[o] * (done + n), core_steps[o], packed[o] + batch_steps[o] * n, 1);
+            }
+            at[o] = packed[o] != NULL ? packed[o] : (number *)(args[o] + steps[o] * done);
+        }
+        k->evaluate_batch((size_t)now, (const number *const *)at, batch_steps, at + k->inputs);
+        for (int o = k->inputs; o < k->operands; ++o) {
+            for (npy_intp n = 0; packed[o] != NULL && n < now; ++n) {
+                copy_block(k, o, args[o] + steps[o] * (done + n), core_steps[o], packed[o] + batch_steps[o] * n, 0);
+            }
+        }
+    }
+    PyMem_RawFree(buffer);
+}
+
+/* Run single calls, each on operands in place or packed. */
+static void single_loop(const kernel *k, char **args, npy_intp count, const npy_intp *steps)
+{
+    const int operands = k->operands;
+    const npy_intp *core_steps[MAX_OPERANDS];
+    number *at[MAX_OPERANDS];
+    number *packed[MAX_OPERANDS] = {NULL};
+    char *block[MAX_OPERANDS];
+    number *buffer = NULL;
+    npy_intp sizes[MAX_OPERANDS], needed = 0; /* numbers of the copies */
+
+    const npy_intp *next = steps + operands;
+    for (int o = 0; o < operands; ++o) {
+        core_steps[o] = next;
+        next += k->rank[o];
+        block[o] = args[o];
+        sizes[o] = is_direct(k, o, args[o], steps[o], core_steps[o]) ? 0 : size_of(k, o);
+        needed += sizes[o];
+    }
+    if (needed > 0) {
+        buffer = share_buffer(operands, sizes, needed, packed);
+        if (buffer == NULL) {
+            return;
+        }
+    }
+    for (npy_intp n = 0; n < count; ++n) {
+        for (int o = 0; o < operands; ++o) {
+            if (o < k->inputs && packed[o] != NULL) {
+                copy_block(k, o, block[o], core_steps[o], packed[o], 1);
+            }
+            at[o] = packed[o] != NULL ? packed[o] : (number *)block[o];
+        }
+        k->evaluate((const number *const *)at, at + k->inputs);
+        for (int o = k->inputs; o < operands; ++o) {
+            if (packed[o] != NULL) {
+                copy_block(k, o, block[o], core_steps[o], packed[o], 0);
+            }
+        }
+        for (int o = 0; o < operands; ++o) {
+            block[o] += steps[o];
+        }
+    }
+    PyMem_RawFree(buffer);
+}
+
+/* Compute `dimensions[0]` configurations: the inner loop that NumPy calls. */
+static void loop(char **args, const npy_intp *dimensions, const npy_intp *steps, void *data)
+{
+    const kernel *const k = (const kernel *)data;
+    const npy_intp count = dimensions[0];
+    look_at_inputs(k, args, count, steps);
+    if (k->evaluate == NULL || (count > 1 && k->evaluate_batch != NULL)) {
+        batch_loop(k, args, count, steps);
+    } else {
+        single_loop(k, args, count, steps);
+    }
+}
+
+/* Errors that name the argument in place of NumPy's. */
 
 static PyObject *argument_error(const kernel *k, const char *what, const char *name)
 {
@@ -2314,23 +2365,6 @@ static PyObject *argument_error(const kernel *k, const char *what, const char *n
     return NULL;
 }
 
-/* Return the index of an argument by its name, or -1 for NumPy's own (out, where, ...). */
-static int argument_place(const kernel *k, PyObject *name)
-{
-    PyObject *const *const names = argument_names[k - kernels];
-    for (int i = 0; i < k->inputs; ++i) {
-        if (names[i] == name) { /* the usual case: Python interns names in source code */
-            return i;
-        }
-    }
-    for (int i = 0; i < k->inputs; ++i) {
-        if (PyUnicode_Compare(names[i], name) == 0) {
-            return i;
-        }
-    }
-    return -1;
-}
-
 /* Return whether the dimensions of two arrays before the last ones of each argument do not broadcast. */
 static int leading_differ(PyArrayObject *a, int leading_a, PyArrayObject *b, int leading_b)
 {
@@ -2343,7 +2377,7 @@ static int leading_differ(PyArrayObject *a, int leading_a, PyArrayObject *b, int
     return 0;
 }
 
-/* Set the error about an argument whose leading dimensions differ from those of another one, which stands as expected. */
+/* Set the error about an argument whose leading dimensions differ from those of another one, which are expected. */
 static void leading_error(const kernel *k, int i, PyArrayObject *array, int like, PyArrayObject *other)
 {
     const int leading = PyArray_NDIM(other) - k->rank[like];
@@ -2356,8 +2390,8 @@ static void leading_error(const kernel *k, int i, PyArrayObject *array, int like
         complete = extent != NULL && PyTuple_SetItem(expected, d, extent) == 0;
     }
     if (complete) {
-        PyErr_Format(PyExc_ValueError, "%s(): %s has the shape %S, expected %S beside %s of the shape %S", k->name, k->argument[i], own,
-            expected, k->argument[like], others);
+        PyErr_Format(PyExc_ValueError, "%s(): %s has the shape %S, expected %S beside %s of the shape %S", k->name,
+            k->argument[i], own, expected, k->argument[like], others);
     }
     Py_XDECREF(own);
     Py_XDECREF(others);
@@ -2376,8 +2410,8 @@ static int explain_leading(const kernel *k, PyObject *const *args, Py_ssize_t co
             continue;
         }
         for (int j = 0; j < i && !found; ++j) {
-            found = arrays[j] != NULL
-                && leading_differ(arrays[i], PyArray_NDIM(arrays[i]) - k->rank[i], arrays[j], PyArray_NDIM(arrays[j]) - k->rank[j]);
+            found = arrays[j] != NULL && leading_differ(arrays[i], PyArray_NDIM(arrays[i]) - k->rank[i],
+                arrays[j], PyArray_NDIM(arrays[j]) - k->rank[j]);
             if (found) {
                 leading_error(k, i, arrays[i], j, arrays[j]);
             }
@@ -2387,6 +2421,37 @@ static int explain_leading(const kernel *k, PyObject *const *args, Py_ssize_t co
         Py_XDECREF(arrays[i]);
     }
     return found;
+}
+
+/* Set an error if the shape of an argument ends with others than its extents, and return whether it does. */
+static int explain_shape(const kernel *k, int i, PyObject *argument)
+{
+    PyArrayObject *const array = (PyArrayObject *)PyArray_FROM_O(argument);
+    if (array == NULL) {
+        PyErr_Clear();
+        return 0;
+    }
+    const int leading = PyArray_NDIM(array) - k->rank[i];
+    int fits = leading >= 0;
+    for (int d = 0; d < k->rank[i] && fits; ++d) {
+        fits = PyArray_DIM(array, leading + d) == k->extent[i][d];
+    }
+    PyObject *const shape = fits ? NULL : PyObject_GetAttrString((PyObject *)array, "shape");
+    Py_DECREF(array);
+    if (shape == NULL) {
+        return 0;
+    }
+    PyObject *expected = PyUnicode_FromString("...");
+    for (int d = 0; d < k->rank[i] && expected != NULL; ++d) {
+        Py_SETREF(expected, PyUnicode_FromFormat("%U, %zd", expected, (Py_ssize_t)k->extent[i][d]));
+    }
+    if (expected != NULL) {
+        PyErr_Format(
+            PyExc_ValueError, "%s(): %s has the shape %S, expected (%U)", k->name, k->argument[i], shape, expected);
+        Py_DECREF(expected);
+    }
+    Py_DECREF(shape);
+    return 1;
 }
 
 /* Replace NumPy's error about a missing argument or a wrong shape by one that names the argument. */
@@ -2401,65 +2466,97 @@ static PyObject *explain(const kernel *k, PyObject *const *args, Py_ssize_t coun
     }
     PyObject *type, *value, *traceback;
     PyErr_Fetch(&type, &value, &traceback);
-    for (int i = 0; i < k->inputs && i < count; ++i) {
-        PyArrayObject *const array = (PyArrayObject *)PyArray_FROM_O(args[i]);
-        if (array == NULL) {
-            PyErr_Clear();
-            continue;
-        }
-        const int leading = PyArray_NDIM(array) - k->rank[i];
-        int fits = leading >= 0;
-        for (int d = 0; d < k->rank[i] && fits; ++d) {
-            fits = PyArray_DIM(array, leading + d) == k->extent[i][d];
-        }
-        PyObject *const shape = fits ? NULL : PyObject_GetAttrString((PyObject *)array, "shape");
-        Py_DECREF(array);
-        if (shape != NULL) {
-            PyObject *expected = PyUnicode_FromString("...");
-            for (int d = 0; d < k->rank[i] && expected != NULL; ++d) {
-                Py_SETREF(expected, PyUnicode_FromFormat("%U, %zd", expected, (Py_ssize_t)k->extent[i][d]));
-            }
-            if (expected != NULL) {
-                PyErr_Format(PyExc_ValueError, "%s(): %s has the shape %S, expected (%U)", k->name, k->argument[i], shape, expected);
-                Py_DECREF(expected);
-            }
-            Py_DECREF(shape);
-            Py_XDECREF(type);
-            Py_XDECREF(value);
-            Py_XDECREF(traceback);
-            return NULL;
-        }
+    int explained = 0;
+    for (int i = 0; i < k->inputs && i < count && !explained; ++i) {
+        explained = explain_shape(k, i, args[i]);
     }
-    if (explain_leading(k, args, count)) {
+    if (explained || explain_leading(k, args, count)) {
         Py_XDECREF(type);
         Py_XDECREF(value);
         Py_XDECREF(traceback);
-        return NULL;
+    } else {
+        PyErr_Restore(type, value, traceback);
     }
-    PyErr_Restore(type, value, traceback);
     return NULL;
 }
 
-static int warn(int bit, const char *message)
+/* Calls: arguments by name, the loop for floats, errors and warnings. */
+
+static PyObject *argument_names[KERNELS][MAX_OPERANDS];
+static vectorcallfunc numpys_call; /* NumPy's own call, the same for every ufunc */
+
+/* Return the index of an argument by its name, or -1 for NumPy's own (out, where, ...). */
+static int argument_place(const kernel *k, PyObject *name)
 {
-    if ((suspicious & bit & ~warned) == 0) {
+    PyObject *const *const names = argument_names[k - kernels];
+    for (int i = 0; i < k->inputs; ++i) {
+        if (names[i] == name) { /* the usual case: Python interns names in source code */
+            return i;
+        }
+    }
+    for (int i = 0; i < k->inputs; ++i) {
+        if (PyUnicode_Compare(names[i], name) == 0) {
+            return i;
+        }
+    }
+    return -1;
+}
+
+/* The type of floats, and names of the arguments that choose a loop; of robots in floats alone. */
+static PyObject *float_type, *dtype_name, *other_names[2];
+
+/* Prepare the calls of robots in floats. */
+static int prepare_floats(void)
+{
+    if (NUMBER != NPY_FLOAT) {
         return 0;
     }
-    warned |= bit;
-    return PyErr_WarnEx(PyExc_UserWarning, message, 1);
+    float_type = (PyObject *)PyArray_DescrFromType(NPY_FLOAT);
+    dtype_name = PyUnicode_InternFromString("dtype");
+    other_names[0] = PyUnicode_InternFromString("signature");
+    other_names[1] = PyUnicode_InternFromString("sig");
+    return float_type == NULL || dtype_name == NULL || other_names[0] == NULL || other_names[1] == NULL ? -1 : 0;
+}
+
+/* Call NumPy's ufunc with dtype=float32: NumPy then converts lists and float64 as far as `casting` allows. */
+static PyObject *call_for_floats(PyObject *self, PyObject *const *args, size_t flags, PyObject *keywords)
+{
+    enum { MAX_ARGUMENTS = 32 };
+    PyObject *all[MAX_ARGUMENTS + 1];
+    const Py_ssize_t count = PyVectorcall_NARGS(flags), named = keywords == NULL ? 0 : PyTuple_GET_SIZE(keywords);
+    int chosen = count + named > MAX_ARGUMENTS;
+    for (Py_ssize_t i = 0; i < named && !chosen; ++i) {
+        PyObject *const name = PyTuple_GET_ITEM(keywords, i);
+        chosen = PyUnicode_Compare(name, dtype_name) == 0 || PyUnicode_Compare(name, other_names[0]) == 0
+            || PyUnicode_Compare(name, other_names[1]) == 0;
+    }
+    if (chosen) {
+        return numpys_call(self, args, flags, keywords);
+    }
+    PyObject *const names = PyTuple_New(named + 1);
+    if (names == NULL) {
+        return NULL;
+    }
+    for (Py_ssize_t i = 0; i < named; ++i) {
+        PyTuple_SET_ITEM(names, i, Py_NewRef(PyTuple_GET_ITEM(keywords, i)));
+    }
+    PyTuple_SET_ITEM(names, named, Py_NewRef(dtype_name));
+    memcpy(all, args, (size_t)(count + named) * sizeof all[0]);
+    all[count + named] = float_type;
+    PyObject *const result = numpys_call(self, all, (size_t)count, names);
+    Py_DECREF(names);
+    return result;
 }
 
 /* Call NumPy's ufunc with arguments by position; explain errors, and warn once about likely mistakes. */
 static PyObject *checked_call(const kernel *k, PyObject *self, PyObject *const *args, size_t flags, PyObject *keywords)
 {
-    PyObject *const result = numpys_call(self, args, flags, keywords);
+    const vectorcallfunc numpy = NUMBER == NPY_FLOAT ? call_for_floats : numpys_call;
+    PyObject *const result = numpy(self, args, flags, keywords);
     if (result == NULL) {
         return explain(k, args, PyVectorcall_NARGS(flags));
     }
-    if ((suspicious & ~warned) != 0
-        && (warn(DEGREES, "iiwa14: a joint position is beyond 2 pi, and the joint's limits are below: are the positions in degrees? "
-                "Functions take radians") < 0
-            || warn(ASYMMETRIC, "iiwa14: a stiffness matrix is not symmetric, and only its upper triangle is read") < 0)) {
+    if (warn_of_inputs() < 0) {
         Py_DECREF(result);
         return NULL;
     }
@@ -2540,11 +2637,91 @@ static int name_arguments(PyObject *ufunc, int index, PyObject *arguments)
     return failed ? -1 : 0;
 }
 
+/* Load the module: checks of machine and compiler, a ufunc per kernel. */
+
+static PyUFuncGenericFunction loops[] = {loop};
 static char types[MAX_OPERANDS];
 static void *data[KERNELS];
 
-/* ---- controller: structs pass as buffers; the compiler tells their layout --------------------------------------- */
+/* Return an instruction set that the build uses and the machine lacks, or NULL. AVX2 includes multiply-add (FMA). */
+static const char *missing_instructions(void)
+{
+#if defined(__GNUC__) && (defined(__x86_64__) || defined(__i386__))
+    __builtin_cpu_init();
+#if defined(__AVX512F__)
+    if (!__builtin_cpu_supports("avx512f") || !__builtin_cpu_supports("avx512dq")
+        || !__builtin_cpu_supports("avx512vl")) {
+        return "AVX-512";
+    }
+#endif
+#if defined(__AVX2__)
+    if (!__builtin_cpu_supports("avx2") || !__builtin_cpu_supports("fma")) {
+        return "AVX2";
+    }
+#endif
+#if defined(__AVX__)
+    if (!__builtin_cpu_supports("avx")) {
+        return "AVX";
+    }
+#endif
+#endif
+    return NULL;
+}
 
+/* Raise ImportError on a machine that lacks instructions, or for a compiler that changed the arithmetic. */
+static int check_build(void)
+{
+    const char *const missing = missing_instructions();
+    if (missing != NULL) {
+        PyErr_Format(PyExc_ImportError, ROBOT ": built on a machine with %s, which this one lacks; "
+            "run 'stiffgen generate' here", missing);
+        return -1;
+    }
+    if (self_check() != 0) {
+        PyErr_SetString(PyExc_ImportError, ROBOT ": compiled with flags that change its arithmetic; "
+            "compile it without -Ofast and its like (see CC, CFLAGS)");
+        return -1;
+    }
+    return 0;
+}
+
+static int add_ufunc(PyObject *module, int index, PyObject *arguments)
+{
+    const kernel *const k = &kernels[index];
+    data[index] = &kernels[index];
+    PyObject *const ufunc = PyUFunc_FromFuncAndDataAndSignature(loops, &data[index], types, 1, k->inputs,
+        k->operands - k->inputs, PyUFunc_None, k->name, k->documentation, 0, k->signature);
+    const int failed = ufunc == NULL || name_arguments(ufunc, index, arguments) < 0
+        || PyModule_AddObjectRef(module, k->name, ufunc) < 0;
+    Py_XDECREF(ufunc);
+    return failed ? -1 : 0;
+}
+
+/* Add a ufunc per kernel to the module, and the names of their arguments. */
+static int add_functions(PyObject *module)
+{
+    if (check_build() < 0) {
+        return -1;
+    }
+    import_array1(-1);
+    import_umath1(-1);
+    if (prepare_floats() < 0) {
+        return -1;
+    }
+    for (int o = 0; o < MAX_OPERANDS; ++o) {
+        types[o] = (char)NUMBER;
+    }
+    PyObject *const arguments = PyDict_New();
+    int failed = arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
+        || PyModule_AddStringConstant(module, "SOURCES", SOURCES) < 0;
+    for (int i = 0; i < KERNELS && !failed; ++i) {
+        failed = add_ufunc(module, i, arguments) < 0;
+    }
+    Py_XDECREF(arguments);
+    return failed ? -1 : 0;
+}
+
+/* ---- controller: structs pass as buffers, and tables of their layout become lists ---- */
 typedef struct {
     const char *structure;
     const char *name;
@@ -2552,11 +2729,17 @@ typedef struct {
     size_t offset;
     int rank;
     int extent[3];
+    int unbounded; /* whether the field may be infinite */
 } field;
 
 typedef struct {
+    const char *name;
+    size_t size;
+} structure;
+
+typedef struct {
     const char *field;
-    const char *choice;
+    const char *word;
     int value;
 } choice;
 
@@ -2566,190 +2749,213 @@ typedef struct {
     const char *meaning;
 } status;
 
+typedef iiwa14_impedance_config config_t;
+typedef iiwa14_impedance_state state_t;
+typedef iiwa14_impedance_input input_t;
+typedef iiwa14_impedance_output output_t;
+typedef iiwa14_impedance_proposal proposal_t;
+typedef iiwa14_impedance_policy policy_t;
+typedef iiwa14_paper_config paper_config_t;
+typedef iiwa14_paper_state paper_state_t;
+typedef iiwa14_paper_input paper_input_t;
+typedef iiwa14_paper_output paper_output_t;
+
 static const field fields[] = {
-    {"config", "sample_time", "f8", offsetof(iiwa14_impedance_config, sample_time), 0, {1, 1, 1}},
-    {"config", "delay_samples", "i4", offsetof(iiwa14_impedance_config, delay_samples), 0, {1, 1, 1}},
-    {"config", "heaviest_wrench", "f8", offsetof(iiwa14_impedance_config, heaviest_wrench), 1, {2, 1, 1}},
-    {"config", "motor_inertia", "f8", offsetof(iiwa14_impedance_config, motor_inertia), 1, {7, 1, 1}},
-    {"config", "lower_limit", "f8", offsetof(iiwa14_impedance_config, lower_limit), 1, {7, 1, 1}},
-    {"config", "upper_limit", "f8", offsetof(iiwa14_impedance_config, upper_limit), 1, {7, 1, 1}},
-    {"config", "velocity_limit", "f8", offsetof(iiwa14_impedance_config, velocity_limit), 1, {7, 1, 1}},
-    {"config", "effort_limit", "f8", offsetof(iiwa14_impedance_config, effort_limit), 1, {7, 1, 1}},
-    {"config", "tip_velocity_limit", "f8", offsetof(iiwa14_impedance_config, tip_velocity_limit), 0, {1, 1, 1}},
-    {"config", "tip_rotation_limit", "f8", offsetof(iiwa14_impedance_config, tip_rotation_limit), 0, {1, 1, 1}},
-    {"config", "position_quantum", "f8", offsetof(iiwa14_impedance_config, position_quantum), 0, {1, 1, 1}},
-    {"config", "velocity_noise", "f8", offsetof(iiwa14_impedance_config, velocity_noise), 0, {1, 1, 1}},
-    {"config", "call_gap_limit", "i4", offsetof(iiwa14_impedance_config, call_gap_limit), 0, {1, 1, 1}},
-    {"config", "communication_reaction", "i4", offsetof(iiwa14_impedance_config, communication_reaction), 0, {1, 1, 1}},
-    {"config", "posture_stiffness", "f8", offsetof(iiwa14_impedance_config, posture_stiffness), 1, {7, 1, 1}},
-    {"config", "translation_stiffness_limit", "f8", offsetof(iiwa14_impedance_config, translation_stiffness_limit), 0, {1, 1, 1}},
-    {"config", "rotation_stiffness_limit", "f8", offsetof(iiwa14_impedance_config, rotation_stiffness_limit), 0, {1, 1, 1}},
-    {"config", "spring", "i4", offsetof(iiwa14_impedance_config, spring), 0, {1, 1, 1}},
-    {"config", "spring_force_limit", "f8", offsetof(iiwa14_impedance_config, spring_force_limit), 0, {1, 1, 1}},
-    {"config", "spring_moment_limit", "f8", offsetof(iiwa14_impedance_config, spring_moment_limit), 0, {1, 1, 1}},
-    {"config", "stiffness_cap", "i4", offsetof(iiwa14_impedance_config, stiffness_cap), 0, {1, 1, 1}},
-    {"config", "stiffness_time", "f8", offsetof(iiwa14_impedance_config, stiffness_time), 0, {1, 1, 1}},
-    {"config", "damping_ratio", "f8", offsetof(iiwa14_impedance_config, damping_ratio), 1, {7, 1, 1}},
-    {"config", "joint_damping", "f8", offsetof(iiwa14_impedance_config, joint_damping), 0, {1, 1, 1}},
-    {"config", "coriolis", "i4", offsetof(iiwa14_impedance_config, coriolis), 0, {1, 1, 1}},
-    {"config", "continuous_joints", "i4", offsetof(iiwa14_impedance_config, continuous_joints), 0, {1, 1, 1}},
-    {"config", "position_tolerance", "f8", offsetof(iiwa14_impedance_config, position_tolerance), 0, {1, 1, 1}},
-    {"config", "limit_zone", "f8", offsetof(iiwa14_impedance_config, limit_zone), 0, {1, 1, 1}},
-    {"config", "limit_stiffness", "f8", offsetof(iiwa14_impedance_config, limit_stiffness), 1, {7, 1, 1}},
-    {"config", "reference_velocity_limit", "f8", offsetof(iiwa14_impedance_config, reference_velocity_limit), 1, {7, 1, 1}},
-    {"config", "ramp_time", "f8", offsetof(iiwa14_impedance_config, ramp_time), 0, {1, 1, 1}},
-    {"config", "energy_limit", "f8", offsetof(iiwa14_impedance_config, energy_limit), 0, {1, 1, 1}},
-    {"config", "engagement_limit", "f8", offsetof(iiwa14_impedance_config, engagement_limit), 0, {1, 1, 1}},
-    {"config", "torque_rate_limit", "f8", offsetof(iiwa14_impedance_config, torque_rate_limit), 1, {7, 1, 1}},
-    {"config", "actuation", "i4", offsetof(iiwa14_impedance_config, actuation), 0, {1, 1, 1}},
-    {"config", "kp_limit", "f8", offsetof(iiwa14_impedance_config, kp_limit), 1, {7, 1, 1}},
-    {"config", "kd_limit", "f8", offsetof(iiwa14_impedance_config, kd_limit), 1, {7, 1, 1}},
-    {"config", "force_limit", "f8", offsetof(iiwa14_impedance_config, force_limit), 0, {1, 1, 1}},
-    {"config", "moment_limit", "f8", offsetof(iiwa14_impedance_config, moment_limit), 0, {1, 1, 1}},
-    {"config", "missed_limit", "i4", offsetof(iiwa14_impedance_config, missed_limit), 0, {1, 1, 1}},
-    {"config", "loss_limit", "i4", offsetof(iiwa14_impedance_config, loss_limit), 0, {1, 1, 1}},
-    {"config", "state_period", "f8", offsetof(iiwa14_impedance_config, state_period), 0, {1, 1, 1}},
-    {"config", "velocity_filter_time", "f8", offsetof(iiwa14_impedance_config, velocity_filter_time), 0, {1, 1, 1}},
-    {"config", "velocity_source", "i4", offsetof(iiwa14_impedance_config, velocity_source), 0, {1, 1, 1}},
-    {"config", "frozen_window", "i4", offsetof(iiwa14_impedance_config, frozen_window), 0, {1, 1, 1}},
-    {"config", "overspeed_time", "f8", offsetof(iiwa14_impedance_config, overspeed_time), 0, {1, 1, 1}},
-    {"config", "tank_initial", "f8", offsetof(iiwa14_impedance_config, tank_initial), 0, {1, 1, 1}},
-    {"input", "sample_valid", "i4", offsetof(iiwa14_impedance_input, sample_valid), 0, {1, 1, 1}},
-    {"input", "command", "i4", offsetof(iiwa14_impedance_input, command), 0, {1, 1, 1}},
-    {"input", "wrench_valid", "i4", offsetof(iiwa14_impedance_input, wrench_valid), 0, {1, 1, 1}},
-    {"input", "counter", "u4", offsetof(iiwa14_impedance_input, counter), 0, {1, 1, 1}},
-    {"input", "q", "f8", offsetof(iiwa14_impedance_input, q), 1, {7, 1, 1}},
-    {"input", "dq", "f8", offsetof(iiwa14_impedance_input, dq), 1, {7, 1, 1}},
-    {"input", "q0", "f8", offsetof(iiwa14_impedance_input, q0), 1, {7, 1, 1}},
-    {"input", "equilibrium", "f8", offsetof(iiwa14_impedance_input, equilibrium), 2, {4, 4, 1}},
-    {"input", "torque_offset", "f8", offsetof(iiwa14_impedance_input, torque_offset), 1, {7, 1, 1}},
-    {"input", "velocity", "f8", offsetof(iiwa14_impedance_input, velocity), 1, {7, 1, 1}},
-    {"input", "acceleration", "f8", offsetof(iiwa14_impedance_input, acceleration), 1, {7, 1, 1}},
-    {"input", "wrench_command", "f8", offsetof(iiwa14_impedance_input, wrench_command), 1, {6, 1, 1}},
-    {"input", "translation_stiffness", "f8", offsetof(iiwa14_impedance_input, translation_stiffness), 2, {3, 3, 1}},
-    {"input", "rotation_stiffness", "f8", offsetof(iiwa14_impedance_input, rotation_stiffness), 2, {3, 3, 1}},
-    {"input", "wrench", "f8", offsetof(iiwa14_impedance_input, wrench), 1, {6, 1, 1}},
-    {"input", "external_valid", "i4", offsetof(iiwa14_impedance_input, external_valid), 0, {1, 1, 1}},
-    {"input", "external_torque", "f8", offsetof(iiwa14_impedance_input, external_torque), 1, {7, 1, 1}},
-    {"output", "torque", "f8", offsetof(iiwa14_impedance_output, torque), 1, {7, 1, 1}},
-    {"output", "tau_ff", "f8", offsetof(iiwa14_impedance_output, tau_ff), 1, {7, 1, 1}},
-    {"output", "kp", "f8", offsetof(iiwa14_impedance_output, kp), 1, {7, 1, 1}},
-    {"output", "kd", "f8", offsetof(iiwa14_impedance_output, kd), 1, {7, 1, 1}},
-    {"output", "q_des", "f8", offsetof(iiwa14_impedance_output, q_des), 1, {7, 1, 1}},
-    {"output", "dq_des", "f8", offsetof(iiwa14_impedance_output, dq_des), 1, {7, 1, 1}},
-    {"output", "status", "u4", offsetof(iiwa14_impedance_output, status), 0, {1, 1, 1}},
-    {"output", "mode", "i4", offsetof(iiwa14_impedance_output, mode), 0, {1, 1, 1}},
-    {"output", "fault", "i4", offsetof(iiwa14_impedance_output, fault), 0, {1, 1, 1}},
-    {"output", "reason", "i4", offsetof(iiwa14_impedance_output, reason), 0, {1, 1, 1}},
-    {"output", "fault_joint", "i4", offsetof(iiwa14_impedance_output, fault_joint), 0, {1, 1, 1}},
-    {"output", "missed", "i4", offsetof(iiwa14_impedance_output, missed), 0, {1, 1, 1}},
-    {"output", "hold", "i4", offsetof(iiwa14_impedance_output, hold), 0, {1, 1, 1}},
-    {"output", "unaccounted", "u4", offsetof(iiwa14_impedance_output, unaccounted), 0, {1, 1, 1}},
-    {"output", "refusal", "i4", offsetof(iiwa14_impedance_output, refusal), 0, {1, 1, 1}},
-    {"output", "refusal_argument", "i4", offsetof(iiwa14_impedance_output, refusal_argument), 0, {1, 1, 1}},
-    {"output", "refusal_entry", "i4", offsetof(iiwa14_impedance_output, refusal_entry), 0, {1, 1, 1}},
-    {"output", "limited_joint", "i4", offsetof(iiwa14_impedance_output, limited_joint), 0, {1, 1, 1}},
-    {"output", "fault_seen", "f8", offsetof(iiwa14_impedance_output, fault_seen), 0, {1, 1, 1}},
-    {"output", "fault_limit", "f8", offsetof(iiwa14_impedance_output, fault_limit), 0, {1, 1, 1}},
-    {"output", "fault_time", "f8", offsetof(iiwa14_impedance_output, fault_time), 0, {1, 1, 1}},
-    {"output", "refusal_seen", "f8", offsetof(iiwa14_impedance_output, refusal_seen), 0, {1, 1, 1}},
-    {"output", "refusal_limit", "f8", offsetof(iiwa14_impedance_output, refusal_limit), 0, {1, 1, 1}},
-    {"output", "energy_supplied", "f8", offsetof(iiwa14_impedance_output, energy_supplied), 0, {1, 1, 1}},
-    {"output", "port_total", "f8", offsetof(iiwa14_impedance_output, port_total), 0, {1, 1, 1}},
-    {"output", "sampling_total", "f8", offsetof(iiwa14_impedance_output, sampling_total), 0, {1, 1, 1}},
-    {"output", "reference_total", "f8", offsetof(iiwa14_impedance_output, reference_total), 0, {1, 1, 1}},
-    {"output", "stiffness_total", "f8", offsetof(iiwa14_impedance_output, stiffness_total), 0, {1, 1, 1}},
-    {"output", "start_total", "f8", offsetof(iiwa14_impedance_output, start_total), 0, {1, 1, 1}},
-    {"output", "elastic_energy", "f8", offsetof(iiwa14_impedance_output, elastic_energy), 0, {1, 1, 1}},
-    {"output", "limit_energy", "f8", offsetof(iiwa14_impedance_output, limit_energy), 0, {1, 1, 1}},
-    {"output", "tank_energy", "f8", offsetof(iiwa14_impedance_output, tank_energy), 0, {1, 1, 1}},
-    {"output", "tank_reserve", "f8", offsetof(iiwa14_impedance_output, tank_reserve), 0, {1, 1, 1}},
-    {"output", "engagement", "f8", offsetof(iiwa14_impedance_output, engagement), 0, {1, 1, 1}},
-    {"output", "late_work", "f8", offsetof(iiwa14_impedance_output, late_work), 0, {1, 1, 1}},
-    {"output", "position", "f8", offsetof(iiwa14_impedance_output, position), 1, {7, 1, 1}},
-    {"output", "velocity", "f8", offsetof(iiwa14_impedance_output, velocity), 1, {7, 1, 1}},
-    {"output", "reference", "f8", offsetof(iiwa14_impedance_output, reference), 1, {7, 1, 1}},
-    {"output", "reference_velocity", "f8", offsetof(iiwa14_impedance_output, reference_velocity), 1, {7, 1, 1}},
-    {"output", "reference_acceleration", "f8", offsetof(iiwa14_impedance_output, reference_acceleration), 1, {7, 1, 1}},
-    {"output", "equilibrium", "f8", offsetof(iiwa14_impedance_output, equilibrium), 2, {4, 4, 1}},
-    {"output", "translation_stiffness", "f8", offsetof(iiwa14_impedance_output, translation_stiffness), 2, {3, 3, 1}},
-    {"output", "rotation_stiffness", "f8", offsetof(iiwa14_impedance_output, rotation_stiffness), 2, {3, 3, 1}},
-    {"output", "stiffness_share", "f8", offsetof(iiwa14_impedance_output, stiffness_share), 0, {1, 1, 1}},
-    {"output", "scale", "f8", offsetof(iiwa14_impedance_output, scale), 0, {1, 1, 1}},
-    {"output", "elastic_torque", "f8", offsetof(iiwa14_impedance_output, elastic_torque), 1, {7, 1, 1}},
-    {"output", "damping_torque", "f8", offsetof(iiwa14_impedance_output, damping_torque), 1, {7, 1, 1}},
-    {"output", "offset_torque", "f8", offsetof(iiwa14_impedance_output, offset_torque), 1, {7, 1, 1}},
-    {"output", "limit_torque", "f8", offsetof(iiwa14_impedance_output, limit_torque), 1, {7, 1, 1}},
-    {"output", "feedforward_torque", "f8", offsetof(iiwa14_impedance_output, feedforward_torque), 1, {7, 1, 1}},
-    {"output", "wrench_command", "f8", offsetof(iiwa14_impedance_output, wrench_command), 1, {6, 1, 1}},
-    {"output", "spring_wrench", "f8", offsetof(iiwa14_impedance_output, spring_wrench), 1, {6, 1, 1}},
-    {"output", "wrench", "f8", offsetof(iiwa14_impedance_output, wrench), 1, {6, 1, 1}},
-    {"output", "joint_stiffness", "f8", offsetof(iiwa14_impedance_output, joint_stiffness), 2, {7, 7, 1}},
-    {"output", "damping", "f8", offsetof(iiwa14_impedance_output, damping), 2, {7, 7, 1}},
-    {"output", "mass_matrix", "f8", offsetof(iiwa14_impedance_output, mass_matrix), 2, {7, 7, 1}},
-    {"output", "eigenvalues", "f8", offsetof(iiwa14_impedance_output, eigenvalues), 1, {7, 1, 1}},
-    {"output", "velocity_limit", "f8", offsetof(iiwa14_impedance_output, velocity_limit), 1, {7, 1, 1}},
-    {"output", "missed_limit", "i4", offsetof(iiwa14_impedance_output, missed_limit), 0, {1, 1, 1}},
-    {"output", "call_gap_limit", "i4", offsetof(iiwa14_impedance_output, call_gap_limit), 0, {1, 1, 1}},
-    {"output", "tank_initial", "f8", offsetof(iiwa14_impedance_output, tank_initial), 0, {1, 1, 1}},
-    {"output", "engagement_limit", "f8", offsetof(iiwa14_impedance_output, engagement_limit), 0, {1, 1, 1}},
-    {"output", "energy_limit", "f8", offsetof(iiwa14_impedance_output, energy_limit), 0, {1, 1, 1}},
-    {"output", "force_available", "f8", offsetof(iiwa14_impedance_output, force_available), 0, {1, 1, 1}},
-    {"proposal", "valid", "i4", offsetof(iiwa14_impedance_proposal, valid), 1, {4, 1, 1}},
-    {"proposal", "time", "f8", offsetof(iiwa14_impedance_proposal, time), 1, {4, 1, 1}},
-    {"proposal", "equilibrium", "f8", offsetof(iiwa14_impedance_proposal, equilibrium), 2, {4, 4, 1}},
-    {"proposal", "stiffness", "f8", offsetof(iiwa14_impedance_proposal, stiffness), 2, {6, 6, 1}},
-    {"proposal", "wrench_command", "f8", offsetof(iiwa14_impedance_proposal, wrench_command), 1, {6, 1, 1}},
-    {"proposal", "gripper", "f8", offsetof(iiwa14_impedance_proposal, gripper), 0, {1, 1, 1}},
-    {"policy", "hold_time", "f8", offsetof(iiwa14_impedance_policy, hold_time), 0, {1, 1, 1}},
-    {"policy", "fade_time", "f8", offsetof(iiwa14_impedance_policy, fade_time), 0, {1, 1, 1}},
-    {"policy", "stale_share", "f8", offsetof(iiwa14_impedance_policy, stale_share), 0, {1, 1, 1}},
-    {"policy", "longest_interval", "f8", offsetof(iiwa14_impedance_policy, longest_interval), 0, {1, 1, 1}},
-    {"policy", "clock_tolerance", "f8", offsetof(iiwa14_impedance_policy, clock_tolerance), 0, {1, 1, 1}},
-    {"policy", "now", "f8", offsetof(iiwa14_impedance_policy, now), 0, {1, 1, 1}},
-    {"policy", "time", "f8", offsetof(iiwa14_impedance_policy, time), 1, {4, 1, 1}},
-    {"policy", "begin", "f8", offsetof(iiwa14_impedance_policy, begin), 1, {4, 1, 1}},
-    {"policy", "interval", "f8", offsetof(iiwa14_impedance_policy, interval), 1, {4, 1, 1}},
-    {"policy", "refused", "i4", offsetof(iiwa14_impedance_policy, refused), 1, {4, 1, 1}},
-    {"policy", "refusal", "i4", offsetof(iiwa14_impedance_policy, refusal), 1, {4, 1, 1}},
-    {"policy", "refusal_argument", "i4", offsetof(iiwa14_impedance_policy, refusal_argument), 1, {4, 1, 1}},
-    {"policy", "refusal_entry", "i4", offsetof(iiwa14_impedance_policy, refusal_entry), 1, {4, 1, 1}},
-    {"policy", "refusal_seen", "f8", offsetof(iiwa14_impedance_policy, refusal_seen), 1, {4, 1, 1}},
-    {"policy", "refusal_limit", "f8", offsetof(iiwa14_impedance_policy, refusal_limit), 1, {4, 1, 1}},
-    {"policy", "stage", "i4", offsetof(iiwa14_impedance_policy, stage), 1, {4, 1, 1}},
-    {"policy", "equilibrium", "f8", offsetof(iiwa14_impedance_policy, equilibrium), 2, {4, 4, 1}},
-    {"policy", "translation_stiffness", "f8", offsetof(iiwa14_impedance_policy, translation_stiffness), 2, {3, 3, 1}},
-    {"policy", "rotation_stiffness", "f8", offsetof(iiwa14_impedance_policy, rotation_stiffness), 2, {3, 3, 1}},
-    {"policy", "wrench_command", "f8", offsetof(iiwa14_impedance_policy, wrench_command), 1, {6, 1, 1}},
-    {"policy", "gripper", "f8", offsetof(iiwa14_impedance_policy, gripper), 0, {1, 1, 1}},
-    {"policy", "from_equilibrium", "f8", offsetof(iiwa14_impedance_policy, from_equilibrium), 2, {4, 4, 1}},
-    {"policy", "from_translation", "f8", offsetof(iiwa14_impedance_policy, from_translation), 2, {3, 3, 1}},
-    {"policy", "from_rotation", "f8", offsetof(iiwa14_impedance_policy, from_rotation), 2, {3, 3, 1}},
-    {"policy", "from_wrench", "f8", offsetof(iiwa14_impedance_policy, from_wrench), 1, {6, 1, 1}},
-    {"policy", "to_equilibrium", "f8", offsetof(iiwa14_impedance_policy, to_equilibrium), 2, {4, 4, 1}},
-    {"policy", "to_translation", "f8", offsetof(iiwa14_impedance_policy, to_translation), 2, {3, 3, 1}},
-    {"policy", "to_rotation", "f8", offsetof(iiwa14_impedance_policy, to_rotation), 2, {3, 3, 1}},
-    {"policy", "to_wrench", "f8", offsetof(iiwa14_impedance_policy, to_wrench), 1, {6, 1, 1}},
-    {"paper_config", "conventional", "i4", offsetof(iiwa14_paper_config, conventional), 0, {1, 1, 1}},
-    {"paper_config", "sample_time", "f8", offsetof(iiwa14_paper_config, sample_time), 0, {1, 1, 1}},
-    {"paper_config", "damping_ratio", "f8", offsetof(iiwa14_paper_config, damping_ratio), 0, {1, 1, 1}},
-    {"paper_config", "joint_damping", "f8", offsetof(iiwa14_paper_config, joint_damping), 0, {1, 1, 1}},
-    {"paper_config", "posture_stiffness", "f8", offsetof(iiwa14_paper_config, posture_stiffness), 0, {1, 1, 1}},
-    {"paper_config", "motor_inertia", "f8", offsetof(iiwa14_paper_config, motor_inertia), 1, {7, 1, 1}},
-    {"paper_config", "effort_limit", "f8", offsetof(iiwa14_paper_config, effort_limit), 1, {7, 1, 1}},
-    {"paper_config", "torque_rate_limit", "f8", offsetof(iiwa14_paper_config, torque_rate_limit), 1, {7, 1, 1}},
-    {"paper_input", "q", "f8", offsetof(iiwa14_paper_input, q), 1, {7, 1, 1}},
-    {"paper_input", "dq", "f8", offsetof(iiwa14_paper_input, dq), 1, {7, 1, 1}},
-    {"paper_input", "q0", "f8", offsetof(iiwa14_paper_input, q0), 1, {7, 1, 1}},
-    {"paper_input", "wrench", "f8", offsetof(iiwa14_paper_input, wrench), 1, {6, 1, 1}},
-    {"paper_input", "task_stiffness", "f8", offsetof(iiwa14_paper_input, task_stiffness), 2, {6, 6, 1}},
-    {"paper_output", "torque", "f8", offsetof(iiwa14_paper_output, torque), 1, {7, 1, 1}},
-    {"paper_output", "elastic_torque", "f8", offsetof(iiwa14_paper_output, elastic_torque), 1, {7, 1, 1}},
-    {"paper_output", "damping_torque", "f8", offsetof(iiwa14_paper_output, damping_torque), 1, {7, 1, 1}},
-    {"paper_output", "joint_stiffness", "f8", offsetof(iiwa14_paper_output, joint_stiffness), 2, {7, 7, 1}},
-    {"paper_output", "damping", "f8", offsetof(iiwa14_paper_output, damping), 2, {7, 7, 1}},
-    {"paper_output", "saturated", "i4", offsetof(iiwa14_paper_output, saturated), 0, {1, 1, 1}},
-    {"paper_output", "rate_limited", "i4", offsetof(iiwa14_paper_output, rate_limited), 0, {1, 1, 1}},
+    {"config", "sample_time", "f8", offsetof(config_t, sample_time), 0, {1, 1, 1}, 0},
+    {"config", "delay_samples", "i4", offsetof(config_t, delay_samples), 0, {1, 1, 1}, 0},
+    {"config", "heaviest_wrench", "f8", offsetof(config_t, heaviest_wrench), 1, {2, 1, 1}, 0},
+    {"config", "motor_inertia", "f8", offsetof(config_t, motor_inertia), 1, {7, 1, 1}, 0},
+    {"config", "lower_limit", "f8", offsetof(config_t, lower_limit), 1, {7, 1, 1}, 1},
+    {"config", "upper_limit", "f8", offsetof(config_t, upper_limit), 1, {7, 1, 1}, 1},
+    {"config", "velocity_limit", "f8", offsetof(config_t, velocity_limit), 1, {7, 1, 1}, 0},
+    {"config", "effort_limit", "f8", offsetof(config_t, effort_limit), 1, {7, 1, 1}, 0},
+    {"config", "tip_velocity_limit", "f8", offsetof(config_t, tip_velocity_limit), 0, {1, 1, 1}, 0},
+    {"config", "tip_rotation_limit", "f8", offsetof(config_t, tip_rotation_limit), 0, {1, 1, 1}, 0},
+    {"config", "position_quantum", "f8", offsetof(config_t, position_quantum), 0, {1, 1, 1}, 0},
+    {"config", "velocity_noise", "f8", offsetof(config_t, velocity_noise), 0, {1, 1, 1}, 0},
+    {"config", "call_gap_limit", "i4", offsetof(config_t, call_gap_limit), 0, {1, 1, 1}, 0},
+    {"config", "communication_reaction", "i4", offsetof(config_t, communication_reaction), 0, {1, 1, 1}, 0},
+    {"config", "posture_stiffness", "f8", offsetof(config_t, posture_stiffness), 1, {7, 1, 1}, 0},
+    {"config", "translation_stiffness_limit", "f8", offsetof(config_t, translation_stiffness_limit), 0, {1, 1, 1}, 0},
+    {"config", "rotation_stiffness_limit", "f8", offsetof(config_t, rotation_stiffness_limit), 0, {1, 1, 1}, 0},
+    {"config", "spring", "i4", offsetof(config_t, spring), 0, {1, 1, 1}, 0},
+    {"config", "spring_force_limit", "f8", offsetof(config_t, spring_force_limit), 0, {1, 1, 1}, 0},
+    {"config", "spring_moment_limit", "f8", offsetof(config_t, spring_moment_limit), 0, {1, 1, 1}, 0},
+    {"config", "stiffness_cap", "i4", offsetof(config_t, stiffness_cap), 0, {1, 1, 1}, 0},
+    {"config", "stiffness_time", "f8", offsetof(config_t, stiffness_time), 0, {1, 1, 1}, 0},
+    {"config", "damping_ratio", "f8", offsetof(config_t, damping_ratio), 1, {7, 1, 1}, 0},
+    {"config", "joint_damping", "f8", offsetof(config_t, joint_damping), 0, {1, 1, 1}, 0},
+    {"config", "coriolis", "i4", offsetof(config_t, coriolis), 0, {1, 1, 1}, 0},
+    {"config", "continuous_joints", "i4", offsetof(config_t, continuous_joints), 0, {1, 1, 1}, 0},
+    {"config", "position_tolerance", "f8", offsetof(config_t, position_tolerance), 0, {1, 1, 1}, 0},
+    {"config", "limit_zone", "f8", offsetof(config_t, limit_zone), 0, {1, 1, 1}, 0},
+    {"config", "limit_stiffness", "f8", offsetof(config_t, limit_stiffness), 1, {7, 1, 1}, 0},
+    {"config", "reference_velocity_limit", "f8", offsetof(config_t, reference_velocity_limit), 1, {7, 1, 1}, 0},
+    {"config", "ramp_time", "f8", offsetof(config_t, ramp_time), 0, {1, 1, 1}, 0},
+    {"config", "energy_limit", "f8", offsetof(config_t, energy_limit), 0, {1, 1, 1}, 0},
+    {"config", "engagement_limit", "f8", offsetof(config_t, engagement_limit), 0, {1, 1, 1}, 0},
+    {"config", "torque_rate_limit", "f8", offsetof(config_t, torque_rate_limit), 1, {7, 1, 1}, 0},
+    {"config", "actuation", "i4", offsetof(config_t, actuation), 0, {1, 1, 1}, 0},
+    {"config", "kp_limit", "f8", offsetof(config_t, kp_limit), 1, {7, 1, 1}, 0},
+    {"config", "kd_limit", "f8", offsetof(config_t, kd_limit), 1, {7, 1, 1}, 0},
+    {"config", "force_limit", "f8", offsetof(config_t, force_limit), 0, {1, 1, 1}, 0},
+    {"config", "moment_limit", "f8", offsetof(config_t, moment_limit), 0, {1, 1, 1}, 0},
+    {"config", "missed_limit", "i4", offsetof(config_t, missed_limit), 0, {1, 1, 1}, 0},
+    {"config", "loss_limit", "i4", offsetof(config_t, loss_limit), 0, {1, 1, 1}, 0},
+    {"config", "state_period", "f8", offsetof(config_t, state_period), 0, {1, 1, 1}, 0},
+    {"config", "velocity_filter_time", "f8", offsetof(config_t, velocity_filter_time), 0, {1, 1, 1}, 0},
+    {"config", "velocity_source", "i4", offsetof(config_t, velocity_source), 0, {1, 1, 1}, 0},
+    {"config", "frozen_window", "i4", offsetof(config_t, frozen_window), 0, {1, 1, 1}, 0},
+    {"config", "overspeed_time", "f8", offsetof(config_t, overspeed_time), 0, {1, 1, 1}, 0},
+    {"config", "tank_initial", "f8", offsetof(config_t, tank_initial), 0, {1, 1, 1}, 0},
+    {"input", "sample_valid", "i4", offsetof(input_t, sample_valid), 0, {1, 1, 1}, 0},
+    {"input", "command", "i4", offsetof(input_t, command), 0, {1, 1, 1}, 0},
+    {"input", "wrench_valid", "i4", offsetof(input_t, wrench_valid), 0, {1, 1, 1}, 0},
+    {"input", "counter", "u4", offsetof(input_t, counter), 0, {1, 1, 1}, 0},
+    {"input", "q", "f8", offsetof(input_t, q), 1, {7, 1, 1}, 0},
+    {"input", "dq", "f8", offsetof(input_t, dq), 1, {7, 1, 1}, 0},
+    {"input", "q0", "f8", offsetof(input_t, q0), 1, {7, 1, 1}, 0},
+    {"input", "equilibrium", "f8", offsetof(input_t, equilibrium), 2, {4, 4, 1}, 0},
+    {"input", "torque_offset", "f8", offsetof(input_t, torque_offset), 1, {7, 1, 1}, 0},
+    {"input", "velocity", "f8", offsetof(input_t, velocity), 1, {7, 1, 1}, 0},
+    {"input", "acceleration", "f8", offsetof(input_t, acceleration), 1, {7, 1, 1}, 0},
+    {"input", "wrench_command", "f8", offsetof(input_t, wrench_command), 1, {6, 1, 1}, 0},
+    {"input", "translation_stiffness", "f8", offsetof(input_t, translation_stiffness), 2, {3, 3, 1}, 0},
+    {"input", "rotation_stiffness", "f8", offsetof(input_t, rotation_stiffness), 2, {3, 3, 1}, 0},
+    {"input", "wrench", "f8", offsetof(input_t, wrench), 1, {6, 1, 1}, 0},
+    {"input", "external_valid", "i4", offsetof(input_t, external_valid), 0, {1, 1, 1}, 0},
+    {"input", "external_torque", "f8", offsetof(input_t, external_torque), 1, {7, 1, 1}, 0},
+    {"output", "torque", "f8", offsetof(output_t, torque), 1, {7, 1, 1}, 0},
+    {"output", "tau_ff", "f8", offsetof(output_t, tau_ff), 1, {7, 1, 1}, 0},
+    {"output", "kp", "f8", offsetof(output_t, kp), 1, {7, 1, 1}, 0},
+    {"output", "kd", "f8", offsetof(output_t, kd), 1, {7, 1, 1}, 0},
+    {"output", "q_des", "f8", offsetof(output_t, q_des), 1, {7, 1, 1}, 0},
+    {"output", "dq_des", "f8", offsetof(output_t, dq_des), 1, {7, 1, 1}, 0},
+    {"output", "status", "u4", offsetof(output_t, status), 0, {1, 1, 1}, 0},
+    {"output", "mode", "i4", offsetof(output_t, mode), 0, {1, 1, 1}, 0},
+    {"output", "fault", "i4", offsetof(output_t, fault), 0, {1, 1, 1}, 0},
+    {"output", "reason", "i4", offsetof(output_t, reason), 0, {1, 1, 1}, 0},
+    {"output", "fault_joint", "i4", offsetof(output_t, fault_joint), 0, {1, 1, 1}, 0},
+    {"output", "missed", "i4", offsetof(output_t, missed), 0, {1, 1, 1}, 0},
+    {"output", "hold", "i4", offsetof(output_t, hold), 0, {1, 1, 1}, 0},
+    {"output", "unaccounted", "u4", offsetof(output_t, unaccounted), 0, {1, 1, 1}, 0},
+    {"output", "refusal", "i4", offsetof(output_t, refusal), 0, {1, 1, 1}, 0},
+    {"output", "refusal_argument", "i4", offsetof(output_t, refusal_argument), 0, {1, 1, 1}, 0},
+    {"output", "refusal_entry", "i4", offsetof(output_t, refusal_entry), 0, {1, 1, 1}, 0},
+    {"output", "limited_joint", "i4", offsetof(output_t, limited_joint), 0, {1, 1, 1}, 0},
+    {"output", "fault_seen", "f8", offsetof(output_t, fault_seen), 0, {1, 1, 1}, 0},
+    {"output", "fault_limit", "f8", offsetof(output_t, fault_limit), 0, {1, 1, 1}, 0},
+    {"output", "fault_time", "f8", offsetof(output_t, fault_time), 0, {1, 1, 1}, 0},
+    {"output", "refusal_seen", "f8", offsetof(output_t, refusal_seen), 0, {1, 1, 1}, 0},
+    {"output", "refusal_limit", "f8", offsetof(output_t, refusal_limit), 0, {1, 1, 1}, 0},
+    {"output", "energy_supplied", "f8", offsetof(output_t, energy_supplied), 0, {1, 1, 1}, 0},
+    {"output", "port_total", "f8", offsetof(output_t, port_total), 0, {1, 1, 1}, 0},
+    {"output", "sampling_total", "f8", offsetof(output_t, sampling_total), 0, {1, 1, 1}, 0},
+    {"output", "reference_total", "f8", offsetof(output_t, reference_total), 0, {1, 1, 1}, 0},
+    {"output", "stiffness_total", "f8", offsetof(output_t, stiffness_total), 0, {1, 1, 1}, 0},
+    {"output", "start_total", "f8", offsetof(output_t, start_total), 0, {1, 1, 1}, 0},
+    {"output", "elastic_energy", "f8", offsetof(output_t, elastic_energy), 0, {1, 1, 1}, 0},
+    {"output", "limit_energy", "f8", offsetof(output_t, limit_energy), 0, {1, 1, 1}, 0},
+    {"output", "tank_energy", "f8", offsetof(output_t, tank_energy), 0, {1, 1, 1}, 0},
+    {"output", "tank_reserve", "f8", offsetof(output_t, tank_reserve), 0, {1, 1, 1}, 0},
+    {"output", "engagement", "f8", offsetof(output_t, engagement), 0, {1, 1, 1}, 0},
+    {"output", "late_work", "f8", offsetof(output_t, late_work), 0, {1, 1, 1}, 0},
+    {"output", "position", "f8", offsetof(output_t, position), 1, {7, 1, 1}, 0},
+    {"output", "velocity", "f8", offsetof(output_t, velocity), 1, {7, 1, 1}, 0},
+    {"output", "reference", "f8", offsetof(output_t, reference), 1, {7, 1, 1}, 0},
+    {"output", "reference_velocity", "f8", offsetof(output_t, reference_velocity), 1, {7, 1, 1}, 0},
+    {"output", "reference_acceleration", "f8", offsetof(output_t, reference_acceleration), 1, {7, 1, 1}, 0},
+    {"output", "equilibrium", "f8", offsetof(output_t, equilibrium), 2, {4, 4, 1}, 0},
+    {"output", "translation_stiffness", "f8", offsetof(output_t, translation_stiffness), 2, {3, 3, 1}, 0},
+    {"output", "rotation_stiffness", "f8", offsetof(output_t, rotation_stiffness), 2, {3, 3, 1}, 0},
+    {"output", "stiffness_share", "f8", offsetof(output_t, stiffness_share), 0, {1, 1, 1}, 0},
+    {"output", "scale", "f8", offsetof(output_t, scale), 0, {1, 1, 1}, 0},
+    {"output", "elastic_torque", "f8", offsetof(output_t, elastic_torque), 1, {7, 1, 1}, 0},
+    {"output", "damping_torque", "f8", offsetof(output_t, damping_torque), 1, {7, 1, 1}, 0},
+    {"output", "offset_torque", "f8", offsetof(output_t, offset_torque), 1, {7, 1, 1}, 0},
+    {"output", "limit_torque", "f8", offsetof(output_t, limit_torque), 1, {7, 1, 1}, 0},
+    {"output", "feedforward_torque", "f8", offsetof(output_t, feedforward_torque), 1, {7, 1, 1}, 0},
+    {"output", "wrench_command", "f8", offsetof(output_t, wrench_command), 1, {6, 1, 1}, 0},
+    {"output", "spring_wrench", "f8", offsetof(output_t, spring_wrench), 1, {6, 1, 1}, 0},
+    {"output", "wrench", "f8", offsetof(output_t, wrench), 1, {6, 1, 1}, 0},
+    {"output", "joint_stiffness", "f8", offsetof(output_t, joint_stiffness), 2, {7, 7, 1}, 0},
+    {"output", "damping", "f8", offsetof(output_t, damping), 2, {7, 7, 1}, 0},
+    {"output", "mass_matrix", "f8", offsetof(output_t, mass_matrix), 2, {7, 7, 1}, 0},
+    {"output", "eigenvalues", "f8", offsetof(output_t, eigenvalues), 1, {7, 1, 1}, 0},
+    {"output", "velocity_limit", "f8", offsetof(output_t, velocity_limit), 1, {7, 1, 1}, 0},
+    {"output", "missed_limit", "i4", offsetof(output_t, missed_limit), 0, {1, 1, 1}, 0},
+    {"output", "call_gap_limit", "i4", offsetof(output_t, call_gap_limit), 0, {1, 1, 1}, 0},
+    {"output", "tank_initial", "f8", offsetof(output_t, tank_initial), 0, {1, 1, 1}, 0},
+    {"output", "engagement_limit", "f8", offsetof(output_t, engagement_limit), 0, {1, 1, 1}, 0},
+    {"output", "energy_limit", "f8", offsetof(output_t, energy_limit), 0, {1, 1, 1}, 0},
+    {"output", "force_available", "f8", offsetof(output_t, force_available), 0, {1, 1, 1}, 0},
+    {"proposal", "valid", "i4", offsetof(proposal_t, valid), 1, {4, 1, 1}, 0},
+    {"proposal", "time", "f8", offsetof(proposal_t, time), 1, {4, 1, 1}, 0},
+    {"proposal", "equilibrium", "f8", offsetof(proposal_t, equilibrium), 2, {4, 4, 1}, 0},
+    {"proposal", "stiffness", "f8", offsetof(proposal_t, stiffness), 2, {6, 6, 1}, 0},
+    {"proposal", "wrench_command", "f8", offsetof(proposal_t, wrench_command), 1, {6, 1, 1}, 0},
+    {"proposal", "gripper", "f8", offsetof(proposal_t, gripper), 0, {1, 1, 1}, 0},
+    {"policy", "hold_time", "f8", offsetof(policy_t, hold_time), 0, {1, 1, 1}, 0},
+    {"policy", "fade_time", "f8", offsetof(policy_t, fade_time), 0, {1, 1, 1}, 0},
+    {"policy", "stale_share", "f8", offsetof(policy_t, stale_share), 0, {1, 1, 1}, 0},
+    {"policy", "longest_interval", "f8", offsetof(policy_t, longest_interval), 0, {1, 1, 1}, 0},
+    {"policy", "clock_tolerance", "f8", offsetof(policy_t, clock_tolerance), 0, {1, 1, 1}, 0},
+    {"policy", "now", "f8", offsetof(policy_t, now), 0, {1, 1, 1}, 0},
+    {"policy", "time", "f8", offsetof(policy_t, time), 1, {4, 1, 1}, 0},
+    {"policy", "begin", "f8", offsetof(policy_t, begin), 1, {4, 1, 1}, 0},
+    {"policy", "interval", "f8", offsetof(policy_t, interval), 1, {4, 1, 1}, 0},
+    {"policy", "refused", "i4", offsetof(policy_t, refused), 1, {4, 1, 1}, 0},
+    {"policy", "refusal", "i4", offsetof(policy_t, refusal), 1, {4, 1, 1}, 0},
+    {"policy", "refusal_argument", "i4", offsetof(policy_t, refusal_argument), 1, {4, 1, 1}, 0},
+    {"policy", "refusal_entry", "i4", offsetof(policy_t, refusal_entry), 1, {4, 1, 1}, 0},
+    {"policy", "refusal_seen", "f8", offsetof(policy_t, refusal_seen), 1, {4, 1, 1}, 0},
+    {"policy", "refusal_limit", "f8", offsetof(policy_t, refusal_limit), 1, {4, 1, 1}, 0},
+    {"policy", "stage", "i4", offsetof(policy_t, stage), 1, {4, 1, 1}, 0},
+    {"policy", "equilibrium", "f8", offsetof(policy_t, equilibrium), 2, {4, 4, 1}, 0},
+    {"policy", "translation_stiffness", "f8", offsetof(policy_t, translation_stiffness), 2, {3, 3, 1}, 0},
+    {"policy", "rotation_stiffness", "f8", offsetof(policy_t, rotation_stiffness), 2, {3, 3, 1}, 0},
+    {"policy", "wrench_command", "f8", offsetof(policy_t, wrench_command), 1, {6, 1, 1}, 0},
+    {"policy", "gripper", "f8", offsetof(policy_t, gripper), 0, {1, 1, 1}, 0},
+    {"policy", "from_equilibrium", "f8", offsetof(policy_t, from_equilibrium), 2, {4, 4, 1}, 0},
+    {"policy", "from_translation", "f8", offsetof(policy_t, from_translation), 2, {3, 3, 1}, 0},
+    {"policy", "from_rotation", "f8", offsetof(policy_t, from_rotation), 2, {3, 3, 1}, 0},
+    {"policy", "from_wrench", "f8", offsetof(policy_t, from_wrench), 1, {6, 1, 1}, 0},
+    {"policy", "to_equilibrium", "f8", offsetof(policy_t, to_equilibrium), 2, {4, 4, 1}, 0},
+    {"policy", "to_translation", "f8", offsetof(policy_t, to_translation), 2, {3, 3, 1}, 0},
+    {"policy", "to_rotation", "f8", offsetof(policy_t, to_rotation), 2, {3, 3, 1}, 0},
+    {"policy", "to_wrench", "f8", offsetof(policy_t, to_wrench), 1, {6, 1, 1}, 0},
+    {"paper_config", "conventional", "i4", offsetof(paper_config_t, conventional), 0, {1, 1, 1}, 0},
+    {"paper_config", "sample_time", "f8", offsetof(paper_config_t, sample_time), 0, {1, 1, 1}, 0},
+    {"paper_config", "damping_ratio", "f8", offsetof(paper_config_t, damping_ratio), 0, {1, 1, 1}, 0},
+    {"paper_config", "joint_damping", "f8", offsetof(paper_config_t, joint_damping), 0, {1, 1, 1}, 0},
+    {"paper_config", "posture_stiffness", "f8", offsetof(paper_config_t, posture_stiffness), 0, {1, 1, 1}, 0},
+    {"paper_config", "motor_inertia", "f8", offsetof(paper_config_t, motor_inertia), 1, {7, 1, 1}, 0},
+    {"paper_config", "effort_limit", "f8", offsetof(paper_config_t, effort_limit), 1, {7, 1, 1}, 0},
+    {"paper_config", "torque_rate_limit", "f8", offsetof(paper_config_t, torque_rate_limit), 1, {7, 1, 1}, 0},
+    {"paper_input", "q", "f8", offsetof(paper_input_t, q), 1, {7, 1, 1}, 0},
+    {"paper_input", "dq", "f8", offsetof(paper_input_t, dq), 1, {7, 1, 1}, 0},
+    {"paper_input", "q0", "f8", offsetof(paper_input_t, q0), 1, {7, 1, 1}, 0},
+    {"paper_input", "wrench", "f8", offsetof(paper_input_t, wrench), 1, {6, 1, 1}, 0},
+    {"paper_input", "task_stiffness", "f8", offsetof(paper_input_t, task_stiffness), 2, {6, 6, 1}, 0},
+    {"paper_output", "torque", "f8", offsetof(paper_output_t, torque), 1, {7, 1, 1}, 0},
+    {"paper_output", "elastic_torque", "f8", offsetof(paper_output_t, elastic_torque), 1, {7, 1, 1}, 0},
+    {"paper_output", "damping_torque", "f8", offsetof(paper_output_t, damping_torque), 1, {7, 1, 1}, 0},
+    {"paper_output", "joint_stiffness", "f8", offsetof(paper_output_t, joint_stiffness), 2, {7, 7, 1}, 0},
+    {"paper_output", "damping", "f8", offsetof(paper_output_t, damping), 2, {7, 7, 1}, 0},
+    {"paper_output", "saturated", "i4", offsetof(paper_output_t, saturated), 0, {1, 1, 1}, 0},
+    {"paper_output", "rate_limited", "i4", offsetof(paper_output_t, rate_limited), 0, {1, 1, 1}, 0},
+};
+
+static const structure structures[] = {
+    {"state", sizeof(state_t)},
+    {"config", sizeof(config_t)},
+    {"input", sizeof(input_t)},
+    {"output", sizeof(output_t)},
+    {"proposal", sizeof(proposal_t)},
+    {"policy", sizeof(policy_t)},
+    {"paper_config", sizeof(paper_config_t)},
+    {"paper_input", sizeof(paper_input_t)},
+    {"paper_output", sizeof(paper_output_t)},
 };
 
 static const choice choices[] = {
@@ -2803,6 +3009,10 @@ static const status statuses[] = {
 };
 
 static const choice outcomes[] = {
+    {"part", "pose", IIWA14_PART_POSE},
+    {"part", "stiffness", IIWA14_PART_STIFFNESS},
+    {"part", "wrench", IIWA14_PART_WRENCH},
+    {"part", "gripper", IIWA14_PART_GRIPPER},
     {"mode", "start", IIWA14_MODE_START},
     {"mode", "active", IIWA14_MODE_ACTIVE},
     {"mode", "release", IIWA14_MODE_RELEASE},
@@ -2860,6 +3070,17 @@ static const choice outcomes[] = {
     {"reason", "loops", IIWA14_REASON_LOOPS},
 };
 
+enum {
+    MOTORS = IIWA14_DOF,
+    FIELDS = sizeof fields / sizeof *fields,
+    STRUCTURES = sizeof structures / sizeof *structures,
+    CHOICES = sizeof choices / sizeof *choices,
+    STATUSES = sizeof statuses / sizeof *statuses,
+    OUTCOMES = sizeof outcomes / sizeof *outcomes
+};
+
+/* Controller for Python: structs pass as buffers, and lists tell their layout. */
+
 /* Return a buffer that holds at least `count` structs of a size, or NULL with an exception. */
 static void *structs(const Py_buffer *buffer, size_t size, Py_ssize_t count)
 {
@@ -2877,15 +3098,15 @@ static PyObject *default_config(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "w*", &config)) {
         return NULL;
     }
-    void *c = structs(&config, sizeof(iiwa14_impedance_config), 1);
+    void *c = structs(&config, sizeof(config_t), 1);
     if (c != NULL) {
-        iiwa14_impedance_default_config((iiwa14_impedance_config *)c);
+        iiwa14_impedance_default_config((config_t *)c);
     }
     PyBuffer_Release(&config);
     return c != NULL ? Py_NewRef(Py_None) : NULL;
 }
 
-/* Initialise: arguments (config, state, torque), torque a buffer of DOF doubles. */
+/* Initialise: arguments (config, state, torque), torque a buffer of MOTORS doubles. */
 static PyObject *initialise(PyObject *module, PyObject *arguments)
 {
     Py_buffer config, state, torque;
@@ -2894,12 +3115,12 @@ static PyObject *initialise(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "y*w*y*", &config, &state, &torque)) {
         return NULL;
     }
-    void *c = structs(&config, sizeof(iiwa14_impedance_config), 1);
-    void *s = c != NULL ? structs(&state, sizeof(iiwa14_impedance_state), 1) : NULL;
-    const void *tau = s != NULL ? structs(&torque, IIWA14_DOF * sizeof(double), 1) : NULL;
+    void *c = structs(&config, sizeof(config_t), 1);
+    void *s = c != NULL ? structs(&state, sizeof(state_t), 1) : NULL;
+    const void *tau = s != NULL ? structs(&torque, MOTORS * sizeof(double), 1) : NULL;
     if (tau != NULL) {
         result = PyLong_FromLong(iiwa14_impedance_init(
-            (const iiwa14_impedance_config *)c, (iiwa14_impedance_state *)s, (const double *)tau));
+            (const config_t *)c, (state_t *)s, (const double *)tau));
     }
     PyBuffer_Release(&config);
     PyBuffer_Release(&state);
@@ -2915,9 +3136,9 @@ static PyObject *validate(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "y*", &config)) {
         return NULL;
     }
-    const void *c = structs(&config, sizeof(iiwa14_impedance_config), 1);
+    const void *c = structs(&config, sizeof(config_t), 1);
     if (c != NULL) {
-        result = PyLong_FromLong(iiwa14_impedance_validate((const iiwa14_impedance_config *)c));
+        result = PyLong_FromLong(iiwa14_impedance_validate((const config_t *)c));
     }
     PyBuffer_Release(&config);
     return result;
@@ -2931,9 +3152,9 @@ static PyObject *reset(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "w*", &state)) {
         return NULL;
     }
-    void *s = structs(&state, sizeof(iiwa14_impedance_state), 1);
+    void *s = structs(&state, sizeof(state_t), 1);
     if (s != NULL) {
-        result = PyLong_FromLong(iiwa14_impedance_reset((iiwa14_impedance_state *)s));
+        result = PyLong_FromLong(iiwa14_impedance_reset((state_t *)s));
     }
     PyBuffer_Release(&state);
     return result;
@@ -2949,16 +3170,16 @@ static PyObject *run(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "y*w*y*w*n", &config, &state, &inputs, &outputs, &count)) {
         return NULL;
     }
-    void *c = structs(&config, sizeof(iiwa14_impedance_config), 1);
-    void *s = c != NULL ? structs(&state, sizeof(iiwa14_impedance_state), 1) : NULL;
-    void *in = s != NULL ? structs(&inputs, sizeof(iiwa14_impedance_input), count) : NULL;
-    void *out = in != NULL ? structs(&outputs, sizeof(iiwa14_impedance_output), count) : NULL;
+    void *c = structs(&config, sizeof(config_t), 1);
+    void *s = c != NULL ? structs(&state, sizeof(state_t), 1) : NULL;
+    void *in = s != NULL ? structs(&inputs, sizeof(input_t), count) : NULL;
+    void *out = in != NULL ? structs(&outputs, sizeof(output_t), count) : NULL;
     if (out != NULL) {
         int code = IIWA14_OK;
         Py_BEGIN_ALLOW_THREADS
         for (Py_ssize_t k = 0; k < count && code == IIWA14_OK; ++k) {
-            code = iiwa14_impedance_step((const iiwa14_impedance_config *)c, (iiwa14_impedance_state *)s,
-                (const iiwa14_impedance_input *)in + k, (iiwa14_impedance_output *)out + k);
+            code = iiwa14_impedance_step((const config_t *)c, (state_t *)s,
+                (const input_t *)in + k, (output_t *)out + k);
         }
         Py_END_ALLOW_THREADS
         result = PyLong_FromLong(code);
@@ -2978,9 +3199,9 @@ static PyObject *fault_text(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "y*", &output)) {
         return NULL;
     }
-    const void *out = structs(&output, sizeof(iiwa14_impedance_output), 1);
+    const void *out = structs(&output, sizeof(output_t), 1);
     if (out != NULL) {
-        iiwa14_impedance_fault_text((const iiwa14_impedance_output *)out, text, sizeof text);
+        iiwa14_impedance_fault_text((const output_t *)out, text, sizeof text);
     }
     PyBuffer_Release(&output);
     return out != NULL ? PyUnicode_DecodeUTF8(text, (Py_ssize_t)strlen(text), "replace") : NULL;
@@ -3003,7 +3224,7 @@ static PyObject *refusal_text(PyObject *module, PyObject *arguments)
 /* Split a torque: arguments (numbers, results), one after the other in the order of the C function. */
 static PyObject *joint_gains(PyObject *module, PyObject *arguments)
 {
-    enum { N = IIWA14_DOF };
+    enum { N = MOTORS };
     Py_buffer numbers, results;
     PyObject *result = NULL;
     (void)module;
@@ -3025,7 +3246,7 @@ static PyObject *joint_gains(PyObject *module, PyObject *arguments)
 /* Bound the work of motors whose host is late: arguments (numbers, hold), in the order of the C function. */
 static PyObject *late_work(PyObject *module, PyObject *arguments)
 {
-    enum { N = IIWA14_DOF };
+    enum { N = MOTORS };
     Py_buffer numbers;
     double hold;
     PyObject *result = NULL;
@@ -3052,10 +3273,10 @@ static PyObject *policy_start(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "w*y*d", &policy, &poses, &now)) {
         return NULL;
     }
-    void *p = structs(&policy, sizeof(iiwa14_impedance_policy), 1);
-    const void *x = p != NULL ? structs(&poses, sizeof(((const iiwa14_impedance_policy *)p)->equilibrium), 1) : NULL;
+    void *p = structs(&policy, sizeof(policy_t), 1);
+    const void *x = p != NULL ? structs(&poses, sizeof(((const policy_t *)p)->equilibrium), 1) : NULL;
     if (x != NULL) {
-        result = PyLong_FromLong(iiwa14_impedance_policy_start((iiwa14_impedance_policy *)p, (const double *)x, now));
+        result = PyLong_FromLong(iiwa14_impedance_policy_start((policy_t *)p, (const double *)x, now));
     }
     PyBuffer_Release(&policy);
     PyBuffer_Release(&poses);
@@ -3072,12 +3293,12 @@ static PyObject *policy_propose(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "y*w*y*d", &config, &policy, &proposal, &now)) {
         return NULL;
     }
-    void *c = structs(&config, sizeof(iiwa14_impedance_config), 1);
-    void *p = c != NULL ? structs(&policy, sizeof(iiwa14_impedance_policy), 1) : NULL;
-    void *x = p != NULL ? structs(&proposal, sizeof(iiwa14_impedance_proposal), 1) : NULL;
+    void *c = structs(&config, sizeof(config_t), 1);
+    void *p = c != NULL ? structs(&policy, sizeof(policy_t), 1) : NULL;
+    void *x = p != NULL ? structs(&proposal, sizeof(proposal_t), 1) : NULL;
     if (x != NULL) {
-        result = PyLong_FromLong(iiwa14_impedance_policy_propose((const iiwa14_impedance_config *)c,
-            (iiwa14_impedance_policy *)p, (const iiwa14_impedance_proposal *)x, now));
+        result = PyLong_FromLong(iiwa14_impedance_policy_propose((const config_t *)c,
+            (policy_t *)p, (const proposal_t *)x, now));
     }
     PyBuffer_Release(&config);
     PyBuffer_Release(&policy);
@@ -3095,11 +3316,11 @@ static PyObject *policy_command(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "w*dw*", &policy, &now, &input)) {
         return NULL;
     }
-    void *p = structs(&policy, sizeof(iiwa14_impedance_policy), 1);
-    void *in = p != NULL ? structs(&input, sizeof(iiwa14_impedance_input), 1) : NULL;
+    void *p = structs(&policy, sizeof(policy_t), 1);
+    void *in = p != NULL ? structs(&input, sizeof(input_t), 1) : NULL;
     if (in != NULL) {
         result = PyLong_FromLong(
-            iiwa14_impedance_policy_command((iiwa14_impedance_policy *)p, now, (iiwa14_impedance_input *)in));
+            iiwa14_impedance_policy_command((policy_t *)p, now, (input_t *)in));
     }
     PyBuffer_Release(&policy);
     PyBuffer_Release(&input);
@@ -3113,67 +3334,7 @@ static PyObject *error_text(PyObject *module, PyObject *arguments)
     return PyArg_ParseTuple(arguments, "i", &code) ? PyUnicode_FromString(iiwa14_impedance_error_text(code)) : NULL;
 }
 
-/* Write the paper's default configuration: argument (config). */
-static PyObject *paper_default(PyObject *module, PyObject *arguments)
-{
-    Py_buffer config;
-    (void)module;
-    if (!PyArg_ParseTuple(arguments, "w*", &config)) {
-        return NULL;
-    }
-    void *c = structs(&config, sizeof(iiwa14_paper_config), 1);
-    if (c != NULL) {
-        iiwa14_paper_default_config((iiwa14_paper_config *)c);
-    }
-    PyBuffer_Release(&config);
-    return c != NULL ? Py_NewRef(Py_None) : NULL;
-}
-
-/* Check a configuration of the paper's law: argument (config). */
-static PyObject *paper_validate(PyObject *module, PyObject *arguments)
-{
-    Py_buffer config;
-    PyObject *result = NULL;
-    (void)module;
-    if (!PyArg_ParseTuple(arguments, "y*", &config)) {
-        return NULL;
-    }
-    const void *c = structs(&config, sizeof(iiwa14_paper_config), 1);
-    if (c != NULL) {
-        result = PyLong_FromLong(iiwa14_paper_validate((const iiwa14_paper_config *)c));
-    }
-    PyBuffer_Release(&config);
-    return result;
-}
-
-/* Do one step of the paper's law: arguments (config, state, input, output). */
-static PyObject *paper_step(PyObject *module, PyObject *arguments)
-{
-    Py_buffer config, state, input, output;
-    PyObject *result = NULL;
-    (void)module;
-    if (!PyArg_ParseTuple(arguments, "y*w*y*w*", &config, &state, &input, &output)) {
-        return NULL;
-    }
-    const void *c = structs(&config, sizeof(iiwa14_paper_config), 1);
-    void *s = c != NULL ? structs(&state, sizeof(iiwa14_paper_state), 1) : NULL;
-    const void *in = s != NULL ? structs(&input, sizeof(iiwa14_paper_input), 1) : NULL;
-    void *out = in != NULL ? structs(&output, sizeof(iiwa14_paper_output), 1) : NULL;
-    if (out != NULL) {
-        result = PyLong_FromLong(iiwa14_paper_step((const iiwa14_paper_config *)c, (iiwa14_paper_state *)s,
-            (const iiwa14_paper_input *)in, (iiwa14_paper_output *)out));
-    }
-    PyBuffer_Release(&config);
-    PyBuffer_Release(&state);
-    PyBuffer_Release(&input);
-    PyBuffer_Release(&output);
-    return result;
-}
-
 static PyMethodDef controller_methods[] = {
-    {"paper_default", paper_default, METH_VARARGS, NULL},
-    {"paper_validate", paper_validate, METH_VARARGS, NULL},
-    {"paper_step", paper_step, METH_VARARGS, NULL},
     {"default_config", default_config, METH_VARARGS, NULL},
     {"initialise", initialise, METH_VARARGS, NULL},
     {"validate", validate, METH_VARARGS, NULL},
@@ -3190,7 +3351,7 @@ static PyMethodDef controller_methods[] = {
     {NULL, NULL, 0, NULL},
 };
 
-/* Add a list to the module; steals the reference. */
+/* Add a list or table to the module; steals the reference. */
 static int add(PyObject *module, const char *name, PyObject *list)
 {
     const int error = list == NULL || PyModule_AddObjectRef(module, name, list) < 0;
@@ -3205,121 +3366,148 @@ static int append(PyObject *list, PyObject *item)
     return error ? -1 : 0;
 }
 
-static PyObject *words(const choice *first, size_t count)
+static PyObject *list_words(const choice *first, int count)
 {
     PyObject *list = PyList_New(0);
-    for (size_t i = 0; list != NULL && i < count; ++i) {
-        if (append(list, Py_BuildValue("(ssi)", first[i].field, first[i].choice, first[i].value)) < 0) {
+    for (int i = 0; list != NULL && i < count; ++i) {
+        if (append(list, Py_BuildValue("(ssi)", first[i].field, first[i].word, first[i].value)) < 0) {
             Py_CLEAR(list);
         }
     }
     return list;
 }
 
-static int add_controller(PyObject *module)
+static PyObject *list_fields(void)
 {
     PyObject *list = PyList_New(0);
-    for (size_t i = 0; list != NULL && i < sizeof fields / sizeof *fields; ++i) {
-        const field *f = &fields[i];
-        PyObject *shape = PyTuple_New(f->rank);
+    for (int i = 0; list != NULL && i < FIELDS; ++i) {
+        const field *const f = &fields[i];
+        PyObject *const shape = PyTuple_New(f->rank);
         for (int k = 0; shape != NULL && k < f->rank; ++k) {
             PyTuple_SET_ITEM(shape, k, PyLong_FromLong(f->extent[k]));
         }
-        PyObject *item = shape == NULL ? NULL
-            : Py_BuildValue("(sssnN)", f->structure, f->name, f->format, (Py_ssize_t)f->offset, shape);
+        PyObject *const item = shape == NULL ? NULL
+            : Py_BuildValue("(sssnNN)", f->structure, f->name, f->format, (Py_ssize_t)f->offset, shape,
+                PyBool_FromLong(f->unbounded));
         if (append(list, item) < 0) {
             Py_CLEAR(list);
         }
     }
-    if (add(module, "FIELDS", list) < 0) {
-        return -1;
-    }
-    if (add(module, "CHOICES", words(choices, sizeof choices / sizeof *choices)) < 0 ||
-        add(module, "OUTCOMES", words(outcomes, sizeof outcomes / sizeof *outcomes)) < 0) {
-        return -1;
-    }
-    list = PyList_New(0);
-    for (size_t i = 0; list != NULL && i < sizeof statuses / sizeof *statuses; ++i) {
+    return list;
+}
+
+static PyObject *list_statuses(void)
+{
+    PyObject *list = PyList_New(0);
+    for (int i = 0; list != NULL && i < STATUSES; ++i) {
         if (append(list, Py_BuildValue("(sIs)", statuses[i].name, statuses[i].bit, statuses[i].meaning)) < 0) {
             Py_CLEAR(list);
         }
     }
-    if (add(module, "STATUSES", list) < 0) {
-        return -1;
-    }
-    return add(module, "SIZES", Py_BuildValue("{s:n,s:n,s:n,s:n,s:n,s:n,s:n,s:n,s:n}",
-        "config", (Py_ssize_t)sizeof(iiwa14_impedance_config), "state", (Py_ssize_t)sizeof(iiwa14_impedance_state),
-        "input", (Py_ssize_t)sizeof(iiwa14_impedance_input), "output", (Py_ssize_t)sizeof(iiwa14_impedance_output),
-        "paper_config", (Py_ssize_t)sizeof(iiwa14_paper_config), "paper_input", (Py_ssize_t)sizeof(iiwa14_paper_input),
-        "paper_output", (Py_ssize_t)sizeof(iiwa14_paper_output),
-        "proposal", (Py_ssize_t)sizeof(iiwa14_impedance_proposal), "policy", (Py_ssize_t)sizeof(iiwa14_impedance_policy)));
+    return list;
 }
 
-/* Return an instruction set that the build uses and the machine lacks, or NULL. AVX2 includes multiply-add (FMA). */
-static const char *missing_instructions(void)
+static PyObject *list_sizes(void)
 {
-#if defined(__GNUC__) && (defined(__x86_64__) || defined(__i386__))
-    __builtin_cpu_init();
-#if defined(__AVX512F__)
-    if (!__builtin_cpu_supports("avx512f") || !__builtin_cpu_supports("avx512dq") || !__builtin_cpu_supports("avx512vl")) {
-        return "AVX-512";
-    }
-#endif
-#if defined(__AVX2__)
-    if (!__builtin_cpu_supports("avx2") || !__builtin_cpu_supports("fma")) {
-        return "AVX2";
-    }
-#endif
-#if defined(__AVX__)
-    if (!__builtin_cpu_supports("avx")) {
-        return "AVX";
-    }
-#endif
-#endif
-    return NULL;
-}
-
-static int execute(PyObject *module)
-{
-    const char *const missing = missing_instructions();
-    if (missing != NULL) {
-        PyErr_Format(PyExc_ImportError, "iiwa14: built on a machine with %s, which this one lacks; "
-            "run 'stiffgen generate' here", missing);
-        return -1;
-    }
-    if ((iiwa14_self_check() | iiwa14_batch_self_check() | iiwa14_impedance_self_check()) != 0) {
-        PyErr_SetString(PyExc_ImportError, "iiwa14: compiled with flags that change its arithmetic; "
-            "compile it without -Ofast and its like (see CC, CFLAGS)");
-        return -1;
-    }
-    import_array1(-1);
-    import_umath1(-1);
-    for (int o = 0; o < MAX_OPERANDS; ++o) {
-        types[o] = NPY_DOUBLE;
-    }
-    PyObject *arguments = PyDict_New();
-    if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "e2fb0dfd280e6331") < 0) {
-        Py_XDECREF(arguments);
-        return -1;
-    }
-    Py_DECREF(arguments); /* the module holds a reference */
-    for (int i = 0; i < KERNELS; ++i) {
-        const kernel *k = &kernels[i];
-        data[i] = &kernels[i];
-        PyObject *ufunc = PyUFunc_FromFuncAndDataAndSignature(
-            loops, &data[i], types, 1, k->inputs, k->operands - k->inputs, PyUFunc_None, k->name, k->documentation, 0, k->signature);
-        if (ufunc == NULL || name_arguments(ufunc, i, arguments) < 0 || PyModule_AddObjectRef(module, k->name, ufunc) < 0) {
-            Py_XDECREF(ufunc);
-            return -1;
+    PyObject *sizes = PyDict_New();
+    for (int i = 0; sizes != NULL && i < STRUCTURES; ++i) {
+        PyObject *const size = PyLong_FromSize_t(structures[i].size);
+        if (size == NULL || PyDict_SetItemString(sizes, structures[i].name, size) < 0) {
+            Py_CLEAR(sizes);
         }
-        Py_DECREF(ufunc);
+        Py_XDECREF(size);
     }
-    return add_controller(module);
+    return sizes;
+}
+
+/* Add the controller's functions and tables to the module. */
+static int add_controller(PyObject *module)
+{
+    const int failed = PyModule_AddFunctions(module, controller_methods) < 0
+        || PyModule_AddStringConstant(module, "NAME", ROBOT) < 0
+        || PyModule_AddIntConstant(module, "MOTORS", MOTORS) < 0
+        || add(module, "FIELDS", list_fields()) < 0 || add(module, "CHOICES", list_words(choices, CHOICES)) < 0
+        || add(module, "OUTCOMES", list_words(outcomes, OUTCOMES)) < 0 || add(module, "STATUSES", list_statuses()) < 0
+        || add(module, "SIZES", list_sizes()) < 0;
+    return failed ? -1 : 0;
+}
+
+/* Law of the paper for Python. */
+
+/* Write the paper's default configuration: argument (config). */
+static PyObject *paper_default(PyObject *module, PyObject *arguments)
+{
+    Py_buffer config;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "w*", &config)) {
+        return NULL;
+    }
+    void *c = structs(&config, sizeof(paper_config_t), 1);
+    if (c != NULL) {
+        iiwa14_paper_default_config((paper_config_t *)c);
+    }
+    PyBuffer_Release(&config);
+    return c != NULL ? Py_NewRef(Py_None) : NULL;
+}
+
+/* Check a configuration of the paper's law: argument (config). */
+static PyObject *paper_validate(PyObject *module, PyObject *arguments)
+{
+    Py_buffer config;
+    PyObject *result = NULL;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "y*", &config)) {
+        return NULL;
+    }
+    const void *c = structs(&config, sizeof(paper_config_t), 1);
+    if (c != NULL) {
+        result = PyLong_FromLong(iiwa14_paper_validate((const paper_config_t *)c));
+    }
+    PyBuffer_Release(&config);
+    return result;
+}
+
+/* Do one step of the paper's law: arguments (config, state, input, output). */
+static PyObject *paper_step(PyObject *module, PyObject *arguments)
+{
+    Py_buffer config, state, input, output;
+    PyObject *result = NULL;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "y*w*y*w*", &config, &state, &input, &output)) {
+        return NULL;
+    }
+    const void *c = structs(&config, sizeof(paper_config_t), 1);
+    void *s = c != NULL ? structs(&state, sizeof(paper_state_t), 1) : NULL;
+    const void *in = s != NULL ? structs(&input, sizeof(paper_input_t), 1) : NULL;
+    void *out = in != NULL ? structs(&output, sizeof(paper_output_t), 1) : NULL;
+    if (out != NULL) {
+        result = PyLong_FromLong(iiwa14_paper_step((const paper_config_t *)c, (paper_state_t *)s,
+            (const paper_input_t *)in, (paper_output_t *)out));
+    }
+    PyBuffer_Release(&config);
+    PyBuffer_Release(&state);
+    PyBuffer_Release(&input);
+    PyBuffer_Release(&output);
+    return result;
+}
+
+static PyMethodDef paper_methods[] = {
+    {"paper_default", paper_default, METH_VARARGS, NULL},
+    {"paper_validate", paper_validate, METH_VARARGS, NULL},
+    {"paper_step", paper_step, METH_VARARGS, NULL},
+    {NULL, NULL, 0, NULL},
+};
+
+/* Add the functions of the paper's law to the module. */
+static int add_paper(PyObject *module)
+{
+    return PyModule_AddFunctions(module, paper_methods);
 }
 
 static PyModuleDef_Slot slots[] = {
-    {Py_mod_exec, (void *)execute},
+    {Py_mod_exec, (void *)add_functions},
+    {Py_mod_exec, (void *)add_controller},
+    {Py_mod_exec, (void *)add_paper},
 #ifdef Py_mod_gil
     {Py_mod_gil, Py_MOD_GIL_NOT_USED},
 #endif
@@ -3327,7 +3515,7 @@ static PyModuleDef_Slot slots[] = {
 };
 
 static struct PyModuleDef definition = {
-    PyModuleDef_HEAD_INIT, "iiwa14_python", "Compiled functions of iiwa14.", 0, controller_methods, slots, NULL, NULL, NULL,
+    PyModuleDef_HEAD_INIT, "iiwa14_python", "Compiled functions of iiwa14.", 0, NULL, slots, NULL, NULL, NULL,
 };
 
 PyMODINIT_FUNC PyInit_iiwa14_python(void)

@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: MIT
-"""The controller's C library by itself, on a stub robot of seven sliding joints."""
+"""The controller's C by itself: the library on a stub robot of seven sliding joints, and what gives it to Python."""
 
 from __future__ import annotations
 
 import ctypes
 import re
 import shutil
-import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +13,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stiffgen.controller.page import LIBRARY, SOURCES
-from support.controller_library import LIBRARY_FLAGS, STUB, compile_library
+from stiffgen.controller.page import IMPEDANCE, LAW, LIBRARY, LOOPS, MODULE
+from support.c_library import check_compiles, check_contained, check_order, check_sizes, check_tool
+from support.controller_library import compile_library
 from support.plant.loop import fill, struct
-from support.project import ROOT, require_compiler
+from support.project import ROOT
 
+LIBRARIES = {"controller": IMPEDANCE, "loops": LOOPS, "paper": LAW, "Python": MODULE}
 HEADER = ROOT / "generated" / "iiwa14" / "iiwa14_impedance.h"
 POSITION = 1
 
@@ -60,48 +61,31 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> Library:
 
 
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
-def test_every_file_compiles_by_itself(compiler: str, tmp_path: Path) -> None:
-    require_compiler(compiler)
-    for source in (STUB / "robot.c", *(LIBRARY / each for each in SOURCES)):
-        command = [compiler, *LIBRARY_FLAGS, "-O2", "-c", str(source), "-o", str(tmp_path / "x.o")]
-        subprocess.run(command, check=True)
+@pytest.mark.parametrize("which", LIBRARIES)
+def test_every_file_compiles_by_itself(which: str, compiler: str, tmp_path: Path) -> None:
+    check_compiles(LIBRARIES[which], compiler, tmp_path)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("tool", ["clang-tidy", pytest.param("clangd", marks=pytest.mark.wide)])
-def test_editors_open_every_file(tool: str) -> None:
+@pytest.mark.parametrize("which", LIBRARIES)
+def test_editors_open_every_file(which: str, tool: str) -> None:
     """No diagnostics with the flags of compile_flags.txt, which both tools read."""
     if shutil.which(tool) is None:
         pytest.skip(f"{tool} is not installed")
-    assert {path.name for path in LIBRARY.glob("*.c")} == set(SOURCES)
-    for source in SOURCES:
-        command = ["clang-tidy", "--quiet", "--warnings-as-errors=*", source] if tool == "clang-tidy" else []
-        command = command or ["clangd", f"--check={source}", "--log=error"]
-        done = subprocess.run(command, cwd=LIBRARY, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stdout + done.stderr
+    check_tool(LIBRARIES[which], tool)
 
 
-def test_generated_controller_contains_the_library() -> None:
-    """Every function of the library is in NAME_impedance.c, static, and in the order of SOURCES."""
-    generated = HEADER.with_suffix(".c").read_text()
-    pattern = re.compile(r"^(?:static )?(?:const )?\w+ \*?(\w+)\([^;{]*\)\n\{", re.MULTILINE)
-    names = [name for source in SOURCES for name in pattern.findall((LIBRARY / source).read_text())]
-    found = [name for name in pattern.findall(generated) if name in names]
-    assert found == names
-    assert len(names) == len(set(names))
-    for name in names:
-        assert re.search(rf"^static (?:const )?\w+ \*?{name}\(", generated, re.MULTILINE)
+def test_generated_files_contain_the_libraries() -> None:
+    check_contained(IMPEDANCE, HEADER.with_suffix(".c").read_text())
+    check_contained(LAW, (HEADER.parent / "iiwa14_paper.c").read_text())
+    check_contained(MODULE, (HEADER.parent / "python" / "iiwa14_python.c").read_text())
 
 
-def test_no_file_calls_one_behind_it() -> None:
-    """In the order of SOURCES; so there is no circle."""
-    texts = {name: re.sub(r"/\*.*?\*/", "", (LIBRARY / name).read_text(), flags=re.DOTALL) for name in SOURCES}
-    head = re.compile(r"^(?!static )\w[\w *]*?\b(\w+)\([^;{}]*\)\n\{", re.MULTILINE)
-    homes = {function: name for name, text in texts.items() for function in head.findall(text)}
-    assert len(homes) > 100
-    for place, name in enumerate(SOURCES):
-        called = {home for function, home in homes.items() if re.search(rf"\b{function}\(", texts[name])}
-        assert called <= set(SOURCES[: place + 1])
+@pytest.mark.parametrize("which", LIBRARIES)
+def test_no_file_calls_one_behind_it(which: str) -> None:
+    """In the order of the sources; so there is no circle."""
+    check_order(LIBRARIES[which], {"controller": 100, "loops": 10, "Python": 3}.get(which, 0))
 
 
 def test_a_constant_of_the_header_serves_several_files() -> None:
@@ -114,15 +98,10 @@ def test_a_constant_of_the_header_serves_several_files() -> None:
     assert {name for name, count in used.items() if count < 2} == set()
 
 
-def test_functions_fit_on_a_page() -> None:
+@pytest.mark.parametrize("which", LIBRARIES)
+def test_functions_fit_on_a_page(which: str) -> None:
     """No function is longer than 60 lines, no file than 500, and no conditional is nested in another."""
-    for source in SOURCES:
-        text = (LIBRARY / source).read_text()
-        assert text.count("\n") <= 500
-        for function in re.findall(r"^\w[^;{}#]*\)\n\{\n.*?^\}", text, re.MULTILINE | re.DOTALL):
-            assert function.count("\n") <= 60, function.splitlines()[0]
-        for statement in re.split(r"[;{}]", re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)):
-            assert not re.search(r"\?[^()]*:[^(),]*\?", statement), statement
+    check_sizes(LIBRARIES[which])
 
 
 def test_poses(library: Library) -> None:

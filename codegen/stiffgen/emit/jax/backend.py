@@ -7,12 +7,13 @@ from pathlib import Path
 
 from stiffgen.emit.backend import Backend, Request
 from stiffgen.emit.casadi.backend import called_functions
+from stiffgen.emit.python import WRAPPERS
 
 
-def _files(request: Request) -> dict[str, str]:
+def _files(request: Request) -> dict[str, str | Path]:
     if not request.has_wrappers:
         return {}
-    return {f"python/{request.name}_jax.c": "jax.c.j2", "python/jax.py": "jax.py.j2"}
+    return {f"python/{request.name}_jax.c": "jax.c.j2", "python/jax.py": WRAPPERS / "jax.py"}
 
 
 JAX = Backend(Path(__file__).parent, _files, called_functions)

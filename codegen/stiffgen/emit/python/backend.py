@@ -9,11 +9,19 @@ from pathlib import Path
 from typing import Any
 
 from stiffgen.emit.backend import Backend, Request
+from stiffgen.emit.library import Library
 from stiffgen.emit.pages import KernelGroup, KernelPage, groups_of
 from stiffgen.emit.texts import arguments_elsewhere, documented_arguments, wrapped
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel
 from stiffgen.symbolic.program import Array
+
+MODULE = Library(
+    Path(__file__).parent / "library",
+    "ufuncs.h",
+    ("operands.c", "inputs.c", "loop.c", "explain.c", "call.c", "load.c"),
+)
+"""C of every NAME_python.c; the tables of the template say what differs."""
 
 
 def _packed_pages(chain: Chain, pages: list[KernelPage]) -> list[KernelPage]:
@@ -105,6 +113,8 @@ def _variables(request: Request) -> dict[str, Any]:
     pages = [*request.kernels, *packed]
     return {
         "packed": packed,
+        "module_interface": MODULE.interface(request.name),
+        "module": MODULE.functions(request.name),
         "overview": overview(request.groups),
         "python_kernels": pages,
         "python_groups": groups_of(pages),

@@ -6,10 +6,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from stiffgen.emit.backend import Backend, Request
+from stiffgen.emit.python import WRAPPERS
 
 
-def _files(request: Request) -> dict[str, str]:
-    return {"python/torch.py": "torch.py.j2"} if request.has_wrappers else {}
+def _files(request: Request) -> dict[str, str | Path]:
+    return {"python/torch.py": WRAPPERS / "torch.py"} if request.has_wrappers else {}
 
 
 TORCH = Backend(Path(__file__).parent, _files)

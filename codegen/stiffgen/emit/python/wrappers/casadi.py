@@ -1,5 +1,4 @@
-{{ banner }}
-"""{{ name }} for CasADi: the compiled functions of this package as ``casadi.Function``, for Opti and solvers.
+"""Wrapper for CasADi: the compiled functions of this package as ``casadi.Function``, for Opti and solvers.
 
 Names, shapes and the order of arguments are those of ``stiffgen.StiffnessModel``. Functions have first derivatives
 only, gradients none: a solver must approximate second derivatives (IPOPT: ``hessian_approximation="limited-memory"``).
@@ -13,7 +12,7 @@ from pathlib import Path
 
 import casadi
 
-from . import {{ name }}_python as _c
+from . import _c
 from ._functions import NAME, Function, namespaces
 
 _LIBRARY = Path(__file__).parent / f"{NAME}_casadi{'.pyd' if os.name == 'nt' else '.so'}"

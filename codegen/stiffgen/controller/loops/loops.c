@@ -1,17 +1,13 @@
-/*
- * ---- closed loops: the controller's q are the motors' positions, from which the other joints follow ----
- *
- * The joints are found by Newton's method from those of the last sample (m->joints), on whose branch they stay. Along the
- * arm's motion they are a smooth function of the motors' positions, and so is the energy of the springs.
- */
+/* Closed loops: motors, and the joints that follow from them. */
+#include "loops.h"
 
 /* Find the joints of the tree from the motors' positions; NaN where the loops do not close. */
 static void close_loops(const double *q, const memory_t *m, double *joints)
 {
-    {{ name }}_close(q, m->joints, joints);
+    CALL(close)(q, m->joints, joints);
 }
 
-static void stiffgen_poses(const double *q, const memory_t *m, double *pose)
+void stiffgen_poses(const double *q, const memory_t *m, double *pose)
 {
     double joints[JOINTS];
     close_loops(q, m, joints);
@@ -19,11 +15,11 @@ static void stiffgen_poses(const double *q, const memory_t *m, double *pose)
 }
 
 /* Compute the tips' Jacobians J G with respect to the motors; G = d joints/dq. */
-static void stiffgen_jacobians(const double *q, const memory_t *m, double *jacobian)
+void stiffgen_jacobians(const double *q, const memory_t *m, double *jacobian)
 {
     double joints[JOINTS], G[JOINTS * N], J[6 * JOINTS * TIPS];
     close_loops(q, m, joints);
-    {{ name }}_motors_jacobian(joints, G);
+    CALL(motors_jacobian)(joints, G);
     stiffgen_tree_jacobians(joints, m, J);
     for (int row = 0; row < 6 * TIPS; ++row) {
         for (int i = 0; i < N; ++i) {
@@ -36,7 +32,7 @@ static void stiffgen_jacobians(const double *q, const memory_t *m, double *jacob
     }
 }
 
-static double stiffgen_spring_energy(const double *q, const memory_t *m, const double *equilibrium,
+double stiffgen_spring_energy(const double *q, const memory_t *m, const double *equilibrium,
     const double *translation_stiffness, const double *rotation_stiffness, const double *limits)
 {
     double joints[JOINTS];
@@ -44,7 +40,7 @@ static double stiffgen_spring_energy(const double *q, const memory_t *m, const d
     return stiffgen_tree_spring_energy(joints, m, equilibrium, translation_stiffness, rotation_stiffness, limits);
 }
 
-static double stiffgen_spring(const double *q, const memory_t *m, const double *equilibrium,
+double stiffgen_spring(const double *q, const memory_t *m, const double *equilibrium,
     const double *translation_stiffness, const double *rotation_stiffness, const double *limits, double *wrench,
     double *torque, double *joint_stiffness)
 {
@@ -55,14 +51,14 @@ static double stiffgen_spring(const double *q, const memory_t *m, const double *
     for (int k = 0; k < JOINTS; ++k) {
         gradient[k] = -gradient[k];
     }
-    {{ name }}_motors_from_joints(joints, gradient, K, torque, joint_stiffness);
+    CALL(motors_from_joints)(joints, gradient, K, torque, joint_stiffness);
     for (int i = 0; i < N; ++i) {
         torque[i] = -torque[i];
     }
     return energy;
 }
 
-static double stiffgen_posture_energy(const double *q, const double *posture, const double *posture_stiffness)
+double stiffgen_posture_energy(const double *q, const double *posture, const double *posture_stiffness)
 {
     double energy = 0.0;
     for (int i = 0; i < N; ++i) {
@@ -71,31 +67,30 @@ static double stiffgen_posture_energy(const double *q, const double *posture, co
     return energy;
 }
 
-static void stiffgen_mass_matrix(const double *q, const memory_t *m, double *mass_matrix)
+void stiffgen_mass_matrix(const double *q, const memory_t *m, double *mass_matrix)
 {
     double joints[JOINTS];
     close_loops(q, m, joints);
-    {{ name }}_motors_mass_matrix(joints, mass_matrix);
+    CALL(motors_mass_matrix)(joints, mass_matrix);
 }
 
 /* Compute the bias forces without gravity. */
-static void stiffgen_coriolis(const double *q, const memory_t *m, const double *velocity, double *forces)
+void stiffgen_coriolis(const double *q, const memory_t *m, const double *velocity, double *forces)
 {
     static const double no_gravity[3] = {0.0, 0.0, 0.0};
     double joints[JOINTS];
     close_loops(q, m, joints);
-    {{ name }}_motors_bias_forces(joints, velocity, no_gravity, forces);
+    CALL(motors_bias_forces)(joints, velocity, no_gravity, forces);
 }
 
 /* Begin at joints near a closed configuration. */
-static void stiffgen_home(memory_t *m)
+void stiffgen_home(memory_t *m)
 {
-    static const double start[JOINTS] = { {{- robot.start | join(", ") -}} };
-    memcpy(m->joints, start, sizeof start);
+    memcpy(m->joints, loop_start, sizeof loop_start);
 }
 
 /* Return whether the loops close at the motors' positions q. */
-static int stiffgen_reaches(const double *q, const memory_t *m)
+int stiffgen_reaches(const double *q, const memory_t *m)
 {
     double joints[JOINTS];
     int closed = 1;
@@ -109,32 +104,31 @@ static int stiffgen_reaches(const double *q, const memory_t *m)
 /* Write the motors' positions among those of the joints. */
 static void pick_motors(const double *joints, double *q)
 {
-    static const int motors[N] = { {{- robot.actuated | join(", ") -}} };
     for (int i = 0; i < N; ++i) {
-        q[i] = joints[motors[i]];
+        q[i] = joints[loop_motors[i]];
     }
 }
 
 /*
- * Follow the arm to the motors' positions q of a sample. The first sample is reached from the start in FIRST_PARTS parts.
- * The way back must lead to the joints from where it came: close to a singularity Newton's method may take another branch.
- * Return whether it did; otherwise the joints stay.
+ * Follow the arm to the motors' positions q of a sample. The first sample is reached from the start in FIRST_PARTS
+ * parts. The way back must lead to the joints from where it came: close to a singularity Newton's method may take
+ * another branch. Return whether it did; otherwise the joints stay.
  */
-static int stiffgen_follow(const double *q, memory_t *m)
+int stiffgen_follow(const double *q, memory_t *m)
 {
     double from[N], at[N], before[JOINTS], joints[JOINTS], back[JOINTS];
     const int parts = m->known ? 1 : FIRST_PARTS;
     int follows = 1;
     pick_motors(m->joints, from);
-    {{ name }}_close(from, m->joints, joints);
+    CALL(close)(from, m->joints, joints);
     for (int part = 1; part <= parts && follows; ++part) {
         memcpy(before, joints, sizeof before);
         for (int i = 0; i < N; ++i) {
             at[i] = from[i] + part * (q[i] - from[i]) / parts;
         }
-        {{ name }}_close(part < parts ? at : q, before, joints);
+        CALL(close)(part < parts ? at : q, before, joints);
         pick_motors(before, at);
-        {{ name }}_close(at, joints, back);
+        CALL(close)(at, joints, back);
         for (int k = 0; k < JOINTS; ++k) {
             follows = follows && fabs(back[k] - before[k]) <= SAME_BRANCH;
         }
@@ -145,8 +139,8 @@ static int stiffgen_follow(const double *q, memory_t *m)
     return follows;
 }
 
-/* Bring a posture into the reach of the closed loops: halve its distance from where the loops are closed until they do. */
-static void stiffgen_retract(const memory_t *m, double *q)
+/* Bring a posture into the reach of the closed loops: halve its distance from closed ones until the loops close. */
+void stiffgen_retract(const memory_t *m, double *q)
 {
     double from[N];
     pick_motors(m->joints, from);
@@ -156,4 +150,3 @@ static void stiffgen_retract(const memory_t *m, double *q)
         }
     }
 }
-

@@ -1,9 +1,9 @@
-{{ banner }}
-"""{{ name }} for JAX on the CPU: the functions of this package with jit, vmap and first derivatives in both modes.
+"""Wrapper for JAX on the CPU: the functions of this package with jit, vmap and first derivatives in both modes.
 
 XLA calls the compiled functions on its own buffers without copies. Arguments are float64: set
-``jax.config.update("jax_enable_x64", True)``. Leading dimensions broadcast as in NumPy. The gradient with respect to a
-matrix is symmetric where only the upper triangle is read{{ "; with respect to base_pose it is exact for motions of the base" if robot.floating }}.
+``jax.config.update("jax_enable_x64", True)``. Leading dimensions broadcast as in NumPy. The gradient with respect to
+a matrix is symmetric where only the upper triangle is read, and exact for motions of the base with respect to
+base_pose.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from . import {{ name }}_python as _c
-from ._functions import {{ "MOTIONS, " if robot.floating }}NAME, Function, namespaces, {{ "entry_gradient, " if robot.floating }}symmetric, unbroadcast
+from . import _c
+from ._functions import MOTIONS, NAME, Function, entry_gradient, namespaces, symmetric, unbroadcast
 
 _LIBRARY = Path(__file__).parent / f"{NAME}_jax{'.pyd' if os.name == 'nt' else '.so'}"
 if not _LIBRARY.exists():  # jax was not installed when the folder was generated
@@ -75,10 +75,8 @@ def _gradients(
 ) -> list[jax.Array]:
     """Return the gradient with respect to every argument, with the leading dimensions of the results."""
     gradients = _called(function.product, (*arguments, *cotangents))
-{% if robot.floating %}
     if "base_pose" in function.arguments:
         gradients = (entry_gradient(gradients[0], arguments[0], jnp.asarray(MOTIONS)), *gradients[1:])
-{% endif %}
     triangles = [name in function.triangles for name in function.arguments]
     return [symmetric(each) if one else each for each, one in zip(gradients, triangles, strict=True)]
 

@@ -1,5 +1,4 @@
-{{ banner }}
-"""Joint impedance of Lachner, Nah and Hogan (2025) for {{ name }}: {{ name }}_paper.h for NumPy arrays."""
+"""Joint impedance of Lachner, Nah and Hogan (2025): NAME_paper.h for NumPy arrays."""
 
 from __future__ import annotations
 
@@ -8,11 +7,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import {{ name }}_python as _c
-from .impedance import _layout
+from . import _c
+from ._structs import check_inputs, layout, tell_tool
 
-_CONFIG, _INPUT, _OUTPUT = map(_layout, ("paper_config", "paper_input", "paper_output"))
-_FIELDS = _CONFIG.names[1:]  # the first one is conventional: the formula
+_CONFIG, _INPUT, _OUTPUT = map(layout, ("paper_config", "paper_input", "paper_output"))
+_INPUTS, _OUTPUTS = _INPUT.names or (), _OUTPUT.names or ()
+_FIELDS = (_CONFIG.names or ())[1:]  # the first one is conventional: the formula
 _ERRORS = {
     -2: "configuration: every number must be finite and at least 0, and sample_time above 0; a robot without effort "
     "limits in its file needs effort_limit and torque_rate_limit",
@@ -46,7 +46,7 @@ class PaperLaw:
     torque : (n) [N m], optional
         Torque in force at the start; default: zero.
     **fields
-        Fields of the configuration ({{ name }}_paper.h): sample_time, damping_ratio, joint_damping, posture_stiffness;
+        Fields of the configuration (NAME_paper.h): sample_time, damping_ratio, joint_damping, posture_stiffness;
         motor_inertia, effort_limit and torque_rate_limit take (n) or one number.
 
     Raises
@@ -69,7 +69,7 @@ class PaperLaw:
         self._config["conventional"] = formula == "conventional"
         for name, value in fields.items():
             self._config[name] = _of_shape(name, value, _CONFIG[name].shape)
-        self._torque = _of_shape("torque", torque, ({{ controller.n }},))
+        self._torque = _of_shape("torque", torque, (_c.MOTORS,))
         if _c.paper_validate(self._config):
             raise ValueError(_ERRORS[-2])
 
@@ -84,27 +84,34 @@ class PaperLaw:
         q: ArrayLike,
         dq: ArrayLike,
         q0: ArrayLike,
-{% if controller.tool %}
-        tool_pose: ArrayLike,
-{% endif %}
+        tool_pose: ArrayLike | None = None,
         wrench: ArrayLike,
         task_stiffness: ArrayLike,
     ) -> PaperOutput:
         """Do one step.
 
         ``q``, ``dq`` and the zero-force positions ``q0`` have (n) entries. ``wrench`` (6) is what the environment
-        applies to the robot at the tip, ``task_stiffness`` is (6, 6); both have hybrid axes. ValueError for a refused
-        sample.
+        applies to the robot at the tip, ``task_stiffness`` is (6, 6); both have hybrid axes. ``tool_pose`` (4, 4) is
+        the tool's, of robots that take it at run time alone. ValueError for a refused sample.
         """
-        given: dict[str, Any] = {name: value for name, value in locals().items() if name != "self"}
+        given: dict[str, Any] = {
+            name: value
+            for name, value in locals().items()
+            if name != "self" and (name != "tool_pose" or value is not None)
+        }
+        check_inputs(self.step, given, _INPUTS, _INPUTS)
         sample, output = np.zeros(1, _INPUT), np.zeros(1, _OUTPUT)
         for name, value in given.items():
             sample[name] = _of_shape(name, value, _INPUT[name].shape, one=False)
         code = _c.paper_step(self._config, self._torque, sample, output)
         if code:
             raise ValueError(_ERRORS[code])
-        *arrays, saturated, rate_limited = (output[name][0] for name in _OUTPUT.names)
-        return PaperOutput(*arrays, bool(saturated), bool(rate_limited))
+        values = {name: output[name][0] for name in _OUTPUTS}
+        cut = {name: bool(values[name]) for name in ("saturated", "rate_limited")}
+        return PaperOutput(**{**values, **cut})
+
+
+tell_tool(PaperLaw.step, _INPUTS)
 
 
 def _of_shape(name: str, value: ArrayLike, shape: tuple[int, ...], *, one: bool = True) -> NDArray[np.float64]:

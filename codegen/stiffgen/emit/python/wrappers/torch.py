@@ -1,10 +1,9 @@
-{{ banner }}
-"""{{ name }} for PyTorch on the CPU: operators with autograd and vmap (first derivatives in both modes).
+"""Wrapper for PyTorch on the CPU: operators with autograd and vmap (first derivatives in both modes).
 
-The operators (torch.ops.{{ name }}.hybrid_joint_stiffness and others) read and write the tensors' memory in place. They
+The operators (torch.ops.NAME.hybrid_joint_stiffness and others) read and write the tensors' memory in place. They
 compute in float64; other real tensors are converted first. Leading dimensions broadcast as in NumPy. The gradient with
-respect to a matrix is symmetric where only the upper triangle is read{{ "; with respect to base_pose it is exact for
-motions of the base" if robot.floating }}.
+respect to a matrix is symmetric where only the upper triangle is read, and exact for motions of the base with respect
+to base_pose.
 """
 
 from __future__ import annotations
@@ -15,8 +14,8 @@ from typing import Any
 
 import torch
 
-from . import {{ name }}_python as _c
-from ._functions import {{ "MOTIONS, " if robot.floating }}NAME, Function, namespaces, {{ "entry_gradient, " if robot.floating }}symmetric, unbroadcast
+from . import _c
+from ._functions import MOTIONS, NAME, Function, entry_gradient, namespaces, symmetric, unbroadcast
 
 Tensors = tuple[torch.Tensor, ...]
 
@@ -74,6 +73,14 @@ def _traced(operator: Any, keep: Any, pulled_back: Any, pushed_forward: Any) -> 
     return Traced.apply
 
 
+def _units(function: Function, sizes: list[int], leading: int) -> Tensors:
+    """Return a unit cotangent for each entry of the results, along a dimension before the leading ones."""
+    units = torch.eye(sum(sizes), dtype=torch.float64).split(sizes, dim=1)
+    return tuple(
+        unit.reshape(sum(sizes), *(1,) * leading, *shape) for unit, shape in zip(units, function.results, strict=True)
+    )
+
+
 def _differentiable(function: Function) -> Any:
     """Return the function with gradients from its vector-Jacobian product, if it has one."""
     operator = _operator(function)
@@ -89,11 +96,9 @@ def _differentiable(function: Function) -> Any:
     def gradients_of(tensors: Tensors, cotangents: Tensors) -> list[torch.Tensor]:
         gradients = traced_product(*tensors, *cotangents)
         each = gradients if isinstance(gradients, tuple) else (gradients,)
-{% if robot.floating %}
         if "base_pose" in function.arguments:
             motions = torch.tensor(MOTIONS, dtype=torch.float64)
             each = (entry_gradient(each[0], tensors[0], motions), *each[1:])
-{% endif %}
         triangles = [name in function.triangles for name in function.arguments]
         return [symmetric(gradient) if one else gradient for gradient, one in zip(each, triangles, strict=True)]
 
@@ -108,20 +113,14 @@ def _differentiable(function: Function) -> Any:
         tensors = ctx.saved_tensors
         leading = function.leading([tuple(tensor.shape) for tensor in tensors])
         sizes = [math.prod(shape) for shape in function.results]
-        units = torch.eye(sum(sizes), dtype=torch.float64).split(sizes, dim=1)
-        cotangents = tuple(
-            unit.reshape(sum(sizes), *(1,) * len(leading), *shape)
-            for unit, shape in zip(units, function.results, strict=True)
-        )
+        cotangents = _units(function, sizes, len(leading))
         change = torch.zeros((sum(sizes), *leading), dtype=torch.float64)
         gradients = gradients_of(tuple(tensor.unsqueeze(0) for tensor in tensors), cotangents)
         for gradient, tangent in zip(gradients, tangents, strict=True):
             if tangent is not None:
                 change = change + (gradient * tangent.unsqueeze(0)).flatten(1 + len(leading)).sum(-1)
         parts = change.movedim(0, -1).split(sizes, dim=-1)
-        results = tuple(
-            part.reshape((*leading, *shape)) for part, shape in zip(parts, function.results, strict=True)
-        )
+        results = tuple(part.reshape((*leading, *shape)) for part, shape in zip(parts, function.results, strict=True))
         return results[0] if one else results
 
     if function.is_gradient:

@@ -1,5 +1,4 @@
-{{ banner }}
-"""Impedance controller of {{ name }}: {{ name }}_impedance.h for NumPy arrays.
+"""Impedance controller: NAME_impedance.h for NumPy arrays.
 
 The header documents every field with its unit. A wrench is what the environment applies to the robot.
 """
@@ -8,142 +7,65 @@ from __future__ import annotations
 
 import copy
 import warnings
-from collections.abc import Iterator, Mapping
-from enum import IntEnum, IntFlag
+from collections.abc import Mapping
+from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import {{ name }}_python as _c
+from . import _c
+from ._structs import (
+    INPUT,
+    INPUT_FIELDS,
+    OUTPUT,
+    PARTS,
+    POLICY,
+    PROPOSAL,
+    REFUSAL,
+    STATUS_MEANING,
+    WORDS,
+    Config,
+    Fault,
+    Mode,
+    Reason,
+    Record,
+    Refusal,
+    Refused,
+    Stage,
+    Status,
+    check_inputs,
+    refusal_text,
+    tell_tool,
+)
 
-
-def _layout(structure: str) -> np.dtype[Any]:
-    rows = [row for row in _c.FIELDS if row[0] == structure]
-    return np.dtype(
-        {
-            "names": [row[1] for row in rows],
-            "formats": [(row[2], row[4]) for row in rows],
-            "offsets": [row[3] for row in rows],
-            "itemsize": _c.SIZES[structure],
-        }
-    )
-
-
-_CONFIG, _INPUT, _OUTPUT, _PROPOSAL, _POLICY = map(_layout, ("config", "input", "output", "proposal", "policy"))
-_PARTS = ({% for part in controller.parts %}"{{ part }}"{{ ", " if not loop.last }}{% endfor %})
-_WORDS: dict[str, dict[str, int]] = {}
-for _field, _word, _value in (*_c.CHOICES, *_c.OUTCOMES):
-    _WORDS.setdefault(_field, {})[_word] = _value
-
-
-def _enumeration(field: str) -> Any:
-    return IntEnum(field.capitalize(), {word.upper(): value for word, value in _WORDS[field].items()})
-
-
-Status = IntFlag("Status", {name.upper(): bit for name, bit, _ in _c.STATUSES})
-"""Bits of a step's status."""
-STATUS_MEANING = {Status(bit): meaning for _, bit, meaning in _c.STATUSES}
-"""Meaning of each bit."""
-Mode, Fault, Reason = (_enumeration(field) for field in ("mode", "fault", "reason"))
-"""Mode of a step, class of a latched fault, and reason for the fault."""
-Refusal, Refused, Stage = (_enumeration(field) for field in ("refusal", "refused", "stage"))
-"""Why a command is refused; why the policy port refuses a part, and the stage of a part."""
-_TYPES: dict[str, Any] = {"status": Status, "mode": Mode, "fault": Fault, "reason": Reason, "refusal": Refusal}
-_REFUSAL = ("refusal", "refusal_argument", "refusal_entry", "refusal_seen", "refusal_limit")
+__all__ = [
+    "STATUS_MEANING",
+    "CommandWarning",
+    "Config",
+    "Fault",
+    "Gains",
+    "Impedance",
+    "Mode",
+    "Policy",
+    "Reason",
+    "Record",
+    "Refusal",
+    "Refused",
+    "Stage",
+    "Status",
+    "joint_gains",
+    "late_work",
+]
 
 
 class CommandWarning(UserWarning):
     """A command is refused: the equilibrium stays where it is."""
 
 
-def _refusal_text(row: Any) -> str:
-    """Return a refusal of a step's output, or of a part of the port, in words."""
-    text: str = _c.refusal_text(*(row[name].item() for name in _REFUSAL))
-    return text
-
-
-def _number(name: str, value: Any) -> Any:
-    if not isinstance(value, str):
-        return value
-    words = _WORDS.get(name, {})
-    if value not in words:
-        known = f"it takes {', '.join(words)}" if words else "it takes numbers"
-        raise ValueError(f"{name}: no value '{value}'; {known}")
-    return words[value]
-
-
-class Config:
-    """Configuration of a controller. Fields are attributes; a value is checked, and stored only if it is valid.
-
-    Arrays are read-only copies: assign a whole field, ``config.velocity_limit = limits``.
-
-    The next step uses a change; torques stay within their rate limit.
-    """
-
-    __slots__ = ("_values",)
-    _values: NDArray[Any]
-
-    def __init__(self) -> None:
-        object.__setattr__(self, "_values", np.zeros(1, _CONFIG))
-        _c.default_config(self._values)
-
-    def __getattr__(self, name: str) -> Any:
-        if name not in _CONFIG.names:
-            raise AttributeError(_unknown(name))
-        value = self._values[0][name].copy()
-        if isinstance(value, np.ndarray):
-            value.flags.writeable = False  # an entry that is set here would be lost
-        words = {number: word for word, number in _WORDS.get(name, {}).items()}
-        return words.get(int(value), int(value)) if words else value
-
-    def __setattr__(self, name: str, value: ArrayLike) -> None:
-        if name not in _CONFIG.names:
-            raise AttributeError(_unknown(name))
-        self.update({name: value})
-
-    def update(self, values: Mapping[str, ArrayLike]) -> None:
-        """Set several fields at once, all or none, for values that are valid only together."""
-        trial = self._values.copy()
-        for name, value in values.items():
-            if name not in _CONFIG.names:
-                raise TypeError(_unknown(name))
-            number = np.asarray(_number(name, value))
-            shape = _CONFIG[name].shape
-            if number.ndim and number.shape != shape:
-                raise ValueError(f"{name}: shape {number.shape}, not {shape} or one number")
-            if _CONFIG[name].base.kind == "i" and number.dtype.kind not in "iub":
-                raise ValueError(f"{name}: {value!r} is no whole number")
-            trial[0][name] = number
-        code = _c.validate(trial)
-        if code:
-            limits = {*_CONFIG.names} - {*values} - {{ '{' }}{% for field in controller.infinite_fields %}"{{ field }}"{{ ", " if not loop.last }}{% endfor %}{{ '}' }}
-            unstated = [name for name in _CONFIG.names if name in limits and not np.isfinite(trial[0][name]).all()]
-            if unstated:
-                raise ValueError(f"the robot's file lacks velocity or effort limits of joints; set {', '.join(unstated)}")
-            raise ValueError(_c.error_text(code))
-        self._values[:] = trial
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {name: getattr(self, name) for name in self}
-
-    def __setstate__(self, values: Mapping[str, ArrayLike]) -> None:
-        self.__init__()  # type: ignore[misc]
-        self.update(values)
-
-    def __dir__(self) -> list[str]:
-        return [*_CONFIG.names, "update"]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(_CONFIG.names)
-
-    def __repr__(self) -> str:
-        return _listing("Config", {name: getattr(self, name) for name in self})
-
-
 def _allowed_stiffness(values: NDArray[Any]) -> str:
     """Return which stiffness limits would be accepted, for a configuration that init refuses for them; else nothing."""
-    trial, state, torque = values.copy(), np.zeros((_c.SIZES["state"] + 7) // 8), np.zeros({{ controller.n }})
+    trial, state, torque = values.copy(), np.zeros((_c.SIZES["state"] + 7) // 8), np.zeros(_c.MOTORS)
     limits = {"translation_stiffness_limit": (1.0, "N/m"), "rotation_stiffness_limit": (0.1, "N m/rad")}
 
     def accepts(**changed: float) -> bool:
@@ -167,82 +89,11 @@ def _allowed_stiffness(values: NDArray[Any]) -> str:
     return f" (at {rate:.0f} Hz and delay_samples {delay} at most {' and '.join(found)})"
 
 
-def _unknown(name: str) -> str:
-    return f"no configuration field '{name}'; there are: {', '.join(_CONFIG.names)}"
-
-
-def _listing(title: str, values: Mapping[str, Any]) -> str:
-    width = max(len(name) for name in values)
-    indent = " " * (width + 7)
-
-    def text(value: Any) -> str:
-        if isinstance(value, (IntEnum, IntFlag)):
-            return value.name or str(value)
-        return np.array2string(np.asarray(value), precision=4, suppress_small=True).replace("\n", "\n" + indent)
-
-    return "\n".join([title, *(f"    {name:{width}} = {text(value)}" for name, value in values.items())])
-
-
-class Record:
-    """Inputs or outputs of one step, or of several with a leading time axis; fields are attributes and keys."""
-
-    __slots__ = ("_rows", "_single")
-
-    def __init__(self, rows: NDArray[Any], single: bool = False) -> None:
-        self._rows, self._single = rows, single
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the fields."""
-        return self._rows.dtype.names or ()
-
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("_") or name not in self.names:
-            raise AttributeError(f"no field '{name}'; there are: {', '.join(self.names)}")
-        if not self._single:
-            return self._rows[name]
-        value = self._rows[name][0]
-        return _TYPES[name](int(value)) if name in _TYPES else value
-
-    __getitem__ = __getattr__
-
-    @property
-    def text(self) -> str:
-        """Mode, fault with its numbers, and status bits in words; of several steps, those of the last one."""
-        row = self._rows[-1:]
-        if not len(row) or "status" not in self.names:
-            return ""
-        fault = Fault(int(row["fault"][0]))
-        lines = [f"mode {Mode(int(row['mode'][0])).name}"]
-        if fault:
-            reason = Reason(int(row["reason"][0])).name
-            lines.append(f"fault {fault.name}, {reason}: {_c.fault_text(np.ascontiguousarray(row))}")
-        bits = int(row["status"][0])
-        if int(row["refusal"][0]):
-            lines.append(f"refused: {_refusal_text(row[0])}")
-        lines += [f"{bit.name}: {meaning}" for bit, meaning in STATUS_MEANING.items() if bits & bit]
-        return "\n".join(lines)
-
-    def __len__(self) -> int:
-        return len(self._rows)
-
-    def __dir__(self) -> list[str]:
-        return [*self.names, "names", "text"]
-
-    def __repr__(self) -> str:
-        if not self._single:
-            return f"Record of {len(self)} steps: {', '.join(self.names)}"
-        return _listing("Record", {name: getattr(self, name) for name in self.names})
-
-
 class Impedance:
     """Controller with its configuration, its state and, on request, a record of inputs and outputs.
 
-{% if robot.loops %}
-    The robot has closed loops: positions, velocities and torques are those of the {{ controller.n }} motors ``ACTUATED``,
-    and n is their number.
+    With closed loops, positions, velocities and torques are those of the motors ``ACTUATED``, and n is their number.
 
-{% endif %}
     Parameters
     ----------
     config : mapping, optional
@@ -284,7 +135,7 @@ class Impedance:
         self._config.update({**(config or {}), **fields})
         self._state = np.zeros((_c.SIZES["state"] + 7) // 8)  # doubles, so that it is aligned
         self._recorded = 0
-        self._record = (np.zeros(record, _INPUT), np.zeros(record, _OUTPUT))
+        self._record = (np.zeros(record, INPUT), np.zeros(record, OUTPUT))
         self.restart(torque)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -292,7 +143,7 @@ class Impedance:
 
     def __setstate__(self, content: dict[str, Any]) -> None:
         if content["_state"].nbytes // 8 != (_c.SIZES["state"] + 7) // 8:
-            raise ValueError("{{ name }}: this controller was pickled by another version of the folder; make a new one")
+            raise ValueError(f"{_c.NAME}: this controller was pickled by another version of the folder; make a new one")
         self.__dict__.update(content)
 
     @property
@@ -302,7 +153,7 @@ class Impedance:
 
     def restart(self, torque: ArrayLike = 0.0) -> None:
         """Restart without any sample seen; configuration and record stay."""
-        initial = np.ascontiguousarray(np.broadcast_to(np.asarray(torque, float), {{ controller.n }}))
+        initial = np.ascontiguousarray(np.broadcast_to(np.asarray(torque, float), _c.MOTORS))
         code = _c.initialise(self._config._values, self._state, initial)
         if code:
             raise ValueError(_c.error_text(code) + _allowed_stiffness(self._config._values))
@@ -323,9 +174,7 @@ class Impedance:
         q0: ArrayLike | None = None,
         equilibrium: ArrayLike | None = None,
         posture: ArrayLike | None = None,
-{% if controller.tool %}
-        tool_pose: ArrayLike,
-{% endif %}
+        tool_pose: ArrayLike | None = None,
         translation_stiffness: ArrayLike | None = None,
         rotation_stiffness: ArrayLike | None = None,
         wrench: ArrayLike | None = None,
@@ -339,15 +188,19 @@ class Impedance:
     ) -> Record:
         """Do one step.
 
-        Pass either ``q0`` (n), or ``equilibrium`` (4, 4) with ``posture`` (n), and both stiffnesses, each (3, 3). A measured
-        ``wrench`` (6) is checked and reported.
-        ``torque_offset`` (n) is added to the torque, inside its limits. ``external_torque`` (n) is the environment's, known
-        from elsewhere than ``q``: it explains why a joint stands still. ``wrench_command`` (6) is a wrench that the tip is
-        to exert on the environment. ``velocity`` and ``acceleration`` (n) are those of a planned ``q0``, or of the joints
-        that follow a planned ``equilibrium``. ``counter`` numbers the samples, or ``time`` [s] of a clock counts them: a loop
-        that is late tells so that samples are missing. Without both, each call counts as the next sample, and the
-        energy account knows nothing of calls that are left out. With several tips, arrays per tip have the tips as their
-        first axis. Fields of the result are attributes (``.torque``, ``.status``).
+        Pass either ``q0`` (n), or ``equilibrium`` (4, 4) with ``posture`` (n), and both stiffnesses, each (3, 3). A
+        measured ``wrench`` (6) is checked and reported. ``tool_pose`` (4, 4) is the tool's, of robots that take it at
+        run time alone.
+
+        ``torque_offset`` (n) is added to the torque, inside its limits. ``external_torque`` (n) is the environment's,
+        known from elsewhere than ``q``: it explains why a joint stands still. ``wrench_command`` (6) is a wrench that
+        the tip is to exert on the environment. ``velocity`` and ``acceleration`` (n) are those of a planned ``q0``,
+        or of the joints that follow a planned ``equilibrium``.
+
+        ``counter`` numbers the samples, or ``time`` [s] of a clock counts them: a loop that is late tells so that
+        samples are missing. Without both, each call counts as the next sample, and the energy account knows nothing
+        of calls that are left out. With several tips, arrays per tip have the tips as their first axis. Fields of the
+        result are attributes (``.torque``, ``.status``).
         """
         values = {name: value for name, value in locals().items() if name != "self" and value is not None}
         if time is not None:
@@ -377,7 +230,9 @@ class Impedance:
         ``sample_valid`` (0 or 1 per step) marks missed samples. Return a record whose fields have a leading time axis.
         """
         values = {name: value for name, value in inputs.items() if value is not None}
-        unknown = set(values) - {*_INPUT.names, "posture"} | (set(values) & {"command", "wrench_valid", "external_valid"})
+        unknown = set(values) - {*INPUT_FIELDS, "posture"} | (
+            set(values) & {"command", "wrench_valid", "external_valid"}
+        )
         if unknown:
             raise TypeError(f"no input '{sorted(unknown)[0]}'; there are: {', '.join(_names())}")
         lengths = {np.shape(value)[0] for name, value in values.items() if np.ndim(value) > _rank(name)}
@@ -386,17 +241,17 @@ class Impedance:
         return Record(self._run(values, lengths.pop() if lengths else 1))
 
     def _run(self, values: dict[str, Any], count: int) -> NDArray[Any]:
-        inputs, outputs = np.zeros(count, _INPUT), np.zeros(count, _OUTPUT)
+        inputs, outputs = np.zeros(count, INPUT), np.zeros(count, OUTPUT)
         valid = values.setdefault("sample_valid", 1)
         if np.any(valid):
             self._require(values)
-        inputs["command"] = _WORDS["command"]["equilibrium" if "equilibrium" in values else "position"]
+        inputs["command"] = WORDS["command"]["equilibrium" if "equilibrium" in values else "position"]
         inputs["wrench_valid"] = "wrench" in values
         inputs["external_valid"] = "external_torque" in values
         inputs["counter"] = (self._counter + 1 + np.arange(count)) % 2**32
         for argument, value in values.items():
             name = "q0" if argument == "posture" else argument
-            shape = (count, *_INPUT[name].shape)
+            shape = (count, *INPUT[name].shape)
             if np.shape(value) not in (shape, shape[1:]):
                 raise ValueError(f"{argument}: shape {np.shape(value)}, not {shape[1:]} or {shape}")
             inputs[name] = value
@@ -416,28 +271,25 @@ class Impedance:
         _, firsts = np.unique(rows[["refusal", "refusal_argument"]], return_index=True)
         for row in rows[np.sort(firsts)]:
             if self._errors == "raise":
-                raise ValueError(f"command refused: {_refusal_text(row)}")
+                raise ValueError(f"command refused: {refusal_text(row)}")
             reason = (int(row["refusal"]), int(row["refusal_argument"]))
             if reason not in self._warned:
                 self._warned.add(reason)
-                warnings.warn(f"command refused: {_refusal_text(row)}", CommandWarning, stacklevel=4)
+                warnings.warn(f"command refused: {refusal_text(row)}", CommandWarning, stacklevel=4)
 
     def _require(self, values: Mapping[str, Any]) -> None:
         poses = "equilibrium" in values or "posture" in values
         if poses == ("q0" in values):
             raise TypeError("give either q0, or equilibrium and posture")
         needed = ["q", "dq", *(("equilibrium", "posture") if poses else ("q0",))]
-        needed += ["tool_pose"] if "tool_pose" in _INPUT.names else []
-        needed += ["translation_stiffness", "rotation_stiffness"]
-        missing = [name for name in needed if name not in values]
-        if missing:
-            raise TypeError(f"a step needs {', '.join(missing)}")
+        needed += ["tool_pose"] if "tool_pose" in INPUT_FIELDS else []
+        check_inputs(self.step, values, INPUT_FIELDS, [*needed, "translation_stiffness", "rotation_stiffness"])
 
     def _store(self, inputs: NDArray[Any], outputs: NDArray[Any]) -> None:
         capacity = len(self._record[0])
         if capacity:
             slots = np.arange(self._recorded, self._recorded + len(inputs))[-capacity:] % capacity
-            for record, new in zip(self._record, (inputs, outputs)):
+            for record, new in zip(self._record, (inputs, outputs), strict=True):
                 record[slots] = new[-capacity:]
         self._recorded += len(inputs)
 
@@ -449,6 +301,9 @@ class Impedance:
         slots = np.arange(self._recorded - count, self._recorded) % max(capacity, 1)
         inputs, outputs = (Record(record[slots]) for record in self._record)
         return inputs, outputs
+
+
+tell_tool(Impedance.step, INPUT_FIELDS)
 
 
 class Policy:
@@ -471,10 +326,10 @@ class Policy:
 
     def __init__(self, controller: Impedance, *, pose: ArrayLike, now: float, **settings: float) -> None:
         self._config = controller.config
-        self._policy = np.zeros(1, _POLICY)
+        self._policy = np.zeros(1, POLICY)
         poses = np.ascontiguousarray(pose, float)
-        if poses.shape != _POLICY["equilibrium"].shape:
-            raise ValueError(f"pose: shape {poses.shape}, not {_POLICY['equilibrium'].shape}")
+        if poses.shape != POLICY["equilibrium"].shape:
+            raise ValueError(f"pose: shape {poses.shape}, not {POLICY['equilibrium'].shape}")
         code = _c.policy_start(self._policy, poses, now)
         if code:
             raise ValueError(_c.error_text(code))
@@ -497,7 +352,7 @@ class Policy:
         rotation_stiffness: ArrayLike | None = None,
         wrench_command: ArrayLike | None = None,
         gripper: float | None = None,
-    ) -> dict[str, Refused]:
+    ) -> dict[str, IntEnum]:
         """Hand over a proposal when it arrives; return the parts that are refused, and why.
 
         ``time`` [s] is the stamp of all parts, or one of each (pose, stiffness, wrench, gripper). What is None is not
@@ -506,10 +361,10 @@ class Policy:
         blocks = (translation_stiffness, rotation_stiffness)
         if (blocks[0] is None) != (blocks[1] is None) or (stiffness is not None and blocks[0] is not None):
             raise TypeError("give either stiffness, or translation_stiffness and rotation_stiffness")
-        row = np.zeros(1, _PROPOSAL)
+        row = np.zeros(1, PROPOSAL)
         if blocks[0] is not None:
-            stiffness = np.zeros(_PROPOSAL["stiffness"].shape)
-            for part, block in zip((slice(0, 3), slice(3, 6)), blocks):
+            stiffness = np.zeros(PROPOSAL["stiffness"].shape)
+            for part, block in zip((slice(0, 3), slice(3, 6)), blocks, strict=True):
                 _same_shape("stiffness", block, stiffness[..., part, part].shape)
                 stiffness[..., part, part] = block
         parts = {
@@ -520,18 +375,18 @@ class Policy:
         }
         for k, (name, value) in enumerate(parts.items()):
             if value is not None:
-                _same_shape(name, value, _PROPOSAL[name].shape)
+                _same_shape(name, value, PROPOSAL[name].shape)
                 row[name], row["valid"][0, k] = value, 1
         row["time"] = time
         _c.policy_propose(self._config._values, self._policy, row, now)
-        return {part: Refused(k) for part, k in zip(_PARTS, self._policy["refused"][0].tolist()) if k}
+        return {part: Refused(k) for part, k in zip(PARTS, self._policy["refused"][0].tolist(), strict=True) if k}
 
     def command(self, now: float) -> dict[str, NDArray[np.float64]]:
         """Return the arguments of :meth:`Impedance.step` that the port commands at a time [s].
 
         Pass them as keywords, beside q, dq and the posture.
         """
-        row = np.zeros(1, _INPUT)
+        row = np.zeros(1, INPUT)
         _c.policy_command(self._policy, now, row)
         names = ("equilibrium", "translation_stiffness", "rotation_stiffness", "wrench_command")
         return {name: row[name][0] for name in names}
@@ -540,9 +395,9 @@ class Policy:
     def refusals(self) -> dict[str, str]:
         """Refused parts of the newest proposal in words, with the number that was seen and its limit."""
         row = self._policy[0]
-        found = {part: {name: row[name][k] for name in ("refused", *_REFUSAL)} for k, part in enumerate(_PARTS)}
+        found = {part: {name: row[name][k] for name in ("refused", *REFUSAL)} for k, part in enumerate(PARTS)}
         return {
-            part: _refusal_text(each) if each["refusal"] else Refused(each["refused"]).name.lower()
+            part: refusal_text(each) if each["refusal"] else Refused(each["refused"]).name.lower()
             for part, each in found.items()
             if each["refused"]
         }
@@ -553,9 +408,9 @@ class Policy:
         return float(self._policy["gripper"][0])
 
     @property
-    def stage(self) -> dict[str, Stage]:
+    def stage(self) -> dict[str, IntEnum]:
         """Stage of each part at the time of the last call."""
-        return {part: Stage(k) for part, k in zip(_PARTS, self._policy["stage"][0].tolist())}
+        return {part: Stage(k) for part, k in zip(PARTS, self._policy["stage"][0].tolist(), strict=True)}
 
 
 def _same_shape(name: str, value: Any, shape: tuple[int, ...]) -> None:
@@ -589,14 +444,14 @@ def joint_gains(
 ) -> Gains:
     """Split a torque at (q, dq) for motors with a controller inside.
 
-    kp and kd are the diagonals of ``joint_stiffness`` and ``damping`` (n, n), at least 0 and at most their limits; what is
-    not diagonal stays in tau_ff. ``q_des`` is q without one. Raises ValueError for numbers that are not finite.
+    kp and kd are the diagonals of ``joint_stiffness`` and ``damping`` (n, n), at least 0 and at most their limits; what
+    is not diagonal stays in tau_ff. ``q_des`` is q without one. Raises ValueError for numbers that are not finite.
     """
-    n, matrix = ({{ controller.n }},), ({{ controller.n }}, {{ controller.n }})
+    n, matrix = (_c.MOTORS,), (_c.MOTORS, _c.MOTORS)
     wanted = q if q_des is None else q_des
     vectors = [(value, n) for value in (q, dq, wanted, dq_des, torque)]
     limits = ((kp_limit, n), (kd_limit, n))
-    results = np.empty((3, {{ controller.n }}))
+    results = np.empty((3, _c.MOTORS))
     code = _c.joint_gains(_packed(*vectors, (joint_stiffness, matrix), (damping, matrix), *limits), results)
     if code:
         raise ValueError(_c.error_text(code))
@@ -618,13 +473,16 @@ def late_work(
 
     No joint is faster than ``velocity_limit`` (n). NaN for numbers that are not finite, or below 0.
     """
-    vectors = [(value, ({{ controller.n }},)) for value in (q, q_des, dq_des, tau_ff, kp, kd, velocity_limit)]
+    vectors = [(value, (_c.MOTORS,)) for value in (q, q_des, dq_des, tau_ff, kp, kd, velocity_limit)]
     return float(_c.late_work(_packed(*vectors), hold))
 
 
 def _names() -> list[str]:
-    return [*(name for name in _INPUT.names or () if name not in ("command", "wrench_valid", "external_valid")), "posture"]
+    return [
+        *(name for name in INPUT_FIELDS if name not in ("command", "wrench_valid", "external_valid")),
+        "posture",
+    ]
 
 
 def _rank(name: str) -> int:
-    return len(_INPUT["q0" if name == "posture" else name].shape)
+    return len(INPUT["q0" if name == "posture" else name].shape)

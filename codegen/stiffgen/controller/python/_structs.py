@@ -1,0 +1,228 @@
+"""Structs of NAME_impedance.h as NumPy records: layouts, words of their choices, configuration, inputs and outputs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from enum import IntEnum, IntFlag
+from inspect import Parameter, signature
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import _c
+
+
+def layout(structure: str) -> np.dtype[Any]:
+    """Return the layout of a C struct, which the compiler told."""
+    rows = [row for row in _c.FIELDS if row[0] == structure]
+    return np.dtype(
+        {
+            "names": [row[1] for row in rows],
+            "formats": [(row[2], row[4]) for row in rows],
+            "offsets": [row[3] for row in rows],
+            "itemsize": _c.SIZES[structure],
+        }
+    )
+
+
+CONFIG, INPUT, OUTPUT, PROPOSAL, POLICY = map(layout, ("config", "input", "output", "proposal", "policy"))
+"""Layouts of the controller's structs."""
+CONFIG_FIELDS, INPUT_FIELDS = CONFIG.names or (), INPUT.names or ()
+"""Names of the fields of a configuration and of an input."""
+WORDS: dict[str, dict[str, int]] = {}
+"""Numbers of a field's words, by field."""
+for _field, _word, _value in (*_c.CHOICES, *_c.OUTCOMES):
+    WORDS.setdefault(_field, {})[_word] = _value
+
+
+def _enumeration(kind: Any, field: str, values: Mapping[str, int]) -> Any:
+    return kind(field.capitalize(), {word.upper(): value for word, value in values.items()})
+
+
+Status = _enumeration(IntFlag, "status", {name: bit for name, bit, _ in _c.STATUSES})
+"""Bits of a step's status."""
+STATUS_MEANING = {Status(bit): meaning for _, bit, meaning in _c.STATUSES}
+"""Meaning of each bit."""
+Mode, Fault, Reason = (_enumeration(IntEnum, field, WORDS[field]) for field in ("mode", "fault", "reason"))
+"""Mode of a step, class of a latched fault, and reason for the fault."""
+Refusal, Refused, Stage = (_enumeration(IntEnum, field, WORDS[field]) for field in ("refusal", "refused", "stage"))
+"""Why a command is refused; why the policy port refuses a part, and the stage of a part."""
+PARTS = tuple(WORDS["part"])
+"""Parts of a proposal, in the order of their arrays."""
+TYPES: dict[str, Any] = {"status": Status, "mode": Mode, "fault": Fault, "reason": Reason, "refusal": Refusal}
+REFUSAL = ("refusal", "refusal_argument", "refusal_entry", "refusal_seen", "refusal_limit")
+
+
+def refusal_text(row: Any) -> str:
+    """Return a refusal of a step's output, or of a part of the port, in words."""
+    text: str = _c.refusal_text(*(row[name].item() for name in REFUSAL))
+    return text
+
+
+def _number(name: str, value: Any) -> Any:
+    if not isinstance(value, str):
+        return value
+    words = WORDS.get(name, {})
+    if value not in words:
+        known = f"it takes {', '.join(words)}" if words else "it takes numbers"
+        raise ValueError(f"{name}: no value '{value}'; {known}")
+    return words[value]
+
+
+class Config:
+    """Configuration of a controller. Fields are attributes; a value is checked, and stored only if it is valid.
+
+    Arrays are read-only copies: assign a whole field, ``config.velocity_limit = limits``.
+
+    The next step uses a change; torques stay within their rate limit.
+    """
+
+    __slots__ = ("_values",)
+    _values: NDArray[Any]
+
+    def __init__(self) -> None:
+        object.__setattr__(self, "_values", np.zeros(1, CONFIG))
+        _c.default_config(self._values)
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in CONFIG_FIELDS:
+            raise AttributeError(_unknown(name))
+        value = self._values[0][name].copy()
+        if isinstance(value, np.ndarray):
+            value.flags.writeable = False  # an entry that is set here would be lost
+        words = {number: word for word, number in WORDS.get(name, {}).items()}
+        return words.get(int(value), int(value)) if words else value
+
+    def __setattr__(self, name: str, value: ArrayLike) -> None:
+        if name not in CONFIG_FIELDS:
+            raise AttributeError(_unknown(name))
+        self.update({name: value})
+
+    def update(self, values: Mapping[str, ArrayLike]) -> None:
+        """Set several fields at once, all or none, for values that are valid only together."""
+        trial = self._values.copy()
+        for name, value in values.items():
+            if name not in CONFIG_FIELDS:
+                raise TypeError(_unknown(name))
+            number = np.asarray(_number(name, value))
+            shape = CONFIG[name].shape
+            if number.ndim and number.shape != shape:
+                raise ValueError(f"{name}: shape {number.shape}, not {shape} or one number")
+            if CONFIG[name].base.kind == "i" and number.dtype.kind not in "iub":
+                raise ValueError(f"{name}: {value!r} is no whole number")
+            trial[0][name] = number
+        code = _c.validate(trial)
+        if code:
+            limits = [row[1] for row in _c.FIELDS if row[0] == "config" and not row[5] and row[1] not in values]
+            unstated = [name for name in limits if not np.isfinite(trial[0][name]).all()]
+            if unstated:
+                raise ValueError(
+                    f"the robot's file lacks velocity or effort limits of joints; set {', '.join(unstated)}"
+                )
+            raise ValueError(_c.error_text(code))
+        self._values[:] = trial
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: getattr(self, name) for name in self}
+
+    def __setstate__(self, values: Mapping[str, ArrayLike]) -> None:
+        self.__init__()  # type: ignore[misc]
+        self.update(values)
+
+    def __dir__(self) -> list[str]:
+        return [*CONFIG_FIELDS, "update"]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(CONFIG_FIELDS)
+
+    def __repr__(self) -> str:
+        return _listing("Config", {name: getattr(self, name) for name in self})
+
+
+def tell_tool(step: Any, inputs: Sequence[str]) -> None:
+    """Set a step's signature: ``tool_pose`` is required where it is among the inputs, and unknown elsewhere."""
+    told = signature(step)
+    parameters = dict(told.parameters)
+    if "tool_pose" in inputs:
+        parameters["tool_pose"] = parameters["tool_pose"].replace(default=Parameter.empty, annotation="ArrayLike")
+    else:
+        del parameters["tool_pose"]
+    step.__signature__ = told.replace(parameters=list(parameters.values()))
+
+
+def check_inputs(step: Any, values: Mapping[str, Any], inputs: Sequence[str], needed: Sequence[str]) -> None:
+    """Raise TypeError where a step has a ``tool_pose`` that is none of its inputs, or lacks what it needs."""
+    if "tool_pose" in values and "tool_pose" not in inputs:
+        raise TypeError(f"{step.__qualname__}() got an unexpected keyword argument 'tool_pose'")
+    missing = [name for name in needed if name not in values]
+    if missing:
+        raise TypeError(f"a step needs {', '.join(missing)}")
+
+
+def _unknown(name: str) -> str:
+    return f"no configuration field '{name}'; there are: {', '.join(CONFIG_FIELDS)}"
+
+
+def _listing(title: str, values: Mapping[str, Any]) -> str:
+    width = max(len(name) for name in values)
+    indent = " " * (width + 7)
+
+    def text(value: Any) -> str:
+        if isinstance(value, (IntEnum, IntFlag)):
+            return value.name or str(value)
+        return np.array2string(np.asarray(value), precision=4, suppress_small=True).replace("\n", "\n" + indent)
+
+    return "\n".join([title, *(f"    {name:{width}} = {text(value)}" for name, value in values.items())])
+
+
+class Record:
+    """Inputs or outputs of one step, or of several with a leading time axis; fields are attributes and keys."""
+
+    __slots__ = ("_rows", "_single")
+
+    def __init__(self, rows: NDArray[Any], single: bool = False) -> None:
+        self._rows, self._single = rows, single
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the fields."""
+        return self._rows.dtype.names or ()
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_") or name not in self.names:
+            raise AttributeError(f"no field '{name}'; there are: {', '.join(self.names)}")
+        if not self._single:
+            return self._rows[name]
+        value = self._rows[name][0]
+        return TYPES[name](int(value)) if name in TYPES else value
+
+    __getitem__ = __getattr__
+
+    @property
+    def text(self) -> str:
+        """Mode, fault with its numbers, and status bits in words; of several steps, those of the last one."""
+        row = self._rows[-1:]
+        if not len(row) or "status" not in self.names:
+            return ""
+        fault = Fault(int(row["fault"][0]))
+        lines = [f"mode {Mode(int(row['mode'][0])).name}"]
+        if fault:
+            reason = Reason(int(row["reason"][0])).name
+            lines.append(f"fault {fault.name}, {reason}: {_c.fault_text(np.ascontiguousarray(row))}")
+        bits = int(row["status"][0])
+        if int(row["refusal"][0]):
+            lines.append(f"refused: {refusal_text(row[0])}")
+        lines += [f"{bit.name}: {meaning}" for bit, meaning in STATUS_MEANING.items() if bits & bit]
+        return "\n".join(lines)
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def __dir__(self) -> list[str]:
+        return [*self.names, "names", "text"]
+
+    def __repr__(self) -> str:
+        if not self._single:
+            return f"Record of {len(self)} steps: {', '.join(self.names)}"
+        return _listing("Record", {name: getattr(self, name) for name in self.names})

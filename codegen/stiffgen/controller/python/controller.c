@@ -1,0 +1,353 @@
+/* Controller for Python: structs pass as buffers, and lists tell their layout. */
+#include "controller.h"
+
+/* Return a buffer that holds at least `count` structs of a size, or NULL with an exception. */
+void *structs(const Py_buffer *buffer, size_t size, Py_ssize_t count)
+{
+    if (count < 0 || (size_t)buffer->len / size < (size_t)count || (uintptr_t)buffer->buf % sizeof(double) != 0) {
+        PyErr_SetString(PyExc_ValueError, "a buffer is too small or not aligned");
+        return NULL;
+    }
+    return buffer->buf;
+}
+
+static PyObject *default_config(PyObject *module, PyObject *arguments)
+{
+    Py_buffer config;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "w*", &config)) {
+        return NULL;
+    }
+    void *c = structs(&config, sizeof(config_t), 1);
+    if (c != NULL) {
+        CALL(impedance_default_config)((config_t *)c);
+    }
+    PyBuffer_Release(&config);
+    return c != NULL ? Py_NewRef(Py_None) : NULL;
+}
+
+/* Initialise: arguments (config, state, torque), torque a buffer of MOTORS doubles. */
+static PyObject *initialise(PyObject *module, PyObject *arguments)
+{
+    Py_buffer config, state, torque;
+    PyObject *result = NULL;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "y*w*y*", &config, &state, &torque)) {
+        return NULL;
+    }
+    void *c = structs(&config, sizeof(config_t), 1);
+    void *s = c != NULL ? structs(&state, sizeof(state_t), 1) : NULL;
+    const void *tau = s != NULL ? structs(&torque, MOTORS * sizeof(double), 1) : NULL;
+    if (tau != NULL) {
+        result = PyLong_FromLong(CALL(impedance_init)(
+            (const config_t *)c, (state_t *)s, (const double *)tau));
+    }
+    PyBuffer_Release(&config);
+    PyBuffer_Release(&state);
+    PyBuffer_Release(&torque);
+    return result;
+}
+
+static PyObject *validate(PyObject *module, PyObject *arguments)
+{
+    Py_buffer config;
+    PyObject *result = NULL;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "y*", &config)) {
+        return NULL;
+    }
+    const void *c = structs(&config, sizeof(config_t), 1);
+    if (c != NULL) {
+        result = PyLong_FromLong(CALL(impedance_validate)((const config_t *)c));
+    }
+    PyBuffer_Release(&config);
+    return result;
+}
+
+static PyObject *reset(PyObject *module, PyObject *arguments)
+{
+    Py_buffer state;
+    PyObject *result = NULL;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "w*", &state)) {
+        return NULL;
+    }
+    void *s = structs(&state, sizeof(state_t), 1);
+    if (s != NULL) {
+        result = PyLong_FromLong(CALL(impedance_reset)((state_t *)s));
+    }
+    PyBuffer_Release(&state);
+    return result;
+}
+
+/* Run steps without the GIL, up to the first error: arguments (config, state, inputs, outputs, count). */
+static PyObject *run(PyObject *module, PyObject *arguments)
+{
+    Py_buffer config, state, inputs, outputs;
+    Py_ssize_t count;
+    PyObject *result = NULL;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "y*w*y*w*n", &config, &state, &inputs, &outputs, &count)) {
+        return NULL;
+    }
+    void *c = structs(&config, sizeof(config_t), 1);
+    void *s = c != NULL ? structs(&state, sizeof(state_t), 1) : NULL;
+    void *in = s != NULL ? structs(&inputs, sizeof(input_t), count) : NULL;
+    void *out = in != NULL ? structs(&outputs, sizeof(output_t), count) : NULL;
+    if (out != NULL) {
+        int code = ID(OK);
+        Py_BEGIN_ALLOW_THREADS
+        for (Py_ssize_t k = 0; k < count && code == ID(OK); ++k) {
+            code = CALL(impedance_step)((const config_t *)c, (state_t *)s,
+                (const input_t *)in + k, (output_t *)out + k);
+        }
+        Py_END_ALLOW_THREADS
+        result = PyLong_FromLong(code);
+    }
+    PyBuffer_Release(&config);
+    PyBuffer_Release(&state);
+    PyBuffer_Release(&inputs);
+    PyBuffer_Release(&outputs);
+    return result;
+}
+
+static PyObject *fault_text(PyObject *module, PyObject *arguments)
+{
+    Py_buffer output;
+    char text[1024] = "";
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "y*", &output)) {
+        return NULL;
+    }
+    const void *out = structs(&output, sizeof(output_t), 1);
+    if (out != NULL) {
+        CALL(impedance_fault_text)((const output_t *)out, text, sizeof text);
+    }
+    PyBuffer_Release(&output);
+    return out != NULL ? PyUnicode_DecodeUTF8(text, (Py_ssize_t)strlen(text), "replace") : NULL;
+}
+
+/* Describe a refusal: arguments (refusal, argument, entry, seen, limit). */
+static PyObject *refusal_text(PyObject *module, PyObject *arguments)
+{
+    int refusal, argument, entry;
+    double seen, limit;
+    char text[512] = "";
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "iiidd", &refusal, &argument, &entry, &seen, &limit)) {
+        return NULL;
+    }
+    CALL(impedance_refusal_text)(refusal, argument, entry, seen, limit, text, sizeof text);
+    return PyUnicode_DecodeUTF8(text, (Py_ssize_t)strlen(text), "replace");
+}
+
+/* Split a torque: arguments (numbers, results), one after the other in the order of the C function. */
+static PyObject *joint_gains(PyObject *module, PyObject *arguments)
+{
+    enum { N = MOTORS };
+    Py_buffer numbers, results;
+    PyObject *result = NULL;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "y*w*", &numbers, &results)) {
+        return NULL;
+    }
+    const double *x = structs(&numbers, (7 * N + 2 * N * N) * sizeof(double), 1);
+    double *y = x != NULL ? structs(&results, 3 * N * sizeof(double), 1) : NULL;
+    if (y != NULL) {
+        const double *const limits = x + 5 * N + 2 * N * N;
+        result = PyLong_FromLong(CALL(impedance_joint_gains)(x, x + N, x + 2 * N, x + 3 * N, x + 4 * N, x + 5 * N,
+            x + 5 * N + N * N, limits, limits + N, y, y + N, y + 2 * N));
+    }
+    PyBuffer_Release(&numbers);
+    PyBuffer_Release(&results);
+    return result;
+}
+
+/* Bound the work of motors whose host is late: arguments (numbers, hold), in the order of the C function. */
+static PyObject *late_work(PyObject *module, PyObject *arguments)
+{
+    enum { N = MOTORS };
+    Py_buffer numbers;
+    double hold;
+    PyObject *result = NULL;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "y*d", &numbers, &hold)) {
+        return NULL;
+    }
+    const double *x = structs(&numbers, 7 * N * sizeof(double), 1);
+    if (x != NULL) {
+        result = PyFloat_FromDouble(CALL(impedance_late_work)(x, x + N, x + 2 * N, x + 3 * N, x + 4 * N, x + 5 * N,
+            x + 6 * N, hold));
+    }
+    PyBuffer_Release(&numbers);
+    return result;
+}
+
+/* Start a policy port: arguments (policy, poses, now). */
+static PyObject *policy_start(PyObject *module, PyObject *arguments)
+{
+    Py_buffer policy, poses;
+    double now;
+    PyObject *result = NULL;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "w*y*d", &policy, &poses, &now)) {
+        return NULL;
+    }
+    void *p = structs(&policy, sizeof(policy_t), 1);
+    const void *x = p != NULL ? structs(&poses, sizeof(((const policy_t *)p)->equilibrium), 1) : NULL;
+    if (x != NULL) {
+        result = PyLong_FromLong(CALL(impedance_policy_start)((policy_t *)p, (const double *)x, now));
+    }
+    PyBuffer_Release(&policy);
+    PyBuffer_Release(&poses);
+    return result;
+}
+
+/* Hand a proposal to a policy port: arguments (config, policy, proposal, now). */
+static PyObject *policy_propose(PyObject *module, PyObject *arguments)
+{
+    Py_buffer config, policy, proposal;
+    double now;
+    PyObject *result = NULL;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "y*w*y*d", &config, &policy, &proposal, &now)) {
+        return NULL;
+    }
+    void *c = structs(&config, sizeof(config_t), 1);
+    void *p = c != NULL ? structs(&policy, sizeof(policy_t), 1) : NULL;
+    void *x = p != NULL ? structs(&proposal, sizeof(proposal_t), 1) : NULL;
+    if (x != NULL) {
+        result = PyLong_FromLong(CALL(impedance_policy_propose)((const config_t *)c,
+            (policy_t *)p, (const proposal_t *)x, now));
+    }
+    PyBuffer_Release(&config);
+    PyBuffer_Release(&policy);
+    PyBuffer_Release(&proposal);
+    return result;
+}
+
+/* Write a policy port's command: arguments (policy, now, input). */
+static PyObject *policy_command(PyObject *module, PyObject *arguments)
+{
+    Py_buffer policy, input;
+    double now;
+    PyObject *result = NULL;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "w*dw*", &policy, &now, &input)) {
+        return NULL;
+    }
+    void *p = structs(&policy, sizeof(policy_t), 1);
+    void *in = p != NULL ? structs(&input, sizeof(input_t), 1) : NULL;
+    if (in != NULL) {
+        result = PyLong_FromLong(
+            CALL(impedance_policy_command)((policy_t *)p, now, (input_t *)in));
+    }
+    PyBuffer_Release(&policy);
+    PyBuffer_Release(&input);
+    return result;
+}
+
+static PyObject *error_text(PyObject *module, PyObject *arguments)
+{
+    int code;
+    (void)module;
+    return PyArg_ParseTuple(arguments, "i", &code) ? PyUnicode_FromString(CALL(impedance_error_text)(code)) : NULL;
+}
+
+static PyMethodDef controller_methods[] = {
+    {"default_config", default_config, METH_VARARGS, NULL},
+    {"initialise", initialise, METH_VARARGS, NULL},
+    {"validate", validate, METH_VARARGS, NULL},
+    {"reset", reset, METH_VARARGS, NULL},
+    {"run", run, METH_VARARGS, NULL},
+    {"joint_gains", joint_gains, METH_VARARGS, NULL},
+    {"late_work", late_work, METH_VARARGS, NULL},
+    {"fault_text", fault_text, METH_VARARGS, NULL},
+    {"refusal_text", refusal_text, METH_VARARGS, NULL},
+    {"policy_start", policy_start, METH_VARARGS, NULL},
+    {"policy_propose", policy_propose, METH_VARARGS, NULL},
+    {"policy_command", policy_command, METH_VARARGS, NULL},
+    {"error_text", error_text, METH_VARARGS, NULL},
+    {NULL, NULL, 0, NULL},
+};
+
+/* Add a list or table to the module; steals the reference. */
+static int add(PyObject *module, const char *name, PyObject *list)
+{
+    const int error = list == NULL || PyModule_AddObjectRef(module, name, list) < 0;
+    Py_XDECREF(list);
+    return error ? -1 : 0;
+}
+
+static int append(PyObject *list, PyObject *item)
+{
+    const int error = item == NULL || PyList_Append(list, item) < 0;
+    Py_XDECREF(item);
+    return error ? -1 : 0;
+}
+
+static PyObject *list_words(const choice *first, int count)
+{
+    PyObject *list = PyList_New(0);
+    for (int i = 0; list != NULL && i < count; ++i) {
+        if (append(list, Py_BuildValue("(ssi)", first[i].field, first[i].word, first[i].value)) < 0) {
+            Py_CLEAR(list);
+        }
+    }
+    return list;
+}
+
+static PyObject *list_fields(void)
+{
+    PyObject *list = PyList_New(0);
+    for (int i = 0; list != NULL && i < FIELDS; ++i) {
+        const field *const f = &fields[i];
+        PyObject *const shape = PyTuple_New(f->rank);
+        for (int k = 0; shape != NULL && k < f->rank; ++k) {
+            PyTuple_SET_ITEM(shape, k, PyLong_FromLong(f->extent[k]));
+        }
+        PyObject *const item = shape == NULL ? NULL
+            : Py_BuildValue("(sssnNN)", f->structure, f->name, f->format, (Py_ssize_t)f->offset, shape,
+                PyBool_FromLong(f->unbounded));
+        if (append(list, item) < 0) {
+            Py_CLEAR(list);
+        }
+    }
+    return list;
+}
+
+static PyObject *list_statuses(void)
+{
+    PyObject *list = PyList_New(0);
+    for (int i = 0; list != NULL && i < STATUSES; ++i) {
+        if (append(list, Py_BuildValue("(sIs)", statuses[i].name, statuses[i].bit, statuses[i].meaning)) < 0) {
+            Py_CLEAR(list);
+        }
+    }
+    return list;
+}
+
+static PyObject *list_sizes(void)
+{
+    PyObject *sizes = PyDict_New();
+    for (int i = 0; sizes != NULL && i < STRUCTURES; ++i) {
+        PyObject *const size = PyLong_FromSize_t(structures[i].size);
+        if (size == NULL || PyDict_SetItemString(sizes, structures[i].name, size) < 0) {
+            Py_CLEAR(sizes);
+        }
+        Py_XDECREF(size);
+    }
+    return sizes;
+}
+
+/* Add the controller's functions and tables to the module. */
+int add_controller(PyObject *module)
+{
+    const int failed = PyModule_AddFunctions(module, controller_methods) < 0
+        || PyModule_AddStringConstant(module, "NAME", ROBOT) < 0
+        || PyModule_AddIntConstant(module, "MOTORS", MOTORS) < 0
+        || add(module, "FIELDS", list_fields()) < 0 || add(module, "CHOICES", list_words(choices, CHOICES)) < 0
+        || add(module, "OUTCOMES", list_words(outcomes, OUTCOMES)) < 0 || add(module, "STATUSES", list_statuses()) < 0
+        || add(module, "SIZES", list_sizes()) < 0;
+    return failed ? -1 : 0;
+}

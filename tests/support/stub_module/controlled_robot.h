@@ -1,0 +1,30 @@
+/* SPDX-License-Identifier: MIT */
+/*
+ * The golden iiwa14 with its controller, to compile codegen/stiffgen/controller/python by itself. Sizes of tables are
+ * examples.
+ */
+#ifndef CONTROLLED_ROBOT_H
+#define CONTROLLED_ROBOT_H
+
+#include "robot.h"
+
+#include "iiwa14_impedance.h"
+#include "iiwa14_paper.h"
+
+#define ID(name) IIWA14_##name
+#define CALL(name) iiwa14_##name
+
+typedef iiwa14_impedance_config config_t;
+typedef iiwa14_impedance_state state_t;
+typedef iiwa14_impedance_input input_t;
+typedef iiwa14_impedance_output output_t;
+typedef iiwa14_impedance_proposal proposal_t;
+typedef iiwa14_impedance_policy policy_t;
+typedef iiwa14_paper_config paper_config_t;
+typedef iiwa14_paper_state paper_state_t;
+typedef iiwa14_paper_input paper_input_t;
+typedef iiwa14_paper_output paper_output_t;
+
+enum { MOTORS = 7, FIELDS = 200, STRUCTURES = 9, CHOICES = 10, STATUSES = 20, OUTCOMES = 100 };
+
+#endif
