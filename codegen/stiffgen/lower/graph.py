@@ -99,6 +99,11 @@ class Graph:
             return ()
         return (int(a), b) if kind in _TWO_OPERANDS else (int(a),)
 
+    def without_sign(self, number: int) -> int:
+        """Return the operand of a negation, any other operation as it is; printers write a sign where it is used."""
+        kind, operand, _ = self.keys[number]
+        return int(operand) if kind == "neg" else number
+
     def above(self, starts: Iterable[int]) -> set[int]:
         """Return the operations that depend on some operations, and these."""
         above = set(starts)

@@ -99,17 +99,32 @@ class PrintedStatements:
         angles = sorted({int(self.graph.keys[number][1]) for number in used}, key=self._first_input)
         if not angles:
             return
-        call = str(self.sine_calls or "")  # the first call has no number
-        self.sine_calls += 1
-        array, sine, cosine = f"angle{call}", f"sine{call}", f"cosine{call}"
         self._comment("sine and cosine of each joint angle" if of_level == 0 else "sines and cosines of what has sines")
         for angle in angles:
             self._prepare(angle)
+        kinds = {self.graph.keys[number][0] for number in used}
+        names = self._call_sine_cosine(angles, kinds)
+        for number in used:
+            kind, argument, _ = self.graph.keys[number]
+            self.operations.sincos += 1
+            self.results[number] = f"{names[kind]}[{angles.index(int(argument))}]"
+            inner = self.graph.without_sign(int(argument))
+            self.spent[inner] = self.spent.get(inner, 0) + 1
+
+    def _call_sine_cosine(self, angles: Sequence[int], kinds: set[str]) -> dict[str, str]:
+        """Write the call for some angles; return the name of the array of each kind, one entry per angle.
+
+        If the angles are vectors of configurations, these are the arrays of the call. Otherwise the lanes of its
+        vectors hold angles, and the numbers of each kind that is needed are read through a pointer.
+        """
+        call = str(self.sine_calls or "")  # the first call has no number
+        self.sine_calls += 1
         self.calls.add("sine_cosine")
+        array, sine, cosine = f"angle{call}", f"sine{call}", f"cosine{call}"
         values = [self._expression(angle)[0] for angle in angles]
         scalar = self.variant.scalar
-        each_in_vector = all(angle in self.wide for angle in angles)  # of configurations; else lanes hold angles
-        if each_in_vector:
+        are_vectors = all(angle in self.wide for angle in angles)
+        if are_vectors:
             vectors = used_vectors = str(len(values))
             initialisers = [", ".join(values)]
         else:
@@ -122,27 +137,17 @@ class PrintedStatements:
             f"{self.variant.row} {sine}[{vectors}], {cosine}[{vectors}];",
             f"sine_cosine({array}, {sine}, {cosine}, {used_vectors});",
         ]
-        names = {"sin": sine, "cos": cosine}
-        if not each_in_vector:
-            # "s1" and "c1" are the names of a joint's own sine and cosine.
-            rows, names = names, {"sin": f"sines{call}" if call else "s", "cos": f"cosines{call}" if call else "c"}
-            kinds = {self.graph.keys[number][0] for number in used}
-            self.lines += [
-                f"const {scalar.name} *const {names[kind]} = (const {scalar.name} *){rows[kind]};"
-                for kind in ("sin", "cos")
-                if kind in kinds
-            ]
-        for number in used:
-            kind, argument, _ = self.graph.keys[number]
-            self.operations.sincos += 1
-            self.results[number] = f"{names[kind]}[{angles.index(int(argument))}]"
-            inner = self._without_sign(int(argument))
-            self.spent[inner] = self.spent.get(inner, 0) + 1
-
-    def _without_sign(self, number: int) -> int:
-        """Return the operand of a negation, any other node as it is: a sign is written where the value is used."""
-        kind, operand, _ = self.graph.keys[number]
-        return int(operand) if kind == "neg" else number
+        rows = {"sin": sine, "cos": cosine}
+        if are_vectors:
+            return rows
+        # "s1" and "c1" are the names of a joint's own sine and cosine.
+        names = {"sin": f"sines{call}" if call else "s", "cos": f"cosines{call}" if call else "c"}
+        self.lines += [
+            f"const {scalar.name} *const {names[kind]} = (const {scalar.name} *){rows[kind]};"
+            for kind in ("sin", "cos")
+            if kind in kinds
+        ]
+        return names
 
     def _first_input(self, number: int) -> tuple[int, int]:
         """Return a key that sorts angles as the coordinates that they depend on."""
@@ -170,7 +175,7 @@ class PrintedStatements:
         for name, number in section.members:
             if section.shared:
                 if self.graph.keys[number][0] == "neg":
-                    name, number = f"minus_{name}", self._without_sign(number)
+                    name, number = f"minus_{name}", self.graph.without_sign(number)
                 if self.uses.get(number, 0) < 2:
                     continue
             # A negated value goes without a name of its own: its sign is written where it is used.
@@ -186,7 +191,7 @@ class PrintedStatements:
 
     def assign(self, lvalue: str, number: int, *, wide: bool, sign: str = "=") -> None:
         """Store an operation's value; ``wide``: in every lane. A value that others use gets a name first."""
-        inner = self._without_sign(number)
+        inner = self.graph.without_sign(number)
         if self.uses[inner] > 1 and not self._is_leaf(inner) and inner not in self.text:
             self._define(self._next_temporary(), inner)
         self._prepare(number)
@@ -198,7 +203,7 @@ class PrintedStatements:
 
     def value(self, name: str, number: int) -> str:
         """Return the C text of a node, which is defined under ``name`` unless it is short already."""
-        inner = self._without_sign(number)
+        inner = self.graph.without_sign(number)
         if self.poison and number in self.choices:
             self._prepare(number)
             self.operations.add += 1

@@ -68,6 +68,7 @@ def _unit(axis: Any) -> ca.SX:
 
 
 def _vee(matrix: ca.SX) -> ca.SX:
+    """Return the twist (6), linear first, of its matrix (4x4)."""
     return ca.vertcat(matrix[0, 3], matrix[1, 3], matrix[2, 3], matrix[2, 1], matrix[0, 2], matrix[1, 0])
 
 
@@ -77,7 +78,7 @@ def _inverse(pose: ca.SX) -> ca.SX:
 
 
 def jacobian_of(pose: ca.SX, q: ca.SX, representation: Representation) -> ca.SX:
-    """Return the Jacobian by differentiation of the pose."""
+    """Return the Jacobian by differentiation of the pose H: twists of H^-1 dH (body) or dH H^-1 (spatial)."""
     columns = []
     for k in range(q.shape[0]):
         rate = ca.jacobian(ca.vec(pose), q[k]).reshape((4, 4))
@@ -87,8 +88,7 @@ def jacobian_of(pose: ca.SX, q: ca.SX, representation: Representation) -> ca.SX:
         elif representation == "spatial":
             columns.append(_vee(rate @ _inverse(pose)))
         else:
-            rotation = pose[:3, :3]
-            columns.append(ca.vertcat(rate[:3, 3], rotation @ body[3:]))
+            columns.append(ca.vertcat(rate[:3, 3], pose[:3, :3] @ body[3:]))
     return ca.horzcat(*columns)
 
 
