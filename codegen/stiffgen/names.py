@@ -74,7 +74,7 @@ CPP_NAMES = ("detail", "map", "assign", "row_major", "self_check", "Array", "Inp
 """Names in the namespace of NAME.hpp other than functions; tips and potentials must not have these names."""
 _HIDDEN = frozenset((_HEADERS + _MODULES).split())
 _PYTHON = {word.lower() for word in (*keyword.kwlist, *keyword.softkwlist)}
-_INTERNAL = "add brake_fast compute_reference filter mirror multiply pack ramp smooth"
+_INTERNAL = "add brake_fast compute_reference mirror multiply pack smooth"
 """Names of robots that would give an internal function and a public name the same text: mirror_lower is one."""
 _RESERVED = _HIDDEN | frozenset((_C_AND_CPP + _GLOBALS).split()) | frozenset(_INTERNAL.split()) | _PYTHON
 

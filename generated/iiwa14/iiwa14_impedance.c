@@ -940,7 +940,7 @@ static void tridiagonalise(int n, double *A, double scale, double *diagonal, dou
             add_scaled(n - k - 1, -beta[k] * dot(n - k - 1, row, v + k + 1), v + k + 1, row);
         }
     }
-    for (int i = 1; i < n; ++i) {
+    for (int i = 1; i < n; ++i) { /* turn rows round, so that all entries beside the diagonal are positive */
         sign = beside[i - 1] < 0.0 ? -sign : sign;
         for (int j = 0; j < n; ++j) {
             rows[i * n + j] *= sign;
@@ -1896,6 +1896,7 @@ static void bridge_missing_calls(step_t *s, const double *last, int missing)
     for (int i = 0; i < N; ++i) {
         most += farthest_motion(m, i) * (m->gap_transit[i] + smaller(each * m->gap_sum[i], all * m->gap_largest[i]));
     }
+    /* `most` has the work of all torques until now: none is in transit any more */
     memcpy(s->transit, nothing, sizeof nothing);
     memset(m->older, 0, sizeof m->older);
     memset(m->feed, 0, sizeof m->feed);
@@ -2792,6 +2793,7 @@ static int repeats_state(step_t *s)
         same = same && s->q[i] == m->still_q[i] && s->input->dq[i] == m->still_dq[i];
     }
     m->state_age = clamp_count(m->state_age + 1, LONGEST);
+    /* a state that has lasted for state_period counts as a new one, so that an arm may stand still */
     same = same && m->state_age * s->c->sample_time < (1.0 - ROUNDED) * s->c->state_period;
     m->state_age = same ? m->state_age : 0;
     return same;
@@ -2979,7 +2981,7 @@ static void observe_sample(step_t *s, const double *last)
     } else if (!s->believed) {
         s->status |= IIWA14_STATUS_BAD_SAMPLE;
     }
-    count_missing(s, !s->believed, reason);
+    count_missing(s, !s->believed, reason); /* one sample time is missing, or none */
 }
 
 /* Commands: what is accepted, and why what is not is refused. */
@@ -3230,7 +3232,7 @@ static void pose_difference(const double *from, const double *to, double *twist)
         twist[i] = to[4 * i + 3] - from[4 * i + 3];
     }
     const double cosine = (D[0] + D[4] + D[8] - 1.0) / 2.0;
-    w[0] = (D[7] - D[5]) / 2.0;
+    w[0] = (D[7] - D[5]) / 2.0; /* w: the axis times the sine */
     w[1] = (D[2] - D[6]) / 2.0;
     w[2] = (D[3] - D[1]) / 2.0;
     double sine = norm(3, w);
@@ -3718,6 +3720,7 @@ static void follow_twists(step_t *s, const double *twists, double *velocity)
     double factor[NN] = {0.0}, J[6 * N * TIPS], weights[6 * TIPS], wanted[N] = {0.0}, excess = HUGE_VAL;
     const double *const limits = s->c->reference_velocity_limit;
     memset(velocity, 0, N * sizeof(double));
+    /* L L^T is B over its largest entry, and with y = L^T dr the least dr . B dr is the least |y|^2 */
     if (factorise_cholesky(N, s->out->damping, largest_diagonal(N, s->out->damping), LEAST_DAMPED, L) != 0) {
         return;
     }
@@ -3726,7 +3729,7 @@ static void follow_twists(step_t *s, const double *twists, double *velocity)
     for (int r = 0; r < 6 * TIPS; ++r) {
         add_scaled(N, weights[r] * twists[r], J + r * N, wanted);
     }
-    double shift = FLAT_TWISTS;
+    double shift = FLAT_TWISTS; /* (A + shift I) y = wanted */
     for (int attempt = 0; attempt < 4 && excess > 1.0; ++attempt) {
         if (factorise_cholesky(N, A, 1.0, shift, factor) != 0) {
             memset(velocity, 0, N * sizeof(double));
@@ -3734,7 +3737,7 @@ static void follow_twists(step_t *s, const double *twists, double *velocity)
         }
         memcpy(velocity, wanted, sizeof wanted);
         solve_forward(N, factor, velocity);
-        solve_backward(N, factor, velocity); /* L^T dr */
+        solve_backward(N, factor, velocity); /* y */
         solve_backward(N, L, velocity);
         excess = 0.0;
         for (int i = 0; i < N; ++i) {
@@ -3771,7 +3774,7 @@ static int count_averaged(const step_t *s)
 }
 
 /* Pass the velocity through the low pass of velocity_filter_time, which starts anew after a gap. */
-static void filter_velocity(step_t *s)
+static void pass_low(step_t *s)
 {
     memory_t *const m = s->m;
     const double T = s->c->sample_time, passed_share = T / (T + s->c->velocity_filter_time);
@@ -3794,7 +3797,7 @@ static void smooth_velocity(step_t *s)
         }
         s->velocity[i] = sum / count;
     }
-    filter_velocity(s); /* its delay is in damp_modes, that of the mean is not */
+    pass_low(s); /* its delay is in damp_modes, that of the mean is not */
 }
 
 /*
@@ -3854,8 +3857,8 @@ static double find_stoppable_speed(double slope, double way)
 }
 
 /* Move a velocity towards target, by at most `slope` of its limits. */
-static void ramp_velocity(double slope, int count, int length, const double *target, const double *limits,
-                          double *velocity)
+static void ramp_towards(double slope, int count, int length, const double *target, const double *limits,
+                         double *velocity)
 {
     double change[MAX_ROWS] = {0.0};
     for (int i = 0; i < count; ++i) {
@@ -3888,7 +3891,7 @@ static void approach_goal(const config_t *c, double ramp, int count, int length,
     for (int i = 0; i < count; ++i) {
         target[i] = target[i] / larger(size, 1.0);
     }
-    ramp_velocity(slope, count, length, target, limits, velocity);
+    ramp_towards(slope, count, length, target, limits, velocity);
 }
 
 /* Predict posture and equilibrium after a share of this step's motion. */
@@ -3922,7 +3925,7 @@ static void approach_step(const config_t *c, const double *step, double size, do
     for (int i = 0; i < N; ++i) {
         target[i] = share * step[i];
     }
-    ramp_velocity(slope, N, 1, target, c->reference_velocity_limit, velocity);
+    ramp_towards(slope, N, 1, target, c->reference_velocity_limit, velocity);
 }
 
 /* Return the largest distance of a joint from its posture [rad] or [m]. */
@@ -3978,10 +3981,10 @@ static int approach_posture(step_t *s, const double *here, double lead, int arri
 }
 
 /*
- * Update the equilibrium's velocity towards goal, which moved by itself if from is not NULL; pace: share of the
- * velocity limits that it uses, at most 1, and 0 or less to wait. Return whether it has arrived.
+ * Update the equilibrium's velocity towards goal, which has moved by itself from last_goal (NULL: it stands); pace:
+ * share of the velocity limits that it uses, at most 1, and 0 or less to wait. Return whether it has arrived.
  */
-static int approach_poses(step_t *s, const double *goal, const double *from, double pace)
+static int approach_poses(step_t *s, const double *goal, const double *last_goal, double pace)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
@@ -3993,8 +3996,8 @@ static int approach_poses(step_t *s, const double *goal, const double *from, dou
         if (s->commanded) {
             pose_difference(m->equilibrium + 16 * t, goal + 16 * t, away);
         }
-        if (s->commanded && from != NULL) {
-            pose_difference(from + 16 * t, goal + 16 * t, moved);
+        if (s->commanded && last_goal != NULL) {
+            pose_difference(last_goal + 16 * t, goal + 16 * t, moved);
         }
         arrived &= relative_size(6, 3, away, tip_limits) <= ARRIVED;
         if (pace <= 0.0) { /* wait: stop at once, without a ramp */
@@ -4432,13 +4435,24 @@ static double find_target_scale(step_t *s, const double *pull, double cap)
         }
     }
     s->status |= target < cap ? (uint32_t)IIWA14_STATUS_SATURATED : 0u;
-    compute_reserve(s, m->calls, m->call_gap, pull, parts);
+    compute_reserve(s, m->calls, m->call_gap, pull, parts); /* at the scale l: parts[0] + a l + b l^2 */
     const double most = larger(COVERED * available_energy(m) - parts[0], 0.0), a = parts[1], b = parts[2];
     if ((a + b * target) * target > most) {
         target = solve_share(a, b, most);
         s->status |= IIWA14_STATUS_RESERVE;
     }
     return target;
+}
+
+/* Return the largest fall of the scale that the torque follows in one step; 2, more than any scale, without a pull. */
+static double find_fastest_fall(const memory_t *m, const double *pull)
+{
+    double fall = 2.0;
+    for (int i = 0; i < N; ++i) {
+        const double size = fabs(pull[i]);
+        fall = size > NO_TORQUE ? smaller(fall, FALL_SHARE * m->rate[i] / size) : fall;
+    }
+    return fall;
 }
 
 /*
@@ -4450,12 +4464,9 @@ static void vary_scale(step_t *s, const double *pull, double energy, double cap)
 {
     memory_t *const m = s->m;
     const config_t *const c = s->c;
-    double target = find_target_scale(s, pull, cap), fastest_fall = 2.0; /* more than any scale */
-    for (int i = 0; i < N; ++i) {
-        const double size = fabs(pull[i]);
-        fastest_fall = size > NO_TORQUE ? smaller(fastest_fall, FALL_SHARE * m->rate[i] / size) : fastest_fall;
-    }
+    double target = find_target_scale(s, pull, cap);
     if (m->fault != IIWA14_FAULT_NONE && !holds_in_fault(s)) {
+        const double fastest_fall = find_fastest_fall(m, pull);
         target = larger(m->scale - fastest_fall, 0.0);
     }
     const double rise = target - m->scale;

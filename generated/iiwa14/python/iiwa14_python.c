@@ -15,7 +15,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "777241e85387b462"
+#define SOURCES "014389eefcf30214"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

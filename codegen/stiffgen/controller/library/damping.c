@@ -210,6 +210,7 @@ void follow_twists(step_t *s, const double *twists, double *velocity)
     double factor[NN] = {0.0}, J[6 * N * TIPS], weights[6 * TIPS], wanted[N] = {0.0}, excess = HUGE_VAL;
     const double *const limits = s->c->reference_velocity_limit;
     memset(velocity, 0, N * sizeof(double));
+    /* L L^T is B over its largest entry, and with y = L^T dr the least dr . B dr is the least |y|^2 */
     if (factorise_cholesky(N, s->out->damping, largest_diagonal(N, s->out->damping), LEAST_DAMPED, L) != 0) {
         return;
     }
@@ -218,7 +219,7 @@ void follow_twists(step_t *s, const double *twists, double *velocity)
     for (int r = 0; r < 6 * TIPS; ++r) {
         add_scaled(N, weights[r] * twists[r], J + r * N, wanted);
     }
-    double shift = FLAT_TWISTS;
+    double shift = FLAT_TWISTS; /* (A + shift I) y = wanted */
     for (int attempt = 0; attempt < 4 && excess > 1.0; ++attempt) {
         if (factorise_cholesky(N, A, 1.0, shift, factor) != 0) {
             memset(velocity, 0, N * sizeof(double));
@@ -226,7 +227,7 @@ void follow_twists(step_t *s, const double *twists, double *velocity)
         }
         memcpy(velocity, wanted, sizeof wanted);
         solve_forward(N, factor, velocity);
-        solve_backward(N, factor, velocity); /* L^T dr */
+        solve_backward(N, factor, velocity); /* y */
         solve_backward(N, L, velocity);
         excess = 0.0;
         for (int i = 0; i < N; ++i) {
@@ -263,7 +264,7 @@ static int count_averaged(const step_t *s)
 }
 
 /* Pass the velocity through the low pass of velocity_filter_time, which starts anew after a gap. */
-static void filter_velocity(step_t *s)
+static void pass_low(step_t *s)
 {
     memory_t *const m = s->m;
     const double T = s->c->sample_time, passed_share = T / (T + s->c->velocity_filter_time);
@@ -286,7 +287,7 @@ void smooth_velocity(step_t *s)
         }
         s->velocity[i] = sum / count;
     }
-    filter_velocity(s); /* its delay is in damp_modes, that of the mean is not */
+    pass_low(s); /* its delay is in damp_modes, that of the mean is not */
 }
 
 /*

@@ -76,7 +76,7 @@ static void tridiagonalise(int n, double *A, double scale, double *diagonal, dou
             add_scaled(n - k - 1, -beta[k] * dot(n - k - 1, row, v + k + 1), v + k + 1, row);
         }
     }
-    for (int i = 1; i < n; ++i) {
+    for (int i = 1; i < n; ++i) { /* turn rows round, so that all entries beside the diagonal are positive */
         sign = beside[i - 1] < 0.0 ? -sign : sign;
         for (int j = 0; j < n; ++j) {
             rows[i * n + j] *= sign;

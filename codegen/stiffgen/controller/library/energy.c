@@ -397,6 +397,7 @@ void bridge_missing_calls(step_t *s, const double *last, int missing)
     for (int i = 0; i < N; ++i) {
         most += farthest_motion(m, i) * (m->gap_transit[i] + smaller(each * m->gap_sum[i], all * m->gap_largest[i]));
     }
+    /* `most` has the work of all torques until now: none is in transit any more */
     memcpy(s->transit, nothing, sizeof nothing);
     memset(m->older, 0, sizeof m->older);
     memset(m->feed, 0, sizeof m->feed);

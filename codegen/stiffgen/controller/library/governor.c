@@ -37,8 +37,8 @@ static double find_stoppable_speed(double slope, double way)
 }
 
 /* Move a velocity towards target, by at most `slope` of its limits. */
-static void ramp_velocity(double slope, int count, int length, const double *target, const double *limits,
-                          double *velocity)
+static void ramp_towards(double slope, int count, int length, const double *target, const double *limits,
+                         double *velocity)
 {
     double change[MAX_ROWS] = {0.0};
     for (int i = 0; i < count; ++i) {
@@ -71,7 +71,7 @@ static void approach_goal(const config_t *c, double ramp, int count, int length,
     for (int i = 0; i < count; ++i) {
         target[i] = target[i] / larger(size, 1.0);
     }
-    ramp_velocity(slope, count, length, target, limits, velocity);
+    ramp_towards(slope, count, length, target, limits, velocity);
 }
 
 /* Predict posture and equilibrium after a share of this step's motion. */
@@ -105,7 +105,7 @@ static void approach_step(const config_t *c, const double *step, double size, do
     for (int i = 0; i < N; ++i) {
         target[i] = share * step[i];
     }
-    ramp_velocity(slope, N, 1, target, c->reference_velocity_limit, velocity);
+    ramp_towards(slope, N, 1, target, c->reference_velocity_limit, velocity);
 }
 
 /* Return the largest distance of a joint from its posture [rad] or [m]. */
@@ -161,10 +161,10 @@ static int approach_posture(step_t *s, const double *here, double lead, int arri
 }
 
 /*
- * Update the equilibrium's velocity towards goal, which moved by itself if from is not NULL; pace: share of the
- * velocity limits that it uses, at most 1, and 0 or less to wait. Return whether it has arrived.
+ * Update the equilibrium's velocity towards goal, which has moved by itself from last_goal (NULL: it stands); pace:
+ * share of the velocity limits that it uses, at most 1, and 0 or less to wait. Return whether it has arrived.
  */
-static int approach_poses(step_t *s, const double *goal, const double *from, double pace)
+static int approach_poses(step_t *s, const double *goal, const double *last_goal, double pace)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
@@ -176,8 +176,8 @@ static int approach_poses(step_t *s, const double *goal, const double *from, dou
         if (s->commanded) {
             pose_difference(m->equilibrium + 16 * t, goal + 16 * t, away);
         }
-        if (s->commanded && from != NULL) {
-            pose_difference(from + 16 * t, goal + 16 * t, moved);
+        if (s->commanded && last_goal != NULL) {
+            pose_difference(last_goal + 16 * t, goal + 16 * t, moved);
         }
         arrived &= relative_size(6, 3, away, tip_limits) <= ARRIVED;
         if (pace <= 0.0) { /* wait: stop at once, without a ramp */

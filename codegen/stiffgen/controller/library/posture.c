@@ -33,7 +33,7 @@ void pose_difference(const double *from, const double *to, double *twist)
         twist[i] = to[4 * i + 3] - from[4 * i + 3];
     }
     const double cosine = (D[0] + D[4] + D[8] - 1.0) / 2.0;
-    w[0] = (D[7] - D[5]) / 2.0;
+    w[0] = (D[7] - D[5]) / 2.0; /* w: the axis times the sine */
     w[1] = (D[2] - D[6]) / 2.0;
     w[2] = (D[3] - D[1]) / 2.0;
     double sine = norm(3, w);

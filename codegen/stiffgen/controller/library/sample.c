@@ -72,6 +72,7 @@ static int repeats_state(step_t *s)
         same = same && s->q[i] == m->still_q[i] && s->input->dq[i] == m->still_dq[i];
     }
     m->state_age = clamp_count(m->state_age + 1, LONGEST);
+    /* a state that has lasted for state_period counts as a new one, so that an arm may stand still */
     same = same && m->state_age * s->c->sample_time < (1.0 - ROUNDED) * s->c->state_period;
     m->state_age = same ? m->state_age : 0;
     return same;
@@ -259,5 +260,5 @@ void observe_sample(step_t *s, const double *last)
     } else if (!s->believed) {
         s->status |= ID(STATUS_BAD_SAMPLE);
     }
-    count_missing(s, !s->believed, reason);
+    count_missing(s, !s->believed, reason); /* one sample time is missing, or none */
 }

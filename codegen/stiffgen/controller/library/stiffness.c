@@ -115,13 +115,24 @@ static double find_target_scale(step_t *s, const double *pull, double cap)
         }
     }
     s->status |= target < cap ? (uint32_t)ID(STATUS_SATURATED) : 0u;
-    compute_reserve(s, m->calls, m->call_gap, pull, parts);
+    compute_reserve(s, m->calls, m->call_gap, pull, parts); /* at the scale l: parts[0] + a l + b l^2 */
     const double most = larger(COVERED * available_energy(m) - parts[0], 0.0), a = parts[1], b = parts[2];
     if ((a + b * target) * target > most) {
         target = solve_share(a, b, most);
         s->status |= ID(STATUS_RESERVE);
     }
     return target;
+}
+
+/* Return the largest fall of the scale that the torque follows in one step; 2, more than any scale, without a pull. */
+static double find_fastest_fall(const memory_t *m, const double *pull)
+{
+    double fall = 2.0;
+    for (int i = 0; i < N; ++i) {
+        const double size = fabs(pull[i]);
+        fall = size > NO_TORQUE ? smaller(fall, FALL_SHARE * m->rate[i] / size) : fall;
+    }
+    return fall;
 }
 
 /*
@@ -133,12 +144,9 @@ void vary_scale(step_t *s, const double *pull, double energy, double cap)
 {
     memory_t *const m = s->m;
     const config_t *const c = s->c;
-    double target = find_target_scale(s, pull, cap), fastest_fall = 2.0; /* more than any scale */
-    for (int i = 0; i < N; ++i) {
-        const double size = fabs(pull[i]);
-        fastest_fall = size > NO_TORQUE ? smaller(fastest_fall, FALL_SHARE * m->rate[i] / size) : fastest_fall;
-    }
+    double target = find_target_scale(s, pull, cap);
     if (m->fault != ID(FAULT_NONE) && !holds_in_fault(s)) {
+        const double fastest_fall = find_fastest_fall(m, pull);
         target = larger(m->scale - fastest_fall, 0.0);
     }
     const double rise = target - m->scale;
