@@ -62,7 +62,11 @@ def _compiled(file: Path) -> dict[str, Any]:
 
 
 def _model(mujoco: Any, file: Path) -> tuple[Any, Any, list[Path], list[tuple[str, str]]]:
-    """Return model, specification, meshes used and stand-ins of a file."""
+    """Return model, specification, meshes used and stand-ins of a file.
+
+    If MuJoCo cannot read a mesh, a second attempt takes all of them for missing. The last one compiles the file as it
+    is. Its error is raised, unless it is about a mesh: then the first attempt's.
+    """
     first: ValueError | None = None
     for all_missing in (False, True):
         spec = mujoco.MjSpec.from_file(str(file))
@@ -96,7 +100,7 @@ def _strip(mujoco: Any, spec: Any, all_missing: bool) -> tuple[list[Path], list[
             spec.delete(equality)
     wrapped = _wrapped_geoms(spec)
     meshes = {mesh.name: mesh for mesh in spec.meshes}
-    used: dict[str, list[Path]] = {}
+    used: dict[str, list[Path]] = {}  # meshes that stay, with their files: none if the vertices stand in the file
     stand_ins = []
     for body in spec.bodies:
         for geom in list(body.geoms):
@@ -107,7 +111,7 @@ def _strip(mujoco: Any, spec: Any, all_missing: bool) -> tuple[list[Path], list[
                     spec.delete(geom)
                 continue
             geom.material = ""
-            mesh = meshes.get(geom.meshname)
+            mesh = meshes.get(geom.meshname)  # None if the geom names a mesh that does not exist: MuJoCo says so
             if geom.meshname and mesh is not None and mesh.file:
                 found = [] if all_missing else _mesh_files(spec, mesh)
                 if found:

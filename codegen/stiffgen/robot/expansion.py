@@ -187,10 +187,10 @@ def _confine(xacro: Any, packages: Packages) -> set[str]:
         raise ImportError(f"xacro of another version, without {missing[0]}")
     symbols = xacro._global_symbols
     load = _checked(xacro.load_yaml)
-    given = {name: call for name, call in symbols["xacro"].items() if name != "tokenize"}
-    given["load_yaml"] = load
+    # functions of xacro in its namespace (xacro.load_yaml), and those that older templates call without it
+    named = {name: call for name, call in symbols["xacro"].items() if name != "tokenize"} | {"load_yaml": load}
     names = ("load_yaml", "abs_filename", "dotify")
-    old = {name: load if name == "load_yaml" else symbols[name] for name in names if name in symbols}
+    bare = {name: load if name == "load_yaml" else symbols[name] for name in names if name in symbols}
     variables: set[str] = set()
 
     def environment(name: str) -> str:
@@ -201,16 +201,17 @@ def _confine(xacro: Any, packages: Packages) -> set[str]:
         return environment(name) if name in os.environ else default
 
     read = substitution_args._eval_env
-    calls = [*given.values(), *old.values(), environment, optional, packages.find]
+    calls = [*named.values(), *bare.values(), environment, optional, packages.find]
     evaluator = Evaluator(calls, xacro.NameSpace, xacro.YamlDictWrapper)
-    for namespace, content in (("xacro", given), ("python", FUNCTIONS), ("math", MATH)):
+    for namespace, content in (("xacro", named), ("python", FUNCTIONS), ("math", MATH)):
         dict.clear(symbols[namespace])
         dict.update(symbols[namespace], content)
     dict.update(symbols["xacro"], tokenize=FUNCTIONS["tokenize"])
     spaces = {name: symbols[name] for name in ("xacro", "python", "math")}
     plain = {name: value for name, value in {**FUNCTIONS, **MATH}.items() if name in symbols}
     symbols.clear()
-    symbols.update({**plain, **old, **spaces})
+    symbols.update({**plain, **bare, **spaces})
+    # from here on no path leads to Python's eval
     substitution_args._eval_env, substitution_args._eval_optenv = environment, optional
     substitution_args._eval_find = packages.find
     call = {"env": environment, "optenv": optional, "find": packages.find}

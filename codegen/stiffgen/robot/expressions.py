@@ -366,13 +366,13 @@ def _plain_items(value: Any) -> Iterator[Any]:
 
 def _is_large(kind: ast.operator, left: Any, right: Any) -> bool:
     """Return whether an operator would make a large value, or take long to make it."""
-    if isinstance(kind, ast.Mod):
+    if isinstance(kind, ast.Mod):  # a format with a width that is given, or of four digits
         return isinstance(left, str) and re.search(r"%(\([^)]*\))?[^a-zA-Z%(]*(\*|\d{4})", left) is not None
     if isinstance(kind, ast.Mult):
         count, repeated = (left, right) if isinstance(left, int) else (right, left)
         return isinstance(count, int) and count * size(repeated) > MAX_SIZE and not isinstance(repeated, (int, float))
     if not isinstance(left, int) or not isinstance(right, int) or right <= 0:
-        return False
+        return False  # floats have one size, and a negative power or shift makes no large integer
     if isinstance(kind, ast.LShift):
         return right > _MAX_BITS
     return isinstance(kind, ast.Pow) and abs(left) > 1 and left.bit_length() * right > _MAX_BITS

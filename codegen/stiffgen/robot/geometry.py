@@ -202,9 +202,10 @@ class Inertia:
     def seen_from(self, frame: Pose) -> Inertia:
         """Return the inertia in another frame, where ``frame`` is the pose of the current frame."""
         r, d, m = frame.rotation, frame.translation, self.mass
-        old = apply(r, self.moment)
+        old = apply(r, self.moment)  # first moment in the new axes, about the old origin; new: about the new one
         new = tuple(a + m * b for a, b in zip(old, d, strict=True))
         tensor = multiply(multiply(r, self.tensor), tuple(zip(*r, strict=True)))
+        # Steiner: tensor + (d . (old + new)) I - old d^T - d new^T, where new = old + m d
         square = sum(b * (v + w) for b, v, w in zip(d, old, new, strict=True))
         steiner = tuple(
             tuple(tensor[i][j] + (square if i == j else 0) - old[i] * d[j] - d[i] * new[j] for j in range(3))
@@ -245,7 +246,8 @@ class Inertia:
 
 def physical_inertia(xx: float, xy: float, xz: float, yy: float, yz: float, zz: float) -> bool:
     """Return whether a rigid body can have this inertia tensor about its centre of mass (tolerance 1 %)."""
-    # Closed form of the principal moments of a symmetric 3x3 matrix.
+    # Closed form of the principal moments of a symmetric 3x3 matrix: mean + 2 spread cos(angle + 2 pi k / 3), where
+    # 2 half_det is the determinant of (matrix - mean I) / spread.
     largest = max(map(abs, (xx, xy, xz, yy, yz, zz)))
     if largest == 0:
         return True
@@ -280,6 +282,7 @@ def with_moments(moments: Sequence[Real], axes: Any) -> tuple[float, float, floa
 
 
 def _cos_sin(angle: float) -> tuple[Real, Real]:
+    """Return cosine and sine; those of angles within SNAP of whole quarter turns are exactly 0, 1 or -1."""
     quarter = _context.pi / 2
     position = exact(angle)
     turns = int(_context.nint(position / quarter))

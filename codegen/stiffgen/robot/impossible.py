@@ -43,7 +43,10 @@ def nearest_possible(tensor: Sequence[float]) -> Tensor:
 
 
 def is_usable(chain: Chain, nearest: Chain) -> bool:
-    """Return whether the mass matrix of a chain is positive definite where that with the nearest tensors is."""
+    """Return whether the mass matrix of a chain is positive definite where that with the nearest tensors is.
+
+    Compared are the least eigenvalues at zero, at both ends of the ranges, and at random postures.
+    """
     random = np.random.default_rng(46)
     lower = np.array([max(each.lower, -math.pi) for each in chain.coordinates])
     upper = np.maximum(lower, [min(each.upper, math.pi) for each in chain.coordinates])
@@ -76,14 +79,15 @@ def unit_motions(chain: Chain, q: FloatArray) -> Iterator[tuple[FloatArray, Floa
         if joint.parent >= 0:
             R, p, J = frames[joint.parent]
             J = J.copy()
-        own = joint.coordinate - chain.base_joints
+        own = joint.coordinate - chain.base_joints  # below 0 for a joint of a floating base, which is at zero
         position = joint.offset + (joint.multiplier * q[own] if own >= 0 else 0.0)
         offset, axis = R @ np.array(joint.translation), np.array(joint.axis)
         R = R @ np.array(joint.rotation)
         if joint.prismatic:
             offset = offset + R @ axis * position
-        J[:3] += np.cross(J[3:].T, offset).T
-        J[: 3 if joint.prismatic else 6, joint.coordinate][-3:] += joint.multiplier * (R @ axis)
+        J[:3] += np.cross(J[3:].T, offset).T  # velocity of this joint's origin, moved with the parent: v + w x offset
+        own_rows = slice(0, 3) if joint.prismatic else slice(3, 6)  # its own motion is linear, or angular
+        J[own_rows, joint.coordinate] += joint.multiplier * (R @ axis)
         if not joint.prismatic:
             cross = np.cross(np.eye(3), axis)
             R = R @ (np.eye(3) + np.sin(position) * cross + (1 - np.cos(position)) * cross @ cross)

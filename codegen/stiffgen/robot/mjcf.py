@@ -104,7 +104,7 @@ class _ModelTree:
         self.problems: list[Problem] = []
         self.bodies = _unique(model["bodies"], "body", set())
         self.names = _unique(model["joints"], "joint", set())
-        self._couplings = self._solved_couplings()
+        self._couplings = self._solved_couplings()  # before the bodies, whose joints read both
         self._motors = {next(iter(each)) for each in map(self._leaders, model["actuation"]["driven"]) if len(each) == 1}
         for index in range(len(self.bodies)):
             self._add_body(index)

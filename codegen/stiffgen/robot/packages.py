@@ -43,6 +43,8 @@ class Packages:
         self.own = next((each for each in above if _name_of(each) is not None), template.parent)
         self.found: dict[str, Path] = {}
         ros, ament = (_absolute(environment.get(key, "")) for key in ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH"))
+        # the first place with a package of the name counts: folders of the user, the template's own package, folders
+        # above it and beside it, and what the variables of ROS name
         self._places: list[Callable[[str], list[Path]]] = [
             *(_Tree(folder, _DEPTH_NAMED, by_folder=True) for folder in named),
             lambda name: [self.own] if _name_of(self.own) == name else [],

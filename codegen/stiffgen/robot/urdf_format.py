@@ -222,19 +222,20 @@ def _meant(name: str, valid: Sequence[str]) -> str:
 
 def _distance(a: str, b: str) -> int:
     """Return the number of insertions, deletions, replacements and swaps of neighbours that turn a into b."""
-    before: list[int] = []
-    row = list(range(len(b) + 1))
+    above: list[int] = []
+    row = list(range(len(b) + 1))  # row i of the table, entry j: the distance of the first i letters of a and j of b
     for i, letter in enumerate(a, start=1):
-        before, last, row = row, before, [i]
+        above, two_above, row = row, above, [i]
         for j, other in enumerate(b, start=1):
-            best = min(before[j] + 1, row[j - 1] + 1, before[j - 1] + (letter != other))
-            if i > 1 and j > 1 and letter == b[j - 2] and a[i - 2] == other:
-                best = min(best, last[j - 2] + 1)
+            best = min(above[j] + 1, row[j - 1] + 1, above[j - 1] + (letter != other))
+            if i > 1 and j > 1 and letter == b[j - 2] and a[i - 2] == other:  # swapped
+                best = min(best, two_above[j - 2] + 1)
             row.append(best)
     return row[-1]
 
 
 def _content(element: etree._Element) -> list[tuple[str, dict[str, str]]]:
+    """Return tags and attributes of an element and all below it, without superfluous blanks."""
     return [
         (str(each.tag), {str(k): " ".join(str(v).split()) for k, v in each.attrib.items()}) for each in element.iter()
     ]

@@ -324,11 +324,11 @@ class HostileSession:
         elif event < 0.015:
             self.counter = (self.counter + int(random.choice(LEFT_OUT))) % 2**32
             given.counter = self.counter
-        elif event < 0.02:
+        elif event < 0.02:  # an old sample
             given.counter = (self.counter - 1) % 2**32
         elif event < 0.03:
             _put(random.choice(["q", "dq"]), given, joint, bad)
-        elif event < 0.04:
+        elif event < 0.04:  # a jump
             given.q[joint] += float(random.normal())
         elif event < 0.045:
             given.dq[joint] += 5.0 * float(random.normal())
@@ -344,7 +344,7 @@ class HostileSession:
             ctypes.memset(ctypes.byref(given), 0, ctypes.sizeof(given))
         elif event < 0.066 and self.chain.runtime_tool:
             given.tool_pose[3] += 1e-3
-        elif event < 0.07:
+        elif event < 0.07:  # a bump of the arm itself
             self.dq[joint] += 3.0 * float(random.normal())
 
     def _overwrite_state(self) -> None:

@@ -123,6 +123,7 @@ class _Stream:
         for matrix in matrices:
             for part, size in ((slice(0, 3), 400.0), (slice(3, 6), 20.0)):
                 root = random.normal(size=(3, int(random.integers(1, 4)))) * 10.0 ** random.uniform(-1.0, 0.6)
+                # of rank 1 to 3, with large entries at times; every other one diagonal, with a 0
                 matrix[part, part] = size * root @ root.T * random.choice([np.ones((3, 3)), np.diag([1.0, 2.0, 0.0])])
             if random.random() < 0.5 * self.lies:
                 row, column = random.integers(6, size=2)
