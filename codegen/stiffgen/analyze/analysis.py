@@ -126,7 +126,7 @@ def run_analysis(options: AnalysisOptions) -> Analysis:
         None if options.calibration is None else _calibrated(options, options.calibration, chain, tip),
     )
     _check(options)
-    with swapped_in(target) as staging:
+    with swapped_in(target) as staging:  # nothing is written if the analysis fails
         recording = open_recording(log, _request(options, chain), progress=lambda step: progress(step, 0.0))
         summarised = partial(
             summarise_partition,
@@ -173,6 +173,7 @@ def _request(options: AnalysisOptions, chain: Chain) -> RecordingRequest:
 
 
 def _exported(folder: Path, options: AnalysisOptions, task: Task, recording: Recording, result: Summary) -> None:
+    """Write the corrected stiffness of each good row: the recording is read again, and progress counts its rows."""
     assert options.export is not None
     done = 0.0
 
@@ -234,6 +235,7 @@ def _one_of(representation: str) -> Representation:
 
 
 def _chain(robot: Path) -> Chain:
+    """Return the chain of a robot's folder; refuse one in single precision, or with the tool given at run time."""
     opened = open_robot(robot)
     opened.require_doubles("'stiffgen analyze'")
     chain = opened.chain
@@ -354,6 +356,7 @@ def _reduced(
         workers = max(1, sum(client.ncores().values()))
         submit = partial(client.submit, summarised, pure=False)
         try:
+            # workers do not call advance, which stays here: progress counts whole partitions
             for part, each in zip(partitions, _in_order(submit, partitions, _AHEAD * workers), strict=True):
                 result = result.merged(each)
                 advance(part.work)
@@ -381,6 +384,7 @@ def _in_order(submit: Callable[[Partition], Any], partitions: Iterable[Partition
 
 @contextmanager
 def _dask_client(address: str, progress: ShowProgress) -> Iterator[Any]:
+    """Connect to the scheduler at an address, or start processes for "local"; they end with the block."""
     distributed = extra("distributed", "--dask")
     progress("connecting to Dask" if address != "local" else "starting Dask workers", 0.0)
     if address == "local":

@@ -60,6 +60,7 @@ def export(
 def _rows(
     robot: ModuleType, task: Task, recording: Recording, most: int, advance: Callable[[float], None]
 ) -> Iterator[Rows]:
+    """Yield the good rows of each block with their corrected stiffness; time is NaN in a recording without it."""
     timed = recording.columns.time is not None
     for partition in recording.partitions:
         for block in read_blocks(partition, most):
@@ -76,6 +77,7 @@ def columns(count: int) -> list[str]:
 
 
 def _npz(file: Path, parts: Iterator[Rows], good: int, count: int) -> None:
+    """Write arrays of ``good`` rows to files of their own, part by part, and pack these into one."""
     arrays = {"row": ("<i8", (good,)), "time": ("<f8", (good,)), NAME: ("<f8", (good, count, count))}
     members = {name: file.with_suffix(f".{name}.npy") for name in arrays}
     opened = {
@@ -88,7 +90,7 @@ def _npz(file: Path, parts: Iterator[Rows], good: int, count: int) -> None:
         for name, values in zip(arrays, (part.rows, part.time, part.stiffness), strict=True):
             opened[name][at:end] = values
         at = end
-    opened.clear()
+    opened.clear()  # closes the files
     with zipfile.ZipFile(file, "w", allowZip64=True) as archive:
         for name, member in members.items():
             archive.write(member, f"{name}.npy")

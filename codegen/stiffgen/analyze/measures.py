@@ -84,7 +84,7 @@ def measured(robot: ModuleType, task: Task, q: FloatArray, wrench: FloatArray) -
     """
     count = len(q)
     wrench = wrench.copy()
-    if count == 1:  # single calls and batches differ in the last digit
+    if count == 1:  # single calls and batches differ in the last digit: always make a batch
         q, wrench = np.repeat(q, 2, axis=0), np.repeat(wrench, 2, axis=0)
     functions = task.functions_of(robot)
     K = task.task_stiffness
@@ -93,13 +93,13 @@ def measured(robot: ModuleType, task: Task, q: FloatArray, wrench: FloatArray) -
     sound = np.abs(wrench).max(axis=1) < _LARGEST
     for stiffness in (conventional, corrected):
         sound &= np.abs(stiffness).max(axis=(1, 2)) < _LARGEST
-    conventional[~sound] = corrected[~sound] = wrench[~sound] = 0.0
+    conventional[~sound] = corrected[~sound] = wrench[~sound] = 0.0  # finite for eigvalsh; NaN at the end
     symmetric, antisymmetric = _parts(conventional)
     eigenvalues = np.linalg.eigvalsh(corrected)
     closed = _closed_form(functions, q, wrench)
     force, moment = np.linalg.norm(wrench[:, :3], axis=1), np.linalg.norm(wrench[:, 3:], axis=1)
     largest = _largest_singular_value(antisymmetric)
-    columns = [
+    columns = [  # in the order of MEASURES
         np.abs(np.linalg.eigvalsh(symmetric)[:, [0, -1]]).max(axis=1),
         largest,
         np.abs(_parts(corrected)[1]).max(axis=(1, 2)),
@@ -159,21 +159,22 @@ class Envelope:
         while (rows[-1] >> shift) - (rows[0] >> shift) >= BINS:
             shift += 1
         bins = rows >> shift
-        at = np.flatnonzero(np.diff(bins, prepend=-1))
+        at = np.flatnonzero(np.diff(bins, prepend=-1))  # first row of each bin that has one
         first, size = int(bins[0]), int(bins[-1] - bins[0]) + 1
-        empty = Envelope._empty(shift, first, size, values.shape[1])
+        envelope = Envelope._empty(shift, first, size, values.shape[1])
         place = bins[at] - first
         known = ~np.isnan(values)
-        empty.least[place] = np.minimum.reduceat(np.where(known, values, np.inf), at)
-        empty.most[place] = np.maximum.reduceat(np.where(known, values, -np.inf), at)
-        empty.total[place] = np.add.reduceat(np.where(known, values, 0.0), at)
-        empty.count[place] = np.add.reduceat(known.astype(np.int64), at)
-        empty.start[place] = np.minimum.reduceat(times, at)
-        empty.stop[place] = np.maximum.reduceat(times, at)
-        return empty
+        envelope.least[place] = np.minimum.reduceat(np.where(known, values, np.inf), at)
+        envelope.most[place] = np.maximum.reduceat(np.where(known, values, -np.inf), at)
+        envelope.total[place] = np.add.reduceat(np.where(known, values, 0.0), at)
+        envelope.count[place] = np.add.reduceat(known.astype(np.int64), at)
+        envelope.start[place] = np.minimum.reduceat(times, at)
+        envelope.stop[place] = np.maximum.reduceat(times, at)
+        return envelope
 
     @staticmethod
     def _empty(shift: int, first: int, size: int, width: int) -> Envelope:
+        """Return ``size`` bins without rows, from number ``first`` on, of ``width`` measures."""
         return Envelope(
             shift,
             first,
@@ -199,7 +200,7 @@ class Envelope:
         """Merge two envelopes, in bins as wide as needed."""
         shift = max(self.shift, other.shift)
         while True:
-            ends = [
+            ends = [  # first and last bin of each, at this width
                 ((e.first >> (shift - e.shift)), ((e.first + len(e.start) - 1) >> (shift - e.shift)))
                 for e in (self, other)
             ]
@@ -260,9 +261,9 @@ class Summary:
 
     def merged(self, other: Summary) -> Summary:
         """Merge with the summary of the rows that follow."""
-        if not other.good or not self.good:
-            first = self if self.good else other
-            result = Summary(**vars(first))
+        if not other.good or not self.good:  # measures of one of the two at most; counts of bad rows of both
+            measured = self if self.good else other
+            result = Summary(**vars(measured))
             result.rows, result.bad = self.rows + other.rows, self.bad + other.bad
             result.named = (self.named + other.named)[:NAMED_ROWS]
             return result
@@ -273,7 +274,7 @@ class Summary:
         assert self.q_most is not None and other.q_most is not None
         times, longest = self.times, max(self.longest_step, other.longest_step)
         backwards, late = self.backwards + other.backwards, self.backwards_named + other.backwards_named
-        if self.times and other.times:
+        if self.times and other.times:  # the step between the two, which neither has counted
             step = other.times[0] - self.times[1]
             longest = max(longest, step)
             if step < 0:
@@ -315,7 +316,7 @@ class Summary:
         column = MEASURES.index(measure)
         counts = self.histogram[column]
         reached = np.cumsum(counts) >= share * counts.sum()
-        index = int(np.argmax(reached))
+        index = int(np.argmax(reached))  # the first bin, as argmax stops at the first True
         middle = 0.0 if index == 0 else 10 ** (DECADES[0] + (index - 0.5) / PER_DECADE)
         return float(np.clip(middle, self.least[column], self.most[column]))
 
@@ -331,7 +332,11 @@ class Judged(NamedTuple):
 
 
 def judged(robot: ModuleType, task: Task, columns: Columns, block: Block) -> Judged:
-    """Find the rows of a block that can be analysed, and measure them."""
+    """Find the rows of a block that can be analysed, and measure them.
+
+    The first reason against a row counts: that of the reader, a number that is not finite, a position far beyond the
+    limits, a stiffness that overflows.
+    """
     dof = len(columns.q)
     values = block.values
     timed = int(columns.time is not None)
@@ -381,11 +386,13 @@ def _not_a_number(columns: Columns, block: Block, index: int) -> RowProblem:
 
 
 def _of_good_rows(rows: NDArray[np.int64], q: FloatArray, time: FloatArray | None, values: FloatArray) -> Summary:
+    """Return the summary of rows that follow each other, with MEASURES ``values`` (N, M), some of which may be NaN."""
     if not len(rows):
         return Summary()
     known = ~np.isnan(values)
     filled = np.where(known, values, 0.0)
     low, high = np.where(known, values, np.inf), np.where(known, values, -np.inf)
+    smallest, largest = values[:, 3], values[:, 4]  # eigenvalues of the corrected stiffness
     tolerance = INDEFINITE * np.abs(values[:, 3:5]).max(axis=1)
     result = Summary(
         good=len(rows),
@@ -396,8 +403,8 @@ def _of_good_rows(rows: NDArray[np.int64], q: FloatArray, time: FloatArray | Non
         most=high.max(axis=0),
         least_row=rows[low.argmin(axis=0)],
         most_row=rows[high.argmax(axis=0)],
-        indefinite=int(((values[:, 3] < -tolerance) & (values[:, 4] > tolerance)).sum()),
-        asymmetric=int((values[:, 2] != 0).sum()),
+        indefinite=int(((smallest < -tolerance) & (largest > tolerance)).sum()),
+        asymmetric=int((values[:, 2] != 0).sum()),  # largest entry of the corrected antisymmetric part
         histogram=_histogram(values),
         grid=_grid(values[:, _M], values[:, _A]),
         q_least=q.min(axis=0),

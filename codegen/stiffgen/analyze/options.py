@@ -136,6 +136,8 @@ def taking(record: Callable[_Fields, _Chosen]) -> Callable[[Callable[[_Chosen], 
     """
 
     def made(function: Callable[[_Chosen], _Result]) -> Callable[_Fields, _Result]:
+        """Return the function of the fields."""
+
         @wraps(function)
         def call(*arguments: _Fields.args, **options: _Fields.kwargs) -> _Result:
             return function(record(*arguments, **options))

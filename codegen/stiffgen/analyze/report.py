@@ -314,7 +314,7 @@ def _over_time(panels: Mapping[str, Sequence[_Line]], result: Summary) -> str:
         for panel, (label, lines) in zip(axes, panels.items(), strict=True):
             for line in lines:
                 mean, least, most = _curves(envelope, line.measure)
-                if envelope.shift:
+                if envelope.shift:  # a bin has several rows
                     panel.fill_between(x, least, most, color=line.colour, alpha=0.25, linewidth=0)
                 twice = 2 * _curves(envelope, line.deviation)[0] if line.deviation else mean * np.nan
                 if (twice > 0).any():
@@ -339,6 +339,7 @@ def _over_time(panels: Mapping[str, Sequence[_Line]], result: Summary) -> str:
 
 
 def _moment_figure(chain: Chain, result: Summary, summary: Mapping[str, Any]) -> str:
+    """Draw the number of rows by moment and antisymmetric part, with lines of the least and the largest ratio."""
     assert result.grid is not None
     import matplotlib as mpl
     from matplotlib.collections import PolyCollection
@@ -349,7 +350,7 @@ def _moment_figure(chain: Chain, result: Summary, summary: Mapping[str, Any]) ->
     from stiffgen.style import CONVENTIONAL, INK, STYLE, themed_svg
 
     edges = 10 ** (GRID_DECADES[0] + np.arange(result.grid.shape[0] - 1) / GRID_PER_DECADE)
-    counts = result.grid[1:-1, 1:-1].T
+    counts = result.grid[1:-1, 1:-1].T  # without the bins below and above the grid
     ratio = summary["measures"]["antisymmetric_per_moment"]
     with mpl.rc_context(STYLE):
         drawing = Figure(figsize=(6.4, 4.8), layout="constrained")

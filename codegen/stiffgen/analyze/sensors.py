@@ -89,8 +89,8 @@ def _resolution(values: NDArray[np.float64]) -> float:
         if not len(steps) or len(steps) > len(column) / 4:  # no change, or no grid
             continue
         step = steps.min()
-        parts = steps / step
-        if np.mean(np.abs(parts - np.round(parts)) < 0.1) > 0.9:
+        multiples = steps / step
+        if np.mean(np.abs(multiples - np.round(multiples)) < 0.1) > 0.9:
             found = max(found, float(step))
     return found
 

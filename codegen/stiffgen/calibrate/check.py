@@ -52,7 +52,7 @@ class WeightCheck:
         if self.passed:
             return lines
         mean, wanted = self.measured[:, :3].mean(axis=0), self.expected[:, :3].mean(axis=0)
-        down = float(mean @ wanted) / self.weight**2
+        down = float(mean @ wanted) / self.weight**2  # share of the weight along its direction: 1 if all is right
         if self.force_errors.max() <= _SHARE:
             lines.append("the moment alone is wrong: look at --sensor xyz, the tip's link, and the point of the weight")
         elif down < -0.5:

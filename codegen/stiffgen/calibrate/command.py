@@ -104,13 +104,14 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _print(found: Calibration) -> None:
+    """Print payload and bias with their intervals, centre of mass, rotation and noise."""
     shown = table("quantity", "value", "+-", right=("value", "+-"))
     names = (*_PAYLOAD, *(f"bias {name}" for name in _AXES))
     values, intervals = (*found.payload, *found.bias), (*found.payload_interval, *found.bias_interval)
     for name, value, interval in zip(names, values, intervals, strict=True):
         shown.add_row(name, f"{value:.4f}", f"{interval:.2g}")
     tables().print(shown)
-    if found.payload[0] > found.payload_interval[0]:
+    if found.payload[0] > found.payload_interval[0]:  # the mass is not 0
         centre = ", ".join(f"{1000 * each:.1f}" for each in found.centre_of_mass)
         print(f"centre of mass: ({centre}) mm from the sensor's origin, in its axes")
     turned, within = (np.degrees(np.linalg.norm(each)) for each in (found.rotation, found.rotation_interval))
@@ -120,6 +121,7 @@ def _print(found: Calibration) -> None:
 
 
 def _print_further(robot: GeneratedRobot, sensor: Any, poses: StandingPoses, found: Estimate) -> None:
+    """Print poses that would tighten the intervals of the first moment, within the joints' limits."""
     lower, upper = (np.array([getattr(c, side) for c in robot.chain.coordinates]) for side in ("lower", "upper"))
     for q, factor in further_poses(sensor, poses, found, lower, upper):
         posture = ", ".join(f"{each:.2f}" for each in q)
@@ -127,15 +129,17 @@ def _print_further(robot: GeneratedRobot, sensor: Any, poses: StandingPoses, fou
 
 
 def _check(robot: GeneratedRobot, sensor: Any, poses: StandingPoses, file: Path, weight: tuple[float, ...]) -> int:
+    """Check a sensor and its calibration in ``file`` with a weight: mass [kg] and its point in the tip [m]."""
     calibration = read_calibration(file)
     mounted = robot.chain.sensor
-    assert mounted is not None
+    assert mounted is not None  # its functions exist
     if calibration.sensor != mounted.text:
         raise RecordingError(
             f"{file}: is the calibration of another sensor ({calibration.sensor}); the robot has {mounted.text}"
         )
     pose = tip_functions(robot).forward_kinematics
-    return _said(check_weight(sensor, pose, poses, calibration, weight[0], weight[1:], mounted.option.gravity))
+    mass, *point = weight
+    return _print_findings(check_weight(sensor, pose, poses, calibration, mass, point, mounted.option.gravity))
 
 
 def _check_wrenches(robot: GeneratedRobot, options: argparse.Namespace) -> int:
@@ -145,10 +149,12 @@ def _check_wrenches(robot: GeneratedRobot, options: argparse.Namespace) -> int:
     pose, mounted = tip_functions(robot).forward_kinematics, robot.chain.sensor
     poses = standing(*read_rows(options.log, robot.chain, options.q, options.reading.removeprefix(_TIP)))
     gravity = mounted.option.gravity if mounted else Sensor.gravity
-    return _said(check_wrenches(pose, poses, options.check[0], options.check[1:], gravity))
+    mass, *point = options.check
+    return _print_findings(check_wrenches(pose, poses, mass, point, gravity))
 
 
-def _said(found: WeightCheck) -> int:
+def _print_findings(found: WeightCheck) -> int:
+    """Print the findings of a check; return the exit status."""
     print("\n".join(found.findings()))
     print("passed" if found.passed else "FAILED")
     return 0 if found.passed else 1

@@ -77,15 +77,18 @@ def estimate(sensor: Any, poses: StandingPoses, *, robot: str = "", place: str =
         raise RecordingError(
             f"the robot stands still at {count} poses, and a calibration needs {_FEWEST}; hold each for a second"
         )
+    # time before the last pose: the bias is that of the end of the recording
     A, time = regressors(sensor, poses.q), poses.time - poses.time[-1]
     has_drift = count >= _FEWEST_WITH_DRIFT and float(np.ptp(time)) > 0
-    common = [np.broadcast_to(np.eye(3), (count, 3, 3))]
+    columns = [np.broadcast_to(np.eye(3), (count, 3, 3))]
     if has_drift:
-        common.append(time[:, None, None] / np.ptp(time) * np.eye(3))
-    X = [np.concatenate([A[:, :3, :1], *common], axis=2), np.concatenate([A[:, 3:, 1:], *common], axis=2)]
-    excitation = _excitation(A, np.concatenate(common, axis=2))
+        columns.append(time[:, None, None] / np.ptp(time) * np.eye(3))
+    common = np.concatenate(columns, axis=2)  # bias and drift, of forces and of moments alike
+    # parameters of the forces: mass, bias (3), drift (3); of the moments: first moment (3), bias (3), drift (3)
+    X = [np.concatenate([A[:, :3, :1], common], axis=2), np.concatenate([A[:, 3:, 1:], common], axis=2)]
+    excitation = _excitation(A, common)
     force, moment = (_fit(x, poses.reading[:, 3 * k : 3 * k + 3]) for k, x in enumerate(X))
-    rotation, rotation_interval = _rotation(A[:, :3, 0], poses.reading[:, :3], force, np.concatenate(common, axis=2))
+    rotation, rotation_interval = _rotation(A[:, :3, 0], poses.reading[:, :3], force, common)
     scale = np.ptp(time) if has_drift else 1.0
     drift = [*force.values[4:7] / scale, *moment.values[6:9] / scale] if has_drift else np.zeros(6)
     residuals = np.concatenate([force.residuals, moment.residuals], axis=1)
@@ -110,9 +113,12 @@ def _numbers(values: Any) -> tuple[float, ...]:
 
 
 def _fit(X: FloatArray, y: FloatArray) -> Fit:
-    """Return the solution of y = X p, (P, 3) and (P, 3, p), with one variance per channel."""
+    """Return the solution of y = X p, (P, 3) and (P, 3, p), with one variance per channel.
+
+    The variances follow from the residuals, and weigh the channels in the next of four rounds.
+    """
     count, _, size = X.shape
-    freedom = count - size / 3
+    freedom = count - size / 3  # per channel
     deviation = np.ones(3)
     rows = X.reshape(-1, size)
     for _ in range(4):
@@ -137,7 +143,7 @@ def _quantile(freedom: float) -> float:
 
 
 def _excitation(A: FloatArray, common: FloatArray) -> float:
-    """Return the excitation of the payload.
+    """Return the excitation of the payload: what bias and drift cannot explain, over gravity, in the worst direction.
 
     Raises:
         RecordingError: the poses do not excite the payload.
@@ -146,11 +152,11 @@ def _excitation(A: FloatArray, common: FloatArray) -> float:
     gravity = float(np.linalg.norm(A[0, :3, 0])) or 1.0
     base = common.reshape(-1, common.shape[2])
     found = []
-    for rows in (A[:, :3, :1], A[:, 3:, 1:]):
+    for rows in (A[:, :3, :1], A[:, 3:, 1:]):  # of the mass, of the first moment
         flat = rows.reshape(-1, rows.shape[2])
         left = flat - base @ np.linalg.lstsq(base, flat, rcond=None)[0]
         _, sizes, axes = np.linalg.svd(left, full_matrices=False)
-        found.append((float(sizes[-1]) / np.sqrt(len(A)) / gravity, axes[-1]))
+        found.append((float(sizes[-1]) / np.sqrt(len(A)) / gravity, axes[-1]))  # smallest, with its direction
     (of_mass, _), (of_moment, axis) = found
     if min(of_mass, of_moment) < _EXCITED:
         what = "mass" if of_mass < _EXCITED else "first moment"
@@ -182,20 +188,24 @@ def _rotation(gravity: FloatArray, forces: FloatArray, force: Fit, common: Float
     base = common.reshape(-1, common.shape[2])
 
     def without_bias(rows: FloatArray) -> FloatArray:
+        """Return rows (P, 3) less what bias and drift can explain."""
         flat = rows.reshape(-1)
         return np.asarray((flat - base @ np.linalg.lstsq(base, flat, rcond=None)[0]).reshape(-1, 3))
 
+    # the rotation of gravity that comes nearest to the forces, by the singular values of their correlation
     U, sizes, Vt = np.linalg.svd(without_bias(forces).T @ without_bias(gravity))
-    if not sizes[1] > 1e-9 * max(sizes[0], 1e-300):
+    if not sizes[1] > 1e-9 * max(sizes[0], 1e-300):  # all along one line: any rotation about it fits
         return np.zeros(3), np.full(3, np.pi)
     turn = U @ np.diag([1, 1, np.sign(np.linalg.det(U @ Vt))]) @ Vt
     turned = gravity @ turn.T
     first = _fit(np.concatenate([turned[:, :, None], common], axis=2), forces)
+    # a negative mass without a rotation, and hardly worse: the sign is wrong, and no half turn
     if force.values[0] < -force.interval()[0] and (force.residuals**2).sum() < 2 * (first.residuals**2).sum():
         _refuse_sign(force)
     weight = first.values[0] * turned
     x, y, z = weight.T
     zero = np.zeros(len(weight))
+    # r x weight of a small rotation r: its parameters are near 0, and their intervals those of the rotation
     columns = np.stack([np.stack(row, -1) for row in ((zero, z, -y), (-z, zero, x), (y, -x, zero))], 1)
     fit = _fit(np.concatenate([columns, turned[:, :, None], common], axis=2), forces)
     rotation, interval = _logarithm(turn.T), fit.interval()[:3]
@@ -236,11 +246,13 @@ def further_poses(
     noise = np.maximum(np.array(found.calibration.noise), 1e-12)
 
     def information(q: FloatArray) -> FloatArray:
+        """Return the information matrices (P, 10, 10) of poses about payload and bias; drift is left out."""
         A = np.concatenate([regressors(sensor, q), np.broadcast_to(np.eye(6), (len(q), 6, 6))], axis=2)
         scaled = A / noise[:, None]
         return np.asarray(np.swapaxes(scaled, 1, 2) @ scaled)
 
     total, gains = information(poses.q).sum(axis=0), information(candidates)
+    # 1:4 is the first moment; the candidate that leaves the smallest of its largest deviations is taken, one by one
     chosen, start = [], float(np.sqrt(np.diag(np.linalg.inv(total))[1:4].max()))
     for _ in range(count):
         worst = np.sqrt(np.diagonal(np.linalg.inv(total + gains), axis1=1, axis2=2)[:, 1:4].max(axis=1))

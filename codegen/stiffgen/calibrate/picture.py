@@ -19,7 +19,7 @@ def residual_picture(poses: StandingPoses, found: Estimate) -> str:
 
     """
     try:
-        pyplot: Any = import_module("matplotlib.figure")
+        drawing: Any = import_module("matplotlib.figure")
     except ImportError as error:
         raise MissingExtraError(
             "the picture (--output FILE.svg) needs matplotlib, which is not installed; pip install 'stiffgen[analyze]'"
@@ -28,7 +28,8 @@ def residual_picture(poses: StandingPoses, found: Estimate) -> str:
     has_time = bool(poses.time.any())
     x = poses.time if has_time else range(len(poses))
     with import_module("matplotlib").rc_context(style.STYLE):
-        figure = pyplot.Figure(figsize=(7, 3.6), layout="constrained")
+        figure = drawing.Figure(figsize=(7, 3.6), layout="constrained")
+        # residuals are (P, 6): three forces, three moments
         for k, (axes, unit) in enumerate(zip(figure.subplots(2, 1, sharex=True), ("N", "N m"), strict=True)):
             for channel, (name, colour) in enumerate(zip("xyz", style.AXES, strict=True)):
                 axes.plot(x, found.residuals[:, 3 * k + channel], ".-", color=colour, label=name)

@@ -74,9 +74,9 @@ def standing(q: FloatArray, reading: FloatArray, time: FloatArray | None) -> Sta
         window = max(2, round(_WINDOW / step)) if step > 0 else _ROWS
     if len(q) <= window:
         return StandingPoses(np.zeros((0, q.shape[1])), np.zeros((0, 6)), np.zeros(0))
-    half = window // 2
+    half = window // 2  # compare with the window's middle, too: a motion there and back is none of its ends
     moved = np.maximum(np.abs(q[window:] - q[:-window]), np.abs(q[half : len(q) - window + half] - q[:-window]))
-    is_still = np.concatenate([[False], moved.max(axis=1) < _MOTION, [False]])
+    is_still = np.concatenate([[False], moved.max(axis=1) < _MOTION, [False]])  # so that edges come in pairs
     edges = np.flatnonzero(np.diff(is_still.astype(int)))
     found = []
     for start, end in zip(edges[::2], edges[1::2], strict=True):

@@ -44,7 +44,8 @@ def table(*columns: str, right: tuple[str, ...] = ()) -> Table:
 def print_table(console: Console, shown: Table) -> None:
     """Print a table; where it is wider than the console, each row as lines that break no word.
 
-    A column that is cut off or broken could not be copied into a command.
+    A column that is cut off or broken could not be copied into a command. A row's first cell is a line; the short cells
+    follow in common lines, and each cell that is a list or has several lines has lines of its own.
     """
     if _natural_width(console, shown) <= console.width:
         console.print(shown)

@@ -114,6 +114,7 @@ def _doubts(description: Description, surveys: list[TipSurvey]) -> list[str]:
 
 
 def _tip_table(surveys: list[TipSurvey], names: int) -> Table:
+    """Return a row per tip; of the joints that are left out of q, ``names`` are named for each reason."""
     shown = table("tip", "base", "coordinates (q)", "left out of q")
     for survey in surveys:
         coordinates = f"{len(survey.coordinates)}: {listed(survey.coordinates)}" if survey.coordinates else ""
@@ -128,6 +129,7 @@ def _tip_table(surveys: list[TipSurvey], names: int) -> Table:
 
 
 def _joint_table(description: Description) -> Table:
+    """Return a row per joint with its child link; numbers of joints that do not move are left out."""
     numbers = ("lower", "upper", "velocity", "effort", "mass [kg]")
     shown = table("joint", "type", "axis", *numbers[:4], "parent", "link", numbers[4], right=numbers)
     for joint in _from_root(description):

@@ -82,7 +82,7 @@ def values_of(options: argparse.Namespace, record: type[Any]) -> dict[str, Any]:
     """Return the values of the fields of a record that the command line has; defaults of records are left out."""
     values: dict[str, Any] = {}
     for option in (each for each in fields(record) if each.name in options):
-        value, described = getattr(options, option.name), help_of(option)
+        value, described = getattr(options, option.name), help_of(option)  # value: a word, or a list of them
         if described.record is Tool:
             values |= _tool(value, options)
         elif described.record is Sensor:
@@ -130,10 +130,11 @@ def _part_of(record: type[Any]) -> Callable[[str], tuple[str, Any]]:
     defaults: Mapping[str, Any] = {each.name: each.default for each in fields(record)}
 
     def part(text: str) -> tuple[str, Any]:
+        """Return name and value; the default of the field tells their kind."""
         name, separator, value = text.partition("=")
         if record is Tool and text == _RUNTIME:
             return text, True
-        if record is Sensor and not separator:
+        if record is Sensor and not separator:  # --sensor LINK
             return "link", text
         if name not in defaults or not separator:
             raise argparse.ArgumentTypeError(f"'{text}' is not NAME=VALUE with a NAME among {', '.join(defaults)}")

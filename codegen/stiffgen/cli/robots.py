@@ -44,6 +44,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _print_cached(word: str) -> int:
+    """Print the robots in the cache whose folder's name contains a word."""
     found = [each for each in entries() if word in each.folder.name]
     if found:
         shown = table("robot", "file", "size [MB]", "folder", right=("size [MB]",))

@@ -52,7 +52,7 @@ def add(command: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Verify a robot; return 1 if a comparison fails."""
-    page = optional("prove.safety_page")
+    page = optional("prove.safety_page")  # None if the room has been taken out, with its options
     if page is not None and options.report is None and options.evidence:
         raise StiffgenError("--evidence fills the page; add --report FILE.html")
     folder = chosen_folder(options)
@@ -113,6 +113,7 @@ def _checked_evidence(page: ModuleType, options: argparse.Namespace, folder: Pat
 
 
 def _check_table(checks: list[Check]) -> Table:
+    """Return a row per comparison."""
     shown = table(
         "kernel", "verified against", "worst relative error", "bound", "", right=("worst relative error", "bound")
     )

@@ -50,6 +50,7 @@ def run(options: argparse.Namespace) -> int:
     with ExitStack() as spinner:
 
         def decided(description: Description) -> Answers:
+            """Ask what is open, and show progress only afterwards: a spinner would overwrite the questions."""
             answers = decide(
                 description,
                 _ask if sys.stdin is not None and sys.stdin.isatty() else None,

@@ -146,6 +146,7 @@ def _copied_files(urdf: Path, description: Description) -> dict[str, Path]:
 
 
 def _check(chain: Chain, answers: Answers) -> None:
+    """Refuse a floating base, and a generated controller that does not exist or does not take the robot."""
     if chain.floating:
         raise ChainError(
             f"{chain.source}: the base floats, and projects need a fixed base; "

@@ -90,6 +90,7 @@ def decide(
 
 
 def _tip(description: Description, tip: str | None, base: str | None, masses: bool, ask: Ask | None) -> TipSurvey:
+    """Return the survey of the chosen tip, the only leaf, or the answer; refuse a tip whose chain has a hindrance."""
     if tip is not None:
         survey = survey_tip(description, tip, base, masses)
         if survey.hindrance and survey.coordinates:  # only its masses are refused: say so before any question
@@ -137,6 +138,7 @@ def _chosen(ask: Ask | None, question: str, default: str, allowed: Iterable[str]
 
 
 def _tool(ask: Ask | None, tip: str) -> Tool | None:
+    """Return a tool at the answered origin, without mass; None without a terminal or after an empty answer."""
     question = f"Tool: its origin in the axes of {printable(tip)}, as x y z [m]; nothing without a tool []"
     while ask is not None:
         answer = ask(question).split()

@@ -108,6 +108,7 @@ def _guesses(variables: Mapping[str, Any]) -> list[str]:
 
 
 def _launch(text: str, variables: Mapping[str, Any]) -> str:
+    """Return the launch file with the robot's file, arguments and joints in place of the three constants."""
     chain: Chain = variables["robot"]
     joints = ", ".join(ascii(coordinate.name) for coordinate in chain.coordinates)
     constants = {

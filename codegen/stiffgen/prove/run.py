@@ -38,6 +38,8 @@ _APART = (
 
 @dataclass(frozen=True)
 class _ProofRun:
+    """Robot, programs, folder of the harnesses, time-out [s] and report of progress, for all parts."""
+
     robot: GeneratedRobot
     provers: Provers
     work: Path
@@ -95,6 +97,7 @@ def prove(
         entries = [each.qualified_name for each in chosen]
         entries += [f"{each.qualified_name}{batch.suffix}" for each in chosen for batch in each.batches]
         self_check = ["self_check"] * (len(chosen) == len(robot.table))
+        # these run beside each other; bits come after memory, which tells whose bits mean something
         memory = pool.submit(_memory, run, chosen, [*entries, *self_check]) if "memory" in parts else None
         controller = pool.submit(_controller, run, parts) if with_controller else None
         widths = pool.submit(width_verdicts, robot, chosen, run.work, timeout, progress) if "widths" in parts else None
@@ -137,6 +140,7 @@ def _without_alarm(entries: Sequence[str], verdicts: Sequence[Verdict]) -> list[
 
 
 def _memory(run: _ProofRun, chosen: Sequence[Kernel], entries: Sequence[str]) -> list[Verdict]:
+    """Prove the memory of all entries in one analysis; if it finds anything, of each one alone."""
     # Frama-C 25 cannot size an initialised array by a quotient; with one lane the quotient equals its dividend.
     (run.work / "one_lane.c").write_text(re.sub(r"\b(\d+) / LANES\b", r"\1", run.robot.kernel_text()), encoding="utf-8")
     file = run.work / "kernels.c"
@@ -160,6 +164,7 @@ def _memory(run: _ProofRun, chosen: Sequence[Kernel], entries: Sequence[str]) ->
 
 
 def _bits(run: _ProofRun, chosen: Sequence[Kernel], entries: Sequence[str], pool: Executor) -> list[Verdict]:
+    """Prove bounds, loops and symmetry of each entry by ESBMC; ``entries`` are kernels, and batches by their suffix."""
     (run.work / "bodies_apart.c").write_text(harness.bodies_apart(chosen, run.robot.kernel_text()), encoding="utf-8")
     file = run.work / "bits.c"
     file.write_text(harness.kernels_bits(run.robot, chosen))
@@ -187,8 +192,12 @@ def _judge(found: Sequence[frama_c.Alarm], trouble: Sequence[str]) -> tuple[Outc
 
 
 def _controller(run: _ProofRun, parts: Sequence[str]) -> list[Verdict]:
+    """Prove the controller's functions, and the paper's law. Each run gives verdicts about all functions it reaches.
+
+    validate is proved by itself; in all other runs its contract takes its place.
+    """
     (run.work / "contracts.h").write_text(harness.contracts(run.robot, run.robot.table))
-    runs: list[tuple[str, tuple[str, ...], bool]] = []
+    runs: list[tuple[str, tuple[str, ...], bool]] = []  # name, entries, whether by the contract of validate
     if "services" in parts:
         runs += [("validate", ("validate",), False), ("services", harness.SERVICES, True)]
     if "step" in parts:

@@ -53,6 +53,10 @@ def _run_width(
     width: Width,
     timeout: float,
 ) -> tuple[Outcome, float, str]:
+    """Return outcome, seconds and detail of one build under each of the sanitizers, in turn.
+
+    The program prints a number at its end; anything else is a sanitizer's report.
+    """
     driver, program = folder / "widths.c", folder / "widths"
     driver.write_text(harness.widths(robot, kernels, 2 * width.lanes + 1))
     seconds = 0.0

@@ -271,8 +271,8 @@ def open_recording(
         raise RecordingError(f"{printable(str(path), 200)}: cannot be read ({error.strerror})") from error
     if not readable:
         raise RecordingError(f"{path}: is no file; name a recording")
-    of_topics = request.topics or request.tolerance != RecordingRequest.tolerance
-    if known.name != "MCAP" and of_topics:
+    has_mcap_options = request.topics or request.tolerance != RecordingRequest.tolerance
+    if known.name != "MCAP" and has_mcap_options:
         raise RecordingError(f"{path}: leave out the options of MCAP files: --topic, --tolerance")
     reader = importlib.import_module(f"{__name__}.{known.module}")
     with _decoding(path):

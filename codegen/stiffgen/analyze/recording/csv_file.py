@@ -59,7 +59,7 @@ class CsvPartition:
                 at += len(piece)
                 lines = piece.count(b"\n") + (not piece.endswith(b"\n"))
                 block = self._fast(piece, row, lines) or self._line_by_line(piece, row)
-                row += lines
+                row += lines  # blank lines, which no block holds, count
                 yield from block.split(most)
 
     def _fast(self, piece: bytes, row: int, lines: int) -> Block | None:
@@ -94,6 +94,7 @@ class CsvPartition:
         return Block(np.arange(row, row + lines), values, missing, work=size)
 
     def _line_by_line(self, piece: bytes, row: int) -> Block:
+        """Read lines that pyarrow does not take, and say what is wrong with each bad one; blank ones are left out."""
         rows: list[int] = []
         values: list[list[float]] = []
         missing: list[list[bool]] = []

@@ -91,24 +91,26 @@ def _matched(
     messages: Iterator[tuple[bool, Stamped]], tolerance: int
 ) -> Iterator[tuple[Stamped, tuple[float, ...] | None]]:
     """Yield joint positions with the wrench nearest in time; ``_LATENESS`` bounds the messages in memory."""
-    waiting: deque[Stamped] = deque()
+    waiting: deque[Stamped] = deque()  # joint positions whose wrench may still come
     wrenches: deque[Stamped] = deque()
-    newest = 0
+    newest = 0  # [ns]
     for is_wrench, stamped in messages:
         (wrenches if is_wrench else waiting).append(stamped)
         newest = max(newest, stamped[0])
+        # a later wrench is there, or none in time will come
         while waiting and (
             (wrenches and wrenches[-1][0] >= waiting[0][0]) or newest - waiting[0][0] > tolerance + _LATENESS
         ):
             joints = waiting.popleft()
             yield joints, _nearest(wrenches, joints[0], tolerance)
         while not waiting and wrenches and newest - wrenches[0][0] > tolerance + _LATENESS:
-            wrenches.popleft()
+            wrenches.popleft()  # too old for joint positions to come
     for joints in waiting:
         yield joints, _nearest(wrenches, joints[0], tolerance)
 
 
 def _nearest(wrenches: deque[Stamped], stamp: int, tolerance: int) -> tuple[float, ...] | None:
+    """Return the wrench nearest to a time; drop those before the last one that is not later."""
     while len(wrenches) > 1 and wrenches[1][0] <= stamp:
         wrenches.popleft()
     best = min(islice(wrenches, 2), key=lambda wrench: abs(wrench[0] - stamp), default=None)
@@ -192,6 +194,7 @@ def _listing(topics: Mapping[str, str]) -> str:
 
 
 def _check_joints(path: Path, file: BinaryIO, topic: str, joints: tuple[str, ...]) -> None:
+    """Refuse a topic in whose first messages some of the joints do not occur; they may lie in different messages."""
     seen: dict[str, None] = {}
     for _, _, message in islice(_decoded(file, [topic]), _FIRST_MESSAGES):
         seen |= dict.fromkeys(message.name or (joints if len(message.position) == len(joints) else ()))

@@ -54,6 +54,7 @@ def open_file(path: Path, request: RecordingRequest, progress: Callable[[str], N
 
 
 def _array(path: Path, archive: zipfile.ZipFile, name: str) -> NDArray[np.generic]:
+    """Return an array of numbers; refuse objects, other types, and bytes beyond the array's end."""
     with archive.open(f"{name}.npy") as stream:
         try:
             array: NDArray[np.generic] = np.load(stream, allow_pickle=False)

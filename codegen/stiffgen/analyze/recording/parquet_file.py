@@ -58,6 +58,7 @@ def _opened(path: Path) -> Any:
 
 
 def _numbers(column: Any) -> FloatArray:
+    """Return a column as numbers, NaN where one is missing; timestamps become seconds."""
     pa = extra("pyarrow", "reading Parquet")
     if pa.types.is_timestamp(column.type):
         nanoseconds = column.cast(pa.timestamp("ns", tz=column.type.tz)).cast(pa.int64())
