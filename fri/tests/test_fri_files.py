@@ -107,6 +107,7 @@ def test_an_interrupted_session_that_loses_its_summary_is_a_fault(one: Programs)
 def test_a_refused_start_changes_no_file(
     arguments: tuple[str, ...], wanted: str, one: Programs, tmp_path: Path
 ) -> None:
+    """One line says why; the word "taken" stands for a port that another socket has."""
     (tmp_path / "trajectory.csv").write_bytes(TRAJECTORY.read_bytes())
     (tmp_path / "link.csv").symlink_to("trajectory.csv")
     (tmp_path / "old.csv").write_text("of yesterday")
@@ -114,6 +115,7 @@ def test_a_refused_start_changes_no_file(
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("0.0.0.0", 0))
         words = [str(taken.getsockname()[1]) if word == "taken" else word for word in arguments]
+        # a later --port replaces the first
         words = ["--trajectory", "trajectory.csv", "--wait", "0.1", "--port", str(free_port()), *words]
         done = subprocess.run([one.client, *words], cwd=tmp_path, capture_output=True, text=True, timeout=60)
     assert done.returncode == 2 and done.stderr.count("\n") == 1 and wanted in done.stderr

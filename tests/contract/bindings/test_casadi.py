@@ -22,7 +22,7 @@ from support.c_program import STRICT
 from support.project import require_compiler, require_program
 from support.wrappers import floating_robot, small_robot, wrapper
 
-COUNT = 3
+COUNT, SEED = 3, 11
 
 
 @pytest.fixture(scope="module")
@@ -47,25 +47,26 @@ def robot(request, tmp_path_factory):
 def pairs(robot):
     """Every function with a gradient: its name, compiled and as a graph, and arguments and cotangents in each state."""
     model = stiffgen.StiffnessModel(robot.chain)
-    pool = argument_samples(robot.chain, COUNT, 11, robot.springs)
+    samples = argument_samples(robot.chain, COUNT, SEED, robot.springs)  # by argument, COUNT values each
     namespace = wrapper(robot, "casadi")
     table = {kernel.qualified_name: kernel for kernel in robot.table}
     found = []
     for name, kernel in table.items():
-        if f"{name}_vjp" not in table:
+        gradient = table.get(f"{name}_vjp")
+        if gradient is None:
             continue
         compiled, graph = namespace, model
         for part in (*kernel.path, kernel.name):
             compiled, graph = getattr(compiled, part), getattr(graph, part)
         states = []
         for k in range(COUNT):
-            matrices = [
-                pool[argument][k].reshape(matrix_shape(pool[argument][k].shape))
-                for argument in table[f"{name}_vjp"].arguments
-            ]
-            states.append((matrices[: graph.n_in()], matrices[graph.n_in() :]))
+            # the gradient takes the function's arguments, then the cotangents of its results
+            values = [samples[argument][k] for argument in gradient.arguments]
+            matrices = [value.reshape(matrix_shape(value.shape)) for value in values]
+            given, cotangents = matrices[: graph.n_in()], matrices[graph.n_in() :]
+            states.append((given, cotangents))
         found.append((name, compiled, graph, states))
-    assert len(found) > 20
+    assert len(found) > 20  # else most functions would have lost their gradients
     return found
 
 
@@ -81,13 +82,13 @@ def of_motions(function, i, given, gradients):
     """
     if function.name_in(i) != "base_pose":
         return gradients
-    motions = []
+    motions = []  # of the pose along the six unit twists of the body
     for k in range(6):
         twist = np.zeros((4, 4))
         if k < 3:
             twist[k, 3] = 1.0
         else:
-            a, b = (k - 2) % 3, (k - 1) % 3
+            a, b = (k - 2) % 3, (k - 1) % 3  # axes that turn about axis k - 3
             twist[b, a], twist[a, b] = 1.0, -1.0
         motions.append((given[i] @ twist).ravel(order="F"))
     return np.array(motions) @ gradients
@@ -113,7 +114,7 @@ def test_signature_and_values(robot, pairs):
 def test_gradients_have_values_and_no_derivatives(robot):
     """Functions that are gradients are not left out; CasADi refuses to differentiate them."""
     model, namespace, seen = stiffgen.StiffnessModel(robot.chain), wrapper(robot, "casadi"), set()
-    pool = argument_samples(robot.chain, COUNT, 11, robot.springs)
+    pool = argument_samples(robot.chain, COUNT, SEED, robot.springs)
     for kernel in robot.table:
         if not kernel.is_gradient:
             continue

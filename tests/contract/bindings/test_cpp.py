@@ -190,6 +190,7 @@ void controller()
 
 
 def program(name: str, chain: stiffgen.Chain, options: KernelOptions) -> str:
+    """Return a program that calls every C++ function and the controller, and compares them with C in bits."""
     drawn = Samples(chain, 1, seed=3)
     kernels = chain_kernels(chain, options)
     parts = [HEAD.format(name=name), *(block(name, chain, kernel, drawn) for kernel in kernels)]
@@ -324,9 +325,11 @@ GIVEN = {"plain": "double q[7] = {}, F[6] = {}; ", "eigen": "Matrix<7> q; Matrix
 @pytest.mark.parametrize("kind", REFUSED)
 @pytest.mark.parametrize("compiler", ["g++", pytest.param("clang++", marks=pytest.mark.slow)])
 def test_what_does_not_fit_is_refused_and_the_compiler_says_why(compiler, kind, made, tmp_path):
+    """One error for each case of REFUSED, in its line, with its reason; the cases of GOOD compile."""
     folder, _ = made("iiwa14")
 
     def compiled(cases: dict[str, str]) -> subprocess.CompletedProcess[str]:
+        """Compile each case as a function in a file of its name."""
         bodies = [
             f'#line 1 "case_{case}"\nvoid {case}()\n{{ using namespace iiwa14; {GIVEN[kind]}{code} }}'
             for case, code in cases.items()

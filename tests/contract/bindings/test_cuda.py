@@ -161,6 +161,7 @@ def test_every_matrix_for_each_configuration(host, robot, chain):
     ],
 )
 def test_other_chains(case, compiler, tmp_path):
+    """Each configuration of a launch, against CasADi; matrices shared, and one for each configuration."""
     if case != "two tips, tool at run time":
         urdf = tmp_path / "arm.urdf"
         urdf.write_text(chain_urdf("rprmrr"))
@@ -230,6 +231,7 @@ def test_slides(tmp_path):
 
 
 def test_nothing_to_do_and_refusals(host):
+    """No configuration writes nothing and succeeds; a stride below the count writes nothing and fails."""
     kernel = host.kernels["hybrid_joint_stiffness"]
     out = np.full((28, 4), NOTHING)
     q, wrench, K = np.zeros((7, 4)), np.zeros((6, 4)), np.eye(6)
@@ -268,6 +270,7 @@ def test_a_chain_too_long_is_refused(tmp_path, capsys):
 
 
 def test_the_c_header(folder, tmp_path):
+    """The header is C99, without a warning."""
     (tmp_path / "main.c").write_text('#include "iiwa14_cuda.h"\nint main(void) { return 0; }\n')
     command = [
         require_compiler("gcc"),
@@ -283,6 +286,7 @@ def test_the_c_header(folder, tmp_path):
 
 
 def test_fast_math_is_refused(folder, tmp_path):
+    """An optimisation that takes NaN for impossible does not compile."""
     command = [
         require_compiler("g++"),
         "-x",

@@ -17,6 +17,7 @@ from support.wrappers import small_robot
     "chosen", [pytest.param("not wide", marks=pytest.mark.slow), pytest.param("wide", marks=pytest.mark.wide)]
 )
 def test_wrapper_for_jax(chosen, tmp_path):
+    """Run the tests of tests/campaigns/jax_wrapper.py, those of CI or the others."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--basetemp", str(tmp_path / "own")]
     done = subprocess.run(

@@ -44,6 +44,7 @@ def make(plugin: ModuleType, robot_folder: Path) -> Iterator[Any]:
     made: list[Any] = []
 
     def connected(connect: bool = True, **config: Any) -> Any:
+        """Return a robot with changed settings, connected unless told otherwise."""
         robots = importlib.import_module("lerobot.robots")
         settings: dict[str, Any] = {"robot": robot_folder, "model": URDF, "motor_inertia": 0.1, "real_time": False}
         chosen = robots.RobotConfig.get_choice_class("stiffgen")(**settings | config)
@@ -78,6 +79,7 @@ def _site(robot: Any) -> tuple[np.ndarray, Rotation]:
 
 
 def test_lerobot_finds_it(plugin: ModuleType, make: Any) -> None:
+    """LeRobot makes the robot by its name; observations and actions have the features that it declares."""
     robot = make(connect=False, id="left")
     assert type(robot) is plugin.Stiffgen and robot.name == robot.config.type == "stiffgen"
     assert robot.is_calibrated and not robot.is_connected and str(robot) == "left Stiffgen"
@@ -117,6 +119,7 @@ def test_frames_and_units_are_mujocos(make: Any) -> None:
 
 
 def test_late_is_held_stale_fades_and_comes_back(make: Any) -> None:
+    """Pose and stiffness are held for 0.2 s and fade within 0.4 s to a tenth; stale actions are refused."""
     arm = make(variable_stiffness=True, validity=0.2, fade_time=0.4)
     action = _pose(arm) | {"stiffness.translation": 500.0, "stiffness.rotation": 25.0}
     assert arm.send_action(action) != action, "the stiffness rises from 0"
@@ -140,6 +143,7 @@ def test_late_is_held_stale_fades_and_comes_back(make: Any) -> None:
 
 
 def test_hostile_actions_are_refused_by_name(make: Any, caplog: pytest.LogCaptureFixture) -> None:
+    """A bad number refuses its part alone; a wrong key refuses the action, and no time passes."""
     arm = make(variable_stiffness=True)
     good = _pose(arm) | {"stiffness.translation": 500.0, "stiffness.rotation": 25.0}
     for _ in range(4):
@@ -165,6 +169,7 @@ def test_hostile_actions_are_refused_by_name(make: Any, caplog: pytest.LogCaptur
 
 
 def test_a_jump_costs_what_the_governor_allows(make: Any) -> None:
+    """A goal 1 m away: the tip moves at the governor's velocity, and no joint beyond its limit."""
     arm = make()
     first, fastest = _pose(arm), 0.0
     goal = first | {"ee.x": first["ee.x"] - 1.0}
@@ -179,6 +184,7 @@ def test_a_jump_costs_what_the_governor_allows(make: Any) -> None:
 
 
 def test_a_fault_refuses_every_action(make: Any, caplog: pytest.LogCaptureFixture) -> None:
+    """A jump of the arm is described once; to connect again resets it."""
     arm = make()
     action = _pose(arm)
     arm.send_action(action)
@@ -194,6 +200,7 @@ def test_a_fault_refuses_every_action(make: Any, caplog: pytest.LogCaptureFixtur
 
 
 def test_disconnect_leaves_the_arm_at_rest(make: Any, caplog: pytest.LogCaptureFixture) -> None:
+    """An arm in motion stops within 5 cm; afterwards LeRobot's own errors say that it is not connected."""
     errors = importlib.import_module("lerobot.utils.errors")
     arm = make()
     first = _pose(arm)
@@ -215,6 +222,7 @@ def test_disconnect_leaves_the_arm_at_rest(make: Any, caplog: pytest.LogCaptureF
 
 
 def test_real_time_follows_the_clock(make: Any) -> None:
+    """The loop runs in a thread of its own, also without actions, and ends with the connection."""
     arm = make(real_time=True, validity=0.1, fade_time=0.1)
     first, end = _pose(arm), time.monotonic() + 5.0
     while _pose(arm)["ee.z"] > first["ee.z"] - 0.005 and time.monotonic() < end:
@@ -254,6 +262,7 @@ def test_a_hand_is_fixed(plugin: ModuleType) -> None:
 
 
 def test_what_does_not_fit_is_named(make: Any, robot_folder: Path, plugin: ModuleType) -> None:
+    """A start or model of another robot, no model, and settings out of range."""
     for config, message in (
         ({"start": [0.0]}, "start: 1 positions, but the robot has 7"),
         ({"model": None}, "a folder has no model for MuJoCo; set model"),
@@ -270,6 +279,7 @@ def test_what_does_not_fit_is_named(make: Any, robot_folder: Path, plugin: Modul
 def test_code_of_the_page(
     robot_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    """The blocks of docs/robosuite.md run, and print what the page says."""
     (tmp_path / "generated").symlink_to(robot_folder.parent)
     (tmp_path / "urdf").symlink_to(URDF.parent)
     monkeypatch.chdir(tmp_path)

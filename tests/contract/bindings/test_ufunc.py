@@ -92,6 +92,7 @@ def test_arguments_by_name(kernel, chain, robot, samples):
 
 
 def test_wrong_names(robot, samples):
+    """Missing, repeated and unknown names are errors that tell them, also among more names than there are arguments."""
     q, wrench, stiffness = samples[Q][0], samples[WRENCH][0], samples[TASK_STIFFNESS][0]
     function = robot.hybrid.joint_stiffness
     for call, words in (
@@ -124,6 +125,7 @@ def test_a_call_by_name_keeps_no_reference(robot, samples):
 
 
 def test_help_is_for_a_reader(robot):
+    """help() lists functions with their arguments and shapes, and nothing that Python adds to a module."""
     text = pydoc.plain(pydoc.render_doc(robot))
     for line in (
         "joint_stiffness(q, wrench, task_stiffness) -> (7, 7)",
@@ -203,6 +205,7 @@ def test_broadcasting_and_strides(kernel, index, chain, robot, samples):
 
 @every_result
 def test_out(kernel, index, chain, robot, samples):
+    """Results are written in place, whatever the strides of the array, and nowhere between them."""
     ufunc = result_of(kernel, index, chain, robot)
     stacks = arguments(kernel, samples)
     expected = ufunc(*stacks)

@@ -17,6 +17,7 @@ INERTIAL = '<inertial><origin xyz="0.1 0 0"/><mass value="1"/><inertia ixx="0.1"
 
 
 def arm(folder: Path, limits: tuple[str, str], version: str = "1.2") -> Path:
+    """Write an arm of two joints with these attributes of <limit>."""
     text = f'<robot name="two" version="{version}"><link name="base"/>'
     for k, limit in enumerate(limits):
         text += (
@@ -44,6 +45,7 @@ def test_the_slowest_joint_decides(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_equilibrium_keeps_within_the_limits(tmp_path: Path, unoptimised: None) -> None:
+    """Accelerations of the reference on the way to a command and back, against the smaller limit of each joint."""
     limits = (f'{LIMIT.format(1.5)} acceleration="3" deceleration="2.5"', f'{LIMIT.format(2)} acceleration="4"')
     folder = stiffgen.generate(arm(tmp_path, limits), output=tmp_path, kernels="hybrid,spring")
     controller = open_robot(folder).module.Impedance(sample_time=1e-3)

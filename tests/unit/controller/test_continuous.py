@@ -91,6 +91,7 @@ def test_counted_turns_are_what_they_were(turning: ModuleType, config: dict[str,
 
 
 def test_a_position_that_is_not_believed_counts_no_turn(turning: ModuleType) -> None:
+    """A bad sample across the encoder's seam changes no count of turns, and a reset keeps the count."""
     controller = turning.Impedance(motor_inertia=0.1)
     at = [START + 0.5 * APART, START + 0.501 * APART]
     shown = [START + 0.499 * APART, at[0], np.array([-1.0, 0.6, 1.0]), at[1]]

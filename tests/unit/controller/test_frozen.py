@@ -99,6 +99,7 @@ def test_a_torque_that_rises_under_a_joint_that_stands_still(robot: ModuleType) 
 
 
 def test_the_springs_of_a_frozen_joint_are_released_and_a_reset_begins_anew(robot: ModuleType) -> None:
+    """The torque is 0 while the fault lasts; after the reset there is none."""
     goals = Q + np.linspace(0.0, 0.2, 1500)[:, None] * np.ones(7)
     controller = robot.Impedance(motor_inertia=0.1, velocity_source="differenced")
     for goal in goals:

@@ -22,6 +22,8 @@ from support.project import ROOT
 LIBRARIES = {"controller": IMPEDANCE, "loops": LOOPS, "paper": LAW, "Python": MODULE}
 HEADER = ROOT / "generated" / "iiwa14" / "iiwa14_impedance.h"
 POSITION = 1
+# Numbers of the stub's configuration that a test computes with, and its translational stiffness.
+SAMPLE_TIME, CALLS, VELOCITY, RATE, POSTURE_STIFFNESS, STIFFNESS = 1e-3, 3, 2.0, 1e4, 10.0, 100.0
 
 
 class Library:
@@ -41,17 +43,19 @@ class Library:
         """Return a valid configuration: 1 ms, generous limits."""
         ones = {
             "delay_samples": 0,
-            "missed_limit": 3,
-            "call_gap_limit": 3,
+            "missed_limit": CALLS,
+            "call_gap_limit": CALLS,
             "stiffness_cap": 1,
         }
         limits = {"lower_limit": -5.0, "upper_limit": 5.0, "position_tolerance": 0.1, "limit_zone": 0.1}
-        rates = {"velocity_limit": 2.0, "reference_velocity_limit": 1.0, "tip_velocity_limit": 0.5, "ramp_time": 0.2}
-        torques = {"effort_limit": 100.0, "torque_rate_limit": 1e4, "limit_stiffness": 100.0, "damping_ratio": 0.7}
+        rates = {"reference_velocity_limit": 1.0, "tip_velocity_limit": 0.5, "ramp_time": 0.2}
+        rates["velocity_limit"] = VELOCITY
+        torques = {"effort_limit": 100.0, "torque_rate_limit": RATE, "limit_stiffness": 100.0, "damping_ratio": 0.7}
         energies = {"energy_limit": 5.0, "engagement_limit": 20.0, "tank_initial": 10.0}
         energies["heaviest_wrench"] = [100.0, 20.0]
         more = {"translation_stiffness_limit": 5e3, "rotation_stiffness_limit": 500.0, "stiffness_time": 0.05}
-        rest = {"sample_time": 1e-3, "posture_stiffness": 10.0, "tip_rotation_limit": 1.5, "frozen_window": 20}
+        rest = {"sample_time": SAMPLE_TIME, "tip_rotation_limit": 1.5, "frozen_window": 20}
+        rest["posture_stiffness"] = POSTURE_STIFFNESS
         return fill(self.Config(), **{**ones, **limits, **rates, **torques, **energies, **more, **rest, **values})
 
 
@@ -138,40 +142,55 @@ def test_limit_avoidance(library: Library) -> None:
 
 
 def run(library: Library, config: Any, state: Any, steps: int, **values: Any) -> Any:
-    """Return the output of the last step; the counter goes on, the arm stands still unless told otherwise."""
+    """Return the output of the last step; the counter goes on, the arm stands still at 0 unless told otherwise."""
     sample, out = library.Input(), library.Output()
     fill(sample, **{"sample_valid": 1, "command": POSITION, **values})
-    fill(sample, translation_stiffness=100 * np.eye(3), rotation_stiffness=np.eye(3))
+    fill(sample, translation_stiffness=STIFFNESS * np.eye(3), rotation_stiffness=np.eye(3))
     for _ in range(steps):
         sample.counter = state.memory.counter + state.memory.gap + 1
         assert library.c.step(*(ctypes.byref(each) for each in (config, state, sample, out))) == 0
     return out
 
 
-def test_a_step_of_the_stub(library: Library) -> None:
-    """At rest the torque is the springs'; the reserve is v (m^2 tau T + m tau^2 / (2 rate)) over the joints, m = 3."""
+def started(library: Library) -> tuple[Any, Any]:
+    """Return configuration and state of a controller that is engaged at rest, at q = q0 = 0."""
     config, state = library.config(), library.State()
     assert library.c.initialise(ctypes.byref(config), ctypes.byref(state), None) == 0
-    q0 = np.array([0.1, -0.2, 0.05, 0.1, 0.0, 0.0, -0.1])
     run(library, config, state, 3)
-    out = run(library, config, state, 3000, q0=q0)
-    expected = np.r_[100.0 * q0[:3], np.zeros(4)] + 10.0 * q0
+    return config, state
+
+
+def test_a_step_of_the_stub(library: Library) -> None:
+    """An arm that is held at q = 0 is pulled to q0 by its springs, and the tank keeps what this torque may put out.
+
+    Only the first three joints move the tip. The reserve lets every joint move at its velocity limit while the torque
+    is held, for CALLS calls with CALLS sample times each, and while it falls to zero at the rate limit.
+    """
+    config, state = started(library)
+    q0 = np.array([0.1, -0.2, 0.05, 0.1, 0.0, 0.0, -0.1])
+    out = run(library, config, state, 3000, q0=q0)  # until the equilibrium is there
+    expected = np.r_[STIFFNESS * q0[:3], np.zeros(4)] + POSTURE_STIFFNESS * q0
     assert out.fault == 0
     np.testing.assert_allclose(out.torque, expected, atol=1e-12)
-    assert out.elastic_energy == pytest.approx(50.0 * q0[:3] @ q0[:3] + 5.0 * q0 @ q0)
-    reserve = 2.0 * (9.0 * np.abs(expected) * 1e-3 + 3.0 * expected**2 / 2e4)
-    assert out.tank_reserve == pytest.approx(reserve.sum())
+    assert out.elastic_energy == pytest.approx((STIFFNESS * q0[:3] @ q0[:3] + POSTURE_STIFFNESS * q0 @ q0) / 2)
+    held = VELOCITY * SAMPLE_TIME * CALLS**2 * np.abs(expected)
+    falling = VELOCITY * CALLS * expected**2 / (2 * RATE)
+    assert out.tank_reserve == pytest.approx((held + falling).sum())
+
+
+def test_the_checksum_sees_a_changed_memory(library: Library) -> None:
+    config, state = started(library)
+    assert run(library, config, state, 1).reason == 0
     fill(state.memory, tank=5.0)
-    assert run(library, config, state, 1, q0=q0).reason != 0, "the checksum sees a changed memory"
+    assert run(library, config, state, 1).reason != 0
 
 
 def test_samples_that_are_missing(library: Library) -> None:
     """The torque is held, and missed_limit missing samples are a fault, which lets it go to zero at the rate limit."""
-    config, state = library.config(), library.State()
-    assert library.c.initialise(ctypes.byref(config), ctypes.byref(state), None) == 0
-    run(library, config, state, 3)
+    config, state = started(library)
     held = np.array(run(library, config, state, 2000, q0=0.1).torque)
-    for missed in range(1, 4):
+    for missed in range(1, CALLS + 1):
         out = run(library, config, state, 1, sample_valid=0)
-        assert (out.fault != 0) == (missed == 3)
-        np.testing.assert_allclose(out.torque, held - np.minimum(held, 10.0) * out.fault, atol=1e-12)
+        assert (out.fault != 0) == (missed == CALLS)
+        fallen = np.minimum(held, RATE * SAMPLE_TIME) if out.fault else 0.0
+        np.testing.assert_allclose(out.torque, held - fallen, atol=1e-12)

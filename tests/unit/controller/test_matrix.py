@@ -33,6 +33,7 @@ def test_pencils(matrices: Matrices) -> None:
 
 
 def test_eigenvectors_of_special_matrices(matrices: Matrices) -> None:
+    """Zero, diagonal, repeated, singular, nearly zero and reversed: all to rounding."""
     random = np.random.default_rng(2)
     tridiagonal = np.diag([2.0] * 6) + np.diag([-1.0] * 5, 1) + np.diag([-1.0] * 5, -1)
     nearly_zero = symmetric(random, np.array([1.0, 1.0, 1.0, 1e-12, -1e-12]))
@@ -122,6 +123,7 @@ def test_a_change_of_stiffness_is_split(matrices: Matrices) -> None:
 
 
 def test_semidefinite(matrices: Matrices) -> None:
+    """Eigenvalues of 0 are accepted, one of -1e-3 is not; nor are asymmetric matrices and NaN, at any size."""
     random = np.random.default_rng(4)
     for n in (1, 3, 6):
         for _ in range(100):

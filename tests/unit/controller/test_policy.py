@@ -31,6 +31,7 @@ def _goal(robot: ModuleType) -> np.ndarray:
 
 
 def test_path_is_a_geodesic(robot: ModuleType) -> None:
+    """A first proposal is reached in 0.1 s: along a line, and about one axis at a constant rate."""
     port, goal = _port(robot), _goal(robot)
     assert not port.propose(now=0.0, time=0.0, equilibrium=goal)
     turns = Slerp([0.0, 0.1], Rotation.from_matrix(np.array([_pose(robot)[:3, :3], goal[:3, :3]])))
@@ -44,6 +45,7 @@ def test_path_is_a_geodesic(robot: ModuleType) -> None:
 
 
 def test_stiffness_stays_between_its_ends(robot: ModuleType) -> None:
+    """On the way, no direction is softer or stiffer than at both ends."""
     random, port = np.random.default_rng(1), _port(robot)
     old = np.zeros((3, 3))
     for k in range(20):
@@ -58,6 +60,7 @@ def test_stiffness_stays_between_its_ends(robot: ModuleType) -> None:
 
 
 def test_late_is_held_and_stale_fades_to_the_share(robot: ModuleType) -> None:
+    """Held for hold_time (0.3 s), then faded within fade_time (0.5 s): the springs to stale_share, the wrench to 0."""
     port = _port(robot)
     port.propose(now=0.0, time=0.0, equilibrium=_goal(robot), stiffness=K, wrench_command=[5.0, 0, 0, 0, 0, 0])
     held = port.command(0.3)
@@ -93,6 +96,7 @@ def test_a_return_is_continuous(robot: ModuleType, end: float, back: float) -> N
 
 
 def test_refusals_are_named_and_change_nothing(robot: ModuleType) -> None:
+    """Each refusal names its part and its reason, and what is commanded stays as it was."""
     port = _port(robot)
     good = {"equilibrium": _goal(robot), "stiffness": K, "wrench_command": np.ones(6)}
     assert not port.propose(now=1.0, time=1.0, **good, gripper=0.25)
@@ -133,6 +137,7 @@ def test_arguments_are_checked(robot: ModuleType) -> None:
 
 
 def test_a_jump_costs_no_more_than_the_governor_allows(robot: ModuleType) -> None:
+    """Poses that jump every 50 ms wind up an arm that is held by no more than the energy limit."""
     controller = robot.Impedance()
     port = robot.Policy(controller, pose=_pose(robot), now=0.0)
     most, limit = 0.0, 0.0

@@ -103,6 +103,7 @@ def check(robot: ModuleType, controller: Any, out: Any, refusal: str, argument: 
 def test_stiffness(
     robot: ModuleType, controller: Any, refusal: str, argument: str, value: np.ndarray, entry: int
 ) -> None:
+    """The controller and the policy port name the same argument, entry and numbers."""
     out = controller.step(q=Q, dq=ZERO, q0=Q, **{**SPRING, argument: value})
     check(robot, controller, out, refusal, argument, entry)
     if refusal == "STIFFNESS_LIMIT":
@@ -260,6 +261,7 @@ def test_a_bad_sample_refuses_without_a_reason(robot: ModuleType, controller: An
 
 
 def test_python_warns_once_or_raises(robot: ModuleType) -> None:
+    """A refusal of another kind warns anew; the same one with another value does not."""
     controller = robot.Impedance(motor_inertia=0.1)
     given = {"q": Q, "dq": ZERO, **SPRING}
     with pytest.warns(

@@ -340,19 +340,20 @@ def test_a_package_path_that_is_no_folder(kind: str, folder: str, tmp_path: Path
 def test_load_takes_inertias_that_the_user_accepts(
     accepted: str | list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The generator gets them, and reads the robot that it refuses without."""
+    """The generator learns which ones, and reads the robot: only the inertia of 'upper' is impossible."""
     monkeypatch.setenv("STIFFGEN_CACHE", str(tmp_path / "cache"))
-    read = []
+    chains = []
 
     def generate(file: Path, options: GenerationOptions) -> None:
-        read.append(read_chain(file, options))
+        """Read the chain, and stop before a folder is written."""
+        chains.append(read_chain(file, options))
         raise StiffgenError("enough")
 
     monkeypatch.setattr("stiffgen.cache.generate_folder", generate)
     file = written(tmp_path, replaced(('ixx="0.02"', 'ixx="2"')))
     with pytest.warns(InertiaWarning), pytest.raises(StiffgenError, match="enough"):
         stiffgen.load(file, accept_inertia=accepted)
-    assert [each.link for each in read[0].accepted] == ["upper"]
+    assert [each.link for each in chains[0].accepted] == ["upper"]
 
 
 @pytest.mark.parametrize("value", ["all", "spin", Path("/ws")])
