@@ -35,6 +35,7 @@ def test_the_account_is_the_work_at_the_port(robot: ModuleType, delay: int) -> N
 
 
 def test_elastic_energy_is_the_springs(robot: ModuleType) -> None:
+    """The energy is l U of the tip's and the posture's springs, with the stiffnesses that are in force."""
     inputs = walk(np.random.default_rng(4), robot, 400)
     out = robot.Impedance(posture_stiffness=3.0, motor_inertia=0.1).run(**inputs)
     for k in (0, 100, 399):
@@ -46,6 +47,7 @@ def test_elastic_energy_is_the_springs(robot: ModuleType) -> None:
 
 
 def test_the_identity_holds_through_faults_and_gaps(robot: ModuleType) -> None:
+    """One row in ten is spoilt; the account has no remainder, in at least three modes."""
     inputs, _ = hostile(np.random.default_rng(5), robot, 4000, 0.1)
     out = run_with_resets(robot.Impedance(motor_inertia=0.1, errors="ignore"), inputs, 50)
     assert np.abs(residual(out)).max() < 1e-9

@@ -94,6 +94,7 @@ def test_caps_for_the_sample_time(robot: ModuleType) -> None:
 
 
 def test_damping_is_relative_to_the_governors_velocity(robot: ModuleType) -> None:
+    """The goal moves at 0.1 rad/s, the arm at 0.09: the damper acts on the difference."""
     controller = robot.Impedance(**FAST, motor_inertia=0.1)
     for k in range(300):
         target = Q + 1e-4 * k
@@ -542,6 +543,7 @@ def test_invalid_configuration_while_running(robot: ModuleType) -> None:
 
 
 def test_every_field_is_checked(robot: ModuleType) -> None:
+    """A value just beyond a field's bounds is refused by its name; so are wrong choices, shapes and unknown names."""
     for field in CONFIG:
         if field.choices:
             with pytest.raises(ValueError, match=f"{field.name}: no value 'nonsense'; it takes"):
@@ -567,6 +569,7 @@ def test_every_field_is_checked(robot: ModuleType) -> None:
 
 
 def test_configuration_while_running(robot: ModuleType) -> None:
+    """A field is set with its check, a refused value leaves the old one, and an unknown name is an error."""
     controller = robot.Impedance()
     controller.config.damping_ratio = 0.5
     np.testing.assert_array_equal(controller.config.damping_ratio, np.full(7, 0.5))
@@ -608,6 +611,7 @@ def test_a_refused_stiffness_names_what_is_allowed(robot: ModuleType, fields: di
 
 
 def test_inputs_are_required(robot: ModuleType) -> None:
+    """Each call that lacks an input, or has too many or wrong ones, says which."""
     controller = robot.Impedance()
     zero = np.zeros(7)
     with pytest.raises(TypeError, match="either q0, or equilibrium and posture"):
@@ -629,6 +633,7 @@ def test_inputs_are_required(robot: ModuleType) -> None:
 
 
 def test_outputs_print_with_names(robot: ModuleType) -> None:
+    """Status, mode and fault print as words, also combined; an unknown field is an error."""
     controller = robot.Impedance()
     controller.step(q=Q, **STILL)
     out = controller.step(q=np.full(7, np.nan), **{**STILL, "q0": Q + 0.1})
@@ -645,6 +650,7 @@ def test_outputs_print_with_names(robot: ModuleType) -> None:
 
 
 def test_steps_and_runs_agree_and_are_recorded(robot: ModuleType) -> None:
+    """One by one or in one call, the bits are the same; the trace has the last 25, and restart begins anew."""
     inputs = walk(np.random.default_rng(8), robot, 40)
     del inputs["sample_valid"]
     a, b = robot.Impedance(record=25), robot.Impedance()
@@ -669,6 +675,7 @@ def test_threads_do_not_disturb_one_another(robot: ModuleType) -> None:
 
 
 def test_the_tables_of_fields_and_bits(robot: ModuleType) -> None:
+    """Python has the names of the tables, in their order, and the robot's limits as defaults."""
     controller = robot.Impedance(record=1)
     assert tuple(controller.config) == tuple(field.name for field in CONFIG)
     assert controller.trace[0].names == tuple(field.name for field in INPUT if field.when != "tool")
@@ -791,6 +798,7 @@ def chain_of(joints: int, folder: Path) -> Path:
 
 @pytest.mark.wide(instead="test_several_tips_and_tools")
 def test_controller_of_40_joints_and_none_beyond(tmp_path: Path) -> None:
+    """A chain of 40 joints has the springs' torque; one of 41 has no controller, and its README says why."""
     folder = stiffgen.generate(chain_of(40, tmp_path), output=tmp_path)
     arm = open_robot(folder).module
     random = np.random.default_rng(0)
