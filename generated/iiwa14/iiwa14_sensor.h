@@ -6,6 +6,8 @@
 #ifndef IIWA14_SENSOR_H
 #define IIWA14_SENSOR_H
 
+#include "iiwa14.h"
+
 #include <math.h>
 #include <stddef.h>
 #include <stdlib.h>
@@ -15,7 +17,7 @@
 #define IIWA14_HAS_SENSOR 0
 
 /* Rotate the columns of A and of V until those of A are orthogonal: A V, one-sided Jacobi. */
-static inline void iiwa14_orthogonalise(double A[7][6], double V[6][6])
+static inline void iiwa14_orthogonalise(double A[IIWA14_DOF][6], double V[6][6])
 {
     int is_turning = 1;
     for (int sweep = 0; is_turning && sweep < 20; ++sweep) {
@@ -23,7 +25,7 @@ static inline void iiwa14_orthogonalise(double A[7][6], double V[6][6])
         for (int p = 0; p < 5; ++p) {
             for (int k = p + 1; k < 6; ++k) {
                 double first = 0.0, second = 0.0, both = 0.0;
-                for (int i = 0; i < 7; ++i) {
+                for (int i = 0; i < IIWA14_DOF; ++i) {
                     first += A[i][p] * A[i][p];
                     second += A[i][k] * A[i][k];
                     both += A[i][p] * A[i][k];
@@ -34,7 +36,7 @@ static inline void iiwa14_orthogonalise(double A[7][6], double V[6][6])
                 const double ratio = (second - first) / (2.0 * both);
                 const double t = copysign(1.0, ratio) / (fabs(ratio) + sqrt(1.0 + ratio * ratio));
                 const double c = 1.0 / sqrt(1.0 + t * t), s = c * t;
-                for (int i = 0; i < 7; ++i) {
+                for (int i = 0; i < IIWA14_DOF; ++i) {
                     const double x = A[i][p], y = A[i][k];
                     A[i][p] = c * x - s * y;
                     A[i][k] = s * x + c * y;
@@ -56,21 +58,21 @@ static inline void iiwa14_orthogonalise(double A[7][6], double V[6][6])
  * jacobian: hybrid Jacobian of the tip, 6 rows
  * torque: external torques, measured less modelled ones [N m or N]
  * deviation: standard deviations of the torques, all above 0 [N m or N]; NULL: all are 1
- * damping: a component of singular value s of J^T, its rows divided by the deviations, shrinks by s^2 / (s^2 + damping^2);
- *     0: none
+ * damping: a component of singular value s of J^T, its rows divided by the deviations, shrinks by
+ *     s^2 / (s^2 + damping^2); 0: none
  * wrench: (force, moment) in base axes, moment about the tip's origin [N, N m]; NaN if an argument is not finite, and
  *     without damping where the condition is 1e10 or more
  * unexplained: torque - J^T wrench; NULL: not wanted
- * Return the condition number of J^T, its rows divided by the deviations: infinity with fewer than six joints, NaN if the
- * Jacobian is not finite.
+ * Return the condition number of J^T, its rows divided by the deviations: infinity with fewer than six joints, NaN if
+ * the Jacobian is not finite.
  */
-static inline double iiwa14_external_wrench(const double jacobian[42], const double torque[7],
+static inline double iiwa14_external_wrench(const double jacobian[6 * IIWA14_DOF], const double torque[IIWA14_DOF],
     const double *deviation, double damping, double wrench[6], double *unexplained)
 {
-    double A[7][6], V[6][6] = {{0.0}}, of_jacobian = 0.0, of_torque = 0.0 * damping; /* zero, or NaN */
-    for (int i = 0; i < 7; ++i) {
+    double A[IIWA14_DOF][6], V[6][6] = {{0.0}}, of_jacobian = 0.0, of_torque = 0.0 * damping; /* zero, or NaN */
+    for (int i = 0; i < IIWA14_DOF; ++i) {
         for (int k = 0; k < 6; ++k) {
-            A[i][k] = jacobian[7 * k + i] / (deviation != NULL ? deviation[i] : 1.0);
+            A[i][k] = jacobian[IIWA14_DOF * k + i] / (deviation != NULL ? deviation[i] : 1.0);
             of_jacobian += 0.0 * A[i][k];
         }
         of_torque += 0.0 * torque[i];
@@ -83,16 +85,17 @@ static inline double iiwa14_external_wrench(const double jacobian[42], const dou
     double squares[6], largest = 0.0, smallest = (double)INFINITY;
     for (int k = 0; k < 6; ++k) {
         squares[k] = 0.0;
-        for (int i = 0; i < 7; ++i) {
+        for (int i = 0; i < IIWA14_DOF; ++i) {
             squares[k] += A[i][k] * A[i][k];
         }
         largest = squares[k] > largest ? squares[k] : largest;
         smallest = squares[k] < smallest ? squares[k] : smallest;
     }
-    const double condition = of_jacobian + (smallest > 0.0 ? sqrt(largest / smallest) : (double)INFINITY);
+    const int is_bounded = IIWA14_DOF >= 6 && smallest > 0.0;
+    const double condition = of_jacobian + (is_bounded ? sqrt(largest / smallest) : (double)INFINITY);
     for (int k = 0; k < 6; ++k) {
         double along = 0.0;
-        for (int i = 0; i < 7; ++i) {
+        for (int i = 0; i < IIWA14_DOF; ++i) {
             along += A[i][k] * torque[i] / (deviation != NULL ? deviation[i] : 1.0);
         }
         along /= damping > 0.0 || condition < 1e10 ? squares[k] + damping * damping : (double)NAN;
@@ -100,10 +103,10 @@ static inline double iiwa14_external_wrench(const double jacobian[42], const dou
             wrench[i] += V[i][k] * along;
         }
     }
-    for (int i = 0; unexplained != NULL && i < 7; ++i) {
+    for (int i = 0; unexplained != NULL && i < IIWA14_DOF; ++i) {
         unexplained[i] = torque[i];
         for (int k = 0; k < 6; ++k) {
-            unexplained[i] -= jacobian[7 * k + i] * wrench[k];
+            unexplained[i] -= jacobian[IIWA14_DOF * k + i] * wrench[k];
         }
     }
     return condition;
@@ -141,8 +144,8 @@ static inline int iiwa14_filter_accepts(double frequency, double sample_time)
 }
 
 /*
- * First-order low pass, exact for an input that is held between samples. frequency: [Hz] corner, below half the sampling
- * rate; sample_time: [s]. Return 0, and leave the filter unchanged, for another frequency.
+ * First-order low pass, exact for an input that is held between samples. frequency: [Hz] corner, below half the
+ * sampling rate; sample_time: [s]. Return 0, and leave the filter unchanged, for another frequency.
  */
 static inline int iiwa14_low_pass_1(iiwa14_filter *filter, double frequency, double sample_time)
 {
@@ -231,8 +234,8 @@ static inline int iiwa14_numbers_of(const char *text, const char *key, double *v
 }
 
 /*
- * Read bias (6) and payload (4) from the text of a file that 'stiffgen calibrate' wrote; text ends with a zero. Return 0
- * if one is missing: neither can then be used. strtod reads numbers in the program's locale.
+ * Read bias (6) and payload (4) from the text of a file that 'stiffgen calibrate' wrote; text ends with a zero. Return
+ * 0 if one is missing: neither can then be used. strtod reads numbers in the program's locale.
  */
 static inline int iiwa14_read_calibration(const char *text, double bias[6], double payload[4])
 {

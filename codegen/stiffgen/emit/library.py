@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 _FUNCTIONS = "/* ---- functions, by file ---- */"
-_DEFINITION = re.compile(r"^(?=(?!static\b)(?:const )?\w+ \*?(?!CALL\()\w+\()", re.MULTILINE)
+_DEFINITION = re.compile(r"^(?=(?!static\b)(?:const )?\w+ \*?\w+\()", re.MULTILINE)
+_OWN_DEFINITION = re.compile(r"^(?=(?!static\b)(?:const )?\w+ \*?(?!CALL\()\w+\()", re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -19,12 +20,14 @@ class Library:
         folder: folder of the files.
         header: name of their header: types and constants, then the declarations of functions and of the robot's tables.
         sources: files in the order in which the generated file contains them: no function is used before its file.
+        inline: whether the generated file is a header, in which all functions are static and inline.
 
     """
 
     folder: Path
     header: str
     sources: tuple[str, ...]
+    inline: bool = False
 
     def interface(self, name: str) -> str:
         """Return types and constants of the header for a robot's name."""
@@ -37,7 +40,8 @@ class Library:
     def functions(self, name: str, sources: tuple[str, ...] = ()) -> str:
         """Return the functions of some or all sources for a robot's name: static, unless their name is the robot's."""
         texts = [self._text(source).replace(f'#include "{self.header}"\n', "") for source in sources or self.sources]
-        return whole_names(_DEFINITION.sub("static ", "\n".join(texts)), name)
+        pattern, words = (_DEFINITION, "static inline ") if self.inline else (_OWN_DEFINITION, "static ")
+        return whole_names(pattern.sub(words, "\n".join(texts)), name)
 
     def _text(self, file: str) -> str:
         return (self.folder / file).read_text(encoding="utf-8")

@@ -11,9 +11,6 @@ import stiffgen
 PACKAGE = Path(stiffgen.__file__).parent
 MARKER = re.compile(r"\{\{|\{%|\{#")
 LONG, LEAST = 150, 0.25
-EXCEPTIONS = {
-    "emit/c/templates/sensor.h.j2": "a header of inline functions, each of which bears the robot's name",
-}
 
 
 def share(text: str) -> float:
@@ -30,5 +27,4 @@ def test_long_templates_are_no_programs() -> None:
     assert len(texts) > 50
     assert len(long) > 5
     found = {name: f"{share(text):.0%}" for name, text in long.items() if share(text) < LEAST}
-    assert {name: each for name, each in found.items() if name not in EXCEPTIONS} == {}
-    assert set(EXCEPTIONS) <= set(found), "an exception that is none"
+    assert found == {}

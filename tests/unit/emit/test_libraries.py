@@ -8,12 +8,13 @@ from pathlib import Path
 
 import pytest
 
+from stiffgen.emit.c.backend import SENSOR
 from stiffgen.emit.casadi.backend import CALLS
 from stiffgen.emit.python.backend import MODULE
 from support.c_library import check_compiles, check_contained, check_order, check_sizes, check_tool
 from support.project import ROOT
 
-LIBRARIES = {"module": MODULE, "wrappers": CALLS}
+LIBRARIES = {"module": MODULE, "wrappers": CALLS, "sensor": SENSOR}
 
 
 @pytest.mark.parametrize("which", LIBRARIES)
@@ -35,7 +36,7 @@ def test_the_generated_module_contains_the_library() -> None:
     check_contained(MODULE, (ROOT / "generated" / "iiwa14" / "python" / "iiwa14_python.c").read_text())
 
 
-@pytest.mark.parametrize(("which", "public"), [("module", 12), ("wrappers", 0)])
+@pytest.mark.parametrize(("which", "public"), [("module", 12), ("wrappers", 0), ("sensor", 0)])
 def test_no_file_calls_one_behind_it(which: str, public: int) -> None:
     check_order(LIBRARIES[which], public)
 

@@ -12,6 +12,7 @@ from typing import Any
 from stiffgen.emit.backend import Backend, Request
 from stiffgen.emit.c import CFunction, suffix_of
 from stiffgen.emit.c.dispatch import DispatchedFunction, batch_function, batch_self_check, single_functions
+from stiffgen.emit.library import Library
 from stiffgen.emit.pages import Definition, shared_functions
 from stiffgen.emit.texts import declared, definition_comment, prototype, wrapped
 from stiffgen.lower.variant import Variant
@@ -19,6 +20,9 @@ from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import Kernel
 from stiffgen.symbolic.program import Array
+
+SENSOR = Library(Path(__file__).parent / "library", "sensor.h", ("sensor.c",), inline=True)
+"""Inline functions of every NAME_sensor.h."""
 
 
 @dataclass(frozen=True)
@@ -124,6 +128,7 @@ def _variables(request: Request) -> dict[str, Any]:
         "calls": _with_called_helpers(single.calls | batch.calls),
         "rounding": request.ranges.lines(request.scalar),
         "digits": request.scalar.digits,
+        "sensor_functions": SENSOR.functions(request.name),
         "sensor_text": json.dumps(request.chain.sensor.text) if request.chain.sensor else "",
     }
 
