@@ -3209,6 +3209,8 @@ static const double FLAT_SHARE = 1e-9; /* added to J^T J of a posture, over its 
 static const double SELF_MOTION_NEAR = 0.1; /* [m] or [rad] from a pose at which self-motion begins */
 static const double LONGEST_STEP = 0.5; /* [rad] or [m] of a search */
 static const double NEAR_TIME = 0.1; /* [s] of travel that one step of self-motion looks ahead */
+static const double OTHER_POSTURE = 0.3; /* [rad] or [m] from the arm from which on a posture is another one */
+static const double NEARER = 0.8; /* of a distance: a posture that is so much nearer is gone to directly */
 /* Sine of a rotation up to which, near half a turn, it has lost the digits of the axis; sine too small to divide by. */
 static const double HALF_TURN_SINE = 1e-6, NO_SINE = 1e-150;
 
@@ -3425,6 +3427,47 @@ static double find_posture_step(const config_t *c, const memory_t *m, const doub
         memset(step, 0, N * sizeof(double));
     }
     return distance;
+}
+
+/*
+ * Out of reach, where the wanted posture is nearer to the commanded pose than the posture is: replace its step by the
+ * way there. A stretched arm is a saddle of the pose's error, from which damped steps lead back slowly, or to the other
+ * side. The wanted posture q0 is what the command states: no other configuration is searched. here: poses of the
+ * tips in the posture.
+ */
+static void step_to_wanted(const memory_t *m, const double *q0, const double *here, const double *goal,
+                    double *step)
+{
+    double wanted[N], poses[16 * TIPS];
+    for (int i = 0; i < N; ++i) {
+        wanted[i] = clamp(q0[i], m->avoidance[4 * i], m->avoidance[4 * i + 1]);
+    }
+    stiffgen_poses(wanted, m, poses);
+    if (pose_distance(poses, goal) < NEARER * pose_distance(here, goal)) {
+        for (int i = 0; i < N; ++i) {
+            step[i] = wanted[i] - m->posture[i];
+        }
+    }
+}
+
+/* Return whether the arm is so far from its posture that this is another one. */
+static int is_far_behind(const memory_t *m)
+{
+    double most = 0.0;
+    for (int i = 0; i < N; ++i) {
+        most = larger(most, fabs(m->posture[i] - m->q[i]));
+    }
+    return most > OTHER_POSTURE;
+}
+
+/* Return whether a step leads the posture away from an arm that is far behind it. */
+static int leads_away(const memory_t *m, const double *step)
+{
+    double away = 0.0;
+    for (int i = 0; i < N; ++i) {
+        away += step[i] * (m->posture[i] - m->q[i]);
+    }
+    return away > 0.0 && is_far_behind(m);
 }
 
 /*
@@ -3828,7 +3871,6 @@ static const double SAME_POSE = 1e-6; /* [m] or [rad] per call up to which a com
 static const double STATIONARY = 1e-5; /* [s] of travel below which a posture does not move on */
 static const double PATH_LEAD = 0.03; /* [m] or [rad] from posture to equilibrium: it slows, and at twice this waits */
 static const double SLOWEST = 0.1; /* share of its velocity limits that an equilibrium keeps until it waits */
-static const double OTHER_POSTURE = 0.3; /* [rad] or [m] from the arm from which on a posture is another one */
 static const double RESTING = 0.03; /* [rad/s] or [m/s] up to which an arm rests */
 static const double UNLOADED = 0.5; /* [N m] or [N] up to which an arm at rest has no load */
 static const double CREEPING = 1e-3; /* [s] of travel: a slower posture that is waited for is at its end */
@@ -3928,21 +3970,11 @@ static void approach_step(const config_t *c, const double *step, double size, do
     ramp_towards(slope, N, 1, target, c->reference_velocity_limit, velocity);
 }
 
-/* Return the largest distance of a joint from its posture [rad] or [m]. */
-static double arm_distance(const memory_t *m)
-{
-    double most = 0.0;
-    for (int i = 0; i < N; ++i) {
-        most = larger(most, fabs(m->posture[i] - m->q[i]));
-    }
-    return most;
-}
-
 /* Return whether the arm rests without a load in another posture than the reference's. */
 static int rests_elsewhere(const step_t *s)
 {
     const memory_t *const m = s->m;
-    return arm_distance(m) > OTHER_POSTURE && norm(N, m->dq) < RESTING && norm(N, s->transit) < UNLOADED;
+    return is_far_behind(m) && norm(N, m->dq) < RESTING && norm(N, s->transit) < UNLOADED;
 }
 
 /*
@@ -3965,6 +3997,9 @@ static int approach_posture(step_t *s, const double *here, double lead, int arri
     const int waits = m->beyond && lead > PATH_LEAD, awaited = !m->beyond && lead >= 2.0 * PATH_LEAD;
     const double *const goal = m->beyond ? s->goal : m->equilibrium;
     const double distance = find_posture_step(c, m, m->posture, here, goal, s->q0, s->scratch, step);
+    if (m->beyond) {
+        step_to_wanted(m, s->q0, here, goal, step);
+    }
     const double size = relative_size(N, 1, step, c->reference_velocity_limit);
     const int stands = size <= (awaited ? CREEPING : STATIONARY);
     const int ends_short = stands && distance > REACHED && !m->beyond; /* beyond the reach from this call on */
@@ -3976,7 +4011,7 @@ static int approach_posture(step_t *s, const double *here, double lead, int arri
         memset(step, 0, sizeof step);
     }
     /* a posture that leads is slow until the arm has followed */
-    approach_step(c, step, size, m->beyond && arm_distance(m) > OTHER_POSTURE ? SLOWEST : 1.0, m->posture_velocity);
+    approach_step(c, step, size, m->beyond && leads_away(m, step) ? SLOWEST : 1.0, m->posture_velocity);
     return moving;
 }
 

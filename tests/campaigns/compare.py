@@ -83,6 +83,20 @@ class Bench:
         goal = turned(self.pose, (0.0, 0.08, -0.06))
         return float(self.away(self.run(5000, goal), goal)[-500:].mean())
 
+    def overshoot(self) -> float:
+        """Return how far [mm] the tip goes beyond the end of a step of 10 cm."""
+        way = np.array((0.0, 0.08, -0.06))
+        moved = self.run(3000, turned(self.pose, way))["pose"].reshape(-1, 4, 4)[:, :3, 3] - self.pose[:3, 3]
+        return 1e3 * float((moved @ way).max() / np.linalg.norm(way) - np.linalg.norm(way))
+
+    def back(self, after: float) -> float:
+        """Return the tip's error [mm] some time after a target that was 0.5 m out of reach is back at the start."""
+        outwards = self.pose[:3, 3] / np.linalg.norm(self.pose[:3, 3])
+        time = np.arange(6000 + round(1e3 * after) + 1) * 1e-3
+        share = np.where(time < 6.0, 0.5 * (1.0 - np.cos(2 * np.pi * time / 6.0)), 0.0)
+        goal = np.array([turned(self.pose, 0.5 * x * outwards) for x in share])
+        return float(self.away(self.run(len(goal), goal), goal)[-1])
+
     def line(self) -> float:
         way = 0.2 * np.clip((np.arange(3000) - 500) * 1e-3, 0, 1)[:, None, None] * np.eye(4)[[1]].T * np.eye(4)[3]
         goal = self.pose + way
@@ -159,6 +173,7 @@ class Bench:
 
 ROWS: dict[str, Callable[[Bench], float]] = {
     "step of 10 cm: error at rest [mm]": Bench.step,
+    "the same: overshoot [mm]": Bench.overshoot,
     "line at 0.2 m/s: rms error [mm]": Bench.line,
     "wall of 1e4 N/m: swing of the force at rest [N]": lambda b: b.wall(1e4),
     "wall of 1e5 N/m [N]": lambda b: b.wall(1e5),
@@ -169,6 +184,8 @@ ROWS: dict[str, Callable[[Bench], float]] = {
     "target moved by 15 cm under 20, 50 and 80 N: self-motion [rad/s]": Bench.loaded,
     "target 0.3 rad beyond a joint's limit: joint beyond its limit by [mrad]": Bench.limit,
     "target 1 m out of reach: largest speed over its limit": Bench.singular,
+    "target 0.5 m out and back within 6 s: error on its return [mm]": lambda b: b.back(0.0),
+    "the same, 2 s later [mm]": lambda b: b.back(2.0),
     "target half a turn away: largest speed over its limit": Bench.half_turn,
     "targets at 10 Hz: largest speed over its limit": lambda b: b.fast_targets()[0],
     "targets at 10 Hz: time in saturation [%]": lambda b: b.fast_targets()[1],

@@ -15,7 +15,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "4e663f3800a842d4"
+#define SOURCES "7417d534a8a0b7b8"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

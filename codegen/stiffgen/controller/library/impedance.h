@@ -256,6 +256,10 @@ double pose_distance(const double *from, const double *to);
 void move_pose(const double *pose, const double *twist, double *moved);
 double find_posture_step(const config_t *c, const memory_t *m, const double *q, const double *here, const double *goal,
                          const double *wanted, double *work, double *step);
+void step_to_wanted(const memory_t *m, const double *q0, const double *here, const double *goal,
+                    double *step);
+int is_far_behind(const memory_t *m);
+int leads_away(const memory_t *m, const double *step);
 int search_posture(const config_t *c, const double *poses, const double *tool, const double *start, double *posture);
 
 /* governor.c */

@@ -10,6 +10,8 @@ static const double FLAT_SHARE = 1e-9; /* added to J^T J of a posture, over its 
 static const double SELF_MOTION_NEAR = 0.1; /* [m] or [rad] from a pose at which self-motion begins */
 static const double LONGEST_STEP = 0.5; /* [rad] or [m] of a search */
 static const double NEAR_TIME = 0.1; /* [s] of travel that one step of self-motion looks ahead */
+static const double OTHER_POSTURE = 0.3; /* [rad] or [m] from the arm from which on a posture is another one */
+static const double NEARER = 0.8; /* of a distance: a posture that is so much nearer is gone to directly */
 /* Sine of a rotation up to which, near half a turn, it has lost the digits of the axis; sine too small to divide by. */
 static const double HALF_TURN_SINE = 1e-6, NO_SINE = 1e-150;
 
@@ -226,6 +228,47 @@ double find_posture_step(const config_t *c, const memory_t *m, const double *q, 
         memset(step, 0, N * sizeof(double));
     }
     return distance;
+}
+
+/*
+ * Out of reach, where the wanted posture is nearer to the commanded pose than the posture is: replace its step by the
+ * way there. A stretched arm is a saddle of the pose's error, from which damped steps lead back slowly, or to the other
+ * side. The wanted posture q0 is what the command states: no other configuration is searched. here: poses of the
+ * tips in the posture.
+ */
+void step_to_wanted(const memory_t *m, const double *q0, const double *here, const double *goal,
+                    double *step)
+{
+    double wanted[N], poses[16 * TIPS];
+    for (int i = 0; i < N; ++i) {
+        wanted[i] = clamp(q0[i], m->avoidance[4 * i], m->avoidance[4 * i + 1]);
+    }
+    stiffgen_poses(wanted, m, poses);
+    if (pose_distance(poses, goal) < NEARER * pose_distance(here, goal)) {
+        for (int i = 0; i < N; ++i) {
+            step[i] = wanted[i] - m->posture[i];
+        }
+    }
+}
+
+/* Return whether the arm is so far from its posture that this is another one. */
+int is_far_behind(const memory_t *m)
+{
+    double most = 0.0;
+    for (int i = 0; i < N; ++i) {
+        most = larger(most, fabs(m->posture[i] - m->q[i]));
+    }
+    return most > OTHER_POSTURE;
+}
+
+/* Return whether a step leads the posture away from an arm that is far behind it. */
+int leads_away(const memory_t *m, const double *step)
+{
+    double away = 0.0;
+    for (int i = 0; i < N; ++i) {
+        away += step[i] * (m->posture[i] - m->q[i]);
+    }
+    return away > 0.0 && is_far_behind(m);
 }
 
 /*
