@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import ctypes
+import inspect
 import re
 import subprocess
 from concurrent.futures import ThreadPoolExecutor
@@ -814,6 +815,22 @@ def test_controller_of_40_joints_and_none_beyond(tmp_path: Path) -> None:
     assert "40 coordinates" in (beyond / "README.md").read_text()
 
 
+def steps_arguments(arm: Any, q0: np.ndarray, tool: np.ndarray, **more: Any) -> tuple[bool, str]:
+    """Whether a step's signature has the tool's pose, and what a step says that takes it wrongly."""
+    parameter = inspect.signature(arm.Impedance.step).parameters.get("tool_pose")
+    assert parameter is None or (parameter.default, parameter.annotation) == (parameter.empty, "ArrayLike")
+    wrong = {"tool_pose": tool} if parameter is None else {}
+    with pytest.raises(TypeError) as error:
+        arm.Impedance(**more).step(q=q0, dq=0 * q0, q0=q0, translation_stiffness=KT, rotation_stiffness=KO, **wrong)
+    return parameter is not None, str(error.value)
+
+
+def test_a_step_takes_a_tool_only_of_robots_that_have_it_at_run_time(robot: ModuleType) -> None:
+    """test_several_tips_and_tools has a robot with one."""
+    message = "Impedance.step() got an unexpected keyword argument 'tool_pose'"
+    assert steps_arguments(robot, np.zeros(7), np.eye(4)) == (False, message)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("runtime_tool", [False, True])
 def test_several_tips_and_tools(tmp_path: Path, runtime_tool: bool) -> None:
@@ -829,6 +846,11 @@ def test_several_tips_and_tools(tmp_path: Path, runtime_tool: bool) -> None:
     Kt, Ko = np.stack([KT, KT / 2]), np.stack([KO, KO * 2])
     springs = {"translation_stiffness": Kt, "rotation_stiffness": Ko, **extra}
     limits = {"effort_limit": 100.0, "torque_rate_limit": 1e6, "velocity_limit": 2.0, "reference_velocity_limit": 1.0}
+    if runtime_tool:
+        assert steps_arguments(arm, q0, tools, motor_inertia=0.3, limit_stiffness=0.0, **limits) == (
+            True,
+            "a step needs tool_pose",
+        )
     controller = arm.Impedance(motor_inertia=0.3, limit_stiffness=0.0, **limits)
     way = random.uniform(-0.03, 0.03, n)
     for k in range(300):
