@@ -5043,6 +5043,8 @@ static void describe_refusal(int refusal, int argument, int entry, double seen, 
 enum { PARTS = 4 };
 static const double SHORTEST_INTERVAL = 1.0 / 60.0; /* [s] of an interpolation: the period of the fastest commander */
 
+static const double LEAD = 0.5; /* of a period that a smoothed pose is ahead of its time stamp: its noise needs time */
+
 /* Return a setting; the default replaces a number that is not finite or out of bounds. */
 static double read_setting(double x, double most, double replacement)
 {
@@ -5137,20 +5139,46 @@ static void begin_at(int count, const double *commanded, double before, double a
     }
 }
 
+static double smoothing(const policy_t *p)
+{
+    return read_setting(p->smoothing, 0.9, 0.0);
+}
+
+/*
+ * Compute the way (hybrid axes) of a tip's pose since its interpolation began, and its rate. Without smoothing a
+ * straight line; with it a cubic with the velocities of both ends, and beyond its end a stop within another interval.
+ */
+static void find_way(const policy_t *p, int tip, double *way, double *rate)
+{
+    const double T = larger(p->interval[IIWA14_PART_POSE], SHORTEST_INTERVAL), x = progress(p, IIWA14_PART_POSE);
+    const double late = clamp((p->now - p->begin[IIWA14_PART_POSE]) / T - 1.0, 0.0, 1.0);
+    const double *const v0 = p->from_velocity + 6 * tip, *const v1 = p->velocity + 6 * tip;
+    double all[6];
+    pose_difference(p->from_equilibrium + 16 * tip, p->to_equilibrium + 16 * tip, all);
+    for (int i = 0; i < 6; ++i) {
+        if (smoothing(p) <= 0.0) {
+            way[i] = x * all[i];
+            rate[i] = x < 1.0 ? all[i] / T : 0.0;
+            continue;
+        }
+        const double bend = x * (1.0 - x) * ((1.0 - x) * v0[i] - x * v1[i]), stop = late * (1.0 - 0.5 * late) * v1[i];
+        way[i] = x * x * (3.0 - 2.0 * x) * all[i] + T * (bend + stop);
+        rate[i] = 6.0 * x * (1.0 - x) * (all[i] / T) + (1.0 - x) * (1.0 - 3.0 * x) * v0[i] +
+                  (late > 0.0 ? 1.0 - late : x * (3.0 * x - 2.0)) * v1[i];
+    }
+}
+
 /* Compute what the port commands at its time. */
 static void interpolate(policy_t *p)
 {
     const double x = progress(p, IIWA14_PART_POSE), y = progress(p, IIWA14_PART_STIFFNESS);
     const double share = stiffness_share(p);
     for (int t = 0; t < TIPS; ++t) {
-        double twist[6];
-        pose_difference(p->from_equilibrium + 16 * t, p->to_equilibrium + 16 * t, twist);
-        for (int i = 0; i < 6; ++i) {
-            twist[i] *= x;
-        }
-        move_pose(p->from_equilibrium + 16 * t, twist, p->equilibrium + 16 * t);
+        double way[6], rate[6];
+        find_way(p, t, way, rate);
+        move_pose(p->from_equilibrium + 16 * t, way, p->equilibrium + 16 * t);
     }
-    if (x >= 1.0) {
+    if (x >= 1.0 && smoothing(p) <= 0.0) {
         memcpy(p->equilibrium, p->to_equilibrium, sizeof p->equilibrium);
     }
     mix(9 * TIPS, y, share, p->from_translation, p->to_translation, p->translation_stiffness);
@@ -5176,9 +5204,38 @@ static int check_time(const policy_t *p, int part, double time, int timed)
     return p->now - time > hold_time(p) + fade_time(p) ? IIWA14_REFUSED_STALE : IIWA14_REFUSED_NONE;
 }
 
+/*
+ * Take an accepted pose for a measurement of the commander's motion (an alpha-beta filter): correct the predicted pose
+ * and its velocity by a share of what the proposal departs from it. elapsed [s]: since the last time stamp; 0: anew.
+ */
+static void estimate_motion(policy_t *p, int tip, const double *accepted, double elapsed)
+{
+    const double alpha = 1.0 - smoothing(p), beta = alpha * alpha / (2.0 - alpha);
+    double *const estimate = p->estimate + 16 * tip, *const velocity = p->velocity + 6 * tip;
+    double way[6] = {0.0}, predicted[16], departure[6];
+    if (elapsed <= 0.0 || alpha >= 1.0) {
+        memcpy(estimate, accepted, 16 * sizeof(double));
+        memcpy(p->to_equilibrium + 16 * tip, accepted, 16 * sizeof(double));
+        memset(velocity, 0, 6 * sizeof(double));
+        return;
+    }
+    add_scaled(6, elapsed, velocity, way);
+    move_pose(estimate, way, predicted);
+    pose_difference(predicted, accepted, departure);
+    add_scaled(6, beta / elapsed, departure, velocity);
+    for (int i = 0; i < 6; ++i) {
+        departure[i] *= alpha;
+        way[i] = LEAD * elapsed * velocity[i];
+    }
+    move_pose(predicted, departure, estimate);
+    move_pose(estimate, way, p->to_equilibrium + 16 * tip);
+}
+
 /* Accept the poses of all tips, or none; the interpolation begins at the commanded ones. Return why not. */
 static int propose_pose(policy_t *p, const proposal_t *proposal, refusal_t *r)
 {
+    const double elapsed = proposal->time[IIWA14_PART_POSE] - p->time[IIWA14_PART_POSE];
+    const int begins = p->stage[IIWA14_PART_POSE] == IIWA14_STAGE_WAITING || elapsed > hold_time(p);
     double accepted[16 * TIPS];
     for (int t = 0; t < TIPS; ++t) {
         const double reach = stiffgen_reach(t, NULL) + REACH_MARGIN;
@@ -5186,8 +5243,13 @@ static int propose_pose(policy_t *p, const proposal_t *proposal, refusal_t *r)
             return IIWA14_REFUSED_POSE;
         }
     }
-    memcpy(p->from_equilibrium, p->equilibrium, sizeof p->from_equilibrium);
-    memcpy(p->to_equilibrium, accepted, sizeof p->to_equilibrium);
+    for (int t = 0; t < TIPS; ++t) {
+        double way[6], rate[6];
+        find_way(p, t, way, rate);
+        memcpy(p->from_velocity + 6 * t, rate, sizeof rate);
+        memcpy(p->from_equilibrium + 16 * t, p->equilibrium + 16 * t, 16 * sizeof(double));
+        estimate_motion(p, t, accepted + 16 * t, begins ? 0.0 : larger(elapsed, SHORTEST_INTERVAL));
+    }
     return IIWA14_REFUSED_NONE;
 }
 
@@ -5286,6 +5348,7 @@ static int start_policy(policy_t *p, const double *poses, double now)
     if (!good) {
         return IIWA14_E_POLICY;
     }
+    memcpy(fresh.estimate, fresh.equilibrium, sizeof fresh.equilibrium);
     memcpy(fresh.from_equilibrium, fresh.equilibrium, sizeof fresh.equilibrium);
     memcpy(fresh.to_equilibrium, fresh.equilibrium, sizeof fresh.equilibrium);
     *p = fresh;

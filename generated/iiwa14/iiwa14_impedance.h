@@ -603,6 +603,9 @@ typedef struct {
     double longest_interval;
     /* [s] setting: how far a time stamp may lie in the future; 0.005. */
     double clock_tolerance;
+    /* setting: share of a pose's departure from the predicted one that is taken for noise, 0 to 0.9; 0: none,
+     * each pose is reached on a straight line; 0.5 for a policy whose poses scatter. */
+    double smoothing;
     /* [s] latest time seen; the port's time never goes back. */
     double now;
     /* [s] time stamp of the accepted part. */
@@ -643,8 +646,14 @@ typedef struct {
     double from_rotation[9];
     /* [N, N m] wrench_command at which the interpolation began. */
     double from_wrench[6];
-    /* [m] (4 x 4) accepted pose, orthonormal. */
+    /* [m] (4 x 4) pose at the end: the accepted one, orthonormal; smoothed, half a period ahead. */
     double to_equilibrium[16];
+    /* [m] (4 x 4) pose without noise at the time stamp of the accepted one. */
+    double estimate[16];
+    /* [m/s, rad/s] estimated velocity of the proposed poses, hybrid axes. */
+    double velocity[6];
+    /* [m/s, rad/s] velocity at which the interpolation of the pose began. */
+    double from_velocity[6];
     /* [N/m] (3 x 3) accepted Kt, symmetric. */
     double to_translation[9];
     /* [N m/rad] (3 x 3) accepted Ko, symmetric. */

@@ -15,7 +15,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "7417d534a8a0b7b8"
+#define SOURCES "3850a25a8594d630"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;
@@ -2900,6 +2900,7 @@ static const field fields[] = {
     {"policy", "stale_share", "f8", offsetof(policy_t, stale_share), 0, {1, 1, 1}, 0},
     {"policy", "longest_interval", "f8", offsetof(policy_t, longest_interval), 0, {1, 1, 1}, 0},
     {"policy", "clock_tolerance", "f8", offsetof(policy_t, clock_tolerance), 0, {1, 1, 1}, 0},
+    {"policy", "smoothing", "f8", offsetof(policy_t, smoothing), 0, {1, 1, 1}, 0},
     {"policy", "now", "f8", offsetof(policy_t, now), 0, {1, 1, 1}, 0},
     {"policy", "time", "f8", offsetof(policy_t, time), 1, {4, 1, 1}, 0},
     {"policy", "begin", "f8", offsetof(policy_t, begin), 1, {4, 1, 1}, 0},
@@ -2921,6 +2922,9 @@ static const field fields[] = {
     {"policy", "from_rotation", "f8", offsetof(policy_t, from_rotation), 2, {3, 3, 1}, 0},
     {"policy", "from_wrench", "f8", offsetof(policy_t, from_wrench), 1, {6, 1, 1}, 0},
     {"policy", "to_equilibrium", "f8", offsetof(policy_t, to_equilibrium), 2, {4, 4, 1}, 0},
+    {"policy", "estimate", "f8", offsetof(policy_t, estimate), 2, {4, 4, 1}, 0},
+    {"policy", "velocity", "f8", offsetof(policy_t, velocity), 1, {6, 1, 1}, 0},
+    {"policy", "from_velocity", "f8", offsetof(policy_t, from_velocity), 1, {6, 1, 1}, 0},
     {"policy", "to_translation", "f8", offsetof(policy_t, to_translation), 2, {3, 3, 1}, 0},
     {"policy", "to_rotation", "f8", offsetof(policy_t, to_rotation), 2, {3, 3, 1}, 0},
     {"policy", "to_wrench", "f8", offsetof(policy_t, to_wrench), 1, {6, 1, 1}, 0},

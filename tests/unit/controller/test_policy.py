@@ -149,3 +149,68 @@ def test_a_jump_costs_no_more_than_the_governor_allows(robot: ModuleType) -> Non
         assert not out.fault and not out.status & robot.Status.COMMAND_REFUSED
         most, limit = max(most, float(out.elastic_energy)), float(out.energy_limit)
     assert 0.0 < most <= limit * (1 + 1e-9)
+
+
+PERIOD, SHARE = 0.1, 0.5
+
+
+def _noisy(robot: ModuleType, count: int) -> list[np.ndarray]:
+    """Poses of a commander at 10 Hz that moves on a line and turns, and scatters by 1 cm and 0.02 rad."""
+    random, poses = np.random.default_rng(3), []
+    for k in range(count):
+        pose = _pose(robot).copy()
+        pose[:3, 3] += np.array([0.0, 0.1, -0.05]) * PERIOD * k + 0.01 * random.normal(size=3)
+        turn = Rotation.from_rotvec(0.3 * PERIOD * k * np.array([0.0, 0.6, 0.8]) + 0.02 * random.normal(size=3))
+        pose[:3, :3] = turn.as_matrix() @ pose[:3, :3]
+        poses.append(pose)
+    return poses
+
+
+def _streamed(port: Any, poses: list[np.ndarray]) -> np.ndarray:
+    """Propose a pose per period; return the commanded pose of each millisecond, the proposal's own first."""
+    rows = []
+    for k in range(round(1e3 * PERIOD) * len(poses)):
+        now = 1e-3 * k
+        if k % round(1e3 * PERIOD) == 0:
+            assert not port.propose(now=now, time=now, equilibrium=poses[k // round(1e3 * PERIOD)])
+        rows.append(port.command(now)["equilibrium"])
+    return np.array(rows)
+
+
+def test_smoothing_is_an_alpha_beta_filter(robot: ModuleType) -> None:
+    """At the end of each interpolation the pose is the filter's, half a period ahead of the proposal's stamp."""
+    poses = _noisy(robot, 12)
+    port = _port(robot, smoothing=1 - SHARE)
+    rows = _streamed(port, poses)
+    x, R = poses[0][:3, 3], Rotation.from_matrix(poses[0][:3, :3])
+    v, w, beta = np.zeros(3), np.zeros(3), SHARE**2 / (2 - SHARE)
+    for k, pose in enumerate(poses[1:-1], 1):
+        x, R = x + PERIOD * v, Rotation.from_rotvec(PERIOD * w) * R
+        away, turn = pose[:3, 3] - x, (Rotation.from_matrix(pose[:3, :3]) * R.inv()).as_rotvec()
+        x, v = x + SHARE * away, v + beta / PERIOD * away
+        R, w = Rotation.from_rotvec(SHARE * turn) * R, w + beta / PERIOD * turn
+        end = rows[round(1e3 * PERIOD) * (k + 1)]  # a new proposal begins where the last one ended
+        np.testing.assert_allclose(end[:3, 3], x + PERIOD / 2 * v, atol=1e-12)
+        ahead = (Rotation.from_rotvec(PERIOD / 2 * w) * R).as_matrix()
+        np.testing.assert_allclose(end[:3, :3], ahead, atol=1e-12)
+
+
+def test_smoothed_poses_have_no_kinks(robot: ModuleType) -> None:
+    poses = _noisy(robot, 20)
+    bends = []
+    for share in (0.0, 1 - SHARE):
+        rows = _streamed(_port(robot, smoothing=share), poses)
+        speeds = np.diff(rows[200:, :3, 3], axis=0)
+        bends.append(np.abs(np.diff(speeds, axis=0)).max())
+    assert bends[1] < bends[0] / 20
+
+
+def test_a_smoothed_pose_stops_when_its_commander_does(robot: ModuleType) -> None:
+    """Within another period, at most half a period's way beyond the end of the interpolation."""
+    port = _port(robot, smoothing=1 - SHARE)
+    rows = _streamed(port, _noisy(robot, 8))
+    last = 1e-3 * (len(rows) - 1)
+    end, speed = port.command(last + 1e-3)["equilibrium"], np.abs(port._policy["velocity"][0]).max()
+    rest = port.command(last + 1e-3 + PERIOD)["equilibrium"]
+    assert 0.0 < np.abs(rest[:3, 3] - end[:3, 3]).max() <= PERIOD / 2 * speed + 1e-12
+    np.testing.assert_array_equal(port.command(last + 0.2)["equilibrium"], rest)

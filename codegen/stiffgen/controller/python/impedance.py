@@ -318,11 +318,12 @@ class Policy:
     now : float [s]
         Time at the start.
     **settings : float
-        ``hold_time``, ``fade_time``, ``stale_share``, ``longest_interval``, ``clock_tolerance``: see the header.
+        ``hold_time``, ``fade_time``, ``stale_share``, ``longest_interval``, ``clock_tolerance``, ``smoothing``: see
+        the header.
 
     """
 
-    SETTINGS = ("hold_time", "fade_time", "stale_share", "longest_interval", "clock_tolerance")
+    SETTINGS = ("hold_time", "fade_time", "stale_share", "longest_interval", "clock_tolerance", "smoothing")
 
     def __init__(self, controller: Impedance, *, pose: ArrayLike, now: float, **settings: float) -> None:
         self._config = controller.config
@@ -334,7 +335,7 @@ class Policy:
         if code:
             raise ValueError(_c.error_text(code))
         for name, value in settings.items():
-            most = {"stale_share": 1.0, "longest_interval": 1.0}.get(name, 10.0)
+            most = {"stale_share": 1.0, "longest_interval": 1.0, "smoothing": 0.9}.get(name, 10.0)
             if name not in self.SETTINGS:
                 raise TypeError(f"no setting '{name}'; there are: {', '.join(self.SETTINGS)}")
             if not 0.0 <= value <= most:

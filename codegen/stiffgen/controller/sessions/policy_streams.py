@@ -11,7 +11,7 @@ import numpy as np
 from stiffgen.controller.sessions.library import ControllerLibrary, fill
 from stiffgen.robot.geometry import FloatArray
 
-_SETTINGS = ("hold_time", "fade_time", "stale_share", "longest_interval", "clock_tolerance")
+_SETTINGS = ("hold_time", "fade_time", "stale_share", "longest_interval", "clock_tolerance", "smoothing")
 _BAD = (math.nan, math.inf, -math.inf, -1.0, 20.0)
 _VALUES = (math.nan, -1.0, 0.0, 0.05, 0.2, 1.0, 1.5, 5.0, 10.0, 20.0)
 """Values of settings: good, at their bounds and bad."""
