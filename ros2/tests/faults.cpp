@@ -58,6 +58,24 @@ static void tells_a_fault_once_and_resets()
     check(rig.call_reset().message == "no fault was latched", "nothing to reset");
 }
 
+static void tells_the_fault_of_each_activation()
+{
+    Rig rig;
+    rig.arm.q[1] = robot::UPPER[1] + 0.5;
+    for (int activation = 1; activation < 4; ++activation) {
+        rig.read();
+        if (activation == 1) {
+            rig.start();
+        } else {
+            check(rig.activate() == Callback::SUCCESS, "activate");
+        }
+        rig.update();
+        check(rig.has_fault(), "beyond its limit");
+        check(stub::world().times("fault: ") == activation && stub::world().said("error", "beyond its limit"), "told each time");
+        check(rig.controller->on_deactivate(rig.state) == Callback::SUCCESS, "deactivate");
+    }
+}
+
 static void kuka_needs_position_and_torque()
 {
     for (const bool both : {false, true}) {
@@ -143,6 +161,7 @@ const std::vector<Scenario> FAULTS = {
     {"late_cycles_are_no_sensor_fault", late_cycles_are_no_sensor_fault},
     {"half_rate_is_a_fault_that_is_told", half_rate_is_a_fault_that_is_told},
     {"tells_a_fault_once_and_resets", tells_a_fault_once_and_resets},
+    {"tells_the_fault_of_each_activation", tells_the_fault_of_each_activation},
     {"kuka_needs_position_and_torque", kuka_needs_position_and_torque},
     {"an_interface_that_is_locked", an_interface_that_is_locked},
     {"a_wild_period_is_survived", a_wild_period_is_survived},

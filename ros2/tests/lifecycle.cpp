@@ -173,12 +173,18 @@ static void set_reference(Rig &rig, double value)
 #endif
 }
 
+static void start_chained(Rig &rig)
+{
+    check(rig.configure() == Callback::SUCCESS, "configure");
+    check(rig.controller->set_chained_mode(true), "chained");
+    check(rig.activate() == Callback::SUCCESS, "activate");
+}
+
 static void exports_references_and_follows_them()
 {
     Rig rig;
-    rig.start();
+    start_chained(rig);
     check(rig.references.size() == N, "a reference for each joint");
-    check(rig.controller->set_chained_mode(true), "chained");
     const double target = rig.arm.q[0] + 0.2;
     rig.run(100);
     check(std::abs(rig.arm.q[0] - target + 0.2) < 1e-3, "it begins where the arm is");
@@ -202,6 +208,37 @@ static void exports_references_and_follows_them()
     check(std::abs(rig.arm.q[0] - target) < 0.02 && !rig.has_fault(), "the arm stays");
 }
 
+static void references_lead_in_chained_mode()
+{
+    Rig rig;
+    rig.set("policy", true);
+    start_chained(rig);
+    const double target = rig.arm.q[0] + 0.2;
+    sensor_msgs::msg::JointState joints;
+    for (std::size_t i = 0; i < N; ++i) {
+        joints.name.push_back(robot::JOINTS[i]);
+        joints.position.push_back(rig.arm.q[i]);
+    }
+    geometry_msgs::msg::WrenchStamped wrench;
+    wrench.header.frame_id = robot::BASE_FRAME;
+    std_msgs::msg::Float64MultiArray stiffness;
+    stiffness.data.assign(36, 0.0);
+    for (std::size_t k = 0; k < 6; ++k) { stiffness.data[7 * k] = k < 3 ? 400.0 : 20.0; }
+    set_reference(rig, target);
+    for (int k = 0; k < 60; ++k) {
+        rig.publish("~/target_joint", joints);
+        rig.publish("~/target_pose", rig.pose_message());
+        rig.publish("~/target_wrench", wrench);
+        rig.publish("~/stiffness", stiffness);
+        rig.run(50);
+    }
+    check(std::abs(rig.arm.q[0] - target) < 0.02, "the arm follows the references alone");
+    for (const char *topic : {"~/target_joint", "~/target_pose"}) {
+        check(stub::world().times(topic + std::string(" is refused: another controller writes the references")) == 1, "told once");
+    }
+    check(stub::world().times("is refused") == 2, "a wrench and a stiffness are accepted");
+}
+
 const std::vector<Scenario> LIFECYCLE = {
     {"holds_without_an_allocation", holds_without_an_allocation},
     {"yields_and_returns", yields_and_returns},
@@ -214,4 +251,5 @@ const std::vector<Scenario> LIFECYCLE = {
     {"names_what_is_wrong_with_a_sensor", names_what_is_wrong_with_a_sensor},
     {"takes_a_prefix", takes_a_prefix},
     {"exports_references_and_follows_them", exports_references_and_follows_them},
+    {"references_lead_in_chained_mode", references_lead_in_chained_mode},
 };

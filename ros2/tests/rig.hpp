@@ -97,7 +97,9 @@ struct Rig {
         for (const auto &name : controller->command_interface_configuration().names) { claimed.emplace_back(commands.at(name)); }
         for (const auto &name : controller->state_interface_configuration().names) { read_only.emplace_back(states.at(name)); }
         controller->stub_assign(std::move(claimed), std::move(read_only));
-        return controller->on_activate(state);
+        const Callback done = controller->on_activate(state);
+        controller->stub_is_active = done == Callback::SUCCESS;
+        return done;
     }
 
     void start(unsigned rate = 1000)

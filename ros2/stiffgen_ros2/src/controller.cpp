@@ -137,14 +137,15 @@ StiffnessController::Callback StiffnessController::on_activate(const State &)
     robot::Joints torque;
     for (std::size_t i = 0; i < robot::DOF; ++i) { torque[i] = value_of(command_interfaces_[i]).value_or(0.0); }
     settings_.read(loop_settings_);
-    const int error = law_.start(loop_settings_, setup_.policy, measured.q, torque);
+    const bool uses_port = setup_.policy && !is_in_chained_mode(); // the port would replace the references
+    const int error = law_.start(loop_settings_, uses_port, measured.q, torque);
     if (error != robot::GOOD) { return refuse(robot::Impedance::error_text(error)); }
     for (Command old; commands_.pop(old);) {}
     write_reference(measured.q);
     time_ = 0.0;
     reset_ = false;
     failed_writes_ = 0;
-    topics_->accept(true);
+    topics_->accept(is_in_chained_mode());
     return Callback::SUCCESS;
 }
 
@@ -187,7 +188,7 @@ StiffnessController::Callback StiffnessController::release()
         for (int tries = 0; tries < 100 && !is_zero; ++tries) { is_zero = set_value(command_interfaces_[i], 0.0); }
         released = released && is_zero;
     }
-    if (topics_) { topics_->accept(false); }
+    if (topics_) { topics_->ignore(); }
     Snapshot last = law_.snapshot();
     last.is_active = false;
     snapshots_.write(last);

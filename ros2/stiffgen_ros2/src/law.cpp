@@ -15,7 +15,9 @@ int Law::start(const Settings &settings, bool policy, const robot::Joints &q, co
     }
     impedance_ = robot::Impedance(settings.config, in_force);
     sample_ = {};
+    const unsigned activation = snapshot_.activation + 1;
     snapshot_ = {};
+    snapshot_.activation = activation;
     snapshot_.is_active = true;
     sample_.command = robot::BY_POSITION;
     std::copy(q.begin(), q.end(), sample_.q0);

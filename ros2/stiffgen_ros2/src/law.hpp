@@ -23,6 +23,7 @@ static_assert(robot::DOF <= 36, "a command has room for 36 joints");
 struct Snapshot {
     robot::Report report;
     double time; ///< [s] loop's time
+    unsigned activation; ///< number of the activation, from 1
     unsigned faults; ///< faults since the activation
     unsigned refusals; ///< commands that the policy port or the controller refused since the activation
     int reason; ///< reason of the policy port for the newest of them, or none

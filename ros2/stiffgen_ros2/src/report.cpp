@@ -113,9 +113,10 @@ void Report::start()
 // Log a new fault, and a new refusal, once.
 void Report::tell_changes()
 {
-    const bool started = last_.faults < told_faults_ || last_.refusals < told_refusals_; // activated anew
-    told_faults_ = started ? 0 : told_faults_;
-    told_refusals_ = started ? 0 : told_refusals_;
+    if (last_.activation != activation_) { // the counts began again, maybe between two calls
+        activation_ = last_.activation;
+        told_faults_ = told_refusals_ = 0;
+    }
     if (last_.faults > told_faults_) {
         RCLCPP_ERROR(node_.get_logger(), "fault: %s; find the cause, then call ~/reset", fault_text(last_.report).c_str());
     }

@@ -8,6 +8,8 @@ namespace stiffgen_ros2 {
 
 namespace {
 
+constexpr const char *CHAINED = "another controller writes the references (chained mode); deactivate it first";
+
 // Rotation (rows of 4 x 4) of a quaternion whose norm is 1 up to rounding. Return false for any other.
 bool rotation(const geometry_msgs::msg::Quaternion &q, double *pose)
 {
@@ -66,12 +68,13 @@ template <class Message> void Topics::subscribe(const char *topic, std::shared_p
     });
 }
 
-// Log a reason once, until another one comes or a message is accepted.
+// Log a topic's reason once, until another one comes or a message of this topic is accepted.
 void Topics::tell(const char *topic, const std::string &reason)
 {
     const std::string line = reason.empty() ? "" : std::string(topic) + " is refused: " + reason;
-    if (line != told_ && !line.empty()) { RCLCPP_WARN(node_.get_logger(), "%s", line.c_str()); }
-    told_ = line;
+    std::string &told = told_[topic];
+    if (line != told && !line.empty()) { RCLCPP_WARN(node_.get_logger(), "%s", line.c_str()); }
+    told = line;
 }
 
 std::string Topics::check_header(const std_msgs::msg::Header &header, Command &command) const
@@ -89,6 +92,7 @@ std::string Topics::check_header(const std_msgs::msg::Header &header, Command &c
 std::string Topics::target_pose(const geometry_msgs::msg::PoseStamped &message, Command &command)
 {
     command.kind = Command::POSE;
+    if (is_chained_) { return CHAINED; }
     const auto &p = message.pose.position;
     const double position[3] = {p.x, p.y, p.z};
     if (!finite(position, 3)) { return "its position is not finite"; }
@@ -102,6 +106,7 @@ std::string Topics::target_pose(const geometry_msgs::msg::PoseStamped &message, 
 std::string Topics::target_joint(const sensor_msgs::msg::JointState &message, Command &command)
 {
     command.kind = Command::JOINTS;
+    if (is_chained_) { return CHAINED; }
     if (message.name.size() != message.position.size()) { return "it has not as many positions as names"; }
     for (std::size_t i = 0; i < robot::DOF; ++i) {
         const auto found = std::find(message.name.begin(), message.name.end(), setup_.joints[i]);

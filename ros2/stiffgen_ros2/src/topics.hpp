@@ -13,6 +13,7 @@
 #include <std_msgs/msg/float64_multi_array.hpp>
 
 #include <atomic>
+#include <map>
 #include <memory>
 #include <mutex>
 #include <string>
@@ -32,8 +33,15 @@ public:
     /// Set the limits that the checks use.
     void change(const Settings &settings);
 
-    /// Accept messages, or drop them silently.
-    void accept(bool active) { is_active_ = active; }
+    /// Accept messages. In chained mode another controller writes the joint positions, and targets are refused.
+    void accept(bool chained)
+    {
+        is_chained_ = chained;
+        is_active_ = true;
+    }
+
+    /// Drop messages silently.
+    void ignore() { is_active_ = false; }
 
 private:
     template <class Message> void subscribe(const char *topic, std::shared_ptr<rclcpp::Subscription<Message>> &subscription,
@@ -51,8 +59,8 @@ private:
     const std::atomic<double> &time_;
     std::mutex mutex_; // of the threads that write commands; the loop never takes it
     Settings settings_{};
-    std::atomic<bool> is_active_{false};
-    std::string told_;
+    std::atomic<bool> is_active_{false}, is_chained_{false};
+    std::map<std::string, std::string> told_; // by topic
     std::shared_ptr<rclcpp::Subscription<geometry_msgs::msg::PoseStamped>> pose_;
     std::shared_ptr<rclcpp::Subscription<sensor_msgs::msg::JointState>> joint_;
     std::shared_ptr<rclcpp::Subscription<geometry_msgs::msg::WrenchStamped>> wrench_;

@@ -20,7 +20,7 @@ public:
     bool is_in_chained_mode() const { return chained_; }
     bool set_chained_mode(bool chained)
     {
-        if (!on_set_chained_mode(chained)) { return false; }
+        if (stub_is_active || !on_set_chained_mode(chained)) { return false; }
         chained_ = chained;
         return true;
     }

@@ -40,6 +40,7 @@ public:
     }
 
     // What the tests' manager does.
+    bool stub_is_active = false;
     void stub_init(std::shared_ptr<rclcpp_lifecycle::LifecycleNode> node, unsigned int update_rate)
     {
         node_ = std::move(node);
