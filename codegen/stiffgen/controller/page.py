@@ -134,6 +134,7 @@ class Member:
     format: str
     extents: list[int]
     unbounded: bool
+    unit: str
     heading: str = ""
 
 
@@ -405,6 +406,7 @@ def _member(field: Field, sizes: dict[str, int], prefix: str) -> Member:
         format=_FORMATS[field.type],
         extents=extents,
         unbounded=math.isinf(field.most),
+        unit=field.unit,
     )
 
 

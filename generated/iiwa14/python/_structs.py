@@ -52,6 +52,8 @@ Refusal, Refused, Stage = (_enumeration(IntEnum, field, WORDS[field]) for field 
 PARTS = tuple(WORDS["part"])
 """Parts of a proposal, in the order of their arrays."""
 TYPES: dict[str, Any] = {"status": Status, "mode": Mode, "fault": Fault, "reason": Reason, "refusal": Refusal}
+DERIVED = ("tank_initial", "engagement_limit", "energy_limit")
+"""Energies that follow from heaviest_wrench where the configuration has 0; an output has those in force."""
 REFUSAL = ("refusal", "refusal_argument", "refusal_entry", "refusal_seen", "refusal_limit")
 
 
@@ -124,6 +126,22 @@ class Config:
             raise ValueError(_c.error_text(code))
         self._values[:] = trial
 
+    def describe(self, output: Any = None) -> str:
+        """Return all fields as text, by section, with their units; a star marks what differs from the default.
+
+        ``output`` of a step has what a controller derives where an energy is 0: :meth:`Impedance.describe`.
+        """
+        fresh, lines = Config(), []
+        for _, name, _, _, _, _, unit, heading in (row for row in _c.FIELDS if row[0] == "config"):
+            lines += ["", heading] if heading else []
+            value = getattr(self, name)
+            words = [value if isinstance(value, str) else _numbers(np.asarray(value)), unit.removeprefix("1")]
+            if output is not None and name in DERIVED and not np.any(value) and output[name] > 0.0:
+                words.append(f"({output[name]:.4g} follows)")
+            mark = "*" if np.any(value != getattr(fresh, name)) else " "
+            lines.append(f"{mark} {name:<28} {' '.join(filter(None, words))}")
+        return "\n".join(lines[1:])
+
     def __getstate__(self) -> dict[str, Any]:
         return {name: getattr(self, name) for name in self}
 
@@ -132,7 +150,7 @@ class Config:
         self.update(values)
 
     def __dir__(self) -> list[str]:
-        return [*CONFIG_FIELDS, "update"]
+        return [*CONFIG_FIELDS, "describe", "update"]
 
     def __iter__(self) -> Iterator[str]:
         return iter(CONFIG_FIELDS)
@@ -159,6 +177,13 @@ def check_inputs(step: Any, values: Mapping[str, Any], inputs: Sequence[str], ne
     missing = [name for name in needed if name not in values]
     if missing:
         raise TypeError(f"a step needs {', '.join(missing)}")
+
+
+def _numbers(value: NDArray[Any]) -> str:
+    """Return a number, or the numbers of an array once if they are equal."""
+    entries = [f"{entry:.6g}" for entry in value.ravel()]
+    equal = len(set(entries)) == 1
+    return entries[0] if equal else f"[{', '.join(entries)}]"
 
 
 def _unknown(name: str) -> str:

@@ -5,6 +5,9 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from types import ModuleType
+
+import numpy as np
 
 from support.project import ROOT
 
@@ -40,3 +43,22 @@ def test_an_output_has_four_sections():
     found = sections(HEADER, "output")
     assert list(found) == ["Torque", "Status", "Energies", "Diagnostics"]
     assert "torque" in found["Torque"] and "reason" in found["Status"] and "energy_supplied" in found["Energies"]
+
+
+def test_a_description_has_every_field_and_what_follows(robot: ModuleType):
+    """Numbers of the tank and the engagement are those of the next output; asking changes nothing."""
+    controller = robot.Impedance(heaviest_wrench=[60.0, 10.0], posture_stiffness=2.0, motor_inertia=0.1)
+    before = controller._state.copy()
+    lines = controller.describe().splitlines()
+    np.testing.assert_array_equal(controller._state, before)
+    assert lines[0].startswith("Basic") and sum(line.startswith("Expert") for line in lines) == 1
+    words = {line[2:].split(maxsplit=1)[0]: line for line in lines if line[:2] in ("  ", "* ")}
+    assert list(words) == list(controller.config)
+    assert {name for name, line in words.items() if line[0] == "*"} == {
+        "heaviest_wrench", "posture_stiffness", "motor_inertia"
+    }  # fmt: skip
+    assert words["heaviest_wrench"].endswith(" [60, 10] N, N m") and words["posture_stiffness"].endswith(" 2 N m/rad")
+    out = controller.missed()
+    for name in ("tank_initial", "engagement_limit"):
+        assert words[name].endswith(f" 0 J ({out[name]:.4g} follows)") and out[name] > 1.0
+    assert robot.Impedance(tank_initial=12.0).describe().splitlines()[-1].split() == ["*", "tank_initial", "12", "J"]

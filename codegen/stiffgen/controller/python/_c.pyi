@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 NAME: str
 MOTORS: int
-FIELDS: Sequence[tuple[str, str, str, int, tuple[int, ...], bool]]
+FIELDS: Sequence[tuple[str, str, str, int, tuple[int, ...], bool, str, str]]
 """Struct, name, NumPy's format, offset and shape of each field, and whether it may be infinite."""
 SIZES: dict[str, int]
 CHOICES: Sequence[tuple[str, str, int]]

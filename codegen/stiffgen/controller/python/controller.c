@@ -307,8 +307,8 @@ static PyObject *list_fields(void)
             PyTuple_SET_ITEM(shape, k, PyLong_FromLong(f->extent[k]));
         }
         PyObject *const item = shape == NULL ? NULL
-            : Py_BuildValue("(sssnNN)", f->structure, f->name, f->format, (Py_ssize_t)f->offset, shape,
-                PyBool_FromLong(f->unbounded));
+            : Py_BuildValue("(sssnNNss)", f->structure, f->name, f->format, (Py_ssize_t)f->offset, shape,
+                PyBool_FromLong(f->unbounded), f->unit, f->heading);
         if (append(list, item) < 0) {
             Py_CLEAR(list);
         }

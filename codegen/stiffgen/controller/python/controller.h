@@ -18,6 +18,8 @@ typedef struct {
     int rank;
     int extent[3];
     int unbounded; /* whether the field may be infinite */
+    const char *unit;
+    const char *heading; /* of the section that it begins, or "" */
 } field;
 
 typedef struct {

@@ -151,6 +151,15 @@ class Impedance:
         """Configuration; its fields can be set while the controller runs."""
         return self._config
 
+    def describe(self) -> str:
+        """Return the configuration as text: basic fields, then expert ones, with what follows from them in force.
+
+        A star marks what differs from the default. Nothing of the controller changes.
+        """
+        ahead = copy.copy(self)
+        ahead._record = (np.zeros(0, INPUT), np.zeros(0, OUTPUT))
+        return self._config.describe(ahead.missed())
+
     def restart(self, torque: ArrayLike = 0.0) -> None:
         """Restart without any sample seen; configuration and record stay."""
         initial = np.ascontiguousarray(np.broadcast_to(np.asarray(torque, float), _c.MOTORS))
