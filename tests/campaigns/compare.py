@@ -224,12 +224,14 @@ ROWS: dict[str, Callable[[Bench], float]] = {
     "orbit of a 20 N force: work put out per turn [J]": Bench.orbit,
 }
 STEPS = 200
-WITHOUT_AVX512 = "-mno-avx512f"
+COUNTED = tuple("-O3" if flag == "-O1" else flag for flag in FLAGS) + ("-mno-avx512f",)
+"""Flags of gcc for the count of instructions: a user's, but valgrind knows no AVX-512."""
+CSV = "compare.csv"
 
 
 def run_line(name: str, folder: str, law: int) -> None:
-    """Run a law along the start of a line: what valgrind counts. Valgrind knows no AVX-512."""
-    arm = Arm(name, Path(folder), flags=(*FLAGS, WITHOUT_AVX512))
+    """Run a law along the start of a line: what valgrind counts."""
+    arm = Arm(name, Path(folder), flags=COUNTED)
     bench = Bench(arm, law)
     bench.run(STEPS, [turned(bench.pose, (0, 2e-4 * k, 0)) for k in range(STEPS)])
 
@@ -238,7 +240,7 @@ def count_instructions(arm: Arm, folder: Path) -> list[float]:
     """Return the mean number of instructions of a step of each law, counted by callgrind."""
     folder = folder / "counted"
     folder.mkdir(exist_ok=True)
-    environment = os.environ | {"CC": f"gcc {WITHOUT_AVX512}"}
+    environment = os.environ | {"CC": f"gcc {COUNTED[-1]}"}
     made = []
     for law, step in enumerate((f"{arm.name}_impedance_step", "textbook", "textbook", "textbook")):
         counts = folder / f"{arm.name}.{law}"
@@ -304,7 +306,7 @@ def main() -> int:
     if options.output:
         head, *_ = options.output.read_text(encoding="utf-8").partition(MARK)
         options.output.write_text(f"{head}{MARK}\n\n{table(text)}\n", encoding="utf-8")
-        options.output.with_suffix(".csv").write_text(text, encoding="utf-8")
+        options.output.with_name(CSV).write_text(text, encoding="utf-8")
     return 0
 
 
