@@ -224,7 +224,7 @@ ROWS: dict[str, Callable[[Bench], float]] = {
     "orbit of a 20 N force: work put out per turn [J]": Bench.orbit,
 }
 STEPS = 200
-COUNTED = tuple("-O3" if flag == "-O1" else flag for flag in FLAGS) + ("-mno-avx512f",)
+COUNTED = (*("-O3" if flag == "-O1" else flag for flag in FLAGS), "-mno-avx512f")
 """Flags of gcc for the count of instructions: a user's, but valgrind knows no AVX-512."""
 CSV = "compare.csv"
 
