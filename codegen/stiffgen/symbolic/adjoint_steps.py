@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
@@ -178,12 +177,13 @@ def _straight_line(run: Gradients, step: StraightLine, variables: tuple[Array, .
     variables = _dependencies(run, step, variables)
     if not variables:
         return
+    variables = tuple(sorted(variables, key=lambda array: array.name not in run.columns))  # columns are stored first
     outputs = tuple(run.new(array) for array in variables)
     bars = [(output, bar) for output in step.outputs for bar in run.bars.get(output.name, ())]
     is_shared = not step.moves and step.name and {output for output, _ in bars} == set(step.outputs[: step.columns])
     if not is_shared:
-        columns_first = itertools.takewhile(lambda array: array.name in run.columns, variables)
-        run.steps.append(replace(_statements(step, variables, bars, outputs), columns=len(list(columns_first))))
+        count = sum(array.name in run.columns for array in variables)
+        run.steps.append(replace(_statements(step, variables, bars, outputs), columns=count))
         return
     (columns,), (result,) = step.outputs[: step.columns], outputs
     bar, q_bar = Array(bar_name(columns.name), columns.shape), Array(bar_name(Q.name), result.shape)
@@ -318,7 +318,8 @@ def _statements(
     def expressions(chain: Chain, *values: ca.SX) -> Expressions:
         """Return the gradients as columns, stacked; ``values`` are the step's arguments, then the gradients."""
         symbols = [ca.SX.sym(a.name, *extents(a.shape)) for a in step.arguments]
-        of_variables = [s for s, argument in zip(symbols, step.arguments, strict=True) if argument in variables]
+        named = dict(zip((argument.name for argument in step.arguments), symbols, strict=True))
+        of_variables = [named[array.name] for array in variables]
         forward = step.expressions(chain, *symbols)
         sums = {output.name: ca.SX.zeros(output.size) for output in step.outputs}
         for (output, _), value in zip(bars, values[count:], strict=True):

@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from stiffgen import load_chain
+from stiffgen import generate, load_chain, open_robot
 from stiffgen.errors import ChainError
 from stiffgen.lower.steps import lowered
 from stiffgen.lower.variant import BATCH
@@ -26,6 +26,7 @@ from stiffgen.verify.kernels.missing import function_of_stacks
 from stiffgen.verify.kernels.oracles import check_oracles, check_robot
 from stiffgen.verify.kernels.samples import argument_samples
 from support.exact_compliance import FAMILY, Case
+from support.exact_linkage import random_linkage
 from support.exact_tree import tree_urdf
 from support.project import ROOT
 from support.small_robots import LINKAGES, TREES
@@ -216,3 +217,44 @@ def test_a_tip_that_cannot_move_in_all_directions_has_no_stiffness():
     names = {each.name for each in chain_kernels(chain, FAMILY)}
     assert "tip_stiffness" not in names
     assert "tip_compliance" in names
+
+
+@pytest.mark.slow
+def test_gradients_of_the_compliance_of_motors(tmp_path):
+    """In batches too, which were not printed before: against central differences, along closed configurations."""
+    linkage, random, step = random_linkage(1), np.random.default_rng(0), 1e-5
+    file = tmp_path / "linkage.urdf"
+    file.write_text(linkage.urdf)
+    kernels = "motors.tip_compliance"
+    folder = generate(file, name="linkage", output=tmp_path, derivatives=True, kernels=kernels, **linkage.options)
+    robot = open_robot(folder).module
+    with np.errstate(invalid="ignore"):  # some positions of the motors have no closed configuration
+        q = np.array([robot.close(each, robot.START) for each in random.uniform(-0.3, 0.3, (30, 2))])
+    q = q[np.isfinite(q).all(axis=1)]
+    count = len(q)
+    roots, wrench = random.normal(size=(count, 2, 2)), 5 * random.normal(size=(count, 6))
+    springs = 50 * roots @ roots.swapaxes(1, 2) + 2000 * np.eye(2)
+    cotangent = random.normal(size=(count, 6, 6))
+    q_bar, wrench_bar, springs_bar = robot.motors.tip_compliance_vjp(q, wrench, springs, cotangent)
+
+    def moved(size):
+        motors = q[:, list(actuated)] + size * turns
+        return np.array([robot.close(each, near) for each, near in zip(motors, q, strict=True)])
+
+    def product(*given):
+        return (cotangent * robot.motors.tip_compliance(*given)).sum(axis=(1, 2))
+
+    actuated = load_chain(file, **linkage.options).actuated
+    turns, push = random.normal(size=(count, 2)), random.normal(size=(count, 6))
+    stiffer = 100 * np.eye(2) * random.normal(size=(count, 1, 1))
+    changes = (
+        (product(moved(step), wrench, springs) - product(moved(-step), wrench, springs),
+         (q_bar * np.einsum("nij,nj->ni", robot.motors.jacobian(q), turns)).sum(axis=1)),
+        (product(q, wrench + step * push, springs) - product(q, wrench - step * push, springs),
+         (wrench_bar * push).sum(axis=1)),
+        (product(q, wrench, springs + step * stiffer) - product(q, wrench, springs - step * stiffer),
+         (springs_bar * stiffer).sum(axis=(1, 2))),
+    )  # fmt: skip
+    assert count > 6
+    for difference, expected in changes:
+        np.testing.assert_allclose(difference / (2 * step), expected, rtol=1e-4, atol=1e-5 * np.abs(expected).max())
