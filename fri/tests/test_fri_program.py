@@ -390,26 +390,31 @@ def test_a_flood_of_what_is_refused_does_not_keep_the_client(one: Programs) -> N
 
 
 def test_after_a_stop_the_newest_alone_is_answered(programs: Programs, tmp_path: Path) -> None:
-    """The client's process stands still while 80 messages come. The torque then moves by two periods' share at most."""
+    """The client's process stands still while messages come. The torque then moves by two periods' share at most."""
+    asked, unanswered, period = 60, 80, 0.005  # messages before the stop and during it; [s]
+    newest = asked + unanswered  # number of the last message during the stop, as the first is number 1
     script = programs.script()
     script.begin()
     script.add(COMMANDING_ACTIVE, 150)
+    datagrams = [each for each in script.datagrams if each is not None]
     summary = tmp_path / "summary.json"
     with served(programs.client, "--approach", "0.1", "--summary", summary) as session:
-        answers = [session.ask(datagram or b"") for datagram in script.datagrams[:60]]
+        received = [session.ask(datagram) for datagram in datagrams[:asked]]
         with session.stopped():
-            for datagram in script.datagrams[60:140]:
-                session.send(datagram or b"")
-        answers.append(session.answer())
-        answers += [session.ask(datagram or b"") for datagram in script.datagrams[140:]]
+            for datagram in datagrams[asked:newest]:
+                session.send(datagram)
+        received.append(session.answer())
+        received += [session.ask(datagram) for datagram in datagrams[newest:]]
         session.send(script.message(IDLE))
         session.end()
-    answers = [script.protocol.decode_command(answer) for answer in answers]
+    answers = [script.protocol.decode_command(datagram) for datagram in received]
     reflected = [answer.reflected for answer in answers]
-    assert reflected == [*range(1, 61), *range(140, 160)]
+    assert reflected == [*range(1, asked + 1), *range(newest, len(datagrams) + 1)]
     told = json.loads(summary.read_text())
-    assert (told["faults"]["overtaken"], told["faults"]["lost_messages"], told["faults"]["lost_cycles"]) == (79, 0, 79)
-    limit = np.array(told["controller"]["torque_rate_limit"]) * 2 * 0.005
-    before, after = answers[59].torque, answers[60].torque
+    faults = told["faults"]
+    overtaken = unanswered - 1  # all but the newest
+    assert (faults["overtaken"], faults["lost_messages"], faults["lost_cycles"]) == (overtaken, 0, overtaken)
+    limit = np.array(told["controller"]["torque_rate_limit"]) * 2 * period
+    before, after = answers[asked - 1].torque, answers[asked].torque
     assert before is not None and after is not None
     assert np.abs(before).max() > 0 and (np.abs(after - before) <= limit).all()

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from stiffgen.errors import OutputError, StiffgenError, listed
 from stiffgen.folder import temporary_folder
@@ -28,6 +29,8 @@ _SOLVER = {False: "z3", True: "boolector"}
 """Solver for batches or not. Z3 is faster on single calls (4 s against 13), but gave no result on symmetric batches."""
 _AT_ONCE = 2
 """Proofs that run in parallel, each in up to 8 GiB."""
+_LIMITS = 4.0
+"""Time of an analysis of the controller in time limits of one function: it covers many functions."""
 _FRAME = ", configuration and sample not written"
 _APART = (
     "factorise_cholesky", "factorise_pencil", "diagonalise_pencil", "solve_pencil", "solve_modes", "soften",
@@ -49,6 +52,14 @@ class _ProofRun:
     @property
     def includes(self) -> list[Path]:
         return [self.work, self.robot.folder.resolve()]
+
+
+class _ControllerAnalysis(NamedTuple):
+    """Analysis of a part of the controller: its name, entries, whether the contract of validate takes its place."""
+
+    name: str
+    entries: tuple[str, ...]
+    by_contract: bool = True
 
 
 def prove(
@@ -197,27 +208,42 @@ def _controller(run: _ProofRun, parts: Sequence[str]) -> list[Verdict]:
     validate is proved by itself; in all other runs its contract takes its place.
     """
     (run.work / "contracts.h").write_text(harness.contracts(run.robot, run.robot.table))
-    runs: list[tuple[str, tuple[str, ...], bool]] = []  # name, entries, whether by the contract of validate
+    analyses: list[_ControllerAnalysis] = []
     if "services" in parts:
-        runs += [("validate", ("validate",), False), ("services", harness.SERVICES, True)]
+        analyses += [
+            _ControllerAnalysis("validate", ("validate",), by_contract=False),
+            _ControllerAnalysis("services", harness.SERVICES),
+        ]
     if "step" in parts:
-        runs += [(step, (step,), True) for step in harness.STEPS]
-    results: dict[str, frama_c.Findings] = {}
-    text = (run.robot.folder / f"{run.robot.name}_impedance.c").read_text(encoding="utf-8")
-    apart = [each for each in _APART if f" {each}(" in text]
-    for name, entries, by_contract in runs:
-        run.progress(f"Frama-C: controller, {name.replace('_', ' ')}")
-        file = run.work / f"{name}.c"
-        file.write_text(harness.controller(run.robot, entries, by_contract=by_contract))
-        result = frama_c.analyse(
-            run.provers, run.work, file.name, run.includes, 4.0 * run.timeout,
-            rounds=run.robot.chain.dof + 2, apart=apart, by_contract=["validate"] if by_contract else [],
-        )  # fmt: skip
-        if ends := result.open_ends(entries):
-            result.alarms.setdefault(f"{run.robot.name}_impedance_step", []).extend(ends)
-        results[name] = result
+        analyses += [_ControllerAnalysis(step, (step,)) for step in harness.STEPS]
+    results = {each.name: _findings(run, each) for each in analyses}
     own = _controller_verdicts(run.robot, results, f"{run.robot.name}_impedance.c")
     return [*own, *(_paper(run) if "paper" in parts else []), _comparisons(run)]
+
+
+def _findings(run: _ProofRun, analysis: _ControllerAnalysis) -> frama_c.Findings:
+    """Return the findings of an analysis; loops and entries that may not end are alarms of the controller's step.
+
+    Verdicts are of functions. An open end names none: it is the place of a loop, or an entry of the harness.
+    """
+    name, entries, by_contract = analysis
+    run.progress(f"Frama-C: controller, {name.replace('_', ' ')}")
+    file = run.work / f"{name}.c"
+    file.write_text(harness.controller(run.robot, entries, by_contract=by_contract))
+    text = (run.robot.folder / f"{run.robot.name}_impedance.c").read_text(encoding="utf-8")
+    result = frama_c.analyse(
+        run.provers,
+        run.work,
+        file.name,
+        run.includes,
+        _LIMITS * run.timeout,
+        rounds=run.robot.chain.dof + 2,  # no loop over the joints is merged, with two rounds to spare
+        apart=[each for each in _APART if f" {each}(" in text],  # those that this folder's controller has
+        by_contract=["validate"] if by_contract else [],
+    )
+    if ends := result.open_ends(entries):
+        result.alarms.setdefault(f"{run.robot.name}_impedance_step", []).extend(ends)
+    return result
 
 
 def _paper(run: _ProofRun) -> list[Verdict]:
@@ -228,7 +254,7 @@ def _paper(run: _ProofRun) -> list[Verdict]:
     run.progress("Frama-C: the paper's law")
     file = run.work / "paper_proof.c"
     file.write_text(harness.paper(run.robot))
-    found = frama_c.analyse(run.provers, run.work, file.name, run.includes, 4.0 * run.timeout)
+    found = frama_c.analyse(run.provers, run.work, file.name, run.includes, _LIMITS * run.timeout)
     if ends := found.open_ends(harness.PAPER):
         found.alarms.setdefault(f"{run.robot.name}_paper_step", []).extend(ends)
     return _controller_verdicts(run.robot, {"the paper's law": found}, source)

@@ -179,19 +179,19 @@ def _expanded(request: dict[str, Any]) -> dict[str, Any]:
 
 
 def _confine(xacro: Any, packages: Packages) -> set[str]:
-    """Replace all of xacro that runs code or finds files; return the set for variables of the environment it reads."""
+    """Replace all of xacro that runs code or finds files; return the set for variables of the environment it reads.
+
+    The order matters: the tables are read before :func:`_replace_names` empties them, and xacro's functions that the
+    new ones call are taken before :func:`_patch` replaces them. An expression can call a function only if the evaluator
+    holds it, whatever name it has.
+    """
     from xacro import substitution_args
 
     missing = [name for name in _REPLACED if not hasattr(xacro, name)]
     if missing:
         raise ImportError(f"xacro of another version, without {missing[0]}")
-    symbols = xacro._global_symbols
-    load = _checked(xacro.load_yaml)
-    # functions of xacro in its namespace (xacro.load_yaml), and those that older templates call without it
-    named = {name: call for name, call in symbols["xacro"].items() if name != "tokenize"} | {"load_yaml": load}
-    names = ("load_yaml", "abs_filename", "dotify")
-    bare = {name: load if name == "load_yaml" else symbols[name] for name in names if name in symbols}
     variables: set[str] = set()
+    read = substitution_args._eval_env
 
     def environment(name: str) -> str:
         variables.add(name)
@@ -200,27 +200,58 @@ def _confine(xacro: Any, packages: Packages) -> set[str]:
     def optional(name: str, default: str = "") -> str:
         return environment(name) if name in os.environ else default
 
-    read = substitution_args._eval_env
-    calls = [*named.values(), *bare.values(), environment, optional, packages.find]
-    evaluator = Evaluator(calls, xacro.NameSpace, xacro.YamlDictWrapper)
-    for namespace, content in (("xacro", named), ("python", FUNCTIONS), ("math", MATH)):
-        dict.clear(symbols[namespace])
-        dict.update(symbols[namespace], content)
-    dict.update(symbols["xacro"], tokenize=FUNCTIONS["tokenize"])
-    spaces = {name: symbols[name] for name in ("xacro", "python", "math")}
-    plain = {name: value for name, value in {**FUNCTIONS, **MATH}.items() if name in symbols}
-    symbols.clear()
-    symbols.update({**plain, **bare, **spaces})
-    # from here on no path leads to Python's eval
-    substitution_args._eval_env, substitution_args._eval_optenv = environment, optional
-    substitution_args._eval_find = packages.find
-    call = {"env": environment, "optenv": optional, "find": packages.find}
-    substitution_args._eval = _substitution(substitution_args, evaluator, call)
-    xacro.safe_eval = lambda text, symbols, *_: evaluator.evaluate(text, symbols)
-    xacro.eval = substitution_args.eval = None
-    xacro.eval_text, xacro.eval_all = _short(xacro.eval_text), _counted(xacro.eval_all)
-    xacro.eval_extension = _without_working_folder(xacro.eval_extension)
+    namespaces, bare = _tables(xacro)
+    functions = [*namespaces["xacro"].values(), *bare.values(), environment, optional, packages.find]
+    evaluator = Evaluator(functions, xacro.NameSpace, xacro.YamlDictWrapper)
+    _replace_names(xacro._global_symbols, namespaces, bare)
+    _patch(xacro, evaluator, {"env": environment, "optenv": optional, "find": packages.find})
     return variables
+
+
+def _tables(xacro: Any) -> tuple[dict[str, Mapping[str, Any]], dict[str, Any]]:
+    """Return the names that a template may use: those of each namespace ("math.pi"), and those without one ("pi").
+
+    Functions of xacro stay, but for ``load_yaml`` without a bound on its result, and for ``tokenize``, which compiles
+    the template's separators as a regular expression. Those of Python are the ones in ``FUNCTIONS`` and ``MATH``.
+    """
+    symbols = xacro._global_symbols
+    load = _checked(xacro.load_yaml)
+    own = dict(symbols["xacro"].items()) | {"load_yaml": load, "tokenize": FUNCTIONS["tokenize"]}
+    bare = {name: value for name, value in {**FUNCTIONS, **MATH}.items() if name in symbols}
+    # older templates call these without the namespace xacro
+    bare |= {name: symbols[name] for name in ("load_yaml", "abs_filename", "dotify") if name in symbols}
+    if "load_yaml" in bare:
+        bare["load_yaml"] = load
+    return {"xacro": own, "python": FUNCTIONS, "math": MATH}, bare
+
+
+def _replace_names(
+    symbols: dict[str, Any], namespaces: Mapping[str, Mapping[str, Any]], bare: Mapping[str, Any]
+) -> None:
+    """Leave no names in xacro's global symbols but those of the tables; xacro's objects themselves stay in use."""
+    spaces = {name: symbols[name] for name in namespaces}
+    for name, space in spaces.items():
+        # the methods of dict: assignment to a namespace of xacro evaluates texts
+        dict.clear(space)
+        dict.update(space, namespaces[name])
+    symbols.clear()
+    symbols.update({**bare, **spaces})
+
+
+def _patch(xacro: Any, evaluator: Evaluator, calls: dict[str, Any]) -> None:
+    """Replace xacro's functions; after this call, no path of xacro leads to Python's eval.
+
+    ``calls`` are the replacements of env, optenv and find by these names, under which ``$(eval ...)`` has them, too.
+    """
+    from xacro import substitution_args
+
+    substitution_args._eval_env, substitution_args._eval_optenv = calls["env"], calls["optenv"]  # $(env X), $(optenv X)
+    substitution_args._eval_find = calls["find"]  # $(find PACKAGE): the template's packages alone
+    substitution_args._eval = _substitution(substitution_args, evaluator, calls)  # $(eval ...)
+    xacro.safe_eval = lambda text, symbols, *_: evaluator.evaluate(text, symbols)  # ${...}, and units in YAML
+    xacro.eval = substitution_args.eval = None  # hides Python's eval from both modules
+    xacro.eval_text, xacro.eval_all = _short(xacro.eval_text), _counted(xacro.eval_all)
+    xacro.eval_extension = _without_working_folder(xacro.eval_extension)  # $(cwd)
 
 
 def _checked(load_yaml: Callable[[str], Any]) -> Callable[[str], Any]:

@@ -112,16 +112,17 @@ def select(description: Description, options: ChainOptions = _DEFAULTS) -> Selec
 def carried_links(
     description: Description, moving: Sequence[JointElement], floating_base: str | None = None
 ) -> Carried:
-    """Return the links that move rigidly with each moving joint, and with a floating base.
+    """Return the links that move rigidly with each moving joint, and with a floating base (under the name "").
 
-    All other joints are at zero or locked, so that their links move with the joint before them.
+    Each link comes with the joint above it, the first link with None. All other joints are at zero or locked, so that
+    their links move with the joint before them.
     """
     children = _children(description)
     names = {element.name for element in moving}
     carried: Carried = {}
     starts = {"": floating_base} if floating_base is not None else {}
     for name, start in (starts | {element.name: element.child for element in moving}).items():
-        links = carried.setdefault(name, [])
+        links = carried[name] = []
         stack: list[tuple[str, JointElement | None]] = [(start, None)]
         while stack:
             link, above = stack.pop()

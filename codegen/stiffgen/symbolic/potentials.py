@@ -302,8 +302,9 @@ class KernelOptions:
                 }
                 for each in self.potentials
             ],
+            # absent: all kernels but those on request; with functions of batches
             **({"groups": list(self.groups)} if self.groups else {}),
-            **({} if self.batches else {"batches": False}),
+            **({"batches": False} if not self.batches else {}),
         }
 
 

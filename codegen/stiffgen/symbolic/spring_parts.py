@@ -157,34 +157,42 @@ def translation(p: ca.SX, R: ca.SX, H: ca.SX, Kt: ca.SX, axes: Axes, centre: Cen
 def trace_form(R: ca.SX, H: ca.SX, Ko: ca.SX, axes: Axes) -> Terms:
     """Return the terms of V = tr(D G D^T)/2 with D = R - R0; neither cancels near the equilibrium.
 
-    For a stiffness in base axes, R0^T multiplies R and R0 from the right.
+    For a stiffness in base axes, R0^T multiplies R and R0 from the right: N = R R0^T stands for R, and 1 for R0.
     """
     R0 = H[:3, :3]
-    D, turned = R - R0, "R"
-    of_base: tuple[Section, ...] = ()
-    if axes == "base":  # from here on R is N, and R0 is 1
-        of_base = (Section("D = R - R0, rotation N = R R0^T from the equilibrium", {"D": D, "N": R @ R0.T}),)
-        D, R, R0, turned = D @ R0.T, R @ R0.T, ca.SX.eye(3), "N"
-    name = "DN" if of_base else "D"
+    D = R - R0
+    if axes != "base":
+        return _trace_form(R, R0, D, Ko, rotation="R", difference="D = R - R0", product="L R0^T")
+    N, DN = R @ R0.T, D @ R0.T
+    turned = Section("D = R - R0, rotation N = R R0^T from the equilibrium", {"D": D, "N": N})
+    part = _trace_form(N, ca.SX.eye(3), DN, Ko, rotation="N", difference="DN = D R0^T", product="L")
+    return replace(part, sections=(turned, *part.sections))
+
+
+def _trace_form(R: ca.SX, R0: ca.SX, D: ca.SX, Ko: ca.SX, *, rotation: str, difference: str, product: str) -> Terms:
+    """Return the terms of V = tr(D G D^T)/2 for D = R - R0, which the caller has computed without cancellation.
+
+    The texts are for the sections: name of R, name of D and its formula, formula of P.
+    """
+    name = difference.split()[0]
     half_trace = 0.5 * ca.trace(Ko)
     G = half_trace * ca.SX.eye(3) - Ko
     W, L = D @ G, R @ G
     Y, P = W @ R.T, L @ R0.T
     work = sum((ca.dot(D[row, :], W[row, :]) for row in range(3)), ca.SX(0))
     sections = (
-        *of_base,
         Section(
-            f"{name} = {'D R0^T' if of_base else 'R - R0'}; G = tr(Ko)/2 I - Ko, its diagonal",
+            f"{difference}; G = tr(Ko)/2 I - Ko, its diagonal",
             {name: D, "half_trace": half_trace, "G": ca.diag(G)},
         ),
-        Section(f"gradient W = {name} G with respect to {turned}; Y = W {turned}^T; moment: Y - Y^T", {"W": W, "Y": Y}),
-        Section(f"P = L{' R0^T' if axes != 'base' else ''}, L = {turned} G; covariant Hessian: tr(P) I - (P + P^T)/2",
-                {"L": L, "P": P}),
+        Section(f"gradient W = {name} G with respect to {rotation}; Y = W {rotation}^T; moment: Y - Y^T",
+                {"W": W, "Y": Y}),
+        Section(f"P = {product}, L = {rotation} G; covariant Hessian: tr(P) I - (P + P^T)/2", {"L": L, "P": P}),
         Section("twice the energy", {"twice_Vo": work}, shared=True),
     )  # fmt: skip
     V = 0.5 * work
     hessian = -_symmetric(P)
-    for k in range(3):
+    for k in range(3):  # tr(P) - P_kk, in which P_kk cancels: the sum of the other two
         hessian[k, k] = P[(k + 1) % 3, (k + 1) % 3] + P[(k + 2) % 3, (k + 2) % 3]
     zero = ca.SX(3, 3)
     F, K = _blocks(ca.SX(3, 1), _axial(Y), zero, zero, hessian)

@@ -33,15 +33,16 @@ def shown(book: nbformat.NotebookNode) -> list[tuple[str, list[str]]]:
 @pytest.mark.slow
 @pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
 def test_runs(notebook: Path, robot_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """In a folder with nothing but ``generated``, and shows what is committed (numbers may differ by the machine)."""
+    """A notebook runs beside nothing but ``generated``, and shows what is committed, but for the numbers."""
     (tmp_path / "generated").symlink_to(robot_folder.parent)
-    monkeypatch.setenv("PYDEVD_DISABLE_FILE_VALIDATION", "1")
-    monkeypatch.setenv("IPYTHONDIR", str(tmp_path / "ipython"))
+    monkeypatch.setenv("PYDEVD_DISABLE_FILE_VALIDATION", "1")  # no note of the kernel's debugger on frozen modules
+    monkeypatch.setenv("IPYTHONDIR", str(tmp_path / "ipython"))  # the user's profile is neither read nor written
     book = nbformat.read(notebook, as_version=4)
     committed = shown(book)
     assert any(committed)
     NotebookClient(book, timeout=300, resources={"metadata": {"path": str(tmp_path)}}).execute()
     assert shown(book) == committed
+    # what is committed could lack its figures, too, or show text on stderr alone
     outputs = [output for cell in book.cells if cell.cell_type == "code" for output in cell.outputs]
     assert sum("image/png" in output.get("data", {}) for output in outputs) == FIGURES[notebook.stem]
     assert any(output.output_type == "stream" and output.name == "stdout" for output in outputs)

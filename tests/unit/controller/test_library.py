@@ -164,7 +164,7 @@ def test_a_step_of_the_stub(library: Library) -> None:
     """An arm that is held at q = 0 is pulled to q0 by its springs, and the tank keeps what this torque may put out.
 
     Only the first three joints move the tip. The reserve lets every joint move at its velocity limit while the torque
-    is held, for CALLS calls with CALLS sample times each, and while it falls to zero at the rate limit.
+    is held for CALLS calls, and while it falls to zero at the rate limit. A call may last CALLS sample times.
     """
     config, state = started(library)
     q0 = np.array([0.1, -0.2, 0.05, 0.1, 0.0, 0.0, -0.1])
@@ -173,8 +173,10 @@ def test_a_step_of_the_stub(library: Library) -> None:
     assert out.fault == 0
     np.testing.assert_allclose(out.torque, expected, atol=1e-12)
     assert out.elastic_energy == pytest.approx((STIFFNESS * q0[:3] @ q0[:3] + POSTURE_STIFFNESS * q0 @ q0) / 2)
-    held = VELOCITY * SAMPLE_TIME * CALLS**2 * np.abs(expected)
-    falling = VELOCITY * CALLS * expected**2 / (2 * RATE)
+    longest_call = CALLS * SAMPLE_TIME  # [s]
+    held = VELOCITY * (CALLS * longest_call) * np.abs(expected)  # [J]
+    # a triangle of the height |torque| [N m] and the base |torque| / RATE [s], which calls of that length stretch
+    falling = VELOCITY * (longest_call / SAMPLE_TIME) * expected**2 / (2 * RATE)  # [J]
     assert out.tank_reserve == pytest.approx((held + falling).sum())
 
 

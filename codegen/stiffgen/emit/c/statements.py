@@ -69,6 +69,7 @@ class PrintedStatements:
             for number, (kind, index, _) in enumerate(self.graph.keys)
             if kind == "input" and body.inputs[int(index)].wide
         )
+        """Nodes whose value is a vector with a lane per configuration."""
         self.lines: list[str] = []
         self.operations = Operations()
         self.values: list[str] = []
@@ -114,8 +115,19 @@ class PrintedStatements:
     def _call_sine_cosine(self, angles: Sequence[int], kinds: set[str]) -> dict[str, str]:
         """Write the call for some angles; return the name of the array of each kind, one entry per angle.
 
-        If the angles are vectors of configurations, these are the arrays of the call. Otherwise the lanes of its
-        vectors hold angles, and the numbers of each kind that is needed are read through a pointer.
+        In a batch each angle is a vector, with a lane per configuration, and the arrays of the call are the result::
+
+            const lanes angle[7] = { q[0], q[1], ..., q[6], };
+            lanes sine[7], cosine[7];
+            sine_cosine(angle, sine, cosine, 7);
+
+        In a single call the lanes of a vector hold several angles. The vectors are padded for the widest ones, those
+        that hold angles are computed, and the numbers of each kind that is needed are read through a pointer::
+
+            const lanes angle[8 / LANES] = { EIGHT(q[0], q[1], ..., q[6], 0.0), };
+            lanes sine[8 / LANES], cosine[8 / LANES];
+            sine_cosine(angle, sine, cosine, (7 + LANES - 1) / LANES);
+            const double *const s = (const double *)sine;
         """
         call = str(self.sine_calls or "")  # the first call has no number
         self.sine_calls += 1
@@ -125,17 +137,17 @@ class PrintedStatements:
         scalar = self.variant.scalar
         are_vectors = all(angle in self.wide for angle in angles)
         if are_vectors:
-            vectors = used_vectors = str(len(values))
+            declared = computed = str(len(values))
             initialisers = [", ".join(values)]
         else:
-            vectors, initialisers = f"{scalar.filled(len(values))} / LANES", grouped(values, scalar)
-            used_vectors = f"({len(values)} + LANES - 1) / LANES"
+            declared, initialisers = f"{scalar.filled(len(values))} / LANES", grouped(values, scalar)
+            computed = f"({len(values)} + LANES - 1) / LANES"
         self.lines += [
-            f"const {self.variant.row} {array}[{vectors}] = {{",
+            f"const {self.variant.row} {array}[{declared}] = {{",
             *(f"    {line}" for entry in initialisers for line in wrap_list(f"{entry},")),
             "};",
-            f"{self.variant.row} {sine}[{vectors}], {cosine}[{vectors}];",
-            f"sine_cosine({array}, {sine}, {cosine}, {used_vectors});",
+            f"{self.variant.row} {sine}[{declared}], {cosine}[{declared}];",
+            f"sine_cosine({array}, {sine}, {cosine}, {computed});",
         ]
         rows = {"sin": sine, "cos": cosine}
         if are_vectors:

@@ -15,6 +15,7 @@ import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -31,8 +32,17 @@ from stiffgen.symbolic.program import Array, Program
 from stiffgen.symbolic.quantities import BlockKind, Blocks
 from stiffgen.symbolic.steps import Shared, StraightLine, SumJoints
 
-_Loaded = tuple[Program, Array, Array]
-"""Steps that compute the load's stiffness and the Jacobian, and the two arrays."""
+
+class _Loaded(NamedTuple):
+    """Stiffness of a load in the joints, and Jacobian: with respect to coordinates, which several joints may share."""
+
+    steps: Program
+    """Steps that compute the two arrays."""
+    stiffness: Array
+    """dJ^T/dq . F + J^T (Gamma F) J."""
+    J: Array
+
+
 REQUEST = "compliance"
 """Word of --kernels for the family."""
 
@@ -214,7 +224,10 @@ def packed(springs: Array, load: Array) -> tuple[StraightLine, Array]:
 
 
 def load_of_tip(chain: Chain, representation: Representation, wrench: Argument) -> _Loaded:
-    """Return the load of a wrench on a tip."""
+    """Return the stiffness of a wrench on a tip, and the tip's Jacobian.
+
+    Where joints are coupled (mimic joints), the columns of the joints are summed into those of their coordinates.
+    """
     recursion, J = pieces.columns_of(chain, representation)
     load = pieces.over_joints(
         chain,
@@ -223,9 +236,10 @@ def load_of_tip(chain: Chain, representation: Representation, wrench: Argument) 
         mirror=True,
     )
     if not chain.coupled:
-        return (recursion, *load), _LOAD.array(chain), J
+        return _Loaded((recursion, *load), _LOAD.array(chain), J)
     of_coordinates = Array("J_of_coordinates", (6, chain.dof), "J")
-    return (recursion, *load, SumJoints(J, of_coordinates, columns=True)), _LOAD.array(chain), of_coordinates
+    steps = (recursion, *load, SumJoints(J, of_coordinates, columns=True))
+    return _Loaded(steps, _LOAD.array(chain), of_coordinates)
 
 
 def _of_tips(chain: Chain, representation: Representation, inputs: tuple[Argument, ...]) -> _Loaded:
@@ -240,7 +254,7 @@ def _of_tips(chain: Chain, representation: Representation, inputs: tuple[Argumen
     def pairs(output: Array) -> Program:
         return pieces.pairs_on_the_way(chain, S, u, output, "Kload_ij = S_i . u_j", ca.dot)
 
-    return (step, *pieces.over_joints(chain, _LOAD, pairs, mirror=True)), _LOAD.array(chain), J
+    return _Loaded((step, *pieces.over_joints(chain, _LOAD, pairs, mirror=True)), _LOAD.array(chain), J)
 
 
 def _of_motors(chain: Chain, wrench: Argument) -> _Loaded:
@@ -256,7 +270,7 @@ def _of_motors(chain: Chain, wrench: Argument) -> _Loaded:
     )
     columns = Array("J", (6, len(chain.joints)))
     steps = motor_programs.reduction(chain, tree, gradient, load, results, "KJ", columns=columns)
-    return steps, results[0].array(chain), results[1].array(chain)
+    return _Loaded(steps, results[0].array(chain), results[1].array(chain))
 
 
 def compliance_of_tip(configuration: tuple[Argument, ...]) -> tuple[Kernel, ...]:

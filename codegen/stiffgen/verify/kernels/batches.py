@@ -190,8 +190,19 @@ def _cases(
     pool: Mapping[Argument, FloatArray],
     scalar: Scalar,
 ) -> Iterator[_BatchCase]:
-    """Yield the layouts of a batch's arguments: all in a row, reversed, spread, and each one shared in turn."""
+    """Yield the layouts of a batch's arguments: all in a row, reversed, spread, and each one shared in turn.
+
+    Args:
+        kernel: record of the function.
+        results: results of the batch: the kernel's, or upper triangles, to which ``form`` packs these.
+        reference: the kernel's function of the module; for stacks, it makes a single call per configuration.
+        chain: the robot.
+        pool: values of every argument, as many as the largest of ``LENGTHS`` or more.
+        scalar: type of the numbers.
+
+    """
     form, most = _form(kernel, results), LENGTHS[-1]
+    # one row of numbers per configuration, as C takes them
     stacks = [pool[argument][:most].reshape(most, -1).astype(scalar.dtype) for argument in kernel.arguments]
     shapes = [argument.array(chain).shape for argument in kernel.arguments]
     layouts: list[tuple[str, list[str]]] = [
@@ -205,9 +216,10 @@ def _cases(
             np.broadcast_to(stack[0], stack.shape) if kind == "shared" else stack
             for stack, kind in zip(stacks, kinds, strict=True)
         ]
-        full = [each.reshape(most, *shape) for each, shape in zip(flat, shapes, strict=True)]
-        expected = [np.asarray(each).reshape(most, -1) for each in form(reference(*full))]
-        yield _BatchCase(title, kinds, flat, expected, _Rounding(chain, kernel, form, full, scalar))
+        # one array of the argument's shape per configuration, as the reference takes them
+        shaped = [each.reshape(most, *shape) for each, shape in zip(flat, shapes, strict=True)]
+        expected = [np.asarray(each).reshape(most, -1) for each in form(reference(*shaped))]
+        yield _BatchCase(title, kinds, flat, expected, _Rounding(chain, kernel, form, shaped, scalar))
 
 
 def _laid_out(stack: FloatArray, kind: str) -> tuple[FloatArray, int, int]:
