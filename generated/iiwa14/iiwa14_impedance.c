@@ -1571,15 +1571,15 @@ static double nearest_turn(const step_t *s, int i, double q, double other)
     return counts_modulo_turn(s, i) ? q + 2.0 * HALF_TURN * floor((other - q) / (2.0 * HALF_TURN) + 0.5) : q;
 }
 
-/* Evaluate the limit avoidance of all joints: energy, torque, stiffness and status. */
+/* Evaluate the limit avoidance of all joints: energy, torque, stiffness (limit_slope) and status. */
 static double evaluate_limits(step_t *s, const double *q)
 {
     double energy = 0.0;
     for (int i = 0; i < N; ++i) {
-        const double *const a = s->m->avoidance + 4 * i;
+        const double *const a = s->m->avoidance + 4 * i; /* a[0], a[1]: edges of the zones, inside the limits */
         double pull;
         energy += evaluate_avoidance(a, q[i], &pull, &s->limit_slope[i]);
-        s->out->limit_torque[i] = 0.0 - pull;
+        s->out->limit_torque[i] = 0.0 - pull; /* not -pull, which is -0.0 between the zones */
         s->status |= q[i] > a[1] || q[i] < a[0] ? (uint32_t)IIWA14_STATUS_JOINT_LIMIT : 0u;
     }
     return energy;
@@ -4067,9 +4067,10 @@ static int is_pushed_beyond_limit(const memory_t *m, double zone)
 }
 
 /*
- * Find the share of its velocity limits that an equilibrium by pose uses. It goes no farther ahead of its posture than
- * the posture can follow (lead: distance from the pose of the posture). It is slow while the arm is deep in a limit
- * zone, and waits while its springs push the arm out of the limits.
+ * Find the share of its velocity limits that an equilibrium by pose uses; at 0 and below it waits (approach_poses). It
+ * goes no farther ahead of its posture than the posture can follow (lead: distance from the pose of the posture).
+ * Where the commanded pose is out of reach (beyond), lead does not count: the equilibrium then goes to the posture. It
+ * is slow while the arm is deep in a limit zone, and waits while its springs push the arm out of the limits.
  */
 static double find_pace(const step_t *s, double lead)
 {
@@ -4081,7 +4082,10 @@ static double find_pace(const step_t *s, double lead)
     if (depth >= s->c->limit_zone && is_pushed_beyond_limit(m, s->c->limit_zone)) {
         return 0.0;
     }
-    /* by depth: 1 outside the zones, SLOWEST from their middle on; by lead: below 1 from PATH_LEAD, 0 at twice that */
+    /*
+     * by depth: 1 outside the zones, SLOWEST from their middle on (validate keeps limit_zone above 0); by lead: below 1
+     * from PATH_LEAD, 0 at twice that, and below 0 farther out
+     */
     const double by_depth = larger(1.0 - 2.0 * depth / larger(s->c->limit_zone, DBL_MIN), SLOWEST);
     return m->beyond ? by_depth : smaller(by_depth, 2.0 - lead / PATH_LEAD);
 }
@@ -5366,17 +5370,20 @@ static void accept_part(policy_t *p, int part, double time)
     p->stage[part] = IIWA14_STAGE_MOVING;
 }
 
-/* Accept a proposal, part by part, and name in `refused` why a part is refused. Return the number of refused parts. */
+/*
+ * Accept a proposal, part by part, and name in `refused` why a part is refused. Return the number of refused parts.
+ * The order counts: accepted parts begin at what is commanded now, with the shares from before they were accepted.
+ */
 static int propose(const config_t *c, policy_t *p, const proposal_t *proposal, double now)
 {
     const int timed = advance_time(p, now);
-    int count = 0, accepted[PARTS] = {0};
-    interpolate(p); /* what is commanded now: accepted parts begin there */
-    const double springs = stiffness_share(p), wrench = wrench_share(p);
+    int refusals = 0, accepted[PARTS] = {0};
+    interpolate(p);
+    const double share_before = stiffness_share(p), wrench_share_before = wrench_share(p);
     for (int part = 0; part < PARTS; ++part) {
         refusal_t r = {IIWA14_REFUSAL_NONE, IIWA14_ARGUMENT_NONE, NO_JOINT, 0.0, 0.0};
         p->refused[part] = IIWA14_REFUSED_NONE;
-        note_refusal(p, part, &r);
+        note_refusal(p, part, &r); /* clears the note of the last proposal, also for a part that this one lacks */
         if (proposal->valid[part] != 1) {
             continue;
         }
@@ -5386,24 +5393,28 @@ static int propose(const config_t *c, policy_t *p, const proposal_t *proposal, d
         p->refused[part] = refused;
         note_refusal(p, part, &r);
         if (refused != IIWA14_REFUSED_NONE) {
-            ++count;
+            ++refusals;
             continue;
         }
         accept_part(p, part, time);
         accepted[part] = 1;
     }
-    const double after = stiffness_share(p);
-    /* a pose that is accepted may raise the share of the stiffness, too: it then begins anew from what is commanded */
-    if (accepted[IIWA14_PART_STIFFNESS] || after > springs) {
-        begin_at(9 * TIPS, p->translation_stiffness, springs, after, p->from_translation);
-        begin_at(9 * TIPS, p->rotation_stiffness, springs, after, p->from_rotation);
+    const double share_after = stiffness_share(p);
+    /*
+     * A stale pose fades the stiffness, so that an accepted pose may raise the stiffness' share by itself.
+     * The stiffness would jump up: it goes from what is commanded to its goal anew. Its interval is that of its last
+     * proposal, or the shortest where there was none. Where a stiffness is accepted, accept_part has set the same.
+     */
+    if (accepted[IIWA14_PART_STIFFNESS] || share_after > share_before) {
+        begin_at(9 * TIPS, p->translation_stiffness, share_before, share_after, p->from_translation);
+        begin_at(9 * TIPS, p->rotation_stiffness, share_before, share_after, p->from_rotation);
         p->interval[IIWA14_PART_STIFFNESS] = larger(p->interval[IIWA14_PART_STIFFNESS], SHORTEST_INTERVAL);
         p->begin[IIWA14_PART_STIFFNESS] = p->now;
     }
-    if (accepted[IIWA14_PART_WRENCH]) {
-        begin_at(6 * TIPS, p->wrench_command, wrench, wrench_share(p), p->from_wrench);
+    if (accepted[IIWA14_PART_WRENCH]) { /* no other part changes its share */
+        begin_at(6 * TIPS, p->wrench_command, wrench_share_before, wrench_share(p), p->from_wrench);
     }
-    return count;
+    return refusals;
 }
 
 /* Write the command for a step at `now` into an input; posture, sample and torque_offset stay as they are. */

@@ -15,7 +15,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "c8a101c64f1eb4fc"
+#define SOURCES "127ec524aa839221"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

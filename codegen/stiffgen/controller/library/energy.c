@@ -72,15 +72,15 @@ double nearest_turn(const step_t *s, int i, double q, double other)
     return counts_modulo_turn(s, i) ? q + 2.0 * HALF_TURN * floor((other - q) / (2.0 * HALF_TURN) + 0.5) : q;
 }
 
-/* Evaluate the limit avoidance of all joints: energy, torque, stiffness and status. */
+/* Evaluate the limit avoidance of all joints: energy, torque, stiffness (limit_slope) and status. */
 double evaluate_limits(step_t *s, const double *q)
 {
     double energy = 0.0;
     for (int i = 0; i < N; ++i) {
-        const double *const a = s->m->avoidance + 4 * i;
+        const double *const a = s->m->avoidance + 4 * i; /* a[0], a[1]: edges of the zones, inside the limits */
         double pull;
         energy += evaluate_avoidance(a, q[i], &pull, &s->limit_slope[i]);
-        s->out->limit_torque[i] = 0.0 - pull;
+        s->out->limit_torque[i] = 0.0 - pull; /* not -pull, which is -0.0 between the zones */
         s->status |= q[i] > a[1] || q[i] < a[0] ? (uint32_t)ID(STATUS_JOINT_LIMIT) : 0u;
     }
     return energy;

@@ -204,9 +204,10 @@ static int is_pushed_beyond_limit(const memory_t *m, double zone)
 }
 
 /*
- * Find the share of its velocity limits that an equilibrium by pose uses. It goes no farther ahead of its posture than
- * the posture can follow (lead: distance from the pose of the posture). It is slow while the arm is deep in a limit
- * zone, and waits while its springs push the arm out of the limits.
+ * Find the share of its velocity limits that an equilibrium by pose uses; at 0 and below it waits (approach_poses). It
+ * goes no farther ahead of its posture than the posture can follow (lead: distance from the pose of the posture).
+ * Where the commanded pose is out of reach (beyond), lead does not count: the equilibrium then goes to the posture. It
+ * is slow while the arm is deep in a limit zone, and waits while its springs push the arm out of the limits.
  */
 static double find_pace(const step_t *s, double lead)
 {
@@ -218,7 +219,10 @@ static double find_pace(const step_t *s, double lead)
     if (depth >= s->c->limit_zone && is_pushed_beyond_limit(m, s->c->limit_zone)) {
         return 0.0;
     }
-    /* by depth: 1 outside the zones, SLOWEST from their middle on; by lead: below 1 from PATH_LEAD, 0 at twice that */
+    /*
+     * by depth: 1 outside the zones, SLOWEST from their middle on (validate keeps limit_zone above 0); by lead: below 1
+     * from PATH_LEAD, 0 at twice that, and below 0 farther out
+     */
     const double by_depth = larger(1.0 - 2.0 * depth / larger(s->c->limit_zone, DBL_MIN), SLOWEST);
     return m->beyond ? by_depth : smaller(by_depth, 2.0 - lead / PATH_LEAD);
 }

@@ -327,17 +327,20 @@ static void accept_part(policy_t *p, int part, double time)
     p->stage[part] = ID(STAGE_MOVING);
 }
 
-/* Accept a proposal, part by part, and name in `refused` why a part is refused. Return the number of refused parts. */
+/*
+ * Accept a proposal, part by part, and name in `refused` why a part is refused. Return the number of refused parts.
+ * The order counts: accepted parts begin at what is commanded now, with the shares from before they were accepted.
+ */
 int propose(const config_t *c, policy_t *p, const proposal_t *proposal, double now)
 {
     const int timed = advance_time(p, now);
-    int count = 0, accepted[PARTS] = {0};
-    interpolate(p); /* what is commanded now: accepted parts begin there */
-    const double springs = stiffness_share(p), wrench = wrench_share(p);
+    int refusals = 0, accepted[PARTS] = {0};
+    interpolate(p);
+    const double share_before = stiffness_share(p), wrench_share_before = wrench_share(p);
     for (int part = 0; part < PARTS; ++part) {
         refusal_t r = {ID(REFUSAL_NONE), ID(ARGUMENT_NONE), NO_JOINT, 0.0, 0.0};
         p->refused[part] = ID(REFUSED_NONE);
-        note_refusal(p, part, &r);
+        note_refusal(p, part, &r); /* clears the note of the last proposal, also for a part that this one lacks */
         if (proposal->valid[part] != 1) {
             continue;
         }
@@ -347,24 +350,28 @@ int propose(const config_t *c, policy_t *p, const proposal_t *proposal, double n
         p->refused[part] = refused;
         note_refusal(p, part, &r);
         if (refused != ID(REFUSED_NONE)) {
-            ++count;
+            ++refusals;
             continue;
         }
         accept_part(p, part, time);
         accepted[part] = 1;
     }
-    const double after = stiffness_share(p);
-    /* a pose that is accepted may raise the share of the stiffness, too: it then begins anew from what is commanded */
-    if (accepted[ID(PART_STIFFNESS)] || after > springs) {
-        begin_at(9 * TIPS, p->translation_stiffness, springs, after, p->from_translation);
-        begin_at(9 * TIPS, p->rotation_stiffness, springs, after, p->from_rotation);
+    const double share_after = stiffness_share(p);
+    /*
+     * A stale pose fades the stiffness, so that an accepted pose may raise the stiffness' share by itself.
+     * The stiffness would jump up: it goes from what is commanded to its goal anew. Its interval is that of its last
+     * proposal, or the shortest where there was none. Where a stiffness is accepted, accept_part has set the same.
+     */
+    if (accepted[ID(PART_STIFFNESS)] || share_after > share_before) {
+        begin_at(9 * TIPS, p->translation_stiffness, share_before, share_after, p->from_translation);
+        begin_at(9 * TIPS, p->rotation_stiffness, share_before, share_after, p->from_rotation);
         p->interval[ID(PART_STIFFNESS)] = larger(p->interval[ID(PART_STIFFNESS)], SHORTEST_INTERVAL);
         p->begin[ID(PART_STIFFNESS)] = p->now;
     }
-    if (accepted[ID(PART_WRENCH)]) {
-        begin_at(6 * TIPS, p->wrench_command, wrench, wrench_share(p), p->from_wrench);
+    if (accepted[ID(PART_WRENCH)]) { /* no other part changes its share */
+        begin_at(6 * TIPS, p->wrench_command, wrench_share_before, wrench_share(p), p->from_wrench);
     }
-    return count;
+    return refusals;
 }
 
 /* Write the command for a step at `now` into an input; posture, sample and torque_offset stay as they are. */
