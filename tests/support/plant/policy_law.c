@@ -101,6 +101,7 @@ static int hostile_step(const iiwa14_impedance_config *config, iiwa14_impedance_
     const double now = in->counter * config->sample_time;
     if (!started) {
         started = iiwa14_impedance_policy_start(&port, in->equilibrium, now) == IIWA14_OK;
+        port.smoothing = 0.09 * (policy_seed % 11);
     }
     if (now >= next_time) {
         keep(in, now);
