@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from stiffgen.options import GenerationOptions
     from stiffgen.postures import find_postures
     from stiffgen.robot.chain import Chain, Sensor, Tool
+    from stiffgen.series import in_series, tip_compliance_in_series
     from stiffgen.symbolic.model import StiffnessModel
     from stiffgen.symbolic.moving import move_stiffness
     from stiffgen.symbolic.potentials import KernelOptions
@@ -69,6 +70,7 @@ __all__ = [
     "external_wrench",
     "find_postures",
     "generate",
+    "in_series",
     "load",
     "load_chain",
     "move_stiffness",
@@ -76,6 +78,7 @@ __all__ = [
     "read_calibration",
     "stiffness_deviation",
     "tare",
+    "tip_compliance_in_series",
     "tip_covariance",
 ]
 
@@ -91,6 +94,7 @@ _HOMES = {
     "options": ("GenerationOptions",),
     "postures": ("find_postures",),
     "robot.chain": ("Chain", "Sensor", "Tool"),
+    "series": ("in_series", "tip_compliance_in_series"),
     "symbolic.model": ("StiffnessModel",),
     "symbolic.moving": ("move_stiffness",),
     "symbolic.potentials": ("KernelOptions",),

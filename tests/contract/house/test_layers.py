@@ -17,7 +17,7 @@ LAYERS = (
     ("names", "folder", "page", "style", "rendering"),
     ("robot",),
     ("symbolic",),
-    ("loading",),
+    ("loading", "series"),
     ("lower",),
     ("options",),
     ("emit",),
