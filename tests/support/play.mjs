@@ -3,6 +3,7 @@
 
 import { readFileSync } from "node:fs";
 import { jointFrames, pointJacobian, tipFrame } from "./chain.js";
+import { Press, criticalGain, pressing, softness, stretched } from "./compliance.js";
 import { startKernels } from "./kernels.js";
 import * as mechanics from "./mechanics.js";
 import { SWING_LAWS, Swing } from "./swing.js";
@@ -37,6 +38,16 @@ const DO = {
   drag: ({ q, places, orientation }) => {
     let posture = Float64Array.from(q);
     return places.map((place) => (posture = mechanics.follow(tip, posture, place, Float64Array.from(orientation))));
+  },
+  softness: ({ q, wrench, gains }) => softness(tip, Float64Array.from(q), Float64Array.from(wrench), Float64Array.from(gains)),
+  press: ({ q, force, gains, seconds }) => {
+    const press = new Press(tip, Float64Array.from(q), force, Float64Array.from(gains));
+    press.advance(seconds);
+    return { q: press.q, gaveWay: press.gaveWay, ways: press.ways(), now: press.now };
+  },
+  straight: ({ q, strength }) => {
+    const posture = stretched(tip, Float64Array.from(q)), force = pressing(tip, posture, strength);
+    return { q: posture, force, critical: criticalGain(tip, posture, force) };
   },
   bent: () => mechanics.bentPosture(data),
   singular: ({ q }) => {

@@ -46,9 +46,9 @@ OF_MOTORS = ("motors_torque", "motors_joint_stiffness")
 """Functions that the page calls for each tip of a robot with closed loops."""
 
 SCRIPTS = (
-    "algebra.js", "kernels.js", "chain.js", "mechanics.js", "swing.js", "solids.js", "figures.js", "panels.js",
-    "swingpanel.js", "view.js", "values.js", "matrixpanel.js", "motorpanel.js", "looppanel.js", "controls.js",
-    "presets.js", "main.js",
+    "algebra.js", "kernels.js", "chain.js", "mechanics.js", "swing.js", "compliance.js", "solids.js", "figures.js",
+    "panels.js", "swingpanel.js", "view.js", "compliancepanel.js", "values.js", "matrixpanel.js",
+    "motorpanel.js", "looppanel.js", "controls.js", "presets.js", "main.js",
 )  # fmt: skip
 """Modules of the page, each after the modules that it imports."""
 

@@ -222,6 +222,31 @@ def test_push_and_let_go(page: Page) -> None:
     assert page.js("playground.swing.arms()") is None
 
 
+def test_an_arm_on_joint_springs_gives_way(page: Page) -> None:
+    """Pressed along itself it falls by a metre, the usual formula says a millimetre; pressed again, it stands."""
+    ellipsoids = "playground.shown().ellipsoids.map(({ name }) => name)"
+    assert page.js(ellipsoids) == ["rotation", "translation"]
+    page.prefer(prefers_reduced_motion="reduce")
+    page.settle()
+    press(page, "Gives way")
+    assert page.js(PRESSED) == ["Gives way"]
+    assert page.js(ellipsoids) == ["conventional", "exact"]
+    loaded, usual, text = page.js(
+        "(({ loaded, usual }) => [loaded, usual, document.getElementById('press-text').textContent])"
+        "(playground.compliance.press.ways())"
+    )
+    assert loaded > 0.5 and usual < 0.005
+    assert "80.0 N: the arm gave way at 56" in text
+    press(page, "Back to the start")
+    assert page.js("playground.compliance.press") is None
+    focus(page, "gain of all turning joints")
+    page.press("ArrowRight", 60)
+    page.settle()
+    press(page, "Press")
+    assert "gave way" not in page.js("document.getElementById('press-text').textContent")
+    assert "the posture holds" in page.js("document.getElementById('softness').textContent")
+
+
 def test_every_control_has_a_name_and_is_reached_by_tab(page: Page) -> None:
     nodes = page.do("Accessibility.getFullAXTree")["nodes"]
     roles = ("slider", "spinbutton", "button", "combobox", "checkbox", "radio", "application", "image")
@@ -362,8 +387,9 @@ def test_other_robots(browser, name: str, tmp_path: Path) -> None:  # type: igno
     page.open(write_page(folder, tmp_path / "arm.html"))
     n = len(open_robot(folder).chain.coordinates)
     assert page.js("document.querySelectorAll('#joints input[type=range]').length") == n
-    for button in ("Near singular", "Moment at the tip", "Bent posture", "No load"):
+    for button in ("Near singular", "Gives way", "Moment at the tip", "Bent posture", "No load"):
         press(page, button)
+        assert np.isfinite(page.js("playground.compliance.softness().stability"))
     if name == "two tips":
         choose(page, "tip", 1)
         assert page.js("playground.state.tip === playground.tips[1]")

@@ -15,7 +15,7 @@ from stiffgen.play.page import SCRIPTS
 from support.project import require_program
 
 SCRIPT = (
-    'import { distinct } from "./controls.js";\nconsole.log(JSON.stringify(distinct(JSON.parse(process.argv[2]))));\n'
+    'import { distinct } from "./panels.js";\nconsole.log(JSON.stringify(distinct(JSON.parse(process.argv[2]))));\n'
 )
 
 

@@ -3,20 +3,8 @@
 
 import { shade } from "./figures.js";
 import { withJoint } from "./motorpanel.js";
-import { options, slider } from "./panels.js";
+import { distinct, options, slider } from "./panels.js";
 import { DEGREES } from "./values.js";
-
-/** Return names without the words that all of them begin or end with: of panda_joint1, panda_joint2 the second word. */
-export function distinct(names) {
-  const words = names.map((name) => name.split(/[_\-/. ]+/)), fewest = Math.min(...words.map(({ length }) => length));
-  const shared = (at) => {
-    let count = 0;
-    while (count < fewest - 1 && words.every((each) => each.at(at(count)) === words[0].at(at(count)))) count++;
-    return count;
-  };
-  const first = shared((k) => k), last = Math.min(shared((k) => -1 - k), fewest - 1 - first);
-  return names.length < 2 ? names : words.map((each) => each.slice(first, each.length - last).join("_"));
-}
 
 /** Return a slider for each joint that can be moved, with its index k and its scale from q to the unit shown. */
 function jointSliders(page) {
@@ -71,12 +59,12 @@ function wireChoices(page) {
       label: "tool's length along the tip's z", shown: "tool", unit: "mm", min: 0, max: 500, step: 5, value: 0,
       changed: (value) => {
         for (const tip of tips) tip.tool[11] = value / 1000;
-        page.swing.stop();
+        page.stopMotions();
         page.update();
       },
     });
   }
-  for (const name of ["translation", "rotation"]) {
+  for (const name of ["translation", "rotation", "compliance"]) {
     $(name).addEventListener("change", () => {
       state.show[name] = $(name).checked;
       page.redraw();

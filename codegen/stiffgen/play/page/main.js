@@ -2,6 +2,7 @@
 // The page: its parts, and the frames that show the values computed from its state.
 
 import { loopEnds, jointFrames } from "./chain.js";
+import { CompliancePanel } from "./compliancepanel.js";
 import { controlPanel } from "./controls.js";
 import { LAPS, theme } from "./figures.js";
 import { startKernels } from "./kernels.js";
@@ -11,7 +12,7 @@ import { Tip, bentPosture } from "./mechanics.js";
 import { showMotors } from "./motorpanel.js";
 import { presetButtons } from "./presets.js";
 import { swingPanel } from "./swingpanel.js";
-import { startState, valuesOf } from "./values.js";
+import { ellipsoidsOf, startState, valuesOf } from "./values.js";
 import { View } from "./view.js";
 
 const SECONDS = 4; // a lap takes
@@ -36,6 +37,7 @@ class Page {
     this.matrices = matrixPanel(this);
     this.controls = controlPanel(this);
     this.loop = new LoopPanel(this);
+    this.compliance = new CompliancePanel(this);
     this.presets = presetButtons(this, home);
   }
 
@@ -47,9 +49,20 @@ class Page {
   /** Change the state, and show it in the next frame. */
   update(change = {}) {
     Object.assign(this.state, change);
-    if (Object.keys(change).length) this.swing.stop(); // not where only the window changed
+    if (Object.keys(change).length) this.stopMotions(); // not where only the window changed
     this.waiting.compute = true;
     this.redraw();
+  }
+
+  /** Put the arm back to where it stands. */
+  stopMotions() {
+    this.swing.stop();
+    this.compliance.stop();
+  }
+
+  /** Whether something moves by itself. */
+  get moves() {
+    return this.state.going || this.swing.going || this.compliance.going;
   }
 
   /** Ask for a frame. */
@@ -61,14 +74,15 @@ class Page {
 
   /** Move on by the time [ms] since the last frame, where something moves. */
   advance(time) {
-    const { state, swing, last } = this, passed = last === null ? 0 : time - last;
+    const { state, swing, compliance, last } = this, passed = last === null ? 0 : time - last;
     if (state.going) {
       state.lap += Math.min(100, passed) / 1000 / SECONDS;
       if (state.lap >= LAPS) [state.lap, state.going] = [LAPS, false];
       this.loop.place(state.lap);
     }
     if (swing.going) swing.advance(Math.min(33, passed) / 1000);
-    this.last = state.going || swing.going ? time : null;
+    if (compliance.going) compliance.advance(Math.min(33, passed) / 1000);
+    this.last = this.moves ? time : null;
   }
 
   /** Compute and show what depends on the state. */
@@ -88,9 +102,10 @@ class Page {
     if (!this.robot.loops) this.loop.show();
     $("timing").textContent = `Kernels of this picture: ${this.now.time.toFixed(1)} ms.`;
     this.swing.show(this.colours);
+    this.compliance.show();
     this.presets.mark();
     if (!performance.getEntriesByName("first picture").length) performance.mark("first picture");
-    if (this.state.going || this.swing.going) this.redraw();
+    if (this.moves) this.redraw();
   }
 
   /** Set the configuration; the slider that moved (`by`) shows it already. */
@@ -109,11 +124,19 @@ class Page {
     this.view?.fit();
   }
 
-  /** Return the state as the view shows it: on the loop, or swinging. */
+  /** Show the ellipsoids of the compliance in the picture, and not those of the spring at the tip. */
+  showSoftness() {
+    this.state.show = { translation: false, rotation: false, compliance: true };
+    for (const [name, shown] of Object.entries(this.state.show)) $(name).checked = shown;
+    this.redraw();
+  }
+
+  /** Return the state as the view shows it: on the loop, swinging, or pressed. */
   shown() {
     const { state, now } = this, phase = 2 * Math.PI * state.lap, arms = this.swing.arms();
     const q = arms || state.lap === 0 ? state.q : now.loop.at(phase);
-    return { ...state, arms, q, K: now.matrices.K, loop: now.path, marker: now.marker(phase) };
+    const ellipsoids = ellipsoidsOf(this.robot, state.show, now.matrices.K, () => this.compliance.softness());
+    return { ...state, arms, q, ellipsoids, loop: now.path, marker: now.marker(phase), ...this.compliance.shown() };
   }
 
   /** Draw the arm, or say why not. */

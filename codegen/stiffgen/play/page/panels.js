@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Controls: a row with a name, a slider, the same value as a number, and a unit.
+// Controls: a row with a name, a slider, the same value as a number, and a unit; names that fit there.
 
 let count = 0;
 
@@ -56,4 +56,16 @@ export function slider(parent, { label, shown = label, unit, min, max, step, val
 /** Choices of a select element: [value, text] pairs. */
 export function options(select, pairs) {
   select.replaceChildren(...pairs.map(([value, text]) => new Option(text, value)));
+}
+
+/** Return names without the words that all of them begin or end with: of panda_joint1, panda_joint2 the second word. */
+export function distinct(names) {
+  const words = names.map((name) => name.split(/[_\-/. ]+/)), fewest = Math.min(...words.map(({ length }) => length));
+  const shared = (at) => {
+    let count = 0;
+    while (count < fewest - 1 && words.every((each) => each.at(at(count)) === words[0].at(at(count)))) count++;
+    return count;
+  };
+  const first = shared((k) => k), last = Math.min(shared((k) => -1 - k), fewest - 1 - first);
+  return names.length < 2 ? names : words.map((each) => each.slice(first, each.length - last).join("_"));
 }

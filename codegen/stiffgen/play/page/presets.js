@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: MIT
 // Buttons that set the page to a situation worth seeing.
 
+import { criticalGain, pressing, stretched } from "./compliance.js";
 import { nearSingular } from "./mechanics.js";
 import { GAINS, MOMENT, WRENCH } from "./values.js";
 
 const WIDE = 0.3; // radius of the loop on which the conventional law gives energy
+const PRESSING = 80, SOFT = 0.7; // N, and the gains as a part of those at which the arm gives way
 
 /** Return whether two lists have the same values, up to rounding. */
 function alike(a, b) {
@@ -26,6 +28,15 @@ function giveEnergy(page) {
   page.update();
 }
 
+/** Stretch the arm, and press it towards its base on joint springs that cannot hold it. */
+function giveWay(page, home) {
+  const { state, compliance } = page, straight = stretched(state.tip, home), force = pressing(state.tip, straight, PRESSING);
+  page.stand(straight);
+  page.controls.load(force);
+  compliance.hold(state.jointGains.map(() => Math.max(1, SOFT * criticalGain(state.tip, straight, force))));
+  compliance.pressOrBack();
+}
+
 /** Return the presets: name, what sets them, whether the page is there, and whether they need a tree. */
 function presetsOf(page, home) {
   const { state, robot } = page, { load, stiffen } = page.controls;
@@ -44,6 +55,7 @@ function presetsOf(page, home) {
       name: "Near singular", act() { near = nearSingular(state.tip, home); page.stand(near); },
       holds: () => alike(state.q, near), needsTree: true,
     },
+    { name: "Gives way", act: () => giveWay(page, home), holds: () => page.compliance.press !== null },
   ].filter(({ needsTree }) => !(needsTree && robot.loops));
 }
 

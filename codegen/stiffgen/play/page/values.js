@@ -3,6 +3,7 @@
 
 import { multiply, plus, transpose } from "./algebra.js";
 import { reach } from "./chain.js";
+import { PUSH, softGains } from "./compliance.js";
 import { closedLoop, loopWork, originOf, rotationOf, stiffnesses } from "./mechanics.js";
 
 export const GAINS = [700, 700, 800, 30, 30, 30], WRENCH = [5, -10, 15, 4, -3, 8], MOMENT = [0, 0, 0, 4, -3, 8];
@@ -12,9 +13,9 @@ export const DEGREES = 180 / Math.PI;
 export function startState(tip, home) {
   const n = home.length;
   return {
-    tip, q: home, wrench: Float64Array.from(WRENCH), gains: GAINS.slice(), chosen: false,
+    tip, q: home, jointGains: softGains(tip.robot), wrench: Float64Array.from(WRENCH), gains: GAINS.slice(), chosen: false,
     loop: { kind: n < 6 ? "joints" : "turn", axes: [0, 1], joints: [0, Math.min(1, n - 1)], radius: 0.1, reversed: false },
-    lap: 0, going: false, cursor: null, show: { translation: true, rotation: true },
+    lap: 0, going: false, cursor: null, show: { translation: true, rotation: true, compliance: false },
   };
 }
 
@@ -41,4 +42,20 @@ function valuesOnLoop(robot, state, matrices) {
   };
   const path = Array.from({ length: 48 }, (_, k) => marker((2 * Math.PI * k) / 48));
   return { loop, works, marker, path };
+}
+
+/**
+ * Return the ellipsoids to draw: {name, block (3 x 3), length}: an axis is as long as its eigenvalue times length [m].
+ * Those of the spring's stiffness grow with the arm; those of the compliance are where PUSH would move the tip.
+ */
+export function ellipsoidsOf(robot, show, K, softness) {
+  const size = reach(robot), made = [];
+  const blockOf = (first) => Float64Array.from({ length: 9 }, (_, k) => K[6 * (first + Math.floor(k / 3)) + first + (k % 3)]);
+  if (show.rotation) made.push({ name: "rotation", block: blockOf(3), length: 0.0035 * size });
+  if (show.translation) made.push({ name: "translation", block: blockOf(0), length: 0.00025 * size });
+  if (!show.compliance) return made;
+  const { usual, loaded } = softness();
+  made.push({ name: "conventional", block: usual, length: PUSH });
+  if (loaded) made.push({ name: "exact", block: loaded, length: PUSH });
+  return made;
 }

@@ -28,7 +28,7 @@ function rayToSegment(eye, way, from, to) {
 }
 
 /**
- * The arm on a canvas. `state()` gives what is to be seen: {tip, q, K, wrench, loop, marker, show}; `moved(q)` and
+ * The arm on a canvas. `state()` gives what is to be seen: {tip, q, ellipsoids, wrench, loop, marker}; `moved(q)` and
  * `carried(part of a lap)` are told what a drag did.
  */
 export class View {
@@ -148,7 +148,7 @@ export class View {
 
   /** Return the solids of the state; with `swing` {law, q}, of an arm that swings under a law, without load and loop. */
   items(swing = null) {
-    const state = this.state(), colours = theme(), { tip, K, show } = state;
+    const state = this.state(), colours = theme(), { tip, ellipsoids } = state;
     const { q, wrench, loop, marker } = swing ? { q: swing.q, wrench: [0, 0, 0, 0, 0, 0], loop: null } : state;
     const { frames, links, tip: hand, slim } = this.parts(tip, q), solid = [], through = [], plain = [];
     const drum = (from, to, radius, colour, mesh = "drum", into = solid) => {
@@ -192,12 +192,10 @@ export class View {
       drum(hand.origin, marker, this.thick * 0.06, colours.ink);
       ball(marker, this.thick * 0.42, colours.conventional);
     }
-    for (const [name, first, size] of [["rotation", 3, 0.0035], ["translation", 0, 0.00025]]) {
-      if (!show[name]) continue;
-      const block = Float64Array.from({ length: 9 }, (_, k) => K[6 * (first + Math.floor(k / 3)) + first + (k % 3)]);
+    for (const { name, block, length } of ellipsoids) {
       const { values, vectors } = eigen(block, 3);
       const axes = [0, 1, 2].map((k) => {
-        const long = this.size * Math.min(0.6, Math.max(0.004, size * Math.abs(values[k])));
+        const long = Math.min(0.6 * this.size, Math.max(0.004 * this.size, length * Math.abs(values[k])));
         return [0, 1, 2].map((i) => vectors[3 * i + k] * long);
       });
       if (dot(cross(axes[0], axes[1]), axes[2]) < 0) axes[2] = scaled(axes[2], -1);
