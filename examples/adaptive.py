@@ -154,21 +154,21 @@ def figure(runs: dict[str, Run]) -> str:
 
     colours = dict(zip(runs, (POTENTIAL, CORRECTED, CONVENTIONAL), strict=True))
     with plt.rc_context(STYLE):
-        drawing, ((careful_k, greedy_k), (tanks, ports)) = plt.subplots(2, 2, figsize=(9.6, 5.2), layout="constrained")
+        drawing, ((careful_k, greedy_k), (tanks, ports)) = plt.subplots(2, 2, figsize=(7.5, 5.2), layout="constrained")
         for axes, name in zip((careful_k, greedy_k), runs, strict=False):
             run = runs[name]
-            axes.plot(run.time[::10], run.asked[::10], color=INK, linewidth=0.7, label="asked for")
-            axes.plot(run.time[::10], run.given[::10], color=colours[name], label="given")
+            axes.plot(run.time[::10], run.asked[::10], color=INK, linewidth=0.7, label="stiffness asked for")
+            axes.plot(run.time[::10], run.given[::10], color=colours[name])
             axes.set(title=f"stiffness in z, {name}", ylabel="[N/m]", ylim=(0, 1.08 * STIFF))
-        careful_k.legend(fontsize=7, loc="upper right")
         for name, run in runs.items():
             if run.bound == TANK:
-                tanks.plot(run.time[::10], run.tank[::10], color=colours[name], label=name)
+                tanks.plot(run.time[::10], run.tank[::10], color=colours[name])
             ports.plot(run.time[::10], run.port[::10], color=colours[name], label=name)
         tanks.set(title="energy in the tank", ylabel="[J]", ylim=(0, None))
-        ports.axhline(TANK, color=INK, linestyle=":", linewidth=1)
-        ports.set(title=f"work put out by the controller (dotted: the bound of {TANK:g} J)", ylabel="[J]")
-        ports.legend(fontsize=7)
+        ports.axhline(TANK, color=INK, linestyle=":", linewidth=1, label=f"bound of {TANK:g} J")
+        ports.set(title="work put out by the controller", ylabel="[J]")
+        # Beside the curves, which fill their panels.
+        drawing.legend(handles=[*ports.lines, careful_k.lines[0]], loc="outside lower center", ncols=3)
         for axes in (tanks, ports):
             axes.set_xlabel("time [s]")
         svg = themed_svg(drawing)

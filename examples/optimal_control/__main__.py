@@ -92,23 +92,26 @@ def figure(robot: Any, task: Task, solution: Solution) -> str:
     constant = joint_stiffness(robot, task, task.recorded, PAPER_STIFFNESS)
     found = joint_stiffness(robot, task, solution.q, solution.task_stiffness)
     with plt.rc_context(STYLE):
-        drawing, (near, soft, entries) = plt.subplots(1, 3, figsize=(9.6, 3.0), layout="constrained")
+        drawing, ((near, soft), (entries, beside)) = plt.subplots(2, 2, figsize=(7.5, 5.4), layout="constrained")
         for stiffness, colour, label in (
             (constant, CONVENTIONAL, "constant task stiffness"), (found, CORRECTED, "optimal"),
         ):  # fmt: skip
-            near.semilogy(way, distance(stiffness), color=colour, label=label)
+            near.semilogy(way, distance(stiffness), color=colour)
             soft.plot(way, softest(stiffness), color=colour, label=label)
         near.set(title="distance to the wanted joint stiffness", ylabel="sum of squares, weighted [1]")
-        soft.axhline(LEAST, color=CORRECTED, linestyle=":", linewidth=1)
+        soft.axhline(LEAST, color=CORRECTED, linestyle=":", linewidth=1, label="required of the optimal one")
         soft.set(title="softest direction of the joints", ylabel="smallest eigenvalue [N m/rad]")
         soft.axhline(0, color=INK, linewidth=0.8)
-        soft.legend(fontsize=7)
-        translation = np.linalg.eigvalsh(solution.task_stiffness[:, :3, :3])
-        rotation = np.linalg.eigvalsh(solution.task_stiffness[:, 3:, 3:])
-        for k, colour in enumerate(AXES):
-            entries.semilogy(way, translation[:, k], color=colour)
-            entries.semilogy(way, rotation[:, k], "--", color=colour)
-        entries.set(title="principal stiffnesses of the optimal K", ylabel="[N/m] (full), [N m/rad] (dashed)")
+        for block, line, label in (
+            (slice(0, 3), "-", "of the translation [N/m]"), (slice(3, 6), "--", "of the rotation [N m/rad]"),
+        ):  # fmt: skip
+            principal = np.linalg.eigvalsh(solution.task_stiffness[:, block, block])
+            for k, colour in enumerate(AXES):
+                entries.semilogy(way, principal[:, k], line, color=colour)
+            beside.plot([], [], line, color=INK, label=label)
+        entries.set(title="principal stiffnesses of the optimal K", ylabel="stiffness [N/m or N m/rad]")
+        beside.set_axis_off()
+        beside.legend(handles=[*soft.lines[:3], *beside.lines], loc="center")
         for axes in (near, soft, entries):
             axes.set_xlabel("part of the way [%]")
         svg = themed_svg(drawing)

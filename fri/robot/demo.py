@@ -188,41 +188,41 @@ def draw(log: ClientLog, received: Mapping[str, NDArray[Any]], parts: tuple[NDAr
     time = log["time"][every]
     row = np.rint(log["time"] / log.summary["sample_time"]).astype(int)[every]
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(9.5, 6.6), layout="constrained")
+        figure = Figure(figsize=(8.6, 7.0), layout="constrained")
         panels = figure.subplots(2, 2, sharex=True)
         (joints, torque), (wrench, stiffness) = panels
         for joint, colour in enumerate(SHADES):
             joints.plot(time, np.degrees(log["q"][every, joint]), color=colour, label=f"A{joint + 1}")
             joints.plot(time, np.degrees(log["q0"][every, joint]), ":", color=colour)
-            torque.plot(time, received["command_torque"][row, joint], color=colour, label=f"A{joint + 1}")
+            torque.plot(time, received["command_torque"][row, joint], color=colour)
         joints.plot([], [], color=INK, label="measured")
         joints.plot([], [], ":", color=INK, label="zero-force")
         joints.set(ylabel="[deg]", title="joint positions")
         torque.set(ylabel="[N m]", title="joint torques that the robot received")
         for axis, colour in enumerate(AXES):
-            wrench.plot(time, log["wrench"][every, axis], color=colour, label=f"{'xyz'[axis]}, estimated by the client")
+            # The estimate shows on both sides of the simulation's thin line, which lies upon it.
+            estimated = f"{'xyz'[axis]}, estimated"
+            wrench.plot(time, log["wrench"][every, axis], color=colour, linewidth=2.4, label=estimated)
             wrench.plot(
-                time, received["wrench"][row, axis], ":", color=INK, label="in the simulation" if axis == 2 else None
-            )
+                time, received["wrench"][row, axis], ":", color=INK, linewidth=0.9,
+                label="in the simulation" if axis == 2 else None,
+            )  # fmt: skip
         wrench.set(ylabel="[N]", xlabel="time [s]", title="force on the tool, base axes")
         stiffness.plot(time, parts[1][every], "--", color=CONVENTIONAL, label="conventional formula")
         stiffness.plot(time, parts[0][every], color=CORRECTED, linewidth=2, label="corrected")
         stiffness.set(
-            ylabel="largest singular value [N m/rad]",
-            xlabel="time [s]",
-            title="antisymmetric part of the joint stiffness, same states",
+            ylabel="largest singular value [N m/rad]", xlabel="time [s]", title="antisymmetric part, same states"
         )
         begin = received["time"][received["state"] == SessionState.COMMANDING_ACTIVE][0] + APPROACH
-        for axes, columns, place in (
-            (joints, 3, (0.01, 0.01)),
-            (torque, 4, (0.4, 0.65)),
-            (wrench, 1, (0.35, 0.42)),
-            (stiffness, 1, (0.5, 0.3)),
-        ):
+        for axes in panels.flat:
             label = "trajectory begins" if axes is stiffness else None
             axes.axvline(begin, color=INK, linewidth=0.8, alpha=0.5, label=label)
             axes.margins(x=0.01)
-            axes.legend(ncols=columns, fontsize=7, columnspacing=0.8, handlelength=1.4, loc=place)
+        # Beside the panels, whose curves leave no room: the joints' colours hold for both of the upper ones.
+        figure.legend(handles=joints.get_legend_handles_labels()[0], loc="outside upper center", ncols=9,
+                      columnspacing=1.0, handlelength=1.4)  # fmt: skip
+        for axes in (wrench, stiffness):
+            axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)
         return themed_svg(figure)
 
 

@@ -19,6 +19,7 @@ from fri.robot.__main__ import RefusedError
 from fri.robot.messages import SessionState
 from fri.support.python_client import free_port
 from fri.support.run import Run, versions
+from support.pictures import difference
 from support.project import ROOT
 
 CLIENT = ROOT / "fri" / "client"
@@ -167,3 +168,13 @@ def test_the_demos_figure(session: Callable[..., Run], plate: ModuleType) -> Non
     assert svg.startswith("<svg")
     for text in ("joint torques that the robot received", "[N m]", "corrected", "time [s]"):
         assert text in svg
+
+
+@pytest.mark.wide(instead="test_the_demos_figure")
+def test_the_pages_figure(session: Callable[..., Run], plate: ModuleType) -> None:
+    """The demo's session drawn anew; noise in contact differs from machine to machine by some points of 684."""
+    whole = demo.APPROACH + demo.TRAJECTORY_TIME + demo.REST
+    run = session("2.7", *LOCKSTEP, "--duration", whole, client=("--approach", demo.APPROACH))
+    assert run.client is not None and run.client.summary["trajectory_done"]
+    svg = demo.draw(run.client, run.robot.log, demo.antisymmetric_parts(plate, run.client))
+    assert difference(svg, (ROOT / "docs" / "fri_session.svg").read_text(), within=3.0) == ""

@@ -1,13 +1,20 @@
 # SPDX-License-Identifier: MIT
-"""Pictures of the pages against those that their programs draw now: words, shapes and places."""
+"""Pictures of the pages against those that their programs draw now: words, shapes and places, or pixels."""
 
 from __future__ import annotations
 
+import io
 import re
 from xml.etree import ElementTree
 
 import numpy as np
+from matplotlib.image import imread
+from numpy.typing import NDArray
 
+BLOCK = 10
+"""Pixels of a block's side: edges of letters, which differ from one renderer to the next, are evened out."""
+SEEN = 0.06
+"""Difference of two blocks' mean colour that counts, of 1."""
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e-?\d+)?")
 _PLACES = ("d", "points", "x", "y", "x1", "x2", "y1", "y2", "cx", "cy", "transform")
 
@@ -49,3 +56,18 @@ def difference(drawn: str, committed: str, within: float) -> str:
         if new.size and np.abs(new - old).max() > within:
             return f"a {kind} is {np.abs(new - old).max():.3g} away from its place"
     return ""
+
+
+def pixels(png: bytes) -> NDArray[np.float64]:
+    """Return the colours of a PNG and its opacity where it has one: (height, width, 3 or 4), of 1."""
+    return np.asarray(imread(io.BytesIO(png), format="png"), dtype=float)
+
+
+def share_of_pixels(first: bytes, second: bytes) -> float:
+    """Return the share of blocks in which two PNGs differ, 1 if their sizes do."""
+    a, b = pixels(first), pixels(second)
+    if a.shape != b.shape:
+        return 1.0
+    rows, columns, channels = a.shape[0] // BLOCK, a.shape[1] // BLOCK, a.shape[2]
+    blocks = (a - b)[: rows * BLOCK, : columns * BLOCK].reshape(rows, BLOCK, columns, BLOCK, channels)
+    return float((np.abs(blocks.mean(axis=(1, 3))).max(axis=2) > SEEN).mean())

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
 """Pictures of the pages are those that their programs draw today.
 
-Not here: ``adaptive.svg`` and ``identify.svg``, which the tests of their programs compare; ``casadi.svg`` and those of
-``whole_body.md``, whose tests draw them from shorter runs; ``recordings.svg``, which test_recordings compares;
-``wrench.svg``, drawn by hand; ``fri_session.svg`` and ``bowl_antisymmetric.svg``, which no test compares.
+Not here: pictures that the tests of their programs compare (``adaptive.svg``, ``identify.svg``, ``casadi.svg``,
+``compliance.svg``, ``flutter.svg``, ``fri_session.svg``, ``bowl_antisymmetric.svg``, ``recordings.svg``,
+``iiwa_bowl.png``, ``playground.png`` and those of ``whole_body.md``); and ``wrench.svg``, drawn by hand.
 """
 
 from __future__ import annotations

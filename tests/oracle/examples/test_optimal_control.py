@@ -12,8 +12,9 @@ import pytest
 
 import stiffgen
 from examples.optimal_control import problem
-from examples.optimal_control.__main__ import feasible, softest
+from examples.optimal_control.__main__ import feasible, figure, softest
 from stiffgen.robot.chain import Tool
+from support.pictures import difference
 from support.project import ROOT, URDF
 
 
@@ -83,9 +84,17 @@ def test_program(tmp_path):
         URDF, name="iiwa14_wiping", tool=Tool(xyz=(0.0, 0.0, 0.24)), masses=False, output=tmp_path,
         derivatives=True,
     )  # fmt: skip
-    figure = tmp_path / "figure.svg"
-    command = [sys.executable, "-m", "examples.optimal_control", "--robot", str(folder), "--figure", str(figure)]
+    file = tmp_path / "figure.svg"
+    command = [sys.executable, "-m", "examples.optimal_control", "--robot", str(folder), "--figure", str(file)]
     done = subprocess.run([*command, "--knots", "4"], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "graph to compiled" in done.stdout
-    assert figure.read_text().startswith("<svg")
+    assert file.read_text().startswith("<svg")
+
+
+@pytest.mark.slow
+def test_the_pages_figure(graph, as_numpy):
+    """With the page's twelve knots, by the graph: another way to the same solution, in 183 steps for 186."""
+    task = problem.bowl_task(as_numpy, 12)
+    drawn = figure(as_numpy, task, problem.solve(graph, as_numpy, task))
+    assert difference(drawn, (ROOT / "docs" / "casadi.svg").read_text(), within=1.0) == ""
