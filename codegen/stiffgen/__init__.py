@@ -28,6 +28,7 @@ if TYPE_CHECKING:
         StiffgenError,
     )
     from stiffgen.generate import generate
+    from stiffgen.loaded import BucklingLoad, Settled, buckling_load, settle
     from stiffgen.loading import load_chain
     from stiffgen.loads import ExternalWrench, StiffnessDeviation, external_wrench, stiffness_deviation, tip_covariance
     from stiffgen.opened import GeneratedRobot, open_robot
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from stiffgen.postures import find_postures
     from stiffgen.robot.chain import Chain, Sensor, Tool
     from stiffgen.series import in_series, tip_compliance_in_series
+    from stiffgen.softness import compliance_determinant_gradient, compliance_gradient
     from stiffgen.symbolic.model import StiffnessModel
     from stiffgen.symbolic.moving import move_stiffness
     from stiffgen.symbolic.potentials import KernelOptions
@@ -42,6 +44,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Analysis",
+    "BucklingLoad",
     "BuildError",
     "Calibration",
     "Chain",
@@ -60,12 +63,16 @@ __all__ = [
     "RecordingError",
     "Sensor",
     "SensorProperties",
+    "Settled",
     "StiffgenError",
     "StiffnessDeviation",
     "StiffnessModel",
     "Tool",
     "__version__",
     "analyze",
+    "buckling_load",
+    "compliance_determinant_gradient",
+    "compliance_gradient",
     "estimate_sensors",
     "external_wrench",
     "find_postures",
@@ -76,6 +83,7 @@ __all__ = [
     "move_stiffness",
     "open_robot",
     "read_calibration",
+    "settle",
     "stiffness_deviation",
     "tare",
     "tip_compliance_in_series",
@@ -88,6 +96,7 @@ _HOMES = {
     "cache": ("load",),
     "calibrate.calibration": ("Calibration", "read_calibration", "tare"),
     "generate": ("generate",),
+    "loaded": ("BucklingLoad", "Settled", "buckling_load", "settle"),
     "loading": ("load_chain",),
     "loads": ("ExternalWrench", "StiffnessDeviation", "external_wrench", "stiffness_deviation", "tip_covariance"),
     "opened": ("GeneratedRobot", "open_robot"),
@@ -95,6 +104,7 @@ _HOMES = {
     "postures": ("find_postures",),
     "robot.chain": ("Chain", "Sensor", "Tool"),
     "series": ("in_series", "tip_compliance_in_series"),
+    "softness": ("compliance_determinant_gradient", "compliance_gradient"),
     "symbolic.model": ("StiffnessModel",),
     "symbolic.moving": ("move_stiffness",),
     "symbolic.potentials": ("KernelOptions",),

@@ -41,7 +41,7 @@ def in_series(Kq: ArrayLike, Kc: ArrayLike) -> FloatArray:
         StiffgenError: shapes do not fit, a matrix is not symmetric, or the gears have a negative or no stiffness (NaN).
 
     """
-    A, gears = _symmetric("in_series: Kq", Kq), np.asarray(Kc, dtype=float)
+    A, gears = symmetric("in_series: Kq", Kq), np.asarray(Kc, dtype=float)
     n = A.shape[-1]
     if gears.shape == (n,):
         if not (gears >= 0).all():
@@ -51,7 +51,7 @@ def in_series(Kq: ArrayLike, Kc: ArrayLike) -> FloatArray:
     else:
         if gears.shape[-2:] != (n, n):
             raise StiffgenError(f"in_series: Kc must be ({n}) or (..., {n}, {n}), as Kq is, not {gears.shape}")
-        elastic, B = np.full(n, True), _symmetric("in_series: Kc", gears)
+        elastic, B = np.full(n, True), symmetric("in_series: Kc", gears)
         smallest, size = np.linalg.eigvalsh(np.nan_to_num(B))[..., 0], np.abs(np.nan_to_num(B)).max(axis=(-1, -2))
         if (smallest < -_ASYMMETRIC * size).any():
             raise StiffgenError(f"in_series: Kc has the negative eigenvalue {smallest.min():.6g}; gears are passive")
@@ -103,9 +103,9 @@ def tip_compliance_in_series(
             f"tip_compliance_in_series: no representation '{representation}'; it must be one of {known}"
         )
     where = "tip_compliance_in_series: "
-    total, tip = _symmetric(f"{where}compliance", compliance, 6), _pose(f"{where}pose", pose)
+    total, tip = symmetric(f"{where}compliance", compliance, 6), _pose(f"{where}pose", pose)
     for number, (part, frame) in enumerate(parts):
-        C, placed = _symmetric(f"{where}compliance of part {number}", part, 6), _pose(f"{where}frame {number}", frame)
+        C, placed = symmetric(f"{where}compliance of part {number}", part, 6), _pose(f"{where}frame {number}", frame)
         total = total + _congruence(np.swapaxes(_transport(placed, tip, representation), -1, -2), C)
     return total
 
@@ -141,8 +141,8 @@ def _is_positive_definite(matrix: FloatArray) -> FloatArray:
     return result
 
 
-def _symmetric(name: str, values: ArrayLike, size: int | None = None) -> FloatArray:
-    """Return a stack of symmetric matrices; StiffgenError for any other array."""
+def symmetric(name: str, values: ArrayLike, size: int | None = None) -> FloatArray:
+    """Return a stack of symmetric matrices; StiffgenError, which begins with the name, for any other array."""
     matrix = np.asarray(values, dtype=float)
     n = matrix.shape[-1] if size is None and matrix.ndim else size
     if matrix.ndim < 2 or matrix.shape[-2:] != (n, n):
