@@ -9,7 +9,7 @@ kp (a +- i |c| / 2), a = (|c| / 2) cot(|c| / 2). They grow if the damping ratio 
     |c| / (4 sqrt(a))        about |c| / 4 for small targets
 
 The gradient of the energy kp |log(R0^T R)|^2 / 2 is the same law with the rotation vector of the difference. Both are
-simulated in MuJoCo: the first with its own <position> actuators, the second as an applied torque.
+simulated in MuJoCo: the first with its own <position> actuators, the second as an applied torque (stiffgen.drive).
 
 With --figure FILE the example writes flutter.svg (needs matplotlib: pip install 'stiffgen[examples,mjcf]').
 """
@@ -22,6 +22,8 @@ from pathlib import Path
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+
+from stiffgen import drive
 
 Array = NDArray[np.float64]
 
@@ -37,21 +39,13 @@ LAWS = (DRIVES, GRADIENT)
 MODEL = """<mujoco><option timestep="{step}" integrator="RK4" gravity="0 0 0"/><worldbody><body>
 <joint name="ball" type="ball" damping="{damping}"/><inertial pos="0 0 0" mass="1" diaginertia="{inertia}"/>
 </body></worldbody><actuator>{drives}</actuator></mujoco>"""
+XYZW = [1, 2, 3, 0]  # the order of stiffgen.drive, from MuJoCo's (w, x, y, z)
 DRIVE = '<position joint="ball" kp="{}" gear="{} 0 0 0"/>'
 
 
 def limit(target: float) -> float:
     """Return the damping ratio below which three drives flutter about a target [rad]."""
     return float(target / (4 * np.sqrt(target / 2 / np.tan(target / 2))))
-
-
-def difference(rotation: Array, other: Array) -> Array:
-    """Return the rotation vector (3,) [rad] from one unit quaternion (4,) to another, in the axes of both bodies."""
-    back, between, vector = np.zeros(4), np.zeros(4), np.zeros(3)
-    mujoco.mju_negQuat(back, rotation)
-    mujoco.mju_mulQuat(between, back, other)
-    mujoco.mju_quat2Vel(vector, between, 1.0)
-    return vector
 
 
 def simulate(target: float, ratio: float, law: str, seconds: float = 6.0, every: int = 100) -> Array:
@@ -67,13 +61,14 @@ def simulate(target: float, ratio: float, law: str, seconds: float = 6.0, every:
     mujoco.mju_mulQuat(data.qpos, aim, push)
     if law == DRIVES:
         data.ctrl[:] = 0.0, 0.0, target
-    angles = []
+    angles, K = [], STIFFNESS * np.eye(3)
     for step in range(round(seconds / STEP) + 1):
-        away = difference(aim, data.qpos)
+        if law == GRADIENT or step % every == 0:
+            torque = drive.torque(data.qpos[XYZW], aim[XYZW], K, "log")
         if step % every == 0:
-            angles.append(np.linalg.norm(away))
+            angles.append(np.linalg.norm(torque) / STIFFNESS)
         if law == GRADIENT:
-            data.qfrc_applied[:] = -STIFFNESS * away
+            data.qfrc_applied[:] = torque
         mujoco.mj_step(model, data)
     return np.array(angles)
 

@@ -14,7 +14,7 @@ from support.project import ROOT
 PACKAGE = Path(stiffgen.__file__).parent
 LAYERS = (
     ("errors", "_version", "rooms", "described", "signals"),
-    ("names", "folder", "page", "style", "rendering"),
+    ("names", "folder", "page", "style", "rendering", "drive"),
     ("robot",),
     ("symbolic",),
     ("loading", "series"),
