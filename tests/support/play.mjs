@@ -4,6 +4,7 @@
 import { readFileSync } from "node:fs";
 import { jointFrames, pointJacobian, tipFrame } from "./chain.js";
 import { Press, criticalGain, pressing, softness, stretched } from "./compliance.js";
+import { Body, DRIVES, flutterLimit } from "./drives.js";
 import { startKernels } from "./kernels.js";
 import * as mechanics from "./mechanics.js";
 import { SWING_LAWS, Swing } from "./swing.js";
@@ -49,6 +50,12 @@ const DO = {
     const posture = stretched(tip, Float64Array.from(q)), force = pressing(tip, posture, strength);
     return { q: posture, force, critical: criticalGain(tip, posture, force) };
   },
+  drives: ({ target, ratio, seconds }) => DRIVES.map((drive) => {
+    const body = new Body(drive, target, ratio);
+    body.advance(seconds);
+    return { law: body.law, angle: body.angle() };
+  }),
+  limit: ({ target }) => flutterLimit(target),
   bent: () => mechanics.bentPosture(data),
   singular: ({ q }) => {
     const near = mechanics.nearSingular(tip, Float64Array.from(q));

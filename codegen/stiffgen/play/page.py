@@ -47,8 +47,8 @@ OF_MOTORS = ("motors_torque", "motors_joint_stiffness")
 
 SCRIPTS = (
     "algebra.js", "kernels.js", "chain.js", "mechanics.js", "swing.js", "compliance.js", "solids.js", "figures.js",
-    "panels.js", "swingpanel.js", "view.js", "compliancepanel.js", "values.js", "matrixpanel.js",
-    "motorpanel.js", "looppanel.js", "controls.js", "presets.js", "main.js",
+    "drives.js", "panels.js", "swingpanel.js", "view.js", "compliancepanel.js", "drivepanel.js", "values.js",
+    "matrixpanel.js", "motorpanel.js", "looppanel.js", "controls.js", "presets.js", "main.js",
 )  # fmt: skip
 """Modules of the page, each after the modules that it imports."""
 

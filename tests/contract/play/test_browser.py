@@ -247,6 +247,25 @@ def test_an_arm_on_joint_springs_gives_way(page: Page) -> None:
     assert "the posture holds" in page.js("document.getElementById('softness').textContent")
 
 
+def test_a_ball_joint_flutters_on_three_drives(page: Page) -> None:
+    page.prefer(prefers_reduced_motion="reduce")
+    page.settle()
+    press(page, "A ball joint")
+    assert page.js(PRESSED) == ["A ball joint"]
+    assert page.js("document.querySelectorAll('#letters .laws b').length") == 3
+    text = page.js("document.getElementById('push-text').textContent")
+    assert text.startswith("After 6.00 s") and "three drives 2.6" in text and "trace 0 rad" in text
+    focus(page, "damping ratio")
+    page.press("ArrowRight", 20)
+    page.settle()
+    assert page.js("playground.drives.bodies()") is None
+    press(page, "Push")
+    text = page.js("document.getElementById('push-text').textContent")
+    assert "three drives 0 rad" in text
+    press(page, "Back to the arm")
+    assert page.js("playground.shown().arms") is None
+
+
 def test_every_control_has_a_name_and_is_reached_by_tab(page: Page) -> None:
     nodes = page.do("Accessibility.getFullAXTree")["nodes"]
     roles = ("slider", "spinbutton", "button", "combobox", "checkbox", "radio", "application", "image")

@@ -40,7 +40,8 @@ def page() -> Iterator[Page]:
 
 def test_the_picture_is_the_page(page: Page, file: Path) -> None:
     found = share_of_pixels(take(page, file), COMMITTED)
-    assert found < SAME, f"{found:.3f} of docs/playground.png differs: python -m contract.play.picture takes it anew"
+    again = "PYTHONPATH=tests python -m contract.play.picture docs/playground.png takes it anew"
+    assert found < SAME, f"{found:.3f} of docs/playground.png differs: {again}"
     colours = np.rint(255 * pixels(COMMITTED)[..., :3]).astype(int)
     for key in KEYS:
         text = page.js(f"getComputedStyle(document.documentElement).getPropertyValue('--{key}')").strip()

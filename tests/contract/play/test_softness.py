@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The playground's arm on joint springs, held against NumPy, an equilibrium by SciPy, and differences of equilibria."""
+"""The playground's arm on joint springs and its ball joint, held against NumPy, SciPy and MuJoCo's figures."""
 
 from __future__ import annotations
 
@@ -72,3 +72,24 @@ def test_a_straight_arm_gives_way_where_its_stiffness_is_used_up(scripts: Script
     (found,) = scripts.run([{"do": "press", "q": q, "force": force[:3], "gains": gains, "seconds": 4}])
     assert found["gaveWay"] == pytest.approx(0.7, abs=0.01)
     assert found["ways"]["loaded"] > 0.5 and found["ways"]["usual"] < 0.005
+
+
+@pytest.mark.parametrize(
+    ("target", "ratio", "angle"),
+    [(0.3, 0.05, 1.15), (0.3, 0.086, 0.0017), (0.9, 0.2, 1.23), (1.8, 0.05, 3.14), (1.8, 0.2, 2.74)],
+)
+def test_three_drives_flutter_as_in_mujoco(scripts: Scripts, target: float, ratio: float, angle: float) -> None:
+    """Angles after 6 s that MuJoCo 4.0 gave with Runge-Kutta steps of 0.2 ms; the gradients of energies rest."""
+    (found,) = scripts.run([{"do": "drives", "target": target, "ratio": ratio, "seconds": 6}])
+    angles = {each["law"]: each["angle"] for each in found}
+    assert angles["conventional"] == pytest.approx(angle, rel=0.2)
+    assert max(angles["exact"], angles["secant"]) < 1e-3
+
+
+def test_the_limit_of_flutter_is_where_it_begins(scripts: Scripts) -> None:
+    (limit,) = scripts.run([{"do": "limit", "target": 1.2}])
+    below, above = scripts.run(
+        [{"do": "drives", "target": 1.2, "ratio": share * limit, "seconds": 6} for share in (0.9, 1.1)]
+    )
+    assert below[0]["angle"] > 0.1
+    assert above[0]["angle"] < 0.027

@@ -4,6 +4,7 @@
 import { loopEnds, jointFrames } from "./chain.js";
 import { CompliancePanel } from "./compliancepanel.js";
 import { controlPanel } from "./controls.js";
+import { DrivePanel } from "./drivepanel.js";
 import { LAPS, theme } from "./figures.js";
 import { startKernels } from "./kernels.js";
 import { LoopPanel } from "./looppanel.js";
@@ -38,6 +39,7 @@ class Page {
     this.controls = controlPanel(this);
     this.loop = new LoopPanel(this);
     this.compliance = new CompliancePanel(this);
+    this.drives = new DrivePanel(this);
     this.presets = presetButtons(this, home);
   }
 
@@ -58,11 +60,12 @@ class Page {
   stopMotions() {
     this.swing.stop();
     this.compliance.stop();
+    this.drives.stop();
   }
 
   /** Whether something moves by itself. */
   get moves() {
-    return this.state.going || this.swing.going || this.compliance.going;
+    return this.state.going || this.swing.going || this.compliance.going || this.drives.going;
   }
 
   /** Ask for a frame. */
@@ -74,7 +77,7 @@ class Page {
 
   /** Move on by the time [ms] since the last frame, where something moves. */
   advance(time) {
-    const { state, swing, compliance, last } = this, passed = last === null ? 0 : time - last;
+    const { state, swing, compliance, drives, last } = this, passed = last === null ? 0 : time - last;
     if (state.going) {
       state.lap += Math.min(100, passed) / 1000 / SECONDS;
       if (state.lap >= LAPS) [state.lap, state.going] = [LAPS, false];
@@ -82,6 +85,7 @@ class Page {
     }
     if (swing.going) swing.advance(Math.min(33, passed) / 1000);
     if (compliance.going) compliance.advance(Math.min(33, passed) / 1000);
+    if (drives.going) drives.advance(Math.min(33, passed) / 1000);
     this.last = this.moves ? time : null;
   }
 
@@ -103,6 +107,7 @@ class Page {
     $("timing").textContent = `Kernels of this picture: ${this.now.time.toFixed(1)} ms.`;
     this.swing.show(this.colours);
     this.compliance.show();
+    this.drives.show();
     this.presets.mark();
     if (!performance.getEntriesByName("first picture").length) performance.mark("first picture");
     if (this.moves) this.redraw();
@@ -133,7 +138,7 @@ class Page {
 
   /** Return the state as the view shows it: on the loop, swinging, or pressed. */
   shown() {
-    const { state, now } = this, phase = 2 * Math.PI * state.lap, arms = this.swing.arms();
+    const { state, now } = this, phase = 2 * Math.PI * state.lap, arms = this.drives.bodies() ?? this.swing.arms();
     const q = arms || state.lap === 0 ? state.q : now.loop.at(phase);
     const ellipsoids = ellipsoidsOf(this.robot, state.show, now.matrices.K, () => this.compliance.softness());
     return { ...state, arms, q, ellipsoids, loop: now.path, marker: now.marker(phase), ...this.compliance.shown() };

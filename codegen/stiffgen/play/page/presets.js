@@ -55,6 +55,10 @@ function presetsOf(page, home) {
       name: "Near singular", act() { near = nearSingular(state.tip, home); page.stand(near); },
       holds: () => alike(state.q, near), needsTree: true,
     },
+    {
+      name: "A ball joint", act() { page.drives.stop(); page.drives.push(); },
+      holds: () => page.drives.bodies() !== null,
+    },
     { name: "Gives way", act: () => giveWay(page, home), holds: () => page.compliance.press !== null },
   ].filter(({ needsTree }) => !(needsTree && robot.loops));
 }

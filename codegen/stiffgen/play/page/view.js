@@ -146,6 +146,21 @@ export class View {
     return { frames, links, tip: tips[this.robot.tips.indexOf(tip.tip)], slim };
   }
 
+  /** Return the solids of a body on a ball joint: two bars of unlike length in the colour of its drive. */
+  body({ law, rotation }) {
+    const colour = theme()[law], solid = [], middle = this.target;
+    const bar = (k, length, radius) => {
+      const way = [0, 1, 2].map((i) => rotation[3 * i + k] * length * this.size);
+      const [x, y] = beside(unit(way));
+      solid.push({ mesh: "drum", model: model(scaled(x, radius), scaled(y, radius), way, middle), colour });
+    };
+    bar(0, 0.7, 0.9 * this.thick);
+    bar(2, 0.4, 0.6 * this.thick);
+    const ball = this.thick * 1.3;
+    solid.push({ mesh: "sphere", model: model([ball, 0, 0], [0, ball, 0], [0, 0, ball], middle), colour: theme().arm });
+    return solid;
+  }
+
   /** Return the solids of the state; with `swing` {law, q}, of an arm that swings under a law, without load and loop. */
   items(swing = null) {
     const state = this.state(), colours = theme(), { tip, ellipsoids } = state;
@@ -224,8 +239,8 @@ export class View {
   draw() {
     const { arms } = this.state(), parts = arms ? arms.length : 1;
     this.solids.clear();
-    for (let k = 0; k < parts; ++k) this.solids.draw(this.items(arms?.[k]), this.camera(parts), k, parts);
-    this.names.innerHTML = arms ? arms.map(({ law }) => `<b class="key ${law}">${law}</b>`).join("") : "";
+    for (let k = 0; k < parts; ++k) this.solids.draw(arms?.[k].rotation ? this.body(arms[k]) : this.items(arms?.[k]), this.camera(parts), k, parts);
+    this.names.innerHTML = arms ? arms.map(({ law, words }) => `<b class="key ${law}">${words ?? law}</b>`).join("") : "";
     this.letters.forEach((letter, k) => {
       letter.hidden = parts > 1;
       const [x, y] = this.seen([0, 1, 2].map((i) => (i === k ? 0.3 * this.size : 0)));
