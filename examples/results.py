@@ -198,6 +198,13 @@ def compliance(robots: Path) -> Rows:
     return tip_compliance.rows(_iiwa())
 
 
+def stiff_postures(robots: Path) -> Rows:
+    """Compare postures at the ends of self-motions: least torque, and stiffest under the load."""
+    from examples import stiff_postures
+
+    return stiff_postures.rows(stiff_postures.arms(_iiwa(), stiff_postures.panda()))
+
+
 def flutter(robots: Path) -> Rows:
     """Push a ball joint at its target: three position drives, and the gradient of an energy, in MuJoCo."""
     from examples import flutter
@@ -224,6 +231,7 @@ SECTIONS: dict[str, tuple[Callable[[Path], Rows], tuple[str, ...]]] = {
             "smallest eigenvalue of H [N m/rad]",
         ),
     ),
+    "stiff postures": (stiff_postures, ("arm", "start", "least torque", "stiffest", "between both [rad]")),
 }
 """Tables of the page: function and head of the columns."""
 

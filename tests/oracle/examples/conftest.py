@@ -14,6 +14,7 @@ from examples.bowl_wiping.__main__ import main as wipe_bowl
 from examples.experiments.tool import SENSOR
 from examples.parkour.__main__ import main as run_parkour
 from examples.parkour.tool import BALL
+from examples.stiff_postures import PANDA
 from examples.whole_body.plant import URDF as SOLO
 from examples.whole_body.stance import FEET
 from support.plate import plate, plate_folder
@@ -27,6 +28,15 @@ def ball_folder(once: Once) -> Path:
     """Return the folder of the arm with the parkour's ball."""
     options = {"name": BALL.robot, "tool": BALL.for_generator(), "sensor": SENSOR}
     return once("ball", lambda output: stiffgen.generate(URDF, output=output, **options)) / BALL.robot
+
+
+@pytest.fixture(scope="session")
+def panda(once: Once) -> ModuleType:
+    """Return the module of the Panda, without a controller."""
+    options = {"tip": "panda_hand", "name": "panda", "controller": False}
+    return stiffgen.open_robot(
+        once("panda", lambda output: stiffgen.generate(PANDA, output=output, **options)) / "panda"
+    ).module
 
 
 def run_experiment(main: Callable[..., int], *options: object) -> None:

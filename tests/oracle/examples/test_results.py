@@ -12,7 +12,7 @@ from types import ModuleType
 
 import pytest
 
-from examples import results
+from examples import results, stiff_postures
 from stiffgen.errors import StiffgenError
 from support.project import ROOT
 
@@ -50,9 +50,12 @@ def test_every_table_has_its_section_and_its_command() -> None:
 
 
 @pytest.mark.parametrize("section", [each for each in results.SECTIONS if each != "experiments"])
-def test_numbers(section: str, robot: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_numbers(
+    section: str, robot: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
     """The same text, to the digits shown."""
     monkeypatch.setattr(results, "_iiwa", lambda: robot)
+    monkeypatch.setattr(stiff_postures, "panda", lambda: request.getfixturevalue("panda"))
     assert results.table(section, tmp_path) == shown(section)
 
 
