@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Search for schedules that break the controller's energy bound, by hill climbing.
 
-    python tests/campaigns/energy.py [--count 100000] [--seed 1] [--climb 200] [--arm iiwa14] [--policy]
+    python tests/campaigns/energy.py [--count 100000] [--seed 1] [--climb 200] [--arm iiwa14] [--policy | --python]
 
 A schedule (schedules.py) says what an environment and a planner do to the robot in two seconds: loads, pushes, an arm
 that is moved whatever it does, into the limit zones and along its torque, too; stiffness and equilibrium that change;
@@ -10,13 +10,16 @@ early, velocities that lie, torques of the caller, commands of single precision,
 exert, velocities and accelerations of plans come and go, and lie. Configurations vary in delay, missed_limit, rate
 limits, limit zones, damping, velocity filter, tank and engagement, with Coriolis forces and without, with motors that
 have a controller inside and without. They change to and fro while the arm moves: limits of velocity, calls and effort
-are raised and lowered, and the environment uses at once those that the outputs name as in force.
+are raised and lowered, and the environment uses at once those that the outputs name as in force. Further draws
+(widened.py): positions of single precision, late calls, old samples, restarts with another delay, tools.
 
 The work that the robot puts out at its port is summed from the exact motion and the torque that acted, and compared
 with the controller's output energy_supplied, from the first sample to the last and at all times between. With --policy
 all commands reach the controller through the policy port, from a hostile commander (policy_law.c) whose seed the climb
-changes. Other arms than the iiwa 14 are generated: j2s6s200 and turning have joints without limits, whose encoders
-wrap, and which make more than half a turn while no sample comes.
+changes. With --python the best schedule of each climb is run once more through the class Impedance: its work and its
+energy_supplied are those of C. Other arms than the iiwa 14 are generated: j2s6s200 and turning have joints without
+limits, whose encoders wrap, and which make more than half a turn while no sample comes; hands has two tips, and tools
+at run time; five_bar has closed loops.
 
 A climb starts at a random schedule and keeps each change that brings the work nearer to the bound or
 beyond. A schedule in which control is lost at the start counts for nothing, and nothing else is exempted.
@@ -35,15 +38,16 @@ import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 
 import stiffgen
+from campaigns.patterns import PATTERNS, TURNING
+from campaigns.python_layer import PythonLayer, module_sources
 from campaigns.schedules import (
-    PATTERNS,
     SAMPLES,
-    TURNING,
     Random,
     Schedule,
     change_configuration,
@@ -54,10 +58,11 @@ from campaigns.schedules import (
     part,
     schedule,
 )  # fmt: skip
+from campaigns.widened import settings, vary, widen
 from support.arms.arms import MAKERS
 from support.plant.loop import LAW, POLICY, Q0, Loop
 from support.project import ROOT
-from support.small_robots import turning_arm
+from support.small_robots import Small, five_bar, turning_arm
 
 TOLERANCE = 1e-9
 """[J] by which the bound may be passed."""
@@ -86,7 +91,7 @@ def changed(random: Random, loop: Loop, old: Schedule, moving: bool, sensors: bo
     """Return a neighbour: numbers shaken, segments moved, doubled, dropped, replaced, or copied from another one."""
     new = copy.deepcopy(old)
     for _ in range(random.integers(1, 4)):
-        kind = random.integers(0, 8)
+        kind = random.integers(0, 9)
         later = new.parts[1:]
         if kind == 0 or not later:
             new.parts.append(part(random, loop, moving))
@@ -108,6 +113,8 @@ def changed(random: Random, loop: Loop, old: Schedule, moving: bool, sensors: bo
             one[name] = 0 if one.get(name) else int(random.integers(1, 6)) if name == "skip" else 1
         elif kind == 6:
             _change_config(random, new)
+        elif kind == 7:
+            vary(random, loop, new)
         else:
             change_configuration(random, loop, new)
     if not sensors:
@@ -156,14 +163,22 @@ def measure(loop: Loop, chosen: Schedule) -> Measured:
     limit = chosen.config["engagement_limit"]
     keeps = {"engagement": limit, "fastest": 1.0, "rate": chosen.config.get("torque_rate_limit", 10 * loop.effort)}
     episode = loop.episode(**chosen.episode, **keeps, limited=1)
-    configs = [loop.config(**chosen.config | change) for change in ({}, *chosen.changes)]
-    summary = loop.run(SAMPLES, loop.segments(*chosen.parts), episode, configs)
+    parts, configs = settings(chosen)
+    summary = loop.run(SAMPLES, loop.segments(*parts), episode, [loop.config(**config) for config in configs])
     excess = summary.excess_supplied
     dead = summary.faults and summary.fault_at < LIVE
     bound = summary.port_most - excess
     ratio = summary.port_most / bound if bound > 0 else np.inf
     interest = 1 + excess if excess > 0 else ratio  # the excess alone would choose the smallest tank
     return Measured(excess, -np.inf if dead and excess <= 0 else interest, ratio, summary)
+
+
+def attempt(loop: Loop, chosen: Schedule) -> Measured:
+    """Run a schedule; one whose configuration is refused at a start counts for nothing."""
+    try:
+        return measure(loop, chosen)
+    except AssertionError:
+        return Measured(-np.inf, -np.inf, 0.0, loop.Summary())
 
 
 def _stream(random: Random, loop: Loop, one: Schedule) -> None:
@@ -181,50 +196,99 @@ def climb(random: Random, loop: Loop, steps: int, moving: bool, sensors: bool = 
         for _ in range(min(10, steps))
     ]
     for one in starts:
-        _stream(random, loop, one)
-    best, most = max(((one, measure(loop, one)) for one in starts), key=lambda pair: pair[1].interest)
+        _stream(random, loop, widen(random, loop, one))
+    best, most = max(((one, attempt(loop, one)) for one in starts), key=lambda pair: pair[1].interest)
     for _ in range(steps - len(starts)):
         new = changed(random, loop, best, moving, sensors)
         if random.random() < 0.3:
             _stream(random, loop, new)
-        try:
-            got = measure(loop, new)
-        except AssertionError:  # a configuration that is refused
-            continue
+        got = attempt(loop, new)
         if got.interest >= most.interest:
             best, most = new, got
     return best, most
 
 
+OTHERS: dict[str, tuple[Small, tuple[float, ...]]] = {
+    "turning": (turning_arm(), (2.8, 0.6, -2.9)),
+    "five_bar": (five_bar(), (0.1, -0.15)),
+}
+"""Small robots and their postures [rad]: one without joint limits, and a linkage with two motors."""
+ARMS = (*MAKERS, "hands", *OTHERS)
+"""Arms of the search; hands has two tips that take tools at run time."""
+
 _loop: Loop | None = None
-"""Of a worker process."""
+"""Loop of a worker process."""
+_module: ModuleType | None = None
+"""Python module of a worker process that compares it with C."""
+
+
+@dataclass(frozen=True)
+class Climbed:
+    """Best of a climb: seed, kind, work less supply and work [J], first fault's reason, ratio, Python less C [J]."""
+
+    seed: int
+    moving: bool
+    excess: float
+    port: float
+    reason: int
+    ratio: float
+    apart: float
+
+
+def difference(loop: Loop, module: Any, chosen: Schedule) -> float:
+    """Return by how much the class Impedance differs from C in a schedule: of work, and of work less supply [J]."""
+    by_c = measure(loop, chosen)
+    with PythonLayer(loop, module, by_time=not chosen.episode.get("stale")) as layer:
+        got = measure(loop, chosen)
+    if layer.failure:
+        raise AssertionError(layer.failure)
+    return max(abs(got.summary.port_most - by_c.summary.port_most), abs(got.excess - by_c.excess))
 
 
 def generate_arm(name: str, folder: Path) -> tuple[Path, tuple[float, ...]]:
     """Return the folder of an arm, generated unless it is there, and a posture far from limits and singular poses."""
     made = folder / name
     if name in MAKERS:
-        file, tip, home = MAKERS[name].urdf, MAKERS[name].tip, MAKERS[name].posture
+        file, home = MAKERS[name].urdf, MAKERS[name].posture
+        options: dict[str, Any] = {"tip": MAKERS[name].tip}
+    elif name == "hands":
+        file, home = ROOT / "tests" / "data" / "dual_arm.urdf", (0.2, 0.5, 0.7, -0.4, 0.6)
+        options = {"tip": ["left hand", "right-hand"], "runtime_tool": True}
     else:
-        file, tip, home = folder / "turning.urdf", "three", (2.8, 0.6, -2.9)
-        file.write_text(turning_arm().urdf)
+        small, home = OTHERS[name]
+        file, options = folder / f"{name}.urdf", small.all_options()
+        file.write_text(small.urdf)
     if not made.exists():
-        stiffgen.generate(file, tip=tip, name=name, output=folder)
+        stiffgen.generate(file, name=name, output=folder, **options)
     return made, home
 
 
-def _start(law: Path, robot: Path, home: tuple[float, ...]) -> None:
-    global _loop
+def _start(law: Path, robot: Path, home: tuple[float, ...], python: bool) -> None:
+    global _loop, _module
     _folder = tempfile.mkdtemp()
-    _loop = Loop(Path(_folder), robot, law, home=home)
+    _loop = Loop(Path(_folder), robot, law, module_sources(robot) if python else None, home=home)
+    _module = stiffgen.open_robot(robot).module if python else None
     shutil.rmtree(_folder)
 
 
-def _climb(task: tuple[int, int, bool]) -> tuple[int, bool, float, float, int, float]:
+def _climb(task: tuple[int, int, bool]) -> Climbed:
     seed, steps, moving = task
     assert _loop is not None
-    got = climb(np.random.default_rng(seed), _loop, steps, moving)[1]
-    return seed, moving, got.excess, got.summary.port_most, got.summary.reason, got.ratio
+    best, got = climb(np.random.default_rng(seed), _loop, steps, moving)
+    apart = difference(_loop, _module, best) if _module else 0.0
+    return Climbed(seed, moving, got.excess, got.summary.port_most, got.summary.reason, got.ratio, apart)
+
+
+def _tell(rows: list[Climbed], climb_length: int) -> None:
+    """Print the table of results."""
+    print("| wanted equilibrium | schedules | climbs beyond | most of work less supply [J] | most put out [J] |")
+    print("|---|---|---|---|---|")
+    for moving in (False, True):
+        some = [row for row in rows if row.moving == moving]
+        if some:
+            beyond, most = sum(row.excess > TOLERANCE for row in some), max(row.excess for row in some)
+            name, count = "moving" if moving else "constant", len(some) * climb_length
+            print(f"| {name} | {count} | {beyond} | {most:.2e} | {max(row.port for row in some):.3f} |")
 
 
 def main() -> int:
@@ -233,35 +297,33 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--climb", type=int, default=200, help="schedules of a climb")
     parser.add_argument("--workers", type=int, default=os.cpu_count())
-    parser.add_argument("--arm", choices=[*MAKERS, "turning"], default="iiwa14")
-    parser.add_argument("--policy", action="store_true", help="command through the policy port")
+    parser.add_argument("--arm", choices=ARMS, default="iiwa14")
+    way = parser.add_mutually_exclusive_group()
+    way.add_argument("--policy", action="store_true", help="command through the policy port")
+    way.add_argument("--python", action="store_true", help="compare the class Impedance with C on each climb's best")
     options = parser.parse_args()
     law = POLICY if options.policy else LAW
     start, climbs = time.monotonic(), -(-options.count // options.climb)
     tasks = [(options.seed + k, options.climb, k % 2 == 1) for k in range(climbs)]
-    found: dict[bool, list[tuple[float, float]]] = {False: [], True: []}
-    worst = 0.0
+    rows: list[Climbed] = []
     folder = Path(tempfile.mkdtemp())
     robot = (ROOT / "generated" / "iiwa14", Q0) if options.arm == "iiwa14" else generate_arm(options.arm, folder)
-    with multiprocessing.Pool(options.workers, _start, (law, *robot)) as pool:
-        for done, (seed, moving, excess, port, reason, ratio) in enumerate(pool.imap_unordered(_climb, tasks), 1):
-            found[moving].append((excess, port))
-            worst = max(worst, ratio)
-            if excess > TOLERANCE:
-                print(f"seed {seed}{', moving' * moving}: {excess:.2e} J beyond, reason {reason}", flush=True)
-            if done % 20 == 0 or done == climbs:
-                beyond = sum(x > TOLERANCE for x, _ in found[False] + found[True])
-                print(f"{done * options.climb} schedules, {beyond} climbs beyond the bound, "
-                      f"worst ratio {worst:.6f}, {time.monotonic() - start:.0f} s", flush=True)  # fmt: skip
+    with multiprocessing.Pool(options.workers, _start, (law, *robot, options.python)) as pool:
+        for row in pool.imap_unordered(_climb, tasks):
+            rows.append(row)
+            if row.excess > TOLERANCE:
+                print(f"seed {row.seed}{', moving' * row.moving}: {row.excess:.2e} J beyond, reason {row.reason}",
+                      flush=True)  # fmt: skip
+            if row.apart > TOLERANCE:
+                print(f"seed {row.seed}: Python and C differ by {row.apart:.2e} J", flush=True)
+            if len(rows) % 20 == 0 or len(rows) == climbs:
+                beyond = sum(row.excess > TOLERANCE for row in rows)
+                worst, taken = max(row.ratio for row in rows), time.monotonic() - start
+                print(f"{len(rows) * options.climb} schedules, {beyond} climbs beyond the bound, "
+                      f"worst ratio {worst:.6f}, {taken:.0f} s", flush=True)  # fmt: skip
     shutil.rmtree(folder)
-    print("| wanted equilibrium | schedules | climbs beyond | most of work less supply [J] | most put out [J] |")
-    print("|---|---|---|---|---|")
-    for moving, rows in found.items():
-        if rows:
-            beyond, most, port = sum(x > TOLERANCE for x, _ in rows), max(x for x, _ in rows), max(p for _, p in rows)
-            name, count = "moving" if moving else "constant", len(rows) * options.climb
-            print(f"| {name} | {count} | {beyond} | {most:.2e} | {port:.3f} |")
-    return 1 if any(x > TOLERANCE for x, _ in found[False] + found[True]) else 0
+    _tell(rows, options.climb)
+    return 1 if any(max(row.excess, row.apart) > TOLERANCE for row in rows) else 0
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""Schedules of energy.py: what an environment and a planner do to an arm in two seconds, drawn at random and changed.
+"""Schedules of energy.py: what an environment and a planner do to an arm in two seconds, drawn freely.
 
-A schedule is drawn from patterns (fault cycles, pumping, shaking, carrying, ...) or freely.
+patterns.py draws fault cycles, pumping, shaking, carrying and others; widened.py adds sensors in single precision, late
+calls, restarts and tools to any schedule.
 """
 
 from __future__ import annotations
@@ -32,14 +33,17 @@ class Schedule:
     episode: dict[str, Any]
     parts: list[dict[str, Any]] = field(default_factory=list)
     changes: list[dict[str, Any]] = field(default_factory=list)
-    """A segment's ``config`` is 0 for the first configuration, or 1 + the place of its change here."""
+    """A segment's ``config`` is 0 for the first configuration, or 1 + the place of its change here.
+
+    A segment that restarts the controller may have its ``delay`` [samples], which holds until the next restart.
+    """
 
 
-def _springs(random: Random, least: float, least_rotation: float) -> dict[str, np.ndarray]:
-    """Random stiffness, up to 4000 N/m and 400 N m/rad."""
+def springs(random: Random, loop: Loop, least: float, least_rotation: float) -> dict[str, np.ndarray]:
+    """Return random stiffness of each tip, up to 4000 N/m and 400 N m/rad."""
     return {
-        "translation": random_stiffness(random, least, 4000),
-        "rotation": random_stiffness(random, least_rotation, 400),
+        "translation": np.stack([random_stiffness(random, least, 4000) for _ in range(loop.tips)]),
+        "rotation": np.stack([random_stiffness(random, least_rotation, 400) for _ in range(loop.tips)]),
     }
 
 
@@ -92,10 +96,10 @@ def part(random: Random, loop: Loop, moving: bool) -> dict[str, Any]:
         made["q_offset"] = random.normal(size=loop.n) * (random.random(loop.n) < 0.3) * 10 ** random.uniform(-4, 0)
         made["dq_offset"] = random.normal(size=loop.n) * (random.random(loop.n) < 0.3) * 10 ** random.uniform(-2, 1)
     elif kind == 9:
-        made |= {"driven": 2, "driven_to": _at_limits(random, loop), "missed": int(random.random() < 0.5)}
+        made |= {"driven": 2, "driven_to": at_limits(random, loop), "missed": int(random.random() < 0.5)}
         made |= {"driven_at": loop.velocity * random.uniform(0.02, 0.99), "driven_by": np.full(loop.n, 100.0)}
     if random.random() < 0.4:
-        made |= _springs(random, 1, 0.1)
+        made |= springs(random, loop, 1, 0.1)
     if random.random() < 0.3:
         made["wrench_command"] = draw_wrench(random)
     if random.random() < 0.2:
@@ -133,7 +137,7 @@ def draw_plan(random: Random, rate: np.ndarray) -> dict[str, Any]:
     }
 
 
-def _at_limits(random: Random, loop: Loop) -> np.ndarray:
+def at_limits(random: Random, loop: Loop) -> np.ndarray:
     """Return a posture with some joints at their limits, up to 0.095 rad beyond them or 0.8 rad inside."""
     limit = np.where(random.random(loop.n) < 0.5, loop.lower, loop.upper)
     limit = np.where(np.isfinite(limit), limit, loop.home + random.uniform(-9, 9, loop.n))  # turns of such joints
@@ -169,7 +173,7 @@ def schedule(random: Random, loop: Loop, moving: bool = False, sensors: bool = F
             "call_gap_limit": int(random.integers(1, 7)),
             "communication_reaction": int(random.integers(1, 4)),
             "torque_rate_limit": 10 * loop.effort * 10 ** random.uniform(-1.5, 1.5),
-            "limit_zone": float(10 ** random.uniform(-2, -0.1)),
+            "limit_zone": min(float(10 ** random.uniform(-2, -0.1)), 0.49 * float(np.min(loop.upper - loop.lower))),
             "limit_stiffness": loop.effort * 10 ** random.uniform(-1.5, 1),
         },
         {
@@ -179,9 +183,9 @@ def schedule(random: Random, loop: Loop, moving: bool = False, sensors: bool = F
             "q": _first_posture(random, loop),
             "v": np.zeros(loop.n),
         },
-        [{"wanted": loop.home} | _springs(random, 1, 0.1) | _command(random, loop)],
+        [{"wanted": loop.home} | springs(random, loop, 1, 0.1) | _command(random, loop)],
     )
-    made.episode |= _timing(random)
+    made.episode |= timing(random)
     if not np.isfinite(loop.upper).all():
         _count_turns(random, loop, made)
     while len(made.parts) < random.integers(3, 12):
@@ -205,7 +209,7 @@ def _command(random: Random, loop: Loop) -> dict[str, Any]:
     return {"pose": 1, "posture": loop.home + random.uniform(-0.8, 0.8, loop.n) * random.integers(0, 2)}
 
 
-def _timing(random: Random) -> dict[str, Any]:
+def timing(random: Random) -> dict[str, Any]:
     """Return how early calls come, and whether commands have single precision."""
     return {"early": random.random() * (random.random() < 0.2), "single": int(random.random() < 0.2)}
 
@@ -251,7 +255,7 @@ def change_configuration(random: Random, loop: Loop, made: Schedule) -> None:
         })  # fmt: skip
     for _ in range(random.integers(1, 6)):
         one = made.parts[random.integers(len(made.parts))]
-        again = {**one, "start": int(random.integers(1, SAMPLES)), "reset": 0}
+        again = {**one, "start": int(random.integers(1, SAMPLES)), "reset": 0, "restart": 0}
         made.parts.append(again | {"config": int(random.integers(0, 1 + len(made.changes)))})
 
 
@@ -269,7 +273,7 @@ def _first_posture(random: Random, loop: Loop) -> np.ndarray:
     kind = random.random()
     if kind < 0.5:
         return loop.home.copy()
-    return loop.home + random.uniform(-0.6, 0.6, loop.n) if kind < 0.8 else _at_limits(random, loop)
+    return loop.home + random.uniform(-0.6, 0.6, loop.n) if kind < 0.8 else at_limits(random, loop)
 
 
 def lies(one: dict[str, Any]) -> bool:
@@ -281,226 +285,3 @@ def ordered(made: Schedule) -> Schedule:
     """Segments by their starts."""
     made.parts[1:] = sorted(made.parts[1:], key=lambda p: p["start"])
     return made
-
-
-def _base(random: Random, loop: Loop) -> Schedule:
-    made = schedule(random, loop)
-    made.parts = [made.parts[0] | _springs(random, 300, 20)]
-    made.episode["q"] = loop.home.copy()
-    return made
-
-
-def _drive(random: Random, loop: Loop, start: float, to: np.ndarray, **others: Any) -> dict[str, Any]:
-    rates = {
-        "driven_at": loop.velocity * random.uniform(0.3, 0.99),
-        "driven_by": np.full(loop.n, 10 ** random.uniform(1, 3)),
-    }
-    return {"start": round(start), "driven": 2, "driven_to": to, **rates, **others}
-
-
-def laps(random: Random, loop: Loop) -> Schedule:
-    """Return the fault cycle: control lost, the arm moved away, a reset, and on the way back the arm held and freed."""
-    made, lap = _base(random, loop), int(random.integers(300, 1000))
-    for start in range(5, SAMPLES - lap + 1, lap):
-        away = loop.home + random.uniform(-0.6, 0.6, loop.n)
-        made.parts += [
-            _drive(random, loop, start, away, missed=1, reset=0),
-            _drive(random, loop, start + 0.30 * lap, away, missed=0, reset=0),
-            _drive(random, loop, start + 0.35 * lap, away, missed=0, reset=1),
-            _drive(random, loop, start + 0.75 * lap, loop.home, missed=0, reset=0),
-        ]
-    return ordered(made)
-
-
-def pumping(random: Random, loop: Loop) -> Schedule:
-    """Away on soft springs, back on stiff ones, in a loop."""
-    made, lap = _base(random, loop), int(random.integers(100, 800))
-    soft = {"translation": made.parts[0]["translation"] * 0.01, "rotation": made.parts[0]["rotation"] * 0.01}
-    stiff = {name: made.parts[0][name] for name in soft}
-    away = loop.home + random.uniform(-0.5, 0.5, loop.n)
-    for start in range(1, SAMPLES - lap + 1, lap):
-        made.parts += [
-            _drive(random, loop, start, away, **soft),
-            _drive(random, loop, start + 0.35 * lap, away, **stiff),
-            _drive(random, loop, start + 0.65 * lap, loop.home, **stiff),
-        ]
-    return ordered(made)
-
-
-def shaking(random: Random, loop: Loop) -> Schedule:
-    """To and fro at almost the velocity limit, reversed at once, with samples missed in time with it."""
-    made, half = _base(random, loop), int(random.integers(1, 8))
-    away = loop.home + random.uniform(-0.4, 0.4, loop.n)
-    made.parts.append(_drive(random, loop, 1, away))
-    start, sign, way = int(random.integers(200, 400)), 1.0, random.choice([-1.0, 0.0, 1.0], loop.n)
-    missing, when = int(random.integers(0, 3)), int(random.integers(0, 2))
-    while start < SAMPLES - half:
-        rates = {"driven": 1, "driven_to": sign * way * loop.velocity * 0.98, "driven_by": np.full(loop.n, 1e6)}
-        made.parts.append({"start": start, "missed": 0, **rates})
-        if missing:
-            made.parts.append({"start": start + when, "missed": 1, **rates})
-            made.parts.append({"start": start + when + missing, "missed": 0, **rates})
-        start, sign = start + max(half, when + missing + 1), -sign
-    return ordered(made)
-
-
-def zones(random: Random, loop: Loop) -> Schedule:
-    """Draw laps: control is lost, the arm is carried into the limit zones, a reset, and the arm is led out slowly."""
-    made, lap = _base(random, loop), int(random.integers(500, 1000))
-    for start in range(5, SAMPLES - lap + 1, lap):
-        inside = _at_limits(random, loop)
-        made.parts += [
-            _drive(random, loop, start, inside, missed=1, reset=0),
-            _drive(random, loop, start + 0.4 * lap, inside, missed=0, reset=0),
-            _drive(random, loop, start + 0.45 * lap, inside, missed=0, reset=1),
-            _drive(random, loop, start + 0.5 * lap, loop.home, missed=0, reset=0)
-            | {"driven_at": loop.velocity * random.uniform(0.02, 0.5)},
-        ]
-    return ordered(made)
-
-
-def gaps(random: Random, loop: Loop) -> Schedule:
-    """Draw shaking at almost the velocity limit while calls are left out and some calls have no sample."""
-    made = shaking(random, loop)
-    skip, every = int(random.integers(0, made.config["missed_limit"])), int(random.integers(2, 6))
-    made.parts[0]["skip"] = skip
-    turns, at, parts = ordered(made).parts, 0, [made.parts[0]]
-    for start in range(1, SAMPLES):
-        turn = at + 1 < len(turns) and turns[at + 1]["start"] <= start
-        at += int(turn)
-        if turn or start % (skip + 1) == 0:
-            parts.append({**turns[at], "start": start, "missed": int(start // (skip + 1) % every == 0)})
-    made.parts = parts
-    return made
-
-
-def streams(random: Random, loop: Loop) -> Schedule:
-    """Draw targets that are streamed with jitter while a load hangs at the tip or the arm is moved."""
-    made = _base(random, loop)
-    made.parts[0]["jitter"] = 10 ** random.uniform(-13, -0.5)
-    made.parts[0]["wanted_rate"] = random.normal(size=loop.n) * 10 ** random.uniform(-3, 0.5) * (random.random() < 0.5)
-    made.parts[0]["load"] = random.normal(size=6) * [30, 30, 60, 5, 5, 5]
-    made.parts += [part(random, loop, True) for _ in range(random.integers(0, 4))]
-    made.parts = [one for one in made.parts if not lies(one)]
-    return ordered(made)
-
-
-def presses(random: Random, loop: Loop) -> Schedule:
-    """Draw to and fro of the arm while wrenches come and go with it, some samples missing."""
-    made, lap = _base(random, loop), int(random.integers(20, 600))
-    made.parts[0] |= _springs(random, 1, 0.1)
-    away, wrench = loop.home + random.uniform(-0.5, 0.5, loop.n), draw_wrench(random)
-    for start in range(1, SAMPLES - lap + 1, lap):
-        made.parts += [
-            _drive(random, loop, start, away, wrench_command=wrench, missed=0),
-            _drive(
-                random, loop, start + 0.5 * lap, loop.home, wrench_command=-wrench * random.integers(0, 2), missed=0
-            ),
-        ]
-        if random.random() < 0.2:
-            made.parts.append({**made.parts[-1], "start": round(start + 0.9 * lap), "missed": 1})
-    return ordered(made)
-
-
-def plans(random: Random, loop: Loop) -> Schedule:
-    """Draw targets that move to and fro with a plan stated at each turn; the arm may be led, also along the plan."""
-    made, half = _base(random, loop), int(random.integers(20, 400))
-    rate = random.normal(size=loop.n) * 10 ** random.uniform(-4, 0)
-    kind, steady = random.integers(0, 3), random.uniform(-1, 1, loop.n) * 0.5 * loop.velocity
-    made.parts[0] |= _springs(random, 1, 0.1) if kind == 2 else {}
-    for k, start in enumerate(range(1, SAMPLES - half + 1, half)):
-        sign = (-1) ** k
-        one = {
-            "start": start,
-            "wanted": loop.home + (0.0 if k % 2 == 0 else 1e-3 * half) * rate,
-            "wanted_rate": sign * rate,
-        }
-        plan, led = draw_plan(random, sign * rate), random.uniform(-0.9, 0.9, loop.n) * loop.velocity
-        if kind == 2:  # an acceleration that stays below what is refused, and an arm that goes along
-            plan = {"velocity": sign * rate, "acceleration": sign * steady}
-            led = 0.4 * sign * np.sign(steady) * loop.velocity
-        made.parts.append(one | plan | ({"driven": 1, "driven_by": 1e4, "driven_to": led} if kind else {}))
-    return ordered(made)
-
-
-def limits(random: Random, loop: Loop) -> Schedule:
-    """Draw an arm that is led to and fro as fast as the limits in force allow, while they are raised and lowered."""
-    made = (pumping, shaking, gaps, presses, zones)[random.integers(5)](random, loop)
-    made.episode |= _timing(random)
-    turns = list(made.parts)
-    made.changes = [_limits(random, loop) for _ in range(random.integers(1, 4))]
-    at, period = 0, int(random.integers(30, 500))
-    for start in range(int(random.integers(1, 300)), SAMPLES, period):
-        while at + 1 < len(turns) and turns[at + 1]["start"] <= start:
-            at += 1
-        config = int(random.integers(0, 1 + len(made.changes)))
-        made.parts.append({**turns[at], "start": start, "reset": 0, "config": config})
-    return ordered(made)
-
-
-def _limits(random: Random, loop: Loop) -> dict[str, Any]:
-    """Return limits of velocity, calls and effort, raised or lowered."""
-    every = {
-        "velocity_limit": loop.velocity * 10 ** random.uniform(-0.5, 1.2, loop.n if random.random() < 0.3 else 1),
-        "call_gap_limit": int(random.integers(1, 13)),
-        "missed_limit": int(random.integers(1, 30)),
-        "effort_limit": loop.effort * 10 ** random.uniform(-1, 0),
-    }
-    return {name: every[name] for name in random.choice(list(every), random.integers(1, 4))}
-
-
-def carried(random: Random, loop: Loop) -> Schedule:
-    """Draw an arm that is held away from where it is wanted; limits are raised, and it is carried along its torque."""
-    made, period = _base(random, loop), int(random.integers(300, 900))
-    made.parts[0] |= _springs(random, 30, 3)
-    slow = 10 * loop.effort * 10 ** random.uniform(-1.5, 0)
-    made.config |= {"tank_initial": float(10 ** random.uniform(-1.5, 0)), "torque_rate_limit": slow}
-    made.changes = [_limits(random, loop) for _ in range(random.integers(1, 4))]
-    held = loop.home + random.uniform(-0.4, 0.4, loop.n)
-    for start in range(1, SAMPLES - period, period):
-        raised = start + round(period * random.uniform(0.7, 0.9))
-        along = {
-            "driven": 3,
-            "driven_to": loop.velocity * random.choice([0.5, 0.9999]),
-            "driven_by": np.full(loop.n, 1e7),
-        }
-        along |= {"config": int(random.integers(0, 1 + len(made.changes))), "skip": int(random.choice([0, 11]))}
-        made.parts += [
-            _drive(random, loop, start, held, missed=0, skip=0, config=0, reset=1),
-            {"start": raised, "reset": 0} | along,
-            {"start": raised + int(random.integers(1, 4)), "missed": int(random.integers(2))} | along,
-            {"start": raised + int(random.integers(5, 40)), "missed": 0} | along,
-        ]
-    return ordered(made)
-
-
-def turns(random: Random, loop: Loop) -> Schedule:
-    """Draw a joint without limits that is carried by its torque while no sample comes, by more than half a turn.
-
-    Before the next sample the joint stops, so that the shorter way round would be believed.
-    """
-    made = _base(random, loop)
-    joint = int(random.choice(np.flatnonzero(~np.isfinite(loop.upper))))
-    speed = loop.velocity * random.uniform(7, 40) / loop.velocity[joint]
-    gap = round(1e3 * random.uniform(1.3, 1.97) * np.pi / speed[joint])
-    made.config |= {"missed_limit": gap + 10, "loss_limit": 100000, "velocity_limit": speed, "call_gap_limit": 1}
-    made.config |= {"tank_initial": float(10 ** random.uniform(-1, 0.6)), "continuous_joints": 1}
-    made.episode |= {"wrapped": sum(2**i for i in range(loop.n) if not np.isfinite(loop.upper[i])), "early": 0.0}
-    held = loop.home + random.uniform(-0.3, 0.3, loop.n)
-    along = loop.velocity * 0.9999 * np.eye(loop.n)[joint]
-    lead = int(random.integers(100, 300))
-    for start in range(1, SAMPLES - lead - gap, lead + gap + 3):
-        carried_along = {"driven": 3, "driven_to": along, "driven_by": np.full(loop.n, 1e7)}
-        made.parts += [
-            _drive(random, loop, start, held, missed=0, reset=1),
-            {"start": start + lead, "reset": 0} | carried_along,
-            {"start": start + lead + 1, "missed": 1} | carried_along,
-            {"start": start + lead + gap, "driven_to": np.zeros(loop.n)},
-            {"start": start + lead + gap + 2, "missed": 0},
-        ]
-    return ordered(made)
-
-
-PATTERNS = (laps, pumping, shaking, zones, gaps, streams, presses, plans, limits, carried)
-TURNING = (*PATTERNS, turns, turns)
-"""Patterns of an arm that has joints without limits."""

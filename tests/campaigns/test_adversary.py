@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from campaigns import energy, schedules, settle
+from campaigns import energy, patterns, schedules, settle
 from support.plant.loop import Q0, Loop
 from support.project import ROOT, Once
 
@@ -37,7 +37,7 @@ def test_situations_that_failed(loop: Loop, seed: int, index: int) -> None:
     assert outcome.static is not None
 
 
-@pytest.mark.parametrize("pattern", [*schedules.PATTERNS, schedules.schedule], ids=lambda pattern: pattern.__name__)
+@pytest.mark.parametrize("pattern", [*patterns.PATTERNS, schedules.schedule], ids=lambda pattern: pattern.__name__)
 def test_energy_of_schedules(loop: Loop, pattern: object) -> None:
     """Each pattern of the schedules, and random ones; the fault cycle is `laps` (before: 50 J a lap)."""
     for seed in range(25):
@@ -57,7 +57,7 @@ def turning(once: Once) -> Loop:
     return Loop(folder, robot, home=home)
 
 
-@pytest.mark.parametrize("pattern", [schedules.turns, schedules.gaps, schedules.carried, schedules.schedule],
+@pytest.mark.parametrize("pattern", [patterns.turns, patterns.gaps, patterns.carried, schedules.schedule],
                          ids=lambda pattern: pattern.__name__)  # fmt: skip
 def test_energy_of_joints_without_limits(turning: Loop, pattern: Any) -> None:
     """Encoders wrap. Where the shorter way is booked, ``turns`` puts out up to 2.4 J too much (Kinova)."""
@@ -172,7 +172,7 @@ def test_positions_of_an_encoder(loop: Loop, quantum: float) -> None:
     """(a): the account sees positions, so a quantum costs at most half of it at each change of the held torque."""
     off = 0.0
     for seed in range(6):
-        chosen = schedules.pumping(np.random.default_rng(seed), loop)
+        chosen = patterns.pumping(np.random.default_rng(seed), loop)
         chosen.episode |= {"quantum": quantum, "differences": 1}
         chosen.config |= {"position_quantum": quantum, "actuation": 1}
         episode = loop.episode(**chosen.episode, fastest=1.0)
@@ -195,7 +195,7 @@ def test_an_undeclared_delay_is_not_accounted_for(loop: Loop) -> None:
     worst = {0: -np.inf, 2: -np.inf}
     for declared in worst:
         for seed in range(12):
-            chosen = schedules.shaking(np.random.default_rng(seed), loop)
+            chosen = patterns.shaking(np.random.default_rng(seed), loop)
             chosen.episode["delay"] = 2
             chosen.config |= {"delay_samples": declared, "actuation": 1}
             worst[declared] = max(worst[declared], energy.measure(loop, chosen).excess)

@@ -65,6 +65,17 @@ def turning_arm(last: str = "") -> Small:
     return Small(parts.replace(_LIMIT, '<limit lower="-2" upper="2" effort="60" velocity="6"/>'), {"tip": "three"})
 
 
+def five_bar() -> Small:
+    """Return a planar linkage of two cranks with motors, whose couplers meet in a pin above them."""
+    limit = '<limit lower="-0.7" upper="0.7" effort="60" velocity="4"/>'
+    flat = {"axis": "0 0 1", "rpy": "0 0 0"}
+    parts = part("base", "left", xyz="0 0 0", **flat) + part("left", "left_coupler", xyz="-0.05 0.25 0", **flat)
+    parts += part("base", "right", xyz="0.3 0 0", **flat) + part("right", "right_coupler", xyz="0.05 0.25 0", **flat)
+    parts += part("left_coupler", "end", "fixed", "0.2 0.25 0.05")
+    pins = ["left_coupler:0.2,0.2,0=right_coupler:-0.2,0.2,0"]
+    return Small(parts.replace(_LIMIT, limit), {"tip": "end"}, pins, ["left", "right"])
+
+
 _MIMIC = '<mimic joint="one" multiplier="-0.5" offset="0.3"/>'
 TREES = {
     "one turning joint": Small(part("base", "one"), {"tip": "one"}),

@@ -10,9 +10,17 @@ static const double FULL_TURN = 6.28318530717958648;
 
 typedef struct {
     double last_measured[N], held_q[N], held_dq[N];
+    double off[N]; /* [rad] most that a position in single precision was off by */
     int seen;
-    uint32_t counter;
+    uint32_t counter, drawn;
 } sensors_t;
+
+/* Return whether something happens that has this chance. */
+static int happens(sensors_t *sensors, double chance)
+{
+    sensors->drawn = sensors->drawn * 1664525u + 1013904223u;
+    return (sensors->drawn >> 8) / 16777216.0 < chance;
+}
 
 static double largest(const double *x, const double *over)
 {
@@ -27,6 +35,22 @@ static void to_single(double *values, int count)
 {
     for (int i = 0; i < count; ++i) {
         values[i] = (float)values[i];
+    }
+}
+
+/* Poses of tools: positions, and turns about the x axis. */
+static void place_tools(const double *tool, double *poses)
+{
+    memset(poses, 0, 16 * TIPS * sizeof *poses);
+    for (int t = 0; t < TIPS; ++t) {
+        double *const pose = poses + 16 * t, turn = tool[4 * t + 3];
+        pose[0] = pose[15] = 1.0;
+        pose[5] = pose[10] = cos(turn);
+        pose[9] = sin(turn);
+        pose[6] = -pose[9];
+        for (int i = 0; i < 3; ++i) {
+            pose[4 * i + 3] = tool[4 * t + i];
+        }
     }
 }
 
@@ -51,6 +75,11 @@ static void measure(const episode_t *e, const segment_t *s, const motion_t *moti
         sensors->held_dq[i] = dq;
         const double turn = e->wrapped >> i & 1 ? FULL_TURN : HUGE_VAL;
         sample->q[i] = remainder(q, turn);
+        if (e->single_positions) {
+            const double whole = sample->q[i];
+            sample->q[i] = (float)whole;
+            sensors->off[i] = fmax(sensors->off[i], fabs(sample->q[i] - whole));
+        }
         sample->dq[i] = dq;
         sample->wanted[i] = s->wanted[i] + t * s->wanted_rate[i] + (sensors->counter & 1u ? s->jitter : 0.0);
         sample->wanted[i] = remainder(sample->wanted[i], turn);
@@ -59,7 +88,7 @@ static void measure(const episode_t *e, const segment_t *s, const motion_t *moti
     }
     sensors->seen = 1;
     sensors->counter += s->frozen_counter ? 0u : 1u;
-    sample->counter = sensors->counter;
+    sample->counter = sensors->counter + e->first_counter;
     sample->valid = !s->missed;
     sample->pose = s->pose;
     memcpy(sample->velocity, s->velocity, sizeof sample->velocity);
@@ -68,6 +97,7 @@ static void measure(const episode_t *e, const segment_t *s, const motion_t *moti
     memcpy(sample->translation, s->translation, sizeof sample->translation);
     memcpy(sample->rotation, s->rotation, sizeof sample->rotation);
     memcpy(sample->torque_offset, s->torque_offset, sizeof sample->torque_offset);
+    place_tools(s->tool, sample->tool);
     sample->single = e->single;
     if (e->single) {
         to_single(sample->dq, N);
@@ -75,9 +105,9 @@ static void measure(const episode_t *e, const segment_t *s, const motion_t *moti
         to_single(sample->posture, N);
         to_single(sample->velocity, N);
         to_single(sample->acceleration, N);
-        to_single(sample->wrench_command, 6);
-        to_single(sample->translation, 9);
-        to_single(sample->rotation, 9);
+        to_single(sample->wrench_command, 6 * TIPS);
+        to_single(sample->translation, 9 * TIPS);
+        to_single(sample->rotation, 9 * TIPS);
         to_single(sample->torque_offset, N);
     }
 }
@@ -87,15 +117,15 @@ static double travel(const episode_t *e, const sample_t *sample, const sample_t 
 {
     const double *const to = sample->pose ? sample->posture : sample->wanted;
     const double *const from = last->pose ? last->posture : last->wanted;
-    double most = 0.0, H[16], E[16], away = 0.0, trace = -1.0;
+    double most = 0.0, H[16 * TIPS], E[16 * TIPS], away = 0.0, trace = -1.0;
     for (int i = 0; i < N; ++i) {
         most = fmax(most, fabs(to[i] - from[i]) / (0.8 * 0.5 * e->velocity_limit[i]));
     }
     if (!sample->pose && !last->pose) {
         return most;
     }
-    ROBOT_(forward_kinematics)(sample->wanted, H);
-    ROBOT_(forward_kinematics)(last->wanted, E);
+    robot_poses(sample->wanted, NULL, H);
+    robot_poses(last->wanted, NULL, E);
     for (int i = 0; i < 3; ++i) {
         away += (H[4 * i + 3] - E[4 * i + 3]) * (H[4 * i + 3] - E[4 * i + 3]);
         for (int k = 0; k < 3; ++k) {
@@ -146,6 +176,20 @@ static double gains_work(const forces_t *forces, const motion_t *from, const mot
     return work;
 }
 
+/*
+ * Most [J] that the account of motors' own loops is off by in an interval, if it reads motions that are off by twice
+ * `off` [rad]: kp x^2 / 2 and kd x^2 / T.
+ */
+static double misread_gains(const forces_t *forces, const motion_t *from, const motion_t *to, const double *off, double T)
+{
+    double most = 0.0;
+    for (int i = 0; i < N; ++i) {
+        const double x = fmax(fabs(to->q[i] - forces->q_des[i]), fabs(to->q[i] - from->q[i])) + off[i];
+        most += 4.0 * off[i] * x * (0.5 * forces->kp[i] + forces->kd[i] / T);
+    }
+    return most;
+}
+
 static void account(const episode_t *e, const command_t *command, const double *last, summary_t *summary)
 {
     for (int i = 0; i < N; ++i) {
@@ -166,14 +210,17 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
     motion_t motion = {{0}, {0}, 0.0, 0.0}, before;
     forces_t forces;
     sensors_t sensors;
-    sample_t sample, last;
+    sample_t sample, last, delivered;
     command_t command;
     double pipe[MOST_DELAY + 1][N] = {{0}}, offsets[MOST_DELAY + 1][N] = {{0}};
     uint32_t draw = 1u;
     double commanded[N] = {0}, last_reference[N] = {0}, last_tip[3] = {0}, least[N] = {0}, most[N] = {0};
     int at = 0, was_faulted = 0, clamped = 0, initialised = 0, known = 0, skipped = 0, calls = 0;
+    int have_delivered = 0, delay = e->delay;
+    double swing[N] = {0}; /* [N m] sum of the changes of torque */
     memset(&forces, 0, sizeof forces);
     memset(&sensors, 0, sizeof sensors);
+    memset(&delivered, 0, sizeof delivered);
     memset(&command, 0, sizeof command);
     memset(summary, 0, sizeof *summary);
     summary->finite = 1;
@@ -189,7 +236,9 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
         const segment_t *const s = &segment[at];
         const double t = (k - s->start) * e->sample_time;
         if (s->clamp && !clamped) {
-            ROBOT_(forward_kinematics)(motion.q, forces.clamp_pose);
+            double poses[16 * TIPS];
+            robot_poses(motion.q, NULL, poses);
+            memcpy(forces.clamp_pose, poses, sizeof forces.clamp_pose);
         }
         clamped = forces.clamped = s->clamp;
         memcpy(forces.load, s->load, sizeof forces.load);
@@ -209,22 +258,46 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
             sample.wrench[i] = s->measure_wrench ? wrench[i] + s->wrench_bias[i] : 0.0;
         }
         sample.reset = s->reset && k == s->start;
-        if (!initialised) {
+        const int restarted = s->restart && k == s->start && initialised;
+        if (!initialised || restarted) {
             const int code = law_init(configs[s->config], state);
             if (code != 0) {
                 return code;
             }
             initialised = 1;
         }
+        if (restarted) { /* the motors are off before it */
+            memset(pipe, 0, sizeof pipe);
+            memset(offsets, 0, sizeof offsets);
+            memset(commanded, 0, sizeof commanded);
+            memset(&command, 0, sizeof command);
+            memset(forces.torque, 0, sizeof forces.torque);
+            summary->port = 0.0;
+            skipped = known = was_faulted = calls = have_delivered = 0;
+            delay = e->delay + s->late_torque;
+            ++summary->restarts;
+        }
         const int most_skipped = e->limited && command.call_gap > 0 ? command.call_gap - 1 : s->skip;
-        skipped = skipped < s->skip && skipped < most_skipped ? skipped + 1 : 0;
+        const int late = e->late > 0.0 && happens(&sensors, e->late);
+        skipped = (late || skipped < s->skip) && skipped < most_skipped ? skipped + 1 : 0;
+        summary->lates += late && skipped > 0;
         if (skipped == 0 && sample.valid) {
             summary->travel += initialised > 1 ? travel(e, &sample, &last) : 0.0;
             initialised = 2;
             last = sample;
         }
         if (skipped == 0) {
+            if (sample.valid && have_delivered && e->stale > 0.0 && happens(&sensors, e->stale)) {
+                sample.counter = delivered.counter;
+                memcpy(sample.q, delivered.q, sizeof sample.q);
+                memcpy(sample.dq, delivered.dq, sizeof sample.dq);
+                ++summary->stales;
+            }
+            have_delivered |= sample.valid;
+            delivered = sample.valid ? sample : delivered;
             law_step(configs[s->config], state, &sample, output, &command);
+            summary->tools += command.tool_changed;
+            summary->tools_refused += command.tool_refused;
             if (initialised == 2 && calls++ == 0) { /* the first call that has a sample, not the first in time */
                 summary->first_energy = command.energy;
             }
@@ -242,8 +315,8 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
             /* a return whose call ends in another fault brings in nothing */
             summary->resets += was_faulted && !command.faulted;
             was_faulted = command.faulted != 0;
-            double H[16], moved[N], tip = 0.0;
-            ROBOT_(forward_kinematics)(command.reference, H);
+            double H[16 * TIPS], moved[N], tip = 0.0;
+            robot_poses(command.reference, NULL, H);
             for (int i = 0; i < N; ++i) {
                 moved[i] = command.reference[i] - last_reference[i];
                 moved[i] /= e->sample_time;
@@ -268,7 +341,10 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
         }
         memcpy(pipe[0], commanded, sizeof pipe[0]);
         memcpy(offsets[0], command.offset, sizeof offsets[0]);
-        memcpy(forces.torque, pipe[e->delay], sizeof forces.torque);
+        for (int i = 0; i < N; ++i) {
+            swing[i] += fabs(pipe[delay][i] - forces.torque[i]);
+        }
+        memcpy(forces.torque, pipe[delay], sizeof forces.torque);
         memcpy(forces.kp, command.kp, sizeof forces.kp);
         memcpy(forces.kd, command.kd, sizeof forces.kd);
         for (int i = 0; i < N; ++i) { /* a motor knows what its encoder shows */
@@ -290,7 +366,7 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
         }
         summary->port += gains_work(&forces, &before, &motion, T);
         for (int i = 0; i < N; ++i) {
-            summary->port += (forces.torque[i] - offsets[e->delay][i]) * (motion.q[i] - before.q[i]);
+            summary->port += (forces.torque[i] - offsets[delay][i]) * (motion.q[i] - before.q[i]);
             summary->excursion = fmax(summary->excursion, fabs(motion.q[i] - sample.wanted[i]));
             summary->wander = fmax(summary->wander, fabs(motion.q[i] - e->q[i]));
         }
@@ -298,13 +374,18 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
                                                                           : fmin(summary->travel, (k + 1) * e->sample_time)));
         summary->excess_travel = k == 0 ? summary->port - paid : fmax(summary->excess_travel, summary->port - paid);
         summary->port_most = fmax(summary->port_most, summary->port);
-        const double beyond = calls > 0 ? summary->port - command.supplied : -HUGE_VAL;
+        summary->allowance += e->single_positions ? misread_gains(&forces, &before, &motion, sensors.off, T) : 0.0;
+        double allowance = summary->allowance;
+        for (int i = 0; i < N; ++i) {
+            allowance += sensors.off[i] * (swing[i] + fabs(forces.torque[i]));
+        }
+        const double beyond = calls > 0 ? summary->port - allowance - command.supplied : -HUGE_VAL;
         summary->excess_supplied = fmax(summary->excess_supplied, beyond);
         summary->excess = k == 0 ? summary->port - summary->resets * e->engagement
                                  : fmax(summary->excess, summary->port - summary->resets * e->engagement);
         summary->speed = fmax(summary->speed, largest(motion.v, e->velocity_limit));
         double J[6 * N], tip_velocity = 0.0;
-        ROBOT_(hybrid_jacobian)(motion.q, J);
+        robot_jacobian(motion.q, J);
         for (int r = 0; r < 3; ++r) {
             double rate = 0.0;
             for (int i = 0; i < N; ++i) {
@@ -350,6 +431,7 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
     summary->energy_error = summary->kinetic - kinetic - motion.environment_work - motion.robot_work;
     double error = 0.0;
     for (int i = 0; i < N; ++i) {
+        summary->allowance += sensors.off[i] * (swing[i] + fabs(forces.torque[i]));
         error = fmax(error, fabs(motion.q[i] - sample.wanted[i]));
     }
     summary->error = error;

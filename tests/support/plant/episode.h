@@ -18,6 +18,8 @@ typedef struct {
     int skip;                    /* number of calls omitted after each call; the last torque stays */
     int missed;                  /* 1: called without a sample */
     int reset;                   /* 1: faults are acknowledged at the segment's first sample */
+    int restart;                 /* 1: at the segment's first sample the law is initialised anew, and no torque acts */
+    int late_torque;             /* [samples] of delay from a restart on, besides the episode's */
     int measure_wrench;          /* 1: the true wrench is measured; 0: zero is given */
     int clamp;                   /* 1: the tip is clamped where it was when this began */
     int frozen_counter;          /* 1: the sample counter stands still */
@@ -32,9 +34,10 @@ typedef struct {
     double posture[N];           /* [rad] */
     double wanted_rate[N];       /* [rad/s] moves `wanted` from the segment's start on */
     double jitter;               /* [rad] added to every joint of `wanted` with alternating sign */
-    double translation[9], rotation[9];
-    double load[6], push[N];
-    double wrench_command[6];    /* [N, N m] */
+    double translation[9 * TIPS], rotation[9 * TIPS];
+    double load[6], push[N];     /* the load at the first tip */
+    double wrench_command[6 * TIPS]; /* [N, N m] */
+    double tool[4 * TIPS];       /* [m], [rad] tools of robots that take them: position in the tip, turn about its x axis */
     double torque_offset[N];     /* [N m] torque that the caller adds: its work is not the law's */
     double velocity[N], acceleration[N]; /* [rad/s], [rad/s^2] of the plan, as stated */
     double hand_target[N], hand_stiffness, hand_damping;
@@ -58,6 +61,10 @@ typedef struct {
     double early;                /* [1] share of the sample time by which a call may come too early */
     int wrapped;                 /* bits of joints whose encoder begins its turn again at half a turn; their q0, too */
     int single;                  /* 1: velocities, commands and stiffness have single precision */
+    int single_positions;        /* 1: measured positions have single precision; what they are off by is `allowance` */
+    double late;                 /* [1] chance that a call is late by a sample time, until call_gap in force is used up */
+    double stale;                /* [1] chance that a call has the sample of the call before it, with its counter */
+    uint32_t first_counter;      /* of the samples; it may wrap */
     double fastest;              /* [1] over the velocity limit: the episode ends when the arm is faster; 0: never */
 } episode_t;
 
@@ -71,10 +78,11 @@ typedef struct {
     double torque;               /* [N m] largest */
     double torque_step;          /* [1] largest change relative to the rate limit */
     double effort;               /* [1] largest torque over the effort limit */
-    double port;                 /* [J] put out at the robot's port: sum of torque . change of q */
+    double port;                 /* [J] put out at the robot's port since the law began: sum of torque . change of q */
     double port_most;            /* [J] most of it at any time */
     double excess;               /* [J] most of port - engagement x resets at any time */
-    double excess_supplied;      /* [J] most of port - what the law has supplied, from the first sample on */
+    double excess_supplied;      /* [J] most of port - allowance - what the law has supplied, from the first sample on */
+    double allowance;            /* [J] that measured positions in single precision may be off by in the account */
     double travel;               /* [s] of the governor, at its default velocity limits, for the path of `wanted` */
     double excess_travel;        /* [J] most of port - engagement x (resets + travel, at most the time) at any time */
     double first_energy;         /* [J] of springs and limit avoidance there, by the law's account */
@@ -90,6 +98,8 @@ typedef struct {
     int resets;                  /* times that control came back */
     int finite;                  /* every torque was */
     int codes;                   /* steps that returned an error */
+    int restarts, lates, stales; /* restarts, late calls and old samples */
+    int tools, tools_refused;    /* steps that adopted another tool, and that refused one */
     int finished;                /* samples done; fewer if the state became non-finite */
     uint32_t status_or, status_last;
     double q[N], v[N], reference[N], acted[N];

@@ -27,10 +27,50 @@ void law_default_config(void *config)
     ROBOT_(impedance_default_config)(config);
 }
 
+/*
+ * A controller in place of the C one, such as its Python class, or NULL. It is called with input NULL to initialise, with
+ * output NULL to reset, and to step; it returns what init and step return.
+ */
+int (*law_elsewhere)(const void *config, const input_t *input, output_t *output);
+
 int law_init(const void *config, void *state)
 {
+    if (law_elsewhere != NULL) {
+        return law_elsewhere(config, NULL, NULL);
+    }
     return ROBOT_(impedance_init)(config, state, NULL);
 }
+
+static void reset(const void *config, void *state, const input_t *in)
+{
+    if (law_elsewhere != NULL) {
+        law_elsewhere(config, in, NULL);
+    } else {
+        ROBOT_(impedance_reset)(state);
+    }
+}
+
+#ifdef PLANT_TOOLS
+/* Step with the tools of the sample, and report whether another one is in force, or refused. */
+static int step(const void *config, void *state, const sample_t *sample, input_t *in, output_t *out, command_t *command)
+{
+    const ROBOT_(impedance_state) *const known = state;
+    double before[16 * TIPS];
+    memcpy(before, known->memory.tool_pose, sizeof before);
+    memcpy(in->tool_pose, sample->tool, sizeof in->tool_pose);
+    const int code = ROBOT_(impedance_step)(config, state, in, out);
+    command->tool_changed = memcmp(before, known->memory.tool_pose, sizeof before) != 0;
+    command->tool_refused = out->refusal == UPPER_(REFUSAL_ENGAGED);
+    return code;
+}
+#else
+static int step(const void *config, void *state, const sample_t *sample, input_t *in, output_t *out, command_t *command)
+{
+    (void)sample;
+    (void)command;
+    return law_elsewhere != NULL ? law_elsewhere(config, in, out) : ROBOT_(impedance_step)(config, state, in, out);
+}
+#endif
 
 void law_step(const void *config, void *state, const sample_t *sample, void *output, command_t *command)
 {
@@ -45,8 +85,8 @@ void law_step(const void *config, void *state, const sample_t *sample, void *out
     memcpy(in.q, sample->q, sizeof in.q);
     memcpy(in.dq, sample->dq, sizeof in.dq);
     memcpy(in.q0, sample->pose ? sample->posture : sample->wanted, sizeof in.q0);
-    ROBOT_(forward_kinematics)(sample->wanted, in.equilibrium);
-    for (int i = 0; sample->single && i < 16; ++i) {
+    robot_poses(sample->wanted, sample->tool, in.equilibrium);
+    for (int i = 0; sample->single && i < 16 * TIPS; ++i) {
         in.equilibrium[i] = (float)in.equilibrium[i];
     }
     memcpy(in.translation_stiffness, sample->translation, sizeof in.translation_stiffness);
@@ -57,9 +97,9 @@ void law_step(const void *config, void *state, const sample_t *sample, void *out
     memcpy(in.wrench_command, sample->wrench_command, sizeof in.wrench_command);
     memcpy(in.torque_offset, sample->torque_offset, sizeof in.torque_offset);
     if (sample->reset) {
-        ROBOT_(impedance_reset)(state);
+        reset(config, state, &in);
     }
-    command->code = ROBOT_(impedance_step)(config, state, &in, out);
+    command->code = step(config, state, sample, &in, out, command);
     memcpy(command->torque, out->tau_ff, sizeof command->torque);
     memcpy(command->offset, out->offset_torque, sizeof command->offset);
     memcpy(command->velocity_limit, out->velocity_limit, sizeof command->velocity_limit);

@@ -20,11 +20,12 @@ typedef struct {
     double posture[N];         /* [rad] only then */
     int single;                /* 1: the pose has single precision */
     double velocity[N], acceleration[N]; /* [rad/s], [rad/s^2] of the plan, as stated */
-    double wrench_command[6];  /* [N, N m] wrench that the tip is to exert, base axes */
+    double wrench_command[6 * TIPS]; /* [N, N m] wrench that the tip is to exert, base axes */
+    double tool[16 * TIPS];    /* [m] poses of the tools in the tips, for robots that take them */
     double torque_offset[N];   /* [N m] torque that the caller adds */
-    double wrench[6];          /* [N, N m] measured wrench of the environment on the robot, base axes */
-    double translation[9];     /* [N/m] base axes */
-    double rotation[9];        /* [N m/rad] axes of the tip at the equilibrium */
+    double wrench[6 * TIPS];   /* [N, N m] measured wrench of the environment on the robot, base axes */
+    double translation[9 * TIPS]; /* [N/m] base axes */
+    double rotation[9 * TIPS]; /* [N m/rad] axes of the tip at the equilibrium */
 } sample_t;
 
 /* Values of a step that the episodes read, for every law. */
@@ -34,8 +35,8 @@ typedef struct {
     double kp[N], kd[N];       /* [N m/rad], [N m s/rad] gains of the motors' own loops */
     double q_des[N];           /* [rad] position where kp is at rest */
     double reference[N];       /* [rad] equilibrium posture in use */
-    double equilibrium[16];    /* [m] pose in use */
-    double translation[9], rotation[9]; /* [N/m], [N m/rad] in use */
+    double equilibrium[16 * TIPS]; /* [m] pose in use */
+    double translation[9 * TIPS], rotation[9 * TIPS]; /* [N/m], [N m/rad] in use */
     double joint[N];           /* [N m/rad] posture stiffness */
     double scale;              /* [1] of the elastic energy: below 1 while it is released */
     double energy;             /* [J] elastic and of the limits, by the law's account */
@@ -46,6 +47,8 @@ typedef struct {
     uint32_t status;
     int faulted;               /* not under control: fallback or latched */
     int reason;                /* for that, the law's own number */
+    int tool_refused;          /* 1: another tool is refused while springs are in force */
+    int tool_changed;          /* 1: another tool is in force than before the step */
     int code;                  /* what the step returned */
 } command_t;
 

@@ -10,6 +10,7 @@ import ctypes
 import re
 import subprocess
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -90,6 +91,35 @@ def fill(target: ctypes.Structure, **values: Any) -> Any:
     return target
 
 
+@dataclass(frozen=True)
+class _Kind:
+    """Kind of a robot: number of tips, tools at run time, entries of the joints with a motor, flags for the plant."""
+
+    tips: int
+    tools: bool
+    motors: list[int]
+    flags: list[str]
+
+
+def _kind(robot: Path) -> _Kind:
+    """Read from the generated files how many tips a robot has, whether tools are given at run time, and its motors."""
+    name = robot.name
+    header = (robot / f"{name}.h").read_text()
+    (dof,) = re.findall(rf"#define {name.upper()}_DOF (\d+)", header)
+    scopes = re.findall(rf"^void {name}_(\w*)forward_kinematics\(", header, re.MULTILINE)
+    tools = re.search(r"forward_kinematics\([^;]*tool_pose", header) is not None
+    flags, motors = (["-DPLANT_TOOLS"] if tools else []), list(range(int(dof)))
+    if len(scopes) > 1:
+        flags += [f"-DPLANT_{place}={name}_{scope}" for place, scope in zip(("FIRST", "SECOND"), scopes, strict=True)]
+    if f"#define {name.upper()}_MOTORS" in header:
+        text = (robot / f"{name}_impedance.c").read_text()
+        (start,), (found,) = (
+            re.findall(rf"static const \w+ loop_{array}\[\w+\] = {{([^}}]*)}}", text) for array in ("start", "motors")
+        )
+        flags, motors = [*flags, f"-DPLANT_START={start}"], [int(k) for k in found.split(",")]
+    return _Kind(len(scopes), tools, motors, flags)
+
+
 class Loop:
     """A control law in the loop.
 
@@ -112,18 +142,23 @@ class Loop:
         home: ArrayLike = Q0,
     ) -> None:
         path, name = folder / "loop.so", robot.name
+        self.robot = robot
         self.home = np.array(home, dtype=float)
         self.n, self._name = len(self.home), name
+        kind = _kind(robot)
+        self.tips, self.tools, self.motors = kind.tips, kind.tools, kind.motors
         sources = sources or tuple(f"{name}{part}.c" for part in ("", "_batch", "_impedance"))
-        files = [HERE / "plant.c", HERE / "episode.c", law, *(robot / source for source in sources)]
-        names = [f"-DROBOT={name}", f"-DUPPER={name.upper()}", f"-DJOINTS={self.n}", "-include", f"{name}.h"]
+        plant = (HERE / file for file in ("plant.c", "robot.c", "episode.c"))
+        files = [*plant, law, *(robot / source for source in sources)]
+        names = [f"-DROBOT={name}", f"-DUPPER={name.upper()}", f"-DPLANT_N={self.n}", *kind.flags]
+        names += ["-include", f"{name}.h"]
         names += ["-include", f"{name}_impedance.h"] if law in (LAW, POLICY) else []
         folders = [f"-I{HERE}", f"-I{robot}"]
         command = ["gcc", "-std=c99", *flags, "-shared", "-fPIC", *folders, *names, *map(str, files), "-lm"]
         if not path.exists():
             subprocess.run([*command, "-o", str(path)], check=True)
         self.library = ctypes.CDLL(str(path))
-        sizes = {"N": self.n}
+        sizes = {"N": self.n, "TIPS": self.tips}
         known: dict[str, Any] = {}
         for header, record in (
             (HERE / "plant.h", "plant_t"),
@@ -151,14 +186,17 @@ class Loop:
         assert self.library.law_config_size() == ctypes.sizeof(self.Config)
         assert self.library.law_output_size() == ctypes.sizeof(self.Output)
         self.lower, self.upper, self.velocity, self.effort = (
-            np.array((ctypes.c_double * self.n).in_dll(self.library, f"{name}_{array}"))
+            np.array((ctypes.c_double * (max(self.motors) + 1)).in_dll(self.library, f"{name}_{array}"))[self.motors]
             for array in ("lower", "upper", "velocity", "effort")
         )
         self.state = ctypes.create_string_buffer(self.library.law_state_size())
 
     def pose(self, q: ArrayLike) -> np.ndarray:
-        """Return the pose of the tip (4, 4) at q."""
-        return self._kernel("forward_kinematics", q, 16).reshape(4, 4)
+        """Return the pose of the first tip (4, 4) at q."""
+        q, result = np.ascontiguousarray(q, dtype=float), np.empty(16 * self.tips)
+        arguments = q.ctypes.data_as(ctypes.c_void_p), None, result.ctypes.data_as(ctypes.c_void_p)
+        self.library.robot_poses(*arguments)
+        return result[:16].reshape(4, 4)
 
     def jacobian(self, q: ArrayLike) -> np.ndarray:
         """Return the hybrid Jacobian (6, n) at q."""
@@ -218,13 +256,24 @@ class Loop:
         return episode
 
     def segment(self, base: Any = None, **values: Any) -> Any:
-        """Return the segment ``base`` with some fields changed and no reset; default: home, the paper's springs."""
+        """Return the segment ``base`` with some fields changed and no reset; default: home, the paper's springs.
+
+        Stiffness and wrench command of one tip are those of all tips.
+        """
         new = self.Segment()
         if base is None:
-            fill(new, wanted=self.home, translation=np.diag([700.0, 700, 800]), rotation=np.diag([30.0, 30, 30]))
+            first = {
+                "wanted": self.home,
+                "translation": np.diag([700.0, 700, 800]),
+                "rotation": np.diag([30.0, 30, 30]),
+            }
+            values = first | values
         else:
             ctypes.memmove(ctypes.byref(new), ctypes.byref(base), ctypes.sizeof(new))
-            new.reset = 0
+            new.reset = new.restart = 0
+        for name in ("translation", "rotation", "wrench_command"):
+            if np.size(values.get(name, 0.0)) > 1:
+                values[name] = np.tile(np.ravel(values[name]), len(getattr(new, name)) // np.size(values[name]))
         return fill(new, **values)
 
     def segments(self, *parts: dict[str, Any]) -> list[Any]:

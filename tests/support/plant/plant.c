@@ -8,7 +8,7 @@ static const double STEP = 1e-5;
 
 void plant_mass_matrix(const plant_t *plant, const double *q, double *M)
 {
-    ROBOT_(mass_matrix)(q, M);
+    robot_mass_matrices(1, q, M);
     for (int i = 0; i < N; ++i) {
         M[i * N + i] += plant->motor[i];
     }
@@ -35,7 +35,7 @@ void plant_bias(const double *q, const double *v, double *c)
             points[k * N + i] += k < 2 ? sign * along * v[i] : i == k / 2 ? sign * STEP : 0.0;
         }
     }
-    ROBOT_(mass_matrix_batch)(COUNT, points, N, M);
+    robot_mass_matrices(COUNT, points, M);
     for (int i = 0; i < N; ++i) {
         double sum = 0.0, form = 0.0;
         const double *const up = M + 2 * i * N * N, *const down = up + N * N;
@@ -68,9 +68,9 @@ static void tip_wrench(const plant_t *plant, const double *q, const double *v, c
     if (!forces->clamped) {
         return;
     }
-    double H[16], turn[9], twist[6];
+    double H[16 * TIPS], turn[9], twist[6];
     const double *const C = forces->clamp_pose;
-    ROBOT_(forward_kinematics)(q, H);
+    robot_poses(q, NULL, H);
     for (int i = 0; i < 3; ++i) {
         for (int j = 0; j < 3; ++j) {
             turn[3 * i + j] = 0.0;
@@ -94,7 +94,7 @@ static void tip_wrench(const plant_t *plant, const double *q, const double *v, c
 void plant_tip_wrench(const plant_t *plant, const motion_t *motion, const forces_t *forces, double *wrench)
 {
     double J[6 * N];
-    ROBOT_(hybrid_jacobian)(motion->q, J);
+    robot_jacobian(motion->q, J);
     tip_wrench(plant, motion->q, motion->v, J, forces, wrench);
 }
 
@@ -102,16 +102,15 @@ void plant_tip_wrench(const plant_t *plant, const motion_t *motion, const forces
 static void environment(const plant_t *plant, const double *q, const double *v, const forces_t *forces, double *tau)
 {
     double J[6 * N], wrench[6];
-    ROBOT_(hybrid_jacobian)(q, J);
+    robot_jacobian(q, J);
     tip_wrench(plant, q, v, J, forces, wrench);
     for (int i = 0; i < N; ++i) {
         tau[i] = forces->push[i] - plant->friction[i] * v[i];
         if (forces->hand_stiffness > 0.0) {
             tau[i] += forces->hand_stiffness * (forces->hand_target[i] - q[i]) - forces->hand_damping * v[i];
         }
-        const double above = q[i] - ROBOT_(upper)[i], below = q[i] - ROBOT_(lower)[i];
-        if (plant->stop_stiffness > 0.0 && (above > 0.0 || below < 0.0)) {
-            const double depth = above > 0.0 ? above : below;
+        const double depth = robot_depth(i, q[i]);
+        if (plant->stop_stiffness > 0.0 && depth != 0.0) {
             const double pressed = plant->stop_stiffness * depth + plant->stop_damping * v[i];
             tau[i] -= depth * pressed > 0.0 ? pressed : 0.0; /* a stop does not hold back */
         }

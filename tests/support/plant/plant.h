@@ -1,7 +1,9 @@
 /* SPDX-License-Identifier: MIT */
 /*
  * A rigid arm as a plant, on a generated robot's mass matrix, Jacobian and forward kinematics. Compiled for one robot:
- * -DROBOT=NAME -DUPPER=NAME_IN_CAPITALS -DJOINTS=DOF, with NAME.h included, and NAME_impedance.h for its controller.
+ * -DROBOT=NAME -DUPPER=NAME_IN_CAPITALS -DPLANT_N=COORDINATES, with NAME.h included, and NAME_impedance.h for its
+ * controller. With two tips -DPLANT_FIRST=NAME_TIP_ and -DPLANT_SECOND, with tools at run time -DPLANT_TOOLS, with closed
+ * loops -DPLANT_START=JOINTS: loads act at the first tip, tools weigh nothing, and q are positions of the motors.
  *
  *     (M(q) + diag(motor)) dv/dt + c(q, v) = torque + push - friction v + J^T load + clamp + stops + hand
  *
@@ -20,7 +22,18 @@
 #define ROBOT_(name) JOIN(ROBOT, _##name)
 #define UPPER_(name) JOIN(UPPER, _##name)
 
-enum { N = JOINTS };
+#ifndef PLANT_FIRST
+#define FIRST_(name) ROBOT_(name)
+#else
+#define FIRST_(name) JOIN(PLANT_FIRST, name)
+#endif
+
+#ifdef PLANT_SECOND
+#define SECOND_(name) JOIN(PLANT_SECOND, name)
+enum { N = PLANT_N, TIPS = 2 };
+#else
+enum { N = PLANT_N, TIPS = 1 };
+#endif
 
 typedef struct {
     double motor[N];       /* [kg m^2] motor inertia at the joint */
@@ -51,6 +64,15 @@ typedef struct {
     double environment_work; /* [J] of load, push, hand, clamp, stops and friction since the start */
     double robot_work;       /* [J] of the robot's own torque */
 } motion_t;
+
+/* Poses (4, 4) of all tips; tools: poses of the tools in the tips, or NULL for none. */
+void robot_poses(const double *q, const double *tools, double *poses);
+/* Hybrid Jacobian (6, N) of the first tip, without a tool. */
+void robot_jacobian(const double *q, double *J);
+/* The links' mass matrices (N, N) at several q. */
+void robot_mass_matrices(int count, const double *q, double *M);
+/* How far joint i is beyond its upper (positive) or lower limit (negative); 0 inside, and for motors of closed loops. */
+double robot_depth(int i, double q);
 
 void plant_mass_matrix(const plant_t *plant, const double *q, double *M);
 void plant_bias(const double *q, const double *v, double *c);

@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: MIT
+"""Short form of the energy search's further draws (widened.py, python_layer.py), and seeded faults that it finds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from campaigns import energy, patterns, schedules, widened
+from campaigns.python_layer import PythonLayer, module_sources
+from support.folders import copy_folder
+from support.plant.loop import Loop
+from support.project import Once
+
+
+def made(once: Once, arm: str) -> tuple[Path, tuple[float, ...]]:
+    folder = once(f"energy_{arm}", lambda folder: energy.generate_arm(arm, folder))
+    return energy.generate_arm(arm, folder)
+
+
+@pytest.fixture(scope="module")
+def hands(once: Once) -> Loop:
+    """Return a robot with two tips, which takes tools at run time."""
+    robot, home = made(once, "hands")
+    return Loop(robot.parent, robot, home=home)
+
+
+@pytest.fixture(scope="module")
+def five_bar(once: Once) -> Loop:
+    """Return a linkage with two motors."""
+    robot, home = made(once, "five_bar")
+    return Loop(robot.parent, robot, home=home)
+
+
+def drawn(loop: Loop, count: int) -> list[tuple[schedules.Schedule, energy.Measured]]:
+    """Return widened schedules of all patterns that stay within the bound, with what was measured."""
+    found = []
+    for seed in range(count):
+        random = np.random.default_rng(seed)
+        every = (*patterns.PATTERNS, schedules.schedule)
+        chosen = widened.widen(random, loop, every[seed % len(every)](random, loop))
+        got = energy.attempt(loop, chosen)
+        assert got.excess <= energy.TOLERANCE, seed
+        assert got.summary.finite or not got.summary.finished, seed
+        found.append((chosen, got))
+    return found
+
+
+def total(found: list[tuple[schedules.Schedule, energy.Measured]], name: str) -> float:
+    """Return the sum of a field of the summaries."""
+    return float(sum(getattr(got.summary, name) for _, got in found))
+
+
+def test_each_draw_reaches_its_situation(loop: Loop) -> None:
+    """Restarts, some with another delay; late calls; old samples; counters that wrap; positions in single precision."""
+    found = drawn(loop, 66)
+    assert total(found, "restarts") > 20
+    assert total(found, "lates") > 1000
+    assert total(found, "stales") > 100
+    inexact = [got.summary for chosen, got in found if chosen.episode.get("single_positions")]
+    assert len(inexact) > 10
+    assert all(0 < summary.allowance < 2 for summary in inexact if summary.torque > 1)
+    delays = [{part["late_torque"] for part in widened.settings(chosen)[0]} for chosen, _ in found]
+    assert sum(len(each) > 1 for each in delays) > 5
+    wraps = [got.summary.finished > 2**32 - start for chosen, got in found
+             if (start := chosen.episode.get("first_counter", 0)) > 0]  # fmt: skip
+    assert sum(wraps) > 2
+
+
+def test_tools_change_in_faults_and_are_refused_while_springs_are_in_force(hands: Loop) -> None:
+    assert (hands.tips, hands.tools) == (2, True)
+    found = drawn(hands, 44)
+    assert total(found, "tools") > 40
+    assert total(found, "tools_refused") > 1000
+    assert max(got.summary.port_most for _, got in found) > 0.1
+
+
+def test_energy_of_closed_loops(five_bar: Loop) -> None:
+    """Loads act at the tip of a linkage, whose motors are the controller's joints."""
+    assert five_bar.motors != list(range(five_bar.n))
+    found = drawn(five_bar, 22)
+    assert max(got.summary.port_most for _, got in found) > 0.1
+    assert sum(got.summary.finished == schedules.SAMPLES for _, got in found) > 10
+
+
+@pytest.fixture(scope="module")
+def compiled(robot_folder: Path, once: Once) -> Loop:
+    """Return a loop with the code that the Python module runs."""
+    sources = module_sources(robot_folder)
+    return Loop(once("compiled_loop", lambda folder: Loop(folder, robot_folder, sources=sources)), robot_folder)
+
+
+@pytest.mark.slow
+def test_python_puts_out_and_supplies_the_same(compiled: Loop, robot: ModuleType) -> None:
+    """The best schedules of short climbs, which put out work."""
+    every = [energy.climb(np.random.default_rng(seed), compiled, 12, seed % 2 == 1)[0] for seed in range(6)]
+    assert max(energy.difference(compiled, robot, chosen) for chosen in every) == 0.0
+    assert max(energy.measure(compiled, chosen).summary.port_most for chosen in every) > 0.1
+
+
+def test_a_python_layer_that_counts_calls_is_found(compiled: Loop, robot: ModuleType) -> None:
+    """Calls are late, and numbered all the same: 3 J more are put out than supplied."""
+
+    class Forgetful(robot.Impedance):  # type: ignore[misc, name-defined]
+        def step(self, *, time: float, **values: Any) -> Any:
+            return super().step(**values)
+
+    chosen = patterns.gaps(np.random.default_rng(3), compiled)
+    chosen.episode |= {"late": 0.5, "delay": 2}
+    chosen.config |= {"delay_samples": 2, "call_gap_limit": 6, "missed_limit": 10, "actuation": 1}
+    assert energy.difference(compiled, robot, chosen) == 0.0
+    assert energy.difference(compiled, SimpleNamespace(Impedance=Forgetful), chosen) > 0.1
+    with PythonLayer(compiled, SimpleNamespace(Impedance=Forgetful)):
+        assert energy.measure(compiled, chosen).excess > 0.1
+
+
+ACCOUNT = "port_work = dot(N, find_acting_torque(s), motion)"
+ALL_BUT_ONE = ACCOUNT.replace("N", "N - 1")
+MOTION = "    add_scaled(N, -1.0, m->q, motion);\n"
+BRIDGE = "bridge_missing_calls(s, last, ahead);"
+TOOL = "        memcpy(m->tool_pose, stiffgen_tool(s->input), sizeof m->tool_pose);\n"
+START = "    memset(m, 0, sizeof *m);\n    place_no_tools"
+FAULTS: dict[str, tuple[str, Any, dict[str, str]]] = {
+    "calls that are late count as one": ("turning", patterns.drained, {BRIDGE: "bridge_missing_calls(s, last, 1);"}),
+    "counters beyond the half tell no missing calls": (
+        "turning", patterns.drained, {BRIDGE: f"if ((int32_t)counter > 0) {{ {BRIDGE} }}"}
+    ),
+    "an old sample is believed": ("turning", patterns.carried, {"if (ahead < 0 && (": "if (0 && ("}),
+    "positions of single precision move by more": (
+        "turning", patterns.drained, {MOTION: MOTION + """    for (int i = 0; i < N; ++i) {
+        motion[i] -= q[i] == (float)q[i] ? copysign(1e-4, find_acting_torque(s)[i]) : 0.0;
+    }
+"""}
+    ),
+    "a restart keeps the delay": (
+        "turning", patterns.drained, {
+            "    memset(state, 0, sizeof *state);\n    const int error": "    const int error",
+            START: "    const int kept = m->delay;\n    memset(m, 0, sizeof *m);\n    m->delay = kept;\n"
+            "    place_no_tools",
+            "m->delay = s->c->delay_samples;": "m->delay = m->delay > 0 ? m->delay : s->c->delay_samples;",
+        }
+    ),
+    "another tool brings energy": (
+        "hands", patterns.gaps,
+        {TOOL: "        m->tank += memcmp(m->tool_pose, s->input->tool_pose, sizeof m->tool_pose) ? 0.2 : 0;\n" + TOOL}
+    ),
+    "a joint of the second tip is not booked": ("hands", patterns.drained, {ACCOUNT: ALL_BUT_ONE}),
+    "a motor of the closed loops is not booked": ("five_bar", patterns.carried, {ACCOUNT: ALL_BUT_ONE}),
+}  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", FAULTS)
+def test_the_search_finds_a_seeded_fault(fault: str, once: Once, tmp_path: Path) -> None:
+    arm, pattern, changes = FAULTS[fault]
+    robot, home = made(once, arm)
+    robot = copy_folder(robot, tmp_path)
+    source = robot / f"{arm}_impedance.c"
+    text = source.read_text()
+    for old, new in changes.items():
+        assert text.count(old) == 1, old
+        text = text.replace(old, new)
+    source.write_text(text)
+    spoilt = Loop(tmp_path, robot, flags=("-O0",), home=home)
+    every = (np.random.default_rng(seed) for seed in range(60))
+    found = (energy.attempt(spoilt, widened.widen(random, spoilt, pattern(random, spoilt))).excess for random in every)
+    assert any(excess > 1e3 * energy.TOLERANCE for excess in found)
