@@ -9,6 +9,10 @@ import pinocchio as pin
 import pytest
 
 import stiffgen
+from stiffgen import load_chain
+from stiffgen.symbolic.kernels import chain_kernels
+from stiffgen.symbolic.model import casadi_function
+from stiffgen.symbolic.potentials import KernelOptions
 from support.project import ROOT
 
 UR5 = ROOT / "tests" / "data" / "ur5.urdf"
@@ -114,6 +118,30 @@ def test_mount_and_gripper_against_pinocchio(softly_mounted, representation):
     found = stiffgen.tip_compliance_in_series(arms, np.array(poses), parts, representation)
     assert (found == found.swapaxes(1, 2)).all()
     assert np.abs(found - expected).max() <= 1e-14 * np.abs(expected).max()
+
+
+def test_a_mount_under_a_load_against_a_floating_base():
+    """Six more coordinates hold the mount exactly: the sum is the same without a load, and off by less than is said."""
+    options = KernelOptions(kernels=("hybrid.tip_compliance",))
+    functions = [
+        {each.qualified_name: casadi_function(chain, each) for each in chain_kernels(chain, options)}
+        for chain in (load_chain(UR5, tip="tool0", floating_base=True), load_chain(UR5, tip="tool0"))
+    ]
+    (exact, _), (arm, pose) = [(each["hybrid_tip_compliance"], each["forward_kinematics"]) for each in functions]
+    random, turning = np.random.default_rng(0), 2e4
+    mount = np.diag([1e6] * 3 + [turning] * 3) + 1e3 * spring(random, 6)
+    springs = np.diag(random.uniform(2e3, 8e3, 6))
+    both = np.block([[mount, np.zeros((6, 6))], [np.zeros((6, 6)), springs]])
+    for load in (0.0, 10, 10, 70, 70):
+        q, wrench = random.uniform(-1.5, 1.5, 6), load * np.array([2, -3, 6, 0.4, -0.3, 0.5]) / 7
+        tip = np.array(pose(q))
+        parts = [(np.linalg.inv(mount), np.eye(4))]
+        found = stiffgen.tip_compliance_in_series(np.array(arm(q, wrench, springs)), tip, parts)
+        expected = np.array(exact(np.eye(4), q, wrench, both))
+        off = np.abs(found - expected).max() / np.abs(expected).max()
+        bound = load * np.linalg.norm(tip[:3, 3]) / turning
+        assert off <= max(bound, 1e-14)
+        assert off >= 0.1 * bound
 
 
 def test_what_is_refused_of_parts():
