@@ -6,7 +6,7 @@ Pinocchio and MuJoCo read the URDF by themselves; the references use no Hessian 
 
 from __future__ import annotations
 
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -209,6 +209,7 @@ def test_what_is_refused(robot: ModuleType) -> None:
     for call, words in (
         (lambda: stiffgen.settle(robot, q, np.ones(6), F), "settle: joint_stiffness must have the shape"),
         (lambda: stiffgen.settle(robot, q, np.eye(7) + np.eye(7, k=1), F), "settle: joint_stiffness is not symmetric"),
+        (lambda: stiffgen.settle(SimpleNamespace(close=None), q, K, F), "settle: the robot has closed loops"),
         (lambda: stiffgen.settle(robot, q[:6], K, F), "settle: takes a robot with a fixed base"),
         (lambda: stiffgen.settle(robot, q, K, F[:3]), "settle: takes a wrench"),
         (lambda: stiffgen.settle(robot, q, K, F, gravity=9.81), "settle: takes an acceleration of gravity"),
