@@ -169,9 +169,10 @@ class Checker:
             yield from self._number(this, limit, key, 1, limit=True)
         if bounded:
             yield from self._missing_bound(this, limit)
-        # a missing number is 0, as in the format; a faulty one, which is reported, counts as 0, too
+        # a missing number is 0, as in the format; a faulty one was reported above
+        are_faulty = any(limit.get(key) is not None and (limit, key) not in self.numbers for key in ("lower", "upper"))
         lower, upper = (self.numbers.get((limit, key), (0.0,))[0] for key in ("lower", "upper"))
-        if lower > upper:
+        if not are_faulty and lower > upper:
             yield Problem(this, f"{_title(this)}: lower limit {lower:g} is above upper limit {upper:g}; swap them")
         for key in magnitudes:
             if self.numbers.get((limit, key), (0.0,))[0] < 0:

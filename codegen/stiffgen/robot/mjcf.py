@@ -221,7 +221,9 @@ class _ModelTree:
                 continue
             follower = next((k for k in terms if k not in found), None)  # the first joint that is not determined yet
             if follower is None or len(terms) > 2:
-                self._refuse(terms, coupling, "couples more than two joints")
+                too_many = "couples more than two joints"
+                fault = too_many if len(terms) > 2 else "determines no joint that another constraint leaves free"
+                self._refuse(terms, coupling, fault)
                 continue
             scale = -1 / terms.pop(follower)
             if not terms:

@@ -157,8 +157,9 @@ class Impedance:
 
         A star marks what differs from the default. Nothing of the controller changes.
         """
-        ahead = copy.copy(self)
-        ahead._record = (np.zeros(0, INPUT), np.zeros(0, OUTPUT))
+        ahead, content = object.__new__(type(self)), dict(self.__dict__)
+        content["_record"] = (np.zeros(0, INPUT), np.zeros(0, OUTPUT))  # before the copy: a record may be long
+        ahead.__dict__.update(copy.deepcopy(content))
         return self._config.describe(ahead.missed())
 
     def restart(self, torque: ArrayLike = 0.0) -> None:

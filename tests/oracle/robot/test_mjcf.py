@@ -99,6 +99,9 @@ def test_constraints_that_no_mimic_expresses(tmp_path):
         stiffgen.load_chain(file, tip="right")
     with pytest.warns(stiffgen.errors.DescriptionWarning, match="is not linear"):
         stiffgen.load_chain(file, tip="side", masses=False)
+    again = '<joint name="again" joint1="left" joint2="right" polycoef="0 1 0 0 0"/></equality>'
+    with pytest.raises(DescriptionError, match="'again' of left, right determines no joint that another constraint"):
+        stiffgen.load_chain(written(tmp_path, ARM.replace("</equality>", again)), tip="right")
     held = ARM.replace('joint2="left" polycoef="0.01 0.8 0 0 0"', 'polycoef="0.03 0 0 0 0"')
     assert_agrees(written(tmp_path, held), tip="right")  # the constraint holds the finger at 0.03 m
     inactive = ARM.replace('name="fingers"', 'name="fingers" active="false"')

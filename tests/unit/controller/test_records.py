@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import re
+import tracemalloc
 from pathlib import Path
 from types import ModuleType
 
@@ -61,4 +62,10 @@ def test_a_description_has_every_field_and_what_follows(robot: ModuleType):
     out = controller.missed()
     for name in ("tank_initial", "engagement_limit"):
         assert words[name].endswith(f" 0 J ({out[name]:.4g} follows)") and out[name] > 1.0
+    recording = robot.Impedance(record=3000)
+    tracemalloc.start()
+    recording.describe()
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < sum(part.nbytes for part in recording._record) / 4  # the record is not copied
     assert robot.Impedance(tank_initial=12.0).describe().splitlines()[-1].split() == ["*", "tank_initial", "12", "J"]

@@ -117,6 +117,14 @@ def test_every_fault_names_element_and_remedy(read, tmp_path, name):
     assert str(refusal.value).count("\n") <= 6
 
 
+def test_a_faulty_bound_is_one_problem(read):
+    """It is not compared with the other bound as if it were 0."""
+    problems = all_problems(read, replaced(('lower="-1" upper="1"', 'lower="x" upper="-1"')))
+    assert [problem for problem in problems if "elbow" in problem and "limit" in problem] == [
+        problem for problem in problems if "'x' is not a finite decimal number" in problem
+    ]
+
+
 def test_all_problems_at_once_also_those_of_the_file(read):
     everything = replaced(
         (' name="arm"', ""), ('xyz="0 1 0"', 'xyz="0 0 0"'), ('mass value="2"', 'mass value="-2"'),
