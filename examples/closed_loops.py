@@ -8,7 +8,7 @@ kinematic stiffness of the closure. The example computes both:
 - an ankle that carries a load of 400 N through its sole, 5 cm before the ankle, over the angle of both motors.
 
 With --figure FILE the example draws the four-bar and both comparisons (needs matplotlib: pip install
-'stiffgen[examples]').
+'.[examples]').
 """
 
 from __future__ import annotations

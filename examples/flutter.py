@@ -11,7 +11,7 @@ kp (a +- i |c| / 2), a = (|c| / 2) cot(|c| / 2). They grow if the damping ratio 
 The gradient of the energy kp |log(R0^T R)|^2 / 2 is the same law with the rotation vector of the difference. Both are
 simulated in MuJoCo: the first with its own <position> actuators, the second as an applied torque (stiffgen.drive).
 
-With --figure FILE the example writes flutter.svg (needs matplotlib: pip install 'stiffgen[examples,mjcf]').
+With --figure FILE the example writes flutter.svg (needs matplotlib: pip install '.[examples,mjcf]').
 """
 
 from __future__ import annotations

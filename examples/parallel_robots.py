@@ -10,7 +10,7 @@ G^T Kq G, which leaves the kinematic stiffness of the closure out:
 - a Delta with three motors and a payload of 4 kg, over its height.
 
 With --figure FILE the example draws the robots and the comparisons (needs matplotlib: pip install
-'stiffgen[examples]'). The leg is an MJCF file: pip install 'stiffgen[mjcf]'.
+'.[examples]'). The leg is an MJCF file: pip install '.[mjcf]'.
 """
 
 from __future__ import annotations

@@ -7,6 +7,7 @@ message alone and exits with code 2.
 
 from __future__ import annotations
 
+import json
 import shlex
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
@@ -33,6 +34,29 @@ def whole(name: str) -> str:
 def shell_word(name: str) -> str:
     """Return a name as a shell takes it for one word of a command."""
     return shlex.quote(whole(name))
+
+
+def install_command(extra: str) -> str:
+    """Return the command that installs an extra from where stiffgen itself came from.
+
+    An index has no stiffgen yet. pip keeps the clone's folder, the wheel's file or the repository's address in the
+    package's record, and nothing if an index was the source.
+    """
+    from importlib.metadata import PackageNotFoundError, distribution
+    from urllib.parse import urlsplit
+    from urllib.request import url2pathname
+
+    try:
+        origin = json.loads(distribution("stiffgen").read_text("direct_url.json") or "{}")
+    except (PackageNotFoundError, ValueError):
+        origin = {}
+    url, wanted = origin.get("url", ""), f"stiffgen[{extra}]"
+    if "vcs_info" in origin:
+        wanted += f" @ {origin['vcs_info']['vcs']}+{url}"
+    elif url.startswith("file:"):
+        wanted = f"{url2pathname(urlsplit(url).path)}[{extra}]"
+    editable = "-e " if origin.get("dir_info", {}).get("editable") else ""
+    return f"pip install {editable}{shell_word(wanted)}"
 
 
 def listed(names: Sequence[str], most: int = 20) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 
 from stiffgen.calibrate.estimate import Estimate
 from stiffgen.calibrate.poses import StandingPoses
-from stiffgen.errors import MissingExtraError
+from stiffgen.errors import MissingExtraError, install_command
 
 
 def residual_picture(poses: StandingPoses, found: Estimate) -> str:
@@ -22,7 +22,7 @@ def residual_picture(poses: StandingPoses, found: Estimate) -> str:
         drawing: Any = import_module("matplotlib.figure")
     except ImportError as error:
         raise MissingExtraError(
-            "the picture (--output FILE.svg) needs matplotlib, which is not installed; pip install 'stiffgen[analyze]'"
+            "the picture (--output FILE.svg) needs matplotlib, which is not installed; " + install_command("analyze")
         ) from error
     style: Any = import_module("stiffgen.style")
     has_time = bool(poses.time.any())

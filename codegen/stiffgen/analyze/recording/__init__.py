@@ -18,7 +18,15 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from stiffgen.errors import MissingExtraError, RecordingError, StiffgenError, listed, printable, shell_word
+from stiffgen.errors import (
+    MissingExtraError,
+    RecordingError,
+    StiffgenError,
+    install_command,
+    listed,
+    printable,
+    shell_word,
+)
 from stiffgen.robot.geometry import FloatArray
 
 PARTITION_ROWS = 1 << 18
@@ -320,7 +328,7 @@ def extra(module: str, purpose: str) -> Any:
         return importlib.import_module(module)
     except ImportError as error:
         raise MissingExtraError(
-            f"{purpose} needs {module.partition('.')[0]}, which is not installed; pip install 'stiffgen[analyze]'"
+            f"{purpose} needs {module.partition('.')[0]}, which is not installed; {install_command('analyze')}"
         ) from error
 
 
