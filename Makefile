@@ -12,7 +12,7 @@ TESTS := not slow and not wide
 # A worker takes neighbouring tests, so that it makes what they share only once.
 SPREAD := -n $(WORKERS) --dist worksteal
 
-.PHONY: help generate test test-slow test-wide lint check-generated docs report bench bench-cuda campaign compare robosuite clean
+.PHONY: help generate test test-slow test-wide lint check-generated docs report dist bench bench-cuda campaign compare robosuite clean
 .DELETE_ON_ERROR:
 
 help:  ## print this list
@@ -51,6 +51,12 @@ report: docs  ## print docs/results.md as build/results.pdf (needs chromium)
 	@command -v chromium >/dev/null || { echo "chromium is not installed; on Debian: apt-get install chromium" >&2; exit 1; }
 	chromium --headless --no-sandbox --disable-gpu --no-pdf-header-footer --print-to-pdf=build/results.pdf \
 	  "file://$(CURDIR)/build/site/html/docs/results.html"
+
+dist: build/dist-venv/installed $(VENV)/installed-test  ## build the wheels of stiffgen and of one robot, and check them (twine)
+	rm -rf build/dist
+	$(BIN)/python -m build --no-isolation --outdir build/dist
+	$(BIN)/pip wheel --quiet --no-deps --no-build-isolation --wheel-dir build/dist generated/iiwa14
+	build/dist-venv/bin/twine check --strict build/dist/*
 
 bench: $(VENV)/installed-test $(VENV)/installed-bench  ## time against what a user could take instead, into benchmarks/RESULTS.md
 	$(BIN)/python benchmarks/run.py
@@ -134,6 +140,11 @@ lock: build/lock-venv/installed  ## resolve the generator's packages anew, into 
 build/lock-venv/installed:
 	@$(PYTHON) -m venv build/lock-venv
 	build/lock-venv/bin/pip install --quiet --disable-pip-version-check uv
+	@touch $@
+
+build/dist-venv/installed:
+	@$(PYTHON) -m venv build/dist-venv
+	build/dist-venv/bin/pip install --quiet --disable-pip-version-check twine
 	@touch $@
 
 # An environment of its own: robosuite needs an older MuJoCo and NumPy.

@@ -4,11 +4,15 @@
 from __future__ import annotations
 
 import json
+import os
 import re
+import shlex
 import subprocess
 
 import pytest
+import yaml
 
+from stiffgen.cli import parser
 from support.project import ROOT
 
 
@@ -49,3 +53,39 @@ def test_hooks_and_workflow_call_targets_that_exist(target: str) -> None:
     assert re.search(rf"^{target}:", (ROOT / "Makefile").read_text(), re.MULTILINE)
     named = [ROOT / ".pre-commit-config.yaml", ROOT / ".devcontainer" / "Dockerfile", ROOT / ".ci" / "run"]
     assert any(re.search(rf"make .*\b{target}\b|make {target}", file.read_text()) for file in named)
+
+
+def test_the_workflow_runs_what_ci_runs() -> None:
+    """Linux calls .ci/run and nothing else; each command of the other systems exists: extra, options, test."""
+    jobs = yaml.safe_load((ROOT / ".github" / "workflows" / "ci.yml").read_text())["jobs"]
+    commands = {name: [step["run"] for step in job["steps"] if "run" in step] for name, job in jobs.items()}
+    assert commands["linux"] == [".ci/run"]
+    assert os.access(ROOT / ".ci" / "run", os.X_OK)
+    install, *steps = map(shlex.split, commands["elsewhere"])
+    assert install[:2] == ["pip", "install"]
+    (extra,) = re.fullmatch(r"\.\[([\w-]+)\]", install[2]).groups()  # type: ignore[union-attr]
+    assert re.search(rf"^{extra} = ", (ROOT / "pyproject.toml").read_text(), re.MULTILINE)
+    folder = ""
+    for program, *words in steps:
+        if program == "stiffgen":
+            options = parser().parse_args(words)
+            folder = f"{options.output}/iiwa14" if words[0] == "generate" else folder
+            assert words[0] != "verify" or words[1] == folder
+        else:
+            assert [program, *words[:2]] == ["python", "-m", "pytest"]
+            assert (ROOT / words[2]).is_file()
+    assert {word for step in steps for word in step} >= {"generate", "verify", "pytest"}
+    assert {os_name.split("-")[0] for os_name in jobs["elsewhere"]["strategy"]["matrix"]["os"]} == {"macos", "windows"}
+
+
+def test_placeholders_of_addresses_stand_in_one_place() -> None:
+    """Whoever owns the name fills in pyproject.toml; the playground's address is where the site puts the page."""
+    found = subprocess.run(
+        ["git", "-C", str(ROOT), "grep", "-l", "example.org/stiffgen", "--", ":!tests"],
+        capture_output=True, text=True, check=True,
+    ).stdout.split()  # fmt: skip
+    assert found == ["pyproject.toml"]
+    project = (ROOT / "pyproject.toml").read_text()
+    (address,) = re.findall(r'^Playground = "(.*)"$', project, re.MULTILINE)
+    folder, page = address.rpartition("/docs/")[2].split("/")
+    assert f'"{folder}" / "{page}"' in (ROOT / "docs" / "site" / "pages.py").read_text()
