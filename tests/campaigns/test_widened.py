@@ -71,6 +71,17 @@ def test_each_draw_reaches_its_situation(loop: Loop) -> None:
     assert sum(wraps) > 2
 
 
+def test_a_delay_changes_only_where_the_controller_restarts(loop: Loop) -> None:
+    """A segment that another one with the same start replaces restarts nothing; the delay that is declared stays."""
+    replaced = [{"wanted": loop.home}, {"start": 5, "restart": 1, "delay": 0}, {"start": 5, "restart": 0}]
+    chosen = schedules.Schedule({"delay_samples": 2, "engagement_limit": 1.0}, {"delay": 2}, replaced)
+    assert [config["delay_samples"] for config in widened.settings(chosen)[1]] == [2]
+    assert energy.measure(loop, chosen).summary.restarts == 0
+    del chosen.parts[2]
+    assert [config["delay_samples"] for config in widened.settings(chosen)[1]] == [2, 0]
+    assert energy.measure(loop, chosen).summary.restarts == 1
+
+
 def test_tools_change_in_faults_and_are_refused_while_springs_are_in_force(hands: Loop) -> None:
     assert (hands.tips, hands.tools) == (2, True)
     found = drawn(hands, 44)

@@ -74,16 +74,18 @@ def _tool(random: Random, loop: Loop) -> np.ndarray:
 def settings(chosen: Schedule) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Return segments and configurations: one configuration for every pair of a change and a delay.
 
-    The delay changes at restarts alone, and motors with gains have none.
+    The delay changes at restarts that happen, and motors with gains have none.
     """
     base = int(chosen.config.get("delay_samples", 0))
     gains = any(one.get("actuation") == 2 for one in (chosen.config, *chosen.changes))
     every = [chosen.config, *(chosen.config | change for change in chosen.changes)]
     places: dict[tuple[int, int], int] = {}
     parts, config, delay = [], 0, base
-    for one in chosen.parts:
+    starts = [one.get("start", 0) for one in chosen.parts]
+    for one, following in zip(chosen.parts, [*starts[1:], SAMPLES], strict=True):
         config = one.get("config", config)
-        if one.get("restart") and not gains:
+        begins = following > one.get("start", 0)  # of segments with the same start, only the last one is run
+        if one.get("restart") and begins and not gains:
             delay = one.get("delay", delay)
         place = places.setdefault((config, delay), len(places))
         fields = {name: value for name, value in one.items() if name != "delay"}
