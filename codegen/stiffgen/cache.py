@@ -49,9 +49,9 @@ _WAITING = "waiting for another process, which generates the same robot"
 def load(file: str | Path, *, tip: Any = None, base: str | None = None, **options: Any) -> GeneratedRobot:
     """Open a robot by its file; generate and compile it into the user's cache on first use.
 
-    The folder of the cache is STIFFGEN_CACHE, else ``stiffgen`` in the system's folder for caches. ``stiffgen robots
-    --cache list`` lists it, ``--cache clear`` empties it. After a change of the file, an option, stiffgen, Python or
-    the compiler, the robot is generated again.
+    The folder of the cache is STIFFGEN_CACHE, else ``stiffgen`` in the system's folder for caches. ``stiffgen inspect
+    --list cached`` lists it, ``--list clear`` empties it. After a change of the file, an option, stiffgen, Python
+    or the compiler, the robot is generated again.
 
     Args:
         file: path of the robot's file, or what else :func:`stiffgen.generate` takes.

@@ -7,7 +7,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from types import ModuleType
 
-OPTIONAL = ("controller", "analyze", "calibrate", "new", "play", "prove")
+OPTIONAL = ("controller", "analyze", "calibrate", "new", "passport", "play", "prove")
 """Rooms that no module of another room imports by name."""
 
 

@@ -125,6 +125,12 @@ CAMPAIGNS = {
         "--hosts 200 --postures 1 --first 25600 --ratio 4 --least 2",
         in_ci=False,
     ),
+    "passport": _campaign(
+        "passport",
+        "compare the stiffness passport of eight arms with MuJoCo",
+        "--arms iiwa14 --postures 1 --loops 1 --controller",
+        "--controller",
+    ),
     "starts": _campaign(
         "starts",
         "start four arms with wrong first samples and memory",

@@ -35,7 +35,7 @@ def main() -> int:
             [sys.executable, "-m", "venv", "venv"],
             ["venv/bin/pip", "install", "--quiet", wheel.name],
             ["venv/bin/stiffgen", "generate", str(URDF), "--output", "."],
-            ["venv/bin/stiffgen", "play", "iiwa14", "--no-open"],
+            ["venv/bin/stiffgen", "play", "iiwa14", "--output", "iiwa14.html"],
         )
         total = 0.0
         for step in steps:

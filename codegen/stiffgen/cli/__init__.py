@@ -23,18 +23,19 @@ from typing import TextIO
 import stiffgen
 from stiffgen.cli.completion import SHELLS, Completion
 from stiffgen.cli.parsing import CommandParser, Parser
+from stiffgen.cli.replaced import REPLACED_COMMANDS
 from stiffgen.errors import DescriptionWarning, StiffgenError, printable, terminal_text
 from stiffgen.rooms import is_there
 
 COMMANDS = {
     "generate": ("cli.generate", "generate C code and a Python module for a robot"),
     "new": ("new.command", "write a project: a 1 kHz loop, a simulated robot, a test, a script"),
-    "inspect": ("cli.inspect", "show joints, chains to each tip, and problems of a robot's file"),
-    "robots": ("cli.robots", "list robots that can be named, or those that stiffgen.load() has generated"),
+    "inspect": ("cli.inspect", "show joints, chains and problems of a robot's file; list the robots that can be named"),
     "verify": ("cli.verify", "verify a robot's compiled functions against independent references (7 joints: a minute)"),
     "prove": ("prove.command", "prove contracts of a robot's C code for all inputs"),
     "bench": ("cli.bench", "time a robot's compiled functions on this machine"),
     "play": ("play.command", "write a robot's playground, a page for the browser, and open it"),
+    "passport": ("passport.command", "stiffness, force and damping that a robot's tip can render, as a page"),
     "analyze": ("analyze.command", "joint stiffness along a recording, corrected and conventional"),
     "calibrate": ("calibrate.command", "bias and payload of a force-torque sensor, from a recording"),
 }
@@ -86,6 +87,9 @@ def _run(arguments: Sequence[str] | None) -> int:
         sys.stdout.reconfigure(errors="backslashreplace")  # names of any script, terminals of any encoding
     try:
         program = parser()
+        words = sys.argv[1:] if arguments is None else arguments
+        if words and words[0] in REPLACED_COMMANDS:
+            program.error(f"no command '{words[0]}'; in place of it: stiffgen {REPLACED_COMMANDS[words[0]]}")
         options = program.parse_args(arguments)
         if "run" not in options:
             program.print_help(sys.stdout)

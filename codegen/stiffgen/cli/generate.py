@@ -21,7 +21,9 @@ def add(command: argparse.ArgumentParser) -> None:
     """Add the arguments: fields of :class:`GenerationOptions` are the options."""
     add_robot(command, nargs="?")
     group_of(command, "robot").add_argument(
-        "--robot", metavar="NAME", help="robot by its name alone, instead of FILE; 'stiffgen robots' lists them"
+        "--robot",
+        metavar="NAME",
+        help="robot by its name alone, instead of FILE; 'stiffgen inspect --list known' lists them",
     )
     add_options(command, GenerationOptions)
     command.set_defaults(run=run)

@@ -13,6 +13,7 @@ from rich.table import Table
 from stiffgen.cli.arguments import add_robot, source_of
 from stiffgen.cli.console import print_table, table, tables
 from stiffgen.cli.records import add_options, group_of, values_of
+from stiffgen.cli.robots import LISTS, list_robots
 from stiffgen.errors import DescriptionError, StiffgenError, listed, printable, terminal_text
 from stiffgen.loading import chain_between, describe
 from stiffgen.robot.chain import ChainOptions
@@ -27,16 +28,26 @@ _MOST_TIPS, _MOST_DOUBTED, _LONGEST = 100, 3, 200
 
 def add(command: argparse.ArgumentParser) -> None:
     """Add the arguments."""
-    add_robot(command)
-    add_options(command, Reading)
+    add_robot(command, nargs="?")
+    add_options(command, Reading, "package_path")
     group_of(command, "frames").add_argument(
         "--tip", metavar="LINK", help="show the chain to this link (default: to every leaf link)"
+    )
+    command.add_argument(
+        "--list",
+        choices=LISTS,
+        help="in place of a file: list the robots that can be named, list the cache of stiffgen.load(), or clear it; "
+        "FILE is a part of their names",
     )
     command.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Show a robot's file; return 1 if it has problems."""
+    """Show a robot's file, or lists of robots; return 1 if the file has problems."""
+    if options.list is not None:
+        return list_robots(options.list, options.urdf or "")
+    if options.urdf is None:
+        raise StiffgenError("inspect: give a robot's FILE; --list known lists the robots that can be named")
     try:
         description = describe(source_of(options), Reading(**values_of(options, Reading)))
     except DescriptionError as error:

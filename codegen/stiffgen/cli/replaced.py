@@ -29,8 +29,13 @@ REPLACED = {
         "--force": "removing the folder, or force=True in Python",
     },
     "new": _TOOL | _NAMED | {"--spring": "--controller spring=KIND"},
-    "inspect": _NAMED | {"--base": "nothing: a chain begins at the link nearest the root"},
-    "play": _NAMED | _GENERATED,
+    "inspect": _NAMED
+    | {
+        "--base": "nothing: a chain begins at the link nearest the root",
+        "--ignore": "generate with it: inspect names all problems without it",
+        "--accept-inertia": "generate with it: inspect names all problems without it",
+    },
+    "play": _NAMED | _GENERATED | {"--no-open": "--output FILE.html: a page with a name is not opened"},
     "analyze": {
         "--q-columns": "--q",
         "--wrench-columns": "--wrench",
@@ -40,12 +45,19 @@ REPLACED = {
     "calibrate": {"--picture": "a second --output FILE.svg", "--at": "--check KG,X,Y,Z"},
     "prove": {"--part": _WORDS, "--only": _WORDS},
     "verify": {
+        "--urdf": "the file behind the folder: DIR URDF",
+        "--seed": "--samples COUNT,SEED",
         "--proofs": "--evidence FILE",
         "--targets": "--evidence FILE",
         "--date": "nothing: the page has no date",
     },
 }
 """By command, then by option."""
+REPLACED_COMMANDS = {
+    "robots": "inspect [WORD] --list known|cached|clear",
+    "cache": "inspect [WORD] --list cached|clear",
+}
+"""Commands of earlier versions."""
 
 
 def refusal(command: str, words: Sequence[str]) -> str:

@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""The command ``robots``: names of robots that ``generate --robot`` takes, and the robots in the user's cache."""
+"""Lists of ``inspect --list``: names of robots that commands take, and the robots in the user's cache."""
 
 from __future__ import annotations
-
-import argparse
 
 from rich.markup import escape
 
@@ -12,29 +10,21 @@ from stiffgen.cli.console import table, tables
 from stiffgen.errors import StiffgenError, printable, terminal_text
 from stiffgen.robot.names import known_robots
 
-
-def add(command: argparse.ArgumentParser) -> None:
-    """Add the arguments."""
-    command.add_argument("word", nargs="?", default="", metavar="WORD", help="part of a name or maker (default: all)")
-    command.add_argument(
-        "--cache",
-        choices=["list", "clear"],
-        help="list or remove the robots that stiffgen.load() has generated",
-    )
-    command.set_defaults(run=run)
+LISTS = ("known", "cached", "clear")
+"""Robots that can be named, those that ``stiffgen.load()`` has generated, and their removal."""
 
 
-def run(options: argparse.Namespace) -> int:
-    """Print the robots that can be named, or list or clear the cache."""
-    if options.cache == "clear":
-        removed = clear([options.word] if options.word else [])
+def list_robots(chosen: str, word: str) -> int:
+    """Print the robots of one of LISTS whose name (or maker) contains a word, or clear the cache; return 0."""
+    if chosen == "clear":
+        removed = clear([word] if word else [])
         print(f"{removed} robots removed from {terminal_text(str(cache_folder()))}")
         return 0
-    if options.cache == "list":
-        return _print_cached(options.word)
-    robots = known_robots(options.word)
+    if chosen == "cached":
+        return _print_cached(word)
+    robots = known_robots(word)
     if not robots:
-        raise StiffgenError(f"no robot's name or maker contains '{printable(options.word)}'; leave the word out")
+        raise StiffgenError(f"no robot's name or maker contains '{printable(word)}'; leave the word out")
     shown = table("name", "format", "maker", "licence", "package")
     for each in robots:
         cells = (each.name.removesuffix("_description"), each.formats, each.maker, each.licence, each.package)

@@ -25,15 +25,19 @@ def add(command: argparse.ArgumentParser) -> None:
     """Add the arguments."""
     add_folder_or_robot(command)
     command.add_argument(
-        "--urdf",
+        "urdf",
+        nargs="?",
         type=Path,
         metavar="URDF",
         help="read the robot's file again and compare the chain (default: ROBOT, if that is a URDF)",
     )
     command.add_argument(
-        "--samples", type=positive, help="number of random configurations (default: 200 up to 7 joints, fewer for more)"
+        "--samples",
+        type=_count_and_seed,
+        default=(None, 0),
+        metavar="COUNT[,SEED]",
+        help="number of random configurations (default: 200 up to 7 joints, fewer for more), and their seed (0)",
     )
-    command.add_argument("--seed", type=natural, default=0, help="seed of the random configurations (default: 0)")
     command.add_argument(
         "--trust-potentials", action="store_true", help="run the source of potentials in manifest.json [ask]"
     )
@@ -50,6 +54,12 @@ def add(command: argparse.ArgumentParser) -> None:
         )
 
 
+def _count_and_seed(text: str) -> tuple[int | None, int]:
+    """Return the number of configurations and the seed."""
+    count, _, seed = text.partition(",")
+    return positive(count), natural(seed or "0")
+
+
 def run(options: argparse.Namespace) -> int:
     """Verify a robot; return 1 if a comparison fails."""
     page = optional("prove.safety_page")  # None if the room has been taken out, with its options
@@ -63,15 +73,15 @@ def run(options: argparse.Namespace) -> int:
         checks = verify(
             folder,
             urdf=urdf,
-            count=options.samples,
-            seed=options.seed,
+            count=options.samples[0],
+            seed=options.samples[1],
             trust_potentials=trusts,
             progress=progress,
         )
     failed = [check for check in checks if not check.passed]
     print(f"{len(checks) - len(failed)} of {len(checks)} comparisons within their bound")
     if urdf is None:
-        print("URDF not checked (pass --urdf)")
+        print("URDF not checked (name it behind the folder)")
     for check in failed:
         print(f"FAILED {check.kernel}, {check.oracle}" + (f": {check.detail}" if check.detail else ""))
     print()
@@ -81,8 +91,8 @@ def run(options: argparse.Namespace) -> int:
             folder,
             checks,
             options.report,
-            postures=options.samples or default_count(open_robot(folder).chain),
-            seed=options.seed,
+            postures=options.samples[0] or default_count(open_robot(folder).chain),
+            seed=options.samples[1],
             urdf=urdf,
             proofs=proofs,
             targets=targets,

@@ -24,8 +24,9 @@ def add(command: argparse.ArgumentParser) -> None:
     """Add the arguments."""
     add_robot(command, "folder that 'stiffgen generate' wrote, or a robot's URDF, MJCF, xacro template or name")
     add_options(command, ChainOptions, "tip")
-    command.add_argument("--output", type=Path, metavar="FILE.html", help="file to write (default: NAME.html)")
-    command.add_argument("--no-open", action="store_true", help="write the page, do not open it")
+    command.add_argument(
+        "--output", type=Path, metavar="FILE.html", help="file to write, without opening it (default: NAME.html)"
+    )
     command.set_defaults(run=run)
 
 
@@ -37,7 +38,7 @@ def run(options: argparse.Namespace) -> int:
             source = _generated(source, open_folders.enter_context(temporary_folder("play")), options, progress)
         page = write_page(source, options.output, progress)
     print(page)
-    if not options.no_open and _has_screen() and not webbrowser.open(page.resolve().as_uri()):
+    if options.output is None and _has_screen() and not webbrowser.open(page.resolve().as_uri()):
         print("stiffgen: warning: no browser found; open the file in one", file=sys.stderr)
     return 0
 

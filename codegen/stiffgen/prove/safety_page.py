@@ -266,7 +266,7 @@ def _uncovered(
         "A hazard analysis of the application. docs/controller.md has the controller's own safety case.",
     ]
     if not compared:
-        lines.insert(1, "The chain is the manifest's: the URDF was not read again (--urdf).")
+        lines.insert(1, "The chain is the manifest's: the URDF was not read again.")
     if filed is None:
         lines.insert(0, "Proofs: none were given (stiffgen prove DIR --json FILE, then verify --evidence FILE).")
     else:

@@ -29,6 +29,7 @@ _BODY = re.compile(rb"<mujoco[\s>](?s:.*)<body[\s>]")
 _COMMENT = re.compile(rb"<!--(?s:.*?)-->")
 _MENAGERIE, _COPY = "mujoco_menagerie", "copy of Menagerie"
 _INSTALL = "install one of them: pip install robot_descriptions"
+_LISTED = "'stiffgen inspect --list known'"
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,7 @@ def find_robot(name: str, reading: Reading) -> tuple[Path, Reading]:
     names = sorted({_short(each) for _, each in robots})
     near = difflib.get_close_matches(name, names, 5, 0.5) + [each for each in names if name in each]
     hint = f"did you mean {listed(list(dict.fromkeys(near)), 5)}? " if near else ""
-    raise DescriptionError(name, [f"is no file and no known robot; {hint}'stiffgen robots' lists all names"])
+    raise DescriptionError(name, [f"is no file and no known robot; {hint}{_LISTED} lists all names"])
 
 
 def _short(name: str) -> str:
@@ -131,7 +132,7 @@ def _downloaded(name: str, reading: Reading) -> tuple[Path, Reading]:
         if hasattr(module, attribute):
             path = Path(getattr(module, attribute))
             return path, _with_defaults(module, reading) if attribute == "XACRO_PATH" else reading
-    raise DescriptionError(name, ["has neither URDF, xacro nor MJCF; choose another name: 'stiffgen robots'"])
+    raise DescriptionError(name, [f"has neither URDF, xacro nor MJCF; choose another name: {_LISTED}"])
 
 
 def _with_defaults(module: Any, reading: Reading) -> Reading:

@@ -318,7 +318,7 @@ def test_what_needs_doubles_is_refused(folder, tmp_path, capsys):
     page = tmp_path / "page.html"
     for command in (
         ("prove", folder),
-        ("play", folder, "--no-open", "--output", page),
+        ("play", folder, "--output", page),
         ("verify", folder, "--report", page),
     ):
         assert "was generated with --scalar float" in refusal(*command)

@@ -102,7 +102,7 @@ def test_usage_errors_exit_with_2(capsys):
 @pytest.mark.slow
 @pytest.mark.usefixtures("unoptimised", "narrowest_width")
 def test_verify(capsys, robot_folder):
-    code, out, err = run(capsys, "verify", robot_folder, "--samples", 20, "--urdf", URDF)
+    code, out, err = run(capsys, "verify", robot_folder, URDF, "--samples", 20)
     assert code == 0
     assert re.search(r"(\d+) of \1 comparisons within their bound", out)
     for oracle in (
@@ -208,7 +208,7 @@ def test_a_name_too_long_for_the_file_system(capsys, tmp_path, monkeypatch, argu
         (["generate", URDF, "--name", "a", "--name", "b"], "--name is given twice"),
         (["generate", URDF, "--cuda", "--cuda"], "--cuda is given twice"),
         (["generate", URDF, "--scalar", "float", "--scalar", "double"], "--scalar is given twice"),
-        (["verify", "x", "--seed", "1", "--seed", "1"], "--seed is given twice"),
+        (["verify", "x", "--samples", "1", "--samples", "1"], "--samples is given twice"),
         (["analyze", "x", "--robot", "x", "--robot", "y", "--task-stiffness", "1"], "--robot is given twice"),
         (["generate", URDF, "--lock", "A1=-0,5"], "'A1=-0,5': VALUE is a number [rad or m]; write -0.5"),
         (["generate", URDF, "--lock", "A1=90deg"], "'A1=90deg': VALUE is a number [rad or m]"),
@@ -365,9 +365,9 @@ def test_a_damaged_manifest_is_one_sentence(damage, capsys, robot_folder, tmp_pa
 
 def test_a_negative_seed_is_refused(capsys, robot_folder):
     with pytest.raises(SystemExit) as refused:
-        main(["verify", str(robot_folder), "--seed", "-1"])
+        main(["verify", str(robot_folder), "--samples", "5,-1"])
     assert refused.value.code == 2
-    assert "--seed: must not be negative" in capsys.readouterr().err
+    assert "--samples: must not be negative" in capsys.readouterr().err
 
 
 def test_the_keywords_of_python_are_the_fields_of_the_records():

@@ -63,12 +63,12 @@ def test_first_use_generates_and_the_next_opens(here, monkeypatch, capsys):
         patched.setenv("CC", str(here / "absent"))  # nor is a compiler needed
         assert stiffgen.load("arm.urdf", **SMALL).folder == robot.folder
     assert capsys.readouterr().err == ""
-    assert main(["robots", "--cache", "list"]) == 0 and "1 robots" in capsys.readouterr().out
-    assert main(["robots", "--cache", "list", "iiwa7"]) == 0 and "0 robots" in capsys.readouterr().out
-    assert main(["robots", "--cache", "clear", "iiwa7"]) == 2
+    assert main(["inspect", "--list", "cached"]) == 0 and "1 robots" in capsys.readouterr().out
+    assert main(["inspect", "iiwa7", "--list", "cached"]) == 0 and "0 robots" in capsys.readouterr().out
+    assert main(["inspect", "iiwa7", "--list", "clear"]) == 2
     assert "the cache has no robot 'iiwa7'; it has iiwa14" in capsys.readouterr().err
     assert robot.folder.exists()
-    assert main(["robots", "--cache", "clear"]) == 0 and "1 robots removed" in capsys.readouterr().out
+    assert main(["inspect", "--list", "clear"]) == 0 and "1 robots removed" in capsys.readouterr().out
     assert cache.entries() == [] and not robot.folder.exists()
 
 
@@ -114,7 +114,7 @@ def test_a_damaged_entry_is_made_again(here, capsys, damage):
 
 def test_one_robot_is_removed(here, capsys):
     robots = [stiffgen.load("arm.urdf", name=name, **SMALL).folder for name in ("one", "two")]
-    assert main(["robots", "--cache", "clear", "two"]) == 0 and "1 robots removed" in capsys.readouterr().out
+    assert main(["inspect", "two", "--list", "clear"]) == 0 and "1 robots removed" in capsys.readouterr().out
     assert [folder.exists() for folder in robots] == [True, False]
 
 

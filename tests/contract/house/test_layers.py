@@ -32,6 +32,7 @@ LAYERS = (
     ("prove",),
     ("analyze",),
     ("calibrate",),
+    ("passport",),
     ("play",),
     ("new",),
     ("__main__",),

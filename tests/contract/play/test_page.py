@@ -278,7 +278,7 @@ def test_command(
     assert (code, out) == (0, "iiwa14.html\n")
     assert "compiling iiwa14 for WebAssembly" in err
     assert opened == [(tmp_path / "iiwa14.html").as_uri()]
-    code, out, _ = run(capsys, "play", scripts.robot.folder, "--no-open", "--output", "new/there.html")
+    code, out, _ = run(capsys, "play", scripts.robot.folder, "--output", "new/there.html")
     assert (code, out, len(opened)) == (0, "new/there.html\n", 1)
 
 

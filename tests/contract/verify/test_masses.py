@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""``verify --urdf`` reads the masses of the URDF by itself; contributions that cancel are no false alarm."""
+"""``verify DIR URDF`` reads the masses of the URDF by itself; contributions that cancel are no false alarm."""
 
 from __future__ import annotations
 

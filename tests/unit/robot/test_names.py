@@ -89,11 +89,11 @@ def test_unknown_names_and_no_network(described, capsys):
 
 
 def test_robots_lists_name_format_and_licence(described, capsys):
-    assert main(["robots", "ARM"]) == 0
+    assert main(["inspect", "ARM", "--list", "known"]) == 0
     out = capsys.readouterr().out
     assert [line.split()[0] for line in out.splitlines()[2:]] == ["arm", "arm_mj"]
     assert "MJCF" in out and "Apache-2.0" in out and "poses" not in out
-    assert main(["robots", "nothing"]) == 2
+    assert main(["inspect", "nothing", "--list", "known"]) == 2
 
 
 def test_menagerie(tmp_path, monkeypatch, capsys):
@@ -105,7 +105,7 @@ def test_menagerie(tmp_path, monkeypatch, capsys):
                                     "</body></worldbody></mujoco>")  # fmt: skip
     monkeypatch.setenv("MUJOCO_MENAGERIE_PATH", str(tmp_path))
     assert describe("maker_arm").file == "arm.xml"
-    assert main(["robots"]) == 0
+    assert main(["inspect", "--list", "known"]) == 0
     assert "BSD 3-Clause" in capsys.readouterr().out
 
 
@@ -158,7 +158,7 @@ def menagerie(tmp_path, monkeypatch):
 
 def test_robots_of_the_package_of_menagerie(menagerie, capsys):
     assert describe("maker_hand").robot == "left"
-    assert main(["robots", "maker"]) == 0
+    assert main(["inspect", "maker", "--list", "known"]) == 0
     assert "Apache-2.0" in capsys.readouterr().out
     with pytest.raises(DescriptionError, match=r"cannot be downloaded \(no route to host\).*MUJOCO_MENAGERIE_PATH"):
         describe("far_hand")
