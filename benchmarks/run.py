@@ -15,6 +15,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -34,20 +35,23 @@ from stiffgen.verify.kernels.references import TASK_STIFFNESS, WRENCH
 from stiffgen.verify.kernels.samples import Samples
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+from benchmarks import claims
 from benchmarks import growth as joints
+from benchmarks.compiled import AGREE, in_c
+from benchmarks.compiled import section as compiled_section
 from benchmarks.growth import SAME_FUNCTIONS, exponent, growth, growth_section
 from benchmarks.springs import of_springs, springs_section
 from benchmarks.throughput import section as throughput_section
 from benchmarks.throughput import throughput
-from benchmarks.tools import AVX2, COUNT, HERE, NATIVE, PLAIN, URDF, Row, machine, pinned, quartiles, run, timed
+from benchmarks.tools import AVX2, COUNT, HERE, NATIVE, PLAIN, URDF, Row, in_turn, machine, run, timed
 
 ROUNDS = 61
 BATCH = 65536
 STREAMED = (10**6, 10**7)
-AGREE = 1e-12
 BOOST = "-DBOOST_MPL_LIMIT_LIST_SIZE=30 -DBOOST_MPL_CFG_NO_PREPROCESSED_HEADERS"
 left_out: list[str] = []
 Array = NDArray[np.float64]
+Calls = dict[str, Callable[[], object]]
 
 
 def differentiated(chain: stiffgen.Chain) -> ca.Function:
@@ -116,7 +120,7 @@ def libraries(chain: stiffgen.Chain, folder: Path, robot: Path) -> dict[str, Pat
                 build(f"{name}; {compiler} {flags}", compiler, flags, "casadi.c", extra)
         for flags in (NATIVE, AVX2, PLAIN):
             build(f"stiffgen; {compiler} {flags}", compiler, flags, "own.c", [f"-I{robot}"])
-    prefix = Path(next(p for p in map(Path, sys.path) if p.name == "site-packages")) / "cmeel.prefix"
+    prefix = next((p for p in (Path(each) / "cmeel.prefix" for each in sys.path) if p.exists()), Path())
     eigen = next((p for p in (prefix / "include/eigen3", Path("/usr/include/eigen3")) if p.exists()), None)
     if not (prefix / "include/pinocchio").exists() or eigen is None:
         left_out.append("Pinocchio C++: needs the wheel 'pin' and Eigen's headers (Debian: libeigen3-dev)")
@@ -146,27 +150,6 @@ def pinocchio_joints(chain: stiffgen.Chain) -> str:
     return "\n".join([*lines, "TIP(" + ", ".join(map(repr, numbers)) + ")", ""])
 
 
-def in_c(chain: stiffgen.Chain, folder: Path, built: dict[str, Path]) -> list[tuple[str, float, float, float]]:
-    """(name, median, lower and upper quartile) in ns a configuration."""
-    samples = Samples(chain, COUNT, seed=1)
-    inputs = folder / "inputs"
-    inputs.write_bytes(samples[Q].tobytes() + samples[WRENCH].tobytes() + samples[TASK_STIFFNESS][0].tobytes())
-    driver = folder / "driver"
-    run(["gcc", "-O2", str(HERE / "contenders" / "driver.c"), "-o", str(driver), "-ldl", "-lm"])
-    names = {str(path): name for name, path in built.items()}
-    command = pinned([str(driver), str(inputs), str(COUNT), str(ROUNDS), *names])
-    rows = []
-    for line in run(command).splitlines():
-        path, difference, *times = line.split()
-        name = names[path.removesuffix("+batch")]
-        if path.endswith("+batch"):
-            name = name.replace("stiffgen;", "stiffgen batch;")
-        if float(difference) > AGREE:
-            raise SystemExit(f"{name} disagrees by {difference}")
-        rows.append((name, *quartiles([float(t) for t in times])))
-    return rows
-
-
 def in_python(chain: stiffgen.Chain, robot: Path) -> tuple[list[Row], list[Row]]:
     """Rows (name, median, quartiles) for one call [us], and for a batch of BATCH [us a configuration]."""
     module = open_robot(robot).module
@@ -190,13 +173,13 @@ def in_python(chain: stiffgen.Chain, robot: Path) -> tuple[list[Row], list[Row]]
         return kinematic + task
 
     assert np.allclose(einsum(slice(None)), expected, rtol=1e-10, atol=1e-8)
-    single = [
-        ("numpy.matmul of two 7x7", *timed(lambda: np.matmul(left, left))),
-        ("stiffgen", *timed(lambda: kernel(q0, F0, K))),
-        ("stiffgen, out=", *timed(lambda: kernel(q0, F0, K, out=out))),
-        ("CasADi function", *timed(lambda: function(q0, F0, K))),
-        ("NumPy einsum, derivatives given", *timed(lambda: einsum(0))),
-    ]
+    single: Calls = {
+        "numpy.matmul of two 7x7": lambda: np.matmul(left, left),
+        "stiffgen": lambda: kernel(q0, F0, K),
+        "stiffgen, out=": lambda: kernel(q0, F0, K, out=out),
+        "CasADi function": lambda: function(q0, F0, K),
+        "NumPy einsum, derivatives given": lambda: einsum(0),
+    }
     many = np.empty((size, 7, 7))
     batch = [("stiffgen, out=", *timed(lambda: kernel(q, F, K, out=many), 9))]
     batch.append(("stiffgen", *timed(lambda: kernel(q, F, K), 9)))
@@ -206,10 +189,10 @@ def in_python(chain: stiffgen.Chain, robot: Path) -> tuple[list[Row], list[Row]]
     batch.append(("CasADi map", *timed(lambda: mapped(q.T, F.T, repeated), 5)))
     in_pinocchio(chain, q0, F0, K, expected[0], single)
     in_jax(chain, q, F, K, expected, single, batch)
-    return single, [(name, median / size, lower / size, upper / size) for name, median, lower, upper in batch]
+    return in_turn(single), [(name, median / size, lower / size, upper / size) for name, median, lower, upper in batch]
 
 
-def in_pinocchio(chain: stiffgen.Chain, q: Array, F: Array, K: Array, expected: Array, single: list[Row]) -> None:
+def in_pinocchio(chain: stiffgen.Chain, q: Array, F: Array, K: Array, expected: Array, single: Calls) -> None:
     try:
         import pinocchio as pin
     except ImportError:
@@ -233,11 +216,11 @@ def in_pinocchio(chain: stiffgen.Chain, q: Array, F: Array, K: Array, expected: 
     if not np.allclose(stiffness(), expected, rtol=1e-9, atol=1e-7):
         left_out.append("Pinocchio's bindings: the result disagrees")
         return
-    single.append(("Pinocchio's bindings, kinematic Hessian", *timed(stiffness)))
+    single["Pinocchio's bindings, kinematic Hessian"] = stiffness
 
 
 def in_jax(
-    chain: stiffgen.Chain, q: Array, F: Array, K: Array, expected: Array, single: list[Row], batch: list[Row]
+    chain: stiffgen.Chain, q: Array, F: Array, K: Array, expected: Array, single: Calls, batch: list[Row]
 ) -> None:
     try:
         import jax
@@ -272,7 +255,7 @@ def in_jax(
     if not np.allclose(all_(q, F, K), expected, rtol=1e-9, atol=1e-7):
         left_out.append("JAX: the result disagrees")
         return
-    single.append(("JAX, jit, forward mode", *timed(lambda: one(q[0], F[0], K).block_until_ready())))
+    single["JAX, jit, forward mode"] = lambda: one(q[0], F[0], K).block_until_ready()
     batch.append(("JAX, vmap and jit, forward mode", *timed(lambda: all_(q, F, K).block_until_ready(), 5)))
 
 
@@ -409,7 +392,9 @@ def main(target: Path = HERE) -> None:
         folder = Path(name)
         robot = stiffgen.generate(URDF, output=folder)
         built = libraries(chain, folder, robot)
-        rows = in_c(chain, folder, built)
+        compiled = in_c(chain, folder, built, COUNT, ROUNDS)
+        native = {name: path for name, path in built.items() if NATIVE in name or name.startswith("7 libm")}
+        along_path = in_c(chain, folder, native, COUNT, ROUNDS, along_path=True)
         springs = of_springs(chain, folder, robot)
         single, batch = in_python(chain, robot)
         streamed = streaming(robot)
@@ -419,7 +404,8 @@ def main(target: Path = HERE) -> None:
         )
         many = throughput(chain, URDF, derivatives, pinocchio, left_out)
         grown = growth(folder)
-    floor = rows[0][1]
+    rows, floor = compiled.rows, compiled.rows[0][1]
+    found = claims.claims(along_path, single, metadata.version("pin") if _installed("pin") else "")
     lines = [
         "# Results",
         "",
@@ -427,9 +413,10 @@ def main(target: Path = HERE) -> None:
         f"turn, on the same {COUNT} inputs (iiwa14, hybrid, dense task stiffness, full 7x7), results equal to",
         f"{AGREE:g} before timing. Medians and quartiles of {ROUNDS} rounds, one core.",
         "",
-        f"* machine: {machine()}",
+        f"* machine: {machine()}; load {os.getloadavg()[0]:.0f} at the end, C on one core before all other processes",
         f"* versions: {versions()}",
         "",
+        *claims.section(found),
         "## Bars",
         "",
         *bars(rows, single, batch, grown),
@@ -437,7 +424,7 @@ def main(target: Path = HERE) -> None:
         "",
         "![bar chart](results.svg)",
         "",
-        *table("contender; compiler and flags", rows, "ns", floor, "7 sincos"),
+        *compiled_section(compiled, along_path),
         *springs_section(springs),
         "## One call from Python",
         "",
@@ -452,11 +439,15 @@ def main(target: Path = HERE) -> None:
         *GPU,
         *(["Left out:", "", *(f"* {reason}" for reason in left_out), ""] if left_out else []),
     ]
+    before = claims.stated((HERE / "RESULTS.md").read_text())
     (target / "RESULTS.md").write_text("\n".join(lines))
     chosen = [r for r in rows if PLAIN not in r[0].split(";")[-1] and AVX2 not in r[0]]
     (target / "results.svg").write_text(svg(chosen, floor))
     print((target / "RESULTS.md").read_text())
     print(json.dumps({"left out": left_out}))
+    print("What pages may claim:", *found, sep="\n* ")
+    if target == HERE:
+        print("Renewed:", ", ".join(claims.renew(before, found)) or "nothing")
 
 
 if __name__ == "__main__":

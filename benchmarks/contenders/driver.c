@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: MIT */
 /*
- * Times contenders, each a shared library with run() and maybe run_batch(), in turn on the same inputs.
+ * Times contenders, each a shared library with run() and maybe run_batch(), in turn on the same inputs: every other
+ * round backwards, so that none always follows the same one.
  * driver INPUTS COUNT ROUNDS LIBRARY... reads COUNT q (7) and wrenches (6) and one task stiffness (36) from INPUTS.
- * The first library is the floor, the second one the reference of the values. One line a contender: name, largest
- * relative difference, and ns a configuration of every round.
+ * The first library is the floor, the second one the reference of the values. First line: ns of a processor's cycle in
+ * every round. Then one line a contender: name, largest relative difference, and ns a configuration of every round.
  */
 #define _GNU_SOURCE
 #include <dlfcn.h>
@@ -26,13 +27,31 @@ static double now(void)
     return 1e9 * (double)t.tv_sec + (double)t.tv_nsec;
 }
 
+/* Nanoseconds of a cycle: multiplications of integers, each waiting for the one before, take three cycles on x86-64. */
+static double cycle(void)
+{
+#if defined(__x86_64__)
+    enum { LINKS = 20000 };
+    unsigned long value = 3;
+    const double start = now();
+    for (int k = 0; k < LINKS; k += 10) {
+        __asm__ volatile(
+            "imul %0, %0\n\timul %0, %0\n\timul %0, %0\n\timul %0, %0\n\timul %0, %0\n\t"
+            "imul %0, %0\n\timul %0, %0\n\timul %0, %0\n\timul %0, %0\n\timul %0, %0" : "+r"(value) : : "cc");
+    }
+    return (now() - start) / (3 * LINKS);
+#else
+    return 0.0;
+#endif
+}
+
 int main(int argc, char **argv)
 {
     const size_t count = (size_t)atol(argv[2]);
     const int rounds = atoi(argv[3]), given = argc - 4;
     double *q = malloc(7 * count * sizeof(double)), *wrench = malloc(6 * count * sizeof(double)), K[36];
     double *found = malloc(49 * count * sizeof(double)), *reference = malloc(49 * count * sizeof(double));
-    double *times = malloc((size_t)rounds * MAX * sizeof(double));
+    double *times = malloc((size_t)rounds * MAX * sizeof(double)), *cycles = malloc((size_t)rounds * sizeof(double));
     const char *names[MAX];
     run_function *run[MAX];
     batch_function *batch[MAX];
@@ -82,7 +101,9 @@ int main(int argc, char **argv)
         }
     }
     for (int round = 0; round < rounds; ++round) {
-        for (int k = 0; k < n; ++k) {
+        cycles[round] = cycle();
+        for (int turn = 0; turn < n; ++turn) {
+            const int k = round % 2 ? n - 1 - turn : turn;
             const double start = now();
             if (batch[k]) {
                 batch[k](count, q, wrench, K, found);
@@ -93,6 +114,9 @@ int main(int argc, char **argv)
             }
             times[(size_t)rounds * (size_t)k + (size_t)round] = (now() - start) / (double)count;
         }
+    }
+    for (int round = 0; round < rounds; ++round) {
+        printf("%.5f%c", cycles[round], round + 1 < rounds ? ' ' : '\n');
     }
     for (int k = 0; k < n; ++k) {
         printf("%s%s %g", names[k], batch[k] ? "+batch" : "", difference[k]);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
-// Pinocchio's calls next to ours in one process, in turn: derivatives of the static torque and of gravity, Hessian of
-// the Jacobian, and its time derivative. benchmarks/peers.py prints the robot's numbers and calls of our functions in C.
+// Pinocchio's calls next to ours in one process, in turn and in both orders: derivatives of the static torque and of
+// gravity, Hessian of the Jacobian, and its time derivative. benchmarks/peers.py prints the robot's numbers and calls of
+// our functions in C.
 #include <pinocchio/algorithm/frames.hpp>
 #include <pinocchio/algorithm/jacobian.hpp>
 #include <pinocchio/algorithm/kinematics-derivatives.hpp>
@@ -193,7 +194,9 @@ int main(int, char **argv)
         {"hybrid.jacobian_transpose_derivative . dq", own_variation},
     };
     for (int round = 0; round < rounds; ++round)
-        for (Contender &each : contenders) {
+        for (std::size_t turn = 0; turn < contenders.size(); ++turn) {
+            // Every other round backwards, so that none always follows the same one.
+            Contender &each = contenders[round % 2 ? contenders.size() - 1 - turn : turn];
             const auto start = std::chrono::steady_clock::now();
             for (int c = 0; c < COUNT; ++c) each.run(c);
             const std::chrono::duration<double, std::nano> taken = std::chrono::steady_clock::now() - start;
