@@ -15,9 +15,10 @@ import stiffgen
 from stiffgen.cli import main
 from stiffgen.errors import RecordingError, StiffgenError
 from stiffgen.passport.loop import LoopTiming
-from stiffgen.passport.page import warnings
+from stiffgen.passport.page import render_page, warnings
 from stiffgen.passport.passport import PassportOptions, make_passport
 from stiffgen.passport.postures import recorded_postures, spread_postures
+from stiffgen.robot.presets import motor_tables
 from support.project import URDF
 
 GAINS = ("--kp", "400,400,300,250,150,100,80", "--kc", "9000")
@@ -135,6 +136,16 @@ def test_without_matplotlib_the_extra_is_named(robot_folder, tmp_path, monkeypat
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     assert main(["passport", str(robot_folder)]) == 2
     assert "pip install 'stiffgen[analyze]'" in capsys.readouterr().err and not list(tmp_path.iterdir())
+
+
+def test_a_robot_without_effort_limits_has_one_map(robot):
+    """Forces are left out; the map has one panel, and the page says nothing of forces."""
+    passport = make_passport(robot, PassportOptions(), spread_postures(robot.chain, 5))
+    kept = tuple(each for each in passport.quantities if not each.name.startswith("force "))
+    both, alone = (render_page(each, motor_tables(robot.chain), "t.csv") for each in (
+        passport, replace(passport, quantities=kept)))  # fmt: skip
+    assert "force in every direction" in both and "Right: force" in both
+    assert "force" not in alone.split("<h2>What")[0]
 
 
 def test_a_loop_that_is_not_stable_is_said(robot):
