@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""A long batch by a pool of threads (docs/threads.md): configurations a second with one thread and more.
+"""A long batch by a pool of threads (docs/performance.md): configurations a second with one thread and more.
 
     python benchmarks/threads.py [COUNT]
 

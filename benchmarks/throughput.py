@@ -53,7 +53,7 @@ def rate(call: Callable[[], object], count: int, rounds: int = ROUNDS) -> float:
 
 
 def in_blocks(work: Callable[[slice], object], count: int, pool: ThreadPoolExecutor) -> None:
-    """Run the work on blocks of configurations by a pool of threads, as docs/threads.md does."""
+    """Run the work on blocks of configurations by a pool of threads, as docs/performance.md does."""
     for _ in pool.map(work, [slice(start, start + BLOCK) for start in range(0, count, BLOCK)]):
         pass
 
@@ -303,7 +303,8 @@ def section(rows: Sequence[Rates]) -> list[str]:
         "",
         f"float64, iiwa14, hybrid form, one task stiffness for all, {COUNT} configurations in memory, results",
         "written out; values equal before timing; the fastest of some rounds. Threads as in",
-        "[threads.md](../docs/threads.md). A product is the gradient of a weighted sum of all results by all arguments",
+        "[performance.md](../docs/performance.md#all-cores-and-more-than-one-machine). A product is the",
+        "gradient of a weighted sum of all results by all arguments",
         f"(JAX, PyTorch: without that by the task stiffness). JAX and PyTorch on {COUNT // FEWER} configurations.",
         "GPU: `make bench-cuda`.",
         "",

@@ -11,6 +11,8 @@ kp (a +- i |c| / 2), a = (|c| / 2) cot(|c| / 2). They grow if the damping ratio 
 The gradient of the energy kp |log(R0^T R)|^2 / 2 is the same law with the rotation vector of the difference. Both are
 simulated in MuJoCo: the first with its own <position> actuators, the second as an applied torque (stiffgen.drive).
 
+A shoulder and a hip follow, ball joints of a body of two limbs (limbs.xml) at targets of three degrees of freedom.
+
 With --figure FILE the example writes flutter.svg (needs matplotlib: pip install '.[examples,mjcf]').
 """
 
@@ -83,6 +85,53 @@ def rows() -> list[tuple[str, ...]]:
     return made
 
 
+LIMBS = Path(__file__).with_name("limbs.xml")
+POSTURES = {
+    "shoulder": ((0.2, 0.3, 1.2), 60.0, 0.05),
+    "hip": ((0.3, -0.3, 0.9), 300.0, 0.05),
+}
+"""Target [rad], stiffness [N m/rad], and damping ratio of the slowest axis, by joint of limbs.xml."""
+
+
+def limb(joint: str, law: str, seconds: float = 12.0) -> float:
+    """Return the angle [rad] to a limb's target at the end, after a push of PUSH across it."""
+    target, stiffness, ratio = POSTURES[joint]
+    spec = mujoco.MjSpec.from_file(str(LIMBS))
+    if law == DRIVES:
+        for axis in np.eye(3):
+            drive_of_axis = spec.add_actuator(target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT, gear=[*axis, 0, 0, 0])
+            drive_of_axis.set_to_position(kp=stiffness)
+    model = spec.compile()
+    data, adr, first = mujoco.MjData(model), model.joint(joint).qposadr[0], model.joint(joint).dofadr[0]
+    aim, push, M = np.zeros(4), np.zeros(4), np.zeros((model.nv, model.nv))
+    mujoco.mju_axisAngle2Quat(aim, np.array(target) / np.linalg.norm(target), float(np.linalg.norm(target)))
+    across = np.cross(target, [1.0, 1.0, 1.0])
+    mujoco.mju_axisAngle2Quat(push, across / np.linalg.norm(across), PUSH)
+    mujoco.mju_mulQuat(data.qpos[adr : adr + 4], aim, push)
+    mujoco.mj_forward(model, data)
+    mujoco.mj_fullM(model, data, M)
+    dofs = slice(first, first + 3)
+    model.dof_damping[dofs] = 2 * ratio * np.sqrt(stiffness * np.linalg.eigvalsh(M[dofs, dofs])[-1])
+    data.ctrl[:] = target if law == DRIVES else ()
+    for _ in range(round(seconds / model.opt.timestep)):
+        torque = drive.torque(data.qpos[adr : adr + 4][XYZW], aim[XYZW], stiffness * np.eye(3), "log")
+        if law == GRADIENT:
+            data.qfrc_applied[dofs] = torque
+        mujoco.mj_step(model, data)
+    return float(np.linalg.norm(torque) / stiffness)
+
+
+def limb_rows() -> list[tuple[str, ...]]:
+    """Return the table of both limbs: joint, target, stiffness, damping ratio, angle after 12 s of both laws."""
+    made = []
+    for joint, (target, stiffness, ratio) in POSTURES.items():
+        angles = (
+            f"{angle:.2g} rad" if angle > 1e-4 else "below 1e-4 rad" for angle in (limb(joint, law) for law in LAWS)
+        )
+        made.append((joint, f"{np.linalg.norm(target):.2f} rad", f"{stiffness:g} N m/rad", f"{ratio:g}", *angles))
+    return made
+
+
 def figure() -> str:
     """Return the SVG text: angle over time of both laws; where three drives flutter, by target and damping ratio."""
     import matplotlib as mpl
@@ -122,6 +171,9 @@ def main() -> None:
     options = parser.parse_args()
     print(*(f"{word:>14}" for word in ("target", "damping ratio", "limit", *LAWS)))
     for row in rows():
+        print(*(f"{value:>14}" for value in row))
+    print()
+    for row in limb_rows():
         print(*(f"{value:>14}" for value in row))
     if options.figure:
         options.figure.write_text(figure())

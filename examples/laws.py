@@ -97,12 +97,12 @@ def times(A: Array, x: Array) -> Array:
     return np.asarray((A @ x[..., None])[..., 0])
 
 
-def transposed(A: Array) -> Array:
-    return np.swapaxes(A, -1, -2)
+def transposed(A: NDArray[np.floating[Any]]) -> Array:
+    return np.asarray(np.swapaxes(A, -1, -2), dtype=float)
 
 
-def symmetric(A: Array) -> Array:
-    return (A + transposed(A)) / 2
+def symmetric(A: NDArray[np.floating[Any]]) -> Array:
+    return np.asarray((A + transposed(A)) / 2, dtype=float)
 
 
 def pseudo_inverse(A: Array) -> Array:
@@ -241,7 +241,8 @@ def robosuite(goal: State, state: State) -> Array:
 def robosuite_twin(goal: State) -> Twin:
     inverse, R = mobility(goal)[1], goal.pose[:3, :3]
     Lp, Lo = np.linalg.inv(inverse[:3, :3]), np.linalg.inv(inverse[3:, 3:])
-    free = symmetric(np.asarray(goal.M - goal.J.T @ np.linalg.solve(inverse, goal.J)))
+    taken: Any = goal.J.T @ np.linalg.solve(inverse, goal.J)
+    free = symmetric(goal.M - taken)
     task = goal.J[:3].T @ Lp @ goal.J[:3] + goal.J[3:].T @ Lo @ goal.J[3:]
     damping = 2 * np.sqrt(ROBOSUITE_KP) * task + 2 * np.sqrt(ROBOSUITE_POSTURE) * free
     stiffness = symmetric(ROBOSUITE_KP * Lp), symmetric(ROBOSUITE_KP * R.T @ Lo @ R)
@@ -365,15 +366,15 @@ def panda() -> ModuleType:
     return stiffgen.load(PANDA, **OPTIONS).module
 
 
-HEAD = (
-    "law", "asymmetric at rest", "work a lap, median", "largest", "twin's", "tip to goal", "twin apart, rms", "largest",
-    "joint 7 at 90, 170, 190 deg", "twin's",
+QUANTITIES = (
+    "law", "asymmetric at rest", "work a lap, median", "work a lap, largest", "twin's, largest", "tip to goal, rms",
+    "twin apart, rms", "twin apart, largest", "joint 7 at 90, 170, 190 deg", "the twin's",
 )  # fmt: skip
 
 
 def rows(robot: ModuleType, orbits: int = 300, samples: int = 1200) -> list[tuple[str, ...]]:
-    """Return the table: a row for each law, with units in the entries."""
-    made: list[tuple[str, ...]] = []
+    """Return the table: a column for each law, with units in the entries."""
+    made: list[tuple[str, ...]] = [QUANTITIES]
     motion = recorded()[:samples]
     for name, law in LAWS.items():
         goal = State.of(robot, HOME)
@@ -390,12 +391,12 @@ def rows(robot: ModuleType, orbits: int = 300, samples: int = 1200) -> list[tupl
             f"{1e3 * lag:.1f} mm", f"{1e3 * rms:.2f} mm", f"{1e3 * largest:.2f} mm",
             ", ".join(f"{each:.3g}" for each in one) + " N m", ", ".join(f"{each:.3g}" for each in other) + " N m",
         ))  # fmt: skip
-    return made
+    return list(zip(*made, strict=True))
 
 
 def main() -> None:
     """Print the table."""
-    for row in (HEAD, *rows(panda())):
+    for row in rows(panda()):
         print(" | ".join(row))
 
 

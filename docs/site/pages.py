@@ -43,11 +43,11 @@ CONTENTS = {
 }  # fmt: skip
 """The sidebar, in the order of docs/README.md."""
 BELOW = {
+    "docs/theory": ("docs/flutter",),
     "docs/start": (
         "notebooks/first_steps", "notebooks/my_robot", "notebooks/springs_and_orbits", "notebooks/tuning",
     ),
     "docs/robots": ("urdf/README",),
-    "docs/embedding": ("docs/threads",),
     "docs/derivatives": ("docs/casadi", "docs/identify"),
     "docs/controller": ("docs/energy", "docs/robosuite", "reference/hazards"),
     "docs/ros2": ("ros2/stiffgen_ros2/README",),

@@ -28,6 +28,7 @@ from stiffgen.symbolic.families.sensor import GROUP as SENSOR
 from stiffgen.symbolic.families.sensor import sensor_kernels
 from stiffgen.symbolic.families.springs import spring_kernels
 from stiffgen.symbolic.families.stiffness import direction_gradient_kernel, stiffness_kernels
+from stiffgen.symbolic.families.tangents import tangent_kernels
 from stiffgen.symbolic.kernel import PACKED, Kernel
 from stiffgen.symbolic.potentials import ALL, KernelOptions
 from stiffgen.symbolic.products import products
@@ -126,7 +127,8 @@ def chain_kernels(chain: Chain, options: KernelOptions | None = None) -> tuple[K
     options = options or KernelOptions()
     springs = options.all_springs()
     _check_names(springs[len(springs) - len(options.potentials) :])
-    everything = *_all_kernels(chain, springs), *motor_kernels(chain, springs), *compliance_kernels(chain)
+    on_request = *compliance_kernels(chain), *tangent_kernels(chain, springs)
+    everything = *_all_kernels(chain, springs), *motor_kernels(chain, springs), *on_request
     kernels = _select(everything, options.groups)
     if chain.loops:  # vectors of joints also hold coordinates, of which a path to a tip has more than joints
         kernels = tuple(replace(each, of_masses=True) if _of_coordinates(each) else each for each in kernels)

@@ -246,7 +246,8 @@ class KernelOptions:
     )
     kernels: str | Sequence[str] = option(
         "groups or functions, separated by commas, such as hybrid,spring.energy (default: all); all,compliance adds "
-        "the tip's compliance; pose and the controller's functions are always included",
+        "the tip's compliance, all,tangents bounds for implicit steps; pose and the controller's functions are always "
+        "included",
         default=ALL,
         group="output",
         metavar="GROUPS",

@@ -311,12 +311,14 @@ def derivatives(spring: Spring, p: ca.SX, R: ca.SX, parameters: Sequence[ca.SX])
 def terms(chain: Chain, pose: ca.SX, *parameters: ca.SX, spring: Spring, parts: str) -> Expressions:
     """Return the quantities that ``parts`` selects, row-major, stacked.
 
-    "U" selects the energy, "F" the wrench, "K" the covariant Hessian, "k" the upper triangle of the Hessian.
+    "U" selects the energy, "F" the wrench, "K" the covariant Hessian, "k" the upper triangle of the Hessian, "s" the
+    sums of absolute values in its rows.
     """
     quantities = derivatives(spring, pose[:3, 3], pose[:3, :3], parameters)
     K = symmetric_from_upper(quantities.K)
     values = {"U": quantities.V, "F": quantities.F, "K": ca.vec(K.T), "k": ca.vec(ca.triu(K).T)}
+    values["s"] = ca.vertcat(*(sum(map(ca.fabs, ca.horzsplit(K[row, :])), ca.SX(0)) for row in range(6)))
     sections = quantities.sections
-    if "K" in parts:  # its entries stand in both triangles
+    if "K" in parts or "s" in parts:  # its entries stand in both triangles
         sections += (Section("covariant Hessian", {"hessian": K}, shared=True),)
     return Expressions(ca.vertcat(*(values[part] for part in parts)), sections)

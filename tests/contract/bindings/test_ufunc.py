@@ -319,7 +319,7 @@ def test_threads_agree(robot, samples):
 
 @pytest.mark.parametrize("kernel", KERNELS, ids=lambda kernel: kernel.qualified_name)
 def test_dask_arrays(kernel, chain, robot, samples):
-    """Through apply_gufunc with type and sizes named, as docs/threads.md says."""
+    """Through apply_gufunc with type and sizes named, as docs/performance.md says."""
     ufunc = kernels_of(robot, chain)[kernel.qualified_name]
     stacks = arguments(kernel, samples)
     chunked = [da.from_array(stack, chunks=(5,) + (-1,) * (stack.ndim - 1)) for stack in stacks]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The page on threads: its code runs as it stands, with fewer configurations, and gives what one call gives."""
+"""The section on threads: its code runs as it stands, with fewer configurations, and gives what one call gives."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 
 from support.project import ROOT
 
-PAGE = (ROOT / "docs" / "threads.md").read_text()
+PAGE = (ROOT / "docs" / "performance.md").read_text()
 
 
 @pytest.mark.slow

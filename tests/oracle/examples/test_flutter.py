@@ -52,3 +52,13 @@ def test_angles_are_those_that_were_measured_elsewhere() -> None:
 def test_the_picture_is_todays() -> None:
     """It raises where the drives do not flutter below the limit and rest above it."""
     assert difference(flutter.figure(), (ROOT / "docs" / "flutter.svg").read_text(), 1.0) == ""
+
+
+@pytest.mark.slow
+def test_shoulder_and_hip_flutter_as_the_page_says() -> None:
+    page = (ROOT / "docs" / "flutter.md").read_text()
+    rows = flutter.limb_rows()
+    assert [row[5] for row in rows] == ["below 1e-4 rad"] * 2
+    assert min(float(row[4].split()[0]) for row in rows) > 1
+    for row in rows:
+        assert f"| {' | '.join(row)} |" in page

@@ -21,13 +21,15 @@ from stiffgen.symbolic.steps import Map, StraightLine
 def spring_terms(chain: Chain, spring: Spring, results: tuple[Argument, ...], parts: str) -> Program:
     """Return the program of a spring's energy, wrench or task stiffness; ``parts`` is as in :func:`springs.terms`."""
     pose, outputs = POSE.array(chain), tuple(result.array(chain) for result in results)
-    return (tip_pose(chain, pose), _spring_step(chain, spring, pose, outputs, parts))
+    return (tip_pose(chain, pose), spring_step(chain, spring, pose, outputs, parts))
 
 
-def _spring_step(chain: Chain, spring: Spring, pose: Array, outputs: tuple[Array, ...], parts: str) -> StraightLine:
+def spring_step(chain: Chain, spring: Spring, pose: Array, outputs: tuple[Array, ...], parts: str) -> StraightLine:
+    """Return the step that computes the quantities of a spring that ``parts`` selects (:func:`springs.terms`)."""
     expressions = partial(springs.terms, spring=spring, parts=parts)
     parameters = tuple(argument.array(chain) for argument in spring.parameters)
     names = {"U": "energy U", "F": "wrench F = dU", "K": "covariant Hessian K of U", "k": "covariant Hessian K of U"}
+    names["s"] = "sums s of absolute values in the rows of K"
     return StraightLine(outputs, expressions, (pose, *parameters), heading=", ".join(names[part] for part in parts))
 
 
@@ -46,7 +48,7 @@ def spring_joint_terms(
     parts = "Fk" if joint_stiffness else "F"
     if energy:
         outputs, parts = [energy.array(chain), *outputs], "U" + parts
-    program: Program = (columns, _spring_step(chain, spring, pose, tuple(outputs), parts))
+    program: Program = (columns, spring_step(chain, spring, pose, tuple(outputs), parts))
     if torque:
         operands = Operand(J, "j"), Operand(F, "")
 

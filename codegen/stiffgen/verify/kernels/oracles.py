@@ -7,7 +7,7 @@ A kernel without an oracle is a failed check: the comparison with the CasADi fun
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import Any
 
@@ -139,8 +139,22 @@ def oracles_of(options: KernelOptions | None) -> Oracles:
         for name in names:
             table[f"{spring.name}_{name}"] = (_of_spring(spring.name, (name,)),)
         table[f"{spring.name}_linearization"] = (_of_spring(spring.name, ("energy", "torque", "joint_stiffness")),)
+        table[f"{spring.name}_positive_tangent"] = (Oracle("row sums of |K| and of the load", _bound(spring.name)),)
         table |= loop_oracles(spring)
     return table
+
+
+def _bound(spring: str) -> Callable[[References], FloatArray]:
+    """Return the function of J^T diag(sum_j |K_ij|) J + diag(sum_j |A_ij|), A the stiffness of the wrench alone."""
+
+    def bound(r: References) -> FloatArray:
+        J, values = r.jacobian["hybrid"], r.springs[spring]
+        task = np.abs(values["task_stiffness"]).sum(2)
+        load = np.abs(values["joint_stiffness"] - np.swapaxes(J, 1, 2) @ values["task_stiffness"] @ J).sum(2)
+        result: FloatArray = np.swapaxes(J, 1, 2) @ (task[:, :, None] * J) + load[:, :, None] * np.eye(J.shape[2])
+        return result
+
+    return bound
 
 
 def _of_spring(spring: str, results: tuple[str, ...]) -> Oracle:
