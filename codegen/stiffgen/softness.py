@@ -22,7 +22,6 @@ from stiffgen.loaded import arm_on_springs
 from stiffgen.opened import GeneratedRobot
 from stiffgen.robot.geometry import FloatArray
 
-Block = Literal["all", "translation", "rotation"]
 _ROWS: dict[str, slice] = {"all": slice(0, 6), "translation": slice(0, 3), "rotation": slice(3, 6)}
 
 
@@ -68,7 +67,7 @@ def compliance_determinant_gradient(
     q: ArrayLike,
     wrench: ArrayLike,
     joint_stiffness: ArrayLike,
-    block: Block = "all",
+    block: Literal["all", "translation", "rotation"] = "all",
 ) -> tuple[FloatArray, FloatArray]:
     """Return the logarithm of the determinant of the tip's compliance, and its gradient with respect to q.
 
