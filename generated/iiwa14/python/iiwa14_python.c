@@ -15,7 +15,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "127ec524aa839221"
+#define SOURCES "1bbefce5704c2f60"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

@@ -244,19 +244,40 @@ def test_a_speed_is_judged_by_the_limit_in_force(robot: ModuleType) -> None:
 
 
 def test_a_lowered_limit_acts_at_once(robot: ModuleType) -> None:
-    """Calls by the next sample; a velocity is judged by it at once, and counted with once the arm is below it."""
-    controller = robot.Impedance(**RAISED | {"call_gap_limit": 3}, overspeed_time=0.01, errors="ignore")
+    """Calls by the next sample; a velocity is judged by it at once, and counted with once the arm is below it.
+
+    A sample is missing before, while torques of the delay are in transit: then a raised limit would wait.
+    """
+    limits = RAISED | {"call_gap_limit": 3, "delay_samples": 2}
+    controller = robot.Impedance(**limits, overspeed_time=0.01, errors="ignore")
     speed = 0.5 * robot.VELOCITY[6] * np.eye(7)[6]
     outs = [controller.step(q=Q + 1e-3 * k * speed, dq=speed, q0=Q, **SPRING) for k in range(5)]
     assert not outs[-1].fault
     controller.config.velocity_limit = 0.4 * robot.VELOCITY
     controller.config.missed_limit, controller.config.call_gap_limit = 7, 2
-    out = controller.step(q=Q + 5e-3 * speed, dq=speed, q0=Q, **SPRING)
+    controller.missed()
+    out = controller.step(q=Q + 6e-3 * speed, dq=speed, q0=Q, **SPRING)
     assert (out.missed_limit, out.call_gap_limit) == (7, 2) and not out.status & robot.Status.LIMITS_KEPT
     assert out.status & robot.Status.OVERSPEED and out.velocity_limit[6] == robot.VELOCITY[6]
     np.testing.assert_array_equal(out.velocity_limit[:6], 0.4 * robot.VELOCITY[:6])
-    out = controller.step(q=Q + 5e-3 * speed, dq=np.zeros(7), q0=Q, **SPRING)
+    out = controller.step(q=Q + 6e-3 * speed, dq=np.zeros(7), q0=Q, **SPRING)
     np.testing.assert_array_equal(out.velocity_limit, 0.4 * robot.VELOCITY)
+
+
+def test_a_sample_that_is_not_believed_lowers_no_limit(robot: ModuleType) -> None:
+    """In a fault: dq stands at 0 while the arm moves at 0.8 of its limit, above the lowered one, which has to wait."""
+    controller = robot.Impedance(**RAISED, errors="ignore")
+    speed = 0.8 * robot.VELOCITY[6] * np.eye(7)[6]
+    for k in range(5):
+        controller.step(q=Q + 1e-3 * k * speed, dq=speed, q0=Q, **SPRING)
+    controller.config.velocity_limit = 0.5 * robot.VELOCITY
+    for k in range(5, 9):
+        out = controller.step(q=Q + 1e-3 * k * speed, dq=0.0 * speed, q0=Q, **SPRING)
+    assert out.reason == robot.Reason.MISMATCH and out.status & robot.Status.BAD_SAMPLE
+    assert out.velocity_limit[6] == robot.VELOCITY[6]
+    for _ in range(3):
+        out = controller.step(q=Q + 8e-3 * speed, dq=0.0 * speed, q0=Q, **SPRING)
+    np.testing.assert_array_equal(out.velocity_limit, 0.5 * robot.VELOCITY)
 
 
 def test_a_raised_number_of_calls_raises_the_gap_that_it_holds_back(robot: ModuleType) -> None:

@@ -158,12 +158,15 @@ void cap_springs(step_t *s)
     memory_t *const m = s->m;
     double A[18 * TIPS], largest[2 * TIPS], most = SPRINGS_CAP * largest_eigenvalue(s->c), sum = 0.0;
     m->stiffness_share = 1.0;
-    if (!m->capped || !measure_mobilities(s->c, m, m->q, m->equilibrium, s->scratch, A)) {
+    if (!m->capped) {
         return;
     }
-    if (!s->commanded) {
+    if (!s->commanded) { /* the stiffness in force is what release_stiffness moves to */
         memcpy(s->translation, m->translation_stiffness, sizeof s->translation);
         memcpy(s->rotation, m->rotation_stiffness, sizeof s->rotation);
+    }
+    if (!measure_mobilities(s->c, m, m->q, m->equilibrium, s->scratch, A)) {
+        return;
     }
     for (int i = 0; i < N; ++i) {
         most -= (m->posture_stiffness[i] + s->limit_slope[i]) / m->inertia[i];
