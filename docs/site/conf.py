@@ -3,10 +3,13 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
+from docutils import nodes
 from docutils.nodes import SkipNode
+from docutils.transforms import Transform
 from latex2mathml.converter import convert
 
 import stiffgen
@@ -20,6 +23,8 @@ myst_heading_anchors = 3
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_class_signature = "mixed"
+autodoc_type_aliases = {"ArrayLike": "ArrayLike"}  # else NumPy's own union of a dozen types
+python_use_unqualified_type_names = True
 html_theme = "furo"
 html_title = f"stiffgen {version}"
 html_copy_source = False
@@ -42,6 +47,28 @@ def _block(writer: Any, node: Any) -> None:
     raise SkipNode
 
 
+class NamesInOnePiece(Transform):
+    """Keep numbers, options and names on one line: browsers break lines behind every hyphen."""
+
+    default_priority = 900
+    name = re.compile(r"(\S*(?:(?<!\S)[(\"']*--?\w|\d\S*-|-\S*\d|\w_\w|\w-\w+-\w)\S*)")
+    in_a_cell = re.compile(r"(\S*-\S*)")
+
+    def apply(self) -> None:
+        """Wrap each of them in the running text, and every word with a hyphen in a table."""
+        for text in list(self.document.findall(nodes.Text)):
+            above = text.parent
+            if not isinstance(above, nodes.paragraph | nodes.emphasis | nodes.strong | nodes.title | nodes.inline):
+                continue
+            parts = (self.in_a_cell if isinstance(above.parent, nodes.entry) else self.name).split(text.astext())
+            if len(parts) > 1:
+                kept = [(part, k % 2) for k, part in enumerate(parts) if part]
+                above.replace(text, [self._whole(part) if whole else nodes.Text(part) for part, whole in kept])
+
+    def _whole(self, part: str) -> nodes.inline:
+        return nodes.inline("", part, classes=["name"])
+
+
 def _as_it_is(app: Any, config: Any) -> None:
     config.html_extra_path = [str(folder) for folder in [Path(app.srcdir) / "as_it_is"] if folder.is_dir()]
 
@@ -54,6 +81,7 @@ def _search_from_a_file(app: Any, page: str, *_: Any) -> None:
 
 def setup(app: Any) -> None:
     """Equations as MathML, which browsers draw themselves: the site needs no script from elsewhere."""
+    app.add_transform(NamesInOnePiece)
     app.connect("html-page-context", _search_from_a_file)
     app.connect("config-inited", _as_it_is)
     app.add_html_math_renderer("mathml", (_inline, None), (_block, None))
