@@ -45,6 +45,7 @@ def drawn(loop: Loop, count: int) -> list[tuple[schedules.Schedule, energy.Measu
         chosen = widened.widen(random, loop, every[seed % len(every)](random, loop))
         got = energy.attempt(loop, chosen)
         assert got.excess <= energy.TOLERANCE, seed
+        assert not got.deficit, seed
         assert got.summary.finite or not got.summary.finished, seed
         found.append((chosen, got))
     return found
@@ -53,6 +54,17 @@ def drawn(loop: Loop, count: int) -> list[tuple[schedules.Schedule, energy.Measu
 def total(found: list[tuple[schedules.Schedule, energy.Measured]], name: str) -> float:
     """Return the sum of a field of the summaries."""
     return float(sum(getattr(got.summary, name) for _, got in found))
+
+
+def test_a_deficit_counts_for_more_than_any_excess(loop: Loop, robot: ModuleType) -> None:
+    """An arm that is carried along while calls come ten times too late, against assumption (b)."""
+    assert energy.TANK_DEFICIT == robot.Status.TANK_DEFICIT
+    spoilt = patterns.carried(np.random.default_rng(5), loop)
+    assert not energy.measure(loop, spoilt).deficit
+    spoilt.episode["early"] = -9.0  # sample times that take ten times as long as declared
+    got = energy.measure(loop, spoilt)
+    assert got.deficit
+    assert got.interest == np.inf
 
 
 def test_each_draw_reaches_its_situation(loop: Loop) -> None:
