@@ -35,6 +35,9 @@ _DECIMAL_COMMA = re.compile(r"([-+]?[0-9]+),([0-9]+(?:[eE][-+]?[0-9]+)?)")
 _WORD = re.compile(r"[^ \t\r\n]+")
 
 
+_BALLS = ("spherical", "ball")
+
+
 class Checker:
     """Checks of one file; yields the problems and stores elements and numbers for the reader."""
 
@@ -108,7 +111,9 @@ class Checker:
         kind = element.get("type")
         if kind not in JOINT_TYPES:
             fault = "has no type" if kind is None else f"has the unknown type '{printable(kind)}'"
-            yield Problem(this, f"{title} {fault}; valid types: {', '.join(JOINT_TYPES)}", self._of_type(name))
+            remedy = "; replace it by three revolute joints at one point" if kind in _BALLS else ""
+            types = f"valid types: {', '.join(JOINT_TYPES)}{remedy}"
+            yield Problem(this, f"{title} {fault}; {types}", self._of_type(name))
         yield from self._spelling(this, element)
         ends = {}
         for tag in ("parent", "child"):

@@ -388,7 +388,7 @@ def _path(description: Description, base: str, tip: str) -> list[JointElement]:
     """Return the joints from base to tip.
 
     Raises:
-        ChainError: the base is no ancestor of the tip, or a joint between them is floating or planar.
+        ChainError: the base is no ancestor of the tip, or a joint between them is floating, planar or a ball joint.
 
     """
     above = description.parent_joint
@@ -405,9 +405,13 @@ def _path(description: Description, base: str, tip: str) -> list[JointElement]:
         link = above[link].parent
     for element in reversed(path):
         if element.type in ("floating", "planar", "ball"):
+            remedy = f"choose a base behind it: --base {shell_word(element.child)}"
+            if element.type == "ball":
+                hinges = "replace it by three hinges at one point"
+                remedy = hinges if element.child == tip else f"{hinges}, or {remedy}"
             raise ChainError(
                 f"{description.file}: joint '{printable(element.name)}' between '{printable(base)}' and "
                 f"'{printable(tip)}' is {element.type}, which has no single coordinate; "
-                f"choose a base behind it: --base {shell_word(element.child)}"
+                f"{remedy}"
             )
     return path[::-1]
