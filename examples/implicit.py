@@ -110,7 +110,7 @@ TANGENTS: dict[str, Tangent] = {
     "max(Kq, 0)": positive_part,
     "abs(Kq)": absolute,
     "blend": blend,
-    "positive_tangent": positive,
+    "P": positive,
 }
 
 
