@@ -36,6 +36,12 @@ def five_bar(once: Once) -> Loop:
     return Loop(robot.parent, robot, home=home)
 
 
+def tip_by_differences(loop: Loop) -> np.ndarray:
+    """Return the rows of the first tip's position of the Jacobian, by central differences of its pose."""
+    steps = 1e-6 * np.eye(loop.n)
+    return np.array([(loop.pose(loop.home + d) - loop.pose(loop.home - d))[:3, 3] / 2e-6 for d in steps]).T
+
+
 def drawn(loop: Loop, count: int) -> list[tuple[schedules.Schedule, energy.Measured]]:
     """Return widened schedules of all patterns that stay within the bound, with what was measured."""
     found = []
@@ -96,6 +102,7 @@ def test_a_delay_changes_only_where_the_controller_restarts(loop: Loop) -> None:
 
 def test_tools_change_in_faults_and_are_refused_while_springs_are_in_force(hands: Loop) -> None:
     assert (hands.tips, hands.tools) == (2, True)
+    np.testing.assert_allclose(hands.jacobian(hands.home)[:3], tip_by_differences(hands), atol=1e-8)
     found = drawn(hands, 44)
     assert total(found, "tools") > 40
     assert total(found, "tools_refused") > 1000
@@ -105,6 +112,7 @@ def test_tools_change_in_faults_and_are_refused_while_springs_are_in_force(hands
 def test_energy_of_closed_loops(five_bar: Loop) -> None:
     """Loads act at the tip of a linkage, whose motors are the controller's joints."""
     assert five_bar.motors != list(range(five_bar.n))
+    np.testing.assert_allclose(five_bar.jacobian(five_bar.home)[:3], tip_by_differences(five_bar), atol=1e-8)
     found = drawn(five_bar, 22)
     assert max(got.summary.port_most for _, got in found) > 0.1
     assert sum(got.summary.finished == schedules.SAMPLES for _, got in found) > 10

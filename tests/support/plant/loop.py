@@ -125,10 +125,10 @@ class Loop:
 
     Args:
         folder: where to compile; a library that another process compiled there is used again.
-        robot: folder of a generated robot, whose tip's path holds all joints.
+        robot: folder of a generated robot, whose tips' paths hold all joints; one tip or two, perhaps closed loops.
         law: C file that implements law.h on the robot's controller.
-        sources: C files of the robot's folder; its kernels and its controller if None.
-        home: posture far from limits and singular poses [rad], where episodes start.
+        sources: C files or libraries of the robot's folder; its kernels and its controller if None.
+        home: posture far from limits and singular poses [rad], where episodes start; of the motors of closed loops.
 
     """
 
@@ -144,7 +144,7 @@ class Loop:
         path, name = folder / "loop.so", robot.name
         self.robot = robot
         self.home = np.array(home, dtype=float)
-        self.n, self._name = len(self.home), name
+        self.n = len(self.home)
         kind = _kind(robot)
         self.tips, self.tools, self.motors = kind.tips, kind.tools, kind.motors
         sources = sources or tuple(f"{name}{part}.c" for part in ("", "_batch", "_impedance"))
@@ -193,30 +193,28 @@ class Loop:
 
     def pose(self, q: ArrayLike) -> np.ndarray:
         """Return the pose of the first tip (4, 4) at q."""
-        q, result = np.ascontiguousarray(q, dtype=float), np.empty(16 * self.tips)
-        arguments = q.ctypes.data_as(ctypes.c_void_p), None, result.ctypes.data_as(ctypes.c_void_p)
-        self.library.robot_poses(*arguments)
-        return result[:16].reshape(4, 4)
+        return self._kernel("robot_poses", 16 * self.tips, q, None)[:16].reshape(4, 4)
 
     def jacobian(self, q: ArrayLike) -> np.ndarray:
-        """Return the hybrid Jacobian (6, n) at q."""
-        return self._kernel("hybrid_jacobian", q, 6 * self.n).reshape(6, self.n)
+        """Return the hybrid Jacobian (6, n) of the first tip at q."""
+        return self._kernel("robot_jacobian", 6 * self.n, q).reshape(6, self.n)
 
     def mass_matrix(self, q: ArrayLike) -> np.ndarray:
         """Return the links' mass matrix (n, n) at q."""
-        return self._kernel("mass_matrix", q, self.n**2).reshape(self.n, self.n)
+        count = ctypes.c_int(1)
+        return self._kernel("robot_mass_matrices", self.n**2, count, q).reshape(self.n, self.n)
 
     def bias(self, q: ArrayLike, v: ArrayLike) -> np.ndarray:
         """Return Coriolis and centrifugal forces (n) of the plant."""
-        result = np.empty(self.n)
-        arguments = [np.ascontiguousarray(x, dtype=float) for x in (q, v)]
-        self.library.plant_bias(*(x.ctypes.data_as(ctypes.c_void_p) for x in (*arguments, result)))
-        return result
+        return self._kernel("plant_bias", self.n, q, v)
 
-    def _kernel(self, name: str, q: ArrayLike, size: int) -> np.ndarray:
-        q, result = np.ascontiguousarray(q, dtype=float), np.empty(size)
-        kernel = getattr(self.library, f"{self._name}_{name}")
-        kernel(q.ctypes.data_as(ctypes.c_void_p), result.ctypes.data_as(ctypes.c_void_p))
+    def _kernel(self, name: str, size: int, *arguments: Any) -> np.ndarray:
+        """Call a function of the plant on arrays, numbers and NULL (None); return its result."""
+        result = np.empty(size)
+        arrays = [x if x is None or isinstance(x, ctypes.c_int) else np.ascontiguousarray(x, dtype=float)
+                  for x in (*arguments, result)]  # fmt: skip
+        pointers = (x.ctypes.data_as(ctypes.c_void_p) if isinstance(x, np.ndarray) else x for x in arrays)
+        getattr(self.library, name)(*pointers)
         return result
 
     def springs(self, wanted: ArrayLike, translation: ArrayLike, rotation: ArrayLike, joint: float) -> Springs:
