@@ -47,7 +47,7 @@ def _block(writer: Any, node: Any) -> None:
     raise SkipNode
 
 
-class NamesInOnePiece(Transform):
+class NamesInOnePiece(Transform):  # type: ignore[misc]  # docutils has no types
     """Keep numbers, options and names on one line: browsers break lines behind every hyphen."""
 
     default_priority = 900
