@@ -213,5 +213,5 @@ def test_hostile_files_are_refused_in_one_sentence(tmp_path, capsys, name):
 
 def test_without_mujoco_the_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setattr("stiffgen.robot.confined.find_spec", lambda name: None)
-    with pytest.raises(MissingExtraError, match=r"stiffgen\[mjcf\]"):
+    with pytest.raises(MissingExtraError, match=r"pip install .*\[mjcf\]"):
         describe(written(tmp_path, ARM))

@@ -209,7 +209,7 @@ def test_faults_are_one_sentence(tmp_path, capsys, fault):
 def test_without_xacrodoc_the_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setattr("stiffgen.robot.confined.find_spec", lambda name: None)
     template = written(tmp_path, VENDORS["call and conditions"])
-    with pytest.raises(stiffgen.errors.MissingExtraError, match=r"stiffgen\[xacro\]"):
+    with pytest.raises(stiffgen.errors.MissingExtraError, match=r"pip install .*\[xacro\]"):
         describe(template)
 
 
