@@ -184,8 +184,14 @@ FAULTS: dict[str, tuple[str, Any, dict[str, str]]] = {
 }  # fmt: skip
 
 
+IN_CI = {"calls that are late count as one", "an old sample is believed", "a restart keeps the delay",
+         "another tool brings energy"}  # fmt: skip
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("fault", [
+    fault if fault in IN_CI else pytest.param(fault, marks=pytest.mark.wide) for fault in FAULTS
+])  # fmt: skip
 def test_the_search_finds_a_seeded_fault(fault: str, once: Once, tmp_path: Path) -> None:
     arm, pattern, changes = FAULTS[fault]
     robot, home = made(once, arm)
