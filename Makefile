@@ -92,7 +92,7 @@ experiment: build/robots/iiwa14_plate build/robots/iiwa14_ball  ## run the paper
 	$(BIN)/python -m examples.parkour
 flutter: $(VENV)/installed-examples  ## push a ball joint that three drives hold, and one on a spring (1 minute)
 	@mkdir -p build
-	$(BIN)/python -m examples.flutter --figure build/flutter.svg
+	$(BIN)/python -m examples.flutter --figure build/flutter.svg --film build/flutter_film.svg
 whole-body: build/robots/solo12
 	$(BIN)/python -m examples.whole_body
 identify: build/robots/iiwa14_tool

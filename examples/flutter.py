@@ -93,8 +93,13 @@ POSTURES = {
 """Target [rad], stiffness [N m/rad], and damping ratio of the slowest axis, by joint of limbs.xml."""
 
 
-def limb(joint: str, law: str, seconds: float = 12.0) -> float:
-    """Return the angle [rad] to a limb's target at the end, after a push of PUSH across it."""
+def watch_limb(joint: str, law: str, seconds: float = 12.0, every: int = 40) -> tuple[Array, Array]:
+    """Push a limb by PUSH across its target, and watch it each ``every`` steps of 1 ms.
+
+    Returns:
+        Angle to the target (k) [rad], and joint, knee or elbow, and end of the limb (k, 3, 3) [m].
+
+    """
     target, stiffness, ratio = POSTURES[joint]
     spec = mujoco.MjSpec.from_file(str(LIMBS))
     if law == DRIVES:
@@ -113,20 +118,27 @@ def limb(joint: str, law: str, seconds: float = 12.0) -> float:
     dofs = slice(first, first + 3)
     model.dof_damping[dofs] = 2 * ratio * np.sqrt(stiffness * np.linalg.eigvalsh(M[dofs, dofs])[-1])
     data.ctrl[:] = target if law == DRIVES else ()
-    for _ in range(round(seconds / model.opt.timestep)):
+    body, angles, points = model.joint(joint).bodyid[0], list[float](), list[Array]()
+    for step in range(round(seconds / model.opt.timestep) + 1):
         torque = drive.torque(data.qpos[adr : adr + 4][XYZW], aim[XYZW], stiffness * np.eye(3), "log")
+        if step % every == 0:
+            mujoco.mj_kinematics(model, data)
+            knee = data.xpos[body + 1].copy()  # the limb's lower part is the body behind it
+            angles.append(float(np.linalg.norm(torque) / stiffness))
+            points.append(np.array([data.xpos[body], knee, 2 * data.geom_xpos[model.body_geomadr[body + 1]] - knee]))
         if law == GRADIENT:
             data.qfrc_applied[dofs] = torque
         mujoco.mj_step(model, data)
-    return float(np.linalg.norm(torque) / stiffness)
+    return np.array(angles), np.array(points)
 
 
 def limb_rows() -> list[tuple[str, ...]]:
-    """Return the table of both limbs: joint, target, stiffness, damping ratio, angle after 12 s of both laws."""
+    """Return the table of both limbs: joint, target, stiffness, damping ratio, largest angle of the last 2 s."""
     made = []
     for joint, (target, stiffness, ratio) in POSTURES.items():
         angles = (
-            f"{angle:.2g} rad" if angle > 1e-4 else "below 1e-4 rad" for angle in (limb(joint, law) for law in LAWS)
+            f"{angle:.2g} rad" if angle > 1e-3 else "below 1e-3 rad"
+            for angle in (watch_limb(joint, law)[0][-50:].max() for law in LAWS)
         )
         made.append((joint, f"{np.linalg.norm(target):.2f} rad", f"{stiffness:g} N m/rad", f"{ratio:g}", *angles))
     return made
@@ -168,6 +180,7 @@ def main() -> None:
     """Print the table; draw the figure if requested."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--figure", type=Path, metavar="FILE", help="also draw an SVG")
+    parser.add_argument("--film", type=Path, metavar="FILE", help="also draw the limbs as an SVG that moves")
     options = parser.parse_args()
     print(*(f"{word:>14}" for word in ("target", "damping ratio", "limit", *LAWS)))
     for row in rows():
@@ -177,6 +190,10 @@ def main() -> None:
         print(*(f"{value:>14}" for value in row))
     if options.figure:
         options.figure.write_text(figure())
+    if options.film:
+        from examples.film import film
+
+        options.film.write_text(film())
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from examples import flutter
+from examples import film, flutter
 from support.pictures import difference
 from support.project import ROOT
 
@@ -62,3 +62,12 @@ def test_shoulder_and_hip_flutter_as_the_page_says() -> None:
     assert min(float(row[4].split()[0]) for row in rows) > 1
     for row in rows:
         assert f"| {' | '.join(row)} |" in page
+
+
+@pytest.mark.slow
+def test_limbs_swing_on_three_drives_and_rest_on_the_gradient() -> None:
+    """The film and the table of docs/flutter.md, made anew."""
+    page = (ROOT / "docs" / "flutter.md").read_text()
+    for row in flutter.limb_rows():
+        assert f"| {' | '.join(row)} |" in page
+    assert difference(film.film(), (ROOT / "docs" / "flutter_film.svg").read_text(), 1.0) == ""

@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: MIT
+"""Draw a shoulder and a hip, held by three drives and by the gradient, as an SVG that moves (SMIL)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from examples.flutter import GRADIENT, LAWS, POSTURES, watch_limb
+from examples.style import CONVENTIONAL, CORRECTED
+
+Array = NDArray[np.float64]
+
+FIRST, LAST, EVERY = 2.0, 12.0, 40
+"""Part of the motion that is shown [s], and steps of 1 ms between two frames."""
+SIZE = 145.0  # pixels per metre
+WIDTH, HEIGHT = 190, 270  # of a panel
+AZIMUTH = np.radians(-35.0)  # from which one looks, level with the limb
+THICK = 13  # pixels
+
+
+def seen(points: Array) -> Array:
+    """Return pixels (..., 2) of points (..., 3) [m] about a joint, which is in the upper half of its panel."""
+    across = -np.sin(AZIMUTH) * points[..., 0] + np.cos(AZIMUTH) * points[..., 1]
+    return np.stack([WIDTH / 2 + SIZE * across, 0.42 * HEIGHT - SIZE * points[..., 2]], axis=-1)
+
+
+def polyline(pixels: Array) -> str:
+    return " ".join(f"{x:.1f},{y:.1f}" for x, y in pixels)
+
+
+def panel(joint: str, law: str, place: tuple[float, float]) -> str:
+    """Return the group of one limb under one law: its target as an outline, and the limb on its way."""
+    _, resting = watch_limb(joint, GRADIENT, LAST, round(1e3 * LAST))
+    _, points = watch_limb(joint, law, LAST, EVERY)
+    shown = points[round(1e3 * FIRST / EVERY) :]
+    target, frames = seen(resting[-1] - resting[-1, 0]), [polyline(seen(each - each[0])) for each in shown]
+    colour = dict(zip(LAWS, (CONVENTIONAL, CORRECTED), strict=True))[law]
+    x, y = place
+    return (
+        f'<g transform="translate({x:g} {y:g})">\n'
+        f'<polyline points="{polyline(target)}" fill="none" stroke="currentColor" stroke-opacity="0.25" '
+        f'stroke-width="{THICK + 6}"/>\n'
+        f'<polyline points="{frames[0]}" fill="none" stroke="{colour}" stroke-width="{THICK}">'
+        f'<animate attributeName="points" dur="{LAST - FIRST:g}s" repeatCount="indefinite" '
+        f'values="{";".join(frames)}"/></polyline>\n</g>\n'
+    )
+
+
+def text(place: tuple[float, float], words: str) -> str:
+    return f'<text x="{place[0]:g}" y="{place[1]:g}">{words}</text>\n'
+
+
+def film(laws: Sequence[str] = LAWS) -> str:
+    """Return the SVG text: a row for each limb, a column for each law."""
+    top, left, body = 34, 74, ""
+    for column, law in enumerate(laws):
+        body += text((left + (column + 0.5) * WIDTH, 22), law)
+        for row, joint in enumerate(POSTURES):
+            body += panel(joint, law, (left + column * WIDTH, top + row * HEIGHT))
+    for row, joint in enumerate(POSTURES):
+        body += text((left / 2 + 4, top + row * HEIGHT + 0.42 * HEIGHT), joint)
+    width, height = left + WIDTH * len(laws), top + HEIGHT * len(POSTURES)
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}" '
+        'font-family="system-ui, sans-serif" font-size="14" text-anchor="middle" fill="currentColor" '
+        'stroke-linecap="round" stroke-linejoin="round" role="img">\n'
+        "<style>svg { color: #1f2328; } @media (prefers-color-scheme: dark) { svg { color: #e6edf3; } }</style>\n"
+        f"{body}</svg>\n"
+    )
