@@ -58,16 +58,12 @@ def test_the_picture_is_todays() -> None:
 def test_shoulder_and_hip_flutter_as_the_page_says() -> None:
     page = (ROOT / "docs" / "flutter.md").read_text()
     rows = flutter.limb_rows()
-    assert [row[5] for row in rows] == ["below 1e-4 rad"] * 2
+    assert [row[5] for row in rows] == ["below 1e-3 rad"] * 2
     assert min(float(row[4].split()[0]) for row in rows) > 1
     for row in rows:
         assert f"| {' | '.join(row)} |" in page
 
 
 @pytest.mark.slow
-def test_limbs_swing_on_three_drives_and_rest_on_the_gradient() -> None:
-    """The film and the table of docs/flutter.md, made anew."""
-    page = (ROOT / "docs" / "flutter.md").read_text()
-    for row in flutter.limb_rows():
-        assert f"| {' | '.join(row)} |" in page
+def test_the_film_is_the_motion() -> None:
     assert difference(film.film(), (ROOT / "docs" / "flutter_film.svg").read_text(), 1.0) == ""
