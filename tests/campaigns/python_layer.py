@@ -44,7 +44,7 @@ class PythonLayer:
         self._Input = struct(header, f"{loop.robot.name}_impedance_input", {}, {})
         self._inside = _STEP(self._serve)
         self._config, self._first = b"", 0
-        self.calls, self.failure = 0, ""
+        self.calls, self.failure, self.refused = 0, "", False
 
     def __enter__(self) -> PythonLayer:
         address = ctypes.cast(self._inside, ctypes.c_void_p).value
@@ -78,7 +78,11 @@ class PythonLayer:
     def _step(self, config: int, given: Any, output: Any) -> None:
         now = ctypes.string_at(config, ctypes.sizeof(self._loop.Config))
         if now != self._config:
-            self._controller.config.update(self._fields(config))
+            try:
+                self._controller.config.update(self._fields(config))
+            except ValueError:
+                self.refused = True  # C takes it, and its step is a fault
+                raise
             self._config = now
         self.calls += 1
         out = self._controller.step(**self._sample(given)) if given.sample_valid else self._controller.missed()
