@@ -19,7 +19,9 @@ LAWS = list(laws.LAWS)
 
 @pytest.fixture(scope="module")
 def panda(once: Once) -> ModuleType:
-    folder: Path = once("panda", lambda output: stiffgen.generate(laws.PANDA, output=output, **laws.OPTIONS))
+    folder: Path = once(
+        "panda of the laws", lambda output: stiffgen.generate(laws.PANDA, output=output, **laws.OPTIONS)
+    )
     return stiffgen.open_robot(folder / "panda").module
 
 
