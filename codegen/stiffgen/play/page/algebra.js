@@ -49,6 +49,10 @@ export function blocks(A, B) {
   return M;
 }
 
+/** Return the block (3 x 3) of a matrix K (6 x 6) whose diagonal begins at row `first`. */
+export const blockOf = (K, first) =>
+  Float64Array.from({ length: 9 }, (_, k) => K[6 * (first + Math.floor(k / 3)) + first + (k % 3)]);
+
 /** Solve A x = b, A (n x n), by Gaussian elimination with pivots; null where A is singular up to rounding. */
 export function solve(A, b) {
   const n = b.length, M = Float64Array.from(A), x = Float64Array.from(b);

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
 // The panel of the arm on joint springs: their gains, the compliance at the tip, and a press that makes the arm give way.
 
-import { GAINS_OF, PRESS_SECONDS, Press, reachOfPush, softness, sprung } from "./compliance.js";
+import { GAINS_OF, PRESS_SECONDS, Press, reachOfPush, sprung } from "./compliance.js";
 import { drawCurves, number, shade } from "./figures.js";
-import { distinct, slider } from "./panels.js";
+import { distinct, record, slider } from "./panels.js";
 
 const PRESS_EVERY = 0.02; // s between points of the figure
 /** Return what the panel says of the ellipsoids. */
@@ -82,20 +82,16 @@ export class CompliancePanel {
     const { press, curves } = this;
     if (!press) return;
     const until = Math.min(PRESS_SECONDS, press.time + seconds);
-    while (press.time < until - 1e-9) {
-      press.advance(Math.min(until, curves.exact.length * PRESS_EVERY));
-      if (press.time < curves.exact.length * PRESS_EVERY - 1e-9) break;
+    record(press, until, PRESS_EVERY, curves, () => {
       const { loaded, usual } = press.ways();
-      curves.exact.push(1000 * loaded);
-      curves.conventional.push(1000 * usual);
-    }
+      return { exact: 1000 * loaded, conventional: 1000 * usual };
+    });
     if (until >= PRESS_SECONDS - 1e-9) this.going = false;
   }
 
   /** Return the softness of the arm as it stands, or as it is pressed. */
   softness() {
-    const { tip, q, wrench, jointGains } = this.page.state;
-    return this.press?.now ?? softness(tip, q, wrench, jointGains);
+    return this.press?.now ?? this.page.now.soft;
   }
 
   /** Return what a press shows in place of the state: {q, wrench, no loop}, or null. */
@@ -103,8 +99,8 @@ export class CompliancePanel {
     return this.press && { q: this.press.q, wrench: this.press.wrench, loop: null };
   }
 
-  show() {
-    const { $, state, colours } = this.page, strong = Math.hypot(...state.wrench.slice(0, 3));
+  show(colours) {
+    const { $, state } = this.page, strong = Math.hypot(...state.wrench.slice(0, 3));
     $("press").disabled = !this.press && strong === 0;
     $("press").textContent = this.press ? "Back to the start" : "Press";
     const words = strong === 0 ? "Give the wrench a force, and press." : `Press: the force of ${number(strong)} N grows from zero in 3 s.`;

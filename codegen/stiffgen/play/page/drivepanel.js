@@ -3,7 +3,7 @@
 
 import { Body, DRIVES, DRIVE_SECONDS, flutterLimit } from "./drives.js";
 import { drawCurves, number } from "./figures.js";
-import { slider } from "./panels.js";
+import { record, slider } from "./panels.js";
 
 const DRIVE_EVERY = 0.02; // s between points of the figure
 const STILL = 1e-4; // rad, that are told as 0
@@ -41,14 +41,7 @@ export class DrivePanel {
 
   advance(seconds) {
     const until = Math.min(DRIVE_SECONDS, this.pushed[0].time + seconds);
-    for (const body of this.pushed) {
-      const curve = this.curves[body.law];
-      while (body.time < until - 1e-9) {
-        body.advance(Math.min(until, curve.length * DRIVE_EVERY));
-        if (body.time < curve.length * DRIVE_EVERY - 1e-9) break;
-        curve.push(body.angle());
-      }
-    }
+    for (const body of this.pushed) record(body, until, DRIVE_EVERY, { angle: this.curves[body.law] }, () => ({ angle: body.angle() }));
     if (until >= DRIVE_SECONDS - 1e-9) this.going = false;
   }
 
@@ -57,8 +50,8 @@ export class DrivePanel {
     return this.pushed;
   }
 
-  show() {
-    const { $, colours } = this.page, limit = flutterLimit(this.target);
+  show(colours) {
+    const { $ } = this.page, limit = flutterLimit(this.target);
     $("push").textContent = this.pushed ? "Back to the arm" : "Push";
     const promise = `Three position drives flutter about ${number(this.target)} rad below the damping ratio ${number(limit)}.`;
     const said = (angle) => (angle < STILL ? "0 rad" : `${number(angle)} rad`);

@@ -40,6 +40,7 @@ class Page {
     this.loop = new LoopPanel(this);
     this.compliance = new CompliancePanel(this);
     this.drives = new DrivePanel(this);
+    this.motions = [this.swing, this.compliance, this.drives];
     this.presets = presetButtons(this, home);
   }
 
@@ -58,14 +59,12 @@ class Page {
 
   /** Put the arm back to where it stands. */
   stopMotions() {
-    this.swing.stop();
-    this.compliance.stop();
-    this.drives.stop();
+    for (const motion of this.motions) motion.stop();
   }
 
   /** Whether something moves by itself. */
   get moves() {
-    return this.state.going || this.swing.going || this.compliance.going || this.drives.going;
+    return this.state.going || this.motions.some(({ going }) => going);
   }
 
   /** Ask for a frame. */
@@ -77,15 +76,13 @@ class Page {
 
   /** Move on by the time [ms] since the last frame, where something moves. */
   advance(time) {
-    const { state, swing, compliance, drives, last } = this, passed = last === null ? 0 : time - last;
+    const { state, last } = this, passed = last === null ? 0 : time - last;
     if (state.going) {
       state.lap += Math.min(100, passed) / 1000 / SECONDS;
       if (state.lap >= LAPS) [state.lap, state.going] = [LAPS, false];
       this.loop.place(state.lap);
     }
-    if (swing.going) swing.advance(Math.min(33, passed) / 1000);
-    if (compliance.going) compliance.advance(Math.min(33, passed) / 1000);
-    if (drives.going) drives.advance(Math.min(33, passed) / 1000);
+    for (const motion of this.motions) if (motion.going) motion.advance(Math.min(33, passed) / 1000);
     this.last = this.moves ? time : null;
   }
 
@@ -105,9 +102,7 @@ class Page {
     this.view?.draw();
     if (!this.robot.loops) this.loop.show();
     $("timing").textContent = `Kernels of this picture: ${this.now.time.toFixed(1)} ms.`;
-    this.swing.show(this.colours);
-    this.compliance.show();
-    this.drives.show();
+    for (const motion of this.motions) motion.show(this.colours);
     this.presets.mark();
     if (!performance.getEntriesByName("first picture").length) performance.mark("first picture");
     if (this.moves) this.redraw();
@@ -140,7 +135,7 @@ class Page {
   shown() {
     const { state, now } = this, phase = 2 * Math.PI * state.lap, arms = this.drives.bodies() ?? this.swing.arms();
     const q = arms || state.lap === 0 ? state.q : now.loop.at(phase);
-    const ellipsoids = ellipsoidsOf(this.robot, state.show, now.matrices.K, () => this.compliance.softness());
+    const ellipsoids = ellipsoidsOf(this.robot, state.show, now.matrices.K, this.compliance.softness());
     return { ...state, arms, q, ellipsoids, loop: now.path, marker: now.marker(phase), ...this.compliance.shown() };
   }
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // The panel of the matrices: four pictures, the entry under the pointer, and the ellipsoids' axes.
 
-import { eigen, largest, plus } from "./algebra.js";
+import { blockOf, eigen, largest, plus } from "./algebra.js";
 import { cellAt, drawMatrix, number, scales, shade } from "./figures.js";
 
 const MATRICES = [
@@ -88,8 +88,7 @@ export function matrixPanel(page) {
 
   function showEllipsoids() {
     const lines = [["translation", 0, "N/m"], ["rotation", 3, "N m/rad"]].map(([name, first, unit]) => {
-      const block = Float64Array.from({ length: 9 }, (_, k) => page.now.matrices.K[6 * (first + Math.floor(k / 3)) + first + (k % 3)]);
-      const axes = eigen(block, 3).values.sort((a, b) => b - a).map((v) => number(v)).join(", ");
+      const axes = eigen(blockOf(page.now.matrices.K, first), 3).values.sort((a, b) => b - a).map((v) => number(v)).join(", ");
       return `<dt class="key ${name}">${name}</dt><dd>${axes} ${unit} along its axes</dd>`;
     });
     $("ellipsoids").innerHTML = lines.join("");

@@ -53,6 +53,19 @@ export function slider(parent, { label, shown = label, unit, min, max, step, val
   return { set };
 }
 
+/**
+ * Let something move on to a time [s], and append its numbers to curves each `every` seconds. `moving` has a time and
+ * advance(until); values() gives a number for each of the curves, which are equally long.
+ */
+export function record(moving, until, every, curves, values) {
+  const ahead = () => Object.values(curves)[0].length * every;
+  while (moving.time < until - 1e-9) {
+    moving.advance(Math.min(until, ahead()));
+    if (moving.time < ahead() - 1e-9) break;
+    for (const [name, value] of Object.entries(values())) curves[name].push(value);
+  }
+}
+
 /** Choices of a select element: [value, text] pairs. */
 export function options(select, pairs) {
   select.replaceChildren(...pairs.map(([value, text]) => new Option(text, value)));

@@ -4,7 +4,7 @@
 import { norm, plus } from "./algebra.js";
 import { drawCurves, number } from "./figures.js";
 import { originOf } from "./mechanics.js";
-import { slider } from "./panels.js";
+import { record, slider } from "./panels.js";
 import { SWING_LAWS, SWING_SECONDS, Swing } from "./swing.js";
 
 const EVERY = 0.01; // s between points of the figure
@@ -42,13 +42,10 @@ export function swingPanel({ $, state, now, redraw, calm }) {
     if (!swings) return;
     const until = Math.min(SWING_SECONDS, swings[0].time + seconds);
     for (const swing of swings) {
-      const from = originOf(state.tip.pose(swing.start)), curve = curves[swing.law];
-      while (swing.time < until - 1e-9) {
-        swing.advance(Math.min(until, curve.way.length * EVERY));
-        if (swing.time < curve.way.length * EVERY - 1e-9) break;
-        curve.way.push(1000 * norm(plus(originOf(state.tip.pose(swing.q)), from, -1)));
-        curve.made.push(swing.made);
-      }
+      const from = originOf(state.tip.pose(swing.start));
+      record(swing, until, EVERY, curves[swing.law], () => ({
+        way: 1000 * norm(plus(originOf(state.tip.pose(swing.q)), from, -1)), made: swing.made,
+      }));
     }
     if (until >= SWING_SECONDS - 1e-9) going = false;
   }

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
 // The page's state, and the values computed from it.
 
-import { multiply, plus, transpose } from "./algebra.js";
+import { blockOf, multiply, plus, transpose } from "./algebra.js";
 import { reach } from "./chain.js";
-import { PUSH, softGains } from "./compliance.js";
+import { PUSH, softGains, softness } from "./compliance.js";
 import { closedLoop, loopWork, originOf, rotationOf, stiffnesses } from "./mechanics.js";
 
 export const GAINS = [700, 700, 800, 30, 30, 30], WRENCH = [5, -10, 15, 4, -3, 8], MOMENT = [0, 0, 0, 4, -3, 8];
@@ -19,14 +19,15 @@ export function startState(tip, home) {
   };
 }
 
-/** Return the values of a state: matrices, and of a tree its loop with the laws' works, else the motors'. */
+/** Return the values of a state: matrices, softness, and of a tree its loop with the laws' works, else the motors'. */
 export function valuesOf(robot, state) {
   const begun = performance.now(), { tip, q, wrench, gains } = state;
   const matrices = stiffnesses(tip, q, wrench, gains, state.chosen);
   const values = robot.loops
     ? { motors: tip.motors(q, wrench, matrices.K), path: null, marker: () => null, works: {} }
     : valuesOnLoop(robot, state, matrices);
-  return { matrices, ...values, time: performance.now() - begun };
+  const soft = softness(tip, q, wrench, state.jointGains);
+  return { matrices, soft, ...values, time: performance.now() - begun };
 }
 
 /** Return the loop, the works of the laws on it, and its path: of the tip, or of a point beside a tip that only turns. */
@@ -48,13 +49,11 @@ function valuesOnLoop(robot, state, matrices) {
  * Return the ellipsoids to draw: {name, block (3 x 3), length}: an axis is as long as its eigenvalue times length [m].
  * Those of the spring's stiffness grow with the arm; those of the compliance are where PUSH would move the tip.
  */
-export function ellipsoidsOf(robot, show, K, softness) {
+export function ellipsoidsOf(robot, show, K, { usual, loaded }) {
   const size = reach(robot), made = [];
-  const blockOf = (first) => Float64Array.from({ length: 9 }, (_, k) => K[6 * (first + Math.floor(k / 3)) + first + (k % 3)]);
-  if (show.rotation) made.push({ name: "rotation", block: blockOf(3), length: 0.0035 * size });
-  if (show.translation) made.push({ name: "translation", block: blockOf(0), length: 0.00025 * size });
+  if (show.rotation) made.push({ name: "rotation", block: blockOf(K, 3), length: 0.0035 * size });
+  if (show.translation) made.push({ name: "translation", block: blockOf(K, 0), length: 0.00025 * size });
   if (!show.compliance) return made;
-  const { usual, loaded } = softness();
   made.push({ name: "conventional", block: usual, length: PUSH });
   if (loaded) made.push({ name: "exact", block: loaded, length: PUSH });
   return made;
