@@ -59,12 +59,9 @@ def statements(passport: Passport) -> list[str]:
         f"At the rendered stiffness the least damped mode keeps a damping ratio of {passport['damping'].min():.2f}.",
     ]
     named = {each.name: each for each in passport.quantities}
-    forces = [each.values for each in passport.quantities if each.name.startswith("force ")]
-    if forces:
-        least = np.min(forces, axis=0)
-        lines.append(
-            f"Half of the postures can exert {_number(float(np.median(least)))} N in every direction, beside gravity."
-        )
+    if passport.force is not None:
+        half = _number(float(np.median(passport.force.min(axis=1))))
+        lines.append(f"Half of the postures can exert {half} N in every direction, beside gravity.")
     if "lost to gears" in named:
         lines.append(f"Elastic gears take up to {named['lost to gears'].values.max():.0f} % of the rendered stiffness.")
     if "buckling" in named:
@@ -87,8 +84,7 @@ def warnings(passport: Passport) -> list[str]:
             f"The damping ratio falls to {passport['damping'].min():.2f} at the rendered stiffness. Choose a softer "
             "spring, a finer encoder or a measured velocity."
         )
-    forces = [each.values for each in passport.quantities if each.name.startswith("force ")]
-    fallen = int((np.max(forces, axis=0) <= 0).sum()) if forces else 0
+    fallen = 0 if passport.force is None else int((passport.force.max(axis=1) <= 0).sum())
     if fallen:
         lines.append(f"In {fallen} of {count} postures the motors cannot hold the arm against gravity.")
     return lines

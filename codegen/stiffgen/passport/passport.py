@@ -38,7 +38,7 @@ _CAMPAIGN = "MuJoCo, eight arms"
 
 @dataclass(frozen=True)
 class Quantity:
-    """Column of a passport: values (P), unit, meaning, what it was verified against; ``small`` is the worst value."""
+    """Column of a passport: values (P), unit, meaning, and what it was verified against."""
 
     name: str
     unit: str
@@ -54,7 +54,10 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Passport:
-    """Quantities of a robot over postures q (P, n), with the tip's positions (P, 3) [m] and the loop's timing."""
+    """Quantities of a robot over postures q (P, n), with the tip's positions (P, 3) [m] and the loop's timing.
+
+    ``force`` (P, 6) [N] has the columns of DIRECTIONS; None for a robot without effort limits.
+    """
 
     robot: str
     joints: tuple[str, ...]
@@ -62,16 +65,16 @@ class Passport:
     q: FloatArray
     tip: FloatArray
     quantities: tuple[Quantity, ...]
+    force: FloatArray | None
     source: str
+
+    def quantity(self, name: str) -> Quantity:
+        """Return a quantity."""
+        return next(each for each in self.quantities if each.name == name)
 
     def __getitem__(self, name: str) -> FloatArray:
         """Return the values of a quantity (P)."""
-        return next(each.values for each in self.quantities if each.name == name)
-
-    @property
-    def has_force(self) -> bool:
-        """Whether the robot has effort limits."""
-        return any(each.name.startswith("force ") for each in self.quantities)
+        return self.quantity(name).values
 
     def to_csv(self) -> str:
         """Return the table: a row per posture, joint positions first."""
@@ -86,7 +89,7 @@ class Passport:
 
 @dataclass(frozen=True)
 class PassportOptions:
-    """LoopTiming of the loop, gains kp and stiffnesses kc of elastic gears [N m/rad] (one for all, or n), postures."""
+    """Timing of the loop, gains kp and stiffnesses kc of elastic gears [N m/rad] (one for all, or n), postures."""
 
     timing: LoopTiming = field(default_factory=LoopTiming)
     kp: tuple[float, ...] | None = None
@@ -125,8 +128,9 @@ def make_passport(robot: GeneratedRobot, options: PassportOptions, q: ArrayLike 
     )
     quantities = [*_of_loop(arms, options.timing)]
     gravity = module.gravity.gradient(postures, np.array(_GRAVITY))
-    force = available_force(arms.jacobian, gravity, np.array(module.EFFORT))
-    if np.isfinite(force).all():
+    available = available_force(arms.jacobian, gravity, np.array(module.EFFORT))
+    force = available if np.isfinite(available).all() else None
+    if force is not None:
         quantities += [
             Quantity(
                 f"force {name}",
@@ -148,7 +152,7 @@ def make_passport(robot: GeneratedRobot, options: PassportOptions, q: ArrayLike 
         quantities += _of_gains(robot, options, arms, postures)
     tip = module.forward_kinematics(postures)[:, :3, 3]
     joints = tuple(each.name for each in chain.coordinates)
-    return Passport(robot.name, joints, options.timing, postures, tip, tuple(quantities), source)
+    return Passport(robot.name, joints, options.timing, postures, tip, tuple(quantities), force, source)
 
 
 def _check(robot: GeneratedRobot, options: PassportOptions) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from stiffgen.errors import MissingExtraError
+from stiffgen.errors import MissingExtraError, install_command
 from stiffgen.passport.passport import Passport, Quantity
 
 
@@ -23,10 +23,10 @@ def draw_map(passport: Passport) -> str:
         drawing: Any = import_module("matplotlib.figure")
     except ImportError as error:
         raise MissingExtraError(
-            "the map of a passport needs matplotlib, which is not installed; pip install 'stiffgen[analyze]'"
+            "the map of a passport needs matplotlib, which is not installed; " + install_command("analyze")
         ) from error
     style: Any = import_module("stiffgen.style")
-    shown = [each for each in (_stiffness(passport), _force(passport)) if each is not None]
+    shown = [each for each in (passport.quantity("rendered"), _force(passport)) if each is not None]
     with import_module("matplotlib").rc_context(style.STYLE):
         figure = drawing.Figure(figsize=(4.3 * len(shown), 4.0), layout="constrained")
         for axes, quantity in zip(figure.subplots(1, len(shown), squeeze=False)[0], shown, strict=True):
@@ -35,16 +35,11 @@ def draw_map(passport: Passport) -> str:
     return text
 
 
-def _stiffness(passport: Passport) -> Quantity:
-    return next(each for each in passport.quantities if each.name == "rendered")
-
-
 def _force(passport: Passport) -> Quantity | None:
     """Return the least force of all directions; None for a robot without effort limits."""
-    forces = [each for each in passport.quantities if each.name.startswith("force ")]
-    if not forces:
+    if passport.force is None:
         return None
-    return Quantity("force in every direction", "N", "", "", np.min([each.values for each in forces], axis=0))
+    return Quantity("force in every direction", "N", "", "", passport.force.min(axis=1))
 
 
 def _panel(figure: Any, axes: Any, passport: Passport, quantity: Quantity, ink: str) -> None:
