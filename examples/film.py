@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,12 +29,10 @@ def polyline(pixels: Array) -> str:
     return " ".join(f"{x:.1f},{y:.1f}" for x, y in pixels)
 
 
-def panel(joint: str, law: str, place: tuple[float, float]) -> str:
-    """Return the group of one limb under one law: its target as an outline, and the limb on its way."""
-    _, resting = watch_limb(joint, GRADIENT, LAST, round(1e3 * LAST))
-    _, points = watch_limb(joint, law, LAST, EVERY)
+def panel(points: Array, resting: Array, law: str, place: tuple[float, float]) -> str:
+    """Return the group of one limb under one law: on its way (k, 3, 3) [m], and its target (3, 3) as an outline."""
     shown = points[round(1e3 * FIRST / EVERY) :]
-    target, frames = seen(resting[-1] - resting[-1, 0]), [polyline(seen(each - each[0])) for each in shown]
+    target, frames = seen(resting - resting[0]), [polyline(seen(each - each[0])) for each in shown]
     colour = dict(zip(LAWS, (CONVENTIONAL, CORRECTED), strict=True))[law]
     x, y = place
     return (
@@ -53,16 +49,18 @@ def text(place: tuple[float, float], words: str) -> str:
     return f'<text x="{place[0]:g}" y="{place[1]:g}">{words}</text>\n'
 
 
-def film(laws: Sequence[str] = LAWS) -> str:
+def film() -> str:
     """Return the SVG text: a row for each limb, a column for each law."""
     top, left, body = 34, 74, ""
-    for column, law in enumerate(laws):
+    motions = {(joint, law): watch_limb(joint, law, LAST, EVERY)[1] for joint in POSTURES for law in LAWS}
+    for column, law in enumerate(LAWS):
         body += text((left + (column + 0.5) * WIDTH, 22), law)
         for row, joint in enumerate(POSTURES):
-            body += panel(joint, law, (left + column * WIDTH, top + row * HEIGHT))
+            place = left + column * WIDTH, top + row * HEIGHT
+            body += panel(motions[joint, law], motions[joint, GRADIENT][-1], law, place)
     for row, joint in enumerate(POSTURES):
         body += text((left / 2 + 4, top + row * HEIGHT + 0.42 * HEIGHT), joint)
-    width, height = left + WIDTH * len(laws), top + HEIGHT * len(POSTURES)
+    width, height = left + WIDTH * len(LAWS), top + HEIGHT * len(POSTURES)
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}" '
         'font-family="system-ui, sans-serif" font-size="14" text-anchor="middle" fill="currentColor" '

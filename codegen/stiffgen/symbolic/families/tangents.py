@@ -5,7 +5,8 @@ A simulator that steps a spring implicitly solves (M + h D + h^2 P) a = torque -
 if P - Kq/2 stays positive along the step (a majorant: the step minimises an upper bound of the energy). Kq itself is
 not positive at large deflections, and neither its positive part nor its absolute value bounds the Kq of the next
 configuration. A symmetric matrix A lies between -D and D for the diagonal matrix D of its rows' sums of absolute
-values (Gershgorin). Applied to both parts of Kq this gives P without eigenvalues, and never less than |Kq|:
+values (Gershgorin). Applied to both parts of Kq this gives P without eigenvalues, with -P <= Kq <= P. The rows of K
+mix units, so that P depends on the units of length and angle, which are m and rad:
 
     P = J^T diag(sum_j |K_ij|) J + diag(sum_j |A_ij|),     A = dJ^T/dq . F + J^T (Gamma F) J the part of the load
 """
