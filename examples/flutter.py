@@ -11,7 +11,8 @@ kp (a +- i |c| / 2), a = (|c| / 2) cot(|c| / 2). They grow if the damping ratio 
 The gradient of the energy kp |log(R0^T R)|^2 / 2 is the same law with the rotation vector of the difference. Both are
 simulated in MuJoCo: the first with its own <position> actuators, the second as an applied torque (stiffgen.drive).
 
-A shoulder and a hip follow, ball joints of a body of two limbs (limbs.xml) at targets of three degrees of freedom.
+A shoulder and a hip follow, ball joints of a body of two limbs (limbs.xml) at targets of three degrees of freedom, and
+laws of operational space on a ball wrist (wrist.py).
 
 With --figure FILE the example writes flutter.svg (needs matplotlib: pip install '.[examples,mjcf]').
 """
@@ -25,6 +26,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from examples import wrist
 from stiffgen import drive
 
 Array = NDArray[np.float64]
@@ -188,6 +190,9 @@ def main() -> None:
     print()
     for row in limb_rows():
         print(*(f"{value:>14}" for value in row))
+    print()
+    for row in wrist.rows():
+        print(" | ".join(row))
     if options.figure:
         options.figure.write_text(figure())
     if options.film:

@@ -175,7 +175,7 @@ def polymetis_twin(goal: State) -> Twin:
 
 SERL_K: Array = np.diag([2000.0, 2000.0, 2000.0, 150.0, 150.0, 150.0])
 SERL_D: Array = np.diag([89.0, 89.0, 89.0, 7.0, 7.0, 7.0])
-SERL_CLIP = np.repeat([0.01, 0.03], 3)  # m; vector part of a quaternion
+SERL_CLIP = np.repeat([0.01, 0.05], 3)  # m; vector part of a quaternion
 SERL_POSTURE = 0.2 * np.array([100.0, 1, 1, 1, 1, 1, 1])  # the first joint's error has a factor of its own
 SERL_POSTURE_DAMPING = 2 * np.sqrt(0.2) * np.array([2 * np.sqrt(100.0), 1, 1, 1, 1, 1, 1])
 
@@ -202,7 +202,7 @@ def serl_twin(goal: State) -> Twin:
 
 # CRISP: crisp_controllers, CartesianController, with the kinematic projector
 
-CRISP_K: Array = np.diag([500.0, 500.0, 500.0, 20.0, 20.0, 20.0])
+CRISP_K: Array = np.diag([500.0, 500.0, 500.0, 30.0, 30.0, 30.0])
 CRISP_POSTURE = 1.0  # N m/rad
 
 
@@ -327,10 +327,14 @@ def recorded() -> Array:
     return np.asarray(HOME + q - q.mean(0))
 
 
-def replay(robot: ModuleType, torque_at: Callable[[State], Callable[[State], Array]], motion: Array) -> Array:
+TorqueAt = Callable[[State], Callable[[State], Array]]
+"""Torque (n) [N m] of a state, at a goal."""
+
+
+def replay(robot: ModuleType, torque_at: TorqueAt, motion: Array, rotors: ArrayLike = 0.0) -> Array:
     """Let an arm follow a motion with goals at 16.7 Hz (every 60 ms); return its joint positions, 5 ms apart.
 
-    The law runs at 1 kHz; gravity and Coriolis forces are compensated.
+    The law runs at 1 kHz; gravity and Coriolis forces are compensated. ``rotors`` (n) [kg m^2] are the motors' inertia.
     """
     q, dq, found = motion[0].copy(), np.zeros(7), []
     for k in range(len(motion)):
@@ -338,7 +342,7 @@ def replay(robot: ModuleType, torque_at: Callable[[State], Callable[[State], Arr
             torque = torque_at(State.of(robot, motion[k]))
         for _ in range(5):
             state = State.of(robot, q, dq)
-            dq = dq + 1e-3 * np.linalg.solve(state.M, torque(state))
+            dq = dq + 1e-3 * np.linalg.solve(state.M + np.diag(np.broadcast_to(rotors, 7)), torque(state))
             q = q + 1e-3 * dq
         found.append(q)
     return np.array(found)
@@ -351,6 +355,47 @@ def replayed_difference(robot: ModuleType, law: Law, motion: Array) -> tuple[flo
     lag = tips[0] - robot.forward_kinematics(motion)[:, :3, 3]
     apart = np.linalg.norm(tips[0] - tips[1], axis=1)
     return float(np.sqrt((lag**2).sum(1).mean())), float(np.sqrt((apart**2).mean())), float(apart.max())
+
+
+PRESETS = {"droid": "polymetis", "serl": "SERL", "crisp": "CRISP"}
+"""Presets of the controller, and their laws."""
+
+
+def serve(robot: ModuleType, preset: str) -> TorqueAt:
+    """Return the controller with a preset behind its policy port, in place of a law; the first goal is the arm's."""
+    controller, springs = robot.Impedance.preset(preset)
+    ports: list[Any] = []
+    now = 0.0
+
+    def torque_at(goal: State) -> Callable[[State], Array]:
+        ports.extend([] if ports else [robot.Policy(controller, pose=goal.pose, now=now)])
+        refused = ports[0].propose(now=now, time=now, equilibrium=goal.pose, **springs)
+        if refused:
+            raise ArithmeticError(f"the port refuses {refused}")
+
+        def torque(state: State) -> Array:
+            nonlocal now
+            now += 1e-3
+            output = controller.step(q=state.q, dq=state.dq, posture=goal.q, **ports[0].command(now))
+            return np.asarray(output.torque)
+
+        return torque
+
+    return torque_at
+
+
+def served_rows(robot: ModuleType, samples: int = 1200) -> list[tuple[str, ...]]:
+    """Return the table of presets: lags of law and of controller, and rms and maximum between their tips."""
+    made, rotors = [], robot.Impedance().config.motor_inertia
+    motion = recorded()[:samples]
+    wanted = robot.forward_kinematics(motion)[:, :3, 3]
+    for preset, name in PRESETS.items():
+        both = (lambda goal, law=LAWS[name]: torques(robot, law, goal)[0]), serve(robot, preset)
+        tips = [robot.forward_kinematics(replay(robot, each, motion, rotors))[:, :3, 3] for each in both]
+        squares = [((a - b) ** 2).sum(1) for a, b in ((tips[0], wanted), (tips[1], wanted), (tips[0], tips[1]))]
+        lengths = [*(np.sqrt(each.mean()) for each in squares), np.sqrt(squares[2].max())]
+        made.append((f'"{preset}"', name, *(f"{1e3 * each:.1f} mm" for each in lengths)))
+    return made
 
 
 def turned(robot: ModuleType, law: Law, angles: ArrayLike) -> tuple[Array, Array]:
@@ -395,8 +440,9 @@ def rows(robot: ModuleType, orbits: int = 300, samples: int = 1200) -> list[tupl
 
 
 def main() -> None:
-    """Print the table."""
-    for row in rows(panda()):
+    """Print both tables."""
+    robot = panda()
+    for row in (*rows(robot), *served_rows(robot)):
         print(" | ".join(row))
 
 

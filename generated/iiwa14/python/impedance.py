@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import _c
+from . import _c, _presets
 from ._structs import (
     INPUT,
     INPUT_FIELDS,
@@ -35,6 +35,7 @@ from ._structs import (
     Refused,
     Stage,
     Status,
+    allowed_stiffness,
     check_inputs,
     refusal_text,
     tell_tool,
@@ -62,32 +63,6 @@ __all__ = [
 
 class CommandWarning(UserWarning):
     """A command is refused: the equilibrium stays where it is."""
-
-
-def _allowed_stiffness(values: NDArray[Any]) -> str:
-    """Return which stiffness limits would be accepted, for a configuration that init refuses for them; else nothing."""
-    trial, state, torque = values.copy(), np.zeros((_c.SIZES["state"] + 7) // 8), np.zeros(_c.MOTORS)
-    limits = {"translation_stiffness_limit": (1.0, "N/m"), "rotation_stiffness_limit": (0.1, "N m/rad")}
-
-    def accepts(**changed: float) -> bool:
-        for name, (least, _) in limits.items():
-            trial[0][name] = changed.get(name, least)
-        return bool(_c.initialise(trial, state, torque) == 0)
-
-    if _c.validate(values) or not accepts():
-        return ""
-    found = []
-    for name, (low, unit) in limits.items():
-        high = float(values[0][name])
-        if accepts(**{name: high}):
-            low = high
-        while high - low > 1e-3 * high:
-            middle = (low + high) / 2
-            low, high = (middle, high) if accepts(**{name: middle}) else (low, middle)
-        digit = 10.0 ** np.floor(np.log10(low) - 1)  # two digits, rounded down
-        found.append(f"{np.floor(low / digit + 1e-9) * digit:g} {unit}")
-    rate, delay = 1 / float(values[0]["sample_time"]), int(values[0]["delay_samples"])
-    return f" (at {rate:.0f} Hz and delay_samples {delay} at most {' and '.join(found)})"
 
 
 class Impedance:
@@ -139,6 +114,22 @@ class Impedance:
         self._record = (np.zeros(record, INPUT), np.zeros(record, OUTPUT))
         self.restart(torque)
 
+    @classmethod
+    def preset(cls, name: str, **arguments: Any) -> tuple[Impedance, dict[str, NDArray[np.float64]]]:
+        """Return a controller with the spring of a law on which policies were trained, and the stiffnesses to command.
+
+        Pass the stiffnesses to every :meth:`step`, or to every :meth:`Policy.propose`. A goal q_d is both: its pose is
+        the equilibrium, and q_d the posture. The damping is the controller's own, of the preset's ratio.
+
+        ``name`` is "droid", "droid_400", "serl" (in a folder generated with ``--spring bounded``) or "crisp". Other
+        arguments are those of the class, and replace the preset's. The dict has ``translation_stiffness`` [N/m] and
+        ``rotation_stiffness`` [N m/rad], each (3, 3), with several tips (tips, 3, 3). Raises ValueError for another
+        name, or where the preset's posture stiffness has another number of joints.
+        """
+        given = {**(arguments.pop("config", None) or {}), **arguments}
+        fields, springs = _presets.settings(name, given)
+        return cls(**fields), springs
+
     def __getstate__(self) -> dict[str, Any]:
         return copy.deepcopy(self.__dict__)  # a copy shares no state with the controller
 
@@ -167,7 +158,7 @@ class Impedance:
         initial = np.ascontiguousarray(np.broadcast_to(np.asarray(torque, float), _c.MOTORS))
         code = _c.initialise(self._config._values, self._state, initial)
         if code:
-            raise ValueError(_c.error_text(code) + _allowed_stiffness(self._config._values))
+            raise ValueError(_c.error_text(code) + allowed_stiffness(self._config._values))
         self._counter = 0
         self._clock: tuple[float, float, int] | None = None
 

@@ -21,7 +21,8 @@ FILES = {
     "iiwa14.h", "iiwa14.hpp", "iiwa14_lanes.h", "iiwa14.c", "iiwa14_batch.c", "iiwa14_dispatch.c",
     "iiwa14_impedance.h", "iiwa14_sensor.h", "iiwa14_paper.h", "iiwa14_paper.c", "python/paper.py", "python/paper.pyi",
     "iiwa14_impedance.c", "CMakeLists.txt", "__init__.py", "__init__.pyi", "py.typed", "README.md", "pyproject.toml",
-    "manifest.json", "python/iiwa14_python.c", "python/_structs.py", "python/impedance.py", "python/impedance.pyi",
+    "manifest.json", "python/iiwa14_python.c", "python/_presets.py", "python/_structs.py",
+    "python/impedance.py", "python/impedance.pyi",
     "python/casadi.py", "python/jax.py", "python/torch.py",
 }  # fmt: skip
 

@@ -64,7 +64,9 @@ def test_wheel_needs_numpy_alone_and_works_anywhere(folder: Path, robot: ModuleT
     (compiled,) = (name for name in names if name.endswith((".so", ".pyd")))
     assert compiled.startswith("iiwa14/python/iiwa14_python.")
     controllers = [f"{name}.{end}" for name in ("impedance", "paper") for end in ("py", "pyi")]
-    modules = [f"python/{name}" for name in ("_structs.py", *controllers, "casadi.py", "jax.py", "torch.py")]
+    modules = [
+        f"python/{name}" for name in ("_presets.py", "_structs.py", *controllers, "casadi.py", "jax.py", "torch.py")
+    ]
     package = ("__init__.py", "__init__.pyi", "py.typed", "manifest.json", *modules)
     expected = {f"iiwa14/{file}" for file in package} | {compiled}
     assert {name for name in names if ".dist-info/" not in name} == expected

@@ -8,6 +8,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
 import stiffgen
@@ -49,7 +50,7 @@ def serl(goal: laws.State, state: laws.State) -> np.ndarray:
     now, wanted = (Rotation.from_matrix(each.pose[:3, :3]) for each in (state, goal))
     vector = (now.inv() * wanted).as_quat(canonical=True)[:3]
     e = np.r_[state.pose[:3, 3] - goal.pose[:3, 3], -now.apply(vector)]
-    e = np.minimum(np.maximum(e, [-0.01] * 3 + [-0.03] * 3), [0.01] * 3 + [0.03] * 3)
+    e = np.minimum(np.maximum(e, [-0.01] * 3 + [-0.05] * 3), [0.01] * 3 + [0.05] * 3)
     task = state.J.T @ -(np.r_[[2000] * 3, [150] * 3] * e + np.r_[[89] * 3, [7] * 3] * (state.J @ state.dq))
     qe, dqe = goal.q - state.q, state.dq.copy()
     qe[0] *= 100
@@ -59,7 +60,7 @@ def serl(goal: laws.State, state: laws.State) -> np.ndarray:
 
 
 def crisp(goal: laws.State, state: laws.State) -> np.ndarray:
-    K = np.array([500, 500, 500, 20, 20, 20])
+    K = np.array([500, 500, 500, 30, 30, 30])
     free = np.linalg.svd(state.J)[2][6:]  # the motion that leaves the tip
     posture = goal.q - state.q - 2 * state.dq
     task = state.J.T @ (K * error(goal, state) - 2 * np.sqrt(K) * (state.J @ state.dq))
@@ -145,6 +146,58 @@ def test_only_the_twin_does_no_work_round_orbits(name: str, panda: ModuleType) -
         assert np.median(works) == pytest.approx(0.72, rel=0.2)
 
 
+@pytest.mark.parametrize(("preset", "name"), laws.PRESETS.items())
+def test_a_preset_has_the_stiffness_of_its_law(preset: str, name: str, panda: ModuleType) -> None:
+    """Equal at rest, but for the projector of two laws: the controller's posture spring acts in every direction."""
+    random, law = np.random.default_rng(8), laws.LAWS[name]
+    for _ in range(3):
+        goal = laws.State.of(panda, laws.HOME + random.uniform(-0.3, 0.3, 7))
+        controller, springs = panda.Impedance.preset(preset)
+        ours = controller.step(q=goal.q, dq=np.zeros(7), q0=goal.q, **springs).joint_stiffness
+        K, twin = (laws.tangent(panda, each, goal.q) for each in laws.torques(panda, law, goal))
+        posture = np.diag(controller.config.posture_stiffness)
+        size = np.abs(K).max()
+        for other in ((K + K.T) / 2, twin):
+            assert np.abs(ours - posture + law.twin(goal).posture - other).max() <= 1e-9 * size
+        free = np.linalg.svd(goal.J)[2][6]
+        assert free @ ours @ free == pytest.approx(free @ K @ free, rel=1e-9)
+        if preset == "droid":
+            assert np.abs(ours - K).max() <= 1e-9 * size
+
+
+def test_the_preset_of_droids_own_files_is_softer(panda: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    """DROID's installation copies files over polymetis' own: 400 N/m where polymetis has 750."""
+    monkeypatch.setattr(laws, "KX", np.diag([400.0, 400.0, 400.0, 15.0, 15.0, 15.0]))
+    goal = laws.State.of(panda, laws.HOME)
+    controller, springs = panda.Impedance.preset("droid_400")
+    ours = controller.step(q=goal.q, dq=np.zeros(7), q0=goal.q, **springs).joint_stiffness
+    law = laws.tangent(panda, laws.torques(panda, laws.LAWS["polymetis"], goal)[0], goal.q)
+    assert np.abs(ours - law).max() <= 1e-9 * np.abs(law).max()
+
+
+@pytest.mark.parametrize(("preset", "name"), laws.PRESETS.items())
+def test_the_ratio_of_a_preset_is_that_of_its_law(preset: str, name: str, panda: ModuleType) -> None:
+    """Median over modes and postures, with Franka's rotors."""
+    random, ratios = np.random.default_rng(9), []
+    controller, _ = panda.Impedance.preset(preset)
+    for _ in range(10):
+        goal = laws.State.of(panda, laws.HOME + random.uniform(-0.3, 0.3, 7))
+        twin = laws.LAWS[name].twin(goal)
+        K = laws.tangent(panda, laws.torques(panda, laws.LAWS[name], goal)[1], goal.q)
+        values, modes = eigh((K + K.T) / 2, goal.M + np.diag(controller.config.motor_inertia))
+        ratios.append(np.diag(modes.T @ twin.damping @ modes) / (2 * np.sqrt(values)))
+    assert controller.config.damping_ratio == pytest.approx(np.full(7, np.median(ratios)), rel=0.1)
+
+
+def test_the_bound_of_serls_preset_is_its_clip(panda: ModuleType) -> None:
+    controller, springs = panda.Impedance.preset("serl")
+    config = controller.config
+    assert config.spring == "bounded"
+    K, clip = laws.SERL_K.diagonal(), laws.SERL_CLIP
+    assert (config.spring_force_limit, config.spring_moment_limit) == pytest.approx((K[0] * clip[0], K[3] * clip[3]))
+    assert springs["rotation_stiffness"] == pytest.approx(laws.SERL_K[3:, 3:] / 2)
+
+
 def test_quaternions_of_rotations_at_every_angle() -> None:
     """Against SciPy, at half turns too, where the scalar part is zero."""
     random = np.random.default_rng(7)
@@ -163,4 +216,12 @@ def test_the_table_is_that_of_the_page(panda: ModuleType) -> None:
     """The replay near the goal differs by millimetres, as the page says."""
     page = (laws.PANDA.parents[2] / "docs" / "flutter.md").read_text()
     for row in laws.rows(panda):
+        assert f"| {' | '.join(row)} |" in page, row
+
+
+@pytest.mark.slow
+def test_presets_serve_goals_as_the_page_says(panda: ModuleType) -> None:
+    """The controller designs its own damping, and its port interpolates: millimetres from the law's motion."""
+    page = (laws.PANDA.parents[2] / "docs" / "flutter.md").read_text()
+    for row in laws.served_rows(panda):
         assert f"| {' | '.join(row)} |" in page, row

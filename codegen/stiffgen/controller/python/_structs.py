@@ -158,6 +158,32 @@ class Config:
         return _listing("Config", {name: getattr(self, name) for name in self})
 
 
+def allowed_stiffness(values: NDArray[Any]) -> str:
+    """Return which stiffness limits would be accepted, for a configuration that init refuses for them; else nothing."""
+    trial, state, torque = values.copy(), np.zeros((_c.SIZES["state"] + 7) // 8), np.zeros(_c.MOTORS)
+    limits = {"translation_stiffness_limit": (1.0, "N/m"), "rotation_stiffness_limit": (0.1, "N m/rad")}
+
+    def accepts(**changed: float) -> bool:
+        for name, (least, _) in limits.items():
+            trial[0][name] = changed.get(name, least)
+        return bool(_c.initialise(trial, state, torque) == 0)
+
+    if _c.validate(values) or not accepts():
+        return ""
+    found = []
+    for name, (low, unit) in limits.items():
+        high = float(values[0][name])
+        if accepts(**{name: high}):
+            low = high
+        while high - low > 1e-3 * high:
+            middle = (low + high) / 2
+            low, high = (middle, high) if accepts(**{name: middle}) else (low, middle)
+        digit = 10.0 ** np.floor(np.log10(low) - 1)  # two digits, rounded down
+        found.append(f"{np.floor(low / digit + 1e-9) * digit:g} {unit}")
+    rate, delay = 1 / float(values[0]["sample_time"]), int(values[0]["delay_samples"])
+    return f" (at {rate:.0f} Hz and delay_samples {delay} at most {' and '.join(found)})"
+
+
 def tell_tool(step: Any, inputs: Sequence[str]) -> None:
     """Set a step's signature: ``tool_pose`` is required where it is among the inputs, and unknown elsewhere."""
     told = signature(step)
