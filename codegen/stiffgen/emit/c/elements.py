@@ -115,9 +115,12 @@ class Elements:
         aligned = self.variant.aligned if declaration.kind is Declared.ALIGNED else ""
         return f"{aligned}{number} {array.name}{extents};"
 
-    def passed(self, storage: Storage, *, columns: bool) -> str:
-        """Return the C text of an array that an internal function fills; ``columns``: as columns of joints."""
-        name = storage.array.name
+    def passed(self, storage: Storage, *, columns: bool, written: bool) -> str:
+        """Return the C text of an array that an internal function reads or fills; ``columns``: as columns of joints."""
+        name, number = storage.array.name, self.variant.number
         if columns and not self.variant.joint_lanes and storage.is_result:
-            return f"({self.variant.number} (*)[{storage.array.shape[1]}]){name}"
-        return name
+            return f"({number} (*)[{storage.array.shape[1]}]){name}"
+        if columns or flat_name(storage) == name:
+            return name
+        # A cast: gcc takes name[0] for the first row alone, of which the function reads too much.
+        return f"({'' if written else 'const '}{number} *){name}"

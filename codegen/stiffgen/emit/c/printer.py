@@ -204,9 +204,14 @@ class Printer(Loops):
     def invoke(self, item: Invoke) -> None:
         """Print the call of an internal function."""
         function = item.function
-        texts = [storage.array.name for storage in item.arguments]
-        for storage, parameter in zip(item.outputs, function.outputs, strict=True):
-            texts.append(self.elements.passed(storage, columns=parameter.name in function.columns))
+        texts = [
+            self.elements.passed(storage, columns=parameter.name in function.columns, written=written)
+            for arrays, parameters, written in (
+                (item.arguments, function.inputs, False),
+                (item.outputs, function.outputs, True),
+            )
+            for storage, parameter in zip(arrays, parameters, strict=True)
+        ]
         self.operations = self.operations + self.cost(function)
         self.lines += [""] if item.blank else []
         self.lines.append(f"{function.name}{self.variant.suffix}({', '.join(texts)});")
