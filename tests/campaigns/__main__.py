@@ -94,6 +94,9 @@ CAMPAIGNS = {
         "--states 16 --machines aarch64 --functions spring_wrench",
         in_ci=False,
     ),
+    "cuda": _campaign(
+        "cuda", "run every CUDA launch function on a GPU against the C code", "--host --robots dual_arm --rows 40"
+    ),
     "proofs": _campaign("proofs", "prove whole folders", None),
     "hazards": _campaign("hazards", "see the test of each hazard fail on its seeded fault"),
     "seeded-faults": _campaign("seeded_faults", "prove folders with seeded faults", None),
