@@ -61,11 +61,13 @@ dist: build/dist-venv/installed $(VENV)/installed-test  ## build the wheels of s
 bench: $(VENV)/installed-test $(VENV)/installed-bench  ## time against what a user could take instead, into benchmarks/RESULTS.md
 	$(BIN)/python benchmarks/run.py
 
-bench-cuda: $(VENV)/installed  ## check and time the joint stiffness on this machine's GPU (needs nvcc)
+bench-cuda: $(VENV)/installed-test  ## check every CUDA function, and time the joint stiffness, on this machine's GPU (needs nvcc)
+	@PYTHONPATH=tests:. $(BIN)/python -m campaigns cuda
 	@$(BIN)/stiffgen generate urdf/iiwa14.urdf --cuda --derivatives --no-build --output build/cuda
 	nvcc -O3 -arch=native -Ibuild/cuda/iiwa14 benchmarks/cuda_stiffness.cu build/cuda/iiwa14/iiwa14.cu \
 	  build/cuda/iiwa14/iiwa14.c -o build/cuda/cuda_stiffness
 	build/cuda/cuda_stiffness $(CONFIGURATIONS)
+	$(BIN)/python benchmarks/cuda_peers.py build/cuda
 
 # Campaigns of one package more than the tests have.
 campaign: $(VENV)/installed-test $(patsubst %,$(VENV)/installed-%,$(filter fuzz torch drake,$(NAME)))

@@ -292,10 +292,10 @@ def streamed_section(rows: list[tuple[str, int, int]]) -> list[str]:
 GPU = [
     "## GPU",
     "",
-    "The GPU figure is not measured: no machine with a GPU was at hand. `make bench-cuda` measures it and checks the",
-    "values first. It is to be held against the memory roofline: 41 doubles moved a configuration (7 of q, 6 of the",
-    "wrench, 28 of the result's upper triangle), 328 bytes, and 111 of its vector-Jacobian product, at the rate of a",
-    "device-to-device copy in the same run.",
+    "`make bench-cuda` checks every CUDA function on a GPU, and times the joint stiffness against the memory roofline:",
+    "41 doubles moved a configuration (7 of q, 6 of the wrench, 28 of the result's upper triangle), 328 bytes, and 111",
+    "of its vector-Jacobian product, at the rate of a device-to-device copy in the same run. Figures of an H100:",
+    "[performance.md](../docs/performance.md#cuda).",
     "",
 ]
 

@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import stiffgen
+from benchmarks.frameworks import jax_functions, torch_functions
 from stiffgen import open_robot
 from stiffgen.symbolic.arguments import Q
 from stiffgen.verify.kernels.references import TASK_STIFFNESS, WRENCH
@@ -132,31 +133,6 @@ def of_pinocchio(problem: Problem, library: Path | None) -> list[Rates]:
     return [(f"Pinocchio C++, kinematic Hessian, {cores} threads", [None, None, measured, None])]
 
 
-def automatic(chain: stiffgen.Chain, xp: Any, stack: Callable[..., Any]) -> tuple[Any, Any]:
-    """Jacobian (6, 7) of q, and the matrix [v], in a framework's own operations; ``stack(columns, axis)``."""
-
-    def skew(v: Any) -> Any:
-        zero = 0 * v[0]
-        rows = [stack(row, 0) for row in ([zero, -v[2], v[1]], [v[2], zero, -v[0]], [-v[1], v[0], zero])]
-        return stack(rows, 0)
-
-    def jacobian(q: Any, constant: Any) -> Any:
-        rotation, origin, axes, origins = constant(np.eye(3)), constant(np.zeros(3)), [], []
-        for k, joint in enumerate(chain.joints):
-            axis = np.array(joint.axis)
-            cross = np.cross(np.eye(3), axis)  # [axis]
-            origin = origin + rotation @ constant(np.array(joint.translation))
-            turn = constant(np.eye(3)) + xp.sin(q[k]) * constant(cross) + (1 - xp.cos(q[k])) * constant(cross @ cross)
-            rotation = rotation @ constant(np.array(joint.rotation)) @ turn
-            axes.append(rotation @ constant(axis))
-            origins.append(origin)
-        tip = origin + rotation @ constant(np.array(chain.tip_translation))
-        linear = stack([skew(a) @ (tip - o) for a, o in zip(axes, origins, strict=True)], 1)
-        return xp.concatenate([linear, stack(axes, 1)], 0)
-
-    return jacobian, skew
-
-
 def of_jax(problem: Problem) -> list[Rates]:
     """jax.vmap and jit of forward mode; products by reverse mode over it. XLA takes as many threads as it likes."""
     try:
@@ -165,18 +141,7 @@ def of_jax(problem: Problem) -> list[Rates]:
     except ImportError:
         return []
     jax.config.update("jax_enable_x64", True)
-    plain, skew = automatic(problem.chain, jnp, jnp.stack)
-
-    def jacobian(q: Any) -> Any:
-        return plain(q, jnp.asarray)
-
-    def stiffness(q: Any, F: Any, K: Any) -> Any:
-        A = K.at[3:, 3:].add(-skew(F[3:] / 2))
-        return jax.jacfwd(lambda x: jacobian(x).T @ F)(q) + jacobian(q).T @ A @ jacobian(q)
-
-    def hessian(q: Any) -> Any:
-        return jnp.transpose(jax.jacfwd(jacobian)(q), (2, 1, 0))
-
+    stiffness, hessian = jax_functions(problem.chain)
     K = jnp.asarray(problem.task_stiffness)
     functions = (
         jax.vmap(lambda q, F, _: stiffness(q, F, K)),
@@ -206,21 +171,7 @@ def of_torch(problem: Problem) -> list[Rates]:
     """torch.func: vmap of jacfwd, and reverse mode over it. In this process; see :func:`torch_elsewhere`."""
     import torch
 
-    plain, skew = automatic(problem.chain, torch, lambda values, axis: torch.stack(list(values), axis))
-
-    def jacobian(q: Any) -> Any:
-        return plain(q, torch.as_tensor)
-
-    K = torch.as_tensor(problem.task_stiffness)
-    empty = torch.zeros((3, 6), dtype=torch.float64)
-
-    def stiffness(q: Any, F: Any) -> Any:
-        moment = torch.cat([torch.zeros((3, 3), dtype=torch.float64), skew(F[3:] / 2)], 1)
-        J = jacobian(q)
-        return torch.func.jacfwd(lambda x: jacobian(x).T @ F)(q) + J.T @ (K - torch.cat([empty, moment])) @ J
-
-    def hessian(q: Any) -> Any:
-        return torch.func.jacfwd(jacobian)(q).permute(2, 1, 0)
+    stiffness, hessian = torch_functions(problem.chain, torch.as_tensor(problem.task_stiffness))
 
     functions = (
         torch.func.vmap(lambda q, F, _: stiffness(q, F)),

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """NAME.cu, compiled for the host: values, layout and contract; and by nvcc where it is installed.
 
-No test needs a GPU. On one, ``make bench-cuda`` checks the values before it times anything.
+No test needs a GPU. On one, ``make bench-cuda`` checks every launch function before it times anything.
 """
 
 from __future__ import annotations
