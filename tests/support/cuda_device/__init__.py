@@ -20,8 +20,8 @@ from stiffgen.verify.result import bound_of
 from support.cuda_host import has_stride
 
 HERE = Path(__file__).parent
-TURNS = 1e5
-"""Some rows have joints that turned so many times: past the range of the fast reductions of sine and cosine."""
+FAR = 1e5
+"""Factor on the angles of some rows: past the range of the fast reductions of sine and cosine."""
 
 
 class DeviceCheck:
@@ -79,7 +79,7 @@ class DeviceCheck:
         if argument.is_q:
             turning = [k for k, each in enumerate(self.chain.coordinates) if each.type != "prismatic"]
             for row in range(3, len(values), 10):
-                values[row, turning] *= TURNS
+                values[row, turning] *= FAR
         return values
 
     def _write_samples(self, stacks: Sequence[np.ndarray]) -> None:
