@@ -171,9 +171,9 @@ def _shared(variant: Variant, scope: Scope, function: CFunction) -> Definition:
         else f"{'const ' if array in function.inputs else ''}{variant.number} {declared(array)}"
         for array in (*function.inputs, *function.outputs)
     ]  # fmt: skip
-    tip = f", tip {scope.title}" if scope.title else ""
+    meaning, tip = function.meaning.removesuffix("."), f", tip {scope.title}" if scope.title else ""
     return Definition(
-        comment=[*wrapped(f"{function.meaning}{tip}."), f"{cost(function.operations)}."],
+        comment=[*wrapped(f"{meaning}{tip}."), f"{cost(function.operations)}."],
         prototype=prototype(f"{variant.qualifier} void {function.name}{variant.suffix}(", parameters),
         lines=function.lines,
     )
