@@ -43,6 +43,7 @@ from stiffgen.symbolic.kinematics import Section
 from stiffgen.symbolic.program import Array, Operand, Over, as_operand, entries_of
 from stiffgen.symbolic.steps import (
     CloseLoops,
+    Congruence,
     Gather,
     Map,
     Reduce,
@@ -86,6 +87,26 @@ def _straight_line(f: Lowering, step: StraightLine) -> None:
         if storage.array != array:
             vectors, result = Pointer(storage, plain=True), Pointer(f.storage(array))
             f.call("copy_rows", vectors, Count.ALLOCATED_NUMBERS, array.shape[0], result)
+
+
+def _congruence(f: Lowering, step: Congruence) -> None:
+    """Call a helper with a row of J per lane, after the statements of the factors; else compute entry by entry."""
+    if not f.variant.joint_lanes:
+        _straight_line(f, step)
+        return
+    (rows, n), (factors,), (result,) = step.arguments[0].shape, step.factors.outputs, step.outputs
+    J, output = f.storage(step.arguments[0]), f.storage(result)
+    f.storage(factors).whole = True
+    _straight_line(f, step.factors)
+    if not output.is_result:
+        f.declare_flat(output)
+    in_vectors = J.layout is Layout.LANES
+    stride = Count.ALLOCATED_NUMBERS if in_vectors else n
+    arguments = Pointer(J, plain=in_vectors), stride, rows, Pointer(f.storage(factors)), n, Pointer(output)
+    multiplied = n * (n + 1) // 2 * rows + rows * (rows + 1) // 2 * n
+    cost = Operations(add=multiplied - n * rows, multiply=multiplied)
+    calls = Call("congruence", arguments), Call("mirror_lower", (Pointer(output), rows))
+    f.add(Helpers(calls, step.heading, step, cost))
 
 
 def _shared_statements(f: Lowering, step: StraightLine) -> Function:
@@ -429,6 +450,7 @@ def _sum(f: Lowering, step: Sum) -> None:
 RULES: Rules = {
     StraightLine: _straight_line,
     CloseLoops: _straight_line,
+    Congruence: _congruence,
     Map: _map,
     SparseSum: _sparse_sum,
     SumJoints: _sum_joints,

@@ -20,6 +20,7 @@ from stiffgen.symbolic.masks import ones_or_nan
 from stiffgen.symbolic.program import Array, Operand, Over, Step, pruned
 from stiffgen.symbolic.steps import (
     CloseLoops,
+    Congruence,
     Gather,
     Map,
     Reduce,
@@ -347,5 +348,6 @@ RULES: dict[type[Step], Callable[[Gradients, Any], None]] = {
     SumJoints: _sum_joints,
     StraightLine: _any_straight_line,
     CloseLoops: _closed_loops,
+    Congruence: _any_straight_line,
 }
 """Reverse rule per type of step. Types that occur only in reverse programs have no rule."""

@@ -21,7 +21,7 @@ import casadi as ca
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.factors import SINGULAR
 from stiffgen.symbolic.kinematics import Expressions
-from stiffgen.symbolic.masks import larger_or_nan, nothing_or_nan, reciprocal_or_nan
+from stiffgen.symbolic.masks import larger_or_nan, one_where, reciprocal_or_nan, reciprocal_where
 from stiffgen.symbolic.stiffness import symmetric_from_upper
 
 HALVINGS = 4
@@ -35,36 +35,55 @@ _Grid = list[list[ca.SX]]
 class Elimination:
     """Factors L (unit lower triangle) and D of a symmetric matrix.
 
-    ``inverse`` holds the reciprocals of D; ``refusal`` is 0, or NaN unless all of D is positive.
+    ``inverse`` holds the reciprocals of D. The last one is NaN unless all of D is positive, so that whatever reads all
+    of them is NaN, too.
     """
 
     lower: _Grid
     inverse: list[ca.SX]
-    refusal: ca.SX
 
     @staticmethod
     def of(matrix: ca.SX) -> Elimination:
-        """Factor the matrix; its upper triangle is read."""
-        lower, inverse, is_stable = list[list[ca.SX]](), list[ca.SX](), ca.SX(1)
-        for i in range(matrix.shape[0]):
-            row, scaled = list[ca.SX](), list[ca.SX]()  # of L D, and of L
-            for k in range(i):
-                row.append(matrix[k, i] - _dot(row, lower[k]))
-                scaled.append(row[k] * inverse[k])
-            pivot = matrix[i, i] - _dot(row, scaled)
-            is_positive = pivot > 0
-            # A factor that is 1 is in front of the division, since CasADi would make divisions of x * (1 / pivot).
-            inverse.append((is_stable if i else is_positive) / pivot)
-            is_stable *= is_positive
-            lower.append(scaled)
-        return Elimination(lower, inverse, nothing_or_nan(is_stable))
+        """Factor the matrix; its upper triangle is read.
+
+        Two pivots are eliminated together: the reciprocal of the second one is that of the first times a minor of two
+        rows, and both divisions start at once. A pivot or a minor that is infinite refuses, too.
+        """
+        n, rows = matrix.shape[0], list[list[ca.SX]]()
+        lower, inverse = [list[ca.SX]() for _ in range(n)], list[ca.SX]()
+
+        def reduced(k: int) -> list[ca.SX]:
+            """Return row k less the rows eliminated so far; its entries before the diagonal are not read."""
+            return [_less(matrix[min(j, k), max(j, k)], [row[j] for row in rows], lower[k]) for j in range(n)]
+
+        def eliminate(row: list[ca.SX], reciprocal: ca.SX) -> None:
+            for j in range(len(rows) + 1, n):
+                lower[j].append(row[j] * reciprocal)
+            rows.append(row)
+            inverse.append(reciprocal)
+
+        is_first_positive = matrix[0, 0] > 0
+        while (k := len(rows)) < n - 1:
+            first, second = reduced(k), reduced(k + 1)
+            # CasADi would make divisions of x * (1 / pivot): a mask of the first pivot is the 1 of the others.
+            of_first = one_where(is_first_positive) / first[k] if k else reciprocal_where(is_first_positive, first[0])
+            eliminate(first, of_first)
+            if (n - k) % 2:  # the last pivot is always alone
+                minor = first[k] * second[k + 1] - first[k + 1] ** 2
+                eliminate([y - lower[k + 1][k] * x for x, y in zip(first, second, strict=True)], first[k] / minor)
+        last = reduced(n - 1)[-1]
+        is_stable = ca.SX(1)
+        for reciprocal in inverse:
+            is_stable *= reciprocal > 0
+        inverse.append(reciprocal_where(is_stable * (last < 2 * last), last))  # positive, and not infinite
+        return Elimination(lower, inverse)
 
     def forward(self, right: ca.SX) -> _Grid:
         """Return the rows of L^-1 B."""
         rows: _Grid = []
         for k, row in enumerate(ca.vertsplit(ca.densify(right))):
             entries = ca.horzsplit(row)
-            rows.append([x - _dot(self.lower[k], [each[c] for each in rows]) for c, x in enumerate(entries)])
+            rows.append([_less(x, self.lower[k], [each[c] for each in rows]) for c, x in enumerate(entries)])
         return rows
 
     def backward(self, right: Sequence[ca.SX]) -> list[ca.SX]:
@@ -74,6 +93,14 @@ class Elimination:
             column = [self.lower[i][k] for i in range(k + 1, len(solution))]
             solution[k] = solution[k] - _dot(column, solution[k + 1 :])
         return solution
+
+
+def _less(value: ca.SX, left: Sequence[ca.SX], right: Sequence[ca.SX]) -> ca.SX:
+    """Return a value less a dot product; the last product, which is known last, is subtracted last."""
+    for count in (slice(-1), slice(-1, None)):
+        if left[count]:
+            value -= _dot(left[count], right[count])
+    return value
 
 
 def _dot(left: Sequence[ca.SX], right: Sequence[ca.SX]) -> ca.SX:
@@ -102,6 +129,13 @@ def unpacked(triangle: ca.SX) -> ca.SX:
     return result
 
 
+def packed_factors(chain: Chain, hessian: ca.SX) -> Expressions:
+    """Return L row by row, each with the reciprocal of its pivot in place of the 1 on the diagonal."""
+    factors = Elimination.of(unpacked(hessian))
+    rows = ((*row, inverse) for row, inverse in zip(factors.lower, factors.inverse, strict=True))
+    return Expressions(ca.vertcat(*(entry for row in rows for entry in row)), ())
+
+
 def tip_compliance(chain: Chain, J: ca.SX, hessian: ca.SX) -> Expressions:
     """Return C = J H^-1 J^T = (L^-1 J^T)^T D^-1 (L^-1 J^T)."""
     factors = Elimination.of(unpacked(hessian))
@@ -111,7 +145,7 @@ def tip_compliance(chain: Chain, J: ca.SX, hessian: ca.SX) -> Expressions:
     result = ca.SX(size, size)
     for a in range(size):
         for b in range(a, size):
-            value = _dot([row[a] for row in rows], [row[b] for row in scaled]) + factors.refusal
+            value = _dot([row[a] for row in rows], [row[b] for row in scaled])
             result[a, b] = result[b, a] = value
     return Expressions(ca.vec(ca.densify(result)), ())
 
@@ -145,7 +179,7 @@ def tip_stiffness(chain: Chain, J: ca.SX, hessian: ca.SX) -> Expressions:
     for a in range(size):
         for b in range(a, size):
             terms = [U[k][a] * U[k][b] * inverse_squares[k] for k in range(b, size)]
-            result[a, b] = result[b, a] = sum(terms, factors.refusal)
+            result[a, b] = result[b, a] = sum(terms, ca.SX(0))
     return Expressions(ca.vec(ca.densify(result)), ())
 
 
@@ -154,7 +188,7 @@ def deflection(chain: Chain, J: ca.SX, hessian: ca.SX, increment: ca.SX) -> Expr
     factors = Elimination.of(unpacked(hessian))
     rows = factors.forward(J.T @ ca.vec(increment.T))
     solution = factors.backward([x * inverse for (x,), inverse in zip(rows, factors.inverse, strict=True)])
-    return Expressions(ca.vertcat(*(x + factors.refusal for x in solution)), ())
+    return Expressions(ca.vertcat(*solution), ())
 
 
 def tridiagonal(chain: Chain, hessian: ca.SX) -> Expressions:

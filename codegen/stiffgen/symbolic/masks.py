@@ -13,8 +13,12 @@ _LARGEST = 1e300
 
 def reciprocal_or_nan(number: ca.SX, size: ca.SX, least: ca.SX | float) -> ca.SX:
     """Return 1 / number; NaN unless its ``size`` is above ``least``."""
-    is_regular = size > least
-    return is_regular / (number * is_regular**2)  # 0/0 at a singularity; CasADi would simplify x / (number x)
+    return reciprocal_where(size > least, number)
+
+
+def reciprocal_where(condition: ca.SX, number: ca.SX) -> ca.SX:
+    """Return 1 / number where a condition holds, else NaN."""
+    return condition / (number * condition**2)  # 0/0; CasADi would simplify x / (number x)
 
 
 def zero_or_nan(condition: ca.SX) -> ca.SX:
@@ -22,9 +26,9 @@ def zero_or_nan(condition: ca.SX) -> ca.SX:
     return ca.sqrt(condition - 1)
 
 
-def nothing_or_nan(condition: ca.SX) -> ca.SX:
-    """Return 0 where a condition holds, else NaN: as :func:`zero_or_nan`, but printers know the division as a mask."""
-    return condition / condition**2 - 1
+def one_where(condition: ca.SX) -> ca.SX:
+    """Return 1 where a condition holds, else NaN; printers know the division as a mask."""
+    return condition / condition**2
 
 
 def ones_or_nan(numbers: ca.SX) -> ca.SX:

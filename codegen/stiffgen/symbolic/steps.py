@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import casadi as ca
 
@@ -118,6 +118,16 @@ class CloseLoops(StraightLine):
 
     The output depends on the motors alone; its derivative is that of the closed loops, not of the statements.
     """
+
+
+@dataclass(frozen=True)
+class Congruence(StraightLine):
+    """Product ``J A^-1 J^T`` of the arguments J (k, n) and A (n, n), a packed symmetric matrix.
+
+    ``factors`` fills an array with L and D^-1 of A = L D L^T: the rows of L, each with its entry of D^-1 in place of 1.
+    """
+
+    factors: StraightLine = field(kw_only=True)
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from stiffgen.verify.kernels import formulas
 from stiffgen.verify.kernels.loops import check_loops
 from stiffgen.verify.kernels.missing import function_of_stacks
 from stiffgen.verify.kernels.oracles import check_oracles, check_robot
-from stiffgen.verify.kernels.samples import argument_samples
+from stiffgen.verify.kernels.samples import Samples, argument_samples
 from support.exact_compliance import FAMILY, Case
 from support.exact_linkage import random_linkage
 from support.exact_tree import tree_urdf
@@ -188,6 +188,48 @@ def test_smallest_eigenvalues(scale):
                 ends = np.array(step(form[:n], form[n : 2 * n - 1], ends)).ravel()
             expected = np.linalg.eigvalsh(matrix)
             assert abs(ends.mean() - expected[0]) <= 1e-15 * n * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("floating", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_compiled_calls_refuse_as_the_model_does(floating, tmp_path, unoptimised):
+    """Single calls and stacks of a tree with mimic joints: stable, unstable, and joint stiffnesses that are no numbers.
+
+    Single calls take the product from a helper of their own, whose Jacobian is by joints, coordinates or tips.
+    """
+    file, count = tmp_path / "tree.urdf", 24
+    file.write_text(tree_urdf(3, 4))
+    tips = ["left", "right"]
+    options = {"tip": tips, "floating_base": floating, "kernels": "compliance", "controller": False}
+    folder = generate(file, name="tree", output=tmp_path, **options)
+    robot = open_robot(folder)
+    pool = Samples(robot.chain, count, seed=3)
+    table = [each for each in robot.table if each.on_request and each.name.startswith(("tip_comp", "deflec"))]
+    assert {each.tip.name if each.tip else "" for each in table} == {"left", "right", ""}
+    refused = 0
+    for kernel in table:
+        stacks = [pool[each].copy() for each in kernel.arguments]
+        springs = stacks[[each.name for each in kernel.arguments].index("joint_stiffness")]
+        springs *= np.where(np.arange(count) % 2, 10.0, 1e-3)[:, None, None]  # stable, and mostly not
+        last = springs.shape[1] - 1
+        springs[1, 0, 0], springs[3, last, last], springs[5, last, last] = np.inf, np.inf, np.nan
+        springs[7, 0, last], springs[9, 0, 0], springs[11] = np.inf, 0.0, 1e160 * springs[11]
+        springs[13, 1, 1] = -np.inf
+        with np.errstate(all="ignore"):
+            expected = function_of_stacks(robot.chain, kernel)(*stacks)
+            stacked = robot.kernels[kernel.qualified_name](*stacks)
+            single = np.array([robot.kernels[kernel.qualified_name](*state) for state in zip(*stacks, strict=True)])
+        no_number = np.isnan(expected.reshape(count, -1))
+        assert no_number[[1, 3, 5, 7, 13]].all(), kernel.qualified_name
+        assert (no_number.all(axis=1) == no_number.any(axis=1)).all()
+        refused += no_number[::2].all(axis=1).sum()
+        for found in (stacked, single):
+            np.testing.assert_array_equal(np.isnan(found.reshape(count, -1)), no_number, kernel.qualified_name)
+            sizes = np.abs(expected.reshape(count, -1)).max(axis=1, initial=0.0)
+            errors = np.abs(found - expected).reshape(count, -1).max(axis=1)
+            assert (errors[~no_number.any(axis=1)] <= 1e-11 * sizes[~no_number.any(axis=1)]).all(), (
+                kernel.qualified_name
+            )
+    assert refused > 10
 
 
 def test_products_are_lowered_column_by_column():

@@ -30,7 +30,7 @@ from stiffgen.symbolic.kernel import Kernel
 from stiffgen.symbolic.kinematics import Expressions
 from stiffgen.symbolic.program import Array, Program
 from stiffgen.symbolic.quantities import BlockKind, Blocks
-from stiffgen.symbolic.steps import Shared, StraightLine, SumJoints
+from stiffgen.symbolic.steps import Congruence, Shared, StraightLine, SumJoints
 
 
 class _Loaded(NamedTuple):
@@ -120,7 +120,7 @@ class _Family:
                 Argument("tip_compliance", (rows, rows), "m/N, 1/N, rad/(N m)", f"C{of}, bitwise symmetric",
                     symmetric=True, blocks=_COMPLIANCE),
                 "Compliance of the tip under a load: twist of the tip per wrench.", "C = J H^-1 J^T",
-                compliance.tip_compliance, ("J",), UNSTABLE,
+                compliance.tip_compliance, ("J",), UNSTABLE, _congruence,
             ),
             self._kernel(
                 Argument("tip_stiffness", (rows, rows), "N/m, N, N m", f"C^-1{of}, bitwise symmetric",
@@ -147,8 +147,12 @@ class _Family:
         expressions: Callable[..., Expressions],
         more: tuple[Argument | str, ...],
         note: str = "",
+        as_step: Callable[..., StraightLine] = StraightLine,
     ) -> Kernel:
-        """Return the kernel of one C function of joint stiffness, load stiffness and ``more``: "J" and arguments."""
+        """Return the kernel of one C function of joint stiffness, load stiffness and ``more``: "J" and arguments.
+
+        ``as_step`` returns the step of the expressions.
+        """
         springs, result = joint_stiffness(self.size), replace(result, name=f"{result.name}{self.suffix}")
         others = tuple(each for each in more if isinstance(each, Argument))
 
@@ -159,7 +163,7 @@ class _Family:
                 return *steps, StraightLine((output,), expressions, parts, heading=equation)
             pack, H = packed(*parts)
             values = J, H, *(each.array(chain) for each in others)
-            line = StraightLine((output,), expressions, values, heading=equation)
+            line = as_step((output,), expressions, values, heading=equation)
             columns = (J,) if J.name == "J" else ()  # of joints; other Jacobians have coordinates as columns
             shared = Shared.of(f"{self.prefix}{result.name}_of", summary, (line,), values, output, *columns)
             return *steps, pack, shared
@@ -214,6 +218,17 @@ class _Family:
             f"smallest eigenvalue of {_HESSIAN}", program, "Without a load, the smallest stiffness of the joints.",
         )  # fmt: skip
         return replace(kernel, is_gradient=True)  # an eigenvalue that occurs twice has no gradient
+
+
+def _congruence(
+    outputs: tuple[Array, ...], expressions: Callable[..., Expressions], arguments: tuple[Array, ...], *, heading: str
+) -> Congruence:
+    """Return the step of a product J H^-1 J^T, from J and the upper triangle of H."""
+    _, H = arguments
+    factors = Array("factors", H.shape)
+    title = "H = L D L^T: rows of L, each with its entry of D^-1"
+    of_H = StraightLine((factors,), compliance.packed_factors, (H,), heading=title)
+    return Congruence(outputs, expressions, arguments, heading=heading, factors=of_H)
 
 
 def packed(springs: Array, load: Array) -> tuple[StraightLine, Array]:
