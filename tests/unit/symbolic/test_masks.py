@@ -20,7 +20,8 @@ def value(expression: ca.SX, symbols: list[ca.SX], *numbers: float) -> float:
     ("mask", "cases"),
     [
         (lambda a, b: masks.reciprocal_or_nan(a, a * a, b), {(2.0, 1.0): 0.5, (-2.0, 1.0): -0.5, (1.0, 1.0): NAN}),
-        (lambda a, b: masks.nothing_or_nan(a <= b), {(1.0, 2.0): 0.0, (2.0, 1.0): NAN}),
+        (lambda a, b: masks.one_where(a <= b), {(1.0, 2.0): 1.0, (2.0, 1.0): NAN}),
+        (lambda a, b: masks.reciprocal_where(a <= b, a), {(2.0, 2.0): 0.5, (2.0, 1.0): NAN}),
         (lambda a, b: masks.zero_or_nan(a <= b), {(1.0, 2.0): 0.0, (2.0, 1.0): NAN}),
         (lambda a, b: masks.ones_or_nan(a) * b, {(1.0, 2.0): 2.0, (-1e200, 2.0): 2.0, (0.0, 2.0): 2.0}),
         (masks.larger_or_nan, {(1.0, 2.0): 2.0, (2.0, 1.0): 2.0, (1.0, 1.0): 1.0}),
