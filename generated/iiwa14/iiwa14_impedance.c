@@ -35,6 +35,7 @@ typedef iiwa14_impedance_policy policy_t;
  *   s, p, v      energy put in by sampling, by moving the equilibrium, by changing stiffness or scale
  */
 enum { NO_JOINT = -1, READY = 0x51f7, RECENT = 8, MOST_DELAY = 5, POSTURES = 32 };
+enum { TIP_ROWS = 6 * TIPS }; /* rows of the Jacobians of all tips */
 enum { LONGEST = 1000000 }; /* samples or calls at which a counter stands still: 17 minutes at 1 kHz, and no overflow */
 enum { SEARCHED = 40, SEARCH_STEPS = 60 }; /* trials of a search for a posture, steps of a trial */
 enum { MATRIX_NOT_FINITE = 1, MATRIX_NOT_POSITIVE, MATRIX_NOT_CONVERGED };
@@ -95,9 +96,11 @@ typedef struct {
     int limited;       /* first joint whose q0 is beyond its limit and followed to the zone there, or NO_JOINT */
     double q[N];       /* of the sample; turns of continuous joints are counted */
     double q0[N];      /* of the accepted command, within the joint limits */
-    double goal[16 * TIPS]; /* equilibrium of an accepted command by pose */
-    double translation[9 * TIPS], rotation[9 * TIPS]; /* stiffness of an accepted command */
+    double goal[16 * TIPS]; /* equilibrium of an accepted command by pose; of one by q0 its poses, where they count */
     double old_equilibrium[16 * TIPS];
+    double translation[9 * TIPS], rotation[9 * TIPS]; /* stiffness of an accepted command */
+    double moved[TIP_ROWS]; /* twists from the poses of the last command to those of this one */
+    double away[TIP_ROWS];  /* twists from the equilibrium to the poses of the command */
     double velocity[N];
     int stands[N];    /* the joint stands still, with differenced velocities */
     double travel[N]; /* [rad] or [m] predicted for joints that stand still, with differenced velocities */
@@ -159,13 +162,6 @@ static double stiffgen_spring(const double *q, const memory_t *m, const double *
         translation_stiffness + 0, rotation_stiffness + 0, wrench + 0);
     iiwa14_spring_linearization(q, equilibrium, translation_stiffness, rotation_stiffness, &energy,
         torque, joint_stiffness);
-    return energy;
-}
-
-static double stiffgen_posture_energy(const double *q, const double *posture, const double *posture_stiffness)
-{
-    double energy;
-    iiwa14_posture_energy(q, posture, posture_stiffness, &energy);
     return energy;
 }
 
@@ -680,34 +676,56 @@ static double norm(int count, const double *x)
 }
 
 /*
- * Combine rows of n numbers: result_j is the sum of factors_k A_kj over all rows, for the first `count` columns. Four
- * sums at a time stay in registers; the last four may overlap those before.
+ * Combine at least one row of A, n numbers apart, with factors that are `step` apart: BLOCK columns, and BLOCK columns
+ * `apart` numbers behind these, which may overlap them.
  */
-static void combine_rows(int rows, int n, int count, const double *factors, const double *A, double *result)
+static inline void combine_blocks(int rows, int n, int apart, const double *factors, int step, const double *A,
+                                  double *result)
+{
+    double a[BLOCK] = {0.0}, b[BLOCK] = {0.0};
+    int k = 0;
+    do {
+        for (int j = 0; j < BLOCK; ++j) { /* loops of constant length become vectors */
+            a[j] += factors[k * step] * A[k * n + j];
+        }
+        for (int j = 0; j < BLOCK; ++j) {
+            b[j] += factors[k * step] * A[k * n + apart + j];
+        }
+        k += 1;
+    } while (k < rows);
+    memcpy(result, a, sizeof a);
+    memcpy(result + apart, b, sizeof b);
+}
+
+/*
+ * Compute F A, m rows of n numbers. A has `rows` rows, and entry (i, k) of F is F[i down + k right]. Inline, so that
+ * compilers see the numbers of rows and columns.
+ */
+static inline void multiply_matrices(int m, int rows, int n, const double *F, int down, int right, const double *A,
+                                     double *result)
 {
     int j = 0;
-    for (; count >= BLOCK && j < count; j += BLOCK) {
-        const int first = j + BLOCK <= count ? j : count - BLOCK;
-        double a = 0.0, b = 0.0, c = 0.0, d = 0.0;
-        for (int k = 0; k < rows; ++k) {
-            const double x = factors[k], *const row = A + k * n + first;
-            a += x * row[0];
-            b += x * row[1];
-            c += x * row[2];
-            d += x * row[3];
+    for (; j + BLOCK <= n; j += 2 * BLOCK) {
+        const int apart = clamp_count(n - BLOCK - j, BLOCK);
+        for (int i = 0; i < m; ++i) {
+            combine_blocks(rows, n, apart, F + i * down, right, A + j, result + i * n + j);
         }
-        result[first] = a;
-        result[first + 1] = b;
-        result[first + 2] = c;
-        result[first + 3] = d;
     }
-    for (; j < count; ++j) {
-        double sum = 0.0;
-        for (int k = 0; k < rows; ++k) {
-            sum += factors[k] * A[k * n + j];
+    for (; j < n; ++j) {
+        for (int i = 0; i < m; ++i) {
+            double sum = 0.0;
+            for (int k = 0; k < rows; ++k) {
+                sum += F[i * down + k * right] * A[k * n + j];
+            }
+            result[i * n + j] = sum;
         }
-        result[j] = sum;
     }
+}
+
+/* Multiply rows by a square matrix A. */
+static void multiply_rows(int n, const double *rows, const double *A, double *result)
+{
+    multiply_matrices(n, n, n, rows, n, 1, A, result);
 }
 
 /* Add a x to y. */
@@ -764,27 +782,42 @@ static double largest_diagonal(int n, const double *A)
     return result;
 }
 
-/* Copy the lower triangle of a matrix to the upper one. */
-static void mirror_triangle(int n, double *A)
+/* Transpose a matrix of `rows` rows with n numbers each. */
+static void transpose(int rows, int n, const double *A, double *result)
 {
-    for (int i = 1; i < n; ++i) {
-        for (int j = 0; j < i; ++j) {
-            A[j * n + i] = A[i * n + j];
+    for (int i = 0; i < n; ++i) {
+        for (int k = 0; k < rows; ++k) {
+            result[i * rows + k] = A[k * n + i];
         }
     }
 }
 
-/* Compute Y^T diag(d) Y of the rows of Y, n numbers each; one triangle is mirrored. */
-static void form_congruence(int rows, int n, const double *Y, const double *d, double *result)
+/* Multiply each of n columns by its factor. */
+static void scale_columns(int rows, int n, const double *factors, double *A)
 {
-    for (int i = 0; i < n; ++i) {
-        double factors[MAX_ROWS] = {0.0};
-        for (int k = 0; k < rows; ++k) {
-            factors[k] = d[k] * Y[k * n + i];
+    for (int k = 0; k < rows; ++k) {
+        for (int i = 0; i < n; ++i) {
+            A[k * n + i] *= factors[i];
         }
-        combine_rows(rows, n, i + 1, factors, Y, result + i * n);
     }
-    mirror_triangle(n, result);
+}
+
+/* Compute X^T X of the rows of X, n numbers each; symmetric in every bit, since equal products are summed alike. */
+static void multiply_transposed(int rows, int n, const double *X, double *result)
+{
+    multiply_matrices(n, rows, n, X, 1, n, X, result);
+}
+
+/* Compute Y^T diag(d) Y of the rows of Y, n numbers each, d >= 0. The rows become those of diag(d)^(1/2) Y. */
+static void form_congruence(int rows, int n, double *Y, const double *d, double *result)
+{
+    for (int k = 0; k < rows; ++k) {
+        const double root = sqrt(d[k]);
+        for (int i = 0; i < n; ++i) {
+            Y[k * n + i] *= root;
+        }
+    }
+    multiply_transposed(rows, n, Y, result);
 }
 
 /* Compute the lower Cholesky factor L of A / scale + shift I, column by column. */
@@ -816,6 +849,21 @@ static void solve_forward(int n, const double *L, double *x)
     }
 }
 
+/* Replace the n rows of X, `count` numbers each, by those of L^-1 X. */
+static void solve_rows(int n, int count, const double *L, double *X)
+{
+    double sums[MAX_ROWS] = {0.0};
+    for (int i = 0; i < n; ++i) {
+        const double reciprocal = 1.0 / L[i * (n + 1)];
+        if (i > 0) {
+            multiply_matrices(1, i, count, L + i * n, n, 1, X, sums);
+        }
+        for (int k = 0; k < count; ++k) {
+            X[i * count + k] = (X[i * count + k] - sums[k]) * reciprocal;
+        }
+    }
+}
+
 /* Replace x by L^-T x. */
 static void solve_backward(int n, const double *L, double *x)
 {
@@ -826,6 +874,18 @@ static void solve_backward(int n, const double *L, double *x)
         }
         x[i] = sum / L[i * n + i];
     }
+}
+
+/* Replace x by (A + shift I)^-1 x, at most MAX_ROWS numbers. Return whether A + shift I is positive definite. */
+static int solve_damped(int n, const double *A, double shift, double *x)
+{
+    double L[MAX_ROWS * MAX_ROWS] = {0.0};
+    if (factorise_cholesky(n, A, 1.0, shift, L) != 0) {
+        return 0;
+    }
+    solve_forward(n, L, x);
+    solve_backward(n, L, x);
+    return 1;
 }
 
 /*
@@ -1203,16 +1263,6 @@ static int solve_pencil(int n, const double *K, const double *M, double *L, doub
     return error != 0 ? error : diagonalise_pencil(n, K, *scale, rows, C, eigenvalues, rows);
 }
 
-/* Multiply rows by a square matrix A; the result may overwrite the rows. */
-static void multiply_rows(int n, const double *rows, const double *A, double *result)
-{
-    for (int i = 0; i < n; ++i) {
-        double row[MAX_ROWS] = {0.0};
-        combine_rows(n, n, n, rows + i * n, A, row);
-        memcpy(result + i * n, row, (size_t)n * sizeof(double));
-    }
-}
-
 /*
  * Compute the modes of K v = lambda M v, for the symmetric part of K: the eigenvalues lambda (ascending), and rows v
  * with v . M v = 1. work: 2 n^2 numbers.
@@ -1228,7 +1278,8 @@ static int solve_modes(int n, const double *K, const double *M, double *work, do
         for (int k = 0; k < n * n; ++k) {
             inverse[k] /= sqrt(scale);
         }
-        multiply_rows(n, modes, inverse, modes);
+        multiply_rows(n, modes, inverse, C);
+        memcpy(modes, C, (size_t)(n * n) * sizeof(double));
     }
     return error;
 }
@@ -1515,10 +1566,14 @@ static double compute_tip_energy(const memory_t *m, const double *q, const doubl
                                   find_spring_limits(m));
 }
 
-/* Return the energy of the tips' springs with that of the posture's spring. */
+/* Compute the energy of the tips' springs, which is given, and of the posture's spring, both unscaled. */
 static double add_posture_energy(const memory_t *m, const double *q, const double *posture, double tips)
 {
-    return tips + stiffgen_posture_energy(q, posture, m->posture_stiffness);
+    double twice = 0.0;
+    for (int i = 0; i < N; ++i) {
+        twice += m->posture_stiffness[i] * (q[i] - posture[i]) * (q[i] - posture[i]);
+    }
+    return tips + 0.5 * twice;
 }
 
 /* Compute the energy that the scaled springs store at q. */
@@ -1560,8 +1615,8 @@ static double distance_beyond(const config_t *c, int i, double q)
 static int counts_modulo_turn(const step_t *s, int i)
 {
     const config_t *const c = s->c;
-    const double least_infinite = smaller(-c->lower_limit[i], c->upper_limit[i]);
-    return c->continuous_joints == IIWA14_CONTINUOUS_JOINTS_WRAPPED && stiffgen_turns(i) && least_infinite > DBL_MAX &&
+    return stiffgen_turns(i) && c->continuous_joints == IIWA14_CONTINUOUS_JOINTS_WRAPPED &&
+           smaller(-c->lower_limit[i], c->upper_limit[i]) > DBL_MAX &&
            s->m->velocity_limit[i] * c->sample_time < HALF_TURN;
 }
 
@@ -1980,10 +2035,18 @@ static void place_no_tools(double *tool)
     }
 }
 
-/* Return the largest eigenvalue of a positive semidefinite A (destroyed) of 3 or 6 rows. */
-static double bound_quadratic(int rows, double *A)
+/* Return the largest eigenvalue of W diag(weights) W^T, W of 3 or 6 rows over the joints; weights: at least 0. */
+static double bound_quadratic(int rows, const double *W, const double *weights)
 {
-    double d[6] = {0.0};
+    double A[36], d[6] = {0.0}, weighted[N];
+    for (int k = 0; k < rows; ++k) {
+        for (int i = 0; i < N; ++i) {
+            weighted[i] = weights[i] * W[k * N + i];
+        }
+        for (int j = 0; j <= k; ++j) {
+            A[k * rows + j] = A[j * rows + k] = dot(N, weighted, W + j * N);
+        }
+    }
     if (rows == 3) {
         return larger(find_largest_eigenvalue(A), 0.0);
     }
@@ -2001,17 +2064,18 @@ static double bound_quadratic(int rows, double *A)
  */
 static void bound_wrench(const config_t *c, int rows, const double *J, const double *size, int clipped, double *parts)
 {
-    double W[6 * N] = {0.0}, holds[N] = {0.0}, falls[N] = {0.0}, held[36] = {0.0}, falling[36] = {0.0}, sum = 0.0;
+    double W[6 * N], holds[N], falls[N], sum = 0.0;
     const int gap = limit_call_gap(c, c->missed_limit);
     parts[2] = HUGE_VAL;
     for (int i = 0; i < N; ++i) {
         const double v = c->velocity_limit[i], fall = 0.5 * v * gap / c->torque_rate_limit[i];
         const double hold = v * c->sample_time * (gap * c->missed_limit + c->delay_samples);
-        double *const row = W + rows * i;
+        double square = 0.0;
         for (int k = 0; k < rows; ++k) {
-            row[k] = size[k] * J[k * N + i];
+            W[k * N + i] = size[k] * J[k * N + i];
+            square += W[k * N + i] * W[k * N + i];
         }
-        const double largest_torque = norm(rows, row); /* of the worst w */
+        const double largest_torque = sqrt(square); /* of the worst w */
         const double kept = largest_torque > 0.0 ? c->effort_limit[i] / largest_torque : HUGE_VAL;
         const double share = clipped ? smaller(kept, 1.0) : 1.0;
         parts[2] = smaller(parts[2], kept);
@@ -2019,10 +2083,8 @@ static void bound_wrench(const config_t *c, int rows, const double *J, const dou
         holds[i] = hold * share * share;
         falls[i] = fall * share * share;
     }
-    form_congruence(N, rows, W, holds, held);
-    form_congruence(N, rows, W, falls, falling);
-    parts[0] = sqrt(sum * bound_quadratic(rows, held));
-    parts[1] = bound_quadratic(rows, falling);
+    parts[0] = sqrt(sum * bound_quadratic(rows, W, holds));
+    parts[1] = bound_quadratic(rows, W, falls);
 }
 
 /* Return the largest l for which l a + l^2 b is at most `most`. */
@@ -2376,16 +2438,15 @@ static uint64_t compute_checksum(const state_t *state)
     const memory_t *const m = &state->memory;
     const size_t count = sizeof *m / sizeof(uint64_t);
     uint64_t a = 0x9e3779b97f4a7c15u, b = 0xc2b2ae3d27d4eb4fu, c = 0x165667b19e3779f9u, d = 0x27d4eb2f165667c5u;
-    for (size_t block = 0; block < count / 4; ++block) { /* four sums: the processor adds to all at once */
-        const size_t k = 4 * block;
-        a = add_word(a, m, k);
-        b = add_word(b, m, k + 1);
-        c = add_word(c, m, k + 2);
-        d = add_word(d, m, k + 3);
+    size_t k = 0;
+    for (; k + 8 <= count; k += 8) { /* four sums: the processor adds to all at once */
+        a = add_word(add_word(a, m, k), m, k + 4);
+        b = add_word(add_word(b, m, k + 1), m, k + 5);
+        c = add_word(add_word(c, m, k + 2), m, k + 6);
+        d = add_word(add_word(d, m, k + 3), m, k + 7);
     }
-    const size_t left = count % 4;
-    for (size_t k = 0; k < left; ++k) {
-        a = add_word(a, m, count - 1 - k);
+    for (; k < count; ++k) {
+        a = add_word(a, m, k);
     }
     return a + 3u * b + 5u * c + 7u * d;
 }
@@ -3022,10 +3083,12 @@ static int check_definite(const double *K, const double *symmetric, int command,
 {
     const double most = larger(COMMAND_TOLERANCE * largest_entry(9, K), DBL_MIN);
     double A[9], values[3] = {0.0}, vectors[9];
-    for (int i = 0; i < 9; ++i) {
-        const double apart = fabs(K[i] - K[3 * (i % 3) + i / 3]);
-        if (!(apart <= most)) {
-            return refuse_command(r, IIWA14_REFUSAL_ASYMMETRIC, command, entry + i, apart, most);
+    for (int i = 0; i < 3; ++i) {
+        for (int j = i + 1; j < 3; ++j) {
+            const double apart = fabs(K[3 * i + j] - K[3 * j + i]);
+            if (!(apart <= most)) {
+                return refuse_command(r, IIWA14_REFUSAL_ASYMMETRIC, command, entry + 3 * i + j, apart, most);
+            }
         }
     }
     if (is_positive_semidefinite(3, symmetric, COMMAND_TOLERANCE)) {
@@ -3042,9 +3105,7 @@ static int check_definite(const double *K, const double *symmetric, int command,
  */
 static int accept_stiffness(const double *K, double most, int command, int tip, double *accepted, refusal_t *r)
 {
-    for (int i = 0; i < 9; ++i) {
-        accepted[i] = (K[i] + K[3 * (i % 3) + i / 3]) / 2.0;
-    }
+    take_symmetric_part(3, K, accepted);
     return check_numbers(9, K, DBL_MAX, IIWA14_REFUSAL_NOT_FINITE, command, 9 * tip, r) &&
            check_numbers(9, K, most, IIWA14_REFUSAL_STIFFNESS_LIMIT, command, 9 * tip, r) &&
            check_definite(K, accepted, command, 9 * tip, r);
@@ -3208,7 +3269,7 @@ static int accept_command(step_t *s)
 
 static const double NO_ROTATION = 1e-9; /* [rad] up to which a rotation is linear: its square is below rounding */
 static const double RADIAN_LENGTH = 0.25; /* [m] that weigh as much as one radian in a posture's distance from a pose */
-static const double FLAT_SHARE = 1e-9; /* added to J^T J of a posture, over its largest entry */
+static const double FLAT_SHARE = 1e-9; /* added to X^T X of a posture, over the largest square of a row of X */
 static const double SELF_MOTION_NEAR = 0.1; /* [m] or [rad] from a pose at which self-motion begins */
 static const double LONGEST_STEP = 0.5; /* [rad] or [m] of a search */
 static const double NEAR_TIME = 0.1; /* [s] of travel that one step of self-motion looks ahead */
@@ -3255,15 +3316,23 @@ static void pose_difference(const double *from, const double *to, double *twist)
     }
 }
 
-/* Return the largest distance [m] or angle [rad] between the poses of the tips. */
-static double pose_distance(const double *from, const double *to)
+/* Return the largest distance [m] or angle [rad] of the tips' twists. */
+static double largest_part(const double *twists)
 {
-    double most = 0.0, twist[6];
-    for (int t = 0; t < TIPS; ++t) {
-        pose_difference(from + 16 * t, to + 16 * t, twist);
-        most = larger(most, larger(norm(3, twist), norm(3, twist + 3)));
+    double most = 0.0;
+    for (int k = 0; k < TIP_ROWS; k += 3) {
+        most = larger(most, norm(3, twists + k));
     }
     return most;
+}
+
+/* Compute the twists of all tips from their poses to others. Return the largest distance [m] or angle [rad]. */
+static double compare_poses(const double *from, const double *to, double *twists)
+{
+    for (int t = 0; t < TIPS; ++t) {
+        pose_difference(from + 16 * t, to + 16 * t, twists + 6 * t);
+    }
+    return largest_part(twists);
 }
 
 /*
@@ -3295,58 +3364,34 @@ static void move_pose(const double *pose, const double *twist, double *moved)
 }
 
 /*
- * Solve (A + shift I) y = x over the free joints, and write y to x; held joints keep their x: their rows and columns
- * become those of I. work: 2 N N numbers. Return whether it succeeded.
+ * Combine a damped least-squares step towards the pose's error with the part of `near` that leaves the tips where they
+ * are: `near` less X G^-1 X^T near, G = X^T X (regularised). The rows of X are those of the joints, 0 where a joint is
+ * held, which has its step already. Return whether it succeeded.
  */
-static int solve_free(const double *A, double shift, const int *held, double *work, double *x)
+static int combine_steps(const double *X, const double *error, const double *near, double damping, const int *held,
+                         double *step)
 {
-    double *const L = work + NN;
-    memcpy(work, A, NN * sizeof(double));
+    double G[TIP_ROWS * TIP_ROWS], pull[TIP_ROWS], self[TIP_ROWS] = {0.0};
+    memcpy(pull, error, sizeof pull);
     for (int i = 0; i < N; ++i) {
-        for (int j = 0; held[i] && j < N; ++j) {
-            const double entry = i == j ? 1.0 - shift : 0.0;
-            work[i * N + j] = entry;
-            work[j * N + i] = entry;
-        }
+        add_scaled(TIP_ROWS, near[i], X + i * TIP_ROWS, self);
     }
-    if (factorise_cholesky(N, work, 1.0, shift, L) != 0) {
+    multiply_transposed(N, TIP_ROWS, X, G);
+    if (!solve_damped(TIP_ROWS, G, FLAT_SHARE + damping, pull) || !solve_damped(TIP_ROWS, G, FLAT_SHARE, self)) {
         return 0;
     }
-    solve_forward(N, L, x);
-    solve_backward(N, L, x);
+    add_scaled(TIP_ROWS, -1.0, self, pull);
+    for (int i = 0; i < N; ++i) {
+        step[i] = held[i] ? step[i] : near[i] + dot(TIP_ROWS, X + i * TIP_ROWS, pull);
+    }
     return 1;
 }
 
 /*
- * Combine a damped least-squares step, with the slope J^T W e of the pose's error (task), and the part of `near` that
- * leaves the tips where they are: `near` less self = A^-1 A near (regularised). A = J^T W J. Joints that are held have
- * their step already, and what it does to the tips counts. Return whether it succeeded.
+ * Hold the free joint whose step leads farthest beyond its limit zones, at their edge, and take out of X and error what
+ * it does to the tips. Return whether there is one.
  */
-static int combine_steps(const double *A, const double *task, const double *near, double shift, const int *held,
-                         double *work, double *step)
-{
-    double slope[N], self[N];
-    for (int i = 0; i < N; ++i) {
-        slope[i] = task[i];
-        self[i] = 0.0;
-        for (int j = 0; j < N; ++j) {
-            slope[i] -= held[j] ? A[i * N + j] * step[j] : 0.0;
-            self[i] += held[j] ? 0.0 : A[i * N + j] * near[j];
-        }
-        slope[i] = held[i] ? 0.0 : slope[i];
-        self[i] = held[i] ? 0.0 : self[i];
-    }
-    if (!solve_free(A, FLAT_SHARE + shift, held, work, slope) || !solve_free(A, FLAT_SHARE, held, work, self)) {
-        return 0;
-    }
-    for (int i = 0; i < N; ++i) {
-        step[i] = held[i] ? step[i] : slope[i] + near[i] - self[i];
-    }
-    return 1;
-}
-
-/* Hold the free joint whose step leads farthest beyond its limit zones, at their edge. Return whether there is one. */
-static int hold_joint(const memory_t *m, const double *q, int *held, double *step)
+static int hold_joint(const memory_t *m, const double *q, int *held, double *X, double *error, double *step)
 {
     double farthest = 0.0, step_to_edge = 0.0;
     int found = NO_JOINT;
@@ -3358,61 +3403,57 @@ static int hold_joint(const memory_t *m, const double *q, int *held, double *ste
             found = i;
         }
     }
-    if (found != NO_JOINT) {
-        held[found] = 1;
-        step[found] = step_to_edge;
+    if (found == NO_JOINT) {
+        return 0;
     }
-    return found != NO_JOINT;
+    held[found] = 1;
+    step[found] = step_to_edge;
+    add_scaled(TIP_ROWS, -step_to_edge, X + found * TIP_ROWS, error);
+    memset(X + found * TIP_ROWS, 0, TIP_ROWS * sizeof(double));
+    return 1;
 }
 
 /*
- * Sum up the pose's error over the tips: the slope J^T W e and A = J^T W J, scaled so that A has the largest entry 1. W
- * lets RADIAN_LENGTH weigh as much as one radian. Return |e|, the largest of the tips' distances [m] and angles [rad];
- * damping: that of the step.
+ * Compute X = J^T, one row per joint, and weight it and the error, the tips' twists to their goal: RADIAN_LENGTH counts
+ * as much as one radian, and the longest row of X has length 1. Return the damping of the step.
  */
-static double sum_errors(const memory_t *m, const double *q, const double *here, const double *goal, double *A,
-                         double *task, double *damping)
+static double weigh_error(const memory_t *m, const double *q, double *X, double *error)
 {
-    double J[6 * N * TIPS], weights[6 * TIPS], distance = 0.0, squares = 0.0;
+    double J[TIP_ROWS * N], weights[TIP_ROWS], longest = DBL_MIN;
     stiffgen_jacobians(q, m, J);
-    memset(task, 0, N * sizeof(double));
-    for (int t = 0; t < TIPS; ++t) {
-        double error[6];
-        pose_difference(here + 16 * t, goal + 16 * t, error);
-        distance = larger(distance, larger(norm(3, error), norm(3, error + 3)));
-        for (int k = 0; k < 6; ++k) {
-            const double weight = k < 3 ? 1.0 / (RADIAN_LENGTH * RADIAN_LENGTH) : 1.0;
-            weights[6 * t + k] = weight;
-            squares += weight * error[k] * error[k];
-            add_scaled(N, weight * error[k], J + (6 * t + k) * N, task);
-        }
+    transpose(TIP_ROWS, N, J, X);
+    for (int r = 0; r < TIP_ROWS; ++r) {
+        weights[r] = r % 6 < 3 ? 1.0 / RADIAN_LENGTH : 1.0;
     }
-    form_congruence(6 * TIPS, N, J, weights, A);
-    const double scale = larger(largest_diagonal(N, A), DBL_MIN), inverse = 1.0 / scale;
-    for (int k = 0; k < NN; ++k) {
-        A[k] *= inverse;
-    }
+    scale_columns(N, TIP_ROWS, weights, X);
     for (int i = 0; i < N; ++i) {
-        task[i] *= inverse;
+        longest = larger(longest, dot(TIP_ROWS, X + i * TIP_ROWS, X + i * TIP_ROWS));
     }
-    *damping = squares / scale + STEP_SHARE * sqrt(squares / scale);
-    return distance;
+    const double inverse = 1.0 / sqrt(longest);
+    for (int k = 0; k < N * TIP_ROWS; ++k) {
+        X[k] *= inverse;
+    }
+    for (int r = 0; r < TIP_ROWS; ++r) {
+        error[r] *= inverse * weights[r];
+    }
+    const double squares = dot(TIP_ROWS, error, error);
+    return squares + STEP_SHARE * sqrt(squares);
 }
 
 /*
- * Find the step from the posture q, whose tips are here, towards the one nearest to `wanted` that has its tips at goal
- * and lies outside the limit zones. work: 2 N N numbers. Return the tips' distance from the goal, the larger of [m] and
- * [rad].
+ * Find the step from the posture q towards the one nearest to `wanted` that has its tips at their goal and lies outside
+ * the limit zones. error: twists from the tips' poses in q to the goal. Return their largest part, in [m] or [rad].
  *
- * The step is damped by e^T W e and by its root. The first keeps it short far from the goal and at singular postures.
- * The second bounds what the neglected second derivative of e does to the share of the step that is gone in one call.
+ * The step is damped by e . e and by its root. The first keeps it short far from the goal and at singular postures. The
+ * second bounds what the neglected second derivative of e does to the share of the step that is gone in one call.
  */
-static double find_posture_step(const config_t *c, const memory_t *m, const double *q, const double *here, const double *goal,
-                         const double *wanted, double *work, double *step)
+static double find_posture_step(const config_t *c, const memory_t *m, const double *q, const double *error,
+                         const double *wanted, double *step)
 {
-    double A[NN], task[N], near[N], damping, excess = 0.0;
+    double X[N * TIP_ROWS], rest[TIP_ROWS], near[N], excess = 0.0;
     int held[N] = {0};
-    const double distance = sum_errors(m, q, here, goal, A, task, &damping);
+    memcpy(rest, error, sizeof rest);
+    const double distance = largest_part(error), damping = weigh_error(m, q, X, rest);
     memset(step, 0, N * sizeof(double));
     for (int i = 0; i < N; ++i) {
         near[i] = clamp(wanted[i], m->avoidance[4 * i], m->avoidance[4 * i + 1]) - q[i];
@@ -3423,8 +3464,8 @@ static double find_posture_step(const config_t *c, const memory_t *m, const doub
     }
     int good = 1, again = 1;
     for (int round = 1; round <= N && again; ++round) { /* each round holds one more joint at its limit zone */
-        good = combine_steps(A, task, near, damping, held, work, step);
-        again = good && round < N && hold_joint(m, q, held, step);
+        good = combine_steps(X, rest, near, damping, held, step);
+        again = good && round < N && hold_joint(m, q, held, X, rest, step);
     }
     if (!good) {
         memset(step, 0, N * sizeof(double));
@@ -3435,18 +3476,17 @@ static double find_posture_step(const config_t *c, const memory_t *m, const doub
 /*
  * Out of reach, where the wanted posture is nearer to the commanded pose than the posture is: replace its step by the
  * way there. A stretched arm is a saddle of the pose's error, from which damped steps lead back slowly, or to the other
- * side. The wanted posture q0 is what the command states: no other configuration is searched. here: poses of the
- * tips in the posture.
+ * side. The wanted posture q0 is what the command states: no other configuration is searched. distance: that of the
+ * posture from the commanded pose, goal.
  */
-static void step_to_wanted(const memory_t *m, const double *q0, const double *here, const double *goal,
-                    double *step)
+static void step_to_wanted(const memory_t *m, const double *q0, double distance, const double *goal, double *step)
 {
-    double wanted[N], poses[16 * TIPS];
+    double wanted[N], poses[16 * TIPS], twists[TIP_ROWS];
     for (int i = 0; i < N; ++i) {
         wanted[i] = clamp(q0[i], m->avoidance[4 * i], m->avoidance[4 * i + 1]);
     }
     stiffgen_poses(wanted, m, poses);
-    if (pose_distance(poses, goal) < NEARER * pose_distance(here, goal)) {
+    if (compare_poses(poses, goal, twists) < NEARER * distance) {
         for (int i = 0; i < N; ++i) {
             step[i] = wanted[i] - m->posture[i];
         }
@@ -3492,12 +3532,13 @@ static void start_trial(const memory_t *m, const double *start, int number, doub
 /* Follow steps from q towards a posture of the goal. Return whether one is found: at most SEARCH_STEPS steps. */
 static int try_posture(const config_t *c, const memory_t *m, const double *goal, double *q)
 {
-    double work[2 * NN], step[N], here[16 * TIPS];
+    double step[N], here[16 * TIPS], error[TIP_ROWS];
     int found = 0;
     for (int k = 0; k < SEARCH_STEPS && !found; ++k) {
         stiffgen_poses(q, m, here);
+        (void)compare_poses(here, goal, error);
         /* wanted is q itself: no self-motion. Found is well within REACHED, and improved by one step more. */
-        found = find_posture_step(c, m, q, here, goal, q, work, step) <= 0.1 * REACHED;
+        found = find_posture_step(c, m, q, error, q, step) <= 0.1 * REACHED;
         const double size = norm(N, step);
         add_scaled(N, size > LONGEST_STEP ? LONGEST_STEP / size : 1.0, step, q);
     }
@@ -3736,22 +3777,27 @@ static double design_damping(step_t *s)
 }
 
 /*
- * Replace the rows of the tips' J by those of J L^-T, and form A = J^T diag(weights) J from these. Linear and angular
- * rows weigh alike: over all tips, either kind has the weighted sum of squares 1.
+ * Compute X = L^-1 J^T diag(weights) of the tips' J: one row per joint. Linear and angular rows of J weigh alike: over
+ * all tips, the entries of X of either kind have the sum of squares 1.
  */
-static void weigh_twists(const double *L, double *J, double *weights, double *A)
+static void weigh_twists(const double *L, const double *J, double *X, double *weights)
 {
-    double squares[2] = {0.0}; /* of the linear rows, of the angular ones */
-    for (int r = 0; r < 6 * TIPS; ++r) {
-        const int angular = r % 6 >= 3;
-        solve_forward(N, L, J + r * N);
-        squares[angular] += dot(N, J + r * N, J + r * N);
+    double squares[TIP_ROWS] = {0.0}, sums[2] = {0.0}; /* of the linear rows of J, of the angular ones */
+    transpose(TIP_ROWS, N, J, X);
+    solve_rows(N, TIP_ROWS, L, X);
+    for (int i = 0; i < N; ++i) {
+        for (int r = 0; r < TIP_ROWS; ++r) {
+            squares[r] += X[i * TIP_ROWS + r] * X[i * TIP_ROWS + r];
+        }
     }
-    for (int r = 0; r < 6 * TIPS; ++r) {
-        const int angular = r % 6 >= 3;
-        weights[r] = squares[angular] > DBL_MIN ? 1.0 / squares[angular] : 0.0; /* 0 where no joint moves them */
+    for (int r = 0; r < TIP_ROWS; ++r) {
+        sums[r % 6 / 3] += squares[r];
     }
-    form_congruence(6 * TIPS, N, J, weights, A);
+    for (int r = 0; r < TIP_ROWS; ++r) {
+        const double sum = sums[r % 6 / 3];
+        weights[r] = sum > DBL_MIN ? 1.0 / sqrt(sum) : 0.0; /* 0 where no joint moves them */
+    }
+    scale_columns(N, TIP_ROWS, weights, X);
 }
 
 /*
@@ -3762,28 +3808,28 @@ static void weigh_twists(const double *L, double *J, double *weights, double *A)
  */
 static void follow_twists(step_t *s, const double *twists, double *velocity)
 {
-    double *const L = s->scratch, *const A = L + NN;
-    double factor[NN] = {0.0}, J[6 * N * TIPS], weights[6 * TIPS], wanted[N] = {0.0}, excess = HUGE_VAL;
+    double *const L = s->scratch;
+    double X[N * TIP_ROWS], G[TIP_ROWS * TIP_ROWS], weights[TIP_ROWS], f[TIP_ROWS], excess = HUGE_VAL;
     const double *const limits = s->c->reference_velocity_limit;
     memset(velocity, 0, N * sizeof(double));
     /* L L^T is B over its largest entry, and with y = L^T dr the least dr . B dr is the least |y|^2 */
     if (factorise_cholesky(N, s->out->damping, largest_diagonal(N, s->out->damping), LEAST_DAMPED, L) != 0) {
         return;
     }
-    memcpy(J, find_jacobians(s), sizeof J);
-    weigh_twists(L, J, weights, A);
-    for (int r = 0; r < 6 * TIPS; ++r) {
-        add_scaled(N, weights[r] * twists[r], J + r * N, wanted);
-    }
-    double shift = FLAT_TWISTS; /* (A + shift I) y = wanted */
+    weigh_twists(L, find_jacobians(s), X, weights);
+    multiply_transposed(N, TIP_ROWS, X, G);
+    double shift = FLAT_TWISTS; /* y = X f, (X^T X + shift I) f = the weighted twists */
     for (int attempt = 0; attempt < 4 && excess > 1.0; ++attempt) {
-        if (factorise_cholesky(N, A, 1.0, shift, factor) != 0) {
+        for (int r = 0; r < TIP_ROWS; ++r) {
+            f[r] = weights[r] * twists[r];
+        }
+        if (!solve_damped(TIP_ROWS, G, shift, f)) {
             memset(velocity, 0, N * sizeof(double));
             return;
         }
-        memcpy(velocity, wanted, sizeof wanted);
-        solve_forward(N, factor, velocity);
-        solve_backward(N, factor, velocity); /* y */
+        for (int i = 0; i < N; ++i) {
+            velocity[i] = dot(TIP_ROWS, X + i * TIP_ROWS, f);
+        }
         solve_backward(N, L, velocity);
         excess = 0.0;
         for (int i = 0; i < N; ++i) {
@@ -3957,7 +4003,6 @@ static void predict_equilibrium(const step_t *s, double share, int by_posture, d
     }
 }
 
-
 /*
  * Move the posture's velocity towards a share of the step per call, within the share `most` of its limits and so that a
  * ramp can stop it. size: of the step, over the limits [s].
@@ -3984,24 +4029,27 @@ static int rests_elsewhere(const step_t *s)
  * Update the posture's velocity towards a posture of the pose that is commanded, nearest to the wanted one. The posture
  * follows the equilibrium. Where it ends short of the equilibrium, the pose is out of reach from here (beyond): the
  * posture then goes towards the pose itself, as near as it can, and the equilibrium goes where the posture is. No other
- * posture is searched, since it would move the arm unasked (search_posture). here: pose of the posture; lead: distance
- * of the equilibrium from it; arrived: the equilibrium is at its goal. Return whether the posture is still on its way.
+ * posture is searched, since it would move the arm unasked (search_posture). here: pose of the posture; ahead: twists
+ * from it to the equilibrium; arrived: the equilibrium is at its goal. Return whether the posture is still on its way.
  */
-static int approach_posture(step_t *s, const double *here, double lead, int arrived)
+static int approach_posture(step_t *s, const double *here, const double *ahead, int arrived)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
-    double step[N] = {0.0};
+    const double lead = largest_part(ahead);
+    double step[N] = {0.0}, error[TIP_ROWS];
     if (!s->commanded) {
         approach_step(c, step, 0.0, 1.0, m->posture_velocity);
         return 0;
     }
     /* beyond the reach the equilibrium follows, and the posture waits for it; else it may wait for the posture */
     const int waits = m->beyond && lead > PATH_LEAD, awaited = !m->beyond && lead >= 2.0 * PATH_LEAD;
-    const double *const goal = m->beyond ? s->goal : m->equilibrium;
-    const double distance = find_posture_step(c, m, m->posture, here, goal, s->q0, s->scratch, step);
     if (m->beyond) {
-        step_to_wanted(m, s->q0, here, goal, step);
+        (void)compare_poses(here, s->goal, error);
+    }
+    const double distance = find_posture_step(c, m, m->posture, m->beyond ? error : ahead, s->q0, step);
+    if (m->beyond) {
+        step_to_wanted(m, s->q0, distance, s->goal, step);
     }
     const double size = relative_size(N, 1, step, c->reference_velocity_limit);
     const int stands = size <= (awaited ? CREEPING : STATIONARY);
@@ -4019,10 +4067,11 @@ static int approach_posture(step_t *s, const double *here, double lead, int arri
 }
 
 /*
- * Update the equilibrium's velocity towards goal, which has moved by itself from last_goal (NULL: it stands); pace:
- * share of the velocity limits that it uses, at most 1, and 0 or less to wait. Return whether it has arrived.
+ * Update the equilibrium's velocity towards a goal. away: twists from the equilibrium to it; moved: twists of its own
+ * motion since the last step; pace: share of the velocity limits that it uses, at most 1, and 0 or less to wait. Return
+ * whether it has arrived.
  */
-static int approach_poses(step_t *s, const double *goal, const double *last_goal, double pace)
+static int approach_poses(step_t *s, const double *away, const double *moved, double pace)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
@@ -4030,19 +4079,13 @@ static int approach_poses(step_t *s, const double *goal, const double *last_goal
     const double tip_limits[2] = {share * c->tip_velocity_limit, share * c->tip_rotation_limit};
     int arrived = 1;
     for (int t = 0; t < TIPS; ++t) {
-        double away[6] = {0.0}, moved[6] = {0.0};
-        if (s->commanded) {
-            pose_difference(m->equilibrium + 16 * t, goal + 16 * t, away);
-        }
-        if (s->commanded && last_goal != NULL) {
-            pose_difference(last_goal + 16 * t, goal + 16 * t, moved);
-        }
-        arrived &= relative_size(6, 3, away, tip_limits) <= ARRIVED;
+        arrived &= relative_size(6, 3, away + 6 * t, tip_limits) <= ARRIVED;
         if (pace <= 0.0) { /* wait: stop at once, without a ramp */
             memset(m->equilibrium_velocity + 6 * t, 0, 6 * sizeof(double));
             continue;
         }
-        approach_goal(c, TIP_RAMP * c->ramp_time, 6, 3, away, moved, tip_limits, m->equilibrium_velocity + 6 * t);
+        approach_goal(c, TIP_RAMP * c->ramp_time, 6, 3, away + 6 * t, moved + 6 * t, tip_limits,
+                      m->equilibrium_velocity + 6 * t);
     }
     return arrived;
 }
@@ -4097,26 +4140,32 @@ static double find_pace(const step_t *s, double lead)
 static int follow_pose(step_t *s)
 {
     memory_t *const m = s->m;
-    double here[16 * TIPS];
+    double here[16 * TIPS], ahead[TIP_ROWS], twists[TIP_ROWS];
     stiffgen_poses(m->posture, m, here);
-    const double streamed = s->commanded ? pose_distance(m->wanted_equilibrium, s->goal) : 0.0;
+    const double streamed = largest_part(s->moved);
     if (streamed > SAME_POSE) {
         /* beyond the reach, the posture goes on towards the poses of a stream: waiting for each, it would stop */
-        m->beyond = m->beyond && streamed <= PATH_LEAD && pose_distance(here, s->goal) > PATH_LEAD;
+        m->beyond = m->beyond && streamed <= PATH_LEAD && compare_poses(here, s->goal, twists) > PATH_LEAD;
     }
-    const double lead = pose_distance(here, m->equilibrium), pace = find_pace(s, lead);
-    const double *const goal = m->beyond ? here : s->goal; /* beyond the reach: where the posture is */
-    const double *const last_goal = m->beyond ? NULL : m->wanted_equilibrium;
-    const int arrived = approach_poses(s, goal, last_goal, pace);
-    return approach_posture(s, here, lead, arrived) || !arrived;
+    const double pace = find_pace(s, compare_poses(here, m->equilibrium, ahead));
+    for (int k = 0; s->commanded && m->beyond && k < TIP_ROWS; ++k) { /* the equilibrium goes to the posture's pose */
+        s->away[k] = -ahead[k];
+        s->moved[k] = 0.0;
+    }
+    const int arrived = approach_poses(s, s->away, s->moved, pace);
+    return approach_posture(s, here, ahead, arrived) || !arrived;
 }
 
 /* After commands by pose, let the equilibrium join the posture's pose. Return whether it is still away from it. */
 static int join_posture(step_t *s)
 {
-    double here[16 * TIPS];
+    const double still[TIP_ROWS] = {0.0};
+    double here[16 * TIPS], away[TIP_ROWS] = {0.0};
     stiffgen_poses(s->m->posture, s->m, here);
-    const int arrived = approach_poses(s, here, NULL, 1.0);
+    if (s->commanded) {
+        (void)compare_poses(s->m->equilibrium, here, away);
+    }
+    const int arrived = approach_poses(s, away, still, 1.0);
     s->m->joined = s->commanded && arrived;
     return !arrived;
 }
@@ -4143,21 +4192,19 @@ static int update_velocities(step_t *s, int by_posture)
 }
 
 /*
- * Return the time [s] that the governor's velocity limits need for the largest of the motions from posture to goal and
- * from equilibrium to goal_pose (NULL: no poses).
+ * Return the time [s] that the governor's velocity limits need for the largest of the motion from posture to goal and
+ * the twists of the tips.
  */
-static double travel_between(const config_t *c, const double *posture, const double *goal, const double *equilibrium,
-                      const double *goal_pose)
+static double travel_between(const config_t *c, const double *posture, const double *goal, const double *twists)
 {
     const double tip_limits[2] = {c->tip_velocity_limit, c->tip_rotation_limit};
-    double away[N], twist[6];
+    double away[N];
     for (int i = 0; i < N; ++i) {
         away[i] = goal[i] - posture[i];
     }
     double travel = relative_size(N, 1, away, c->reference_velocity_limit);
-    for (int t = 0; goal_pose != NULL && t < TIPS; ++t) {
-        pose_difference(equilibrium + 16 * t, goal_pose + 16 * t, twist);
-        travel = larger(travel, relative_size(6, 3, twist, tip_limits));
+    for (int t = 0; t < TIPS; ++t) {
+        travel = larger(travel, relative_size(6, 3, twists + 6 * t, tip_limits));
     }
     return travel;
 }
@@ -4172,22 +4219,24 @@ static void pay_for_travel(step_t *s)
     const config_t *const c = s->c;
     memory_t *const m = s->m;
     const int by_pose = s->input->command == IIWA14_COMMAND_EQUILIBRIUM;
-    double pose[16 * TIPS];
     if (!s->commanded) {
         return;
     }
     if (by_pose && !m->by_pose) { /* the last command was q0: its poses */
         stiffgen_poses(m->wanted_posture, m, m->wanted_equilibrium);
     }
-    memcpy(pose, s->goal, sizeof pose);
     if (!by_pose && (m->by_pose || !m->joined)) { /* poses of this q0, where they are compared below */
-        stiffgen_poses(s->q0, m, pose);
+        stiffgen_poses(s->q0, m, s->goal);
     }
     /* poses count where a command by pose is one of the two that are compared */
-    const double *const moved_pose = by_pose || m->by_pose ? pose : NULL;
-    const double *const away_pose = by_pose || !m->joined ? pose : NULL;
-    const double moved = travel_between(c, m->wanted_posture, s->q0, m->wanted_equilibrium, moved_pose);
-    const double away = travel_between(c, m->posture, s->q0, m->equilibrium, away_pose);
+    if (by_pose || m->by_pose) {
+        (void)compare_poses(m->wanted_equilibrium, s->goal, s->moved);
+    }
+    if (by_pose || !m->joined) {
+        (void)compare_poses(m->equilibrium, s->goal, s->away);
+    }
+    const double moved = travel_between(c, m->wanted_posture, s->q0, s->moved);
+    const double away = travel_between(c, m->posture, s->q0, s->away);
     m->travel = smaller(m->travel + moved, away);
     const double paid = smaller(m->travel, c->sample_time);
     const double work = m->engagement + s->engagement_limit * (paid / TRAVEL_TIME);
@@ -4212,8 +4261,8 @@ static double move_posture(step_t *s)
     double posture[N];
     memcpy(posture, m->posture, sizeof posture);
     add_scaled(N, s->c->sample_time, m->posture_velocity, posture);
-    const double before = stiffgen_posture_energy(m->q, m->posture, m->posture_stiffness);
-    const double rise = m->scale * (stiffgen_posture_energy(m->q, posture, m->posture_stiffness) - before);
+    const double before = add_posture_energy(m, m->q, m->posture, 0.0);
+    const double rise = m->scale * (add_posture_energy(m, m->q, posture, 0.0) - before);
     if (rise > work_left(m) || !stiffgen_reaches(posture, m)) {
         memset(m->posture_velocity, 0, sizeof m->posture_velocity);
         s->status |= IIWA14_STATUS_GOVERNOR;
@@ -4576,11 +4625,12 @@ static int keeps_up(const step_t *s)
 {
     const memory_t *const m = s->m;
     const double *const q0 = s->q0;
-    double behind = HUGE_VAL;
+    double behind = HUGE_VAL, away[TIP_ROWS] = {0.0};
     if (s->input->command == IIWA14_COMMAND_EQUILIBRIUM) {
-        behind = travel_between(s->c, q0, q0, m->equilibrium, s->goal);
+        (void)compare_poses(m->equilibrium, s->goal, away);
+        behind = travel_between(s->c, q0, q0, away);
     } else if (m->joined) {
-        behind = travel_between(s->c, m->posture, q0, m->equilibrium, NULL);
+        behind = travel_between(s->c, m->posture, q0, away);
     }
     return behind <= KEPT_UP * s->c->sample_time;
 }
@@ -4786,20 +4836,22 @@ static void reduce_torque(step_t *s, const double *last, double *feed)
     }
 }
 
-/* Compute torque pull = -dU/dq and tangent of the springs at the last known position, unscaled. Return the energy U. */
+/*
+ * Compute torque pull = -dU/dq and tangent of the springs at the last known position, unscaled. Return the energy of
+ * the tips' springs.
+ */
 static double pull_springs(step_t *s, double *pull)
 {
     const memory_t *const m = s->m;
     output_t *const out = s->out;
-    const double energy =
+    const double tips =
         stiffgen_spring(m->q, m, m->equilibrium, m->translation_stiffness, m->rotation_stiffness,
-                        find_spring_limits(m), out->spring_wrench, pull, out->joint_stiffness) +
-        stiffgen_posture_energy(m->q, m->posture, m->posture_stiffness);
+                        find_spring_limits(m), out->spring_wrench, pull, out->joint_stiffness);
     for (int i = 0; i < N; ++i) {
         pull[i] += m->posture_stiffness[i] * (m->posture[i] - m->q[i]);
         out->joint_stiffness[i * (N + 1)] += m->posture_stiffness[i] + s->limit_slope[i];
     }
-    return energy;
+    return tips;
 }
 
 /*
@@ -4810,12 +4862,10 @@ static void compute_reference_velocity(step_t *s, int moved)
 {
     const double *const limits = s->c->reference_velocity_limit;
     double *const reference = s->out->reference_velocity;
-    double twists[6 * TIPS], excess = 1.0;
+    double twists[TIP_ROWS], excess = 1.0;
     if (moved && !s->m->joined) {
-        for (int t = 0; t < TIPS; ++t) {
-            pose_difference(s->old_equilibrium + 16 * t, s->m->equilibrium + 16 * t, twists + 6 * t);
-        }
-        for (int k = 0; k < 6 * TIPS; ++k) {
+        (void)compare_poses(s->old_equilibrium, s->m->equilibrium, twists);
+        for (int k = 0; k < TIP_ROWS; ++k) {
             twists[k] /= s->c->sample_time;
         }
         follow_twists(s, twists, reference);
@@ -4864,7 +4914,7 @@ static void compute_torque(step_t *s, const double *last, int moved)
     m->hold = m->calls;
     double pull[N], slip[N], feed[N];
     compute_inertia(c, m, m->q, out->mass_matrix);
-    const double energy = pull_springs(s, pull);
+    const double tips = pull_springs(s, pull), energy = add_posture_energy(m, m->q, m->posture, tips);
     const double cap = design_damping(s);
     learn_friction(s, last);
     if (m->engaged && !s->started) {
@@ -4882,7 +4932,7 @@ static void compute_torque(step_t *s, const double *last, int moved)
     for (int k = 0; k < 6 * TIPS; ++k) {
         out->spring_wrench[k] *= m->scale;
     }
-    note_load(s, m->scale * larger(energy - stiffgen_posture_energy(m->q, m->posture, m->posture_stiffness), 0.0));
+    note_load(s, m->scale * larger(tips, 0.0));
     press_tips(s);
     feed_reference(s, feed);
     compensate_coriolis(s);

@@ -15,7 +15,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "1bbefce5704c2f60"
+#define SOURCES "df5559cd7e7c3a96"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

@@ -60,15 +60,6 @@ int stiffgen_has_bounded_spring(void)
     return 0;
 }
 
-double stiffgen_posture_energy(const double *q, const double *posture, const double *posture_stiffness)
-{
-    double energy = 0.0;
-    for (int i = 0; i < N; ++i) {
-        energy += 0.5 * posture_stiffness[i] * (q[i] - posture[i]) * (q[i] - posture[i]);
-    }
-    return energy;
-}
-
 void stiffgen_home(memory_t *m)
 {
     (void)m;

@@ -180,22 +180,27 @@ double design_damping(step_t *s)
 }
 
 /*
- * Replace the rows of the tips' J by those of J L^-T, and form A = J^T diag(weights) J from these. Linear and angular
- * rows weigh alike: over all tips, either kind has the weighted sum of squares 1.
+ * Compute X = L^-1 J^T diag(weights) of the tips' J: one row per joint. Linear and angular rows of J weigh alike: over
+ * all tips, the entries of X of either kind have the sum of squares 1.
  */
-static void weigh_twists(const double *L, double *J, double *weights, double *A)
+static void weigh_twists(const double *L, const double *J, double *X, double *weights)
 {
-    double squares[2] = {0.0}; /* of the linear rows, of the angular ones */
-    for (int r = 0; r < 6 * TIPS; ++r) {
-        const int angular = r % 6 >= 3;
-        solve_forward(N, L, J + r * N);
-        squares[angular] += dot(N, J + r * N, J + r * N);
+    double squares[TIP_ROWS] = {0.0}, sums[2] = {0.0}; /* of the linear rows of J, of the angular ones */
+    transpose(TIP_ROWS, N, J, X);
+    solve_rows(N, TIP_ROWS, L, X);
+    for (int i = 0; i < N; ++i) {
+        for (int r = 0; r < TIP_ROWS; ++r) {
+            squares[r] += X[i * TIP_ROWS + r] * X[i * TIP_ROWS + r];
+        }
     }
-    for (int r = 0; r < 6 * TIPS; ++r) {
-        const int angular = r % 6 >= 3;
-        weights[r] = squares[angular] > DBL_MIN ? 1.0 / squares[angular] : 0.0; /* 0 where no joint moves them */
+    for (int r = 0; r < TIP_ROWS; ++r) {
+        sums[r % 6 / 3] += squares[r];
     }
-    form_congruence(6 * TIPS, N, J, weights, A);
+    for (int r = 0; r < TIP_ROWS; ++r) {
+        const double sum = sums[r % 6 / 3];
+        weights[r] = sum > DBL_MIN ? 1.0 / sqrt(sum) : 0.0; /* 0 where no joint moves them */
+    }
+    scale_columns(N, TIP_ROWS, weights, X);
 }
 
 /*
@@ -206,28 +211,28 @@ static void weigh_twists(const double *L, double *J, double *weights, double *A)
  */
 void follow_twists(step_t *s, const double *twists, double *velocity)
 {
-    double *const L = s->scratch, *const A = L + NN;
-    double factor[NN] = {0.0}, J[6 * N * TIPS], weights[6 * TIPS], wanted[N] = {0.0}, excess = HUGE_VAL;
+    double *const L = s->scratch;
+    double X[N * TIP_ROWS], G[TIP_ROWS * TIP_ROWS], weights[TIP_ROWS], f[TIP_ROWS], excess = HUGE_VAL;
     const double *const limits = s->c->reference_velocity_limit;
     memset(velocity, 0, N * sizeof(double));
     /* L L^T is B over its largest entry, and with y = L^T dr the least dr . B dr is the least |y|^2 */
     if (factorise_cholesky(N, s->out->damping, largest_diagonal(N, s->out->damping), LEAST_DAMPED, L) != 0) {
         return;
     }
-    memcpy(J, find_jacobians(s), sizeof J);
-    weigh_twists(L, J, weights, A);
-    for (int r = 0; r < 6 * TIPS; ++r) {
-        add_scaled(N, weights[r] * twists[r], J + r * N, wanted);
-    }
-    double shift = FLAT_TWISTS; /* (A + shift I) y = wanted */
+    weigh_twists(L, find_jacobians(s), X, weights);
+    multiply_transposed(N, TIP_ROWS, X, G);
+    double shift = FLAT_TWISTS; /* y = X f, (X^T X + shift I) f = the weighted twists */
     for (int attempt = 0; attempt < 4 && excess > 1.0; ++attempt) {
-        if (factorise_cholesky(N, A, 1.0, shift, factor) != 0) {
+        for (int r = 0; r < TIP_ROWS; ++r) {
+            f[r] = weights[r] * twists[r];
+        }
+        if (!solve_damped(TIP_ROWS, G, shift, f)) {
             memset(velocity, 0, N * sizeof(double));
             return;
         }
-        memcpy(velocity, wanted, sizeof wanted);
-        solve_forward(N, factor, velocity);
-        solve_backward(N, factor, velocity); /* y */
+        for (int i = 0; i < N; ++i) {
+            velocity[i] = dot(TIP_ROWS, X + i * TIP_ROWS, f);
+        }
         solve_backward(N, L, velocity);
         excess = 0.0;
         for (int i = 0; i < N; ++i) {

@@ -16,10 +16,14 @@ double compute_tip_energy(const memory_t *m, const double *q, const double *equi
                                   find_spring_limits(m));
 }
 
-/* Return the energy of the tips' springs with that of the posture's spring. */
+/* Compute the energy of the tips' springs, which is given, and of the posture's spring, both unscaled. */
 double add_posture_energy(const memory_t *m, const double *q, const double *posture, double tips)
 {
-    return tips + stiffgen_posture_energy(q, posture, m->posture_stiffness);
+    double twice = 0.0;
+    for (int i = 0; i < N; ++i) {
+        twice += m->posture_stiffness[i] * (q[i] - posture[i]) * (q[i] - posture[i]);
+    }
+    return tips + 0.5 * twice;
 }
 
 /* Compute the energy that the scaled springs store at q. */
@@ -61,8 +65,8 @@ double distance_beyond(const config_t *c, int i, double q)
 static int counts_modulo_turn(const step_t *s, int i)
 {
     const config_t *const c = s->c;
-    const double least_infinite = smaller(-c->lower_limit[i], c->upper_limit[i]);
-    return c->continuous_joints == ID(CONTINUOUS_JOINTS_WRAPPED) && stiffgen_turns(i) && least_infinite > DBL_MAX &&
+    return stiffgen_turns(i) && c->continuous_joints == ID(CONTINUOUS_JOINTS_WRAPPED) &&
+           smaller(-c->lower_limit[i], c->upper_limit[i]) > DBL_MAX &&
            s->m->velocity_limit[i] * c->sample_time < HALF_TURN;
 }
 

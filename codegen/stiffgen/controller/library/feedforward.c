@@ -52,11 +52,12 @@ static int keeps_up(const step_t *s)
 {
     const memory_t *const m = s->m;
     const double *const q0 = s->q0;
-    double behind = HUGE_VAL;
+    double behind = HUGE_VAL, away[TIP_ROWS] = {0.0};
     if (s->input->command == ID(COMMAND_EQUILIBRIUM)) {
-        behind = travel_between(s->c, q0, q0, m->equilibrium, s->goal);
+        (void)compare_poses(m->equilibrium, s->goal, away);
+        behind = travel_between(s->c, q0, q0, away);
     } else if (m->joined) {
-        behind = travel_between(s->c, m->posture, q0, m->equilibrium, NULL);
+        behind = travel_between(s->c, m->posture, q0, away);
     }
     return behind <= KEPT_UP * s->c->sample_time;
 }

@@ -91,7 +91,6 @@ static void predict_equilibrium(const step_t *s, double share, int by_posture, d
     }
 }
 
-
 /*
  * Move the posture's velocity towards a share of the step per call, within the share `most` of its limits and so that a
  * ramp can stop it. size: of the step, over the limits [s].
@@ -118,24 +117,27 @@ static int rests_elsewhere(const step_t *s)
  * Update the posture's velocity towards a posture of the pose that is commanded, nearest to the wanted one. The posture
  * follows the equilibrium. Where it ends short of the equilibrium, the pose is out of reach from here (beyond): the
  * posture then goes towards the pose itself, as near as it can, and the equilibrium goes where the posture is. No other
- * posture is searched, since it would move the arm unasked (search_posture). here: pose of the posture; lead: distance
- * of the equilibrium from it; arrived: the equilibrium is at its goal. Return whether the posture is still on its way.
+ * posture is searched, since it would move the arm unasked (search_posture). here: pose of the posture; ahead: twists
+ * from it to the equilibrium; arrived: the equilibrium is at its goal. Return whether the posture is still on its way.
  */
-static int approach_posture(step_t *s, const double *here, double lead, int arrived)
+static int approach_posture(step_t *s, const double *here, const double *ahead, int arrived)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
-    double step[N] = {0.0};
+    const double lead = largest_part(ahead);
+    double step[N] = {0.0}, error[TIP_ROWS];
     if (!s->commanded) {
         approach_step(c, step, 0.0, 1.0, m->posture_velocity);
         return 0;
     }
     /* beyond the reach the equilibrium follows, and the posture waits for it; else it may wait for the posture */
     const int waits = m->beyond && lead > PATH_LEAD, awaited = !m->beyond && lead >= 2.0 * PATH_LEAD;
-    const double *const goal = m->beyond ? s->goal : m->equilibrium;
-    const double distance = find_posture_step(c, m, m->posture, here, goal, s->q0, s->scratch, step);
     if (m->beyond) {
-        step_to_wanted(m, s->q0, here, goal, step);
+        (void)compare_poses(here, s->goal, error);
+    }
+    const double distance = find_posture_step(c, m, m->posture, m->beyond ? error : ahead, s->q0, step);
+    if (m->beyond) {
+        step_to_wanted(m, s->q0, distance, s->goal, step);
     }
     const double size = relative_size(N, 1, step, c->reference_velocity_limit);
     const int stands = size <= (awaited ? CREEPING : STATIONARY);
@@ -153,10 +155,11 @@ static int approach_posture(step_t *s, const double *here, double lead, int arri
 }
 
 /*
- * Update the equilibrium's velocity towards goal, which has moved by itself from last_goal (NULL: it stands); pace:
- * share of the velocity limits that it uses, at most 1, and 0 or less to wait. Return whether it has arrived.
+ * Update the equilibrium's velocity towards a goal. away: twists from the equilibrium to it; moved: twists of its own
+ * motion since the last step; pace: share of the velocity limits that it uses, at most 1, and 0 or less to wait. Return
+ * whether it has arrived.
  */
-static int approach_poses(step_t *s, const double *goal, const double *last_goal, double pace)
+static int approach_poses(step_t *s, const double *away, const double *moved, double pace)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
@@ -164,19 +167,13 @@ static int approach_poses(step_t *s, const double *goal, const double *last_goal
     const double tip_limits[2] = {share * c->tip_velocity_limit, share * c->tip_rotation_limit};
     int arrived = 1;
     for (int t = 0; t < TIPS; ++t) {
-        double away[6] = {0.0}, moved[6] = {0.0};
-        if (s->commanded) {
-            pose_difference(m->equilibrium + 16 * t, goal + 16 * t, away);
-        }
-        if (s->commanded && last_goal != NULL) {
-            pose_difference(last_goal + 16 * t, goal + 16 * t, moved);
-        }
-        arrived &= relative_size(6, 3, away, tip_limits) <= ARRIVED;
+        arrived &= relative_size(6, 3, away + 6 * t, tip_limits) <= ARRIVED;
         if (pace <= 0.0) { /* wait: stop at once, without a ramp */
             memset(m->equilibrium_velocity + 6 * t, 0, 6 * sizeof(double));
             continue;
         }
-        approach_goal(c, TIP_RAMP * c->ramp_time, 6, 3, away, moved, tip_limits, m->equilibrium_velocity + 6 * t);
+        approach_goal(c, TIP_RAMP * c->ramp_time, 6, 3, away + 6 * t, moved + 6 * t, tip_limits,
+                      m->equilibrium_velocity + 6 * t);
     }
     return arrived;
 }
@@ -231,26 +228,32 @@ static double find_pace(const step_t *s, double lead)
 static int follow_pose(step_t *s)
 {
     memory_t *const m = s->m;
-    double here[16 * TIPS];
+    double here[16 * TIPS], ahead[TIP_ROWS], twists[TIP_ROWS];
     stiffgen_poses(m->posture, m, here);
-    const double streamed = s->commanded ? pose_distance(m->wanted_equilibrium, s->goal) : 0.0;
+    const double streamed = largest_part(s->moved);
     if (streamed > SAME_POSE) {
         /* beyond the reach, the posture goes on towards the poses of a stream: waiting for each, it would stop */
-        m->beyond = m->beyond && streamed <= PATH_LEAD && pose_distance(here, s->goal) > PATH_LEAD;
+        m->beyond = m->beyond && streamed <= PATH_LEAD && compare_poses(here, s->goal, twists) > PATH_LEAD;
     }
-    const double lead = pose_distance(here, m->equilibrium), pace = find_pace(s, lead);
-    const double *const goal = m->beyond ? here : s->goal; /* beyond the reach: where the posture is */
-    const double *const last_goal = m->beyond ? NULL : m->wanted_equilibrium;
-    const int arrived = approach_poses(s, goal, last_goal, pace);
-    return approach_posture(s, here, lead, arrived) || !arrived;
+    const double pace = find_pace(s, compare_poses(here, m->equilibrium, ahead));
+    for (int k = 0; s->commanded && m->beyond && k < TIP_ROWS; ++k) { /* the equilibrium goes to the posture's pose */
+        s->away[k] = -ahead[k];
+        s->moved[k] = 0.0;
+    }
+    const int arrived = approach_poses(s, s->away, s->moved, pace);
+    return approach_posture(s, here, ahead, arrived) || !arrived;
 }
 
 /* After commands by pose, let the equilibrium join the posture's pose. Return whether it is still away from it. */
 static int join_posture(step_t *s)
 {
-    double here[16 * TIPS];
+    const double still[TIP_ROWS] = {0.0};
+    double here[16 * TIPS], away[TIP_ROWS] = {0.0};
     stiffgen_poses(s->m->posture, s->m, here);
-    const int arrived = approach_poses(s, here, NULL, 1.0);
+    if (s->commanded) {
+        (void)compare_poses(s->m->equilibrium, here, away);
+    }
+    const int arrived = approach_poses(s, away, still, 1.0);
     s->m->joined = s->commanded && arrived;
     return !arrived;
 }
@@ -277,21 +280,19 @@ static int update_velocities(step_t *s, int by_posture)
 }
 
 /*
- * Return the time [s] that the governor's velocity limits need for the largest of the motions from posture to goal and
- * from equilibrium to goal_pose (NULL: no poses).
+ * Return the time [s] that the governor's velocity limits need for the largest of the motion from posture to goal and
+ * the twists of the tips.
  */
-double travel_between(const config_t *c, const double *posture, const double *goal, const double *equilibrium,
-                      const double *goal_pose)
+double travel_between(const config_t *c, const double *posture, const double *goal, const double *twists)
 {
     const double tip_limits[2] = {c->tip_velocity_limit, c->tip_rotation_limit};
-    double away[N], twist[6];
+    double away[N];
     for (int i = 0; i < N; ++i) {
         away[i] = goal[i] - posture[i];
     }
     double travel = relative_size(N, 1, away, c->reference_velocity_limit);
-    for (int t = 0; goal_pose != NULL && t < TIPS; ++t) {
-        pose_difference(equilibrium + 16 * t, goal_pose + 16 * t, twist);
-        travel = larger(travel, relative_size(6, 3, twist, tip_limits));
+    for (int t = 0; t < TIPS; ++t) {
+        travel = larger(travel, relative_size(6, 3, twists + 6 * t, tip_limits));
     }
     return travel;
 }
@@ -306,22 +307,24 @@ static void pay_for_travel(step_t *s)
     const config_t *const c = s->c;
     memory_t *const m = s->m;
     const int by_pose = s->input->command == ID(COMMAND_EQUILIBRIUM);
-    double pose[16 * TIPS];
     if (!s->commanded) {
         return;
     }
     if (by_pose && !m->by_pose) { /* the last command was q0: its poses */
         stiffgen_poses(m->wanted_posture, m, m->wanted_equilibrium);
     }
-    memcpy(pose, s->goal, sizeof pose);
     if (!by_pose && (m->by_pose || !m->joined)) { /* poses of this q0, where they are compared below */
-        stiffgen_poses(s->q0, m, pose);
+        stiffgen_poses(s->q0, m, s->goal);
     }
     /* poses count where a command by pose is one of the two that are compared */
-    const double *const moved_pose = by_pose || m->by_pose ? pose : NULL;
-    const double *const away_pose = by_pose || !m->joined ? pose : NULL;
-    const double moved = travel_between(c, m->wanted_posture, s->q0, m->wanted_equilibrium, moved_pose);
-    const double away = travel_between(c, m->posture, s->q0, m->equilibrium, away_pose);
+    if (by_pose || m->by_pose) {
+        (void)compare_poses(m->wanted_equilibrium, s->goal, s->moved);
+    }
+    if (by_pose || !m->joined) {
+        (void)compare_poses(m->equilibrium, s->goal, s->away);
+    }
+    const double moved = travel_between(c, m->wanted_posture, s->q0, s->moved);
+    const double away = travel_between(c, m->posture, s->q0, s->away);
     m->travel = smaller(m->travel + moved, away);
     const double paid = smaller(m->travel, c->sample_time);
     const double work = m->engagement + s->engagement_limit * (paid / TRAVEL_TIME);
@@ -346,8 +349,8 @@ static double move_posture(step_t *s)
     double posture[N];
     memcpy(posture, m->posture, sizeof posture);
     add_scaled(N, s->c->sample_time, m->posture_velocity, posture);
-    const double before = stiffgen_posture_energy(m->q, m->posture, m->posture_stiffness);
-    const double rise = m->scale * (stiffgen_posture_energy(m->q, posture, m->posture_stiffness) - before);
+    const double before = add_posture_energy(m, m->q, m->posture, 0.0);
+    const double rise = m->scale * (add_posture_energy(m, m->q, posture, 0.0) - before);
     if (rise > work_left(m) || !stiffgen_reaches(posture, m)) {
         memset(m->posture_velocity, 0, sizeof m->posture_velocity);
         s->status |= ID(STATUS_GOVERNOR);

@@ -19,6 +19,7 @@
 #include <string.h>
 
 enum { NO_JOINT = -1, READY = 0x51f7, RECENT = 8, MOST_DELAY = 5, POSTURES = 32 };
+enum { TIP_ROWS = 6 * TIPS }; /* rows of the Jacobians of all tips */
 enum { LONGEST = 1000000 }; /* samples or calls at which a counter stands still: 17 minutes at 1 kHz, and no overflow */
 enum { SEARCHED = 40, SEARCH_STEPS = 60 }; /* trials of a search for a posture, steps of a trial */
 enum { MATRIX_NOT_FINITE = 1, MATRIX_NOT_POSITIVE, MATRIX_NOT_CONVERGED };
@@ -79,9 +80,11 @@ typedef struct {
     int limited;       /* first joint whose q0 is beyond its limit and followed to the zone there, or NO_JOINT */
     double q[N];       /* of the sample; turns of continuous joints are counted */
     double q0[N];      /* of the accepted command, within the joint limits */
-    double goal[16 * TIPS]; /* equilibrium of an accepted command by pose */
-    double translation[9 * TIPS], rotation[9 * TIPS]; /* stiffness of an accepted command */
+    double goal[16 * TIPS]; /* equilibrium of an accepted command by pose; of one by q0 its poses, where they count */
     double old_equilibrium[16 * TIPS];
+    double translation[9 * TIPS], rotation[9 * TIPS]; /* stiffness of an accepted command */
+    double moved[TIP_ROWS]; /* twists from the poses of the last command to those of this one */
+    double away[TIP_ROWS];  /* twists from the equilibrium to the poses of the command */
     double velocity[N];
     int stands[N];    /* the joint stands still, with differenced velocities */
     double travel[N]; /* [rad] or [m] predicted for joints that stand still, with differenced velocities */
@@ -111,7 +114,6 @@ double stiffgen_spring(const double *q, const memory_t *m, const double *equilib
                        const double *translation_stiffness, const double *rotation_stiffness, const double *limits,
                        double *wrench, double *torque, double *joint_stiffness);
 int stiffgen_has_bounded_spring(void);
-double stiffgen_posture_energy(const double *q, const double *posture, const double *posture_stiffness);
 void stiffgen_mass_matrix(const double *q, const memory_t *m, double *mass_matrix);
 void stiffgen_coriolis(const double *q, const memory_t *m, const double *velocity, double *forces);
 void stiffgen_home(memory_t *m);
@@ -141,16 +143,21 @@ double clamp(double x, double least, double most);
 int clamp_count(int x, int most);
 double dot(int count, const double *a, const double *b);
 double norm(int count, const double *x);
-void combine_rows(int rows, int n, int count, const double *factors, const double *A, double *result);
+void multiply_rows(int n, const double *rows, const double *A, double *result);
 void add_scaled(int count, double a, const double *x, double *y);
 void multiply_vector(const double *A, const double *x, double *result);
 void multiply3(const double *A, int a, int transposed, const double *B, int b, double *C);
 double largest_entry(int count, const double *A);
 double largest_diagonal(int n, const double *A);
-void form_congruence(int rows, int n, const double *Y, const double *d, double *result);
+void transpose(int rows, int n, const double *A, double *result);
+void scale_columns(int rows, int n, const double *factors, double *A);
+void multiply_transposed(int rows, int n, const double *X, double *result);
+void form_congruence(int rows, int n, double *Y, const double *d, double *result);
 int factorise_cholesky(int n, const double *A, double scale, double shift, double *L);
 void solve_forward(int n, const double *L, double *x);
+void solve_rows(int n, int count, const double *L, double *X);
 void solve_backward(int n, const double *L, double *x);
+int solve_damped(int n, const double *A, double shift, double *x);
 int is_positive_semidefinite(int n, const double *A, double tolerance);
 
 /* eigen.c */
@@ -160,7 +167,6 @@ double find_largest_eigenvalue(const double *A);
 
 /* modes.c */
 void take_symmetric_part(int n, const double *K, double *result);
-void multiply_rows(int n, const double *rows, const double *A, double *result);
 int solve_modes(int n, const double *K, const double *M, double *work, double *eigenvalues, double *modes);
 int refine_modes(int n, const double *K, const double *M, double *work, double *eigenvalues, double *modes);
 int solve_pencil(int n, const double *K, const double *M, double *L, double *C, double *eigenvalues, double *rows,
@@ -252,19 +258,18 @@ void observe_sample(step_t *s, const double *last);
 
 /* posture.c */
 void pose_difference(const double *from, const double *to, double *twist);
-double pose_distance(const double *from, const double *to);
+double largest_part(const double *twists);
+double compare_poses(const double *from, const double *to, double *twists);
 void move_pose(const double *pose, const double *twist, double *moved);
-double find_posture_step(const config_t *c, const memory_t *m, const double *q, const double *here, const double *goal,
-                         const double *wanted, double *work, double *step);
-void step_to_wanted(const memory_t *m, const double *q0, const double *here, const double *goal,
-                    double *step);
+double find_posture_step(const config_t *c, const memory_t *m, const double *q, const double *error,
+                         const double *wanted, double *step);
+void step_to_wanted(const memory_t *m, const double *q0, double distance, const double *goal, double *step);
 int is_far_behind(const memory_t *m);
 int leads_away(const memory_t *m, const double *step);
 int search_posture(const config_t *c, const double *poses, const double *tool, const double *start, double *posture);
 
 /* governor.c */
-double travel_between(const config_t *c, const double *posture, const double *goal, const double *equilibrium,
-                      const double *goal_pose);
+double travel_between(const config_t *c, const double *posture, const double *goal, const double *twists);
 void move_equilibrium(step_t *s);
 void settle_springs(step_t *s);
 void pay_engagement(step_t *s);

@@ -57,34 +57,56 @@ double norm(int count, const double *x)
 }
 
 /*
- * Combine rows of n numbers: result_j is the sum of factors_k A_kj over all rows, for the first `count` columns. Four
- * sums at a time stay in registers; the last four may overlap those before.
+ * Combine at least one row of A, n numbers apart, with factors that are `step` apart: BLOCK columns, and BLOCK columns
+ * `apart` numbers behind these, which may overlap them.
  */
-void combine_rows(int rows, int n, int count, const double *factors, const double *A, double *result)
+static inline void combine_blocks(int rows, int n, int apart, const double *factors, int step, const double *A,
+                                  double *result)
+{
+    double a[BLOCK] = {0.0}, b[BLOCK] = {0.0};
+    int k = 0;
+    do {
+        for (int j = 0; j < BLOCK; ++j) { /* loops of constant length become vectors */
+            a[j] += factors[k * step] * A[k * n + j];
+        }
+        for (int j = 0; j < BLOCK; ++j) {
+            b[j] += factors[k * step] * A[k * n + apart + j];
+        }
+        k += 1;
+    } while (k < rows);
+    memcpy(result, a, sizeof a);
+    memcpy(result + apart, b, sizeof b);
+}
+
+/*
+ * Compute F A, m rows of n numbers. A has `rows` rows, and entry (i, k) of F is F[i down + k right]. Inline, so that
+ * compilers see the numbers of rows and columns.
+ */
+static inline void multiply_matrices(int m, int rows, int n, const double *F, int down, int right, const double *A,
+                                     double *result)
 {
     int j = 0;
-    for (; count >= BLOCK && j < count; j += BLOCK) {
-        const int first = j + BLOCK <= count ? j : count - BLOCK;
-        double a = 0.0, b = 0.0, c = 0.0, d = 0.0;
-        for (int k = 0; k < rows; ++k) {
-            const double x = factors[k], *const row = A + k * n + first;
-            a += x * row[0];
-            b += x * row[1];
-            c += x * row[2];
-            d += x * row[3];
+    for (; j + BLOCK <= n; j += 2 * BLOCK) {
+        const int apart = clamp_count(n - BLOCK - j, BLOCK);
+        for (int i = 0; i < m; ++i) {
+            combine_blocks(rows, n, apart, F + i * down, right, A + j, result + i * n + j);
         }
-        result[first] = a;
-        result[first + 1] = b;
-        result[first + 2] = c;
-        result[first + 3] = d;
     }
-    for (; j < count; ++j) {
-        double sum = 0.0;
-        for (int k = 0; k < rows; ++k) {
-            sum += factors[k] * A[k * n + j];
+    for (; j < n; ++j) {
+        for (int i = 0; i < m; ++i) {
+            double sum = 0.0;
+            for (int k = 0; k < rows; ++k) {
+                sum += F[i * down + k * right] * A[k * n + j];
+            }
+            result[i * n + j] = sum;
         }
-        result[j] = sum;
     }
+}
+
+/* Multiply rows by a square matrix A. */
+void multiply_rows(int n, const double *rows, const double *A, double *result)
+{
+    multiply_matrices(n, n, n, rows, n, 1, A, result);
 }
 
 /* Add a x to y. */
@@ -141,27 +163,42 @@ double largest_diagonal(int n, const double *A)
     return result;
 }
 
-/* Copy the lower triangle of a matrix to the upper one. */
-static void mirror_triangle(int n, double *A)
+/* Transpose a matrix of `rows` rows with n numbers each. */
+void transpose(int rows, int n, const double *A, double *result)
 {
-    for (int i = 1; i < n; ++i) {
-        for (int j = 0; j < i; ++j) {
-            A[j * n + i] = A[i * n + j];
+    for (int i = 0; i < n; ++i) {
+        for (int k = 0; k < rows; ++k) {
+            result[i * rows + k] = A[k * n + i];
         }
     }
 }
 
-/* Compute Y^T diag(d) Y of the rows of Y, n numbers each; one triangle is mirrored. */
-void form_congruence(int rows, int n, const double *Y, const double *d, double *result)
+/* Multiply each of n columns by its factor. */
+void scale_columns(int rows, int n, const double *factors, double *A)
 {
-    for (int i = 0; i < n; ++i) {
-        double factors[MAX_ROWS] = {0.0};
-        for (int k = 0; k < rows; ++k) {
-            factors[k] = d[k] * Y[k * n + i];
+    for (int k = 0; k < rows; ++k) {
+        for (int i = 0; i < n; ++i) {
+            A[k * n + i] *= factors[i];
         }
-        combine_rows(rows, n, i + 1, factors, Y, result + i * n);
     }
-    mirror_triangle(n, result);
+}
+
+/* Compute X^T X of the rows of X, n numbers each; symmetric in every bit, since equal products are summed alike. */
+void multiply_transposed(int rows, int n, const double *X, double *result)
+{
+    multiply_matrices(n, rows, n, X, 1, n, X, result);
+}
+
+/* Compute Y^T diag(d) Y of the rows of Y, n numbers each, d >= 0. The rows become those of diag(d)^(1/2) Y. */
+void form_congruence(int rows, int n, double *Y, const double *d, double *result)
+{
+    for (int k = 0; k < rows; ++k) {
+        const double root = sqrt(d[k]);
+        for (int i = 0; i < n; ++i) {
+            Y[k * n + i] *= root;
+        }
+    }
+    multiply_transposed(rows, n, Y, result);
 }
 
 /* Compute the lower Cholesky factor L of A / scale + shift I, column by column. */
@@ -193,6 +230,21 @@ void solve_forward(int n, const double *L, double *x)
     }
 }
 
+/* Replace the n rows of X, `count` numbers each, by those of L^-1 X. */
+void solve_rows(int n, int count, const double *L, double *X)
+{
+    double sums[MAX_ROWS] = {0.0};
+    for (int i = 0; i < n; ++i) {
+        const double reciprocal = 1.0 / L[i * (n + 1)];
+        if (i > 0) {
+            multiply_matrices(1, i, count, L + i * n, n, 1, X, sums);
+        }
+        for (int k = 0; k < count; ++k) {
+            X[i * count + k] = (X[i * count + k] - sums[k]) * reciprocal;
+        }
+    }
+}
+
 /* Replace x by L^-T x. */
 void solve_backward(int n, const double *L, double *x)
 {
@@ -203,6 +255,18 @@ void solve_backward(int n, const double *L, double *x)
         }
         x[i] = sum / L[i * n + i];
     }
+}
+
+/* Replace x by (A + shift I)^-1 x, at most MAX_ROWS numbers. Return whether A + shift I is positive definite. */
+int solve_damped(int n, const double *A, double shift, double *x)
+{
+    double L[MAX_ROWS * MAX_ROWS] = {0.0};
+    if (factorise_cholesky(n, A, 1.0, shift, L) != 0) {
+        return 0;
+    }
+    solve_forward(n, L, x);
+    solve_backward(n, L, x);
+    return 1;
 }
 
 /*

@@ -88,16 +88,6 @@ int solve_pencil(int n, const double *K, const double *M, double *L, double *C, 
     return error != 0 ? error : diagonalise_pencil(n, K, *scale, rows, C, eigenvalues, rows);
 }
 
-/* Multiply rows by a square matrix A; the result may overwrite the rows. */
-void multiply_rows(int n, const double *rows, const double *A, double *result)
-{
-    for (int i = 0; i < n; ++i) {
-        double row[MAX_ROWS] = {0.0};
-        combine_rows(n, n, n, rows + i * n, A, row);
-        memcpy(result + i * n, row, (size_t)n * sizeof(double));
-    }
-}
-
 /*
  * Compute the modes of K v = lambda M v, for the symmetric part of K: the eigenvalues lambda (ascending), and rows v
  * with v . M v = 1. work: 2 n^2 numbers.
@@ -113,7 +103,8 @@ int solve_modes(int n, const double *K, const double *M, double *work, double *e
         for (int k = 0; k < n * n; ++k) {
             inverse[k] /= sqrt(scale);
         }
-        multiply_rows(n, modes, inverse, modes);
+        multiply_rows(n, modes, inverse, C);
+        memcpy(modes, C, (size_t)(n * n) * sizeof(double));
     }
     return error;
 }

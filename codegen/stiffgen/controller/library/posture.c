@@ -6,7 +6,7 @@
 
 static const double NO_ROTATION = 1e-9; /* [rad] up to which a rotation is linear: its square is below rounding */
 static const double RADIAN_LENGTH = 0.25; /* [m] that weigh as much as one radian in a posture's distance from a pose */
-static const double FLAT_SHARE = 1e-9; /* added to J^T J of a posture, over its largest entry */
+static const double FLAT_SHARE = 1e-9; /* added to X^T X of a posture, over the largest square of a row of X */
 static const double SELF_MOTION_NEAR = 0.1; /* [m] or [rad] from a pose at which self-motion begins */
 static const double LONGEST_STEP = 0.5; /* [rad] or [m] of a search */
 static const double NEAR_TIME = 0.1; /* [s] of travel that one step of self-motion looks ahead */
@@ -53,15 +53,23 @@ void pose_difference(const double *from, const double *to, double *twist)
     }
 }
 
-/* Return the largest distance [m] or angle [rad] between the poses of the tips. */
-double pose_distance(const double *from, const double *to)
+/* Return the largest distance [m] or angle [rad] of the tips' twists. */
+double largest_part(const double *twists)
 {
-    double most = 0.0, twist[6];
-    for (int t = 0; t < TIPS; ++t) {
-        pose_difference(from + 16 * t, to + 16 * t, twist);
-        most = larger(most, larger(norm(3, twist), norm(3, twist + 3)));
+    double most = 0.0;
+    for (int k = 0; k < TIP_ROWS; k += 3) {
+        most = larger(most, norm(3, twists + k));
     }
     return most;
+}
+
+/* Compute the twists of all tips from their poses to others. Return the largest distance [m] or angle [rad]. */
+double compare_poses(const double *from, const double *to, double *twists)
+{
+    for (int t = 0; t < TIPS; ++t) {
+        pose_difference(from + 16 * t, to + 16 * t, twists + 6 * t);
+    }
+    return largest_part(twists);
 }
 
 /*
@@ -93,58 +101,34 @@ void move_pose(const double *pose, const double *twist, double *moved)
 }
 
 /*
- * Solve (A + shift I) y = x over the free joints, and write y to x; held joints keep their x: their rows and columns
- * become those of I. work: 2 N N numbers. Return whether it succeeded.
+ * Combine a damped least-squares step towards the pose's error with the part of `near` that leaves the tips where they
+ * are: `near` less X G^-1 X^T near, G = X^T X (regularised). The rows of X are those of the joints, 0 where a joint is
+ * held, which has its step already. Return whether it succeeded.
  */
-static int solve_free(const double *A, double shift, const int *held, double *work, double *x)
+static int combine_steps(const double *X, const double *error, const double *near, double damping, const int *held,
+                         double *step)
 {
-    double *const L = work + NN;
-    memcpy(work, A, NN * sizeof(double));
+    double G[TIP_ROWS * TIP_ROWS], pull[TIP_ROWS], self[TIP_ROWS] = {0.0};
+    memcpy(pull, error, sizeof pull);
     for (int i = 0; i < N; ++i) {
-        for (int j = 0; held[i] && j < N; ++j) {
-            const double entry = i == j ? 1.0 - shift : 0.0;
-            work[i * N + j] = entry;
-            work[j * N + i] = entry;
-        }
+        add_scaled(TIP_ROWS, near[i], X + i * TIP_ROWS, self);
     }
-    if (factorise_cholesky(N, work, 1.0, shift, L) != 0) {
+    multiply_transposed(N, TIP_ROWS, X, G);
+    if (!solve_damped(TIP_ROWS, G, FLAT_SHARE + damping, pull) || !solve_damped(TIP_ROWS, G, FLAT_SHARE, self)) {
         return 0;
     }
-    solve_forward(N, L, x);
-    solve_backward(N, L, x);
+    add_scaled(TIP_ROWS, -1.0, self, pull);
+    for (int i = 0; i < N; ++i) {
+        step[i] = held[i] ? step[i] : near[i] + dot(TIP_ROWS, X + i * TIP_ROWS, pull);
+    }
     return 1;
 }
 
 /*
- * Combine a damped least-squares step, with the slope J^T W e of the pose's error (task), and the part of `near` that
- * leaves the tips where they are: `near` less self = A^-1 A near (regularised). A = J^T W J. Joints that are held have
- * their step already, and what it does to the tips counts. Return whether it succeeded.
+ * Hold the free joint whose step leads farthest beyond its limit zones, at their edge, and take out of X and error what
+ * it does to the tips. Return whether there is one.
  */
-static int combine_steps(const double *A, const double *task, const double *near, double shift, const int *held,
-                         double *work, double *step)
-{
-    double slope[N], self[N];
-    for (int i = 0; i < N; ++i) {
-        slope[i] = task[i];
-        self[i] = 0.0;
-        for (int j = 0; j < N; ++j) {
-            slope[i] -= held[j] ? A[i * N + j] * step[j] : 0.0;
-            self[i] += held[j] ? 0.0 : A[i * N + j] * near[j];
-        }
-        slope[i] = held[i] ? 0.0 : slope[i];
-        self[i] = held[i] ? 0.0 : self[i];
-    }
-    if (!solve_free(A, FLAT_SHARE + shift, held, work, slope) || !solve_free(A, FLAT_SHARE, held, work, self)) {
-        return 0;
-    }
-    for (int i = 0; i < N; ++i) {
-        step[i] = held[i] ? step[i] : slope[i] + near[i] - self[i];
-    }
-    return 1;
-}
-
-/* Hold the free joint whose step leads farthest beyond its limit zones, at their edge. Return whether there is one. */
-static int hold_joint(const memory_t *m, const double *q, int *held, double *step)
+static int hold_joint(const memory_t *m, const double *q, int *held, double *X, double *error, double *step)
 {
     double farthest = 0.0, step_to_edge = 0.0;
     int found = NO_JOINT;
@@ -156,61 +140,57 @@ static int hold_joint(const memory_t *m, const double *q, int *held, double *ste
             found = i;
         }
     }
-    if (found != NO_JOINT) {
-        held[found] = 1;
-        step[found] = step_to_edge;
+    if (found == NO_JOINT) {
+        return 0;
     }
-    return found != NO_JOINT;
+    held[found] = 1;
+    step[found] = step_to_edge;
+    add_scaled(TIP_ROWS, -step_to_edge, X + found * TIP_ROWS, error);
+    memset(X + found * TIP_ROWS, 0, TIP_ROWS * sizeof(double));
+    return 1;
 }
 
 /*
- * Sum up the pose's error over the tips: the slope J^T W e and A = J^T W J, scaled so that A has the largest entry 1. W
- * lets RADIAN_LENGTH weigh as much as one radian. Return |e|, the largest of the tips' distances [m] and angles [rad];
- * damping: that of the step.
+ * Compute X = J^T, one row per joint, and weight it and the error, the tips' twists to their goal: RADIAN_LENGTH counts
+ * as much as one radian, and the longest row of X has length 1. Return the damping of the step.
  */
-static double sum_errors(const memory_t *m, const double *q, const double *here, const double *goal, double *A,
-                         double *task, double *damping)
+static double weigh_error(const memory_t *m, const double *q, double *X, double *error)
 {
-    double J[6 * N * TIPS], weights[6 * TIPS], distance = 0.0, squares = 0.0;
+    double J[TIP_ROWS * N], weights[TIP_ROWS], longest = DBL_MIN;
     stiffgen_jacobians(q, m, J);
-    memset(task, 0, N * sizeof(double));
-    for (int t = 0; t < TIPS; ++t) {
-        double error[6];
-        pose_difference(here + 16 * t, goal + 16 * t, error);
-        distance = larger(distance, larger(norm(3, error), norm(3, error + 3)));
-        for (int k = 0; k < 6; ++k) {
-            const double weight = k < 3 ? 1.0 / (RADIAN_LENGTH * RADIAN_LENGTH) : 1.0;
-            weights[6 * t + k] = weight;
-            squares += weight * error[k] * error[k];
-            add_scaled(N, weight * error[k], J + (6 * t + k) * N, task);
-        }
+    transpose(TIP_ROWS, N, J, X);
+    for (int r = 0; r < TIP_ROWS; ++r) {
+        weights[r] = r % 6 < 3 ? 1.0 / RADIAN_LENGTH : 1.0;
     }
-    form_congruence(6 * TIPS, N, J, weights, A);
-    const double scale = larger(largest_diagonal(N, A), DBL_MIN), inverse = 1.0 / scale;
-    for (int k = 0; k < NN; ++k) {
-        A[k] *= inverse;
-    }
+    scale_columns(N, TIP_ROWS, weights, X);
     for (int i = 0; i < N; ++i) {
-        task[i] *= inverse;
+        longest = larger(longest, dot(TIP_ROWS, X + i * TIP_ROWS, X + i * TIP_ROWS));
     }
-    *damping = squares / scale + STEP_SHARE * sqrt(squares / scale);
-    return distance;
+    const double inverse = 1.0 / sqrt(longest);
+    for (int k = 0; k < N * TIP_ROWS; ++k) {
+        X[k] *= inverse;
+    }
+    for (int r = 0; r < TIP_ROWS; ++r) {
+        error[r] *= inverse * weights[r];
+    }
+    const double squares = dot(TIP_ROWS, error, error);
+    return squares + STEP_SHARE * sqrt(squares);
 }
 
 /*
- * Find the step from the posture q, whose tips are here, towards the one nearest to `wanted` that has its tips at goal
- * and lies outside the limit zones. work: 2 N N numbers. Return the tips' distance from the goal, the larger of [m] and
- * [rad].
+ * Find the step from the posture q towards the one nearest to `wanted` that has its tips at their goal and lies outside
+ * the limit zones. error: twists from the tips' poses in q to the goal. Return their largest part, in [m] or [rad].
  *
- * The step is damped by e^T W e and by its root. The first keeps it short far from the goal and at singular postures.
- * The second bounds what the neglected second derivative of e does to the share of the step that is gone in one call.
+ * The step is damped by e . e and by its root. The first keeps it short far from the goal and at singular postures. The
+ * second bounds what the neglected second derivative of e does to the share of the step that is gone in one call.
  */
-double find_posture_step(const config_t *c, const memory_t *m, const double *q, const double *here, const double *goal,
-                         const double *wanted, double *work, double *step)
+double find_posture_step(const config_t *c, const memory_t *m, const double *q, const double *error,
+                         const double *wanted, double *step)
 {
-    double A[NN], task[N], near[N], damping, excess = 0.0;
+    double X[N * TIP_ROWS], rest[TIP_ROWS], near[N], excess = 0.0;
     int held[N] = {0};
-    const double distance = sum_errors(m, q, here, goal, A, task, &damping);
+    memcpy(rest, error, sizeof rest);
+    const double distance = largest_part(error), damping = weigh_error(m, q, X, rest);
     memset(step, 0, N * sizeof(double));
     for (int i = 0; i < N; ++i) {
         near[i] = clamp(wanted[i], m->avoidance[4 * i], m->avoidance[4 * i + 1]) - q[i];
@@ -221,8 +201,8 @@ double find_posture_step(const config_t *c, const memory_t *m, const double *q, 
     }
     int good = 1, again = 1;
     for (int round = 1; round <= N && again; ++round) { /* each round holds one more joint at its limit zone */
-        good = combine_steps(A, task, near, damping, held, work, step);
-        again = good && round < N && hold_joint(m, q, held, step);
+        good = combine_steps(X, rest, near, damping, held, step);
+        again = good && round < N && hold_joint(m, q, held, X, rest, step);
     }
     if (!good) {
         memset(step, 0, N * sizeof(double));
@@ -233,18 +213,17 @@ double find_posture_step(const config_t *c, const memory_t *m, const double *q, 
 /*
  * Out of reach, where the wanted posture is nearer to the commanded pose than the posture is: replace its step by the
  * way there. A stretched arm is a saddle of the pose's error, from which damped steps lead back slowly, or to the other
- * side. The wanted posture q0 is what the command states: no other configuration is searched. here: poses of the
- * tips in the posture.
+ * side. The wanted posture q0 is what the command states: no other configuration is searched. distance: that of the
+ * posture from the commanded pose, goal.
  */
-void step_to_wanted(const memory_t *m, const double *q0, const double *here, const double *goal,
-                    double *step)
+void step_to_wanted(const memory_t *m, const double *q0, double distance, const double *goal, double *step)
 {
-    double wanted[N], poses[16 * TIPS];
+    double wanted[N], poses[16 * TIPS], twists[TIP_ROWS];
     for (int i = 0; i < N; ++i) {
         wanted[i] = clamp(q0[i], m->avoidance[4 * i], m->avoidance[4 * i + 1]);
     }
     stiffgen_poses(wanted, m, poses);
-    if (pose_distance(poses, goal) < NEARER * pose_distance(here, goal)) {
+    if (compare_poses(poses, goal, twists) < NEARER * distance) {
         for (int i = 0; i < N; ++i) {
             step[i] = wanted[i] - m->posture[i];
         }
@@ -290,12 +269,13 @@ static void start_trial(const memory_t *m, const double *start, int number, doub
 /* Follow steps from q towards a posture of the goal. Return whether one is found: at most SEARCH_STEPS steps. */
 static int try_posture(const config_t *c, const memory_t *m, const double *goal, double *q)
 {
-    double work[2 * NN], step[N], here[16 * TIPS];
+    double step[N], here[16 * TIPS], error[TIP_ROWS];
     int found = 0;
     for (int k = 0; k < SEARCH_STEPS && !found; ++k) {
         stiffgen_poses(q, m, here);
+        (void)compare_poses(here, goal, error);
         /* wanted is q itself: no self-motion. Found is well within REACHED, and improved by one step more. */
-        found = find_posture_step(c, m, q, here, goal, q, work, step) <= 0.1 * REACHED;
+        found = find_posture_step(c, m, q, error, q, step) <= 0.1 * REACHED;
         const double size = norm(N, step);
         add_scaled(N, size > LONGEST_STEP ? LONGEST_STEP / size : 1.0, step, q);
     }

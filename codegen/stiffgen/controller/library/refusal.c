@@ -34,10 +34,12 @@ static int check_definite(const double *K, const double *symmetric, int command,
 {
     const double most = larger(COMMAND_TOLERANCE * largest_entry(9, K), DBL_MIN);
     double A[9], values[3] = {0.0}, vectors[9];
-    for (int i = 0; i < 9; ++i) {
-        const double apart = fabs(K[i] - K[3 * (i % 3) + i / 3]);
-        if (!(apart <= most)) {
-            return refuse_command(r, ID(REFUSAL_ASYMMETRIC), command, entry + i, apart, most);
+    for (int i = 0; i < 3; ++i) {
+        for (int j = i + 1; j < 3; ++j) {
+            const double apart = fabs(K[3 * i + j] - K[3 * j + i]);
+            if (!(apart <= most)) {
+                return refuse_command(r, ID(REFUSAL_ASYMMETRIC), command, entry + 3 * i + j, apart, most);
+            }
         }
     }
     if (is_positive_semidefinite(3, symmetric, COMMAND_TOLERANCE)) {
@@ -54,9 +56,7 @@ static int check_definite(const double *K, const double *symmetric, int command,
  */
 int accept_stiffness(const double *K, double most, int command, int tip, double *accepted, refusal_t *r)
 {
-    for (int i = 0; i < 9; ++i) {
-        accepted[i] = (K[i] + K[3 * (i % 3) + i / 3]) / 2.0;
-    }
+    take_symmetric_part(3, K, accepted);
     return check_numbers(9, K, DBL_MAX, ID(REFUSAL_NOT_FINITE), command, 9 * tip, r) &&
            check_numbers(9, K, most, ID(REFUSAL_STIFFNESS_LIMIT), command, 9 * tip, r) &&
            check_definite(K, accepted, command, 9 * tip, r);

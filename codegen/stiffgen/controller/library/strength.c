@@ -25,10 +25,18 @@ void place_no_tools(double *tool)
     }
 }
 
-/* Return the largest eigenvalue of a positive semidefinite A (destroyed) of 3 or 6 rows. */
-static double bound_quadratic(int rows, double *A)
+/* Return the largest eigenvalue of W diag(weights) W^T, W of 3 or 6 rows over the joints; weights: at least 0. */
+static double bound_quadratic(int rows, const double *W, const double *weights)
 {
-    double d[6] = {0.0};
+    double A[36], d[6] = {0.0}, weighted[N];
+    for (int k = 0; k < rows; ++k) {
+        for (int i = 0; i < N; ++i) {
+            weighted[i] = weights[i] * W[k * N + i];
+        }
+        for (int j = 0; j <= k; ++j) {
+            A[k * rows + j] = A[j * rows + k] = dot(N, weighted, W + j * N);
+        }
+    }
     if (rows == 3) {
         return larger(find_largest_eigenvalue(A), 0.0);
     }
@@ -46,17 +54,18 @@ static double bound_quadratic(int rows, double *A)
  */
 static void bound_wrench(const config_t *c, int rows, const double *J, const double *size, int clipped, double *parts)
 {
-    double W[6 * N] = {0.0}, holds[N] = {0.0}, falls[N] = {0.0}, held[36] = {0.0}, falling[36] = {0.0}, sum = 0.0;
+    double W[6 * N], holds[N], falls[N], sum = 0.0;
     const int gap = limit_call_gap(c, c->missed_limit);
     parts[2] = HUGE_VAL;
     for (int i = 0; i < N; ++i) {
         const double v = c->velocity_limit[i], fall = 0.5 * v * gap / c->torque_rate_limit[i];
         const double hold = v * c->sample_time * (gap * c->missed_limit + c->delay_samples);
-        double *const row = W + rows * i;
+        double square = 0.0;
         for (int k = 0; k < rows; ++k) {
-            row[k] = size[k] * J[k * N + i];
+            W[k * N + i] = size[k] * J[k * N + i];
+            square += W[k * N + i] * W[k * N + i];
         }
-        const double largest_torque = norm(rows, row); /* of the worst w */
+        const double largest_torque = sqrt(square); /* of the worst w */
         const double kept = largest_torque > 0.0 ? c->effort_limit[i] / largest_torque : HUGE_VAL;
         const double share = clipped ? smaller(kept, 1.0) : 1.0;
         parts[2] = smaller(parts[2], kept);
@@ -64,10 +73,8 @@ static void bound_wrench(const config_t *c, int rows, const double *J, const dou
         holds[i] = hold * share * share;
         falls[i] = fall * share * share;
     }
-    form_congruence(N, rows, W, holds, held);
-    form_congruence(N, rows, W, falls, falling);
-    parts[0] = sqrt(sum * bound_quadratic(rows, held));
-    parts[1] = bound_quadratic(rows, falling);
+    parts[0] = sqrt(sum * bound_quadratic(rows, W, holds));
+    parts[1] = bound_quadratic(rows, W, falls);
 }
 
 /* Return the largest l for which l a + l^2 b is at most `most`. */

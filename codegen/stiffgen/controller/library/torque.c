@@ -89,20 +89,22 @@ static void reduce_torque(step_t *s, const double *last, double *feed)
     }
 }
 
-/* Compute torque pull = -dU/dq and tangent of the springs at the last known position, unscaled. Return the energy U. */
+/*
+ * Compute torque pull = -dU/dq and tangent of the springs at the last known position, unscaled. Return the energy of
+ * the tips' springs.
+ */
 static double pull_springs(step_t *s, double *pull)
 {
     const memory_t *const m = s->m;
     output_t *const out = s->out;
-    const double energy =
+    const double tips =
         stiffgen_spring(m->q, m, m->equilibrium, m->translation_stiffness, m->rotation_stiffness,
-                        find_spring_limits(m), out->spring_wrench, pull, out->joint_stiffness) +
-        stiffgen_posture_energy(m->q, m->posture, m->posture_stiffness);
+                        find_spring_limits(m), out->spring_wrench, pull, out->joint_stiffness);
     for (int i = 0; i < N; ++i) {
         pull[i] += m->posture_stiffness[i] * (m->posture[i] - m->q[i]);
         out->joint_stiffness[i * (N + 1)] += m->posture_stiffness[i] + s->limit_slope[i];
     }
-    return energy;
+    return tips;
 }
 
 /*
@@ -113,12 +115,10 @@ static void compute_reference_velocity(step_t *s, int moved)
 {
     const double *const limits = s->c->reference_velocity_limit;
     double *const reference = s->out->reference_velocity;
-    double twists[6 * TIPS], excess = 1.0;
+    double twists[TIP_ROWS], excess = 1.0;
     if (moved && !s->m->joined) {
-        for (int t = 0; t < TIPS; ++t) {
-            pose_difference(s->old_equilibrium + 16 * t, s->m->equilibrium + 16 * t, twists + 6 * t);
-        }
-        for (int k = 0; k < 6 * TIPS; ++k) {
+        (void)compare_poses(s->old_equilibrium, s->m->equilibrium, twists);
+        for (int k = 0; k < TIP_ROWS; ++k) {
             twists[k] /= s->c->sample_time;
         }
         follow_twists(s, twists, reference);
@@ -167,7 +167,7 @@ void compute_torque(step_t *s, const double *last, int moved)
     m->hold = m->calls;
     double pull[N], slip[N], feed[N];
     compute_inertia(c, m, m->q, out->mass_matrix);
-    const double energy = pull_springs(s, pull);
+    const double tips = pull_springs(s, pull), energy = add_posture_energy(m, m->q, m->posture, tips);
     const double cap = design_damping(s);
     learn_friction(s, last);
     if (m->engaged && !s->started) {
@@ -185,7 +185,7 @@ void compute_torque(step_t *s, const double *last, int moved)
     for (int k = 0; k < 6 * TIPS; ++k) {
         out->spring_wrench[k] *= m->scale;
     }
-    note_load(s, m->scale * larger(energy - stiffgen_posture_energy(m->q, m->posture, m->posture_stiffness), 0.0));
+    note_load(s, m->scale * larger(tips, 0.0));
     press_tips(s);
     feed_reference(s, feed);
     compensate_coriolis(s);

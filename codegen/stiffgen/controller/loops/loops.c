@@ -58,15 +58,6 @@ double stiffgen_spring(const double *q, const memory_t *m, const double *equilib
     return energy;
 }
 
-double stiffgen_posture_energy(const double *q, const double *posture, const double *posture_stiffness)
-{
-    double energy = 0.0;
-    for (int i = 0; i < N; ++i) {
-        energy += 0.5 * posture_stiffness[i] * (q[i] - posture[i]) * (q[i] - posture[i]);
-    }
-    return energy;
-}
-
 void stiffgen_mass_matrix(const double *q, const memory_t *m, double *mass_matrix)
 {
     double joints[JOINTS];
