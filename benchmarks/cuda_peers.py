@@ -30,7 +30,7 @@ if __name__ == "__main__":  # a Python of frameworks alone: the folder of this f
 from benchmarks.frameworks import by_hand, jax_functions, torch_functions
 
 Array = NDArray[np.float64]
-COUNT, ROUNDS, CALLS, AGREE, SECONDS = 1 << 20, 15, 5, 1e-9, 70
+COUNT, ROUNDS, CALLS, AGREE, SECONDS = 1 << 20, 15, 5, 1e-9, 150
 JOINTS, TRIANGLE = 7, 28
 
 

@@ -81,7 +81,7 @@ ROBOTS = {
         },
         {"kernels": "all,compliance"},
     ),
-    "linkage": Robot(lambda: _LOOP.urdf, _LOOP.all_options(), {"derivatives": True}),
+    "linkage": Robot(lambda: _LOOP.urdf, _LOOP.all_options(), {"derivatives": True, "kernels": "all,compliance"}),
     "solo12": Robot(
         ROOT / "tests" / "data" / "solo12.urdf",
         {"tip": [f"{foot}_FOOT" for foot in ("FL", "HR")], "floating_base": True},
