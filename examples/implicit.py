@@ -233,13 +233,21 @@ def deviation(robot: ModuleType, tangent: Tangent, step: float, stiffness: float
     return float(np.sqrt(np.mean(squares)))
 
 
+def named(cell: Cell) -> str:
+    """Return the words of a cell in the table."""
+    return f"{100 * cell.away:g} cm, {cell.turn} rad; {1e3 * cell.step:g} ms" + ", wall" * cell.wall
+
+
+def stiffness_words(stiffness: float) -> str:
+    return "end" if stiffness == SEARCHED[-1] else f"{stiffness:.1e}"
+
+
 def rows(robot: ModuleType) -> Iterator[tuple[str, ...]]:
     """Yield the rows of the table."""
     yield "deflection, step", *TANGENTS
     for cell in CELLS:
-        name = f"{100 * cell.away:g} cm, {cell.turn} rad; {1e3 * cell.step:g} ms" + ", wall" * cell.wall
         found = (stiffest(robot, tangent, cell) for tangent in TANGENTS.values())
-        yield name, *("end" if each == SEARCHED[-1] else f"{each:.1e}" for each in found)
+        yield named(cell), *map(stiffness_words, found)
 
 
 def deviation_rows(robot: ModuleType) -> Iterator[tuple[str, ...]]:
