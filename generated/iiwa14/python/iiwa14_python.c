@@ -15,7 +15,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "df5559cd7e7c3a96"
+#define SOURCES "99e1177fc4acea10"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

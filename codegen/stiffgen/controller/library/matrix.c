@@ -7,7 +7,7 @@
  */
 #include "impedance.h"
 
-enum { BLOCK = 4 }; /* sums that a loop takes at once */
+enum { BLOCK = 4 }; /* columns that combine_blocks takes at once, twice */
 
 /* Return the larger of two numbers, or the one that is not NaN: fmax without a call into the C library. */
 double larger(double x, double y)
@@ -63,19 +63,28 @@ double norm(int count, const double *x)
 static inline void combine_blocks(int rows, int n, int apart, const double *factors, int step, const double *A,
                                   double *result)
 {
-    double a[BLOCK] = {0.0}, b[BLOCK] = {0.0};
+    double a = 0.0, b = 0.0, c = 0.0, d = 0.0, e = 0.0, f = 0.0, g = 0.0, h = 0.0;
     int k = 0;
-    do {
-        for (int j = 0; j < BLOCK; ++j) { /* loops of constant length become vectors */
-            a[j] += factors[k * step] * A[k * n + j];
-        }
-        for (int j = 0; j < BLOCK; ++j) {
-            b[j] += factors[k * step] * A[k * n + apart + j];
-        }
+    do { /* eight numbers, which stay in registers: compilers make two or four vectors of them */
+        const double x = factors[k * step], *const row = A + k * n, *const other = row + apart;
+        a += x * row[0];
+        b += x * row[1];
+        c += x * row[2];
+        d += x * row[3];
+        e += x * other[0];
+        f += x * other[1];
+        g += x * other[2];
+        h += x * other[3];
         k += 1;
     } while (k < rows);
-    memcpy(result, a, sizeof a);
-    memcpy(result + apart, b, sizeof b);
+    result[0] = a;
+    result[1] = b;
+    result[2] = c;
+    result[3] = d;
+    result[apart] = e;
+    result[apart + 1] = f;
+    result[apart + 2] = g;
+    result[apart + 3] = h;
 }
 
 /*
