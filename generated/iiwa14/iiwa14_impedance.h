@@ -670,7 +670,11 @@ typedef struct {
     double feed[42];
     /* [N m] torque that acted in the newest interval of a gap. */
     double gap_torque[7];
-    /* [N m] sum of |torque| in transit at the last call that told the time. */
+    /* [N m] sum of |change of torque| in a gap, each times the intervals before it. */
+    double gap_change[7];
+    /* [N m] sum of |torque| over the intervals of a gap. */
+    double gap_total[7];
+    /* [N m] sum of |torque| in the gap and in transit at the last call that told the time. */
     double gap_transit[7];
     /* [N m] sum of |torque| of the calls since then. */
     double gap_sum[7];
@@ -786,12 +790,6 @@ typedef struct {
     double reserve;
     /* [J] work left for moves of the equilibrium. */
     double engagement;
-    /* [J] gap: bound on the work of the changes of its torque. */
-    double gap_work;
-    /* [J] gap: bound on its work, every torque over the farthest motion. */
-    double gap_most;
-    /* [J] gap: gap_most at the last call that told the time. */
-    double gap_base;
     /* [s] travel of commands that has brought in no engagement yet. */
     double travel;
     /* [s] sample time of the last valid configuration. */
@@ -858,6 +856,8 @@ typedef struct {
     int32_t gap;
     /* velocities in `recent`. */
     int32_t recent_count;
+    /* of how many of them the damping's velocity is the mean, where there are as many. */
+    int32_t averaged;
     /* calls in a row whose counter advanced by one. */
     int32_t regular;
     /* counter of the last believed sample. */

@@ -25,8 +25,8 @@ from stiffgen.symbolic.springs import Placement
 LIBRARY = Path(__file__).parent / "library"
 """Folder of the C library that every NAME_impedance.c contains."""
 _PARTS = (
-    "matrix", "eigen", "modes", "joint_gains", "energy", "strength", "cap", "state", "motion", "sample", "refusal",
-    "posture", "damping", "governor", "stiffness", "feedforward", "torque", "text", "policy", "step",
+    "matrix", "eigen", "modes", "joint_gains", "sampling", "energy", "strength", "cap", "state", "motion", "sample",
+    "refusal", "posture", "damping", "governor", "stiffness", "feedforward", "torque", "text", "policy", "step",
 )  # fmt: skip
 SOURCES = tuple(f"{part}.c" for part in _PARTS)
 IMPEDANCE = Library(LIBRARY, "impedance.h", SOURCES)

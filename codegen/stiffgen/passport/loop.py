@@ -14,8 +14,9 @@ import numpy as np
 
 from stiffgen.robot.geometry import FloatArray
 
-LARGEST_STIFFNESS = 0.0625
-"""Largest eigenvalue of M^-1 Kq T^2 (1 + 2 delay) that the controller renders in full."""
+LARGEST_STIFFNESS, LEAST_RATIO = 0.0625, 0.25
+"""Largest eigenvalue of M^-1 Kq T^2 (1 + 2 delay) that the controller renders in full, and the damping ratio that its
+largest damping has to leave there."""
 LARGEST_DAMPING, DELAYED_DAMPING = 0.25, 0.75
 """Largest eigenvalue of M^-1 B T; from a delay of 2 samples on, the second over 1 + delay."""
 DAMPING_RATIO, JOINT_DAMPING, POSTURE_STIFFNESS = 0.7, 0.1, 1.0
@@ -108,30 +109,50 @@ def find_modes(arms: Arms, stiffness: FloatArray, timing: LoopTiming) -> Modes:
     values, vectors = np.linalg.eigh(np.linalg.solve(L, np.swapaxes(half, 1, 2)))
     V = np.linalg.solve(np.swapaxes(L, 1, 2), vectors)
     squares = (V**2).sum(axis=1)  # of each mode: joint_damping I counts with them
-    most = min(LARGEST_DAMPING, DELAYED_DAMPING / (1 + timing.delay)) / timing.period
-    d = np.minimum(JOINT_DAMPING, 0.5 * most / squares.sum(axis=1))
-    b = np.minimum(_of_ratio(values, timing), most - (d * squares.sum(axis=1))[:, None])
     rows = L @ vectors  # M V
-    B = np.einsum("pik,pk,pjk->pij", rows, b, rows) + d[:, None, None] * np.eye(len(arms.torque_rate))
+    averaged = np.ones(len(values))
+    for _ in range(2 * MOST_AVERAGED):  # the damping has the delay of the mean, and the mean is for the damping
+        most = _largest_damping(averaged, timing)
+        d = np.minimum(JOINT_DAMPING, 0.5 * most / squares.sum(axis=1))
+        b = np.minimum(_of_ratio(values, averaged, timing), (most - d * squares.sum(axis=1))[:, None])
+        B = np.einsum("pik,pk,pjk->pij", rows, b, rows) + d[:, None, None] * np.eye(len(arms.torque_rate))
+        before, averaged = averaged, _choose_mean(averaged, B, arms.torque_rate, timing)
+        if (averaged == before).all():
+            break
     of_tip = values - POSTURE_STIFFNESS * squares
-    return Modes(values, b + d[:, None] * squares, B, of_tip, _averaged(B, arms.torque_rate, timing))
+    return Modes(values, b + d[:, None] * squares, B, of_tip, np.asarray(averaged, dtype=int))
 
 
-def _of_ratio(values: FloatArray, timing: LoopTiming) -> FloatArray:
+def _delay_of_mean(averaged: FloatArray, timing: LoopTiming) -> FloatArray:
+    """Return the delay of the mean of some samples [s]."""
+    return np.asarray(0.5 * (averaged - 1) * timing.period)
+
+
+def _largest_damping(averaged: FloatArray, timing: LoopTiming) -> FloatArray:
+    """Return the largest eigenvalue of M^-1 B [1/s]."""
+    share = min(LARGEST_DAMPING, DELAYED_DAMPING / (1 + timing.delay))
+    return np.asarray(share / (timing.period + _delay_of_mean(averaged, timing)))
+
+
+def _of_ratio(values: FloatArray, averaged: FloatArray, timing: LoopTiming) -> FloatArray:
     """Return the damping that gives each mode its ratio, with torques that are late; no less than lambda late."""
     size, h, zeta = np.abs(values), timing.late, DAMPING_RATIO
-    p = size * (2 * zeta**2 * h - h)
+    later = h + _delay_of_mean(averaged, timing)[:, None]
+    p = size * (2 * zeta**2 * later - h)
     root = np.sqrt(np.maximum(p * p + 4 * zeta**2 * size - (size * h) ** 2, 0.0))
     return np.maximum(root - p, size * h)
 
 
-def _averaged(B: FloatArray, torque_rate: FloatArray, timing: LoopTiming) -> np.ndarray:
-    """Return of how many samples the velocity is the mean, so that one encoder step stays below the torque's rate."""
-    if timing.quantum <= 0:
-        return np.ones(len(B), dtype=int)
+def _choose_mean(averaged: FloatArray, B: FloatArray, torque_rate: FloatArray, timing: LoopTiming) -> FloatArray:
+    """Return of how many samples the velocity is the mean, so that one encoder step stays below the torque's rate.
+
+    It is raised at once, and lowered by one sample where the damping without it is sure to need no more.
+    """
     torque = np.abs(B).sum(axis=2) * timing.quantum / timing.period
-    needed = np.max(torque / (torque_rate * timing.period), axis=1)
-    return np.asarray(np.ceil(np.clip(needed, 1, MOST_AVERAGED)), dtype=int)
+    needed = np.maximum(np.max(torque / (torque_rate * timing.period), axis=1), 1.0)
+    raised = np.ceil(np.minimum(needed, MOST_AVERAGED))
+    lowered = np.where(needed * (averaged + 1) <= averaged * (averaged - 1), averaged - 1, averaged)
+    return np.asarray(np.where(needed > averaged, raised, np.maximum(lowered, 1)))
 
 
 def characteristic(
@@ -194,14 +215,15 @@ def damping_attained(arms: Arms, stiffness: FloatArray, timing: LoopTiming) -> F
 
 def rendered_limit(arms: Arms, timing: LoopTiming) -> FloatArray:
     """Return the stiffnesses (P) [N/m] up to which the controller renders a spring in full."""
-    most = LARGEST_STIFFNESS / (timing.period**2 * (1 + 2 * timing.delay))
-    L = np.linalg.cholesky(arms.mass)
+    stable = LARGEST_STIFFNESS / (timing.period**2 * (1 + 2 * timing.delay))
 
-    def excess(stiffness: FloatArray) -> np.ndarray:
-        half = np.linalg.solve(L, arms.springs(stiffness))
-        return np.asarray(np.linalg.eigvalsh(np.linalg.solve(L, np.swapaxes(half, 1, 2)))[:, -1] <= most)
+    def is_rendered(stiffness: FloatArray) -> np.ndarray:
+        modes = find_modes(arms, stiffness, timing)
+        b = _largest_damping(modes.averaged, timing)
+        damped = ((np.sqrt(LEAST_RATIO**2 + timing.late * b) - LEAST_RATIO) / timing.late) ** 2
+        return np.asarray(modes.stiffness[:, -1] <= np.minimum(stable, damped))
 
-    return largest(excess, len(arms.mass))
+    return largest(is_rendered, len(arms.mass))
 
 
 def passive_limit(arms: Arms, timing: LoopTiming) -> FloatArray:

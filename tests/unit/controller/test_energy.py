@@ -226,6 +226,30 @@ def test_a_raised_limit_waits_until_it_is_covered(robot: ModuleType, name: str, 
     assert bool(out.fault) == fault and not out.status & robot.Status.LIMITS_KEPT
 
 
+@pytest.mark.parametrize(("rate", "tank"), [(100.0, 0.3), (300.0, 1.0), (300.0, 3.0)])
+def test_a_velocity_beyond_its_limit_books_no_more_than_was_reserved(
+    robot: ModuleType, rate: float, tank: float
+) -> None:
+    """The last dq before a gap lies by half of the limit, and is believed. Before, such a gap set TANK_DEFICIT.
+
+    The arm moves at the limit, against the torque at first: springs and damping then use all that the account covers.
+    """
+    fields = RAISED | {"missed_limit": 2, "tank_initial": tank, "torque_rate_limit": rate}
+    controller = robot.Impedance(**fields, errors="ignore")
+    out = rest(controller, 1500, Q, Q + 0.1)
+    q, torque, work, sides = Q.copy(), out.torque, 0.0, np.sign(out.torque)
+    for k in range(341):
+        dq = (-0.95 if k < 40 else 0.999) * out.velocity_limit * sides
+        q = q + 1e-3 * dq
+        work += 1e-3 * float(torque @ dq)
+        if 40 <= k < 340:
+            out = controller.missed()
+        else:
+            out = controller.step(q=q, dq=(1.45 if k == 39 else 1.0) * dq, q0=Q + 0.1, **SPRING)
+        torque = out.torque
+        assert work <= out.energy_supplied and not out.status & robot.Status.TANK_DEFICIT
+
+
 def test_a_speed_is_judged_by_the_limit_in_force(robot: ModuleType) -> None:
     """A raise that waits is not yet a limit: joint 2, loaded, is too fast for the old one. Joint 7 has no load."""
     controller = robot.Impedance(**RAISED, tank_initial=1.0, overspeed_time=0.0, errors="ignore")

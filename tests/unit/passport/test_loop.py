@@ -48,7 +48,7 @@ def controller_output(robot, posture, k, timing, **config):
     config = {
         "sample_time": timing.period, "delay_samples": timing.delay, "stiffness_cap": "accept", "lower_limit": -far,
         "translation_stiffness_limit": 1e6, "rotation_stiffness_limit": 1e5, "stiffness_time": 1e-4,
-        "limit_stiffness": np.zeros(n), "upper_limit": far, **config,
+        "limit_stiffness": np.zeros(n), "upper_limit": far, "position_quantum": timing.quantum, **config,
     }  # fmt: skip
     controller = robot.module.Impedance(**config)
     springs = {"translation_stiffness": k * np.eye(3), "rotation_stiffness": ROTATION * k * np.eye(3)}
@@ -57,7 +57,10 @@ def controller_output(robot, posture, k, timing, **config):
     return controller, springs, out
 
 
-@pytest.mark.parametrize("timing", [LoopTiming(1000.0, delay) for delay in (0, 1, 2, 4)] + [LoopTiming(200.0, 1)])
+@pytest.mark.parametrize("timing", [
+    *(LoopTiming(1000.0, delay) for delay in (0, 1, 2, 4)), LoopTiming(200.0, 1), LoopTiming(1000.0, 1, 1e-5),
+    LoopTiming(1000.0, 0, 1e-4),
+])  # fmt: skip
 def test_damping_and_cap_are_the_controllers(robot, arms, timing):
     """The compiled controller has the same matrix B, and STIFFNESS_CAPPED begins at the rendered limit."""
     limit = rendered_limit(arms, timing)
@@ -78,7 +81,7 @@ def test_the_mean_velocity_is_the_controllers(robot, arms, quantum):
     """A velocity in one sample acts on the damping torque for as many samples as the velocity is averaged over."""
     timing, posture = LoopTiming(1000.0, 0, quantum), POSTURES[0]
     k, n = 20000.0, len(posture)
-    controller, springs, _ = controller_output(robot, posture, k, timing, position_quantum=quantum)
+    controller, springs, _ = controller_output(robot, posture, k, timing)
     torques = []
     for sample in range(12):
         dq = np.full(n, 1e-3) * (sample == 0)

@@ -5,12 +5,6 @@ static const double FLATTEST = 1e-9; /* least mobility that a cap looks at, over
 static const double SPRINGS_CAP = 0.95; /* of LARGEST_STIFFNESS for springs: the scale is capped behind them */
 static const double SPRINGS_LEAST = 0.25; /* of it that posture and limit avoidance leave to the springs */
 
-/* Return the largest eigenvalue of M^-1 K that sample time and delay allow [1/s^2]. */
-static double largest_eigenvalue(const config_t *c)
-{
-    return LARGEST_STIFFNESS / (c->sample_time * c->sample_time * (1.0 + 2.0 * c->delay_samples));
-}
-
 /* Turn a vector in the base's axes into those of a pose; NULL: the base's. */
 static void turn_to_axes(const double *pose, const double *v, double *turned)
 {
@@ -156,7 +150,7 @@ static double find_level(int count, const double *values, double most)
 void cap_springs(step_t *s)
 {
     memory_t *const m = s->m;
-    double A[18 * TIPS], largest[2 * TIPS], most = SPRINGS_CAP * largest_eigenvalue(s->c), sum = 0.0;
+    double A[18 * TIPS], largest[2 * TIPS], most = SPRINGS_CAP * largest_eigenvalue(s->c, m), sum = 0.0;
     m->stiffness_share = 1.0;
     if (!m->capped) {
         return;
@@ -171,7 +165,7 @@ void cap_springs(step_t *s)
     for (int i = 0; i < N; ++i) {
         most -= (m->posture_stiffness[i] + s->limit_slope[i]) / m->inertia[i];
     }
-    most = larger(most, SPRINGS_LEAST * largest_eigenvalue(s->c));
+    most = larger(most, SPRINGS_LEAST * largest_eigenvalue(s->c, m));
     for (int k = 0; k < 2 * TIPS; ++k) { /* without a cap: to measure */
         largest[k] = cap_spring(A + 9 * k, HUGE_VAL, (k % 2 == 0 ? s->translation : s->rotation) + 9 * (k / 2));
         sum += largest[k];
@@ -194,6 +188,7 @@ void cap_springs(step_t *s)
  */
 int halves_stiffness(const config_t *c, const memory_t *m, double *work)
 {
+    const double half = 2.0 * largest_eigenvalue(c, m);
     int halved = 0;
     for (int k = 0; k < POSTURES; ++k) {
         double q[N], mobilities[18 * TIPS], d[3], Q[9];
@@ -203,7 +198,7 @@ int halves_stiffness(const config_t *c, const memory_t *m, double *work)
         }
         for (int j = 0; j < 2 * TIPS; ++j) { /* translation and rotation of a tip in turn */
             const double K = j % 2 == 0 ? c->translation_stiffness_limit : c->rotation_stiffness_limit;
-            halved |= diagonalise_symmetric(3, mobilities + 9 * j, d, Q) == 0 && K * d[2] > 2.0 * largest_eigenvalue(c);
+            halved |= diagonalise_symmetric(3, mobilities + 9 * j, d, Q) == 0 && K * d[2] > half;
         }
     }
     return halved;

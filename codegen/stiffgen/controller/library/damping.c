@@ -1,10 +1,6 @@
 /* Damping: designed from the springs' tangent, limited by the sample time. */
 #include "impedance.h"
 
-/* Largest eigenvalue of M^-1 B T. With differenced velocity, a double integrator is unstable from M^-1 B T = 2.0, 0.83,
- * 0.53, 0.40, 0.32, 0.26 on at a delay of 0 to 5 samples: the damping has at most 0.475 of it, which is
- * DELAYED_DAMPING / (1 + delay) from 2 samples on. */
-static const double LARGEST_DAMPING = 0.25, DELAYED_DAMPING = 0.75;
 /* Share of its cap that damping has where the account began beyond a limit: units may be mistaken, and 57 times as
  * large a velocity must not make the arm oscillate. */
 static const double DOUBTED_SHARE = 1.0 / 64.0;
@@ -85,25 +81,18 @@ void measure_inertia(step_t *s, const double *q)
 /*
  * Compute the damping b of each mode with stiffness lambda. b is 2 zeta sqrt(l), l = |lambda| (a mode with negative
  * stiffness, which falls, then falls slowly), where nothing is late. Held torque and delay act late by h = (delay +
- * 1/2) T, the damping by the velocity filter's time more, g = h + filter: the stiffness takes l h of damping away, the
- * damping b g of inertia, so zeta = (b - l h) / (2 sqrt(l (1 - b g))) is solved for b.
+ * 1/2) T, the damping by the delay of the smoothed velocity more, g = h + delay: the stiffness takes l h of damping
+ * away, the damping b g of inertia, so zeta = (b - l h) / (2 sqrt(l (1 - b g))) is solved for b.
  */
-static void damp_modes(const config_t *c, const double *eigenvalues, double scale, double *b)
+static void damp_modes(const config_t *c, const memory_t *m, const double *eigenvalues, double scale, double *b)
 {
     for (int k = 0; k < N; ++k) {
         const double l = fabs(eigenvalues[k]) * scale, late = (c->delay_samples + 0.5) * c->sample_time;
-        const double zeta = c->damping_ratio[k], later = late + c->velocity_filter_time;
+        const double zeta = c->damping_ratio[k], later = late + delay_velocity(c, m);
         const double p = l * (2.0 * zeta * zeta * later - late);
         /* the larger root of b^2 + 2 p b + l^2 late^2 - 4 zeta^2 l = 0, and no less than l late, where zeta is 0 */
         b[k] = larger(sqrt(larger(p * p + 4.0 * zeta * zeta * l - l * l * late * late, 0.0)) - p, l * late);
     }
-}
-
-/* Return the largest eigenvalue of M^-1 B that sample time, delay and velocity filter allow [1/s]. */
-static double largest_damping(const config_t *c)
-{
-    const double share = fmin(LARGEST_DAMPING, DELAYED_DAMPING / (1.0 + c->delay_samples));
-    return share / (c->sample_time + c->velocity_filter_time);
 }
 
 /* Use the joint damping d I alone, and no brake: the damping of the output is 0 until now. Return the scale 1. */
@@ -117,20 +106,18 @@ static double damp_joints_only(step_t *s, double d)
 }
 
 /*
- * Return the largest scale of the springs that sample time and delay allow for the stiffest mode, 1 at most. The
+ * Return the largest scale of the springs that largest_eigenvalue allows for the stiffest mode, 1 at most. The
  * eigenvalues in the output are those of find_modes.
  */
 static double cap_scale(step_t *s)
 {
-    const config_t *const c = s->c;
-    const double T = c->sample_time;
-    const double delayed = 1.0 + 2.0 * c->delay_samples, stiffest = s->out->eigenvalues[N - 1] * T * T;
-    if (!(stiffest * delayed > LARGEST_STIFFNESS)) {
+    const double stiffest = s->out->eigenvalues[N - 1], most = largest_eigenvalue(s->c, s->m);
+    if (!(stiffest > most)) {
         return 1.0;
     }
     s->status |= ID(STATUS_STIFFNESS_CAPPED);
     s->m->capped = 1; /* cap_springs looks at the springs from the next step on */
-    return LARGEST_STIFFNESS / (stiffest * delayed);
+    return most / stiffest;
 }
 
 /*
@@ -145,7 +132,7 @@ double design_damping(step_t *s)
     double *const rows = s->scratch;
     const double *const modes = s->modes;
     double b[N], largest_b = 0.0, d = c->joint_damping;
-    const double most = largest_damping(c);
+    const double most = largest_damping(c, s->m);
     if (!find_modes(s)) {
         s->status |= ID(STATUS_MASS_MATRIX);
         memset(out->eigenvalues, 0, sizeof out->eigenvalues);
@@ -161,7 +148,7 @@ double design_damping(step_t *s)
         d = 0.5 * most / trace;
         s->status |= ID(STATUS_DAMPING_CAPPED);
     }
-    damp_modes(c, out->eigenvalues, scale, b);
+    damp_modes(c, s->m, out->eigenvalues, scale, b);
     const double most_b = most - d * trace;
     int capped = 0;
     for (int k = 0; k < N; ++k) {
@@ -246,26 +233,28 @@ void follow_twists(step_t *s, const double *twists, double *velocity)
 }
 
 /*
- * Return of how many samples the velocity is the mean. One quantum of position in a differenced velocity is a torque of
+ * Choose of how many samples the velocity is the mean. One quantum of position in a differenced velocity is a torque of
  * B quantum / T, and a mean of k samples divides it by k. Where the torque exceeds the rate, what one call may change,
- * the damping would be lost.
+ * the damping would be lost. The next design's B has the delay of this mean: with one sample less it is no larger than
+ * (k + 1) / k times this one, so that a mean that is shortened is not too short in the step after.
  */
-static int count_averaged(const step_t *s)
+static void choose_mean(step_t *s)
 {
-    const memory_t *const m = s->m;
+    memory_t *const m = s->m;
+    const double k = m->averaged;
     double needed = 1.0;
-    if (!(s->c->position_quantum > 0.0)) {
-        return 1;
-    }
-    for (int i = 0; i < N; ++i) {
+    for (int i = 0; s->c->position_quantum > 0.0 && i < N; ++i) {
         double torque = 0.0;
         for (int j = 0; j < N; ++j) {
             torque += fabs(s->out->damping[i * N + j]) * s->c->position_quantum / s->c->sample_time;
         }
         needed = fmax(needed, torque / m->rate[i]);
     }
-    const int wanted = (int)ceil(fmin(needed, (double)RECENT));
-    return wanted < m->recent_count ? wanted : m->recent_count;
+    if (needed > k) {
+        m->averaged = (int)ceil(fmin(needed, (double)RECENT));
+    } else if (k > 1.0 && needed * (k + 1.0) <= k * (k - 1.0)) {
+        m->averaged -= 1;
+    }
 }
 
 /* Pass the velocity through the low pass of velocity_filter_time, which starts anew after a gap. */
@@ -284,7 +273,8 @@ static void pass_low(step_t *s)
 void smooth_velocity(step_t *s)
 {
     const memory_t *const m = s->m;
-    const int count = count_averaged(s);
+    choose_mean(s);
+    const int count = m->averaged < m->recent_count ? m->averaged : m->recent_count; /* fewer at the start */
     for (int i = 0; count > 1 && i < N; ++i) {
         double sum = 0.0;
         for (int k = 0; k < count; ++k) {
@@ -292,7 +282,7 @@ void smooth_velocity(step_t *s)
         }
         s->velocity[i] = sum / count;
     }
-    pass_low(s); /* its delay is in damp_modes, that of the mean is not */
+    pass_low(s);
 }
 
 /*

@@ -1,7 +1,7 @@
 /* Energy: stored in springs and limit avoidance, in the tank, and put out by torques in transit. */
 #include "impedance.h"
 
-static const double LIMIT_SHARE = 0.5; /* share of LARGEST_STIFFNESS for the limit avoidance: the springs add theirs */
+static const double LIMIT_SHARE = 0.5; /* of largest_eigenvalue for the limit avoidance: the springs add theirs */
 
 /* Return the limits of the springs in force: of every tip's force, then of the moments; NULL without limits. */
 const double *find_spring_limits(const memory_t *m)
@@ -154,7 +154,10 @@ void shift_history(memory_t *m, const double *last, const double *feed)
     memmove(m->feed, feed, N * sizeof(double));
 }
 
-/* Return the farthest that joint i is taken to move in a sample time. */
+/*
+ * Return the farthest that joint i is taken to move in a sample time where a torque is chosen. A velocity beyond the
+ * limit, which may lie, makes the choice more careful; it books nothing (bound_gap_work).
+ */
 double farthest_motion(const memory_t *m, int i)
 {
     return larger(m->velocity_limit[i], fabs(m->dq[i])) * m->sample_time;
@@ -220,18 +223,17 @@ double available_energy(const memory_t *m)
  *
  *     k v <= r                            the torque follows the spring
  *     2 sqrt(k m) (k z / m) <= r          the torque follows the damping 2 sqrt(k m) at the acceleration k z / m
- *     k <= s m / (T^2 (1 + 2 delay))      s: LIMIT_SHARE of LARGEST_STIFFNESS, what sample time and delay allow
+ *     k <= s m                            s: LIMIT_SHARE of largest_eigenvalue
  *
  * The third bound holds for every set of joints: no eigenvalue of M^-1 K exceeds the largest row sum of |K M^-1|.
  */
 static double limit_stiffness(const step_t *s, int i)
 {
     const config_t *const c = s->c;
-    const double T = c->sample_time, delayed = 1.0 + 2.0 * c->delay_samples;
     const double rate = c->torque_rate_limit[i], inertia = s->m->inertia[i];
     const double followed = rate / c->velocity_limit[i];
     const double share = rate / (2.0 * c->limit_zone), cube = inertia * share * share;
-    const double sampled = LIMIT_SHARE * LARGEST_STIFFNESS * inertia / (T * T * delayed);
+    const double sampled = LIMIT_SHARE * largest_eigenvalue(c, s->m) * inertia;
     const double most = smaller(smaller(c->limit_stiffness[i], sampled), followed);
     return most * most * most <= cube ? most : cbrt(cube); /* the damping's bound has the third power `cube` */
 }
@@ -334,37 +336,33 @@ void adopt_raised_limits(step_t *s, const double *last)
 }
 
 /*
- * Add intervals without a believed position to the gap. Two bounds on the gap's work are kept: gap_work, the last
- * torque over the whole motion and, for every change of torque, the change over the motion that can have happened
- * before it; gap_most, every torque over the farthest motion in its own intervals.
+ * Add intervals without a believed position to the gap. Two bounds on its work need: gap_change, each change of torque
+ * times the intervals before it; gap_total, every torque times its own intervals.
  */
 void bridge_gap(step_t *s, int periods)
 {
     memory_t *const m = s->m;
     const double *const torque = find_acting_torque(s);
-    if (m->gap == 0) {
-        m->gap_work = m->gap_most = 0.0;
-        memcpy(m->gap_torque, torque, N * sizeof(double));
-    }
     for (int i = 0; i < N; ++i) { /* the gap is as long as it was before these intervals */
-        m->gap_work += fabs(torque[i] - m->gap_torque[i]) * farthest_motion(m, i) * m->gap;
-        m->gap_most += fabs(torque[i]) * farthest_motion(m, i) * periods;
+        const int begins = m->gap == 0;
+        m->gap_change[i] = begins ? 0.0 : m->gap_change[i] + fabs(torque[i] - m->gap_torque[i]) * m->gap;
+        m->gap_total[i] = (begins ? 0.0 : m->gap_total[i]) + fabs(torque[i]) * periods;
+        m->gap_torque[i] = torque[i];
     }
-    memcpy(m->gap_torque, torque, N * sizeof(double));
     m->gap = clamp_count(m->gap + clamp_count(periods, LONGEST), LONGEST);
 }
 
 /*
  * Note a call whose sample does not tell the time: for how many periods the torque of the call before it was held shows
- * only later. Kept for that are the torques in transit at the last timed call, and sum and maximum of those held since.
+ * only later. Kept for that are the torques of the gap and in transit at the last timed call, and sum and maximum of
+ * those held since.
  */
 void note_untimed_call(step_t *s, const double *last)
 {
     memory_t *const m = s->m;
     if (m->gap_calls == 0) {
-        m->gap_base = m->gap > 0 ? m->gap_most : 0.0;
         for (int i = 0; i < N; ++i) {
-            m->gap_transit[i] = sum_older(m, i, m->delay);
+            m->gap_transit[i] = (m->gap > 0 ? m->gap_total[i] : 0.0) + sum_older(m, i, m->delay);
             m->gap_sum[i] = m->gap_largest[i] = 0.0;
         }
     }
@@ -397,30 +395,39 @@ void bridge_missing_calls(step_t *s, const double *last, int missing)
     note_untimed_call(s, last);
     /* sample times that one of these torques was held at most, and all of them together */
     const double each = smaller(1.0 + missing, m->call_gap), all = (double)m->gap_calls + missing;
-    double most = m->gap_base;
+    double total[N];
     for (int i = 0; i < N; ++i) {
-        most += farthest_motion(m, i) * (m->gap_transit[i] + smaller(each * m->gap_sum[i], all * m->gap_largest[i]));
+        total[i] = m->gap_transit[i] + smaller(each * m->gap_sum[i], all * m->gap_largest[i]);
     }
-    /* `most` has the work of all torques until now: none is in transit any more */
+    /* `total` has all torques until now: none is in transit any more */
     memcpy(s->transit, nothing, sizeof nothing);
     memset(m->older, 0, sizeof m->older);
     memset(m->feed, 0, sizeof m->feed);
     bridge_gap(s, missing);
-    m->gap_work = HUGE_VAL; /* no bound: only gap_most counts */
-    m->gap_most = most;
+    for (int i = 0; i < N; ++i) {
+        m->gap_change[i] = HUGE_VAL; /* no bound: only gap_total counts */
+        m->gap_total[i] = total[i];
+    }
 }
 
-/* Bound the work [J] of the torques over a gap that ends with this motion: the better one of its two bounds. */
+/*
+ * Bound the work [J] of the torques over a gap that ends with this motion: the better one of its two bounds. A joint
+ * has moved no farther than at its velocity limit, for which the torques were chosen, or than the positions say. dq
+ * does not count: it may lie, and no more may be booked than was reserved.
+ */
 static double bound_gap_work(step_t *s, const double *motion)
 {
     memory_t *const m = s->m;
     bridge_gap(s, 1); /* the interval that ends now */
+    double by_changes = dot(N, m->gap_torque, motion), most = 0.0;
     for (int i = 0; i < N; ++i) {
+        const double far = larger(m->velocity_limit[i] * m->sample_time, fabs(motion[i]) / m->gap);
         /* after a long gap it is open by how many turns a continuous joint has moved */
-        const int open = counts_modulo_turn(s, i) && farthest_motion(m, i) * m->gap >= HALF_TURN;
-        m->gap_work = open ? HUGE_VAL : m->gap_work;
+        const int open = counts_modulo_turn(s, i) && far * m->gap >= HALF_TURN;
+        by_changes += open ? HUGE_VAL : m->gap_change[i] * far;
+        most += m->gap_total[i] * far;
     }
-    return smaller(m->gap_work + dot(N, m->gap_torque, motion), m->gap_most);
+    return smaller(by_changes, most);
 }
 
 /*

@@ -24,7 +24,6 @@ enum { LONGEST = 1000000 }; /* samples or calls at which a counter stands still:
 enum { SEARCHED = 40, SEARCH_STEPS = 60 }; /* trials of a search for a posture, steps of a trial */
 enum { MATRIX_NOT_FINITE = 1, MATRIX_NOT_POSITIVE, MATRIX_NOT_CONVERGED };
 
-static const double LARGEST_STIFFNESS = 0.0625; /* largest eigenvalue of M^-1 K T^2 */
 /* Share by which numbers differ that are the same but for rounding: far above what any sum here can lose (1e-13), and
  * far below what matters to an arm. Times, poses and stiffnesses are compared with it, and shares that a bound allows
  * are smaller by it, so that rounding does not break the bound. */
@@ -159,6 +158,11 @@ void solve_rows(int n, int count, const double *L, double *X);
 void solve_backward(int n, const double *L, double *x);
 int solve_damped(int n, const double *A, double shift, double *x);
 int is_positive_semidefinite(int n, const double *A, double tolerance);
+
+/* sampling.c */
+double delay_velocity(const config_t *c, const memory_t *m);
+double largest_damping(const config_t *c, const memory_t *m);
+double largest_eigenvalue(const config_t *c, const memory_t *m);
 
 /* eigen.c */
 void sort_eigenpairs(int n, double *d, double *rows);
