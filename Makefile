@@ -127,6 +127,7 @@ build/robots/iiwa14_plate build/robots/iiwa14_ball: build/robots/%: urdf/iiwa14.
 # reading a URDF does not need, the environment takes a third less of the disk.
 $(VENV)/installed: pyproject.toml requirements.lock
 	@$(PYTHON) -c 'import sys; sys.exit("stiffgen needs Python 3.10 or newer; set PYTHON=") if sys.version_info < (3, 10) else 0'
+	@echo "making the environment $(VENV), up to 15 s ..."
 	@$(PYTHON) -m venv $(VENV) || { echo "python3 -m venv failed; on Debian: apt-get install python3-venv" >&2; exit 1; }
 	$(PIP) --no-deps --require-hashes --requirement requirements.lock
 	$(PIP) --no-deps --no-build-isolation --editable .
