@@ -131,14 +131,11 @@ class Law:
         self.values, vectors = np.linalg.eigh(inverse @ self.Kq @ inverse.T)
         self.modes = inverse.T @ vectors  # M-orthonormal columns
         self.averaged, rows, trace = 1, root @ vectors, float(np.trace(np.linalg.inv(M)))
-        for _ in range(16):  # the damping knows the delay of the mean, and the mean the damping
+        for _ in range(8):  # the damping knows the delay of the mean, and the mean the damping
             self.B = self.design(rows, trace)
             rate = np.array(motor_tables(plant.robot.chain).torque_rate) / timing.rate
             needed = float((np.abs(self.B).sum(axis=1) * timing.quantum * timing.rate / rate).max())
-            if needed > self.averaged:
-                self.averaged = int(np.ceil(min(needed, 8)))
-            elif self.averaged > 1 and needed <= self.averaged * (self.averaged - 1) / (self.averaged + 1):
-                self.averaged -= 1
+            self.averaged += int(needed > self.averaged and self.averaged < 8)
         self.rounds = True
         self.positions: list[np.ndarray] = []
         self.sent = [np.zeros(n)] * timing.delay

@@ -111,7 +111,7 @@ def find_modes(arms: Arms, stiffness: FloatArray, timing: LoopTiming) -> Modes:
     squares = (V**2).sum(axis=1)  # of each mode: joint_damping I counts with them
     rows = L @ vectors  # M V
     averaged = np.ones(len(values))
-    for _ in range(2 * MOST_AVERAGED):  # the damping has the delay of the mean, and the mean is for the damping
+    for _ in range(MOST_AVERAGED):  # the damping has the delay of the mean, and the mean is for the damping
         most = _largest_damping(averaged, timing)
         d = np.minimum(JOINT_DAMPING, 0.5 * most / squares.sum(axis=1))
         b = np.minimum(_of_ratio(values, averaged, timing), (most - d * squares.sum(axis=1))[:, None])
@@ -146,13 +146,11 @@ def _of_ratio(values: FloatArray, averaged: FloatArray, timing: LoopTiming) -> F
 def _choose_mean(averaged: FloatArray, B: FloatArray, torque_rate: FloatArray, timing: LoopTiming) -> FloatArray:
     """Return of how many samples the velocity is the mean, so that one encoder step stays below the torque's rate.
 
-    It is raised at once, and lowered by one sample where the damping without it is sure to need no more.
+    A longer mean lowers the damping, so it is raised by one sample at a time until it suffices.
     """
     torque = np.abs(B).sum(axis=2) * timing.quantum / timing.period
     needed = np.maximum(np.max(torque / (torque_rate * timing.period), axis=1), 1.0)
-    raised = np.ceil(np.minimum(needed, MOST_AVERAGED))
-    lowered = np.where(needed * (averaged + 1) <= averaged * (averaged - 1), averaged - 1, averaged)
-    return np.asarray(np.where(needed > averaged, raised, np.maximum(lowered, 1)))
+    return np.asarray(np.where(needed > averaged, np.minimum(averaged + 1, MOST_AVERAGED), averaged))
 
 
 def characteristic(

@@ -250,8 +250,8 @@ static void choose_mean(step_t *s)
         }
         needed = fmax(needed, torque / m->rate[i]);
     }
-    if (needed > k) {
-        m->averaged = (int)ceil(fmin(needed, (double)RECENT));
+    if (needed > k && m->averaged < RECENT) { /* by one: the longer mean already lowers B */
+        m->averaged += 1;
     } else if (k > 1.0 && needed * (k + 1.0) <= k * (k - 1.0)) {
         m->averaged -= 1;
     }

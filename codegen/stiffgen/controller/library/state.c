@@ -47,15 +47,16 @@ uint64_t compute_checksum(const state_t *state)
     const memory_t *const m = &state->memory;
     const size_t count = sizeof *m / sizeof(uint64_t);
     uint64_t a = 0x9e3779b97f4a7c15u, b = 0xc2b2ae3d27d4eb4fu, c = 0x165667b19e3779f9u, d = 0x27d4eb2f165667c5u;
-    size_t k = 0;
-    for (; k + 8 <= count; k += 8) { /* four sums: the processor adds to all at once */
+    for (size_t block = 0; block < count / 8; ++block) { /* four sums: the processor adds to all at once */
+        const size_t k = 8 * block;
         a = add_word(add_word(a, m, k), m, k + 4);
         b = add_word(add_word(b, m, k + 1), m, k + 5);
         c = add_word(add_word(c, m, k + 2), m, k + 6);
         d = add_word(add_word(d, m, k + 3), m, k + 7);
     }
-    for (; k < count; ++k) {
-        a = add_word(a, m, k);
+    const size_t left = count % 8;
+    for (size_t k = 0; k < left; ++k) {
+        a = add_word(a, m, count - 1 - k);
     }
     return a + 3u * b + 5u * c + 7u * d;
 }
