@@ -40,7 +40,6 @@ enum { LONGEST = 1000000 }; /* samples or calls at which a counter stands still:
 enum { SEARCHED = 40, SEARCH_STEPS = 60 }; /* trials of a search for a posture, steps of a trial */
 enum { MATRIX_NOT_FINITE = 1, MATRIX_NOT_POSITIVE, MATRIX_NOT_CONVERGED };
 
-static const double LARGEST_STIFFNESS = 0.0625; /* largest eigenvalue of M^-1 K T^2 */
 /* Share by which numbers differ that are the same but for rounding: far above what any sum here can lose (1e-13), and
  * far below what matters to an arm. Times, poses and stiffnesses are compared with it, and shares that a bound allows
  * are smaller by it, so that rounding does not break the bound. */
@@ -567,6 +566,7 @@ static int fits_memory(const memory_t *m)
     fits = fits && m->missed >= 0 && m->missed <= 1000000;
     fits = fits && m->gap >= 0 && m->gap <= 1000000;
     fits = fits && m->recent_count >= 0 && m->recent_count <= 8;
+    fits = fits && m->averaged >= 1 && m->averaged <= 8;
     fits = fits && m->regular >= 0 && m->regular <= 3;
     fits = fits && m->absent >= 0 && m->absent <= 2000000;
     fits = fits && m->delay >= 0 && m->delay <= 5;
@@ -683,8 +683,7 @@ static inline void combine_blocks(int rows, int n, int apart, const double *fact
                                   double *result)
 {
     double a = 0.0, b = 0.0, c = 0.0, d = 0.0, e = 0.0, f = 0.0, g = 0.0, h = 0.0;
-    int k = 0;
-    do { /* eight numbers, which stay in registers: compilers make two or four vectors of them */
+    for (int k = 0; k < rows; ++k) { /* eight numbers stay in registers: compilers make two or four vectors of them */
         const double x = factors[k * step], *const row = A + k * n, *const other = row + apart;
         a += x * row[0];
         b += x * row[1];
@@ -694,8 +693,7 @@ static inline void combine_blocks(int rows, int n, int apart, const double *fact
         f += x * other[1];
         g += x * other[2];
         h += x * other[3];
-        k += 1;
-    } while (k < rows);
+    }
     result[0] = a;
     result[1] = b;
     result[2] = c;
@@ -713,8 +711,9 @@ static inline void combine_blocks(int rows, int n, int apart, const double *fact
 static inline void multiply_matrices(int m, int rows, int n, const double *F, int down, int right, const double *A,
                                      double *result)
 {
+    const int blocks = 2 * BLOCK;
     int j = 0;
-    for (; j + BLOCK <= n; j += 2 * BLOCK) {
+    for (; j <= n - BLOCK; j += blocks) {
         const int apart = clamp_count(n - BLOCK - j, BLOCK);
         for (int i = 0; i < m; ++i) {
             combine_blocks(rows, n, apart, F + i * down, right, A + j, result + i * n + j);
@@ -1558,9 +1557,43 @@ static void report_gains(const step_t *s, int refused)
                                                 hold * m->sample_time) : 0.0;
 }
 
+/* Sampling: the largest stiffness and damping that sample time, delay and the smoothed velocity allow. */
+
+/* Largest eigenvalue of M^-1 B T. With differenced velocity, a double integrator is unstable from M^-1 B T = 2.0, 0.83,
+ * 0.53, 0.40, 0.32, 0.26 on at a delay of 0 to 5 samples: the damping has at most 0.475 of it, which is
+ * DELAYED_DAMPING / (1 + delay) from 2 samples on. */
+static const double LARGEST_DAMPING = 0.25, DELAYED_DAMPING = 0.75;
+static const double LARGEST_STIFFNESS = 0.0625; /* largest eigenvalue of M^-1 K T^2 (1 + 2 delay) */
+static const double LEAST_RATIO = 0.25; /* damping ratio that the largest damping leaves to the stiffest mode */
+
+/* Return the delay [s] of the smoothed velocity: of the low pass, and of the mean. */
+static double delay_velocity(const config_t *c, const memory_t *m)
+{
+    return c->velocity_filter_time + 0.5 * (m->averaged - 1) * c->sample_time;
+}
+
+/* Return the largest eigenvalue of M^-1 B that sample time, delay and the smoothed velocity allow [1/s]. */
+static double largest_damping(const config_t *c, const memory_t *m)
+{
+    const double share = fmin(LARGEST_DAMPING, DELAYED_DAMPING / (1.0 + c->delay_samples));
+    return share / (c->sample_time + delay_velocity(c, m));
+}
+
+/*
+ * Return the largest eigenvalue of M^-1 K that sample time, delay and the smoothed velocity allow [1/s^2]: stiffness
+ * alone keeps the loop stable up to LARGEST_STIFFNESS, and the largest damping b, of which l late is lost, has to leave
+ * the damping ratio LEAST_RATIO. l is the square of the root of l late + 2 LEAST_RATIO sqrt(l) = b.
+ */
+static double largest_eigenvalue(const config_t *c, const memory_t *m)
+{
+    const double T = c->sample_time, late = (c->delay_samples + 0.5) * T, b = largest_damping(c, m);
+    const double root = (sqrt(LEAST_RATIO * LEAST_RATIO + late * b) - LEAST_RATIO) / late;
+    return smaller(LARGEST_STIFFNESS / (T * T * (1.0 + 2.0 * c->delay_samples)), root * root);
+}
+
 /* Energy: stored in springs and limit avoidance, in the tank, and put out by torques in transit. */
 
-static const double LIMIT_SHARE = 0.5; /* share of LARGEST_STIFFNESS for the limit avoidance: the springs add theirs */
+static const double LIMIT_SHARE = 0.5; /* of largest_eigenvalue for the limit avoidance: the springs add theirs */
 
 /* Return the limits of the springs in force: of every tip's force, then of the moments; NULL without limits. */
 static const double *find_spring_limits(const memory_t *m)
@@ -1713,7 +1746,10 @@ static void shift_history(memory_t *m, const double *last, const double *feed)
     memmove(m->feed, feed, N * sizeof(double));
 }
 
-/* Return the farthest that joint i is taken to move in a sample time. */
+/*
+ * Return the farthest that joint i is taken to move in a sample time where a torque is chosen. A velocity beyond the
+ * limit, which may lie, makes the choice more careful; it books nothing (bound_gap_work).
+ */
 static double farthest_motion(const memory_t *m, int i)
 {
     return larger(m->velocity_limit[i], fabs(m->dq[i])) * m->sample_time;
@@ -1779,18 +1815,17 @@ static double available_energy(const memory_t *m)
  *
  *     k v <= r                            the torque follows the spring
  *     2 sqrt(k m) (k z / m) <= r          the torque follows the damping 2 sqrt(k m) at the acceleration k z / m
- *     k <= s m / (T^2 (1 + 2 delay))      s: LIMIT_SHARE of LARGEST_STIFFNESS, what sample time and delay allow
+ *     k <= s m                            s: LIMIT_SHARE of largest_eigenvalue
  *
  * The third bound holds for every set of joints: no eigenvalue of M^-1 K exceeds the largest row sum of |K M^-1|.
  */
 static double limit_stiffness(const step_t *s, int i)
 {
     const config_t *const c = s->c;
-    const double T = c->sample_time, delayed = 1.0 + 2.0 * c->delay_samples;
     const double rate = c->torque_rate_limit[i], inertia = s->m->inertia[i];
     const double followed = rate / c->velocity_limit[i];
     const double share = rate / (2.0 * c->limit_zone), cube = inertia * share * share;
-    const double sampled = LIMIT_SHARE * LARGEST_STIFFNESS * inertia / (T * T * delayed);
+    const double sampled = LIMIT_SHARE * largest_eigenvalue(c, s->m) * inertia;
     const double most = smaller(smaller(c->limit_stiffness[i], sampled), followed);
     return most * most * most <= cube ? most : cbrt(cube); /* the damping's bound has the third power `cube` */
 }
@@ -1893,37 +1928,33 @@ static void adopt_raised_limits(step_t *s, const double *last)
 }
 
 /*
- * Add intervals without a believed position to the gap. Two bounds on the gap's work are kept: gap_work, the last
- * torque over the whole motion and, for every change of torque, the change over the motion that can have happened
- * before it; gap_most, every torque over the farthest motion in its own intervals.
+ * Add intervals without a believed position to the gap. Two bounds on its work need: gap_change, each change of torque
+ * times the intervals before it; gap_total, every torque times its own intervals.
  */
 static void bridge_gap(step_t *s, int periods)
 {
     memory_t *const m = s->m;
     const double *const torque = find_acting_torque(s);
-    if (m->gap == 0) {
-        m->gap_work = m->gap_most = 0.0;
-        memcpy(m->gap_torque, torque, N * sizeof(double));
-    }
     for (int i = 0; i < N; ++i) { /* the gap is as long as it was before these intervals */
-        m->gap_work += fabs(torque[i] - m->gap_torque[i]) * farthest_motion(m, i) * m->gap;
-        m->gap_most += fabs(torque[i]) * farthest_motion(m, i) * periods;
+        const int begins = m->gap == 0;
+        m->gap_change[i] = begins ? 0.0 : m->gap_change[i] + fabs(torque[i] - m->gap_torque[i]) * m->gap;
+        m->gap_total[i] = (begins ? 0.0 : m->gap_total[i]) + fabs(torque[i]) * periods;
+        m->gap_torque[i] = torque[i];
     }
-    memcpy(m->gap_torque, torque, N * sizeof(double));
     m->gap = clamp_count(m->gap + clamp_count(periods, LONGEST), LONGEST);
 }
 
 /*
  * Note a call whose sample does not tell the time: for how many periods the torque of the call before it was held shows
- * only later. Kept for that are the torques in transit at the last timed call, and sum and maximum of those held since.
+ * only later. Kept for that are the torques of the gap and in transit at the last timed call, and sum and maximum of
+ * those held since.
  */
 static void note_untimed_call(step_t *s, const double *last)
 {
     memory_t *const m = s->m;
     if (m->gap_calls == 0) {
-        m->gap_base = m->gap > 0 ? m->gap_most : 0.0;
         for (int i = 0; i < N; ++i) {
-            m->gap_transit[i] = sum_older(m, i, m->delay);
+            m->gap_transit[i] = (m->gap > 0 ? m->gap_total[i] : 0.0) + sum_older(m, i, m->delay);
             m->gap_sum[i] = m->gap_largest[i] = 0.0;
         }
     }
@@ -1956,30 +1987,39 @@ static void bridge_missing_calls(step_t *s, const double *last, int missing)
     note_untimed_call(s, last);
     /* sample times that one of these torques was held at most, and all of them together */
     const double each = smaller(1.0 + missing, m->call_gap), all = (double)m->gap_calls + missing;
-    double most = m->gap_base;
+    double total[N];
     for (int i = 0; i < N; ++i) {
-        most += farthest_motion(m, i) * (m->gap_transit[i] + smaller(each * m->gap_sum[i], all * m->gap_largest[i]));
+        total[i] = m->gap_transit[i] + smaller(each * m->gap_sum[i], all * m->gap_largest[i]);
     }
-    /* `most` has the work of all torques until now: none is in transit any more */
+    /* `total` has all torques until now: none is in transit any more */
     memcpy(s->transit, nothing, sizeof nothing);
     memset(m->older, 0, sizeof m->older);
     memset(m->feed, 0, sizeof m->feed);
     bridge_gap(s, missing);
-    m->gap_work = HUGE_VAL; /* no bound: only gap_most counts */
-    m->gap_most = most;
+    for (int i = 0; i < N; ++i) {
+        m->gap_change[i] = HUGE_VAL; /* no bound: only gap_total counts */
+        m->gap_total[i] = total[i];
+    }
 }
 
-/* Bound the work [J] of the torques over a gap that ends with this motion: the better one of its two bounds. */
+/*
+ * Bound the work [J] of the torques over a gap that ends with this motion: the better one of its two bounds. A joint
+ * has moved no farther than at its velocity limit, for which the torques were chosen, or than the positions say. dq
+ * does not count: it may lie, and no more may be booked than was reserved.
+ */
 static double bound_gap_work(step_t *s, const double *motion)
 {
     memory_t *const m = s->m;
     bridge_gap(s, 1); /* the interval that ends now */
+    double by_changes = dot(N, m->gap_torque, motion), most = 0.0;
     for (int i = 0; i < N; ++i) {
+        const double far = larger(m->velocity_limit[i] * m->sample_time, fabs(motion[i]) / m->gap);
         /* after a long gap it is open by how many turns a continuous joint has moved */
-        const int open = counts_modulo_turn(s, i) && farthest_motion(m, i) * m->gap >= HALF_TURN;
-        m->gap_work = open ? HUGE_VAL : m->gap_work;
+        const int open = counts_modulo_turn(s, i) && far * m->gap >= HALF_TURN;
+        by_changes += open ? HUGE_VAL : m->gap_change[i] * far;
+        most += m->gap_total[i] * far;
     }
-    return smaller(m->gap_work + dot(N, m->gap_torque, motion), m->gap_most);
+    return smaller(by_changes, most);
 }
 
 /*
@@ -2195,12 +2235,6 @@ static const double FLATTEST = 1e-9; /* least mobility that a cap looks at, over
 static const double SPRINGS_CAP = 0.95; /* of LARGEST_STIFFNESS for springs: the scale is capped behind them */
 static const double SPRINGS_LEAST = 0.25; /* of it that posture and limit avoidance leave to the springs */
 
-/* Return the largest eigenvalue of M^-1 K that sample time and delay allow [1/s^2]. */
-static double largest_eigenvalue(const config_t *c)
-{
-    return LARGEST_STIFFNESS / (c->sample_time * c->sample_time * (1.0 + 2.0 * c->delay_samples));
-}
-
 /* Turn a vector in the base's axes into those of a pose; NULL: the base's. */
 static void turn_to_axes(const double *pose, const double *v, double *turned)
 {
@@ -2346,7 +2380,7 @@ static double find_level(int count, const double *values, double most)
 static void cap_springs(step_t *s)
 {
     memory_t *const m = s->m;
-    double A[18 * TIPS], largest[2 * TIPS], most = SPRINGS_CAP * largest_eigenvalue(s->c), sum = 0.0;
+    double A[18 * TIPS], largest[2 * TIPS], most = SPRINGS_CAP * largest_eigenvalue(s->c, m), sum = 0.0;
     m->stiffness_share = 1.0;
     if (!m->capped) {
         return;
@@ -2361,7 +2395,7 @@ static void cap_springs(step_t *s)
     for (int i = 0; i < N; ++i) {
         most -= (m->posture_stiffness[i] + s->limit_slope[i]) / m->inertia[i];
     }
-    most = larger(most, SPRINGS_LEAST * largest_eigenvalue(s->c));
+    most = larger(most, SPRINGS_LEAST * largest_eigenvalue(s->c, m));
     for (int k = 0; k < 2 * TIPS; ++k) { /* without a cap: to measure */
         largest[k] = cap_spring(A + 9 * k, HUGE_VAL, (k % 2 == 0 ? s->translation : s->rotation) + 9 * (k / 2));
         sum += largest[k];
@@ -2384,6 +2418,7 @@ static void cap_springs(step_t *s)
  */
 static int halves_stiffness(const config_t *c, const memory_t *m, double *work)
 {
+    const double half = 2.0 * largest_eigenvalue(c, m);
     int halved = 0;
     for (int k = 0; k < POSTURES; ++k) {
         double q[N], mobilities[18 * TIPS], d[3], Q[9];
@@ -2393,7 +2428,7 @@ static int halves_stiffness(const config_t *c, const memory_t *m, double *work)
         }
         for (int j = 0; j < 2 * TIPS; ++j) { /* translation and rotation of a tip in turn */
             const double K = j % 2 == 0 ? c->translation_stiffness_limit : c->rotation_stiffness_limit;
-            halved |= diagonalise_symmetric(3, mobilities + 9 * j, d, Q) == 0 && K * d[2] > 2.0 * largest_eigenvalue(c);
+            halved |= diagonalise_symmetric(3, mobilities + 9 * j, d, Q) == 0 && K * d[2] > half;
         }
     }
     return halved;
@@ -2447,15 +2482,16 @@ static uint64_t compute_checksum(const state_t *state)
     const memory_t *const m = &state->memory;
     const size_t count = sizeof *m / sizeof(uint64_t);
     uint64_t a = 0x9e3779b97f4a7c15u, b = 0xc2b2ae3d27d4eb4fu, c = 0x165667b19e3779f9u, d = 0x27d4eb2f165667c5u;
-    size_t k = 0;
-    for (; k + 8 <= count; k += 8) { /* four sums: the processor adds to all at once */
+    for (size_t block = 0; block < count / 8; ++block) { /* four sums: the processor adds to all at once */
+        const size_t k = 8 * block;
         a = add_word(add_word(a, m, k), m, k + 4);
         b = add_word(add_word(b, m, k + 1), m, k + 5);
         c = add_word(add_word(c, m, k + 2), m, k + 6);
         d = add_word(add_word(d, m, k + 3), m, k + 7);
     }
-    for (; k < count; ++k) {
-        a = add_word(a, m, k);
+    const size_t left = count % 8;
+    for (size_t k = 0; k < left; ++k) {
+        a = add_word(a, m, count - 1 - k);
     }
     return a + 3u * b + 5u * c + 7u * d;
 }
@@ -2512,6 +2548,7 @@ static void start_memory(const config_t *c, state_t *state)
     m->calls = m->hold = c->missed_limit;
     m->fault_joint = NO_JOINT;
     m->stiffness_share = 1.0;
+    m->averaged = 1;
     m->call_gap = limit_call_gap(c, c->missed_limit);
     m->ready = READY;
 }
@@ -3607,10 +3644,6 @@ static int search_posture(const config_t *c, const double *poses, const double *
 
 /* Damping: designed from the springs' tangent, limited by the sample time. */
 
-/* Largest eigenvalue of M^-1 B T. With differenced velocity, a double integrator is unstable from M^-1 B T = 2.0, 0.83,
- * 0.53, 0.40, 0.32, 0.26 on at a delay of 0 to 5 samples: the damping has at most 0.475 of it, which is
- * DELAYED_DAMPING / (1 + delay) from 2 samples on. */
-static const double LARGEST_DAMPING = 0.25, DELAYED_DAMPING = 0.75;
 /* Share of its cap that damping has where the account began beyond a limit: units may be mistaken, and 57 times as
  * large a velocity must not make the arm oscillate. */
 static const double DOUBTED_SHARE = 1.0 / 64.0;
@@ -3691,25 +3724,18 @@ static void measure_inertia(step_t *s, const double *q)
 /*
  * Compute the damping b of each mode with stiffness lambda. b is 2 zeta sqrt(l), l = |lambda| (a mode with negative
  * stiffness, which falls, then falls slowly), where nothing is late. Held torque and delay act late by h = (delay +
- * 1/2) T, the damping by the velocity filter's time more, g = h + filter: the stiffness takes l h of damping away, the
- * damping b g of inertia, so zeta = (b - l h) / (2 sqrt(l (1 - b g))) is solved for b.
+ * 1/2) T, the damping by the delay of the smoothed velocity more, g = h + delay: the stiffness takes l h of damping
+ * away, the damping b g of inertia, so zeta = (b - l h) / (2 sqrt(l (1 - b g))) is solved for b.
  */
-static void damp_modes(const config_t *c, const double *eigenvalues, double scale, double *b)
+static void damp_modes(const config_t *c, const memory_t *m, const double *eigenvalues, double scale, double *b)
 {
     for (int k = 0; k < N; ++k) {
         const double l = fabs(eigenvalues[k]) * scale, late = (c->delay_samples + 0.5) * c->sample_time;
-        const double zeta = c->damping_ratio[k], later = late + c->velocity_filter_time;
+        const double zeta = c->damping_ratio[k], later = late + delay_velocity(c, m);
         const double p = l * (2.0 * zeta * zeta * later - late);
         /* the larger root of b^2 + 2 p b + l^2 late^2 - 4 zeta^2 l = 0, and no less than l late, where zeta is 0 */
         b[k] = larger(sqrt(larger(p * p + 4.0 * zeta * zeta * l - l * l * late * late, 0.0)) - p, l * late);
     }
-}
-
-/* Return the largest eigenvalue of M^-1 B that sample time, delay and velocity filter allow [1/s]. */
-static double largest_damping(const config_t *c)
-{
-    const double share = fmin(LARGEST_DAMPING, DELAYED_DAMPING / (1.0 + c->delay_samples));
-    return share / (c->sample_time + c->velocity_filter_time);
 }
 
 /* Use the joint damping d I alone, and no brake: the damping of the output is 0 until now. Return the scale 1. */
@@ -3723,20 +3749,18 @@ static double damp_joints_only(step_t *s, double d)
 }
 
 /*
- * Return the largest scale of the springs that sample time and delay allow for the stiffest mode, 1 at most. The
+ * Return the largest scale of the springs that largest_eigenvalue allows for the stiffest mode, 1 at most. The
  * eigenvalues in the output are those of find_modes.
  */
 static double cap_scale(step_t *s)
 {
-    const config_t *const c = s->c;
-    const double T = c->sample_time;
-    const double delayed = 1.0 + 2.0 * c->delay_samples, stiffest = s->out->eigenvalues[N - 1] * T * T;
-    if (!(stiffest * delayed > LARGEST_STIFFNESS)) {
+    const double stiffest = s->out->eigenvalues[N - 1], most = largest_eigenvalue(s->c, s->m);
+    if (!(stiffest > most)) {
         return 1.0;
     }
     s->status |= IIWA14_STATUS_STIFFNESS_CAPPED;
     s->m->capped = 1; /* cap_springs looks at the springs from the next step on */
-    return LARGEST_STIFFNESS / (stiffest * delayed);
+    return most / stiffest;
 }
 
 /*
@@ -3751,7 +3775,7 @@ static double design_damping(step_t *s)
     double *const rows = s->scratch;
     const double *const modes = s->modes;
     double b[N], largest_b = 0.0, d = c->joint_damping;
-    const double most = largest_damping(c);
+    const double most = largest_damping(c, s->m);
     if (!find_modes(s)) {
         s->status |= IIWA14_STATUS_MASS_MATRIX;
         memset(out->eigenvalues, 0, sizeof out->eigenvalues);
@@ -3767,7 +3791,7 @@ static double design_damping(step_t *s)
         d = 0.5 * most / trace;
         s->status |= IIWA14_STATUS_DAMPING_CAPPED;
     }
-    damp_modes(c, out->eigenvalues, scale, b);
+    damp_modes(c, s->m, out->eigenvalues, scale, b);
     const double most_b = most - d * trace;
     int capped = 0;
     for (int k = 0; k < N; ++k) {
@@ -3852,26 +3876,28 @@ static void follow_twists(step_t *s, const double *twists, double *velocity)
 }
 
 /*
- * Return of how many samples the velocity is the mean. One quantum of position in a differenced velocity is a torque of
+ * Choose of how many samples the velocity is the mean. One quantum of position in a differenced velocity is a torque of
  * B quantum / T, and a mean of k samples divides it by k. Where the torque exceeds the rate, what one call may change,
- * the damping would be lost.
+ * the damping would be lost. The next design's B has the delay of this mean: with one sample less it is no larger than
+ * (k + 1) / k times this one, so that a mean that is shortened is not too short in the step after.
  */
-static int count_averaged(const step_t *s)
+static void choose_mean(step_t *s)
 {
-    const memory_t *const m = s->m;
+    memory_t *const m = s->m;
+    const double k = m->averaged;
     double needed = 1.0;
-    if (!(s->c->position_quantum > 0.0)) {
-        return 1;
-    }
-    for (int i = 0; i < N; ++i) {
+    for (int i = 0; s->c->position_quantum > 0.0 && i < N; ++i) {
         double torque = 0.0;
         for (int j = 0; j < N; ++j) {
             torque += fabs(s->out->damping[i * N + j]) * s->c->position_quantum / s->c->sample_time;
         }
         needed = fmax(needed, torque / m->rate[i]);
     }
-    const int wanted = (int)ceil(fmin(needed, (double)RECENT));
-    return wanted < m->recent_count ? wanted : m->recent_count;
+    if (needed > k && m->averaged < RECENT) { /* by one: the longer mean already lowers B */
+        m->averaged += 1;
+    } else if (k > 1.0 && needed * (k + 1.0) <= k * (k - 1.0)) {
+        m->averaged -= 1;
+    }
 }
 
 /* Pass the velocity through the low pass of velocity_filter_time, which starts anew after a gap. */
@@ -3890,7 +3916,8 @@ static void pass_low(step_t *s)
 static void smooth_velocity(step_t *s)
 {
     const memory_t *const m = s->m;
-    const int count = count_averaged(s);
+    choose_mean(s);
+    const int count = m->averaged < m->recent_count ? m->averaged : m->recent_count; /* fewer at the start */
     for (int i = 0; count > 1 && i < N; ++i) {
         double sum = 0.0;
         for (int k = 0; k < count; ++k) {
@@ -3898,7 +3925,7 @@ static void smooth_velocity(step_t *s)
         }
         s->velocity[i] = sum / count;
     }
-    pass_low(s); /* its delay is in damp_modes, that of the mean is not */
+    pass_low(s);
 }
 
 /*

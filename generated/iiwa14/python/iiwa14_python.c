@@ -15,7 +15,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "99e1177fc4acea10"
+#define SOURCES "0273bb3e61aa5605"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

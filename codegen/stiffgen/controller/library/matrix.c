@@ -64,8 +64,7 @@ static inline void combine_blocks(int rows, int n, int apart, const double *fact
                                   double *result)
 {
     double a = 0.0, b = 0.0, c = 0.0, d = 0.0, e = 0.0, f = 0.0, g = 0.0, h = 0.0;
-    int k = 0;
-    do { /* eight numbers, which stay in registers: compilers make two or four vectors of them */
+    for (int k = 0; k < rows; ++k) { /* eight numbers stay in registers: compilers make two or four vectors of them */
         const double x = factors[k * step], *const row = A + k * n, *const other = row + apart;
         a += x * row[0];
         b += x * row[1];
@@ -75,8 +74,7 @@ static inline void combine_blocks(int rows, int n, int apart, const double *fact
         f += x * other[1];
         g += x * other[2];
         h += x * other[3];
-        k += 1;
-    } while (k < rows);
+    }
     result[0] = a;
     result[1] = b;
     result[2] = c;
@@ -94,8 +92,9 @@ static inline void combine_blocks(int rows, int n, int apart, const double *fact
 static inline void multiply_matrices(int m, int rows, int n, const double *F, int down, int right, const double *A,
                                      double *result)
 {
+    const int blocks = 2 * BLOCK;
     int j = 0;
-    for (; j + BLOCK <= n; j += 2 * BLOCK) {
+    for (; j <= n - BLOCK; j += blocks) {
         const int apart = clamp_count(n - BLOCK - j, BLOCK);
         for (int i = 0; i < m; ++i) {
             combine_blocks(rows, n, apart, F + i * down, right, A + j, result + i * n + j);
