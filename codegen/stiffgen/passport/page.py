@@ -75,9 +75,8 @@ def warnings(passport: Passport) -> list[str]:
     unstable = int((passport["limit"] < passport["rendered"]).sum())
     if unstable:
         lines.append(
-            f"In {unstable} of {count} postures the loop is not stable at the stiffness that the controller renders: "
-            f"its cap does not know how old a velocity by encoder steps is. Stay below the limit, "
-            f"{_number(passport['limit'].min())} N/m."
+            f"In {unstable} of {count} postures the loop is not stable or passive at the stiffness that the controller "
+            f"renders. Stay below the limit, {_number(passport['limit'].min())} N/m."
         )
     elif passport["damping"].min() < _POORLY_DAMPED:
         lines.append(
