@@ -566,7 +566,7 @@ static int fits_memory(const memory_t *m)
     fits = fits && m->missed >= 0 && m->missed <= 1000000;
     fits = fits && m->gap >= 0 && m->gap <= 1000000;
     fits = fits && m->recent_count >= 0 && m->recent_count <= 8;
-    fits = fits && m->averaged >= 1 && m->averaged <= 8;
+    fits = fits && m->averaged >= 0 && m->averaged <= 7;
     fits = fits && m->regular >= 0 && m->regular <= 3;
     fits = fits && m->absent >= 0 && m->absent <= 2000000;
     fits = fits && m->delay >= 0 && m->delay <= 5;
@@ -1567,16 +1567,16 @@ static const double LARGEST_STIFFNESS = 0.0625; /* largest eigenvalue of M^-1 K 
 static const double LEAST_RATIO = 0.25; /* damping ratio that the largest damping leaves to the stiffest mode */
 
 /* Return the delay [s] of the smoothed velocity: of the low pass, and of the mean. */
-static double delay_velocity(const config_t *c, const memory_t *m)
+static double find_velocity_delay(const config_t *c, const memory_t *m)
 {
-    return c->velocity_filter_time + 0.5 * (m->averaged - 1) * c->sample_time;
+    return c->velocity_filter_time + 0.5 * m->averaged * c->sample_time;
 }
 
 /* Return the largest eigenvalue of M^-1 B that sample time, delay and the smoothed velocity allow [1/s]. */
 static double largest_damping(const config_t *c, const memory_t *m)
 {
     const double share = fmin(LARGEST_DAMPING, DELAYED_DAMPING / (1.0 + c->delay_samples));
-    return share / (c->sample_time + delay_velocity(c, m));
+    return share / (c->sample_time + find_velocity_delay(c, m));
 }
 
 /*
@@ -2548,7 +2548,6 @@ static void start_memory(const config_t *c, state_t *state)
     m->calls = m->hold = c->missed_limit;
     m->fault_joint = NO_JOINT;
     m->stiffness_share = 1.0;
-    m->averaged = 1;
     m->call_gap = limit_call_gap(c, c->missed_limit);
     m->ready = READY;
 }
@@ -3417,7 +3416,7 @@ static void move_pose(const double *pose, const double *twist, double *moved)
 static int combine_steps(const double *X, const double *error, const double *near, double damping, const int *held,
                          double *step)
 {
-    double G[TIP_ROWS * TIP_ROWS], pull[TIP_ROWS], self[TIP_ROWS] = {0.0};
+    double G[TIP_ROWS * TIP_ROWS] = {0.0}, pull[TIP_ROWS] = {0.0}, self[TIP_ROWS] = {0.0};
     memcpy(pull, error, sizeof pull);
     for (int i = 0; i < N; ++i) {
         add_scaled(TIP_ROWS, near[i], X + i * TIP_ROWS, self);
@@ -3465,7 +3464,7 @@ static int hold_joint(const memory_t *m, const double *q, int *held, double *X, 
  */
 static double weigh_error(const memory_t *m, const double *q, double *X, double *error)
 {
-    double J[TIP_ROWS * N], weights[TIP_ROWS], longest = DBL_MIN;
+    double J[TIP_ROWS * N] = {0.0}, weights[TIP_ROWS] = {0.0}, longest = DBL_MIN;
     stiffgen_jacobians(q, m, J);
     transpose(TIP_ROWS, N, J, X);
     for (int r = 0; r < TIP_ROWS; ++r) {
@@ -3496,7 +3495,7 @@ static double weigh_error(const memory_t *m, const double *q, double *X, double 
 static double find_posture_step(const config_t *c, const memory_t *m, const double *q, const double *error,
                          const double *wanted, double *step)
 {
-    double X[N * TIP_ROWS], rest[TIP_ROWS], near[N], excess = 0.0;
+    double X[N * TIP_ROWS] = {0.0}, rest[TIP_ROWS] = {0.0}, near[N] = {0.0}, excess = 0.0;
     int held[N] = {0};
     memcpy(rest, error, sizeof rest);
     const double distance = largest_part(error), damping = weigh_error(m, q, X, rest);
@@ -3527,7 +3526,7 @@ static double find_posture_step(const config_t *c, const memory_t *m, const doub
  */
 static void step_to_wanted(const memory_t *m, const double *q0, double distance, const double *goal, double *step)
 {
-    double wanted[N], poses[16 * TIPS], twists[TIP_ROWS];
+    double wanted[N], poses[16 * TIPS], twists[TIP_ROWS] = {0.0};
     for (int i = 0; i < N; ++i) {
         wanted[i] = clamp(q0[i], m->avoidance[4 * i], m->avoidance[4 * i + 1]);
     }
@@ -3578,7 +3577,7 @@ static void start_trial(const memory_t *m, const double *start, int number, doub
 /* Follow steps from q towards a posture of the goal. Return whether one is found: at most SEARCH_STEPS steps. */
 static int try_posture(const config_t *c, const memory_t *m, const double *goal, double *q)
 {
-    double step[N], here[16 * TIPS], error[TIP_ROWS];
+    double step[N], here[16 * TIPS], error[TIP_ROWS] = {0.0};
     int found = 0;
     for (int k = 0; k < SEARCH_STEPS && !found; ++k) {
         stiffgen_poses(q, m, here);
@@ -3731,7 +3730,7 @@ static void damp_modes(const config_t *c, const memory_t *m, const double *eigen
 {
     for (int k = 0; k < N; ++k) {
         const double l = fabs(eigenvalues[k]) * scale, late = (c->delay_samples + 0.5) * c->sample_time;
-        const double zeta = c->damping_ratio[k], later = late + delay_velocity(c, m);
+        const double zeta = c->damping_ratio[k], later = late + find_velocity_delay(c, m);
         const double p = l * (2.0 * zeta * zeta * later - late);
         /* the larger root of b^2 + 2 p b + l^2 late^2 - 4 zeta^2 l = 0, and no less than l late, where zeta is 0 */
         b[k] = larger(sqrt(larger(p * p + 4.0 * zeta * zeta * l - l * l * late * late, 0.0)) - p, l * late);
@@ -3842,7 +3841,8 @@ static void weigh_twists(const double *L, const double *J, double *X, double *we
 static void follow_twists(step_t *s, const double *twists, double *velocity)
 {
     double *const L = s->scratch;
-    double X[N * TIP_ROWS], G[TIP_ROWS * TIP_ROWS], weights[TIP_ROWS], f[TIP_ROWS], excess = HUGE_VAL;
+    double X[N * TIP_ROWS] = {0.0}, G[TIP_ROWS * TIP_ROWS] = {0.0}, weights[TIP_ROWS] = {0.0}, f[TIP_ROWS] = {0.0};
+    double excess = HUGE_VAL;
     const double *const limits = s->c->reference_velocity_limit;
     memset(velocity, 0, N * sizeof(double));
     /* L L^T is B over its largest entry, and with y = L^T dr the least dr . B dr is the least |y|^2 */
@@ -3884,7 +3884,7 @@ static void follow_twists(step_t *s, const double *twists, double *velocity)
 static void choose_mean(step_t *s)
 {
     memory_t *const m = s->m;
-    const double k = m->averaged;
+    const double k = 1.0 + m->averaged;
     double needed = 1.0;
     for (int i = 0; s->c->position_quantum > 0.0 && i < N; ++i) {
         double torque = 0.0;
@@ -3893,9 +3893,9 @@ static void choose_mean(step_t *s)
         }
         needed = fmax(needed, torque / m->rate[i]);
     }
-    if (needed > k && m->averaged < RECENT) { /* by one: the longer mean already lowers B */
+    if (needed > k && m->averaged < RECENT - 1) { /* by one: the longer mean already lowers B */
         m->averaged += 1;
-    } else if (k > 1.0 && needed * (k + 1.0) <= k * (k - 1.0)) {
+    } else if (m->averaged > 0 && needed * (k + 1.0) <= k * (k - 1.0)) {
         m->averaged -= 1;
     }
 }
@@ -3917,7 +3917,7 @@ static void smooth_velocity(step_t *s)
 {
     const memory_t *const m = s->m;
     choose_mean(s);
-    const int count = m->averaged < m->recent_count ? m->averaged : m->recent_count; /* fewer at the start */
+    const int wanted = 1 + m->averaged, count = wanted < m->recent_count ? wanted : m->recent_count;
     for (int i = 0; count > 1 && i < N; ++i) {
         double sum = 0.0;
         for (int k = 0; k < count; ++k) {
@@ -4073,7 +4073,7 @@ static int approach_posture(step_t *s, const double *here, const double *ahead, 
     const config_t *const c = s->c;
     memory_t *const m = s->m;
     const double lead = largest_part(ahead);
-    double step[N] = {0.0}, error[TIP_ROWS];
+    double step[N] = {0.0}, error[TIP_ROWS] = {0.0};
     if (!s->commanded) {
         approach_step(c, step, 0.0, 1.0, m->posture_velocity);
         return 0;
@@ -4176,7 +4176,7 @@ static double find_pace(const step_t *s, double lead)
 static int follow_pose(step_t *s)
 {
     memory_t *const m = s->m;
-    double here[16 * TIPS], ahead[TIP_ROWS], twists[TIP_ROWS];
+    double here[16 * TIPS], ahead[TIP_ROWS] = {0.0}, twists[TIP_ROWS] = {0.0};
     stiffgen_poses(m->posture, m, here);
     const double streamed = largest_part(s->moved);
     if (streamed > SAME_POSE) {
@@ -4898,7 +4898,7 @@ static void compute_reference_velocity(step_t *s, int moved)
 {
     const double *const limits = s->c->reference_velocity_limit;
     double *const reference = s->out->reference_velocity;
-    double twists[TIP_ROWS], excess = 1.0;
+    double twists[TIP_ROWS] = {0.0}, excess = 1.0;
     if (moved && !s->m->joined) {
         (void)compare_poses(s->old_equilibrium, s->m->equilibrium, twists);
         for (int k = 0; k < TIP_ROWS; ++k) {

@@ -856,7 +856,7 @@ typedef struct {
     int32_t gap;
     /* velocities in `recent`. */
     int32_t recent_count;
-    /* of how many of them the damping's velocity is the mean, where there are as many. */
+    /* velocities before the last one in the damping's mean, where there are as many. */
     int32_t averaged;
     /* calls in a row whose counter advanced by one. */
     int32_t regular;

@@ -64,11 +64,11 @@ FAULTS = (
     Fault("the batch writes beside", "+ 49 * done)", "+ 49 * done + 1)", BATCH, "hybrid_joint_stiffness"),
     Fault("a shift beyond the width", "<< 62)", "<< 64)", "void sine_cosine(", "forward_kinematics"),
     Fault("a rate too many", "i < N; ++i", "i <= N; ++i", "void start_memory(", part="services"),
-    Fault("a loop without end", "count / 4; ++block", "count / 4; block += 0", "t compute_checksum(", part="services"),
+    Fault("a loop without end", "count / 8; ++block", "count / 8; block += 0", "t compute_checksum(", part="services"),
     Fault("an invalid number is taken", "x[i] > most", "x[i] > most + 1", "int integers_within(", part="services"),
     Fault("a delay beyond the memory of torques", "c->delay_samples;", "c->delay_samples + 1;", "", part="step"),
     Fault("a velocity too old", "k < count; ++k", "k <= count; ++k", "void smooth_velocity(", part="step"),
-    Fault("an unguarded conversion", "ceil(fmin(needed, (double)RECENT))", "ceil(needed)", "", part="step"),
+    Fault("a counter without a bound", "clamp_count(m->missed + 1, LONGEST)", "m->missed + 1", "", part="step"),
 )  # fmt: skip
 
 

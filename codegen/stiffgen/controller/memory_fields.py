@@ -137,7 +137,7 @@ _INTEGERS: tuple[Field, ...] = (
     _count("missed", 0, _MOST, "calls since the last believed sample"),
     _count("gap", 0, _MOST, "sample times since the last believed sample"),
     _count("recent_count", 0, 8, "velocities in `recent`"),
-    _count("averaged", 1, 8, "of how many of them the damping's velocity is the mean, where there are as many"),
+    _count("averaged", 0, 7, "velocities before the last one in the damping's mean, where there are as many"),
     _count("regular", 0, 3, "calls in a row whose counter advanced by one"),
     _any("counter", "counter of the last believed sample", "uint32_t"),
     _any("unaccounted", "number of times that the account began anew", "uint32_t"),

@@ -88,7 +88,7 @@ static void damp_modes(const config_t *c, const memory_t *m, const double *eigen
 {
     for (int k = 0; k < N; ++k) {
         const double l = fabs(eigenvalues[k]) * scale, late = (c->delay_samples + 0.5) * c->sample_time;
-        const double zeta = c->damping_ratio[k], later = late + delay_velocity(c, m);
+        const double zeta = c->damping_ratio[k], later = late + find_velocity_delay(c, m);
         const double p = l * (2.0 * zeta * zeta * later - late);
         /* the larger root of b^2 + 2 p b + l^2 late^2 - 4 zeta^2 l = 0, and no less than l late, where zeta is 0 */
         b[k] = larger(sqrt(larger(p * p + 4.0 * zeta * zeta * l - l * l * late * late, 0.0)) - p, l * late);
@@ -199,7 +199,8 @@ static void weigh_twists(const double *L, const double *J, double *X, double *we
 void follow_twists(step_t *s, const double *twists, double *velocity)
 {
     double *const L = s->scratch;
-    double X[N * TIP_ROWS], G[TIP_ROWS * TIP_ROWS], weights[TIP_ROWS], f[TIP_ROWS], excess = HUGE_VAL;
+    double X[N * TIP_ROWS] = {0.0}, G[TIP_ROWS * TIP_ROWS] = {0.0}, weights[TIP_ROWS] = {0.0}, f[TIP_ROWS] = {0.0};
+    double excess = HUGE_VAL;
     const double *const limits = s->c->reference_velocity_limit;
     memset(velocity, 0, N * sizeof(double));
     /* L L^T is B over its largest entry, and with y = L^T dr the least dr . B dr is the least |y|^2 */
@@ -241,7 +242,7 @@ void follow_twists(step_t *s, const double *twists, double *velocity)
 static void choose_mean(step_t *s)
 {
     memory_t *const m = s->m;
-    const double k = m->averaged;
+    const double k = 1.0 + m->averaged;
     double needed = 1.0;
     for (int i = 0; s->c->position_quantum > 0.0 && i < N; ++i) {
         double torque = 0.0;
@@ -250,9 +251,9 @@ static void choose_mean(step_t *s)
         }
         needed = fmax(needed, torque / m->rate[i]);
     }
-    if (needed > k && m->averaged < RECENT) { /* by one: the longer mean already lowers B */
+    if (needed > k && m->averaged < RECENT - 1) { /* by one: the longer mean already lowers B */
         m->averaged += 1;
-    } else if (k > 1.0 && needed * (k + 1.0) <= k * (k - 1.0)) {
+    } else if (m->averaged > 0 && needed * (k + 1.0) <= k * (k - 1.0)) {
         m->averaged -= 1;
     }
 }
@@ -274,7 +275,7 @@ void smooth_velocity(step_t *s)
 {
     const memory_t *const m = s->m;
     choose_mean(s);
-    const int count = m->averaged < m->recent_count ? m->averaged : m->recent_count; /* fewer at the start */
+    const int wanted = 1 + m->averaged, count = wanted < m->recent_count ? wanted : m->recent_count;
     for (int i = 0; count > 1 && i < N; ++i) {
         double sum = 0.0;
         for (int k = 0; k < count; ++k) {

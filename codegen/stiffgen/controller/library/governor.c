@@ -125,7 +125,7 @@ static int approach_posture(step_t *s, const double *here, const double *ahead, 
     const config_t *const c = s->c;
     memory_t *const m = s->m;
     const double lead = largest_part(ahead);
-    double step[N] = {0.0}, error[TIP_ROWS];
+    double step[N] = {0.0}, error[TIP_ROWS] = {0.0};
     if (!s->commanded) {
         approach_step(c, step, 0.0, 1.0, m->posture_velocity);
         return 0;
@@ -228,7 +228,7 @@ static double find_pace(const step_t *s, double lead)
 static int follow_pose(step_t *s)
 {
     memory_t *const m = s->m;
-    double here[16 * TIPS], ahead[TIP_ROWS], twists[TIP_ROWS];
+    double here[16 * TIPS], ahead[TIP_ROWS] = {0.0}, twists[TIP_ROWS] = {0.0};
     stiffgen_poses(m->posture, m, here);
     const double streamed = largest_part(s->moved);
     if (streamed > SAME_POSE) {

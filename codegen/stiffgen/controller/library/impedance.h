@@ -160,7 +160,7 @@ int solve_damped(int n, const double *A, double shift, double *x);
 int is_positive_semidefinite(int n, const double *A, double tolerance);
 
 /* sampling.c */
-double delay_velocity(const config_t *c, const memory_t *m);
+double find_velocity_delay(const config_t *c, const memory_t *m);
 double largest_damping(const config_t *c, const memory_t *m);
 double largest_eigenvalue(const config_t *c, const memory_t *m);
 

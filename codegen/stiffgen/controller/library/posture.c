@@ -108,7 +108,7 @@ void move_pose(const double *pose, const double *twist, double *moved)
 static int combine_steps(const double *X, const double *error, const double *near, double damping, const int *held,
                          double *step)
 {
-    double G[TIP_ROWS * TIP_ROWS], pull[TIP_ROWS], self[TIP_ROWS] = {0.0};
+    double G[TIP_ROWS * TIP_ROWS] = {0.0}, pull[TIP_ROWS] = {0.0}, self[TIP_ROWS] = {0.0};
     memcpy(pull, error, sizeof pull);
     for (int i = 0; i < N; ++i) {
         add_scaled(TIP_ROWS, near[i], X + i * TIP_ROWS, self);
@@ -156,7 +156,7 @@ static int hold_joint(const memory_t *m, const double *q, int *held, double *X, 
  */
 static double weigh_error(const memory_t *m, const double *q, double *X, double *error)
 {
-    double J[TIP_ROWS * N], weights[TIP_ROWS], longest = DBL_MIN;
+    double J[TIP_ROWS * N] = {0.0}, weights[TIP_ROWS] = {0.0}, longest = DBL_MIN;
     stiffgen_jacobians(q, m, J);
     transpose(TIP_ROWS, N, J, X);
     for (int r = 0; r < TIP_ROWS; ++r) {
@@ -187,7 +187,7 @@ static double weigh_error(const memory_t *m, const double *q, double *X, double 
 double find_posture_step(const config_t *c, const memory_t *m, const double *q, const double *error,
                          const double *wanted, double *step)
 {
-    double X[N * TIP_ROWS], rest[TIP_ROWS], near[N], excess = 0.0;
+    double X[N * TIP_ROWS] = {0.0}, rest[TIP_ROWS] = {0.0}, near[N] = {0.0}, excess = 0.0;
     int held[N] = {0};
     memcpy(rest, error, sizeof rest);
     const double distance = largest_part(error), damping = weigh_error(m, q, X, rest);
@@ -218,7 +218,7 @@ double find_posture_step(const config_t *c, const memory_t *m, const double *q, 
  */
 void step_to_wanted(const memory_t *m, const double *q0, double distance, const double *goal, double *step)
 {
-    double wanted[N], poses[16 * TIPS], twists[TIP_ROWS];
+    double wanted[N], poses[16 * TIPS], twists[TIP_ROWS] = {0.0};
     for (int i = 0; i < N; ++i) {
         wanted[i] = clamp(q0[i], m->avoidance[4 * i], m->avoidance[4 * i + 1]);
     }
@@ -269,7 +269,7 @@ static void start_trial(const memory_t *m, const double *start, int number, doub
 /* Follow steps from q towards a posture of the goal. Return whether one is found: at most SEARCH_STEPS steps. */
 static int try_posture(const config_t *c, const memory_t *m, const double *goal, double *q)
 {
-    double step[N], here[16 * TIPS], error[TIP_ROWS];
+    double step[N], here[16 * TIPS], error[TIP_ROWS] = {0.0};
     int found = 0;
     for (int k = 0; k < SEARCH_STEPS && !found; ++k) {
         stiffgen_poses(q, m, here);

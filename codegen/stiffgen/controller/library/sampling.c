@@ -9,16 +9,16 @@ static const double LARGEST_STIFFNESS = 0.0625; /* largest eigenvalue of M^-1 K 
 static const double LEAST_RATIO = 0.25; /* damping ratio that the largest damping leaves to the stiffest mode */
 
 /* Return the delay [s] of the smoothed velocity: of the low pass, and of the mean. */
-double delay_velocity(const config_t *c, const memory_t *m)
+double find_velocity_delay(const config_t *c, const memory_t *m)
 {
-    return c->velocity_filter_time + 0.5 * (m->averaged - 1) * c->sample_time;
+    return c->velocity_filter_time + 0.5 * m->averaged * c->sample_time;
 }
 
 /* Return the largest eigenvalue of M^-1 B that sample time, delay and the smoothed velocity allow [1/s]. */
 double largest_damping(const config_t *c, const memory_t *m)
 {
     const double share = fmin(LARGEST_DAMPING, DELAYED_DAMPING / (1.0 + c->delay_samples));
-    return share / (c->sample_time + delay_velocity(c, m));
+    return share / (c->sample_time + find_velocity_delay(c, m));
 }
 
 /*

@@ -113,7 +113,6 @@ void start_memory(const config_t *c, state_t *state)
     m->calls = m->hold = c->missed_limit;
     m->fault_joint = NO_JOINT;
     m->stiffness_share = 1.0;
-    m->averaged = 1;
     m->call_gap = limit_call_gap(c, c->missed_limit);
     m->ready = READY;
 }

@@ -115,7 +115,7 @@ static void compute_reference_velocity(step_t *s, int moved)
 {
     const double *const limits = s->c->reference_velocity_limit;
     double *const reference = s->out->reference_velocity;
-    double twists[TIP_ROWS], excess = 1.0;
+    double twists[TIP_ROWS] = {0.0}, excess = 1.0;
     if (moved && !s->m->joined) {
         (void)compare_poses(s->old_equilibrium, s->m->equilibrium, twists);
         for (int k = 0; k < TIP_ROWS; ++k) {
