@@ -1815,17 +1815,17 @@ static double available_energy(const memory_t *m)
  *
  *     k v <= r                            the torque follows the spring
  *     2 sqrt(k m) (k z / m) <= r          the torque follows the damping 2 sqrt(k m) at the acceleration k z / m
- *     k <= s m                            s: LIMIT_SHARE of largest_eigenvalue
+ *     k <= s m                            s: LIMIT_SHARE of `eigenvalue`, that of largest_eigenvalue
  *
  * The third bound holds for every set of joints: no eigenvalue of M^-1 K exceeds the largest row sum of |K M^-1|.
  */
-static double limit_stiffness(const step_t *s, int i)
+static double limit_stiffness(const step_t *s, int i, double eigenvalue)
 {
     const config_t *const c = s->c;
     const double rate = c->torque_rate_limit[i], inertia = s->m->inertia[i];
     const double followed = rate / c->velocity_limit[i];
     const double share = rate / (2.0 * c->limit_zone), cube = inertia * share * share;
-    const double sampled = LIMIT_SHARE * largest_eigenvalue(c, s->m) * inertia;
+    const double sampled = LIMIT_SHARE * eigenvalue * inertia;
     const double most = smaller(smaller(c->limit_stiffness[i], sampled), followed);
     return most * most * most <= cube ? most : cbrt(cube); /* the damping's bound has the third power `cube` */
 }
@@ -1838,11 +1838,12 @@ static void adopt_limits(step_t *s, const double *q)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
+    const double eigenvalue = largest_eigenvalue(c, m);
     int changed = 0;
     for (int i = 0; i < N; ++i) {
         double *const a = m->avoidance + 4 * i;
         const double wanted[4] = {c->lower_limit[i] + c->limit_zone, c->upper_limit[i] - c->limit_zone,
-                                  limit_stiffness(s, i), c->effort_limit[i]};
+                                  limit_stiffness(s, i, eigenvalue), c->effort_limit[i]};
         if (memcmp(a, wanted, sizeof wanted) == 0) {
             continue;
         }

@@ -15,7 +15,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "6e78737220d0acc0"
+#define SOURCES "6620d87e5e9cad56"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;
