@@ -37,16 +37,15 @@ LAW = Library(Path(__file__).parent / "paper", "law.h", ("law.c",))
 """C of every NAME_paper.c."""
 LOOPS = Library(Path(__file__).parent / "loops", "loops.h", ("loops.c",))
 """C of the NAME_impedance.c of robots with closed loops."""
-CONTROLLER_KERNELS = (
-    "mass_matrix", "bias_forces", "hybrid.jacobian", "spring.energy", "spring.wrench", "spring.torque",
-    "spring.linearization", "posture.energy",
-)  # fmt: skip
-"""Functions that the controller calls, besides the poses of the tips."""
+CONTROLLER_KERNELS = ("hybrid.jacobian", "spring.energy", "spring.wrench", "spring.linearization")
+"""Functions that every controller calls, besides the poses of the tips."""
+TREE_KERNELS = ("mass_matrix", "bias_forces")
+"""Functions that the controller calls in robots without closed loops."""
 PAPER_KERNELS = ("hybrid.joint_stiffness", "hybrid.joint_stiffness_uncorrected")
 """Functions that the paper's law calls besides the mass matrix."""
 LOOP_KERNELS = ("close", *(f"motors.{name}" for name in ("jacobian", "mass_matrix", "bias_forces", "from_joints")))
-"""Functions that the controller calls in robots with closed loops, besides those of the tree."""
-BOUNDED_KERNELS = tuple(f"spring_bounded.{name}" for name in ("energy", "wrench", "torque", "linearization"))
+"""Functions that the controller calls in robots with closed loops, in place of those of the tree."""
+BOUNDED_KERNELS = tuple(f"spring_bounded.{name}" for name in ("energy", "wrench", "linearization"))
 """Functions that the controller calls in folders with the bounded spring."""
 _FORMATS = {"double": "f8", "int": "i4", "int32_t": "i4", "uint32_t": "u4"}
 _STRUCTS = (
@@ -118,10 +117,10 @@ def has_paper_law(chain: Chain) -> bool:
 
 
 def called_kernels(chain: Chain, springs: Sequence[str]) -> tuple[str, ...]:
-    """Return the functions that the controller of a robot with these kinds of springs calls."""
+    """Return the functions that controller and paper's law of a robot with these kinds of springs call."""
     bounded = BOUNDED_KERNELS if "bounded" in springs else ()
     paper = PAPER_KERNELS if has_paper_law(chain) else ()
-    return (*CONTROLLER_KERNELS, *bounded, *paper, *(LOOP_KERNELS if chain.loops else ()))
+    return (*CONTROLLER_KERNELS, *bounded, *paper, *(LOOP_KERNELS if chain.loops else TREE_KERNELS))
 
 
 @dataclass(frozen=True)

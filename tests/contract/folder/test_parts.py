@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 from pathlib import Path
 
@@ -10,11 +11,14 @@ import pytest
 
 import stiffgen
 from stiffgen.cli import main
+from stiffgen.controller.page import called_kernels
 from stiffgen.errors import ChainError, OutputError
+from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.verify.verify import verify
 from support.c_program import STRICT
 from support.chains import chain_urdf
-from support.project import URDF, require_compiler
+from support.exact_linkage import random_linkage
+from support.project import ROOT, URDF, require_compiler
 
 SMALL = {"batches": False, "controller": False, "masses": False, "python": False}
 
@@ -44,6 +48,39 @@ def test_controller_brings_the_functions_that_it_calls(tmp_path: Path) -> None:
     names = {kernel.qualified_name for kernel in stiffgen.open_robot(folder).table}
     assert {"limits_torque", "spring_linearization", "mass_matrix"} < names
     assert "body_jacobian" not in names
+
+
+def names_in_controller(folder: Path) -> set[str]:
+    """Return the names NAME_... in the C of a folder's controller and its paper's law, without NAME_."""
+    sources = [folder / f"{folder.name}_{part}.c" for part in ("impedance", "paper")]
+    text = "".join(file.read_text() for file in sources if file.exists())
+    code = re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)
+    return set(re.findall(rf"\b{folder.name}_(\w+)\b", code))
+
+
+@pytest.mark.parametrize("robot", ["one tip", "bounded spring", "two tips and tools", "closed loop"])
+def test_controller_brings_no_other_functions_than_it_calls(robot: str, tmp_path: Path) -> None:
+    """Of all functions that the robot can have, the listed ones are those that the C of its controller names."""
+    urdf, options = tmp_path / "arm.urdf", {}
+    urdf.write_text(chain_urdf("rp"))
+    if robot == "bounded spring":
+        options = {"springs": ("trace", "bounded")}
+    elif robot == "two tips and tools":
+        urdf = ROOT / "tests" / "data" / "dual_arm.urdf"
+        options = {"tip": ["left hand", "right-hand"], "runtime_tool": True}
+    elif robot == "closed loop":
+        linkage = random_linkage(0)
+        options = linkage.options
+        urdf.write_text(linkage.urdf)
+    chosen = {"name": "arm", "output": tmp_path, "kernels": "hybrid.jacobian", "python": False, "build": False}
+    folder = stiffgen.generate(urdf, **chosen, **options)
+    opened = stiffgen.open_robot(folder)
+    springs = options.get("springs", ("trace",))
+    named = names_in_controller(folder)
+    possible = chain_kernels(opened.chain, stiffgen.KernelOptions(springs=springs))
+    called = {kernel.choices[-1] for kernel in possible if kernel.qualified_name in named}
+    assert called == {"forward_kinematics", *called_kernels(opened.chain, springs)}
+    assert {kernel.choices[-1] for kernel in opened.table} == called
 
 
 @pytest.mark.wide(instead="tests/contract/cli/test_cli.py::test_verify")
