@@ -37,6 +37,8 @@ SIGNATURES = {
     "refine_modes": (ctypes.c_int, IN, IN, OUT, OUT, OUT),
     "soften": (IN, ctypes.c_double, OUT, OUT),
     "is_positive_semidefinite": (ctypes.c_int, IN, ctypes.c_double),
+    "solve_rows": (ctypes.c_int, ctypes.c_int, IN, OUT),
+    "solve_damped": (ctypes.c_int, IN, ctypes.c_double, OUT),
 }
 
 
@@ -104,6 +106,17 @@ class Matrices:
 
     def is_positive_semidefinite(self, A: np.ndarray) -> bool:
         return bool(self.library.is_positive_semidefinite(len(A), A, 1e-9))
+
+    def solve_rows(self, L: np.ndarray, X: np.ndarray) -> np.ndarray:
+        """Return L^-1 X; only the lower triangle of L is read."""
+        result = X.copy()
+        self.library.solve_rows(len(L), X.shape[1], L, result)
+        return result
+
+    def solve_damped(self, A: np.ndarray, shift: float, x: np.ndarray) -> tuple[bool, np.ndarray]:
+        """Return whether A + shift I is positive definite, and (A + shift I)^-1 x."""
+        result = x.copy()
+        return bool(self.library.solve_damped(len(A), A, shift, result)), result
 
 
 def symmetric(random: np.random.Generator, values: np.ndarray) -> np.ndarray:

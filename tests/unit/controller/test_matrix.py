@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from support.controller_library import Matrices, pencils, residual, symmetric
+from support.controller_library import MAX_ROWS, Matrices, pencils, residual, symmetric
 
 
 @pytest.fixture(scope="module")
@@ -139,6 +139,35 @@ def test_semidefinite(matrices: Matrices) -> None:
         assert not matrices.is_positive_semidefinite(np.diag([size, -size, 0.0]))
     assert not matrices.is_positive_semidefinite(np.array([[1.0, 0.1], [0.0, 1.0]]))
     assert not matrices.is_positive_semidefinite(np.array([[np.nan]]))
+
+
+def test_rows_of_a_triangular_system(matrices: Matrices) -> None:
+    """L^-1 X against SciPy, with every number of columns: blocks of 4 and 8 and what is left of them."""
+    random = np.random.default_rng(6)
+    for n in (1, 2, 3, 7, MAX_ROWS):
+        for count in (*range(1, 18), MAX_ROWS):
+            L = random.normal(size=(n, n)) / n  # the upper triangle has numbers, too, which count for nothing
+            np.fill_diagonal(L, random.choice([-1.0, 1.0], n) * random.uniform(1.0, 3.0, n))
+            X = random.normal(size=(n, count))
+            expected = scipy.linalg.solve_triangular(L, X, lower=True)
+            np.testing.assert_allclose(matrices.solve_rows(L, X), expected, rtol=0, atol=1e-13)
+
+
+def test_damped_system(matrices: Matrices) -> None:
+    """(A + shift I)^-1 x against LAPACK, also where A alone is singular or indefinite; the lower triangle is read."""
+    random = np.random.default_rng(7)
+    for n in (1, 2, 3, 7, MAX_ROWS):
+        for lowest, shift in ((0.5, 0.0), (0.5, 1.0), (0.0, 0.1), (-1.0, 1.5), (2.0, -1.0)):
+            A, x = symmetric(random, np.append(random.uniform(2.0, 9.0, n - 1), lowest)), random.normal(size=n)
+            expected = np.linalg.solve(A + shift * np.eye(n), x)
+            lower = np.tril(A) + np.triu(np.full((n, n), 1e3), 1)
+            for each in (A, lower):
+                is_definite, solved = matrices.solve_damped(each, shift, x)
+                assert is_definite
+                np.testing.assert_allclose(solved, expected, rtol=0, atol=1e-13 * max(1, np.abs(expected).max()))
+        for lowest, shift in ((0.0, 0.0), (-1.0, 0.5), (1.0, -1.5), (1.0, np.nan), (np.nan, 1.0), (1.0, np.inf)):
+            A = np.diag(np.append(np.full(n - 1, 2.0), lowest))
+            assert not matrices.solve_damped(A, shift, np.ones(n))[0], (n, lowest, shift)
 
 
 def test_the_files_stand_alone() -> None:
