@@ -58,7 +58,6 @@ static const double NOISE_RANGE = 6.0; /* velocity_noise counts this often in on
 static const double SCALE_TIME = 0.05;   /* [s] shortest time in which the scale rises from 0 to 1 */
 static const double NO_LOAD = 1e-3; /* share of heaviest_wrench up to which springs count as unloaded */
 static const double HALF_TURN = 3.14159265358979324;
-static const double GOLDEN = 0.61803398874989485; /* golden ratio less 1: its multiples fill [0, 1) evenly */
 
 /* Why a command is refused: the first reason, argument and entry, the number that was seen, and what it may be. */
 typedef struct {
@@ -2064,14 +2063,25 @@ static void book_interval(step_t *s, const double *q)
 static const double NO_STIFFNESS = 1e-9; /* [N/m] or [N m/rad] in place of none, where it is divided by */
 static const double LARGEST_ENERGY = 1e4; /* [J] largest energy limit */
 
+/*
+ * Return number k of joint i in [0, 1): bits of k and i, mixed until no relation is left (finaliser of MurmurHash3, A.
+ * Appleby, public domain). Multiples of one number, or of roots, would keep the joints near a curve or a surface.
+ */
+static double spread_joint(int k, int i)
+{
+    uint32_t bits = ((uint32_t)k << 8) + (uint32_t)i + 1u;
+    bits = (bits ^ (bits >> 16)) * 0x85ebca6bu;
+    bits = (bits ^ (bits >> 13)) * 0xc2b2ae35u;
+    return (double)(bits ^ (bits >> 16)) / 4294967296.0; /* 2^32 */
+}
+
 /* Choose one of POSTURES postures, spread over the position limits (half a turn where there is none). */
 static void place_posture(const config_t *c, const memory_t *m, int k, double *q)
 {
     for (int i = 0; i < N; ++i) {
         const double low = larger(c->lower_limit[i], smaller(c->upper_limit[i], HALF_TURN) - 2.0 * HALF_TURN);
         const double high = smaller(c->upper_limit[i], low + 2.0 * HALF_TURN);
-        const double x = (k + 1) * (i + 1) * GOLDEN; /* its fraction spreads evenly, differently for each joint */
-        q[i] = low + (high - low) * (x - (int)x);
+        q[i] = low + (high - low) * spread_joint(k + 1, i);
     }
     stiffgen_retract(m, q);
 }
@@ -3569,8 +3579,7 @@ static void start_trial(const memory_t *m, const double *start, int number, doub
     for (int i = 0; i < N; ++i) {
         const double *const a = m->avoidance + 4 * i;
         const double low = larger(a[0], start[i] - HALF_TURN), high = smaller(a[1], start[i] + HALF_TURN);
-        const double x = (i + 1.0) * (number * GOLDEN + 0.1), place = x - (int)x;
-        const double far = start[i] + share * (low + place * (high - low) - start[i]);
+        const double far = start[i] + share * (low + spread_joint(number, i) * (high - low) - start[i]);
         q[i] = clamp(number == 0 ? start[i] : far, a[0], a[1]);
     }
 }

@@ -15,7 +15,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "6620d87e5e9cad56"
+#define SOURCES "91f462d5e4fe45b6"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

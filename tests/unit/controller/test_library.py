@@ -196,3 +196,16 @@ def test_samples_that_are_missing(library: Library) -> None:
         assert (out.fault != 0) == (missed == CALLS)
         fallen = np.minimum(held, RATE * SAMPLE_TIME) if out.fault else 0.0
         np.testing.assert_allclose(out.torque, held - fallen, atol=1e-12)
+
+
+def test_postures_fill_all_joints_together(library: Library) -> None:
+    """No two joints of the postures that size the tank keep a relation in small whole numbers: a curve would."""
+    spread = library.c.spread_joint
+    spread.restype = ctypes.c_double
+    x = np.array([[spread(k, i) for i in range(40)] for k in range(1, 33)])
+    assert x.min() >= 0.0 and x.max() < 1.0
+    whole = [(a, b) for a in range(-3, 4) for b in range(1, 4)]
+    pairs = [(a * x[:, i] + b * x[:, j]) for a, b in whole for i in range(40) for j in range(i)]
+    kept = np.abs(np.exp(2j * np.pi * np.array(pairs)).mean(axis=1))
+    print(f"largest mean of a relation {kept.max():.2f}; random points 0.5, points on a line 1")
+    assert kept.max() < 0.65

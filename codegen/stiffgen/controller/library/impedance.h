@@ -42,7 +42,6 @@ static const double NOISE_RANGE = 6.0; /* velocity_noise counts this often in on
 static const double SCALE_TIME = 0.05;   /* [s] shortest time in which the scale rises from 0 to 1 */
 static const double NO_LOAD = 1e-3; /* share of heaviest_wrench up to which springs count as unloaded */
 static const double HALF_TURN = 3.14159265358979324;
-static const double GOLDEN = 0.61803398874989485; /* golden ratio less 1: its multiples fill [0, 1) evenly */
 
 /* Why a command is refused: the first reason, argument and entry, the number that was seen, and what it may be. */
 typedef struct {
@@ -180,6 +179,7 @@ int soften(const double *wanted, double share, double *K, double *cost);
 
 /* strength.c */
 const double *find_jacobians(step_t *s);
+double spread_joint(int k, int i);
 void place_posture(const config_t *c, const memory_t *m, int k, double *q);
 void place_no_tools(double *tool);
 double solve_share(double a, double b, double most);

@@ -260,8 +260,7 @@ static void start_trial(const memory_t *m, const double *start, int number, doub
     for (int i = 0; i < N; ++i) {
         const double *const a = m->avoidance + 4 * i;
         const double low = larger(a[0], start[i] - HALF_TURN), high = smaller(a[1], start[i] + HALF_TURN);
-        const double x = (i + 1.0) * (number * GOLDEN + 0.1), place = x - (int)x;
-        const double far = start[i] + share * (low + place * (high - low) - start[i]);
+        const double far = start[i] + share * (low + spread_joint(number, i) * (high - low) - start[i]);
         q[i] = clamp(number == 0 ? start[i] : far, a[0], a[1]);
     }
 }

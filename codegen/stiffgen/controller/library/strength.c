@@ -4,14 +4,25 @@
 static const double NO_STIFFNESS = 1e-9; /* [N/m] or [N m/rad] in place of none, where it is divided by */
 static const double LARGEST_ENERGY = 1e4; /* [J] largest energy limit */
 
+/*
+ * Return number k of joint i in [0, 1): bits of k and i, mixed until no relation is left (finaliser of MurmurHash3, A.
+ * Appleby, public domain). Multiples of one number, or of roots, would keep the joints near a curve or a surface.
+ */
+double spread_joint(int k, int i)
+{
+    uint32_t bits = ((uint32_t)k << 8) + (uint32_t)i + 1u;
+    bits = (bits ^ (bits >> 16)) * 0x85ebca6bu;
+    bits = (bits ^ (bits >> 13)) * 0xc2b2ae35u;
+    return (double)(bits ^ (bits >> 16)) / 4294967296.0; /* 2^32 */
+}
+
 /* Choose one of POSTURES postures, spread over the position limits (half a turn where there is none). */
 void place_posture(const config_t *c, const memory_t *m, int k, double *q)
 {
     for (int i = 0; i < N; ++i) {
         const double low = larger(c->lower_limit[i], smaller(c->upper_limit[i], HALF_TURN) - 2.0 * HALF_TURN);
         const double high = smaller(c->upper_limit[i], low + 2.0 * HALF_TURN);
-        const double x = (k + 1) * (i + 1) * GOLDEN; /* its fraction spreads evenly, differently for each joint */
-        q[i] = low + (high - low) * (x - (int)x);
+        q[i] = low + (high - low) * spread_joint(k + 1, i);
     }
     stiffgen_retract(m, q);
 }
