@@ -98,21 +98,22 @@ def columns_and_covectors(chain: Chain, *arguments: ca.SX, representation: Repre
     return Expressions(ca.densify(stacked), tuple(tree.sections))
 
 
-def columns_of_loads(chain: Chain, *arguments: ca.SX, representation: Representation) -> Expressions:
-    """Return columns S, covectors u of loads without task stiffness, and Jacobians of all tips: row-major, stacked.
+def columns_of_loads(chain: Chain, *arguments: ca.SX, representation: Representation, jacobians: bool) -> Expressions:
+    """Return columns S and covectors u of loads without task stiffness: row-major, stacked.
 
-    ``arguments`` are those of :func:`columns_and_covectors` without the stiffnesses. The Jacobians have the coordinates
-    of the chain as columns, and six rows per tip.
+    ``arguments`` are those of :func:`columns_and_covectors` without the stiffnesses. With ``jacobians``, those of all
+    tips follow; they have the coordinates of the chain as columns, and six rows per tip.
     """
     *configuration, wrenches = arguments
     tree = _TipTree.of(chain, configuration, representation)
-    loads, jacobians = [], []
+    loads = []
     for index, wrench in enumerate(_per_tip(wrenches, len(chain.tips))):
         tip, pose = chain.tips[index], tree.poses[index]
         loads.append(_load(tree.sections, tip, index, pose, wrench, ca.SX(6, 6), representation))
-        jacobians.append(_jacobian(chain, tree, index, representation))
-    matrices = ca.horzcat(*tree.columns), ca.horzcat(*_covectors(chain, tree, _beyond(chain, loads)))
-    stacked = ca.vertcat(*(ca.vec(ca.densify(each).T) for each in (*matrices, ca.vertcat(*jacobians))))
+    matrices = [ca.horzcat(*tree.columns), ca.horzcat(*_covectors(chain, tree, _beyond(chain, loads)))]
+    if jacobians:
+        matrices += [_jacobian(chain, tree, index, representation) for index in range(len(chain.tips))]
+    stacked = ca.vertcat(*(ca.vec(ca.densify(each).T) for each in matrices))
     return Expressions(stacked, tuple(tree.sections))
 
 

@@ -15,7 +15,7 @@ import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import casadi as ca
 import numpy as np
@@ -41,6 +41,14 @@ class _Loaded(NamedTuple):
     stiffness: Array
     """dJ^T/dq . F + J^T (Gamma F) J."""
     J: Array
+    """Jacobian; the steps write it for kernels that read it."""
+
+
+class _LoadSteps(Protocol):
+    """Steps of a load: its stiffness and, if the kernel reads it, the Jacobian."""
+
+    def __call__(self, chain: Chain, *, reads_J: bool) -> _Loaded:
+        """Return the steps and their arrays."""
 
 
 REQUEST = "compliance"
@@ -91,7 +99,7 @@ def increment(representation: Representation) -> Argument:
 class _Family:
     """Kernels with one kind of load.
 
-    ``load`` returns the load's stiffness and the Jacobian, ``size`` is the extent of the joint stiffness, ``tips`` the
+    ``load`` returns the steps of stiffness and Jacobian, ``size`` is the extent of the joint stiffness, ``tips`` the
     number of tips, ``prefix`` the beginning of the names of C functions, ``suffix`` the end of those of kernels,
     ``domain`` a note for all of them.
     """
@@ -100,7 +108,7 @@ class _Family:
     configuration: tuple[Argument, ...]
     wrench: Argument
     increment: Argument
-    load: Callable[[Chain], _Loaded]
+    load: _LoadSteps
     size: str = "n"
     tips: int = 1
     prefix: str = ""
@@ -157,7 +165,7 @@ class _Family:
         others = tuple(each for each in more if isinstance(each, Argument))
 
         def program(chain: Chain) -> Program:
-            steps, load, J = self.load(chain)
+            steps, load, J = self.load(chain, reads_J=bool(more))
             output, parts = result.array(chain), (springs.array(chain), load)
             if not more:
                 return *steps, StraightLine((output,), expressions, parts, heading=equation)
@@ -192,7 +200,7 @@ class _Family:
         springs, result = joint_stiffness(self.size), replace(result, name=f"{result.name}{self.suffix}")
 
         def program(chain: Chain) -> Program:
-            steps, load, _ = self.load(chain)
+            steps, load, _ = self.load(chain, reads_J=False)
             pack, H = packed(springs.array(chain), load)
             n = load.shape[0]
             if n == 1:
@@ -238,7 +246,7 @@ def packed(springs: Array, load: Array) -> tuple[StraightLine, Array]:
     return StraightLine((H,), compliance.packed_hessian, (springs, load), heading="H = Kth - Kload"), H
 
 
-def load_of_tip(chain: Chain, representation: Representation, wrench: Argument) -> _Loaded:
+def load_of_tip(chain: Chain, representation: Representation, wrench: Argument, *, reads_J: bool) -> _Loaded:
     """Return the stiffness of a wrench on a tip, and the tip's Jacobian.
 
     Where joints are coupled (mimic joints), the columns of the joints are summed into those of their coordinates.
@@ -253,18 +261,21 @@ def load_of_tip(chain: Chain, representation: Representation, wrench: Argument) 
     if not chain.coupled:
         return _Loaded((recursion, *load), _LOAD.array(chain), J)
     of_coordinates = Array("J_of_coordinates", (6, chain.dof), "J")
-    steps = (recursion, *load, SumJoints(J, of_coordinates, columns=True))
-    return _Loaded(steps, _LOAD.array(chain), of_coordinates)
+    summed = (SumJoints(J, of_coordinates, columns=True),) if reads_J else ()
+    return _Loaded((recursion, *load, *summed), _LOAD.array(chain), of_coordinates)
 
 
-def _of_tips(chain: Chain, representation: Representation, inputs: tuple[Argument, ...]) -> _Loaded:
+def _of_tips(chain: Chain, representation: Representation, inputs: tuple[Argument, ...], *, reads_J: bool) -> _Loaded:
     """Return the load of wrenches on all tips; ``inputs`` are the configuration arguments and the wrenches."""
     m, J = len(chain.joints), Array("J_of_tips", (6 * len(chain.tips), chain.dof), "J")
     S, u = Array("S", (6, m)), Array("u", (6, m))
-    expressions = partial(contacts.columns_of_loads, representation=representation)
-    heading = "columns S of the joints at one point; covectors u of the loads beyond each joint; Jacobians of the tips"
+    expressions = partial(contacts.columns_of_loads, representation=representation, jacobians=reads_J)
+    heading = "columns S of the joints at one point; covectors u of the loads beyond each joint"
+    outputs: tuple[Array, ...] = (S, u)
+    if reads_J:
+        heading, outputs = f"{heading}; Jacobians of the tips", (S, u, J)
     values = tuple(argument.array(chain) for argument in inputs)
-    step = StraightLine((S, u, J), expressions, values, heading=heading, columns=2)
+    step = StraightLine(outputs, expressions, values, heading=heading, columns=2)
 
     def pairs(output: Array) -> Program:
         return pieces.pairs_on_the_way(chain, S, u, output, "Kload_ij = S_i . u_j", ca.dot)
@@ -272,20 +283,20 @@ def _of_tips(chain: Chain, representation: Representation, inputs: tuple[Argumen
     return _Loaded((step, *pieces.over_joints(chain, _LOAD, pairs, mirror=True)), _LOAD.array(chain), J)
 
 
-def _of_motors(chain: Chain, wrench: Argument) -> _Loaded:
+def _of_motors(chain: Chain, wrench: Argument, *, reads_J: bool) -> _Loaded:
     """Return the load of a wrench on a tip in motor coordinates: load and Jacobian of the tree, reduced."""
-    of_tree, load, J = load_of_tip(chain, "hybrid", wrench)
-    # The reduction takes the columns of the joints; the step that sums them into coordinates is not needed.
-    kept = (step for step in of_tree if J not in step.writes or J.name == "J")
+    # The reduction takes the columns of the joints, not their sums over coordinates.
+    of_tree, load, _ = load_of_tip(chain, "hybrid", wrench, reads_J=False)
     gradient = Array("gradient_of_tree", (chain.dof,))
-    tree = (*kept, *motor_programs.wrench_gradient(chain, wrench.array(chain), gradient))
-    results = (
-        replace(_LOAD, name="load_of_motors", shape=("a", "a")),
-        Argument("J_of_motors", (6, "a"), "", "", symbol="J"),
-    )
-    columns = Array("J", (6, len(chain.joints)))
-    steps = motor_programs.reduction(chain, tree, gradient, load, results, "KJ", columns=columns)
-    return _Loaded(steps, results[0].array(chain), results[1].array(chain))
+    tree = (*of_tree, *motor_programs.wrench_gradient(chain, wrench.array(chain), gradient))
+    of_motors = replace(_LOAD, name="load_of_motors", shape=("a", "a"))
+    J = Argument("J_of_motors", (6, "a"), "", "", symbol="J")
+    if reads_J:
+        columns = Array("J", (6, len(chain.joints)))
+        steps = motor_programs.reduction(chain, tree, gradient, load, (of_motors, J), "KJ", columns=columns)
+    else:
+        steps = motor_programs.reduction(chain, tree, gradient, load, (of_motors,), "K")
+    return _Loaded(steps, of_motors.array(chain), J.array(chain))
 
 
 def compliance_of_tip(configuration: tuple[Argument, ...]) -> tuple[Kernel, ...]:

@@ -1,0 +1,28 @@
+# SPDX-License-Identifier: MIT
+"""Programs of all kernels: no step writes an array that nothing reads."""
+
+from __future__ import annotations
+
+import pytest
+
+from stiffgen.symbolic.kernels import chain_kernels
+from stiffgen.symbolic.potentials import KernelOptions
+from support.small_robots import LINKAGES, TREES
+
+ROBOTS = TREES | LINKAGES
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_every_array_is_read(name, tmp_path):
+    """Each array is a result or is read by a later step; a shared function of C (with a name) fills all its outputs."""
+    chain = ROBOTS[name].load(tmp_path)
+    kernels = chain_kernels(chain, KernelOptions(kernels=("all", "compliance")))
+    assert any(kernel.name.startswith("loaded_hessian") for kernel in kernels)
+    for kernel in kernels:
+        scope = kernel.scope(chain)
+        needed = {result.array(scope).name for result in kernel.results}
+        for step in reversed(kernel.program(scope)):
+            if not getattr(step, "name", ""):
+                unread = {array.name for array in step.writes} - needed
+                assert not unread, (kernel.qualified_name, unread)
+            needed |= {array.name for array in step.reads}
