@@ -113,7 +113,7 @@ class Checker:
             fault = "has no type" if kind is None else f"has the unknown type '{printable(kind)}'"
             remedy = "; replace it by three revolute joints at one point" if kind in _BALLS else ""
             types = f"valid types: {', '.join(JOINT_TYPES)}{remedy}"
-            yield Problem(this, f"{title} {fault}; {types}", self._of_type(name))
+            yield Problem(this, f"{title} {fault}; {types}", self._of_type(name), is_type=True)
         yield from self._spelling(this, element)
         ends = {}
         for tag in ("parent", "child"):

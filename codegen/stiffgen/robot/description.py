@@ -162,11 +162,14 @@ class Problem:
     - "bounds" (position, velocity, effort limit): the joint is a coordinate, or follows one;
     - "coupling" (mimic relation): the joint's mass would count if the joint moved with a coordinate;
     - "nothing": the element is a vendor's own and is ignored.
+
+    ``is_type``: the type of a joint is missing or unknown; the joint's record says "fixed" in its place.
     """
 
     element: str
     text: str
     affects: Affects = "place"
+    is_type: bool = False
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from stiffgen.errors import ChainError, listed, printable
+from stiffgen.errors import ChainError, listed, printable, shell_word
 from stiffgen.robot.chain import ChainOptions, ClosedLoop, Joint, LoopEnd, RigidBody
 from stiffgen.robot.couplings import Couplings
 from stiffgen.robot.description import MOVING_TYPES, Description, JointElement, LoopElement, LoopEndElement
@@ -55,8 +55,8 @@ def select_loops(
     """Return the loops of ``--loop``, and with ``--close-loops`` those of the file that share a joint with the chain.
 
     Raises:
-        ChainError: an end is no link or not beyond the base, a joint of a loop has no single coordinate, or there is
-            nothing to close.
+        ChainError: an end is no link, a loop is not beyond the base, a joint of a loop has no single coordinate, or
+            there is nothing to close.
 
     """
     file, of_file = description.file, description.loops if options.close_loops else ()
@@ -106,18 +106,20 @@ def _candidate(description: Description, element: LoopElement) -> SelectedLoop:
 
 
 def _check(description: Description, loop: SelectedLoop, base: str) -> None:
-    """Refuse a loop that moves nothing, starts before the base, or has a joint with none or several coordinates.
-
-    A loop on a branch that does not hold the base passes here: ``_side_joints`` refuses joints that are not beyond it.
-    """
+    """Refuse a loop that moves nothing, has joints not beyond the base, or joints with none or several coordinates."""
     title = f"{description.file}: {printable(loop.element.text)}"
-    remedy = "choose a base nearer the root, or leave the loop out"
     moving = [joint for joint in loop.joints if joint.type != "fixed"]
     if not moving:
-        raise ChainError(f"{title} has no moving joint; {remedy}")
-    if any(joint.child == base for joint in loop.joints):
-        shared = loop.joints[0].parent
-        raise ChainError(f"{title} starts at '{printable(shared)}', before base '{printable(base)}'; {remedy}")
+        raise ChainError(f"{title} has no moving joint; choose other links, or leave the loop out")
+    start = loop.joints[0].parent
+    to_start, to_base = ([link, *(each.parent for each in _above(description, link)[::-1])] for link in (start, base))
+    if base not in to_start:
+        where = "before" if start in to_base else "which is not beyond"
+        common = next(link for link in to_base if link in to_start)
+        raise ChainError(
+            f"{title} starts at '{printable(start)}', {where} base '{printable(base)}'; "
+            f"use --base {shell_word(common)}, or leave the loop out"
+        )
     other = next((joint for joint in moving if joint.type not in MOVING_TYPES), None)
     if other is not None:
         raise ChainError(

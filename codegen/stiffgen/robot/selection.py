@@ -302,11 +302,21 @@ def _known_tip(description: Description, tip: str) -> str:
     return tip
 
 
+_WITHOUT_POSITION = {
+    "fixed": "is fixed and cannot be locked",
+    "floating": "is floating and has no single position to lock; make it fixed",
+    "planar": "is planar and has no single position to lock; make it fixed",
+    "ball": "is ball and has no single position to lock; replace it by three hinges at one point",
+}
+"""Faults of joints that cannot be locked, by type."""
+
+
 def _checked_locks(description: Description, lock: Mapping[str, float]) -> Mapping[str, float]:
     """Return the locks.
 
     Raises:
         ChainError: a joint does not exist, cannot be locked, or cannot reach the position.
+        DescriptionError: the type of a joint is unknown.
 
     """
     free = Couplings(description, {})
@@ -314,8 +324,11 @@ def _checked_locks(description: Description, lock: Mapping[str, float]) -> Mappi
         element = description.joints.get(name)
         moving = [joint.name for joint in description.joints.values() if joint.type in MOVING_TYPES and not joint.mimic]
         shown = printable(name)
+        unknown = [each.text for each in description.problems if each.is_type and each.element == f"joint {name}"]
+        if unknown:
+            raise DescriptionError(description.file, unknown)
         if element is None or element.type not in MOVING_TYPES:
-            fault = "does not exist" if element is None else f"is {element.type} and cannot be locked"
+            fault = "does not exist" if element is None else _WITHOUT_POSITION[element.type]
             raise ChainError(f"{description.file}: joint '{shown}' {fault}; joints to lock: {listed(moving)}")
         if element.mimic is not None:
             raise ChainError(

@@ -3,12 +3,14 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
 
 import stiffgen
 from stiffgen import StiffgenError
+from stiffgen.cli import main
 
 INERTIA = '<inertial><mass value="1"/><inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial>'
 HINGE = '<axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/>'
@@ -49,6 +51,28 @@ def test_refused_by_name_with_a_remedy(name: str, kind: str, tip: str, words: st
     text = (URDF if name.endswith("urdf") else MJCF).replace("TYPE", kind)
     with pytest.raises(StiffgenError, match=words):
         stiffgen.load_chain(written(tmp_path, name, text), tip=tip)
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "words"),
+    [
+        ("arm.urdf", "spherical", r"'elbow' has the unknown type 'spherical'; .*; replace it by three revolute joints"),
+        ("arm.urdf", "revolut", r"'elbow' has the unknown type 'revolut'; valid types: revolute, .*planar$"),
+        ("arm.xml", "ball", r"'elbow' is ball .*; replace it by three hinges at one point; .* lock: shoulder, wrist$"),
+        ("arm.urdf", "floating", r"'elbow' is floating .*; make it fixed; joints to lock: shoulder, wrist$"),
+        ("arm.urdf", "planar", r"'elbow' is planar .*; make it fixed; joints to lock: shoulder, wrist$"),
+        ("arm.urdf", "fixed", r"'elbow' is fixed and cannot be locked; joints to lock: shoulder, wrist$"),
+    ],
+)
+def test_a_lock_names_the_type_of_the_file(
+    name: str, kind: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = (URDF if name.endswith("urdf") else MJCF).replace("TYPE", kind)
+    command = ["generate", str(written(tmp_path, name, text)), "--tip", "hand", "--lock", "elbow=0"]
+    assert main([*command, "--output", str(tmp_path / "generated")]) == 2
+    message = capsys.readouterr().err.splitlines()[-1]
+    assert re.match(rf"stiffgen: {name}: joint {words}", message), message
+    assert not (tmp_path / "generated").exists()
 
 
 @pytest.mark.parametrize(("name", "kind"), [("arm.xml", "ball"), ("arm.urdf", "floating"), ("arm.urdf", "planar")])

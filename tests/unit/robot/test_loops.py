@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -200,7 +201,7 @@ REFUSALS = {
     "has no constraints that close loops": {"loop": [], "close_loops": True},
     "actuated=... names the motors of closed loops, and none is closed": {"loop": []},
     "has no moving joint": {"loop": ["ground:0,0,0=ground:1,0,0"]},
-    "starts at 'ground', before base 'crank'": {"base": "crank"},
+    "starts at 'ground', before base 'crank'; use base='ground', or leave the loop out": {"base": "crank"},
 }
 
 
@@ -212,6 +213,28 @@ def test_refused(message, tmp_path):
         options["loop"] = ["coupler:0.35,0,0=knee:0.15,0,0"]
     with pytest.raises(ChainError, match=message):
         loaded(tmp_path, *bars, **options)
+
+
+@pytest.mark.parametrize("masses", [True, False])
+@pytest.mark.parametrize(
+    ("mount", "base", "place"),
+    [
+        ("ground", "arm", "'ground', before"),
+        ("mount", "arm", "'mount', which is not beyond"),
+        ("hand", "end", "'hand', before"),
+    ],
+)
+def test_a_loop_beside_the_base_is_refused_with_a_base_that_works(mount, base, place, masses, tmp_path):
+    """On a branch without the base, no joint of the loop is a mimic joint, and none has to have a mass."""
+    frames = [bar("arm", "ground", "0 0 0.5"), bar("hand", "arm", "0.2 0 0"), bar("end", "hand", "0.2 0 0")]
+    frames += [bar("tip", "end", "0.1 0 0"), bar("mount", "ground", "0 0 0", kind="fixed")]
+    loop = [each.replace('parent link="ground"', f'parent link="{mount}"') for each in (CRANK, COUPLER, ROCKER)]
+    bars = [each.replace("/><joint", MASS + "<joint") for each in (*frames, *loop)]
+    options = {"tip": "tip", "loop": [LOOP], "actuated": ["crank"], "masses": masses}
+    with pytest.raises(ChainError, match=rf"loop coupler:.* starts at {place} base '{base}'; use base=") as refusal:
+        loaded(tmp_path, *bars, base=base, **options)
+    (remedy,) = re.findall(r"base='(\w+)', or leave the loop out$", str(refusal.value))
+    assert "mimic" not in str(refusal.value) and len(loaded(tmp_path, *bars, base=remedy, **options).loops) == 1
 
 
 def test_floats_do_not_go_with_loops(tmp_path):
