@@ -2,6 +2,7 @@
 """Compare the stiffness passport with MuJoCo: where does the sampled loop of eight arms put out energy?
 
     python tests/campaigns/passport.py [--arms iiwa14,ur5] [--postures 3] [--loops 0 1 2] [--seed 1] [--controller]
+    python tests/campaigns/passport.py --sweep [--postures 200]
 
 MuJoCo reads each robot's file. A spring (translation k, rotation 0.05 m^2 k) with the controller's damping law runs at
 a rate, with a delay and an encoder; no cap acts. Without an encoder step the velocity is exact; with one, positions
@@ -20,6 +21,10 @@ With --controller, the limit up to which the C controller renders springs in ful
 bisection, and compared up to 2 %.
 
 The force available is compared with MuJoCo's inverse dynamics: at this force one joint is at its effort limit.
+
+With --sweep, no simulation: the eigenvalues of the sampled loop at the stiffness cap, with MuJoCo's mass matrix and
+Jacobian, in 75 loops of three rates, delays of 0 to 5 samples and encoder steps up to 1e-3. The least damping ratio of
+each arm is printed, and has to be above 0.1.
 """
 
 from __future__ import annotations
@@ -38,7 +43,7 @@ import numpy as np
 
 import stiffgen
 from stiffgen.opened import GeneratedRobot, open_robot
-from stiffgen.passport.loop import LoopTiming
+from stiffgen.passport.loop import Arms, LoopTiming, damping_attained, rendered_limit
 from stiffgen.passport.passport import PassportOptions, make_passport
 from stiffgen.passport.statics import DIRECTIONS, UNITS
 from stiffgen.robot.presets import motor_tables
@@ -57,6 +62,15 @@ ARMS: dict[str, tuple[Path, str | None]] = {
 }
 """File and tip of each arm; of the robot with two arms, one."""
 LOOPS = (LoopTiming(1000.0, 0, 0.0), LoopTiming(1000.0, 1, 1e-5), LoopTiming(500.0, 1, 0.0), LoopTiming(250.0, 2, 1e-4))
+SWEPT = [
+    LoopTiming(rate, delay, quantum)
+    for rate in (1000.0, 500.0, 250.0)
+    for delay in (0, 1, 2, 3, 5)
+    for quantum in (0.0, 1e-6, 1e-5, 1e-4, 1e-3)
+]
+"""Loops of --sweep."""
+LEAST_DAMPING = 0.1
+"""Damping ratio that --sweep asks for at the cap."""
 ROTATION = 0.05
 """[m^2] rotational over translational stiffness."""
 SAMPLES = 400
@@ -359,23 +373,41 @@ def compare(plant: Plant, timing: LoopTiming, postures: np.ndarray, controller: 
     return rows
 
 
+def sweep_caps(plant: Plant, postures: np.ndarray) -> tuple[float, LoopTiming]:
+    """Return the least damping ratio at the stiffness cap of all postures and loops, and its loop."""
+    motors = motor_tables(plant.robot.chain)
+    mass = np.array([plant.mass(q) for q in postures])
+    jacobian = np.array([plant.jacobian(q) for q in postures])
+    arms = Arms(mass, jacobian, np.array(motors.torque_rate), ROTATION)
+    found = [(damping_attained(arms, rendered_limit(arms, timing), timing).min(), timing) for timing in SWEPT]
+    least, timing = min(found, key=lambda each: each[0])
+    return float(least), timing
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--arms", default=",".join(ARMS), help="names with commas")
     parser.add_argument("--postures", type=int, default=3, help="postures of each arm")
     parser.add_argument("--loops", type=int, nargs="+", default=range(len(LOOPS)), help="numbers of the loops")
     parser.add_argument("--seed", type=int, default=1, help="of the postures")
+    parser.add_argument("--sweep", action="store_true", help="only the damping ratios at the cap, in many loops")
     parser.add_argument("--controller", action="store_true", help="compare with the C controller, too")
     options = parser.parse_args()
     random, passed = np.random.default_rng(options.seed), True
-    print("| arm | loop | limit | stable | passive | contact | rendered | damping ratio: passport, simulation |")
-    print("|---|---|---|---|---|---|---|---|")
+    if not options.sweep:
+        print("| arm | loop | limit | stable | passive | contact | rendered | damping ratio: passport, simulation |")
+        print("|---|---|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
         for name in options.arms.split(","):
             plant = Plant.load(name, Path(folder), options.controller)
             low, high = plant.robot.module.LOWER, plant.robot.module.UPPER
             low = np.maximum(low, np.minimum(high, np.pi) - 2 * np.pi)
             postures = random.uniform(low, np.minimum(high, low + 2 * np.pi), (options.postures, len(low)))
+            if options.sweep:
+                least, at = sweep_caps(plant, postures)
+                passed &= least > LEAST_DAMPING
+                print(f"{name}: least damping ratio at the cap {least:.3f}, at {at.text}", flush=True)
+                continue
             for number in options.loops:
                 timing = LOOPS[number]
                 rows = compare(plant, timing, postures, options.controller)
