@@ -111,6 +111,48 @@ def test_noise_of_a_kinova(robot: ModuleType) -> None:
         assert not controller.run(q=q, dq=dq, q0=Q, **SPRING).fault.any()
 
 
+def slow_motion(robot: ModuleType, quantum: float, steps: int, **config: Any) -> tuple[Any, Any]:
+    """Follow a slow motion by an encoder with steps of 1e-4 rad; quantum is what the controller is told of them."""
+    controller, outs, before = robot.Impedance(motor_inertia=0.1, position_quantum=quantum, **config), [], None
+    for k in range(steps):
+        q = 1e-4 * np.round((Q + 0.02 * 1e-3 * k) / 1e-4)
+        before = q if before is None else before
+        outs.append(controller.step(q=q, dq=(q - before) / 1e-3, q0=Q, **SPRING))
+        before = q
+    return controller, outs
+
+
+def test_the_length_of_the_velocitys_mean_is_an_output(robot: ModuleType) -> None:
+    """It rises to what the rate limit needs if the encoder's step is stated, and stays 1 if it is not."""
+    config = {"velocity_source": "differenced", "velocity_noise": 0.1, "torque_rate_limit": 200.0}
+    for quantum, longest in ((0.0, 1), (1e-6, 1), (1e-4, 8)):
+        _, outs = slow_motion(robot, quantum, 300, **config)
+        assert not outs[-1].fault, outs[-1].text
+        counts = [out.velocity_samples for out in outs]
+        assert counts[0] == 1 and max(counts) == longest, counts
+        assert max(abs(np.diff(counts))) <= 1
+    positions = np.array([out.position for out in outs])
+    for k in (50, 299):  # velocity is the mean of so many differences
+        mean = (positions[k] - positions[k - counts[k]]) / (1e-3 * counts[k])
+        np.testing.assert_allclose(outs[k].velocity, mean, atol=1e-12)
+
+
+def test_the_mean_goes_on_in_a_fault_and_starts_anew_after_a_gap(robot: ModuleType) -> None:
+    """In a fault that lasts the damping still acts, on the same mean; a call without a sample has none."""
+    config = {"velocity_source": "differenced", "velocity_noise": 0.1, "torque_rate_limit": 200.0}
+    controller, outs = slow_motion(robot, 1e-4, 300, **config)
+    last = 1e-4 * np.round((Q + 0.02 * 0.299) / 1e-4)
+    for k in range(int(controller.config.loss_limit) + 2):
+        out = controller.missed()
+        assert out.velocity_samples == 0, k
+    assert out.fault == robot.Fault.COMMUNICATION
+    after = [controller.step(q=last, dq=np.zeros(7), q0=Q, **SPRING) for _ in range(400)]
+    assert {out.fault for out in after} == {robot.Fault.COMMUNICATION}
+    counts = [int(out.velocity_samples) for out in after]
+    assert outs[-1].velocity_samples == 8
+    assert counts == [1, 2, 3, 4, 5, 6, 7, *[8] * 393]
+
+
 def test_a_bump_beyond_the_speed_limit(robot: ModuleType) -> None:
     """A joint is beyond its limit for 0.15 s: braked, no fault; for longer it is one, with its numbers."""
     for length, reason in ((150, robot.Reason.NONE), (400, robot.Reason.OVERSPEED)):
