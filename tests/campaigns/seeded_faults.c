@@ -16,8 +16,22 @@ static void seen(const void *from, size_t size)
     }
 }
 
+/* Search a posture of a pose in front of the arm. */
+static void search(void)
+{
+    static const double pose[16] = {1.0, 0.0, 0.0, 0.5, 0.0, -1.0, 0.0, 0.1, 0.0, 0.0, -1.0, 0.4, 0.0, 0.0, 0.0, 1.0};
+    static const double start[7] = {0.0, 0.5, 0.0, -1.2, 0.0, 0.8, 0.0};
+    double posture[7];
+    iiwa14_impedance_config config;
+    iiwa14_impedance_default_config(&config);
+    const int error = iiwa14_find_posture(&config, pose, start, posture);
+    seen(&error, sizeof error);
+    seen(posture, sizeof posture);
+}
+
 int main(void)
 {
+    search();
     for (int delay = 0; delay <= 6; ++delay) { /* 6 is refused */
         for (int coarse = 0; coarse < 2; ++coarse) {
             iiwa14_impedance_config config;

@@ -66,6 +66,8 @@ FAULTS = (
     Fault("a rate too many", "i < N; ++i", "i <= N; ++i", "void start_memory(", part="services"),
     Fault("a loop without end", "count / 8; ++block", "count / 8; block += 0", "t compute_checksum(", part="services"),
     Fault("an invalid number is taken", "x[i] > most", "x[i] > most + 1", "int integers_within(", part="services"),
+    Fault("a goal too short", "goal[16 * TIPS]", "goal[16 * TIPS - 1]", "int search_posture(", part="services"),
+    Fault("a start is written", "memcpy(posture, q", "memcpy((void *)start, q", "int search_posture(", part="services"),
     Fault("a delay beyond the memory of torques", "c->delay_samples;", "c->delay_samples + 1;", "", part="step"),
     Fault("a velocity too old", "k < count; ++k", "k <= count; ++k", "void smooth_velocity(", part="step"),
     Fault("a counter without a bound", "clamp_count(m->missed + 1, LONGEST)", "m->missed + 1", "", part="step"),

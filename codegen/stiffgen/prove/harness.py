@@ -28,7 +28,7 @@ STATES = (
     ("overwritten_above", "any_bytes(READY + 1, 2147483647)"),
 )
 STEPS = tuple(f"step_{state}_{how}" for state, _ in STATES for how in ("accepted", "refused"))
-SERVICES = ("step_without", "init", "reset", "default_config", "error_text")
+SERVICES = ("step_without", "init", "reset", "default_config", "error_text", "find_posture")
 """Entries of the controller's harness in which a contract replaces validate."""
 PAPER = ("paper_step", "paper_step_without", "paper_validate", "paper_default_config")
 """Entries of the harness of the paper's law."""
@@ -90,6 +90,7 @@ def controller(robot: GeneratedRobot, entries: Sequence[str], *, by_contract: bo
         integers=[field for field in fields.CONFIG if field.type == "int"],
         invariant=memory.RANGES,
         states=STATES,
+        tool=robot.chain.runtime_tool,
     )
 
 

@@ -34,7 +34,7 @@ _LIMITS = 4.0
 _FRAME = ", configuration and sample not written"
 _APART = (
     "factorise_cholesky", "factorise_pencil", "diagonalise_pencil", "solve_pencil", "solve_modes", "soften",
-    "design_damping", "step_without_sample",
+    "design_damping", "step_without_sample", "accept_search", "search_posture",
 )  # fmt: skip
 """Functions of the controller whose paths are analysed separately: results exist only on the path of success."""
 

@@ -115,7 +115,9 @@ def test_the_controller_is_proved() -> None:
     """For all inputs and states that a call can leave, by Eva: the whole controller of the committed folder."""
     verdicts = prove(FOLDER, parts=("services", "step"))
     assert_proved(verdicts)
-    assert {"iiwa14_impedance_step", "iiwa14_impedance_validate", "fits_memory"} < {v.function for v in verdicts}
+    proved = {v.function for v in verdicts}
+    assert {"iiwa14_impedance_step", "iiwa14_impedance_validate", "fits_memory"} < proved
+    assert {"iiwa14_find_posture", "search_posture", "start_trial", "try_posture"} < proved
 
 
 @pytest.mark.slow
@@ -149,6 +151,7 @@ def test_a_width_runs_clean(monkeypatch: pytest.MonkeyPatch, shapes: Path) -> No
         pytest.param("an argument is written", marks=pytest.mark.wide),
         pytest.param("a rate too many", marks=pytest.mark.wide),
         pytest.param("an invalid number is taken", marks=pytest.mark.wide),
+        pytest.param("a start is written", marks=pytest.mark.wide),
     ],
 )
 def test_a_fault_is_caught(title: str, tmp_path: Path) -> None:
