@@ -206,3 +206,22 @@ def test_the_search_finds_a_seeded_fault(fault: str, once: Once, tmp_path: Path)
     every = (np.random.default_rng(seed) for seed in range(60))
     found = (energy.attempt(spoilt, widened.widen(random, spoilt, pattern(random, spoilt))).excess for random in every)
     assert any(excess > 1e3 * energy.TOLERANCE for excess in found)
+
+
+def test_a_raised_velocity_limit_leaves_the_tank_room(five_bar: Loop) -> None:
+    """Springs that give way under the raised limit keep their energy in the account: a full tank lost it before."""
+    stiff = np.diag([1000.0, 700.0, 100.0])[None]
+    slow = {"call_gap_limit": 11, "velocity_limit": np.full(2, 1.6)}
+    small = {"tank_initial": 0.66, "engagement_limit": 6.8, "missed_limit": 1, "torque_rate_limit": np.full(2, 147.0)}
+    carried = {"driven": 3, "driven_to": np.array([3.9, 3.9]), "driven_by": np.full(2, 1e7)}
+    parts: list[dict[str, Any]] = [
+        {},
+        {"start": 392, "translation": stiff},
+        {"start": 408, "driven": 2, "driven_at": np.full(2, 1.76), "driven_by": np.full(2, 39.4)},
+        {"start": 1086, "config": 1, "restart": 1},
+        {"start": 1306, "driven": 3},
+        {"start": 1436, "config": 0, **carried},
+    ]
+    got = energy.measure(five_bar, schedules.Schedule(small, {}, parts, [slow]))
+    assert got.summary.restarts == 1
+    assert not got.deficit and got.excess <= energy.TOLERANCE

@@ -15,7 +15,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "e06c0e337d1782a4"
+#define SOURCES "e84b8bb7059b25fd"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

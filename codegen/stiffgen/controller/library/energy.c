@@ -297,14 +297,20 @@ void drop_limits(step_t *s, const double *q)
 
 /*
  * Return whether tank, stored energy and engagement cover the present torque under given limits of calls. Torques that
- * were in transit in a gap may be booked already, at the velocity limits in force then: they must have acted.
+ * were in transit in a gap may be booked already, at the velocity limits in force then: they must have acted. The tank
+ * then may hold what these limits need: springs that give way release into it, and a full one would lose their energy.
  */
 static int covers_torque(const step_t *s, int calls, int gap, const double *last)
 {
-    const memory_t *const m = s->m;
+    memory_t *const m = s->m;
     double parts[3];
-    return m->recent_count > m->delay && worst_feed_work(m, m->feed, gap) <= larger(m->engagement, 0.0) &&
-           sum_reserve(s, calls, gap, last, parts) <= available_energy(m);
+    const double reserve = sum_reserve(s, calls, gap, last, parts);
+    if (m->recent_count <= m->delay || worst_feed_work(m, m->feed, gap) > larger(m->engagement, 0.0) ||
+        reserve > available_energy(m)) {
+        return 0;
+    }
+    m->reserve = larger(m->reserve, reserve);
+    return 1;
 }
 
 /*
