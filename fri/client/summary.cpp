@@ -141,6 +141,7 @@ void Summary::set_controller(const robot::Config &config, const Settings &settin
         {"ramp_time", number(config.ramp_time)},
         {"tip_velocity_limit", number(config.tip_velocity_limit)},
         {"tip_rotation_limit", number(config.tip_rotation_limit)},
+        {"heaviest_wrench", list(config.heaviest_wrench, 2)},
         {"energy_limit", number(config.energy_limit)},
         {"loss_limit", number(config.loss_limit)},
         {"damping_ratio", number(settings.damping_ratio)},

@@ -89,6 +89,16 @@ WipingClient::WipingClient(const Settings &settings, const Trajectory &trajector
      * that the controller's fall of the torque does not reach it. */
     config_.loss_limit = config_.missed_limit;
     config_.velocity_source = robot::VELOCITY_SOURCE_DIFFERENCED; /* FRI has no velocity */
+    /* The basic fields that docs/controller.md tells users to state. Neither a delay of the torque nor a resolution of
+     * the positions is known of a real robot: none is assumed, and settings.velocity_filter smooths the velocity. */
+    config_.delay_samples = 0;
+    config_.position_quantum = 0.0;
+    config_.velocity_noise = 0.0;
+    config_.heaviest_wrench[0] = settings.pace.force > 0.0 ? settings.pace.force : 150.0; /* [N] */
+    config_.heaviest_wrench[1] = 20.0;                                                    /* [N m] */
+    /* Energies are stated, too, not left to heaviest_wrench: the tank would hold 165 J (sample time 1 ms) to 223 J
+     * (10 ms) and the engagement 259 J, which bound the work that the arm can do on its surroundings. 10 J and 20 J are
+     * enough for the wiping of the tests. */
     /* [J] small, whatever the robot could do: the pace of the trajectory looks at the energy, too */
     config_.energy_limit = settings.pace.energy > 0.0 ? settings.pace.energy : 5.0;
     config_.engagement_limit = 20.0;

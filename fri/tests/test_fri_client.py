@@ -43,7 +43,7 @@ def test_torque_is_that_of_the_controller_stepped_in_python_on_what_the_robot_sa
     controller = robot.Impedance(
         sample_time=0.005, posture_stiffness=10.0, motor_inertia=0.1, ramp_time=0.05, tip_velocity_limit=2.0,
         tip_rotation_limit=6.0, reference_velocity_limit=robot.VELOCITY, energy_limit=5.0, engagement_limit=20.0,
-        tank_initial=10.0, stiffness_time=0.05, stiffness_cap="accept",
+        tank_initial=10.0, stiffness_time=0.05, stiffness_cap="accept", heaviest_wrench=[150.0, 20.0],
     )  # fmt: skip
     velocity, last = np.zeros(7), None
     springs = {"translation_stiffness": np.diag([700.0, 700.0, 800.0]), "rotation_stiffness": 30.0 * np.eye(3)}
@@ -67,6 +67,7 @@ def test_torque_is_that_of_the_controller_stepped_in_python_on_what_the_robot_sa
         assert command is not None
         worst = np.maximum(worst, np.abs(command.torque - out.torque).max())  # max() would lose a NaN
     assert worst <= 1e-9
+    assert wiped.summary["controller"]["heaviest_wrench"] == [150.0, 20.0]
     np.testing.assert_array_equal(replayed_torque(robot, wiped.log), wiped.log["torque"])
     assert wiped.summary["cycles"] == cycles + 9 and wiped.summary["commanding_cycles"] == cycles
     assert not {k: v for k, v in wiped.faults.items() if v and k not in ("saturated", "rate_limited", "late_answers")}
