@@ -517,7 +517,7 @@ typedef struct {
     double velocity[7];
     /* [samples] number of samples in the mean of velocity, 1 to 8, in a fault as without one; 0 without a
      * sample. */
-    int velocity_samples;
+    double velocity_samples;
     /* [rad or m] posture r that the springs pull to. */
     double reference[7];
     /* [rad/s or m/s] velocity dr of the reference; the damping acts on dr - velocity. */

@@ -144,7 +144,7 @@ _TORQUE: tuple[Field, ...] = (
     Field("dq_des", N, "rad/s or m/s", "velocity dq_des of the motors, 0"),
 )
 
-_STATUS: tuple[Field, ...] = (  # whole numbers first: no gaps
+_STATUS: tuple[Field, ...] = (  # whole numbers first, an even number: no gaps
     Field("status", SCALAR, "", "bits NAME_STATUS_...", type="uint32_t"),
     Field("mode", SCALAR, "", "mode of the step, NAME_MODE_...", type="int"),
     Field("fault", SCALAR, "", "class of the latched fault, NAME_FAULT_...", type="int", memory="="),
@@ -223,7 +223,6 @@ _DIAGNOSTICS: tuple[Field, ...] = (
         SCALAR,
         "samples",
         "number of samples in the mean of velocity, 1 to 8, in a fault as without one; 0 without a sample",
-        type="int",
     ),
     Field("reference", N, "rad or m", "posture r that the springs pull to", memory="posture"),
     Field("reference_velocity", N, "rad/s or m/s", "velocity dr of the reference; the damping acts on dr - velocity"),

@@ -15,7 +15,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "e84b8bb7059b25fd"
+#define SOURCES "9379a1281fe98dfb"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;
@@ -2864,7 +2864,7 @@ static const field fields[] = {
     {"output", "late_work", "f8", offsetof(output_t, late_work), 0, {1, 1, 1}, 0, "J", ""},
     {"output", "position", "f8", offsetof(output_t, position), 1, {7, 1, 1}, 0, "rad or m", "Diagnostics: what is in force, for a log."},
     {"output", "velocity", "f8", offsetof(output_t, velocity), 1, {7, 1, 1}, 0, "rad/s or m/s", ""},
-    {"output", "velocity_samples", "i4", offsetof(output_t, velocity_samples), 0, {1, 1, 1}, 0, "samples", ""},
+    {"output", "velocity_samples", "f8", offsetof(output_t, velocity_samples), 0, {1, 1, 1}, 0, "samples", ""},
     {"output", "reference", "f8", offsetof(output_t, reference), 1, {7, 1, 1}, 0, "rad or m", ""},
     {"output", "reference_velocity", "f8", offsetof(output_t, reference_velocity), 1, {7, 1, 1}, 0, "rad/s or m/s", ""},
     {"output", "reference_acceleration", "f8", offsetof(output_t, reference_acceleration), 1, {7, 1, 1}, 0, "rad/s^2 or m/s^2", ""},

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import re
 import tracemalloc
 from pathlib import Path
@@ -10,6 +11,7 @@ from types import ModuleType
 
 import numpy as np
 
+from support.plant.loop import struct
 from support.project import ROOT
 
 HEADER = ROOT / "generated" / "iiwa14" / "iiwa14_impedance.h"
@@ -44,6 +46,13 @@ def test_an_output_has_four_sections():
     found = sections(HEADER, "output")
     assert list(found) == ["Torque", "Status", "Energies", "Diagnostics"]
     assert "torque" in found["Torque"] and "reason" in found["Status"] and "energy_supplied" in found["Energies"]
+
+
+def test_an_output_has_no_gaps():
+    """NumPy reads a row of outputs as it is only then: an odd number of whole numbers leaves 4 bytes."""
+    name = "iiwa14_impedance_output"
+    output = struct(ROOT / "generated" / "iiwa14" / "iiwa14_impedance.h", name, {}, {})
+    assert ctypes.sizeof(output) == sum(getattr(output, field).size for field, *_ in output._fields_)
 
 
 def test_a_description_has_every_field_and_what_follows(robot: ModuleType):

@@ -276,7 +276,7 @@ void smooth_velocity(step_t *s)
     const memory_t *const m = s->m;
     choose_mean(s);
     const int wanted = 1 + m->averaged, count = wanted < m->recent_count ? wanted : m->recent_count;
-    s->out->velocity_samples = count;
+    s->out->velocity_samples = (double)count;
     for (int i = 0; count > 1 && i < N; ++i) {
         double sum = 0.0;
         for (int k = 0; k < count; ++k) {
