@@ -128,7 +128,7 @@ def test_the_length_of_the_velocitys_mean_is_an_output(robot: ModuleType) -> Non
     for quantum, longest in ((0.0, 1), (1e-6, 1), (1e-4, 8)):
         _, outs = slow_motion(robot, quantum, 300, **config)
         assert not outs[-1].fault, outs[-1].text
-        counts = [out.velocity_samples for out in outs]
+        counts = [int(out.velocity_samples) for out in outs]
         assert counts[0] == 1 and max(counts) == longest, counts
         assert max(abs(np.diff(counts))) <= 1
     positions = np.array([out.position for out in outs])
