@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 from stiffgen.described import with_keywords
 from stiffgen.emit.build import build_module
@@ -36,7 +38,7 @@ def generate_folder(urdf: str | Path, options: GenerationOptions) -> Path:
         DescriptionError: see :func:`stiffgen.load_chain`.
         ChainError: see :func:`stiffgen.load_chain`; also for options that exclude each other.
         OutputError: the folder cannot be written, another thing stands in its place, or the robot in it has
-            other joints, tips or arguments (``force`` replaces it).
+            another source, other joints, tips or arguments (``force`` replaces it).
         PotentialError: a spring or potential is refused.
         BuildError: the C code did not compile.
 
@@ -98,24 +100,45 @@ def refuse_foreign(target: Path) -> None:
 
 
 def refuse_another_robot(target: Path, chain: Chain, scalar: Scalar = DOUBLE) -> None:
-    """Raise OutputError if ``target`` holds a robot with other joints, frames, numbers or arguments."""
+    """Raise OutputError if ``target`` holds a robot of another source, or with other joints, frames or arguments."""
     manifest = read_manifest(target)
     if manifest is None:
         return
-    try:
+    changed = _other_source(manifest, chain)
+    with suppress(*DAMAGE):  # the chain of another version of stiffgen
         meaning = _meaning(chain_from_manifest(manifest), scalar_of_manifest(manifest))
-        changed = [
-            f"{what} {listed(old) or 'none'} would become {listed(new) or 'none'}"
-            for (what, old), (_, new) in zip(meaning, _meaning(chain, scalar), strict=True)
-            if old != new
-        ]
-    except DAMAGE:  # of another version of stiffgen
-        return
+        pairs = zip(meaning, _meaning(chain, scalar), strict=True)
+        changed += [(what, old, new) for (what, old), (_, new) in pairs if old != new]
     if changed:
+        said = [f"{what} {listed(old) or 'none'} would become {listed(new) or 'none'}" for what, old, new in changed]
         raise OutputError(
-            f"{target}: holds another robot ({'; '.join(changed)}). What uses the folder would get other results: "
+            f"{target}: holds another robot ({'; '.join(said)}). What uses the folder would get other results: "
             "remove it first (force=True in Python), or write beside it with another --name or --output"
         )
+
+
+def _other_source(manifest: dict[str, Any], chain: Chain) -> list[tuple[str, list[str], list[str]]]:
+    """Return the properties of a folder's source that differ from those of a chain; () in another version's manifest.
+
+    Robots may share an identifier: names in other alphabets, names with equal first characters, models without a name,
+    the robots of one template. An edited file, and a renamed one, are the same source.
+    """
+    record = manifest.get("urdf")
+    kept = manifest.get("chain")
+    if not isinstance(record, dict) or not isinstance(kept, dict):
+        return []
+    pairs = [
+        ("robot", [str(kept.get("robot", chain.robot))], [chain.robot]),
+        ("arguments of the template", _assignments(record.get("arguments")), _assignments(dict(chain.arguments))),
+    ]
+    if record.get("sha256") != chain.digest:
+        pairs.append(("file", [str(record.get("file", chain.source))], [chain.source]))
+    return [each for each in pairs if each[1] != each[2]]
+
+
+def _assignments(arguments: Any) -> list[str]:
+    """Return the arguments of a template as they stand on the command line."""
+    return [f"{name}:={value}" for name, value in sorted(arguments.items())] if isinstance(arguments, dict) else []
 
 
 def _meaning(chain: Chain, scalar: Scalar) -> list[tuple[str, list[str]]]:

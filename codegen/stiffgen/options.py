@@ -30,7 +30,9 @@ class GenerationOptions(ChainOptions, KernelOptions):
         metavar="DIR",
         type=Path,
     )
-    force: bool = python_option("replace a folder whose robot has other joints, tips or arguments", default=False)
+    force: bool = python_option(
+        "replace a folder whose robot has another source, other joints, tips or arguments", default=False
+    )
     controller: bool = option(
         "generate the impedance controller", default=True, negative="omit the impedance controller", group="output"
     )
