@@ -51,7 +51,8 @@ def find_postures(
         robot: a robot with one tip and a fixed base, from ``stiffgen.load`` or ``open_robot``, or its module.
         pose: (4, 4) pose of the tip in the base.
         near: (n) joint positions to start from, such as the arm's.
-        margin: distance from the limits [rad or m]: the controller's ``limit_zone``.
+        margin: distance from the limits [rad or m]: the controller's ``limit_zone``; at most a quarter of a joint's
+            range is kept away from each of its limits.
         starts: number of points to start from.
         steps: number of steps from each.
 
@@ -59,7 +60,8 @@ def find_postures(
         (k, n) postures, the one nearest to ``near`` first; none: (0, n).
 
     Raises:
-        StiffgenError: the robot has several tips, a moving base or tools, or an argument is not finite or no pose.
+        StiffgenError: the robot has several tips, a moving base or tools, an argument is not finite or no pose, or the
+            margin is negative.
 
     """
     module = robot.module if isinstance(robot, GeneratedRobot) else robot
@@ -68,8 +70,7 @@ def find_postures(
     if goal.shape != (4, 4) or not finite or _function(module, "forward_kinematics", start).shape != (4, 4):
         raise StiffgenError("find_postures: takes a finite pose (4, 4) and finite joint positions near it")
     _check_pose(goal)
-    low = np.where(np.isfinite(module.LOWER), module.LOWER + margin, start - np.pi)
-    high = np.where(np.isfinite(module.UPPER), module.UPPER - margin, start + np.pi)
+    low, high = _searched_ranges(module.LOWER, module.UPPER, start, margin)
     spread = np.random.default_rng(0).random((starts, len(start)))  # the same points in every call
     q = np.clip(np.vstack([start, low + spread[1:] * (high - low)]), low, high)
     for number in range(steps):  # the second half without a pull towards ``near``
@@ -81,6 +82,26 @@ def find_postures(
         if all(np.abs(posture - other).max() > _ALIKE for other in kept):
             kept.append(posture)
     return np.array(kept).reshape(-1, len(start))
+
+
+def _searched_ranges(
+    lower: FloatArray, upper: FloatArray, start: FloatArray, margin: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the ends of the joints' ranges for the search: within the limits, half a turn around the start without.
+
+    A margin takes at most a quarter of a range, so that no range turns round (the controller's rule for its zones). A
+    start beyond the only limit of a joint counts as this limit.
+
+    Raises:
+        StiffgenError: the margin is negative or not finite.
+
+    """
+    if not (np.isfinite(margin) and margin >= 0):
+        raise StiffgenError(f"find_postures: margin is {margin:g}; give a distance from the limits of 0 or more")
+    kept = np.minimum(margin, (upper - lower) / 4)
+    lower, upper = lower + kept, upper - kept
+    inside = np.clip(start, lower, upper)
+    return np.where(np.isfinite(lower), lower, inside - np.pi), np.where(np.isfinite(upper), upper, inside + np.pi)
 
 
 def _check_pose(pose: FloatArray) -> None:

@@ -122,7 +122,7 @@ def _print(found: Calibration) -> None:
 
 def _print_further(robot: GeneratedRobot, sensor: Any, poses: StandingPoses, found: Estimate) -> None:
     """Print poses that would tighten the intervals of the first moment, within the joints' limits."""
-    lower, upper = (np.array([getattr(c, side) for c in robot.chain.coordinates]) for side in ("lower", "upper"))
+    lower, upper = np.array([each.range_within(np.pi) for each in robot.chain.coordinates]).T
     for q, factor in further_poses(sensor, poses, found, lower, upper):
         posture = ", ".join(f"{each:.2f}" for each in q)
         print(f"one more pose at q = ({posture}) would narrow the widest interval of the first moment to {factor:.0%}")

@@ -236,13 +236,13 @@ def further_poses(
 ) -> list[tuple[FloatArray, float]]:
     """Return up to ``count`` postures that would tighten the intervals most, with the factor on the widest one.
 
-    The postures differ from recorded ones in the last three joints. Whether they are free of collisions is not known.
+    The postures differ from recorded ones in the last three joints, which stay between ``lower`` and ``upper`` (both
+    finite). Whether they are free of collisions is not known.
     """
     random = np.random.default_rng(0)
-    low, high = np.maximum(lower, -np.pi), np.minimum(upper, np.pi)
     candidates = np.repeat(poses.q, 8, axis=0)
     last = slice(max(0, candidates.shape[1] - 3), None)
-    candidates[:, last] = random.uniform(low[last], high[last], candidates[:, last].shape)
+    candidates[:, last] = random.uniform(lower[last], upper[last], candidates[:, last].shape)
     noise = np.maximum(np.array(found.calibration.noise), 1e-12)
 
     def information(q: FloatArray) -> FloatArray:

@@ -92,6 +92,18 @@ class Coordinate:
     deceleration: float = math.inf
     jerk: float = math.inf
 
+    def range_within(self, reach: float) -> tuple[float, float]:
+        """Return the part of the joint's range that lies within ``reach`` of zero [rad or m].
+
+        Of a range that lies beyond the reach, return the part nearest zero, at most ``reach`` long. Both ends are
+        within the joint's limits, and the lower one comes first.
+        """
+        if self.lower > reach:
+            return self.lower, min(self.upper, self.lower + reach)
+        if self.upper < -reach:
+            return max(self.lower, self.upper - reach), self.upper
+        return max(self.lower, -reach), min(self.upper, reach)
+
 
 @dataclass(frozen=True)
 class Tip:

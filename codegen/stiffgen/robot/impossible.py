@@ -48,8 +48,7 @@ def is_usable(chain: Chain, nearest: Chain) -> bool:
     Compared are the least eigenvalues at zero, at both ends of the ranges, and at random postures.
     """
     random = np.random.default_rng(46)
-    lower = np.array([max(each.lower, -math.pi) for each in chain.coordinates])
-    upper = np.maximum(lower, [min(each.upper, math.pi) for each in chain.coordinates])
+    lower, upper = np.array([each.range_within(math.pi) for each in chain.coordinates]).T
     states = [np.clip(np.zeros(len(lower)), lower, upper), lower, upper]
     states += [random.uniform(lower, upper) for _ in range(_STATES)]
     for q in states:

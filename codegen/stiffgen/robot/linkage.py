@@ -111,8 +111,7 @@ class Linkage:
             ChainError: none is found; the loop that stays open farthest is named.
 
         """
-        lower = np.array([max(each.lower, -np.pi) for each in self.coordinates])
-        upper = np.maximum(lower, [min(each.upper, np.pi) for each in self.coordinates])
+        lower, upper = np.array([each.range_within(np.pi) for each in self.coordinates]).T
         best, smallest = reference, np.inf
         for attempt in range(_TRIES):
             q = self.close(np.clip(reference, lower, upper) if attempt == 0 else random.uniform(lower, upper))

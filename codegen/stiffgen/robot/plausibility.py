@@ -122,8 +122,7 @@ def _radius_of_gyration(joint: Joint) -> float:
 def _about_gravity(chain: Chain) -> Iterator[str]:
     """Yield the joints whose effort limit does not carry the arm, where the base's z axis points up."""
     random = np.random.default_rng(46)
-    lower = np.array([max(each.lower, -math.pi) for each in chain.coordinates])
-    upper = np.maximum(lower, [min(each.upper, math.pi) for each in chain.coordinates])
+    lower, upper = np.array([each.range_within(math.pi) for each in chain.coordinates]).T
     largest = np.zeros(len(lower))
     for _ in range(_STATES):
         torque = np.zeros(len(lower))

@@ -198,10 +198,8 @@ def within_limits(to: Sampling) -> FloatArray:
     if to.chain.loops:  # the loops' functions have singularities; near the closed configuration there are none
         return np.array(to.chain.start) + to.random.uniform(-_NEAR, _NEAR, to.size)
     reach = [math.pi if c.type != "prismatic" else 1.0 for c in to.chain.coordinates]
-    lower = [max(c.lower, -r) for c, r in zip(to.chain.coordinates, reach, strict=True)]
-    upper = [min(c.upper, r) for c, r in zip(to.chain.coordinates, reach, strict=True)]
-    # Limits entirely beyond the reach: sample at the nearer limit.
-    return to.random.uniform(lower, [max(a, b) for a, b in zip(lower, upper, strict=True)], to.size)
+    ranges = np.array([c.range_within(r) for c, r in zip(to.chain.coordinates, reach, strict=True)])
+    return to.random.uniform(ranges[:, 0], ranges[:, 1], to.size)
 
 
 def near_start(to: Sampling) -> FloatArray:

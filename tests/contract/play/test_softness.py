@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import copy
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -93,3 +95,16 @@ def test_the_limit_of_flutter_is_where_it_begins(scripts: Scripts) -> None:
     )
     assert below[0]["angle"] > 0.1
     assert above[0]["angle"] < 0.027
+
+
+@pytest.mark.parametrize(("lower", "upper"), [(4.0, None), (None, -4.0), (4.0, 4.5)])
+def test_a_stretched_arm_stays_within_limits_beyond_half_a_turn(scripts: Scripts, lower: Any, upper: Any) -> None:
+    """Before: a range from 4 rad on ended at pi, so that the arm was stretched at pi, beyond its only limit."""
+    joints = [dict(each) for each in scripts.data["coordinates"]]
+    joints[1] |= {"lower": lower, "upper": upper}
+    other = copy.copy(scripts)
+    other.data = scripts.data | {"coordinates": joints}
+    start = POSTURE.copy()
+    start[1] = lower if lower is not None else upper
+    (found,) = other.run([{"do": "straight", "q": start, "strength": 80}])
+    assert (lower if lower is not None else -np.inf) <= found["q"][1] <= (upper if upper is not None else np.inf)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
@@ -64,3 +64,54 @@ def test_what_has_no_posture(robot: ModuleType) -> None:
     for pose, near in ((np.eye(3), np.zeros(7)), (far * np.nan, np.zeros(7)), (far, np.zeros(6)), (far, [np.nan] * 7)):
         with pytest.raises(stiffgen.StiffgenError, match="find_postures"):
             stiffgen.find_postures(robot, pose, near=near)
+
+
+NARROW = """<robot name="narrow"><link name="b"/><link name="l1"/><link name="l2"/><link name="l3"/><link name="t"/>
+<joint name="turn" type="revolute"><parent link="b"/><child link="l1"/><axis xyz="0 0 1"/>
+<limit lower="-2" upper="2" effort="20" velocity="2"/></joint>
+<joint name="slide" type="prismatic"><parent link="l1"/><child link="l2"/><origin xyz="0.2 0 0"/><axis xyz="1 0 0"/>
+<limit lower="0" upper="1" effort="20" velocity="1"/></joint>
+<joint name="finger" type="prismatic"><parent link="l2"/><child link="l3"/><origin xyz="0.1 0 0"/><axis xyz="1 0 0"/>
+<limit lower="0" upper="0.04" effort="20" velocity="1"/></joint>
+<joint name="f" type="fixed"><parent link="l3"/><child link="t"/><origin xyz="0.1 0 0"/></joint></robot>
+"""
+
+
+@pytest.fixture(scope="module")
+def narrow(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
+    """Return an arm with a finger of 0.04 m range, narrower than two margins."""
+    folder = tmp_path_factory.mktemp("narrow")
+    (folder / "narrow.urdf").write_text(NARROW)
+    options = {"batches": False, "controller": False, "kernels": "hybrid"}
+    return stiffgen.open_robot(stiffgen.generate(folder / "narrow.urdf", output=folder, tip="t", **options)).module
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.01, 0.1, 3.0])
+def test_a_range_narrower_than_two_margins(narrow: ModuleType, margin: float) -> None:
+    """Before: the finger (0 to 0.04 m) was sent to -0.06 m, since its range less two margins turned round."""
+    goal = np.array([0.3, 0.5, 0.015])
+    found = stiffgen.find_postures(narrow, narrow.forward_kinematics(goal), near=goal, margin=margin)
+    assert len(found)
+    assert (found >= narrow.LOWER).all() and (found <= narrow.UPPER).all()
+    quarter = np.minimum(margin, (narrow.UPPER - narrow.LOWER) / 4)
+    assert (found >= narrow.LOWER + quarter).all() and (found <= narrow.UPPER - quarter).all()
+
+
+@pytest.mark.parametrize("margin", [-0.1, np.nan, np.inf])
+def test_a_margin_is_a_distance_within_the_limits(narrow: ModuleType, margin: float) -> None:
+    """Before: a negative margin led beyond the limits, one that is no number to no posture."""
+    near = np.array([0.3, 0.5, 0.02])
+    with pytest.raises(stiffgen.StiffgenError, match="find_postures: margin is"):
+        stiffgen.find_postures(narrow, narrow.forward_kinematics(near), near=near, margin=margin)
+
+
+def test_a_start_far_beyond_the_only_limit_of_a_joint(narrow: ModuleType) -> None:
+    """Before: half a turn around the start ended in front of the lower limit, and the search stayed there."""
+    one_sided = SimpleNamespace(
+        forward_kinematics=narrow.forward_kinematics, hybrid=narrow.hybrid,
+        LOWER=np.array([-2.0, 5.0, 0.0]), UPPER=np.array([2.0, np.inf, 0.04]),
+    )  # fmt: skip
+    goal, near = np.array([0.3, 6.0, 0.02]), np.array([0.3, 0.0, 0.02])
+    found = stiffgen.find_postures(one_sided, narrow.forward_kinematics(goal), near=near)
+    assert len(found)
+    assert (found >= one_sided.LOWER).all()

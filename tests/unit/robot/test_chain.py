@@ -13,7 +13,9 @@ from stiffgen import StiffnessModel, load_chain
 from stiffgen.emit.render import render
 from stiffgen.errors import ChainError, DescriptionError
 from stiffgen.robot.chain import MAX_MOVING_JOINTS, Chain
+from stiffgen.symbolic.arguments import Q
 from stiffgen.symbolic.kernels import KERNELS, chain_kernels
+from stiffgen.verify.kernels.samples import Samples
 from support.chain_checks import disagreements, value
 from support.chains import ARM, INERTIAL, replaced
 from support.pinocchio_oracle import PinocchioChain, readable_by_pinocchio
@@ -235,3 +237,22 @@ def test_a_leaf_without_a_moving_joint_on_its_way_is_no_tip(tmp_path):
         "</robot>"
     )
     assert loaded(tmp_path, replaced(("</robot>", mark))).tip == "finger"
+
+
+BEYOND = ((-10.0, -5.0), (-9.0, -8.5), (4.0, 4.3), (5.0, 40.0), (-2.0, 2.0), (-40.0, 40.0), (0.0, 0.04))
+
+
+@pytest.mark.parametrize(("lower", "upper"), BEYOND)
+def test_a_range_within_a_reach_stays_within_the_limits(tmp_path, lower, upper):
+    """Before: of a range below -pi, draws of verify, the checks of a file and sessions took -pi, beyond the limits."""
+    text = replaced(('lower="-2" upper="2"', f'lower="{lower}" upper="{upper}"'))
+    assert text != replaced()
+    chain = loaded(tmp_path, text)
+    for reach in (1.0, 1.5, np.pi):
+        for each in chain.coordinates:
+            low, high = each.range_within(reach)
+            assert each.lower <= low < high <= each.upper
+            assert high - low <= 2 * reach
+    positions = Samples(chain, 200, seed=0)[Q]
+    limits = np.array([(each.lower, each.upper) for each in chain.coordinates])
+    assert (positions >= limits[:, 0]).all() and (positions <= limits[:, 1]).all()

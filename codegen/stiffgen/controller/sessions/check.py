@@ -171,7 +171,7 @@ class _Bench:
     def _bounds(self) -> tuple[FloatArray, FloatArray]:
         """Return bounds of the motors' positions; with closed loops they are near a closed configuration."""
         chain = self.robot.chain
-        limits = np.array([(max(c.lower, -1.5), min(c.upper, 1.5)) for c in chain.motor_coordinates])
+        limits = np.array([c.range_within(1.5) for c in chain.motor_coordinates])
         if chain.loops:
             middle = np.array(chain.start)[list(chain.actuated)]
             return middle - 0.15, middle + 0.15

@@ -49,8 +49,7 @@ class HostileSession:
         self.config, self.input, self.output = reference.config, reference.input, reference.output
         motors, self.n = chain.motor_coordinates, len(chain.motor_coordinates)
         reach = [math.pi if c.type != "prismatic" else 1.0 for c in motors]
-        self.lower = np.array([max(c.lower, -r) for c, r in zip(motors, reach, strict=True)])
-        self.upper = np.maximum([min(c.upper, r) for c, r in zip(motors, reach, strict=True)], self.lower)
+        self.lower, self.upper = np.array([c.range_within(r) for c, r in zip(motors, reach, strict=True)]).T
         self.calm = random.random() < 0.6
         self._configure()
         place = random.choice([0.5, 0.98, 0.02, 1.0]) if random.random() < 0.4 else random.uniform(0.1, 0.9, self.n)

@@ -67,6 +67,11 @@ export function reach(robot) {
   return most || 1;
 }
 
+/** Return the range of a coordinate; a side without a limit lies at least `far` [rad or m] from zero and from the limit. */
+export const rangeOf = ({ lower, upper }, far) => [
+  lower ?? Math.min(-far, (upper ?? 0) - far), upper ?? Math.max(far, (lower ?? 0) + far),
+];
+
 /** Clamp the joints to their limits. */
 export const within = (robot, q) =>
   q.map((value, k) => {

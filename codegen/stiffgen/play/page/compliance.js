@@ -2,6 +2,7 @@
 // An arm on joint springs: its compliance at the tip with and without the load's terms, and the way it gives when pressed.
 
 import { eigen, largest, multiply, norm, plus, transpose } from "./algebra.js";
+import { rangeOf } from "./chain.js";
 import { originOf } from "./mechanics.js";
 
 export const PUSH = 20; // N, of the ellipsoids
@@ -137,7 +138,7 @@ export function stretched(tip, q) {
   for (let round = 0; round < ROUNDS; ++round) {
     const before = best;
     for (const k of sprung(tip.robot)) {
-      const from = coordinates[k].lower ?? -Math.PI, to = coordinates[k].upper ?? Math.PI;
+      const [from, to] = rangeOf(coordinates[k], Math.PI);
       for (let part = 0; part <= PARTS; ++part) {
         const tried = tip.movedTo(best.q, best.q.map((x, i) => (i === k ? from + ((to - from) * part) / PARTS : x)));
         const far = norm(originOf(tip.pose(tried)));

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Sliders of joints, wrench and gains, and the choices of tool, tip and ellipsoids.
 
+import { rangeOf } from "./chain.js";
 import { shade } from "./figures.js";
 import { withJoint } from "./motorpanel.js";
 import { distinct, options, slider } from "./panels.js";
@@ -11,13 +12,14 @@ function jointSliders(page) {
   const { $, robot, state } = page, names = distinct(robot.coordinates.map(({ name }) => name));
   const longest = Math.min(14, Math.max(4, ...names.map(({ length }) => length)));
   $("joints").style.setProperty("--name", `calc(${longest}ch + 1.4rem)`);
-  return robot.coordinates.flatMap(({ name, prismatic, lower, upper }, k) => {
+  return robot.coordinates.flatMap((coordinate, k) => {
+    const { name, prismatic } = coordinate;
     if (robot.loops && !robot.loops.actuated.includes(k)) return [];
-    const scale = prismatic ? 1000 : DEGREES, far = prismatic ? 1 : Math.PI;
+    const scale = prismatic ? 1000 : DEGREES, [from, to] = rangeOf(coordinate, prismatic ? 1 : Math.PI);
     const text = Object.assign(document.createElement("i"), { textContent: names[k] });
     const made = slider($("joints"), {
       label: `joint ${k + 1}, ${name}`, shown: text.innerHTML, unit: prismatic ? "mm" : "deg",
-      min: (lower ?? -far) * scale, max: (upper ?? far) * scale, step: 0.1,
+      min: from * scale, max: to * scale, step: 0.1,
       value: state.q[k] * scale, colour: shade(k), limited: true,
       changed: (value) => page.posture(withJoint(page, k, value / scale), k),
     });

@@ -4,7 +4,7 @@
 import {
   antisymmetric, blocks, determinant, dot, eigen, identity, largest, multiply, norm, plus, rotationVector, solve, transpose, turn,
 } from "./algebra.js";
-import { within } from "./chain.js";
+import { rangeOf, within } from "./chain.js";
 
 /**
  * One tip of a robot: the kernels with everything that does not change from call to call filled in.
@@ -267,8 +267,8 @@ export function distanceFromSingular(tip, q) {
 /** Move the one joint that brings the arm nearest to a singularity, to 2 degrees (or 2 % of its range) before it. */
 export function nearSingular(tip, q) {
   let best = { distance: Infinity, q };
-  tip.robot.coordinates.forEach(({ lower, upper }, k) => {
-    const from = lower ?? -Math.PI, to = upper ?? Math.PI;
+  tip.robot.coordinates.forEach((coordinate, k) => {
+    const [from, to] = rangeOf(coordinate, Math.PI);
     for (let part = 1; part < 120; ++part) {
       const tried = q.slice();
       tried[k] = from + ((to - from) * part) / 120;
