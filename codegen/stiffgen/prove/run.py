@@ -16,7 +16,7 @@ from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.prove import esbmc, frama_c, harness
 from stiffgen.prove.tools import Provers, find_provers
 from stiffgen.prove.verdict import Outcome, Verdict, write_verdicts
-from stiffgen.prove.widths import width_verdicts
+from stiffgen.prove.widths import find_sanitizers, width_verdicts
 from stiffgen.symbolic.kernel import Kernel
 
 PARTS = ("memory", "bits", "services", "step", "paper", "widths")
@@ -85,7 +85,7 @@ def prove(
         One verdict per function and kind of claim.
 
     Raises:
-        MissingExtraError: ESBMC or Frama-C is not installed.
+        MissingExtraError: ESBMC or Frama-C is not installed; or, for widths, clang or its sanitizers' runtime library.
         OutputError: the folder is not one of stiffgen's, lacks a source, or ``json`` cannot be written.
         StiffgenError: an unknown name in ``parts`` or ``only``, or an invalid time-out.
 
@@ -99,9 +99,10 @@ def prove(
         raise StiffgenError(f"--timeout {timeout:g}: must be above 0 (seconds)")
     with_controller = _includes_controller(robot, parts, only)
     sources = robot.source_digests()
-    provers = find_provers()
     if json is not None and not Path(json).parent.is_dir():
         raise OutputError(f"{json}: there is no such folder; give another --json")
+    provers = find_provers()
+    clang = find_sanitizers() if "widths" in parts else ""
     verdicts: list[Verdict] = []
     with temporary_folder("prove") as temporary, ThreadPoolExecutor(_AT_ONCE) as pool:
         run = _ProofRun(robot, provers, temporary.resolve(), timeout, progress)
@@ -111,7 +112,8 @@ def prove(
         # these run beside each other; bits come after memory, which tells whose bits mean something
         memory = pool.submit(_memory, run, chosen, [*entries, *self_check]) if "memory" in parts else None
         controller = pool.submit(_controller, run, parts) if with_controller else None
-        widths = pool.submit(width_verdicts, robot, chosen, run.work, timeout, progress) if "widths" in parts else None
+        of_widths = robot, chosen, run.work, timeout, progress, clang
+        widths = pool.submit(width_verdicts, *of_widths) if "widths" in parts else None
         if memory is not None:
             verdicts += memory.result()
         if "bits" in parts:

@@ -12,6 +12,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from stiffgen.emit.build import kernel_sources
+from stiffgen.errors import MissingExtraError
+from stiffgen.folder import temporary_folder
 from stiffgen.opened import GeneratedRobot
 from stiffgen.prove import harness
 from stiffgen.prove.tools import ProgramOutput, run
@@ -20,7 +22,58 @@ from stiffgen.symbolic.kernel import Kernel
 from stiffgen.verify.folder.widths import WIDTHS, Width
 
 _SANITIZERS = ("address,undefined", "memory,undefined")
+_WITHOUT = ", or name other parts than widths"
+_PROBE = 120.0
+"""Time limit of a probe [s]."""
 _CLAIMS = "every lane in bounds, no uninitialised value used, no undefined behaviour, symmetric, arguments not written"
+
+
+def find_sanitizers() -> str:
+    """Return clang, after a program under each of the sanitizers has been compiled and run.
+
+    Raises:
+        MissingExtraError: clang or its sanitizers' runtime library is not installed, or their programs do not run.
+
+    """
+    clang = shutil.which("clang")
+    if clang is None:
+        raise MissingExtraError(f"'stiffgen prove' needs clang; install it (Debian: apt-get install clang){_WITHOUT}")
+    with temporary_folder("sanitizers") as folder:
+        source, program = folder / "probe.c", folder / "probe"
+        source.write_text('#include <stdio.h>\n\nint main(void) { return puts("1") < 0; }\n')
+        for sanitizer in _SANITIZERS:
+            command = [clang, *_flags(sanitizer), str(source), "-lm", "-o", str(program)]
+            built = run(command, folder, _PROBE)
+            if not program.exists():
+                raise MissingExtraError(
+                    "'stiffgen prove' needs the runtime library of clang's sanitizers; install it (Debian: apt-get "
+                    f"install libclang-rt-dev){_WITHOUT}. clang -fsanitize={sanitizer} said: {_first(built)}"
+                )
+            said = _said(program, folder)
+            program.unlink()
+            if said != "1":
+                raise MissingExtraError(
+                    f"'stiffgen prove' cannot run a program of clang -fsanitize={sanitizer} here ({said}); repair "
+                    f"that{_WITHOUT}"
+                )
+    return clang
+
+
+def _said(program: Path, folder: Path) -> str:
+    """Return what a program prints, or why it does not."""
+    try:
+        ran = run([str(program)], folder, _PROBE, limited=False)
+    except OSError as error:
+        return f"{error.strerror}; on a mount with noexec set TMPDIR to another folder"
+    return ran.text.strip() if ran.text.strip() == "1" else _first(ran) or "no output"
+
+
+def _flags(sanitizer: str) -> list[str]:
+    """Return clang's options for a program under a sanitizer."""
+    return [
+        *("-std=c99", "-O1", "-g1"),
+        *(f"-fsanitize={sanitizer},float-cast-overflow", "-fno-sanitize-recover=all"),
+    ]
 
 
 def width_verdicts(
@@ -29,15 +82,15 @@ def width_verdicts(
     folder: Path,
     timeout: float,
     progress: Callable[[str], None],
+    clang: str,
 ) -> list[Verdict]:
-    """Run the kernels in every vector width under the sanitizers; one verdict per width."""
-    clang = shutil.which("clang")
+    """Run the kernels in every vector width under the sanitizers of ``clang``; one verdict per width."""
     verdicts = []
     for width in WIDTHS:
         what = f"all kernels, {width.lanes} lanes ({width.name})"
         progress(f"sanitizers: {what}")
-        if clang is None or not width.is_available:
-            why = "clang is not installed" if clang is None else f"this machine has no {width.name}"
+        if not width.is_available:
+            why = f"this machine has no {width.name}"
             verdicts.append(Verdict(what, _CLAIMS, "sanitizers", "no answer", 0.0, why))
             continue
         outcome, seconds, detail = _run_width(robot, kernels, folder, clang, width, timeout)
@@ -61,16 +114,7 @@ def _run_width(
     driver.write_text(harness.widths(robot, kernels, 2 * width.lanes + 1))
     seconds = 0.0
     for sanitizer in _SANITIZERS:
-        command = [
-            clang,
-            "-std=c99",
-            "-O1",
-            "-g1",
-            *width.flags,
-            f"-fsanitize={sanitizer},float-cast-overflow",
-            "-fno-sanitize-recover=all",
-        ]
-        command += [f"-I{robot.folder.resolve()}", str(driver)]
+        command = [clang, *_flags(sanitizer), *width.flags, f"-I{robot.folder.resolve()}", str(driver)]
         command += map(str, kernel_sources(robot.folder.resolve(), robot.name))
         built = run([*command, "-lm", "-o", str(program)], folder, timeout)
         seconds += built.seconds

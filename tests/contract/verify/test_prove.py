@@ -7,6 +7,7 @@ import importlib
 import json
 import os
 import re
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -240,6 +241,37 @@ def test_missing_program_is_named(monkeypatch: pytest.MonkeyPatch, capsys: pytes
     monkeypatch.setattr(tools, "_bundled", lambda: "esbmc")
     assert main(["prove", str(FOLDER)]) == 2
     assert "apt-get install frama-c-base" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("clang", "words"),
+    [
+        (None, "needs clang; install it (Debian: apt-get install clang)"),
+        ("echo 'ld: cannot find libclang_rt.asan-x86_64.a' >&2; exit 1", "apt-get install libclang-rt-dev"),
+        ('case "$*" in *memory,*) exit 1;; *) exec {clang} "$@";; esac', "apt-get install libclang-rt-dev"),
+        (
+            "while [ $# -gt 1 ]; do shift; done; printf '#!/bin/sh\\necho FATAL: error: shadow memory\\n' >\"$1\"; "
+            'chmod +x "$1"',
+            "-fsanitize=address,undefined here (FATAL: error: shadow memory)",
+        ),
+    ],
+    ids=["no clang", "no runtime library", "none of memory", "does not run"],
+)
+def test_missing_sanitizers_are_named_before_the_first_proof(
+    clang: str | None, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Before, "no answer" for each width after all other proofs, which take eight minutes."""
+    programs = tmp_path / "programs"
+    programs.mkdir()
+    for name, text in (("esbmc", "echo ESBMC version 8.4"), ("frama-c", "echo 25"), ("clang", clang)):
+        if text is not None:
+            (programs / name).write_text(f"#!/bin/sh\n{text.replace('{clang}', shutil.which('clang') or 'clang')}\n")
+            (programs / name).chmod(0o755)
+    for name in ("gcc", "chmod"):
+        (programs / name).symlink_to(require_compiler("gcc") if name == "gcc" else "/bin/chmod")
+    monkeypatch.setenv("PATH", str(programs))
+    assert main(["prove", str(FOLDER), "widths"]) == 2
+    assert words in " ".join(capsys.readouterr().err.split())
 
 
 def test_bad_input_is_refused(tmp_path: Path) -> None:
