@@ -32,7 +32,7 @@ include(CTest)
 """
 SCENARIOS = [
     name
-    for file in ("lifecycle", "commands", "faults")
+    for file in ("lifecycle", "commands", "changes", "faults")
     for name in re.findall(
         r'^    \{"(\w+)", \w+\},$', (Path(__file__).parent / f"{file}.cpp").read_text(), re.MULTILINE
     )

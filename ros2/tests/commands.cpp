@@ -197,6 +197,7 @@ static void leads_proposals_through_the_policy_port()
 {
     Rig rig;
     rig.set("policy", true);
+    rig.set("target_timeout", 10.0); // the port has bounds of its own
     rig.start();
     rig.run(100);
     auto message = rig.pose_message();

@@ -21,7 +21,7 @@ void operator delete(void *memory, std::size_t) noexcept { std::free(memory); }
 
 int main(int argc, char **argv)
 {
-    for (const auto *table : {&LIFECYCLE, &COMMANDS, &FAULTS, &SENSOR}) {
+    for (const auto *table : {&LIFECYCLE, &COMMANDS, &CHANGES, &FAULTS, &SENSOR}) {
         for (const Scenario &scenario : *table) {
             if (argc < 2) {
                 std::printf("%s\n", scenario.name);

@@ -153,10 +153,15 @@ struct Rig {
         }
     }
 
-    Result set_now(const std::string &name, const std::vector<double> &value)
+    // Set parameters, and let the timer run that Humble's controller waits for.
+    Result set_now(const std::vector<rclcpp::Parameter> &changes)
     {
-        return node->set_parameters_atomically({rclcpp::Parameter(name, value)});
+        const Result result = node->set_parameters_atomically(changes);
+        spin();
+        return result;
     }
+    template <class T> Result set_now(const std::string &name, const T &value) { return set_now({rclcpp::Parameter(name, value)}); }
+    Result set_now(const std::string &name, const std::vector<double> &value) { return set_now({rclcpp::Parameter(name, value)}); }
 
     template <class Message> void publish(const std::string &topic, const Message &message, std::size_t publishers = 1)
     {
@@ -236,4 +241,4 @@ struct Scenario {
     const char *name;
     void (*run)();
 };
-extern const std::vector<Scenario> LIFECYCLE, COMMANDS, FAULTS, SENSOR;
+extern const std::vector<Scenario> LIFECYCLE, COMMANDS, CHANGES, FAULTS, SENSOR;

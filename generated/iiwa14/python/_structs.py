@@ -73,6 +73,14 @@ def _number(name: str, value: Any) -> Any:
     return words[value]
 
 
+def _whole(name: str, number: NDArray[Any]) -> NDArray[Any]:
+    """Return whole numbers that fit into a field: others are clipped, since they could wrap around into its range."""
+    if not all(isinstance(each, int) for each in number.ravel().tolist()):
+        raise ValueError(f"{name}: {number.tolist()!r} is no whole number")
+    fitting = np.iinfo(CONFIG[name].base)
+    return np.clip(number.astype(object), fitting.min, fitting.max)
+
+
 class Config:
     """Configuration of a controller. Fields are attributes; a value is checked, and stored only if it is valid.
 
@@ -112,9 +120,7 @@ class Config:
             shape = CONFIG[name].shape
             if number.ndim and number.shape != shape:
                 raise ValueError(f"{name}: shape {number.shape}, not {shape} or one number")
-            if CONFIG[name].base.kind == "i" and number.dtype.kind not in "iub":
-                raise ValueError(f"{name}: {value!r} is no whole number")
-            trial[0][name] = number
+            trial[0][name] = _whole(name, number) if CONFIG[name].base.kind == "i" else number
         code = _c.validate(trial)
         if code:
             limits = [row[1] for row in _c.FIELDS if row[0] == "config" and not row[5] and row[1] not in values]

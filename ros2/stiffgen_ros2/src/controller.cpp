@@ -43,44 +43,13 @@ StiffnessController::Callback StiffnessController::on_configure(const State &)
         reason = error.what();
     }
     if (!reason.empty()) { return refuse(reason); }
-    settings_.write(settings);
     topics_ = std::make_shared<Topics>(*node, setup_, commands_, time_);
-    topics_->change(settings);
+    parameters_ = std::make_shared<Parameters>(*node, sample_time_, topics_, settings_);
+    parameters_->start(settings);
     topics_->subscribe();
     report_ = std::make_shared<Report>(*node, setup_, snapshots_, reset_);
     report_->start();
-    on_set_ = node->add_on_set_parameters_callback([this](const auto &changes) { return change(changes); });
     return Callback::SUCCESS;
-}
-
-// Check a change of parameters as a whole, and hand it to the loop; a refused one changes nothing.
-rcl_interfaces::msg::SetParametersResult StiffnessController::change(const std::vector<rclcpp::Parameter> &changes)
-{
-    rcl_interfaces::msg::SetParametersResult result;
-    result.successful = true;
-    if (std::none_of(changes.begin(), changes.end(), [](const auto &each) { return is_ours(each.get_name()); })) { return result; }
-    const auto node = get_node();
-    const Lookup lookup = [&node, &changes](const std::string &name) {
-        for (const auto &each : changes) {
-            if (each.get_name() == name) { return each; }
-        }
-        return node->get_parameter(name);
-    };
-    Settings settings{};
-    try {
-        result.reason = read_settings(lookup, sample_time_, settings);
-    } catch (const std::exception &error) {
-        result.reason = error.what();
-    }
-    for (const auto &each : changes) {
-        if (is_fixed(each.get_name())) { result.reason = "'" + each.get_name() + "' changes only while the controller is unconfigured"; }
-    }
-    result.successful = result.reason.empty();
-    if (result.successful) {
-        settings_.write(settings);
-        topics_->change(settings);
-    }
-    return result;
 }
 
 StiffnessController::Configuration StiffnessController::command_interface_configuration() const
@@ -201,7 +170,7 @@ StiffnessController::Callback StiffnessController::release()
 
 void StiffnessController::forget()
 {
-    on_set_.reset();
+    parameters_.reset();
     report_.reset();
     topics_.reset();
 }

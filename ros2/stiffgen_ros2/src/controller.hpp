@@ -4,6 +4,7 @@
 
 #include "exchange.hpp"
 #include "law.hpp"
+#include "parameters.hpp"
 #include "report.hpp"
 #include "settings.hpp"
 #include "topics.hpp"
@@ -48,7 +49,6 @@ protected:
     Return update_and_write_commands(const rclcpp::Time &time, const rclcpp::Duration &period) override;
 
 private:
-    rcl_interfaces::msg::SetParametersResult change(const std::vector<rclcpp::Parameter> &changes);
     bool measure(Measured &measured) const;
     void read_reference(robot::Joints &q0) const;
     void write_reference(const robot::Joints &q0);
@@ -69,7 +69,7 @@ private:
     int failed_writes_ = 0;
     std::shared_ptr<Topics> topics_;
     std::shared_ptr<Report> report_;
-    rclcpp::node_interfaces::OnSetParametersCallbackHandle::SharedPtr on_set_;
+    std::shared_ptr<Parameters> parameters_;
 };
 
 } // namespace stiffgen_ros2

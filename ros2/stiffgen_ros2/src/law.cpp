@@ -21,6 +21,11 @@ int Law::start(const Settings &settings, bool policy, const robot::Joints &q, co
     snapshot_.is_active = true;
     sample_.command = robot::BY_POSITION;
     std::copy(q.begin(), q.end(), sample_.q0);
+    std::fill(std::begin(stiffness_), std::end(stiffness_), 0.0);
+    copy_stiffness(settings, {true, true}, stiffness_);
+    translation_order_ = settings.translation_order;
+    rotation_order_ = settings.rotation_order;
+    use_stiffness();
     change(settings);
     uses_port_ = policy;
     has_proposal_ = has_stiffness_ = false;
@@ -33,17 +38,32 @@ void Law::change(const Settings &settings)
 {
     settings_ = settings;
     impedance_.config() = settings.config;
-    std::copy(settings.translation_stiffness.begin(), settings.translation_stiffness.end(), sample_.translation_stiffness);
-    std::copy(settings.rotation_stiffness.begin(), settings.rotation_stiffness.end(), sample_.rotation_stiffness);
+    double stiffness[36];
+    copy_stiffness(settings, {true, true}, stiffness);
+    const Assigned taken = take_stiffness(stiffness, settings.translation_order, settings.rotation_order);
+    if (taken.translation || taken.rotation) {
+        use_stiffness();
+        has_stiffness_ = false; // goes with the next proposals
+    }
 }
 
-void Law::set_stiffness(const double *stiffness)
+// Take the blocks of a stiffness that are newer than those in force: settings and commands come on ways of their own.
+Assigned Law::take_stiffness(const double *stiffness, std::uint64_t translation_order, std::uint64_t rotation_order)
+{
+    const Assigned newer = {translation_order > translation_order_, rotation_order > rotation_order_};
+    for (std::size_t row = 0; row < 6; ++row) {
+        if (row < 3 ? newer.translation : newer.rotation) { std::copy(stiffness + 6 * row, stiffness + 6 * row + 6, stiffness_ + 6 * row); }
+    }
+    if (newer.translation) { translation_order_ = translation_order; }
+    if (newer.rotation) { rotation_order_ = rotation_order; }
+    return newer;
+}
+
+void Law::use_stiffness()
 {
     for (std::size_t row = 0; row < 3; ++row) {
-        for (std::size_t column = 0; column < 3; ++column) {
-            sample_.translation_stiffness[3 * row + column] = stiffness[6 * row + column];
-            sample_.rotation_stiffness[3 * row + column] = stiffness[6 * (row + 3) + column + 3];
-        }
+        std::copy(stiffness_ + 6 * row, stiffness_ + 6 * row + 3, sample_.translation_stiffness + 3 * row);
+        std::copy(stiffness_ + 6 * (row + 3) + 3, stiffness_ + 6 * (row + 3) + 6, sample_.rotation_stiffness + 3 * row);
     }
 }
 
@@ -63,7 +83,8 @@ void Law::command_at_once(const Command &command)
         wrench_end_ = command.time - command.age + settings_.wrench_timeout;
         break;
     case Command::STIFFNESS:
-        set_stiffness(command.values);
+        take_stiffness(command.values, command.order, command.order);
+        use_stiffness();
         break;
     }
 }
@@ -80,15 +101,10 @@ void Law::propose(const Command &command)
     if (part == robot::WRENCH) { std::copy(command.values, command.values + 6, proposal.wrench_command); }
     if (part == robot::STIFFNESS) {
         std::copy(command.values, command.values + 36, proposal.stiffness);
-    } else if (!has_stiffness_) { // until somebody commands one, the parameters' stiffness goes with each proposal
+    } else if (!has_stiffness_) { // until somebody commands one, the stiffness goes with each proposal, before such a command
         proposal.valid[robot::STIFFNESS] = 1;
-        proposal.time[robot::STIFFNESS] = stamp;
-        for (std::size_t row = 0; row < 3; ++row) {
-            for (std::size_t column = 0; column < 3; ++column) {
-                proposal.stiffness[6 * row + column] = settings_.translation_stiffness[3 * row + column];
-                proposal.stiffness[6 * (row + 3) + column + 3] = settings_.rotation_stiffness[3 * row + column];
-            }
-        }
+        proposal.time[robot::STIFFNESS] = std::nextafter(stamp, stamp - 1.0);
+        std::copy(std::begin(stiffness_), std::end(stiffness_), proposal.stiffness);
     }
     robot::propose(settings_.config, port_, proposal, snapshot_.time);
     if (port_.refused[part] != 0) {
@@ -98,7 +114,9 @@ void Law::propose(const Command &command)
         return;
     }
     has_proposal_ = true;
-    has_stiffness_ = has_stiffness_ || part == robot::STIFFNESS;
+    if (part != robot::STIFFNESS) { return; }
+    const Assigned taken = take_stiffness(command.values, command.order, command.order);
+    has_stiffness_ = has_stiffness_ || taken.translation || taken.rotation;
 }
 
 void Law::command(const Command &command)

@@ -14,6 +14,7 @@ struct Command {
     enum Kind { JOINTS, POSE, WRENCH, STIFFNESS } kind;
     double age; ///< [s] age at the time below
     double time; ///< [s] loop's time when the command arrived
+    std::uint64_t order; ///< of a stiffness, as in the settings
     double values[36]; ///< q0 (n), pose (4 x 4), wrench (6), or stiffness (6 x 6)
 };
 
@@ -65,13 +66,16 @@ private:
     void propose(const Command &command);
     void note_refusal(const robot::Refusal &before);
     void command_at_once(const Command &command);
-    void set_stiffness(const double *stiffness);
+    Assigned take_stiffness(const double *stiffness, std::uint64_t translation_order, std::uint64_t rotation_order);
+    void use_stiffness();
 
     Settings settings_{};
     robot::Impedance impedance_;
     robot::Sample sample_{};
     robot::Policy port_{};
     Snapshot snapshot_{};
+    double stiffness_[36] = {}; // newest of parameters and commands, 6 x 6
+    std::uint64_t translation_order_ = 0, rotation_order_ = 0; // of its blocks
     double wrench_end_ = 0.0;
     bool uses_port_ = false, has_proposal_ = false, has_stiffness_ = false;
 };

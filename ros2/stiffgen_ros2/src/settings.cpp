@@ -10,6 +10,7 @@
 #include <cstring>
 #include <fstream>
 #include <iterator>
+#include <limits>
 
 namespace stiffgen_ros2 {
 
@@ -19,7 +20,7 @@ namespace {
 constexpr const char *FIXED[] = {
     "joints", "prefix", "base_frame", "command_position", "policy", "state_rate", "sample_time", "ft_sensor", "ft_calibration"};
 constexpr const char *OTHERS[] = {
-    "translation_stiffness", "rotation_stiffness", "compensate_gravity", "gravity", "wrench_timeout"};
+    "translation_stiffness", "rotation_stiffness", "compensate_gravity", "gravity", "wrench_timeout", "target_timeout"};
 
 template <class T> void declare(rclcpp_lifecycle::LifecycleNode &node, const std::string &name, const T &value)
 {
@@ -68,7 +69,10 @@ std::string read_fields(const Lookup &lookup, robot::Config &config)
         }
         for (std::size_t i = 0; i < field.count; ++i) { field.at(config)[i] = given[given.size() == 1 ? 0 : i]; }
     }
-    for (const Integer &field : INTEGERS) { *field.at(config) = static_cast<int>(lookup(field.name).as_int()); }
+    for (const Integer &field : INTEGERS) {
+        using Limits = std::numeric_limits<int>; // outside of the field's range, which the controller names
+        *field.at(config) = static_cast<int>(std::clamp<std::int64_t>(lookup(field.name).as_int(), Limits::min(), Limits::max()));
+    }
     for (const Choice &field : CHOICES) {
         const std::string word = lookup(field.name).as_string();
         std::string choices;
@@ -111,18 +115,14 @@ std::string check(const Settings &settings)
     if (error == robot::TOO_STIFF) { return too_slow(settings.config); }
     if (error != robot::GOOD) { return robot::Impedance::error_text(error); }
     double stiffness[36] = {};
-    for (std::size_t row = 0; row < 3; ++row) {
-        for (std::size_t column = 0; column < 3; ++column) {
-            stiffness[6 * row + column] = settings.translation_stiffness[3 * row + column];
-            stiffness[6 * (row + 3) + column + 3] = settings.rotation_stiffness[3 * row + column];
-        }
-    }
+    copy_stiffness(settings, {true, true}, stiffness);
     const std::string reason = refuse_stiffness(settings.config, stiffness);
     if (!reason.empty()) { return "translation_stiffness or rotation_stiffness: " + reason; }
     for (const double each : settings.gravity) {
         if (!std::isfinite(each) || std::abs(each) > 100.0) { return "gravity: give three numbers of at most 100 m/s^2"; }
     }
     if (!(settings.wrench_timeout > 0.0)) { return "wrench_timeout must be above 0 s"; }
+    if (!(settings.target_timeout > 0.0)) { return "target_timeout must be above 0 s"; }
     return "";
 }
 
@@ -181,6 +181,7 @@ void declare_parameters(rclcpp_lifecycle::LifecycleNode &node)
     declare(node, "compensate_gravity", false);
     declare(node, "gravity", std::vector<double>{0.0, 0.0, -9.81});
     declare(node, "wrench_timeout", 0.5);
+    declare(node, "target_timeout", 1.0);
 }
 
 std::string read_setup(const Lookup &lookup, Setup &setup)
@@ -193,6 +194,13 @@ std::string read_setup(const Lookup &lookup, Setup &setup)
     if (setup.joints.size() != robot::DOF) {
         return "parameter 'joints' has " + std::to_string(setup.joints.size()) + " names; the robot has " +
                std::to_string(robot::DOF) + " joints, from base to tip";
+    }
+    for (auto joint = setup.joints.begin(); joint != setup.joints.end(); ++joint) {
+        const auto number = std::to_string(joint - setup.joints.begin() + 1);
+        if (joint->empty()) { return "parameter 'joints': name " + number + " is empty; give a name per joint, from base to tip"; }
+        if (std::find(setup.joints.begin(), joint, *joint) != joint) {
+            return "parameter 'joints' has '" + *joint + "' twice; give each joint once, from base to tip";
+        }
     }
     setup.base_frame = lookup("base_frame").as_string();
     if (setup.base_frame.empty()) { setup.base_frame = prefix + robot::BASE_FRAME; }
@@ -232,6 +240,7 @@ std::string read_settings(const Lookup &lookup, double sample_time, Settings &se
     std::copy(gravity.begin(), gravity.end(), settings.gravity.begin());
     settings.compensate_gravity = lookup("compensate_gravity").as_bool();
     settings.wrench_timeout = lookup("wrench_timeout").as_double();
+    settings.target_timeout = lookup("target_timeout").as_double();
     return check(settings);
 }
 

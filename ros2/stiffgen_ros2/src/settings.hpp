@@ -8,6 +8,7 @@
 #include <rclcpp_lifecycle/lifecycle_node.hpp>
 
 #include <array>
+#include <cstdint>
 #include <functional>
 #include <string>
 #include <vector>
@@ -22,6 +23,9 @@ struct Settings {
     std::array<double, 3> gravity; ///< [m/s^2] acceleration of free fall, base axes
     bool compensate_gravity;
     double wrench_timeout; ///< [s] age from which a target_wrench counts as 0
+    double target_timeout; ///< [s] age from which a target_pose or target_joint is refused
+    /// Place of the stiffness in the order of parameters and commands: the newest counts.
+    std::uint64_t translation_order, rotation_order;
 };
 
 /// Settings that stay as they are from on_configure to on_cleanup.
@@ -32,6 +36,11 @@ struct Setup {
     double state_rate = 0.0; ///< [1/s]
     std::string ft_sensor; ///< name of a force-torque sensor; empty: none is read
     robot::Calibration calibration; ///< of that sensor
+};
+
+/// Which blocks of the stiffness a change of parameters sets.
+struct Assigned {
+    bool translation, rotation;
 };
 
 using Lookup = std::function<rclcpp::Parameter(const std::string &)>;
@@ -53,6 +62,17 @@ bool is_fixed(const std::string &parameter);
 
 /// Return whether the parameter is one of the controller's.
 bool is_ours(const std::string &parameter);
+
+/// Write blocks of the settings' stiffness into a stiffness (6 x 6, row-major).
+inline void copy_stiffness(const Settings &settings, const Assigned &blocks, double *stiffness)
+{
+    for (std::size_t row = 0; row < 3; ++row) {
+        for (std::size_t column = 0; column < 3; ++column) {
+            if (blocks.translation) { stiffness[6 * row + column] = settings.translation_stiffness[3 * row + column]; }
+            if (blocks.rotation) { stiffness[6 * (row + 3) + column + 3] = settings.rotation_stiffness[3 * row + column]; }
+        }
+    }
+}
 
 /// Return why a stiffness (6 x 6, row-major) is refused, or an empty text.
 std::string refuse_stiffness(const robot::Config &config, const double *stiffness);

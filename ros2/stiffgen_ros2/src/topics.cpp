@@ -3,11 +3,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 
 namespace stiffgen_ros2 {
 
 namespace {
 
+constexpr double LARGEST_LEAD = 0.1; // [s] of another computer's clock
 constexpr const char *CHAINED = "another controller writes the references (chained mode); deactivate it first";
 
 // Rotation (rows of 4 x 4) of a quaternion whose norm is 1 up to rounding. Return false for any other.
@@ -45,10 +47,35 @@ void Topics::subscribe()
     subscribe("~/stiffness", stiffness_, &Topics::stiffness);
 }
 
-void Topics::change(const Settings &settings)
+// An activation begins with the parameters' stiffness, whatever was commanded before.
+void Topics::forget_commands()
+{
+    if (known_activation_ == activation_) { return; }
+    known_activation_ = activation_;
+    copy_stiffness(settings_, {true, true}, stiffness_in_force_.data());
+}
+
+Settings Topics::change(const Settings &settings, const Assigned &assigned)
 {
     const std::lock_guard<std::mutex> lock(mutex_);
+    forget_commands();
+    const std::uint64_t before[2] = {settings_.translation_order, settings_.rotation_order};
     settings_ = settings;
+    settings_.translation_order = assigned.translation ? ++order_ : before[0];
+    settings_.rotation_order = assigned.rotation ? ++order_ : before[1];
+    copy_stiffness(settings, assigned, stiffness_in_force_.data());
+    return settings_;
+}
+
+std::string Topics::refuse_change(const Settings &settings, const Assigned &assigned)
+{
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (!is_active_) { return ""; }
+    forget_commands();
+    std::array<double, 36> stiffness = stiffness_in_force_;
+    copy_stiffness(settings, assigned, stiffness.data());
+    const std::string reason = refuse_stiffness(settings.config, stiffness.data());
+    return reason.empty() ? "" : "the stiffness from ~/stiffness is in force: " + reason + "; command another one first";
 }
 
 template <class Message> void Topics::subscribe(const char *topic, std::shared_ptr<rclcpp::Subscription<Message>> &subscription,
@@ -60,10 +87,15 @@ template <class Message> void Topics::subscribe(const char *topic, std::shared_p
         const std::lock_guard<std::mutex> lock(self->mutex_);
         Command command{};
         command.time = self->time_.load();
+        command.order = ++self->order_;
+        self->forget_commands();
         std::string reason = subscription->get_publisher_count() > 1
             ? "it has several publishers, whose commands would alternate; keep one"
             : ((*self).*convert)(message, command);
         if (reason.empty() && !self->commands_.push(command)) { reason = "the loop takes no commands"; }
+        if (reason.empty() && command.kind == Command::STIFFNESS) {
+            std::copy(command.values, command.values + 36, self->stiffness_in_force_.begin());
+        }
         self->tell(topic, reason);
     });
 }
@@ -77,16 +109,26 @@ void Topics::tell(const char *topic, const std::string &reason)
     told = line;
 }
 
-std::string Topics::check_header(const std_msgs::msg::Header &header, Command &command) const
+std::string Topics::check_frame(const std_msgs::msg::Header &header) const
 {
-    if (header.frame_id != setup_.base_frame) {
-        return "its frame_id is '" + header.frame_id + "', and must be '" + setup_.base_frame + "', the robot's base";
+    if (header.frame_id == setup_.base_frame) { return ""; }
+    return "its frame_id is '" + header.frame_id + "', and must be '" + setup_.base_frame + "', the robot's base";
+}
+
+// A stamp of zero means now. Any other one counts by its age, since the loop has a clock of its own; a lead counts as age 0.
+std::string Topics::check_stamp(const builtin_interfaces::msg::Time &stamp, const char *limit, double most, Command &command) const
+{
+    const bool has_stamp = stamp.sec != 0 || stamp.nanosec != 0;
+    const double age = has_stamp ? node_.now().seconds() - (stamp.sec + 1e-9 * stamp.nanosec) : 0.0;
+    command.age = std::max(age, 0.0);
+    char text[200] = "";
+    if (age < -LARGEST_LEAD) {
+        std::snprintf(text, sizeof text,
+            "its stamp lies %g s ahead of this node's clock; give both nodes the same clock (use_sim_time), or stamp with 0", -age);
+    } else if (age >= most) {
+        std::snprintf(text, sizeof text, "its stamp is %.6g s old, and %s is %g s; stamp a command when it is sent", age, limit, most);
     }
-    // A stamp of zero means now; a stamp counts by its age, since the loop has a clock of its own.
-    const bool has_stamp = header.stamp.sec != 0 || header.stamp.nanosec != 0;
-    const double stamp = header.stamp.sec + 1e-9 * header.stamp.nanosec;
-    command.age = has_stamp ? node_.now().seconds() - stamp : 0.0;
-    return "";
+    return text;
 }
 
 std::string Topics::target_pose(const geometry_msgs::msg::PoseStamped &message, Command &command)
@@ -99,7 +141,8 @@ std::string Topics::target_pose(const geometry_msgs::msg::PoseStamped &message, 
     if (!rotation(message.pose.orientation, command.values)) { return "its quaternion does not have the norm 1"; }
     for (int i = 0; i < 3; ++i) { command.values[4 * i + 3] = position[i]; }
     command.values[15] = 1.0;
-    const std::string reason = check_header(message.header, command);
+    std::string reason = check_frame(message.header);
+    if (reason.empty()) { reason = check_stamp(message.header.stamp, "target_timeout", settings_.target_timeout, command); }
     return reason.empty() ? refuse_pose(settings_.config, command.values) : reason;
 }
 
@@ -111,10 +154,12 @@ std::string Topics::target_joint(const sensor_msgs::msg::JointState &message, Co
     for (std::size_t i = 0; i < robot::DOF; ++i) {
         const auto found = std::find(message.name.begin(), message.name.end(), setup_.joints[i]);
         if (found == message.name.end()) { return "joint '" + setup_.joints[i] + "' is missing"; }
+        if (std::find(found + 1, message.name.end(), *found) != message.name.end()) { return "joint '" + *found + "' is given twice"; }
         command.values[i] = message.position[static_cast<std::size_t>(found - message.name.begin())];
         if (!std::isfinite(command.values[i])) { return "the position of '" + setup_.joints[i] + "' is not finite"; }
     }
-    return refuse_positions(settings_.config, command.values);
+    const std::string reason = check_stamp(message.header.stamp, "target_timeout", settings_.target_timeout, command);
+    return reason.empty() ? refuse_positions(settings_.config, command.values) : reason;
 }
 
 std::string Topics::target_wrench(const geometry_msgs::msg::WrenchStamped &message, Command &command)
@@ -127,7 +172,8 @@ std::string Topics::target_wrench(const geometry_msgs::msg::WrenchStamped &messa
     if (!finite(wrench, 6) || std::hypot(f.x, f.y, f.z) > most[0] || std::hypot(m.x, m.y, m.z) > most[1]) {
         return "it is not finite, or larger than heaviest_wrench";
     }
-    return check_header(message.header, command);
+    const std::string reason = check_frame(message.header);
+    return reason.empty() ? check_stamp(message.header.stamp, "wrench_timeout", settings_.wrench_timeout, command) : reason;
 }
 
 std::string Topics::stiffness(const std_msgs::msg::Float64MultiArray &message, Command &command)

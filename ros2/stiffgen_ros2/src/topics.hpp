@@ -12,7 +12,9 @@
 #include <sensor_msgs/msg/joint_state.hpp>
 #include <std_msgs/msg/float64_multi_array.hpp>
 
+#include <array>
 #include <atomic>
+#include <cstdint>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -30,13 +32,17 @@ public:
     /// Begin to listen.
     void subscribe();
 
-    /// Set the limits that the checks use.
-    void change(const Settings &settings);
+    /// Use other settings in the checks. Return them with their place in the order of stiffnesses.
+    Settings change(const Settings &settings, const Assigned &assigned);
+
+    /// Return why a stiffness commanded on the topic forbids a change of settings, or an empty text.
+    std::string refuse_change(const Settings &settings, const Assigned &assigned);
 
     /// Accept messages. In chained mode another controller writes the joint positions, and targets are refused.
     void accept(bool chained)
     {
         is_chained_ = chained;
+        ++activation_;
         is_active_ = true;
     }
 
@@ -50,7 +56,9 @@ private:
     std::string target_joint(const sensor_msgs::msg::JointState &message, Command &command);
     std::string target_wrench(const geometry_msgs::msg::WrenchStamped &message, Command &command);
     std::string stiffness(const std_msgs::msg::Float64MultiArray &message, Command &command);
-    std::string check_header(const std_msgs::msg::Header &header, Command &command) const;
+    std::string check_frame(const std_msgs::msg::Header &header) const;
+    std::string check_stamp(const builtin_interfaces::msg::Time &stamp, const char *limit, double most, Command &command) const;
+    void forget_commands();
     void tell(const char *topic, const std::string &reason);
 
     rclcpp_lifecycle::LifecycleNode &node_;
@@ -59,6 +67,10 @@ private:
     const std::atomic<double> &time_;
     std::mutex mutex_; // of the threads that write commands; the loop never takes it
     Settings settings_{};
+    std::array<double, 36> stiffness_in_force_{}; // newest of parameters and commands, 6 x 6
+    std::uint64_t order_ = 0; // of the newest stiffness
+    unsigned known_activation_ = 0; // whose commands are known
+    std::atomic<unsigned> activation_{0};
     std::atomic<bool> is_active_{false}, is_chained_{false};
     std::map<std::string, std::string> told_; // by topic
     std::shared_ptr<rclcpp::Subscription<geometry_msgs::msg::PoseStamped>> pose_;

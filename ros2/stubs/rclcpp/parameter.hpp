@@ -45,6 +45,7 @@ public:
         return *found;
     }
     std::size_t type() const { return value_.index(); }
+    bool operator==(const ParameterValue &other) const { return value_ == other.value_; }
 
 private:
     Any value_;
@@ -58,6 +59,7 @@ public:
 
     const std::string &get_name() const { return name_; }
     const ParameterValue &get_parameter_value() const { return value_; }
+    bool operator==(const Parameter &other) const { return name_ == other.name_ && value_ == other.value_; }
     template <class T> const T &get_value() const { return value_.get<T>(); }
     bool as_bool() const { return value_.get<bool>(); }
     std::int64_t as_int() const { return value_.get<std::int64_t>(); }

@@ -66,6 +66,13 @@ struct OnSetParametersCallbackHandle {
     std::function<rcl_interfaces::msg::SetParametersResult(const std::vector<Parameter> &)> callback;
 };
 
+#if RCLCPP_VERSION_MAJOR >= 21
+struct PostSetParametersCallbackHandle {
+    using SharedPtr = std::shared_ptr<PostSetParametersCallbackHandle>;
+    std::function<void(const std::vector<Parameter> &)> callback;
+};
+#endif
+
 } // namespace node_interfaces
 } // namespace rclcpp
 
@@ -113,9 +120,20 @@ public:
     {
         auto handle = std::make_shared<Handle>();
         handle->callback = std::move(callback);
-        on_set_.push_back(handle); // weak: a handle that nobody keeps is gone
+        on_set_.insert(on_set_.begin(), handle); // the newest is called first; weak: a handle that nobody keeps is gone
         return handle;
     }
+#if RCLCPP_VERSION_MAJOR >= 21
+    using PostHandle = rclcpp::node_interfaces::PostSetParametersCallbackHandle;
+    PostHandle::SharedPtr add_post_set_parameters_callback(decltype(PostHandle::callback) callback)
+    {
+        auto handle = std::make_shared<PostHandle>();
+        handle->callback = std::move(callback);
+        post_set_.insert(post_set_.begin(), handle);
+        return handle;
+    }
+#endif
+    // As in the real one, post_set callbacks are called once every value is set.
     Result set_parameters_atomically(const std::vector<rclcpp::Parameter> &changes)
     {
         Result result;
@@ -137,6 +155,11 @@ public:
         }
         for (const auto &each : changes) { parameters_[each.get_name()] = each.get_parameter_value(); }
         result.successful = true;
+#if RCLCPP_VERSION_MAJOR >= 21
+        for (const auto &each : post_set_) {
+            if (const auto handle = each.lock()) { handle->callback(changes); }
+        }
+#endif
         return result;
     }
 
@@ -183,6 +206,9 @@ private:
     std::string name_;
     std::map<std::string, rclcpp::ParameterValue> parameters_;
     std::vector<std::weak_ptr<Handle>> on_set_;
+#if RCLCPP_VERSION_MAJOR >= 21
+    std::vector<std::weak_ptr<PostHandle>> post_set_;
+#endif
 };
 
 } // namespace rclcpp_lifecycle

@@ -561,6 +561,9 @@ def test_every_field_is_checked(robot: ModuleType) -> None:
         ({"lower_limit": 1.0, "upper_limit": 0.0}, "lower must be below upper"),
         ({"state_period": 0.5}, "missed_limit times sample_time"),
         ({"missed_limit": 2.5}, "no whole number"),
+        ({"missed_limit": 2**32 + 3}, "missed_limit: must lie between 1 and 1000"),  # 3 in 32 bits
+        ({"delay_samples": np.int64(-(2**32))}, "delay_samples: must lie between"),
+        ({"loss_limit": 2**70}, "loss_limit: must lie between"),
         ({"effort_limit": np.ones(3)}, "shape"),
     ):
         with pytest.raises(ValueError, match=words):
