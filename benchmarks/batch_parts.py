@@ -13,9 +13,9 @@ import numpy as np
 
 import stiffgen
 from benchmarks.tools import AVX2, NATIVE, URDF, pinned, run
-from stiffgen.symbolic.arguments import Q
-from stiffgen.verify.kernels.references import TASK_STIFFNESS, WRENCH
-from stiffgen.verify.kernels.samples import Samples
+from stiffgen.core.symbolic.arguments import Q
+from stiffgen.core.verify.kernels.references import TASK_STIFFNESS, WRENCH
+from stiffgen.core.verify.kernels.samples import Samples
 
 ROBOT = URDF.parent.parent / "generated" / "iiwa14"
 SOURCE = Path(__file__).resolve().parent / "contenders" / "batch_parts.c"

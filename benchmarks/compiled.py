@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 import stiffgen
 from benchmarks.instructions import Work, compiled_steps, of_contender
 from benchmarks.tools import HERE, Row, pinned, quartiles, run
-from stiffgen.symbolic.arguments import Q
-from stiffgen.verify.kernels.references import TASK_STIFFNESS, WRENCH
-from stiffgen.verify.kernels.samples import Samples
+from stiffgen.core.symbolic.arguments import Q
+from stiffgen.core.verify.kernels.references import TASK_STIFFNESS, WRENCH
+from stiffgen.core.verify.kernels.samples import Samples
 
 AGREE = 1e-12
 

@@ -10,7 +10,7 @@ import numpy as np
 
 import stiffgen
 from benchmarks.tools import NATIVE, pinned, run
-from stiffgen.symbolic.kernels import MAX_BATCH_JOINTS
+from stiffgen.core.symbolic.kernels import MAX_BATCH_JOINTS
 
 JOINTS = (2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30)
 SAME_FUNCTIONS = f"10 to {MAX_BATCH_JOINTS} joints (longer chains have fewer functions)"

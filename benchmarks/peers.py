@@ -28,8 +28,8 @@ import numpy as np
 import stiffgen
 from benchmarks.run import BOOST
 from benchmarks.tools import COUNT, HERE, NATIVE, URDF, pinned, run
-from stiffgen.robot.chain import Chain
-from stiffgen.symbolic.potentials import KernelOptions
+from stiffgen.core.robot.chain import Chain
+from stiffgen.families.springs.potentials import KernelOptions
 
 DATA = HERE.parent / "tests" / "data"
 GROUPS = ("dynamics", "gravity", "hybrid")

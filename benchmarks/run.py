@@ -26,13 +26,13 @@ from numpy.typing import NDArray
 
 import stiffgen
 from stiffgen import open_robot
-from stiffgen.style import AXES, CORRECTED, THEME
-from stiffgen.symbolic.arguments import Q
-from stiffgen.symbolic.kernels import KERNELS, MAX_BATCH_JOINTS
-from stiffgen.symbolic.model import casadi_function
-from stiffgen.verify.kernels.poses import joint_poses, product_of_poses
-from stiffgen.verify.kernels.references import TASK_STIFFNESS, WRENCH
-from stiffgen.verify.kernels.samples import Samples
+from stiffgen.core.symbolic.arguments import Q
+from stiffgen.core.symbolic.kernels import KERNELS, MAX_BATCH_JOINTS
+from stiffgen.core.symbolic.model import casadi_function
+from stiffgen.core.verify.kernels.poses import joint_poses, product_of_poses
+from stiffgen.core.verify.kernels.references import TASK_STIFFNESS, WRENCH
+from stiffgen.core.verify.kernels.samples import Samples
+from stiffgen.lab.style import AXES, CORRECTED, THEME
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from benchmarks import claims

@@ -21,12 +21,12 @@ from pathlib import Path
 import numpy as np
 
 import stiffgen
-from stiffgen.emit.build import build_library
-from stiffgen.lower.rounding import ErrorBounds, NoBound, Ranges, argument_sizes, chain_reach, rounded_up
-from stiffgen.lower.scalar import DOUBLE, FLOAT, Scalar
-from stiffgen.robot.chain import Chain
-from stiffgen.symbolic.kernels import Kernel, chain_kernels
-from stiffgen.verify.kernels.samples import argument_samples
+from stiffgen.core.emit.build import build_library
+from stiffgen.core.lower.rounding import ErrorBounds, NoBound, Ranges, argument_sizes, chain_reach, rounded_up
+from stiffgen.core.lower.scalar import DOUBLE, FLOAT, Scalar
+from stiffgen.core.robot.chain import Chain
+from stiffgen.core.symbolic.kernels import Kernel, chain_kernels
+from stiffgen.core.verify.kernels.samples import argument_samples
 
 URDF = Path(__file__).resolve().parent.parent / "urdf" / "iiwa14.urdf"
 WIDTHS = {

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import stiffgen
 from benchmarks.tools import COUNT, HERE, NATIVE, Row, pinned, run
-from stiffgen.symbolic.arguments import Q
-from stiffgen.symbolic.springs import TRACE
-from stiffgen.verify.kernels.references import TASK_STIFFNESS, WRENCH
-from stiffgen.verify.kernels.samples import Samples
+from stiffgen.core.symbolic.arguments import Q
+from stiffgen.core.verify.kernels.references import TASK_STIFFNESS, WRENCH
+from stiffgen.core.verify.kernels.samples import Samples
+from stiffgen.families.springs.springs import TRACE
 
 SPRING_ROUNDS = 1001
 

@@ -27,9 +27,9 @@ from numpy.typing import NDArray
 import stiffgen
 from benchmarks.frameworks import jax_functions, torch_functions
 from stiffgen import open_robot
-from stiffgen.symbolic.arguments import Q
-from stiffgen.verify.kernels.references import TASK_STIFFNESS, WRENCH
-from stiffgen.verify.kernels.samples import Samples
+from stiffgen.core.symbolic.arguments import Q
+from stiffgen.core.verify.kernels.references import TASK_STIFFNESS, WRENCH
+from stiffgen.core.verify.kernels.samples import Samples
 
 Array = NDArray[np.float64]
 HERE = Path(__file__).resolve().parent

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from examples import wrist
-from stiffgen import drive
+from stiffgen.lab import drive
 
 Array = NDArray[np.float64]
 

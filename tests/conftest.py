@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.emit import build
-from stiffgen.verify.folder import widths
+from stiffgen.core.emit import build
+from stiffgen.core.verify.folder import widths
 from support.c_program import STRICT, language_flags
 from support.fixtures import kept_objects, once, robot, robot_folder
 from support.project import ROOT, URDF, Compiled, Once, require_compiler

@@ -7,14 +7,18 @@ from importlib import import_module
 from importlib.util import find_spec
 from types import ModuleType
 
-OPTIONAL = ("controller", "analyze", "calibrate", "new", "passport", "play", "prove")
+OPTIONAL = ("control", "lab.analyze", "lab.calibrate", "lab.new", "lab.passport", "lab.play", "lab.prove")
 """Rooms that no module of another room imports by name."""
 
 
 def is_there(module: str) -> bool:
-    """Return whether a module of the package is there; its room may have been taken out."""
-    room = find_spec(f"stiffgen.{module.partition('.')[0]}")
-    return room is not None and room.origin is not None
+    """Return whether a module of the package is there; a folder on the way to it may have been taken out."""
+    folders = module.split(".")[:-1]
+    for depth in range(1, len(folders) + 1):  # find_spec raises where a parent is missing
+        folder = find_spec(".".join(("stiffgen", *folders[:depth])))
+        if folder is None or folder.origin is None:
+            return False
+    return True
 
 
 def optional(module: str) -> ModuleType | None:

@@ -16,19 +16,19 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import stiffgen
-from stiffgen.controller import fields, signals, status_words
-from stiffgen.controller.fields import Field
-from stiffgen.play.page import write_page
-from stiffgen.robot.chain import Chain
-from stiffgen.symbolic.arguments import Argument
-from stiffgen.symbolic.kernels import Kernel, chain_kernels
-from stiffgen.symbolic.potentials import KernelOptions
-from stiffgen.symbolic.springs import KINDS
+from stiffgen.control import fields, signals, status_words
+from stiffgen.control.fields import Field
+from stiffgen.core.robot.chain import Chain
+from stiffgen.core.symbolic.arguments import Argument
+from stiffgen.core.symbolic.kernels import Kernel, chain_kernels
+from stiffgen.families.springs.potentials import KernelOptions
+from stiffgen.families.springs.springs import KINDS
+from stiffgen.lab.play.page import write_page
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = (
     "CHANGELOG.md", "CONTRIBUTING.md", "LICENSE", "docs/*.md", "docs/*.svg", "docs/*.png", "docs/figures/*.svg",
-    "urdf/README.md", "benchmarks/RESULTS.md", "benchmarks/*.svg", "codegen/stiffgen/emit/README.md",
+    "urdf/README.md", "benchmarks/RESULTS.md", "benchmarks/*.svg", "codegen/stiffgen/core/emit/README.md",
     "ros2/stiffgen_ros2/README.md", ".github/*.md", "CITATION.cff", "docs/*.csv",
 )  # fmt: skip
 CONTENTS = {
@@ -56,7 +56,7 @@ BELOW = {
     "docs/performance": ("docs/accuracy", "docs/targets", "benchmarks/RESULTS"),
     "docs/proofs": ("reference/misra",),
     "reference/functions": ("reference/controller", "reference/faults", "reference/cpp"),
-    "docs/design": ("docs/README", "codegen/stiffgen/emit/README", ".github/SUPPORT", ".github/SECURITY"),
+    "docs/design": ("docs/README", "codegen/stiffgen/core/emit/README", ".github/SUPPORT", ".github/SECURITY"),
 }  # fmt: skip
 """Pages that the sidebar shows below another page."""
 GROUPS = {

@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from stiffgen import load_chain
-from stiffgen.robot.chain import Chain
-from stiffgen.symbolic.connection import REPRESENTATIONS
+from stiffgen.core.robot.chain import Chain
+from stiffgen.core.symbolic.connection import REPRESENTATIONS
 from support.exact_compliance import Case
 from support.exact_tree import tree_urdf
 

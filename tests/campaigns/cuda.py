@@ -25,9 +25,9 @@ from typing import Any
 import casadi as ca
 
 import stiffgen
-from stiffgen.options import GenerationOptions
-from stiffgen.symbolic.potentials import Potential
-from stiffgen.symbolic.springs import KINDS
+from stiffgen.core.options import GenerationOptions
+from stiffgen.families.springs.potentials import Potential
+from stiffgen.families.springs.springs import KINDS
 from support.chains import chain_urdf
 from support.cuda_device import DeviceCheck
 from support.project import ROOT, URDF

@@ -15,13 +15,13 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import stiffgen
-from stiffgen.robot.chain import Chain
-from stiffgen.symbolic.kernels import chain_kernels
-from stiffgen.symbolic.potentials import KernelOptions
-from stiffgen.verify.kernels.missing import function_of_stacks
-from stiffgen.verify.kernels.oracles import check_robot
-from stiffgen.verify.result import Check
-from stiffgen.verify.verify import default_count
+from stiffgen.core.robot.chain import Chain
+from stiffgen.core.symbolic.kernels import chain_kernels
+from stiffgen.core.verify.kernels.missing import function_of_stacks
+from stiffgen.core.verify.kernels.oracles import check_robot
+from stiffgen.core.verify.result import Check
+from stiffgen.core.verify.verify import default_count
+from stiffgen.families.springs.potentials import KernelOptions
 from support.random_urdf import Plain, random_robot
 
 

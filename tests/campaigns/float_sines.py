@@ -16,7 +16,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import stiffgen
-from stiffgen.lower.scalar import FLOAT
+from stiffgen.core.lower.scalar import FLOAT
 from support.float_sines import LAST, Sines, Worst
 from support.project import URDF
 from support.quad import can_run

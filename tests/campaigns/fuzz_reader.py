@@ -18,17 +18,17 @@ import atheris
 
 with atheris.instrument_imports(
     include=[
-        *(f"stiffgen.robot.{module}" for module in ("reader", "checker", "urdf_format", "chain")),
-        "stiffgen.errors",
+        *(f"stiffgen.core.robot.{module}" for module in ("reader", "checker", "urdf_format", "chain")),
+        "stiffgen.core.errors",
         "yourdfpy",
     ]
 ):
-    from stiffgen.loading import chain_between
-    from stiffgen.robot.chain import ChainOptions
-    from stiffgen.robot.reader import read_description
+    from stiffgen.core.loading import chain_between
+    from stiffgen.core.robot.chain import ChainOptions
+    from stiffgen.core.robot.reader import read_description
 
-from stiffgen.errors import DescriptionError, StiffgenError
-from stiffgen.names import c_string, comment, identifier
+from stiffgen.core.errors import DescriptionError, StiffgenError
+from stiffgen.core.names import c_string, comment, identifier
 from support.random_urdf import Plain, broken_file, random_robot
 
 _DICTIONARY = r"""

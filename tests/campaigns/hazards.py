@@ -20,7 +20,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import stiffgen
-from stiffgen.emit import build
+from stiffgen.core.emit import build
 from support.hazard_faults import HAZARD_FAULTS, HazardFault, spoilt
 from support.kept_objects import KeptObjects
 from support.project import ROOT, URDF, files_of_tests

@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 from jax.test_util import check_grads
 
-from stiffgen.opened import open_robot
-from stiffgen.verify.kernels.samples import argument_samples
+from stiffgen.core.opened import open_robot
+from stiffgen.core.verify.kernels.samples import argument_samples
 from support.wrappers import cases, floating_robot, small_robot, wrapper
 
 COUNT = 3

@@ -21,11 +21,11 @@ from types import FrameType
 
 import numpy as np
 
-from stiffgen.errors import StiffgenError
-from stiffgen.loading import chain_between
-from stiffgen.names import identifier
-from stiffgen.robot.chain import ChainOptions
-from stiffgen.robot.reader import read_description
+from stiffgen.core.errors import StiffgenError
+from stiffgen.core.loading import chain_between
+from stiffgen.core.names import identifier
+from stiffgen.core.robot.chain import ChainOptions
+from stiffgen.core.robot.reader import read_description
 from support.chain_checks import disagreements
 from support.pinocchio_oracle import PinocchioChain
 from support.random_urdf import Plain, broken_file, random_robot

@@ -28,7 +28,7 @@ import mujoco
 import numpy as np
 
 import stiffgen
-from stiffgen.opened import open_robot
+from stiffgen.core.opened import open_robot
 from support.project import ROOT
 
 INNER = 1e-4

@@ -27,22 +27,22 @@ from typing import Any
 
 import numpy as np
 
-from stiffgen.controller.fields import CONFIG
-from stiffgen.controller.sessions.library import CAREFUL, ControllerLibrary
-from stiffgen.controller.sessions.sessions import differences
-from stiffgen.emit.build import kernel_sources
-from stiffgen.opened import GeneratedRobot, open_robot
-from stiffgen.robot.chain import Chain
-from stiffgen.symbolic.kernels import Kernel
-from stiffgen.verify.folder.bounds import check_bounds
-from stiffgen.verify.folder.files import check_c_tables, print_again
-from stiffgen.verify.folder.forked import confined
-from stiffgen.verify.kernels.batches import LONG, check_c_batches
-from stiffgen.verify.kernels.certified import check_certified_bounds
-from stiffgen.verify.kernels.formulas import check_against_casadi, check_far_angles
-from stiffgen.verify.kernels.not_finite import check_not_finite
-from stiffgen.verify.kernels.samples import argument_samples
-from stiffgen.verify.result import Check
+from stiffgen.control.fields import CONFIG
+from stiffgen.control.sessions.library import CAREFUL, ControllerLibrary
+from stiffgen.control.sessions.sessions import differences
+from stiffgen.core.emit.build import kernel_sources
+from stiffgen.core.opened import GeneratedRobot, open_robot
+from stiffgen.core.robot.chain import Chain
+from stiffgen.core.symbolic.kernels import Kernel
+from stiffgen.core.verify.folder.bounds import check_bounds
+from stiffgen.core.verify.folder.files import check_c_tables, print_again
+from stiffgen.core.verify.folder.forked import confined
+from stiffgen.core.verify.kernels.batches import LONG, check_c_batches
+from stiffgen.core.verify.kernels.certified import check_certified_bounds
+from stiffgen.core.verify.kernels.formulas import check_against_casadi, check_far_angles
+from stiffgen.core.verify.kernels.not_finite import check_not_finite
+from stiffgen.core.verify.kernels.samples import argument_samples
+from stiffgen.core.verify.result import Check
 
 ROOT = Path(__file__).parents[2]
 OPERATORS = (

@@ -42,11 +42,11 @@ import mujoco
 import numpy as np
 
 import stiffgen
-from stiffgen.opened import GeneratedRobot, open_robot
-from stiffgen.passport.loop import Arms, LoopTiming, damping_attained, rendered_limit
-from stiffgen.passport.passport import PassportOptions, make_passport
-from stiffgen.passport.statics import DIRECTIONS, UNITS
-from stiffgen.robot.presets import motor_tables
+from stiffgen.control.presets import motor_tables
+from stiffgen.core.opened import GeneratedRobot, open_robot
+from stiffgen.lab.passport.loop import Arms, LoopTiming, damping_attained, rendered_limit
+from stiffgen.lab.passport.passport import PassportOptions, make_passport
+from stiffgen.lab.passport.statics import DIRECTIONS, UNITS
 from support.project import ROOT
 
 DATA = ROOT / "tests" / "data"

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 import stiffgen
-from stiffgen.prove.run import prove
+from stiffgen.lab.prove.run import prove
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -31,8 +31,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import stiffgen
-from stiffgen.loads import stiffness_deviation, tip_covariance
-from stiffgen.robot.geometry import FloatArray
+from stiffgen.core.robot.geometry import FloatArray
+from stiffgen.lab.arms.loads import stiffness_deviation, tip_covariance
 from support.project import ROOT
 
 TRAJECTORY = ROOT / "examples" / "parkour" / "recorded_trajectory.csv"
@@ -223,7 +223,7 @@ def draw(found: Sequence[Found], file: Path) -> None:
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    from stiffgen.style import CONVENTIONAL, CORRECTED, STYLE, themed_svg
+    from stiffgen.lab.style import CONVENTIONAL, CORRECTED, STYLE, themed_svg
 
     with mpl.rc_context(STYLE):
         drawing = Figure(figsize=(8.4, 2.0 * len(found)), layout="constrained")

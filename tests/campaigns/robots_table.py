@@ -30,10 +30,10 @@ import numpy as np
 import xacro
 from lxml import etree
 
-from stiffgen.errors import ChainError, StiffgenError
-from stiffgen.loading import chain_between, describe
-from stiffgen.robot.chain import Chain, ChainOptions
-from stiffgen.robot.description import Description
+from stiffgen.core.errors import ChainError, StiffgenError
+from stiffgen.core.loading import chain_between, describe
+from stiffgen.core.robot.chain import Chain, ChainOptions
+from stiffgen.core.robot.description import Description
 from support.chain_checks import disagreements
 from support.mujoco_oracle import MujocoChain
 from support.pinocchio_oracle import PinocchioChain

@@ -21,10 +21,10 @@ from pathlib import Path
 import numpy as np
 
 import stiffgen
-from stiffgen.lower.rounding import Ranges
-from stiffgen.lower.scalar import DOUBLE, SCALARS
-from stiffgen.opened import open_robot
-from stiffgen.symbolic.kernels import chain_kernels
+from stiffgen.core.lower.rounding import Ranges
+from stiffgen.core.lower.scalar import DOUBLE, SCALARS
+from stiffgen.core.opened import open_robot
+from stiffgen.core.symbolic.kernels import chain_kernels
 from support.project import ROOT
 from support.quad import WIDTHS, Measured, can_run, climbed, kernels_with_bounds, with_eighty_digits
 

@@ -16,10 +16,10 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from stiffgen.emit.build import kernel_sources
-from stiffgen.opened import open_robot
-from stiffgen.prove import harness
-from stiffgen.prove.run import prove
+from stiffgen.core.emit.build import kernel_sources
+from stiffgen.core.opened import open_robot
+from stiffgen.lab.prove import harness
+from stiffgen.lab.prove.run import prove
 from support.seeded_faults import CONTROLLER, FAULTS, FOLDER, Fault, faulty
 
 SANITIZERS = ("address,undefined,float-cast-overflow", "memory,undefined,float-cast-overflow")

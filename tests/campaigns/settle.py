@@ -30,7 +30,7 @@ from typing import Any
 
 import numpy as np
 
-from stiffgen.controller.status_words import REASONS
+from stiffgen.control.status_words import REASONS
 from support.plant.loop import Loop, N
 from support.plant.statics import random_stiffness
 from support.project import ROOT

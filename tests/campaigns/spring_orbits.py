@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 import stiffgen
-from stiffgen.symbolic.springs import KINDS, spring
+from stiffgen.families.springs.springs import KINDS, spring
 
 URDF = Path(__file__).resolve().parents[2] / "urdf" / "iiwa14.urdf"
 Array = np.ndarray

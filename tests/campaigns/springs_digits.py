@@ -26,7 +26,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import stiffgen
-from stiffgen.symbolic.springs import KINDS, Placement
+from stiffgen.families.springs.springs import KINDS, Placement
 from support import spring_digits as digits
 
 BOUND = 1e-11

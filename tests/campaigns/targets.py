@@ -21,13 +21,13 @@ from pathlib import Path
 import numpy as np
 
 import stiffgen
-from stiffgen.controller.page import has_controller
-from stiffgen.lower.scalar import DOUBLE, SCALARS
-from stiffgen.opened import GeneratedRobot, open_robot
-from stiffgen.prove.targets import Target, write_targets
-from stiffgen.symbolic.kernels import Kernel
-from stiffgen.verify.kernels.samples import argument_samples
-from stiffgen.verify.result import as_results
+from stiffgen.control.page import has_controller
+from stiffgen.core.lower.scalar import DOUBLE, SCALARS
+from stiffgen.core.opened import GeneratedRobot, open_robot
+from stiffgen.core.symbolic.kernels import Kernel
+from stiffgen.core.verify.kernels.samples import argument_samples
+from stiffgen.core.verify.result import as_results
+from stiffgen.lab.prove.targets import Target, write_targets
 from support.golden_calls import golden_calls
 from support.project import ROOT
 from support.targets import MACHINES, Count, Machine, built, counts, footprint, run, step_count

@@ -20,11 +20,11 @@ from typing import Any, NamedTuple
 import pytest
 
 import stiffgen
-from stiffgen.emit import build
-from stiffgen.opened import open_robot
-from stiffgen.verify.folder import widths
-from stiffgen.verify.folder.files import check_files, load_module
-from stiffgen.verify.verify import _steps
+from stiffgen.core.emit import build
+from stiffgen.core.opened import open_robot
+from stiffgen.core.verify.folder import widths
+from stiffgen.core.verify.folder.files import check_files, load_module
+from stiffgen.core.verify.verify import _steps
 from support.confined import LOADED
 from support.generated_c import kernel_files
 from support.kept_objects import KeptObjects

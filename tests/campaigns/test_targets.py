@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.emit import render
-from stiffgen.lower.scalar import FLOAT
-from stiffgen.symbolic.kernels import chain_kernels
+from stiffgen.core.emit import render
+from stiffgen.core.lower.scalar import FLOAT
+from stiffgen.core.symbolic.kernels import chain_kernels
 from support.golden_calls import golden_calls
 from support.project import ROOT, URDF, assert_close, require_program
 from support.targets import MACHINES, built, counts, footprint, run, step_count

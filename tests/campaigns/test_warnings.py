@@ -8,8 +8,8 @@ import re
 import pytest
 
 import stiffgen
-from stiffgen.emit.render import render
-from stiffgen.options import GenerationOptions
+from stiffgen.core.emit.render import render
+from stiffgen.core.options import GenerationOptions
 from support.chains import chain_urdf
 from support.project import require_compiler
 from support.warnings import LEVELS, complaints, sources_of_random_robot, sources_of_varied_robot

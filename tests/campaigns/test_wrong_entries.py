@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Every single entry of dJ^T/dq matters: falsify each one and see checks fail.
 
-The checks are those of ``stiffgen verify`` (:mod:`stiffgen.verify.kernels.oracles`), run on the compiled kernels
+The checks are those of ``stiffgen verify`` (:mod:`stiffgen.core.verify.kernels.oracles`), run on the compiled kernels
 with one entry of the derivative falsified, and all that is made from it: the contraction, and the joint stiffness
 put together the way the generated code does it, one half computed and mirrored. It stays symmetric throughout.
 """
@@ -13,11 +13,11 @@ import itertools
 import numpy as np
 import pytest
 
-from stiffgen.symbolic.connection import REPRESENTATIONS
-from stiffgen.verify.kernels import comparison
-from stiffgen.verify.kernels.oracles import check_kernels
-from stiffgen.verify.kernels.poses import gamma_F
-from stiffgen.verify.kernels.references import References
+from stiffgen.core.symbolic.connection import REPRESENTATIONS
+from stiffgen.core.verify.kernels import comparison
+from stiffgen.core.verify.kernels.oracles import check_kernels
+from stiffgen.core.verify.kernels.poses import gamma_F
+from stiffgen.core.verify.kernels.references import References
 from support.project import kernels_of
 
 PERTURBATION = 1e-6

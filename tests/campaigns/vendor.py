@@ -32,10 +32,10 @@ import mujoco
 import numpy as np
 
 from campaigns.robots_table import compared, load, tips_of
-from stiffgen.errors import StiffgenError
-from stiffgen.loading import describe
-from stiffgen.robot.description import Reading
-from stiffgen.robot.selection import possible_tips
+from stiffgen.core.errors import StiffgenError
+from stiffgen.core.loading import describe
+from stiffgen.core.robot.description import Reading
+from stiffgen.core.robot.selection import possible_tips
 
 BLAME = {
     r"no rigid body has this inertia": "the file: impossible inertia (--accept-inertia)",

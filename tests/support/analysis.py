@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stiffgen.analyze import measures as ms
-from stiffgen.analyze.analysis import checked_stiffness
-from stiffgen.analyze.task import Task
 from stiffgen.cli import main
-from stiffgen.robot.geometry import FloatArray
-from stiffgen.symbolic.connection import Representation
+from stiffgen.core.robot.geometry import FloatArray
+from stiffgen.core.symbolic.connection import Representation
+from stiffgen.lab.analyze import measures as ms
+from stiffgen.lab.analyze.analysis import checked_stiffness
+from stiffgen.lab.analyze.task import Task
 from support import recordings
 
 K = (700, 700, 800, 30, 30, 30)

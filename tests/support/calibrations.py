@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import stiffgen
-from stiffgen.calibrate.calibration import Calibration
+from stiffgen.lab.calibrate.calibration import Calibration
 
 
 def calibration_text(robot: Path, bias: ArrayLike = (0.0,) * 6, payload: ArrayLike = (0.0,) * 4) -> str:

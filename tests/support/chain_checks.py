@@ -6,11 +6,11 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from stiffgen.robot.chain import Chain
-from stiffgen.symbolic.connection import REPRESENTATIONS
-from stiffgen.symbolic.kernels import Kernel, chain_kernels
-from stiffgen.symbolic.program import evaluate
-from stiffgen.verify.kernels.poses import gamma_F
+from stiffgen.core.robot.chain import Chain
+from stiffgen.core.symbolic.connection import REPRESENTATIONS
+from stiffgen.core.symbolic.kernels import Kernel, chain_kernels
+from stiffgen.core.symbolic.program import evaluate
+from stiffgen.core.verify.kernels.poses import gamma_F
 from support.pinocchio_oracle import PinocchioChain
 
 BOUND = 1e-9

@@ -11,7 +11,7 @@ from functools import partial
 import casadi as ca
 import numpy as np
 
-from stiffgen.symbolic.model import folded
+from stiffgen.core.symbolic.model import folded
 from support.graphs import COMPLEX, Graph
 
 STEP = 1e-100

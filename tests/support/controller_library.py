@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.ctypeslib import ndpointer
 
-from stiffgen.controller.page import LIBRARY, SOURCES
+from stiffgen.control.page import LIBRARY, SOURCES
 from support.project import ROOT
 
 WARNINGS = (

@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from stiffgen.analyze.recording import Block, RecordingRequest, open_recording, read_blocks
-from stiffgen.errors import RecordingError
+from stiffgen.core.errors import RecordingError
+from stiffgen.lab.analyze.recording import Block, RecordingRequest, open_recording, read_blocks
 from support import recordings
 
 JOINTS = tuple(f"A{i}" for i in range(1, 8))

@@ -12,11 +12,11 @@ from typing import Any
 import mpmath
 import numpy as np
 
-from stiffgen.robot.chain import Chain
-from stiffgen.symbolic.kernels import chain_kernels
-from stiffgen.symbolic.potentials import KernelOptions
-from stiffgen.verify.kernels.missing import function_of_stacks
-from stiffgen.verify.kernels.samples import Samples
+from stiffgen.core.robot.chain import Chain
+from stiffgen.core.symbolic.kernels import chain_kernels
+from stiffgen.core.verify.kernels.missing import function_of_stacks
+from stiffgen.core.verify.kernels.samples import Samples
+from stiffgen.families.springs.potentials import KernelOptions
 from support.exact_kernels import ExactRobot, loaded, matrix, symmetric
 from support.exact_tree import as_array, mp
 

@@ -14,7 +14,7 @@ from typing import Any
 import mpmath
 import numpy as np
 
-from stiffgen.robot.chain import Chain
+from stiffgen.core.robot.chain import Chain
 from support.exact_tree import AT_ORIGIN, STEP, ExactTree, Pose, as_array, differentiated, exact_pose, exponential, mp
 
 Vector = list[Any]

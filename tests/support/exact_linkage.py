@@ -18,9 +18,9 @@ import mpmath
 import numpy as np
 
 from stiffgen import load_chain
-from stiffgen.robot.chain import Chain
-from stiffgen.symbolic.kernels import chain_kernels
-from stiffgen.symbolic.model import casadi_function
+from stiffgen.core.robot.chain import Chain
+from stiffgen.core.symbolic.kernels import chain_kernels
+from stiffgen.core.symbolic.model import casadi_function
 from support.exact_tree import AT_ORIGIN, STEP, ExactTree, Pose, as_array, differentiated, exponential, mp
 
 _LIMIT = "<limit lower='-3' upper='3' effort='9' velocity='1'/>"

@@ -12,7 +12,7 @@ from typing import Any
 import mpmath
 import numpy as np
 
-from stiffgen.robot.chain import Chain, Sensor
+from stiffgen.core.robot.chain import Chain, Sensor
 from support.exact_kernels import ExactRobot, Given, cross, matrix
 from support.exact_tree import STEP, Pose, as_array, exact_pose, mp, turn
 

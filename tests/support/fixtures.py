@@ -14,7 +14,7 @@ from filelock import FileLock
 
 import stiffgen
 from stiffgen import open_robot
-from stiffgen.emit import build
+from stiffgen.core.emit import build
 from support.kept_objects import KeptObjects
 from support.project import URDF, Once
 

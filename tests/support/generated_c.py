@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from stiffgen.opened import joined_kernels
+from stiffgen.core.opened import joined_kernels
 
 
 def kernel_files(folder: Path, name: str) -> list[Path]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from stiffgen.symbolic.kernels import KERNELS, Kernel
+from stiffgen.core.symbolic.kernels import KERNELS, Kernel
 from support.project import ROOT
 
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Compile a C file once per session: robots of many tests, and copies of one, have the same files.
 
-Stands in for ``stiffgen.emit.build``'s way of running the compiler. An object or library is kept under a digest of its
-preprocessed source, the compiler and its flags. What fails to compile is compiled again by every test.
+Stands in for ``stiffgen.core.emit.build``'s way of running the compiler. An object or library is kept under a digest of
+its preprocessed source, the compiler and its flags. What fails to compile is compiled again by every test.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 
-from stiffgen.emit import build
+from stiffgen.core.emit import build
 
 _run = build._run
 

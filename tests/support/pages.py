@@ -23,7 +23,10 @@ from pathlib import Path
 from support.project import ROOT
 
 PAGES = (
-    *(ROOT / page for page in ("README.md", "CONTRIBUTING.md", "codegen/stiffgen/emit/README.md", "urdf/README.md")),
+    *(
+        ROOT / page
+        for page in ("README.md", "CONTRIBUTING.md", "codegen/stiffgen/core/emit/README.md", "urdf/README.md")
+    ),
     *sorted((ROOT / "docs").glob("*.md")),
 )
 _PARTS = re.compile(

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stiffgen.opened import GeneratedRobot
-from stiffgen.play.page import SCRIPTS, page_data
-from stiffgen.play.wasm import compile_wasm
-from stiffgen.symbolic.arguments import Argument
+from stiffgen.core.opened import GeneratedRobot
+from stiffgen.core.symbolic.arguments import Argument
+from stiffgen.lab.play.page import SCRIPTS, page_data
+from stiffgen.lab.play.wasm import compile_wasm
 from support.project import require_program
 
 Array = NDArray[np.float64]
@@ -40,7 +40,7 @@ class Scripts:
         functions = [*self.data["functions"], f"{robot.name}_self_check"]
         self._wasm = base64.b64encode(compile_wasm(robot.folder / f"{robot.name}.c", functions)).decode()
         for file in SCRIPTS:
-            with as_file(files("stiffgen.play") / "page" / file) as source:
+            with as_file(files("stiffgen.lab.play") / "page" / file) as source:
                 shutil.copyfile(source, folder / file)
         shutil.copyfile(Path(__file__).with_name("play.mjs"), folder / "play.mjs")
         (folder / "package.json").write_text('{"type": "module"}')

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.opened import functions_of
-from stiffgen.symbolic.kernels import chain_kernels
-from stiffgen.verify.result import BOUND, relative_error
+from stiffgen.core.opened import functions_of
+from stiffgen.core.symbolic.kernels import chain_kernels
+from stiffgen.core.verify.result import BOUND, relative_error
 
 ROOT = Path(__file__).resolve().parents[2]
 URDF = ROOT / "urdf" / "iiwa14.urdf"

@@ -19,11 +19,11 @@ from typing import Literal, NamedTuple
 import numpy as np
 from flint import arb, ctx
 
-from stiffgen.lower.rounding import ErrorBounds, NoBound, Ranges, argument_sizes, chain_reach
-from stiffgen.lower.scalar import DOUBLE, SCALARS, Scalar
-from stiffgen.robot.chain import Chain
-from stiffgen.symbolic.kernels import Kernel
-from stiffgen.verify.kernels.rounding import Stages
+from stiffgen.core.lower.rounding import ErrorBounds, NoBound, Ranges, argument_sizes, chain_reach
+from stiffgen.core.lower.scalar import DOUBLE, SCALARS, Scalar
+from stiffgen.core.robot.chain import Chain
+from stiffgen.core.symbolic.kernels import Kernel
+from stiffgen.core.verify.kernels.rounding import Stages
 from support.generated_c import kernel_text
 from support.graphs import BALLS
 

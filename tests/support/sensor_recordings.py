@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from stiffgen.calibrate.poses import StandingPoses
-from stiffgen.robot.geometry import FloatArray
+from stiffgen.core.robot.geometry import FloatArray
+from stiffgen.lab.calibrate.poses import StandingPoses
 
 RATE = 200.0
 """[Hz]"""

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from stiffgen import load_chain
-from stiffgen.robot.chain import Chain
+from stiffgen.core.robot.chain import Chain
 from support.exact_linkage import Linkage
 
 _INERTIAL = (

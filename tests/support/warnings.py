@@ -9,12 +9,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import stiffgen
-from stiffgen.emit.manifest import MANIFEST
-from stiffgen.emit.render import render
-from stiffgen.errors import ChainError
-from stiffgen.options import GenerationOptions
-from stiffgen.symbolic.potentials import KernelOptions
-from stiffgen.symbolic.springs import KINDS
+from stiffgen.core.emit.manifest import MANIFEST
+from stiffgen.core.emit.render import render
+from stiffgen.core.errors import ChainError
+from stiffgen.core.options import GenerationOptions
+from stiffgen.families.springs.potentials import KernelOptions
+from stiffgen.families.springs.springs import KINDS
 from support.c_program import STRICT
 from support.random_urdf import Plain, random_robot
 

@@ -15,9 +15,9 @@ import numpy.typing as npt
 import pytest
 
 import stiffgen
-from stiffgen.opened import GeneratedRobot, open_robot
-from stiffgen.verify.kernels.samples import argument_samples
-from stiffgen.verify.result import as_results
+from stiffgen.core.opened import GeneratedRobot, open_robot
+from stiffgen.core.verify.kernels.samples import argument_samples
+from stiffgen.core.verify.result import as_results
 from support.chains import chain_urdf
 from support.exact_tree import tree_urdf
 

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from stiffgen.errors import install_command
+from stiffgen.core.errors import install_command
 
 
 @pytest.mark.parametrize(

@@ -14,8 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import stiffgen
-from stiffgen.errors import StiffgenError
-from stiffgen.names import MAX_LENGTH, c_string, checked_identifier, comment, identifier
+from stiffgen.core.errors import StiffgenError
+from stiffgen.core.names import MAX_LENGTH, c_string, checked_identifier, comment, identifier
 from support.project import ROOT, URDF
 
 ANY_TEXT = st.text(st.characters(), max_size=200)  # with surrogates and control characters
@@ -114,7 +114,7 @@ def test_a_robot_named_robot_compiles(tmp_path):
 
 
 def test_dir_lists_public_names_alone() -> None:
-    """No module that the package or its user imported, such as ``sys`` or ``stiffgen.errors``."""
-    import stiffgen.robot.chain  # binds ``robot``
+    """No module that the package or its user imported, such as ``sys`` or ``stiffgen.core.errors``."""
+    import stiffgen.core.robot.chain
 
     assert set(dir(stiffgen)) - {"__doc__", "__file__", "__name__", "__path__"} == set(stiffgen.__all__)

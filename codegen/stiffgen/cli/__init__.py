@@ -24,20 +24,20 @@ import stiffgen
 from stiffgen.cli.completion import SHELLS, Completion
 from stiffgen.cli.parsing import CommandParser, Parser
 from stiffgen.cli.replaced import REPLACED_COMMANDS
-from stiffgen.errors import DescriptionWarning, StiffgenError, printable, terminal_text
+from stiffgen.core.errors import DescriptionWarning, StiffgenError, printable, terminal_text
 from stiffgen.rooms import is_there
 
 COMMANDS = {
     "generate": ("cli.generate", "generate C code and a Python module for a robot"),
-    "new": ("new.command", "write a project: a 1 kHz loop, a simulated robot, a test, a script"),
+    "new": ("lab.new.command", "write a project: a 1 kHz loop, a simulated robot, a test, a script"),
     "inspect": ("cli.inspect", "show joints, chains and problems of a robot's file; list the robots that can be named"),
     "verify": ("cli.verify", "verify a robot's compiled functions against independent references (7 joints: a minute)"),
-    "prove": ("prove.command", "prove contracts of a robot's C code for all inputs"),
+    "prove": ("lab.prove.command", "prove contracts of a robot's C code for all inputs"),
     "bench": ("cli.bench", "time a robot's compiled functions on this machine"),
-    "play": ("play.command", "write a robot's playground, a page for the browser, and open it"),
-    "passport": ("passport.command", "stiffness, force and damping that a robot's tip can render, as a page"),
-    "analyze": ("analyze.command", "joint stiffness along a recording, corrected and conventional"),
-    "calibrate": ("calibrate.command", "bias and payload of a force-torque sensor, from a recording"),
+    "play": ("lab.play.command", "write a robot's playground, a page for the browser, and open it"),
+    "passport": ("lab.passport.command", "stiffness, force and damping that a robot's tip can render, as a page"),
+    "analyze": ("lab.analyze.command", "joint stiffness along a recording, corrected and conventional"),
+    "calibrate": ("lab.calibrate.command", "bias and payload of a force-torque sensor, from a recording"),
 }
 """Commands with the module that adds their arguments, and their help; those of rooms taken out are not listed."""
 

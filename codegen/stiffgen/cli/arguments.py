@@ -7,8 +7,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from stiffgen.errors import StiffgenError, printable
-from stiffgen.robot.names import is_name
+from stiffgen.core.errors import StiffgenError, printable
+from stiffgen.files.names import is_name
 
 
 def natural(text: str) -> int:

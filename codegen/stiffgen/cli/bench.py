@@ -6,9 +6,9 @@ from __future__ import annotations
 import argparse
 import math
 
-from stiffgen.bench import bench
 from stiffgen.cli.console import Progress, messages, table, tables
 from stiffgen.cli.folders import add_folder_or_robot, chosen_folder
+from stiffgen.lab.bench import bench
 
 
 def add(command: argparse.ArgumentParser) -> None:

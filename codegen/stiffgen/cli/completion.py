@@ -7,7 +7,7 @@ import argparse
 from typing import Any
 
 from stiffgen.cli.parsing import CommandParser
-from stiffgen.errors import MissingExtraError, install_command
+from stiffgen.core.errors import MissingExtraError, install_command
 
 SHELLS = ("bash", "zsh", "tcsh", "fish")
 

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from stiffgen.errors import terminal_text
+from stiffgen.core.errors import terminal_text
 
 
 class TextConsole(Console):

@@ -7,8 +7,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from stiffgen.cache import folder_of
 from stiffgen.cli.console import Progress, messages
+from stiffgen.files.cache import folder_of
 
 
 def add_folder_or_robot(command: Any) -> None:

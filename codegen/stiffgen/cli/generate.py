@@ -9,12 +9,12 @@ from pathlib import Path
 from stiffgen.cli.arguments import add_robot, source_of
 from stiffgen.cli.console import Progress, messages, print_note
 from stiffgen.cli.records import add_options, group_of, values_of
-from stiffgen.emit.manifest import chain_from_manifest, read_manifest
-from stiffgen.errors import printable
-from stiffgen.generate import generate_folder
-from stiffgen.options import GenerationOptions
-from stiffgen.robot.plausibility import doubts
-from stiffgen.robot.survey import missing_limits
+from stiffgen.core.emit.manifest import chain_from_manifest, read_manifest
+from stiffgen.core.errors import printable
+from stiffgen.core.generate import generate_folder
+from stiffgen.core.options import GenerationOptions
+from stiffgen.files.plausibility import doubts
+from stiffgen.files.survey import missing_limits
 
 
 def add(command: argparse.ArgumentParser) -> None:

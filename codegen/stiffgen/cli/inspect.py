@@ -14,13 +14,13 @@ from stiffgen.cli.arguments import add_robot, source_of
 from stiffgen.cli.console import print_table, table, tables
 from stiffgen.cli.records import add_options, group_of, values_of
 from stiffgen.cli.robots import LISTS, list_robots
-from stiffgen.errors import DescriptionError, StiffgenError, listed, printable, terminal_text
-from stiffgen.loading import chain_between, describe
-from stiffgen.robot.chain import ChainOptions
-from stiffgen.robot.couplings import Couplings
-from stiffgen.robot.description import Description, JointElement, Reading
-from stiffgen.robot.plausibility import doubts
-from stiffgen.robot.survey import TipSurvey, missing_limits, narrowed_limits, survey_tip
+from stiffgen.core.errors import DescriptionError, StiffgenError, listed, printable, terminal_text
+from stiffgen.core.loading import chain_between, describe
+from stiffgen.core.robot.chain import ChainOptions
+from stiffgen.core.robot.couplings import Couplings
+from stiffgen.core.robot.description import Description, JointElement, Reading
+from stiffgen.files.plausibility import doubts
+from stiffgen.files.survey import TipSurvey, missing_limits, narrowed_limits, survey_tip
 
 _MOST_TIPS, _MOST_DOUBTED, _LONGEST = 100, 3, 200
 """Largest number of tips that ``inspect`` shows; humanoids with hands have some 40."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import os
 
-from stiffgen.errors import StiffgenError
+from stiffgen.core.errors import StiffgenError
 
 try:
     import resource

@@ -9,10 +9,10 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, Field, fields
 from typing import Any
 
-from stiffgen.described import Help, flag_of, help_of
-from stiffgen.errors import StiffgenError, printable
-from stiffgen.loading import read_potential
-from stiffgen.robot.chain import Sensor, Tool
+from stiffgen.core.described import Help, flag_of, help_of
+from stiffgen.core.errors import StiffgenError, printable
+from stiffgen.core.loading import read_potential
+from stiffgen.core.robot.chain import Sensor, Tool
 
 GROUPS = {
     "robot": "how the file is read, and what of it moves",
@@ -44,7 +44,7 @@ def add_options(command: argparse.ArgumentParser, record: type[Any], *names: str
 
 
 def add_option(command: argparse._ActionsContainer, option: Field[Any], **more: Any) -> None:
-    """Add the option of a field of a record (:func:`stiffgen.described.help_of`); ``more`` goes to argparse."""
+    """Add the option of a field of a record (:func:`stiffgen.core.described.help_of`); ``more`` goes to argparse."""
     described, flag = help_of(option), flag_of(option)
     if option.default is True:
         command.add_argument(f"--no-{flag[2:]}", dest=option.name, action="store_false", help=described.negative)

@@ -5,10 +5,10 @@ from __future__ import annotations
 
 from rich.markup import escape
 
-from stiffgen.cache import cache_folder, clear, entries
 from stiffgen.cli.console import table, tables
-from stiffgen.errors import StiffgenError, printable, terminal_text
-from stiffgen.robot.names import known_robots
+from stiffgen.core.errors import StiffgenError, printable, terminal_text
+from stiffgen.files.cache import cache_folder, clear, entries
+from stiffgen.files.names import known_robots
 
 LISTS = ("known", "cached", "clear")
 """Robots that can be named, those that ``stiffgen.load()`` has generated, and their removal."""

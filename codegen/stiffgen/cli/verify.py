@@ -13,12 +13,12 @@ from rich.table import Table
 from stiffgen.cli.arguments import natural, positive
 from stiffgen.cli.console import Progress, messages, table, tables
 from stiffgen.cli.folders import add_folder_or_robot, chosen_folder
-from stiffgen.emit.manifest import MANIFEST
-from stiffgen.errors import StiffgenError, listed
-from stiffgen.opened import open_robot
+from stiffgen.core.emit.manifest import MANIFEST
+from stiffgen.core.errors import StiffgenError, listed
+from stiffgen.core.opened import open_robot
+from stiffgen.core.verify.result import Check
+from stiffgen.core.verify.verify import default_count, verify
 from stiffgen.rooms import optional
-from stiffgen.verify.result import Check
-from stiffgen.verify.verify import default_count, verify
 
 
 def add(command: argparse.ArgumentParser) -> None:
@@ -42,7 +42,7 @@ def add(command: argparse.ArgumentParser) -> None:
         "--trust-potentials", action="store_true", help="run the source of potentials in manifest.json [ask]"
     )
     command.set_defaults(run=run, report=None)
-    if optional("prove.safety_page") is not None:
+    if optional("lab.prove.safety_page") is not None:
         command.add_argument("--report", type=Path, metavar="FILE.html", help="write the evidence as one page")
         command.add_argument(
             "--evidence",
@@ -62,7 +62,7 @@ def _count_and_seed(text: str) -> tuple[int | None, int]:
 
 def run(options: argparse.Namespace) -> int:
     """Verify a robot; return 1 if a comparison fails."""
-    page = optional("prove.safety_page")  # None if the room has been taken out, with its options
+    page = optional("lab.prove.safety_page")  # None if the room has been taken out, with its options
     if page is not None and options.report is None and options.evidence:
         raise StiffgenError("--evidence fills the page; add --report FILE.html")
     folder = chosen_folder(options)

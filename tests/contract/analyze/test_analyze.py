@@ -18,20 +18,20 @@ import pyarrow as pa
 import pytest
 
 import stiffgen
-from stiffgen.analyze import analysis, recording
-from stiffgen.analyze import measures as ms
-from stiffgen.analyze.analysis import _tip, checked_stiffness
-from stiffgen.analyze.measures import stiffness_unit
-from stiffgen.analyze.options import AnalysisOptions
-from stiffgen.analyze.recording import RecordingRequest, csv_file, open_recording, parquet_file
-from stiffgen.analyze.task import Task
 from stiffgen.cli import main, parser
-from stiffgen.described import help_of
-from stiffgen.errors import MissingExtraError, RecordingError, install_command
-from stiffgen.symbolic.arguments import Q
-from stiffgen.symbolic.connection import REPRESENTATIONS
-from stiffgen.verify.kernels.poses import gamma_F
-from stiffgen.verify.kernels.references import WRENCH, References
+from stiffgen.core.described import help_of
+from stiffgen.core.errors import MissingExtraError, RecordingError, install_command
+from stiffgen.core.symbolic.arguments import Q
+from stiffgen.core.symbolic.connection import REPRESENTATIONS
+from stiffgen.core.verify.kernels.poses import gamma_F
+from stiffgen.core.verify.kernels.references import WRENCH, References
+from stiffgen.lab.analyze import analysis, recording
+from stiffgen.lab.analyze import measures as ms
+from stiffgen.lab.analyze.analysis import _tip, checked_stiffness
+from stiffgen.lab.analyze.measures import stiffness_unit
+from stiffgen.lab.analyze.options import AnalysisOptions
+from stiffgen.lab.analyze.recording import RecordingRequest, csv_file, open_recording, parquet_file
+from stiffgen.lab.analyze.task import Task
 from support import recordings
 from support.analysis import JOINTS, ROWS, K, bad_csv, command, measured, run
 from support.project import ROOT

@@ -9,9 +9,9 @@ import zipfile
 import numpy as np
 import pytest
 
-from stiffgen.analyze.recording import RecordingRequest, csv_file, open_recording
 from stiffgen.cli import main
-from stiffgen.errors import RecordingError
+from stiffgen.core.errors import RecordingError
+from stiffgen.lab.analyze.recording import RecordingRequest, csv_file, open_recording
 from support import damaged_recordings, recordings
 
 

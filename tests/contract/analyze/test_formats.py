@@ -11,8 +11,8 @@ import pyarrow as pa
 import pytest
 
 import stiffgen
-from stiffgen.analyze.recording import csv_file, parquet_file
-from stiffgen.analyze.report import late_rows
+from stiffgen.lab.analyze.recording import csv_file, parquet_file
+from stiffgen.lab.analyze.report import late_rows
 from support import recordings
 from support.analysis import BAD, JOINTS, ROWS, K, assert_same, bad_csv, command, measured, run
 
@@ -176,7 +176,7 @@ def test_mcap_of_several_topics(here, robot_folder):
 
 def test_mcap_takes_the_nearest_wrench():
     """Against a search over all wrenches, with irregular stamps and late messages."""
-    from stiffgen.analyze.recording.mcap_file import _matched
+    from stiffgen.lab.analyze.recording.mcap_file import _matched
 
     random = np.random.default_rng(3)
     wrenches = np.cumsum(random.integers(1, 30, 400)) * 1_000_000

@@ -8,7 +8,7 @@ import pyarrow as pa
 import pytest
 
 import stiffgen
-from stiffgen.errors import StiffgenError
+from stiffgen.core.errors import StiffgenError
 from support import recordings
 from support.analysis import JOINTS, ROWS, K, command, run
 

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.opened import open_robot
-from stiffgen.symbolic.model import matrix_shape
-from stiffgen.verify.kernels.samples import argument_samples
+from stiffgen.core.opened import open_robot
+from stiffgen.core.symbolic.model import matrix_shape
+from stiffgen.core.verify.kernels.samples import argument_samples
 from support.c_program import STRICT
 from support.project import require_compiler, require_program
 from support.wrappers import floating_robot, small_robot, wrapper

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.controller.page import has_controller
-from stiffgen.symbolic.kernels import chain_kernels
-from stiffgen.symbolic.potentials import KernelOptions
-from stiffgen.verify.kernels.samples import Samples
+from stiffgen.control.page import has_controller
+from stiffgen.core.symbolic.kernels import chain_kernels
+from stiffgen.core.verify.kernels.samples import Samples
+from stiffgen.families.springs.potentials import KernelOptions
 from support.c_program import STRICT
 from support.project import ROOT, URDF, require_compiler
 

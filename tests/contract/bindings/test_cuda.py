@@ -15,16 +15,16 @@ import pytest
 
 import stiffgen
 from stiffgen.cli import main
-from stiffgen.emit.render import render
-from stiffgen.options import GenerationOptions
-from stiffgen.symbolic.arguments import Q
-from stiffgen.symbolic.connection import REPRESENTATIONS
-from stiffgen.symbolic.families.joint_potentials import JOINT_POTENTIALS
-from stiffgen.symbolic.kernels import MAX_BATCH_JOINTS, chain_kernels
-from stiffgen.symbolic.model import casadi_function, folded
-from stiffgen.verify.kernels.references import TASK_STIFFNESS, WRENCH
-from stiffgen.verify.kernels.samples import Samples, argument_samples
-from stiffgen.verify.result import as_results, relative_error
+from stiffgen.core.emit.render import render
+from stiffgen.core.options import GenerationOptions
+from stiffgen.core.symbolic.arguments import Q
+from stiffgen.core.symbolic.connection import REPRESENTATIONS
+from stiffgen.core.symbolic.kernels import MAX_BATCH_JOINTS, chain_kernels
+from stiffgen.core.symbolic.model import casadi_function, folded
+from stiffgen.core.verify.kernels.references import TASK_STIFFNESS, WRENCH
+from stiffgen.core.verify.kernels.samples import Samples, argument_samples
+from stiffgen.core.verify.result import as_results, relative_error
+from stiffgen.families.joints.kernels import JOINT_POTENTIALS
 from support.c_program import STRICT
 from support.chains import chain_urdf
 from support.cuda_host import NOTHING, HostCuda

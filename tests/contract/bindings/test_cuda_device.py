@@ -8,7 +8,7 @@ import re
 import pytest
 
 import stiffgen
-from stiffgen.options import GenerationOptions
+from stiffgen.core.options import GenerationOptions
 from support.chains import chain_urdf
 from support.cuda_device import DeviceCheck
 from support.project import require_compiler

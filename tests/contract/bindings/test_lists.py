@@ -11,11 +11,11 @@ import casadi as ca
 import pytest
 
 from stiffgen import StiffnessModel
-from stiffgen.emit.registry import BACKENDS
-from stiffgen.emit.render import render
-from stiffgen.options import GenerationOptions
-from stiffgen.symbolic.kernels import chain_kernels
-from stiffgen.symbolic.potentials import KernelOptions
+from stiffgen.core.emit.registry import BACKENDS
+from stiffgen.core.emit.render import render
+from stiffgen.core.options import GenerationOptions
+from stiffgen.core.symbolic.kernels import chain_kernels
+from stiffgen.families.springs.potentials import KernelOptions
 from support.small_robots import LINKAGES, TREES
 
 SPRINGS = KernelOptions(derivatives=True)

@@ -16,12 +16,12 @@ import dask.array as da
 import numpy as np
 import pytest
 
-from stiffgen.symbolic.arguments import Q
-from stiffgen.symbolic.connection import REPRESENTATIONS
-from stiffgen.symbolic.kernels import KERNELS
-from stiffgen.verify.kernels.references import TASK_STIFFNESS, WRENCH
-from stiffgen.verify.kernels.samples import Samples
-from stiffgen.verify.result import as_results, relative_error
+from stiffgen.core.symbolic.arguments import Q
+from stiffgen.core.symbolic.connection import REPRESENTATIONS
+from stiffgen.core.symbolic.kernels import KERNELS
+from stiffgen.core.verify.kernels.references import TASK_STIFFNESS, WRENCH
+from stiffgen.core.verify.kernels.samples import Samples
+from stiffgen.core.verify.result import as_results, relative_error
 from support.project import kernels_of
 
 

@@ -9,8 +9,8 @@ import subprocess
 import pytest
 
 import stiffgen
-from stiffgen.symbolic.kernels import KERNELS
-from stiffgen.verify.kernels.samples import Samples
+from stiffgen.core.symbolic.kernels import KERNELS
+from stiffgen.core.verify.kernels.samples import Samples
 from support.c_program import STRICT, run_kernels
 from support.chains import chain_urdf
 from support.project import ROOT, compilers, require_compiler

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.emit.render import render
-from stiffgen.opened import open_robot
-from stiffgen.options import GenerationOptions
-from stiffgen.symbolic.model import casadi_function, folded
-from stiffgen.symbolic.potentials import KernelOptions
-from stiffgen.verify.kernels.samples import argument_samples
-from stiffgen.verify.result import BOUND, as_results, relative_error
-from stiffgen.verify.verify import verify
+from stiffgen.core.emit.render import render
+from stiffgen.core.opened import open_robot
+from stiffgen.core.options import GenerationOptions
+from stiffgen.core.symbolic.model import casadi_function, folded
+from stiffgen.core.verify.kernels.samples import argument_samples
+from stiffgen.core.verify.result import BOUND, as_results, relative_error
+from stiffgen.core.verify.verify import verify
+from stiffgen.families.springs.potentials import KernelOptions
 from support.chains import chain_urdf
 from support.cuda_host import HostCuda
 from support.exact_tree import tree_urdf

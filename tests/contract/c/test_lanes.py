@@ -8,7 +8,7 @@ import pytest
 
 import stiffgen
 from stiffgen import open_robot
-from stiffgen.verify.verify import verify
+from stiffgen.core.verify.verify import verify
 from support.chains import chain_urdf
 
 FLAGS = {

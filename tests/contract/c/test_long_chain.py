@@ -11,9 +11,9 @@ import pytest
 import stiffgen
 from benchmarks.generation import long_chain
 from stiffgen import open_robot
-from stiffgen.symbolic.kernels import chain_kernels
-from stiffgen.verify.kernels.formulas import check_against_casadi
-from stiffgen.verify.kernels.samples import argument_samples
+from stiffgen.core.symbolic.kernels import chain_kernels
+from stiffgen.core.verify.kernels.formulas import check_against_casadi
+from stiffgen.core.verify.kernels.samples import argument_samples
 from support.c_program import STRICT
 from support.project import kernels_of
 

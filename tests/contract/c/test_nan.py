@@ -9,11 +9,11 @@ import pytest
 
 import stiffgen
 from stiffgen import open_robot
-from stiffgen.symbolic.kernels import KERNELS
-from stiffgen.symbolic.model import casadi_function
-from stiffgen.verify.kernels.not_finite import STACK, check_not_finite
-from stiffgen.verify.kernels.samples import Samples, argument_samples
-from stiffgen.verify.result import as_results
+from stiffgen.core.symbolic.kernels import KERNELS
+from stiffgen.core.symbolic.model import casadi_function
+from stiffgen.core.verify.kernels.not_finite import STACK, check_not_finite
+from stiffgen.core.verify.kernels.samples import Samples, argument_samples
+from stiffgen.core.verify.result import as_results
 from support.chains import chain_urdf, replaced
 from support.project import kernels_of
 

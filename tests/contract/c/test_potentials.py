@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from stiffgen.cli import main
-from stiffgen.verify.verify import verify
+from stiffgen.core.verify.verify import verify
 from support.c_program import STRICT
 
 POTENTIALS = """

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from stiffgen import open_robot
-from stiffgen.emit.build import kernel_sources
-from stiffgen.prove.harness import widths
+from stiffgen.core.emit.build import kernel_sources
+from stiffgen.lab.prove.harness import widths
 from support.project import require_compiler
 from support.warnings import sources_of_varied_robot
 

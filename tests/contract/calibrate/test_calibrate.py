@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.analyze.measures import MEASURES, measured
-from stiffgen.analyze.task import SensorTask, Task
-from stiffgen.calibrate.estimate import estimate
 from stiffgen.cli import main
-from stiffgen.errors import RecordingError
+from stiffgen.core.errors import RecordingError
+from stiffgen.lab.analyze.measures import MEASURES, measured
+from stiffgen.lab.analyze.task import SensorTask, Task
+from stiffgen.lab.calibrate.estimate import estimate
 from support.project import URDF
 from support.sensor_recordings import PAYLOAD, SimulatedSensor, held
 

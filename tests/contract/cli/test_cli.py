@@ -22,10 +22,10 @@ import stiffgen
 from stiffgen import open_robot
 from stiffgen.cli import COMMANDS, main
 from stiffgen.cli.parsing import CommandParser
-from stiffgen.robot.chain import ChainOptions
+from stiffgen.core.robot.chain import ChainOptions
+from stiffgen.core.symbolic.kernels import KERNELS
+from stiffgen.core.verify.result import Check
 from stiffgen.rooms import is_there
-from stiffgen.symbolic.kernels import KERNELS
-from stiffgen.verify.result import Check
 from support.folders import restamp
 from support.project import ROOT, URDF
 
@@ -133,7 +133,7 @@ def test_verify_fails_on_a_wrong_kernel(capsys, robot_folder, tmp_path):
     (folder / "iiwa14.c").write_text(source[:at] + right.replace("+", "-") + source[at + len(right) :])
     for built in folder.rglob("*.so"):
         built.unlink()
-    from stiffgen.emit.build import build_module
+    from stiffgen.core.emit.build import build_module
 
     build_module(folder, "iiwa14")
     restamp(folder)
@@ -152,8 +152,8 @@ def test_verify_fails_on_a_wrong_kernel(capsys, robot_folder, tmp_path):
 @pytest.mark.slow
 def test_bench(capsys, robot_folder, monkeypatch):
     """With fewer rounds and a fast compilation: what the figures are is not looked at."""
-    monkeypatch.setattr("stiffgen.bench._ROUNDS", 3)
-    monkeypatch.setattr("stiffgen.bench._FLAGS", (("-O1",),))
+    monkeypatch.setattr("stiffgen.lab.bench._ROUNDS", 3)
+    monkeypatch.setattr("stiffgen.lab.bench._FLAGS", (("-O1",),))
     code, out, err = run(capsys, "bench", robot_folder)
     assert code == 0
     rows = [line for line in out.splitlines() if "joint_stiffness " in line]

@@ -11,7 +11,7 @@ import pytest
 
 from stiffgen.cli import COMMANDS, main
 from stiffgen.cli.completion import SHELLS
-from stiffgen.errors import install_command
+from stiffgen.core.errors import install_command
 from support.project import require_program
 
 COMPLETE = """

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stiffgen.analyze.options import AnalysisOptions
 from stiffgen.cli import COMMANDS, main
-from stiffgen.errors import StiffgenError
-from stiffgen.verify.result import Check
+from stiffgen.core.errors import StiffgenError
+from stiffgen.core.verify.result import Check
+from stiffgen.lab.analyze.options import AnalysisOptions
 from support.project import ROOT
 
 TIME = r"\d+ (seconds|minutes)|a minute"
@@ -76,7 +76,7 @@ def test_arguments_of_analyze_in_any_order(parts: tuple[list[str], ...], monkeyp
         seen.append(options)
         raise StiffgenError("enough")
 
-    monkeypatch.setattr(importlib.import_module("stiffgen.analyze.command"), "run_analysis", run_analysis)
+    monkeypatch.setattr(importlib.import_module("stiffgen.lab.analyze.command"), "run_analysis", run_analysis)
     assert main(["analyze", *(word for part in parts for word in part)]) == 2
     (options,) = seen
     assert (str(options.log), str(options.robot), options.figures) == ("log.csv", "generated/arm", False)

@@ -11,9 +11,9 @@ import pytest
 
 import stiffgen.cli.bench
 import stiffgen.cli.verify
-from stiffgen.cache import cache_folder, folder_of
 from stiffgen.cli import main
-from stiffgen.verify.result import Check
+from stiffgen.core.verify.result import Check
+from stiffgen.files.cache import cache_folder, folder_of
 from support.chains import chain_urdf
 from support.project import ROOT
 

@@ -24,8 +24,8 @@ def loaded(code: str) -> set[str]:
     ("code", "needed"),
     [
         ("import stiffgen, stiffgen.cli; stiffgen.cli.main([])", set()),
-        ("import stiffgen.generate, stiffgen.options", {"numpy", "casadi", "mpmath", "lxml", "jinja2"}),
-        ("import stiffgen.verify.verify", {"numpy", "casadi", "mpmath", "lxml", "jinja2"}),
+        ("import stiffgen.core.generate, stiffgen.core.options", {"numpy", "casadi", "mpmath", "lxml", "jinja2"}),
+        ("import stiffgen.core.verify.verify", {"numpy", "casadi", "mpmath", "lxml", "jinja2"}),
     ],
 )
 def test_what_an_import_loads(code: str, needed: set[str]) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import stiffgen
-from stiffgen.symbolic.potentials import KernelOptions
+from stiffgen.families.springs.potentials import KernelOptions
 from support.project import URDF, Once
 
 

@@ -90,8 +90,8 @@ def test_a_kernel_with_a_new_argument_is_verified_to_the_end(tmp_path: Path) -> 
     """
     section = changed_package("Add a kernel", tmp_path)
     files = {block.what.split()[0] for block in section if block.marker == "edit"}
-    assert len(files) <= 2 and "codegen/stiffgen/verify/kernels/oracles.py" in files
-    program, oracles = tmp_path / "stiffgen/symbolic/families/pose.py", tmp_path / "stiffgen/verify/kernels/oracles.py"
+    assert len(files) <= 2 and "codegen/stiffgen/core/verify/kernels/oracles.py" in files
+    program, oracles = tmp_path / "stiffgen/core/symbolic/pose.py", tmp_path / "stiffgen/core/verify/kernels/oracles.py"
 
     def verified() -> tuple[int, str]:
         chosen = ["--kernels", "load_energy", "--no-controller", "--output", str(tmp_path / "out")]

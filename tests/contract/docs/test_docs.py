@@ -18,7 +18,7 @@ import pytest
 import stiffgen
 from campaigns.__main__ import CAMPAIGNS
 from stiffgen.cli import main, parser
-from stiffgen.symbolic.kernels import chain_kernels
+from stiffgen.core.symbolic.kernels import chain_kernels
 from support.chains import chain_urdf
 from support.pages import PAGES, Block, blocks, commands
 from support.project import ROOT, files_of_tests, require_compiler, require_program

@@ -8,11 +8,11 @@ import subprocess
 
 import numpy as np
 
-from stiffgen.emit.backend import Backend, Request
-from stiffgen.emit.c.backend import C
-from stiffgen.emit.pages import shared_functions
-from stiffgen.emit.render import print_files
-from stiffgen.lower.variant import Variant
+from stiffgen.core.emit.backend import Backend, Request
+from stiffgen.core.emit.c.backend import C
+from stiffgen.core.emit.pages import shared_functions
+from stiffgen.core.emit.render import print_files
+from stiffgen.core.lower.variant import Variant
 from support.project import assert_close, require_compiler
 
 PLAIN = Variant()

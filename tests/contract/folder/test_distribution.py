@@ -63,7 +63,7 @@ def test_the_wheel_has_the_whole_package_and_nothing_else(built: Path) -> None:
         inside = {name for name in archive.namelist() if ".dist-info/" not in name}
         sources = {name.removeprefix("codegen/"): name for name in tracked("codegen/stiffgen")}
         package = tracked("ros2/stiffgen_ros2")  # a template of 'stiffgen new'
-        sources |= {name.replace("ros2/stiffgen_ros2", "stiffgen/new/ros2"): name for name in package}
+        sources |= {name.replace("ros2/stiffgen_ros2", "stiffgen/lab/new/ros2"): name for name in package}
         assert inside == set(sources)
         assert "stiffgen/py.typed" in inside  # else a user's type checker takes every result for Any
         for name in inside:

@@ -14,15 +14,15 @@ from pathlib import Path
 import pytest
 
 import stiffgen
-from stiffgen import folder
-from stiffgen.errors import BuildError, OutputError
-from stiffgen.folder import swapped_in, temporary_folder, write_atomically
+from stiffgen.core import folder
+from stiffgen.core.errors import BuildError, OutputError
+from stiffgen.core.folder import swapped_in, temporary_folder, write_atomically
 from support.project import URDF
 
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from stiffgen.folder import swapped_in, temporary_folder, write_atomically
+from stiffgen.core.folder import swapped_in, temporary_folder, write_atomically
 with swapped_in(Path("out/arm")) as staging, temporary_folder("build") as build:
     (staging / "a").write_text("half")
     (build / "b").write_text("half")

@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen import cache
 from stiffgen.cli import main
+from stiffgen.files import cache
 from support.project import ROOT, URDF
 
 SMALL = {"kernels": "hybrid.jacobian", "controller": False, "batches": False, "masses": False}

@@ -10,7 +10,7 @@ import pytest
 import stiffgen
 from stiffgen import open_robot
 from stiffgen.cli import main
-from stiffgen.errors import OutputError
+from stiffgen.core.errors import OutputError
 from support.project import URDF
 
 HUGE = int("1" + 400 * "0")

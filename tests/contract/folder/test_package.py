@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.emit.render import render
+from stiffgen.core.emit.render import render
 from support.project import URDF
 
 

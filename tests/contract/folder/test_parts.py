@@ -11,10 +11,10 @@ import pytest
 
 import stiffgen
 from stiffgen.cli import main
-from stiffgen.controller.page import called_kernels
-from stiffgen.errors import ChainError, OutputError
-from stiffgen.symbolic.kernels import chain_kernels
-from stiffgen.verify.verify import verify
+from stiffgen.control.page import called_kernels
+from stiffgen.core.errors import ChainError, OutputError
+from stiffgen.core.symbolic.kernels import chain_kernels
+from stiffgen.core.verify.verify import verify
 from support.c_program import STRICT
 from support.chains import chain_urdf
 from support.exact_linkage import random_linkage

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 import stiffgen
-from stiffgen.emit import backend
-from stiffgen.emit.render import render
+from stiffgen.core.emit import backend
+from stiffgen.core.emit.render import render
 from support.project import URDF
 
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror", "-O0")

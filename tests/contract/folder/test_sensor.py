@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.calibrate.calibration import Calibration
 from stiffgen.cli import main
-from stiffgen.verify.folder.files import check_urdf
+from stiffgen.core.verify.folder.files import check_urdf
+from stiffgen.lab.calibrate.calibration import Calibration
 from support.c_program import STRICT
 from support.chains import chain_urdf
 

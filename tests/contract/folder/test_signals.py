@@ -13,9 +13,9 @@ from typing import Any
 
 import pytest
 
-from stiffgen.emit.build import _run
-from stiffgen.folder import swapped_in, temporary_folder, write_atomically
-from stiffgen.prove import tools
+from stiffgen.core.emit.build import _run
+from stiffgen.core.folder import swapped_in, temporary_folder, write_atomically
+from stiffgen.lab.prove import tools
 
 
 class Ended(BaseException):

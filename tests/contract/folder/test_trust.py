@@ -11,8 +11,8 @@ import pytest
 
 import stiffgen
 from stiffgen.cli import main
-from stiffgen.errors import PotentialError
-from stiffgen.symbolic.model import casadi_function
+from stiffgen.core.errors import PotentialError
+from stiffgen.core.symbolic.model import casadi_function
 from support.chains import chain_urdf
 
 BOWL = """import casadi as ca

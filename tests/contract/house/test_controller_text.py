@@ -7,8 +7,8 @@ import re
 
 import pytest
 
-from stiffgen.controller.memory_fields import MEMORY
-from stiffgen.controller.status_words import REASONS, STATUS
+from stiffgen.control.memory_fields import MEMORY
+from stiffgen.control.status_words import REASONS, STATUS
 from support.project import ROOT
 
 LIBRARY = sorted((ROOT / "codegen" / "stiffgen" / "controller" / "library").glob("*.c"))

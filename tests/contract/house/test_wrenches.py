@@ -15,15 +15,15 @@ OWN = {
     "examples/experiments": r"\blstsq\b|mj_object",
     "examples/bowl_wiping": r"\blstsq\b|linalg\.(solve|inv|pinv)\b|mj_object",
     "examples/parkour": r"\blstsq\b|linalg\.(inv|pinv)\b|mj_object",
-    "codegen/stiffgen/analyze": r"\blstsq\b|linalg\.(solve|inv|pinv)\b|\bcross\(",
+    "codegen/stiffgen/lab/analyze": r"\blstsq\b|linalg\.(solve|inv|pinv)\b|\bcross\(",
 }
 """Words of an estimate or a shift of one's own, by folder. robot.h.in passes the Jacobian to NAME_external_wrench."""
 CALLS = {
     "fri/client/robot.h.in": ("_sensor_tip_wrench(", "_external_wrench("),
     "fri/client/wrench.cpp": ("robot::tip_wrench(", "robot::external_wrench("),
     "examples/experiments/plant.py": ("sensor.tip_wrench_dynamic(",),
-    "codegen/stiffgen/analyze/task.py": ("sensor.tip_wrench(",),
-    "codegen/stiffgen/calibrate/check.py": ("sensor.tip_wrench(",),
+    "codegen/stiffgen/lab/analyze/task.py": ("sensor.tip_wrench(",),
+    "codegen/stiffgen/lab/calibrate/check.py": ("sensor.tip_wrench(",),
 }
 
 

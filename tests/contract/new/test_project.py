@@ -18,13 +18,13 @@ import numpy as np
 import pytest
 
 from stiffgen.cli import main
-from stiffgen.errors import StiffgenError
-from stiffgen.loading import describe
-from stiffgen.new.project import FILES, new_project
-from stiffgen.new.questions import Answers, decide
-from stiffgen.robot.chain import Tool
-from stiffgen.robot.description import Reading
-from stiffgen.robot.reader import read_description
+from stiffgen.core.errors import StiffgenError
+from stiffgen.core.loading import describe
+from stiffgen.core.robot.chain import Tool
+from stiffgen.core.robot.description import Reading
+from stiffgen.core.robot.reader import read_description
+from stiffgen.lab.new.project import FILES, new_project
+from stiffgen.lab.new.questions import Answers, decide
 from support.c_program import STRICT
 from support.chains import ARM, INERTIAL, chain_urdf, replaced
 from support.project import ROOT, URDF, require_program

@@ -13,12 +13,12 @@ import pytest
 
 import stiffgen
 from stiffgen.cli import main
-from stiffgen.errors import RecordingError, StiffgenError, install_command
-from stiffgen.passport.loop import LoopTiming
-from stiffgen.passport.page import render_page, warnings
-from stiffgen.passport.passport import PassportOptions, make_passport
-from stiffgen.passport.postures import recorded_postures, spread_postures
-from stiffgen.robot.presets import motor_tables
+from stiffgen.control.presets import motor_tables
+from stiffgen.core.errors import RecordingError, StiffgenError, install_command
+from stiffgen.lab.passport.loop import LoopTiming
+from stiffgen.lab.passport.page import render_page, warnings
+from stiffgen.lab.passport.passport import PassportOptions, make_passport
+from stiffgen.lab.passport.postures import recorded_postures, spread_postures
 from support.project import URDF
 
 GAINS = ("--kp", "400,400,300,250,150,100,80", "--kc", "9000")

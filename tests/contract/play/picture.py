@@ -12,7 +12,7 @@ import tempfile
 from pathlib import Path
 
 from contract.play.browser import Page, chromium
-from stiffgen.play.page import write_page
+from stiffgen.lab.play.page import write_page
 from support.project import ROOT
 
 SIZE = (1200, 980)

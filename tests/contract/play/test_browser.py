@@ -14,7 +14,7 @@ import pytest
 import stiffgen
 from contract.play.browser import Page, chromium, require_chromium
 from stiffgen import open_robot
-from stiffgen.play.page import write_page
+from stiffgen.lab.play.page import write_page
 from support.chains import chain_urdf
 from support.playground import require_wasm
 from support.project import ROOT, assert_close

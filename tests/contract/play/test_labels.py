@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from stiffgen.play.page import SCRIPTS
+from stiffgen.lab.play.page import SCRIPTS
 from support.project import require_program
 
 SCRIPT = (
@@ -34,7 +34,7 @@ SCRIPT = (
 )
 def test_what_names_share_is_left_out(names: list[str], shown: list[str], tmp_path: Path) -> None:
     for file in SCRIPTS:
-        with as_file(files("stiffgen.play") / "page" / file) as source:
+        with as_file(files("stiffgen.lab.play") / "page" / file) as source:
             shutil.copyfile(source, tmp_path / file)
     (tmp_path / "package.json").write_text('{"type": "module"}')
     (tmp_path / "labels.js").write_text(SCRIPT)

@@ -19,7 +19,7 @@ import pytest
 import stiffgen
 from stiffgen import open_robot
 from stiffgen.cli import main
-from stiffgen.play import page
+from stiffgen.lab.play import page
 from support.chains import chain_urdf
 from support.playground import Scripts, random_value, require_wasm
 from support.project import ROOT, assert_close, require_program
@@ -314,7 +314,7 @@ def test_wheel_holds_the_page(tmp_path: Path) -> None:
     (wheel,) = tmp_path.glob("*.whl")
     with zipfile.ZipFile(wheel) as archive:
         names = set(archive.namelist())
-    assert {f"stiffgen/play/page/{file}" for file in (*page.SCRIPTS, "page.html", "style.css")} <= names
+    assert {f"stiffgen/lab/play/page/{file}" for file in (*page.SCRIPTS, "page.html", "style.css")} <= names
 
 
 def test_functions_are_those_of_every_tip(scripts: Scripts) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from contract.play.browser import Page, chromium, require_chromium
 from contract.play.picture import take
-from stiffgen.play.page import write_page
+from stiffgen.lab.play.page import write_page
 from support.pictures import pixels, share_of_pixels
 from support.playground import require_wasm
 from support.project import ROOT

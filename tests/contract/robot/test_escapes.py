@@ -13,8 +13,8 @@ import pytest
 
 import stiffgen
 from stiffgen.cli import main
-from stiffgen.errors import StiffgenError
-from stiffgen.loading import describe
+from stiffgen.core.errors import StiffgenError
+from stiffgen.core.loading import describe
 
 XACRO = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
 ARM = """<link name="base"/><link name="{}"/><joint name="j" type="revolute"><parent link="base"/><child link="{}"/>
@@ -194,7 +194,7 @@ HARM = {
 def test_the_process_may_do_no_harm(tmp_path, harm):
     """The second wall: had an expression found a way out, Python itself would refuse."""
     (tmp_path / "kept").touch()
-    text = f"import os, subprocess, socket\nfrom stiffgen.robot.limits import forbid_harm\nforbid_harm()\n{HARM[harm]}"
+    text = f"import os, subprocess, socket\nfrom stiffgen.files.limits import forbid_harm\nforbid_harm()\n{HARM[harm]}"
     (tmp_path / "harm.py").write_text(text)
     done = subprocess.run([sys.executable, "harm.py"], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode != 0 and ("is not allowed here" in done.stderr or "File too large" in done.stderr), done

@@ -13,11 +13,11 @@ from pathlib import Path
 
 import pytest
 
-from stiffgen.errors import DescriptionError, StiffgenError
-from stiffgen.loading import chain_between
-from stiffgen.robot.chain import ChainOptions
-from stiffgen.robot.checker import MAX_JOINTS
-from stiffgen.robot.reader import MAX_BYTES, read_description
+from stiffgen.core.errors import DescriptionError, StiffgenError
+from stiffgen.core.loading import chain_between
+from stiffgen.core.robot.chain import ChainOptions
+from stiffgen.core.robot.checker import MAX_JOINTS
+from stiffgen.core.robot.reader import MAX_BYTES, read_description
 from support.chains import ARM
 from support.confined import run_forked
 

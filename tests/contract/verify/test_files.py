@@ -16,13 +16,13 @@ from typing import Any
 import pytest
 
 from stiffgen.cli import main
-from stiffgen.errors import OutputError
-from stiffgen.opened import open_robot
-from stiffgen.prove.safety_page import filed_for, targets_for
-from stiffgen.prove.targets import read_targets
-from stiffgen.prove.verdict import read_verdicts
-from stiffgen.verify.folder.files import check_files, check_text, load_module, print_again
-from stiffgen.verify.verify import verify
+from stiffgen.core.errors import OutputError
+from stiffgen.core.opened import open_robot
+from stiffgen.core.verify.folder.files import check_files, check_text, load_module, print_again
+from stiffgen.core.verify.verify import verify
+from stiffgen.lab.prove.safety_page import filed_for, targets_for
+from stiffgen.lab.prove.targets import read_targets
+from stiffgen.lab.prove.verdict import read_verdicts
 from support.folders import copy_folder, restamp
 from support.project import ROOT
 

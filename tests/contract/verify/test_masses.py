@@ -12,16 +12,16 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.robot.chain import Chain
-from stiffgen.symbolic.kernels import Kernel, chain_kernels
-from stiffgen.symbolic.model import casadi_function, folded
-from stiffgen.symbolic.potentials import KernelOptions
-from stiffgen.verify.kernels.masses import check_masses
-from stiffgen.verify.kernels.missing import function_of_stacks
-from stiffgen.verify.kernels.oracles import check_kernels, check_robot
-from stiffgen.verify.kernels.references import References
-from stiffgen.verify.kernels.samples import Samples
-from stiffgen.verify.result import Check, compared
+from stiffgen.core.robot.chain import Chain
+from stiffgen.core.symbolic.kernels import Kernel, chain_kernels
+from stiffgen.core.symbolic.model import casadi_function, folded
+from stiffgen.core.verify.kernels.missing import function_of_stacks
+from stiffgen.core.verify.kernels.oracles import check_kernels, check_robot
+from stiffgen.core.verify.kernels.references import References
+from stiffgen.core.verify.kernels.samples import Samples
+from stiffgen.core.verify.result import Check, compared
+from stiffgen.families.dynamics.masses import check_masses
+from stiffgen.families.springs.potentials import KernelOptions
 from support.project import ROOT
 
 NAMES = ("mass_matrix", "bias_forces", "gravity_gradient")

@@ -14,15 +14,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stiffgen import generate
 from stiffgen.cli import main
-from stiffgen.errors import MissingExtraError, OutputError, StiffgenError, install_command
-from stiffgen.opened import open_robot
-from stiffgen.prove import frama_c, harness, tools, widths
-from stiffgen.prove.run import prove
-from stiffgen.prove.safety_page import filed_for, write_page
-from stiffgen.prove.verdict import Outcome, Verdict, read_verdicts
-from stiffgen.verify.result import Check
+from stiffgen.core import generate
+from stiffgen.core.errors import MissingExtraError, OutputError, StiffgenError, install_command
+from stiffgen.core.opened import open_robot
+from stiffgen.core.verify.result import Check
+from stiffgen.lab.prove import frama_c, harness, tools, widths
+from stiffgen.lab.prove.run import prove
+from stiffgen.lab.prove.safety_page import filed_for, write_page
+from stiffgen.lab.prove.verdict import Outcome, Verdict, read_verdicts
 from support.chains import chain_urdf
 from support.generated_c import kernel_files
 from support.project import URDF, require_compiler, require_program
@@ -199,7 +199,7 @@ def test_exit_codes_tell_outcomes_apart(
 ) -> None:
     """0: all proved; 1: one is refuted; 3: none is refuted, but one is undecided."""
     verdicts = [Verdict("f", "in bounds", "Eva", word, 0.1, "because") for word in words]
-    monkeypatch.setattr(importlib.import_module("stiffgen.prove.command"), "prove", lambda *_, **__: verdicts)
+    monkeypatch.setattr(importlib.import_module("stiffgen.lab.prove.command"), "prove", lambda *_, **__: verdicts)
     assert main(["prove", str(FOLDER)]) == code
     out = capsys.readouterr().out
     for word in {*words} - {"proved"}:

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from stiffgen.cli import main
-from stiffgen.errors import OutputError
-from stiffgen.opened import open_robot
-from stiffgen.prove.safety_page import targets_for, write_page
-from stiffgen.prove.targets import Target, write_targets
-from stiffgen.verify.kernels.certified import CERTIFIED
-from stiffgen.verify.result import NO_ORACLE, Check
+from stiffgen.core.errors import OutputError
+from stiffgen.core.opened import open_robot
+from stiffgen.core.verify.kernels.certified import CERTIFIED
+from stiffgen.core.verify.result import NO_ORACLE, Check
+from stiffgen.lab.prove.safety_page import targets_for, write_page
+from stiffgen.lab.prove.targets import Target, write_targets
 from support.project import ROOT
 
 FOLDER = ROOT / "generated" / "iiwa14"

@@ -16,14 +16,14 @@ import pytest
 
 import stiffgen
 from campaigns.mutations import Mutant, Workshop, changed_defaults, count_survivors, mutants
-from stiffgen.controller.fields import CONFIG, Field
-from stiffgen.controller.sessions import sessions
-from stiffgen.controller.sessions.library import CAREFUL, ControllerLibrary, set_field
-from stiffgen.controller.sessions.rules import check_rules
-from stiffgen.controller.sessions.sessions import SESSIONS
-from stiffgen.controller.signals import INPUT
-from stiffgen.opened import open_robot
-from stiffgen.verify.folder.forked import confined
+from stiffgen.control.fields import CONFIG, Field
+from stiffgen.control.sessions import sessions
+from stiffgen.control.sessions.library import CAREFUL, ControllerLibrary, set_field
+from stiffgen.control.sessions.rules import check_rules
+from stiffgen.control.sessions.sessions import SESSIONS
+from stiffgen.control.signals import INPUT
+from stiffgen.core.opened import open_robot
+from stiffgen.core.verify.folder.forked import confined
 from support.controller_library import compile_c
 from support.project import ROOT
 

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from stiffgen.opened import open_robot
-from stiffgen.verify.folder.widths import WIDTHS, build_widths
-from stiffgen.verify.kernels.batches import check_c_batches
-from stiffgen.verify.kernels.samples import argument_samples
-from stiffgen.verify.result import one_by_one
+from stiffgen.core.opened import open_robot
+from stiffgen.core.verify.folder.widths import WIDTHS, build_widths
+from stiffgen.core.verify.kernels.batches import check_c_batches
+from stiffgen.core.verify.kernels.samples import argument_samples
+from stiffgen.core.verify.result import one_by_one
 from support.folders import copy_folder, restamp
 
 HALVES = {2: "1, 3", 4: "2, 6, 3, 7", 8: "4, 12, 5, 13, 6, 14, 7, 15"}

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stiffgen.controller.sessions.check import joint_hessian, modal_damping
+from stiffgen.control.sessions.check import joint_hessian, modal_damping
 from support.controller_inputs import KO, KT, SPRING, Q, walk
 from support.pinocchio_oracle import PinocchioChain
 from support.project import ROOT

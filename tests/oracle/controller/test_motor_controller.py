@@ -18,8 +18,8 @@ from scipy.optimize import minimize
 
 import stiffgen
 from stiffgen import open_robot
-from stiffgen.controller.sessions.check import check_controller
-from stiffgen.emit.build import build_module
+from stiffgen.control.sessions.check import check_controller
+from stiffgen.core.emit.build import build_module
 from support.folders import copy_folder, restamp
 from support.pages import blocks
 from support.project import ROOT, Once

@@ -11,8 +11,8 @@ import pytest
 
 import stiffgen
 from oracle.emit.sine_cosine_proof import NotProvedError, proved_units
-from stiffgen.lower.rounding import ErrorBounds, NoBound, Ranges, rounded_up
-from stiffgen.symbolic.kernels import chain_kernels
+from stiffgen.core.lower.rounding import ErrorBounds, NoBound, Ranges, rounded_up
+from stiffgen.core.symbolic.kernels import chain_kernels
 from support.chains import chain_urdf
 from support.generated_c import kernel_text
 from support.project import ROOT, require_compiler

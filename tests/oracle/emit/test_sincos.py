@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 
 from stiffgen import load_chain
-from stiffgen.emit.render import render
-from stiffgen.options import GenerationOptions
+from stiffgen.core.emit.render import render
+from stiffgen.core.options import GenerationOptions
 from support.project import ROOT, URDF, require_32_bits, require_compiler
 
 BOUND = 1.1

@@ -17,8 +17,8 @@ from mpmath import mp, mpf
 import stiffgen
 from examples import closed_loops as example
 from examples import parallel_robots
-from stiffgen.symbolic.arguments import Q
-from stiffgen.verify.kernels.references import References
+from stiffgen.core.symbolic.arguments import Q
+from stiffgen.core.verify.kernels.references import References
 from support.project import assert_close
 
 

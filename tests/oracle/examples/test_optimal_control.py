@@ -13,7 +13,7 @@ import pytest
 import stiffgen
 from examples.optimal_control import problem
 from examples.optimal_control.__main__ import feasible, figure, softest
-from stiffgen.robot.chain import Tool
+from stiffgen.core.robot.chain import Tool
 from support.pictures import difference
 from support.project import ROOT, URDF
 

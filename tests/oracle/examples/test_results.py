@@ -13,7 +13,7 @@ from types import ModuleType
 import pytest
 
 from examples import results, stiff_postures
-from stiffgen.errors import StiffgenError
+from stiffgen.core.errors import StiffgenError
 from support.project import ROOT
 
 PAGE = results.PAGE.read_text()

@@ -16,7 +16,7 @@ from examples.whole_body.__main__ import main
 from examples.whole_body.findings import BAR, LEANING, SOFTEST
 from examples.whole_body.law import WholeBodyLaw, on_base
 from examples.whole_body.stance import FEET, LEG, Springs, Stance, feet, level, standing
-from stiffgen.errors import StiffgenError
+from stiffgen.core.errors import StiffgenError
 from support.pictures import difference
 from support.project import ROOT
 

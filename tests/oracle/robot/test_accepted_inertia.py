@@ -12,9 +12,9 @@ import pytest
 
 from stiffgen import StiffnessModel, load_chain
 from stiffgen.cli import main
-from stiffgen.errors import DescriptionError, InertiaWarning, StiffgenError
-from stiffgen.opened import open_robot
-from stiffgen.robot.impossible import mass_matrix, nearest_possible
+from stiffgen.core.errors import DescriptionError, InertiaWarning, StiffgenError
+from stiffgen.core.opened import open_robot
+from stiffgen.core.robot.impossible import mass_matrix, nearest_possible
 
 KEYS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 SOUND = (0.02, 0.001, 0.0, 0.03, 0.002, 0.025)
@@ -84,7 +84,7 @@ def test_an_accepted_inertia_is_used_as_it_is(tensor: tuple[float, ...], accepte
     assert [(each.link, each.is_nearest) for each in chain.accepted] == [("l2", False)]
 
 
-@pytest.mark.filterwarnings("ignore::stiffgen.errors.InertiaWarning")
+@pytest.mark.filterwarnings("ignore::stiffgen.core.errors.InertiaWarning")
 @pytest.mark.parametrize("tensor", [LARGE, (-0.5, 0.2, 0.0, 0.1, 0.0, 0.1), (0.0, 0.9, 0.9, 0.0, 0.9, 0.0)])
 def test_an_indefinite_mass_matrix_gets_the_nearest_tensor(tensor: tuple[float, ...], tmp_path: Path) -> None:
     file = written(tmp_path, arm((SOUND, SOUND, tensor)))
@@ -104,7 +104,7 @@ def test_an_indefinite_mass_matrix_gets_the_nearest_tensor(tensor: tuple[float, 
 RANGES = {"from -178 deg": "-3.1 3.1", "from zero": "0.0 3.1", "without limits": ""}
 
 
-@pytest.mark.filterwarnings("ignore::stiffgen.errors.InertiaWarning")
+@pytest.mark.filterwarnings("ignore::stiffgen.core.errors.InertiaWarning")
 @pytest.mark.parametrize("name", RANGES)
 def test_the_mass_matrix_is_checked_over_the_joint_range(name: str, tmp_path: Path) -> None:
     """A link turns about its own axis: its negative moment counts a quarter turn from zero and from both ends alone."""

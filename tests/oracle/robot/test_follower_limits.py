@@ -13,9 +13,9 @@ import pytest
 
 from stiffgen import load_chain, open_robot
 from stiffgen.cli import main
-from stiffgen.errors import ChainError, DescriptionError, LimitWarning
-from stiffgen.robot.chain import UnusedLimits
-from stiffgen.verify.folder.files import check_urdf
+from stiffgen.core.errors import ChainError, DescriptionError, LimitWarning
+from stiffgen.core.robot.chain import UnusedLimits
+from stiffgen.core.verify.folder.files import check_urdf
 from support.chains import INERTIAL, child_of
 
 LIMIT = 'lower="{0}" upper="{1}" velocity="{2}" effort="{3}"'

@@ -15,9 +15,9 @@ import pinocchio as pin
 import pytest
 
 from stiffgen import load_chain
-from stiffgen.errors import ChainError
-from stiffgen.robot.chain import Chain
-from stiffgen.symbolic.kernels import chain_kernels
+from stiffgen.core.errors import ChainError
+from stiffgen.core.robot.chain import Chain
+from stiffgen.core.symbolic.kernels import chain_kernels
 from support.chain_checks import value
 
 ROBOTS = range(30)

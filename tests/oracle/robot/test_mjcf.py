@@ -14,10 +14,10 @@ import pytest
 
 import stiffgen
 from stiffgen.cli import main
-from stiffgen.errors import DescriptionError, MissingExtraError, StiffgenError
-from stiffgen.loading import chain_between, describe
-from stiffgen.robot.chain import ChainOptions
-from stiffgen.robot.presets import motor_tables
+from stiffgen.control.presets import motor_tables
+from stiffgen.core.errors import DescriptionError, MissingExtraError, StiffgenError
+from stiffgen.core.loading import chain_between, describe
+from stiffgen.core.robot.chain import ChainOptions
 from support.chain_checks import disagreements
 from support.mujoco_oracle import MujocoChain
 
@@ -56,7 +56,7 @@ def written(folder: Path, text: str) -> Path:
     return folder / "arm.xml"
 
 
-def assert_agrees(file: Path, seed: int = 1, **options: object) -> stiffgen.robot.chain.Chain:
+def assert_agrees(file: Path, seed: int = 1, **options: object) -> stiffgen.core.robot.chain.Chain:
     chain = chain_between(describe(file), ChainOptions(**options))
     oracle = MujocoChain(file, chain.tip, chain.base, [c.name for c in chain.coordinates])
     assert disagreements(chain, oracle, np.random.default_rng(seed)) == {}
@@ -97,7 +97,7 @@ def test_constraints_that_no_mimic_expresses(tmp_path):
     file = written(tmp_path, ARM.replace("0.01 0.8 0 0 0", "0.01 0.8 0.5 0 0"))
     with pytest.raises(DescriptionError, match="'fingers' of right, left is not linear"):
         stiffgen.load_chain(file, tip="right")
-    with pytest.warns(stiffgen.errors.DescriptionWarning, match="is not linear"):
+    with pytest.warns(stiffgen.core.errors.DescriptionWarning, match="is not linear"):
         stiffgen.load_chain(file, tip="side", masses=False)
     again = '<joint name="again" joint1="left" joint2="right" polycoef="0 1 0 0 0"/></equality>'
     with pytest.raises(DescriptionError, match="'again' of left, right determines no joint that another constraint"):
@@ -212,6 +212,6 @@ def test_hostile_files_are_refused_in_one_sentence(tmp_path, capsys, name):
 
 
 def test_without_mujoco_the_extra_is_named(tmp_path, monkeypatch):
-    monkeypatch.setattr("stiffgen.robot.confined.find_spec", lambda name: None)
+    monkeypatch.setattr("stiffgen.files.confined.find_spec", lambda name: None)
     with pytest.raises(MissingExtraError, match=r"pip install .*\[mjcf\]"):
         describe(written(tmp_path, ARM))

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from stiffgen import StiffnessModel, load_chain
-from stiffgen.errors import OmissionWarning
-from stiffgen.loading import describe
+from stiffgen.core.errors import OmissionWarning
+from stiffgen.core.loading import describe
 
 BODY = '<inertial pos="0.2 0 0.01" mass="{}" diaginertia="0.01 0.02 0.02"/>'
 MODEL = """<mujoco model="arm">{compiler}<compiler angle="radian"/>{option}<worldbody>
@@ -162,7 +162,7 @@ def needed(file: Path) -> list[np.ndarray]:
     return torques
 
 
-@pytest.mark.filterwarnings("ignore::stiffgen.errors.OmissionWarning")
+@pytest.mark.filterwarnings("ignore::stiffgen.core.errors.OmissionWarning")
 @pytest.mark.parametrize("name", LEFT_OUT)
 def test_what_changes_the_dynamics_of_mujoco_is_named(name: str, tmp_path: Path) -> None:
     parts, words = LEFT_OUT[name]

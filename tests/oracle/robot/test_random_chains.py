@@ -12,16 +12,16 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from stiffgen.errors import StiffgenError
-from stiffgen.loading import chain_between
-from stiffgen.robot.chain import Chain, ChainOptions
-from stiffgen.robot.reader import read_description
-from stiffgen.robot.selection import select
-from stiffgen.symbolic.kernels import KERNELS
-from stiffgen.symbolic.model import casadi_function
-from stiffgen.verify.kernels.oracles import check_kernels
-from stiffgen.verify.kernels.references import References
-from stiffgen.verify.result import as_results
+from stiffgen.core.errors import StiffgenError
+from stiffgen.core.loading import chain_between
+from stiffgen.core.robot.chain import Chain, ChainOptions
+from stiffgen.core.robot.reader import read_description
+from stiffgen.core.robot.selection import select
+from stiffgen.core.symbolic.kernels import KERNELS
+from stiffgen.core.symbolic.model import casadi_function
+from stiffgen.core.verify.kernels.oracles import check_kernels
+from stiffgen.core.verify.kernels.references import References
+from stiffgen.core.verify.result import as_results
 from support.chain_checks import disagreements
 from support.pinocchio_oracle import PinocchioChain
 from support.random_urdf import Plain, Robot, broken_files, random_robot, robots

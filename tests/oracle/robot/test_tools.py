@@ -13,11 +13,11 @@ import pytest
 import stiffgen
 from stiffgen import open_robot
 from stiffgen.cli import main
-from stiffgen.errors import ChainError
-from stiffgen.symbolic.connection import REPRESENTATIONS
-from stiffgen.symbolic.families.joint_potentials import JOINT_POTENTIALS
-from stiffgen.verify.kernels.oracles import check_robot
-from stiffgen.verify.kernels.references import References
+from stiffgen.core.errors import ChainError
+from stiffgen.core.symbolic.connection import REPRESENTATIONS
+from stiffgen.core.verify.kernels.oracles import check_robot
+from stiffgen.core.verify.kernels.references import References
+from stiffgen.families.joints.kernels import JOINT_POTENTIALS
 from support.project import ROOT, URDF, assert_close, kernels_of
 
 DUAL = ROOT / "tests" / "data" / "dual_arm.urdf"

@@ -10,8 +10,8 @@ import pinocchio as pin
 import pytest
 
 from stiffgen import StiffnessModel, load_chain
-from stiffgen.errors import DescriptionError
-from stiffgen.loading import describe
+from stiffgen.core.errors import DescriptionError
+from stiffgen.core.loading import describe
 
 INERTIAL = '<origin xyz="0.1 0.2 0.1" {0}/><mass value="1"/><inertia ixx="0.01" iyy="0.02" izz="0.015"'
 LIMIT = 'lower="-2" upper="1.5" velocity="1" effort="10"'
@@ -159,7 +159,7 @@ VENDORS = {
 }
 
 
-@pytest.mark.filterwarnings("ignore::stiffgen.errors.DescriptionWarning")
+@pytest.mark.filterwarnings("ignore::stiffgen.core.errors.DescriptionWarning")
 @pytest.mark.parametrize("name", VENDORS)
 def test_unknown_attributes_are_a_note(name: str, tmp_path: Path) -> None:
     old, new = VENDORS[name]

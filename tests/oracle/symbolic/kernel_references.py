@@ -10,9 +10,9 @@ from typing import Any
 import mpmath
 import numpy as np
 
-from stiffgen.robot.chain import Chain
-from stiffgen.symbolic.connection import REPRESENTATIONS
-from stiffgen.symbolic.kernels import Kernel
+from stiffgen.core.robot.chain import Chain
+from stiffgen.core.symbolic.connection import REPRESENTATIONS
+from stiffgen.core.symbolic.kernels import Kernel
 from support.exact_kernels import (
     Energy,
     ExactRobot,

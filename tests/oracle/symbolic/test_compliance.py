@@ -12,19 +12,20 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from stiffgen import generate, load_chain, open_robot
-from stiffgen.errors import ChainError
-from stiffgen.lower.steps import lowered
-from stiffgen.lower.variant import BATCH
-from stiffgen.symbolic import compliance
-from stiffgen.symbolic.arguments import Q
-from stiffgen.symbolic.kernels import chain_kernels
-from stiffgen.symbolic.potentials import KernelOptions
-from stiffgen.verify.kernels import formulas
-from stiffgen.verify.kernels.loops import check_loops
-from stiffgen.verify.kernels.missing import function_of_stacks
-from stiffgen.verify.kernels.oracles import check_oracles, check_robot
-from stiffgen.verify.kernels.samples import Samples, argument_samples
+from stiffgen import load_chain, open_robot
+from stiffgen.core import generate
+from stiffgen.core.errors import ChainError
+from stiffgen.core.lower.steps import lowered
+from stiffgen.core.lower.variant import BATCH
+from stiffgen.core.symbolic.arguments import Q
+from stiffgen.core.symbolic.kernels import chain_kernels
+from stiffgen.core.verify.kernels import formulas
+from stiffgen.core.verify.kernels.missing import function_of_stacks
+from stiffgen.core.verify.kernels.oracles import check_oracles, check_robot
+from stiffgen.core.verify.kernels.samples import Samples, argument_samples
+from stiffgen.families.compliance import expressions as compliance
+from stiffgen.families.loops.reference import check_loops
+from stiffgen.families.springs.potentials import KernelOptions
 from support.exact_compliance import FAMILY, Case
 from support.exact_linkage import random_linkage
 from support.exact_tree import tree_urdf

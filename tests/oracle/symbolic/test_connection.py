@@ -8,13 +8,8 @@ import itertools
 import pytest
 import sympy as sp
 
-from stiffgen.symbolic.connection import COEFFICIENTS, REPRESENTATIONS
-from stiffgen.symbolic.derivation import (
-    basis_matrix,
-    connection_coefficients,
-    gamma_F,
-    structure_coefficients,
-)
+from stiffgen.core.symbolic.connection import COEFFICIENTS, REPRESENTATIONS
+from stiffgen.core.symbolic.derivation import basis_matrix, connection_coefficients, gamma_F, structure_coefficients
 
 F = list(sp.symbols("f1:4 m1:4"))
 HALF = sp.Rational(1, 2)

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from stiffgen import StiffnessModel, Tool, load_chain
-from stiffgen.symbolic.families.dynamics import MAX_UNROLLED_MASS_JOINTS
-from stiffgen.symbolic.kernels import KERNELS, chain_kernels
-from stiffgen.symbolic.steps import Map
+from stiffgen.core.symbolic.kernels import KERNELS, chain_kernels
+from stiffgen.core.symbolic.steps import Map
+from stiffgen.families.dynamics.kernels import MAX_UNROLLED_MASS_JOINTS
 from support.chain_checks import value
 from support.chains import chain_urdf
 from support.exact_tree import ExactTree, chain_mass_matrix, differentiated, mp, tree_urdf

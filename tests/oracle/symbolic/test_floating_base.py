@@ -13,10 +13,10 @@ import pinocchio as pin
 import pytest
 
 import stiffgen
-from stiffgen.errors import ChainError
-from stiffgen.symbolic.connection import REPRESENTATIONS
-from stiffgen.symbolic.kernels import chain_kernels
-from stiffgen.symbolic.potentials import KernelOptions, Potential
+from stiffgen.core.errors import ChainError
+from stiffgen.core.symbolic.connection import REPRESENTATIONS
+from stiffgen.core.symbolic.kernels import chain_kernels
+from stiffgen.families.springs.potentials import KernelOptions, Potential
 from support.exact_tree import ExactTree, as_array, differentiated, exact_pose, exponential, mp, tree_urdf
 from support.pinocchio_oracle import with_exact_right_angles
 from support.project import ROOT, assert_close
@@ -322,7 +322,7 @@ def urdf_of(robot):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", ROBOTS)
-@pytest.mark.filterwarnings("ignore::stiffgen.errors.DescriptionWarning")
+@pytest.mark.filterwarnings("ignore::stiffgen.core.errors.DescriptionWarning")
 def test_real_robots(robot, tmp_path):
     """A humanoid and a quadruped: J, M, gravity and bias forces by Pinocchio's free-flyer."""
     urdf = urdf_of(robot)

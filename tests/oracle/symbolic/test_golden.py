@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stiffgen.symbolic.connection import REPRESENTATIONS
+from stiffgen.core.symbolic.connection import REPRESENTATIONS
 from support.c_program import run_kernels
 from support.project import assert_close, compilers
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.symbolic.connection import REPRESENTATIONS
-from stiffgen.symbolic.kinematics import forward_kinematics, joint_jacobian
-from stiffgen.verify.result import relative_error
+from stiffgen.core.symbolic.connection import REPRESENTATIONS
+from stiffgen.core.symbolic.kinematics import forward_kinematics, joint_jacobian
+from stiffgen.core.verify.result import relative_error
 from support.project import ROOT
 
 

@@ -13,15 +13,15 @@ import numpy as np
 import pytest
 
 from stiffgen import load_chain
-from stiffgen.robot.chain import Chain
-from stiffgen.symbolic import closure
-from stiffgen.symbolic.kernels import chain_kernels
-from stiffgen.symbolic.model import casadi_function
-from stiffgen.symbolic.potentials import KernelOptions
-from stiffgen.verify.kernels.derivatives import check_derivatives
-from stiffgen.verify.kernels.loops import check_loops
-from stiffgen.verify.kernels.missing import function_of_stacks
-from stiffgen.verify.kernels.samples import argument_samples
+from stiffgen.core.robot.chain import Chain
+from stiffgen.core.symbolic.kernels import chain_kernels
+from stiffgen.core.symbolic.model import casadi_function
+from stiffgen.core.verify.kernels.missing import function_of_stacks
+from stiffgen.core.verify.kernels.samples import argument_samples
+from stiffgen.families.derivatives.check import check_derivatives
+from stiffgen.families.loops import closure
+from stiffgen.families.loops.reference import check_loops
+from stiffgen.families.springs.potentials import KernelOptions
 from support.exact_linkage import STEP, ExactLinkage, linkage_errors, random_linkage
 
 BOUND = 1e-11

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.symbolic.connection import REPRESENTATIONS
+from stiffgen.core.symbolic.connection import REPRESENTATIONS
 
 
 @pytest.fixture(scope="module")

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from stiffgen import StiffnessModel, load_chain
-from stiffgen.symbolic.families.stiffness import DIRECTION
-from stiffgen.symbolic.kernels import chain_kernels
-from stiffgen.symbolic.model import casadi_function
-from stiffgen.verify.kernels.poses import gamma_F
-from stiffgen.verify.kernels.references import TASK_STIFFNESS, WRENCH, References
+from stiffgen.core.symbolic.kernels import chain_kernels
+from stiffgen.core.symbolic.model import casadi_function
+from stiffgen.core.symbolic.stiffness_kernels import DIRECTION
+from stiffgen.core.verify.kernels.poses import gamma_F
+from stiffgen.core.verify.kernels.references import TASK_STIFFNESS, WRENCH, References
 from support.chains import chain_urdf
 from support.complex_step import columns, gradients
 from support.exact_tree import AT_ORIGIN, ExactTree, mp
@@ -34,7 +34,7 @@ def _arm(urdf, tmp_path):
 
 
 @pytest.mark.parametrize("urdf", ARMS, ids=lambda urdf: urdf.stem)
-@pytest.mark.filterwarnings("ignore::stiffgen.errors.DescriptionWarning")
+@pytest.mark.filterwarnings("ignore::stiffgen.core.errors.DescriptionWarning")
 def test_manipulability_by_pinocchio(urdf, tmp_path):
     """w by singular values, and w tr(J^+ dJ/dq_i); a leg of three joints has the determinant of J^T J."""
     chain, oracle = _arm(urdf, tmp_path)

@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.errors import ChainError
-from stiffgen.robot.chain import Chain
-from stiffgen.symbolic.families.sensor import GROUP
-from stiffgen.symbolic.kernels import Kernel, chain_kernels
-from stiffgen.symbolic.model import casadi_function, folded
-from stiffgen.verify.kernels.derivatives import check_derivatives
-from stiffgen.verify.kernels.missing import function_of_stacks
-from stiffgen.verify.kernels.oracles import check_oracles, check_robot
-from stiffgen.verify.kernels.samples import argument_samples
+from stiffgen.core.errors import ChainError
+from stiffgen.core.robot.chain import Chain
+from stiffgen.core.symbolic.kernels import Kernel, chain_kernels
+from stiffgen.core.symbolic.model import casadi_function, folded
+from stiffgen.core.verify.kernels.missing import function_of_stacks
+from stiffgen.core.verify.kernels.oracles import check_oracles, check_robot
+from stiffgen.core.verify.kernels.samples import argument_samples
+from stiffgen.families.derivatives.check import check_derivatives
+from stiffgen.families.sensor.kernels import GROUP
 from support.chains import ARM, chain_urdf
 from support.exact_kernels import ExactRobot, loaded, matrix, symmetric
 from support.exact_sensor import ExactSensor

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 
 from oracle.symbolic.kernel_references import MotorReferences, References
-from stiffgen.errors import ChainError
-from stiffgen.robot.chain import Chain
-from stiffgen.symbolic.arguments import Q, configuration_arguments
-from stiffgen.symbolic.kernels import Kernel, chain_kernels
-from stiffgen.symbolic.model import casadi_function, folded
-from stiffgen.symbolic.potentials import KernelOptions
-from stiffgen.verify.kernels.derivatives import check_derivatives
-from stiffgen.verify.kernels.missing import function_of_stacks
-from stiffgen.verify.kernels.samples import argument_samples
-from stiffgen.verify.result import as_results
+from stiffgen.core.errors import ChainError
+from stiffgen.core.robot.chain import Chain
+from stiffgen.core.symbolic.arguments import Q, configuration_arguments
+from stiffgen.core.symbolic.kernels import Kernel, chain_kernels
+from stiffgen.core.symbolic.model import casadi_function, folded
+from stiffgen.core.verify.kernels.missing import function_of_stacks
+from stiffgen.core.verify.kernels.samples import argument_samples
+from stiffgen.core.verify.result import as_results
+from stiffgen.families.derivatives.check import check_derivatives
+from stiffgen.families.springs.potentials import KernelOptions
 from support.exact_linkage import ExactLinkage, closed_state
 from support.small_robots import LINKAGES, TREES, Small, part
 

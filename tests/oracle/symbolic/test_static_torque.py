@@ -12,9 +12,9 @@ import pinocchio as pin
 import pytest
 
 import stiffgen
-from stiffgen.symbolic.kernels import chain_kernels
-from stiffgen.symbolic.model import folded
-from stiffgen.verify.kernels.references import References
+from stiffgen.core.symbolic.kernels import chain_kernels
+from stiffgen.core.symbolic.model import folded
+from stiffgen.core.verify.kernels.references import References
 from support.chains import chain_urdf
 from support.pinocchio_oracle import with_exact_right_angles
 from support.project import ROOT, assert_close
@@ -37,7 +37,7 @@ KERNEL = "static_torque_derivatives"
 
 @BASES
 @pytest.mark.parametrize("urdf", ROBOTS, ids=lambda urdf: urdf.stem)
-@pytest.mark.filterwarnings("ignore::stiffgen.errors.DescriptionWarning")
+@pytest.mark.filterwarnings("ignore::stiffgen.core.errors.DescriptionWarning")
 def test_derivative_of_the_static_torque_by_pinocchio(urdf, floating, tmp_path):
     file = tmp_path / urdf.name
     file.write_text(with_exact_right_angles(urdf.read_text()))

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.symbolic.kernels import chain_kernels
-from stiffgen.symbolic.model import casadi_function
-from stiffgen.symbolic.potentials import KernelOptions
-from stiffgen.symbolic.springs import KINDS, spring
-from stiffgen.verify.verify import verify
+from stiffgen.core.symbolic.kernels import chain_kernels
+from stiffgen.core.symbolic.model import casadi_function
+from stiffgen.core.verify.verify import verify
+from stiffgen.families.springs.potentials import KernelOptions
+from stiffgen.families.springs.springs import KINDS, spring
 from support.project import ROOT, URDF
 
 TREE = ROOT / "tests" / "data" / "dual_arm.urdf"

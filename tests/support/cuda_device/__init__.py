@@ -10,13 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
-from stiffgen.emit.render import render
-from stiffgen.options import GenerationOptions
-from stiffgen.robot.chain import Chain
-from stiffgen.symbolic.arguments import Argument
-from stiffgen.symbolic.kernels import Kernel, chain_kernels
-from stiffgen.verify.kernels.samples import argument_samples
-from stiffgen.verify.result import bound_of
+from stiffgen.core.emit.render import render
+from stiffgen.core.options import GenerationOptions
+from stiffgen.core.robot.chain import Chain
+from stiffgen.core.symbolic.arguments import Argument
+from stiffgen.core.symbolic.kernels import Kernel, chain_kernels
+from stiffgen.core.verify.kernels.samples import argument_samples
+from stiffgen.core.verify.result import bound_of
 from support.cuda_host import has_stride
 
 HERE = Path(__file__).parent

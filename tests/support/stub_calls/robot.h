@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-/* The golden iiwa14, as far as codegen/stiffgen/emit/casadi/library needs it to compile by itself. */
+/* The golden iiwa14, as far as codegen/stiffgen/core/emit/casadi/library needs it to compile by itself. */
 #ifndef ROBOT_H
 #define ROBOT_H
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-/* A robot of three motors and seven joints, as far as codegen/stiffgen/controller/loops needs it to compile by itself. */
+/* A robot of three motors and seven joints, as far as codegen/stiffgen/control/loops needs it to compile by itself. */
 #ifndef ROBOT_H
 #define ROBOT_H
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
 /*
- * The golden iiwa14 with its controller, to compile codegen/stiffgen/controller/python by itself. Sizes of tables are
+ * The golden iiwa14 with its controller, to compile codegen/stiffgen/control/python by itself. Sizes of tables are
  * examples.
  */
 #ifndef CONTROLLED_ROBOT_H

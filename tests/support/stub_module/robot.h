@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
 /*
- * The golden iiwa14, as far as the C of its Python module needs it, to compile codegen/stiffgen/emit/python/library by
+ * The golden iiwa14, as far as the C of its Python module needs it, to compile codegen/stiffgen/core/emit/python/library by
  * itself. Sizes of tables are examples.
  */
 #ifndef ROBOT_H

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
 /*
- * A stub robot, to compile the controller's library (codegen/stiffgen/controller/library) by itself: seven sliding joints with the
+ * A stub robot, to compile the controller's library (codegen/stiffgen/control/library) by itself: seven sliding joints with the
  * structs of the golden iiwa14. The first three move the tip along x, y, z; no joint turns it. Each joint moves 2 kg.
  */
 #ifndef ROBOT_H

@@ -16,9 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
-from stiffgen.lower.scalar import DOUBLE, FLOAT, Scalar
-from stiffgen.robot.chain import Chain
-from stiffgen.symbolic.kernels import Kernel
+from stiffgen.core.lower.scalar import DOUBLE, FLOAT, Scalar
+from stiffgen.core.robot.chain import Chain
+from stiffgen.core.symbolic.kernels import Kernel
 from support.targets.call_graph import CallGraph, compiled_object
 
 HERE = Path(__file__).parent

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.controller.page import config_of
-from stiffgen.opened import open_robot
+from stiffgen.control.page import config_of
+from stiffgen.core.opened import open_robot
 
 LIMIT = 'lower="-2" upper="2" velocity="{}" effort="60"'
 INERTIAL = '<inertial><origin xyz="0.1 0 0"/><mass value="1"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0"'

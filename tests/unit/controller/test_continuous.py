@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.controller.page import controller_page
-from stiffgen.lower.scalar import DOUBLE
-from stiffgen.symbolic.springs import Placement
+from stiffgen.control.page import controller_page
+from stiffgen.core.lower.scalar import DOUBLE
+from stiffgen.families.springs.springs import Placement
 from support.controller_inputs import Arm
 from support.small_robots import part, turning_arm
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stiffgen.controller.sessions.check import energy
+from stiffgen.control.sessions.check import energy
 from support.controller_inputs import KO, KT, SPRING, Arm, Q, hostile, run_with_resets, walk
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from stiffgen import load_chain
-from stiffgen.controller.page import errors_of
+from stiffgen.control.page import errors_of
 from support.chains import ARM, replaced
 
 ERRORS = {

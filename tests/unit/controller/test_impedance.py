@@ -17,12 +17,12 @@ import pytest
 
 import stiffgen
 from stiffgen import open_robot
-from stiffgen.controller.fields import CONFIG
-from stiffgen.controller.sessions.check import check_controller, elastic_torque, joint_hessian, modal_damping
-from stiffgen.controller.sessions.check import wrench as spring_wrench
-from stiffgen.controller.signals import INPUT, OUTPUT
-from stiffgen.controller.status_words import FAULTS, REASONS, STATUS
-from stiffgen.symbolic.springs import Placement
+from stiffgen.control.fields import CONFIG
+from stiffgen.control.sessions.check import check_controller, elastic_torque, joint_hessian, modal_damping
+from stiffgen.control.sessions.check import wrench as spring_wrench
+from stiffgen.control.signals import INPUT, OUTPUT
+from stiffgen.control.status_words import FAULTS, REASONS, STATUS
+from stiffgen.families.springs.springs import Placement
 from support.controller_inputs import KO, KT, SPRING, Arm, Q, hostile, run_with_resets, walk
 from support.controller_library import WARNINGS, compile_c
 from support.project import ROOT, Once

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stiffgen.controller.page import IMPEDANCE, LAW, LIBRARY, LOOPS, MODULE
+from stiffgen.control.page import IMPEDANCE, LAW, LIBRARY, LOOPS, MODULE
 from support.c_library import check_compiles, check_contained, check_order, check_sizes, check_tool
 from support.controller_library import compile_library
 from support.plant.loop import fill, struct

@@ -172,7 +172,7 @@ def test_damped_system(matrices: Matrices) -> None:
 
 def test_the_files_stand_alone() -> None:
     """No name of the generator in what robots get, but for the adapter's prefix, which no robot's name has."""
-    from stiffgen.controller.page import LIBRARY
+    from stiffgen.control.page import LIBRARY
 
     for path in Path(LIBRARY).glob("*.[ch]"):
         assert "stiffgen" not in re.sub(r"\bstiffgen_\w+\(", "", path.read_text()).lower()

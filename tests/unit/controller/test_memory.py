@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stiffgen.controller.memory_fields import MEMORY, RANGES
+from stiffgen.control.memory_fields import MEMORY, RANGES
 from support.arms.memory import MemoryProgram
 from support.plant.loop import fill, struct
 from support.project import Once

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from stiffgen.emit.build import build_library
+from stiffgen.core.emit.build import build_library
 from support.controller_inputs import TASK_STIFFNESS, Arm, Q
 from support.plant.loop import struct
 from support.project import ROOT, Once

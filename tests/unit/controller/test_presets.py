@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.opened import open_robot
+from stiffgen.core.opened import open_robot
 from support.controller_inputs import Q
 from support.project import ROOT, Once
 

@@ -13,7 +13,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import stiffgen
-from stiffgen.opened import open_robot
+from stiffgen.core.opened import open_robot
 from support.controller_inputs import KO, KT, SPRING, Q
 from support.project import ROOT
 

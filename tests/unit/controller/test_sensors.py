@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.controller.status_words import REASONS, SEEN
+from stiffgen.control.status_words import REASONS, SEEN
 from support.controller_inputs import SPRING, Arm, Q
 from support.project import ROOT
 

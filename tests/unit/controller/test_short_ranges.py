@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.controller.page import config_of
+from stiffgen.control.page import config_of
 from support.chains import replaced
 from support.project import URDF
 

@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 
 import stiffgen
-from stiffgen import rendering
-from stiffgen.lower.graph import LIBM, LIBM_OF_TWO, OWN
-from stiffgen.lower.scalar import DOUBLE, FLOAT
-from stiffgen.lower.variant import SINGLE
+from stiffgen.core import rendering
+from stiffgen.core.lower.graph import LIBM, LIBM_OF_TWO, OWN
+from stiffgen.core.lower.scalar import DOUBLE, FLOAT
+from stiffgen.core.lower.variant import SINGLE
 from support.project import require_compiler
 
 ONE_NUMBER = ("sign", "negation")

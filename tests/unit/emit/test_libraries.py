@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from stiffgen.emit.c.backend import SENSOR
-from stiffgen.emit.casadi.backend import CALLS
-from stiffgen.emit.python.backend import MODULE
+from stiffgen.core.emit.c.backend import SENSOR
+from stiffgen.core.emit.casadi.backend import CALLS
+from stiffgen.core.emit.python.backend import MODULE
 from support.c_library import check_compiles, check_contained, check_order, check_sizes, check_tool
 from support.project import ROOT
 

@@ -9,11 +9,11 @@ from collections.abc import Iterator
 import pytest
 
 import stiffgen
-from stiffgen.emit.c.functions import CFunction, print_kernels
-from stiffgen.lower.variant import BATCH, CUDA, SINGLE, Variant
-from stiffgen.symbolic.kernels import Kernel
-from stiffgen.symbolic.potentials import KernelOptions
-from stiffgen.symbolic.springs import KINDS, Placement, spring
+from stiffgen.core.emit.c.functions import CFunction, print_kernels
+from stiffgen.core.lower.variant import BATCH, CUDA, SINGLE, Variant
+from stiffgen.core.symbolic.kernels import Kernel
+from stiffgen.families.springs.potentials import KernelOptions
+from stiffgen.families.springs.springs import KINDS, Placement, spring
 from support.project import ROOT, URDF
 
 DUAL = ROOT / "tests" / "data" / "dual_arm.urdf"

@@ -12,19 +12,19 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.lower import rounding, statements
-from stiffgen.lower.analysis import Bound, BoundAnalysis, added
-from stiffgen.lower.form import Statements
-from stiffgen.lower.graph import Graph, build_graph
-from stiffgen.lower.rounding import ErrorBounds, NoBound, Ranges, argument_sizes, chain_reach
-from stiffgen.lower.scalar import DOUBLE, FLOAT
-from stiffgen.lower.steps import lowered
-from stiffgen.lower.variant import SINGLE
-from stiffgen.symbolic.arguments import Argument
-from stiffgen.symbolic.kernels import chain_kernels
-from stiffgen.symbolic.kinematics import Kind
-from stiffgen.symbolic.program import Array
-from stiffgen.symbolic.steps import SumJoints
+from stiffgen.core.lower import rounding, statements
+from stiffgen.core.lower.analysis import Bound, BoundAnalysis, added
+from stiffgen.core.lower.form import Statements
+from stiffgen.core.lower.graph import Graph, build_graph
+from stiffgen.core.lower.rounding import ErrorBounds, NoBound, Ranges, argument_sizes, chain_reach
+from stiffgen.core.lower.scalar import DOUBLE, FLOAT
+from stiffgen.core.lower.steps import lowered
+from stiffgen.core.lower.variant import SINGLE
+from stiffgen.core.symbolic.arguments import Argument
+from stiffgen.core.symbolic.kernels import chain_kernels
+from stiffgen.core.symbolic.kinematics import Kind
+from stiffgen.core.symbolic.program import Array
+from stiffgen.core.symbolic.steps import SumJoints
 from support.chains import chain_urdf
 
 OPERATIONS: dict[str, Callable] = {

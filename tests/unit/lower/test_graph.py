@@ -6,8 +6,8 @@ from __future__ import annotations
 import casadi as ca
 import pytest
 
-from stiffgen.lower.graph import build_graph
-from stiffgen.symbolic.factors import Factors, Units
+from stiffgen.core.lower.graph import build_graph
+from stiffgen.families.factors import Factors, Units
 
 X = ca.SX.sym("x", 3)
 MASK = X[0] > X[1]

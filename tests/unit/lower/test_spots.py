@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import pytest
 
-from stiffgen.lower.form import Access, Layout, Local, Place, Storage
-from stiffgen.lower.spots import PairIndex, RowIndex, Spot, spot_of
-from stiffgen.symbolic.program import Array, Operand
+from stiffgen.core.lower.form import Access, Layout, Local, Place, Storage
+from stiffgen.core.lower.spots import PairIndex, RowIndex, Spot, spot_of
+from stiffgen.core.symbolic.program import Array, Operand
 
 MATRIX, PAIRS, SIXES = Array("A", (6, 7)), Array("A", (7, 7)), Array("A", (7, 7, 6))
 

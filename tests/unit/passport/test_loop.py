@@ -8,7 +8,8 @@ import pytest
 from scipy.linalg import expm
 
 import stiffgen
-from stiffgen.passport.loop import (
+from stiffgen.control.presets import motor_tables
+from stiffgen.lab.passport.loop import (
     POSTURE_STIFFNESS,
     Arms,
     LoopTiming,
@@ -20,7 +21,6 @@ from stiffgen.passport.loop import (
     slowest_roots,
     stable_limit,
 )
-from stiffgen.robot.presets import motor_tables
 
 ROTATION = 0.05
 POSTURES = np.array([[0.3, 0.6, -0.4, -1.3, 0.2, 0.9, -0.5], [-1.0, 0.2, 0.5, 1.4, -0.8, -1.1, 0.3]])

@@ -8,8 +8,8 @@ import pytest
 from scipy.optimize import linprog
 
 import stiffgen
-from stiffgen.passport.passport import PassportOptions, make_passport
-from stiffgen.passport.statics import DIRECTIONS, UNITS, available_force
+from stiffgen.lab.passport.passport import PassportOptions, make_passport
+from stiffgen.lab.passport.statics import DIRECTIONS, UNITS, available_force
 
 KP = (400.0, 400.0, 300.0, 250.0, 150.0, 100.0, 80.0)
 KC = (9e3, 9e3, 8e3, 8e3, 6e3, 4e3, 4e3)

@@ -10,12 +10,12 @@ import pinocchio as pin
 import pytest
 
 from stiffgen import StiffnessModel, load_chain
-from stiffgen.emit.render import render
-from stiffgen.errors import ChainError, DescriptionError
-from stiffgen.robot.chain import MAX_MOVING_JOINTS, Chain
-from stiffgen.symbolic.arguments import Q
-from stiffgen.symbolic.kernels import KERNELS, chain_kernels
-from stiffgen.verify.kernels.samples import Samples
+from stiffgen.core.emit.render import render
+from stiffgen.core.errors import ChainError, DescriptionError
+from stiffgen.core.robot.chain import MAX_MOVING_JOINTS, Chain
+from stiffgen.core.symbolic.arguments import Q
+from stiffgen.core.symbolic.kernels import KERNELS, chain_kernels
+from stiffgen.core.verify.kernels.samples import Samples
 from support.chain_checks import disagreements, value
 from support.chains import ARM, INERTIAL, replaced
 from support.pinocchio_oracle import PinocchioChain, readable_by_pinocchio

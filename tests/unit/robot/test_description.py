@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 from stiffgen import load_chain
-from stiffgen.errors import DescriptionError, DescriptionWarning, StiffgenError
-from stiffgen.loading import chain_between
-from stiffgen.robot.chain import ChainOptions
-from stiffgen.robot.description import Description
-from stiffgen.robot.reader import read_description
-from stiffgen.robot.urdf_format import FORMAT
+from stiffgen.core.errors import DescriptionError, DescriptionWarning, StiffgenError
+from stiffgen.core.loading import chain_between
+from stiffgen.core.robot.chain import ChainOptions
+from stiffgen.core.robot.description import Description
+from stiffgen.core.robot.reader import read_description
+from stiffgen.core.robot.urdf_format import FORMAT
 from support.chains import ARM, INERTIAL, replaced
 
 

@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from stiffgen.robot.expressions import FUNCTIONS, MATH, Evaluator, ExpressionError, size
+from stiffgen.files.expressions import FUNCTIONS, MATH, Evaluator, ExpressionError, size
 
 
 class Namespace(dict):

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from stiffgen.cli import main
-from stiffgen.errors import DescriptionError, MissingExtraError, StiffgenError
-from stiffgen.loading import describe
-from stiffgen.robot.description import Reading
+from stiffgen.core.errors import DescriptionError, MissingExtraError, StiffgenError
+from stiffgen.core.loading import describe
+from stiffgen.core.robot.description import Reading
 from support.chains import ARM
 
 TEMPLATE = """<robot name="$(arg name)" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:include
@@ -205,7 +205,7 @@ def test_a_copy_comes_before_robot_descriptions(described, tmp_path, monkeypatch
 
 
 def test_without_packages_the_remedy_is_named(monkeypatch):
-    monkeypatch.setattr("stiffgen.robot.names.find_spec", lambda name: None)
+    monkeypatch.setattr("stiffgen.files.names.find_spec", lambda name: None)
     with pytest.raises(MissingExtraError, match="pip install robot_descriptions"):
         describe("fr3")
 

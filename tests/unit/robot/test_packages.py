@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from stiffgen.errors import StiffgenError
-from stiffgen.loading import describe
-from stiffgen.robot import packages
-from stiffgen.robot.description import Reading
-from stiffgen.robot.packages import PackageError, Packages
+from stiffgen.core.errors import StiffgenError
+from stiffgen.core.loading import describe
+from stiffgen.core.robot.description import Reading
+from stiffgen.files import packages
+from stiffgen.files.packages import PackageError, Packages
 from support.project import ROOT
 
 XACRO = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'

@@ -12,8 +12,8 @@ import pytest
 
 from stiffgen import Sensor, Tool, load_chain
 from stiffgen.cli import main
-from stiffgen.errors import ChainError, DescriptionError
-from stiffgen.robot.plausibility import doubts
+from stiffgen.core.errors import ChainError, DescriptionError
+from stiffgen.files.plausibility import doubts
 from support.chains import ARM, INERTIAL
 from support.project import URDF
 

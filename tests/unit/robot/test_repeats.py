@@ -8,10 +8,10 @@ import os
 import pytest
 
 from stiffgen.cli import main
-from stiffgen.errors import DescriptionError
-from stiffgen.loading import describe
-from stiffgen.robot.files import FileError
-from stiffgen.robot.repeats import MAX_COPIES, check_parts
+from stiffgen.core.errors import DescriptionError
+from stiffgen.core.loading import describe
+from stiffgen.core.robot.files import FileError
+from stiffgen.files.repeats import MAX_COPIES, check_parts
 
 pytest.importorskip("mujoco")
 BODY = '<body name="b"><joint name="j"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>{}</body>'

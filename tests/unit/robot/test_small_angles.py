@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from stiffgen import load_chain
-from stiffgen.robot.geometry import SNAP
-from stiffgen.symbolic.kernels import KERNELS
+from stiffgen.core.robot.geometry import SNAP
+from stiffgen.core.symbolic.kernels import KERNELS
 from support.chain_checks import value
 from support.chains import chain_urdf
 from support.exact_tree import chain_mass_matrix, chain_pose

@@ -14,14 +14,14 @@ import pytest
 
 import stiffgen
 from stiffgen.cli import main
-from stiffgen.described import in_python
-from stiffgen.errors import DescriptionError, InertiaWarning, StiffgenError, shell_word
-from stiffgen.loading import describe, read_chain
-from stiffgen.lower.rounding import Ranges
-from stiffgen.options import GenerationOptions
-from stiffgen.robot.description import Reading
-from stiffgen.robot.survey import survey_tip
-from stiffgen.verify.folder.files import check_urdf
+from stiffgen.core.described import in_python
+from stiffgen.core.errors import DescriptionError, InertiaWarning, StiffgenError, shell_word
+from stiffgen.core.loading import describe, read_chain
+from stiffgen.core.lower.rounding import Ranges
+from stiffgen.core.options import GenerationOptions
+from stiffgen.core.robot.description import Reading
+from stiffgen.core.verify.folder.files import check_urdf
+from stiffgen.files.survey import survey_tip
 from support.chains import ARM, INERTIAL, replaced
 
 AXIS = '<axis xyz="0 1 0"/>'
@@ -349,7 +349,7 @@ def test_load_takes_inertias_that_the_user_accepts(
         chains.append(read_chain(file, options))
         raise StiffgenError("enough")
 
-    monkeypatch.setattr("stiffgen.cache.generate_folder", generate)
+    monkeypatch.setattr("stiffgen.files.cache.generate_folder", generate)
     file = written(tmp_path, replaced(('ixx="0.02"', 'ixx="2"')))
     with pytest.warns(InertiaWarning), pytest.raises(StiffgenError, match="enough"):
         stiffgen.load(file, accept_inertia=accepted)

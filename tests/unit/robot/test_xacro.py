@@ -12,9 +12,9 @@ import pytest
 
 import stiffgen
 from stiffgen.cli import main
-from stiffgen.errors import StiffgenError
-from stiffgen.loading import describe
-from stiffgen.robot.description import Reading
+from stiffgen.core.errors import StiffgenError
+from stiffgen.core.loading import describe
+from stiffgen.core.robot.description import Reading
 
 XACRO = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
 PACKAGE = '<package format="2"><name>{}</name><version>0.0.0</version></package>'
@@ -207,14 +207,14 @@ def test_faults_are_one_sentence(tmp_path, capsys, fault):
 
 
 def test_without_xacrodoc_the_extra_is_named(tmp_path, monkeypatch):
-    monkeypatch.setattr("stiffgen.robot.confined.find_spec", lambda name: None)
+    monkeypatch.setattr("stiffgen.files.confined.find_spec", lambda name: None)
     template = written(tmp_path, VENDORS["call and conditions"])
-    with pytest.raises(stiffgen.errors.MissingExtraError, match=r"pip install .*\[xacro\]"):
+    with pytest.raises(stiffgen.core.errors.MissingExtraError, match=r"pip install .*\[xacro\]"):
         describe(template)
 
 
 def test_quaternion_equals_angles():
-    from stiffgen.robot.geometry import Pose
+    from stiffgen.core.robot.geometry import Pose
 
     angle = 0.3
     half = (math.cos(angle / 2), 0.0, math.sin(angle / 2), 0.0)

@@ -10,21 +10,21 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.lower.scalar import DOUBLE
-from stiffgen.opened import open_robot
-from stiffgen.robot.chain import Chain
-from stiffgen.symbolic.kernels import KERNELS, chain_kernels
-from stiffgen.symbolic.potentials import KernelOptions
-from stiffgen.symbolic.springs import KINDS
-from stiffgen.verify.kernels import batches
-from stiffgen.verify.kernels.batches import LONG, check_stacks
-from stiffgen.verify.kernels.certified import check_certified_bounds
-from stiffgen.verify.kernels.missing import function_of_stacks
-from stiffgen.verify.kernels.not_finite import check_not_finite
-from stiffgen.verify.kernels.oracles import check_kernels, check_oracles
-from stiffgen.verify.kernels.references import References
-from stiffgen.verify.kernels.samples import argument_samples
-from stiffgen.verify.result import NO_ORACLE, Check, as_results, compared
+from stiffgen.core.lower.scalar import DOUBLE
+from stiffgen.core.opened import open_robot
+from stiffgen.core.robot.chain import Chain
+from stiffgen.core.symbolic.kernels import KERNELS, chain_kernels
+from stiffgen.core.verify.kernels import batches
+from stiffgen.core.verify.kernels.batches import LONG, check_stacks
+from stiffgen.core.verify.kernels.certified import check_certified_bounds
+from stiffgen.core.verify.kernels.missing import function_of_stacks
+from stiffgen.core.verify.kernels.not_finite import check_not_finite
+from stiffgen.core.verify.kernels.oracles import check_kernels, check_oracles
+from stiffgen.core.verify.kernels.references import References
+from stiffgen.core.verify.kernels.samples import argument_samples
+from stiffgen.core.verify.result import NO_ORACLE, Check, as_results, compared
+from stiffgen.families.springs.potentials import KernelOptions
+from stiffgen.families.springs.springs import KINDS
 from support.chains import chain_urdf
 from support.project import ROOT
 

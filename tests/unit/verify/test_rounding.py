@@ -11,18 +11,18 @@ import pytest
 from mpmath import mp
 
 import stiffgen
-from stiffgen.lower.rounding import ErrorBounds, Ranges
-from stiffgen.lower.scalar import DOUBLE
-from stiffgen.symbolic.kernels import chain_kernels
-from stiffgen.symbolic.model import casadi_function, folded
-from stiffgen.symbolic.potentials import KernelOptions, Potential
-from stiffgen.verify.kernels.certified import check_certified_bounds, within
-from stiffgen.verify.kernels.derivatives import check_derivatives
-from stiffgen.verify.kernels.formulas import compare
-from stiffgen.verify.kernels.missing import function_of_stacks
-from stiffgen.verify.kernels.rounding import rounding_errors, with_more_digits
-from stiffgen.verify.kernels.samples import argument_samples
-from stiffgen.verify.result import Check, as_results
+from stiffgen.core.lower.rounding import ErrorBounds, Ranges
+from stiffgen.core.lower.scalar import DOUBLE
+from stiffgen.core.symbolic.kernels import chain_kernels
+from stiffgen.core.symbolic.model import casadi_function, folded
+from stiffgen.core.verify.kernels.certified import check_certified_bounds, within
+from stiffgen.core.verify.kernels.formulas import compare
+from stiffgen.core.verify.kernels.missing import function_of_stacks
+from stiffgen.core.verify.kernels.rounding import rounding_errors, with_more_digits
+from stiffgen.core.verify.kernels.samples import argument_samples
+from stiffgen.core.verify.result import Check, as_results
+from stiffgen.families.derivatives.check import check_derivatives
+from stiffgen.families.springs.potentials import KernelOptions, Potential
 from support.chains import chain_urdf
 from support.graphs import DIGITS, Graph
 

@@ -1,0 +1,420 @@
+# SPDX-License-Identifier: MIT
+"""Variables of the impedance controller's templates, made from the field table."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from stiffgen.control.fields import CONFIG, CONFIG_SECTIONS, MAX_DOF, Field
+from stiffgen.control.memory_fields import MEMORY, RANGES
+from stiffgen.control.paper_fields import PAPER_STRUCTS
+from stiffgen.control.policy_fields import PARTS, POLICY, PROPOSAL, REFUSED, STAGES
+from stiffgen.control.presets import motor_tables
+from stiffgen.control.signals import INPUT, OUTPUT, OUTPUT_SECTIONS
+from stiffgen.control.status_words import ARGUMENTS, ERRORS, FAULTS, MODES, REASONS, REFUSALS, SEEN, STATUS
+from stiffgen.core.emit.library import Library
+from stiffgen.core.errors import printable
+from stiffgen.core.lower.scalar import DOUBLE, Scalar
+from stiffgen.core.robot.chain import Chain, Tip
+from stiffgen.families.springs.springs import Placement
+from stiffgen.files.plausibility import find_doubts
+
+LIBRARY = Path(__file__).parent / "library"
+"""Folder of the C library that every NAME_impedance.c contains."""
+_PARTS = (
+    "matrix", "eigen", "modes", "joint_gains", "sampling", "energy", "strength", "cap", "state", "motion", "sample",
+    "refusal", "posture", "damping", "governor", "stiffness", "feedforward", "torque", "text", "policy", "step",
+)  # fmt: skip
+SOURCES = tuple(f"{part}.c" for part in _PARTS)
+IMPEDANCE = Library(LIBRARY, "impedance.h", SOURCES)
+"""C of every NAME_impedance.c."""
+MODULE = Library(Path(__file__).parent / "python", "controller.h", ("controller.c", "paper.c"))
+"""C of every NAME_python.c with a controller."""
+LAW = Library(Path(__file__).parent / "paper", "law.h", ("law.c",))
+"""C of every NAME_paper.c."""
+LOOPS = Library(Path(__file__).parent / "loops", "loops.h", ("loops.c",))
+"""C of the NAME_impedance.c of robots with closed loops."""
+CONTROLLER_KERNELS = ("hybrid.jacobian", "spring.energy", "spring.wrench", "spring.linearization")
+"""Functions that every controller calls, besides the poses of the tips."""
+TREE_KERNELS = ("mass_matrix", "bias_forces")
+"""Functions that the controller calls in robots without closed loops."""
+PAPER_KERNELS = ("hybrid.joint_stiffness", "hybrid.joint_stiffness_uncorrected")
+"""Functions that the paper's law calls besides the mass matrix."""
+LOOP_KERNELS = ("close", *(f"motors.{name}" for name in ("jacobian", "mass_matrix", "bias_forces", "from_joints")))
+"""Functions that the controller calls in robots with closed loops, in place of those of the tree."""
+BOUNDED_KERNELS = tuple(f"spring_bounded.{name}" for name in ("energy", "wrench", "linearization"))
+"""Functions that the controller calls in folders with the bounded spring."""
+_FORMATS = {"double": "f8", "int": "i4", "int32_t": "i4", "uint32_t": "u4"}
+_STRUCTS = (
+    ("config", "Configuration; start from the defaults.", CONFIG),
+    ("input", "One sample. A struct of zeros is a missed sample.", INPUT),
+    ("output", "Result of a step, complete enough to draw a log from it.", OUTPUT),
+    (
+        "proposal",
+        "Proposal of a slow commander (a learned policy, 10 to 60 Hz). A struct of zeros proposes nothing.",
+        PROPOSAL,
+    ),
+    ("policy", "Port for slow commanders: settings, report and memory; start it by policy_start.", POLICY),
+)
+_SECTIONS = {
+    struct: {fields[0].name: heading for heading, fields in sections}
+    for struct, sections in (("config", CONFIG_SECTIONS), ("output", OUTPUT_SECTIONS))
+}
+"""Heading above the first field of each section, by struct."""
+_FIRST_FIELD_ERROR = -20
+_CAUSES = {
+    "position_limits": "position",
+    "config_lower_limit": "position",
+    "config_upper_limit": "position",
+    "config_velocity_limit": "velocity",
+    "config_reference_velocity_limit": "velocity",
+}
+"""Errors that follow from a wrong unit in the robot's file, and what the number is about (robot/plausibility.py)."""
+_SETTINGS = {(field.name, field.meaning) for field in CONFIG}
+_REFERENCE_SHARE = 0.9
+"""Share of a joint's velocity limit that is the default of reference_velocity_limit."""
+
+
+def config_of(chain: Chain) -> tuple[Field, ...]:
+    """Return the fields of the configuration with a chain's defaults.
+
+    Acceleration limits of the file (URDF 1.2) lengthen ``ramp_time``: the equilibrium starts and stops with at most
+    ``reference_velocity_limit`` / ``ramp_time``. A short range makes ``limit_zone`` narrower: both zones of a
+    joint take half of it at most.
+    """
+    slowest = 0.0
+    for each in chain.motor_coordinates:
+        limit = min(each.acceleration, each.deceleration)
+        if 0 < limit < math.inf and math.isfinite(each.velocity):
+            slowest = max(slowest, _REFERENCE_SHARE * each.velocity / limit)
+    shortest = min(
+        (each.upper - each.lower for each in chain.motor_coordinates if each.upper > each.lower), default=0.0
+    )
+    defaults = {field.name: field.default for field in CONFIG}
+    ramp_time = max(float(defaults["ramp_time"]), math.ceil(1e4 * slowest) / 1e4)
+    defaults["ramp_time"] = repr(ramp_time)
+    if 0.0 < shortest / 4 < float(defaults["limit_zone"]):
+        defaults["limit_zone"] = repr(float(f"{shortest / 4:.2g}"))
+    return tuple(replace(field, default=defaults[field.name]) for field in CONFIG)
+
+
+def _config_struct(chain: Chain) -> tuple[str, str, tuple[Field, ...]]:
+    name, summary, _ = _STRUCTS[0]
+    return name, summary, config_of(chain)
+
+
+def has_controller(chain: Chain, scalar: Scalar = DOUBLE) -> bool:
+    """Return whether a robot can have the controller: masses, a fixed base, at most MAX_DOF coordinates, doubles."""
+    return scalar == DOUBLE and chain.masses and not chain.floating and len(chain.motor_coordinates) <= MAX_DOF
+
+
+def has_paper_law(chain: Chain) -> bool:
+    """Return whether a robot with a controller has the paper's law beside it: one tip, no closed loops."""
+    return len(chain.tips) == 1 and not chain.loops
+
+
+def called_kernels(chain: Chain, springs: Sequence[str]) -> tuple[str, ...]:
+    """Return the functions that controller and paper's law of a robot with these kinds of springs call."""
+    bounded = BOUNDED_KERNELS if "bounded" in springs else ()
+    paper = PAPER_KERNELS if has_paper_law(chain) else ()
+    return (*CONTROLLER_KERNELS, *bounded, *paper, *(LOOP_KERNELS if chain.loops else TREE_KERNELS))
+
+
+@dataclass(frozen=True)
+class Member:
+    """Member of a C struct: declaration, comment, NumPy format, shape, whether unbounded, and a section's heading."""
+
+    name: str
+    declaration: str
+    comment: list[str]
+    format: str
+    extents: list[int]
+    unbounded: bool
+    unit: str
+    heading: str = ""
+
+
+@dataclass(frozen=True)
+class Struct:
+    """C struct NAME_impedance_<name>, or NAME_<name> of the paper's law."""
+
+    name: str
+    summary: str
+    fields: list[Member]
+
+
+@dataclass(frozen=True)
+class ControllerPage:
+    """Variable ``controller`` of the templates.
+
+    Attributes:
+        n: number of motors.
+        interface: types and constants of the C library.
+        library: functions of the C library, static.
+        law_interface, law: types and functions of the paper's law.
+        loops_interface, loops: types and functions of closed loops.
+        module_interface, module: types and functions of the C that gives the controller to Python.
+        tool: whether the tool's pose is an argument.
+        bounded: whether the folder has the bounded spring.
+        paper: structs of the paper's law by itself; none with several tips or closed loops.
+        tips: number of tips.
+        scopes: prefix of the kernels' names, per tip.
+        status, modes, faults: name and meaning.
+        parts: parts of a proposal.
+        refused, stages: name and meaning, of the policy port.
+        reasons: name, class of the fault and meaning.
+        seen: reason and the meaning of its numbers.
+        reason_classes: number of each reason's class.
+        refusals, arguments: name and meaning; arguments of a command.
+        reach: upper bound on the distance from the base's origin to each tip, as C.
+        turns: 1 for each motor a turn of which leaves the robot the same, else 0.
+        errors: name, code and text.
+        checks: C condition on the configuration c, by field.
+        structs: config, input and output.
+        memory: memory between steps.
+        ranges: integers of the memory with their bounds.
+        remembered: fields of the output copied from the memory: name, the memory's member, whether it is an array.
+        choice_fields: name and words of the fields that are choices.
+        outcomes: name and words of what a step or the policy port reports.
+        defaults, joint_defaults: C statements that set the configuration's fields, and entry i of those over joints.
+        motors: tables of the motors, per coordinate: name, source and C initialiser.
+        axes: axes of the translational and of the rotational stiffness.
+        centre: centre of stiffness in the tip's frame, as a C initialiser.
+        start: motors' positions at which closed loops are closed; empty without loops.
+
+    """
+
+    # More than twelve fields: one for each variable that the controller's templates read.
+    n: int
+    interface: str
+    library: str
+    law_interface: str
+    law: str
+    loops_interface: str
+    loops: str
+    module_interface: str
+    module: str
+    tool: bool
+    bounded: bool
+    paper: list[Struct]
+    tips: int
+    scopes: list[str]
+    status: tuple[tuple[str, str], ...]
+    modes: tuple[tuple[str, str], ...]
+    faults: tuple[tuple[str, str], ...]
+    parts: tuple[str, ...]
+    refused: tuple[tuple[str, str], ...]
+    stages: tuple[tuple[str, str], ...]
+    reasons: tuple[tuple[str, str, str], ...]
+    seen: list[tuple[str, str]]
+    reason_classes: list[int]
+    refusals: tuple[tuple[str, str], ...]
+    arguments: tuple[str, ...]
+    reach: list[str]
+    turns: list[int]
+    errors: list[tuple[str, int, str]]
+    checks: dict[str, str]
+    structs: list[Struct]
+    memory: Struct
+    ranges: tuple[tuple[str, int, int], ...]
+    remembered: list[tuple[str, str, bool]]
+    choice_fields: list[tuple[str, tuple[str, ...]]]
+    outcomes: list[tuple[str, tuple[str, ...]]]
+    defaults: list[str]
+    joint_defaults: list[str]
+    motors: list[tuple[str, str, str]]
+    axes: tuple[str, str]
+    centre: str
+    start: list[float]
+
+
+def controller_page(
+    name: str, chain: Chain, scalar: Scalar, placement: Placement, *, bounded: bool
+) -> ControllerPage | None:
+    """Return the template variables of a robot's controller; None without one."""
+    if not has_controller(chain, scalar):
+        return None
+    prefix, index = name.upper(), "loop_motors[i]" if chain.loops else "i"
+    return ControllerPage(
+        n=len(chain.motor_coordinates),
+        interface=IMPEDANCE.interface(name),
+        library=IMPEDANCE.functions(name),
+        law_interface=LAW.interface(name),
+        law=LAW.functions(name),
+        loops_interface=LOOPS.interface(name),
+        loops=LOOPS.functions(name),
+        module_interface=MODULE.interface(name),
+        module=MODULE.functions(name, () if has_paper_law(chain) else MODULE.sources[:1]),
+        tool=chain.runtime_tool,
+        bounded=bounded,
+        paper=[_struct(chain, prefix, *each) for each in PAPER_STRUCTS] if has_paper_law(chain) else [],
+        tips=len(chain.tips),
+        scopes=[f"{tip.name}_" if tip.name else "" for tip in chain.tips],
+        status=STATUS,
+        modes=MODES,
+        faults=FAULTS,
+        parts=PARTS,
+        refused=REFUSED,
+        stages=STAGES,
+        reasons=REASONS,
+        seen=list(SEEN.items()),
+        reason_classes=[[fault for fault, _ in FAULTS].index(fault) for _, fault, _ in REASONS],
+        refusals=REFUSALS,
+        arguments=ARGUMENTS,
+        reach=[_bound(_reach(chain, tip)) for tip in chain.tips],
+        turns=[int(_turns(chain, k)) for k in range(len(chain.motor_coordinates))],
+        errors=errors_of(name, chain),
+        checks={field.name: _check(field) for field in CONFIG},
+        structs=[_struct(chain, prefix, *each) for each in (_config_struct(chain), *_STRUCTS[1:])],
+        memory=_struct(chain, prefix, "memory", "", MEMORY),
+        ranges=RANGES,
+        remembered=[(f.name, f.name if f.memory == "=" else f.memory, bool(f.shape)) for f in OUTPUT if f.memory],
+        choice_fields=[(f.name, f.choices) for f in (*CONFIG, *INPUT) if f.choices],
+        outcomes=_outcomes(),
+        defaults=[line for f in config_of(chain) for line in _defaults(f, prefix)],
+        joint_defaults=[
+            f"config->{f.name}[i] = {f.default.format(name=name, i=index)};" for f in CONFIG if f.shape == ("n",)
+        ],
+        motors=_motors(chain),
+        axes=(placement.translation_axes or "base", placement.rotation_axes),
+        centre=", ".join(map(repr, placement.centre)),
+        start=[chain.start[k] for k in chain.actuated] if chain.loops else [],
+    )
+
+
+def _reach(chain: Chain, tip: Tip) -> float:
+    """Return an upper bound on the distance from the base's origin to a tip [m]: all links in one line."""
+    reach, index = math.hypot(*tip.translation), tip.joint
+    while index >= 0:
+        joint = chain.joints[index]
+        reach += math.hypot(*joint.translation)
+        if joint.prismatic:
+            each = chain.coordinates[joint.coordinate - chain.base_joints]
+            ends = (joint.multiplier * each.lower + joint.offset, joint.multiplier * each.upper + joint.offset)
+            reach += max(map(abs, ends))
+        index = joint.parent
+    return math.ceil(1e3 * reach) / 1e3 if math.isfinite(reach) else math.inf
+
+
+def _turns(chain: Chain, index: int) -> bool:
+    """Return whether the robot is the same a turn of a coordinate farther: all its joints make whole turns."""
+    moved = [joint for joint in chain.joints if joint.coordinate == index]
+    whole = all(not joint.prismatic and float(joint.multiplier).is_integer() for joint in moved)
+    return whole and not chain.loops and chain.motor_coordinates[index].type == "continuous"
+
+
+def _outcomes() -> list[tuple[str, tuple[str, ...]]]:
+    """Return name and words of the enumerations that a step and the policy port report."""
+    tables = {
+        "mode": MODES,
+        "fault": FAULTS,
+        "refused": REFUSED,
+        "refusal": REFUSALS,
+        "stage": STAGES,
+        "reason": REASONS,
+    }
+    return [("part", PARTS), *((name, tuple(row[0] for row in rows)) for name, rows in tables.items())]
+
+
+def _struct(chain: Chain, prefix: str, name: str, summary: str, fields: tuple[Field, ...]) -> Struct:
+    sizes = {"n": len(chain.motor_coordinates), "tips": len(chain.tips), "joints": chain.dof}
+    conditions = {"": True, "tool": chain.runtime_tool, "loops": bool(chain.loops)}
+    headings = _SECTIONS.get(name, {})
+    members = [
+        replace(_member(field, sizes, prefix), heading=headings.get(field.name, ""))
+        for field in fields
+        if conditions[field.when]
+    ]
+    return Struct(name, summary, members)
+
+
+def _defaults(field: Field, prefix: str) -> list[str]:
+    """Return the C statements that set a number or a short array; nothing for an array over joints or of zeros."""
+    if field.choices:
+        return [f"config->{field.name} = {prefix}_{field.name.upper()}_{field.default.upper()};"]
+    if not field.shape:
+        return [f"config->{field.name} = {field.default};"]
+    entries = field.default.split(", ") if len(field.shape) == 1 and field.shape != ("n",) else []
+    return [f"config->{field.name}[{k}] = {entry};" for k, entry in enumerate(entries)]
+
+
+def _motors(chain: Chain) -> list[tuple[str, str, str]]:
+    """Return name, source and C initialiser of the tables of motors."""
+    motors = motor_tables(chain)
+    rows = (
+        ("motor_inertia", motors.inertia_source, motors.motor_inertia),
+        ("torque_rate", motors.rate_source, motors.torque_rate),
+    )
+    return [(name, source, ", ".join(map(_bound, values))) for name, source, values in rows]
+
+
+def errors_of(name: str, chain: Chain) -> list[tuple[str, int, str]]:
+    """Return name, code and text of every error; a number of the robot's file that may be its cause is named."""
+    general = [(error, -1 - k, text.replace("NAME", name)) for k, (error, text) in enumerate(ERRORS)]
+    general += [
+        (f"config_{field.name}", _FIRST_FIELD_ERROR - k, f"{field.name}: {field.rule}")
+        for k, field in enumerate(CONFIG)
+    ]
+    causes: dict[str, str] = {}
+    for doubt in find_doubts(chain):
+        causes.setdefault(doubt.about, f"; {printable(chain.source)}: {doubt.text}")
+    return [(error, code, text + causes.get(_CAUSES.get(error, ""), "")) for error, code, text in general]
+
+
+def _check(field: Field) -> str:
+    """Return the C condition on a field of the configuration c."""
+    if field.type == "int":
+        bounds, kind = f"{field.least:.0f}, {field.most:.0f}", "integers"
+    else:
+        least, most = (_bound(bound) for bound in (field.least, field.most))
+        bounds, kind = f"{least}, {most}", "doubles"
+    each = f"c->{field.name}" if field.shape else f"&c->{field.name}"
+    count = f"sizeof c->{field.name} / sizeof c->{field.name}[0]" if field.shape else "1"
+    return f"{kind}_within({each}, {count}, {bounds})"
+
+
+def _bound(bound: float) -> str:
+    if math.isinf(bound):
+        return "HUGE_VAL" if bound > 0 else "-HUGE_VAL"
+    return repr(float(bound))
+
+
+def _member(field: Field, sizes: dict[str, int], prefix: str) -> Member:
+    """Return the member of a C struct; ``sizes`` are the extents with a name, and one tip has no extent.
+
+    The comment has unit, shape, meaning, the rule of a setting or choice, and the default.
+    """
+    extents = [sizes[extent] if isinstance(extent, str) else extent for extent in field.shape]
+    if field.shape[:1] == ("tips",) and sizes["tips"] == 1:
+        extents = extents[1:]
+    default = f" Default: {field.default.replace('{name}_', '').replace('{i}', 'i')}." if field.default else ""
+    bound = (
+        f" {field.rule[0].upper()}{field.rule[1:]}."
+        if (field.name, field.meaning) in _SETTINGS or field.choices
+        else ""
+    )
+    shape = f" ({' x '.join(map(str, extents))})" if len(extents) > 1 else ""
+    unit = f"[{field.unit}]{shape} " if field.unit else ""
+    return Member(
+        name=field.name,
+        declaration=f"{field.type} {field.name}" + (f"[{math.prod(extents)}]" if extents else ""),
+        comment=_comment(f"{unit}{field.meaning.replace('NAME_', prefix + '_')}.{bound}{default}"),
+        format=_FORMATS[field.type],
+        extents=extents,
+        unbounded=math.isinf(field.most),
+        unit=field.unit,
+    )
+
+
+def _comment(text: str, width: int = 108) -> list[str]:
+    """Return a C comment in lines of at most ``width`` characters."""
+    lines = ["/*"]
+    for word in text.split():
+        if len(lines[-1]) + 1 + len(word) > width:
+            lines.append(" *")
+        lines[-1] += f" {word}"
+    lines[-1] += " */"
+    return lines

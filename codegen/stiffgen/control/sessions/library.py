@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: MIT
+"""Call the C controller of a folder through the table of its fields, without the folder's Python."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stiffgen.control.fields import CONFIG, Field
+from stiffgen.control.policy_fields import POLICY, PROPOSAL
+from stiffgen.control.signals import INPUT, OUTPUT
+from stiffgen.core.emit.build import build_library
+from stiffgen.core.errors import BuildError
+from stiffgen.core.robot.chain import Chain
+from stiffgen.core.robot.geometry import FloatArray
+
+_STATE_SIZE = 1 << 19
+"""Bytes of memory for a state: more than the largest robot needs."""
+_TYPES: dict[str, Any] = {"double": ctypes.c_double, "int": ctypes.c_int, "uint32_t": ctypes.c_uint32}
+
+
+def struct_of(chain: Chain, name: str, fields: Sequence[Field]) -> type[ctypes.Structure]:
+    """Return the layout of a C struct of the controller."""
+    members = []
+    for field in fields:
+        if field.when == "tool" and not chain.runtime_tool:
+            continue
+        count = math.prod(len(chain.tips) if extent == "tips" else extent_of(chain, extent) for extent in field.shape)
+        members.append((field.name, _TYPES[field.type] * count if field.shape else _TYPES[field.type]))
+    return type(name, (ctypes.Structure,), {"_fields_": members})
+
+
+def extent_of(chain: Chain, extent: int | str) -> int:
+    """Return a fixed extent, or the number of motors."""
+    return len(chain.motor_coordinates) if isinstance(extent, str) else extent
+
+
+CAREFUL = ("-O1", "-fsanitize=bounds", "-fsanitize-undefined-trap-on-error", "-ftrivial-auto-var-init=pattern")
+"""Flags of gcc and clang: an index outside an array ends the process, and locals start with a fixed pattern."""
+
+
+def build_controller(folder: Path, name: str, build: Path) -> Path:
+    """Compile the kernels and the controller in a folder into a shared library in the new folder ``build``.
+
+    A compiler that refuses :data:`CAREFUL` compiles without these flags.
+    """
+    build.mkdir(parents=True)
+    controller = [folder.resolve() / f"{name}_impedance.c"]
+    try:
+        return build_library(folder, name, build, CAREFUL, more=controller)
+    except BuildError:
+        return build_library(folder, name, build, more=controller)
+
+
+class ControllerLibrary:
+    """Compiled controller with a configuration, a state, an input, an output, a policy port and a proposal."""
+
+    def __init__(self, file: Path, name: str, chain: Chain) -> None:
+        self._library = ctypes.CDLL(str(file))
+        self._prefix, self._search = f"{name}_impedance_", f"{name}_find_posture"
+        self.config = struct_of(chain, "Config", CONFIG)()
+        self.input = struct_of(chain, "Input", INPUT)()
+        self.output = struct_of(chain, "Output", OUTPUT)()
+        self.policy = struct_of(chain, "Policy", POLICY)()
+        self.proposal = struct_of(chain, "Proposal", PROPOSAL)()
+        self.state = (ctypes.c_double * (_STATE_SIZE // 8))()
+        self.call("default_config", self.config)  # before the size is found: init needs a configuration
+        self.state_size = self._find_state_size()
+
+    def call(self, function: str, *arguments: Any) -> int:
+        """Call a function; structs and arrays are passed by address, doubles by value, None as a null pointer."""
+        passed = [
+            each if each is None or isinstance(each, ctypes.c_double) else ctypes.byref(each) for each in arguments
+        ]
+        return int(getattr(self._library, self._prefix + function)(*passed))
+
+    def _find_state_size(self) -> int:
+        """Return the size of a state [bytes]: init writes all of it. All memory where init fails."""
+        ctypes.memset(self.state, 0xFF, _STATE_SIZE)
+        failed = self.call("init", self.config, self.state, None)
+        doubles = -(-len(bytes(self.state).rstrip(b"\xff")) // 8)
+        ctypes.memset(self.state, 0, _STATE_SIZE)
+        return _STATE_SIZE if failed else 8 * doubles
+
+    def error_text(self, error: int) -> bytes:
+        """Return the text of an error code."""
+        function = self._library[self._prefix + "error_text"]
+        function.restype = ctypes.c_char_p
+        return bytes(function(error) or b"")
+
+    def joint_gains(self, *arguments: FloatArray | None) -> tuple[int, bytes]:
+        """Call joint_gains with nine arrays; return its error code and the bytes of its three results.
+
+        Each result has one number more than the function may write, so that a write beyond its end shows.
+        """
+        n = len(self.config.kp_limit)
+        results = [np.zeros(n + 1) for _ in range(3)]
+        pointers = [None if each is None else each.ctypes.data_as(ctypes.c_void_p) for each in (*arguments, *results)]
+        code = int(self._library[self._prefix + "joint_gains"](*pointers))
+        return code, np.concatenate(results).tobytes()
+
+    def find_posture(self, *arguments: FloatArray | None) -> tuple[int, bytes]:
+        """Call find_posture with arrays, or null pointers, and the posture last; return its code and the posture."""
+        pointers = [None if each is None else each.ctypes.data_as(ctypes.c_void_p) for each in arguments]
+        code = int(self._library[self._search](ctypes.byref(self.config), *pointers))
+        return code, b"" if arguments[-1] is None else arguments[-1].tobytes()
+
+    def late_work(self, hold: float, *arguments: FloatArray | None) -> float:
+        """Return late_work for seven arrays, or null pointers."""
+        function = self._library[self._prefix + "late_work"]
+        function.restype = ctypes.c_double
+        pointers = [None if each is None else each.ctypes.data_as(ctypes.c_void_p) for each in arguments]
+        return float(function(*pointers, ctypes.c_double(hold)))
+
+    def fault_text(self, size: int) -> tuple[int, bytes]:
+        """Return the length of the text of the output's fault, and the text as it stands in ``size`` bytes."""
+        text = ctypes.create_string_buffer(b"~" * 600)
+        length = self._library[self._prefix + "fault_text"](ctypes.byref(self.output), text, ctypes.c_size_t(size))
+        return int(length), text.raw
+
+    def refusal_text(self, size: int) -> tuple[int, bytes]:
+        """Return the code and the text of the output's refusal, as it stands in ``size`` bytes."""
+        text, out = ctypes.create_string_buffer(b"~" * 600), self.output
+        numbers = (out.refusal, out.refusal_argument, out.refusal_entry)
+        seen = [ctypes.c_double(each) for each in (out.refusal_seen, out.refusal_limit)]
+        code = self._library[self._prefix + "refusal_text"](*numbers, *seen, text, ctypes.c_size_t(size))
+        return int(code), text.raw
+
+
+def is_same(reference: ControllerLibrary, library: ControllerLibrary) -> bool:
+    """Return whether the outputs and the states of two controllers have the same bits."""
+    states = (ctypes.string_at(each.state, reference.state_size) for each in (reference, library))
+    return bytes(reference.output) == bytes(library.output) and next(states) == next(states)
+
+
+def set_field(config: Any, field: Field, value: float, entry: int) -> None:
+    """Set a field of a configuration, or one entry of a field with a shape (all for -1).
+
+    An int takes the nearest value of its 32 bits, and the least one for NaN and infinity.
+    """
+    if field.type == "int":
+        value = int(max(min(value, 2**31 - 1), -(2**31))) if math.isfinite(value) else -(2**31)
+    if not field.shape:
+        setattr(config, field.name, value)
+        return
+    values = getattr(config, field.name)
+    for place in range(len(values)) if entry < 0 else [entry % len(values)]:
+        values[place] = value
+
+
+def fill(array: Any, values: Any) -> None:
+    """Write numbers into an array of a struct."""
+    array[:] = np.ravel(values).tolist()[: len(array)]

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: MIT
+"""Compare defaults and rules of a controller's configuration with the table of its fields and with the chain."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from stiffgen.control.fields import CONFIG, Field
+from stiffgen.control.page import config_of
+from stiffgen.control.presets import motor_tables
+from stiffgen.control.sessions.library import ControllerLibrary
+from stiffgen.core.robot.chain import Chain
+from stiffgen.core.robot.geometry import FloatArray
+from stiffgen.core.verify.result import Check, faultless
+
+_FIRST_FIELD_ERROR = -20
+"""Error code of the first field; each following field has one less (docs/controller.md)."""
+
+
+def check_rules(library: ControllerLibrary, module: Any, chain: Chain) -> list[Check]:
+    """Compare the defaults, in C and in Python, and the bounds of every field with the table.
+
+    Args:
+        library: the folder's controller, called from C's side.
+        module: the folder's Python module.
+        chain: the robot, whose limits some defaults are.
+
+    """
+    library.call("default_config", library.config)
+    configs = {"C": library.config, "Python": module.Impedance().config}
+    defaults = []
+    for field in config_of(chain):
+        expected = default_of(field, chain)
+        for language, config in configs.items():
+            shown = config[field.name] if isinstance(config, dict) else getattr(config, field.name)
+            value = field.choices.index(shown) + 1 if isinstance(shown, str) else np.array(shown, dtype=float).ravel()
+            if not np.array_equal(np.broadcast_to(expected, np.shape(value)), value):
+                defaults.append(f"{field.name} in {language}")
+    return [
+        faultless("controller: defaults", "table of fields", defaults),
+        faultless("controller: rules", "table of fields", _rule_faults(library, chain)),
+    ]
+
+
+def default_of(field: Field, chain: Chain) -> FloatArray:
+    """Return the default of a field from the table, as the configuration in C should have it.
+
+    The table has the word of a choice, numbers with ", " between them, or a product of a number and a limit with one
+    entry per motor: "0.9 * {name}_velocity[{i}]" (a limit of the joint), "{name}_torque_rate[i]" (a motor's table).
+    """
+    if field.choices:
+        return np.array(field.choices.index(field.default) + 1.0)  # choices count from 1
+    if ", " in field.default:
+        return np.array([float(entry) for entry in field.default.split(", ")])
+    value, motors = np.ones(1), motor_tables(chain)
+    for factor in field.default.split(" * "):
+        limit = factor.removeprefix("{name}_").removesuffix("[i]").removesuffix("[{i}]")
+        is_number = limit == factor  # names have the prefix
+        if is_number:
+            value = value * float(factor)
+        elif hasattr(motors, limit):
+            value = value * np.array(getattr(motors, limit))
+        else:
+            value = value * np.array([getattr(c, limit) for c in chain.motor_coordinates])
+    return value
+
+
+def _tried_entries(field: Field, dof: int) -> Sequence[int]:
+    """Return the entries of a field that are tried: one per joint, the last of a fixed shape, or -1 for a number."""
+    if field.shape == ("n",):
+        return range(dof)
+    return [math.prod(extent for extent in field.shape if isinstance(extent, int)) - 1] if field.shape else [-1]
+
+
+def _rule_faults(library: ControllerLibrary, chain: Chain) -> list[str]:
+    """Try every field at its bounds and just beyond; the error code must name the field beyond, and there alone.
+
+    At its bounds a field may be refused by a rule about several fields, whose code is another one.
+    """
+    faults = []
+    for number, field in enumerate(CONFIG):
+        code, is_integer = _FIRST_FIELD_ERROR - number, field.type == "int"
+        least, most = (int(field.least), int(field.most)) if is_integer else (field.least, field.most)
+        inside = [each for each in (least, most) if math.isfinite(each)]
+        if is_integer:
+            beyond: list[float] = [least - 1, most + 1]
+        else:
+            beyond = [np.nextafter(least, -np.inf), np.nextafter(most, np.inf), math.nan]
+        beyond = [each for each in beyond if not (math.isinf(each) and each in (least, most))]  # infinity is allowed
+        for place in _tried_entries(field, len(chain.motor_coordinates)):
+            for value in (*inside, *beyond):
+                library.call("default_config", library.config)
+                if place < 0:
+                    setattr(library.config, field.name, value)
+                else:
+                    getattr(library.config, field.name)[place] = value
+                refused = library.call("validate", library.config)
+                if (refused == code) != (value in beyond or math.isnan(value)):
+                    faults.append(f"{field.name} {value!r}")
+    return faults

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""URDF to kernels: chain, connection, programs, lowering, printing, verification."""

@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: MIT
+"""Describe the NumPy extension module NAME_python.c and the package around it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from stiffgen.core.emit.backend import Backend, Request
+from stiffgen.core.emit.library import Library
+from stiffgen.core.emit.pages import KernelGroup, KernelPage, groups_of
+from stiffgen.core.emit.texts import arguments_elsewhere, documented_arguments, wrapped
+from stiffgen.core.robot.chain import Chain
+from stiffgen.core.symbolic.kernels import Kernel
+from stiffgen.core.symbolic.program import Array
+
+MODULE = Library(
+    Path(__file__).parent / "library",
+    "ufuncs.h",
+    ("operands.c", "inputs.c", "loop.c", "explain.c", "call.c", "load.c"),
+)
+"""C of every NAME_python.c; the tables of the template say what differs."""
+
+
+def _packed_pages(chain: Chain, pages: list[KernelPage]) -> list[KernelPage]:
+    """Return the functions of the namespace ``packed``: those with a packed batch."""
+    packed = []
+    for page in pages:
+        if page.kernel.packed:
+            kernel = replace(page.kernel, results=page.kernel.packed.results)
+            results = tuple(result.array(chain) for result in kernel.results)
+            packed.append(replace(page, signature=kernel.signature(chain), results=results, packed=True))
+    return packed
+
+
+def _docstring(chain: Chain, kernel: Kernel) -> list[str]:
+    lines = [kernel.summary, "", *wrapped(kernel.equation, 88), ""]
+    if kernel.note:
+        lines += [*wrapped(kernel.note, 88), ""]
+    for title, arguments in (("Parameters", documented_arguments(kernel)), ("Returns", kernel.results)):
+        lines += [title, "-" * len(title), *(arguments_elsewhere(kernel, 88) if title == "Parameters" else [])]
+        for argument in arguments:
+            shape = ", ".join(("...", *map(str, argument.array(chain).shape)))
+            lines.append(f"{argument.name} : ({shape}) [{argument.unit}]")
+            lines += [f"    {line}" for line in wrapped(argument.meaning, 84)]
+        lines.append("")
+    return lines[:-1]
+
+
+def _page_docstring(chain: Chain, page: KernelPage) -> list[str]:
+    kernel = page.kernel
+    return _docstring(
+        chain, replace(kernel, results=kernel.packed.results) if page.packed and kernel.packed else kernel
+    )
+
+
+def _initialiser(array: Array) -> str:
+    """Return a C initialiser of an array's shape."""
+    return "{" + ", ".join(map(str, array.shape or (1,))) + "}"
+
+
+def _protocol(page: KernelPage) -> str:
+    """Return the name of the stub class of functions with these arguments and this number of results."""
+    count = len(page.results)
+    return "_".join(["_Of", *page.inputs, *([str(count)] if count > 1 else [])])
+
+
+def _checks(page: KernelPage) -> str:
+    """Return a letter for each argument: q for joint positions, t for a matrix whose upper triangle is read, else -."""
+    is_product = bool(page.kernel.product_of)
+    letters = ("t" if each.triangle and not is_product else "-" for each in page.kernel.arguments)
+    return "".join("q" if each.is_q else letter for each, letter in zip(page.kernel.arguments, letters, strict=True))
+
+
+def _turn_limits(chain: Chain) -> list[str]:
+    """Return the largest plausible magnitude of each joint position: 2 pi where the joint's limits are below."""
+    is_short = [c.type != "prismatic" and max(-c.lower, c.upper) <= 2 * math.pi for c in chain.coordinates]
+    return [f"{2 * math.pi!r}" if short else "INFINITY" for short in is_short]
+
+
+def overview(groups: list[KernelGroup]) -> list[str]:
+    """Return call, shape and meaning of every function; groups with the same functions are listed once."""
+    calls_of = {".".join(filter(None, (group.tip, group.group))): _calls(group.kernels) for group in groups}
+    lines: list[str] = []
+    for calls in dict.fromkeys(calls_of.values()):
+        places = [place for place, each in calls_of.items() if each == calls]
+        if places != [""]:
+            lines.append(", ".join(place or "here" for place in places))
+        lines += [line if places == [""] else f"    {line}" for line in calls]
+    return lines
+
+
+def _calls(kernels: list[KernelPage]) -> tuple[str, ...]:
+    """Return two lines per function; the group's name tells the representation."""
+    lines: list[str] = []
+    for page in kernels:
+        shapes = page.signature.partition("->")[2].replace(",", ", ")
+        lines.append(f"{page.name}({', '.join(page.inputs)}) -> {shapes}")
+        summary = page.kernel.summary.replace(f"in {page.group} representation", "in the representation named above")
+        lines.append(f"    {summary}")
+    return tuple(lines)
+
+
+def packed_functions(request: Request) -> dict[str, Any]:
+    """Return the variable ``packed``: functions whose symmetric results are upper triangles."""
+    return {"packed": _packed_pages(request.chain, request.kernels)}
+
+
+def _variables(request: Request) -> dict[str, Any]:
+    packed = _packed_pages(request.chain, request.kernels)
+    pages = [*request.kernels, *packed]
+    return {
+        "packed": packed,
+        "module_interface": MODULE.interface(request.name),
+        "module": MODULE.functions(request.name),
+        "overview": overview(request.groups),
+        "python_kernels": pages,
+        "python_groups": groups_of(pages),
+        "public": list(dict.fromkeys(page.tip or page.group or page.name for page in pages)),
+        "protocols": {page.qualified_name: _protocol(page) for page in pages},
+        "argument_lists": list(dict.fromkeys((tuple(page.inputs), len(page.results)) for page in pages)),
+        "docstrings": {page.qualified_name: _page_docstring(request.chain, page) for page in pages},
+        "checks": {page.qualified_name: _checks(page) for page in pages},
+        "turn_limits": _turn_limits(request.chain),
+        "extents": {
+            page.qualified_name: [_initialiser(array) for array in (*page.arguments, *page.results)] for page in pages
+        },
+    }
+
+
+def _files(request: Request) -> dict[str, str]:
+    if not request.options.python:
+        return {}
+    files = {
+        "__init__.py": "init.py.j2",
+        "__init__.pyi": "init.pyi.j2",
+        "py.typed": "py.typed.j2",
+        "pyproject.toml": "pyproject.toml.j2",
+        f"python/{request.name}_python.c": "python.c.j2",
+    }
+    if request.has_wrappers:
+        files["python/_functions.py"] = "functions.py.j2"
+    else:
+        files |= {f"python/{name}.py": "absent.py.j2" for name in ("jax", "torch", "casadi")}
+    return files
+
+
+PYTHON = Backend(Path(__file__).parent, _files, _variables)

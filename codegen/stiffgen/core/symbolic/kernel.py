@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: MIT
+"""Record of a kernel: one function of every generated robot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from stiffgen.core.robot.chain import Chain, Tip
+from stiffgen.core.symbolic.arguments import Argument
+from stiffgen.core.symbolic.program import Program
+
+
+@dataclass(frozen=True)
+class Batch:
+    """C function for many configurations in one call: suffix of the name, and results."""
+
+    suffix: str
+    results: tuple[Argument, ...]
+
+
+PACKED = "_packed"
+"""Suffix of functions that store symmetric results as their upper triangles."""
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """Function of every generated robot.
+
+    Attributes:
+        name: name within the group.
+        group: namespace, a representation or a spring; None for kernels of neither.
+        arguments: inputs, in the order of the C function.
+        results: outputs, in the order of the C function.
+        summary: first sentence of the documentation.
+        equation: formula that the kernel evaluates, with its source.
+        program: steps of the kernel for one chain.
+        note: information that a caller needs beyond shapes and units.
+        tip: tip of the function; None for a robot with one tip, and for functions that concern several tips.
+
+    """
+
+    # More than twelve fields: a new function of a robot is one record of this table.
+    name: str
+    group: str | None
+    arguments: tuple[Argument, ...]
+    results: tuple[Argument, ...]
+    summary: str
+    equation: str
+    program: Callable[[Chain], Program]
+    note: str = ""
+    tip: Tip | None = None
+    batch: bool = False
+    """Whether C also has a function for many configurations in one call: :attr:`batches`."""
+    part_of: str = ""
+    """Name of a larger kernel of the group with the same arguments, whose results include this kernel's.
+
+    The larger kernel costs hardly more, so that one vector-Jacobian product serves both.
+    """
+    product_of: str = ""
+    """Name of the kernel of the group whose vector-Jacobian product this is, with its arguments and cotangents."""
+    by_tips: Callable[[Chain], Program] | None = None
+    """Program of a total as a sum over the tips, differentiated tip by tip; ``program`` needs one pass."""
+    is_gradient: bool = False
+    """Whether the kernel is a gradient already: --derivatives adds no vector-Jacobian product."""
+    on_request: str = ""
+    """Word of --kernels that adds the kernel; empty for a kernel of every robot."""
+    of_masses: bool = False
+    """Whether the kernel needs all moving joints, including side joints, which move masses but no tip."""
+
+    def __post_init__(self) -> None:
+        """Raise StiffgenError if an argument's record is not complete."""
+        for argument in self.arguments:
+            argument.check_complete(self.qualified_name)
+
+    @property
+    def function(self) -> str:
+        """``hybrid_joint_stiffness``: group and name, without the tip."""
+        return "_".join(part for part in (self.group, self.name) if part)
+
+    @property
+    def qualified_name(self) -> str:
+        """``hybrid_joint_stiffness``, ``left_hand_hybrid_joint_stiffness`` or the bare name."""
+        return "_".join((*((self.tip.name,) if self.tip else ()), self.function))
+
+    @property
+    def path(self) -> tuple[str, ...]:
+        """Namespaces that hold the function in Python: tip and group, where the kernel has them."""
+        return tuple(filter(None, (self.tip.name if self.tip else None, self.group)))
+
+    @property
+    def choices(self) -> tuple[str, str]:
+        """Words of --kernels that select the kernel: GROUP ("dynamics" without a group) and GROUP.NAME.
+
+        A kernel on request has the word of its family in place of the group.
+        """
+        name = ".".join(filter(None, (self.group, self.name.removesuffix("_total"))))
+        return self.on_request or self.group or "dynamics", name
+
+    @property
+    def result(self) -> Argument:
+        """Result of a kernel with one result."""
+        (result,) = self.results
+        return result
+
+    @property
+    def packed(self) -> Batch | None:
+        """Batch NAME_..._packed_batch; None without a batch or a symmetric result."""
+        if not self.batch or not any(result.symmetric for result in self.results):
+            return None
+        return Batch(f"{PACKED}_batch", tuple(result.packed() for result in self.results))
+
+    @property
+    def batches(self) -> tuple[Batch, ...]:
+        """Batches of the kernel: NAME_..._batch and :attr:`packed`, where they exist."""
+        if not self.batch:
+            return ()
+        return Batch("_batch", self.results), *((self.packed,) if self.packed else ())
+
+    def scope(self, chain: Chain) -> Chain:
+        """Return the part of the chain that the program needs: branch to the tip, paths to all tips, or all joints."""
+        if self.of_masses:
+            return chain
+        return chain.branch(self.tip) if self.tip else chain.without_side_joints()
+
+    def scope_name(self, chain: Chain) -> str:
+        """Return the name of the scope: the tip's name, "tree" for all joints with side joints, else ""."""
+        if self.of_masses and len(chain.without_side_joints().joints) < len(chain.joints):
+            return "tree"
+        return self.tip.name if self.tip else ""
+
+    def steps(self, chain: Chain) -> Program:
+        """Return the program for a chain; it runs on the chain's :meth:`scope`."""
+        return self.program(self.scope(chain))
+
+    def signature(self, chain: Chain) -> str:
+        """Return the shapes as a signature of a NumPy generalised ufunc, "(7),(6)->(7,7)"."""
+        inputs, outputs = (
+            ",".join("(" + ",".join(map(str, argument.array(chain).shape)) + ")" for argument in arrays)
+            for arrays in (self.arguments, self.results)
+        )
+        return f"{inputs}->{outputs}"

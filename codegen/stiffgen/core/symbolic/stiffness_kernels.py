@@ -1,0 +1,215 @@
+# SPDX-License-Identifier: MIT
+"""Joint stiffness, its parts, and its gradient along a direction."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import casadi as ca
+
+from stiffgen.core.robot.chain import Chain
+from stiffgen.core.symbolic import arguments, quantities, stiffness
+from stiffgen.core.symbolic.arguments import BASE_POSE, Argument, Q
+from stiffgen.core.symbolic.connection import Representation
+from stiffgen.core.symbolic.kernel import Kernel
+from stiffgen.core.symbolic.pieces import columns_of, over_joints, pairs_of, tangent
+from stiffgen.core.symbolic.program import Array, Operand, Over, Program, Step
+from stiffgen.core.symbolic.steps import Map, SparseSum, SumJoints
+from stiffgen.families.derivatives import adjoint
+from stiffgen.families.derivatives.gradients import bar_name, gradient_shape
+
+
+def _two_sided(
+    chain: Chain,
+    J: Array,
+    output: Array,
+    representation: Representation,
+    covector: Callable[..., ca.SX],
+    operands: tuple[Operand, ...],
+    names: tuple[str, str, str],
+) -> Program:
+    """Return the steps output_ij = J_i . u_j, with separate covectors u_j for joints j beyond and before i."""
+    symbol, left_hand_side, formula = names
+    diagonal_outward = stiffness.diagonal_is_outward(representation)
+    beyond = Over.UPPER if diagonal_outward else Over.STRICTLY_UPPER
+    before = Over.STRICTLY_LOWER if diagonal_outward else Over.LOWER
+    maps: list[Map] = []
+    for side, over, outward in (("beyond", beyond, True), ("before", before, False)):
+        u = Array(f"{symbol}_{side}", J.shape)
+        comment = f"{symbol}_j = {formula}, for the joints j {side} joint i"
+        expression = partial(covector, representation, outward=outward)
+        maps.append(Map(comment, Over.JOINTS, Operand(u, "j"), (Operand(J, "j"), *operands), expression))
+        # A floating base moves as one body: each of its joints moves the tip as if it were the joint nearest the base.
+        overs = (over, Over.BASE) if chain.floating and not outward else (over,)
+        maps += [pairs_of(J, u, each, output, f"{left_hand_side}_ij = J_i . {symbol}_j for {each}") for each in overs]
+    return tuple(maps)
+
+
+def kinematic_stiffness(chain: Chain, representation: Representation, result: Argument, wrench: Argument) -> Program:
+    """Return the program of dJ^T/dq . F from covectors of the wrench, with one dot product per pair of joints."""
+
+    def steps(output: Array) -> Program:
+        recursion, J = columns_of(chain, representation)
+        operands = (Operand(wrench.array(chain), ""),)
+        names = ("z", "Kkin", "gradient of (dJ_i/dq_j) . F with respect to J_i")
+        covector = stiffness.kinematic_covector
+        return (recursion, *_two_sided(chain, J, output, representation, covector, operands, names))
+
+    return over_joints(chain, result, steps)
+
+
+def joint_stiffness_uncorrected(
+    chain: Chain, representation: Representation, result: Argument, wrench: Argument, task_stiffness: Argument
+) -> Program:
+    """Return the program of dJ^T/dq . F + J^T K J, all entries."""
+
+    def steps(output: Array) -> Program:
+        recursion, J = columns_of(chain, representation)
+        y = Array("y", J.shape)
+        matrix = Operand(task_stiffness.array(chain), "")
+        product = Map("y_j = K J_j", Over.JOINTS, Operand(y, "j"), (matrix, Operand(J, "j")), ca.mtimes)
+        operands = (Operand(wrench.array(chain), ""), Operand(y, "j"))
+        names = ("u", "Kq", "y_j + gradient of (dJ_i/dq_j) . F with respect to J_i")
+        covector = stiffness.uncorrected_covector
+        return (recursion, product, *_two_sided(chain, J, output, representation, covector, operands, names))
+
+    return over_joints(chain, result, steps)
+
+
+def joint_stiffness(
+    chain: Chain, representation: Representation, result: Argument, wrench: Argument, task_stiffness: Argument
+) -> Program:
+    """Return the program of dJ^T/dq . F + J^T (K + Gamma F) J, one triangle, mirrored."""
+
+    def steps(output: Array) -> Program:
+        recursion, J = columns_of(chain, representation)
+        F, K = wrench.array(chain), task_stiffness.array(chain)
+        return (recursion, *tangent(chain, J, F, K, representation, output))
+
+    return over_joints(chain, result, steps, mirror=True)
+
+
+def connection_correction(chain: Chain, representation: Representation, result: Argument, wrench: Argument) -> Program:
+    """Return the program of Gamma F."""
+    return (
+        SparseSum(
+            "Gamma F",
+            result.array(chain),
+            None,
+            (wrench.array(chain),),
+            partial(stiffness.gamma_F, representation),
+            stiffness.halves_of_wrench,
+        ),
+    )
+
+
+def stiffness_direction_gradient(
+    chain: Chain,
+    representation: Representation,
+    result: Argument,
+    wrench: Argument,
+    task_stiffness: Argument,
+    direction: Argument,
+) -> Program:
+    """Return the program of the gradient; on a floating base, its first six entries belong to the base's twist.
+
+    The gradient of v^T Kq v is the vector-Jacobian product of Kq with the cotangent v v^T. Where joints mimic, the
+    stiffness of the joints is differentiated in place of its sum, and v is spread over the joints.
+    """
+    m, v = len(chain.joints), direction.array(chain)
+    stiffness = Argument("Kq", ("n", "n"), "", "", symmetric=True)
+    forward = joint_stiffness(chain, representation, stiffness, wrench, task_stiffness)
+    Kq, steps = stiffness.array(chain), list[Step]()
+    if chain.coupled:
+        sum_joints, v_of_joints = forward[-1], Array("v_of_joints", (m,))
+        assert isinstance(sum_joints, SumJoints)
+        forward, Kq = forward[:-1], sum_joints.source
+        steps, v = [SumJoints(v, v_of_joints, spread=True)], v_of_joints
+    cotangent = Array("vv", Kq.shape)
+    operands = Operand(v, "i"), Operand(v, "j")
+    comment = "cotangent v_i v_j for i<=j, mirrored"
+    steps.append(Map(comment, Over.UPPER, Operand(cotangent, "ij"), operands, lambda a, b: a * b, mirror=True))
+    variables = [argument.array(chain) for argument in (*((BASE_POSE,) if chain.floating else ()), Q)]
+    product = adjoint.reverse(chain, forward, variables, [Kq], [cotangent])
+    gradients = tuple(Operand(Array(bar_name(each.name), gradient_shape(each)), "") for each in variables)
+    output = Operand(result.array(chain), "")
+    return *steps, *product, Map("gradient", Over.ONCE, output, gradients, lambda *parts: ca.vertcat(*parts))
+
+
+_SPATIAL_NOTE = (
+    "The spatial connection differs from the body and hybrid one: the same task stiffness and wrench, moved to the "
+    "{reference}'s origin, give a different joint stiffness."
+)
+
+
+def stiffness_kernels(rep: Representation, configuration: tuple[Argument, ...], reference: str) -> tuple[Kernel, ...]:
+    """Return the kernels of the stiffness in one representation; ``reference`` names the frame of the moments."""
+    wrench = arguments.wrench(rep)
+    upper = arguments.task_stiffness(rep, triangle=True)
+    full = arguments.task_stiffness(rep, triangle=False)
+    spatial = _SPATIAL_NOTE.format(reference=reference) if rep == "spatial" else ""
+    kinematic = Argument("kinematic_stiffness", ("n", "n"), "N m/rad", "column i is dJ^T/dq_i F; not symmetric")
+    correction = Argument(
+        "connection_correction", (6, 6), "N, N m", "(Gamma F)_ij = sum_k Gamma^k_ij F_k, added to the task stiffness",
+        blocks=quantities.STIFFNESS,
+    )  # fmt: skip
+    joint = Argument("joint_stiffness", ("n", "n"), "N m/rad", "bitwise symmetric", symmetric=True)
+    uncorrected = Argument("joint_stiffness_uncorrected", ("n", "n"), "N m/rad", "not symmetric under a moment")
+    return (
+        Kernel(
+            "kinematic_stiffness", rep, (*configuration, wrench), (kinematic,),
+            "Kinematic stiffness: derivative of the joint torques of a constant wrench with respect to q.",
+            "Kkin = dJ^T/dq . F (Lachner, Nah, Hogan 2025, central equation, first term)",
+            partial(kinematic_stiffness, representation=rep, result=kinematic, wrench=wrench),
+        ),
+        Kernel(
+            "connection_correction", rep, (wrench,), (correction,),
+            "Christoffel-symbol correction of the task stiffness.",
+            "Gamma F (Lachner, Nah, Hogan 2025, central equation and appendix)",
+            partial(connection_correction, representation=rep, result=correction, wrench=wrench),
+            spatial,
+        ),
+        Kernel(
+            "joint_stiffness", rep, (*configuration, wrench, upper), (joint,),
+            "Symmetric joint stiffness with the correction by the connection.",
+            "Kq = dJ^T/dq . F + J^T (K + Gamma F) J (Lachner, Nah, Hogan 2025, central equation)",
+            partial(joint_stiffness, representation=rep, result=joint, wrench=wrench, task_stiffness=upper),
+            spatial,
+            batch=True,
+        ),
+        Kernel(
+            "joint_stiffness_uncorrected", rep, (*configuration, wrench, full), (uncorrected,),
+            "Conventional joint stiffness, without the correction; for comparison.",
+            "dJ^T/dq . F + J^T K J",
+            partial(joint_stiffness_uncorrected, representation=rep, result=uncorrected, wrench=wrench,
+                task_stiffness=full,
+            ),
+        ),
+    )  # fmt: skip
+
+
+DIRECTION = Argument(
+    "direction", ("n",), "1", "v, held", symbol="v", per_configuration=True, draw=quantities.Normal(), largest="none"
+)
+
+
+def direction_gradient_kernel(configuration: tuple[Argument, ...]) -> Kernel:
+    """Return the kernel of the gradient of the hybrid joint stiffness along a direction."""
+    F, K = arguments.wrench("hybrid"), arguments.task_stiffness("hybrid", triangle=True)
+    result = Argument(
+        "stiffness_direction_gradient",
+        ("n",),
+        "N m/rad^2",
+        "gradient of v^T Kq v with respect to q",
+        floating_meaning="gradient of v^T Kq v: covector of the base link's twist in its own axes, then the joints'",
+    )
+    program = partial(stiffness_direction_gradient, wrench=F, task_stiffness=K, direction=DIRECTION, result=result)
+    return Kernel(
+        "stiffness_direction_gradient", "hybrid", (*configuration, F, K, DIRECTION), (result,),
+        "Gradient of the joint stiffness along a direction; wrench, task stiffness and direction are held.",
+        "d(v^T Kq v)/dq; with a unit eigenvector v of Kq, the gradient of its eigenvalue",
+        partial(program, representation="hybrid"),
+        batch=True,
+        is_gradient=True,
+    )  # fmt: skip

@@ -1,0 +1,251 @@
+# SPDX-License-Identifier: MIT
+"""Oracles: independent sources of the values of every kernel, by its group and name.
+
+A kernel without an oracle is a failed check: the comparison with the CasADi functions sees the printing alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from stiffgen.core.robot.chain import Chain
+from stiffgen.core.robot.geometry import FloatArray
+from stiffgen.core.symbolic.connection import REPRESENTATIONS, Representation
+from stiffgen.core.symbolic.kernels import Kernel, chain_kernels
+from stiffgen.core.verify.kernels.comparison import KernelCall, Oracle, but_for_rounding, symmetry
+from stiffgen.core.verify.kernels.poses import gamma_F
+from stiffgen.core.verify.kernels.references import TASK_STIFFNESS, WRENCH, References, of_joint_potential
+from stiffgen.core.verify.result import NO_ORACLE, Check, Kernels
+from stiffgen.families.compliance.reference import COMPLIANCE_ORACLES
+from stiffgen.families.joints.kernels import JOINT_POTENTIALS, JointPotential
+from stiffgen.families.loops.reference import CLOSE, LOOP_ORACLES, loop_oracles
+from stiffgen.families.springs.potentials import KernelOptions
+
+Oracles = dict[str, tuple[Oracle, ...]]
+
+
+def _of_representation(rep: Representation) -> Oracles:
+    """Return the oracles of the kernels of a representation."""
+
+    def stiffness(r: References, *, corrected: bool) -> FloatArray:
+        return r.joint_stiffness(rep, corrected=corrected)
+
+    formula = "formula on differentiated Jacobian"
+    return {
+        f"{rep}_jacobian": (Oracle("differentiated pose", lambda r: r.jacobian[rep]),),
+        f"{rep}_jacobian_transpose_derivative": (Oracle("differentiated Jacobian", lambda r: r.derivative[rep]),),
+        f"{rep}_kinematic_stiffness": (
+            Oracle("differentiated Jacobian . F", lambda r: r.kinematic_stiffness(rep)),
+        ),
+        f"{rep}_connection_correction": (
+            Oracle("cross-product matrices", lambda r: gamma_F(rep, r.samples[WRENCH])),
+        ),
+        f"{rep}_joint_stiffness": (Oracle(formula, partial(stiffness, corrected=True)),),
+        f"{rep}_joint_stiffness_uncorrected": (Oracle(formula, partial(stiffness, corrected=False)),),
+    }  # fmt: skip
+
+
+def _turned_to_hybrid(r: References) -> tuple[FloatArray, FloatArray]:
+    """Return wrench and covariant Hessian of the potential in hybrid axes."""
+    wrench, covariant, _ = r.potential
+    turn = _turns(r)
+    return np.einsum("sij,sj->si", turn, wrench).astype(float), (turn @ covariant @ _back(turn)).astype(float)
+
+
+def _turns(r: References) -> Any:
+    """Return blkdiag(R, R) in every state, R the tip's rotation: it turns body wrenches to hybrid ones."""
+    rotation = r.pose[:, :3, :3]
+    turn = np.zeros((len(rotation), 6, 6), dtype=rotation.dtype)
+    turn[:, :3, :3] = turn[:, 3:, 3:] = rotation
+    return turn
+
+
+def _back(turn: Any) -> Any:
+    """Return the transposes of matrices."""
+    return np.swapaxes(turn, 1, 2)
+
+
+def _of_potential(loads: Any) -> Oracle:
+    return Oracle("Hessian of a potential", lambda r: r.potential[2], loads=loads, rounded="arguments")
+
+
+def _of_energies(name: str) -> tuple[Oracle, ...]:
+    return (Oracle("differentiated energies", lambda r: r.dynamics[name]),)
+
+
+def _of_sensor(r: References, name: str) -> FloatArray:
+    return r.sensor[name]
+
+
+def _by_hand(potential: JointPotential, result: str) -> tuple[Oracle, ...]:
+    return (Oracle("derivatives by hand", lambda r: of_joint_potential(r, potential)[result], rounded=""),)
+
+
+ORACLES: Oracles = {
+    "forward_kinematics": (Oracle("product of poses", lambda r: r.pose),),
+    "manipulability": (
+        Oracle("singular values", lambda r: r.manipulability.measure, errors=lambda r: r.manipulability.measure_error),
+    ),
+    "manipulability_gradient": (
+        Oracle(
+            "singular values", lambda r: r.manipulability.gradient, errors=lambda r: r.manipulability.gradient_error
+        ),
+    ),
+    **{name: oracles for rep in REPRESENTATIONS for name, oracles in _of_representation(rep).items()},
+    "hybrid_stiffness_direction_gradient": (
+        Oracle("form differentiated along v", lambda r: r.direction_gradient),
+    ),
+    "mass_matrix": _of_energies("mass_matrix"),
+    "bias_forces": _of_energies("bias_forces"),
+    "gravity_energy": _of_energies("gravity_energy"),
+    "gravity_gradient": _of_energies("gravity_gradient"),
+    "gravity_joint_stiffness": _of_energies("gravity_joint_stiffness"),
+    "static_torque_derivatives": (Oracle("differentiated energies", lambda r: r.static_torque_derivatives),),
+    **{
+        f"{potential.name}_{result}": _by_hand(potential, result)
+        for potential in JOINT_POTENTIALS
+        for result in ("energy", "torque", "joint_stiffness")
+    },
+    **{
+        f"sensor_{name}": (Oracle("momenta of the payload", partial(_of_sensor, name=name)),)
+        for name in ("tip_wrench", "reading", "tip_wrench_dynamic")
+    },
+    "sensor_joint_stiffness": (
+        Oracle(
+            "formula on the wrench of a reading",
+            lambda r: r.joint_stiffness("hybrid", corrected=True, wrench=r.sensor["tip_wrench"]),
+        ),
+    ),
+    **COMPLIANCE_ORACLES,
+    **LOOP_ORACLES,
+}  # fmt: skip
+"""Oracles by group and name of the kernel; those of springs follow from the energies (:func:`oracles_of`)."""
+ORACLES["body_joint_stiffness"] += (
+    _of_potential(lambda r: (r.potential[0].astype(float), r.potential[1].astype(float))),
+)
+ORACLES["hybrid_joint_stiffness"] += (_of_potential(_turned_to_hybrid),)
+
+
+def oracles_of(options: KernelOptions | None) -> Oracles:
+    """Return the table with the oracles of the chosen springs, also of a user's potentials."""
+    table = dict(ORACLES)
+    for spring in (options or KernelOptions()).all_springs():
+        names = ("energy", "wrench", "task_stiffness", "torque", "joint_stiffness")
+        for name in names:
+            table[f"{spring.name}_{name}"] = (_of_spring(spring.name, (name,)),)
+        table[f"{spring.name}_linearization"] = (_of_spring(spring.name, ("energy", "torque", "joint_stiffness")),)
+        table[f"{spring.name}_positive_tangent"] = (Oracle("row sums of |K| and of the load", _bound(spring.name)),)
+        table |= loop_oracles(spring)
+    return table
+
+
+def _bound(spring: str) -> Callable[[References], FloatArray]:
+    """Return the function of J^T diag(sum_j |K_ij|) J + diag(sum_j |A_ij|), A the stiffness of the wrench alone."""
+
+    def bound(r: References) -> FloatArray:
+        J, values = r.jacobian["hybrid"], r.springs[spring]
+        task = np.abs(values["task_stiffness"]).sum(2)
+        load = np.abs(values["joint_stiffness"] - np.swapaxes(J, 1, 2) @ values["task_stiffness"] @ J).sum(2)
+        result: FloatArray = np.swapaxes(J, 1, 2) @ (task[:, :, None] * J) + load[:, :, None] * np.eye(J.shape[2])
+        return result
+
+    return bound
+
+
+def _of_spring(spring: str, results: tuple[str, ...]) -> Oracle:
+    return Oracle("differentiated energy", lambda r: tuple(r.springs[spring][result] for result in results))
+
+
+def _found(table: Oracles, kernel: Kernel) -> tuple[Oracle, ...]:
+    """Return the oracles of a kernel; a total over the tips has the sum of the tips' references."""
+    if not kernel.by_tips:
+        return table.get(kernel.function, ())
+    return tuple(map(_sum_over_tips, table.get(kernel.function.removesuffix("_total"), ())[:1]))
+
+
+def _sum_over_tips(of: Oracle) -> Oracle:
+    """Return the oracle of a total from that of one tip."""
+
+    def total(r: References) -> Any:
+        each = [of.values(tip) for tip in r.tips]
+        return tuple(map(sum, zip(*each, strict=True))) if isinstance(each[0], tuple) else sum(each)
+
+    return Oracle(f"sum over the tips: {of.name}", total)
+
+
+def check_oracles(table: Iterable[Kernel], options: KernelOptions | None = None) -> list[Check]:
+    """Return a failed check for every kernel without an oracle.
+
+    A vector-Jacobian product is compared with differences of its kernel
+    (:mod:`stiffgen.families.derivatives.check`), the closure of loops with their equations
+    (:mod:`stiffgen.families.loops.reference`).
+    """
+    known, kernels = oracles_of(options), tuple(table)
+    names = {(kernel.path, kernel.name) for kernel in kernels}
+    return [
+        Check(
+            kernel.qualified_name, NO_ORACLE, math.inf, 0.0,
+            f'write ORACLES["{kernel.function}"] in verify/kernels/oracles.py, from a source that shares no code',
+        )
+        for kernel in kernels
+        if not _found(known, kernel) and kernel.name != CLOSE and (kernel.path, kernel.product_of) not in names
+    ]  # fmt: skip
+
+
+def check_robot(
+    kernels: Kernels,
+    chain: Chain,
+    count: int,
+    seed: int,
+    options: KernelOptions | None = None,
+    table: Sequence[Kernel] | None = None,
+) -> list[Check]:
+    """Compare all kernels of a robot with their oracles; ``table`` has those of a folder with fewer."""
+    return check_kernels(kernels, References(chain, count, seed, options), table)
+
+
+def check_kernels(kernels: Kernels, references: References, table: Sequence[Kernel] | None = None) -> list[Check]:
+    """Compare kernels of a robot with their oracles, at the samples of the references."""
+    chain, options, checks = references.chain, references.options, list[Check]()
+    known, table = oracles_of(options), chain_kernels(chain, options) if table is None else table
+    tips = {tip.name: of_tip for tip, of_tip in zip(chain.tips, references.tips, strict=True)}
+    for kernel in table:
+        references_of_tip = tips[kernel.tip.name] if kernel.tip else references
+        oracles = [oracle for oracle in _found(known, kernel) if not oracle.closed]
+        for oracle in oracles:
+            checks += oracle.checks(kernels, chain, kernel, references_of_tip)
+        if oracles:
+            checks += _symmetries(kernels, chain, kernel, references_of_tip)
+        if kernel.function == "body_joint_stiffness":
+            checks.append(_check_body_form(kernels, chain, kernel, references_of_tip))
+    return checks
+
+
+def _symmetries(kernels: Kernels, chain: Chain, kernel: Kernel, at: References) -> list[Check]:
+    """Return a check for each symmetric result."""
+    if not any(result.symmetric for result in kernel.results):
+        return []
+    call = KernelCall(kernels, chain, kernel, at.samples.of(kernel.arguments))
+    return [symmetry(call.title(k), call.values[k]) for k, result in enumerate(kernel.results) if result.symmetric]
+
+
+def _check_body_form(kernels: Kernels, chain: Chain, body: Kernel, at: References) -> Check:
+    """Compare the hybrid joint stiffness with the body one at turned wrench and stiffness; each has its rounding."""
+    functions = chain_kernels(chain)
+    hybrid = next(each for each in functions if each.function == "hybrid_joint_stiffness" and each.tip == body.tip)
+    turn, wrench = _turns(at), at.samples[WRENCH]
+    loads = np.einsum("sji,sj->si", turn, wrench), _back(turn) @ at.samples[TASK_STIFFNESS] @ turn  # in body axes
+    body_arguments = *at.posture_of("body"), *(each.astype(float) for each in loads)
+    in_body = KernelCall(kernels, chain, body, body_arguments, "arguments")
+    in_hybrid = KernelCall(kernels, chain, hybrid, at.samples.of(hybrid.arguments), "arguments")
+
+    def errors() -> FloatArray:
+        return np.asarray(np.hypot(in_body.largest_errors(0), in_hybrid.largest_errors(0)))
+
+    value, reference = in_body.values[0], np.asarray(in_hybrid.values[0])
+    return but_for_rounding(hybrid.qualified_name, "body form, turned", value, reference, errors)

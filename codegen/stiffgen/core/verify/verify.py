@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: MIT
+"""Run the command ``stiffgen verify DIR``: every comparison of a folder, one step after the other."""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import math
+import warnings
+from collections.abc import Callable, Mapping
+from functools import cache, partial
+from pathlib import Path
+
+from stiffgen.core.emit.manifest import MANIFEST
+from stiffgen.core.errors import PotentialError, StiffgenError, listed
+from stiffgen.core.folder import temporary_folder
+from stiffgen.core.opened import GeneratedRobot, open_robot
+from stiffgen.core.robot.chain import Chain
+from stiffgen.core.robot.geometry import FloatArray
+from stiffgen.core.symbolic.arguments import Argument
+from stiffgen.core.verify.folder.bounds import check_bounds
+from stiffgen.core.verify.folder.files import (
+    check_files,
+    check_functions,
+    check_tables,
+    check_text,
+    check_urdf,
+    load_module,
+    print_again,
+)
+from stiffgen.core.verify.folder.widths import build_widths
+from stiffgen.core.verify.kernels.batches import LONG, check_c_batches, check_stacks
+from stiffgen.core.verify.kernels.certified import check_certified_bounds
+from stiffgen.core.verify.kernels.formulas import check_against_casadi, check_far_angles
+from stiffgen.core.verify.kernels.missing import missing_functions
+from stiffgen.core.verify.kernels.not_finite import check_not_finite
+from stiffgen.core.verify.kernels.oracles import check_oracles, check_robot
+from stiffgen.core.verify.kernels.samples import Samples, argument_samples, with_other_lower_triangles
+from stiffgen.core.verify.result import Check, Kernels, left_out, one_by_one
+from stiffgen.families.derivatives.check import check_derivatives
+from stiffgen.families.dynamics.masses import check_masses
+from stiffgen.families.loops.reference import check_loops
+from stiffgen.rooms import optional
+
+Comparison = Callable[[], list[Check]]
+
+
+def verify(
+    folder: str | Path,
+    *,
+    urdf: str | Path | None = None,
+    count: int | None = None,
+    seed: int = 0,
+    trust_potentials: bool = False,
+    progress: Callable[[str], None] = lambda step: None,
+) -> list[Check]:
+    """Verify a robot's folder against independent references.
+
+    Files against the digests in the manifest; the manifest's chain against the URDF, if it is given; names and limits
+    against the chain; every function against independent oracles and against the CasADi function it was printed from;
+    stacks and C batches of every length, with steps of every kind, against single calls; NaN, infinity and numbers that
+    overflow; no memory but the arguments'; the controller against its law, its limits and its reaction to faults.
+
+    Args:
+        folder: what ``stiffgen generate`` wrote.
+        urdf: the file that it was generated from. Without it the chain in the manifest is believed.
+        count: number of random postures within the limits (default: 200 up to 7 joints, fewer for more, at least 10).
+        seed: of the random generator, not negative.
+        trust_potentials: run the source of the potentials in the folder's manifest.json, which these need.
+        progress: called with a few words before each step.
+
+    Returns:
+        One record a comparison.
+
+    Raises:
+        OutputError: the folder is none of stiffgen's, is damaged, or is not compiled.
+        DescriptionError, ChainError: the URDF has no such chain.
+        StiffgenError: ``count`` or ``seed`` is out of range.
+        PotentialError: the folder has potentials that are not trusted.
+
+    """
+    if seed < 0 or (count is not None and count < 1):
+        raise StiffgenError("the seed must not be negative, and there must be at least one posture")
+    robot = open_robot(folder, trust_potentials=trust_potentials)
+    _require_trust(robot)
+    count = default_count(robot.chain) if count is None else count
+    checks = check_files(robot)
+    if not checks[0].passed:
+        return [*checks, Check("functions", "not run", math.inf, 0.0, "nothing of a folder with other files is run")]
+    load_module(robot)
+    with temporary_folder("verify") as build, warnings.catch_warnings():
+        # Differences change one triangle, and far angles are tried on purpose.
+        warnings.filterwarnings(
+            "ignore", ".*(only its upper triangle is read|are the positions in degrees)", UserWarning
+        )
+        steps = _steps(robot, None if urdf is None else Path(urdf), count, seed, build)
+        for number, (title, step) in enumerate(steps, start=1):
+            progress(f"{title} ({number} of {len(steps)})")
+            try:
+                checks += step()
+            except (ValueError, TypeError, IndexError, KeyError, AttributeError) as error:
+                # A folder that does not accept its own arguments has failed; the input is not to blame.
+                checks.append(Check(title, "runs", math.inf, 0.0, f"{type(error).__name__}: {error}"))
+    return checks
+
+
+def _require_trust(robot: GeneratedRobot) -> None:
+    """Refuse a folder with potentials whose source may not be run."""
+    sealed = [each.name for each in robot.springs.potentials if each.is_sealed]
+    if sealed:
+        raise PotentialError(
+            f"{robot.folder}: verification runs the source of the potentials in manifest.json ({listed(sealed)}); read "
+            "it, then pass --trust-potentials, or trust_potentials=True in Python"
+        )
+
+
+def default_count(chain: Chain) -> int:
+    """Return the number of configurations for a chain: the cost of one grows with the cube of its joints."""
+    return max(10, min(200, round(200 * (7 / len(chain.joints)) ** 2)))
+
+
+def _steps(
+    robot: GeneratedRobot, urdf: Path | None, count: int, seed: int, build: Path
+) -> list[tuple[str, Comparison]]:
+    """Return the steps and their titles; what several steps need is made by the first that asks."""
+    chain, kernels, table, springs = robot.chain, robot.kernels, robot.table, robot.springs
+    # Stacks use the batch functions if there are any; the oracles must see the single functions, too.
+    single = {name: one_by_one(kernel) for name, kernel in kernels.items()}
+    missing = missing_functions(robot)
+    # A batch that reads another triangle than the single call is detected.
+    pool = with_other_lower_triangles(argument_samples(chain, LONG, seed, springs))
+    texts = cache(partial(print_again, robot))
+    libraries = cache(partial(build_widths, robot, build))
+    steps: list[tuple[str, Comparison]] = [
+        ("printing again", lambda: [check_functions(robot), check_text(robot, texts())]),
+        ("names and limits", lambda: check_tables(robot, libraries())),
+        (
+            "differentiating and comparing",
+            lambda: check_oracles(table, springs) + check_robot(missing | single, chain, count, seed, springs, table),
+        ),
+        ("comparing with CasADi", lambda: check_against_casadi(single, chain, min(count, 50), seed, springs)),
+        ("angles many turns away", lambda: check_far_angles(single, chain, seed, springs)),
+        ("stacks of every length", lambda: check_stacks(kernels, single, table, chain, pool)),
+        ("certified bounds", lambda: _check_rounding((single, kernels), robot, texts()[MANIFEST], pool)),
+        ("NaN and infinity", lambda: check_not_finite(kernels, table, pool, robot.scalar)),
+    ]
+    controller = optional("control.sessions")
+    if controller is not None:
+        steps += [
+            ("stepping the controller", lambda: controller.check_controller(robot, seed)),
+            ("hostile sessions", lambda: controller.check_sessions(robot, texts(), seed, build / "sessions")),
+        ]
+    if chain.loops:
+        projected = min(count, 50)
+        steps.append(
+            ("projecting closed loops", lambda: check_loops(missing | single, chain, projected, seed, springs, table))
+        )
+    if springs.derivatives:
+        steps.append(("differences of what has derivatives", lambda: check_derivatives(single, table, chain, pool)))
+    steps.append(("batches in C", lambda: _check_batches(libraries(), robot, single, pool)))
+    steps.append(("bounds of memory", lambda: _check_memory(libraries(), robot, pool)))
+    if urdf is not None:
+        file = urdf
+        steps.insert(1, ("reading the URDF", lambda: [check_urdf(chain, file)]))
+        states = Samples(chain, 5, seed)
+        steps.insert(2, ("masses of the URDF", lambda: check_masses(single, table, chain, file, states)))
+    return steps
+
+
+def _check_rounding(
+    variants: tuple[Kernels, Kernels], robot: GeneratedRobot, printed: str, pool: Mapping[Argument, FloatArray]
+) -> list[Check]:
+    """Compare with the bounds of the manifest, and these with the manifest that was ``printed`` again."""
+    fresh = json.loads(printed)["rounding"]
+    return check_certified_bounds(
+        variants, robot.table, robot.chain, robot.scalar, robot.manifest["rounding"], fresh, pool
+    )
+
+
+def _check_batches(
+    libraries: Mapping[str, ctypes.CDLL], robot: GeneratedRobot, single: Kernels, pool: Mapping[Argument, FloatArray]
+) -> list[Check]:
+    if not libraries:
+        return [left_out("batches in C, guard pages", "no C compiler was found")]
+    return check_c_batches(libraries, robot.name, single, robot.table, robot.chain, pool, robot.scalar)
+
+
+def _check_memory(
+    libraries: Mapping[str, ctypes.CDLL], robot: GeneratedRobot, pool: Mapping[Argument, FloatArray]
+) -> list[Check]:
+    """Check the accesses of one build; without a compiler, the step before says that there is none."""
+    if not libraries:
+        return []
+    library = next(iter(libraries.values()))
+    return check_bounds(library, robot.name, robot.table, robot.chain, pool, robot.scalar)

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""The family compliance: records, programs, oracles, draws."""

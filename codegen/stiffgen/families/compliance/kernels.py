@@ -1,0 +1,369 @@
+# SPDX-License-Identifier: MIT
+"""Compliance of the tip: the way back from springs in the joints to the tip, under a load.
+
+An arm rests with springs of stiffness Kth in its joints, under a wrench F. The wrench grows by dF, and keeps its
+components along geodesics of the tip. The joints then move by dq and the tip by the twist C dF, with
+
+    H = Kth - dJ^T/dq . F - J^T (Gamma F) J      dq = H^-1 J^T dF      C = J H^-1 J^T
+
+The family is made on request: ``--kernels all,compliance``.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from typing import NamedTuple, Protocol
+
+import casadi as ca
+import numpy as np
+
+from stiffgen.core.robot.chain import Chain, Tip
+from stiffgen.core.symbolic import arguments, kinematics, pieces, quantities
+from stiffgen.core.symbolic.arguments import Argument, configuration_arguments
+from stiffgen.core.symbolic.connection import REPRESENTATIONS, Representation
+from stiffgen.core.symbolic.kernel import Kernel
+from stiffgen.core.symbolic.kinematics import Expressions
+from stiffgen.core.symbolic.program import Array, Program
+from stiffgen.core.symbolic.quantities import BlockKind, Blocks
+from stiffgen.core.symbolic.steps import Congruence, Shared, StraightLine, SumJoints
+from stiffgen.families.compliance import expressions as compliance
+from stiffgen.families.contacts import expressions as contacts
+from stiffgen.families.loops import programs as motor_programs
+from stiffgen.families.loops.kernels import CLOSED, GROUP
+
+
+class _Loaded(NamedTuple):
+    """Stiffness of a load in the joints, and Jacobian: with respect to coordinates, which several joints may share."""
+
+    steps: Program
+    """Steps that compute the two arrays."""
+    stiffness: Array
+    """dJ^T/dq . F + J^T (Gamma F) J."""
+    J: Array
+    """Jacobian; the steps write it for kernels that read it."""
+
+
+class _LoadSteps(Protocol):
+    """Steps of a load: its stiffness and, if the kernel reads it, the Jacobian."""
+
+    def __call__(self, chain: Chain, *, reads_J: bool) -> _Loaded:
+        """Return the steps and their arrays."""
+
+
+REQUEST = "compliance"
+"""Word of --kernels for the family."""
+
+
+def _quarter_of_tips(row: int, column: int) -> int:
+    return row % 6 // 3 + column % 6 // 3
+
+
+_COMPLIANCE = Blocks(
+    (
+        BlockKind("translation block", "m/N"),
+        BlockKind("coupling", "rad/N"),
+        BlockKind("rotation block", "rad/(N m)"),
+    ),
+    _quarter_of_tips,
+)
+_STIFFNESS = Blocks(
+    (BlockKind("translation block", "N/m"), BlockKind("coupling", "N"), BlockKind("rotation block", "N m")),
+    _quarter_of_tips,
+)
+_LOAD = Argument("load_stiffness", ("n", "n"), "N m/rad", "", symmetric=True, symbol="Kload")
+UNSTABLE = "NaN where the posture is unstable under its load: H is not positive definite."
+_HESSIAN = "H = Kth - dJ^T/dq . F - J^T (Gamma F) J"
+
+
+def joint_stiffness(size: str) -> Argument:
+    """Return the argument Kth of all joints ("n") or of the motors of closed loops ("a")."""
+    of = "motors" if size == "a" else "joints"
+    return Argument(
+        "joint_stiffness", (size, size), "N m/rad",
+        f"Kth, Hessian of the energy of the {of}' springs and of gravity; only the upper triangle is read",
+        symbol="Kth", triangle=True, draw=quantities.stiff_springs, largest="none",
+    )  # fmt: skip
+
+
+def increment(representation: Representation) -> Argument:
+    """Return the change of the wrench on a tip."""
+    wrench = arguments.wrench(representation)
+    return replace(
+        wrench, name="increment", symbol="dF", plural="increments", meaning=f"change of {wrench.meaning}",
+        floating_meaning=f"change of {wrench.floating_meaning}",
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Family:
+    """Kernels with one kind of load.
+
+    ``load`` returns the steps of stiffness and Jacobian, ``size`` is the extent of the joint stiffness, ``tips`` the
+    number of tips, ``prefix`` the beginning of the names of C functions, ``suffix`` the end of those of kernels,
+    ``domain`` a note for all of them.
+    """
+
+    group: str
+    configuration: tuple[Argument, ...]
+    wrench: Argument
+    increment: Argument
+    load: _LoadSteps
+    size: str = "n"
+    tips: int = 1
+    prefix: str = ""
+    suffix: str = ""
+    domain: str = ""
+
+    def kernels(self) -> tuple[Kernel, ...]:
+        """Return the kernels."""
+        size, rows, of = self.size, 6 * self.tips, " of all tips, in their order" * bool(self.suffix)
+        kernels = (
+            self._kernel(
+                Argument("loaded_hessian", (size, size), "N m/rad", "H, bitwise symmetric", symmetric=True),
+                "Stiffness of the joints under a load: Hessian of the energy of springs and load.", _HESSIAN,
+                compliance.loaded_hessian, (),
+            ),
+            self._kernel(
+                Argument("tip_compliance", (rows, rows), "m/N, 1/N, rad/(N m)", f"C{of}, bitwise symmetric",
+                    symmetric=True, blocks=_COMPLIANCE),
+                "Compliance of the tip under a load: twist of the tip per wrench.", "C = J H^-1 J^T",
+                compliance.tip_compliance, ("J",), UNSTABLE, _congruence,
+            ),
+            self._kernel(
+                Argument("tip_stiffness", (rows, rows), "N/m, N, N m", f"C^-1{of}, bitwise symmetric",
+                    symmetric=True, blocks=_STIFFNESS),
+                "Stiffness of the tip under a load: wrench per twist of the tip.", "C^-1 = (J H^-1 J^T)^-1",
+                compliance.tip_stiffness, ("J",), f"{UNSTABLE} NaN where the Jacobian has no full row rank, too.",
+            ),
+            self._kernel(
+                Argument("deflection", (size,), "rad or m", "dq, displacement of the joints"),
+                "Displacement of the joints as the wrench changes.", "dq = H^-1 J^T dF",
+                compliance.deflection, ("J", self.increment), UNSTABLE,
+            ),
+            self._stability(
+                Argument("stability", (), "N m/rad", "smallest eigenvalue of H, positive for a stable posture")
+            ),
+        )  # fmt: skip
+        return tuple(each for each in kernels if not (self.suffix and each.name.startswith("tip_stiffness")))
+
+    def _kernel(
+        self,
+        result: Argument,
+        summary: str,
+        equation: str,
+        expressions: Callable[..., Expressions],
+        more: tuple[Argument | str, ...],
+        note: str = "",
+        as_step: Callable[..., StraightLine] = StraightLine,
+    ) -> Kernel:
+        """Return the kernel of one C function of joint stiffness, load stiffness and ``more``: "J" and arguments.
+
+        ``as_step`` returns the step of the expressions.
+        """
+        springs, result = joint_stiffness(self.size), replace(result, name=f"{result.name}{self.suffix}")
+        others = tuple(each for each in more if isinstance(each, Argument))
+
+        def program(chain: Chain) -> Program:
+            steps, load, J = self.load(chain, reads_J=bool(more))
+            output, parts = result.array(chain), (springs.array(chain), load)
+            if not more:
+                return *steps, StraightLine((output,), expressions, parts, heading=equation)
+            pack, H = packed(*parts)
+            values = J, H, *(each.array(chain) for each in others)
+            line = as_step((output,), expressions, values, heading=equation)
+            columns = (J,) if J.name == "J" else ()  # of joints; other Jacobians have coordinates as columns
+            shared = Shared.of(f"{self.prefix}{result.name}_of", summary, (line,), values, output, *columns)
+            return *steps, pack, shared
+
+        return self._record(result, others, summary, equation, program, note)
+
+    def _record(
+        self,
+        result: Argument,
+        others: tuple[Argument, ...],
+        summary: str,
+        equation: str,
+        program: Callable[[Chain], Program],
+        note: str,
+    ) -> Kernel:
+        """Return the record of a kernel with the family's arguments, then ``others``."""
+        inputs = (*self.configuration, self.wrench, joint_stiffness(self.size), *others)
+        notes = " ".join(filter(None, (note, self.domain)))
+        return Kernel(
+            result.name, self.group, inputs, (result,), summary, equation, program, notes, batch=True,
+            on_request=REQUEST,
+        )  # fmt: skip
+
+    def _stability(self, result: Argument) -> Kernel:
+        """Return the kernel of the smallest eigenvalue: tridiagonal form, then bisection by one function."""
+        springs, result = joint_stiffness(self.size), replace(result, name=f"{result.name}{self.suffix}")
+
+        def program(chain: Chain) -> Program:
+            steps, load, _ = self.load(chain, reads_J=False)
+            pack, H = packed(springs.array(chain), load)
+            n = load.shape[0]
+            if n == 1:
+                only = StraightLine((result.array(chain),), compliance.only_entry, (H,), heading="H is a number")
+                return *steps, pack, only
+            form = Array("diagonal", (n,), "d"), Array("squares", (n - 1,), "s")
+            ends = [Array(f"interval{k}", (2,), "x") for k in range(compliance.CALLS + 1)]
+            meaning = "Tridiagonal form of H: diagonal, squares beside it, interval of the smallest eigenvalue"
+            first = StraightLine(
+                (*form, ends[0]), compliance.tridiagonal, (H,), f"{self.prefix}tridiagonal", meaning=meaning
+            )
+            name, meaning = f"{self.prefix}halved_interval", "Interval of the smallest eigenvalue, halved some times"
+            halvings = [  # one function, called with the interval of the call before
+                StraightLine((after,), compliance.halved, (*form, before), name, meaning=meaning)
+                for before, after in itertools.pairwise(ends)
+            ]
+            output = result.array(chain)
+            last = StraightLine((output,), compliance.middle, (ends[-1],), heading="smallest eigenvalue of H")
+            return *steps, pack, first, *halvings, last
+
+        kernel = self._record(
+            result, (), "Stability of the posture under its load: smallest eigenvalue of H.",
+            f"smallest eigenvalue of {_HESSIAN}", program, "Without a load, the smallest stiffness of the joints.",
+        )  # fmt: skip
+        return replace(kernel, is_gradient=True)  # an eigenvalue that occurs twice has no gradient
+
+
+def _congruence(
+    outputs: tuple[Array, ...], expressions: Callable[..., Expressions], arguments: tuple[Array, ...], *, heading: str
+) -> Congruence:
+    """Return the step of a product J H^-1 J^T, from J and the upper triangle of H."""
+    _, H = arguments
+    factors = Array("factors", H.shape)
+    title = "H = L D L^T: rows of L, each with its entry of D^-1"
+    of_H = StraightLine((factors,), compliance.packed_factors, (H,), heading=title)
+    return Congruence(outputs, expressions, arguments, heading=heading, factors=of_H)
+
+
+def packed(springs: Array, load: Array) -> tuple[StraightLine, Array]:
+    """Return the step that computes the upper triangle of H, and its array."""
+    n = load.shape[0]
+    H = Array("H", (n * (n + 1) // 2,), "H")
+    return StraightLine((H,), compliance.packed_hessian, (springs, load), heading="H = Kth - Kload"), H
+
+
+def load_of_tip(chain: Chain, representation: Representation, wrench: Argument, *, reads_J: bool) -> _Loaded:
+    """Return the stiffness of a wrench on a tip, and the tip's Jacobian.
+
+    Where joints are coupled (mimic joints), the columns of the joints are summed into those of their coordinates.
+    """
+    recursion, J = pieces.columns_of(chain, representation)
+    load = pieces.over_joints(
+        chain,
+        _LOAD,
+        lambda output: pieces.load_tangent(chain, J, wrench.array(chain), representation, output),
+        mirror=True,
+    )
+    if not chain.coupled:
+        return _Loaded((recursion, *load), _LOAD.array(chain), J)
+    of_coordinates = Array("J_of_coordinates", (6, chain.dof), "J")
+    summed = (SumJoints(J, of_coordinates, columns=True),) if reads_J else ()
+    return _Loaded((recursion, *load, *summed), _LOAD.array(chain), of_coordinates)
+
+
+def _of_tips(chain: Chain, representation: Representation, inputs: tuple[Argument, ...], *, reads_J: bool) -> _Loaded:
+    """Return the load of wrenches on all tips; ``inputs`` are the configuration arguments and the wrenches."""
+    m, J = len(chain.joints), Array("J_of_tips", (6 * len(chain.tips), chain.dof), "J")
+    S, u = Array("S", (6, m)), Array("u", (6, m))
+    expressions = partial(contacts.columns_of_loads, representation=representation, jacobians=reads_J)
+    heading = "columns S of the joints at one point; covectors u of the loads beyond each joint"
+    outputs: tuple[Array, ...] = (S, u)
+    if reads_J:
+        heading, outputs = f"{heading}; Jacobians of the tips", (S, u, J)
+    values = tuple(argument.array(chain) for argument in inputs)
+    step = StraightLine(outputs, expressions, values, heading=heading, columns=2)
+
+    def pairs(output: Array) -> Program:
+        return pieces.pairs_on_the_way(chain, S, u, output, "Kload_ij = S_i . u_j", ca.dot)
+
+    return _Loaded((step, *pieces.over_joints(chain, _LOAD, pairs, mirror=True)), _LOAD.array(chain), J)
+
+
+def _of_motors(chain: Chain, wrench: Argument, *, reads_J: bool) -> _Loaded:
+    """Return the load of a wrench on a tip in motor coordinates: load and Jacobian of the tree, reduced."""
+    # The reduction takes the columns of the joints, not their sums over coordinates.
+    of_tree, load, _ = load_of_tip(chain, "hybrid", wrench, reads_J=False)
+    gradient = Array("gradient_of_tree", (chain.dof,))
+    tree = (*of_tree, *motor_programs.wrench_gradient(chain, wrench.array(chain), gradient))
+    of_motors = replace(_LOAD, name="load_of_motors", shape=("a", "a"))
+    J = Argument("J_of_motors", (6, "a"), "", "", symbol="J")
+    if reads_J:
+        columns = Array("J", (6, len(chain.joints)))
+        steps = motor_programs.reduction(chain, tree, gradient, load, (of_motors, J), "KJ", columns=columns)
+    else:
+        steps = motor_programs.reduction(chain, tree, gradient, load, (of_motors,), "K")
+    return _Loaded(steps, of_motors.array(chain), J.array(chain))
+
+
+def compliance_of_tip(configuration: tuple[Argument, ...]) -> tuple[Kernel, ...]:
+    """Return the kernels of a robot with one tip, or of a tip among several."""
+    kernels: list[Kernel] = []
+    for rep in REPRESENTATIONS:
+        wrench = arguments.wrench(rep)
+        load = partial(load_of_tip, representation=rep, wrench=wrench)
+        kernels += _Family(rep, _seen(configuration, rep), wrench, increment(rep), load).kernels()
+    return tuple(kernels)
+
+
+def _of_loops(configuration: tuple[Argument, ...]) -> _Family:
+    """Return the kernels of a tip in motor coordinates."""
+    wrench = arguments.wrench("hybrid")
+    load = partial(_of_motors, wrench=wrench)
+    return _Family(GROUP, configuration, wrench, increment("hybrid"), load, size="a", prefix="motors_", domain=CLOSED)
+
+
+def _seen(configuration: tuple[Argument, ...], representation: Representation) -> tuple[Argument, ...]:
+    """Return the configuration that a representation needs: all but the base's pose in body representation."""
+    return tuple(each for each in configuration if not (each.is_base_pose and representation == "body"))
+
+
+def _of_all_tips(tips: Sequence[Tip], configuration: tuple[Argument, ...]) -> tuple[Kernel, ...]:
+    """Return the kernels of loads at all tips: the compliance has a block C_ab = J_a H^-1 J_b^T per pair of tips."""
+    names, kernels = [tip.name for tip in tips], list[Kernel]()
+    of_all = tuple(each if each.of_configuration else each.of_all_tips(names) for each in configuration)
+    for rep in REPRESENTATIONS:
+        seen, wrenches = _seen(of_all, rep), arguments.wrench(rep).of_all_tips(names)
+        load = partial(_of_tips, representation=rep, inputs=(*seen, wrenches))
+        increments = increment(rep).of_all_tips(names)
+        kernels += _Family(rep, seen, wrenches, increments, load, tips=len(tips), suffix="_total").kernels()
+    return tuple(kernels)
+
+
+def compliance_kernels(chain: Chain) -> tuple[Kernel, ...]:
+    """Return the kernels of a chain: of each tip, also in motor coordinates, and of all tips."""
+    configuration = configuration_arguments(runtime_tool=chain.runtime_tool, floating=chain.floating)
+    several = len(chain.tips) > 1
+    kernels: list[Kernel] = []
+    for tip in chain.tips:
+        of_tip = compliance_of_tip(configuration)
+        if chain.loops:
+            of_tip += _of_loops(configuration).kernels()
+        kernels += (replace(kernel, tip=tip if several else None) for kernel in of_tip)
+    if several:
+        kernels += _of_all_tips(chain.tips, configuration)
+    return tuple(kernel for kernel in kernels if kernel.name != "tip_stiffness" or can_be_stiff(chain, kernel))
+
+
+def can_be_stiff(chain: Chain, kernel: Kernel) -> bool:
+    """Return whether the kernel's tip can move in all six directions; otherwise its stiffness is infinite."""
+    return (len(chain.motors) if kernel.group == GROUP else _rank(kernel.scope(chain))) >= 6
+
+
+@cache
+def _rank(chain: Chain) -> int:
+    """Return the rank of the Jacobian at a configuration without symmetries."""
+    configuration = configuration_arguments(runtime_tool=chain.runtime_tool)
+    symbols = [ca.SX.sym(a.name, *a.shape) for a in (argument.array(chain) for argument in configuration)]
+    columns = kinematics.joint_jacobian(chain, *symbols, representation="body").result
+    J = ca.SX.zeros(6, chain.dof)
+    for k, joint in enumerate(chain.joints):
+        J[:, joint.coordinate] += joint.multiplier * columns[:, k]
+    values = np.sin(np.arange(1.0, len(chain.coordinates) + 1.0)), np.eye(4)
+    jacobian = np.array(ca.Function("J", symbols, [ca.densify(J)])(*values[: len(symbols)]))
+    return int(np.linalg.matrix_rank(jacobian, tol=1e-9 * np.abs(jacobian).max()))

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""The family contacts: records, programs, oracles, draws."""

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""The family derivatives: records, programs, oracles, draws."""

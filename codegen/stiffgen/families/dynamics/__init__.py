@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""The family dynamics: records, programs, oracles, draws."""

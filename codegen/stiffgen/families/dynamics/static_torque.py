@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: MIT
+"""Derivative of the torque that holds a robot at rest, dU/dq - J^T F, with the energy U of gravity.
+
+Wrenches (f, m) on the tips are constant in base axes (hybrid form); gravity is a constant force at every body. A
+constant force f at a point with the arm r from joint j and the moments contribute, with the axes a of the joints,
+
+    U_ij = a_i . u_j            i on the way from the base to j       u_j = sum of f x (a_j x r)
+    D_ij = a_j . t_i            j strictly on the way to i            t_i = u_i + (sum of m) x a_i
+
+to the derivative of torque i with respect to q_j, else 0. All sums run over the bodies and tips beyond the joint. A
+prismatic joint has f x a_j in place of f x (a_j x r), and 0 in place of a_i.
+
+A floating base moves as one body, so that the second formula holds for all pairs of its joints, which slide along x, y,
+z, then rotate about x, y, z. The first one agrees with it where u_j of a rotation includes a_j x N, N the moment about
+the base's origin, and where columns have three more entries: e_i of a slide i, and a_j x f of a rotation j.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from stiffgen.core.robot.chain import Chain
+from stiffgen.core.symbolic.arguments import GRAVITY, Argument
+from stiffgen.core.symbolic.kinematics import Expressions, Section, constant, cross
+from stiffgen.core.symbolic.pieces import in_base_axes, over_joints
+from stiffgen.core.symbolic.program import Array, Operand, Over, Program
+from stiffgen.core.symbolic.steps import Map, StraightLine
+from stiffgen.families.dynamics.gravity import MovedMasses
+
+
+class _Loads:
+    """Forces and moments beyond every joint: weights, and wrenches on the tips.
+
+    ``forces`` holds pairs of a force and its first moment (arm times 1, or masses times arms) per joint, about the
+    joint's origin; ``moments`` and ``sums`` hold the sums of moments and of forces.
+    """
+
+    def __init__(self, chain: Chain, masses: MovedMasses, wrenches: ca.SX, gravity: ca.SX, tools: ca.SX | None) -> None:
+        self.forces = [[(gravity, moment)] for moment in masses.moments]
+        self.sums = [mass * gravity for mass in masses.masses]
+        self.moments = [ca.SX.zeros(3)] * len(chain.joints)
+        rows = ca.reshape(ca.densify(wrenches).T, 6, len(chain.tips))
+        for k, tip in enumerate(chain.tips):
+            force, moment = rows[:3, k], rows[3:, k]
+            point = constant(tip.translation)
+            if tools is not None:
+                tool = ca.reshape(ca.densify(tools).T, 16, len(chain.tips))[:, k]
+                point = point + constant(tip.rotation) @ tool[3:12:4]
+            arm, joint, arms = masses.rotations[tip.joint] @ point, tip.joint, dict[str, ca.SX]()
+            while joint >= 0:  # from the tip to the base; the arm is that from the joint's origin
+                arms[f"r{k}_{joint}_"] = arm = ca.densify(arm)
+                self.forces[joint].append((force, arm))
+                self.sums[joint] += force
+                self.moments[joint] = self.moments[joint] + moment
+                arm, joint = arm + masses.offsets[joint], chain.joints[joint].parent
+            title = f"arms r{k}_j to tip {tip.link}, from joint j's origin" if tip.link else f"arms r{k}_j to the tip"
+            masses.sections.append(Section(title, arms))
+
+
+def columns_and_covectors(chain: Chain, *arguments: ca.SX) -> Expressions:
+    """Return columns S, covectors u and t of all joints, row-major, stacked.
+
+    S and u have 3 rows, or 6 on a floating base; t has 3. ``arguments`` are q, poses of tools where they are arguments,
+    wrenches and gravity in base axes.
+    """
+    q, *tools, wrenches, gravity = arguments
+    masses = MovedMasses(chain, q)
+    loads = _Loads(chain, masses, wrenches, gravity, tools[0] if tools else None)
+    columns, u_columns, t_columns, zero = [], [], [], ca.SX.zeros(3)
+    moving: list[list[bool]] = []  # rows in which some column on the way to a joint is not always zero
+    for index, (joint, axis) in enumerate(zip(chain.joints, masses.axes, strict=True)):
+        force = loads.sums[index]
+        if joint.prismatic:
+            column, u = zero, cross(force, axis)
+            t = u
+        else:
+            column = axis
+            u = sum((cross(f, cross(axis, arm)) for f, arm in loads.forces[index]), zero)
+            t = u + cross(loads.moments[index], axis)
+        if chain.floating:  # three more entries, and the term a_j x N; see the head of the module
+            sliding = axis if index < chain.base_joints and joint.prismatic else zero
+            push = zero
+            if index < chain.base_joints and not joint.prismatic:
+                moment = sum((cross(arm, f) for f, arm in loads.forces[index]), loads.moments[index])
+                u, push = u + cross(axis, moment), cross(axis, force)
+            column, u = ca.vertcat(sliding, column), ca.vertcat(push, u)
+        of_parent = moving[joint.parent] if joint.parent >= 0 else column.numel() * [False]
+        moving.append([row or not entry.is_zero() for row, entry in zip(of_parent, ca.vertsplit(column), strict=True)])
+        columns.append(column)
+        u_columns.append(_only(u, moving[index]))
+        t_columns.append(_only(t, of_parent[-3:]))
+    rows = ca.vertcat(*(ca.vec(ca.densify(ca.horzcat(*each)).T) for each in (columns, u_columns, t_columns)))
+    return Expressions(rows, tuple(masses.sections))
+
+
+def _only(vector: ca.SX, rows: list[bool]) -> ca.SX:
+    """Return the vector with zeros in the rows that meet zeros alone."""
+    return ca.vertcat(*(entry if row else ca.SX(0) for entry, row in zip(ca.vertsplit(vector), rows, strict=True)))
+
+
+def static_torque_derivatives(chain: Chain, result: Argument, inputs: tuple[Argument, ...]) -> Program:
+    """Return the program of d(dU/dq - J^T F)/dq: one dot product per pair of joints on the way to each other.
+
+    ``inputs`` are the configuration arguments and the wrench, or the wrenches on all tips.
+    """
+    *configuration, wrench = (each for each in inputs if not each.is_base_pose)
+    m, size = len(chain.joints), 6 if chain.floating else 3
+    S, u, t = Array("S", (size, m)), Array("u", (size, m)), Array("t", (3, m))
+    turning_wrench, F = in_base_axes(chain, wrench)
+    turning_gravity, g = in_base_axes(chain, GRAVITY)
+    arguments = (*(argument.array(chain) for argument in configuration), F, g)
+    heading = "columns S; covectors u for joints beyond the joint of a torque, and t for joints before it"
+    recursion = StraightLine((S, u, t), columns_and_covectors, arguments, heading=heading, columns=3)
+    serial = all(joint.parent == index - 1 for index, joint in enumerate(chain.joints))
+
+    def steps(output: Array) -> Program:
+        pair = Operand(output, "ij")
+        beyond, before = (Over.UPPER, Over.STRICTLY_LOWER) if serial else (Over.ON_THE_WAY, Over.BEYOND)
+        branches = Map("joints of different branches: 0", Over.UPPER, pair, (), lambda: ca.SX(0), mirror=True)
+
+        def product(outer: ca.SX, column: ca.SX) -> ca.SX:
+            return ca.SX(ca.dot(outer, column[size - 3 :]))
+
+        return (
+            recursion,
+            *(() if serial else (branches,)),
+            Map(f"D_ij = S_i . u_j for {beyond}", beyond, pair, (Operand(S, "i"), Operand(u, "j")), ca.dot),
+            Map(f"D_ij = t_i . a_j for {before}", before, pair, (Operand(t, "i"), Operand(S, "j")), product),
+        )
+
+    return *turning_wrench, *turning_gravity, *over_joints(chain, result, steps)

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""The family joints: records, programs, oracles, draws."""

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""The family loops: records, programs, oracles, draws."""

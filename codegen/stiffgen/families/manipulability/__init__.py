@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""The family manipulability: records, programs, oracles, draws."""

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""The family springs: records, programs, oracles, draws."""

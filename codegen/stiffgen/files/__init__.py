@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Files of others: xacro, MJCF, robots by name, lint."""

@@ -1,0 +1,389 @@
+# SPDX-License-Identifier: MIT
+"""Reader of MJCF files: MuJoCo compiles the model in a process of its own, and its bodies become a description.
+
+A body with several joints becomes several links: joint k turns link "BODY/JOINT" about its anchor, and the last one
+carries the body. The world is the root link, sites are links without mass, a joint's reference position is part of its
+frame. MuJoCo rounds nothing: positions and quaternions are those of the compiled model.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from stiffgen.core.errors import DescriptionError, listed, printable
+from stiffgen.core.robot.checker import MAX_JOINTS
+from stiffgen.core.robot.description import (
+    LARGEST,
+    Description,
+    Inertial,
+    JointElement,
+    LoopElement,
+    LoopEndElement,
+    Mimic,
+    Problem,
+    Quaternion,
+    Vector,
+)
+from stiffgen.core.robot.geometry import unit
+from stiffgen.files.confined import answer_of
+from stiffgen.files.templates import portable_inputs
+
+_UPRIGHT: Quaternion = (1.0, 0.0, 0.0, 0.0)
+_ORIGIN: Vector = (0.0, 0.0, 0.0)
+_NOTABLE = 1e-9  # [N m or N]
+_TYPES = {"free": "floating", "ball": "ball", "slide": "prismatic", "hinge": "revolute"}
+_MASSLESS = Inertial(0.0, _ORIGIN, _UPRIGHT, (0.0,) * 6)
+
+
+def read_mjcf(path: Path, data: bytes) -> Description:
+    """Read an MJCF file.
+
+    Raises:
+        DescriptionError: MuJoCo refuses the file, or a number is not finite.
+        MissingExtraError: MuJoCo is not installed.
+
+    """
+    file = str(path.resolve())
+    answer = answer_of("compilation.py", path.name, {"file": file}, "mujoco", "mjcf", "an MJCF file")
+    if "encoding" in answer:
+        raise DescriptionError(path.name, [printable(answer["encoding"], 400)])
+    if "refusal" in answer:
+        raise DescriptionError(path.name, [f"{printable(answer['refusal'], 400)}; correct it"])
+    if "error" in answer:
+        raise DescriptionError(path.name, [f"MuJoCo refuses it: {printable(answer['error'], 400)}; correct it"])
+    model = answer["model"]
+    if len(model["joints"]) > MAX_JOINTS or len(model["bodies"]) + len(model["sites"]) > MAX_JOINTS:
+        raise DescriptionError(path.name, [f"has more than {MAX_JOINTS} bodies, joints or sites; cut it to one robot"])
+    if not all(map(_is_usable, _numbers(model))):
+        raise DescriptionError(
+            path.name,
+            [f"a number of the compiled model is not finite or beyond {LARGEST:g}; give metres and kilograms"],
+        )
+    tree = _ModelTree(model)
+    return Description(
+        file=path.name,
+        digest=hashlib.sha256(data).hexdigest(),
+        robot=model["name"],
+        inertials=tree.inertials,
+        joints=tree.joints,
+        problems=(*_missing_meshes(tree, answer["stand_ins"]), *tree.problems),
+        remarks=tuple(_remarks(model)),
+        is_mjcf=True,
+        forces_at_rest={
+            name: force for name, force in zip(tree.names, model["at_rest"], strict=True) if force > _NOTABLE
+        },
+        loops=tuple(map(tree.loop, model["loops"])),
+        inputs=portable_inputs(file, answer["files"]),
+    )
+
+
+def _numbers(value: Any) -> Iterator[float]:
+    """Yield all numbers of a model."""
+    if isinstance(value, float):
+        yield value
+    elif isinstance(value, (list, dict)):
+        for each in value.values() if isinstance(value, dict) else value:
+            yield from _numbers(each)
+
+
+def _is_usable(value: float) -> bool:
+    return abs(value) <= LARGEST
+
+
+class _ModelTree:
+    """Links and joints of a compiled model."""
+
+    def __init__(self, model: dict[str, Any]) -> None:
+        self.model = model
+        self.inertials: dict[str, Inertial | None] = {}
+        self.joints: dict[str, JointElement] = {}
+        self.problems: list[Problem] = []
+        self.bodies = _unique(model["bodies"], "body", set())
+        self.names = _unique(model["joints"], "joint", set())
+        self._couplings = self._solved_couplings()  # before the bodies, whose joints read both
+        self._motors = {next(iter(each)) for each in map(self._leaders, model["actuation"]["driven"]) if len(each) == 1}
+        for index in range(len(self.bodies)):
+            self._add_body(index)
+        for site, name in zip(model["sites"], _unique(model["sites"], "site", set(self.inertials)), strict=True):
+            pose = _vector(site["pos"]), _quaternion(site["quat"])
+            self._add_link(name, _MASSLESS, self.bodies[site["body"]], *pose)
+
+    def _add_body(self, index: int) -> None:
+        """Add a body as a chain of links, one per joint, since a joint of a URDF has a link of its own.
+
+        The last link is the body if its joint is at the body's origin; else a fixed joint leads from there to the body.
+        All other links are massless, and have their origins in the joints (anchors).
+        """
+        body, name = self.model["bodies"][index], self.bodies[index]
+        tensor = body["inertia"]
+        inertia = (tensor[0], 0.0, 0.0, tensor[1], 0.0, tensor[2])
+        inertial = Inertial(body["mass"], _vector(body["com"]), _quaternion(body["axes"]), inertia)
+        if index == 0:  # the world
+            self.inertials[name] = None
+            return
+        moving = [k for k, joint in enumerate(self.model["joints"]) if joint["body"] == index]
+        link, anchor = self.bodies[body["parent"]], _ORIGIN
+        place, orientation = _vector(body["pos"]), _quaternion(body["quat"])
+        for k in moving:
+            joint = self.model["joints"][k]
+            position = _ORIGIN if joint["type"] in ("free", "slide") else _vector(joint["pos"])
+            step = _difference(position, anchor)
+            if any(step):  # the joint's frame has the body's axes; its origin is the anchor
+                place = _sum(place, _turned(orientation, step))
+            element = self._element(k, link, name, place, orientation)
+            is_last = k == moving[-1] and not any(position)
+            link = name if is_last else f"{name}/{self.names[k]}"
+            self._add(element, link, inertial if is_last else _MASSLESS)
+            anchor, place, orientation = position, _ORIGIN, _UPRIGHT
+        if link != name:
+            place = _sum(place, _turned(orientation, _difference(_ORIGIN, anchor)))
+            self._add_link(name, inertial, link, place, orientation)
+
+    def _add_link(self, name: str, inertial: Inertial, parent: str, xyz: Vector, orientation: Quaternion) -> None:
+        """Add a link that is fixed to its parent."""
+        joint = f"{name} fixed"
+        while joint in self.names or joint in self.joints:
+            joint += "_"
+        infinite = (-math.inf, math.inf, math.inf, math.inf)
+        self._add(JointElement(joint, "fixed", parent, "", xyz, orientation, _ORIGIN, *infinite, None), name, inertial)
+
+    def _add(self, element: JointElement, link: str, inertial: Inertial) -> None:
+        """Add a joint and its child link, whose name is lengthened until it is free."""
+        while link in self.inertials:
+            link += "_"
+        self.inertials[link] = inertial
+        self.joints[element.name] = JointElement(**vars(element) | {"child": link})
+
+    def _element(self, k: int, link: str, body: str, place: Vector, orientation: Quaternion) -> JointElement:
+        """Return joint number ``k`` below a link; its reference position becomes part of its frame."""
+        joint = self.model["joints"][k]
+        kind = _TYPES[joint["type"]]
+        moves = joint["type"] in ("hinge", "slide")
+        axis = unit(joint["axis"]) if moves else _ORIGIN
+        value = joint["reference"] if moves else 0.0
+        mimic = self._couplings.get(k)
+        if isinstance(mimic, float):  # held by a constraint
+            kind, value, mimic = "fixed", value - mimic, None
+        if joint["type"] == "hinge" and value:
+            half = math.sin(-value / 2)
+            turn = (math.cos(value / 2), axis[0] * half, axis[1] * half, axis[2] * half)
+            orientation = _product(orientation, turn)
+        elif joint["type"] == "slide" and value:
+            place = _sum(place, _turned(orientation, (-value * axis[0], -value * axis[1], -value * axis[2])))
+        bounds = joint["range"] or (-math.inf, math.inf)
+        if kind == "revolute" and not joint["range"]:
+            kind = "continuous"
+        return JointElement(
+            name=self.names[k],
+            type=kind,
+            parent=link,
+            child=body,
+            xyz=place,
+            orientation=orientation,
+            axis=axis if kind != "fixed" else _ORIGIN,
+            lower=bounds[0] if moves else -math.inf,
+            upper=bounds[1] if moves else math.inf,
+            velocity=math.inf,
+            effort=_effort(*self.model["actuation"]["forces"][k]) if moves else math.inf,
+            mimic=mimic,
+            motor_inertia=joint["armature"] + self.model["actuation"]["armatures"][k] if moves else 0.0,
+            has_motor=k in self._motors,
+            reference=joint["reference"] if moves else 0.0,
+        )
+
+    def loop(self, constraint: dict[str, Any]) -> LoopElement:
+        """Return the constraint that closes a loop."""
+        first, second = (
+            LoopEndElement(self.bodies[end["body"]], _vector(end["pos"]), _quaternion(end["quat"]))
+            for end in constraint["ends"]
+        )
+        return LoopElement(constraint["text"], first, second, constraint["weld"])
+
+    def _leaders(self, actuator: dict[str, Any]) -> set[int]:
+        """Return the coordinates among the joints that an actuator drives, and that lead them."""
+        leaders = set()
+        for k in actuator["joints"]:
+            while isinstance(relation := self._couplings.get(k), Mimic):
+                k = self.names.index(relation.joint)
+            leaders.add(k)
+        return leaders
+
+    def _solved_couplings(self) -> dict[int, Mimic | float]:
+        """Return the mimic relation, or the constant position, of each joint that a linear constraint determines."""
+        found: dict[int, Mimic | float] = {}
+        for coupling in self.model["couplings"]:
+            terms, constant = self._linear(coupling)
+            if not coupling["active"] or terms is None:
+                continue
+            follower = next((k for k in terms if k not in found), None)  # the first joint that is not determined yet
+            if follower is None or len(terms) > 2:
+                too_many = "couples more than two joints"
+                fault = too_many if len(terms) > 2 else "determines no joint that another constraint leaves free"
+                self._refuse(terms, coupling, fault)
+                continue
+            scale = -1 / terms.pop(follower)
+            if not terms:
+                found[follower] = scale * constant
+                continue
+            ((master, rate),) = terms.items()
+            if self._leads(found, master, follower):
+                self._refuse([follower, master], coupling, "couples joints in a circle")
+                continue
+            found[follower] = Mimic(self.names[master], scale * rate, scale * constant)
+        return found
+
+    def _linear(self, coupling: dict[str, Any]) -> tuple[dict[int, float] | None, float]:
+        """Return rates and constant of 0 = sum of rates * positions + constant; None without a linear relation."""
+        a = coupling["polynomial"]
+        parts = [(k, rate, 1.0) for k, rate in coupling["first"]]
+        parts += [(k, rate, -a[1]) for k, rate in coupling["second"]]
+        if any(k < 0 or self.model["joints"][k]["type"] not in ("hinge", "slide") for k, _, _ in parts):
+            return None, 0.0
+        if any(a[2:]) and coupling["second"]:
+            self._refuse([k for k, _, _ in parts], coupling, "is not linear")
+            return None, 0.0
+        terms: dict[int, float] = {}
+        constant = -a[0]
+        for k, rate, factor in parts:
+            terms[k] = terms.get(k, 0.0) + rate * factor
+            constant -= rate * factor * self.model["joints"][k]["reference"]
+        first = [k for k, _ in coupling["first"]]
+        terms = {k: terms[k] for k in (*first, *(k for k in terms if k not in first)) if terms[k]}
+        return terms or None, constant
+
+    def _leads(self, found: dict[int, Mimic | float], start: int, end: int) -> bool:
+        """Return whether the masters of a joint lead to another joint."""
+        while start != end:
+            relation = found.get(start)
+            if not isinstance(relation, Mimic):
+                return False
+            start = self.names.index(relation.joint)
+        return True
+
+    def _refuse(self, joints: Sequence[int] | dict[int, float], coupling: dict[str, Any], fault: str) -> None:
+        """Note a problem of each joint, for chains with one of them."""
+        names = [self.names[k] for k in joints]
+        for name in names:
+            self.problems.append(
+                Problem(
+                    f"joint {name}",
+                    f"joint '{printable(name)}': the constraint '{printable(coupling['name'])}' of {listed(names)} "
+                    f"{fault}, which no <mimic> expresses; choose a chain without these joints",
+                    "motion",
+                )
+            )
+
+
+def _unique(elements: list[dict[str, Any]], kind: str, taken: set[str]) -> list[str]:
+    """Return a name for each element: its own, or its kind and number; numbered on where a name is taken."""
+    names: list[str] = []
+    for index, element in enumerate(elements):
+        name = first = element["name"].strip() or f"{kind}{index}"
+        if name in taken:
+            name = first = f"{name}_{kind}"
+        number = 2
+        while name in taken:
+            name, number = f"{first}_{number}", number + 1
+        taken.add(name)
+        names.append(name)
+    return names
+
+
+def _missing_meshes(tree: _ModelTree, stand_ins: list[list[str]]) -> Iterator[Problem]:
+    for body, mesh in stand_ins:
+        yield Problem(
+            f"link {body}",
+            f"link '{printable(body)}': its inertia comes from the mesh '{printable(mesh)}', which is missing or "
+            "cannot be read; add the mesh or an <inertial>, or leave all masses out (--no-masses)",
+        )
+
+
+_MEANINGS = {
+    "dof_damping": "damping",
+    "dof_frictionloss": "dry friction",
+    "jnt_stiffness": "a spring",
+    "jnt_actgravcomp": "gravity compensation by their actuators (actuatorgravcomp)",
+    "body_gravcomp": "gravity compensation (gravcomp)",
+    "tendon_stiffness": "a spring",
+    "tendon_damping": "damping",
+    "tendon_armature": "armature",
+    "tendon_frictionloss": "dry friction",
+    "tendon_range": "a range",
+    "actuator_biasprm": "a control law of their own",
+}
+"""Words for arrays of a model; another array is named as MuJoCo names it."""
+
+
+def _remarks(model: dict[str, Any]) -> Iterator[str]:
+    """Yield what the compiled model has and the functions leave out."""
+    laws = {"array": "actuator_biasprm", "kind": "actuators", "names": model["actuation"]["laws"]}
+    merged = {each["array"]: each for each in ([laws] if laws["names"] else []) + model["omissions"]}
+    for each in merged.values():
+        meaning, names = _MEANINGS.get(each["array"], each["array"]), each["names"]
+        if each["array"] == laws["array"]:
+            names = list(dict.fromkeys([*names, *laws["names"]]))
+        yield f"{len(names)} {each['kind']} have {meaning}, which the functions do not contain: {listed(names, 8)}"
+    if model["options"]:
+        yield f"options of MuJoCo that the functions do not contain: {'; '.join(model['options'])}"
+    others = [each["name"] for each in model["actuation"]["driven"] if not each["joints"]]
+    if others:
+        yield f"{len(others)} actuators act on no single joints, and bound no effort: {listed(others, 8)}"
+    shared = [each["name"] for each in model["actuation"]["driven"] if len(each["joints"]) > 1]
+    if shared:
+        yield f"{len(shared)} actuators pull several joints, whose torques depend on each other: {listed(shared, 8)}"
+    one_way = [
+        joint["name"]
+        for joint, (low, high) in zip(model["joints"], model["actuation"]["forces"], strict=True)
+        if low is not None and high is not None and not low < 0 < high
+    ]
+    if one_way:
+        yield f"actuators push {len(one_way)} joints in one direction only, effort limit 0: {listed(one_way, 8)}"
+    if disabled := model["actuation"]["disabled"]:
+        yield f"{len(disabled)} actuators have no force, since the model disables their group: {listed(disabled, 8)}"
+    inactive = [each["name"] for each in model["couplings"] if not each["active"]]
+    if inactive:
+        yield f"{len(inactive)} constraints are inactive and ignored: {listed(inactive, 8)}"
+
+
+def _effort(low: float | None, high: float | None) -> float:
+    """Return the largest force that a joint has in both directions; infinite without a bound."""
+    return max(0.0, min(math.inf if low is None else -low, math.inf if high is None else high))
+
+
+def _vector(values: Sequence[float]) -> Vector:
+    x, y, z = values
+    return x, y, z
+
+
+def _quaternion(values: Sequence[float]) -> Quaternion:
+    w, x, y, z = values
+    return w, x, y, z
+
+
+def _sum(a: Vector, b: Vector) -> Vector:
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+def _difference(a: Vector, b: Vector) -> Vector:
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+def _product(a: Quaternion, b: Quaternion) -> Quaternion:
+    (aw, ax, ay, az), (bw, bx, by, bz) = a, b
+    return (
+        aw * bw - ax * bx - ay * by - az * bz,
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+    )
+
+
+def _turned(orientation: Quaternion, vector: Vector) -> Vector:
+    """Return a vector turned by a unit quaternion."""
+    w, x, y, z = orientation
+    _, i, j, k = _product(_product(orientation, (0.0, *vector)), (w, -x, -y, -z))
+    return i, j, k

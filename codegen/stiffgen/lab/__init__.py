@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""What takes a finished folder: measure, calibrate, prove, play."""

@@ -1,0 +1,361 @@
+# SPDX-License-Identifier: MIT
+"""Loaded arms on joint springs: where they come to rest, and the force under which they buckle.
+
+The springs rest at q0 and have the stiffness Kth. The wrench F = (f, m) is that of the environment on the robot at the
+tip in base axes (hybrid). It has these components at the posture that is looked for: the force is fixed in the world,
+as a weight is. At rest
+
+    Kth (q - q0) = J(q)^T F        H = Kth - dJ^T/dq . F - J^T (Gamma F) J
+
+The posture is stable if H is positive definite. A moment then turns along geodesics of the tip (docs/compliance.md).
+Joint limits are not considered.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from stiffgen.core.errors import StiffgenError
+from stiffgen.core.opened import GeneratedRobot
+from stiffgen.core.robot.geometry import FloatArray
+from stiffgen.lab.arms.series import symmetric
+
+_LONGEST = 0.3
+"""[rad] or [m] that a joint moves in one step."""
+_HALVINGS = 8
+"""Largest number of halvings of a step that passes the minimum."""
+_STEEPER = 0.9
+"""Share of the slope that a step may leave on the other side of a minimum."""
+_FLAT = 1e-8
+"""Smallest divisor relative to the largest eigenvalue, where H is not positive definite."""
+_TOLERANCE = 1e-10
+_NEAR = 0.1
+"""[rad] or [m] that a joint may move between two loads of the loaded path."""
+_PATH_STEPS = 30
+"""Steps of Newton's method from one load of the path to the next."""
+_EXACT = 1e-10
+"""Relative width of the last bracket of a buckling load."""
+
+
+@dataclass(frozen=True)
+class Settled:
+    """Postures under a load.
+
+    Attributes:
+        q: joint positions (..., n) [rad or m]; NaN where an argument is not finite.
+        residual: largest entry of Kth (q - q0) - J^T F (...) [N m or N].
+        converged: whether the last Newton step is below the tolerance (...).
+        stability: smallest eigenvalue of H (...) [N m/rad]. Where it is not positive, the arm does not stay at q.
+
+    """
+
+    q: FloatArray
+    residual: FloatArray
+    converged: np.ndarray[Any, np.dtype[np.bool_]]
+    stability: FloatArray
+
+
+@dataclass(frozen=True)
+class BucklingLoad:
+    """Limits of stability along loaded paths.
+
+    Attributes:
+        load: force at which H loses definiteness (...) [N]; infinite where none is found.
+        q: joint positions under this load (..., n) [rad or m], or under the largest load of the search.
+        mode: unit vector of the smallest eigenvalue of H (..., n): the motion in which the arm gives way.
+        stability: smallest eigenvalue of H at q (...) [N m/rad]: almost zero if the path is followed to its end.
+
+    """
+
+    load: FloatArray
+    q: FloatArray
+    mode: FloatArray
+    stability: FloatArray
+
+
+def arm_on_springs(
+    name: str, robot: GeneratedRobot | ModuleType, q: ArrayLike, joint_stiffness: ArrayLike
+) -> tuple[Any, FloatArray, FloatArray]:
+    """Return a robot's functions, joint positions (..., n) and springs (..., n, n).
+
+    Raises:
+        StiffgenError: the function of this name cannot take the robot, or a shape does not fit.
+
+    """
+    module: Any = robot.module if isinstance(robot, GeneratedRobot) else robot
+    position, springs = np.asarray(q, dtype=float), np.asarray(joint_stiffness, dtype=float)
+    if hasattr(module, "close") or hasattr(module, "motors"):
+        raise StiffgenError(f"{name}: the robot has closed loops; its functions in motor coordinates are in 'motors'")
+    try:
+        with np.errstate(invalid="ignore"):
+            shape = module.hybrid.jacobian(position).shape
+    except (AttributeError, TypeError, ValueError) as error:
+        raise StiffgenError(
+            f"{name}: takes a robot with a fixed base and no tool at run time, or the part of one of its tips, and its "
+            "joint positions"
+        ) from error
+    if shape[-1] != position.shape[-1]:
+        raise StiffgenError(f"{name}: takes a robot without ball joints")
+    if springs.shape == position.shape[-1:]:
+        springs = np.diag(springs)
+    return module, position, symmetric(f"{name}: joint_stiffness", springs, position.shape[-1])
+
+
+def settle(
+    robot: GeneratedRobot | ModuleType,
+    q0: ArrayLike,
+    joint_stiffness: ArrayLike,
+    wrench: ArrayLike,
+    *,
+    start: ArrayLike | None = None,
+    gravity: ArrayLike | None = None,
+    tolerance: float = _TOLERANCE,
+    steps: int = 100,
+) -> Settled:
+    """Return where an arm on joint springs rests under a wrench at its tip.
+
+    Newton's method with H, in steps of at most 0.3 rad that go downhill: it ends in a stable posture if one is near.
+    A load may have several postures. An arm that a load holds exactly at a saddle, such as a straight arm that is
+    pressed along itself, stays there; its ``stability`` is then negative. Leading dimensions broadcast.
+
+    Args:
+        robot: a robot with a fixed base, from ``stiffgen.load`` or ``open_robot``, its module, or the part of one tip.
+        q0: (..., n) joint positions where the springs rest [rad or m], such as the commanded ones.
+        joint_stiffness: Kth (..., n, n), or (n) for independent springs [N m/rad, N/m for sliding joints].
+        wrench: (..., 6) wrench of the environment on the robot at the tip, hybrid: base axes [N, N m].
+        start: (..., n) joint positions where the search starts [rad or m]; default q0.
+        gravity: (3) acceleration of gravity in base axes [m/s^2], such as (0, 0, -9.81), of an arm whose controller
+            does not compensate its weight. The residual and H then contain the weight.
+        tolerance: largest entry of the last Newton step [rad or m].
+        steps: largest number of steps.
+
+    Returns:
+        Postures, residuals, convergence and stability.
+
+    Raises:
+        StiffgenError: the robot has a moving base, closed loops, ball joints or a tool at run time, it has no masses
+            for gravity, or a shape does not fit.
+
+    """
+    arm, rest, (F, first) = _Arm.of(
+        "settle", robot, q0, joint_stiffness, gravity, wrench, q0 if start is None else start
+    )
+    if F.shape[-1] != 6 or first.shape[-1] != rest.shape[-1]:
+        raise StiffgenError("settle: takes a wrench (..., 6) and, as start, joint positions of the robot")
+    lead = np.broadcast_shapes(rest.shape[:-1], arm.stiffness.shape[:-2], F.shape[:-1], first.shape[:-1])
+    arm, (rest, F, first) = arm.broadcast(lead), (_rows(each, lead) for each in (rest, F, first))
+    q, converged, state = arm.newton(first, rest, F, tolerance, steps)
+    return Settled(
+        q.reshape(*lead, -1), np.abs(state.residual).max(axis=-1).reshape(lead), converged.reshape(lead),
+        state.eigenvalues[:, 0].reshape(lead),
+    )  # fmt: skip
+
+
+def buckling_load(
+    robot: GeneratedRobot | ModuleType,
+    q: ArrayLike,
+    joint_stiffness: ArrayLike,
+    direction: ArrayLike,
+    *,
+    gravity: ArrayLike | None = None,
+    most: float = 1e5,
+) -> BucklingLoad:
+    """Return the force along a direction under which an arm on joint springs gives way.
+
+    The force grows from zero and keeps its direction in the world; :func:`settle` follows the posture. The load where
+    H loses definiteness is bracketed and halved to 1e-10 of it. Beyond this load the arm jumps to another posture, or
+    leaves a straight one sideways. Most bent arms do not buckle: they give way gradually, and H remains positive
+    definite. Compare ``q`` with the joint limits. Leading dimensions broadcast.
+
+    Args:
+        robot: as in :func:`settle`.
+        q: (..., n) joint positions without the force, where the springs rest [rad or m].
+        joint_stiffness: Kth (..., n, n), or (n) for independent springs [N m/rad, N/m for sliding joints].
+        direction: (..., 3) direction of the force of the environment on the robot, base axes; its length has no effect.
+        gravity: as in :func:`settle`.
+        most: largest force of the search [N].
+
+    Returns:
+        Loads, postures and modes. The load is zero where the arm is unstable without it, and NaN where an argument is
+        not finite.
+
+    Raises:
+        StiffgenError: as in :func:`settle`, or a direction is zero.
+
+    """
+    arm, rest, (u,) = _Arm.of("buckling_load", robot, q, joint_stiffness, gravity, direction)
+    if u.shape[-1] != 3 or (np.abs(u).max(axis=-1) == 0).any():
+        raise StiffgenError("buckling_load: takes directions (..., 3) that are not zero")
+    lead = np.broadcast_shapes(rest.shape[:-1], arm.stiffness.shape[:-2], u.shape[:-1])
+    unit = np.concatenate([u / np.linalg.norm(u, axis=-1, keepdims=True), np.zeros_like(u)], axis=-1)
+    arm, (rest, unit) = arm.broadcast(lead), (_rows(each, lead) for each in (rest, unit))
+    load, at = _follow(arm, rest, unit, most)
+    state = arm.at(at, rest, np.where(np.isfinite(load), load, most)[:, None] * unit)
+    return BucklingLoad(
+        load.reshape(lead), at.reshape(*lead, -1), state.eigenvectors[..., 0].reshape(*lead, -1),
+        state.eigenvalues[:, 0].reshape(lead),
+    )  # fmt: skip
+
+
+def _follow(arm: _Arm, rest: FloatArray, unit: FloatArray, most: float) -> tuple[FloatArray, FloatArray]:
+    """Return the loads (k) where paths from rest lose stability, and the last stable postures (k, n)."""
+    at, converged, state = arm.newton(rest, rest, 0 * unit, _TOLERANCE, 100)
+    load = np.zeros(len(rest))
+    load[~np.isfinite(state.eigenvalues).all(axis=1) | ~converged] = np.nan
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slope = np.abs(arm.tangent(state, unit)).max(axis=1)
+        step = np.minimum(np.where(slope > 0, _NEAR / 2 / slope, most), most)
+    growth, going = np.full(len(rest), 2.0), np.flatnonzero((state.eigenvalues[:, 0] > 0) & converged)
+    while len(going):
+        trial = load[going] + step[going]
+        part = arm.rows(going)
+        q, converged, state = part.newton(
+            at[going], rest[going], trial[:, None] * unit[going], _TOLERANCE, _PATH_STEPS
+        )  # fmt: skip
+        is_next = converged & (state.eigenvalues[:, 0] > 0) & (np.abs(q - at[going]).max(axis=1) <= _NEAR)
+        reached, failed = going[is_next], going[~is_next]
+        load[reached], at[reached] = trial[is_next], q[is_next]
+        step[reached] *= growth[reached]
+        step[failed] /= 2
+        growth[reached], growth[failed] = 2.0, 1.0  # the first success after a failure does not lengthen the step
+        step = np.minimum(step, most - load)
+        is_exact = step <= _EXACT * load
+        load[is_exact & (load >= (1 - _EXACT) * most)] = np.inf
+        going = going[~is_exact[going]]
+    return load, at
+
+
+@dataclass(frozen=True)
+class _State:
+    """Residual Kth (q - q0) - J^T F (k, n), its derivative with respect to q, J, eigenvalues and vectors of H."""
+
+    residual: FloatArray
+    derivative: FloatArray
+    J: FloatArray
+    eigenvalues: FloatArray
+    eigenvectors: FloatArray
+
+
+@dataclass(frozen=True)
+class _Arm:
+    """Functions of a robot, its springs (..., n, n), and the acceleration of gravity, if its weight counts."""
+
+    name: str
+    module: Any
+    stiffness: FloatArray
+    gravity: FloatArray | None
+
+    @staticmethod
+    def of(
+        name: str,
+        robot: GeneratedRobot | ModuleType,
+        q0: ArrayLike,
+        joint_stiffness: ArrayLike,
+        gravity: ArrayLike | None,
+        *others: ArrayLike,
+    ) -> tuple[_Arm, FloatArray, list[FloatArray]]:
+        """Return the arm, q0 and other arguments as arrays; StiffgenError if the function cannot take them."""
+        module, rest, springs = arm_on_springs(name, robot, q0, joint_stiffness)
+        arrays = [np.atleast_1d(np.asarray(each, dtype=float)) for each in others]
+        weight = None if gravity is None else np.asarray(gravity, dtype=float)
+        if weight is not None and (weight.shape != (3,) or not hasattr(module, "gravity")):
+            raise StiffgenError(f"{name}: takes an acceleration of gravity (3), and a robot that has masses")
+        return _Arm(name, module, springs, weight), rest, arrays
+
+    def broadcast(self, lead: tuple[int, ...]) -> _Arm:
+        """Return the arm with one stiffness per configuration of a stack."""
+        n = self.stiffness.shape[-1]
+        stiffness = np.broadcast_to(self.stiffness, (*lead, n, n)).reshape(-1, n, n)
+        return _Arm(self.name, self.module, stiffness, self.gravity)
+
+    def rows(self, rows: Any) -> _Arm:
+        """Return the arm with the stiffness of some configurations."""
+        return _Arm(self.name, self.module, self.stiffness[rows], self.gravity)
+
+    def at(self, q: FloatArray, rest: FloatArray, F: FloatArray) -> _State:
+        """Return residual, derivatives and eigenvalues; NaN where an argument is not finite."""
+        with np.errstate(invalid="ignore"):
+            return self._at(q, rest, F)
+
+    def _at(self, q: FloatArray, rest: FloatArray, F: FloatArray) -> _State:
+        hybrid, K = self.module.hybrid, self.stiffness
+        J = hybrid.jacobian(q)
+        residual = np.einsum("kij,kj->ki", K, q - rest) - np.einsum("kai,ka->ki", J, F)
+        derivative = K - hybrid.kinematic_stiffness(q, F)
+        H = K - hybrid.joint_stiffness(q, F, np.zeros((6, 6)))  # the load's part: Kq of a tip without a spring
+        if self.gravity is not None:
+            residual = residual + self.module.gravity.gradient(q, self.gravity)
+            weight = self.module.gravity.joint_stiffness(q, self.gravity)
+            derivative, H = derivative + weight, H + weight
+        is_finite = np.isfinite(H).all(axis=(1, 2)) & np.isfinite(residual).all(axis=1)
+        values, vectors = np.linalg.eigh(np.where(is_finite[:, None, None], H, 0.0))
+        values[~is_finite], vectors[~is_finite] = np.nan, np.nan
+        return _State(residual, derivative, J, values, vectors)
+
+    def tangent(self, state: _State, unit: FloatArray) -> FloatArray:
+        """Return the motion of the joints per force: H^-1 J^T u."""
+        torque = np.einsum("kai,ka->ki", state.J, unit)
+        along = np.einsum("kji,kj->ki", state.eigenvectors, torque) / state.eigenvalues
+        motion: FloatArray = np.einsum("kij,kj->ki", state.eigenvectors, along)
+        return motion
+
+    def newton(
+        self, start: FloatArray, rest: FloatArray, F: FloatArray, tolerance: float, steps: int
+    ) -> tuple[FloatArray, Any, _State]:
+        """Return postures (k, n), whether they are at rest (k), and their states."""
+        q = np.array(start)
+        converged, going = np.zeros(len(q), dtype=bool), np.arange(len(q))
+        for _ in range(steps):
+            part = self.rows(going)
+            state = part.at(q[going], rest[going], F[going])
+            is_finite = np.isfinite(state.eigenvalues).all(axis=1)
+            q[going[~is_finite]] = np.nan
+            going, part = going[is_finite], part.rows(is_finite)
+            step = _step(state, is_finite)
+            at_rest = np.abs(step).max(axis=1, initial=0.0) <= tolerance
+            q[going[at_rest]] += step[at_rest]
+            converged[going[at_rest]] = True
+            going, step, part = going[~at_rest], step[~at_rest], part.rows(~at_rest)
+            if not len(going):
+                break
+            residual = state.residual[is_finite][~at_rest]
+            q[going] += part.shortened(q[going], rest[going], F[going], residual, step)
+        return q, converged, self.at(q, rest, F)
+
+    def shortened(
+        self, q: FloatArray, rest: FloatArray, F: FloatArray, residual: FloatArray, step: FloatArray
+    ) -> FloatArray:
+        """Return bounded steps that do not end higher up on the other side of a minimum."""
+        scale = np.minimum(1.0, _LONGEST / np.abs(step).max(axis=1))
+        slope = np.abs((residual * step).sum(axis=1))
+        for _ in range(_HALVINGS):
+            ahead = (self.at(q + scale[:, None] * step, rest, F).residual * step).sum(axis=1)
+            too_far = ~(ahead <= _STEEPER * slope)
+            if not too_far.any():
+                break
+            scale[too_far] /= 2
+        bounded: FloatArray = scale[:, None] * step
+        return bounded
+
+
+def _step(state: _State, rows: Any) -> FloatArray:
+    """Return Newton steps; where H is not positive definite, steps downhill with the sizes of its eigenvalues."""
+    values, vectors, residual = state.eigenvalues[rows], state.eigenvectors[rows], state.residual[rows]
+    sizes = np.maximum(np.abs(values), _FLAT * np.abs(values).max(axis=1, initial=0.0)[:, None])
+    downhill = np.einsum("kji,kj->ki", vectors, residual) / np.maximum(sizes, 1e-300)
+    is_stable = values[:, 0] > sizes[:, -1] * _FLAT
+    derivative = np.where(is_stable[:, None, None], state.derivative[rows], np.eye(values.shape[1]))
+    newton = np.linalg.solve(derivative, residual[..., None])[..., 0]
+    step: FloatArray = -np.where(is_stable[:, None], newton, np.einsum("kij,kj->ki", vectors, downhill))
+    return step
+
+
+def _rows(values: FloatArray, lead: tuple[int, ...]) -> FloatArray:
+    """Return vectors broadcast to the leading dimensions, as rows."""
+    size = values.shape[-1]
+    return np.array(np.broadcast_to(values, (*lead, size)).reshape(-1, size))

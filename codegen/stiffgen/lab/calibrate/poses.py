@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: MIT
+"""Find the poses of a recording at which the robot stands still, with their mean readings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from stiffgen.core.errors import RecordingError
+from stiffgen.core.robot.chain import Chain
+from stiffgen.core.robot.geometry import FloatArray
+from stiffgen.rooms import optional
+
+_WINDOW = 0.1
+"""[s] Time over which the motion is looked at."""
+_ROWS = 20
+"""Rows of this time for a recording without time."""
+_MOTION = 5e-4
+"""[rad or m] Largest motion of a joint at rest within the window."""
+_LEAST = 5
+"""Least duration of a pose in windows."""
+_MOST_ROWS = 1 << 24
+
+
+@dataclass(frozen=True)
+class StandingPoses:
+    """Poses at rest: joint positions (P, n), mean readings (P, 6), times (P) [s], zeros without time."""
+
+    q: FloatArray
+    reading: FloatArray
+    time: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+
+def read_rows(
+    log: str | Path, chain: Chain, q: str | None = None, reading: str | None = None
+) -> tuple[FloatArray, FloatArray, FloatArray | None]:
+    """Return joint positions, readings and time (None without) of all rows without a missing number.
+
+    ``q`` and ``reading`` are prefixes of columns, or their names with commas; None for the default names.
+
+    Raises:
+        RecordingError: the recording cannot be read, or the reader of recordings has been taken out.
+
+    """
+    recording = optional("lab.analyze.recording")
+    if recording is None:
+        raise RecordingError("calibrate reads recordings with the package's folder analyze/, which is not there")
+    request = recording.RecordingRequest(
+        tuple(each.name for each in chain.coordinates),
+        q=recording.chosen_names(q),
+        wrench=recording.chosen_names(reading),
+    )
+    opened = recording.open_recording(log, request)
+    blocks = [block.values for part in opened.partitions for block in recording.read_blocks(part, 1 << 16)]
+    rows = np.concatenate(blocks) if blocks else np.zeros((0, len(opened.columns.names)))
+    if len(rows) > _MOST_ROWS:
+        raise RecordingError(f"{log}: has {len(rows)} rows; calibrate reads up to {_MOST_ROWS}: record the poses alone")
+    rows = rows[np.isfinite(rows).all(axis=1)]
+    first, n = int(opened.columns.time is not None), len(chain.coordinates)
+    time = rows[:, 0] if first else None
+    return rows[:, first : first + n], rows[:, first + n :], time
+
+
+def standing(q: FloatArray, reading: FloatArray, time: FloatArray | None) -> StandingPoses:
+    """Return the poses of half a second or more; the first and last window of each are left out."""
+    window = _ROWS
+    if time is not None and len(time) > 1:
+        step = float(np.median(np.diff(time)))
+        window = max(2, round(_WINDOW / step)) if step > 0 else _ROWS
+    if len(q) <= window:
+        return StandingPoses(np.zeros((0, q.shape[1])), np.zeros((0, 6)), np.zeros(0))
+    half = window // 2  # compare with the window's middle, too: a motion there and back is none of its ends
+    moved = np.maximum(np.abs(q[window:] - q[:-window]), np.abs(q[half : len(q) - window + half] - q[:-window]))
+    is_still = np.concatenate([[False], moved.max(axis=1) < _MOTION, [False]])  # so that edges come in pairs
+    edges = np.flatnonzero(np.diff(is_still.astype(int)))
+    found = []
+    for start, end in zip(edges[::2], edges[1::2], strict=True):
+        rows = slice(start + window, end)  # the last window reaches to end + window
+        if end - start >= _LEAST * window:
+            at = 0.0 if time is None else float(time[rows].mean())
+            found.append((q[rows].mean(axis=0), reading[rows].mean(axis=0), at))
+    if not found:
+        return StandingPoses(np.zeros((0, q.shape[1])), np.zeros((0, 6)), np.zeros(0))
+    postures, readings, times = zip(*found, strict=True)
+    return StandingPoses(np.array(postures), np.array(readings), np.array(times))

@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: MIT
+"""Draw the map of a passport: each posture at the place of its tip, in the colour of what it can do."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from stiffgen.core.errors import MissingExtraError, install_command
+from stiffgen.lab.passport.passport import Passport, Quantity
+
+
+def draw_map(passport: Passport) -> str:
+    """Return an SVG in the page's colours: stiffness in one panel, the least force of all directions in another.
+
+    Raises:
+        MissingExtraError: matplotlib is not installed.
+
+    """
+    try:
+        drawing: Any = import_module("matplotlib.figure")
+    except ImportError as error:
+        raise MissingExtraError(
+            "the map of a passport needs matplotlib, which is not installed; " + install_command("analyze")
+        ) from error
+    style: Any = import_module("stiffgen.lab.style")
+    shown = [each for each in (passport.quantity("rendered"), _force(passport)) if each is not None]
+    with import_module("matplotlib").rc_context(style.STYLE):
+        figure = drawing.Figure(figsize=(4.3 * len(shown), 4.0), layout="constrained")
+        for axes, quantity in zip(figure.subplots(1, len(shown), squeeze=False)[0], shown, strict=True):
+            _panel(figure, axes, passport, quantity, style.INK)
+        text: str = style.themed_svg(figure)
+    return text
+
+
+def _force(passport: Passport) -> Quantity | None:
+    """Return the least force of all directions; None for a robot without effort limits."""
+    if passport.force is None:
+        return None
+    return Quantity("force in every direction", "N", "", "", passport.force.min(axis=1))
+
+
+def _panel(figure: Any, axes: Any, passport: Passport, quantity: Quantity, ink: str) -> None:
+    """Draw one quantity over reach and height; the worst posture has a ring."""
+    scale: Any = import_module("matplotlib.colors")
+    across, up = np.linalg.norm(passport.tip[:, :2], axis=1), passport.tip[:, 2]
+    values = np.maximum(quantity.values, 1e-9)
+    low, high = np.quantile(values, [0.02, 0.98])
+    wide = high > 5 * low > 0
+    norm = scale.LogNorm(max(low, high / 1e3), high) if wide else scale.Normalize(low, max(high, low + 1e-9))
+    order = np.argsort(-values)  # the weak postures lie on top
+    dots = axes.scatter(across[order], up[order], c=values[order], norm=norm, cmap="viridis", s=26, linewidth=0)
+    worst = quantity.worst
+    axes.scatter(across[worst], up[worst], s=110, facecolor="none", edgecolor="#d6456b", linewidth=1.6)
+    bar = figure.colorbar(dots, ax=axes, label=f"[{quantity.unit}]", extend="both", format="{x:g}")
+    bar.ax.yaxis.set_minor_formatter(import_module("matplotlib.ticker").NullFormatter())
+    bar.outline.set_visible(False)
+    axes.plot(0, 0, "s", color=ink, markersize=6)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set(xlabel="distance from the base's axis [m]", ylabel="height above the base [m]", title=quantity.name)

@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: MIT
+"""Statics of postures: the force that the motors leave, what elastic gears take, and what joint gains give."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stiffgen.core.robot.geometry import FloatArray
+
+DIRECTIONS = ("x+", "x-", "y+", "y-", "z+", "z-")
+"""Directions of a force at the tip, in base axes."""
+UNITS = np.kron(np.eye(3), [[1.0], [-1.0]])
+"""Their unit vectors (6, 3)."""
+
+
+def available_force(jacobian: FloatArray, gravity: FloatArray, effort: FloatArray) -> FloatArray:
+    """Return the force [N] that the tip can exert at rest in each direction (P, 6); 0 where gravity takes all torque.
+
+    Exerting f u takes the torques g + J^T u f, each within its effort limit; moments are zero.
+
+    Args:
+        jacobian: hybrid Jacobians (P, 6, n).
+        gravity: torques that hold the arm (P, n) [N m or N].
+        effort: effort limits (n) [N m or N].
+
+    """
+    per_newton = np.einsum("dk,pki->pdi", UNITS, jacobian[:, :3])
+    left = effort - np.sign(per_newton) * gravity[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        force = np.where(np.abs(per_newton) > 1e-12, left / np.abs(per_newton), np.inf)
+    holds = np.asarray(np.abs(gravity) <= effort).all(axis=1, keepdims=True)
+    return np.asarray(np.where(holds, np.maximum(force.min(axis=2), 0.0), 0.0))
+
+
+def softest(jacobian: FloatArray, joint_stiffness: FloatArray) -> FloatArray:
+    """Return the tip's stiffness in its softest direction (P) [N/m], from joint stiffnesses (P, n, n)."""
+    compliance = jacobian @ np.linalg.solve(joint_stiffness, np.swapaxes(jacobian, 1, 2))
+    return np.asarray(1.0 / np.linalg.eigvalsh(compliance[:, :3, :3])[:, -1])
+
+
+def buckling_force(kinematic: FloatArray, joint_stiffness: FloatArray) -> FloatArray:
+    """Return the least force [N] of all directions under which a posture is no longer stable (P); infinite for none.
+
+    The energy's Hessian is Kth - f Kkin(u). The posture stays: the motors' set-points follow the load.
+
+    Args:
+        kinematic: kinematic stiffnesses of unit forces on the robot in each direction (P, 6, n, n).
+        joint_stiffness: Kth (P, n, n), positive definite.
+
+    """
+    L = np.linalg.cholesky(joint_stiffness)[:, None]
+    half = np.linalg.solve(L, kinematic)
+    largest = np.linalg.eigvalsh(np.linalg.solve(L, np.swapaxes(half, 2, 3)))[..., -1].max(axis=1)
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.where(largest > 1e-12, 1.0 / largest, np.inf))
