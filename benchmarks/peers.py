@@ -29,7 +29,7 @@ import stiffgen
 from benchmarks.run import BOOST
 from benchmarks.tools import COUNT, HERE, NATIVE, URDF, pinned, run
 from stiffgen.core.robot.chain import Chain
-from stiffgen.families.springs.potentials import KernelOptions
+from stiffgen.core.symbolic.choices import KernelOptions
 
 DATA = HERE.parent / "tests" / "data"
 GROUPS = ("dynamics", "gravity", "hybrid")

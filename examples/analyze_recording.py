@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from examples.bowl_wiping import trajectory
-from stiffgen.lab import analyze
+from stiffgen import analyze
 
 ROOT = Path(__file__).resolve().parents[1]
 TASK_STIFFNESS = (700, 700, 800, 30, 30, 30)

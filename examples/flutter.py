@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from examples import wrist
-from stiffgen.lab import drive
+from stiffgen import drive
 
 Array = NDArray[np.float64]
 

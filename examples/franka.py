@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from stiffgen.core import generate
+from stiffgen import generate
 
 FOLDER = Path("build") / "robots"
 SAMPLE_TIME = 0.001  # s

@@ -26,7 +26,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from stiffgen.lab import drive
+from stiffgen import drive
 
 Array = NDArray[np.float64]
 

@@ -27,10 +27,11 @@ if TYPE_CHECKING:
     from stiffgen.core.opened import GeneratedRobot, open_robot
     from stiffgen.core.options import GenerationOptions
     from stiffgen.core.robot.chain import Chain, Sensor, Tool
+    from stiffgen.core.symbolic.choices import KernelOptions
     from stiffgen.core.symbolic.model import StiffnessModel
-    from stiffgen.families.springs.potentials import KernelOptions
-    from stiffgen.families.springs.springs import Placement
+    from stiffgen.core.symbolic.placement import Placement
     from stiffgen.files.cache import load
+    from stiffgen.lab import drive  # noqa: F401
     from stiffgen.lab.analyze.analysis import Analysis, analyze
     from stiffgen.lab.analyze.sensors import SensorProperties, estimate_sensors
     from stiffgen.lab.arms.loaded import BucklingLoad, Settled, buckling_load, settle
@@ -120,8 +121,7 @@ _HOMES = {
     "lab.arms.softness": ("compliance_determinant_gradient", "compliance_gradient"),
     "core.symbolic.model": ("StiffnessModel",),
     "lab.arms.moving": ("move_stiffness",),
-    "families.springs.potentials": ("KernelOptions",),
-    "families.springs.springs": ("Placement",),
+    "core.symbolic.choices": ("KernelOptions", "Placement"),
 }
 """Module of each public name; all others are in ``core.errors``."""
 _HOME = dict.fromkeys(__all__, "core.errors") | {name: home for home, names in _HOMES.items() for name in names}

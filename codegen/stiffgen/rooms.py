@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""Rooms of the package that can be taken out: each is deleted as a folder, and the others go on without it."""
+"""Rooms of the package: core < families < files < control < cli < lab, each importing itself and those before it.
+
+All but the core can be taken out: a room or one of its folders is deleted, and what does not import it goes on.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +10,19 @@ from importlib import import_module
 from importlib.util import find_spec
 from types import ModuleType
 
-OPTIONAL = ("control", "lab.analyze", "lab.calibrate", "lab.new", "lab.passport", "lab.play", "lab.prove")
-"""Rooms that no module of another room imports by name."""
+OPTIONAL = (
+    "files",
+    "control",
+    "cli",
+    "lab",
+    "lab.analyze",
+    "lab.calibrate",
+    "lab.new",
+    "lab.passport",
+    "lab.play",
+    "lab.prove",
+)
+"""Rooms, and folders of rooms, without which the core generates and verifies; families: ``core.family``."""
 
 
 def is_there(module: str) -> bool:

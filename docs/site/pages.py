@@ -20,9 +20,8 @@ from stiffgen.control import fields, signals, status_words
 from stiffgen.control.fields import Field
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.symbolic.arguments import Argument
+from stiffgen.core.symbolic.choices import KINDS, KernelOptions
 from stiffgen.core.symbolic.kernels import Kernel, chain_kernels
-from stiffgen.families.springs.potentials import KernelOptions
-from stiffgen.families.springs.springs import KINDS
 from stiffgen.lab.play.page import write_page
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -26,8 +26,7 @@ import casadi as ca
 
 import stiffgen
 from stiffgen.core.options import GenerationOptions
-from stiffgen.families.springs.potentials import Potential
-from stiffgen.families.springs.springs import KINDS
+from stiffgen.core.symbolic.choices import KINDS, Potential
 from support.chains import chain_urdf
 from support.cuda_device import DeviceCheck
 from support.project import ROOT, URDF

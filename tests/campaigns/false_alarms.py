@@ -16,12 +16,12 @@ from xml.etree import ElementTree
 
 import stiffgen
 from stiffgen.core.robot.chain import Chain
+from stiffgen.core.symbolic.choices import KernelOptions
 from stiffgen.core.symbolic.kernels import chain_kernels
 from stiffgen.core.verify.kernels.missing import function_of_stacks
 from stiffgen.core.verify.kernels.oracles import check_robot
 from stiffgen.core.verify.result import Check
 from stiffgen.core.verify.verify import default_count
-from stiffgen.families.springs.potentials import KernelOptions
 from support.random_urdf import Plain, random_robot
 
 

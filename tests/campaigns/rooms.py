@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Delete each room that can be taken out, in a copy: the rest generates, loads, verifies and passes the kernels' tests.
+"""Delete rooms and families in a copy: what is left generates, loads, verifies and passes the kernels' tests.
 
 ``tests/contract/house/test_rooms.py`` deletes all rooms at once, and each alone without the kernels' tests.
 """
@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -15,11 +16,16 @@ from collections.abc import Collection
 from pathlib import Path
 
 from stiffgen.cli import COMMANDS
+from stiffgen.core.family import FAMILIES
 from stiffgen.rooms import OPTIONAL
 from support.project import ROOT
 
-ROOMS = (*OPTIONAL, "fri", "ros2")
-"""The package's optional rooms, and the folders beside the package that can be taken out as well."""
+OUTSIDE = ("fri", "ros2")
+"""Folders beside the package that can be taken out as well."""
+ROOMS = (*(room for room in OPTIONAL if room != "cli"), *OUTSIDE)
+"""The command line is deleted together with the lab, whose commands it runs."""
+BACKENDS = ("cuda", "jax", "torch")
+ALL_FAMILIES = (*(name for name in FAMILIES if "." not in name), *BACKENDS)
 KERNELS = ("--kernels", "hybrid.joint_stiffness,hybrid.jacobian", "--no-batches", "--no-masses")
 """A small folder, whose verification takes seconds."""
 TESTS = (
@@ -31,14 +37,25 @@ TESTS = (
 )
 """Unit tests and oracles of the kernels that need no room."""
 LOAD = "import stiffgen; assert stiffgen.load('urdf/iiwa14.urdf', kernels='limits', controller=False).chain.dof == 7"
+GENERATE = "import stiffgen; print(stiffgen.generate('urdf/iiwa14.urdf', output='whole', build=False))"
+ALONE = """import stiffgen
+from stiffgen.core.verify.verify import verify
+folder = stiffgen.generate("urdf/iiwa14.urdf", name="small", kernels="hybrid", batches=False, masses=False)
+checks = verify(stiffgen.open_robot(folder), count=20)
+assert len(checks) > 30 and all(check.passed for check in checks), [c for c in checks if not c.passed]
+"""
+"""Generate and verify without the command line."""
+_FUNCTION = re.compile(r"^(?:static )?(?:[\w \*]+ )\*?(\w+)\(([^;{]*)\)\s*\{\n(.*?)^\}\n", re.MULTILINE | re.DOTALL)
 
 
 class House:
-    """A copy of what git tracks, without some rooms."""
+    """A copy of what git tracks, without some rooms (``lab.play``) and families (``families.loops``)."""
 
     def __init__(self, rooms: Collection[str], folder: Path) -> None:
-        self.rooms, self.folder = rooms, folder
-        gone = tuple(f"codegen/stiffgen/{room}/" if room in OPTIONAL else f"{room}/" for room in rooms)
+        self.rooms, self.folder = tuple(rooms), folder
+        gone = tuple(
+            f"{room}/" if room in OUTSIDE else f"codegen/stiffgen/{room.replace('.', '/')}/" for room in self.rooms
+        )
         listed = subprocess.run(
             ["git", "-C", str(ROOT), "ls-files", "--cached", "--others", "--exclude-standard"],
             capture_output=True, text=True, check=True,
@@ -66,15 +83,33 @@ class House:
         """Check the list of commands, generate and verify a small folder, and load a robot."""
         printed = self.run("-m", "stiffgen", "--help").splitlines()
         listed = {line.split()[0] for line in printed if line.startswith("    ")}
-        present = {name for name, (module, _) in COMMANDS.items() if module.split(".")[0] not in self.rooms}
-        assert listed & COMMANDS.keys() == present
+        gone = tuple(f"{room}." for room in self.rooms)
+        assert listed & COMMANDS.keys() == {
+            name for name, (module, _) in COMMANDS.items() if not module.startswith(gone)
+        }
         folder = self.run("-m", "stiffgen", "generate", "urdf/iiwa14.urdf", "--name", "small", *KERNELS).strip()
         self.run("-m", "stiffgen", "verify", folder, "--samples", "20")
-        self.run("-c", LOAD)
+        if "files" not in self.rooms:
+            self.run("-c", LOAD)
+
+    def generate_and_verify_alone(self) -> None:
+        """Generate and verify a small folder without the command line."""
+        self.run("-c", ALONE)
+
+    def functions(self) -> dict[str, str]:
+        """Return the C functions of the golden robot by file and name, as printed by this house."""
+        folder = self.folder / self.run("-c", GENERATE).splitlines()[-1]
+        return functions_of(folder)
 
     def test_kernels(self) -> None:
         """Run the unit tests and oracles of the kernels."""
         assert " passed" in self.run("-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not slow", *TESTS)
+
+
+def functions_of(folder: Path) -> dict[str, str]:
+    """Return the C functions of a robot's folder by file and name."""
+    files = [folder / f"{folder.name}{suffix}.c" for suffix in ("", "_batch")]
+    return {f"{file.name}: {found[1]}": found[0] for file in files for found in _FUNCTION.finditer(file.read_text())}
 
 
 def main() -> None:

@@ -22,7 +22,8 @@ from pathlib import Path
 import numpy as np
 
 import stiffgen
-from stiffgen.families.springs.springs import KINDS, spring
+from stiffgen.core.symbolic.choices import KINDS
+from stiffgen.families.springs.springs import spring
 
 URDF = Path(__file__).resolve().parents[2] / "urdf" / "iiwa14.urdf"
 Array = np.ndarray

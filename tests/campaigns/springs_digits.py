@@ -26,7 +26,8 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import stiffgen
-from stiffgen.families.springs.springs import KINDS, Placement
+from stiffgen.core.symbolic.choices import KINDS
+from stiffgen.core.symbolic.placement import Placement
 from support import spring_digits as digits
 
 BOUND = 1e-11

@@ -16,15 +16,15 @@ import stiffgen
 from campaigns import exact_c
 from stiffgen.core.emit.render import render
 from stiffgen.core.options import GenerationOptions
+from stiffgen.core.symbolic.choices import KINDS, KernelOptions
 from stiffgen.core.symbolic.connection import REPRESENTATIONS
 from stiffgen.core.symbolic.kernels import chain_kernels
 from stiffgen.core.symbolic.model import casadi_function
+from stiffgen.core.symbolic.placement import Placement
 from stiffgen.core.verify.kernels.oracles import oracles_of
 from stiffgen.core.verify.kernels.references import References
 from stiffgen.core.verify.kernels.samples import argument_samples
 from stiffgen.core.verify.result import BOUND, as_results, relative_error
-from stiffgen.families.springs.potentials import KernelOptions
-from stiffgen.families.springs.springs import KINDS, Placement
 from stiffgen.families.springs.springs import spring as spring_of_kind
 from support.chains import chain_urdf
 from support.complex_step import columns, gradients

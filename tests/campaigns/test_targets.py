@@ -125,7 +125,7 @@ OTHER_LOOPS = {
 
 def test_every_loop_of_the_controller_has_a_bound():
     """Loops count up or down to a size, perhaps not all the way; the others are listed above, with what ends them."""
-    library = Path(render.__file__).parents[1] / "controller" / "library"
+    library = Path(render.__file__).parents[2] / "control" / "library"
     seen = set()
     for file in library.glob("*.c"):
         for start, condition, step, during in LOOP.findall(file.read_text()):

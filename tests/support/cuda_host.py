@@ -11,8 +11,8 @@ import numpy as np
 
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.symbolic.arguments import Argument
+from stiffgen.core.symbolic.choices import KernelOptions
 from stiffgen.core.symbolic.kernels import Kernel, chain_kernels
-from stiffgen.families.springs.potentials import KernelOptions
 from support.c_program import STRICT
 from support.controller_library import compile_c
 from support.project import require_compiler

@@ -13,10 +13,10 @@ import mpmath
 import numpy as np
 
 from stiffgen.core.robot.chain import Chain
+from stiffgen.core.symbolic.choices import KernelOptions
 from stiffgen.core.symbolic.kernels import chain_kernels
 from stiffgen.core.verify.kernels.missing import function_of_stacks
 from stiffgen.core.verify.kernels.samples import Samples
-from stiffgen.families.springs.potentials import KernelOptions
 from support.exact_kernels import ExactRobot, loaded, matrix, symmetric
 from support.exact_tree import as_array, mp
 

@@ -12,10 +12,11 @@ import casadi as ca
 import numpy as np
 
 import stiffgen
+from stiffgen.core.symbolic.choices import KINDS, KernelOptions
 from stiffgen.core.symbolic.kernels import chain_kernels
 from stiffgen.core.symbolic.model import casadi_function
-from stiffgen.families.springs.potentials import KernelOptions
-from stiffgen.families.springs.springs import AXES, KINDS, Placement, derivatives, spring
+from stiffgen.core.symbolic.placement import AXES, Placement
+from stiffgen.families.springs.springs import derivatives, spring
 from support.chains import chain_urdf
 from support.exact_springs import Energies, Jet, Kinematics, exact, floats, moved, orthonormal, rotation
 from support.project import URDF

@@ -13,8 +13,7 @@ from stiffgen.core.emit.manifest import MANIFEST
 from stiffgen.core.emit.render import render
 from stiffgen.core.errors import ChainError
 from stiffgen.core.options import GenerationOptions
-from stiffgen.families.springs.potentials import KernelOptions
-from stiffgen.families.springs.springs import KINDS
+from stiffgen.core.symbolic.choices import KINDS, KernelOptions
 from support.c_program import STRICT
 from support.random_urdf import Plain, random_robot
 

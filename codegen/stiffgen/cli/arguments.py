@@ -5,10 +5,11 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from stiffgen.core.errors import StiffgenError, printable
-from stiffgen.files.names import is_name
+from stiffgen.rooms import optional
 
 
 def natural(text: str) -> int:
@@ -40,10 +41,21 @@ def add_robot(
     command.add_argument("urdf", metavar="FILE", help=meaning, **more)
 
 
+def needed(module: str, option: str) -> ModuleType:
+    """Return a module of the room ``files``, which an option needs; refuse the option where the room is gone."""
+    found = optional(module)
+    if found is None:
+        raise StiffgenError(
+            f"{option} needs the room 'files', which has been taken out of this stiffgen; give a URDF or a robot's "
+            "folder, or install stiffgen whole"
+        )
+    return found
+
+
 def source_of(options: argparse.Namespace) -> Path | str:
     """Return the robot's file, or its name."""
     name = getattr(options, "robot", None)
-    if name is not None and not is_name(name):
+    if name is not None and not needed("files.names", "--robot").is_name(name):
         raise StiffgenError(f"--robot {printable(name)}: is no robot's name; give a file without --robot")
-    source = str(name or options.urdf)
-    return source if is_name(source) else Path(source)
+    source, names = str(name or options.urdf), optional("files.names")
+    return source if names and names.is_name(source) else Path(source)

@@ -4,11 +4,13 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from stiffgen.cli.arguments import needed
 from stiffgen.cli.console import Progress, messages
-from stiffgen.files.cache import folder_of
+from stiffgen.rooms import optional
 
 
 def add_folder_or_robot(command: Any) -> None:
@@ -22,3 +24,11 @@ def chosen_folder(options: argparse.Namespace) -> Path:
     """Return the folder; that of a file or name is generated first if the cache does not hold it."""
     with Progress(messages(wide=False)).shown() as progress:
         return folder_of(options.source, options.arguments, progress)
+
+
+def folder_of(source: str | Path, arguments: Mapping[str, str] | None, progress: Callable[[str], None]) -> Path:
+    """Return a robot's folder: the source itself, or that of the cache for a robot's file or name."""
+    cache = optional("files.cache")
+    if cache is None and Path(source).is_dir():
+        return Path(source)
+    return Path(needed("files.cache", "a robot's file in place of a folder").folder_of(source, arguments, progress))

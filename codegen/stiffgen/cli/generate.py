@@ -9,12 +9,12 @@ from pathlib import Path
 from stiffgen.cli.arguments import add_robot, source_of
 from stiffgen.cli.console import Progress, messages, print_note
 from stiffgen.cli.records import add_options, group_of, values_of
+from stiffgen.cli.survey import missing_limits
 from stiffgen.core.emit.manifest import chain_from_manifest, read_manifest
 from stiffgen.core.errors import printable
 from stiffgen.core.generate import generate_folder
 from stiffgen.core.options import GenerationOptions
-from stiffgen.files.plausibility import doubts
-from stiffgen.files.survey import missing_limits
+from stiffgen.rooms import optional
 
 
 def add(command: argparse.ArgumentParser) -> None:
@@ -49,5 +49,6 @@ def _print_notes(folder: Path, controller: bool) -> None:
     if controller and (folder / f"{folder.name}_impedance.h").exists():
         for sentence in missing_limits(chain.source, chain.coordinates, is_mjcf=chain.is_mjcf):
             print_note(sentence)
-    for sentence in doubts(chain):
+    lint = optional("files.plausibility")
+    for sentence in lint.doubts(chain) if lint else ():
         print_note(f"{printable(chain.source)}: {sentence}")

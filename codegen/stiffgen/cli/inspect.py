@@ -14,13 +14,13 @@ from stiffgen.cli.arguments import add_robot, source_of
 from stiffgen.cli.console import print_table, table, tables
 from stiffgen.cli.records import add_options, group_of, values_of
 from stiffgen.cli.robots import LISTS, list_robots
+from stiffgen.cli.survey import TipSurvey, missing_limits, narrowed_limits, survey_tip
 from stiffgen.core.errors import DescriptionError, StiffgenError, listed, printable, terminal_text
 from stiffgen.core.loading import chain_between, describe
 from stiffgen.core.robot.chain import ChainOptions
 from stiffgen.core.robot.couplings import Couplings
 from stiffgen.core.robot.description import Description, JointElement, Reading
-from stiffgen.files.plausibility import doubts
-from stiffgen.files.survey import TipSurvey, missing_limits, narrowed_limits, survey_tip
+from stiffgen.rooms import optional
 
 _MOST_TIPS, _MOST_DOUBTED, _LONGEST = 100, 3, 200
 """Largest number of tips that ``inspect`` shows; humanoids with hands have some 40."""
@@ -114,13 +114,16 @@ def _shown(name: str) -> str:
 
 def _doubts(description: Description, surveys: list[TipSurvey]) -> list[str]:
     """Return what hints at wrong units in the longest chains."""
+    lint = optional("files.plausibility")
+    if lint is None:
+        return []
     usable = [survey for survey in surveys if survey.coordinates]
     usable.sort(key=lambda survey: -len(survey.coordinates))
     found: dict[str, None] = {}
     for survey in usable[:_MOST_DOUBTED]:
         base = None if survey.floating else survey.base
         options = ChainOptions(tip=survey.tip, base=base, masses=not survey.hindrance)
-        found |= dict.fromkeys(doubts(chain_between(description, options)))
+        found |= dict.fromkeys(lint.doubts(chain_between(description, options)))
     return list(found)
 
 

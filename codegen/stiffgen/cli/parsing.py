@@ -12,6 +12,7 @@ from typing import Any
 
 from stiffgen.cli.memory import check_memory
 from stiffgen.cli.replaced import refusal
+from stiffgen.core.errors import StiffgenError
 
 _ASSIGNMENT = re.compile(r"(\w+):=(.*)", re.DOTALL)
 
@@ -103,7 +104,16 @@ class CommandParser(Parser):
         if not self._is_complete:
             self._is_complete = True
             check_memory()
-            import_module(f"stiffgen.{self.module}").add(self)
+            try:
+                module = import_module(f"stiffgen.{self.module}")
+            except ModuleNotFoundError as error:
+                if not str(error.name).startswith("stiffgen."):
+                    raise
+                raise StiffgenError(
+                    f"{self.prog.split()[-1]}: needs {str(error.name).removeprefix('stiffgen.')}, which has been taken "
+                    "out of this stiffgen; install stiffgen whole"
+                ) from error
+            module.add(self)
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Add the command's arguments on first use, then parse; refuse what it does not take in the command's name."""

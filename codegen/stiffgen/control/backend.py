@@ -27,4 +27,4 @@ def _files(request: Request) -> dict[str, str | Path]:
     return files
 
 
-CONTROLLER = Backend(Path(__file__).parent, _files)
+BACKEND = Backend(Path(__file__).parent, _files)

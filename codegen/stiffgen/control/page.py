@@ -19,8 +19,9 @@ from stiffgen.core.emit.library import Library
 from stiffgen.core.errors import printable
 from stiffgen.core.lower.scalar import DOUBLE, Scalar
 from stiffgen.core.robot.chain import Chain, Tip
-from stiffgen.families.springs.springs import Placement
-from stiffgen.files.plausibility import find_doubts
+from stiffgen.core.symbolic.kernels import chain_kernels
+from stiffgen.core.symbolic.placement import Placement
+from stiffgen.rooms import optional
 
 LIBRARY = Path(__file__).parent / "library"
 """Folder of the C library that every NAME_impedance.c contains."""
@@ -107,8 +108,12 @@ def _config_struct(chain: Chain) -> tuple[str, str, tuple[Field, ...]]:
 
 
 def has_controller(chain: Chain, scalar: Scalar = DOUBLE) -> bool:
-    """Return whether a robot can have the controller: masses, a fixed base, at most MAX_DOF coordinates, doubles."""
-    return scalar == DOUBLE and chain.masses and not chain.floating and len(chain.motor_coordinates) <= MAX_DOF
+    """Return whether a robot can have the controller: masses, a fixed base, at most MAX_DOF coordinates, doubles.
+
+    All functions that the controller calls must exist: a family may have been taken out.
+    """
+    fits = scalar == DOUBLE and chain.masses and not chain.floating and len(chain.motor_coordinates) <= MAX_DOF
+    return fits and set(called_kernels(chain, ())) <= {kernel.choices[1] for kernel in chain_kernels(chain)}
 
 
 def has_paper_law(chain: Chain) -> bool:
@@ -359,7 +364,8 @@ def errors_of(name: str, chain: Chain) -> list[tuple[str, int, str]]:
         for k, field in enumerate(CONFIG)
     ]
     causes: dict[str, str] = {}
-    for doubt in find_doubts(chain):
+    lint = optional("files.plausibility")
+    for doubt in lint.find_doubts(chain) if lint else ():
         causes.setdefault(doubt.about, f"; {printable(chain.source)}: {doubt.text}")
     return [(error, code, text + causes.get(_CAUSES.get(error, ""), "")) for error, code, text in general]
 

@@ -12,6 +12,7 @@ from stiffgen.core.emit.build import build_module
 from stiffgen.core.emit.manifest import DAMAGE, MANIFEST, chain_from_manifest, read_manifest, scalar_of_manifest
 from stiffgen.core.emit.render import render
 from stiffgen.core.errors import ChainError, OutputError, listed
+from stiffgen.core.family import needed
 from stiffgen.core.folder import swapped_in, unwritable
 from stiffgen.core.loading import read_chain
 from stiffgen.core.lower.scalar import DOUBLE, Scalar
@@ -44,6 +45,8 @@ def generate_folder(urdf: str | Path, options: GenerationOptions) -> Path:
 
     """
     scalar = options.number
+    if options.cuda:
+        needed("cuda.backend", "--cuda")
     options.progress(f"reading {Path(urdf).name}")
     chain = read_chain(urdf, options)
     if chain.loops and scalar != DOUBLE:

@@ -20,18 +20,18 @@ from stiffgen.core.errors import (
     listed,
     printable,
 )
+from stiffgen.core.family import part
 from stiffgen.core.names import CPP_NAMES
 from stiffgen.core.robot.assembly import assemble
-from stiffgen.core.robot.chain import AcceptedInertia, Chain, ChainOptions
-from stiffgen.core.robot.description import Description, Reading
+from stiffgen.core.robot.chain import AcceptedInertia, Chain, ChainOptions, Coordinate
+from stiffgen.core.robot.description import Description, JointElement, Reading
 from stiffgen.core.robot.files import FileError, read_regular
 from stiffgen.core.robot.reader import read_description
 from stiffgen.core.robot.selection import select
+from stiffgen.core.symbolic.choices import ALL, KINDS, KernelOptions, Potential
 from stiffgen.core.symbolic.kernels import RESERVED_NAMES
-from stiffgen.families.springs.potentials import ALL, KernelOptions, Potential
-from stiffgen.families.springs.springs import KINDS, Placement, spring
-from stiffgen.files.names import find_robot, is_name
-from stiffgen.files.survey import kept_limits
+from stiffgen.core.symbolic.placement import Placement
+from stiffgen.rooms import optional
 
 _DEFAULTS = ChainOptions()
 _MAX_SOURCE = 4 * 2**20  # of a potential's file [bytes]
@@ -113,7 +113,8 @@ def describe(source: str | Path, reading: Reading | None = None) -> Description:
 
 def located(source: str | Path, reading: Reading) -> tuple[Path, Reading]:
     """Return the file of a source, which may be a robot's name, and the settings that its template needs."""
-    return find_robot(str(source), reading) if is_name(source) else (Path(source), reading)
+    names = optional("files.names")
+    return names.find_robot(str(source), reading) if names and names.is_name(source) else (Path(source), reading)
 
 
 def chain_between(description: Description, options: ChainOptions = _DEFAULTS) -> Chain:
@@ -185,7 +186,8 @@ def springs_of_manifest(content: dict[str, Any], trust_potentials: bool) -> Kern
     recorded = content.get("springs")
     if recorded is None:
         return KernelOptions()
-    names = {spring(kind).name: kind for kind in KINDS}
+    family = part("springs.springs")
+    names = {family.spring(kind).name: kind for kind in KINDS} if family else {}
     x, y, z = map(float, recorded["centre"])
     return KernelOptions(
         springs=tuple(names[name] for name in recorded["kinds"] if name in names),
@@ -199,4 +201,13 @@ def springs_of_manifest(content: dict[str, Any], trust_potentials: bool) -> Kern
         derivatives=bool(content.get("derivatives", False)),
         kernels=tuple(recorded.get("groups", (ALL,))),
         batches=recorded.get("batches", True),
+    )
+
+
+def kept_limits(coordinate: JointElement | Coordinate, fault: str) -> str:
+    """Return a sentence about a coordinate that keeps its own position limits (:meth:`Couplings.exclusion`)."""
+    return (
+        f"joint '{printable(coordinate.name)}' keeps its own position limits {coordinate.lower:g} to "
+        f"{coordinate.upper:g}, since those of joints that follow it leave no range: {fault}; correct these limits or "
+        "the relation of the joints, or set lower_limit and upper_limit of the controller"
     )

@@ -20,8 +20,8 @@ from stiffgen.core.loading import springs_of_manifest
 from stiffgen.core.lower.scalar import DOUBLE, Scalar
 from stiffgen.core.names import checked_identifier
 from stiffgen.core.robot.chain import Chain
+from stiffgen.core.symbolic.choices import KernelOptions
 from stiffgen.core.symbolic.kernels import PACKED, Kernel, chain_kernels
-from stiffgen.families.springs.potentials import KernelOptions
 
 
 @dataclass(frozen=True, repr=False)

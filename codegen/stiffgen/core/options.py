@@ -13,7 +13,7 @@ from stiffgen.core.errors import ChainError, listed
 from stiffgen.core.lower.rounding import Ranges
 from stiffgen.core.lower.scalar import DOUBLE, SCALARS, Scalar
 from stiffgen.core.robot.chain import ChainOptions
-from stiffgen.families.springs.potentials import ALL, KernelOptions
+from stiffgen.core.symbolic.choices import ALL, KernelOptions
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,24 +5,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 from stiffgen.core.errors import DescriptionError, printable, shell_word
-from stiffgen.core.robot.description import Input, Reading
+from stiffgen.core.robot.description import Expansion, Input, Reading
 from stiffgen.files.confined import answer_of
 
 _MOST_WARNINGS = 5
-
-
-@dataclass(frozen=True)
-class Expansion:
-    """URDF text of a template, the other files that went into it, warnings of xacro, and its arguments."""
-
-    text: bytes
-    inputs: tuple[Input, ...] = ()
-    warnings: tuple[str, ...] = ()
-    parameters: tuple[tuple[str, str | None], ...] = ()
 
 
 def expand(path: Path, reading: Reading) -> Expansion:

@@ -15,9 +15,9 @@ import pytest
 
 import stiffgen
 from stiffgen.control.page import has_controller
+from stiffgen.core.symbolic.choices import KernelOptions
 from stiffgen.core.symbolic.kernels import chain_kernels
 from stiffgen.core.verify.kernels.samples import Samples
-from stiffgen.families.springs.potentials import KernelOptions
 from support.c_program import STRICT
 from support.project import ROOT, URDF, require_compiler
 

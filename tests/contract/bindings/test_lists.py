@@ -14,8 +14,8 @@ from stiffgen import StiffnessModel
 from stiffgen.core.emit.registry import BACKENDS
 from stiffgen.core.emit.render import render
 from stiffgen.core.options import GenerationOptions
+from stiffgen.core.symbolic.choices import KernelOptions
 from stiffgen.core.symbolic.kernels import chain_kernels
-from stiffgen.families.springs.potentials import KernelOptions
 from support.small_robots import LINKAGES, TREES
 
 SPRINGS = KernelOptions(derivatives=True)

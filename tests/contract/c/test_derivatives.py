@@ -13,11 +13,11 @@ import stiffgen
 from stiffgen.core.emit.render import render
 from stiffgen.core.opened import open_robot
 from stiffgen.core.options import GenerationOptions
+from stiffgen.core.symbolic.choices import KernelOptions
 from stiffgen.core.symbolic.model import casadi_function, folded
 from stiffgen.core.verify.kernels.samples import argument_samples
 from stiffgen.core.verify.result import BOUND, as_results, relative_error
 from stiffgen.core.verify.verify import verify
-from stiffgen.families.springs.potentials import KernelOptions
 from support.chains import chain_urdf
 from support.cuda_host import HostCuda
 from support.exact_tree import tree_urdf

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import stiffgen
-from stiffgen.families.springs.potentials import KernelOptions
+from stiffgen.core.symbolic.choices import KernelOptions
 from support.project import URDF, Once
 
 

@@ -9,7 +9,7 @@ import subprocess
 import numpy as np
 
 from stiffgen.core.emit.backend import Backend, Request
-from stiffgen.core.emit.c.backend import C
+from stiffgen.core.emit.c.backend import BACKEND as C
 from stiffgen.core.emit.pages import shared_functions
 from stiffgen.core.emit.render import print_files
 from stiffgen.core.lower.variant import Variant

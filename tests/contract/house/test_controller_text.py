@@ -11,7 +11,7 @@ from stiffgen.control.memory_fields import MEMORY
 from stiffgen.control.status_words import REASONS, STATUS
 from support.project import ROOT
 
-LIBRARY = sorted((ROOT / "codegen" / "stiffgen" / "controller" / "library").glob("*.c"))
+LIBRARY = sorted((ROOT / "codegen" / "stiffgen" / "control" / "library").glob("*.c"))
 GOLDEN = ROOT / "generated" / "iiwa14"
 
 

@@ -13,6 +13,7 @@ import pytest
 
 import stiffgen
 from stiffgen.core.robot.chain import Chain
+from stiffgen.core.symbolic.choices import KernelOptions
 from stiffgen.core.symbolic.kernels import Kernel, chain_kernels
 from stiffgen.core.symbolic.model import casadi_function, folded
 from stiffgen.core.verify.kernels.missing import function_of_stacks
@@ -21,7 +22,6 @@ from stiffgen.core.verify.kernels.references import References
 from stiffgen.core.verify.kernels.samples import Samples
 from stiffgen.core.verify.result import Check, compared
 from stiffgen.families.dynamics.masses import check_masses
-from stiffgen.families.springs.potentials import KernelOptions
 from support.project import ROOT
 
 NAMES = ("mass_matrix", "bias_forces", "gravity_gradient")

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stiffgen import generate
 from stiffgen.cli import main
-from stiffgen.core import generate
 from stiffgen.core.errors import MissingExtraError, OutputError, StiffgenError, install_command
 from stiffgen.core.opened import open_robot
 from stiffgen.core.verify.result import Check

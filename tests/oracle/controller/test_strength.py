@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stiffgen.core import generate
+from stiffgen import generate
 from support.plant.loop import Q0, Loop, N
 from support.project import ROOT
 

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 import scipy.linalg
 
+from stiffgen import drive
 from stiffgen.families.springs import parts as spring_parts
-from stiffgen.lab import drive
 from support.c_program import STRICT, language_flags
 
 FORMS = ("trace", "log")

@@ -10,9 +10,9 @@ import pinocchio as pin
 import pytest
 
 import stiffgen
+from stiffgen.core.symbolic.choices import KernelOptions
 from stiffgen.core.symbolic.kernels import chain_kernels
 from stiffgen.core.symbolic.model import casadi_function
-from stiffgen.families.springs.potentials import KernelOptions
 from support.project import URDF
 
 SPRINGS = np.diag([150.0, 150, 120, 100, 60, 40, 30]) + 2.0  # N m/rad, coupled

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import stiffgen
+from stiffgen.core.symbolic.choices import KernelOptions
 from stiffgen.core.symbolic.kernels import chain_kernels
 from stiffgen.core.symbolic.model import casadi_function
 from stiffgen.core.verify.kernels.samples import argument_samples
 from stiffgen.core.verify.result import relative_error
-from stiffgen.families.springs.potentials import KernelOptions
 from support.chains import chain_urdf
 from support.complex_step import columns, gradients
 from support.exact_tree import tree_urdf

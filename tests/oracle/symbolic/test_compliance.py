@@ -12,20 +12,19 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from stiffgen import load_chain, open_robot
-from stiffgen.core import generate
+from stiffgen import generate, load_chain, open_robot
 from stiffgen.core.errors import ChainError
 from stiffgen.core.lower.steps import lowered
 from stiffgen.core.lower.variant import BATCH
 from stiffgen.core.symbolic.arguments import Q
+from stiffgen.core.symbolic.choices import KernelOptions
 from stiffgen.core.symbolic.kernels import chain_kernels
 from stiffgen.core.verify.kernels import formulas
 from stiffgen.core.verify.kernels.missing import function_of_stacks
 from stiffgen.core.verify.kernels.oracles import check_oracles, check_robot
 from stiffgen.core.verify.kernels.samples import Samples, argument_samples
 from stiffgen.families.compliance import expressions as compliance
-from stiffgen.families.loops.reference import check_loops
-from stiffgen.families.springs.potentials import KernelOptions
+from stiffgen.families.loops.oracles import check_loops
 from support.exact_compliance import FAMILY, Case
 from support.exact_linkage import random_linkage
 from support.exact_tree import tree_urdf

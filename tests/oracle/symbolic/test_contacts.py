@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 import stiffgen
+from stiffgen.core.symbolic.choices import KernelOptions
 from stiffgen.core.symbolic.connection import REPRESENTATIONS
 from stiffgen.core.symbolic.kernels import Kernel, chain_kernels
 from stiffgen.core.symbolic.model import casadi_function
 from stiffgen.core.verify.result import as_results
 from stiffgen.families.contacts import expressions as contacts
-from stiffgen.families.springs.potentials import KernelOptions
 from support.exact_tree import as_array, exponential, mp, tree_urdf
 from support.project import ROOT, assert_close
 

@@ -14,9 +14,9 @@ import pytest
 
 import stiffgen
 from stiffgen.core.errors import ChainError
+from stiffgen.core.symbolic.choices import KernelOptions, Potential
 from stiffgen.core.symbolic.connection import REPRESENTATIONS
 from stiffgen.core.symbolic.kernels import chain_kernels
-from stiffgen.families.springs.potentials import KernelOptions, Potential
 from support.exact_tree import ExactTree, as_array, differentiated, exact_pose, exponential, mp, tree_urdf
 from support.pinocchio_oracle import with_exact_right_angles
 from support.project import ROOT, assert_close

@@ -14,14 +14,14 @@ import pytest
 
 from stiffgen import load_chain
 from stiffgen.core.robot.chain import Chain
+from stiffgen.core.symbolic.choices import KernelOptions
 from stiffgen.core.symbolic.kernels import chain_kernels
 from stiffgen.core.symbolic.model import casadi_function
 from stiffgen.core.verify.kernels.missing import function_of_stacks
 from stiffgen.core.verify.kernels.samples import argument_samples
 from stiffgen.families.derivatives.check import check_derivatives
 from stiffgen.families.loops import closure
-from stiffgen.families.loops.reference import check_loops
-from stiffgen.families.springs.potentials import KernelOptions
+from stiffgen.families.loops.oracles import check_loops
 from support.exact_linkage import STEP, ExactLinkage, linkage_errors, random_linkage
 
 BOUND = 1e-11

@@ -9,9 +9,9 @@ import pytest
 from stiffgen import StiffnessModel, load_chain
 from stiffgen.core.symbolic.kernels import chain_kernels
 from stiffgen.core.symbolic.model import casadi_function
-from stiffgen.core.symbolic.stiffness_kernels import DIRECTION
 from stiffgen.core.verify.kernels.poses import gamma_F
 from stiffgen.core.verify.kernels.references import TASK_STIFFNESS, WRENCH, References
+from stiffgen.families.derivatives.direction import DIRECTION
 from support.chains import chain_urdf
 from support.complex_step import columns, gradients
 from support.exact_tree import AT_ORIGIN, ExactTree, mp

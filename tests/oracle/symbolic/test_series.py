@@ -10,9 +10,9 @@ import pytest
 
 import stiffgen
 from stiffgen import load_chain
+from stiffgen.core.symbolic.choices import KernelOptions
 from stiffgen.core.symbolic.kernels import chain_kernels
 from stiffgen.core.symbolic.model import casadi_function
-from stiffgen.families.springs.potentials import KernelOptions
 from support.project import ROOT
 
 UR5 = ROOT / "tests" / "data" / "ur5.urdf"

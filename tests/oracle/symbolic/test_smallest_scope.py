@@ -13,13 +13,13 @@ from oracle.symbolic.kernel_references import MotorReferences, References
 from stiffgen.core.errors import ChainError
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.symbolic.arguments import Q, configuration_arguments
+from stiffgen.core.symbolic.choices import KernelOptions
 from stiffgen.core.symbolic.kernels import Kernel, chain_kernels
 from stiffgen.core.symbolic.model import casadi_function, folded
 from stiffgen.core.verify.kernels.missing import function_of_stacks
 from stiffgen.core.verify.kernels.samples import argument_samples
 from stiffgen.core.verify.result import as_results
 from stiffgen.families.derivatives.check import check_derivatives
-from stiffgen.families.springs.potentials import KernelOptions
 from support.exact_linkage import ExactLinkage, closed_state
 from support.small_robots import LINKAGES, TREES, Small, part
 

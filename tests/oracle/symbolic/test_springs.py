@@ -13,8 +13,8 @@ import pytest
 import stiffgen
 from campaigns.spring_orbits import orders, table
 from stiffgen.cli import main
+from stiffgen.core.symbolic.choices import KINDS
 from stiffgen.core.verify.verify import verify
-from stiffgen.families.springs.springs import KINDS
 from support.project import ROOT, URDF
 from support.spring_digits import CASES, FEW, ROBOTS, by_casadi, pose_errors, robot_errors, urdf_of
 

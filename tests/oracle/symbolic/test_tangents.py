@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import stiffgen
+from stiffgen.core.symbolic.choices import KINDS, KernelOptions
 from stiffgen.core.symbolic.kernels import chain_kernels
 from stiffgen.core.symbolic.model import casadi_function
 from stiffgen.core.verify.verify import verify
-from stiffgen.families.springs.potentials import KernelOptions
-from stiffgen.families.springs.springs import KINDS, spring
+from stiffgen.families.springs.springs import spring
 from support.project import ROOT, URDF
 
 TREE = ROOT / "tests" / "data" / "dual_arm.urdf"

@@ -13,7 +13,7 @@ import pytest
 import stiffgen
 from stiffgen.control.page import controller_page
 from stiffgen.core.lower.scalar import DOUBLE
-from stiffgen.families.springs.springs import Placement
+from stiffgen.core.symbolic.placement import Placement
 from support.controller_inputs import Arm
 from support.small_robots import part, turning_arm
 

@@ -22,7 +22,7 @@ from stiffgen.control.sessions.check import check_controller, elastic_torque, jo
 from stiffgen.control.sessions.check import wrench as spring_wrench
 from stiffgen.control.signals import INPUT, OUTPUT
 from stiffgen.control.status_words import FAULTS, REASONS, STATUS
-from stiffgen.families.springs.springs import Placement
+from stiffgen.core.symbolic.placement import Placement
 from support.controller_inputs import KO, KT, SPRING, Arm, Q, hostile, run_with_resets, walk
 from support.controller_library import WARNINGS, compile_c
 from support.project import ROOT, Once

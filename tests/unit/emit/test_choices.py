@@ -62,7 +62,7 @@ def test_lanes_choose_as_numbers_do(compiler, flags, scalar, tmp_path):
         piece = COMPARED.replace("LANES_GIVEN", "a" if one else "a, b").replace("NUMBERS", "x" if one else "x, y")
         compared += piece.replace("NAME", name)
     source = (
-        rendering.environment([Path(stiffgen.__file__).parent / "emit" / "c" / "templates"])
+        rendering.environment([Path(stiffgen.__file__).parent / "core" / "emit" / "c" / "templates"])
         .from_string(text)
         .render(
             variant=replace(SINGLE, scalar=scalar),

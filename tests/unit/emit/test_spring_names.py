@@ -11,9 +11,10 @@ import pytest
 import stiffgen
 from stiffgen.core.emit.c.functions import CFunction, print_kernels
 from stiffgen.core.lower.variant import BATCH, CUDA, SINGLE, Variant
+from stiffgen.core.symbolic.choices import KINDS, KernelOptions
 from stiffgen.core.symbolic.kernels import Kernel
-from stiffgen.families.springs.potentials import KernelOptions
-from stiffgen.families.springs.springs import KINDS, Placement, spring
+from stiffgen.core.symbolic.placement import Placement
+from stiffgen.families.springs.springs import spring
 from support.project import ROOT, URDF
 
 DUAL = ROOT / "tests" / "data" / "dual_arm.urdf"

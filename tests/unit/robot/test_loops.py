@@ -10,13 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stiffgen import StiffnessModel, load_chain
-from stiffgen.core import generate
+from stiffgen import StiffnessModel, generate, load_chain
 from stiffgen.core.errors import ChainError, LoopWarning
+from stiffgen.core.symbolic.choices import KernelOptions
 from stiffgen.core.symbolic.kernels import chain_kernels
 from stiffgen.core.symbolic.model import casadi_function
 from stiffgen.core.verify.folder.files import check_urdf
-from stiffgen.families.springs.potentials import KernelOptions
 
 LOOP = "coupler:0.35,0,0=rocker:0.25,0,0"
 

@@ -9,10 +9,10 @@ import pytest
 
 from stiffgen.cli import main
 from stiffgen.cli.console import TextConsole
+from stiffgen.cli.survey import survey_tip
 from stiffgen.core.errors import ChainError
 from stiffgen.core.robot.reader import read_description
 from stiffgen.core.robot.selection import select, suggested_tips
-from stiffgen.files.survey import survey_tip
 from support.chains import ARM, INERTIAL, replaced
 
 LEG = (

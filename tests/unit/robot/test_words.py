@@ -14,6 +14,7 @@ import pytest
 
 import stiffgen
 from stiffgen.cli import main
+from stiffgen.cli.survey import survey_tip
 from stiffgen.core.described import in_python
 from stiffgen.core.errors import DescriptionError, InertiaWarning, StiffgenError, shell_word
 from stiffgen.core.loading import describe, read_chain
@@ -21,7 +22,6 @@ from stiffgen.core.lower.rounding import Ranges
 from stiffgen.core.options import GenerationOptions
 from stiffgen.core.robot.description import Reading
 from stiffgen.core.verify.folder.files import check_urdf
-from stiffgen.files.survey import survey_tip
 from support.chains import ARM, INERTIAL, replaced
 
 AXIS = '<axis xyz="0 1 0"/>'

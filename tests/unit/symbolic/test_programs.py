@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import pytest
 
+from stiffgen.core.symbolic.choices import KernelOptions
 from stiffgen.core.symbolic.kernels import chain_kernels
-from stiffgen.families.springs.potentials import KernelOptions
 from support.small_robots import LINKAGES, TREES
 
 ROBOTS = TREES | LINKAGES

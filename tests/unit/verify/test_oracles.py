@@ -13,6 +13,7 @@ import stiffgen
 from stiffgen.core.lower.scalar import DOUBLE
 from stiffgen.core.opened import open_robot
 from stiffgen.core.robot.chain import Chain
+from stiffgen.core.symbolic.choices import KINDS, KernelOptions
 from stiffgen.core.symbolic.kernels import KERNELS, chain_kernels
 from stiffgen.core.verify.kernels import batches
 from stiffgen.core.verify.kernels.batches import LONG, check_stacks
@@ -23,8 +24,6 @@ from stiffgen.core.verify.kernels.oracles import check_kernels, check_oracles
 from stiffgen.core.verify.kernels.references import References
 from stiffgen.core.verify.kernels.samples import argument_samples
 from stiffgen.core.verify.result import NO_ORACLE, Check, as_results, compared
-from stiffgen.families.springs.potentials import KernelOptions
-from stiffgen.families.springs.springs import KINDS
 from support.chains import chain_urdf
 from support.project import ROOT
 

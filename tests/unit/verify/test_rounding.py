@@ -13,6 +13,7 @@ from mpmath import mp
 import stiffgen
 from stiffgen.core.lower.rounding import ErrorBounds, Ranges
 from stiffgen.core.lower.scalar import DOUBLE
+from stiffgen.core.symbolic.choices import KernelOptions, Potential
 from stiffgen.core.symbolic.kernels import chain_kernels
 from stiffgen.core.symbolic.model import casadi_function, folded
 from stiffgen.core.verify.kernels.certified import check_certified_bounds, within
@@ -22,7 +23,6 @@ from stiffgen.core.verify.kernels.rounding import rounding_errors, with_more_dig
 from stiffgen.core.verify.kernels.samples import argument_samples
 from stiffgen.core.verify.result import Check, as_results
 from stiffgen.families.derivatives.check import check_derivatives
-from stiffgen.families.springs.potentials import KernelOptions, Potential
 from support.chains import chain_urdf
 from support.graphs import DIGITS, Graph
 

@@ -11,11 +11,10 @@ import pytest
 import stiffgen
 from stiffgen.core.errors import StiffgenError
 from stiffgen.core.symbolic.arguments import BASE_POSE, TOOL_POSE, Argument, Q
+from stiffgen.core.symbolic.choices import KINDS, KernelOptions
 from stiffgen.core.symbolic.kernels import KERNELS, chain_kernels
 from stiffgen.core.symbolic.quantities import BlockKind, Blocks, Normal
 from stiffgen.core.verify.kernels.samples import Samples, argument_samples, with_other_lower_triangles
-from stiffgen.families.springs.potentials import KernelOptions
-from stiffgen.families.springs.springs import KINDS
 from support.project import ROOT
 
 POSE = KERNELS[0]

@@ -16,8 +16,8 @@ import numpy as np
 
 from stiffgen.core.opened import GeneratedRobot
 from stiffgen.core.robot.geometry import FloatArray
+from stiffgen.core.symbolic.placement import Placement
 from stiffgen.core.verify.result import Check, faultless
-from stiffgen.families.springs.springs import Placement
 
 Poses = Callable[[FloatArray], Any]
 """Poses of the tips at q, (4, 4) or (tips, 4, 4)."""

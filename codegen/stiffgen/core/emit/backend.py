@@ -27,7 +27,7 @@ from stiffgen.core.lower.variant import BATCH, SINGLE, Variant
 from stiffgen.core.names import comment
 from stiffgen.core.options import GenerationOptions
 from stiffgen.core.robot.chain import Chain
-from stiffgen.families.springs.potentials import KernelOptions
+from stiffgen.core.symbolic.choices import KernelOptions
 from stiffgen.rooms import optional
 
 _CONTROLLER = optional("control.page")

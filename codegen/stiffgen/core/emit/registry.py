@@ -1,29 +1,22 @@
 # SPDX-License-Identifier: MIT
-"""The registry of backends: a new one is a folder and a line here. The controller's may have been taken out."""
+"""Registry of backends: a new one is a folder and a line here."""
 
 from __future__ import annotations
 
-from stiffgen.core.emit.c.backend import C
-from stiffgen.core.emit.casadi.backend import CASADI
-from stiffgen.core.emit.cpp.backend import CPP
-from stiffgen.core.emit.package.backend import PACKAGE
-from stiffgen.core.emit.python.backend import PYTHON
-from stiffgen.families.cuda.backend import CUDA
-from stiffgen.families.jax.backend import JAX
-from stiffgen.families.torch.backend import TORCH
 from stiffgen.rooms import optional
 
-_CONTROLLER = optional("control.backend")
-
-BACKENDS = (
-    C,
-    CPP,
-    PYTHON,
-    PACKAGE,
-    CUDA,
-    CASADI,
-    JAX,
-    TORCH,
-    *((_CONTROLLER.CONTROLLER,) if _CONTROLLER else ()),
+_FOLDERS = (
+    "core.emit.c",
+    "core.emit.cpp",
+    "core.emit.python",
+    "core.emit.package",
+    "families.cuda",
+    "core.emit.casadi",
+    "families.jax",
+    "families.torch",
+    "control",
 )
+"""Folders with a module ``backend``; a family or the controller may have been taken out."""
+
+BACKENDS = tuple(module.BACKEND for folder in _FOLDERS if (module := optional(f"{folder}.backend")))
 """Backends in the order in which their files stand in the manifest."""

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Container, Sequence
 from dataclasses import replace
 
+from stiffgen.core.family import needed, part
 from stiffgen.core.names import identifier
 from stiffgen.core.robot.chain import (
     BASE_JOINTS,
@@ -25,9 +26,6 @@ from stiffgen.core.robot.description import Description, JointElement
 from stiffgen.core.robot.geometry import IDENTITY, Inertia, Pose, Real, mpf
 from stiffgen.core.robot.impossible import is_usable, nearest_possible
 from stiffgen.core.robot.selection import Selection
-from stiffgen.families.loops.linkage import Linkage
-from stiffgen.families.loops.reading import build_loop, wanted_motors
-from stiffgen.families.sensor.mounting import carrier, mounted
 
 
 def assemble(description: Description, options: ChainOptions, selection: Selection, reserved: Container[str]) -> Chain:
@@ -114,12 +112,13 @@ def _closed_loops(
     """
     if not selection.loops:
         return (), (), ()
+    reading, linkages = part("loops.reading"), part("loops.linkage")
     base_joints = BASE_JOINTS if selection.floating else 0
     masters = list(selection.masters)
-    loops = tuple(build_loop(loop, selection.couplings, masters, base_joints) for loop in selection.loops)
+    loops = tuple(reading.build_loop(loop, selection.couplings, masters, base_joints) for loop in selection.loops)
     elements = [description.joints[name] for name in masters]
-    motors = wanted_motors(description.file, loops, elements, base_joints, options.motors)
-    linkage = Linkage(description.file, loops, coordinates, base_joints)
+    motors = reading.wanted_motors(description.file, loops, elements, base_joints, options.motors)
+    linkage = linkages.Linkage(description.file, loops, coordinates, base_joints)
     loops, actuated, start = linkage.study([each.reference for each in elements], motors)
     return loops, actuated, tuple(round(float(value), 6) + 0.0 for value in start)
 
@@ -141,7 +140,8 @@ def _sensor(
     """Return the force-torque sensor in its tip's frame; ``slides`` are those of ``slide_origins``."""
     if options.sensor is None:
         return None
-    name, pose = carrier(description, selection, options.sensor)
+    mounting = needed("sensor.mounting", "--sensor")
+    name, pose = mounting.carrier(description, selection, options.sensor)
     carrying = [element.name for element in tree.moving].index(name)
     tool_pose = _tool_pose(options.tool)
     frames = [
@@ -149,7 +149,8 @@ def _sensor(
         for joint, frame in zip(tree.tip_joints, tree.tip_poses, strict=True)
     ]
     pose = slides[carrying].inverse() @ pose
-    return mounted(description.file, options.sensor, pose, selection.tips, frames)
+    sensor: MountedSensor = mounting.mounted(description.file, options.sensor, pose, selection.tips, frames)
+    return sensor
 
 
 def _tool_pose(tool: Tool | None) -> Pose:

@@ -21,7 +21,7 @@ from stiffgen.core.robot.description import ALL_LINKS, JOINT_TYPES, LARGEST, MOV
 from stiffgen.core.robot.extras import left_out, rotor_inertias
 from stiffgen.core.robot.geometry import physical_inertia
 from stiffgen.core.robot.impossible import fault_of
-from stiffgen.files.plausibility import doubt_about_inertia
+from stiffgen.rooms import optional
 
 MAX_JOINTS = 5_000
 _DEFAULTS = Reading()
@@ -298,7 +298,7 @@ class Checker:
             if tag == "inertia" and not physical_inertia(*values):
                 mass = inertial.find("mass")
                 kilograms = 0.0 if mass is None else self.numbers.get((mass, "value"), (0.0,))[0]
-                yield from self._impossible(name, values, doubt_about_inertia(kilograms, tuple(values)))
+                yield from self._impossible(name, values, _doubt(kilograms, tuple(values)))
 
     def _impossible(self, name: str, tensor: list[float], doubt: str) -> Iterator[Problem]:
         """Record an impossible tensor (xx, xy, xz, yy, yz, zz) that the user accepts, or yield it as a problem.
@@ -428,3 +428,9 @@ def _show(values: tuple[float, ...]) -> str:
 
 def _among(names: dict[str, etree._Element]) -> str:
     return f"valid names: {listed(list(names))}" if names else "there is none"
+
+
+def _doubt(mass: float, tensor: tuple[float, ...]) -> str:
+    """Return the sentence of a doubt about an inertia, where the lint is there."""
+    lint = optional("files.plausibility")
+    return str(lint.doubt_about_inertia(mass, tensor)) if lint else ""

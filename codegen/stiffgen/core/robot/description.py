@@ -223,3 +223,13 @@ class Description:
         """Links without a child joint, in file order; tips are usually among them."""
         parents = {joint.parent for joint in self.joints.values()}
         return tuple(link for link in self.links if link not in parents)
+
+
+@dataclass(frozen=True)
+class Expansion:
+    """URDF text of a template, the other files that went into it, warnings of xacro, and its arguments."""
+
+    text: bytes
+    inputs: tuple[Input, ...] = ()
+    warnings: tuple[str, ...] = ()
+    parameters: tuple[tuple[str, str | None], ...] = ()

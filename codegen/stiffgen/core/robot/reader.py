@@ -18,6 +18,7 @@ import os
 import re
 import select
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, BinaryIO
 
 from lxml import etree
@@ -28,6 +29,7 @@ from stiffgen.core.robot.description import (
     JOINT_TYPES,
     MOVING_TYPES,
     Description,
+    Expansion,
     Inertial,
     JointElement,
     Mimic,
@@ -36,8 +38,7 @@ from stiffgen.core.robot.description import (
     Vector,
 )
 from stiffgen.core.robot.geometry import unit
-from stiffgen.files.mjcf import read_mjcf
-from stiffgen.files.templates import Expansion, check_package_path, expand
+from stiffgen.rooms import optional
 
 if TYPE_CHECKING:
     import yourdfpy
@@ -70,9 +71,12 @@ def read_description(path: str | Path, reading: Reading | None = None) -> Descri
     """
     path, reading = Path(path), reading or Reading()
     data = _read_bytes(path)
-    check_package_path(path, reading)
+    templates = optional("files.templates")
+    if templates:
+        templates.check_package_path(path, reading)
     if _is_mjcf(data) and not reading.arguments:
-        return read_mjcf(path, data)
+        described: Description = _format(path, "files.mjcf", "MJCF").read_mjcf(path, data)
+        return described
     expansion = Expansion(data)
     is_template = _is_template(path.name, data)
     if is_template and not path.name.endswith(".xacro") and not reading.arguments:
@@ -82,7 +86,7 @@ def read_description(path: str | Path, reading: Reading | None = None) -> Descri
             ["has elements of xacro; only a template is expanded: name it FILE.xacro, or give one of its arguments"],
         )
     if is_template:
-        expansion = expand(path, reading)
+        expansion = _format(path, "files.templates", "xacro").expand(path, reading)
     elif reading.arguments:
         given = listed([f"{name}:={value}" for name, value in reading.arguments.items()])
         raise DescriptionError(path.name, [f"takes no arguments ({given}): it is no xacro template; leave them out"])
@@ -112,6 +116,18 @@ def read_description(path: str | Path, reading: Reading | None = None) -> Descri
         inputs=expansion.inputs,
         arguments=tuple(sorted((reading.arguments or {}).items())),
     )
+
+
+def _format(path: Path, module: str, name: str) -> ModuleType:
+    """Return the module that reads a format besides URDF; refuse the file where the room ``files`` is gone."""
+    found = optional(module)
+    if found is None:
+        problem = (
+            f"is {name}, which the room 'files' reads, and that has been taken out of this stiffgen; convert the file "
+            "to a URDF, or install stiffgen whole"
+        )
+        raise DescriptionError(path.name, [problem])
+    return found
 
 
 def _read_bytes(path: Path) -> bytes:

@@ -9,11 +9,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from stiffgen.core.errors import ChainError, DescriptionError, listed, printable, shell_word
+from stiffgen.core.family import needed, part
 from stiffgen.core.robot.chain import MAX_MOVING_JOINTS, ChainOptions, Tool
 from stiffgen.core.robot.couplings import Couplings
-from stiffgen.core.robot.description import LARGEST, MOVING_TYPES, Description, JointElement
+from stiffgen.core.robot.description import LARGEST, MOVING_TYPES, Description, JointElement, LoopElement
 from stiffgen.core.robot.geometry import physical_inertia
-from stiffgen.families.loops.reading import SelectedLoop, select_loops
 
 Carried = dict[str, list[tuple[str, JointElement | None]]]
 """Links that move rigidly with each moving joint, by joint name: parents first, each with its parent joint.
@@ -22,6 +22,20 @@ The parent joint is None for the child link of the moving joint itself. A floati
 """
 
 _DEFAULTS = ChainOptions()
+
+
+@dataclass(frozen=True)
+class SelectedLoop:
+    """Constraint of a chain, with the joints from the last link that both ends share to each end."""
+
+    element: LoopElement
+    first: tuple[JointElement, ...]
+    second: tuple[JointElement, ...]
+
+    @property
+    def joints(self) -> tuple[JointElement, ...]:
+        """All joints of the loop."""
+        return *self.first, *self.second
 
 
 @dataclass(frozen=True)
@@ -57,6 +71,16 @@ class Selection:
     loops: tuple[SelectedLoop, ...] = ()
 
 
+def _loops(
+    description: Description, options: ChainOptions, couplings: Couplings, base: str, moving: Sequence[JointElement]
+) -> tuple[SelectedLoop, ...]:
+    """Return the closed loops that are wanted; the family of loops notes those of the file that stay open."""
+    asked_for = options.close_loops or options.loop or options.actuated
+    reading = needed("loops.reading", "--loop") if asked_for else part("loops.reading")
+    loops = reading.select_loops(description, options, couplings, base, moving) if reading else ()
+    return tuple(loops)
+
+
 def select(description: Description, options: ChainOptions = _DEFAULTS) -> Selection:
     """Find the joints of a chain.
 
@@ -78,7 +102,7 @@ def select(description: Description, options: ChainOptions = _DEFAULTS) -> Selec
     paths = [_path(description, base, link) for link in tips]
     elements = list({element.name: element for path in paths for element in path}.values())  # on any path, each once
     moving = [element for element in elements if couplings.moves(element)]
-    loops = select_loops(description, options, couplings, base, moving)
+    loops = _loops(description, options, couplings, base, moving)
     of_loops = {element.name: element for loop in loops for element in loop.joints}
     moving_all = [*moving, *(each for each in of_loops.values() if couplings.moves(each))]
     masters = dict.fromkeys(couplings[element].joint for element in moving_all)  # the coordinates, in order

@@ -65,6 +65,8 @@ class Kernel:
     """Whether the kernel is a gradient already: --derivatives adds no vector-Jacobian product."""
     on_request: str = ""
     """Word of --kernels that adds the kernel; empty for a kernel of every robot."""
+    of_coordinates: bool = False
+    """Whether the kernel, or that of the tree behind it, loops over the coordinates."""
     of_masses: bool = False
     """Whether the kernel needs all moving joints, including side joints, which move masses but no tip."""
 

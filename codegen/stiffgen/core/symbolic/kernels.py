@@ -12,27 +12,16 @@ from dataclasses import replace
 from typing import Any
 
 from stiffgen.core.errors import ChainError, PotentialError, listed, printable
+from stiffgen.core.family import RESERVED, Asked, asked, needed
 from stiffgen.core.names import CPP_NAMES
-from stiffgen.core.robot.chain import Chain, MountedSensor, Tip
+from stiffgen.core.robot.chain import Chain, Tip
 from stiffgen.core.symbolic import arguments
 from stiffgen.core.symbolic.arguments import configuration_arguments
+from stiffgen.core.symbolic.choices import ALL, KernelOptions
 from stiffgen.core.symbolic.connection import REPRESENTATIONS
 from stiffgen.core.symbolic.kernel import PACKED, Kernel
 from stiffgen.core.symbolic.pose import jacobian_kernels, pose_kernels
-from stiffgen.core.symbolic.stiffness_kernels import direction_gradient_kernel, stiffness_kernels
-from stiffgen.families.compliance.kernels import compliance_kernels, compliance_of_tip
-from stiffgen.families.contacts.kernels import total_kernels
-from stiffgen.families.derivatives.products import products
-from stiffgen.families.dynamics.kernels import dynamics_kernels
-from stiffgen.families.joints.kernels import JOINT_POTENTIAL_KERNELS, JOINT_POTENTIALS
-from stiffgen.families.loops.kernels import GROUP, motor_kernels
-from stiffgen.families.manipulability.kernels import manipulability_kernels
-from stiffgen.families.sensor.kernels import GROUP as SENSOR
-from stiffgen.families.sensor.kernels import sensor_kernels
-from stiffgen.families.springs.kernels import spring_kernels
-from stiffgen.families.springs.potentials import ALL, KernelOptions
-from stiffgen.families.springs.springs import TRACE, Spring
-from stiffgen.families.springs.tangents import tangent_kernels
+from stiffgen.core.symbolic.stiffness_kernels import stiffness_kernels
 
 __all__ = [
     "KERNELS",
@@ -44,59 +33,49 @@ __all__ = [
 ]
 
 
-def _tip_kernels(
-    tip: Tip | None,
-    springs: tuple[Spring, ...],
-    *,
-    runtime_tool: bool,
-    floating: bool = False,
-    sensor: MountedSensor | None = None,
-) -> tuple[Kernel, ...]:
+def _tip_kernels(of: Asked, tip: Tip | None) -> tuple[Kernel, ...]:
     """Return the kernels of one tip; ``tip`` is None for a robot with one tip."""
-    configuration = configuration_arguments(runtime_tool=runtime_tool, floating=floating)
-    reference = "world" if floating else "base"
-    seen_from_tip = configuration_arguments(runtime_tool=runtime_tool)  # body representation: without the base's pose
-    kernels = [*pose_kernels(configuration, reference), *manipulability_kernels(seen_from_tip)]
+    kernels = [*pose_kernels(of.configuration, of.reference), *asked("tip, first", of)]
     for rep in REPRESENTATIONS:
-        seen = seen_from_tip if rep == "body" else configuration
-        kernels += [*jacobian_kernels(rep, seen), *stiffness_kernels(rep, seen, reference)]
-    kernels.append(direction_gradient_kernel(configuration))
-    for spring in springs:
-        kernels += spring_kernels(spring, configuration)
-    if sensor:
-        kernels += sensor_kernels(configuration, sensor, reference)
-    note = "'Tip' means the frame of the tool at tool_pose." if runtime_tool else ""
+        seen = of.seen_from_tip if rep == "body" else of.configuration
+        kernels += [*jacobian_kernels(rep, seen), *stiffness_kernels(rep, seen, of.reference)]
+    kernels += asked("tip", of)
+    note = "'Tip' means the frame of the tool at tool_pose." if of.runtime_tool else ""
     return tuple(replace(kernel, tip=tip, note=" ".join(filter(None, (kernel.note, note)))) for kernel in kernels)
 
 
-def _serial(
-    springs: tuple[Spring, ...] = (TRACE,),
-    *,
-    runtime_tool: bool = False,
-    masses: bool = True,
-    floating: bool = False,
-    sensor: MountedSensor | None = None,
-) -> tuple[Kernel, ...]:
+def _of_features(
+    springs: tuple[Any, ...], *, runtime_tool: bool = False, floating: bool = False, **further: Any
+) -> Asked:
+    """Return what families are asked about a robot with these features."""
+    return Asked(
+        configuration=configuration_arguments(runtime_tool=runtime_tool, floating=floating),
+        seen_from_tip=configuration_arguments(runtime_tool=runtime_tool),
+        reference="world" if floating else "base",
+        runtime_tool=runtime_tool,
+        floating=floating,
+        springs=springs,
+        **further,
+    )
+
+
+def _serial(of: Asked, *, masses: bool = True) -> tuple[Kernel, ...]:
     """Return the kernels of a robot with one tip: pose, dynamics, all others of the tip, potentials of the joints."""
-    first, *others = _tip_kernels(None, springs, runtime_tool=runtime_tool, floating=floating, sensor=sensor)
-    dynamics = dynamics_kernels(runtime_tool=runtime_tool, floating=floating) if masses else ()
-    return (first, *dynamics, *others, *JOINT_POTENTIAL_KERNELS)
+    first, *others = _tip_kernels(of, None)
+    dynamics = asked("tree", of) if masses else ()
+    return (first, *dynamics, *others, *asked("joints", of))
 
 
-KERNELS: tuple[Kernel, ...] = _serial()
+_DEFAULT = _of_features(KernelOptions().all_springs())
+KERNELS: tuple[Kernel, ...] = _serial(_DEFAULT)
 """Kernels of a chain with one tip, in the order of printing."""
 
-RESERVED_NAMES = frozenset(kernel.group or kernel.name for kernel in KERNELS) | {
-    PACKED.lstrip("_"),
-    GROUP,
-    SENSOR,
-    "close",
-}
+RESERVED_NAMES = RESERVED
 """Names in a robot's module that are forbidden for tips and potentials."""
 
 _ARGUMENT_NAMES = frozenset(
     argument.name
-    for kernel in (*KERNELS, *compliance_of_tip(configuration_arguments(runtime_tool=False)))
+    for kernel in (*KERNELS, *asked("request, of one tip", _DEFAULT))
     for argument in (*kernel.arguments, *kernel.results, arguments.BASE_POSE, arguments.TOOL_POSE)
 )
 _FORBIDDEN_NAMES = (
@@ -105,7 +84,7 @@ _FORBIDDEN_NAMES = (
 """Names that are forbidden for potentials."""
 
 
-def _check_names(springs: tuple[Spring, ...]) -> None:
+def _check_names(springs: tuple[Any, ...]) -> None:
     """Raise PotentialError if a user's potential has a name of the kernel table."""
     for spring in springs:
         if spring.name in _FORBIDDEN_NAMES:
@@ -127,25 +106,20 @@ def chain_kernels(chain: Chain, options: KernelOptions | None = None) -> tuple[K
     options = options or KernelOptions()
     springs = options.all_springs()
     _check_names(springs[len(springs) - len(options.potentials) :])
-    on_request = *compliance_kernels(chain), *tangent_kernels(chain, springs)
-    everything = *_all_kernels(chain, springs), *motor_kernels(chain, springs), *on_request
+    of = _of_features(springs, runtime_tool=chain.runtime_tool, floating=chain.floating, known=chain, options=options)
+    on_request = asked("request", of)
+    everything = *_all_kernels(chain, of), *asked("motors", of), *on_request
     kernels = _select(everything, options.groups)
     if chain.loops:  # vectors of joints also hold coordinates, of which a path to a tip has more than joints
-        kernels = tuple(replace(each, of_masses=True) if _of_coordinates(each) else each for each in kernels)
+        kernels = tuple(replace(each, of_masses=True) if each.of_coordinates else each for each in kernels)
     if chain.floating:
         kernels = tuple(map(_on_floating_base, kernels))
     if options.derivatives:  # last: products take over the arguments as they are now
-        kernels = (*kernels, *products(kernels))
+        needed("derivatives.products", "--derivatives")
+        kernels = (*kernels, *asked("products", of, kernels=kernels))
     if options.batches and len(chain.joints) <= MAX_BATCH_JOINTS:
         return kernels
     return tuple(replace(kernel, batch=False) for kernel in kernels)
-
-
-def _of_coordinates(kernel: Kernel) -> bool:
-    """Return whether a kernel, or the kernel of the tree behind it, loops over the coordinates."""
-    names = [potential.name for potential in JOINT_POTENTIALS]
-    of_motors = [f"{name}_{part}" for name in names for part in ("torque", "joint_stiffness")]
-    return kernel.group in names or (kernel.group == GROUP and kernel.name in of_motors)
 
 
 def _select(kernels: tuple[Kernel, ...], groups: tuple[str, ...]) -> tuple[Kernel, ...]:
@@ -182,23 +156,16 @@ def _on_floating_base(kernel: Kernel) -> Kernel:
     )
 
 
-def _all_kernels(chain: Chain, springs: tuple[Spring, ...]) -> tuple[Kernel, ...]:
+def _all_kernels(chain: Chain, of: Asked) -> tuple[Kernel, ...]:
     """Return the kernels in joint coordinates: of one tip, or of each tip and their totals."""
     if len(chain.tips) == 1:
-        return _serial(
-            springs,
-            runtime_tool=chain.runtime_tool,
-            masses=chain.masses,
-            floating=chain.floating,
-            sensor=chain.sensor,
-        )
-    options: dict[str, Any] = {"runtime_tool": chain.runtime_tool, "floating": chain.floating}
+        return _serial(replace(of, sensor=chain.sensor), masses=chain.masses)
     sensors = [chain.sensor if chain.sensor and chain.sensor.tip == k else None for k in range(len(chain.tips))]
     per_tip = [
         kernel
         for tip, sensor in zip(chain.tips, sensors, strict=True)
-        for kernel in _tip_kernels(tip, springs, **options, sensor=sensor)
+        for kernel in _tip_kernels(replace(of, sensor=sensor), tip)
     ]
-    of_masses = dynamics_kernels(chain.tips, **options) if chain.masses else ()
-    totals = total_kernels(chain, _tip_kernels(None, springs, **options), springs)
-    return (*of_masses, *per_tip, *totals, *JOINT_POTENTIAL_KERNELS)
+    of_masses = asked("tree", of, tips=chain.tips) if chain.masses else ()
+    totals = asked("totals", of, kernels=_tip_kernels(of, None))
+    return (*of_masses, *per_tip, *totals, *asked("joints", of))

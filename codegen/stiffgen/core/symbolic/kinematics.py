@@ -348,3 +348,10 @@ def _body_jacobian(chain: Chain, configuration: Configuration) -> Expressions:
     for k, joint in reversed(list(enumerate(base_joints))):
         columns.append(spatial_column(joint, origin, rotation[:, k % 3]))
     return Expressions(ca.densify(ca.horzcat(*reversed(columns))), tuple(r.sections), _kinds(chain))
+
+
+def in_base_axes(base_pose: ca.SX, vectors: ca.SX) -> ca.SX:
+    """Return an acceleration (3), a wrench (6) or one wrench per row (tips, 6) in the axes of a floating base."""
+    rows = ca.densify(vectors).T
+    turned = base_pose[:3, :3].T @ ca.reshape(rows, 3, rows.numel() // 3)
+    return ca.reshape(turned, *rows.shape).T

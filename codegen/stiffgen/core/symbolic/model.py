@@ -11,10 +11,10 @@ from typing import Any
 import casadi as ca
 
 from stiffgen.core.robot.chain import Chain
+from stiffgen.core.symbolic.choices import KernelOptions, Potential
 from stiffgen.core.symbolic.kernels import Kernel, chain_kernels
+from stiffgen.core.symbolic.placement import Placement
 from stiffgen.core.symbolic.program import as_operand, evaluate
-from stiffgen.families.springs.potentials import KernelOptions, Potential
-from stiffgen.families.springs.springs import Placement
 
 
 class StiffnessModel:

@@ -14,7 +14,6 @@ from stiffgen.core.symbolic.arguments import BASE_POSE, Argument, configuration_
 from stiffgen.core.symbolic.connection import Representation
 from stiffgen.core.symbolic.program import Array, Operand, Over, Program
 from stiffgen.core.symbolic.steps import Map, SparseSum, StraightLine, SumJoints
-from stiffgen.families.dynamics import gravity
 
 
 def configuration_arrays(chain: Chain, *, seen_from_tip: bool = False) -> tuple[Array, ...]:
@@ -86,7 +85,7 @@ def in_base_axes(chain: Chain, argument: Argument) -> tuple[Program, Array]:
     turned = Array(f"{array.symbol or array.name}_in_base", array.shape)
     operands = Operand(BASE_POSE.array(chain), ""), Operand(array, "")
     comment = f"{array.name} in base axes"
-    return (Map(comment, Over.ONCE, Operand(turned, ""), operands, gravity.in_base_axes),), turned
+    return (Map(comment, Over.ONCE, Operand(turned, ""), operands, kinematics.in_base_axes),), turned
 
 
 def with_base_connection(

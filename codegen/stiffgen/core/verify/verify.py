@@ -13,6 +13,7 @@ from pathlib import Path
 
 from stiffgen.core.emit.manifest import MANIFEST
 from stiffgen.core.errors import PotentialError, StiffgenError, listed
+from stiffgen.core.family import part
 from stiffgen.core.folder import temporary_folder
 from stiffgen.core.opened import GeneratedRobot, open_robot
 from stiffgen.core.robot.chain import Chain
@@ -37,9 +38,6 @@ from stiffgen.core.verify.kernels.not_finite import check_not_finite
 from stiffgen.core.verify.kernels.oracles import check_oracles, check_robot
 from stiffgen.core.verify.kernels.samples import Samples, argument_samples, with_other_lower_triangles
 from stiffgen.core.verify.result import Check, Kernels, left_out, one_by_one
-from stiffgen.families.derivatives.check import check_derivatives
-from stiffgen.families.dynamics.masses import check_masses
-from stiffgen.families.loops.reference import check_loops
 from stiffgen.rooms import optional
 
 Comparison = Callable[[], list[Check]]
@@ -150,20 +148,27 @@ def _steps(
             ("stepping the controller", lambda: controller.check_controller(robot, seed)),
             ("hostile sessions", lambda: controller.check_sessions(robot, texts(), seed, build / "sessions")),
         ]
+    loops, derivatives, masses = map(part, ("loops.oracles", "derivatives.check", "dynamics.masses"))
     if chain.loops:
         projected = min(count, 50)
         steps.append(
-            ("projecting closed loops", lambda: check_loops(missing | single, chain, projected, seed, springs, table))
+            (
+                "projecting closed loops",
+                lambda: loops.check_loops(missing | single, chain, projected, seed, springs, table),
+            )
         )
     if springs.derivatives:
-        steps.append(("differences of what has derivatives", lambda: check_derivatives(single, table, chain, pool)))
+        steps.append(
+            ("differences of what has derivatives", lambda: derivatives.check_derivatives(single, table, chain, pool))
+        )
     steps.append(("batches in C", lambda: _check_batches(libraries(), robot, single, pool)))
     steps.append(("bounds of memory", lambda: _check_memory(libraries(), robot, pool)))
     if urdf is not None:
         file = urdf
         steps.insert(1, ("reading the URDF", lambda: [check_urdf(chain, file)]))
         states = Samples(chain, 5, seed)
-        steps.insert(2, ("masses of the URDF", lambda: check_masses(single, table, chain, file, states)))
+        if masses:
+            steps.insert(2, ("masses of the URDF", lambda: masses.check_masses(single, table, chain, file, states)))
     return steps
 
 

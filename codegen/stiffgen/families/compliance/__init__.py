@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""The family compliance: records, programs, oracles, draws."""
+"""Family compliance: compliance of a loaded tip."""

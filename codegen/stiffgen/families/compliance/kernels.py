@@ -20,6 +20,7 @@ from typing import NamedTuple, Protocol
 import casadi as ca
 import numpy as np
 
+from stiffgen.core.family import Asked, asked
 from stiffgen.core.robot.chain import Chain, Tip
 from stiffgen.core.symbolic import arguments, kinematics, pieces, quantities
 from stiffgen.core.symbolic.arguments import Argument, configuration_arguments
@@ -31,11 +32,9 @@ from stiffgen.core.symbolic.quantities import BlockKind, Blocks
 from stiffgen.core.symbolic.steps import Congruence, Shared, StraightLine, SumJoints
 from stiffgen.families.compliance import expressions as compliance
 from stiffgen.families.contacts import expressions as contacts
-from stiffgen.families.loops import programs as motor_programs
-from stiffgen.families.loops.kernels import CLOSED, GROUP
 
 
-class _Loaded(NamedTuple):
+class Loaded(NamedTuple):
     """Stiffness of a load in the joints, and Jacobian: with respect to coordinates, which several joints may share."""
 
     steps: Program
@@ -46,10 +45,10 @@ class _Loaded(NamedTuple):
     """Jacobian; the steps write it for kernels that read it."""
 
 
-class _LoadSteps(Protocol):
+class LoadSteps(Protocol):
     """Steps of a load: its stiffness and, if the kernel reads it, the Jacobian."""
 
-    def __call__(self, chain: Chain, *, reads_J: bool) -> _Loaded:
+    def __call__(self, chain: Chain, *, reads_J: bool) -> Loaded:
         """Return the steps and their arrays."""
 
 
@@ -73,7 +72,7 @@ _STIFFNESS = Blocks(
     (BlockKind("translation block", "N/m"), BlockKind("coupling", "N"), BlockKind("rotation block", "N m")),
     _quarter_of_tips,
 )
-_LOAD = Argument("load_stiffness", ("n", "n"), "N m/rad", "", symmetric=True, symbol="Kload")
+LOAD_STIFFNESS = Argument("load_stiffness", ("n", "n"), "N m/rad", "", symmetric=True, symbol="Kload")
 UNSTABLE = "NaN where the posture is unstable under its load: H is not positive definite."
 _HESSIAN = "H = Kth - dJ^T/dq . F - J^T (Gamma F) J"
 
@@ -98,7 +97,7 @@ def increment(representation: Representation) -> Argument:
 
 
 @dataclass(frozen=True)
-class _Family:
+class CompliantTip:
     """Kernels with one kind of load.
 
     ``load`` returns the steps of stiffness and Jacobian, ``size`` is the extent of the joint stiffness, ``tips`` the
@@ -110,7 +109,7 @@ class _Family:
     configuration: tuple[Argument, ...]
     wrench: Argument
     increment: Argument
-    load: _LoadSteps
+    load: LoadSteps
     size: str = "n"
     tips: int = 1
     prefix: str = ""
@@ -248,7 +247,7 @@ def packed(springs: Array, load: Array) -> tuple[StraightLine, Array]:
     return StraightLine((H,), compliance.packed_hessian, (springs, load), heading="H = Kth - Kload"), H
 
 
-def load_of_tip(chain: Chain, representation: Representation, wrench: Argument, *, reads_J: bool) -> _Loaded:
+def load_of_tip(chain: Chain, representation: Representation, wrench: Argument, *, reads_J: bool) -> Loaded:
     """Return the stiffness of a wrench on a tip, and the tip's Jacobian.
 
     Where joints are coupled (mimic joints), the columns of the joints are summed into those of their coordinates.
@@ -256,18 +255,18 @@ def load_of_tip(chain: Chain, representation: Representation, wrench: Argument, 
     recursion, J = pieces.columns_of(chain, representation)
     load = pieces.over_joints(
         chain,
-        _LOAD,
+        LOAD_STIFFNESS,
         lambda output: pieces.load_tangent(chain, J, wrench.array(chain), representation, output),
         mirror=True,
     )
     if not chain.coupled:
-        return _Loaded((recursion, *load), _LOAD.array(chain), J)
+        return Loaded((recursion, *load), LOAD_STIFFNESS.array(chain), J)
     of_coordinates = Array("J_of_coordinates", (6, chain.dof), "J")
     summed = (SumJoints(J, of_coordinates, columns=True),) if reads_J else ()
-    return _Loaded((recursion, *load, *summed), _LOAD.array(chain), of_coordinates)
+    return Loaded((recursion, *load, *summed), LOAD_STIFFNESS.array(chain), of_coordinates)
 
 
-def _of_tips(chain: Chain, representation: Representation, inputs: tuple[Argument, ...], *, reads_J: bool) -> _Loaded:
+def _of_tips(chain: Chain, representation: Representation, inputs: tuple[Argument, ...], *, reads_J: bool) -> Loaded:
     """Return the load of wrenches on all tips; ``inputs`` are the configuration arguments and the wrenches."""
     m, J = len(chain.joints), Array("J_of_tips", (6 * len(chain.tips), chain.dof), "J")
     S, u = Array("S", (6, m)), Array("u", (6, m))
@@ -282,23 +281,8 @@ def _of_tips(chain: Chain, representation: Representation, inputs: tuple[Argumen
     def pairs(output: Array) -> Program:
         return pieces.pairs_on_the_way(chain, S, u, output, "Kload_ij = S_i . u_j", ca.dot)
 
-    return _Loaded((step, *pieces.over_joints(chain, _LOAD, pairs, mirror=True)), _LOAD.array(chain), J)
-
-
-def _of_motors(chain: Chain, wrench: Argument, *, reads_J: bool) -> _Loaded:
-    """Return the load of a wrench on a tip in motor coordinates: load and Jacobian of the tree, reduced."""
-    # The reduction takes the columns of the joints, not their sums over coordinates.
-    of_tree, load, _ = load_of_tip(chain, "hybrid", wrench, reads_J=False)
-    gradient = Array("gradient_of_tree", (chain.dof,))
-    tree = (*of_tree, *motor_programs.wrench_gradient(chain, wrench.array(chain), gradient))
-    of_motors = replace(_LOAD, name="load_of_motors", shape=("a", "a"))
-    J = Argument("J_of_motors", (6, "a"), "", "", symbol="J")
-    if reads_J:
-        columns = Array("J", (6, len(chain.joints)))
-        steps = motor_programs.reduction(chain, tree, gradient, load, (of_motors, J), "KJ", columns=columns)
-    else:
-        steps = motor_programs.reduction(chain, tree, gradient, load, (of_motors,), "K")
-    return _Loaded(steps, of_motors.array(chain), J.array(chain))
+    steps = step, *pieces.over_joints(chain, LOAD_STIFFNESS, pairs, mirror=True)
+    return Loaded(steps, LOAD_STIFFNESS.array(chain), J)
 
 
 def compliance_of_tip(configuration: tuple[Argument, ...]) -> tuple[Kernel, ...]:
@@ -307,15 +291,8 @@ def compliance_of_tip(configuration: tuple[Argument, ...]) -> tuple[Kernel, ...]
     for rep in REPRESENTATIONS:
         wrench = arguments.wrench(rep)
         load = partial(load_of_tip, representation=rep, wrench=wrench)
-        kernels += _Family(rep, _seen(configuration, rep), wrench, increment(rep), load).kernels()
+        kernels += CompliantTip(rep, _seen(configuration, rep), wrench, increment(rep), load).kernels()
     return tuple(kernels)
-
-
-def _of_loops(configuration: tuple[Argument, ...]) -> _Family:
-    """Return the kernels of a tip in motor coordinates."""
-    wrench = arguments.wrench("hybrid")
-    load = partial(_of_motors, wrench=wrench)
-    return _Family(GROUP, configuration, wrench, increment("hybrid"), load, size="a", prefix="motors_", domain=CLOSED)
 
 
 def _seen(configuration: tuple[Argument, ...], representation: Representation) -> tuple[Argument, ...]:
@@ -331,28 +308,28 @@ def _of_all_tips(tips: Sequence[Tip], configuration: tuple[Argument, ...]) -> tu
         seen, wrenches = _seen(of_all, rep), arguments.wrench(rep).of_all_tips(names)
         load = partial(_of_tips, representation=rep, inputs=(*seen, wrenches))
         increments = increment(rep).of_all_tips(names)
-        kernels += _Family(rep, seen, wrenches, increments, load, tips=len(tips), suffix="_total").kernels()
+        kernels += CompliantTip(rep, seen, wrenches, increments, load, tips=len(tips), suffix="_total").kernels()
     return tuple(kernels)
 
 
-def compliance_kernels(chain: Chain) -> tuple[Kernel, ...]:
+def compliance_kernels(of: Asked) -> tuple[Kernel, ...]:
     """Return the kernels of a chain: of each tip, also in motor coordinates, and of all tips."""
-    configuration = configuration_arguments(runtime_tool=chain.runtime_tool, floating=chain.floating)
+    chain, configuration = of.chain, of.configuration
     several = len(chain.tips) > 1
     kernels: list[Kernel] = []
     for tip in chain.tips:
-        of_tip = compliance_of_tip(configuration)
-        if chain.loops:
-            of_tip += _of_loops(configuration).kernels()
-        kernels += (replace(kernel, tip=tip if several else None) for kernel in of_tip)
+        owner = tip if several else None
+        of_tip = (replace(each, tip=owner) for each in compliance_of_tip(configuration))
+        kernels += (each for each in of_tip if _is_finite(chain, each))
+        kernels += (replace(each, tip=owner) for each in asked("compliance, tip", of))
     if several:
-        kernels += _of_all_tips(chain.tips, configuration)
-    return tuple(kernel for kernel in kernels if kernel.name != "tip_stiffness" or can_be_stiff(chain, kernel))
+        kernels += (each for each in _of_all_tips(chain.tips, configuration) if _is_finite(chain, each))
+    return tuple(kernels)
 
 
-def can_be_stiff(chain: Chain, kernel: Kernel) -> bool:
-    """Return whether the kernel's tip can move in all six directions; otherwise its stiffness is infinite."""
-    return (len(chain.motors) if kernel.group == GROUP else _rank(kernel.scope(chain))) >= 6
+def _is_finite(chain: Chain, kernel: Kernel) -> bool:
+    """Return False for the stiffness of a tip that cannot move in all six directions, which is infinite."""
+    return kernel.name != "tip_stiffness" or _rank(kernel.scope(chain)) >= 6
 
 
 @cache

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""The family contacts: records, programs, oracles, draws."""
+"""Family contacts: totals over several tips."""

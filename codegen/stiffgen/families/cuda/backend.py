@@ -162,4 +162,4 @@ def _files(request: Request) -> dict[str, str]:
     return {f"{request.name}_cuda.h": "cuda.h.j2", f"{request.name}.cu": "cuda.cu.j2"}
 
 
-CUDA = Backend(Path(__file__).parent, _files, _variables)
+BACKEND = Backend(Path(__file__).parent, _files, _variables)

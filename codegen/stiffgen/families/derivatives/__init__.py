@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""The family derivatives: records, programs, oracles, draws."""
+"""Family derivatives: gradients in reverse mode."""

@@ -39,7 +39,7 @@ from stiffgen.core.symbolic import pieces
 from stiffgen.core.symbolic.program import Array, Operand, Over, Program, Step
 from stiffgen.core.symbolic.steps import ArgumentSlice, Map, Shared, StraightLine, Sum, Term
 from stiffgen.families.derivatives.gradients import Gradients, bar_name, cotangent_name, extents, gradient_shape
-from stiffgen.families.derivatives.rules import RULES, turn
+from stiffgen.families.derivatives.rules import rules, turn
 
 
 def reverse(
@@ -90,9 +90,9 @@ class _Reverse(Gradients):
             self.bars[result.name] = [cotangent]
         for step in reversed(self.forward):
             if any(array.name in self.bars for array in step.writes):
-                if type(step) not in RULES:
+                if type(step) not in rules():
                     raise NotImplementedError(f"{type(step).__name__} has no adjoint")
-                RULES[type(step)](self, step)
+                rules()[type(step)](self, step)
         for argument in arguments:
             self._finish(argument)
         self._drop_unread({bar_name(argument.name) for argument in arguments})

@@ -5,19 +5,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import casadi as ca
 
+from stiffgen.core.family import families
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.symbolic import kinematics
 from stiffgen.core.symbolic.arguments import Q
 from stiffgen.core.symbolic.connection import Representation
 from stiffgen.core.symbolic.kinematics import Expressions
-from stiffgen.core.symbolic.masks import ones_or_nan
 from stiffgen.core.symbolic.program import Array, Operand, Over, Step, pruned
 from stiffgen.core.symbolic.steps import (
-    CloseLoops,
     Congruence,
     Gather,
     Map,
@@ -30,7 +30,6 @@ from stiffgen.core.symbolic.steps import (
     Weights,
 )
 from stiffgen.families.derivatives.gradients import Gradients, bar_name, column, extents, shown, symbols
-from stiffgen.families.loops.closure import motor_gradient
 
 
 def _any_map(run: Gradients, step: Map) -> None:
@@ -194,21 +193,6 @@ def _straight_line(run: Gradients, step: StraightLine, variables: tuple[Array, .
     run.steps.append(Shared(f"{step.name}_vjp", meaning, parameters, q_bar, steps, arguments, result, (bar,)))
 
 
-def _closed_loops(run: Gradients, step: CloseLoops) -> None:
-    """Append the product with G = dq/da at the closed configuration (theorem of implicit functions)."""
-    (closed,), (motors, _) = step.outputs, step.arguments
-    bars = tuple(run.bars[closed.name])
-
-    def expressions(chain: Chain, q: ca.SX, *values: ca.SX) -> Expressions:
-        gradient = motor_gradient(chain, q, sum(values, ca.SX.zeros(closed.size)))
-        positions = ca.vertcat(*(q[k] for k in chain.actuated))
-        # NaN where the loops do not close, also for motors outside of them.
-        return Expressions(gradient * ones_or_nan(positions), ())
-
-    heading = "gradient with respect to the motors: G^T cotangent"
-    run.steps.append(StraightLine((run.new(motors),), expressions, (closed, *bars), heading=heading))
-
-
 def _dependencies(run: Gradients, step: StraightLine, variables: tuple[Array, ...]) -> tuple[Array, ...]:
     """Return the variables on which a step depends: none for the forces of bodies without mass."""
     symbols = [ca.SX.sym(a.name, *extents(a.shape)) for a in step.arguments]
@@ -347,7 +331,12 @@ RULES: dict[type[Step], Callable[[Gradients, Any], None]] = {
     SparseSum: _sparse_sum,
     SumJoints: _sum_joints,
     StraightLine: _any_straight_line,
-    CloseLoops: _closed_loops,
     Congruence: _any_straight_line,
 }
 """Reverse rule per type of step. Types that occur only in reverse programs have no rule."""
+
+
+@cache
+def rules() -> dict[type[Step], Callable[[Gradients, Any], None]]:
+    """Return the rules of the core's steps, and those that families have for steps of their own."""
+    return RULES | {step: rule for family in families() for step, rule in family.rules.items()}

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""The family dynamics: records, programs, oracles, draws."""
+"""Family dynamics: mass matrix, bias forces, gravity."""

@@ -48,13 +48,6 @@ def potential_energy(chain: Chain, first_moment: ca.SX, gravity: ca.SX, base_pos
     return Expressions(ca.SX(-ca.dot(gravity, in_world)), ())
 
 
-def in_base_axes(base_pose: ca.SX, vectors: ca.SX) -> ca.SX:
-    """Return an acceleration (3), a wrench (6) or one wrench per row (tips, 6) in the axes of a floating base."""
-    rows = ca.densify(vectors).T
-    turned = base_pose[:3, :3].T @ ca.reshape(rows, 3, rows.numel() // 3)
-    return ca.reshape(turned, *rows.shape).T
-
-
 def moment_rate(column: ca.SX, gravity: ca.SX) -> ca.SX:
     """Return dU/dq_j = -g . w_j from a column of :func:`axes_and_moment_rates`."""
     return ca.SX(-ca.dot(gravity, column[3:]))

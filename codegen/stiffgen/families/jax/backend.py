@@ -16,4 +16,4 @@ def _files(request: Request) -> dict[str, str | Path]:
     return {f"python/{request.name}_jax.c": "jax.c.j2", "python/jax.py": WRAPPERS / "jax.py"}
 
 
-JAX = Backend(Path(__file__).parent, _files, called_functions)
+BACKEND = Backend(Path(__file__).parent, _files, called_functions)

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""The family joints: records, programs, oracles, draws."""
+"""Family joints: potentials of the joints."""

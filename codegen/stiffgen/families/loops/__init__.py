@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""The family loops: records, programs, oracles, draws."""
+"""Family loops: closed loops in motor coordinates."""

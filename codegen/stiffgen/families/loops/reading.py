@@ -5,31 +5,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from stiffgen.core.errors import ChainError, listed, printable, shell_word
 from stiffgen.core.robot.chain import ChainOptions, ClosedLoop, Joint, LoopEnd, RigidBody
 from stiffgen.core.robot.couplings import Couplings
 from stiffgen.core.robot.description import MOVING_TYPES, Description, JointElement, LoopElement, LoopEndElement
 from stiffgen.core.robot.geometry import Pose
+from stiffgen.core.robot.selection import SelectedLoop
 
 _NUMBERS = ",".join(3 * ("([^,:=]+)",))
 _LOOP = re.compile(f"(.+):{_NUMBERS}=(.+):{_NUMBERS}")
 _NO_BODY = RigidBody(0.0, (0.0, 0.0, 0.0), (0.0,) * 6)
-
-
-@dataclass(frozen=True)
-class SelectedLoop:
-    """Constraint of a chain, with the joints from the last link that both ends share to each end."""
-
-    element: LoopElement
-    first: tuple[JointElement, ...]
-    second: tuple[JointElement, ...]
-
-    @property
-    def joints(self) -> tuple[JointElement, ...]:
-        """All joints of the loop."""
-        return *self.first, *self.second
 
 
 def read_loop(text: str) -> LoopElement:

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""The family manipulability: records, programs, oracles, draws."""
+"""Family manipulability: manipulability and its gradient."""

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""The family sensor: records, programs, oracles, draws."""
+"""Family sensor: force-torque sensor."""

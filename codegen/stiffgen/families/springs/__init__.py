@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""The family springs: records, programs, oracles, draws."""
+"""Family springs: potentials of the tip."""

@@ -16,14 +16,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import casadi as ca
 
 from stiffgen.core.symbolic.kinematics import Section
+from stiffgen.core.symbolic.placement import Axes
 from stiffgen.core.symbolic.stiffness import symmetric_from_upper
 
-Axes = Literal["base", "tip", "equilibrium"]
 Centre = tuple[float, float, float]
 
 

@@ -23,18 +23,16 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 
-from stiffgen.core.described import option, with_attributes
 from stiffgen.core.errors import PotentialError, listed, printable
 from stiffgen.core.names import MAX_LENGTH, identifier
 from stiffgen.core.symbolic.arguments import Argument
+from stiffgen.core.symbolic.choices import KINDS, KernelOptions, Potential
 from stiffgen.core.symbolic.quantities import Uniform
-from stiffgen.families.springs.springs import KINDS, Placement, Spring, spring
+from stiffgen.families.springs.springs import Spring, spring
 
 MAX_PARAMETERS = 27
 """Largest number of parameters of a potential.
@@ -46,24 +44,6 @@ _WITHOUT_DERIVATIVES = {
     ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil", ca.OP_FMOD: "fmod", ca.OP_REMAINDER: "remainder", ca.OP_SIGN: "sign",
     ca.OP_COPYSIGN: "copysign", ca.OP_ERFINV: "erfinv", ca.OP_LIFT: "lift",
 }  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Potential:
-    """Function U(p, R, parameters), and file name and text of its source.
-
-    The function of a sealed potential has name and parameters, and refuses to be called: its source was not run.
-    """
-
-    function: Callable[..., Any]
-    file: str = ""
-    source: str = ""
-    is_sealed: bool = False
-
-    @property
-    def name(self) -> str:
-        """Name of the function, which is the group of the kernels."""
-        return str(self.function.__name__)
 
 
 class _Parameters:
@@ -211,102 +191,15 @@ def _check_differentiable(name: str, value: ca.SX, inputs: list[ca.SX]) -> None:
         )
 
 
-ALL = "all"
-"""Word of --kernels for all kernels but those on request."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class KernelOptions:
-    """Options that select the kernels of a robot."""
-
-    springs: Sequence[str] = option(
-        "additional spring (default: trace); repeatable",
-        default=(),
-        flag="--spring",
-        group="springs",
-        choices=KINDS,
-        action="append",
-    )
-    placement: Placement = option(
-        "axes (base, tip, equilibrium) and centre (X,Y,Z [m]) of the springs; repeatable",
-        factory=Placement,
-        group="springs",
-        record=Placement,
-    )
-    potentials: Sequence[Potential] = option(
-        "your own U(p, R, parameters) of CasADi expressions; runs the file; repeatable",
-        default=(),
-        flag="--potential",
-        group="springs",
-        metavar="FILE.py:FUNCTION",
-        action="append",
-    )
-    derivatives: bool = option(
-        "generate NAME_vjp for every function: gradients in reverse mode", default=False, group="output"
-    )
-    kernels: str | Sequence[str] = option(
-        "groups or functions, separated by commas, such as hybrid,spring.energy (default: all); all,compliance adds "
-        "the tip's compliance, all,tangents bounds for implicit steps; pose and the controller's functions are always "
-        "included",
-        default=ALL,
-        group="output",
-        metavar="GROUPS",
-    )
-    batches: bool = option(
-        "generate functions for many configurations per call",
-        default=True,
-        negative="omit NAME_batch.c",
-        group="output",
-    )
-
-    @property
-    def groups(self) -> tuple[str, ...]:
-        """Groups and functions that were chosen; none for all but those on request."""
-        chosen = self.kernels.split(",") if isinstance(self.kernels, str) else self.kernels
-        names = tuple(name.strip() for name in chosen)
-        return () if set(names) == {ALL} else names
-
-    def all_springs(self) -> tuple[Spring, ...]:
-        """Return all springs, the default spring first.
-
-        Raises:
-            PotentialError: a kind is unknown, a potential is not valid, or a name occurs twice.
-
-        """
-        unknown = [kind for kind in self.springs if kind not in KINDS]
-        if unknown:
-            raise PotentialError(f"there is no spring '{unknown[0]}'; springs are {listed(list(KINDS))}")
-        kinds = [kind for kind in KINDS if kind == "trace" or kind in self.springs]
-        springs = [spring(kind, self.placement) for kind in kinds] + [spring_of(each) for each in self.potentials]
-        names = [each.name for each in springs]
-        twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
-        if twice:
-            raise PotentialError(f"potential {twice[0]}: given twice; rename one of the two functions")
-        return tuple(springs)
-
-    def springs_record(self) -> dict[str, Any]:
-        """Return the record that :func:`stiffgen.core.loading.springs_of_manifest` reads."""
-        return {
-            "kinds": [each.name for each in self.all_springs()],
-            "translation_axes": self.placement.translation_axes,
-            "rotation_axes": self.placement.rotation_axes,
-            "centre": list(self.placement.centre),
-            "potentials": [
-                {
-                    "file": each.file,
-                    "function": each.name,
-                    "parameters": [
-                        [name, [int(extent) for extent in shape]]
-                        for name, shape in getattr(each.function, "parameters", {}).items()
-                    ],
-                    "source": each.source,
-                }
-                for each in self.potentials
-            ],
-            # absent: all kernels but those on request; with functions of batches
-            **({"groups": list(self.groups)} if self.groups else {}),
-            **({"batches": False} if not self.batches else {}),
-        }
-
-
-KernelOptions.__doc__ = with_attributes(KernelOptions)
+def springs_of(options: KernelOptions) -> tuple[Spring, ...]:
+    """Return all springs, the default spring first."""
+    unknown = [kind for kind in options.springs if kind not in KINDS]
+    if unknown:
+        raise PotentialError(f"there is no spring '{unknown[0]}'; springs are {listed(list(KINDS))}")
+    kinds = [kind for kind in KINDS if kind == "trace" or kind in options.springs]
+    springs = [spring(kind, options.placement) for kind in kinds] + [spring_of(each) for each in options.potentials]
+    names = [each.name for each in springs]
+    twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
+    if twice:
+        raise PotentialError(f"potential {twice[0]}: given twice; rename one of the two functions")
+    return tuple(springs)

@@ -30,20 +30,18 @@ compare them with their energies. A potential of one's own is differentiated by 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
 
-from stiffgen.core.errors import PotentialError, listed, printable
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.symbolic.arguments import Argument
 from stiffgen.core.symbolic.kinematics import Expressions, Section
+from stiffgen.core.symbolic.placement import Axes, Placement
 from stiffgen.core.symbolic.quantities import PositiveDefinite, Uniform, pose_within, random_poses
 from stiffgen.core.symbolic.stiffness import symmetric_from_upper
 from stiffgen.families.springs.parts import (
-    Axes,
     Terms,
     bounded,
     by_quaternion,
@@ -72,8 +70,6 @@ EQUILIBRIUM = Argument.referred(
     blocks=pose_within("reach"),
     turns=True,
 )
-AXES: tuple[Axes, ...] = ("base", "tip", "equilibrium")
-"""Axes of a stiffness: base axes, tip axes (which rotate with the tip), or the tip's axes at the equilibrium."""
 
 _AXES_TEXT = {
     "base": "in {reference} axes",
@@ -143,29 +139,6 @@ class Spring:
         """Return U."""
         defined = self.define(p, R, *parameters)
         return defined.V if isinstance(defined, Terms) else defined
-
-
-@dataclass(frozen=True)
-class Placement:
-    """Axes and centre of the stiffnesses of springs.
-
-    ``centre`` is the centre of stiffness in the tip's frame [m]: the translational stiffness acts on the displacement
-    of this point. With ``translation_axes`` None, the axes are the base's, or for a coupled stiffness the
-    equilibrium's.
-    """
-
-    translation_axes: Axes | None = None
-    rotation_axes: Axes = "equilibrium"
-    centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-    def __post_init__(self) -> None:
-        """Refuse unknown axes, and a centre that is not finite."""
-        for name in ("translation_axes", "rotation_axes"):
-            axes = getattr(self, name)
-            if axes not in AXES and (axes, name) != (None, "translation_axes"):
-                raise PotentialError(f"placement {name}={printable(str(axes))}: axes are {listed(list(AXES))}")
-        if len(self.centre) != 3 or not all(map(math.isfinite, self.centre)):
-            raise PotentialError("placement centre: must be three finite numbers [m]")
 
 
 def _softens(stiffness: str) -> str:

@@ -13,4 +13,4 @@ def _files(request: Request) -> dict[str, str | Path]:
     return {"python/torch.py": WRAPPERS / "torch.py"} if request.has_wrappers else {}
 
 
-TORCH = Backend(Path(__file__).parent, _files)
+BACKEND = Backend(Path(__file__).parent, _files)

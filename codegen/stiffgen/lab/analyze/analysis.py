@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import stiffgen.lab.analyze.measures as ms
+from stiffgen.cli.folders import folder_of
 from stiffgen.core.described import speaking_python
 from stiffgen.core.errors import (
     EmptyRecordingError,
@@ -41,7 +42,6 @@ from stiffgen.core.options import GenerationOptions
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.robot.geometry import FloatArray
 from stiffgen.core.symbolic.connection import REPRESENTATIONS, Representation
-from stiffgen.files.cache import folder_of
 from stiffgen.lab.analyze.export import NAME as EXPORT_NAME
 from stiffgen.lab.analyze.export import export
 from stiffgen.lab.analyze.measures import MEASURES, Summary, units
@@ -111,7 +111,7 @@ def run_analysis(options: AnalysisOptions) -> Analysis:
     log, progress = Path(options.log), options.progress
     target = Path("analysis") / log.stem if options.output is None else Path(options.output)
     _refuse_foreign(target)
-    options = replace(options, robot=folder_of(options.robot, progress=lambda step: progress(step, 0.0)))
+    options = replace(options, robot=folder_of(options.robot, None, lambda step: progress(step, 0.0)))
     robot = Path(options.robot)
     chain = _chain(robot)
     _robot_module(robot.absolute())

@@ -16,7 +16,7 @@ from stiffgen.core.errors import StiffgenError
 from stiffgen.core.options import GenerationOptions
 from stiffgen.core.robot.chain import ChainOptions
 from stiffgen.core.robot.description import Description, Reading
-from stiffgen.families.springs.springs import KINDS
+from stiffgen.core.symbolic.choices import KINDS
 from stiffgen.lab.new.project import new_project
 from stiffgen.lab.new.questions import CONTROLLERS, Answers, decide
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from stiffgen.cli.survey import missing_limits
 from stiffgen.control.presets import Preset, motor_tables
 from stiffgen.core.errors import ChainError, OutputError, StiffgenError, printable
 from stiffgen.core.folder import swapped_in
@@ -21,8 +22,6 @@ from stiffgen.core.rendering import environment
 from stiffgen.core.robot.chain import Chain, Coordinate
 from stiffgen.core.robot.description import Description, Reading
 from stiffgen.families.springs.springs import spring
-from stiffgen.files.plausibility import doubts
-from stiffgen.files.survey import missing_limits
 from stiffgen.lab.new.questions import GENERATED, Answers, decide
 from stiffgen.lab.new.ros2_package import check_robot, package_files, package_name
 from stiffgen.rooms import optional
@@ -108,7 +107,8 @@ def _notes(chain: Chain, answers: Answers) -> Iterator[str]:
     if answers.controller in GENERATED:
         guesses = "src/defaults.hpp" if answers.controller == "ros2" else "src/control.hpp"
         yield from missing_limits(chain.source, chain.coordinates, guesses=guesses, is_mjcf=chain.is_mjcf)
-    for sentence in doubts(chain):
+    lint = optional("files.plausibility")
+    for sentence in lint.doubts(chain) if lint else ():
         yield f"{printable(chain.source)}: {sentence}"
 
 

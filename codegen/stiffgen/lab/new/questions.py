@@ -6,12 +6,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
+from stiffgen.cli.survey import TipSurvey, survey_tip
 from stiffgen.core.errors import StiffgenError, listed, printable
 from stiffgen.core.robot.chain import Tool
 from stiffgen.core.robot.description import Description
 from stiffgen.core.robot.selection import possible_tips, suggested_tips
-from stiffgen.families.springs.springs import KINDS
-from stiffgen.files.survey import TipSurvey, survey_tip
+from stiffgen.core.symbolic.choices import KINDS
 
 CONTROLLERS = {
     "impedance": "the generated controller: energy account, governor, limits, faults",

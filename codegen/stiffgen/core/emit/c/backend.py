@@ -145,4 +145,4 @@ def _files(request: Request) -> dict[str, str]:
     return files
 
 
-C = Backend(Path(__file__).parent, _files, _variables)
+BACKEND = Backend(Path(__file__).parent, _files, _variables)

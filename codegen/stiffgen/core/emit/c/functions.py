@@ -17,9 +17,9 @@ from stiffgen.core.lower.lowering import LoweredKernels
 from stiffgen.core.lower.steps import lowered
 from stiffgen.core.lower.variant import Variant
 from stiffgen.core.robot.chain import Chain
+from stiffgen.core.symbolic.choices import KernelOptions
 from stiffgen.core.symbolic.kernels import Kernel, chain_kernels
 from stiffgen.core.symbolic.program import Array
-from stiffgen.families.springs.potentials import KernelOptions
 
 
 @dataclass(frozen=True)

@@ -35,4 +35,4 @@ def _files(request: Request) -> dict[str, str | Path]:
     }
 
 
-CASADI = Backend(Path(__file__).parent, _files, _variables)
+BACKEND = Backend(Path(__file__).parent, _files, _variables)

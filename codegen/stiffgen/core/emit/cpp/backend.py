@@ -32,4 +32,4 @@ def _files(request: Request) -> dict[str, str]:
     return {f"{request.name}.hpp": "wrapper.hpp.j2"}
 
 
-CPP = Backend(Path(__file__).parent, _files, _variables)
+BACKEND = Backend(Path(__file__).parent, _files, _variables)

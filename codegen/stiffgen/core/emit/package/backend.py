@@ -59,4 +59,4 @@ def _files(request: Request) -> dict[str, str]:
     return {"CMakeLists.txt": "CMakeLists.txt.j2", "README.md": "README.md.j2"}
 
 
-PACKAGE = Backend(Path(__file__).parent, _files, _variables)
+BACKEND = Backend(Path(__file__).parent, _files, _variables)

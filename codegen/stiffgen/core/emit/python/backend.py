@@ -147,4 +147,4 @@ def _files(request: Request) -> dict[str, str]:
     return files
 
 
-PYTHON = Backend(Path(__file__).parent, _files, _variables)
+BACKEND = Backend(Path(__file__).parent, _files, _variables)

@@ -12,12 +12,12 @@ from typing import Any
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.robot.geometry import FloatArray
 from stiffgen.core.symbolic.arguments import Argument, Q
+from stiffgen.core.symbolic.choices import KernelOptions
 from stiffgen.core.symbolic.kernels import Kernel, chain_kernels
 from stiffgen.core.verify.kernels.comparison import KernelCall, but_for_rounding
 from stiffgen.core.verify.kernels.missing import function_of_stacks
 from stiffgen.core.verify.kernels.samples import argument_samples, with_other_lower_triangles
 from stiffgen.core.verify.result import Check, Kernels, as_results
-from stiffgen.families.springs.potentials import KernelOptions
 
 FAR = (1.5e4, -1.0e6, 3.0e9)
 """Angles beyond the range that the generated code reduces itself."""

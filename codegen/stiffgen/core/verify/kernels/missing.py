@@ -12,10 +12,10 @@ import numpy as np
 from stiffgen.core.opened import GeneratedRobot
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.robot.geometry import FloatArray
+from stiffgen.core.symbolic.choices import ALL
 from stiffgen.core.symbolic.kernels import Kernel, chain_kernels
 from stiffgen.core.symbolic.model import casadi_function, folded
 from stiffgen.core.verify.result import as_results
-from stiffgen.families.springs.potentials import ALL
 
 
 def missing_functions(robot: GeneratedRobot) -> dict[str, Callable[..., Any]]:

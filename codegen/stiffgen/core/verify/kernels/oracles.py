@@ -7,24 +7,23 @@ A kernel without an oracle is a failed check: the comparison with the CasADi fun
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
+from importlib import import_module
 from typing import Any
 
 import numpy as np
 
+from stiffgen.core.family import families
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.robot.geometry import FloatArray
+from stiffgen.core.symbolic.choices import KernelOptions
 from stiffgen.core.symbolic.connection import REPRESENTATIONS, Representation
 from stiffgen.core.symbolic.kernels import Kernel, chain_kernels
 from stiffgen.core.verify.kernels.comparison import KernelCall, Oracle, but_for_rounding, symmetry
 from stiffgen.core.verify.kernels.poses import gamma_F
-from stiffgen.core.verify.kernels.references import TASK_STIFFNESS, WRENCH, References, of_joint_potential
+from stiffgen.core.verify.kernels.references import TASK_STIFFNESS, WRENCH, References
 from stiffgen.core.verify.result import NO_ORACLE, Check, Kernels
-from stiffgen.families.compliance.reference import COMPLIANCE_ORACLES
-from stiffgen.families.joints.kernels import JOINT_POTENTIALS, JointPotential
-from stiffgen.families.loops.reference import CLOSE, LOOP_ORACLES, loop_oracles
-from stiffgen.families.springs.potentials import KernelOptions
 
 Oracles = dict[str, tuple[Oracle, ...]]
 
@@ -74,57 +73,11 @@ def _of_potential(loads: Any) -> Oracle:
     return Oracle("Hessian of a potential", lambda r: r.potential[2], loads=loads, rounded="arguments")
 
 
-def _of_energies(name: str) -> tuple[Oracle, ...]:
-    return (Oracle("differentiated energies", lambda r: r.dynamics[name]),)
-
-
-def _of_sensor(r: References, name: str) -> FloatArray:
-    return r.sensor[name]
-
-
-def _by_hand(potential: JointPotential, result: str) -> tuple[Oracle, ...]:
-    return (Oracle("derivatives by hand", lambda r: of_joint_potential(r, potential)[result], rounded=""),)
-
-
 ORACLES: Oracles = {
     "forward_kinematics": (Oracle("product of poses", lambda r: r.pose),),
-    "manipulability": (
-        Oracle("singular values", lambda r: r.manipulability.measure, errors=lambda r: r.manipulability.measure_error),
-    ),
-    "manipulability_gradient": (
-        Oracle(
-            "singular values", lambda r: r.manipulability.gradient, errors=lambda r: r.manipulability.gradient_error
-        ),
-    ),
     **{name: oracles for rep in REPRESENTATIONS for name, oracles in _of_representation(rep).items()},
-    "hybrid_stiffness_direction_gradient": (
-        Oracle("form differentiated along v", lambda r: r.direction_gradient),
-    ),
-    "mass_matrix": _of_energies("mass_matrix"),
-    "bias_forces": _of_energies("bias_forces"),
-    "gravity_energy": _of_energies("gravity_energy"),
-    "gravity_gradient": _of_energies("gravity_gradient"),
-    "gravity_joint_stiffness": _of_energies("gravity_joint_stiffness"),
-    "static_torque_derivatives": (Oracle("differentiated energies", lambda r: r.static_torque_derivatives),),
-    **{
-        f"{potential.name}_{result}": _by_hand(potential, result)
-        for potential in JOINT_POTENTIALS
-        for result in ("energy", "torque", "joint_stiffness")
-    },
-    **{
-        f"sensor_{name}": (Oracle("momenta of the payload", partial(_of_sensor, name=name)),)
-        for name in ("tip_wrench", "reading", "tip_wrench_dynamic")
-    },
-    "sensor_joint_stiffness": (
-        Oracle(
-            "formula on the wrench of a reading",
-            lambda r: r.joint_stiffness("hybrid", corrected=True, wrench=r.sensor["tip_wrench"]),
-        ),
-    ),
-    **COMPLIANCE_ORACLES,
-    **LOOP_ORACLES,
-}  # fmt: skip
-"""Oracles by group and name of the kernel; those of springs follow from the energies (:func:`oracles_of`)."""
+}
+"""Oracles of the core's kernels by group and name; families have those of their own (:func:`oracles_of`)."""
 ORACLES["body_joint_stiffness"] += (
     _of_potential(lambda r: (r.potential[0].astype(float), r.potential[1].astype(float))),
 )
@@ -132,33 +85,15 @@ ORACLES["hybrid_joint_stiffness"] += (_of_potential(_turned_to_hybrid),)
 
 
 def oracles_of(options: KernelOptions | None) -> Oracles:
-    """Return the table with the oracles of the chosen springs, also of a user's potentials."""
+    """Return the table with the oracles of all families, also of a user's potentials."""
     table = dict(ORACLES)
-    for spring in (options or KernelOptions()).all_springs():
-        names = ("energy", "wrench", "task_stiffness", "torque", "joint_stiffness")
-        for name in names:
-            table[f"{spring.name}_{name}"] = (_of_spring(spring.name, (name,)),)
-        table[f"{spring.name}_linearization"] = (_of_spring(spring.name, ("energy", "torque", "joint_stiffness")),)
-        table[f"{spring.name}_positive_tangent"] = (Oracle("row sums of |K| and of the load", _bound(spring.name)),)
-        table |= loop_oracles(spring)
+    for family in families():
+        if family.oracles:
+            module = import_module(f"stiffgen.families.{family.oracles}")
+            table |= module.ORACLES
+            if hasattr(module, "of_options"):
+                table |= module.of_options(options)
     return table
-
-
-def _bound(spring: str) -> Callable[[References], FloatArray]:
-    """Return the function of J^T diag(sum_j |K_ij|) J + diag(sum_j |A_ij|), A the stiffness of the wrench alone."""
-
-    def bound(r: References) -> FloatArray:
-        J, values = r.jacobian["hybrid"], r.springs[spring]
-        task = np.abs(values["task_stiffness"]).sum(2)
-        load = np.abs(values["joint_stiffness"] - np.swapaxes(J, 1, 2) @ values["task_stiffness"] @ J).sum(2)
-        result: FloatArray = np.swapaxes(J, 1, 2) @ (task[:, :, None] * J) + load[:, :, None] * np.eye(J.shape[2])
-        return result
-
-    return bound
-
-
-def _of_spring(spring: str, results: tuple[str, ...]) -> Oracle:
-    return Oracle("differentiated energy", lambda r: tuple(r.springs[spring][result] for result in results))
 
 
 def _found(table: Oracles, kernel: Kernel) -> tuple[Oracle, ...]:
@@ -183,17 +118,17 @@ def check_oracles(table: Iterable[Kernel], options: KernelOptions | None = None)
 
     A vector-Jacobian product is compared with differences of its kernel
     (:mod:`stiffgen.families.derivatives.check`), the closure of loops with their equations
-    (:mod:`stiffgen.families.loops.reference`).
+    (:mod:`stiffgen.families.loops.oracles`).
     """
     known, kernels = oracles_of(options), tuple(table)
     names = {(kernel.path, kernel.name) for kernel in kernels}
     return [
         Check(
             kernel.qualified_name, NO_ORACLE, math.inf, 0.0,
-            f'write ORACLES["{kernel.function}"] in verify/kernels/oracles.py, from a source that shares no code',
+            f'write ORACLES["{kernel.function}"] in the family\'s oracles.py, from a source that shares no code',
         )
         for kernel in kernels
-        if not _found(known, kernel) and kernel.name != CLOSE and (kernel.path, kernel.product_of) not in names
+        if not _found(known, kernel) and kernel.name != "close" and (kernel.path, kernel.product_of) not in names
     ]  # fmt: skip
 
 

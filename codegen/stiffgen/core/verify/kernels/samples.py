@@ -10,9 +10,9 @@ import numpy as np
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.robot.geometry import FloatArray
 from stiffgen.core.symbolic.arguments import Argument
+from stiffgen.core.symbolic.choices import KernelOptions
 from stiffgen.core.symbolic.kernels import chain_kernels
 from stiffgen.core.symbolic.quantities import Sampling
-from stiffgen.families.springs.potentials import KernelOptions
 
 
 class Samples:

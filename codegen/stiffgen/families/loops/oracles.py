@@ -8,7 +8,7 @@ gradient and Hessian of each energy are the references of the tree's own functio
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -16,24 +16,20 @@ import numpy as np
 
 from stiffgen.core.robot.chain import Chain, LoopEnd
 from stiffgen.core.robot.geometry import FloatArray
-from stiffgen.core.symbolic.arguments import VELOCITY, Q
+from stiffgen.core.symbolic.arguments import Q
+from stiffgen.core.symbolic.choices import KernelOptions
 from stiffgen.core.symbolic.kernels import Kernel
 from stiffgen.core.verify.kernels.comparison import Oracle
+from stiffgen.core.verify.kernels.oracles import oracles_of
 from stiffgen.core.verify.kernels.poses import homogeneous, moved_pose
-from stiffgen.core.verify.kernels.references import WRENCH, References, load_stiffness, of_joint_potential
+from stiffgen.core.verify.kernels.references import WRENCH, References
 from stiffgen.core.verify.kernels.rounding import in_doubles
 from stiffgen.core.verify.kernels.samples import Samples
 from stiffgen.core.verify.result import Check, Kernels
-from stiffgen.families.compliance import reference as compliance
-from stiffgen.families.compliance.kernels import increment, joint_stiffness
-from stiffgen.families.joints.kernels import JOINT_POTENTIALS, JointPotential
-from stiffgen.families.loops.kernels import ACTUATED, GRADIENT, HESSIAN, MOTOR_VELOCITY, START
-from stiffgen.families.springs.potentials import KernelOptions
-from stiffgen.families.springs.springs import Spring
+from stiffgen.families.loops.kernels import ACTUATED, GRADIENT, HESSIAN, START
 
 CLOSE = "close"
 """Name of the kernel that closes the loops: :func:`check_loops` evaluates the equations at its results."""
-_KTH = joint_stiffness("a")
 _BOUND = 1e-10
 """Relative bound: the passive joints are solved from equations with condition numbers up to about 1e3."""
 
@@ -76,18 +72,18 @@ class _Equations:
         return c[:, 0], C, hessian, moving[:, 0]
 
 
-class _Projection:
+class Projection:
     """Closed configurations, G = dq/da, and references of the tree there; ``whole`` lends its equations to a tip."""
 
-    def __init__(self, references: References, whole: _Projection | None = None) -> None:
+    def __init__(self, references: References, whole: Projection | None = None) -> None:
         self.references, self.chain, self.samples = references, references.chain, references.samples
         self.q = self.samples[Q]
         self.equations: _Equations = whole.equations if whole else _Equations(self.chain)
 
     @cached_property
-    def tips(self) -> list[_Projection]:
+    def tips(self) -> list[Projection]:
         """Projections of the references of each tip."""
-        return [_Projection(each, self) for each in self.references.tips]
+        return [Projection(each, self) for each in self.references.tips]
 
     @property
     def motion(self) -> FloatArray:
@@ -139,15 +135,6 @@ class _Projection:
             accelerations.append(acceleration)
         return np.array(rates), np.array(accelerations)
 
-    def bias_forces(self) -> FloatArray:
-        """Return G^T (M dG/dt da + h) from mass matrix and bias forces of the tree at the motors' rates."""
-        rates, accelerations = self.rates(self.samples[MOTOR_VELOCITY])
-        of_tree, samples = self.references, self.samples
-        moving = Samples(self.chain, samples.count, samples.seed, {Q: self.q, VELOCITY: rates})
-        bias = References(self.chain, samples.count, samples.seed, samples=moving).dynamics["bias_forces"][..., 0]
-        forces = np.einsum("sij,sj->si", of_tree.dynamics["mass_matrix"], accelerations) + bias
-        return np.asarray(np.einsum("sij,si->sj", self.motion, forces))
-
     def condition(self) -> FloatArray:
         """Return the largest |C| |C_p^-1| - size + 1 of a block of C_p, lengths in units of its hinges' levers."""
         return np.array([self._condition(self.equations(q)[1]) for q in self.q])
@@ -185,7 +172,7 @@ class _Projection:
         return [(sorted(rows), sorted(columns)) for rows, columns in blocks]
 
 
-def _oracle(values: Callable[[_Projection], Any]) -> tuple[Oracle, ...]:
+def projected(values: Callable[[Projection], Any]) -> tuple[Oracle, ...]:
     """Return the oracle of one kernel, from values at closed configurations."""
     return (Oracle("projection of the tree", values, bound=_BOUND, closed=True),)
 
@@ -196,68 +183,22 @@ def _residual(r: References) -> FloatArray:
     return np.array([equations(q)[0] for q in r.samples[Q]])
 
 
-def _of_wrench(p: _Projection) -> FloatArray:
+def of_wrench(p: Projection) -> FloatArray:
     """Return the gradient J^T F of the tree."""
     return np.asarray(np.einsum("skj,sk->sj", p.references.jacobian["hybrid"], p.samples[WRENCH]))
 
 
-def _of_joints(potential: JointPotential) -> dict[str, tuple[Oracle, ...]]:
-    """Return the oracles of a joint potential's functions in motor coordinates."""
-
-    def reduced(p: _Projection) -> tuple[FloatArray, FloatArray]:
-        of_tree = of_joint_potential(p.references, potential)
-        return p.reduced(-of_tree["torque"], of_tree["joint_stiffness"])
-
-    return {
-        f"motors_{potential.name}_torque": _oracle(lambda p: -reduced(p)[0]),
-        f"motors_{potential.name}_joint_stiffness": _oracle(lambda p: reduced(p)[1]),
-    }
-
-
-def _of_gravity(p: _Projection) -> tuple[FloatArray, FloatArray]:
-    dynamics = p.references.dynamics
-    return p.reduced(dynamics["gravity_gradient"], dynamics["gravity_joint_stiffness"])
-
-
-def _of_compliance(p: _Projection, name: str) -> FloatArray:
-    _, load = p.reduced(_of_wrench(p), load_stiffness(p.references, "hybrid"))
-    H = compliance.symmetric(p.samples[_KTH]) - load
-    J = p.references.jacobian["hybrid"].astype(float) @ p.motion
-    return compliance.results(H, J, p.samples[increment("hybrid")])[name]()
-
-
-LOOP_ORACLES = {
+ORACLES = {
     "motors_residual": (Oracle("products of poses", _residual, bound=_BOUND),),
-    "motors_jacobian": _oracle(lambda p: p.motion),
-    "motors_condition": _oracle(lambda p: p.condition()),
-    "motors_multipliers": _oracle(lambda p: p.multipliers(p.samples[GRADIENT])),
-    "motors_from_joints": _oracle(lambda p: p.reduced(*p.samples.of((GRADIENT, HESSIAN)))),
-    "motors_torque": _oracle(lambda p: -p.reduced(_of_wrench(p))[0]),
-    "motors_joint_stiffness": _oracle(
-        lambda p: p.reduced(_of_wrench(p), p.references.joint_stiffness("hybrid", corrected=True))[1]
+    "motors_jacobian": projected(lambda p: p.motion),
+    "motors_condition": projected(lambda p: p.condition()),
+    "motors_multipliers": projected(lambda p: p.multipliers(p.samples[GRADIENT])),
+    "motors_from_joints": projected(lambda p: p.reduced(*p.samples.of((GRADIENT, HESSIAN)))),
+    "motors_torque": projected(lambda p: -p.reduced(of_wrench(p))[0]),
+    "motors_joint_stiffness": projected(
+        lambda p: p.reduced(of_wrench(p), p.references.joint_stiffness("hybrid", corrected=True))[1]
     ),
-    "motors_mass_matrix": _oracle(
-        lambda p: np.swapaxes(p.motion, 1, 2) @ p.references.dynamics["mass_matrix"] @ p.motion
-    ),
-    "motors_bias_forces": _oracle(lambda p: p.bias_forces()),
-    "motors_gravity_gradient": _oracle(lambda p: _of_gravity(p)[0]),
-    "motors_gravity_joint_stiffness": _oracle(lambda p: _of_gravity(p)[1]),
-    **{f"motors_{name}": _oracle(partial(_of_compliance, name=name)) for name in compliance.NAMES},
-    **{name: oracle for potential in JOINT_POTENTIALS for name, oracle in _of_joints(potential).items()},
 }
-
-
-def loop_oracles(spring: Spring) -> dict[str, tuple[Oracle, ...]]:
-    """Return the oracles of a spring's functions in motor coordinates."""
-
-    def reduced(p: _Projection) -> tuple[FloatArray, FloatArray]:
-        of_tree = p.references.springs[spring.name]
-        return p.reduced(-of_tree["torque"], of_tree["joint_stiffness"])
-
-    return {
-        f"motors_{spring.name}_torque": _oracle(lambda p: -reduced(p)[0]),
-        f"motors_{spring.name}_joint_stiffness": _oracle(lambda p: reduced(p)[1]),
-    }
 
 
 def check_loops(
@@ -281,8 +222,8 @@ def check_loops(
     if not closes.any():
         return checks
     closed = References(chain, len(q), seed, options, Samples(chain, len(q), seed, {Q: q}))
-    projection = _Projection(closed)
-    oracles = {**LOOP_ORACLES, **{n: o for spring in options.all_springs() for n, o in loop_oracles(spring).items()}}
+    projection = Projection(closed)
+    oracles = oracles_of(options)
     tips = {tip.name: each for tip, each in zip(chain.tips, projection.tips, strict=True)}
     for kernel in table:
         projection_of_tip = tips[kernel.tip.name] if kernel.tip else projection

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from stiffgen.core.errors import DescriptionError, StiffgenError, listed, printable
+from stiffgen.core.loading import kept_limits
 from stiffgen.core.robot.chain import ChainOptions, Coordinate
 from stiffgen.core.robot.couplings import Couplings
 from stiffgen.core.robot.description import MOVING_TYPES, Description, JointElement
@@ -100,15 +101,6 @@ def missing_limits(
                 place = f"MJCF has none: {remedy} for {which}"
             sentences.append(f"{file}: no {limit} limit, which the impedance controller needs: {place}")
     return sentences
-
-
-def kept_limits(coordinate: JointElement | Coordinate, fault: str) -> str:
-    """Return a sentence about a coordinate that keeps its own position limits (:meth:`Couplings.exclusion`)."""
-    return (
-        f"joint '{printable(coordinate.name)}' keeps its own position limits {coordinate.lower:g} to "
-        f"{coordinate.upper:g}, since those of joints that follow it leave no range: {fault}; correct these limits or "
-        "the relation of the joints, or set lower_limit and upper_limit of the controller"
-    )
 
 
 def narrowed_limits(description: Description, coordinates: Iterable[JointElement]) -> Iterator[str]:
