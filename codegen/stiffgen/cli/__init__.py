@@ -23,7 +23,6 @@ from typing import TextIO
 import stiffgen
 from stiffgen.cli.completion import SHELLS, Completion
 from stiffgen.cli.parsing import CommandParser, Parser
-from stiffgen.cli.replaced import REPLACED_COMMANDS
 from stiffgen.core.errors import DescriptionWarning, StiffgenError, printable, terminal_text
 from stiffgen.rooms import is_there
 
@@ -33,7 +32,6 @@ COMMANDS = {
     "inspect": ("cli.inspect", "show joints, chains and problems of a robot's file; list the robots that can be named"),
     "verify": ("cli.verify", "verify a robot's compiled functions against independent references (7 joints: a minute)"),
     "prove": ("lab.prove.command", "prove contracts of a robot's C code for all inputs"),
-    "bench": ("cli.bench", "time a robot's compiled functions on this machine"),
     "play": ("lab.play.command", "write a robot's playground, a page for the browser, and open it"),
     "passport": ("lab.passport.command", "stiffness, force and damping that a robot's tip can render, as a page"),
     "analyze": ("lab.analyze.command", "joint stiffness along a recording, corrected and conventional"),
@@ -87,9 +85,6 @@ def _run(arguments: Sequence[str] | None) -> int:
         sys.stdout.reconfigure(errors="backslashreplace")  # names of any script, terminals of any encoding
     try:
         program = parser()
-        words = sys.argv[1:] if arguments is None else arguments
-        if words and words[0] in REPLACED_COMMANDS:
-            program.error(f"no command '{words[0]}'; in place of it: stiffgen {REPLACED_COMMANDS[words[0]]}")
         options = program.parse_args(arguments)
         if "run" not in options:
             program.print_help(sys.stdout)

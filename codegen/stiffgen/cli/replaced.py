@@ -53,11 +53,6 @@ REPLACED = {
     },
 }
 """By command, then by option."""
-REPLACED_COMMANDS = {
-    "robots": "inspect [WORD] --list known|cached|clear",
-    "cache": "inspect [WORD] --list cached|clear",
-}
-"""Commands of earlier versions."""
 
 
 def refusal(command: str, words: Sequence[str]) -> str:

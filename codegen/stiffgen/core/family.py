@@ -20,7 +20,6 @@ from stiffgen.core.errors import ChainError
 if TYPE_CHECKING:
     from stiffgen.core.robot.chain import Chain, MountedSensor, Tip
     from stiffgen.core.symbolic.arguments import Argument
-    from stiffgen.core.symbolic.choices import KernelOptions
     from stiffgen.core.symbolic.kernel import Kernel
 
 FAMILIES: dict[str, tuple[str, ...]] = {
@@ -49,7 +48,7 @@ RESERVED = frozenset(
 )  # fmt: skip
 """Names that no tip may have: those of all families, so that a robot keeps its names when a family is taken out."""
 
-Place = Literal[
+TablePlace = Literal[
     "tip, first",  # behind the pose
     "tip",  # behind the stiffnesses
     "tree",  # of all joints
@@ -79,7 +78,6 @@ class Asked:
         floating: whether the base moves.
         springs: records of the chosen springs.
         known: the robot; None for the table of a robot without special features.
-        options: those of the kernels.
         tips: of several, all.
         sensor: of this tip.
         kernels: those at earlier places.
@@ -93,7 +91,6 @@ class Asked:
     floating: bool
     springs: tuple[Any, ...]
     known: Chain | None = None
-    options: KernelOptions | None = None
     tips: tuple[Tip, ...] = ()
     sensor: MountedSensor | None = None
     kernels: tuple[Kernel, ...] = ()
@@ -117,7 +114,7 @@ class Family:
 
     """
 
-    kernels: Mapping[Place, Callable[[Asked], Iterable[Kernel]]] = field(default_factory=dict)
+    kernels: Mapping[TablePlace, Callable[[Asked], Iterable[Kernel]]] = field(default_factory=dict)
     oracles: str = ""
     rules: Mapping[type, Callable[..., None]] = field(default_factory=dict)
 
@@ -158,7 +155,7 @@ def needed(module: str, option: str) -> Any:
     return found
 
 
-def asked(place: Place, of: Asked, **changes: Any) -> Iterator[Kernel]:
+def asked(place: TablePlace, of: Asked, **changes: Any) -> Iterator[Kernel]:
     """Yield the kernels that all families have at a place of the table."""
     for family in families():
         if place in family.kernels:

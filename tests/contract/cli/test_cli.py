@@ -23,7 +23,6 @@ from stiffgen import open_robot
 from stiffgen.cli import COMMANDS, main
 from stiffgen.cli.parsing import CommandParser
 from stiffgen.core.robot.chain import ChainOptions
-from stiffgen.core.symbolic.kernels import KERNELS
 from stiffgen.core.verify.result import Check
 from stiffgen.rooms import is_there
 from support.folders import restamp
@@ -147,29 +146,6 @@ def test_verify_fails_on_a_wrong_kernel(capsys, robot_folder, tmp_path):
     of_the_kernel = {f"{wrong}{rest}" for rest in ("", "_batch", "_packed", "_packed_batch")}
     assert wrong in failed
     assert failed <= of_the_kernel | {"controller: tangent", "controller: sessions", "text"}
-
-
-@pytest.mark.slow
-def test_bench(capsys, robot_folder, monkeypatch):
-    """With fewer rounds and a fast compilation: what the figures are is not looked at."""
-    monkeypatch.setattr("stiffgen.lab.bench._ROUNDS", 3)
-    monkeypatch.setattr("stiffgen.lab.bench._FLAGS", (("-O1",),))
-    code, out, err = run(capsys, "bench", robot_folder)
-    assert code == 0
-    rows = [line for line in out.splitlines() if "joint_stiffness " in line]
-    names = [kernel.qualified_name for kernel in KERNELS if kernel.name == "joint_stiffness"]
-    assert [row.split("│")[0].strip() for row in rows] == names
-    for row in rows:
-        _, call, configuration, c = (float(cell) if k else 0.0 for k, cell in enumerate(row.split("│")))
-        assert 0 < configuration < 10 * call
-        assert 0 < c < 10 * call
-    assert "timing hybrid_joint_stiffness" in err
-
-
-def test_bench_of_another_folder_is_refused(capsys, tmp_path):
-    code, _, err = run(capsys, "bench", tmp_path)
-    assert code == 2
-    assert "stiffgen generate" in err
 
 
 def test_a_nan_fails_a_check():
@@ -356,11 +332,10 @@ def test_a_damaged_manifest_is_one_sentence(damage, capsys, robot_folder, tmp_pa
     folder = tmp_path / "iiwa14"
     shutil.copytree(robot_folder, folder)
     (folder / "manifest.json").write_text(damage)
-    for command in ("verify", "bench"):
-        code, _, err = run(capsys, command, folder)
-        assert code == 2
-        assert err.count("\n") == 1
-        assert "manifest.json" in err
+    code, _, err = run(capsys, "verify", folder)
+    assert code == 2
+    assert err.count("\n") == 1
+    assert "manifest.json" in err
 
 
 def test_a_negative_seed_is_refused(capsys, robot_folder):

@@ -10,7 +10,7 @@ import pytest
 
 from stiffgen.cli import COMMANDS, main
 from stiffgen.cli.parsing import CommandParser
-from stiffgen.cli.replaced import REPLACED, REPLACED_COMMANDS
+from stiffgen.cli.replaced import REPLACED
 from support.project import ROOT
 
 PLACES = {"generate": ["urdf/iiwa14.urdf"], "new": ["urdf/iiwa14.urdf"], "inspect": ["urdf/iiwa14.urdf"]}
@@ -53,15 +53,6 @@ def test_an_unknown_option_has_no_replacement(capsys: pytest.CaptureFixture[str]
     with pytest.raises(SystemExit):
         main(["generate", "urdf/iiwa14.urdf", "--tol", "1"])
     assert capsys.readouterr().err.splitlines()[-1] == "stiffgen generate: error: unrecognized arguments: --tol 1"
-
-
-@pytest.mark.parametrize("command", REPLACED_COMMANDS)
-def test_what_takes_a_commands_place_is_named(command: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as ended:
-        main([command, "word"])
-    assert ended.value.code == 2
-    error = capsys.readouterr().err.splitlines()[-1]
-    assert error == f"stiffgen: error: no command '{command}'; in place of it: stiffgen {REPLACED_COMMANDS[command]}"
 
 
 def test_inspect_takes_a_file_or_a_list(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""``verify``, ``bench`` and ``analyze`` take a robot's file as they take its folder: it is generated once."""
+"""``verify`` and ``analyze`` take a robot's file as they take its folder: it is generated once."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-import stiffgen.cli.bench
 import stiffgen.cli.verify
 from stiffgen.cli import main
 from stiffgen.core.verify.result import Check
@@ -31,15 +30,10 @@ def test_a_file_is_generated_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         seen.append((folder, urdf))
         return [Check("all", "seen", 0.0, 1.0, "")]
 
-    def timed(folder: Path, **_: Any) -> list[Any]:
-        seen.append((folder, None))
-        return []
-
     monkeypatch.setattr(stiffgen.cli.verify, "verify", verified)
-    monkeypatch.setattr(stiffgen.cli.bench, "bench", timed)
     assert main(["verify", "arm.urdf"]) == 0
     assert "compiling" in capsys.readouterr().err
-    assert main(["bench", "arm.urdf"]) == 0
+    assert main(["verify", "arm.urdf"]) == 0
     assert "compiling" not in capsys.readouterr().err
     (folder, urdf), (again, _) = seen
     assert folder == again and folder.is_relative_to(cache_folder()) and urdf == Path("arm.urdf")
@@ -54,8 +48,7 @@ def test_a_folder_is_taken_as_it_is(tmp_path: Path) -> None:
     assert folder_of(str(tmp_path)) == folder_of(tmp_path) == tmp_path
 
 
-@pytest.mark.parametrize("command", ["verify", "bench"])
-def test_what_needs_an_option_is_generated_by_the_user(command: str, capsys: Any) -> None:
-    assert main([command, str(ROOT / "tests" / "data" / "dual_arm.urdf")]) == 2
+def test_what_needs_an_option_is_generated_by_the_user(capsys: Any) -> None:
+    assert main(["verify", str(ROOT / "tests" / "data" / "dual_arm.urdf")]) == 2
     error = capsys.readouterr().err.splitlines()[-1]
     assert "several leaf links" in error and "'stiffgen generate', then give its folder here" in error

@@ -9,7 +9,7 @@ import pytest
 
 import stiffgen
 from stiffgen.cli import main
-from stiffgen.errors import OutputError
+from stiffgen.core.errors import OutputError
 from support.chains import chain_urdf
 
 PAIRS = {

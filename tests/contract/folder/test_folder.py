@@ -56,7 +56,7 @@ def test_the_next_run_removes_what_a_killed_one_left(tmp_path, monkeypatch):
 
 SWAPS = """
 from pathlib import Path
-from stiffgen import folder
+from stiffgen.core import folder
 if {fallback}:
     folder._exchange = lambda one, other: False
 for _ in range(100):

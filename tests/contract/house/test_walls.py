@@ -19,6 +19,8 @@ ROOMS = ("core", "families", "files", "control", "cli", "lab")
 """Rooms in the order of imports: a module imports its own room and those before it."""
 TOP = {"__init__.py", "__main__.py", "_version.py", "rooms.py", "py.typed", "errors.py", "style.py", *ROOMS}
 """All that lies at the top; errors and style are names of users' filters and scripts."""
+TABLES = ("stiffgen", "stiffgen.rooms", "stiffgen.core.family", "stiffgen.core.emit.registry", "stiffgen.cli")
+"""Modules with tables of names."""
 BACKENDS = ("cuda", "jax", "torch")
 """Families that are found as backends (``core/emit/registry.py``), without a record."""
 
@@ -106,9 +108,10 @@ def test_every_family_is_registered() -> None:
 
 def test_rooms_are_named_only_in_tables() -> None:
     """A module that is called by name stands in a table, or in a call of ``optional``, ``part`` or ``needed``."""
-    called = re.compile(r'(?:optional|part|needed|is_there|_format|environment|files|map)\([^"\n]*"[^"\n]*$')
+    calls = "optional|part|needed|is_there|_format|environment|files|map|import_module"
+    called = re.compile(rf'(?:{calls})\([^"\n]*"[^"\n]*$')
     for module, file in modules().items():
-        if module in ("stiffgen", "stiffgen.core.family", "stiffgen.core.emit.registry", "stiffgen.cli"):
+        if module in TABLES:
             continue
         for found in re.finditer(rf'"(?:stiffgen\.)?(?:{"|".join(ROOMS)})\.[a-z_.]+"', file.read_text()):
             before = file.read_text()[: found.start()].rpartition("\n")[2]

@@ -106,7 +106,7 @@ def chain_kernels(chain: Chain, options: KernelOptions | None = None) -> tuple[K
     options = options or KernelOptions()
     springs = options.all_springs()
     _check_names(springs[len(springs) - len(options.potentials) :])
-    of = _of_features(springs, runtime_tool=chain.runtime_tool, floating=chain.floating, known=chain, options=options)
+    of = _of_features(springs, runtime_tool=chain.runtime_tool, floating=chain.floating, known=chain)
     on_request = asked("request", of)
     everything = *_all_kernels(chain, of), *asked("motors", of), *on_request
     kernels = _select(everything, options.groups)

@@ -112,8 +112,7 @@ def prove(
         # these run beside each other; bits come after memory, which tells whose bits mean something
         memory = pool.submit(_memory, run, chosen, [*entries, *self_check]) if "memory" in parts else None
         controller = pool.submit(_controller, run, parts) if with_controller else None
-        of_widths = robot, chosen, run.work, timeout, progress, clang
-        widths = pool.submit(width_verdicts, *of_widths) if "widths" in parts else None
+        widths = pool.submit(width_verdicts, robot, chosen, run.work, timeout, progress, clang) if clang else None
         if memory is not None:
             verdicts += memory.result()
         if "bits" in parts:

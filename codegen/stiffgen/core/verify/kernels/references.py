@@ -33,7 +33,7 @@ from stiffgen.core.verify.kernels.poses import MovedConfiguration, gamma_F, jaco
 from stiffgen.core.verify.kernels.rounding import evaluate_longer
 from stiffgen.core.verify.kernels.samples import Samples
 
-Result = TypeVar("Result")
+Derived = TypeVar("Derived")
 WRENCH = arguments.wrench("hybrid")
 TASK_STIFFNESS = arguments.task_stiffness("hybrid", triangle=True)
 GENERAL_STIFFNESS = arguments.task_stiffness("hybrid", triangle=False)
@@ -73,11 +73,11 @@ class References:
             for k, tip in enumerate(self.chain.tips)
         )
 
-    def of(self, derive: Callable[[References], Result]) -> Result:
+    def of(self, derive: Callable[[References], Derived]) -> Derived:
         """Return the result of a family's function of these references, computed once."""
         if derive not in self._derived:
             self._derived[derive] = derive(self)
-        result: Result = self._derived[derive]
+        result: Derived = self._derived[derive]
         return result
 
     def posture_of(self, representation: Representation) -> tuple[FloatArray, ...]:
