@@ -25,7 +25,7 @@
  *     joint positions within the limits (up to 10000 rad or 10 m where there are none), every
  *     force up to 200 N and moment up to 50 N m, entries of stiffnesses up to
  *     5000 N/m, 500 N m/rad and, where they couple the two, 1581 N, gravity up to
- *     10 m/s^2, equilibria within the robot's reach, joint rates up to their limits.
+ *     10 m/s^2, equilibria within the robot's reach, joint rates up to their limits (30 rad/s or m/s where there are none).
  *   The bounds hold for single calls and batches, on vectors of every width, with and without fused multiply-add. They do not
  *   hold on x87, nor where subnormal numbers are flushed to zero. Rotations in arguments must be rotations to 11 digits.
  *

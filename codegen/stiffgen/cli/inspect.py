@@ -15,7 +15,7 @@ from stiffgen.cli.console import print_table, table, tables
 from stiffgen.cli.records import add_options, group_of, values_of
 from stiffgen.cli.robots import LISTS, list_robots
 from stiffgen.cli.survey import TipSurvey, missing_limits, narrowed_limits, survey_tip
-from stiffgen.core.errors import DescriptionError, StiffgenError, listed, printable, terminal_text
+from stiffgen.core.errors import DescriptionError, StiffgenError, counted, listed, printable, terminal_text
 from stiffgen.core.loading import chain_between, describe
 from stiffgen.core.robot.chain import ChainOptions
 from stiffgen.core.robot.couplings import Couplings
@@ -55,7 +55,8 @@ def run(options: argparse.Namespace) -> int:
     console = tables()
     moving = sum(joint.type not in ("fixed",) for joint in description.joints.values())
     console.print(
-        f"robot {_shown(description.robot)}: {len(description.links)} links, {len(description.joints)} joints "
+        f"robot {_shown(description.robot)}: {counted(len(description.links), 'link', 'links')}, "
+        f"{counted(len(description.joints), 'joint', 'joints')} "
         f"({moving} moving), root link {_shown(description.root)}",
         markup=False,
     )
@@ -69,7 +70,7 @@ def run(options: argparse.Namespace) -> int:
     if len(tips) > _MOST_TIPS:
         console.print(f"and {len(tips) - _MOST_TIPS} more tips; --tip shows one", markup=False)
     if description.notes:
-        print(f"\n{len(description.notes)} notes, which change nothing:")
+        print(f"\n{counted(len(description.notes), 'note, which changes', 'notes, which change')} nothing:")
         print("\n".join(f"  {note}" for note in description.notes))
     if description.remarks:
         print("\n" + "\n".join(description.remarks))
@@ -81,11 +82,14 @@ def run(options: argparse.Namespace) -> int:
     if missing := missing_limits(description.file, coordinates, is_mjcf=description.is_mjcf):
         print("\n" + "\n".join(map(terminal_text, missing)))
     if description.loops:
-        print(f"\n{len(description.loops)} constraints close loops; without --close-loops they are left out:")
+        closing = counted(len(description.loops), "constraint closes a loop", "constraints close loops")
+        print(f"\n{closing}; left out without --close-loops:")
         print("\n".join(f"  {printable(loop.text)}" for loop in description.loops))
     if not description.problems:
         return 0
-    print(f"\n{len(description.problems)} problems; chains that a problem can affect are rejected:")
+    print(
+        f"\n{counted(len(description.problems), 'problem', 'problems')}; chains that a problem can affect are rejected:"
+    )
     print("\n".join(f"  {problem.text}" for problem in description.problems))
     return 1
 

@@ -89,7 +89,7 @@ def missing_limits(
     joints = list(joints)
     sentences = []
     for limit, (in_mjcf, fields) in _NEEDED.items():
-        names = [joint.name for joint in joints if not 0.0 < getattr(joint, limit) < math.inf]
+        names = [joint.name for joint in joints if not math.isfinite(getattr(joint, limit))]
         if names:
             remedy = f"replace the guesses in {guesses}" if guesses else f"set {fields} of its configuration"
             which = f"{'joint' if len(names) == 1 else 'joints'} {listed(names)}"

@@ -89,7 +89,7 @@ def config_of(chain: Chain) -> tuple[Field, ...]:
     slowest = 0.0
     for each in chain.motor_coordinates:
         limit = min(each.acceleration, each.deceleration)
-        if 0 < limit < math.inf and math.isfinite(each.velocity):
+        if math.isfinite(limit) and math.isfinite(each.velocity):
             slowest = max(slowest, _REFERENCE_SHARE * each.velocity / limit)
     shortest = min(
         (each.upper - each.lower for each in chain.motor_coordinates if each.upper > each.lower), default=0.0

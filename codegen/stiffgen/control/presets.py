@@ -77,5 +77,5 @@ def motor_tables(chain: Chain) -> Preset:
 
 def _estimate(effort: float, velocity: float) -> float:
     """Estimate a motor's inertia, to four digits; 0 without limits."""
-    known = math.isfinite(effort) and math.isfinite(velocity) and velocity > 0.0
+    known = math.isfinite(effort) and math.isfinite(velocity)
     return float(f"{INERTIA_TIME * effort / velocity:.4g}") if known else 0.0

@@ -65,6 +65,11 @@ def listed(names: Sequence[str], most: int = 20) -> str:
     return shown if len(names) <= most else f"{shown} and {len(names) - most} more"
 
 
+def counted(number: int, one: str, many: str) -> str:
+    """Return a number with the words for one thing, or for several: 1 joint has, 2 joints have."""
+    return f"{number} {one if number == 1 else many}"
+
+
 class StiffgenError(Exception):
     """Base of every refusal of stiffgen; ``str(error)`` is a sentence for the user."""
 
@@ -122,11 +127,11 @@ class LoopWarning(DescriptionWarning):
     def __init__(self, file: str, loops: Iterable[str]) -> None:
         self.file = printable(file, 200)
         self.problems = tuple(loops)
+        left = counted(len(self.problems), "constraint that closes a loop is", "constraints that close loops are")
         UserWarning.__init__(
             self,
-            f"{self.file}: {len(self.problems)} constraints that close loops are left out, and joints of a loop are "
-            f"independent of each other: {listed(self.problems, 4)}; --close-loops (in Python close_loops=True) closes "
-            "them",
+            f"{self.file}: {left} left out, and joints of a loop are independent of each other: "
+            f"{listed(self.problems, 4)}; --close-loops (in Python close_loops=True) closes them",
         )
 
 

@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from stiffgen.core.errors import DescriptionError, listed, printable
+from stiffgen.core.errors import DescriptionError, counted, listed, printable
 from stiffgen.core.robot.checker import MAX_JOINTS
 from stiffgen.core.robot.description import (
     LARGEST,
@@ -27,6 +27,7 @@ from stiffgen.core.robot.description import (
     Problem,
     Quaternion,
     Vector,
+    stated,
 )
 from stiffgen.core.robot.geometry import unit
 from stiffgen.files.confined import answer_of
@@ -326,32 +327,53 @@ def _remarks(model: dict[str, Any]) -> Iterator[str]:
         meaning, names = _MEANINGS.get(each["array"], each["array"]), each["names"]
         if each["array"] == laws["array"]:
             names = list(dict.fromkeys([*names, *laws["names"]]))
-        yield f"{len(names)} {each['kind']} have {meaning}, which the functions do not contain: {listed(names, 8)}"
+        kinds = each["kind"]
+        having = counted(len(names), f"{_SINGULAR.get(kinds, kinds.removesuffix('s'))} has", f"{kinds} have")
+        yield f"{having} {meaning}, which the functions do not contain: {listed(names, 8)}"
     if model["options"]:
         yield f"options of MuJoCo that the functions do not contain: {'; '.join(model['options'])}"
-    others = [each["name"] for each in model["actuation"]["driven"] if not each["joints"]]
+    inactive = [each["name"] for each in model["couplings"] if not each["active"]]
+    yield from _remarks_on_actuators(model)
+    if inactive:
+        being = counted(len(inactive), "constraint is", "constraints are")
+        yield f"{being} inactive and ignored: {listed(inactive, 8)}"
+
+
+_SINGULAR = {"bodies": "body"}
+
+
+def _remarks_on_actuators(model: dict[str, Any]) -> Iterator[str]:
+    """Yield the actuators of which no effort limit follows."""
+    driven = model["actuation"]["driven"]
+    others = [each["name"] for each in driven if not each["joints"]]
     if others:
-        yield f"{len(others)} actuators act on no single joints, and bound no effort: {listed(others, 8)}"
-    shared = [each["name"] for each in model["actuation"]["driven"] if len(each["joints"]) > 1]
+        acting = counted(
+            len(others), "actuator acts on no single joint, and bounds", "actuators act on no single joints, and bound"
+        )
+        yield f"{acting} no effort: {listed(others, 8)}"
+    shared = [each["name"] for each in driven if len(each["joints"]) > 1]
     if shared:
-        yield f"{len(shared)} actuators pull several joints, whose torques depend on each other: {listed(shared, 8)}"
+        pulling = counted(len(shared), "actuator pulls", "actuators pull")
+        yield f"{pulling} several joints, whose torques depend on each other: {listed(shared, 8)}"
     one_way = [
         joint["name"]
         for joint, (low, high) in zip(model["joints"], model["actuation"]["forces"], strict=True)
         if low is not None and high is not None and not low < 0 < high
     ]
     if one_way:
-        yield f"actuators push {len(one_way)} joints in one direction only, effort limit 0: {listed(one_way, 8)}"
+        pushed = counted(len(one_way), "joint", "joints")
+        yield f"{pushed} without force in one direction or both, and without effort limit: {listed(one_way, 8)}"
     if disabled := model["actuation"]["disabled"]:
-        yield f"{len(disabled)} actuators have no force, since the model disables their group: {listed(disabled, 8)}"
-    inactive = [each["name"] for each in model["couplings"] if not each["active"]]
-    if inactive:
-        yield f"{len(inactive)} constraints are inactive and ignored: {listed(inactive, 8)}"
+        without = counted(len(disabled), "actuator has", "actuators have")
+        yield f"{without} no force, since the model disables the group: {listed(disabled, 8)}"
 
 
 def _effort(low: float | None, high: float | None) -> float:
-    """Return the largest force that a joint has in both directions; infinite without a bound."""
-    return max(0.0, min(math.inf if low is None else -low, math.inf if high is None else high))
+    """Return the largest force that a joint has in both directions; infinite without a bound, or without such a force.
+
+    No controller can use an effort limit of 0: the user has to state one.
+    """
+    return stated(max(0.0, min(math.inf if low is None else -low, math.inf if high is None else high)))
 
 
 def _vector(values: Sequence[float]) -> Vector:

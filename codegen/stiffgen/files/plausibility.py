@@ -135,7 +135,7 @@ def _about_gravity(chain: Chain) -> Iterator[str]:
             torque += _GRAVITY * rise
         largest = np.maximum(largest, np.abs(torque))
     for coordinate, needed in zip(chain.coordinates, largest, strict=True):
-        if 0 < coordinate.effort < needed and not chain.loops:
+        if coordinate.effort < needed and not chain.loops:
             unit = "N" if coordinate.type == "prismatic" else "N m"
             yield (
                 f"joint '{printable(coordinate.name)}': gravity needs up to {needed:.3g} {unit}, above the effort "

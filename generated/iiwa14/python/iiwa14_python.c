@@ -15,7 +15,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "9379a1281fe98dfb"
+#define SOURCES "d9cd54589ebc91b7"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

@@ -93,8 +93,8 @@ def test_the_range_is_where_every_joint_is_within_its_limits(name: str, masses: 
 @pytest.mark.parametrize("multiplier", [2, -0.5])
 @pytest.mark.parametrize("name", ["acceleration", "deceleration", "jerk"])
 def test_derivatives_of_the_rate_are_those_of_both_joints(name: str, multiplier: float, tmp_path: Path) -> None:
-    """At the bound of the coordinate the slower of the two joints is at its own limit; zero is no limit."""
-    for own, follower, expected in ((9, 4, min(9, 4 / abs(multiplier))), (9, 0, 9), (1, 40, 1)):
+    """At the bound of the coordinate the slower of the two joints is at its own limit; an infinite one is none."""
+    for own, follower, expected in ((9, 4, min(9, 4 / abs(multiplier))), (9, "inf", 9), (1, 40, 1)):
         limits = [f'{LIMIT.format(-1, 1, 5, 90)} {name}="{each}"' for each in (own, follower)]
         text = lift([(limits[1], f'joint="x" multiplier="{multiplier}" offset="0"')], limits[0])
         (tmp_path / "lift.urdf").write_text(text.replace("<robot ", '<robot version="1.2" '))

@@ -311,7 +311,7 @@ def test_each_option_closes_its_own_loops(tmp_path):
     pytest.importorskip("mujoco")
     file, own = four_bar(tmp_path, equality=EQUALITIES["connect"][0]), "coupler:0.2,0.1,0=pin:0.01,0.02,0"
     motors = {"tip": "coupler", "actuated": ["crank", "pin"]}
-    with pytest.warns(LoopWarning, match="1 constraints that close loops are left out"):
+    with pytest.warns(LoopWarning, match="1 constraint that closes a loop is left out"):
         chain = load_chain(file, loop=[own], **motors)
     assert [loop.option for loop in chain.loops] == [own]
     with pytest.warns(LoopWarning):

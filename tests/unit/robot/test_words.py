@@ -39,10 +39,10 @@ REMARKS = {
         '<safety_controller soft_lower_limit="-0.9" soft_upper_limit="-0.2"/>',
         "'elbow': soft limits -0.9 to -0.2",
     ),
-    "little damping": ('<dynamics damping="1e-4" friction="0"/>', "1 joints have damping, which .*: elbow"),
-    "little friction": ('<dynamics friction="0.01"/>', "1 joints have dry friction, .*: elbow"),
-    "damping": ('<dynamics damping="0.7"/>', "1 joints have damping, which .*: elbow"),
-    "friction": ('<dynamics damping="0" friction="3"/>', "1 joints have dry friction, .*: elbow"),
+    "little damping": ('<dynamics damping="1e-4" friction="0"/>', "1 joint has damping, which .*: elbow"),
+    "little friction": ('<dynamics friction="0.01"/>', "1 joint has dry friction, .*: elbow"),
+    "damping": ('<dynamics damping="0.7"/>', "1 joint has damping, which .*: elbow"),
+    "friction": ('<dynamics damping="0" friction="3"/>', "1 joint has dry friction, .*: elbow"),
 }  # fmt: skip
 
 
@@ -58,7 +58,7 @@ def test_the_joints_with_dynamics_are_counted(tmp_path: Path, capsys: pytest.Cap
     both, one = '<dynamics damping="0.7" friction="2"/>', '<dynamics damping="0.1"/>'
     text = replaced((AXIS, AXIS + both), ('<axis xyz="1 0 0"/>', f'<axis xyz="1 0 0"/>{one}'))
     remarks = describe(written(tmp_path, text)).remarks
-    assert [each.split(", which")[0] for each in remarks] == ["2 joints have damping", "1 joints have dry friction"]
+    assert [each.split(", which")[0] for each in remarks] == ["2 joints have damping", "1 joint has dry friction"]
     assert [each.rsplit(": ", 1)[1] for each in remarks] == ["elbow, grip", "elbow"]
     assert main(["inspect", str(tmp_path / "arm.urdf")]) == 0
     shown = " ".join(capsys.readouterr().out.split())
@@ -87,7 +87,7 @@ def test_rotors_are_motor_inertias(name: str, namespace: str, tmp_path: Path) ->
     text = replaced(("</robot>", place.format(rotor) + "</robot>"), ('name="arm"', f'name="arm"{namespace}'))
     chain = stiffgen.load_chain(written(tmp_path, text))
     assert [c.motor_inertia for c in chain.coordinates] == [0, pytest.approx(2e-4 * (ratio or 1) ** 2), 0]
-    expected = f"1 joints have rotors, used as motor inertia: elbow ({2e-4 * (ratio or 1) ** 2:g} kg m^2)"
+    expected = f"1 joint has rotors, used as motor inertia: elbow ({2e-4 * (ratio or 1) ** 2:g} kg m^2)"
     assert describe(tmp_path / "arm.urdf").remarks == (expected,)
 
 

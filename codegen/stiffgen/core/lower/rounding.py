@@ -85,7 +85,7 @@ class Ranges:
     distance: float = 10.0
     tool: float = 1.0
     slide: float = 10.0
-    rate: float = 10.0
+    rate: float = 30.0
     gravity: float = 10.0
 
     def __post_init__(self) -> None:
@@ -107,7 +107,8 @@ class Ranges:
             f"force up to {self.force:g} N and moment up to {self.moment:g} N m, entries of stiffnesses up to",
             f"{self.translation_stiffness:g} N/m, {self.rotation_stiffness:g} N m/rad and, where they couple the two, "
             f"{self.coupling:.0f} N, gravity up to",
-            f"{self.gravity:g} m/s^2, equilibria within the robot's reach, joint rates up to their limits",
+            f"{self.gravity:g} m/s^2, equilibria within the robot's reach, joint rates up to their limits "
+            f"({self.rate:g} rad/s or m/s where there are none)",
         ]
 
 

@@ -15,9 +15,18 @@ from itertools import islice
 
 from lxml import etree
 
-from stiffgen.core.errors import listed, printable, shell_word, whole
+from stiffgen.core.errors import counted, listed, printable, shell_word, whole
 from stiffgen.core.robot import urdf_format
-from stiffgen.core.robot.description import ALL_LINKS, JOINT_TYPES, LARGEST, MOVING_TYPES, Affects, Problem, Reading
+from stiffgen.core.robot.description import (
+    ALL_LINKS,
+    JOINT_TYPES,
+    LARGEST,
+    MOVING_TYPES,
+    Affects,
+    Problem,
+    Reading,
+    stated,
+)
 from stiffgen.core.robot.extras import left_out, rotor_inertias
 from stiffgen.core.robot.geometry import physical_inertia
 from stiffgen.core.robot.impossible import fault_of
@@ -56,6 +65,7 @@ class Checker:
         self.remarks: list[str] = []
         self.accepted: dict[str, str] = {}
         self.rotors: dict[str, float] = {}
+        self.unstated: dict[str, list[str]] = {}  # joints whose <limit> has such an attribute
 
     def run(self) -> Iterator[Problem]:
         """Yield every problem of the file."""
@@ -88,6 +98,11 @@ class Checker:
         for name, element in self.links.items():
             yield from self._link(name, element)
         self.remarks += left_out(self.joints, () if self._has_accelerations else _NEWER_LIMITS)
+        self.remarks += [
+            f"{counted(len(names), 'joint has', 'joints have')} {text} in <limit>, read as no limit: "
+            f"{listed(names, 8)}; write the limit of a joint that has one"
+            for text, names in self.unstated.items()
+        ]
         self.rotors, remarks = rotor_inertias(self.robot, self.joints)
         self.remarks += remarks
         for name in self.reading.accept_inertia:
@@ -101,7 +116,9 @@ class Checker:
             if not name.strip():
                 yield Problem("file", f'<{tag}> number {position} has no name; add name="..."')
             elif name in into:
-                yield Problem("file", f"{tag} '{printable(name)}' occurs twice; rename one of the two")
+                yield Problem(
+                    "file", f"{tag} '{printable(name)}' occurs twice; rename one of the two, or remove a copy"
+                )
             else:
                 into[name] = element
 
@@ -173,24 +190,49 @@ class Checker:
         for key in (*(("lower", "upper") if bounded else ()), *magnitudes):
             yield from self._number(this, limit, key, 1, limit=True)
         if bounded:
-            yield from self._missing_bound(this, limit)
-        # a missing number is 0, as in the format; a faulty one was reported above
-        are_faulty = any(limit.get(key) is not None and (limit, key) not in self.numbers for key in ("lower", "upper"))
-        lower, upper = (self.numbers.get((limit, key), (0.0,))[0] for key in ("lower", "upper"))
-        if not are_faulty and lower > upper:
-            yield Problem(this, f"{_title(this)}: lower limit {lower:g} is above upper limit {upper:g}; swap them")
+            yield from self._bounds(this, limit)
         for key in magnitudes:
-            if self.numbers.get((limit, key), (0.0,))[0] < 0:
-                yield Problem(this, f"{_title(this)}: <limit {key}> is negative; give its magnitude")
+            yield from self._magnitude(this, limit, key)
 
-    def _missing_bound(self, this: str, limit: etree._Element) -> Iterator[Problem]:
-        """Yield a fault where URDF 1.2 requires both bounds; remark that an earlier version takes one as 0."""
+    def _magnitude(self, this: str, limit: etree._Element, key: str) -> Iterator[Problem]:
+        """Replace a magnitude that states no limit by infinity; yield the fault of a negative one.
+
+        Since URDF 1.2 a joint without a limit has no attribute, so that 0 and -1 are faults there.
+        """
+        value = self.numbers.get((limit, key), (math.inf,))[0]
+        is_unstated = stated(value) != value
+        if is_unstated and not self._has_accelerations:
+            self.numbers[limit, key] = (stated(value),)
+            self.unstated.setdefault(f'{key}="{value:g}"', []).append(this.split(" ", 1)[1])
+        elif is_unstated:
+            fault = f'<limit {key}="{value:g}"> is no limit in URDF 1.2'
+            yield Problem(this, f"{_title(this)}: {fault}; write the joint's limit, or remove {key} if it has none")
+        elif value < 0:
+            none = f"remove {key}" if self._has_accelerations else "write 0"
+            fault = f'<limit {key}="{value:g}"> is negative'
+            yield Problem(this, f"{_title(this)}: {fault}; write the joint's limit, or {none} if it has none")
+
+    def _bounds(self, this: str, limit: etree._Element) -> Iterator[Problem]:
+        """Yield the faults of a range, and remark what is odd; before URDF 1.2 a missing bound beside another is 0."""
         missing = [key for key in ("lower", "upper") if limit.get(key) is None]
+        none = " and ".join(missing)
         if missing and self._has_accelerations:
-            bounds = " and ".join(missing)
-            yield Problem(this, f"{_title(this)}: its <limit> has no {bounds}, which URDF 1.2 requires; add {bounds}")
+            yield Problem(this, f"{_title(this)}: its <limit> has no {none}, which URDF 1.2 requires; add {none}")
+            return
+        if any(limit.get(key) is not None and (limit, key) not in self.numbers for key in ("lower", "upper")):
+            return  # already reported
+        lower, upper = (self.numbers.get((limit, key), (0.0,))[0] for key in ("lower", "upper"))
+        if lower > upper and missing:
+            fault = f"has no {none}, and without one its range is {lower:g} to {upper:g}; add {none}"
+            yield Problem(this, f"{_title(this)}: its <limit> {fault}")
+        elif lower > upper:
+            fault = f"lower limit {lower:g} is above upper limit {upper:g}"
+            yield Problem(this, f"{_title(this)}: {fault}; swap them, or correct the wrong one")
         elif len(missing) == 1:
-            self.remarks.append(f"{_title(this)}: its <limit> has no {missing[0]}, which is taken as 0; add it")
+            self.remarks.append(f"{_title(this)}: its <limit> has no {none}, which is taken as 0; add it")
+        elif lower == upper and not missing:
+            point = f"its position limits are one point, {lower:g}"
+            self.remarks.append(f"{_title(this)}: {point}; correct them if it moves")
 
     def _axis(self, this: str, element: etree._Element) -> Iterator[Problem]:
         """Yield the problems of a joint's <axis>; without one the axis is x."""
@@ -199,13 +241,13 @@ class Checker:
             return
         yield from self._spelling(this, axis)
         if axis.get("xyz") is None:
-            yield Problem(this, f'{_title(this)}: its <axis> has no xyz; add xyz="0 0 1" or the like')
+            yield Problem(this, f"{_title(this)}: its <axis> has no xyz; add the direction in which it turns or slides")
         yield from self._number(this, axis, "xyz", 3)
         xyz = self.numbers.get((axis, "xyz"), (1.0, 0.0, 0.0))
         if not math.hypot(*xyz) > 1e-6:
-            yield Problem(
-                this, f'{_title(this)}: its axis {_show(xyz)} has no direction; give a vector like xyz="0 0 1"'
-            )
+            fault = f"its axis {_show(xyz)} has no direction"
+            remedy = 'give the one in which it turns or slides (if it does not move: type="fixed")'
+            yield Problem(this, f"{_title(this)}: {fault}; {remedy}")
 
     def _mimic(self, this: str, name: str, element: etree._Element) -> Iterator[Problem]:
         """Follow the mimics from a joint to its master, the master's master and so on, to the first fault.
@@ -283,7 +325,9 @@ class Checker:
         for tag, keys in (("mass", ("value",)), ("inertia", _TENSOR)):
             child = inertial.find(tag)
             if child is None:
-                yield Problem(this, f"{title}: <inertial> has no <{tag}>; add it or remove <inertial>")
+                yield Problem(
+                    this, f"{title}: <inertial> has no <{tag}>; add it, or leave all masses out (--no-masses)"
+                )
                 continue
             yield from self._spelling(this, child)
             for key in keys:
@@ -335,9 +379,8 @@ class Checker:
             yield Problem(this, f"{_title(this)}: its <origin> has rpy and quat_xyzw; remove one of the two")
         values = self.numbers.get((origin, "quat_xyzw"), (1.0,))
         if not math.hypot(*values) > 1e-6:
-            yield Problem(
-                this, f'{_title(this)}: its quaternion {_show(values)} has no direction; give quat_xyzw="0 0 0 1"'
-            )
+            fault = f"its quaternion {_show(values)} has no direction"
+            yield Problem(this, f"{_title(this)}: {fault}; correct it, or remove it if nothing is turned")
 
     def _number(
         self, this: str, element: etree._Element, key: str, count: int, *, limit: bool = False
@@ -365,7 +408,12 @@ class Checker:
                 values.append(-math.inf if word.startswith("-") else math.inf)
                 continue
             value = float(word) if _NUMBER.match(word) else math.nan
-            if not math.isfinite(value):
+            if math.isinf(value) and limit:
+                yield Problem(
+                    this, f"{place}: '{printable(word)}' is no number of double precision; write inf for no limit"
+                )
+                return
+            if math.isnan(value):
                 remedy = _DECIMAL_COMMA.sub(r"\1.\2", word) if _DECIMAL_COMMA.fullmatch(word) else "one like 0.25"
                 remedy = word.rstrip(",;") if _NUMBER.match(word.rstrip(",;")) else remedy
                 yield Problem(

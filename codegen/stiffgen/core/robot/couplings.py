@@ -70,8 +70,8 @@ class Couplings:
         """Return the joint of a coordinate, its limits narrowed by those of each joint that follows it.
 
         A follower at the position m q + o bounds q, by its velocity limit v the rate of q to v / |m|, and by its effort
-        limit e the force on q to |m| e: then no joint exceeds its limit, whichever of them carries the load. Velocity
-        and effort limits of 0, and a range of one point, are what exporters write for no limit.
+        limit e the force on q to |m| e: then no joint exceeds its limit, whichever of them carries the load. A range of
+        one point is what exporters write for no limit.
 
         Position limits that exclude each other leave no range; then the coordinate keeps its own (:meth:`exclusion`).
         """
@@ -115,16 +115,15 @@ class Couplings:
     def _narrowed(self, limited: JointElement, follower: JointElement) -> JointElement:
         """Return the joint of a coordinate, its limits narrowed by those of one follower (:meth:`limited`)."""
         coupling = self[follower]
-        lower, upper, effort = limited.lower, limited.upper, limited.effort
+        lower, upper = limited.lower, limited.upper
         if follower.lower < follower.upper:
             ends = self._range(follower)
             lower, upper = max(lower, ends[0]), min(upper, ends[1])
-        if follower.effort > 0:
-            effort = min(effort, follower.effort * abs(coupling.multiplier))
-        rates = {}
-        for name in ("velocity", "acceleration", "deceleration", "jerk"):
-            own, of_follower = getattr(limited, name), getattr(follower, name)
-            rates[name] = min(own, of_follower / abs(coupling.multiplier)) if of_follower > 0 else own
+        effort = min(limited.effort, follower.effort * abs(coupling.multiplier))
+        rates = {
+            name: min(getattr(limited, name), getattr(follower, name) / abs(coupling.multiplier))
+            for name in ("velocity", "acceleration", "deceleration", "jerk")
+        }
         return replace(limited, lower=lower, upper=upper, effort=effort, **rates)
 
     def followers(self, master: JointElement) -> Iterator[JointElement]:

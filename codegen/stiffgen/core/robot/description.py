@@ -17,6 +17,15 @@ MOVING_TYPES = ("revolute", "continuous", "prismatic")
 
 ALL_LINKS = "all"
 
+UNSTATED = (0.0, -1.0)
+"""What exporters write for a limit of velocity, effort, acceleration or jerk that they do not know."""
+
+
+def stated(limit: float) -> float:
+    """Return the magnitude of a limit, infinite if a file's number is one of ``UNSTATED``; all readers ask this."""
+    return math.inf if limit in UNSTATED else limit
+
+
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 Orientation = Vector | Quaternion
@@ -99,11 +108,12 @@ class Mimic:
 class JointElement:
     """Element ``<joint>`` of the file (SI units, radians).
 
-    ``axis`` has unit length, or is zero for a joint that does not move. Missing limits are infinite; if only one
-    position limit is missing, it is 0. ``acceleration``, ``deceleration`` and ``jerk`` are limits of URDF 1.2.
-    ``motor_inertia`` is the inertia of the motor's rotor, reflected to the joint [kg m^2 or kg]; in a URDF of Drake's
-    elements. ``has_motor``: an actuator of an MJCF file acts on the joint; ``reference`` is its position in the file's
-    own configuration, in which the loops of the file are closed [rad or m].
+    ``axis`` has unit length, or is zero for a joint that does not move. Missing limits are infinite, as are magnitudes
+    that the file does not state (:func:`stated`); if only one position limit is missing, it is 0. ``acceleration``,
+    ``deceleration`` and ``jerk`` are limits of URDF 1.2. ``motor_inertia`` is the inertia of the motor's rotor,
+    reflected to the joint [kg m^2 or kg]; in a URDF of Drake's elements. ``has_motor``: an actuator of an MJCF file
+    acts on the joint; ``reference`` is its position in the file's own configuration, in which the loops of the file are
+    closed [rad or m].
     """
 
     # More than twelve fields: one for each entry of the element.

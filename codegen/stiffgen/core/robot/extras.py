@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterator, Mapping
 
 from lxml import etree
 
-from stiffgen.core.errors import listed, printable
+from stiffgen.core.errors import counted, listed, printable
 from stiffgen.core.robot.description import LARGEST, MOVING_TYPES
 
 _LEFT_OUT = {"damping": "damping", "friction": "dry friction"}
@@ -21,12 +21,12 @@ def left_out(joints: Mapping[str, etree._Element], unread: Collection[str] = ())
     for attribute, meaning in _LEFT_OUT.items():
         names = [name for name, joint in moving.items() if _number(joint.find("dynamics"), attribute)]
         if names:
-            yield f"{len(names)} joints have {meaning}, which the functions do not contain: {listed(names, 8)}"
+            yield f"{_having(names)} {meaning}, which the functions do not contain: {listed(names, 8)}"
     for attribute in unread:
         limits = {name: joint.find("limit") for name, joint in moving.items()}
         names = [name for name, limit in limits.items() if limit is not None and limit.get(attribute) is not None]
         if names:
-            yield f"{len(names)} joints have a limit of {attribute}, not read before URDF 1.2: {listed(names, 8)}"
+            yield f"{_having(names)} a limit of {attribute}, not read before URDF 1.2: {listed(names, 8)}"
     for name, joint in moving.items():
         soft = joint.find("safety_controller")
         if soft is not None and any(soft.get(key) is not None for key in _SOFT):
@@ -67,8 +67,12 @@ def rotor_inertias(robot: etree._Element, joints: Mapping[str, etree._Element]) 
         found[names[0]] = found.get(names[0], 0.0) + reflected
     if found:
         shown = [f"{name} ({value:g} {_unit(joints[name])})" for name, value in found.items()]
-        remarks.insert(0, f"{len(found)} joints have rotors, used as motor inertia: {listed(shown, 8)}")
+        remarks.insert(0, f"{_having(found)} rotors, used as motor inertia: {listed(shown, 8)}")
     return found, remarks
+
+
+def _having(joints: Collection[str]) -> str:
+    return counted(len(joints), "joint has", "joints have")
 
 
 def _reflected(inertia: str | None, ratio: str | None) -> float | None:

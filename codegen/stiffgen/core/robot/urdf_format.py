@@ -44,7 +44,12 @@ def version_of(robot: etree._Element) -> tuple[Version, str]:
     if version < OLDEST:
         return OLDEST, f'<robot version="{text}"> is older than the format; read as 1.0'
     newest = ".".join(map(str, NEWEST))
-    return version, f'<robot version="{text}"> is newer than {newest}, which stiffgen reads' if version > NEWEST else ""
+    return (
+        version,
+        f'<robot version="{text}"> is newer than {newest}, which stiffgen reads; save it as URDF {newest}'
+        if version > NEWEST
+        else "",
+    )
 
 
 @dataclass(frozen=True)
@@ -157,7 +162,7 @@ def _unknown_attribute(element: etree._Element, name: str, known: ElementFormat)
     if name in known.newer:
         needed = ".".join(map(str, known.newer[name]))
         return ElementFault(
-            f'{says} before URDF {needed}; add version="{needed}" to <robot>, or correct it (valid: {valid})'
+            f'{says} before URDF {needed}; state <robot version="{needed}">, or correct it (valid: {valid})'
         )
     meant = _meant(name, (*known.attributes, *known.newer))
     if meant:

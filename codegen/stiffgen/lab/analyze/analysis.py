@@ -446,7 +446,7 @@ def _measures(recording: Recording, chain: Chain, result: Summary) -> dict[str, 
 
 def _smallest_torque_limit(chain: Chain) -> dict[str, Any] | None:
     """Return the turning joint with the smallest torque limit [N m], or None if no joint has one."""
-    limited = [each for each in chain.coordinates if each.type != "prismatic" and 0 < each.effort < math.inf]
+    limited = [each for each in chain.coordinates if each.type != "prismatic" and math.isfinite(each.effort)]
     if not limited:
         return None
     weakest = min(limited, key=lambda each: each.effort)

@@ -7,6 +7,7 @@ import numpy as np
 from markupsafe import Markup
 
 from stiffgen.control.presets import Preset
+from stiffgen.core.errors import listed
 from stiffgen.core.rendering import environment
 from stiffgen.lab.page import POLICY, STYLE
 from stiffgen.lab.passport.passport import Passport, Quantity
@@ -62,6 +63,10 @@ def statements(passport: Passport) -> list[str]:
     if passport.force is not None:
         half = _number(float(np.median(passport.force.min(axis=1))))
         lines.append(f"Half of the postures can exert {half} N in every direction, beside gravity.")
+    if passport.unlimited:
+        which = f"{'joint' if len(passport.unlimited) == 1 else 'joints'} {listed(passport.unlimited, 8)}"
+        result = "no force limit follows" if passport.force is None else "the forces leave them out"
+        lines.append(f"The robot's file states no effort limit of {which}: {result}.")
     if "lost to gears" in named:
         lines.append(f"Elastic gears take up to {named['lost to gears'].values.max():.0f} % of the rendered stiffness.")
     if "buckling" in named:

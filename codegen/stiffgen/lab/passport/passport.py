@@ -56,7 +56,8 @@ class Quantity:
 class Passport:
     """Quantities of a robot over postures q (P, n), with the tip's positions (P, 3) [m] and the loop's timing.
 
-    ``force`` (P, 6) [N] has the columns of DIRECTIONS; None for a robot without effort limits.
+    ``force`` (P, 6) [N] has the columns of DIRECTIONS; None if no effort limit bounds it. ``unlimited`` are the joints
+    whose effort limit the robot's file does not state: they bound no force.
     """
 
     robot: str
@@ -67,6 +68,7 @@ class Passport:
     quantities: tuple[Quantity, ...]
     force: FloatArray | None
     source: str
+    unlimited: tuple[str, ...] = ()
 
     def quantity(self, name: str) -> Quantity:
         """Return a quantity."""
@@ -152,7 +154,8 @@ def make_passport(robot: GeneratedRobot, options: PassportOptions, q: ArrayLike 
         quantities += _of_gains(robot, options, arms, postures)
     tip = module.forward_kinematics(postures)[:, :3, 3]
     joints = tuple(each.name for each in chain.coordinates)
-    return Passport(robot.name, joints, options.timing, postures, tip, tuple(quantities), force, source)
+    unlimited = tuple(each.name for each in chain.coordinates if not np.isfinite(each.effort))
+    return Passport(robot.name, joints, options.timing, postures, tip, tuple(quantities), force, source, unlimited)
 
 
 def _check(robot: GeneratedRobot, options: PassportOptions) -> None:

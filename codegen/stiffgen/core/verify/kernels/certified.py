@@ -66,12 +66,18 @@ def check_certified_bounds(
 def within(
     chain: Chain, kernel: Kernel, ranges: Ranges, scalar: Scalar, stacks: Sequence[FloatArray]
 ) -> list[FloatArray]:
-    """Return stacks of a kernel's arguments in ``scalar``, clipped to the ranges of its bounds."""
+    """Return stacks of a kernel's arguments in ``scalar``, clipped to the ranges of its bounds.
+
+    Every second state has the largest rates, which the drawn ones do not reach.
+    """
     reach = chain_reach(kernel.scope(chain), ranges, scalar)
     clipped = []
     for argument, stack in zip(kernel.arguments, stacks, strict=True):
         most = np.reshape(argument_sizes(chain, argument, ranges, reach, scalar), stack.shape[1:])
-        clipped.append(np.clip(stack, -most, most).astype(scalar.dtype).astype(float))
+        inside = np.clip(stack, -most, most)
+        if argument.largest == "rates":
+            inside[::2] = np.copysign(most, stack[::2])
+        clipped.append(inside.astype(scalar.dtype).astype(float))
     return clipped
 
 
