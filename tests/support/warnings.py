@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import stiffgen
-from stiffgen.core.emit.manifest import MANIFEST
 from stiffgen.core.emit.render import render
 from stiffgen.core.errors import ChainError
+from stiffgen.core.manifest import MANIFEST
 from stiffgen.core.options import GenerationOptions
 from stiffgen.core.symbolic.choices import KINDS, KernelOptions
 from support.c_program import STRICT

@@ -10,9 +10,9 @@ from stiffgen.cli.arguments import add_robot, source_of
 from stiffgen.cli.console import Progress, messages, print_note
 from stiffgen.cli.records import add_options, group_of, values_of
 from stiffgen.cli.survey import missing_limits
-from stiffgen.core.emit.manifest import chain_from_manifest, read_manifest
 from stiffgen.core.errors import printable
 from stiffgen.core.generate import generate_folder
+from stiffgen.core.manifest import chain_from_manifest, read_manifest
 from stiffgen.core.options import GenerationOptions
 from stiffgen.rooms import optional
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from stiffgen.core.described import Help, flag_of, help_of
 from stiffgen.core.errors import StiffgenError, printable
-from stiffgen.core.loading import read_potential
+from stiffgen.core.potentials import read_potential
 from stiffgen.core.robot.chain import Sensor, Tool
 
 GROUPS = {

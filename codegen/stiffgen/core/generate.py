@@ -9,13 +9,13 @@ from typing import Any
 
 from stiffgen.core.described import with_keywords
 from stiffgen.core.emit.build import build_module
-from stiffgen.core.emit.manifest import DAMAGE, MANIFEST, chain_from_manifest, read_manifest, scalar_of_manifest
 from stiffgen.core.emit.render import render
 from stiffgen.core.errors import ChainError, OutputError, listed
 from stiffgen.core.family import needed
 from stiffgen.core.folder import swapped_in, unwritable
 from stiffgen.core.loading import read_chain
 from stiffgen.core.lower.scalar import DOUBLE, Scalar
+from stiffgen.core.manifest import DAMAGE, MANIFEST, chain_from_manifest, read_manifest, scalar_of_manifest
 from stiffgen.core.names import checked_identifier, identifier
 from stiffgen.core.options import GenerationOptions
 from stiffgen.core.robot.chain import Chain

@@ -1,13 +1,11 @@
 # SPDX-License-Identifier: MIT
-"""Loading of files: a robot description becomes a chain, a Python file a potential, a manifest its springs."""
+"""Loading of a robot's file: its description becomes a chain."""
 
 from __future__ import annotations
 
-import inspect
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from stiffgen.core.described import with_keywords
 from stiffgen.core.errors import (
@@ -16,25 +14,18 @@ from stiffgen.core.errors import (
     LimitWarning,
     LoopWarning,
     OmissionWarning,
-    PotentialError,
-    listed,
     printable,
 )
-from stiffgen.core.family import part
 from stiffgen.core.names import CPP_NAMES
 from stiffgen.core.robot.assembly import assemble
 from stiffgen.core.robot.chain import AcceptedInertia, Chain, ChainOptions, Coordinate
 from stiffgen.core.robot.description import Description, JointElement, Reading
-from stiffgen.core.robot.files import FileError, read_regular
 from stiffgen.core.robot.reader import read_description
 from stiffgen.core.robot.selection import select
-from stiffgen.core.symbolic.choices import ALL, KINDS, KernelOptions, Potential
 from stiffgen.core.symbolic.kernels import RESERVED_NAMES
-from stiffgen.core.symbolic.placement import Placement
 from stiffgen.rooms import optional
 
 _DEFAULTS = ChainOptions()
-_MAX_SOURCE = 4 * 2**20  # of a potential's file [bytes]
 
 
 def read_chain(urdf: str | Path, options: ChainOptions) -> Chain:
@@ -124,84 +115,6 @@ def chain_between(description: Description, options: ChainOptions = _DEFAULTS) -
 
 _RESERVED = frozenset((*RESERVED_NAMES, *CPP_NAMES, "tree"))
 """Names in a module, and in the namespace of NAME.hpp, that no tip may have."""
-
-
-def read_potential(text: str) -> Potential:
-    """Run a file and return the function that FILE.py:FUNCTION names.
-
-    Raises:
-        PotentialError: no such file or function, or the file fails.
-
-    """
-    path, separator, function = text.rpartition(":")
-    if not separator or not path or not function:
-        raise PotentialError(f"--potential {text}: is not FILE.py:FUNCTION")
-    try:
-        source = read_regular(path, _MAX_SOURCE).decode("utf-8")
-    except FileError as error:
-        raise PotentialError(f"--potential {text}: {error}; name a Python file") from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise PotentialError(f"--potential {path}: cannot be read ({getattr(error, 'strerror', error)})") from error
-    return potential_of_source(source, Path(path).name, function)
-
-
-def potential_of_source(source: str, file: str, function: str) -> Potential:
-    """Run a source text and return one of its functions.
-
-    Raises:
-        PotentialError: the text fails, or has no such function.
-
-    """
-    names: dict[str, Any] = {"__name__": Path(file).stem, "__file__": file}
-    try:
-        exec(compile(source, file, "exec"), names)
-    except Exception as error:
-        raise PotentialError(f"potential {file}: fails when it is run ({type(error).__name__}: {error})") from error
-    if not callable(names.get(function)):
-        found = [name for name, value in names.items() if inspect.isfunction(value)]
-        raise PotentialError(f"potential {file}: has no function '{function}' (it has {listed(found) or 'none'})")
-    return Potential(names[function], file, source)
-
-
-def sealed_potential(record: Mapping[str, Any]) -> Potential:
-    """Return a potential of a manifest without running its source: name and parameters alone."""
-    name = str(record["function"])
-
-    def refuse(*_: Any) -> Any:
-        raise PotentialError(
-            f"potential {name}: its source in manifest.json is not run; read it, then pass --trust-potentials, or "
-            "trust_potentials=True in Python"
-        )
-
-    refuse.__name__ = name
-    vars(refuse)["parameters"] = {str(key): tuple(map(int, shape)) for key, shape in record["parameters"]}
-    return Potential(refuse, record["file"], record["source"], is_sealed=True)
-
-
-def springs_of_manifest(content: dict[str, Any], trust_potentials: bool) -> KernelOptions:
-    """Return the springs of a robot's folder; a folder without a record has the default spring.
-
-    The source of potentials is run only if ``trust_potentials`` is True.
-    """
-    recorded = content.get("springs")
-    if recorded is None:
-        return KernelOptions()
-    family = part("springs.springs")
-    names = {family.spring(kind).name: kind for kind in KINDS} if family else {}
-    x, y, z = map(float, recorded["centre"])
-    return KernelOptions(
-        springs=tuple(names[name] for name in recorded["kinds"] if name in names),
-        placement=Placement(recorded["translation_axes"], recorded["rotation_axes"], (x, y, z)),
-        potentials=tuple(
-            potential_of_source(each["source"], each["file"], each["function"])
-            if trust_potentials
-            else sealed_potential(each)
-            for each in recorded["potentials"]
-        ),
-        derivatives=bool(content.get("derivatives", False)),
-        kernels=tuple(recorded.get("groups", (ALL,))),
-        batches=recorded.get("batches", True),
-    )
 
 
 def kept_limits(coordinate: JointElement | Coordinate, fault: str) -> str:

@@ -14,14 +14,20 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from stiffgen.core.emit.manifest import DAMAGE, MANIFEST, chain_from_manifest, read_manifest, scalar_of_manifest
 from stiffgen.core.errors import OutputError, StiffgenError, listed, printable
-from stiffgen.core.loading import springs_of_manifest
 from stiffgen.core.lower.scalar import DOUBLE, Scalar
+from stiffgen.core.manifest import (
+    DAMAGE,
+    MANIFEST,
+    chain_from_manifest,
+    read_manifest,
+    scalar_of_manifest,
+    springs_of_manifest,
+)
 from stiffgen.core.names import checked_identifier
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.symbolic.choices import KernelOptions
-from stiffgen.core.symbolic.kernels import PACKED, Kernel, chain_kernels
+from stiffgen.core.symbolic.kernel import PACKED, Kernel
 
 
 @dataclass(frozen=True, repr=False)
@@ -44,8 +50,19 @@ class GeneratedRobot:
 
     @cached_property
     def table(self) -> tuple[Kernel, ...]:
-        """The kernel table's records of its functions."""
-        return chain_kernels(self.chain, self.springs)
+        """The kernel table's records of its functions.
+
+        Raises:
+            OutputError: the manifest asks for functions that this version does not have.
+
+        """
+        # Opening needs no kernel, and importing all families takes longer than all else.
+        from stiffgen.core.symbolic.kernels import chain_kernels
+
+        try:
+            return chain_kernels(self.chain, self.springs)
+        except (*DAMAGE, NotImplementedError, RuntimeError, StiffgenError) as error:  # also what CasADi raises
+            raise _damaged(self.folder, error) from error
 
     def require_doubles(self, what: str) -> None:
         """Raise OutputError unless the folder's numbers are doubles, as ``what`` takes them."""
@@ -147,6 +164,11 @@ class GeneratedRobot:
 
         """
         return functions_of(self.module, self.table, self.folder)
+
+
+def _damaged(folder: Path, error: Exception) -> OutputError:
+    what = f"{type(error).__name__}: {printable(str(error), 150)}" if str(error) else type(error).__name__
+    return OutputError(f"{folder / MANIFEST}: is damaged or of another version ({what}); generate it again")
 
 
 def _unreadable(error: OSError) -> OutputError:
@@ -257,10 +279,6 @@ def open_robot(folder: str | Path, *, trust_potentials: bool = False) -> Generat
         name = checked_identifier(manifest["name"])
         springs = springs_of_manifest(manifest, trust_potentials)
         scalar = scalar_of_manifest(manifest)
-        chain_kernels(chain, springs)
-    except (*DAMAGE, NotImplementedError, RuntimeError, StiffgenError) as error:  # also what CasADi raises
-        what = f"{type(error).__name__}: {printable(str(error), 150)}" if str(error) else type(error).__name__
-        raise OutputError(
-            f"{folder / MANIFEST}: is damaged or of another version ({what}); generate it again"
-        ) from error
+    except (*DAMAGE, NotImplementedError, RuntimeError, StiffgenError) as error:
+        raise _damaged(folder, error) from error
     return GeneratedRobot(folder, name, chain, springs, manifest, scalar)

@@ -29,11 +29,11 @@ import numpy as np
 from stiffgen._version import __version__
 from stiffgen.core.described import in_python
 from stiffgen.core.emit.build import compiler_command
-from stiffgen.core.emit.manifest import MANIFEST
 from stiffgen.core.errors import BuildError, ChainError, OutputError, StiffgenError, listed, printable, terminal_text
 from stiffgen.core.folder import exclusive, flush, remove_unlocked, write_atomically
 from stiffgen.core.generate import generate_folder
 from stiffgen.core.loading import describe
+from stiffgen.core.manifest import MANIFEST
 from stiffgen.core.names import identifier
 from stiffgen.core.opened import GeneratedRobot, open_robot
 from stiffgen.core.options import GenerationOptions

@@ -6,6 +6,7 @@ from __future__ import annotations
 import resource
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -30,6 +31,32 @@ def loaded(code: str) -> set[str]:
 )
 def test_what_an_import_loads(code: str, needed: set[str]) -> None:
     assert loaded(code) <= needed
+
+
+ANALYZE = """import numpy as np
+rows = np.random.default_rng(1).uniform(-1, 1, (20, 13))
+np.savez("log.npz", q=rows[:, :7], wrench=rows[:, 7:])
+stiffgen.analyze("log.npz", {folder!r}, np.diag([300.0] * 3 + [20.0] * 3), figures=False, output="analysis")"""
+
+
+@pytest.mark.parametrize(
+    ("use", "most"),
+    [
+        ("stiffgen.open_robot({folder!r})", 40),
+        ("sys.path.insert(0, {parent!r}); import {name}", 1),
+        pytest.param(ANALYZE, 200, marks=pytest.mark.slow),
+    ],
+)
+def test_a_finished_folder_needs_no_reader_and_no_printer(
+    use: str, most: int, robot_folder: Path, tmp_path: Path
+) -> None:
+    place = {"folder": str(robot_folder), "parent": str(robot_folder.parent), "name": robot_folder.name}
+    code = f"import sys, stiffgen\n{use.format(**place)}\nprint(*(m for m in sys.modules if m.startswith('stiffgen')))"
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
+    modules = done.stdout.splitlines()[-1].split()
+    heavy = ("stiffgen.core.emit", "stiffgen.core.robot.reader", "stiffgen.core.generate", "stiffgen.files")
+    assert not [module for module in modules if module.startswith(heavy)]
+    assert len(modules) <= most + 1  # the package itself
 
 
 def test_a_generated_robot_needs_numpy_alone(robot_folder) -> None:

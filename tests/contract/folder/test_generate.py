@@ -11,9 +11,9 @@ import sys
 import pytest
 
 import stiffgen
-from stiffgen.core.emit.manifest import chain_from_manifest
 from stiffgen.core.emit.render import render
 from stiffgen.core.errors import BuildError, OutputError, StiffgenError
+from stiffgen.core.manifest import chain_from_manifest
 from support.generated_c import kernel_text
 from support.project import ROOT, URDF
 

@@ -77,7 +77,8 @@ def _whole(name: str, number: NDArray[Any]) -> NDArray[Any]:
     if not all(isinstance(each, int) for each in number.ravel().tolist()):
         raise ValueError(f"{name}: {number.tolist()!r} is no whole number")
     fitting = np.iinfo(CONFIG[name].base)
-    return np.clip(number.astype(object), fitting.min, fitting.max)
+    clipped: NDArray[Any] = np.clip(number.astype(object), fitting.min, fitting.max)
+    return clipped
 
 
 class Config:

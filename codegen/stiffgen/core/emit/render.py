@@ -12,8 +12,9 @@ from pathlib import Path
 import jinja2
 
 from stiffgen.core.emit.backend import SOURCES, Backend, Request
-from stiffgen.core.emit.manifest import MANIFEST, manifest_text
+from stiffgen.core.emit.manifest import manifest_text
 from stiffgen.core.emit.registry import BACKENDS
+from stiffgen.core.manifest import MANIFEST
 from stiffgen.core.names import c_string, comment
 from stiffgen.core.options import GenerationOptions
 from stiffgen.core.rendering import environment

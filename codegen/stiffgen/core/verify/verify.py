@@ -11,10 +11,10 @@ from collections.abc import Callable, Mapping
 from functools import cache, partial
 from pathlib import Path
 
-from stiffgen.core.emit.manifest import MANIFEST
 from stiffgen.core.errors import PotentialError, StiffgenError, listed
 from stiffgen.core.family import part
 from stiffgen.core.folder import temporary_folder
+from stiffgen.core.manifest import MANIFEST
 from stiffgen.core.opened import GeneratedRobot, open_robot
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.robot.geometry import FloatArray

@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from stiffgen.core.emit.manifest import MANIFEST
 from stiffgen.core.emit.render import render
 from stiffgen.core.errors import printable
 from stiffgen.core.folder import temporary_folder
 from stiffgen.core.loading import read_chain
+from stiffgen.core.manifest import MANIFEST
 from stiffgen.core.opened import GeneratedRobot
 from stiffgen.core.options import options_of_manifest
 from stiffgen.core.robot.chain import Chain, ChainOptions
