@@ -12,7 +12,7 @@ TESTS := not slow and not wide
 # A worker takes neighbouring tests, so that it makes what they share only once.
 SPREAD := -n $(WORKERS) --dist worksteal
 
-.PHONY: help generate test test-slow test-wide lint check-generated docs report dist bench bench-cuda campaign compare robosuite clean
+.PHONY: help generate test test-slow test-wide lint check-generated docs report dist bench bench-cuda campaign compare clean
 .DELETE_ON_ERROR:
 
 help:  ## print this list
@@ -78,16 +78,13 @@ campaign:  ## run a long search: NAME=..., OPTIONS="..."; without a name, list t
 compare: $(VENV)/installed-test  ## compare the controller with laws in use, into docs/results.md
 	@PYTHONPATH=tests:. $(BIN)/python -m campaigns compare
 
-robosuite: build/robosuite-venv/installed  ## compare the controller in robosuite with its own, into docs/robosuite.md
-	build/robosuite-venv/bin/python -m examples.robosuite --output docs/robosuite.md
-
 clean:  ## remove what the above made, but not generated/
 	rm -rf $(VENV) build .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 	rm -f generated/*/*.so
 
 # Examples: each with the robot that it needs.
-EXAMPLES := experiment flutter whole-body identify identify-torch adaptive optimal-control fri-demo
+EXAMPLES := experiment flutter whole-body adaptive optimal-control fri-demo
 .PHONY: $(EXAMPLES)
 experiment: build/robots/iiwa14_plate build/robots/iiwa14_ball  ## run the paper's two experiments (3 minutes)
 	$(BIN)/python -m examples.bowl_wiping
@@ -97,10 +94,6 @@ flutter: $(VENV)/installed-examples  ## push a ball joint that three drives hold
 	$(BIN)/python -m examples.flutter --figure build/flutter.svg --film build/flutter_film.svg
 whole-body: build/robots/solo12
 	$(BIN)/python -m examples.whole_body
-identify: build/robots/iiwa14_tool
-	$(BIN)/python -m examples.identify jax
-identify-torch: build/robots/iiwa14_tool $(VENV)/installed-torch
-	$(BIN)/python -m examples.identify torch
 adaptive: build/robots/iiwa14_derivatives
 	$(BIN)/python -m examples.adaptive
 optimal-control: build/robots/iiwa14_wiping
@@ -108,7 +101,6 @@ optimal-control: build/robots/iiwa14_wiping
 fri-demo: build/robots/iiwa14_plate
 	@$(BIN)/python -m fri.robot.demo
 
-iiwa14_tool := urdf/iiwa14.urdf --tool runtime --derivatives --no-masses
 iiwa14_derivatives := urdf/iiwa14.urdf --derivatives
 iiwa14_wiping := urdf/iiwa14.urdf --tool xyz=0,0,0.24 --derivatives --no-masses
 solo12 := tests/data/solo12.urdf --floating-base $(foreach foot,FL FR HL HR,--tip $(foot)_FOOT)
@@ -150,11 +142,6 @@ build/dist-venv/installed:
 	build/dist-venv/bin/pip install --quiet --disable-pip-version-check twine
 	@touch $@
 
-# An environment of its own: robosuite needs an older MuJoCo and NumPy.
-build/robosuite-venv/installed: pyproject.toml
-	@$(PYTHON) -m venv build/robosuite-venv
-	build/robosuite-venv/bin/pip install --quiet --disable-pip-version-check --editable '.[robosuite]'
-	@touch $@
 
 $(VENV)/installed-test: $(VENV)/installed
 	$(PIP) --editable '.[test,lint]'

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Pictures of the pages are those that their programs draw today.
 
-Not here: pictures that the tests of their programs compare (``adaptive.svg``, ``identify.svg``, ``casadi.svg``,
+Not here: pictures that the tests of their programs compare (``adaptive.svg``, ``casadi.svg``,
 ``compliance.svg``, ``flutter.svg``, ``fri_session.svg``, ``bowl_antisymmetric.svg``, ``recordings.svg``,
 ``iiwa_bowl.png``, ``playground.png`` and those of ``whole_body.md``); and ``wrench.svg``, drawn by hand.
 """
