@@ -22,6 +22,7 @@ from stiffgen.core.verify.kernels.references import References
 from stiffgen.core.verify.kernels.samples import Samples
 from stiffgen.core.verify.result import Check, compared
 from stiffgen.families.dynamics.masses import check_masses
+from stiffgen.families.dynamics.oracles import dynamics
 from support.project import ROOT
 
 NAMES = ("mass_matrix", "bias_forces", "gravity_gradient")
@@ -122,7 +123,7 @@ def test_terms_that_cancel_are_no_false_alarm(tmp_path: Path) -> None:
     checks = check_kernels(kernels, references, table)
     assert all(check.passed for check in checks)
     (energy,) = (kernel for kernel in table if kernel.qualified_name == "gravity_energy")
-    value, reference = function(chain, energy)(*references.samples.of(energy.arguments)), references.dynamics
+    value, reference = function(chain, energy)(*references.samples.of(energy.arguments)), references.of(dynamics)
     plain_check = compared("gravity_energy", "", value, reference["gravity_energy"].reshape(200))
     assert not plain_check.passed, "the rule is needed"
 

@@ -19,6 +19,7 @@ from examples import closed_loops as example
 from examples import parallel_robots
 from stiffgen.core.symbolic.arguments import Q
 from stiffgen.core.verify.kernels.references import References
+from stiffgen.families.manipulability.oracles import manipulability
 from support.project import assert_close
 
 
@@ -179,7 +180,7 @@ def test_joints_beside_the_way_to_the_tip_do_not_count() -> None:
     """An ankle's rods and cranks: before, verify took the joints of the loops for the tip's, and its measure was 0."""
     kernels = example.ankle()
     references = References(kernels.chain, 3, 5)
-    expected = references.manipulability
+    expected = references.of(manipulability)
     assert expected.measure.min() > 0.5
     for k, q in enumerate(references.samples[Q]):
         assert_close(np.array(kernels.manipulability(q)).ravel(), expected.measure[k : k + 1])

@@ -12,6 +12,8 @@ from stiffgen.core.symbolic.model import casadi_function
 from stiffgen.core.verify.kernels.poses import gamma_F
 from stiffgen.core.verify.kernels.references import TASK_STIFFNESS, WRENCH, References
 from stiffgen.families.derivatives.direction import DIRECTION
+from stiffgen.families.derivatives.oracles import gradient_along
+from stiffgen.families.manipulability.oracles import manipulability
 from support.chains import chain_urdf
 from support.complex_step import columns, gradients
 from support.exact_tree import AT_ORIGIN, ExactTree, mp
@@ -89,14 +91,15 @@ def test_sliding_and_mimic_joints_and_a_tool_of_run_time(types, floating, tmp_pa
     file.write_text(chain_urdf(types))
     chain = load_chain(file, floating_base=floating, runtime_tool=True)
     kernels, references = StiffnessModel(chain), References(chain, 3, 5)
-    expected = references.manipulability
+    expected = references.of(manipulability)
+    along = gradient_along(references, references.samples[DIRECTION], references.samples[TASK_STIFFNESS])
     for k in range(3):
         seen, where = ([each[k] for each in references.posture_of(rep)] for rep in ("body", "hybrid"))
         assert_close(np.array(kernels.manipulability(*seen)).ravel(), expected.measure[k : k + 1])
         assert_close(np.array(kernels.manipulability_gradient(*seen)).ravel(), expected.gradient[k])
         held = references.samples[WRENCH][k], references.samples[TASK_STIFFNESS][k], references.samples[DIRECTION][k]
         found = np.array(kernels.hybrid.stiffness_direction_gradient(*where, *held)).ravel()
-        assert_close(found, references.direction_gradient[k].astype(float))
+        assert_close(found, along[k].astype(float))
 
 
 def _kernel(chain, name):

@@ -15,6 +15,7 @@ import stiffgen
 from stiffgen.core.symbolic.kernels import chain_kernels
 from stiffgen.core.symbolic.model import folded
 from stiffgen.core.verify.kernels.references import References
+from stiffgen.families.dynamics.oracles import static_torque_derivatives
 from support.chains import chain_urdf
 from support.pinocchio_oracle import with_exact_right_angles
 from support.project import ROOT, assert_close
@@ -96,7 +97,7 @@ def _compare(chain):
     function = getattr(stiffgen.StiffnessModel(chain), KERNEL)
     references = References(chain, 3, 8)
     (kernel,) = (each for each in chain_kernels(chain) if each.name == KERNEL)
-    given, expected = references.samples.of(kernel.arguments), references.static_torque_derivatives
+    given, expected = references.samples.of(kernel.arguments), references.of(static_torque_derivatives)
     for k in range(3):
         found = function(*(np.reshape(each[k], folded(each[k].shape)) for each in given))
         assert_close(np.array(found), expected[k])
