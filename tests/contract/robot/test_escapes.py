@@ -184,6 +184,10 @@ HARM = {
     "process": "import subprocess; subprocess.run(['touch', 'escaped'])",
     "file": "open('escaped', 'w')",
     "descriptor": "import os; os.write(os.open('escaped', os.O_CREAT | os.O_WRONLY), b'a')",
+    "flags": "import os; os.open('escaped', os.O_CREAT | os.O_RDWR)",
+    "truncation": "import os; os.open('kept', os.O_RDONLY | os.O_TRUNC)",
+    "process behind subprocess": "import _posixsubprocess as p; p.fork_exec(*[None] * 21)",
+    "process kept by subprocess": "subprocess._fork_exec(*[None] * 21)",
     "connection": "import socket; socket.socket().connect(('127.0.0.1', 9))",
     "code": "eval('1 + 1')",
     "removal": "import os; os.remove('kept')",
@@ -193,10 +197,10 @@ HARM = {
 @pytest.mark.parametrize("harm", HARM)
 def test_the_process_may_do_no_harm(tmp_path, harm):
     """The second wall: had an expression found a way out, Python itself would refuse."""
-    (tmp_path / "kept").touch()
+    (tmp_path / "kept").write_text("kept")
     text = f"import os, subprocess, socket\nfrom stiffgen.files.limits import forbid_harm\nforbid_harm()\n{HARM[harm]}"
     (tmp_path / "harm.py").write_text(text)
     done = subprocess.run([sys.executable, "harm.py"], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode != 0 and ("is not allowed here" in done.stderr or "File too large" in done.stderr), done
-    assert (tmp_path / "kept").exists()
-    assert not (tmp_path / "escaped").exists() or (tmp_path / "escaped").stat().st_size == 0
+    assert (tmp_path / "kept").read_text() == "kept"
+    assert not (tmp_path / "escaped").exists()
