@@ -17,7 +17,7 @@ from stiffgen.core.symbolic.choices import KernelOptions
 from stiffgen.core.symbolic.kernels import chain_kernels
 from stiffgen.core.verify.kernels.missing import function_of_stacks
 from stiffgen.core.verify.kernels.samples import Samples
-from support.exact_kernels import ExactRobot, loaded, matrix, symmetric
+from support.exact_kernels import ExactRobot, cross, loaded, matrix, symmetric
 from support.exact_tree import as_array, mp
 
 FAMILY = KernelOptions(kernels=("compliance",))
@@ -34,9 +34,17 @@ class ExactLoad:
 
     @staticmethod
     def of(robot: ExactRobot, rep: str, links: list[str], wrenches: Array, increments: Array) -> ExactLoad:
-        """Return the load of a robot whose ``links`` carry wrenches, from the Hessian of its energy."""
-        none, J = mp.zeros(6), mp.zeros(6 * len(links), robot.size)
-        energies = [loaded(rep, robot.pose(link), matrix(w), none) for link, w in zip(links, wrenches, strict=True)]
+        """Return the load of a robot whose ``links`` carry wrenches, from the Hessian of its energy.
+
+        The load is that of the tip, f . p + m . vee(N - N^T)/2 with N = R R0^T, whatever representation states it.
+        """
+        none, J, seen = mp.zeros(6), mp.zeros(6 * len(links), robot.size), "hybrid" if rep == "spatial" else rep
+        energies = []
+        for link, wrench in zip(links, wrenches, strict=True):
+            pose, F = robot.pose(link), matrix(wrench)
+            if rep == "spatial":
+                F[3:, 0] = F[3:, 0] - cross(pose[1]) * F[:3, 0]
+            energies.append(loaded(seen, pose, F, none))
 
         def energy(at: ExactRobot) -> mpmath.mpf:
             return sum((each(at.pose(link)) for link, each in zip(links, energies, strict=True)), mp.mpf(0))
@@ -91,7 +99,8 @@ class Case:
         robot = ExactRobot.of(text, chain, {"base_pose": np.eye(4), **given})
         links = [each.link for each in (chain.tips if total else chain.tips[:1])]
         names = ("wrenches", "increments") if total else ("wrench", "increment")
-        wrenches, increments = (np.reshape(given[name], (len(links), 6)) for name in names)
+        none = np.zeros((len(links), 6))  # spatial has no deflection, and so no increments
+        wrenches, increments = (np.reshape(given.get(name, none), (len(links), 6)) for name in names)
         self.load = ExactLoad.of(robot, rep, links, wrenches, increments)
         upper = np.triu(given["joint_stiffness"])
         self.springs = upper + np.triu(upper, 1).T

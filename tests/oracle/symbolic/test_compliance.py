@@ -6,13 +6,14 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 
 import casadi as ca
 import numpy as np
 import pytest
 
-from stiffgen import generate, load_chain, open_robot
+from stiffgen import StiffnessModel, generate, load_chain, open_robot
 from stiffgen.core.errors import ChainError
 from stiffgen.core.lower.steps import lowered
 from stiffgen.core.lower.variant import BATCH
@@ -29,7 +30,7 @@ from support.exact_compliance import FAMILY, Case
 from support.exact_linkage import random_linkage
 from support.exact_tree import tree_urdf
 from support.project import ROOT
-from support.small_robots import LINKAGES, TREES
+from support.small_robots import LINKAGES, TREES, Small, part
 
 UR5 = ROOT / "tests" / "data" / "ur5.urdf"
 WRENCH = np.array([20.0, -30, 60, 4, -3, 5])
@@ -40,7 +41,7 @@ def ur5():
     """Return functions of one state by name."""
     chain = load_chain(UR5, tip="tool0")
     table = chain_kernels(chain, KernelOptions(kernels=("all", "compliance")))
-    wanted = [each for each in table if each.on_request or each.group == "hybrid"]
+    wanted = [each for each in table if each.on_request or each.group in ("hybrid", None)]
     functions = {each.qualified_name: function_of_stacks(chain, each) for each in wanted}
     return lambda name, *given: functions[name](*(np.asarray(each, dtype=float)[None] for each in given))[0]
 
@@ -54,12 +55,12 @@ def test_trees_against_60_digits(seed, rep, total, tmp_path):
     case = Case(text, load_chain(file, tip=["left", "right"]), rep, total=total, seed=seed)
     for springs in (case.springs, case.near_the_limit(1e-2), case.near_the_limit(-1e-2)):
         errors = case.errors(springs)
-        assert len(errors) >= 4
+        assert len(errors) >= (1 if rep == "spatial" else 4)
         assert max(errors.values()) <= 1e-12, errors
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("rep", "total"), [("body", True), ("hybrid", False)])
+@pytest.mark.parametrize(("rep", "total"), [("body", True), ("hybrid", False), ("spatial", True), ("spatial", False)])
 def test_floating_trees_against_60_digits(rep, total, tmp_path):
     file, text = tmp_path / "tree.urdf", tree_urdf(3, 4)
     file.write_text(text)
@@ -129,8 +130,89 @@ def test_representations_agree_and_an_unloaded_arm_needs_no_wrench(ur5):
     J = ur5("hybrid_jacobian", q)
     found = ur5("hybrid_tip_compliance", q, np.zeros(6), springs)
     assert np.abs(found - J @ np.linalg.inv(springs) @ J.T).max() <= 1e-15 * np.abs(found).max() * 100
-    stability = [ur5(f"{rep}_stability", q, np.zeros(6), springs) for rep in ("body", "spatial", "hybrid")]
+    stability = [ur5(f"{rep}_stability", q, np.zeros(6), springs) for rep in ("body", "hybrid")]
     assert np.allclose(stability, 100.0, rtol=1e-15, atol=0)
+
+
+def at_origin(pose, wrench):
+    """Return X, which moves a twist from the tip to the origin, and a wrench with its moment about the origin."""
+    X = np.eye(6)
+    X[:3, 3:] = np.cross(np.eye(3), pose[:3, 3])
+    return X, np.linalg.solve(X.T, wrench)
+
+
+def test_one_load_has_one_hessian(ur5):
+    """Before: the spatial compliance answered another load, 1 to 38 % off here."""
+    random = np.random.default_rng(5)
+    for _ in range(10):
+        q = np.array([0, -1, 1.5, 0.3, 1, 0]) + random.uniform(-0.5, 0.5, 6)
+        springs, wrench = np.diag(random.uniform(300, 900, 6)), random.normal(size=6) * [60, 60, 60, 8, 8, 8]
+        X, moved = at_origin(ur5("forward_kinematics", q), wrench)
+        expected = X @ ur5("hybrid_tip_compliance", q, wrench, springs) @ X.T
+        found = ur5("spatial_tip_compliance", q, moved, springs)
+        assert np.abs(found - expected).max() <= 1e-13 * np.abs(expected).max()
+        found = X.T @ ur5("spatial_tip_stiffness", q, moved, springs) @ X
+        expected = ur5("hybrid_tip_stiffness", q, wrench, springs)
+        assert np.abs(found - expected).max() <= 1e-12 * np.linalg.cond(X) ** 2 * np.abs(expected).max()
+
+
+def test_a_straight_arm_beyond_its_load_is_refused_in_all_representations():
+    """Before: the spatial representation had a smallest eigenvalue of 27 N m/rad in place of -99, and a compliance."""
+    chain = load_chain(ROOT / "urdf" / "iiwa14.urdf", tip="link_ee")
+    model = StiffnessModel(chain, kernels="compliance")
+    q, springs, push = np.zeros(7), 100 * np.eye(7), np.array([0, 0, -150.0, 0, 0, 0])
+    _, spatial = at_origin(np.array(model.forward_kinematics(q)), push)
+    assert float(model.hybrid.stability(q, push, springs)) == pytest.approx(-99.18, abs=0.01)
+    assert float(model.body.stability(q, push, springs)) == pytest.approx(-99.18, abs=0.01)
+    for group, wrench in ((model.body, push), (model.spatial, spatial), (model.hybrid, push)):
+        assert np.isnan(np.array(group.tip_compliance(q, wrench, springs))).all()
+
+
+def test_joint_quantities_have_no_spatial_form(tmp_path, unoptimised):
+    """The functions that went are refused with the reason: by --kernels, the model, the module and its wrappers."""
+    file = tmp_path / "tree.urdf"
+    file.write_text(TREES["two tips on one way"].urdf)
+    options = {"tip": TREES["two tips on one way"].options["tip"], "controller": False, "batches": False}
+    chain = load_chain(file, tip=options["tip"])
+    model = StiffnessModel(chain, kernels="spatial.tip_compliance")
+    folder = generate(file, name="tree", output=tmp_path, kernels="spatial.tip_compliance", derivatives=True, **options)
+    module = open_robot(folder).module
+    wrapper = importlib.import_module(f"{module.__name__}.casadi")  # the others have the same namespaces
+    tip = chain.tips[0].name
+    for name in ("loaded_hessian", "deflection", "stability"):
+        for place in (model, module, wrapper):
+            for group, function in ((getattr(place, tip).spatial, name), (place.spatial, f"{name}_total")):
+                with pytest.raises(AttributeError, match=f"no function '{function}': one load has one Hessian"):
+                    getattr(group, function)
+                assert not hasattr(group, "another")
+        with pytest.raises(ChainError, match=f"spatial.{name}: one load has one Hessian.*take {name} of hybrid"):
+            chain_kernels(chain, KernelOptions(kernels=("all", f"spatial.{name}")))
+    assert vars(module.spatial).keys() >= {"tip_compliance_total"}
+
+
+def planar():
+    """Return an arm in the plane, whose tip cannot move in three directions."""
+    flat = {"xyz": "0.3 0 0", "axis": "0 0 1", "rpy": "0 0 0"}
+    joints = (("base", "one"), ("one", "two"), ("two", "three"))
+    parts = "".join(part(parent, child, **flat) for parent, child in joints)
+    return Small(parts + part("three", "end", "fixed", "0.3 0 0", rpy="0 0 0"), {"tip": "end"})
+
+
+SMALL = {**TREES, **LINKAGES, "planar": planar()}
+
+
+@pytest.mark.parametrize("robot", SMALL)
+def test_the_model_refuses_whole_results(robot, tmp_path):
+    """Before: entries of directions in which the tip cannot move stayed zeros in unstable postures (27 of 36)."""
+    chain = SMALL[robot].load(tmp_path)
+    pool = Samples(chain, 3, seed=0)
+    for kernel in (each for each in chain_kernels(chain, FAMILY) if each.on_request):
+        if kernel.name.startswith(("loaded_hessian", "stability")):
+            continue
+        for factor in (1e4, -1.0):  # stable, and unstable
+            stacks = [(factor if each.name == "joint_stiffness" else 1) * pool[each] for each in kernel.arguments]
+            found = np.isnan(function_of_stacks(chain, kernel)(*stacks))
+            assert (found == (factor < 0)).all(), kernel.qualified_name
 
 
 def test_mujoco_with_springs_in_the_joints(ur5, tmp_path):
@@ -235,7 +317,8 @@ def test_compiled_calls_refuse_as_the_model_does(floating, tmp_path, unoptimised
 def test_products_are_lowered_column_by_column():
     """Reverse mode reads the cotangent of J by columns: a batch would read lanes of an array written as a whole."""
     chain = load_chain(UR5, tip="tool0")
-    options = KernelOptions(kernels=("hybrid.tip_compliance", "body.deflection"), derivatives=True)
+    kernels = ("hybrid.tip_compliance", "body.deflection", "spatial.tip_compliance")
+    options = KernelOptions(kernels=kernels, derivatives=True)
     functions = lowered(chain, BATCH)
     for kernel in chain_kernels(chain, options):
         assert functions.kernel(kernel).items
@@ -247,6 +330,10 @@ def test_kernels_on_request_alone():
     assert not any(each.on_request for each in whole)
     assert [each.function for each in more if not each.on_request] == [each.function for each in whole]
     assert {each.function for each in more if each.on_request} >= {"hybrid_tip_compliance", "body_stability"}
+    tangents = StiffnessModel(chain, kernels=("all", "tangents"))
+    assert tangents.spring.positive_tangent.size_out(0) == (6, 6)
+    assert not hasattr(StiffnessModel(chain).spring, "positive_tangent")
+    assert list(vars(StiffnessModel(chain, kernels="hybrid.stability").hybrid)) == ["stability"]
     one = chain_kernels(chain, KernelOptions(kernels=("hybrid.tip_compliance",)))
     assert [each.function for each in one] == ["forward_kinematics", "hybrid_tip_compliance"]
     assert not any(each.on_request for each in chain_kernels(chain, KernelOptions(kernels=("hybrid",))))

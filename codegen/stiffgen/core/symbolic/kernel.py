@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from stiffgen.core.robot.chain import Chain, Tip
@@ -67,6 +67,8 @@ class Kernel:
     """Word of --kernels that adds the kernel; empty for a kernel of every robot."""
     of_coordinates: bool = False
     """Whether the kernel, or that of the tree behind it, loops over the coordinates."""
+    absent: tuple[tuple[str, str], ...] = ()
+    """Names that the group lacks on purpose, each with the reason and what takes its place."""
     of_masses: bool = False
     """Whether the kernel needs all moving joints, including side joints, which move masses but no tip."""
 
@@ -142,3 +144,8 @@ class Kernel:
             for arrays in (self.arguments, self.results)
         )
         return f"{inputs}->{outputs}"
+
+
+def absent_functions(kernels: Iterable[Kernel]) -> dict[str, str]:
+    """Return the functions that groups of these kernels lack on purpose, by path in Python, each with the reason."""
+    return {".".join((*each.path, name)): reason for each in kernels for name, reason in each.absent}

@@ -134,6 +134,9 @@ def _select(kernels: tuple[Kernel, ...], groups: tuple[str, ...]) -> tuple[Kerne
     known = dict.fromkeys(choice for kernel in kernels for choice in kernel.choices)
     unknown = [group for group in groups if group not in (ALL, *known)]
     if unknown:
+        absent = {f"{each.group}.{name}": reason for each in kernels for name, reason in each.absent}
+        if unknown[0] in absent:
+            raise ChainError(f"--kernels {printable(unknown[0])}: {absent[unknown[0]]}")
         raise ChainError(
             f"--kernels {printable(unknown[0])}: this robot has no such group or function; groups are "
             f"{listed(list(dict.fromkeys(kernel.choices[0] for kernel in kernels)))}, a function is "

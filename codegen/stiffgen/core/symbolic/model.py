@@ -11,10 +11,27 @@ from typing import Any
 import casadi as ca
 
 from stiffgen.core.robot.chain import Chain
-from stiffgen.core.symbolic.choices import KernelOptions, Potential
-from stiffgen.core.symbolic.kernels import Kernel, chain_kernels
+from stiffgen.core.symbolic.choices import ALL, KernelOptions, Potential
+from stiffgen.core.symbolic.kernel import Kernel, absent_functions
+from stiffgen.core.symbolic.kernels import chain_kernels
 from stiffgen.core.symbolic.placement import Placement
 from stiffgen.core.symbolic.program import as_operand, evaluate
+
+
+class Functions(SimpleNamespace):
+    """Functions of a group or tip; a name that the group lacks on purpose is refused with the reason."""
+
+    __slots__ = ("_path", "_reasons")
+
+    def __init__(self, path: str, reasons: dict[str, str]) -> None:
+        super().__init__()
+        self._path, self._reasons = path, reasons
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        reason = self._reasons.get(f"{self._path}.{name}")
+        raise AttributeError(f"{self._path} has no function '{name}'{f': {reason}' if reason else ''}")
 
 
 class StiffnessModel:
@@ -27,7 +44,8 @@ class StiffnessModel:
     * ``model.spring.torque``, ``model.posture.torque``, ``model.limits.torque``;
     * with a force-torque sensor ``model.sensor.tip_wrench``;
     * with closed loops ``model.close``, ``model.motors.joint_stiffness``;
-    * with several tips ``model.left_hand.hybrid.jacobian`` and ``model.hybrid.joint_stiffness_total``.
+    * with several tips ``model.left_hand.hybrid.jacobian`` and ``model.hybrid.joint_stiffness_total``;
+    * with ``kernels="all,compliance"`` ``model.hybrid.tip_compliance``, ``model.hybrid.stability``.
 
     Arguments and results have the shapes of the kernel table. CasADi has two dimensions only, so that
     ``jacobian_transpose_derivative`` (n, n, 6) is folded to (n*n, 6): row i*n + b holds dJ[:, b]/dq_i.
@@ -39,9 +57,12 @@ class StiffnessModel:
         potentials: your own functions U(p, R, parameters) (:mod:`stiffgen.families.springs.potentials`); a group has
             the name of its function.
         derivatives: add the vector-Jacobian product of every function, as ``model.hybrid.joint_stiffness_vjp``.
+        kernels: groups or functions, as for :func:`stiffgen.generate`: "all,compliance" adds the tip's compliance,
+            "all,tangents" bounds for implicit steps.
 
     Raises:
         PotentialError: a spring or potential is not valid.
+        ChainError: the robot has no such group or function.
 
     """
 
@@ -65,6 +86,7 @@ class StiffnessModel:
         placement: Placement | None = None,
         potentials: Sequence[Callable[..., Any]] = (),
         derivatives: bool = False,
+        kernels: str | Sequence[str] = ALL,
     ) -> None:
         self.chain = chain
         options = KernelOptions(
@@ -72,12 +94,15 @@ class StiffnessModel:
             placement=placement or Placement(),
             potentials=tuple(map(Potential, potentials)),
             derivatives=derivatives,
+            kernels=kernels,
         )
-        for kernel in chain_kernels(chain, options):
+        table = chain_kernels(chain, options)
+        reasons = absent_functions(table)
+        for kernel in table:
             owner: object = self
-            for name in kernel.path:
+            for depth, name in enumerate(kernel.path, start=1):
                 if not hasattr(owner, name):
-                    setattr(owner, name, SimpleNamespace())
+                    setattr(owner, name, Functions(".".join(kernel.path[:depth]), reasons))
                 owner = getattr(owner, name)
             setattr(owner, kernel.name, casadi_function(chain, kernel))
 

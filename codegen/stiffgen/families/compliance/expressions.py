@@ -20,7 +20,7 @@ import casadi as ca
 
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.symbolic.kinematics import Expressions
-from stiffgen.core.symbolic.masks import larger_or_nan, one_where, reciprocal_or_nan, reciprocal_where
+from stiffgen.core.symbolic.masks import larger_or_nan, one_where, reciprocal_or_nan, reciprocal_where, zero_or_nan
 from stiffgen.core.symbolic.stiffness import symmetric_from_upper
 from stiffgen.families.factors import SINGULAR
 
@@ -78,6 +78,16 @@ class Elimination:
         inverse.append(reciprocal_where(is_stable * (last < 2 * last), last))  # positive, and not infinite
         return Elimination(lower, inverse)
 
+    def refused(self, values: ca.SX) -> ca.SX:
+        """Return dense values whose structural zeros refuse, too: 0, or NaN where the matrix is not positive definite.
+
+        All other entries of a result contain ``inverse``. CasADi drops it from a product with a zero, such as the
+        entry of a direction in which no joint moves the tip.
+        """
+        zero = zero_or_nan(self.inverse[-1] > 0)
+        entries = [zero if value.is_zero() else value for value in ca.vertsplit(ca.vec(ca.densify(values)))]
+        return ca.reshape(ca.vertcat(*entries), *values.shape)
+
     def forward(self, right: ca.SX) -> _Grid:
         """Return the rows of L^-1 B."""
         rows: _Grid = []
@@ -106,6 +116,16 @@ def _less(value: ca.SX, left: Sequence[ca.SX], right: Sequence[ca.SX]) -> ca.SX:
 def _dot(left: Sequence[ca.SX], right: Sequence[ca.SX]) -> ca.SX:
     """Return the dot product of two lists of equal length, 0 if they are empty."""
     return sum((x * y for x, y in zip(left, right, strict=True)), ca.SX(0))
+
+
+def wrench_at_tip(pose: ca.SX, wrench: ca.SX) -> ca.SX:
+    """Return a wrench about the origin with its moment about the tip: (f, m - p x f), in the same axes."""
+    return ca.densify(ca.vertcat(wrench[:3], wrench[3:] - ca.cross(pose[:3, 3], wrench[:3])))
+
+
+def column_at_origin(column: ca.SX, pose: ca.SX) -> ca.SX:
+    """Return a hybrid column in spatial representation: (v + p x w, w)."""
+    return ca.densify(ca.vertcat(column[:3] + ca.cross(pose[:3, 3], column[3:]), column[3:]))
 
 
 def loaded_hessian(chain: Chain, joint_stiffness: ca.SX, load_stiffness: ca.SX) -> Expressions:
@@ -147,7 +167,7 @@ def tip_compliance(chain: Chain, J: ca.SX, hessian: ca.SX) -> Expressions:
         for b in range(a, size):
             value = _dot([row[a] for row in rows], [row[b] for row in scaled])
             result[a, b] = result[b, a] = value
-    return Expressions(ca.vec(ca.densify(result)), ())
+    return Expressions(ca.vec(factors.refused(result)), ())
 
 
 def tip_stiffness(chain: Chain, J: ca.SX, hessian: ca.SX) -> Expressions:
@@ -180,7 +200,7 @@ def tip_stiffness(chain: Chain, J: ca.SX, hessian: ca.SX) -> Expressions:
         for b in range(a, size):
             terms = [U[k][a] * U[k][b] * inverse_squares[k] for k in range(b, size)]
             result[a, b] = result[b, a] = sum(terms, ca.SX(0))
-    return Expressions(ca.vec(ca.densify(result)), ())
+    return Expressions(ca.vec(factors.refused(result)), ())
 
 
 def deflection(chain: Chain, J: ca.SX, hessian: ca.SX, increment: ca.SX) -> Expressions:
@@ -188,7 +208,7 @@ def deflection(chain: Chain, J: ca.SX, hessian: ca.SX, increment: ca.SX) -> Expr
     factors = Elimination.of(unpacked(hessian))
     rows = factors.forward(J.T @ ca.vec(increment.T))
     solution = factors.backward([x * inverse for (x,), inverse in zip(rows, factors.inverse, strict=True)])
-    return Expressions(ca.vertcat(*solution), ())
+    return Expressions(factors.refused(ca.vertcat(*solution)), ())
 
 
 def tridiagonal(chain: Chain, hessian: ca.SX) -> Expressions:

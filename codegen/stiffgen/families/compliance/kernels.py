@@ -27,9 +27,9 @@ from stiffgen.core.symbolic.arguments import Argument, configuration_arguments
 from stiffgen.core.symbolic.connection import REPRESENTATIONS, Representation
 from stiffgen.core.symbolic.kernel import Kernel
 from stiffgen.core.symbolic.kinematics import Expressions
-from stiffgen.core.symbolic.program import Array, Program
+from stiffgen.core.symbolic.program import Array, Operand, Over, Program, Step
 from stiffgen.core.symbolic.quantities import BlockKind, Blocks
-from stiffgen.core.symbolic.steps import Congruence, Shared, StraightLine, SumJoints
+from stiffgen.core.symbolic.steps import Congruence, Map, Shared, StraightLine, SumJoints
 from stiffgen.families.compliance import expressions as compliance
 from stiffgen.families.contacts import expressions as contacts
 
@@ -52,6 +52,12 @@ class LoadSteps(Protocol):
         """Return the steps and their arrays."""
 
 
+JOINT_QUANTITIES = "loaded_hessian", "deflection", "stability"
+"""Functions of the joints. The group "spatial" lacks them: one load has one Hessian."""
+_ABSENT = (
+    "one load has one Hessian, so that joint quantities have no representation; take {name} of hybrid, with the moment "
+    "about the tip (m - p x f), or of body"
+)
 REQUEST = "compliance"
 """Word of --kernels for the family."""
 
@@ -74,6 +80,10 @@ _STIFFNESS = Blocks(
 )
 LOAD_STIFFNESS = Argument("load_stiffness", ("n", "n"), "N m/rad", "", symmetric=True, symbol="Kload")
 UNSTABLE = "NaN where the posture is unstable under its load: H is not positive definite."
+_OF_SPATIAL = (
+    "H is that of the tip's load, as in hybrid representation with the moment about the tip: "
+    "C = X C_hybrid X^T, X = [1 [p]; 0 1]."
+)
 _HESSIAN = "H = Kth - dJ^T/dq . F - J^T (Gamma F) J"
 
 
@@ -116,6 +126,12 @@ class CompliantTip:
     suffix: str = ""
     domain: str = ""
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the group's kernels; several tips move in more directions than their joints."""
+        of_tip = ("tip_compliance",) if self.suffix else ("tip_compliance", "tip_stiffness")
+        return (*of_tip, *(() if self.group == "spatial" else JOINT_QUANTITIES))
+
     def kernels(self) -> tuple[Kernel, ...]:
         """Return the kernels."""
         size, rows, of = self.size, 6 * self.tips, " of all tips, in their order" * bool(self.suffix)
@@ -146,7 +162,7 @@ class CompliantTip:
                 Argument("stability", (), "N m/rad", "smallest eigenvalue of H, positive for a stable posture")
             ),
         )  # fmt: skip
-        return tuple(each for each in kernels if not (self.suffix and each.name.startswith("tip_stiffness")))
+        return tuple(each for each in kernels if each.name.removesuffix("_total") in self.names)
 
     def _kernel(
         self,
@@ -190,10 +206,11 @@ class CompliantTip:
     ) -> Kernel:
         """Return the record of a kernel with the family's arguments, then ``others``."""
         inputs = (*self.configuration, self.wrench, joint_stiffness(self.size), *others)
-        notes = " ".join(filter(None, (note, self.domain)))
+        notes = " ".join(filter(None, (note, _OF_SPATIAL if self.group == "spatial" else "", self.domain)))
+        absent = [f"{name}{self.suffix}" for name in JOINT_QUANTITIES] if self.group == "spatial" else []
         return Kernel(
             result.name, self.group, inputs, (result,), summary, equation, program, notes, batch=True,
-            on_request=REQUEST,
+            on_request=REQUEST, absent=tuple((name, _ABSENT.format(name=name)) for name in absent),
         )  # fmt: skip
 
     def _stability(self, result: Argument) -> Kernel:
@@ -250,20 +267,48 @@ def packed(springs: Array, load: Array) -> tuple[StraightLine, Array]:
 def load_of_tip(chain: Chain, representation: Representation, wrench: Argument, *, reads_J: bool) -> Loaded:
     """Return the stiffness of a wrench on a tip, and the tip's Jacobian.
 
-    Where joints are coupled (mimic joints), the columns of the joints are summed into those of their coordinates.
+    A wrench has one load, whatever representation states it: that of the tip, which keeps its components along
+    geodesics of the tip. A spatial wrench is moved to the tip for it. Where joints are coupled (mimic joints), the
+    columns of the joints are summed into those of their coordinates.
     """
-    recursion, J = pieces.columns_of(chain, representation)
-    load = pieces.over_joints(
-        chain,
-        LOAD_STIFFNESS,
-        lambda output: pieces.load_tangent(chain, J, wrench.array(chain), representation, output),
-        mirror=True,
-    )
+    if representation == "spatial":
+        steps, J, load = _spatial_load(chain, wrench.array(chain), reads_J=reads_J)
+    else:
+        recursion, J = pieces.columns_of(chain, representation)
+        steps, load = (recursion,), _tangent_of_load(chain, J, wrench.array(chain), representation)
     if not chain.coupled:
-        return Loaded((recursion, *load), LOAD_STIFFNESS.array(chain), J)
+        return Loaded((*steps, *load), LOAD_STIFFNESS.array(chain), J)
     of_coordinates = Array("J_of_coordinates", (6, chain.dof), "J")
     summed = (SumJoints(J, of_coordinates, columns=True),) if reads_J else ()
-    return Loaded((recursion, *load, *summed), LOAD_STIFFNESS.array(chain), of_coordinates)
+    return Loaded((*steps, *load, *summed), LOAD_STIFFNESS.array(chain), of_coordinates)
+
+
+def _tangent_of_load(chain: Chain, J: Array, wrench: Array, representation: Representation) -> Program:
+    """Return the steps of a load's stiffness from columns of the moving joints."""
+    return pieces.over_joints(
+        chain, LOAD_STIFFNESS, lambda output: pieces.load_tangent(chain, J, wrench, representation, output), mirror=True
+    )
+
+
+def _spatial_load(chain: Chain, wrench: Array, *, reads_J: bool) -> tuple[Program, Array, Program]:
+    """Return the steps of columns in spatial representation, their array, and the steps of the load at the tip.
+
+    The load's own connection is that of the tip: the spatial one belongs to a load at the point of the body that
+    passes the origin, whose Hessian is another (theory.md).
+    """
+    columns = 6, len(chain.joints)
+    of_tip, J, pose = Array("J_of_tip", columns), Array("J", columns), Array("pose", (4, 4))
+    at_tip = Array("F_at_tip", (6,))
+    operands = Operand(pose, ""), Operand(wrench, "")
+    steps: tuple[Step, ...] = (
+        pieces.columns_and_pose(chain, of_tip, pose),
+        Map("wrench with its moment about the tip", Over.ONCE, Operand(at_tip, ""), operands, compliance.wrench_at_tip),
+    )
+    if reads_J:
+        moved = Operand(of_tip, "j"), Operand(pose, "")
+        comment = "J_j = X (column j at the tip): velocity of the point that passes the origin"
+        steps += (Map(comment, Over.JOINTS, Operand(J, "j"), moved, compliance.column_at_origin),)
+    return steps, J, _tangent_of_load(chain, of_tip, at_tip, "hybrid")
 
 
 def _of_tips(chain: Chain, representation: Representation, inputs: tuple[Argument, ...], *, reads_J: bool) -> Loaded:

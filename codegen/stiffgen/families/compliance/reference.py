@@ -15,8 +15,8 @@ import numpy as np
 from stiffgen.core.robot.geometry import FloatArray
 from stiffgen.core.symbolic.connection import REPRESENTATIONS, Representation
 from stiffgen.core.verify.kernels.comparison import Oracle
-from stiffgen.core.verify.kernels.references import References, load_stiffness
-from stiffgen.families.compliance.kernels import increment, joint_stiffness
+from stiffgen.core.verify.kernels.references import WRENCH, References, load_stiffness
+from stiffgen.families.compliance.kernels import JOINT_QUANTITIES, increment, joint_stiffness
 
 _CORRECTIONS = 3
 KTH = joint_stiffness("n")
@@ -62,13 +62,22 @@ def results(H: FloatArray, J: FloatArray, increments: FloatArray) -> dict[str, C
     }
 
 
+def _load(r: References, representation: Representation) -> FloatArray:
+    """Return the stiffness of the samples' wrenches: of a spatial one, that of the same wrench at the tip."""
+    if representation != "spatial":
+        return load_stiffness(r, representation)
+    wrench = np.array(r.samples[WRENCH], dtype=r.pose.dtype)
+    wrench[:, 3:] -= np.cross(r.pose[:, :3, 3], wrench[:, :3])
+    return load_stiffness(r, "hybrid", wrench)
+
+
 def _of_tip(r: References, representation: Representation, name: str) -> FloatArray:
-    H = symmetric(r.samples[KTH]) - load_stiffness(r, representation)
+    H = symmetric(r.samples[KTH]) - _load(r, representation)
     return results(H, r.jacobian[representation], r.samples[increment(representation)])[name]()
 
 
 def _of_tips(r: References, representation: Representation, name: str) -> FloatArray:
-    H = symmetric(r.samples[KTH]) - sum(load_stiffness(each, representation) for each in r.tips)
+    H = symmetric(r.samples[KTH]) - sum(_load(each, representation) for each in r.tips)
     J = np.concatenate([each.jacobian[representation] for each in r.tips], axis=1)
     increments = r.samples[increment(representation).of_all_tips([tip.name for tip in r.chain.tips])]
     return results(H, J, increments.reshape(len(J), -1))[name]()
@@ -79,4 +88,5 @@ COMPLIANCE_ORACLES = {
     for values, suffix in ((_of_tip, ""), (_of_tips, "_total"))
     for rep in REPRESENTATIONS
     for name in NAMES
+    if rep != "spatial" or name not in JOINT_QUANTITIES
 }

@@ -103,14 +103,17 @@ def columns_of_loads(chain: Chain, *arguments: ca.SX, representation: Representa
     """Return columns S and covectors u of loads without task stiffness: row-major, stacked.
 
     ``arguments`` are those of :func:`columns_and_covectors` without the stiffnesses. With ``jacobians``, those of all
-    tips follow; they have the coordinates of the chain as columns, and six rows per tip.
+    tips follow; they have the coordinates of the chain as columns, and six rows per tip. A load keeps its components
+    along geodesics of its tip: a spatial wrench is moved there (``columns_and_covectors`` does not).
     """
     *configuration, wrenches = arguments
     tree = _TipTree.of(chain, configuration, representation)
     loads = []
     for index, wrench in enumerate(_per_tip(wrenches, len(chain.tips))):
-        tip, pose = chain.tips[index], tree.poses[index]
-        loads.append(_load(tree.sections, tip, index, pose, wrench, ca.SX(6, 6), representation))
+        tip, pose, seen = chain.tips[index], tree.poses[index], representation
+        if seen == "spatial":  # one load, whatever representation states it: that of the tip
+            wrench, seen = ca.vertcat(wrench[:3], wrench[3:] - cross(pose[1], wrench[:3])), "hybrid"
+        loads.append(_load(tree.sections, tip, index, pose, wrench, ca.SX(6, 6), seen))
     matrices = [ca.horzcat(*tree.columns), ca.horzcat(*_covectors(chain, tree, _beyond(chain, loads)))]
     if jacobians:
         matrices += [_jacobian(chain, tree, index, representation) for index in range(len(chain.tips))]

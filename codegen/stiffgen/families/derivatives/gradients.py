@@ -45,7 +45,7 @@ class Gradients:
             if isinstance(step, Map) and step.over is Over.JOINTS:
                 self.zeros[step.output.array.name] = _zeros(step, self.zeros)
         self.sparse = {step.output.name: step for step in program if isinstance(step, SparseSum)}
-        self.columns = {a.name for step in program if isinstance(step, StraightLine) for a in _columns_of(step)}
+        self.columns = {a.name for step in program if not _writes_pairs(step) for a in _columns_of(step)}
         self.mirrored = {step.output.array.name for step in program if isinstance(step, Map) and step.mirror}
         self.of_base: set[str] = set()  # arrays in which a later map overwrites the pairs of base joints
         self.motions: list[Array] = []  # covectors of a floating base's twist and the joints' rates
@@ -91,6 +91,11 @@ def _columns_of(step: Step) -> tuple[Array, ...]:
     if isinstance(step, StraightLine):
         return step.outputs[: step.columns]
     return step.writes if isinstance(step, (Map, Gather)) else ()
+
+
+def _writes_pairs(step: Step) -> bool:
+    """Return whether a step writes no columns (6) of joints: numbers of joints or of pairs of joints."""
+    return isinstance(step, Gather) or (isinstance(step, Map) and (step.output.at != "j" or step.output.count == 1))
 
 
 def _sum(*values: ca.SX) -> ca.SX:

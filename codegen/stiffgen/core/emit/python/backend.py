@@ -13,7 +13,7 @@ from stiffgen.core.emit.library import Library
 from stiffgen.core.emit.pages import KernelGroup, KernelPage, groups_of
 from stiffgen.core.emit.texts import arguments_elsewhere, documented_arguments, wrapped
 from stiffgen.core.robot.chain import Chain
-from stiffgen.core.symbolic.kernels import Kernel
+from stiffgen.core.symbolic.kernel import Kernel, absent_functions
 from stiffgen.core.symbolic.program import Array
 
 MODULE = Library(
@@ -113,6 +113,10 @@ def _variables(request: Request) -> dict[str, Any]:
     pages = [*request.kernels, *packed]
     return {
         "packed": packed,
+        "absent": {
+            name: [f"{line} " for line in wrapped(reason, 96)]
+            for name, reason in absent_functions([page.kernel for page in request.kernels]).items()
+        },
         "module_interface": MODULE.interface(request.name),
         "module": MODULE.functions(request.name),
         "overview": overview(request.groups),
