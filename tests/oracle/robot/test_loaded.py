@@ -177,6 +177,51 @@ def test_stacks_and_no_limit(robot: ModuleType) -> None:
     assert found.load[1:].tolist()[:2] == [np.inf, 0.0]
     assert np.isnan(found.load[3])
     assert found.q.shape == found.mode.shape == (4, 7)
+    np.testing.assert_array_equal(found.softest_load, [found.load[0], 0.0, 0.0, np.nan])  # pulled: softest without load
+    np.testing.assert_allclose(found.softest_stability, [0.0, 100.0, -100.0, np.nan], rtol=1e-9, atol=1e-3)
+
+
+@pytest.mark.parametrize("bend", [1e-12, 1e-6, 1e-3])
+def test_a_posture_that_is_almost_straight_is_softest_near_the_straight_one_s_load(
+    robot: ModuleType, bend: float
+) -> None:
+    """Before: an infinite load was all that a posture bent by 1e-12 rad had, which sinks by 370 mm at 90 N."""
+    rest, springs, straight = np.array([0, bend, 0, 0, 0, 0, 0]), np.full(7, 100.0), 75.30863825186
+    found = stiffgen.buckling_load(robot, rest, springs, [0, 0, -1], most=300.0)
+    assert found.load == np.inf
+    # an imperfection e lowers the load by a share of the order of e^(2/3), and leaves as much stability
+    assert found.softest_load == pytest.approx(straight, rel=max(2 * bend ** (2 / 3), 1e-8))
+    assert found.softest_load <= straight * (1 + 1e-8)
+    assert 0 < found.softest_stability < max(200 * bend ** (2 / 3), 1e-5)
+    below, above = (
+        stiffgen.settle(robot, rest, springs, [0, 0, -share * straight, 0, 0, 0], start=rest + 1e-3).q
+        for share in (0.9, 1.2)
+    )
+    heights = [robot.forward_kinematics(q)[2, 3] for q in (rest, below, above)]
+    assert heights[0] - heights[1] < 1e-3
+    assert heights[0] - heights[2] > 0.3
+
+
+@pytest.mark.parametrize("gravity", [None, (0.1, 0.2, -0.3)], ids=["weightless", "heavy"])
+def test_the_softest_load_by_scipy(robot: ModuleType, gravity: tuple[float, ...] | None) -> None:
+    """Pinocchio's torques, solved by scipy along the growing force: the least eigenvalue of their differences."""
+    rest, springs = np.array([0.02, 0.05, 0, -0.03, 0.1, 0.02, 0]), np.array([100.0, 90, 80, 70, 60, 50, 40])
+    arm, push = Arm(rest, springs, gravity), np.array([0, 0, -1.0, 0, 0, 0])
+    loads, path = np.linspace(0, 200, 201), [rest]
+    for load in loads:
+        path.append(arm.solved(path[-1], load * push))
+    stability = [arm.softest(q, load * push) for q, load in zip(path[1:], loads, strict=True)]
+    k = int(np.argmin(stability))
+    assert 0 < k < 200
+
+    def softest(load: float) -> float:
+        return arm.softest(arm.solved(path[k], load * push), load * push)
+
+    expected = minimize_scalar(softest, bounds=(loads[k - 1], loads[k + 1]), method="bounded", options={"xatol": 1e-6})
+    found = stiffgen.buckling_load(robot, rest, springs, push[:3], gravity=gravity, most=200.0)
+    assert found.load == np.inf
+    assert found.softest_load == pytest.approx(expected.x, rel=1e-3)
+    assert found.softest_stability == pytest.approx(expected.fun, rel=1e-5)
 
 
 @pytest.mark.parametrize("case", [BENDING, FLAT], ids=["fold", "plane"])

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from types import ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -38,6 +38,11 @@ _NEAR = 0.1
 """[rad] or [m] that a joint may move between two loads of the loaded path."""
 _PATH_STEPS = 30
 """Steps of Newton's method from one load of the path to the next."""
+_SECTIONS = 45
+"""Sections of the interval around the softest load: 4e-10 of it is left."""
+_GOLDEN = (np.sqrt(5) - 1) / 2
+_SOFTER = 1 - 1e-9
+"""Factor by which a smaller eigenvalue is less than rounding can make it."""
 _EXACT = 1e-10
 """Relative width of the last bracket of a buckling load."""
 
@@ -69,6 +74,9 @@ class BucklingLoad:
         q: joint positions under this load (..., n) [rad or m], or under the largest load of the search.
         mode: unit vector of the smallest eigenvalue of H (..., n): the motion in which the arm gives way.
         stability: smallest eigenvalue of H at q (...) [N m/rad]: almost zero if the path is followed to its end.
+        softest_load: force at which the smallest eigenvalue of H is least along the path (...) [N]: ``load`` where that
+            is finite. A posture that is almost straight does not buckle, but gives way near this force.
+        softest_stability: smallest eigenvalue of H under this force (...) [N m/rad].
 
     """
 
@@ -76,6 +84,8 @@ class BucklingLoad:
     q: FloatArray
     mode: FloatArray
     stability: FloatArray
+    softest_load: FloatArray
+    softest_stability: FloatArray
 
 
 def arm_on_springs(
@@ -170,7 +180,9 @@ def buckling_load(
     The force grows from zero and keeps its direction in the world; :func:`settle` follows the posture. The load where
     H loses definiteness is bracketed and halved to 1e-10 of it. Beyond this load the arm jumps to another posture, or
     leaves a straight one sideways. Most bent arms do not buckle: they give way gradually, and H remains positive
-    definite. Compare ``q`` with the joint limits. Leading dimensions broadcast.
+    definite. So does an arm that is bent by 1e-12 rad only, although it falls over near the load of the straight one:
+    take ``softest_load`` for a posture that was measured, and ``load`` for one that is exactly straight. Compare ``q``
+    with the joint limits. Leading dimensions broadcast.
 
     Args:
         robot: as in :func:`settle`.
@@ -194,18 +206,67 @@ def buckling_load(
     lead = np.broadcast_shapes(rest.shape[:-1], arm.stiffness.shape[:-2], u.shape[:-1])
     unit = np.concatenate([u / np.linalg.norm(u, axis=-1, keepdims=True), np.zeros_like(u)], axis=-1)
     arm, (rest, unit) = arm.broadcast(lead), (_rows(each, lead) for each in (rest, unit))
-    load, at = _follow(arm, rest, unit, most)
+    load, at, trace = _follow(arm, rest, unit, most)
     state = arm.at(at, rest, np.where(np.isfinite(load), load, most)[:, None] * unit)
+    softest = _softest(arm, rest, unit, trace)
+    is_end = np.isfinite(load)  # there H loses definiteness: nothing on the path is softer
+    softest[is_end] = np.stack([load, state.eigenvalues[:, 0]], axis=1)[is_end]
     return BucklingLoad(
         load.reshape(lead), at.reshape(*lead, -1), state.eigenvectors[..., 0].reshape(*lead, -1),
-        state.eigenvalues[:, 0].reshape(lead),
+        state.eigenvalues[:, 0].reshape(lead), softest[:, 0].reshape(lead), softest[:, 1].reshape(lead),
     )  # fmt: skip
 
 
-def _follow(arm: _Arm, rest: FloatArray, unit: FloatArray, most: float) -> tuple[FloatArray, FloatArray]:
-    """Return the loads (k) where paths from rest lose stability, and the last stable postures (k, n)."""
+class _Point(NamedTuple):
+    """Point of a loaded path: force [N], smallest eigenvalue of H [N m/rad], joint positions (n)."""
+
+    load: float
+    stability: float
+    q: FloatArray
+
+
+def _softest(arm: _Arm, rest: FloatArray, unit: FloatArray, trace: list[list[_Point]]) -> FloatArray:
+    """Return the loads and eigenvalues (k, 2) where paths are softest; NaN for a path without a point.
+
+    The eigenvalue is least between the neighbours of a point that is softer than both. Sections by the golden ratio
+    shorten the interval around each such point: beside a straight arm the eigenvalue falls and rises like a wedge. Of
+    loads that are equally soft up to rounding, the least one counts.
+    """
+    found = np.full((len(trace), 2), np.nan)
+    owners, ends, starts = list[int](), list[tuple[float, float]](), list[FloatArray]()
+    for owner, path in enumerate(trace):
+        for k, point in enumerate(path):
+            if not point.stability >= _SOFTER * found[owner, 1]:  # also the first one
+                found[owner] = point.load, point.stability
+            before, after = path[max(k - 1, 0)], path[min(k + 1, len(path) - 1)]
+            if before.stability * _SOFTER > point.stability <= after.stability:
+                owners.append(owner)
+                ends.append((before.load, after.load))
+                starts.append(point.q)
+    if not owners:
+        return found
+    part, (low, high), near = arm.rows(owners), np.array(ends).T, np.array(starts)
+    for _ in range(_SECTIONS):
+        loads = np.stack([high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)])
+        values = np.stack([part.stability_under(each, near, rest[owners], unit[owners]) for each in loads])
+        for owner, load, value in zip([*owners, *owners], loads.ravel(), values.ravel(), strict=True):
+            if value < _SOFTER * found[owner, 1]:
+                found[owner] = load, value
+        falls = values[0] > values[1]
+        low, high = np.where(falls, loads[0], low), np.where(falls, high, loads[1])
+    return found
+
+
+def _follow(
+    arm: _Arm, rest: FloatArray, unit: FloatArray, most: float
+) -> tuple[FloatArray, FloatArray, list[list[_Point]]]:
+    """Return the loads (k) where paths from rest lose stability, the last stable postures (k, n), and the paths."""
     at, converged, state = arm.newton(rest, rest, 0 * unit, _TOLERANCE, 100)
     load = np.zeros(len(rest))
+    trace = [
+        [_Point(0.0, value, q)] if is_at_rest and np.isfinite(value) else []
+        for value, q, is_at_rest in zip(state.eigenvalues[:, 0], at.copy(), converged, strict=True)
+    ]
     load[~np.isfinite(state.eigenvalues).all(axis=1) | ~converged] = np.nan
     with np.errstate(divide="ignore", invalid="ignore"):
         slope = np.abs(arm.tangent(state, unit)).max(axis=1)
@@ -220,6 +281,8 @@ def _follow(arm: _Arm, rest: FloatArray, unit: FloatArray, most: float) -> tuple
         is_next = converged & (state.eigenvalues[:, 0] > 0) & (np.abs(q - at[going]).max(axis=1) <= _NEAR)
         reached, failed = going[is_next], going[~is_next]
         load[reached], at[reached] = trial[is_next], q[is_next]
+        for k, row in zip(reached, np.flatnonzero(is_next), strict=True):
+            trace[k].append(_Point(trial[row], state.eigenvalues[row, 0], q[row]))
         step[reached] *= growth[reached]
         step[failed] /= 2
         growth[reached], growth[failed] = 2.0, 1.0  # the first success after a failure does not lengthen the step
@@ -227,7 +290,7 @@ def _follow(arm: _Arm, rest: FloatArray, unit: FloatArray, most: float) -> tuple
         is_exact = step <= _EXACT * load
         load[is_exact & (load >= (1 - _EXACT) * most)] = np.inf
         going = going[~is_exact[going]]
-    return load, at
+    return load, at, trace
 
 
 @dataclass(frozen=True)
@@ -303,6 +366,12 @@ class _Arm:
         along = np.einsum("kji,kj->ki", state.eigenvectors, torque) / state.eigenvalues
         motion: FloatArray = np.einsum("kij,kj->ki", state.eigenvectors, along)
         return motion
+
+    def stability_under(self, load: FloatArray, start: FloatArray, rest: FloatArray, unit: FloatArray) -> FloatArray:
+        """Return the smallest eigenvalues of H (k) under loads, near postures; infinite where none is stable."""
+        _, converged, state = self.newton(start, rest, load[:, None] * unit, _TOLERANCE, 100)
+        value = state.eigenvalues[:, 0]
+        return np.where(converged & (value > 0), value, np.inf)
 
     def newton(
         self, start: FloatArray, rest: FloatArray, F: FloatArray, tolerance: float, steps: int
