@@ -28,8 +28,8 @@ inline bool all_finite(const double *values, int count)
 }
 
 /*
- * Joint velocities [rad/s] from positions: difference quotient, then a first-order low pass that is exact for an input
- * held between samples. The first position gives zero.
+ * Joint velocities [rad/s] from positions: difference quotient, then a first-order low pass. The filter is exact for
+ * positions that are straight between samples, whose rate is the quotient. The first position gives zero.
  */
 class VelocityFilter {
 public:

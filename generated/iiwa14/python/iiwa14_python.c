@@ -15,7 +15,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "d9cd54589ebc91b7"
+#define SOURCES "eafe5cdf59d55429"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

@@ -171,3 +171,45 @@ def test_filters_and_reader_in_c(robot, tmp_path, compiler):
                 amplitude = np.sqrt(2 * np.mean(outputs[2000:, column] ** 2))
                 assert amplitude == pytest.approx(gain, abs=0.02 if f == 0 else 1e-6)
     np.testing.assert_array_equal(rows[-1], [bias[0], bias[5], payload[0], payload[3]])
+
+
+LOW_PASS = r"""
+#include "felt_sensor.h"
+#include <stdio.h>
+int main(void)
+{
+    const double corners[3] = {20.0, 100.0, 250.0};
+    for (int c = 0; c < 3; ++c) {
+        felt_filter step, wave;
+        if (!felt_low_pass_1(&step, corners[c], 0.001) || !felt_low_pass_1(&wave, corners[c], 0.001)) {
+            return 1;
+        }
+        for (int k = 0; k < 4000; ++k) {
+            double x[6] = {k > 0, 0.0, 0.0, 0.0, 0.0, 0.0}, y[6] = {0.0};
+            y[0] = sin(6.283185307179586 * corners[c] * 0.001 * k + 0.4);
+            felt_filter_step(&step, x);
+            felt_filter_step(&wave, y);
+            printf("%.17g %.17g\n", x[0], y[0]);
+        }
+    }
+    return 0;
+}
+"""
+
+
+def test_the_first_order_low_pass_does_what_its_comment_says(robot, tmp_path):
+    """A step counts from the sample before on: the continuous filter of a held input is one sample later.
+
+    Before: "exact for an input that is held between samples", which the filter is not.
+    """
+    source, program = tmp_path / "low_pass.c", tmp_path / "low_pass"
+    source.write_text(LOW_PASS)
+    command = ["gcc", *STRICT, f"-I{robot.folder}", str(source), "-lm", "-o", str(program)]
+    subprocess.run(command, check=True)
+    text = subprocess.run([str(program)], check=True, capture_output=True, text=True).stdout
+    found = np.array([line.split() for line in text.splitlines()], dtype=float).reshape(3, 4000, 2)
+    for corner, gain, (step, wave) in zip((20, 100, 250), (np.sqrt(0.5), 0.719, 0.776), found.mT, strict=True):
+        # the step begins after sample 0, and reading k is filtered as if k sample times had passed
+        np.testing.assert_allclose(step, 1 - np.exp(-2 * np.pi * corner * 0.001 * np.arange(4000)), atol=1e-14)
+        assert np.sqrt(2 * np.mean(wave[2000:] ** 2)) == pytest.approx(gain, rel=1e-3)
+    assert "held between samples" not in (robot.folder / "felt_sensor.h").read_text()
