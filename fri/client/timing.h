@@ -13,7 +13,7 @@ inline double monotonic_time()
     return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
 }
 
-/* Histogram of durations, in steps of 0.1 us up to 2 ms. */
+/* Histogram of durations: bins of 0.1 us up to 2 ms, then of 1 % of their duration, up to 11 days. */
 class Durations {
 public:
     Durations() : count_(0), most_(0.0)
@@ -25,8 +25,7 @@ public:
 
     void add(double seconds)
     {
-        const double bin = seconds * 1e7;
-        ++bins_[bin < 0.0 ? 0 : bin < BINS - 1 ? static_cast<int>(bin) : BINS - 1];
+        ++bins_[place(seconds)];
         most_ = seconds > most_ ? seconds : most_;
         ++count_;
     }
@@ -34,22 +33,45 @@ public:
     unsigned long long count() const { return count_; }
     double most() const { return most_; }
 
-    /* Return the least upper edge [s] of a bin that this share of the durations does not exceed. */
+    /*
+     * Return the least upper edge [s] of a bin that this share of the durations does not exceed: at most 0.1 us or 1 %
+     * above the exact quantile, whichever is more.
+     */
     double quantile(double share) const
     {
         const double wanted = std::ceil(share * static_cast<double>(count_));
         double sum = 0.0;
-        for (int i = 0; i < BINS - 1; ++i) {
+        for (int i = 0; i < BINS; ++i) {
             sum += static_cast<double>(bins_[i]);
             if (sum >= wanted) {
-                return std::fmin((i + 1) * 1e-7, most_);
+                return std::fmin(upper_edge(i), most_);
             }
         }
         return most_;
     }
 
 private:
-    enum { BINS = 20001 };
+    enum { FINE = 20000, BINS = FINE + 2014 };
+
+    static double fine() { return 1e-7; }           /* [s] width of a fine bin */
+    static double begin() { return FINE * fine(); } /* [s] of the first wide bin */
+    static double ratio() { return 1.01; }          /* of a wide bin's edges */
+
+    static int place(double seconds)
+    {
+        if (!(seconds >= begin())) {
+            const int bin = static_cast<int>(std::fmax(seconds, 0.0) / fine());
+            return bin < FINE ? bin : FINE - 1;
+        }
+        const double bin = std::log(seconds / begin()) / std::log(ratio());
+        return bin < BINS - FINE ? FINE + static_cast<int>(bin) : BINS - 1;
+    }
+
+    static double upper_edge(int bin)
+    {
+        return bin < FINE ? (bin + 1) * fine() : begin() * std::pow(ratio(), bin - FINE + 1);
+    }
+
     unsigned long long bins_[BINS];
     unsigned long long count_;
     double most_;

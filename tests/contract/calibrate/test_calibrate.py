@@ -278,6 +278,39 @@ def test_deviations_of_an_analysis_are_those_of_drawn_readings(robots):
         assert told[deviation][0] == pytest.approx(drawn[value].std(), rel=0.06)
 
 
+WRONG = {
+    "sign": (-np.eye(3), -np.eye(3), "the force points up: look at the FRI client's --external-torque-sign"),
+    "direction": (np.eye(3)[[2, 0, 1]], np.eye(3), "look at the joints' order and the signs of single joints"),
+    "size": (1.2 * np.eye(3), 1.2 * np.eye(3), "look at the robot's load data and the external torque's offset"),
+    "moment": (np.eye(3), 2.0 * np.eye(3), "look at the tip's link, --tool xyz, and the point of the weight"),
+}
+"""Matrices on force and moment, and the remedy where no sensor made the wrench."""
+
+
+@pytest.mark.parametrize("fault", WRONG)
+def test_no_sensor_is_blamed_on_an_arm_without_one(tmp_path, capsys, robot_folder, robots, fault):
+    """Before, each remedy named an option of --sensor; with a sensor it may be the cause, so that both are named."""
+    q, time = held(postures(np.random.default_rng(3), 3))
+    pose = stiffgen.open_robot(robot_folder).module.forward_kinematics(q)
+    force = np.tile([0, 0, -9.81 * 2.0], (len(q), 1))
+    moment = np.cross(pose[:, :3, :3] @ [0.1, 0, 0], force)
+    of_force, of_moment, remedy = WRONG[fault]
+    rows = np.column_stack([time, q, force @ of_force, moment @ of_moment])
+    names = ["time", *(f"q_{k}" for k in range(7)), *(f"F_{k}" for k in range(6))]
+    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header=",".join(names), comments="")
+
+    def said(folder, *more):
+        arguments = ["calibrate", tmp_path / "log.csv", "--robot", folder, "--check", "2,0.1,0,0", *more]
+        assert main([str(each) for each in arguments]) in (1, 2)
+        return "".join(capsys.readouterr())
+
+    alone = said(robot_folder, "--reading", "tip:F_")
+    assert remedy in alone and "sensor" not in alone
+    both = said(robots["truth"], "--reading", "tip:F_")
+    assert "sensor" in both and "external torque" in both
+    assert "--reading tip:wrench_" in said(robot_folder)
+
+
 def test_wrenches_of_another_program_are_checked(tmp_path, capsys, robot_folder):
     """Wrenches by hand, weight beside the tip, of a robot without a sensor; then turned about the vertical."""
     q, time = held(postures(np.random.default_rng(3), 3))

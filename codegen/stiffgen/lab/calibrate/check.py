@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,14 +19,44 @@ _SHARE = 0.05
 _ARM = 0.01
 """[m] Largest error of the moment as an arm of the weight."""
 
+Source = Literal["sensor", "external torque", "either"]
+"""Source of wrenches: a force-torque sensor, the joints' external torques, or one of the two."""
+
+
+class _Remedies(NamedTuple):
+    """Places to look at if the moment alone, the sign, the direction or the size of the force is wrong."""
+
+    moment: str
+    sign: str
+    direction: str
+    size: str
+
+
+_REMEDIES: dict[Source, _Remedies] = {
+    "sensor": _Remedies(
+        "--sensor xyz, the tip's link, and the point of the weight",
+        "--sensor sign",
+        "--sensor rpy and the joints' order",
+        "the payload, the bias and the sensor's scale",
+    ),
+    "external torque": _Remedies(
+        "the tip's link, --tool xyz, and the point of the weight",
+        "the FRI client's --external-torque-sign",
+        "the joints' order and the signs of single joints",
+        "the robot's load data and the external torque's offset",
+    ),
+}
+"""Remedies by the source of the wrenches, in words that follow "look at"."""
+
 
 @dataclass(frozen=True)
 class WeightCheck:
-    """Wrenches at the tip under a known weight: measured and expected (P, 6) [N, N m], and the weight [N]."""
+    """Wrenches at the tip under a known weight: measured and expected (P, 6) [N, N m], weight [N], and source."""
 
     measured: FloatArray
     expected: FloatArray
     weight: float
+    source: Source = "sensor"
 
     @property
     def force_errors(self) -> FloatArray:
@@ -54,14 +84,20 @@ class WeightCheck:
         mean, wanted = self.measured[:, :3].mean(axis=0), self.expected[:, :3].mean(axis=0)
         down = float(mean @ wanted) / self.weight**2  # share of the weight along its direction: 1 if all is right
         if self.force_errors.max() <= _SHARE:
-            lines.append("the moment alone is wrong: look at --sensor xyz, the tip's link, and the point of the weight")
+            lines.append("the moment alone is wrong: " + self._remedy("moment"))
         elif down < -0.5:
-            lines.append("the force points up: look at --sensor sign")
+            lines.append("the force points up: " + self._remedy("sign"))
         elif float(np.linalg.norm(mean)) < 0.5 * self.weight or down < 0.8:
-            lines.append("the force does not point down at all poses: look at --sensor rpy and the joints' order")
+            lines.append("the force does not point down at all poses: " + self._remedy("direction"))
         else:
-            lines.append("the force has the wrong size: look at the payload, the bias and the sensor's scale")
+            lines.append("the force has the wrong size: " + self._remedy("size"))
         return lines
+
+    def _remedy(self, wrong: str) -> str:
+        """Return where to look, for each source that the wrenches may have."""
+        if self.source != "either":
+            return f"look at {getattr(_REMEDIES[self.source], wrong)}"
+        return "; ".join(f"wrenches of the {name}: look at {getattr(each, wrong)}" for name, each in _REMEDIES.items())
 
 
 def check_weight(
@@ -90,13 +126,16 @@ def check_weight(
     """
     bias, payload = np.array(calibration.bias), np.array(calibration.payload)
     wrenches = sensor.tip_wrench(poses.q, poses.reading, bias, payload)
-    return check_wrenches(pose, StandingPoses(poses.q, wrenches, poses.time), mass, at, gravity)
+    return check_wrenches(pose, StandingPoses(poses.q, wrenches, poses.time), mass, at, gravity, source="sensor")
 
 
-def check_wrenches(pose: Any, poses: StandingPoses, mass: float, at: ArrayLike, gravity: ArrayLike) -> WeightCheck:
+def check_wrenches(
+    pose: Any, poses: StandingPoses, mass: float, at: ArrayLike, gravity: ArrayLike, *, source: Source
+) -> WeightCheck:
     """Compare hybrid wrenches at the tip, in place of the poses' readings, with a known weight.
 
-    The other arguments and the errors are those of :func:`check_weight`.
+    ``source`` is where the wrenches come from: it decides which remedies the findings name. The other arguments and the
+    errors are those of :func:`check_weight`.
     """
     if not len(poses):
         raise RecordingError("the robot stands still at no pose; hold each for a second or more")
@@ -106,4 +145,4 @@ def check_wrenches(pose: Any, poses: StandingPoses, mass: float, at: ArrayLike, 
         raise RecordingError("--check: the weight must have a positive mass")
     arm = pose(poses.q)[:, :3, :3] @ np.asarray(at, dtype=float)
     expected = np.concatenate([np.broadcast_to(force, arm.shape), np.cross(arm, force)], axis=1)
-    return WeightCheck(poses.reading, expected, weight)
+    return WeightCheck(poses.reading, expected, weight, source)

@@ -14,7 +14,7 @@ from stiffgen.core.errors import OutputError, RecordingError, terminal_text
 from stiffgen.core.opened import GeneratedRobot, open_robot
 from stiffgen.core.robot.chain import Sensor
 from stiffgen.lab.calibrate.calibration import Calibration, read_calibration, sensor_functions, tip_functions
-from stiffgen.lab.calibrate.check import WeightCheck, check_weight, check_wrenches
+from stiffgen.lab.calibrate.check import Source, WeightCheck, check_weight, check_wrenches
 from stiffgen.lab.calibrate.estimate import Estimate, estimate, further_poses
 from stiffgen.lab.calibrate.picture import residual_picture
 from stiffgen.lab.calibrate.poses import StandingPoses, read_rows, standing
@@ -83,6 +83,11 @@ def run(options: argparse.Namespace) -> int:
     file, picture = _files(options.output)
     if options.reading is not None and options.reading.startswith(_TIP):
         return _check_wrenches(robot, options)
+    if options.check is not None and robot.chain.sensor is None:
+        raise RecordingError(
+            f"{robot.folder}: has no force-torque sensor; check the wrenches that the FRI client logged with "
+            f"--reading {_TIP}wrench_, or generate the robot with --sensor LINK"
+        )
     sensor = sensor_functions(robot)
     poses = standing(*read_rows(options.log, robot.chain, options.q, options.reading))
     if options.check is not None:
@@ -150,7 +155,8 @@ def _check_wrenches(robot: GeneratedRobot, options: argparse.Namespace) -> int:
     poses = standing(*read_rows(options.log, robot.chain, options.q, options.reading.removeprefix(_TIP)))
     gravity = mounted.option.gravity if mounted else Sensor.gravity
     mass, *point = options.check
-    return _print_findings(check_wrenches(pose, poses, mass, point, gravity))
+    source: Source = "either" if mounted else "external torque"
+    return _print_findings(check_wrenches(pose, poses, mass, point, gravity, source=source))
 
 
 def _print_findings(found: WeightCheck) -> int:
