@@ -33,6 +33,33 @@ void RobotClock::lay(std::int64_t stamp)
     ahead_ = 0.0;
 }
 
+/* A counter that counts anew: the time stamps alone tell the periods; passed: of them, -1 if they are not usable. */
+void RobotClock::begin_anew(std::int64_t stamp, double passed, double period)
+{
+    const bool gap = passed >= 0.5 && passed * period <= LARGEST_GAP;
+    periods_ = gap ? static_cast<int>(std::lround(passed)) : 1;
+    bad_ = bad_ || !gap;
+    lay(stamp);
+}
+
+/* A counter that advanced, and a time stamp: the counter tells the periods, unless the clock shows fewer. */
+void RobotClock::follow(std::uint32_t advance, std::int64_t stamp, double passed)
+{
+    const double ahead = ahead_ + advance - passed;
+    const bool set = passed < -SLACK || ahead < -SLACK; /* back, or forward beyond the counter */
+    if (last_ == 0 || set) {
+        bad_ = bad_ || last_ != 0;
+        periods_ = static_cast<int>(advance);
+        lay(stamp);
+        return;
+    }
+    const double excess = std::max(0.0, std::ceil(ahead - SLACK));
+    periods_ = std::max(0, static_cast<int>(advance) - static_cast<int>(std::min(excess, 1e6)));
+    last_ = stamp;
+    ahead_ = ahead_ + periods_ - passed;
+    ahead_ -= std::fabs(ahead_) < LARGEST_DRIFT ? DRIFT * ahead_ : 0.0;
+}
+
 void RobotClock::update(std::uint32_t advance, std::int64_t stamp, double period)
 {
     bad_ = stamp == 0;
@@ -47,29 +74,12 @@ void RobotClock::update(std::uint32_t advance, std::int64_t stamp, double period
     /* Periods according to the time stamps; -1 if these are not usable. */
     const double passed = stamp != 0 && last_ != 0 ? 1e-9 * static_cast<double>(stamp - last_) / period : -1.0;
     if (advance == 0) {
-        const bool gap = passed >= 0.5 && passed * period <= LARGEST_GAP;
-        periods_ = gap ? static_cast<int>(std::lround(passed)) : 1;
-        bad_ = bad_ || !gap;
-        lay(stamp);
+        begin_anew(stamp, passed, period);
     } else if (stamp == 0) {
         periods_ = static_cast<int>(advance);
         last_ = 0; /* the grid restarts with the next stamp */
     } else {
-        const double ahead = ahead_ + advance - passed;
-        if (last_ == 0) {
-            periods_ = static_cast<int>(advance);
-            lay(stamp);
-        } else if (passed < -SLACK || ahead < -SLACK) {
-            bad_ = true; /* set back, or forward beyond the counter */
-            periods_ = static_cast<int>(advance);
-            lay(stamp);
-        } else {
-            const double excess = std::max(0.0, std::ceil(ahead - SLACK));
-            periods_ = std::max(0, static_cast<int>(advance) - static_cast<int>(std::min(excess, 1e6)));
-            last_ = stamp;
-            ahead_ = ahead_ + periods_ - passed;
-            ahead_ -= std::fabs(ahead_) < LARGEST_DRIFT ? DRIFT * ahead_ : 0.0;
-        }
+        follow(advance, stamp, passed);
     }
     time_ += periods_ * static_cast<std::int64_t>(std::llround(1e9 * period));
 }

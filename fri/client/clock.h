@@ -30,6 +30,8 @@ public:
 
 private:
     void lay(std::int64_t stamp);
+    void begin_anew(std::int64_t stamp, double passed, double period);
+    void follow(std::uint32_t advance, std::int64_t stamp, double passed);
 
     bool known_;
     std::int64_t time_; /* [ns] */

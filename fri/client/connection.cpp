@@ -19,6 +19,13 @@ const int MOST_WAITING = 1024;
 
 const double NEVER = 1e300;
 
+/* Return the periods of several messages: 0 from the message on at which the counter began anew. */
+std::uint32_t add_periods(std::uint32_t sum, std::uint32_t periods, bool *anew)
+{
+    *anew = *anew || periods == 0;
+    return *anew ? 0 : sum + periods;
+}
+
 } // namespace
 
 unsigned long long Traffic::refused() const
@@ -104,42 +111,58 @@ bool Connection::take(const std::uint8_t *bytes, int size, Message *message, std
     return true;
 }
 
-int Connection::receive(Buffer buffer, Size capacity)
+/* Read the next datagram into scratch_, waiting for so long [s]. Return its size, or a negative number. */
+int Connection::next(double wait, double *age)
 {
-    const double give_up = std::min(monotonic_time() + patience_, deadline_);
-    arrival_.refused = false;
+    const int size = datagrams_.receive(scratch_, sizeof scratch_, wait, age);
+    signalled_ = size == Datagrams::SIGNALLED;
+    return size;
+}
+
+/*
+ * Take datagrams until one is a message and none is waiting, or until `give_up` [s]. Return the size of the newest
+ * message, which is in the buffer, or -1; advance: periods since the last one, 0 if the counter began anew.
+ */
+int Connection::collect(Buffer buffer, std::size_t capacity, double give_up, std::uint32_t *advance)
+{
     int taken = -1;
-    std::uint32_t advance_sum = 0;
-    bool anew = false, signalled = false;
+    bool anew = false;
     for (int looked_at = 0; taken < 0 || looked_at < MOST_WAITING; ++looked_at) {
         const double left = std::max(give_up - monotonic_time(), 0.0);
         if (taken < 0 && left <= 0.0 && looked_at > 0) {
             break; /* refused datagrams alone, without a pause */
         }
         double age = 0.0;
-        const int size = datagrams_.receive(scratch_, sizeof scratch_, taken < 0 ? left : 0.0, &age);
+        const int size = next(taken < 0 ? left : 0.0, &age);
         if (size < 0) {
-            signalled = size == Datagrams::SIGNALLED;
             break;
         }
         Message message;
-        std::uint32_t advance = 0;
-        if (!take(scratch_, size, &message, &advance)) {
+        std::uint32_t periods = 0;
+        if (!take(scratch_, size, &message, &periods)) {
             continue;
         }
         traffic_.overtaken += taken >= 0 ? 1 : 0;
-        anew = anew || advance == 0;
-        advance_sum += advance;
+        *advance = add_periods(*advance, periods, &anew);
         taken = size;
         arrival_.message = message;
         arrival_.age = age;
-        std::memcpy(buffer, scratch_, std::min(static_cast<std::size_t>(size), static_cast<std::size_t>(capacity)));
+        std::memcpy(buffer, scratch_, std::min(static_cast<std::size_t>(size), capacity));
         if (message.multiplier > 1) {
             break; /* the library counts the messages per answer */
         }
     }
+    return taken;
+}
+
+int Connection::receive(Buffer buffer, Size capacity)
+{
+    const double give_up = std::min(monotonic_time() + patience_, deadline_);
+    std::uint32_t advance = 0;
+    arrival_.refused = signalled_ = false;
+    const int taken = collect(buffer, static_cast<std::size_t>(capacity), give_up, &advance);
     handed_on_ = taken >= 0;
-    if (!handed_on_ && signalled) {
+    if (!handed_on_ && signalled_) {
         return -1; /* no silence */
     }
     if (!handed_on_) {
@@ -151,7 +174,7 @@ int Connection::receive(Buffer buffer, Size capacity)
     const Message &message = arrival_.message;
     arrival_.other_version = message.has_measurement && message.has_commanded_position != (FRI_VERSION < 200);
     traffic_.other_version += arrival_.other_version ? 1 : 0;
-    arrival_.advance = anew ? 0 : advance_sum;
+    arrival_.advance = advance;
     ++traffic_.messages;
     handing_time_ = monotonic_time();
     return taken;

@@ -74,6 +74,8 @@ public:
     const Durations &answers() const { return answers_; }
 
 private:
+    int next(double wait, double *age);
+    int collect(Buffer buffer, std::size_t capacity, double give_up, std::uint32_t *advance);
     bool take(const std::uint8_t *bytes, int size, Message *message, std::uint32_t *advance);
     Fault order(const Message &message, std::uint32_t *advance);
     void reflection(const Message &message);
@@ -85,7 +87,7 @@ private:
     Arrival arrival_;
     Traffic traffic_;
     Durations answers_;
-    bool handed_on_;
+    bool handed_on_, signalled_; /* the last receive gave a message; a signal ended its wait */
     double handing_time_; /* [s] monotonic */
     std::uint32_t sequence_;
     bool sequence_known_;

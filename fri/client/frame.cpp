@@ -199,8 +199,11 @@ public:
 
 private:
     Fault field(const Field &around, const Field &field, std::uint32_t wire, Bytes *bytes, std::size_t *count);
+    Fault reals(Bytes *bytes, bool block, std::size_t *count);
+    Fault numbers(const Field &around, const Field &field, Bytes *bytes, bool block, std::size_t *count);
     Fault text(const Field &field, Bytes text);
     Fault number(const Field &around, const Field &field, std::uint64_t value);
+    std::uint32_t *place(const Field &around, const Field &field);
     void see_number(const Field &around, const Field &field, std::uint32_t value);
     void see_part(const Field &field);
     Fault complete(std::size_t first, const std::size_t *counts);
@@ -210,23 +213,39 @@ private:
     bool button_, boolean_; /* of the IO that is read: it has the button's name; its type */
 };
 
-Fault Walk::part(const Field &around, Bytes bytes)
+/* Return the first field of a type in the table. */
+std::size_t first_field(Type type)
 {
-    std::size_t first = 0, counts[MOST_FIELDS] = {0};
-    while (FIELDS[first].of != static_cast<Type>(around.more)) {
+    std::size_t first = 0;
+    while (FIELDS[first].of != type) {
         ++first;
     }
+    return first;
+}
+
+/* Return the field with this number, of the same type as `first`; FIELD_COUNT if the table has none. */
+std::size_t find_field(std::size_t first, std::uint32_t number)
+{
+    for (std::size_t i = first; i < FIELD_COUNT && FIELDS[i].of == FIELDS[first].of; ++i) {
+        if (FIELDS[i].number == number) {
+            return i;
+        }
+    }
+    return FIELD_COUNT;
+}
+
+Fault Walk::part(const Field &around, Bytes bytes)
+{
+    const std::size_t first = first_field(static_cast<Type>(around.more));
+    std::size_t counts[MOST_FIELDS] = {0};
     while (!bytes.empty()) {
         std::uint32_t number = 0, wire = 0;
         if (!bytes.key(&number, &wire)) {
             return FAULT_DECODE;
         }
-        std::size_t i = first;
-        while (i < FIELD_COUNT && FIELDS[i].of == FIELDS[first].of && FIELDS[i].number != number) {
-            ++i;
-        }
+        const std::size_t i = find_field(first, number);
         Fault fault = FAULT_NONE;
-        if (i == FIELD_COUNT || FIELDS[i].of != FIELDS[first].of) {
+        if (i == FIELD_COUNT) {
             fault = bytes.skip_field(wire) ? FAULT_NONE : FAULT_DECODE;
         } else {
             std::size_t *const count = &counts[i - first];
@@ -240,6 +259,16 @@ Fault Walk::part(const Field &around, Bytes bytes)
     return complete(first, counts);
 }
 
+/* Return whether so many of a field are enough, and seven where there is one for each joint. */
+Fault check_count(const Field &field, std::size_t count)
+{
+    if (count < field.least) {
+        return FAULT_DECODE;
+    }
+    const bool drives = field.of == ROBOT && field.number == 5 && count != 0;
+    return (field.of == JOINT_VALUES || drives) && count != JOINT_COUNT ? FAULT_JOINT_COUNT : FAULT_NONE;
+}
+
 /* Check that every field is there as often as it must be. */
 Fault Walk::complete(std::size_t first, const std::size_t *counts)
 {
@@ -247,49 +276,56 @@ Fault Walk::complete(std::size_t first, const std::size_t *counts)
     std::size_t robot_states = 0;
     for (std::size_t i = first; i < FIELD_COUNT && FIELDS[i].of == type; ++i) {
         const std::size_t count = counts[i - first];
-        if (count < FIELDS[i].least) {
-            return FAULT_DECODE;
-        }
-        const bool drives = type == ROBOT && FIELDS[i].number == 5 && count != 0;
-        if ((type == JOINT_VALUES || drives) && count != JOINT_COUNT) {
-            return FAULT_JOINT_COUNT;
+        const Fault fault = check_count(FIELDS[i], count);
+        if (fault != FAULT_NONE) {
+            return fault;
         }
         const bool state = FIELDS[i].number == 2 || FIELDS[i].number == 5 || FIELDS[i].number == 6;
-        robot_states += type == ROBOT && state && count > 0 ? 1 : 0;
+        robot_states += state && count > 0 ? 1 : 0;
     }
-    message_->has_robot = message_->has_robot || robot_states == 3;
+    message_->has_robot = message_->has_robot || (type == ROBOT && robot_states == 3);
     return FAULT_NONE;
+}
+
+/* Return whether a field comes as a block: a part, a text, or an array of numbers that is packed. */
+bool is_block(const Field &field, std::uint32_t wire)
+{
+    const bool array = field.most > 1 && (field.kind == REAL || field.kind == CHOICE);
+    return field.kind == PART || field.kind == TEXT || (array && wire == BLOCK);
 }
 
 Fault Walk::field(const Field &around, const Field &field, std::uint32_t wire, Bytes *bytes, std::size_t *count)
 {
-    /* Arrays of numbers come one key a value, or packed into a block. */
-    const bool array = field.most > 1 && (field.kind == REAL || field.kind == CHOICE);
-    const bool block = field.kind == PART || field.kind == TEXT || (array && wire == BLOCK);
+    const bool block = is_block(field, wire);
     const Wire plain = field.kind == REAL ? EIGHT : VARINT;
     Bytes inside(NULL, 0);
-    std::uint64_t value = 0;
     if (wire != static_cast<std::uint32_t>(block ? BLOCK : plain) || (block && !bytes->block(&inside))) {
         return FAULT_DECODE;
     }
-    *count += 1;
-    if (field.kind == PART) {
-        see_part(field);
-        return part(field, inside);
+    switch (field.kind) {
+    case PART: *count += 1; see_part(field); return part(field, inside);
+    case TEXT: *count += 1; return text(field, inside);
+    case REAL: return reals(block ? &inside : bytes, block, count);
+    default: return numbers(around, field, block ? &inside : bytes, block, count);
     }
-    if (field.kind == TEXT) {
-        return text(field, inside);
-    }
-    if (field.kind == REAL) {
-        *count += block ? inside.left() / 8 - 1 : 0;
-        return (block ? inside.left() % 8 == 0 : bytes->skip(8)) ? FAULT_NONE : FAULT_DECODE;
-    }
-    if (!block) {
-        return bytes->varint(&value) ? number(around, field, value) : FAULT_DECODE;
-    }
+}
+
+/* Skip and count the reals of a field: one, or all of a block. */
+Fault Walk::reals(Bytes *bytes, bool block, std::size_t *count)
+{
+    const std::size_t size = block ? bytes->left() : 8;
+    *count += size / 8;
+    return size % 8 == 0 && bytes->skip(size) ? FAULT_NONE : FAULT_DECODE;
+}
+
+/* Read and count the numbers of a field: one, or all of a block. */
+Fault Walk::numbers(const Field &around, const Field &field, Bytes *bytes, bool block, std::size_t *count)
+{
     Fault fault = FAULT_NONE;
-    for (*count -= 1; fault == FAULT_NONE && !inside.empty(); ++*count) {
-        fault = inside.varint(&value) ? number(around, field, value) : FAULT_DECODE;
+    for (bool more = !block || !bytes->empty(); fault == FAULT_NONE && more; more = block && !bytes->empty()) {
+        std::uint64_t value = 0;
+        fault = bytes->varint(&value) ? number(around, field, value) : FAULT_DECODE;
+        *count += 1;
     }
     return fault;
 }
@@ -306,34 +342,57 @@ Fault Walk::text(const Field &field, Bytes text)
     return FAULT_NONE;
 }
 
-Fault Walk::number(const Field &around, const Field &field, std::uint64_t value)
+/* Return whether a number is one that its field may have. */
+Fault check_number(const Field &field, std::uint64_t value)
 {
     if (field.kind == COUNT32 && value > 0xffffffffu) {
         return FAULT_DECODE;
     }
+    const bool choice = field.kind == CHOICE && value > field.more;
     const bool strategy = field.of == REDUNDANCY && value != 0 && value != 4;
     const bool second = field.of == TIME && field.number == 2 && value >= 1000000000u;
-    if ((field.kind == CHOICE && value > field.more) || strategy || second) {
-        return FAULT_RANGE;
+    return choice || strategy || second ? FAULT_RANGE : FAULT_NONE;
+}
+
+Fault Walk::number(const Field &around, const Field &field, std::uint64_t value)
+{
+    Fault fault = check_number(field, value);
+    if (fault == FAULT_NONE && field.of == ROBOT && field.number == 1 && value != JOINT_COUNT) {
+        fault = FAULT_JOINT_COUNT;
     }
-    if (field.of == ROBOT && field.number == 1 && value != JOINT_COUNT) {
-        return FAULT_JOINT_COUNT;
+    if (fault == FAULT_NONE) {
+        see_number(around, field, static_cast<std::uint32_t>(value));
     }
-    see_number(around, field, static_cast<std::uint32_t>(value));
-    return FAULT_NONE;
+    return fault;
+}
+
+/* Return where a number of the message is kept, NULL for one that is not. */
+std::uint32_t *Walk::place(const Field &around, const Field &field)
+{
+    std::uint32_t *const header[] = {&identifier_, &message_->sequence, &message_->reflected};
+    switch (field.of) {
+    case HEADER: return header[field.number - 1];
+    case CONNECTION:
+        if (field.number == 1) {
+            return &message_->state;
+        }
+        return field.number == 4 ? &message_->multiplier : NULL;
+    case TIME:
+        if (around.of != MEASUREMENT) {
+            return NULL;
+        }
+        return field.number == 1 ? &seconds_ : &nanoseconds_;
+    default: return NULL;
+    }
 }
 
 void Walk::see_number(const Field &around, const Field &field, std::uint32_t value)
 {
-    if (field.of == HEADER) {
-        (field.number == 1 ? identifier_ : field.number == 2 ? message_->sequence : message_->reflected) = value;
-    } else if (field.of == CONNECTION && field.number == 1) {
-        message_->state = value;
-    } else if (field.of == CONNECTION && field.number == 4) {
-        message_->multiplier = value;
-    } else if (field.of == TIME && around.of == MEASUREMENT) {
-        (field.number == 1 ? seconds_ : nanoseconds_) = value;
-    } else if (field.of == IO && field.number == 2) {
+    std::uint32_t *const kept = place(around, field);
+    if (kept != NULL) {
+        *kept = value;
+    }
+    if (field.of == IO && field.number == 2) {
         boolean_ = value == 0;
         message_->has_button = message_->has_button || (button_ && boolean_);
     }

@@ -2,7 +2,7 @@
 #ifndef FRI_CLIENT_OPTIONS_H
 #define FRI_CLIENT_OPTIONS_H
 
-#include "wiping_client.h"
+#include "settings.h"
 
 #include <string>
 

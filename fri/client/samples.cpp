@@ -96,20 +96,13 @@ void WipingClient::observe()
     events_ |= button_ ? EVENT_HOLD : 0;
 }
 
-/* Check whether the message is a sample; update the filters. */
-void WipingClient::watch_samples()
+/* Take a measured position that is believed into the filters; fresh: the robot's clock has gone on. */
+void WipingClient::take_position(const double *q, bool fresh)
 {
-    const Message &message = connection_.arrival().message;
-    const double *const q = robotState().getMeasuredJointPosition();
-    const bool fresh = clock_.periods() > 0 && !clock_.standing();
-    const bool positions = message.has_position && all_finite(q, JOINTS), believed = positions && within_limits(q);
-    has_velocity_ = false;
-    since_position_ += clock_.periods() * sample_time_;
-    since_followed_ += clock_.periods() * sample_time_;
-    if (believed && fresh && sample_time_ > 0.0) {
+    if (fresh) {
         copy(q, q_, JOINTS);
         /* While the clock is set the time since the last position is unknown. */
-        const double elapsed = clock_.bad_stamp() && message.stamp != 0 ? 0.0 : since_position_;
+        const double elapsed = clock_.bad_stamp() && connection_.arrival().message.stamp != 0 ? 0.0 : since_position_;
         velocity_.update(q, elapsed);
         copies_.add(q, since_position_, sample_time_);
         if (copies_.joint() >= 0 && controlling_) {
@@ -118,14 +111,32 @@ void WipingClient::watch_samples()
         has_velocity_ = elapsed > 0.0;
         since_position_ = 0.0;
     }
+    /* The arm moves even while the robot's clock stands still. */
+    follower_.update(q, std::max(since_followed_, sample_time_));
+    since_followed_ = 0.0;
+}
+
+/* Return whether the message has the external torques, where the wrench is computed from them. */
+bool WipingClient::has_torques() const
+{
+    return !wrench_.uses_external_torque() || (connection_.arrival().message.has_external_torque &&
+                                               all_finite(robotState().getExternalTorque(), JOINTS));
+}
+
+/* Check whether the message is a sample; update the filters. */
+void WipingClient::watch_samples()
+{
+    const double *const q = robotState().getMeasuredJointPosition();
+    const bool fresh = clock_.periods() > 0 && !clock_.standing();
+    const bool positions = connection_.arrival().message.has_position && all_finite(q, JOINTS);
+    const bool believed = positions && within_limits(q);
+    has_velocity_ = false;
+    since_position_ += clock_.periods() * sample_time_;
+    since_followed_ += clock_.periods() * sample_time_;
     if (believed && sample_time_ > 0.0) {
-        /* The arm moves even while the robot's clock stands still. */
-        follower_.update(q, std::max(since_followed_, sample_time_));
-        since_followed_ = 0.0;
+        take_position(q, fresh);
     }
-    const bool torques = !wrench_.uses_external_torque() ||
-                         (message.has_external_torque && all_finite(robotState().getExternalTorque(), JOINTS));
-    const Defect defect = find_defect(positions, believed, torques);
+    const Defect defect = find_defect(positions, believed, has_torques());
     valid_ = (defect == DEFECT_NONE || defect == DEFECT_CLOCK_SET) && sample_time_ > 0.0;
     count_defect(defect);
 }
@@ -168,29 +179,34 @@ void WipingClient::count_defect(Defect defect)
     }
 }
 
+/* Let go if the robot's safety state, operation mode or drives are not those of a motion. */
+void WipingClient::watch_states()
+{
+    const bool safe = robotState().getSafetyState() == KUKA::FRI::NORMAL_OPERATION;
+    const bool same = robotState().getOperationMode() == operation_mode_;
+    without_drives_ = robotState().getDriveState() == KUKA::FRI::ACTIVE ? 0 : without_drives_ + 1;
+    events_ |= !safe || without_drives_ > 0 || !same ? EVENT_STOPPED : 0;
+    if (!safe) {
+        let_go(LET_GO_SAFETY);
+    } else if (!same) {
+        let_go(LET_GO_OPERATION_MODE);
+    } else if (without_drives_ >= PATIENCE) {
+        let_go(LET_GO_DRIVES);
+    }
+}
+
 /* Check safety state, drives, operation mode and speed while the controller runs. */
 void WipingClient::watch_robot()
 {
-    const int mode = robotState().getOperationMode();
     const bool told = connection_.arrival().message.has_robot;
     without_states_ = told || !controlling_ ? 0 : without_states_ + 1;
     if (without_states_ >= PATIENCE) {
         let_go(LET_GO_ROBOT_STATES);
     }
     if (controlling_ && told) {
-        const bool safe = robotState().getSafetyState() == KUKA::FRI::NORMAL_OPERATION;
-        without_drives_ = robotState().getDriveState() == KUKA::FRI::ACTIVE ? 0 : without_drives_ + 1;
-        const bool same = mode == operation_mode_;
-        events_ |= !safe || without_drives_ > 0 || !same ? EVENT_STOPPED : 0;
-        if (!safe) {
-            let_go(LET_GO_SAFETY);
-        } else if (!same) {
-            let_go(LET_GO_OPERATION_MODE);
-        } else if (without_drives_ >= PATIENCE) {
-            let_go(LET_GO_DRIVES);
-        }
+        watch_states();
     } else if (told) {
-        operation_mode_ = mode;
+        operation_mode_ = robotState().getOperationMode();
         without_drives_ = 0;
     }
     watch_speed();

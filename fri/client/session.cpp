@@ -142,30 +142,38 @@ const char *fault_text(int fault)
     }
 }
 
-std::string let_go_text(const Options &options, const WipingClient &client)
+/* Return which limit of the pace holds the arm, and its option. */
+std::string held_text(const WipingClient &client)
 {
-    const double limit[] = {0.0, client.settings().pace.error, client.settings().pace.lag,
-                            client.settings().pace.energy, client.settings().pace.force};
+    const PaceLimits &pace = client.settings().pace;
+    const double limit[] = {0.0, pace.error, pace.lag, pace.energy, pace.force};
     static const char *const what[] = {"", "the tip's distance from where the trajectory wants it",
                                        "the governor's lag", "the energy stored in the spring", "the contact force"};
     static const char *const option[] = {"", "--error-limit", "--lag-limit", "--energy-limit", "--force-limit"};
     static const char *const unit[] = {"", " m", " rad", " J", " N"};
     const Pace::Reason held = client.held_by();
-    switch (client.gone()) {
+    return std::string("the arm is held: ") + what[held] + " stayed at its limit of " + text("%g", limit[held]) +
+           unit[held] + " for " + text("%g", pace.patience) + " s; free it, or see " + option[held];
+}
+
+/* Return the fault that the controller latched. */
+std::string controller_text(const WipingClient &client)
+{
+    if (client.controller_reason() == robot::REASON_FROZEN && client.controller_joint() >= 0) {
+        return std::string("the measured position of joint ") + robot::joint(client.controller_joint()) +
+               " does not follow the torque that acts on it: frozen, or the joint is held and the external torque does "
+               "not say so; check the joint's encoder and --external-torque-sign";
+    }
+    return std::string("the controller latched a fault: ") + fault_text(client.controller_fault()) + ", reason " +
+           std::to_string(client.controller_reason()) + " of " + robot::name() + "_impedance.h";
+}
+
+/* Return why the client let go, if the reason needs no number. */
+std::string plain_text(LetGo reason)
+{
+    switch (reason) {
     case LET_GO_INTERRUPTED: return "interrupted";
     case LET_GO_DECLINED: return "the move to the trajectory was declined";
-    case LET_GO_HELD:
-        return std::string("the arm is held: ") + what[held] + " stayed at its limit of " + text("%g", limit[held]) +
-               unit[held] + " for " + text("%g", client.settings().pace.patience) + " s; free it, or see " +
-               option[held];
-    case LET_GO_SPEED:
-        return std::string("joint ") + robot::joint(client.fast_joint()) + " is faster than " +
-               text("%.3g", client.settings().speed_share * robot::velocity(client.fast_joint())) +
-               " rad/s; see --speed-share";
-    case LET_GO_COPIES:
-        return std::string("the measured positions of joint ") + robot::joint(client.copies().joint()) +
-               " repeat those of " + std::to_string(client.copies().late()) +
-               " messages before: late copies are not believed; check the joint's encoder and the robot's messages";
     case LET_GO_AWAY:
         return "the arm was moved by more than --approach-limit while messages were lost; see the network, and start "
                "again";
@@ -174,20 +182,90 @@ std::string let_go_text(const Options &options, const WipingClient &client)
         return "the robot's messages no longer say safety state, drives and operation mode, while commanding";
     case LET_GO_DRIVES: return "the robot's drives are not active while commanding; see its messages";
     case LET_GO_OPERATION_MODE: return "the robot's operation mode changed while commanding";
+    default: return "";
+    }
+}
+
+/* Return why the client let go. */
+std::string let_go_text(const Options &options, const WipingClient &client)
+{
+    switch (client.gone()) {
+    case LET_GO_HELD: return held_text(client);
+    case LET_GO_SPEED:
+        return std::string("joint ") + robot::joint(client.fast_joint()) + " is faster than " +
+               text("%.3g", client.settings().speed_share * robot::velocity(client.fast_joint())) +
+               " rad/s; see --speed-share";
+    case LET_GO_COPIES:
+        return std::string("the measured positions of joint ") + robot::joint(client.copies().joint()) +
+               " repeat those of " + std::to_string(client.copies().late()) +
+               " messages before: late copies are not believed; check the joint's encoder and the robot's messages";
     case LET_GO_PERIOD:
         return "the robot's send period changed from " + text("%g", 1e3 * client.sample_time()) + " to " +
                text("%g", 1e3 * client.reported_period()) + " ms while commanding";
     case LET_GO_DEFECTS: return defect_text(options, client);
-    case LET_GO_CONTROLLER:
-        if (client.controller_reason() == robot::REASON_FROZEN && client.controller_joint() >= 0) {
-            return std::string("the measured position of joint ") + robot::joint(client.controller_joint()) +
-                   " does not follow the torque that acts on it: frozen, or the joint is held and the external torque does "
-                   "not say so; check the joint's encoder and --external-torque-sign";
-        }
-        return std::string("the controller latched a fault: ") + fault_text(client.controller_fault()) + ", reason " +
-               std::to_string(client.controller_reason()) + " of " + robot::name() + "_impedance.h";
-    default: return "";
+    case LET_GO_CONTROLLER: return controller_text(client);
+    default: return plain_text(client.gone());
     }
+}
+
+/* Watch over a session: when a message was of use last, what had been counted by then, and when the client leaves. */
+struct Watch {
+    Seen seen;
+    double last_usable, deadline; /* [s] of this machine; deadline 0: none */
+};
+
+/* Let go if nothing usable has come for too long. */
+void watch_messages(const Options &options, WipingClient &client, const Connection &connection, double now,
+                    Watch *watch)
+{
+    const double patience = watch->seen.counters.usable > 0 ? 1e-3 * options.timeout : options.wait;
+    if (client.counters().usable > watch->seen.counters.usable && client.gone() == LET_GO_NONE) {
+        watch->last_usable = now;
+        watch->seen = Seen{connection.traffic(), client.counters()};
+    } else if (now - watch->last_usable >= patience) {
+        client.let_go(LET_GO_USELESS);
+    }
+}
+
+/* Return whether the client leaves now, with nobody there to bring the torque down for. */
+bool leaves(const Options &options, const WipingClient &client, Connection &connection, double now, Watch *watch)
+{
+    if (client.gone() != LET_GO_NONE && watch->deadline <= 0.0) {
+        watch->deadline = now + (options.settings.simulated_time ? 1e-3 * options.timeout : LONGEST_RELEASE);
+        connection.set_deadline(watch->deadline);
+    }
+    const bool silent = client.gone() == LET_GO_USELESS && !connection.handed_on();
+    return watch->deadline > 0.0 && (now > watch->deadline || silent);
+}
+
+/* Return how the session ended. */
+Ending find_ending(const Options &options, const WipingClient &client, const Connection &connection, const Seen &seen,
+                   int interrupts)
+{
+    if (client.refusal() != REFUSAL_NONE) {
+        return Ending{REFUSED, refusal_text(client)};
+    }
+    if (client.ended_by_robot() && client.gone() == LET_GO_NONE) {
+        return client.trajectory_done()
+                   ? Ending{DONE, "the trajectory was followed to its end, and the robot ended the session"}
+                   : Ending{ENDED_EARLY, "the robot ended the session before the trajectory's end, at " +
+                                             text("%.2f", client.progress()) + " s of it; see the robot's messages"};
+    }
+    if (client.gone() == LET_GO_USELESS) {
+        return Ending{FAULT, diagnosis(options, client, connection, seen)};
+    }
+    if (!client.finished()) {
+        return Ending{interrupts > 1 ? INTERRUPTED : FAULT,
+                      let_go_text(options, client) + "; the client left at once, before the torque was down"};
+    }
+    const bool asked = client.gone() == LET_GO_INTERRUPTED || client.gone() == LET_GO_DECLINED;
+    std::string end = "the robot stopped commanding before the torque was down, the client leaves";
+    if (client.released()) {
+        end = "torque brought to zero, the client leaves";
+    } else if (client.ended_by_robot()) {
+        end = "the robot ended the session before the torque was down";
+    }
+    return Ending{asked ? INTERRUPTED : FAULT, let_go_text(options, client) + "; " + end};
 }
 
 } // namespace
@@ -218,54 +296,21 @@ std::string refusal_text(const WipingClient &client)
 Ending run_session(const Options &options, WipingClient &client, Connection &connection,
                    KUKA::FRI::ClientApplication &application, const volatile std::sig_atomic_t &interrupts)
 {
-    const double patience = 1e-3 * options.timeout;
-    double last_usable = monotonic_time(), deadline = 0.0;
-    Seen seen = {connection.traffic(), client.counters()};
+    Watch watch = {Seen{connection.traffic(), client.counters()}, monotonic_time(), 0.0};
     while (!client.finished() && client.refusal() == REFUSAL_NONE && interrupts < 2) {
         application.step();
         if (client.finished()) {
             break;
         }
         const double now = monotonic_time();
-        if (client.counters().usable > seen.counters.usable && client.gone() == LET_GO_NONE) {
-            last_usable = now;
-            seen = Seen{connection.traffic(), client.counters()};
-        } else if (now - last_usable >= (seen.counters.usable > 0 ? patience : options.wait)) {
-            client.let_go(LET_GO_USELESS);
-        }
+        watch_messages(options, client, connection, now, &watch);
         if (interrupts > 0) {
             client.let_go(LET_GO_INTERRUPTED);
         }
-        if (client.gone() != LET_GO_NONE && deadline <= 0.0) {
-            deadline = now + (options.settings.simulated_time ? patience : LONGEST_RELEASE);
-            connection.set_deadline(deadline);
-        }
-        const bool silent = client.gone() == LET_GO_USELESS && !connection.handed_on();
-        if (deadline > 0.0 && (now > deadline || silent)) {
-            break; /* nobody is there to bring the torque down for */
+        if (leaves(options, client, connection, now, &watch)) {
+            break;
         }
     }
     application.disconnect();
-    if (client.refusal() != REFUSAL_NONE) {
-        return Ending{REFUSED, refusal_text(client)};
-    }
-    if (client.ended_by_robot() && client.gone() == LET_GO_NONE) {
-        return client.trajectory_done()
-                   ? Ending{DONE, "the trajectory was followed to its end, and the robot ended the session"}
-                   : Ending{ENDED_EARLY, "the robot ended the session before the trajectory's end, at " +
-                                             text("%.2f", client.progress()) + " s of it; see the robot's messages"};
-    }
-    if (client.gone() == LET_GO_USELESS) {
-        return Ending{FAULT, diagnosis(options, client, connection, seen)};
-    }
-    if (!client.finished()) {
-        return Ending{interrupts > 1 ? INTERRUPTED : FAULT,
-                      let_go_text(options, client) + "; the client left at once, before the torque was down"};
-    }
-    const bool asked = client.gone() == LET_GO_INTERRUPTED || client.gone() == LET_GO_DECLINED;
-    const char *const end = client.released()         ? "torque brought to zero, the client leaves"
-                            : client.ended_by_robot() ? "the robot ended the session before the torque was down"
-                                                      : "the robot stopped commanding before the torque was down, the "
-                                                        "client leaves";
-    return Ending{asked ? INTERRUPTED : FAULT, let_go_text(options, client) + "; " + end};
+    return find_ending(options, client, connection, watch.seen, interrupts);
 }

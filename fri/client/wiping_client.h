@@ -15,6 +15,7 @@
 #include "reference.h"
 #include "paper.h"
 #include "robot.h"
+#include "settings.h"
 #include "timing.h"
 #include "wrench.h"
 
@@ -25,34 +26,6 @@
 
 /* Consecutive messages that contradict the session, after which the client acts. */
 enum { PATIENCE = 10 };
-
-/* Settings from the command line. */
-struct Settings {
-    double task_stiffness[6];    /* [N/m, N m/rad] diagonal, hybrid frame */
-    bool paper;                  /* law of the paper instead of the exact spring, for comparison */
-    bool conventional;           /* law of the paper without the correction */
-    double damping_ratio;        /* [1] for every mode */
-    double joint_damping;        /* [N m s/rad] */
-    double posture_stiffness;    /* [N m/rad] */
-    double motor_inertia;        /* [kg m^2] */
-    double effort_share;         /* share of the robot's effort limits */
-    double torque_rise;          /* [s] least time from zero torque to the effort limit */
-    double speed_share;          /* share of the velocity limits at which the client lets go */
-    double sample_time;          /* [s] expected send period; 0: any */
-    double approach_time;        /* [s] least duration of the move to the trajectory */
-    double approach_limit;       /* [rad] longest way of a joint without a question */
-    bool approach_anyway;        /* a long way needs no question */
-    bool may_ask;                /* a person is at the terminal */
-    double velocity_filter;      /* [s] */
-    double wrench_damping;       /* damping of the least squares from the external torque */
-    double external_torque_sign; /* 1: the external torque is J^T times the wrench that the environment applies; -1 */
-    Calibration calibration;     /* of the sensor */
-    PaceLimits pace;
-    bool dry_run;        /* send zero torque */
-    bool simulated_time; /* the robot's time is not this machine's: lockstep */
-
-    Settings();
-};
 
 /* Counters of a session. */
 struct Counters {
@@ -151,7 +124,10 @@ private:
     void adopt(double period);
     void observe();
     void watch_samples();
+    void take_position(const double *q, bool fresh);
+    bool has_torques() const;
     void watch_robot();
+    void watch_states();
     void watch_speed();
     bool within_limits(const double *q);
     Defect find_defect(bool positions, bool believed, bool torques) const;
@@ -161,14 +137,21 @@ private:
     bool may_begin();
     void begin_commanding();
     void control();
+    bool takes_control(bool torque_mode);
     void missed_and_advance();
+    double tip_error() const;
+    double lag() const;
+    void watch_pace();
     bool fill_input();
     void fill_external_torque();
     double contact_force() const;
     void watch_controller();
     void step_controller(bool valid);
+    void record_input();
+    void count_output(bool valid);
     void record_step(double time);
     void send(const double *position, const double *torque);
+    void send_torque();
     void refuse(Refusal reason);
     bool zero_sent() const { return zero_ && connection_.answers().count() > answers_before_zero_; }
 

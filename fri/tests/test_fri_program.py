@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import re
 import socket
 import struct
 import time
@@ -41,6 +42,7 @@ from fri.support.wiping import (
 )
 from support.calibrations import calibration_text
 from support.plate import PAYLOAD
+from support.project import ROOT
 
 
 def test_session_over_udp_ends_with_idle(programs: Programs, robot: ModuleType, tmp_path: Path) -> None:
@@ -167,6 +169,14 @@ def test_bad_trajectory_is_refused_in_one_line(name: str, one: Programs, tmp_pat
 def test_bad_option_is_refused_in_one_line(arguments: list[str | Path], wanted: str, one: Programs) -> None:
     done = fri_wiping(one, *arguments)
     assert done.returncode == 2 and done.stderr.count("\n") == 1 and wanted in done.stderr
+
+
+def test_every_option_is_in_the_help(one: Programs) -> None:
+    source = (ROOT / "fri" / "client" / "options.cpp").read_text()
+    done = fri_wiping(one, "--help")
+    told = re.findall(r"^  --([a-z-]+) +(?:[A-Z]+ )? *\S.{15}", done.stdout, re.M)
+    assert done.returncode == 0 and len(told) > 30
+    assert told == re.findall(r'^    \{"([a-z-]+)", (?:"[A-Z]+"|NULL), ', source, re.M)
 
 
 def test_port_in_use_is_refused(one: Programs) -> None:

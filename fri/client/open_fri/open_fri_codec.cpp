@@ -82,24 +82,17 @@ bool take_robot(const open_fri_Robot &from, Monitoring *to)
     return from.safety <= 3 && from.operation <= 2 && from.control <= 3;
 }
 
-bool take_measurement(const open_fri_Measurement &from, Monitoring *to)
+/* Every array of joints: seven values or none. */
+bool take_joints(const open_fri_Measurement &from, Monitoring *to)
 {
-    if (!take(from.has_position, from.position, to->position) || !take(from.has_torque, from.torque, to->torque) ||
-        !take(from.has_commanded_position, from.commanded_position, to->commanded_position) ||
-        !take(from.has_commanded_torque, from.commanded_torque, to->commanded_torque) ||
-        !take(from.has_external_torque, from.external_torque, to->external_torque)) {
-        return false;
-    }
-    if (from.has_external_force && from.external_force.element_count == 6) {
-        std::memcpy(to->external_force, from.external_force.element, sizeof to->external_force);
-    }
-    take_pose(from.has_pose, from.pose, to->pose);
-    if (from.has_redundancy) {
-        to->redundancy = from.redundancy.value;
-        to->strategy = from.redundancy.strategy;
-    }
-    to->seconds = from.has_time ? from.time.seconds : 0;
-    to->nanoseconds = from.has_time ? from.time.nanoseconds : 0;
+    return take(from.has_position, from.position, to->position) && take(from.has_torque, from.torque, to->torque) &&
+           take(from.has_commanded_position, from.commanded_position, to->commanded_position) &&
+           take(from.has_commanded_torque, from.commanded_torque, to->commanded_torque) &&
+           take(from.has_external_torque, from.external_torque, to->external_torque);
+}
+
+bool take_ios(const open_fri_Measurement &from, Monitoring *to)
+{
     to->io_count = from.ios_count;
     for (int i = 0; i < to->io_count; ++i) {
         const open_fri_Io &io = from.ios[i];
@@ -112,8 +105,26 @@ bool take_measurement(const open_fri_Measurement &from, Monitoring *to)
         to->ios[i].digital = io.digital;
         to->ios[i].analog = io.analog;
     }
+    return true;
+}
+
+bool take_measurement(const open_fri_Measurement &from, Monitoring *to)
+{
+    if (!take_joints(from, to)) {
+        return false;
+    }
+    if (from.has_external_force && from.external_force.element_count == 6) {
+        std::memcpy(to->external_force, from.external_force.element, sizeof to->external_force);
+    }
+    take_pose(from.has_pose, from.pose, to->pose);
+    if (from.has_redundancy) {
+        to->redundancy = from.redundancy.value;
+        to->strategy = from.redundancy.strategy;
+    }
+    to->seconds = from.has_time ? from.time.seconds : 0;
+    to->nanoseconds = from.has_time ? from.time.nanoseconds : 0;
     const bool strategy = to->strategy == 0 || to->strategy == 4;
-    return strategy && to->nanoseconds < 1000000000u;
+    return take_ios(from, to) && strategy && to->nanoseconds < 1000000000u;
 }
 
 bool take_interpolator(const open_fri_Interpolator &from, Monitoring *to)

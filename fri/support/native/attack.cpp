@@ -24,21 +24,138 @@ namespace {
 
 /* ---- a session --------------------------------------------------------------------------------------------------- */
 
-/* What only the client's records show. */
-struct Seen {
-    double elastic = 0.0, lead = 0.0, reference = 0.0, error = 0.0;
-    bool let_go = false;
-    double let_go_time = -1.0, zero_time = -1.0, apart = 0.0;
-};
-
-struct Place {
-    double time;
-    Vector q0;
-};
-
 const char *boolean(bool value)
 {
     return value ? "true" : "false";
+}
+
+/* Watches over a session: what only the client and its records show. */
+class Watcher {
+public:
+    Watcher(World &world, WipingClient &client, Records &records, Question &question)
+        : world_(world), client_(client), records_(records), question_(question)
+    {
+    }
+
+    /* After each answer. */
+    void look()
+    {
+        world_.sample_time = client_.sample_time();
+        const Event *const answer = world_.schedule.due("answer", seconds());
+        if (answer != NULL && question_.state() == Question::ASKED) {
+            question_.answer(answer->value >= 0.5);
+        }
+        const double ahead = client_.progress() - seconds();
+        slack_ = std::min(slack_, ahead);
+        lead = std::max(lead, (ahead - slack_) / client_.sample_time() / 8.0);
+        Record record;
+        while (records_.pop(&record)) {
+            take(record);
+        }
+        if (let_go && zero_time < 0.0 && world_.last_torque == 0.0) {
+            zero_time = seconds();
+        }
+    }
+
+    /* After the session. */
+    void finish()
+    {
+        Record record;
+        while (records_.pop(&record)) {
+            let_go = let_go || (record.events & EVENT_LET_GO) != 0;
+        }
+        let_go = let_go || client_.gone() != LET_GO_NONE;
+    }
+
+    double elastic = 0.0, lead = 0.0, reference = 0.0, error = 0.0;
+    bool let_go = false;
+    double let_go_time = -1.0, zero_time = -1.0, apart = 0.0;
+
+private:
+    struct Place {
+        double time;
+        Vector q0;
+    };
+
+    void take(const Record &record)
+    {
+        if ((record.events & EVENT_LET_GO) != 0 && !let_go) {
+            let_go = true;
+            let_go_time = seconds();
+            apart = world_.apart;
+        }
+        if (record.kind == Record::STATE || record.start || record.reset) {
+            places_.clear();
+        }
+        if (record.kind == Record::STEP && record.sample_valid) {
+            elastic = std::max(elastic, record.elastic_energy / client_.config().energy_limit);
+            measure_error(record);
+            measure_speed(record);
+        }
+    }
+
+    /* Distance of the tip from the reference [m]. */
+    void measure_error(const Record &record)
+    {
+        double wanted[16], there[16], square = 0.0;
+        robot::pose(record.q0, wanted);
+        robot::pose(world_.arm.q.data(), there);
+        for (int i = 0; i < 3; ++i) {
+            square += (wanted[4 * i + 3] - there[4 * i + 3]) * (wanted[4 * i + 3] - there[4 * i + 3]);
+        }
+        error = std::max(error, std::sqrt(square));
+    }
+
+    /* Speed of the reference, as a share of the velocity limits. */
+    void measure_speed(const Record &record)
+    {
+        Place place = {seconds(), Vector()};
+        std::copy(record.q0, record.q0 + JOINTS, place.q0.begin());
+        for (const Place &old : places_) {
+            const double allowed = place.time - old.time + 8.0 * client_.sample_time();
+            for (int i = 0; i < JOINTS; ++i) {
+                const std::size_t k = static_cast<std::size_t>(i);
+                const double moved = std::fabs(place.q0[k] - old.q0[k]);
+                reference = std::max(reference, moved / (robot::velocity(i) * allowed));
+            }
+        }
+        places_.push_back(place);
+        if (places_.size() > 40) {
+            places_.pop_front();
+        }
+    }
+
+    World &world_;
+    WipingClient &client_;
+    Records &records_;
+    Question &question_;
+    std::deque<Place> places_; /* of the reference, in one motion */
+    double slack_ = 1e300;     /* least of progress minus time so far */
+};
+
+/* Print the result of a session as a line of JSON. */
+void print(const Ending &ending, const World &world, const Watcher &seen, const WipingClient &client)
+{
+    const double last = seconds();
+    const long recent = std::count_if(world.deliveries.begin(), world.deliveries.end(),
+                                      [last](double time) { return time > last - 0.5; });
+    std::printf("{\"code\": %d, \"sentence\": \"%s\", \"over_limit\": %.17g, \"step\": %.17g, \"rate\": %.17g, "
+                "\"lead\": %.17g, \"reference\": %.17g, \"elastic\": %.17g, \"error\": %.17g, \"kinetic\": %.17g, "
+                "\"fast\": %.17g, \"work\": %.17g, \"axis_delta\": %.17g, \"unanswered\": %u, \"not_finite\": %u, "
+                "\"sent\": %u, \"last_torque\": %.17g, \"recent\": %ld, \"time\": %.17g, ",
+                static_cast<int>(ending.code), ending.sentence.c_str(), world.over_limit, world.step, world.rate,
+                seen.lead, seen.reference, seen.elastic, seen.error, world.kinetic, world.fast, world.arm.work,
+                world.axis_delta, world.unanswered, world.not_finite, world.sent, world.last_torque, recent, last);
+    std::printf("\"release\": %.17g, \"let_go\": %s, \"done\": %s, \"idle\": %s, \"interrupted\": %s, \"interrupts\": %d, "
+                "\"declined\": %s, \"moved\": %s, \"refused\": %s, \"state\": %d, \"progress\": %.17g, \"parted\": %.17g, "
+                "\"let_go_time\": %.17g, \"beyond\": %.17g, \"apart\": %.17g, \"held\": %.17g}\n",
+                seen.zero_time >= 0.0 ? seen.zero_time - seen.let_go_time : -1.0, boolean(seen.let_go),
+                boolean(client.trajectory_done()), boolean(world.idle_seen), boolean(world.interrupted),
+                static_cast<int>(interrupts), boolean(client.question().state() == Question::NO), boolean(world.moved),
+                boolean(client.refusal() != REFUSAL_NONE), world.last_state, client.progress(), world.parted,
+                seen.let_go_time, world.beyond, seen.let_go ? seen.apart : world.apart,
+                world.parted_joint >= 0 ? world.held[static_cast<std::size_t>(world.parted_joint)] : 0.0);
+    std::fflush(stdout);
 }
 
 void session(const Schedule &schedule, const std::string &file, int period)
@@ -66,59 +183,8 @@ void session(const Schedule &schedule, const std::string &file, int period)
         world.effort[i] = client->config().effort_limit[i];
         world.torque_rate[i] = client->config().torque_rate_limit[i];
     }
-    Seen seen;
-    std::deque<Place> places; /* of the reference, in one motion */
-    double slack = 1e300;     /* least of progress minus time so far */
-    const double energy_limit = client->config().energy_limit;
-    world.watch = [&] {
-        world.sample_time = client->sample_time();
-        const Event *const answer = world.schedule.due("answer", seconds());
-        if (answer != NULL && question.state() == Question::ASKED) {
-            question.answer(answer->value >= 0.5);
-        }
-        const double ahead = client->progress() - seconds();
-        slack = std::min(slack, ahead);
-        seen.lead = std::max(seen.lead, (ahead - slack) / client->sample_time() / 8.0);
-        Record record;
-        while (records->pop(&record)) {
-            if ((record.events & EVENT_LET_GO) != 0 && !seen.let_go) {
-                seen.let_go = true;
-                seen.let_go_time = seconds();
-                seen.apart = world.apart;
-            }
-            if (record.kind == Record::STATE || record.start || record.reset) {
-                places.clear();
-            }
-            if (record.kind != Record::STEP || !record.sample_valid) {
-                continue;
-            }
-            seen.elastic = std::max(seen.elastic, record.elastic_energy / energy_limit);
-            double wanted[16], there[16], square = 0.0;
-            robot::pose(record.q0, wanted);
-            robot::pose(world.arm.q.data(), there);
-            for (int i = 0; i < 3; ++i) {
-                square += (wanted[4 * i + 3] - there[4 * i + 3]) * (wanted[4 * i + 3] - there[4 * i + 3]);
-            }
-            seen.error = std::max(seen.error, std::sqrt(square));
-            Place place = {seconds(), Vector()};
-            std::copy(record.q0, record.q0 + JOINTS, place.q0.begin());
-            for (const Place &old : places) {
-                for (int i = 0; i < JOINTS; ++i) {
-                    const std::size_t k = static_cast<std::size_t>(i);
-                    const double allowed = place.time - old.time + 8.0 * client->sample_time();
-                    seen.reference = std::max(seen.reference, std::fabs(place.q0[k] - old.q0[k]) /
-                                                                  (robot::velocity(i) * allowed));
-                }
-            }
-            places.push_back(place);
-            if (places.size() > 40) {
-                places.pop_front();
-            }
-        }
-        if (seen.let_go && seen.zero_time < 0.0 && world.last_torque == 0.0) {
-            seen.zero_time = seconds();
-        }
-    };
+    Watcher watcher(world, *client, *records, question);
+    world.watch = [&watcher] { watcher.look(); };
     application.connect(30200);
     Ending ending = {FAULT, "the client does not end"};
     try {
@@ -126,31 +192,8 @@ void session(const Schedule &schedule, const std::string &file, int period)
     } catch (const std::runtime_error &error) {
         ending.sentence = error.what();
     }
-    Record record;
-    while (records->pop(&record)) {
-        seen.let_go = seen.let_go || (record.events & EVENT_LET_GO) != 0;
-    }
-    seen.let_go = seen.let_go || client->gone() != LET_GO_NONE;
-    const double last = seconds();
-    const long recent = std::count_if(world.deliveries.begin(), world.deliveries.end(),
-                                      [last](double time) { return time > last - 0.5; });
-    std::printf("{\"code\": %d, \"sentence\": \"%s\", \"over_limit\": %.17g, \"step\": %.17g, \"rate\": %.17g, "
-                "\"lead\": %.17g, \"reference\": %.17g, \"elastic\": %.17g, \"error\": %.17g, \"kinetic\": %.17g, "
-                "\"fast\": %.17g, \"work\": %.17g, \"axis_delta\": %.17g, \"unanswered\": %u, \"not_finite\": %u, "
-                "\"sent\": %u, \"last_torque\": %.17g, \"recent\": %ld, \"time\": %.17g, ",
-                static_cast<int>(ending.code), ending.sentence.c_str(), world.over_limit, world.step, world.rate,
-                seen.lead, seen.reference, seen.elastic, seen.error, world.kinetic, world.fast, world.arm.work,
-                world.axis_delta, world.unanswered, world.not_finite, world.sent, world.last_torque, recent, last);
-    std::printf("\"release\": %.17g, \"let_go\": %s, \"done\": %s, \"idle\": %s, \"interrupted\": %s, \"interrupts\": %d, "
-                "\"declined\": %s, \"moved\": %s, \"refused\": %s, \"state\": %d, \"progress\": %.17g, \"parted\": %.17g, "
-                "\"let_go_time\": %.17g, \"beyond\": %.17g, \"apart\": %.17g, \"held\": %.17g}\n",
-                seen.zero_time >= 0.0 ? seen.zero_time - seen.let_go_time : -1.0, boolean(seen.let_go),
-                boolean(client->trajectory_done()), boolean(world.idle_seen), boolean(world.interrupted),
-                static_cast<int>(interrupts), boolean(client->question().state() == Question::NO), boolean(world.moved),
-                boolean(client->refusal() != REFUSAL_NONE), world.last_state, client->progress(), world.parted,
-                seen.let_go_time, world.beyond, seen.let_go ? seen.apart : world.apart,
-                world.parted_joint >= 0 ? world.held[static_cast<std::size_t>(world.parted_joint)] : 0.0);
-    std::fflush(stdout);
+    watcher.finish();
+    print(ending, world, watcher, *client);
 }
 
 } // namespace

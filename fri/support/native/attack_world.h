@@ -2,8 +2,8 @@
 #ifndef FRI_ATTACK_WORLD_H
 #define FRI_ATTACK_WORLD_H
 
-/* The robot's side of a hostile session: network, controller and arm. */
-#include "attack_arm.h"
+/* The robot's side of a hostile session: its network, and the states of its controller. */
+#include "attack_robot.h"
 
 namespace {
 
@@ -25,18 +25,13 @@ struct Answer {
 };
 
 double END = 4.0;            /* [s] after which the robot has ended the session, and is silent */
-const double PARTED = 0.02;  /* [rad] */
-const double LATEST = 0.06;  /* [s] from there to letting go */
 const double LONGEST = 26.0; /* [s] after the end, after which a client that has not left never will */
 
-class World : public Datagrams {
+class World : public Datagrams, public Robot {
 public:
-    World(const Schedule &schedule, const Vector &start, int period)
-        : schedule(schedule), arm(start), period_(period), random_(schedule.seed), open_(false)
+    World(const Schedule &schedule, const Vector &start, int period) : Robot(schedule, start, period), open_(false)
     {
-        torque_.fill(0.0);
         commanded_.fill(0.0);
-        anchor_ = start;
     }
 
     bool open(int, const char *) override { return open_ = true; }
@@ -112,21 +107,14 @@ public:
         return true;
     }
 
-    Schedule schedule;
-    Arm arm;
     std::function<void()> watch; /* after each answer */
 
     std::vector<Answer> answers; /* of the present motion */
+    double torque_rate[JOINTS], sample_time = 0.0; /* the client's; 0: not known yet */
     double over_limit = 0.0, step = 0.0, rate = 0.0, axis_delta = 0.0, kinetic = 0.0, fast = 0.0;
-    double effort[JOINTS], torque_rate[JOINTS], sample_time = 0.0; /* the client's; 0: not known yet */
-    int multiplier = 1;
     unsigned unanswered = 0, not_finite = 0, sent = 0;
     bool idle_seen = false, interrupted = false, moved = false;
     double beyond = 0.0;  /* [rad] farthest beyond a joint's limit */
-    double apart = 0.0;   /* [rad] of the arm now from its measured position */
-    double parted = -1.0; /* [s] when a joint was PARTED from its measured position; -1: never */
-    int parted_joint = -1;
-    Vector held = Vector(); /* share of the effort limit that friction held, if positions that stand still were true */
     double last_torque = 0.0, last_delivery = 0.0, gap = 0.0; /* largest [N m] of the last answer; [s] */
     std::deque<double> deliveries;                            /* [s] of the last sound messages */
     int last_state = IDLE;                                    /* of the last message that was answered */
@@ -224,14 +212,21 @@ private:
         complete_ = 0;
         if (time > END - 0.1) {
             stage_ = time > END ? IDLE : MONITORING_READY;
-        } else if (stage_ > MONITORING_WAIT && !good && schedule.at("patient", time) == NULL) {
-            stage_ = MONITORING_WAIT;
-            staying_ = 0;
-        } else if (stage_ < COMMANDING_ACTIVE && good && wanted > 0 && staying_ >= wanted) {
+        } else if (!good) {
+            break_off(time);
+        } else if (stage_ < COMMANDING_ACTIVE && wanted > 0 && staying_ >= wanted) {
             ++stage_;
             staying_ = 0;
         }
         return stage_;
+    }
+
+    void break_off(double time)
+    {
+        if (stage_ > MONITORING_WAIT && schedule.at("patient", time) == NULL) {
+            stage_ = MONITORING_WAIT;
+            staying_ = 0;
+        }
     }
 
     /* One of the robot's cycles: the arm moves, then a message. */
@@ -285,151 +280,6 @@ private:
         dispatch(message(state, time), state, time);
     }
 
-    Octets message(int state, double time)
-    {
-        const int without = static_cast<int>(schedule.value("without", time, 0.0));
-        const bool commanding = state >= COMMANDING_WAIT;
-        sequence_ = counter_ + static_cast<std::uint32_t>(std::llround(schedule.value("counter", time, 0.0)));
-        multiplier = static_cast<int>(schedule.value("multiplier", time, 1.0));
-        Octets body, header, states, measured, connection, interpolator, stamp;
-        put(&header, 1, 0x245142u);
-        put(&header, 2, sequence_);
-        put(&header, 3, 0u);
-        put(&body, 1, header);
-        put(&states, 1, 7u);
-        put(&states, 2, choice("safety", time, 0.0));
-        for (int i = 0; i < JOINTS; ++i) {
-            put(&states, 5, choice("drives", time, 2.0));
-        }
-        put(&states, 6, choice("operation", time, 2.0));
-        put(&states, 7, 2u);
-        if ((without & 8) == 0) {
-            put(&body, 2, states);
-        }
-        Vector q = arm.q, external = arm.external;
-        const Event *const off = schedule.at("offset", time), *const broken = schedule.at("nan", time);
-        const double noise = schedule.value("noise", time, 0.0), gain = schedule.value("gain", time, 1.0);
-        for (std::size_t i = 0; i < JOINTS; ++i) {
-            q[i] += noise * (2.0 * uniform_(random_) - 1.0);
-        }
-        if (off != NULL) {
-            q[static_cast<std::size_t>(joint_of(*off))] += off->value;
-        }
-        if (broken != NULL) {
-            q[static_cast<std::size_t>(static_cast<int>(broken->value) % JOINTS)] = std::nan("");
-        }
-        deceive(time, &q, &external);
-        const double hum = schedule.value("hum", time, 0.0);
-        const double bias = schedule.value("bias", time, 0.0);
-        for (std::size_t i = 0; i < JOINTS; ++i) {
-            external[i] = gain * external[i] + (hum > 0.0 ? hum * (2.0 * uniform_(random_) - 1.0) : 0.0);
-            external[i] += (i % 2 == 0 ? bias : -bias) * effort[i];
-        }
-        note_held(time, external);
-        if ((without & 1) == 0) {
-            put_reals(&measured, 1, q.data(), JOINTS);
-        }
-        put_reals(&measured, 2, arm.sensed.data(), JOINTS);
-        if (FRI_VERSION < 200) {
-            put_reals(&measured, 3, q.data(), JOINTS);
-        }
-        put_reals(&measured, 4, torque_.data(), JOINTS);
-        if ((without & 2) == 0) {
-            put_reals(&measured, 5, external.data(), JOINTS);
-        }
-        Octets io;
-        const std::string name = BUTTON;
-        put(&io, 1, Octets(name.begin(), name.end()));
-        put(&io, 2, 0u);
-        put(&io, 3, 0u);
-        put(&io, 4, schedule.at("button", time) != NULL ? 1u : 0u);
-        put(&measured, 8, io);
-        std::int64_t told = EPOCH + now_ns + std::llround(1e9 * schedule.value("clock", time, 0.0));
-        told += std::llround(1e6 * period_ * schedule.value("jitter", time, 0.0)) * (cycles_ % 2 == 0 ? 1 : -1);
-        const std::int64_t coarse = std::max<std::int64_t>(1, std::llround(1e9 * schedule.value("coarse", time, 0.0)));
-        told -= told % coarse;
-        told_ = schedule.at("frozen", time) != NULL ? told_ : told;
-        put(&stamp, 1, static_cast<std::uint64_t>(told_ / 1000000000));
-        put(&stamp, 2, static_cast<std::uint64_t>(told_ % 1000000000));
-        if ((without & 16) == 0) {
-            put(&measured, 15, stamp);
-        }
-        if ((without & 32) == 0) {
-            put(&body, 3, measured);
-        }
-        put(&connection, 1, static_cast<std::uint64_t>(state));
-        put(&connection, 2, choice("quality", time, 3.0));
-        put(&connection, 3, choice("period", time, period_));
-        put(&connection, 4, static_cast<std::uint64_t>(multiplier));
-        put(&body, 4, connection);
-        if (commanding && (without & 4) == 0) {
-            put_reals(&interpolator, 1, anchor_.data(), JOINTS);
-            put(&interpolator, 10, choice("mode", time, 3.0));
-            put(&interpolator, 11, 1u);
-            put(&body, 5, interpolator);
-        }
-        /* Whether the client has to answer it. */
-        whole_ = (without & 32) == 0 && ((without & 4) == 0 || !commanding);
-        return framed(body);
-    }
-
-    /* Note the torque that friction must hold if the positions that stand still are true, until it is too late. */
-    void note_held(double time, const Vector &external)
-    {
-        if (state_ != COMMANDING_ACTIVE || (parted >= 0.0 && time > parted + LATEST)) {
-            return;
-        }
-        for (std::size_t i = 0; i < JOINTS; ++i) {
-            const double share = std::fabs(torque_[i] + external[i]) / effort[i];
-            held[i] = stands(i, time) ? std::max(held[i], share) : held[i];
-        }
-    }
-
-    bool stands(std::size_t joint, double time) const
-    {
-        const int still = static_cast<int>(schedule.value("still", time, 0.0));
-        const int toggling = static_cast<int>(schedule.value("toggling", time, 0.0));
-        return ((still | toggling / 100) >> joint & 1) != 0;
-    }
-
-    /* Replace positions by those of faulty encoders, and note how far the arm is from them. */
-    void deceive(double time, Vector *q, Vector *external)
-    {
-        const double quantum = schedule.value("quantum", time, 0.0);
-        for (std::size_t i = 0; quantum > 0.0 && i < JOINTS; ++i) {
-            (*q)[i] = quantum * std::nearbyint((*q)[i] / quantum);
-        }
-        measured_.push_back(*q);
-        const int toggling = static_cast<int>(schedule.value("toggling", time, 0.0));
-        const int late = static_cast<int>(schedule.value("late", time, 0.0));
-        const std::size_t back = std::min<std::size_t>(static_cast<std::size_t>(late % 10000), measured_.size() - 1);
-        for (std::size_t i = 0; i < JOINTS; ++i) {
-            const bool stuck = stands(i, time);
-            (*q)[i] = stuck ? stood_[i] : (*q)[i];
-            stood_[i] = (*q)[i];
-            if ((toggling / 100 >> i & 1) != 0 && cycles_ % 2 == 0) {
-                std::uint64_t bits;
-                std::memcpy(&bits, &(*q)[i], sizeof bits);
-                bits ^= std::uint64_t(1) << (toggling % 100);
-                std::memcpy(&(*q)[i], &bits, sizeof bits);
-            }
-            (*q)[i] = (late / 10000 >> i & 1) != 0 ? measured_[measured_.size() - 1 - back][i] : (*q)[i];
-            if (stuck && schedule.at("misled", time) != NULL) {
-                (*external)[i] = schedule.value("misled", time, 0.0) > 1.5 ? -arm.sensed[i] : -torque_[i];
-            }
-            apart = std::max(i > 0 ? apart : 0.0, std::fabs(arm.q[i] - (*q)[i]));
-            if (parted < 0.0 && std::fabs(arm.q[i] - (*q)[i]) >= PARTED && state_ == COMMANDING_ACTIVE) {
-                parted = time;
-                parted_joint = static_cast<int>(i);
-            }
-        }
-    }
-
-    std::uint64_t choice(const char *kind, double time, double otherwise) const
-    {
-        return static_cast<std::uint64_t>(std::llround(std::max(0.0, schedule.value(kind, time, otherwise))));
-    }
-
     /* What becomes of a message on its way. */
     void dispatch(const Octets &bytes, int state, double time)
     {
@@ -472,21 +322,15 @@ private:
         }
     }
 
-    const double period_; /* [ms] */
-    std::mt19937 random_;
-    std::uniform_real_distribution<double> uniform_{0.0, 1.0};
     std::vector<Parcel> parcels_;
     std::deque<std::pair<Octets, int>> sent_; /* with their states */
     std::map<std::uint32_t, int> states_; /* of the messages, by their counter */
-    std::int64_t next_cycle_ = 1000000, last_cycle_ = 0, told_ = EPOCH;
-    std::uint32_t counter_ = 0, sequence_ = 0, newest_ = 0;
-    bool open_, seen_any_ = false, owed_ = false, whole_ = true;
-    int cycles_ = 0, state_ = IDLE;
+    std::int64_t next_cycle_ = 1000000, last_cycle_ = 0;
+    std::uint32_t newest_ = 0;
+    bool open_, seen_any_ = false, owed_ = false;
     int stage_ = MONITORING_WAIT, staying_ = 0, complete_ = 0; /* natural state; cycles in it; commands in this cycle */
     std::deque<bool> missing_;                                 /* answers of the last cycles */
-    std::vector<Vector> measured_;                             /* positions before the faults of their encoders */
-    Vector stood_ = Vector();                                  /* position that a joint is to stand at */
-    Vector torque_, commanded_, anchor_; /* in force; received, in force from the next cycle on; interpolator's */
+    Vector commanded_; /* received torque, in force from the next cycle on */
 };
 
 } // namespace

@@ -320,6 +320,92 @@ void ClientApplication::disconnect()
     connection_.close();
 }
 
+namespace {
+
+/* Find the message in a datagram. */
+bool unframe(const char *received, size_t size, const uint8_t **body, size_t *length)
+{
+    *body = reinterpret_cast<const uint8_t *>(received);
+    *length = size;
+#if STANDIN_VERSION >= 207
+    *length = read_little_endian(*body);
+    if (*length + 8 != size) {
+        std::fprintf(stderr, "standin: a length that is not the datagram's; KUKA's library would read beyond it\n");
+        std::abort();
+    }
+    *body += 4;
+    if (read_little_endian(*body + *length) != checksum(*body, *length)) {
+        std::printf("Error: wrong CRC!\n");
+        return false;
+    }
+#endif
+    return true;
+}
+
+bool decode(const uint8_t *body, size_t length, open_fri_Monitoring *message)
+{
+    pb_istream_t in = pb_istream_from_buffer(body, length);
+    if (!pb_decode(&in, open_fri_Monitoring_fields, message)) {
+        std::printf("Error: failed to decode: %s\n", PB_GET_ERROR(&in));
+        return false;
+    }
+    if (message->header.identifier != 0x245142) {
+        std::printf("Error: wrong message identifier!\n");
+        return false;
+    }
+    return true;
+}
+
+/* Keep a message, and begin its answer. */
+void keep(const open_fri_Monitoring &message, ClientData &data)
+{
+    const open_fri_Measurement &from = message.measurement;
+    const bool measured = message.has_measurement;
+    data.in = message;
+    data.position.take(measured && from.has_position, from.position);
+    data.torque.take(measured && from.has_torque, from.torque);
+    data.commanded_position.take(measured && from.has_commanded_position, from.commanded_position);
+    data.commanded_torque.take(measured && from.has_commanded_torque, from.commanded_torque);
+    data.external_torque.take(measured && from.has_external_torque, from.external_torque);
+    data.ipo.take(message.has_interpolator && message.interpolator.has_position, message.interpolator.position);
+    data.out = open_fri_Command_init_zero;
+}
+
+/* Call the client for a state; false if the state has no answer. */
+bool call(ESessionState state, IClient &client)
+{
+    switch (state) {
+    case MONITORING_WAIT:
+    case MONITORING_READY: client.monitor(); return true;
+    case COMMANDING_WAIT: client.waitForCommand(); return true;
+    case COMMANDING_ACTIVE: client.command(); return true;
+    default: return false;
+    }
+}
+
+/* Encode the answer into data.sent; return its size, or 0. */
+size_t encode(ClientData &data)
+{
+    data.out.header.identifier = 0x34001;
+    data.out.header.sequence = data.sequence++;
+    data.out.header.reflected = data.in.header.sequence;
+    const size_t front = STANDIN_VERSION >= 207 ? 4 : 0;
+    pb_ostream_t out = pb_ostream_from_buffer(reinterpret_cast<uint8_t *>(data.sent) + front, sizeof data.sent - 8);
+    if (!pb_encode(&out, open_fri_Command_fields, &data.out)) {
+        std::printf("Error: failed to encode!\n");
+        return 0;
+    }
+    if (front) {
+        const uint8_t *const encoded = reinterpret_cast<uint8_t *>(data.sent) + front;
+        const uint32_t words[2] = {static_cast<uint32_t>(out.bytes_written), checksum(encoded, out.bytes_written)};
+        std::memcpy(data.sent, &words[0], 4);
+        std::memcpy(data.sent + front + out.bytes_written, &words[1], 4);
+    }
+    return out.bytes_written + 2 * front;
+}
+
+} // namespace
+
 bool ClientApplication::step()
 {
     if (!connection_.isOpen()) {
@@ -332,79 +418,30 @@ bool ClientApplication::step()
         std::printf("Error: failed while trying to receive monitoring message!\n");
         return false;
     }
-    const uint8_t *body = reinterpret_cast<const uint8_t *>(data.received);
-    size_t length = static_cast<size_t>(size);
-#if STANDIN_VERSION >= 207
-    length = read_little_endian(body);
-    if (length + 8 != static_cast<size_t>(size)) {
-        std::fprintf(stderr, "standin: a length that is not the datagram's; KUKA's library would read beyond it\n");
-        std::abort();
-    }
-    body += 4;
-    if (read_little_endian(body + length) != checksum(body, length)) {
-        std::printf("Error: wrong CRC!\n");
-        return false;
-    }
-#endif
+    const uint8_t *body = NULL;
+    size_t length = 0;
     open_fri_Monitoring message = open_fri_Monitoring_init_zero;
-    pb_istream_t in = pb_istream_from_buffer(body, length);
-    if (!pb_decode(&in, open_fri_Monitoring_fields, &message)) {
-        std::printf("Error: failed to decode: %s\n", PB_GET_ERROR(&in));
+    if (!unframe(data.received, static_cast<size_t>(size), &body, &length) || !decode(body, length, &message)) {
         return false;
     }
-    if (message.header.identifier != 0x245142) {
-        std::printf("Error: wrong message identifier!\n");
-        return false;
-    }
-    data.in = message;
-    data.position.take(message.has_measurement && message.measurement.has_position, message.measurement.position);
-    data.torque.take(message.has_measurement && message.measurement.has_torque, message.measurement.torque);
-    data.commanded_position.take(message.has_measurement && message.measurement.has_commanded_position,
-                                 message.measurement.commanded_position);
-    data.commanded_torque.take(message.has_measurement && message.measurement.has_commanded_torque,
-                               message.measurement.commanded_torque);
-    data.external_torque.take(message.has_measurement && message.measurement.has_external_torque,
-                              message.measurement.external_torque);
-    data.ipo.take(message.has_interpolator && message.interpolator.has_position, message.interpolator.position);
-    data.out = open_fri_Command_init_zero;
+    keep(message, data);
     const ESessionState state = message.has_connection ? static_cast<ESessionState>(message.connection.state) : IDLE;
     if (state != data.last) {
         const ESessionState before = data.last;
         data.last = state;
         client_.onStateChange(before, state);
     }
-    switch (state) {
-    case MONITORING_WAIT:
-    case MONITORING_READY: client_.monitor(); break;
-    case COMMANDING_WAIT: client_.waitForCommand(); break;
-    case COMMANDING_ACTIVE: client_.command(); break;
-    default: return true;
-    }
-    if (++data.count < message.connection.multiplier) {
+    if (!call(state, client_) || ++data.count < message.connection.multiplier) {
         return true;
     }
     data.count = 0;
-    data.out.header.identifier = 0x34001;
-    data.out.header.sequence = data.sequence++;
-    data.out.header.reflected = message.header.sequence;
-    const size_t front = STANDIN_VERSION >= 207 ? 4 : 0;
-    pb_ostream_t out = pb_ostream_from_buffer(reinterpret_cast<uint8_t *>(data.sent) + front, sizeof data.sent - 8);
-    if (!pb_encode(&out, open_fri_Command_fields, &data.out)) {
-        std::printf("Error: failed to encode!\n");
-        return false;
-    }
-    if (front) {
-        const uint8_t *const encoded = reinterpret_cast<uint8_t *>(data.sent) + front;
-        const uint32_t words[2] = {static_cast<uint32_t>(out.bytes_written), checksum(encoded, out.bytes_written)};
-        std::memcpy(data.sent, &words[0], 4);
-        std::memcpy(data.sent + front + out.bytes_written, &words[1], 4);
-    }
+    const size_t answer = encode(data);
 #if STANDIN_VERSION >= 207
     typedef unsigned int Size;
 #else
     typedef int Size;
 #endif
-    return connection_.send(data.sent, static_cast<Size>(out.bytes_written + 2 * front));
+    return answer > 0 && connection_.send(data.sent, static_cast<Size>(answer));
 }
 
 } // namespace FRI
