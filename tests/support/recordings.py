@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Sequence
+from collections.abc import Callable, Container, Iterable, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -86,24 +86,30 @@ def write_mcap(
     skip: Container[int] = (),
     extra_topics: Iterable[str] = (),
     compressed: bool = True,
+    clocks: Callable[[int], tuple[int, int, int]] = lambda index: (0, 0, 0),
 ) -> Path:
-    """Write wrenches ``delay`` ns after their joint positions; omit those of the rows in ``skip``."""
+    """Write wrenches ``delay`` ns after their joint positions; omit those of the rows in ``skip``.
+
+    ``clocks`` tells for a row how wrong the clocks of joints, sensor and recorder are [ns].
+    """
     with path.open("wb") as file:
         writer: Any = Writer(file, compression=CompressionType.ZSTD if compressed else CompressionType.NONE)
         states = writer.register_msgdef("sensor_msgs/msg/JointState", JOINT_STATE + HEADER)
         wrenches = writer.register_msgdef("geometry_msgs/msg/WrenchStamped", WRENCH_STAMPED + HEADER)
         for index, row in enumerate(rows):
+            joint_clock, sensor_clock, recorder = clocks(index)
             now = 10**9 + round(row[0] * 1e9)
+            measured, logged = now + joint_clock, now + recorder
             # Joints come in another order, with one that is not of the arm; a gripper uses the same topic.
             state = {"name": ["finger", *reversed(joints)], "position": [0.5, *row[7:0:-1]]}
-            writer.write_message("/joint_states", states, {"header": stamp(now), **state}, log_time=now)
-            gripper = {"header": stamp(now), "name": ["thumb"], "position": [1.0]}
-            writer.write_message("/joint_states", states, gripper, log_time=now)
+            writer.write_message("/joint_states", states, {"header": stamp(measured), **state}, log_time=logged)
+            gripper = {"header": stamp(measured), "name": ["thumb"], "position": [1.0]}
+            writer.write_message("/joint_states", states, gripper, log_time=logged)
             if index in skip:
                 continue
             f, m = (dict(zip("xyz", row[at : at + 3], strict=True)) for at in (8, 11))
-            message = {"header": stamp(now + delay), "wrench": {"force": f, "torque": m}}
+            message = {"header": stamp(now + sensor_clock + delay), "wrench": {"force": f, "torque": m}}
             for topic in ("/wrench", *extra_topics):
-                writer.write_message(topic, wrenches, message, log_time=now + delay)
+                writer.write_message(topic, wrenches, message, log_time=logged + delay)
         writer.finish()
     return path

@@ -176,17 +176,17 @@ def test_mcap_of_several_topics(here, robot_folder):
 
 def test_mcap_takes_the_nearest_wrench():
     """Against a search over all wrenches, with irregular stamps and late messages."""
-    from stiffgen.lab.analyze.recording.mcap_file import _matched
+    from stiffgen.lab.analyze.recording.stamps import Message, matched
 
     random = np.random.default_rng(3)
     wrenches = np.cumsum(random.integers(1, 30, 400)) * 1_000_000
     joints = np.sort(random.integers(0, wrenches[-1], 300))
     log = [(int(s + 4_000_000), True, int(s)) for s in wrenches] + [(int(s), False, int(s)) for s in joints]
-    messages = ((is_wrench, (s, (float(s),))) for _, is_wrench, s in sorted(log))
+    messages = [Message(is_wrench, logged, s, (float(s),)) for logged, is_wrench, s in sorted(log)]
     tolerance = 8_000_000
-    matches = list(_matched(messages, tolerance))
-    assert [stamped[0] for stamped, _ in matches] == joints.tolist()
-    for (s, _), wrench in matches:
+    matches = [(joints.stamp, wrench) for joints, wrench, _ in matched(messages, tolerance)]
+    assert [s for s, _ in matches] == joints.tolist()
+    for s, wrench in matches:
         away = np.abs(wrenches - s)
         assert (wrench is None) == (away.min() > tolerance)
         assert wrench is None or abs(wrench[0] - s) == away.min()

@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 import io
-from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+import struct
+from array import array
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import redirect_stderr
 from dataclasses import dataclass
 from functools import partial
@@ -14,22 +15,24 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stiffgen.core.errors import RecordingError, listed, printable, shell_word
 from stiffgen.lab.analyze.recording import Block, Columns, Recording, RecordingRequest, RowProblem, extra
+from stiffgen.lab.analyze.recording.stamps import LATENESS, Match, Message, Unwrapped, jumps, matched
 
 _JOINTS = "sensor_msgs/msg/JointState"
 _WRENCH = "geometry_msgs/msg/WrenchStamped"
 _FIRST_MESSAGES = 1000
-_LATENESS = 1_000_000_000  # [ns] largest delay of a wrench in the file behind its stamp
 _PURPOSE = "reading MCAP"
-
-Stamped = tuple[int, tuple[float, ...]]
 
 
 @dataclass(frozen=True)
 class McapPartition:
-    """A whole file, read from front to back, since wrenches are matched in the order of the log."""
+    """A whole file, read from front to back, since wrenches are matched in the order of the log.
+
+    ``set_back`` tells that the recorder's clock was set back: the order of the log is then that of the file.
+    """
 
     path: Path
     joints: tuple[str, ...]
@@ -37,6 +40,7 @@ class McapPartition:
     wrench_topic: str
     tolerance: int
     messages: int
+    set_back: bool
 
     @property
     def work(self) -> float:
@@ -46,35 +50,51 @@ class McapPartition:
     def blocks(self, most: int) -> Iterator[Block]:
         """Yield one row per message with joint positions, with the wrench nearest in time."""
         row = 0
-        matches = _matched(self._messages(), self.tolerance)
+        matches = matched(self._messages(), self.tolerance)
         while batch := list(islice(matches, most)):
             values = np.full((len(batch), 1 + len(self.joints) + 6), np.nan)
             missing = np.zeros(values.shape, dtype=bool)
             problems = {}
-            for index, ((stamp, positions), wrench) in enumerate(batch):
-                values[index, 0] = stamp * 1e-9
+            for index, match in enumerate(batch):
+                positions = match.joints.numbers
+                values[index, 0] = match.joints.stamp * 1e-9
                 values[index, 1 : 1 + len(positions)] = positions
-                if not positions:
-                    problems[index] = RowProblem("missing value", "the message lacks some of the joints")
-                elif wrench is None:
-                    text = f"no wrench within {self.tolerance * 1e-9:g} s of the joint positions"
-                    problems[index] = RowProblem("no wrench in time", text)
-                else:
-                    values[index, -6:] = wrench
+                if match.wrench is not None:
+                    values[index, -6:] = match.wrench
+                if (problem := self._problem(match)) is not None:
+                    problems[index] = problem
             yield Block(np.arange(row, row + len(batch)), values, missing, problems, work=len(batch))
             row += len(batch)
 
-    def _messages(self) -> Iterator[tuple[bool, Stamped]]:
-        """Yield (is_wrench, (stamp [ns], numbers)) in the order of the log; no numbers if joints are absent."""
+    def _problem(self, match: Match) -> RowProblem | None:
+        """Return why a row cannot be used."""
+        if not match.joints.numbers:
+            return RowProblem("missing value", "the message lacks some of the joints")
+        if match.wrench is not None:
+            return None
+        if match.away is not None and abs(match.away) > LATENESS:
+            direction = "later" if match.away > 0 else "earlier"
+            text = (
+                f"the wrenches logged beside the joint positions are stamped {abs(match.away) * 1e-9:g} s {direction}"
+            )
+            return RowProblem("stamp of another time", text)
+        text = f"no wrench within {self.tolerance * 1e-9:g} s of the joint positions"
+        return RowProblem("no wrench in time", text)
+
+    def _messages(self) -> Iterator[Message]:
+        """Yield messages in the order of the log; no numbers if joints are absent."""
+        topics = (self.q_topic, self.wrench_topic)
+        unwrapped = {topic: Unwrapped(self.tolerance) for topic in topics}
         with self.path.open("rb") as file:
-            for topic, stamp, message in _decoded(file, [self.q_topic, self.wrench_topic]):
+            for topic, logged, stamp, message in _decoded(file, topics, in_file_order=self.set_back):
+                time = unwrapped[topic](logged) if self.set_back else logged
                 if topic == self.wrench_topic:
                     f, m = message.wrench.force, message.wrench.torque
-                    yield True, (stamp, (f.x, f.y, f.z, m.x, m.y, m.z))
+                    yield Message(True, time, stamp, (f.x, f.y, f.z, m.x, m.y, m.z))
                     continue
                 positions = _positions(message, self.joints)
                 if positions is not None:
-                    yield False, (stamp, positions)
+                    yield Message(False, time, stamp, positions)
 
 
 def _positions(message: Any, joints: tuple[str, ...]) -> tuple[float, ...] | None:
@@ -87,44 +107,62 @@ def _positions(message: Any, joints: tuple[str, ...]) -> tuple[float, ...] | Non
     return tuple(found) if len(found) == len(joints) else ()
 
 
-def _matched(
-    messages: Iterator[tuple[bool, Stamped]], tolerance: int
-) -> Iterator[tuple[Stamped, tuple[float, ...] | None]]:
-    """Yield joint positions with the wrench nearest in time; ``_LATENESS`` bounds the messages in memory."""
-    waiting: deque[Stamped] = deque()  # joint positions whose wrench may still come
-    wrenches: deque[Stamped] = deque()
-    newest = 0  # [ns]
-    for is_wrench, stamped in messages:
-        (wrenches if is_wrench else waiting).append(stamped)
-        newest = max(newest, stamped[0])
-        # a later wrench is there, or none in time will come
-        while waiting and (
-            (wrenches and wrenches[-1][0] >= waiting[0][0]) or newest - waiting[0][0] > tolerance + _LATENESS
-        ):
-            joints = waiting.popleft()
-            yield joints, _nearest(wrenches, joints[0], tolerance)
-        while not waiting and wrenches and newest - wrenches[0][0] > tolerance + _LATENESS:
-            wrenches.popleft()  # too old for joint positions to come
-    for joints in waiting:
-        yield joints, _nearest(wrenches, joints[0], tolerance)
-
-
-def _nearest(wrenches: deque[Stamped], stamp: int, tolerance: int) -> tuple[float, ...] | None:
-    """Return the wrench nearest to a time; drop those before the last one that is not later."""
-    while len(wrenches) > 1 and wrenches[1][0] <= stamp:
-        wrenches.popleft()
-    best = min(islice(wrenches, 2), key=lambda wrench: abs(wrench[0] - stamp), default=None)
-    return best[1] if best is not None and abs(best[0] - stamp) <= tolerance else None
-
-
-def _decoded(file: BinaryIO, topics: list[str]) -> Iterator[tuple[str, int, Any]]:
-    """Yield (topic, stamp [ns], message); the time of logging replaces a missing stamp."""
+def _decoded(
+    file: BinaryIO, topics: Sequence[str], *, in_file_order: bool = False
+) -> Iterator[tuple[str, int, int, Any]]:
+    """Yield (topic, logged [ns], stamp [ns], message); the time of logging replaces a missing stamp."""
     factory = extra("mcap_ros2.decoder", _PURPOSE).DecoderFactory()
     factory.decoder_for = partial(_quietly, factory.decoder_for)
     reader = extra("mcap.reader", _PURPOSE).make_reader(file, validate_crcs=True, decoder_factories=[factory])
-    for _, channel, message, decoded in reader.iter_decoded_messages(topics=topics):
+    for _, channel, message, decoded in reader.iter_decoded_messages(topics=topics, log_time_order=not in_file_order):
         stamp = decoded.header.stamp.sec * 1_000_000_000 + decoded.header.stamp.nanosec
-        yield channel.topic, stamp or message.log_time, decoded
+        yield channel.topic, message.log_time, stamp or message.log_time, decoded
+
+
+@dataclass(frozen=True)
+class _Clocks:
+    """What the clocks did in a recording: whether the recorder's was set back, and sentences about the stamps."""
+
+    set_back: bool
+    notes: tuple[str, ...]
+
+
+def _times(file: BinaryIO, topics: Sequence[str]) -> dict[str, tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    """Return the logged times and the stamps by topic, in the order of the file; messages are not decoded [ns]."""
+    times = {topic: (array("q"), array("q")) for topic in topics}
+    reader = extra("mcap.reader", _PURPOSE).make_reader(file)
+    for _, channel, message in reader.iter_messages(topics=topics, log_time_order=False):
+        # each of the two types begins with its header, behind 4 bytes that tell the byte order
+        second, nanosecond = struct.unpack_from("<iI" if message.data[1] & 1 else ">iI", message.data, 4)
+        logged, stamps = times[channel.topic]
+        logged.append(message.log_time)
+        stamps.append(second * 1_000_000_000 + nanosecond or message.log_time)
+    return {
+        topic: (np.array(logged, dtype=np.int64), np.array(stamps, dtype=np.int64))
+        for topic, (logged, stamps) in times.items()
+    }
+
+
+def _clocks(file: BinaryIO, topics: Sequence[str], tolerance: int) -> _Clocks:
+    """Find what the clocks of recorder and publishers did."""
+    times, notes = _times(file, topics), []
+    back = max(int(np.sum(np.diff(logged) < -tolerance)) for logged, _ in times.values())
+    if back:
+        notes.append(
+            f"The recorder's clock was set back ({back} times): messages are matched in the order of the file."
+        )
+    for topic, (logged, stamps) in times.items():
+        order = np.argsort(logged, kind="stable")
+        if back:
+            unwrapped, order = Unwrapped(tolerance), np.arange(len(logged))
+            logged = np.array([unwrapped(time) for time in logged.tolist()], dtype=np.int64)
+        found, first = jumps(logged[order], stamps[order], tolerance)
+        if len(found):
+            notes.append(
+                f"Time stamps on {printable(topic)} jump {len(found)} times, first by {first:g} s at message "
+                f"{found[0]}: the publisher's clock."
+            )
+    return _Clocks(bool(back), tuple(notes))
 
 
 def _quietly(function: Callable[..., Any], *arguments: Any) -> Any:
@@ -162,12 +200,15 @@ def open_file(path: Path, request: RecordingRequest, progress: Callable[[str], N
         file.seek(0)
         _check_joints(path, file, q_topic, joints)
         file.seek(0)
-        frame = next((m.header.frame_id for _, _, m in _decoded(file, [wrench_topic])), "")
-    tolerance = round(request.tolerance * 1e9)
-    whole = McapPartition(path, joints, q_topic, wrench_topic, tolerance, messages[q_topic])
+        frame = next((decoded.header.frame_id for *_, decoded in _decoded(file, [wrench_topic])), "")
+        progress(f"reading the times in {path.name}")
+        tolerance = round(request.tolerance * 1e9)
+        file.seek(0)
+        clocks = _clocks(file, (q_topic, wrench_topic), tolerance)
+    whole = McapPartition(path, joints, q_topic, wrench_topic, tolerance, messages[q_topic], clocks.set_back)
     columns = Columns("time", joints, tuple(f"{part}.{axis}" for part in ("force", "torque") for axis in "xyz"))
     note = f"Wrenches on {printable(wrench_topic)}: frame '{printable(str(frame))}', used without conversion."
-    return Recording(path, columns, (whole,), notes=(note,))
+    return Recording(path, columns, (whole,), notes=(note, *clocks.notes))
 
 
 def _check_topics(path: Path, topics: Mapping[str, str], chosen: tuple[str, ...]) -> None:
@@ -196,7 +237,7 @@ def _listing(topics: Mapping[str, str]) -> str:
 def _check_joints(path: Path, file: BinaryIO, topic: str, joints: tuple[str, ...]) -> None:
     """Refuse a topic in whose first messages some of the joints do not occur; they may lie in different messages."""
     seen: dict[str, None] = {}
-    for _, _, message in islice(_decoded(file, [topic]), _FIRST_MESSAGES):
+    for *_, message in islice(_decoded(file, [topic]), _FIRST_MESSAGES):
         seen |= dict.fromkeys(message.name or (joints if len(message.position) == len(joints) else ()))
         if all(joint in seen for joint in joints):
             return
