@@ -183,6 +183,10 @@ class BuildError(StiffgenError):
     """The generated C did not compile; the message ends with the compiler's last lines."""
 
 
+class NoCompilerError(BuildError):
+    """No compiler is installed; the message names the package."""
+
+
 class RecordingError(StiffgenError):
     """A recording cannot be read: its format, its columns or the requested analysis is wrong."""
 

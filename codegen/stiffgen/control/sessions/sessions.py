@@ -19,11 +19,10 @@ from stiffgen.control.sessions.library import ControllerLibrary, build_controlle
 from stiffgen.control.sessions.rules import check_rules
 from stiffgen.control.sessions.seeking import SeekingSession
 from stiffgen.control.sessions.services import compare_services
-from stiffgen.core.errors import BuildError
 from stiffgen.core.opened import GeneratedRobot
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.verify.folder.forked import confined
-from stiffgen.core.verify.result import Check, faultless, left_out
+from stiffgen.core.verify.result import Check, faultless
 
 SESSIONS: tuple[type[HostileSession], ...] = (*[HostileSession] * 90, *[SeekingSession] * 8)
 """Kinds of the sessions, in their order."""
@@ -41,15 +40,14 @@ def check_sessions(robot: GeneratedRobot, texts: Mapping[str, str], seed: int, b
     Returns:
         Nothing for a robot without a controller.
 
+    Raises:
+        BuildError: no compiler, or it failed.
+
     """
     if f"{robot.name}_impedance.c" not in texts:
         return []
-    try:
-        reference, library = (
-            ControllerLibrary(file, robot.name, robot.chain) for file in _build_both(robot, texts, build)
-        )
-    except BuildError:  # the folder may have been compiled elsewhere
-        return [left_out("controller: sessions", "the C compiler is missing or fails")]
+    files = _build_both(robot, texts, build)
+    reference, library = (ControllerLibrary(file, robot.name, robot.chain) for file in files)
     faults = confined(lambda: differences(reference, library, robot.chain, seed))
     return [
         *check_rules(library, robot.module, robot.chain),

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stiffgen.core.errors import BuildError
+from stiffgen.core.errors import BuildError, NoCompilerError
 from stiffgen.core.folder import temporary_folder
 from stiffgen.core.signals import signals_deferred
 
@@ -77,7 +77,7 @@ def build_jax(folder: Path, name: str) -> None:
 
     """
     compiler, folder = compiler_command(), folder.resolve()
-    if not _xla_headers():
+    if not xla_headers():
         raise BuildError("jax is not installed")
     needed = {*kernel_sources(folder, name), *(folder / "python" / f"{name}_{part}.c" for part in ("calls", "jax"))}
     with temporary_folder("build") as build:
@@ -110,7 +110,7 @@ def _wrapper_link(command: Sequence[str], objects: Mapping[str, str], folder: Pa
 
 def _sources(folder: Path, name: str, header: Path) -> dict[Path, Sequence[str]]:
     """Return the folder's C files with the compiler's options for each."""
-    xla = _xla_headers()
+    xla = xla_headers()
     options: dict[Path, Sequence[str]] = {
         **{source: [] for source in kernel_sources(folder, name)},
         folder / f"{name}_impedance.c": [],
@@ -144,6 +144,35 @@ def build_library(
     command = [*compiler, "-std=gnu99", *_FAST_TO_COMPILE, *flags, "-fPIC", "-shared", f"-I{folder.resolve()}"]
     command += map(str, (*kernel_sources(folder.resolve(), name), *more))
     _run([[*command, "-o", str(library), *(["-lm"] if os.name != "nt" else [])]], compiler[0], build)
+    return library
+
+
+def build_beside(
+    libraries: Sequence[Path],
+    sources: Sequence[Path],
+    stem: Path,
+    headers: Path,
+    compiler: Sequence[str] = (),
+    flags: Sequence[str] = ("-std=gnu99",),
+) -> Path:
+    """Compile sources into a shared library that calls functions of other shared libraries; without optimisation.
+
+    Args:
+        libraries: shared libraries with the called functions.
+        sources: C files, or those of ``compiler``'s language.
+        stem: the new library without its suffix.
+        headers: a folder of headers.
+        compiler: command (default: the C compiler).
+        flags: the language's flags.
+
+    Raises:
+        BuildError: no compiler, or it failed; with its last lines.
+
+    """
+    command = [*(compiler or compiler_command()), *flags, *_FORWARDS, "-fPIC", "-shared", f"-I{headers.resolve()}"]
+    library = stem.with_name(stem.name + (sysconfig.get_config_var("SHLIB_SUFFIX") or ".so"))
+    linked = [*map(str, (*sources, *libraries)), "-o", str(library), *(["-lm"] if os.name != "nt" else [])]
+    _run([[*command, *linked]], command[0], stem.parent)
     return library
 
 
@@ -184,7 +213,23 @@ def compiler_command() -> list[str]:
     what = (
         f"the C compiler '{chosen[0]}' named by CC was not found" if chosen else "no C compiler (cc, gcc, clang) found"
     )
-    raise BuildError(f"{what}; install one (Debian: apt-get install gcc), set CC, or use --no-build")
+    raise NoCompilerError(f"{what}; install one (Debian: apt-get install gcc), set CC, or use --no-build")
+
+
+def cpp_command() -> list[str]:
+    """Return the C++ compiler and its leading arguments: CXX if set, else the first of c++, g++, clang++ on the PATH.
+
+    Raises:
+        NoCompilerError: there is none.
+
+    """
+    chosen = shlex.split(os.environ.get("CXX", ""))
+    for candidate in [chosen] if chosen else [["c++"], ["g++"], ["clang++"]]:
+        program = shutil.which(candidate[0])
+        if program:
+            return [program, *candidate[1:]]
+    what = f"the C++ compiler '{chosen[0]}' named by CXX was not found" if chosen else "no C++ compiler found"
+    raise NoCompilerError(f"{what}; install one (Debian: apt-get install g++), or set CXX")
 
 
 def _native(compiler: Sequence[str], build: Path) -> list[str]:
@@ -198,7 +243,7 @@ def _native(compiler: Sequence[str], build: Path) -> list[str]:
     return ["-march=native"]
 
 
-def _xla_headers() -> list[str]:
+def xla_headers() -> list[str]:
     """Return the folder of XLA's headers that jax installs; none without jax.
 
     The folder is jax.ffi.include_dir(), found without loading JAX: its threads would disturb a process that forks.

@@ -3,16 +3,20 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
+from stiffgen.core.errors import BuildError, NoCompilerError
 from stiffgen.core.robot.geometry import FloatArray
 
 Kernels = Mapping[str, Callable[..., Any]]
 """Functions by qualified name ("hybrid_joint_stiffness"), taking stacks of arguments."""
+
+Conclusion = Literal["ok", "FAILED", "not compared"]
 
 NO_ORACLE = "no oracle"
 """Oracle's name in the table for a kernel whose values nothing independent confirms."""
@@ -25,7 +29,8 @@ class Check:
     """Row of the table: subject, oracle, and worst relative error over the samples.
 
     Where nothing is measured, ``error`` counts faults and ``bound`` is 0. ``detail`` says what is wrong, if known.
-    ``errors`` are the relative errors of all samples, where they are kept.
+    ``errors`` are the relative errors of all samples, where they are kept. ``is_compared`` is false for a comparison
+    that the folder calls for and that could not be made.
     """
 
     kernel: str
@@ -34,11 +39,19 @@ class Check:
     bound: float
     detail: str = ""
     errors: FloatArray | None = field(default=None, compare=False, repr=False)
+    is_compared: bool = True
 
     @property
     def passed(self) -> bool:
-        """Whether the error is a number within the bound."""
+        """Whether the error is a number within the bound, or the user accepts that nothing was compared."""
         return self.error <= self.bound
+
+    @property
+    def verdict(self) -> Conclusion:
+        """The row's last word in the table."""
+        if not self.is_compared:
+            return "not compared"
+        return "ok" if self.passed else "FAILED"
 
 
 def bound_of(value: Any) -> float:
@@ -71,8 +84,26 @@ def faultless(kernel: str, oracle: str, faults: list[str]) -> Check:
 
 
 def left_out(kernel: str, reason: str) -> Check:
-    """Return a row for a comparison that is not made; it passes."""
-    return Check(kernel, f"not compared: {reason}", 0.0, 0.0)
+    """Return a row that passes, for a comparison that the folder does not call for."""
+    return Check(kernel, f"nothing to compare: {reason}", 0.0, 0.0)
+
+
+def not_compared(kernel: str, oracle: str, reason: str, *, is_accepted: bool = False) -> Check:
+    """Return a row for a comparison that could not be made; it passes only if the user accepts that."""
+    return Check(kernel, oracle, 0.0 if is_accepted else math.inf, 0.0, reason, is_compared=False)
+
+
+def attempted(title: str, step: Callable[[], list[Check]]) -> list[Check]:
+    """Return the rows of a step, or the row that tells why it ended before its end."""
+    try:
+        return step()
+    except NoCompilerError as error:
+        return [not_compared(title, "C", str(error))]
+    except BuildError as error:
+        return [Check(title, "compiles", math.inf, 0.0, str(error))]
+    except (ValueError, TypeError, IndexError, KeyError, AttributeError) as error:
+        # A folder that does not accept its own arguments has failed; the input is not to blame.
+        return [Check(title, "runs", math.inf, 0.0, f"{type(error).__name__}: {error}")]
 
 
 def relative_errors(value: Any, reference: FloatArray) -> FloatArray:

@@ -21,9 +21,10 @@ from stiffgen.core.robot.geometry import FloatArray
 from stiffgen.core.symbolic.arguments import Argument
 from stiffgen.core.verify.folder.bounds import check_bounds
 from stiffgen.core.verify.folder.files import (
+    check_c_tables,
     check_files,
     check_functions,
-    check_tables,
+    check_python_tables,
     check_text,
     check_urdf,
     load_module,
@@ -37,7 +38,7 @@ from stiffgen.core.verify.kernels.missing import missing_functions
 from stiffgen.core.verify.kernels.not_finite import check_not_finite
 from stiffgen.core.verify.kernels.oracles import check_oracles, check_robot
 from stiffgen.core.verify.kernels.samples import Samples, argument_samples, with_other_lower_triangles
-from stiffgen.core.verify.result import Check, Kernels, left_out, one_by_one
+from stiffgen.core.verify.result import Check, Kernels, attempted, one_by_one
 from stiffgen.rooms import optional
 
 Comparison = Callable[[], list[Check]]
@@ -50,14 +51,17 @@ def verify(
     count: int | None = None,
     seed: int = 0,
     trust_potentials: bool = False,
+    other_version: bool = False,
     progress: Callable[[str], None] = lambda step: None,
 ) -> list[Check]:
     """Verify a robot's folder against independent references.
 
     Files against the digests in the manifest; the manifest's chain against the URDF, if it is given; names and limits
     against the chain; every function against independent oracles and against the CasADi function it was printed from;
-    stacks and C batches of every length, with steps of every kind, against single calls; NaN, infinity and numbers that
-    overflow; no memory but the arguments'; the controller against its law, its limits and its reaction to faults.
+    stacks and C batches of every length, with steps of every kind, against single calls; C++, NAME_sensor.h, CasADi,
+    PyTorch and JAX against these; NaN, infinity and numbers that overflow; no memory but the arguments'; the controller
+    against its law, its limits and its reaction to faults. A comparison that the folder calls for and that cannot be
+    made does not pass.
 
     Args:
         folder: what ``stiffgen generate`` wrote.
@@ -65,6 +69,7 @@ def verify(
         count: number of random postures within the limits (default: 200 up to 7 joints, fewer for more, at least 10).
         seed: of the random generator, not negative.
         trust_potentials: run the source of the potentials in the folder's manifest.json, which these need.
+        other_version: accept that the text of a folder of another version is not compared.
         progress: called with a few words before each step.
 
     Returns:
@@ -91,14 +96,10 @@ def verify(
         warnings.filterwarnings(
             "ignore", ".*(only its upper triangle is read|are the positions in degrees)", UserWarning
         )
-        steps = _steps(robot, None if urdf is None else Path(urdf), count, seed, build)
+        steps = _steps(robot, None if urdf is None else Path(urdf), count, seed, build, other_version=other_version)
         for number, (title, step) in enumerate(steps, start=1):
             progress(f"{title} ({number} of {len(steps)})")
-            try:
-                checks += step()
-            except (ValueError, TypeError, IndexError, KeyError, AttributeError) as error:
-                # A folder that does not accept its own arguments has failed; the input is not to blame.
-                checks.append(Check(title, "runs", math.inf, 0.0, f"{type(error).__name__}: {error}"))
+            checks += attempted(title, step)
     return checks
 
 
@@ -118,7 +119,7 @@ def default_count(chain: Chain) -> int:
 
 
 def _steps(
-    robot: GeneratedRobot, urdf: Path | None, count: int, seed: int, build: Path
+    robot: GeneratedRobot, urdf: Path | None, count: int, seed: int, build: Path, *, other_version: bool
 ) -> list[tuple[str, Comparison]]:
     """Return the steps and their titles; what several steps need is made by the first that asks."""
     chain, kernels, table, springs = robot.chain, robot.kernels, robot.table, robot.springs
@@ -130,8 +131,12 @@ def _steps(
     texts = cache(partial(print_again, robot))
     libraries = cache(partial(build_widths, robot, build))
     steps: list[tuple[str, Comparison]] = [
-        ("printing again", lambda: [check_functions(robot), check_text(robot, texts())]),
-        ("names and limits", lambda: check_tables(robot, libraries())),
+        (
+            "printing again",
+            lambda: [check_functions(robot), check_text(robot, texts(), other_version=other_version)],
+        ),
+        ("names and limits", lambda: [check_python_tables(robot)]),
+        ("names and limits in C", lambda: check_c_tables(robot, libraries())),
         (
             "differentiating and comparing",
             lambda: check_oracles(table, springs) + check_robot(missing | single, chain, count, seed, springs, table),
@@ -142,12 +147,8 @@ def _steps(
         ("certified bounds", lambda: _check_rounding((single, kernels), robot, texts()[MANIFEST], pool)),
         ("NaN and infinity", lambda: check_not_finite(kernels, table, pool, robot.scalar)),
     ]
-    controller = optional("control.sessions")
-    if controller is not None:
-        steps += [
-            ("stepping the controller", lambda: controller.check_controller(robot, seed)),
-            ("hostile sessions", lambda: controller.check_sessions(robot, texts(), seed, build / "sessions")),
-        ]
+    of_languages = robot, single, pool, build / "languages", other_version
+    steps += _steps_of_rooms(of_languages, texts, libraries, seed)
     loops, derivatives, masses = map(part, ("loops.oracles", "derivatives.check", "dynamics.masses"))
     if chain.loops:
         projected = min(count, 50)
@@ -161,7 +162,8 @@ def _steps(
         steps.append(
             ("differences of what has derivatives", lambda: derivatives.check_derivatives(single, table, chain, pool))
         )
-    steps.append(("batches in C", lambda: _check_batches(libraries(), robot, single, pool)))
+    of_batches = robot.name, single, table, chain, pool, robot.scalar
+    steps.append(("batches in C", lambda: check_c_batches(libraries(), *of_batches)))
     steps.append(("bounds of memory", lambda: _check_memory(libraries(), robot, pool)))
     if urdf is not None:
         file = urdf
@@ -169,6 +171,27 @@ def _steps(
         states = Samples(chain, 5, seed)
         if masses:
             steps.insert(2, ("masses of the URDF", lambda: masses.check_masses(single, table, chain, file, states)))
+    return steps
+
+
+def _steps_of_rooms(
+    of_languages: tuple[GeneratedRobot, Kernels, Mapping[Argument, FloatArray], Path, bool],
+    texts: Callable[[], Mapping[str, str]],
+    libraries: Callable[[], Mapping[str, ctypes.CDLL]],
+    seed: int,
+) -> list[tuple[str, Comparison]]:
+    """Return the steps of rooms that may have been taken out: other languages, the controller."""
+    robot, build = of_languages[0], of_languages[3].parent
+    steps: list[tuple[str, Comparison]] = []
+    languages = optional("lab.languages.check")
+    if languages is not None:
+        steps.append(("other languages", lambda: languages.check_languages(*of_languages, libraries(), texts())))
+    controller = optional("control.sessions")
+    if controller is not None:
+        steps += [
+            ("stepping the controller", lambda: controller.check_controller(robot, seed)),
+            ("hostile sessions", lambda: controller.check_sessions(robot, texts(), seed, build / "sessions")),
+        ]
     return steps
 
 
@@ -182,19 +205,9 @@ def _check_rounding(
     )
 
 
-def _check_batches(
-    libraries: Mapping[str, ctypes.CDLL], robot: GeneratedRobot, single: Kernels, pool: Mapping[Argument, FloatArray]
-) -> list[Check]:
-    if not libraries:
-        return [left_out("batches in C, guard pages", "no C compiler was found")]
-    return check_c_batches(libraries, robot.name, single, robot.table, robot.chain, pool, robot.scalar)
-
-
 def _check_memory(
     libraries: Mapping[str, ctypes.CDLL], robot: GeneratedRobot, pool: Mapping[Argument, FloatArray]
 ) -> list[Check]:
-    """Check the accesses of one build; without a compiler, the step before says that there is none."""
-    if not libraries:
-        return []
+    """Check the accesses of one build."""
     library = next(iter(libraries.values()))
     return check_bounds(library, robot.name, robot.table, robot.chain, pool, robot.scalar)

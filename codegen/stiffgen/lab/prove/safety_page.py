@@ -113,7 +113,7 @@ def write_page(
         seed=seed,
         urdf=urdf.name if urdf is not None else None,
         checks=checks,
-        failed=[check for check in checks if not check.passed],
+        failed=[check for check in checks if check.verdict != "ok"],
         plots=_plots(checks),
         decades=_BELOW + _ABOVE,
         below=_BELOW,

@@ -23,7 +23,7 @@ from stiffgen.core.manifest import MANIFEST
 from stiffgen.core.opened import GeneratedRobot
 from stiffgen.core.options import options_of_manifest
 from stiffgen.core.robot.chain import Chain, ChainOptions
-from stiffgen.core.verify.result import Check, faultless, left_out
+from stiffgen.core.verify.result import Check, faultless, not_compared
 
 LIMITS = ("lower", "upper", "velocity", "effort")
 
@@ -76,18 +76,35 @@ def print_again(robot: GeneratedRobot) -> dict[str, str]:
     return render(robot.chain, robot.name, options_of_manifest(robot.manifest, robot.springs))
 
 
-def check_text(robot: GeneratedRobot, texts: Mapping[str, str]) -> Check:
-    """Compare every file with the text that this generator prints; one of another version is not compared."""
-    fresh = json.loads(texts[MANIFEST])
-    if robot.manifest["versions"] != fresh["versions"]:
-        return left_out("text", "the folder was made by other versions")
+def check_text(robot: GeneratedRobot, texts: Mapping[str, str], *, other_version: bool = False) -> Check:
+    """Compare every file with the text that this generator prints; one of another version is not compared.
+
+    ``other_version`` accepts that.
+    """
     listed = robot.manifest["files"].keys() | {MANIFEST}
     faults = [f"{file} is missing" for file in texts.keys() - listed]
-    for file in texts.keys() & listed:
-        text = texts[file]
-        if (robot.folder / file).read_bytes().replace(b"\r\n", b"\n") != text.encode():
-            faults.append(f"{file} differs")
+    faults += [f"{file} differs" for file in texts.keys() & listed if not is_printed(robot, file, texts[file])]
+    made, own = robot.manifest["versions"], json.loads(texts[MANIFEST])["versions"]
+    if made != own:
+        reason = f"the folder was made by {_words(made)}, not by {_words(own)}"
+        reason += f" ({_some(sorted(faults))})" if faults else ""
+        reason += "; verify with these versions, or accept that with --other-version"
+        return not_compared("text", "printed again", reason, is_accepted=other_version)
     return faultless("text", "printed again", sorted(faults))
+
+
+def _words(versions: Mapping[str, Any]) -> str:
+    """Return packages with their versions as text."""
+    return ", ".join(f"{printable(str(name), 20)} {printable(str(number), 20)}" for name, number in versions.items())
+
+
+def _some(faults: list[str]) -> str:
+    return "; ".join(faults[:8]) + (f" and {len(faults) - 8} more" if len(faults) > 8 else "")
+
+
+def is_printed(robot: GeneratedRobot, file: str, text: str) -> bool:
+    """Return whether a file of the folder holds this text, with line ends of any system."""
+    return (robot.folder / file).read_bytes().replace(b"\r\n", b"\n") == text.encode()
 
 
 def load_module(robot: GeneratedRobot) -> None:
@@ -133,10 +150,10 @@ def check_urdf(chain: Chain, urdf: Path) -> Check:
     return faultless("chain", f"{urdf.name}, read again", faults)
 
 
-def check_tables(robot: GeneratedRobot, libraries: Mapping[str, ctypes.CDLL]) -> list[Check]:
-    """Compare names and limits, in Python and in C, with the chain; run the self-check of every build."""
+def check_python_tables(robot: GeneratedRobot) -> Check:
+    """Compare names and limits in Python with the chain."""
     faults = _python_faults(robot.module, robot.chain, *_tables(robot.chain))
-    return [faultless("constants in Python", "chain", faults), *check_c_tables(robot, libraries)]
+    return faultless("constants in Python", "chain", faults)
 
 
 def check_c_tables(robot: GeneratedRobot, libraries: Mapping[str, ctypes.CDLL]) -> list[Check]:

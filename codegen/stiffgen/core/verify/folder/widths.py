@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stiffgen.core.emit.build import build_library
-from stiffgen.core.errors import BuildError
 from stiffgen.core.opened import GeneratedRobot
 
 
@@ -37,20 +36,21 @@ WIDTHS = (
 
 
 def build_widths(robot: GeneratedRobot, build: Path) -> dict[str, ctypes.CDLL]:
-    """Compile the kernels for every width of the processor, by the width's name; none without a compiler.
+    """Compile the kernels for every width of the processor, by the width's name.
 
     The build without vectors is left out: single calls are compared with oracles in any case. Processors that are
     not x86 have one width, the compiler's own.
+
+    Raises:
+        BuildError: no compiler, or it failed; with its last lines.
+
     """
     widths = [width for width in WIDTHS if width.instructions and width.is_available]
     libraries: dict[str, ctypes.CDLL] = {}
     for name, flags in [(width.name, width.flags) for width in widths] or [("the compiler's width", ())]:
         folder = build / f"width_{len(libraries)}"
-        folder.mkdir()
-        try:
-            libraries[name] = ctypes.CDLL(str(build_library(robot.folder, robot.name, folder, flags)))
-        except BuildError:  # no compiler: the folder may have been compiled elsewhere
-            return {}
+        folder.mkdir(exist_ok=True)  # a build that fails is tried by several steps
+        libraries[name] = ctypes.CDLL(str(build_library(robot.folder, robot.name, folder, flags)))
     return libraries
 
 
