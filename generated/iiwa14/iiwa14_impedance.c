@@ -941,20 +941,23 @@ static int doubles_within(const double *x, size_t count, double least, double mo
 enum { MAX_ITERATIONS = 60 }; /* per eigenvalue: two are usual; the bound makes the time bounded */
 /* Square of the entries beside the diagonal of a matrix of size 1 that are 0 up to rounding. */
 static const double NEGLIGIBLE = 0.25 * DBL_EPSILON * DBL_EPSILON;
+/* Norm of a matrix that counts as 0, and square of entries, of a matrix of size 1, that are not reflected: with both,
+ * no quotient overflows. */
+static const double LEAST_SIZE = 1e-100, LEAST_SQUARE = 1e-100;
 
 /*
  * Reflect the block of A from row and column k + 1 on, so that row k has zeros behind `beside`, and A stays symmetric:
  * A - v w^T - w v^T. Row k of A becomes v from entry k + 1 on. Return beta of the reflection I - beta v v^T, or 0 for
- * none.
+ * none: the squares of the entries behind `beside` sum up to no more than `least`.
  */
-static double reflect_behind(int n, int k, double *A, double *beside)
+static double reflect_behind(int n, int k, double least, double *A, double *beside)
 {
     const int first = k + 1, count = n - first;
     double *const v = A + k * n + first;
     double w[MAX_ROWS] = {0.0};
     const double below = dot(count - 1, v + 1, v + 1);
     *beside = v[0];
-    if (!(below > 0.0)) {
+    if (!(below > least)) {
         return 0.0;
     }
     const double size = sqrt(v[0] * v[0] + below);
@@ -976,13 +979,14 @@ static double reflect_behind(int n, int k, double *A, double *beside)
 
 /*
  * Reduce A (destroyed) to a tridiagonal matrix by Householder reflections: its diagonal, and the squares of the entries
- * beside it, which count as positive; both for `scale` times A. rows becomes Q^T; NULL for none.
+ * beside it, which count as positive; both for A over its norm `size`. rows becomes Q^T; NULL for none.
  */
-static void tridiagonalise(int n, double *A, double scale, double *diagonal, double *squares, double *rows)
+static void tridiagonalise(int n, double *A, double size, double *diagonal, double *squares, double *rows)
 {
+    const double scale = 1.0 / size, least = LEAST_SQUARE * size * size;
     double beta[MAX_ROWS] = {0.0}, beside[MAX_ROWS] = {0.0}, sign = 1.0;
     for (int k = 0; k < n - 2; ++k) {
-        beta[k] = reflect_behind(n, k, A, beside + k);
+        beta[k] = reflect_behind(n, k, least, A, beside + k);
     }
     if (n > 1) {
         beside[n - 2] = A[(n - 1) * n - 1];
@@ -1100,9 +1104,12 @@ static void sweep_block(int n, int l, int m, double *d, double *e, double *rows)
  */
 static int diagonalise_symmetric(int n, double *A, double *d, double *rows)
 {
-    double e[MAX_ROWS];
-    const double size = norm(n * n, A);
-    tridiagonalise(n, A, size > 0.0 ? 1.0 / size : 0.0, d, e, rows);
+    double e[MAX_ROWS], size = norm(n * n, A);
+    if (!(size > LEAST_SIZE)) {
+        memset(A, 0, (size_t)(n * n) * sizeof(double));
+        size = 1.0;
+    }
+    tridiagonalise(n, A, size, d, e, rows);
     for (int l = 0; l < n; ++l) {
         for (int iteration = 0;; ++iteration) {
             int m = l;
@@ -1195,6 +1202,7 @@ enum { REFINEMENTS = 4 }; /* rounds of refine_modes */
 /* Changes above which refine_modes gives up, in the first round and over the round before; the change whose square is 0
  * up to rounding. */
 static const double LARGEST_CHANGE = 0.05, LARGEST_SHARE = 0.2, LAST_CHANGE = 5e-8;
+static const double LEAST_DIVISOR = 1e-100; /* nothing is divided by less: quotients and their squares stay finite */
 
 /* Invert a lower triangular matrix; the entries above the diagonal become 0. */
 static void invert_triangle(int n, const double *L, double *inverse)
@@ -1294,10 +1302,11 @@ static int solve_modes(int n, const double *K, const double *M, double *work, do
 /*
  * Compute the changes of modes that nearly solve K v = lambda M v: mode i changes by the sum of changes[i][j] v_j. With
  * S = v_i . K v_j and R = -v_i . M v_j the change is (S + lambda_i R) / (lambda_i - lambda_j), and (1 - v . M v) / 2
- * along the mode itself: S and R then vanish to first order. products is work space.
+ * along the mode itself: S and R then vanish to first order. products is work space. Return 0 where a mode is 0, as
+ * before the first design, or two eigenvalues are equal: then there are no changes.
  */
-static void compare_modes(int n, const double *K, const double *M, const double *modes, double *products,
-                          double *eigenvalues, double *changes)
+static int compare_modes(int n, const double *K, const double *M, const double *modes, double *products,
+                         double *eigenvalues, double *changes)
 {
     multiply_rows(n, modes, K, products);
     for (int i = 0; i < n; ++i) {
@@ -1308,15 +1317,23 @@ static void compare_modes(int n, const double *K, const double *M, const double 
     multiply_rows(n, modes, M, products);
     for (int i = 0; i < n; ++i) {
         const double square = dot(n, products + i * n, modes + i * n);
+        if (!(square > LEAST_DIVISOR)) {
+            return 0;
+        }
         eigenvalues[i] = changes[i * (n + 1)] / square; /* v . K v / v . M v; those before i are known below */
         changes[i * (n + 1)] = 0.5 * (1.0 - square);
         for (int j = 0; j < i; ++j) {
             const double S = changes[i * n + j], R = -dot(n, products + i * n, modes + j * n);
-            const double reciprocal = 1.0 / (eigenvalues[i] - eigenvalues[j]);
+            const double gap = eigenvalues[i] - eigenvalues[j];
+            if (!(fabs(gap) > LEAST_DIVISOR)) {
+                return 0;
+            }
+            const double reciprocal = 1.0 / gap;
             changes[i * n + j] = (S + eigenvalues[i] * R) * reciprocal;
             changes[j * n + i] = -(S + eigenvalues[j] * R) * reciprocal;
         }
     }
+    return 1;
 }
 
 /*
@@ -1329,12 +1346,14 @@ static int refine_modes(int n, const double *K, const double *M, double *work, d
     double *const products = work, *const changes = work + n * n;
     double most = LARGEST_CHANGE;
     for (int round = 0; round < REFINEMENTS; ++round) {
-        compare_modes(n, K, M, modes, products, eigenvalues, changes);
+        if (!compare_modes(n, K, M, modes, products, eigenvalues, changes)) {
+            return 0;
+        }
         double squares = 0.0; /* of all changes */
         for (int i = 0; i < n; ++i) {
             squares += dot(n, changes + i * n, changes + i * n);
         }
-        if (!(squares <= most * most)) { /* NaN and infinity, of equal eigenvalues, give up, too */
+        if (!(squares <= most * most)) { /* NaN, of modes that are not finite, gives up, too */
             return 0;
         }
         most = LARGEST_SHARE * sqrt(squares);
@@ -1366,8 +1385,8 @@ static void multiply_lower(int n, const double *L, double *rows)
 /*
  * Move K (3 x 3) by a share of the difference D = wanted - K, without the part of D that stiffens. That part is the
  * result `cost`. It has the positive eigenvalues of D with respect to S = wanted + K: D V = S V diag(l), V^T S V = I,
- * cost = share S V diag(max(l, 0)) V^T S. A difference below ROUNDED of the trace of S is covered in one step. Return
- * whether K differed from wanted.
+ * cost = share S V diag(max(l, 0)) V^T S. A difference below ROUNDED of the trace of S is covered in one step, and one
+ * of stiffnesses that are nothing without a cost. Return whether K differed from wanted.
  */
 static int soften(const double *wanted, double share, double *K, double *cost)
 {
@@ -1379,6 +1398,10 @@ static int soften(const double *wanted, double share, double *K, double *cost)
         cost[k] = 0.0;
     }
     const double trace = S[0] + S[4] + S[8], part = size <= ROUNDED * trace ? 1.0 : share;
+    if (trace <= LEAST_DIVISOR) { /* K has fallen to almost 0 */
+        memcpy(K, wanted, sizeof D);
+        return size != 0.0;
+    }
     for (int k = 0; k < 9; k += 4) { /* the diagonal */
         S[k] += UNCHANGED * trace;
     }

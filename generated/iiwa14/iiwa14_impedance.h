@@ -13,6 +13,8 @@
  *   For any input the torque is finite, within the effort limits, and changes by no more than its rate limit. A torque
  *   above a lowered effort limit decreases at the rate limit. Whatever the state's memory holds, the torque is within the
  *   effort limits. A state that was never initialised has the torque 0, at once, and the error IIWA14_E_NOT_INITIALISED.
+ *   Finite arguments raise no floating-point exception but inexact and underflow. NaN raises invalid in the comparison that
+ *   refuses it: with traps on, look at a sample before it is passed, and call the self-checks, which pass NaN, before.
  *
  * Use
  *   iiwa14_impedance_default_config(&config);            then change fields
@@ -919,6 +921,7 @@ int iiwa14_impedance_validate(const iiwa14_impedance_config *config);
 /*
  * Prepare a state: no sample seen. torque (7): the torque in force, from which the controller's torque moves on at
  * the rate limit; NULL for zero. Give the torque_offset that it contains with the first sample: it then counts once.
+ * energy_supplied begins with tank_initial and the most that this torque can put out until it has gone to zero.
  * Return IIWA14_OK, an error of iiwa14_impedance_validate, IIWA14_E_TORQUE, or, unless stiffness_cap is to accept,
  * IIWA14_E_STIFFNESS: init alone looks at the stiffness that sample time and delay allow, in 32 postures.
  */

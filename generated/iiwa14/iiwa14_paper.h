@@ -13,8 +13,9 @@
  * not in the torque. SI units, radians; matrices dense and row-major. A wrench is what the environment applies to the robot.
  *
  * Contract: plain C99 and libm; allocation-free, no globals that change, bounded time. For any argument the torque is
- * finite and within effort_limit; from one call to the next it changes by at most torque_rate_limit times sample_time. After
- * an error it goes to zero at that rate.
+ * finite; from one call to the next it changes by at most torque_rate_limit times sample_time. It is within effort_limit: a
+ * torque above a lowered limit falls at the rate limit. After an error it goes to zero at this rate, with a configuration
+ * that is refused at that of the last valid one. Memory that was overwritten counts as the torque 0, at once.
  */
 #ifndef IIWA14_PAPER_H
 #define IIWA14_PAPER_H
@@ -29,34 +30,43 @@ extern "C" {
 enum {
     IIWA14_PAPER_OK = 0,
     IIWA14_PAPER_E_NULL = -1,      /* a pointer is NULL */
-    IIWA14_PAPER_E_CONFIG = -2,    /* a number of the configuration is not finite or negative, or sample_time is 0 */
+    IIWA14_PAPER_E_CONFIG = -2,    /* a number of the configuration is beyond its bounds */
     IIWA14_PAPER_E_INPUT = -3,     /* a number of the sample, or the torque, is not finite or absurdly large */
     IIWA14_PAPER_E_STIFFNESS = -4, /* task_stiffness is not symmetric and positive semidefinite */
     IIWA14_PAPER_E_MASS = -5       /* the mass matrix is not positive definite */
 };
 
-/* Torque of the last call. Start with zeros, or with the torque in force. */
+/* Memory between calls. Start with zeros, or with zeros and the torque in force. */
 typedef struct {
+    /* [N m] torque of the last call; before the first call the torque in force, within effort_limit. */
     double torque[7];
+    /* [N m] the same with the other sign: memory that was overwritten does not agree with it. */
+    double opposite[7];
+    /* [N m] largest change of the torque per call, of the last valid configuration. */
+    double change[7];
 } iiwa14_paper_state;
 
 /* Configuration of the paper's law; start from the defaults. */
 typedef struct {
-    /* 0: corrected, symmetric Kq; 1: conventional, without the connection's correction. */
+    /* 0: corrected, symmetric Kq; 1: conventional, without the connection's correction. Must lie between 0 and
+     * 1. Default: 0. */
     int conventional;
-    /* [s] time from one call to the next. Default: 0.001. */
+    /* [s] time from one call to the next. Must lie between 1e-06 and 1e+06. Default: 0.001. */
     double sample_time;
-    /* damping ratio of every mode. Default: 0.7. */
+    /* damping ratio of every mode. Must lie between 0 and 1e+06. Default: 0.7. */
     double damping_ratio;
-    /* [N m s/rad] added to B as a multiple of the unit matrix. Default: 0.1. */
+    /* [N m s/rad] added to B as a multiple of the unit matrix. Must lie between 0 and 1e+06. Default: 0.1. */
     double joint_damping;
-    /* [N m/rad] added to the diagonal of Kq: it holds the self-motion. Default: 1. */
+    /* [N m/rad] added to the diagonal of Kq: it holds the self-motion. Must lie between 0 and 1e+06. Default:
+     * 1. */
     double posture_stiffness;
-    /* [kg m^2] inertia of the rotors at the joints, added to M. Default: as the controller's. */
+    /* [kg m^2] inertia of the rotors at the joints, added to M. Every entry must lie between 0 and 1e+06.
+     * Default: as the controller's. */
     double motor_inertia[7];
-    /* [N m] largest torque. Every entry must lie between nan and nan. Default: iiwa14_effort. */
+    /* [N m] largest torque. Every entry must lie between 0 and 1e+09. Default: iiwa14_effort. */
     double effort_limit[7];
-    /* [N m/s] largest rate of the torque. Default: as the controller's. */
+    /* [N m/s] largest rate of the torque. Every entry must lie between 0 and 1e+09. Default: as the
+     * controller's. */
     double torque_rate_limit[7];
 } iiwa14_paper_config;
 
@@ -94,7 +104,7 @@ typedef struct {
 
 void iiwa14_paper_default_config(iiwa14_paper_config *config);
 
-/* Check a configuration: numbers finite and at least 0, sample_time above 0. */
+/* Check a configuration: every number within its bounds. */
 int iiwa14_paper_validate(const iiwa14_paper_config *config);
 
 /* Compute the torque of a sample. Return IIWA14_PAPER_OK or an error. */

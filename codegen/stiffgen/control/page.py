@@ -74,7 +74,6 @@ _CAUSES = {
     "config_reference_velocity_limit": "velocity",
 }
 """Errors that follow from a wrong unit in the robot's file, and what the number is about (robot/plausibility.py)."""
-_SETTINGS = {(field.name, field.meaning) for field in CONFIG}
 _REFERENCE_SHARE = 0.9
 """Share of a joint's velocity limit that is the default of reference_velocity_limit."""
 
@@ -329,7 +328,7 @@ def _struct(chain: Chain, prefix: str, name: str, summary: str, fields: tuple[Fi
     conditions = {"": True, "tool": chain.runtime_tool, "loops": bool(chain.loops)}
     headings = _SECTIONS.get(name, {})
     members = [
-        replace(_member(field, sizes, prefix), heading=headings.get(field.name, ""))
+        replace(_member(field, sizes, prefix, name), heading=headings.get(field.name, ""))
         for field in fields
         if conditions[field.when]
     ]
@@ -388,7 +387,7 @@ def _bound(bound: float) -> str:
     return repr(float(bound))
 
 
-def _member(field: Field, sizes: dict[str, int], prefix: str) -> Member:
+def _member(field: Field, sizes: dict[str, int], prefix: str, struct: str) -> Member:
     """Return the member of a C struct; ``sizes`` are the extents with a name, and one tip has no extent.
 
     The comment has unit, shape, meaning, the rule of a setting or choice, and the default.
@@ -397,11 +396,8 @@ def _member(field: Field, sizes: dict[str, int], prefix: str) -> Member:
     if field.shape[:1] == ("tips",) and sizes["tips"] == 1:
         extents = extents[1:]
     default = f" Default: {field.default.replace('{name}_', '').replace('{i}', 'i')}." if field.default else ""
-    bound = (
-        f" {field.rule[0].upper()}{field.rule[1:]}."
-        if (field.name, field.meaning) in _SETTINGS or field.choices
-        else ""
-    )
+    stated = field.choices or struct in ("config", "paper_config")
+    bound = f" {field.rule[0].upper()}{field.rule[1:]}." if stated else ""
     shape = f" ({' x '.join(map(str, extents))})" if len(extents) > 1 else ""
     unit = f"[{field.unit}]{shape} " if field.unit else ""
     return Member(

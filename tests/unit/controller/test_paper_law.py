@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import ctypes
+import re
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -14,12 +15,13 @@ import scipy.linalg
 
 from stiffgen.core.emit.build import build_library
 from support.controller_inputs import TASK_STIFFNESS, Arm, Q
-from support.plant.loop import struct
+from support.plant.loop import fill, struct
 from support.project import ROOT, Once
 
 FREE = {"effort_limit": 1e6, "torque_rate_limit": 1e9, "motor_inertia": 0.1}
 KERNELS = {"corrected": "joint_stiffness", "conventional": "joint_stiffness_uncorrected"}
 ZERO = np.zeros(7)
+HEADER = ROOT / "generated" / "iiwa14" / "iiwa14_paper.h"
 
 
 def sample(**changed: Any) -> dict[str, Any]:
@@ -110,20 +112,105 @@ def test_a_load_carries_the_arm_away_from_a_secant(robot: ModuleType) -> None:
     assert np.abs(arm.q - Q).max() > 0.4
 
 
-def test_hostile_memory(robot_folder: Path, once: Once) -> None:
+class InC:
+    """The law in C: its structs with a configuration of defaults and a sample at rest in Q, and its functions."""
+
+    def __init__(self, robot_folder: Path, once: Once) -> None:
+        sources = [robot_folder / "iiwa14_paper.c"]
+        made = once("paper-law", lambda folder: build_library(robot_folder, "iiwa14", folder, more=sources))
+        self.library, known = ctypes.CDLL(str(next(made.glob("iiwa14_kernels*")))), dict[str, Any]()
+        names = ("config", "state", "input", "output")
+        self.records: list[Any] = [struct(HEADER, f"iiwa14_paper_{name}", known, {})() for name in names]
+        self.config, self.state, self.given, self.out = self.records
+        self.library.iiwa14_paper_default_config(ctypes.byref(self.config))
+        self.given.q[:], self.given.q0[:], self.given.task_stiffness[:] = Q, Q, TASK_STIFFNESS.ravel()
+
+    def step(self) -> int:
+        return int(self.library.iiwa14_paper_step(*map(ctypes.byref, self.records)))
+
+    def validate(self) -> int:
+        return int(self.library.iiwa14_paper_validate(ctypes.byref(self.config)))
+
+
+@pytest.fixture
+def in_c(robot_folder: Path, once: Once) -> InC:
+    return InC(robot_folder, once)
+
+
+def spoil_sample_time(law: InC) -> None:
+    law.config.sample_time = np.nan
+
+
+def spoil_formula(law: InC) -> None:
+    law.config.conventional = 7
+
+
+def lower_effort(law: InC) -> None:
+    law.config.effort_limit[:] = np.full(7, 3.2)
+
+
+def take_effort(law: InC) -> None:
+    law.config.effort_limit[:] = ZERO
+
+
+def spoil_sample(law: InC) -> None:
+    law.given.q[3] = np.nan
+
+
+@pytest.mark.parametrize("change", [lower_effort, take_effort, spoil_sample_time, spoil_formula, spoil_sample])
+def test_no_change_jumps(in_c: InC, change: Any) -> None:
+    """Before: 142 N m became 3.2 with a lowered effort limit, and 0 with a refused configuration, in one call."""
+    in_c.given.q0[:] = Q + 0.3
+    for _ in range(400):
+        assert in_c.step() == 0
+    last, rate = np.array(in_c.out.torque), 1e-3 * np.array(in_c.config.torque_rate_limit)
+    assert np.abs(last).max() > 100.0  # [N m]
+    change(in_c)
+    for _ in range(400):
+        in_c.step()
+        torque = np.array(in_c.out.torque)
+        assert (np.abs(torque - last) <= rate * (1 + 1e-9)).all()
+        assert (np.abs(torque) <= np.abs(last)).all()
+        last = torque
+    assert np.abs(last).max() <= (3.2 if change is lower_effort else 0.0)
+
+
+def test_a_torque_in_force_beyond_the_limit_is_refused(robot: ModuleType) -> None:
+    """C has no such call: there the torque counts as 0, as the header says."""
+    with pytest.raises(ValueError, match="within effort_limit"):
+        robot.PaperLaw(torque=50.0, effort_limit=40.0)
+    with pytest.raises(ValueError, match="within effort_limit"):
+        robot.PaperLaw(torque=np.nan)
+
+
+def test_the_header_states_the_bounds(in_c: InC) -> None:
+    """Each bound of the configuration is accepted, and the next number beyond is not. Before: "nan and nan"."""
+    for header in HEADER.parent.glob("*.h*"):
+        assert not re.search(r"\bnan\b", header.read_text()), header.name
+    text = re.sub(r"\s+(\* )?", " ", HEADER.read_text())
+    body = text[text.index("/* Configuration of the paper's law") : text.index("} iiwa14_paper_config;")]
+    rule = r"[Ll]ie between (\S+) and (\S+)\. Default: [^;]*\*/ (\w+) (\w+)"
+    rules = [re.search(rule, field).groups() for field in body.split(";")[2:-1]]  # type: ignore[union-attr]
+    assert [name for *_, name in rules] == [name for name, _ in in_c.config._fields_]
+    for least, most, kind, name in rules:
+        default = getattr(in_c.config, name)
+        for bound, beyond in ((float(least), -np.inf), (float(most), np.inf)):
+            past = bound + np.sign(beyond) if kind == "int" else np.nextafter(bound, beyond)
+            for value, code in ((bound, 0), (past, -2)):
+                fill(in_c.config, **{name: int(value) if kind == "int" else value})
+                assert in_c.validate() == code, (name, value)
+        fill(in_c.config, **{name: default if np.ndim(default) == 0 else 1.0})
+
+
+def test_hostile_memory(in_c: InC) -> None:
     """Whatever bytes configuration, state and sample hold: the torque is finite, and within the effort limit."""
-    sources = [robot_folder / "iiwa14_paper.c"]
-    made = once("paper-law", lambda folder: build_library(robot_folder, "iiwa14", folder, more=sources))
-    c, known = ctypes.CDLL(str(next(made.glob("iiwa14_kernels*")))), dict[str, Any]()
-    header = ROOT / "generated" / "iiwa14" / "iiwa14_paper.h"
-    names = ("config", "state", "input", "output")
-    records: list[Any] = [struct(header, f"iiwa14_paper_{name}", known, {})() for name in names]
+    c, records = in_c.library, in_c.records
     config, state, given, out = records
     random, results = np.random.default_rng(2), set()
     for k in range(3000):
         c.iiwa14_paper_default_config(ctypes.byref(config))
         given.q[:], given.q0[:], given.task_stiffness[:] = Q, Q + 0.1, TASK_STIFFNESS.ravel()
-        given.dq[:], given.wrench[:], state.torque[:] = ZERO, np.zeros(6), ZERO
+        given.dq[:], given.wrench[:], state.torque[:], state.opposite[:] = ZERO, np.zeros(6), ZERO, ZERO
         for record in (config, state, given):
             row = np.frombuffer(record, np.uint8)
             for at in random.integers(len(row), size=int(random.integers(0, 9)) if k % 3 else 0):

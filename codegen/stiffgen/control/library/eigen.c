@@ -10,20 +10,23 @@
 enum { MAX_ITERATIONS = 60 }; /* per eigenvalue: two are usual; the bound makes the time bounded */
 /* Square of the entries beside the diagonal of a matrix of size 1 that are 0 up to rounding. */
 static const double NEGLIGIBLE = 0.25 * DBL_EPSILON * DBL_EPSILON;
+/* Norm of a matrix that counts as 0, and square of entries, of a matrix of size 1, that are not reflected: with both,
+ * no quotient overflows. */
+static const double LEAST_SIZE = 1e-100, LEAST_SQUARE = 1e-100;
 
 /*
  * Reflect the block of A from row and column k + 1 on, so that row k has zeros behind `beside`, and A stays symmetric:
  * A - v w^T - w v^T. Row k of A becomes v from entry k + 1 on. Return beta of the reflection I - beta v v^T, or 0 for
- * none.
+ * none: the squares of the entries behind `beside` sum up to no more than `least`.
  */
-static double reflect_behind(int n, int k, double *A, double *beside)
+static double reflect_behind(int n, int k, double least, double *A, double *beside)
 {
     const int first = k + 1, count = n - first;
     double *const v = A + k * n + first;
     double w[MAX_ROWS] = {0.0};
     const double below = dot(count - 1, v + 1, v + 1);
     *beside = v[0];
-    if (!(below > 0.0)) {
+    if (!(below > least)) {
         return 0.0;
     }
     const double size = sqrt(v[0] * v[0] + below);
@@ -45,13 +48,14 @@ static double reflect_behind(int n, int k, double *A, double *beside)
 
 /*
  * Reduce A (destroyed) to a tridiagonal matrix by Householder reflections: its diagonal, and the squares of the entries
- * beside it, which count as positive; both for `scale` times A. rows becomes Q^T; NULL for none.
+ * beside it, which count as positive; both for A over its norm `size`. rows becomes Q^T; NULL for none.
  */
-static void tridiagonalise(int n, double *A, double scale, double *diagonal, double *squares, double *rows)
+static void tridiagonalise(int n, double *A, double size, double *diagonal, double *squares, double *rows)
 {
+    const double scale = 1.0 / size, least = LEAST_SQUARE * size * size;
     double beta[MAX_ROWS] = {0.0}, beside[MAX_ROWS] = {0.0}, sign = 1.0;
     for (int k = 0; k < n - 2; ++k) {
-        beta[k] = reflect_behind(n, k, A, beside + k);
+        beta[k] = reflect_behind(n, k, least, A, beside + k);
     }
     if (n > 1) {
         beside[n - 2] = A[(n - 1) * n - 1];
@@ -169,9 +173,12 @@ static void sweep_block(int n, int l, int m, double *d, double *e, double *rows)
  */
 int diagonalise_symmetric(int n, double *A, double *d, double *rows)
 {
-    double e[MAX_ROWS];
-    const double size = norm(n * n, A);
-    tridiagonalise(n, A, size > 0.0 ? 1.0 / size : 0.0, d, e, rows);
+    double e[MAX_ROWS], size = norm(n * n, A);
+    if (!(size > LEAST_SIZE)) {
+        memset(A, 0, (size_t)(n * n) * sizeof(double));
+        size = 1.0;
+    }
+    tridiagonalise(n, A, size, d, e, rows);
     for (int l = 0; l < n; ++l) {
         for (int iteration = 0;; ++iteration) {
             int m = l;

@@ -13,6 +13,7 @@ enum { REFINEMENTS = 4 }; /* rounds of refine_modes */
 /* Changes above which refine_modes gives up, in the first round and over the round before; the change whose square is 0
  * up to rounding. */
 static const double LARGEST_CHANGE = 0.05, LARGEST_SHARE = 0.2, LAST_CHANGE = 5e-8;
+static const double LEAST_DIVISOR = 1e-100; /* nothing is divided by less: quotients and their squares stay finite */
 
 /* Invert a lower triangular matrix; the entries above the diagonal become 0. */
 static void invert_triangle(int n, const double *L, double *inverse)
@@ -112,10 +113,11 @@ int solve_modes(int n, const double *K, const double *M, double *work, double *e
 /*
  * Compute the changes of modes that nearly solve K v = lambda M v: mode i changes by the sum of changes[i][j] v_j. With
  * S = v_i . K v_j and R = -v_i . M v_j the change is (S + lambda_i R) / (lambda_i - lambda_j), and (1 - v . M v) / 2
- * along the mode itself: S and R then vanish to first order. products is work space.
+ * along the mode itself: S and R then vanish to first order. products is work space. Return 0 where a mode is 0, as
+ * before the first design, or two eigenvalues are equal: then there are no changes.
  */
-static void compare_modes(int n, const double *K, const double *M, const double *modes, double *products,
-                          double *eigenvalues, double *changes)
+static int compare_modes(int n, const double *K, const double *M, const double *modes, double *products,
+                         double *eigenvalues, double *changes)
 {
     multiply_rows(n, modes, K, products);
     for (int i = 0; i < n; ++i) {
@@ -126,15 +128,23 @@ static void compare_modes(int n, const double *K, const double *M, const double 
     multiply_rows(n, modes, M, products);
     for (int i = 0; i < n; ++i) {
         const double square = dot(n, products + i * n, modes + i * n);
+        if (!(square > LEAST_DIVISOR)) {
+            return 0;
+        }
         eigenvalues[i] = changes[i * (n + 1)] / square; /* v . K v / v . M v; those before i are known below */
         changes[i * (n + 1)] = 0.5 * (1.0 - square);
         for (int j = 0; j < i; ++j) {
             const double S = changes[i * n + j], R = -dot(n, products + i * n, modes + j * n);
-            const double reciprocal = 1.0 / (eigenvalues[i] - eigenvalues[j]);
+            const double gap = eigenvalues[i] - eigenvalues[j];
+            if (!(fabs(gap) > LEAST_DIVISOR)) {
+                return 0;
+            }
+            const double reciprocal = 1.0 / gap;
             changes[i * n + j] = (S + eigenvalues[i] * R) * reciprocal;
             changes[j * n + i] = -(S + eigenvalues[j] * R) * reciprocal;
         }
     }
+    return 1;
 }
 
 /*
@@ -147,12 +157,14 @@ int refine_modes(int n, const double *K, const double *M, double *work, double *
     double *const products = work, *const changes = work + n * n;
     double most = LARGEST_CHANGE;
     for (int round = 0; round < REFINEMENTS; ++round) {
-        compare_modes(n, K, M, modes, products, eigenvalues, changes);
+        if (!compare_modes(n, K, M, modes, products, eigenvalues, changes)) {
+            return 0;
+        }
         double squares = 0.0; /* of all changes */
         for (int i = 0; i < n; ++i) {
             squares += dot(n, changes + i * n, changes + i * n);
         }
-        if (!(squares <= most * most)) { /* NaN and infinity, of equal eigenvalues, give up, too */
+        if (!(squares <= most * most)) { /* NaN, of modes that are not finite, gives up, too */
             return 0;
         }
         most = LARGEST_SHARE * sqrt(squares);
@@ -184,8 +196,8 @@ void multiply_lower(int n, const double *L, double *rows)
 /*
  * Move K (3 x 3) by a share of the difference D = wanted - K, without the part of D that stiffens. That part is the
  * result `cost`. It has the positive eigenvalues of D with respect to S = wanted + K: D V = S V diag(l), V^T S V = I,
- * cost = share S V diag(max(l, 0)) V^T S. A difference below ROUNDED of the trace of S is covered in one step. Return
- * whether K differed from wanted.
+ * cost = share S V diag(max(l, 0)) V^T S. A difference below ROUNDED of the trace of S is covered in one step, and one
+ * of stiffnesses that are nothing without a cost. Return whether K differed from wanted.
  */
 int soften(const double *wanted, double share, double *K, double *cost)
 {
@@ -197,6 +209,10 @@ int soften(const double *wanted, double share, double *K, double *cost)
         cost[k] = 0.0;
     }
     const double trace = S[0] + S[4] + S[8], part = size <= ROUNDED * trace ? 1.0 : share;
+    if (trace <= LEAST_DIVISOR) { /* K has fallen to almost 0 */
+        memcpy(K, wanted, sizeof D);
+        return size != 0.0;
+    }
     for (int k = 0; k < 9; k += 4) { /* the diagonal */
         S[k] += UNCHANGED * trace;
     }

@@ -20,7 +20,7 @@ static void diagonalise(int n, double *A, double *V)
     }
     for (int k = 0; k < SWEEPS * n * n; ++k) {
         const int p = k / n % n, q = k % n;
-        if (p >= q || !(fabs(A[p * n + q]) > 1e-300)) {
+        if (p >= q || !(fabs(A[p * n + q]) > 1e-130)) {
             continue;
         }
         const double ratio = (A[q * n + q] - A[p * n + p]) / (2.0 * A[p * n + q]);
@@ -44,7 +44,6 @@ static void diagonalise(int n, double *A, double *V)
 /* Factorise M = L L^T (Cholesky). Return whether M is positive definite. */
 static int factorise(const double *M, double *L)
 {
-    int positive = 1;
     memset(L, 0, N * N * sizeof(double));
     for (int i = 0; i < N; ++i) {
         for (int j = 0; j <= i; ++j) {
@@ -52,11 +51,13 @@ static int factorise(const double *M, double *L)
             for (int k = 0; k < j; ++k) {
                 rest -= L[i * N + k] * L[j * N + k];
             }
-            positive = positive && (i != j || rest > 0.0);
+            if (i == j && !(rest > 0.0)) {
+                return 0;
+            }
             L[i * N + j] = i == j ? sqrt(rest) : rest / L[j * N + j];
         }
     }
-    return positive;
+    return 1;
 }
 
 /* Solve L x = y in place; the entries of x lie a stride apart. */

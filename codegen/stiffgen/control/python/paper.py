@@ -10,12 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 from . import _c
 from ._structs import check_inputs, layout, tell_tool
 
-_CONFIG, _INPUT, _OUTPUT = map(layout, ("paper_config", "paper_input", "paper_output"))
+_CONFIG, _STATE, _INPUT, _OUTPUT = map(layout, ("paper_config", "paper_state", "paper_input", "paper_output"))
 _INPUTS, _OUTPUTS = _INPUT.names or (), _OUTPUT.names or ()
 _FIELDS = (_CONFIG.names or ())[1:]  # the first one is conventional: the formula
 _ERRORS = {
-    -2: "configuration: every number must be finite and at least 0, and sample_time above 0; a robot without effort "
-    "limits in its file needs effort_limit and torque_rate_limit",
+    -2: "configuration: every number must be finite and within the bounds of NAME_paper.h (sample_time from 1e-6 on, "
+    "the others from 0 on); a robot without effort limits in its file needs effort_limit and torque_rate_limit",
     -3: "a number of the sample, or the torque, is not finite or absurdly large",
     -4: "task_stiffness: must be symmetric and positive semidefinite",
     -5: "the mass matrix is not positive definite; pass motor_inertia",
@@ -44,7 +44,7 @@ class PaperLaw:
     formula : str
         "corrected" (symmetric Kq) or "conventional" (without the connection's correction).
     torque : (n) [N m], optional
-        Torque in force at the start; default: zero.
+        Torque in force at the start, within effort_limit; default: zero.
     **fields
         Fields of the configuration (NAME_paper.h): sample_time, damping_ratio, joint_damping, posture_stiffness;
         motor_inertia, effort_limit and torque_rate_limit take (n) or one number.
@@ -69,14 +69,17 @@ class PaperLaw:
         self._config["conventional"] = formula == "conventional"
         for name, value in fields.items():
             self._config[name] = _of_shape(name, value, _CONFIG[name].shape)
-        self._torque = _of_shape("torque", torque, (_c.MOTORS,))
+        self._state = np.zeros(1, _STATE)
+        self._state["torque"] = _of_shape("torque", torque, (_c.MOTORS,))
         if _c.paper_validate(self._config):
             raise ValueError(_ERRORS[-2])
+        if not np.all(np.abs(self._state["torque"]) <= self._config["effort_limit"]):
+            raise ValueError("torque: must be finite and within effort_limit")
 
     @property
     def torque(self) -> NDArray[np.float64]:
         """Torque (n) of the last step; after a refused sample it goes to zero at its rate limit."""
-        return self._torque.copy()
+        return np.array(self._state["torque"][0])
 
     def step(
         self,
@@ -103,7 +106,7 @@ class PaperLaw:
         sample, output = np.zeros(1, _INPUT), np.zeros(1, _OUTPUT)
         for name, value in given.items():
             sample[name] = _of_shape(name, value, _INPUT[name].shape, one=False)
-        code = _c.paper_step(self._config, self._torque, sample, output)
+        code = _c.paper_step(self._config, self._state, sample, output)
         if code:
             raise ValueError(_ERRORS[code])
         values = {name: output[name][0] for name in _OUTPUTS}
