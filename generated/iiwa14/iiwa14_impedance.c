@@ -34,7 +34,7 @@ typedef iiwa14_impedance_policy policy_t;
  *   l            scale; the torque is the gradient of l U
  *   s, p, v      energy put in by sampling, by moving the equilibrium, by changing stiffness or scale
  */
-enum { NO_JOINT = -1, READY = 0x51f7, RECENT = 8, MOST_DELAY = 5, POSTURES = 32 };
+enum { NO_JOINT = -1, READY = 0x51f7, RECENT = 8, MOST_DELAY = 5, POSTURES = 32, RISES = 10 };
 enum { TIP_ROWS = 6 * TIPS }; /* rows of the Jacobians of all tips */
 enum { LONGEST = 1000000 }; /* samples or calls at which a counter stands still: 17 minutes at 1 kHz, and no overflow */
 enum { SEARCHED = 40, SEARCH_STEPS = 60 }; /* trials of a search for a posture, steps of a trial */
@@ -400,7 +400,7 @@ static int check_fields(const config_t *c)
 /* Return the class of a fault's reason. */
 static int fault_of_reason(int reason)
 {
-    static const int classes[] = {0, 1, 1, 1, 1, 1, 2, 2, 3, 3, 4, 5, 5, 5, 1};
+    static const int classes[] = {0, 1, 1, 1, 1, 1, 2, 2, 3, 3, 4, 5, 5, 5, 1, 6};
     return classes[reason];
 }
 
@@ -438,6 +438,8 @@ static const char *meaning_of_reason(int reason)
         return "the state's checksum is wrong: its memory was overwritten";
     case IIWA14_REASON_LOOPS:
         return "the closed loops do not close at q, or the passive joints have changed their branch";
+    case IIWA14_REASON_DISSIPATION:
+        return "a velocity beyond its limit rises on although it is braked: look at sign and order of the joints in q, dq and torque (velocity_limit)";
     default:
         return "unknown reason";
     }
@@ -462,6 +464,8 @@ static const char *seen_of_reason(int reason)
     case IIWA14_REASON_POSITION:
         return "q [rad or m]";
     case IIWA14_REASON_OVERSPEED:
+        return "speed [rad/s or m/s]";
+    case IIWA14_REASON_DISSIPATION:
         return "speed [rad/s or m/s]";
     case IIWA14_REASON_RESERVE:
         return "reserve of the torque [J]";
@@ -558,8 +562,8 @@ static int fits_memory(const memory_t *m)
     fits = fits && m->commanded >= 0 && m->commanded <= 1;
     fits = fits && m->joined >= 0 && m->joined <= 1;
     fits = fits && m->beyond >= 0 && m->beyond <= 1;
-    fits = fits && m->fault >= 0 && m->fault <= 5;
-    fits = fits && m->reason >= 0 && m->reason <= 14;
+    fits = fits && m->fault >= 0 && m->fault <= 6;
+    fits = fits && m->reason >= 0 && m->reason <= 15;
     fits = fits && m->reset >= 0 && m->reset <= 1;
     fits = fits && m->bad >= 0 && m->bad <= 7;
     fits = fits && m->missed >= 0 && m->missed <= 1000000;
@@ -574,6 +578,7 @@ static int fits_memory(const memory_t *m)
     fits = fits && m->hold >= 0 && m->hold <= 1000;
     fits = fits && m->state_age >= 0 && m->state_age <= 1000000;
     fits = fits && m->fast >= 0 && m->fast <= 1000000;
+    fits = fits && m->rises >= 0 && m->rises <= 10;
     fits = fits && m->call_gap >= 0 && m->call_gap <= 1000;
     fits = fits && m->capped >= 0 && m->capped <= 1;
     fits = fits && m->by_pose >= 0 && m->by_pose <= 1;
@@ -1499,7 +1504,7 @@ static void plan_gains(step_t *s)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
-    const int has_gains = c->actuation == IIWA14_ACTUATION_GAINS;
+    const int has_gains = c->actuation == IIWA14_ACTUATION_GAINS && m->fault != IIWA14_FAULT_DISSIPATION;
     for (int i = 0; i < N; ++i) {
         const double tangent = s->out->joint_stiffness[i * (N + 1)], limit_slope = s->limit_slope[i];
         /* the tangent is the unscaled springs' and the limit avoidance's, which no scale weakens */
@@ -2059,13 +2064,16 @@ static double bound_gap_work(step_t *s, const double *motion)
 static void book_interval(step_t *s, const double *q)
 {
     memory_t *const m = s->m;
-    double port_work = 0.0, feed_work = 0.0, motion[N];
+    double port_work = 0.0, feed_work = 0.0, motion[N], parts[3];
     s->tip_energy = compute_tip_energy(m, q, m->equilibrium);
     const double elastic_energy = m->scale * add_posture_energy(m, q, m->posture, s->tip_energy);
     const double limit_energy = evaluate_limits(s, q);
     const double rise = elastic_energy - m->elastic_energy + limit_energy - m->limit_energy;
     m->elastic_energy = elastic_energy;
     m->limit_energy = limit_energy;
+    if (!m->known) { /* the torque in force may have put out more until now than it can from now on: see supply_torque */
+        m->tank -= m->reserve - sum_reserve(s, 0.0, m->call_gap, s->transit, parts);
+    }
     if (!m->known || s->jumped) {
         m->start_total += rise;
         m->supplied += rise;
@@ -2592,6 +2600,29 @@ static void start_memory(const config_t *c, state_t *state)
     m->ready = READY;
 }
 
+/*
+ * Supply the work that a torque in force can put out: it is in transit for the delay, acts until the first call, and
+ * falls at each call from then on. The account begins with the first sample: book_interval takes out of the tank what
+ * can have left the port by then.
+ */
+static void supply_torque(const config_t *c, state_t *state, const double *torque)
+{
+    memory_t *const m = &state->memory;
+    double work = 0.0;
+    for (int i = 0; i < N; ++i) {
+        const double size = fabs(torque[i]), calls = 1.0 + 0.5 * size / m->rate[i]; /* of the whole torque, until 0 */
+        work += m->velocity_limit[i] * c->sample_time * size * (c->delay_samples + m->call_gap * calls);
+        for (int k = 0; k < MOST_DELAY; ++k) {
+            m->older[k * N + i] = torque[i];
+        }
+    }
+    m->reserve = work;
+    m->tank += work;
+    m->supplied += work;
+    m->energy_supplied = m->supplied;
+    store_copies(state->torque, torque);
+}
+
 /* Prepare a state; torque is the one in force, or NULL for zero. */
 static int initialise(const config_t *c, state_t *state, const double *torque)
 {
@@ -2614,7 +2645,7 @@ static int initialise(const config_t *c, state_t *state, const double *torque)
         return IIWA14_E_STIFFNESS;
     }
     const double none[N] = {0.0};
-    store_copies(state->torque, torque != NULL ? torque : none);
+    supply_torque(c, state, torque != NULL ? torque : none);
     state->checksum = compute_checksum(state);
     return IIWA14_OK;
 }
@@ -3352,6 +3383,7 @@ static int accept_command(step_t *s)
  * the wanted posture that has its tips at that pose. The springs of tips and posture are then at rest at the same q.
  */
 
+static const double WAY_SHARE = 0.01; /* of the way to a goal, whose springs are looked at */
 static const double NO_ROTATION = 1e-9; /* [rad] up to which a rotation is linear: its square is below rounding */
 static const double RADIAN_LENGTH = 0.25; /* [m] that weigh as much as one radian in a posture's distance from a pose */
 static const double FLAT_SHARE = 1e-9; /* added to X^T X of a posture, over the largest square of a row of X */
@@ -3596,6 +3628,40 @@ static int leads_away(const memory_t *m, const double *step)
         away += step[i] * (m->posture[i] - m->q[i]);
     }
     return away > 0.0 && is_far_behind(m);
+}
+
+/*
+ * Return how deep a joint is in its limit zone: 0 at the zone's edge, `zone` at the limit, below 0 outside. side: above
+ * 0 for the zone of the upper limit, else that of the lower one.
+ */
+static double find_depth(const memory_t *m, int i, double side)
+{
+    return side > 0.0 ? m->q[i] - m->avoidance[4 * i + 1] : m->avoidance[4 * i] - m->q[i];
+}
+
+/* Return the torque [N m] by which springs at an equilibrium push joints outwards that are at a limit or beyond. */
+static double find_push(const memory_t *m, const double *equilibrium, double zone)
+{
+    double wrench[6 * TIPS], torque[N], stiffness[NN], push = 0.0; /* of these the torque alone is used */
+    stiffgen_spring(m->q, m, equilibrium, m->translation_stiffness, m->rotation_stiffness, find_spring_limits(m),
+                    wrench, torque, stiffness);
+    for (int i = 0; i < N; ++i) { /* the torque's sign is the side to which it pushes */
+        push += torque[i] != 0.0 && find_depth(m, i, torque[i]) >= zone ? fabs(torque[i]) : 0.0;
+    }
+    return push;
+}
+
+/* Return whether the springs push a joint out of its limits, and the way to the goal does not lower this push. */
+static int is_pushed_out(const step_t *s)
+{
+    const memory_t *const m = s->m;
+    double nearer[16 * TIPS], way[TIP_ROWS] = {0.0};
+    const double push = find_push(m, m->equilibrium, s->c->limit_zone);
+    add_scaled(TIP_ROWS, WAY_SHARE, s->away, way);
+    for (int t = 0; t < TIPS; ++t) {
+        move_pose(m->equilibrium + 16 * t, way + 6 * t, nearer + 16 * t);
+    }
+    return push > 0.0 && !(find_push(m, nearer, s->c->limit_zone) < push);
 }
 
 /*
@@ -4160,39 +4226,19 @@ static int approach_poses(step_t *s, const double *away, const double *moved, do
             memset(m->equilibrium_velocity + 6 * t, 0, 6 * sizeof(double));
             continue;
         }
-        approach_goal(c, TIP_RAMP * c->ramp_time, 6, 3, away + 6 * t, moved + 6 * t, tip_limits,
+        /* slow, it still stops as fast: less would carry it beyond its goal */
+        approach_goal(c, TIP_RAMP * c->ramp_time * share, 6, 3, away + 6 * t, moved + 6 * t, tip_limits,
                       m->equilibrium_velocity + 6 * t);
     }
     return arrived;
 }
 
 /*
- * Return how deep a joint is in its limit zone: 0 at the zone's edge, `zone` at the limit, below 0 outside. side: above
- * 0 for the zone of the upper limit, else that of the lower one.
- */
-static double find_depth(const memory_t *m, int i, double side)
-{
-    return side > 0.0 ? m->q[i] - m->avoidance[4 * i + 1] : m->avoidance[4 * i] - m->q[i];
-}
-
-/* Return whether the tips' springs push outwards a joint that is at its limit or beyond; zone: width of the zones. */
-static int is_pushed_beyond_limit(const memory_t *m, double zone)
-{
-    double wrench[6 * TIPS], torque[N], stiffness[NN]; /* of these the torque alone is used */
-    int is_pushed = 0;
-    stiffgen_spring(m->q, m, m->equilibrium, m->translation_stiffness, m->rotation_stiffness,
-                    find_spring_limits(m), wrench, torque, stiffness);
-    for (int i = 0; i < N; ++i) { /* the torque's sign is the side to which it pushes */
-        is_pushed |= torque[i] != 0.0 && find_depth(m, i, torque[i]) >= zone;
-    }
-    return is_pushed;
-}
-
-/*
  * Find the share of its velocity limits that an equilibrium by pose uses; at 0 and below it waits (approach_poses). It
  * goes no farther ahead of its posture than the posture can follow (lead: distance from the pose of the posture).
  * Where the commanded pose is out of reach (beyond), lead does not count: the equilibrium then goes to the posture. It
- * is slow while the arm is deep in a limit zone, and waits while its springs push the arm out of the limits.
+ * is slow while the arm is deep in a limit zone, and waits while its springs push the arm out of the limits, unless its
+ * way lowers this push.
  */
 static double find_pace(const step_t *s, double lead)
 {
@@ -4201,7 +4247,7 @@ static double find_pace(const step_t *s, double lead)
     for (int i = 0; i < N; ++i) {
         depth = larger(depth, larger(find_depth(m, i, -1.0), find_depth(m, i, 1.0)));
     }
-    if (depth >= s->c->limit_zone && is_pushed_beyond_limit(m, s->c->limit_zone)) {
+    if (depth >= s->c->limit_zone && is_pushed_out(s)) {
         return 0.0;
     }
     /*
@@ -4223,12 +4269,12 @@ static int follow_pose(step_t *s)
         /* beyond the reach, the posture goes on towards the poses of a stream: waiting for each, it would stop */
         m->beyond = m->beyond && streamed <= PATH_LEAD && compare_poses(here, s->goal, twists) > PATH_LEAD;
     }
-    const double pace = find_pace(s, compare_poses(here, m->equilibrium, ahead));
+    const double lead = compare_poses(here, m->equilibrium, ahead);
     for (int k = 0; s->commanded && m->beyond && k < TIP_ROWS; ++k) { /* the equilibrium goes to the posture's pose */
         s->away[k] = -ahead[k];
         s->moved[k] = 0.0;
     }
-    const int arrived = approach_poses(s, s->away, s->moved, pace);
+    const int arrived = approach_poses(s, s->away, s->moved, find_pace(s, lead));
     return approach_posture(s, here, ahead, arrived) || !arrived;
 }
 
@@ -5013,7 +5059,10 @@ static void compute_torque(step_t *s, const double *last, int moved)
     feed_reference(s, feed);
     compensate_coriolis(s);
     plan_gains(s);
-    if (!try_torque(s, last, 1.0, 1.0)) {
+    if (m->fault == IIWA14_FAULT_DISSIPATION) { /* no torque at all */
+        memset(out->damping_torque, 0, sizeof out->damping_torque);
+        (void)try_torque(s, last, 0.0, 0.0);
+    } else if (!try_torque(s, last, 1.0, 1.0)) {
         reduce_torque(s, last, feed);
     }
     shift_history(m, s->transit, feed);
@@ -5040,15 +5089,16 @@ static void separate_torque_offset(step_t *s, double *last, int refused)
 /*
  * Add the caller's torque to the controller's own. The own torque goes first in the rate limit, since the reserve
  * counts on its fall; the caller's goes first in the effort limit (limit_torque). Without a position the caller's
- * stays, and it goes to zero with a configuration that is refused. last: the own torque of the last call.
+ * stays. It goes to zero with a configuration that is refused, and where nothing brakes the arm. last: the own torque of the last call.
  */
 static void add_torque_offset(step_t *s, const double *last, int refused)
 {
     memory_t *const m = s->m;
+    const int ends = refused || m->fault == IIWA14_FAULT_DISSIPATION;
     for (int i = 0; i < N; ++i) {
         const double own = s->out->torque[i], change = own - last[i], before = last[i] + m->offset[i];
-        double wanted = refused ? 0.0 : m->offset[i];
-        if (!refused && (s->believed || s->located) && fabs(s->input->torque_offset[i]) <= DBL_MAX) {
+        double wanted = ends ? 0.0 : m->offset[i];
+        if (!ends && (s->believed || s->located) && fabs(s->input->torque_offset[i]) <= DBL_MAX) {
             wanted = s->input->torque_offset[i];
         }
         /* both changes together stay within the rate limit, at which a lowered effort limit is reached, too */
@@ -5566,6 +5616,7 @@ static void write_command(policy_t *p, double now, input_t *input)
  */
 
 static const double RESUME_TIME = 0.1;    /* [s] of good samples after which a communication fault resets itself */
+static const double FAR_TOO_FAST = 1.5; /* velocity limits from which on a speed that rises shows that nothing brakes */
 static const double ROUNDED_ENERGY = 1e-9; /* [J] of the account that is rounding: its totals are below 1e5 J */
 
 /* Remember position and velocity of a sample. */
@@ -5597,6 +5648,23 @@ static void check_positions(step_t *s)
 }
 
 /*
+ * Latch a fault where nothing brakes an arm that is too fast: its largest speed, as a share of the joint's limit, has
+ * risen RISES times since it is above it, in a fault or far above. The sign or the order of joints may be wrong: then
+ * the damping drives, and only an arm without torque is safe. The fault takes the place of another.
+ */
+static void check_dissipation(step_t *s, int joint, double share, double limit)
+{
+    memory_t *const m = s->m;
+    m->rises = share > 1.0 ? clamp_count(m->rises + (share > m->fastest), RISES) : 0;
+    m->fastest = share > 1.0 ? larger(m->fastest, share) : 0.0;
+    if (m->rises == RISES && (m->fault != IIWA14_FAULT_NONE || share > FAR_TOO_FAST) &&
+        m->fault != IIWA14_FAULT_DISSIPATION) {
+        m->fault = IIWA14_FAULT_NONE;
+        latch_fault(m, IIWA14_REASON_DISSIPATION, joint, fabs(s->velocity[joint]), limit);
+    }
+}
+
+/*
  * Latch a fault for a speed that is above its limit for longer than overspeed_time: a bump may drive a joint beyond it
  * for a moment, which is braked. A velocity limit that the configuration lowers comes into force here.
  */
@@ -5604,10 +5672,15 @@ static void check_speeds(step_t *s)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
-    int first_fast = NO_JOINT;
+    int first_fast = NO_JOINT, fastest = 0;
+    double most = 0.0, most_limit = 0.0;
     for (int i = 0; i < N; ++i) {
         const double speed = fabs(s->velocity[i]);
         const double limit = smaller(c->velocity_limit[i], m->velocity_limit[i]);
+        const double share = speed / (limit + NOISE_RANGE * c->velocity_noise);
+        fastest = share > most ? i : fastest;
+        most_limit = share > most ? limit : most_limit;
+        most = larger(share, most);
         if (speed > limit + NOISE_RANGE * c->velocity_noise) {
             first_fast = first_fast == NO_JOINT ? i : first_fast;
             s->status |= IIWA14_STATUS_OVERSPEED;
@@ -5622,6 +5695,7 @@ static void check_speeds(step_t *s)
         const double limit = smaller(c->velocity_limit[first_fast], m->velocity_limit[first_fast]);
         latch_fault(m, IIWA14_REASON_OVERSPEED, first_fast, fabs(s->velocity[first_fast]), limit);
     }
+    check_dissipation(s, fastest, most, most_limit);
 }
 
 /* Check position and speed against their limits, and the spring against the one in force. The first fault stays. */
@@ -5926,6 +6000,7 @@ static int step(const config_t *c, state_t *state, const input_t *input, output_
         }
         /* memory was overwritten: nothing is believed but the torque, which is stored three times */
         start_memory(c, state);
+        supply_torque(c, state, last);
         m->unaccounted = 1;
         latch_fault(m, IIWA14_REASON_STATE, NO_JOINT, 0.0, 0.0);
     }

@@ -155,7 +155,8 @@ enum {
     IIWA14_FAULT_COMMUNICATION = 2, /* samples or calls are missing */
     IIWA14_FAULT_LIMIT = 3, /* the arm is beyond a limit */
     IIWA14_FAULT_ENERGY = 4, /* tank and stored energy do not cover the torque */
-    IIWA14_FAULT_CONFIGURATION = 5 /* configuration, spring or state changed in a way that needs a reset */
+    IIWA14_FAULT_CONFIGURATION = 5, /* configuration, spring or state changed in a way that needs a reset */
+    IIWA14_FAULT_DISSIPATION = 6 /* braking makes the arm faster: all torque goes to zero, damping and torque_offset, too */
 };
 
 /* Reasons for refusing a command, and the arguments that they are about. */
@@ -194,7 +195,8 @@ enum {
     IIWA14_REASON_CONFIG = 11, /* [configuration] the configuration was refused (the return value names the field) */
     IIWA14_REASON_CHANGED = 12, /* [configuration] the kind of spring changed while engaged (spring) */
     IIWA14_REASON_STATE = 13, /* [configuration] the state's checksum is wrong: its memory was overwritten */
-    IIWA14_REASON_LOOPS = 14 /* [sensor] the closed loops do not close at q, or the passive joints have changed their branch */
+    IIWA14_REASON_LOOPS = 14, /* [sensor] the closed loops do not close at q, or the passive joints have changed their branch */
+    IIWA14_REASON_DISSIPATION = 15 /* [dissipation] a velocity beyond its limit rises on although it is braked: look at sign and order of the joints in q, dq and torque (velocity_limit) */
 };
 
 /* Parts of a proposal. */
@@ -831,6 +833,8 @@ typedef struct {
     double fault_seen;
     /* limit of this number. */
     double fault_limit;
+    /* largest speed over its velocity limit since one is above its limit. */
+    double fastest;
     /* mark of an initialised memory. */
     int32_t ready;
     /* spring in force; 0 before the first sample. */
@@ -885,6 +889,8 @@ typedef struct {
     int32_t state_age;
     /* samples in a row beyond a velocity limit. */
     int32_t fast;
+    /* samples since then in which this speed has risen. */
+    int32_t rises;
     /* joint that the fault is about, or -1. */
     int32_t fault_joint;
     /* call_gap_limit in force. */

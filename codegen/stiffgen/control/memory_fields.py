@@ -120,6 +120,7 @@ _ENERGIES: tuple[Field, ...] = (
     _number("good_time", SCALAR, "s", "time of good samples since"),
     _number("fault_seen", SCALAR, "", "number that the fault is about"),
     _number("fault_limit", SCALAR, "", "limit of this number"),
+    _number("fastest", SCALAR, "", "largest speed over its velocity limit since one is above its limit"),
 )
 _INTEGERS: tuple[Field, ...] = (
     _any("ready", "mark of an initialised memory"),
@@ -149,6 +150,7 @@ _INTEGERS: tuple[Field, ...] = (
     _count("hold", 0, 1000, "calls without a sample for which the last torque is held"),
     _count("state_age", 0, _MOST, "samples for which the robot's state has repeated itself"),
     _count("fast", 0, _MOST, "samples in a row beyond a velocity limit"),
+    _count("rises", 0, 10, "samples since then in which this speed has risen"),
     _any("fault_joint", "joint that the fault is about, or -1"),
     _count("call_gap", 0, 1000, "call_gap_limit in force"),
     _count("capped", 0, 1, "the sample time has not allowed the springs' stiffness"),

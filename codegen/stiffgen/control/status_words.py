@@ -74,6 +74,7 @@ FAULTS: tuple[tuple[str, str], ...] = (
     ("limit", "the arm is beyond a limit"),
     ("energy", "tank and stored energy do not cover the torque"),
     ("configuration", "configuration, spring or state changed in a way that needs a reset"),
+    ("dissipation", "braking makes the arm faster: all torque goes to zero, damping and torque_offset, too"),
 )
 """Classes of faults, NAME_FAULT_<NAME>, from 0 on."""
 
@@ -118,6 +119,12 @@ REASONS: tuple[tuple[str, str, str], ...] = (
     ("changed", "configuration", "the kind of spring changed while engaged (spring)"),
     ("state", "configuration", "the state's checksum is wrong: its memory was overwritten"),
     ("loops", "sensor", "the closed loops do not close at q, or the passive joints have changed their branch"),
+    (
+        "dissipation",
+        "dissipation",
+        "a velocity beyond its limit rises on although it is braked: look at sign and order of the joints in q, dq and "
+        "torque (velocity_limit)",
+    ),
 )
 """Reasons for faults, NAME_REASON_<NAME> from 0 on: class, meaning, and in brackets the fields to look at."""
 
@@ -130,6 +137,7 @@ SEEN: dict[str, str] = {
     "skipped": "calls left out [samples]",
     "position": "q [rad or m]",
     "overspeed": "speed [rad/s or m/s]",
+    "dissipation": "speed [rad/s or m/s]",
     "reserve": "reserve of the torque [J]",
 }
 """Meaning and unit of fault_seen and fault_limit for each reason with numbers."""

@@ -15,7 +15,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "eafe5cdf59d55429"
+#define SOURCES "c171c75a4e25b285"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;
@@ -2931,6 +2931,9 @@ static const field fields[] = {
     {"policy", "to_translation", "f8", offsetof(policy_t, to_translation), 2, {3, 3, 1}, 0, "N/m", ""},
     {"policy", "to_rotation", "f8", offsetof(policy_t, to_rotation), 2, {3, 3, 1}, 0, "N m/rad", ""},
     {"policy", "to_wrench", "f8", offsetof(policy_t, to_wrench), 1, {6, 1, 1}, 0, "N, N m", ""},
+    {"paper_state", "torque", "f8", offsetof(paper_state_t, torque), 1, {7, 1, 1}, 0, "N m", ""},
+    {"paper_state", "opposite", "f8", offsetof(paper_state_t, opposite), 1, {7, 1, 1}, 0, "N m", ""},
+    {"paper_state", "change", "f8", offsetof(paper_state_t, change), 1, {7, 1, 1}, 0, "N m", ""},
     {"paper_config", "conventional", "i4", offsetof(paper_config_t, conventional), 0, {1, 1, 1}, 0, "", ""},
     {"paper_config", "sample_time", "f8", offsetof(paper_config_t, sample_time), 0, {1, 1, 1}, 0, "s", ""},
     {"paper_config", "damping_ratio", "f8", offsetof(paper_config_t, damping_ratio), 0, {1, 1, 1}, 0, "", ""},
@@ -2960,6 +2963,7 @@ static const structure structures[] = {
     {"output", sizeof(output_t)},
     {"proposal", sizeof(proposal_t)},
     {"policy", sizeof(policy_t)},
+    {"paper_state", sizeof(paper_state_t)},
     {"paper_config", sizeof(paper_config_t)},
     {"paper_input", sizeof(paper_input_t)},
     {"paper_output", sizeof(paper_output_t)},
@@ -3031,6 +3035,7 @@ static const choice outcomes[] = {
     {"fault", "limit", IIWA14_FAULT_LIMIT},
     {"fault", "energy", IIWA14_FAULT_ENERGY},
     {"fault", "configuration", IIWA14_FAULT_CONFIGURATION},
+    {"fault", "dissipation", IIWA14_FAULT_DISSIPATION},
     {"refused", "none", IIWA14_REFUSED_NONE},
     {"refused", "time", IIWA14_REFUSED_TIME},
     {"refused", "future", IIWA14_REFUSED_FUTURE},
@@ -3075,6 +3080,7 @@ static const choice outcomes[] = {
     {"reason", "changed", IIWA14_REASON_CHANGED},
     {"reason", "state", IIWA14_REASON_STATE},
     {"reason", "loops", IIWA14_REASON_LOOPS},
+    {"reason", "dissipation", IIWA14_REASON_DISSIPATION},
 };
 
 enum {

@@ -54,6 +54,39 @@ def test_the_identity_holds_through_faults_and_gaps(robot: ModuleType) -> None:
     assert np.unique(out.mode).size >= 3
 
 
+def carried_along(controller: Any, torque: np.ndarray, missing: int = 0, samples: int = 1500) -> tuple[float, float]:
+    """Move every joint at its velocity limit with the torque that acts, from init on; the first samples are missing.
+
+    Return the work put out [J] over energy_supplied, and the work, each at its peak.
+    """
+    config, q, worst, most, work = controller.config, Q.copy(), -np.inf, 0.0, 0.0
+    acting, dq = [torque] * (int(config.delay_samples) + 1), np.zeros(7)
+    for k in range(samples):
+        wanted = 0.99 * config.velocity_limit * np.sign(acting[0])
+        dq = np.clip(wanted, dq - 0.3 * config.velocity_limit, dq + 0.3 * config.velocity_limit) if k else wanted
+        work += 1e-3 * float(acting[0] @ dq)
+        q = q + 1e-3 * dq
+        out = controller.missed() if k < missing else controller.step(q=q, dq=dq, q0=Q, **SPRING)
+        acting = [*acting[1:], out.torque]
+        worst, most = max(worst, work - float(out.energy_supplied)), max(most, work)
+    return worst, most
+
+
+@pytest.mark.parametrize("share", [0.5, 0.75, 1.0])
+@pytest.mark.parametrize("fields", [{}, {"delay_samples": 3}, {"call_gap_limit": 1}, {"missed_limit": 2}])
+@pytest.mark.parametrize("missing", [0, 1, 30])
+def test_a_torque_in_force_at_the_start_is_supplied(
+    robot: ModuleType, share: float, fields: dict[str, Any], missing: int
+) -> None:
+    """As another tool is taken. Before: 35, 109 and 213 J beyond energy_supplied at 50, 75 and 100 % of effort."""
+    limits = {"lower_limit": -1e3, "upper_limit": 1e3, "stiffness_cap": "accept", "overspeed_time": 10.0}
+    torque = share * robot.EFFORT * [1, -1, 1, -1, 1, -1, 1]
+    controller = robot.Impedance(torque=torque, motor_inertia=0.1, errors="ignore", **limits, **fields)
+    worst, most = carried_along(controller, torque, missing)
+    assert worst <= 1e-6
+    assert most > 1.0
+
+
 def left(out: Any) -> np.ndarray:
     """What can still be put out by the output energy_supplied, less what springs and tank hold: never negative."""
     return np.asarray(out.energy_supplied - out.port_total - out.elastic_energy - out.limit_energy - out.tank_energy)

@@ -445,13 +445,16 @@ static double bound_gap_work(step_t *s, const double *motion)
 void book_interval(step_t *s, const double *q)
 {
     memory_t *const m = s->m;
-    double port_work = 0.0, feed_work = 0.0, motion[N];
+    double port_work = 0.0, feed_work = 0.0, motion[N], parts[3];
     s->tip_energy = compute_tip_energy(m, q, m->equilibrium);
     const double elastic_energy = m->scale * add_posture_energy(m, q, m->posture, s->tip_energy);
     const double limit_energy = evaluate_limits(s, q);
     const double rise = elastic_energy - m->elastic_energy + limit_energy - m->limit_energy;
     m->elastic_energy = elastic_energy;
     m->limit_energy = limit_energy;
+    if (!m->known) { /* the torque in force may have put out more until now than it can from now on: see supply_torque */
+        m->tank -= m->reserve - sum_reserve(s, 0.0, m->call_gap, s->transit, parts);
+    }
     if (!m->known || s->jumped) {
         m->start_total += rise;
         m->supplied += rise;

@@ -172,39 +172,19 @@ static int approach_poses(step_t *s, const double *away, const double *moved, do
             memset(m->equilibrium_velocity + 6 * t, 0, 6 * sizeof(double));
             continue;
         }
-        approach_goal(c, TIP_RAMP * c->ramp_time, 6, 3, away + 6 * t, moved + 6 * t, tip_limits,
+        /* slow, it still stops as fast: less would carry it beyond its goal */
+        approach_goal(c, TIP_RAMP * c->ramp_time * share, 6, 3, away + 6 * t, moved + 6 * t, tip_limits,
                       m->equilibrium_velocity + 6 * t);
     }
     return arrived;
 }
 
 /*
- * Return how deep a joint is in its limit zone: 0 at the zone's edge, `zone` at the limit, below 0 outside. side: above
- * 0 for the zone of the upper limit, else that of the lower one.
- */
-static double find_depth(const memory_t *m, int i, double side)
-{
-    return side > 0.0 ? m->q[i] - m->avoidance[4 * i + 1] : m->avoidance[4 * i] - m->q[i];
-}
-
-/* Return whether the tips' springs push outwards a joint that is at its limit or beyond; zone: width of the zones. */
-static int is_pushed_beyond_limit(const memory_t *m, double zone)
-{
-    double wrench[6 * TIPS], torque[N], stiffness[NN]; /* of these the torque alone is used */
-    int is_pushed = 0;
-    stiffgen_spring(m->q, m, m->equilibrium, m->translation_stiffness, m->rotation_stiffness,
-                    find_spring_limits(m), wrench, torque, stiffness);
-    for (int i = 0; i < N; ++i) { /* the torque's sign is the side to which it pushes */
-        is_pushed |= torque[i] != 0.0 && find_depth(m, i, torque[i]) >= zone;
-    }
-    return is_pushed;
-}
-
-/*
  * Find the share of its velocity limits that an equilibrium by pose uses; at 0 and below it waits (approach_poses). It
  * goes no farther ahead of its posture than the posture can follow (lead: distance from the pose of the posture).
  * Where the commanded pose is out of reach (beyond), lead does not count: the equilibrium then goes to the posture. It
- * is slow while the arm is deep in a limit zone, and waits while its springs push the arm out of the limits.
+ * is slow while the arm is deep in a limit zone, and waits while its springs push the arm out of the limits, unless its
+ * way lowers this push.
  */
 static double find_pace(const step_t *s, double lead)
 {
@@ -213,7 +193,7 @@ static double find_pace(const step_t *s, double lead)
     for (int i = 0; i < N; ++i) {
         depth = larger(depth, larger(find_depth(m, i, -1.0), find_depth(m, i, 1.0)));
     }
-    if (depth >= s->c->limit_zone && is_pushed_beyond_limit(m, s->c->limit_zone)) {
+    if (depth >= s->c->limit_zone && is_pushed_out(s)) {
         return 0.0;
     }
     /*
@@ -235,12 +215,12 @@ static int follow_pose(step_t *s)
         /* beyond the reach, the posture goes on towards the poses of a stream: waiting for each, it would stop */
         m->beyond = m->beyond && streamed <= PATH_LEAD && compare_poses(here, s->goal, twists) > PATH_LEAD;
     }
-    const double pace = find_pace(s, compare_poses(here, m->equilibrium, ahead));
+    const double lead = compare_poses(here, m->equilibrium, ahead);
     for (int k = 0; s->commanded && m->beyond && k < TIP_ROWS; ++k) { /* the equilibrium goes to the posture's pose */
         s->away[k] = -ahead[k];
         s->moved[k] = 0.0;
     }
-    const int arrived = approach_poses(s, s->away, s->moved, pace);
+    const int arrived = approach_poses(s, s->away, s->moved, find_pace(s, lead));
     return approach_posture(s, here, ahead, arrived) || !arrived;
 }
 

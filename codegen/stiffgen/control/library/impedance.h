@@ -18,7 +18,7 @@
 #include <stdint.h>
 #include <string.h>
 
-enum { NO_JOINT = -1, READY = 0x51f7, RECENT = 8, MOST_DELAY = 5, POSTURES = 32 };
+enum { NO_JOINT = -1, READY = 0x51f7, RECENT = 8, MOST_DELAY = 5, POSTURES = 32, RISES = 10 };
 enum { TIP_ROWS = 6 * TIPS }; /* rows of the Jacobians of all tips */
 enum { LONGEST = 1000000 }; /* samples or calls at which a counter stands still: 17 minutes at 1 kHz, and no overflow */
 enum { SEARCHED = 40, SEARCH_STEPS = 60 }; /* trials of a search for a posture, steps of a trial */
@@ -208,6 +208,7 @@ uint64_t compute_checksum(const state_t *state);
 int vote(const uint64_t *copies, double *result);
 void store_copies(uint64_t *copies, const double *values);
 void start_memory(const config_t *c, state_t *state);
+void supply_torque(const config_t *c, state_t *state, const double *torque);
 int initialise(const config_t *c, state_t *state, const double *torque);
 int request_reset(state_t *state);
 void latch_fault(memory_t *m, int reason, int joint, double seen, double limit);
@@ -270,6 +271,8 @@ double find_posture_step(const config_t *c, const memory_t *m, const double *q, 
 void step_to_wanted(const memory_t *m, const double *q0, double distance, const double *goal, double *step);
 int is_far_behind(const memory_t *m);
 int leads_away(const memory_t *m, const double *step);
+double find_depth(const memory_t *m, int i, double side);
+int is_pushed_out(const step_t *s);
 int search_posture(const config_t *c, const double *poses, const double *tool, const double *start, double *posture);
 
 /* governor.c */

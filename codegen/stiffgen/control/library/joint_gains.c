@@ -79,7 +79,7 @@ void plan_gains(step_t *s)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
-    const int has_gains = c->actuation == ID(ACTUATION_GAINS);
+    const int has_gains = c->actuation == ID(ACTUATION_GAINS) && m->fault != ID(FAULT_DISSIPATION);
     for (int i = 0; i < N; ++i) {
         const double tangent = s->out->joint_stiffness[i * (N + 1)], limit_slope = s->limit_slope[i];
         /* the tangent is the unscaled springs' and the limit avoidance's, which no scale weakens */

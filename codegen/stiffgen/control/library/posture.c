@@ -4,6 +4,7 @@
  */
 #include "impedance.h"
 
+static const double WAY_SHARE = 0.01; /* of the way to a goal, whose springs are looked at */
 static const double NO_ROTATION = 1e-9; /* [rad] up to which a rotation is linear: its square is below rounding */
 static const double RADIAN_LENGTH = 0.25; /* [m] that weigh as much as one radian in a posture's distance from a pose */
 static const double FLAT_SHARE = 1e-9; /* added to X^T X of a posture, over the largest square of a row of X */
@@ -248,6 +249,40 @@ int leads_away(const memory_t *m, const double *step)
         away += step[i] * (m->posture[i] - m->q[i]);
     }
     return away > 0.0 && is_far_behind(m);
+}
+
+/*
+ * Return how deep a joint is in its limit zone: 0 at the zone's edge, `zone` at the limit, below 0 outside. side: above
+ * 0 for the zone of the upper limit, else that of the lower one.
+ */
+double find_depth(const memory_t *m, int i, double side)
+{
+    return side > 0.0 ? m->q[i] - m->avoidance[4 * i + 1] : m->avoidance[4 * i] - m->q[i];
+}
+
+/* Return the torque [N m] by which springs at an equilibrium push joints outwards that are at a limit or beyond. */
+static double find_push(const memory_t *m, const double *equilibrium, double zone)
+{
+    double wrench[6 * TIPS], torque[N], stiffness[NN], push = 0.0; /* of these the torque alone is used */
+    stiffgen_spring(m->q, m, equilibrium, m->translation_stiffness, m->rotation_stiffness, find_spring_limits(m),
+                    wrench, torque, stiffness);
+    for (int i = 0; i < N; ++i) { /* the torque's sign is the side to which it pushes */
+        push += torque[i] != 0.0 && find_depth(m, i, torque[i]) >= zone ? fabs(torque[i]) : 0.0;
+    }
+    return push;
+}
+
+/* Return whether the springs push a joint out of its limits, and the way to the goal does not lower this push. */
+int is_pushed_out(const step_t *s)
+{
+    const memory_t *const m = s->m;
+    double nearer[16 * TIPS], way[TIP_ROWS] = {0.0};
+    const double push = find_push(m, m->equilibrium, s->c->limit_zone);
+    add_scaled(TIP_ROWS, WAY_SHARE, s->away, way);
+    for (int t = 0; t < TIPS; ++t) {
+        move_pose(m->equilibrium + 16 * t, way + 6 * t, nearer + 16 * t);
+    }
+    return push > 0.0 && !(find_push(m, nearer, s->c->limit_zone) < push);
 }
 
 /*

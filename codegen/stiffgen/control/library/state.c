@@ -117,6 +117,29 @@ void start_memory(const config_t *c, state_t *state)
     m->ready = READY;
 }
 
+/*
+ * Supply the work that a torque in force can put out: it is in transit for the delay, acts until the first call, and
+ * falls at each call from then on. The account begins with the first sample: book_interval takes out of the tank what
+ * can have left the port by then.
+ */
+void supply_torque(const config_t *c, state_t *state, const double *torque)
+{
+    memory_t *const m = &state->memory;
+    double work = 0.0;
+    for (int i = 0; i < N; ++i) {
+        const double size = fabs(torque[i]), calls = 1.0 + 0.5 * size / m->rate[i]; /* of the whole torque, until 0 */
+        work += m->velocity_limit[i] * c->sample_time * size * (c->delay_samples + m->call_gap * calls);
+        for (int k = 0; k < MOST_DELAY; ++k) {
+            m->older[k * N + i] = torque[i];
+        }
+    }
+    m->reserve = work;
+    m->tank += work;
+    m->supplied += work;
+    m->energy_supplied = m->supplied;
+    store_copies(state->torque, torque);
+}
+
 /* Prepare a state; torque is the one in force, or NULL for zero. */
 int initialise(const config_t *c, state_t *state, const double *torque)
 {
@@ -139,7 +162,7 @@ int initialise(const config_t *c, state_t *state, const double *torque)
         return ID(E_STIFFNESS);
     }
     const double none[N] = {0.0};
-    store_copies(state->torque, torque != NULL ? torque : none);
+    supply_torque(c, state, torque != NULL ? torque : none);
     state->checksum = compute_checksum(state);
     return ID(OK);
 }

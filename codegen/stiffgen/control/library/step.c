@@ -5,6 +5,7 @@
 #include "impedance.h"
 
 static const double RESUME_TIME = 0.1;    /* [s] of good samples after which a communication fault resets itself */
+static const double FAR_TOO_FAST = 1.5; /* velocity limits from which on a speed that rises shows that nothing brakes */
 static const double ROUNDED_ENERGY = 1e-9; /* [J] of the account that is rounding: its totals are below 1e5 J */
 
 /* Remember position and velocity of a sample. */
@@ -36,6 +37,23 @@ static void check_positions(step_t *s)
 }
 
 /*
+ * Latch a fault where nothing brakes an arm that is too fast: its largest speed, as a share of the joint's limit, has
+ * risen RISES times since it is above it, in a fault or far above. The sign or the order of joints may be wrong: then
+ * the damping drives, and only an arm without torque is safe. The fault takes the place of another.
+ */
+static void check_dissipation(step_t *s, int joint, double share, double limit)
+{
+    memory_t *const m = s->m;
+    m->rises = share > 1.0 ? clamp_count(m->rises + (share > m->fastest), RISES) : 0;
+    m->fastest = share > 1.0 ? larger(m->fastest, share) : 0.0;
+    if (m->rises == RISES && (m->fault != ID(FAULT_NONE) || share > FAR_TOO_FAST) &&
+        m->fault != ID(FAULT_DISSIPATION)) {
+        m->fault = ID(FAULT_NONE);
+        latch_fault(m, ID(REASON_DISSIPATION), joint, fabs(s->velocity[joint]), limit);
+    }
+}
+
+/*
  * Latch a fault for a speed that is above its limit for longer than overspeed_time: a bump may drive a joint beyond it
  * for a moment, which is braked. A velocity limit that the configuration lowers comes into force here.
  */
@@ -43,10 +61,15 @@ static void check_speeds(step_t *s)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
-    int first_fast = NO_JOINT;
+    int first_fast = NO_JOINT, fastest = 0;
+    double most = 0.0, most_limit = 0.0;
     for (int i = 0; i < N; ++i) {
         const double speed = fabs(s->velocity[i]);
         const double limit = smaller(c->velocity_limit[i], m->velocity_limit[i]);
+        const double share = speed / (limit + NOISE_RANGE * c->velocity_noise);
+        fastest = share > most ? i : fastest;
+        most_limit = share > most ? limit : most_limit;
+        most = larger(share, most);
         if (speed > limit + NOISE_RANGE * c->velocity_noise) {
             first_fast = first_fast == NO_JOINT ? i : first_fast;
             s->status |= ID(STATUS_OVERSPEED);
@@ -61,6 +84,7 @@ static void check_speeds(step_t *s)
         const double limit = smaller(c->velocity_limit[first_fast], m->velocity_limit[first_fast]);
         latch_fault(m, ID(REASON_OVERSPEED), first_fast, fabs(s->velocity[first_fast]), limit);
     }
+    check_dissipation(s, fastest, most, most_limit);
 }
 
 /* Check position and speed against their limits, and the spring against the one in force. The first fault stays. */
@@ -365,6 +389,7 @@ int step(const config_t *c, state_t *state, const input_t *input, output_t *outp
         }
         /* memory was overwritten: nothing is believed but the torque, which is stored three times */
         start_memory(c, state);
+        supply_torque(c, state, last);
         m->unaccounted = 1;
         latch_fault(m, ID(REASON_STATE), NO_JOINT, 0.0, 0.0);
     }

@@ -190,7 +190,10 @@ void compute_torque(step_t *s, const double *last, int moved)
     feed_reference(s, feed);
     compensate_coriolis(s);
     plan_gains(s);
-    if (!try_torque(s, last, 1.0, 1.0)) {
+    if (m->fault == ID(FAULT_DISSIPATION)) { /* no torque at all */
+        memset(out->damping_torque, 0, sizeof out->damping_torque);
+        (void)try_torque(s, last, 0.0, 0.0);
+    } else if (!try_torque(s, last, 1.0, 1.0)) {
         reduce_torque(s, last, feed);
     }
     shift_history(m, s->transit, feed);
@@ -217,15 +220,16 @@ void separate_torque_offset(step_t *s, double *last, int refused)
 /*
  * Add the caller's torque to the controller's own. The own torque goes first in the rate limit, since the reserve
  * counts on its fall; the caller's goes first in the effort limit (limit_torque). Without a position the caller's
- * stays, and it goes to zero with a configuration that is refused. last: the own torque of the last call.
+ * stays. It goes to zero with a configuration that is refused, and where nothing brakes the arm. last: the own torque of the last call.
  */
 void add_torque_offset(step_t *s, const double *last, int refused)
 {
     memory_t *const m = s->m;
+    const int ends = refused || m->fault == ID(FAULT_DISSIPATION);
     for (int i = 0; i < N; ++i) {
         const double own = s->out->torque[i], change = own - last[i], before = last[i] + m->offset[i];
-        double wanted = refused ? 0.0 : m->offset[i];
-        if (!refused && (s->believed || s->located) && fabs(s->input->torque_offset[i]) <= DBL_MAX) {
+        double wanted = ends ? 0.0 : m->offset[i];
+        if (!ends && (s->believed || s->located) && fabs(s->input->torque_offset[i]) <= DBL_MAX) {
             wanted = s->input->torque_offset[i];
         }
         /* both changes together stay within the rate limit, at which a lowered effort limit is reached, too */
