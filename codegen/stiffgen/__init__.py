@@ -125,15 +125,16 @@ _HOMES = {
 }
 """Module of each public name; all others are in ``core.errors``."""
 _HOME = dict.fromkeys(__all__, "core.errors") | {name: home for home, names in _HOMES.items() for name in names}
-_HOME["drive"] = "lab.drive"  # a module
+_MODULES = {"drive": "lab.drive", "errors": "errors", "style": "style"}
+"""Public modules."""
 
 
 def __getattr__(name: str) -> object:
     """Import a public name."""
-    if name not in _HOME:
+    if name not in _HOME and name not in _MODULES:
         raise AttributeError(f"module 'stiffgen' has no attribute '{name}'")
-    module = import_module(f"stiffgen.{_HOME[name]}")
-    value: object = module if name == "drive" else getattr(module, name)
+    module = import_module(f"stiffgen.{_HOME.get(name) or _MODULES[name]}")
+    value: object = module if name in _MODULES else getattr(module, name)
     globals()[name] = value
     return value
 

@@ -96,4 +96,4 @@ def test_every_backend_has_every_function(printed: SimpleNamespace) -> None:
 
 def test_no_backend_is_left_out_of_the_comparison() -> None:
     compared = {"c", "cpp", "python", "cuda", "casadi", "jax", "torch"}
-    assert {Path(backend.folder).name for backend in BACKENDS} == {*compared, "package", "controller"}
+    assert {Path(backend.folder).name for backend in BACKENDS} == {*compared, "package", "control"}

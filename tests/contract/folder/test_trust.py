@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import stiffgen
+from stiffgen import open_robot
 from stiffgen.cli import main
 from stiffgen.core.errors import PotentialError
 from stiffgen.core.symbolic.model import casadi_function
@@ -41,8 +42,7 @@ def folder(tmp_path: Path, unoptimised) -> Path:
 
 def test_only_trusted_verification_runs_the_source(folder, monkeypatch, capsys):
     escaped = folder.parent / "escaped"
-    assert main(["bench", str(folder)]) == 0
-    assert "bowl" in capsys.readouterr().out
+    assert "bowl" in repr(open_robot(folder))
     with monkeypatch.context() as patched:
         patched.setenv("PATH", "")  # they open the folder, and end where their programs are absent
         main(["prove", str(folder)])
