@@ -107,7 +107,7 @@ class Checker:
         self.remarks += remarks
         for name in self.reading.accept_inertia:
             if name not in (*self.links, ALL_LINKS):
-                yield Problem("file", f"--accept-inertia {shell_word(name)}: is no link; {self._known_links}")
+                yield Problem("file", f"--accept-inertia {shell_word(name)}: is no link; {_among(self.links)}")
         yield from self._tree()
 
     def _named(self, tag: str, into: dict[str, etree._Element]) -> Iterator[Problem]:
@@ -144,7 +144,7 @@ class Checker:
                 yield Problem("file", f'{title} has no <{tag} link="..."/>; add it')
             elif link not in self.links:
                 yield Problem(
-                    "file", f"{title}: its {tag} link '{printable(link)}' does not exist; {self._known_links}"
+                    "file", f"{title}: its {tag} link '{printable(link)}' does not exist; {_among(self.links)}"
                 )
             else:
                 ends[tag] = link
