@@ -360,10 +360,6 @@ class Checker:
             f"(--accept-inertia {shell_word(name)}), or leave all masses out (--no-masses)",
         )
 
-    @cached_property
-    def _known_links(self) -> str:
-        return _among(self.links)
-
     def _origin(self, this: str, element: etree._Element) -> Iterator[Problem]:
         origin = element.find("origin")
         if origin is not None:
