@@ -4,6 +4,8 @@
 # Every public name is imported when it is first used: the generator's libraries take most of a second to load.
 
 from importlib import import_module
+from importlib.machinery import ModuleSpec
+from sys import meta_path
 from typing import TYPE_CHECKING
 
 from stiffgen._version import __version__
@@ -142,3 +144,19 @@ def __getattr__(name: str) -> object:
 def __dir__() -> list[str]:
     """Return all public names, imported or not, and none of the modules that this file or others imported."""
     return [*__all__, "__doc__", "__file__", "__name__", "__path__"]
+
+
+class _RobotFinder:
+    """Finder of robots' modules, which pickles name: the cache's by their digests, others by their folders' paths."""
+
+    @staticmethod
+    def find_spec(name: str, path: object = None, target: object = None) -> ModuleSpec | None:
+        """Return the specification of a robot's module; None for another module."""
+        if not name.startswith("stiffgen._robot_") or name.count(".") > 1:
+            return None
+        home = "core.opened" if name.startswith("stiffgen._robot_in_") else "files.cache"
+        spec: ModuleSpec = import_module(f"stiffgen.{home}").spec_of(name)
+        return spec
+
+
+meta_path.append(_RobotFinder())

@@ -165,6 +165,9 @@ class _Functions:
             for key, value in members.items()
         )
 
+    def __reduce__(self) -> str:
+        return self.__name__.partition(".")[2]  # pickles name the module's own object
+
     def __repr__(self) -> str:
         return f"<{self.__name__}: {', '.join(self.__dict__)}>"
 

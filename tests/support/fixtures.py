@@ -39,6 +39,14 @@ def once(tmp_path_factory: pytest.TempPathFactory) -> Once:
 
 
 @pytest.fixture(scope="session", autouse=True)
+def _own_cache(once: Once) -> Iterator[None]:
+    """Keep the cache of whoever runs the tests as it is."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("STIFFGEN_CACHE", str(once("cache", lambda folder: None)))
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
 def kept_objects(once: Once) -> Iterator[KeptObjects]:
     """Compile each C file of generated folders once for all workers, in the process of the tests."""
     kept = KeptObjects(once("objects", lambda folder: None))

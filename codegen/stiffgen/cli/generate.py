@@ -32,9 +32,11 @@ def add(command: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Generate a folder and print its path."""
     with Progress(messages()).shown() as progress:
-        folder = generate_folder(
-            source_of(options), GenerationOptions(**values_of(options, GenerationOptions), progress=progress)
-        )
+        source = source_of(options)
+        chosen = GenerationOptions(**values_of(options, GenerationOptions), progress=progress)
+        folder = generate_folder(source, chosen)
+        if (cache := optional("files.cache")) is not None:
+            cache.keep(source, chosen, folder)
     _print_notes(folder, options.controller)
     print(folder)
     return 0

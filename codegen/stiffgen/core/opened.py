@@ -8,8 +8,10 @@ import importlib.util
 import sys
 import textwrap
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
+from importlib.machinery import ModuleSpec
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -126,6 +128,17 @@ class GeneratedRobot:
         except OSError as error:
             raise _unreadable(error) from error
 
+    @property
+    def module_name(self) -> str:
+        """Name of the module: the folder's path, so that every process of this machine finds it again."""
+        path = str(self.folder.resolve())
+        return _MODULE + path.replace("%", "%25").replace(".", "%2E")  # a dot would part a package from its module
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle the folder's path alone; reading the pickle opens the folder."""
+        trusted = not any(each.is_sealed for each in self.springs.potentials)
+        return partial(open_robot, trust_potentials=trusted), (self.folder.resolve(),)
+
     @cached_property
     def module(self) -> ModuleType:
         """The Python package, imported under a name of its own, wherever the folder lies.
@@ -139,11 +152,11 @@ class GeneratedRobot:
                 f"{self.folder}: has no Python module (--no-python), which is needed here; generate a second folder "
                 "without --no-python, with another --name"
             )
-        name = f"_stiffgen_robot_{abs(hash(self.folder.resolve()))}"
-        spec = importlib.util.spec_from_file_location(
-            name, self.folder / "__init__.py", submodule_search_locations=[str(self.folder)]
-        )
-        assert spec is not None  # a path that ends in .py has a loader
+        name = self.module_name
+        spec = module_spec(name, self.folder)
+        loaded = sys.modules.get(name)
+        if loaded is not None and loaded.__spec__ is not None and loaded.__spec__.loader_state == spec.loader_state:
+            return loaded  # pickles name classes, which must be the same for all that open the folder
         assert spec.loader is not None
         module = importlib.util.module_from_spec(spec)
         sys.modules[name] = module
@@ -169,6 +182,33 @@ class GeneratedRobot:
 def _damaged(folder: Path, error: Exception) -> OutputError:
     what = f"{type(error).__name__}: {printable(str(error), 150)}" if str(error) else type(error).__name__
     return OutputError(f"{folder / MANIFEST}: is damaged or of another version ({what}); generate it again")
+
+
+_MODULE = "stiffgen._robot_in_"
+"""Beginning of the name of a folder's module; its path follows."""
+
+
+def module_spec(name: str, folder: Path) -> ModuleSpec:
+    """Return the specification of a folder's module under a name; its ``loader_state`` is a digest of the manifest."""
+    file = folder / "__init__.py"
+    spec = importlib.util.spec_from_file_location(name, file, submodule_search_locations=[str(folder)])
+    assert spec is not None  # a path that ends in .py has a loader
+    with suppress(OSError):  # the module is then imported without it, or not at all
+        spec.loader_state = hashlib.sha256((folder / MANIFEST).read_bytes()).hexdigest()
+    return spec
+
+
+def spec_of(name: str) -> ModuleSpec:
+    """Return the specification of the module of a folder that was opened by its path, for the package's finder.
+
+    Raises:
+        ModuleNotFoundError: the folder is not there.
+
+    """
+    folder = Path(name.removeprefix(_MODULE).replace("%2E", ".").replace("%25", "%"))
+    if not (folder / "__init__.py").exists():
+        raise ModuleNotFoundError(f"{folder}: has no Python module; generate the robot there again", name=name)
+    return module_spec(name, folder)
 
 
 def _unreadable(error: OSError) -> OutputError:

@@ -5,22 +5,29 @@ The name of an entry is a digest of everything that the compiled module depends 
 generator's own files, Python, the processor and the compiler. An entry appears whole or not at all
 (:func:`stiffgen.core.folder.swapped_in`); a lock keeps two processes from doing the same work at the same time. A
 record holds the digests of all files, the compiled module's too: a module that a crash has cut short would end the
-process that imports it. An entry with another digest is made again.
+process that imports it. An entry with another digest is made again. An entry that another user can have written is
+never opened (:mod:`stiffgen.files.owned`); the robot is made again in a folder of this user's.
+
+The module of an entry is ``stiffgen._robot_DIGEST`` in every process, so that pickles of what it holds can be read
+where the cache has the robot.
 """
 
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 import json
 import os
 import platform
 import shutil
+import stat
 import sys
 import sysconfig
+import tempfile
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from functools import cache
+from importlib.machinery import ModuleSpec
 from pathlib import Path
 from typing import Any
 
@@ -34,16 +41,31 @@ from stiffgen.core.folder import exclusive, flush, remove_unlocked, write_atomic
 from stiffgen.core.generate import generate_folder
 from stiffgen.core.loading import describe
 from stiffgen.core.manifest import MANIFEST
-from stiffgen.core.names import identifier
-from stiffgen.core.opened import GeneratedRobot, open_robot
+from stiffgen.core.names import checked_identifier, identifier
+from stiffgen.core.opened import GeneratedRobot, module_spec, open_robot
 from stiffgen.core.options import GenerationOptions
 from stiffgen.files.names import is_name
+from stiffgen.files.owned import distrust, make_private
 
 _VARIABLE = "STIFFGEN_CACHE"
 _FIXED = {"output", "force", "build", "python"}
 """Options that the cache decides itself."""
 _RECORD = "entry.json"
 _WAITING = "waiting for another process, which generates the same robot"
+_MODULE = "stiffgen._robot_"
+"""Beginning of the name of an entry's module; its digests follow."""
+
+
+class LoadedRobot(GeneratedRobot):
+    """Robot of the cache: its module has the name of the entry, and pickles of the robot hold that name alone."""
+
+    @property
+    def module_name(self) -> str:
+        """Name of the module, from the digests in the entry's name: the same in every process."""
+        return _MODULE + "_".join(self.folder.parent.name.rsplit("-", 2)[1:])
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _robot_of_module, (self.module_name,)
 
 
 def load(file: str | Path, *, tip: Any = None, base: str | None = None, **options: Any) -> GeneratedRobot:
@@ -109,8 +131,7 @@ def folder_of(
 
 def _open_or_generate(file: str | Path, chosen: GenerationOptions) -> GeneratedRobot:
     """Open a robot of the cache; generate it there if it is not."""
-    digest = _digest(_input_of(file, chosen), _plain(chosen), _generator(), _machine())
-    entry = _entry(f"{identifier(Path(file).stem)}-{digest[:20]}")
+    entry = _own(_entry(_name(file, chosen)), chosen.progress)
     robot = _open(entry, chosen.progress)
     if robot is not None:
         return robot
@@ -121,11 +142,102 @@ def _open_or_generate(file: str | Path, chosen: GenerationOptions) -> GeneratedR
         if robot is not None:
             return robot
         shutil.rmtree(entry, ignore_errors=True)  # generation replaces no folder whose manifest is damaged
+        _make_folder(entry)
         folder = generate_folder(file, replace(chosen, output=entry, force=True))
-        flush(folder)  # no record on the disk before the files that it vouches for
-        record = {"file": str(Path(file).absolute()), "folder": folder.name, "version": __version__}
-        write_atomically(entry / _RECORD, json.dumps(record | {"digests": _digests(folder)}))
-        return open_robot(folder, trust_potentials=True)
+        _record(folder, file)
+        return _opened(folder)
+
+
+def keep(file: str | Path, options: GenerationOptions, folder: Path) -> None:
+    """Keep a copy of a folder that was just generated and compiled with these options, so that :func:`load` finds it.
+
+    A cache that cannot be written, or that another user can write, stays as it is.
+    """
+    if not (options.build and options.python):
+        return
+    with suppress(OSError, StiffgenError):
+        entry = _entry(_name(file, options))
+        if distrust(entry):
+            return
+        _make_folder(entry)
+        with exclusive(entry.with_suffix(".lock"), _leave_it):
+            if _open(entry, lambda _: None) is None:
+                shutil.rmtree(entry, ignore_errors=True)
+                _make_folder(entry)
+                _record(Path(shutil.copytree(folder, entry / folder.name)), file)
+
+
+def _leave_it() -> None:
+    raise OutputError(_WAITING)
+
+
+def _name(file: str | Path, options: GenerationOptions) -> str:
+    """Return the beginning of an entry's name: the file, and the digest of all but the compiler."""
+    digest = _digest(_input_of(file, options), _plain(options), _generator(), _machine())
+    return f"{identifier(Path(file).stem)}-{digest[:20]}"
+
+
+def _record(folder: Path, file: str | Path) -> None:
+    """Write the record of an entry's folder: what it was made from, and the digests of its files."""
+    for path in (folder, *folder.rglob("*")):
+        path.chmod(stat.S_IMODE(path.stat().st_mode) & ~0o022)  # nobody else writes there, whatever the umask
+    flush(folder)  # no record on the disk before the files that it vouches for
+    record = {"file": str(Path(file).absolute()), "folder": folder.name, "version": __version__}
+    write_atomically(folder.parent / _RECORD, json.dumps(record | {"digests": _digests(folder)}))
+
+
+def _opened(folder: Path) -> LoadedRobot:
+    """Return the robot of an entry's folder, which this process or the record vouches for."""
+    robot = open_robot(folder, trust_potentials=True)
+    return LoadedRobot(*(getattr(robot, each.name) for each in fields(robot)))
+
+
+def spec_of(name: str) -> ModuleSpec:
+    """Return the specification of an entry's module, as the package's finder asks for it.
+
+    Raises:
+        ModuleNotFoundError: the cache has no such robot, or another user can have written it.
+
+    """
+    return module_spec(name, _robot_of_module(name).folder)
+
+
+def _robot_of_module(name: str) -> LoadedRobot:
+    """Return the robot of the cache whose module has a name."""
+    digests = name.removeprefix(_MODULE).replace("_", "-")
+    told = []
+    for place in _places():
+        for record in sorted(place.glob(f"*-{digests}/{_RECORD}")):
+            if reason := distrust(record.parent):
+                told.append(reason)
+            elif (robot := _open(record.parent, told.append)) is not None:
+                return robot
+    reasons = f" ({'; '.join(told)})" if told else ""
+    raise ModuleNotFoundError(
+        f"{name}: the cache {cache_folder()} has no such robot{reasons}; call stiffgen.load() with the robot's file "
+        f"and options here, or set {_VARIABLE} to the cache of the process that wrote this name",
+        name=name,
+    )
+
+
+def _places() -> list[Path]:
+    """Return the folders that hold entries: the cache, and that of entries which cannot be trusted there."""
+    own = f"stiffgen-{os.getuid()}" if hasattr(os, "getuid") else "stiffgen"
+    return [cache_folder(), Path(tempfile.gettempdir()) / own]
+
+
+def _own(entry: Path, say: Callable[[str], None]) -> Path:
+    """Return an entry, or the one in its stead where nobody else can have written."""
+    if not (reason := distrust(entry)):
+        return entry
+    other = _places()[1] / entry.name
+    if not distrust(other):
+        say(
+            f"{reason}, who could change what runs here: using {printable(str(other.parent), 200)} in place of the "
+            f"cache; take that right away, or set {_VARIABLE} to a folder of your own"
+        )
+        return other
+    raise OutputError(f"{reason}, who could change what runs here; set {_VARIABLE} to a folder of your own")
 
 
 def cache_folder() -> Path:
@@ -152,7 +264,7 @@ class CachedRobot:
 def entries() -> list[CachedRobot]:
     """Return the robots in the cache, by name."""
     robots = []
-    for record in sorted(cache_folder().glob(f"*/{_RECORD}")):
+    for record in (each for place in _places() for each in sorted(place.glob(f"*/{_RECORD}"))):
         content = _read_record(record.parent)
         if content is not None:
             size = sum(each.stat().st_size for each in record.parent.rglob("*") if each.is_file())
@@ -177,7 +289,7 @@ def clear(names: Sequence[str] = ()) -> int:
             known = listed(sorted(set(names_by_entry.values()))) or "(none)"
             raise StiffgenError(f"the cache has no robot '{printable(name)}'; it has {known}")
     removed = 0
-    for lock in sorted(cache_folder().glob("*-*.lock")):
+    for lock in (each for place in _places() for each in sorted(place.glob("*-*.lock"))):
         entry = lock.with_suffix("")
         if names and names_by_entry.get(entry) not in names:
             continue
@@ -192,7 +304,7 @@ def _print_step(step: str) -> None:
     print(f"stiffgen: {terminal_text(step)} ...", file=sys.stderr, flush=True)
 
 
-def _open(entry: Path, say: Callable[[str], None]) -> GeneratedRobot | None:
+def _open(entry: Path, say: Callable[[str], None]) -> LoadedRobot | None:
     """Return the robot of an entry; None if there is none, or a file is not what the record says."""
     content = _read_record(entry)
     if content is None:
@@ -204,7 +316,7 @@ def _open(entry: Path, say: Callable[[str], None]) -> GeneratedRobot | None:
     damaged = sorted(file for file, digest in content["digests"].items() if found.get(file) != digest)
     try:
         if not damaged:
-            return open_robot(folder, trust_potentials=True)
+            return _opened(folder)
     except OutputError:
         damaged = [MANIFEST]
     say(f"the robot {content['folder']} in the cache is damaged ({listed(damaged, 3)}); generating it again")
@@ -221,15 +333,16 @@ def _read_record(entry: Path) -> dict[str, Any] | None:
     """Return file, folder and digests of an entry; None without a record, or for one that is damaged."""
     try:
         content = json.loads((entry / _RECORD).read_text(encoding="utf-8"))
-        return {key: str(content[key]) for key in ("file", "folder")} | {"digests": dict(content["digests"])}
-    except (OSError, ValueError, LookupError, TypeError):
+        name = checked_identifier(content["folder"])  # a path would lead out of the cache
+        return {"file": str(content["file"]), "folder": name, "digests": dict(content["digests"])}
+    except (OSError, ValueError, LookupError, TypeError, StiffgenError):
         return None
 
 
 def _make_folder(entry: Path) -> None:
     """Make an entry's folder; name the variable of the cache if it cannot be written."""
     try:
-        entry.mkdir(parents=True, exist_ok=True)
+        make_private(entry)
         entry.with_suffix(".lock").touch()
     except OSError as error:
         raise OutputError(
@@ -276,14 +389,16 @@ def _generator() -> str:
 
 
 def _machine() -> list[Any]:
-    """Return what the compiled module depends on: Python, NumPy's generation, jax's headers, the processor."""
+    """Return what the compiled module depends on: Python, NumPy's generation, the processor.
+
+    The library of NAME.jax is compiled when it is first imported, where jax was missing before.
+    """
     try:
         lines = Path("/proc/cpuinfo").read_text(errors="replace").splitlines()
     except OSError:
         lines = []
     features = next((line for line in lines if line.lower().startswith(("flags", "features"))), platform.processor())
-    has_jax = importlib.util.find_spec("jaxlib") is not None
-    return [sysconfig.get_config_var("EXT_SUFFIX"), np.__version__.split(".")[0], has_jax, platform.machine(), features]
+    return [sysconfig.get_config_var("EXT_SUFFIX"), np.__version__.split(".")[0], platform.machine(), features]
 
 
 def _plain(value: Any) -> Any:
@@ -294,7 +409,7 @@ def _plain(value: Any) -> Any:
         return plain | value.springs_record()
     if is_dataclass(value) and not isinstance(value, type):
         return asdict(value)
-    return dict(value) if isinstance(value, Mapping) else value
+    return (dict(value) or None) if isinstance(value, Mapping) else value  # none given, or an empty set of them
 
 
 def _digest(*values: Any) -> str:

@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -75,7 +76,8 @@ def test_first_use_generates_and_the_next_opens(here, monkeypatch, capsys):
 def test_what_the_name_of_an_entry_depends_on(here, monkeypatch):
     made = []
     monkeypatch.setattr(cache, "generate_folder", lambda file, options: made.append(options.output) or options.output)
-    monkeypatch.setattr(cache, "open_robot", lambda folder, **options: None)
+    for name in ("_record", "_opened"):
+        monkeypatch.setattr(cache, name, lambda *given: None)
     monkeypatch.setattr(cache, "_open", lambda entry, say: None)
     stiffgen.load("arm.urdf")
     stiffgen.load(here / "arm.urdf", progress=print)
@@ -91,6 +93,34 @@ def test_what_the_name_of_an_entry_depends_on(here, monkeypatch):
     monkeypatch.setattr(cache, "_generator", lambda: "another version")
     stiffgen.load("arm.urdf")
     assert len(set(made)) == len(made) - 1
+
+
+def test_what_generate_made_is_opened(here, monkeypatch, capsys):
+    """Also for a file of another folder; an entry of the cache depends on no package that compilation does not need."""
+    words = ["--kernels", "hybrid.jacobian", "--no-controller", "--no-batches", "--no-masses", "--output", "out"]
+    assert main(["generate", "arm.urdf", *words, "--lock", "A3=0.1"]) == 0
+    (made,) = cache.entries()
+    assert made.folder.name == "iiwa14" and made.folder.parent.stat().st_mode & 0o777 == 0o700
+    monkeypatch.setattr(cache, "generate_folder", None)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name, *_: None if name == "jaxlib" else find_spec(name))
+    robot = stiffgen.load("arm.urdf", lock={"A3": 0.1}, **SMALL)
+    assert robot.folder == made.folder and robot.module.DOF == 6
+    with pytest.raises(TypeError):  # others are generated
+        stiffgen.load("arm.urdf", lock={"A3": 0.2}, **SMALL)
+
+
+def test_generate_keeps_no_folder_that_load_could_not_make(here, monkeypatch):
+    """One without a module, one beside a cache that others write; a cache that cannot be written is no error."""
+    words = ["generate", "arm.urdf", "--kernels", "hybrid.jacobian", "--no-controller", "--no-batches", "--no-masses"]
+    assert main([*words, "--no-build", "--output", "out"]) == 0
+    assert main([*words, "--no-python", "--output", "plain"]) == 0
+    assert not (here / "cache").exists()
+    (here / "cache").mkdir(mode=0o700)
+    (here / "cache").chmod(0o777)
+    assert main([*words, "--output", "out"]) == 0
+    assert list((here / "cache").iterdir()) == []
+    monkeypatch.setenv("STIFFGEN_CACHE", str(here / "arm.urdf" / "cache"))
+    assert main([*words, "--output", "out"]) == 0
 
 
 @pytest.mark.parametrize("damage", ["module", "header", "manifest", "record", "absent"])

@@ -77,7 +77,7 @@ def test_bytecode_beside_the_sources_is_not_run(robot_folder: Path, tmp_path: Pa
     cache.write_bytes(content)
     load_module(open_robot(folder))
     assert not (tmp_path / "mark").exists()
-    for name in [each for each in sys.modules if each.startswith("_stiffgen_robot_")]:
+    for name in [each for each in sys.modules if each.startswith("stiffgen._robot_")]:
         del sys.modules[name]
     assert open_robot(folder).module  # Python's own import believes the cache: what this test would miss otherwise
     assert (tmp_path / "mark").exists()

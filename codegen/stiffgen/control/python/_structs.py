@@ -242,6 +242,9 @@ class Record:
     def __init__(self, rows: NDArray[Any], single: bool = False) -> None:
         self._rows, self._single = rows, single
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Record, (self._rows, self._single)
+
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the fields."""
