@@ -12,6 +12,13 @@ TESTS := not slow and not wide
 # A worker takes neighbouring tests, so that it makes what they share only once.
 SPREAD := -n $(WORKERS) --dist worksteal
 
+# A copy that 'pip install .' put into the environment, without -e, hides this source; so does another clone's link.
+PACKAGES := $(VENV)/lib/python*/site-packages
+LINKED := $(shell grep -qsxF '$(CURDIR)/codegen' $(PACKAGES)/*stiffgen*.pth && echo yes)
+ifneq ($(LINKED) $(wildcard $(PACKAGES)/stiffgen/__init__.py),yes )
+.PHONY: $(VENV)/installed
+endif
+
 .PHONY: help generate test test-slow test-wide lint check-generated docs report dist bench bench-cuda campaign compare clean
 .DELETE_ON_ERROR:
 
@@ -32,10 +39,11 @@ test-slow: $(VENV)/installed-test  ## run the other tests, with the short forms 
 test-wide: $(VENV)/installed-test  ## run further robots, compilers and pages of what test-slow tests: before a release
 	$(BIN)/python -m pytest $(SPREAD) -m wide
 
-lint: $(VENV)/installed-test  ## run ruff and mypy
+lint: $(VENV)/installed-test  ## run ruff, mypy and reuse (licences)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/reuse lint --lines
 
 check-generated: $(VENV)/installed  ## compare generated/iiwa14 with what the generator writes
 	@set -e; fresh=$$(mktemp -d); trap 'rm -rf "$$fresh"' EXIT; \

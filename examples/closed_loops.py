@@ -7,7 +7,7 @@ kinematic stiffness of the closure. The example computes both:
 - a four-bar with a spring at its coupler and a weight of 50 N, over the angle of the crank;
 - an ankle that carries a load of 400 N through its sole, 5 cm before the ankle, over the angle of both motors.
 
-With --figure FILE the example draws the four-bar and both comparisons (needs matplotlib: pip install
+With --figure FILE the example draws the four-bar and both comparisons (needs matplotlib: pip install -e
 '.[examples]').
 """
 

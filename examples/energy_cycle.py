@@ -15,7 +15,7 @@ The example computes three cases on the iiwa 14:
 - The torque is that of a spring at the tip (iiwa14.spring) with the same gains and, at the orbit's centre, the same
   wrench. It is the gradient of an energy at every configuration, so that no orbit gains or loses energy.
 
-With --figure FILE the example writes energy_cycle.svg (needs matplotlib: pip install '.[examples]').
+With --figure FILE the example writes energy_cycle.svg (needs matplotlib: pip install -e '.[examples]').
 """
 
 from __future__ import annotations

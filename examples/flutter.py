@@ -14,7 +14,7 @@ simulated in MuJoCo: the first with its own <position> actuators, the second as 
 A shoulder and a hip follow, ball joints of a body of two limbs (limbs.xml) at targets of three degrees of freedom, and
 laws of operational space on a ball wrist (wrist.py).
 
-With --figure FILE the example writes flutter.svg (needs matplotlib: pip install '.[examples,mjcf]').
+With --figure FILE the example writes flutter.svg (needs matplotlib: pip install -e '.[examples,mjcf]').
 """
 
 from __future__ import annotations

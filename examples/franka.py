@@ -4,7 +4,7 @@
 python -m examples.franka                    on franky-sim, a simulated FR3 that speaks the robot's protocol
 python -m examples.franka --robot ADDRESS    on a robot: read docs/controller.md first
 
-Needs ``pip install '.[franka]'``. The tip follows a circle on a spring; what is missed or refused is counted.
+Needs ``pip install -e '.[franka]'``. The tip follows a circle on a spring; what is missed or refused is counted.
 """
 
 from __future__ import annotations

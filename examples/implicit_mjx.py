@@ -4,7 +4,7 @@
 MJX has no callbacks. Its step is taken apart instead: between the inertia and its use, h^2 P is added to M, and
 -h P dq to the applied torque. Spring and tangent are the robot's C functions, called by XLA (NAME.jax, on a CPU).
 
-    pip install '.[mjx]'
+    pip install -e '.[mjx]'
     python -m examples.implicit_mjx      prints the largest stable stiffnesses [N/m] (5 minutes)
 """
 

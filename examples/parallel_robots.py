@@ -9,8 +9,8 @@ G^T Kq G, which leaves the kinematic stiffness of the closure out:
 - a planar five-bar with two motors, which carries 3 kg along a horizontal line;
 - a Delta with three motors and a payload of 4 kg, over its height.
 
-With --figure FILE the example draws the robots and the comparisons (needs matplotlib: pip install
-'.[examples]'). The leg is an MJCF file: pip install '.[mjcf]'.
+With --figure FILE the example draws the robots and the comparisons (needs matplotlib: pip install -e
+'.[examples]'). The leg is an MJCF file: pip install -e '.[mjcf]'.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ a humanoid descends the gradient of |J^T f|^2 with respect to q in the null spac
 Both are the same, up to a factor, for equal springs and no load. The paper has a UR3 and the humanoid ergoCub, which
 holds two coordinates of its hand; here a KUKA iiwa 14 and a Franka Panda hold all six coordinates of the tip.
 
-With --figure FILE the example draws an SVG (needs matplotlib: pip install 'stiffgen[examples]').
+With --figure FILE the example draws an SVG (needs matplotlib: pip install -e '.[examples]').
 """
 
 from __future__ import annotations

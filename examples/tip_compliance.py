@@ -9,7 +9,7 @@ the tip by C dF, with
 The usual formula, C = J Kth^-1 J^T, leaves the load's terms out. The example compares both with a solved equilibrium:
 q is where the torque of the springs, Kth (q - q0), is J^T (F + dF), found by scipy.optimize.root from torques alone.
 
-With --figure FILE the example writes compliance.svg (needs matplotlib: pip install '.[examples]').
+With --figure FILE the example writes compliance.svg (needs matplotlib: pip install -e '.[examples]').
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).resolve().parents[2]
 RENDERERS = ("egl", "osmesa")
 HINT = "no offscreen renderer; on Debian: apt-get install libegl1 libgl1-mesa-dri (or libosmesa6)"
-NO_ENCODER = "imageio-ffmpeg is not installed; pip install '.[examples]'"
+NO_ENCODER = "imageio-ffmpeg is not installed; pip install -e '.[examples]'"
 PICTURE_SIZE, FILM_SIZE = (1100, 640), (640, 400)
 FRAMES_PER_SECOND = 25
 SHADOW = 0.28

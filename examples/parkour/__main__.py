@@ -15,7 +15,7 @@ try:
     import mujoco  # noqa: F401
     import scipy  # noqa: F401
 except ImportError as missing:
-    print(f"parkour: {missing.name} is not installed; pip install '.[examples]'", file=sys.stderr)
+    print(f"parkour: {missing.name} is not installed; pip install -e '.[examples]'", file=sys.stderr)
     sys.exit(2)
 
 from examples.experiments import command, figures, report

@@ -22,7 +22,7 @@ try:
     import mujoco  # noqa: F401
     import scipy  # noqa: F401
 except ImportError as missing:
-    print(f"whole_body: {missing.name} is not installed; pip install '.[examples]'", file=sys.stderr)
+    print(f"whole_body: {missing.name} is not installed; pip install -e '.[examples]'", file=sys.stderr)
     sys.exit(2)
 
 from examples.whole_body import figures, findings

@@ -25,6 +25,51 @@ def test_help_prints_every_target() -> None:
         assert re.search(rf"^  make {target} +.*\([0-9]+ minutes\)$", said, re.MULTILINE)
 
 
+def wants_to_install(environment: Path) -> bool:
+    """Return whether ``make lint`` would install the package into an environment again."""
+    command = ["make", "-n", "lint", f"VENV={environment}"]
+    said = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    return "--no-build-isolation --editable ." in said
+
+
+def test_make_notices_what_is_installed(tmp_path: Path) -> None:
+    """A copy (``pip install '.[xacro]'``), another clone's link, no package at all; the link to this clone is kept."""
+    packages = tmp_path / "lib" / "python3.11" / "site-packages"
+    packages.mkdir(parents=True)
+    link = packages / "_stiffgen.pth"
+    link.write_text(f"{ROOT / 'codegen'}")
+    for stamp in ("installed", "installed-test"):
+        (tmp_path / stamp).touch()
+    assert not wants_to_install(tmp_path)
+    link.rename(packages / "__editable__.stiffgen-0.3.0.pth")
+    assert not wants_to_install(tmp_path)
+    link.write_text("/elsewhere/codegen\n")
+    (packages / "__editable__.stiffgen-0.3.0.pth").unlink()
+    assert wants_to_install(tmp_path)
+    link.unlink()
+    assert wants_to_install(tmp_path)
+    link.write_text(f"{ROOT / 'codegen'}\n")
+    (packages / "stiffgen").mkdir()
+    (packages / "stiffgen" / "__init__.py").touch()
+    assert wants_to_install(tmp_path)
+
+
+def test_pages_install_a_link_to_the_clone() -> None:
+    """A copy of the clone would hide later changes of its source from make."""
+    pattern = re.compile(r"pip install(?:\s+-[^e\s]\S*)*\s+'?(\.[/\['\s`]|\./?stiffgen\b|\$)")
+    for file in [
+        ROOT / "README.md",
+        *(
+            each
+            for name in ("docs", "examples", "fri", "ros2", "codegen")
+            for each in (ROOT / name).rglob("*")
+            if each.suffix in (".md", ".py", ".j2", ".ipynb")
+        ),
+    ]:
+        found = pattern.search(file.read_text())
+        assert found is None, f"{file.relative_to(ROOT)}: {found and found[0]}"
+
+
 def locked_versions() -> dict[str, list[str]]:
     """Return the versions of each package in requirements.lock, one per range of Python versions."""
     lines = (ROOT / "requirements.lock").read_text().splitlines()

@@ -316,7 +316,7 @@ def urdf_of(robot):
     try:
         data_files = distribution("example-robot-data")
     except PackageNotFoundError:
-        pytest.skip("example-robot-data (400 MB) is not installed: pip install '.[robots]'")
+        pytest.skip("example-robot-data (400 MB) is not installed: pip install -e '.[robots]'")
     return Path(str(data_files.locate_file("cmeel.prefix/share/example-robot-data/robots"))) / robot
 
 
