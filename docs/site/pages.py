@@ -26,9 +26,9 @@ from stiffgen.lab.play.page import write_page
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = (
-    "CHANGELOG.md", "CONTRIBUTING.md", "LICENSE", "docs/*.md", "docs/*.svg", "docs/*.png", "docs/figures/*.svg",
-    "urdf/README.md", "benchmarks/RESULTS.md", "benchmarks/*.svg", "codegen/stiffgen/core/emit/README.md",
-    "ros2/stiffgen_ros2/README.md", ".github/*.md", "CITATION.cff", "docs/*.csv",
+    "CHANGELOG.md", "CONTRIBUTING.md", "LICENSE", "GENERATED_CODE.md", "docs/*.md", "docs/*.svg", "docs/*.png",
+    "docs/figures/*.svg", "urdf/README.md", "benchmarks/RESULTS.md", "benchmarks/*.svg", "CITATION.cff", "docs/*.csv",
+    "codegen/stiffgen/core/emit/README.md", "ros2/stiffgen_ros2/README.md", ".github/*.md",
 )  # fmt: skip
 CONTENTS = {
     "Begin": (
@@ -55,7 +55,9 @@ BELOW = {
     "docs/performance": ("docs/accuracy", "docs/targets", "benchmarks/RESULTS"),
     "docs/proofs": ("reference/misra",),
     "reference/functions": ("reference/controller", "reference/faults", "reference/cpp"),
-    "docs/design": ("docs/README", "codegen/stiffgen/core/emit/README", ".github/SUPPORT", ".github/SECURITY"),
+    "docs/design": (
+        "docs/README", "codegen/stiffgen/core/emit/README", "GENERATED_CODE", ".github/SUPPORT", ".github/SECURITY",
+    ),
 }  # fmt: skip
 """Pages that the sidebar shows below another page."""
 GROUPS = {
