@@ -24,6 +24,7 @@ from stiffgen.lab.analyze.recording.stamps import LATENESS, Match, Message, Unwr
 _JOINTS = "sensor_msgs/msg/JointState"
 _WRENCH = "geometry_msgs/msg/WrenchStamped"
 _FIRST_MESSAGES = 1000
+_LARGEST_CHUNK = 1 << 28  # [bytes]; recorders write chunks of some megabytes
 _PURPOSE = "reading MCAP"
 
 
@@ -182,6 +183,7 @@ def open_file(path: Path, request: RecordingRequest, progress: Callable[[str], N
             raise RecordingError(
                 f"{path}: has no summary; the recorder did not close it: repair it with 'mcap recover'"
             )
+        _check_chunks(path, summary.chunk_indexes)
         counts = summary.statistics.channel_message_counts
         topics: dict[str, str] = {}
         messages: dict[str, int] = {}
@@ -209,6 +211,16 @@ def open_file(path: Path, request: RecordingRequest, progress: Callable[[str], N
     columns = Columns("time", joints, tuple(f"{part}.{axis}" for part in ("force", "torque") for axis in "xyz"))
     note = f"Wrenches on {printable(wrench_topic)}: frame '{printable(str(frame))}', used without conversion."
     return Recording(path, columns, (whole,), notes=(note, *clocks.notes))
+
+
+def _check_chunks(path: Path, chunks: Sequence[Any]) -> None:
+    """Refuse a file with a chunk that would fill the memory: chunks are unpacked whole."""
+    largest = max((chunk.uncompressed_size for chunk in chunks), default=0)
+    if largest > _LARGEST_CHUNK:
+        raise RecordingError(
+            f"{path}: has a chunk of {largest / 2**30:.1f} GiB, which is unpacked whole; write it again with chunks "
+            f"of at most {_LARGEST_CHUNK >> 20} MiB ('mcap compress --chunk-size')"
+        )
 
 
 def _check_topics(path: Path, topics: Mapping[str, str], chosen: tuple[str, ...]) -> None:

@@ -1,18 +1,40 @@
 # SPDX-License-Identifier: MIT
-"""NPZ files, read whole by ``numpy.load``: for recordings larger than the memory there are CSV, Parquet and MCAP."""
+"""NPZ files, read as a stream of rows. The headers of the arrays are looked at before any number is.
+
+A compressed file of a few megabytes may hold gigabytes: nothing is allocated by a size that a header states alone.
+"""
 
 from __future__ import annotations
 
+import io
+import math
 import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stiffgen.core.errors import RecordingError, listed
+from stiffgen.core.robot.geometry import FloatArray
 from stiffgen.lab.analyze.recording import NAME_OTHERS, Block, Columns, Recording, RecordingRequest
+
+_START = 12
+"""Bytes of an array's file with the length of its header, in every version of the format."""
+_LONGEST_HEADER = 10_000  # as numpy's own limit
+_PIECE = 1 << 20
+_MOST_TURNED = 1 << 30
+"""Largest array that is stored column by column, which is read whole."""
+
+
+class Header(NamedTuple):
+    """Header of an array: ``is_turned`` if the array is stored column by column."""
+
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    is_turned: bool
 
 
 @dataclass(frozen=True)
@@ -29,10 +51,19 @@ class NpzPartition:
         return float(self.rows)
 
     def blocks(self, most: int) -> Iterator[Block]:
-        """Read the file, and yield its rows in blocks of at most ``most`` rows."""
-        with zipfile.ZipFile(self.path) as archive:
-            values = np.column_stack([_array(self.path, archive, name).astype(float) for name in self.names])
-        yield from Block(np.arange(self.rows), values, work=self.rows).split(most)
+        """Read the rows in blocks of at most ``most`` rows."""
+        with ExitStack() as stack:
+            archive = stack.enter_context(zipfile.ZipFile(self.path))
+            columns = []
+            for name in self.names:
+                stream = stack.enter_context(archive.open(f"{name}.npy"))
+                header = _header(self.path, archive, name, stream)
+                columns.append(_rows(header, stream, most))
+            row = 0
+            for parts in zip(*columns, strict=True):
+                values = np.column_stack(parts)
+                yield Block(np.arange(row, row + len(values)), values, work=len(values))
+                row += len(values)
 
 
 def open_file(path: Path, request: RecordingRequest, progress: Callable[[str], None]) -> Recording:
@@ -41,37 +72,87 @@ def open_file(path: Path, request: RecordingRequest, progress: Callable[[str], N
     with zipfile.ZipFile(path) as archive:
         names = [name.removesuffix(".npy") for name in archive.namelist() if name.endswith(".npy")]
         time, q, wrench = _chosen(path, request, names)
-        arrays = {name: _array(path, archive, name) for name in (*time, *q, *wrench)}
+        arrays = {}
+        for name in (*time, *q, *wrench):
+            with archive.open(f"{name}.npy") as stream:
+                arrays[name] = _header(path, archive, name, stream)
     for group, width, what in ((time, 1, "time"), (q, request.dof, "q"), (wrench, 6, "wrench")):
         _check_shapes(path, {name: arrays[name].shape for name in group}, width, what)
-    lengths = {name: len(array) for name, array in arrays.items()}
+    lengths = {name: array.shape[0] for name, array in arrays.items()}
     if len(set(lengths.values())) > 1:
         shown = ", ".join(f"{name} {length}" for name, length in lengths.items())
         raise RecordingError(f"{path}: the arrays differ in length ({shown}); write arrays with one entry per row")
     columns = Columns(time[0] if time else None, _column_names(q, request.dof), _column_names(wrench, 6))
     rows = next(iter(lengths.values()))
+    _check_sums(path, tuple(arrays))
     return Recording(path, columns, (NpzPartition(path, (*time, *q, *wrench), rows),) if rows else ())
 
 
-def _array(path: Path, archive: zipfile.ZipFile, name: str) -> NDArray[np.generic]:
-    """Return an array of numbers; refuse objects, other types, and bytes beyond the array's end."""
-    with archive.open(f"{name}.npy") as stream:
-        try:
-            array: NDArray[np.generic] = np.load(stream, allow_pickle=False)
-        except ValueError as error:
-            if "allow_pickle" in str(error):
-                raise RecordingError(
-                    f"{path}: array {name} holds Python objects, not numbers; convert it first"
-                ) from error
-            raise
-        if stream.read(1):
-            raise RecordingError(
-                f"{path}: array {name} has more bytes than its header says ({array.shape} of {array.dtype}); "
-                "write it again with numpy.savez"
-            )
-    if array.dtype.kind not in "fiu":
-        raise RecordingError(f"{path}: array {name} holds values of type {array.dtype}, not numbers; convert it first")
-    return array
+def _header(path: Path, archive: zipfile.ZipFile, name: str, stream: IO[bytes]) -> Header:
+    """Read the header of an array of numbers; refuse other types, and a size that is not the file's."""
+    start = stream.read(_START)
+    version = np.lib.format.read_magic(io.BytesIO(start))
+    width = 2 if version[0] == 1 else 4
+    length = int.from_bytes(start[8 : 8 + width], "little")
+    if length > _LONGEST_HEADER:
+        raise RecordingError(f"{path}: array {name} has a header of {length} bytes; write it again with numpy.savez")
+    whole = io.BytesIO(start + stream.read(length + 8 + width - _START))
+    whole.seek(8)
+    if version[0] == 1:
+        shape, is_fortran, dtype = np.lib.format.read_array_header_1_0(whole)
+    else:  # version 3.0 differs in the names of fields, which no array of numbers has
+        shape, is_fortran, dtype = np.lib.format.read_array_header_2_0(whole)
+    if dtype.hasobject:
+        raise RecordingError(f"{path}: array {name} holds Python objects, not numbers; convert it first")
+    if dtype.kind not in "fiu":
+        raise RecordingError(f"{path}: array {name} holds values of type {dtype}, not numbers; convert it first")
+    stated = math.prod(shape) * dtype.itemsize if min(shape, default=0) >= 0 else -1
+    found = archive.getinfo(f"{name}.npy").file_size - (8 + width + length)
+    if stated != found:
+        which = "more" if stated < found else "fewer"
+        raise RecordingError(
+            f"{path}: is damaged: array {name} has {which} bytes than its header says ({shape} of {dtype}); "
+            "write it again with numpy.savez"
+        )
+    if is_fortran and len(shape) > 1 and stated > _MOST_TURNED:
+        raise RecordingError(
+            f"{path}: array {name} is stored column by column and has {stated / 2**30:.1f} GiB; write it again with "
+            "numpy.ascontiguousarray"
+        )
+    return Header(shape, dtype, is_fortran and len(shape) > 1)
+
+
+def _rows(header: Header, stream: IO[bytes], most: int) -> Iterator[FloatArray]:
+    """Yield the rows of an array in blocks of at most ``most`` rows, from the stream behind the header."""
+    rows, *width = header.shape
+    if header.is_turned:
+        whole = np.frombuffer(_exactly(stream, math.prod(header.shape) * header.dtype.itemsize), header.dtype)
+        array = whole.reshape(header.shape, order="F")
+    for start in range(0, rows, most):
+        count = min(most, rows - start)
+        if header.is_turned:
+            part = array[start : start + count]
+        else:
+            size = count * math.prod(width) * header.dtype.itemsize
+            part = np.frombuffer(_exactly(stream, size), header.dtype).reshape(count, *width)
+        yield part.astype(float)
+
+
+def _check_sums(path: Path, names: Sequence[str]) -> None:
+    """Read arrays to their ends, piece by piece, so that the archive compares their checksums."""
+    with zipfile.ZipFile(path) as archive:
+        for name in names:
+            with archive.open(f"{name}.npy") as stream:
+                while stream.read(_PIECE):
+                    pass
+
+
+def _exactly(stream: IO[bytes], size: int) -> bytes:
+    """Read ``size`` bytes, of an archive that states more than it holds no more than it holds."""
+    data = stream.read(size)
+    if len(data) != size:
+        raise EOFError(f"{len(data)} bytes where the archive says {size}")
+    return data
 
 
 def _chosen(path: Path, request: RecordingRequest, names: Sequence[str]) -> tuple[tuple[str, ...], ...]:
