@@ -10,6 +10,7 @@ from typing import Any
 
 from stiffgen.cli.arguments import needed
 from stiffgen.cli.console import Progress, messages
+from stiffgen.core.robot.files import is_folder
 
 
 def add_folder_or_robot(command: Any) -> None:
@@ -27,6 +28,6 @@ def chosen_folder(options: argparse.Namespace) -> Path:
 
 def folder_of(source: str | Path, arguments: Mapping[str, str] | None, progress: Callable[[str], None]) -> Path:
     """Return a robot's folder: the source itself, or that of the cache for a robot's file or name."""
-    if Path(source).is_dir():  # without the readers and printers that the cache imports
+    if is_folder(source):  # without the readers and printers that the cache imports
         return Path(source)
     return Path(needed("files.cache", "a robot's file in place of a folder").folder_of(source, arguments, progress))

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from stiffgen.core.errors import StiffgenError
+from stiffgen.core.given import checked_keywords, checked_path
 
 _Options = ParamSpec("_Options")
 _Chosen = TypeVar("_Chosen")
@@ -165,7 +166,8 @@ def with_keywords(
 
     def call(urdf: str | Path, *none: _Options.args, **keywords: _Options.kwargs) -> _Result:
         with speaking_python(options):
-            return run(urdf, options(*none, **keywords))
+            checked_keywords(options, keywords, name)
+            return run(checked_path(urdf, name), options(*none, **keywords))
 
     call.__name__ = call.__qualname__ = name
     call.__module__ = run.__module__

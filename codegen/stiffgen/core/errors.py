@@ -78,6 +78,10 @@ class StiffgenError(Exception):
         self.args = (change(str(self)),)
 
 
+class OptionError(StiffgenError, TypeError):
+    """A caller from Python gave an unknown option, or a value of another type; also Python's error for both."""
+
+
 class DescriptionError(StiffgenError):
     """The robot description (URDF file) cannot be used.
 

@@ -17,6 +17,7 @@ from types import ModuleType
 from typing import Any
 
 from stiffgen.core.errors import OutputError, StiffgenError, listed, printable
+from stiffgen.core.given import checked_path
 from stiffgen.core.lower.scalar import DOUBLE, Scalar
 from stiffgen.core.manifest import (
     DAMAGE,
@@ -28,6 +29,7 @@ from stiffgen.core.manifest import (
 )
 from stiffgen.core.names import checked_identifier
 from stiffgen.core.robot.chain import Chain
+from stiffgen.core.robot.files import exists
 from stiffgen.core.symbolic.choices import KernelOptions
 from stiffgen.core.symbolic.kernel import PACKED, Kernel
 
@@ -305,9 +307,9 @@ def open_robot(folder: str | Path, *, trust_potentials: bool = False) -> Generat
         OutputError: the folder is none of stiffgen's, or its manifest is damaged.
 
     """
-    folder = Path(folder)
+    folder = Path(checked_path(folder, "open_robot"))
     manifest = read_manifest(folder)
-    if manifest is None and not folder.exists():
+    if manifest is None and not exists(folder):
         raise OutputError(f"{folder}: does not exist; give the folder that 'stiffgen generate' wrote")
     if manifest is None:
         raise OutputError(

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from stiffgen.core.described import option, python_option, with_attributes
-from stiffgen.core.errors import ChainError, listed
+from stiffgen.core.errors import ChainError, OptionError, listed
+from stiffgen.core.given import checked_path, shown
 from stiffgen.core.lower.rounding import Ranges
 from stiffgen.core.lower.scalar import DOUBLE, SCALARS, Scalar
 from stiffgen.core.robot.chain import ChainOptions
@@ -57,6 +58,17 @@ class GenerationOptions(ChainOptions, KernelOptions):
     progress: Callable[[str], None] = python_option(
         "function that is called with a few words before each step", default=lambda step: None
     )
+
+    def __post_init__(self) -> None:
+        """Check what both records have, and the types of output and ranges."""
+        ChainOptions.__post_init__(self)
+        KernelOptions.__post_init__(self)
+        if "\0" in str(checked_path(self.output, "--output")):
+            raise OptionError(f"--output: no folder's name holds a NUL byte, as {shown(self.output)} does")
+        if not isinstance(self.ranges, Ranges):
+            raise OptionError(
+                f"--range: takes a record stiffgen.core.lower.rounding.Ranges(...), not {shown(self.ranges)}"
+            )
 
     @property
     def number(self) -> Scalar:

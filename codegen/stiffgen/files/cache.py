@@ -39,11 +39,13 @@ from stiffgen.core.emit.build import compiler_command
 from stiffgen.core.errors import BuildError, ChainError, OutputError, StiffgenError, listed, printable, terminal_text
 from stiffgen.core.folder import exclusive, flush, remove_unlocked, write_atomically
 from stiffgen.core.generate import generate_folder
+from stiffgen.core.given import checked_keywords, checked_path
 from stiffgen.core.loading import describe
 from stiffgen.core.manifest import MANIFEST
 from stiffgen.core.names import checked_identifier, identifier
 from stiffgen.core.opened import GeneratedRobot, module_spec, open_robot
 from stiffgen.core.options import GenerationOptions
+from stiffgen.core.robot.files import exists, is_file, is_folder
 from stiffgen.files.names import is_name
 from stiffgen.files.owned import distrust, make_private
 
@@ -100,7 +102,10 @@ def _loaded(file: str | Path, tip: Any, base: str | None, options: dict[str, Any
     """Do what :func:`load` does, with refusals in the words of the command line."""
     for name in sorted(_FIXED & options.keys()):
         raise StiffgenError(f"load() decides '{name}' itself; leave it out, or take stiffgen.generate()")
-    return _open_or_generate(file, GenerationOptions(tip=tip, base=base, **{"progress": _print_step} | options))
+    checked_keywords(GenerationOptions, options, "load")
+    return _open_or_generate(
+        checked_path(file, "load"), GenerationOptions(tip=tip, base=base, **{"progress": _print_step} | options)
+    )
 
 
 def folder_of(
@@ -117,9 +122,9 @@ def folder_of(
         StiffgenError: there is no such folder or file, or the robot cannot be generated without options.
 
     """
-    if not is_name(source) and Path(source).is_dir():
+    if not is_name(source) and is_folder(source):
         return Path(source)
-    if not is_name(source) and not Path(source).exists():
+    if not is_name(source) and not exists(source):
         raise OutputError(
             f"{source}: does not exist; give a robot's file, or the folder that 'stiffgen generate' wrote"
         )
@@ -335,7 +340,7 @@ def _read_record(entry: Path) -> dict[str, Any] | None:
         content = json.loads((entry / _RECORD).read_text(encoding="utf-8"))
         name = checked_identifier(content["folder"])  # a path would lead out of the cache
         return {"file": str(content["file"]), "folder": name, "digests": dict(content["digests"])}
-    except (OSError, ValueError, LookupError, TypeError, StiffgenError):
+    except (OSError, ValueError, LookupError, TypeError, RecursionError, StiffgenError):
         return None
 
 
@@ -371,7 +376,7 @@ def _compiler() -> list[Any]:
 def _input_of(file: str | Path, options: GenerationOptions) -> list[str]:
     """Return a digest of all that the file says, with its name, which the generated code states."""
     path = Path(file)
-    if path.suffix == ".urdf" and path.is_file():
+    if path.suffix == ".urdf" and is_file(path):
         data = path.read_bytes()
         if b"xacro" not in data:  # a URDF includes no other file, a template may
             return [path.name, hashlib.sha256(data).hexdigest()]

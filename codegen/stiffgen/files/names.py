@@ -22,6 +22,7 @@ from typing import Any
 
 from stiffgen.core.errors import DescriptionError, MissingExtraError, listed, printable
 from stiffgen.core.robot.description import Reading
+from stiffgen.core.robot.files import exists
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_+-]*")
 _BODY = re.compile(rb"<mujoco[\s>](?s:.*)<body[\s>]")
@@ -45,7 +46,7 @@ class KnownRobot:
 
 def is_name(source: str | Path) -> bool:
     """Return whether a source is a robot's name: no file of that name exists, and it holds no dot or slash."""
-    return isinstance(source, str) and _NAME.fullmatch(source) is not None and not Path(source).exists()
+    return isinstance(source, str) and _NAME.fullmatch(source) is not None and not exists(source)
 
 
 def known_robots(word: str = "") -> list[KnownRobot]:

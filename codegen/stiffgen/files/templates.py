@@ -9,6 +9,7 @@ from pathlib import Path
 
 from stiffgen.core.errors import DescriptionError, printable, shell_word
 from stiffgen.core.robot.description import Expansion, Input, Reading
+from stiffgen.core.robot.files import exists, is_folder
 from stiffgen.files.confined import answer_of
 
 _MOST_WARNINGS = 5
@@ -47,8 +48,8 @@ def check_package_path(path: Path, reading: Reading) -> None:
     for folder in reading.package_path:
         if not str(folder):  # Path("") is the working folder, for instance of a variable that a script has not set
             raise DescriptionError(path.name, ["--package-path is empty; name a folder (the working folder: .)"])
-        if not Path(folder).is_dir():
-            fault = "is not a folder" if Path(folder).exists() else "does not exist"
+        if not is_folder(folder):
+            fault = "is not a folder" if exists(folder) else "does not exist"
             raise DescriptionError(path.name, [f"--package-path {shell_word(str(folder))}: {fault}"])
 
 

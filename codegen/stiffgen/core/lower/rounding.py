@@ -21,6 +21,7 @@ from typing import Any
 import casadi as ca
 
 from stiffgen.core.errors import ChainError
+from stiffgen.core.given import is_number, plain_record, shown
 from stiffgen.core.lower.analysis import ENLARGED, ZERO, Bound, BoundAnalysis, NoBound, added
 from stiffgen.core.lower.form import (
     Body,
@@ -90,9 +91,10 @@ class Ranges:
 
     def __post_init__(self) -> None:
         """Refuse bounds that are not positive numbers."""
+        plain_record(self)
         for name, largest in vars(self).items():
-            if not 0 < largest < math.inf:
-                raise ChainError(f"range {name}={largest:g}: must be a positive number")
+            if not is_number(largest) or not 0 < largest < math.inf:
+                raise ChainError(f"range {name}={shown(largest)}: must be a positive number")
 
     @property
     def coupling(self) -> float:

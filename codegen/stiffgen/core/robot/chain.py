@@ -9,9 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 from stiffgen.core.described import option, python_option, with_attributes
+from stiffgen.core.errors import OptionError
+from stiffgen.core.given import checked_words, plain, plain_record, shown
 from stiffgen.core.robot.description import Input, Reading
 from stiffgen.core.robot.geometry import Matrix, Vector
 
@@ -138,6 +140,10 @@ class Tool:
     com: Vector = (0.0, 0.0, 0.0)
     inertia: tuple[float, float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
+    def __post_init__(self) -> None:
+        """Take numbers of NumPy, and arrays."""
+        plain_record(self)
+
 
 Sign = Literal["environment", "robot"]
 """Body whose wrench on the other one a force-torque sensor reports."""
@@ -162,6 +168,10 @@ class Sensor:
     rpy: Vector = (0.0, 0.0, 0.0)
     sign: Sign = "environment"
     gravity: Vector = (0.0, 0.0, -9.81)
+
+    def __post_init__(self) -> None:
+        """Take numbers of NumPy, and arrays."""
+        plain_record(self)
 
 
 @dataclass(frozen=True)
@@ -289,6 +299,23 @@ class ChainOptions(Reading):
         record=Sensor,
         metavar="LINK|NAME=VALUE",
     )
+
+    def __post_init__(self) -> None:
+        """Take numbers of NumPy, and one word for the only one; refuse values of other types."""
+        super().__post_init__()
+        object.__setattr__(self, "loop", checked_words(self.loop, "--loop"))
+        for name, words in (("tip", self.tip), ("base", self.base), ("actuated", self.actuated)):
+            if words is not None:
+                checked_words(words, f"--{name}")
+        if self.lock is not None:
+            is_complete = isinstance(self.lock, Mapping) and all(isinstance(name, str) for name in self.lock)
+            if not is_complete:
+                raise OptionError(f"--lock: takes a dict of joints and positions [rad or m], not {shown(self.lock)}")
+            object.__setattr__(self, "lock", {name: plain(value) for name, value in self.lock.items()})
+        records: tuple[tuple[str, Any, Any], ...] = (("tool", self.tool, Tool), ("sensor", self.sensor, Sensor))
+        for name, record, kind in records:
+            if record is not None and not isinstance(record, kind):
+                raise OptionError(f"--{name}: takes a record stiffgen.{kind.__name__}(...), not {shown(record)}")
 
     @property
     def motors(self) -> tuple[str, ...]:

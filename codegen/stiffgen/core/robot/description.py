@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 from stiffgen.core.described import option, python_option
+from stiffgen.core.given import checked_path, checked_words
 
 LARGEST = 1e12  # bound on lengths, angles, masses and moments of inertia; keeps every sum and product finite
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
@@ -64,8 +65,12 @@ class Reading:
         """Take one word for the only value: as a sequence it would be its letters."""
         for name in ("package_path", "ignore", "accept_inertia"):
             value = getattr(self, name)
-            if isinstance(value, (str, Path)):
-                object.__setattr__(self, name, (value,))
+            words = (value,) if isinstance(value, (str, Path)) else value
+            flag = f"--{name.replace('_', '-')}"
+            if name == "package_path" and isinstance(words, (list, tuple)):
+                object.__setattr__(self, name, tuple(checked_path(each, flag) for each in words))
+            else:
+                object.__setattr__(self, name, checked_words(words, flag))
 
     def accepts(self, link: str) -> bool:
         """Return whether the inertia of a link is used although no rigid body has it."""

@@ -31,3 +31,27 @@ def read_regular(path: str | Path, most: int) -> bytes:
     if len(data) > most:
         raise FileError(f"'{path}' is larger than {most / 2**20:g} MiB")
     return data
+
+
+def exists(path: str | Path) -> bool:
+    """Return whether a file or folder exists; no name that the system cannot have does."""
+    try:
+        return Path(path).exists()
+    except (OSError, ValueError):  # too long, or a NUL byte
+        return False
+
+
+def is_file(path: str | Path) -> bool:
+    """Return whether a path is a regular file, as :func:`exists`."""
+    try:
+        return Path(path).is_file()
+    except (OSError, ValueError):
+        return False
+
+
+def is_folder(path: str | Path) -> bool:
+    """Return whether a path is a folder, as :func:`exists`."""
+    try:
+        return Path(path).is_dir()
+    except (OSError, ValueError):
+        return False

@@ -5,11 +5,13 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from stiffgen.core import given
 from stiffgen.core.errors import ChainError, DescriptionError, listed, printable, shell_word
 from stiffgen.core.family import needed, part
+from stiffgen.core.given import are_numbers, is_number
 from stiffgen.core.robot.chain import MAX_MOVING_JOINTS, ChainOptions, Tool
 from stiffgen.core.robot.couplings import Couplings
 from stiffgen.core.robot.description import LARGEST, MOVING_TYPES, Description, JointElement, LoopElement
@@ -358,6 +360,10 @@ def _checked_locks(description: Description, lock: Mapping[str, float]) -> Mappi
             raise ChainError(
                 f"{description.file}: joint '{shown}' mimics '{printable(element.mimic.joint)}'; lock that one"
             )
+        if not is_number(position) or not abs(position) <= LARGEST:
+            raise ChainError(
+                f"{description.file}: joint '{shown}' cannot be locked at {given.shown(position)}; give a number"
+            )
         limited = free.limited(element)
         if not limited.lower <= position <= limited.upper:
             by_others = "" if limited == element else " (with those of the joints that follow it)"
@@ -365,8 +371,6 @@ def _checked_locks(description: Description, lock: Mapping[str, float]) -> Mappi
                 f"{description.file}: joint '{shown}' cannot be locked at {position:g}; "
                 f"its limits{by_others} are {limited.lower:g} to {limited.upper:g}{_in_degrees(limited, position)}"
             )
-        if not abs(position) <= LARGEST:
-            raise ChainError(f"{description.file}: joint '{shown}' cannot be locked at {position:g}; give a number")
     return lock
 
 
@@ -377,6 +381,9 @@ def _in_degrees(joint: JointElement, position: float) -> str:
     return f"; is it in degrees? {position:g} degrees are {radians:.6g} rad" if turns else ""
 
 
+_SIZES = {"inertia": 6}
+
+
 def _check_tool(file: str, tool: Tool, tips: list[str]) -> None:
     """Refuse a tool with several tips, with impossible numbers, or with an inertia but no mass."""
     if len(tips) > 1:
@@ -384,7 +391,11 @@ def _check_tool(file: str, tool: Tool, tips: list[str]) -> None:
             f"{file}: a tool was given for {len(tips)} tips; add its link to the URDF, or use --tool runtime"
         )
     for name, value in vars(tool).items():
-        if not all(abs(number) <= LARGEST for number in (value if isinstance(value, Iterable) else (value,))):
+        numbers, count = (value, _SIZES.get(name, 3)) if name != "mass" else ((value,), 1)
+        if not are_numbers(numbers, count):
+            wanted = "a number" if name == "mass" else f"{count} numbers"
+            raise ChainError(f"{file}: --tool {name} takes {wanted}, not {given.shown(value)}")
+        if not all(abs(number) <= LARGEST for number in numbers):
             raise ChainError(f"{file}: --tool {name} holds a number that is not finite or beyond {LARGEST:g}")
     if tool.mass < 0:
         raise ChainError(f"{file}: --tool mass={tool.mass:g} is negative [kg]")

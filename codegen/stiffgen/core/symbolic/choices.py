@@ -8,7 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from stiffgen.core.described import option, with_attributes
+from stiffgen.core.errors import OptionError
 from stiffgen.core.family import needed, part
+from stiffgen.core.given import checked_words, shown
 from stiffgen.core.symbolic.placement import Placement
 
 _SPRINGS = part("springs.springs")
@@ -81,6 +83,20 @@ class KernelOptions:
         negative="omit NAME_batch.c",
         group="output",
     )
+
+    def __post_init__(self) -> None:
+        """Take one word for the only spring; refuse values of other types."""
+        object.__setattr__(self, "springs", checked_words(self.springs, "--spring"))
+        checked_words(self.kernels, "--kernels")
+        if not isinstance(self.placement, Placement):
+            raise OptionError(f"--placement: takes a record stiffgen.Placement(...), not {shown(self.placement)}")
+        chosen = (self.potentials,) if isinstance(self.potentials, Potential) else self.potentials
+        several = chosen if isinstance(chosen, (list, tuple)) else (chosen,)
+        for each in several:
+            if not isinstance(each, Potential):
+                reader = "stiffgen.core.loading.read_potential('FILE.py:FUNCTION')"
+                raise OptionError(f"--potential: takes what {reader} returns, not {shown(each)}")
+        object.__setattr__(self, "potentials", tuple(several))
 
     @property
     def groups(self) -> tuple[str, ...]:

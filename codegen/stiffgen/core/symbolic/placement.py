@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from stiffgen.core.errors import PotentialError, listed, printable
+from stiffgen.core.given import are_numbers, plain_record
 
 Axes = Literal["base", "tip", "equilibrium"]
 AXES: tuple[Axes, ...] = ("base", "tip", "equilibrium")
@@ -29,9 +30,10 @@ class Placement:
 
     def __post_init__(self) -> None:
         """Refuse unknown axes, and a centre that is not finite."""
+        plain_record(self)
         for name in ("translation_axes", "rotation_axes"):
             axes = getattr(self, name)
             if axes not in AXES and (axes, name) != (None, "translation_axes"):
                 raise PotentialError(f"placement {name}={printable(str(axes))}: axes are {listed(list(AXES))}")
-        if len(self.centre) != 3 or not all(map(math.isfinite, self.centre)):
+        if not are_numbers(self.centre, 3) or not all(abs(x) < math.inf for x in self.centre):
             raise PotentialError("placement centre: must be three finite numbers [m]")

@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import get_args
 
 from stiffgen.core.errors import ChainError, listed, printable
+from stiffgen.core.given import are_numbers
 from stiffgen.core.robot.chain import MountedSensor, Sensor, Sign
 from stiffgen.core.robot.description import LARGEST, Description
 from stiffgen.core.robot.geometry import Pose
@@ -81,7 +82,7 @@ def _vector(values: Sequence[float]) -> tuple[float, float, float]:
 def _check(file: str, sensor: Sensor) -> None:
     """Raise ChainError if a number or the sign of the option is impossible."""
     for name, values in (("xyz", sensor.xyz), ("rpy", sensor.rpy), ("gravity", sensor.gravity)):
-        if len(values) != 3 or not all(abs(value) <= LARGEST for value in values):
+        if not are_numbers(values, 3) or not all(abs(value) <= LARGEST for value in values):
             raise ChainError(f"{file}: --sensor {name} must be three finite numbers up to {LARGEST:g}")
     if sensor.sign not in get_args(Sign):
         raise ChainError(

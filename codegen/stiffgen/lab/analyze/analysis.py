@@ -40,6 +40,7 @@ from stiffgen.core.folder import swapped_in
 from stiffgen.core.opened import open_robot
 from stiffgen.core.options import GenerationOptions
 from stiffgen.core.robot.chain import Chain
+from stiffgen.core.robot.files import exists
 from stiffgen.core.robot.geometry import FloatArray
 from stiffgen.core.symbolic.connection import REPRESENTATIONS, Representation
 from stiffgen.lab.analyze.export import NAME as EXPORT_NAME
@@ -286,11 +287,11 @@ def _calibrated(options: AnalysisOptions, file: str | Path, chain: Chain, tip: s
 
 def _refuse_foreign(target: Path) -> None:
     """Raise OutputError unless ``target`` is free or holds an analysis."""
-    if not target.exists() and not target.is_symlink():
+    if not exists(target) and not target.is_symlink():
         return
     try:
         content = json.loads((target / SUMMARY).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         content = None
     if not isinstance(content, dict) or content.get("generator") != GENERATOR or target.is_symlink():
         raise OutputError(

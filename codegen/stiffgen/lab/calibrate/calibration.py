@@ -86,7 +86,7 @@ def read_calibration(file: str | Path) -> Calibration:
         return _of_content(content)
     except (OSError, FileError) as error:
         raise RecordingError(f"{file}: cannot be read ({getattr(error, 'strerror', None) or error})") from error
-    except (ValueError, TypeError, KeyError, RecursionError) as error:
+    except (ValueError, ArithmeticError, TypeError, KeyError, RecursionError) as error:
         raise RecordingError(
             f"{file}: is no calibration by 'stiffgen calibrate' ({type(error).__name__}: {printable(str(error))}); "
             "make it again"
