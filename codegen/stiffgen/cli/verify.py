@@ -65,7 +65,7 @@ def _count_and_seed(text: str) -> tuple[int | None, int]:
 
 def run(options: argparse.Namespace) -> int:
     """Verify a robot; return 1 if a comparison fails, or cannot be made and that is not accepted."""
-    page = optional("prove.safety_page")  # None if the room has been taken out, with its options
+    page = optional("lab.prove.safety_page")  # None if the room has been taken out, with its options
     if page is not None and options.report is None and options.evidence:
         raise StiffgenError("--evidence fills the page; add --report FILE.html")
     folder = chosen_folder(options)
