@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import pytest
@@ -32,7 +33,9 @@ def panda(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_package_is_the_robots_own(panda: Path) -> None:
     """No name of the repository's robot is left, nor the generator's licence; the launch file has the arm's joints."""
-    for file in (path for path in panda.rglob("*") if path.is_file() and "generated" not in path.parts):
+    assert (panda / "urdf" / "panda.LICENSE").read_text() == PANDA.with_name("panda.LICENSE").read_text()
+    own = [path for path in panda.rglob("*") if path.is_file() and not {"generated", "urdf"} & set(path.parts)]
+    for file in (*own, panda / "urdf" / "panda.urdf"):
         text = file.read_text()
         assert "stiffgen_ros2" not in text and "SPDX" not in text and "'A1'" not in text, file
         assert "iiwa14" not in text or file.name == "README.md", file
@@ -61,6 +64,35 @@ def test_the_scenarios_of_another_robot(panda: Path, tmp_path: Path) -> None:
     for name in SCENARIOS:
         done = subprocess.run([tmp_path / "scenarios", name], capture_output=True, text=True, check=False, timeout=300)
         assert (done.stdout, done.returncode) == ("", 0), name
+
+
+def test_a_template_is_expanded_and_keeps_its_licence(tmp_path: Path) -> None:
+    """The launch file needs no xacro and no package of the maker; licences go with the copies."""
+    maker = tmp_path / "maker_description"
+    (maker / "robots").mkdir(parents=True)
+    (maker / "package.xml").write_text("<package><name>maker_description</name><license>Apache-2.0</license></package>")
+    (maker / "LICENSE").write_text("Apache License, as the maker has it\n")
+    (maker / "arm.urdf").write_text(PANDA.read_text())
+    template = maker / "robots" / "arm.urdf.xacro"
+    template.write_text(
+        '<robot name="$(arg name)" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+        '<xacro:include filename="$(find maker_description)/arm.urdf"/></robot>'
+    )
+    project = tmp_path / "out"
+    done = new(template, "name:=arm", "--tip", "panda_link8", "--output", project)
+    assert done.returncode == 0, done.stderr
+    maker.rename(tmp_path / "gone")
+    scope: dict[str, Any] = {}
+    exec((project / "launch" / "mock.launch.py").read_text(), scope)
+    robot = ElementTree.fromstring(scope["description"](project / "urdf" / scope["URDF"]))
+    assert {joint.get("name") for joint in robot.findall("joint")} >= set(scope["JOINTS"])
+    assert robot.find("ros2_control/joint") is not None
+    assert "xacro" not in (project / "launch" / "mock.launch.py").read_text()
+    assert (project / "urdf" / "LICENSE").read_text() == "Apache License, as the maker has it\n"
+    assert (
+        "keep their licence (licence: `urdf/LICENSE`; package.xml names Apache-2.0)"
+        in (project / "README.md").read_text()
+    )
 
 
 @pytest.fixture(scope="module")

@@ -17,8 +17,12 @@ from .building import DISTROS, FOUND, PACKAGE, ROS2, STRICT, STUBS, build, confi
 
 @pytest.mark.slow
 def test_the_package_is_built_and_installed(tmp_path: Path) -> None:
-    """Libraries have the classes that the plugin description names; no symbol is left open but those of libraries."""
-    installed = build(PACKAGE, tmp_path, "jazzy", "-DIIWA14_DISPATCH=OFF")
+    """Libraries have the classes that the plugin description names; no symbol is left open but those of libraries.
+
+    Nor do they need a library of the robot, which would not be installed, where the workspace asks for shared ones.
+    """
+    shared = ("-DBUILD_SHARED_LIBS=ON", "-DCMAKE_C_VISIBILITY_PRESET=hidden", "-DCMAKE_CXX_VISIBILITY_PRESET=hidden")
+    installed = build(PACKAGE, tmp_path, "jazzy", "-DIIWA14_DISPATCH=OFF", *shared)
     share = installed / "share" / "stiffgen_ros2"
     for file in (
         "package.xml",
@@ -31,6 +35,7 @@ def test_the_package_is_built_and_installed(tmp_path: Path) -> None:
     for library in ElementTree.parse(share / "stiffgen_ros2.xml").getroot():
         binary = installed / "lib" / f"lib{library.get('path')}.so"
         symbols = run(["nm", "-C", binary], tmp_path)
+        assert "libiiwa14" not in run(["readelf", "-d", binary], tmp_path)
         for each in library:
             assert f"vtable for {each.get('type')}" in symbols
 
@@ -85,9 +90,13 @@ def test_the_launch_file_describes_the_mock(monkeypatch: pytest.MonkeyPatch, tmp
     (tmp_path / "urdf").mkdir()
     (tmp_path / "urdf" / "iiwa14.urdf").write_text(urdf.read_text())
     launch.generate_launch_description()
+    imported = re.findall(
+        r"^ *(?:from|import) (\w+)", (PACKAGE / "launch" / "mock.launch.py").read_text(), re.MULTILINE
+    )
     package = ElementTree.parse(PACKAGE / "package.xml").getroot()
     declared = {element.text for element in package.findall("exec_depend")}
     assert {node["package"] for node in nodes} <= declared
+    assert set(imported) - sys.stdlib_module_names <= declared
     spawned = next(node["arguments"] for node in nodes if node["executable"] == "spawner")
     yaml = (PACKAGE / "config" / "controllers.yaml").read_text()
     assert all(f"\n    {name}:\n      type: " in yaml for name in spawned)

@@ -6,20 +6,13 @@ from xml.etree import ElementTree
 
 PACKAGE = "stiffgen_ros2"
 URDF = "iiwa14.urdf"
-ARGUMENTS = {}
-"""Arguments of the file, if it is a xacro template."""
 JOINTS = ("A1", "A2", "A3", "A4", "A5", "A6", "A7")
 """The robot's joints from base to tip."""
 
 
 def description(path: Path) -> str:
     """Return the robot's URDF with a ros2_control element for the mock system."""
-    text = path.read_text()
-    if path.suffix == ".xacro":
-        import xacro
-
-        text = xacro.process_file(str(path), mappings=ARGUMENTS).toxml()
-    robot = ElementTree.fromstring(text)
+    robot = ElementTree.parse(path).getroot()
     for element in robot.findall("ros2_control"):
         robot.remove(element)
     control = ElementTree.SubElement(robot, "ros2_control", name="mock", type="system")

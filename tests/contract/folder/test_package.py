@@ -124,8 +124,13 @@ def test_pkg_config_compiles_the_readmes_examples(
 
 
 def test_a_shared_library_is_built_where_the_project_asks_for_one(folder: Path, tmp_path: Path) -> None:
-    """BUILD_SHARED_LIBS: one .so with all functions, found and run from where it is installed."""
-    flags = ("-DCMAKE_BUILD_TYPE=None", "-DCMAKE_C_FLAGS=-O0", "-DIIWA14_DISPATCH=OFF", "-DBUILD_SHARED_LIBS=ON")
+    """BUILD_SHARED_LIBS: one .so with all functions, found and run from where it is installed.
+
+    The project's settings for its own targets change nothing: before, hidden functions did not link, and a unity build
+    had static functions twice.
+    """
+    flags = ["-DCMAKE_BUILD_TYPE=None", "-DCMAKE_C_FLAGS=-O0", "-DIIWA14_DISPATCH=OFF", "-DBUILD_SHARED_LIBS=ON"]
+    flags += ["-DCMAKE_C_VISIBILITY_PRESET=hidden", "-DCMAKE_UNITY_BUILD=ON", "-DCMAKE_C_EXTENSIONS=OFF"]
     run("cmake", "-S", folder, "-B", tmp_path / "build", *flags, cwd=tmp_path)
     run("cmake", "--build", tmp_path / "build", cwd=tmp_path)
     run("cmake", "--install", tmp_path / "build", "--prefix", tmp_path / "prefix", cwd=tmp_path)

@@ -131,6 +131,32 @@ def test_a_template_takes_its_files_with_it(tmp_path):
     assert copy == describe(template, reading)
 
 
+def test_licences_go_with_the_copies(tmp_path):
+    """From beside the file, else from the nearest folder above, up to the package; nothing outside of it is read."""
+    (tmp_path / "LICENSE").write_text("of somebody else")
+    package = tmp_path / "arms"
+    (package / "urdf").mkdir(parents=True)
+    urdf = package / "urdf" / "arm.urdf"
+    urdf.write_text(chain_urdf("rrr"))
+
+    def copied(output):
+        project = new_project(urdf, output=tmp_path / output, build=False)
+        return {path.name for path in (project / "urdf").iterdir()}, (project / "README.md").read_text()
+
+    names, readme = copied("none")
+    assert names == {"arm.urdf"} and "ask its maker before you pass them on" in readme
+    (package / "package.xml").write_text("<package><license>BSD</license><license file='x'>MIT</license></package>")
+    assert "(package.xml names BSD, MIT)" in copied("stated")[1]
+    (package / "COPYING.txt").write_text("text")
+    (package / "NOTICE").write_text("text")
+    (package / "LICENSED_PARTS.md").write_text("text")
+    assert copied("above")[0] == {"arm.urdf", "COPYING.txt", "NOTICE"}
+    (package / "urdf" / "arm.LICENSE").write_text("text")
+    (package / "urdf" / "leg.LICENSE").write_text("text")
+    (package / "urdf" / "arm.urdf.license").write_text("text")
+    assert copied("own")[0] == {"arm.urdf", "arm.LICENSE", "arm.urdf.license"}
+
+
 def test_names_with_ends_of_lines_and_html(tmp_path):
     """No name of the robot's file begins a line of the README, nor a command of its own; a shell gets it back whole."""
     tip = "a\n\n<script>alert(1)</script>\n    rm -rf 'x'\\é\x7f"

@@ -22,6 +22,7 @@ from stiffgen.core.rendering import environment
 from stiffgen.core.robot.chain import Chain, Coordinate
 from stiffgen.core.robot.description import Description, Reading
 from stiffgen.families.springs.springs import spring
+from stiffgen.lab.new.licences import licences_of
 from stiffgen.lab.new.questions import GENERATED, Answers, decide
 from stiffgen.lab.new.ros2_package import check_robot, package_files, package_name
 from stiffgen.rooms import optional
@@ -86,12 +87,11 @@ def new_project(
     _check(chain, answers)
     if ros2:
         check_robot(urdf)
-    files = _copied_files(urdf, description)
-    variables = _variables(name, chain, answers, f"urdf/{next(iter(files))}")
+    copies, variables = _content(urdf, description, reading, name, chain, answers)
     with swapped_in(target) as staging:
-        for file, source in files.items():
+        for file, content in copies.items():
             (staging / "urdf" / file).parent.mkdir(parents=True, exist_ok=True)
-            (staging / "urdf" / file).write_bytes(source.read_bytes())
+            (staging / "urdf" / file).write_bytes(content)
         build = build and not ros2  # colcon compiles the package
         options = replace(options, name=name, output=staging / "generated", build=build, progress=progress)
         generate_folder(urdf, options)
@@ -143,6 +143,30 @@ def _copied_files(urdf: Path, description: Description) -> dict[str, Path]:
     files |= {each.file: (folder / each.file).resolve() for each in description.inputs if "://" not in each.file}
     root = Path(os.path.commonpath([path.parent for path in files.values()]))
     return {path.relative_to(root).as_posix(): path for path in files.values()}
+
+
+def _content(
+    urdf: Path, description: Description, reading: Reading, name: str, chain: Chain, answers: Answers
+) -> tuple[dict[str, bytes], dict[str, Any]]:
+    """Return the content of the folder ``urdf`` by file, and the variables of the templates."""
+    files = _copied_files(urdf, description)
+    licences = licences_of(files.values())
+    # the launch file then needs neither xacro nor the template's packages
+    is_expanded = answers.controller == "ros2" and (urdf.suffix == ".xacro" or bool(reading.arguments))
+    expanded = f"{name}.expanded.urdf" if is_expanded else ""
+    variables = _variables(name, chain, answers, f"urdf/{next(iter(files))}")
+    variables |= {"licences": licences.sentence, "expanded": expanded}
+    copies = {file: source.read_bytes() for file, source in (licences.files | files).items()}
+    if expanded:
+        copies[expanded] = _expanded(urdf, reading)
+    return copies, variables
+
+
+def _expanded(template: Path, reading: Reading) -> bytes:
+    """Return the URDF of a template, which has been read already: its room is there."""
+    templates = optional("files.templates")
+    text: bytes = templates.expand(template, reading).text if templates else b""
+    return text
 
 
 def _check(chain: Chain, answers: Answers) -> None:

@@ -29,7 +29,12 @@ When the robot's file or its tool changes, generate the functions again:
 - `motor_inertia` and missing limits are guesses in `src/defaults.hpp`. Replace them, or set the parameters.
 - Start with small stiffness, with a hand on the emergency stop.
 
-These files are yours: use, change and license them as you like.
+{licences}
+The other files are yours: use, change and license them as you like.
+"""
+_EXPANDED = """
+`urdf/{expanded}` is the robot's template, expanded at generation: the launch file needs neither xacro nor the
+template's packages. RViz finds meshes (`package://`) where their package is installed.
 """
 
 
@@ -65,7 +70,8 @@ def package_files(variables: Mapping[str, Any]) -> dict[str, str]:
         files["src/defaults.hpp"], "    return config;\n", "".join(_guesses(variables)) + "    return config;\n"
     )
     files["launch/mock.launch.py"] = _launch(files["launch/mock.launch.py"], variables)
-    files["README.md"] += _ENDING.format(command=variables["regenerate"])
+    expanded = _EXPANDED.format(expanded=variables["expanded"]) if variables["expanded"] else ""
+    files["README.md"] += expanded + _ENDING.format(command=variables["regenerate"], licences=variables["licences"])
     files[".gitignore"] = "build/\ninstall/\nlog/\n__pycache__/\n"
     return files
 
@@ -108,12 +114,11 @@ def _guesses(variables: Mapping[str, Any]) -> list[str]:
 
 
 def _launch(text: str, variables: Mapping[str, Any]) -> str:
-    """Return the launch file with the robot's file, arguments and joints in place of the three constants."""
+    """Return the launch file with the robot's file and joints in place of the two constants."""
     chain: Chain = variables["robot"]
     joints = ", ".join(ascii(coordinate.name) for coordinate in chain.coordinates)
     constants = {
-        "URDF": ascii(variables["file"].removeprefix("urdf/")),
-        "ARGUMENTS": ascii(dict(chain.arguments)),
+        "URDF": ascii(variables["expanded"] or variables["file"].removeprefix("urdf/")),
         "JOINTS": f"({joints},)",
     }
     for constant, value in constants.items():
