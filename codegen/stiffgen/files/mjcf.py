@@ -53,7 +53,8 @@ def read_mjcf(path: Path, data: bytes) -> Description:
     if "encoding" in answer:
         raise DescriptionError(path.name, [printable(answer["encoding"], 400)])
     if "refusal" in answer:
-        raise DescriptionError(path.name, [f"{printable(answer['refusal'], 400)}; correct it"])
+        refusal = printable(answer["refusal"], 400)
+        raise DescriptionError(path.name, [refusal if "; " in refusal else f"{refusal}; correct it"])
     if "error" in answer:
         raise DescriptionError(path.name, [f"MuJoCo refuses it: {printable(answer['error'], 400)}; correct it"])
     model = answer["model"]

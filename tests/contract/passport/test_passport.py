@@ -16,7 +16,7 @@ from stiffgen.cli import main
 from stiffgen.control.presets import motor_tables
 from stiffgen.core.errors import RecordingError, StiffgenError, install_command
 from stiffgen.lab.passport.loop import LoopTiming
-from stiffgen.lab.passport.page import render_page, warnings
+from stiffgen.lab.passport.page import render_page, statements, warnings
 from stiffgen.lab.passport.passport import PassportOptions, make_passport
 from stiffgen.lab.passport.postures import recorded_postures, spread_postures
 from support.project import URDF
@@ -162,3 +162,15 @@ def test_a_loop_that_is_not_stable_is_said(robot):
     assert line.startswith("In 2 of 5 postures the loop is not stable") and line.endswith("1 230 N/m.")
     (line,) = warnings(changed("damping", np.full(5, 0.06)))
     assert line.startswith("The damping ratio falls to 0.06")
+
+
+def test_joints_without_an_effort_limit_are_named(robot):
+    """A limit of 0 said that the robot can exert no force; it says nothing now."""
+    coordinates = [replace(robot.chain.coordinates[0], effort=np.inf), *robot.chain.coordinates[1:]]
+    unlimited = replace(robot, chain=replace(robot.chain, coordinates=tuple(coordinates)))
+    passport = make_passport(unlimited, PassportOptions(), q=np.full((2, 7), 0.5))
+    assert passport.unlimited == ("A1",)
+    sentence = "The robot's file states no effort limit of joint A1: {}."
+    assert sentence.format("the forces leave them out") in statements(passport)
+    assert sentence.format("no force limit follows") in statements(replace(passport, force=None))
+    assert not any("effort limit" in line for line in statements(replace(passport, unlimited=())))

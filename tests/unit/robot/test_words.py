@@ -24,6 +24,7 @@ from stiffgen.core.robot.description import Reading
 from stiffgen.core.verify.folder.files import check_urdf
 from support.chains import ARM, INERTIAL, replaced
 
+LIMIT = 'lower="-1" upper="1"'
 AXIS = '<axis xyz="0 1 0"/>'
 
 
@@ -170,6 +171,37 @@ COMMAS = {
     'xyz="0.4,0,0"': "separate numbers by spaces, without commas",
     'xyz="0.4; 0; 0"': "write 0.4",
 }
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "remedy", "obeyed"),
+    [
+        (LIMIT, 'lower="0.5"', "has no upper, .* its range is 0.5 to 0; add upper", 'lower="0.5" upper="1"'),
+        (LIMIT, 'upper="-0.5"', "has no lower, .*; add lower", 'lower="-1" upper="-0.5"'),
+        (LIMIT, 'lower="1" upper="-1"', "lower limit 1 is above upper limit -1; swap them, or correct", LIMIT),
+        (LIMIT, 'lower="-1e400" upper="1"', "double precision; write -inf for no limit", 'lower="-inf" upper="1"'),
+        (LIMIT, 'lower="-1" upper="1e400"', "'1e400' is .*; write inf for no limit", 'lower="-1" upper="inf"'),
+        ('effort="20"', 'effort="-20"', "is negative; write .* or write 0 if it has none", 'effort="0"'),
+        ('xyz="0.4 0 0"', 'xyz="1e400 0 0"', r"beyond 1e\+12; give metres", 'xyz="0.4 0 0"'),
+        ('mass value="2"', 'mass value="1,500"', "write 1.500, or 1500 for thousands", 'mass value="1500"'),
+        ('xyz="0.4 0 0"', 'xyz="0.4m 0 0"', "write a number like 0.25, without a unit", 'xyz="0.4 0 0"'),
+        (AXIS, '<axis xyz="0 0 0"/>', "no direction; give the one in which it turns or slides", AXIS),
+        (AXIS, "<axis/>", "has no xyz; add the direction in which it turns or slides", AXIS),
+        ('<robot ', '<robot version="1.3" ', "newer than 1.2, .*; save it as URDF 1.2", '<robot version="1.2" '),
+    ],
+)  # fmt: skip
+def test_a_remedy_that_is_obeyed_does_no_harm(old: str, new: str, remedy: str, obeyed: str, tmp_path: Path) -> None:
+    with pytest.raises(DescriptionError, match=remedy):
+        stiffgen.load_chain(written(tmp_path, replaced((old, new))), tip="hand")
+    assert stiffgen.load_chain(written(tmp_path, replaced((old, obeyed))), tip="hand").dof == 2
+
+
+def test_a_body_without_mass_is_left_out_by_its_remedy(tmp_path: Path) -> None:
+    """Without <inertial>, as the remedy was before, gravity is that of a lighter arm."""
+    file = written(tmp_path, replaced(('<mass value="2"/>', "")))
+    with pytest.raises(DescriptionError, match=r"has no <mass>; add it, or leave all masses out \(masses=False\)"):
+        stiffgen.load_chain(file, tip="hand")
+    assert stiffgen.load_chain(file, tip="hand", masses=False).dof == 2
 
 
 @pytest.mark.parametrize("text", COMMAS)

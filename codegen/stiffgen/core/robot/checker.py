@@ -40,6 +40,7 @@ _TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _NEWER_LIMITS = ("acceleration", "deceleration", "jerk")
 _NUMBER = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?\Z")
 _DECIMAL_COMMA = re.compile(r"([-+]?[0-9]+),([0-9]+(?:[eE][-+]?[0-9]+)?)")
+_THOUSANDS = re.compile(r"[-+]?[1-9][0-9]{0,2},[0-9]{3}")
 _WORD = re.compile(r"[^ \t\r\n]+")
 
 
@@ -403,17 +404,9 @@ class Checker:
                 values.append(-math.inf if word.startswith("-") else math.inf)
                 continue
             value = float(word) if _NUMBER.match(word) else math.nan
-            if math.isinf(value) and limit:
-                yield Problem(
-                    this, f"{place}: '{printable(word)}' is no number of double precision; write inf for no limit"
-                )
-                return
-            if math.isnan(value):
-                remedy = _DECIMAL_COMMA.sub(r"\1.\2", word) if _DECIMAL_COMMA.fullmatch(word) else "one like 0.25"
-                remedy = word.rstrip(",;") if _NUMBER.match(word.rstrip(",;")) else remedy
-                yield Problem(
-                    this, f"{place}: '{printable(word)}' is not a finite decimal number; write {printable(remedy)}"
-                )
+            if math.isnan(value) or (math.isinf(value) and limit):
+                fault = "not a finite decimal number" if math.isnan(value) else "beyond double precision"
+                yield Problem(this, f"{place}: '{printable(word)}' is {fault}; write {printable(_remedy_of(word))}")
                 return
             if abs(value) > LARGEST and not limit:
                 yield Problem(
@@ -467,6 +460,19 @@ def _title(this: str) -> str:
 
 def _show(values: tuple[float, ...]) -> str:
     return "(" + ", ".join(f"{value:g}" for value in values) + ")"
+
+
+def _remedy_of(word: str) -> str:
+    """Return what to write in place of a word that is no number."""
+    plain = word.rstrip(",;")
+    if _NUMBER.match(plain):
+        too_large = "-inf for no limit" if word.startswith("-") else "inf for no limit"
+        return plain if math.isfinite(float(plain)) else too_large
+    comma = _DECIMAL_COMMA.fullmatch(word)
+    if comma is None:
+        return "a number like 0.25, without a unit"
+    decimal = f"{comma[1]}.{comma[2]}"
+    return f"{decimal}, or {comma[1]}{comma[2]} for thousands" if _THOUSANDS.fullmatch(word) else decimal
 
 
 def _among(names: dict[str, etree._Element]) -> str:
