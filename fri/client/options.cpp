@@ -167,6 +167,8 @@ const Row ROWS[] = {
      [](Options &o, const Given &) { o.settings.approach_anyway = true; }},
     {"velocity-filter", "S", "time constant of the velocity filter [s] (0.004)",
      [](Options &o, const Given &g) { o.settings.velocity_filter = g.number(0.0, 1.0); }},
+    {"position-quantum", "RAD", "resolution of the measured positions if it is above 1e-6 [rad] (0)",
+     [](Options &o, const Given &g) { o.settings.position_quantum = g.number(0.0, 0.01); }},
     {"wrench", "SOURCE", "external-torque, or sensor (external-torque)", take_wrench},
     {"external-torque-sign", "X", "1: external torque = J^T (wrench of the environment on the robot); -1 (1)",
      take_sign},

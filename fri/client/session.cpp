@@ -161,8 +161,9 @@ std::string controller_text(const WipingClient &client)
 {
     if (client.controller_reason() == robot::REASON_FROZEN && client.controller_joint() >= 0) {
         return std::string("the measured position of joint ") + robot::joint(client.controller_joint()) +
-               " does not follow the torque that acts on it: frozen, or the joint is held and the external torque does "
-               "not say so; check the joint's encoder and --external-torque-sign";
+               " does not follow the torque that acts on it: frozen, coarser than --position-quantum says, or the "
+               "joint is held and the external torque does not say so; check the joint's encoder, --position-quantum "
+               "and --external-torque-sign";
     }
     return std::string("the controller latched a fault: ") + fault_text(client.controller_fault()) + ", reason " +
            std::to_string(client.controller_reason()) + " of " + robot::name() + "_impedance.h";

@@ -23,6 +23,7 @@ struct Settings {
     bool approach_anyway;        /* a long way needs no question */
     bool may_ask;                /* a person is at the terminal */
     double velocity_filter;      /* [s] */
+    double position_quantum;     /* [rad] resolution of the measured positions; 0: finer than 1e-6 */
     double wrench_damping;       /* damping of the least squares from the external torque */
     double external_torque_sign; /* 1: the external torque is J^T times the wrench that the environment applies; -1 */
     Calibration calibration;     /* of the sensor */

@@ -137,6 +137,7 @@ void Summary::set_controller(const robot::Config &config, const Settings &settin
         {"stiffness_formula", settings.conventional ? quoted("conventional") : quoted("corrected")},
         {"posture_stiffness", number(settings.posture_stiffness)},
         {"motor_inertia", number(config.motor_inertia[0])},
+        {"position_quantum", number(config.position_quantum)},
         {"reference_velocity_limit", list(config.reference_velocity_limit, JOINTS)},
         {"ramp_time", number(config.ramp_time)},
         {"tip_velocity_limit", number(config.tip_velocity_limit)},

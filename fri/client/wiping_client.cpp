@@ -50,10 +50,10 @@ WipingClient::WipingClient(const Settings &settings, const Trajectory &trajector
      * that the controller's fall of the torque does not reach it. */
     config_.loss_limit = config_.missed_limit;
     config_.velocity_source = robot::VELOCITY_SOURCE_DIFFERENCED; /* FRI has no velocity */
-    /* The basic fields that docs/controller.md tells users to state. Neither a delay of the torque nor a resolution of
-     * the positions is known of a real robot: none is assumed, and settings.velocity_filter smooths the velocity. */
+    /* The basic fields that docs/controller.md tells users to state. No delay of the torque is known of a real robot:
+     * none is assumed, and settings.velocity_filter smooths the velocity. */
     config_.delay_samples = 0;
-    config_.position_quantum = 0.0;
+    config_.position_quantum = settings.position_quantum;
     config_.velocity_noise = 0.0;
     config_.heaviest_wrench[0] = settings.pace.force > 0.0 ? settings.pace.force : 150.0; /* [N] */
     config_.heaviest_wrench[1] = 20.0;                                                    /* [N m] */

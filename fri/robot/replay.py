@@ -49,9 +49,9 @@ def read_client_log(log: Path, summary: Path) -> ClientLog:
 def controller(robot: Any, summary: Mapping[str, Any]) -> Any:
     """Return the controller of a generated robot, configured as a client's summary says."""
     told = summary["controller"]
-    names = ("sample_time", "motor_inertia", "damping_ratio", "joint_damping", "effort_limit", "torque_rate_limit",
-             "reference_velocity_limit", "ramp_time", "tip_velocity_limit", "tip_rotation_limit", "heaviest_wrench",
-             "energy_limit", "loss_limit")  # fmt: skip
+    names = ("sample_time", "motor_inertia", "position_quantum", "damping_ratio", "joint_damping", "effort_limit",
+             "torque_rate_limit", "reference_velocity_limit", "ramp_time", "tip_velocity_limit", "tip_rotation_limit",
+             "heaviest_wrench", "energy_limit", "loss_limit")  # fmt: skip
     client = {"engagement_limit": 20.0, "tank_initial": 10.0, "stiffness_time": 0.05}
     client["posture_stiffness"] = 0.0 if told["law"] == "paper" else told["posture_stiffness"]
     words = {"stiffness_cap": "accept", "velocity_source": "differenced"}

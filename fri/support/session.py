@@ -142,10 +142,10 @@ class RobotScript:
     def add(self, state: int, count: int = 1, change: Callable[[Any], object] | None = None, **fields: Any) -> None:
         self.datagrams += [self.message(state, change, **fields) for _ in range(count)]
 
-    def add_resting(self, count: int) -> None:
+    def add_resting(self, count: int, change: Callable[[Any], object] | None = None) -> None:
         """Add an arm that rests but for the noise of its encoders: no position stands still to the last bit."""
-        for k in range(count):
-            self.add(SessionState.COMMANDING_ACTIVE, position=POSTURE + 1e-5 * (k % 3))
+        for _ in range(count):
+            self.add(SessionState.COMMANDING_ACTIVE, 1, change, position=POSTURE + 1e-5 * (len(self.datagrams) % 3))
 
     def lose(self, count: int) -> None:
         """Add messages that never reach the client."""

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from campaigns.attack_fri import Attack, parse
-from campaigns.frozen_fri import LATEST, blames_position, judge
+from campaigns.frozen_fri import FASTEST, MOST_ENERGY, blames_position, judge
 from fri.robot.encoders import Encoders
 from fri.robot.faults import FaultError, parse_faults
 from fri.support.run import Run
@@ -33,20 +33,26 @@ FROZEN = {
     "A6, the lowest bit toggles": "5: 1 toggling 5 99 3200",
     "A6, bit 32 toggles": "5: 1 toggling 5 99 3232",
     "A6, and the robot's external torque believes it": "5: 1 still 5 99 32 misled 5 99 1",
+    "A2 and A4, friction of 6 %": "5: 1726982099 still 3.378709 99 14 sticky 0 99 0.0609755717 hum 0 99 0.0359807906 "
+    "motor 0 99 0.10012912",
+    "A4 and an external torque that believes it, friction of 7 %": "5: 3 still 3 99 8 misled 3 99 1 sticky 0 99 0.07",
+    "A4, a bit toggles": "5: 1806300648 toggling 4.456081 99 840 hum 0 99 0.140785962 motor 0 99 0.169610608",
     "A7, whose viscous friction holds nothing at rest": "10: 1445719338 still 2.982688 99 64 quantum 0 99 1e-5 motor 0 "
     "99 0.106691595",
 }  # fmt: skip
-"""Schedules with faulty encoders. Before, A6 reached 4.8 velocity limits, all seven 6.1, and nothing let go."""
+"""Schedules with faulty encoders. Before, A6 reached 4.8 velocity limits, all seven 6.1, and nothing let go.
+
+A guard that trusts 1.75 times the sliding friction lets A2 and A4 reach 1.4 limits and 1.4 J, and the bit 1.1 limits.
+"""
 
 
 @pytest.mark.parametrize("name", FROZEN)
 def test_frozen_positions_are_let_go(long_attack: Attack, name: str) -> None:
-    """No joint exceeds its limits; the client lets go, at most 60 ms after a joint has moved by 0.02 rad unseen."""
+    """No joint exceeds 0.8 of its velocity limit, or its range, and the arm has at most 0.5 J."""
     told = long_attack.play(parse(FROZEN[name]))
     verdict = judge(told)
     assert blames_position(told), told["sentence"]
-    assert verdict.fast <= 1.0 and verdict.beyond <= 0.0
-    assert verdict.late is None or verdict.late <= LATEST
+    assert verdict.fast <= FASTEST and verdict.kinetic <= MOST_ENERGY and verdict.beyond <= 0.0
 
 
 LATE = {
@@ -65,7 +71,7 @@ def test_late_copies_of_positions_are_let_go(long_attack: Attack, name: str) -> 
     verdict = judge(told)
     assert "repeat those of" in told["sentence"]
     assert verdict.fast <= 1.0 and verdict.beyond <= 0.0
-    assert verdict.late is None or verdict.late <= LATEST
+    assert verdict.late is None or verdict.late <= 0.06
 
 
 HARMLESS = (

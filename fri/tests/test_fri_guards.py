@@ -134,7 +134,7 @@ def test_a_clock_that_is_set_again_and_again_is_let_go_and_named(one: Programs) 
     script.begin()
     for _ in range(600):
         script.clock += 3600_000_000_000
-        script.add(COMMANDING_ACTIVE)
+        script.add_resting(1)
     script.add(IDLE)
     code, _, errors = over_udp(one, script)
     assert code == 1 and "the robot's clock is set again and again" in errors

@@ -301,7 +301,7 @@ def test_answers_in_a_burst_do_not_move_the_torque_faster(one: Programs, tmp_pat
     """Sixty messages without a pause: the torque moves by what the rate limit allows in this machine's time."""
     script = one.script()
     script.begin()
-    script.add(COMMANDING_ACTIVE, 60)
+    script.add_resting(60)
     summary = tmp_path / "summary.json"
     answers = []
     with served(one.client, "--approach", "0.1", "--summary", summary) as session:
@@ -326,7 +326,7 @@ def test_the_trajectory_never_runs_ahead_of_this_machines_time(programs: Program
     script.begin()
     for k in range(250):
         script.lose(k % 2)
-        script.add(COMMANDING_ACTIVE, change=lambda m: m.monitorData.ClearField("timestamp"))
+        script.add_resting(1, change=lambda m: m.monitorData.ClearField("timestamp"))
     summary = tmp_path / "summary.json"
     with served(programs.client, "--trajectory", short, "--approach", "0.1", "--summary", summary, *FULL) as session:
         begin = time.monotonic()

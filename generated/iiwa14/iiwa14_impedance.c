@@ -101,6 +101,7 @@ typedef struct {
     double away[TIP_ROWS];  /* twists from the equilibrium to the poses of the command */
     double velocity[N];
     int stands[N];    /* the joint stands still, with differenced velocities */
+    double range[N];  /* [N m] of the torque under which the position is the same to the last bit; 0: not for long */
     double travel[N]; /* [rad] or [m] predicted for joints that stand still, with differenced velocities */
     double limit_slope[N]; /* [N m/rad] stiffness of the limit avoidance in force */
     double elapsed;        /* [s] from the sample before */
@@ -454,7 +455,7 @@ static const char *seen_of_reason(int reason)
     case IIWA14_REASON_MISMATCH:
         return "dq less the change of q per second [rad/s or m/s]";
     case IIWA14_REASON_FROZEN:
-        return "motion that only the other signal, or the torque, shows [rad or m]";
+        return "motion that only the other signal, or the torque, shows [rad or m], or range of the torque [N m or N]";
     case IIWA14_REASON_STALE:
         return "advance of the counter [samples]";
     case IIWA14_REASON_MISSED:
@@ -2711,6 +2712,7 @@ static const double REST_MEMORY = 1.0; /* [s] in which predicted motion fades: n
 static const double LEAST_QUANTUM = 1e-7; /* [rad] or [m] up to which a position is the same */
 static const double LOAD_TIME = 0.02; /* [s] low pass on the torque that is not explained */
 static const double SLOW = 0.01; /* [rad/s] or [m/s] from which on a joint shows its friction */
+static const double STILL_TIME = 0.02; /* [s] for which a position may be the same to the last bit under any torque */
 
 /* Return the controller's torque on joint i in the interval that ends now. */
 static double find_own_torque(const memory_t *m, const double *last, int i)
@@ -2798,6 +2800,40 @@ static int stands_still(step_t *s, int i, double own, double elapsed)
     return 0;
 }
 
+/* Return whether two positions are the same to the last bit, but for one bit that may differ. */
+static int is_same(double a, double b)
+{
+    uint64_t bits_a, bits_b;
+    memcpy(&bits_a, &a, sizeof a);
+    memcpy(&bits_b, &b, sizeof b);
+    const uint64_t differ = bits_a ^ bits_b;
+    return (differ & (differ - 1u)) == 0u; /* no bit is set, or one */
+}
+
+/*
+ * Return the range of the controller's torque for which joint i's position has been the same to the last bit (one bit
+ * may toggle); 0 until that has lasted for STILL_TIME. A sound encoder shows how far a joint gives way even under
+ * friction, in a clamp or at a stop; a frozen one does not. In another fault the torque falls while brakes may hold.
+ */
+static double find_still_range(step_t *s, int i, double own, double elapsed)
+{
+    memory_t *const m = s->m;
+    const double q = s->q[i], longest = larger(STILL_TIME, 2.0 * s->c->state_period);
+    const int judged = m->fault == IIWA14_FAULT_NONE || m->reason == IIWA14_REASON_FROZEN;
+    const int same = q == m->still_value[i] || (q == m->still_other[i] && is_same(q, m->still_value[i]));
+    if (!m->known || m->reset || !judged || !same) {
+        m->still_other[i] = m->still_value[i];
+        m->still_value[i] = q;
+        m->still_time[i] = 0.0;
+        m->still_least[i] = m->still_most[i] = own;
+        return 0.0;
+    }
+    m->still_time[i] = smaller(m->still_time[i] + elapsed, longest);
+    m->still_least[i] = smaller(m->still_least[i], own);
+    m->still_most[i] = larger(m->still_most[i], own);
+    return m->still_time[i] < (1.0 - ROUNDED) * longest ? 0.0 : m->still_most[i] - m->still_least[i];
+}
+
 /*
  * Predict the motion of a joint that stands still, from the change of its torque, friction and inertia alone: no signal
  * of the position enters. Predicted motion fades, so that noise does not add up.
@@ -2824,6 +2860,7 @@ static void predict_standstills(step_t *s, const double *last, double elapsed)
         const double own = find_own_torque(m, last, i), effort = s->c->effort_limit[i];
         const double quantum = larger(s->c->position_quantum, COARSE);
         s->travel[i] = 0.0;
+        s->range[i] = find_still_range(s, i, own, elapsed);
         s->stands[i] = stands_still(s, i, own, elapsed);
         if (!s->stands[i] || !(m->mass[i] > 0.0)) {
             continue;
@@ -2905,6 +2942,9 @@ static void learn_friction(step_t *s, const double *last)
 /* A standstill is judged from this share of the velocity limit on, over the motion of this many samples. */
 static const double FROZEN_SHARE = 0.02, FROZEN_SAMPLES = 20.0;
 static const double FROZEN_TRAVEL = 4e-3; /* [rad] or [m] predicted motion of a joint that stands still: no less */
+/* Share of the effort limit over which the torque ranges at most while a position is the same to the last bit; coarsest
+ * resolution [rad] or [m] of positions that show it. */
+static const double STILL_RANGE = 0.03, FINE_QUANTUM = 1e-6;
 enum { FROZEN_POSITION = 1, FROZEN_VELOCITY = 2 };
 enum { HALVES = 2, SKIPPED = 1000 }; /* halves of a sample; most calls that are counted as skipped at once */
 /* Motion that dq and q may disagree by in a sample: share of the velocity limit, share of the motion itself. */
@@ -3033,10 +3073,12 @@ static int check_joint(step_t *s, int i)
     int stuck = check_frozen(s, i, differs, elapsed, &still, &still_limit);
     const int disagree = fabs(differs) > allowed;
     const double farthest = larger(FROZEN_TRAVEL, 4.0 * c->position_quantum);
-    if (s->travel[i] > farthest) {
+    const double widest = STILL_RANGE * c->effort_limit[i];
+    const int held_exactly = s->range[i] > widest && c->position_quantum <= FINE_QUANTUM;
+    if (held_exactly || s->travel[i] > farthest) {
         stuck = FROZEN_POSITION; /* the position is not believed, nor the velocity that follows from it */
-        still = s->travel[i];
-        still_limit = farthest;
+        still = held_exactly ? s->range[i] : s->travel[i];
+        still_limit = held_exactly ? widest : farthest;
         s->located = 0;
     }
     /* An arm that is too fast must be braked: q and dq that agree are believed at any speed that follows from the last

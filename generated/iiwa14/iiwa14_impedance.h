@@ -365,7 +365,7 @@ typedef struct {
     double velocity_filter_time;
     /* source of dq: measured, by a sensor of its own; or differenced: computed from q, filtered or not. A
      * differenced dq cannot show that q is frozen: with it a joint is FROZEN if it stands still under a change
-     * of torque that must move it. Must be measured or differenced. Default: measured. */
+     * of torque that must move it (position_quantum). Must be measured or differenced. Default: measured. */
     int velocity_source;
     /* [samples] number of samples for which a value may stand still while the other signal moves, before it is
      * judged. Must lie between 2 and 1e+06. Default: 20. */
@@ -743,6 +743,16 @@ typedef struct {
     double alone_speed[7];
     /* [rad] motion that belongs to it. */
     double alone_travel[7];
+    /* [rad] position of the last samples, the same to the last bit. */
+    double still_value[7];
+    /* [rad] position before it, between which and still_value one bit may toggle. */
+    double still_other[7];
+    /* [s] time for which the position has been these. */
+    double still_time[7];
+    /* [N m] least torque of the controller in this time. */
+    double still_least[7];
+    /* [N m] largest torque of the controller in this time. */
+    double still_most[7];
     /* [N m] largest change of torque under which the joint has stood still, and moved later. */
     double held_torque[7];
     /* [N m] dry friction: |unexplained| in motion, less the part that grows with the speed. */

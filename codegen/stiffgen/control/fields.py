@@ -336,7 +336,7 @@ EXPERT: tuple[Field, ...] = (
         "velocity_source",
         "source of dq: measured, by a sensor of its own; or differenced: computed from q, filtered or not. A "
         "differenced dq cannot show that q is frozen: with it a joint is FROZEN if it stands still under a change of "
-        "torque that must move it",
+        "torque that must move it (position_quantum)",
         ("measured", "differenced"),
         "measured",
     ),

@@ -131,7 +131,7 @@ REASONS: tuple[tuple[str, str, str], ...] = (
 SEEN: dict[str, str] = {
     "jump": "change of q [rad or m]",
     "mismatch": "dq less the change of q per second [rad/s or m/s]",
-    "frozen": "motion that only the other signal, or the torque, shows [rad or m]",
+    "frozen": "motion that only the other signal, or the torque, shows [rad or m], or range of the torque [N m or N]",
     "stale": "advance of the counter [samples]",
     "missed": "samples missing, less half of the good ones since [samples]",
     "skipped": "calls left out [samples]",

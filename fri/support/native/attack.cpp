@@ -167,6 +167,8 @@ void session(const Schedule &schedule, const std::string &file, int period)
     options.wait = 3.0;
     options.settings.approach_time = 0.3;
     options.settings.pace.patience = 1.0;
+    const double quantum = schedule.value("quantum", 0.0, 0.0);
+    options.settings.position_quantum = quantum > 1e-6 ? quantum : 0.0; /* as docs/fri.md asks for */
     options.settings.may_ask = schedule.events.count("answer") > 0;
     const Trajectory trajectory(file, options.trajectory_period);
     Vector start, rate;

@@ -15,7 +15,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "6f7f9ec870f3046a"
+#define SOURCES "8dcaac326cb62623"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

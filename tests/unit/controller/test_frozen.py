@@ -89,13 +89,78 @@ def test_an_arm_at_rest_may_stand_still_for_ever(robot: ModuleType) -> None:
 
 
 def test_a_torque_that_rises_under_a_joint_that_stands_still(robot: ModuleType) -> None:
-    """The springs' torque rises: FROZEN, unless the environment is known to hold the arm."""
+    """The springs' torque rises: FROZEN, unless the environment is known to hold the arm and the encoder is coarse."""
     goals = Q + np.linspace(0.0, 0.2, 1500)[:, None] * np.ones(7)
-    outs = rest(robot, goals)
-    assert outs[-1].reason == robot.Reason.FROZEN and len(outs) < 400
-    assert not rest(robot, goals, external=1.0)[-1].fault
-    assert rest(robot, goals, external=0.2)[-1].reason == robot.Reason.FROZEN
-    assert rest(robot, goals, external=np.nan)[-1].reason == robot.Reason.FROZEN
+    for quantum in (0.0, 1e-6, 1e-5):
+        outs = rest(robot, goals, position_quantum=quantum)
+        assert outs[-1].reason == robot.Reason.FROZEN and len(outs) < 400
+        held = rest(robot, goals, external=1.0, position_quantum=quantum)[-1]
+        assert held.reason == (robot.Reason.NONE if quantum > 1e-6 else robot.Reason.FROZEN)
+        assert rest(robot, goals, external=0.2, position_quantum=quantum)[-1].reason == robot.Reason.FROZEN
+        assert rest(robot, goals, external=np.nan, position_quantum=quantum)[-1].reason == robot.Reason.FROZEN
+
+
+def press(robot: ModuleType, hardness: float, tell: bool, seconds: float = 1.0, **config: Any) -> Any:
+    """Return the last output for an arm in a clamp that gives way by the torque over ``hardness`` [N m/rad]."""
+    controller = robot.Impedance(motor_inertia=0.1, velocity_source="differenced", **config)
+    q, torque = Q, np.zeros(7)
+    for k in range(int(1000 * seconds)):
+        there = Q + torque / hardness
+        told = {"external_torque": -torque} if tell else {}
+        goal = Q + 0.2 * k / 1000 * np.ones(7)
+        out = controller.step(q=there, dq=(there - q) / 1e-3, q0=goal, **SPRING, **told)
+        q, torque = there, out.torque
+        if out.fault:
+            break
+    return out
+
+
+def test_a_clamp_that_gives_way_is_no_frozen_position(robot: ModuleType) -> None:
+    """A position that moves in its last bits is not frozen, however hard the clamp whose torque is told."""
+    for hardness in (1e4, 1e6, 1e8):
+        assert press(robot, hardness, tell=True).reason == robot.Reason.NONE
+    assert press(robot, np.inf, tell=True).reason == robot.Reason.FROZEN
+
+
+@pytest.mark.parametrize("bits", ["same", "one toggles", "one toggles rarely"])
+def test_a_range_of_torque_under_a_position_of_the_same_bits(robot: ModuleType, bits: str) -> None:
+    """The joint is FROZEN 20 ms after the torque's range exceeds 3 % of the limit: seen is the range [N m].
+
+    The fault of two samples in a row is latched; the environment's torque explains all, and changes nothing.
+    """
+    controller = robot.Impedance(motor_inertia=0.1, velocity_source="differenced", position_quantum=1e-6)
+    torque, torques = np.zeros(7), []
+    for k in range(5000):
+        q = Q.copy()
+        if bits != "same" and k % (2 if bits == "one toggles" else 50) == 0:
+            q.view(np.uint64)[:] ^= np.uint64(1)
+        goal = Q + 2e-5 * k * np.ones(7)
+        out = controller.step(q=q, dq=np.zeros(7), q0=goal, external_torque=-torque, **SPRING)
+        torque = out.torque
+        if out.fault:
+            break
+        torques.append(torque)
+    joint, limit = out.fault_joint, 0.03 * controller.config.effort_limit
+    assert out.reason == robot.Reason.FROZEN and out.fault_limit == pytest.approx(limit[joint])
+    assert limit[joint] < out.fault_seen < 1.2 * limit[joint]
+    assert np.ptp(torques[:-2], axis=0)[joint] <= limit[joint] * 1.1
+
+
+def test_a_torque_that_falls_behind_brakes_is_no_frozen_position(robot: ModuleType) -> None:
+    """In a fault of another kind the torque falls to 0 while brakes hold the arm: the samples are good again."""
+    controller = robot.Impedance(motor_inertia=0.1, velocity_source="differenced")
+    arm, before = Arm(robot, Q), Q
+    for _ in range(60):
+        out = controller.step(q=arm.q, dq=(arm.q - before) / 1e-3, q0=Q + 0.1, **SPRING)
+        before = arm.q
+        arm.step(out.torque)
+    while not out.fault:
+        out = controller.step(q=np.full(7, np.nan), dq=np.zeros(7), q0=Q, **SPRING)
+    assert np.abs(out.torque / robot.EFFORT).max() > 0.05
+    for k in range(600):
+        out = controller.step(q=arm.q, dq=np.zeros(7), q0=arm.q, **SPRING)
+        assert k < 100 or not out.status & robot.Status.BAD_SAMPLE
+    assert out.reason == robot.Reason.NOT_FINITE and not np.any(out.torque)
 
 
 def test_the_springs_of_a_frozen_joint_are_released_and_a_reset_begins_anew(robot: ModuleType) -> None:

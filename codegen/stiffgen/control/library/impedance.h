@@ -85,6 +85,7 @@ typedef struct {
     double away[TIP_ROWS];  /* twists from the equilibrium to the poses of the command */
     double velocity[N];
     int stands[N];    /* the joint stands still, with differenced velocities */
+    double range[N];  /* [N m] of the torque under which the position is the same to the last bit; 0: not for long */
     double travel[N]; /* [rad] or [m] predicted for joints that stand still, with differenced velocities */
     double limit_slope[N]; /* [N m/rad] stiffness of the limit avoidance in force */
     double elapsed;        /* [s] from the sample before */

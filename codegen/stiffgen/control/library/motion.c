@@ -14,6 +14,7 @@ static const double REST_MEMORY = 1.0; /* [s] in which predicted motion fades: n
 static const double LEAST_QUANTUM = 1e-7; /* [rad] or [m] up to which a position is the same */
 static const double LOAD_TIME = 0.02; /* [s] low pass on the torque that is not explained */
 static const double SLOW = 0.01; /* [rad/s] or [m/s] from which on a joint shows its friction */
+static const double STILL_TIME = 0.02; /* [s] for which a position may be the same to the last bit under any torque */
 
 /* Return the controller's torque on joint i in the interval that ends now. */
 static double find_own_torque(const memory_t *m, const double *last, int i)
@@ -101,6 +102,40 @@ static int stands_still(step_t *s, int i, double own, double elapsed)
     return 0;
 }
 
+/* Return whether two positions are the same to the last bit, but for one bit that may differ. */
+static int is_same(double a, double b)
+{
+    uint64_t bits_a, bits_b;
+    memcpy(&bits_a, &a, sizeof a);
+    memcpy(&bits_b, &b, sizeof b);
+    const uint64_t differ = bits_a ^ bits_b;
+    return (differ & (differ - 1u)) == 0u; /* no bit is set, or one */
+}
+
+/*
+ * Return the range of the controller's torque for which joint i's position has been the same to the last bit (one bit
+ * may toggle); 0 until that has lasted for STILL_TIME. A sound encoder shows how far a joint gives way even under
+ * friction, in a clamp or at a stop; a frozen one does not. In another fault the torque falls while brakes may hold.
+ */
+static double find_still_range(step_t *s, int i, double own, double elapsed)
+{
+    memory_t *const m = s->m;
+    const double q = s->q[i], longest = larger(STILL_TIME, 2.0 * s->c->state_period);
+    const int judged = m->fault == ID(FAULT_NONE) || m->reason == ID(REASON_FROZEN);
+    const int same = q == m->still_value[i] || (q == m->still_other[i] && is_same(q, m->still_value[i]));
+    if (!m->known || m->reset || !judged || !same) {
+        m->still_other[i] = m->still_value[i];
+        m->still_value[i] = q;
+        m->still_time[i] = 0.0;
+        m->still_least[i] = m->still_most[i] = own;
+        return 0.0;
+    }
+    m->still_time[i] = smaller(m->still_time[i] + elapsed, longest);
+    m->still_least[i] = smaller(m->still_least[i], own);
+    m->still_most[i] = larger(m->still_most[i], own);
+    return m->still_time[i] < (1.0 - ROUNDED) * longest ? 0.0 : m->still_most[i] - m->still_least[i];
+}
+
 /*
  * Predict the motion of a joint that stands still, from the change of its torque, friction and inertia alone: no signal
  * of the position enters. Predicted motion fades, so that noise does not add up.
@@ -127,6 +162,7 @@ void predict_standstills(step_t *s, const double *last, double elapsed)
         const double own = find_own_torque(m, last, i), effort = s->c->effort_limit[i];
         const double quantum = larger(s->c->position_quantum, COARSE);
         s->travel[i] = 0.0;
+        s->range[i] = find_still_range(s, i, own, elapsed);
         s->stands[i] = stands_still(s, i, own, elapsed);
         if (!s->stands[i] || !(m->mass[i] > 0.0)) {
             continue;

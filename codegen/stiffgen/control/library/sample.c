@@ -4,6 +4,9 @@
 /* A standstill is judged from this share of the velocity limit on, over the motion of this many samples. */
 static const double FROZEN_SHARE = 0.02, FROZEN_SAMPLES = 20.0;
 static const double FROZEN_TRAVEL = 4e-3; /* [rad] or [m] predicted motion of a joint that stands still: no less */
+/* Share of the effort limit over which the torque ranges at most while a position is the same to the last bit; coarsest
+ * resolution [rad] or [m] of positions that show it. */
+static const double STILL_RANGE = 0.03, FINE_QUANTUM = 1e-6;
 enum { FROZEN_POSITION = 1, FROZEN_VELOCITY = 2 };
 enum { HALVES = 2, SKIPPED = 1000 }; /* halves of a sample; most calls that are counted as skipped at once */
 /* Motion that dq and q may disagree by in a sample: share of the velocity limit, share of the motion itself. */
@@ -132,10 +135,12 @@ static int check_joint(step_t *s, int i)
     int stuck = check_frozen(s, i, differs, elapsed, &still, &still_limit);
     const int disagree = fabs(differs) > allowed;
     const double farthest = larger(FROZEN_TRAVEL, 4.0 * c->position_quantum);
-    if (s->travel[i] > farthest) {
+    const double widest = STILL_RANGE * c->effort_limit[i];
+    const int held_exactly = s->range[i] > widest && c->position_quantum <= FINE_QUANTUM;
+    if (held_exactly || s->travel[i] > farthest) {
         stuck = FROZEN_POSITION; /* the position is not believed, nor the velocity that follows from it */
-        still = s->travel[i];
-        still_limit = farthest;
+        still = held_exactly ? s->range[i] : s->travel[i];
+        still_limit = held_exactly ? widest : farthest;
         s->located = 0;
     }
     /* An arm that is too fast must be braked: q and dq that agree are believed at any speed that follows from the last
