@@ -2072,7 +2072,7 @@ static void book_interval(step_t *s, const double *q)
     const double rise = elastic_energy - m->elastic_energy + limit_energy - m->limit_energy;
     m->elastic_energy = elastic_energy;
     m->limit_energy = limit_energy;
-    if (!m->known) { /* the torque in force may have put out more until now than it can from now on: see supply_torque */
+    if (!m->known) { /* what the torque in force may have put out by now (supply_torque) */
         m->tank -= m->reserve - sum_reserve(s, 0.0, m->call_gap, s->transit, parts);
     }
     if (!m->known || s->jumped) {
@@ -2579,28 +2579,6 @@ static void store_copies(uint64_t *copies, const double *values)
     }
 }
 
-/* Start the memory anew: no sample seen, a tank with its initial energy. */
-static void start_memory(const config_t *c, state_t *state)
-{
-    memory_t *const m = &state->memory;
-    memset(m, 0, sizeof *m);
-    place_no_tools(m->tool_pose);
-    stiffgen_home(m);
-    for (int i = 0; i < N; ++i) {
-        m->rate[i] = c->torque_rate_limit[i] * c->sample_time;
-    }
-    store_copies(state->rate, m->rate);
-    store_copies(state->effort, c->effort_limit);
-    memcpy(m->velocity_limit, c->velocity_limit, sizeof m->velocity_limit);
-    m->sized_tank = c->tank_initial > 0.0 ? 0.0 : size_tank(c, m);
-    m->tank = m->supplied = m->energy_supplied = larger(c->tank_initial, m->sized_tank);
-    m->calls = m->hold = c->missed_limit;
-    m->fault_joint = NO_JOINT;
-    m->stiffness_share = 1.0;
-    m->call_gap = limit_call_gap(c, c->missed_limit);
-    m->ready = READY;
-}
-
 /*
  * Supply the work that a torque in force can put out: it is in transit for the delay, acts until the first call, and
  * falls at each call from then on. The account begins with the first sample: book_interval takes out of the tank what
@@ -2624,6 +2602,29 @@ static void supply_torque(const config_t *c, state_t *state, const double *torqu
     store_copies(state->torque, torque);
 }
 
+/* Start the memory anew: no sample seen, a tank with its initial energy, and a torque in force. */
+static void start_memory(const config_t *c, state_t *state, const double *torque)
+{
+    memory_t *const m = &state->memory;
+    memset(m, 0, sizeof *m);
+    place_no_tools(m->tool_pose);
+    stiffgen_home(m);
+    for (int i = 0; i < N; ++i) {
+        m->rate[i] = c->torque_rate_limit[i] * c->sample_time;
+    }
+    store_copies(state->rate, m->rate);
+    store_copies(state->effort, c->effort_limit);
+    memcpy(m->velocity_limit, c->velocity_limit, sizeof m->velocity_limit);
+    m->sized_tank = c->tank_initial > 0.0 ? 0.0 : size_tank(c, m);
+    m->tank = m->supplied = m->energy_supplied = larger(c->tank_initial, m->sized_tank);
+    m->calls = m->hold = c->missed_limit;
+    m->fault_joint = NO_JOINT;
+    m->stiffness_share = 1.0;
+    m->call_gap = limit_call_gap(c, c->missed_limit);
+    m->ready = READY;
+    supply_torque(c, state, torque);
+}
+
 /* Prepare a state; torque is the one in force, or NULL for zero. */
 static int initialise(const config_t *c, state_t *state, const double *torque)
 {
@@ -2640,13 +2641,12 @@ static int initialise(const config_t *c, state_t *state, const double *torque)
             return IIWA14_E_TORQUE;
         }
     }
-    start_memory(c, state);
+    const double none[N] = {0.0};
+    start_memory(c, state, torque != NULL ? torque : none);
     if (c->stiffness_cap == IIWA14_STIFFNESS_CAP_REFUSE && halves_stiffness(c, &state->memory, state->scratch)) {
         memset(state, 0, sizeof *state);
         return IIWA14_E_STIFFNESS;
     }
-    const double none[N] = {0.0};
-    supply_torque(c, state, torque != NULL ? torque : none);
     state->checksum = compute_checksum(state);
     return IIWA14_OK;
 }
@@ -5131,7 +5131,8 @@ static void separate_torque_offset(step_t *s, double *last, int refused)
 /*
  * Add the caller's torque to the controller's own. The own torque goes first in the rate limit, since the reserve
  * counts on its fall; the caller's goes first in the effort limit (limit_torque). Without a position the caller's
- * stays. It goes to zero with a configuration that is refused, and where nothing brakes the arm. last: the own torque of the last call.
+ * stays. It goes to zero with a configuration that is refused, and where nothing brakes the arm. last: the own torque
+ * of the last call.
  */
 static void add_torque_offset(step_t *s, const double *last, int refused)
 {
@@ -6041,8 +6042,7 @@ static int step(const config_t *c, state_t *state, const input_t *input, output_
             return step_without_memory(state, stored, last, error, output);
         }
         /* memory was overwritten: nothing is believed but the torque, which is stored three times */
-        start_memory(c, state);
-        supply_torque(c, state, last);
+        start_memory(c, state, last);
         m->unaccounted = 1;
         latch_fault(m, IIWA14_REASON_STATE, NO_JOINT, 0.0, 0.0);
     }

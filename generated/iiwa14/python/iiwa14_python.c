@@ -15,7 +15,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "8dcaac326cb62623"
+#define SOURCES "6b69dbd73bb0ee5b"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

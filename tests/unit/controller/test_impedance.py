@@ -332,7 +332,7 @@ def test_an_encoder_jump_is_not_believed(robot: ModuleType) -> None:
 
 
 def test_a_joint_beyond_its_velocity_limit_is_believed_and_braked(robot: ModuleType) -> None:
-    """The first joint accelerates by 8 rad/s^2 to the limit, a fault, and by 30 rad/s^2 beyond: no torque in the end."""
+    """The first joint accelerates by 8 rad/s^2 to the limit, a fault, and by 30 rad/s^2 beyond: no torque then."""
     controller = robot.Impedance(motor_inertia=0.1, overspeed_time=0.0)
     q, dq = Q.copy(), np.zeros(7)
     for k in range(400):

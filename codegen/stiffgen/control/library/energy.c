@@ -452,7 +452,7 @@ void book_interval(step_t *s, const double *q)
     const double rise = elastic_energy - m->elastic_energy + limit_energy - m->limit_energy;
     m->elastic_energy = elastic_energy;
     m->limit_energy = limit_energy;
-    if (!m->known) { /* the torque in force may have put out more until now than it can from now on: see supply_torque */
+    if (!m->known) { /* what the torque in force may have put out by now (supply_torque) */
         m->tank -= m->reserve - sum_reserve(s, 0.0, m->call_gap, s->transit, parts);
     }
     if (!m->known || s->jumped) {

@@ -95,8 +95,31 @@ void store_copies(uint64_t *copies, const double *values)
     }
 }
 
-/* Start the memory anew: no sample seen, a tank with its initial energy. */
-void start_memory(const config_t *c, state_t *state)
+/*
+ * Supply the work that a torque in force can put out: it is in transit for the delay, acts until the first call, and
+ * falls at each call from then on. The account begins with the first sample: book_interval takes out of the tank what
+ * can have left the port by then.
+ */
+static void supply_torque(const config_t *c, state_t *state, const double *torque)
+{
+    memory_t *const m = &state->memory;
+    double work = 0.0;
+    for (int i = 0; i < N; ++i) {
+        const double size = fabs(torque[i]), calls = 1.0 + 0.5 * size / m->rate[i]; /* of the whole torque, until 0 */
+        work += m->velocity_limit[i] * c->sample_time * size * (c->delay_samples + m->call_gap * calls);
+        for (int k = 0; k < MOST_DELAY; ++k) {
+            m->older[k * N + i] = torque[i];
+        }
+    }
+    m->reserve = work;
+    m->tank += work;
+    m->supplied += work;
+    m->energy_supplied = m->supplied;
+    store_copies(state->torque, torque);
+}
+
+/* Start the memory anew: no sample seen, a tank with its initial energy, and a torque in force. */
+void start_memory(const config_t *c, state_t *state, const double *torque)
 {
     memory_t *const m = &state->memory;
     memset(m, 0, sizeof *m);
@@ -115,29 +138,7 @@ void start_memory(const config_t *c, state_t *state)
     m->stiffness_share = 1.0;
     m->call_gap = limit_call_gap(c, c->missed_limit);
     m->ready = READY;
-}
-
-/*
- * Supply the work that a torque in force can put out: it is in transit for the delay, acts until the first call, and
- * falls at each call from then on. The account begins with the first sample: book_interval takes out of the tank what
- * can have left the port by then.
- */
-void supply_torque(const config_t *c, state_t *state, const double *torque)
-{
-    memory_t *const m = &state->memory;
-    double work = 0.0;
-    for (int i = 0; i < N; ++i) {
-        const double size = fabs(torque[i]), calls = 1.0 + 0.5 * size / m->rate[i]; /* of the whole torque, until 0 */
-        work += m->velocity_limit[i] * c->sample_time * size * (c->delay_samples + m->call_gap * calls);
-        for (int k = 0; k < MOST_DELAY; ++k) {
-            m->older[k * N + i] = torque[i];
-        }
-    }
-    m->reserve = work;
-    m->tank += work;
-    m->supplied += work;
-    m->energy_supplied = m->supplied;
-    store_copies(state->torque, torque);
+    supply_torque(c, state, torque);
 }
 
 /* Prepare a state; torque is the one in force, or NULL for zero. */
@@ -156,13 +157,12 @@ int initialise(const config_t *c, state_t *state, const double *torque)
             return ID(E_TORQUE);
         }
     }
-    start_memory(c, state);
+    const double none[N] = {0.0};
+    start_memory(c, state, torque != NULL ? torque : none);
     if (c->stiffness_cap == ID(STIFFNESS_CAP_REFUSE) && halves_stiffness(c, &state->memory, state->scratch)) {
         memset(state, 0, sizeof *state);
         return ID(E_STIFFNESS);
     }
-    const double none[N] = {0.0};
-    supply_torque(c, state, torque != NULL ? torque : none);
     state->checksum = compute_checksum(state);
     return ID(OK);
 }

@@ -388,8 +388,7 @@ int step(const config_t *c, state_t *state, const input_t *input, output_t *outp
             return step_without_memory(state, stored, last, error, output);
         }
         /* memory was overwritten: nothing is believed but the torque, which is stored three times */
-        start_memory(c, state);
-        supply_torque(c, state, last);
+        start_memory(c, state, last);
         m->unaccounted = 1;
         latch_fault(m, ID(REASON_STATE), NO_JOINT, 0.0, 0.0);
     }

@@ -220,7 +220,8 @@ void separate_torque_offset(step_t *s, double *last, int refused)
 /*
  * Add the caller's torque to the controller's own. The own torque goes first in the rate limit, since the reserve
  * counts on its fall; the caller's goes first in the effort limit (limit_torque). Without a position the caller's
- * stays. It goes to zero with a configuration that is refused, and where nothing brakes the arm. last: the own torque of the last call.
+ * stays. It goes to zero with a configuration that is refused, and where nothing brakes the arm. last: the own torque
+ * of the last call.
  */
 void add_torque_offset(step_t *s, const double *last, int refused)
 {
