@@ -13,11 +13,11 @@ from stiffgen.cli.console import Progress, messages
 from stiffgen.core.robot.files import is_folder
 
 
-def add_folder_or_robot(command: Any) -> None:
+def add_folder_or_robot(command: Any, *, is_optional: bool = False) -> None:
     """Add the folder, or the robot's file or name with the arguments of a template."""
     command.takes_arguments = True
     meaning = "folder that 'stiffgen generate' wrote, or a robot's URDF, MJCF, xacro template or name (no options)"
-    command.add_argument("source", metavar="ROBOT", help=meaning)
+    command.add_argument("source", nargs="?" if is_optional else None, metavar="ROBOT", help=meaning)
 
 
 def chosen_folder(options: argparse.Namespace) -> Path:

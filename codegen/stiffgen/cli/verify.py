@@ -16,6 +16,7 @@ from stiffgen.cli.folders import add_folder_or_robot, chosen_folder
 from stiffgen.core.errors import StiffgenError, listed
 from stiffgen.core.manifest import MANIFEST
 from stiffgen.core.opened import open_robot
+from stiffgen.core.verify.kinds import check_kinds, lacking_kinds
 from stiffgen.core.verify.result import Check
 from stiffgen.core.verify.verify import default_count, verify
 from stiffgen.rooms import optional
@@ -23,7 +24,7 @@ from stiffgen.rooms import optional
 
 def add(command: argparse.ArgumentParser) -> None:
     """Add the arguments."""
-    add_folder_or_robot(command)
+    add_folder_or_robot(command, is_optional=True)
     command.add_argument(
         "urdf",
         nargs="?",
@@ -40,6 +41,9 @@ def add(command: argparse.ArgumentParser) -> None:
     )
     command.add_argument(
         "--trust-potentials", action="store_true", help="run the source of potentials in manifest.json [ask]"
+    )
+    command.add_argument(
+        "--kinds", action="store_true", help="all kernels on the smallest robot of every kind; ROBOT may be left out"
     )
     command.add_argument(
         "--other-version", action="store_true", help="accept that the text of another version is not compared"
@@ -68,6 +72,8 @@ def run(options: argparse.Namespace) -> int:
     page = optional("lab.prove.safety_page")  # None if the room has been taken out, with its options
     if page is not None and options.report is None and options.evidence:
         raise StiffgenError("--evidence fills the page; add --report FILE.html")
+    if options.source is None:
+        return _run_kinds_alone(options)
     folder = chosen_folder(options)
     urdf = Path(options.source) if options.urdf is None and options.source.endswith(".urdf") else options.urdf
     proofs, targets = _checked_evidence(page, options, folder) if page is not None else (None, None)
@@ -82,10 +88,14 @@ def run(options: argparse.Namespace) -> int:
             other_version=options.other_version,
             progress=progress,
         )
-    failed = [check for check in checks if not check.passed]
-    _print_summary(checks, compares_urdf=urdf is not None)
-    print()
-    tables().print(_check_table(checks))
+        checks += check_kinds(seed=options.samples[1], progress=progress) if options.kinds else []
+    _print_summary(checks)
+    if urdf is None:
+        print("URDF not checked (name it behind the folder)")
+    lacking = lacking_kinds(open_robot(folder).chain)
+    if lacking and not options.kinds:
+        print(f"Not of this robot: {', '.join(lacking)} (--kinds compares all kernels on them)")
+    _print_rows(checks)
     if page is not None and options.report is not None:
         page.write_page(
             folder,
@@ -98,20 +108,35 @@ def run(options: argparse.Namespace) -> int:
             targets=targets,
         )
         print(options.report)
-    return 1 if failed else 0
+    return 0 if all(check.passed for check in checks) else 1
 
 
-def _print_summary(checks: list[Check], *, compares_urdf: bool) -> None:
-    """Print counts, and what failed or was not compared."""
+def _run_kinds_alone(options: argparse.Namespace) -> int:
+    """Compare all kernels on the smallest robots; return 1 if a comparison fails."""
+    if not options.kinds:
+        raise StiffgenError("verify what? Give a robot's folder or file, or --kinds")
+    with Progress(messages(wide=False)).shown() as progress:
+        checks = check_kinds(seed=options.samples[1], progress=progress)
+    _print_summary(checks)
+    _print_rows(checks)
+    return 0 if all(check.passed for check in checks) else 1
+
+
+def _print_summary(checks: list[Check]) -> None:
+    """Print how many comparisons passed, and what failed or was not compared."""
     within = sum(check.verdict == "ok" for check in checks)
     missing = sum(not check.is_compared for check in checks)
     print(f"{within} of {len(checks)} comparisons within their bound" + (f", {missing} not compared" * bool(missing)))
-    if not compares_urdf:
-        print("URDF not checked (name it behind the folder)")
     for check in checks:
         if check.verdict != "ok":
             word = check.verdict if check.verdict == "FAILED" else "NOT COMPARED"
             print(f"{word} {check.kernel}, {check.oracle}" + (f": {check.detail}" if check.detail else ""))
+
+
+def _print_rows(checks: list[Check]) -> None:
+    """Print the table of all comparisons."""
+    print()
+    tables().print(_check_table(checks))
 
 
 def _asks(folder: Path) -> bool:

@@ -79,22 +79,87 @@ def test_recipe(title: str, tmp_path: Path) -> None:
 
 
 VERIFY = "import sys; from stiffgen.cli import main; sys.exit(main(sys.argv[1:]))"
-ORACLE = re.compile(r'^    "load_energy".*\n', re.MULTILINE)
+KINDS = """
+import sys
+import stiffgen
+from stiffgen.core.symbolic.kernels import chain_kernels
+from stiffgen.core.verify.kernels.missing import function_of_stacks
+from stiffgen.core.verify.kernels.oracles import check_robot
+from stiffgen.core.verify.kinds import check_kinds
+failed = [check for check in check_kinds(["load_stiffness"]) if not check.passed]
+print("\\n".join(sorted({check.kernel.partition(":")[0] for check in failed})))
+chain = stiffgen.load_chain(sys.argv[1])
+(kernel,) = [each for each in chain_kernels(chain) if each.name == "load_stiffness"]
+checks = check_robot({"load_stiffness": function_of_stacks(chain, kernel)}, chain, 3, 0, None, [kernel])
+print("" if all(check.passed for check in checks) else "iiwa")
+"""
+ORACLE = re.compile(r"^ORACLES = .*\n", re.MULTILINE)
+KERNEL = "stiffgen/families/loads/kernels.py"
+SUM = """
+        m, rows = len(chain.joints), [joint.coordinate for joint in chain.joints]
+        of_joints, S = Array("of_joints", (m, m)), ca.DM.zeros(chain.dof, m)
+        for k, row in enumerate(rows):
+            S[row, k] = {weight}
+        return *steps(of_joints), Map("sum", Over.ONCE, Operand(result.array(chain), ""), (Operand(of_joints, ""),),
+            lambda x: S @ x @ S.T)
+"""
+WHOLE = "    return over_joints(chain, result, steps, mirror=True)\n"
+FAULTS = {
+    "sign": ("ca.cross(c[:3], f)", "ca.cross(f, c[:3])"),
+    "order of the pairs": ("Over.UPPER", "Over.LOWER"),
+    "half of the pairs": (", mirror=True),\n", "),\n"),
+    "a slide taken for a turn": (
+        "ca.dot(c[3:], u)", "ca.dot(c[3:] + (1 - ca.dot(c[3:], c[3:])) * c[:3], u)"
+    ),
+    "multiplier of mimic joints": (WHOLE, SUM.format(weight="1").replace("        ", "    ").lstrip("\n")),
+    "joints taken for coordinates": (WHOLE, "    return steps(result.array(chain))\n"),
+    "the base's connection": ("*torque\n", "*pairs(output)\n"),
+    "the base's twist": ("lambda c, f: ca.dot(c[:3], f))", "lambda c, f: -ca.dot(c[:3], f))"),
+    "tool at run time": ('columns_of(chain, "hybrid")', 'columns_of(replace(chain, runtime_tool=False), "hybrid")'),
+}  # fmt: skip
+"""Faults in the recipe's program: text and its replacement. An iiwa shows the first three."""
+
+
+def with_fault(folder: Path, fault: str) -> None:
+    """Make a fault in the recipe's program."""
+    program = folder / KERNEL
+    text = program.read_text().replace("from functools", "from dataclasses import replace\nfrom functools")
+    old, new = FAULTS[fault]
+    assert text.count(old) >= 1, fault
+    program.write_text(text.replace(old, new))
+
+
+@pytest.mark.slow
+def test_faults_that_one_arm_does_not_have_are_seen_on_the_smallest_robots_of_every_kind(tmp_path: Path) -> None:
+    """Before, nothing told that an iiwa shows three of them: it has no slide, mimic joint, base that moves or tool."""
+    changed_package("Add a kernel", tmp_path)
+    right = (tmp_path / KERNEL).read_text()
+    shown = {}
+    for fault in ("", *FAULTS):
+        (tmp_path / KERNEL).write_text(right)
+        if fault:
+            with_fault(tmp_path, fault)
+        done = run(tmp_path, "-c", KINDS, str(URDF))
+        assert done.returncode == 0, done.stderr
+        shown[fault] = set(done.stdout.split("\n")) - {""}
+    assert shown.pop("") == set()
+    assert [fault for fault, kinds in shown.items() if not kinds] == []
+    assert [fault for fault, kinds in shown.items() if "iiwa" in kinds] == list(FAULTS)[:3]
 
 
 @pytest.mark.wide(instead="test_recipe")
 def test_a_kernel_with_a_new_argument_is_verified_to_the_end(tmp_path: Path) -> None:
-    """The page's kernel: at most two files, verify and test_ufunc pass; wrong or without its oracle, verify fails.
+    """The page's kernel: one folder and a line, verify and test_ufunc pass; wrong or without its oracle, verify fails.
 
     Before, verify passed a kernel that returned y for z, since nothing asked for its oracle.
     """
     section = changed_package("Add a kernel", tmp_path)
     files = {block.what.split()[0] for block in section if block.marker == "edit"}
-    assert len(files) <= 2 and "codegen/stiffgen/core/verify/kernels/oracles.py" in files
-    program, oracles = tmp_path / "stiffgen/core/symbolic/pose.py", tmp_path / "stiffgen/core/verify/kernels/oracles.py"
+    assert {file.removeprefix("codegen/stiffgen/").rpartition("/")[0] for file in files} == {"core", "families/loads"}
+    program, oracles = tmp_path / KERNEL, tmp_path / "stiffgen/families/loads/oracles.py"
 
     def verified() -> tuple[int, str]:
-        chosen = ["--kernels", "load_energy", "--no-controller", "--output", str(tmp_path / "out")]
+        chosen = ["--kernels", "load_stiffness", "--no-controller", "--output", str(tmp_path / "out")]
         made = run(tmp_path, "-c", VERIFY, "generate", str(URDF), *chosen)
         assert made.returncode == 0, made.stderr
         done = run(tmp_path, "-c", VERIFY, "verify", str(tmp_path / "out" / "iiwa14"), "--samples", "10")
@@ -102,17 +167,17 @@ def test_a_kernel_with_a_new_argument_is_verified_to_the_end(tmp_path: Path) -> 
 
     code, table = verified()
     assert code == 0, table
-    assert re.search(r"load_energy +. product of poses +.+ok", table) and "certified bound of rounding" in table
-    tests = ["tests/contract/bindings/test_ufunc.py", "-k", "load_energy"]
+    assert re.search(r"load_stiffness +. differentiated Jacobian +.+ok", table)
+    assert "certified bound of rounding" in table and "Not of this robot: slide, " in table
+    tests = ["tests/contract/bindings/test_ufunc.py", "-k", "load_stiffness"]
     done = run(tmp_path, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", *tests, cwd=ROOT)
     assert done.returncode == 0 and " passed" in done.stdout, done.stdout
     right = oracles.read_text()
-    oracles.write_text(ORACLE.sub("", right))
+    oracles.write_text(ORACLE.sub("ORACLES = {}\n", right))
     code, table = verified()
-    assert code == 1 and re.search(r"load_energy +. no oracle +.+FAILED", table), table
+    assert code == 1 and re.search(r"load_stiffness +. no oracle +.+FAILED", table), table
     oracles.write_text(right)
-    text = program.read_text()
-    program.write_text(text.replace("pose[:3, 3])", "pose[[0, 2, 1], 3])"))
-    assert program.read_text() != text
+    with_fault(tmp_path, "sign")
+    assert program.read_text()
     code, table = verified()
-    assert code == 1 and re.search(r"load_energy +. product of poses +.+FAILED", table), table
+    assert code == 1 and re.search(r"load_stiffness +. differentiated Jacobian +.+FAILED", table), table

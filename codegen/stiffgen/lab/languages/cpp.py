@@ -163,7 +163,7 @@ def _faults(cpp: ctypes.CDLL, c: ctypes.CDLL, material: Material) -> list[str]:
     faults = [_text(cpp.compare_constants)]
     if robot.has_controller:
         limits = [(max(each.lower, -1.0) + min(each.upper, 1.0)) / 2 for each in robot.chain.coordinates]
-        torque = np.linspace(0.01, 0.02, robot.chain.dof)
+        torque = np.full(robot.chain.dof, 0.5) * np.min([min(each.effort, 10.0) for each in robot.chain.coordinates])
         faults.append(_text(cpp.compare_controller, np.array(limits), torque))
     for kernel in robot.table:
         stacks = [
