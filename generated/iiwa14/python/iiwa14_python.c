@@ -15,7 +15,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "6b69dbd73bb0ee5b"
+#define SOURCES "8ce8f0e157e2dd76"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

@@ -210,7 +210,9 @@ int soften(const double *wanted, double share, double *K, double *cost)
     }
     const double trace = S[0] + S[4] + S[8], part = size <= ROUNDED * trace ? 1.0 : share;
     if (trace <= LEAST_DIVISOR) { /* K has fallen to almost 0 */
-        memcpy(K, wanted, sizeof D);
+        for (int k = 0; k < 9; ++k) { /* wanted may be K */
+            K[k] = wanted[k];
+        }
         return size != 0.0;
     }
     for (int k = 0; k < 9; k += 4) { /* the diagonal */
