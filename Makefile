@@ -48,8 +48,12 @@ lint: $(VENV)/installed-test  ## run ruff, mypy and reuse (licences)
 check-generated: $(VENV)/installed  ## compare generated/iiwa14 with what the generator writes
 	@set -e; fresh=$$(mktemp -d); trap 'rm -rf "$$fresh"' EXIT; \
 	$(BIN)/stiffgen generate urdf/iiwa14.urdf --no-build --output "$$fresh" >/dev/null; \
+	versions() { sed -n '/"versions"/,/}/p' "$$1/manifest.json" | tr -d ' "\n'; }; \
+	made=$$(versions generated/iiwa14); here=$$(versions "$$fresh/iiwa14"); \
 	diff -r -x '*.so' -x '*.pyd' -x __pycache__ "$$fresh/iiwa14" generated/iiwa14 \
-	  || { echo "generated/iiwa14 is out of date; run 'make generate' and commit what it changes" >&2; exit 1; }; \
+	  || { [ "$$made" = "$$here" ] || echo "generated/iiwa14 was made with other versions ($$made) than those here ($$here);" \
+	    "'rm -r $(VENV)' and 'make' install those of requirements.lock" >&2; \
+	  echo "generated/iiwa14 is out of date; run 'make generate' and commit what it changes" >&2; exit 1; }; \
 	echo "generated/iiwa14 is what the generator writes"
 
 docs: $(VENV)/installed-docs  ## build the pages and the reference as a site, into build/site/html/
@@ -126,7 +130,7 @@ build/robots/iiwa14_plate build/robots/iiwa14_ball: build/robots/%: urdf/iiwa14.
 # The generator's packages are locked by version and hash: without the mesh libraries that yourdfpy asks for, and that
 # reading a URDF does not need, the environment takes a third less of the disk.
 $(VENV)/installed: pyproject.toml requirements.lock
-	@$(PYTHON) -c 'import sys; sys.exit("stiffgen needs Python 3.10 or newer; set PYTHON=") if sys.version_info < (3, 10) else 0'
+	@$(PYTHON) -c 'import sys; sys.exit("stiffgen needs Python 3.11 or newer; set PYTHON=") if sys.version_info < (3, 11) else 0'
 	@echo "making the environment $(VENV), up to 15 s ..."
 	@$(PYTHON) -m venv $(VENV) || { echo "python3 -m venv failed; on Debian: apt-get install python3-venv" >&2; exit 1; }
 	$(PIP) --no-deps --require-hashes --requirement requirements.lock
@@ -137,7 +141,7 @@ $(VENV)/installed: pyproject.toml requirements.lock
 lock: build/lock-venv/installed  ## resolve the generator's packages anew, into requirements.lock
 	@echo 'trimesh>=4' > build/lock-venv/without-extras.txt
 	@printf 'hatchling>=1.25\neditables>=0.5\n' > build/lock-venv/builds-the-package.in
-	build/lock-venv/bin/uv pip compile --quiet --universal --python-version 3.10 --generate-hashes --no-annotate \
+	build/lock-venv/bin/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate \
 	  --custom-compile-command 'make lock' --overrides build/lock-venv/without-extras.txt \
 	  pyproject.toml build/lock-venv/builds-the-package.in --output-file requirements.lock
 build/lock-venv/installed:

@@ -40,6 +40,7 @@ def _campaign(name: str, summary: str, short: str | None = None, full: str = "",
 CAMPAIGNS = {
     "fuzz": _campaign("fuzz_reader", "fuzz the URDF reader for ten minutes", None, "build/fuzz-corpus"),
     "fuzz-recordings": _campaign("fuzz_recordings", "read 200 000 damaged recordings", "1000"),
+    "versions": _campaign("versions", "compare robots made with the oldest and newest packages allowed"),
     "sine-cosine": _campaign("sine_cosine", "derive the polynomials of sine and cosine, and measure them"),
     "poses": _campaign("poses", "command random poses and look where the arm rests", "--count 4 --seconds 3"),
     "spring-orbits": _campaign("spring_orbits", "compare the work of springs and laws on closed orbits"),

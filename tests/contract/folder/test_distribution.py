@@ -17,8 +17,8 @@ import pytest
 import stiffgen
 from support.project import ROOT
 
-VERSIONS = ("3.10", pytest.param("3.13", marks=pytest.mark.wide))
-"""The oldest and the newest Python; the other tests run in one between them."""
+VERSIONS = ("3.12", *(pytest.param(version, marks=pytest.mark.wide) for version in ("3.11", "3.13", "3.14")))
+"""Versions of Python that are supported, where one is installed."""
 PAGE = (ROOT / "docs" / "start.md").read_text()
 
 

@@ -70,7 +70,7 @@ def test_no_traces_of_the_machine(chain):
 def test_manifest(chain, robot_folder):
     manifest = json.loads((robot_folder / "manifest.json").read_text())
     assert manifest["urdf"] == {"file": "iiwa14.urdf", "sha256": chain.digest}
-    assert set(manifest["versions"]) == {"stiffgen", "casadi", "sympy"}
+    assert set(manifest["versions"]) == {"stiffgen", "casadi", "sympy", "mpmath", "Jinja2"}
     assert manifest["kernels"]["hybrid_joint_stiffness"]["signature"] == "(7),(6),(6,6)->(7,7)"
     assert manifest["kernels"]["hybrid_joint_stiffness"]["operations"]["total"] > 500
     assert chain_from_manifest(manifest) == chain

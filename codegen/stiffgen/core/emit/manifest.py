@@ -16,6 +16,8 @@ from stiffgen.core.emit.backend import Request
 from stiffgen.core.lower.scalar import DOUBLE
 from stiffgen.core.manifest import GENERATOR
 
+SHAPING = ("casadi", "sympy", "mpmath", "Jinja2")
+"""Packages whose versions can change the generated text."""
 _OPTIONAL = (
     "ignored",
     "accepted",
@@ -49,7 +51,7 @@ def manifest_text(request: Request, texts: Mapping[str, str]) -> str:
     }
     content = {
         "generator": GENERATOR,
-        "versions": {"stiffgen": __version__, "casadi": version("casadi"), "sympy": version("sympy")},
+        "versions": {"stiffgen": __version__, **{package: version(package) for package in SHAPING}},
         "name": request.name,
         "urdf": {
             "file": chain.source,
