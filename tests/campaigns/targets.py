@@ -3,9 +3,9 @@
 
 Compiles a folder for every machine of tests/support/targets, compares values (the iiwa 14's golden ones, another
 robot's with those of this machine), counts the instructions of every function at many states (denormals, limits, zeros;
-NaN, infinity and 1e300 in what is no angle) and of the controller's step, and prints the tables of docs/targets.md.
-``--json FILE`` writes what was found for ``stiffgen verify --report FILE.html --evidence FILE``. Exit code 1 if a value
-is wrong.
+NaN, infinity and 1e300 in what is no angle) and of the controller's step, and prints the tables of docs/targets.md:
+``--page`` puts the numbers into the page, ``--sizes`` leaves out what is run. ``--json FILE`` writes what was found for
+``stiffgen verify --report FILE.html --evidence FILE``. Exit code 1 if a value is wrong.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import argparse
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
@@ -22,7 +22,7 @@ import numpy as np
 
 import stiffgen
 from stiffgen.control.page import has_controller
-from stiffgen.core.lower.scalar import DOUBLE, SCALARS
+from stiffgen.core.lower.scalar import DOUBLE, SCALARS, Scalar
 from stiffgen.core.opened import GeneratedRobot, open_robot
 from stiffgen.core.symbolic.kernels import Kernel
 from stiffgen.core.verify.kernels.samples import argument_samples
@@ -30,8 +30,9 @@ from stiffgen.core.verify.result import as_results
 from stiffgen.lab.prove.targets import Target, write_targets
 from support.golden_calls import golden_calls
 from support.project import ROOT
-from support.targets import MACHINES, Count, Machine, built, counts, footprint, run, step_count
+from support.targets import MACHINES, Count, Footprint, Machine, built, counts, footprint, run, step_count
 
+PAGE = ROOT / "docs" / "targets.md"
 Calls = Sequence[tuple[Kernel, Sequence[np.ndarray], np.ndarray]]
 
 
@@ -101,13 +102,20 @@ def main() -> int:
     parser.add_argument("--functions", nargs="*", help="default: all")
     parser.add_argument("--json", type=Path, help="a file for what is found")
     parser.add_argument("--scalar", choices=SCALARS, default="double", help="float: the iiwa 14 generated anew for it")
+    parser.add_argument("--sizes", action="store_true", help="flash, memory and stacks alone: nothing is run")
+    parser.add_argument("--page", action="store_true", help="put the numbers into docs/targets.md")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as place:
         folder = options.folder
         if options.scalar != "double":
             urdf = ROOT / "urdf" / "iiwa14.urdf"
             folder = stiffgen.generate(urdf, output=place, name="arm", scalar=options.scalar, build=False)
-        return tables(open_robot(folder), options)
+        if not options.sizes:
+            return tables(open_robot(folder), options)
+        chosen = [machine for machine in MACHINES if machine.name in options.machines]
+        table = size_rows([footprint(each, folder, Path(place)) for each in chosen])
+        show([each.name for each in chosen], table, SCALARS[options.scalar] if options.page else None)
+        return 0
 
 
 def tables(robot: GeneratedRobot, options: argparse.Namespace) -> int:
@@ -122,18 +130,59 @@ def tables(robot: GeneratedRobot, options: argparse.Namespace) -> int:
         print(f"{machine.name}: {row.states} states, values {'right' if row.right else 'WRONG'}", file=sys.stderr)
     if options.json is not None:
         write_targets(options.json, robot, rows)
-    print("| | " + " | ".join(row.machine for row in rows) + " |")
-    print("| --- |" + " ---: |" * len(rows))
-    table = {f"`{k.qualified_name}`": [told(row.instructions[k.qualified_name]) for row in rows] for k in kernels}
-    table["controller's step"] = [told(row.step) for row in rows]
-    table["the step, QL iterations at their bound, at most"] = [str(row.longest_step or "-") for row in rows]
-    table["flash, all functions [kB]"] = [f"{row.flash / 1000:.0f}" for row in rows]
-    table["RAM that stays [bytes]"] = [str(row.ram) for row in rows]
-    table["deepest stack of a function [bytes]"] = [str(row.stack or "-") for row in rows]
-    table["stack of the step as a whole [bytes]"] = [str(row.step_stack or "-") for row in rows]
+    counted = {f"`{k.qualified_name}`": [told(row.instructions[k.qualified_name]) for row in rows] for k in kernels}
+    counted["controller's step, largest count seen"] = [str(row.step[1]) if row.step else "-" for row in rows]
+    counted["the step, QL iterations at their bound, at most"] = [str(row.longest_step or "-") for row in rows]
+    show([row.machine for row in rows], counted | size_rows(rows), robot.scalar if options.page else None)
+    return int(not all(row.right for row in rows))
+
+
+def size_rows(rows: Sequence[Target | Footprint]) -> dict[str, list[str]]:
+    """Return the rows of sizes: kernels, then the controller, whose every public function has a stack."""
+    stacks = [row.controller_stacks for row in rows]
+    table = {
+        "flash, all functions [kB]": [f"{row.flash / 1000:.0f}" for row in rows],
+        "flash of the controller, in addition [kB]": [_or_dash(row.controller_flash, 1000) for row in rows],
+        "RAM that stays [bytes]": [str(row.ram) for row in rows],
+        "RAM that stays, controller, in addition [bytes]": [_or_dash(row.controller_ram) for row in rows],
+        "deepest stack of a function [bytes]": [str(row.stack or "-") for row in rows],
+        "stack of the step as a whole [bytes]": [str(row.step_stack or "-") for row in rows],
+    }
+    named = dict.fromkeys(name for each in stacks for name in each if name != "impedance_step")
+    return table | {f"stack of `{name}` [bytes]": [str(each.get(name, "-")) for each in stacks] for name in named}
+
+
+def _or_dash(value: int | None, unit: int = 1) -> str:
+    return "-" if value is None else f"{value / unit:.0f}"
+
+
+def show(machines: Sequence[str], table: dict[str, list[str]], scalar: Scalar | None) -> None:
+    """Print the table; with ``scalar``, put its numbers into the page's table of this type of numbers."""
+    print("| | " + " | ".join(machines) + " |")
+    print("| --- |" + " ---: |" * len(machines))
     for name, row in table.items():
         print(f"| {name} | {' | '.join(row)} |")
-    return int(not all(row.right for row in rows))
+    if scalar is not None:
+        doubles, heading, floats = PAGE.read_text().partition("\n## Single precision\n")
+        if scalar == DOUBLE:
+            doubles = filled(doubles, machines, table)
+        else:
+            floats = filled(floats, machines, table)
+        PAGE.write_text(doubles + heading + floats)
+
+
+def filled(page: str, machines: Sequence[str], table: Mapping[str, Sequence[str]]) -> str:
+    """Return a page whose tables have the measured cells: the columns are machines, the rows those of the campaign."""
+    lines, columns = [], list[str]()
+    for line in page.split("\n"):
+        cells = [cell.strip() for cell in line.strip("|").split("|")] if line.startswith("|") else []
+        if not cells or not cells[0]:
+            columns = cells[1:]
+        elif cells[0] in table and set(columns) & set(machines):
+            found = dict(zip(machines, table[cells[0]], strict=True))
+            line = f"| {' | '.join([cells[0], *map(found.get, columns, cells[1:])])} |"
+        lines.append(line)
+    return "\n".join(lines)
 
 
 if __name__ == "__main__":

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 import stiffgen
+from campaigns.targets import filled, size_rows
 from stiffgen.core.emit import render
 from stiffgen.core.lower.scalar import FLOAT
 from stiffgen.core.symbolic.kernels import chain_kernels
 from support.golden_calls import golden_calls
 from support.project import ROOT, URDF, assert_close, require_program
-from support.targets import MACHINES, built, counts, footprint, run, step_count
+from support.targets import MACHINES, Footprint, built, counts, footprint, run, step_count
 from support.targets.call_graph import CallGraph
 
 OTHER = {machine.name: machine for machine in MACHINES if not machine.name.startswith("x86-64")}
@@ -159,6 +160,26 @@ def test_the_page_states_memory_and_stack_of_a_cortex_m7(robot_folder, tmp_path)
     assert int(rows["stack of the step as a whole [bytes]"]) == pytest.approx(found.step_stack, rel=0.05)
     assert int(rows["deepest stack of a function [bytes]"]) == pytest.approx(found.stack, rel=0.05)
     assert found.step_stack > 3000
+    assert int(rows["RAM that stays, controller, in addition [bytes]"]) == found.controller_ram > 0
+    flash = 1000 * int(rows["flash of the controller, in addition [kB]"])
+    assert flash == pytest.approx(found.controller_flash, rel=0.05)
+    for name in ("impedance_init", "find_posture", "impedance_self_check"):
+        stated = int(rows[f"stack of `{name}` [bytes]"])
+        assert stated == pytest.approx(found.controller_stacks[name], rel=0.05), name
+    unstated = {name for name in found.controller_stacks if f"stack of `{name}` [bytes]" not in rows}
+    assert all(found.controller_stacks[name] <= found.step_stack for name in unstated)
+
+
+def test_the_campaign_makes_the_pages_numbers():
+    """Each row of the page's tables is one that the campaign prints; filling replaces cells of its machines alone."""
+    footprints = [Footprint(1, 2, 3, 4, 5000, 6, {"find_posture": 7, "impedance_init": 8, "impedance_self_check": 9})]
+    made = size_rows(footprints)
+    page = (ROOT / "docs" / "targets.md").read_text()
+    names = re.findall(r"^\| ([^|]*\[(?:kB|bytes)\]) \|", page, re.MULTILINE)
+    assert len(names) > 10 and set(names) <= set(made)
+    table = "| | one | other |\n| --- | ---: | ---: |\n| RAM that stays [bytes] | 5 | 5 |\n| else | 5 | 5 |\n"
+    assert filled(table, ["other"], made) == table.replace("[bytes] | 5 | 5 |", "[bytes] | 5 | 2 |")
+    assert filled(table, ["third"], made) == table
 
 
 def test_the_deepest_path_of_calls_is_found(tmp_path):

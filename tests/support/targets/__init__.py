@@ -261,30 +261,44 @@ def counts(machine: Machine, program: Path, work: Path) -> list[Count]:
 class Footprint:
     """Sizes [bytes]: code and constants of NAME.c, its permanent memory, its deepest stack, and that of a step.
 
-    The stacks are None for clang, which writes no graph of calls.
+    Of NAME_impedance.c the same two, and the stack of each public function, with the kernels that it calls. Stacks are
+    None, or none, for clang, which writes no graph of calls.
     """
 
     flash: int
     ram: int
     stack: int | None
     step_stack: int | None
+    controller_flash: int | None
+    controller_ram: int | None
+    controller_stacks: dict[str, int]
 
 
 def footprint(machine: Machine, folder: Path, work: Path) -> Footprint:
-    """Measure the sizes of a folder's kernels, without batches, and of its controller's call path."""
-    graph = CallGraph()
-    graph.add(compiled_object(machine, folder / f"{folder.name}.c", work))
-    table = subprocess.run(
-        [f"{machine.prefix}size", str(work / f"{folder.name}.o")], capture_output=True, text=True, check=True
-    ).stdout
-    text, data, bss = map(int, table.splitlines()[1].split()[:3])
-    public = [function for function in graph.sizes if function.startswith(f"{folder.name}_")]
-    stack = max((graph.depth(function) for function in public), default=None)
-    controller, step = folder / f"{folder.name}_impedance.c", None
-    if controller.exists() and public:
+    """Measure the sizes of a folder's kernels, without batches, and those of its controller."""
+    graph, name = CallGraph(), folder.name
+    graph.add(compiled_object(machine, folder / f"{name}.c", work))
+    kernels = [function for function in graph.sizes if function.startswith(f"{name}_")]
+    stack = max((graph.depth(function) for function in kernels), default=None)
+    controller = folder / f"{name}_impedance.c"
+    own: tuple[int | None, int | None] = None, None
+    stacks: dict[str, int] = {}
+    if controller.exists():
         graph.add(compiled_object(machine, controller, work))
-        step = graph.depth(f"{folder.name}_impedance_step")
-    return Footprint(text, data + bss, stack, step)
+        own = _sizes(machine, work / f"{controller.stem}.o")
+        public = [each for each in graph.sizes if each.startswith(f"{name}_") and each not in kernels]
+        stacks = {each.removeprefix(f"{name}_"): graph.depth(each) for each in sorted(public)}
+    return Footprint(
+        *_sizes(machine, work / f"{name}.o"), stack, stacks.get("impedance_step"), *own, controller_stacks=stacks
+    )
+
+
+def _sizes(machine: Machine, compiled: Path) -> tuple[int, int]:
+    """Return code with constants, and permanent memory, of an object [bytes]."""
+    command = [f"{machine.prefix}size", str(compiled)]
+    table = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    text, data, bss = map(int, table.splitlines()[1].split()[:3])
+    return text, data + bss
 
 
 _QL = "diagonalise_symmetric"

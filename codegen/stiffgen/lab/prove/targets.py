@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +31,8 @@ class Target:
         flash, ram: of NAME.c without batches [bytes].
         stack: deepest stack of a function of NAME.c without batches [bytes]; None if the compiler does not tell.
         step_stack: deepest stack of the controller's step [bytes]; None without a controller.
+        controller_flash, controller_ram: of NAME_impedance.c, in addition [bytes]; None without a controller.
+        controller_stacks: stack of each public function of NAME_impedance.c, without the robot's name [bytes].
 
     """
 
@@ -48,6 +50,14 @@ class Target:
     ram: int
     stack: int | None
     step_stack: int | None = None
+    controller_flash: int | None = None
+    controller_ram: int | None = None
+    controller_stacks: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def controller_stack(self) -> int | None:
+        """Deepest stack of a function of the controller [bytes]; None where none was measured."""
+        return max(self.controller_stacks.values(), default=None)
 
     @property
     def varying(self) -> list[str]:
@@ -85,7 +95,12 @@ def _target(row: Any) -> Target:
     target = Target(**row)
     texts = (target.machine, target.compiler, target.emulator, target.compared)
     numbers = (target.states, target.flash, target.ram)
-    stacks = (target.stack, target.step_stack)
+    own = target.controller_stacks
+    if not isinstance(own, dict) or not all(
+        isinstance(name, str) and isinstance(size, int) for name, size in own.items()
+    ):
+        raise ValueError("the controller's stacks are no numbers by name")
+    stacks = (target.stack, target.step_stack, target.controller_flash, target.controller_ram)
     if (
         not all(isinstance(text, str) for text in texts)
         or not all(isinstance(number, int) for number in numbers)
