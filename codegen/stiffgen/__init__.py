@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from stiffgen.core.options import GenerationOptions
     from stiffgen.core.robot.chain import Chain, Sensor, Tool
     from stiffgen.core.symbolic.choices import KernelOptions
+    from stiffgen.core.symbolic.measured import MeasuredStiffness, StiffnessResidual, measured_stiffness
     from stiffgen.core.symbolic.model import StiffnessModel
     from stiffgen.core.symbolic.placement import Placement
     from stiffgen.files.cache import load
@@ -64,6 +65,7 @@ __all__ = [
     "GeneratedRobot",
     "GenerationOptions",
     "KernelOptions",
+    "MeasuredStiffness",
     "MissingExtraError",
     "OutputError",
     "Placement",
@@ -75,6 +77,7 @@ __all__ = [
     "StiffgenError",
     "StiffnessDeviation",
     "StiffnessModel",
+    "StiffnessResidual",
     "Tool",
     "__version__",
     "analyze",
@@ -89,6 +92,7 @@ __all__ = [
     "in_series",
     "load",
     "load_chain",
+    "measured_stiffness",
     "move_stiffness",
     "open_robot",
     "read_calibration",
@@ -121,6 +125,7 @@ _HOMES = {
     "core.robot.chain": ("Chain", "Sensor", "Tool"),
     "lab.arms.series": ("in_series", "tip_compliance_in_series"),
     "lab.arms.softness": ("compliance_determinant_gradient", "compliance_gradient"),
+    "core.symbolic.measured": ("MeasuredStiffness", "StiffnessResidual", "measured_stiffness"),
     "core.symbolic.model": ("StiffnessModel",),
     "lab.arms.moving": ("move_stiffness",),
     "core.symbolic.choices": ("KernelOptions", "Placement"),

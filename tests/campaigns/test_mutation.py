@@ -47,7 +47,7 @@ SIGN_OR_FIRST = re.compile(f"{SIGN.pattern}|{FIRST}")
 LOWER = re.compile(r"task_stiffness\[(?:6|1[23]|18|19|20|2[4-7]|3[0-4])\] =")  # CUDA writes the upper triangle out
 SPRING_KERNELS = ("energy", "wrench", "task_stiffness", "torque", "joint_stiffness", "linearization")
 SPRING_BOUND = 5e-14
-WRITTEN_BY_HAND = ("load", "store", "store_upper", "sine_cosine")
+WRITTEN_BY_HAND = ("load", "store", "store_upper", "take_symmetric_parts", "sine_cosine")
 
 
 def with_switches(source, chosen=lambda function: True, signs=SIGN):

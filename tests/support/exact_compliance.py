@@ -102,8 +102,7 @@ class Case:
         none = np.zeros((len(links), 6))  # spatial has no deflection, and so no increments
         wrenches, increments = (np.reshape(given.get(name, none), (len(links), 6)) for name in names)
         self.load = ExactLoad.of(robot, rep, links, wrenches, increments)
-        upper = np.triu(given["joint_stiffness"])
-        self.springs = upper + np.triu(upper, 1).T
+        self.springs = given["joint_stiffness"]
 
     def near_the_limit(self, distance: float) -> Array:
         """Return springs ``1 + distance`` times as stiff as those that lose stability, or unchanged without such."""

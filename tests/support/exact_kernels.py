@@ -28,9 +28,8 @@ def matrix(values: Any) -> mpmath.matrix:
 
 
 def symmetric(values: Any) -> mpmath.matrix:
-    """Return the symmetric matrix with the upper triangle of the values."""
-    upper = np.triu(np.asarray(values, dtype=float))
-    return matrix(upper + np.triu(upper, 1).T)
+    """Return the symmetric part of a matrix of doubles."""
+    return (matrix(values) + matrix(values).T) / 2
 
 
 def axial(W: mpmath.matrix) -> mpmath.matrix:

@@ -58,14 +58,10 @@ class Case:
     cotangents: list[Array]
     results: list[Array]
     gradients: list[Array]
-    triangles: list[bool]
 
     def of_wrapper(self) -> list[Array]:
-        """Return the gradients of a wrapper: of symmetric matrices, and of the entries of the base's pose."""
-        made = [
-            (each + each.swapaxes(-1, -2)) / 2 if triangle else each
-            for each, triangle in zip(self.gradients, self.triangles, strict=True)
-        ]
+        """Return the gradients of a wrapper: also of the entries of the base's pose."""
+        made = list(self.gradients)
         if made[0].shape[1:] != self.arguments[0].shape[1:]:
             force, moment = made[0][:, :3], made[0][:, 3:]
             motion = np.zeros((len(force), 4, 4))
@@ -97,5 +93,4 @@ def cases(robot: GeneratedRobot, module: ModuleType, count: int) -> Iterator[Cas
             cotangents,
             list(as_results(getattr(compiled, name)(*given))),
             list(as_results(getattr(compiled, f"{name}_vjp")(*given, *cotangents))),
-            ["upper triangle" in argument.meaning for argument in kernel.arguments],
         )

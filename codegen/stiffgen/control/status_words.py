@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from stiffgen.core.symbolic.measured import REMEDY
+
 STATUS: tuple[tuple[str, str], ...] = (
     ("fault", "a fault is latched: see fault, reason and fault_time"),
     ("missed", "no sample, or one whose counter did not advance by one"),
@@ -153,7 +155,7 @@ REFUSALS: tuple[tuple[str, str], ...] = (
     ("left_handed", "the rotation is left-handed: determinant"),
     ("reach", "the pose is farther away than the arm can be long, and a metre; positions are in metres"),
     ("stiffness_limit", "above its limit in the configuration (translation_stiffness_limit, rotation_stiffness_limit)"),
-    ("asymmetric", "the stiffness is not symmetric: difference of two entries"),
+    ("asymmetric", f"the stiffness is not symmetric ({REMEDY}): difference of two entries"),
     ("indefinite", "the stiffness is not positive semidefinite: its smallest eigenvalue"),
     ("coupling", "the springs do not couple translation and rotation"),
     ("wrench", "larger than heaviest_wrench: force or moment"),

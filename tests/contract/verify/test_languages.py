@@ -18,7 +18,7 @@ from stiffgen.core.opened import GeneratedRobot, open_robot
 from stiffgen.core.verify.folder.files import check_text, print_again
 from stiffgen.core.verify.folder.widths import WIDTHS, build_widths
 from stiffgen.core.verify.kernels.batches import LONG
-from stiffgen.core.verify.kernels.samples import argument_samples, with_other_lower_triangles
+from stiffgen.core.verify.kernels.samples import argument_samples
 from stiffgen.core.verify.result import attempted, faultless, one_by_one
 from stiffgen.lab.languages import wrappers
 from stiffgen.lab.languages.check import check_languages
@@ -54,7 +54,7 @@ def library(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> ctypes.CD
 
 
 def material_of(robot: GeneratedRobot, library: ctypes.CDLL, build: Path, *, other_version: bool = False) -> Material:
-    pool = with_other_lower_triangles(argument_samples(robot.chain, LONG, 0, robot.springs))
+    pool = argument_samples(robot.chain, LONG, 0, robot.springs)
     single = {name: one_by_one(kernel) for name, kernel in robot.kernels.items()}
     build.mkdir()
     return Material(robot, single, pool, Path(library._name), build, print_again(robot), other_version)

@@ -93,14 +93,16 @@ def test_one_pass_is_the_sum_over_the_tips(setting: SimpleNamespace, group: str,
 
 
 @pytest.mark.parametrize("rep", REPRESENTATIONS)
-def test_the_lower_triangles_of_task_stiffnesses_are_not_read(setting: SimpleNamespace, rep: str) -> None:
+def test_symmetric_parts_of_task_stiffnesses_are_used(setting: SimpleNamespace, rep: str) -> None:
+    """Each entry of the upper triangles moved to the lower ones, 4 K and -2 K: the mean keeps its bits."""
     chain, kernel = setting.chain, setting.kernels[rep, "joint_stiffness_total"]
     function = casadi_function(chain, kernel)
     given = arguments(chain, kernel, np.random.default_rng(5))
-    poisoned = given[-1].copy().reshape(-1, 6, 6)
-    poisoned[:, np.tril_indices(6, -1)[0], np.tril_indices(6, -1)[1]] = np.nan
-    found = np.asarray(function(*given[:-1], poisoned.reshape(-1, 6)))
-    assert np.array_equal(found, np.asarray(function(*given)))
+    K = np.triu(given[-1].reshape(-1, 6, 6), 1)
+    turned = np.swapaxes(K, 1, 2)
+    symmetric, moved = K + turned, 4 * K - 2 * turned
+    found, expected = (np.asarray(function(*given[:-1], each.reshape(-1, 6))) for each in (moved, symmetric))
+    assert np.array_equal(found, expected)
 
 
 def test_the_work_does_not_grow_with_the_tips(tmp_path: Path) -> None:

@@ -17,7 +17,8 @@ _ERRORS = {
     -2: "configuration: every number must be finite and within the bounds of NAME_paper.h (sample_time from 1e-6 on, "
     "the others from 0 on); a robot without effort limits in its file needs effort_limit and torque_rate_limit",
     -3: "a number of the sample, or the torque, is not finite or absurdly large",
-    -4: "task_stiffness: must be symmetric and positive semidefinite",
+    -4: "task_stiffness: must be symmetric and positive semidefinite; for a measured one take "
+    "stiffgen.measured_stiffness(Km, wrench, representation)",
     -5: "the mass matrix is not positive definite; pass motor_inertia",
 }
 

@@ -106,7 +106,6 @@ class WrappedPage:
         is_gradient: whether the function is a gradient already, without a vector-Jacobian product.
         arguments: name and shape of each argument.
         results: shape of each result.
-        triangles: arguments whose upper triangle alone is read.
         operands: names of arguments and results, with rows and columns of CasADi's matrix for each.
         pairs: rows and columns of the derivative of each result with respect to each argument.
 
@@ -116,7 +115,6 @@ class WrappedPage:
     is_gradient: bool
     arguments: list[tuple[str, tuple[int, ...]]]
     results: list[tuple[int, ...]]
-    triangles: list[str]
     operands: list[tuple[str, tuple[int, int]]]
     pairs: list[tuple[int, int]]
 
@@ -141,7 +139,6 @@ def wrapped_pages(chain: Chain, kernels: Sequence[Kernel]) -> list[WrappedPage]:
                 is_gradient=kernel.is_gradient,
                 arguments=[(argument.name, argument.shape) for argument in arguments],
                 results=[result.shape for result in results],
-                triangles=[argument.name for argument in kernel.arguments if argument.triangle],
                 operands=[(each.name, matrix_shape(each.shape)) for each in (*arguments, *results)],
                 pairs=[(result.size, argument.size) for result in results for argument in arguments],
             )

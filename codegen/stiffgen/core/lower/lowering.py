@@ -198,6 +198,10 @@ class Lowering:
         """Give an argument its symbol as name: as a copy without infinity, or as an alias where the names differ."""
         array = storage.array
         storage.local, storage.layout = Array(array.symbol, array.shape or (1,)), Layout.SHAPED
+        if array.symmetric_part and self.variant.joint_lanes:
+            if copies:
+                raise NotImplementedError(f"{array.name}: a symmetric part without NaN in place of infinity")
+            return  # the rule of its step declares and fills the copy
         if copies:
             self.function.declare(Declaration(Declared.ARRAY, storage.local, Layout.SHAPED))
             cost = Operations(add=array.size, multiply=array.size)

@@ -81,7 +81,9 @@ def _argument(f: Lowering, step: StraightLine, operand: Operand, k: int, sliding
     if f.guards and not step.is_linear and (not array.is_q or k in sliding):
         between = "_" if max(array.shape, default=0) > 10 else ""  # 1, 11 and 11, 1
         guard = array.symbol + between.join(map(str, indices(array.shape, k)))
-    return Access(f.storage(array), operand, k, not f.variant.joint_lanes, as_passed=True, guard=guard)
+    storage = f.storage(array)
+    as_passed = not (array.symmetric_part and storage.local and f.variant.joint_lanes)
+    return Access(storage, operand, k, not f.variant.joint_lanes, as_passed=as_passed, guard=guard)
 
 
 def _outputs(

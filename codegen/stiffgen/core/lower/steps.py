@@ -18,6 +18,8 @@ from stiffgen.core.lower.form import (
     Call,
     ColumnSums,
     Count,
+    Declaration,
+    Declared,
     Entry,
     Function,
     Helpers,
@@ -55,6 +57,7 @@ from stiffgen.core.symbolic.steps import (
     SumJoints,
     Weights,
 )
+from stiffgen.core.symbolic.symmetric_part import SymmetricPart, symmetric_entries
 
 _COORDINATES = Table.COORDINATES, Table.MULTIPLIERS
 _TOGETHER = "joints that move together share a coordinate"
@@ -225,6 +228,26 @@ def _sparse_sum(f: Lowering, step: SparseSum) -> None:
     defined, wide = len(changes) if in_place else 0, not f.variant.joint_lanes
     body = make_body(inputs, outputs, sections, define=defined, wide_outputs=wide)
     f.add(SparseChange(step.comment, output, start, body, copies=start is not None and not in_place))
+
+
+def _symmetric_part(f: Lowering, step: SymmetricPart) -> None:
+    """Append statements that fill the upper triangles of a local copy; callers of batches pass symmetric matrices."""
+    if not f.variant.joint_lanes:
+        return
+    array, storage, operand = step.argument, f.storage(step.argument), Operand(step.argument, "")
+    if storage.local is None:
+        storage.local, storage.layout = Array(f"symmetric_{array.name}", array.shape), Layout.SHAPED
+    f.function.declare(Declaration(Declared.ARRAY, storage.local, Layout.SHAPED))
+    symbols = [ca.SX.sym(f"{array.name}{k}") for k in range(array.size)]
+    inputs = [(symbol, Access(storage, operand, k, as_passed=True)) for k, symbol in enumerate(symbols)]
+    size = array.shape[-1] ** 2
+    outputs: list[tuple[tuple[Entry, ...], ca.SX]] = [
+        ((Access(storage, operand, k),), value)
+        for k, value in enumerate(symmetric_entries(array, symbols))
+        if k % size == upper_entry(k % size, array.shape[-1])
+    ]
+    comment = f"symmetric part of {array.name}: its upper triangle" + "s" * (len(array.shape) > 2)
+    f.add(Loop(comment, LoopForm.ONCE, Over.ONCE, storage, operand, make_body(inputs, outputs)))
 
 
 def _sum_joints(f: Lowering, step: SumJoints) -> None:
@@ -453,6 +476,7 @@ RULES: Rules = {
     Congruence: _congruence,
     Map: _map,
     SparseSum: _sparse_sum,
+    SymmetricPart: _symmetric_part,
     SumJoints: _sum_joints,
     Weights: _weights,
     Gather: _gather,

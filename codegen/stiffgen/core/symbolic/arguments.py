@@ -49,7 +49,7 @@ class Argument:
             ``varying`` or the launch function's name ends in ``_each_cuda``.
         of_configuration: whether the argument belongs to the configuration and is shared by all tips.
         varying: whether every launch function of CUDA takes one matrix per configuration.
-        triangle: whether a kernel reads only the upper triangle of a symmetric matrix.
+        symmetric_part: whether kernels use only the symmetric part of the matrix, 0.5 (K + K^T).
         draw: random values for checks; every argument of a kernel has one, a result has none.
         largest: range of the entries' magnitudes, for rounding bounds; "none" if no range is known.
         blocks: kinds of entries with ranges of their own, in place of ``largest``; in reports, also of results.
@@ -72,7 +72,7 @@ class Argument:
     per_configuration: bool = False
     of_configuration: bool = False
     varying: bool = False
-    triangle: bool = False
+    symmetric_part: bool = False
     floating_meaning: str = ""
     draw: Draw | None = None
     largest: Magnitude | None = None
@@ -135,7 +135,9 @@ class Argument:
         sizes |= {"a": a, "actuated": len(chain.actuated), "a_triangle": a * (a + 1) // 2}
         sizes |= {"equations": sum(len(loop.rows) for loop in chain.loops)}
         shape = tuple(sizes[e] if isinstance(e, str) else e for e in self.shape)
-        return Array(self.name, shape, self.symbol, self.symmetric, self.is_q, self.is_base_pose)
+        return Array(
+            self.name, shape, self.symbol, self.symmetric, self.is_q, self.is_base_pose, self.symmetric_part
+        )  # fmt: skip
 
 
 Q = Argument(
@@ -170,6 +172,13 @@ _STIFFNESS_FRAME = {
     "hybrid": "{reference} axes at the tip's origin",
 }
 
+SYMMETRIC_PART = "symmetric part 0.5 (K + K^T) is used"
+_MEASURED = {
+    "body": "subtract Gamma F from a matrix measured under the wrench",
+    "spatial": "subtract Gamma F from a matrix measured under the wrench",
+    "hybrid": "a matrix measured under the wrench is right as it is",
+}
+
 
 def wrench(representation: Representation) -> Argument:
     """Return the wrench on the tip."""
@@ -185,9 +194,9 @@ def wrench(representation: Representation) -> Argument:
     )
 
 
-def task_stiffness(representation: Representation, *, triangle: bool) -> Argument:
-    """Return the task stiffness; the kernel reads its upper ``triangle``, or all entries."""
-    reading = "symmetric, only the upper triangle is read" if triangle else "all 36 entries are read"
+def task_stiffness(representation: Representation, *, symmetric_part: bool) -> Argument:
+    """Return the task stiffness; the kernel uses its ``symmetric_part``, or all entries."""
+    reading = f"{SYMMETRIC_PART}; {_MEASURED[representation]}" if symmetric_part else "all 36 entries are read"
     return Argument.referred(
         "task_stiffness",
         (6, 6),
@@ -195,8 +204,8 @@ def task_stiffness(representation: Representation, *, triangle: bool) -> Argumen
         f"stiffness on twists (linear, angular), {_STIFFNESS_FRAME[representation]}; {reading}",
         symbol="K",
         plural="task_stiffnesses",
-        triangle=triangle,
-        draw=quantities.TaskStiffness(symmetric=triangle),
+        symmetric_part=symmetric_part,
+        draw=quantities.TaskStiffness(symmetric=symmetric_part),
         blocks=quantities.STIFFNESS,
     )
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from stiffgen.core.robot.chain import Chain, Tip
 from stiffgen.core.symbolic.arguments import Argument
 from stiffgen.core.symbolic.program import Program
+from stiffgen.core.symbolic.symmetric_part import with_symmetric_parts
 
 
 @dataclass(frozen=True)
@@ -134,8 +135,9 @@ class Kernel:
         return self.tip.name if self.tip else ""
 
     def steps(self, chain: Chain) -> Program:
-        """Return the program for a chain; it runs on the chain's :meth:`scope`."""
-        return self.program(self.scope(chain))
+        """Return the program for a chain, which runs on the chain's :meth:`scope`, with arguments' symmetric parts."""
+        arguments = [argument.array(chain) for argument in self.arguments]
+        return with_symmetric_parts(self.program(self.scope(chain)), arguments)
 
     def signature(self, chain: Chain) -> str:
         """Return the shapes as a signature of a NumPy generalised ufunc, "(7),(6)->(7,7)"."""

@@ -126,6 +126,8 @@ class Array:
     """Whether the array is the kernel's joint positions."""
     is_base_pose: bool = field(default=False, compare=False)
     """Whether the array is the pose of a floating base."""
+    symmetric_part: bool = field(default=False, compare=False)
+    """Whether kernels use only the symmetric part of the array's matrices."""
 
     @property
     def size(self) -> int:

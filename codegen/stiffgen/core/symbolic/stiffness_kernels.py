@@ -111,8 +111,8 @@ _SPATIAL_NOTE = (
 def stiffness_kernels(rep: Representation, configuration: tuple[Argument, ...], reference: str) -> tuple[Kernel, ...]:
     """Return the kernels of the stiffness in one representation; ``reference`` names the frame of the moments."""
     wrench = arguments.wrench(rep)
-    upper = arguments.task_stiffness(rep, triangle=True)
-    full = arguments.task_stiffness(rep, triangle=False)
+    upper = arguments.task_stiffness(rep, symmetric_part=True)
+    full = arguments.task_stiffness(rep, symmetric_part=False)
     spatial = _SPATIAL_NOTE.format(reference=reference) if rep == "spatial" else ""
     kinematic = Argument("kinematic_stiffness", ("n", "n"), "N m/rad", "column i is dJ^T/dq_i F; not symmetric")
     correction = Argument(

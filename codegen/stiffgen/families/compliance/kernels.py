@@ -92,8 +92,8 @@ def joint_stiffness(size: str) -> Argument:
     of = "motors" if size == "a" else "joints"
     return Argument(
         "joint_stiffness", (size, size), "N m/rad",
-        f"Kth, Hessian of the energy of the {of}' springs and of gravity; only the upper triangle is read",
-        symbol="Kth", triangle=True, draw=quantities.stiff_springs, largest="none",
+        f"Kth, Hessian of the energy of the {of}' springs and of gravity; {arguments.SYMMETRIC_PART}",
+        symbol="Kth", symmetric_part=True, draw=quantities.stiff_springs, largest="none",
     )  # fmt: skip
 
 

@@ -16,6 +16,7 @@ from stiffgen.core.robot.geometry import FloatArray
 from stiffgen.core.symbolic.connection import REPRESENTATIONS, Representation
 from stiffgen.core.verify.kernels.comparison import Oracle
 from stiffgen.core.verify.kernels.references import WRENCH, References, load_stiffness
+from stiffgen.core.verify.kernels.samples import symmetric
 from stiffgen.families.compliance.kernels import JOINT_QUANTITIES, increment, joint_stiffness
 
 _CORRECTIONS = 3
@@ -30,12 +31,6 @@ def solved(matrix: FloatArray, right: FloatArray) -> FloatArray:
     for _ in range(_CORRECTIONS):
         solution = solution + inverse @ (right - matrix @ solution)
     return solution
-
-
-def symmetric(stiffness: FloatArray) -> FloatArray:
-    """Return the symmetric matrices of upper triangles."""
-    upper = np.triu(stiffness)
-    return np.asarray(upper + np.swapaxes(np.triu(stiffness, 1), 1, 2))
 
 
 def results(H: FloatArray, J: FloatArray, increments: FloatArray) -> dict[str, Callable[[], FloatArray]]:

@@ -33,6 +33,7 @@ class Launch:
         prototype: launch function.
         own: arguments of which every configuration has its own.
         varying: arguments of which every configuration may have its own.
+        symmetric: stiffnesses that all configurations share; each block of threads takes their symmetric parts once.
         arrays: arguments of the kernel in the launch function: arrays, strides, and results.
         values: arguments of the thread's function.
         traffic: numbers read and written per configuration, in words.
@@ -45,6 +46,7 @@ class Launch:
     prototype: str
     own: list[Array]
     varying: list[Array]
+    symmetric: list[Array]
     arrays: list[str]
     values: list[str]
     traffic: str
@@ -106,6 +108,8 @@ def _launch(request: Request, kernel: Kernel, function: CFunction, name: str, va
     own = [a for argument, a in zip(kernel.arguments, function.inputs, strict=True) if _is_own(argument)]
     with_stride = [array for array in function.inputs if array.name in strides]
     loaded = {array.name for array in (*own, *with_stride)}  # of which a thread copies its configuration's values
+    symmetric = [array for array in function.inputs if array.symmetric_part and array.name not in loaded]
+    suffixes = dict.fromkeys(loaded, "_of_one") | {array.name: "_of_all" for array in symmetric}
     stored = [result.packed().array(request.chain) for result in kernel.results]
     traffic = f"{sum(array.size for array in (*own, *stored))} {number}s per configuration"
     if with_stride:
@@ -116,8 +120,9 @@ def _launch(request: Request, kernel: Kernel, function: CFunction, name: str, va
         prototype=prototype(f"int {request.name}_{name}_cuda(", [*sizes, *parameters, "void *stream"]),
         own=own,
         varying=with_stride,
+        symmetric=symmetric,
         arrays=arrays,
-        values=[f"{a.name}_of_one" if a.name in loaded else a.name for a in function.inputs],
+        values=[a.name + suffixes.get(a.name, "") for a in function.inputs],
         traffic=traffic,
         documentation=_documentation(request.chain, kernel, varying),
     )
@@ -153,6 +158,7 @@ def _variables(request: Request) -> dict[str, Any]:
         "calls": code.calls,
         "shared": shared_functions(code),
         "threads": [_thread_page(request, code, kernel, function) for kernel, function in code.kernels],
+        "takes_symmetric_parts": any(a.symmetric_part for _, function in code.kernels for a in function.inputs),
     }
 
 

@@ -13,6 +13,7 @@ respect to v, the rules are
     SparseSum                A = K + B(F)                merged into the maps that read A: sums over K's entries
     SumJoints                t_c = sum_k m_k t_k         t_bar_k = m_k t_bar_c              a SumJoints with spread
     Sum over tips                                        a Sum of the products of the tips
+    SymmetricPart            K = (A + A^T)/2             A_bar = (K_bar + K_bar^T)/2, at the end of the pass
     StraightLine             statements                  CasADi's reverse mode of the statements, as a StraightLine
     StraightLine of columns  J(q), pose(q)               q_bar_j = sum_i J_bar_i . dJ_i/dq_j + J_j . f
 
@@ -36,8 +37,9 @@ import casadi as ca
 
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.symbolic import pieces
-from stiffgen.core.symbolic.program import Array, Operand, Over, Program, Step
+from stiffgen.core.symbolic.program import Array, Operand, Over, Program, Step, as_operand, entries_of
 from stiffgen.core.symbolic.steps import ArgumentSlice, Map, Shared, StraightLine, Sum, Term
+from stiffgen.core.symbolic.symmetric_part import SymmetricPart, symmetric_entries, with_symmetric_parts
 from stiffgen.families.derivatives.gradients import Gradients, bar_name, cotangent_name, extents, gradient_shape
 from stiffgen.families.derivatives.rules import rules, turn
 
@@ -63,7 +65,7 @@ def reverse(
         Steps that read arguments and cotangents.
 
     """
-    program = tuple(each for step in program for each in _apart(step))
+    program = tuple(each for step in program for each in _apart(step) if not isinstance(each, SymmetricPart))
     if len(program) == 1 and isinstance(program[0], Sum):
         return (_sum(program[0]),)
     # A single contribution to a result is written directly into the result. Which arrays these are, is known at the end
@@ -73,7 +75,7 @@ def reverse(
         run = _Reverse(chain, program, names)
         steps = run.steps_of(arguments, results, cotangents)
         if names == run.final:
-            return steps
+            return with_symmetric_parts(steps, arguments)
         names = run.final
 
 
@@ -136,7 +138,7 @@ class _Reverse(Gradients):
             self._finish_base(argument, result)
             return
         motions = self.motions if argument.is_q else []  # of the base's twist and the joints; the joints' part counts
-        if len(contributions) == 1 and not motions:
+        if len(contributions) == 1 and not motions and not argument.symmetric_part:
             (only,) = contributions
             for name in self.final:
                 if self.names.get(name, name) == only.name:
@@ -146,7 +148,10 @@ class _Reverse(Gradients):
 
         def body(*values: ca.SX) -> ca.SX:
             joints = [value[self.chain.base_joints :] for value in values[: len(motions)]]
-            return sum((*joints, *values[len(motions) :]), ca.SX.zeros(*extents(argument.shape)))
+            total = sum((*joints, *values[len(motions) :]), ca.SX.zeros(*extents(argument.shape)))
+            if not argument.symmetric_part:
+                return total
+            return as_operand(argument.shape, symmetric_entries(argument, entries_of(total)))
 
         self.steps.append(Map(result.name, Over.ONCE, Operand(result, ""), operands, body))
 

@@ -59,7 +59,7 @@ DIRECTION = Argument(
 
 def direction_gradient_kernel(configuration: tuple[Argument, ...]) -> Kernel:
     """Return the kernel of the gradient of the hybrid joint stiffness along a direction."""
-    F, K = arguments.wrench("hybrid"), arguments.task_stiffness("hybrid", triangle=True)
+    F, K = arguments.wrench("hybrid"), arguments.task_stiffness("hybrid", symmetric_part=True)
     result = Argument(
         "stiffness_direction_gradient",
         ("n",),

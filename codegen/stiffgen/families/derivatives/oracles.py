@@ -10,6 +10,7 @@ from stiffgen.core.robot.geometry import FloatArray
 from stiffgen.core.verify.kernels.comparison import Oracle
 from stiffgen.core.verify.kernels.poses import jacobian_of, product_of_poses
 from stiffgen.core.verify.kernels.references import TASK_STIFFNESS, WRENCH, References, as_columns
+from stiffgen.core.verify.kernels.samples import symmetric
 from stiffgen.families.derivatives.direction import DIRECTION
 
 
@@ -42,7 +43,7 @@ ORACLES = {
     "hybrid_stiffness_direction_gradient": (
         Oracle(
             "form differentiated along v",
-            lambda r: gradient_along(r, r.samples[DIRECTION], r.samples[TASK_STIFFNESS]),
+            lambda r: gradient_along(r, r.samples[DIRECTION], symmetric(r.samples[TASK_STIFFNESS])),
         ),
     ),
 }

@@ -36,8 +36,8 @@ def _gradient(argument: Argument) -> Argument:
         )
         return Argument(name, (6,), "1/m, 1/rad", meaning)
     meaning = f"gradient with respect to {argument.name}"
-    if argument.triangle:
-        meaning += ", zero below the diagonal"
+    if argument.symmetric_part:
+        meaning += ", symmetric"
     return Argument(name, argument.shape, f"1/({argument.unit})", meaning)
 
 

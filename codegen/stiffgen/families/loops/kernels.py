@@ -31,8 +31,8 @@ GRADIENT = Argument(
     draw=Normal(), largest="none",
 )  # fmt: skip
 HESSIAN = Argument(
-    "hessian", ("n", "n"), "N m/rad", "d2U/dq2 of all joints; only the upper triangle is read", symbol="Hq",
-    triangle=True, per_configuration=True, draw=symmetric, largest="none",
+    "hessian", ("n", "n"), "N m/rad", "d2U/dq2 of all joints; symmetric part is used", symbol="Hq",
+    symmetric_part=True, per_configuration=True, draw=symmetric, largest="none",
 )  # fmt: skip
 MOTOR_VELOCITY = Argument(
     "motor_velocity", ("a",), "rad/s or m/s", f"rates of the motors, {ORDER}", symbol="da",
@@ -140,7 +140,7 @@ def _of_loops() -> tuple[Kernel, ...]:
 def _of_wrench(chain: Chain) -> tuple[Kernel, ...]:
     """Return the counterparts of J^T F and of ``hybrid.joint_stiffness``."""
     configuration = configuration_arguments(runtime_tool=chain.runtime_tool, floating=chain.floating)
-    wrench, task = arguments.wrench("hybrid"), arguments.task_stiffness("hybrid", triangle=True)
+    wrench, task = arguments.wrench("hybrid"), arguments.task_stiffness("hybrid", symmetric_part=True)
     columns = Argument("J", (6, "n"), "", "")
 
     def torque_program(chain: Chain) -> Program:

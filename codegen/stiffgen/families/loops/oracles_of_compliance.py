@@ -7,6 +7,7 @@ from functools import partial
 
 from stiffgen.core.robot.geometry import FloatArray
 from stiffgen.core.verify.kernels.references import load_stiffness
+from stiffgen.core.verify.kernels.samples import symmetric
 from stiffgen.families.compliance import reference as compliance
 from stiffgen.families.compliance.kernels import increment, joint_stiffness
 from stiffgen.families.loops.oracles import Projection, of_wrench, projected
@@ -16,7 +17,7 @@ _KTH = joint_stiffness("a")
 
 def _of_compliance(p: Projection, name: str) -> FloatArray:
     _, load = p.reduced(of_wrench(p), load_stiffness(p.references, "hybrid"))
-    H = compliance.symmetric(p.samples[_KTH]) - load
+    H = symmetric(p.samples[_KTH]) - load
     J = p.references.jacobian["hybrid"].astype(float) @ p.motion
     return compliance.results(H, J, p.samples[increment("hybrid")])[name]()
 

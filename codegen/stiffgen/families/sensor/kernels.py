@@ -120,7 +120,7 @@ def sensor_kernels(configuration: tuple[Argument, ...], sensor: MountedSensor, r
     )  # fmt: skip
     reported = Argument("sensor_reading", (6,), READING.unit, READING.meaning, blocks=quantities.WRENCH)
     stiffness = Argument("joint_stiffness", ("n", "n"), "N m/rad", "bitwise symmetric", symmetric=True)
-    upper, note = arguments.task_stiffness("hybrid", triangle=True), _note(sensor, reference)
+    upper, note = arguments.task_stiffness("hybrid", symmetric_part=True), _note(sensor, reference)
     sign = "" if sensor.option.sign == "environment" else "-"
     net = f"w = {sign}(reading - bias)"
     return (

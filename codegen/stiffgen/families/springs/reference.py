@@ -20,7 +20,7 @@ Energy = Callable[..., ca.SX]
 
 
 def _symmetric(matrix: ca.SX) -> ca.SX:
-    return ca.triu2symm(ca.triu(matrix))
+    return (matrix + matrix.T) / 2
 
 
 def _vee(E: ca.SX) -> ca.SX:

@@ -36,7 +36,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from stiffgen.core.robot.chain import Chain
-from stiffgen.core.symbolic.arguments import Argument
+from stiffgen.core.symbolic.arguments import SYMMETRIC_PART, Argument
 from stiffgen.core.symbolic.kinematics import Expressions, Section
 from stiffgen.core.symbolic.placement import Axes, Placement
 from stiffgen.core.symbolic.quantities import PositiveDefinite, Uniform, pose_within, random_poses
@@ -76,13 +76,13 @@ _AXES_TEXT = {
     "tip": "in the tip's axes, which rotate with the tip",
     "equilibrium": "in the axes of the equilibrium",
 }
-_SYMMETRIC = "symmetric, positive definite, only the upper triangle is read"
+_SYMMETRIC = "positive definite, " + SYMMETRIC_PART
 
 
 def _translation_stiffness(axes: Axes) -> Argument:
     return Argument.referred(
         "translation_stiffness", (3, 3), "N/m", f"{_AXES_TEXT[axes]}; {_SYMMETRIC}",
-        symbol="Kt", plural="translation_stiffnesses", triangle=True,
+        symbol="Kt", plural="translation_stiffnesses", symmetric_part=True,
         draw=PositiveDefinite(300.0), largest="translation_stiffness",
     )  # fmt: skip
 
@@ -90,7 +90,7 @@ def _translation_stiffness(axes: Axes) -> Argument:
 def _rotation_stiffness(axes: Axes) -> Argument:
     return Argument.referred(
         "rotation_stiffness", (3, 3), "N m/rad", f"{_AXES_TEXT[axes]}; {_SYMMETRIC}",
-        symbol="Ko", plural="rotation_stiffnesses", triangle=True,
+        symbol="Ko", plural="rotation_stiffnesses", symmetric_part=True,
         draw=PositiveDefinite(20.0), largest="rotation_stiffness",
     )  # fmt: skip
 
@@ -102,7 +102,7 @@ def _coupled_stiffness(translation: Axes, rotation: Axes) -> Argument:
     )  # fmt: skip
     return Argument.referred(
         "stiffness", (6, 6), "N/m, N, N m", f"on (translation, rotation), {axes}; {_SYMMETRIC}",
-        symbol="K", plural="stiffnesses", triangle=True, draw=PositiveDefinite(30.0), largest="none",
+        symbol="K", plural="stiffnesses", symmetric_part=True, draw=PositiveDefinite(30.0), largest="none",
     )  # fmt: skip
 
 

@@ -43,6 +43,7 @@ from stiffgen.core.robot.chain import Chain
 from stiffgen.core.robot.files import exists
 from stiffgen.core.robot.geometry import FloatArray
 from stiffgen.core.symbolic.connection import REPRESENTATIONS, Representation
+from stiffgen.core.symbolic.measured import symmetric
 from stiffgen.lab.analyze.export import NAME as EXPORT_NAME
 from stiffgen.lab.analyze.export import export
 from stiffgen.lab.analyze.measures import MEASURES, Summary, units
@@ -204,15 +205,10 @@ def checked_stiffness(value: ArrayLike) -> FloatArray:
         raise RecordingError(f"--task-stiffness: six numbers or a 6x6 matrix, not an array of shape {K.shape}")
     if not np.isfinite(K).all():
         raise RecordingError("--task-stiffness: has an entry that is not a finite number")
-    difference = np.abs(K - K.T)
-    if difference.max() > 1e-9 * np.abs(K).max():
-        row, column = (int(i) for i in np.unravel_index(difference.argmax(), K.shape))
-        raise RecordingError(
-            f"--task-stiffness: is not symmetric: entry ({row}, {column}) is {K[row, column]:.9g}, "
-            f"({column}, {row}) is {K[column, row]:.9g} (counted from 0); give (K + K^T)/2 for the symmetric part"
-        )
-    symmetric: FloatArray = (K + K.T) / 2
-    return symmetric
+    try:
+        return symmetric("--task-stiffness", K)
+    except StiffgenError as error:
+        raise RecordingError(str(error)) from error
 
 
 def read_stiffness(path: str | Path) -> FloatArray:

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from stiffgen.core.errors import StiffgenError
 from stiffgen.core.opened import GeneratedRobot
 from stiffgen.core.robot.geometry import FloatArray
-from stiffgen.lab.arms.series import symmetric
+from stiffgen.core.symbolic.measured import symmetric
 
 _LONGEST = 0.3
 """[rad] or [m] that a joint moves in one step."""

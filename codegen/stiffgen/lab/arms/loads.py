@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stiffgen.core.robot.geometry import FloatArray
+from stiffgen.core.symbolic.measured import symmetric
 
 _SINGULAR = 1e10
 """Condition number from which a wrench has no digit left that can be believed."""
@@ -127,11 +128,15 @@ def stiffness_deviation(
         robot: module of the robot, or of one tip.
         q: joint positions (n) [rad or m].
         wrench: hybrid wrench of the environment at the tip (6) [N, N m].
-        task_stiffness: symmetric task stiffness (6, 6), hybrid.
+        task_stiffness: symmetric task stiffness (6, 6), hybrid (:func:`stiffgen.measured_stiffness`).
         covariance: covariance of the wrench (6, 6), as from :func:`tip_covariance` or :func:`external_wrench`.
 
+    Raises:
+        StiffgenError: the task stiffness is not symmetric, or has another shape.
+
     """
-    sigma, K = np.asarray(covariance, dtype=float), np.asarray(task_stiffness, dtype=float)
+    sigma = np.asarray(covariance, dtype=float)
+    K = symmetric("stiffness_deviation: task_stiffness", task_stiffness, 6)
     position, units, zero = np.asarray(q, dtype=float)[..., None, :], np.eye(6), np.zeros((6, 6))
     stiffness = robot.hybrid.joint_stiffness(q, wrench, K)
     rates = robot.hybrid.joint_stiffness(position, units, zero)  # (..., 6, n, n): derivative with respect to F_k

@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike
 
 from stiffgen.core.robot.geometry import FloatArray
 from stiffgen.core.symbolic.connection import REPRESENTATIONS, Representation
+from stiffgen.core.symbolic.measured import check_symmetric
 
 
 def move_stiffness(
@@ -44,7 +45,8 @@ def move_stiffness(
     Args:
         pose: (4, 4), pose of the tip in the base frame [m].
         wrench: (6,), (force, moment) that the environment applies to the robot [N, N m], in ``source``.
-        task_stiffness: (6, 6), symmetric, on twists (linear, angular) [N/m, N, N m], in ``source``.
+        task_stiffness: (6, 6), symmetric, on twists (linear, angular) [N/m, N, N m], in ``source``;
+            :func:`stiffgen.measured_stiffness` makes it of a measured matrix.
         source: representation of the arguments: "body", "spatial" or "hybrid".
         target: representation of the result.
         as_tensor: omit the point-dependent term of the spatial representation, as the paper does; the joint stiffness
@@ -55,6 +57,7 @@ def move_stiffness(
 
     Raises:
         ValueError: a representation is unknown, or the shape of an argument is wrong.
+        StiffgenError: the stiffness is not symmetric.
 
     """
     for representation in (source, target):
@@ -64,6 +67,7 @@ def move_stiffness(
     for name, array, shape in (("pose", H, (4, 4)), ("wrench", F, (6,)), ("task_stiffness", K, (6, 6))):
         if array.shape[array.ndim - len(shape) :] != shape:
             raise ValueError(f"{name} must have the shape {shape}, not {array.shape}")
+    check_symmetric("move_stiffness: task_stiffness", K)
     lead = np.broadcast_shapes(H.shape[:-2], F.shape[:-1], K.shape[:-2])
     F, K = np.broadcast_to(F, (*lead, 6)), np.broadcast_to(K, (*lead, 6, 6))
     rotation, point = H[..., :3, :3], H[..., :3, 3]

@@ -14,9 +14,10 @@ from numpy.typing import ArrayLike
 from stiffgen.core.errors import StiffgenError
 from stiffgen.core.robot.geometry import FloatArray
 from stiffgen.core.symbolic.connection import REPRESENTATIONS, Representation
+from stiffgen.core.symbolic.measured import symmetric
 
-_ASYMMETRIC = 1e-9
-"""Share of the largest entry by which a matrix may differ from its transpose."""
+_NEGATIVE = 1e-9
+"""Share of the largest entry by which an eigenvalue of gears may be negative."""
 
 
 def in_series(Kq: ArrayLike, Kc: ArrayLike) -> FloatArray:
@@ -53,7 +54,7 @@ def in_series(Kq: ArrayLike, Kc: ArrayLike) -> FloatArray:
             raise StiffgenError(f"in_series: Kc must be ({n}) or (..., {n}, {n}), as Kq is, not {gears.shape}")
         elastic, B = np.full(n, True), symmetric("in_series: Kc", gears)
         smallest, size = np.linalg.eigvalsh(np.nan_to_num(B))[..., 0], np.abs(np.nan_to_num(B)).max(axis=(-1, -2))
-        if (smallest < -_ASYMMETRIC * size).any():
+        if (smallest < -_NEGATIVE * size).any():
             raise StiffgenError(f"in_series: Kc has the negative eigenvalue {smallest.min():.6g}; gears are passive")
     A, B = np.broadcast_arrays(A, B)
     finite = np.isfinite(A + B).all(axis=(-1, -2), keepdims=True)
@@ -138,22 +139,6 @@ def _is_positive_definite(matrix: FloatArray) -> FloatArray:
         return np.full(matrix.shape[:-2], True)
     values = np.linalg.eigvalsh(matrix)
     result: FloatArray = values[..., 0] > 1e-15 * matrix.shape[-1] * np.abs(values).max(axis=-1)
-    return result
-
-
-def symmetric(name: str, values: ArrayLike, size: int | None = None) -> FloatArray:
-    """Return a stack of symmetric matrices; StiffgenError, which begins with the name, for any other array."""
-    matrix = np.asarray(values, dtype=float)
-    n = matrix.shape[-1] if size is None and matrix.ndim else size
-    if matrix.ndim < 2 or matrix.shape[-2:] != (n, n):
-        wanted = "(..., n, n)" if size is None else f"(..., {n}, {n})"
-        raise StiffgenError(f"{name} must have the shape {wanted}, not {matrix.shape}")
-    transposed = np.swapaxes(matrix, -1, -2)
-    with np.errstate(invalid="ignore"):
-        is_off = np.abs(matrix - transposed) > _ASYMMETRIC * np.abs(matrix).max(axis=(-1, -2), keepdims=True)
-    if is_off.any():
-        raise StiffgenError(f"{name} is not symmetric: its entries differ from their mirror images; average them first")
-    result: FloatArray = (matrix + transposed) / 2
     return result
 
 

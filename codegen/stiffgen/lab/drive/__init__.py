@@ -87,9 +87,9 @@ class _Deflection:
         eps = a[..., 3:] * b[..., :3] - b[..., 3:] * a[..., :3] - _cross(a[..., :3], b[..., :3])
         eta = (a * b).sum(-1, keepdims=True)
         scale = xp.where(eta < 0, -1.0, 1.0) / xp.sqrt(eta**2 + (eps**2).sum(-1, keepdims=True))
-        self.K, self.eta, self.eps = K, scale * eta, scale * eps
+        self.K, self.eta, self.eps = 0.5 * (K + xp.swapaxes(K, -1, -2)), scale * eta, scale * eps
         self.g, self.dg, self.ddg = _factor(xp, self.eta, (self.eps**2).sum(-1, keepdims=True), form)
-        self.k = (K @ self.eps[..., None])[..., 0]
+        self.k = (self.K @ self.eps[..., None])[..., 0]
         self.share = (self.eps * self.k).sum(-1, keepdims=True)
         self.n = self.eta * self.k + _cross(self.k, self.eps)
 
@@ -100,7 +100,8 @@ def energy(rotation: AnyArray, target: AnyArray, rotation_stiffness: AnyArray, f
     Args:
         rotation: quaternion of the body (4), in the axes of its parent.
         target: quaternion at which the drive is at rest (4).
-        rotation_stiffness: stiffness K at the target (3, 3) [N m/rad], symmetric, in the axes of the target.
+        rotation_stiffness: stiffness K at the target (3, 3) [N m/rad], in the axes of the target; its symmetric part
+            is used.
         form: "trace" or "log".
 
     Returns:
@@ -152,7 +153,7 @@ def damping(stiffness: AnyArray, inertia: AnyArray, ratio: float = 1.0) -> AnyAr
     stiffness has the damping of its absolute value, and a mode without stiffness has none.
 
     Args:
-        stiffness: symmetric matrix (3, 3) [N m/rad], in the body's axes.
+        stiffness: matrix (3, 3) [N m/rad], in the body's axes; its symmetric part is used.
         inertia: inertia of the body (3, 3) [kg m^2], symmetric and positive definite, in the body's axes.
         ratio: damping ratio; 1 is critical.
 

@@ -4,7 +4,7 @@
  *
  * A rotation is a unit quaternion (x, y, z, w) of the body in its parent; only its direction counts. Torque, stiffness
  * and damping are in the axes of the body, as the rates of a ball joint are. Matrices are row-major. K [N m/rad] is
- * the stiffness at the target, symmetric, in the axes of the target. With the rotation from the target to the body, an
+ * the stiffness at the target in the axes of the target; its symmetric part 0.5 (K + K^T) is used. With the rotation from the target to the body, an
  * angle a about the axis u, the energies are
  *
  *     DRIVE_TRACE   (1 - cos a) u^T K u      smooth everywhere; the torque falls to zero at a half turn
@@ -25,6 +25,7 @@ enum { DRIVE_TRACE = 0, DRIVE_LOG = 1 };
 typedef struct drive_state {
     double eta, eps[3];
     double g, dg, ddg; /* energy g eps^T K eps, and derivatives of g with respect to eta */
+    double K[9];       /* symmetric part of the stiffness */
     double k[3];       /* K eps */
     double n[3];       /* eta k + k x eps */
     double share;      /* eps^T K eps */
@@ -62,7 +63,10 @@ static inline drive_state drive_evaluate(const double rotation[4], const double 
         s.dg = 4.0 * h * dh;
         s.ddg = 4.0 * (dh * dh + h * ddh);
     }
-    for (int i = 0; i < 3; ++i) { s.k[i] = K[3 * i] * s.eps[0] + K[3 * i + 1] * s.eps[1] + K[3 * i + 2] * s.eps[2]; }
+    for (int i = 0; i < 9; ++i) { s.K[i] = 0.5 * (K[i] + K[i % 3 * 3 + i / 3]); }
+    for (int i = 0; i < 3; ++i) {
+        s.k[i] = s.K[3 * i] * s.eps[0] + s.K[3 * i + 1] * s.eps[1] + s.K[3 * i + 2] * s.eps[2];
+    }
     s.share = s.eps[0] * s.k[0] + s.eps[1] * s.k[1] + s.eps[2] * s.k[2];
     for (int i = 0; i < 3; ++i) {
         const int j = (i + 1) % 3, l = (i + 2) % 3;
@@ -95,7 +99,8 @@ static inline void drive_stiffness(const double rotation[4], const double target
     const double across = 0.25 * s.share * (s.eta * s.dg + 2.0 * s.g), bent = 0.25 * s.share * s.ddg;
     double KT[9];
     for (int i = 0; i < 9; ++i) {
-        KT[i] = K[i / 3 * 3] * T[i % 3] + K[i / 3 * 3 + 1] * T[3 + i % 3] + K[i / 3 * 3 + 2] * T[6 + i % 3];
+        const double *const row = s.K + i / 3 * 3;
+        KT[i] = row[0] * T[i % 3] + row[1] * T[3 + i % 3] + row[2] * T[6 + i % 3];
     }
     for (int i = 0; i < 3; ++i) {
         for (int j = i; j < 3; ++j) {
@@ -130,8 +135,9 @@ static inline void drive_turn(int p, int q, double A[9], double V[9])
 }
 
 /*
- * Damping [N m s/rad] with which every mode of a stiffness and an inertia [kg m^2] (both symmetric, in the axes of the
- * body; the inertia positive definite) has a damping ratio; 1 is critical. A mode of negative stiffness has the damping
+ * Damping [N m s/rad] with which every mode of a stiffness and an inertia [kg m^2] (both in the axes of the
+ * body; of the stiffness the symmetric part is used, the inertia is symmetric and positive definite) has a damping
+ * ratio; 1 is critical. A mode of negative stiffness has the damping
  * of its absolute value: call it with drive_stiffness for a damping that follows the deflection.
  */
 static inline void drive_damping(const double stiffness[9], const double inertia[9], double ratio, double damping[9])
@@ -144,7 +150,7 @@ static inline void drive_damping(const double stiffness[9], const double inertia
     L[6] = M[6] / L[0];
     L[7] = (M[7] - L[6] * L[3]) / L[4];
     L[8] = sqrt(M[8] - L[6] * L[6] - L[7] * L[7]);
-    for (int i = 0; i < 9; ++i) { A[i] = stiffness[i]; }
+    for (int i = 0; i < 9; ++i) { A[i] = 0.5 * (stiffness[i] + stiffness[i % 3 * 3 + i / 3]); }
     for (int side = 0; side < 2; ++side) { /* A = L^-1 A, transposed, twice: L^-1 stiffness L^-T */
         double B[9];
         for (int j = 0; j < 3; ++j) {

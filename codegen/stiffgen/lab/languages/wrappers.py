@@ -106,19 +106,13 @@ def _cases(material: Material) -> Iterator[_Case]:
             continue
         cotangents = [random.normal(size=each.shape) for each in values]
         bars = as_results(material.single[product.qualified_name](*given, *cotangents))
-        rates = [_rate(random, argument, np.shape(bar)) for argument, bar in zip(kernel.arguments, bars, strict=True)]
+        rates = [random.normal(size=np.shape(bar)) for bar in bars]
         terms = [(np.asarray(bar) * rate).reshape(COUNT, -1) for bar, rate in zip(bars, rates, strict=True)]
         change, size = np.sum([each.sum(1) for each in terms], 0), np.sum([np.abs(each).sum(1) for each in terms], 0)
         directions = [
             _along(argument, value, rate) for argument, value, rate in zip(kernel.arguments, given, rates, strict=True)
         ]
         yield _Case(kernel, given, directions, cotangents, values, change, size)
-
-
-def _rate(random: np.random.Generator, argument: Argument, shape: tuple[int, ...]) -> FloatArray:
-    """Return random rates of an argument; those of a matrix of which kernels read a triangle are symmetric."""
-    rate = random.normal(size=shape)
-    return rate + np.swapaxes(rate, -1, -2) if argument.triangle else rate
 
 
 def _along(argument: Argument, value: FloatArray, rate: FloatArray) -> FloatArray:

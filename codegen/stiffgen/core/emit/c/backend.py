@@ -120,6 +120,7 @@ def _variables(request: Request) -> dict[str, Any]:
         "shared": shared_functions(single),
         "batch_shared": shared_functions(batch),
         "batches": batches,
+        "takes_symmetric_parts": any(array.symmetric_part for page in batches for array in page.inputs),
         "dispatched": _public_functions(request, batches),
         "kernel_names": _in_lines(kernel.qualified_name for kernel, _ in single.kernels),
         "batch_names": _in_lines(batch_names),

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 from stiffgen.core.emit.c.loops import Loops, indented
@@ -89,7 +90,7 @@ class Printer(Loops):
     def statements(self, item: Statements) -> None:
         """Print straight-line code: guarded copies of arguments first."""
         number, guard, text = self.variant.number, self.variant.guard, self.elements.entry
-        lines = [f"const {number} {a.guard} = {guard}({a.storage.array.name}[{a.entry}]);" for a in item.guards]
+        lines = [f"const {number} {a.guard} = {guard}({text(replace(a, guard=''))});" for a in item.guards]
         lines += [f"(void){self.elements.base(entry)};" for entry in item.unused]
         printed = print_body(item.body, self.variant, text, self.temporaries, 0 if item.braces else self.sine_calls)
         lines += printed.lines

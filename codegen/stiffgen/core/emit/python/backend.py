@@ -14,6 +14,7 @@ from stiffgen.core.emit.pages import KernelGroup, KernelPage, groups_of
 from stiffgen.core.emit.texts import arguments_elsewhere, documented_arguments, wrapped
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.symbolic.kernel import Kernel, absent_functions
+from stiffgen.core.symbolic.measured import ASYMMETRY, REMEDY
 from stiffgen.core.symbolic.program import Array
 
 MODULE = Library(
@@ -68,9 +69,9 @@ def _protocol(page: KernelPage) -> str:
 
 
 def _checks(page: KernelPage) -> str:
-    """Return a letter for each argument: q for joint positions, t for a matrix whose upper triangle is read, else -."""
+    """Return a letter for each argument: q for joint positions, t for a stiffness that should be symmetric, else -."""
     is_product = bool(page.kernel.product_of)
-    letters = ("t" if each.triangle and not is_product else "-" for each in page.kernel.arguments)
+    letters = ("t" if each.symmetric_part and not is_product else "-" for each in page.kernel.arguments)
     return "".join("q" if each.is_q else letter for each, letter in zip(page.kernel.arguments, letters, strict=True))
 
 
@@ -128,6 +129,8 @@ def _variables(request: Request) -> dict[str, Any]:
         "docstrings": {page.qualified_name: _page_docstring(request.chain, page) for page in pages},
         "checks": {page.qualified_name: _checks(page) for page in pages},
         "turn_limits": _turn_limits(request.chain),
+        "asymmetry": ASYMMETRY,
+        "remedy": REMEDY,
         "extents": {
             page.qualified_name: [_initialiser(array) for array in (*page.arguments, *page.results)] for page in pages
         },

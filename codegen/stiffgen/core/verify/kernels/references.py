@@ -31,12 +31,12 @@ from stiffgen.core.symbolic.choices import KernelOptions
 from stiffgen.core.symbolic.connection import REPRESENTATIONS, Representation
 from stiffgen.core.verify.kernels.poses import MovedConfiguration, gamma_F, jacobian_of, product_of_poses
 from stiffgen.core.verify.kernels.rounding import evaluate_longer
-from stiffgen.core.verify.kernels.samples import Samples
+from stiffgen.core.verify.kernels.samples import Samples, symmetric
 
 Derived = TypeVar("Derived")
 WRENCH = arguments.wrench("hybrid")
-TASK_STIFFNESS = arguments.task_stiffness("hybrid", triangle=True)
-GENERAL_STIFFNESS = arguments.task_stiffness("hybrid", triangle=False)
+TASK_STIFFNESS = arguments.task_stiffness("hybrid", symmetric_part=True)
+GENERAL_STIFFNESS = arguments.task_stiffness("hybrid", symmetric_part=False)
 
 
 class References:
@@ -173,7 +173,7 @@ class References:
         J, transposed = self.jacobian[representation], np.swapaxes(self.jacobian[representation], 1, 2)
         if corrected:
             load = load_stiffness(self, representation, wrench)
-            return load + transposed @ self.samples[TASK_STIFFNESS] @ J
+            return load + transposed @ symmetric(self.samples[TASK_STIFFNESS]) @ J
         return self.kinematic_stiffness(representation, wrench) + transposed @ self.samples[GENERAL_STIFFNESS] @ J
 
 

@@ -18,6 +18,7 @@ from stiffgen.core.symbolic.quantities import Sampling
 class Samples:
     """Random states of a chain: ``samples[argument]`` are values of an argument in ``count`` states.
 
+    Stiffnesses of which kernels use the symmetric part are asymmetric, which a kernel that reads one triangle shows.
     Values depend on the seed, the argument's name and, if each tip has its own, on the tip. ``known`` values take the
     place of random ones.
     """
@@ -52,7 +53,8 @@ class Samples:
         tip = [self.tip] if argument.plural else []
         random = np.random.default_rng([self.seed, *tip, *argument.name.encode()])
         shape = argument.array(self.chain).shape
-        return argument.draw(Sampling(random, self.count, shape, self.chain, self.__getitem__))
+        values = argument.draw(Sampling(random, self.count, shape, self.chain, self.__getitem__))
+        return asymmetric(values) if argument.symmetric_part else values
 
 
 def argument_samples(
@@ -63,11 +65,12 @@ def argument_samples(
     return {argument: samples[argument] for kernel in chain_kernels(chain, options) for argument in kernel.arguments}
 
 
-def with_other_lower_triangles(pool: Mapping[Argument, FloatArray]) -> dict[Argument, FloatArray]:
-    """Return values whose lower triangle differs where kernels read the upper one, to find a kernel that reads both."""
-    changed = dict(pool)
-    for argument, values in pool.items():
-        if argument.triangle:
-            below = np.tril(np.ones(values.shape[-2:]), -1)
-            changed[argument] = values + below * (1.0 + np.abs(values))
-    return changed
+def asymmetric(matrices: FloatArray) -> FloatArray:
+    """Return matrices with these symmetric parts, up to rounding, of which no entry equals its mirror image."""
+    skew = np.triu(1.0 + np.abs(matrices), 1) / 2
+    return np.asarray(matrices + skew - np.swapaxes(skew, -1, -2))
+
+
+def symmetric(matrices: FloatArray) -> FloatArray:
+    """Return symmetric parts, which kernels use of stiffnesses."""
+    return np.asarray((matrices + np.swapaxes(matrices, -1, -2)) / 2)

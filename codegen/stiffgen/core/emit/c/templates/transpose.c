@@ -68,6 +68,26 @@ static APART void load_lanes(const {{ scalar.name }} *from, ptrdiff_t step, size
 #undef ENTRY
 }
 
+{% if takes_symmetric_parts %}
+/*
+ * Replace matrices of n rows by their symmetric parts 0.5 (K + K^T), in their upper triangles alone: size numbers that
+ * load_lanes has loaded. Of matrices shared by all configurations (step 0) only the first call does this.
+ */
+static inline void take_symmetric_parts(lanes *matrices, ptrdiff_t step, size_t first, int size, int n)
+{
+    if (first != 0 && step == 0) {
+        return;
+    }
+    for (lanes *K = matrices; K < matrices + size; K += n * n) {
+        for (int i = 0; i < n; ++i) {
+            for (int j = i + 1; j < n; ++j) {
+                K[n * i + j] = {{ scalar.constant(0.5) }} * (K[n * i + j] + K[n * j + i]);
+            }
+        }
+    }
+}
+
+{% endif %}
 /* Store from[k] as entry k of LANES configurations, or of the left ones if fewer remain. */
 static APART void store_lanes(const lanes *from, size_t left, int size, {{ scalar.name }} *to)
 {

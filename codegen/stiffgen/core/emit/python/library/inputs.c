@@ -24,6 +24,16 @@ static int is_beyond_a_turn(const char *q, const npy_intp *steps)
     return beyond;
 }
 
+static number magnitude(number value)
+{
+    return value < 0 ? -value : value;
+}
+
+static number larger(number a, number b)
+{
+    return a > b ? a : b;
+}
+
 /* Compare the triangles of a matrix, or of the first of several, with a tolerance for rounding. */
 static int is_asymmetric(const kernel *k, int operand, const char *matrix, const npy_intp *steps)
 {
@@ -31,12 +41,11 @@ static int is_asymmetric(const kernel *k, int operand, const char *matrix, const
     const npy_intp size = k->extent[operand][last], row = steps[last - 1], column = steps[last];
     number scale = 0, largest = 0;
     for (npy_intp i = 0; i < size; ++i) {
-        const number diagonal = value_at(matrix + i * (row + column));
-        scale += diagonal < 0 ? -diagonal : diagonal;
-        for (npy_intp j = i + 1; j < size; ++j) {
-            const number difference = value_at(matrix + i * row + j * column) - value_at(matrix + j * row + i * column);
-            const number distance = difference < 0 ? -difference : difference;
-            largest = distance > largest ? distance : largest;
+        for (npy_intp j = i; j < size; ++j) {
+            const number upper = value_at(matrix + i * row + j * column);
+            const number lower = value_at(matrix + j * row + i * column);
+            scale = larger(scale, larger(magnitude(upper), magnitude(lower)));
+            largest = larger(largest, magnitude(upper - lower));
         }
     }
     return largest > ASYMMETRY * scale;
@@ -85,5 +94,5 @@ int warn_of_inputs(void)
             "degrees? Functions take radians") < 0) {
         return -1;
     }
-    return warn(ASYMMETRIC, ROBOT ": a stiffness matrix is not symmetric, and only its upper triangle is read");
+    return warn(ASYMMETRIC, ROBOT ": " ASYMMETRIC_TEXT);
 }

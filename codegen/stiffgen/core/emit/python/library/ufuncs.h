@@ -21,7 +21,7 @@ typedef struct {
     int inputs;
     int operands; /* inputs, then outputs */
     const char *argument[MAX_OPERANDS];
-    char check[MAX_OPERANDS]; /* of inputs: 'q' joint positions, 't' matrix whose upper triangle is read, else '-' */
+    char check[MAX_OPERANDS]; /* of inputs: 'q' joint positions, 't' stiffness that should be symmetric, else '-' */
     int rank[MAX_OPERANDS];
     npy_intp extent[MAX_OPERANDS][MAX_RANK];
     void (*evaluate)(const number *const *in, number *const *out); /* NULL: batches only */

@@ -2,8 +2,7 @@
 
 XLA calls the compiled functions on its own buffers without copies. Arguments are float64: set
 ``jax.config.update("jax_enable_x64", True)``. Leading dimensions broadcast as in NumPy. The gradient with respect to
-a matrix is symmetric where only the upper triangle is read, and exact for motions of the base with respect to
-base_pose.
+a stiffness is symmetric, and exact for motions of the base with respect to base_pose.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ import jax
 import jax.numpy as jnp
 
 from . import _c
-from ._functions import MOTIONS, NAME, Function, entry_gradient, namespaces, symmetric, unbroadcast
+from ._functions import MOTIONS, NAME, Function, entry_gradient, namespaces, unbroadcast
 
 _LIBRARY = Path(__file__).parent / f"{NAME}_jax{'.pyd' if os.name == 'nt' else '.so'}"
 if not _LIBRARY.exists():  # jax was not installed when the folder was generated
@@ -77,8 +76,7 @@ def _gradients(
     gradients = _called(function.product, (*arguments, *cotangents))
     if "base_pose" in function.arguments:
         gradients = (entry_gradient(gradients[0], arguments[0], jnp.asarray(MOTIONS)), *gradients[1:])
-    triangles = [name in function.triangles for name in function.arguments]
-    return [symmetric(each) if one else each for each, one in zip(gradients, triangles, strict=True)]
+    return list(gradients)
 
 
 def _pulled_back(

@@ -2,8 +2,7 @@
 
 The operators (torch.ops.NAME.hybrid_joint_stiffness and others) read and write the tensors' memory in place. They
 compute in float64; other real tensors are converted first. Leading dimensions broadcast as in NumPy. The gradient with
-respect to a matrix is symmetric where only the upper triangle is read, and exact for motions of the base with respect
-to base_pose.
+respect to a stiffness is symmetric, and exact for motions of the base with respect to base_pose.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from typing import Any
 import torch
 
 from . import _c
-from ._functions import MOTIONS, NAME, Function, entry_gradient, namespaces, symmetric, unbroadcast
+from ._functions import MOTIONS, NAME, Function, entry_gradient, namespaces, unbroadcast
 
 Tensors = tuple[torch.Tensor, ...]
 
@@ -99,8 +98,7 @@ def _differentiable(function: Function) -> Any:
         if "base_pose" in function.arguments:
             motions = torch.tensor(MOTIONS, dtype=torch.float64)
             each = (entry_gradient(each[0], tensors[0], motions), *each[1:])
-        triangles = [name in function.triangles for name in function.arguments]
-        return [symmetric(gradient) if one else gradient for gradient, one in zip(each, triangles, strict=True)]
+        return list(each)
 
     def pulled_back(ctx: Any, *cotangents: torch.Tensor) -> Tensors | torch.Tensor:
         tensors = ctx.saved_tensors
