@@ -8,6 +8,7 @@ whose library for the framework is compiled from the folder's sources: a library
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -144,8 +145,8 @@ def _faults(framework: str, copy: Path, cases: list[_Case]) -> list[str]:
     except subprocess.TimeoutExpired:
         return [f"no result within {_SECONDS} s"]
     if done.returncode != 0:
-        lines = [line for line in done.stderr.splitlines() if line.strip()]
-        return [lines[-1] if lines else f"its process ends with status {done.returncode}"]
+        lines = [line for line in done.stderr.splitlines() if re.match(r"[\w.]*(Error|Exception)\b", line)]
+        return [lines[-1] if lines else f"its process ends with status {done.returncode}: {done.stderr[-200:]}"]
     with np.load(answered) as found:
         return [fault for k, case in enumerate(cases) for fault in _differences(k, case, paths[k], found)]
 
