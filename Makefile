@@ -9,6 +9,9 @@ TORCH ?= torch>=2.5
 CONFIGURATIONS ?= 4194304
 WORKERS ?= 2
 TESTS := not slow and not wide
+# A room of the tests, such as core, families/springs or lab; all by default.
+ROOM ?=
+CHOSEN = $(if $(ROOM),$(wildcard tests/$(ROOM) $(ROOM)/tests))
 # A worker takes neighbouring tests, so that it makes what they share only once.
 SPREAD := -n $(WORKERS) --dist worksteal
 
@@ -30,11 +33,12 @@ generate: $(VENV)/installed  ## generate and build every robot in urdf/, and pri
 	@set -e; for urdf in $(URDFS); do $(BIN)/stiffgen generate $$urdf; done
 	@$(BIN)/python examples/bowl_posture.py
 
-test: $(VENV)/installed-test  ## run the quick tests (12 minutes)
-	$(BIN)/python -m pytest $(SPREAD) -m '$(TESTS)'
+test: $(VENV)/installed-test  ## run the quick tests (12 minutes), or those of a room: ROOM=control
+	$(if $(ROOM),$(if $(CHOSEN),,$(error ROOM=$(ROOM) has no tests; rooms are $(filter-out data support __pycache__,$(notdir $(patsubst %/,%,$(wildcard tests/*/)))) fri ros2)))
+	$(BIN)/python -m pytest $(SPREAD) -m '$(TESTS)' $(CHOSEN)
 
 test-slow: $(VENV)/installed-test  ## run the other tests, with the short forms of the campaigns
-	$(BIN)/python -m pytest $(SPREAD) -m 'slow and not wide'
+	$(BIN)/python -m pytest $(SPREAD) -m 'slow and not wide' $(CHOSEN)
 
 test-wide: $(VENV)/installed-test  ## run further robots, compilers and pages of what test-slow tests: before a release
 	$(BIN)/python -m pytest $(SPREAD) -m wide

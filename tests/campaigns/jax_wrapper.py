@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """NAME.jax: the functions under jit, vmap and grad, on XLA's own buffers.
 
-tests/contract/bindings/test_jax.py runs this file in its own process, because JAX's threads do not survive the
+tests/families/jax/test_jax.py runs this file in its own process, because JAX's threads do not survive the
 forks of other tests.
 """
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Delete rooms and families in a copy: what is left generates, loads, verifies and passes the kernels' tests.
 
-``tests/contract/house/test_rooms.py`` deletes all rooms at once, and each alone without the kernels' tests.
+``tests/house/test_rooms.py`` deletes all rooms at once, and each alone without the kernels' tests.
 """
 
 from __future__ import annotations
@@ -28,12 +28,9 @@ BACKENDS = ("cuda", "jax", "torch")
 ALL_FAMILIES = (*(name for name in FAMILIES if "." not in name), *BACKENDS)
 KERNELS = ("--kernels", "hybrid.joint_stiffness,hybrid.jacobian", "--no-batches", "--no-masses")
 """A small folder, whose verification takes seconds."""
-TESTS = (
-    "tests/unit/lower",
-    "tests/unit/emit",
-    "tests/unit/robot/test_chain.py",
-    "tests/oracle/symbolic/test_golden.py",
-    "tests/oracle/symbolic/test_connection.py",
+TESTS = tuple(
+    f"tests/core/test_{name}.py"
+    for name in ("bounds", "graph", "spots", "choices", "libraries", "chain", "golden", "connection")
 )
 """Unit tests and oracles of the kernels that need no room."""
 LOAD = "import stiffgen; assert stiffgen.load('urdf/iiwa14.urdf', kernels='limits', controller=False).chain.dof == 7"

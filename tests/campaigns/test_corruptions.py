@@ -268,9 +268,9 @@ def test_no_fault_passes(fault, folder, failures):
         assert (failed == []) == (fault.title in HARMLESS), failed
 
 
-@pytest.mark.wide(instead="tests/contract/cli/test_cli.py::test_verify")
+@pytest.mark.wide(instead="tests/cli/test_cli.py::test_verify")
 def test_the_folder_itself_passes_without_optimisation(folder, failures):
-    """As a user compiles it: tests/contract/cli/test_cli.py::test_verify."""
+    """As a user compiles it: tests/cli/test_cli.py::test_verify."""
     build.build_module(folder, "iiwa14")
     assert failures(folder, URDF) == []
 

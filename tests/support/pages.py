@@ -6,11 +6,11 @@ Every block is fenced and says its language. A comment of HTML before a block ca
     <!-- held by tests/FILE.py::TEST -->       that test does
     <!-- quoted from FILE -->                  it is a part of that file
     <!-- edit FILE after TEXT -->              an edit of a recipe (CONTRIBUTING.md): the line with TEXT is unique;
-    <!-- edit FILE at the end -->              tests/contract/docs/test_contributing.py makes it in a copy
+    <!-- edit FILE at the end -->              tests/house/test_contributing.py makes it in a copy
     <!-- not run: REASON -->                   nobody does
 
 and one that begins with a language has code that is run with the page's but not shown: what a reader has at hand, and
-what is to come out. `<!-- unseen python -->` takes the next cell of tests/contract/docs/unseen/PAGE.txt, where cells
+what is to come out. `<!-- unseen python -->` takes the next cell of tests/house/unseen/PAGE.txt, where cells
 end at `# ---`.
 """
 
@@ -85,7 +85,7 @@ def blocks(page: Path) -> list[Block]:
 
 def _cells(page: Path) -> list[str]:
     """Return the cells of unseen code of a page."""
-    file = ROOT / "tests" / "contract" / "docs" / "unseen" / f"{page.stem}.txt"
+    file = ROOT / "tests" / "house" / "unseen" / f"{page.stem}.txt"
     if not file.exists():
         return []
     return file.read_text().partition("# ---\n")[2].split("# ---\n")

@@ -5,7 +5,7 @@ The energy of the spring at the tip is written out here (trace form; p, R the ti
 
     U = (p - p0)^T Kt (p - p0) / 2 + tr(G (I - R0^T R)) + k |q - posture|^2 / 2,    G = tr(Ko)/2 I - Ko
 
-Its gradient is checked by differences of U (tests/oracle/controller/test_plant.py).
+Its gradient is checked by differences of U (tests/control/test_plant.py).
 """
 
 from __future__ import annotations

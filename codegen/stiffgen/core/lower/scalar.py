@@ -92,7 +92,7 @@ class Scalar:
         return f"{nearest!s}{self.suffix}"
 
 
-# Sines proved of templates/sine_cosine.c: 1.22 units (tests/oracle/emit/sine_cosine_proof.py); CUDA documents two ulps.
+# Sines proved of templates/sine_cosine.c: 1.22 units (tests/core/sine_cosine_proof.py); CUDA documents two ulps.
 DOUBLE = Scalar(
     "double", "", 53, 8, "DBL", "unsigned long long", "EIGHT",
     largest_angle=1e4, sine_error=2.0**-52, digits=11, rotation=1.0 + 2.0**-36,

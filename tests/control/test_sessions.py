@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: MIT
+"""Changed defaults, rules and lines of a controller are found by the table of fields and by the hostile sessions."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import re
+import shutil
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import stiffgen
+from campaigns.mutations import Mutant, Workshop, changed_defaults, count_survivors, mutants
+from stiffgen.control.fields import CONFIG, Field
+from stiffgen.control.sessions import sessions
+from stiffgen.control.sessions.library import CAREFUL, ControllerLibrary, set_field
+from stiffgen.control.sessions.rules import check_rules
+from stiffgen.control.sessions.sessions import SESSIONS
+from stiffgen.control.signals import INPUT
+from stiffgen.core.opened import open_robot
+from stiffgen.core.verify.folder.forked import confined
+from support.controller_library import compile_c
+from support.project import ROOT
+
+FOLDER = ROOT / "generated" / "iiwa14"
+
+
+@pytest.fixture(scope="module")
+def workshop(tmp_path_factory: pytest.TempPathFactory) -> Workshop:
+    return Workshop(open_robot(FOLDER), tmp_path_factory.mktemp("workshop"))
+
+
+def failed_rules(workshop: Workshop, library: Path) -> set[str]:
+    """Return the names of the comparisons with the table of fields that fail."""
+    controller = ControllerLibrary(library, workshop.robot.name, workshop.robot.chain)
+    module = SimpleNamespace(Impedance=lambda: SimpleNamespace(config=controller.config))
+    checks = check_rules(controller, module, workshop.robot.chain)
+    return {check.kernel.removeprefix("controller: ") for check in checks if not check.passed}
+
+
+def test_the_controller_itself_passes(workshop: Workshop) -> None:
+    """All sessions of it run in tests/cli/test_cli.py::test_verify."""
+    assert failed_rules(workshop, workshop.reference) == set()
+
+
+@pytest.mark.parametrize("change", ["nothing", "a line", "a file less"])
+def test_the_folders_own_controller_runs(change: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is compiled from the folder where a source differs or, as of another version, is not there."""
+    folder = tmp_path / "iiwa14"
+    shutil.copytree(FOLDER, folder)
+    robot = open_robot(folder)
+    texts = {file: (FOLDER / file).read_text() for file in robot.manifest["files"] if file.endswith((".c", ".h"))}
+    if change == "a line":
+        texts["iiwa14.c"] += "\n"
+    elif change == "a file less":
+        (folder / "iiwa14_dispatch.c").unlink()
+
+    def compiled(source: Path, name: str, build: Path) -> Path:
+        build.mkdir(parents=True)
+        (build / "library").write_text(str(source))
+        return build / "library"
+
+    monkeypatch.setattr(sessions, "build_controller", compiled)
+    reference, own = sessions._build_both(robot, texts, tmp_path / "build")
+    assert reference != own
+    assert (own.read_text() == str(folder)) == (change != "nothing")
+
+
+@pytest.mark.parametrize("field", CONFIG, ids=lambda field: field.name)
+def test_every_changed_default_is_found(workshop: Workshop, field: Field, monkeypatch: pytest.MonkeyPatch) -> None:
+    call = ControllerLibrary.call
+
+    def changed(library: ControllerLibrary, function: str, *arguments: Any) -> int:
+        code = call(library, function, *arguments)
+        if function == "default_config":
+            value = np.ravel(getattr(library.config, field.name))[-1]
+            set_field(library.config, field, 2 if field.type == "int" and value != 2 else 2.0 * value + 0.01, -1)
+        return code
+
+    monkeypatch.setattr(ControllerLibrary, "call", changed)
+    assert "defaults" in failed_rules(workshop, workshop.reference)
+
+
+def test_defaults_and_rules_are_the_tables(workshop: Workshop) -> None:
+    """A default and a rule changed in the C: the table is the generator's, not the folder's."""
+    defaults = changed_defaults(workshop.text)
+    assert len(defaults) >= 24
+    chosen = next(each for each in defaults if "energy_limit" in each.before)
+    library, _ = workshop.compile(chosen.text) or (None, None)
+    assert library is not None and failed_rules(workshop, library) == {"defaults"}
+    text = workshop.text.replace("&c->energy_limit, 1, 0.0, 10000.0", "&c->energy_limit, 1, 0.0, 20000.0")
+    assert text != workshop.text
+    library, _ = workshop.compile(text) or (None, None)
+    assert library is not None and failed_rules(workshop, library) == {"rules"}
+
+
+@pytest.mark.slow
+def test_sessions_kill_mutants(workshop: Workshop) -> None:
+    """Draw five with a fixed seed; equivalent ones may be among them. ``make campaign NAME=mutations`` counts many."""
+    counted, survivors = count_survivors(workshop, mutants(workshop.text, 5, seed=5), seed=0)
+    assert counted >= 4 and len(survivors) <= 1, survivors
+
+
+def test_every_field_is_above_0_in_some_session(workshop: Workshop) -> None:
+    """A field whose default is 0 would else keep its code from being run."""
+    robot = workshop.robot
+    first, second = (ControllerLibrary(workshop.reference, robot.name, robot.chain) for _ in range(2))
+    zero = {field.name for field in CONFIG}
+    for number, kind in enumerate(SESSIONS):
+        config = kind(first, second, robot.chain, np.random.default_rng([0, number])).config
+        zero -= {name for name in zero if np.any(np.array(getattr(config, name)))}
+    assert zero == set()
+
+
+def test_verify_uses_every_function_and_input_of_the_controller(workshop: Workshop) -> None:
+    """A function that no comparison calls, or an input that no session sets, could be changed unseen."""
+    header = (workshop.folder / "iiwa14_impedance.h").read_text()
+    functions = set(re.findall(r"^\w[\w *]* \*?iiwa14_impedance_(\w+)\(", header, re.MULTILINE))
+    sources = "".join(file.read_text() for file in Path(sessions.__file__).parent.glob("*.py"))
+    assert functions >= {"step", "error_text", "policy_command"}
+    assert {name for name in functions if f'"{name}"' not in sources} == set()
+    unset = {field.name for field in INPUT if not re.search(rf"given\.{field.name}\b|\"{field.name}\"", sources)}
+    assert unset == set()
+
+
+def test_a_crash_is_a_fault_and_ends_nothing_else() -> None:
+    (fault,) = confined(lambda: os.abort())
+    assert "status -6" in fault
+    assert confined(lambda: ["session 3: step 4"]) == ["session 3: step 4"]
+    assert confined(lambda: []) == []
+
+
+def test_an_index_outside_an_array_is_a_fault(tmp_path: Path) -> None:
+    (tmp_path / "a.c").write_text("double f(int i) { double a[3] = {0.0}; a[i] = 1.0; return a[0]; }")
+    library = compile_c(tmp_path / "a.so", *CAREFUL, "-shared", "-fPIC", tmp_path / "a.c")
+    function = ctypes.CDLL(str(library)).f
+    assert confined(lambda: [str(function(2))][1:]) == []
+    assert "ends its process" in confined(lambda: [str(function(3))])[0]
+
+
+TREE = """<robot name="tree"><link name="base"/>{}</robot>"""
+BRANCH = """<link name="{0}"><inertial><origin xyz="0.1 0 0.1"/><mass value="2"/><inertia ixx="0.1" ixy="0" ixz="0"
+iyy="0.1" iyz="0" izz="0.1"/></inertial></link><joint name="to_{0}" type="{2}"><parent link="{1}"/><child link="{0}"/>
+<origin xyz="0.2 0.1 0.3" rpy="0.3 0.2 0.1"/><axis xyz="0 1 0"/><limit lower="-{3}" upper="{3}" velocity="2"
+effort="50"/>
+</joint>"""
+
+
+@pytest.mark.wide(instead="test_the_controller_itself_passes")
+def test_sessions_run_on_robots_of_every_kind(tmp_path: Path) -> None:
+    """Two tips, a finger's short slide, tools that are arguments: the sessions pass, and change tools while it runs."""
+    turns = ("revolute", 1.5)
+    links = (("body", "base", *turns), ("left", "body", "prismatic", 0.02), ("right", "body", *turns))
+    (tmp_path / "tree.urdf").write_text(TREE.format("".join(BRANCH.format(*each) for each in links)))
+    tips = ["left", "right"]
+    folder = stiffgen.generate(tmp_path / "tree.urdf", tip=tips, output=tmp_path, runtime_tool=True, build=False)
+    (tmp_path / "work").mkdir()
+    workshop = Workshop(open_robot(folder), tmp_path / "work")
+    assert workshop.survives(workshop.reference, seed=0)
+    adopts, keeps = "memcpy(m->tool_pose, stiffgen_tool(s->input)", "fabs(tool[k] - m->tool_pose[k])"
+    assert workshop.text.count(adopts) == workshop.text.count(keeps) == 1
+    texts = [workshop.text.replace(adopts, "memmove(m->tool_pose, m->tool_pose"), workshop.text.replace(keeps, "0.0")]
+    assert count_survivors(workshop, [Mutant(0, "", "", text) for text in texts], seed=0) == (2, [])

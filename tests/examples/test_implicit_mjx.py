@@ -1,0 +1,27 @@
+# SPDX-License-Identifier: MIT
+"""The implicit step in MJX, in a process of its own: JAX has threads, and other tests fork."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+from support.project import ROOT
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(find_spec("mujoco.mjx") is None, reason="mujoco-mjx is not installed (extra mjx)")
+def test_implicit_steps_in_mjx(tmp_path: Path) -> None:
+    """Run the tests of steps_in_mjx.py."""
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--basetemp", str(tmp_path / "own")]
+    done = subprocess.run(
+        [*command, "-m", "slow", "tests/examples/steps_in_mjx.py"],
+        cwd=ROOT, env=environment, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr

@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: MIT
+"""What is prepared for a release agrees with what the project does itself."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shlex
+import subprocess
+
+import pytest
+import yaml
+
+from stiffgen.cli import parser
+from support.project import ROOT
+
+
+def installed_by_ci() -> set[str]:
+    """Return the Debian packages that .ci/run can add, with the multilib of Debian bookworm's gcc."""
+    script = (ROOT / ".ci" / "run").read_text()
+    script = re.sub(r'"gcc-\$\(.*?\)-multilib"', "gcc-12-multilib", script)
+    added = re.findall(r"missing\+=\(([\w +.-]+)\)", script) + re.findall(r"for tool in ([a-z ]+);", script)
+    assert script.count("missing+=(") == len(added)
+    return set(" ".join(added).split())
+
+
+def test_the_container_has_the_packages_of_ci() -> None:
+    """Its own additions: git, which COPY's clone needs, and the C headers of Python."""
+    dockerfile = (ROOT / ".devcontainer" / "Dockerfile").read_text()
+    listed = re.search(r"--no-install-recommends \\\n(.*?)&&", dockerfile, re.DOTALL)
+    assert listed
+    assert set(listed[1].replace("\\", "").split()) - {"git", "python3-dev"} == installed_by_ci()
+    assert "RUN make generate" in dockerfile
+    assert 'CMD ["make", "test"]' in dockerfile
+    json.loads((ROOT / ".devcontainer" / "devcontainer.json").read_text())
+
+
+def test_the_citation_names_the_journal() -> None:
+    """The paper's page in the journal, and the archive's number, wherever the archive is named."""
+    assert "doi: 10.1177/02783649251393332" in (ROOT / "CITATION.cff").read_text()
+    files = subprocess.run(
+        ["git", "-C", str(ROOT), "ls-files", "*.md", "*.py", "*.cff"], capture_output=True, text=True, check=True
+    ).stdout.split()
+    for file in files:
+        text = (ROOT / file).read_text()
+        if re.search(r"2503\.06802", text) and file != "tests/house/test_release.py":
+            assert "10.1177/02783649251393332" in text, file
+
+
+@pytest.mark.parametrize("target", ["lint", "check-generated", "generate", "test"])
+def test_hooks_and_workflow_call_targets_that_exist(target: str) -> None:
+    assert re.search(rf"^{target}:", (ROOT / "Makefile").read_text(), re.MULTILINE)
+    named = [ROOT / ".pre-commit-config.yaml", ROOT / ".devcontainer" / "Dockerfile", ROOT / ".ci" / "run"]
+    assert any(re.search(rf"make .*\b{target}\b|make {target}", file.read_text()) for file in named)
+
+
+def test_the_workflow_runs_what_ci_runs() -> None:
+    """Linux calls .ci/run and nothing else; each command of the other systems exists: extra, options, test."""
+    jobs = yaml.safe_load((ROOT / ".github" / "workflows" / "ci.yml").read_text())["jobs"]
+    commands = {name: [step["run"] for step in job["steps"] if "run" in step] for name, job in jobs.items()}
+    assert commands["linux"] == [".ci/run"]
+    assert os.access(ROOT / ".ci" / "run", os.X_OK)
+    install, *steps = map(shlex.split, commands["elsewhere"])
+    assert install[:2] == ["pip", "install"]
+    (extra,) = re.fullmatch(r"\.\[([\w-]+)\]", install[2]).groups()  # type: ignore[union-attr]
+    assert re.search(rf"^{extra} = ", (ROOT / "pyproject.toml").read_text(), re.MULTILINE)
+    folder = ""
+    for program, *words in steps:
+        if program == "stiffgen":
+            options = parser().parse_args(words)
+            folder = f"{options.output}/iiwa14" if words[0] == "generate" else folder
+            assert words[0] != "verify" or words[1] == folder
+        else:
+            assert [program, *words[:2]] == ["python", "-m", "pytest"]
+            assert (ROOT / words[2]).is_file()
+    assert {word for step in steps for word in step} >= {"generate", "verify", "pytest"}
+    assert {os_name.split("-")[0] for os_name in jobs["elsewhere"]["strategy"]["matrix"]["os"]} == {"macos", "windows"}
+
+
+def test_placeholders_of_addresses_stand_in_one_place() -> None:
+    """Whoever owns the name fills in pyproject.toml; the playground's address is where the site puts the page."""
+    found = subprocess.run(
+        ["git", "-C", str(ROOT), "grep", "-l", "example.org/stiffgen", "--", ":!tests"],
+        capture_output=True, text=True, check=True,
+    ).stdout.split()  # fmt: skip
+    assert found == ["pyproject.toml"]
+    project = (ROOT / "pyproject.toml").read_text()
+    (address,) = re.findall(r'^Playground = "(.*)"$', project, re.MULTILINE)
+    folder, page = address.rpartition("/docs/")[2].split("/")
+    assert f'"{folder}" / "{page}"' in (ROOT / "docs" / "site" / "pages.py").read_text()

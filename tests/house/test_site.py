@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: MIT
+"""The site in Chromium, on a screen and on a phone: no name is broken, no page is wider than the window."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from lab.play.browser import chromium, require_chromium
+from support.project import ROOT
+
+BROKEN = r"""
+(() => {
+  const found = [], seen = new Set();
+  const hyphenated = /(^[("']*--?\w|\d.*-|-.*\d|\w_\w)/;
+  const parts = "td, th, code, p, li, h1, h2, h3";
+  for (const part of document.querySelector("article").querySelectorAll(parts)) {
+    const texts = document.createTreeWalker(part, NodeFilter.SHOW_TEXT);
+    for (let text; (text = texts.nextNode());) {
+      const around = text.parentElement;
+      if (seen.has(text) || !around.checkVisibility() || around.closest("pre, math, svg")) continue;
+      seen.add(text);
+      for (const word of text.data.matchAll(/\S+/g)) {
+        const plain = word[0].includes("-") && !hyphenated.test(word[0]) && !around.closest("td, th, code");
+        // A compound of English, a sign, an address or a formula is no name.
+        if (plain || !/\w/.test(word[0]) || /[\/<>\[]|\w\(/.test(word[0])) continue;
+        const range = document.createRange();
+        range.setStart(text, word.index);
+        range.setEnd(text, word.index + word[0].length);
+        const lines = new Set([...range.getClientRects()].filter(b => b.width > 0.5).map(b => Math.round(b.top / 4)));
+        if (lines.size > 1) found.push(word[0]);
+      }
+    }
+  }
+  return [found, document.documentElement.scrollWidth];
+})()
+"""
+LOADED = (
+    "new Promise(done => { (function look() {"
+    " document.readyState === 'complete' ? done(null) : setTimeout(look, 20); })(); })"
+)
+LONG = "document.querySelector('article p').innerHTML = '<b style=\"word-break: break-all\">' + 'a_b'.repeat(200)"
+
+
+@pytest.mark.wide(instead="tests/house/test_docs.py::test_every_block_says_its_language")
+def test_no_name_is_broken(tmp_path: Path) -> None:
+    """All pages, 1400 and 360 pixels wide; a name that is broken on purpose is found."""
+    require_chromium()
+    command = [sys.executable, str(ROOT / "docs" / "site" / "build.py"), str(tmp_path)]
+    subprocess.run(command, capture_output=True, check=True)
+    files = [file for file in sorted(tmp_path.glob("html/**/*.html")) if "playground" not in file.parent.name]
+    assert len(files) > 30
+    broken, wide = {}, {}
+    with chromium() as browser:
+        page = browser.page()
+        for file in files:
+            page.do("Page.navigate", url=file.as_uri())
+            page.js(LOADED)
+            for width in (1400, 360):
+                page.window(width, 900)
+                page.settle()
+                words, extent = page.js(BROKEN)
+                broken |= {(file.name, width): words} if words else {}
+                wide |= {(file.name, width): extent} if extent > width else {}
+        page.js(LONG)
+        assert page.js(BROKEN)[0] == ["a_b" * 200]
+    assert broken == {}
+    assert wide == {}

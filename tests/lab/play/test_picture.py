@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: MIT
+"""The playground's picture in the documentation is the page as it is drawn now, with the colour of every key."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lab.play.browser import Page, chromium, require_chromium
+from lab.play.picture import take
+from stiffgen.lab.play.page import write_page
+from support.pictures import pixels, share_of_pixels
+from support.playground import require_wasm
+from support.project import ROOT
+
+pytestmark = pytest.mark.slow
+
+COMMITTED = (ROOT / "docs" / "playground.png").read_bytes()
+SAME = 0.003
+"""Share of blocks that may differ; test_a_change_is_seen says what a change makes of it."""
+KEYS = ("exact", "conventional", "corrected", "translation", "rotation")
+
+
+@pytest.fixture(scope="module")
+def file(robot_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    require_wasm()
+    require_chromium()
+    return write_page(robot_folder, tmp_path_factory.mktemp("page") / "play.html")
+
+
+@pytest.fixture
+def page() -> Iterator[Page]:
+    require_chromium()
+    with chromium() as browser:
+        yield browser.page()
+
+
+def test_the_picture_is_the_page(page: Page, file: Path) -> None:
+    found = share_of_pixels(take(page, file), COMMITTED)
+    again = "PYTHONPATH=tests python -m contract.play.picture docs/playground.png takes it anew"
+    assert found < SAME, f"{found:.3f} of docs/playground.png differs: {again}"
+    colours = np.rint(255 * pixels(COMMITTED)[..., :3]).astype(int)
+    for key in KEYS:
+        text = page.js(f"getComputedStyle(document.documentElement).getPropertyValue('--{key}')").strip()
+        colour = [int(text[k : k + 2], 16) for k in (1, 3, 5)]
+        assert np.count_nonzero(np.all(colours == colour, axis=2)) > 50, f"{key}: {text} is not in the picture"
+
+
+@pytest.mark.parametrize(
+    ("old", "new"), [("Energy out of nothing", "Energy"), ("The gains", "The coefficients"), ("#27935f", "#1f8fd6")]
+)
+def test_a_change_is_seen(page: Page, file: Path, tmp_path: Path, old: str, new: str) -> None:
+    """A shorter preset, a word, the colour of a key."""
+    text = file.read_text()
+    assert old in text
+    (tmp_path / "play.html").write_text(text.replace(old, new))
+    changed = take(page, tmp_path / "play.html")
+    if old.startswith("#"):  # too small for a share of blocks
+        colours = np.rint(255 * pixels(changed)[..., :3]).astype(int)
+        assert not np.all(colours == [0x27, 0x93, 0x5F], axis=2).any()
+    else:
+        assert share_of_pixels(changed, COMMITTED) > SAME
