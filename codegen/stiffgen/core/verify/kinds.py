@@ -35,7 +35,7 @@ _AXES = {"one": "0 0 1", "two": "0.6 0 0.8", "three": "0 1 0"}
 
 
 @dataclass(frozen=True)
-class Kind:
+class RobotKind:
     """Kind of robot.
 
     Attributes:
@@ -85,23 +85,25 @@ _TWO = _joint("base", "one") + _joint("one", "two") + _tip("two")
 _SLIDE = _joint("base", "one") + _joint("one", "two", "prismatic") + _tip("two")
 _FOLLOWER = _joint("base", "one") + _joint("one", "two", more=_MIMIC) + _joint("two", "three", "prismatic")
 _FOLLOWER += _tip("three")
-KINDS: dict[str, Kind] = {
-    "turning joint": Kind(_TWO, lambda chain: any(not joint.prismatic for joint in chain.joints[chain.base_joints :])),
-    "slide": Kind(_SLIDE, _slides),
-    "slide before a turning joint": Kind(
+KINDS: dict[str, RobotKind] = {
+    "turning joint": RobotKind(
+        _TWO, lambda chain: any(not joint.prismatic for joint in chain.joints[chain.base_joints :])
+    ),
+    "slide": RobotKind(_SLIDE, _slides),
+    "slide before a turning joint": RobotKind(
         _joint("base", "one", "prismatic") + _joint("one", "two") + _tip("two"), _slides
     ),
-    "mimic on the path": Kind(_FOLLOWER, _mimics),
-    "mimic beside the path": Kind(
+    "mimic on the path": RobotKind(_FOLLOWER, _mimics),
+    "mimic beside the path": RobotKind(
         _TWO + _joint("one", "three", more=_MIMIC),
         lambda chain: len(chain.without_side_joints().joints) < len(chain.joints),
     ),
-    "two tips": Kind(
+    "two tips": RobotKind(
         _TWO + _joint("one", "three", "prismatic"), lambda chain: len(chain.tips) > 1, {"tip": ["tip", "three"]}
     ),
-    "tool at run time": Kind(_SLIDE, lambda chain: chain.runtime_tool, {"tip": "tip", "runtime_tool": True}),
-    "floating base": Kind(_TWO, lambda chain: chain.floating, {"tip": "tip", "floating_base": True}),
-    "mimic on a floating base, tool at run time": Kind(
+    "tool at run time": RobotKind(_SLIDE, lambda chain: chain.runtime_tool, {"tip": "tip", "runtime_tool": True}),
+    "floating base": RobotKind(_TWO, lambda chain: chain.floating, {"tip": "tip", "floating_base": True}),
+    "mimic on a floating base, tool at run time": RobotKind(
         _FOLLOWER,
         lambda chain: chain.floating and chain.runtime_tool and _mimics(chain),
         {"tip": "tip", "floating_base": True, "runtime_tool": True},
@@ -148,7 +150,7 @@ def check_kinds(
     return checks
 
 
-class _Functions(dict[str, Callable[..., Any]]):
+class _FunctionsOnDemand(dict[str, Callable[..., Any]]):
     """CasADi functions of a robot's kernels by qualified name, each made when it is first asked for."""
 
     def __init__(self, chain: Chain, options: KernelOptions) -> None:
@@ -163,7 +165,7 @@ class _Functions(dict[str, Callable[..., Any]]):
 
 def _rows(chain: Chain, table: Sequence[Kernel], options: KernelOptions, seed: int) -> list[Check]:
     """Return the rows of one robot; a program that does not run for its kind is a fault."""
-    references, functions = References(chain, _COUNT, seed, options), _Functions(chain, options)
+    references, functions = References(chain, _COUNT, seed, options), _FunctionsOnDemand(chain, options)
     checks = check_oracles(table, options)
     for kernel in table:
         checks += attempted(kernel.qualified_name, partial(check_kernels, functions, references, [kernel]))
