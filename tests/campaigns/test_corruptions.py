@@ -190,7 +190,7 @@ def _verify(folder: Path, urdf: Path | None, first: Sequence[str], kept: KeptObj
     robot = open_robot(folder)
     load_module(robot)
     with tempfile.TemporaryDirectory() as scratch:
-        steps = [each for each in _steps(robot, urdf, 10, 0, Path(scratch)) if each[0] != TEXT]
+        steps = [each for each in _steps(robot, urdf, 10, 0, Path(scratch), other_version=False) if each[0] != TEXT]
         for title, step in sorted(steps, key=lambda each: _order(each[0], first)):
             try:
                 failed = [
