@@ -15,7 +15,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "39d0550077a2499c"
+#define SOURCES "ab742d8e9d6eded9"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

@@ -18,6 +18,7 @@
 
 #define ROBOT "iiwa14"
 #define SOURCES "digest of the sources"
+#define ASYMMETRIC_TEXT "a stiffness is not symmetric"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;
