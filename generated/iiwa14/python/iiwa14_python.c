@@ -15,7 +15,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "ab742d8e9d6eded9"
+#define SOURCES "2662b180e9b4018f"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

@@ -129,7 +129,7 @@ int CALL(filter_accepts)(double frequency, double sample_time)
 
 /*
  * First-order low pass: y += (1 - exp(-2 pi frequency sample_time)) (x - y). The newest reading counts as if it had
- * been there since the sample before: a continuous filter whose input is held until the next sample is one sample later.
+ * been there since the sample before: a continuous filter whose input is held until the next sample is a sample later.
  * frequency: [Hz] corner, below half the sampling rate; sample_time: [s]. The gain at the corner is 1/sqrt(2) up to
  * 0.1 % below a fiftieth of the sampling rate; it is 0.719 at a tenth and 0.776 at a quarter. Return 0, and leave the
  * filter unchanged, for another frequency.
