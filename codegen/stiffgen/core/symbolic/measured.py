@@ -12,6 +12,7 @@ symmetric part of Km is right as it is.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -27,7 +28,8 @@ REMEDY = "for a measured one take stiffgen.measured_stiffness(Km, wrench, repres
 """Remedy in every message about an asymmetric stiffness."""
 
 
-class StiffnessResidual(NamedTuple):
+@dataclass(frozen=True)
+class StiffnessResidual:
     """Antisymmetric part of a measured stiffness that the wrench does not explain.
 
     Attributes:
