@@ -24,7 +24,7 @@ from stiffgen.core.verify.kernels.oracles import oracles_of
 from stiffgen.core.verify.kernels.poses import homogeneous, moved_pose
 from stiffgen.core.verify.kernels.references import WRENCH, References
 from stiffgen.core.verify.kernels.rounding import in_doubles
-from stiffgen.core.verify.kernels.samples import Samples
+from stiffgen.core.verify.kernels.samples import Samples, symmetric
 from stiffgen.core.verify.result import Check, Kernels
 from stiffgen.families.loops.kernels import ACTUATED, GRADIENT, HESSIAN, START
 
@@ -193,7 +193,7 @@ ORACLES = {
     "motors_jacobian": projected(lambda p: p.motion),
     "motors_condition": projected(lambda p: p.condition()),
     "motors_multipliers": projected(lambda p: p.multipliers(p.samples[GRADIENT])),
-    "motors_from_joints": projected(lambda p: p.reduced(*p.samples.of((GRADIENT, HESSIAN)))),
+    "motors_from_joints": projected(lambda p: p.reduced(p.samples[GRADIENT], symmetric(p.samples[HESSIAN]))),
     "motors_torque": projected(lambda p: -p.reduced(of_wrench(p))[0]),
     "motors_joint_stiffness": projected(
         lambda p: p.reduced(of_wrench(p), p.references.joint_stiffness("hybrid", corrected=True))[1]
