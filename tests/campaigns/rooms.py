@@ -38,7 +38,7 @@ GENERATE = "import stiffgen; print(stiffgen.generate('urdf/iiwa14.urdf', output=
 ALONE = """import stiffgen
 from stiffgen.core.verify.verify import verify
 folder = stiffgen.generate("urdf/iiwa14.urdf", name="small", kernels="hybrid", batches=False, masses=False)
-checks = verify(stiffgen.open_robot(folder), count=20)
+checks = verify(folder, count=20)
 assert len(checks) > 30 and all(check.passed for check in checks), [c for c in checks if not c.passed]
 """
 """Generate and verify without the command line."""
