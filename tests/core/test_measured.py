@@ -19,6 +19,10 @@ import pytest
 import stiffgen
 from stiffgen.core.errors import StiffgenError
 from stiffgen.core.loading import chain_between
+from stiffgen.core.lower.form import Function, Invoke, Loop, Pointer
+from stiffgen.core.lower.statements import upper_entry
+from stiffgen.core.lower.steps import lowered
+from stiffgen.core.lower.variant import BATCH, CUDA, SINGLE, Variant
 from stiffgen.core.robot.chain import Chain, ChainOptions
 from stiffgen.core.robot.reader import read_description
 from stiffgen.core.symbolic.arguments import Argument
@@ -268,3 +272,38 @@ def test_one_sentence(robot: ModuleType, chain: Chain) -> None:
     assert silent == []
     stiffgen.in_series(np.eye(7) + 0.9 * ASYMMETRY * np.eye(7, k=1), np.ones(7))
     assert "stiffgen.measured_stiffness(Km, wrench, representation)" in REMEDY
+
+
+def lower_entries(function: Function) -> set[str]:
+    """Return the reads of lower triangles of stiffnesses in a lowered function, and calls that are passed one.
+
+    The step that takes the symmetric part in a kernel for one configuration reads all entries, and copy_symmetric the
+    upper triangle alone. Kernels that a sum calls take the symmetric part themselves.
+    """
+    found = set()
+    for item in function.items:
+        body = getattr(item, "body", None)
+        if body and not (isinstance(item, Loop) and item.comment.startswith("symmetric part of")):
+            for k in body.reads:
+                array, entry = body.inputs[k].storage.array, body.inputs[k].entry
+                rows = array.shape[-1] if array.symmetric_part else 1
+                if entry % rows**2 != upper_entry(entry % rows**2, rows):
+                    found.add(f"{function.name}: {array.name}[{entry}]")
+        for call in getattr(item, "calls", ()):
+            pointers = [each for each in call.arguments if isinstance(each, Pointer)]
+            if call.helper != "copy_symmetric" and any(each.storage.array.symmetric_part for each in pointers):
+                found.add(f"{function.name}: {call.helper}")
+        if isinstance(item, Invoke) and any(storage.array.symmetric_part for storage in item.arguments):
+            found.add(f"{function.name}: {item.function.name}")
+    return found
+
+
+@pytest.mark.parametrize("variant", [SINGLE, BATCH, CUDA], ids=["single", "batch", "cuda"])
+def test_only_upper_triangles_of_symmetric_parts_are_read(chain: Chain, variant: Variant) -> None:
+    """Nobody fills the lower ones. Before, NaN of springs by quaternions read them, in CUDA from shared memory."""
+    options = KernelOptions(springs=KINDS, derivatives=True, kernels="all,compliance,tangents")
+    kernels = [kernel for kernel in chain_kernels(chain, options) if kernel.batch or not variant.batches]
+    code = lowered(chain, variant)
+    functions = [code.kernel(kernel) for kernel in kernels]
+    assert len(functions) > 60
+    assert set().union(*map(lower_entries, (*functions, *code.shared.values()))) == set()

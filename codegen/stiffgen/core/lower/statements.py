@@ -12,7 +12,7 @@ from stiffgen.core.lower.form import Access, Entry, Local, Place, Statements, St
 from stiffgen.core.lower.lowering import Lowering
 from stiffgen.core.names import c_comment
 from stiffgen.core.symbolic.kinematics import Expressions, Kind, Section
-from stiffgen.core.symbolic.program import Array, Operand, as_operand, entries_of
+from stiffgen.core.symbolic.program import Operand, as_operand, entries_of
 from stiffgen.core.symbolic.steps import StraightLine
 
 _Inputs = list[tuple[ca.SX, Access]]
@@ -64,7 +64,7 @@ def _inputs(f: Lowering, step: StraightLine) -> tuple[_Inputs, list[ca.SX], list
         is_argument = storage.place is Place.ARGUMENT and array.name not in f.function.columns
         zeros = set() if is_argument else storage.known_zeros()
         symbols = [ca.SX(0) if k in zeros else ca.SX.sym(f"{array.name}{k}") for k in range(array.size)]
-        if _is_symmetric_copy(f, array):  # only its upper triangle is filled
+        if is_argument and array.symmetric_part:  # only the upper triangle of the symmetric part is filled
             n = array.shape[-1]
             uppers = [k - k % n**2 + upper_entry(k % n**2, n) for k in range(array.size)]
             symbols = [symbols[upper] for upper in uppers]
@@ -86,13 +86,9 @@ def _argument(f: Lowering, step: StraightLine, operand: Operand, k: int, sliding
     if f.guards and not step.is_linear and (not array.is_q or k in sliding):
         between = "_" if max(array.shape, default=0) > 10 else ""  # 1, 11 and 11, 1
         guard = array.symbol + between.join(map(str, indices(array.shape, k)))
-    as_passed = not _is_symmetric_copy(f, array)
-    return Access(f.storage(array), operand, k, not f.variant.joint_lanes, as_passed=as_passed, guard=guard)
-
-
-def _is_symmetric_copy(f: Lowering, array: Array) -> bool:
-    """Return whether steps read the symmetric part of an argument from a local copy of its upper triangle."""
-    return array.symmetric_part and f.storage(array).local is not None and f.variant.joint_lanes
+    storage = f.storage(array)
+    is_copy = array.symmetric_part and storage.local is not None and f.variant.joint_lanes
+    return Access(storage, operand, k, not f.variant.joint_lanes, as_passed=not is_copy, guard=guard)
 
 
 def _outputs(
