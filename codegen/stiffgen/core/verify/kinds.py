@@ -103,7 +103,7 @@ KINDS: dict[str, RobotKind] = {
     ),
     "tool at run time": RobotKind(_SLIDE, lambda chain: chain.runtime_tool, {"tip": "tip", "runtime_tool": True}),
     "floating base": RobotKind(_TWO, lambda chain: chain.floating, {"tip": "tip", "floating_base": True}),
-    "mimic on a floating base, tool at run time": RobotKind(
+    "mimic on a floating base with a tool at run time": RobotKind(
         _FOLLOWER,
         lambda chain: chain.floating and chain.runtime_tool and _mimics(chain),
         {"tip": "tip", "floating_base": True, "runtime_tool": True},
