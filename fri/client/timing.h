@@ -54,7 +54,7 @@ private:
     enum { FINE = 20000, BINS = FINE + 2014 };
 
     static double fine() { return 1e-7; }           /* [s] width of a fine bin */
-    static double begin() { return FINE * fine(); } /* [s] of the first wide bin */
+    static double begin() { return static_cast<int>(FINE) * fine(); } /* [s] of the first wide bin */
     static double ratio() { return 1.01; }          /* of a wide bin's edges */
 
     static int place(double seconds)
