@@ -27,12 +27,13 @@ OPTIONAL = (
 
 def is_there(module: str) -> bool:
     """Return whether a module of the package is there; a folder on the way to it may have been taken out."""
-    folders = module.split(".")[:-1]
-    for depth in range(1, len(folders) + 1):  # find_spec raises where a parent is missing
-        folder = find_spec(".".join(("stiffgen", *folders[:depth])))
-        if folder is None or folder.origin is None:
+    spec = None
+    parts = module.split(".")
+    for depth in range(1, len(parts) + 1):  # find_spec raises where a parent is missing
+        spec = find_spec(".".join(("stiffgen", *parts[:depth])))
+        if spec is None:
             return False
-    return True
+    return spec is not None and spec.origin is not None  # what is left of a folder that was deleted has no origin
 
 
 def optional(module: str) -> ModuleType | None:
