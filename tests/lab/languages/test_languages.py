@@ -106,7 +106,7 @@ DAMAGES = [
                  id="sign in PyTorch's gradient", marks=[NEEDS_TORCH, pytest.mark.slow]),
     pytest.param("python/torch.py", [("change = change + (", "change = change - (", "forward derivative")],
                  id="sign in PyTorch's tangent", marks=[NEEDS_TORCH, pytest.mark.slow]),
-    pytest.param("python/jax.py", [("return list(gradients)", "return [-each for each in gradients]", "reverse derivative")],
+    pytest.param("python/jax.py", [("return list(gradients)", "return [-each for each in gradients]", "reverse")],
                  id="sign in JAX's gradient", marks=pytest.mark.slow),
 ]  # fmt: skip
 """File, and its changes: text, replacement, words of the row that fails."""
