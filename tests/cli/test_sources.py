@@ -11,8 +11,9 @@ import pytest
 
 import stiffgen.cli.verify
 from stiffgen.cli import main
+from stiffgen.cli.folders import folder_of
 from stiffgen.core.verify.result import Check
-from stiffgen.files.cache import cache_folder, folder_of
+from stiffgen.files.cache import cache_folder
 from support.chains import chain_urdf
 from support.project import ROOT
 
@@ -45,7 +46,8 @@ def test_a_file_is_generated_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 
 def test_a_folder_is_taken_as_it_is(tmp_path: Path) -> None:
-    assert folder_of(str(tmp_path)) == folder_of(tmp_path) == tmp_path
+    for source in (str(tmp_path), tmp_path):
+        assert folder_of(source, None, lambda step: None) == tmp_path
 
 
 def test_what_needs_an_option_is_generated_by_the_user(capsys: Any) -> None:

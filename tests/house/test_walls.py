@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import ast
 import re
+from collections.abc import Mapping
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -116,6 +118,30 @@ def test_rooms_are_named_only_in_tables() -> None:
         for found in re.finditer(rf'"(?:stiffgen\.)?(?:{"|".join(ROOMS)})\.[a-z_.]+"', file.read_text()):
             before = file.read_text()[: found.start()].rpartition("\n")[2]
             assert called.search(before + '"') or '"""' in before, f"{module}: {found[0]}"
+
+
+DOTTED = re.compile(r"(?<![\w./-])stiffgen((?:\.[a-z]\w*)+(?:\.[A-Z]\w*)*)")
+
+
+def is_there(name: str, known: Mapping[str, Path]) -> bool:
+    """Return whether a dotted name is a module or folder of the package, or what a module has."""
+    if name in known or (PACKAGE.parent / name.replace(".", "/")).is_dir():
+        return True
+    module, _, attribute = name.rpartition(".")
+    return is_there(module, known) and (module not in known or hasattr(import_module(module), attribute))
+
+
+def test_dotted_names_in_texts_exist() -> None:
+    """A module that has moved leaves its old name behind in docstrings, messages and pages."""
+    known = modules()
+    pages = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md"), *PACKAGE.rglob("*.md")]
+    wrong = [
+        f"{file.relative_to(ROOT)}: stiffgen{found[1]}"
+        for file in (*known.values(), *pages)
+        for found in DOTTED.finditer(file.read_text())
+        if not is_there(f"stiffgen{found[1]}", known) and ".loads." not in found[1]  # a page's example
+    ]
+    assert not wrong
 
 
 def test_commands_lie_in_cli_and_lab() -> None:

@@ -73,7 +73,7 @@ _CAUSES = {
     "config_velocity_limit": "velocity",
     "config_reference_velocity_limit": "velocity",
 }
-"""Errors that follow from a wrong unit in the robot's file, and what the number is about (robot/plausibility.py)."""
+"""Errors that follow from a wrong unit in the robot's file, and what the number is about (files/plausibility.py)."""
 _REFERENCE_SHARE = 0.9
 """Share of a joint's velocity limit that is the default of reference_velocity_limit."""
 

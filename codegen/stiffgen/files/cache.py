@@ -45,7 +45,7 @@ from stiffgen.core.manifest import MANIFEST
 from stiffgen.core.names import checked_identifier, identifier
 from stiffgen.core.opened import GeneratedRobot, module_spec, open_robot
 from stiffgen.core.options import GenerationOptions
-from stiffgen.core.robot.files import exists, is_file, is_folder
+from stiffgen.core.robot.files import exists, is_file
 from stiffgen.files.names import is_name
 from stiffgen.files.owned import distrust, make_private
 
@@ -111,19 +111,17 @@ def _loaded(file: str | Path, tip: Any, base: str | None, options: dict[str, Any
 def folder_of(
     source: str | Path, arguments: Mapping[str, str] | None = None, progress: Callable[[str], None] = lambda step: None
 ) -> Path:
-    """Return a robot's folder: the source itself, or that of the cache for a robot's file or name.
+    """Return the folder of a robot's file or name, generated into the cache on first use.
 
     Args:
-        source: folder that :func:`stiffgen.generate` wrote, or what that function takes.
+        source: what :func:`stiffgen.generate` takes.
         arguments: of a template.
         progress: called with a few words before each step.
 
     Raises:
-        StiffgenError: there is no such folder or file, or the robot cannot be generated without options.
+        StiffgenError: there is no such file, or the robot cannot be generated without options.
 
     """
-    if not is_name(source) and is_folder(source):
-        return Path(source)
     if not is_name(source) and not exists(source):
         raise OutputError(
             f"{source}: does not exist; give a robot's file, or the folder that 'stiffgen generate' wrote"

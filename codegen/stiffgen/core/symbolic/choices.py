@@ -94,7 +94,7 @@ class KernelOptions:
         several = chosen if isinstance(chosen, (list, tuple)) else (chosen,)
         for each in several:
             if not isinstance(each, Potential):
-                reader = "stiffgen.core.loading.read_potential('FILE.py:FUNCTION')"
+                reader = "stiffgen.core.potentials.read_potential('FILE.py:FUNCTION')"
                 raise OptionError(f"--potential: takes what {reader} returns, not {shown(each)}")
         object.__setattr__(self, "potentials", tuple(several))
 
@@ -117,7 +117,7 @@ class KernelOptions:
         return tuple(family.springs_of(self)) if family else ()
 
     def springs_record(self) -> dict[str, Any]:
-        """Return the record that :func:`stiffgen.core.loading.springs_of_manifest` reads."""
+        """Return the record that :func:`stiffgen.core.manifest.springs_of_manifest` reads."""
         return {
             "kinds": [each.name for each in self.all_springs()],
             "translation_axes": self.placement.translation_axes,
