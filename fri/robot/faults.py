@@ -40,7 +40,7 @@ safety:STATE     it reports this safety state (default SAFETY_STOP_LEVEL_1)
 drives:STATE     it reports this state of its drives (default OFF)
 operation:MODE   it reports this operation mode (default T1)
 period:MS        it reports this send period, 0: none
-held             the arm does not move, whatever is commanded
+held             the arm is held, and gives way by 1e-6 rad per N m, whatever is commanded
 still:JOINTS     the measured positions of joints stand still: A6, A2+A4, or all
 stuck:JOINTS_Q   they are Q [rad], such as A6_0.3
 toggling:JOINTS_BIT  they stand still but for a bit (0 to 51) that toggles, such as A6_32

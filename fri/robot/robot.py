@@ -26,6 +26,8 @@ HOLD_FREQUENCY = 100.0
 """[rad/s] of the critically damped position control that holds the arm while nothing is commanded."""
 DAMPING_RATIO = 0.7
 """zeta of the joint impedance control."""
+HELD_STIFFNESS = 1e6
+"""[N m/rad] with which what holds the arm gives way: no position stands still to the last bit under another torque."""
 
 
 class Plant(Protocol):
@@ -98,6 +100,7 @@ class Robot:
         self.applied = np.zeros(JOINTS)
         self.commanded_torque = np.zeros(JOINTS)
         self._anchor = self.q
+        self._caught: Array | None = None
         self.commanded_position = self.q
 
     @property
@@ -184,20 +187,27 @@ class Robot:
     def step(self, period: float, *, held: bool = False) -> None:
         """Advances by a period [s], a multiple of the plant's timestep.
 
-        Held, the arm does not move: what holds it takes up the torque, and at first the momentum.
+        Held, the arm hardly moves: what holds it takes up the torque, and at first the momentum.
         """
         if held:
-            self.applied = self._torque()
-            momentum = (self.model.mass_matrix(self.q) + self._motor_inertia) @ self.dq
-            self.plant.data.qvel[:] = 0.0
-            self.dq = self.plant.dq
-            self.external_torque = -self.applied - momentum / period
+            self._stay(period)
             return
+        self._caught = None
         for _ in range(round(period / self.plant.timestep)):
             self.applied = self._torque()
             self.plant.step(self.applied)
             self.q, self.dq = self.plant.q, self.plant.dq
         self.external_torque = self.plant.external_torque()
+
+    def _stay(self, period: float) -> None:
+        """Give way by the torque from where the arm was caught."""
+        self._caught = self.q if self._caught is None else self._caught
+        self.applied = self._torque()
+        momentum = (self.model.mass_matrix(self.q) + self._motor_inertia) @ self.dq
+        self.plant.data.qpos[:] = self._caught + self.applied / HELD_STIFFNESS
+        self.plant.data.qvel[:] = 0.0
+        self.q, self.dq = self.plant.q, self.plant.dq
+        self.external_torque = -self.applied - momentum / period
 
 
 def quaternion(R: Array) -> Array:

@@ -80,14 +80,15 @@ def last_line(run: Run) -> str:
     return (run.error or run.output).strip().splitlines()[-1]
 
 
-def release_time(run: Run, period: int = 5) -> float:
-    """Return the time [s] that the torque took to zero at the end, from the last command that was not smaller."""
-    size = np.abs(run.torque).max(axis=1)
+def release_time(run: Run) -> float:
+    """Return the time [s] from the client's letting go to the first torque of zero that it sent, by its log."""
+    assert run.client is not None
+    size = np.abs(run.client["sent_torque"]).max(axis=1)
+    let_go = np.flatnonzero(run.client["events"].astype(int) & 1 << 17)
+    assert len(let_go), "the client did not let go"
     assert size[-1] == 0.0, "the last command is not zero"
-    falling = np.flatnonzero(np.diff(size) >= 0)
-    zero = np.flatnonzero(size > 0)[-1] + 1
-    last = falling[falling < zero - 1][-1] if len(falling[falling < zero - 1]) else 0
-    return float((zero - last) * period / 1000)
+    zero = np.flatnonzero(size != 0)[-1] + 1
+    return float(run.client["time"][zero] - run.client["time"][let_go[0]])
 
 
 # ---- time -----------------------------------------------------------------------------------------------------------
