@@ -89,16 +89,20 @@ def compile_robot(folder: Path, robot: Path) -> None:
 
 
 def compile_scenarios(folder: Path, package: Path, robot: Path, objects: Path, distro: str) -> None:
-    """Build the program of the scenarios from a package and its robot's objects."""
+    """Build the program of the scenarios from a package and its robot's objects, in two translation units.
+
+    Headers take most of the compiler's time: thirteen units take four times as long. CMake builds each file alone.
+    """
     configured(folder, package, robot.name)
-    sources = [*(package / "src").glob("*.cpp"), *Path(__file__).parent.glob("*.cpp")]
-    sources.remove(package / "src" / "mock_system.cpp")  # another plugin, with a program of its own
     include = [f"-I{path}" for path in (package / "src", folder, STUBS, robot)]
     name = ElementTree.parse(package / "package.xml").findtext("name")
     namespace = f"-D{PACKAGE.name}={name}"  # the scenarios' name of the package
     command = ["g++", *STRICT, f"-DSTUB_DISTRO={DISTROS[distro]}", namespace, *include]
-    for source in sources:
-        run([*command, "-c", source], folder)
+    for source in (package / "src", Path(__file__).parent):
+        files = sorted(set(source.glob("*.cpp")) - {source / "mock_system.cpp"})  # another plugin, with its own program
+        unit = folder / f"all_{source.name}.cpp"
+        unit.write_text("".join(f'#include "{file}"\n' for file in files))
+        run([*command, "-c", unit], folder)
     run(["g++", *folder.glob("*.o"), *objects.glob("*.o"), "-o", "scenarios", "-lm"], folder)
 
 
