@@ -40,12 +40,26 @@ def test_the_limit_is_where_an_eigenvalue_crosses_the_axis(target: float) -> Non
     assert growth[0] > 1e-3 > -1e-3 > growth[1]
 
 
-@pytest.mark.slow
+def page_rows() -> list[list[str]]:
+    """Return the table of the results page, which test_results.py simulates anew."""
+    page = (ROOT / "docs" / "results.md").read_text()
+    table = page.split("<!-- flutter -->\n")[1].split("<!-- end of flutter -->")[0]
+    return [[word.strip() for word in row.split("|")[1:-1]] for row in table.splitlines()[2:]]
+
+
 def test_angles_are_those_that_were_measured_elsewhere() -> None:
     """Within 20 %: the direction of the push was not said. The gradient comes to rest."""
-    rows = flutter.rows()
+    rows = page_rows()
     assert [float(row[3].split()[0]) for row in rows] == pytest.approx(MEASURED, rel=0.2)
     assert {row[4] for row in rows} == {"below 1e-4 rad"}
+
+
+def test_three_drives_flutter_as_the_page_says_and_the_gradient_rests() -> None:
+    """Simulate all cases of the drives, and 2 s of the gradient where the damping ratio is 0.2."""
+    for (target, ratio), row in zip(flutter.CASES, page_rows(), strict=True):
+        assert row[:2] == [f"{target:g} rad", f"{ratio:g}"]
+        assert row[3] == f"{flutter.simulate(target, ratio, flutter.DRIVES)[-1]:.2g} rad"
+    assert flutter.simulate(1.8, 0.2, flutter.GRADIENT, seconds=2.0)[-1] < 1e-4
 
 
 @pytest.mark.slow

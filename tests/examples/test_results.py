@@ -49,7 +49,14 @@ def test_every_table_has_its_section_and_its_command() -> None:
         assert re.search(rf"examples\.results \"?{section}|make experiment", PAGE.replace("\n", " "))
 
 
-@pytest.mark.parametrize("section", [each for each in results.SECTIONS if each != "experiments"])
+@pytest.mark.parametrize(
+    "section",
+    [  # a quick relative of the simulation is in test_flutter.py
+        pytest.param(each, marks=[pytest.mark.slow] if each == "flutter" else [])
+        for each in results.SECTIONS
+        if each != "experiments"
+    ],
+)
 def test_numbers(
     section: str, robot: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
