@@ -162,6 +162,16 @@ def test_no_test_imports_a_test_and_each_lies_in_a_room() -> None:
         assert file.relative_to(tests).parts[0] in (*ROOMS, "house", "examples", "campaigns"), file
 
 
+def test_a_conftest_imports_its_room_and_the_core_alone() -> None:
+    """What a room's tests share must not bring in another room."""
+    tests = ROOT / "tests"
+    files = list(tests.rglob("conftest.py"))
+    named = re.compile(rf"^ *(?:from|import) stiffgen\.({'|'.join(ROOMS)})\b", re.MULTILINE)
+    assert len(files) > 5
+    for file in files:
+        assert {*named.findall(file.read_text())} <= {"core", file.relative_to(tests).parts[0]}, file
+
+
 def test_only_tests_of_examples_import_examples() -> None:
     """Every other test says what the package does by itself."""
     text = re.compile(r"^ *(?:from|import) examples\b", re.MULTILINE)
