@@ -17,7 +17,7 @@ import pytest
 import stiffgen
 from support.project import ROOT
 
-VERSIONS = ("3.12", *(pytest.param(version, marks=pytest.mark.wide) for version in ("3.11", "3.13", "3.14")))
+VERSIONS = ("3.11", "3.12", "3.13", "3.14")
 """Versions of Python that are supported, where one is installed."""
 PAGE = (ROOT / "docs" / "start.md").read_text()
 
@@ -91,7 +91,28 @@ def commands() -> list[tuple[str, str]]:
     return found
 
 
+def follow(page: list[tuple[str, str]], folder: Path, environment: dict[str, str]) -> None:
+    """Run the page's commands in a folder and compare what they print."""
+    for command, printed in page:
+        done = subprocess.run(
+            ["bash", "-c", command], cwd=folder, env=environment, capture_output=True, text=True, check=False,
+            stdin=subprocess.DEVNULL,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stdout + done.stderr
+        if printed and not command.startswith("cmake"):
+            assert done.stdout.startswith(printed), command
+
+
 @pytest.mark.slow
+def test_the_pages_commands_behind_the_installation(tmp_path: Path) -> None:
+    """From the third command on, with the program of this environment."""
+    (tmp_path / "stiffgen").symlink_to(ROOT)
+    (tmp_path / "venv" / "bin").mkdir(parents=True)
+    (tmp_path / "venv" / "bin" / "stiffgen").symlink_to(Path(sys.executable).with_name("stiffgen"))
+    follow(commands()[2:], tmp_path, clean_environment())
+
+
+@pytest.mark.wide(instead="test_the_pages_commands_behind_the_installation")
 @pytest.mark.parametrize("version", VERSIONS)
 def test_a_new_user_in_an_empty_folder(version: str, tmp_path: Path) -> None:
     """docs/start.md, to the letter, with a clone alone."""
@@ -105,11 +126,4 @@ def test_a_new_user_in_an_empty_folder(version: str, tmp_path: Path) -> None:
     launcher.chmod(0o755)
     environment = clean_environment()
     environment["PATH"] = f"{launcher.parent}:{environment['PATH']}"
-    for command, printed in commands():
-        done = subprocess.run(
-            ["bash", "-c", command], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False,
-            stdin=subprocess.DEVNULL,
-        )  # fmt: skip
-        assert done.returncode == 0, done.stdout + done.stderr
-        if printed and not command.startswith("cmake"):
-            assert done.stdout.startswith(printed), command
+    follow(commands(), tmp_path, environment)
