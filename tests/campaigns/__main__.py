@@ -83,8 +83,8 @@ CAMPAIGNS = {
     "false-alarms": _campaign(
         "false_alarms", "search small random robots for false alarms of verify", "--robots 3 --seed 44 --samples 40"
     ),
-    "single-precision": Campaign(
-        "benchmarks/single_precision.py",
+    "single-precision": _campaign(
+        "single_precision",
         "compare time and errors of float with double",
         "--states 10000 --width SSE2 --kernels hybrid_jacobian",
         in_ci=False,

@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable
 from itertools import product
 from pathlib import Path
+from typing import NamedTuple
 from xml.etree import ElementTree
 
 import casadi as ca
@@ -16,11 +18,81 @@ from mpmath import mp, mpf
 
 import stiffgen
 from examples import closed_loops as example
-from examples import parallel_robots
 from stiffgen.core.symbolic.arguments import Q
 from stiffgen.core.verify.kernels.references import References
 from stiffgen.families.manipulability.oracles import manipulability
-from support.project import assert_close
+from support.project import ROOT, assert_close
+
+LEG = ROOT / "tests" / "data" / "cassie_leg.xml"
+"""From the package example-robot-data."""
+WEIGHT = 31 * 9.81
+"""Weight of Cassie [N]."""
+FIVE_BAR = [
+    ("left", "ground", "0 0 0", "0 0 1"),
+    ("left_rod", "left", "0.2 0 0", "0 0 1"),
+    ("tip", "left_rod", "0.35 0 0", ""),
+    ("right", "ground", "0.3 0 0", "0 0 1"),
+    ("right_rod", "right", "0.2 0 0", "0 0 1"),
+]
+ARMS = (0.0, 2 * math.pi / 3, 4 * math.pi / 3)
+"""Angles of the Delta's arms about the vertical [rad]; motors at 0.2 m, arms of 0.3 m, rods of 0.7 m, joints at 0.08 m
+on the platform."""
+
+
+class Loaded(NamedTuple):
+    """A robot, the wrench on its tip [N, N m], the task stiffness there [N/m, N m/rad], and where the motors start."""
+
+    robot: stiffgen.StiffnessModel
+    wrench: np.ndarray
+    task: np.ndarray
+    start: np.ndarray
+
+
+def leg() -> Loaded:
+    """Return the leg, whose foot bears the weight; motors: knee, heel spring and crank."""
+    motors = ["knee", "heel_spring", "crank"]
+    chain = stiffgen.load_chain(LEG, tip="sole", masses=False, close_loops=True, actuated=motors)
+    robot = stiffgen.StiffnessModel(chain)
+    return Loaded(robot, np.array([0, 0, WEIGHT, 0, 0, 0]), np.zeros((6, 6)), np.array(chain.start))
+
+
+def five_bar() -> Loaded:
+    """Return a five-bar in a vertical plane, y upwards: a payload of 3 kg and a spring of 400 N/m.
+
+    The start is the branch with the tip above the motors.
+    """
+    loop = ["left_rod:0.35,0,0=right_rod:0.35,0,0"]
+    robot = example.model(FIVE_BAR, "tip", loop, ["left", "right"])
+    left, right = five_bar_motors(np.array([0.15]), 0.4)[0]
+    rods = np.angle([0.15 + 0.4j - 0.2 * np.exp(1j * left), -0.15 + 0.4j - 0.2 * np.exp(1j * right)]) - [left, right]
+    start = np.array([left, rods[0], right, rods[1]])
+    return Loaded(robot, np.array([0, -3 * 9.81, 0, 0, 0, 0]), np.diag([400.0, 400, 400, 0, 0, 0]), start)
+
+
+def delta() -> Loaded:
+    """Return a Delta: its platform moves on three slides without a motor, each rod has two hinges at its arm."""
+    links = [("x", "ground", "0 0 -0.6", "1 0 0"), ("y", "x", "0 0 0", "0 1 0"), ("tip", "y", "0 0 0", "0 0 1")]
+    loops = []
+    for k, angle in enumerate(ARMS):
+        c, s = math.cos(angle), math.sin(angle)
+        across = f"{-s!r} {c!r} 0"
+        links.append((f"arm{k}", "ground", f"{0.2 * c!r} {0.2 * s!r} 0", across))
+        links.append((f"swing{k}", f"arm{k}", f"{0.3 * c!r} {0.3 * s!r} 0", across))
+        links.append((f"rod{k}", f"swing{k}", "0 0 0", f"{c!r} {s!r} 0"))
+        loops.append(f"rod{k}:0,0,-0.7=tip:{0.08 * c!r},{0.08 * s!r},0")
+    robot = example.model(links, "tip", loops, ["arm0", "arm1", "arm2"], sliding=("x", "y", "tip"))
+    spring, start = np.diag([500.0, 500, 500, 0, 0, 0]), np.array(robot.chain.start)
+    return Loaded(robot, np.array([0, 0, -4 * 9.81, 0, 0, 0]), spring, start)
+
+
+def five_bar_motors(x: np.ndarray, y: float) -> np.ndarray:
+    """Return the motors' angles at tips (x, y), elbows outwards."""
+    angles = []
+    for base, side in ((0.0, 1), (0.3, -1)):
+        away = x - base + 1j * y
+        inner = np.arccos((0.2**2 + np.abs(away) ** 2 - 0.35**2) / (0.4 * np.abs(away)))
+        angles.append(np.angle(away) + side * inner)
+    return np.stack(angles, axis=1)
 
 
 def test_stiffness_is_the_change_of_the_torque_as_the_motors_turn() -> None:
@@ -43,7 +115,7 @@ def test_numbers_of_the_page() -> None:
     assert round(example.four_bar_results()[1][0], 1) == -4.1
 
 
-def compare_with_energy(loaded: parallel_robots.Loaded, starts: np.ndarray, point: ca.SX, a: ca.SX) -> None:
+def compare_with_energy(loaded: Loaded, starts: np.ndarray, point: ca.SX, a: ca.SX) -> None:
     """Compare with the Hessian of U = F . p + (p - p0) . K (p - p0) / 2 at p = p0, where p(a) is a closed form."""
     F, K, rest = loaded.wrench[:3], loaded.task[:3, :3], ca.SX.sym("p0", 3)
     energy = ca.dot(F, point) + ca.bilin(K, point - rest, point - rest) / 2
@@ -65,8 +137,8 @@ def test_five_bar_against_the_intersection_of_two_circles() -> None:
     height = ca.sqrt(0.35**2 / ca.sumsqr(across) - 0.25)
     point = ca.vertcat(left + across / 2 + height * ca.vertcat(-across[1], across[0]), 0)
     x = np.linspace(-0.05, 0.35, 9)
-    motors = parallel_robots.five_bar_motors(x, 0.4)
-    compare_with_energy(parallel_robots.five_bar(), motors, point, a)
+    motors = five_bar_motors(x, 0.4)
+    compare_with_energy(five_bar(), motors, point, a)
     on_line = np.array([ca.Function("p", [a], [point])(each) for each in motors])[:, :2, 0]
     np.testing.assert_allclose(on_line, np.stack([x, np.full_like(x, 0.4)], axis=1), atol=1e-12)
 
@@ -75,8 +147,7 @@ def test_delta_against_the_intersection_of_three_spheres() -> None:
     a = ca.SX.sym("a", 3)
     reach = 0.12 + 0.3 * ca.cos(a)
     centres = [
-        ca.vertcat(reach[k] * np.cos(turn), reach[k] * np.sin(turn), -0.3 * ca.sin(a[k]))
-        for k, turn in enumerate(parallel_robots.ARMS)
+        ca.vertcat(reach[k] * np.cos(turn), reach[k] * np.sin(turn), -0.3 * ca.sin(a[k])) for k, turn in enumerate(ARMS)
     ]
     normals = ca.vertcat(*((2 * (centre - centres[0])).T for centre in centres[1:]))
     right = ca.vertcat(*(ca.sumsqr(centre) - ca.sumsqr(centres[0]) for centre in centres[1:]))
@@ -85,12 +156,12 @@ def test_delta_against_the_intersection_of_three_spheres() -> None:
     A, B, C = ca.sumsqr(line), ca.dot(line, away), ca.sumsqr(away) - 0.7**2
     point = centres[0] + away - line * (B + ca.sqrt(B**2 - A * C)) / A
     equal = np.stack(3 * [np.linspace(-0.9, 1.0, 5)], axis=1)
-    compare_with_energy(parallel_robots.delta(), np.concatenate([equal, equal * [0.5, 1.0, 0.8]]), point, a)
+    compare_with_energy(delta(), np.concatenate([equal, equal * [0.5, 1.0, 0.8]]), point, a)
 
 
 def leg_geometry() -> Callable[..., list[mp.matrix]]:
     """Return a function of joint angles: sole and the ends of both rods, with 40 digits, from the MJCF file alone."""
-    world = ElementTree.parse(parallel_robots.LEG).getroot().find("worldbody")
+    world = ElementTree.parse(LEG).getroot().find("worldbody")
 
     def vector(element: ElementTree.Element, name: str, default: str) -> mp.matrix:
         return mp.matrix([mpf(x) for x in element.get(name, default).split()])
@@ -109,7 +180,7 @@ def leg_geometry() -> Callable[..., list[mp.matrix]]:
         return place
 
     sites = {site.get("name"): vector(site, "pos", "") for site in world.iter("site")}
-    anchors = [vector(each, "anchor", "") for each in ElementTree.parse(parallel_robots.LEG).iter("connect")]
+    anchors = [vector(each, "anchor", "") for each in ElementTree.parse(LEG).iter("connect")]
     zero: dict[str, mpf] = {}
     rods = [("achilles_rod", "heel", anchors[0]), ("plantar_rod", "foot", anchors[1])]
     fixed = []  # the far end of each rod in the body that it holds
@@ -132,7 +203,7 @@ def leg_geometry() -> Callable[..., list[mp.matrix]]:
 def test_leg_against_rods_of_constant_length() -> None:
     """Tarsus and foot follow from the rods' lengths with 40 digits; U = F . p is differentiated twice."""
     pytest.importorskip("mujoco")
-    loaded, step = parallel_robots.leg(), mpf(10) ** -10
+    loaded, step = leg(), mpf(10) ** -10
     robot, names = loaded.robot, [each.name for each in loaded.robot.chain.coordinates]
     motors = [names[k] for k in robot.chain.actuated]
     with mp.workdps(40):

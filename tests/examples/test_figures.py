@@ -56,9 +56,9 @@ def test_analysis(robot_folder: Path) -> None:
 
 @pytest.mark.slow
 def test_closed_loops() -> None:
-    from examples import closed_loops, parallel_robots
+    from examples import closed_loops
 
-    assert_same({"figures/loops.svg": closed_loops.figure(), "figures/parallel_robots.svg": parallel_robots.figure()})
+    assert_same({"figures/loops.svg": closed_loops.figure()})
 
 
 @pytest.mark.slow

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Single precision against double: ``python benchmarks/single_precision.py``.
+"""Single precision against double: ``make campaign NAME=single-precision``.
 
 Generates the iiwa 14 twice, of doubles and of floats, compiles both with the same flags and calls the batches of each
 by turns: medians, and the time of floats as a share of that of doubles. Then the errors of the floats' batches, at
@@ -27,8 +27,8 @@ from stiffgen.core.lower.scalar import DOUBLE, FLOAT, Scalar
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.symbolic.kernels import Kernel, chain_kernels
 from stiffgen.core.verify.kernels.samples import argument_samples
+from support.project import URDF
 
-URDF = Path(__file__).resolve().parent.parent / "urdf" / "iiwa14.urdf"
 WIDTHS = {
     "native": ["-O3", "-march=native"],
     "AVX2": ["-O3", "-mavx2", "-mfma"],
