@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 from stiffgen._version import __version__
 
 if TYPE_CHECKING:
-    from stiffgen.core.emit.build import build_jax
     from stiffgen.core.errors import (
         BuildError,
         ChainError,
@@ -33,6 +32,7 @@ if TYPE_CHECKING:
     from stiffgen.core.symbolic.measured import MeasuredStiffness, StiffnessResidual, measured_stiffness
     from stiffgen.core.symbolic.model import StiffnessModel
     from stiffgen.core.symbolic.placement import Placement
+    from stiffgen.families.jax.build import build_jax
     from stiffgen.files.cache import load
     from stiffgen.lab import drive  # noqa: F401
     from stiffgen.lab.analyze.analysis import Analysis, analyze
@@ -108,7 +108,7 @@ _HOMES = {
     "lab.analyze.sensors": ("SensorProperties", "estimate_sensors"),
     "files.cache": ("load",),
     "lab.calibrate.calibration": ("Calibration", "read_calibration", "tare"),
-    "core.emit.build": ("build_jax",),
+    "families.jax.build": ("build_jax",),
     "core.generate": ("generate",),
     "lab.arms.loaded": ("BucklingLoad", "Settled", "buckling_load", "settle"),
     "core.loading": ("load_chain",),

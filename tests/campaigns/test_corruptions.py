@@ -185,7 +185,7 @@ def _order(title: str, first: Sequence[str]) -> tuple[bool, int]:
 
 def _verify(folder: Path, urdf: Path | None, first: Sequence[str], kept: KeptObjects, send: Connection) -> None:
     """Send the comparisons of values of the first step of ``verify`` that has failed ones; [] if none has."""
-    build._FAST_TO_COMPILE, build._run = ("-O0",), kept.run
+    build._FAST_TO_COMPILE, build.run_all = ("-O0",), kept.run
     widths.WIDTHS = widths.WIDTHS[:2]  # the module has the widest vectors
     robot = open_robot(folder)
     load_module(robot)

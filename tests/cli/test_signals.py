@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from stiffgen.core.emit.build import _run
+from stiffgen.core.emit.build import run_all
 from stiffgen.core.folder import swapped_in, temporary_folder, write_atomically
 from stiffgen.lab.prove import tools
 
@@ -86,7 +86,7 @@ def test_a_signal_while_a_program_starts_leaves_none_running(
     started: list[subprocess.Popen[Any]] = []
     command = ["sleep", "600"]
     run: dict[str, Callable[[], object]] = {
-        "compiler": lambda: _run([command, command], "cc", tmp_path),
+        "compiler": lambda: run_all([command, command], "cc", tmp_path),
         "prover": lambda: tools.run(command, tmp_path, 600.0),
     }
 

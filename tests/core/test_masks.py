@@ -7,7 +7,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from stiffgen.core.symbolic import masks
+from stiffgen.families import masks
 
 NAN = np.nan
 

@@ -18,7 +18,7 @@ COMMENTS = {
 }  # fmt: skip
 BEGIN = {suffix: comment for comment, suffixes in COMMENTS.items() for suffix in suffixes}
 OF_THE_USER = re.compile(
-    r"generated/|codegen/stiffgen/(control/(library|loops|paper|python)|core/emit/(\w+/library|python/wrappers)|(\w+/)*templates)/"
+    r"generated/|codegen/stiffgen/(control/(library|loops|paper|python)|core/emit/\w+/library|(\w+/)*(templates|wrappers))/"
 )
 
 

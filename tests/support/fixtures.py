@@ -51,7 +51,7 @@ def kept_objects(once: Once) -> Iterator[KeptObjects]:
     """Compile each C file of generated folders once for all workers, in the process of the tests."""
     kept = KeptObjects(once("objects", lambda folder: None))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(build, "_run", kept.run)
+        patch.setattr(build, "run_all", kept.run)
         yield kept
 
 

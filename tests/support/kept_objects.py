@@ -16,11 +16,11 @@ from pathlib import Path
 
 from stiffgen.core.emit import build
 
-_run = build._run
+_run = build.run_all
 
 
 class KeptObjects:
-    """Replacement of ``build._run`` that copies what an earlier call has compiled."""
+    """Replacement of ``build.run_all`` that copies what an earlier call has compiled."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder

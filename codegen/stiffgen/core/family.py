@@ -111,12 +111,14 @@ class Family:
         oracles: module below ``families`` with ``ORACLES``, and ``of_options(options)`` where they follow from options;
             only ``verify`` imports it.
         rules: reverse rules of steps.
+        lowering: module below ``families`` with ``RULES``, the lowering of steps of its own.
 
     """
 
     kernels: Mapping[TablePlace, Callable[[Asked], Iterable[Kernel]]] = field(default_factory=dict)
     oracles: str = ""
     rules: Mapping[type, Callable[..., None]] = field(default_factory=dict)
+    lowering: str = ""
 
 
 def is_there(name: str) -> bool:

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from stiffgen.core.symbolic.kinematics import cross
-from stiffgen.core.symbolic.masks import reciprocal_or_nan
+from stiffgen.families.masks import reciprocal_or_nan
 
 SINGULAR = 1e-9
 """Distance of a column from the span of the others, relative to typical columns (``Units``), for NaN."""

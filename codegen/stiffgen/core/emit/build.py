@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import shlex
 import shutil
@@ -17,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from stiffgen.core.errors import BuildError, NoCompilerError
+from stiffgen.core.family import part
 from stiffgen.core.folder import temporary_folder
 from stiffgen.core.signals import signals_deferred
 
@@ -24,7 +24,7 @@ _LAST_LINES = 20
 _FLAGS = ("-O3", "-DNDEBUG", "-std=gnu99", "-fPIC")
 """Flags of CMake's release build of the folder; those in CFLAGS follow them."""
 _FAST_TO_COMPILE = ("-O1",)
-_FORWARDS = ("-O0",)
+FORWARDS = ("-O0",)
 """These files hold hundreds of functions of one line: optimising them takes longer than it saves."""
 
 
@@ -39,7 +39,7 @@ def build_module(folder: Path, name: str) -> None:
 
     CC names the compiler; CFLAGS follow the build's own flags, and so win.
 
-    A folder with derivatives also gets the library of NAME.casadi, and that of NAME.jax where jax is installed.
+    A folder with derivatives also gets the libraries of its wrappers, NAME.jax where jax is installed.
 
     Args:
         folder: the robot's folder.
@@ -57,34 +57,33 @@ def build_module(folder: Path, name: str) -> None:
         )
     folder = folder.resolve()
     with temporary_folder("build") as build:
-        command, objects = _compile(compiler, _sources(folder, name, header), build)
-        wrappers = [which for which in ("casadi", "jax") if f"{name}_{which}" in objects]
+        sources = _sources(folder, name)
+        command, objects = _compile(compiler, sources, build)
+        python = [source.stem.removeprefix(f"{name}_") for source in sources if source.parent.name == "python"]
+        wrappers = [which for which in python if which not in ("python", "calls")]
         wrapper_links = [_wrapper_link(command, objects, folder, name, which) for which in wrappers]
         of_wrappers = {f"{name}_{each}" for each in (*wrappers, "calls")}
         of_module = [file for stem, file in objects.items() if stem not in of_wrappers]
         module = folder / "python" / f"{name}_python{sysconfig.get_config_var('EXT_SUFFIX')}"
         link = [*command, *_link_options(), *of_module, "-o", str(module), *_libraries()]
-        _run([link, *wrapper_links], compiler[0], build)
+        run_all([link, *wrapper_links], compiler[0], build)
         checked = [*(source.stem for source in kernel_sources(folder, name)), f"{name}_impedance"]
         _self_check([*command, *(objects[stem] for stem in checked if stem in objects)], folder, name, build)
 
 
-def build_jax(folder: Path, name: str) -> None:
-    """Compile the library of NAME.jax alone, for a folder that was generated where jax was missing.
+def build_wrapper(folder: Path, name: str, which: str) -> None:
+    """Compile the library of a wrapper (NAME_WHICH.c) alone.
 
     Raises:
-        BuildError: jax or a compiler is missing, or the compiler failed.
+        BuildError: no compiler, or it failed; with its last lines.
 
     """
     compiler, folder = compiler_command(), folder.resolve()
-    if not xla_headers():
-        raise BuildError("jax is not installed")
-    needed = {*kernel_sources(folder, name), *(folder / "python" / f"{name}_{part}.c" for part in ("calls", "jax"))}
+    needed = {*kernel_sources(folder, name), *(folder / "python" / f"{name}_{each}.c" for each in ("calls", which))}
     with temporary_folder("build") as build:
-        sources = _sources(folder, name, Path(sysconfig.get_path("include")) / "Python.h")
-        chosen = {source: options for source, options in sources.items() if source in needed}
+        chosen = {source: options for source, options in _sources(folder, name).items() if source in needed}
         command, objects = _compile(compiler, chosen, build)
-        _run([_wrapper_link(command, objects, folder, name, "jax")], compiler[0], build)
+        run_all([_wrapper_link(command, objects, folder, name, which)], compiler[0], build)
 
 
 def _compile(
@@ -97,34 +96,33 @@ def _compile(
         [*flags, *options, *user_flags, "-c", str(source), "-o", objects[source.stem]]
         for source, options in sources.items()
     ]
-    _run(commands, compiler[0], build)
+    run_all(commands, compiler[0], build)
     return [*flags, *user_flags], objects
 
 
 def _wrapper_link(command: Sequence[str], objects: Mapping[str, str], folder: Path, name: str, which: str) -> list[str]:
-    """Return the command that links the library of NAME.jax or NAME.casadi."""
+    """Return the command that links the library of a wrapper."""
     stems = [f"{name}_{which}", f"{name}_calls", *(source.stem for source in kernel_sources(folder, name))]
     library = folder / "python" / f"{name}_{which}{'.pyd' if os.name == 'nt' else '.so'}"
     return [*command, "-shared", *(objects[stem] for stem in stems), "-o", str(library), *_libraries()]
 
 
-def _sources(folder: Path, name: str, header: Path) -> dict[Path, Sequence[str]]:
+def _sources(folder: Path, name: str) -> dict[Path, Sequence[str]]:
     """Return the folder's C files with the compiler's options for each."""
-    xla = xla_headers()
+    python, jax = folder / "python" / name, part("jax.build")
     options: dict[Path, Sequence[str]] = {
         **{source: [] for source in kernel_sources(folder, name)},
         folder / f"{name}_impedance.c": [],
         folder / f"{name}_paper.c": [],
-        folder / "python" / f"{name}_python.c": [
-            f"-I{header.parent}",
+        Path(f"{python}_python.c"): [
+            f"-I{sysconfig.get_path('include')}",
             f"-I{np.get_include()}",
             "-fvisibility=hidden",
         ],
-        folder / "python" / f"{name}_calls.c": _FAST_TO_COMPILE,  # it copies, and calls
-        folder / "python" / f"{name}_casadi.c": _FORWARDS,
+        Path(f"{python}_calls.c"): _FAST_TO_COMPILE,  # it copies, and calls
+        Path(f"{python}_casadi.c"): FORWARDS,
+        **({Path(f"{python}_jax.c"): jax.compiler_options()} if jax and jax.headers() else {}),
     }
-    if xla:
-        options[folder / "python" / f"{name}_jax.c"] = [*_FORWARDS, *(f"-I{include}" for include in xla)]
     return {source: chosen for source, chosen in options.items() if source.exists()}
 
 
@@ -143,36 +141,7 @@ def build_library(
     library = build / f"{name}_kernels{sysconfig.get_config_var('SHLIB_SUFFIX') or '.so'}"
     command = [*compiler, "-std=gnu99", *_FAST_TO_COMPILE, *flags, "-fPIC", "-shared", f"-I{folder.resolve()}"]
     command += map(str, (*kernel_sources(folder.resolve(), name), *more))
-    _run([[*command, "-o", str(library), *(["-lm"] if os.name != "nt" else [])]], compiler[0], build)
-    return library
-
-
-def build_beside(
-    libraries: Sequence[Path],
-    sources: Sequence[Path],
-    stem: Path,
-    headers: Path,
-    compiler: Sequence[str] = (),
-    flags: Sequence[str] = ("-std=gnu99",),
-) -> Path:
-    """Compile sources into a shared library that calls functions of other shared libraries; without optimisation.
-
-    Args:
-        libraries: shared libraries with the called functions.
-        sources: C files, or those of ``compiler``'s language.
-        stem: the new library without its suffix.
-        headers: a folder of headers.
-        compiler: command (default: the C compiler).
-        flags: the language's flags.
-
-    Raises:
-        BuildError: no compiler, or it failed; with its last lines.
-
-    """
-    command = [*(compiler or compiler_command()), *flags, *_FORWARDS, "-fPIC", "-shared", f"-I{headers.resolve()}"]
-    library = stem.with_name(stem.name + (sysconfig.get_config_var("SHLIB_SUFFIX") or ".so"))
-    linked = [*map(str, (*sources, *libraries)), "-o", str(library), *(["-lm"] if os.name != "nt" else [])]
-    _run([[*command, *linked]], command[0], stem.parent)
+    run_all([[*command, "-o", str(library), *(["-lm"] if os.name != "nt" else [])]], compiler[0], build)
     return library
 
 
@@ -188,7 +157,7 @@ def _self_check(command: Sequence[str], folder: Path, name: str, build: Path) ->
     includes = "".join(f'#include "{header}"\n' for header in headers)
     source.write_text(f"{includes}int main(void) {{ return {' | '.join(calls)}; }}\n")
     libraries = ["-lm"] if os.name != "nt" else []
-    _run([[*command, f"-I{folder}", str(source), "-o", str(program), *libraries]], command[0], build)
+    run_all([[*command, f"-I{folder}", str(source), "-o", str(program), *libraries]], command[0], build)
     try:
         wrong = subprocess.run([str(program)], stdin=subprocess.DEVNULL, check=False).returncode
     except OSError as error:
@@ -205,31 +174,23 @@ def _self_check(command: Sequence[str], folder: Path, name: str, build: Path) ->
 
 def compiler_command() -> list[str]:
     """Return the C compiler and its leading arguments: CC if set, else the first of cc, gcc, clang on the PATH."""
+    found = find_compiler("CC", "cc", "gcc", "clang")
+    if found:
+        return found
     chosen = shlex.split(os.environ.get("CC", ""))
-    for candidate in [chosen] if chosen else [["cc"], ["gcc"], ["clang"]]:
-        program = shutil.which(candidate[0])
-        if program:
-            return [program, *candidate[1:]]
     what = (
         f"the C compiler '{chosen[0]}' named by CC was not found" if chosen else "no C compiler (cc, gcc, clang) found"
     )
     raise NoCompilerError(f"{what}; install one (Debian: apt-get install gcc), set CC, or use --no-build")
 
 
-def cpp_command() -> list[str]:
-    """Return the C++ compiler and its leading arguments: CXX if set, else the first of c++, g++, clang++ on the PATH.
-
-    Raises:
-        NoCompilerError: there is none.
-
-    """
-    chosen = shlex.split(os.environ.get("CXX", ""))
-    for candidate in [chosen] if chosen else [["c++"], ["g++"], ["clang++"]]:
-        program = shutil.which(candidate[0])
-        if program:
+def find_compiler(variable: str, *candidates: str) -> list[str]:
+    """Return the command that a variable of the environment names, else the first on the PATH; [] without one."""
+    chosen = shlex.split(os.environ.get(variable, ""))
+    for candidate in [chosen] if chosen else [[each] for each in candidates]:
+        if program := shutil.which(candidate[0]):
             return [program, *candidate[1:]]
-    what = f"the C++ compiler '{chosen[0]}' named by CXX was not found" if chosen else "no C++ compiler found"
-    raise NoCompilerError(f"{what}; install one (Debian: apt-get install g++), or set CXX")
+    return []
 
 
 def _native(compiler: Sequence[str], build: Path) -> list[str]:
@@ -237,22 +198,10 @@ def _native(compiler: Sequence[str], build: Path) -> list[str]:
     probe = build / "probe.c"
     probe.write_text("int probe;\n")
     try:
-        _run([[*compiler, "-march=native", "-c", str(probe), "-o", str(build / "probe.o")]], compiler[0], build)
+        run_all([[*compiler, "-march=native", "-c", str(probe), "-o", str(build / "probe.o")]], compiler[0], build)
     except BuildError:
         return []
     return ["-march=native"]
-
-
-def xla_headers() -> list[str]:
-    """Return the folder of XLA's headers that jax installs; none without jax.
-
-    The folder is jax.ffi.include_dir(), found without loading JAX: its threads would disturb a process that forks.
-    """
-    package = importlib.util.find_spec("jaxlib")
-    if package is None or package.origin is None:
-        return []
-    headers = Path(package.origin).parent / "include"
-    return [str(headers)] if (headers / "xla" / "ffi" / "api" / "c_api.h").exists() else []
 
 
 def _link_options() -> list[str]:
@@ -265,7 +214,7 @@ def _libraries() -> list[str]:
     return [f"-L{Path(sys.base_prefix) / 'libs'}", f"-lpython{sys.version_info.major}{sys.version_info.minor}"]
 
 
-def _run(commands: Sequence[Sequence[str]], compiler: str, temporary: Path) -> None:
+def run_all(commands: Sequence[Sequence[str]], compiler: str, temporary: Path) -> None:
     """Run commands in parallel; after an error none is left running and none of their files stays."""
     running: list[subprocess.Popen[str]] = []
     with signals_deferred() as deliver:

@@ -32,7 +32,7 @@ from stiffgen.core.names import comment
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.symbolic.kernels import Kernel
 from stiffgen.core.symbolic.program import Array, Operand, Program, Step, as_operand, entries_of
-from stiffgen.core.symbolic.steps import Gather, Map, Reduce, SparseSum, StraightLine, Term
+from stiffgen.core.symbolic.steps import OnOperands, SparseSum, StraightLine, Term
 
 Rules = Mapping[type[Step], Callable[["Lowering", Any], None]]
 
@@ -153,10 +153,10 @@ class Lowering:
         if count:
             self.function.declare(Declaration(Declared.ZEROS, Array("nothing", (count,))))
 
-    def _note_reads(self, program: Program) -> list[Map | Gather | Reduce]:
+    def _note_reads(self, program: Program) -> list[OnOperands]:
         """Note in the records how arrays are read; return the steps that read operands."""
         maps = [step.whole() if isinstance(step, SparseSum) else step for step in program]
-        on_operands = [step for step in maps if isinstance(step, (Map, Gather, Reduce))]
+        on_operands = [step for step in maps if isinstance(step, OnOperands)]
         for operand in (operand for step in on_operands for operand in step.operands if operand.at):
             self.storage(operand.array).by_joints = True
         for array in (array for step in program for array in step.reads_whole):
@@ -176,7 +176,7 @@ class Lowering:
         back among the finite ones, so that guarding the sums is enough (put_row).
         """
         on_operands = self._note_reads(program)
-        has_pairs = any(isinstance(step, Gather) or step.over.is_pairs for step in on_operands)
+        has_pairs = any(step.over.is_pairs for step in on_operands)
         copies = self.variant.joint_lanes and not has_pairs
         read_in_place = {
             operand.array.name

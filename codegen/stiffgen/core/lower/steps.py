@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Lowering of each kind of step; :data:`RULES` is the table.
+"""Lowering of each kind of step; :data:`RULES` is the table, to which families add the rules of their own steps.
 
 A rule declares the arrays that its step writes, notes in their records what later steps and printers must know, and
 appends items. What differs between variants is read from the variant's record.
@@ -7,16 +7,17 @@ appends items. What differs between variants is read from the variant's record.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
+from importlib import import_module
 
 import casadi as ca
 
+from stiffgen.core.family import families
 from stiffgen.core.lower.form import (
     Access,
     Call,
-    ColumnSums,
     Count,
     Declaration,
     Declared,
@@ -33,7 +34,6 @@ from stiffgen.core.lower.form import (
     SparseChange,
     Storage,
     Table,
-    TotalSums,
     make_body,
 )
 from stiffgen.core.lower.graph import Operations
@@ -46,16 +46,12 @@ from stiffgen.core.symbolic.program import Array, Operand, Over, as_operand, ent
 from stiffgen.core.symbolic.steps import (
     CloseLoops,
     Congruence,
-    Gather,
     Map,
-    Reduce,
-    Scan,
     Shared,
     SparseSum,
     StraightLine,
     Sum,
     SumJoints,
-    Weights,
 )
 from stiffgen.core.symbolic.symmetric_part import SymmetricPart, symmetric_entries
 
@@ -278,146 +274,6 @@ def _sum_joints(f: Lowering, step: SumJoints) -> None:
     f.add(Helpers(tuple(calls), _TOGETHER, step, cost))
 
 
-def _weights(f: Lowering, step: Weights) -> None:
-    """Store the weights as rows of vectors with zeros between; without vectors, read them from the source.
-
-    Without vectors, weights that are added up (``mirror``) or lie on paths need an array of their own, which serves as
-    output and transpose.
-    """
-    m, lanes = len(f.chain.joints), f.variant.joint_lanes
-    depth = step.source.size // (m * m)
-    source, output, transposed = f.storage(step.source), f.storage(step.output), f.storage(step.transposed)
-    paths = step.over.is_paths
-    if not lanes and not step.mirror and not paths:
-        output.layout, transposed.layout = Layout.WEIGHTS, Layout.WEIGHTS_TRANSPOSED
-        output.companion = transposed.companion = source
-        return
-    folded = sum(i != j for i, j in step.over.indices(f.chain)) if step.mirror else 0
-    stored = [output, transposed] if lanes else [output]
-    for storage in stored:
-        if lanes:
-            storage.layout = Layout.WEIGHT_ROWS
-            f.declare_as(storage)
-        else:
-            f.declare_flat(storage)
-            storage.layout = Layout.WEIGHTS  # declared as numbers in a row, read as weights of pairs
-    if not lanes:  # folded pairs are symmetric
-        transposed.layout = Layout.WEIGHTS_TRANSPOSED if paths else Layout.WEIGHTS
-        transposed.companion = output
-    targets = tuple(Pointer(storage, row=0 if lanes else None) for storage in stored)
-    calls = _weight_calls(f, step, Pointer(source), depth, targets)
-    comment = f"{step.output.name}_ij: what the pair {step.over} hands back"
-    f.add(Helpers(tuple(calls), comment, step, Operations(add=depth * folded)))
-
-
-def _weight_calls(f: Lowering, step: Weights, source: Pointer, depth: int, targets: tuple[Pointer, ...]) -> list[Call]:
-    """Return the helpers that fill ``targets`` (array and transpose, or one for both) with ``depth`` numbers a pair."""
-    lanes, base = f.variant.joint_lanes, f.chain.base_joints
-    if step.over.is_paths:
-        padded = (Count.ALLOCATED,) if lanes else ()
-        flags = int(step.over is Over.BEYOND), int(step.mirror)
-        return [Call("weigh_branches", (source, Count.JOINTS, Table.PARENTS, *flags, *padded, *targets))]
-    if not lanes:
-        return [Call("fold_pairs", (source, Count.JOINTS, *targets))]
-    shape = Count.JOINTS, depth, Count.ALLOCATED
-    if step.over is Over.BASE:
-        return [Call("weigh_base", (source, *shape, base, *targets))]
-    relation = int(step.over.upper), int(step.over.diagonal), int(step.mirror)
-    calls = [Call("weigh_triangle", (source, *shape, *relation, *targets))]
-    if step.without_base:
-        calls.append(Call("clear_base", (*shape[1:], base, *targets)))
-    return calls
-
-
-def _gather(f: Lowering, step: Gather) -> None:
-    """Sum over i for every joint j: by a helper where the terms are weight times column, else by a loop of its own."""
-    lanes, output = f.variant.joint_lanes, f.storage(step.output)
-    pairs = sum(1 for _ in step.over.indices(f.chain, without_base=step.without_base))
-    columns = _weighted_columns(f, step) if lanes and step.over is not Over.BASE else None
-    if columns is not None:
-        count = columns.array.shape[0]
-        weights = next(f.storage(operand.array) for operand in step.operands if operand.at == "ij")
-        f.declare(output, "j")
-        arguments = (Pointer(columns, row=0), count, Count.JOINTS, Count.ALLOCATED, Count.USED, Pointer(weights, row=0))
-        call = Call("weighted_sums", (*arguments, Pointer(output, row=0)))
-        cost = Operations(add=count, multiply=count).times(pairs)
-        f.add(Helpers((call,), step.comment, step, cost, ordered=False))
-        return
-    if not lanes and (step.without_base or step.over is Over.BASE):
-        raise NotImplementedError("maps over the pairs of a base's joints go back in vectors of joints only")
-    inputs, values = f.apply(step.operands, step.expression, rows=True)
-    zeros = {k for k, value in enumerate(values) if value.is_zero()}
-    # A function that reads the whole array reads its zeros, too: these are stored.
-    output.zeros, output.zero_rows = set() if output.whole else zeros, True
-    f.declare(output, "j")
-    stored = [value for value in values if not value.is_zero()]
-    sums: list[tuple[tuple[Entry, ...], ca.SX]] = [((Local("sum", k),), value) for k, value in enumerate(stored)]
-    body = make_body(inputs, sums, wide_outputs=True, accumulate=True)
-    rows = tuple(k for k in range(step.output.shape[0]) if k not in zeros)
-    cleared = tuple(sorted(zeros)) if output.whole else ()
-    f.add(ColumnSums(step.comment, step.over, output, body, rows, cleared, pairs))
-
-
-def _weighted_columns(f: Lowering, step: Gather) -> Storage | None:
-    """Return the columns of which a gather is the weighted sum; None for any other gather."""
-    by_place = {operand.at: operand for operand in step.operands}
-    if len(step.operands) != 2 or by_place.keys() != {"i", "ij"} or by_place["ij"].count != 1:
-        return None
-    columns = f.storage(by_place["i"].array)
-    if columns.layout is not Layout.LANES or columns.zeros:
-        return None
-    symbols = {operand: ca.SX.sym("x", *operand.shape) for operand in step.operands}
-    term = ca.densify(step.expression(*(symbols[operand] for operand in step.operands)))
-    product = ca.densify(symbols[by_place["i"]] * symbols[by_place["ij"]])
-    return columns if product.shape == term.shape and ca.is_equal(product, term, 1) else None
-
-
-def _reduce(f: Lowering, step: Reduce) -> None:
-    """Sum expressions over the joints, into one or several arrays.
-
-    Only entries that are not zero have an accumulator. Accumulators are numbered through all arrays, in their order.
-    """
-    inputs, values = f.apply(step.operands, step.expression, rows=True)
-    stored = [value for value in values if not value.is_zero()]
-    sums: list[tuple[tuple[Entry, ...], ca.SX]] = [((Local("sum", k),), value) for k, value in enumerate(stored)]
-    body = make_body(inputs, sums, wide_outputs=True, accumulate=True)
-    parts, offset = [], 0
-    for array in step.outputs:
-        storage = f.storage(array)
-        zeros = {k for k in range(array.size) if values[offset + k].is_zero()}
-        offset += array.size
-        if not storage.is_result:
-            f.declare_flat(storage)
-            storage.zeros = set() if storage.whole else zeros
-        summed = tuple(k for k in range(array.size) if k not in zeros)
-        zeros_are_stored = storage.is_result or storage.whole  # who reads the whole array reads its zeros
-        cleared = tuple(sorted(zeros)) if zeros_are_stored else ()
-        parts.append((storage, summed, cleared))
-    f.add(TotalSums(step.comment, step.over, body, tuple(parts)))
-
-
-def _scan(f: Lowering, step: Scan) -> None:
-    """Call a helper for each group of neighbouring rows that are not always zero, and one more for a floating base."""
-    source, output, lanes = f.storage(step.source), f.storage(step.output), f.variant.joint_lanes
-    f.declare(output, "j")
-    output.zeros, output.zero_rows = source.zeros, True
-    if output.whole and output.zeros:
-        raise NotImplementedError(f"{step.output.name} has rows that are never stored, and is read as a whole")
-    rows = [k for k in range(step.source.shape[0]) if k not in output.zeros]
-    # Rows of vectors are filled up to the last vector that holds a joint; what lies beyond was never written.
-    stride, length = (Count.ALLOCATED_NUMBERS, Count.USED_NUMBERS) if lanes else 2 * (Count.JOINTS,)
-    calls = []
-    # Neighbouring rows differ by as much as their places in the list.
-    for _, neighbours in itertools.groupby(enumerate(rows), lambda place_and_row: place_and_row[1] - place_and_row[0]):
-        group = [row for _, row in neighbours]
-        columns, sums = (Pointer(storage, row=group[0], plain=lanes) for storage in (source, output))
-        helper = "sums_beyond" if step.beyond else "sums_up_to"
-        calls.append(Call(helper, (columns, len(group), stride, length, sums)))
-        if step.base:
-            calls.append(Call("sums_of_base", (columns, len(group), stride, step.base, int(step.beyond), sums)))
-    f.add(Helpers(tuple(calls), step.comment, step, Operations(add=len(rows) * len(f.chain.joints))))
-
-
 def _shared(f: Lowering, step: Shared) -> None:
     """Call the internal function of the steps; the first kernel that calls it lowers it."""
     name = f.scope.prefix + step.name
@@ -478,16 +334,19 @@ RULES: Rules = {
     SparseSum: _sparse_sum,
     SymmetricPart: _symmetric_part,
     SumJoints: _sum_joints,
-    Weights: _weights,
-    Gather: _gather,
-    Reduce: _reduce,
-    Scan: _scan,
     Shared: _shared,
     Sum: _sum,
 }
 """Lowering of each kind of step."""
 
 
+@cache
+def _rules() -> Rules:
+    """Return the rules of the core's steps, and those that families have for steps of their own."""
+    modules = (import_module(f"stiffgen.families.{family.lowering}") for family in families() if family.lowering)
+    return dict(RULES) | {step: rule for module in modules for step, rule in module.RULES.items()}
+
+
 def lowered(chain: Chain, variant: Variant) -> LoweredKernels:
     """Return the lowered form of a chain's kernels for a variant, empty: kernels are lowered as they are asked for."""
-    return LoweredKernels(chain, variant, RULES)
+    return LoweredKernels(chain, variant, _rules())

@@ -20,9 +20,9 @@ import casadi as ca
 
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.symbolic.kinematics import Expressions
-from stiffgen.core.symbolic.masks import larger_or_nan, one_where, reciprocal_or_nan, reciprocal_where, zero_or_nan
 from stiffgen.core.symbolic.stiffness import symmetric_from_upper
 from stiffgen.families.factors import SINGULAR
+from stiffgen.families.masks import larger_or_nan, one_where, reciprocal_or_nan, reciprocal_where, zero_or_nan
 
 HALVINGS = 4
 """Halvings of the interval of the smallest eigenvalue in one call of the C function."""

@@ -13,4 +13,5 @@ FAMILY = Family(
         "products": lambda of: products(of.kernels),
     },
     oracles="derivatives.oracles",
+    lowering="derivatives.lowering",
 )

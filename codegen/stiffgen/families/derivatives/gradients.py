@@ -7,7 +7,8 @@ import casadi as ca
 
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.symbolic.program import Array, Operand, Over, Program, Step
-from stiffgen.core.symbolic.steps import Gather, Map, SparseSum, StraightLine
+from stiffgen.core.symbolic.steps import Map, SparseSum, StraightLine
+from stiffgen.families.derivatives.steps import Gather
 
 
 def cotangent_name(result: str, count: int) -> str:

@@ -17,19 +17,9 @@ from stiffgen.core.symbolic.arguments import Q
 from stiffgen.core.symbolic.connection import Representation
 from stiffgen.core.symbolic.kinematics import Expressions
 from stiffgen.core.symbolic.program import Array, Operand, Over, Step, pruned
-from stiffgen.core.symbolic.steps import (
-    Congruence,
-    Gather,
-    Map,
-    Reduce,
-    Scan,
-    Shared,
-    SparseSum,
-    StraightLine,
-    SumJoints,
-    Weights,
-)
+from stiffgen.core.symbolic.steps import Congruence, Map, Shared, SparseSum, StraightLine, SumJoints
 from stiffgen.families.derivatives.gradients import Gradients, bar_name, column, extents, shown, symbols
+from stiffgen.families.derivatives.steps import Gather, Reduce, Scan, Weights
 
 
 def _any_map(run: Gradients, step: Map) -> None:

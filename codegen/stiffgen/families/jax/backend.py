@@ -7,13 +7,14 @@ from pathlib import Path
 
 from stiffgen.core.emit.backend import Backend, Request
 from stiffgen.core.emit.casadi.backend import called_functions
-from stiffgen.core.emit.python import WRAPPERS
+
+_FOLDER = Path(__file__).parent
 
 
 def _files(request: Request) -> dict[str, str | Path]:
     if not request.has_wrappers:
         return {}
-    return {f"python/{request.name}_jax.c": "jax.c.j2", "python/jax.py": WRAPPERS / "jax.py"}
+    return {f"python/{request.name}_jax.c": "jax.c.j2", "python/jax.py": _FOLDER / "wrappers" / "jax.py"}
 
 
-BACKEND = Backend(Path(__file__).parent, _files, called_functions)
+BACKEND = Backend(_FOLDER, _files, called_functions)

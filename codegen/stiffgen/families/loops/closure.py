@@ -32,8 +32,8 @@ from numpy.typing import NDArray
 
 from stiffgen.core.robot.chain import Chain, Joint, LoopEnd
 from stiffgen.core.symbolic.kinematics import constant, cross, joint_position
-from stiffgen.core.symbolic.masks import larger_or_nan
 from stiffgen.families.factors import Factors, Units
+from stiffgen.families.masks import larger_or_nan
 
 _Angle = tuple[int, float, float]
 Turns = dict[_Angle, tuple[ca.SX, ca.SX]]

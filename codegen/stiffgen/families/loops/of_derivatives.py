@@ -8,10 +8,10 @@ import casadi as ca
 from stiffgen.core.family import Family
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.symbolic.kinematics import Expressions
-from stiffgen.core.symbolic.masks import ones_or_nan
 from stiffgen.core.symbolic.steps import CloseLoops, StraightLine
 from stiffgen.families.derivatives.gradients import Gradients
 from stiffgen.families.loops.closure import motor_gradient
+from stiffgen.families.masks import ones_or_nan
 
 
 def _closed_loops(run: Gradients, step: CloseLoops) -> None:

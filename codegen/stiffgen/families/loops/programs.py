@@ -11,11 +11,11 @@ import casadi as ca
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.symbolic.arguments import VELOCITY, Argument, Q
 from stiffgen.core.symbolic.kinematics import Expressions, Kind, Section
-from stiffgen.core.symbolic.masks import zero_or_nan
 from stiffgen.core.symbolic.program import Array, Operand, Over, Program, Step, entries_of
 from stiffgen.core.symbolic.steps import CloseLoops, Map, StraightLine, SumJoints
 from stiffgen.core.symbolic.stiffness import symmetric_from_upper
 from stiffgen.families.loops.closure import Closure, hinges, sines_and_cosines
+from stiffgen.families.masks import zero_or_nan
 
 STEPS = 16
 """Number of Newton's steps of ``close``."""

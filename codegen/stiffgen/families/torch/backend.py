@@ -6,11 +6,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from stiffgen.core.emit.backend import Backend, Request
-from stiffgen.core.emit.python import WRAPPERS
+
+_FOLDER = Path(__file__).parent
 
 
 def _files(request: Request) -> dict[str, str | Path]:
-    return {"python/torch.py": WRAPPERS / "torch.py"} if request.has_wrappers else {}
+    return {"python/torch.py": _FOLDER / "wrappers" / "torch.py"} if request.has_wrappers else {}
 
 
-BACKEND = Backend(Path(__file__).parent, _files)
+BACKEND = Backend(_FOLDER, _files)

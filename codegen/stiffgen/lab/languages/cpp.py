@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from stiffgen.core.emit.build import build_beside, cpp_command
 from stiffgen.core.errors import NoCompilerError
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.robot.geometry import FloatArray
@@ -19,6 +18,7 @@ from stiffgen.core.symbolic.arguments import Argument
 from stiffgen.core.symbolic.kernel import Batch, Kernel
 from stiffgen.core.verify.folder.forked import confined
 from stiffgen.core.verify.result import Check, faultless
+from stiffgen.lab.languages.compiling import build_beside, cpp_command
 from stiffgen.lab.languages.material import COUNT, Material
 
 _HEAD = """#include "{name}.hpp"

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from stiffgen.core.emit.build import build_beside
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.robot.geometry import FloatArray
 from stiffgen.core.verify.folder.forked import confined
 from stiffgen.core.verify.result import Check, faultless
+from stiffgen.lab.languages.compiling import build_beside
 from stiffgen.lab.languages.material import Material
 
 _DRIVER = """#include "{name}_sensor.h"

@@ -20,12 +20,13 @@ from typing import Any
 
 import numpy as np
 
-from stiffgen.core.emit.build import build_beside, xla_headers
+from stiffgen.core.family import part
 from stiffgen.core.robot.geometry import FloatArray
 from stiffgen.core.symbolic.arguments import BASE_POSE, Argument
 from stiffgen.core.symbolic.kernel import Kernel
 from stiffgen.core.verify.result import Check, as_results, faultless
 from stiffgen.lab.languages import frameworks
+from stiffgen.lab.languages.compiling import build_beside
 from stiffgen.lab.languages.material import COUNT, Material
 
 _PACKAGES = {"casadi": ("casadi", "casadi"), "torch": ("torch", "PyTorch"), "jax": ("jax", "JAX")}
@@ -83,8 +84,10 @@ def _copied(material: Material) -> Path:
     for file in {"manifest.json", *robot.manifest["files"], *compiled}:
         (copy / file).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(source / file, copy / file)
-    for which, flags in (("casadi", ()), ("jax", tuple(f"-I{each}" for each in xla_headers()))):
-        if which == "casadi" or flags:
+    jax = part("jax.build")
+    for which, headers in (("casadi", []), ("jax", jax.headers() if jax else [])):
+        if which == "casadi" or headers:
+            flags = (f"-I{each}" for each in headers)
             sources = [copy / "python" / f"{robot.name}_{part}.c" for part in (which, "calls")]
             stem = copy / "python" / f"{robot.name}_{which}"
             build_beside([material.library], sources, stem, copy, flags=("-std=gnu99", *flags))

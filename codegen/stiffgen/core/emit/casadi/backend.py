@@ -8,7 +8,6 @@ from typing import Any
 
 from stiffgen.core.emit.backend import Backend, Request
 from stiffgen.core.emit.library import Library
-from stiffgen.core.emit.python import WRAPPERS
 
 CALLS = Library(Path(__file__).parent / "library", "calls.h", ("calls.c",))
 """C of every NAME_calls.c, which computes derivatives from vector-Jacobian products."""
@@ -31,7 +30,7 @@ def _files(request: Request) -> dict[str, str | Path]:
         f"python/{request.name}_calls.h": "calls.h.j2",
         f"python/{request.name}_calls.c": "calls.c.j2",
         f"python/{request.name}_casadi.c": "casadi.c.j2",
-        "python/casadi.py": WRAPPERS / "casadi.py",
+        "python/casadi.py": Path(__file__).parent / "wrappers" / "casadi.py",
     }
 
 
