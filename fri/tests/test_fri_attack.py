@@ -117,8 +117,7 @@ def limit_starts(lower: np.ndarray, upper: np.ndarray, full: bool) -> dict[str, 
     ("period", "full"),
     [
         (5, False),
-        pytest.param(5, True, marks=pytest.mark.slow),
-        *(pytest.param(p, True, marks=pytest.mark.wide) for p in (1, 2, 10)),
+        *(pytest.param(p, True, marks=pytest.mark.wide) for p in (1, 2, 5, 10)),
     ],
 )
 def test_starts_at_joint_limits_with_the_default_torque_rise(

@@ -42,7 +42,9 @@ CAMPAIGNS = {
     "fuzz-recordings": _campaign("fuzz_recordings", "read 200 000 damaged recordings", "1000"),
     "versions": _campaign("versions", "compare robots made with the oldest and newest packages allowed"),
     "sine-cosine": _campaign("sine_cosine", "derive the polynomials of sine and cosine, and measure them"),
-    "poses": _campaign("poses", "command random poses and look where the arm rests", "--count 4 --seconds 3"),
+    "poses": _campaign(
+        "poses", "command random poses and look where the arm rests", "--count 4 --seconds 3", in_ci=False
+    ),
     "spring-orbits": _campaign("spring_orbits", "compare the work of springs and laws on closed orbits"),
     "random-robots": _campaign(
         "long_run", "compare 100 000 random chains with Pinocchio", "--chains 2 --broken 2 --joints 4"
@@ -53,7 +55,7 @@ CAMPAIGNS = {
     ),
     "random-warnings": _campaign("compiler_warnings", "compile random robots by gcc at every level"),
     "spring-digits": _campaign("springs_digits", "compare every spring with 60 digits", "1 1 pose"),
-    "linkages": _campaign("linkages", "compare 200 random linkages with 60 digits", "2 1"),
+    "linkages": _campaign("linkages", "compare 200 random linkages with 60 digits", "2 1", in_ci=False),
     "compliance": _campaign(
         "compliance", "compare the tip's compliance in 200 trees with 60 digits", "--trees 1 --postures 6"
     ),
@@ -96,7 +98,10 @@ CAMPAIGNS = {
         in_ci=False,
     ),
     "cuda": _campaign(
-        "cuda", "run every CUDA launch function on a GPU against the C code", "--host --robots dual_arm --rows 40"
+        "cuda",
+        "run every CUDA launch function on a GPU against the C code",
+        "--host --robots dual_arm --rows 40",
+        in_ci=False,
     ),
     "proofs": _campaign("proofs", "prove whole folders", None),
     "hazards": _campaign("hazards", "see the test of each hazard fail on its seeded fault"),
@@ -116,7 +121,7 @@ CAMPAIGNS = {
         "--count --output docs/results.md",
         in_ci=False,
     ),
-    "energy": _campaign("energy", "attack the controller's energy bound", "--count 4 --climb 2"),
+    "energy": _campaign("energy", "attack the controller's energy bound", "--count 4 --climb 2", in_ci=False),
     "policy": Campaign(
         "tests/campaigns/energy.py",
         "attack the energy bound through the policy port",
@@ -134,13 +139,14 @@ CAMPAIGNS = {
         "compare the stiffness passport of eight arms with MuJoCo",
         "--arms iiwa14 --postures 1 --loops 1 --controller",
         "--controller",
+        in_ci=False,
     ),
     "starts": _campaign(
         "starts",
         "start four arms with wrong first samples and memory",
         "--episodes 18 --trials 500 --arms ur5",
     ),
-    "hostile": _campaign("hostile", "flip bits of the controller's state", "--steps 12000 --flips 240"),
+    "hostile": _campaign("hostile", "flip bits of the controller's state", "--steps 12000 --flips 240", in_ci=False),
     "fri-fuzz": _campaign("fuzz_fri", "send the FRI client a million hostile datagrams"),
     "fri-attack": _campaign("attack_fri", "attack the FRI client in whole sessions"),
     "vendor": _campaign(

@@ -268,7 +268,7 @@ def difference(loop: Loop, module: Any, chosen: Schedule) -> float:
     return max(abs(got.summary.port_most - by_c.summary.port_most), abs(got.excess - by_c.excess))
 
 
-def generate_arm(name: str, folder: Path) -> tuple[Path, tuple[float, ...]]:
+def generate_arm(name: str, folder: Path, build: bool = True) -> tuple[Path, tuple[float, ...]]:
     """Return the folder of an arm, generated unless it is there, and a posture far from limits and singular poses."""
     made = folder / name
     if name in MAKERS:
@@ -282,7 +282,7 @@ def generate_arm(name: str, folder: Path) -> tuple[Path, tuple[float, ...]]:
         file, options = folder / f"{name}.urdf", small.all_options()
         file.write_text(small.urdf)
     if not made.exists():
-        stiffgen.generate(file, name=name, output=folder, **options)
+        stiffgen.generate(file, name=name, output=folder, build=build, **options)
     return made, home
 
 

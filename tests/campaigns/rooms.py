@@ -12,7 +12,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from stiffgen.cli import COMMANDS
@@ -33,6 +33,8 @@ TESTS = tuple(
     for name in ("bounds", "graph", "spots", "choices", "libraries", "chain", "golden", "connection")
 )
 """Unit tests and oracles of the kernels that need no room."""
+OF_THE_CORE = tuple(f"tests/core/test_{name}.py" for name in ("bounds", "spots", "connection"))
+"""Tests that need no family either."""
 LOAD = "import stiffgen; assert stiffgen.load('urdf/iiwa14.urdf', kernels='limits', controller=False).chain.dof == 7"
 GENERATE = "import stiffgen; print(stiffgen.generate('urdf/iiwa14.urdf', output='whole', build=False))"
 ALONE = """import stiffgen
@@ -98,9 +100,9 @@ class House:
         folder = self.folder / self.run("-c", GENERATE).splitlines()[-1]
         return functions_of(folder)
 
-    def test_kernels(self) -> None:
-        """Run the unit tests and oracles of the kernels."""
-        assert " passed" in self.run("-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not slow", *TESTS)
+    def test_kernels(self, tests: Sequence[str] = TESTS) -> None:
+        """Run unit tests and oracles of the kernels."""
+        assert " passed" in self.run("-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not slow", *tests)
 
 
 def functions_of(folder: Path) -> dict[str, str]:

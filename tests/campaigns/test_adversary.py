@@ -52,7 +52,7 @@ def test_energy_of_schedules(loop: Loop, pattern: object) -> None:
 @pytest.fixture(scope="module")
 def turning(once: Once) -> Loop:
     """Return the controller in the loop with an arm whose first and last joint turn without limits."""
-    folder = once("turning", lambda folder: energy.generate_arm("turning", folder))
+    folder = once("turning", lambda folder: energy.generate_arm("turning", folder, build=False))
     robot, home = energy.generate_arm("turning", folder)
     return Loop(folder, robot, home=home)
 

@@ -103,10 +103,10 @@ def test_a_branch_is_seen(robot_folder, chain, tmp_path):
 @pytest.mark.slow
 def test_the_step_is_bounded_and_small(robot_folder, tmp_path):
     machine = tools(BY_NAME["aarch64"])
-    count = step_count(machine, robot_folder, tmp_path, 2000)
-    assert count.states == 2000
+    count = step_count(machine, robot_folder, tmp_path, 400)
+    assert count.states == 400
     assert 0 < count.fewest < count.most < 200_000
-    longest = step_count(machine, robot_folder, tmp_path, 200, longest=True)
+    longest = step_count(machine, robot_folder, tmp_path, 40, longest=True)
     assert 2 * count.most < longest.most < 500_000
     size = footprint(machine, robot_folder, tmp_path)
     assert 0 < size.stack < 16384 and size.flash < 200_000 and size.ram < 1000

@@ -18,7 +18,7 @@ from support.project import Once
 
 
 def made(once: Once, arm: str) -> tuple[Path, tuple[float, ...]]:
-    folder = once(f"energy_{arm}", lambda folder: energy.generate_arm(arm, folder))
+    folder = once(f"energy_{arm}", lambda folder: energy.generate_arm(arm, folder, build=False))
     return energy.generate_arm(arm, folder)
 
 

@@ -91,12 +91,15 @@ def failures(checks):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("kept_errors")
+@pytest.mark.parametrize("every", [11, pytest.param(1, marks=pytest.mark.wide)])
 @pytest.mark.parametrize("rep", REPRESENTATIONS)
-def test_no_entry_can_be_wrong_unnoticed(rep, chain, robot, references):
+def test_no_entry_can_be_wrong_unnoticed(rep, every, chain, robot, references):
+    """Each entry, or every eleventh: neither 6 nor 7 divides eleven, so that all rows, columns and joints occur."""
     kernels = {name: memoised(function) for name, function in kernels_of(robot, chain).items()}
     assert failures(check_kernels(kernels, references)) == set()
     n, missed, blind = chain.dof, [], 0
-    for entry in itertools.product(range(n), range(n), range(6)):
+    entries = list(itertools.product(range(n), range(n), range(6)))[::every]
+    for entry in entries:
         found = failures(check_kernels(falsified(kernels, rep, entry), references))
         i, b, _ = entry
         expected = {
@@ -114,4 +117,4 @@ def test_no_entry_can_be_wrong_unnoticed(rep, chain, robot, references):
         if (f"{rep}_joint_stiffness", "bitwise symmetry") not in found:
             blind += 1
     assert missed == []
-    assert blind == n * n * 6  # symmetry alone would have caught none of them
+    assert blind == len(entries) > 20  # symmetry alone would have caught none of them

@@ -26,7 +26,7 @@ POINT = (
 def test_capped_springs_stay_where_the_mass_matrix_is_singular(tmp_path: Path) -> None:
     """No command is accepted there, and mobilities have no number: the stiffness in force stays. Before, it fell."""
     (tmp_path / "point.urdf").write_text(POINT)
-    arm = open_robot(stiffgen.generate(tmp_path / "point.urdf", tip="mass", output=tmp_path)).module
+    arm = open_robot(stiffgen.generate(tmp_path / "point.urdf", tip="mass", output=tmp_path, batches=False)).module
     controller = arm.Impedance(
         stiffness_cap="accept", motor_inertia=0.0, stiffness_time=0.01, limit_stiffness=0.0, errors="ignore"
     )

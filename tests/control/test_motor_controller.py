@@ -82,7 +82,7 @@ SPRING = {"translation_stiffness": np.diag([2000.0, 2000, 3000]), "rotation_stif
 def generated(once: Once, name: str, text: str, tip: str) -> Any:
     def make(folder: Path) -> None:
         (folder / "robot.xml").write_text(text)
-        stiffgen.generate(folder / "robot.xml", name=name, tip=tip, close_loops=True, output=folder)
+        stiffgen.generate(folder / "robot.xml", name=name, tip=tip, close_loops=True, batches=False, output=folder)
 
     return open_robot(once(f"motors_{name}", make) / name)
 
@@ -429,7 +429,7 @@ def work_put_out(robot: Any, seed: int) -> tuple[float, float]:
     return most, tank + engagement * (returns + elsewhere)
 
 
-@pytest.mark.slow
+@pytest.mark.wide(instead="test_no_work_round_a_closed_path")
 def test_no_schedule_puts_out_more_than_the_bound(ankle: Any) -> None:
     """20 of the schedules, of which some come near the bound."""
     results = np.array([work_put_out(ankle, seed) for seed in range(20)])

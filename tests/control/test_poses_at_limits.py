@@ -23,7 +23,7 @@ MOST = 1e-3
 
 @pytest.fixture(scope="module")
 def scara(once: Once) -> ModuleType:
-    made = once("scara", lambda output: generate(ROOT / "tests" / "data" / "scara.urdf", output=output))
+    made = once("scara", lambda output: generate(ROOT / "tests" / "data" / "scara.urdf", output=output, batches=False))
     return open_robot(made / "scara").module
 
 

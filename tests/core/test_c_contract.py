@@ -19,11 +19,15 @@ from support.project import ROOT, compilers, require_compiler
 ALLOWED = {"sin", "cos", "sincos", "sqrt", "fmax", "memcpy", "memset", "memmove"}
 
 
+MARKS = {("c99", "-O2"): (), ("c++11", "-O0"): (), ("c99", "-O3"): pytest.mark.slow, ("c++20", "-O0"): pytest.mark.slow}
+"""Cases that are not wide: the levels and languages that users build with."""
+
+
 @pytest.mark.parametrize("compiler", compilers())
 @pytest.mark.parametrize(
     ("language", "optimisation"),
     [
-        pytest.param(*case, marks=() if case in (("c99", "-O2"), ("c++11", "-O0")) else pytest.mark.slow)
+        pytest.param(*case, marks=MARKS.get(case, pytest.mark.wide))
         for case in (
             *(("c99", level) for level in ("-O0", "-O2", "-O3")),  # warnings of the optimiser
             *((language, "-O0") for language in ("c11", "c++11", "c++20")),  # warnings of the language
@@ -173,7 +177,7 @@ def test_eight_threads(flags, robot_folder, tmp_path):
     assert (done.returncode, done.stdout.strip()) == (0, "0"), done.stderr
 
 
-@pytest.mark.parametrize("level", ["-O0", pytest.param("-O1", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("level", ["-O0", pytest.param("-O1", marks=pytest.mark.wide)])
 def test_no_undefined_behaviour(level, golden, chain, robot_folder, tmp_path):
     """Address and undefined-behaviour sanitizers over every kernel."""
     sample = golden[0]

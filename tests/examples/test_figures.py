@@ -47,14 +47,14 @@ def test_controller(robot: ModuleType) -> None:
     assert_same(controller.draw(robot))
 
 
-@pytest.mark.slow
+@pytest.mark.wide(instead="test_controller")
 def test_analysis(robot_folder: Path) -> None:
     from examples import analyze_recording
 
     assert_same(analyze_recording.draw(robot_folder))
 
 
-@pytest.mark.slow
+@pytest.mark.wide(instead="test_theory")
 def test_closed_loops() -> None:
     from examples import closed_loops
 

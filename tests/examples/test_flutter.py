@@ -78,6 +78,6 @@ def test_shoulder_and_hip_flutter_as_the_page_says() -> None:
         assert f"| {' | '.join(row)} |" in page
 
 
-@pytest.mark.slow
+@pytest.mark.wide(instead="test_shoulder_and_hip_flutter_as_the_page_says")
 def test_the_film_is_the_motion() -> None:
     assert difference(film.film(), (ROOT / "docs" / "flutter_film.svg").read_text(), 1.0) == ""

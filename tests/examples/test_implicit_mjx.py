@@ -15,13 +15,14 @@ from support.project import ROOT
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("test", ["a_motion_into_a_wall", pytest.param("the_tangent_stands", marks=pytest.mark.wide)])
 @pytest.mark.skipif(find_spec("mujoco.mjx") is None, reason="mujoco-mjx is not installed (extra mjx)")
-def test_implicit_steps_in_mjx(tmp_path: Path) -> None:
-    """Run the tests of steps_in_mjx.py."""
+def test_implicit_steps_in_mjx(test: str, tmp_path: Path) -> None:
+    """Run a test of steps_in_mjx.py."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--basetemp", str(tmp_path / "own")]
     done = subprocess.run(
-        [*command, "-m", "slow", "tests/examples/steps_in_mjx.py"],
+        [*command, "-m", "slow", "-k", test, "tests/examples/steps_in_mjx.py"],
         cwd=ROOT, env=environment, capture_output=True, text=True, check=False,
     )  # fmt: skip
-    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.returncode == 0 and "1 passed" in done.stdout, done.stdout + done.stderr

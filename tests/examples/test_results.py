@@ -52,7 +52,7 @@ def test_every_table_has_its_section_and_its_command() -> None:
 @pytest.mark.parametrize(
     "section",
     [  # a quick relative of the simulation is in test_flutter.py
-        pytest.param(each, marks=[pytest.mark.slow] if each == "flutter" else [])
+        pytest.param(each, marks=[pytest.mark.wide] if each == "flutter" else [])
         for each in results.SECTIONS
         if each != "experiments"
     ],

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from campaigns.rooms import ALL_FAMILIES, ROOMS, House, functions_of
+from campaigns.rooms import ALL_FAMILIES, OF_THE_CORE, ROOMS, House, functions_of
 from support.project import ROOT
 
 
@@ -21,13 +21,14 @@ def test_the_others_go_on_without_a_room(room: str, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_core_stands_alone(tmp_path: Path) -> None:
-    """All rooms and families are gone at once."""
+    """All rooms and families are gone at once; tests of the core pass."""
     house = House(("families", "files", "control", "cli", "lab", "fri", "ros2"), tmp_path)
     house.generate_and_verify_alone()
     assert house.functions().items() <= functions_of(ROOT / "generated" / "iiwa14").items()
+    house.test_kernels(OF_THE_CORE)
 
 
-@pytest.mark.slow
+@pytest.mark.wide(instead="test_the_core_stands_alone")
 def test_the_kernels_need_no_room(tmp_path: Path) -> None:
     """``make campaign NAME=rooms`` runs the kernels' tests without each room alone."""
     house = House(ROOMS, tmp_path)
