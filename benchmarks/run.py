@@ -120,6 +120,12 @@ def libraries(chain: stiffgen.Chain, folder: Path, robot: Path) -> dict[str, Pat
                 build(f"{name}; {compiler} {flags}", compiler, flags, "casadi.c", extra)
         for flags in (NATIVE, AVX2, PLAIN):
             build(f"stiffgen; {compiler} {flags}", compiler, flags, "own.c", [f"-I{robot}"])
+    _build_pinocchio(chain, folder, build)
+    return built
+
+
+def _build_pinocchio(chain: stiffgen.Chain, folder: Path, build: Callable[..., None]) -> None:
+    """Build the contender of Pinocchio in C++, where its headers and Eigen's are installed."""
     prefix = next((p for p in (Path(each) / "cmeel.prefix" for each in sys.path) if p.exists()), Path())
     eigen = next((p for p in (prefix / "include/eigen3", Path("/usr/include/eigen3")) if p.exists()), None)
     if not (prefix / "include/pinocchio").exists() or eigen is None:
@@ -133,7 +139,6 @@ def libraries(chain: stiffgen.Chain, folder: Path, robot: Path) -> dict[str, Pat
                 build(name, "g++", f"-std=c++17 -DNDEBUG {BOOST} {flags}", "pinocchio.cpp", include)
             except subprocess.CalledProcessError as error:
                 left_out.append(f"{name}: does not compile ({error.stderr.strip().splitlines()[-1][:80]})")
-    return built
 
 
 def pinocchio_joints(chain: stiffgen.Chain) -> str:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Functions have at most 60 lines, classes 20 methods and files 500 lines; records of many fields have a reason."""
+"""Sizes of functions, classes and files, branches of functions; records of many fields have a reason."""
 
 from __future__ import annotations
 
@@ -13,6 +13,27 @@ from support.project import ROOT
 REASON = "# More than twelve fields: "
 
 
+BRANCHES = (ast.If, ast.IfExp, ast.For, ast.While, ast.ExceptHandler, ast.comprehension)
+
+
+def own_nodes(node: ast.AST) -> Iterator[ast.AST]:
+    """Yield the nodes of a function without those of functions and classes in it."""
+    for child in ast.iter_child_nodes(node):
+        if not isinstance(child, (ast.FunctionDef, ast.ClassDef)):
+            yield child
+            yield from own_nodes(child)
+
+
+def cyclomatic_number(function: ast.FunctionDef) -> int:
+    """Return one more than the branches, as lizard counts them."""
+    number = 1
+    for node in own_nodes(function):
+        number += isinstance(node, BRANCHES)
+        number += len(node.ifs) if isinstance(node, ast.comprehension) else 0
+        number += len(node.values) - 1 if isinstance(node, ast.BoolOp) else 0
+    return number
+
+
 def too_long(file: Path) -> Iterator[str]:
     text = file.read_text()
     lines = text.split("\n")
@@ -22,6 +43,8 @@ def too_long(file: Path) -> Iterator[str]:
         end = getattr(node, "end_lineno", None) or 0
         if isinstance(node, ast.FunctionDef) and end - node.lineno >= 60:
             yield f"{node.name}() has {end - node.lineno + 1} lines"
+        if isinstance(node, ast.FunctionDef) and (number := cyclomatic_number(node)) > 15:
+            yield f"{node.name}() has the cyclomatic number {number}"
         if isinstance(node, ast.ClassDef):
             methods = sum(isinstance(each, ast.FunctionDef) for each in node.body)
             if methods > 20:

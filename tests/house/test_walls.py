@@ -144,6 +144,14 @@ def test_dotted_names_in_texts_exist() -> None:
     assert not wrong
 
 
+def test_equations_that_programs_derive_have_their_number() -> None:
+    """A program names the equation of docs/theory.md that it derives."""
+    numbers = set(re.findall(r"\\qquad \((\d+)\) \$\$", (ROOT / "docs" / "theory.md").read_text()))
+    texts = [file.read_text() for file in PACKAGE.rglob("*.py")]
+    named = {number for text in texts for number in re.findall(r"theory\.md \((\d+)\)", text)}
+    assert named == numbers == set("12345")
+
+
 def test_commands_lie_in_cli_and_lab() -> None:
     assert {module.partition(".")[0] for module, _ in COMMANDS.values()} <= {"cli", "lab"}
 

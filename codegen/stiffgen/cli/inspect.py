@@ -69,29 +69,32 @@ def run(options: argparse.Namespace) -> int:
     print_table(console, _tip_table(surveys, names=20 if options.tip else 4))
     if len(tips) > _MOST_TIPS:
         console.print(f"and {len(tips) - _MOST_TIPS} more tips; --tip shows one", markup=False)
-    if description.notes:
-        print(f"\n{counted(len(description.notes), 'note, which changes', 'notes, which change')} nothing:")
-        print("\n".join(f"  {note}" for note in description.notes))
-    if description.remarks:
-        print("\n" + "\n".join(description.remarks))
+    for lines in _findings(description, surveys):
+        print("\n" + "\n".join(lines))
+    return int(bool(description.problems))
+
+
+def _findings(description: Description, surveys: list[TipSurvey]) -> Iterator[list[str]]:
+    """Yield paragraphs about the file: notes, remarks, limits, doubts, loops that stay open, problems."""
     coordinates = _coordinates(description, surveys)
-    if narrowed := list(narrowed_limits(description, coordinates)):
-        print("\n" + "\n".join(map(terminal_text, narrowed)))
-    if doubted := _doubts(description, surveys):
-        print("\n" + "\n".join(map(terminal_text, doubted)))
-    if missing := missing_limits(description.file, coordinates, is_mjcf=description.is_mjcf):
-        print("\n" + "\n".join(map(terminal_text, missing)))
-    if description.loops:
-        closing = counted(len(description.loops), "constraint closes a loop", "constraints close loops")
-        print(f"\n{closing}; left out without --close-loops:")
-        print("\n".join(f"  {printable(loop.text)}" for loop in description.loops))
-    if not description.problems:
-        return 0
-    print(
-        f"\n{counted(len(description.problems), 'problem', 'problems')}; chains that a problem can affect are rejected:"
-    )
-    print("\n".join(f"  {problem.text}" for problem in description.problems))
-    return 1
+    notes = counted(len(description.notes), "note, which changes", "notes, which change")
+    closing = counted(len(description.loops), "constraint closes a loop", "constraints close loops")
+    problems = counted(len(description.problems), "problem", "problems")
+    paragraphs: list[tuple[str, list[str]]] = [
+        (f"{notes} nothing:", list(description.notes)),
+        ("", list(description.remarks)),
+        ("", list(map(terminal_text, narrowed_limits(description, coordinates)))),
+        ("", list(map(terminal_text, _doubts(description, surveys)))),
+        ("", list(map(terminal_text, missing_limits(description.file, coordinates, is_mjcf=description.is_mjcf)))),
+        (f"{closing}; left out without --close-loops:", [printable(loop.text) for loop in description.loops]),
+        (
+            f"{problems}; chains that a problem can affect are rejected:",
+            [problem.text for problem in description.problems],
+        ),
+    ]
+    for heading, lines in paragraphs:
+        if lines:
+            yield [heading, *(f"  {line}" for line in lines)] if heading else lines
 
 
 def _coordinates(description: Description, surveys: list[TipSurvey]) -> list[JointElement]:

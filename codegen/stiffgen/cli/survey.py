@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 from stiffgen.core.errors import DescriptionError, StiffgenError, listed, printable
 from stiffgen.core.loading import kept_limits
@@ -42,14 +43,9 @@ def survey_tip(description: Description, tip: str, base: str | None = None, mass
     for link, names in ((tip, description.links), (base, description.links)):
         if link is not None and link not in names:
             select(description, ChainOptions(tip=tip, base=base))  # raises ChainError
-    above = _joints_above(description, tip)
-    floats = False
+    above, floats = _joints_above(description, tip), False
     if base is None:
-        movable = [joint for joint in above if joint.type != "fixed"]
-        free = [joint for joint in movable if joint.type not in MOVING_TYPES]
-        base = free[-1].child if free else description.root
-        # As `generate` without --base: a floating joint frees the base if no joint before it moves.
-        floats = bool(free) and free[-1].type == "floating" and movable[0] is free[-1]
+        base, floats = _nearest_base(description, above)
     options, hindrance = ChainOptions(tip=tip, base=None if floats else base, masses=masses), ""
     try:
         selection = select(description, options)
@@ -138,22 +134,41 @@ def _joints_above(description: Description, link: str) -> list[JointElement]:
     return above[::-1]
 
 
+def _nearest_base(description: Description, above: Sequence[JointElement]) -> tuple[str, bool]:
+    """Return the base nearest the root from which all joints to a tip have coordinates, and whether it floats.
+
+    As `generate` without --base: a floating joint frees the base if no joint before it moves.
+    """
+    movable = [joint for joint in above if joint.type != "fixed"]
+    free = [joint for joint in movable if joint.type not in MOVING_TYPES]
+    if not free:
+        return description.root, False
+    return free[-1].child, free[-1].type == "floating" and movable[0] is free[-1]
+
+
+def _above_the_base(before: Iterable[JointElement], *, is_free: bool) -> dict[str, list[str]]:
+    """Return the names of the joints above the base by their role; the floating joint of a free base has none."""
+    groups: dict[str, list[str]] = {"above the base, floating": [], "above the base, planar": [], "above the base": []}
+    for joint in before:
+        role = "above the base" if joint.type in MOVING_TYPES else f"above the base, {joint.type}"
+        if role in groups and not (joint.type == "floating" and is_free):
+            groups[role].append(joint.name)
+    return groups
+
+
 def _left_out(description: Description, selection: Selection) -> list[tuple[str, tuple[str, ...]]]:
     """Return the names of the joints that are no coordinates of a selection, by their role."""
     before = _joints_above(description, selection.base)
     floating = selection.base if selection.floating else None
     carried = carried_links(description, (*selection.moving, *selection.side), floating).values()
-    payload = {above.name for links in carried for _, above in links if above}
-    chain = {joint.name for joint in (*selection.moving, *selection.side, *before)} | set(selection.masters)
+    payload = {above.name for _, above in chain.from_iterable(carried) if above}
+    known = {joint.name for joint in (*selection.moving, *selection.side, *before)} | set(selection.masters)
     others = [
         joint.name
         for joint in description.joints.values()
-        if joint.type != "fixed" and joint.mimic is None and joint.name not in chain
+        if joint.type != "fixed" and joint.mimic is None and joint.name not in known
     ]
-    groups = {
-        "above the base, floating": [joint.name for joint in before if joint.type == "floating" and not floating],
-        "above the base, planar": [joint.name for joint in before if joint.type == "planar"],
-        "above the base": [joint.name for joint in before if joint.type in MOVING_TYPES],
+    groups = _above_the_base(before, is_free=selection.floating) | {
         "rides along, held at zero": [name for name in others if name in payload],
         "on other limbs": [name for name in others if name not in payload],
     }

@@ -70,38 +70,25 @@ def _count_and_seed(text: str) -> tuple[int | None, int]:
 def run(options: argparse.Namespace) -> int:
     """Verify a robot; return 1 if a comparison fails, or cannot be made and that is not accepted."""
     page = optional("lab.prove.safety_page")  # None if the room has been taken out, with its options
-    if page is not None and options.report is None and options.evidence:
+    has_report = page is not None and options.report is not None
+    if page is not None and options.evidence and not has_report:
         raise StiffgenError("--evidence fills the page; add --report FILE.html")
     if options.source is None:
         return _run_kinds_alone(options)
     folder = chosen_folder(options)
-    urdf = Path(options.source) if options.urdf is None and options.source.endswith(".urdf") else options.urdf
+    urdf = options.urdf or (Path(options.source) if options.source.endswith(".urdf") else None)
     proofs, targets = _checked_evidence(page, options, folder) if page is not None else (None, None)
-    trusts = options.trust_potentials or _asks(folder)
-    with Progress(messages(wide=False)).shown() as progress:
-        checks = verify(
-            folder,
-            urdf=urdf,
-            count=options.samples[0],
-            seed=options.samples[1],
-            trust_potentials=trusts,
-            other_version=options.other_version,
-            progress=progress,
-        )
-        checks += check_kinds(seed=options.samples[1], progress=progress) if options.kinds else []
+    checks = _checks(options, folder, urdf)
+    chain = open_robot(folder).chain
     _print_summary(checks)
-    if urdf is None:
-        print("URDF not checked (name it behind the folder)")
-    lacking = lacking_kinds(open_robot(folder).chain)
-    if lacking and not options.kinds:
-        print(f"Not of this robot: {', '.join(lacking)} (--kinds compares all kernels on them)")
+    _print_omissions(urdf, [] if options.kinds else lacking_kinds(chain))
     _print_rows(checks)
-    if page is not None and options.report is not None:
+    if page is not None and has_report:
         page.write_page(
             folder,
             checks,
             options.report,
-            postures=options.samples[0] or default_count(open_robot(folder).chain),
+            postures=options.samples[0] or default_count(chain),
             seed=options.samples[1],
             urdf=urdf,
             proofs=proofs,
@@ -109,6 +96,23 @@ def run(options: argparse.Namespace) -> int:
         )
         print(options.report)
     return 0 if all(check.passed for check in checks) else 1
+
+
+def _checks(options: argparse.Namespace, folder: Path, urdf: Path | None) -> list[Check]:
+    """Return the comparisons of a folder and, with --kinds, of the smallest robots."""
+    trusts = options.trust_potentials or _asks(folder)
+    count, seed = options.samples
+    with Progress(messages(wide=False)).shown() as progress:
+        checks = verify(
+            folder,
+            urdf=urdf,
+            count=count,
+            seed=seed,
+            trust_potentials=trusts,
+            other_version=options.other_version,
+            progress=progress,
+        )
+        return checks + check_kinds(seed=seed, progress=progress) if options.kinds else checks
 
 
 def _run_kinds_alone(options: argparse.Namespace) -> int:
@@ -120,6 +124,14 @@ def _run_kinds_alone(options: argparse.Namespace) -> int:
     _print_summary(checks)
     _print_rows(checks)
     return 0 if all(check.passed for check in checks) else 1
+
+
+def _print_omissions(urdf: Path | None, lacking: list[str]) -> None:
+    """Print what was not compared: the URDF, and kinds of robots that this robot is not of."""
+    if urdf is None:
+        print("URDF not checked (name it behind the folder)")
+    if lacking:
+        print(f"Not of this robot: {', '.join(lacking)} (--kinds compares all kernels on them)")
 
 
 def _print_summary(checks: list[Check]) -> None:

@@ -235,6 +235,33 @@ class ControllerPage:
     start: list[float]
 
 
+def _scopes(chain: Chain) -> list[str]:
+    """Return the prefixes of the tips' functions."""
+    return [f"{tip.name}_" if tip.name else "" for tip in chain.tips]
+
+
+def _reason_classes() -> list[int]:
+    """Return the number of the fault of each reason."""
+    faults = [fault for fault, _ in FAULTS]
+    return [faults.index(fault) for _, fault, _ in REASONS]
+
+
+def _choice_fields() -> list[tuple[str, tuple[str, ...]]]:
+    """Return the fields that take one of several constants, with these."""
+    return [(f.name, f.choices) for f in (*CONFIG, *INPUT) if f.choices]
+
+
+def _remembered() -> list[tuple[str, str, bool]]:
+    """Return the outputs that the memory keeps: name, name in the memory, whether it is an array."""
+    return [(f.name, f.name if f.memory == "=" else f.memory, bool(f.shape)) for f in OUTPUT if f.memory]
+
+
+def _joint_defaults(name: str, index: str) -> list[str]:
+    """Return the statements that set defaults of joint ``index``."""
+    fields = (f for f in CONFIG if f.shape == ("n",))
+    return [f"config->{f.name}[i] = {f.default.format(name=name, i=index)};" for f in fields]
+
+
 def controller_page(
     name: str, chain: Chain, scalar: Scalar, placement: Placement, *, bounded: bool
 ) -> ControllerPage | None:
@@ -256,7 +283,7 @@ def controller_page(
         bounded=bounded,
         paper=[_struct(chain, prefix, *each) for each in PAPER_STRUCTS] if has_paper_law(chain) else [],
         tips=len(chain.tips),
-        scopes=[f"{tip.name}_" if tip.name else "" for tip in chain.tips],
+        scopes=_scopes(chain),
         status=STATUS,
         modes=MODES,
         faults=FAULTS,
@@ -265,7 +292,7 @@ def controller_page(
         stages=STAGES,
         reasons=REASONS,
         seen=list(SEEN.items()),
-        reason_classes=[[fault for fault, _ in FAULTS].index(fault) for _, fault, _ in REASONS],
+        reason_classes=_reason_classes(),
         refusals=REFUSALS,
         arguments=ARGUMENTS,
         reach=[_bound(_reach(chain, tip)) for tip in chain.tips],
@@ -275,17 +302,15 @@ def controller_page(
         structs=[_struct(chain, prefix, *each) for each in (_config_struct(chain), *_STRUCTS[1:])],
         memory=_struct(chain, prefix, "memory", "", MEMORY),
         ranges=RANGES,
-        remembered=[(f.name, f.name if f.memory == "=" else f.memory, bool(f.shape)) for f in OUTPUT if f.memory],
-        choice_fields=[(f.name, f.choices) for f in (*CONFIG, *INPUT) if f.choices],
+        remembered=_remembered(),
+        choice_fields=_choice_fields(),
         outcomes=_outcomes(),
         defaults=[line for f in config_of(chain) for line in _defaults(f, prefix)],
-        joint_defaults=[
-            f"config->{f.name}[i] = {f.default.format(name=name, i=index)};" for f in CONFIG if f.shape == ("n",)
-        ],
+        joint_defaults=_joint_defaults(name, index),
         motors=_motors(chain),
         axes=(placement.translation_axes or "base", placement.rotation_axes),
         centre=", ".join(map(repr, placement.centre)),
-        start=[chain.start[k] for k in chain.actuated] if chain.loops else [],
+        start=[chain.start[k] for k in chain.actuated],
     )
 
 

@@ -130,20 +130,25 @@ def _keyword(option: Field[Any], rest: str, word: str, has_colon: bool) -> str:
     word of the sentence stays.
     """
     name, value, described = option.name, _QUOTED.sub(r"\1\2", word), help_of(option)
-    if name == "tool" and value == "runtime":
+    if (name, value) == ("tool", "runtime"):
         return "runtime_tool=True"
     part, _, entry = value.partition("=")
-    if described.record is not None and part != "link" and part in [each.name for each in fields(described.record)]:
+    if part != "link" and described.record is not None and part in {each.name for each in fields(described.record)}:
         return f"{name}={described.record.__name__}({part}={entry or '...'})"
     if option.default is False:
         return f"{name}=True{rest}"
     if value and name in _LISTS:
         return f"{name}=[{value!r}]"
-    is_choice = value in (described.command or {}).get("choices", ())
-    if value and name in _WORDS and (name == "base" or is_choice or has_colon or word[0] in "\"'"):
+    if value and name in _WORDS and _is_value(option, value, word, has_colon):
         return f"{name}={value!r}"
     is_placeholder = value.isalpha() and value.isupper()
     return f"{name}=..." if is_placeholder else f"{name}=...{rest}"
+
+
+def _is_value(option: Field[Any], value: str, word: str, has_colon: bool) -> bool:
+    """Return whether a single word behind an option must be its value."""
+    is_choice = value in (help_of(option).command or {}).get("choices", ())
+    return option.name == "base" or is_choice or has_colon or word[0] in "\"'"
 
 
 @contextmanager

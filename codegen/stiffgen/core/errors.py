@@ -120,54 +120,51 @@ class DescriptionWarning(UserWarning):
     def __init__(self, file: str, problems: Iterable[str]) -> None:
         self.file = printable(file, 200)
         self.problems = tuple(problems)
+        super().__init__(f"{self.file}: {self._text()}")
+
+    def _text(self) -> str:
         first, left = self.problems[0], len(self.problems) - 1
         more = f" ({left} more; 'stiffgen inspect' lists them all)" if left else ""
-        super().__init__(f"{self.file}: without effect on this chain: {first}{more}")
+        return f"without effect on this chain: {first}{more}"
 
 
 class LoopWarning(DescriptionWarning):
     """The file has constraints that close loops; all functions are those of the tree."""
 
-    def __init__(self, file: str, loops: Iterable[str]) -> None:
-        self.file = printable(file, 200)
-        self.problems = tuple(loops)
+    def _text(self) -> str:
         left = counted(len(self.problems), "constraint that closes a loop is", "constraints that close loops are")
-        UserWarning.__init__(
-            self,
-            f"{self.file}: {left} left out, and joints of a loop are independent of each other: "
-            f"{listed(self.problems, 4)}; --close-loops (in Python close_loops=True) closes them",
+        return (
+            f"{left} left out, and joints of a loop are independent of each other: {listed(self.problems, 4)}; "
+            "--close-loops (in Python close_loops=True) closes them"
         )
 
 
 class InertiaWarning(DescriptionWarning):
     """The user accepts inertias that no rigid body has."""
 
-    def __init__(self, file: str, links: Iterable[str]) -> None:
-        self.file = printable(file, 200)
-        self.problems = tuple(links)
-        UserWarning.__init__(self, f"{self.file}: accepted although no rigid body has it: {'; '.join(self.problems)}")
+    def _text(self) -> str:
+        return f"accepted although no rigid body has it: {'; '.join(self.problems)}"
 
 
 class LimitWarning(DescriptionWarning):
     """The position limits of joints that follow a coordinate exclude each other, and none of them is used."""
 
-    def __init__(self, file: str, limits: Iterable[str]) -> None:
-        self.file = printable(file, 200)
-        self.problems = tuple(limits)
-        UserWarning.__init__(self, f"{self.file}: {'; '.join(self.problems)}")
+    def _text(self) -> str:
+        return "; ".join(self.problems)
 
 
 class OmissionWarning(DescriptionWarning):
     """The file's model has forces at rest that no function contains."""
 
     def __init__(self, file: str, forces: Mapping[str, float]) -> None:
-        self.file = printable(file, 200)
-        self.problems = tuple(forces)
-        UserWarning.__init__(
-            self,
-            f"{self.file}: springs, tendons or gravity compensation of the model push joints "
-            f"{listed(self.problems, 8)} at rest (up to {max(forces.values()):.3g} N m or N); no function contains "
-            "these forces, nor do gravity and bias forces ('stiffgen inspect' lists them)",
+        self._most = max(forces.values())
+        super().__init__(file, forces)
+
+    def _text(self) -> str:
+        return (
+            f"springs, tendons or gravity compensation of the model push joints {listed(self.problems, 8)} at rest "
+            f"(up to {self._most:.3g} N m or N); no function contains these forces, nor do gravity and bias forces "
+            "('stiffgen inspect' lists them)"
         )
 
 

@@ -3,8 +3,7 @@
 
 A process holds a lock on each folder or file that it makes. The system releases the lock when the process ends, also
 by kill -9; the next run removes what carries the name of such a folder and no lock. These locks are on the folders
-themselves (fcntl): a lock file, as of filelock, would stay in the user's output folder. Locks with a name, in the
-cache, are filelock's.
+themselves (fcntl): a lock file, as of filelock, would stay in the user's output folder.
 """
 
 from __future__ import annotations
@@ -18,8 +17,6 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-
-from filelock import FileLock, Timeout
 
 from stiffgen.core.errors import OutputError, printable
 from stiffgen.core.signals import signals_deferred
@@ -93,46 +90,6 @@ def temporary_folder(purpose: str) -> Iterator[Path]:
         finally:
             _remove(folder)
             _release(lock)
-
-
-@contextmanager
-def exclusive(lock: Path, wait: Callable[[], None]) -> Iterator[None]:
-    """Hold the lock of a file while the block runs; call ``wait`` first if another process holds it.
-
-    The system releases the lock when the process ends. The file stays, because removing it would let two processes
-    hold a lock of the same name.
-
-    Raises:
-        OSError: the file cannot be made.
-
-    """
-    held = FileLock(lock)
-    try:
-        held.acquire(blocking=False)
-    except Timeout:
-        wait()
-        held.acquire()
-    try:
-        yield
-    finally:
-        held.release()
-
-
-def remove_unlocked(lock: Path, folder: Path) -> bool:
-    """Remove a folder unless a process holds its lock; return whether it was there and is gone.
-
-    Raises:
-        OSError: the folder cannot be removed.
-
-    """
-    try:
-        with FileLock(lock, blocking=False):
-            if not folder.exists():
-                return False
-            shutil.rmtree(folder)
-            return True
-    except Timeout:
-        return False
 
 
 def flush(folder: Path) -> None:

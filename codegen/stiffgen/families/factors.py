@@ -93,6 +93,17 @@ class _Rod:
         return _Rod(rows, columns, normal, [[x * inverse for x in dual] for dual in duals], squared)
 
 
+def _rods(C: ca.SX, loops: Sequence[Sequence[int]], columns: Sequence[int], units: Units) -> list[_Rod]:
+    """Return the rods: loops of which one or two columns have no entry in the rows of any other loop."""
+    rods = []
+    for rows in loops:
+        others = [row for other in loops for row in other if row not in rows]
+        alone = [k for k in columns if all(C[row, k].is_zero() for row in others)]
+        if (len(rows), len(alone)) in ((2, 1), (2, 2), (3, 2)):  # of three such columns, two can be near a line
+            rods.append(_Rod.of(C, list(rows), alone[: len(rows) - 1], units))
+    return rods
+
+
 class Factors:
     """A block of C_p, ready to be solved; its rows and columns are in the order of ``rows`` and ``columns``.
 
@@ -103,23 +114,21 @@ class Factors:
     def __init__(self, C: ca.SX, loops: Sequence[Sequence[int]], columns: Sequence[int], units: Units) -> None:
         self.C, self.units = C, units
         all_rows = [row for rows in loops for row in rows]
-        self.rods: list[_Rod] = []
-        for rows in loops:
-            others = [row for row in all_rows if row not in rows]
-            alone = [k for k in columns if all(C[row, k].is_zero() for row in others)]
-            if (len(rows), len(alone)) in ((2, 1), (2, 2), (3, 2)):  # of three such columns, two can be near a line
-                self.rods.append(_Rod.of(C, list(rows), alone[: len(rows) - 1], units))
-        in_rods = {row for rod in self.rods for row in rod.rows}
-        self.others = [row for row in all_rows if row not in in_rods]
-        self.rows = [*(row for rod in self.rods for row in rod.rows), *self.others]
+        self.rods = _rods(C, loops, columns, units)
+        in_rods = [row for rod in self.rods for row in rod.rows]
         private = [column for rod in self.rods for column in rod.columns]
+        self.others = [row for row in all_rows if row not in in_rods]
         self.shared = [column for column in columns if column not in private]
-        self.columns = [*private, *self.shared]
-        entries = [[_dot(rod.normal, [C[row, k] for row in rod.rows]) for k in self.shared] for rod in self.rods]
-        entries += [[ca.SX(C[row, k]) for k in self.shared] for row in self.others]
+        self.rows, self.columns = [*in_rods, *self.others], [*private, *self.shared]
+        self.core = self._core()
+
+    def _core(self) -> _Adjugate | _Reflections:
+        """Return the core: a row per rod, its equation along the normal, then the rows without a rod."""
+        entries = [[_dot(rod.normal, [self.C[row, k] for row in rod.rows]) for k in self.shared] for rod in self.rods]
+        entries += [[ca.SX(self.C[row, k]) for k in self.shared] for row in self.others]
         scales = [rod.squared for rod in self.rods] + [ca.SX(1)] * len(self.others)
-        lengths = [units.column(k) for k in self.shared]
-        self.core = (_Adjugate if len(self.shared) <= 2 else _Reflections)(entries, scales, lengths)
+        lengths = [self.units.column(k) for k in self.shared]
+        return (_Adjugate if len(self.shared) <= 2 else _Reflections)(entries, scales, lengths)
 
     def solve(self, right: Sequence[ca.SX]) -> Entries:
         """Return the solution x of A x = right, in the order of the columns; ``right`` is in the order of the rows."""

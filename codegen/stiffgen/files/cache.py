@@ -37,7 +37,7 @@ from stiffgen._version import __version__
 from stiffgen.core.described import in_python
 from stiffgen.core.emit.build import compiler_command
 from stiffgen.core.errors import BuildError, ChainError, OutputError, StiffgenError, listed, printable, terminal_text
-from stiffgen.core.folder import exclusive, flush, remove_unlocked, write_atomically
+from stiffgen.core.folder import flush, write_atomically
 from stiffgen.core.generate import generate_folder
 from stiffgen.core.given import checked_keywords, checked_path
 from stiffgen.core.loading import describe
@@ -46,6 +46,7 @@ from stiffgen.core.names import checked_identifier, identifier
 from stiffgen.core.opened import GeneratedRobot, module_spec, open_robot
 from stiffgen.core.options import GenerationOptions
 from stiffgen.core.robot.files import exists, is_file
+from stiffgen.files.locks import exclusive, remove_unlocked
 from stiffgen.files.names import is_name
 from stiffgen.files.owned import distrust, make_private
 

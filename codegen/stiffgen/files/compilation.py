@@ -21,7 +21,7 @@ import json
 import os
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -98,29 +98,8 @@ def _strip(mujoco: Any, spec: Any, all_missing: bool) -> tuple[list[Path], list[
     for equality in list(spec.equalities):
         if equality.type not in kept:
             spec.delete(equality)
-    wrapped = _wrapped_geoms(spec)
     meshes = {mesh.name: mesh for mesh in spec.meshes}
-    used: dict[str, list[Path]] = {}  # meshes that stay, with their files: none if the vertices stand in the file
-    stand_ins = []
-    for body in spec.bodies:
-        for geom in list(body.geoms):
-            if not _gives_inertia(mujoco, spec, body, geom):
-                if geom.name in wrapped:
-                    geom.material = ""
-                else:
-                    spec.delete(geom)
-                continue
-            geom.material = ""
-            mesh = meshes.get(geom.meshname)  # None if the geom names a mesh that does not exist: MuJoCo says so
-            if geom.meshname and mesh is not None and mesh.file:
-                found = [] if all_missing else _mesh_files(spec, mesh)
-                if found:
-                    used[mesh.name] = found
-                else:
-                    geom.type, geom.meshname, geom.size = mujoco.mjtGeom.mjGEOM_SPHERE, "", [0.01, 0, 0]
-                    stand_ins.append((body.name, mesh.file))
-            elif geom.meshname and mesh is not None:
-                used.setdefault(mesh.name, [])
+    used, stand_ins = _keep_inertias(mujoco, spec, meshes, all_missing)
     for site in spec.sites:
         site.material = ""
         if site.meshname:
@@ -131,6 +110,38 @@ def _strip(mujoco: Any, spec: Any, all_missing: bool) -> tuple[list[Path], list[
         if name not in used:
             spec.delete(mesh)
     return [path for paths in used.values() for path in paths], stand_ins
+
+
+def _keep_inertias(
+    mujoco: Any, spec: Any, meshes: Mapping[str, Any], all_missing: bool
+) -> tuple[dict[str, list[Path]], list[tuple[str, str]]]:
+    """Remove the geoms that give no inertia and guide no tendon.
+
+    Returns:
+        The meshes that stay, with their files (none if the vertices stand in the model's file), and the bodies with a
+        stand-in for a mesh, each with the mesh's file.
+
+    """
+    wrapped = _wrapped_geoms(spec)
+    used: dict[str, list[Path]] = {}
+    stand_ins = []
+    for body, geom in [(each, geom) for each in spec.bodies for geom in each.geoms]:
+        gives_inertia = _gives_inertia(mujoco, spec, body, geom)
+        if not gives_inertia and geom.name not in wrapped:
+            spec.delete(geom)
+            continue
+        geom.material = ""
+        mesh = meshes.get(geom.meshname)  # None if the geom names a mesh that does not exist: MuJoCo says so
+        if not gives_inertia or not geom.meshname or mesh is None:
+            continue
+        if not mesh.file:
+            used.setdefault(mesh.name, [])
+        elif found := [] if all_missing else _mesh_files(spec, mesh):
+            used[mesh.name] = found
+        else:
+            geom.type, geom.meshname, geom.size = mujoco.mjtGeom.mjGEOM_SPHERE, "", [0.01, 0, 0]
+            stand_ins.append((body.name, mesh.file))
+    return used, stand_ins
 
 
 def _wrapped_geoms(spec: Any) -> set[str]:

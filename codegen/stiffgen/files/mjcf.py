@@ -33,6 +33,8 @@ from stiffgen.core.robot.geometry import unit
 from stiffgen.files.confined import answer_of
 from stiffgen.files.templates import portable_inputs
 
+_UNBOUNDED = (-math.inf, math.inf, math.inf, math.inf)
+"""Limits of a joint without any: lower, upper, velocity, effort."""
 _UPRIGHT: Quaternion = (1.0, 0.0, 0.0, 0.0)
 _ORIGIN: Vector = (0.0, 0.0, 0.0)
 _NOTABLE = 1e-9  # [N m or N]
@@ -150,8 +152,9 @@ class _ModelTree:
         joint = f"{name} fixed"
         while joint in self.names or joint in self.joints:
             joint += "_"
-        infinite = (-math.inf, math.inf, math.inf, math.inf)
-        self._add(JointElement(joint, "fixed", parent, "", xyz, orientation, _ORIGIN, *infinite, None), name, inertial)
+        self._add(
+            JointElement(joint, "fixed", parent, "", xyz, orientation, _ORIGIN, *_UNBOUNDED, None), name, inertial
+        )
 
     def _add(self, element: JointElement, link: str, inertial: Inertial) -> None:
         """Add a joint and its child link, whose name is lengthened until it is free."""
@@ -164,21 +167,21 @@ class _ModelTree:
         """Return joint number ``k`` below a link; its reference position becomes part of its frame."""
         joint = self.model["joints"][k]
         kind = _TYPES[joint["type"]]
-        moves = joint["type"] in ("hinge", "slide")
-        axis = unit(joint["axis"]) if moves else _ORIGIN
-        value = joint["reference"] if moves else 0.0
-        mimic = self._couplings.get(k)
+        if joint["type"] not in ("hinge", "slide"):
+            at_rest = self.names[k], kind, link, body, place, orientation, _ORIGIN, *_UNBOUNDED
+            return JointElement(*at_rest, None, has_motor=k in self._motors)
+        axis, value, mimic = unit(joint["axis"]), joint["reference"], self._couplings.get(k)
         if isinstance(mimic, float):  # held by a constraint
             kind, value, mimic = "fixed", value - mimic, None
         if joint["type"] == "hinge" and value:
             half = math.sin(-value / 2)
             turn = (math.cos(value / 2), axis[0] * half, axis[1] * half, axis[2] * half)
             orientation = _product(orientation, turn)
-        elif joint["type"] == "slide" and value:
+        elif value:
             place = _sum(place, _turned(orientation, (-value * axis[0], -value * axis[1], -value * axis[2])))
-        bounds = joint["range"] or (-math.inf, math.inf)
         if kind == "revolute" and not joint["range"]:
             kind = "continuous"
+        lower, upper = joint["range"] or (-math.inf, math.inf)
         return JointElement(
             name=self.names[k],
             type=kind,
@@ -187,14 +190,14 @@ class _ModelTree:
             xyz=place,
             orientation=orientation,
             axis=axis if kind != "fixed" else _ORIGIN,
-            lower=bounds[0] if moves else -math.inf,
-            upper=bounds[1] if moves else math.inf,
+            lower=lower,
+            upper=upper,
             velocity=math.inf,
-            effort=_effort(*self.model["actuation"]["forces"][k]) if moves else math.inf,
+            effort=_effort(*self.model["actuation"]["forces"][k]),
             mimic=mimic,
-            motor_inertia=joint["armature"] + self.model["actuation"]["armatures"][k] if moves else 0.0,
+            motor_inertia=joint["armature"] + self.model["actuation"]["armatures"][k],
             has_motor=k in self._motors,
-            reference=joint["reference"] if moves else 0.0,
+            reference=joint["reference"],
         )
 
     def loop(self, constraint: dict[str, Any]) -> LoopElement:
@@ -254,7 +257,7 @@ class _ModelTree:
             terms[k] = terms.get(k, 0.0) + rate * factor
             constant -= rate * factor * self.model["joints"][k]["reference"]
         first = [k for k, _ in coupling["first"]]
-        terms = {k: terms[k] for k in (*first, *(k for k in terms if k not in first)) if terms[k]}
+        terms = {k: terms[k] for k in dict.fromkeys((*first, *terms)) if terms[k]}
         return terms or None, constant
 
     def _leads(self, found: dict[int, Mimic | float], start: int, end: int) -> bool:

@@ -36,6 +36,59 @@ BASES = pytest.mark.parametrize(
 KERNEL = "static_torque_derivatives"
 
 
+class Pinocchio:
+    """Pinocchio's model of a chain, and its rows and columns in the order of the chain's coordinates."""
+
+    def __init__(self, file, chain):
+        self.chain = chain
+        self.model = pin.buildModelFromUrdf(str(file), *([pin.JointModelFreeFlyer()] if chain.floating else []))
+        self.data = self.model.createData()
+        self.joints = [self.model.joints[self.model.getJointId(each.name)] for each in chain.coordinates]
+        self.order = [*range(chain.base_joints), *(joint.idx_v for joint in self.joints)]
+
+    def move(self, q, base):
+        """Place the robot; ``base`` is the pose of a floating base."""
+        self.at = pin.neutral(self.model)
+        if self.chain.floating:
+            self.at[:7] = pin.SE3ToXYZQUAT(base)
+        self.at[[joint.idx_q for joint in self.joints]] = q
+        pin.computeJointJacobians(self.model, self.data, self.at)
+        pin.updateFramePlacements(self.model, self.data)
+
+    def in_joint_axes(self, wrenches):
+        """Return the loads on the joints that carry the tips, in these joints' axes, as Pinocchio takes them."""
+        loads = pin.StdVec_Force()
+        loads.extend([pin.Force.Zero() for _ in range(self.model.njoints)])
+        for tip, wrench in zip(self.chain.tips, wrenches, strict=True):
+            number = self.model.getFrameId(tip.link)
+            link = self.model.frames[number]
+            in_tip_axes = self.data.oMf[number].rotation.T @ wrench.reshape(2, 3).T
+            loads[link.parentJoint] += link.placement.act(pin.Force(in_tip_axes.T.ravel()))
+        return loads
+
+    def turning(self, wrenches):
+        """Return J^T (w_i x f, w_i x m): a wrench keeps base axes, and Pinocchio's turns with joint i."""
+        total = np.zeros((self.model.nv, self.model.nv))
+        for tip, wrench in zip(self.chain.tips, wrenches, strict=True):
+            number = self.model.getFrameId(tip.link)
+            J = pin.getFrameJacobian(self.model, self.data, number, pin.LOCAL_WORLD_ALIGNED)
+            total += J.T @ np.vstack([np.cross(J[3:].T, part).T for part in (wrench[:3], wrench[3:])])
+        return total
+
+    def derivatives(self, wrenches, gravity):
+        """Return d(dU/dq - J^T F)/dq with wrenches and gravity constant in base axes."""
+        self.model.gravity.linear = gravity
+        turning, loads = self.turning(wrenches), self.in_joint_axes(wrenches)
+        found = pin.computeStaticTorqueDerivatives(self.model, self.data, self.at, loads)
+        return (turning + np.reshape(found, turning.shape))[np.ix_(self.order, self.order)]
+
+    def gravity_derivatives(self, gravity):
+        """Return d2U/dq2 of gravity alone."""
+        self.model.gravity.linear = gravity
+        found = pin.computeGeneralizedGravityDerivatives(self.model, self.data, self.at)
+        return np.reshape(found, (self.model.nv, self.model.nv))[np.ix_(self.order, self.order)]
+
+
 @BASES
 @pytest.mark.parametrize("urdf", ROBOTS, ids=lambda urdf: urdf.stem)
 @pytest.mark.filterwarnings("ignore::stiffgen.core.errors.DescriptionWarning")
@@ -43,38 +96,16 @@ def test_derivative_of_the_static_torque_by_pinocchio(urdf, floating, tmp_path):
     file = tmp_path / urdf.name
     file.write_text(with_exact_right_angles(urdf.read_text()))
     chain = stiffgen.load_chain(file, tip=ROBOTS[urdf], floating_base=floating)
-    kernels, names = stiffgen.StiffnessModel(chain), [c.name for c in chain.coordinates]
-    model = pin.buildModelFromUrdf(str(file), *([pin.JointModelFreeFlyer()] if floating else []))
-    data, joints = model.createData(), [model.joints[model.getJointId(name)] for name in names]
-    order = [*range(chain.base_joints), *(joint.idx_v for joint in joints)]
+    function, oracle = stiffgen.StiffnessModel(chain).static_torque_derivatives, Pinocchio(file, chain)
     random = np.random.default_rng(6)
     for _ in range(3):
-        at, q, gravity = pin.neutral(model), random.uniform(-2, 2, len(names)), random.normal(size=3) * 6
-        if floating:
-            base = pin.SE3.Random()
-            at[:7] = pin.SE3ToXYZQUAT(base)
-        at[[joint.idx_q for joint in joints]] = q
-        model.gravity.linear = gravity
-        pin.computeJointJacobians(model, data, at)
-        pin.updateFramePlacements(model, data)
-        loads, wrenches = pin.StdVec_Force(), random.normal(size=(len(chain.tips), 6)) * 20
-        loads.extend([pin.Force.Zero() for _ in range(model.njoints)])
-        held = np.zeros((model.nv, model.nv))
-        for tip, wrench in zip(chain.tips, wrenches, strict=True):
-            frame = model.getFrameId(tip.link)
-            J = pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
-            held += J.T @ np.vstack([np.cross(J[3:].T, part).T for part in (wrench[:3], wrench[3:])])
-            turned = data.oMf[frame].rotation.T @ wrench.reshape(2, 3).T
-            link = model.frames[frame]
-            loads[link.parentJoint] += link.placement.act(pin.Force(turned.T.ravel()))
+        q, gravity = random.uniform(-2, 2, len(chain.coordinates)), random.normal(size=3) * 6
+        base, wrenches = pin.SE3.Random(), random.normal(size=(len(chain.tips), 6)) * 20
+        oracle.move(q, base)
         where = (*([base.homogeneous] if floating else []), q)
         of_tips = wrenches if len(chain.tips) > 1 else wrenches[0]
-        found = np.array(kernels.static_torque_derivatives(*where, of_tips, gravity))
-        expected = held + pin.computeStaticTorqueDerivatives(model, data, at, loads).reshape(model.nv, model.nv)
-        assert_close(found, expected[np.ix_(order, order)])
-        found = np.array(kernels.static_torque_derivatives(*where, 0 * of_tips, gravity))
-        expected = pin.computeGeneralizedGravityDerivatives(model, data, at)
-        assert_close(found, np.reshape(expected, (model.nv, model.nv))[np.ix_(order, order)])
+        assert_close(np.array(function(*where, of_tips, gravity)), oracle.derivatives(wrenches, gravity))
+        assert_close(np.array(function(*where, 0 * of_tips, gravity)), oracle.gravity_derivatives(gravity))
 
 
 @BASES

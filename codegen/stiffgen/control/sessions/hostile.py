@@ -11,6 +11,7 @@ import numpy as np
 
 from stiffgen.control.fields import CONFIG, Field
 from stiffgen.control.sessions.library import ControllerLibrary, fill, is_same, set_field
+from stiffgen.control.sessions.spoilers import SPOILERS
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.robot.geometry import FloatArray
 
@@ -19,8 +20,6 @@ _FAVOURED = (
     "posture_stiffness",
 )  # fmt: skip
 """Fields whose change the controller may postpone (a joint is in its zone, or fast; samples are missing) or fade in."""
-LEFT_OUT = (1, 2, 3, 4, 5, 12)
-"""Calls that are left out at once: fewer and more than the longest delay of the torque."""
 _CHOSEN_APART = (
     "sample_time", "delay_samples", "lower_limit", "upper_limit", "spring",
 )  # fmt: skip
@@ -184,8 +183,12 @@ class HostileSession:
         return results[0] == results[1] and texts[0] == texts[1] and is_same(*self.both)
 
     def _choose_events(self, number: int) -> None:
-        """Change command, stiffness, load, configuration; reset; start again."""
-        random, rate = self.random, 0.15 if self.calm else 1.0
+        """Change commands and stiffness; load, reset, reconfigure, hold the arm, start again."""
+        self._choose_commands(number)
+        self._choose_troubles()
+
+    def _choose_commands(self, number: int) -> None:
+        random = self.random
         if number == 5 or random.random() < 0.01:
             self.goal = self.q + random.normal(size=self.n) * 10.0 ** random.uniform(-3, -0.5 if self.calm else 0)
         if random.random() < 0.02:
@@ -200,6 +203,9 @@ class HostileSession:
             self.offset = random.normal(size=self.n) * np.array(self.config.effort_limit) * share
         if random.random() < 0.02:
             self._choose_plan()
+
+    def _choose_troubles(self) -> None:
+        random, rate = self.random, 0.15 if self.calm else 1.0
         if random.random() < 0.03 * rate:
             share = 0.02 if self.calm else random.choice([0, 0.3])
             self.load = random.normal(size=self.n) * np.array(self.config.effort_limit) * share
@@ -304,6 +310,14 @@ class HostileSession:
         random, given = self.random, self.input
         event, joint = random.random() * (8.0 if self.calm else 1.0), int(random.integers(self.n))
         bad = float(random.choice([math.nan, math.inf, -math.inf, 1e7]))
+        if not self._is_lost():
+            spoil = next((each for most, each in SPOILERS if event < most), None)
+            if spoil is not None:
+                spoil(self, given, joint, bad)
+
+    def _is_lost(self) -> bool:
+        """Repeat a sample where values are stuck; return whether the sample is lost."""
+        random, given = self.random, self.input
         if random.random() < 0.004:
             self.absent = int(random.integers(1, 30))
         if random.random() < 0.003:
@@ -312,39 +326,13 @@ class HostileSession:
         if self.stuck > 0:
             self.stuck -= 1
             fill(getattr(given, self.stuck_field), self.stuck_values)
-        if self.absent > 0:
-            self.absent -= 1
-            given.sample_valid = 0
-            if random.random() < 0.1:  # calls are left out, too
-                self.counter = (self.counter + int(random.integers(1, 6))) % 2**32
-            return
-        if event < 0.01:
-            given.sample_valid = 0
-        elif event < 0.015:
-            self.counter = (self.counter + int(random.choice(LEFT_OUT))) % 2**32
-            given.counter = self.counter
-        elif event < 0.02:  # an old sample
-            given.counter = (self.counter - 1) % 2**32
-        elif event < 0.03:
-            _put(random.choice(["q", "dq"]), given, joint, bad)
-        elif event < 0.04:  # a jump
-            given.q[joint] += float(random.normal())
-        elif event < 0.045:
-            given.dq[joint] += 5.0 * float(random.normal())
-        elif event < 0.06:
-            fields = ["q0", "translation_stiffness", "rotation_stiffness", "wrench", "equilibrium"]
-            fields += ["wrench_command", "velocity", "acceleration", "torque_offset"]
-            _put(random.choice(fields), given, int(random.integers(6)), bad)
-            given.translation_stiffness[int(random.integers(9))] *= random.choice([1.0, -1.0, 1e3])
-        elif event < 0.061:
-            name = str(random.choice(["command", "sample_valid", "wrench_valid", "external_valid"]))
-            setattr(given, name, int(random.choice([-1, 0, 2, 3])))
-        elif event < 0.063:
-            ctypes.memset(ctypes.byref(given), 0, ctypes.sizeof(given))
-        elif event < 0.066 and self.chain.runtime_tool:
-            given.tool_pose[3] += 1e-3
-        elif event < 0.07:  # a bump of the arm itself
-            self.dq[joint] += 3.0 * float(random.normal())
+        if self.absent == 0:
+            return False
+        self.absent -= 1
+        given.sample_valid = 0
+        if random.random() < 0.1:  # calls are left out, too
+            self.counter = (self.counter + int(random.integers(1, 6))) % 2**32
+        return True
 
     def _overwrite_state(self) -> None:
         """Overwrite the same bytes of both states, such as a copy of the last torque, or two of the three.
@@ -379,11 +367,6 @@ def finite(values: FloatArray) -> FloatArray:
 
 def _copy(source: Any, target: Any) -> None:
     ctypes.memmove(ctypes.byref(target), ctypes.byref(source), ctypes.sizeof(source))
-
-
-def _put(name: str, given: Any, place: int, value: float) -> None:
-    array = getattr(given, name)
-    array[place % len(array)] = value
 
 
 def _impossible(poses: FloatArray, kind: int) -> FloatArray:

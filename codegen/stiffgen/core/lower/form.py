@@ -238,21 +238,20 @@ def make_body(
 
     """
     symbols = ca.vertcat(*(symbol for symbol, _ in inputs)) if inputs else ca.SX(0, 1)
-    values = [(name, value, kind) for _, members, _ in sections for name, value, kind in members]
-    everything = ca.densify(ca.vertcat(*(value for _, value in outputs), *(value for _, value, _ in values)))
+    named = [member for _, members, _ in sections for member in members]
+    everything = ca.densify(ca.vertcat(*(value for _, value in outputs), *(value for _, value, _ in named)))
     graph, numbers = build_graph(ca.Function("f", [symbols], [everything]))
     # The graph's outputs are those of the body, then the named values of all sections, in order.
-    results, rest = numbers[: len(outputs)], iter(numbers[len(outputs) :])
-    named = [
-        (title, [(name, next(rest), kind) for name, _, kind in members], only) for title, members, only in sections
-    ]
-    known = [*zip(results, kinds, strict=False), *((n, kind) for _, members, _ in named for _, n, kind in members)]
+    results, of_named = numbers[: len(outputs)], numbers[len(outputs) :]
+    known = [*zip(results, kinds, strict=False), *zip(of_named, (kind for *_, kind in named), strict=True)]
+    rest = iter(of_named)
     return Body(
         graph,
         tuple(access for _, access in inputs),
         tuple(Output(places, number) for (places, _), number in zip(outputs, results, strict=True)),
         tuple(
-            LoweredSection(title, tuple((name, n) for name, n, _ in members), only) for title, members, only in named
+            LoweredSection(title, tuple((name, next(rest)) for name, *_ in members), only)
+            for title, members, only in sections
         ),
         tuple((number, kind) for number, kind in known if kind is not Kind.NUMBER),
         heading,

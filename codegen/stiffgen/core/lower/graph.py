@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import casadi as ca
@@ -62,32 +62,40 @@ class Graph:
 
         Signs move out of products and into differences, which is exact in floating point.
         """
-        if kind == "const" and a < 0:
-            return "neg", self.add("const", -a), 0
+        form = _FORMS.get(kind)
+        return form(self, a, b) if form else (kind, a, b)
+
+    def _const(self, value: int | float, _: int) -> Key | int:
+        return ("neg", self.add("const", -value), 0) if value < 0 else ("const", value, 0)
+
+    def _neg(self, a: int | float, _: int) -> Key | int:
+        kind, first, second = self.keys[int(a)]
         if kind == "neg":
-            inner = self.keys[int(a)]
-            if inner[0] == "neg":
-                return int(inner[1])
-            if inner[0] == "sub":
-                return self.add("sub", inner[2], int(inner[1]))
-        if kind == "mul":
-            for factor, other in ((int(a), b), (b, int(a))):
-                if self.keys[factor][0] == "neg":
-                    return self.add("neg", self.add("mul", int(self.keys[factor][1]), other))
-            if a == b and self.keys[b][0] in ("less", "at_most"):  # 0 or 1
-                return b
-            a, b = sorted((int(a), b), key=self._constants_first)
-        if kind == "add":
-            if self.keys[b][0] == "neg":
-                return self.add("sub", a, int(self.keys[b][1]))
-            if self.keys[int(a)][0] == "neg":
-                return self.add("sub", b, int(self.keys[int(a)][1]))
-        if kind == "sub":
-            if self.keys[b][0] == "neg":
-                return self.add("add", a, int(self.keys[b][1]))
-            if self.keys[int(a)][0] == "neg":
-                return self.add("neg", self.add("add", int(self.keys[int(a)][1]), b))
-        return kind, a, b
+            return int(first)
+        return self.add("sub", second, int(first)) if kind == "sub" else ("neg", a, 0)
+
+    def _mul(self, a: int | float, b: int) -> Key | int:
+        for factor, other in ((int(a), b), (b, int(a))):
+            if self.keys[factor][0] == "neg":
+                return self.add("neg", self.add("mul", int(self.keys[factor][1]), other))
+        if a == b and self.keys[b][0] in ("less", "at_most"):  # 0 or 1
+            return b
+        first, second = sorted((int(a), b), key=self._constants_first)
+        return "mul", first, second
+
+    def _add(self, a: int | float, b: int) -> Key | int:
+        if self.keys[b][0] == "neg":
+            return self.add("sub", a, int(self.keys[b][1]))
+        if self.keys[int(a)][0] == "neg":
+            return self.add("sub", b, int(self.keys[int(a)][1]))
+        return "add", a, b
+
+    def _sub(self, a: int | float, b: int) -> Key | int:
+        if self.keys[b][0] == "neg":
+            return self.add("add", a, int(self.keys[b][1]))
+        if self.keys[int(a)][0] == "neg":
+            return self.add("neg", self.add("add", int(self.keys[int(a)][1]), b))
+        return "sub", a, b
 
     def _constants_first(self, number: int) -> tuple[bool, int]:
         return self.keys[number][0] != "const", number
@@ -156,6 +164,10 @@ class Graph:
         return uses
 
 
+_FORMS: Mapping[str, Callable[[Graph, int | float, int], Key | int]] = {
+    "const": Graph._const, "neg": Graph._neg, "mul": Graph._mul, "add": Graph._add, "sub": Graph._sub,
+}  # fmt: skip
+"""Rule of each kind of operation that has a form of its own."""
 _BINARY = {
     ca.OP_ADD: "add", ca.OP_SUB: "sub", ca.OP_MUL: "mul", ca.OP_DIV: "div",
     ca.OP_POW: "pow", ca.OP_CONSTPOW: "pow", ca.OP_ATAN2: "atan2", ca.OP_HYPOT: "hypot",

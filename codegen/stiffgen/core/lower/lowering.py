@@ -176,23 +176,21 @@ class Lowering:
         back among the finite ones, so that guarding the sums is enough (put_row).
         """
         on_operands = self._note_reads(program)
-        has_pairs = any(step.over.is_pairs for step in on_operands)
-        copies = self.variant.joint_lanes and not has_pairs
-        read_in_place = {
-            operand.array.name
-            for step in on_operands
-            for operand in step.operands
-            if operand.at != "j" or not self.variant.joint_lanes  # else copied to vectors
-        }
+        copies = self.variant.joint_lanes and not any(step.over.is_pairs for step in on_operands)
         # Statements that take sines and name frames stand in braces of their own, where there are several.
         unshared = [step for step in program if isinstance(step, StraightLine) and not step.name]
         self.braces = len(unshared) > 1 and any(array.is_q for step in unshared for array in step.arguments)
-        read = {array.name for step in program for array in step.reads}
+        read, in_place = {array.name for step in program for array in step.reads}, self._read_in_place(on_operands)
         for array in self.function.inputs:
             if array.name not in read:
                 self.add(Unused(self.storages[array.name]))
-            if array.name in read_in_place:
+            if array.name in in_place:
                 self._rename(self.storages[array.name], copies=copies)
+
+    def _read_in_place(self, steps: Iterable[OnOperands]) -> set[str]:
+        """Return the arrays that operands read where they lie; with vectors of joints, columns j are copied to them."""
+        operands = [operand for step in steps for operand in step.operands]
+        return {operand.array.name for operand in operands if operand.at != "j" or not self.variant.joint_lanes}
 
     def _rename(self, storage: Storage, *, copies: bool) -> None:
         """Give an argument its symbol as name: as a copy without infinity, or as an alias where the names differ."""

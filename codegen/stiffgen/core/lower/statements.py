@@ -54,21 +54,13 @@ def _inputs(f: Lowering, step: StraightLine) -> tuple[_Inputs, list[ca.SX], list
     What enters linearly is guarded: a sliding joint's coordinate, a pose, a stiffness. Sines turn infinity into NaN,
     and what earlier steps wrote comes from guarded numbers.
     """
-    base = f.chain.base_joints
-    in_loops = (joint for loop in f.chain.loops for end in (loop.first, loop.second) for joint in end.joints)
-    sliding = {joint.coordinate - base for joint in (*f.chain.joints[base:], *in_loops) if joint.prismatic}
+    sliding = _sliding(f)
     inputs: _Inputs = []
     values, spans = list[ca.SX](), list[tuple[range, Entry]]()
     for array in step.arguments:
         storage, operand, start = f.storage(array), Operand(array, ""), len(inputs)
         is_argument = storage.place is Place.ARGUMENT and array.name not in f.function.columns
-        zeros = set() if is_argument else storage.known_zeros()
-        symbols = [ca.SX(0) if k in zeros else ca.SX.sym(f"{array.name}{k}") for k in range(array.size)]
-        if is_argument and array.symmetric_part:  # only the upper triangle of the symmetric part is filled
-            n = array.shape[-1]
-            uppers = [k - k % n**2 + upper_entry(k % n**2, n) for k in range(array.size)]
-            symbols = [symbols[upper] for upper in uppers]
-            zeros = {k for k, upper in enumerate(uppers) if upper != k}
+        zeros, symbols = _symbols(storage, is_argument=is_argument)
         accesses = [
             _argument(f, step, operand, k, sliding) if is_argument else f.access(operand, k) for k in range(array.size)
         ]
@@ -77,6 +69,28 @@ def _inputs(f: Lowering, step: StraightLine) -> tuple[_Inputs, list[ca.SX], list
         if is_argument or len(inputs) > start:
             spans.append((range(start, len(inputs)), replace(accesses[0], guard="")))
     return inputs, values, spans
+
+
+def _symbols(storage: Storage, *, is_argument: bool) -> tuple[set[int], list[ca.SX]]:
+    """Return the entries of an array that are no inputs, and the symbols of all entries.
+
+    Of the symmetric part of an argument only the upper triangle is filled; its mirror images have the same symbols.
+    """
+    array = storage.array
+    zeros = set() if is_argument else storage.known_zeros()
+    symbols = [ca.SX(0) if k in zeros else ca.SX.sym(f"{array.name}{k}") for k in range(array.size)]
+    if is_argument and array.symmetric_part:
+        uppers = [_upper_of_stack(k, array.shape[-1]) for k in range(array.size)]
+        symbols = [symbols[upper] for upper in uppers]
+        zeros = {k for k, upper in enumerate(uppers) if upper != k}
+    return zeros, symbols
+
+
+def _sliding(f: Lowering) -> set[int]:
+    """Return the entries of q whose joints slide, on the chain or in its closed loops."""
+    base = f.chain.base_joints
+    in_loops = (joint for loop in f.chain.loops for end in (loop.first, loop.second) for joint in end.joints)
+    return {joint.coordinate - base for joint in (*f.chain.joints[base:], *in_loops) if joint.prismatic}
 
 
 def _argument(f: Lowering, step: StraightLine, operand: Operand, k: int, sliding: set[int]) -> Access:
@@ -107,24 +121,29 @@ def _outputs(
     for number, (array, storage) in enumerate(zip(step.outputs, storages, strict=True)):
         is_column, operand, zeros = number < step.columns, Operand(array, ""), set[int]()
         values = entries[start : start + array.size]
-        # Who reads a whole array, or reads it by joints, reads its zeros, too.
-        if not (is_column or storage.is_result or storage.whole or storage.by_joints):
-            zeros = storage.zeros = {k for k, value in enumerate(values) if value.is_zero()}
-            storage.zero_rows = False
-        has_mirror = array.symmetric and storage.is_result
+        if not is_column:
+            zeros = _unstored_zeros(storage, values)
+        n = array.shape[0] if array.symmetric and storage.is_result else 0  # rows of a matrix with a mirrored triangle
         for k, value in enumerate(values):
-            upper = upper_entry(k, array.shape[0]) if has_mirror else k
-            if k in zeros or k != upper:
+            if k in zeros or (n and k != upper_entry(k, n)):
                 continue
-            places: tuple[Entry, ...] = (Access(storage, operand, k),)
+            places: list[Entry] = [Access(storage, operand, k)]
             if is_column and f.variant.joint_lanes:
-                places = (Local(f"{storage.array.name}{k // m}_{k % m}", None, operand, k),)
-            elif has_mirror and lower_entry(k, array.shape[0]) != k:
-                places = *places, Access(storage, operand, lower_entry(k, array.shape[0]))
-            outputs.append((places, value))
+                places = [Local(f"{storage.array.name}{k // m}_{k % m}", None, operand, k)]
+            elif n and lower_entry(k, n) != k:
+                places.append(Access(storage, operand, lower_entry(k, n)))
+            outputs.append((tuple(places), value))
             stored_kinds.append(kinds[start + k])
         start += array.size
     return outputs, stored_kinds
+
+
+def _unstored_zeros(storage: Storage, values: Sequence[ca.SX]) -> set[int]:
+    """Note and return the entries that are always zero; who reads a whole array, or by joints, reads its zeros, too."""
+    if storage.is_result or storage.whole or storage.by_joints:
+        return set()
+    storage.zeros, storage.zero_rows = {k for k, value in enumerate(values) if value.is_zero()}, False
+    return storage.zeros
 
 
 def named_sections(sections: Sequence[Section]) -> list[tuple[str, list[tuple[str, ca.SX, Kind]], bool]]:
@@ -159,6 +178,11 @@ def upper_entry(k: int, n: int) -> int:
     """Return the entry in the upper triangle that equals entry k of a symmetric n x n matrix, both row-major."""
     row, column = divmod(k, n)
     return min(row, column) * n + max(row, column)
+
+
+def _upper_of_stack(k: int, n: int) -> int:
+    """Return :func:`upper_entry` of an entry of a stack of symmetric n x n matrices."""
+    return k - k % n**2 + upper_entry(k % n**2, n)
 
 
 def lower_entry(k: int, n: int) -> int:

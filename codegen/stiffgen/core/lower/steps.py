@@ -7,7 +7,7 @@ appends items. What differs between variants is read from the variant's record.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 from importlib import import_module
@@ -140,19 +140,13 @@ def _map(f: Lowering, step: Map, sections: Callable[..., tuple[Section, ...]] = 
         return step.expression(*values)
 
     lanes, over, out = f.variant.joint_lanes, step.over, step.output
-    storage = f.storage(out.array)
-    fills_rows = lanes and over.is_pairs and not over.is_paths and out.count == 1
-    fills_vector = lanes and over.is_rows and len(out.array.shape) == 1
+    storage, form = f.storage(out.array), _form(step, lanes=lanes)
+    fills_rows, to_row = form is LoopForm.ROWS, form in (LoopForm.ROWS, LoopForm.VECTOR)
     inputs, values = f.apply(step.operands, expression, rows=fills_rows or over.is_rows)
-    if not (storage.is_result or storage.whole) and (out.at == "j" or (out.at == "" and not storage.by_joints)):
-        # Entries, or rows of all joints, that are always zero are neither stored nor read.
-        storage.zeros = {k for k, value in enumerate(values) if value.is_zero()}
-        storage.zero_rows = out.at == "j" and len(out.array.shape) == 2
-        if len(storage.zeros) == len(values):
-            return
+    if _all_are_zero(storage, out, values):
+        return
     if not storage.is_result:
         f.declare(storage, out.at if len(out.array.shape) > 1 else "")
-    to_row = fills_rows or fills_vector
     outputs: list[tuple[tuple[Entry, ...], ca.SX]] = [
         ((Local("row", "j", out, k) if to_row else Access(storage, out, k, wide=True),), value)
         for k, value in enumerate(values)
@@ -163,21 +157,28 @@ def _map(f: Lowering, step: Map, sections: Callable[..., tuple[Section, ...]] = 
     storage.filled |= fills_rows
     if not to_row:
         f.note_overflow([out.array], f.function.inputs)
-    form = _form(over, rows=fills_rows, vector=fills_vector)
     f.add(Loop(step.comment, form, over, storage, out, body, step.mirror, is_first))
 
 
-def _form(over: Over, *, rows: bool, vector: bool) -> LoopForm:
-    """Return the form of a map's loop; ``rows`` and ``vector`` are what vectors of joints fill."""
-    if rows:
-        return LoopForm.ROWS
-    if vector:
-        return LoopForm.VECTOR
-    if over is Over.ONCE:
+def _all_are_zero(storage: Storage, out: Operand, values: Sequence[ca.SX]) -> bool:
+    """Note the entries, or rows of all joints, that are always zero and neither stored nor read; return if all are."""
+    is_column = out.at == "j"
+    if storage.is_result or storage.whole or not (is_column or (out.at == "" and not storage.by_joints)):
+        return False
+    storage.zeros = {k for k, value in enumerate(values) if value.is_zero()}
+    storage.zero_rows = is_column and len(out.array.shape) == 2
+    return len(storage.zeros) == len(values)
+
+
+def _form(step: Map, *, lanes: bool) -> LoopForm:
+    """Return the form of a map's loop; ``lanes``: with vectors of joints."""
+    if step.over is Over.ONCE:
         return LoopForm.ONCE
-    if over.is_rows:
-        return LoopForm.JOINTS
-    return LoopForm.BRANCH if over.is_paths else LoopForm.PAIRS
+    if step.over.is_paths:
+        return LoopForm.BRANCH
+    if step.over.is_pairs:
+        return LoopForm.ROWS if lanes and step.output.count == 1 else LoopForm.PAIRS
+    return LoopForm.VECTOR if lanes and len(step.output.array.shape) == 1 else LoopForm.JOINTS
 
 
 def _sparse_sum(f: Lowering, step: SparseSum) -> None:
@@ -191,39 +192,63 @@ def _sparse_sum(f: Lowering, step: SparseSum) -> None:
     if start and start.zeros:  # a copy would read entries that were never stored
         _map(f, step.whole(), lambda _, *values: step.sections(*values))
         return
-    of_pairs = start is not None and start.layout is Layout.FLAT and not start.is_result
-    in_place = start is not None and not of_pairs and not output.is_result
-    if not output.is_result and not in_place:
+    of_pairs = _is_filled_by_pairs(start)
+    is_elsewhere = start is not None and not of_pairs and not output.is_result
+    if not output.is_result and not is_elsewhere:
         f.declare(output, "ij" if of_pairs else "")
     elif of_pairs:
         f.note_overflow([step.output], f.function.inputs)
-    inputs, values = [], []
-    for array in step.reads:
+    inputs, values = _read_whole(f, step.reads)
+    operands = values[len(step.reads) - len(step.operands) :]  # those behind the start
+    changes = [k for k, value in enumerate(entries_of(step.expression(*operands))) if not value.is_zero()]
+    if is_elsewhere:
+        output.elsewhere = _entries_elsewhere(f, step, changes)
+    outputs = _stores(step, output, changes, entries_of(step.whole().expression(*values)))
+    defined, wide = len(changes) if is_elsewhere else 0, not f.variant.joint_lanes
+    body = make_body(inputs, outputs, named_sections(step.sections(*operands)), define=defined, wide_outputs=wide)
+    f.add(SparseChange(step.comment, output, start, body, copies=start is not None and not is_elsewhere))
+
+
+def _read_whole(f: Lowering, arrays: Sequence[Array]) -> tuple[list[tuple[ca.SX, Access]], list[ca.SX]]:
+    """Return symbols of all entries of some arrays with their accesses, and the arrays as expressions."""
+    inputs, values = list[tuple[ca.SX, Access]](), list[ca.SX]()
+    for array in arrays:
         symbols = [ca.SX.sym(f"{array.name}{k}") for k in range(array.size)]
         inputs += [(symbol, f.access(Operand(array, ""), k)) for k, symbol in enumerate(symbols)]
         values.append(as_operand(array.shape, symbols))
-    n, operand = step.output.shape[0], Operand(step.output, "")
-    operand_values = values[len(step.reads) - len(step.operands) :]  # those behind the start
-    change = entries_of(step.expression(*operand_values))
-    changes = [k for k, value in enumerate(change) if not value.is_zero()]
-    total = entries_of(step.whole().expression(*values))
-    places: list[Entry] = [Access(output, operand, k) for k in range(n * n)]
-    if in_place and step.start:
-        places = [f.access(Operand(step.start, ""), upper_entry(k, n)) for k in range(n * n)]
-        for k in changes:
-            places[k] = Local(f"{step.output.name}{k // n}{k % n}", None, operand, k)
-        output.elsewhere = tuple(places)
+    return inputs, values
+
+
+def _is_filled_by_pairs(start: Storage | None) -> bool:
+    return start is not None and start.layout is Layout.FLAT and not start.is_result
+
+
+def _entries_elsewhere(f: Lowering, step: SparseSum, changes: Sequence[int]) -> tuple[Access | Local, ...]:
+    """Return the places of a sum that is not stored: locals for entries that change, the start's for all others."""
+    assert step.start is not None
+    n, output, start = step.output.shape[0], step.output, Operand(step.start, "")
+    places: list[Access | Local] = [f.access(start, upper_entry(k, n)) for k in range(n * n)]
+    for k in changes:
+        places[k] = Local(f"{output.name}{k // n}{k % n}", None, Operand(output, ""), k)
+    return tuple(places)
+
+
+def _stores(
+    step: SparseSum, output: Storage, changes: Sequence[int], total: Sequence[ca.SX]
+) -> list[tuple[tuple[Entry, ...], ca.SX]]:
+    """Return the entries that change and, without a start, the zeros in between, in the order of the places.
+
+    Neighbouring zeros share a statement: compilers make wide stores of it.
+    """
+    size, operand = step.output.size, Operand(step.output, "")
+    places = output.elsewhere or tuple(Access(output, operand, k) for k in range(size))
     outputs: list[tuple[tuple[Entry, ...], ca.SX]] = []
-    for before, k in zip([-1, *changes], [*changes, n * n], strict=True):
-        # Zeros in between share a statement, in the order of the places: compilers make wide stores of it.
-        if start is None and k - before > 1:
-            outputs.append((tuple(places[before + 1 : k]), ca.SX(0)))
-        if k < n * n:
+    for before, k in zip([-1, *changes], [*changes, size], strict=True):
+        if step.start is None and k - before > 1:
+            outputs.append((places[before + 1 : k], ca.SX(0)))
+        if k < size:
             outputs.append(((places[k],), total[k]))
-    sections = named_sections(step.sections(*operand_values))
-    defined, wide = len(changes) if in_place else 0, not f.variant.joint_lanes
-    body = make_body(inputs, outputs, sections, define=defined, wide_outputs=wide)
-    f.add(SparseChange(step.comment, output, start, body, copies=start is not None and not in_place))
+    return outputs
 
 
 def _symmetric_part(f: Lowering, step: SymmetricPart) -> None:
@@ -310,20 +335,34 @@ def _sum(f: Lowering, step: Sum) -> None:
         for name, array in zip(step.results, step.outputs, strict=True)
     ]
     for index, term in enumerate(step.terms):
-        arguments, targets, totals = [], [], []
-        for array, argument in term.arguments:
-            first = None if argument.index is None else argument.index * array.size
-            arguments.append((array, f.storage(argument.array) if argument.array else None, first))
-        for output, part in zip(outputs, parts, strict=True):
-            is_apart = output.array.name in step.apart
-            first = output.array.size // len(step.terms) * index if is_apart else None
-            is_added = index > 0 and not is_apart
-            targets.append((part if is_added else output, first))
-            totals.append(output if is_added else None)
+        arguments = [
+            (array, f.storage(part.array) if part.array else None, _first_entry(array, part.index))
+            for array, part in term.arguments
+        ]
+        targets, totals = _targets(step, index, outputs, parts)
         zeros = max((array.size for array, source, _ in arguments if source is None), default=0)
         function = f.kernels.term(term, results)
         f.declare_zeros(zeros)
-        f.add(InvokeKernel(term.function, function, tuple(arguments), tuple(targets), tuple(totals), zeros))
+        f.add(InvokeKernel(term.function, function, tuple(arguments), targets, totals, zeros))
+
+
+def _targets(
+    step: Sum, index: int, outputs: Sequence[Storage], parts: Sequence[Storage]
+) -> tuple[tuple[tuple[Storage, int | None], ...], tuple[Storage | None, ...]]:
+    """Return where term number ``index`` writes each result, with the first entry, and the sums that get it then."""
+    targets, totals = list[tuple[Storage, int | None]](), list[Storage | None]()
+    for output, part in zip(outputs, parts, strict=True):
+        is_apart = output.array.name in step.apart
+        is_added = index > 0 and not is_apart
+        first = output.array.size // len(step.terms) * index if is_apart else None
+        targets.append((part if is_added else output, first))
+        totals.append(output if is_added else None)
+    return tuple(targets), tuple(totals)
+
+
+def _first_entry(array: Array, index: int | None) -> int | None:
+    """Return the first entry of a tip's slice of an argument; None for the whole argument."""
+    return None if index is None else index * array.size
 
 
 RULES: Rules = {

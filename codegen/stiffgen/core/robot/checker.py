@@ -97,6 +97,14 @@ class Checker:
             yield from self._joint(name, element)
         for name, element in self.links.items():
             yield from self._link(name, element)
+        self._note_remarks()
+        for name in self.reading.accept_inertia:
+            if name not in (*self.links, ALL_LINKS):
+                yield Problem("file", f"--accept-inertia {shell_word(name)}: is no link; {_among(self.links)}")
+        yield from self._tree()
+
+    def _note_remarks(self) -> None:
+        """Note what the functions leave out, limits that state none, and rotors; store the rotors' inertias."""
         self.remarks += left_out(self.joints, () if self._has_accelerations else _NEWER_LIMITS)
         self.remarks += [
             f"{counted(len(names), 'joint has', 'joints have')} {text} in <limit>, read as no limit: "
@@ -105,10 +113,6 @@ class Checker:
         ]
         self.rotors, remarks = rotor_inertias(self.robot, self.joints)
         self.remarks += remarks
-        for name in self.reading.accept_inertia:
-            if name not in (*self.links, ALL_LINKS):
-                yield Problem("file", f"--accept-inertia {shell_word(name)}: is no link; {_among(self.links)}")
-        yield from self._tree()
 
     def _named(self, tag: str, into: dict[str, etree._Element]) -> Iterator[Problem]:
         for position, element in enumerate(self.robot.findall(tag), start=1):
@@ -132,6 +136,18 @@ class Checker:
             types = f"valid types: {', '.join(JOINT_TYPES)}{remedy}"
             yield Problem(this, f"{title} {fault}; {types}", self._of_type(name), is_type=True)
         yield from self._spelling(this, element)
+        yield from self._ends(this, title, name, element)
+        yield from self._origin(this, element)
+        # Joints that do not move have zero axes and empty limits in real files; these elements are not read.
+        if kind in MOVING_TYPES:
+            for problem in self._axis(this, element):
+                yield problem if problem.affects == "nothing" else replace(problem, affects="motion")
+            for problem in self._limit(this, element, bounded=kind != "continuous"):
+                yield problem if problem.affects == "nothing" else replace(problem, affects="bounds")
+            yield from self._mimic(this, name, element)
+
+    def _ends(self, this: str, title: str, name: str, element: etree._Element) -> Iterator[Problem]:
+        """Yield the problems of <parent> and <child>, and store the child's parent joint."""
         ends = {}
         for tag in ("parent", "child"):
             end = element.find(tag)
@@ -143,27 +159,17 @@ class Checker:
             if not link:
                 yield Problem("file", f'{title} has no <{tag} link="..."/>; add it')
             elif link not in self.links:
-                yield Problem(
-                    "file", f"{title}: its {tag} link '{printable(link)}' does not exist; {_among(self.links)}"
-                )
+                fault = f"its {tag} link '{printable(link)}' does not exist; {_among(self.links)}"
+                yield Problem("file", f"{title}: {fault}")
             else:
                 ends[tag] = link
-        if "child" in ends:
-            other = self.parents.setdefault(ends["child"], name)
-            if other != name:
-                yield Problem(
-                    "file",
-                    f"link '{printable(ends['child'])}' is the child of joint '{printable(other)}' and of {title}; "
-                    "a URDF is a tree: give each link one parent joint",
-                )
-        yield from self._origin(this, element)
-        # Joints that do not move have zero axes and empty limits in real files; these elements are not read.
-        if kind in MOVING_TYPES:
-            for problem in self._axis(this, element):
-                yield problem if problem.affects == "nothing" else replace(problem, affects="motion")
-            for problem in self._limit(this, element, bounded=kind != "continuous"):
-                yield problem if problem.affects == "nothing" else replace(problem, affects="bounds")
-            yield from self._mimic(this, name, element)
+        other = self.parents.setdefault(ends["child"], name) if "child" in ends else name
+        if other != name:
+            yield Problem(
+                "file",
+                f"link '{printable(ends['child'])}' is the child of joint '{printable(other)}' and of {title}; "
+                "a URDF is a tree: give each link one parent joint",
+            )
 
     def _spelling(self, this: str, element: etree._Element) -> Iterator[Problem]:
         """Yield faults and notes for the names in an element; other methods check the names in its children."""
@@ -291,27 +297,11 @@ class Checker:
             return f"mimics '{printable(master)}', which has no coordinate; name a {', '.join(MOVING_TYPES)} joint"
         return ""
 
-    def _at_zero(self, joint: str) -> bool:
-        """Return whether a joint is at zero if its coordinate is: no <mimic> on its chain of masters has an offset."""
-        names: set[str] = set()
-        while joint in self.joints and joint not in names and self.joints[joint].get("type") != "fixed":
-            if not self._has_no_offset(joint):
-                return False
-            names.add(joint)
-            mimic = self.joints[joint].find("mimic")
-            joint = "" if mimic is None else mimic.get("joint", "")
-        return True
-
-    def _has_no_offset(self, joint: str) -> bool:
-        mimic = self.joints[joint].find("mimic")
-        offset = "0" if mimic is None else mimic.get("offset", "0").strip()
-        return bool(_NUMBER.match(offset)) and float(offset) == 0
-
     def _of_type(self, joint: str) -> Affects:
         """Return which chains a wrong type affects: it depends on whether the joint could move or have an offset."""
         if self.joints[joint].find("mimic") is not None:
             return "coupling"
-        return "motion" if self._at_zero(joint) else "place"
+        return "motion" if _at_zero(self.joints, joint) else "place"
 
     def _link(self, name: str, element: etree._Element) -> Iterator[Problem]:
         """Yield the problems of a link's <inertial>: missing parts, numbers, and a mass or tensor that no body has."""
@@ -398,23 +388,12 @@ class Checker:
             remedy = "; separate numbers by spaces, without commas" if "," in text else ""
             yield Problem(this, f"{place} holds {len(words)} words, expected {expected}{remedy}")
             return
-        values = []
-        for word in words:
-            if limit and word.lower().lstrip("+-") in ("inf", "infinity"):
-                values.append(-math.inf if word.startswith("-") else math.inf)
-                continue
-            value = float(word) if _NUMBER.match(word) else math.nan
-            if math.isnan(value) or (math.isinf(value) and limit):
-                fault = "not a finite decimal number" if math.isnan(value) else "beyond double precision"
-                yield Problem(this, f"{place}: '{printable(word)}' is {fault}; write {printable(_remedy_of(word))}")
-                return
-            if abs(value) > LARGEST and not limit:
-                yield Problem(
-                    this, f"{place}: '{printable(word)}' is beyond {LARGEST:g}; give metres, radians and kilograms"
-                )
-                return
-            values.append(value)
-        self.numbers[element, key] = tuple(values)
+        values = [_value(word, limit=limit) for word in words]
+        fault = next((f"'{printable(each[0])}' {each[1]}" for each in values if isinstance(each, tuple)), "")
+        if fault:
+            yield Problem(this, f"{place}: {fault}")
+            return
+        self.numbers[element, key] = tuple(each for each in values if isinstance(each, float))
 
     def _tree(self) -> Iterator[Problem]:
         """Yield a problem for several roots, and one for each circle of links.
@@ -444,6 +423,19 @@ class Checker:
             visited.update(path)
 
 
+def _at_zero(joints: dict[str, etree._Element], joint: str) -> bool:
+    """Return whether a joint is at zero if its coordinate is: no <mimic> on its chain of masters has an offset."""
+    names: set[str] = set()
+    while joint in joints and joint not in names and joints[joint].get("type") != "fixed":
+        mimic = joints[joint].find("mimic")
+        offset = "0" if mimic is None else mimic.get("offset", "0").strip()
+        if not _NUMBER.match(offset) or float(offset) != 0:
+            return False
+        names.add(joint)
+        joint = "" if mimic is None else mimic.get("joint", "")
+    return True
+
+
 def _affects(fault: urdf_format.ElementFault) -> Affects:
     """Return which chains a fault of spelling affects; a note affects none."""
     if fault.note:
@@ -460,6 +452,19 @@ def _title(this: str) -> str:
 
 def _show(values: tuple[float, ...]) -> str:
     return "(" + ", ".join(f"{value:g}" for value in values) + ")"
+
+
+def _value(word: str, *, limit: bool) -> float | tuple[str, str]:
+    """Return a number, which may be infinite for a ``limit``; or the word with its fault and the remedy."""
+    if limit and word.lower().lstrip("+-") in ("inf", "infinity"):
+        return -math.inf if word.startswith("-") else math.inf
+    value = float(word) if _NUMBER.match(word) else math.nan
+    if math.isnan(value) or (math.isinf(value) and limit):
+        fault = "not a finite decimal number" if math.isnan(value) else "beyond double precision"
+        return word, f"is {fault}; write {printable(_remedy_of(word))}"
+    if abs(value) > LARGEST and not limit:
+        return word, f"is beyond {LARGEST:g}; give metres, radians and kilograms"
+    return value
 
 
 def _remedy_of(word: str) -> str:

@@ -23,18 +23,21 @@ def left_out(joints: Mapping[str, etree._Element], unread: Collection[str] = ())
         if names:
             yield f"{_having(names)} {meaning}, which the functions do not contain: {listed(names, 8)}"
     for attribute in unread:
-        limits = {name: joint.find("limit") for name, joint in moving.items()}
-        names = [name for name, limit in limits.items() if limit is not None and limit.get(attribute) is not None]
+        limits = ((name, joint.find("limit")) for name, joint in moving.items())
+        names = [name for name, limit in limits if limit is not None and limit.get(attribute) is not None]
         if names:
             yield f"{_having(names)} a limit of {attribute}, not read before URDF 1.2: {listed(names, 8)}"
     for name, joint in moving.items():
-        soft = joint.find("safety_controller")
-        if soft is not None and any(soft.get(key) is not None for key in _SOFT):
-            lower, upper = (_number(soft, key) for key in _SOFT)
-            yield (
-                f"joint '{printable(name)}': soft limits {lower:g} to {upper:g} (safety_controller) are not used; set "
-                "<limit>, or lower_limit and upper_limit of the controller's configuration"
-            )
+        yield from _soft_limits(name, joint.find("safety_controller"))
+
+
+def _soft_limits(name: str, soft: etree._Element | None) -> Iterator[str]:
+    if soft is not None and any(soft.get(key) is not None for key in _SOFT):
+        lower, upper = (_number(soft, key) for key in _SOFT)
+        yield (
+            f"joint '{printable(name)}': soft limits {lower:g} to {upper:g} (safety_controller) are not used; set "
+            "<limit>, or lower_limit and upper_limit of the controller's configuration"
+        )
 
 
 def rotor_inertias(robot: etree._Element, joints: Mapping[str, etree._Element]) -> tuple[dict[str, float], list[str]]:

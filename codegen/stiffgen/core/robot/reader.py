@@ -77,17 +77,9 @@ def read_description(path: str | Path, reading: Reading | None = None) -> Descri
     if _is_mjcf(data) and not reading.arguments:
         described: Description = _format(path, "files.mjcf", "MJCF").read_mjcf(path, data)
         return described
-    expansion = Expansion(data)
     is_template = _is_template(path.name, data)
-    if is_template and not path.name.endswith(".xacro") and not reading.arguments:
-        _parse_xml(path.name, data)  # a file that is not well-formed has no elements
-        raise DescriptionError(
-            path.name,
-            ["has elements of xacro; only a template is expanded: name it FILE.xacro, or give one of its arguments"],
-        )
-    if is_template:
-        expansion = _format(path, "files.templates", "xacro").expand(path, reading)
-    elif reading.arguments:
+    expansion = _expand(path, reading, data) if is_template else Expansion(data)
+    if reading.arguments and not is_template:
         given = listed([f"{name}:={value}" for name, value in reading.arguments.items()])
         raise DescriptionError(path.name, [f"takes no arguments ({given}): it is no xacro template; leave them out"])
     robot = _parse_xml(path.name, expansion.text)
@@ -96,14 +88,18 @@ def read_description(path: str | Path, reading: Reading | None = None) -> Descri
             path.name,
             ["expands to a robot without links; if it only defines macros, give the file that calls them"],
         )
-    checker = Checker(robot, reading)
+    return _checked(path.name, data, reading, expansion, Checker(robot, reading))
+
+
+def _checked(file: str, data: bytes, reading: Reading, expansion: Expansion, checker: Checker) -> Description:
+    """Return the content of a URDF that passes the checks of the file as a whole."""
     problems = tuple(checker.run())
     if any(p.element == "file" for p in problems):
         # Problems of the whole file come first, because the message shows only some of them.
-        raise DescriptionError(path.name, [p.text for p in sorted(problems, key=lambda p: p.element != "file")])
+        raise DescriptionError(file, [p.text for p in sorted(problems, key=lambda p: p.element != "file")])
     model = _read_with_yourdfpy(checker)
     return Description(
-        file=path.name,
+        file=file,
         digest=hashlib.sha256(data).hexdigest(),
         robot=model.name,
         inertials={link.name: _inertial(link, checker) for link in model.links},
@@ -116,6 +112,18 @@ def read_description(path: str | Path, reading: Reading | None = None) -> Descri
         inputs=expansion.inputs,
         arguments=tuple(sorted((reading.arguments or {}).items())),
     )
+
+
+def _expand(path: Path, reading: Reading, data: bytes) -> Expansion:
+    """Expand a template; refuse a file with elements of xacro that is not given as one."""
+    if not path.name.endswith(".xacro") and not reading.arguments:
+        _parse_xml(path.name, data)  # a file that is not well-formed has no elements
+        raise DescriptionError(
+            path.name,
+            ["has elements of xacro; only a template is expanded: name it FILE.xacro, or give one of its arguments"],
+        )
+    expansion: Expansion = _format(path, "files.templates", "xacro").expand(path, reading)
+    return expansion
 
 
 def _format(path: Path, module: str, name: str) -> ModuleType:
@@ -326,12 +334,8 @@ def _joint(joint: yourdfpy.urdf.Joint, checker: Checker) -> JointElement:
     axis = (0.0, 0.0, 0.0)
     if joint.type in MOVING_TYPES and any(joint.axis):
         axis = unit(joint.axis.tolist())
-    limit = joint.limit
-    bounds = (limit.lower, limit.upper) if limit else (None, None)
-    bounded = joint.type in ("revolute", "prismatic") and bounds != (None, None)
-    # The default of a missing bound is 0 in the format. If both are missing, the joint is taken as unlimited.
-    lower, upper = (bound or 0.0 for bound in bounds) if bounded else (-math.inf, math.inf)
-    mimic = joint.mimic if joint.type in MOVING_TYPES else None
+    lower, upper = _bounds(joint)
+    limit, mimic = joint.limit, joint.mimic if joint.type in MOVING_TYPES else None
     element = checker.joints[joint.name].find("limit")
     acceleration, deceleration, jerk = (
         checker.numbers.get((element, key), (math.inf,))[0] if element is not None else math.inf
@@ -355,6 +359,14 @@ def _joint(joint: yourdfpy.urdf.Joint, checker: Checker) -> JointElement:
         jerk=jerk,
         motor_inertia=checker.rotors.get(joint.name, 0.0),
     )
+
+
+def _bounds(joint: yourdfpy.urdf.Joint) -> tuple[float, float]:
+    """Return the position limits of a joint: 0 for a missing one, as in the format; unlimited if both are missing."""
+    bounds = (joint.limit.lower, joint.limit.upper) if joint.limit else (None, None)
+    if joint.type not in ("revolute", "prismatic") or bounds == (None, None):
+        return -math.inf, math.inf
+    return bounds[0] or 0.0, bounds[1] or 0.0
 
 
 def _type(joint: etree._Element) -> str:

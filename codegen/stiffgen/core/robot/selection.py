@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from stiffgen.core import given
@@ -94,27 +94,18 @@ def select(description: Description, options: ChainOptions = _DEFAULTS) -> Selec
     tips = _tips(description, options)
     if options.tool is not None:
         _check_tool(file, options.tool, tips)
-    base = description.root if options.base is None else options.base
-    if base not in description.inertials:
-        raise ChainError(
-            f"{file}: base link '{printable(base)}' does not exist; valid names: {listed(description.links)}"
-        )
-    base, floating = _free_base(description, base, tips[0], options)
+    base, floating = _free_base(description, _known_base(description, options.base), tips[0], options)
     couplings = Couplings(description, _checked_locks(description, options.lock or {}))
     paths = [_path(description, base, link) for link in tips]
     elements = list({element.name: element for path in paths for element in path}.values())  # on any path, each once
-    moving = [element for element in elements if couplings.moves(element)]
+    moving = list(filter(couplings.moves, elements))
     loops = _loops(description, options, couplings, base, moving)
     of_loops = {element.name: element for loop in loops for element in loop.joints}
-    moving_all = [*moving, *(each for each in of_loops.values() if couplings.moves(each))]
+    moving_all = [*moving, *filter(couplings.moves, of_loops.values())]
     masters = dict.fromkeys(couplings[element].joint for element in moving_all)  # the coordinates, in order
     beyond = _joints_beyond(description, base)
-    followers = {
-        each.name
-        for each in description.joints.values()
-        if couplings.moves(each) and couplings[each].joint in masters and (options.masses or each.name in of_loops)
-    }
-    side = _side_joints(description, couplings, base, beyond, followers - {element.name for element in moving})
+    wanted = _followers(description, couplings, masters) - {element.name for element in moving}
+    side = _side_joints(description, couplings, base, beyond, wanted if options.masses else wanted & of_loops.keys())
     _check_count(file, base, tips, [*moving, *side])
     carried = carried_links(description, [*moving, *side], base if floating else None) if options.masses else {}
     used = [*elements, *of_loops.values(), *side]
@@ -133,6 +124,25 @@ def select(description: Description, options: ChainOptions = _DEFAULTS) -> Selec
         floating=floating,
         loops=loops,
     )
+
+
+def _known_base(description: Description, base: str | None) -> str:
+    """Return the base link, by default the root."""
+    if base is None:
+        return description.root
+    if base not in description.inertials:
+        raise ChainError(
+            f"{description.file}: base link '{printable(base)}' does not exist; valid names: "
+            f"{listed(description.links)}"
+        )
+    return base
+
+
+def _followers(description: Description, couplings: Couplings, masters: Iterable[str]) -> set[str]:
+    """Return the names of the joints that are coordinates and of all that follow them, of those that move."""
+    leaders = [description.joints[name] for name in masters]
+    led = [each.name for leader in leaders for each in couplings.followers(leader)]
+    return {*led, *(leader.name for leader in leaders if couplings.moves(leader))}
 
 
 def carried_links(
@@ -238,6 +248,23 @@ def _beside(
         DescriptionError: the file has problems that can change the chain.
 
     """
+    affected = _affected(description, couplings, elements, moving, carried, beyond)
+    reasons = [problem.text for problem in description.problems if problem.element in affected[problem.affects]]
+    if reasons:
+        raise DescriptionError(description.file, reasons)
+    texts = [p.text for p in description.problems if carried or not p.element.startswith("link ")]
+    return *texts, *description.notes
+
+
+def _affected(
+    description: Description,
+    couplings: Couplings,
+    elements: list[JointElement],
+    moving: list[JointElement],
+    carried: Carried,
+    beyond: list[JointElement],
+) -> dict[str, set[str]]:
+    """Return the elements that a chain depends on, as in :class:`Problem`, by what a problem of them affects."""
     at_rest = [above for links in carried.values() for _, above in links if above is not None]
     coordinates = couplings.followed(moving)
     displaced = {f"joint {element.name}" for element in at_rest if couplings.position_at_rest(element) != 0}
@@ -250,11 +277,7 @@ def _beside(
     used["place"] = used["motion"] | couplings.followed([*elements, *at_rest])
     used["place"] |= {f"link {link}" for links in carried.values() for link, _ in links}
     used["coupling"] = used["place"] | couplings.followed(beyond)
-    reasons = [problem.text for problem in description.problems if problem.element in used[problem.affects]]
-    if reasons:
-        raise DescriptionError(description.file, reasons)
-    texts = [p.text for p in description.problems if carried or not p.element.startswith("link ")]
-    return *texts, *description.notes
+    return used
 
 
 def possible_tips(description: Description, base: str | None = None) -> list[str]:
@@ -347,31 +370,39 @@ def _checked_locks(description: Description, lock: Mapping[str, float]) -> Mappi
     """
     free = Couplings(description, {})
     for name, position in lock.items():
-        element = description.joints.get(name)
-        moving = [joint.name for joint in description.joints.values() if joint.type in MOVING_TYPES and not joint.mimic]
-        shown = printable(name)
-        unknown = [each.text for each in description.problems if each.is_type and each.element == f"joint {name}"]
-        if unknown:
-            raise DescriptionError(description.file, unknown)
-        if element is None or element.type not in MOVING_TYPES:
-            fault = "does not exist" if element is None else _WITHOUT_POSITION[element.type]
-            raise ChainError(f"{description.file}: joint '{shown}' {fault}; joints to lock: {listed(moving)}")
-        if element.mimic is not None:
-            raise ChainError(
-                f"{description.file}: joint '{shown}' mimics '{printable(element.mimic.joint)}'; lock that one"
-            )
-        if not is_number(position) or not abs(position) <= LARGEST:
-            raise ChainError(
-                f"{description.file}: joint '{shown}' cannot be locked at {given.shown(position)}; give a number"
-            )
-        limited = free.limited(element)
-        if not limited.lower <= position <= limited.upper:
-            by_others = "" if limited == element else " (with those of the joints that follow it)"
-            raise ChainError(
-                f"{description.file}: joint '{shown}' cannot be locked at {position:g}; "
-                f"its limits{by_others} are {limited.lower:g} to {limited.upper:g}{_in_degrees(limited, position)}"
-            )
+        _check_lock(free, _lockable(description, name), position)
     return lock
+
+
+def _lockable(description: Description, name: str) -> JointElement:
+    """Return the joint of a lock, which must exist, move, and mimic none."""
+    element = description.joints.get(name)
+    unknown = [each.text for each in description.problems if each.is_type and each.element == f"joint {name}"]
+    if unknown:
+        raise DescriptionError(description.file, unknown)
+    if element is None or element.type not in MOVING_TYPES:
+        fault = "does not exist" if element is None else _WITHOUT_POSITION[element.type]
+        moving = [joint.name for joint in description.joints.values() if joint.type in MOVING_TYPES and not joint.mimic]
+        raise ChainError(f"{description.file}: joint '{printable(name)}' {fault}; joints to lock: {listed(moving)}")
+    if element.mimic is not None:
+        raise ChainError(
+            f"{description.file}: joint '{printable(name)}' mimics '{printable(element.mimic.joint)}'; lock that one"
+        )
+    return element
+
+
+def _check_lock(free: Couplings, element: JointElement, position: float) -> None:
+    """Refuse a position that is no number, or beyond the limits of the joint and of those that follow it."""
+    where = f"{free.description.file}: joint '{printable(element.name)}' cannot be locked at"
+    if not is_number(position) or not abs(position) <= LARGEST:
+        raise ChainError(f"{where} {given.shown(position)}; give a number")
+    limited = free.limited(element)
+    if not limited.lower <= position <= limited.upper:
+        by_others = "" if limited == element else " (with those of the joints that follow it)"
+        raise ChainError(
+            f"{where} {position:g}; its limits{by_others} are {limited.lower:g} to "
+            f"{limited.upper:g}{_in_degrees(limited, position)}"
+        )
 
 
 def _in_degrees(joint: JointElement, position: float) -> str:

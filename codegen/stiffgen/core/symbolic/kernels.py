@@ -131,22 +131,28 @@ def _select(kernels: tuple[Kernel, ...], groups: tuple[str, ...]) -> tuple[Kerne
         ChainError: the robot has no such group or function.
 
     """
-    known = dict.fromkeys(choice for kernel in kernels for choice in kernel.choices)
-    unknown = [group for group in groups if group not in (ALL, *known)]
-    if unknown:
-        absent = {f"{each.group}.{name}": reason for each in kernels for name, reason in each.absent}
-        if unknown[0] in absent:
-            raise ChainError(f"--kernels {printable(unknown[0])}: {absent[unknown[0]]}")
-        raise ChainError(
-            f"--kernels {printable(unknown[0])}: this robot has no such group or function; groups are "
-            f"{listed(list(dict.fromkeys(kernel.choices[0] for kernel in kernels)))}, a function is "
-            "GROUP.NAME; of dynamics, its name alone"
-        )
+    _refuse_unknown(kernels, groups)
     whole = not groups or ALL in groups
     return tuple(
         kernel
         for kernel in kernels
         if kernel.name == "forward_kinematics" or set(kernel.choices) & set(groups) or (whole and not kernel.on_request)
+    )
+
+
+def _refuse_unknown(kernels: tuple[Kernel, ...], groups: tuple[str, ...]) -> None:
+    """Raise ChainError for the first group that the robot does not have, with the reason if it lacks it on purpose."""
+    known = {choice for kernel in kernels for choice in kernel.choices}
+    unknown = next((group for group in groups if group not in (ALL, *known)), None)
+    if unknown is None:
+        return
+    absent = {f"{each.group}.{name}": reason for each in kernels for name, reason in each.absent}
+    if unknown in absent:
+        raise ChainError(f"--kernels {printable(unknown)}: {absent[unknown]}")
+    raise ChainError(
+        f"--kernels {printable(unknown)}: this robot has no such group or function; groups are "
+        f"{listed(list(dict.fromkeys(kernel.choices[0] for kernel in kernels)))}, a function is "
+        "GROUP.NAME; of dynamics, its name alone"
     )
 
 

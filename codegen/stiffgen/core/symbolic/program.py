@@ -89,15 +89,19 @@ class Over(Enum):
             count = {Over.ONCE: 1, Over.JOINTS: m, Over.COORDINATES: chain.dof - chain.base_joints}[self]
             yield from ((0, j) for j in range(count))
         elif self.is_paths:
-            for outer in range(m):
-                inner = outer if self is Over.ON_THE_WAY else chain.joints[outer].parent
-                while inner >= 0:
-                    yield (inner, outer) if self is Over.ON_THE_WAY else (outer, inner)
-                    inner = chain.joints[inner].parent
+            yield from self._paths(chain)
         elif self is Over.BASE:
             yield from itertools.product(range(chain.base_joints), repeat=2)
         else:
             yield from ((i, j) for i in range(m) for j in range(m) if self is Over.ALL or self._holds(i, j))
+
+    def _paths(self, chain: Chain) -> Iterator[tuple[int, int]]:
+        """Yield pairs of a joint and one on the way to it: from the joint itself, or from its parent, to the base."""
+        for outer, joint in enumerate(chain.joints):
+            inner = outer if self is Over.ON_THE_WAY else joint.parent
+            while inner >= 0:
+                yield (inner, outer) if self is Over.ON_THE_WAY else (outer, inner)
+                inner = chain.joints[inner].parent
 
     def _holds(self, i: int, j: int) -> bool:
         if i == j:

@@ -158,15 +158,6 @@ class TaskStiffness:
         return (general + general.transpose(0, 2, 1)) / 2 if self.symmetric else general
 
 
-def stiff_springs(to: Sampling) -> FloatArray:
-    """Draw symmetric stiffnesses of springs in the joints that hold the robot under the wrenches drawn for its tips."""
-    # Wrenches of 30 N and 10 N m (arguments.wrench) at this reach [m] have less stiffness than these springs.
-    reach = sum(float(np.linalg.norm(joint.translation)) for joint in to.chain.joints)
-    scale = (300.0 + 300.0 * reach) * max(len(to.chain.tips), 1)
-    coupling = symmetric(to) * (0.5 / math.sqrt(to.shape[0]))
-    return np.asarray(scale * (coupling + np.eye(to.shape[0]) * to.random.uniform(1.0, 4.0, to.size)))
-
-
 def symmetric(to: Sampling) -> FloatArray:
     """Draw symmetric matrices with entries of both signs."""
     general = to.random.normal(size=to.size)
@@ -189,24 +180,14 @@ def random_poses(to: Sampling) -> FloatArray:
     return poses
 
 
-_NEAR = 0.15
+NEAR = 0.15
 """Largest distance of drawn joints from a closed configuration [rad or m]."""
 
 
 def within_limits(to: Sampling) -> FloatArray:
     """Draw joint positions within the limits (unbounded joints: one turn, one metre), near a closed configuration."""
     if to.chain.loops:  # the loops' functions have singularities; near the closed configuration there are none
-        return np.array(to.chain.start) + to.random.uniform(-_NEAR, _NEAR, to.size)
+        return np.array(to.chain.start) + to.random.uniform(-NEAR, NEAR, to.size)
     reach = [math.pi if c.type != "prismatic" else 1.0 for c in to.chain.coordinates]
     ranges = np.array([c.range_within(r) for c, r in zip(to.chain.coordinates, reach, strict=True)])
     return to.random.uniform(ranges[:, 0], ranges[:, 1], to.size)
-
-
-def near_start(to: Sampling) -> FloatArray:
-    """Draw positions of the motors near the closed configuration where the robot starts."""
-    return np.array(to.chain.start)[list(to.chain.actuated)] + to.random.uniform(-_NEAR, _NEAR, to.size)
-
-
-def at_start(to: Sampling) -> FloatArray:
-    """Return the closed configuration where the robot starts."""
-    return np.tile(to.chain.start, (to.count, 1))

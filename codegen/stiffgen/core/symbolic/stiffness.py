@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """CasADi expressions of the stiffness: contributions of one joint and of one pair of joints.
 
-Kq = dJ^T/dq . F + J^T (K + Gamma F) J  (Lachner, Nah, Hogan 2025, central equation). The expressions take Jacobian
+Kq = dJ^T/dq . F + J^T (K + Gamma F) J  (Lachner, Nah, Hogan 2025; docs/theory.md (3)). The expressions take Jacobian
 columns J_i (6) and therefore hold for any chain and any type of joint. :mod:`stiffgen.families` repeats them
 over joints and pairs of joints.
 """
@@ -91,5 +91,5 @@ def load_covector(representation: Representation, column: ca.SX, wrench: ca.SX) 
 def uncorrected_covector(
     representation: Representation, column: ca.SX, wrench: ca.SX, product: ca.SX, *, outward: bool
 ) -> ca.SX:
-    """Return u_j (6) = K J_j + z_j, where ``product`` is the vector K J_j."""
+    """Return u_j (6) = K J_j + z_j of docs/theory.md (2), where ``product`` is the vector K J_j."""
     return ca.densify(product + kinematic_covector(representation, column, wrench, outward=outward))

@@ -60,7 +60,7 @@ def kinematic_stiffness(chain: Chain, representation: Representation, result: Ar
 def joint_stiffness_uncorrected(
     chain: Chain, representation: Representation, result: Argument, wrench: Argument, task_stiffness: Argument
 ) -> Program:
-    """Return the program of dJ^T/dq . F + J^T K J, all entries."""
+    """Return the program of docs/theory.md (2), dJ^T/dq . F + J^T K J, all entries."""
 
     def steps(output: Array) -> Program:
         recursion, J = columns_of(chain, representation)
@@ -78,7 +78,7 @@ def joint_stiffness_uncorrected(
 def joint_stiffness(
     chain: Chain, representation: Representation, result: Argument, wrench: Argument, task_stiffness: Argument
 ) -> Program:
-    """Return the program of dJ^T/dq . F + J^T (K + Gamma F) J, one triangle, mirrored."""
+    """Return the program of docs/theory.md (3), dJ^T/dq . F + J^T (K + Gamma F) J: one triangle, mirrored."""
 
     def steps(output: Array) -> Program:
         recursion, J = columns_of(chain, representation)
@@ -89,7 +89,7 @@ def joint_stiffness(
 
 
 def connection_correction(chain: Chain, representation: Representation, result: Argument, wrench: Argument) -> Program:
-    """Return the program of Gamma F."""
+    """Return the program of Gamma F, in hybrid form docs/theory.md (4)."""
     return (
         SparseSum(
             "Gamma F",

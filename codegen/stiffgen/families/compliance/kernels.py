@@ -22,7 +22,7 @@ import numpy as np
 
 from stiffgen.core.family import Asked, asked
 from stiffgen.core.robot.chain import Chain, Tip
-from stiffgen.core.symbolic import arguments, kinematics, pieces, quantities
+from stiffgen.core.symbolic import arguments, kinematics, pieces
 from stiffgen.core.symbolic.arguments import Argument, configuration_arguments
 from stiffgen.core.symbolic.connection import REPRESENTATIONS, Representation
 from stiffgen.core.symbolic.kernel import Kernel
@@ -31,6 +31,7 @@ from stiffgen.core.symbolic.program import Array, Operand, Over, Program, Step
 from stiffgen.core.symbolic.quantities import BlockKind, Blocks
 from stiffgen.core.symbolic.steps import Congruence, Map, Shared, StraightLine, SumJoints
 from stiffgen.families.compliance import expressions as compliance
+from stiffgen.families.compliance.draws import stiff_springs
 from stiffgen.families.contacts import expressions as contacts
 
 
@@ -93,7 +94,7 @@ def joint_stiffness(size: str) -> Argument:
     return Argument(
         "joint_stiffness", (size, size), "N m/rad",
         f"Kth, Hessian of the energy of the {of}' springs and of gravity; {arguments.SYMMETRIC_PART}",
-        symbol="Kth", symmetric_part=True, draw=quantities.stiff_springs, largest="none",
+        symbol="Kth", symmetric_part=True, draw=stiff_springs, largest="none",
     )  # fmt: skip
 
 

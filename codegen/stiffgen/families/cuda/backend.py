@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -94,15 +95,7 @@ def _thread_page(request: Request, code: VariantCode, kernel: Kernel, function: 
 def _launch(request: Request, kernel: Kernel, function: CFunction, name: str, varying: list[Argument]) -> Launch:
     """Describe a CUDA kernel; ``varying`` are the matrices that have a stride."""
     number, strides = request.scalar.name, {argument.name for argument in varying}
-    parameters, arrays = [], []
-    for array in function.inputs:
-        parameters.append(f"const {number} *{array.name}")
-        arrays.append(array.name)
-        if array.name in strides:
-            parameters.append(f"size_t {array.name}_stride")
-            arrays.append(f"{array.name}_stride")
-    parameters += [f"{number} *{array.name}" for array in function.outputs]
-    arrays += [array.name for array in function.outputs]
+    parameters, arrays = _parameters(function, number, strides)
     without_aliases = [text.replace("*", "*__restrict__ ") for text in parameters]
     sizes = ["size_t count", "size_t stride"]
     own = [a for argument, a in zip(kernel.arguments, function.inputs, strict=True) if _is_own(argument)]
@@ -111,9 +104,6 @@ def _launch(request: Request, kernel: Kernel, function: CFunction, name: str, va
     symmetric = [array for array in function.inputs if array.symmetric_part and array.name not in loaded]
     suffixes = dict.fromkeys(loaded, "_of_one") | {array.name: "_of_all" for array in symmetric}
     stored = [result.packed().array(request.chain) for result in kernel.results]
-    traffic = f"{sum(array.size for array in (*own, *stored))} {number}s per configuration"
-    if with_stride:
-        traffic += f", at most {sum(array.size for array in with_stride)} more with arguments that are not shared"
     return Launch(
         name=name,
         kernel=prototype(f"KERNEL {name}_kernel(", sizes + without_aliases),
@@ -123,9 +113,30 @@ def _launch(request: Request, kernel: Kernel, function: CFunction, name: str, va
         symmetric=symmetric,
         arrays=arrays,
         values=[a.name + suffixes.get(a.name, "") for a in function.inputs],
-        traffic=traffic,
+        traffic=_traffic([*own, *stored], with_stride, number),
         documentation=_documentation(request.chain, kernel, varying),
     )
+
+
+def _parameters(function: CFunction, number: str, strides: set[str]) -> tuple[list[str], list[str]]:
+    """Return the parameters of a launch function, and their names: arrays, each with its stride, then results."""
+    parameters, arrays = [], []
+    for array in function.inputs:
+        parameters.append(f"const {number} *{array.name}")
+        arrays.append(array.name)
+        if array.name in strides:
+            parameters.append(f"size_t {array.name}_stride")
+            arrays.append(f"{array.name}_stride")
+    parameters += [f"{number} *{array.name}" for array in function.outputs]
+    return parameters, arrays + [array.name for array in function.outputs]
+
+
+def _traffic(moved: Sequence[Array], with_stride: Sequence[Array], number: str) -> str:
+    """Return in words how many numbers a configuration reads and writes."""
+    text = f"{sum(array.size for array in moved)} {number}s per configuration"
+    if with_stride:
+        text += f", at most {sum(array.size for array in with_stride)} more with arguments that are not shared"
+    return text
 
 
 def _documentation(chain: Chain, kernel: Kernel, varying: list[Argument]) -> list[str]:

@@ -15,16 +15,20 @@ A difference within the function's rounding is no fault, because contributions t
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.robot.geometry import FloatArray
 from stiffgen.core.symbolic.arguments import Argument
 from stiffgen.core.symbolic.kernels import Kernel
-from stiffgen.core.verify.kernels.rounding import beyond_rounding, choices, rounding_errors
+from stiffgen.core.verify.kernels.rounding import beyond_rounding, rounding_errors
 from stiffgen.core.verify.result import Check, Kernels, as_results
+from stiffgen.families.derivatives.branches import choices
 
 _EIGHTH = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
 _SIXTH = {1: 3 / 4, 2: -3 / 20, 3: 1 / 60}
@@ -32,6 +36,7 @@ _FOURTH = {1: 2 / 3, 2: -1 / 12}
 _STEP = 1e-3
 """Step along a direction of about 1 in every angle [rad]; other arguments change in proportion to their size."""
 _DIRECTIONS = 3
+_Arrays = list[FloatArray]
 _BOUND = 1e-10
 _AGREE = 1e-9, 1e-6
 """Largest changes from sixth and fourth order to eighth. At a distance d from a singularity of the type 1 / d, they are
@@ -54,6 +59,51 @@ def check_derivatives(
     return checks
 
 
+@dataclass(frozen=True)
+class _Differences:
+    """Differences of L of eighth, sixth and fourth order in every state, and the size of the terms of L."""
+
+    eighth: FloatArray
+    sixth: FloatArray
+    fourth: FloatArray
+    terms: float
+
+    @staticmethod
+    def along(call: Any, of: Kernel, values: _Arrays, cotangents: _Arrays, directions: _Arrays) -> _Differences:
+        """Return the differences along directions in all arguments together."""
+        steps = [k for k in range(-4, 5) if k != 0]
+        moved = {k: _terms(call, _moved(of, values, directions, k * _STEP), cotangents) for k in steps}
+        eighth, sixth, fourth = (
+            np.sum([w * (moved[k] - moved[-k]).sum(axis=1) for k, w in weights.items()], axis=0) / _STEP
+            for weights in (_EIGHTH, _SIXTH, _FOURTH)
+        )
+        terms = float(np.nanmax(np.abs(moved[1]).sum(axis=1), initial=1e-300))
+        return _Differences(eighth, sixth, fourth, terms)
+
+    def errors(
+        self, chain: Chain, of: Kernel, at: tuple[_Arrays, _Arrays, _Arrays], gradients: Sequence[Any]
+    ) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Return the relative error of the gradients in every state, and in which states the function is smooth.
+
+        Both questions that take long, rounding and branches, are asked only where an error is beyond its bound.
+        """
+        values, cotangents, directions = at
+        terms = [_per_state(g * d) for g, d in zip(gradients, directions, strict=True)]
+        product = sum((each.sum(axis=1) for each in terms), np.zeros(len(self.eighth)))
+        size = sum((np.abs(each).sum(axis=1) for each in terms), np.zeros(len(self.eighth)))
+        # Where the gradients are small, the rounding of the terms of L sets the scale.
+        size = np.maximum(size, 1e-3 * self.terms)
+        changes = np.abs(self.eighth - self.sixth), np.abs(self.eighth - self.fourth)
+        smooth = (changes[0] <= _AGREE[0] * size) & (changes[1] <= _AGREE[1] * size)
+        difference = np.abs(product - self.eighth)
+        if (difference > _BOUND * size).any():  # contributions that cancel leave their rounding
+            difference = beyond_rounding(difference, _noise(chain, of, values, cotangents))
+        error = difference / size
+        if (error[smooth] > _BOUND).any():
+            smooth = smooth & _keeps_branch(chain, of, values, directions)
+        return np.asarray(error), smooth
+
+
 def _check(kernels: Kernels, of: Kernel, kernel: Kernel, chain: Chain, pool: Mapping[Argument, FloatArray]) -> Check:
     """Compare the product ``kernel`` with differences of ``of``, in all states in which ``of`` is a number.
 
@@ -71,31 +121,11 @@ def _check(kernels: Kernels, of: Kernel, kernel: Kernel, chain: Chain, pool: Map
             random.uniform(-1, 1, gradient.shape) * _scale(value, argument)
             for gradient, value, argument in zip(gradients, values, of.arguments, strict=True)
         ]
-        moved = {
-            k: _terms(kernels[of.qualified_name], _moved(of, values, directions, k * _STEP), cotangents)
-            for k in range(-4, 5)
-            if k != 0
-        }
-        eighth, sixth, fourth = (
-            np.sum([w * (moved[k] - moved[-k]).sum(axis=1) for k, w in weights.items()], axis=0) / _STEP
-            for weights in (_EIGHTH, _SIXTH, _FOURTH)
-        )
-        terms = [_per_state(g * d) for g, d in zip(gradients, directions, strict=True)]
-        product = sum((each.sum(axis=1) for each in terms), np.zeros(len(eighth)))
-        size = sum((np.abs(each).sum(axis=1) for each in terms), np.zeros(len(eighth)))
-        # Where the gradients are small, the rounding of the terms of L sets the scale.
-        size = np.maximum(size, 1e-3 * float(np.nanmax(np.abs(moved[1]).sum(axis=1), initial=1e-300)))
-        smooth = (np.abs(eighth - sixth) <= _AGREE[0] * size) & (np.abs(eighth - fourth) <= _AGREE[1] * size)
-        difference = np.abs(product - eighth)
-        if (difference > _BOUND * size).any():  # contributions that cancel leave their rounding
-            difference = beyond_rounding(difference, _noise(chain, of, values, cotangents))
-        error = difference / size
-        if (error[smooth] > _BOUND).any():  # only now, since the branches take long to find
-            smooth &= _keeps_branch(chain, of, values, directions)
+        differences = _Differences.along(kernels[of.qualified_name], of, values, cotangents, directions)
+        error, smooth = differences.errors(chain, of, (values, cotangents, directions), gradients)
         used += int(smooth.sum())
-        if smooth.any():
-            worst = max(worst, float(np.max(error[smooth])))
-        if not np.isfinite(error[np.isfinite(eighth)]).all():  # the product is none where the function is
+        worst = max(worst, float(np.max(error[smooth], initial=0.0)))
+        if not np.isfinite(error[np.isfinite(differences.eighth)]).all():  # the product is none where the function is
             worst = math.inf
     title = "differences of the function"
     if not closes.any() or used < closes.sum():
@@ -103,14 +133,16 @@ def _check(kernels: Kernels, of: Kernel, kernel: Kernel, chain: Chain, pool: Map
     return Check(kernel.qualified_name, title, worst, _BOUND)
 
 
-def _keeps_branch(chain: Chain, of: Kernel, values: list[FloatArray], directions: list[FloatArray]) -> FloatArray:
+def _keeps_branch(
+    chain: Chain, of: Kernel, values: list[FloatArray], directions: list[FloatArray]
+) -> NDArray[np.bool_]:
     """Return for every state whether the function takes the same branches at all steps along the direction."""
     places = [_moved(of, values, directions, k * _STEP) for k in range(-4, 5)]
     branches = choices(chain, of, [np.concatenate(each) for each in zip(*places, strict=True)])
     if branches is None:
         return np.ones(len(values[0]), dtype=bool)
     by_step = branches.reshape(len(places), len(values[0]), -1)
-    same: FloatArray = (by_step == by_step[0]).all(axis=(0, 2))
+    same: NDArray[np.bool_] = (by_step == by_step[0]).all(axis=(0, 2))
     return same
 
 

@@ -84,13 +84,7 @@ def _gather(f: Lowering, step: Gather) -> None:
     pairs = sum(1 for _ in step.over.indices(f.chain, without_base=step.without_base))
     columns = _weighted_columns(f, step) if lanes and step.over is not Over.BASE else None
     if columns is not None:
-        count = columns.array.shape[0]
-        weights = next(f.storage(operand.array) for operand in step.operands if operand.at == "ij")
-        f.declare(output, "j")
-        arguments = (Pointer(columns, row=0), count, Count.JOINTS, Count.ALLOCATED, Count.USED, Pointer(weights, row=0))
-        call = Call("weighted_sums", (*arguments, Pointer(output, row=0)))
-        cost = Operations(add=count, multiply=count).times(pairs)
-        f.add(Helpers((call,), step.comment, step, cost, ordered=False))
+        _weighted_sums(f, step, columns, pairs)
         return
     if not lanes and (step.without_base or step.over is Over.BASE):
         raise NotImplementedError("maps over the pairs of a base's joints go back in vectors of joints only")
@@ -99,12 +93,22 @@ def _gather(f: Lowering, step: Gather) -> None:
     # A function that reads the whole array reads its zeros, too: these are stored.
     output.zeros, output.zero_rows = set() if output.whole else zeros, True
     f.declare(output, "j")
-    stored = [value for value in values if not value.is_zero()]
-    sums: list[tuple[tuple[Entry, ...], ca.SX]] = [((Local("sum", k),), value) for k, value in enumerate(stored)]
-    body = make_body(inputs, sums, wide_outputs=True, accumulate=True)
     rows = tuple(k for k in range(step.output.shape[0]) if k not in zeros)
+    sums: list[tuple[tuple[Entry, ...], ca.SX]] = [((Local("sum", k),), values[row]) for k, row in enumerate(rows)]
+    body = make_body(inputs, sums, wide_outputs=True, accumulate=True)
     cleared = tuple(sorted(zeros)) if output.whole else ()
     f.add(ColumnSums(step.comment, step.over, output, body, rows, cleared, pairs))
+
+
+def _weighted_sums(f: Lowering, step: Gather, columns: Storage, pairs: int) -> None:
+    """Call the helper that sums columns, each weighted with a number of the pair."""
+    count, output = columns.array.shape[0], f.storage(step.output)
+    weights = next(f.storage(operand.array) for operand in step.operands if operand.at == "ij")
+    f.declare(output, "j")
+    arguments = (Pointer(columns, row=0), count, Count.JOINTS, Count.ALLOCATED, Count.USED, Pointer(weights, row=0))
+    call = Call("weighted_sums", (*arguments, Pointer(output, row=0)))
+    cost = Operations(add=count, multiply=count).times(pairs)
+    f.add(Helpers((call,), step.comment, step, cost, ordered=False))
 
 
 def _weighted_columns(f: Lowering, step: Gather) -> Storage | None:

@@ -66,22 +66,37 @@ def _map(run: Gradients, step: Map) -> None:
         if gradient.is_zero():
             continue
         if operand.at == "j" or step.over is Over.ONCE:
-            same_shape = len(bars) == 1 and bars[0].array.shape == operand.array.shape
-            may_pass = same_shape and operand.array.name in run.written and gradient.numel() == seed.numel()
-            if may_pass and ca.is_equal(column(gradient), seed, 1):
+            if _passes(run, operand, bars, gradient, seed):
                 run.bars.setdefault(operand.array.name, []).append(bars[0].array)  # unchanged gradient: no step
-                continue
-            _append_map(run, step, operand, gradient, symbols_of)
+            else:
+                _append_map(run, step, operand, gradient, symbols_of)
             continue
         for array, part in _through_sums(run, operand.array, gradient):
             total = sums.get(array.name, (array, ca.SX.zeros(array.size)))[1]
             sums[array.name] = array, total + part
     if sums:
-        outputs = tuple(run.new(array) for array, _ in sums.values())
-        operands, body = pruned(symbols_of, ca.vertcat(*(term for _, term in sums.values())))
-        comment = "gradient with respect to " + ", ".join(shown(array) for array, _ in sums.values())
-        of = "coordinates" if step.over is Over.COORDINATES else "joints"
-        run.steps.append(Reduce(f"sums over the {of}: {comment}", outputs, operands, body, step.over))
+        _append_sums(run, step, list(sums.values()), symbols_of)
+
+
+def _append_sums(
+    run: Gradients,
+    step: Map,
+    sums: Sequence[tuple[Array, ca.SX]],
+    symbols_of: tuple[tuple[Operand, ca.SX], ...],
+) -> None:
+    """Append one sum over joints of the gradients with respect to whole arrays, given as terms of one joint."""
+    outputs = tuple(run.new(array) for array, _ in sums)
+    operands, body = pruned(symbols_of, ca.vertcat(*(term for _, term in sums)))
+    comment = "gradient with respect to " + ", ".join(shown(array) for array, _ in sums)
+    of = "coordinates" if step.over is Over.COORDINATES else "joints"
+    run.steps.append(Reduce(f"sums over the {of}: {comment}", outputs, operands, body, step.over))
+
+
+def _passes(run: Gradients, operand: Operand, bars: Sequence[Operand], gradient: ca.SX, seed: ca.SX) -> bool:
+    """Return whether the gradient with respect to an array that a step wrote is the output's gradient unchanged."""
+    if len(bars) != 1 or bars[0].array.shape != operand.array.shape or operand.array.name not in run.written:
+        return False
+    return gradient.numel() == seed.numel() and bool(ca.is_equal(column(gradient), seed, 1))
 
 
 def _append_map(
@@ -192,21 +207,17 @@ def _dependencies(run: Gradients, step: StraightLine, variables: tuple[Array, ..
 
 
 def _moving(run: Gradients, step: StraightLine) -> None:
-    """Append closed forms of the derivatives of columns and pose; a tool pose is differentiated by CasADi.
+    """Append the gradient with respect to the motion of a step's columns J and poses, in closed form.
 
-    The first output is the columns, since ``_with_columns`` has replaced steps of the pose alone.
+    A pose contributes the wrench of its gradient to all columns (:func:`_covector`); J_bar contributes sums over the
+    joints beyond and before each joint (:func:`_columns`). What is known per joint is summed into coordinates. CasADi
+    differentiates a tool pose. The first output is J, since ``_with_columns`` has replaced steps of the pose alone.
     """
     assert step.moves is not None
-    others = tuple(each for each in step.arguments if not (each.is_q or each.is_base_pose))
-    J, m = step.outputs[0], len(run.chain.joints)
-    covectors = [_covector(run, pose) for pose in step.outputs[1:] if pose.name in run.bars]
-    if run.chain.floating:
-        output = run.local("motion_bar", (run.chain.dof,))
-        run.motions.append(output)
-    else:
-        (q,) = (each for each in step.arguments if each.is_q)
-        output = run.new(q)
-    of_joints = run.local("q_bar_of_joints", (m,)) if run.chain.coupled else output
+    J, *poses = step.outputs
+    covectors = [_covector(run, pose) for pose in poses if pose.name in run.bars]
+    output = _gradient_of_motion(run, step)
+    of_joints = run.local("q_bar_of_joints", (len(run.chain.joints),)) if run.chain.coupled else output
     if J.name in run.bars:
         _columns(run, step.moves, J, covectors, of_joints)
     else:
@@ -214,8 +225,19 @@ def _moving(run: Gradients, step: StraightLine) -> None:
         run.steps.append(_dots(J, operands, of_joints, floating=run.chain.floating))
     if run.chain.coupled:
         run.steps.append(SumJoints(of_joints, output))
+    others = tuple(each for each in step.arguments if not (each.is_q or each.is_base_pose))
     if others:
         _straight_line(run, step, others)
+
+
+def _gradient_of_motion(run: Gradients, step: StraightLine) -> Array:
+    """Return the array of the gradient with respect to q or, on a floating base, to its twist and the joints' rates."""
+    if not run.chain.floating:
+        (q,) = (each for each in step.arguments if each.is_q)
+        return run.new(q)
+    output = run.local("motion_bar", (run.chain.dof,))
+    run.motions.append(output)
+    return output
 
 
 def _columns(run: Gradients, moves: Representation, J: Array, covectors: list[Array], output: Array) -> None:

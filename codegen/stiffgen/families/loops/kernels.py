@@ -16,9 +16,10 @@ from stiffgen.core.symbolic import stiffness_kernels as stiffness
 from stiffgen.core.symbolic.arguments import Argument, configuration_arguments
 from stiffgen.core.symbolic.kernel import Kernel
 from stiffgen.core.symbolic.program import Program
-from stiffgen.core.symbolic.quantities import Normal, at_start, near_start, symmetric
+from stiffgen.core.symbolic.quantities import Normal, symmetric
 from stiffgen.families.loops import programs as motor_programs
 from stiffgen.families.loops.closure import Closure
+from stiffgen.families.loops.draws import at_start, near_start
 
 GROUP = "motors"
 CLOSED = "q must close the loops (function close); NaN where the passive joints do not follow from the motors."

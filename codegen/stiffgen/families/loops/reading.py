@@ -35,6 +35,17 @@ def read_loop(text: str) -> LoopElement:
     return LoopElement(f"loop {text}", *ends, option=text)
 
 
+def _refuse_nothing_to_close(file: str, options: ChainOptions) -> None:
+    """Refuse options of closed loops where neither the file nor the user has any."""
+    if options.close_loops:
+        raise ChainError(f"{file}: has no constraints that close loops; describe them by --loop LINK:X,Y,Z=LINK:X,Y,Z")
+    if options.actuated:
+        raise ChainError(
+            f"{file}: --actuated names the motors of closed loops, and none is closed; add --close-loops (loops of an "
+            "MJCF file) or --loop LINK:X,Y,Z=LINK:X,Y,Z"
+        )
+
+
 def select_loops(
     description: Description, options: ChainOptions, couplings: Couplings, base: str, on_paths: Sequence[JointElement]
 ) -> tuple[SelectedLoop, ...]:
@@ -45,14 +56,9 @@ def select_loops(
             there is nothing to close.
 
     """
-    file, of_file = description.file, description.loops if options.close_loops else ()
-    if options.close_loops and not (options.loop or of_file):
-        raise ChainError(f"{file}: has no constraints that close loops; describe them by --loop LINK:X,Y,Z=LINK:X,Y,Z")
-    if options.actuated and not (options.loop or of_file):
-        raise ChainError(
-            f"{file}: --actuated names the motors of closed loops, and none is closed; add --close-loops (loops of an "
-            "MJCF file) or --loop LINK:X,Y,Z=LINK:X,Y,Z"
-        )
+    of_file = description.loops if options.close_loops else ()
+    if not (options.loop or of_file):
+        _refuse_nothing_to_close(description.file, options)
 
     def coordinates(elements: Sequence[JointElement]) -> set[str]:
         return {couplings[each].joint for each in elements if couplings.moves(each)}
@@ -66,7 +72,7 @@ def select_loops(
         reached = reached.union(*(coordinates(loop.joints) for loop in near))
     for loop in found:
         _check(description, loop, base)
-    return tuple(loop for loop in candidates if loop in found)
+    return tuple(filter(found.__contains__, candidates))
 
 
 def _above(description: Description, link: str) -> list[JointElement]:

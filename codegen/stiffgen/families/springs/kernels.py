@@ -41,7 +41,7 @@ def spring_joint_terms(
     torque: Argument | None = None,
     joint_stiffness: Argument | None = None,
 ) -> Program:
-    """Return the program of energy, torque -J^T F and joint stiffness of a spring, or some of them, in one pass."""
+    """Return the program of docs/theory.md (1): energy, torque, joint stiffness of a spring, or some, in one pass."""
     pose, m = POSE.array(chain), len(chain.joints)
     J, F, K = Array("J", (6, m)), Array("F", (6,)), Array("K", (6, 6))
     columns = columns_and_pose(chain, J, pose)

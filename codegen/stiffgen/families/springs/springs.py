@@ -254,7 +254,7 @@ TRACE = spring()
 
 
 def derivatives(spring: Spring, p: ca.SX, R: ca.SX, parameters: Sequence[ca.SX]) -> Terms:
-    """Return energy, wrench and covariant Hessian in hybrid axes.
+    """Return energy, wrench and covariant Hessian, docs/theory.md (5), in hybrid axes.
 
     Of an energy, CasADi differentiates U(p + v, M R) with respect to v and the nine entries of M = I + [w] + [w]^2/2.
     The chain rule from M to w is written out, since the derivatives of M with respect to w are constants.

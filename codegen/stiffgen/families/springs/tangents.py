@@ -46,30 +46,30 @@ def _total(task: ca.SX, load: ca.SX) -> ca.SX:
 
 
 def positive_tangent(chain: Chain, spring: Spring) -> Program:
-    """Return the program of P."""
-    pose, m = POSE.array(chain), len(chain.joints)
-    J, F, s = Array("J", (6, m)), Array("F", (6,)), Array("s", (6,))
-    operands = Operand(J, "i"), Operand(J, "j"), Operand(s, "")
+    """Return the program of P = T + diag(sum_j |A_ij|), both terms summed into coordinates first.
 
-    def weighted(left: ca.SX, right: ca.SX, weights: ca.SX) -> ca.SX:
-        return ca.SX(ca.dot(left, weights * right))
-
-    def task(into: Array) -> Program:
-        comment = "T_ij = J_i . (s J_j) for i<=j, mirrored"
-        return (Map(comment, Over.UPPER, Operand(into, "ij"), operands, weighted, mirror=True),)
-
+    T = J^T diag(s) J with the sums s_i = sum_j |K_ij|. A is docs/theory.md (3) without K: the part of the load F = dU.
+    """
+    pose, J = POSE.array(chain), Array("J", (6, len(chain.joints)))
+    F, s = Array("F", (6,)), Array("s", (6,))
     comment = "P = T + diagonal matrix of the sums of absolute values in the rows of A"
     parts = Operand(_TASK.array(chain), ""), Operand(_LOAD.array(chain), "")
-    total = Map(comment, Over.ONCE, Operand(_POSITIVE.array(chain), ""), parts, _total)
     return (
         pieces.columns_and_pose(chain, J, pose),
         spring_step(chain, spring, pose, (F, s), "Fs"),
         *pieces.over_joints(
-            chain, _LOAD, lambda into: pieces.load_tangent(chain, J, F, "hybrid", into), mirror=True
+            chain, _LOAD, lambda A: pieces.load_tangent(chain, J, F, "hybrid", A), mirror=True
         ),
-        *pieces.over_joints(chain, _TASK, task, mirror=True),
-        total,
+        *pieces.over_joints(chain, _TASK, lambda T: (_weighted_products(J, s, T),), mirror=True),
+        Map(comment, Over.ONCE, Operand(_POSITIVE.array(chain), ""), parts, _total),
     )  # fmt: skip
+
+
+def _weighted_products(J: Array, s: Array, T: Array) -> Map:
+    """Return the step T_ij = J_i . (s J_j), a symmetric matrix over pairs of joints."""
+    operands = Operand(J, "i"), Operand(J, "j"), Operand(s, "")
+    comment = "T_ij = J_i . (s J_j) for i<=j, mirrored"
+    return Map(comment, Over.UPPER, Operand(T, "ij"), operands, lambda i, j, s: ca.SX(ca.dot(i, s * j)), mirror=True)
 
 
 def tangent_kernels(chain: Chain, springs: tuple[Spring, ...]) -> tuple[Kernel, ...]:

@@ -97,19 +97,10 @@ def _tip(description: Description, tip: str | None, base: str | None, masses: bo
             raise StiffgenError(f"{description.file}: tip '{printable(survey.tip)}': {survey.hindrance}")
         return survey
     tips = possible_tips(description, base)
-    surveys = [survey_tip(description, link, base, masses) for link in tips[:_MOST_TIPS]]
-    good = [survey for survey in surveys if survey.coordinates and not survey.hindrance]
-    hindered = [survey for survey in surveys if survey.hindrance]
-    if not good and hindered:
-        raise StiffgenError(f"{description.file}: tip '{printable(hindered[0].tip)}': {hindered[0].hindrance}")
-    if not good:
-        raise StiffgenError(
-            f"{description.file}: no leaf link has a usable chain; 'stiffgen inspect' names the reasons"
-        )
+    good, refused = _usable(description, [survey_tip(description, link, base, masses) for link in tips[:_MOST_TIPS]])
     if len(tips) == 1:  # as 'generate' chooses
         return good[0]
     if ask is None:
-        refused = {survey.tip for survey in surveys} - {survey.tip for survey in good}
         names = [link for link in suggested_tips(description, base) if link not in refused]
         raise StiffgenError(
             f"{description.file}: several links could be the tip, and there is no terminal to ask at; "
@@ -119,6 +110,17 @@ def _tip(description: Description, tip: str | None, base: str | None, masses: bo
     longest = max(good, key=lambda survey: len(survey.coordinates)).tip
     menu = _menu("Tip: the link that touches things; one of these, or any other", lines, longest)
     return survey_tip(description, _chosen(ask, menu, longest, description.links), base, masses)
+
+
+def _usable(description: Description, surveys: list[TipSurvey]) -> tuple[list[TipSurvey], set[str]]:
+    """Return the surveys of tips with a usable chain, and the other tips; refuse a file without a usable chain."""
+    good = [survey for survey in surveys if survey.coordinates and not survey.hindrance]
+    if good:
+        return good, {survey.tip for survey in surveys} - {survey.tip for survey in good}
+    for survey in surveys:
+        if survey.hindrance:
+            raise StiffgenError(f"{description.file}: tip '{printable(survey.tip)}': {survey.hindrance}")
+    raise StiffgenError(f"{description.file}: no leaf link has a usable chain; 'stiffgen inspect' names the reasons")
 
 
 def _menu(title: str, lines: dict[str, str], default: str | None = None) -> str:

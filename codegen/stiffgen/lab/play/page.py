@@ -112,15 +112,14 @@ def page_text(robot: GeneratedRobot) -> str:
     return re.sub(r"\{\{([A-Z]+)\}\}", lambda found: parts[found[1]], _asset("page.html"))
 
 
-def page_data(robot: GeneratedRobot) -> dict[str, Any]:
-    """Return the page's data of its robot: functions with their arrays, joints, coordinates, tips, springs' axes.
+def _number(limit: float) -> float | None:
+    """Return a limit as JSON has it: null for none."""
+    return limit if math.isfinite(limit) else None
 
-    Raises:
-        OutputError: the folder lacks a function that the page calls.
 
-    """
-    chain = robot.chain
-    table = {kernel.qualified_name: kernel for kernel in robot.table}
+def _tips_and_functions(robot: GeneratedRobot) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    """Return the tips with the names of their functions in C, and the arrays of every function by that name."""
+    chain, table = robot.chain, {kernel.qualified_name: kernel for kernel in robot.table}
     whole = OF_LOOPS if chain.loops else tuple(name for name in MASSES if all(each in table for each in MASSES))
     of_robot = {name: f"{robot.name}_{name}" for name in whole}
     functions = {called: _arrays(table[name], chain) for name, called in of_robot.items()}
@@ -136,6 +135,18 @@ def page_data(robot: GeneratedRobot) -> dict[str, Any]:
             names[role] = f"{robot.name}_{qualified}"
             functions[names[role]] = _arrays(table[qualified], chain)
         tips.append(_tip(tip) | {"kernels": names})
+    return tips, functions
+
+
+def page_data(robot: GeneratedRobot) -> dict[str, Any]:
+    """Return the page's data of its robot: functions with their arrays, joints, coordinates, tips, springs' axes.
+
+    Raises:
+        OutputError: the folder lacks a function that the page calls.
+
+    """
+    chain = robot.chain
+    tips, functions = _tips_and_functions(robot)
     placement = robot.springs
     joints, ends = drawn_joints(chain)
     return {
@@ -148,8 +159,8 @@ def page_data(robot: GeneratedRobot) -> dict[str, Any]:
             {
                 "name": each.name,
                 "prismatic": each.type == "prismatic",
-                "lower": each.lower if math.isfinite(each.lower) else None,
-                "upper": each.upper if math.isfinite(each.upper) else None,
+                "lower": _number(each.lower),
+                "upper": _number(each.upper),
             }
             for each in chain.coordinates
         ],

@@ -93,35 +93,41 @@ def prove(
     robot = open_robot(folder)
     robot.require_doubles("'stiffgen prove'")
     chosen = _chosen(robot, only)
-    if not set(parts) <= set(PARTS) or not parts:
-        raise StiffgenError(f"parts are {', '.join(PARTS)}; not {listed(list(parts)) or 'none'}")
-    if not timeout > 0.0:
-        raise StiffgenError(f"--timeout {timeout:g}: must be above 0 (seconds)")
+    _check_options(parts, timeout)
     with_controller = _includes_controller(robot, parts, only)
     sources = robot.source_digests()
     if json is not None and not Path(json).parent.is_dir():
         raise OutputError(f"{json}: there is no such folder; give another --json")
     provers = find_provers()
     clang = find_sanitizers() if "widths" in parts else ""
-    verdicts: list[Verdict] = []
     with temporary_folder("prove") as temporary, ThreadPoolExecutor(_AT_ONCE) as pool:
         run = _ProofRun(robot, provers, temporary.resolve(), timeout, progress)
-        entries = [each.qualified_name for each in chosen]
-        entries += [f"{each.qualified_name}{batch.suffix}" for each in chosen for batch in each.batches]
-        self_check = ["self_check"] * (len(chosen) == len(robot.table))
         # these run beside each other; bits come after memory, which tells whose bits mean something
+        entries, self_check = _entries(chosen), ["self_check"] * (len(chosen) == len(robot.table))
         memory = pool.submit(_memory, run, chosen, [*entries, *self_check]) if "memory" in parts else None
         controller = pool.submit(_controller, run, parts) if with_controller else None
         widths = pool.submit(width_verdicts, robot, chosen, run.work, timeout, progress, clang) if clang else None
-        if memory is not None:
-            verdicts += memory.result()
-        if "bits" in parts:
-            verdicts += _bits(run, chosen, _without_alarm(entries, verdicts), pool)
+        verdicts = memory.result() if memory is not None else []
+        bits = _bits(run, chosen, _without_alarm(entries, verdicts), pool) if "bits" in parts else []
+        verdicts = [*verdicts, *bits]
         for part in (controller, widths):
             verdicts += part.result() if part is not None else []
     if json is not None:
         write_verdicts(Path(json), robot.name, sources, provers.versions, verdicts)
     return verdicts
+
+
+def _check_options(parts: Sequence[str], timeout: float) -> None:
+    if not set(parts) <= set(PARTS) or not parts:
+        raise StiffgenError(f"parts are {', '.join(PARTS)}; not {listed(list(parts)) or 'none'}")
+    if not timeout > 0.0:
+        raise StiffgenError(f"--timeout {timeout:g}: must be above 0 (seconds)")
+
+
+def _entries(chosen: Sequence[Kernel]) -> list[str]:
+    """Return the names of kernels, then of their batches."""
+    batches = [f"{each.qualified_name}{batch.suffix}" for each in chosen for batch in each.batches]
+    return [*(each.qualified_name for each in chosen), *batches]
 
 
 def _includes_controller(robot: GeneratedRobot, parts: Sequence[str], only: Sequence[str]) -> bool:

@@ -244,6 +244,18 @@ def _rounding(bounds: Any, checks: Sequence[Check]) -> list[tuple[str, str, str,
     ]
 
 
+def _varying_times(targets: Sequence[Target]) -> list[str]:
+    """Return a sentence about the functions whose instructions depend on the input, for the machines that share it."""
+    varying: dict[str, list[str]] = {}
+    for target in targets:
+        if target.varying:
+            varying.setdefault(listed(target.varying), []).append(target.machine)
+    return [
+        f"A constant time of {functions}: how many instructions they take depends on the input ({listed(machines)})."
+        for functions, machines in varying.items()
+    ]
+
+
 def _uncovered(
     checks: Sequence[Check],
     robot: GeneratedRobot,
@@ -282,14 +294,7 @@ def _uncovered(
         ]
     if not targets:
         lines.append("Other machines than the one that checked: none were run (the section on targets says how).")
-    varying: dict[str, list[str]] = {}
-    for target in targets:
-        if target.varying:
-            varying.setdefault(listed(target.varying), []).append(target.machine)
-    lines += [
-        f"A constant time of {functions}: how many instructions they take depends on the input ({listed(machines)})."
-        for functions, machines in varying.items()
-    ]
+    lines += _varying_times(targets)
     stated = robot.manifest.get("rounding", {}).get("bounds", {})
     unbounded = [kernel.qualified_name for kernel in robot.table if kernel.qualified_name not in stated]
     if unbounded:

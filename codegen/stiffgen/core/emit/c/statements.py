@@ -8,16 +8,26 @@ it: no hash, address or platform enters, so the same chain prints the same bytes
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 
 from stiffgen.core.lower.form import Body, Entry, LoweredSection
-from stiffgen.core.lower.graph import CONDITIONAL, LIBM, LIBM_OF_TWO, OWN, Operations
+from stiffgen.core.lower.graph import CONDITIONAL, LIBM, LIBM_OF_TWO, OWN, Graph, Operations
 from stiffgen.core.lower.scalar import Scalar
 from stiffgen.core.lower.variant import Variant
 
 _WIDTH = 100
 _SUM, _PRODUCT, _UNARY, _ATOM = range(4)
+_SIGNS = {
+    "mul": ("*", _PRODUCT, _UNARY), "div": ("/", _PRODUCT, _UNARY),
+    "add": ("+", _SUM, _PRODUCT), "sub": ("-", _SUM, _PRODUCT),
+}  # fmt: skip
+"""Sign of an operation, its precedence, and the least precedence of its right operand without brackets.
+
+The right operand of a sum keeps its brackets: floating-point addition is not associative.
+"""
 
 
 def print_body(
@@ -97,7 +107,7 @@ class PrintedStatements:
             for number in sorted(self.uses)
             if self.graph.keys[number][0] in ("sin", "cos") and self.levels[number] == of_level + 1
         ]
-        angles = sorted({int(self.graph.keys[number][1]) for number in used}, key=self._first_input)
+        angles = sorted({int(self.graph.keys[number][1]) for number in used}, key=partial(_first_input, self.graph))
         if not angles:
             return
         self._comment("sine and cosine of each joint angle" if of_level == 0 else "sines and cosines of what has sines")
@@ -160,15 +170,6 @@ class PrintedStatements:
             if kind in kinds
         ]
         return names
-
-    def _first_input(self, number: int) -> tuple[int, int]:
-        """Return a key that sorts angles as the coordinates that they depend on."""
-        pending, first = [number], len(self.inputs)
-        while pending:
-            kind, index, _ = self.graph.keys[current := pending.pop()]
-            first = min(first, int(index)) if kind == "input" else first
-            pending.extend(self.graph.operands(current))
-        return first, number
 
     def poison_line(self, text: str, *, wide: bool) -> None:
         """Define what is 0, or NaN if an input is NaN."""
@@ -282,24 +283,25 @@ class PrintedStatements:
             return self.results[number], _ATOM
         if kind == "neg":
             return f"-{self._nested(int(a), _UNARY)}", _UNARY
-        if kind == "mul":
+        if kind not in _SIGNS:
+            return self._function_call(number), _ATOM
+        sign, precedence, right = _SIGNS[kind]
+        if precedence == _PRODUCT:
             self.operations.multiply += 1
-            return f"{self._nested(int(a), _PRODUCT)} * {self._nested(b, _UNARY)}", _PRODUCT
-        if kind == "div":
-            self.operations.multiply += 1
-            return f"{self._nested(int(a), _PRODUCT)} / {self._nested(b, _UNARY)}", _PRODUCT
-        if kind not in ("add", "sub"):
-            self.operations.call += 1
-            wide = number in self.wide and bool(self.variant.lanes)
-            arguments = ", ".join(self._argument(operand, wide=wide) for operand in self.graph.operands(number))
-            libm = self.variant.scalar.suffix if kind in LIBM + LIBM_OF_TWO else ""
-            function = f"{kind}_lanes" if wide else f"{kind}{libm}"
-            self.calls |= {function, "masked", self.variant.spread} if wide and kind in OWN else {function}
-            return f"{function}({arguments})", _ATOM
-        self.operations.add += 1
-        sign = "+" if kind == "add" else "-"
-        # The right operand of a sum keeps its parentheses: floating-point addition is not associative.
-        return f"{self._nested(int(a), _SUM)} {sign} {self._nested(b, _PRODUCT)}", _SUM
+        else:
+            self.operations.add += 1
+        return f"{self._nested(int(a), precedence)} {sign} {self._nested(b, right)}", precedence
+
+    def _function_call(self, number: int) -> str:
+        """Return the C text of a call of libm's function or of our own, which may work on all lanes of a vector."""
+        kind = self.graph.keys[number][0]
+        self.operations.call += 1
+        wide = number in self.wide and bool(self.variant.lanes)
+        arguments = ", ".join(self._argument(operand, wide=wide) for operand in self.graph.operands(number))
+        libm = self.variant.scalar.suffix if kind in LIBM + LIBM_OF_TWO else ""
+        function = f"{kind}_lanes" if wide else f"{kind}{libm}"
+        self.calls |= {function, "masked", self.variant.spread} if wide and kind in OWN else {function}
+        return f"{function}({arguments})"
 
     def _argument(self, number: int, *, wide: bool) -> str:
         text = self._expression(number)[0]
@@ -319,6 +321,16 @@ class PrintedStatements:
 
     def _write(self, statement: str) -> None:
         self.lines += wrap(statement)
+
+
+def _first_input(graph: Graph, number: int) -> tuple[float, int]:
+    """Return a key that sorts angles as the coordinates that they depend on; constants come last."""
+    pending, first = [number], math.inf
+    while pending:
+        kind, index, _ = graph.keys[current := pending.pop()]
+        first = min(first, index) if kind == "input" else first
+        pending.extend(graph.operands(current))
+    return first, number
 
 
 def grouped(values: Sequence[str], scalar: Scalar) -> list[str]:

@@ -125,10 +125,18 @@ def check_urdf(chain: Chain, urdf: Path) -> Check:
         DescriptionError, ChainError: the URDF cannot be read, or no longer has such a chain.
 
     """
+    fresh = read_chain(urdf, _options_of(chain))
+    compared = [field.name for field in fields(Chain) if field.name not in ("source", "digest", "inputs")]
+    faults = [name for name in compared if getattr(fresh, name) != getattr(chain, name)]
+    return faultless("chain", f"{urdf.name}, read again", faults)
+
+
+def _options_of(chain: Chain) -> ChainOptions:
+    """Return the options with which a chain was read."""
     links = [tip.link for tip in chain.tips]
-    names = [coordinate.name for coordinate in chain.coordinates]
-    moved = {j.coordinate for loop in chain.loops for end in (loop.first, loop.second) for j in end.joints}
-    options = ChainOptions(
+    ends = [end for loop in chain.loops for end in (loop.first, loop.second)]
+    moved = {joint.coordinate - chain.base_joints for end in ends for joint in end.joints}
+    return ChainOptions(
         tip=links[0] if len(links) == 1 else links,
         base=chain.base,
         masses=chain.masses,
@@ -142,12 +150,8 @@ def check_urdf(chain: Chain, urdf: Path) -> Check:
         close_loops=not all(loop.option for loop in chain.loops),
         loop=[loop.option for loop in chain.loops if loop.option],
         sensor=chain.sensor.option if chain.sensor else None,
-        actuated=[name for k, name in enumerate(names) if chain.base_joints + k in moved and k in chain.actuated],
+        actuated=[chain.coordinates[k].name for k in chain.actuated if k in moved],
     )
-    fresh = read_chain(urdf, options)
-    compared = [field.name for field in fields(Chain) if field.name not in ("source", "digest", "inputs")]
-    faults = [name for name in compared if getattr(fresh, name) != getattr(chain, name)]
-    return faultless("chain", f"{urdf.name}, read again", faults)
 
 
 def check_python_tables(robot: GeneratedRobot) -> Check:

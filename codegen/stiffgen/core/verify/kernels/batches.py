@@ -73,15 +73,7 @@ def check_stacks(
 
 def _layout_faults(call: Any, stacks: Sequence[FloatArray], expected: Sequence[FloatArray]) -> list[str]:
     """Return the faults of a function at stacks of every length, and of every order in memory."""
-    faults = []
-    for length in (*LENGTHS, LONG):
-        memory = tuple(np.full((length + 1, *each.shape[1:]), _UNTOUCHED, each.dtype) for each in expected)
-        out = tuple(each[:length] for each in memory)
-        call(*(stack[:length] for stack in stacks), out=out)
-        if not _agree(out, [each[:length] for each in expected]):
-            faults.append(f"a stack of {length}")
-        if any((each[length] != _UNTOUCHED).any() for each in memory):
-            faults.append(f"a stack of {length} is written beyond its end")
+    faults = [fault for length in (*LENGTHS, LONG) for fault in _length_faults(call, stacks, expected, length)]
     for title, order in (("backwards", slice(None, None, -1)), ("every second", slice(1, None, 2))):
         if not _agree(as_results(call(*(stack[order] for stack in stacks))), [each[order] for each in expected]):
             faults.append(f"a stack {title}")
@@ -89,6 +81,17 @@ def _layout_faults(call: Any, stacks: Sequence[FloatArray], expected: Sequence[F
     call(*(np.asfortranarray(stack) for stack in stacks), out=out)
     if not _agree(out, expected):
         faults.append("columns first in memory")
+    return faults
+
+
+def _length_faults(call: Any, stacks: Sequence[FloatArray], expected: Sequence[FloatArray], length: int) -> list[str]:
+    """Return the faults of a function at stacks of one length, with a number behind the results as a sentinel."""
+    memory = tuple(np.full((length + 1, *each.shape[1:]), _UNTOUCHED, each.dtype) for each in expected)
+    out = tuple(each[:length] for each in memory)
+    call(*(stack[:length] for stack in stacks), out=out)
+    faults = [] if _agree(out, [each[:length] for each in expected]) else [f"a stack of {length}"]
+    if any((each[length] != _UNTOUCHED).any() for each in memory):
+        faults.append(f"a stack of {length} is written beyond its end")
     return faults
 
 

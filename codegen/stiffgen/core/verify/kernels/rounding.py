@@ -39,7 +39,8 @@ _WithError = tuple[FloatArray, FloatArray]
 """Values of a number in all states, and the sizes of their errors in units of the last place."""
 
 
-def _truth(condition: FloatArray) -> FloatArray:
+def truth(condition: FloatArray) -> FloatArray:
+    """Return 1 where a condition holds, else 0."""
     return condition.astype(float)
 
 
@@ -55,16 +56,16 @@ _RULES: dict[int, _Rule] = {
     ca.OP_ATAN2: (np.arctan2, lambda a, b: (b / (a**2 + b**2), a / (a**2 + b**2))),
     ca.OP_POW: (np.power, lambda a, b: (b * a ** (b - 1), np.zeros_like(b))),
     ca.OP_CONSTPOW: (np.power, lambda a, b: (b * a ** (b - 1), np.zeros_like(b))),
-    ca.OP_LT: (lambda a, b: _truth(a < b), _nothing),
-    ca.OP_LE: (lambda a, b: _truth(a <= b), _nothing),
-    ca.OP_EQ: (lambda a, b: _truth(a == b), _nothing),
-    ca.OP_NE: (lambda a, b: _truth(a != b), _nothing),
-    ca.OP_AND: (lambda a, b: _truth((a != 0) & (b != 0)), _nothing),
-    ca.OP_OR: (lambda a, b: _truth((a != 0) | (b != 0)), _nothing),
-    ca.OP_NOT: (lambda a: _truth(a == 0), _nothing),
-    ca.OP_IF_ELSE_ZERO: (lambda a, b: np.where(a != 0, b, 0.0), lambda a, b: (np.zeros_like(a), _truth(a != 0))),
-    ca.OP_FMIN: (np.fmin, lambda a, b: (_truth(a <= b), _truth(b < a))),
-    ca.OP_FMAX: (np.fmax, lambda a, b: (_truth(a >= b), _truth(b > a))),
+    ca.OP_LT: (lambda a, b: truth(a < b), _nothing),
+    ca.OP_LE: (lambda a, b: truth(a <= b), _nothing),
+    ca.OP_EQ: (lambda a, b: truth(a == b), _nothing),
+    ca.OP_NE: (lambda a, b: truth(a != b), _nothing),
+    ca.OP_AND: (lambda a, b: truth((a != 0) & (b != 0)), _nothing),
+    ca.OP_OR: (lambda a, b: truth((a != 0) | (b != 0)), _nothing),
+    ca.OP_NOT: (lambda a: truth(a == 0), _nothing),
+    ca.OP_IF_ELSE_ZERO: (lambda a, b: np.where(a != 0, b, 0.0), lambda a, b: (np.zeros_like(a), truth(a != 0))),
+    ca.OP_FMIN: (np.fmin, lambda a, b: (truth(a <= b), truth(b < a))),
+    ca.OP_FMAX: (np.fmax, lambda a, b: (truth(a >= b), truth(b > a))),
     ca.OP_FABS: (np.abs, lambda a: (np.ones_like(a),)),
     ca.OP_SIGN: (np.sign, _nothing),
     ca.OP_NEG: (np.negative, lambda a: (np.ones_like(a),)),
@@ -118,7 +119,7 @@ def rounding_errors(
         rounding = nothing if operation in _EXACT else value
         return value, np.sqrt(sum((part**2 for part in parts), rounding**2))
 
-    arguments = [list(map(argument, entries.T)) for entries in _entries(function, stacks)]
+    arguments = [list(map(argument, entries.T)) for entries in entries_of_stacks(function, stacks)]
     try:
         with np.errstate(all="ignore"):  # in branches that are not selected
             results = run(
@@ -145,46 +146,13 @@ def _last_step(chain: Chain, kernel: Kernel, stacks: Sequence[FloatArray]) -> tu
         return kernel, stacks
     function, newton = casadi_function(chain, kernel), steps[-2]
     assert isinstance(newton, StraightLine)
-    closed = function.map(len(stacks[0]))(*(each.T for each in _entries(function, stacks)))
+    closed = function.map(len(stacks[0]))(*(each.T for each in entries_of_stacks(function, stacks)))
     arguments = tuple(argument.array(chain) for argument in kernel.arguments)
     last = replace(newton, arguments=arguments, outputs=steps[-1].outputs)
     return replace(kernel, program=lambda chain: (last,)), (stacks[0], np.asarray(closed).T)
 
 
-def choices(chain: Chain, kernel: Kernel, stacks: Sequence[FloatArray]) -> FloatArray | None:
-    """Return which branches a kernel takes in each state: an array (states, conditions) of truth values.
-
-    None where a user's potential has a function that has no rule here.
-    """
-    function, count = casadi_function(chain, kernel), len(stacks[0])
-    made = [np.zeros(count)]
-
-    def result(operation: int, *values: FloatArray) -> FloatArray:
-        value = _OPERATIONS[operation](*values)
-        if operation in _CONDITIONS:
-            made.append(value)
-        elif operation in _PIECES:
-            made.append(_PIECES[operation](*values))
-        return value
-
-    arguments = [list(entries.T) for entries in _entries(function, stacks)]
-    operations = {operation: partial(result, operation) for operation in _RULES}
-    try:
-        with np.errstate(all="ignore"):
-            run(function, arguments, partial(np.full, count), operations)
-    except KeyError:
-        return None
-    return np.stack(made, axis=1)
-
-
-_CONDITIONS = {ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE}
-_PIECES: dict[int, Callable[..., FloatArray]] = {
-    ca.OP_FMIN: lambda a, b: _truth(a <= b), ca.OP_FMAX: lambda a, b: _truth(a >= b),
-    ca.OP_FABS: lambda a: _truth(a >= 0), ca.OP_SIGN: lambda a: _truth(a >= 0),
-}  # fmt: skip
-
-
-def _entries(function: ca.Function, stacks: Sequence[FloatArray]) -> list[FloatArray]:
+def entries_of_stacks(function: ca.Function, stacks: Sequence[FloatArray]) -> list[FloatArray]:
     """Return the entries of stacks of arguments in CasADi's order: (states, entries), a matrix column by column."""
     count = len(stacks[0])
     return [
@@ -293,7 +261,7 @@ def run(
     return results
 
 
-_OPERATIONS = {operation: evaluate_it for operation, (evaluate_it, _) in _RULES.items()}
+OPERATIONS = {operation: evaluate_it for operation, (evaluate_it, _) in _RULES.items()}
 
 
 def with_more_digits(chain: Chain, kernel: Kernel, stacks: Sequence[FloatArray]) -> NDArray[np.longdouble]:
@@ -305,7 +273,7 @@ def with_more_digits(chain: Chain, kernel: Kernel, stacks: Sequence[FloatArray])
     """
     count = len(stacks[0])
     entries = np.concatenate([np.reshape(stack, (count, -1)) for stack in stacks], axis=1).astype(np.longdouble)
-    results = Stages.of(chain, kernel).run(list(entries.T), partial(np.full, count, dtype=np.longdouble), _OPERATIONS)
+    results = Stages.of(chain, kernel).run(list(entries.T), partial(np.full, count, dtype=np.longdouble), OPERATIONS)
     return np.stack(results, axis=1)
 
 
@@ -345,7 +313,7 @@ def evaluate_longer(symbols: Sequence[ca.SX], expression: ca.SX, columns: Sequen
                         function,
                         [[row.astype(number) for each in columns for row in each]],
                         partial(np.full, count, dtype=number),
-                        _OPERATIONS,
+                        OPERATIONS,
                     )[0]
                 )
                 for number in (np.longdouble, np.float64)

@@ -167,18 +167,13 @@ class RecordingRequest:
             raise RecordingError(f"--q: {len(q)} names, but the robot has {self.dof} joint positions")
         if wrench is not None and len(wrench) != 6:
             raise RecordingError(f"--wrench: {len(wrench)} names, but a wrench has 6 entries")
-        default_time = "time" if "time" in names else None
+        time = ("time" if "time" in names else None) if self.time is None else self.time
         columns = Columns(
-            time=default_time if self.time is None else self.time or None,
+            time=time or None,
             q=q or tuple(f"q_{i}" for i in range(self.dof)),
             wrench=wrench or tuple(f"wrench_{i}" for i in range(6)),
         )
-        absent = [name for name in columns.names if name not in names]
-        if absent:
-            raise RecordingError(f"{path}: has no column {listed(absent)}; it has {listed(names, 40)}. {NAME_OTHERS}")
-        doubled = sorted({name for name in columns.names if list(names).count(name) > 1})
-        if doubled:
-            raise RecordingError(f"{path}: has several columns {listed(doubled)}; rename all but one of each")
+        _check_columns(path, columns, names)
         return columns
 
 
@@ -345,3 +340,13 @@ __all__ = [
     "open_recording",
     "read_blocks",
 ]
+
+
+def _check_columns(path: Path, columns: Columns, names: Sequence[str]) -> None:
+    """Refuse a table that lacks a column, or has several of one name."""
+    absent = [name for name in columns.names if name not in names]
+    if absent:
+        raise RecordingError(f"{path}: has no column {listed(absent)}; it has {listed(names, 40)}. {NAME_OTHERS}")
+    doubled = sorted({name for name in columns.names if list(names).count(name) > 1})
+    if doubled:
+        raise RecordingError(f"{path}: has several columns {listed(doubled)}; rename all but one of each")
