@@ -281,14 +281,6 @@ def test_python_warns_once_or_raises(robot: ModuleType) -> None:
         robot.Impedance(errors="quiet")
 
 
-def test_an_entry_of_a_field_is_not_lost(robot: ModuleType) -> None:
-    controller = robot.Impedance()
-    with pytest.raises(ValueError, match="read-only"):
-        controller.config.velocity_limit[0] = 0.1
-    controller.config.velocity_limit = np.array(controller.config.velocity_limit) * 0.5
-    np.testing.assert_allclose(controller.config.velocity_limit, 0.5 * robot.VELOCITY)
-
-
 @pytest.mark.slow
 def test_reach_with_slides_tools_and_two_tips(tmp_path: Path) -> None:
     """A slide adds its travel, a tool its length. The port knows no tool, and leaves the reach to the step."""
