@@ -56,20 +56,6 @@ def test_no_wrench_from_a_singular_posture(module):
         assert np.all(np.isnan(stiffgen.external_wrench(module, np.full(7, np.nan), np.ones(7)).wrench))
 
 
-@pytest.mark.parametrize(
-    ("torque", "deviation", "message"),
-    [
-        (np.ones(6), 1.0, "external_torque must end with 7"),
-        (np.ones(7), np.ones(3), "deviation must be one number or end with 7"),
-        (np.ones(7), 0.0, "every standard deviation must be positive"),
-        (np.ones(7), np.nan, "every standard deviation must be positive"),
-    ],
-)
-def test_refused(module, torque, deviation, message):
-    with pytest.raises(ValueError, match=message):
-        stiffgen.external_wrench(module, np.ones(7), torque, deviation)
-
-
 def test_deviations_of_the_stiffness(module):
     """Standard deviations of 20000 drawn wrenches, correlated ones."""
     random, q = np.random.default_rng(2), np.array([0.4, 0.9, -0.3, -1.2, 0.5, 1.0, 0.2])

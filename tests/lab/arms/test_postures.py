@@ -46,24 +46,11 @@ def test_a_posture_itself_is_the_nearest(robot: ModuleType, cases: list[tuple[np
         assert np.abs(found[0] - goal).max() < 1e-6
 
 
-def test_what_is_no_pose_is_refused(robot: ModuleType) -> None:
-    pose = robot.forward_kinematics(np.full(7, 0.4))
-    left_handed, stretched = pose.copy(), pose.copy()
-    left_handed[:3, 0] *= -1
-    stretched[:3, :3] *= 1.01
-    for wrong in (pose.T, left_handed, stretched, 1000 * pose):
-        with pytest.raises(stiffgen.StiffgenError, match="the pose is none"):
-            stiffgen.find_postures(robot, wrong, near=np.full(7, 0.4))
-
-
 def test_what_has_no_posture(robot: ModuleType) -> None:
-    """A pose out of reach has none; arguments of other shapes, or not finite, are refused."""
+    """A pose out of reach has none."""
     far = np.eye(4)
     far[0, 3] = 3.0
     assert stiffgen.find_postures(robot, far, near=np.zeros(7)).shape == (0, 7)
-    for pose, near in ((np.eye(3), np.zeros(7)), (far * np.nan, np.zeros(7)), (far, np.zeros(6)), (far, [np.nan] * 7)):
-        with pytest.raises(stiffgen.StiffgenError, match="find_postures"):
-            stiffgen.find_postures(robot, pose, near=near)
 
 
 NARROW = """<robot name="narrow"><link name="b"/><link name="l1"/><link name="l2"/><link name="l3"/><link name="t"/>

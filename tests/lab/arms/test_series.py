@@ -66,24 +66,6 @@ def test_no_stable_motors_is_nan_there_alone():
     assert np.allclose(found[4], np.diag([50 / 15, 0.0]), rtol=1e-15, atol=0)
 
 
-@pytest.mark.parametrize(
-    ("Kq", "Kc", "words"),
-    [
-        (np.eye(3), [1.0, 2.0], "as Kq is"),
-        (np.ones(3), np.ones(3), "Kq must have the shape"),
-        (np.eye(2), [1.0, -1.0], "must be positive"),
-        (np.eye(2), [1.0, np.nan], "must be positive"),
-        (np.eye(2), np.diag([1.0, -1.0]), "negative eigenvalue -1"),
-        ([[1, 2], [0, 1]], np.ones(2), "Kq is not symmetric"),
-        (np.eye(2), [[1, 2], [0, 1]], "Kc is not symmetric"),
-    ],
-    ids=str,
-)
-def test_what_is_refused(Kq, Kc, words):
-    with pytest.raises(stiffgen.StiffgenError, match=words):
-        stiffgen.in_series(Kq, Kc)
-
-
 @pytest.fixture(scope="module")
 def softly_mounted():
     """Return Pinocchio's UR5 on a free joint, with a free joint between flange and tool, and the tool's frame."""
@@ -142,15 +124,3 @@ def test_a_mount_under_a_load_against_a_floating_base():
         bound = load * np.linalg.norm(tip[:3, 3]) / turning
         assert off <= max(bound, 1e-14)
         assert off >= 0.1 * bound
-
-
-def test_what_is_refused_of_parts():
-    C, H = np.eye(6), np.eye(4)
-    for arguments, words in (
-        ((C, H, [(C, np.eye(3))]), "frame 0 must have the shape"),
-        ((C, H, [(np.eye(3), H)]), "compliance of part 0 must have the shape"),
-        ((C + np.eye(6, k=1), H, []), "compliance is not symmetric"),
-        ((C, H, [], "world"), "no representation 'world'"),
-    ):
-        with pytest.raises(stiffgen.StiffgenError, match=words):
-            stiffgen.tip_compliance_in_series(*arguments)
