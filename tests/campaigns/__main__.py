@@ -57,7 +57,7 @@ CAMPAIGNS = {
     "spring-digits": _campaign("springs_digits", "compare every spring with 60 digits", "1 1 pose"),
     "linkages": _campaign("linkages", "compare 200 random linkages with 60 digits", "2 1", in_ci=False),
     "compliance": _campaign(
-        "compliance", "compare the tip's compliance in 200 trees with 60 digits", "--trees 1 --postures 6"
+        "compliance", "compare the tip's compliance in 200 trees with verify's oracles", "--trees 1 --postures 6"
     ),
     "flags": _campaign(
         "flag_pairs",

@@ -30,9 +30,8 @@ from support.chains import chain_urdf
 from support.complex_step import columns, gradients
 from support.controller_library import compile_c
 from support.cuda_host import HostCuda
-from support.exact_springs import Energies, exact, floats, moved, orthonormal, rotation
 from support.generated_c import merged
-from support.spring_digits import LIMITS, axis, parameters, stiffness
+from support.spring_digits import axis, parameters, reference, stiffness, turned
 
 
 @pytest.fixture(scope="module")
@@ -279,7 +278,6 @@ def turned_states(library, chain, kind):
 
     Each component of the quaternion is the largest in turn, with both signs, alone and with all others; near the
     equilibrium, where a series stands for the angle, the tip's origin is at rest, so that nothing hides the turn.
-    The poses of doubles are taken as they are, far from the equilibrium as roundings of rotations.
     """
     random = np.random.default_rng(8)
     turns = [axis(random) * angle for angle in (0.01995, -0.0199, 0.0198, 0.0203, 0.05, 0.3, 1.0, 2.0)]
@@ -291,15 +289,12 @@ def turned_states(library, chain, kind):
         library.robot_forward_kinematics(pointer(q), pointer(pose))
         library.robot_hybrid_jacobian(pointer(q), pointer(J))
         near = np.linalg.norm(turn) < 0.1
-        H[:3, :3] = floats(orthonormal(pose[:3, :3]) @ rotation(turn))
+        H[:3, :3] = turned(pose[:3, :3], turn)
         H[:3, 3] = pose[:3, 3] + (0.0 if near else 0.1 * random.normal(size=3))
         K = stiffness(random)
         K[:3] *= 0.1  # nothing of the turn is small beside the translation
         K[:, :3] *= 0.1
-        R, R0 = ((exact if near else orthonormal)(each[:3, :3]) for each in (pose, H))
-        energies = Energies(*moved(exact(pose[:3, 3]), R), (exact(H[:3, 3]), R0), K, LIMITS)
-        U = energies(kind, Placement())
-        energy, wrench, hessian = floats([U.value]), floats(U.first), floats(U.second)[None]
+        energy, wrench, hessian = (each[None] for each in reference(kind, Placement(), pose, H, K).values())
         torque, tangent = -wrench @ J, np.empty((1, chain.dof, chain.dof))
         library.robot_hybrid_joint_stiffness(*map(pointer, (q, wrench, hessian, tangent)))
         yield q, H, K, {

@@ -8,7 +8,6 @@ from dataclasses import asdict
 import casadi as ca
 import numpy as np
 import pytest
-from mpmath import mp
 
 import stiffgen
 from stiffgen.core.lower.rounding import ErrorBounds, Ranges
@@ -24,7 +23,8 @@ from stiffgen.core.verify.kernels.samples import argument_samples
 from stiffgen.core.verify.result import Check, as_results
 from stiffgen.families.derivatives.check import check_derivatives
 from support.chains import chain_urdf
-from support.graphs import DIGITS, Graph
+from support.exact_tree import mp
+from support.graphs import exactly
 
 OPTIONS = KernelOptions(derivatives=True)
 
@@ -41,15 +41,6 @@ def kernel_of(chain, name):
     return next(kernel for kernel in chain_kernels(chain, OPTIONS) if kernel.qualified_name == name)
 
 
-def exactly(function, arguments):
-    """Results of a ``casadi.Function`` with sixty digits, each as CasADi's array."""
-    mp.dps = 60
-    shaped = [np.asarray(a, float).reshape(function.size_in(k)) for k, a in enumerate(arguments)]
-    entries = Graph(function).run([[mp.mpf(x) for x in each.T.ravel()] for each in shaped], mp.mpf, DIGITS)
-    shapes = [function.size_out(k)[::-1] for k in range(function.n_out())]
-    return [np.array(each, object).reshape(shape).T for each, shape in zip(entries, shapes, strict=True)]
-
-
 @pytest.mark.parametrize("name", ["hybrid_joint_stiffness", "body_kinematic_stiffness_vjp", "hybrid_jacobian_vjp"])
 def test_errors_are_those_that_doubles_have(name, chain):
     """Against sixty digits: no error beyond five times its size, and on the whole not a tenth of it."""
@@ -61,7 +52,7 @@ def test_errors_are_those_that_doubles_have(name, chain):
     for state in range(count):
         one = [s[state].reshape(folded(s.shape[1:])) for s in stacks]
         found = as_results(function(*one))
-        for value, right, size in zip(found, exactly(function, one), (each[state] for each in sizes), strict=True):
+        for value, right, size in zip(found, exactly(function, *one), (each[state] for each in sizes), strict=True):
             error = np.abs(np.array(np.asarray(value).astype(object) - right, float))
             assert (error[size == 0] == 0).all()
             ratios.append(error[size > 0] / size[size > 0])
@@ -138,7 +129,7 @@ def test_the_reference_of_stated_bounds_has_more_digits_than_doubles(chain):
     assert np.abs(given[-1]).max() == 5.0
     found, function = with_more_digits(chain, kernel, given), casadi_function(chain, kernel)
     for state in range(10):
-        (right,) = exactly(function, [each[state] for each in given])
+        (right,) = exactly(function, *(each[state] for each in given))
         off = np.abs(np.array([float(mp.mpf(str(x)) - y) for x, y in zip(found[state], right.ravel(), strict=True)]))
         assert off.max() < 1e-18 * np.abs(found[state]).max()
 

@@ -12,7 +12,8 @@ import casadi as ca
 import numpy as np
 
 from stiffgen.core.symbolic.model import folded
-from support.graphs import COMPLEX, Graph
+from stiffgen.core.verify.kernels.rounding import run
+from support.graphs import COMPLEX
 
 STEP = 1e-100
 TOGETHER = 1024
@@ -42,7 +43,7 @@ def gradients(function: ca.Function, arguments: list[np.ndarray], cotangents: li
 
     A floating base's pose is differentiated along its body twists, (count, 6, 1); other arguments entry by entry.
     """
-    graph, count = Graph(function), len(arguments[0])
+    count = len(arguments[0])
     weights = [w.real for c in cotangents for w in _by_columns(c).T]
     shapes = [(6, 1) if function.name_in(k) == "base_pose" else a.shape[1:] for k, a in enumerate(arguments)]
     directions: list[tuple[int, np.ndarray]] = []
@@ -59,7 +60,7 @@ def gradients(function: ca.Function, arguments: list[np.ndarray], cotangents: li
             moved[k][place * count : (place + 1) * count] += 1j * STEP * rate
         number_of = partial(np.full, len(chosen) * count, dtype=complex)
         with np.errstate(all="ignore"):  # in branches that are not chosen
-            results = graph.run([list(_by_columns(each).T) for each in moved], number_of, COMPLEX)
+            results = run(function, [list(_by_columns(each).T) for each in moved], number_of, COMPLEX)
         entries = [entry.imag.reshape(len(chosen), count) for result in results for entry in result]
         slopes += list(sum(w * entry / STEP for w, entry in zip(weights, entries, strict=True)))
     of_argument = np.array([k for k, _ in directions])

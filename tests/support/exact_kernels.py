@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""Provide a reference with 60 digits for every kernel of a tree: definitions and differences, no formula of a kernel.
+"""Values of some kernels of a tree with 60 digits, from the text of its URDF: neither stiffgen's reader nor CasADi.
 
-A joint stiffness is the Hessian of an energy whose wrench and covariant Hessian are the arguments. All derivatives are
-differences along the coordinates x: on a floating base, its body twist comes before the joints.
+The oracles of ``stiffgen verify`` take the chain as it was read, and CasADi differentiates them. These values see a
+fault of either. A joint stiffness is the Hessian of an energy whose wrench and covariant Hessian are the arguments. All
+derivatives are differences along the coordinates x: on a floating base, its body twist comes before the joints.
 """
 
 from __future__ import annotations
@@ -27,11 +28,6 @@ def matrix(values: Any) -> mpmath.matrix:
     return mp.matrix(np.asarray(values, dtype=float).tolist())
 
 
-def symmetric(values: Any) -> mpmath.matrix:
-    """Return the symmetric part of a matrix of doubles."""
-    return (matrix(values) + matrix(values).T) / 2
-
-
 def axial(W: mpmath.matrix) -> mpmath.matrix:
     """Return the vector of the antisymmetric part."""
     return mp.matrix([W[2, 1] - W[1, 2], W[0, 2] - W[2, 0], W[1, 0] - W[0, 1]]) / 2
@@ -39,16 +35,6 @@ def axial(W: mpmath.matrix) -> mpmath.matrix:
 
 def cross(v: mpmath.matrix) -> mpmath.matrix:
     return mp.matrix([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
-
-
-def blocks(rows: list[list[Any]]) -> mpmath.matrix:
-    """Return a 6x6 matrix of four 3x3 blocks, where 0 stands for zeros."""
-    total = mp.zeros(6)
-    for r, row in enumerate(rows):
-        for c, block in enumerate(row):
-            if not isinstance(block, int):
-                total[3 * r : 3 * r + 3, 3 * c : 3 * c + 3] = block
-    return total
 
 
 def dot(a: mpmath.matrix, b: mpmath.matrix) -> mpmath.mpf:
@@ -60,28 +46,21 @@ def difference(function: Callable[[mpmath.mpf], mpmath.matrix]) -> mpmath.matrix
     return (function(STEP) - function(-STEP)) / (2 * STEP)
 
 
-def displacement(representation: str, at: Pose, pose: Pose) -> mpmath.matrix:
-    """Return the coordinates (v, w) about ``at`` in which second derivatives are those of the connection.
+def loaded(representation: str, at: Pose, wrench: mpmath.matrix, stiffness: mpmath.matrix) -> Energy:
+    """Return the energy whose wrench and covariant Hessian at a pose are given.
 
-    body: p = p0 + R0 v, R = R0 exp([w]). hybrid: p = p0 + v, R = exp([w]) R0. spatial: p = exp([w]) p0 + v, R as in
-    hybrid form.
+    Its coordinates (v, w) are those in which second derivatives are the connection's. Body: p = p0 + R0 v,
+    R = R0 exp([w]). Hybrid: p = p0 + v, R = exp([w]) R0.
     """
-    (R0, p0), (R, p) = at, pose
-    if representation == "body":
-        away, turned = R0.T * (p - p0), axial(R0.T * R)
-    elif representation == "hybrid":
-        away, turned = p - p0, axial(R * R0.T)
-    else:
-        away, turned = p - R * R0.T * p0, axial(R * R0.T)
-    return mp.matrix([*away, *turned])
+    (R0, p0), in_body = at, representation == "body"
 
+    def energy(pose: Pose) -> mpmath.mpf:
+        R, p = pose
+        away, turned = (R0.T * (p - p0), axial(R0.T * R)) if in_body else (p - p0, axial(R * R0.T))
+        x = mp.matrix([*away, *turned])
+        return dot(wrench, x) + dot(x, stiffness * x) / 2
 
-def connection(representation: str, wrench: mpmath.matrix) -> mpmath.matrix:
-    """Return Gamma F, as the paper's appendix lists it."""
-    f, m = cross(wrench[:3]), cross(wrench[3:])
-    if representation == "body":
-        return blocks([[0, f], [0, m / 2]])
-    return blocks([[0, 0], [f.T, m.T / 2]]) if representation == "spatial" else blocks([[0, 0], [0, m.T / 2]])
+    return energy
 
 
 @dataclass(frozen=True)
@@ -135,6 +114,17 @@ class ExactRobot:
         """Return gradient and Hessian with respect to x."""
         return differentiated(lambda x: energy(self.moved(x)), self.size)
 
+    def hessian_at(self, link: str, energy: Energy) -> np.ndarray:
+        """Return the Hessian of an energy of a link's pose."""
+        return self.derivatives(lambda there: energy(there.pose(link)))[1]
+
+    def weight(self, gravity: mpmath.matrix) -> mpmath.mpf:
+        """Return the potential energy of the links that can move."""
+        still = {self.tree.root} if self.size == self.tree.size else set()
+        for joint in self.tree.joints:
+            still |= {joint.child} if joint.axis is None and joint.parent in still else set()
+        return self.tree.potential_energy(self.tree.poses(self.base, self.q), gravity, tuple(still))
+
     def bias_forces(self, velocity: mpmath.matrix, gravity: mpmath.matrix) -> np.ndarray:
         """Return the generalised forces at zero accelerations, from the bodies' momenta (d'Alembert)."""
         rates = [*velocity]
@@ -167,11 +157,22 @@ class ExactRobot:
         return as_array(total).ravel()
 
 
-def loaded(representation: str, at: Pose, wrench: mpmath.matrix, stiffness: mpmath.matrix) -> Energy:
-    """Return the energy whose wrench and covariant Hessian at a pose are given."""
-
-    def energy(pose: Pose) -> mpmath.mpf:
-        x = displacement(representation, at, pose)
-        return dot(wrench, x) + dot(x, stiffness * x) / 2
-
-    return energy
+def exact_values(text: str, chain: Chain, link: str, given: Given) -> dict[str, np.ndarray]:
+    """Return values of a tip's kernels and of the robot's, by the name without the tip's."""
+    robot = ExactRobot.of(text, chain, given)
+    R, p = here = robot.pose(link)
+    F, gravity = matrix(given["wrench"]), matrix(given["gravity"])
+    K = (matrix(given["task_stiffness"]) + matrix(given["task_stiffness"]).T) / 2
+    rates = [robot.along(lambda there: there.jacobian("hybrid", link), k) for k in range(robot.size)]
+    gradient, hessian = robot.derivatives(lambda there: there.weight(gravity))
+    found = {f"{rep}_jacobian": as_array(robot.jacobian(rep, link)) for rep in ("body", "hybrid", "spatial")}
+    for rep in ("body", "hybrid"):
+        found[f"{rep}_joint_stiffness"] = robot.hessian_at(link, loaded(rep, here, F, K))
+    return found | {
+        "forward_kinematics": np.vstack([np.hstack([as_array(R), as_array(p)]), [0, 0, 0, 1]]),
+        "hybrid_jacobian_transpose_derivative": np.stack([as_array(rate).T for rate in rates]),
+        "gravity_gradient": gradient,
+        "gravity_joint_stiffness": hessian,
+        "mass_matrix": robot.tree.mass_matrix(robot.base, robot.q, robot.size),
+        "bias_forces": robot.bias_forces(matrix(given["velocity"]), gravity),
+    }

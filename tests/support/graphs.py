@@ -1,20 +1,22 @@
 # SPDX-License-Identifier: MIT
-"""Interpret CasADi graphs over number types: complex stacks, 60 digits, balls (Arb), or any other.
+"""Operations of number types on which CasADi graphs are run: complex stacks, 60 digits, balls (Arb).
 
-A ``casadi.Function`` of scalars is run operation by operation. That shares nothing with CasADi's own evaluation and
-differentiation: each operation is extended to the number type by the table that the caller passes.
+The interpreter is :func:`stiffgen.core.verify.kernels.rounding.run`. It shares nothing with CasADi's own evaluation and
+differentiation: each operation is extended to the number type by one of these tables.
 """
 
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import casadi as ca
 import numpy as np
 from flint import arb
-from mpmath import mp
+
+from stiffgen.core.verify.kernels.rounding import run
+from support.exact_tree import mp
 
 Operations = Mapping[int, Callable[..., Any]]
 
@@ -24,7 +26,22 @@ ARITHMETIC: Operations = {
     ca.OP_POW: operator.pow, ca.OP_CONSTPOW: operator.pow,
 }  # fmt: skip
 BALLS: Operations = {**ARITHMETIC, ca.OP_SIN: arb.sin, ca.OP_COS: arb.cos}
-DIGITS: Operations = {**ARITHMETIC, ca.OP_SIN: mp.sin, ca.OP_COS: mp.cos}
+
+
+def _ratio(a: Any, b: Any) -> Any:
+    """Return a / b; NaN for b = 0, which occurs in branches that are not selected."""
+    return a / b if b else mp.nan
+
+
+DIGITS: Operations = {
+    **ARITHMETIC, ca.OP_DIV: _ratio, ca.OP_INV: lambda a: _ratio(mp.one, a),
+    ca.OP_SIN: mp.sin, ca.OP_COS: mp.cos, ca.OP_ATAN2: mp.atan2, ca.OP_ATAN: mp.atan, ca.OP_FABS: abs,
+    ca.OP_SQRT: lambda a: mp.sqrt(a) if a >= 0 else mp.nan,
+    ca.OP_LT: lambda a, b: mp.mpf(a < b), ca.OP_LE: lambda a, b: mp.mpf(a <= b), ca.OP_NOT: lambda a: mp.mpf(a == 0),
+    ca.OP_AND: lambda a, b: mp.mpf(a != 0 and b != 0), ca.OP_OR: lambda a, b: mp.mpf(a != 0 or b != 0),
+    ca.OP_IF_ELSE_ZERO: lambda a, b: b if a != 0 else mp.zero, ca.OP_FMAX: max, ca.OP_FMIN: min,
+    ca.OP_SIGN: mp.sign,
+}  # fmt: skip
 
 
 def _truth(condition: np.ndarray) -> np.ndarray:
@@ -49,44 +66,10 @@ COMPLEX: Operations = {
 """Complex operations whose imaginary part is a derivative: comparisons read the real part."""
 
 
-class Graph:
-    """A dense ``casadi.Function`` of scalars, to be run on numbers of any type."""
-
-    def __init__(self, function: ca.Function) -> None:
-        self.function = function
-        self.steps = [
-            (
-                function.instruction_id(k),
-                function.instruction_input(k),
-                function.instruction_output(k),
-                function.instruction_constant(k) if function.instruction_id(k) == ca.OP_CONST else 0.0,
-            )
-            for k in range(function.n_instructions())
-        ]
-
-    def run(
-        self, arguments: Sequence[Sequence[Any]], constant: Callable[[float], Any], operations: Operations
-    ) -> list[list[Any]]:
-        """Evaluate the function.
-
-        Args:
-            arguments: for each argument its entries, column by column, as numbers of the type.
-            constant: makes a number of the type.
-            operations: what each CasADi operation does to such numbers.
-
-        Returns:
-            For each result its entries, column by column.
-
-        """
-        results = [[constant(0.0)] * self.function.nnz_out(k) for k in range(self.function.n_out())]
-        work: dict[int, Any] = {}
-        for operation, sources, outputs, value in self.steps:
-            if operation == ca.OP_INPUT:
-                work[outputs[0]] = arguments[sources[0]][sources[1]]
-            elif operation == ca.OP_OUTPUT:
-                results[outputs[0]][outputs[1]] = work[sources[0]]
-            elif operation == ca.OP_CONST:
-                work[outputs[0]] = constant(value)
-            else:
-                work[outputs[0]] = operations[operation](*(work[each] for each in sources))
-        return results
+def exactly(function: ca.Function, *arguments: Any) -> list[np.ndarray]:
+    """Return the results of a function with 60 digits, as matrices of them; arguments are arrays of any numbers."""
+    shaped = [np.asarray(each).reshape(function.size_in(k)) for k, each in enumerate(arguments)]
+    given = [[x if isinstance(x, mp.mpf) else mp.mpf(float(x)) for x in each.T.ravel()] for each in shaped]
+    results = run(function, given, mp.mpf, DIGITS)
+    shapes = [function.size_out(k)[::-1] for k in range(function.n_out())]
+    return [np.array(each, object).reshape(shape).T for each, shape in zip(results, shapes, strict=True)]

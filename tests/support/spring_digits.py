@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""Compare springs with 60 digits: derivatives of the energy at given poses, and kernels along q."""
+"""Compare springs with the energies of ``stiffgen verify``, differentiated and run with 60 digits.
+
+At poses given as doubles, and along q, where torque and joint stiffness follow by the formulas on the Jacobian's
+references. A spring near its equilibrium needs the digits: two derivatives of an angle of 1e-9 rad cost eighteen.
+"""
 
 from __future__ import annotations
 
@@ -12,13 +16,19 @@ import casadi as ca
 import numpy as np
 
 import stiffgen
+from stiffgen.core.symbolic.arguments import Q
 from stiffgen.core.symbolic.choices import KINDS, KernelOptions
 from stiffgen.core.symbolic.kernels import chain_kernels
 from stiffgen.core.symbolic.model import casadi_function
 from stiffgen.core.symbolic.placement import AXES, Placement
+from stiffgen.core.verify.kernels.references import References, load_stiffness
+from stiffgen.core.verify.kernels.rounding import ONE
+from stiffgen.core.verify.kernels.samples import Samples
+from stiffgen.families.springs.reference import differentiated
 from stiffgen.families.springs.springs import derivatives, spring
 from support.chains import chain_urdf
-from support.exact_springs import Energies, Jet, Kinematics, exact, floats, moved, orthonormal, rotation
+from support.exact_tree import as_array, exponential, mp
+from support.graphs import exactly
 from support.project import URDF
 
 CASES = ("random", "near", "edge")
@@ -52,6 +62,11 @@ def axis(random: np.random.Generator) -> np.ndarray:
     return v / np.linalg.norm(v)
 
 
+def turned(rotation: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    """Return rotation exp([turn]), multiplied with 60 digits, rounded to doubles."""
+    return as_array(mp.matrix(rotation.tolist()) * exponential(mp.matrix(turn.tolist())))
+
+
 def stiffness(random: np.random.Generator) -> np.ndarray:
     """Draw a full positive definite matrix; its blocks are Kt and Ko."""
     root = random.normal(size=(6, 6)) * np.sqrt([300, 300, 300, 20, 20, 20])[:, None]
@@ -74,12 +89,23 @@ def in_stacks(function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]
 
 
 @cache
-def _of_pose(kind: str, placement: Placement) -> ca.Function:
-    chosen = spring(kind, placement)
-    pose = ca.SX.sym("pose", 4, 4)
+def _of_pose(kind: str, placement: Placement) -> tuple[ca.Function, ca.Function]:
+    """Return functions of a pose and the parameters: the spring's closed forms, and the derivatives of its energy."""
+    chosen, pose = spring(kind, placement), ca.SX.sym("pose", 4, 4)
     given = [ca.SX.sym(a.name, *map(int, a.shape)) for a in chosen.parameters]
     found = derivatives(chosen, pose[:3, 3], pose[:3, :3], given)
-    return ca.Function("f", [pose, *given], [ca.densify(r) for r in (found.V, found.F, found.K)], {"cse": True})
+    reference = differentiated(chosen, placement, pose, ca.SX.sym("q"), given)
+    results = (found.V, found.F, found.K), [reference[name] for name in RESULTS[:3]]
+    one, other = (ca.Function("f", [pose, *given], list(map(ca.densify, each)), {"cse": True}) for each in results)
+    return one, other
+
+
+def reference(kind: str, placement: Placement, pose: np.ndarray, H: np.ndarray, K: np.ndarray) -> dict[str, np.ndarray]:
+    """Return energy, wrench and task stiffness of a spring at one pose, of doubles or 60 digits; limits are LIMITS."""
+    given = (each[0] for each in parameters(kind, H[None], K[None]))
+    results = exactly(_of_pose(kind, placement)[1], pose, *given)
+    shapes: tuple[tuple[int, ...], ...] = ((), (6,), (6, 6))
+    return {n: each.astype(float).reshape(s) for n, each, s in zip(RESULTS, results, shapes, strict=False)}
 
 
 def _springs(placements: Iterable[Placement]) -> list[tuple[str, Placement]]:
@@ -93,20 +119,16 @@ def pose_errors(placements: list[Placement], case: str, count: int, seed: int) -
     K = np.stack([stiffness(random) for _ in range(count)])
     for c in range(count):
         angle, away = distance(case, random)
-        R0 = rotation(axis(random) * random.uniform(0, np.pi))
-        H[c, :3, :3], H[c, :3, 3] = floats(R0), random.normal(size=3)
-        R = R0 @ rotation(axis(random) * angle)
-        pose[c, :3, :3], pose[c, :3, 3] = floats(R), H[c, :3, 3] + away * axis(random)
-    found = {s: in_stacks(_of_pose(*s), pose, *parameters(s[0], H, K)) for s in _springs(placements)}
-    worst: Errors = {s: dict.fromkeys(RESULTS[:3], 0.0) for s in found}
-    for c in range(count):
-        # Far from the equilibrium, the rotations that the doubles are roundings of; near it, the doubles.
-        as_it_is = exact if case in ("near", "small") else orthonormal
-        R, R0 = (as_it_is(each[c, :3, :3]) for each in (pose, H))
-        energies = Energies(*moved(exact(pose[c, :3, 3]), R), (exact(H[c, :3, 3]), R0), K[c], LIMITS)
-        for s, values in found.items():
-            for name, value, reference in zip(RESULTS, values, _derivatives(energies(*s)), strict=False):
-                error = _relative_error(name, value[c].reshape(reference.shape), reference)
+        H[c, :3, :3], H[c, :3, 3] = turned(np.eye(3), axis(random) * random.uniform(0, np.pi)), random.normal(size=3)
+        pose[c, :3, :3] = turned(H[c, :3, :3], axis(random) * angle)
+        pose[c, :3, 3] = H[c, :3, 3] + away * axis(random)
+    worst: Errors = {}
+    for s in _springs(placements):
+        worst[s] = dict.fromkeys(RESULTS[:3], 0.0)
+        found = in_stacks(_of_pose(*s)[0], pose, *parameters(s[0], H, K))
+        for c in range(count):
+            for value, (name, expected) in zip(found, reference(*s, pose[c], H[c], K[c]).items(), strict=True):
+                error = _relative_error(name, value[c].reshape(expected.shape), expected)
                 worst[s][name] = max(worst[s][name], error)
     return worst
 
@@ -122,12 +144,6 @@ def _relative_error(name: str, value: np.ndarray, reference: np.ndarray) -> floa
     else:
         scale = size.max()
     return float((error / scale).max())
-
-
-def _derivatives(energy: Jet) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return value, gradient (k) and Hessian (k, k) in doubles; the radii of the balls must be far smaller."""
-    assert min(each.rel_accuracy_bits() for each in (energy.value, *energy.second.entries()[:1])) > 80
-    return np.array(float(energy.value)), floats(energy.first)[0], floats(energy.second)
 
 
 def urdf_of(robot: str, work: Path) -> Path:
@@ -168,41 +184,49 @@ def robot_errors(
     urdf: Path, kernels: Evaluated, placements: list[Placement], case: str, count: int, seed: int
 ) -> tuple[Errors, Errors]:
     """Return the worst errors of the kernels along q: relative, and in units of 1e-11 plus 16 roundings of the pose."""
-    chain, exactly = stiffgen.load_chain(urdf), Kinematics(urdf.read_text())
-    random = np.random.default_rng(seed)
+    chain, random = stiffgen.load_chain(urdf), np.random.default_rng(seed)
     lower = np.array([max(c.lower, -2.0) for c in chain.coordinates])
     upper = np.array([min(c.upper, 2.0) for c in chain.coordinates])
     q, H = random.uniform(lower, upper, (count, chain.dof)), np.tile(np.eye(4), (count, 1, 1))
     K = np.stack([stiffness(random) for _ in range(count)])
-    jets = [exactly.poses(each) for each in q]
-    values = [tuple(np.vectorize(lambda jet: jet.value, otypes=[object])(each) for each in at) for at in jets]
-    for c, (p, R) in enumerate(values):
+    r = References(chain, count, seed, samples=Samples(chain, count, seed, {Q: q}))
+    pose_of = ca.Function("pose", [r.place.q, ONE], [ca.densify(r.pose_expression)])
+    poses = [exactly(pose_of, each, 1.0)[0] for each in q]
+    for c, pose in enumerate(poses):
         angle, away = distance(case, random)
-        H[c, :3, :3] = floats(R @ rotation(axis(random) * angle))
-        H[c, :3, 3] = floats(p) + away * axis(random)
-    found = {
-        s: {name: kernel(q, *parameters(s[0], H, K)) for name, kernel in kernels(*s).items()}
-        for s in _springs(placements)
-    }
-    relative: Errors = {s: dict.fromkeys(RESULTS, 0.0) for s in found}
-    allowed: Errors = {s: dict.fromkeys(RESULTS, 0.0) for s in found}
-    for c in range(count):
-        rest = exact(H[c, :3, 3]), orthonormal(H[c, :3, :3])
-        along, at_tip = Energies(*jets[c], rest, K[c], LIMITS), Energies(*moved(*values[c]), rest, K[c], LIMITS)
-        stiff = np.abs(K[c]).max()
-        lever = 1 + np.abs(floats(values[c][0])).max() + np.abs(H[c, :3, 3]).max()
-        for s, results in found.items():
-            U, gradient, hessian = _derivatives(along(*s))
-            _, F, covariant = _derivatives(at_tip(*s))
-            for name, reference, scale in (
-                ("energy", U, np.abs(F).max() + 16 * EPS * stiff),
-                ("wrench", F, stiff * lever),
-                ("task_stiffness", covariant, stiff * lever),
-                ("torque", -gradient, stiff * lever**2),
-                ("joint_stiffness", hessian, stiff * lever**3),
-            ):
-                value, largest = results[name][c].reshape(reference.shape), np.abs(reference).max()
-                error = np.abs(value - reference).max() / (1e-11 * largest + 16 * EPS * scale)
-                relative[s][name] = max(relative[s][name], _relative_error(name, value, reference))
+        H[c, :3, :3] = turned(pose[:3, :3], axis(random) * angle)
+        H[c, :3, 3] = pose[:3, 3].astype(float) + away * axis(random)
+    relative: Errors = {s: dict.fromkeys(RESULTS, 0.0) for s in _springs(placements)}
+    allowed: Errors = {s: dict.fromkeys(RESULTS, 0.0) for s in relative}
+    for s in relative:
+        given = parameters(s[0], H, K)
+        found = {name: kernel(q, *given) for name, kernel in kernels(*s).items()}
+        expected = along_q(r, [reference(*s, poses[c], H[c], K[c]) for c in range(count)])
+        for c, by_name in enumerate(expected):
+            scales = _scales(by_name["wrench"], poses[c], H[c], K[c])
+            for name, value in by_name.items():
+                got = found[name][c].reshape(value.shape)
+                error = np.abs(got - value).max() / (1e-11 * np.abs(value).max() + 16 * EPS * scales[name])
+                relative[s][name] = max(relative[s][name], _relative_error(name, got, value))
                 allowed[s][name] = max(allowed[s][name], error)
     return relative, allowed
+
+
+def along_q(r: References, of_pose: list[dict[str, np.ndarray]]) -> list[dict[str, np.ndarray]]:
+    """Add torque -J^T F and joint stiffness at the references' states, with their J and dJ^T/dq."""
+    J, wrenches = r.jacobian["hybrid"], np.stack([each["wrench"] for each in of_pose])
+    load = load_stiffness(r, "hybrid", wrenches)
+    return [
+        each
+        | {"torque": (-J[c].T @ each["wrench"]).astype(float)}
+        | {"joint_stiffness": (load[c] + J[c].T @ each["task_stiffness"] @ J[c]).astype(float)}
+        for c, each in enumerate(of_pose)
+    ]
+
+
+def _scales(wrench: np.ndarray, pose: np.ndarray, H: np.ndarray, K: np.ndarray) -> dict[str, float]:
+    """Return what a rounding of the pose changes in the results."""
+    stiff = np.abs(K).max()
+    lever = 1 + np.abs(pose[:3, 3].astype(float)).max() + np.abs(H[:3, 3]).max()
+    scales = np.abs(wrench).max() + 16 * EPS * stiff, *(stiff * lever**power for power in (1, 1, 2, 3))
+    return dict(zip(RESULTS, map(float, scales), strict=True))

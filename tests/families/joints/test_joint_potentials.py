@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Potentials of the joint positions against 60-digit differentiation, at their edges, and with NaN."""
+"""Potentials of the joint positions against derivatives by hand in long numbers, at their edges, and with NaN."""
 
 from __future__ import annotations
 
@@ -7,37 +7,22 @@ import numpy as np
 import pytest
 
 import stiffgen
-from support.exact_springs import Jet, arb, exact, floats
+from stiffgen.families.joints.reference import by_hand
 from support.project import URDF, kernels_of
 
 BOUND = 1e-13
 
 
-def posture_energy(q, posture, stiffness):
-    away = [qi - r for qi, r in zip(q, exact(posture), strict=True)]
-    return sum((k * each * each for k, each in zip(exact(stiffness), away, strict=True)), arb(0)) * arb(0.5)
-
-
-def limits_energy(q, lower, upper, zone, stiffness):
-    """k d^3/(6 w), one joint and one limit at a time."""
-    total, w = 0 * q[0], arb(float(zone))
-    for qi, low, high, k in zip(q, exact(lower), exact(upper), exact(stiffness), strict=True):
-        for depth in (qi - high + w, low + w - qi):
-            if depth.value > 0:
-                total = total + k * depth * depth * depth * (1 / (6 * w))
-    return total
-
-
 def cases(count=200):
-    """(group, energy, arguments): joints away from their limits, in both zones, within 1e-9 of an edge, and beyond."""
+    """(group, arguments): joints away from their limits, in both zones, within 1e-9 of an edge, and beyond."""
     random = np.random.default_rng(12)
     for turn in range(count):
         q = random.uniform(-3, 3, 7)
-        yield "posture", posture_energy, (q, random.uniform(-3, 3, 7), random.uniform(0, 40, 7))
+        yield "posture", (q, random.uniform(-3, 3, 7), random.uniform(0, 40, 7))
         zone, near = random.uniform(0.05, 0.4), 10.0 ** random.uniform(-9, -3, 7)
         upper = q + random.choice([zone - near, zone + near, 0.5 * zone + near, -0.3 * near, np.full(7, 1.0)], axis=0)
         lower = upper - random.uniform(0.5 * zone, 3.0) if turn % 2 else q - zone + random.choice([-1, 1], 7) * near
-        yield "limits", limits_energy, (q, lower, upper, zone, random.uniform(0, 500, 7))
+        yield "limits", (q, lower, upper, zone, random.uniform(0, 500, 7))
 
 
 @pytest.fixture(scope="module")
@@ -45,21 +30,21 @@ def model():
     return stiffgen.StiffnessModel(stiffgen.load_chain(URDF))
 
 
-def test_sixty_digits(model):
+def test_values_at_the_edges(model):
     deep = 0
-    for group, energy, (q, *parameters) in cases():
-        expected = energy(Jet.variables(q), *parameters)
+    for group, arguments in cases():
+        expected = by_hand(group, *(np.asarray(each, np.longdouble)[None] for each in arguments))
         # What rounding q - limit costs: a depth is known to the rounding of q.
-        k = np.max(parameters[-1])
-        for name, reference, scale in (
-            ("energy", expected.value, k),
-            ("torque", -expected.first, k),
-            ("joint_stiffness", expected.second, k / (parameters[2] if group == "limits" else 1)),
+        k = np.max(arguments[-1])
+        for name, scale in (
+            ("energy", k),
+            ("torque", k),
+            ("joint_stiffness", k / arguments[3] if group == "limits" else k),
         ):
-            value = floats(reference)
-            found = np.array(getattr(getattr(model, group), name)(q, *parameters)).reshape(value.shape)
+            value = expected[name][0]
+            found = np.array(getattr(getattr(model, group), name)(*arguments)).reshape(value.shape)
             assert np.abs(found - value).max() <= BOUND * (scale + np.abs(value).max()), name
-        deep += group == "limits" and expected.value > 0
+        deep += group == "limits" and expected["energy"][0] > 0
     assert deep > 100
 
 

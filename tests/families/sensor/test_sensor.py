@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Kernels of a force-torque sensor against particles with 60 digits, and against MuJoCo's sensor in motion."""
+"""Kernels of a force-torque sensor against the oracles of verify, and against MuJoCo's sensor in motion."""
 
 from __future__ import annotations
 
@@ -21,8 +21,6 @@ from stiffgen.core.verify.kernels.samples import argument_samples
 from stiffgen.families.derivatives.check import check_derivatives
 from stiffgen.families.sensor.kernels import GROUP
 from support.chains import ARM, chain_urdf
-from support.exact_kernels import ExactRobot, loaded, matrix, symmetric
-from support.exact_sensor import ExactSensor
 from support.exact_tree import tree_urdf
 from support.project import ROOT
 
@@ -53,29 +51,6 @@ def value(chain: Chain, kernel: Kernel, given: dict) -> np.ndarray:
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_sixty_digits(case, tmp_path):
-    text, options = CASES[case]
-    chain = load(tmp_path, text, options)
-    pool, sensor = argument_samples(chain, 2, 3), options["sensor"]
-    for kernel in kernels_of(chain):
-        given = {argument.name: pool[argument][1] for argument in kernel.arguments}
-        tip = (kernel.tip or chain.tips[0]).link
-        exact = ExactSensor(text, chain, sensor, tip, given)
-        if kernel.name == "joint_stiffness":
-            if chain.runtime_tool:
-                continue  # the exact robot has no tool; stiffgen verify compares the kernel with the formula
-            robot = ExactRobot.of(text, chain, given)
-            energy = loaded("hybrid", robot.pose(tip), matrix(exact.tip_wrench()), symmetric(given["task_stiffness"]))
-            _, expected = robot.derivatives(lambda there, energy=energy, tip=tip: energy(there.pose(tip)))
-        else:
-            expected = exact.reading() if kernel.name == "reading" else exact.tip_wrench()
-        found = value(chain, kernel, given).reshape(expected.shape)
-        assert np.abs(found - expected).max() <= 1e-12 * np.abs(expected).max(), kernel.qualified_name
-
-
-@pytest.mark.parametrize(
-    "case", [pytest.param(case, marks=pytest.mark.slow if k else ()) for k, case in enumerate(CASES)]
-)
 def test_oracles_of_verify(case, tmp_path):
     """The oracles of ``stiffgen verify``, and the gradients, on chains of every kind."""
     chain = load(tmp_path, *CASES[case])

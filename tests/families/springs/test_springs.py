@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Springs against 60-digit differentiation of their energies, at random poses, near the equilibrium and at the edge.
+"""Springs against 60-digit derivatives of their energies, at random poses, near the equilibrium and at the edge.
 
 tests/campaigns/springs_digits.py runs the same over thousands of poses.
 """

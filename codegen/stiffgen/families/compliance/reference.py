@@ -57,7 +57,7 @@ def results(H: FloatArray, J: FloatArray, increments: FloatArray) -> dict[str, C
     }
 
 
-def _load(r: References, representation: Representation) -> FloatArray:
+def load(r: References, representation: Representation) -> FloatArray:
     """Return the stiffness of the samples' wrenches: of a spatial one, that of the same wrench at the tip."""
     if representation != "spatial":
         return load_stiffness(r, representation)
@@ -67,12 +67,12 @@ def _load(r: References, representation: Representation) -> FloatArray:
 
 
 def _of_tip(r: References, representation: Representation, name: str) -> FloatArray:
-    H = symmetric(r.samples[KTH]) - _load(r, representation)
+    H = symmetric(r.samples[KTH]) - load(r, representation)
     return results(H, r.jacobian[representation], r.samples[increment(representation)])[name]()
 
 
 def _of_tips(r: References, representation: Representation, name: str) -> FloatArray:
-    H = symmetric(r.samples[KTH]) - sum(_load(each, representation) for each in r.tips)
+    H = symmetric(r.samples[KTH]) - sum(load(each, representation) for each in r.tips)
     J = np.concatenate([each.jacobian[representation] for each in r.tips], axis=1)
     increments = r.samples[increment(representation).of_all_tips([tip.name for tip in r.chain.tips])]
     return results(H, J, increments.reshape(len(J), -1))[name]()

@@ -34,11 +34,14 @@ def _in(axes: str, R: ca.SX, R0: ca.SX) -> ca.SX:
 
 
 def _rotation(R: ca.SX, R0: ca.SX, Ko: ca.SX, rotation: str, axes: str) -> ca.SX:
-    """Return the rotational energy of a kind of spring; ``axes`` are those of Ko, which is turned to R0's."""
+    """Return the rotational energy of a kind of spring; ``axes`` are those of Ko, which is turned to R0's.
+
+    The trace form tr(G (I - E)) is written with R - R0, which keeps its digits near the equilibrium.
+    """
     Q = R0.T @ _in(axes, R, R0)
     K, E = Q @ _symmetric(Ko) @ Q.T, R0.T @ R
     if rotation == "trace":
-        return ca.trace((ca.trace(K) / 2 * ca.SX.eye(3) - K) @ (ca.SX.eye(3) - E))
+        return ca.trace((R - R0) @ (ca.trace(K) / 2 * ca.SX.eye(3) - K) @ (R - R0).T) / 2
     w, v = _quaternion(E)
     square = ca.dot(v, v)
     angle = 2 * ca.atan2(ca.sqrt(square), w)
