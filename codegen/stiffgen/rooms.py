@@ -17,6 +17,7 @@ OPTIONAL = (
     "lab",
     "lab.analyze",
     "lab.calibrate",
+    "lab.measure",
     "lab.new",
     "lab.passport",
     "lab.play",

@@ -35,7 +35,10 @@ CONTENTS = {
         "docs/start", "docs/playground", "docs/wrench", "docs/conventions", "docs/robots", "docs/troubleshooting",
     ),
     "Understand": ("docs/theory", "docs/whole_body", "docs/loops", "docs/compliance"),
-    "Use": ("docs/embedding", "docs/derivatives", "docs/controller", "docs/ros2", "docs/fri", "docs/analyze"),
+    "Use": (
+        "docs/embedding", "docs/derivatives", "docs/controller", "docs/ros2", "docs/fri", "docs/analyze",
+        "docs/measured",
+    ),
     "Evidence": ("docs/results", "docs/performance", "docs/proofs"),
     "Reference": ("reference/python", "reference/command_line", "reference/functions"),
     "Change the generator": ("docs/design", "CONTRIBUTING", "CHANGELOG"),

@@ -36,6 +36,7 @@ COMMANDS = {
     "passport": ("lab.passport.command", "stiffness, force and damping that a robot's tip can render, as a page"),
     "analyze": ("lab.analyze.command", "joint stiffness along a recording, corrected and conventional"),
     "calibrate": ("lab.calibrate.command", "bias and payload of a force-torque sensor, from a recording"),
+    "measure": ("lab.measure.command", "stiffness from a motion about a pose, and what is wrong with the sensor"),
 }
 """Commands with the module that adds their arguments, and their help; those of rooms taken out are not listed."""
 

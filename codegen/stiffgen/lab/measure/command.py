@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: MIT
+"""The command ``measure``: a stiffness from recorded motions about a pose, and what is wrong with the sensor."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from dataclasses import replace
+from pathlib import Path
+
+from stiffgen.core.errors import OutputError, RecordingError, terminal_text
+from stiffgen.core.folder import write_atomically
+from stiffgen.core.opened import open_robot
+from stiffgen.lab.calibrate.calibration import Calibration, tip_functions
+from stiffgen.lab.measure.measurement import Measurement, joint_stiffness_deviation, measure_stiffness
+from stiffgen.lab.measure.page import render_page, statements, to_csv
+from stiffgen.lab.measure.plan import PERIODS, PlanOptions, plan_excitation
+from stiffgen.lab.measure.residual import NORMAL
+from stiffgen.lab.measure.rows import ROTATIONS, RowOptions, calibration_of, read_measurement
+
+
+def add(command: argparse.ArgumentParser) -> None:
+    """Add the arguments."""
+    command.add_argument(
+        "log", type=Path, nargs="?", metavar="LOG", help="recording of a motion about a pose, with time"
+    )
+    command.add_argument(
+        "--robot", type=Path, metavar="DIR", help="robot's folder: the recording has joint positions (default: poses)"
+    )
+    command.add_argument(
+        "--positions",
+        metavar="PREFIX|A,B,...",
+        help="joint positions, or without a robot x, y, z [m] and rotation (default: q_0 ...; pose_x ...)",
+    )
+    command.add_argument(
+        "--rotation",
+        choices=ROTATIONS,
+        default="quaternion",
+        help="of recorded poses: qx, qy, qz, qw, or rx, ry, rz [rad]",
+    )
+    command.add_argument(
+        "--reading", metavar="PREFIX|FX,...", help="readings: prefix of their columns, or six names (default: wrench_)"
+    )
+    command.add_argument(
+        "--axes", choices=("sensor", "base"), default="sensor", help="axes of the readings (default: sensor)"
+    )
+    command.add_argument("--window", nargs=2, type=float, metavar=("FROM", "TO"), help="part of the recording [s]")
+    bias = command.add_mutually_exclusive_group()
+    bias.add_argument(
+        "--calibration", type=Path, metavar="FILE", help="file of 'stiffgen calibrate': bias and payload are taken off"
+    )
+    bias.add_argument("--tared", action="store_true", help="readings have no bias (default: one that is not known)")
+    command.add_argument(
+        "--correct", type=Path, metavar="FILE", help="write the calibration with the rotation found by this measurement"
+    )
+    plan = command.add_argument_group("plan", "write a motion to run, in place of a recording; needs --robot")
+    plan.add_argument("--plan", type=Path, metavar="FILE.csv", help="trajectory to write: the FRI client's format")
+    plan.add_argument("--posture", type=numbers, metavar="Q,Q,...", help="joint positions in the middle [rad or m]")
+    plan.add_argument(
+        "--stiffness", type=numbers, metavar="K,K,K,K,K,K", help="expected at the sensor: diagonal [N/m, N m/rad]"
+    )
+    plan.add_argument("--deviation", type=float, default=0.1, metavar="DEG", help="wanted of the turn [deg] (0.1)")
+    plan.add_argument(
+        "--most-wrench", nargs=2, type=float, default=(10.0, 1.0), metavar=("N", "NM"),
+        help="largest change of force and moment (10 1)",
+    )  # fmt: skip
+    command.set_defaults(run=run)
+
+
+def numbers(text: str) -> tuple[float, ...]:
+    """Return numbers with commas."""
+    try:
+        return tuple(map(float, text.split(",")))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}' is not a number, or numbers with commas") from None
+
+
+def run(options: argparse.Namespace) -> int:
+    """Write a plan, or page and table of a recording; return 1 if the sensor does not agree with the pose."""
+    if (options.plan is None) == (options.log is None):
+        raise RecordingError("give a recording LOG, or --plan FILE.csv for the motion to record")
+    return _measure(options) if options.plan is None else _plan(options)
+
+
+def _plan(options: argparse.Namespace) -> int:
+    """Write the trajectory; print the amplitudes and what they leave."""
+    if options.robot is None or options.posture is None or options.stiffness is None:
+        raise RecordingError("--plan: needs --robot DIR, --posture Q,Q,... and --stiffness K,K,K,K,K,K")
+    if len(options.stiffness) != 6:
+        raise RecordingError(f"--stiffness: has {len(options.stiffness)} numbers, not six")
+    robot = open_robot(options.robot)
+    robot.require_doubles("'stiffgen measure'")
+    chosen = PlanOptions(
+        options.stiffness, math.radians(options.deviation), most_wrench=tuple(options.most_wrench),
+        has_bias=not options.tared,
+    )  # fmt: skip
+    made = plan_excitation(robot, options.posture, chosen)
+    write_atomically(options.plan, made.to_csv())
+    amplitude = 1000 * made.amplitude
+    print(
+        f"{amplitude[0]:.3g} mm and {amplitude[3]:.3g} mrad at {len(PERIODS)} frequencies, {made.time[-1]:.0f} s at "
+        f"{chosen.rate:g} Hz: the sensor's turn will be known within {math.degrees(made.deviation):.2g} deg (one "
+        "standard deviation)"
+    )
+    if made.limit:
+        print(f"the limit of {made.limit} keeps the motion smaller than {options.deviation:g} deg asks for")
+    print(terminal_text(str(options.plan)))
+    return 0
+
+
+def _measure(options: argparse.Namespace) -> int:
+    robot = open_robot(options.robot) if options.robot else None
+    if robot is not None:
+        robot.require_doubles("'stiffgen measure'")
+    if options.correct is not None and options.calibration is None:
+        raise OutputError("--correct: needs the file to correct; give --calibration FILE, too")
+    calibration = calibration_of(robot, options.calibration) if options.calibration else None
+    columns = RowOptions(options.positions, options.reading, options.rotation, options.window and tuple(options.window))
+    rows = read_measurement(options.log, columns, robot, calibration)
+    try:
+        found = measure_stiffness(
+            rows.time, rows.poses, rows.readings, in_base_axes=options.axes == "base",
+            has_bias=not (options.tared or calibration),
+        )  # fmt: skip
+    except RecordingError as error:
+        raise RecordingError(f"{options.log}: {error}") from error
+    joints = None
+    if robot is not None and rows.q is not None:
+        joints = joint_stiffness_deviation(found, tip_functions(robot), rows.q, robot.chain.sensor)
+    page = Path(f"{options.log.stem}_measured.html")
+    table = page.with_suffix(".csv")
+    texts = {page: render_page(options.log.name, found, joints, table.name), table: to_csv(found, joints)}
+    if options.correct is not None:
+        assert calibration is not None
+        texts[options.correct] = corrected(calibration, found).to_json()
+    for file, text in texts.items():
+        write_atomically(file, text)
+    print(terminal_text("\n".join([*statements(found, joints), *map(str, texts)])))
+    return 1 if found.residual.is_alarm else 0
+
+
+def corrected(calibration: Calibration, found: Measurement) -> Calibration:
+    """Return a calibration with the turn of a measurement as its rotation.
+
+    Raises:
+        RecordingError: no turn was found.
+
+    """
+    (turn,) = (each for each in found.residual.errors if each.name == "turn")
+    if turn.verdict != "found":
+        raise RecordingError("--correct: no turn of the sensor was found; the calibration stays as it is")
+    return replace(
+        calibration,
+        rotation=tuple(float(each) for each in turn.value),
+        rotation_interval=tuple(float(NORMAL * each) for each in turn.deviation),
+    )

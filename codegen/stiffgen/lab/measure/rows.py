@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: MIT
+"""Read the rows of a measurement from a recording: poses, from joint positions or as such, and readings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+
+from stiffgen.core.errors import RecordingError
+from stiffgen.core.opened import GeneratedRobot
+from stiffgen.core.robot.geometry import FloatArray
+from stiffgen.lab.calibrate.calibration import Calibration, read_calibration, tip_functions
+from stiffgen.lab.measure.motion import skew
+from stiffgen.rooms import optional
+
+Rotation = Literal["quaternion", "vector"]
+ROTATIONS: tuple[Rotation, ...] = get_args(Rotation)
+_NAMES = {"quaternion": ("x", "y", "z", "qx", "qy", "qz", "qw"), "vector": ("x", "y", "z", "rx", "ry", "rz")}
+_MOST_ROWS = 1 << 22
+
+
+@dataclass(frozen=True)
+class MeasurementRows:
+    """Time (N) [s], poses of the sensor's frame (N, 4, 4) [m], readings (N, 6) [N, N m], and q (n) in the middle."""
+
+    time: FloatArray
+    poses: FloatArray
+    readings: FloatArray
+    q: FloatArray | None = None
+
+
+@dataclass(frozen=True)
+class RowOptions:
+    """Columns of a recording, and the rows to use.
+
+    Attributes:
+        positions: joint positions, or the pose without a robot: prefix of the columns, or names with commas.
+        reading: prefix of the six columns of the readings, or their names with commas.
+        rotation: form of a recorded pose's rotation: "quaternion" (x, y, z, w) or "vector" (rotation vector [rad]).
+        window: first and last time [s].
+
+    """
+
+    positions: str | None = None
+    reading: str | None = None
+    rotation: Rotation = "quaternion"
+    window: tuple[float, float] | None = None
+
+
+def read_measurement(
+    log: Path, options: RowOptions, robot: GeneratedRobot | None, calibration: Calibration | None = None
+) -> MeasurementRows:
+    """Return the rows of a recording within the window; readings less bias and payload of a calibration.
+
+    Raises:
+        RecordingError: the recording cannot be read, has no time, or its poses are none.
+
+    """
+    recording = optional("lab.analyze.recording")
+    if recording is None:
+        raise RecordingError("measure reads recordings with the package's folder analyze/, which is not there")
+    names = _NAMES[options.rotation] if robot is None else tuple(each.name for each in robot.chain.coordinates)
+    request = recording.RecordingRequest(
+        names,
+        q=recording.chosen_names(options.positions or ("pose_" if robot is None else None)),
+        wrench=recording.chosen_names(options.reading),
+    )
+    opened = recording.open_recording(log, request)
+    if opened.columns.time is None:
+        raise RecordingError(f"{log}: has no column time [s]; a motion is judged by its velocity")
+    blocks = [block.values for part in opened.partitions for block in recording.read_blocks(part, 1 << 16)]
+    rows = np.concatenate(blocks) if blocks else np.zeros((0, len(opened.columns.names)))
+    if len(rows) > _MOST_ROWS:
+        raise RecordingError(f"{log}: has {len(rows)} rows; measure reads up to {_MOST_ROWS}: record the motion alone")
+    rows = rows[np.isfinite(rows).all(axis=1)]
+    if options.window is not None:
+        rows = rows[(rows[:, 0] >= options.window[0]) & (rows[:, 0] <= options.window[1])]
+    time, where, readings = rows[:, 0], rows[:, 1 : 1 + len(names)], rows[:, 1 + len(names) :]
+    if robot is None:
+        return MeasurementRows(time, recorded_poses(where, options.rotation), readings)
+    if calibration is not None:
+        bias, payload = np.array(calibration.bias), np.array(calibration.payload)
+        readings = readings - tip_functions(robot).sensor.reading(where, np.zeros(6), bias, payload)
+    return MeasurementRows(time, sensor_poses(robot, where), readings, where.mean(axis=0) if len(where) else None)
+
+
+def calibration_of(robot: GeneratedRobot | None, file: Path) -> Calibration:
+    """Return the calibration of a robot's sensor.
+
+    Raises:
+        RecordingError: it is none, or that of another sensor.
+
+    """
+    calibration = read_calibration(file)
+    sensor = robot.chain.sensor if robot else None
+    if sensor is None:
+        raise RecordingError(f"{file}: goes with --robot DIR, a folder generated with --sensor LINK")
+    if calibration.sensor != sensor.text:
+        raise RecordingError(
+            f"{file}: is the calibration of another sensor ({calibration.sensor}); the robot has {sensor.text}"
+        )
+    return calibration
+
+
+def sensor_poses(robot: GeneratedRobot, q: FloatArray) -> FloatArray:
+    """Return the poses (N, 4, 4) of the sensor's frame in base axes; those of the tip for a robot without a sensor."""
+    poses = np.asarray(tip_functions(robot).forward_kinematics(q), dtype=float)
+    sensor = robot.chain.sensor
+    if sensor is None:
+        return poses
+    mounted = np.eye(4)
+    mounted[:3, :3], mounted[:3, 3] = sensor.rotation, sensor.translation
+    return np.asarray(poses @ mounted)
+
+
+def recorded_poses(columns: FloatArray, rotation: Rotation) -> FloatArray:
+    """Return poses (N, 4, 4) from a position [m] with a unit quaternion (x, y, z, w) or a rotation vector [rad].
+
+    Raises:
+        RecordingError: a quaternion is not of unit length within 1 %.
+
+    """
+    poses = np.tile(np.eye(4), (len(columns), 1, 1))
+    poses[:, :3, 3], turn = columns[:, :3], columns[:, 3:]
+    if rotation == "quaternion":
+        length = np.linalg.norm(turn, axis=1)
+        if (np.abs(length - 1) > 0.01).any():
+            row = int(np.abs(length - 1).argmax())
+            raise RecordingError(
+                f"row {row}: the quaternion has the length {length[row]:.3g}, not 1; for rotation vectors give "
+                "--rotation vector"
+            )
+        axis, half = turn[:, :3] / length[:, None], turn[:, 3] / length
+        sine, cosine = 2 * half, half**2 - (axis**2).sum(axis=1)
+        square = 2.0 * np.ones(len(columns))
+    else:
+        angle = np.linalg.norm(turn, axis=1)
+        axis = turn / np.maximum(angle, 1e-300)[:, None]
+        sine, cosine = np.sin(angle), np.cos(angle)
+        square = 1 - cosine
+    for k, each in enumerate(axis):  # c I + s [a] + (1 - c) a a^T
+        poses[k, :3, :3] = cosine[k] * np.eye(3) + sine[k] * skew(each) + square[k] * np.outer(each, each)
+    return poses

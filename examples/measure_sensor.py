@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: MIT
+"""Measure a spring and a sensor: an iiwa 14 in MuJoCo, its flange held by eight springs, runs a planned motion.
+
+    python -m examples.measure_sensor [TURN_IN_DEG]
+
+The readings are those of a sensor that is turned about its z axis by TURN_IN_DEG (default: 1), with noise. The
+recording is measured.csv, the residual's picture measured.svg; what 'stiffgen measure' says is printed.
+"""
+
+from __future__ import annotations
+
+import csv
+import sys
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+import stiffgen
+from stiffgen.lab.measure.measurement import measure_stiffness
+from stiffgen.lab.measure.page import statements
+from stiffgen.lab.measure.picture import residual_picture
+from stiffgen.lab.measure.plan import Plan, PlanOptions, plan_excitation
+from stiffgen.lab.measure.rows import sensor_poses
+
+Array = NDArray[np.float64]
+
+URDF = Path(__file__).resolve().parents[1] / "urdf" / "iiwa14.urdf"
+FLANGE = "link_ee"
+POSTURE = np.array([0.3, 0.6, -0.2, -1.2, 0.4, 1.0, 0.2])
+SPRING = 2000.0
+"""[N/m] of each of the eight springs."""
+NOISE = np.repeat([0.05, 0.002], 3)
+"""[N, N m] of an ATI Gamma."""
+GAIN, DAMPING = 4000.0, 40.0
+"""[N m/rad, N m s/rad] of the joints' position control."""
+
+
+def held_arm(seed: int = 0) -> mujoco.MjModel:
+    """Return the arm with springs from points of the flange to the ground, stretched at the posture."""
+    spec = mujoco.MjSpec.from_file(str(URDF))
+    spec.compiler.fusestatic = False
+    spec.option.timestep = 0.001
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    for joint in spec.joints:
+        joint.armature = 0.3
+    plain = spec.compile()
+    data = mujoco.MjData(plain)
+    data.qpos[:] = POSTURE
+    mujoco.mj_kinematics(plain, data)
+    flange = spec.body(FLANGE)
+    flange.add_site(name="sensor")
+    for name, kind in (("force", mujoco.mjtSensor.mjSENS_FORCE), ("torque", mujoco.mjtSensor.mjSENS_TORQUE)):
+        spec.add_sensor(name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname="sensor")
+    body = plain.body(FLANGE).id
+    origin, R = data.xpos[body], data.xmat[body].reshape(3, 3)
+    random = np.random.default_rng(seed)
+    for k in range(8):
+        near = random.uniform(-0.1, 0.1, 3)
+        there = origin + R @ near
+        away = random.normal(size=3)
+        away *= 0.3 / np.linalg.norm(away)
+        flange.add_site(name=f"near{k}", pos=near)
+        spec.worldbody.add_site(name=f"far{k}", pos=there + away)
+        rest = 0.3 - random.uniform(0.002, 0.01)  # [m] shorter than now: a load
+        tendon = spec.add_tendon(name=f"spring{k}", stiffness=SPRING, springlength=[rest, rest])
+        tendon.wrap_site(f"near{k}")
+        tendon.wrap_site(f"far{k}")
+    return spec.compile()
+
+
+def record(model: mujoco.MjModel, plan: Plan, turn: float, seed: int = 0) -> tuple[Array, Array, Array]:
+    """Run the motion; return time [s], q and readings of a sensor that is turned about z by ``turn`` [rad]."""
+    data, random = mujoco.MjData(model), np.random.default_rng(seed)
+    data.qpos[:] = plan.q[0]
+    # the springs pull before the motion begins
+    mujoco.mj_forward(model, data)
+    c, s = np.cos(turn), np.sin(turn)
+    axes = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])  # readings in turned axes
+    rows = []
+    steps = round((plan.time[1] - plan.time[0]) / model.opt.timestep)
+    for wanted in np.concatenate([np.repeat(plan.q[:1], 100, axis=0), plan.q]):
+        for _ in range(steps):
+            mujoco.mj_step1(model, data)
+            data.qfrc_applied[:] = GAIN * (wanted - data.qpos) - DAMPING * data.qvel + data.qfrc_bias
+            mujoco.mj_step2(model, data)
+        mujoco.mj_forward(model, data)  # readings of the same state as the positions
+        reading = np.concatenate([axes @ data.sensor(name).data for name in ("force", "torque")])
+        rows.append((data.time, data.qpos.copy(), reading + NOISE * random.normal(size=6)))
+    time, q, readings = (np.array(each) for each in zip(*rows[100:], strict=True))
+    return time, q, readings
+
+
+def main(turn: float) -> None:
+    """Plan, run, measure."""
+    robot = stiffgen.open_robot(
+        stiffgen.generate(URDF, tip=FLANGE, kernels="hybrid,body", controller=False, name="held")
+    )
+    options = PlanOptions((5000.0,) * 3 + (40.0,) * 3, deviation=np.radians(0.02), most_wrench=(10.0, 1.0))
+    plan = plan_excitation(robot, POSTURE, options)
+    time, q, readings = record(held_arm(), plan, turn)
+    with Path("measured.csv").open("w", newline="") as file:
+        rows = csv.writer(file)
+        rows.writerow(["time", *(f"q_{i}" for i in range(7)), *(f"wrench_{i}" for i in range(6))])
+        rows.writerows(np.column_stack([time, q, readings]).tolist())
+    found = measure_stiffness(time, sensor_poses(robot, q), readings, has_bias=False)
+    Path("measured.svg").write_text(residual_picture(found.residual), encoding="utf-8")
+    print("\n".join([*statements(found), "measured.csv", "measured.svg"]))
+
+
+if __name__ == "__main__":
+    main(np.radians(float(sys.argv[1]) if len(sys.argv) > 1 else 1.0))

@@ -1,0 +1,232 @@
+# SPDX-License-Identifier: MIT
+"""Measured stiffness and the sensor's errors: simulated springs of known stiffness, MuJoCo, real recordings."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stiffgen
+from stiffgen.cli import main
+from stiffgen.core.errors import RecordingError, StiffgenError
+from stiffgen.lab.measure.fit import fit_stiffness
+from stiffgen.lab.measure.measurement import joint_stiffness_deviation, measure_stiffness
+from stiffgen.lab.measure.motion import motion
+from stiffgen.lab.measure.plan import PlanOptions, plan_excitation
+from stiffgen.lab.measure.refusals import refusals
+from stiffgen.lab.measure.residual import analyse_residual
+from stiffgen.lab.measure.rows import recorded_poses, sensor_poses
+from support.project import ROOT, URDF
+from support.springs_about_pose import ISOTROPIC, SOFT, STIFF, Fault, Spring, recorded, rotations, wrench
+
+RECORDINGS = ROOT.parent / "shared" / "data" / "recordings"
+POSTURE = np.array([0.3, 0.6, -0.2, -1.2, 0.4, 1.0, 0.2])
+DEGREE = float(np.radians(1.0))
+
+
+def unit(seed: int) -> np.ndarray:
+    v = np.random.default_rng(seed + 1000).normal(size=3)
+    return v / np.linalg.norm(v)
+
+
+def rates(spring: Spring, runs: int) -> tuple[int, int, int]:
+    """Return the false alarms, and the turns of 1 degree and levers of 2 mm that are found, of so many runs each."""
+    alarms = turns = levers = 0
+    for seed in range(runs):
+        v = unit(seed)
+        alarms += measure_stiffness(*recorded(seed, spring), has_bias=False).residual.is_alarm
+        found = measure_stiffness(*recorded(seed, spring, Fault(turn=tuple(DEGREE * v))), has_bias=False)
+        turn, _ = found.residual.errors
+        near = np.linalg.norm(turn.value - DEGREE * v) < 0.03 * DEGREE
+        turns += bool(found.residual.is_alarm and turn.verdict == "found" and near)
+        found = measure_stiffness(*recorded(seed, spring, Fault(lever=tuple(2e-3 * v))), has_bias=False)
+        _, lever = found.residual.errors
+        near = np.linalg.norm(lever.value - 2e-3 * v) < 1e-3
+        levers += bool(found.residual.is_alarm and lever.verdict == "found" and near)
+    return alarms, turns, levers
+
+
+def test_turns_and_levers_are_found() -> None:
+    alarms, turns, levers = rates(SOFT, 8)
+    assert (turns, levers) == (8, 8)
+    assert alarms <= 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("spring", [SOFT, STIFF], ids=["soft", "stiff"])
+def test_rates_of_a_hundred(spring: Spring) -> None:
+    alarms, turns, levers = rates(spring, 100)
+    assert (turns, levers >= 95) == (100, True)
+    assert 2 <= alarms <= 8
+
+
+def test_stiffness_and_load_are_within_their_intervals() -> None:
+    """The wrench of the noiseless model, differentiated by central differences along the twist."""
+    inside = 0
+    for seed in range(10):
+        found = measure_stiffness(*recorded(seed), has_bias=False)
+        h, steps = 1e-4, np.eye(6)
+        random = np.random.default_rng(seed)
+        Q, P = rotations(random.normal(size=(2, 3)))
+        Kt, Ko = Q @ np.diag(SOFT.translation) @ Q.T, P @ np.diag(SOFT.rotation) @ P.T
+        p, R = found.motion.reference[:3, 3], found.motion.reference[:3, :3]
+
+        def reading(twist: np.ndarray, p=p, R=R, Kt=Kt, Ko=Ko) -> np.ndarray:
+            return wrench(p + R @ twist[:3], R @ rotations(twist[3:]), Kt, Ko)
+
+        Km = np.stack([(reading(h * e) - reading(-h * e)) / (2 * h) for e in steps], axis=1)
+        inside += (np.abs(found.fit.Km - Km) <= found.interval).sum()
+    assert inside >= 0.9 * 360
+
+
+@pytest.mark.parametrize(
+    ("changed", "what"),
+    [
+        (lambda Km: Km.T, "transposed"),
+        (lambda Km: Km + half_moment(Km), "the wrong half of [m]"),
+    ],
+)
+def test_a_wrong_formula_is_an_alarm(changed, what: str) -> None:
+    fit = fit_stiffness(motion(*recorded(3)))
+    assert not analyse_residual(fit, has_bias=False).is_alarm
+    assert analyse_residual(replace(fit, Km=changed(fit.Km)), has_bias=False).is_alarm, what
+
+
+def half_moment(Km: np.ndarray) -> np.ndarray:
+    more = np.zeros((6, 6))
+    more[3:, 3:] = (Km - Km.T)[3:, 3:] / 2
+    return more
+
+
+def test_an_isotropic_spring_does_not_separate_lever_and_bias() -> None:
+    errors = measure_stiffness(*recorded(1, ISOTROPIC)).residual.errors
+    verdicts = {each.name: each.verdict for each in errors}
+    assert verdicts["lever"] == verdicts["force bias"] == "not separable"
+    assert measure_stiffness(*recorded(1, SOFT)).residual.errors[1].verdict != "not separable"
+
+
+@pytest.mark.parametrize(
+    ("rows", "reason"),
+    [
+        (lambda: recorded(1, circle=True), "one-way motion"),
+        (lambda: recorded(1, fault=Fault(delay=0.02), circle=True), "one-way motion"),
+        (lambda: recorded(1, size=30.0), "too curved"),
+        (lambda: recorded(1, Spring((800.0, 700.0, 0.0), (60.0, 40.0, 30.0), (2e-3, 20e-3))), "no spring"),
+        (lambda: recorded(1, count=100), "too few"),
+    ],
+    ids=["circle", "late circle", "large", "sliding", "short"],
+)
+def test_unusable_recordings_are_refused_by_name(rows, reason: str) -> None:
+    with pytest.raises(RecordingError, match=reason):
+        measure_stiffness(*rows())
+
+
+@pytest.mark.skipif(not RECORDINGS.is_dir(), reason="the recordings of the paper's group are not committed")
+@pytest.mark.parametrize("name", ["Circle", "Free", "LinearTable"])
+def test_real_recordings_are_refused_by_name(name: str) -> None:
+    """A hand moves the tip in circles, freely, and along a table; whole and in parts of 4 s and 2 s."""
+    (file,) = RECORDINGS.glob(f"RobotData_{name}_*.txt")
+    rows = np.genfromtxt(file, delimiter="\t", skip_header=1)
+    places = np.concatenate([rows[:, 7:10], rows[:, 13:16] * rows[:, 16:17]], axis=1)
+    time, poses = rows[:, 0], recorded_poses(places, "vector")
+    for length in (100.0, 4.0, 2.0):
+        for start in np.arange(0, time[-1] - length / 2 if length < 100 else 1, length):
+            part = (time >= start) & (time < start + length)
+            if part.sum() < 250:
+                continue
+            made = motion(time[part], poses[part], rows[part, 1:7], in_base_axes=True)
+            reasons = {each.partition(":")[0] for each in refusals(made, fit_stiffness(made))}
+            assert reasons >= {"one-way motion", "no spring"}, (start, length)
+
+
+# ---- a robot and its plan --------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory: pytest.TempPathFactory):
+    folder = stiffgen.generate(
+        URDF, tip="link_ee", kernels="hybrid,body", controller=False, name="held",
+        output=tmp_path_factory.mktemp("measure"),
+    )  # fmt: skip
+    return stiffgen.open_robot(folder)
+
+
+def test_a_plan_keeps_its_promise(robot) -> None:
+    """The pose follows the twist, delays fake nothing, and the deviation is that of a simulated recording."""
+    options = PlanOptions(np.array([800.0, 700, 500, 60, 40, 30]), deviation=np.radians(0.02), most_wrench=(20.0, 3.0))
+    plan = plan_excitation(robot, POSTURE, options)
+    first = sensor_poses(robot, np.array([POSTURE]))[0]
+    wanted = first @ recorded_poses(plan.twist, "vector")
+    np.testing.assert_allclose(sensor_poses(robot, plan.q), wanted, atol=1e-9)
+    assert plan.q[0] == pytest.approx(POSTURE) and plan.q[-1] == pytest.approx(POSTURE)
+    K = np.diag(options.stiffness)
+    errors = []
+    for seed in range(20):
+        random = np.random.default_rng(seed)
+        F = plan.twist @ K + random.normal(size=plan.twist.shape) * np.repeat(options.noise, 3)
+        found = measure_stiffness(plan.time, wanted, F, has_bias=False)
+        assert found.faked[0] < 1e-4
+        errors.append(found.residual.errors[0].value)
+    assert np.sqrt((np.array(errors) ** 2).mean(axis=0)).max() == pytest.approx(plan.deviation, rel=0.5)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"deviation": -1.0}, "must be positive"),
+        ({"stiffness": (1.0,) * 5 + (-1.0,)}, "positive definite"),
+        ({"stiffness": np.triu(np.ones((6, 6)))}, "is not symmetric"),
+        ({"duration": 0.5}, "40 samples per period"),
+    ],
+)
+def test_a_wrong_plan_is_refused(robot, change, words: str) -> None:
+    with pytest.raises(StiffgenError, match=words):
+        plan_excitation(robot, POSTURE, PlanOptions(**{"stiffness": (700.0,) * 3 + (40.0,) * 3} | change))
+
+
+def test_joint_stiffness_has_the_deviation_of_repeated_measurements(robot) -> None:
+    q, found = POSTURE, [measure_stiffness(*recorded(5, count=1000))]
+    stated = joint_stiffness_deviation(found[0], robot.module, q).deviation
+    noise, made = np.random.default_rng(0), []
+    time, poses, F = recorded(5)
+    for _ in range(60):
+        other = measure_stiffness(time, poses, F + noise.normal(size=F.shape) * np.repeat([0.05, 0.002], 3))
+        made.append(joint_stiffness_deviation(other, robot.module, q).joint_stiffness)
+    spread = np.std(made, axis=0)
+    assert np.median(spread / stated) == pytest.approx(1.0, abs=0.35)
+
+
+def test_from_recording_to_page(robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    time, poses, F = recorded(2, fault=Fault(turn=(0.0, 0.0, DEGREE)))
+    quaternion = np.array([from_rotation(R) for R in poses[:, :3, :3]])
+    pose = [f"pose_{name}" for name in ("x", "y", "z", "qx", "qy", "qz", "qw")]
+    names = ["time", *pose, *(f"wrench_{i}" for i in range(6))]
+    rows = np.column_stack([time, poses[:, :3, 3], quaternion, F])
+    np.savetxt("log.csv", rows, delimiter=",", header=",".join(names), comments="")
+    assert main(["measure", "log.csv", "--tared"]) == 1
+    assert "turn: (" in capsys.readouterr().out
+    assert "chi-square" in Path("log_measured.html").read_text()
+    table = Path("log_measured.csv").read_text()
+    assert "turn,z,found,0.017" in table
+
+
+def from_rotation(R: np.ndarray) -> np.ndarray:
+    """Return the unit quaternion (x, y, z, w), w > 0: rotations by less than half a turn."""
+    w = np.sqrt(1 + np.trace(R)) / 2
+    return np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1], 4 * w * w]) / (4 * w)
+
+
+def test_a_plan_is_written(robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    posture = ",".join(map(str, POSTURE))
+    command = ["measure", "--plan", "plan.csv", "--robot", str(robot.folder), "--posture", posture]
+    assert main([*command, "--stiffness", "800,700,500,60,40,30", "--tared"]) == 0
+    assert np.loadtxt("plan.csv", delimiter=",").shape == (4401, 7)
+    assert main(command) == 2
+    assert "--stiffness" in capsys.readouterr().err
+    assert json.loads((robot.folder / "manifest.json").read_text())
