@@ -83,6 +83,7 @@ bench-cuda: $(VENV)/installed-test  ## check every CUDA function, and time the j
 	nvcc -O3 -arch=native -Ibuild/cuda/iiwa14 benchmarks/cuda_stiffness.cu build/cuda/iiwa14/iiwa14.cu \
 	  build/cuda/iiwa14/iiwa14.c -o build/cuda/cuda_stiffness
 	build/cuda/cuda_stiffness $(CONFIGURATIONS)
+	$(BIN)/python benchmarks/cuda_peers.py build/cuda
 
 # Campaigns of one package more than the tests have.
 campaign: $(VENV)/installed-test $(patsubst %,$(VENV)/installed-%,$(filter fuzz torch drake,$(NAME)))

@@ -5,6 +5,8 @@
  * the wrench, 28 of the result), 62 (21 of the task stiffness's upper triangle), and 111 (49 of the cotangent, and 7, 6 and
  * 36 of the gradients). Values are checked against the C code first.
  *
+ * The first configurations, their results and the task stiffness go to a file, for benchmarks/cuda_peers.py.
+ *
  *     make bench-cuda            (nvcc, a GPU; CONFIGURATIONS=number, default 4194304)
  */
 #include "iiwa14.h"
@@ -167,11 +169,30 @@ static double *moved_there(const std::vector<double> &numbers, const char *what)
     return there;
 }
 
+/* The columns of the first configurations: q, wrenches, the task stiffness, results. */
+static void write_first(const char *name, size_t count, const std::vector<double> &q, const std::vector<double> &wrench,
+    const std::vector<double> &K, const std::vector<double> &found)
+{
+    FILE *file = fopen(name, "wb");
+    const size_t some = std::min<size_t>(count, SOME);
+    bool written = file != NULL;
+    for (const std::vector<double> *columns : {&q, &wrench, &K, &found}) {
+        const size_t stride = columns == &K ? 36 : count, length = columns == &K ? 36 : some;
+        for (size_t from = 0; written && from < columns->size(); from += stride) {
+            written = fwrite(columns->data() + from, sizeof(double), length, file) == length;
+        }
+    }
+    if (!written || fclose(file) != 0) {
+        fprintf(stderr, "%s cannot be written\n", name);
+        exit(1);
+    }
+}
+
 int main(int argc, char **argv)
 {
     const size_t count = argc > 1 ? (size_t)strtoull(argv[1], NULL, 10) : (size_t)1 << 22;
     if (count == 0) {
-        fprintf(stderr, "usage: %s [CONFIGURATIONS]\n", argv[0]);
+        fprintf(stderr, "usage: %s [CONFIGURATIONS [FILE]]\n", argv[0]);
         return 2;
     }
     cudaDeviceProp device;
@@ -218,6 +239,9 @@ int main(int argc, char **argv)
     const size_t step = std::max<size_t>(1, count / SOME);
     check(stiffness(), "iiwa14_hybrid_joint_stiffness_cuda");
     check(cudaMemcpy(found.data(), result_there, found.size() * sizeof(double), cudaMemcpyDeviceToHost), "copying back");
+    if (argc > 2) {
+        write_first(argv[2], count, q, wrench, K, found);
+    }
     const double error = largest_error(q, wrench, K, found, count, step);
     check(stiffness_each(), "iiwa14_hybrid_joint_stiffness_each_cuda");
     check(cudaMemcpy(found.data(), result_there, found.size() * sizeof(double), cudaMemcpyDeviceToHost), "copying back");

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The hybrid joint stiffness as a user of JAX or PyTorch writes it: automatic differentiation.
+"""The hybrid joint stiffness as a user of JAX or PyTorch writes it: automatic differentiation, or a formula by hand.
 
 A chain is any object with revolute ``joints`` (rotation, translation, axis) and ``tip_translation``: this module knows
 nothing of stiffgen, so that it runs in a Python that has a framework alone.
@@ -7,7 +7,7 @@ nothing of stiffgen, so that it runs in a Python that has a framework alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -78,3 +78,86 @@ def torch_functions(chain: Any, K: Any) -> tuple[Callable[..., Any], Callable[..
         return torch.func.jacfwd(jacobian)(q).permute(2, 1, 0)
 
     return stiffness, hessian
+
+
+def _times(a: Any, b: Any) -> Any:
+    """Multiply two numbers or arrays; constant zeros and ones cost nothing."""
+    for one, other in ((a, b), (b, a)):
+        if isinstance(one, float) and one in (0.0, 1.0):
+            return 0.0 if one == 0.0 else other
+    return a * b
+
+
+def _plus(a: Any, b: Any) -> Any:
+    """Add two numbers or arrays; constant zeros cost nothing."""
+    if isinstance(a, float) and a == 0.0:
+        return b
+    return a if isinstance(b, float) and b == 0.0 else a + b
+
+
+def _dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
+    total: Any = 0.0
+    for x, y in zip(a, b, strict=True):
+        total = _plus(total, _times(x, y))
+    return total
+
+
+def _cross(a: Sequence[Any], b: Sequence[Any]) -> list[Any]:
+    return [
+        _plus(_times(a[i], b[j]), _times(-1.0, _times(a[j], b[i])))
+        for i, j in ((1, 2), (2, 0), (0, 1))
+    ]  # fmt: skip
+
+
+def by_hand(chain: Any, xp: Any, q: Sequence[Any], wrench: Sequence[Any], K: Any) -> list[Any]:
+    """Return the upper triangle of the joint stiffness, row by row, each entry an array over the configurations.
+
+    The formula is written out: dJ_i/dq_j is a cross product of columns of J. Entries that are constant zeros or ones
+    are left out, so that a framework can fuse what remains into one loop over the configurations.
+
+    Args:
+        chain: the arm.
+        xp: the framework's module, for sin and cos.
+        q: an array of positions per joint.
+        wrench: an array per entry.
+        K: task stiffness (6, 6), an array of the framework.
+
+    """
+    rotation: list[list[Any]] = np.eye(3).tolist()
+    origin: list[Any] = [0.0, 0.0, 0.0]
+    axes, origins = [], []
+    for k, joint in enumerate(chain.joints):
+        axis = np.array(joint.axis, dtype=float)
+        cross = np.cross(np.eye(3), axis)
+        sine, versine = xp.sin(q[k]), 1.0 - xp.cos(q[k])
+        origin = [_plus(o, _dot(row, list(joint.translation))) for o, row in zip(origin, rotation, strict=True)]
+        square = cross @ cross
+        turn = [
+            [
+                _plus(float(i == j), _plus(_times(sine, float(cross[i, j])), _times(versine, float(square[i, j]))))
+                for j in range(3)
+            ]
+            for i in range(3)
+        ]  # fmt: skip
+        for matrix in (np.array(joint.rotation).tolist(), turn):
+            rotation = [[_dot(row, [each[j] for each in matrix]) for j in range(3)] for row in rotation]
+        axes.append([_dot(row, axis.tolist()) for row in rotation])
+        origins.append(origin)
+    tip = [_plus(o, _dot(row, list(chain.tip_translation))) for o, row in zip(origin, rotation, strict=True)]
+    linear = [
+        _cross(a, [_plus(t, _times(-1.0, o)) for t, o in zip(tip, each, strict=True)])
+        for a, each in zip(axes, origins, strict=True)
+    ]
+    force, moment = list(wrench[:3]), list(wrench[3:])
+    columns = [v + a for v, a in zip(linear, axes, strict=True)]
+    loaded = []
+    for v, a in zip(linear, axes, strict=True):  # (K + Gamma F) J_j
+        product = [_dot([K[min(i, k), max(i, k)] for k in range(6)], v + a) for i in range(6)]
+        twist = _cross(moment, a)
+        loaded.append([*product[:3], *(_plus(p, _times(-0.5, t)) for p, t in zip(product[3:], twist, strict=True))])
+    entries = []
+    for i in range(len(axes)):
+        for j in range(i, len(axes)):  # (dJ_i/dq_j) . F for j >= i: a_i x v_j, and half of the turning axes
+            kinematic = _dot(_cross(axes[i], linear[j]), force)
+            entries.append(_plus(_dot(columns[i], loaded[j]), kinematic))
+    return entries
