@@ -102,6 +102,13 @@ def half_moment(Km: np.ndarray) -> np.ndarray:
     return more
 
 
+def test_base_axes_for_sensor_axes_is_an_alarm() -> None:
+    """The pose at the load is turned by 0.05 rad against the base: readings in other axes are turned by as much."""
+    assert not measure_stiffness(*recorded(4), has_bias=False).residual.is_alarm
+    turn, _ = (found := measure_stiffness(*recorded(4), in_base_axes=True, has_bias=False).residual).errors
+    assert found.is_alarm and turn.verdict == "found"
+
+
 def test_an_isotropic_spring_does_not_separate_lever_and_bias() -> None:
     errors = measure_stiffness(*recorded(1, ISOTROPIC)).residual.errors
     verdicts = {each.name: each.verdict for each in errors}
