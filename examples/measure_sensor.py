@@ -4,12 +4,13 @@
     python -m examples.measure_sensor [TURN_IN_DEG]
 
 The readings are those of a sensor that is turned about its z axis by TURN_IN_DEG (default: 1), with noise. The
-recording is measured.csv, the residual's picture measured.svg; what 'stiffgen measure' says is printed.
+recording is measured.csv; what 'stiffgen measure' says of it is printed, and drawn in measured_measured.html.
 """
 
 from __future__ import annotations
 
 import csv
+import subprocess
 import sys
 from pathlib import Path
 
@@ -18,11 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 import stiffgen
-from stiffgen.lab.measure.measurement import measure_stiffness
-from stiffgen.lab.measure.page import statements
-from stiffgen.lab.measure.picture import residual_picture
-from stiffgen.lab.measure.plan import Plan, PlanOptions, plan_excitation
-from stiffgen.lab.measure.rows import sensor_poses
 
 Array = NDArray[np.float64]
 
@@ -70,17 +66,19 @@ def held_arm(seed: int = 0) -> mujoco.MjModel:
     return spec.compile()
 
 
-def record(model: mujoco.MjModel, plan: Plan, turn: float, seed: int = 0) -> tuple[Array, Array, Array]:
-    """Run the motion; return time [s], q and readings of a sensor that is turned about z by ``turn`` [rad]."""
+def record(
+    model: mujoco.MjModel, plan: Array, turn: float, seed: int = 0, period: float = 0.005
+) -> tuple[Array, Array, Array]:
+    """Run joint positions (N, n); return time [s], q and readings of a sensor turned about z by ``turn`` [rad]."""
     data, random = mujoco.MjData(model), np.random.default_rng(seed)
-    data.qpos[:] = plan.q[0]
+    data.qpos[:] = plan[0]
     # the springs pull before the motion begins
     mujoco.mj_forward(model, data)
     c, s = np.cos(turn), np.sin(turn)
     axes = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])  # readings in turned axes
     rows = []
-    steps = round((plan.time[1] - plan.time[0]) / model.opt.timestep)
-    for wanted in np.concatenate([np.repeat(plan.q[:1], 100, axis=0), plan.q]):
+    steps = round(period / model.opt.timestep)
+    for wanted in np.concatenate([np.repeat(plan[:1], 100, axis=0), plan]):
         for _ in range(steps):
             mujoco.mj_step1(model, data)
             data.qfrc_applied[:] = GAIN * (wanted - data.qpos) - DAMPING * data.qvel + data.qfrc_bias
@@ -92,21 +90,24 @@ def record(model: mujoco.MjModel, plan: Plan, turn: float, seed: int = 0) -> tup
     return time, q, readings
 
 
+def measure(*arguments: str) -> None:
+    """Run the command; it returns 1 if the sensor does not agree with the pose."""
+    if subprocess.run([sys.executable, "-m", "stiffgen", "measure", *arguments], check=False).returncode > 1:
+        raise SystemExit(2)
+
+
 def main(turn: float) -> None:
     """Plan, run, measure."""
-    robot = stiffgen.open_robot(
-        stiffgen.generate(URDF, tip=FLANGE, kernels="hybrid,body", controller=False, name="held")
-    )
-    options = PlanOptions((5000.0,) * 3 + (40.0,) * 3, deviation=np.radians(0.02), most_wrench=(10.0, 1.0))
-    plan = plan_excitation(robot, POSTURE, options)
-    time, q, readings = record(held_arm(), plan, turn)
+    folder = stiffgen.generate(URDF, tip=FLANGE, kernels="hybrid,body", controller=False, name="held")
+    posture, stiffness = ",".join(map(str, POSTURE)), "5000,5000,5000,40,40,40"
+    robot = ("--robot", str(folder), "--tared")
+    measure("--plan", "plan.csv", *robot, "--posture", posture, "--stiffness", stiffness, "--deviation", "0.02")
+    time, q, readings = record(held_arm(), np.loadtxt("plan.csv", delimiter=","), turn)
     with Path("measured.csv").open("w", newline="") as file:
         rows = csv.writer(file)
         rows.writerow(["time", *(f"q_{i}" for i in range(7)), *(f"wrench_{i}" for i in range(6))])
         rows.writerows(np.column_stack([time, q, readings]).tolist())
-    found = measure_stiffness(time, sensor_poses(robot, q), readings, has_bias=False)
-    Path("measured.svg").write_text(residual_picture(found.residual), encoding="utf-8")
-    print("\n".join([*statements(found), "measured.csv", "measured.svg"]))
+    measure("measured.csv", *robot)
 
 
 if __name__ == "__main__":

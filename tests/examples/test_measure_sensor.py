@@ -43,7 +43,7 @@ def mujoco_rates(robot, runs: int) -> float:
     plan, inside = plan_excitation(robot, measure_sensor.POSTURE, options), 0
     for seed in range(runs):
         model = measure_sensor.held_arm(seed)
-        time, q, readings = measure_sensor.record(model, plan, 0.0, seed)
+        time, q, readings = measure_sensor.record(model, plan.q, 0.0, seed, period=0.01)
         found = measure_stiffness(time, sensor_poses(robot, q), readings, has_bias=False)
         inside += (np.abs(found.fit.Km - exact_stiffness(model, robot, q.mean(axis=0))) <= found.interval).sum()
     return inside / (36 * runs)
