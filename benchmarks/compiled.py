@@ -14,6 +14,7 @@ import stiffgen
 from benchmarks.instructions import Work, compiled_steps, of_contender
 from benchmarks.tools import HERE, Row, pinned, quartiles, run
 from stiffgen.core.symbolic.arguments import Q
+from stiffgen.core.symbolic.measured import symmetric_part
 from stiffgen.core.verify.kernels.references import TASK_STIFFNESS, WRENCH
 from stiffgen.core.verify.kernels.samples import Samples
 
@@ -56,7 +57,7 @@ def in_c(
     samples = Samples(chain, count, seed=1)
     inputs, driver, steps = folder / "inputs", folder / "driver", compiled_steps(folder)
     q = motion(chain, count) if along_path else samples[Q]
-    inputs.write_bytes(q.tobytes() + samples[WRENCH].tobytes() + samples[TASK_STIFFNESS][0].tobytes())
+    inputs.write_bytes(q.tobytes() + samples[WRENCH].tobytes() + symmetric_part(samples[TASK_STIFFNESS][0]).tobytes())
     run(["gcc", "-O2", str(HERE / "contenders" / "driver.c"), "-o", str(driver), "-ldl", "-lm"])
     names = {str(path): name for name, path in built.items()}
     clock, *lines = run(pinned([str(driver), str(inputs), str(count), str(rounds), *names])).splitlines()

@@ -28,6 +28,7 @@ import stiffgen
 from stiffgen import open_robot
 from stiffgen.core.symbolic.arguments import Q
 from stiffgen.core.symbolic.kernels import KERNELS, MAX_BATCH_JOINTS
+from stiffgen.core.symbolic.measured import symmetric_part
 from stiffgen.core.symbolic.model import casadi_function
 from stiffgen.core.verify.kernels.poses import joint_poses, product_of_poses
 from stiffgen.core.verify.kernels.references import TASK_STIFFNESS, WRENCH
@@ -160,7 +161,7 @@ def in_python(chain: stiffgen.Chain, robot: Path) -> tuple[list[Row], list[Row]]
     module = open_robot(robot).module
     size = BATCH
     samples = Samples(chain, size, seed=2)
-    q, F, K = samples[Q], samples[WRENCH], samples[TASK_STIFFNESS][0]
+    q, F, K = samples[Q], samples[WRENCH], symmetric_part(samples[TASK_STIFFNESS][0])
     q0, F0 = q[0].copy(), F[0].copy()
     kernel = module.hybrid.joint_stiffness
     out, left = np.empty((7, 7)), np.random.default_rng(0).normal(size=(7, 7))

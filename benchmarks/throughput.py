@@ -28,6 +28,7 @@ import stiffgen
 from benchmarks.frameworks import jax_functions, torch_functions
 from stiffgen import open_robot
 from stiffgen.core.symbolic.arguments import Q
+from stiffgen.core.symbolic.measured import symmetric_part
 from stiffgen.core.verify.kernels.references import TASK_STIFFNESS, WRENCH
 from stiffgen.core.verify.kernels.samples import Samples
 
@@ -72,7 +73,11 @@ class Problem:
         module: Any = open_robot(folder).module
         self.robot, self.packed = module.hybrid, module.packed
         samples = Samples(chain, COUNT, seed=3)
-        self.q, self.wrench, self.task_stiffness = samples[Q], samples[WRENCH], samples[TASK_STIFFNESS][0]
+        self.q, self.wrench, self.task_stiffness = (
+            samples[Q],
+            samples[WRENCH],
+            symmetric_part(samples[TASK_STIFFNESS][0]),
+        )
         self.tip: Array = module.forward_kinematics(self.q)[:, :3, 3]
         random = np.random.default_rng(3)
         self.stiffness_cotangent = random.normal(size=(COUNT, 7, 7))
