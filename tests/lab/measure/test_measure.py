@@ -236,4 +236,7 @@ def test_a_plan_is_written(robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert np.loadtxt("plan.csv", delimiter=",").shape == (4401, 7)
     assert main(command) == 2
     assert "--stiffness" in capsys.readouterr().err
+    log = ["measure", "log.csv", "--robot", str(robot.folder), "--calibration", "sensor.json", "--axes", "base"]
+    assert main(log) == 2
+    assert "readings in sensor axes" in capsys.readouterr().err
     assert json.loads((robot.folder / "manifest.json").read_text())

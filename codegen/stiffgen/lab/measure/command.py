@@ -114,6 +114,8 @@ def _measure(options: argparse.Namespace) -> int:
         robot.require_doubles("'stiffgen measure'")
     if options.correct is not None and options.calibration is None:
         raise OutputError("--correct: needs the file to correct; give --calibration FILE, too")
+    if options.calibration is not None and options.axes == "base":
+        raise RecordingError("--calibration: holds for readings in sensor axes; leave out --axes base")
     calibration = calibration_of(robot, options.calibration) if options.calibration else None
     columns = RowOptions(options.positions, options.reading, options.rotation, options.window and tuple(options.window))
     rows = read_measurement(options.log, columns, robot, calibration)
