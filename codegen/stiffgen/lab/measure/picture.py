@@ -3,12 +3,11 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 
-from stiffgen.core.errors import MissingExtraError, install_command
+from stiffgen.lab.drawing import draw_svg
 from stiffgen.lab.measure.residual import NORMAL, UPPER, Residual
 
 _BLOCKS = (
@@ -26,16 +25,9 @@ def residual_picture(found: Residual) -> str:
         MissingExtraError: matplotlib is not installed.
 
     """
-    try:
-        drawing: Any = import_module("matplotlib.figure")
-    except ImportError as error:
-        raise MissingExtraError(
-            "the picture needs matplotlib, which is not installed; " + install_command("analyze")
-        ) from error
-    style: Any = import_module("stiffgen.lab.style")
     spread = NORMAL * np.sqrt(np.diag(found.covariance))
-    with import_module("matplotlib").rc_context(style.STYLE):
-        figure = drawing.Figure(figsize=(8, 3.2), layout="constrained")
+
+    def draw(figure: Any, style: Any) -> None:
         panes = figure.subplots(1, 3, width_ratios=[3, 9, 3])
         for axes, (row, column, title) in zip(panes, _BLOCKS, strict=True):
             entries = np.flatnonzero((UPPER[0] // 3 == row) & (UPPER[1] // 3 == column))
@@ -52,5 +44,5 @@ def residual_picture(found: Residual) -> str:
             axes.set_xticks(x, [f"{_ROWS[UPPER[0][k]]} by {_COLUMNS[UPPER[1][k]]}" for k in entries], rotation=60)
             axes.set_title(title)
         figure.legend(*panes[1].get_legend_handles_labels(), loc="outside lower center", ncols=2)
-        text: str = style.themed_svg(figure)
-        return text
+
+    return draw_svg("the picture", (8, 3.2), draw)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from stiffgen.core.errors import MissingExtraError, install_command
+from stiffgen.lab.drawing import draw_svg
 from stiffgen.lab.passport.passport import Passport, Quantity
 
 
@@ -19,20 +19,13 @@ def draw_map(passport: Passport) -> str:
         MissingExtraError: matplotlib is not installed.
 
     """
-    try:
-        drawing: Any = import_module("matplotlib.figure")
-    except ImportError as error:
-        raise MissingExtraError(
-            "the map of a passport needs matplotlib, which is not installed; " + install_command("analyze")
-        ) from error
-    style: Any = import_module("stiffgen.lab.style")
     shown = [each for each in (passport.quantity("rendered"), _force(passport)) if each is not None]
-    with import_module("matplotlib").rc_context(style.STYLE):
-        figure = drawing.Figure(figsize=(4.3 * len(shown), 4.0), layout="constrained")
+
+    def draw(figure: Any, style: Any) -> None:
         for axes, quantity in zip(figure.subplots(1, len(shown), squeeze=False)[0], shown, strict=True):
             _panel(figure, axes, passport, quantity, style.INK)
-        text: str = style.themed_svg(figure)
-    return text
+
+    return draw_svg("the map of a passport", (4.3 * len(shown), 4.0), draw)
 
 
 def _force(passport: Passport) -> Quantity | None:
