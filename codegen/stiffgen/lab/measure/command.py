@@ -10,7 +10,7 @@ from pathlib import Path
 
 from stiffgen.core.errors import OutputError, RecordingError, terminal_text
 from stiffgen.core.folder import write_atomically
-from stiffgen.core.opened import open_robot
+from stiffgen.core.opened import GeneratedRobot, open_robot
 from stiffgen.lab.calibrate.calibration import Calibration, tip_functions
 from stiffgen.lab.measure.measurement import Measurement, joint_stiffness_deviation, measure_stiffness
 from stiffgen.lab.measure.page import render_page, statements, to_csv
@@ -109,14 +109,7 @@ def _plan(options: argparse.Namespace) -> int:
 
 
 def _measure(options: argparse.Namespace) -> int:
-    robot = open_robot(options.robot) if options.robot else None
-    if robot is not None:
-        robot.require_doubles("'stiffgen measure'")
-    if options.correct is not None and options.calibration is None:
-        raise OutputError("--correct: needs the file to correct; give --calibration FILE, too")
-    if options.calibration is not None and options.axes == "base":
-        raise RecordingError("--calibration: holds for readings in sensor axes; leave out --axes base")
-    calibration = calibration_of(robot, options.calibration) if options.calibration else None
+    robot, calibration = _opened(options)
     columns = RowOptions(options.positions, options.reading, options.rotation, options.window and tuple(options.window))
     rows = read_measurement(options.log, columns, robot, calibration)
     try:
@@ -139,6 +132,20 @@ def _measure(options: argparse.Namespace) -> int:
         write_atomically(file, text)
     print(terminal_text("\n".join([*statements(found, joints), *map(str, texts)])))
     return 1 if found.residual.is_alarm else 0
+
+
+def _opened(options: argparse.Namespace) -> tuple[GeneratedRobot | None, Calibration | None]:
+    """Return robot and calibration of a measurement; refuse options that cannot hold together."""
+    robot = open_robot(options.robot) if options.robot else None
+    if robot is not None:
+        robot.require_doubles("'stiffgen measure'")
+    if options.calibration is None:
+        if options.correct is not None:
+            raise OutputError("--correct: needs the file to correct; give --calibration FILE, too")
+        return robot, None
+    if options.axes == "base":
+        raise RecordingError("--calibration: holds for readings in sensor axes; leave out --axes base")
+    return robot, calibration_of(robot, options.calibration)
 
 
 def corrected(calibration: Calibration, found: Measurement) -> Calibration:
