@@ -3,12 +3,17 @@
 
 from __future__ import annotations
 
+import itertools
+from statistics import NormalDist
+
 import mujoco
 import numpy as np
 import pytest
 
 import stiffgen
 from examples import measure_sensor
+from stiffgen.core.errors import RecordingError
+from stiffgen.core.symbolic.measured import measured_stiffness
 from stiffgen.lab.measure.measurement import measure_stiffness
 from stiffgen.lab.measure.plan import PlanOptions, plan_excitation
 from stiffgen.lab.measure.rows import sensor_poses
@@ -23,8 +28,8 @@ def robot(tmp_path_factory: pytest.TempPathFactory):
     return stiffgen.open_robot(folder)
 
 
-def exact_stiffness(model, robot, q: np.ndarray) -> np.ndarray:
-    """Return Km by central differences of MuJoCo's own readings at rest, along twists of the flange."""
+def exact_stiffness(model, robot, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return Km by central differences of MuJoCo's own readings at rest, along twists of the flange, and the load."""
     data = mujoco.MjData(model)
 
     def reading(at: np.ndarray) -> np.ndarray:
@@ -34,25 +39,49 @@ def exact_stiffness(model, robot, q: np.ndarray) -> np.ndarray:
 
     J = robot.module.body.jacobian(q)
     steps = 1e-4 * np.linalg.pinv(J)
-    return np.stack([(reading(q + dq) - reading(q - dq)) / 2e-4 for dq in steps.T], axis=1)
+    return np.stack([(reading(q + dq) - reading(q - dq)) / 2e-4 for dq in steps.T], axis=1), reading(q)
 
 
-def mujoco_rates(robot, runs: int) -> float:
-    """Return the part of the entries of Km that lie within their intervals."""
-    options = PlanOptions((3000.0,) * 3 + (30.0,) * 3, deviation=np.radians(0.02), duration=12.0, rate=100.0)
-    plan, inside = plan_excitation(robot, measure_sensor.POSTURE, options), 0
-    for seed in range(runs):
+def mujoco_rates(robot, runs: int, duration: float = 12.0) -> tuple[float, float]:
+    """Return the part of the entries of Km within their intervals, and of the runs with all 36 within those for 36.
+
+    Springs under load may hold no flange: a run whose true stiffness is indefinite is refused, and left out.
+    """
+    options = PlanOptions((3000.0,) * 3 + (30.0,) * 3, deviation=np.radians(0.02), duration=duration, rate=100.0)
+    plan, ratios = plan_excitation(robot, measure_sensor.POSTURE, options), []
+    for seed in itertools.count():
         model = measure_sensor.held_arm(seed)
         time, q, readings = measure_sensor.record(model, plan.q, 0.0, seed, period=0.01)
-        found = measure_stiffness(time, sensor_poses(robot, q), readings, has_bias=False)
-        inside += (np.abs(found.fit.Km - exact_stiffness(model, robot, q.mean(axis=0))) <= found.interval).sum()
-    return inside / (36 * runs)
+        exact, load = exact_stiffness(model, robot, q.mean(axis=0))
+        signs = np.sign(np.linalg.eigvalsh(measured_stiffness(exact, load, "body").K))
+        try:
+            found = measure_stiffness(time, sensor_poses(robot, q), readings, has_bias=False)
+        except RecordingError as error:  # of a spring that is one, it counts as a miss
+            assert ("no spring" in str(error)) == (abs(signs.sum()) < 6)
+            if abs(signs.sum()) == 6:
+                ratios.append(np.full((6, 6), np.inf))
+        else:
+            ratios.append(np.abs(found.fit.Km - exact) / found.interval)
+        if len(ratios) == runs:
+            break
+    for_all = NormalDist().inv_cdf(1 - 0.025 / 36) / NormalDist().inv_cdf(0.975)  # Bonferroni
+    inside = np.array(ratios)
+    return float((inside <= 1).mean()), float((inside.max(axis=(1, 2)) <= for_all).mean())
 
 
 def test_springs_of_mujoco_lie_within_the_intervals(robot) -> None:
-    assert mujoco_rates(robot, 1) >= 0.8
+    entries, runs = mujoco_rates(robot, 1)
+    assert (entries >= 0.8, runs) == (True, 1.0)
 
 
 @pytest.mark.slow
 def test_springs_of_mujoco_lie_within_the_intervals_in_nine_of_ten(robot) -> None:
-    assert mujoco_rates(robot, 10) >= 0.9
+    entries, runs = mujoco_rates(robot, 10)
+    assert min(entries, runs) >= 0.9
+
+
+@pytest.mark.wide
+def test_springs_of_mujoco_lie_within_the_intervals_in_ninety_of_a_hundred(robot) -> None:
+    entries, runs = mujoco_rates(robot, 100, duration=20.0)
+    print(f"{entries:.3f} of the entries, {runs:.2f} of the runs")
+    assert min(entries, runs) >= 0.9

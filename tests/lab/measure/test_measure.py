@@ -13,6 +13,7 @@ import pytest
 import stiffgen
 from stiffgen.cli import main
 from stiffgen.core.errors import RecordingError, StiffgenError
+from stiffgen.lab.calibrate.calibration import Calibration, read_calibration
 from stiffgen.lab.measure.fit import fit_stiffness
 from stiffgen.lab.measure.measurement import joint_stiffness_deviation, measure_stiffness
 from stiffgen.lab.measure.motion import motion
@@ -205,6 +206,64 @@ def test_joint_stiffness_has_the_deviation_of_repeated_measurements(robot) -> No
         made.append(joint_stiffness_deviation(other, robot.module, q).joint_stiffness)
     spread = np.std(made, axis=0)
     assert np.median(spread / stated) == pytest.approx(1.0, abs=0.35)
+
+
+SENSOR = stiffgen.Sensor("link_ee", xyz=(0.03, -0.02, 0.07), rpy=(0.4, -0.3, 1.1))
+
+
+@pytest.fixture(scope="module")
+def sensing(tmp_path_factory: pytest.TempPathFactory):
+    folder = stiffgen.generate(
+        URDF, tip="link_ee", kernels="sensor,hybrid,body", controller=False, name="sensing", sensor=SENSOR,
+        output=tmp_path_factory.mktemp("measure"),
+    )  # fmt: skip
+    return stiffgen.open_robot(folder)
+
+
+def test_a_mounted_sensor_is_a_tip_at_its_place(sensing, tmp_path: Path) -> None:
+    """The joint stiffness through the sensor's mounting is that of a robot whose tip is a link at the sensor."""
+    link = '<link name="cell"/><joint name="mount" type="fixed"><parent link="link_ee"/><child link="cell"/>'
+    place = f'<origin xyz="{" ".join(map(str, SENSOR.xyz))}" rpy="{" ".join(map(str, SENSOR.rpy))}"/></joint></robot>'
+    urdf = tmp_path / "cell.urdf"
+    urdf.write_text(Path(URDF).read_text().replace("</robot>", link + place))
+    folder = stiffgen.generate(
+        urdf, tip="cell", kernels="body", controller=False, masses=False, name="cell", output=tmp_path
+    )
+    found = measure_stiffness(*recorded(5), has_bias=False)
+    mounted = joint_stiffness_deviation(found, sensing.module, POSTURE, sensing.chain.sensor)
+    expected = joint_stiffness_deviation(found, stiffgen.open_robot(folder).module, POSTURE)
+    np.testing.assert_allclose(mounted.joint_stiffness, expected.joint_stiffness, atol=1e-9)
+    np.testing.assert_allclose(mounted.deviation, expected.deviation, atol=1e-9)
+
+
+def test_a_calibration_is_corrected(sensing, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    """Bias and payload of the file are taken off; its rotation becomes the turn that was found, and nothing else."""
+    monkeypatch.chdir(tmp_path)
+    bias, payload = np.array([3.0, -2.0, 5.0, 0.1, 0.2, -0.1]), np.array([0.8, 0.01, -0.02, 0.03])
+    none = (0.0,) * 6
+    file = Calibration("sensing", sensing.chain.sensor.text, tuple(bias), tuple(payload), none, (0.0,) * 4, none, none,
+                       (0.0,) * 3, (0.0,) * 3, 12)  # fmt: skip
+    Path("sensor.json").write_text(file.to_json())
+    options = PlanOptions(np.array([800.0, 700, 500, 60, 40, 30]), deviation=np.radians(0.02), most_wrench=(20.0, 3.0))
+    plan = plan_excitation(sensing, POSTURE, options)
+    turned = rotations(np.array([[0.0, DEGREE, 0.0]]))[0]
+    F = plan.twist @ np.diag(options.stiffness) + sensor_noise(len(plan.twist), options)
+    readings = np.concatenate([F[:, :3] @ turned, F[:, 3:] @ turned], axis=1)
+    readings += sensing.module.sensor.reading(plan.q, np.zeros(6), bias, payload)
+    names = ["time", *(f"q_{i}" for i in range(7)), *(f"wrench_{i}" for i in range(6))]
+    rows = np.column_stack([plan.time, plan.q, readings])
+    np.savetxt("log.csv", rows, delimiter=",", header=",".join(names), comments="")
+    command = ["measure", "log.csv", "--robot", str(sensing.folder), "--calibration", "sensor.json"]
+    assert main([*command, "--correct", "corrected.json"]) == 1
+    capsys.readouterr()
+    made = read_calibration(Path("corrected.json"))
+    assert replace(made, rotation=file.rotation, rotation_interval=file.rotation_interval) == file
+    np.testing.assert_allclose(made.rotation, (0.0, DEGREE, 0.0), atol=2e-3)
+    assert max(made.rotation_interval) < 2e-3
+
+
+def sensor_noise(count: int, options: PlanOptions) -> np.ndarray:
+    return np.random.default_rng(7).normal(size=(count, 6)) * np.repeat(options.noise, 3)
 
 
 def test_from_recording_to_page(robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:

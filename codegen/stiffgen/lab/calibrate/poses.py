@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from stiffgen.core.errors import RecordingError
-from stiffgen.core.robot.chain import Chain
 from stiffgen.core.robot.geometry import FloatArray
 from stiffgen.rooms import optional
 
@@ -37,31 +36,32 @@ class StandingPoses:
 
 
 def read_rows(
-    log: str | Path, chain: Chain, q: str | None = None, reading: str | None = None
+    log: str | Path, names: tuple[str, ...], q: str | None = None, reading: str | None = None, *, most: int = _MOST_ROWS
 ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
-    """Return joint positions, readings and time (None without) of all rows without a missing number.
+    """Return positions, readings and time (None without) of all rows without a missing number.
 
-    ``q`` and ``reading`` are prefixes of columns, or their names with commas; None for the default names.
+    ``names`` are those of the positions, in order. ``q`` and ``reading`` are prefixes of columns, or their names with
+    commas; None for the default names. ``most`` is the largest number of rows.
 
     Raises:
-        RecordingError: the recording cannot be read, or the reader of recordings has been taken out.
+        RecordingError: the recording cannot be read, is too long, or the reader of recordings has been taken out.
 
     """
     recording = optional("lab.analyze.recording")
     if recording is None:
-        raise RecordingError("calibrate reads recordings with the package's folder analyze/, which is not there")
+        raise RecordingError(f"{log}: recordings are read with the package's folder analyze/, which is not there")
     request = recording.RecordingRequest(
-        tuple(each.name for each in chain.coordinates),
+        names,
         q=recording.chosen_names(q),
         wrench=recording.chosen_names(reading),
     )
     opened = recording.open_recording(log, request)
     blocks = [block.values for part in opened.partitions for block in recording.read_blocks(part, 1 << 16)]
     rows = np.concatenate(blocks) if blocks else np.zeros((0, len(opened.columns.names)))
-    if len(rows) > _MOST_ROWS:
-        raise RecordingError(f"{log}: has {len(rows)} rows; calibrate reads up to {_MOST_ROWS}: record the poses alone")
+    if len(rows) > most:
+        raise RecordingError(f"{log}: has {len(rows)} rows, of at most {most}: record the poses or the motion alone")
     rows = rows[np.isfinite(rows).all(axis=1)]
-    first, n = int(opened.columns.time is not None), len(chain.coordinates)
+    first, n = int(opened.columns.time is not None), len(names)
     time = rows[:, 0] if first else None
     return rows[:, first : first + n], rows[:, first + n :], time
 

@@ -8,6 +8,7 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+from stiffgen.cli.console import Progress, messages
 from stiffgen.core.errors import OutputError, RecordingError, terminal_text
 from stiffgen.core.folder import write_atomically
 from stiffgen.core.opened import GeneratedRobot, open_robot
@@ -111,17 +112,20 @@ def _plan(options: argparse.Namespace) -> int:
 def _measure(options: argparse.Namespace) -> int:
     robot, calibration = _opened(options)
     columns = RowOptions(options.positions, options.reading, options.rotation, options.window and tuple(options.window))
-    rows = read_measurement(options.log, columns, robot, calibration)
-    try:
-        found = measure_stiffness(
-            rows.time, rows.poses, rows.readings, in_base_axes=options.axes == "base",
-            has_bias=not (options.tared or calibration),
-        )  # fmt: skip
-    except RecordingError as error:
-        raise RecordingError(f"{options.log}: {error}") from error
-    joints = None
-    if robot is not None and rows.q is not None:
-        joints = joint_stiffness_deviation(found, tip_functions(robot), rows.q, robot.chain.sensor)
+    with Progress(messages()).shown() as progress:
+        progress(f"reading {options.log}")
+        rows = read_measurement(options.log, columns, robot, calibration)
+        progress(f"fitting the stiffness to {len(rows.time)} rows")
+        try:
+            found = measure_stiffness(
+                rows.time, rows.poses, rows.readings, in_base_axes=options.axes == "base",
+                has_bias=not (options.tared or calibration),
+            )  # fmt: skip
+        except RecordingError as error:
+            raise RecordingError(f"{options.log}: {error}") from error
+        joints = None
+        if robot is not None and rows.q is not None:
+            joints = joint_stiffness_deviation(found, tip_functions(robot), rows.q, robot.chain.sensor)
     page = Path(f"{options.log.stem}_measured.html")
     table = page.with_suffix(".csv")
     texts = {page: render_page(options.log.name, found, joints, table.name), table: to_csv(found, joints)}

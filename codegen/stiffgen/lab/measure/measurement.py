@@ -108,17 +108,20 @@ def joint_stiffness_deviation(
         to_sensor[:3, 3:] = -R.T @ skew(np.array(sensor.translation, dtype=float))
     position = np.asarray(q, dtype=float)
 
-    def linear(F: FloatArray, K: FloatArray) -> FloatArray:
-        """Return Kq of a load and a symmetric stiffness at the sensor; it is linear in both."""
-        at_tip = to_sensor.T @ K @ to_sensor
-        return np.asarray(functions.body.joint_stiffness(position, F @ to_sensor, at_tip), dtype=float)
+    def linear(F: FloatArray, Km: FloatArray) -> FloatArray:
+        """Return Kq of a load and its changes per twist at the sensor; it is linear in both.
 
-    value = linear(found.load, found.K)
+        Km moves to the tip as the wrench does. Its symmetric part does not: Gamma F is that of the tip's own twists.
+        """
+        load, at_tip = F @ to_sensor, to_sensor.T @ Km @ to_sensor
+        K = measured_stiffness(at_tip, load, "body").K
+        return np.asarray(functions.body.joint_stiffness(position, load, K), dtype=float)
+
+    value = linear(found.load, found.sign * found.fit.Km)
     units = np.eye(42).reshape(42, 6, 7)
     size = value.size
     rates = np.zeros((size, 42))
     for k, unit in enumerate(units):
-        F, Km = unit[:, 0], unit[:, 1:]
-        rates[:, k] = linear(F, measured_stiffness(Km, F, "body").K).ravel()
+        rates[:, k] = linear(unit[:, 0], unit[:, 1:]).ravel()
     covariance = found.fit.covariance(rates.reshape(size, 6, 7))
     return MeasuredJointStiffness(value, np.sqrt(np.diag(covariance)).reshape(value.shape))

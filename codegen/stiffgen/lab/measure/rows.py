@@ -13,8 +13,8 @@ from stiffgen.core.errors import RecordingError
 from stiffgen.core.opened import GeneratedRobot
 from stiffgen.core.robot.geometry import FloatArray
 from stiffgen.lab.calibrate.calibration import Calibration, read_calibration, tip_functions
+from stiffgen.lab.calibrate.poses import read_rows
 from stiffgen.lab.measure.motion import skew
-from stiffgen.rooms import optional
 
 Rotation = Literal["quaternion", "vector"]
 ROTATIONS: tuple[Rotation, ...] = get_args(Rotation)
@@ -59,26 +59,14 @@ def read_measurement(
         RecordingError: the recording cannot be read, has no time, or its poses are none.
 
     """
-    recording = optional("lab.analyze.recording")
-    if recording is None:
-        raise RecordingError("measure reads recordings with the package's folder analyze/, which is not there")
-    names = _NAMES[options.rotation] if robot is None else tuple(each.name for each in robot.chain.coordinates)
-    request = recording.RecordingRequest(
-        names,
-        q=recording.chosen_names(options.positions or ("pose_" if robot is None else None)),
-        wrench=recording.chosen_names(options.reading),
-    )
-    opened = recording.open_recording(log, request)
-    if opened.columns.time is None:
+    names = _NAMES[options.rotation] if robot is None else robot.coordinate_names
+    positions = options.positions or ("pose_" if robot is None else None)
+    where, readings, time = read_rows(log, names, positions, options.reading, most=_MOST_ROWS)
+    if time is None:
         raise RecordingError(f"{log}: has no column time [s]; a motion is judged by its velocity")
-    blocks = [block.values for part in opened.partitions for block in recording.read_blocks(part, 1 << 16)]
-    rows = np.concatenate(blocks) if blocks else np.zeros((0, len(opened.columns.names)))
-    if len(rows) > _MOST_ROWS:
-        raise RecordingError(f"{log}: has {len(rows)} rows; measure reads up to {_MOST_ROWS}: record the motion alone")
-    rows = rows[np.isfinite(rows).all(axis=1)]
     if options.window is not None:
-        rows = rows[(rows[:, 0] >= options.window[0]) & (rows[:, 0] <= options.window[1])]
-    time, where, readings = rows[:, 0], rows[:, 1 : 1 + len(names)], rows[:, 1 + len(names) :]
+        inside = (time >= options.window[0]) & (time <= options.window[1])
+        time, where, readings = time[inside], where[inside], readings[inside]
     if robot is None:
         return MeasurementRows(time, recorded_poses(where, options.rotation), readings)
     if calibration is not None:
