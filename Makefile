@@ -78,6 +78,10 @@ bench: $(VENV)/installed-test $(VENV)/installed-bench  ## time against what a us
 	$(BIN)/python benchmarks/run.py
 
 bench-cuda: $(VENV)/installed-test  ## check every CUDA function, and time the joint stiffness, on this machine's GPU (needs nvcc)
+	@PYTHONPATH=tests:. $(BIN)/python -m campaigns.receipts bench-cuda $(MAKE) --no-print-directory _bench-cuda
+
+.PHONY: _bench-cuda
+_bench-cuda:
 	@PYTHONPATH=tests:. $(BIN)/python -m campaigns cuda
 	@$(BIN)/stiffgen generate urdf/iiwa14.urdf --cuda --derivatives --no-build --output build/cuda
 	nvcc -O3 -arch=native -Ibuild/cuda/iiwa14 benchmarks/cuda_stiffness.cu build/cuda/iiwa14/iiwa14.cu \
@@ -88,8 +92,8 @@ bench-cuda: $(VENV)/installed-test  ## check every CUDA function, and time the j
 # Campaigns of one package more than the tests have.
 campaign: $(VENV)/installed-test $(patsubst %,$(VENV)/installed-%,$(filter fuzz torch drake,$(NAME)))
 campaign: $(if $(filter rounding-errors targets,$(NAME)),generate)
-campaign:  ## run a long search: NAME=..., OPTIONS="..."; without a name, list them
-	@PYTHONPATH=tests:. $(BIN)/python -m campaigns $(NAME) $(OPTIONS)
+campaign:  ## run a long search: NAME=..., OPTIONS="...", RECEIPT=yes to record it; without a name, list them
+	@PYTHONPATH=tests:. $(BIN)/python -m campaigns $(if $(RECEIPT),--receipt) $(NAME) $(OPTIONS)
 
 compare: $(VENV)/installed-test  ## compare the controller with laws in use, into docs/results.md
 	@PYTHONPATH=tests:. $(BIN)/python -m campaigns compare

@@ -25,11 +25,16 @@ def run(command: list[str], cwd: Path | None = None) -> str:
     return subprocess.run(command, check=True, capture_output=True, text=True, cwd=cwd).stdout
 
 
-def machine() -> str:
+def processor() -> str:
+    """Return architecture, model, number of cores and widest vectors of the processor."""
     cpu = Path("/proc/cpuinfo").read_text() if Path("/proc/cpuinfo").exists() else ""
     model = next((line.split(":")[1].strip() for line in cpu.splitlines() if line.startswith("model name")), "unknown")
     widths = [name for flag, name in ((" avx512f", "AVX-512"), (" avx2", "AVX2")) if flag in cpu]
-    return f"{platform.machine()}, {model}, {os.cpu_count()} cores, {', '.join(widths)}; virtual and shared"
+    return f"{platform.machine()}, {model}, {os.cpu_count()} cores, {', '.join(widths)}"
+
+
+def machine() -> str:
+    return f"{processor()}; virtual and shared"
 
 
 def pinned(command: list[str]) -> list[str]:

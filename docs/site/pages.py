@@ -28,6 +28,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGES = (
     "CHANGELOG.md", "CONTRIBUTING.md", "LICENSE", "GENERATED_CODE.md", "docs/*.md", "docs/*.svg", "docs/*.png",
     "docs/figures/*.svg", "urdf/README.md", "benchmarks/RESULTS.md", "benchmarks/*.svg", "CITATION.cff", "docs/*.csv",
+    "docs/receipts/*.json",
     "codegen/stiffgen/core/emit/README.md", "ros2/stiffgen_ros2/README.md", ".github/*.md",
 )  # fmt: skip
 CONTENTS = {

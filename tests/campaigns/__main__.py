@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Run a campaign by its name: ``make campaign NAME=soak OPTIONS="--steps 1000"``; without a name, list all campaigns.
 
+``RECEIPT=yes`` (first word ``--receipt``) records the run in docs/receipts (receipts.py).
+
 A campaign is a search that takes minutes to hours. ``short`` are the options of its form with a fixed seed, which
 tests/campaigns/test_short_forms.py runs: in CI, or with ``make test-wide`` where ``in_ci`` is false, because other
 tests in CI run the same programs. A campaign without them needs a download that CI does not make, or shares its
@@ -9,11 +11,13 @@ programs with tests, which run its short form.
 
 from __future__ import annotations
 
+import shlex
 import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from campaigns import receipts
 from support.project import ROOT
 
 
@@ -166,13 +170,19 @@ CAMPAIGNS = {
 
 
 def main(words: Sequence[str]) -> int:
-    """Run the campaign that the first word names."""
+    """Run the campaign that the first word names; behind ``--receipt``, record its run."""
+    recorded = words[:1] == ["--receipt"]
+    words = words[recorded:]
     if not words or words[0] not in CAMPAIGNS:
         for name, campaign in CAMPAIGNS.items():
             print(f"  make campaign NAME={name:17} {campaign.summary}")
         return 2 if words else 0
-    campaign = CAMPAIGNS[words[0]]
-    return subprocess.run(campaign.command(words[1:] or campaign.full.split()), cwd=ROOT, check=False).returncode
+    name, campaign = words[0], CAMPAIGNS[words[0]]
+    options = words[1:] or campaign.full.split()
+    if recorded:
+        said = f' OPTIONS="{shlex.join(options)}"' if options else ""
+        return receipts.run(name, campaign.command(options), f"make campaign NAME={name}{said}")
+    return subprocess.run(campaign.command(options), cwd=ROOT, check=False).returncode
 
 
 if __name__ == "__main__":
