@@ -61,6 +61,7 @@ BELOW = {
     "reference/functions": ("reference/controller", "reference/faults", "reference/cpp"),
     "docs/design": (
         "docs/README", "codegen/stiffgen/core/emit/README", "GENERATED_CODE", ".github/SUPPORT", ".github/SECURITY",
+        ".github/CODE_OF_CONDUCT",
     ),
 }  # fmt: skip
 """Pages that the sidebar shows below another page."""

@@ -8,10 +8,12 @@ import os
 import re
 import shlex
 import subprocess
+import tomllib
 
 import pytest
 import yaml
 
+import stiffgen
 from stiffgen.cli import parser
 from support.project import ROOT
 
@@ -76,6 +78,49 @@ def test_the_workflow_runs_what_ci_runs() -> None:
             assert (ROOT / words[2]).is_file()
     assert {word for step in steps for word in step} >= {"generate", "verify", "pytest"}
     assert {os_name.split("-")[0] for os_name in jobs["elsewhere"]["strategy"]["matrix"]["os"]} == {"macos", "windows"}
+
+
+def test_the_release_stores_no_token() -> None:
+    """Only a tag starts it, and only the job that publishes, in an environment that a person approves, may identify."""
+    text = (ROOT / ".github" / "workflows" / "release.yml").read_text()
+    workflow = yaml.load(text, yaml.BaseLoader)  # "on" is a key
+    assert workflow["on"] == {"push": {"tags": ["v*.*.*"]}}
+    assert workflow["permissions"] == {"contents": "read"}
+    build, publish = workflow["jobs"]["build"], workflow["jobs"]["publish"]
+    assert "permissions" not in build
+    assert (publish["needs"], publish["environment"], publish["permissions"]) == (
+        "build",
+        "pypi",
+        {"id-token": "write"},
+    )
+    assert not re.search(r"secrets\.|password|(?<!id-)token:", text)
+    (verified,) = (step["run"] for step in build["steps"] if "stiffgen verify" in step.get("run", ""))
+    for command in verified.split(" && ")[1:]:
+        parser().parse_args(shlex.split(command)[1:])
+
+
+def test_the_recipe_of_conda_is_that_of_the_package() -> None:
+    """Names in conda are lower case; nothing else may differ."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    recipe = yaml.safe_load((ROOT / ".github" / "conda" / "recipe.yaml").read_text())
+    told = {"version": stiffgen.__version__, "python_min": project["project"]["requires-python"].removeprefix(">=")}
+    assert recipe["context"] == told
+    host, run = recipe["requirements"]["host"], recipe["requirements"]["run"]
+    assert {each.replace(" ", "") for each in run[1:]} == {each.lower() for each in project["project"]["dependencies"]}
+    assert {each.replace(" ", "") for each in host} >= set(project["build-system"]["requires"])
+    (program,) = (f"{name} = {place}" for name, place in project["project"]["scripts"].items())
+    assert recipe["build"]["python"]["entry_points"] == [program]
+    assert recipe["about"]["summary"] == project["project"]["description"]
+    assert recipe["about"]["license_file"] == project["project"]["license-files"]
+    assert all((ROOT / file).is_file() for file in recipe["tests"][1]["files"]["source"])
+
+
+def test_the_recipe_for_a_release_names_every_place_of_the_version() -> None:
+    steps = (ROOT / "CONTRIBUTING.md").read_text().partition("## Releases")[2].partition("\n## ")[0]
+    places = re.findall(r"`([\w./]+\.(?:py|yaml|xml))`", steps)
+    assert len(places) >= 3
+    for place in places:
+        assert stiffgen.__version__ in (ROOT / place).read_text(), place
 
 
 def test_placeholders_of_addresses_stand_in_one_place() -> None:
