@@ -88,6 +88,7 @@ _bench-cuda:
 	  build/cuda/iiwa14/iiwa14.c -o build/cuda/cuda_stiffness
 	build/cuda/cuda_stiffness $(CONFIGURATIONS)
 	$(BIN)/python benchmarks/cuda_peers.py build/cuda
+	$(BIN)/python benchmarks/cuda_grid.py build/cuda/grid
 
 # Campaigns of one package more than the tests have.
 campaign: $(VENV)/installed-test $(patsubst %,$(VENV)/installed-%,$(filter fuzz torch drake,$(NAME)))

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import claims
+from benchmarks import claims, cuda_grid
 from benchmarks.compiled import motion
 from benchmarks.instructions import Instruction, compiled_steps, counted, least_cycles
-from stiffgen import load_chain
-from support.project import ROOT, URDF, require_program
+from stiffgen import StiffnessModel, load_chain
+from support.project import ROOT, URDF, assert_close, require_program
 
 FMA = Instruction("vfmadd231pd", "ymm0,ymm1,ymm2")
 
@@ -75,6 +75,17 @@ def test_a_path_is_slow_and_within_the_limits() -> None:
     assert np.abs(np.diff(q, axis=0)).max() < 3e-3
     assert np.abs(q).max() < np.radians(170)
     assert np.ptp(q, axis=0).min() > 0.5
+
+
+def test_the_peers_contraction_is_the_joint_stiffness() -> None:
+    """cuda_grid.py makes GRiD's derivative and Hessian of the pose into the matrix that ours is compared with."""
+    model = StiffnessModel(load_chain(URDF, tip=cuda_grid.TIP))
+    (q,), (force,) = cuda_grid.drawn(1)
+    derivative = np.array(model.hybrid.jacobian_transpose_derivative(q)).reshape(7, 7, 6)
+    J, K = np.array(model.hybrid.jacobian(q)), np.zeros((6, 6))
+    K[:3, :3] = cuda_grid.K
+    found = cuda_grid.contracted(np, J[None], derivative.transpose(2, 1, 0)[None], force[None], cuda_grid.K)
+    assert_close(found[0], np.array(model.hybrid.joint_stiffness(q, [*force, 0, 0, 0], K)))
 
 
 def test_pages_say_what_was_measured() -> None:
