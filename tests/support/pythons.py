@@ -1,0 +1,31 @@
+# SPDX-License-Identifier: MIT
+"""Find the Pythons of this machine, and run programs without what leads to this working tree."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+VERSIONS = ("3.11", "3.12", "3.13", "3.14")
+"""Versions of Python that are supported, where one is installed."""
+
+
+def interpreter(version: str) -> str | None:
+    """A Python of that version that runs and can make virtual environments: one that pyenv keeps, or on the path."""
+    kept = Path("~/.pyenv/versions").expanduser().glob(f"{version}.*/bin/python3")
+    own = [sys.executable] if version == "{}.{}".format(*sys.version_info) else []
+    code = "import ensurepip, sys; print('{}.{}'.format(*sys.version_info))"
+    for candidate in (*own, *sorted(map(str, kept), reverse=True), shutil.which(f"python{version}")):
+        if candidate:  # one on the path may be pyenv's word that it is another's
+            done = subprocess.run([candidate, "-c", code], capture_output=True, text=True, check=False)
+            if done.stdout.strip() == version:
+                return candidate
+    return None
+
+
+def clean_environment() -> dict[str, str]:
+    """Without what leads to this working tree, and the flags of its tests."""
+    return {key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "VIRTUAL_ENV", "CFLAGS")}
