@@ -80,7 +80,7 @@ def test_springs_of_mujoco_lie_within_the_intervals_in_nine_of_ten(robot) -> Non
     assert min(entries, runs) >= 0.9
 
 
-@pytest.mark.wide
+@pytest.mark.wide(instead="test_springs_of_mujoco_lie_within_the_intervals_in_nine_of_ten")
 def test_springs_of_mujoco_lie_within_the_intervals_in_ninety_of_a_hundred(robot) -> None:
     entries, runs = mujoco_rates(robot, 100, duration=20.0)
     print(f"{entries:.3f} of the entries, {runs:.2f} of the runs")
