@@ -147,7 +147,7 @@ def _assignments(arguments: Any) -> list[str]:
 def _meaning(chain: Chain, scalar: Scalar) -> list[tuple[str, list[str]]]:
     """Return the properties that callers of a folder's functions rely on."""
     return [
-        ("joints", [coordinate.name for coordinate in chain.coordinates]),
+        ("joints", [*chain.coordinate_names]),
         ("base", [chain.base]),
         ("tips", [tip.link for tip in chain.tips]),
         ("numbers", [scalar.name]),

@@ -77,11 +77,6 @@ class GeneratedRobot:
             )
 
     @property
-    def coordinate_names(self) -> tuple[str, ...]:
-        """Names of the coordinates, in the order of q."""
-        return tuple(each.name for each in self.chain.coordinates)
-
-    @property
     def has_controller(self) -> bool:
         """Whether the folder has an impedance controller."""
         return f"{self.name}_impedance.c" in self.manifest["files"]

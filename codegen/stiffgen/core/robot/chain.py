@@ -401,6 +401,11 @@ class Chain:
         return tuple(self.coordinates[k] for k in self.actuated) if self.loops else self.coordinates
 
     @property
+    def coordinate_names(self) -> tuple[str, ...]:
+        """Names of the entries of q, in their order."""
+        return tuple(coordinate.name for coordinate in self.coordinates)
+
+    @property
     def base_joints(self) -> int:
         """Number of joints of a floating base: 6 or 0."""
         return BASE_JOINTS if self.floating else 0

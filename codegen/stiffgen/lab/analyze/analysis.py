@@ -165,7 +165,7 @@ def _check(options: AnalysisOptions) -> None:
 def _request(options: AnalysisOptions, chain: Chain) -> RecordingRequest:
     """Return the columns and topics to read."""
     return RecordingRequest(
-        joints=tuple(coordinate.name for coordinate in chain.coordinates),
+        joints=chain.coordinate_names,
         q=chosen_names(options.q),
         wrench=chosen_names(options.wrench),
         time=options.time_column,

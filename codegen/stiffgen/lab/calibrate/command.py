@@ -89,7 +89,7 @@ def run(options: argparse.Namespace) -> int:
             f"--reading {_TIP}wrench_, or generate the robot with --sensor LINK"
         )
     sensor = sensor_functions(robot)
-    poses = standing(*read_rows(options.log, robot.coordinate_names, options.q, options.reading))
+    poses = standing(*read_rows(options.log, robot.chain.coordinate_names, options.q, options.reading))
     if options.check is not None:
         return _check(robot, sensor, poses, file, options.check)
     assert robot.chain.sensor is not None
@@ -152,7 +152,9 @@ def _check_wrenches(robot: GeneratedRobot, options: argparse.Namespace) -> int:
     if options.check is None or options.output:
         raise RecordingError(f"--reading {_TIP}...: goes with --check, without --output: wrenches need no calibration")
     pose, mounted = tip_functions(robot).forward_kinematics, robot.chain.sensor
-    poses = standing(*read_rows(options.log, robot.coordinate_names, options.q, options.reading.removeprefix(_TIP)))
+    poses = standing(
+        *read_rows(options.log, robot.chain.coordinate_names, options.q, options.reading.removeprefix(_TIP))
+    )
     gravity = mounted.option.gravity if mounted else Sensor.gravity
     mass, *point = options.check
     source: Source = "either" if mounted else "external torque"

@@ -59,7 +59,7 @@ def read_measurement(
         RecordingError: the recording cannot be read, has no time, or its poses are none.
 
     """
-    names = _NAMES[options.rotation] if robot is None else robot.coordinate_names
+    names = _NAMES[options.rotation] if robot is None else robot.chain.coordinate_names
     positions = options.positions or ("pose_" if robot is None else None)
     where, readings, time = read_rows(log, names, positions, options.reading, most=_MOST_ROWS)
     if time is None:

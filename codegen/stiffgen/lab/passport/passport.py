@@ -153,9 +153,10 @@ def make_passport(robot: GeneratedRobot, options: PassportOptions, q: ArrayLike 
     if options.kp is not None:
         quantities += _of_gains(robot, options, arms, postures)
     tip = module.forward_kinematics(postures)[:, :3, 3]
-    joints = tuple(each.name for each in chain.coordinates)
     unlimited = tuple(each.name for each in chain.coordinates if not np.isfinite(each.effort))
-    return Passport(robot.name, joints, options.timing, postures, tip, tuple(quantities), force, source, unlimited)
+    return Passport(
+        robot.name, chain.coordinate_names, options.timing, postures, tip, tuple(quantities), force, source, unlimited
+    )
 
 
 def _check(robot: GeneratedRobot, options: PassportOptions) -> None:

@@ -40,7 +40,7 @@ def recorded_postures(file: Path, chain: Chain) -> FloatArray:
         RecordingError: the file cannot be read, lacks a column, or has no row of numbers.
 
     """
-    names = [each.name for each in chain.coordinates]
+    names = [*chain.coordinate_names]
     try:
         with file.open(encoding="utf-8-sig", newline="") as text:
             rows = csv.DictReader(text)

@@ -207,7 +207,7 @@ def _tip(tip: Tip) -> dict[str, Any]:
 
 def _papers_posture(chain: Chain) -> list[float] | None:
     """Return the paper's posture [rad], for a KUKA LBR; else None."""
-    if [each.name for each in chain.coordinates] != _LBR or chain.coupled or chain.floating:
+    if [*chain.coordinate_names] != _LBR or chain.coupled or chain.floating:
         return None
     posture = [math.radians(angle) for angle in _PAPERS_POSTURE]
     inside = all(each.lower <= q <= each.upper for q, each in zip(posture, chain.coordinates, strict=True))

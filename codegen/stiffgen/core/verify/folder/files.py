@@ -175,7 +175,7 @@ def check_c_tables(robot: GeneratedRobot, libraries: Mapping[str, ctypes.CDLL]) 
 def _tables(chain: Chain) -> tuple[dict[str, list[float]], list[str], list[str]]:
     """Return the limits of the coordinates by name, the coordinates' names, and the tip links."""
     rows = {limit: [float(getattr(each, limit)) for each in chain.coordinates] for limit in LIMITS}
-    return rows, [coordinate.name for coordinate in chain.coordinates], [tip.link for tip in chain.tips]
+    return rows, [*chain.coordinate_names], [tip.link for tip in chain.tips]
 
 
 def _c_faults(
