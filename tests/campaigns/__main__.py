@@ -53,7 +53,7 @@ CAMPAIGNS = {
     "random-robots": _campaign(
         "long_run", "compare 100 000 random chains with Pinocchio", "--chains 2 --broken 2 --joints 4"
     ),
-    "wheels": _campaign("wheels", "build the wheels of four robots, and import each on every Python"),
+    "wheels": _campaign("wheels", "build the wheels of robots, and import each on every Python"),
     "first-picture": _campaign("first_picture", "time a new user's way from the wheel to the playground"),
     "robots": _campaign(
         "robots_table", "compare real robots with Pinocchio and MuJoCo, into docs/robots.md", None, "build/robots"

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: MIT
-"""Build the wheels of four robots and import each in a clean environment: ``make campaign NAME=wheels``.
+"""Build the wheels of robots and import each in a clean environment: ``make campaign NAME=wheels``.
 
-The robots are iiwa 7, iiwa 14, an arm of Franka and one of Universal Robots. FR3 and UR5e come from the cache of
-robot_descriptions (ROBOT_DESCRIPTIONS_CACHE) if it has them; else the Panda of tests/data, and no UR5e: a robot that
-could not be built is named, with the reason. A wheel is built with each Python of 3.11 to 3.14 that pyenv keeps or the
-path has, runs on every processor of the architecture (dispatch by instruction set) and, with auditwheel's tag, on every
-glibc from that tag on. It has less than 2 MB, and NumPy is all that it needs. Exit code 1 if one fails.
+The robots are iiwa 7, iiwa 14, the Panda of tests/data, and FR3 and UR5e from the cache of robot_descriptions
+(ROBOT_DESCRIPTIONS_CACHE) if it has them. A robot that could not be built is named, with the reason. A wheel is built
+with each Python of 3.11 to 3.14 that pyenv keeps or the path has, runs on every processor of the architecture (dispatch
+by instruction set) and, with auditwheel's tag, on every glibc from that tag on. It has less than 2 MB, and NumPy is all
+that it needs. Exit code 1 if one fails.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ ROBOTS = {
     "panda": ("tests/data/panda.urdf", "--tip", "panda_hand_tcp"),
     "ur5e": ("ur5e_description", "--tip", "tool0"),
 }
-"""Sources and options; the Panda stands in where the FR3 is missing."""
+"""Sources and options."""
 TRIAL = """
 import importlib, sys
 import numpy as np

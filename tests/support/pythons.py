@@ -14,7 +14,7 @@ VERSIONS = ("3.11", "3.12", "3.13", "3.14")
 
 
 def interpreter(version: str) -> str | None:
-    """A Python of that version that runs and can make virtual environments: one that pyenv keeps, or on the path."""
+    """Return a Python of a version that can make virtual environments, of pyenv or on the path; None without one."""
     kept = Path("~/.pyenv/versions").expanduser().glob(f"{version}.*/bin/python3")
     own = [sys.executable] if version == "{}.{}".format(*sys.version_info) else []
     code = "import ensurepip, sys; print('{}.{}'.format(*sys.version_info))"
@@ -27,5 +27,5 @@ def interpreter(version: str) -> str | None:
 
 
 def clean_environment() -> dict[str, str]:
-    """Without what leads to this working tree, and the flags of its tests."""
+    """Return the environment without what leads to this working tree, and without the flags of its tests."""
     return {key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "VIRTUAL_ENV", "CFLAGS")}
