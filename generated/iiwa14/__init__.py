@@ -92,7 +92,7 @@ packed
     posture_joint_stiffness(q, posture, posture_stiffness)
     limits_joint_stiffness(q, lower, upper, zone, limit_stiffness)
 
-Impedance(**config)
+Impedance(sample_time=..., delay_samples=..., motor_inertia=..., heaviest_wrench=...)
     Impedance controller; ``step(q=..., ...)`` gives the torque. Status, Mode, Fault and Reason name its outcomes.
 Policy(controller, pose=..., now=...)
     Port for slow commanders, such as learned policies; Refused and Stage name what happens to proposals.
@@ -123,7 +123,7 @@ except ImportError as _error:
         "iiwa14: its C module is not built for this Python; run 'stiffgen generate FILE' on the robot's file again, "
         "with the same options and without --no-build (in stiffgen's repository: make generate)"
     ) from _error
-if getattr(_c, "SOURCES", "") != "2662b180e9b4018f":
+if getattr(_c, "SOURCES", "") != "0b461c7576693d1c":
     raise ImportError(
         "iiwa14: its C module was compiled from other sources than those in this folder; run 'stiffgen generate "
         "FILE' on the robot's file again (in stiffgen's repository: make generate). Restart Python if it has loaded the old module"
@@ -259,12 +259,11 @@ packed = _Functions(
     limits_joint_stiffness=_c.limits_joint_stiffness_packed,
 )
 
-from .impedance import CommandWarning, Fault, Impedance, Mode, Policy, Reason, Refusal, Refused, Stage, Status
-from .impedance import joint_gains, late_work
+from .impedance import CommandWarning, Fault, Impedance, Mode, Reason, Refusal, Refused, Status
 from .paper import PaperLaw
 
 # Names that help() documents. Arrays and enumerations are left out, because help() would add the documentation of
-# NumPy's arrays and of Python's integers for each of them; Policy, since help(Policy) is a page of its own.
+# NumPy's arrays and of Python's integers for each of them.
 __all__ = [
     "DOF", "JOINTS", "BASE", "TIP", "TOOL",
     "forward_kinematics",
@@ -281,7 +280,7 @@ __all__ = [
     "posture",
     "limits",
     "packed",
-    "Impedance", "PaperLaw", "joint_gains", "late_work",
+    "Impedance", "PaperLaw",
 ]
 
 

@@ -349,6 +349,5 @@ limits: Final[__limits]
 packed: Final[__packed]
 
 from .python.impedance import Fault as Fault, Impedance as Impedance, Mode as Mode, Reason as Reason, Status as Status
-from .python.impedance import CommandWarning as CommandWarning, Policy as Policy, Refusal as Refusal, Refused as Refused, Stage as Stage
-from .python.impedance import joint_gains as joint_gains, late_work as late_work
+from .python.impedance import CommandWarning as CommandWarning, Refusal as Refusal, Refused as Refused
 from .python.paper import PaperLaw as PaperLaw

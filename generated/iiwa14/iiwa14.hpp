@@ -1519,7 +1519,7 @@ public:
     using Sample = ::iiwa14_impedance_input;
     using Report = ::iiwa14_impedance_output;
 
-    /// Return the configuration with every field's default and the URDF's limits.
+    /// Return the configuration with the URDF's limits and every default; state what has none.
     [[nodiscard]] static Config default_config() noexcept
     {
         Config config;
@@ -1527,37 +1527,29 @@ public:
         return config;
     }
 
-    /// Return IIWA14_OK, or the code of the first invalid field.
-    [[nodiscard]] static int validate(const Config &config) noexcept { return ::iiwa14_impedance_validate(&config); }
-
     /// Return one line of English for an error code.
     [[nodiscard]] static const char *error_text(int code) noexcept { return ::iiwa14_impedance_error_text(code); }
 
-    /// Create a controller without any sample, at torque zero; error() tells whether the configuration is valid.
-    Impedance() noexcept : Impedance(default_config()) {}
-    explicit Impedance(const Config &config) noexcept : config_(config), state_{}, error_(::iiwa14_impedance_init(&config_, &state_, nullptr)) {}
+    /// Create a controller without any sample, at torque zero; error() tells whether the configuration is valid. It is
+    /// copied: a new one is a new controller, with the torque in force.
+    explicit Impedance(const Config &config) noexcept : state_{}, error_(::iiwa14_impedance_init(&config, &state_, nullptr)) {}
     /// Create a controller that starts from a torque already in force [N m or N] and changes it at the rate limit.
     Impedance(const Config &config, Input<DOF> torque) noexcept
-        : config_(config), state_{}, error_(::iiwa14_impedance_init(&config_, &state_, torque.data()))
+        : state_{}, error_(::iiwa14_impedance_init(&config, &state_, torque.data()))
     {
     }
 
     /// Return IIWA14_OK, or the reason why the controller was not initialised.
     [[nodiscard]] int error() const noexcept { return error_; }
 
-    /// Return the configuration. It may change between steps; the next step reports an invalid field.
-    [[nodiscard]] Config &config() noexcept { return config_; }
-    [[nodiscard]] const Config &config() const noexcept { return config_; }
-
     /// Do one step. Return IIWA14_OK, also with a fault (see report.status), or an error if nothing could be computed.
     /// The torque in the report is finite and within its limits in either case.
-    [[nodiscard]] int step(const Sample &sample, Report &report) noexcept { return ::iiwa14_impedance_step(&config_, &state_, &sample, &report); }
+    [[nodiscard]] int step(const Sample &sample, Report &report) noexcept { return ::iiwa14_impedance_step(&state_, &sample, &report); }
 
     /// Reset a latched fault; call it only after a deliberate decision.
     [[nodiscard]] int reset() noexcept { return ::iiwa14_impedance_reset(&state_); }
 
 private:
-    Config config_;
     ::iiwa14_impedance_state state_;
     int error_;
 };

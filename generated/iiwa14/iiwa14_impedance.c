@@ -9,7 +9,6 @@
 /* Names of this file that headers of a platform may have as macros. */
 #undef M
 #undef N
-#undef NEAR
 #undef far
 #undef near
 
@@ -17,47 +16,66 @@
 #error "compile without -ffast-math and -ffinite-math-only: NaN and infinity must be seen"
 #endif
 
-enum { N = 7, NN = N * N, TIPS = 1, MAX_ROWS = 7 };
+enum { N = 7, NN = N * N, TIPS = 1 };
 
 typedef iiwa14_impedance_config config_t;
+typedef iiwa14_impedance_arm arm_t;
+typedef iiwa14_impedance_watch watch_t;
+typedef iiwa14_impedance_fault fault_t;
+typedef iiwa14_impedance_reference reference_t;
+typedef iiwa14_impedance_caller caller_t;
+typedef iiwa14_impedance_account account_t;
 typedef iiwa14_impedance_memory memory_t;
 typedef iiwa14_impedance_state state_t;
 typedef iiwa14_impedance_input input_t;
 typedef iiwa14_impedance_output output_t;
-typedef iiwa14_impedance_proposal proposal_t;
-typedef iiwa14_impedance_policy policy_t;
 
 /*
- * The impedance controller as a C library, independent of the robot. docs/controller.md has the equations, the theorem
- * and the names used here:
- *   U(q; r, K)   energy of the springs at the tips' poses, with the equilibrium r and the stiffness K
- *   l            scale; the torque is the gradient of l U
- *   s, p, v      energy put in by sampling, by moving the equilibrium, by changing stiffness or scale
+ * The impedance controller as a C library, independent of the robot. docs/controller.md has the equations, docs/energy.md
+ * the theorem. A step has phases, each a file, whose results nothing changes later:
+ *   sample = believe(memory, input)              sample.c, watch.c
+ *   command = accept_command(memory, input)      command.c
+ *   reference = govern(memory, command)          reference.c
+ *   wanted = find_law(memory, command)           law.c
+ *   torque = guard(memory, wanted)               guard.c
+ *   account_...                                  account.c: the only writers of tank, supplied, springs, zones
+ * U(q; r, K) is the energy of the springs, with reference r and stiffness K; l, the scale; the torque is that of l U.
  */
-enum { NO_JOINT = -1, READY = 0x51f7, RECENT = 8, MOST_DELAY = 5, POSTURES = 32, RISES = 10 };
-enum { TIP_ROWS = 6 * TIPS }; /* rows of the Jacobians of all tips */
-enum { LONGEST = 1000000 }; /* samples or calls at which a counter stands still: 17 minutes at 1 kHz, and no overflow */
-enum { SEARCHED = 40, SEARCH_STEPS = 60 }; /* trials of a search for a posture, steps of a trial */
-enum { MATRIX_NOT_FINITE = 1, MATRIX_NOT_POSITIVE, MATRIX_NOT_CONVERGED };
+enum { NO_JOINT = -1, READY = 0x51f7, DELAYS = 6 }; /* DELAYS: torques of the account's history */
+enum { LONGEST = 100000 }; /* samples at which a counter stands still: 100 s at 1 kHz, and no overflow */
+enum { MOST_TURNS = 3 * N * N }; /* of QL: 40 are usual for seven joints; what is left then is neglected */
 
 /* Share by which numbers differ that are the same but for rounding: far above what any sum here can lose (1e-13), and
- * far below what matters to an arm. Times, poses and stiffnesses are compared with it, and shares that a bound allows
- * are smaller by it, so that rounding does not break the bound. */
+ * far below what matters to an arm. */
 static const double ROUNDED = 1e-9;
-static const double NO_TORQUE = 1e-9;       /* [N m] or [N] that counts as none: nothing is divided by it */
-static const double COMMAND_TOLERANCE = 1e-6; /* of a commanded stiffness, over its largest entry: single precision */
-static const double REACH_MARGIN = 1.0; /* [m] beyond the arm's reach from which on a pose has a mistaken unit */
-static const double FARTHEST = 1e6;   /* [rad] beyond it an angle has lost its last digits */
-static const double GOVERNOR = 0.8;   /* share of its velocity limits that the equilibrium uses: the arm overshoots */
-static const double REACHED = 5e-5;      /* [m] or [rad] up to which a posture has its tips at a pose */
-static const double STEP_SHARE = 0.05;   /* of a posture's step that is gone in one call */
-static const double TANK_FLOOR = 0.1; /* share of tank_initial that stiffness is not paid from */
-static const double TRAVEL_TIME = 1.0; /* [s] of the equilibrium's travel that bring in one engagement limit */
-static const double COVERED = 0.7;    /* share of the available energy for the springs; the damping has the remainder */
+static const double GOVERNOR = 0.8;  /* share of its velocity limits that a tip's equilibrium uses */
+static const double SPEED = 0.72;    /* share of its velocity limit that a joint's reference uses; damping rises above */
+static const double TOLERANCE = 0.1; /* [rad] or [m] beyond a position limit that is no fault: calibration, compliance */
+static const double FLOOR = 0.1;     /* share of tank_initial that moves, stiffness and scale are not paid from */
+static const double COVERED = 0.7;   /* share of the available energy for springs; damping has the remainder */
+static const double SCALE_TIME = 0.05; /* [s] shortest time in which the scale rises from 0 to 1 */
 static const double NOISE_RANGE = 6.0; /* velocity_noise counts this often in one sample */
-static const double SCALE_TIME = 0.05;   /* [s] shortest time in which the scale rises from 0 to 1 */
-static const double NO_LOAD = 1e-3; /* share of heaviest_wrench up to which springs count as unloaded */
-static const double HALF_TURN = 3.14159265358979324;
+static const double SHAPED = 4.0; /* times the reference's own acceleration that follows a shaped command */
+static const double TURN = 6.28318530717958648;
+static const double FARTHEST = 1e6; /* [rad] beyond it an angle has lost its last digits */
+
+/* Finding about sample or arm: reason, joint, the number that was seen, and what it may be. */
+typedef struct {
+    int reason, joint;
+    double seen, limit;
+} finding_t;
+
+/* Sample: what is believed of it, what the checks found, and the records that follow from it. */
+typedef struct {
+    int good;     /* the sample is believed */
+    int periods;  /* sample times since the last call; 0: the clock stands still or is not given */
+    int usable;   /* springs and damping may act on it */
+    double q[N], dq[N];
+    finding_t lost, limit, unstable; /* sample or calls; position or speed; dissipation or shaking */
+    uint32_t status;
+    watch_t watch;
+    arm_t arm;
+} sample_t;
 
 /* Why a command is refused: the first reason, argument and entry, the number that was seen, and what it may be. */
 typedef struct {
@@ -65,56 +83,53 @@ typedef struct {
     double seen, limit;
 } refusal_t;
 
-/* Data of one call of step. */
+/* Accepted command: positions within the limits and on the reference's turn, stiffnesses symmetric to the last bit. */
 typedef struct {
-    const config_t *c;
-    memory_t *m;
-    double *scratch; /* 2 N^2 numbers, and behind them the modes of the last design but two */
-    double *modes;   /* modes of the last two designs */
-    const input_t *input;
-    output_t *out;
+    int accepted, shaped, limited;
+    double q0[N], translation[9 * TIPS], rotation[9 * TIPS], posture[N];
+    double wrench[6 * TIPS], acceleration[N]; /* 0 where they are refused */
+    int pressing, planned;
+    refusal_t refusal;
+} command_t;
+
+/* Move of the reference: where it goes, what the springs' energy rises by [J], and its travel [s]. */
+typedef struct {
+    double r[N], dr[N], equilibrium[16 * TIPS], rise, travel;
     uint32_t status;
-    int believed;  /* the sample is believed */
-    int located;   /* the sample's position is believed, which is enough in a fault */
-    int jumped;    /* the position is out of reach from the last known one */
-    int condemned[N]; /* the joint's position is not believed: the limit avoidance does not act on it */
-    int commanded; /* the command is accepted */
-    int pressing;  /* a wrench_command is accepted */
-    int planned;   /* velocity and acceleration of a plan are accepted, and in force */
-    int held;      /* a fault is latched, and the springs hold the arm */
-    int started;   /* an engagement starts in this call */
-    int has_external; /* the environment's torque on each joint is known */
-    int timed;     /* the sample's counter tells which calls are missing */
-    int joint;     /* of the finding about the sample, or NO_JOINT */
-    double seen, limit; /* of the finding */
-    double lack;   /* [J] that the tank receives if the engagement that starts is paid */
-    double budget; /* [J] the tank's share for what costs energy */
-    double tank_initial, engagement_limit, energy_limit; /* [J] in force */
-    refusal_t refusal; /* of the command */
-    int limited;       /* first joint whose q0 is beyond its limit and followed to the zone there, or NO_JOINT */
-    double q[N];       /* of the sample; turns of continuous joints are counted */
-    double q0[N];      /* of the accepted command, within the joint limits */
-    double goal[16 * TIPS]; /* equilibrium of an accepted command by pose; of one by q0 its poses, where they count */
-    double old_equilibrium[16 * TIPS];
-    double translation[9 * TIPS], rotation[9 * TIPS]; /* stiffness of an accepted command */
-    double moved[TIP_ROWS]; /* twists from the poses of the last command to those of this one */
-    double away[TIP_ROWS];  /* twists from the equilibrium to the poses of the command */
-    double velocity[N];
-    int stands[N];    /* the joint stands still, with differenced velocities */
-    double range[N];  /* [N m] of the torque under which the position is the same to the last bit; 0: not for long */
-    double travel[N]; /* [rad] or [m] predicted for joints that stand still, with differenced velocities */
-    double limit_slope[N]; /* [N m/rad] stiffness of the limit avoidance in force */
-    double elapsed;        /* [s] from the sample before */
-    double motor_damping[N]; /* [N m] kd times the velocity of the damping: the motors take it away again */
-    double carried[N];     /* [N m] torque of the plan's acceleration and Coriolis forces */
-    double brake[N];       /* [N m s/rad] damping that one joint may still receive */
-    double before[N];      /* [N m] torque of the last call, with the caller's */
-    double effort[N];      /* [N m] largest torque that can be in force */
-    double transit[N];     /* [N m] torque of the last call, 0 where its work is booked already */
-    double tip_energy;     /* [J] energy of the tips' springs at the sample, before the equilibrium moves; unscaled */
-    double jacobians[6 * N * TIPS]; /* of the tips at the sample, with the tool in force */
-    int has_jacobians;              /* the Jacobians are computed */
-} step_t;
+} move_t;
+
+/* Stiffness in force next, and the springs' energy with it [J]. */
+typedef struct {
+    double translation[9 * TIPS], rotation[9 * TIPS], posture[N], energy;
+    uint32_t status;
+} stiffness_t;
+
+/* Wanted torques: pull, energy are of the springs at scale 1; cap: the scale that sample time and delay allow. */
+typedef struct {
+    double pull[N], zone[N], damper[N], feedforward[N], energy, cap, press;
+    uint32_t status;
+} law_t;
+
+/* Scale of the springs. */
+typedef struct {
+    double scale;
+    uint32_t status;
+} scale_t;
+
+/* Torque that leaves the controller, without the caller's, and the calls for which it would be held. */
+typedef struct {
+    double own[N], reserve;
+    int hold;
+    finding_t finding;
+    uint32_t status;
+} torque_t;
+
+/* Modes of a symmetric matrix: eigenvalues d, and the turns that lead to the eigenvectors. */
+typedef struct {
+    double d[N], beta[N], side[N], cosine[MOST_TURNS], sine[MOST_TURNS];
+    int16_t row[MOST_TURNS]; /* lower row of a turn; negative: ~row is turned round */
+    int count;
+} modes_t;
 
 /* ---- robot: kernels at the tip ---- */
 
@@ -130,38 +145,33 @@ static void stiffgen_jacobians(const double *q, const memory_t *m, double *jacob
     iiwa14_hybrid_jacobian(q, jacobian + 6 * N * 0);
 }
 
-/*
- * Springs of all tips: energy alone; energy, wrenches, torque and Hessian together. limits: largest
- * force of every tip's bounded spring, then largest moments; NULL for springs without limits.
- */
-
-static int stiffgen_has_bounded_spring(void)
-{
-    return 0;
-}
+/* Springs of all tips: energy; energy, torque and Hessian together; wrenches. */
 
 static double stiffgen_spring_energy(const double *q, const memory_t *m, const double *equilibrium,
-    const double *translation_stiffness, const double *rotation_stiffness, const double *limits)
+    const double *translation_stiffness, const double *rotation_stiffness)
 {
     double energy = 0.0;
     (void)m;
-    (void)limits;
     iiwa14_spring_energy(q, equilibrium, translation_stiffness, rotation_stiffness, &energy);
     return energy;
 }
 
 static double stiffgen_spring(const double *q, const memory_t *m, const double *equilibrium,
-    const double *translation_stiffness, const double *rotation_stiffness, const double *limits, double *wrench,
-    double *torque, double *joint_stiffness)
+    const double *translation_stiffness, const double *rotation_stiffness, double *torque, double *joint_stiffness)
 {
-    double energy;
+    double energy = 0.0;
     (void)m;
-    (void)limits;
-    iiwa14_spring_wrench(q, equilibrium + 0,
-        translation_stiffness + 0, rotation_stiffness + 0, wrench + 0);
     iiwa14_spring_linearization(q, equilibrium, translation_stiffness, rotation_stiffness, &energy,
         torque, joint_stiffness);
     return energy;
+}
+
+static void stiffgen_spring_wrench(const double *q, const memory_t *m, const double *equilibrium,
+    const double *translation_stiffness, const double *rotation_stiffness, double *wrench)
+{
+    (void)m;
+    iiwa14_spring_wrench(q, equilibrium + 0,
+        translation_stiffness + 0, rotation_stiffness + 0, wrench + 0);
 }
 
 static void stiffgen_mass_matrix(const double *q, const memory_t *m, double *mass_matrix)
@@ -179,9 +189,9 @@ static void stiffgen_coriolis(const double *q, const memory_t *m, const double *
 }
 
 /* Closed loops: this robot has none. */
-static void stiffgen_home(memory_t *m)
+static void stiffgen_home(arm_t *arm)
 {
-    (void)m;
+    (void)arm;
 }
 
 static int stiffgen_reaches(const double *q, const memory_t *m)
@@ -191,10 +201,11 @@ static int stiffgen_reaches(const double *q, const memory_t *m)
     return 1;
 }
 
-static int stiffgen_follow(const double *q, memory_t *m)
+static int stiffgen_follow(const double *q, const memory_t *m, arm_t *arm)
 {
     (void)q;
     (void)m;
+    (void)arm;
     return 1;
 }
 
@@ -204,46 +215,11 @@ static void stiffgen_retract(const memory_t *m, double *q)
     (void)q;
 }
 
-static const double *stiffgen_tool(const input_t *input)
-{
-    (void)input;
-    return NULL;
-}
-
-/* Return an upper bound on the distance [m] from the base's origin to a tip. tool: of all tips; without, infinity. */
-static double stiffgen_reach(int tip, const double *tool)
-{
-    static const double reach[TIPS] = {1.306};
-    (void)tool;
-    return reach[tip];
-}
-
 /* Return whether a joint is continuous: a turn farther, the robot is the same. */
 static int stiffgen_turns(int joint)
 {
     static const int turns[N] = {0, 0, 0, 0, 0, 0, 0};
     return turns[joint];
-}
-
-/* Axes of a tip's stiffnesses, a pose with their rotation or NULL for the base's; centre of stiffness in the tip. */
-static const double *stiffgen_translation_axes(const double *pose, const double *equilibrium)
-{
-    (void)pose;
-    (void)equilibrium;
-    return NULL;
-}
-
-static const double *stiffgen_rotation_axes(const double *pose, const double *equilibrium)
-{
-    (void)pose;
-    (void)equilibrium;
-    return equilibrium;
-}
-
-static const double *stiffgen_centre(void)
-{
-    static const double centre[3] = {0.0, 0.0, 0.0};
-    return centre;
 }
 
 /* ---- tables of the fields ---- */
@@ -260,11 +236,11 @@ static int check_fields(const config_t *c)
     if (!integers_within(&c->delay_samples, 1, 0, 5)) {
         return IIWA14_E_CONFIG_DELAY_SAMPLES;
     }
-    if (!doubles_within(c->heaviest_wrench, sizeof c->heaviest_wrench / sizeof c->heaviest_wrench[0], 0.001, 100000.0)) {
-        return IIWA14_E_CONFIG_HEAVIEST_WRENCH;
-    }
     if (!doubles_within(c->motor_inertia, sizeof c->motor_inertia / sizeof c->motor_inertia[0], 0.0, 10000.0)) {
         return IIWA14_E_CONFIG_MOTOR_INERTIA;
+    }
+    if (!doubles_within(c->heaviest_wrench, sizeof c->heaviest_wrench / sizeof c->heaviest_wrench[0], 0.001, 100000.0)) {
+        return IIWA14_E_CONFIG_HEAVIEST_WRENCH;
     }
     if (!doubles_within(c->lower_limit, sizeof c->lower_limit / sizeof c->lower_limit[0], -HUGE_VAL, HUGE_VAL)) {
         return IIWA14_E_CONFIG_LOWER_LIMIT;
@@ -278,130 +254,53 @@ static int check_fields(const config_t *c)
     if (!doubles_within(c->effort_limit, sizeof c->effort_limit / sizeof c->effort_limit[0], 1e-06, 100000.0)) {
         return IIWA14_E_CONFIG_EFFORT_LIMIT;
     }
-    if (!doubles_within(&c->tip_velocity_limit, 1, 1e-06, 100.0)) {
+    if (!doubles_within(c->torque_rate_limit, sizeof c->torque_rate_limit / sizeof c->torque_rate_limit[0], 1e-06, 100000000.0)) {
+        return IIWA14_E_CONFIG_TORQUE_RATE_LIMIT;
+    }
+    if (!doubles_within(c->tip_velocity_limit, sizeof c->tip_velocity_limit / sizeof c->tip_velocity_limit[0], 1e-06, 100.0)) {
         return IIWA14_E_CONFIG_TIP_VELOCITY_LIMIT;
     }
-    if (!doubles_within(&c->tip_rotation_limit, 1, 1e-06, 100.0)) {
-        return IIWA14_E_CONFIG_TIP_ROTATION_LIMIT;
-    }
-    if (!doubles_within(&c->position_quantum, 1, 0.0, 0.1)) {
-        return IIWA14_E_CONFIG_POSITION_QUANTUM;
-    }
-    if (!doubles_within(&c->velocity_noise, 1, 0.0, 100.0)) {
-        return IIWA14_E_CONFIG_VELOCITY_NOISE;
-    }
-    if (!integers_within(&c->call_gap_limit, 1, 1, 1000)) {
+    if (!integers_within(&c->call_gap_limit, 1, 1, 100)) {
         return IIWA14_E_CONFIG_CALL_GAP_LIMIT;
+    }
+    if (!integers_within(&c->missed_limit, 1, 1, 100)) {
+        return IIWA14_E_CONFIG_MISSED_LIMIT;
     }
     if (!integers_within(&c->communication_reaction, 1, 1, 3)) {
         return IIWA14_E_CONFIG_COMMUNICATION_REACTION;
     }
-    if (!doubles_within(c->posture_stiffness, sizeof c->posture_stiffness / sizeof c->posture_stiffness[0], 0.0, 10000.0)) {
-        return IIWA14_E_CONFIG_POSTURE_STIFFNESS;
+    if (!doubles_within(&c->position_quantum, 1, 0.0, 0.1)) {
+        return IIWA14_E_CONFIG_POSITION_QUANTUM;
     }
-    if (!doubles_within(&c->translation_stiffness_limit, 1, 1.0, 1000000.0)) {
-        return IIWA14_E_CONFIG_TRANSLATION_STIFFNESS_LIMIT;
+    if (!doubles_within(&c->velocity_noise, 1, 0.0, 10.0)) {
+        return IIWA14_E_CONFIG_VELOCITY_NOISE;
     }
-    if (!doubles_within(&c->rotation_stiffness_limit, 1, 0.1, 100000.0)) {
-        return IIWA14_E_CONFIG_ROTATION_STIFFNESS_LIMIT;
-    }
-    if (!integers_within(&c->spring, 1, 1, 2)) {
-        return IIWA14_E_CONFIG_SPRING;
-    }
-    if (!doubles_within(&c->spring_force_limit, 1, 0.001, 1000000.0)) {
-        return IIWA14_E_CONFIG_SPRING_FORCE_LIMIT;
-    }
-    if (!doubles_within(&c->spring_moment_limit, 1, 0.001, 100000.0)) {
-        return IIWA14_E_CONFIG_SPRING_MOMENT_LIMIT;
-    }
-    if (!integers_within(&c->stiffness_cap, 1, 1, 2)) {
-        return IIWA14_E_CONFIG_STIFFNESS_CAP;
-    }
-    if (!doubles_within(&c->stiffness_time, 1, 0.0001, 100.0)) {
-        return IIWA14_E_CONFIG_STIFFNESS_TIME;
-    }
-    if (!doubles_within(c->damping_ratio, sizeof c->damping_ratio / sizeof c->damping_ratio[0], 0.0, 100.0)) {
+    if (!doubles_within(&c->damping_ratio, 1, 0.0, 2.0)) {
         return IIWA14_E_CONFIG_DAMPING_RATIO;
     }
-    if (!doubles_within(&c->joint_damping, 1, 0.0, 10000.0)) {
-        return IIWA14_E_CONFIG_JOINT_DAMPING;
+    if (!doubles_within(&c->ramp_time, 1, 0.0001, 10.0)) {
+        return IIWA14_E_CONFIG_RAMP_TIME;
+    }
+    if (!doubles_within(&c->tank_initial, 1, 0.0, 100000.0)) {
+        return IIWA14_E_CONFIG_TANK_INITIAL;
     }
     if (!integers_within(&c->coriolis, 1, 1, 2)) {
         return IIWA14_E_CONFIG_CORIOLIS;
     }
-    if (!integers_within(&c->continuous_joints, 1, 1, 2)) {
-        return IIWA14_E_CONFIG_CONTINUOUS_JOINTS;
-    }
-    if (!doubles_within(&c->position_tolerance, 1, 0.0, 10.0)) {
-        return IIWA14_E_CONFIG_POSITION_TOLERANCE;
-    }
-    if (!doubles_within(&c->limit_zone, 1, 1e-06, 10.0)) {
-        return IIWA14_E_CONFIG_LIMIT_ZONE;
-    }
-    if (!doubles_within(c->limit_stiffness, sizeof c->limit_stiffness / sizeof c->limit_stiffness[0], 0.0, 1000000.0)) {
-        return IIWA14_E_CONFIG_LIMIT_STIFFNESS;
-    }
-    if (!doubles_within(c->reference_velocity_limit, sizeof c->reference_velocity_limit / sizeof c->reference_velocity_limit[0], 1e-06, 1000.0)) {
-        return IIWA14_E_CONFIG_REFERENCE_VELOCITY_LIMIT;
-    }
-    if (!doubles_within(&c->ramp_time, 1, 0.0001, 100.0)) {
-        return IIWA14_E_CONFIG_RAMP_TIME;
-    }
-    if (!doubles_within(&c->energy_limit, 1, 0.0, 10000.0)) {
-        return IIWA14_E_CONFIG_ENERGY_LIMIT;
-    }
-    if (!doubles_within(&c->engagement_limit, 1, 0.0, 100000.0)) {
-        return IIWA14_E_CONFIG_ENGAGEMENT_LIMIT;
-    }
-    if (!doubles_within(c->torque_rate_limit, sizeof c->torque_rate_limit / sizeof c->torque_rate_limit[0], 1e-06, 100000000.0)) {
-        return IIWA14_E_CONFIG_TORQUE_RATE_LIMIT;
-    }
-    if (!integers_within(&c->actuation, 1, 1, 2)) {
-        return IIWA14_E_CONFIG_ACTUATION;
-    }
-    if (!doubles_within(c->kp_limit, sizeof c->kp_limit / sizeof c->kp_limit[0], 0.0, 1000000.0)) {
-        return IIWA14_E_CONFIG_KP_LIMIT;
-    }
-    if (!doubles_within(c->kd_limit, sizeof c->kd_limit / sizeof c->kd_limit[0], 0.0, 100000.0)) {
-        return IIWA14_E_CONFIG_KD_LIMIT;
-    }
-    if (!doubles_within(&c->force_limit, 1, 0.001, 1000000.0)) {
-        return IIWA14_E_CONFIG_FORCE_LIMIT;
-    }
-    if (!doubles_within(&c->moment_limit, 1, 0.001, 1000000.0)) {
-        return IIWA14_E_CONFIG_MOMENT_LIMIT;
-    }
-    if (!integers_within(&c->missed_limit, 1, 1, 1000)) {
-        return IIWA14_E_CONFIG_MISSED_LIMIT;
-    }
-    if (!integers_within(&c->loss_limit, 1, 1, 1000000)) {
-        return IIWA14_E_CONFIG_LOSS_LIMIT;
-    }
-    if (!doubles_within(&c->state_period, 1, 0.0, 1.0)) {
-        return IIWA14_E_CONFIG_STATE_PERIOD;
-    }
-    if (!doubles_within(&c->velocity_filter_time, 1, 0.0, 0.1)) {
-        return IIWA14_E_CONFIG_VELOCITY_FILTER_TIME;
-    }
-    if (!integers_within(&c->velocity_source, 1, 1, 2)) {
-        return IIWA14_E_CONFIG_VELOCITY_SOURCE;
-    }
-    if (!integers_within(&c->frozen_window, 1, 2, 1000000)) {
-        return IIWA14_E_CONFIG_FROZEN_WINDOW;
-    }
-    if (!doubles_within(&c->overspeed_time, 1, 0.0, 10.0)) {
-        return IIWA14_E_CONFIG_OVERSPEED_TIME;
-    }
-    if (!doubles_within(&c->tank_initial, 1, 0.0, 10000.0)) {
-        return IIWA14_E_CONFIG_TANK_INITIAL;
-    }
+    return IIWA14_OK;
+}
+
+/* Check bounded springs and tools. */
+static int check_tools(const config_t *c)
+{
+    (void)c;
     return IIWA14_OK;
 }
 
 /* Return the class of a fault's reason. */
 static int fault_of_reason(int reason)
 {
-    static const int classes[] = {0, 1, 1, 1, 1, 1, 2, 2, 3, 3, 4, 5, 5, 5, 1, 6};
+    static const int classes[] = {0, 1, 1, 1, 1, 1, 2, 2, 2, 3, 3, 4, 5, 6, 7};
     return classes[reason];
 }
 
@@ -414,33 +313,31 @@ static const char *meaning_of_reason(int reason)
     case IIWA14_REASON_NOT_FINITE:
         return "q or dq is NaN, infinite, or absurdly large";
     case IIWA14_REASON_JUMP:
-        return "q moved by more than twice the velocity limit allows (velocity_limit, position_quantum, state_period)";
+        return "q moved by more than ten times what the velocity limit allows (velocity_limit)";
     case IIWA14_REASON_MISMATCH:
-        return "dq does not agree with the change of q (velocity_noise, position_quantum, state_period, velocity_limit)";
+        return "dq does not agree with the change of q (velocity_noise, position_quantum)";
     case IIWA14_REASON_FROZEN:
-        return "q or dq stands still while the other moves, or q under a torque that must move it (velocity_noise, position_quantum, frozen_window, velocity_source)";
-    case IIWA14_REASON_STALE:
-        return "the sample counter does not advance";
-    case IIWA14_REASON_MISSED:
-        return "too many samples are missing in a row, or more than one of three for long (loss_limit)";
-    case IIWA14_REASON_SKIPPED:
-        return "the sample counter shows that calls are missing (missed_limit)";
-    case IIWA14_REASON_POSITION:
-        return "a position is beyond its limit and tolerance (lower_limit, upper_limit, position_tolerance)";
-    case IIWA14_REASON_OVERSPEED:
-        return "a velocity is beyond its limit for long (velocity_limit, overspeed_time, velocity_noise)";
-    case IIWA14_REASON_RESERVE:
-        return "the tank is almost empty and the springs' torque is not covered (tank_initial, torque_rate_limit)";
-    case IIWA14_REASON_CONFIG:
-        return "the configuration was refused (the return value names the field)";
-    case IIWA14_REASON_CHANGED:
-        return "the kind of spring changed while engaged (spring)";
-    case IIWA14_REASON_STATE:
-        return "the state's checksum is wrong: its memory was overwritten";
+        return "q or dq stands still while the other moves, or q to the last bit while the torque changes (position_quantum)";
     case IIWA14_REASON_LOOPS:
         return "the closed loops do not close at q, or the passive joints have changed their branch";
+    case IIWA14_REASON_MISSED:
+        return "ten samples are missing in a row";
+    case IIWA14_REASON_SKIPPED:
+        return "the clock shows that calls are missing (call_gap_limit, missed_limit)";
+    case IIWA14_REASON_CLOCK:
+        return "counter or time stands still, or is not given";
+    case IIWA14_REASON_POSITION:
+        return "a position is beyond its limit by more than 0.1 (lower_limit, upper_limit)";
+    case IIWA14_REASON_OVERSPEED:
+        return "a velocity is beyond its limit for 0.2 s (velocity_limit, velocity_noise)";
+    case IIWA14_REASON_RESERVE:
+        return "the tank is almost empty and no torque is covered (tank_initial, torque_rate_limit)";
+    case IIWA14_REASON_STATE:
+        return "the state's checksum is wrong: its memory was overwritten, or never initialised";
     case IIWA14_REASON_DISSIPATION:
         return "a velocity beyond its limit rises on although it is braked: look at sign and order of the joints in q, dq and torque (velocity_limit)";
+    case IIWA14_REASON_SHAKING:
+        return "a velocity swings to and fro without decay: the torque acts later than declared, or the joints are elastic (delay_samples, velocity_noise)";
     default:
         return "unknown reason";
     }
@@ -455,21 +352,21 @@ static const char *seen_of_reason(int reason)
     case IIWA14_REASON_MISMATCH:
         return "dq less the change of q per second [rad/s or m/s]";
     case IIWA14_REASON_FROZEN:
-        return "motion that only the other signal, or the torque, shows [rad or m], or range of the torque [N m or N]";
-    case IIWA14_REASON_STALE:
-        return "advance of the counter [samples]";
+        return "motion that only the other signal shows [rad or m], or range of the torque [N m or N]";
     case IIWA14_REASON_MISSED:
-        return "samples missing, less half of the good ones since [samples]";
+        return "samples missing [samples]";
     case IIWA14_REASON_SKIPPED:
-        return "calls left out [samples]";
+        return "sample times since the last call [samples]";
     case IIWA14_REASON_POSITION:
         return "q [rad or m]";
     case IIWA14_REASON_OVERSPEED:
         return "speed [rad/s or m/s]";
-    case IIWA14_REASON_DISSIPATION:
-        return "speed [rad/s or m/s]";
     case IIWA14_REASON_RESERVE:
         return "reserve of the torque [J]";
+    case IIWA14_REASON_DISSIPATION:
+        return "speed [rad/s or m/s]";
+    case IIWA14_REASON_SHAKING:
+        return "swing of the velocity [rad/s or m/s]";
     default:
         return "";
     }
@@ -481,57 +378,47 @@ static const char *meaning_of_refusal(int refusal)
     switch (refusal) {
     case IIWA14_REFUSAL_NONE:
         return "not refused";
-    case IIWA14_REFUSAL_COMMAND:
-        return "the command is neither a position nor an equilibrium";
+    case IIWA14_REFUSAL_CLOCK:
+        return "neither counter nor time is given, or time is not finite: pass one of them at every call";
     case IIWA14_REFUSAL_NOT_FINITE:
         return "a number is not finite, or absurdly large";
     case IIWA14_REFUSAL_POSITION:
-        return "beyond the joint's limit by more than position_tolerance; positions are in radians and metres";
+        return "beyond the joint's limit by more than 0.1; positions are in radians and metres";
     case IIWA14_REFUSAL_LOOPS:
         return "the closed loops do not close at q0";
-    case IIWA14_REFUSAL_LAST_ROW:
-        return "the last row of the pose is not 0 0 0 1; matrices are row-major";
-    case IIWA14_REFUSAL_ROTATION:
-        return "the rotation is not orthonormal: sum of |R^T R - I|";
-    case IIWA14_REFUSAL_LEFT_HANDED:
-        return "the rotation is left-handed: determinant";
-    case IIWA14_REFUSAL_REACH:
-        return "the pose is farther away than the arm can be long, and a metre; positions are in metres";
     case IIWA14_REFUSAL_STIFFNESS_LIMIT:
-        return "above its limit in the configuration (translation_stiffness_limit, rotation_stiffness_limit)";
+        return "negative, or larger than a stiffness may be";
     case IIWA14_REFUSAL_ASYMMETRIC:
         return "the stiffness is not symmetric (for a measured one take stiffgen.measured_stiffness(Km, wrench, representation)): difference of two entries";
     case IIWA14_REFUSAL_INDEFINITE:
         return "the stiffness is not positive semidefinite: its smallest eigenvalue";
-    case IIWA14_REFUSAL_COUPLING:
-        return "the springs do not couple translation and rotation";
     case IIWA14_REFUSAL_WRENCH:
         return "larger than heaviest_wrench: force or moment";
-    case IIWA14_REFUSAL_ENGAGED:
-        return "another tool while the springs are in force: init or restart, with the torque in force, takes it";
+    case IIWA14_REFUSAL_ACCELERATION:
+        return "larger than the acceleration of the reference";
     default:
         return "unknown refusal";
     }
 }
 
 /* Return the name of an argument of a command; empty for none. */
-static const char *name_of_argument(int argument)
+static const char *name_of_command(int command)
 {
-    switch (argument) {
-    case IIWA14_ARGUMENT_Q0:
+    switch (command) {
+    case IIWA14_COMMAND_CLOCK:
+        return "clock";
+    case IIWA14_COMMAND_Q0:
         return "q0";
-    case IIWA14_ARGUMENT_EQUILIBRIUM:
-        return "equilibrium";
-    case IIWA14_ARGUMENT_TRANSLATION_STIFFNESS:
+    case IIWA14_COMMAND_TRANSLATION_STIFFNESS:
         return "translation_stiffness";
-    case IIWA14_ARGUMENT_ROTATION_STIFFNESS:
+    case IIWA14_COMMAND_ROTATION_STIFFNESS:
         return "rotation_stiffness";
-    case IIWA14_ARGUMENT_TOOL_POSE:
-        return "tool_pose";
-    case IIWA14_ARGUMENT_STIFFNESS:
-        return "stiffness";
-    case IIWA14_ARGUMENT_WRENCH_COMMAND:
+    case IIWA14_COMMAND_POSTURE_STIFFNESS:
+        return "posture_stiffness";
+    case IIWA14_COMMAND_WRENCH_COMMAND:
         return "wrench_command";
+    case IIWA14_COMMAND_ACCELERATION:
+        return "acceleration";
     default:
         return "";
     }
@@ -556,192 +443,53 @@ static const char *stiffgen_joint(int joint)
 static int fits_memory(const memory_t *m)
 {
     int fits = 1;
-    fits = fits && m->spring >= 0 && m->spring <= 2;
-    fits = fits && m->known >= 0 && m->known <= 1;
-    fits = fits && m->doubted >= 0 && m->doubted <= 1;
-    fits = fits && m->engaged >= 0 && m->engaged <= 1;
-    fits = fits && m->commanded >= 0 && m->commanded <= 1;
-    fits = fits && m->joined >= 0 && m->joined <= 1;
-    fits = fits && m->beyond >= 0 && m->beyond <= 1;
-    fits = fits && m->fault >= 0 && m->fault <= 6;
-    fits = fits && m->reason >= 0 && m->reason <= 15;
-    fits = fits && m->reset >= 0 && m->reset <= 1;
-    fits = fits && m->bad >= 0 && m->bad <= 7;
-    fits = fits && m->missed >= 0 && m->missed <= 1000000;
-    fits = fits && m->gap >= 0 && m->gap <= 1000000;
-    fits = fits && m->recent_count >= 0 && m->recent_count <= 8;
-    fits = fits && m->averaged >= 0 && m->averaged <= 7;
-    fits = fits && m->regular >= 0 && m->regular <= 3;
-    fits = fits && m->absent >= 0 && m->absent <= 2000000;
-    fits = fits && m->delay >= 0 && m->delay <= 5;
-    fits = fits && m->gap_calls >= 0 && m->gap_calls <= 1000000;
-    fits = fits && m->calls >= 0 && m->calls <= 1000;
-    fits = fits && m->hold >= 0 && m->hold <= 1000;
-    fits = fits && m->state_age >= 0 && m->state_age <= 1000000;
-    fits = fits && m->fast >= 0 && m->fast <= 1000000;
-    fits = fits && m->rises >= 0 && m->rises <= 10;
-    fits = fits && m->call_gap >= 0 && m->call_gap <= 1000;
-    fits = fits && m->capped >= 0 && m->capped <= 1;
-    fits = fits && m->by_pose >= 0 && m->by_pose <= 1;
+    fits = fits && integers_within(m->watch.q_age, N, 0, 100000);
+    fits = fits && integers_within(m->watch.dq_age, N, 0, 100000);
+    fits = fits && integers_within(m->watch.swings, N, 0, 32);
+    fits = fits && integers_within(m->watch.since, N, 0, 100000);
+    fits = fits && m->watch.known >= 0 && m->watch.known <= 1;
+    fits = fits && m->watch.seen >= 0 && m->watch.seen <= 1;
+    fits = fits && m->watch.bad >= 0 && m->watch.bad <= 7;
+    fits = fits && m->watch.missed >= 0 && m->watch.missed <= 100000;
+    fits = fits && m->watch.good >= 0 && m->watch.good <= 100000;
+    fits = fits && m->watch.fast >= 0 && m->watch.fast <= 100000;
+    fits = fits && m->watch.rises >= 0 && m->watch.rises <= 100000;
+    fits = fits && m->fault.reason >= 0 && m->fault.reason <= 14;
+    fits = fits && m->fault.reset >= 0 && m->fault.reset <= 1;
+    fits = fits && m->reference.engaged >= 0 && m->reference.engaged <= 1;
+    fits = fits && m->reference.commanded >= 0 && m->reference.commanded <= 1;
+    fits = fits && m->account.gap >= 0 && m->account.gap <= 200000;
+    fits = fits && m->account.hold >= 0 && m->account.hold <= 100;
     return fits;
 }
 
-/* Copy the output fields that the memory holds. */
-static void report_memory(const memory_t *m, output_t *out)
-{
-    memcpy(out->kp, m->kp, sizeof out->kp);
-    memcpy(out->kd, m->kd, sizeof out->kd);
-    memcpy(out->q_des, m->measured_q, sizeof out->q_des);
-    out->fault = m->fault;
-    out->reason = m->reason;
-    out->fault_joint = m->fault_joint;
-    out->missed = m->missed;
-    out->hold = m->hold;
-    out->unaccounted = m->unaccounted;
-    out->fault_seen = m->fault_seen;
-    out->fault_limit = m->fault_limit;
-    out->fault_time = m->fault_time;
-    out->energy_supplied = m->energy_supplied;
-    out->port_total = m->port_total;
-    out->sampling_total = m->sampling_total;
-    out->reference_total = m->reference_total;
-    out->stiffness_total = m->stiffness_total;
-    out->start_total = m->start_total;
-    out->elastic_energy = m->elastic_energy;
-    out->limit_energy = m->limit_energy;
-    out->tank_energy = m->tank;
-    out->tank_reserve = m->reserve;
-    out->engagement = m->engagement;
-    memcpy(out->position, m->q, sizeof out->position);
-    memcpy(out->reference, m->posture, sizeof out->reference);
-    memcpy(out->equilibrium, m->equilibrium, sizeof out->equilibrium);
-    memcpy(out->translation_stiffness, m->translation_stiffness, sizeof out->translation_stiffness);
-    memcpy(out->rotation_stiffness, m->rotation_stiffness, sizeof out->rotation_stiffness);
-    out->scale = m->scale;
-    memcpy(out->velocity_limit, m->velocity_limit, sizeof out->velocity_limit);
-    out->missed_limit = m->calls;
-    out->call_gap_limit = m->call_gap;
-}
+/* Numbers, vectors, and matrices of N rows, row-major. */
 
-/*
- * Vectors and symmetric matrices of the controller: dense, row-major, n x n.
- *
- * A function that can fail returns 0 or a code MATRIX_...; after an error its results are unspecified. Results must
- * overlap neither an argument nor one another, unless a function allows it.
- * Source: G. Golub, C. Van Loan, Matrix Computations: Cholesky reduction (8.7).
- */
+static double larger(double x, double y) { return x > y ? x : y; }
 
-enum { BLOCK = 4 }; /* columns that combine_blocks takes at once, twice */
-
-/* Return the larger of two numbers, or the one that is not NaN: fmax without a call into the C library. */
-static double larger(double x, double y)
-{
-    const double result = x > y ? x : y; /* y if one of them is NaN */
-    return isnan(y) ? x : result;
-}
-
-/* Return the smaller of two numbers, or the one that is not NaN. */
-static double smaller(double x, double y)
-{
-    const double result = x < y ? x : y;
-    return isnan(y) ? x : result;
-}
+static double smaller(double x, double y) { return x < y ? x : y; }
 
 static double clamp(double x, double least, double most)
 {
-    if (x < least) {
-        return least;
-    }
-    return x > most ? most : x;
+    const double low = x < least ? least : x;
+    return low > most ? most : low;
 }
 
-/* Clamp a count to 0 ... most. */
-static int clamp_count(int x, int most)
-{
-    if (x < 0) {
-        return 0;
-    }
-    return x < most ? x : most;
-}
+/* Count up to LONGEST. */
+static int count_up(int x, int by) { return x + by < LONGEST ? x + by : LONGEST; }
 
 static double dot(int count, const double *a, const double *b)
 {
     double sum = 0.0;
-    int i = 0;
-    for (; i < count - 1; i += 2) {
+    for (int i = 0; i < count; ++i) {
         sum += a[i] * b[i];
-        sum += a[i + 1] * b[i + 1];
     }
-    return i < count ? sum + a[i] * b[i] : sum;
+    return sum;
 }
 
-static double norm(int count, const double *x)
-{
-    return sqrt(dot(count, x, x));
-}
+static double norm(int count, const double *x) { return sqrt(dot(count, x, x)); }
 
-/*
- * Combine at least one row of A, n numbers apart, with factors that are `step` apart: BLOCK columns, and BLOCK columns
- * `apart` numbers behind these, which may overlap them.
- */
-static inline void combine_blocks(int rows, int n, int apart, const double *factors, int step, const double *A,
-                                  double *result)
-{
-    double a = 0.0, b = 0.0, c = 0.0, d = 0.0, e = 0.0, f = 0.0, g = 0.0, h = 0.0;
-    for (int k = 0; k < rows; ++k) { /* eight numbers stay in registers: compilers make two or four vectors of them */
-        const double x = factors[k * step], *const row = A + k * n, *const other = row + apart;
-        a += x * row[0];
-        b += x * row[1];
-        c += x * row[2];
-        d += x * row[3];
-        e += x * other[0];
-        f += x * other[1];
-        g += x * other[2];
-        h += x * other[3];
-    }
-    result[0] = a;
-    result[1] = b;
-    result[2] = c;
-    result[3] = d;
-    result[apart] = e;
-    result[apart + 1] = f;
-    result[apart + 2] = g;
-    result[apart + 3] = h;
-}
-
-/*
- * Compute F A, m rows of n numbers. A has `rows` rows, and entry (i, k) of F is F[i down + k right]. Inline, so that
- * compilers see the numbers of rows and columns.
- */
-static inline void multiply_matrices(int m, int rows, int n, const double *F, int down, int right, const double *A,
-                                     double *result)
-{
-    const int blocks = 2 * BLOCK;
-    int j = 0;
-    for (; j <= n - BLOCK; j += blocks) {
-        const int apart = clamp_count(n - BLOCK - j, BLOCK);
-        for (int i = 0; i < m; ++i) {
-            combine_blocks(rows, n, apart, F + i * down, right, A + j, result + i * n + j);
-        }
-    }
-    for (; j < n; ++j) {
-        for (int i = 0; i < m; ++i) {
-            double sum = 0.0;
-            for (int k = 0; k < rows; ++k) {
-                sum += F[i * down + k * right] * A[k * n + j];
-            }
-            result[i * n + j] = sum;
-        }
-    }
-}
-
-/* Multiply rows by a square matrix A. */
-static void multiply_rows(int n, const double *rows, const double *A, double *result)
-{
-    multiply_matrices(n, n, n, rows, n, 1, A, result);
-}
-
-/* Add a x to y. */
+/* Compute y += a x. */
 static void add_scaled(int count, double a, const double *x, double *y)
 {
     for (int i = 0; i < count; ++i) {
@@ -749,336 +497,179 @@ static void add_scaled(int count, double a, const double *x, double *y)
     }
 }
 
-/* Multiply a matrix over the joints and a vector. */
-static void multiply_vector(const double *A, const double *x, double *result)
+/* Factorise A = L L^T in place: the lower triangle becomes L. Return 0 where A is not positive definite. */
+static int factorise(double *A)
 {
+    static const double least_pivot = 1e-12; /* over the diagonal: what rounding leaves of a singular matrix */
     for (int i = 0; i < N; ++i) {
-        result[i] = dot(N, A + i * N, x);
-    }
-}
-
-/* Multiply 3 x 3 matrices with row lengths a and b: C = A B, or A^T B if transposed. */
-static void multiply3(const double *A, int a, int transposed, const double *B, int b, double *C)
-{
-    for (int i = 0; i < 3; ++i) {
-        for (int j = 0; j < 3; ++j) {
-            double sum = 0.0;
-            for (int k = 0; k < 3; ++k) {
-                sum += (transposed ? A[a * k + i] : A[a * i + k]) * B[b * k + j];
-            }
-            C[3 * i + j] = sum;
-        }
-    }
-}
-
-/* Return the largest absolute entry, or infinity if an entry is NaN or infinite. */
-static double largest_entry(int count, const double *A)
-{
-    double result = 0.0;
-    for (int i = 0; i < count; ++i) {
-        const double size = fabs(A[i]);
-        if (!(size <= DBL_MAX)) {
-            return HUGE_VAL;
-        }
-        result = size > result ? size : result;
-    }
-    return result;
-}
-
-/* Return the largest entry of a positive semidefinite matrix, which is on its diagonal; at least 0. */
-static double largest_diagonal(int n, const double *A)
-{
-    double result = 0.0;
-    for (int i = 0; i < n; ++i) {
-        result = larger(result, A[i * (n + 1)]);
-    }
-    return result;
-}
-
-/* Transpose a matrix of `rows` rows with n numbers each. */
-static void transpose(int rows, int n, const double *A, double *result)
-{
-    for (int i = 0; i < n; ++i) {
-        for (int k = 0; k < rows; ++k) {
-            result[i * rows + k] = A[k * n + i];
-        }
-    }
-}
-
-/* Multiply each of n columns by its factor. */
-static void scale_columns(int rows, int n, const double *factors, double *A)
-{
-    for (int k = 0; k < rows; ++k) {
-        for (int i = 0; i < n; ++i) {
-            A[k * n + i] *= factors[i];
-        }
-    }
-}
-
-/* Compute X^T X of the rows of X, n numbers each; symmetric in every bit, since equal products are summed alike. */
-static void multiply_transposed(int rows, int n, const double *X, double *result)
-{
-    multiply_matrices(n, rows, n, X, 1, n, X, result);
-}
-
-/* Compute Y^T diag(d) Y of the rows of Y, n numbers each, d >= 0. The rows become those of diag(d)^(1/2) Y. */
-static void form_congruence(int rows, int n, double *Y, const double *d, double *result)
-{
-    for (int k = 0; k < rows; ++k) {
-        const double root = sqrt(d[k]);
-        for (int i = 0; i < n; ++i) {
-            Y[k * n + i] *= root;
-        }
-    }
-    multiply_transposed(rows, n, Y, result);
-}
-
-/* Compute the lower Cholesky factor L of A / scale + shift I, column by column. */
-static int factorise_cholesky(int n, const double *A, double scale, double shift, double *L)
-{
-    if (!(scale > 0.0 && scale <= DBL_MAX)) {
-        return MATRIX_NOT_POSITIVE;
-    }
-    for (int j = 0; j < n; ++j) {
-        const double *const row = L + j * n;
-        const double a = A[j * (n + 1)] / scale + shift, square = a - dot(j, row, row);
-        if (!(square > n * DBL_EPSILON * a && a > 0.0)) {
-            return MATRIX_NOT_POSITIVE;
-        }
-        const double root = sqrt(square), reciprocal = 1.0 / root, share = reciprocal / scale;
-        L[j * (n + 1)] = root;
-        for (int i = j + 1; i < n; ++i) {
-            L[i * n + j] = share * A[i * n + j] - reciprocal * dot(j, L + i * n, row);
-        }
-    }
-    return 0;
-}
-
-/* Replace x by L^-1 x. */
-static void solve_forward(int n, const double *L, double *x)
-{
-    for (int i = 0; i < n; ++i) {
-        x[i] = (x[i] - dot(i, L + i * n, x)) / L[i * (n + 1)];
-    }
-}
-
-/* Replace the n rows of X, `count` numbers each, by those of L^-1 X. */
-static void solve_rows(int n, int count, const double *L, double *X)
-{
-    double sums[MAX_ROWS] = {0.0};
-    for (int i = 0; i < n; ++i) {
-        const double reciprocal = 1.0 / L[i * (n + 1)];
-        if (i > 0) {
-            multiply_matrices(1, i, count, L + i * n, n, 1, X, sums);
-        }
-        for (int k = 0; k < count; ++k) {
-            X[i * count + k] = (X[i * count + k] - sums[k]) * reciprocal;
-        }
-    }
-}
-
-/* Replace x by L^-T x. */
-static void solve_backward(int n, const double *L, double *x)
-{
-    for (int i = n - 1; i >= 0; --i) {
-        double sum = x[i];
-        for (int k = i + 1; k < n; ++k) {
-            sum -= L[k * n + i] * x[k];
-        }
-        x[i] = sum / L[i * n + i];
-    }
-}
-
-/* Replace x by (A + shift I)^-1 x, at most MAX_ROWS numbers. Return whether A + shift I is positive definite. */
-static int solve_damped(int n, const double *A, double shift, double *x)
-{
-    double L[MAX_ROWS * MAX_ROWS] = {0.0};
-    if (factorise_cholesky(n, A, 1.0, shift, L) != 0) {
-        return 0;
-    }
-    solve_forward(n, L, x);
-    solve_backward(n, L, x);
-    return 1;
-}
-
-/*
- * Return whether A (n x n, n <= 6) is finite, symmetric and positive semidefinite, up to a share of its largest entry.
- */
-static int is_positive_semidefinite(int n, const double *A, double tolerance)
-{
-    double L[36], scaled[36];
-    const double scale = largest_entry(n * n, A);
-    for (int i = 0; i < n; ++i) {
+        double *const row = A + i * N;
         for (int j = 0; j < i; ++j) {
-            if (!(fabs(A[i * n + j] - A[j * n + i]) <= tolerance * scale)) {
-                return 0;
-            }
+            row[j] = (row[j] - dot(j, row, A + j * N)) / A[j * (N + 1)];
         }
-    }
-    if (scale == 0.0 || scale > DBL_MAX) {
-        return scale == 0.0;
-    }
-    for (int i = 0; i < n * n; ++i) {
-        scaled[i] = A[i] / scale; /* 1 / scale may overflow */
-    }
-    /* the factor exists exactly if no eigenvalue of A / scale lies below the shift */
-    return factorise_cholesky(n, scaled, 1.0, tolerance, L) == 0;
-}
-
-/* Return whether all entries lie between the bounds (both allowed); NaN does not. */
-static int doubles_within(const double *x, size_t count, double least, double most)
-{
-    for (size_t i = 0; i < count; ++i) {
-        if (!(x[i] >= least && x[i] <= most)) {
+        const double pivot = row[i] - dot(i, row, row);
+        if (!(pivot > least_pivot * fabs(row[i]))) {
             return 0;
         }
+        row[i] = sqrt(pivot);
     }
     return 1;
 }
 
-/*
- * Eigenvalues and eigenvectors of a symmetric matrix.
- *
- * Sources: G. Golub, C. Van Loan, Matrix Computations: Householder and implicit QL (8.3). B. Parlett, The Symmetric
- * Eigenvalue Problem: QL without square roots (8.15). O. Smith, Eigenvalues of a symmetric 3 x 3 matrix, Comm. ACM 4
- * (1961).
- */
-
-enum { MAX_ITERATIONS = 60 }; /* per eigenvalue: two are usual; the bound makes the time bounded */
-/* Square of the entries beside the diagonal of a matrix of size 1 that are 0 up to rounding. */
-static const double NEGLIGIBLE = 0.25 * DBL_EPSILON * DBL_EPSILON;
-/* Norm of a matrix that counts as 0, and square of entries, of a matrix of size 1, that are not reflected: with both,
- * no quotient overflows. */
-static const double LEAST_SIZE = 1e-100, LEAST_SQUARE = 1e-100;
-
-/*
- * Reflect the block of A from row and column k + 1 on, so that row k has zeros behind `beside`, and A stays symmetric:
- * A - v w^T - w v^T. Row k of A becomes v from entry k + 1 on. Return beta of the reflection I - beta v v^T, or 0 for
- * none: the squares of the entries behind `beside` sum up to no more than `least`.
- */
-static double reflect_behind(int n, int k, double least, double *A, double *beside)
+/* Solve L x = b in place. */
+static void solve_forward(const double *L, double *x)
 {
-    const int first = k + 1, count = n - first;
-    double *const v = A + k * n + first;
-    double w[MAX_ROWS] = {0.0};
-    const double below = dot(count - 1, v + 1, v + 1);
-    *beside = v[0];
-    if (!(below > least)) {
-        return 0.0;
+    for (int i = 0; i < N; ++i) {
+        x[i] = (x[i] - dot(i, L + i * N, x)) / L[i * (N + 1)];
     }
-    const double size = sqrt(v[0] * v[0] + below);
-    *beside = v[0] > 0.0 ? -size : size;
-    v[0] -= *beside;
-    const double beta = 2.0 / (v[0] * v[0] + below);
-    for (int i = 0; i < count; ++i) {
-        w[i] = beta * dot(count, A + (first + i) * n + first, v);
+}
+
+/* Solve L^T x = b in place. */
+static void solve_backward(const double *L, double *x)
+{
+    for (int i = N - 1; i >= 0; --i) {
+        for (int k = i + 1; k < N; ++k) {
+            x[i] -= L[k * N + i] * x[k];
+        }
+        x[i] /= L[i * (N + 1)];
     }
-    add_scaled(count, -0.5 * beta * dot(count, v, w), v, w);
+}
+
+/* Invert L; the upper triangle of the result is 0. */
+static void invert_lower(const double *L, double *inverse)
+{
+    memset(inverse, 0, NN * sizeof *inverse);
+    for (int j = 0; j < N; ++j) {
+        inverse[j * (N + 1)] = 1.0 / L[j * (N + 1)];
+        for (int i = j + 1; i < N; ++i) {
+            double sum = 0.0;
+            for (int k = j; k < i; ++k) {
+                sum += L[i * N + k] * inverse[k * N + j];
+            }
+            inverse[i * N + j] = -sum / L[i * (N + 1)];
+        }
+    }
+}
+
+/* Compute C = L^-1 K L^-T of a symmetric K; K becomes L^-1 K. inverse: L^-1. */
+static void form_pencil(const double *inverse, double *K, double *C)
+{
+    for (int j = 0; j < N; ++j) {
+        for (int i = N - 1; i >= 0; --i) { /* row i needs the rows above alone */
+            double sum = 0.0;
+            for (int k = 0; k <= i; ++k) {
+                sum += inverse[i * N + k] * K[k * N + j];
+            }
+            K[i * N + j] = sum;
+        }
+    }
+    for (int i = 0; i < N; ++i) {
+        for (int j = 0; j <= i; ++j) {
+            C[i * N + j] = C[j * N + i] = dot(j + 1, inverse + j * N, K + i * N);
+        }
+    }
+}
+
+/* Compute L x. */
+static void multiply_lower(const double *L, const double *x, double *result)
+{
+    for (int i = 0; i < N; ++i) {
+        result[i] = dot(i + 1, L + i * N, x);
+    }
+}
+
+/* Compute L^T x. */
+static void multiply_upper(const double *L, const double *x, double *result)
+{
+    for (int i = 0; i < N; ++i) {
+        result[i] = 0.0;
+        for (int k = i; k < N; ++k) {
+            result[i] += L[k * N + i] * x[k];
+        }
+    }
+}
+
+/* Return the smallest eigenvalue of a symmetric 3 x 3 matrix, by the roots of its characteristic polynomial. */
+static double smallest_eigenvalue(const double *K)
+{
+    const double mean = (K[0] + K[4] + K[8]) / 3.0, a = K[0] - mean, d = K[4] - mean, f = K[8] - mean;
+    const double b = K[1], c = K[2], e = K[5];
+    const double p = sqrt((a * a + d * d + f * f + 2.0 * (b * b + c * c + e * e)) / 6.0);
+    if (!(p > ROUNDED * fabs(mean))) {
+        return mean - 2.0 * p;
+    }
+    const double det = a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d);
+    const double angle = acos(clamp(0.5 * det / (p * p * p), -1.0, 1.0)) / 3.0;
+    return mean + 2.0 * p * cos(angle + TURN / 3.0);
+}
+
+/*
+ * Modes of a symmetric matrix: eigenvalues, and the turns that lead to the eigenvectors, which are never multiplied
+ * out: a vector goes to the modes and back by the turns themselves. Householder reflections to a tridiagonal matrix
+ * (Golub, Van Loan 8.3; the vectors stay in A), then implicit QL by squares (Pal, Walker, Kahan; Parlett 8.15).
+ */
+
+/* Add a turn of two rows, or, for the row ~row, a change of its sign. */
+static void add_turn(modes_t *m, int row, double cosine, double sine)
+{
+    m->row[m->count] = (int16_t)row;
+    m->cosine[m->count] = cosine;
+    m->sine[m->count] = sine;
+    m->count += 1;
+}
+
+/*
+ * Reflect the rows and columns beyond k, so that row k has one entry beside the diagonal. The reflection's vector stays
+ * in row k. Return the entry.
+ */
+static double eliminate(double *A, int k, double *beta)
+{
+    const int count = N - k - 1;
+    double *const v = A + k * N + k + 1, w[N];
+    const double below = count > 1 ? dot(count - 1, v + 1, v + 1) : 0.0, first = count > 0 ? v[0] : 0.0;
+    *beta = 0.0;
+    if (!(below > 0.0)) {
+        return first;
+    }
+    const double beside = (first > 0.0 ? -1.0 : 1.0) * sqrt(first * first + below);
+    v[0] -= beside;
+    *beta = 2.0 / (v[0] * v[0] + below);
     for (int i = 0; i < count; ++i) {
-        double *const row = A + (first + i) * n + first;
+        w[i] = *beta * dot(count, A + (k + 1 + i) * N + k + 1, v);
+    }
+    add_scaled(count, -0.5 * *beta * dot(count, v, w), v, w);
+    for (int i = 0; i < count; ++i) {
+        double *const row = A + (k + 1 + i) * N + k + 1;
         for (int j = 0; j < count; ++j) {
             row[j] -= v[i] * w[j] + w[i] * v[j];
         }
     }
-    return beta;
+    return beside;
 }
 
-/*
- * Reduce A (destroyed) to a tridiagonal matrix by Householder reflections: its diagonal, and the squares of the entries
- * beside it, which count as positive; both for A over its norm `size`. rows becomes Q^T; NULL for none.
- */
-static void tridiagonalise(int n, double *A, double size, double *diagonal, double *squares, double *rows)
+/* Reduce A to a tridiagonal matrix; its size becomes 1. e: squares of the entries beside the diagonal. */
+static void tridiagonalise(double *A, double scale, modes_t *m, double *e)
 {
-    const double scale = 1.0 / size, least = LEAST_SQUARE * size * size;
-    double beta[MAX_ROWS] = {0.0}, beside[MAX_ROWS] = {0.0}, sign = 1.0;
-    for (int k = 0; k < n - 2; ++k) {
-        beta[k] = reflect_behind(n, k, least, A, beside + k);
-    }
-    if (n > 1) {
-        beside[n - 2] = A[(n - 1) * n - 1];
-    }
-    for (int i = 0; i < n; ++i) {
-        diagonal[i] = scale * A[i * n + i];
-        squares[i] = scale * beside[i] * (scale * beside[i]);
-    }
-    if (rows == NULL) {
-        return;
-    }
-    for (int i = 0; i < n; ++i) {
-        for (int j = 0; j < n; ++j) {
-            rows[i * n + j] = i == j ? 1.0 : 0.0;
-        }
-    }
-    /* from the last reflection on, whose block of rows is the smallest */
-    for (int k = n - 3; k >= 0; --k) {
-        const double *const v = A + k * n;
-        for (int i = k + 1; i < n && beta[k] > 0.0; ++i) {
-            double *const row = rows + i * n + k + 1;
-            add_scaled(n - k - 1, -beta[k] * dot(n - k - 1, row, v + k + 1), v + k + 1, row);
-        }
-    }
-    for (int i = 1; i < n; ++i) { /* turn rows round, so that all entries beside the diagonal are positive */
-        sign = beside[i - 1] < 0.0 ? -sign : sign;
-        for (int j = 0; j < n; ++j) {
-            rows[i * n + j] *= sign;
-        }
+    double side = 1.0;
+    for (int k = 0; k < N; ++k) {
+        const double beside = eliminate(A, k, &m->beta[k]);
+        m->d[k] = scale * A[k * (N + 1)];
+        e[k] = scale * beside * (scale * beside);
+        m->side[k] = side;
+        side = beside < 0.0 ? -side : side;
     }
 }
 
-/* Rotate a row and the next one: the first becomes c x - s y, the second s x + c y. */
-static void rotate_rows(int n, double c, double s, double *row)
+/* Do one sweep of implicit QL on the rows l ... last. */
+static void sweep(modes_t *m, double *e, int l, int last, double negligible)
 {
-    double *const next = row + n;
-    for (int k = 0; k < n; ++k) {
-        const double x = row[k], y = next[k];
-        row[k] = c * x - s * y;
-        next[k] = s * x + c * y;
-    }
-}
-
-/* Swap two arrays. */
-static void swap(int count, double *x, double *y)
-{
-    for (int k = 0; k < count; ++k) {
-        const double value = x[k];
-        x[k] = y[k];
-        y[k] = value;
-    }
-}
-
-/* Sort eigenvalues and their rows (NULL for none), ascending. */
-static void sort_eigenpairs(int n, double *d, double *rows)
-{
-    for (int i = 1; i < n; ++i) {
-        for (int j = i; j >= 1 && d[j] < d[j - 1]; --j) {
-            swap(1, d + j - 1, d + j);
-            if (rows != NULL) {
-                swap(n, rows + (j - 1) * n, rows + j * n);
-            }
-        }
-    }
-}
-
-/* Return Wilkinson's shift: the eigenvalue of the block (a, b; b, d) that is nearer to a, from the square of b. */
-static double find_shift(double a, double d, double square)
-{
-    const double half = 0.5 * (d - a), root = sqrt(half * half + square);
-    return half < 0.0 ? a + (half + root) : a + (half - root);
-}
-
-/*
- * Do one sweep of implicit QL on the block l ... m of a tridiagonal matrix whose norm is 1: its diagonal d and the
- * squares e of the entries beside it. A rotation needs the squares of cosine and sine of the last one alone, and no
- * root.
- */
-static void sweep_block(int n, int l, int m, double *d, double *e, double *rows)
-{
-    const double shift = find_shift(d[l], d[l + 1], e[l]);
-    double gamma = d[m] - shift, p = gamma * gamma, cosine = 1.0, sine = 0.0, sign = 1.0;
-    for (int i = m - 1; i >= l; --i) {
+    double *const d = m->d;
+    const double h = 0.5 * (d[l + 1] - d[l]), root = sqrt(h * h + e[l]);
+    const double shift = d[l] + (h < 0.0 ? h + root : h - root); /* Wilkinson's */
+    double gamma = d[last] - shift, p = gamma * gamma, cosine = 1.0, sine = 0.0, sign = 1.0;
+    for (int i = last - 1; i >= l; --i) {
         const double square = e[i], r = p + square, before = gamma;
         e[i + 1] = sine * r;
-        if (p > NEGLIGIBLE) {
+        if (p > negligible) {
             const double product = p * (d[i] - shift) - square * gamma;
             gamma = product / r;
             cosine = p / r;
@@ -1086,1438 +677,1407 @@ static void sweep_block(int n, int l, int m, double *d, double *e, double *rows)
             p = product * product / (r * p);
             d[i + 1] = before + (d[i] - gamma);
             sign = before < 0.0 ? -sign : sign;
-        } else { /* a right angle, up to rounding */
+        } else { /* a right angle */
             p = cosine * square;
             gamma = cosine = 0.0;
             sine = 1.0;
             d[i + 1] = d[i];
             sign = -sign;
         }
-        if (rows != NULL) {
-            rotate_rows(n, sign * sqrt(cosine), sqrt(sine), rows + i * n);
-        }
+        add_turn(m, i, sign * sqrt(cosine), sqrt(sine));
     }
     e[l] = sine * p;
     d[l] = shift + gamma;
-    for (int k = 0; rows != NULL && gamma * sign < 0.0 && k < n; ++k) {
-        rows[l * n + k] = -rows[l * n + k]; /* the entries beside the diagonal stay positive */
+    if (gamma * sign < 0.0) {
+        add_turn(m, ~l, -1.0, 0.0);
     }
 }
 
-/*
- * Compute eigenvalues (ascending) and eigenvectors (the ROWS of `rows`; NULL for none) of a symmetric A (destroyed):
- * implicit QL in the variant of Pal, Walker and Kahan.
- */
-static int diagonalise_symmetric(int n, double *A, double *d, double *rows)
+/* Find the modes of A, in whose place the reflections remain. */
+static void find_modes(double *A, modes_t *m)
 {
-    double e[MAX_ROWS], size = norm(n * n, A);
-    if (!(size > LEAST_SIZE)) {
-        memset(A, 0, (size_t)(n * n) * sizeof(double));
-        size = 1.0;
-    }
-    tridiagonalise(n, A, size, d, e, rows);
-    for (int l = 0; l < n; ++l) {
-        for (int iteration = 0;; ++iteration) {
-            int m = l;
-            while (m < n - 1 && e[m] > NEGLIGIBLE) {
-                ++m;
+    const double size = norm(NN, A), negligible = 0.25 * DBL_EPSILON * DBL_EPSILON;
+    double e[N];
+    m->count = 0;
+    tridiagonalise(A, size > 0.0 ? 1.0 / size : 0.0, m, e);
+    for (int l = 0; l < N; ++l) {
+        while (m->count <= MOST_TURNS - N - 1) {
+            int last = l;
+            while (last < N - 1 && e[last] > negligible) {
+                ++last;
             }
-            if (m == l) {
+            if (last == l) {
                 break;
             }
-            if (iteration == MAX_ITERATIONS) {
-                return MATRIX_NOT_CONVERGED;
-            }
-            sweep_block(n, l, m, d, e, rows);
+            sweep(m, e, l, last, negligible);
         }
-        d[l] *= size;
-    }
-    sort_eigenpairs(n, d, rows);
-    return 0;
-}
-
-/* Compute the adjugate of a symmetric matrix (3 x 3). */
-static void compute_adjugate(const double *A, double *adjugate)
-{
-    for (int i = 0; i < 3; ++i) {
-        const double *const x = A + (i + 1) % 3 * 3, *const y = A + (i + 2) % 3 * 3;
-        adjugate[3 * i] = x[1] * y[2] - x[2] * y[1];
-        adjugate[3 * i + 1] = x[2] * y[0] - x[0] * y[2];
-        adjugate[3 * i + 2] = x[0] * y[1] - x[1] * y[0];
-    }
-}
-
-/* Return the largest root of t^3 - 3 t = 2 r, r from 0 to 1: Newton's method, whose error is 1.4e-2 at the start. */
-static double find_largest_root(double r)
-{
-    double t = 1.7320508075688773 + 0.2679491924311227 * r;
-    for (int round = 0; round < 3; ++round) {
-        t = (2.0 * t * t * t + 2.0 * r) / (3.0 * t * t - 3.0);
-    }
-    return t;
-}
-
-/*
- * Return the largest eigenvalue of a symmetric A (3 x 3). B = (A - mean I) / size has eigenvalues t with t^3 - 3 t =
- * det B. One of the outer two is well apart from the others, and the polynomial is good for that one alone. If it is
- * the smallest, -t, the projection on its eigenvector is that of the adjugate of B + t I; what B is on the other two,
- * less their mean t / 2, has opposite eigenvalues, which come from its norm without cancellation.
- */
-static double find_largest_eigenvalue(const double *A)
-{
-    const double mean = (A[0] + A[4] + A[8]) / 3.0;
-    double B[9], adjugate[9];
-    for (int k = 0; k < 9; ++k) {
-        B[k] = k % 4 == 0 ? A[k] - mean : A[k];
-    }
-    const double size = sqrt(dot(9, B, B) / 6.0);
-    if (!(size > 0.0)) {
-        return mean;
-    }
-    const double inverse = 1.0 / size;
-    for (int k = 0; k < 9; ++k) {
-        B[k] *= inverse;
-    }
-    compute_adjugate(B, adjugate);
-    const double half = 0.5 * dot(3, B, adjugate), t = find_largest_root(smaller(fabs(half), 1.0));
-    if (half >= 0.0) {
-        return mean + size * t;
-    }
-    for (int k = 0; k < 9; k += 4) {
-        B[k] += t;
-    }
-    compute_adjugate(B, adjugate);
-    const double projected = 1.5 * t / (adjugate[0] + adjugate[4] + adjugate[8]);
-    for (int k = 0; k < 9; ++k) {
-        B[k] += projected * adjugate[k] - (k % 4 == 0 ? 1.5 * t : 0.0);
-    }
-    return mean + size * (0.5 * t + sqrt(0.5 * dot(9, B, B)));
-}
-
-/*
- * Modes of two symmetric matrices, K v = lambda M v, and what the controller makes of them.
- *
- * Source: T. Ogita, K. Aishima, Iterative refinement for symmetric eigenvalue decomposition, Japan J.
- * Indust. Appl. Math. 35 (2018).
- */
-
-/* Largest entry of a matrix to diagonalise, whose squares and their sums are finite; stiffness, over the trace, that a
- * direction without any before and after a change counts with: S stays positive definite. */
-static const double LARGEST_ENTRY = 1e140, UNCHANGED = 1e-10;
-enum { REFINEMENTS = 4 }; /* rounds of refine_modes */
-/* Changes above which refine_modes gives up, in the first round and over the round before; the change whose square is 0
- * up to rounding. */
-static const double LARGEST_CHANGE = 0.05, LARGEST_SHARE = 0.2, LAST_CHANGE = 5e-8;
-static const double LEAST_DIVISOR = 1e-100; /* nothing is divided by less: quotients and their squares stay finite */
-
-/* Invert a lower triangular matrix; the entries above the diagonal become 0. */
-static void invert_triangle(int n, const double *L, double *inverse)
-{
-    memset(inverse, 0, (size_t)(n * n) * sizeof(double));
-    for (int i = 0; i < n; ++i) {
-        double *const row = inverse + i * n;
-        const double reciprocal = 1.0 / L[i * (n + 1)];
-        for (int k = 0; k < i; ++k) {
-            add_scaled(k + 1, -reciprocal * L[i * n + k], inverse + k * n, row);
-        }
-        row[i] = reciprocal;
-    }
-}
-
-/* Factorise the M of a pencil: L with L L^T = M / *scale, and its inverse. */
-static int factorise_pencil(int n, const double *M, double *L, double *inverse, double *scale)
-{
-    *scale = largest_diagonal(n, M);
-    const int error = factorise_cholesky(n, M, *scale, 0.0, L);
-    if (error == 0) {
-        invert_triangle(n, L, inverse);
-    }
-    return error;
-}
-
-/* Compute the symmetric part of a matrix. */
-static void take_symmetric_part(int n, const double *K, double *result)
-{
-    for (int i = 0; i < n; ++i) {
-        for (int j = 0; j <= i; ++j) {
-            result[i * n + j] = result[j * n + i] = 0.5 * (K[i * n + j] + K[j * n + i]);
-        }
-    }
-}
-
-/*
- * Solve K v = lambda M v for the symmetric part of K and M = scale L L^T, from the inverse of L. Results: the
- * eigenvalues lambda (ascending), and rows w with v = L^-T w, which may overwrite the inverse. C is work space.
- */
-static int diagonalise_pencil(int n, const double *K, double scale, const double *inverse, double *C,
-                              double *eigenvalues, double *rows)
-{
-    take_symmetric_part(n, K, C);
-    /* L^-1 C L^-T from the last row on: a row depends on the rows before it, and on no column behind its diagonal */
-    for (int i = n - 1; i >= 0; --i) {
-        double product[MAX_ROWS] = {0.0};
-        for (int k = 0; k <= i; ++k) {
-            add_scaled(i + 1, inverse[i * n + k], C + k * n, product);
-        }
-        for (int j = 0; j <= i; ++j) {
-            C[i * n + j] = C[j * n + i] = dot(j + 1, product, inverse + j * n);
-        }
-    }
-    if (!(largest_entry(n * n, C) <= LARGEST_ENTRY)) {
-        return MATRIX_NOT_FINITE;
-    }
-    const int error = diagonalise_symmetric(n, C, eigenvalues, rows);
-    for (int i = 0; i < n; ++i) {
-        eigenvalues[i] /= scale;
-    }
-    return error;
-}
-
-/*
- * Solve K v = lambda M v for the symmetric part of K. Results: L with L L^T = M / *scale, the eigenvalues lambda
- * (ascending), and rows w with v = L^-T w. C is work space.
- */
-static int solve_pencil(int n, const double *K, const double *M, double *L, double *C, double *eigenvalues, double *rows,
-                 double *scale)
-{
-    const int error = factorise_pencil(n, M, L, rows, scale);
-    return error != 0 ? error : diagonalise_pencil(n, K, *scale, rows, C, eigenvalues, rows);
-}
-
-/*
- * Compute the modes of K v = lambda M v, for the symmetric part of K: the eigenvalues lambda (ascending), and rows v
- * with v . M v = 1. work: 2 n^2 numbers.
- */
-static int solve_modes(int n, const double *K, const double *M, double *work, double *eigenvalues, double *modes)
-{
-    double *const C = work, *const inverse = work + n * n, scale;
-    int error = factorise_pencil(n, M, C, inverse, &scale);
-    if (error == 0) {
-        error = diagonalise_pencil(n, K, scale, inverse, C, eigenvalues, modes);
-    }
-    if (error == 0) { /* v = L^-T w, of length 1 with respect to M = scale L L^T */
-        for (int k = 0; k < n * n; ++k) {
-            inverse[k] /= sqrt(scale);
-        }
-        multiply_rows(n, modes, inverse, C);
-        memcpy(modes, C, (size_t)(n * n) * sizeof(double));
-    }
-    return error;
-}
-
-/*
- * Compute the changes of modes that nearly solve K v = lambda M v: mode i changes by the sum of changes[i][j] v_j. With
- * S = v_i . K v_j and R = -v_i . M v_j the change is (S + lambda_i R) / (lambda_i - lambda_j), and (1 - v . M v) / 2
- * along the mode itself: S and R then vanish to first order. products is work space. Return 0 where a mode is 0, as
- * before the first design, or two eigenvalues are equal: then there are no changes.
- */
-static int compare_modes(int n, const double *K, const double *M, const double *modes, double *products,
-                         double *eigenvalues, double *changes)
-{
-    multiply_rows(n, modes, K, products);
-    for (int i = 0; i < n; ++i) {
-        for (int j = 0; j <= i; ++j) {
-            changes[i * n + j] = dot(n, products + i * n, modes + j * n);
-        }
-    }
-    multiply_rows(n, modes, M, products);
-    for (int i = 0; i < n; ++i) {
-        const double square = dot(n, products + i * n, modes + i * n);
-        if (!(square > LEAST_DIVISOR)) {
-            return 0;
-        }
-        eigenvalues[i] = changes[i * (n + 1)] / square; /* v . K v / v . M v; those before i are known below */
-        changes[i * (n + 1)] = 0.5 * (1.0 - square);
-        for (int j = 0; j < i; ++j) {
-            const double S = changes[i * n + j], R = -dot(n, products + i * n, modes + j * n);
-            const double gap = eigenvalues[i] - eigenvalues[j];
-            if (!(fabs(gap) > LEAST_DIVISOR)) {
-                return 0;
-            }
-            const double reciprocal = 1.0 / gap;
-            changes[i * n + j] = (S + eigenvalues[i] * R) * reciprocal;
-            changes[j * n + i] = -(S + eigenvalues[j] * R) * reciprocal;
-        }
-    }
-    return 1;
-}
-
-/*
- * Refine modes that nearly solve K v = lambda M v, for symmetric matrices. Each round squares the error, unless two
- * eigenvalues are close (Ogita and Aishima 2018, for a pencil). work: 2 n^2 numbers. Return whether the modes are those
- * of solve_modes up to rounding and signs; else they are unspecified.
- */
-static int refine_modes(int n, const double *K, const double *M, double *work, double *eigenvalues, double *modes)
-{
-    double *const products = work, *const changes = work + n * n;
-    double most = LARGEST_CHANGE;
-    for (int round = 0; round < REFINEMENTS; ++round) {
-        if (!compare_modes(n, K, M, modes, products, eigenvalues, changes)) {
-            return 0;
-        }
-        double squares = 0.0; /* of all changes */
-        for (int i = 0; i < n; ++i) {
-            squares += dot(n, changes + i * n, changes + i * n);
-        }
-        if (!(squares <= most * most)) { /* NaN, of modes that are not finite, gives up, too */
-            return 0;
-        }
-        most = LARGEST_SHARE * sqrt(squares);
-        multiply_rows(n, changes, modes, products);
-        add_scaled(n * n, 1.0, products, modes);
-        if (squares <= LAST_CHANGE * LAST_CHANGE) { /* the error that is left is about its square */
-            sort_eigenpairs(n, eigenvalues, modes);
-            return 1;
-        }
-    }
-    return 0;
-}
-
-/* Replace each row w by L w: the rows become the columns of M V / sqrt(scale). */
-static void multiply_lower(int n, const double *L, double *rows)
-{
-    for (int k = 0; k < n; ++k) {
-        double *const w = rows + k * n;
-        for (int i = n - 1; i >= 0; --i) {
-            double sum = 0.0;
-            for (int j = 0; j <= i; ++j) {
-                sum += L[i * n + j] * w[j];
-            }
-            w[i] = sum;
-        }
-    }
-}
-
-/*
- * Move K (3 x 3) by a share of the difference D = wanted - K, without the part of D that stiffens. That part is the
- * result `cost`. It has the positive eigenvalues of D with respect to S = wanted + K: D V = S V diag(l), V^T S V = I,
- * cost = share S V diag(max(l, 0)) V^T S. A difference below ROUNDED of the trace of S is covered in one step, and one
- * of stiffnesses that are nothing without a cost. Return whether K differed from wanted.
- */
-static int soften(const double *wanted, double share, double *K, double *cost)
-{
-    double D[9], S[9], L[9], C[9], rows[9], values[3], scale, size = 0.0;
-    for (int k = 0; k < 9; ++k) {
-        D[k] = wanted[k] - K[k];
-        S[k] = wanted[k] + K[k];
-        size += fabs(D[k]);
-        cost[k] = 0.0;
-    }
-    const double trace = S[0] + S[4] + S[8], part = size <= ROUNDED * trace ? 1.0 : share;
-    if (trace <= LEAST_DIVISOR) { /* K has fallen to almost 0 */
-        for (int k = 0; k < 9; ++k) { /* wanted may be K */
-            K[k] = wanted[k];
-        }
-        return size != 0.0;
-    }
-    for (int k = 0; k < 9; k += 4) { /* the diagonal */
-        S[k] += UNCHANGED * trace;
-    }
-    if (size == 0.0 || solve_pencil(3, D, S, L, C, values, rows, &scale) != 0) {
-        return 0;
-    }
-    multiply_lower(3, L, rows); /* columns of S V / sqrt(scale): the scale goes to the values */
-    for (int k = 0; k < 3; ++k) {
-        values[k] = part * larger(values[k], 0.0) * scale;
-    }
-    form_congruence(3, 3, rows, values, cost);
-    for (int k = 0; k < 9; ++k) {
-        K[k] += part * D[k] - cost[k];
-    }
-    return 1;
-}
-
-/*
- * Gains for motors with a controller inside, which apply tau_ff + kp (q_des - q) + kd (dq_des - dq) at their own rate.
- * kp and kd are the diagonals of stiffness and damping within bounds, the diagonal matrices nearest to both; tau_ff has
- * what is not diagonal.
- */
-
-static const double GAIN_FADE = 0.9; /* share of the motors' kp that is left after another call without a sample */
-
-/* Choose gains: the diagonal of a matrix, each entry at least 0 and at most its limit. */
-static void choose_gains(const double *matrix, const double *limit, double *gains)
-{
-    for (int i = 0; i < N; ++i) {
-        gains[i] = clamp(matrix[i * (N + 1)], 0.0, limit[i]);
-    }
-}
-
-/*
- * Split a torque at (q, dq) into tau_ff and gains. Arguments that are not finite, or a limit below 0, give NaN and an
- * error.
- */
-static int split_torque(const double *q, const double *dq, const double *q_des, const double *dq_des, const double *torque,
-                 const double *joint_stiffness, const double *damping, const double *kp_limit, const double *kd_limit,
-                 double *tau_ff, double *kp, double *kd)
-{
-    const double *const vectors[5] = {q, dq, q_des, dq_des, torque};
-    int good = doubles_within(joint_stiffness, NN, -DBL_MAX, DBL_MAX) && doubles_within(damping, NN, -DBL_MAX, DBL_MAX);
-    for (int k = 0; k < 5; ++k) {
-        good = good && doubles_within(vectors[k], N, -DBL_MAX, DBL_MAX);
-    }
-    good = good && doubles_within(kp_limit, N, 0.0, HUGE_VAL) && doubles_within(kd_limit, N, 0.0, HUGE_VAL);
-    choose_gains(joint_stiffness, kp_limit, kp);
-    choose_gains(damping, kd_limit, kd);
-    for (int i = 0; i < N; ++i) {
-        tau_ff[i] = torque[i] - kp[i] * (q_des[i] - q[i]) - kd[i] * (dq_des[i] - dq[i]);
-        good = good && fabs(tau_ff[i]) <= DBL_MAX;
-    }
-    for (int i = 0; i < N && !good; ++i) {
-        tau_ff[i] = kp[i] = kd[i] = (double)NAN;
-    }
-    return good ? IIWA14_OK : IIWA14_E_GAINS;
-}
-
-/*
- * Bound the work that a motor puts out within the time `hold` after the sample, whatever the environment does, with a
- * the torque of the motor at the sample's position at rest, and no joint faster than `speed`. At the distance x the
- * work is at most a x - kp x^2 / 2 - kd x^2 / hold, since the integral of dq^2 over at most `hold` is at least x^2 /
- * hold (Cauchy and Schwarz). The bound is the largest value for |x| <= speed hold; a motion at constant speed attains
- * it.
- */
-static double bound_motor_work(double a, double kp, double kd, double speed, double hold)
-{
-    const double c = 0.5 * kp + kd / hold, far = speed * hold;
-    const double x = 2.0 * c * far > fabs(a) ? fabs(a) / (2.0 * c) : far;
-    return (fabs(a) - c * x) * x;
-}
-
-/* Bound the work of all motors within `hold` after the sample; NaN if an argument is not finite, or hold not above
- * 0. */
-static double bound_late_work(const double *q, const double *q_des, const double *dq_des, const double *tau_ff,
-                       const double *kp, const double *kd, const double *speed, double hold)
-{
-    double work = 0.0;
-    for (int i = 0; i < N; ++i) {
-        const double at_rest = tau_ff[i] + kp[i] * (q_des[i] - q[i]) + kd[i] * dq_des[i];
-        const int good = fabs(at_rest) <= DBL_MAX && kp[i] >= 0.0 && kd[i] >= 0.0 && speed[i] >= 0.0 && hold > 0.0;
-        const double most = good ? bound_motor_work(at_rest, kp[i], kd[i], speed[i], hold) : (double)NAN;
-        work += fabs(most) <= DBL_MAX ? most : (double)NAN;
-    }
-    return work;
-}
-
-/*
- * Plan the gains of a step: kp from the diagonal of the tangent, kd from that of the damping; 0 without
- * ACTUATION_GAINS. motor_damping, the torque of kd at the present velocity, is added to the torque that is held: with
- * what the motors do then, damping counts once.
- */
-static void plan_gains(step_t *s)
-{
-    const config_t *const c = s->c;
-    memory_t *const m = s->m;
-    const int has_gains = c->actuation == IIWA14_ACTUATION_GAINS && m->fault != IIWA14_FAULT_DISSIPATION;
-    for (int i = 0; i < N; ++i) {
-        const double tangent = s->out->joint_stiffness[i * (N + 1)], limit_slope = s->limit_slope[i];
-        /* the tangent is the unscaled springs' and the limit avoidance's, which no scale weakens */
-        const double wanted = m->scale * (tangent - limit_slope) + limit_slope;
-        m->kp[i] = has_gains && wanted > 0.0 ? smaller(wanted, c->kp_limit[i]) : 0.0;
-        m->kd[i] = has_gains ? clamp(s->out->damping[i * (N + 1)], 0.0, c->kd_limit[i]) : 0.0;
-        s->motor_damping[i] = m->kd[i] * s->velocity[i];
-    }
-}
-
-/*
- * Bound from below the work that the gains take in over the last interval, which no call was missing from: exact for
- * kp, whose spring was at rest at the interval's start; for kd the least that any motion with these ends dissipates in
- * a sample time. Gains go with no delay (validate).
- */
-static double absorbed_work(const memory_t *m, const double *motion)
-{
-    double work = 0.0;
-    if (m->delay > 0) {
-        return work;
     }
     for (int i = 0; i < N; ++i) {
-        work += (0.5 * m->kp[i] + m->kd[i] / m->sample_time) * motion[i] * motion[i];
+        m->d[i] *= size;
     }
-    return work;
 }
 
-/* Fade the springs of the motors, which stay where they are without a sample. Falling gains put no energy out. */
-static void fade_gains(memory_t *m)
+/* Apply reflection k to a vector. */
+static void reflect(const modes_t *m, const double *A, int k, double *y)
 {
+    const double *const v = A + k * N + k + 1;
+    const double factor = m->beta[k] > 0.0 ? m->beta[k] * dot(N - k - 1, v, y + k + 1) : 0.0;
+    for (int i = 0; factor != 0.0 && i < N - k - 1; ++i) {
+        y[k + 1 + i] -= factor * v[i];
+    }
+}
+
+/* Apply turn k to a vector; side -1: backwards. */
+static void turn(const modes_t *m, int k, double side, double *y)
+{
+    const int i = m->row[k];
+    if (i < 0) {
+        y[~i] = -y[~i];
+    } else {
+        const double c = m->cosine[k], s = side * m->sine[k], a = y[i], b = y[i + 1];
+        y[i] = c * a - s * b;
+        y[i + 1] = s * a + c * b;
+    }
+}
+
+/* Replace y by its parts in the modes. A: what find_modes left. */
+static void to_modes(const modes_t *m, const double *A, double *y)
+{
+    for (int k = 0; k < N - 1; ++k) {
+        reflect(m, A, k, y);
+    }
     for (int i = 0; i < N; ++i) {
-        m->kp[i] *= GAIN_FADE;
+        y[i] *= m->side[i];
+    }
+    for (int k = 0; k < m->count; ++k) {
+        turn(m, k, 1.0, y);
     }
 }
 
-/*
- * Return the torque of motor i at the last known state, tau_ff - kd dq: kp adds none there. It is clamped to the effort
- * limit (0 if the configuration is refused), or to |tau_ff| if this is larger.
- */
-static double apply_gains(const step_t *s, int i, double tau_ff, int refused)
+/* Replace y, parts in the modes, by the vector that it is. */
+static void from_modes(const modes_t *m, const double *A, double *y)
 {
-    const double most = larger(refused ? 0.0 : s->c->effort_limit[i], fabs(tau_ff));
-    return clamp(tau_ff - s->m->kd[i] * s->m->dq[i], -most, most);
-}
-
-/* Lower kd where its torque at the last known velocity would exceed the effort limit. */
-static void limit_gains(step_t *s, int refused)
-{
-    memory_t *const m = s->m;
+    for (int k = m->count - 1; k >= 0; --k) {
+        turn(m, k, -1.0, y);
+    }
     for (int i = 0; i < N; ++i) {
-        const double tau_ff = s->out->torque[i], damping = m->kd[i] * m->dq[i];
-        const double applied = apply_gains(s, i, tau_ff, refused);
-        if (!(fabs(damping) <= DBL_MAX)) { /* the memory holds no velocity */
-            m->kd[i] = 0.0;
-        } else if (applied != tau_ff - damping) { /* clamped: kd dq becomes what is left of it */
-            m->kd[i] *= (tau_ff - applied) / damping;
-            s->status |= IIWA14_STATUS_SATURATED;
-        }
+        y[i] *= m->side[i];
+    }
+    for (int k = N - 2; k >= 0; --k) {
+        reflect(m, A, k, y);
     }
 }
 
-/*
- * Report tau_ff, the torque that the motors apply at the last known state, and the work of a late call: as late as one
- * may be, `hold` calls with call_gap sample times each, or in a fault one.
- */
-static void report_gains(const step_t *s, int refused)
-{
-    const memory_t *const m = s->m;
-    output_t *const out = s->out;
-    memcpy(out->tau_ff, out->torque, sizeof out->tau_ff);
-    for (int i = 0; i < N; ++i) {
-        const double applied = apply_gains(s, i, out->tau_ff[i], refused);
-        out->torque[i] = fabs(applied) <= DBL_MAX ? applied : out->tau_ff[i];
-    }
-    const double hold = m->fault == IIWA14_FAULT_NONE ? (double)m->hold * m->call_gap : (double)m->call_gap;
-    out->late_work = m->known ? bound_late_work(m->q, m->q, out->dq_des, out->tau_ff, m->kp, m->kd, m->velocity_limit,
-                                                hold * m->sample_time) : 0.0;
-}
+/* Energies of springs and limit zones, and what sample time and delay allow of stiffness and damping. */
 
-/* Sampling: the largest stiffness and damping that sample time, delay and the smoothed velocity allow. */
+static const double ZONE = 0.1; /* [rad] or [m] width of a limit zone, or this share of a short range */
 
-/* Largest eigenvalue of M^-1 B T. With differenced velocity, a double integrator is unstable from M^-1 B T = 2.0, 0.83,
- * 0.53, 0.40, 0.32, 0.26 on at a delay of 0 to 5 samples: the damping has at most 0.475 of it, which is
- * DELAYED_DAMPING / (1 + delay) from 2 samples on. */
-static const double LARGEST_DAMPING = 0.25, DELAYED_DAMPING = 0.75;
-static const double LARGEST_STIFFNESS = 0.0625; /* largest eigenvalue of M^-1 K T^2 (1 + 2 delay) */
-static const double LEAST_RATIO = 0.25; /* damping ratio that the largest damping leaves to the stiffest mode */
-
-/* Return the delay [s] of the smoothed velocity: of the low pass, and of the mean. */
-static double find_velocity_delay(const config_t *c, const memory_t *m)
-{
-    return c->velocity_filter_time + 0.5 * m->averaged * c->sample_time;
-}
-
-/* Return the largest eigenvalue of M^-1 B that sample time, delay and the smoothed velocity allow [1/s]. */
-static double largest_damping(const config_t *c, const memory_t *m)
-{
-    const double share = fmin(LARGEST_DAMPING, DELAYED_DAMPING / (1.0 + c->delay_samples));
-    return share / (c->sample_time + find_velocity_delay(c, m));
-}
-
-/*
- * Return the largest eigenvalue of M^-1 K that sample time, delay and the smoothed velocity allow [1/s^2]: stiffness
- * alone keeps the loop stable up to LARGEST_STIFFNESS, and the largest damping b, of which l late is lost, has to leave
- * the damping ratio LEAST_RATIO. l is the square of the root of l late + 2 LEAST_RATIO sqrt(l) = b.
- */
-static double largest_eigenvalue(const config_t *c, const memory_t *m)
-{
-    const double T = c->sample_time, late = (c->delay_samples + 0.5) * T, b = largest_damping(c, m);
-    const double root = (sqrt(LEAST_RATIO * LEAST_RATIO + late * b) - LEAST_RATIO) / late;
-    return smaller(LARGEST_STIFFNESS / (T * T * (1.0 + 2.0 * c->delay_samples)), root * root);
-}
-
-/* Energy: stored in springs and limit avoidance, in the tank, and put out by torques in transit. */
-
-static const double LIMIT_SHARE = 0.5; /* of largest_eigenvalue for the limit avoidance: the springs add theirs */
-
-/* Return the limits of the springs in force: of every tip's force, then of the moments; NULL without limits. */
-static const double *find_spring_limits(const memory_t *m)
-{
-    return m->spring == IIWA14_SPRING_BOUNDED ? m->spring_limits : NULL;
-}
-
-/* Compute the energy of all tips' springs at q, unscaled. */
-static double compute_tip_energy(const memory_t *m, const double *q, const double *equilibrium)
-{
-    return stiffgen_spring_energy(q, m, equilibrium, m->translation_stiffness, m->rotation_stiffness,
-                                  find_spring_limits(m));
-}
-
-/* Compute the energy of the tips' springs, which is given, and of the posture's spring, both unscaled. */
-static double add_posture_energy(const memory_t *m, const double *q, const double *posture, double tips)
+/* Energy of springs at a position, with their reference and stiffness, at scale 1. */
+static double spring_energy(const memory_t *m, const double *q, const double *r, const double *equilibrium, const double *Kt,
+                     const double *Ko, const double *posture_stiffness)
 {
     double twice = 0.0;
     for (int i = 0; i < N; ++i) {
-        twice += m->posture_stiffness[i] * (q[i] - posture[i]) * (q[i] - posture[i]);
+        const double away = q[i] - r[i];
+        twice += posture_stiffness[i] * away * away;
     }
-    return tips + 0.5 * twice;
+    return stiffgen_spring_energy(q, m, equilibrium, Kt, Ko) + 0.5 * twice;
 }
 
-/* Compute the energy that the scaled springs store at q. */
-static double compute_stored_energy(const memory_t *m, const double *q)
+/* Energy of the springs in force at a position, at scale 1. */
+static double stored_energy(const memory_t *m, const double *q)
 {
-    return m->scale * add_posture_energy(m, q, m->posture, compute_tip_energy(m, q, m->equilibrium));
+    const reference_t *const f = &m->reference;
+    return spring_energy(m, q, f->r, f->equilibrium, f->translation_stiffness, f->rotation_stiffness,
+                         f->posture_stiffness);
 }
 
-/*
- * Evaluate one joint's limit avoidance a = (lower edge, upper edge, k, largest torque). Its energy is k d^2 / 2 at
- * depth d beyond an edge, and linear from where the torque is the largest. Results: the energy, its slope (pull) and
- * the slope's slope (stiffness).
- */
-static double evaluate_avoidance(const double *a, double q, double *pull, double *stiffness)
+/* Energy of the zones inside the joint limits; pull and slope of each. A zone pulls with at most the effort limit. */
+static double zone_energy(const memory_t *m, const double *q, double *pull, double *slope)
 {
-    const double k = a[2];
-    double depth = 0.0;
-    if (q > a[1]) {
-        depth = q - a[1];
-    } else if (q < a[0]) {
-        depth = q - a[0];
-    }
-    *pull = clamp(k * depth, -a[3], a[3]);
-    if (*pull == k * depth) { /* not clamped */
-        *stiffness = depth != 0.0 ? k : 0.0;
-        return 0.5 * k * depth * depth;
-    }
-    *stiffness = 0.0;
-    return fabs(*pull) * (fabs(depth) - 0.5 * fabs(*pull) / k);
-}
-
-/* Return how far a position is beyond its limits; negative inside. */
-static double distance_beyond(const config_t *c, int i, double q)
-{
-    return larger(c->lower_limit[i] - q, q - c->upper_limit[i]);
-}
-
-/* Return whether the position of joint i counts modulo a turn: it has no limits, and cannot pass half a turn unseen. */
-static int counts_modulo_turn(const step_t *s, int i)
-{
-    const config_t *const c = s->c;
-    return stiffgen_turns(i) && c->continuous_joints == IIWA14_CONTINUOUS_JOINTS_WRAPPED &&
-           smaller(-c->lower_limit[i], c->upper_limit[i]) > DBL_MAX &&
-           s->m->velocity_limit[i] * c->sample_time < HALF_TURN;
-}
-
-/* Return the position of joint i that is nearest to another, of those that are whole turns apart. */
-static double nearest_turn(const step_t *s, int i, double q, double other)
-{
-    return counts_modulo_turn(s, i) ? q + 2.0 * HALF_TURN * floor((other - q) / (2.0 * HALF_TURN) + 0.5) : q;
-}
-
-/* Evaluate the limit avoidance of all joints: energy, torque, stiffness (limit_slope) and status. */
-static double evaluate_limits(step_t *s, const double *q)
-{
+    const double *const lower = m->arm.zone, *const upper = lower + N, *const stiffness = upper + N;
     double energy = 0.0;
     for (int i = 0; i < N; ++i) {
-        const double *const a = s->m->avoidance + 4 * i; /* a[0], a[1]: edges of the zones, inside the limits */
-        double pull;
-        energy += evaluate_avoidance(a, q[i], &pull, &s->limit_slope[i]);
-        s->out->limit_torque[i] = 0.0 - pull; /* not -pull, which is -0.0 between the zones */
-        s->status |= q[i] > a[1] || q[i] < a[0] ? (uint32_t)IIWA14_STATUS_JOINT_LIMIT : 0u;
+        const double depth = q[i] - clamp(q[i], lower[i], upper[i]), most = m->config.effort_limit[i];
+        const double force = stiffness[i] * depth;
+        const int linear = fabs(force) > most;
+        pull[i] = -clamp(force, -most, most);
+        slope[i] = depth != 0.0 && !linear ? stiffness[i] : 0.0;
+        energy += linear ? most * (fabs(depth) - 0.5 * most / stiffness[i]) : 0.5 * force * depth;
     }
     return energy;
 }
 
-/*
- * Pay income into the tank. What a full tank cannot hold goes to the engagement: the sum of both bounds the work that
- * the controller puts out. Work that goes back there has not left the port: it is supplied no longer.
- */
-static void pay_into_tank(step_t *s, double income)
+/* Return the largest eigenvalue of M^-1 B [1/s] that is stable with the torque held for a sample time, and late. */
+static double most_damping(const config_t *c)
 {
-    memory_t *const m = s->m;
-    const double full = larger(s->tank_initial, m->reserve);
-    const double overflow = m->tank + income - full;
-    m->tank += income;
-    if (overflow > 0.0) {
-        const double engagement = smaller(m->engagement + overflow, s->engagement_limit);
-        m->tank = full;
-        m->supplied -= larger(engagement - m->engagement, 0.0);
-        m->engagement = engagement;
-    }
+    return smaller(0.25, 0.75 / (1.0 + c->delay_samples)) / c->sample_time;
 }
 
-/* Book the energy v of a change of stiffness, scale or limits, which raises `energy`. The tank pays. */
-static void book_stiffness(step_t *s, double *energy, double v)
+/* Return the largest eigenvalue of M^-1 K [1/s^2] that sample time and delay allow beside this damping. */
+static double most_eigenvalue(const config_t *c)
 {
-    s->m->stiffness_total += v;
-    *energy += v;
-    s->budget -= v;
-    pay_into_tank(s, -v);
+    const double T = c->sample_time, late = (c->delay_samples + 0.5) * T, b = most_damping(c);
+    const double root = (sqrt(0.0625 + late * b) - 0.25) / late;
+    return smaller(0.0625 / (T * T * (1.0 + 2.0 * c->delay_samples)), root * root);
 }
 
-/* Book the energy p of a move of the equilibrium. The engagement pays a cost; a gain goes to the tank. */
-static void book_reference(step_t *s, double p)
+/* Return how far q is beyond the limits of joint i; negative between them. */
+static double beyond(const config_t *c, int i, double q)
 {
-    s->m->reference_total += p;
-    s->m->engagement -= larger(p, 0.0);
-    s->m->supplied += larger(p, 0.0);
-    pay_into_tank(s, larger(-p, 0.0));
+    return larger(c->lower_limit[i] - q, q - c->upper_limit[i]);
 }
 
-/* Return the torque that acted in the interval that ends now; zero where its work is booked already. */
-static const double *find_acting_torque(const step_t *s)
+/* Return q of a continuous joint on the turn that is nearest to another position. */
+static double nearest_turn(int i, double q, double other)
 {
-    return s->m->delay == 0 ? s->transit : s->m->older + (s->m->delay - 1) * N;
+    return stiffgen_turns(i) ? q + TURN * floor((other - q) / TURN + 0.5) : q;
 }
 
-/* Return the sum of |torque| of joint i over the newest `count` torques before `last`. */
-static double sum_older(const memory_t *m, int i, int count)
-{
-    double sum = 0.0;
-    for (int k = 0; k < count; ++k) {
-        sum += fabs(m->older[k * N + i]);
-    }
-    return sum;
-}
-
-/*
- * Start another interval: `last` is in transit now; feed is the reference's share of the torque that follows it, and
- * may be m->feed itself: the newest share then counts once more.
- */
-static void shift_history(memory_t *m, const double *last, const double *feed)
-{
-    memmove(m->older + N, m->older, (MOST_DELAY - 1) * N * sizeof(double));
-    memcpy(m->older, last, N * sizeof(double));
-    memmove(m->feed + N, m->feed, MOST_DELAY * N * sizeof(double));
-    memmove(m->feed, feed, N * sizeof(double));
-}
-
-/*
- * Return the farthest that joint i is taken to move in a sample time where a torque is chosen. A velocity beyond the
- * limit, which may lie, makes the choice more careful; it books nothing (bound_gap_work).
- */
-static double farthest_motion(const memory_t *m, int i)
-{
-    return larger(m->velocity_limit[i], fabs(m->dq[i])) * m->sample_time;
-}
-
-/*
- * Bound the reference work of its shares of the torques in transit; the newest, feed, acts for the given number of
- * intervals.
- */
-static double worst_feed_work(const memory_t *m, const double *feed, int intervals)
-{
-    double sum = 0.0;
-    for (int i = 0; i < N; ++i) {
-        double size = intervals * fabs(feed[i]);
-        for (int k = 0; k < m->delay; ++k) {
-            size += fabs(m->feed[k * N + i]);
-        }
-        sum += farthest_motion(m, i) * size;
-    }
-    return sum;
-}
-
-/* Return the most sample times from one call to the next; a longer gap than missed_limit is a fault anyway. */
-static int limit_call_gap(const config_t *c, int missed)
-{
-    return c->call_gap_limit < missed ? c->call_gap_limit : missed;
-}
-
-/*
- * Sum the worst-case work of the torques in transit, whatever the environment does, until the last of them has gone to
- * zero at the rate limit. No joint is faster than its limit, a call comes every `gap` sample times, and the torque is
- * held for `hold` such calls without a sample. With l times the torque the sum is parts[0] + l parts[1] + l^2 parts[2].
- */
-static double sum_reserve(const step_t *s, double hold, int gap, const double *torque, double *parts)
-{
-    const memory_t *const m = s->m;
-    parts[0] = parts[1] = parts[2] = 0.0;
-    for (int i = 0; i < N; ++i) {
-        const double size = fabs(torque[i]), far = farthest_motion(m, i);
-        parts[0] += far * ((m->delay > 0 ? fabs(s->transit[i]) : 0.0) + sum_older(m, i, m->delay - 1));
-        parts[1] += far * gap * hold * size;
-        parts[2] += far * gap * 0.5 * size * (size / m->rate[i]);
-    }
-    return parts[0] + parts[1] + parts[2];
-}
-
-/* Compute the reserve, with the torque held for `calls` calls without a sample, and, in a fault, for one. */
-static double compute_reserve(const step_t *s, int calls, int gap, const double *torque, double *parts)
-{
-    return sum_reserve(s, s->m->fault != IIWA14_FAULT_NONE ? 1.0 : calls, gap, torque, parts);
-}
-
-/* Return the energy available to cover the torque. */
-static double available_energy(const memory_t *m)
-{
-    return m->tank + m->elastic_energy + m->limit_energy;
-}
-
-/*
- * Return the stiffness k of joint i's limit avoidance: the configured one, reduced to three bounds. With the width z of
- * the zone, the rate limit r of the torque, the velocity limit v and the inertia m = 1 / sum_j |(M^-1)_ij| of joint i,
- * which no motion of the other joints undercuts:
- *
- *     k v <= r                            the torque follows the spring
- *     2 sqrt(k m) (k z / m) <= r          the torque follows the damping 2 sqrt(k m) at the acceleration k z / m
- *     k <= s m                            s: LIMIT_SHARE of `eigenvalue`, that of largest_eigenvalue
- *
- * The third bound holds for every set of joints: no eigenvalue of M^-1 K exceeds the largest row sum of |K M^-1|.
- */
-static double limit_stiffness(const step_t *s, int i, double eigenvalue)
-{
-    const config_t *const c = s->c;
-    const double rate = c->torque_rate_limit[i], inertia = s->m->inertia[i];
-    const double followed = rate / c->velocity_limit[i];
-    const double share = rate / (2.0 * c->limit_zone), cube = inertia * share * share;
-    const double sampled = LIMIT_SHARE * eigenvalue * inertia;
-    const double most = smaller(smaller(c->limit_stiffness[i], sampled), followed);
-    return most * most * most <= cube ? most : cbrt(cube); /* the damping's bound has the third power `cube` */
-}
-
-/*
- * Adopt the configured limit avoidance of each joint where the change costs no more at q than the tank's budget; else
- * the old one stays. The first sample's is free.
- */
-static void adopt_limits(step_t *s, const double *q)
-{
-    const config_t *const c = s->c;
-    memory_t *const m = s->m;
-    const double eigenvalue = largest_eigenvalue(c, m);
-    int changed = 0;
-    for (int i = 0; i < N; ++i) {
-        double *const a = m->avoidance + 4 * i;
-        const double wanted[4] = {c->lower_limit[i] + c->limit_zone, c->upper_limit[i] - c->limit_zone,
-                                  limit_stiffness(s, i, eigenvalue), c->effort_limit[i]};
-        if (memcmp(a, wanted, sizeof wanted) == 0) {
-            continue;
-        }
-        if (m->known) {
-            double pull, slope;
-            const double before = evaluate_avoidance(a, q[i], &pull, &slope);
-            const double v = evaluate_avoidance(wanted, q[i], &pull, &slope) - before;
-            if (!(v <= larger(s->budget, 0.0))) { /* NaN is kept out, too */
-                s->status |= IIWA14_STATUS_LIMITS_KEPT;
-                continue;
-            }
-            book_stiffness(s, &m->limit_energy, v);
-        }
-        memcpy(a, wanted, sizeof wanted);
-        changed = 1;
-    }
-    if (changed) {
-        evaluate_limits(s, q); /* torque and slope of the new one; its energy is booked */
-    }
-}
-
-/*
- * Drop the limit avoidance of joints whose position a fault condemns; the tank receives what it has stored. The next
- * step without a fault adopts it again.
- */
-static void drop_limits(step_t *s, const double *q)
-{
-    memory_t *const m = s->m;
-    int dropped = 0;
-    for (int i = 0; i < N; ++i) {
-        double *const a = m->avoidance + 4 * i;
-        if (s->condemned[i] && a[2] > 0.0) {
-            double pull, slope;
-            book_stiffness(s, &m->limit_energy, -evaluate_avoidance(a, q[i], &pull, &slope));
-            a[2] = a[3] = 0.0; /* stiffness and largest torque */
-            dropped = 1;
-        }
-    }
-    if (dropped) {
-        evaluate_limits(s, q);
-    }
-}
-
-/*
- * Return whether tank, stored energy and engagement cover the present torque under given limits of calls. Torques that
- * were in transit in a gap may be booked already, at the velocity limits in force then: they must have acted. The tank
- * then may hold what these limits need: springs that give way release into it, and a full one would lose their energy.
- */
-static int covers_torque(const step_t *s, int calls, int gap, const double *last)
-{
-    memory_t *const m = s->m;
-    double parts[3];
-    const double reserve = sum_reserve(s, calls, gap, last, parts);
-    if (m->recent_count <= m->delay || worst_feed_work(m, m->feed, gap) > larger(m->engagement, 0.0) ||
-        reserve > available_energy(m)) {
-        return 0;
-    }
-    m->reserve = larger(m->reserve, reserve);
-    return 1;
-}
-
-/*
- * Adopt the limits under which a torque can put out more: a raised velocity_limit, missed_limit or call_gap_limit. One
- * rule for each, in a fault, too: it waits until the present torque is covered under it. Lower limits of calls come
- * into force at once; check_limits lowers those of velocity.
- */
-static void adopt_raised_limits(step_t *s, const double *last)
-{
-    const config_t *const c = s->c;
-    memory_t *const m = s->m;
-    int kept = 0;
-    for (int i = 0; i < N; ++i) {
-        const double before = m->velocity_limit[i]; /* covers_torque reads the memory's limit: try the raised one */
-        m->velocity_limit[i] = larger(before, c->velocity_limit[i]);
-        if (m->velocity_limit[i] > before && !covers_torque(s, m->calls, m->call_gap, last)) {
-            m->velocity_limit[i] = before;
-            kept = 1;
-        }
-    }
-    if (c->missed_limit <= m->calls || covers_torque(s, c->missed_limit, m->call_gap, last)) {
-        m->calls = c->missed_limit;
-    }
-    const int gap = limit_call_gap(c, m->calls);
-    if (gap <= m->call_gap || covers_torque(s, m->calls, gap, last)) {
-        m->call_gap = gap;
-    }
-    kept |= m->calls < c->missed_limit || m->call_gap < gap;
-    s->status |= kept ? (uint32_t)IIWA14_STATUS_LIMITS_KEPT : 0u;
-}
-
-/*
- * Add intervals without a believed position to the gap. Two bounds on its work need: gap_change, each change of torque
- * times the intervals before it; gap_total, every torque times its own intervals.
- */
-static void bridge_gap(step_t *s, int periods)
-{
-    memory_t *const m = s->m;
-    const double *const torque = find_acting_torque(s);
-    for (int i = 0; i < N; ++i) { /* the gap is as long as it was before these intervals */
-        const int begins = m->gap == 0;
-        m->gap_change[i] = begins ? 0.0 : m->gap_change[i] + fabs(torque[i] - m->gap_torque[i]) * m->gap;
-        m->gap_total[i] = (begins ? 0.0 : m->gap_total[i]) + fabs(torque[i]) * periods;
-        m->gap_torque[i] = torque[i];
-    }
-    m->gap = clamp_count(m->gap + clamp_count(periods, LONGEST), LONGEST);
-}
-
-/*
- * Note a call whose sample does not tell the time: for how many periods the torque of the call before it was held shows
- * only later. Kept for that are the torques of the gap and in transit at the last timed call, and sum and maximum of
- * those held since.
- */
-static void note_untimed_call(step_t *s, const double *last)
-{
-    memory_t *const m = s->m;
-    if (m->gap_calls == 0) {
-        for (int i = 0; i < N; ++i) {
-            m->gap_transit[i] = (m->gap > 0 ? m->gap_total[i] : 0.0) + sum_older(m, i, m->delay);
-            m->gap_sum[i] = m->gap_largest[i] = 0.0;
-        }
-    }
-    for (int i = 0; i < N; ++i) {
-        m->gap_sum[i] += fabs(last[i]);
-        m->gap_largest[i] = larger(m->gap_largest[i], fabs(last[i]));
-    }
-    m->gap_calls = clamp_count(m->gap_calls + 1, LONGEST);
-}
-
-/*
- * Bridge calls that were left out between two samples. If every call since the last timed one had a sample, the torque
- * of the last call was held. Else it is open which torque was held for how long: book the most that all of them can
- * do, those in transit once, and the others either for the calls that can be missing each, or, if that is less, the
- * largest for the whole gap. No work is left to book of torques that are still in transit then.
- */
-static void bridge_missing_calls(step_t *s, const double *last, int missing)
-{
-    memory_t *const m = s->m;
-    const double nothing[N] = {0.0};
-    if (m->gap_calls == 0) {
-        for (int k = 0; k < missing && k <= MOST_DELAY; ++k) {
-            bridge_gap(s, 1);
-            shift_history(m, s->transit, m->feed);
-        }
-        /* further intervals are alike, as the history has the last torque alone by then: bridge them at once */
-        bridge_gap(s, clamp_count(missing - MOST_DELAY - 1, LONGEST));
-        return;
-    }
-    note_untimed_call(s, last);
-    /* sample times that one of these torques was held at most, and all of them together */
-    const double each = smaller(1.0 + missing, m->call_gap), all = (double)m->gap_calls + missing;
-    double total[N];
-    for (int i = 0; i < N; ++i) {
-        total[i] = m->gap_transit[i] + smaller(each * m->gap_sum[i], all * m->gap_largest[i]);
-    }
-    /* `total` has all torques until now: none is in transit any more */
-    memcpy(s->transit, nothing, sizeof nothing);
-    memset(m->older, 0, sizeof m->older);
-    memset(m->feed, 0, sizeof m->feed);
-    bridge_gap(s, missing);
-    for (int i = 0; i < N; ++i) {
-        m->gap_change[i] = HUGE_VAL; /* no bound: only gap_total counts */
-        m->gap_total[i] = total[i];
-    }
-}
-
-/*
- * Bound the work [J] of the torques over a gap that ends with this motion: the better one of its two bounds. A joint
- * has moved no farther than at its velocity limit, for which the torques were chosen, or than the positions say. dq
- * does not count: it may lie, and no more may be booked than was reserved.
- */
-static double bound_gap_work(step_t *s, const double *motion)
-{
-    memory_t *const m = s->m;
-    bridge_gap(s, 1); /* the interval that ends now */
-    double by_changes = dot(N, m->gap_torque, motion), most = 0.0;
-    for (int i = 0; i < N; ++i) {
-        const double far = larger(m->velocity_limit[i] * m->sample_time, fabs(motion[i]) / m->gap);
-        /* after a long gap it is open by how many turns a continuous joint has moved */
-        const int open = counts_modulo_turn(s, i) && far * m->gap >= HALF_TURN;
-        by_changes += open ? HUGE_VAL : m->gap_change[i] * far;
-        most += m->gap_total[i] * far;
-    }
-    return smaller(by_changes, most);
-}
-
-/*
- * Book the interval that ends at the believed position q. m->q is still the position at its start. The damper lies
- * between the arm and the moving reference: the work of the reference's share, feed = B dr + M ddr, over the arm's
- * motion is the reference's. The account begins, or begins anew, at a position with no known motion to it.
- */
-static void book_interval(step_t *s, const double *q)
-{
-    memory_t *const m = s->m;
-    double port_work = 0.0, feed_work = 0.0, motion[N], parts[3];
-    s->tip_energy = compute_tip_energy(m, q, m->equilibrium);
-    const double elastic_energy = m->scale * add_posture_energy(m, q, m->posture, s->tip_energy);
-    const double limit_energy = evaluate_limits(s, q);
-    const double rise = elastic_energy - m->elastic_energy + limit_energy - m->limit_energy;
-    m->elastic_energy = elastic_energy;
-    m->limit_energy = limit_energy;
-    if (!m->known) { /* what the torque in force may have put out by now (supply_torque) */
-        m->tank -= m->reserve - sum_reserve(s, 0.0, m->call_gap, s->transit, parts);
-    }
-    if (!m->known || s->jumped) {
-        m->start_total += rise;
-        m->supplied += rise;
-        m->unaccounted += (uint32_t)m->known;
-        m->known = 1;
-        return;
-    }
-    memcpy(motion, q, sizeof motion);
-    add_scaled(N, -1.0, m->q, motion);
-    if (m->gap > 0) {
-        port_work = bound_gap_work(s, motion);
-    } else {
-        port_work = dot(N, find_acting_torque(s), motion) - absorbed_work(m, motion);
-        feed_work = larger(dot(N, m->feed + m->delay * N, motion), 0.0);
-    }
-    m->port_total += port_work;
-    m->sampling_total += rise + port_work - feed_work;
-    pay_into_tank(s, feed_work - port_work - rise);
-    book_reference(s, feed_work);
-}
-
-/* Strength: the tank that a wrench at the tip needs, and the wrench that the tank allows. */
-
-static const double NO_STIFFNESS = 1e-9; /* [N/m] or [N m/rad] in place of none, where it is divided by */
-static const double LARGEST_ENERGY = 1e4; /* [J] largest energy limit */
-
-/*
- * Return number k of joint i in [0, 1): bits of k and i, mixed until no relation is left (finaliser of MurmurHash3, A.
- * Appleby, public domain). Multiples of one number, or of roots, would keep the joints near a curve or a surface.
- */
-static double spread_joint(int k, int i)
-{
-    uint32_t bits = ((uint32_t)k << 8) + (uint32_t)i + 1u;
-    bits = (bits ^ (bits >> 16)) * 0x85ebca6bu;
-    bits = (bits ^ (bits >> 13)) * 0xc2b2ae35u;
-    return (double)(bits ^ (bits >> 16)) / 4294967296.0; /* 2^32 */
-}
-
-/* Choose one of POSTURES postures, spread over the position limits (half a turn where there is none). */
-static void place_posture(const config_t *c, const memory_t *m, int k, double *q)
-{
-    for (int i = 0; i < N; ++i) {
-        const double low = larger(c->lower_limit[i], smaller(c->upper_limit[i], HALF_TURN) - 2.0 * HALF_TURN);
-        const double high = smaller(c->upper_limit[i], low + 2.0 * HALF_TURN);
-        q[i] = low + (high - low) * spread_joint(k + 1, i);
-    }
-    stiffgen_retract(m, q);
-}
-
-/* Write the poses of tools that are none: the tips themselves. */
-static void place_no_tools(double *tool)
-{
-    memset(tool, 0, 16 * TIPS * sizeof(double));
-    for (int k = 0; k < 4 * TIPS; ++k) {
-        tool[16 * (k / 4) + 5 * (k % 4)] = 1.0;
-    }
-}
-
-/* Return the largest eigenvalue of W diag(weights) W^T, W of 3 or 6 rows over the joints; weights: at least 0. */
-static double bound_quadratic(int rows, const double *W, const double *weights)
-{
-    double A[36], d[6] = {0.0}, weighted[N];
-    for (int k = 0; k < rows; ++k) {
-        for (int i = 0; i < N; ++i) {
-            weighted[i] = weights[i] * W[k * N + i];
-        }
-        for (int j = 0; j <= k; ++j) {
-            A[k * rows + j] = A[j * rows + k] = dot(N, weighted, W + j * N);
-        }
-    }
-    if (rows == 3) {
-        return larger(find_largest_eigenvalue(A), 0.0);
-    }
-    (void)diagonalise_symmetric(rows, A, d, NULL);
-    return larger(d[rows - 1], 0.0);
-}
-
-/*
- * Bound the reserve of the torques J^T w of all w with |w_k / size_k| <= 1 (2-norm) in `rows` directions, 3 or 6: l
- * times such a torque needs at most l parts[0] + l^2 parts[1]. parts[2]: largest l at which every joint keeps its
- * effort limit; with `clipped`, a joint that would exceed its limit counts with the limit.
- *
- * As in sum_reserve, joint i needs holds_i |torque_i| while its torque is held, and falls_i torque_i^2 while it falls.
- * The sum of holds_i |torque_i| is at most the root of (sum holds_i) (sum holds_i torque_i^2) (Cauchy and Schwarz).
- */
-static void bound_wrench(const config_t *c, int rows, const double *J, const double *size, int clipped, double *parts)
-{
-    double W[6 * N], holds[N], falls[N], sum = 0.0;
-    const int gap = limit_call_gap(c, c->missed_limit);
-    parts[2] = HUGE_VAL;
-    for (int i = 0; i < N; ++i) {
-        const double v = c->velocity_limit[i], fall = 0.5 * v * gap / c->torque_rate_limit[i];
-        const double hold = v * c->sample_time * (gap * c->missed_limit + c->delay_samples);
-        double square = 0.0;
-        for (int k = 0; k < rows; ++k) {
-            W[k * N + i] = size[k] * J[k * N + i];
-            square += W[k * N + i] * W[k * N + i];
-        }
-        const double largest_torque = sqrt(square); /* of the worst w */
-        const double kept = largest_torque > 0.0 ? c->effort_limit[i] / largest_torque : HUGE_VAL;
-        const double share = clipped ? smaller(kept, 1.0) : 1.0;
-        parts[2] = smaller(parts[2], kept);
-        sum += hold;
-        holds[i] = hold * share * share;
-        falls[i] = fall * share * share;
-    }
-    parts[0] = sqrt(sum * bound_quadratic(rows, W, holds));
-    parts[1] = bound_quadratic(rows, W, falls);
-}
-
-/* Return the largest l for which l a + l^2 b is at most `most`. */
-static double solve_share(double a, double b, double most)
-{
-    return most > 0.0 ? 2.0 * most / (a + sqrt(a * a + 4.0 * b * most)) : 0.0;
-}
-
-/*
- * Compute the tank that covers heaviest_wrench at every tip in all of POSTURES postures, as far as the effort limits of
- * the joints allow it there. A tool that is given at run time is not known yet: the lever arms are those of the tip.
- */
-static double size_tank(const config_t *c, const memory_t *m)
-{
-    double size[6], most = 0.0;
-    for (int k = 0; k < 6; ++k) {
-        size[k] = c->heaviest_wrench[k / 3];
-    }
-    for (int k = 0; k < POSTURES; ++k) {
-        double q[N], J[6 * N * TIPS], sum = 0.0;
-        place_posture(c, m, k, q);
-        stiffgen_jacobians(q, m, J);
-        for (int t = 0; t < TIPS; ++t) {
-            double parts[3];
-            bound_wrench(c, 6, J + 6 * N * t, size, 1, parts);
-            sum += parts[0] + parts[1]; /* l = 1 */
-        }
-        most = larger(most, sum);
-    }
-    return most / COVERED;
-}
-
-/* Find tank, engagement limit and energy limit in force, from the configuration or from heaviest_wrench. */
-static void find_energies(step_t *s)
-{
-    const config_t *const c = s->c;
-    const memory_t *const m = s->m;
-    const double force = c->heaviest_wrench[0], moment = c->heaviest_wrench[1];
-    const double powers[2] = {force * c->tip_velocity_limit, moment * c->tip_rotation_limit};
-    s->tank_initial = c->tank_initial > 0.0 ? c->tank_initial : m->sized_tank;
-    s->engagement_limit = c->engagement_limit > 0.0 ? c->engagement_limit : GOVERNOR * norm(2, powers) * TRAVEL_TIME;
-    s->energy_limit = c->energy_limit;
-    if (!(c->energy_limit > 0.0)) {
-        const double Kt = largest_entry(9 * TIPS, m->translation_stiffness);
-        const double Ko = largest_entry(9 * TIPS, m->rotation_stiffness);
-        /* whatever the direction, the springs store this much before they exert the wrench */
-        const double by_force = force * force / larger(Kt, NO_STIFFNESS);
-        const double least = 0.5 * smaller(by_force, moment * moment / larger(Ko, NO_STIFFNESS));
-        /* along the present deflection, as note_load says */
-        const double along = m->load > NO_LOAD ? larger(least, m->load_energy / (m->load * m->load)) : least;
-        s->energy_limit = smaller(along, LARGEST_ENERGY);
-    }
-}
-
-/*
- * Note the wrench that the springs exert, relative to heaviest_wrench, with the energy stored at it: along the present
- * deflection the springs exert heaviest_wrench at that energy over the square of the load.
- */
-static void note_load(step_t *s, double energy)
-{
-    memory_t *const m = s->m;
-    m->load = 0.0;
-    for (int t = 0; t < TIPS; ++t) {
-        const double *const w = s->out->spring_wrench + 6 * t;
-        const double parts[2] = {norm(3, w) / s->c->heaviest_wrench[0], norm(3, w + 3) / s->c->heaviest_wrench[1]};
-        m->load = larger(m->load, norm(2, parts));
-    }
-    m->load_energy = energy;
-}
-
-/* Return the Jacobians of the tips at the last known position, with the tool in force; a step computes them once. */
-static const double *find_jacobians(step_t *s)
-{
-    if (!s->has_jacobians) {
-        stiffgen_jacobians(s->m->q, s->m, s->jacobians);
-        s->has_jacobians = 1;
-    }
-    return s->jacobians;
-}
-
-/* Compute the force that effort limits and available energy cover at every tip, whatever its direction. */
-static void report_force(step_t *s)
-{
-    const memory_t *const m = s->m;
-    const double unit[3] = {1.0, 1.0, 1.0};
-    const double *const J = find_jacobians(s);
-    double parts[3];
-    s->out->force_available = HUGE_VAL;
-    for (int t = 0; t < TIPS; ++t) {
-        bound_wrench(s->c, 3, J + 6 * N * t, unit, 0, parts);
-        const double covered = solve_share(parts[0], parts[1], COVERED * available_energy(m));
-        s->out->force_available = smaller(s->out->force_available, smaller(covered, parts[2]));
-    }
-}
-
-/* Caps: springs that are too stiff for the sample time are softened in the directions that are, and only there. */
-
-static const double FLATTEST = 1e-9; /* least mobility that a cap looks at, over the largest of the spring */
-static const double SPRINGS_CAP = 0.95; /* of LARGEST_STIFFNESS for springs: the scale is capped behind them */
-static const double SPRINGS_LEAST = 0.25; /* of it that posture and limit avoidance leave to the springs */
-
-/* Turn a vector in the base's axes into those of a pose; NULL: the base's. */
-static void turn_to_axes(const double *pose, const double *v, double *turned)
-{
-    for (int i = 0; i < 3; ++i) {
-        turned[i] = pose == NULL ? v[i] : pose[i] * v[0] + pose[4 + i] * v[1] + pose[8 + i] * v[2];
-    }
-}
-
-/* Compute the mass matrix M at q, with the motors' inertia. */
-static void compute_inertia(const config_t *c, const memory_t *m, const double *q, double *M)
+/* Compute the mass matrix with the motors' inertia. */
+static void mass_with_motors(const memory_t *m, const double *q, double *M)
 {
     stiffgen_mass_matrix(q, m, M);
     for (int i = 0; i < N; ++i) {
-        M[i * (N + 1)] += c->motor_inertia[i];
+        M[i * (N + 1)] += m->config.motor_inertia[i];
+    }
+}
+
+/* Return the inertia of joint i beside any motion of the others: 1 / (sum over j of |(M^-1)_ij|). L: factor of M. */
+static double free_inertia(const double *L, int i)
+{
+    double column[N] = {0.0}, sum = 0.0;
+    column[i] = 1.0;
+    solve_forward(L, column);
+    solve_backward(L, column);
+    for (int j = 0; j < N; ++j) {
+        sum += fabs(column[j]);
+    }
+    return 1.0 / sum;
+}
+
+/* Place the limit zones: their stiffness is what rate limit, damping and sample time can follow, with the inertia at q. */
+static void place_zones(const memory_t *m, const double *q, arm_t *arm)
+{
+    const config_t *const c = &m->config;
+    double M[NN];
+    mass_with_motors(m, q, M);
+    const int positive = factorise(M);
+    for (int i = 0; i < N; ++i) {
+        const double rate = c->torque_rate_limit[i], range = c->upper_limit[i] - c->lower_limit[i];
+        const double width = smaller(ZONE, ZONE * range), share = rate / (2.0 * width);
+        const double inertia = positive ? free_inertia(M, i) : c->motor_inertia[i];
+        const double damped = smaller(c->effort_limit[i], 0.5 * most_eigenvalue(c) * inertia);
+        arm->zone[i] = c->lower_limit[i] + width;
+        arm->zone[N + i] = c->upper_limit[i] - width;
+        arm->zone[2 * N + i] = smaller(smaller(damped, rate / c->velocity_limit[i]), cbrt(inertia * share * share));
     }
 }
 
 /*
- * Turn the Jacobian of a tip (6 rows) into that of its springs' displacements: of the centre of stiffness in the axes
- * of the translational stiffness, and of the rotation in those of the rotational one. pose, equilibrium: of the tip.
+ * The account: one purse of tank and stored energy A, which covers the most work R of the torques under way. The
+ * functions account_ are the only ones that write it. docs/energy.md has the proof.
  */
-static void turn_jacobian(const double *pose, const double *equilibrium, double *J)
+
+/* Return what tank and stored energy have together. */
+static double available(const account_t *a) { return a->tank + a->springs + a->zones; }
+
+/* Return the sample times from one call to the next, at most. */
+static int call_gap(const config_t *c) { return c->call_gap_limit < c->missed_limit ? c->call_gap_limit : c->missed_limit; }
+
+/* Return the farthest that joint i is taken to move in a sample time: the velocity limit's motion, or what it does. */
+static double farthest(const config_t *c, const double *dq, int i)
 {
-    const double *const from_tip = stiffgen_centre();
-    double centre[3]; /* from the tip, in the base's axes */
-    for (int i = 0; i < 3; ++i) {
-        centre[i] = dot(3, pose + 4 * i, from_tip);
+    return larger(c->velocity_limit[i], fabs(dq[i])) * c->sample_time;
+}
+
+/*
+ * Sum the most work that a torque can put out, whatever the environment does: those under way once, the torque itself
+ * for `hold` calls, and then falling at the rate limit; a call comes every call_gap sample times.
+ */
+static double worst_work(const account_t *a, const config_t *c, const double *dq, const double *torque, double hold)
+{
+    const double gap = call_gap(c);
+    double sum = 0.0;
+    for (int i = 0; i < N; ++i) {
+        const double size = fabs(torque[i]), rate = c->torque_rate_limit[i] * c->sample_time;
+        double work = gap * size * (hold + 0.5 * size / rate);
+        for (int k = 1; k <= c->delay_samples; ++k) {
+            work += fabs(a->history[k * N + i]);
+        }
+        sum += farthest(c, dq, i) * work;
     }
-    for (int k = 0; k < N; ++k) {
-        double v[3], w[3], turned[3];
-        for (int i = 0; i < 3; ++i) {
-            w[i] = J[(3 + i) * N + k];
+    return sum;
+}
+
+/* Return the reserve R that a torque needs. */
+static double reserve(const memory_t *m, const double *torque, double hold)
+{
+    return worst_work(&m->account, &m->config, m->watch.dq, torque, hold);
+}
+
+/* Return the largest l, at most 1, for which l times a torque needs a reserve of at most `most`: l a + l^2 b. */
+static double covered_share(const memory_t *m, const double *torque, double most)
+{
+    static const double nothing[N] = {0.0};
+    const config_t *const c = &m->config;
+    const double gap = call_gap(c), left = most - reserve(m, nothing, 0.0);
+    double a = 0.0, b = 0.0;
+    for (int i = 0; i < N; ++i) {
+        const double size = fabs(torque[i]), far = farthest(c, m->watch.dq, i);
+        a += far * gap * c->missed_limit * size;
+        b += far * gap * 0.5 * size * size / (c->torque_rate_limit[i] * c->sample_time);
+    }
+    if (a + b <= left) {
+        return 1.0;
+    }
+    return left > 0.0 ? 2.0 * left / (a + sqrt(a * a + 4.0 * b * left)) : 0.0;
+}
+
+/* Return what moves, stiffness and scale may cost: the tank above its floor. */
+static double budget(const memory_t *m) { return larger(m->account.tank - FLOOR * m->config.tank_initial, 0.0); }
+
+/* Pay an income (a cost, where negative) into the tank; what a full one cannot hold, and no torque needs, is lost. */
+static void account_pay(account_t *a, const memory_t *m, double income)
+{
+    const double before = a->tank, after = before + income, full = m->config.tank_initial;
+    if (after > full && income > 0.0) {
+        const double needed = worst_work(a, &m->config, m->watch.dq, a->history, a->hold);
+        a->tank = smaller(after, larger(larger(full, needed), before));
+    } else {
+        a->tank = after;
+    }
+}
+
+/* Open the account at init: a torque in force has been in transit, and its reserve is supplied. */
+static void account_open(account_t *a, const config_t *c, const double *torque)
+{
+    static const double at_rest[N] = {0.0};
+    for (int k = 0; k < DELAYS; ++k) {
+        memcpy(a->history + k * N, torque, N * sizeof *torque);
+    }
+    a->hold = 1;
+    a->supplied = worst_work(a, c, at_rest, torque, 1.0);
+}
+
+/* Pass sample times: sum the torques that acted in them. Those beyond the delay are alike. */
+static void account_time(account_t *a, const config_t *c, int periods)
+{
+    const double *const acting = a->history + c->delay_samples * N;
+    for (int k = 0; k < periods;) {
+        const int count = k >= DELAYS ? periods - k : 1;
+        for (int i = 0; i < N; ++i) {
+            const double before = a->gap == 0 ? acting[i] : a->gap_torque[i];
+            a->gap_change[i] = (a->gap == 0 ? 0.0 : a->gap_change[i]) + fabs(acting[i] - before) * a->gap;
+            a->gap_total[i] = (a->gap == 0 ? 0.0 : a->gap_total[i]) + fabs(acting[i]) * count;
+            a->gap_torque[i] = acting[i];
         }
-        for (int i = 0; i < 3; ++i) { /* v + w x centre */
-            const int a = (i + 1) % 3, b = (i + 2) % 3;
-            v[i] = J[i * N + k] + w[a] * centre[b] - w[b] * centre[a];
-        }
-        turn_to_axes(stiffgen_translation_axes(pose, equilibrium), v, turned);
-        for (int i = 0; i < 3; ++i) {
-            J[i * N + k] = turned[i];
-        }
-        turn_to_axes(stiffgen_rotation_axes(pose, equilibrium), w, turned);
-        for (int i = 0; i < 3; ++i) {
-            J[(3 + i) * N + k] = turned[i];
-        }
+        a->gap = count_up(a->gap, count);
+        memmove(a->history + N, a->history, (DELAYS - 1) * N * sizeof *a->history);
+        k += count;
     }
 }
 
 /*
- * Measure the mobilities J M^-1 J^T of each tip's two springs, 3 x 3 each, with J of turn_jacobian. equilibrium: NULL
- * for the poses at q. work: 2 N^2 entries. Return whether M is positive definite.
+ * Book the torques' work since the last believed sample, and what springs and zones store at q. The work is the smaller
+ * of two bounds: by the change of q and the changes of torque, or by the torques alone. A continuous joint that can have
+ * passed half a turn leaves its turn open: then q says nothing.
  */
-static int measure_mobilities(const config_t *c, const memory_t *m, const double *q, const double *equilibrium,
-                              double *work, double *mobilities)
+static void account_interval(account_t *a, const memory_t *m, const double *q, double springs, double zones)
 {
-    double *const M = work, *const L = work + NN, J[6 * N * TIPS], pose[16 * TIPS];
-    memset(mobilities, 0, 18 * TIPS * sizeof(double));
-    compute_inertia(c, m, q, M);
-    const double mass = largest_diagonal(N, M);
-    if (factorise_cholesky(N, M, mass, 0.0, L) != 0) {
+    const config_t *const c = &m->config;
+    double changes = 0.0, most = 0.0;
+    for (int i = 0; i < N; ++i) {
+        const double moved = q[i] - m->watch.q[i];
+        const double far = larger(c->velocity_limit[i] * c->sample_time, fabs(moved) / a->gap);
+        const int open = stiffgen_turns(i) && far * a->gap >= 0.5 * TURN;
+        changes += a->gap_torque[i] * moved + (open ? HUGE_VAL : a->gap_change[i] * far);
+        most += a->gap_total[i] * far;
+    }
+    const double work = smaller(changes, most), rise = springs - a->springs + (zones - a->zones);
+    a->springs = springs;
+    a->zones = zones;
+    a->gap = 0;
+    account_pay(a, m, -work - rise);
+}
+
+/* Begin the account at a first sample: all that is in it now is supplied, and the reserve of the torque in force. */
+static void account_start(account_t *a, const memory_t *m, double zones)
+{
+    a->tank = m->config.tank_initial + worst_work(a, &m->config, m->watch.dq, a->history, 1.0);
+    a->springs = 0.0;
+    a->zones = zones;
+    a->supplied += a->tank + zones;
+    a->gap = 0;
+}
+
+/* Fill the tank at a start of the springs. */
+static void account_engage(account_t *a, const memory_t *m)
+{
+    const double lack = larger(m->config.tank_initial - a->tank, 0.0);
+    a->tank += lack;
+    a->supplied += lack;
+}
+
+/* Book a move of the reference; its travel supplies what the tank lacks, at most the power of heaviest_wrench. */
+static void account_move(account_t *a, const memory_t *m, const move_t *g)
+{
+    const config_t *const c = &m->config;
+    const double powers[2] = {c->heaviest_wrench[0] * c->tip_velocity_limit[0],
+                              c->heaviest_wrench[1] * c->tip_velocity_limit[1]};
+    a->springs += g->rise;
+    account_pay(a, m, -g->rise);
+    const double lack = clamp(c->tank_initial - a->tank, 0.0, GOVERNOR * norm(2, powers) * g->travel);
+    a->tank += lack;
+    a->supplied += lack;
+}
+
+/* Book a change of stiffness or scale after which the springs store `springs`. */
+static void account_springs(account_t *a, const memory_t *m, double springs)
+{
+    const double rise = springs - a->springs;
+    a->springs = springs;
+    account_pay(a, m, -rise);
+}
+
+/* Release the springs without a sample: the tank's maximum waits until the work since the last one is booked. */
+static void account_release(account_t *a)
+{
+    a->tank += a->springs;
+    a->springs = 0.0;
+}
+
+/* Book the torque that is put out from now on. */
+static void account_torque(account_t *a, const torque_t *t)
+{
+    memcpy(a->history, t->own, N * sizeof *a->history);
+    a->hold = t->hold;
+}
+
+/* Watches: position and speed limits, damping that does not brake, and joints that shake. */
+
+static const double OVERSPEED_TIME = 0.2; /* [s] for which a joint may be beyond its velocity limit, as after a bump */
+static const double OUT_OF_CONTROL = 1.5; /* velocity limits from which on rising speed is no bump */
+static const double SHAKING_PERIOD = 0.04; /* [s] longest half of a swing that is shaking */
+static const double SHAKING_SPEED = 0.24;  /* share of the velocity limit, peak to peak, that is shaking */
+static const double LASTING = 0.7;         /* share of the swing before that a swing which does not decay has */
+enum { RISES = 10, SWINGS = 12, MOST_SWINGS = 30 };
+
+/* Return a finding. */
+static finding_t find(int reason, int joint, double seen, double limit)
+{
+    const double shown = fabs(seen) <= DBL_MAX ? seen : 0.0; /* outputs are finite */
+    const finding_t found = {reason, joint, shown, limit};
+    return found;
+}
+
+/* Find a joint that is beyond its position limit by more than the tolerance. */
+static finding_t find_beyond(const config_t *c, const double *q)
+{
+    for (int i = 0; i < N; ++i) {
+        if (beyond(c, i, q[i]) > TOLERANCE) {
+            return find(IIWA14_REASON_POSITION, i, q[i], q[i] > c->upper_limit[i] ? c->upper_limit[i] : c->lower_limit[i]);
+        }
+    }
+    return find(IIWA14_REASON_NONE, NO_JOINT, 0.0, 0.0);
+}
+
+/* Return the joint that is fastest over its limit, with its speed over it. */
+static int find_fastest(const config_t *c, const double *dq, double *most)
+{
+    int fastest = 0;
+    *most = 0.0;
+    for (int i = 0; i < N; ++i) {
+        const double share = fabs(dq[i]) / (c->velocity_limit[i] + NOISE_RANGE * c->velocity_noise);
+        fastest = share > *most ? i : fastest;
+        *most = larger(share, *most);
+    }
+    return fastest;
+}
+
+/*
+ * Watch positions and speeds. Damping brakes a joint beyond its velocity limit; if its speed still rises, in a fault or
+ * far above the limit, the law drives the arm: sign or order of the joints is wrong.
+ */
+static void watch_limits(const memory_t *m, sample_t *s)
+{
+    const config_t *const c = &m->config;
+    watch_t *const w = &s->watch;
+    double most;
+    const int joint = find_fastest(c, s->dq, &most), is_fast = most > 1.0;
+    const double speed = fabs(s->dq[joint]), limit = c->velocity_limit[joint];
+    s->limit = find_beyond(c, s->q);
+    s->status |= is_fast ? (uint32_t)IIWA14_STATUS_OVERSPEED : 0u;
+    w->fast = is_fast ? count_up(w->fast, 1) : 0;
+    w->rises = is_fast ? count_up(w->rises, most > w->fastest) : 0;
+    w->fastest = is_fast ? larger(w->fastest, most) : 0.0;
+    if (w->rises >= RISES && (m->fault.reason != IIWA14_REASON_NONE || most > OUT_OF_CONTROL)) {
+        s->unstable = find(IIWA14_REASON_DISSIPATION, joint, speed, limit);
+    }
+    const int too_long = w->fast * c->sample_time > OVERSPEED_TIME * (1.0 + ROUNDED);
+    if (too_long && s->limit.reason == IIWA14_REASON_NONE) {
+        s->limit = find(IIWA14_REASON_OVERSPEED, joint, speed, limit);
+    }
+}
+
+/* Begin to watch joint i anew; a swing keeps its direction. */
+static void begin_swing(int i, double dq, watch_t *w)
+{
+    w->swings[i] %= 2;
+    w->peak[i] = w->last_peak[i] = dq;
+    w->swing[i] = 0.0;
+    w->since[i] = 0;
+}
+
+/*
+ * Watch for shaking: a joint speed that swings to and fro faster than SHAKING_PERIOD, without decay. Damping ends every
+ * swing of an arm; one that goes on is driven by the controller, whose torque acts later than declared.
+ */
+static void watch_shaking(const memory_t *m, sample_t *s)
+{
+    const config_t *const c = &m->config;
+    watch_t *const w = &s->watch;
+    for (int i = 0; i < N; ++i) {
+        const double dq = s->dq[i], least = larger(SHAKING_SPEED * c->velocity_limit[i], 8.0 * c->velocity_noise);
+        const double turned = fabs(dq - w->peak[i]), side = w->swings[i] % 2 != 0 ? -1.0 : 1.0;
+        w->since[i] = count_up(w->since[i], s->periods);
+        if (w->since[i] * c->sample_time > SHAKING_PERIOD) {
+            begin_swing(i, dq, w);
+        } else if (side * (dq - w->peak[i]) > 0.0) { /* the swing goes on */
+            w->peak[i] = dq;
+        } else if (turned > least) { /* it has turned round */
+            const double whole = fabs(w->peak[i] - w->last_peak[i]);
+            const int lasts = whole > LASTING * w->swing[i];
+            w->swings[i] = lasts ? w->swings[i] + 1 : 1 - w->swings[i] % 2;
+            w->swings[i] -= w->swings[i] > MOST_SWINGS ? 2 : 0;
+            w->swing[i] = whole;
+            w->last_peak[i] = w->peak[i];
+            w->peak[i] = dq;
+            w->since[i] = 0;
+        }
+        if (w->swings[i] >= SWINGS && s->unstable.reason == IIWA14_REASON_NONE) {
+            s->unstable = find(IIWA14_REASON_SHAKING, i, w->swing[i], least);
+        }
+    }
+}
+
+/* Return the watches after the end of a fault: what led to it counts no more. */
+static watch_t calm(const watch_t *before)
+{
+    watch_t w = *before;
+    w.fast = w.rises = w.bad = 0;
+    w.fastest = 0.0;
+    for (int i = 0; i < N; ++i) {
+        w.swings[i] %= 2;
+        w.moved[i] = 0.0;
+    }
+    return w;
+}
+
+/* Samples: what time it is, and whether a measurement is believed. */
+
+/* Motion that dq and q may disagree by in a sample: share of the velocity limit, share of the motion itself. */
+static const double DISAGREED_LIMIT = 0.5, DISAGREED_MOTION = 0.3;
+static const double FASTEST = 1e3;   /* velocity limits that a dq may have: a faster one is no measurement */
+static const double JUMP = 10.0;     /* velocity limits from which on a change of q is none */
+static const double RESTING = 0.02;  /* share of the velocity limit that q and dq may differ by for long */
+static const double SAME = 1e-15;    /* relative change of q that is a toggling last bit */
+static const double FINE = 1e-6;     /* [rad] or [m] coarsest resolution that shows how far a joint gives way */
+static const double STILL_TIME = 0.02, STILL_RANGE = 0.03; /* [s]; share of the effort limit: then q is frozen */
+static const double LATEST = 1e12;   /* [s] a later time has lost its last digits */
+enum { WINDOW = 20 }; /* samples for which a value may stand still before it is judged */
+enum { LOST_SAMPLES = 10 }; /* samples in a row that are a communication fault */
+
+/*
+ * Count the sample times since the last call by a clock; 0 where it stands still. A call that is early counts as the
+ * next sample, and the clock's lead is carried on.
+ */
+static int count_time(double time, double sample_time, watch_t *w)
+{
+    const double elapsed = (time - w->time) / sample_time;
+    const double lead = smaller(w->lead + elapsed, LONGEST), ahead = larger(floor(lead + 0.5), 1.0);
+    if (!(elapsed > 0.0)) {
         return 0;
     }
-    stiffgen_jacobians(q, m, J);
-    stiffgen_poses(q, m, pose);
-    for (int t = 0; t < TIPS; ++t) {
-        double *const rows = J + 6 * N * t;
-        turn_jacobian(pose + 16 * t, equilibrium != NULL ? equilibrium + 16 * t : pose + 16 * t, rows);
-        for (int i = 0; i < 6; ++i) {
-            solve_forward(N, L, rows + i * N); /* rows L^-T, L L^T = M / mass */
-        }
-        for (int k = 0; k < 18; ++k) { /* two matrices: entry (i, j) is about rows of one spring */
-            const int spring = k / 9 * 3, i = spring + k % 9 / 3, j = spring + k % 3;
-            mobilities[18 * t + k] = dot(N, rows + i * N, rows + j * N) / mass;
-        }
-    }
-    return 1;
+    w->lead = larger(lead - ahead, -1.0);
+    return (int)ahead;
 }
 
 /*
- * Cap a stiffness K (3 x 3): no eigenvalue of K times the mobility A stays above `most`, and directions below it stay
- * as they are. Return the largest eigenvalue before.
- *
- * With A = R^T R, C = R K R^T has these eigenvalues mu, and eigenvectors w. K is the sum of mu u u^T with u = R^-1 w.
+ * Count the sample times since the last call; 0 where the clock stands still, goes back, changes its kind, or is not
+ * given. While no account is kept each call counts one, and a clock that begins anew counts from the call after.
  */
-static double cap_spring(const double *A, double most, double *K)
+static int read_clock(const config_t *c, const input_t *in, watch_t *w)
 {
-    double copy[9], d[3], Q[9], C[9], mu[3] = {0.0}, W[9], R[9];
-    memcpy(copy, A, sizeof copy);
-    if (diagonalise_symmetric(3, copy, d, Q) != 0 || !(d[2] > 0.0)) { /* A = Q^T diag(d) Q */
-        return 0.0;
+    const int by_counter = in->clock == IIWA14_CLOCK_COUNTER, first = w->seen == 0, same = w->seen == in->clock;
+    if (!by_counter && !(in->clock == IIWA14_CLOCK_TIME && fabs(in->time) <= LATEST)) {
+        return 0;
     }
-    for (int k = 0; k < 9; ++k) {
-        R[k] = sqrt(larger(d[k / 3], FLATTEST * d[2])) * Q[k];
+    int periods = first ? 1 : 0;
+    if (same && by_counter) {
+        const int32_t ahead = (int32_t)(in->counter - w->counter); /* unsigned, as the counter wraps */
+        periods = ahead < LONGEST ? ahead : LONGEST;
+    } else if (same) {
+        periods = count_time(in->time, c->sample_time, w);
     }
+    if (periods > 0 || !w->known) {
+        w->seen = in->clock;
+        w->counter = in->counter;
+        w->time = by_counter ? 0.0 : in->time;
+        w->lead = same && periods > 0 ? w->lead : 0.0;
+    }
+    return periods > 0 && w->known ? periods : periods > 0;
+}
+
+/*
+ * Sum by how far the motions of q and dq differ while one of them stands still; up to `allowed` per sample is noise,
+ * resolution and bias of dq, which therefore do not add up at rest. Return the sum.
+ */
+static double sum_difference(const watch_t *before, int i, double differs, double allowed, sample_t *s)
+{
+    watch_t *const w = &s->watch;
+    const int q_changed = fabs(s->q[i] - before->q[i]) > SAME * fabs(s->q[i]), dq_changed = s->dq[i] != before->dq[i];
+    w->q_age[i] = q_changed ? 0 : count_up(before->q_age[i], 1);
+    w->dq_age[i] = dq_changed ? 0 : count_up(before->dq_age[i], 1);
+    const double sum = before->moved[i] + differs;
+    const int still = w->q_age[i] > WINDOW || w->dq_age[i] > WINDOW;
+    w->moved[i] = still ? sum - clamp(sum, -allowed, allowed) : 0.0;
+    return fabs(w->moved[i]);
+}
+
+/*
+ * Return the range of the controller's torque for which the position has been the same to the last bit; 0 until that has
+ * lasted for STILL_TIME. A sound encoder shows how far a joint gives way even under friction, in a clamp or at a stop; a
+ * frozen one does not. In a fault brakes may hold the joint.
+ */
+static double find_still_range(const memory_t *m, int i, watch_t *w)
+{
+    const double own = m->account.history[i];
+    const int begins = w->q_age[i] == 0 || m->fault.reason != IIWA14_REASON_NONE;
+    w->still_least[i] = begins ? own : smaller(w->still_least[i], own);
+    w->still_most[i] = begins ? own : larger(w->still_most[i], own);
+    const int long_enough = w->q_age[i] * m->config.sample_time >= (1.0 - ROUNDED) * STILL_TIME;
+    return long_enough ? w->still_most[i] - w->still_least[i] : 0.0;
+}
+
+/* Check a joint's q and dq for standstill. */
+static finding_t find_frozen(const memory_t *m, int i, double differs, double elapsed, sample_t *s)
+{
+    const config_t *const c = &m->config;
+    const double drift = larger(RESTING * c->velocity_limit[i], c->velocity_noise);
+    const double limit = larger(4.0 * c->position_quantum, drift * WINDOW * c->sample_time);
+    const double moved = sum_difference(&m->watch, i, differs, drift * elapsed, s);
+    const double range = find_still_range(m, i, &s->watch), widest = STILL_RANGE * c->effort_limit[i];
+    if (moved > limit) {
+        return find(IIWA14_REASON_FROZEN, i, moved, limit);
+    }
+    const int frozen = range > widest && c->position_quantum <= FINE;
+    return frozen ? find(IIWA14_REASON_FROZEN, i, range, widest) : find(IIWA14_REASON_NONE, NO_JOINT, 0.0, 0.0);
+}
+
+/* Check joint i: numbers, then q and dq against each other and the last position. q is on the turn nearest to it. */
+static finding_t check_joint(const memory_t *m, const input_t *in, int i, sample_t *s)
+{
+    const config_t *const c = &m->config;
+    const double limit = c->velocity_limit[i], dq = in->dq[i];
+    if (!(fabs(in->q[i]) <= FARTHEST && fabs(dq) <= FASTEST * limit)) {
+        return find(IIWA14_REASON_NOT_FINITE, i, fabs(in->q[i]) <= FARTHEST ? dq : in->q[i], 0.0);
+    }
+    s->dq[i] = dq;
+    s->q[i] = m->watch.known ? nearest_turn(i, in->q[i], m->watch.q[i]) : in->q[i];
+    if (!m->watch.known) {
+        return find(IIWA14_REASON_NONE, NO_JOINT, 0.0, 0.0);
+    }
+    const double elapsed = c->sample_time * (m->account.gap + s->periods), moved = s->q[i] - m->watch.q[i];
+    const double far = limit * elapsed, quanta = 2.0 * c->position_quantum, differs = dq * elapsed - moved;
+    const double noise = NOISE_RANGE * c->velocity_noise * elapsed;
+    const double allowed = larger(DISAGREED_LIMIT * far, DISAGREED_MOTION * fabs(moved)) + quanta + noise;
+    const finding_t frozen = find_frozen(m, i, differs, elapsed, s);
+    if (fabs(moved) > JUMP * far + quanta) {
+        return find(IIWA14_REASON_JUMP, i, fabs(moved), JUMP * far + quanta);
+    }
+    if (fabs(differs) > allowed) {
+        return find(IIWA14_REASON_MISMATCH, i, fabs(differs) / elapsed, allowed / elapsed);
+    }
+    return frozen;
+}
+
+/* Check a sample: why it is not believed, or REASON_NONE. */
+static finding_t check_sample(const memory_t *m, const input_t *in, sample_t *s)
+{
+    finding_t found = find(IIWA14_REASON_NONE, NO_JOINT, 0.0, 0.0);
+    for (int i = 0; found.reason == IIWA14_REASON_NONE && i < N; ++i) {
+        found = check_joint(m, in, i, s);
+    }
+    if (found.reason == IIWA14_REASON_NONE && !stiffgen_follow(s->q, m, &s->arm)) {
+        return find(IIWA14_REASON_LOOPS, NO_JOINT, 0.0, 0.0);
+    }
+    return found;
+}
+
+/*
+ * Judge what is missing. Two bad samples of three lose the position, and a clock that stands still while the torque
+ * would fall loses the time: the account then ends, the torque goes to zero, and a reset begins anew.
+ */
+static finding_t judge_losses(const memory_t *m, const sample_t *s, finding_t found)
+{
+    const config_t *const c = &m->config;
+    const int calls = c->missed_limit * call_gap(c);
+    if (found.reason != IIWA14_REASON_NONE && (s->watch.bad & (s->watch.bad - 1)) != 0) { /* more than one bit is set */
+        return found;
+    }
+    if (m->watch.known && s->periods == 0 && s->watch.missed >= m->account.hold) {
+        return find(IIWA14_REASON_CLOCK, NO_JOINT, 0.0, 0.0);
+    }
+    if (m->watch.known && s->periods > calls) {
+        return find(IIWA14_REASON_SKIPPED, NO_JOINT, s->periods, calls);
+    }
+    if (m->watch.known && s->watch.missed >= LOST_SAMPLES) {
+        return find(IIWA14_REASON_MISSED, NO_JOINT, s->watch.missed, LOST_SAMPLES);
+    }
+    return find(IIWA14_REASON_NONE, NO_JOINT, 0.0, 0.0);
+}
+
+/* Judge time and sample of a call, and watch what the believed ones say of the arm. */
+static void believe(const memory_t *m, const input_t *in, sample_t *s)
+{
+    watch_t *const w = &s->watch;
+    finding_t found = find(IIWA14_REASON_NONE, NO_JOINT, 0.0, 0.0);
+    s->status = 0u;
+    s->watch = m->watch;
+    s->arm = m->arm;
+    s->limit = s->unstable = found;
+    s->periods = read_clock(&m->config, in, w);
+    const int there = in->sample_valid == 1 && s->periods > 0;
+    if (there) {
+        found = check_sample(m, in, s);
+        w->bad = ((w->bad << 1) | (found.reason != IIWA14_REASON_NONE)) & 7; /* the last three samples, a bit each */
+        s->status = found.reason != IIWA14_REASON_NONE ? (uint32_t)IIWA14_STATUS_BAD_SAMPLE : 0u;
+    } else {
+        s->status = (uint32_t)IIWA14_STATUS_MISSED;
+    }
+    s->good = s->usable = there && found.reason == IIWA14_REASON_NONE;
+    w->missed = s->good ? 0 : count_up(w->missed, 1);
+    w->good = s->good ? count_up(w->good, 1) : 0;
+    s->lost = judge_losses(m, s, found);
+    if (s->lost.reason == IIWA14_REASON_CLOCK || fault_of_reason(s->lost.reason) == IIWA14_FAULT_SENSOR) {
+        w->known = 0;
+    }
+    if (s->good) {
+        memcpy(w->q, s->q, sizeof w->q);
+        memcpy(w->dq, s->dq, sizeof w->dq);
+        watch_limits(m, s);
+        watch_shaking(m, s);
+    }
+}
+
+/* Commands: what is accepted, and why what is not is refused. */
+
+static const double COMMAND_TOLERANCE = 1e-6; /* of a stiffness, over its largest entry: single precision */
+static const double MOST_TRANSLATION = 5e3, MOST_ROTATION = 500.0; /* [N/m], [N m/rad] entries of a stiffness */
+static const double MOST_POSTURE = 1e4;                            /* [N m/rad] */
+
+/* Return a refusal. Outputs are finite: a number that is not counts as 0. */
+static refusal_t refuse(int code, int command, int entry, double seen, double limit)
+{
+    const refusal_t r = {code, command, entry, fabs(seen) <= DBL_MAX ? seen : 0.0, limit};
+    return r;
+}
+
+/* Check that a call has a clock. */
+static refusal_t check_clock(const input_t *in)
+{
+    const int timed = in->clock == IIWA14_CLOCK_COUNTER || (in->clock == IIWA14_CLOCK_TIME && fabs(in->time) <= DBL_MAX);
+    return refuse(timed ? IIWA14_REFUSAL_NONE : IIWA14_REFUSAL_CLOCK, timed ? IIWA14_COMMAND_NONE : IIWA14_COMMAND_CLOCK, NO_JOINT,
+                  0.0, 0.0);
+}
+
+/* Return a refusal of nothing. */
+static refusal_t accept(void) { return refuse(IIWA14_REFUSAL_NONE, IIWA14_COMMAND_NONE, NO_JOINT, 0.0, 0.0); }
+
+/* Check that the entries of a command lie between bounds; `code` is why others are refused. */
+static refusal_t check_entries(const double *x, int count, double least, double most, int code, int command)
+{
+    for (int k = 0; k < count; ++k) {
+        if (!(fabs(x[k]) <= DBL_MAX)) {
+            return refuse(IIWA14_REFUSAL_NOT_FINITE, command, k, 0.0, most);
+        }
+        if (!(x[k] >= least && x[k] <= most)) {
+            return refuse(code, command, k, x[k], x[k] < least ? least : most);
+        }
+    }
+    return accept();
+}
+
+/* Accept a tip's stiffness: symmetric and positive semidefinite, up to single precision. result: its symmetric part. */
+static refusal_t accept_stiffness(const double *K, double most, int command, int tip, double *result)
+{
+    const int first = 9 * tip;
+    refusal_t found = check_entries(K, 9, -most, most, IIWA14_REFUSAL_STIFFNESS_LIMIT, command);
+    double size = DBL_MIN;
+    found.entry += found.code != IIWA14_REFUSAL_NONE ? first : 0;
+    for (int k = 0; found.code == IIWA14_REFUSAL_NONE && k < 9; ++k) {
+        result[k] = 0.5 * (K[k] + K[k % 3 * 3 + k / 3]);
+        size = larger(size, fabs(K[k]));
+    }
+    const double allowed = COMMAND_TOLERANCE * size;
+    for (int k = 1; found.code == IIWA14_REFUSAL_NONE && k < 9; ++k) {
+        const double apart = fabs(K[k] - K[k % 3 * 3 + k / 3]);
+        if (apart > allowed) {
+            found = refuse(IIWA14_REFUSAL_ASYMMETRIC, command, first + k, apart, allowed);
+        }
+    }
+    if (found.code == IIWA14_REFUSAL_NONE) {
+        const double least = smallest_eigenvalue(result);
+        found = least >= -allowed ? found : refuse(IIWA14_REFUSAL_INDEFINITE, command, first, least, -allowed);
+    }
+    return found;
+}
+
+/*
+ * Accept q0; a continuous joint takes the turn nearest to the reference. In a limit zone or beyond the limit by up to
+ * TOLERANCE it is followed to the zone, or to where the reference is already; limited: the first such joint.
+ */
+static refusal_t accept_positions(const memory_t *m, const double *given, double *q0, int *limited)
+{
+    const config_t *const c = &m->config;
+    const double *const r = m->reference.engaged ? m->reference.r : m->watch.q;
+    for (int i = 0; i < N; ++i) {
+        if (!(fabs(given[i]) <= FARTHEST)) {
+            return refuse(IIWA14_REFUSAL_NOT_FINITE, IIWA14_COMMAND_Q0, i, given[i], FARTHEST);
+        }
+        const double wanted = nearest_turn(i, given[i], r[i]), low = c->lower_limit[i], high = c->upper_limit[i];
+        if (beyond(c, i, wanted) > TOLERANCE) {
+            return refuse(IIWA14_REFUSAL_POSITION, IIWA14_COMMAND_Q0, i, wanted, wanted > high ? high : low);
+        }
+        q0[i] = clamp(wanted, smaller(m->arm.zone[i], larger(r[i], low)), larger(m->arm.zone[N + i], smaller(r[i], high)));
+        *limited = *limited == NO_JOINT && q0[i] != wanted ? i : *limited;
+    }
+    return stiffgen_reaches(q0, m) ? accept() : refuse(IIWA14_REFUSAL_LOOPS, IIWA14_COMMAND_Q0, NO_JOINT, 0.0, 0.0);
+}
+
+/* Accept q0 and the stiffnesses: the first refusal counts. */
+static refusal_t accept_springs(const memory_t *m, const input_t *in, command_t *k)
+{
+    refusal_t found = accept_positions(m, in->q0, k->q0, &k->limited);
+    for (int t = 0; found.code == IIWA14_REFUSAL_NONE && t < TIPS; ++t) {
+        found = accept_stiffness(in->translation_stiffness + 9 * t, MOST_TRANSLATION, IIWA14_COMMAND_TRANSLATION_STIFFNESS,
+                                 t, k->translation + 9 * t);
+    }
+    for (int t = 0; found.code == IIWA14_REFUSAL_NONE && t < TIPS; ++t) {
+        found = accept_stiffness(in->rotation_stiffness + 9 * t, MOST_ROTATION, IIWA14_COMMAND_ROTATION_STIFFNESS, t,
+                                 k->rotation + 9 * t);
+    }
+    if (found.code == IIWA14_REFUSAL_NONE) {
+        found = check_entries(in->posture_stiffness, N, 0.0, MOST_POSTURE, IIWA14_REFUSAL_STIFFNESS_LIMIT,
+                              IIWA14_COMMAND_POSTURE_STIFFNESS);
+    }
+    memcpy(k->posture, in->posture_stiffness, sizeof k->posture);
+    return found;
+}
+
+/* Accept the wrenches that the tips are to exert: finite, and no larger than heaviest_wrench. pressing: there is one. */
+static refusal_t accept_wrenches(const config_t *c, const double *wrench, int *pressing)
+{
+    refusal_t found = accept();
+    *pressing = 0;
+    for (int k = 0; found.code == IIWA14_REFUSAL_NONE && k < 2 * TIPS; ++k) { /* force and moment of a tip in turn */
+        const double *const part = wrench + 3 * k, most = c->heaviest_wrench[k % 2] * (1.0 + ROUNDED);
+        found = check_entries(part, 3, -most, most, IIWA14_REFUSAL_WRENCH, IIWA14_COMMAND_WRENCH_COMMAND);
+        const double size = found.code == IIWA14_REFUSAL_NONE ? norm(3, part) : 0.0;
+        found.entry += found.code != IIWA14_REFUSAL_NONE ? 3 * k : 0;
+        if (size > most) {
+            found = refuse(IIWA14_REFUSAL_WRENCH, IIWA14_COMMAND_WRENCH_COMMAND, 3 * k, size, most);
+        }
+        *pressing |= size > 0.0;
+    }
+    *pressing = *pressing && found.code == IIWA14_REFUSAL_NONE;
+    return found;
+}
+
+/* Accept the acceleration of a plan: at most SHAPED times that of the reference. planned: there is one. */
+static refusal_t accept_acceleration(const config_t *c, const double *acceleration, int *planned)
+{
+    *planned = 0;
+    for (int i = 0; i < N; ++i) {
+        const double most = SHAPED * SPEED * c->velocity_limit[i] / c->ramp_time;
+        refusal_t found = check_entries(acceleration + i, 1, -most, most, IIWA14_REFUSAL_ACCELERATION,
+                                        IIWA14_COMMAND_ACCELERATION);
+        if (found.code != IIWA14_REFUSAL_NONE) {
+            *planned = 0;
+            found.entry = i;
+            return found;
+        }
+        *planned |= acceleration[i] != 0.0;
+    }
+    return accept();
+}
+
+/* Accept a command: springs as a whole, wrench and acceleration each by itself. The first refusal is reported. */
+static void accept_command(const memory_t *m, const input_t *in, command_t *k)
+{
+    k->limited = NO_JOINT;
+    k->shaped = in->shaped != 0;
+    k->refusal = accept_springs(m, in, k);
+    k->accepted = k->refusal.code == IIWA14_REFUSAL_NONE;
+    const refusal_t wrench = accept_wrenches(&m->config, in->wrench_command, &k->pressing);
+    const refusal_t acceleration = accept_acceleration(&m->config, in->acceleration, &k->planned);
+    memcpy(k->wrench, in->wrench_command, sizeof k->wrench);
+    memcpy(k->acceleration, in->acceleration, sizeof k->acceleration);
+    k->pressing = k->pressing && k->accepted;
+    k->planned = k->planned && k->accepted && k->shaped;
+    k->limited = k->accepted ? k->limited : NO_JOINT;
+    if (k->accepted) {
+        k->refusal = wrench.code != IIWA14_REFUSAL_NONE ? wrench : acceleration;
+    }
+}
+
+/* The reference: it moves to q0 within its limits of speed, ramp, wrench and work; the stiffness follows the command. */
+
+static const double STIFFNESS_TIME = 0.02;  /* [s] time constant of a change of stiffness */
+static const double SAME_STIFFNESS = 1e-3;  /* [N/m], [N m/rad] that a change of stiffness ends with */
+static const double ARRIVED = 1e-12;        /* [s] of travel that is none */
+enum { TRIALS = 6, HALVINGS = 3 };          /* shares of a move that are tried: within speed, then three halves */
+
+/* Return the largest entry over the reference's share of its speed limit. */
+static double relative_speed(const config_t *c, const double *x)
+{
+    double most = 0.0;
+    for (int i = 0; i < N; ++i) {
+        most = larger(most, fabs(x[i]) / (SPEED * c->velocity_limit[i]));
+    }
+    return most;
+}
+
+/*
+ * Find the reference's next velocity: the command's own motion if that is within the limits, and a speed towards q0 from
+ * which a ramp can stop, changed no faster than the ramp. Return whether the reference moves.
+ */
+static int approach(const memory_t *m, const command_t *k, double *dr)
+{
+    const config_t *const c = &m->config;
+    const reference_t *const f = &m->reference;
+    const double T = c->sample_time, slope = (k->shaped ? SHAPED : 1.0) * T / c->ramp_time;
+    double moved[N], rest[N], change[N];
+    for (int i = 0; i < N; ++i) {
+        moved[i] = k->accepted ? k->q0[i] - nearest_turn(i, f->wanted[i], k->q0[i]) : 0.0;
+    }
+    const int follow = relative_speed(c, moved) <= T;
+    for (int i = 0; i < N; ++i) {
+        moved[i] = follow ? moved[i] : 0.0;
+        rest[i] = k->accepted ? k->q0[i] - f->r[i] - moved[i] : 0.0;
+    }
+    const double way = relative_speed(c, rest), stop = sqrt(0.25 * slope * slope + 2.0 * slope * way / T) - 0.5 * slope;
+    const double speed = smaller(smaller(way / T, 1.0), stop);
+    for (int i = 0; i < N; ++i) {
+        dr[i] = moved[i] / T + (way > 0.0 ? rest[i] * (speed / way) : 0.0);
+    }
+    const double size = larger(relative_speed(c, dr), 1.0);
+    for (int i = 0; i < N; ++i) {
+        change[i] = dr[i] / size - f->dr[i];
+    }
+    const double jump = larger(relative_speed(c, change) / slope, 1.0);
+    for (int i = 0; i < N; ++i) {
+        dr[i] = f->dr[i] + change[i] / jump;
+    }
+    return way > ARRIVED || relative_speed(c, dr) > 0.0;
+}
+
+/* Compute the twist from pose E to pose F: linear, and angular by the antisymmetric part of the rotation between them. */
+static void find_twist(const double *E, const double *F, double *twist)
+{
+    double R[9];
     for (int i = 0; i < 3; ++i) {
+        twist[i] = F[4 * i + 3] - E[4 * i + 3];
         for (int j = 0; j < 3; ++j) {
-            double sum = 0.0;
-            for (int k = 0; k < 9; ++k) {
-                sum += R[3 * i + k / 3] * K[k] * R[3 * j + k % 3];
+            R[3 * i + j] = dot(3, F + 4 * i, E + 4 * j);
+        }
+    }
+    const double axis[3] = {0.5 * (R[7] - R[5]), 0.5 * (R[2] - R[6]), 0.5 * (R[3] - R[1])};
+    const double sine = norm(3, axis), cosine = 0.5 * (R[0] + R[4] + R[8] - 1.0);
+    const double factor = sine < ROUNDED ? 1.0 : atan2(sine, cosine) / sine;
+    for (int i = 0; i < 3; ++i) {
+        twist[3 + i] = factor * axis[i];
+    }
+}
+
+/* Return how fast a move of the poses in a sample time is, over the governor's share of the tips' velocity limits. */
+static double tip_speed(const memory_t *m, const double *poses)
+{
+    const config_t *const c = &m->config;
+    double most = 0.0;
+    for (int t = 0; t < TIPS; ++t) {
+        double twist[6];
+        find_twist(m->reference.equilibrium + 16 * t, poses + 16 * t, twist);
+        const double speed = larger(norm(3, twist) / c->tip_velocity_limit[0], norm(3, twist + 3) / c->tip_velocity_limit[1]);
+        most = speed <= most ? most : speed; /* NaN stays */
+    }
+    return most / (GOVERNOR * c->sample_time);
+}
+
+/* Return the largest wrench of a tip's spring, with its equilibria at poses, over heaviest_wrench. */
+static double find_load(const memory_t *m, const double *poses)
+{
+    const reference_t *const f = &m->reference;
+    double wrench[6 * TIPS], most = 0.0;
+    stiffgen_spring_wrench(m->watch.q, m, poses, f->translation_stiffness, f->rotation_stiffness, wrench);
+    for (int t = 0; t < TIPS; ++t) {
+        const double parts[2] = {norm(3, wrench + 6 * t) / m->config.heaviest_wrench[0],
+                                 norm(3, wrench + 6 * t + 3) / m->config.heaviest_wrench[1]};
+        most = larger(most, norm(2, parts));
+    }
+    return f->scale * most;
+}
+
+/* Return whether a move that raises the energy is allowed: the tank pays, and no spring exceeds heaviest_wrench more. */
+static int may_rise(const memory_t *m, const move_t *g)
+{
+    if (!(g->rise > 0.0)) {
+        return g->rise <= 0.0; /* NaN is not */
+    }
+    if (g->rise > budget(m)) {
+        return 0;
+    }
+    const double load = find_load(m, g->equilibrium);
+    return load <= 1.0 || load <= find_load(m, m->reference.equilibrium);
+}
+
+/* Place the reference at a share of its velocity for a sample time. Return the tips' speed there over their limits. */
+static double place(const memory_t *m, double share, move_t *g)
+{
+    const reference_t *const f = &m->reference;
+    for (int i = 0; i < N; ++i) {
+        g->r[i] = f->r[i] + share * m->config.sample_time * g->dr[i];
+    }
+    stiffgen_poses(g->r, m, g->equilibrium);
+    g->rise = f->scale * spring_energy(m, m->watch.q, g->r, g->equilibrium, f->translation_stiffness,
+                                       f->rotation_stiffness, f->posture_stiffness) -
+              m->account.springs;
+    return tip_speed(m, g->equilibrium);
+}
+
+/* Stand still. */
+static void stand(const memory_t *m, move_t *g)
+{
+    memcpy(g->r, m->reference.r, sizeof g->r);
+    memset(g->dr, 0, sizeof g->dr);
+    memcpy(g->equilibrium, m->reference.equilibrium, sizeof g->equilibrium);
+    g->rise = g->travel = 0.0;
+}
+
+/* Move the reference by a share of its velocity: within tip speed, heaviest_wrench, and the tank's work. */
+static void govern(const memory_t *m, const command_t *k, move_t *g)
+{
+    const double T = m->config.sample_time;
+    double share = 1.0;
+    g->status = 0u;
+    if (!approach(m, k, g->dr)) {
+        stand(m, g);
+        return;
+    }
+    g->status = (uint32_t)IIWA14_STATUS_MOVING;
+    for (int trial = 0; trial < TRIALS && share > 0.0; ++trial) {
+        const double speed = place(m, share, g);
+        if (speed <= 1.0 && may_rise(m, g)) {
+            for (int i = 0; i < N; ++i) {
+                g->dr[i] *= share;
             }
-            C[3 * i + j] = sum;
+            g->travel = larger(speed * T, T * relative_speed(&m->config, g->dr));
+            return;
         }
+        g->status |= speed > 1.0 ? 0u : (uint32_t)IIWA14_STATUS_GOVERNOR;
+        const double less = trial < HALVINGS ? 0.5 : 0.0;
+        share *= speed > 1.0 ? (1.0 - ROUNDED) / speed : less;
     }
-    if (diagonalise_symmetric(3, C, mu, W) != 0) {
-        return 0.0;
+    stand(m, g);
+}
+
+/* Mix two vectors: a + share (b - a). Return the largest distance to b that is left. */
+static double mix(int count, const double *a, const double *b, double share, double *result)
+{
+    double left = 0.0;
+    for (int i = 0; i < count; ++i) {
+        result[i] = a[i] + share * (b[i] - a[i]);
+        left = larger(left, fabs(b[i] - result[i]));
     }
-    for (int r = 0; r < 3; ++r) {
-        double u[3] = {0.0}; /* R^-1 w = Q^T diag(1 / sqrt(d)) w, w: row r of W */
-        for (int k = 0; k < 9; ++k) {
-            u[k % 3] += W[3 * r + k / 3] * Q[k] / sqrt(larger(d[k / 3], FLATTEST * d[2]));
+    return left;
+}
+
+/* Mix the stiffness in force with the commanded one, which is taken as it is once it is near. Find the energy. */
+static void mix_stiffness(const memory_t *m, const command_t *k, double share, stiffness_t *next)
+{
+    const reference_t *const f = &m->reference;
+    const double a = mix(9 * TIPS, f->translation_stiffness, k->translation, share, next->translation);
+    const double b = mix(9 * TIPS, f->rotation_stiffness, k->rotation, share, next->rotation);
+    const double c = mix(N, f->posture_stiffness, k->posture, share, next->posture);
+    if (larger(a, larger(b, c)) < SAME_STIFFNESS) {
+        memcpy(next->translation, k->translation, sizeof next->translation);
+        memcpy(next->rotation, k->rotation, sizeof next->rotation);
+        memcpy(next->posture, k->posture, sizeof next->posture);
+    }
+    next->energy = f->scale * spring_energy(m, m->watch.q, f->r, f->equilibrium, next->translation, next->rotation,
+                                            next->posture);
+}
+
+/* Change the stiffness towards the commanded one, as far as the tank can pay: the energy is linear in the share. */
+static void stiffen(const memory_t *m, const command_t *k, stiffness_t *next)
+{
+    const reference_t *const f = &m->reference;
+    const int same = memcmp(f->translation_stiffness, k->translation, sizeof k->translation) == 0 &&
+                     memcmp(f->rotation_stiffness, k->rotation, sizeof k->rotation) == 0 &&
+                     memcmp(f->posture_stiffness, k->posture, sizeof k->posture) == 0;
+    double share = smaller(1.0, m->config.sample_time / STIFFNESS_TIME);
+    next->status = 0u;
+    for (int trial = 0; k->accepted && !same && trial < 2; ++trial) {
+        mix_stiffness(m, k, share, next);
+        const double cost = next->energy - m->account.springs, most = budget(m);
+        if (cost <= most) {
+            return;
         }
-        for (int k = 0; mu[r] > most && k < 9; ++k) {
-            K[k] -= (mu[r] - most) * u[k / 3] * u[k % 3];
-        }
+        next->status = (uint32_t)IIWA14_STATUS_TANK_LIMITED;
+        share *= (1.0 - ROUNDED) * most / cost;
     }
-    return mu[2];
+    memcpy(next->translation, f->translation_stiffness, sizeof next->translation);
+    memcpy(next->rotation, f->rotation_stiffness, sizeof next->rotation);
+    memcpy(next->posture, f->posture_stiffness, sizeof next->posture);
+    next->energy = m->account.springs;
+}
+
+/* Feed-forward: a wrench that the tips are to exert, the acceleration of a plan, Coriolis forces. The tank pays. */
+
+static const double COVERING = 0.35; /* of the available energy for feed-forward: springs and damping have the remainder */
+
+/* Return the share of the feed-forward that the tank pays: all from 3/4 of its initial energy on, none below 1/2. */
+static double fade_with_tank(const memory_t *m)
+{
+    return clamp(4.0 * m->account.tank / m->config.tank_initial - 2.0, 0.0, 1.0);
 }
 
 /*
- * Return the level to which each larger value is cut so that all sum up to `most`. Each round shares equally what the
- * values below the level leave; the level rises, and fewer values are above it, until nothing changes.
+ * Return the share of the wrenches that the speed of the tips allows: where contact is lost, a tip must not run away.
+ * All up to half of tip_velocity_limit along the wrench, none from the limit on.
  */
-static double find_level(int count, const double *values, double most)
+static double fade_with_speed(const memory_t *m, const double *wrench, const double *J)
 {
-    double level = most / count;
-    for (int round = 0; round < count; ++round) {
-        double left = most;
-        int above = 0;
-        for (int k = 0; k < count; ++k) {
-            above += values[k] > level;
-            left -= values[k] > level ? 0.0 : values[k];
+    double most = 0.0;
+    for (int k = 0; k < 2 * TIPS; ++k) { /* force and moment of a tip in turn */
+        const double *const part = wrench + 3 * k, size = norm(3, part);
+        double power = 0.0;
+        for (int i = 0; i < 3; ++i) {
+            power += part[i] * dot(N, J + (3 * k + i) * N, m->watch.dq);
         }
-        level = above > 0 ? left / above : HUGE_VAL;
+        most = size > 0.0 ? larger(most, power / (size * m->config.tip_velocity_limit[k % 2])) : most;
     }
-    return level;
+    return clamp(2.0 - 2.0 * most, 0.0, 1.0);
 }
 
-/*
- * Soften the accepted stiffness where the sample time does not allow it. M^-1 K has no eigenvalue above the sum of
- * those of the springs, of posture and of limit avoidance. Once nothing is cut, the springs are looked at only after
- * the next tangent that is too stiff. A: mobilities of the springs, translation and rotation of each tip in turn.
- */
-static void cap_springs(step_t *s)
+/* Add the torque J^T F of the commanded wrenches F, by a share that rises from 0 when they begin. */
+static void press_tips(const memory_t *m, const command_t *k, double paid, law_t *w)
 {
-    memory_t *const m = s->m;
-    double A[18 * TIPS], largest[2 * TIPS], most = SPRINGS_CAP * largest_eigenvalue(s->c, m), sum = 0.0;
-    m->stiffness_share = 1.0;
-    if (!m->capped) {
+    double J[6 * N * TIPS];
+    stiffgen_jacobians(m->watch.q, m, J);
+    const double share = paid * fade_with_speed(m, k->wrench, J);
+    w->press = smaller(share, m->reference.press + m->config.sample_time / SCALE_TIME);
+    w->status |= share < 1.0 ? (uint32_t)IIWA14_STATUS_FEEDFORWARD_LIMITED : 0u;
+    for (int row = 0; row < 6 * TIPS; ++row) {
+        add_scaled(N, w->press * k->wrench[row], J + row * N, w->feedforward);
+    }
+}
+
+/* Add the torque M ddr of a plan's acceleration while the reference moves: one that died is not followed. */
+static void carry(const memory_t *m, const command_t *k, double paid, const double *L, law_t *w)
+{
+    double half[N], torque[N];
+    const int moves = relative_speed(&m->config, m->reference.dr) > 0.0;
+    w->status |= !moves || paid < 1.0 ? (uint32_t)IIWA14_STATUS_FEEDFORWARD_LIMITED : 0u;
+    multiply_upper(L, k->acceleration, half);
+    multiply_lower(L, half, torque);
+    add_scaled(N, moves ? paid : 0.0, torque, w->feedforward);
+}
+
+/* Compute the feed-forward torque of springs that are in force without a fault. L: factor of M, or NULL. */
+static void feed_forward(const memory_t *m, const command_t *k, const double *L, law_t *w)
+{
+    memset(w->feedforward, 0, sizeof w->feedforward);
+    w->press = 0.0;
+    if (!m->reference.engaged || m->fault.reason != IIWA14_REASON_NONE) {
         return;
     }
-    if (!s->commanded) { /* the stiffness in force is what release_stiffness moves to */
-        memcpy(s->translation, m->translation_stiffness, sizeof s->translation);
-        memcpy(s->rotation, m->rotation_stiffness, sizeof s->rotation);
+    const double paid = fade_with_tank(m);
+    if (k->pressing) {
+        press_tips(m, k, paid, w);
     }
-    if (!measure_mobilities(s->c, m, m->q, m->equilibrium, s->scratch, A)) {
-        return;
+    if (k->planned && L != NULL) {
+        carry(m, k, paid, L, w);
     }
+    if (m->config.coriolis == IIWA14_CORIOLIS_ON) {
+        double forces[N];
+        stiffgen_coriolis(m->watch.q, m, m->watch.dq, forces);
+        add_scaled(N, paid, forces, w->feedforward);
+    }
+    const double share = covered_share(m, w->feedforward, COVERING * available(&m->account));
+    for (int i = 0; i < N && share < 1.0; ++i) {
+        w->feedforward[i] *= share;
+    }
+    w->press *= share;
+    w->status |= share < 1.0 ? (uint32_t)IIWA14_STATUS_FEEDFORWARD_LIMITED : 0u;
+}
+
+/* The law: torque of springs, zones and damping at the believed sample. */
+
+static const double JOINT_DAMPING = 0.1; /* [N m s/rad] of every joint, whatever the springs do */
+
+/* Damping that is designed: eigenvalues of M^-1 B, the share of the joints alone, and (M^-1)_ii. */
+typedef struct {
+    double joint, most, largest, softness[N];
+} design_t;
+
+/* Compute (M^-1)_ii = |L^-1 e_i|^2, and from their sum what the joints' own damping leaves to the modes. */
+static void design_joints(const config_t *c, const double *inverse, design_t *d)
+{
+    double trace = 0.0;
     for (int i = 0; i < N; ++i) {
-        most -= (m->posture_stiffness[i] + s->limit_slope[i]) / m->inertia[i];
+        d->softness[i] = 0.0;
+        for (int k = i; k < N; ++k) {
+            d->softness[i] += inverse[k * N + i] * inverse[k * N + i];
+        }
+        trace += d->softness[i];
     }
-    most = larger(most, SPRINGS_LEAST * largest_eigenvalue(s->c, m));
-    for (int k = 0; k < 2 * TIPS; ++k) { /* without a cap: to measure */
-        largest[k] = cap_spring(A + 9 * k, HUGE_VAL, (k % 2 == 0 ? s->translation : s->rotation) + 9 * (k / 2));
-        sum += largest[k];
+    d->joint = smaller(JOINT_DAMPING, 0.5 * most_damping(c) / trace);
+    d->most = most_damping(c) - d->joint * trace;
+    d->largest = 0.0;
+}
+
+/* Return the damping of a mode with eigenvalue l: of the ratio damping_ratio, with a torque that is late. */
+static double mode_damping(const config_t *c, double l)
+{
+    const double late = (c->delay_samples + 0.5) * c->sample_time, zeta = c->damping_ratio;
+    const double p = l * late * (2.0 * zeta * zeta - 1.0), square = p * p + 4.0 * zeta * zeta * l - l * l * late * late;
+    return larger(sqrt(larger(square, 0.0)) - p, l * late);
+}
+
+/* Damp y, parts of a velocity in the modes: an unstable mode as if it were stable. */
+static void damp_modes(const config_t *c, const modes_t *modes, double cap, design_t *d, double *y)
+{
+    for (int k = 0; k < N; ++k) {
+        const double b = clamp(mode_damping(c, fabs(modes->d[k]) * cap), 0.0, d->most);
+        y[k] *= b;
+        d->largest = larger(d->largest, b);
     }
-    m->capped = sum > most;
-    if (!m->capped) {
-        return;
+}
+
+/* Return the scale at which the stiffest mode is one that sample time and delay allow. */
+static double find_cap(const config_t *c, const modes_t *modes)
+{
+    double stiffest = 0.0;
+    for (int i = 0; i < N; ++i) {
+        stiffest = larger(stiffest, modes->d[i]);
     }
-    const double level = find_level(2 * TIPS, largest, most);
-    for (int k = 0; k < 2 * TIPS; ++k) {
-        (void)cap_spring(A + 9 * k, level, (k % 2 == 0 ? s->translation : s->rotation) + 9 * (k / 2));
-        m->stiffness_share = smaller(m->stiffness_share, largest[k] > level ? level / largest[k] : 1.0);
-    }
-    s->status |= IIWA14_STATUS_STIFFNESS_CAPPED;
+    return smaller(most_eigenvalue(c) / larger(stiffest, DBL_MIN), 1.0);
 }
 
 /*
- * Return whether a stiffness at the limits of the configuration would be halved somewhere: in one of POSTURES postures
- * the sample time allows less than half of it.
+ * Damp the modes of Kq v = l M v: B = L f(C) L^T + d I with M = L L^T, C = L^-1 Kq L^-T; a joint that is faster than
+ * SPEED of its limit is braked by what is left. K: Kq, overwritten; slip: velocity of the reference less the arm's.
  */
-static int halves_stiffness(const config_t *c, const memory_t *m, double *work)
+static void damp(const memory_t *m, const double *L, double *K, const double *slip, law_t *w)
 {
-    const double half = 2.0 * largest_eigenvalue(c, m);
-    int halved = 0;
-    for (int k = 0; k < POSTURES; ++k) {
-        double q[N], mobilities[18 * TIPS], d[3], Q[9];
-        place_posture(c, m, k, q);
-        if (!measure_mobilities(c, m, q, NULL, work, mobilities)) {
-            continue;
-        }
-        for (int j = 0; j < 2 * TIPS; ++j) { /* translation and rotation of a tip in turn */
-            const double K = j % 2 == 0 ? c->translation_stiffness_limit : c->rotation_stiffness_limit;
-            halved |= diagonalise_symmetric(3, mobilities + 9 * j, d, Q) == 0 && K * d[2] > half;
-        }
-    }
-    return halved;
-}
-
-/* Configuration and state: checks, checksum, start, reset, faults. */
-
-/* Return whether all entries lie between the bounds (both allowed). */
-static int integers_within(const int *x, size_t count, int least, int most)
-{
-    for (size_t i = 0; i < count; ++i) {
-        if (x[i] < least || x[i] > most) {
-            return 0;
-        }
-    }
-    return 1;
-}
-
-/* Check a configuration: OK, or the error of the first field that is refused. */
-static int validate(const config_t *c)
-{
-    const int error = check_fields(c);
-    if (error != IIWA14_OK) {
-        return error;
-    }
+    const config_t *const c = &m->config;
+    double inverse[NN], C[NN], y[N];
+    modes_t modes;
+    design_t d;
+    invert_lower(L, inverse);
+    design_joints(c, inverse, &d);
+    form_pencil(inverse, K, C);
+    find_modes(C, &modes);
+    w->cap = find_cap(c, &modes);
+    w->status |= w->cap < 1.0 ? (uint32_t)IIWA14_STATUS_STIFFNESS_CAPPED : 0u;
+    multiply_upper(L, slip, y);
+    to_modes(&modes, C, y);
+    damp_modes(c, &modes, w->cap, &d, y);
+    from_modes(&modes, C, y);
+    multiply_lower(L, y, w->damper);
     for (int i = 0; i < N; ++i) {
-        if (!(c->upper_limit[i] - c->lower_limit[i] > 2.0 * c->limit_zone)) {
-            return IIWA14_E_POSITION_LIMITS;
+        const double dq = m->watch.dq[i], limit = SPEED * c->velocity_limit[i], excess = dq - clamp(dq, -limit, limit);
+        w->damper[i] += d.joint * slip[i] - (d.most - d.largest) / d.softness[i] * excess / N;
+    }
+}
+
+/* Compute the springs' torque with the posture spring's, their energy and tangent, the zones' torque, and the slip. */
+static void pull(const memory_t *m, double *K, double *slip, law_t *w)
+{
+    const reference_t *const f = &m->reference;
+    double slope[N];
+    w->energy = stiffgen_spring(m->watch.q, m, f->equilibrium, f->translation_stiffness, f->rotation_stiffness, w->pull, K);
+    (void)zone_energy(m, m->watch.q, w->zone, slope);
+    for (int i = 0; i < N; ++i) {
+        const double away = f->r[i] - m->watch.q[i], k = f->posture_stiffness[i];
+        w->pull[i] += k * away;
+        w->energy += 0.5 * k * away * away;
+        K[i * (N + 1)] += k + slope[i];
+        slip[i] = f->dr[i] - m->watch.dq[i];
+        w->status |= slope[i] > 0.0 ? (uint32_t)IIWA14_STATUS_JOINT_LIMIT : 0u;
+    }
+}
+
+/* Compute the wanted torques. Without a positive mass matrix every joint is damped alike. */
+static void find_law(const memory_t *m, const command_t *k, law_t *w)
+{
+    double M[NN], K[NN], slip[N];
+    w->status = 0u;
+    w->cap = 1.0;
+    pull(m, K, slip, w);
+    mass_with_motors(m, m->watch.q, M);
+    const int positive = factorise(M);
+    if (positive) {
+        damp(m, M, K, slip, w);
+    } else {
+        w->status |= (uint32_t)IIWA14_STATUS_MASS_MATRIX;
+        for (int i = 0; i < N; ++i) {
+            w->damper[i] = JOINT_DAMPING * slip[i];
         }
     }
-    if (c->actuation == IIWA14_ACTUATION_GAINS && c->delay_samples > 0) {
-        return IIWA14_E_ACTUATION;
-    }
-    if (c->state_period > c->missed_limit * c->sample_time * (1.0 + ROUNDED)) {
-        return IIWA14_E_STATE_PERIOD;
-    }
-    return c->spring == IIWA14_SPRING_BOUNDED && !stiffgen_has_bounded_spring() ? IIWA14_E_BOUNDED_SPRING : IIWA14_OK;
+    feed_forward(m, k, positive ? M : NULL, w);
 }
+
+/* The guard: scale and torque that effort, rate and account allow. */
+
+static const double NO_TORQUE = 1e-9; /* [N m] or [N] that counts as none: nothing is divided by it */
+static const double RELEASE = 0.8;    /* share of the rate limit at which the springs' torque falls after a fault */
+enum { ROUNDS = 6 };                  /* of a bisection */
+
+/* Return whether a fault lets the springs hold the arm: the reference stands still until the reset. */
+static int holds_in_fault(const memory_t *m)
+{
+    return fault_of_reason(m->fault.reason) == IIWA14_FAULT_COMMUNICATION && m->watch.known &&
+           m->config.communication_reaction != IIWA14_COMMUNICATION_REACTION_RELEASE;
+}
+
+/* Return whether a fault leaves no torque, nor the caller's: damping would drive the arm. */
+static int has_no_torque(int reason) { return fault_of_reason(reason) >= IIWA14_FAULT_DISSIPATION; }
+
+/* Return the scale that effort limits allow beside the other torques; after a fault how far it may fall: fall. */
+static double scale_in_effort(const memory_t *m, const law_t *w, double *fall)
+{
+    const config_t *const c = &m->config;
+    double most = w->cap;
+    *fall = 2.0;
+    for (int i = 0; i < N; ++i) {
+        const double size = fabs(w->pull[i]), side = w->pull[i] > 0.0 ? 1.0 : -1.0;
+        const double other = w->zone[i] + w->feedforward[i] + m->caller.offset[i];
+        if (size > NO_TORQUE) {
+            most = smaller(most, larger(c->effort_limit[i] - side * other, 0.0) / size);
+            *fall = smaller(*fall, RELEASE * c->torque_rate_limit[i] * c->sample_time / size);
+        }
+    }
+    return most;
+}
+
+/* Vary the scale: what sample time, effort, reserve and tank allow; after a fault to 0 as fast as the torque follows. */
+static scale_t vary_scale(const memory_t *m, const law_t *w)
+{
+    double fall;
+    scale_t next = {m->reference.scale, 0u};
+    double target = scale_in_effort(m, w, &fall);
+    next.status |= target < w->cap ? (uint32_t)IIWA14_STATUS_SATURATED : 0u;
+    const double covered = covered_share(m, w->pull, COVERED * available(&m->account));
+    next.status |= covered < target ? (uint32_t)IIWA14_STATUS_RESERVE : 0u;
+    target = smaller(target, covered);
+    if (m->fault.reason != IIWA14_REASON_NONE && !holds_in_fault(m)) {
+        target = smaller(target, larger(next.scale - fall, 0.0));
+    }
+    const double rise = target - next.scale, most = budget(m);
+    double step = smaller(rise, m->config.sample_time / SCALE_TIME);
+    if (step > 0.0 && step * w->energy > most) {
+        step = (1.0 - ROUNDED) * most / w->energy;
+        next.status |= (uint32_t)IIWA14_STATUS_TANK_LIMITED;
+    }
+    next.scale = step == rise ? target : next.scale + step;
+    return next;
+}
+
+/* Limit a wanted torque in effort (the caller's has its part first) and rate. NaN becomes 0. */
+static uint32_t limit_torque(const memory_t *m, const double *wanted, double *own)
+{
+    const config_t *const c = &m->config;
+    uint32_t status = 0u;
+    for (int i = 0; i < N; ++i) {
+        const double last = m->account.history[i], rate = c->torque_rate_limit[i] * c->sample_time;
+        const double most = c->effort_limit[i], offset = m->caller.offset[i];
+        const double x = fabs(wanted[i]) <= DBL_MAX ? wanted[i] : 0.0;
+        const double y = clamp(x, smaller(-most - offset, 0.0), larger(most - offset, 0.0));
+        own[i] = clamp(y, last - rate, last + rate);
+        status |= y != x ? (uint32_t)IIWA14_STATUS_SATURATED : 0u;
+        status |= own[i] != y ? (uint32_t)IIWA14_STATUS_RATE_LIMITED : 0u;
+    }
+    return status;
+}
+
+/* Let the torque fall to 0 at its rate limit. */
+static void let_fall(const memory_t *m, torque_t *t)
+{
+    static const double zero[N] = {0.0};
+    (void)limit_torque(m, zero, t->own);
+    t->hold = 1;
+    t->status = 0u;
+    t->finding = find(IIWA14_REASON_NONE, NO_JOINT, 0.0, 0.0);
+    t->reserve = reserve(m, t->own, 1.0);
+}
+
+/* Mix torques: a + share (b - a). */
+static void mix_torques(const double *a, const double *b, double share, double *result)
+{
+    for (int i = 0; i < N; ++i) {
+        result[i] = a[i] + share * (b[i] - a[i]);
+    }
+}
+
+/*
+ * Cover a torque by the largest share of the way to it from one that falls to 0. The reserve is convex in the torque,
+ * so the covered shares are an interval that begins at 0. Return the share.
+ */
+static double cover(const memory_t *m, const double *falling, double hold, double *torque)
+{
+    double trial[N], share = 0.0, step = 0.5;
+    for (int round = 0; round < ROUNDS; ++round, step *= 0.5) {
+        mix_torques(falling, torque, share + step, trial);
+        share += reserve(m, trial, hold) <= available(&m->account) ? step : 0.0;
+    }
+    mix_torques(falling, torque, share, trial);
+    memcpy(torque, trial, sizeof trial);
+    return share;
+}
+
+/* Choose the torque: the sum of what is wanted within effort and rate, as far as tank and stored energy cover it. */
+static void guard(const memory_t *m, const law_t *w, torque_t *t)
+{
+    const double most = available(&m->account);
+    double wanted[N];
+    torque_t falling;
+    for (int i = 0; i < N; ++i) {
+        const int none = has_no_torque(m->fault.reason);
+        wanted[i] = none ? 0.0 : m->reference.scale * w->pull[i] + w->zone[i] + w->damper[i] + w->feedforward[i];
+    }
+    t->hold = m->fault.reason != IIWA14_REASON_NONE ? 1 : m->config.missed_limit;
+    t->status = limit_torque(m, wanted, t->own);
+    t->finding = find(IIWA14_REASON_NONE, NO_JOINT, 0.0, 0.0);
+    t->reserve = reserve(m, t->own, t->hold);
+    if (t->reserve <= most) {
+        return;
+    }
+    let_fall(m, &falling);
+    if (reserve(m, falling.own, t->hold) > most) { /* only a torque that is not held again is covered */
+        t->hold = 1;
+    }
+    const double share = cover(m, falling.own, t->hold, t->own);
+    t->status |= (uint32_t)IIWA14_STATUS_RESERVE;
+    t->reserve = reserve(m, t->own, t->hold);
+    if (share == 0.0 && m->account.tank < FLOOR * m->config.tank_initial) {
+        t->finding = find(IIWA14_REASON_RESERVE, NO_JOINT, t->reserve, most);
+    }
+}
+
+/* Memory that is overwritten is seen: a checksum over all of it, and three copies of what brings the torque to zero. */
 
 /* Rotate the bits of a sum, and add word k of the memory: two values of the word never have the same result. */
 static uint64_t add_word(uint64_t sum, const memory_t *memory, size_t k)
@@ -2531,18 +2091,16 @@ static uint64_t add_word(uint64_t sum, const memory_t *memory, size_t k)
 static uint64_t compute_checksum(const state_t *state)
 {
     const memory_t *const m = &state->memory;
-    const size_t count = sizeof *m / sizeof(uint64_t);
+    const size_t count = sizeof *m / sizeof(uint64_t), whole = count - count % 4;
     uint64_t a = 0x9e3779b97f4a7c15u, b = 0xc2b2ae3d27d4eb4fu, c = 0x165667b19e3779f9u, d = 0x27d4eb2f165667c5u;
-    for (size_t block = 0; block < count / 8; ++block) { /* four sums: the processor adds to all at once */
-        const size_t k = 8 * block;
-        a = add_word(add_word(a, m, k), m, k + 4);
-        b = add_word(add_word(b, m, k + 1), m, k + 5);
-        c = add_word(add_word(c, m, k + 2), m, k + 6);
-        d = add_word(add_word(d, m, k + 3), m, k + 7);
+    for (size_t k = 0; k < whole; k += 4) { /* four sums: the processor adds to all at once */
+        a = add_word(a, m, k);
+        b = add_word(b, m, k + 1);
+        c = add_word(c, m, k + 2);
+        d = add_word(d, m, k + 3);
     }
-    const size_t left = count % 8;
-    for (size_t k = 0; k < left; ++k) {
-        a = add_word(a, m, count - 1 - k);
+    for (size_t k = whole; k < count; ++k) {
+        a = add_word(a, m, k);
     }
     return a + 3u * b + 5u * c + 7u * d;
 }
@@ -2581,78 +2139,6 @@ static void store_copies(uint64_t *copies, const double *values)
     }
 }
 
-/*
- * Supply the work that a torque in force can put out: it is in transit for the delay, acts until the first call, and
- * falls at each call from then on. The account begins with the first sample: book_interval takes out of the tank what
- * can have left the port by then.
- */
-static void supply_torque(const config_t *c, state_t *state, const double *torque)
-{
-    memory_t *const m = &state->memory;
-    double work = 0.0;
-    for (int i = 0; i < N; ++i) {
-        const double size = fabs(torque[i]), calls = 1.0 + 0.5 * size / m->rate[i]; /* of the whole torque, until 0 */
-        work += m->velocity_limit[i] * c->sample_time * size * (c->delay_samples + m->call_gap * calls);
-        for (int k = 0; k < MOST_DELAY; ++k) {
-            m->older[k * N + i] = torque[i];
-        }
-    }
-    m->reserve = work;
-    m->tank += work;
-    m->supplied += work;
-    m->energy_supplied = m->supplied;
-    store_copies(state->torque, torque);
-}
-
-/* Start the memory anew: no sample seen, a tank with its initial energy, and a torque in force. */
-static void start_memory(const config_t *c, state_t *state, const double *torque)
-{
-    memory_t *const m = &state->memory;
-    memset(m, 0, sizeof *m);
-    place_no_tools(m->tool_pose);
-    stiffgen_home(m);
-    for (int i = 0; i < N; ++i) {
-        m->rate[i] = c->torque_rate_limit[i] * c->sample_time;
-    }
-    store_copies(state->rate, m->rate);
-    store_copies(state->effort, c->effort_limit);
-    memcpy(m->velocity_limit, c->velocity_limit, sizeof m->velocity_limit);
-    m->sized_tank = c->tank_initial > 0.0 ? 0.0 : size_tank(c, m);
-    m->tank = m->supplied = m->energy_supplied = larger(c->tank_initial, m->sized_tank);
-    m->calls = m->hold = c->missed_limit;
-    m->fault_joint = NO_JOINT;
-    m->stiffness_share = 1.0;
-    m->call_gap = limit_call_gap(c, c->missed_limit);
-    m->ready = READY;
-    supply_torque(c, state, torque);
-}
-
-/* Prepare a state; torque is the one in force, or NULL for zero. */
-static int initialise(const config_t *c, state_t *state, const double *torque)
-{
-    if (c == NULL || state == NULL) {
-        return IIWA14_E_NULL;
-    }
-    memset(state, 0, sizeof *state);
-    const int error = validate(c);
-    if (error != IIWA14_OK) {
-        return error;
-    }
-    for (int i = 0; torque != NULL && i < N; ++i) {
-        if (!(fabs(torque[i]) <= c->effort_limit[i])) {
-            return IIWA14_E_TORQUE;
-        }
-    }
-    const double none[N] = {0.0};
-    start_memory(c, state, torque != NULL ? torque : none);
-    if (c->stiffness_cap == IIWA14_STIFFNESS_CAP_REFUSE && halves_stiffness(c, &state->memory, state->scratch)) {
-        memset(state, 0, sizeof *state);
-        return IIWA14_E_STIFFNESS;
-    }
-    state->checksum = compute_checksum(state);
-    return IIWA14_OK;
-}
-
 /* Return whether the memory is what the last call left: mark, checksum, and every integer in its range. */
 static int is_believable(const state_t *state)
 {
@@ -2660,2507 +2146,9 @@ static int is_believable(const state_t *state)
     return m->ready == READY && fits_memory(m) && state->checksum == compute_checksum(state);
 }
 
-/* Ask for the end of a fault; the next steps with good samples grant it. */
-static int request_reset(state_t *state)
-{
-    if (state == NULL) {
-        return IIWA14_E_NULL;
-    }
-    if (!is_believable(state)) {
-        return IIWA14_E_NOT_INITIALISED;
-    }
-    state->memory.reset = 1;
-    state->checksum = compute_checksum(state);
-    return IIWA14_OK;
-}
-
-/*
- * Latch a fault; the first one stays. joint: where, or NO_JOINT; seen, limit: the number that was seen, and what it may
- * be.
- */
-static void latch_fault(memory_t *m, int reason, int joint, double seen, double limit)
-{
-    if (m->fault == IIWA14_FAULT_NONE) {
-        m->fault = fault_of_reason(reason);
-        m->reason = reason;
-        m->fault_joint = joint;
-        m->fault_seen = seen;
-        m->fault_limit = limit;
-        m->fault_time = 0.0;
-        m->reset = 0;
-    }
-    m->good_time = 0.0;
-}
-
-/* Return whether a latched communication fault is to be held: the springs stay, and the equilibrium stands still. */
-static int holds_in_fault(const step_t *s)
-{
-    return s->m->fault == IIWA14_FAULT_COMMUNICATION &&
-           s->c->communication_reaction != IIWA14_COMMUNICATION_REACTION_RELEASE;
-}
-
-/* Motion: whether a joint that stands still can do so under the torque that acts, for velocities that are differences
- * of the positions. */
-
-/* Friction that slides with F holds up to 1.5 F, and a sixth more. Before a joint has moved for FRICTION_TIME its
- * friction is a share of the effort limit, and never less than another. */
-static const double FRICTION_RANGE = 1.75, UNKNOWN_FRICTION = 0.03, LEAST_FRICTION = 0.005;
-static const double FRICTION_TIME = 0.25, FRICTION_MEMORY = 2.0; /* [s] of motion; [s] of its mean */
-static const double HELD_BEFORE = 1.25; /* torque that was held before explains so many times itself */
-static const double STOPPED_BY = 0.3; /* share of a joint's momentum that a torque from outside has taken */
-static const double GIVES_WAY = 0.05; /* share of the effort limit that no contact holds to the last bit */
-static const double HARDEST = 5e4, COARSE = 1e-5; /* [N m/rad] hardest contact; [rad] quantum that is not declared */
-static const double REST_MEMORY = 1.0; /* [s] in which predicted motion fades: noise does not add up */
-static const double LEAST_QUANTUM = 1e-7; /* [rad] or [m] up to which a position is the same */
-static const double LOAD_TIME = 0.02; /* [s] low pass on the torque that is not explained */
-static const double SLOW = 0.01; /* [rad/s] or [m/s] from which on a joint shows its friction */
-static const double STILL_TIME = 0.02; /* [s] for which a position may be the same to the last bit under any torque */
-
-/* Return the controller's torque on joint i in the interval that ends now. */
-static double find_own_torque(const memory_t *m, const double *last, int i)
-{
-    return m->delay == 0 ? last[i] : m->older[(m->delay - 1) * N + i];
-}
-
-/* Return the torque of the environment on joint i; 0 if it is not known. */
-static double find_external(const step_t *s, int i)
-{
-    return s->has_external ? s->input->external_torque[i] : 0.0;
-}
-
-/*
- * Return what is left of a torque beside the environment's: that one can cancel it down to 0, but neither add to it nor
- * turn its sign.
- */
-static double explain(double torque, double external)
-{
-    return torque + clamp(external, smaller(-torque, 0.0), larger(-torque, 0.0));
-}
-
-/* Return the torque that both of two readings agree on: the smaller one, or 0 if their signs differ. */
-static double agree(double a, double b)
-{
-    return clamp(a, smaller(b, 0.0), larger(b, 0.0));
-}
-
-/* Return whether joint i has moved for long enough to show its friction. */
-static int knows_friction(const memory_t *m, int i)
-{
-    return m->moving_time[i] >= FRICTION_TIME;
-}
-
-/*
- * Return the torque that friction may hold on joint i: what it has been seen to hold, what the joint's motion has
- * shown, or before any motion a share of the effort limit.
- */
-static double find_held_torque(const step_t *s, int i)
-{
-    const memory_t *const m = s->m;
-    const double effort = s->c->effort_limit[i], shown = FRICTION_RANGE * m->friction[i];
-    const double least = knows_friction(m, i) ? LEAST_FRICTION : UNKNOWN_FRICTION;
-    return larger(larger(least * effort, shown), HELD_BEFORE * m->held_torque[i]);
-}
-
-/* Begin a standstill of joint i at its position, or between it and the one before; speed: with which it came. */
-static void begin_standstill(step_t *s, int i, double own, double speed)
-{
-    memory_t *const m = s->m;
-    m->rest_other[i] = m->rest_q[i];
-    m->rest_q[i] = s->q[i];
-    m->rest_torque[i] = own;
-    m->rest_external[i] = find_external(s, i);
-    /* What is left of the unexplained torque without the friction of this motion is a load that stays. */
-    const double friction = m->dq[i] != 0.0 ? copysign(m->friction[i], m->dq[i]) : 0.0;
-    m->rest_load[i] = knows_friction(m, i) ? m->unexplained[i] + friction : 0.0;
-    m->rest_speed[i] = speed;
-    m->rest_change[i] = m->rest_travel[i] = m->alone_speed[i] = m->alone_travel[i] = 0.0;
-}
-
-/*
- * Return whether joint i stands still: its position is one of two values (one bit may toggle) up to position_quantum.
- * At a third value the standstill ends, and another one begins.
- */
-static int stands_still(step_t *s, int i, double own, double elapsed)
-{
-    memory_t *const m = s->m;
-    const double q = s->q[i], quantum = larger(s->c->position_quantum, LEAST_QUANTUM);
-    if (!m->known || m->reset) {
-        begin_standstill(s, i, own, 0.0);
-        return 0;
-    }
-    if (fabs(q - m->rest_q[i]) <= quantum || fabs(q - m->rest_other[i]) <= quantum) {
-        return 1;
-    }
-    /* it moves after all, so that friction has held the torque of the standstill; before rest_change begins anew */
-    if (m->fault == IIWA14_FAULT_NONE) {
-        m->held_torque[i] = larger(m->held_torque[i], m->rest_change[i]);
-    }
-    /* One change of a coarse position, or of a velocity that is filtered, is not yet a speed. */
-    const double measured = (q - m->still_q[i]) / elapsed, filtered = m->dq[i];
-    const double least = smaller(fabs(measured), fabs(filtered));
-    begin_standstill(s, i, own, measured * filtered > 0.0 ? copysign(least, measured) : 0.0);
-    return 0;
-}
-
-/* Return whether two positions are the same to the last bit, but for one bit that may differ. */
-static int is_same(double a, double b)
-{
-    uint64_t bits_a, bits_b;
-    memcpy(&bits_a, &a, sizeof a);
-    memcpy(&bits_b, &b, sizeof b);
-    const uint64_t differ = bits_a ^ bits_b;
-    return (differ & (differ - 1u)) == 0u; /* no bit is set, or one */
-}
-
-/*
- * Return the range of the controller's torque for which joint i's position has been the same to the last bit (one bit
- * may toggle); 0 until that has lasted for STILL_TIME. A sound encoder shows how far a joint gives way even under
- * friction, in a clamp or at a stop; a frozen one does not. In another fault the torque falls while brakes may hold.
- */
-static double find_still_range(step_t *s, int i, double own, double elapsed)
-{
-    memory_t *const m = s->m;
-    const double q = s->q[i], longest = larger(STILL_TIME, 2.0 * s->c->state_period);
-    const int judged = m->fault == IIWA14_FAULT_NONE || m->reason == IIWA14_REASON_FROZEN;
-    const int same = q == m->still_value[i] || (q == m->still_other[i] && is_same(q, m->still_value[i]));
-    if (!m->known || m->reset || !judged || !same) {
-        m->still_other[i] = m->still_value[i];
-        m->still_value[i] = q;
-        m->still_time[i] = 0.0;
-        m->still_least[i] = m->still_most[i] = own;
-        return 0.0;
-    }
-    m->still_time[i] = smaller(m->still_time[i] + elapsed, longest);
-    m->still_least[i] = smaller(m->still_least[i], own);
-    m->still_most[i] = larger(m->still_most[i], own);
-    return m->still_time[i] < (1.0 - ROUNDED) * longest ? 0.0 : m->still_most[i] - m->still_least[i];
-}
-
-/*
- * Predict the motion of a joint that stands still, from the change of its torque, friction and inertia alone: no signal
- * of the position enters. Predicted motion fades, so that noise does not add up.
- */
-static void predict_motion(double torque, double held, double inertia, double elapsed, double *speed, double *travel)
-{
-    const double friction = held * elapsed / inertia, push = *speed + torque * elapsed / inertia; /* speeds */
-    *speed = push - clamp(push, -friction, friction); /* friction slows it down, and never reverses it */
-    *travel += *speed * elapsed - *travel * elapsed / (elapsed + REST_MEMORY);
-}
-
-/*
- * Predict for each joint that stands still how far the torque must have moved it. What the environment is said to hold
- * counts, but not to the last bit while the arm moves: every contact gives way (alone), the hardest by a quantum.
- */
-static void predict_standstills(step_t *s, const double *last, double elapsed)
-{
-    memory_t *const m = s->m;
-    int moves = 0;
-    for (int i = 0; i < N; ++i) {
-        moves |= fabs(s->q[i] - m->still_q[i]) > SLOW * elapsed;
-    }
-    for (int i = 0; i < N; ++i) {
-        const double own = find_own_torque(m, last, i), effort = s->c->effort_limit[i];
-        const double quantum = larger(s->c->position_quantum, COARSE);
-        s->travel[i] = 0.0;
-        s->range[i] = find_still_range(s, i, own, elapsed);
-        s->stands[i] = stands_still(s, i, own, elapsed);
-        if (!s->stands[i] || !(m->mass[i] > 0.0)) {
-            continue;
-        }
-        const double acting = own + m->rest_load[i], change = own - m->rest_torque[i];
-        const double external = find_external(s, i), external_change = external - m->rest_external[i];
-        const double held = find_held_torque(s, i);
-        /* What acts now must move the joint, and so must what has changed since the joint stood still. */
-        const double left = agree(explain(acting, external), explain(change, external_change));
-        if (fabs(external_change) * elapsed > STOPPED_BY * m->mass[i] * fabs(m->rest_speed[i])) {
-            m->rest_speed[i] = 0.0; /* it was stopped from outside */
-        }
-        m->rest_change[i] = larger(m->rest_change[i], fabs(left));
-        predict_motion(left, held, m->mass[i], elapsed, &m->rest_speed[i], &m->rest_travel[i]);
-        if (moves) {
-            const double held_alone = larger(held, smaller(GIVES_WAY * effort, HARDEST * quantum));
-            predict_motion(agree(acting, change), held_alone, m->mass[i], elapsed, &m->alone_speed[i],
-                           &m->alone_travel[i]);
-        }
-        s->travel[i] = larger(fabs(m->rest_travel[i]), fabs(m->alone_travel[i]));
-    }
-}
-
-/*
- * Fit dry + viscous friction, |unexplained| = F + D |dq|, to the motion of joint i: only F holds a joint that stands
- * still. share: of this sample in the means.
- */
-static void learn_dry_friction(memory_t *m, int i, double share)
-{
-    const double torque = fabs(m->unexplained[i]), speed = fabs(m->dq[i]);
-    m->mean_torque[i] += share * (torque - m->mean_torque[i]);
-    m->mean_speed[i] += share * (speed - m->mean_speed[i]);
-    m->mean_square[i] += share * (speed * speed - m->mean_square[i]);
-    m->mean_power[i] += share * (torque * speed - m->mean_power[i]);
-    /* covariance and variance of a least-squares line */
-    const double variance = m->mean_square[i] - m->mean_speed[i] * m->mean_speed[i];
-    const double covariance = m->mean_power[i] - m->mean_torque[i] * m->mean_speed[i];
-    const int rises = covariance > 0.0 && variance > ROUNDED * m->mean_square[i];
-    const double viscous = rises ? covariance / variance * m->mean_speed[i] : 0.0;
-    m->friction[i] = larger(m->mean_torque[i] - viscous, 0.0);
-}
-
-/*
- * Learn from the motion of each joint which torque the mass matrix does not explain: friction, viscous or dry, and a
- * load that is not measured.
- */
-static void learn_friction(step_t *s, const double *last)
-{
-    memory_t *const m = s->m;
-    if (s->c->velocity_source != IIWA14_VELOCITY_SOURCE_DIFFERENCED) {
-        return;
-    }
-    double momentum[N];
-    const double T = s->elapsed, low_pass_share = T / (T + LOAD_TIME);
-    const double quantum_speed = larger(s->c->position_quantum, LEAST_QUANTUM) / T;
-    multiply_vector(s->out->mass_matrix, m->dq, momentum);
-    for (int i = 0; i < N; ++i) {
-        /* rate of momentum = own + external + unexplained torque */
-        const double own = find_own_torque(m, last, i), rate = (momentum[i] - m->momentum[i]) / T;
-        const double unexplained_now = explain(rate - own, -find_external(s, i));
-        /* A bit that toggles has a velocity, too, but is no motion. */
-        const int moves = !s->stands[i] && fabs(m->dq[i]) > larger(4.0 * quantum_speed, SLOW);
-        if (s->believed && m->mass[i] > 0.0) {
-            m->unexplained[i] += low_pass_share * (unexplained_now - m->unexplained[i]);
-        }
-        if (moves && s->believed && m->fault == IIWA14_FAULT_NONE) {
-            /* The mean over the motion, which forgets what is older than FRICTION_MEMORY. */
-            m->moving_time[i] = smaller(m->moving_time[i] + T, FRICTION_MEMORY);
-            learn_dry_friction(m, i, T / m->moving_time[i]);
-        }
-        /* for the next interval */
-        m->momentum[i] = momentum[i];
-        m->mass[i] = s->out->mass_matrix[i * (N + 1)];
-    }
-}
-
-/* Samples: whether a measurement is believed. */
-
-/* A standstill is judged from this share of the velocity limit on, over the motion of this many samples. */
-static const double FROZEN_SHARE = 0.02, FROZEN_SAMPLES = 20.0;
-static const double FROZEN_TRAVEL = 4e-3; /* [rad] or [m] predicted motion of a joint that stands still: no less */
-/* Share of the effort limit over which the torque ranges at most while a position is the same to the last bit; coarsest
- * resolution [rad] or [m] of positions that show it. */
-static const double STILL_RANGE = 0.03, FINE_QUANTUM = 1e-6;
-enum { FROZEN_POSITION = 1, FROZEN_VELOCITY = 2 };
-enum { HALVES = 2, SKIPPED = 1000 }; /* halves of a sample; most calls that are counted as skipped at once */
-/* Motion that dq and q may disagree by in a sample: share of the velocity limit, share of the motion itself. */
-static const double DISAGREED_LIMIT = 0.5, DISAGREED_MOTION = 0.3;
-/* Velocity limits that a dq may have: a faster one is no measurement. */
-static const double FASTEST = 1e3;
-
-/*
- * Count missing samples, in halves (m->absent), so that the count stays an integer: a missing sample is two halves, and
- * one that is there (periods 0) takes one back. Faults are loss_limit samples in a row, more than one of three for
- * long, and missed_limit calls in a row.
- */
-static void count_missing(step_t *s, int periods, int reason)
-{
-    memory_t *const m = s->m;
-    const int most = s->c->loss_limit > m->calls ? s->c->loss_limit : m->calls;
-    const int halves = m->absent + (periods > 0 ? HALVES * periods : -1);
-    const int calls = reason == IIWA14_REASON_SKIPPED ? periods : 0; /* in a row, without a step */
-    m->absent = clamp_count(halves, HALVES * most);
-    if (m->known && calls >= m->calls) {
-        latch_fault(m, reason, NO_JOINT, calls, m->calls);
-    } else if (m->known && halves >= HALVES * most) {
-        latch_fault(m, reason, NO_JOINT, (double)halves / (double)HALVES, most);
-    }
-}
-
-/*
- * Track a value that may stand still. From a window after its last change on, sum how far the motions of q and dq
- * differ; up to `allowed` per sample is noise, resolution and bias of dq, which therefore do not add up at rest. Return
- * the sum's absolute value.
- */
-static double sum_still(int changed, double window, double differs, double allowed, double *age, double *sum)
-{
-    *age = changed ? 0.0 : *age + 1.0;
-    const double next = *sum + differs;
-    *sum = *age > window ? next - clamp(next, -allowed, allowed) : 0.0;
-    return fabs(*sum);
-}
-
-/*
- * Find whether q or dq of joint i stands still while the other moves. differs: motion by dq less the change of q; seen,
- * limit: the sum and what it may be. Return FROZEN_POSITION, FROZEN_VELOCITY, both as bits, or 0.
- */
-static int check_frozen(step_t *s, int i, double differs, double elapsed, double *seen, double *limit)
-{
-    const config_t *const c = s->c;
-    memory_t *const m = s->m;
-    const double q = s->q[i], dq = s->input->dq[i], window = c->frozen_window;
-    const double drift = larger(FROZEN_SHARE * m->velocity_limit[i], c->velocity_noise), allowed = drift * elapsed;
-    const int q_changed = !m->known || q != m->still_q[i], dq_changed = !m->known || dq != m->still_dq[i];
-    const double q_sum = sum_still(q_changed, window, differs, allowed, &m->q_age[i], &m->moved_q[i]);
-    const double dq_sum = sum_still(dq_changed, window, differs, allowed, &m->dq_age[i], &m->moved_dq[i]);
-    m->still_q[i] = q;
-    m->still_dq[i] = dq;
-    *limit = larger(4.0 * c->position_quantum, drift * FROZEN_SAMPLES * c->sample_time);
-    *seen = larger(q_sum, dq_sum);
-    return (q_sum > *limit ? FROZEN_POSITION : 0) | (dq_sum > *limit ? FROZEN_VELOCITY : 0);
-}
-
-/* Return whether the sample repeats the last state, which state_period allows for this long. */
-static int repeats_state(step_t *s)
-{
-    memory_t *const m = s->m;
-    int same = m->known && m->fault == IIWA14_FAULT_NONE;
-    for (int i = 0; i < N; ++i) {
-        same = same && s->q[i] == m->still_q[i] && s->input->dq[i] == m->still_dq[i];
-    }
-    m->state_age = clamp_count(m->state_age + 1, LONGEST);
-    /* a state that has lasted for state_period counts as a new one, so that an arm may stand still */
-    same = same && m->state_age * s->c->sample_time < (1.0 - ROUNDED) * s->c->state_period;
-    m->state_age = same ? m->state_age : 0;
-    return same;
-}
-
-/* Note what is wrong with a sample: joint, the number that was seen, and its limit. */
-static void note_finding(step_t *s, int joint, double seen, double limit)
-{
-    s->joint = joint;
-    s->seen = seen;
-    s->limit = limit;
-}
-
-/* Check the sample counter, and bridge the calls that are missing. Return REASON_NONE or REASON_STALE. */
-static int check_counter(step_t *s, const double *last)
-{
-    memory_t *const m = s->m;
-    const uint32_t counter = s->input->counter;
-    /* sample times that are missing besides those of the gap; unsigned, as the counter wraps */
-    const int32_t ahead = (int32_t)(counter - m->counter - (uint32_t)m->gap - 1u);
-    m->regular = counter == m->seen_counter + 1u ? clamp_count(m->regular + 1, 3) : 0;
-    m->seen_counter = counter;
-    /* an old sample; but in a fault a counter that advances regularly again is believed, wherever it stands */
-    if (ahead < 0 && (m->fault == IIWA14_FAULT_NONE || m->regular < 3)) {
-        note_finding(s, NO_JOINT, 1.0 + ahead, 1.0);
-        return IIWA14_REASON_STALE;
-    }
-    if (ahead > 0) {
-        s->status |= IIWA14_STATUS_MISSED;
-        bridge_missing_calls(s, last, ahead);
-        count_missing(s, clamp_count(ahead, SKIPPED), IIWA14_REASON_SKIPPED);
-    }
-    s->timed = ahead >= 0;
-    m->gap_calls = ahead >= 0 ? 0 : m->gap_calls;
-    return IIWA14_REASON_NONE;
-}
-
-/*
- * Check one joint's q and dq, and choose the velocity to use: if one of the two is wrong the other's, or, where it is
- * open which, the smaller one if they agree in sign. Damping with too small a velocity puts no energy in.
- *
- * motion: change of q since the last known position; measured: its velocity; far: motion at the velocity limit;
- * differs: motion by dq less that of q; apart: what q and dq of different times may differ by. Of jump, standstill
- * and mismatch the first that is found counts.
- */
-static int check_joint(step_t *s, int i)
-{
-    const config_t *const c = s->c;
-    memory_t *const m = s->m;
-    const double q = s->q[i], dq = s->input->dq[i], elapsed = c->sample_time * (1 + m->gap);
-    const double motion = m->known ? q - m->q[i] : dq * elapsed;
-    const double far = m->velocity_limit[i] * elapsed, measured = motion / elapsed, quanta = 2.0 * c->position_quantum;
-    const double noise = NOISE_RANGE * c->velocity_noise * elapsed, differs = dq * elapsed - motion;
-    const double apart = c->state_period * smaller(fabs(dq), fabs(measured));
-    const double allowed = larger(DISAGREED_LIMIT * far, DISAGREED_MOTION * fabs(motion)) + quanta + noise + apart;
-    double still, still_limit;
-    int stuck = check_frozen(s, i, differs, elapsed, &still, &still_limit);
-    const int disagree = fabs(differs) > allowed;
-    const double farthest = larger(FROZEN_TRAVEL, 4.0 * c->position_quantum);
-    const double widest = STILL_RANGE * c->effort_limit[i];
-    const int held_exactly = s->range[i] > widest && c->position_quantum <= FINE_QUANTUM;
-    if (held_exactly || s->travel[i] > farthest) {
-        stuck = FROZEN_POSITION; /* the position is not believed, nor the velocity that follows from it */
-        still = held_exactly ? s->range[i] : s->travel[i];
-        still_limit = held_exactly ? widest : farthest;
-        s->located = 0;
-    }
-    /* An arm that is too fast must be braked: q and dq that agree are believed at any speed that follows from the last
-     * one, and in a fault at any speed. */
-    const int fault = m->fault != IIWA14_FAULT_NONE, follows = fabs(motion - m->dq[i] * elapsed) <= far + quanta;
-    const double range = 2.0 * far + quanta + apart;
-    const double locatable = fault || (follows && !disagree) ? 10.0 * far + quanta : range;
-    s->velocity[i] = dq;
-    s->condemned[i] = !m->known && distance_beyond(c, i, q) > c->position_tolerance;
-    if ((disagree || !fault) && fabs(motion) > locatable) {
-        s->located = 0;
-        note_finding(s, i, fabs(motion), locatable);
-    }
-    if (disagree && fabs(motion) > range) {
-        s->velocity[i] = 0.0;
-        s->jumped = s->condemned[i] = 1;
-        return IIWA14_REASON_JUMP;
-    }
-    if (stuck != 0) {
-        note_finding(s, i, still, still_limit);
-        s->condemned[i] = (stuck & FROZEN_POSITION) != 0;
-        s->velocity[i] = stuck == FROZEN_VELOCITY ? measured : dq;
-        return IIWA14_REASON_FROZEN;
-    }
-    if (disagree) {
-        note_finding(s, i, fabs(differs) / elapsed, allowed / elapsed);
-        const double slower = fabs(measured) < fabs(dq) ? measured : dq;
-        s->velocity[i] = measured * dq <= 0.0 ? 0.0 : slower;
-        return IIWA14_REASON_MISMATCH;
-    }
-    return IIWA14_REASON_NONE;
-}
-
-/*
- * Check a sample: REASON_NONE, or why it is not believed. A sample whose position alone is believed still serves in a
- * fault (located).
- */
-static int check_sample(step_t *s, const double *last)
-{
-    memory_t *const m = s->m;
-    const input_t *const in = s->input;
-    int reason = IIWA14_REASON_NONE;
-    for (int i = 0; i < N; ++i) {
-        if (!(fabs(in->q[i]) <= FARTHEST && fabs(in->dq[i]) <= FASTEST * m->velocity_limit[i])) {
-            const double wrong = fabs(in->q[i]) <= FARTHEST ? in->dq[i] : in->q[i];
-            note_finding(s, i, fabs(wrong) <= DBL_MAX ? wrong : 0.0, 0.0); /* outputs are finite */
-            return IIWA14_REASON_NOT_FINITE;
-        }
-    }
-    if (m->known && check_counter(s, last) != IIWA14_REASON_NONE) {
-        return IIWA14_REASON_STALE;
-    }
-    s->located = 1; /* until a joint's check finds otherwise */
-    if (s->c->velocity_source == IIWA14_VELOCITY_SOURCE_DIFFERENCED) {
-        predict_standstills(s, last, s->c->sample_time * (1 + m->gap));
-    }
-    for (int i = 0; i < N; ++i) {
-        const int found = check_joint(s, i);
-        reason = found != IIWA14_REASON_NONE ? found : reason;
-    }
-    if (!s->located) {
-        return reason == IIWA14_REASON_FROZEN ? reason : IIWA14_REASON_JUMP;
-    }
-    if (!stiffgen_follow(s->q, m)) {
-        s->located = 0;
-        note_finding(s, NO_JOINT, 0.0, 0.0);
-        return IIWA14_REASON_LOOPS;
-    }
-    return reason;
-}
-
-/* Check the measured wrench: one that is too large or not finite counts as none. */
-static void check_wrench(step_t *s)
-{
-    int good = s->input->wrench_valid == 1;
-    for (int t = 0; good && t < TIPS; ++t) {
-        const double *const wrench = s->input->wrench + 6 * t;
-        good = norm(3, wrench) <= s->c->force_limit && norm(3, wrench + 3) <= s->c->moment_limit;
-    }
-    if (good) {
-        memcpy(s->out->wrench, s->input->wrench, sizeof s->out->wrench);
-    } else if (s->input->wrench_valid == 1) {
-        s->status |= IIWA14_STATUS_WRENCH_REFUSED;
-    }
-}
-
-/* Check the environment's torque on the joints: one that is not finite counts as none. */
-static void check_external(step_t *s)
-{
-    s->has_external = s->input->external_valid == 1;
-    for (int i = 0; i < N; ++i) {
-        s->has_external = s->has_external && fabs(s->input->external_torque[i]) <= DBL_MAX;
-    }
-}
-
-/* Observe a sample: is there one, and is it believed? Two bad samples of three are a fault. */
-static void observe_sample(step_t *s, const double *last)
-{
-    memory_t *const m = s->m;
-    int reason = IIWA14_REASON_MISSED;
-    for (int i = 0; s->input->sample_valid == 1 && i < N; ++i) {
-        s->q[i] = m->known ? nearest_turn(s, i, s->input->q[i], m->q[i]) : s->input->q[i];
-    }
-    if (s->input->sample_valid == 1 && repeats_state(s)) {
-        /* no new sample, and none that is missing: the torque is held */
-        s->status |= IIWA14_STATUS_REPEATED;
-        check_counter(s, last);
-        return;
-    }
-    if (s->input->sample_valid == 1) {
-        check_wrench(s);
-        check_external(s);
-        reason = check_sample(s, last);
-        m->bad = ((m->bad << 1) | (reason != IIWA14_REASON_NONE)) & 7; /* the last three samples, a bit each */
-        if (reason != IIWA14_REASON_NONE && (m->bad & (m->bad - 1)) != 0) { /* more than one bit is set */
-            latch_fault(m, reason, s->joint, s->seen, s->limit);
-        }
-    }
-    s->believed = reason == IIWA14_REASON_NONE;
-    if (reason == IIWA14_REASON_MISSED) {
-        s->status |= IIWA14_STATUS_MISSED;
-    } else if (!s->believed) {
-        s->status |= IIWA14_STATUS_BAD_SAMPLE;
-    }
-    count_missing(s, !s->believed, reason); /* one sample time is missing, or none */
-}
-
-/* Commands: what is accepted, and why what is not is refused. */
-
-static const double POSE_TOLERANCE = 1e-3; /* of a commanded rotation, sum of |R^T R - I|: 5 digits */
-
-/* Note why a command is refused; the first reason stays. Outputs are finite: NaN counts as 0. Return 0. */
-static int refuse_command(refusal_t *r, int code, int command, int entry, double seen, double limit)
-{
-    if (r->code == IIWA14_REFUSAL_NONE) {
-        r->code = code;
-        r->command = command;
-        r->entry = entry;
-        r->seen = isnan(seen) ? 0.0 : clamp(seen, -DBL_MAX, DBL_MAX);
-        r->limit = limit;
-    }
-    return 0;
-}
-
-/* Check that numbers are no larger than a bound; NaN is. Return whether all are. */
-static int check_numbers(int count, const double *x, double most, int code, int command, int entry, refusal_t *r)
-{
-    int good = 1;
-    for (int i = 0; i < count; ++i) {
-        good = good && (fabs(x[i]) <= most || refuse_command(r, code, command, entry + i, x[i], most)); /* returns 0 */
-    }
-    return good;
-}
-
-/*
- * Check that a stiffness is symmetric and positive semidefinite, up to single precision. symmetric: the mean of K and
- * its transpose. Return whether it is.
- */
-static int check_definite(const double *K, const double *symmetric, int command, int entry, refusal_t *r)
-{
-    const double most = larger(COMMAND_TOLERANCE * largest_entry(9, K), DBL_MIN);
-    double A[9], values[3] = {0.0}, vectors[9];
-    for (int i = 0; i < 3; ++i) {
-        for (int j = i + 1; j < 3; ++j) {
-            const double apart = fabs(K[3 * i + j] - K[3 * j + i]);
-            if (!(apart <= most)) {
-                return refuse_command(r, IIWA14_REFUSAL_ASYMMETRIC, command, entry + 3 * i + j, apart, most);
-            }
-        }
-    }
-    if (is_positive_semidefinite(3, symmetric, COMMAND_TOLERANCE)) {
-        return 1;
-    }
-    memcpy(A, symmetric, sizeof A);
-    (void)diagonalise_symmetric(3, A, values, vectors);
-    return refuse_command(r, IIWA14_REFUSAL_INDEFINITE, command, entry, values[0], -most);
-}
-
-/*
- * Copy a stiffness, made symmetric in every bit. command: translation_stiffness or rotation_stiffness. Return whether K
- * is one, up to single precision.
- */
-static int accept_stiffness(const double *K, double most, int command, int tip, double *accepted, refusal_t *r)
-{
-    take_symmetric_part(3, K, accepted);
-    return check_numbers(9, K, DBL_MAX, IIWA14_REFUSAL_NOT_FINITE, command, 9 * tip, r) &&
-           check_numbers(9, K, most, IIWA14_REFUSAL_STIFFNESS_LIMIT, command, 9 * tip, r) &&
-           check_definite(K, accepted, command, 9 * tip, r);
-}
-
-/* Make a rotation that is almost one orthonormal, by two Newton steps R (3 I - R^T R) / 2. */
-static void orthonormalise(double *pose)
-{
-    double C[9], R[9];
-    for (int round = 0; round < 2; ++round) {
-        multiply3(pose, 4, 1, pose, 4, C);
-        for (int i = 0; i < 9; ++i) {
-            C[i] = (i % 4 == 0 ? 1.5 : 0.0) - 0.5 * C[i];
-        }
-        multiply3(pose, 4, 0, C, 3, R);
-        for (int i = 0; i < 9; ++i) {
-            pose[i / 3 * 4 + i % 3] = R[i];
-        }
-    }
-}
-
-/*
- * Copy a pose. A rotation that is orthonormal up to POSE_TOLERANCE only is made so. command: equilibrium, tool_pose or
- * none; reach: the largest distance from the origin. Return whether the pose is one.
- */
-static int accept_pose(const double *pose, double reach, int command, int tip, double *accepted, refusal_t *r)
-{
-    double C[9], off = 0.0; /* off: sum of the deviations from a pose */
-    const int first = 16 * tip;
-    memcpy(accepted, pose, 16 * sizeof(double));
-    if (!check_numbers(16, pose, DBL_MAX, IIWA14_REFUSAL_NOT_FINITE, command, first, r)) {
-        return 0;
-    }
-    for (int i = 0; i < 4; ++i) {
-        const double wanted = i == 3 ? 1.0 : 0.0, apart = fabs(pose[12 + i] - wanted);
-        if (apart > POSE_TOLERANCE) {
-            return refuse_command(r, IIWA14_REFUSAL_LAST_ROW, command, first + 12 + i, pose[12 + i], wanted);
-        }
-        off += apart;
-    }
-    const double det = pose[0] * (pose[5] * pose[10] - pose[6] * pose[9]) -
-                       pose[1] * (pose[4] * pose[10] - pose[6] * pose[8]) +
-                       pose[2] * (pose[4] * pose[9] - pose[5] * pose[8]);
-    multiply3(pose, 4, 1, pose, 4, C);
-    for (int i = 0; i < 9; ++i) {
-        off += fabs(C[i] - (i % 4 == 0 ? 1.0 : 0.0));
-    }
-    if (!(off <= POSE_TOLERANCE)) {
-        return refuse_command(r, IIWA14_REFUSAL_ROTATION, command, first, off, POSE_TOLERANCE);
-    }
-    if (!(det > 0.0)) {
-        return refuse_command(r, IIWA14_REFUSAL_LEFT_HANDED, command, first, det, 1.0);
-    }
-    const double position[3] = {pose[3], pose[7], pose[11]};
-    if (!(norm(3, position) <= reach)) {
-        return refuse_command(r, IIWA14_REFUSAL_REACH, command, first + 3, norm(3, position), reach);
-    }
-    if (off > ROUNDED) {
-        orthonormalise(accepted);
-    }
-    return 1;
-}
-
-/* Accept a wrench that a tip is to exert: finite, and no larger than heaviest_wrench. Return whether it is accepted. */
-static int accept_wrench(const config_t *c, const double *wrench, int tip, refusal_t *r)
-{
-    for (int k = 0; k < 2; ++k) {
-        const double size = norm(3, wrench + 3 * k), most = c->heaviest_wrench[k];
-        if (!(size <= most * (1.0 + ROUNDED))) {
-            const int code = size <= DBL_MAX ? IIWA14_REFUSAL_WRENCH : IIWA14_REFUSAL_NOT_FINITE;
-            return refuse_command(r, code, IIWA14_ARGUMENT_WRENCH_COMMAND, 6 * tip + 3 * k, size, most);
-        }
-    }
-    return 1;
-}
-
-/*
- * Accept q0; a continuous joint takes the turn nearest to the reference. Beyond a joint limit by up to
- * position_tolerance q0 is followed to the zone at this limit, to the point that is nearest to the reference: not
- * farther outwards than where the limit avoidance begins, and not inwards. Beyond it by no more than single precision
- * q0 is the limit. Return whether it is accepted.
- */
-static int accept_positions(step_t *s)
-{
-    const config_t *const c = s->c;
-    const double *const reference = s->m->engaged ? s->m->posture : s->m->q;
-    const int q0 = IIWA14_ARGUMENT_Q0;
-    int good = check_numbers(N, s->input->q0, FARTHEST, IIWA14_REFUSAL_NOT_FINITE, q0, 0, &s->refusal);
-    for (int i = 0; good && i < N; ++i) {
-        const double wanted = nearest_turn(s, i, s->input->q0[i], reference[i]);
-        const double lower = c->lower_limit[i], upper = c->upper_limit[i];
-        const double limit = clamp(wanted, lower, upper), beyond = fabs(wanted - limit);
-        const double rounded = COMMAND_TOLERANCE * larger(1.0, fabs(limit));
-        s->q0[i] = limit;
-        /* the last command on the same turn, so that a turn between the two is no motion of the goal */
-        s->m->wanted_posture[i] = nearest_turn(s, i, s->m->wanted_posture[i], limit);
-        if (beyond > larger(c->position_tolerance, rounded)) {
-            good = refuse_command(&s->refusal, IIWA14_REFUSAL_POSITION, q0, i, wanted, limit);
-        } else if (beyond > rounded) {
-            s->q0[i] = wanted > upper ? clamp(reference[i], upper - c->limit_zone, upper)
-                                      : clamp(reference[i], lower, lower + c->limit_zone);
-            s->limited = s->limited == NO_JOINT ? i : s->limited;
-        }
-    }
-    return good;
-}
-
-/* Accept the pose of a tip's tool; while the springs are in force it is the one that they have. */
-static int accept_tool(const memory_t *m, const double *tool, int tip, refusal_t *r)
-{
-    const int first = 16 * tip;
-    double accepted[16];
-    if (!accept_pose(tool + first, FARTHEST, IIWA14_ARGUMENT_TOOL_POSE, tip, accepted, r)) {
-        return 0;
-    }
-    for (int k = first; k < first + 16; ++k) {
-        if (m->engaged && !(fabs(tool[k] - m->tool_pose[k]) <= COMMAND_TOLERANCE)) {
-            return refuse_command(r, IIWA14_REFUSAL_ENGAGED, IIWA14_ARGUMENT_TOOL_POSE, k, tool[k], m->tool_pose[k]);
-        }
-    }
-    return 1;
-}
-
-/*
- * Accept a command that can be followed: positions within joint limits and in the reach of closed loops, poses within
- * reach, and stiffnesses within limits. Poses and stiffnesses are used as they are accepted, orthonormal and symmetric.
- * Return whether the command is accepted.
- */
-static int accept_command(step_t *s)
-{
-    const input_t *const in = s->input;
-    refusal_t *const r = &s->refusal;
-    const double *const tool = stiffgen_tool(in);
-    const int by_pose = in->command == IIWA14_COMMAND_EQUILIBRIUM;
-    if (!by_pose && in->command != IIWA14_COMMAND_POSITION) {
-        return refuse_command(r, IIWA14_REFUSAL_COMMAND, IIWA14_ARGUMENT_NONE, NO_JOINT, in->command, 0.0);
-    }
-    int good = accept_positions(s);
-    for (int t = 0; good && t < TIPS; ++t) {
-        const double *const Kt = in->translation_stiffness + 9 * t, *const Ko = in->rotation_stiffness + 9 * t;
-        const int translation = IIWA14_ARGUMENT_TRANSLATION_STIFFNESS, rotation = IIWA14_ARGUMENT_ROTATION_STIFFNESS;
-        good = tool == NULL || accept_tool(s->m, tool, t, r);
-        const double reach = stiffgen_reach(t, tool) + REACH_MARGIN;
-        good = good && (!by_pose || accept_pose(in->equilibrium + 16 * t, reach, IIWA14_ARGUMENT_EQUILIBRIUM, t,
-                                                s->goal + 16 * t, r));
-        good = good &&
-               accept_stiffness(Kt, s->c->translation_stiffness_limit, translation, t, s->translation + 9 * t, r) &&
-               accept_stiffness(Ko, s->c->rotation_stiffness_limit, rotation, t, s->rotation + 9 * t, r);
-    }
-    good = good && (stiffgen_reaches(s->q0, s->m) ||
-                    refuse_command(r, IIWA14_REFUSAL_LOOPS, IIWA14_ARGUMENT_Q0, NO_JOINT, 0.0, 0.0));
-    s->limited = good ? s->limited : NO_JOINT;
-    s->status |= s->limited != NO_JOINT ? (uint32_t)IIWA14_STATUS_COMMAND_LIMITED : 0u;
-    return good;
-}
-
-/*
- * Poses, and postures of a pose: while the equilibrium is commanded by its pose, the posture goes to the one nearest to
- * the wanted posture that has its tips at that pose. The springs of tips and posture are then at rest at the same q.
- */
-
-static const double WAY_SHARE = 0.01; /* of the way to a goal, whose springs are looked at */
-static const double NO_ROTATION = 1e-9; /* [rad] up to which a rotation is linear: its square is below rounding */
-static const double RADIAN_LENGTH = 0.25; /* [m] that weigh as much as one radian in a posture's distance from a pose */
-static const double FLAT_SHARE = 1e-9; /* added to X^T X of a posture, over the largest square of a row of X */
-static const double SELF_MOTION_NEAR = 0.1; /* [m] or [rad] from a pose at which self-motion begins */
-static const double LONGEST_STEP = 0.5; /* [rad] or [m] of a search */
-static const double NEAR_TIME = 0.1; /* [s] of travel that one step of self-motion looks ahead */
-static const double OTHER_POSTURE = 0.3; /* [rad] or [m] from the arm from which on a posture is another one */
-static const double NEARER = 0.8; /* of a distance: a posture that is so much nearer is gone to directly */
-/* Sine of a rotation up to which, near half a turn, it has lost the digits of the axis; sine too small to divide by. */
-static const double HALF_TURN_SINE = 1e-6, NO_SINE = 1e-150;
-
-/* Return the index of the largest of three numbers. */
-static int find_largest(double a, double b, double c)
-{
-    if (a > b) {
-        return a > c ? 0 : 2;
-    }
-    return b > c ? 1 : 2;
-}
-
-/* Compute the twist (hybrid axes) from one pose to another: the origin's motion and the rotation vector. */
-static void pose_difference(const double *from, const double *to, double *twist)
-{
-    double D[9], *const w = twist + 3; /* D: the rotation between them, R_to R_from^T */
-    for (int i = 0; i < 3; ++i) {
-        for (int j = 0; j < 3; ++j) {
-            D[3 * i + j] = dot(3, to + 4 * i, from + 4 * j);
-        }
-        twist[i] = to[4 * i + 3] - from[4 * i + 3];
-    }
-    const double cosine = (D[0] + D[4] + D[8] - 1.0) / 2.0;
-    w[0] = (D[7] - D[5]) / 2.0; /* w: the axis times the sine */
-    w[1] = (D[2] - D[6]) / 2.0;
-    w[2] = (D[3] - D[1]) / 2.0;
-    double sine = norm(3, w);
-    const double angle = atan2(sine, cosine);
-    if (sine <= HALF_TURN_SINE && cosine <= 0.0) {
-        /* near half a turn the axis is the longest column of D + I */
-        const int k = find_largest(D[0], D[4], D[8]);
-        for (int i = 0; i < 3; ++i) {
-            w[i] = D[3 * i + k] + (i == k ? 1.0 : 0.0);
-        }
-        sine = norm(3, w);
-    }
-    for (int i = 0; i < 3; ++i) {
-        w[i] *= sine > NO_SINE ? angle / sine : 1.0;
-    }
-}
-
-/* Return the largest distance [m] or angle [rad] of the tips' twists. */
-static double largest_part(const double *twists)
-{
-    double most = 0.0;
-    for (int k = 0; k < TIP_ROWS; k += 3) {
-        most = larger(most, norm(3, twists + k));
-    }
-    return most;
-}
-
-/* Compute the twists of all tips from their poses to others. Return the largest distance [m] or angle [rad]. */
-static double compare_poses(const double *from, const double *to, double *twists)
-{
-    for (int t = 0; t < TIPS; ++t) {
-        pose_difference(from + 16 * t, to + 16 * t, twists + 6 * t);
-    }
-    return largest_part(twists);
-}
-
-/*
- * Move a pose by a twist (hybrid axes): its rotation becomes (I + a W + b W^2) R (Rodrigues), and is made orthonormal
- * again by a Newton step. moved may not be pose.
- */
-static void move_pose(const double *pose, const double *twist, double *moved)
-{
-    const double *const w = twist + 3, W[9] = {0.0, -w[2], w[1], w[2], 0.0, -w[0], -w[1], w[0], 0.0};
-    const double angle = norm(3, w), a = angle > NO_ROTATION ? sin(angle) / angle : 1.0;
-    const double b = angle > NO_ROTATION ? (1.0 - cos(angle)) / (angle * angle) : 0.5;
-    double D[9], R[9];
-    multiply3(W, 3, 0, W, 3, D);
-    for (int k = 0; k < 9; ++k) {
-        D[k] = (k % 4 == 0 ? 1.0 : 0.0) + a * W[k] + b * D[k];
-    }
-    multiply3(D, 3, 0, pose, 4, R);
-    multiply3(R, 3, 1, R, 3, D); /* R^T R */
-    for (int k = 0; k < 9; ++k) {
-        D[k] = (k % 4 == 0 ? 1.5 : 0.0) - 0.5 * D[k];
-    }
-    memcpy(moved, pose, 16 * sizeof(double));
-    for (int i = 0; i < 3; ++i) {
-        for (int j = 0; j < 3; ++j) { /* R (3 I - R^T R) / 2; the second factor is symmetric */
-            moved[4 * i + j] = dot(3, R + 3 * i, D + 3 * j);
-        }
-        moved[4 * i + 3] += twist[i];
-    }
-}
-
-/*
- * Combine a damped least-squares step towards the pose's error with the part of `near` that leaves the tips where they
- * are: `near` less X G^-1 X^T near, G = X^T X (regularised). The rows of X are those of the joints, 0 where a joint is
- * held, which has its step already. Return whether it succeeded.
- */
-static int combine_steps(const double *X, const double *error, const double *near, double damping, const int *held,
-                         double *step)
-{
-    double G[TIP_ROWS * TIP_ROWS] = {0.0}, pull[TIP_ROWS] = {0.0}, self[TIP_ROWS] = {0.0};
-    memcpy(pull, error, sizeof pull);
-    for (int i = 0; i < N; ++i) {
-        add_scaled(TIP_ROWS, near[i], X + i * TIP_ROWS, self);
-    }
-    multiply_transposed(N, TIP_ROWS, X, G);
-    if (!solve_damped(TIP_ROWS, G, FLAT_SHARE + damping, pull) || !solve_damped(TIP_ROWS, G, FLAT_SHARE, self)) {
-        return 0;
-    }
-    add_scaled(TIP_ROWS, -1.0, self, pull);
-    for (int i = 0; i < N; ++i) {
-        step[i] = held[i] ? step[i] : near[i] + dot(TIP_ROWS, X + i * TIP_ROWS, pull);
-    }
-    return 1;
-}
-
-/*
- * Hold the free joint whose step leads farthest beyond its limit zones, at their edge, and take out of X and error what
- * it does to the tips. Return whether there is one.
- */
-static int hold_joint(const memory_t *m, const double *q, int *held, double *X, double *error, double *step)
-{
-    double farthest = 0.0, step_to_edge = 0.0;
-    int found = NO_JOINT;
-    for (int i = 0; i < N; ++i) {
-        const double next = q[i] + step[i], edge = clamp(next, m->avoidance[4 * i], m->avoidance[4 * i + 1]);
-        if (!held[i] && fabs(next - edge) > farthest) {
-            farthest = fabs(next - edge);
-            step_to_edge = edge - q[i];
-            found = i;
-        }
-    }
-    if (found == NO_JOINT) {
-        return 0;
-    }
-    held[found] = 1;
-    step[found] = step_to_edge;
-    add_scaled(TIP_ROWS, -step_to_edge, X + found * TIP_ROWS, error);
-    memset(X + found * TIP_ROWS, 0, TIP_ROWS * sizeof(double));
-    return 1;
-}
-
-/*
- * Compute X = J^T, one row per joint, and weight it and the error, the tips' twists to their goal: RADIAN_LENGTH counts
- * as much as one radian, and the longest row of X has length 1. Return the damping of the step.
- */
-static double weigh_error(const memory_t *m, const double *q, double *X, double *error)
-{
-    double J[TIP_ROWS * N] = {0.0}, weights[TIP_ROWS] = {0.0}, longest = DBL_MIN;
-    stiffgen_jacobians(q, m, J);
-    transpose(TIP_ROWS, N, J, X);
-    for (int r = 0; r < TIP_ROWS; ++r) {
-        weights[r] = r % 6 < 3 ? 1.0 / RADIAN_LENGTH : 1.0;
-    }
-    scale_columns(N, TIP_ROWS, weights, X);
-    for (int i = 0; i < N; ++i) {
-        longest = larger(longest, dot(TIP_ROWS, X + i * TIP_ROWS, X + i * TIP_ROWS));
-    }
-    const double inverse = 1.0 / sqrt(longest);
-    for (int k = 0; k < N * TIP_ROWS; ++k) {
-        X[k] *= inverse;
-    }
-    for (int r = 0; r < TIP_ROWS; ++r) {
-        error[r] *= inverse * weights[r];
-    }
-    const double squares = dot(TIP_ROWS, error, error);
-    return squares + STEP_SHARE * sqrt(squares);
-}
-
-/*
- * Find the step from the posture q towards the one nearest to `wanted` that has its tips at their goal and lies outside
- * the limit zones. error: twists from the tips' poses in q to the goal. Return their largest part, in [m] or [rad].
- *
- * The step is damped by e . e and by its root. The first keeps it short far from the goal and at singular postures. The
- * second bounds what the neglected second derivative of e does to the share of the step that is gone in one call.
- */
-static double find_posture_step(const config_t *c, const memory_t *m, const double *q, const double *error,
-                         const double *wanted, double *step)
-{
-    double X[N * TIP_ROWS] = {0.0}, rest[TIP_ROWS] = {0.0}, near[N] = {0.0}, excess = 0.0;
-    int held[N] = {0};
-    memcpy(rest, error, sizeof rest);
-    const double distance = largest_part(error), damping = weigh_error(m, q, X, rest);
-    memset(step, 0, N * sizeof(double));
-    for (int i = 0; i < N; ++i) {
-        near[i] = clamp(wanted[i], m->avoidance[4 * i], m->avoidance[4 * i + 1]) - q[i];
-        excess = larger(excess, fabs(near[i]) / (c->reference_velocity_limit[i] * NEAR_TIME));
-    }
-    for (int i = 0; i < N; ++i) { /* self-motion: as far as NEAR_TIME allows, and only near the pose */
-        near[i] *= larger(1.0 - distance / SELF_MOTION_NEAR, 0.0) / larger(excess, 1.0);
-    }
-    int good = 1, again = 1;
-    for (int round = 1; round <= N && again; ++round) { /* each round holds one more joint at its limit zone */
-        good = combine_steps(X, rest, near, damping, held, step);
-        again = good && round < N && hold_joint(m, q, held, X, rest, step);
-    }
-    if (!good) {
-        memset(step, 0, N * sizeof(double));
-    }
-    return distance;
-}
-
-/*
- * Out of reach, where the wanted posture is nearer to the commanded pose than the posture is: replace its step by the
- * way there. A stretched arm is a saddle of the pose's error, from which damped steps lead back slowly, or to the other
- * side. The wanted posture q0 is what the command states: no other configuration is searched. distance: that of the
- * posture from the commanded pose, goal.
- */
-static void step_to_wanted(const memory_t *m, const double *q0, double distance, const double *goal, double *step)
-{
-    double wanted[N], poses[16 * TIPS], twists[TIP_ROWS] = {0.0};
-    for (int i = 0; i < N; ++i) {
-        wanted[i] = clamp(q0[i], m->avoidance[4 * i], m->avoidance[4 * i + 1]);
-    }
-    stiffgen_poses(wanted, m, poses);
-    if (compare_poses(poses, goal, twists) < NEARER * distance) {
-        for (int i = 0; i < N; ++i) {
-            step[i] = wanted[i] - m->posture[i];
-        }
-    }
-}
-
-/* Return whether the arm is so far from its posture that this is another one. */
-static int is_far_behind(const memory_t *m)
-{
-    double most = 0.0;
-    for (int i = 0; i < N; ++i) {
-        most = larger(most, fabs(m->posture[i] - m->q[i]));
-    }
-    return most > OTHER_POSTURE;
-}
-
-/* Return whether a step leads the posture away from an arm that is far behind it. */
-static int leads_away(const memory_t *m, const double *step)
-{
-    double away = 0.0;
-    for (int i = 0; i < N; ++i) {
-        away += step[i] * (m->posture[i] - m->q[i]);
-    }
-    return away > 0.0 && is_far_behind(m);
-}
-
-/*
- * Return how deep a joint is in its limit zone: 0 at the zone's edge, `zone` at the limit, below 0 outside. side: above
- * 0 for the zone of the upper limit, else that of the lower one.
- */
-static double find_depth(const memory_t *m, int i, double side)
-{
-    return side > 0.0 ? m->q[i] - m->avoidance[4 * i + 1] : m->avoidance[4 * i] - m->q[i];
-}
-
-/* Return the torque [N m] by which springs at an equilibrium push joints outwards that are at a limit or beyond. */
-static double find_push(const memory_t *m, const double *equilibrium, double zone)
-{
-    double wrench[6 * TIPS], torque[N], stiffness[NN], push = 0.0; /* of these the torque alone is used */
-    stiffgen_spring(m->q, m, equilibrium, m->translation_stiffness, m->rotation_stiffness, find_spring_limits(m),
-                    wrench, torque, stiffness);
-    for (int i = 0; i < N; ++i) { /* the torque's sign is the side to which it pushes */
-        push += torque[i] != 0.0 && find_depth(m, i, torque[i]) >= zone ? fabs(torque[i]) : 0.0;
-    }
-    return push;
-}
-
-/* Return whether the springs push a joint out of its limits, and the way to the goal does not lower this push. */
-static int is_pushed_out(const step_t *s)
-{
-    const memory_t *const m = s->m;
-    double nearer[16 * TIPS], way[TIP_ROWS] = {0.0};
-    const double push = find_push(m, m->equilibrium, s->c->limit_zone);
-    add_scaled(TIP_ROWS, WAY_SHARE, s->away, way);
-    for (int t = 0; t < TIPS; ++t) {
-        move_pose(m->equilibrium + 16 * t, way + 6 * t, nearer + 16 * t);
-    }
-    return push > 0.0 && !(find_push(m, nearer, s->c->limit_zone) < push);
-}
-
-/*
- * Choose where a trial of the search starts: first at `start`, then ever farther from it. avoidance has the edges of
- * the limit zones.
- */
-static void start_trial(const memory_t *m, const double *start, int number, double *q)
-{
-    const double share = 0.4 + 0.6 * number / (double)SEARCHED; /* of the way from `start` to an even spread */
-    for (int i = 0; i < N; ++i) {
-        const double *const a = m->avoidance + 4 * i;
-        const double low = larger(a[0], start[i] - HALF_TURN), high = smaller(a[1], start[i] + HALF_TURN);
-        const double far = start[i] + share * (low + spread_joint(number, i) * (high - low) - start[i]);
-        q[i] = clamp(number == 0 ? start[i] : far, a[0], a[1]);
-    }
-}
-
-/* Follow steps from q towards a posture of the goal. Return whether one is found: at most SEARCH_STEPS steps. */
-static int try_posture(const config_t *c, const memory_t *m, const double *goal, double *q)
-{
-    double step[N], here[16 * TIPS], error[TIP_ROWS] = {0.0};
-    int found = 0;
-    for (int k = 0; k < SEARCH_STEPS && !found; ++k) {
-        stiffgen_poses(q, m, here);
-        (void)compare_poses(here, goal, error);
-        /* wanted is q itself: no self-motion. Found is well within REACHED, and improved by one step more. */
-        found = find_posture_step(c, m, q, error, q, step) <= 0.1 * REACHED;
-        const double size = norm(N, step);
-        add_scaled(N, size > LONGEST_STEP ? LONGEST_STEP / size : 1.0, step, q);
-    }
-    return found;
-}
-
-/* Accept poses and tools (NULL: none) of a search; the tools go to the memory. Return whether all are accepted. */
-static int accept_search(const double *poses, const double *tool, double *goal, memory_t *m)
-{
-    int good = 1;
-    for (int t = 0; good && t < TIPS; ++t) {
-        refusal_t r = {IIWA14_REFUSAL_NONE, IIWA14_ARGUMENT_NONE, NO_JOINT, 0.0, 0.0};
-        double accepted[16];
-        good = accept_pose(poses + 16 * t, FARTHEST, IIWA14_ARGUMENT_EQUILIBRIUM, t, goal + 16 * t, &r) &&
-               (tool == NULL || accept_pose(tool + 16 * t, FARTHEST, IIWA14_ARGUMENT_TOOL_POSE, t, accepted, &r));
-        if (good && tool != NULL) {
-            memcpy(m->tool_pose + 16 * t, accepted, sizeof accepted);
-        }
-    }
-    return good;
-}
-
-/*
- * Search for a posture of poses outside the limit zones, from `start` on. No step calls this: the caller decides
- * whether the arm goes there. tool: poses of tools, or NULL. Return OK, or why there is no result; then posture is
- * `start`.
- */
-static int search_posture(const config_t *c, const double *poses, const double *tool, const double *start, double *posture)
-{
-    memory_t m; /* a fresh one: of it tools, loops and limit zones are used */
-    double goal[16 * TIPS], q[N];
-    const int error = validate(c);
-    memset(&m, 0, sizeof m);
-    place_no_tools(m.tool_pose);
-    stiffgen_home(&m);
-    memcpy(q, start, sizeof q); /* `start` and `posture` may be one array */
-    memcpy(posture, q, sizeof q);
-    if (error != IIWA14_OK) {
-        return error;
-    }
-    if (!doubles_within(q, N, -FARTHEST, FARTHEST) || !accept_search(poses, tool, goal, &m)) {
-        return IIWA14_E_POSE;
-    }
-    for (int i = 0; i < N; ++i) {
-        m.avoidance[4 * i] = c->lower_limit[i] + c->limit_zone;
-        m.avoidance[4 * i + 1] = c->upper_limit[i] - c->limit_zone;
-    }
-    for (int number = 0; number < SEARCHED; ++number) {
-        start_trial(&m, start, number, q);
-        if (try_posture(c, &m, goal, q) && stiffgen_reaches(q, &m)) {
-            memcpy(posture, q, sizeof q);
-            return IIWA14_OK;
-        }
-    }
-    return IIWA14_E_NO_POSTURE;
-}
-
-/* Damping: designed from the springs' tangent, limited by the sample time. */
-
-/* Share of its cap that damping has where the account began beyond a limit: units may be mistaken, and 57 times as
- * large a velocity must not make the arm oscillate. */
-static const double DOUBTED_SHARE = 1.0 / 64.0;
-static const double FLAT_TWISTS = 3e-2; /* regularisation of the twists that dr follows, over their squares' sum */
-static const double LEAST_DAMPED = 1e-9; /* added to B for its inverse, over its largest entry */
-static const double BRAKED = 0.9; /* share of the velocity limits from which on a joint is braked */
-
-/*
- * Compute the inertia that each joint has alone, 1 / (M^-1)_ii, from modes v with v . M v = 1: M^-1 is the sum of
- * v v^T. Return the trace of M^-1: joint_damping I has no eigenvalue above trace times joint_damping with respect to M.
- */
-static double reduce_inertia(const double *modes, double *inertia)
-{
-    double squares[N] = {0.0}, trace = 0.0;
-    for (int k = 0; k < N; ++k) {
-        for (int i = 0; i < N; ++i) {
-            squares[i] += modes[k * N + i] * modes[k * N + i];
-        }
-    }
-    for (int i = 0; i < N; ++i) {
-        inertia[i] = 1.0 / squares[i];
-        trace += squares[i];
-    }
-    return trace;
-}
-
-/*
- * Compute the modes of the springs' tangent. They are refined from the extrapolation of the last three designs' modes;
- * where these are too far away, or two eigenvalues are close, they are solved anew. The result is the same up to
- * rounding. Return whether there are modes: M is positive definite.
- */
-static int find_modes(step_t *s)
-{
-    output_t *const out = s->out;
-    double *const modes = s->modes, *const before = modes + NN, *const oldest = s->scratch + 2 * NN;
-    for (int k = 0; k < NN; ++k) { /* extrapolate the parabola through the last three, and shift them by one */
-        const double last = modes[k];
-        modes[k] = 3.0 * (last - before[k]) + oldest[k];
-        oldest[k] = before[k];
-        before[k] = last;
-    }
-    if (refine_modes(N, out->joint_stiffness, out->mass_matrix, s->scratch, out->eigenvalues, modes)) {
-        return 1;
-    }
-    const int error = solve_modes(N, out->joint_stiffness, out->mass_matrix, s->scratch, out->eigenvalues, modes);
-    memcpy(before, modes, NN * sizeof(double));
-    memcpy(oldest, modes, NN * sizeof(double));
-    return error == 0;
-}
-
-/*
- * Measure the inertia at q that bounds the limit avoidance of each joint beside that of all others: 1 / sum_j
- * |(M^-1)_ij|; no bound if M is not positive.
- */
-static void measure_inertia(step_t *s, const double *q)
-{
-    double *const M = s->scratch, *const L = M + NN;
-    compute_inertia(s->c, s->m, q, M);
-    for (int i = 0; i < N; ++i) {
-        s->m->inertia[i] = DBL_MAX;
-    }
-    const double mass = largest_diagonal(N, M);
-    if (factorise_cholesky(N, M, mass, 0.0, L) != 0) { /* L L^T = M / mass */
-        return;
-    }
-    for (int i = 0; i < N; ++i) {
-        double column[N] = {0.0}, sum = 0.0; /* of mass M^-1 */
-        column[i] = 1.0;
-        solve_forward(N, L, column);
-        solve_backward(N, L, column);
-        for (int j = 0; j < N; ++j) {
-            sum += fabs(column[j]);
-        }
-        s->m->inertia[i] = mass / sum;
-    }
-}
-
-/*
- * Compute the damping b of each mode with stiffness lambda. b is 2 zeta sqrt(l), l = |lambda| (a mode with negative
- * stiffness, which falls, then falls slowly), where nothing is late. Held torque and delay act late by h = (delay +
- * 1/2) T, the damping by the delay of the smoothed velocity more, g = h + delay: the stiffness takes l h of damping
- * away, the damping b g of inertia, so zeta = (b - l h) / (2 sqrt(l (1 - b g))) is solved for b.
- */
-static void damp_modes(const config_t *c, const memory_t *m, const double *eigenvalues, double scale, double *b)
-{
-    for (int k = 0; k < N; ++k) {
-        const double l = fabs(eigenvalues[k]) * scale, late = (c->delay_samples + 0.5) * c->sample_time;
-        const double zeta = c->damping_ratio[k], later = late + find_velocity_delay(c, m);
-        const double p = l * (2.0 * zeta * zeta * later - late);
-        /* the larger root of b^2 + 2 p b + l^2 late^2 - 4 zeta^2 l = 0, and no less than l late, where zeta is 0 */
-        b[k] = larger(sqrt(larger(p * p + 4.0 * zeta * zeta * l - l * l * late * late, 0.0)) - p, l * late);
-    }
-}
-
-/* Use the joint damping d I alone, and no brake: the damping of the output is 0 until now. Return the scale 1. */
-static double damp_joints_only(step_t *s, double d)
-{
-    memset(s->brake, 0, sizeof s->brake);
-    for (int i = 0; i < N; ++i) {
-        s->out->damping[i * (N + 1)] = d;
-    }
-    return 1.0;
-}
-
-/*
- * Return the largest scale of the springs that largest_eigenvalue allows for the stiffest mode, 1 at most. The
- * eigenvalues in the output are those of find_modes.
- */
-static double cap_scale(step_t *s)
-{
-    const double stiffest = s->out->eigenvalues[N - 1], most = largest_eigenvalue(s->c, s->m);
-    if (!(stiffest > most)) {
-        return 1.0;
-    }
-    s->status |= IIWA14_STATUS_STIFFNESS_CAPPED;
-    s->m->capped = 1; /* cap_springs looks at the springs from the next step on */
-    return most / stiffest;
-}
-
-/*
- * Design the damping B = M V diag(b) V^T M + d I with Kq v = lambda M v, V^T M V = I (Albu-Schaeffer and others 2003).
- * It is capped: no eigenvalue of M^-1 B is above that of largest_damping, of which the joint damping d has at most
- * half, the modes' b what d leaves, and the brake what the largest b leaves. Return the scale of cap_scale.
- */
-static double design_damping(step_t *s)
-{
-    const config_t *const c = s->c;
-    output_t *const out = s->out;
-    double *const rows = s->scratch;
-    const double *const modes = s->modes;
-    double b[N], largest_b = 0.0, d = c->joint_damping;
-    const double most = largest_damping(c, s->m);
-    if (!find_modes(s)) {
-        s->status |= IIWA14_STATUS_MASS_MATRIX;
-        memset(out->eigenvalues, 0, sizeof out->eigenvalues);
-        return damp_joints_only(s, d);
-    }
-    const double trace = reduce_inertia(modes, s->brake);
-    if (s->m->doubted) {
-        return damp_joints_only(s, smaller(d, DOUBTED_SHARE * 0.5 * most / trace));
-    }
-    s->status |= out->eigenvalues[0] < 0.0 ? (uint32_t)IIWA14_STATUS_INDEFINITE : 0u;
-    const double scale = cap_scale(s);
-    if (d * trace > 0.5 * most) {
-        d = 0.5 * most / trace;
-        s->status |= IIWA14_STATUS_DAMPING_CAPPED;
-    }
-    damp_modes(c, s->m, out->eigenvalues, scale, b);
-    const double most_b = most - d * trace;
-    int capped = 0;
-    for (int k = 0; k < N; ++k) {
-        capped |= b[k] > most_b;
-        b[k] = clamp(b[k], 0.0, most_b);
-        largest_b = larger(largest_b, b[k]);
-    }
-    s->status |= capped ? (uint32_t)IIWA14_STATUS_DAMPING_CAPPED : 0u;
-    multiply_rows(N, modes, out->mass_matrix, rows);
-    form_congruence(N, N, rows, b, out->damping);
-    for (int i = 0; i < N; ++i) {
-        s->brake[i] *= most_b - largest_b;
-        out->damping[i * (N + 1)] += d;
-    }
-    return scale;
-}
-
-/*
- * Compute X = L^-1 J^T diag(weights) of the tips' J: one row per joint. Linear and angular rows of J weigh alike: over
- * all tips, the entries of X of either kind have the sum of squares 1.
- */
-static void weigh_twists(const double *L, const double *J, double *X, double *weights)
-{
-    double squares[TIP_ROWS] = {0.0}, sums[2] = {0.0}; /* of the linear rows of J, of the angular ones */
-    transpose(TIP_ROWS, N, J, X);
-    solve_rows(N, TIP_ROWS, L, X);
-    for (int i = 0; i < N; ++i) {
-        for (int r = 0; r < TIP_ROWS; ++r) {
-            squares[r] += X[i * TIP_ROWS + r] * X[i * TIP_ROWS + r];
-        }
-    }
-    for (int r = 0; r < TIP_ROWS; ++r) {
-        sums[r % 6 / 3] += squares[r];
-    }
-    for (int r = 0; r < TIP_ROWS; ++r) {
-        const double sum = sums[r % 6 / 3];
-        weights[r] = sum > DBL_MIN ? 1.0 / sqrt(sum) : 0.0; /* 0 where no joint moves them */
-    }
-    scale_columns(N, TIP_ROWS, weights, X);
-}
-
-/*
- * Compute dr, the joint velocity of the equilibrium's twists: among all with these twists the one with the least dr . B
- * dr, by damped least squares. B dr then is J^T f: it acts at the tips alone, and a tip that is clamped does not drive
- * the self-motion. Where a joint would exceed its limit, near singular postures, more regularisation takes the velocity
- * of the weak modes away and leaves the strong ones.
- */
-static void follow_twists(step_t *s, const double *twists, double *velocity)
-{
-    double *const L = s->scratch;
-    double X[N * TIP_ROWS] = {0.0}, G[TIP_ROWS * TIP_ROWS] = {0.0}, weights[TIP_ROWS] = {0.0}, f[TIP_ROWS] = {0.0};
-    double excess = HUGE_VAL;
-    const double *const limits = s->c->reference_velocity_limit;
-    memset(velocity, 0, N * sizeof(double));
-    /* L L^T is B over its largest entry, and with y = L^T dr the least dr . B dr is the least |y|^2 */
-    if (factorise_cholesky(N, s->out->damping, largest_diagonal(N, s->out->damping), LEAST_DAMPED, L) != 0) {
-        return;
-    }
-    weigh_twists(L, find_jacobians(s), X, weights);
-    multiply_transposed(N, TIP_ROWS, X, G);
-    double shift = FLAT_TWISTS; /* y = X f, (X^T X + shift I) f = the weighted twists */
-    for (int attempt = 0; attempt < 4 && excess > 1.0; ++attempt) {
-        for (int r = 0; r < TIP_ROWS; ++r) {
-            f[r] = weights[r] * twists[r];
-        }
-        if (!solve_damped(TIP_ROWS, G, shift, f)) {
-            memset(velocity, 0, N * sizeof(double));
-            return;
-        }
-        for (int i = 0; i < N; ++i) {
-            velocity[i] = dot(TIP_ROWS, X + i * TIP_ROWS, f);
-        }
-        solve_backward(N, L, velocity);
-        excess = 0.0;
-        for (int i = 0; i < N; ++i) {
-            excess = larger(excess, fabs(velocity[i]) / limits[i]);
-        }
-        shift *= 10.0;
-    }
-    for (int i = 0; i < N; ++i) {
-        velocity[i] /= larger(excess, 1.0);
-    }
-}
-
-/*
- * Choose of how many samples the velocity is the mean. One quantum of position in a differenced velocity is a torque of
- * B quantum / T, and a mean of k samples divides it by k. Where the torque exceeds the rate, what one call may change,
- * the damping would be lost. The next design's B has the delay of this mean: with one sample less it is no larger than
- * (k + 1) / k times this one, so that a mean that is shortened is not too short in the step after.
- */
-static void choose_mean(step_t *s)
-{
-    memory_t *const m = s->m;
-    const double k = 1.0 + m->averaged;
-    double needed = 1.0;
-    for (int i = 0; s->c->position_quantum > 0.0 && i < N; ++i) {
-        double torque = 0.0;
-        for (int j = 0; j < N; ++j) {
-            torque += fabs(s->out->damping[i * N + j]) * s->c->position_quantum / s->c->sample_time;
-        }
-        needed = fmax(needed, torque / m->rate[i]);
-    }
-    if (needed > k && m->averaged < RECENT - 1) { /* by one: the longer mean already lowers B */
-        m->averaged += 1;
-    } else if (m->averaged > 0 && needed * (k + 1.0) <= k * (k - 1.0)) {
-        m->averaged -= 1;
-    }
-}
-
-/* Pass the velocity through the low pass of velocity_filter_time, which starts anew after a gap. */
-static void pass_low(step_t *s)
-{
-    memory_t *const m = s->m;
-    const double T = s->c->sample_time, passed_share = T / (T + s->c->velocity_filter_time);
-    for (int i = 0; i < N; ++i) {
-        const double behind = m->recent_count > 1 ? (1.0 - passed_share) * (m->filtered[i] - s->velocity[i]) : 0.0;
-        s->velocity[i] += behind;
-        m->filtered[i] = s->velocity[i];
-    }
-}
-
-/* Smooth the velocity that the damping uses: a mean against quanta of position, then the low pass. */
-static void smooth_velocity(step_t *s)
-{
-    const memory_t *const m = s->m;
-    choose_mean(s);
-    const int wanted = 1 + m->averaged, count = wanted < m->recent_count ? wanted : m->recent_count;
-    s->out->velocity_samples = (double)count;
-    for (int i = 0; count > 1 && i < N; ++i) {
-        double sum = 0.0;
-        for (int k = 0; k < count; ++k) {
-            sum += m->recent[k * N + i];
-        }
-        s->velocity[i] = sum / count;
-    }
-    pass_low(s);
-}
-
-/*
- * Brake a joint that is faster than its reference may be, as hard as the sample time allows: modes of different
- * stiffness end a ramp at different times, and near a singularity a small tip motion needs a large joint motion.
- * `brake` is what one joint may have; several fast joints share it.
- */
-static void brake_fast_joints(step_t *s)
-{
-    double excess[N];
-    int fast = 0;
-    for (int i = 0; i < N; ++i) {
-        const double limit = BRAKED * s->c->reference_velocity_limit[i];
-        excess[i] = s->velocity[i] - clamp(s->velocity[i], -limit, limit);
-        fast += excess[i] != 0.0;
-    }
-    for (int i = 0; i < N; ++i) {
-        s->out->damping_torque[i] -= excess[i] != 0.0 ? s->brake[i] * excess[i] / fast : 0.0;
-    }
-}
-
-/* Governor: the equilibrium follows the wanted one, within bounds on its velocity, force and work. */
-
-static const double ARRIVED = 1e-12; /* [s] of travel that is the rounding of poses: the goal is reached */
-static const double NEXT_SHARE = 0.9; /* of the share that should do: the energy is not linear */
-static const double TIP_RAMP = 2.0; /* ramp times in which an equilibrium by pose reaches its largest velocity */
-static const double SAME_POSE = 1e-6; /* [m] or [rad] per call up to which a commanded pose is the same */
-static const double STATIONARY = 1e-5; /* [s] of travel below which a posture does not move on */
-static const double PATH_LEAD = 0.03; /* [m] or [rad] from posture to equilibrium: it slows, and at twice this waits */
-static const double SLOWEST = 0.1; /* share of its velocity limits that an equilibrium keeps until it waits */
-static const double RESTING = 0.03; /* [rad/s] or [m/s] up to which an arm rests */
-static const double UNLOADED = 0.5; /* [N m] or [N] up to which an arm at rest has no load */
-static const double CREEPING = 1e-3; /* [s] of travel: a slower posture that is waited for is at its end */
-
-/*
- * Return the largest norm of the vectors of x, each of the given length, over the governor's share of its velocity
- * limit: of a motion the time [s] that it takes, of a velocity the share of the limit.
- */
-static double relative_size(int count, int length, const double *x, const double *limits)
-{
-    double most = 0.0;
-    for (int k = 0; k < count; k += length) {
-        const double size = length == 1 ? fabs(x[k]) : norm(length, x + k);
-        most = larger(most, size / (GOVERNOR * limits[k / length]));
-    }
-    return most;
-}
-
-/*
- * Return the largest share v of the limits from which a velocity that falls by `slope` per step covers no more than the
- * way [steps at the limits]: the sum of v, v - slope, ... is v (v + slope) / (2 slope).
- */
-static double find_stoppable_speed(double slope, double way)
-{
-    return sqrt(0.25 * slope * slope + 2.0 * slope * way) - 0.5 * slope;
-}
-
-/* Move a velocity towards target, by at most `slope` of its limits. */
-static void ramp_towards(double slope, int count, int length, const double *target, const double *limits,
-                         double *velocity)
-{
-    double change[MAX_ROWS] = {0.0};
-    for (int i = 0; i < count; ++i) {
-        change[i] = target[i] - velocity[i];
-    }
-    const double jump = relative_size(count, length, change, limits);
-    add_scaled(count, jump > slope ? slope / jump : 1.0, change, velocity);
-}
-
-/*
- * Update the velocity towards a goal: the goal's own velocity, if it is within the limits, and a velocity that reduces
- * the remaining distance to zero and from which the ramp can stop. ramp: time of that [s]; away: from here to the goal,
- * including `moved`, the goal's motion since the last step.
- */
-static void approach_goal(const config_t *c, double ramp, int count, int length, const double *away,
-                          const double *moved, const double *limits, double *velocity)
-{
-    const double T = c->sample_time, slope = T / ramp;
-    double target[MAX_ROWS] = {0.0}, rest[MAX_ROWS] = {0.0};
-    const int follow = relative_size(count, length, moved, limits) <= T;
-    for (int i = 0; i < count; ++i) {
-        rest[i] = away[i] - (follow ? moved[i] : 0.0);
-    }
-    const double way = relative_size(count, length, rest, limits);
-    const double speed = smaller(smaller(way / T, 1.0), find_stoppable_speed(slope, way / T));
-    for (int i = 0; i < count; ++i) {
-        target[i] = (follow ? moved[i] / T : 0.0) + (way > 0.0 ? rest[i] * (speed / way) : 0.0);
-    }
-    const double size = relative_size(count, length, target, limits);
-    for (int i = 0; i < count; ++i) {
-        target[i] = target[i] / larger(size, 1.0);
-    }
-    ramp_towards(slope, count, length, target, limits, velocity);
-}
-
-/* Predict posture and equilibrium after a share of this step's motion. */
-static void predict_equilibrium(const step_t *s, double share, int by_posture, double *posture, double *equilibrium)
-{
-    const memory_t *const m = s->m;
-    const double time = share * s->c->sample_time;
-    memcpy(posture, m->posture, N * sizeof(double));
-    if (by_posture) {
-        add_scaled(N, time, m->posture_velocity, posture);
-        stiffgen_poses(posture, m, equilibrium);
-        return;
-    }
-    for (int t = 0; t < TIPS; ++t) {
-        double twist[6] = {0.0};
-        add_scaled(6, time, m->equilibrium_velocity + 6 * t, twist);
-        move_pose(m->equilibrium + 16 * t, twist, equilibrium + 16 * t);
-    }
-}
-
-/*
- * Move the posture's velocity towards a share of the step per call, within the share `most` of its limits and so that a
- * ramp can stop it. size: of the step, over the limits [s].
- */
-static void approach_step(const config_t *c, const double *step, double size, double most, double *velocity)
-{
-    const double T = c->sample_time, slope = T / c->ramp_time, stop = find_stoppable_speed(slope, size / T);
-    const double speed = smaller(smaller(STEP_SHARE * size / T, most), stop), share = size > 0.0 ? speed / size : 0.0;
-    double target[N];
-    for (int i = 0; i < N; ++i) {
-        target[i] = share * step[i];
-    }
-    ramp_towards(slope, N, 1, target, c->reference_velocity_limit, velocity);
-}
-
-/* Return whether the arm rests without a load in another posture than the reference's. */
-static int rests_elsewhere(const step_t *s)
-{
-    const memory_t *const m = s->m;
-    return is_far_behind(m) && norm(N, m->dq) < RESTING && norm(N, s->transit) < UNLOADED;
-}
-
-/*
- * Update the posture's velocity towards a posture of the pose that is commanded, nearest to the wanted one. The posture
- * follows the equilibrium. Where it ends short of the equilibrium, the pose is out of reach from here (beyond): the
- * posture then goes towards the pose itself, as near as it can, and the equilibrium goes where the posture is. No other
- * posture is searched, since it would move the arm unasked (search_posture). here: pose of the posture; ahead: twists
- * from it to the equilibrium; arrived: the equilibrium is at its goal. Return whether the posture is still on its way.
- */
-static int approach_posture(step_t *s, const double *here, const double *ahead, int arrived)
-{
-    const config_t *const c = s->c;
-    memory_t *const m = s->m;
-    const double lead = largest_part(ahead);
-    double step[N] = {0.0}, error[TIP_ROWS] = {0.0};
-    if (!s->commanded) {
-        approach_step(c, step, 0.0, 1.0, m->posture_velocity);
-        return 0;
-    }
-    /* beyond the reach the equilibrium follows, and the posture waits for it; else it may wait for the posture */
-    const int waits = m->beyond && lead > PATH_LEAD, awaited = !m->beyond && lead >= 2.0 * PATH_LEAD;
-    if (m->beyond) {
-        (void)compare_poses(here, s->goal, error);
-    }
-    const double distance = find_posture_step(c, m, m->posture, m->beyond ? error : ahead, s->q0, step);
-    if (m->beyond) {
-        step_to_wanted(m, s->q0, distance, s->goal, step);
-    }
-    const double size = relative_size(N, 1, step, c->reference_velocity_limit);
-    const int stands = size <= (awaited ? CREEPING : STATIONARY);
-    const int ends_short = stands && distance > REACHED && !m->beyond; /* beyond the reach from this call on */
-    const int moving = !stands || waits || !arrived || ends_short;
-    m->beyond = distance > REACHED && (m->beyond || ends_short);
-    const int unreachable = !moving && (distance > REACHED || rests_elsewhere(s));
-    s->status |= unreachable ? (uint32_t)IIWA14_STATUS_UNREACHABLE : 0u;
-    if (waits) {
-        memset(step, 0, sizeof step);
-    }
-    /* a posture that leads is slow until the arm has followed */
-    approach_step(c, step, size, m->beyond && leads_away(m, step) ? SLOWEST : 1.0, m->posture_velocity);
-    return moving;
-}
-
-/*
- * Update the equilibrium's velocity towards a goal. away: twists from the equilibrium to it; moved: twists of its own
- * motion since the last step; pace: share of the velocity limits that it uses, at most 1, and 0 or less to wait. Return
- * whether it has arrived.
- */
-static int approach_poses(step_t *s, const double *away, const double *moved, double pace)
-{
-    const config_t *const c = s->c;
-    memory_t *const m = s->m;
-    const double share = clamp(pace, SLOWEST, 1.0);
-    const double tip_limits[2] = {share * c->tip_velocity_limit, share * c->tip_rotation_limit};
-    int arrived = 1;
-    for (int t = 0; t < TIPS; ++t) {
-        arrived &= relative_size(6, 3, away + 6 * t, tip_limits) <= ARRIVED;
-        if (pace <= 0.0) { /* wait: stop at once, without a ramp */
-            memset(m->equilibrium_velocity + 6 * t, 0, 6 * sizeof(double));
-            continue;
-        }
-        /* slow, it still stops as fast: less would carry it beyond its goal */
-        approach_goal(c, TIP_RAMP * c->ramp_time * share, 6, 3, away + 6 * t, moved + 6 * t, tip_limits,
-                      m->equilibrium_velocity + 6 * t);
-    }
-    return arrived;
-}
-
-/*
- * Find the share of its velocity limits that an equilibrium by pose uses; at 0 and below it waits (approach_poses). It
- * goes no farther ahead of its posture than the posture can follow (lead: distance from the pose of the posture).
- * Where the commanded pose is out of reach (beyond), lead does not count: the equilibrium then goes to the posture. It
- * is slow while the arm is deep in a limit zone, and waits while its springs push the arm out of the limits, unless its
- * way lowers this push.
- */
-static double find_pace(const step_t *s, double lead)
-{
-    const memory_t *const m = s->m;
-    double depth = 0.0;
-    for (int i = 0; i < N; ++i) {
-        depth = larger(depth, larger(find_depth(m, i, -1.0), find_depth(m, i, 1.0)));
-    }
-    if (depth >= s->c->limit_zone && is_pushed_out(s)) {
-        return 0.0;
-    }
-    /*
-     * by depth: 1 outside the zones, SLOWEST from their middle on (validate keeps limit_zone above 0); by lead: below 1
-     * from PATH_LEAD, 0 at twice that, and below 0 farther out
-     */
-    const double by_depth = larger(1.0 - 2.0 * depth / larger(s->c->limit_zone, DBL_MIN), SLOWEST);
-    return m->beyond ? by_depth : smaller(by_depth, 2.0 - lead / PATH_LEAD);
-}
-
-/* Update the velocities towards a commanded pose. Return whether posture or equilibrium is still away from its goal. */
-static int follow_pose(step_t *s)
-{
-    memory_t *const m = s->m;
-    double here[16 * TIPS], ahead[TIP_ROWS] = {0.0}, twists[TIP_ROWS] = {0.0};
-    stiffgen_poses(m->posture, m, here);
-    const double streamed = largest_part(s->moved);
-    if (streamed > SAME_POSE) {
-        /* beyond the reach, the posture goes on towards the poses of a stream: waiting for each, it would stop */
-        m->beyond = m->beyond && streamed <= PATH_LEAD && compare_poses(here, s->goal, twists) > PATH_LEAD;
-    }
-    const double lead = compare_poses(here, m->equilibrium, ahead);
-    for (int k = 0; s->commanded && m->beyond && k < TIP_ROWS; ++k) { /* the equilibrium goes to the posture's pose */
-        s->away[k] = -ahead[k];
-        s->moved[k] = 0.0;
-    }
-    const int arrived = approach_poses(s, s->away, s->moved, find_pace(s, lead));
-    return approach_posture(s, here, ahead, arrived) || !arrived;
-}
-
-/* After commands by pose, let the equilibrium join the posture's pose. Return whether it is still away from it. */
-static int join_posture(step_t *s)
-{
-    const double still[TIP_ROWS] = {0.0};
-    double here[16 * TIPS], away[TIP_ROWS] = {0.0};
-    stiffgen_poses(s->m->posture, s->m, here);
-    if (s->commanded) {
-        (void)compare_poses(s->m->equilibrium, here, away);
-    }
-    const int arrived = approach_poses(s, away, still, 1.0);
-    s->m->joined = s->commanded && arrived;
-    return !arrived;
-}
-
-/*
- * Update the velocities of posture and equilibrium. by_posture: the equilibrium is the pose of its posture. Else a
- * command by q0 first stops the posture until the equilibrium joins it. Return whether either is away from its goal.
- */
-static int update_velocities(step_t *s, int by_posture)
-{
-    memory_t *const m = s->m;
-    double away[MAX_ROWS], moved[MAX_ROWS];
-    int moving = 0, joining = s->input->command == IIWA14_COMMAND_POSITION && !by_posture;
-    if (!by_posture && !joining) {
-        return follow_pose(s);
-    }
-    for (int i = 0; i < N; ++i) {
-        away[i] = s->commanded && !joining ? s->q0[i] - m->posture[i] : 0.0;
-        moved[i] = s->commanded && !joining ? s->q0[i] - m->wanted_posture[i] : 0.0;
-        moving |= away[i] != 0.0;
-    }
-    approach_goal(s->c, s->c->ramp_time, N, 1, away, moved, s->c->reference_velocity_limit, m->posture_velocity);
-    return joining ? join_posture(s) || moving : moving;
-}
-
-/*
- * Return the time [s] that the governor's velocity limits need for the largest of the motion from posture to goal and
- * the twists of the tips.
- */
-static double travel_between(const config_t *c, const double *posture, const double *goal, const double *twists)
-{
-    const double tip_limits[2] = {c->tip_velocity_limit, c->tip_rotation_limit};
-    double away[N];
-    for (int i = 0; i < N; ++i) {
-        away[i] = goal[i] - posture[i];
-    }
-    double travel = relative_size(N, 1, away, c->reference_velocity_limit);
-    for (int t = 0; t < TIPS; ++t) {
-        travel = larger(travel, relative_size(6, 3, twists + 6 * t, tip_limits));
-    }
-    return travel;
-}
-
-/*
- * Let a moving command bring in reference work, by the distance that it moves: an engagement limit per TRAVEL_TIME of
- * the equilibrium's travel. What the command moved is paid out no faster than the equilibrium can travel, and no
- * further than the equilibrium is away from the command.
- */
-static void pay_for_travel(step_t *s)
-{
-    const config_t *const c = s->c;
-    memory_t *const m = s->m;
-    const int by_pose = s->input->command == IIWA14_COMMAND_EQUILIBRIUM;
-    if (!s->commanded) {
-        return;
-    }
-    if (by_pose && !m->by_pose) { /* the last command was q0: its poses */
-        stiffgen_poses(m->wanted_posture, m, m->wanted_equilibrium);
-    }
-    if (!by_pose && (m->by_pose || !m->joined)) { /* poses of this q0, where they are compared below */
-        stiffgen_poses(s->q0, m, s->goal);
-    }
-    /* poses count where a command by pose is one of the two that are compared */
-    if (by_pose || m->by_pose) {
-        (void)compare_poses(m->wanted_equilibrium, s->goal, s->moved);
-    }
-    if (by_pose || !m->joined) {
-        (void)compare_poses(m->equilibrium, s->goal, s->away);
-    }
-    const double moved = travel_between(c, m->wanted_posture, s->q0, s->moved);
-    const double away = travel_between(c, m->posture, s->q0, s->away);
-    m->travel = smaller(m->travel + moved, away);
-    const double paid = smaller(m->travel, c->sample_time);
-    const double work = m->engagement + s->engagement_limit * (paid / TRAVEL_TIME);
-    m->travel -= paid;
-    m->engagement = larger(m->engagement, smaller(work, s->engagement_limit));
-    m->by_pose = by_pose;
-}
-
-/* Return the work [J] that the engagement has left for moves of posture and equilibrium. */
-static double work_left(const memory_t *m)
-{
-    return larger(m->engagement - worst_feed_work(m, m->feed, m->call_gap), 0.0);
-}
-
-/*
- * Move the posture by itself, where closed loops allow it and the engagement can pay what its spring stores. Return the
- * rise of its energy.
- */
-static double move_posture(step_t *s)
-{
-    memory_t *const m = s->m;
-    double posture[N];
-    memcpy(posture, m->posture, sizeof posture);
-    add_scaled(N, s->c->sample_time, m->posture_velocity, posture);
-    const double before = add_posture_energy(m, m->q, m->posture, 0.0);
-    const double rise = m->scale * (add_posture_energy(m, m->q, posture, 0.0) - before);
-    if (rise > work_left(m) || !stiffgen_reaches(posture, m)) {
-        memset(m->posture_velocity, 0, sizeof m->posture_velocity);
-        s->status |= IIWA14_STATUS_GOVERNOR;
-        return 0.0;
-    }
-    memcpy(m->posture, posture, sizeof posture);
-    m->elastic_energy += rise;
-    return rise;
-}
-
-/*
- * Find the share of this step's motion that keeps the tip's velocity, the energy stored in the tips' springs (where a
- * load holds it above the limit, it must not rise) and the work left to the engagement, after that of the posture's own
- * motion. Results: posture and equilibrium there, and the rise of the stored energy.
- */
-static double find_share(step_t *s, int by_posture, double own, double *posture, double *equilibrium, double *rise)
-{
-    const config_t *const c = s->c;
-    memory_t *const m = s->m;
-    const double tip_limits[2] = {c->tip_velocity_limit, c->tip_rotation_limit};
-    const double left = work_left(m) - own, tips = m->scale * s->tip_energy;
-    const double allowed = smaller(larger(s->energy_limit - tips, 0.0), left); /* of tip_rise */
-    double share = 1.0;
-    int reached = 0;
-    for (int attempt = 0; attempt < 5 && !reached; ++attempt) {
-        double speed = 0.0, twist[6];
-        predict_equilibrium(s, share, by_posture, posture, equilibrium);
-        for (int t = 0; by_posture && t < TIPS; ++t) {
-            pose_difference(m->equilibrium + 16 * t, equilibrium + 16 * t, twist);
-            speed = larger(speed, relative_size(6, 3, twist, tip_limits) / c->sample_time);
-        }
-        const double energy = compute_tip_energy(m, m->q, equilibrium), tip_rise = m->scale * energy - tips;
-        *rise = m->scale * add_posture_energy(m, m->q, posture, energy) - m->elastic_energy;
-        reached = speed <= 1.0 && tip_rise <= allowed && *rise <= left;
-        if (speed > 1.0) {
-            share *= (1.0 - ROUNDED) / speed;
-        } else if (!reached) { /* the share that would do if the energies were linear, or at last none */
-            const double covered = smaller(allowed / larger(tip_rise, allowed), left / larger(*rise, left));
-            share *= attempt < 3 && allowed > 0.0 ? NEXT_SHARE * covered : 0.0;
-            s->status |= IIWA14_STATUS_GOVERNOR;
-        }
-    }
-    return reached ? share : 0.0;
-}
-
-/* Move the equilibrium towards the wanted one, within the governor's bounds. */
-static void move_equilibrium(step_t *s)
-{
-    memory_t *const m = s->m;
-    double posture[N], equilibrium[16 * TIPS], rise = 0.0;
-    pay_for_travel(s); /* compares this command with the last one, which is replaced at the end */
-    const int by_posture = m->joined && (!s->commanded || s->input->command == IIWA14_COMMAND_POSITION);
-    const int moving = update_velocities(s, by_posture);
-    const double own = by_posture ? 0.0 : move_posture(s);
-    const double share = find_share(s, by_posture, own, posture, equilibrium, &rise);
-    s->status |= moving ? (uint32_t)IIWA14_STATUS_MOVING : 0u;
-    for (int i = 0; by_posture && i < N; ++i) {
-        m->posture_velocity[i] *= share;
-    }
-    for (int k = 0; k < 6 * TIPS; ++k) {
-        m->equilibrium_velocity[k] *= by_posture ? 0.0 : share;
-    }
-    if (share > 0.0) {
-        memcpy(m->posture, posture, sizeof posture);
-        memcpy(m->equilibrium, equilibrium, sizeof equilibrium);
-        m->elastic_energy += rise;
-    }
-    /* posture and equilibrium are one move: what one releases pays for the other */
-    book_reference(s, own + (share > 0.0 ? rise : 0.0));
-    if (s->commanded) {
-        memcpy(m->wanted_posture, s->q0, sizeof posture);
-        if (s->input->command == IIWA14_COMMAND_EQUILIBRIUM) {
-            memcpy(m->wanted_equilibrium, s->goal, sizeof equilibrium);
-            m->joined = 0;
-        }
-    }
-}
-
-/* Take stiffness, tool and goal from an accepted command; nothing is stored in the springs. */
-static void adopt_command(step_t *s)
-{
-    memory_t *const m = s->m;
-    memcpy(m->translation_stiffness, s->translation, 9 * TIPS * sizeof(double));
-    memcpy(m->rotation_stiffness, s->rotation, 9 * TIPS * sizeof(double));
-    memcpy(m->wanted_posture, s->q0, sizeof m->wanted_posture);
-    memcpy(m->wanted_equilibrium, s->goal, sizeof m->wanted_equilibrium);
-    if (stiffgen_tool(s->input) != NULL) {
-        memcpy(m->tool_pose, stiffgen_tool(s->input), sizeof m->tool_pose);
-        s->has_jacobians = 0;
-    }
-    m->by_pose = s->input->command == IIWA14_COMMAND_EQUILIBRIUM;
-    m->commanded = 1;
-}
-
-/* Start an engagement. Its energy is paid where the call ends without a fault: pay_engagement. */
-static void start_engagement(step_t *s)
-{
-    memory_t *const m = s->m;
-    m->engaged = 1;
-    m->scale = 1.0;
-    measure_inertia(s, m->q);
-    if (available_energy(m) < 0.0) {
-        /* more was put out than there was: the account ends here, and begins anew */
-        m->unaccounted += 1u;
-        m->supplied -= available_energy(m);
-        m->tank -= available_energy(m);
-    }
-    s->lack = clamp(s->tank_initial - m->tank, 0.0, s->engagement_limit);
-    s->started = 1;
-}
-
-/* Pay the energy of an engagement that this call started: it first makes up for what the tank lacks. */
-static void pay_engagement(step_t *s)
-{
-    memory_t *const m = s->m;
-    if (s->started && m->fault == IIWA14_FAULT_NONE) {
-        m->tank += s->lack;
-        m->supplied += s->lack;
-        m->engagement = s->engagement_limit - s->lack;
-    }
-}
-
-/* Settle the springs at the arm, where they store nothing: equilibrium, stiffness, tool and spring may change. */
-static void settle_springs(step_t *s)
-{
-    memory_t *const m = s->m;
-    m->spring = s->c->spring;
-    for (int t = 0; t < TIPS; ++t) {
-        m->spring_limits[t] = s->c->spring_force_limit;
-        m->spring_limits[TIPS + t] = s->c->spring_moment_limit;
-    }
-    memcpy(m->posture, m->q, sizeof m->posture);
-    memset(m->posture_velocity, 0, sizeof m->posture_velocity);
-    memset(m->equilibrium_velocity, 0, sizeof m->equilibrium_velocity);
-    memcpy(m->posture_stiffness, s->c->posture_stiffness, sizeof m->posture_stiffness);
-    m->scale = m->elastic_energy = m->travel = 0.0;
-    m->joined = 1;
-    m->beyond = 0;
-    if (s->commanded) {
-        adopt_command(s);
-    }
-    stiffgen_poses(m->q, m, m->equilibrium);
-    if (s->commanded && m->fault == IIWA14_FAULT_NONE) {
-        start_engagement(s);
-    }
-}
-
-/* Stiffness and scale: what releases energy is done, what costs energy waits for the tank. */
-
-static const double FALL_SHARE = 0.9; /* of the rate limit for a scale that falls: the pull changes, too */
-
-/*
- * Move the stiffness towards the wanted one, by the share of this step, where that releases energy. Results: the
- * changes that cost energy, per spring; they are not made yet. Return whether anything changes.
- */
-static int release_stiffness(step_t *s, double *translation, double *rotation, double *posture)
-{
-    memory_t *const m = s->m;
-    const double share = 1.0 - exp(-s->c->sample_time / s->c->stiffness_time); /* a low pass */
-    int changed = 0;
-    for (int i = 0; i < N; ++i) {
-        const double D = s->c->posture_stiffness[i] - m->posture_stiffness[i];
-        const double step = fabs(D) <= ROUNDED * s->c->posture_stiffness[i] ? D : share * D;
-        posture[i] = step > 0.0 ? step : 0.0;
-        m->posture_stiffness[i] += step < 0.0 ? step : 0.0;
-        changed |= D != 0.0;
-    }
-    const int is_wanted = s->commanded || m->capped; /* there is a stiffness of a command, or of cap_springs */
-    for (int t = 0; t < TIPS; ++t) {
-        double *const Kt = m->translation_stiffness + 9 * t, *const Ko = m->rotation_stiffness + 9 * t;
-        changed |= soften(is_wanted ? s->translation + 9 * t : Kt, share, Kt, translation + 9 * t);
-        changed |= soften(is_wanted ? s->rotation + 9 * t : Ko, share, Ko, rotation + 9 * t);
-    }
-    return changed;
-}
-
-/* Adopt the configured limits of the bounded springs at once, where the tank can pay; else the old ones stay. */
-static void adopt_spring_limits(step_t *s)
-{
-    memory_t *const m = s->m;
-    double old[2 * TIPS];
-    memcpy(old, m->spring_limits, sizeof old);
-    for (int t = 0; t < TIPS; ++t) {
-        m->spring_limits[t] = s->c->spring_force_limit;
-        m->spring_limits[TIPS + t] = s->c->spring_moment_limit;
-    }
-    if (m->spring != IIWA14_SPRING_BOUNDED || memcmp(old, m->spring_limits, sizeof old) == 0) {
-        return;
-    }
-    const double v = compute_stored_energy(m, m->q) - m->elastic_energy; /* with the new limits, less with the old */
-    if (v <= larger(smaller(s->budget, available_energy(m) - m->reserve / COVERED), 0.0)) {
-        book_stiffness(s, &m->elastic_energy, v);
-    } else {
-        memcpy(m->spring_limits, old, sizeof old);
-        s->status |= IIWA14_STATUS_TANK_LIMITED;
-    }
-}
-
-/*
- * Return the energy [J] by which a rise of the stiffness may lift that of the tips' springs: the one at which they
- * exert heaviest_wrench at the present deflection, where energy and wrench rise in the same ratio.
- */
-static double heaviest_rise(const memory_t *m)
-{
-    return m->load > NO_LOAD ? m->load_energy * fmax(1.0 / m->load - 1.0, 0.0) : HUGE_VAL;
-}
-
-/* Change the stiffness towards the wanted one, as far as the tank can pay and the springs may pull. */
-static void vary_stiffness(step_t *s)
-{
-    memory_t *const m = s->m;
-    double translation[9 * TIPS], rotation[9 * TIPS], posture[N];
-    adopt_spring_limits(s);
-    cap_springs(s);
-    if (!release_stiffness(s, translation, rotation, posture)) {
-        return;
-    }
-    /* a softer bounded spring can store more, as its limit comes later: the tank pays, its budget falls */
-    const double released = compute_stored_energy(m, m->q);
-    book_stiffness(s, &m->elastic_energy, released - m->elastic_energy);
-    /* First try the whole change, then the share that can be paid, as the energy is linear in the stiffness. That of
-     * the bounded spring is not: if its share costs more, a third attempt takes the change back. */
-    int last = 1;
-    if (m->spring == IIWA14_SPRING_BOUNDED) {
-        last = 2;
-    }
-    double step = 1.0, share = 0.0, cost = 0.0; /* share: of the change that is made, the sum of the steps */
-    for (int attempt = 0; attempt <= last; ++attempt) {
-        add_scaled(9 * TIPS, step, translation, m->translation_stiffness);
-        add_scaled(9 * TIPS, step, rotation, m->rotation_stiffness);
-        add_scaled(N, step, posture, m->posture_stiffness);
-        share += step;
-        cost = compute_stored_energy(m, m->q) - released;
-        /* stiffer than covered would be paid in vain: the scale would fall */
-        const double covered = smaller(s->budget, available_energy(m) - m->reserve / COVERED);
-        const double budget = larger(smaller(covered, heaviest_rise(m)), 0.0);
-        if (cost <= budget) {
-            break;
-        }
-        step = attempt == 0 ? (1.0 - ROUNDED) * budget / cost - 1.0 : -share; /* from share 1 to what can be paid */
-        s->status |= IIWA14_STATUS_TANK_LIMITED;
-    }
-    book_stiffness(s, &m->elastic_energy, cost);
-    s->status |= IIWA14_STATUS_STIFFNESS_CHANGING;
-}
-
-/*
- * Return the largest scale, `cap` at most, at which the springs' torque stays within effort limits and reserve beside
- * limit avoidance and the caller's torque. pull: torque of the springs at scale 1.
- */
-static double find_target_scale(step_t *s, const double *pull, double cap)
-{
-    const memory_t *const m = s->m;
-    double target = cap, parts[3];
-    for (int i = 0; i < N; ++i) {
-        const double size = fabs(pull[i]);
-        if (size > NO_TORQUE) { /* limit, offset: what the others add in the springs' direction */
-            const double limit = pull[i] > 0.0 ? s->out->limit_torque[i] : -s->out->limit_torque[i];
-            const double offset = pull[i] > 0.0 ? m->offset[i] : -m->offset[i];
-            target = smaller(target, larger((s->c->effort_limit[i] - limit - offset) / size, 0.0));
-        }
-    }
-    s->status |= target < cap ? (uint32_t)IIWA14_STATUS_SATURATED : 0u;
-    compute_reserve(s, m->calls, m->call_gap, pull, parts); /* at the scale l: parts[0] + a l + b l^2 */
-    const double most = larger(COVERED * available_energy(m) - parts[0], 0.0), a = parts[1], b = parts[2];
-    if ((a + b * target) * target > most) {
-        target = solve_share(a, b, most);
-        s->status |= IIWA14_STATUS_RESERVE;
-    }
-    return target;
-}
-
-/* Return the largest fall of the scale that the torque follows in one step; 2, more than any scale, without a pull. */
-static double find_fastest_fall(const memory_t *m, const double *pull)
-{
-    double fall = 2.0;
-    for (int i = 0; i < N; ++i) {
-        const double size = fabs(pull[i]);
-        fall = size > NO_TORQUE ? smaller(fall, FALL_SHARE * m->rate[i] / size) : fall;
-    }
-    return fall;
-}
-
-/*
- * Vary the scale: in a fault to zero, as fast as the torque's rate limit allows; else as far as the cap, the effort
- * limits and the reserve allow. pull: torque of the springs at scale 1; energy: their energy. A fall is done at once, a
- * rise takes SCALE_TIME and is paid from the budget.
- */
-static void vary_scale(step_t *s, const double *pull, double energy, double cap)
-{
-    memory_t *const m = s->m;
-    const config_t *const c = s->c;
-    double target = find_target_scale(s, pull, cap);
-    if (m->fault != IIWA14_FAULT_NONE && !holds_in_fault(s)) {
-        const double fastest_fall = find_fastest_fall(m, pull);
-        target = larger(m->scale - fastest_fall, 0.0);
-    }
-    const double rise = target - m->scale;
-    double step = smaller(rise, c->sample_time / larger(c->stiffness_time, SCALE_TIME));
-    if (step > 0.0 && step * energy > larger(s->budget, 0.0)) {
-        step = (1.0 - ROUNDED) * larger(s->budget, 0.0) / energy;
-        s->status |= IIWA14_STATUS_TANK_LIMITED;
-    }
-    if (step != 0.0) {
-        m->scale = step == rise ? target : m->scale + step; /* exactly, so that a fall ends at 0 */
-        book_stiffness(s, &m->elastic_energy, m->scale * energy - m->elastic_energy);
-    }
-}
-
-/* Feed-forward: a wrench that the tips are to exert, velocity and acceleration of a plan, Coriolis forces. */
-
-static const double KEPT_UP = 2.0; /* sample times of travel that the equilibrium may be behind a plan */
-
-/* Return whether numbers are all zero; NaN is not. */
-static int are_zero(int count, const double *x)
-{
-    int zero = 1;
-    for (int i = 0; i < count; ++i) {
-        zero = zero && x[i] == 0.0;
-    }
-    return zero;
-}
-
-/* Accept the commanded wrenches of all tips. */
-static int accept_wrenches(step_t *s)
-{
-    int good = 1;
-    for (int t = 0; t < TIPS; ++t) {
-        good = good && accept_wrench(s->c, s->input->wrench_command + 6 * t, t, &s->refusal);
-    }
-    return good;
-}
-
-/* Return whether velocity and acceleration of a plan are within their limits. */
-static int accept_plan(const config_t *c, const input_t *in)
-{
-    int good = 1;
-    for (int i = 0; i < N; ++i) {
-        good = good && fabs(in->velocity[i]) <= c->reference_velocity_limit[i];
-        good = good && fabs(in->acceleration[i]) <= c->reference_velocity_limit[i] / c->ramp_time;
-    }
-    return good;
-}
-
-/* Accept the feed-forward of an accepted command. What is refused counts as not given. */
-static void accept_feedforward(step_t *s)
-{
-    const int pressing = !are_zero(6 * TIPS, s->input->wrench_command);
-    const int planned = !are_zero(N, s->input->velocity) || !are_zero(N, s->input->acceleration);
-    const int good_wrenches = pressing && accept_wrenches(s); /* also beside a refused command: the status tells */
-    s->pressing = good_wrenches && s->commanded;
-    s->planned = planned && s->commanded && accept_plan(s->c, s->input);
-    if ((pressing && !good_wrenches) || (planned && s->commanded && !s->planned)) {
-        s->status |= IIWA14_STATUS_FEEDFORWARD_REFUSED;
-    }
-}
-
-/* Return whether the governor keeps up with the plan: the equilibrium is KEPT_UP sample times of travel behind. */
-static int keeps_up(const step_t *s)
-{
-    const memory_t *const m = s->m;
-    const double *const q0 = s->q0;
-    double behind = HUGE_VAL, away[TIP_ROWS] = {0.0};
-    if (s->input->command == IIWA14_COMMAND_EQUILIBRIUM) {
-        (void)compare_poses(m->equilibrium, s->goal, away);
-        behind = travel_between(s->c, q0, q0, away);
-    } else if (m->joined) {
-        behind = travel_between(s->c, m->posture, q0, away);
-    }
-    return behind <= KEPT_UP * s->c->sample_time;
-}
-
-/*
- * Take velocity and acceleration of the reference from the plan where the equilibrium moves and keeps up with it, and
- * compute the torque M ddr that carries the arm. Else the reference has the governor's velocity and no acceleration: a
- * command that is repeated, as by a planner that died, soon has the equilibrium at rest.
- */
-static void follow_plan(step_t *s, int moved)
-{
-    if (!s->planned) {
-        return;
-    }
-    s->planned = moved && (s->status & (uint32_t)IIWA14_STATUS_MOVING) != 0u && keeps_up(s);
-    if (!s->planned) {
-        s->status |= IIWA14_STATUS_FEEDFORWARD_LIMITED;
-        return;
-    }
-    memcpy(s->out->reference_velocity, s->input->velocity, sizeof s->out->reference_velocity);
-    memcpy(s->out->reference_acceleration, s->input->acceleration, sizeof s->out->reference_acceleration);
-    multiply_vector(s->out->mass_matrix, s->input->acceleration, s->carried);
-}
-
-/*
- * Return the share of the feed-forward that the tank pays for: all of it from 3/4 of the initial energy on, none below
- * one half. The other half stays with the springs.
- */
-static double fade_with_tank(const step_t *s)
-{
-    return clamp(4.0 * s->m->tank / s->tank_initial - 2.0, 0.0, 1.0);
-}
-
-/*
- * Return the share of the wrenches that the speed of the tips allows: where contact is lost, a tip must not run away.
- * All of it up to half of tip_velocity_limit and tip_rotation_limit along the wrench, none from the limits on.
- */
-static double fade_with_speed(const step_t *s, const double *J)
-{
-    double most = 0.0;
-    for (int k = 0; k < 2 * TIPS; ++k) { /* force and moment of a tip in turn */
-        const double *const part = s->input->wrench_command + 3 * k, size = norm(3, part);
-        const double limit = k % 2 == 0 ? s->c->tip_velocity_limit : s->c->tip_rotation_limit;
-        double power = 0.0;
-        for (int i = 0; i < 3; ++i) {
-            power += part[i] * dot(N, J + (3 * k + i) * N, s->velocity);
-        }
-        most = size > 0.0 ? larger(most, power / (size * limit)) : most;
-    }
-    return clamp(2.0 - 2.0 * most, 0.0, 1.0);
-}
-
-/*
- * Return the largest share of the torque press, up to `most`, beside springs and limit avoidance, that effort limits
- * and reserve allow. The reserve is convex in the share, so a share is allowed below each one that is.
- */
-static double share_wrench(const step_t *s, const double *press, double most)
-{
-    const memory_t *const m = s->m;
-    double share = most, base[N], torque[N], parts[3];
-    for (int i = 0; i < N; ++i) {
-        base[i] = s->out->elastic_torque[i] + s->out->limit_torque[i];
-        const double other = base[i] + m->offset[i], size = fabs(press[i]);
-        const double room = s->c->effort_limit[i] - (press[i] > 0.0 ? other : -other); /* in press's direction */
-        share = size > NO_TORQUE ? smaller(share, larger(room, 0.0) / size) : share;
-    }
-    double trial = share, step = 0.5 * share, covered = 0.0;
-    for (int round = 0; round < 12 && covered < share; ++round) { /* bisection, the whole share first */
-        memcpy(torque, base, sizeof torque);
-        add_scaled(N, trial, press, torque);
-        const int enough = compute_reserve(s, m->calls, m->call_gap, torque, parts) <= COVERED * available_energy(m);
-        covered = enough ? trial : covered;
-        trial += enough ? step : -step;
-        step *= 0.5;
-    }
-    return covered;
-}
-
-/*
- * Add the torque J^T F of the commanded wrenches F. It begins with no share of the wrench, and falls back to none
- * where no wrench is accepted; the torque follows at its rate limit.
- */
-static void press_tips(step_t *s)
-{
-    memory_t *const m = s->m;
-    double press[N] = {0.0};
-    if (!s->pressing || !m->engaged || m->fault != IIWA14_FAULT_NONE) {
-        m->press_share = 0.0;
-        return;
-    }
-    const double *const J = find_jacobians(s);
-    for (int k = 0; k < 6 * TIPS; ++k) {
-        add_scaled(N, s->input->wrench_command[k], J + k * N, press);
-    }
-    const double share = share_wrench(s, press, smaller(fade_with_tank(s), fade_with_speed(s, J)));
-    s->status |= share < 1.0 ? (uint32_t)IIWA14_STATUS_FEEDFORWARD_LIMITED : 0u;
-    m->press_share = smaller(share, m->press_share + s->c->sample_time / SCALE_TIME);
-    add_scaled(N, m->press_share, press, s->out->feedforward_torque);
-    add_scaled(6 * TIPS, m->press_share, s->input->wrench_command, s->out->wrench_command);
-}
-
-/*
- * Add the Coriolis and centrifugal forces C(q, dq) dq at the velocity of the damping, so that the arm moves as if its
- * inertia did not change on the way. They do work on the way from one inertia to another: the tank pays, as for
- * wrenches.
- */
-static void compensate_coriolis(step_t *s)
-{
-    double forces[N];
-    if (s->c->coriolis == IIWA14_CORIOLIS_ON && s->m->engaged && s->m->fault == IIWA14_FAULT_NONE) {
-        stiffgen_coriolis(s->m->q, s->m, s->velocity, forces);
-        add_scaled(N, fade_with_tank(s), forces, s->carried);
-    }
-}
-
-/* Torque: springs, feed-forward, damping and limit avoidance, within the reserve and all limits. */
-
-/* Move a torque one step towards zero at the rate limit. */
-static void step_towards_zero(const double *last, const double *rate, double *torque)
-{
-    for (int i = 0; i < N; ++i) {
-        torque[i] = last[i] - clamp(last[i], -rate[i], rate[i]);
-    }
-}
-
-/*
- * Limit the torque, the last guard: finite, within the effort limit (a lowered one comes down at the rate limit) and
- * the rate limit.
- */
-static void limit_torque(step_t *s, const double *last)
-{
-    for (int i = 0; i < N; ++i) {
-        const double rate = s->m->rate[i], limit = s->c->effort_limit[i], offset = s->m->offset[i];
-        /* bounds of the own torque: the caller's offset has its part of the limit first, and 0 is always allowed */
-        const double least = smaller(smaller(-limit - offset, 0.0), last[i] + rate);
-        const double most = larger(larger(limit - offset, 0.0), last[i] - rate);
-        const double wanted = fabs(s->out->torque[i]) <= DBL_MAX ? s->out->torque[i] : 0.0;
-        const double possible = clamp(wanted, least, most);
-        const double reached = clamp(possible, last[i] - rate, last[i] + rate);
-        s->status |= possible != wanted ? (uint32_t)IIWA14_STATUS_SATURATED : 0u;
-        s->status |= reached != possible ? (uint32_t)IIWA14_STATUS_RATE_LIMITED : 0u;
-        s->out->torque[i] = reached;
-    }
-}
-
-/*
- * Try a torque, limit it, and compute its reserve. springs: share of springs, limit avoidance and commanded wrench; at
- * 0 the torque falls towards zero. damping: share of damping, plan and Coriolis forces, which have none before springs
- * is 1. Return whether the available energy covers the torque.
- */
-static int try_torque(step_t *s, const double *last, double springs, double damping)
-{
-    output_t *const out = s->out;
-    double falling[N], parts[3];
-    step_towards_zero(last, s->m->rate, falling);
-    for (int i = 0; i < N; ++i) {
-        const double rate = s->m->rate[i];
-        const double pull = out->elastic_torque[i] + out->limit_torque[i] + out->feedforward_torque[i];
-        if (springs < 1.0) {
-            out->torque[i] = falling[i] + springs * (clamp(pull, last[i] - rate, last[i] + rate) - falling[i]);
-        } else {
-            out->torque[i] = pull + damping * (out->damping_torque[i] + s->carried[i] + s->motor_damping[i]);
-        }
-    }
-    limit_torque(s, last);
-    s->m->reserve = compute_reserve(s, s->m->hold, s->m->call_gap, out->torque, parts);
-    return s->m->reserve <= available_energy(s->m);
-}
-
-/*
- * Reduce a torque that is not covered to a share in 1/32: of damping, plan and Coriolis forces, if springs and wrench
- * without them are covered, else of springs and wrench alone. feed, the reference's share of damping and plan, is
- * reduced with them.
- */
-static void reduce_torque(step_t *s, const double *last, double *feed)
-{
-    memory_t *const m = s->m;
-    double springs = 0.0, damping = 0.0, step = 0.5;
-    double *const share = try_torque(s, last, 1.0, 0.0) ? &damping : &springs;
-    if (share == &damping) {
-        springs = 1.0;
-    }
-    for (int round = 0; round < 5; ++round) { /* bisection: 2^5 = 32 */
-        *share += step;
-        if (!try_torque(s, last, springs, damping)) {
-            *share -= step;
-        }
-        step *= 0.5;
-    }
-    if (!try_torque(s, last, springs, damping)) {
-        /* after a long gap only a torque that is not held again may be covered */
-        m->hold = 1;
-        try_torque(s, last, springs, damping);
-    }
-    s->status |= IIWA14_STATUS_RESERVE;
-    if (springs < 1.0 && m->tank + s->lack < TANK_FLOOR * s->tank_initial) {
-        latch_fault(m, IIWA14_REASON_RESERVE, NO_JOINT, m->reserve, available_energy(m));
-    }
-    for (int i = 0; i < N; ++i) {
-        s->out->damping_torque[i] *= damping;
-        s->carried[i] *= damping;
-        feed[i] *= damping;
-    }
-}
-
-/*
- * Compute torque pull = -dU/dq and tangent of the springs at the last known position, unscaled. Return the energy of
- * the tips' springs.
- */
-static double pull_springs(step_t *s, double *pull)
-{
-    const memory_t *const m = s->m;
-    output_t *const out = s->out;
-    const double tips =
-        stiffgen_spring(m->q, m, m->equilibrium, m->translation_stiffness, m->rotation_stiffness,
-                        find_spring_limits(m), out->spring_wrench, pull, out->joint_stiffness);
-    for (int i = 0; i < N; ++i) {
-        pull[i] += m->posture_stiffness[i] * (m->posture[i] - m->q[i]);
-        out->joint_stiffness[i * (N + 1)] += m->posture_stiffness[i] + s->limit_slope[i];
-    }
-    return tips;
-}
-
-/*
- * Compute the reference's velocity, within its limits: of the posture, or of the equilibrium that moves by poses. It is
- * 0 where the equilibrium was not moved in this step.
- */
-static void compute_reference_velocity(step_t *s, int moved)
-{
-    const double *const limits = s->c->reference_velocity_limit;
-    double *const reference = s->out->reference_velocity;
-    double twists[TIP_ROWS] = {0.0}, excess = 1.0;
-    if (moved && !s->m->joined) {
-        (void)compare_poses(s->old_equilibrium, s->m->equilibrium, twists);
-        for (int k = 0; k < TIP_ROWS; ++k) {
-            twists[k] /= s->c->sample_time;
-        }
-        follow_twists(s, twists, reference);
-        return;
-    }
-    for (int i = 0; i < N; ++i) {
-        reference[i] = moved ? s->m->posture_velocity[i] : 0.0;
-        excess = larger(excess, fabs(reference[i]) / limits[i]);
-    }
-    for (int i = 0; i < N; ++i) {
-        reference[i] /= excess;
-    }
-}
-
-/*
- * Compute the reference's share of the torque, feed = B dr + M ddr, whose work the engagement pays. Where too little is
- * left, that work must not be done: the damper holds the arm as if the reference stood, and feed is 0.
- */
-static void feed_reference(step_t *s, double *feed)
-{
-    output_t *const out = s->out;
-    double damper[N];
-    multiply_vector(out->damping, out->reference_velocity, damper);
-    memcpy(feed, damper, sizeof damper);
-    add_scaled(N, 1.0, s->carried, feed);
-    if (worst_feed_work(s->m, feed, s->m->call_gap) > s->m->engagement) {
-        memset(out->reference_velocity, 0, sizeof out->reference_velocity);
-        memset(out->reference_acceleration, 0, sizeof out->reference_acceleration);
-        add_scaled(N, -1.0, damper, out->damping_torque);
-        memset(s->carried, 0, sizeof s->carried);
-        memset(feed, 0, sizeof damper);
-        s->status |= IIWA14_STATUS_GOVERNOR;
-    }
-}
-
-/*
- * Compute the torque at the last known position; moved: the governor has moved the equilibrium in this step. The
- * velocity is smoothed behind design_damping, whose B says how much, and before all that uses it. feed_reference reads
- * carried while it has the plan's M ddr alone: the engagement pays for this, the tank for the Coriolis forces.
- */
-static void compute_torque(step_t *s, const double *last, int moved)
-{
-    const config_t *const c = s->c;
-    memory_t *const m = s->m;
-    output_t *const out = s->out;
-    m->hold = m->calls;
-    double pull[N], slip[N], feed[N];
-    compute_inertia(c, m, m->q, out->mass_matrix);
-    const double tips = pull_springs(s, pull), energy = add_posture_energy(m, m->q, m->posture, tips);
-    const double cap = design_damping(s);
-    learn_friction(s, last);
-    if (m->engaged && !s->started) {
-        vary_scale(s, pull, energy, cap);
-    }
-    smooth_velocity(s);
-    compute_reference_velocity(s, moved);
-    follow_plan(s, moved);
-    for (int i = 0; i < N; ++i) {
-        slip[i] = out->reference_velocity[i] - s->velocity[i];
-        out->elastic_torque[i] = m->scale * pull[i];
-    }
-    multiply_vector(out->damping, slip, out->damping_torque);
-    brake_fast_joints(s);
-    for (int k = 0; k < 6 * TIPS; ++k) {
-        out->spring_wrench[k] *= m->scale;
-    }
-    note_load(s, m->scale * larger(tips, 0.0));
-    press_tips(s);
-    feed_reference(s, feed);
-    compensate_coriolis(s);
-    plan_gains(s);
-    if (m->fault == IIWA14_FAULT_DISSIPATION) { /* no torque at all */
-        memset(out->damping_torque, 0, sizeof out->damping_torque);
-        (void)try_torque(s, last, 0.0, 0.0);
-    } else if (!try_torque(s, last, 1.0, 1.0)) {
-        reduce_torque(s, last, feed);
-    }
-    shift_history(m, s->transit, feed);
-    add_scaled(N, 1.0, s->carried, out->feedforward_torque);
-    report_force(s);
-}
-
-/*
- * Take the caller's torque out of the last one: the energy account is about the controller's own. A torque in force at
- * the start is the caller's as far as it has the sign of `torque_offset` and is no larger, so that gravity counts once.
- */
-static void separate_torque_offset(step_t *s, double *last, int refused)
-{
-    memory_t *const m = s->m;
-    const int starts = !refused && !m->known && m->fault == IIWA14_FAULT_NONE && s->input->sample_valid;
-    for (int i = 0; i < N; ++i) {
-        if (starts && fabs(s->input->torque_offset[i]) <= DBL_MAX) {
-            m->offset[i] = clamp(s->input->torque_offset[i], smaller(last[i], 0.0), larger(last[i], 0.0));
-        }
-        last[i] -= m->offset[i];
-    }
-}
-
-/*
- * Add the caller's torque to the controller's own. The own torque goes first in the rate limit, since the reserve
- * counts on its fall; the caller's goes first in the effort limit (limit_torque). Without a position the caller's
- * stays. It goes to zero with a configuration that is refused, and where nothing brakes the arm. last: the own torque
- * of the last call.
- */
-static void add_torque_offset(step_t *s, const double *last, int refused)
-{
-    memory_t *const m = s->m;
-    const int ends = refused || m->fault == IIWA14_FAULT_DISSIPATION;
-    for (int i = 0; i < N; ++i) {
-        const double own = s->out->torque[i], change = own - last[i], before = last[i] + m->offset[i];
-        double wanted = ends ? 0.0 : m->offset[i];
-        if (!ends && (s->believed || s->located) && fabs(s->input->torque_offset[i]) <= DBL_MAX) {
-            wanted = s->input->torque_offset[i];
-        }
-        /* both changes together stay within the rate limit, at which a lowered effort limit is reached, too */
-        const double moved = clamp(wanted - m->offset[i], -m->rate[i] - change, m->rate[i] - change);
-        const double most = refused ? s->effort[i] : larger(s->c->effort_limit[i], fabs(before) - m->rate[i]);
-        const double total = clamp(own + m->offset[i] + moved, -most, most);
-        m->offset[i] = total - own;
-        const int reached = fabs(m->offset[i] - wanted) <= ROUNDED * larger(1.0, fabs(wanted));
-        s->out->offset_torque[i] = m->offset[i];
-        s->out->torque[i] = total;
-        s->status |= reached ? 0u : (uint32_t)IIWA14_STATUS_OFFSET_LIMITED;
-    }
-}
-
 /* Texts: a fault or a refusal in words and numbers. */
 
-enum { POWERS = 330 }; /* of ten, down to the smallest number */
+enum { POWERS = 330, MILLION = 1000000 }; /* of ten, down to the smallest number */
 static const double SAME_DIGITS = 1e-6; /* relative difference of two numbers whose digits may be the same */
 
 /* Append characters to a text of the given size, as far as they fit with the final zero. */
@@ -5208,7 +2196,7 @@ static void append_number(char *text, size_t size, size_t *length, double number
     append_millionths(text, size, length, (int64_t)(shown * 1e6 + 0.5));
     if (power > 0) {
         append(text, size, length, "e-");
-        append_millionths(text, size, length, (int64_t)power * 1000000);
+        append_millionths(text, size, length, (int64_t)power * MILLION);
     }
 }
 
@@ -5236,909 +2224,534 @@ static void describe_fault(const output_t *out, char *text, size_t size)
 }
 
 /* Write a refusal into a text: argument and entry, meaning, what was seen, and its limit. */
-static void describe_refusal(int refusal, int argument, int entry, double seen, double limit, char *text, size_t size)
+static void describe_refusal(const output_t *out, char *text, size_t size)
 {
+    const int entry = out->refusal_entry, command = out->refusal_command;
     size_t length = 0;
     if (size == 0u) {
         return;
     }
     text[0] = '\0';
-    append(text, size, &length, name_of_argument(argument));
-    if (argument == IIWA14_ARGUMENT_Q0 && entry >= 0 && entry < N) {
+    append(text, size, &length, name_of_command(command));
+    if (command == IIWA14_COMMAND_Q0 && entry >= 0 && entry < N) {
         append(text, size, &length, " of ");
         append(text, size, &length, stiffgen_joint(entry));
     } else if (entry >= 0) {
         append(text, size, &length, ", entry ");
         append_number(text, size, &length, entry);
     }
-    append(text, size, &length, argument != IIWA14_ARGUMENT_NONE ? ": " : "");
-    append(text, size, &length, meaning_of_refusal(refusal));
-    if (entry >= 0 && refusal != IIWA14_REFUSAL_NOT_FINITE) {
+    append(text, size, &length, command != IIWA14_COMMAND_NONE ? ": " : "");
+    append(text, size, &length, meaning_of_refusal(out->refusal));
+    if (entry >= 0 && out->refusal != IIWA14_REFUSAL_NOT_FINITE) {
+        const double apart = fabs(out->refusal_seen - out->refusal_limit);
         append(text, size, &length, "; seen ");
-        append_number(text, size, &length, seen);
+        append_number(text, size, &length, out->refusal_seen);
         append(text, size, &length, ", limit ");
-        append_number(text, size, &length, limit);
-        const double apart = fabs(seen - limit);
-        if (apart > 0.0 && apart < SAME_DIGITS * fabs(limit)) {
+        append_number(text, size, &length, out->refusal_limit);
+        if (apart > 0.0 && apart < SAME_DIGITS * fabs(out->refusal_limit)) {
             append(text, size, &length, ", apart by ");
             append_number(text, size, &length, apart);
         }
     }
 }
 
-/* Policy port: proposals of a slow commander, made into a command for each step. */
+/* Configuration and start. */
 
-enum { PARTS = 4 };
-static const double SHORTEST_INTERVAL = 1.0 / 60.0; /* [s] of an interpolation: the period of the fastest commander */
+enum { POSTURES = 32 }; /* in which the tank is sized */
 
-static const double LEAD = 0.5; /* of a period that a smoothed pose is ahead of its time stamp: its noise needs time */
-
-/* Return a setting; the default replaces a number that is not finite or out of bounds. */
-static double read_setting(double x, double most, double replacement)
+/* Return whether all entries lie between the bounds (both allowed); NaN does not. */
+static int doubles_within(const double *x, size_t count, double least, double most)
 {
-    return x >= 0.0 && x <= most ? x : replacement;
-}
-
-static double hold_time(const policy_t *p)
-{
-    return read_setting(p->hold_time, 10.0, 0.3);
-}
-
-static double fade_time(const policy_t *p)
-{
-    return read_setting(p->fade_time, 10.0, 0.5);
-}
-
-/* Advance the port's time; it never goes back. Return whether `now` is finite. */
-static int advance_time(policy_t *p, double now)
-{
-    if (!(fabs(now) <= DBL_MAX)) {
-        return 0;
-    }
-    p->now = larger(p->now, now);
-    return 1;
-}
-
-/* Return how long [s] a part has been stale; 0 for one that is not, or was never accepted. */
-static double overdue(const policy_t *p, int part)
-{
-    return p->stage[part] == IIWA14_STAGE_WAITING ? 0.0 : larger(p->now - p->time[part] - hold_time(p), 0.0);
-}
-
-/* Return the share of a fade that is left: 1 before, 0 at its end, with a slope of 0 at both. */
-static double share_left(const policy_t *p, double late)
-{
-    const double fade = fade_time(p);
-    double x = late > 0.0 ? 1.0 : 0.0;
-    if (late > 0.0 && late < fade) {
-        x = late / fade;
-    }
-    return 1.0 - x * x * (3.0 - 2.0 * x);
-}
-
-/* Return how far the interpolation of a part has come, 0 to 1. */
-static double progress(const policy_t *p, int part)
-{
-    const double length = larger(p->interval[part], SHORTEST_INTERVAL);
-    return clamp((p->now - p->begin[part]) / length, 0.0, 1.0);
-}
-
-/* Set the stage of a part from the port's time; one that was never accepted goes on waiting. */
-static void set_stage(policy_t *p, int part)
-{
-    if (p->stage[part] == IIWA14_STAGE_WAITING) {
-        return;
-    }
-    const double late = overdue(p, part);
-    p->stage[part] = progress(p, part) < 1.0 ? IIWA14_STAGE_MOVING : IIWA14_STAGE_HOLDING;
-    if (late > 0.0) {
-        p->stage[part] = late < fade_time(p) ? IIWA14_STAGE_FADING : IIWA14_STAGE_FADED;
-    }
-}
-
-/* Interpolate linearly, and multiply by a share. The cone of positive semidefinite matrices is convex. */
-static void mix(int count, double x, double share, const double *from, const double *to, double *result)
-{
-    for (int i = 0; i < count; ++i) {
-        result[i] = share * ((1.0 - x) * from[i] + x * to[i]);
-    }
-}
-
-/* Return the share of the stiffness: a pose cannot fade, so that a stale pose fades the stiffness, too. */
-static double stiffness_share(const policy_t *p)
-{
-    const double end = read_setting(p->stale_share, 1.0, 0.1);
-    return end + (1.0 - end) * share_left(p, larger(overdue(p, IIWA14_PART_POSE), overdue(p, IIWA14_PART_STIFFNESS)));
-}
-
-static double wrench_share(const policy_t *p)
-{
-    return share_left(p, overdue(p, IIWA14_PART_WRENCH));
-}
-
-/*
- * Let an interpolation begin at what is commanded. `after`, the share from now on, multiplies its beginning: this is
- * divided by a share that has risen from `before`, so that nothing jumps. A share that falls acts at once.
- */
-static void begin_at(int count, const double *commanded, double before, double after, double *from)
-{
-    for (int i = 0; i < count; ++i) {
-        from[i] = after >= before && after > 0.0 ? commanded[i] / after : commanded[i];
-    }
-}
-
-static double smoothing(const policy_t *p)
-{
-    return read_setting(p->smoothing, 0.9, 0.0);
-}
-
-/*
- * Compute the way (hybrid axes) of a tip's pose since its interpolation began, and its rate. Without smoothing a
- * straight line; with it a cubic with the velocities of both ends, and beyond its end a stop within another interval.
- */
-static void find_way(const policy_t *p, int tip, double *way, double *rate)
-{
-    const double T = larger(p->interval[IIWA14_PART_POSE], SHORTEST_INTERVAL), x = progress(p, IIWA14_PART_POSE);
-    const double late = clamp((p->now - p->begin[IIWA14_PART_POSE]) / T - 1.0, 0.0, 1.0);
-    const double *const v0 = p->from_velocity + 6 * tip, *const v1 = p->velocity + 6 * tip;
-    double all[6];
-    pose_difference(p->from_equilibrium + 16 * tip, p->to_equilibrium + 16 * tip, all);
-    for (int i = 0; i < 6; ++i) {
-        if (smoothing(p) <= 0.0) {
-            way[i] = x * all[i];
-            rate[i] = x < 1.0 ? all[i] / T : 0.0;
-            continue;
-        }
-        const double bend = x * (1.0 - x) * ((1.0 - x) * v0[i] - x * v1[i]), stop = late * (1.0 - 0.5 * late) * v1[i];
-        way[i] = x * x * (3.0 - 2.0 * x) * all[i] + T * (bend + stop);
-        rate[i] = 6.0 * x * (1.0 - x) * (all[i] / T) + (1.0 - x) * (1.0 - 3.0 * x) * v0[i] +
-                  (late > 0.0 ? 1.0 - late : x * (3.0 * x - 2.0)) * v1[i];
-    }
-}
-
-/* Compute what the port commands at its time. */
-static void interpolate(policy_t *p)
-{
-    const double x = progress(p, IIWA14_PART_POSE), y = progress(p, IIWA14_PART_STIFFNESS);
-    const double share = stiffness_share(p);
-    for (int t = 0; t < TIPS; ++t) {
-        double way[6], rate[6];
-        find_way(p, t, way, rate);
-        move_pose(p->from_equilibrium + 16 * t, way, p->equilibrium + 16 * t);
-    }
-    if (x >= 1.0 && smoothing(p) <= 0.0) {
-        memcpy(p->equilibrium, p->to_equilibrium, sizeof p->equilibrium);
-    }
-    mix(9 * TIPS, y, share, p->from_translation, p->to_translation, p->translation_stiffness);
-    mix(9 * TIPS, y, share, p->from_rotation, p->to_rotation, p->rotation_stiffness);
-    mix(6 * TIPS, progress(p, IIWA14_PART_WRENCH), wrench_share(p), p->from_wrench, p->to_wrench, p->wrench_command);
-    for (int part = 0; part < PARTS; ++part) {
-        set_stage(p, part);
-    }
-}
-
-/* Return why a time stamp is refused. */
-static int check_time(const policy_t *p, int part, double time, int timed)
-{
-    if (!timed || !(fabs(time) <= DBL_MAX)) {
-        return IIWA14_REFUSED_TIME;
-    }
-    if (time > p->now + read_setting(p->clock_tolerance, 10.0, 0.005)) {
-        return IIWA14_REFUSED_FUTURE;
-    }
-    if (p->stage[part] != IIWA14_STAGE_WAITING && time <= p->time[part]) {
-        return IIWA14_REFUSED_ORDER;
-    }
-    return p->now - time > hold_time(p) + fade_time(p) ? IIWA14_REFUSED_STALE : IIWA14_REFUSED_NONE;
-}
-
-/*
- * Take an accepted pose for a measurement of the commander's motion (an alpha-beta filter): correct the predicted pose
- * and its velocity by a share of what the proposal departs from it. elapsed [s]: since the last time stamp; 0: anew.
- */
-static void estimate_motion(policy_t *p, int tip, const double *accepted, double elapsed)
-{
-    const double alpha = 1.0 - smoothing(p), beta = alpha * alpha / (2.0 - alpha);
-    double *const estimate = p->estimate + 16 * tip, *const velocity = p->velocity + 6 * tip;
-    double way[6] = {0.0}, predicted[16], departure[6];
-    if (elapsed <= 0.0 || alpha >= 1.0) {
-        memcpy(estimate, accepted, 16 * sizeof(double));
-        memcpy(p->to_equilibrium + 16 * tip, accepted, 16 * sizeof(double));
-        memset(velocity, 0, 6 * sizeof(double));
-        return;
-    }
-    add_scaled(6, elapsed, velocity, way);
-    move_pose(estimate, way, predicted);
-    pose_difference(predicted, accepted, departure);
-    add_scaled(6, beta / elapsed, departure, velocity);
-    for (int i = 0; i < 6; ++i) {
-        departure[i] *= alpha;
-        way[i] = LEAD * elapsed * velocity[i];
-    }
-    move_pose(predicted, departure, estimate);
-    move_pose(estimate, way, p->to_equilibrium + 16 * tip);
-}
-
-/* Accept the poses of all tips, or none; the interpolation begins at the commanded ones. Return why not. */
-static int propose_pose(policy_t *p, const proposal_t *proposal, refusal_t *r)
-{
-    const double elapsed = proposal->time[IIWA14_PART_POSE] - p->time[IIWA14_PART_POSE];
-    const int begins = p->stage[IIWA14_PART_POSE] == IIWA14_STAGE_WAITING || elapsed > hold_time(p);
-    double accepted[16 * TIPS];
-    for (int t = 0; t < TIPS; ++t) {
-        const double reach = stiffgen_reach(t, NULL) + REACH_MARGIN;
-        if (!accept_pose(proposal->equilibrium + 16 * t, reach, IIWA14_ARGUMENT_EQUILIBRIUM, t, accepted + 16 * t, r)) {
-            return IIWA14_REFUSED_POSE;
-        }
-    }
-    for (int t = 0; t < TIPS; ++t) {
-        double way[6], rate[6];
-        find_way(p, t, way, rate);
-        memcpy(p->from_velocity + 6 * t, rate, sizeof rate);
-        memcpy(p->from_equilibrium + 16 * t, p->equilibrium + 16 * t, 16 * sizeof(double));
-        estimate_motion(p, t, accepted + 16 * t, begins ? 0.0 : larger(elapsed, SHORTEST_INTERVAL));
-    }
-    return IIWA14_REFUSED_NONE;
-}
-
-/* Check that a tip's stiffness does not couple translation and rotation. Return whether it does not. */
-static int check_uncoupled(const double *K, int tip, refusal_t *r)
-{
-    for (int k = 0; k < 36; ++k) {
-        const int i = k / 6, j = k % 6;
-        const double most = COMMAND_TOLERANCE * sqrt(fabs(K[7 * i] * K[7 * j]));
-        if ((i < 3) != (j < 3) && !(fabs(K[k]) <= most)) {
-            const int code = fabs(K[k]) <= DBL_MAX ? IIWA14_REFUSAL_COUPLING : IIWA14_REFUSAL_NOT_FINITE;
-            return refuse_command(r, code, IIWA14_ARGUMENT_STIFFNESS, 36 * tip + k, K[k], most);
+    for (size_t i = 0; i < count; ++i) {
+        if (!(x[i] >= least && x[i] <= most)) {
+            return 0;
         }
     }
     return 1;
 }
 
-/* Accept the stiffnesses (6 x 6) of all tips as two blocks each, or none. Return why not. */
-static int propose_stiffness(const config_t *c, policy_t *p, const proposal_t *proposal, refusal_t *r)
+static int integers_within(const int *x, size_t count, int least, int most)
 {
-    double Kt[9 * TIPS], Ko[9 * TIPS], block[2][9];
-    for (int t = 0; t < TIPS; ++t) {
-        const double *const K = proposal->stiffness + 36 * t;
-        for (int i = 0; i < 9; ++i) { /* entry (i / 3, i % 3) of the upper left block, and of the lower right one */
-            block[0][i] = K[i / 3 * 6 + i % 3];
-            block[1][i] = K[(i / 3 + 3) * 6 + i % 3 + 3];
-        }
-        const int translation = IIWA14_ARGUMENT_TRANSLATION_STIFFNESS, rotation = IIWA14_ARGUMENT_ROTATION_STIFFNESS;
-        if (!accept_stiffness(block[0], c->translation_stiffness_limit, translation, t, Kt + 9 * t, r) ||
-            !accept_stiffness(block[1], c->rotation_stiffness_limit, rotation, t, Ko + 9 * t, r)) {
-            return IIWA14_REFUSED_STIFFNESS;
-        }
-        if (!check_uncoupled(K, t, r)) {
-            return IIWA14_REFUSED_COUPLING;
+    for (size_t i = 0; i < count; ++i) {
+        if (x[i] < least || x[i] > most) {
+            return 0;
         }
     }
-    memcpy(p->to_translation, Kt, sizeof Kt);
-    memcpy(p->to_rotation, Ko, sizeof Ko);
-    return IIWA14_REFUSED_NONE;
+    return 1;
 }
 
-static int propose_wrench(const config_t *c, policy_t *p, const proposal_t *proposal, refusal_t *r)
+/* Check a configuration: OK, or the error of the first field that is refused. */
+static int validate(const config_t *c)
 {
-    for (int t = 0; t < TIPS; ++t) {
-        const double *const wrench = proposal->wrench_command + 6 * t;
-        if (!accept_wrench(c, wrench, t, r)) {
-            return IIWA14_REFUSED_WRENCH;
+    const int error = check_fields(c);
+    for (int i = 0; error == IIWA14_OK && i < N; ++i) {
+        if (!(c->lower_limit[i] < c->upper_limit[i])) {
+            return IIWA14_E_POSITION_LIMITS;
         }
     }
-    memcpy(p->to_wrench, proposal->wrench_command, sizeof p->to_wrench);
-    return IIWA14_REFUSED_NONE;
-}
-
-static int propose_part(const config_t *c, policy_t *p, const proposal_t *proposal, int part, refusal_t *r)
-{
-    switch (part) {
-    case IIWA14_PART_POSE:
-        return propose_pose(p, proposal, r);
-    case IIWA14_PART_STIFFNESS:
-        return propose_stiffness(c, p, proposal, r);
-    case IIWA14_PART_WRENCH:
-        return propose_wrench(c, p, proposal, r);
-    default: /* the gripper's number is passed on as it is */
-        memcpy(&p->gripper, &proposal->gripper, sizeof p->gripper);
-        return IIWA14_REFUSED_NONE;
-    }
-}
-
-/* Note what of a part is refused, in numbers. */
-static void note_refusal(policy_t *p, int part, const refusal_t *r)
-{
-    p->refusal[part] = r->code;
-    p->refusal_argument[part] = r->command;
-    p->refusal_entry[part] = r->entry;
-    p->refusal_seen[part] = r->seen;
-    p->refusal_limit[part] = r->limit;
-}
-
-/* Start a port at poses, without stiffness and wrench. Return an error for poses that are none. */
-static int start_policy(policy_t *p, const double *poses, double now)
-{
-    policy_t fresh;
-    memset(&fresh, 0, sizeof fresh);
-    fresh.hold_time = 0.3;
-    fresh.fade_time = 0.5;
-    fresh.stale_share = 0.1;
-    fresh.longest_interval = 0.1;
-    fresh.clock_tolerance = 0.005;
-    fresh.now = now;
-    int good = fabs(now) <= DBL_MAX;
-    for (int t = 0; t < TIPS; ++t) {
-        refusal_t r = {IIWA14_REFUSAL_NONE, IIWA14_ARGUMENT_NONE, NO_JOINT, 0.0, 0.0};
-        double *const accepted = fresh.equilibrium + 16 * t;
-        good = good && accept_pose(poses + 16 * t, FARTHEST, IIWA14_ARGUMENT_EQUILIBRIUM, t, accepted, &r);
-    }
-    if (!good) {
-        return IIWA14_E_POLICY;
-    }
-    memcpy(fresh.estimate, fresh.equilibrium, sizeof fresh.equilibrium);
-    memcpy(fresh.from_equilibrium, fresh.equilibrium, sizeof fresh.equilibrium);
-    memcpy(fresh.to_equilibrium, fresh.equilibrium, sizeof fresh.equilibrium);
-    *p = fresh;
-    return IIWA14_OK;
-}
-
-/* Note the time of an accepted part; its interpolation takes the commander's period. */
-static void accept_part(policy_t *p, int part, double time)
-{
-    const double most = larger(read_setting(p->longest_interval, 1.0, 0.1), SHORTEST_INTERVAL);
-    const int first = p->stage[part] == IIWA14_STAGE_WAITING;
-    p->interval[part] = first ? most : clamp(time - p->time[part], SHORTEST_INTERVAL, most);
-    p->begin[part] = p->now;
-    p->time[part] = time;
-    p->stage[part] = IIWA14_STAGE_MOVING;
+    return error == IIWA14_OK ? check_tools(c) : error;
 }
 
 /*
- * Accept a proposal, part by part, and name in `refused` why a part is refused. Return the number of refused parts.
- * The order counts: accepted parts begin at what is commanded now, with the shares from before they were accepted.
+ * Return number k of joint i in [0, 1): bits of k and i, mixed until no relation is left (finaliser of MurmurHash3, A.
+ * Appleby, public domain). Multiples of one number would keep the joints near a curve.
  */
-static int propose(const config_t *c, policy_t *p, const proposal_t *proposal, double now)
+static double spread_joint(int k, int i)
 {
-    const int timed = advance_time(p, now);
-    int refusals = 0, accepted[PARTS] = {0};
-    interpolate(p);
-    const double share_before = stiffness_share(p), wrench_share_before = wrench_share(p);
-    for (int part = 0; part < PARTS; ++part) {
-        refusal_t r = {IIWA14_REFUSAL_NONE, IIWA14_ARGUMENT_NONE, NO_JOINT, 0.0, 0.0};
-        p->refused[part] = IIWA14_REFUSED_NONE;
-        note_refusal(p, part, &r); /* clears the note of the last proposal, also for a part that this one lacks */
-        if (proposal->valid[part] != 1) {
-            continue;
-        }
-        const double time = proposal->time[part];
-        int refused = check_time(p, part, time, timed);
-        refused = refused == IIWA14_REFUSED_NONE ? propose_part(c, p, proposal, part, &r) : refused;
-        p->refused[part] = refused;
-        note_refusal(p, part, &r);
-        if (refused != IIWA14_REFUSED_NONE) {
-            ++refusals;
-            continue;
-        }
-        accept_part(p, part, time);
-        accepted[part] = 1;
-    }
-    const double share_after = stiffness_share(p);
-    /*
-     * A stale pose fades the stiffness, so that an accepted pose may raise the stiffness' share by itself.
-     * The stiffness would jump up: it goes from what is commanded to its goal anew. Its interval is that of its last
-     * proposal, or the shortest where there was none. Where a stiffness is accepted, accept_part has set the same.
-     */
-    if (accepted[IIWA14_PART_STIFFNESS] || share_after > share_before) {
-        begin_at(9 * TIPS, p->translation_stiffness, share_before, share_after, p->from_translation);
-        begin_at(9 * TIPS, p->rotation_stiffness, share_before, share_after, p->from_rotation);
-        p->interval[IIWA14_PART_STIFFNESS] = larger(p->interval[IIWA14_PART_STIFFNESS], SHORTEST_INTERVAL);
-        p->begin[IIWA14_PART_STIFFNESS] = p->now;
-    }
-    if (accepted[IIWA14_PART_WRENCH]) { /* no other part changes its share */
-        begin_at(6 * TIPS, p->wrench_command, wrench_share_before, wrench_share(p), p->from_wrench);
-    }
-    return refusals;
+    uint32_t bits = ((uint32_t)k << 8) + (uint32_t)i + 1u;
+    bits = (bits ^ (bits >> 16)) * 0x85ebca6bu;
+    bits = (bits ^ (bits >> 13)) * 0xc2b2ae35u;
+    return (double)(bits ^ (bits >> 16)) / 4294967296.0; /* 2^32 */
 }
 
-/* Write the command for a step at `now` into an input; posture, sample and torque_offset stay as they are. */
-static void write_command(policy_t *p, double now, input_t *input)
+/* Return the reserve of the heaviest wrench of a tip: each joint with the largest torque that it can need, in effort. */
+static double wrench_reserve(const memory_t *m, const double *J)
 {
-    advance_time(p, now);
-    interpolate(p);
-    input->command = IIWA14_COMMAND_EQUILIBRIUM;
-    memcpy(input->equilibrium, p->equilibrium, sizeof input->equilibrium);
-    memcpy(input->translation_stiffness, p->translation_stiffness, sizeof input->translation_stiffness);
-    memcpy(input->rotation_stiffness, p->rotation_stiffness, sizeof input->rotation_stiffness);
-    memcpy(input->wrench_command, p->wrench_command, sizeof input->wrench_command);
-    memset(input->velocity, 0, sizeof input->velocity);
-    memset(input->acceleration, 0, sizeof input->acceleration);
-}
-
-/*
- * Step: observe the sample, book the interval that ended (s), check for faults, move the equilibrium (p), vary the
- * stiffness (v), design the damping, vary the scale (v), choose a torque that is covered and within its limits.
- */
-
-static const double RESUME_TIME = 0.1;    /* [s] of good samples after which a communication fault resets itself */
-static const double FAR_TOO_FAST = 1.5; /* velocity limits from which on a speed that rises shows that nothing brakes */
-static const double ROUNDED_ENERGY = 1e-9; /* [J] of the account that is rounding: its totals are below 1e5 J */
-
-/* Remember position and velocity of a sample. */
-static void remember_sample(step_t *s)
-{
-    memory_t *const m = s->m;
-    memcpy(m->q, s->q, sizeof m->q);
-    memcpy(m->measured_q, s->input->q, sizeof m->measured_q);
-    s->has_jacobians = 0;
-    memcpy(m->dq, s->velocity, sizeof m->dq);
-    /* before the gap is cleared: velocities from before a gap are no part of a mean */
-    m->recent_count = m->gap > 0 ? 1 : clamp_count(m->recent_count + 1, RECENT);
-    memmove(m->recent + N, m->recent, (RECENT - 1) * N * sizeof(double));
-    memcpy(m->recent, s->velocity, N * sizeof(double));
-    m->counter = s->input->counter;
-    m->gap = m->missed = 0;
-}
-
-/* Latch a fault for a joint that is beyond its position limit by more than position_tolerance. */
-static void check_positions(step_t *s)
-{
-    const config_t *const c = s->c;
+    const config_t *const c = &m->config;
+    double torque[N];
     for (int i = 0; i < N; ++i) {
-        if (distance_beyond(c, i, s->q[i]) > c->position_tolerance) {
-            const double edge = s->q[i] > c->upper_limit[i] ? c->upper_limit[i] : c->lower_limit[i];
-            latch_fault(s->m, IIWA14_REASON_POSITION, i, s->q[i], edge);
+        const double v[3] = {J[i], J[N + i], J[2 * N + i]}, w[3] = {J[3 * N + i], J[4 * N + i], J[5 * N + i]};
+        const double parts[2] = {c->heaviest_wrench[0] * norm(3, v), c->heaviest_wrench[1] * norm(3, w)};
+        torque[i] = smaller(norm(2, parts), c->effort_limit[i]);
+    }
+    return reserve(m, torque, c->missed_limit);
+}
+
+/* Return the tank that covers heaviest_wrench at every tip in postures spread over the limits. */
+static double size_tank(const memory_t *m)
+{
+    const config_t *const c = &m->config;
+    double most = 0.0;
+    for (int k = 0; k < POSTURES; ++k) {
+        double q[N], J[6 * N * TIPS], sum = 0.0;
+        for (int i = 0; i < N; ++i) {
+            const double low = larger(c->lower_limit[i], smaller(c->upper_limit[i], 0.5 * TURN) - TURN);
+            const double high = smaller(c->upper_limit[i], low + TURN);
+            q[i] = low + (high - low) * spread_joint(k + 1, i);
         }
-    }
-}
-
-/*
- * Latch a fault where nothing brakes an arm that is too fast: its largest speed, as a share of the joint's limit, has
- * risen RISES times since it is above it, in a fault or far above. The sign or the order of joints may be wrong: then
- * the damping drives, and only an arm without torque is safe. The fault takes the place of another.
- */
-static void check_dissipation(step_t *s, int joint, double share, double limit)
-{
-    memory_t *const m = s->m;
-    m->rises = share > 1.0 ? clamp_count(m->rises + (share > m->fastest), RISES) : 0;
-    m->fastest = share > 1.0 ? larger(m->fastest, share) : 0.0;
-    if (m->rises == RISES && (m->fault != IIWA14_FAULT_NONE || share > FAR_TOO_FAST) &&
-        m->fault != IIWA14_FAULT_DISSIPATION) {
-        m->fault = IIWA14_FAULT_NONE;
-        latch_fault(m, IIWA14_REASON_DISSIPATION, joint, fabs(s->velocity[joint]), limit);
-    }
-}
-
-/*
- * Latch a fault for a speed that is above its limit for longer than overspeed_time: a bump may drive a joint beyond it
- * for a moment, which is braked. A velocity limit that the configuration lowers comes into force here.
- */
-static void check_speeds(step_t *s)
-{
-    const config_t *const c = s->c;
-    memory_t *const m = s->m;
-    int first_fast = NO_JOINT, fastest = 0;
-    double most = 0.0, most_limit = 0.0;
-    for (int i = 0; i < N; ++i) {
-        const double speed = fabs(s->velocity[i]);
-        const double limit = smaller(c->velocity_limit[i], m->velocity_limit[i]);
-        const double share = speed / (limit + NOISE_RANGE * c->velocity_noise);
-        fastest = share > most ? i : fastest;
-        most_limit = share > most ? limit : most_limit;
-        most = larger(share, most);
-        if (speed > limit + NOISE_RANGE * c->velocity_noise) {
-            first_fast = first_fast == NO_JOINT ? i : first_fast;
-            s->status |= IIWA14_STATUS_OVERSPEED;
+        stiffgen_retract(m, q);
+        stiffgen_jacobians(q, m, J);
+        for (int t = 0; t < TIPS; ++t) {
+            sum += wrench_reserve(m, J + 6 * N * t);
         }
-        /* a lowered limit bounds what is believed only once the arm is known to be below it */
-        if (s->believed && speed <= c->velocity_limit[i]) {
-            m->velocity_limit[i] = limit;
-        }
+        most = sum > most ? sum : most; /* NaN is not */
     }
-    m->fast = first_fast == NO_JOINT ? 0 : clamp_count(m->fast + 1, LONGEST);
-    if (first_fast != NO_JOINT && m->fast * c->sample_time > c->overspeed_time * (1.0 + ROUNDED)) {
-        const double limit = smaller(c->velocity_limit[first_fast], m->velocity_limit[first_fast]);
-        latch_fault(m, IIWA14_REASON_OVERSPEED, first_fast, fabs(s->velocity[first_fast]), limit);
-    }
-    check_dissipation(s, fastest, most, most_limit);
+    return most / COVERED;
 }
 
-/* Check position and speed against their limits, and the spring against the one in force. The first fault stays. */
-static void check_limits(step_t *s)
+/* Prepare a state; torque is the one in force, or NULL for zero. */
+static int initialise(const config_t *c, state_t *state, const double *torque)
 {
-    const config_t *const c = s->c;
-    memory_t *const m = s->m;
-    check_positions(s);
-    check_speeds(s);
-    if (m->engaged && c->spring != m->spring) {
-        latch_fault(m, IIWA14_REASON_CHANGED, NO_JOINT, 0.0, 0.0);
-    }
-}
-
-/*
- * End a fault that is to be reset, after two good samples. A fault that is held ends once the available energy covers
- * the torque over missing samples again.
- */
-static void end_fault(step_t *s, const double *last)
-{
-    const config_t *const c = s->c;
-    memory_t *const m = s->m;
-    m->good_time = s->believed ? m->good_time + c->sample_time : 0.0;
-    const int resumes = m->fault == IIWA14_FAULT_COMMUNICATION &&
-                        c->communication_reaction == IIWA14_COMMUNICATION_REACTION_RESUME && m->good_time >= RESUME_TIME;
-    if (m->fault != IIWA14_FAULT_NONE && (m->reset || resumes) && m->good_time > c->sample_time) {
-        double parts[3];
-        if (m->engaged && sum_reserve(s, m->calls, m->call_gap, last, parts) > available_energy(m)) {
-            return; /* the fault stays until a later sample */
-        }
-        m->fault = IIWA14_FAULT_NONE;
-        m->reason = IIWA14_REASON_NONE;
-        m->fault_joint = NO_JOINT;
-        m->fault_seen = m->fault_limit = 0.0;
-        m->reset = m->absent = m->bad = m->doubted = 0;
-    }
-}
-
-/*
- * Set the limit avoidance where the account begins. It leaves out joints whose position is not believed (condemned): it
- * would drive the arm by what is wrong, and nothing of its energy counts. A first position beyond a limit may be one in
- * other units (doubted), as no later one.
- */
-static void begin_limits(step_t *s, const double *q)
-{
-    memory_t *const m = s->m;
-    int condemned = 0;
-    if (!m->known) {
-        measure_inertia(s, q);
-        adopt_limits(s, q);
-    }
-    for (int i = 0; i < N; ++i) {
-        double *const a = m->avoidance + 4 * i;
-        condemned |= s->condemned[i];
-        a[2] = s->condemned[i] ? 0.0 : a[2]; /* stiffness */
-        a[3] = s->condemned[i] ? 0.0 : a[3]; /* largest torque */
-    }
-    m->doubted |= condemned && !m->known;
-    s->status |= condemned ? (uint32_t)IIWA14_STATUS_BAD_SAMPLE : 0u;
-}
-
-/*
- * Step with a believed sample, or, in a fault, with one whose position is believed. The fault is the one after this
- * sample's checks, the scale that of the last step. "Follow" settles the springs at the arm, where they store nothing.
- *
- *   engaged  fault                   scale  what is done                                        mode at the end
- *   no       none                    0      follow; a command that is accepted engages          START or ACTIVE
- *   no       any                     0      follow; a reset that is granted engages as above    FOLLOW, START, ACTIVE
- *   yes      none                    any    move the equilibrium, vary stiffness and scale      ACTIVE
- *   yes      communication, to hold  any    hold the equilibrium; a reset that is granted ends  HOLD or ACTIVE
- *   yes      any other               > 0    let the scale fall (vary_scale)                     RELEASE
- *   yes      any other               0      disengage, then as in the second row                FOLLOW, START, ACTIVE
- *
- * A fault that is found only in compute_torque (RESERVE) acts from the next step on.
- */
-static void step_with_sample(step_t *s, const double *last)
-{
-    memory_t *const m = s->m;
-    int moved = 0;
-    if (!m->known || s->jumped) {
-        begin_limits(s, s->q);
-    }
-    /* gap and last position are read before remember_sample replaces them */
-    s->elapsed = s->c->sample_time * (1 + m->gap);
-    book_interval(s, s->q);
-    remember_sample(s);
-    s->commanded = s->believed && accept_command(s);
-    s->status |= s->commanded ? 0u : (uint32_t)IIWA14_STATUS_COMMAND_REFUSED;
-    accept_feedforward(s);
-    check_limits(s); /* may latch a fault: m->fault counts from here on */
-    s->budget = m->tank - TANK_FLOOR * s->tank_initial;
-    adopt_raised_limits(s, last);
-    if (m->fault == IIWA14_FAULT_NONE) {
-        adopt_limits(s, s->q);
-    } else {
-        drop_limits(s, s->q);
-        m->engaged = m->engaged && (m->scale != 0.0 || holds_in_fault(s));
-    }
-    if (!m->engaged) {
-        end_fault(s, last);
-        settle_springs(s);
-    } else if (holds_in_fault(s)) {
-        memset(m->posture_velocity, 0, sizeof m->posture_velocity);
-        memset(m->equilibrium_velocity, 0, sizeof m->equilibrium_velocity);
-        end_fault(s, last);
-    } else if (m->fault == IIWA14_FAULT_NONE) {
-        m->reset = 0;
-        memcpy(s->old_equilibrium, m->equilibrium, sizeof s->old_equilibrium);
-        move_equilibrium(s);
-        vary_stiffness(s);
-        moved = 1;
-    }
-    compute_torque(s, last, moved);
-    pay_engagement(s); /* last, since compute_torque may find a fault: then nothing is paid */
-}
-
-/*
- * Release the springs at once: the scale falls to 0, and without a position there is no torque to fall with it. This is
- * a change of stiffness that costs -elastic_energy: the account books it as such, and the tank receives it, so that
- * their sum, which covers the torques in transit, stays. The tank's maximum waits for the next booking, since there may
- * be no configuration.
- */
-static void release_springs(memory_t *m)
-{
-    m->stiffness_total -= m->elastic_energy;
-    m->tank += m->elastic_energy;
-    m->elastic_energy = m->scale = 0.0;
-}
-
-/*
- * Step without a believed sample: hold the torque for as many calls as the reserve covers, then move it to zero at the
- * rate limit. In a fault it moves at once, and the springs are released.
- */
-static void step_without_sample(step_t *s, const double *last)
-{
-    memory_t *const m = s->m;
-    const double no_feed[N] = {0.0};
-    m->missed = clamp_count(m->missed + 1, LONGEST);
-    if (!s->timed) {
-        note_untimed_call(s, last);
-    }
-    bridge_gap(s, 1);
-    if (m->known && m->fault == IIWA14_FAULT_NONE) {
-        memcpy(s->out->torque, last, N * sizeof(double));
-        if (m->missed >= m->hold) {
-            step_towards_zero(last, m->rate, s->out->torque);
-            fade_gains(m);
-        }
-        limit_torque(s, last);
-    } else { /* there may be no configuration */
-        release_springs(m);
-        m->good_time = 0.0;
-        step_towards_zero(last, m->rate, s->out->torque);
-        fade_gains(m);
-    }
-    shift_history(m, s->transit, no_feed);
-}
-
-/* Take what the configuration says of time and limits, and observe the sample. */
-static void start_step(step_t *s, state_t *state, const double *last)
-{
-    memory_t *const m = s->m;
-    for (int i = 0; i < N; ++i) {
-        m->rate[i] = s->c->torque_rate_limit[i] * s->c->sample_time;
-    }
-    store_copies(state->rate, m->rate);
-    m->delay = s->c->delay_samples;
-    m->sample_time = s->c->sample_time;
-    m->fault_time += s->c->sample_time;
-    find_energies(s);
-    observe_sample(s, last);
-}
-
-/* Return the mode of the step. */
-static int find_mode(const step_t *s)
-{
-    if (s->m->fault == IIWA14_FAULT_NONE) {
-        return s->m->engaged ? IIWA14_MODE_ACTIVE : IIWA14_MODE_START;
-    }
-    if (!s->m->engaged) {
-        return IIWA14_MODE_FOLLOW;
-    }
-    return s->held ? IIWA14_MODE_HOLD : IIWA14_MODE_RELEASE;
-}
-
-/* Report mode, status and the memory's part of the output. */
-static void report_step(const step_t *s)
-{
-    memory_t *const m = s->m;
-    output_t *const out = s->out;
-    m->energy_supplied = larger(m->energy_supplied, m->supplied);
-    report_memory(m, out);
-    memcpy(out->velocity, s->velocity, sizeof out->velocity);
-    out->status = s->status;
-    out->stiffness_share = m->stiffness_share * m->scale;
-    out->tank_initial = s->tank_initial;
-    out->engagement_limit = s->engagement_limit;
-    out->energy_limit = s->energy_limit;
-    out->refusal = s->refusal.code;
-    out->refusal_argument = s->refusal.command;
-    out->refusal_entry = s->refusal.entry;
-    out->limited_joint = s->limited;
-    out->refusal_seen = s->refusal.seen;
-    out->refusal_limit = s->refusal.limit;
-    out->mode = find_mode(s);
-    out->status |= m->fault != IIWA14_FAULT_NONE ? (uint32_t)IIWA14_STATUS_FAULT : 0u;
-    if (available_energy(m) < -ROUNDED_ENERGY) {
-        out->status |= IIWA14_STATUS_TANK_DEFICIT;
-    }
-}
-
-/*
- * Read the torque in force and the most that it can be. Return whether both were stored by init or step: a state that
- * was never initialised has none, and its torque is 0.
- */
-static int read_torque(step_t *s, const state_t *state, double *last)
-{
-    const int torque_stored = vote(state->torque, last), effort_stored = vote(state->effort, s->effort);
-    for (int i = 0; i < N; ++i) {
-        last[i] = torque_stored && effort_stored ? clamp(last[i], -s->effort[i], s->effort[i]) : 0.0;
-    }
-    memcpy(s->before, last, sizeof s->before);
-    return torque_stored && effort_stored;
-}
-
-/*
- * Step without a memory to go on from: it was never initialised, or it was overwritten and there is no valid
- * configuration to start anew with. A torque in force moves to zero at the last valid rate limit; without one, or
- * without a rate, the output keeps its zeros. The memory is cleared: it may be no state. Return the error.
- */
-static int step_without_memory(state_t *state, int stored, const double *last, int error, output_t *output)
-{
-    double rate[N];
-    const int rate_known = vote(state->rate, rate);
-    memset(&state->memory, 0, sizeof state->memory);
-    if (stored && rate_known) {
-        step_towards_zero(last, rate, output->torque); /* the gains are zero: tau_ff is all of it */
-        memcpy(output->tau_ff, output->torque, sizeof output->tau_ff);
-        store_copies(state->torque, output->torque);
-    }
-    return error != IIWA14_OK ? error : IIWA14_E_NOT_INITIALISED;
-}
-
-/*
- * Guard the torque that leaves the step, whatever the memory holds: finite, and within the effort limit or on its way
- * down to a lowered one. Gains are finite and within their limits. refused: this call has no valid configuration, so
- * that the last effort limit stays in force, and gains have no limit.
- */
-static void guard_torque(step_t *s, int refused)
-{
-    memory_t *const m = s->m;
-    for (int i = 0; i < N; ++i) {
-        const double torque = s->out->torque[i];
-        double most = s->effort[i], kp_limit = DBL_MAX, kd_limit = DBL_MAX;
-        if (!refused) {
-            /* a limit that was lowered below the last torque is reached at the rate limit, without a jump */
-            most = larger(s->c->effort_limit[i], fabs(s->before[i]));
-            kp_limit = s->c->kp_limit[i];
-            kd_limit = s->c->kd_limit[i];
-        }
-        /* NaN fails every comparison, and becomes 0 */
-        s->out->torque[i] = fabs(torque) <= DBL_MAX ? clamp(torque, -most, most) : 0.0;
-        m->kp[i] = m->kp[i] >= 0.0 ? smaller(m->kp[i], kp_limit) : 0.0;
-        m->kd[i] = m->kd[i] >= 0.0 ? smaller(m->kd[i], kd_limit) : 0.0;
-        if (!refused) { /* what the next call may find in force */
-            s->effort[i] = larger(s->c->effort_limit[i], fabs(s->out->torque[i]));
-        }
-    }
-}
-
-/* Do one step. */
-static int step(const config_t *c, state_t *state, const input_t *input, output_t *output)
-{
-    if (output == NULL) {
-        return IIWA14_E_NULL;
-    }
-    memset(output, 0, sizeof *output);
-    /* the report of a call that ends without a step; report_step overwrites it */
-    output->status = (uint32_t)IIWA14_STATUS_CONFIG | (uint32_t)IIWA14_STATUS_FAULT;
-    output->mode = IIWA14_MODE_FOLLOW;
-    output->fault = IIWA14_FAULT_CONFIGURATION;
-    output->reason = IIWA14_REASON_CONFIG;
-    if (state == NULL) {
+    static const double none[N] = {0.0};
+    if (c == NULL || state == NULL) {
         return IIWA14_E_NULL;
     }
     memory_t *const m = &state->memory;
-    double last[N];
-    step_t s;
-    memset(&s, 0, sizeof s);
-    s.c = c;
-    s.m = m;
-    s.scratch = state->scratch;
-    s.modes = state->modes;
-    s.input = input;
-    s.out = output;
-    s.refusal.entry = s.limited = output->refusal_entry = output->limited_joint = NO_JOINT;
-    const int error = c == NULL || input == NULL ? IIWA14_E_NULL : validate(c), refused = error != IIWA14_OK;
-    const int stored = read_torque(&s, state, last);
-    if (!stored || !is_believable(state)) {
-        if (refused || !stored) {
-            return step_without_memory(state, stored, last, error, output);
+    const double *const acting = torque != NULL ? torque : none;
+    double rate[N];
+    memset(state, 0, sizeof *state);
+    const int error = validate(c);
+    for (int i = 0; error == IIWA14_OK && i < N; ++i) {
+        if (!(fabs(acting[i]) <= c->effort_limit[i])) {
+            return IIWA14_E_TORQUE;
         }
-        /* memory was overwritten: nothing is believed but the torque, which is stored three times */
-        start_memory(c, state, last);
-        m->unaccounted = 1;
-        latch_fault(m, IIWA14_REASON_STATE, NO_JOINT, 0.0, 0.0);
+        rate[i] = c->torque_rate_limit[i] * c->sample_time;
     }
-    separate_torque_offset(&s, last, refused); /* `last` is the controller's own torque from here on */
-    memcpy(s.transit, last, sizeof last);
-    if (refused) {
-        latch_fault(m, IIWA14_REASON_CONFIG, NO_JOINT, 0.0, 0.0);
-        s.status |= IIWA14_STATUS_CONFIG;
-    } else {
-        start_step(&s, state, last);
+    if (error != IIWA14_OK) {
+        return error;
     }
-    if (s.believed || (s.located && m->known && m->fault != IIWA14_FAULT_NONE)) {
-        step_with_sample(&s, last);
-    } else {
-        step_without_sample(&s, last);
-    }
-    add_torque_offset(&s, last, refused);
-    guard_torque(&s, refused);
-    /* stored before report_gains: the account is about tau_ff, and out->torque then has what the motors apply */
-    store_copies(state->torque, output->torque);
-    store_copies(state->effort, s.effort);
-    limit_gains(&s, refused);
-    report_gains(&s, refused);
-    s.held = !refused && holds_in_fault(&s);
-    report_step(&s);
+    m->config = *c;
+    stiffgen_home(&m->arm);
+    m->config.tank_initial = c->tank_initial > 0.0 ? c->tank_initial : size_tank(m);
+    m->fault.joint = NO_JOINT;
+    m->ready = READY;
+    account_open(&m->account, &m->config, acting);
+    store_copies(state->torque, acting);
+    store_copies(state->rate, rate);
+    store_copies(state->effort, c->effort_limit);
     state->checksum = compute_checksum(state);
-    return error;
+    return IIWA14_OK;
+}
+
+/* Ask for the end of a fault; the next steps with good samples grant it. */
+static int request_reset(state_t *state)
+{
+    if (state == NULL) {
+        return IIWA14_E_NULL;
+    }
+    if (!is_believable(state)) {
+        return IIWA14_E_NOT_INITIALISED;
+    }
+    state->memory.fault.reset = 1;
+    state->checksum = compute_checksum(state);
+    return IIWA14_OK;
+}
+
+/* A step: the phases in their order. Their results become the memory; nothing else writes it. */
+
+static const double RESUME_TIME = 0.1;     /* [s] of good samples after which a fault that resumes ends */
+static const double ROUNDED_ENERGY = 1e-9; /* [J] that an account which balances may lack */
+enum { TRUSTED = 2 };                      /* good samples that a reset waits for */
+
+/* Results of the phases, for the report. */
+typedef struct {
+    command_t command;
+    law_t law;
+    torque_t torque;
+    uint32_t status;
+} phases_t;
+
+/* Return the fault after a finding; the first one stays, but one that leaves no torque takes its place. */
+static fault_t latch(const fault_t *before, const finding_t *found)
+{
+    const int worse = has_no_torque(found->reason) && !has_no_torque(before->reason);
+    fault_t next = *before;
+    if (found->reason != IIWA14_REASON_NONE && (before->reason == IIWA14_REASON_NONE || worse)) {
+        next.reason = found->reason;
+        next.joint = found->joint;
+        next.seen = found->seen;
+        next.limit = found->limit;
+        next.time = 0.0;
+        next.reset = 0;
+    }
+    return next;
+}
+
+/* Note a finding: the fault that follows, and good samples are counted from here on. */
+static void note(memory_t *m, const finding_t *found)
+{
+    m->fault = latch(&m->fault, found);
+    m->watch.good = found->reason != IIWA14_REASON_NONE ? 0 : m->watch.good;
+}
+
+/* End a fault that is to be reset, or ends by itself, once samples are good and the springs are released or hold. */
+static void end_fault(memory_t *m)
+{
+    const fault_t *const f = &m->fault;
+    const int resumes = fault_of_reason(f->reason) == IIWA14_FAULT_COMMUNICATION &&
+                        m->config.communication_reaction == IIWA14_COMMUNICATION_REACTION_RESUME &&
+                        m->watch.good * m->config.sample_time >= RESUME_TIME;
+    const int free_of_springs = !m->reference.engaged || holds_in_fault(m);
+    if (f->reason != IIWA14_REASON_NONE && (f->reset || resumes) && m->watch.good > TRUSTED && free_of_springs) {
+        const fault_t none = {0.0, 0.0, 0.0, IIWA14_REASON_NONE, NO_JOINT, 0};
+        m->fault = none;
+        m->watch = calm(&m->watch);
+    }
+}
+
+/* Settle the reference at the arm, where the springs store nothing. A command that is accepted engages them. */
+static void settle(memory_t *m, const command_t *k)
+{
+    reference_t *const f = &m->reference;
+    memcpy(f->r, m->watch.q, sizeof f->r);
+    memcpy(f->wanted, m->watch.q, sizeof f->wanted);
+    memset(f->dr, 0, sizeof f->dr);
+    stiffgen_poses(m->watch.q, m, f->equilibrium);
+    f->scale = f->press = 0.0;
+    f->engaged = 0;
+    account_springs(&m->account, m, 0.0);
+    if (k->accepted && m->fault.reason == IIWA14_REASON_NONE) {
+        memcpy(f->translation_stiffness, k->translation, sizeof f->translation_stiffness);
+        memcpy(f->rotation_stiffness, k->rotation, sizeof f->rotation_stiffness);
+        memcpy(f->posture_stiffness, k->posture, sizeof f->posture_stiffness);
+        f->engaged = f->commanded = 1;
+        f->scale = 1.0;
+        account_engage(&m->account, m);
+    }
+}
+
+/* Move the reference, then change the stiffness. Return the status. */
+static uint32_t follow_command(memory_t *m, const command_t *k)
+{
+    reference_t *const f = &m->reference;
+    move_t g;
+    stiffness_t next;
+    govern(m, k, &g);
+    account_move(&m->account, m, &g);
+    memcpy(f->r, g.r, sizeof f->r);
+    memcpy(f->dr, g.dr, sizeof f->dr);
+    memcpy(f->equilibrium, g.equilibrium, sizeof f->equilibrium);
+    if (k->accepted) {
+        memcpy(f->wanted, k->q0, sizeof f->wanted);
+    }
+    stiffen(m, k, &next);
+    account_springs(&m->account, m, next.energy);
+    memcpy(f->translation_stiffness, next.translation, sizeof f->translation_stiffness);
+    memcpy(f->rotation_stiffness, next.rotation, sizeof f->rotation_stiffness);
+    memcpy(f->posture_stiffness, next.posture, sizeof f->posture_stiffness);
+    return g.status | next.status;
+}
+
+/* Book what happened since the last believed sample, and take the sample's records. A first one begins the account. */
+static void take_sample(memory_t *m, const sample_t *s)
+{
+    double unused[N];
+    m->arm = s->arm;
+    if (!m->watch.known) {
+        place_zones(m, s->q, &m->arm);
+        account_start(&m->account, m, zone_energy(m, s->q, unused, unused));
+    } else {
+        const double springs = m->reference.scale != 0.0 ? m->reference.scale * stored_energy(m, s->q) : 0.0;
+        account_interval(&m->account, m, s->q, springs, zone_energy(m, s->q, unused, unused));
+    }
+    m->watch = s->watch;
+    m->watch.known = 1;
+}
+
+/*
+ * Step with a believed sample.
+ *
+ *   springs    fault                   what is done                                           mode at the end
+ *   no         none                    settle; a command that is accepted engages             START or ACTIVE
+ *   no         any                     settle; a reset that is granted engages as above       FOLLOW, ACTIVE
+ *   yes        none                    move the reference, change stiffness and scale         ACTIVE
+ *   yes        communication, to hold  the reference stands still; a reset that is granted    HOLD or ACTIVE
+ *   yes        dissipation, shaking    settle: no torque at all                               LIMP
+ *   yes        any other               let the scale fall, settle at 0                        RELEASE, FOLLOW
+ */
+static void step_with_sample(memory_t *m, const sample_t *s, const input_t *in, phases_t *p)
+{
+    take_sample(m, s);
+    accept_command(m, in, &p->command);
+    note(m, &s->lost);
+    note(m, &s->limit);
+    note(m, &s->unstable);
+    p->status |= p->command.refusal.code != IIWA14_REFUSAL_NONE ? (uint32_t)IIWA14_STATUS_COMMAND_REFUSED : 0u;
+    p->status |= p->command.limited != NO_JOINT ? (uint32_t)IIWA14_STATUS_COMMAND_LIMITED : 0u;
+    const int holds = holds_in_fault(m);
+    if (m->fault.reason != IIWA14_REASON_NONE) {
+        m->reference.engaged &= (holds || m->reference.scale != 0.0) && !has_no_torque(m->fault.reason);
+        end_fault(m);
+    }
+    if (!m->reference.engaged) {
+        settle(m, &p->command);
+    } else if (m->fault.reason == IIWA14_REASON_NONE && !holds) {
+        p->status |= follow_command(m, &p->command);
+    } else {
+        memset(m->reference.dr, 0, sizeof m->reference.dr);
+    }
+    find_law(m, &p->command, &p->law);
+    m->reference.press = p->law.press;
+    p->status |= p->law.status;
+    if (m->reference.engaged) {
+        const scale_t next = vary_scale(m, &p->law);
+        account_springs(&m->account, m, next.scale * p->law.energy);
+        m->reference.scale = next.scale;
+        p->status |= next.status;
+    }
+    guard(m, &p->law, &p->torque);
+}
+
+/* Step without a believed sample: hold the torque for as many calls as are covered, then let it fall. */
+static void step_without_sample(memory_t *m, torque_t *t)
+{
+    let_fall(m, t);
+    if (m->watch.known && m->fault.reason == IIWA14_REASON_NONE && m->watch.missed < m->account.hold) {
+        memcpy(t->own, m->account.history, sizeof t->own);
+        t->hold = m->account.hold;
+        t->reserve = reserve(m, t->own, t->hold - m->watch.missed);
+    }
+    if (m->fault.reason != IIWA14_REASON_NONE) {
+        m->reference.engaged &= holds_in_fault(m);
+        m->reference.scale = 0.0;
+        account_release(&m->account);
+    }
+}
+
+/* Add the caller's torque: the own one has the rate limit first, the caller's the effort limit. Return the status. */
+static uint32_t add_offset(memory_t *m, const double *offset, const double *last, double *total)
+{
+    const config_t *const c = &m->config;
+    uint32_t status = 0u;
+    for (int i = 0; i < N; ++i) {
+        const double own = m->account.history[i], rate = c->torque_rate_limit[i] * c->sample_time;
+        const double most = 2.0 * c->effort_limit[i]; /* turns the own torque round */
+        const double given = offset != NULL && fabs(offset[i]) <= DBL_MAX ? offset[i] : m->caller.offset[i];
+        const double wanted = has_no_torque(m->fault.reason) ? 0.0 : clamp(given, -most, most);
+        const double near = clamp(own + wanted, last[i] - rate, last[i] + rate);
+        total[i] = clamp(near, -c->effort_limit[i], c->effort_limit[i]);
+        m->caller.offset[i] = total[i] - own;
+        status |= total[i] != own + wanted ? (uint32_t)IIWA14_STATUS_OFFSET_LIMITED : 0u;
+    }
+    return status;
+}
+
+/* Return the mode of the step. */
+static int find_mode(const memory_t *m)
+{
+    if (m->fault.reason == IIWA14_REASON_NONE) {
+        return m->reference.engaged ? IIWA14_MODE_ACTIVE : IIWA14_MODE_START;
+    }
+    if (!m->watch.known || has_no_torque(m->fault.reason)) {
+        return IIWA14_MODE_LIMP;
+    }
+    if (!m->reference.engaged) {
+        return IIWA14_MODE_FOLLOW;
+    }
+    return holds_in_fault(m) ? IIWA14_MODE_HOLD : IIWA14_MODE_RELEASE;
+}
+
+/* Report fault and refusal. */
+static void report_reasons(const memory_t *m, const command_t *k, output_t *out)
+{
+    out->mode = find_mode(m);
+    out->fault = fault_of_reason(m->fault.reason);
+    out->reason = m->fault.reason;
+    out->fault_joint = m->fault.joint;
+    out->fault_seen = m->fault.seen;
+    out->fault_limit = m->fault.limit;
+    out->fault_time = m->fault.time;
+    out->refusal = k->refusal.code;
+    out->refusal_command = k->refusal.command;
+    out->refusal_entry = k->refusal.entry;
+    out->refusal_seen = k->refusal.seen;
+    out->refusal_limit = k->refusal.limit;
+    out->limited_joint = k->limited;
+}
+
+/* Report a step. */
+static void report(const memory_t *m, const phases_t *p, output_t *out)
+{
+    const int lacks = m->watch.known && available(&m->account) < -ROUNDED_ENERGY;
+    report_reasons(m, &p->command, out);
+    out->status = p->status | p->torque.status | (lacks ? (uint32_t)IIWA14_STATUS_TANK_DEFICIT : 0u);
+    out->status |= m->fault.reason != IIWA14_REASON_NONE ? (uint32_t)IIWA14_STATUS_FAULT : 0u;
+    out->hold = m->account.hold;
+    out->energy_supplied = m->account.supplied;
+    out->tank = m->account.tank;
+    out->stored = m->account.springs + m->account.zones;
+    out->reserve = p->torque.reserve;
+    out->tank_initial = m->config.tank_initial;
+    out->scale = m->reference.scale;
+    out->stiffness_share = p->law.cap;
+    memcpy(out->own_torque, p->torque.own, sizeof out->own_torque);
+    memcpy(out->position, m->watch.q, sizeof out->position);
+    memcpy(out->reference, m->reference.r, sizeof out->reference);
+    memcpy(out->reference_velocity, m->reference.dr, sizeof out->reference_velocity);
+    memcpy(out->damping_torque, p->law.damper, sizeof out->damping_torque);
+    memcpy(out->limit_torque, p->law.zone, sizeof out->limit_torque);
+    memcpy(out->feedforward_torque, p->law.feedforward, sizeof out->feedforward_torque);
+}
+
+/*
+ * Step without a memory to go on from: it was never initialised, or overwritten. A torque in force moves to zero at its
+ * rate limit; without one, the output keeps its zeros. The memory is cleared: it may be no state.
+ */
+static int step_without_memory(state_t *state, output_t *out)
+{
+    double last[N], rate[N], effort[N];
+    const int stored = vote(state->torque, last) & vote(state->rate, rate) & vote(state->effort, effort);
+    memset(&state->memory, 0, sizeof state->memory);
+    for (int i = 0; stored && i < N; ++i) {
+        const double fallen = last[i] - clamp(last[i], -fabs(rate[i]), fabs(rate[i]));
+        out->torque[i] = clamp(fallen, -fabs(effort[i]), fabs(effort[i]));
+    }
+    if (stored) {
+        store_copies(state->torque, out->torque);
+    }
+    return IIWA14_E_NOT_INITIALISED;
+}
+
+/* Return whether a sample may be used: a first one must be within the limits, and no fault may wait. */
+static int may_use(memory_t *m, const sample_t *s)
+{
+    if (!s->good || m->watch.known) {
+        return s->good;
+    }
+    m->watch = s->watch;
+    note(m, &s->limit);
+    if (s->limit.reason == IIWA14_REASON_NONE) {
+        end_fault(m);
+    }
+    return m->fault.reason == IIWA14_REASON_NONE;
+}
+
+/* Do the step of a memory that is believed. */
+static void do_step(memory_t *m, const input_t *in, const double *last, output_t *out)
+{
+    sample_t s;
+    phases_t p;
+    memset(&p, 0, sizeof p);
+    p.command.limited = NO_JOINT;
+    p.law.cap = 1.0;
+    p.command.refusal = check_clock(in);
+    believe(m, in, &s);
+    p.status = s.status;
+    account_time(&m->account, &m->config, s.periods);
+    m->fault.time += m->config.sample_time * s.periods;
+    const int usable = may_use(m, &s);
+    if (usable) {
+        step_with_sample(m, &s, in, &p);
+    } else {
+        m->watch = s.watch;
+        note(m, &s.lost);
+        step_without_sample(m, &p.torque);
+    }
+    account_torque(&m->account, &p.torque);
+    note(m, &p.torque.finding);
+    p.status |= add_offset(m, usable ? in->torque_offset : NULL, last, out->torque);
+    report(m, &p, out);
+}
+
+static int step(state_t *state, const input_t *in, output_t *out)
+{
+    input_t missed;
+    double last[N];
+    if (out == NULL) {
+        return IIWA14_E_NULL;
+    }
+    memset(out, 0, sizeof *out);
+    out->status = (uint32_t)IIWA14_STATUS_FAULT;
+    out->mode = IIWA14_MODE_LIMP;
+    out->fault = IIWA14_FAULT_MEMORY;
+    out->reason = IIWA14_REASON_STATE;
+    out->fault_joint = out->refusal_entry = out->limited_joint = NO_JOINT;
+    if (state == NULL) {
+        return IIWA14_E_NULL;
+    }
+    if (!is_believable(state) || !vote(state->torque, last)) {
+        return step_without_memory(state, out);
+    }
+    if (in == NULL) {
+        memset(&missed, 0, sizeof missed); /* no sample, and no clock */
+    }
+    do_step(&state->memory, in != NULL ? in : &missed, last, out);
+    store_copies(state->torque, out->torque);
+    state->checksum = compute_checksum(state);
+    return in != NULL ? IIWA14_OK : IIWA14_E_NULL;
 }
 
 /* ---- functions of iiwa14_impedance.h ---- */
 
-/* estimate: 0.005 s effort / velocity, the maker's is unknown */
-static const double iiwa14_motor_inertia[N] = {1.079, 1.079, 0.5042, 0.6723, 0.2424, 0.08488, 0.08488};
 /* estimate: effort / 0.1 s, the maker's is unknown */
 static const double iiwa14_torque_rate[N] = {3200.0, 3200.0, 1760.0, 1760.0, 1100.0, 400.0, 400.0};
 
 void iiwa14_impedance_default_config(config_t *config)
 {
     memset(config, 0, sizeof *config);
-    config->sample_time = 0.001;
-    config->delay_samples = 0;
-    config->heaviest_wrench[0] = 100.0;
-    config->heaviest_wrench[1] = 20.0;
-    config->tip_velocity_limit = 1.0;
-    config->tip_rotation_limit = 2.5;
+    config->sample_time = NAN;
+    config->delay_samples = -1;
+    config->heaviest_wrench[0] = NAN;
+    config->heaviest_wrench[1] = NAN;
+    config->tip_velocity_limit[0] = 1.0;
+    config->tip_velocity_limit[1] = 2.5;
+    config->call_gap_limit = 3;
+    config->missed_limit = 3;
+    config->communication_reaction = IIWA14_COMMUNICATION_REACTION_RELEASE;
     config->position_quantum = 0.0;
     config->velocity_noise = 0.0;
-    config->call_gap_limit = 3;
-    config->communication_reaction = IIWA14_COMMUNICATION_REACTION_RELEASE;
-    config->translation_stiffness_limit = 5e3;
-    config->rotation_stiffness_limit = 500.0;
-    config->spring = IIWA14_SPRING_TRACE;
-    config->spring_force_limit = 40.0;
-    config->spring_moment_limit = 10.0;
-    config->stiffness_cap = IIWA14_STIFFNESS_CAP_REFUSE;
-    config->stiffness_time = 0.002;
-    config->joint_damping = 0.1;
-    config->coriolis = IIWA14_CORIOLIS_OFF;
-    config->continuous_joints = IIWA14_CONTINUOUS_JOINTS_WRAPPED;
-    config->position_tolerance = 0.1;
-    config->limit_zone = 0.1;
-    config->ramp_time = 0.05;
-    config->energy_limit = 0.0;
-    config->engagement_limit = 0.0;
-    config->actuation = IIWA14_ACTUATION_TORQUE;
-    config->force_limit = 500.0;
-    config->moment_limit = 100.0;
-    config->missed_limit = 3;
-    config->loss_limit = 10;
-    config->state_period = 0.0;
-    config->velocity_filter_time = 0.0;
-    config->velocity_source = IIWA14_VELOCITY_SOURCE_MEASURED;
-    config->frozen_window = 20;
-    config->overspeed_time = 0.2;
+    config->damping_ratio = 0.7;
+    config->ramp_time = 0.2;
     config->tank_initial = 0.0;
+    config->coriolis = IIWA14_CORIOLIS_OFF;
     for (int i = 0; i < N; ++i) {
-        config->motor_inertia[i] = iiwa14_motor_inertia[i];
+        config->motor_inertia[i] = NAN;
         config->lower_limit[i] = iiwa14_lower[i];
         config->upper_limit[i] = iiwa14_upper[i];
         config->velocity_limit[i] = iiwa14_velocity[i];
         config->effort_limit[i] = iiwa14_effort[i];
-        config->posture_stiffness[i] = 1.0;
-        config->damping_ratio[i] = 0.7;
-        config->limit_stiffness[i] = iiwa14_effort[i];
-        config->reference_velocity_limit[i] = 0.9 * iiwa14_velocity[i];
         config->torque_rate_limit[i] = iiwa14_torque_rate[i];
-        config->kp_limit[i] = 500.0;
-        config->kd_limit[i] = 5.0;
     }
-}
-
-int iiwa14_impedance_validate(const config_t *config)
-{
-    return config == NULL ? IIWA14_E_NULL : validate(config);
 }
 
 int iiwa14_impedance_init(const config_t *config, state_t *state, const double *torque)
@@ -6146,57 +2759,14 @@ int iiwa14_impedance_init(const config_t *config, state_t *state, const double *
     return initialise(config, state, torque);
 }
 
-int iiwa14_impedance_step(const config_t *config, state_t *state, const input_t *input, output_t *output)
+int iiwa14_impedance_step(state_t *state, const input_t *input, output_t *output)
 {
-    return step(config, state, input, output);
+    return step(state, input, output);
 }
 
 int iiwa14_impedance_reset(state_t *state)
 {
     return request_reset(state);
-}
-
-int iiwa14_impedance_joint_gains(const double *q, const double *dq, const double *q_des, const double *dq_des,
-    const double *torque, const double *joint_stiffness, const double *damping, const double *kp_limit, const double *kd_limit,
-    double *tau_ff, double *kp, double *kd)
-{
-    const int null = q == NULL || dq == NULL || q_des == NULL || dq_des == NULL || torque == NULL || joint_stiffness == NULL ||
-        damping == NULL || kp_limit == NULL || kd_limit == NULL || tau_ff == NULL || kp == NULL || kd == NULL;
-    return null ? IIWA14_E_NULL
-                : split_torque(q, dq, q_des, dq_des, torque, joint_stiffness, damping, kp_limit, kd_limit, tau_ff, kp, kd);
-}
-
-double iiwa14_impedance_late_work(const double *q, const double *q_des, const double *dq_des, const double *tau_ff,
-    const double *kp, const double *kd, const double *velocity_limit, double hold)
-{
-    const int null = q == NULL || q_des == NULL || dq_des == NULL || tau_ff == NULL || kp == NULL || kd == NULL || velocity_limit == NULL;
-    return null ? (double)NAN : bound_late_work(q, q_des, dq_des, tau_ff, kp, kd, velocity_limit, hold);
-}
-
-int iiwa14_impedance_policy_start(policy_t *policy, const double *poses, double now)
-{
-    return policy == NULL || poses == NULL ? IIWA14_E_NULL : start_policy(policy, poses, now);
-}
-
-int iiwa14_impedance_policy_propose(const config_t *config, policy_t *policy, const proposal_t *proposal, double now)
-{
-    const int null = config == NULL || policy == NULL || proposal == NULL;
-    return null ? IIWA14_E_NULL : propose(config, policy, proposal, now);
-}
-
-int iiwa14_impedance_policy_command(policy_t *policy, double now, input_t *input)
-{
-    if (policy == NULL || input == NULL) {
-        return IIWA14_E_NULL;
-    }
-    write_command(policy, now, input);
-    return IIWA14_OK;
-}
-
-int iiwa14_find_posture(const config_t *config, const double *poses, const double *start, double *posture)
-{
-    const int null = config == NULL || poses == NULL || start == NULL || posture == NULL;
-    return null ? IIWA14_E_NULL : search_posture(config, poses, NULL, start, posture);
 }
 
 int iiwa14_impedance_fault_text(const output_t *output, char *text, size_t size)
@@ -6208,12 +2778,12 @@ int iiwa14_impedance_fault_text(const output_t *output, char *text, size_t size)
     return IIWA14_OK;
 }
 
-int iiwa14_impedance_refusal_text(int refusal, int argument, int entry, double seen, double limit, char *text, size_t size)
+int iiwa14_impedance_refusal_text(const output_t *output, char *text, size_t size)
 {
-    if (text == NULL) {
+    if (output == NULL || text == NULL) {
         return IIWA14_E_NULL;
     }
-    describe_refusal(refusal, argument, entry, seen, limit, text, size);
+    describe_refusal(output, text, size);
     return IIWA14_OK;
 }
 
@@ -6225,35 +2795,21 @@ const char *iiwa14_impedance_error_text(int code)
     case IIWA14_E_NULL:
         return "a pointer is NULL";
     case IIWA14_E_NOT_INITIALISED:
-        return "the state is not initialised: call iiwa14_impedance_init first";
+        return "the state is not initialised or overwritten: call iiwa14_impedance_init";
     case IIWA14_E_TORQUE:
         return "the initial torque is not finite or beyond the effort limit";
     case IIWA14_E_POSITION_LIMITS:
-        return "lower_limit, upper_limit: lower must be below upper by more than two limit zones";
-    case IIWA14_E_STATE_PERIOD:
-        return "state_period: must not be above missed_limit times sample_time";
-    case IIWA14_E_BOUNDED_SPRING:
-        return "spring: the folder has no bounded spring; generate it with --spring bounded";
-    case IIWA14_E_STIFFNESS:
-        return "translation_stiffness_limit, rotation_stiffness_limit: sample_time, delay_samples and motor_inertia allow less than half of this stiffness; lower the limits, correct motor_inertia, or set stiffness_cap to accept";
-    case IIWA14_E_ACTUATION:
-        return "actuation: gains need delay_samples 0";
-    case IIWA14_E_GAINS:
-        return "joint_gains: a number is not finite, or the limit of a gain is below 0";
-    case IIWA14_E_POLICY:
-        return "policy_start: a pose is no pose, or now is not finite";
-    case IIWA14_E_POSE:
-        return "find_posture: a pose is no pose, or start is not finite";
-    case IIWA14_E_NO_POSTURE:
-        return "find_posture: no posture of the poses was found outside the limit zones; one may exist";
+        return "lower_limit, upper_limit: lower must be below upper";
+    case IIWA14_E_TOOL_POSE:
+        return "tool_pose: no pose; its rotation must be orthonormal, and its last row 0 0 0 1";
     case IIWA14_E_CONFIG_SAMPLE_TIME:
-        return "sample_time: must lie between 1e-05 and 0.1";
+        return "sample_time [s]: state it, since speeds, rates and the account are computed from it; must lie between 1e-05 and 0.1";
     case IIWA14_E_CONFIG_DELAY_SAMPLES:
-        return "delay_samples: must lie between 0 and 5";
-    case IIWA14_E_CONFIG_HEAVIEST_WRENCH:
-        return "heaviest_wrench: every entry must lie between 0.001 and 100000";
+        return "delay_samples [samples]: state it, since an undeclared delay makes stiff springs shake, and its work is not accounted for; must lie between 0 and 5";
     case IIWA14_E_CONFIG_MOTOR_INERTIA:
-        return "motor_inertia: every entry must lie between 0 and 10000";
+        return "motor_inertia [kg m^2 or kg]: state it, since a URDF has none, and without it light joints are damped wrongly; every entry must lie between 0 and 10000";
+    case IIWA14_E_CONFIG_HEAVIEST_WRENCH:
+        return "heaviest_wrench [N, N m]: state it, since it sizes tank and supply, and only the task knows it; every entry must lie between 0.001 and 100000";
     case IIWA14_E_CONFIG_LOWER_LIMIT:
         return "lower_limit: must be a number, or infinite";
     case IIWA14_E_CONFIG_UPPER_LIMIT:
@@ -6262,84 +2818,28 @@ const char *iiwa14_impedance_error_text(int code)
         return "velocity_limit: every entry must lie between 1e-06 and 1000";
     case IIWA14_E_CONFIG_EFFORT_LIMIT:
         return "effort_limit: every entry must lie between 1e-06 and 100000";
+    case IIWA14_E_CONFIG_TORQUE_RATE_LIMIT:
+        return "torque_rate_limit: every entry must lie between 1e-06 and 1e+08";
     case IIWA14_E_CONFIG_TIP_VELOCITY_LIMIT:
-        return "tip_velocity_limit: must lie between 1e-06 and 100";
-    case IIWA14_E_CONFIG_TIP_ROTATION_LIMIT:
-        return "tip_rotation_limit: must lie between 1e-06 and 100";
+        return "tip_velocity_limit: every entry must lie between 1e-06 and 100";
+    case IIWA14_E_CONFIG_CALL_GAP_LIMIT:
+        return "call_gap_limit: must lie between 1 and 100";
+    case IIWA14_E_CONFIG_MISSED_LIMIT:
+        return "missed_limit: must lie between 1 and 100";
+    case IIWA14_E_CONFIG_COMMUNICATION_REACTION:
+        return "communication_reaction: must be release, hold or resume";
     case IIWA14_E_CONFIG_POSITION_QUANTUM:
         return "position_quantum: must lie between 0 and 0.1";
     case IIWA14_E_CONFIG_VELOCITY_NOISE:
-        return "velocity_noise: must lie between 0 and 100";
-    case IIWA14_E_CONFIG_CALL_GAP_LIMIT:
-        return "call_gap_limit: must lie between 1 and 1000";
-    case IIWA14_E_CONFIG_COMMUNICATION_REACTION:
-        return "communication_reaction: must be release, hold or resume";
-    case IIWA14_E_CONFIG_POSTURE_STIFFNESS:
-        return "posture_stiffness: every entry must lie between 0 and 10000";
-    case IIWA14_E_CONFIG_TRANSLATION_STIFFNESS_LIMIT:
-        return "translation_stiffness_limit: must lie between 1 and 1e+06";
-    case IIWA14_E_CONFIG_ROTATION_STIFFNESS_LIMIT:
-        return "rotation_stiffness_limit: must lie between 0.1 and 100000";
-    case IIWA14_E_CONFIG_SPRING:
-        return "spring: must be trace or bounded";
-    case IIWA14_E_CONFIG_SPRING_FORCE_LIMIT:
-        return "spring_force_limit: must lie between 0.001 and 1e+06";
-    case IIWA14_E_CONFIG_SPRING_MOMENT_LIMIT:
-        return "spring_moment_limit: must lie between 0.001 and 100000";
-    case IIWA14_E_CONFIG_STIFFNESS_CAP:
-        return "stiffness_cap: must be refuse or accept";
-    case IIWA14_E_CONFIG_STIFFNESS_TIME:
-        return "stiffness_time: must lie between 0.0001 and 100";
+        return "velocity_noise: must lie between 0 and 10";
     case IIWA14_E_CONFIG_DAMPING_RATIO:
-        return "damping_ratio: every entry must lie between 0 and 100";
-    case IIWA14_E_CONFIG_JOINT_DAMPING:
-        return "joint_damping: must lie between 0 and 10000";
+        return "damping_ratio: must lie between 0 and 2";
+    case IIWA14_E_CONFIG_RAMP_TIME:
+        return "ramp_time: must lie between 0.0001 and 10";
+    case IIWA14_E_CONFIG_TANK_INITIAL:
+        return "tank_initial: must lie between 0 and 100000";
     case IIWA14_E_CONFIG_CORIOLIS:
         return "coriolis: must be off or on";
-    case IIWA14_E_CONFIG_CONTINUOUS_JOINTS:
-        return "continuous_joints: must be wrapped or counted";
-    case IIWA14_E_CONFIG_POSITION_TOLERANCE:
-        return "position_tolerance: must lie between 0 and 10";
-    case IIWA14_E_CONFIG_LIMIT_ZONE:
-        return "limit_zone: must lie between 1e-06 and 10";
-    case IIWA14_E_CONFIG_LIMIT_STIFFNESS:
-        return "limit_stiffness: every entry must lie between 0 and 1e+06";
-    case IIWA14_E_CONFIG_REFERENCE_VELOCITY_LIMIT:
-        return "reference_velocity_limit: every entry must lie between 1e-06 and 1000";
-    case IIWA14_E_CONFIG_RAMP_TIME:
-        return "ramp_time: must lie between 0.0001 and 100";
-    case IIWA14_E_CONFIG_ENERGY_LIMIT:
-        return "energy_limit: must lie between 0 and 10000";
-    case IIWA14_E_CONFIG_ENGAGEMENT_LIMIT:
-        return "engagement_limit: must lie between 0 and 100000";
-    case IIWA14_E_CONFIG_TORQUE_RATE_LIMIT:
-        return "torque_rate_limit: every entry must lie between 1e-06 and 1e+08";
-    case IIWA14_E_CONFIG_ACTUATION:
-        return "actuation: must be torque or gains";
-    case IIWA14_E_CONFIG_KP_LIMIT:
-        return "kp_limit: every entry must lie between 0 and 1e+06";
-    case IIWA14_E_CONFIG_KD_LIMIT:
-        return "kd_limit: every entry must lie between 0 and 100000";
-    case IIWA14_E_CONFIG_FORCE_LIMIT:
-        return "force_limit: must lie between 0.001 and 1e+06";
-    case IIWA14_E_CONFIG_MOMENT_LIMIT:
-        return "moment_limit: must lie between 0.001 and 1e+06";
-    case IIWA14_E_CONFIG_MISSED_LIMIT:
-        return "missed_limit: must lie between 1 and 1000";
-    case IIWA14_E_CONFIG_LOSS_LIMIT:
-        return "loss_limit: must lie between 1 and 1e+06";
-    case IIWA14_E_CONFIG_STATE_PERIOD:
-        return "state_period: must lie between 0 and 1";
-    case IIWA14_E_CONFIG_VELOCITY_FILTER_TIME:
-        return "velocity_filter_time: must lie between 0 and 0.1";
-    case IIWA14_E_CONFIG_VELOCITY_SOURCE:
-        return "velocity_source: must be measured or differenced";
-    case IIWA14_E_CONFIG_FROZEN_WINDOW:
-        return "frozen_window: must lie between 2 and 1e+06";
-    case IIWA14_E_CONFIG_OVERSPEED_TIME:
-        return "overspeed_time: must lie between 0 and 10";
-    case IIWA14_E_CONFIG_TANK_INITIAL:
-        return "tank_initial: must lie between 0 and 10000";
     default:
         return "unknown error";
     }
@@ -6359,25 +2859,28 @@ static int have_finite_bits(int count, const double *x)
     return finite;
 }
 
-/* Fill configuration and sample of the self-check: the defaults with limits that any robot has, and an arm at rest. */
+/* Fill configuration and sample of the self-check: limits that any robot has, and an arm at rest. */
 static void prepare_check(config_t *c, input_t *in)
 {
     iiwa14_impedance_default_config(c);
     memset(in, 0, sizeof *in);
-    c->stiffness_cap = IIWA14_STIFFNESS_CAP_ACCEPT;
-    c->tank_initial = 10.0;
+    c->sample_time = 0.001;
+    c->delay_samples = 0;
+    c->heaviest_wrench[0] = 100.0;
+    c->heaviest_wrench[1] = 20.0;
     for (int i = 0; i < N; ++i) {
         c->lower_limit[i] = -1e3;
         c->upper_limit[i] = 1e3;
-        c->velocity_limit[i] = c->reference_velocity_limit[i] = 2.0;
+        c->velocity_limit[i] = 2.0;
         c->effort_limit[i] = 100.0;
         c->torque_rate_limit[i] = 1e4;
-        c->limit_stiffness[i] = 100.0;
         c->motor_inertia[i] = 0.1;
         in->q0[i] = in->q[i];
+        in->posture_stiffness[i] = 1.0;
     }
+    c->tank_initial = 10.0;
     in->sample_valid = 1;
-    in->command = IIWA14_COMMAND_POSITION;
+    in->clock = IIWA14_CLOCK_COUNTER;
     for (int k = 0; k < 9 * TIPS; k += 1) {
         in->translation_stiffness[k] = k % 9 % 4 == 0 ? 300.0 : 0.0;
         in->rotation_stiffness[k] = k % 9 % 4 == 0 ? 30.0 : 0.0;
@@ -6398,20 +2901,20 @@ int iiwa14_impedance_self_check(void)
     memcpy(&nan, &pattern, sizeof nan);
     prepare_check(&c, &in);
     right = right && iiwa14_impedance_init(&c, &state, NULL) == IIWA14_OK;
-    /* good samples, then the velocity NaN twice, the second time with the position, and a stiffness NaN */
+    /* good samples, one with a stiffness NaN, then the velocity NaN twice, the second time with the position */
     for (uint32_t k = 0; k < 8; ++k) {
         in.counter = k;
-        in.dq[0] = k == 5 || k == 6 ? nan : 0.0;
-        in.q[N - 1] = k == 6 ? nan : in.q0[N - 1];
-        in.translation_stiffness[0] = k == 7 ? nan : 300.0;
-        right = right && iiwa14_impedance_step(&c, &state, &in, &out) == IIWA14_OK;
-        right = right && have_finite_bits(N, out.torque) && have_finite_bits(NN, out.damping);
-        right = right && ((out.status & bad) != 0u) == (k == 5 || k == 6);
-        right = right && ((out.status & refused) != 0u) == (k == 7);
-        right = right && out.fault == (k >= 6 ? IIWA14_FAULT_SENSOR : IIWA14_FAULT_NONE);
+        in.translation_stiffness[0] = k == 5 ? nan : 300.0;
+        in.dq[0] = k >= 6 ? nan : 0.0;
+        in.q[N - 1] = k == 7 ? nan : in.q0[N - 1];
+        right = right && iiwa14_impedance_step(&state, &in, &out) == IIWA14_OK;
+        right = right && have_finite_bits(N, out.torque) && have_finite_bits(N, out.damping_torque);
+        right = right && ((out.status & bad) != 0u) == (k >= 6);
+        right = right && ((out.status & refused) != 0u) == (k == 5);
+        right = right && out.fault == (k == 7 ? IIWA14_FAULT_SENSOR : IIWA14_FAULT_NONE);
     }
     right = right && out.reason == IIWA14_REASON_NOT_FINITE;
     c.sample_time = nan;
-    right = right && iiwa14_impedance_step(&c, &state, &in, &out) == IIWA14_E_CONFIG_SAMPLE_TIME;
-    return right && have_finite_bits(N, out.torque) ? 0 : 8;
+    right = right && iiwa14_impedance_init(&c, &state, NULL) == IIWA14_E_CONFIG_SAMPLE_TIME;
+    return right ? 0 : 8;
 }

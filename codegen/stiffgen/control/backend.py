@@ -18,7 +18,7 @@ def _files(request: Request) -> dict[str, str | Path]:
     name = request.name
     files: dict[str, str | Path] = {f"{name}_impedance.h": "impedance.h.j2", f"{name}_impedance.c": "impedance.c.j2"}
     if request.options.python:
-        files |= {f"python/{file}": _PYTHON / file for file in ("_presets.py", "_structs.py", "impedance.py")}
+        files |= {f"python/{file}": _PYTHON / file for file in ("_structs.py", "impedance.py")}
         files["python/impedance.pyi"] = "impedance.pyi.j2"
     if has_paper_law(request.chain):
         files |= {f"{name}_paper.h": "paper.h.j2", f"{name}_paper.c": "paper.c.j2"}

@@ -8,13 +8,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from stiffgen.control.fields import CONFIG, CONFIG_SECTIONS, MAX_DOF, Field
-from stiffgen.control.memory_fields import MEMORY, RANGES
+from stiffgen.control.core.config import CONFIG, CONFIG_SECTIONS, STATED
+from stiffgen.control.core.field import MAX_DOF, Field
+from stiffgen.control.core.memory import RANGES, RECORDS
+from stiffgen.control.core.signals import INPUT, OUTPUT, OUTPUT_SECTIONS
+from stiffgen.control.core.words import COMMANDS, ERRORS, FAULTS, MODES, REASONS, REFUSALS, SEEN, STATUS
 from stiffgen.control.paper_fields import PAPER_STRUCTS
-from stiffgen.control.policy_fields import PARTS, POLICY, PROPOSAL, REFUSED, STAGES
 from stiffgen.control.presets import motor_tables
-from stiffgen.control.signals import INPUT, OUTPUT, OUTPUT_SECTIONS
-from stiffgen.control.status_words import ARGUMENTS, ERRORS, FAULTS, MODES, REASONS, REFUSALS, SEEN, STATUS
 from stiffgen.core.emit.library import Library
 from stiffgen.core.errors import printable
 from stiffgen.core.lower.scalar import DOUBLE, Scalar
@@ -23,11 +23,11 @@ from stiffgen.core.symbolic.kernels import chain_kernels
 from stiffgen.core.symbolic.placement import Placement
 from stiffgen.rooms import optional
 
-LIBRARY = Path(__file__).parent / "library"
+LIBRARY = Path(__file__).parent / "core" / "library"
 """Folder of the C library that every NAME_impedance.c contains."""
 _PARTS = (
-    "matrix", "eigen", "modes", "joint_gains", "sampling", "energy", "strength", "cap", "state", "motion", "sample",
-    "refusal", "posture", "damping", "governor", "stiffness", "feedforward", "torque", "text", "policy", "step",
+    "matrix", "modes", "springs", "account", "watch", "sample", "command", "reference", "feedforward", "law", "guard",
+    "memory", "text", "init", "step",
 )  # fmt: skip
 SOURCES = tuple(f"{part}.c" for part in _PARTS)
 IMPEDANCE = Library(LIBRARY, "impedance.h", SOURCES)
@@ -50,15 +50,9 @@ BOUNDED_KERNELS = tuple(f"spring_bounded.{name}" for name in ("energy", "wrench"
 """Functions that the controller calls in folders with the bounded spring."""
 _FORMATS = {"double": "f8", "int": "i4", "int32_t": "i4", "uint32_t": "u4"}
 _STRUCTS = (
-    ("config", "Configuration; start from the defaults.", CONFIG),
-    ("input", "One sample. A struct of zeros is a missed sample.", INPUT),
+    ("config", "Configuration; start from the defaults, and state what has none.", CONFIG),
+    ("input", "One sample and a command. A struct of zeros is a missed sample without a clock.", INPUT),
     ("output", "Result of a step, complete enough to draw a log from it.", OUTPUT),
-    (
-        "proposal",
-        "Proposal of a slow commander (a learned policy, 10 to 60 Hz). A struct of zeros proposes nothing.",
-        PROPOSAL,
-    ),
-    ("policy", "Port for slow commanders: settings, report and memory; start it by policy_start.", POLICY),
 )
 _SECTIONS = {
     struct: {fields[0].name: heading for heading, fields in sections}
@@ -71,39 +65,26 @@ _CAUSES = {
     "config_lower_limit": "position",
     "config_upper_limit": "position",
     "config_velocity_limit": "velocity",
-    "config_reference_velocity_limit": "velocity",
 }
 """Errors that follow from a wrong unit in the robot's file, and what the number is about (files/plausibility.py)."""
-_REFERENCE_SHARE = 0.9
-"""Share of a joint's velocity limit that is the default of reference_velocity_limit."""
+_REFERENCE_SHARE = 0.72
+"""Share of a joint's velocity limit that the reference uses."""
 
 
 def config_of(chain: Chain) -> tuple[Field, ...]:
-    """Return the fields of the configuration with a chain's defaults.
+    """Return the fields of the configuration that a chain's controller has, with the chain's defaults.
 
-    Acceleration limits of the file (URDF 1.2) lengthen ``ramp_time``: the equilibrium starts and stops with at most
-    ``reference_velocity_limit`` / ``ramp_time``. A short range makes ``limit_zone`` narrower: both zones of a
-    joint take half of it at most.
+    Acceleration limits of the file (URDF 1.2) lengthen ``ramp_time``: the reference starts and stops with at most
+    0.72 ``velocity_limit`` / ``ramp_time``.
     """
     slowest = 0.0
     for each in chain.motor_coordinates:
         limit = min(each.acceleration, each.deceleration)
         if math.isfinite(limit) and math.isfinite(each.velocity):
             slowest = max(slowest, _REFERENCE_SHARE * each.velocity / limit)
-    shortest = min(
-        (each.upper - each.lower for each in chain.motor_coordinates if each.upper > each.lower), default=0.0
-    )
-    defaults = {field.name: field.default for field in CONFIG}
-    ramp_time = max(float(defaults["ramp_time"]), math.ceil(1e4 * slowest) / 1e4)
-    defaults["ramp_time"] = repr(ramp_time)
-    if 0.0 < shortest / 4 < float(defaults["limit_zone"]):
-        defaults["limit_zone"] = repr(float(f"{shortest / 4:.2g}"))
-    return tuple(replace(field, default=defaults[field.name]) for field in CONFIG)
-
-
-def _config_struct(chain: Chain) -> tuple[str, str, tuple[Field, ...]]:
-    name, summary, _ = _STRUCTS[0]
-    return name, summary, config_of(chain)
+    default = next(field.default for field in CONFIG if field.name == "ramp_time")
+    ramp_time = repr(max(float(default), math.ceil(1e4 * slowest) / 1e4))
+    return tuple(replace(field, default=ramp_time) if field.name == "ramp_time" else field for field in CONFIG)
 
 
 def has_controller(chain: Chain, scalar: Scalar = DOUBLE) -> bool:
@@ -167,22 +148,19 @@ class ControllerPage:
         tips: number of tips.
         scopes: prefix of the kernels' names, per tip.
         status, modes, faults: name and meaning.
-        parts: parts of a proposal.
-        refused, stages: name and meaning, of the policy port.
         reasons: name, class of the fault and meaning.
         seen: reason and the meaning of its numbers.
         reason_classes: number of each reason's class.
-        refusals, arguments: name and meaning; arguments of a command.
-        reach: upper bound on the distance from the base's origin to each tip, as C.
+        refusals, commands: name and meaning; arguments of a command.
         turns: 1 for each motor a turn of which leaves the robot the same, else 0.
         errors: name, code and text.
         checks: C condition on the configuration c, by field.
+        stated: fields of the configuration without a default.
         structs: config, input and output.
-        memory: memory between steps.
-        ranges: integers of the memory with their bounds.
-        remembered: fields of the output copied from the memory: name, the memory's member, whether it is an array.
+        memory: records of the memory between steps.
+        ranges: integers of the memory with their record, their bounds, and whether they are arrays over joints.
         choice_fields: name and words of the fields that are choices.
-        outcomes: name and words of what a step or the policy port reports.
+        outcomes: name and words of what a step reports.
         defaults, joint_defaults: C statements that set the configuration's fields, and entry i of those over joints.
         motors: tables of the motors, per coordinate: name, source and C initialiser.
         axes: axes of the translational and of the rotational stiffness.
@@ -209,22 +187,18 @@ class ControllerPage:
     status: tuple[tuple[str, str], ...]
     modes: tuple[tuple[str, str], ...]
     faults: tuple[tuple[str, str], ...]
-    parts: tuple[str, ...]
-    refused: tuple[tuple[str, str], ...]
-    stages: tuple[tuple[str, str], ...]
     reasons: tuple[tuple[str, str, str], ...]
     seen: list[tuple[str, str]]
     reason_classes: list[int]
     refusals: tuple[tuple[str, str], ...]
-    arguments: tuple[str, ...]
-    reach: list[str]
+    commands: tuple[str, ...]
+    stated: list[str]
     turns: list[int]
     errors: list[tuple[str, int, str]]
     checks: dict[str, str]
     structs: list[Struct]
-    memory: Struct
-    ranges: tuple[tuple[str, int, int], ...]
-    remembered: list[tuple[str, str, bool]]
+    memory: list[Struct]
+    ranges: tuple[tuple[str, str, int, int, bool], ...]
     choice_fields: list[tuple[str, tuple[str, ...]]]
     outcomes: list[tuple[str, tuple[str, ...]]]
     defaults: list[str]
@@ -246,20 +220,15 @@ def _reason_classes() -> list[int]:
     return [faults.index(fault) for _, fault, _ in REASONS]
 
 
-def _choice_fields() -> list[tuple[str, tuple[str, ...]]]:
+def _choice_fields(fields: tuple[Field, ...]) -> list[tuple[str, tuple[str, ...]]]:
     """Return the fields that take one of several constants, with these."""
-    return [(f.name, f.choices) for f in (*CONFIG, *INPUT) if f.choices]
+    return [(f.name, f.choices) for f in (*fields, *INPUT) if f.choices]
 
 
-def _remembered() -> list[tuple[str, str, bool]]:
-    """Return the outputs that the memory keeps: name, name in the memory, whether it is an array."""
-    return [(f.name, f.name if f.memory == "=" else f.memory, bool(f.shape)) for f in OUTPUT if f.memory]
-
-
-def _joint_defaults(name: str, index: str) -> list[str]:
+def _joint_defaults(fields: tuple[Field, ...], name: str, index: str) -> list[str]:
     """Return the statements that set defaults of joint ``index``."""
-    fields = (f for f in CONFIG if f.shape == ("n",))
-    return [f"config->{f.name}[i] = {f.default.format(name=name, i=index)};" for f in fields]
+    each = (f for f in fields if f.shape == ("n",))
+    return [f"config->{f.name}[i] = {f.default.format(name=name, i=index) or 'NAN'};" for f in each]
 
 
 def controller_page(
@@ -269,6 +238,8 @@ def controller_page(
     if not has_controller(chain, scalar):
         return None
     prefix, index = name.upper(), "loop_motors[i]" if chain.loops else "i"
+    conditions = {"": True, "tool": chain.runtime_tool, "bounded": bounded}
+    fields = tuple(field for field in config_of(chain) if conditions[field.when])
     return ControllerPage(
         n=len(chain.motor_coordinates),
         interface=IMPEDANCE.interface(name),
@@ -287,45 +258,27 @@ def controller_page(
         status=STATUS,
         modes=MODES,
         faults=FAULTS,
-        parts=PARTS,
-        refused=REFUSED,
-        stages=STAGES,
         reasons=REASONS,
         seen=list(SEEN.items()),
         reason_classes=_reason_classes(),
         refusals=REFUSALS,
-        arguments=ARGUMENTS,
-        reach=[_bound(_reach(chain, tip)) for tip in chain.tips],
+        commands=COMMANDS,
+        stated=[field.name for field in STATED],
         turns=[int(_turns(chain, k)) for k in range(len(chain.motor_coordinates))],
-        errors=errors_of(name, chain),
-        checks={field.name: _check(field) for field in CONFIG},
-        structs=[_struct(chain, prefix, *each) for each in (_config_struct(chain), *_STRUCTS[1:])],
-        memory=_struct(chain, prefix, "memory", "", MEMORY),
+        errors=errors_of(name, chain, fields),
+        checks={field.name: _check(field) for field in fields},
+        structs=[_struct(chain, prefix, *each) for each in (("config", _STRUCTS[0][1], fields), *_STRUCTS[1:])],
+        memory=[_without_padding(_struct(chain, prefix, *each)) for each in RECORDS],
         ranges=RANGES,
-        remembered=_remembered(),
-        choice_fields=_choice_fields(),
+        choice_fields=_choice_fields(fields),
         outcomes=_outcomes(),
-        defaults=[line for f in config_of(chain) for line in _defaults(f, prefix)],
-        joint_defaults=_joint_defaults(name, index),
+        defaults=[line for f in fields for line in _defaults(f, prefix)],
+        joint_defaults=_joint_defaults(fields, name, index),
         motors=_motors(chain),
         axes=(placement.translation_axes or "base", placement.rotation_axes),
         centre=", ".join(map(repr, placement.centre)),
         start=[chain.start[k] for k in chain.actuated],
     )
-
-
-def _reach(chain: Chain, tip: Tip) -> float:
-    """Return an upper bound on the distance from the base's origin to a tip [m]: all links in one line."""
-    reach, index = math.hypot(*tip.translation), tip.joint
-    while index >= 0:
-        joint = chain.joints[index]
-        reach += math.hypot(*joint.translation)
-        if joint.prismatic:
-            each = chain.coordinates[joint.coordinate - chain.base_joints]
-            ends = (joint.multiplier * each.lower + joint.offset, joint.multiplier * each.upper + joint.offset)
-            reach += max(map(abs, ends))
-        index = joint.parent
-    return math.ceil(1e3 * reach) / 1e3 if math.isfinite(reach) else math.inf
 
 
 def _turns(chain: Chain, index: int) -> bool:
@@ -336,32 +289,42 @@ def _turns(chain: Chain, index: int) -> bool:
 
 
 def _outcomes() -> list[tuple[str, tuple[str, ...]]]:
-    """Return name and words of the enumerations that a step and the policy port report."""
-    tables = {
-        "mode": MODES,
-        "fault": FAULTS,
-        "refused": REFUSED,
-        "refusal": REFUSALS,
-        "stage": STAGES,
-        "reason": REASONS,
-    }
-    return [("part", PARTS), *((name, tuple(row[0] for row in rows)) for name, rows in tables.items())]
+    """Return name and words of the enumerations that a step reports."""
+    tables = {"mode": MODES, "fault": FAULTS, "refusal": REFUSALS, "reason": REASONS}
+    words = [(name, tuple(row[0] for row in rows)) for name, rows in tables.items()]
+    return [*words, ("command", COMMANDS)]
 
 
 def _struct(chain: Chain, prefix: str, name: str, summary: str, fields: tuple[Field, ...]) -> Struct:
     sizes = {"n": len(chain.motor_coordinates), "tips": len(chain.tips), "joints": chain.dof}
-    conditions = {"": True, "tool": chain.runtime_tool, "loops": bool(chain.loops)}
+    conditions = {"loops": bool(chain.loops)}
     headings = _SECTIONS.get(name, {})
     members = [
         replace(_member(field, sizes, prefix, name), heading=headings.get(field.name, ""))
         for field in fields
-        if conditions[field.when]
+        if conditions.get(field.when, True)
     ]
     return Struct(name, summary, members)
 
 
+def _without_padding(struct: Struct) -> Struct:
+    """Return a record of the memory whose size is a multiple of 8: all its bytes are in the checksum."""
+    halves = sum(math.prod(field.extents) for field in struct.fields if field.format.endswith("4"))
+    if halves % 2 == 0:
+        return struct
+    padding = Member("padding", "int32_t padding", ["/* of the record */"], "i4", [], False, "")
+    return replace(struct, fields=[*struct.fields, padding])
+
+
 def _defaults(field: Field, prefix: str) -> list[str]:
-    """Return the C statements that set a number or a short array; nothing for an array over joints or of zeros."""
+    """Return the C statements that set a number or a short array; nothing for an array over joints or of poses.
+
+    A field without a default has a value that its check refuses.
+    """
+    if not field.default:
+        unstated = "NAN" if field.type == "double" else "-1"
+        places = [f"[{k}]" for k in range(int(field.shape[0]))] if field.shape and field.shape != ("n",) else [""]
+        return [] if field.shape == ("n",) else [f"config->{field.name}{place} = {unstated};" for place in places]
     if field.choices:
         return [f"config->{field.name} = {prefix}_{field.name.upper()}_{field.default.upper()};"]
     if not field.shape:
@@ -380,18 +343,26 @@ def _motors(chain: Chain) -> list[tuple[str, str, str]]:
     return [(name, source, ", ".join(map(_bound, values))) for name, source, values in rows]
 
 
-def errors_of(name: str, chain: Chain) -> list[tuple[str, int, str]]:
+def errors_of(name: str, chain: Chain, fields: Sequence[Field] = CONFIG) -> list[tuple[str, int, str]]:
     """Return name, code and text of every error; a number of the robot's file that may be its cause is named."""
     general = [(error, -1 - k, text.replace("NAME", name)) for k, (error, text) in enumerate(ERRORS)]
     general += [
-        (f"config_{field.name}", _FIRST_FIELD_ERROR - k, f"{field.name}: {field.rule}")
+        (f"config_{field.name}", _FIRST_FIELD_ERROR - k, _error_text(field))
         for k, field in enumerate(CONFIG)
+        if field in fields or field.name in {each.name for each in fields}
     ]
     causes: dict[str, str] = {}
     lint = optional("files.plausibility")
     for doubt in lint.find_doubts(chain) if lint else ():
         causes.setdefault(doubt.about, f"; {printable(chain.source)}: {doubt.text}")
     return [(error, code, text + causes.get(_CAUSES.get(error, ""), "")) for error, code, text in general]
+
+
+def _error_text(field: Field) -> str:
+    """Return what a refused field is told: its condition, or that it has no default, and why."""
+    if field.default:
+        return f"{field.name}: {field.rule}"
+    return f"{field.name} [{field.unit}]: state it, since {field.reason}; {field.rule}"
 
 
 def _check(field: Field) -> str:
@@ -420,15 +391,19 @@ def _member(field: Field, sizes: dict[str, int], prefix: str, struct: str) -> Me
     extents = [sizes[extent] if isinstance(extent, str) else extent for extent in field.shape]
     if field.shape[:1] == ("tips",) and sizes["tips"] == 1:
         extents = extents[1:]
-    default = f" Default: {field.default.replace('{name}_', '').replace('{i}', 'i')}." if field.default else ""
+    default = field.default.replace("{name}_", "").replace("{i}", "i")
     stated = field.choices or struct in ("config", "paper_config")
     bound = f" {field.rule[0].upper()}{field.rule[1:]}." if stated else ""
+    if struct == "config":
+        bound += f" Default: {default}; {field.reason}." if default else f" MUST BE STATED: {field.reason}."
+    elif default:
+        bound += f" Default: {default}."
     shape = f" ({' x '.join(map(str, extents))})" if len(extents) > 1 else ""
     unit = f"[{field.unit}]{shape} " if field.unit else ""
     return Member(
         name=field.name,
         declaration=f"{field.type} {field.name}" + (f"[{math.prod(extents)}]" if extents else ""),
-        comment=_comment(f"{unit}{field.meaning.replace('NAME_', prefix + '_')}.{bound}{default}"),
+        comment=_comment(f"{unit}{field.meaning.replace('NAME_', prefix + '_')}.{bound}"),
         format=_FORMATS[field.type],
         extents=extents,
         unbounded=math.isinf(field.most),

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from stiffgen.control.fields import NN, SCALAR, Field, N
+from stiffgen.control.core.field import NN, SCALAR, Field, N
 
 _MOTORS = "as the controller's"
 _MOST, _LARGEST = 1e6, 1e9

@@ -15,7 +15,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "2662b180e9b4018f"
+#define SOURCES "0b461c7576693d1c"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;
@@ -2765,182 +2765,75 @@ typedef iiwa14_impedance_config config_t;
 typedef iiwa14_impedance_state state_t;
 typedef iiwa14_impedance_input input_t;
 typedef iiwa14_impedance_output output_t;
-typedef iiwa14_impedance_proposal proposal_t;
-typedef iiwa14_impedance_policy policy_t;
 typedef iiwa14_paper_config paper_config_t;
 typedef iiwa14_paper_state paper_state_t;
 typedef iiwa14_paper_input paper_input_t;
 typedef iiwa14_paper_output paper_output_t;
 
 static const field fields[] = {
-    {"config", "sample_time", "f8", offsetof(config_t, sample_time), 0, {1, 1, 1}, 0, "s", "Basic: what you state."},
+    {"config", "sample_time", "f8", offsetof(config_t, sample_time), 0, {1, 1, 1}, 0, "s", "State these: they have no default."},
     {"config", "delay_samples", "i4", offsetof(config_t, delay_samples), 0, {1, 1, 1}, 0, "samples", ""},
+    {"config", "motor_inertia", "f8", offsetof(config_t, motor_inertia), 1, {7, 1, 1}, 0, "kg m^2 or kg", ""},
     {"config", "heaviest_wrench", "f8", offsetof(config_t, heaviest_wrench), 1, {2, 1, 1}, 0, "N, N m", ""},
-    {"config", "motor_inertia", "f8", offsetof(config_t, motor_inertia), 1, {7, 1, 1}, 0, "kg m^2", ""},
-    {"config", "lower_limit", "f8", offsetof(config_t, lower_limit), 1, {7, 1, 1}, 1, "rad or m", ""},
+    {"config", "lower_limit", "f8", offsetof(config_t, lower_limit), 1, {7, 1, 1}, 1, "rad or m", "Limits: of the robot, and of the equilibrium."},
     {"config", "upper_limit", "f8", offsetof(config_t, upper_limit), 1, {7, 1, 1}, 1, "rad or m", ""},
     {"config", "velocity_limit", "f8", offsetof(config_t, velocity_limit), 1, {7, 1, 1}, 0, "rad/s or m/s", ""},
     {"config", "effort_limit", "f8", offsetof(config_t, effort_limit), 1, {7, 1, 1}, 0, "N m or N", ""},
-    {"config", "tip_velocity_limit", "f8", offsetof(config_t, tip_velocity_limit), 0, {1, 1, 1}, 0, "m/s", ""},
-    {"config", "tip_rotation_limit", "f8", offsetof(config_t, tip_rotation_limit), 0, {1, 1, 1}, 0, "rad/s", ""},
-    {"config", "position_quantum", "f8", offsetof(config_t, position_quantum), 0, {1, 1, 1}, 0, "rad or m", ""},
-    {"config", "velocity_noise", "f8", offsetof(config_t, velocity_noise), 0, {1, 1, 1}, 0, "rad/s or m/s", ""},
-    {"config", "call_gap_limit", "i4", offsetof(config_t, call_gap_limit), 0, {1, 1, 1}, 0, "samples", ""},
-    {"config", "communication_reaction", "i4", offsetof(config_t, communication_reaction), 0, {1, 1, 1}, 0, "", ""},
-    {"config", "posture_stiffness", "f8", offsetof(config_t, posture_stiffness), 1, {7, 1, 1}, 0, "N m/rad", "Expert: these defaults fit, or follow from the basic fields."},
-    {"config", "translation_stiffness_limit", "f8", offsetof(config_t, translation_stiffness_limit), 0, {1, 1, 1}, 0, "N/m", ""},
-    {"config", "rotation_stiffness_limit", "f8", offsetof(config_t, rotation_stiffness_limit), 0, {1, 1, 1}, 0, "N m/rad", ""},
-    {"config", "spring", "i4", offsetof(config_t, spring), 0, {1, 1, 1}, 0, "", ""},
-    {"config", "spring_force_limit", "f8", offsetof(config_t, spring_force_limit), 0, {1, 1, 1}, 0, "N", ""},
-    {"config", "spring_moment_limit", "f8", offsetof(config_t, spring_moment_limit), 0, {1, 1, 1}, 0, "N m", ""},
-    {"config", "stiffness_cap", "i4", offsetof(config_t, stiffness_cap), 0, {1, 1, 1}, 0, "", ""},
-    {"config", "stiffness_time", "f8", offsetof(config_t, stiffness_time), 0, {1, 1, 1}, 0, "s", ""},
-    {"config", "damping_ratio", "f8", offsetof(config_t, damping_ratio), 1, {7, 1, 1}, 0, "1", ""},
-    {"config", "joint_damping", "f8", offsetof(config_t, joint_damping), 0, {1, 1, 1}, 0, "N m s/rad", ""},
-    {"config", "coriolis", "i4", offsetof(config_t, coriolis), 0, {1, 1, 1}, 0, "", ""},
-    {"config", "continuous_joints", "i4", offsetof(config_t, continuous_joints), 0, {1, 1, 1}, 0, "", ""},
-    {"config", "position_tolerance", "f8", offsetof(config_t, position_tolerance), 0, {1, 1, 1}, 0, "rad or m", ""},
-    {"config", "limit_zone", "f8", offsetof(config_t, limit_zone), 0, {1, 1, 1}, 0, "rad or m", ""},
-    {"config", "limit_stiffness", "f8", offsetof(config_t, limit_stiffness), 1, {7, 1, 1}, 0, "N m/rad", ""},
-    {"config", "reference_velocity_limit", "f8", offsetof(config_t, reference_velocity_limit), 1, {7, 1, 1}, 0, "rad/s or m/s", ""},
-    {"config", "ramp_time", "f8", offsetof(config_t, ramp_time), 0, {1, 1, 1}, 0, "s", ""},
-    {"config", "energy_limit", "f8", offsetof(config_t, energy_limit), 0, {1, 1, 1}, 0, "J", ""},
-    {"config", "engagement_limit", "f8", offsetof(config_t, engagement_limit), 0, {1, 1, 1}, 0, "J", ""},
     {"config", "torque_rate_limit", "f8", offsetof(config_t, torque_rate_limit), 1, {7, 1, 1}, 0, "N m/s or N/s", ""},
-    {"config", "actuation", "i4", offsetof(config_t, actuation), 0, {1, 1, 1}, 0, "", ""},
-    {"config", "kp_limit", "f8", offsetof(config_t, kp_limit), 1, {7, 1, 1}, 0, "N m/rad", ""},
-    {"config", "kd_limit", "f8", offsetof(config_t, kd_limit), 1, {7, 1, 1}, 0, "N m s/rad", ""},
-    {"config", "force_limit", "f8", offsetof(config_t, force_limit), 0, {1, 1, 1}, 0, "N", ""},
-    {"config", "moment_limit", "f8", offsetof(config_t, moment_limit), 0, {1, 1, 1}, 0, "N m", ""},
-    {"config", "missed_limit", "i4", offsetof(config_t, missed_limit), 0, {1, 1, 1}, 0, "samples", ""},
-    {"config", "loss_limit", "i4", offsetof(config_t, loss_limit), 0, {1, 1, 1}, 0, "samples", ""},
-    {"config", "state_period", "f8", offsetof(config_t, state_period), 0, {1, 1, 1}, 0, "s", ""},
-    {"config", "velocity_filter_time", "f8", offsetof(config_t, velocity_filter_time), 0, {1, 1, 1}, 0, "s", ""},
-    {"config", "velocity_source", "i4", offsetof(config_t, velocity_source), 0, {1, 1, 1}, 0, "", ""},
-    {"config", "frozen_window", "i4", offsetof(config_t, frozen_window), 0, {1, 1, 1}, 0, "samples", ""},
-    {"config", "overspeed_time", "f8", offsetof(config_t, overspeed_time), 0, {1, 1, 1}, 0, "s", ""},
+    {"config", "tip_velocity_limit", "f8", offsetof(config_t, tip_velocity_limit), 1, {2, 1, 1}, 0, "m/s, rad/s", ""},
+    {"config", "call_gap_limit", "i4", offsetof(config_t, call_gap_limit), 0, {1, 1, 1}, 0, "samples", "Timing: calls and samples that may be missing."},
+    {"config", "missed_limit", "i4", offsetof(config_t, missed_limit), 0, {1, 1, 1}, 0, "calls", ""},
+    {"config", "communication_reaction", "i4", offsetof(config_t, communication_reaction), 0, {1, 1, 1}, 0, "", ""},
+    {"config", "position_quantum", "f8", offsetof(config_t, position_quantum), 0, {1, 1, 1}, 0, "rad or m", "Sensors: what the measurement can resolve."},
+    {"config", "velocity_noise", "f8", offsetof(config_t, velocity_noise), 0, {1, 1, 1}, 0, "rad/s or m/s", ""},
+    {"config", "damping_ratio", "f8", offsetof(config_t, damping_ratio), 0, {1, 1, 1}, 0, "", "Law: damping, ramp, tank."},
+    {"config", "ramp_time", "f8", offsetof(config_t, ramp_time), 0, {1, 1, 1}, 0, "s", ""},
     {"config", "tank_initial", "f8", offsetof(config_t, tank_initial), 0, {1, 1, 1}, 0, "J", ""},
+    {"config", "coriolis", "i4", offsetof(config_t, coriolis), 0, {1, 1, 1}, 0, "", ""},
     {"input", "sample_valid", "i4", offsetof(input_t, sample_valid), 0, {1, 1, 1}, 0, "", ""},
-    {"input", "command", "i4", offsetof(input_t, command), 0, {1, 1, 1}, 0, "", ""},
-    {"input", "wrench_valid", "i4", offsetof(input_t, wrench_valid), 0, {1, 1, 1}, 0, "", ""},
-    {"input", "counter", "u4", offsetof(input_t, counter), 0, {1, 1, 1}, 0, "", ""},
+    {"input", "clock", "i4", offsetof(input_t, clock), 0, {1, 1, 1}, 0, "", ""},
+    {"input", "counter", "u4", offsetof(input_t, counter), 0, {1, 1, 1}, 0, "samples", ""},
+    {"input", "time", "f8", offsetof(input_t, time), 0, {1, 1, 1}, 0, "s", ""},
     {"input", "q", "f8", offsetof(input_t, q), 1, {7, 1, 1}, 0, "rad or m", ""},
     {"input", "dq", "f8", offsetof(input_t, dq), 1, {7, 1, 1}, 0, "rad/s or m/s", ""},
     {"input", "q0", "f8", offsetof(input_t, q0), 1, {7, 1, 1}, 0, "rad or m", ""},
-    {"input", "equilibrium", "f8", offsetof(input_t, equilibrium), 2, {4, 4, 1}, 0, "m", ""},
-    {"input", "torque_offset", "f8", offsetof(input_t, torque_offset), 1, {7, 1, 1}, 0, "N m or N", ""},
-    {"input", "velocity", "f8", offsetof(input_t, velocity), 1, {7, 1, 1}, 0, "rad/s or m/s", ""},
-    {"input", "acceleration", "f8", offsetof(input_t, acceleration), 1, {7, 1, 1}, 0, "rad/s^2 or m/s^2", ""},
-    {"input", "wrench_command", "f8", offsetof(input_t, wrench_command), 1, {6, 1, 1}, 0, "N, N m", ""},
+    {"input", "shaped", "i4", offsetof(input_t, shaped), 0, {1, 1, 1}, 0, "", ""},
     {"input", "translation_stiffness", "f8", offsetof(input_t, translation_stiffness), 2, {3, 3, 1}, 0, "N/m", ""},
     {"input", "rotation_stiffness", "f8", offsetof(input_t, rotation_stiffness), 2, {3, 3, 1}, 0, "N m/rad", ""},
-    {"input", "wrench", "f8", offsetof(input_t, wrench), 1, {6, 1, 1}, 0, "N, N m", ""},
-    {"input", "external_valid", "i4", offsetof(input_t, external_valid), 0, {1, 1, 1}, 0, "", ""},
-    {"input", "external_torque", "f8", offsetof(input_t, external_torque), 1, {7, 1, 1}, 0, "N m or N", ""},
+    {"input", "posture_stiffness", "f8", offsetof(input_t, posture_stiffness), 1, {7, 1, 1}, 0, "N m/rad", ""},
+    {"input", "wrench_command", "f8", offsetof(input_t, wrench_command), 1, {6, 1, 1}, 0, "N, N m", ""},
+    {"input", "acceleration", "f8", offsetof(input_t, acceleration), 1, {7, 1, 1}, 0, "rad/s^2 or m/s^2", ""},
+    {"input", "torque_offset", "f8", offsetof(input_t, torque_offset), 1, {7, 1, 1}, 0, "N m or N", ""},
     {"output", "torque", "f8", offsetof(output_t, torque), 1, {7, 1, 1}, 0, "N m or N", "Torque: what the motors are sent."},
-    {"output", "tau_ff", "f8", offsetof(output_t, tau_ff), 1, {7, 1, 1}, 0, "N m or N", ""},
-    {"output", "kp", "f8", offsetof(output_t, kp), 1, {7, 1, 1}, 0, "N m/rad", ""},
-    {"output", "kd", "f8", offsetof(output_t, kd), 1, {7, 1, 1}, 0, "N m s/rad", ""},
-    {"output", "q_des", "f8", offsetof(output_t, q_des), 1, {7, 1, 1}, 0, "rad or m", ""},
-    {"output", "dq_des", "f8", offsetof(output_t, dq_des), 1, {7, 1, 1}, 0, "rad/s or m/s", ""},
+    {"output", "own_torque", "f8", offsetof(output_t, own_torque), 1, {7, 1, 1}, 0, "N m or N", ""},
     {"output", "status", "u4", offsetof(output_t, status), 0, {1, 1, 1}, 0, "", "Status: what happened, and why."},
     {"output", "mode", "i4", offsetof(output_t, mode), 0, {1, 1, 1}, 0, "", ""},
     {"output", "fault", "i4", offsetof(output_t, fault), 0, {1, 1, 1}, 0, "", ""},
     {"output", "reason", "i4", offsetof(output_t, reason), 0, {1, 1, 1}, 0, "", ""},
     {"output", "fault_joint", "i4", offsetof(output_t, fault_joint), 0, {1, 1, 1}, 0, "", ""},
-    {"output", "missed", "i4", offsetof(output_t, missed), 0, {1, 1, 1}, 0, "samples", ""},
-    {"output", "hold", "i4", offsetof(output_t, hold), 0, {1, 1, 1}, 0, "samples", ""},
-    {"output", "unaccounted", "u4", offsetof(output_t, unaccounted), 0, {1, 1, 1}, 0, "", ""},
     {"output", "refusal", "i4", offsetof(output_t, refusal), 0, {1, 1, 1}, 0, "", ""},
-    {"output", "refusal_argument", "i4", offsetof(output_t, refusal_argument), 0, {1, 1, 1}, 0, "", ""},
+    {"output", "refusal_command", "i4", offsetof(output_t, refusal_command), 0, {1, 1, 1}, 0, "", ""},
     {"output", "refusal_entry", "i4", offsetof(output_t, refusal_entry), 0, {1, 1, 1}, 0, "", ""},
     {"output", "limited_joint", "i4", offsetof(output_t, limited_joint), 0, {1, 1, 1}, 0, "", ""},
+    {"output", "hold", "i4", offsetof(output_t, hold), 0, {1, 1, 1}, 0, "calls", ""},
     {"output", "fault_seen", "f8", offsetof(output_t, fault_seen), 0, {1, 1, 1}, 0, "", ""},
     {"output", "fault_limit", "f8", offsetof(output_t, fault_limit), 0, {1, 1, 1}, 0, "", ""},
     {"output", "fault_time", "f8", offsetof(output_t, fault_time), 0, {1, 1, 1}, 0, "s", ""},
     {"output", "refusal_seen", "f8", offsetof(output_t, refusal_seen), 0, {1, 1, 1}, 0, "", ""},
     {"output", "refusal_limit", "f8", offsetof(output_t, refusal_limit), 0, {1, 1, 1}, 0, "", ""},
     {"output", "energy_supplied", "f8", offsetof(output_t, energy_supplied), 0, {1, 1, 1}, 0, "J", "Energies: the account."},
-    {"output", "port_total", "f8", offsetof(output_t, port_total), 0, {1, 1, 1}, 0, "J", ""},
-    {"output", "sampling_total", "f8", offsetof(output_t, sampling_total), 0, {1, 1, 1}, 0, "J", ""},
-    {"output", "reference_total", "f8", offsetof(output_t, reference_total), 0, {1, 1, 1}, 0, "J", ""},
-    {"output", "stiffness_total", "f8", offsetof(output_t, stiffness_total), 0, {1, 1, 1}, 0, "J", ""},
-    {"output", "start_total", "f8", offsetof(output_t, start_total), 0, {1, 1, 1}, 0, "J", ""},
-    {"output", "elastic_energy", "f8", offsetof(output_t, elastic_energy), 0, {1, 1, 1}, 0, "J", ""},
-    {"output", "limit_energy", "f8", offsetof(output_t, limit_energy), 0, {1, 1, 1}, 0, "J", ""},
-    {"output", "tank_energy", "f8", offsetof(output_t, tank_energy), 0, {1, 1, 1}, 0, "J", ""},
-    {"output", "tank_reserve", "f8", offsetof(output_t, tank_reserve), 0, {1, 1, 1}, 0, "J", ""},
-    {"output", "engagement", "f8", offsetof(output_t, engagement), 0, {1, 1, 1}, 0, "J", ""},
-    {"output", "late_work", "f8", offsetof(output_t, late_work), 0, {1, 1, 1}, 0, "J", ""},
+    {"output", "tank", "f8", offsetof(output_t, tank), 0, {1, 1, 1}, 0, "J", ""},
+    {"output", "stored", "f8", offsetof(output_t, stored), 0, {1, 1, 1}, 0, "J", ""},
+    {"output", "reserve", "f8", offsetof(output_t, reserve), 0, {1, 1, 1}, 0, "J", ""},
+    {"output", "tank_initial", "f8", offsetof(output_t, tank_initial), 0, {1, 1, 1}, 0, "J", ""},
     {"output", "position", "f8", offsetof(output_t, position), 1, {7, 1, 1}, 0, "rad or m", "Diagnostics: what is in force, for a log."},
-    {"output", "velocity", "f8", offsetof(output_t, velocity), 1, {7, 1, 1}, 0, "rad/s or m/s", ""},
-    {"output", "velocity_samples", "f8", offsetof(output_t, velocity_samples), 0, {1, 1, 1}, 0, "samples", ""},
     {"output", "reference", "f8", offsetof(output_t, reference), 1, {7, 1, 1}, 0, "rad or m", ""},
     {"output", "reference_velocity", "f8", offsetof(output_t, reference_velocity), 1, {7, 1, 1}, 0, "rad/s or m/s", ""},
-    {"output", "reference_acceleration", "f8", offsetof(output_t, reference_acceleration), 1, {7, 1, 1}, 0, "rad/s^2 or m/s^2", ""},
-    {"output", "equilibrium", "f8", offsetof(output_t, equilibrium), 2, {4, 4, 1}, 0, "m", ""},
-    {"output", "translation_stiffness", "f8", offsetof(output_t, translation_stiffness), 2, {3, 3, 1}, 0, "N/m", ""},
-    {"output", "rotation_stiffness", "f8", offsetof(output_t, rotation_stiffness), 2, {3, 3, 1}, 0, "N m/rad", ""},
-    {"output", "stiffness_share", "f8", offsetof(output_t, stiffness_share), 0, {1, 1, 1}, 0, "1", ""},
-    {"output", "scale", "f8", offsetof(output_t, scale), 0, {1, 1, 1}, 0, "1", ""},
-    {"output", "elastic_torque", "f8", offsetof(output_t, elastic_torque), 1, {7, 1, 1}, 0, "N m or N", ""},
+    {"output", "scale", "f8", offsetof(output_t, scale), 0, {1, 1, 1}, 0, "", ""},
+    {"output", "stiffness_share", "f8", offsetof(output_t, stiffness_share), 0, {1, 1, 1}, 0, "", ""},
     {"output", "damping_torque", "f8", offsetof(output_t, damping_torque), 1, {7, 1, 1}, 0, "N m or N", ""},
-    {"output", "offset_torque", "f8", offsetof(output_t, offset_torque), 1, {7, 1, 1}, 0, "N m or N", ""},
     {"output", "limit_torque", "f8", offsetof(output_t, limit_torque), 1, {7, 1, 1}, 0, "N m or N", ""},
     {"output", "feedforward_torque", "f8", offsetof(output_t, feedforward_torque), 1, {7, 1, 1}, 0, "N m or N", ""},
-    {"output", "wrench_command", "f8", offsetof(output_t, wrench_command), 1, {6, 1, 1}, 0, "N, N m", ""},
-    {"output", "spring_wrench", "f8", offsetof(output_t, spring_wrench), 1, {6, 1, 1}, 0, "N, N m", ""},
-    {"output", "wrench", "f8", offsetof(output_t, wrench), 1, {6, 1, 1}, 0, "N, N m", ""},
-    {"output", "joint_stiffness", "f8", offsetof(output_t, joint_stiffness), 2, {7, 7, 1}, 0, "N m/rad", ""},
-    {"output", "damping", "f8", offsetof(output_t, damping), 2, {7, 7, 1}, 0, "N m s/rad", ""},
-    {"output", "mass_matrix", "f8", offsetof(output_t, mass_matrix), 2, {7, 7, 1}, 0, "kg m^2", ""},
-    {"output", "eigenvalues", "f8", offsetof(output_t, eigenvalues), 1, {7, 1, 1}, 0, "1/s^2", ""},
-    {"output", "velocity_limit", "f8", offsetof(output_t, velocity_limit), 1, {7, 1, 1}, 0, "rad/s or m/s", ""},
-    {"output", "missed_limit", "i4", offsetof(output_t, missed_limit), 0, {1, 1, 1}, 0, "samples", ""},
-    {"output", "call_gap_limit", "i4", offsetof(output_t, call_gap_limit), 0, {1, 1, 1}, 0, "samples", ""},
-    {"output", "tank_initial", "f8", offsetof(output_t, tank_initial), 0, {1, 1, 1}, 0, "J", ""},
-    {"output", "engagement_limit", "f8", offsetof(output_t, engagement_limit), 0, {1, 1, 1}, 0, "J", ""},
-    {"output", "energy_limit", "f8", offsetof(output_t, energy_limit), 0, {1, 1, 1}, 0, "J", ""},
-    {"output", "force_available", "f8", offsetof(output_t, force_available), 0, {1, 1, 1}, 0, "N", ""},
-    {"proposal", "valid", "i4", offsetof(proposal_t, valid), 1, {4, 1, 1}, 0, "", ""},
-    {"proposal", "time", "f8", offsetof(proposal_t, time), 1, {4, 1, 1}, 0, "s", ""},
-    {"proposal", "equilibrium", "f8", offsetof(proposal_t, equilibrium), 2, {4, 4, 1}, 0, "m", ""},
-    {"proposal", "stiffness", "f8", offsetof(proposal_t, stiffness), 2, {6, 6, 1}, 0, "N/m, N m/rad", ""},
-    {"proposal", "wrench_command", "f8", offsetof(proposal_t, wrench_command), 1, {6, 1, 1}, 0, "N, N m", ""},
-    {"proposal", "gripper", "f8", offsetof(proposal_t, gripper), 0, {1, 1, 1}, 0, "", ""},
-    {"policy", "hold_time", "f8", offsetof(policy_t, hold_time), 0, {1, 1, 1}, 0, "s", ""},
-    {"policy", "fade_time", "f8", offsetof(policy_t, fade_time), 0, {1, 1, 1}, 0, "s", ""},
-    {"policy", "stale_share", "f8", offsetof(policy_t, stale_share), 0, {1, 1, 1}, 0, "", ""},
-    {"policy", "longest_interval", "f8", offsetof(policy_t, longest_interval), 0, {1, 1, 1}, 0, "s", ""},
-    {"policy", "clock_tolerance", "f8", offsetof(policy_t, clock_tolerance), 0, {1, 1, 1}, 0, "s", ""},
-    {"policy", "smoothing", "f8", offsetof(policy_t, smoothing), 0, {1, 1, 1}, 0, "", ""},
-    {"policy", "now", "f8", offsetof(policy_t, now), 0, {1, 1, 1}, 0, "s", ""},
-    {"policy", "time", "f8", offsetof(policy_t, time), 1, {4, 1, 1}, 0, "s", ""},
-    {"policy", "begin", "f8", offsetof(policy_t, begin), 1, {4, 1, 1}, 0, "s", ""},
-    {"policy", "interval", "f8", offsetof(policy_t, interval), 1, {4, 1, 1}, 0, "s", ""},
-    {"policy", "refused", "i4", offsetof(policy_t, refused), 1, {4, 1, 1}, 0, "", ""},
-    {"policy", "refusal", "i4", offsetof(policy_t, refusal), 1, {4, 1, 1}, 0, "", ""},
-    {"policy", "refusal_argument", "i4", offsetof(policy_t, refusal_argument), 1, {4, 1, 1}, 0, "", ""},
-    {"policy", "refusal_entry", "i4", offsetof(policy_t, refusal_entry), 1, {4, 1, 1}, 0, "", ""},
-    {"policy", "refusal_seen", "f8", offsetof(policy_t, refusal_seen), 1, {4, 1, 1}, 0, "", ""},
-    {"policy", "refusal_limit", "f8", offsetof(policy_t, refusal_limit), 1, {4, 1, 1}, 0, "", ""},
-    {"policy", "stage", "i4", offsetof(policy_t, stage), 1, {4, 1, 1}, 0, "", ""},
-    {"policy", "equilibrium", "f8", offsetof(policy_t, equilibrium), 2, {4, 4, 1}, 0, "m", ""},
-    {"policy", "translation_stiffness", "f8", offsetof(policy_t, translation_stiffness), 2, {3, 3, 1}, 0, "N/m", ""},
-    {"policy", "rotation_stiffness", "f8", offsetof(policy_t, rotation_stiffness), 2, {3, 3, 1}, 0, "N m/rad", ""},
-    {"policy", "wrench_command", "f8", offsetof(policy_t, wrench_command), 1, {6, 1, 1}, 0, "N, N m", ""},
-    {"policy", "gripper", "f8", offsetof(policy_t, gripper), 0, {1, 1, 1}, 0, "", ""},
-    {"policy", "from_equilibrium", "f8", offsetof(policy_t, from_equilibrium), 2, {4, 4, 1}, 0, "m", ""},
-    {"policy", "from_translation", "f8", offsetof(policy_t, from_translation), 2, {3, 3, 1}, 0, "N/m", ""},
-    {"policy", "from_rotation", "f8", offsetof(policy_t, from_rotation), 2, {3, 3, 1}, 0, "N m/rad", ""},
-    {"policy", "from_wrench", "f8", offsetof(policy_t, from_wrench), 1, {6, 1, 1}, 0, "N, N m", ""},
-    {"policy", "to_equilibrium", "f8", offsetof(policy_t, to_equilibrium), 2, {4, 4, 1}, 0, "m", ""},
-    {"policy", "estimate", "f8", offsetof(policy_t, estimate), 2, {4, 4, 1}, 0, "m", ""},
-    {"policy", "velocity", "f8", offsetof(policy_t, velocity), 1, {6, 1, 1}, 0, "m/s, rad/s", ""},
-    {"policy", "from_velocity", "f8", offsetof(policy_t, from_velocity), 1, {6, 1, 1}, 0, "m/s, rad/s", ""},
-    {"policy", "to_translation", "f8", offsetof(policy_t, to_translation), 2, {3, 3, 1}, 0, "N/m", ""},
-    {"policy", "to_rotation", "f8", offsetof(policy_t, to_rotation), 2, {3, 3, 1}, 0, "N m/rad", ""},
-    {"policy", "to_wrench", "f8", offsetof(policy_t, to_wrench), 1, {6, 1, 1}, 0, "N, N m", ""},
     {"paper_state", "torque", "f8", offsetof(paper_state_t, torque), 1, {7, 1, 1}, 0, "N m", ""},
     {"paper_state", "opposite", "f8", offsetof(paper_state_t, opposite), 1, {7, 1, 1}, 0, "N m", ""},
     {"paper_state", "change", "f8", offsetof(paper_state_t, change), 1, {7, 1, 1}, 0, "N m", ""},
@@ -2955,6 +2848,7 @@ static const field fields[] = {
     {"paper_input", "q", "f8", offsetof(paper_input_t, q), 1, {7, 1, 1}, 0, "rad", ""},
     {"paper_input", "dq", "f8", offsetof(paper_input_t, dq), 1, {7, 1, 1}, 0, "rad/s", ""},
     {"paper_input", "q0", "f8", offsetof(paper_input_t, q0), 1, {7, 1, 1}, 0, "rad", ""},
+    {"paper_input", "tool_pose", "f8", offsetof(paper_input_t, tool_pose), 2, {4, 4, 1}, 0, "m", ""},
     {"paper_input", "wrench", "f8", offsetof(paper_input_t, wrench), 1, {6, 1, 1}, 0, "N, N m", ""},
     {"paper_input", "task_stiffness", "f8", offsetof(paper_input_t, task_stiffness), 2, {6, 6, 1}, 0, "N/m, N, N m", ""},
     {"paper_output", "torque", "f8", offsetof(paper_output_t, torque), 1, {7, 1, 1}, 0, "N m", ""},
@@ -2971,8 +2865,6 @@ static const structure structures[] = {
     {"config", sizeof(config_t)},
     {"input", sizeof(input_t)},
     {"output", sizeof(output_t)},
-    {"proposal", sizeof(proposal_t)},
-    {"policy", sizeof(policy_t)},
     {"paper_state", sizeof(paper_state_t)},
     {"paper_config", sizeof(paper_config_t)},
     {"paper_input", sizeof(paper_input_t)},
@@ -2983,114 +2875,81 @@ static const choice choices[] = {
     {"communication_reaction", "release", IIWA14_COMMUNICATION_REACTION_RELEASE},
     {"communication_reaction", "hold", IIWA14_COMMUNICATION_REACTION_HOLD},
     {"communication_reaction", "resume", IIWA14_COMMUNICATION_REACTION_RESUME},
-    {"spring", "trace", IIWA14_SPRING_TRACE},
-    {"spring", "bounded", IIWA14_SPRING_BOUNDED},
-    {"stiffness_cap", "refuse", IIWA14_STIFFNESS_CAP_REFUSE},
-    {"stiffness_cap", "accept", IIWA14_STIFFNESS_CAP_ACCEPT},
     {"coriolis", "off", IIWA14_CORIOLIS_OFF},
     {"coriolis", "on", IIWA14_CORIOLIS_ON},
-    {"continuous_joints", "wrapped", IIWA14_CONTINUOUS_JOINTS_WRAPPED},
-    {"continuous_joints", "counted", IIWA14_CONTINUOUS_JOINTS_COUNTED},
-    {"actuation", "torque", IIWA14_ACTUATION_TORQUE},
-    {"actuation", "gains", IIWA14_ACTUATION_GAINS},
-    {"velocity_source", "measured", IIWA14_VELOCITY_SOURCE_MEASURED},
-    {"velocity_source", "differenced", IIWA14_VELOCITY_SOURCE_DIFFERENCED},
-    {"command", "position", IIWA14_COMMAND_POSITION},
-    {"command", "equilibrium", IIWA14_COMMAND_EQUILIBRIUM},
+    {"clock", "counter", IIWA14_CLOCK_COUNTER},
+    {"clock", "time", IIWA14_CLOCK_TIME},
 };
 
 static const status statuses[] = {
     {"fault", IIWA14_STATUS_FAULT, "a fault is latched: see fault, reason and fault_time"},
-    {"missed", IIWA14_STATUS_MISSED, "no sample, or one whose counter did not advance by one"},
+    {"missed", IIWA14_STATUS_MISSED, "no sample, or no time: the counter or the clock stands still"},
     {"bad_sample", IIWA14_STATUS_BAD_SAMPLE, "the sample was not believed: two of three are a fault"},
-    {"command_refused", IIWA14_STATUS_COMMAND_REFUSED, "the command is refused (refusal says why, or the sample is not believed): equilibrium and stiffness stay"},
-    {"wrench_refused", IIWA14_STATUS_WRENCH_REFUSED, "the measured wrench is not finite or too large, and is not used"},
-    {"moving", IIWA14_STATUS_MOVING, "the equilibrium is on its way to the wanted one"},
-    {"governor", IIWA14_STATUS_GOVERNOR, "the equilibrium is held back by the energy or the engagement limit"},
-    {"stiffness_changing", IIWA14_STATUS_STIFFNESS_CHANGING, "the applied stiffness is on its way to the wanted one"},
-    {"tank_limited", IIWA14_STATUS_TANK_LIMITED, "stiffness or scale is held back: the tank cannot pay, or the springs exert heaviest_wrench"},
+    {"command_refused", IIWA14_STATUS_COMMAND_REFUSED, "the command is refused: refusal says why; reference and stiffness stay"},
+    {"command_limited", IIWA14_STATUS_COMMAND_LIMITED, "q0 is in a limit zone or beyond: it is followed to the zone (limited_joint)"},
+    {"moving", IIWA14_STATUS_MOVING, "the reference is on its way to q0"},
+    {"governor", IIWA14_STATUS_GOVERNOR, "the reference is held back: the tank cannot pay, or the springs exert heaviest_wrench"},
+    {"tank_limited", IIWA14_STATUS_TANK_LIMITED, "a rise of stiffness or scale is held back: the tank cannot pay"},
     {"tank_deficit", IIWA14_STATUS_TANK_DEFICIT, "more was put out than tank and springs had: an assumption of the theorem does not hold"},
-    {"reserve", IIWA14_STATUS_RESERVE, "damping or scale is reduced: tank and stored energy do not cover more torque (tank_initial)"},
+    {"reserve", IIWA14_STATUS_RESERVE, "the torque is reduced: tank and stored energy do not cover more (tank_initial)"},
     {"joint_limit", IIWA14_STATUS_JOINT_LIMIT, "a position is in the limit zone or beyond"},
     {"saturated", IIWA14_STATUS_SATURATED, "the torque would exceed its effort limit: the scale falls, or the torque was cut"},
     {"rate_limited", IIWA14_STATUS_RATE_LIMITED, "a torque was cut to its rate limit"},
-    {"damping_capped", IIWA14_STATUS_DAMPING_CAPPED, "the damping is capped: M^-1 B T would be too large for the sample time"},
-    {"stiffness_capped", IIWA14_STATUS_STIFFNESS_CAPPED, "springs are softened: M^-1 K T^2 would be too large for the sample time (stiffness_share)"},
-    {"indefinite", IIWA14_STATUS_INDEFINITE, "the tangent has a negative eigenvalue: its mode is unstable, and is damped as if it were stable"},
-    {"mass_matrix", IIWA14_STATUS_MASS_MATRIX, "the mass matrix is not positive definite: damping is joint_damping only"},
-    {"limits_kept", IIWA14_STATUS_LIMITS_KEPT, "a changed limit waits: limit avoidance that would cost more energy than the tank can pay, or a raised velocity_limit, missed_limit or call_gap_limit that tank and stored energy do not cover"},
-    {"config", IIWA14_STATUS_CONFIG, "the configuration is refused or the state is not initialised; the return value says why"},
-    {"repeated", IIWA14_STATUS_REPEATED, "the sample repeats the last state, as state_period allows: the torque is held"},
-    {"overspeed", IIWA14_STATUS_OVERSPEED, "a joint is beyond its velocity limit and is braked: a fault after overspeed_time"},
+    {"stiffness_capped", IIWA14_STATUS_STIFFNESS_CAPPED, "springs are softened: sample time and delay do not allow more (stiffness_share)"},
+    {"mass_matrix", IIWA14_STATUS_MASS_MATRIX, "the mass matrix is not positive definite: every joint is damped alike"},
+    {"overspeed", IIWA14_STATUS_OVERSPEED, "a joint is beyond its velocity limit and is braked: a fault after 0.2 s"},
     {"offset_limited", IIWA14_STATUS_OFFSET_LIMITED, "torque_offset is held back by the effort or the rate limit"},
-    {"feedforward_refused", IIWA14_STATUS_FEEDFORWARD_REFUSED, "wrench_command, or velocity and acceleration, are not used: not finite, or too large"},
-    {"feedforward_limited", IIWA14_STATUS_FEEDFORWARD_LIMITED, "wrench_command is held back by tank, reserve, effort or speed; or velocity and acceleration are left out: the equilibrium stands still, or does not keep up with the plan"},
-    {"unreachable", IIWA14_STATUS_UNREACHABLE, "the commanded pose is out of reach from here: the posture is at its end, or the arm rests in another one; find_posture searches a posture to be commanded as q0"},
-    {"command_limited", IIWA14_STATUS_COMMAND_LIMITED, "q0 is beyond a joint limit by up to position_tolerance: it is followed to the limit's zone (limited_joint)"},
+    {"feedforward_limited", IIWA14_STATUS_FEEDFORWARD_LIMITED, "wrench_command or acceleration is held back by tank, effort, speed, or its limit"},
 };
 
 static const choice outcomes[] = {
-    {"part", "pose", IIWA14_PART_POSE},
-    {"part", "stiffness", IIWA14_PART_STIFFNESS},
-    {"part", "wrench", IIWA14_PART_WRENCH},
-    {"part", "gripper", IIWA14_PART_GRIPPER},
     {"mode", "start", IIWA14_MODE_START},
     {"mode", "active", IIWA14_MODE_ACTIVE},
     {"mode", "release", IIWA14_MODE_RELEASE},
     {"mode", "follow", IIWA14_MODE_FOLLOW},
     {"mode", "hold", IIWA14_MODE_HOLD},
+    {"mode", "limp", IIWA14_MODE_LIMP},
     {"fault", "none", IIWA14_FAULT_NONE},
     {"fault", "sensor", IIWA14_FAULT_SENSOR},
     {"fault", "communication", IIWA14_FAULT_COMMUNICATION},
     {"fault", "limit", IIWA14_FAULT_LIMIT},
     {"fault", "energy", IIWA14_FAULT_ENERGY},
-    {"fault", "configuration", IIWA14_FAULT_CONFIGURATION},
+    {"fault", "memory", IIWA14_FAULT_MEMORY},
     {"fault", "dissipation", IIWA14_FAULT_DISSIPATION},
-    {"refused", "none", IIWA14_REFUSED_NONE},
-    {"refused", "time", IIWA14_REFUSED_TIME},
-    {"refused", "future", IIWA14_REFUSED_FUTURE},
-    {"refused", "order", IIWA14_REFUSED_ORDER},
-    {"refused", "stale", IIWA14_REFUSED_STALE},
-    {"refused", "pose", IIWA14_REFUSED_POSE},
-    {"refused", "stiffness", IIWA14_REFUSED_STIFFNESS},
-    {"refused", "coupling", IIWA14_REFUSED_COUPLING},
-    {"refused", "wrench", IIWA14_REFUSED_WRENCH},
+    {"fault", "shaking", IIWA14_FAULT_SHAKING},
     {"refusal", "none", IIWA14_REFUSAL_NONE},
-    {"refusal", "command", IIWA14_REFUSAL_COMMAND},
+    {"refusal", "clock", IIWA14_REFUSAL_CLOCK},
     {"refusal", "not_finite", IIWA14_REFUSAL_NOT_FINITE},
     {"refusal", "position", IIWA14_REFUSAL_POSITION},
     {"refusal", "loops", IIWA14_REFUSAL_LOOPS},
-    {"refusal", "last_row", IIWA14_REFUSAL_LAST_ROW},
-    {"refusal", "rotation", IIWA14_REFUSAL_ROTATION},
-    {"refusal", "left_handed", IIWA14_REFUSAL_LEFT_HANDED},
-    {"refusal", "reach", IIWA14_REFUSAL_REACH},
     {"refusal", "stiffness_limit", IIWA14_REFUSAL_STIFFNESS_LIMIT},
     {"refusal", "asymmetric", IIWA14_REFUSAL_ASYMMETRIC},
     {"refusal", "indefinite", IIWA14_REFUSAL_INDEFINITE},
-    {"refusal", "coupling", IIWA14_REFUSAL_COUPLING},
     {"refusal", "wrench", IIWA14_REFUSAL_WRENCH},
-    {"refusal", "engaged", IIWA14_REFUSAL_ENGAGED},
-    {"stage", "waiting", IIWA14_STAGE_WAITING},
-    {"stage", "moving", IIWA14_STAGE_MOVING},
-    {"stage", "holding", IIWA14_STAGE_HOLDING},
-    {"stage", "fading", IIWA14_STAGE_FADING},
-    {"stage", "faded", IIWA14_STAGE_FADED},
+    {"refusal", "acceleration", IIWA14_REFUSAL_ACCELERATION},
     {"reason", "none", IIWA14_REASON_NONE},
     {"reason", "not_finite", IIWA14_REASON_NOT_FINITE},
     {"reason", "jump", IIWA14_REASON_JUMP},
     {"reason", "mismatch", IIWA14_REASON_MISMATCH},
     {"reason", "frozen", IIWA14_REASON_FROZEN},
-    {"reason", "stale", IIWA14_REASON_STALE},
+    {"reason", "loops", IIWA14_REASON_LOOPS},
     {"reason", "missed", IIWA14_REASON_MISSED},
     {"reason", "skipped", IIWA14_REASON_SKIPPED},
+    {"reason", "clock", IIWA14_REASON_CLOCK},
     {"reason", "position", IIWA14_REASON_POSITION},
     {"reason", "overspeed", IIWA14_REASON_OVERSPEED},
     {"reason", "reserve", IIWA14_REASON_RESERVE},
-    {"reason", "config", IIWA14_REASON_CONFIG},
-    {"reason", "changed", IIWA14_REASON_CHANGED},
     {"reason", "state", IIWA14_REASON_STATE},
-    {"reason", "loops", IIWA14_REASON_LOOPS},
     {"reason", "dissipation", IIWA14_REASON_DISSIPATION},
+    {"reason", "shaking", IIWA14_REASON_SHAKING},
+    {"command", "none", IIWA14_COMMAND_NONE},
+    {"command", "clock", IIWA14_COMMAND_CLOCK},
+    {"command", "q0", IIWA14_COMMAND_Q0},
+    {"command", "translation_stiffness", IIWA14_COMMAND_TRANSLATION_STIFFNESS},
+    {"command", "rotation_stiffness", IIWA14_COMMAND_ROTATION_STIFFNESS},
+    {"command", "posture_stiffness", IIWA14_COMMAND_POSTURE_STIFFNESS},
+    {"command", "wrench_command", IIWA14_COMMAND_WRENCH_COMMAND},
+    {"command", "acceleration", IIWA14_COMMAND_ACCELERATION},
 };
 
 enum {
@@ -3151,22 +3010,6 @@ static PyObject *initialise(PyObject *module, PyObject *arguments)
     return result;
 }
 
-static PyObject *validate(PyObject *module, PyObject *arguments)
-{
-    Py_buffer config;
-    PyObject *result = NULL;
-    (void)module;
-    if (!PyArg_ParseTuple(arguments, "y*", &config)) {
-        return NULL;
-    }
-    const void *c = structs(&config, sizeof(config_t), 1);
-    if (c != NULL) {
-        result = PyLong_FromLong(iiwa14_impedance_validate((const config_t *)c));
-    }
-    PyBuffer_Release(&config);
-    return result;
-}
-
 static PyObject *reset(PyObject *module, PyObject *arguments)
 {
     Py_buffer state;
@@ -3183,171 +3026,60 @@ static PyObject *reset(PyObject *module, PyObject *arguments)
     return result;
 }
 
-/* Run steps without the GIL, up to the first error: arguments (config, state, inputs, outputs, count). */
+/* Run steps without the GIL, up to the first error: arguments (state, inputs, outputs, count). */
 static PyObject *run(PyObject *module, PyObject *arguments)
 {
-    Py_buffer config, state, inputs, outputs;
+    Py_buffer state, inputs, outputs;
     Py_ssize_t count;
     PyObject *result = NULL;
     (void)module;
-    if (!PyArg_ParseTuple(arguments, "y*w*y*w*n", &config, &state, &inputs, &outputs, &count)) {
+    if (!PyArg_ParseTuple(arguments, "w*y*w*n", &state, &inputs, &outputs, &count)) {
         return NULL;
     }
-    void *c = structs(&config, sizeof(config_t), 1);
-    void *s = c != NULL ? structs(&state, sizeof(state_t), 1) : NULL;
+    void *s = structs(&state, sizeof(state_t), 1);
     void *in = s != NULL ? structs(&inputs, sizeof(input_t), count) : NULL;
     void *out = in != NULL ? structs(&outputs, sizeof(output_t), count) : NULL;
     if (out != NULL) {
         int code = IIWA14_OK;
         Py_BEGIN_ALLOW_THREADS
         for (Py_ssize_t k = 0; k < count && code == IIWA14_OK; ++k) {
-            code = iiwa14_impedance_step((const config_t *)c, (state_t *)s,
-                (const input_t *)in + k, (output_t *)out + k);
+            code = iiwa14_impedance_step((state_t *)s, (const input_t *)in + k, (output_t *)out + k);
         }
         Py_END_ALLOW_THREADS
         result = PyLong_FromLong(code);
     }
-    PyBuffer_Release(&config);
     PyBuffer_Release(&state);
     PyBuffer_Release(&inputs);
     PyBuffer_Release(&outputs);
     return result;
 }
 
-static PyObject *fault_text(PyObject *module, PyObject *arguments)
+/* Describe the fault or the refusal of an output. */
+static PyObject *describe(PyObject *arguments, int (*write)(const output_t *, char *, size_t))
 {
     Py_buffer output;
     char text[1024] = "";
-    (void)module;
     if (!PyArg_ParseTuple(arguments, "y*", &output)) {
         return NULL;
     }
     const void *out = structs(&output, sizeof(output_t), 1);
     if (out != NULL) {
-        iiwa14_impedance_fault_text((const output_t *)out, text, sizeof text);
+        write((const output_t *)out, text, sizeof text);
     }
     PyBuffer_Release(&output);
     return out != NULL ? PyUnicode_DecodeUTF8(text, (Py_ssize_t)strlen(text), "replace") : NULL;
 }
 
-/* Describe a refusal: arguments (refusal, argument, entry, seen, limit). */
+static PyObject *fault_text(PyObject *module, PyObject *arguments)
+{
+    (void)module;
+    return describe(arguments, iiwa14_impedance_fault_text);
+}
+
 static PyObject *refusal_text(PyObject *module, PyObject *arguments)
 {
-    int refusal, argument, entry;
-    double seen, limit;
-    char text[512] = "";
     (void)module;
-    if (!PyArg_ParseTuple(arguments, "iiidd", &refusal, &argument, &entry, &seen, &limit)) {
-        return NULL;
-    }
-    iiwa14_impedance_refusal_text(refusal, argument, entry, seen, limit, text, sizeof text);
-    return PyUnicode_DecodeUTF8(text, (Py_ssize_t)strlen(text), "replace");
-}
-
-/* Split a torque: arguments (numbers, results), one after the other in the order of the C function. */
-static PyObject *joint_gains(PyObject *module, PyObject *arguments)
-{
-    enum { N = MOTORS };
-    Py_buffer numbers, results;
-    PyObject *result = NULL;
-    (void)module;
-    if (!PyArg_ParseTuple(arguments, "y*w*", &numbers, &results)) {
-        return NULL;
-    }
-    const double *x = structs(&numbers, (7 * N + 2 * N * N) * sizeof(double), 1);
-    double *y = x != NULL ? structs(&results, 3 * N * sizeof(double), 1) : NULL;
-    if (y != NULL) {
-        const double *const limits = x + 5 * N + 2 * N * N;
-        result = PyLong_FromLong(iiwa14_impedance_joint_gains(x, x + N, x + 2 * N, x + 3 * N, x + 4 * N, x + 5 * N,
-            x + 5 * N + N * N, limits, limits + N, y, y + N, y + 2 * N));
-    }
-    PyBuffer_Release(&numbers);
-    PyBuffer_Release(&results);
-    return result;
-}
-
-/* Bound the work of motors whose host is late: arguments (numbers, hold), in the order of the C function. */
-static PyObject *late_work(PyObject *module, PyObject *arguments)
-{
-    enum { N = MOTORS };
-    Py_buffer numbers;
-    double hold;
-    PyObject *result = NULL;
-    (void)module;
-    if (!PyArg_ParseTuple(arguments, "y*d", &numbers, &hold)) {
-        return NULL;
-    }
-    const double *x = structs(&numbers, 7 * N * sizeof(double), 1);
-    if (x != NULL) {
-        result = PyFloat_FromDouble(iiwa14_impedance_late_work(x, x + N, x + 2 * N, x + 3 * N, x + 4 * N, x + 5 * N,
-            x + 6 * N, hold));
-    }
-    PyBuffer_Release(&numbers);
-    return result;
-}
-
-/* Start a policy port: arguments (policy, poses, now). */
-static PyObject *policy_start(PyObject *module, PyObject *arguments)
-{
-    Py_buffer policy, poses;
-    double now;
-    PyObject *result = NULL;
-    (void)module;
-    if (!PyArg_ParseTuple(arguments, "w*y*d", &policy, &poses, &now)) {
-        return NULL;
-    }
-    void *p = structs(&policy, sizeof(policy_t), 1);
-    const void *x = p != NULL ? structs(&poses, sizeof(((const policy_t *)p)->equilibrium), 1) : NULL;
-    if (x != NULL) {
-        result = PyLong_FromLong(iiwa14_impedance_policy_start((policy_t *)p, (const double *)x, now));
-    }
-    PyBuffer_Release(&policy);
-    PyBuffer_Release(&poses);
-    return result;
-}
-
-/* Hand a proposal to a policy port: arguments (config, policy, proposal, now). */
-static PyObject *policy_propose(PyObject *module, PyObject *arguments)
-{
-    Py_buffer config, policy, proposal;
-    double now;
-    PyObject *result = NULL;
-    (void)module;
-    if (!PyArg_ParseTuple(arguments, "y*w*y*d", &config, &policy, &proposal, &now)) {
-        return NULL;
-    }
-    void *c = structs(&config, sizeof(config_t), 1);
-    void *p = c != NULL ? structs(&policy, sizeof(policy_t), 1) : NULL;
-    void *x = p != NULL ? structs(&proposal, sizeof(proposal_t), 1) : NULL;
-    if (x != NULL) {
-        result = PyLong_FromLong(iiwa14_impedance_policy_propose((const config_t *)c,
-            (policy_t *)p, (const proposal_t *)x, now));
-    }
-    PyBuffer_Release(&config);
-    PyBuffer_Release(&policy);
-    PyBuffer_Release(&proposal);
-    return result;
-}
-
-/* Write a policy port's command: arguments (policy, now, input). */
-static PyObject *policy_command(PyObject *module, PyObject *arguments)
-{
-    Py_buffer policy, input;
-    double now;
-    PyObject *result = NULL;
-    (void)module;
-    if (!PyArg_ParseTuple(arguments, "w*dw*", &policy, &now, &input)) {
-        return NULL;
-    }
-    void *p = structs(&policy, sizeof(policy_t), 1);
-    void *in = p != NULL ? structs(&input, sizeof(input_t), 1) : NULL;
-    if (in != NULL) {
-        result = PyLong_FromLong(
-            iiwa14_impedance_policy_command((policy_t *)p, now, (input_t *)in));
-    }
-    PyBuffer_Release(&policy);
-    PyBuffer_Release(&input);
-    return result;
+    return describe(arguments, iiwa14_impedance_refusal_text);
 }
 
 static PyObject *error_text(PyObject *module, PyObject *arguments)
@@ -3360,16 +3092,10 @@ static PyObject *error_text(PyObject *module, PyObject *arguments)
 static PyMethodDef controller_methods[] = {
     {"default_config", default_config, METH_VARARGS, NULL},
     {"initialise", initialise, METH_VARARGS, NULL},
-    {"validate", validate, METH_VARARGS, NULL},
     {"reset", reset, METH_VARARGS, NULL},
     {"run", run, METH_VARARGS, NULL},
-    {"joint_gains", joint_gains, METH_VARARGS, NULL},
-    {"late_work", late_work, METH_VARARGS, NULL},
     {"fault_text", fault_text, METH_VARARGS, NULL},
     {"refusal_text", refusal_text, METH_VARARGS, NULL},
-    {"policy_start", policy_start, METH_VARARGS, NULL},
-    {"policy_propose", policy_propose, METH_VARARGS, NULL},
-    {"policy_command", policy_command, METH_VARARGS, NULL},
     {"error_text", error_text, METH_VARARGS, NULL},
     {NULL, NULL, 0, NULL},
 };

@@ -90,12 +90,14 @@ ACCOUNT: tuple[Field, ...] = (
     _count("gap", 0, 2 * _MOST, "sample times since the last believed sample"),
     _count("hold", 0, 100, "calls without a sample for which the last torque is held"),
 )
+CALLER: tuple[Field, ...] = (_number("offset", N, "N m", "caller's torque_offset in force"),)
 
 RECORDS: tuple[tuple[str, str, tuple[Field, ...]], ...] = (
     ("arm", "What depends on where the arm is: limit zones, and the joints of closed loops.", ARM),
     ("watch", "What samples leave (sample.c, watch.c).", WATCH),
     ("fault", "Latched fault.", FAULT),
     ("reference", "Reference and springs in force (reference.c, guard.c).", REFERENCE),
+    ("caller", "Torque of the caller.", CALLER),
     ("account", "One purse; the functions account_ alone write it (account.c).", ACCOUNT),
 )
 """Records of the memory in their order: name, summary, fields."""

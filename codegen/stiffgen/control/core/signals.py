@@ -34,7 +34,7 @@ INPUT: tuple[Field, ...] = (
         "shaped",
         SCALAR,
         "",
-        "1: q0 is a point of a motion that has ramps already (NAME_follow, a plan), and is followed with 4 times the "
+        "1: q0 is a point of a motion that has ramps already (a pose follower, a plan), and is followed with 4 times the "
         "acceleration; 0: the reference makes the ramp",
         type="int",
     ),
@@ -98,7 +98,7 @@ _STATUS: tuple[Field, ...] = (
         "calls without a sample for which the torque would be held: missed_limit, or 1 where the tank covers no more",
         type="int",
     ),
-    Field("fault_seen", SCALAR, "", "number that was seen, NAME_impedance_fault_text says of what"),
+    Field("fault_seen", SCALAR, "", "number that was seen; fault_text says of what"),
     Field("fault_limit", SCALAR, "", "what fault_seen may be"),
     Field("fault_time", SCALAR, "s", "time since the fault was latched"),
     Field("refusal_seen", SCALAR, "", "number that was seen"),

@@ -4,7 +4,7 @@
 /* Find the joints of the tree from the motors' positions; NaN where the loops do not close. */
 static void close_loops(const double *q, const memory_t *m, double *joints)
 {
-    CALL(close)(q, m->joints, joints);
+    CALL(close)(q, m->arm.joints, joints);
 }
 
 void stiffgen_poses(const double *q, const memory_t *m, double *pose)
@@ -33,21 +33,20 @@ void stiffgen_jacobians(const double *q, const memory_t *m, double *jacobian)
 }
 
 double stiffgen_spring_energy(const double *q, const memory_t *m, const double *equilibrium,
-    const double *translation_stiffness, const double *rotation_stiffness, const double *limits)
+    const double *translation_stiffness, const double *rotation_stiffness)
 {
     double joints[JOINTS];
     close_loops(q, m, joints);
-    return stiffgen_tree_spring_energy(joints, m, equilibrium, translation_stiffness, rotation_stiffness, limits);
+    return stiffgen_tree_spring_energy(joints, m, equilibrium, translation_stiffness, rotation_stiffness);
 }
 
 double stiffgen_spring(const double *q, const memory_t *m, const double *equilibrium,
-    const double *translation_stiffness, const double *rotation_stiffness, const double *limits, double *wrench,
-    double *torque, double *joint_stiffness)
+    const double *translation_stiffness, const double *rotation_stiffness, double *torque, double *joint_stiffness)
 {
     double joints[JOINTS], gradient[JOINTS], K[JOINTS * JOINTS];
     close_loops(q, m, joints);
     const double energy = stiffgen_tree_spring(joints, m, equilibrium, translation_stiffness, rotation_stiffness,
-        limits, wrench, gradient, K);
+        gradient, K);
     for (int k = 0; k < JOINTS; ++k) {
         gradient[k] = -gradient[k];
     }
@@ -56,6 +55,14 @@ double stiffgen_spring(const double *q, const memory_t *m, const double *equilib
         torque[i] = -torque[i];
     }
     return energy;
+}
+
+void stiffgen_spring_wrench(const double *q, const memory_t *m, const double *equilibrium,
+    const double *translation_stiffness, const double *rotation_stiffness, double *wrench)
+{
+    double joints[JOINTS];
+    close_loops(q, m, joints);
+    stiffgen_tree_spring_wrench(joints, m, equilibrium, translation_stiffness, rotation_stiffness, wrench);
 }
 
 void stiffgen_mass_matrix(const double *q, const memory_t *m, double *mass_matrix)
@@ -75,9 +82,9 @@ void stiffgen_coriolis(const double *q, const memory_t *m, const double *velocit
 }
 
 /* Begin at joints near a closed configuration. */
-void stiffgen_home(memory_t *m)
+void stiffgen_home(arm_t *arm)
 {
-    memcpy(m->joints, loop_start, sizeof loop_start);
+    memcpy(arm->joints, loop_start, sizeof loop_start);
 }
 
 /* Return whether the loops close at the motors' positions q. */
@@ -103,15 +110,15 @@ static void pick_motors(const double *joints, double *q)
 /*
  * Follow the arm to the motors' positions q of a sample. The first sample is reached from the start in FIRST_PARTS
  * parts. The way back must lead to the joints from where it came: close to a singularity Newton's method may take
- * another branch. Return whether it did; otherwise the joints stay.
+ * another branch. Return whether it did; otherwise arm stays.
  */
-int stiffgen_follow(const double *q, memory_t *m)
+int stiffgen_follow(const double *q, const memory_t *m, arm_t *arm)
 {
     double from[N], at[N], before[JOINTS], joints[JOINTS], back[JOINTS];
-    const int parts = m->known ? 1 : FIRST_PARTS;
+    const int parts = m->watch.known ? 1 : FIRST_PARTS;
     int follows = 1;
-    pick_motors(m->joints, from);
-    CALL(close)(from, m->joints, joints);
+    pick_motors(m->arm.joints, from);
+    CALL(close)(from, m->arm.joints, joints);
     for (int part = 1; part <= parts && follows; ++part) {
         memcpy(before, joints, sizeof before);
         for (int i = 0; i < N; ++i) {
@@ -125,7 +132,7 @@ int stiffgen_follow(const double *q, memory_t *m)
         }
     }
     if (follows) {
-        memcpy(m->joints, joints, sizeof joints);
+        memcpy(arm->joints, joints, sizeof joints);
     }
     return follows;
 }
@@ -134,7 +141,7 @@ int stiffgen_follow(const double *q, memory_t *m)
 void stiffgen_retract(const memory_t *m, double *q)
 {
     double from[N];
-    pick_motors(m->joints, from);
+    pick_motors(m->arm.joints, from);
     for (int round = 0; round < RETRACTIONS && !stiffgen_reaches(q, m); ++round) {
         for (int i = 0; i < N; ++i) {
             q[i] = 0.5 * (q[i] + from[i]);

@@ -1,7 +1,7 @@
 /*
  * ---- closed loops: the controller's q are the motors' positions, from which the other joints follow ----
  *
- * The joints are found by Newton's method from those of the last sample (m->joints), on whose branch they stay. Along
+ * The joints are found by Newton's method from those of the last sample (m->arm.joints), on whose branch they stay. Along
  * the arm's motion they are a smooth function of the motors' positions, and so is the energy of the springs.
  */
 #ifndef LOOPS_H
@@ -27,9 +27,10 @@ extern const int loop_motors[N];
 void stiffgen_tree_poses(const double *q, const memory_t *m, double *pose);
 void stiffgen_tree_jacobians(const double *q, const memory_t *m, double *jacobian);
 double stiffgen_tree_spring_energy(const double *q, const memory_t *m, const double *equilibrium,
-    const double *translation_stiffness, const double *rotation_stiffness, const double *limits);
+    const double *translation_stiffness, const double *rotation_stiffness);
 double stiffgen_tree_spring(const double *q, const memory_t *m, const double *equilibrium,
-    const double *translation_stiffness, const double *rotation_stiffness, const double *limits, double *wrench,
-    double *torque, double *joint_stiffness);
+    const double *translation_stiffness, const double *rotation_stiffness, double *torque, double *joint_stiffness);
+void stiffgen_tree_spring_wrench(const double *q, const memory_t *m, const double *equilibrium,
+    const double *translation_stiffness, const double *rotation_stiffness, double *wrench);
 
 #endif

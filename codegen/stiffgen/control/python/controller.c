@@ -48,22 +48,6 @@ static PyObject *initialise(PyObject *module, PyObject *arguments)
     return result;
 }
 
-static PyObject *validate(PyObject *module, PyObject *arguments)
-{
-    Py_buffer config;
-    PyObject *result = NULL;
-    (void)module;
-    if (!PyArg_ParseTuple(arguments, "y*", &config)) {
-        return NULL;
-    }
-    const void *c = structs(&config, sizeof(config_t), 1);
-    if (c != NULL) {
-        result = PyLong_FromLong(CALL(impedance_validate)((const config_t *)c));
-    }
-    PyBuffer_Release(&config);
-    return result;
-}
-
 static PyObject *reset(PyObject *module, PyObject *arguments)
 {
     Py_buffer state;
@@ -80,171 +64,60 @@ static PyObject *reset(PyObject *module, PyObject *arguments)
     return result;
 }
 
-/* Run steps without the GIL, up to the first error: arguments (config, state, inputs, outputs, count). */
+/* Run steps without the GIL, up to the first error: arguments (state, inputs, outputs, count). */
 static PyObject *run(PyObject *module, PyObject *arguments)
 {
-    Py_buffer config, state, inputs, outputs;
+    Py_buffer state, inputs, outputs;
     Py_ssize_t count;
     PyObject *result = NULL;
     (void)module;
-    if (!PyArg_ParseTuple(arguments, "y*w*y*w*n", &config, &state, &inputs, &outputs, &count)) {
+    if (!PyArg_ParseTuple(arguments, "w*y*w*n", &state, &inputs, &outputs, &count)) {
         return NULL;
     }
-    void *c = structs(&config, sizeof(config_t), 1);
-    void *s = c != NULL ? structs(&state, sizeof(state_t), 1) : NULL;
+    void *s = structs(&state, sizeof(state_t), 1);
     void *in = s != NULL ? structs(&inputs, sizeof(input_t), count) : NULL;
     void *out = in != NULL ? structs(&outputs, sizeof(output_t), count) : NULL;
     if (out != NULL) {
         int code = ID(OK);
         Py_BEGIN_ALLOW_THREADS
         for (Py_ssize_t k = 0; k < count && code == ID(OK); ++k) {
-            code = CALL(impedance_step)((const config_t *)c, (state_t *)s,
-                (const input_t *)in + k, (output_t *)out + k);
+            code = CALL(impedance_step)((state_t *)s, (const input_t *)in + k, (output_t *)out + k);
         }
         Py_END_ALLOW_THREADS
         result = PyLong_FromLong(code);
     }
-    PyBuffer_Release(&config);
     PyBuffer_Release(&state);
     PyBuffer_Release(&inputs);
     PyBuffer_Release(&outputs);
     return result;
 }
 
-static PyObject *fault_text(PyObject *module, PyObject *arguments)
+/* Describe the fault or the refusal of an output. */
+static PyObject *describe(PyObject *arguments, int (*write)(const output_t *, char *, size_t))
 {
     Py_buffer output;
     char text[1024] = "";
-    (void)module;
     if (!PyArg_ParseTuple(arguments, "y*", &output)) {
         return NULL;
     }
     const void *out = structs(&output, sizeof(output_t), 1);
     if (out != NULL) {
-        CALL(impedance_fault_text)((const output_t *)out, text, sizeof text);
+        write((const output_t *)out, text, sizeof text);
     }
     PyBuffer_Release(&output);
     return out != NULL ? PyUnicode_DecodeUTF8(text, (Py_ssize_t)strlen(text), "replace") : NULL;
 }
 
-/* Describe a refusal: arguments (refusal, argument, entry, seen, limit). */
+static PyObject *fault_text(PyObject *module, PyObject *arguments)
+{
+    (void)module;
+    return describe(arguments, CALL(impedance_fault_text));
+}
+
 static PyObject *refusal_text(PyObject *module, PyObject *arguments)
 {
-    int refusal, argument, entry;
-    double seen, limit;
-    char text[512] = "";
     (void)module;
-    if (!PyArg_ParseTuple(arguments, "iiidd", &refusal, &argument, &entry, &seen, &limit)) {
-        return NULL;
-    }
-    CALL(impedance_refusal_text)(refusal, argument, entry, seen, limit, text, sizeof text);
-    return PyUnicode_DecodeUTF8(text, (Py_ssize_t)strlen(text), "replace");
-}
-
-/* Split a torque: arguments (numbers, results), one after the other in the order of the C function. */
-static PyObject *joint_gains(PyObject *module, PyObject *arguments)
-{
-    enum { N = MOTORS };
-    Py_buffer numbers, results;
-    PyObject *result = NULL;
-    (void)module;
-    if (!PyArg_ParseTuple(arguments, "y*w*", &numbers, &results)) {
-        return NULL;
-    }
-    const double *x = structs(&numbers, (7 * N + 2 * N * N) * sizeof(double), 1);
-    double *y = x != NULL ? structs(&results, 3 * N * sizeof(double), 1) : NULL;
-    if (y != NULL) {
-        const double *const limits = x + 5 * N + 2 * N * N;
-        result = PyLong_FromLong(CALL(impedance_joint_gains)(x, x + N, x + 2 * N, x + 3 * N, x + 4 * N, x + 5 * N,
-            x + 5 * N + N * N, limits, limits + N, y, y + N, y + 2 * N));
-    }
-    PyBuffer_Release(&numbers);
-    PyBuffer_Release(&results);
-    return result;
-}
-
-/* Bound the work of motors whose host is late: arguments (numbers, hold), in the order of the C function. */
-static PyObject *late_work(PyObject *module, PyObject *arguments)
-{
-    enum { N = MOTORS };
-    Py_buffer numbers;
-    double hold;
-    PyObject *result = NULL;
-    (void)module;
-    if (!PyArg_ParseTuple(arguments, "y*d", &numbers, &hold)) {
-        return NULL;
-    }
-    const double *x = structs(&numbers, 7 * N * sizeof(double), 1);
-    if (x != NULL) {
-        result = PyFloat_FromDouble(CALL(impedance_late_work)(x, x + N, x + 2 * N, x + 3 * N, x + 4 * N, x + 5 * N,
-            x + 6 * N, hold));
-    }
-    PyBuffer_Release(&numbers);
-    return result;
-}
-
-/* Start a policy port: arguments (policy, poses, now). */
-static PyObject *policy_start(PyObject *module, PyObject *arguments)
-{
-    Py_buffer policy, poses;
-    double now;
-    PyObject *result = NULL;
-    (void)module;
-    if (!PyArg_ParseTuple(arguments, "w*y*d", &policy, &poses, &now)) {
-        return NULL;
-    }
-    void *p = structs(&policy, sizeof(policy_t), 1);
-    const void *x = p != NULL ? structs(&poses, sizeof(((const policy_t *)p)->equilibrium), 1) : NULL;
-    if (x != NULL) {
-        result = PyLong_FromLong(CALL(impedance_policy_start)((policy_t *)p, (const double *)x, now));
-    }
-    PyBuffer_Release(&policy);
-    PyBuffer_Release(&poses);
-    return result;
-}
-
-/* Hand a proposal to a policy port: arguments (config, policy, proposal, now). */
-static PyObject *policy_propose(PyObject *module, PyObject *arguments)
-{
-    Py_buffer config, policy, proposal;
-    double now;
-    PyObject *result = NULL;
-    (void)module;
-    if (!PyArg_ParseTuple(arguments, "y*w*y*d", &config, &policy, &proposal, &now)) {
-        return NULL;
-    }
-    void *c = structs(&config, sizeof(config_t), 1);
-    void *p = c != NULL ? structs(&policy, sizeof(policy_t), 1) : NULL;
-    void *x = p != NULL ? structs(&proposal, sizeof(proposal_t), 1) : NULL;
-    if (x != NULL) {
-        result = PyLong_FromLong(CALL(impedance_policy_propose)((const config_t *)c,
-            (policy_t *)p, (const proposal_t *)x, now));
-    }
-    PyBuffer_Release(&config);
-    PyBuffer_Release(&policy);
-    PyBuffer_Release(&proposal);
-    return result;
-}
-
-/* Write a policy port's command: arguments (policy, now, input). */
-static PyObject *policy_command(PyObject *module, PyObject *arguments)
-{
-    Py_buffer policy, input;
-    double now;
-    PyObject *result = NULL;
-    (void)module;
-    if (!PyArg_ParseTuple(arguments, "w*dw*", &policy, &now, &input)) {
-        return NULL;
-    }
-    void *p = structs(&policy, sizeof(policy_t), 1);
-    void *in = p != NULL ? structs(&input, sizeof(input_t), 1) : NULL;
-    if (in != NULL) {
-        result = PyLong_FromLong(
-            CALL(impedance_policy_command)((policy_t *)p, now, (input_t *)in));
-    }
-    PyBuffer_Release(&policy);
-    PyBuffer_Release(&input);
-    return result;
+    return describe(arguments, CALL(impedance_refusal_text));
 }
 
 static PyObject *error_text(PyObject *module, PyObject *arguments)
@@ -257,16 +130,10 @@ static PyObject *error_text(PyObject *module, PyObject *arguments)
 static PyMethodDef controller_methods[] = {
     {"default_config", default_config, METH_VARARGS, NULL},
     {"initialise", initialise, METH_VARARGS, NULL},
-    {"validate", validate, METH_VARARGS, NULL},
     {"reset", reset, METH_VARARGS, NULL},
     {"run", run, METH_VARARGS, NULL},
-    {"joint_gains", joint_gains, METH_VARARGS, NULL},
-    {"late_work", late_work, METH_VARARGS, NULL},
     {"fault_text", fault_text, METH_VARARGS, NULL},
     {"refusal_text", refusal_text, METH_VARARGS, NULL},
-    {"policy_start", policy_start, METH_VARARGS, NULL},
-    {"policy_propose", policy_propose, METH_VARARGS, NULL},
-    {"policy_command", policy_command, METH_VARARGS, NULL},
     {"error_text", error_text, METH_VARARGS, NULL},
     {NULL, NULL, 0, NULL},
 };

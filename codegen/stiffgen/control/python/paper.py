@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from inspect import Parameter, signature
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _c
-from ._structs import check_inputs, layout, tell_tool
+from ._structs import layout
 
 _CONFIG, _STATE, _INPUT, _OUTPUT = map(layout, ("paper_config", "paper_state", "paper_input", "paper_output"))
 _INPUTS, _OUTPUTS = _INPUT.names or (), _OUTPUT.names or ()
@@ -103,7 +105,7 @@ class PaperLaw:
             for name, value in locals().items()
             if name != "self" and (name != "tool_pose" or value is not None)
         }
-        check_inputs(self.step, given, _INPUTS, _INPUTS)
+        _check_inputs(self.step, given)
         sample, output = np.zeros(1, _INPUT), np.zeros(1, _OUTPUT)
         for name, value in given.items():
             sample[name] = _of_shape(name, value, _INPUT[name].shape, one=False)
@@ -115,7 +117,27 @@ class PaperLaw:
         return PaperOutput(**{**values, **cut})
 
 
-tell_tool(PaperLaw.step, _INPUTS)
+def _tell_tool(step: Any) -> None:
+    """Set a step's signature: ``tool_pose`` is required where it is among the inputs, and unknown elsewhere."""
+    told = signature(step)
+    parameters = dict(told.parameters)
+    if "tool_pose" in _INPUTS:
+        parameters["tool_pose"] = parameters["tool_pose"].replace(default=Parameter.empty, annotation="ArrayLike")
+    else:
+        del parameters["tool_pose"]
+    step.__signature__ = told.replace(parameters=list(parameters.values()))
+
+
+def _check_inputs(step: Any, values: Mapping[str, Any]) -> None:
+    """Raise TypeError where a step has a ``tool_pose`` that is none of its inputs, or lacks what it needs."""
+    if "tool_pose" in values and "tool_pose" not in _INPUTS:
+        raise TypeError(f"{step.__qualname__}() got an unexpected keyword argument 'tool_pose'")
+    missing = [name for name in _INPUTS if name not in values]
+    if missing:
+        raise TypeError(f"a step needs {', '.join(missing)}")
+
+
+_tell_tool(PaperLaw.step)
 
 
 def _of_shape(name: str, value: ArrayLike, shape: tuple[int, ...], *, one: bool = True) -> NDArray[np.float64]:

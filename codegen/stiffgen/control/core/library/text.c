@@ -1,7 +1,7 @@
 /* Texts: a fault or a refusal in words and numbers. */
 #include "impedance.h"
 
-enum { POWERS = 330 }; /* of ten, down to the smallest number */
+enum { POWERS = 330, MILLION = 1000000 }; /* of ten, down to the smallest number */
 static const double SAME_DIGITS = 1e-6; /* relative difference of two numbers whose digits may be the same */
 
 /* Append characters to a text of the given size, as far as they fit with the final zero. */
@@ -49,7 +49,7 @@ static void append_number(char *text, size_t size, size_t *length, double number
     append_millionths(text, size, length, (int64_t)(shown * 1e6 + 0.5));
     if (power > 0) {
         append(text, size, length, "e-");
-        append_millionths(text, size, length, (int64_t)power * 1000000);
+        append_millionths(text, size, length, (int64_t)power * MILLION);
     }
 }
 
@@ -77,30 +77,31 @@ void describe_fault(const output_t *out, char *text, size_t size)
 }
 
 /* Write a refusal into a text: argument and entry, meaning, what was seen, and its limit. */
-void describe_refusal(int refusal, int argument, int entry, double seen, double limit, char *text, size_t size)
+void describe_refusal(const output_t *out, char *text, size_t size)
 {
+    const int entry = out->refusal_entry, command = out->refusal_command;
     size_t length = 0;
     if (size == 0u) {
         return;
     }
     text[0] = '\0';
-    append(text, size, &length, name_of_argument(argument));
-    if (argument == ID(ARGUMENT_Q0) && entry >= 0 && entry < N) {
+    append(text, size, &length, name_of_command(command));
+    if (command == ID(COMMAND_Q0) && entry >= 0 && entry < N) {
         append(text, size, &length, " of ");
         append(text, size, &length, stiffgen_joint(entry));
     } else if (entry >= 0) {
         append(text, size, &length, ", entry ");
         append_number(text, size, &length, entry);
     }
-    append(text, size, &length, argument != ID(ARGUMENT_NONE) ? ": " : "");
-    append(text, size, &length, meaning_of_refusal(refusal));
-    if (entry >= 0 && refusal != ID(REFUSAL_NOT_FINITE)) {
+    append(text, size, &length, command != ID(COMMAND_NONE) ? ": " : "");
+    append(text, size, &length, meaning_of_refusal(out->refusal));
+    if (entry >= 0 && out->refusal != ID(REFUSAL_NOT_FINITE)) {
+        const double apart = fabs(out->refusal_seen - out->refusal_limit);
         append(text, size, &length, "; seen ");
-        append_number(text, size, &length, seen);
+        append_number(text, size, &length, out->refusal_seen);
         append(text, size, &length, ", limit ");
-        append_number(text, size, &length, limit);
-        const double apart = fabs(seen - limit);
-        if (apart > 0.0 && apart < SAME_DIGITS * fabs(limit)) {
+        append_number(text, size, &length, out->refusal_limit);
+        if (apart > 0.0 && apart < SAME_DIGITS * fabs(out->refusal_limit)) {
             append(text, size, &length, ", apart by ");
             append_number(text, size, &length, apart);
         }

@@ -1,0 +1,80 @@
+/* Feed-forward: a wrench that the tips are to exert, the acceleration of a plan, Coriolis forces. The tank pays. */
+#include "impedance.h"
+
+static const double COVERING = 0.35; /* of the available energy for feed-forward: springs and damping have the remainder */
+
+/* Return the share of the feed-forward that the tank pays: all from 3/4 of its initial energy on, none below 1/2. */
+static double fade_with_tank(const memory_t *m)
+{
+    return clamp(4.0 * m->account.tank / m->config.tank_initial - 2.0, 0.0, 1.0);
+}
+
+/*
+ * Return the share of the wrenches that the speed of the tips allows: where contact is lost, a tip must not run away.
+ * All up to half of tip_velocity_limit along the wrench, none from the limit on.
+ */
+static double fade_with_speed(const memory_t *m, const double *wrench, const double *J)
+{
+    double most = 0.0;
+    for (int k = 0; k < 2 * TIPS; ++k) { /* force and moment of a tip in turn */
+        const double *const part = wrench + 3 * k, size = norm(3, part);
+        double power = 0.0;
+        for (int i = 0; i < 3; ++i) {
+            power += part[i] * dot(N, J + (3 * k + i) * N, m->watch.dq);
+        }
+        most = size > 0.0 ? larger(most, power / (size * m->config.tip_velocity_limit[k % 2])) : most;
+    }
+    return clamp(2.0 - 2.0 * most, 0.0, 1.0);
+}
+
+/* Add the torque J^T F of the commanded wrenches F, by a share that rises from 0 when they begin. */
+static void press_tips(const memory_t *m, const command_t *k, double paid, law_t *w)
+{
+    double J[6 * N * TIPS];
+    stiffgen_jacobians(m->watch.q, m, J);
+    const double share = paid * fade_with_speed(m, k->wrench, J);
+    w->press = smaller(share, m->reference.press + m->config.sample_time / SCALE_TIME);
+    w->status |= share < 1.0 ? (uint32_t)ID(STATUS_FEEDFORWARD_LIMITED) : 0u;
+    for (int row = 0; row < 6 * TIPS; ++row) {
+        add_scaled(N, w->press * k->wrench[row], J + row * N, w->feedforward);
+    }
+}
+
+/* Add the torque M ddr of a plan's acceleration while the reference moves: one that died is not followed. */
+static void carry(const memory_t *m, const command_t *k, double paid, const double *L, law_t *w)
+{
+    double half[N], torque[N];
+    const int moves = relative_speed(&m->config, m->reference.dr) > 0.0;
+    w->status |= !moves || paid < 1.0 ? (uint32_t)ID(STATUS_FEEDFORWARD_LIMITED) : 0u;
+    multiply_upper(L, k->acceleration, half);
+    multiply_lower(L, half, torque);
+    add_scaled(N, moves ? paid : 0.0, torque, w->feedforward);
+}
+
+/* Compute the feed-forward torque of springs that are in force without a fault. L: factor of M, or NULL. */
+void feed_forward(const memory_t *m, const command_t *k, const double *L, law_t *w)
+{
+    memset(w->feedforward, 0, sizeof w->feedforward);
+    w->press = 0.0;
+    if (!m->reference.engaged || m->fault.reason != ID(REASON_NONE)) {
+        return;
+    }
+    const double paid = fade_with_tank(m);
+    if (k->pressing) {
+        press_tips(m, k, paid, w);
+    }
+    if (k->planned && L != NULL) {
+        carry(m, k, paid, L, w);
+    }
+    if (m->config.coriolis == ID(CORIOLIS_ON)) {
+        double forces[N];
+        stiffgen_coriolis(m->watch.q, m, m->watch.dq, forces);
+        add_scaled(N, paid, forces, w->feedforward);
+    }
+    const double share = covered_share(m, w->feedforward, COVERING * available(&m->account));
+    for (int i = 0; i < N && share < 1.0; ++i) {
+        w->feedforward[i] *= share;
+    }
+    w->press *= share;
+    w->status |= share < 1.0 ? (uint32_t)ID(STATUS_FEEDFORWARD_LIMITED) : 0u;
+}

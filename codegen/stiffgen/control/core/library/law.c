@@ -1,0 +1,117 @@
+/* The law: torque of springs, zones and damping at the believed sample. */
+#include "impedance.h"
+
+static const double JOINT_DAMPING = 0.1; /* [N m s/rad] of every joint, whatever the springs do */
+
+/* Damping that is designed: eigenvalues of M^-1 B, the share of the joints alone, and (M^-1)_ii. */
+typedef struct {
+    double joint, most, largest, softness[N];
+} design_t;
+
+/* Compute (M^-1)_ii = |L^-1 e_i|^2, and from their sum what the joints' own damping leaves to the modes. */
+static void design_joints(const config_t *c, const double *inverse, design_t *d)
+{
+    double trace = 0.0;
+    for (int i = 0; i < N; ++i) {
+        d->softness[i] = 0.0;
+        for (int k = i; k < N; ++k) {
+            d->softness[i] += inverse[k * N + i] * inverse[k * N + i];
+        }
+        trace += d->softness[i];
+    }
+    d->joint = smaller(JOINT_DAMPING, 0.5 * most_damping(c) / trace);
+    d->most = most_damping(c) - d->joint * trace;
+    d->largest = 0.0;
+}
+
+/* Return the damping of a mode with eigenvalue l: of the ratio damping_ratio, with a torque that is late. */
+static double mode_damping(const config_t *c, double l)
+{
+    const double late = (c->delay_samples + 0.5) * c->sample_time, zeta = c->damping_ratio;
+    const double p = l * late * (2.0 * zeta * zeta - 1.0), square = p * p + 4.0 * zeta * zeta * l - l * l * late * late;
+    return larger(sqrt(larger(square, 0.0)) - p, l * late);
+}
+
+/* Damp y, parts of a velocity in the modes: an unstable mode as if it were stable. */
+static void damp_modes(const config_t *c, const modes_t *modes, double cap, design_t *d, double *y)
+{
+    for (int k = 0; k < N; ++k) {
+        const double b = clamp(mode_damping(c, fabs(modes->d[k]) * cap), 0.0, d->most);
+        y[k] *= b;
+        d->largest = larger(d->largest, b);
+    }
+}
+
+/* Return the scale at which the stiffest mode is one that sample time and delay allow. */
+static double find_cap(const config_t *c, const modes_t *modes)
+{
+    double stiffest = 0.0;
+    for (int i = 0; i < N; ++i) {
+        stiffest = larger(stiffest, modes->d[i]);
+    }
+    return smaller(most_eigenvalue(c) / larger(stiffest, DBL_MIN), 1.0);
+}
+
+/*
+ * Damp the modes of Kq v = l M v: B = L f(C) L^T + d I with M = L L^T, C = L^-1 Kq L^-T; a joint that is faster than
+ * SPEED of its limit is braked by what is left. K: Kq, overwritten; slip: velocity of the reference less the arm's.
+ */
+static void damp(const memory_t *m, const double *L, double *K, const double *slip, law_t *w)
+{
+    const config_t *const c = &m->config;
+    double inverse[NN], C[NN], y[N];
+    modes_t modes;
+    design_t d;
+    invert_lower(L, inverse);
+    design_joints(c, inverse, &d);
+    form_pencil(inverse, K, C);
+    find_modes(C, &modes);
+    w->cap = find_cap(c, &modes);
+    w->status |= w->cap < 1.0 ? (uint32_t)ID(STATUS_STIFFNESS_CAPPED) : 0u;
+    multiply_upper(L, slip, y);
+    to_modes(&modes, C, y);
+    damp_modes(c, &modes, w->cap, &d, y);
+    from_modes(&modes, C, y);
+    multiply_lower(L, y, w->damper);
+    for (int i = 0; i < N; ++i) {
+        const double dq = m->watch.dq[i], limit = SPEED * c->velocity_limit[i], excess = dq - clamp(dq, -limit, limit);
+        w->damper[i] += d.joint * slip[i] - (d.most - d.largest) / d.softness[i] * excess / N;
+    }
+}
+
+/* Compute the springs' torque with the posture spring's, their energy and tangent, the zones' torque, and the slip. */
+static void pull(const memory_t *m, double *K, double *slip, law_t *w)
+{
+    const reference_t *const f = &m->reference;
+    double slope[N];
+    w->energy = stiffgen_spring(m->watch.q, m, f->equilibrium, f->translation_stiffness, f->rotation_stiffness, w->pull, K);
+    (void)zone_energy(m, m->watch.q, w->zone, slope);
+    for (int i = 0; i < N; ++i) {
+        const double away = f->r[i] - m->watch.q[i], k = f->posture_stiffness[i];
+        w->pull[i] += k * away;
+        w->energy += 0.5 * k * away * away;
+        K[i * (N + 1)] += k + slope[i];
+        slip[i] = f->dr[i] - m->watch.dq[i];
+        w->status |= slope[i] > 0.0 ? (uint32_t)ID(STATUS_JOINT_LIMIT) : 0u;
+    }
+}
+
+/* Compute the wanted torques. Without a positive mass matrix every joint is damped alike. */
+void find_law(const memory_t *m, const command_t *k, law_t *w)
+{
+    double M[NN], K[NN], slip[N];
+    w->status = 0u;
+    w->cap = 1.0;
+    pull(m, K, slip, w);
+    mass_with_motors(m, m->watch.q, M);
+    const int positive = factorise(M);
+    if (positive) {
+        damp(m, M, K, slip, w);
+    } else {
+        w->status |= (uint32_t)ID(STATUS_MASS_MATRIX);
+        for (int i = 0; i < N; ++i) {
+            w->damper[i] = JOINT_DAMPING * slip[i];
+        }
+    }
+    feed_forward(m, k, positive ? M : NULL, w);
+}

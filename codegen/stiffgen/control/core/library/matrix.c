@@ -1,0 +1,139 @@
+/* Numbers, vectors, and matrices of N rows, row-major. */
+#include "impedance.h"
+
+double larger(double x, double y) { return x > y ? x : y; }
+
+double smaller(double x, double y) { return x < y ? x : y; }
+
+double clamp(double x, double least, double most)
+{
+    const double low = x < least ? least : x;
+    return low > most ? most : low;
+}
+
+/* Count up to LONGEST. */
+int count_up(int x, int by) { return x + by < LONGEST ? x + by : LONGEST; }
+
+double dot(int count, const double *a, const double *b)
+{
+    double sum = 0.0;
+    for (int i = 0; i < count; ++i) {
+        sum += a[i] * b[i];
+    }
+    return sum;
+}
+
+double norm(int count, const double *x) { return sqrt(dot(count, x, x)); }
+
+/* Compute y += a x. */
+void add_scaled(int count, double a, const double *x, double *y)
+{
+    for (int i = 0; i < count; ++i) {
+        y[i] += a * x[i];
+    }
+}
+
+/* Factorise A = L L^T in place: the lower triangle becomes L. Return 0 where A is not positive definite. */
+int factorise(double *A)
+{
+    static const double least_pivot = 1e-12; /* over the diagonal: what rounding leaves of a singular matrix */
+    for (int i = 0; i < N; ++i) {
+        double *const row = A + i * N;
+        for (int j = 0; j < i; ++j) {
+            row[j] = (row[j] - dot(j, row, A + j * N)) / A[j * (N + 1)];
+        }
+        const double pivot = row[i] - dot(i, row, row);
+        if (!(pivot > least_pivot * fabs(row[i]))) {
+            return 0;
+        }
+        row[i] = sqrt(pivot);
+    }
+    return 1;
+}
+
+/* Solve L x = b in place. */
+void solve_forward(const double *L, double *x)
+{
+    for (int i = 0; i < N; ++i) {
+        x[i] = (x[i] - dot(i, L + i * N, x)) / L[i * (N + 1)];
+    }
+}
+
+/* Solve L^T x = b in place. */
+void solve_backward(const double *L, double *x)
+{
+    for (int i = N - 1; i >= 0; --i) {
+        for (int k = i + 1; k < N; ++k) {
+            x[i] -= L[k * N + i] * x[k];
+        }
+        x[i] /= L[i * (N + 1)];
+    }
+}
+
+/* Invert L; the upper triangle of the result is 0. */
+void invert_lower(const double *L, double *inverse)
+{
+    memset(inverse, 0, NN * sizeof *inverse);
+    for (int j = 0; j < N; ++j) {
+        inverse[j * (N + 1)] = 1.0 / L[j * (N + 1)];
+        for (int i = j + 1; i < N; ++i) {
+            double sum = 0.0;
+            for (int k = j; k < i; ++k) {
+                sum += L[i * N + k] * inverse[k * N + j];
+            }
+            inverse[i * N + j] = -sum / L[i * (N + 1)];
+        }
+    }
+}
+
+/* Compute C = L^-1 K L^-T of a symmetric K; K becomes L^-1 K. inverse: L^-1. */
+void form_pencil(const double *inverse, double *K, double *C)
+{
+    for (int j = 0; j < N; ++j) {
+        for (int i = N - 1; i >= 0; --i) { /* row i needs the rows above alone */
+            double sum = 0.0;
+            for (int k = 0; k <= i; ++k) {
+                sum += inverse[i * N + k] * K[k * N + j];
+            }
+            K[i * N + j] = sum;
+        }
+    }
+    for (int i = 0; i < N; ++i) {
+        for (int j = 0; j <= i; ++j) {
+            C[i * N + j] = C[j * N + i] = dot(j + 1, inverse + j * N, K + i * N);
+        }
+    }
+}
+
+/* Compute L x. */
+void multiply_lower(const double *L, const double *x, double *result)
+{
+    for (int i = 0; i < N; ++i) {
+        result[i] = dot(i + 1, L + i * N, x);
+    }
+}
+
+/* Compute L^T x. */
+void multiply_upper(const double *L, const double *x, double *result)
+{
+    for (int i = 0; i < N; ++i) {
+        result[i] = 0.0;
+        for (int k = i; k < N; ++k) {
+            result[i] += L[k * N + i] * x[k];
+        }
+    }
+}
+
+/* Return the smallest eigenvalue of a symmetric 3 x 3 matrix, by the roots of its characteristic polynomial. */
+double smallest_eigenvalue(const double *K)
+{
+    const double mean = (K[0] + K[4] + K[8]) / 3.0, a = K[0] - mean, d = K[4] - mean, f = K[8] - mean;
+    const double b = K[1], c = K[2], e = K[5];
+    const double p = sqrt((a * a + d * d + f * f + 2.0 * (b * b + c * c + e * e)) / 6.0);
+    if (!(p > ROUNDED * fabs(mean))) {
+        return mean - 2.0 * p;
+    }
+    const double det = a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d);
+    const double angle = acos(clamp(0.5 * det / (p * p * p), -1.0, 1.0)) / 3.0;
+    return mean + 2.0 * p * cos(angle + TURN / 3.0);
+}
