@@ -156,16 +156,16 @@ def plans(random: Random, loop: Loop) -> Schedule:
             "wanted": loop.home + (0.0 if k % 2 == 0 else 1e-3 * half) * rate,
             "wanted_rate": sign * rate,
         }
-        plan, led = draw_plan(random, sign * rate), random.uniform(-0.9, 0.9, loop.n) * loop.velocity
+        plan, led = draw_plan(random, loop.n), random.uniform(-0.9, 0.9, loop.n) * loop.velocity
         if kind == 2:  # an acceleration that stays below what is refused, and an arm that goes along
-            plan = {"velocity": sign * rate, "acceleration": sign * steady}
+            plan = {"shaped": 1, "acceleration": sign * steady}
             led = 0.4 * sign * np.sign(steady) * loop.velocity
         made.parts.append(one | plan | ({"driven": 1, "driven_by": 1e4, "driven_to": led} if kind else {}))
     return ordered(made)
 
 
 def limits(random: Random, loop: Loop) -> Schedule:
-    """Draw an arm that is led to and fro as fast as the limits in force allow, while they are raised and lowered."""
+    """Draw an arm that is led to and fro as fast as the limits allow, while the controller begins anew with others."""
     made = (pumping, shaking, gaps, presses, zones)[random.integers(5)](random, loop)
     made.episode |= timing(random)
     turns = list(made.parts)
@@ -175,23 +175,22 @@ def limits(random: Random, loop: Loop) -> Schedule:
         while at + 1 < len(turns) and turns[at + 1]["start"] <= start:
             at += 1
         config = int(random.integers(0, 1 + len(made.changes)))
-        made.parts.append({**turns[at], "start": start, "reset": 0, "config": config})
+        made.parts.append({**turns[at], "start": start, "reset": 0, "restart": 2, "config": config})
     return ordered(made)
 
 
 def _limits(random: Random, loop: Loop) -> dict[str, Any]:
-    """Return limits of velocity, calls and effort, raised or lowered."""
+    """Return limits of velocity and calls, raised or lowered."""
     every = {
         "velocity_limit": loop.velocity * 10 ** random.uniform(-0.5, 1.2, loop.n if random.random() < 0.3 else 1),
         "call_gap_limit": int(random.integers(1, 13)),
         "missed_limit": int(random.integers(1, 30)),
-        "effort_limit": loop.effort * 10 ** random.uniform(-1, 0),
     }
     return {name: every[name] for name in random.choice(list(every), random.integers(1, 4))}
 
 
 def carried(random: Random, loop: Loop) -> Schedule:
-    """Draw an arm that is held away from where it is wanted; limits are raised, and it is carried along its torque."""
+    """Draw an arm that is held away from where it is wanted; it begins anew with other limits, and is carried along its torque."""
     made, period = _base(random, loop), int(random.integers(300, 900))
     made.parts[0] |= springs(random, loop, 30, 3)
     slow = 10 * loop.effort * 10 ** random.uniform(-1.5, 0)
@@ -208,7 +207,7 @@ def carried(random: Random, loop: Loop) -> Schedule:
         along |= {"config": int(random.integers(0, 1 + len(made.changes))), "skip": int(random.choice([0, 11]))}
         made.parts += [
             _drive(random, loop, start, held, missed=0, skip=0, config=0, reset=1),
-            {"start": raised, "reset": 0} | along,
+            {"start": raised, "reset": 0, "restart": 2} | along,
             {"start": raised + int(random.integers(1, 4)), "missed": int(random.integers(2))} | along,
             {"start": raised + int(random.integers(5, 40)), "missed": 0} | along,
         ]
@@ -243,8 +242,8 @@ def turns(random: Random, loop: Loop) -> Schedule:
     joint = int(random.choice(np.flatnonzero(~np.isfinite(loop.upper))))
     speed = loop.velocity * random.uniform(7, 40) / loop.velocity[joint]
     gap = round(1e3 * random.uniform(1.3, 1.97) * np.pi / speed[joint])
-    made.config |= {"missed_limit": gap + 10, "loss_limit": 100000, "velocity_limit": speed, "call_gap_limit": 1}
-    made.config |= {"tank_initial": float(10 ** random.uniform(-1, 0.6)), "continuous_joints": 1}
+    made.config |= {"missed_limit": 100, "velocity_limit": speed, "call_gap_limit": 1}
+    made.config |= {"tank_initial": float(10 ** random.uniform(-1, 0.6))}
     made.episode |= {"wrapped": sum(2**i for i in range(loop.n) if not np.isfinite(loop.upper[i])), "early": 0.0}
     held = loop.home + random.uniform(-0.3, 0.3, loop.n)
     along = loop.velocity * 0.9999 * np.eye(loop.n)[joint]

@@ -16,11 +16,8 @@ from support.plant.loop import Loop
 from support.plant.statics import random_stiffness
 
 SAMPLES = 2000
-SCALED = (
-    "damping_ratio", "joint_damping", "posture_stiffness", "stiffness_time", "ramp_time", "energy_limit",
-    "engagement_limit", "limit_zone", "limit_stiffness", "velocity_filter_time", "kp_limit", "kd_limit",
-)  # fmt: skip
-"""Further fields of a configuration that changes while the controller runs."""
+SCALED = ("damping_ratio", "ramp_time", "heaviest_wrench")
+"""Further fields of a configuration with which the controller begins anew."""
 
 Random = np.random.Generator
 
@@ -106,11 +103,10 @@ def part(random: Random, loop: Loop, moving: bool) -> dict[str, Any]:
         made["torque_offset"] = _offset(random, loop)
     if moving and random.random() < 0.5:
         made["wanted"] = loop.home + random.uniform(-0.8, 0.8, loop.n)
-        made["pose"] = int(random.random() < 0.5)
-        made["posture"] = loop.home + random.uniform(-0.8, 0.8, loop.n)
+        made["joint"] = float(10 ** random.uniform(-1, 2))
         made["wanted_rate"] = random.normal(size=loop.n) * 10 ** random.uniform(-3, 0.5) * (random.random() < 0.4)
         if random.random() < 0.6:
-            made |= draw_plan(random, made["wanted_rate"])
+            made |= draw_plan(random, loop.n)
         made["jitter"] = 10 ** random.uniform(-13, -1) * (random.random() < 0.4)
     return made
 
@@ -127,14 +123,10 @@ def draw_wrench(random: Random) -> np.ndarray:
     return np.concatenate(parts) * (random.random() < 0.8) * (1 - 1e-9)
 
 
-def draw_plan(random: Random, rate: np.ndarray) -> dict[str, Any]:
-    """Return velocity and acceleration of a plan that moves at a rate; half of them lie."""
-    velocity = rate if random.random() < 0.5 else random.normal(size=rate.shape) * 10 ** random.uniform(-3, 0.3)
-    return {
-        "velocity": np.clip(velocity, -1.4, 1.4),
-        "acceleration": np.clip(random.normal(size=rate.shape) * 10 ** random.uniform(-2, 1.5), -30, 30)
-        * random.integers(0, 2),
-    }
+def draw_plan(random: Random, joints: int) -> dict[str, Any]:
+    """Return what a plan says of q0: that it has ramps already, and its acceleration; half of them lie."""
+    acceleration = np.clip(random.normal(size=joints) * 10 ** random.uniform(-2, 1.5), -30, 30)
+    return {"shaped": int(random.random() < 0.7), "acceleration": acceleration * random.integers(0, 2)}
 
 
 def at_limits(random: Random, loop: Loop) -> np.ndarray:
@@ -146,35 +138,26 @@ def at_limits(random: Random, loop: Loop) -> np.ndarray:
 
 
 def schedule(random: Random, loop: Loop, moving: bool = False, sensors: bool = False) -> Schedule:
-    """Draw a schedule with a small tank and engagement limit, so that little is hidden below the bound.
+    """Draw a schedule with a small tank, so that little is hidden below the bound.
 
     sensors: whether measured positions may be wrong, for which there is no bound.
     """
     delay = int(random.integers(0, 6))
     motor = np.exp(random.uniform(np.log(0.02), np.log(0.3), loop.n))
-    energy = {
-        "tank_initial": float(10 ** random.uniform(-1, 0.6)),
-        "energy_limit": float(10 ** random.uniform(-1, 1)),
-        "engagement_limit": float(10 ** random.uniform(-1, 1)),
-    }
     made = Schedule(
         {
-            **energy,
+            "tank_initial": float(10 ** random.uniform(-1, 0.6)),
+            "heaviest_wrench": np.array([100.0, 20.0]) * 10 ** random.uniform(-1, 0.5),
             "delay_samples": delay,
             "motor_inertia": motor,
             "coriolis": int(random.integers(1, 3)),
             "damping_ratio": float(random.uniform(0, 1.5)),
-            "joint_damping": float(10 ** random.uniform(-2, 0)),
-            "posture_stiffness": float(10 ** random.uniform(-1, 2)),
-            "stiffness_time": float(10 ** random.uniform(-3, -1)),
             "ramp_time": float(10 ** random.uniform(-3, -0.5)),
-            "position_quantum": 1e-4 if sensors else 0.0,
+            "position_quantum": 1e-4 if sensors else float(random.choice([0.0, 2e-6, 2e-6])),
             "missed_limit": int(random.integers(1, 7)),
             "call_gap_limit": int(random.integers(1, 7)),
             "communication_reaction": int(random.integers(1, 4)),
             "torque_rate_limit": 10 * loop.effort * 10 ** random.uniform(-1.5, 1.5),
-            "limit_zone": min(float(10 ** random.uniform(-2, -0.1)), 0.49 * float(np.min(loop.upper - loop.lower))),
-            "limit_stiffness": loop.effort * 10 ** random.uniform(-1.5, 1),
         },
         {
             "delay": delay,
@@ -183,7 +166,7 @@ def schedule(random: Random, loop: Loop, moving: bool = False, sensors: bool = F
             "q": _first_posture(random, loop),
             "v": np.zeros(loop.n),
         },
-        [{"wanted": loop.home} | springs(random, loop, 1, 0.1) | _command(random, loop)],
+        [{"wanted": loop.home, "joint": float(10 ** random.uniform(-1, 2))} | springs(random, loop, 1, 0.1)],
     )
     made.episode |= timing(random)
     if not np.isfinite(loop.upper).all():
@@ -193,20 +176,8 @@ def schedule(random: Random, loop: Loop, moving: bool = False, sensors: bool = F
         if sensors or not lies(chosen):
             made.parts.append(chosen)
     if random.random() < 0.3:
-        made.config["velocity_filter_time"] = float(10 ** random.uniform(-3.5, -1.5))
-    if random.random() < 0.4:
-        made.config |= _gains(random)
-        made.episode["delay"] = 0
-    if random.random() < 0.3:
         change_configuration(random, loop, made)
     return ordered(made)
-
-
-def _command(random: Random, loop: Loop) -> dict[str, Any]:
-    """Return the kind of a constant command: a position, or a pose with a posture that may be far from it."""
-    if random.random() < 0.6:
-        return {}
-    return {"pose": 1, "posture": loop.home + random.uniform(-0.8, 0.8, loop.n) * random.integers(0, 2)}
 
 
 def timing(random: Random) -> dict[str, Any]:
@@ -218,34 +189,27 @@ def _count_turns(random: Random, loop: Loop, made: Schedule) -> None:
     """Let encoders of joints without limits wrap or count; gaps may be so long that half a turn passes unseen."""
     if random.random() < 0.7:
         made.episode["wrapped"] = sum(2**i for i in range(loop.n) if not np.isfinite(loop.upper[i]))
-    else:
-        made.config["continuous_joints"] = int(random.integers(1, 3))
     if random.random() < 0.5:
-        made.config |= {"missed_limit": int(10 ** random.uniform(0, 2.7)), "loss_limit": 1000}
+        made.config |= {"missed_limit": int(10 ** random.uniform(0, 2))}
     if random.random() < 0.7:
         made.config["velocity_limit"] = loop.velocity * 10 ** random.uniform(0, 1.5)
 
 
 def change_configuration(random: Random, loop: Loop, made: Schedule) -> None:
-    """Let the configuration change to and fro while the controller runs, limits among its fields."""
+    """Let the controller begin anew with other configurations, limits among their fields, and the torque in force."""
     base, turning = made.config, np.where(np.isfinite(loop.upper), 1.0, np.inf)
-    gains = {"actuation": lambda: int(random.integers(1, 3))} if base["delay_samples"] == 0 else {}
-    drawn = gains | {
+    drawn: dict[str, Any] = {
         "velocity_limit": lambda: (
             loop.velocity * 10 ** random.uniform(-0.7, 1.2, loop.n if random.random() < 0.5 else 1)
         ),
         "call_gap_limit": lambda: int(random.integers(1, 13)),
         "missed_limit": lambda: int(random.integers(1, 30)),
-        "effort_limit": lambda: loop.effort * 10 ** random.uniform(-1.5, 0),
         "coriolis": lambda: int(random.integers(1, 3)),
         "communication_reaction": lambda: int(random.integers(1, 4)),
         "lower_limit": lambda: loop.home - 10 ** random.uniform(-1.5, 0.3, loop.n) * turning,
         "upper_limit": lambda: loop.home + 10 ** random.uniform(-1.5, 0.3, loop.n) * turning,
-        "position_tolerance": lambda: 10 ** random.uniform(-2, 0),
         "tank_initial": lambda: 10 ** random.uniform(-1, 1),
         "heaviest_wrench": lambda: np.array([100.0, 20.0]) * 10 ** random.uniform(-1, 0.5),
-        "loss_limit": lambda: int(random.integers(1, 100)),
-        "overspeed_time": lambda: 10 ** random.uniform(-3, 0),
     }
     scaled = [name for name in SCALED if name in base]
     for _ in range(random.integers(1, 4)):
@@ -255,18 +219,8 @@ def change_configuration(random: Random, loop: Loop, made: Schedule) -> None:
         })  # fmt: skip
     for _ in range(random.integers(1, 6)):
         one = made.parts[random.integers(len(made.parts))]
-        again = {**one, "start": int(random.integers(1, SAMPLES)), "reset": 0, "restart": 0}
+        again = {**one, "start": int(random.integers(1, SAMPLES)), "reset": 0, "restart": 2}
         made.parts.append(again | {"config": int(random.integers(0, 1 + len(made.changes)))})
-
-
-def _gains(random: Random) -> dict[str, Any]:
-    """Return the configuration of motors with a controller inside, which take no delay."""
-    return {
-        "actuation": 2,
-        "delay_samples": 0,
-        "kp_limit": float(10 ** random.uniform(0, 4)),
-        "kd_limit": float(10 ** random.uniform(-1, 2)),
-    }
 
 
 def _first_posture(random: Random, loop: Loop) -> np.ndarray:

@@ -3,8 +3,7 @@
 
 Measured positions have single precision. Calls are late by whole sample times, see the sample of the call before them,
 or number samples so that the counter wraps. The controller is restarted while the arm moves, with another delay and
-another configuration. Arms that take tools at run time are given others: while springs are in force, where they are
-refused, and in faults and restarts, where they are taken.
+another configuration. Arms that take tools are given others at restarts.
 """
 
 from __future__ import annotations
@@ -61,7 +60,7 @@ def _late(random: Random) -> dict[str, Any]:
 def _restart(random: Random, made: Schedule) -> dict[str, Any]:
     """Return a segment at whose start the controller begins anew, with any of the configurations and a delay."""
     one = made.parts[random.integers(len(made.parts))]
-    again = {**one, "start": int(random.integers(1, SAMPLES)), "reset": 0, "restart": 1}
+    again = {**one, "start": int(random.integers(1, SAMPLES)), "reset": 0, "restart": int(random.integers(1, 3))}
     return again | {"config": int(random.integers(0, 1 + len(made.changes))), "delay": int(random.integers(0, 6))}
 
 
@@ -74,10 +73,9 @@ def _tool(random: Random, loop: Loop) -> np.ndarray:
 def settings(chosen: Schedule) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Return segments and configurations: one configuration for every pair of a change and a delay.
 
-    The delay changes at restarts that happen, and motors with gains have none.
+    The delay changes at restarts that happen.
     """
     base = int(chosen.config.get("delay_samples", 0))
-    gains = any(one.get("actuation") == 2 for one in (chosen.config, *chosen.changes))
     every = [chosen.config, *(chosen.config | change for change in chosen.changes)]
     places: dict[tuple[int, int], int] = {}
     parts, config, delay = [], 0, base
@@ -85,7 +83,7 @@ def settings(chosen: Schedule) -> tuple[list[dict[str, Any]], list[dict[str, Any
     for one, following in zip(chosen.parts, [*starts[1:], SAMPLES], strict=True):
         config = one.get("config", config)
         begins = following > one.get("start", 0)  # of segments with the same start, only the last one is run
-        if one.get("restart") and begins and not gains:
+        if one.get("restart") and begins:
             delay = one.get("delay", delay)
         place = places.setdefault((config, delay), len(places))
         fields = {name: value for name, value in one.items() if name != "delay"}

@@ -18,7 +18,7 @@ from stiffgen.control.presets import motor_tables
 from stiffgen.core.emit.library import Library
 from stiffgen.core.errors import printable
 from stiffgen.core.lower.scalar import DOUBLE, Scalar
-from stiffgen.core.robot.chain import Chain, Tip
+from stiffgen.core.robot.chain import Chain
 from stiffgen.core.symbolic.kernels import chain_kernels
 from stiffgen.core.symbolic.placement import Placement
 from stiffgen.rooms import optional
@@ -228,7 +228,7 @@ def _choice_fields(fields: tuple[Field, ...]) -> list[tuple[str, tuple[str, ...]
 def _joint_defaults(fields: tuple[Field, ...], name: str, index: str) -> list[str]:
     """Return the statements that set defaults of joint ``index``."""
     each = (f for f in fields if f.shape == ("n",))
-    return [f"config->{f.name}[i] = {f.default.format(name=name, i=index) or 'NAN'};" for f in each]
+    return [f"config->{f.name}[i] = {f.default.format(name=name, i=index) or '(double)NAN'};" for f in each]
 
 
 def controller_page(
@@ -322,7 +322,7 @@ def _defaults(field: Field, prefix: str) -> list[str]:
     A field without a default has a value that its check refuses.
     """
     if not field.default:
-        unstated = "NAN" if field.type == "double" else "-1"
+        unstated = "(double)NAN" if field.type == "double" else "-1"
         places = [f"[{k}]" for k in range(int(field.shape[0]))] if field.shape and field.shape != ("n",) else [""]
         return [] if field.shape == ("n",) else [f"config->{field.name}{place} = {unstated};" for place in places]
     if field.choices:

@@ -15,7 +15,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "0b461c7576693d1c"
+#define SOURCES "6bfe171a31acdce4"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

@@ -50,7 +50,7 @@ __all__ = [
 ]
 
 _MOVED = {
-    "equilibrium": "a step takes no pose; q0 of one: q0 = follow.step(pose=equilibrium).q0, with follow = {name}.Follow",
+    "equilibrium": "a step takes no pose: q0 = follow.step(pose=equilibrium).q0, with follow = {name}.Follow(...)",
     "posture": "a step has one command, q0; with a pose: follow.step(pose=pose, posture=posture), of {name}.Follow",
     "tool_pose": "a tool belongs to the configuration: {name}.Impedance(..., tool_pose=tool_pose)",
     "velocity": "the reference finds its own velocity; pass shaped=True with a planned q0",
@@ -207,7 +207,9 @@ class Impedance:
         values = {name: value for name, value in inputs.items() if value is not None}
         values["clock"] = _clock(values.get("counter"), values.get("time"))
         values.setdefault("sample_valid", 1)
-        needed = ("q", "dq", "q0", "translation_stiffness", "rotation_stiffness") if np.any(values["sample_valid"]) else ()
+        needed = (
+            ("q", "dq", "q0", "translation_stiffness", "rotation_stiffness") if np.any(values["sample_valid"]) else ()
+        )
         missing = [name for name in needed if name not in values]
         if missing:
             raise TypeError(f"a step needs {', '.join(missing)}")

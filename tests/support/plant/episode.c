@@ -84,26 +84,22 @@ static void measure(const episode_t *e, const segment_t *s, const motion_t *moti
         sample->wanted[i] = s->wanted[i] + t * s->wanted_rate[i] + (sensors->counter & 1u ? s->jitter : 0.0);
         sample->wanted[i] = remainder(sample->wanted[i], turn);
         sample->wanted_rate[i] = s->wanted_rate[i];
-        sample->posture[i] = remainder(s->posture[i], turn);
     }
     sensors->seen = 1;
     sensors->counter += s->frozen_counter ? 0u : 1u;
     sample->counter = sensors->counter + e->first_counter;
     sample->valid = !s->missed;
-    sample->pose = s->pose;
-    memcpy(sample->velocity, s->velocity, sizeof sample->velocity);
+    sample->shaped = s->shaped;
+    sample->joint = s->joint;
     memcpy(sample->acceleration, s->acceleration, sizeof sample->acceleration);
     memcpy(sample->wrench_command, s->wrench_command, sizeof sample->wrench_command);
     memcpy(sample->translation, s->translation, sizeof sample->translation);
     memcpy(sample->rotation, s->rotation, sizeof sample->rotation);
     memcpy(sample->torque_offset, s->torque_offset, sizeof sample->torque_offset);
     place_tools(s->tool, sample->tool);
-    sample->single = e->single;
     if (e->single) {
         to_single(sample->dq, N);
         to_single(sample->wanted, N);
-        to_single(sample->posture, N);
-        to_single(sample->velocity, N);
         to_single(sample->acceleration, N);
         to_single(sample->wrench_command, 6 * TIPS);
         to_single(sample->translation, 9 * TIPS);
@@ -112,27 +108,14 @@ static void measure(const episode_t *e, const segment_t *s, const motion_t *moti
     }
 }
 
-/* Time [s] that the governor, with its default velocity limits, needs for the path of the command. */
+/* Time [s] that the reference, at its share of the velocity limits, needs for the path of the command. */
 static double travel(const episode_t *e, const sample_t *sample, const sample_t *last)
 {
-    const double *const to = sample->pose ? sample->posture : sample->wanted;
-    const double *const from = last->pose ? last->posture : last->wanted;
-    double most = 0.0, H[16 * TIPS], E[16 * TIPS], away = 0.0, trace = -1.0;
+    double most = 0.0;
     for (int i = 0; i < N; ++i) {
-        most = fmax(most, fabs(to[i] - from[i]) / (0.8 * 0.5 * e->velocity_limit[i]));
+        most = fmax(most, fabs(sample->wanted[i] - last->wanted[i]) / (0.72 * e->velocity_limit[i]));
     }
-    if (!sample->pose && !last->pose) {
-        return most;
-    }
-    robot_poses(sample->wanted, NULL, H);
-    robot_poses(last->wanted, NULL, E);
-    for (int i = 0; i < 3; ++i) {
-        away += (H[4 * i + 3] - E[4 * i + 3]) * (H[4 * i + 3] - E[4 * i + 3]);
-        for (int k = 0; k < 3; ++k) {
-            trace += H[4 * i + k] * E[4 * i + k];
-        }
-    }
-    return fmax(most, fmax(sqrt(away) / (0.8 * 0.5), acos(fmax(fmin(trace / 2.0, 1.0), -1.0)) / (0.8 * 1.5)));
+    return most;
 }
 
 /* Velocity limits that speeds are compared with: those in force, where the law has any. */
@@ -214,6 +197,7 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
     command_t command;
     double pipe[MOST_DELAY + 1][N] = {{0}}, offsets[MOST_DELAY + 1][N] = {{0}};
     uint32_t draw = 1u;
+    const double zeros[N] = {0};
     double commanded[N] = {0}, last_reference[N] = {0}, last_tip[3] = {0}, least[N] = {0}, most[N] = {0};
     int at = 0, was_faulted = 0, clamped = 0, initialised = 0, known = 0, skipped = 0, calls = 0;
     int have_delivered = 0, delay = e->delay;
@@ -260,24 +244,28 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
         sample.reset = s->reset && k == s->start;
         const int restarted = s->restart && k == s->start && initialised;
         if (!initialised || restarted) {
-            const int code = law_init(configs[s->config], state);
+            const int code = law_init(configs[s->config], state, s->restart == RESTART_IN_FORCE ? commanded : NULL, sample.tool);
             if (code != 0) {
                 return code;
             }
             initialised = 1;
         }
-        if (restarted) { /* the motors are off before it */
-            memset(pipe, 0, sizeof pipe);
+        if (restarted) { /* the motors are off before it, or the last torque has been in force for the delay */
+            const double *const acting = s->restart == RESTART_IN_FORCE ? commanded : zeros;
+            for (int d = 0; d <= MOST_DELAY; ++d) {
+                memcpy(pipe[d], acting, sizeof pipe[d]);
+            }
+            memcpy(forces.torque, acting, sizeof forces.torque);
+            memcpy(commanded, acting, sizeof commanded);
             memset(offsets, 0, sizeof offsets);
-            memset(commanded, 0, sizeof commanded);
             memset(&command, 0, sizeof command);
-            memset(forces.torque, 0, sizeof forces.torque);
             summary->port = 0.0;
             skipped = known = was_faulted = calls = have_delivered = 0;
             delay = e->delay + s->late_torque;
             ++summary->restarts;
         }
-        const int most_skipped = e->limited && command.call_gap > 0 ? command.call_gap - 1 : s->skip;
+        const int in_force = e->limited && command.call_gap > 0 ? command.call_gap - 1 : s->skip;
+        const int most_skipped = restarted ? 0 : in_force; /* init is followed by a call */
         const int late = e->late > 0.0 && happens(&sensors, e->late);
         skipped = (late || skipped < s->skip) && skipped < most_skipped ? skipped + 1 : 0;
         summary->lates += late && skipped > 0;
@@ -295,9 +283,7 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
             }
             have_delivered |= sample.valid;
             delivered = sample.valid ? sample : delivered;
-            law_step(configs[s->config], state, &sample, output, &command);
-            summary->tools += command.tool_changed;
-            summary->tools_refused += command.tool_refused;
+            law_step(state, &sample, output, &command);
             if (initialised == 2 && calls++ == 0) { /* the first call that has a sample, not the first in time */
                 summary->first_energy = command.energy;
             }

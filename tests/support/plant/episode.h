@@ -9,6 +9,7 @@
 #include "law.h"
 
 enum { STUCK_HELD = 1, STUCK_ZERO = 2 };
+enum { RESTART_OFF = 1, RESTART_IN_FORCE = 2 }; /* no torque acts before it; the last one does */
 enum { DRIVEN_RATE = 1, DRIVEN_POSTURE = 2, DRIVEN_ALONG = 3 }; /* at rates, to a posture, at rates along the torque */
 
 /* Values from `start` until the next segment. */
@@ -18,7 +19,7 @@ typedef struct {
     int skip;                    /* number of calls omitted after each call; the last torque stays */
     int missed;                  /* 1: called without a sample */
     int reset;                   /* 1: faults are acknowledged at the segment's first sample */
-    int restart;                 /* 1: at the segment's first sample the law is initialised anew, and no torque acts */
+    int restart;                 /* RESTART_, at the segment's first sample */
     int late_torque;             /* [samples] of delay from a restart on, besides the episode's */
     int measure_wrench;          /* 1: the true wrench is measured; 0: zero is given */
     int clamp;                   /* 1: the tip is clamped where it was when this began */
@@ -26,12 +27,12 @@ typedef struct {
     int q_stuck, dq_stuck;       /* STUCK_, of the joints in the masks */
     int q_mask, dq_mask;         /* bits of joints */
     double wanted[N];            /* [rad] posture whose tip pose is the equilibrium */
-    int pose;                    /* 1: commanded as a pose and a posture apart */
+    int shaped;                  /* 1: said to be a point of a motion that has ramps */
     int driven;                  /* the environment moves the arm whatever it does, DRIVEN_ */
     double driven_to[N];         /* [rad/s] these rates (along the torque: their size), or [rad] this posture */
     double driven_at[N];         /* [rad/s] at most at these rates, if to a posture */
     double driven_by[N];         /* [rad/s^2] at most at these accelerations */
-    double posture[N];           /* [rad] */
+    double joint;                /* [N m/rad] posture stiffness */
     double wanted_rate[N];       /* [rad/s] moves `wanted` from the segment's start on */
     double jitter;               /* [rad] added to every joint of `wanted` with alternating sign */
     double translation[9 * TIPS], rotation[9 * TIPS];
@@ -39,7 +40,7 @@ typedef struct {
     double wrench_command[6 * TIPS]; /* [N, N m] */
     double tool[4 * TIPS];       /* [m], [rad] tools of robots that take them: position in the tip, turn about its x axis */
     double torque_offset[N];     /* [N m] torque that the caller adds: its work is not the law's */
-    double velocity[N], acceleration[N]; /* [rad/s], [rad/s^2] of the plan, as stated */
+    double acceleration[N];      /* [rad/s^2] of the plan, as stated */
     double hand_target[N], hand_stiffness, hand_damping;
     double wrench_bias[6];       /* [N, N m] added to what is measured */
     double q_offset[N], dq_offset[N]; /* added to the measurement; NaN for a NaN */
@@ -99,7 +100,6 @@ typedef struct {
     int finite;                  /* every torque was */
     int codes;                   /* steps that returned an error */
     int restarts, lates, stales; /* restarts, late calls and old samples */
-    int tools, tools_refused;    /* steps that adopted another tool, and that refused one */
     int finished;                /* samples done; fewer if the state became non-finite */
     uint32_t status_or, status_last;
     double q[N], v[N], reference[N], acted[N];

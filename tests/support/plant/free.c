@@ -24,14 +24,14 @@ void law_default_config(void *config)
     memset(config, 0, sizeof(int));
 }
 
-int law_init(const void *config, void *state)
+int law_init(const void *config, void *state, const double *torque, const double *tool)
 {
     (void)config;
     (void)state;
     return 0;
 }
 
-void law_step(const void *config, void *state, const sample_t *sample, void *output, command_t *command)
+void law_step(void *state, const sample_t *sample, void *output, command_t *command)
 {
     (void)config;
     (void)state;

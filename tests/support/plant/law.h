@@ -14,12 +14,11 @@ typedef struct {
     uint32_t counter;          /* of the samples */
     int reset;                 /* acknowledge faults */
     double q[N], dq[N];        /* [rad], [rad/s] measured */
-    double wanted[N];          /* [rad] posture whose tip pose is the equilibrium */
+    double wanted[N];          /* [rad] q0 */
     double wanted_rate[N];     /* [rad/s] */
-    int pose;                  /* 1: the equilibrium is given as that pose, and the posture apart */
-    double posture[N];         /* [rad] only then */
-    int single;                /* 1: the pose has single precision */
-    double velocity[N], acceleration[N]; /* [rad/s], [rad/s^2] of the plan, as stated */
+    int shaped;                /* 1: q0 is a point of a motion that has ramps already, as stated */
+    double acceleration[N];    /* [rad/s^2] of the plan, as stated */
+    double joint;              /* [N m/rad] posture stiffness */
     double wrench_command[6 * TIPS]; /* [N, N m] wrench that the tip is to exert, base axes */
     double tool[16 * TIPS];    /* [m] poses of the tools in the tips, for robots that take them */
     double torque_offset[N];   /* [N m] torque that the caller adds */
@@ -47,8 +46,6 @@ typedef struct {
     uint32_t status;
     int faulted;               /* not under control: fallback or latched */
     int reason;                /* for that, the law's own number */
-    int tool_refused;          /* 1: another tool is refused while springs are in force */
-    int tool_changed;          /* 1: another tool is in force than before the step */
     int code;                  /* what the step returned */
 } command_t;
 
@@ -56,8 +53,9 @@ size_t law_config_size(void);
 size_t law_state_size(void);
 size_t law_output_size(void);
 void law_default_config(void *config);
-int law_init(const void *config, void *state);
+/* torque: in force; tool: poses of tools, for robots that take them */
+int law_init(const void *config, void *state, const double *torque, const double *tool);
 /* output: the law's whole own output struct */
-void law_step(const void *config, void *state, const sample_t *sample, void *output, command_t *command);
+void law_step(void *state, const sample_t *sample, void *output, command_t *command);
 
 #endif

@@ -22,8 +22,6 @@ from support.plant.statics import Springs
 HERE = Path(__file__).resolve().parent
 LAW = HERE / "law.c"
 """The generated controller."""
-POLICY = HERE / "policy_law.c"
-"""The controller behind its policy port, with a hostile commander: the episode's ``streamed`` is its seed."""
 FREE = HERE / "free.c"
 """Law without a controller: the arm floats; needs ``sources=KERNELS``."""
 TEXTBOOK = HERE / "textbook.c"
@@ -34,15 +32,12 @@ N = 7
 Q0 = np.array([0.3, 0.6, -0.4, -1.3, 0.2, 0.9, -0.5])
 """Joint positions of the failures in the controller's issue [rad]."""
 BASE = {
-    "tank_initial": 10.0,
-    "engagement_limit": 20.0,
-    "energy_limit": 5.0,
-    "tip_velocity_limit": 0.5,
-    "tip_rotation_limit": 1.5,
-    "ramp_time": 0.2,
-    "stiffness_time": 0.05,
+    "sample_time": 1e-3,
+    "delay_samples": 0,
     "motor_inertia": 0.1,
-    "stiffness_cap": 2,
+    "heaviest_wrench": (100.0, 20.0),
+    "tank_initial": 10.0,
+    "tip_velocity_limit": (0.5, 1.5),
 }
 """Careful configuration of the closed-loop tests: a small tank hides little; the rotors are those of ``episode``."""
 _TYPES = {
@@ -152,7 +147,7 @@ class Loop:
         files = [*plant, law, *(robot / source for source in sources)]
         names = [f"-DROBOT={name}", f"-DUPPER={name.upper()}", f"-DPLANT_N={self.n}", *kind.flags]
         names += ["-include", f"{name}.h"]
-        names += ["-include", f"{name}_impedance.h"] if law in (LAW, POLICY) else []
+        names += ["-include", f"{name}_impedance.h"] if law == LAW else []
         folders = [f"-I{HERE}", f"-I{robot}"]
         command = ["gcc", "-std=c99", *flags, "-shared", "-fPIC", *folders, *names, *map(str, files), "-lm"]
         if not path.exists():
@@ -171,7 +166,6 @@ class Loop:
         ):
             known[record] = struct(header, record, known, sizes)
         self._known = known
-        self.streamed = law == POLICY
         if law in (FREE, TEXTBOOK):
             self.Config: Any = ctypes.c_int
             self.Output: Any = ctypes.c_int
@@ -225,10 +219,10 @@ class Loop:
         return Springs(self.pose, self.jacobian, equilibrium, wanted, gains["translation"], gains["rotation"], joint)
 
     def config(self, **values: Any) -> Any:
-        """Return the default configuration with BASE, half of the velocities, and some fields set."""
+        """Return the default configuration with BASE, and some fields set."""
         if self.Config is ctypes.c_int:
             return self.Config()
-        return self.default(**(BASE | {"reference_velocity_limit": 0.5 * self.velocity} | values))
+        return self.default(**(BASE | values))
 
     def default(self, **values: Any) -> Any:
         """Return the default configuration with some fields set."""
@@ -264,6 +258,7 @@ class Loop:
                 "wanted": self.home,
                 "translation": np.diag([700.0, 700, 800]),
                 "rotation": np.diag([30.0, 30, 30]),
+                "joint": 1.0,
             }
             values = first | values
         else:
@@ -283,13 +278,13 @@ class Loop:
 
     def stepper(self, config: Any) -> Callable[..., Any]:
         """Run the law alone, for another plant: takes fields of sample_t, returns command_t."""
-        assert self.library.law_init(ctypes.byref(config), self.state) == 0
+        assert self.library.law_init(ctypes.byref(config), self.state, None, None) == 0
         sample, command, output = self._known["sample_t"](), self._known["command_t"](), self.Output()
 
         def step(**values: Any) -> Any:
             sample.counter += 1
             fill(sample, valid=1, **values)
-            pointers = (ctypes.byref(part) for part in (config, self.state, sample, output, command))
+            pointers = (ctypes.byref(part) for part in (self.state, sample, output, command))
             self.library.law_step(*pointers)
             return command
 

@@ -17,7 +17,7 @@ size_t law_output_size(void) { return sizeof(int); }
 
 void law_default_config(void *config) { memset(config, 0, sizeof(int)); }
 
-int law_init(const void *config, void *state) { return config == NULL || state == NULL; }
+int law_init(const void *config, void *state, const double *torque, const double *tool) { return config == NULL || state == NULL; }
 
 /* Compute the null vector of J by elimination with pivots; the last column not chosen is free. */
 static void null_vector(const double *J, double *n)
@@ -57,7 +57,7 @@ static void null_vector(const double *J, double *n)
     }
 }
 
-void law_step(const void *config, void *state, const sample_t *sample, void *output, command_t *command)
+void law_step(void *state, const sample_t *sample, void *output, command_t *command)
 {
     double H[16], E[16], J[6 * N], W[6 * N], F[6], n[N], along = 0.0;
     (void)config;

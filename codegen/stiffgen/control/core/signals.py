@@ -34,8 +34,8 @@ INPUT: tuple[Field, ...] = (
         "shaped",
         SCALAR,
         "",
-        "1: q0 is a point of a motion that has ramps already (a pose follower, a plan), and is followed with 4 times the "
-        "acceleration; 0: the reference makes the ramp",
+        "1: q0 is a point of a motion that has ramps already (a pose follower, a plan), and is followed with 4 times "
+        "the acceleration; 0: the reference makes the ramp",
         type="int",
     ),
     Field(

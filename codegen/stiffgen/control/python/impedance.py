@@ -49,7 +49,7 @@ __all__ = [
 ]
 
 _MOVED = {
-    "equilibrium": "a step takes no pose; q0 of one: q0 = follow.step(pose=equilibrium).q0, with follow = {name}.Follow",
+    "equilibrium": "a step takes no pose: q0 = follow.step(pose=equilibrium).q0, with follow = {name}.Follow(...)",
     "posture": "a step has one command, q0; with a pose: follow.step(pose=pose, posture=posture), of {name}.Follow",
     "tool_pose": "a tool belongs to the configuration: {name}.Impedance(..., tool_pose=tool_pose)",
     "velocity": "the reference finds its own velocity; pass shaped=True with a planned q0",

@@ -1,7 +1,7 @@
 /* Configuration and start. */
 #include "impedance.h"
 
-enum { POSTURES = 32 }; /* in which the tank is sized */
+enum { POSTURES = 32, CLIMB = 4 }; /* in which the tank is sized; steps to its worst wrench */
 
 /* Return whether all entries lie between the bounds (both allowed); NaN does not. */
 int doubles_within(const double *x, size_t count, double least, double most)
@@ -48,17 +48,46 @@ static double spread_joint(int k, int i)
     return (double)(bits ^ (bits >> 16)) / 4294967296.0; /* 2^32 */
 }
 
-/* Return the reserve of the heaviest wrench of a tip: each joint with the largest torque that it can need, in effort. */
-static double wrench_reserve(const memory_t *m, const double *J)
+/*
+ * Compute the torque of a wrench, over heaviest_wrench in each of its entries, within effort, and the direction in which
+ * a wrench needs more reserve. Return the reserve.
+ */
+static double climb(const memory_t *m, const double *J, const double *wrench, double *direction)
 {
     const config_t *const c = &m->config;
-    double torque[N];
+    double torque[N] = {0.0}, slope[N];
+    for (int row = 0; row < 6; ++row) {
+        add_scaled(N, c->heaviest_wrench[row / 3] * wrench[row], J + row * N, torque);
+    }
     for (int i = 0; i < N; ++i) {
-        const double v[3] = {J[i], J[N + i], J[2 * N + i]}, w[3] = {J[3 * N + i], J[4 * N + i], J[5 * N + i]};
-        const double parts[2] = {c->heaviest_wrench[0] * norm(3, v), c->heaviest_wrench[1] * norm(3, w)};
-        torque[i] = smaller(norm(2, parts), c->effort_limit[i]);
+        const double most = c->effort_limit[i], fall = c->torque_rate_limit[i] * c->sample_time;
+        const double steep = c->velocity_limit[i] * (c->missed_limit + smaller(fabs(torque[i]), most) / fall);
+        slope[i] = torque[i] > 0.0 ? steep : -steep;
+        slope[i] = fabs(torque[i]) < most ? slope[i] : 0.0;
+        torque[i] = clamp(torque[i], -most, most);
+    }
+    for (int row = 0; row < 6; ++row) {
+        direction[row] = c->heaviest_wrench[row / 3] * dot(N, slope, J + row * N);
     }
     return reserve(m, torque, c->missed_limit);
+}
+
+/* Return the most reserve of a tip's wrenches within heaviest_wrench: the reserve is convex, so each step climbs. */
+static double wrench_reserve(const memory_t *m, const double *J)
+{
+    double most = 0.0;
+    for (int start = 0; start < 6; ++start) {
+        double wrench[6] = {0.0}, direction[6];
+        wrench[start] = 1.0;
+        for (int round = 0; round < CLIMB; ++round) {
+            const double found = climb(m, J, wrench, direction), size = norm(6, direction);
+            most = found > most ? found : most; /* NaN is not */
+            for (int row = 0; size > 0.0 && row < 6; ++row) {
+                wrench[row] = direction[row] / size;
+            }
+        }
+    }
+    return most;
 }
 
 /* Return the tank that covers heaviest_wrench at every tip in postures spread over the limits. */
@@ -78,7 +107,7 @@ static double size_tank(const memory_t *m)
         for (int t = 0; t < TIPS; ++t) {
             sum += wrench_reserve(m, J + 6 * N * t);
         }
-        most = sum > most ? sum : most; /* NaN is not */
+        most = larger(sum, most);
     }
     return most / COVERED;
 }

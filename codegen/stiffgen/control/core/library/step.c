@@ -39,14 +39,14 @@ static void note(memory_t *m, const finding_t *found)
 /* End a fault that is to be reset, or ends by itself, once samples are good and the springs are released or hold. */
 static void end_fault(memory_t *m)
 {
-    const fault_t *const f = &m->fault;
-    const int resumes = fault_of_reason(f->reason) == ID(FAULT_COMMUNICATION) &&
+    const int resumes = fault_of_reason(m->fault.reason) == ID(FAULT_COMMUNICATION) &&
                         m->config.communication_reaction == ID(COMMUNICATION_REACTION_RESUME) &&
                         m->watch.good * m->config.sample_time >= RESUME_TIME;
     const int free_of_springs = !m->reference.engaged || holds_in_fault(m);
-    if (f->reason != ID(REASON_NONE) && (f->reset || resumes) && m->watch.good > TRUSTED && free_of_springs) {
-        const fault_t none = {0.0, 0.0, 0.0, ID(REASON_NONE), NO_JOINT, 0};
-        m->fault = none;
+    const int ends = (m->fault.reset || resumes) && m->watch.good > TRUSTED && free_of_springs;
+    if (m->fault.reason != ID(REASON_NONE) && ends) {
+        memset(&m->fault, 0, sizeof m->fault);
+        m->fault.joint = NO_JOINT;
         m->watch = calm(&m->watch);
     }
 }
