@@ -463,6 +463,24 @@ static int fits_memory(const memory_t *m)
     return fits;
 }
 
+/* Copy the output fields that the memory holds. */
+static void report_memory(const memory_t *m, output_t *out)
+{
+    out->reason = m->fault.reason;
+    out->fault_joint = m->fault.joint;
+    out->hold = m->account.hold;
+    out->fault_seen = m->fault.seen;
+    out->fault_limit = m->fault.limit;
+    out->fault_time = m->fault.time;
+    out->energy_supplied = m->account.supplied;
+    out->tank = m->account.tank;
+    out->tank_initial = m->config.tank_initial;
+    memcpy(out->position, m->watch.q, sizeof out->position);
+    memcpy(out->reference, m->reference.r, sizeof out->reference);
+    memcpy(out->reference_velocity, m->reference.dr, sizeof out->reference_velocity);
+    out->scale = m->reference.scale;
+}
+
 /* Numbers, vectors, and matrices of N rows, row-major. */
 
 static double larger(double x, double y) { return x > y ? x : y; }
@@ -513,25 +531,6 @@ static int factorise(double *A)
         row[i] = sqrt(pivot);
     }
     return 1;
-}
-
-/* Solve L x = b in place. */
-static void solve_forward(const double *L, double *x)
-{
-    for (int i = 0; i < N; ++i) {
-        x[i] = (x[i] - dot(i, L + i * N, x)) / L[i * (N + 1)];
-    }
-}
-
-/* Solve L^T x = b in place. */
-static void solve_backward(const double *L, double *x)
-{
-    for (int i = N - 1; i >= 0; --i) {
-        for (int k = i + 1; k < N; ++k) {
-            x[i] -= L[k * N + i] * x[k];
-        }
-        x[i] /= L[i * (N + 1)];
-    }
 }
 
 /* Invert L; the upper triangle of the result is 0. */
@@ -843,15 +842,16 @@ static void mass_with_motors(const memory_t *m, const double *q, double *M)
     }
 }
 
-/* Return the inertia of joint i beside any motion of the others: 1 / (sum over j of |(M^-1)_ij|). L: factor of M. */
-static double free_inertia(const double *L, int i)
+/* Return the inertia of joint i beside any motion of the others: 1 / (sum over j of |(M^-1)_ij|). inverse: L^-1. */
+static double free_inertia(const double *inverse, int i)
 {
-    double column[N] = {0.0}, sum = 0.0;
-    column[i] = 1.0;
-    solve_forward(L, column);
-    solve_backward(L, column);
+    double sum = 0.0;
     for (int j = 0; j < N; ++j) {
-        sum += fabs(column[j]);
+        double entry = 0.0;
+        for (int k = 0; k < N; ++k) {
+            entry += inverse[k * N + i] * inverse[k * N + j];
+        }
+        sum += fabs(entry);
     }
     return 1.0 / sum;
 }
@@ -860,13 +860,16 @@ static double free_inertia(const double *L, int i)
 static void place_zones(const memory_t *m, const double *q, arm_t *arm)
 {
     const config_t *const c = &m->config;
-    double M[NN];
+    double M[NN], inverse[NN];
     mass_with_motors(m, q, M);
     const int positive = factorise(M);
+    if (positive) {
+        invert_lower(M, inverse);
+    }
     for (int i = 0; i < N; ++i) {
         const double rate = c->torque_rate_limit[i], range = c->upper_limit[i] - c->lower_limit[i];
         const double width = smaller(ZONE, ZONE * range), share = rate / (2.0 * width);
-        const double inertia = positive ? free_inertia(M, i) : c->motor_inertia[i];
+        const double inertia = positive ? free_inertia(inverse, i) : c->motor_inertia[i];
         const double damped = smaller(c->effort_limit[i], 0.5 * most_eigenvalue(c) * inertia);
         arm->zone[i] = c->lower_limit[i] + width;
         arm->zone[N + i] = c->upper_limit[i] - width;
@@ -1203,30 +1206,39 @@ static int count_time(double time, double sample_time, watch_t *w)
     return (int)ahead;
 }
 
+/* Count the sample times since the last call by the clock that is in use; 0 for another one. */
+static int count_periods(const config_t *c, const input_t *in, watch_t *w)
+{
+    if (w->seen != in->clock) {
+        return w->seen == 0; /* the first call */
+    }
+    if (in->clock == IIWA14_CLOCK_TIME) {
+        return count_time(in->time, c->sample_time, w);
+    }
+    const int32_t ahead = (int32_t)(in->counter - w->counter); /* unsigned, as the counter wraps */
+    return ahead < LONGEST ? ahead : LONGEST;
+}
+
 /*
  * Count the sample times since the last call; 0 where the clock stands still, goes back, changes its kind, or is not
  * given. While no account is kept each call counts one, and a clock that begins anew counts from the call after.
  */
 static int read_clock(const config_t *c, const input_t *in, watch_t *w)
 {
-    const int by_counter = in->clock == IIWA14_CLOCK_COUNTER, first = w->seen == 0, same = w->seen == in->clock;
-    if (!by_counter && !(in->clock == IIWA14_CLOCK_TIME && fabs(in->time) <= LATEST)) {
+    if (in->clock != IIWA14_CLOCK_COUNTER && !(in->clock == IIWA14_CLOCK_TIME && fabs(in->time) <= LATEST)) {
         return 0;
     }
-    int periods = first ? 1 : 0;
-    if (same && by_counter) {
-        const int32_t ahead = (int32_t)(in->counter - w->counter); /* unsigned, as the counter wraps */
-        periods = ahead < LONGEST ? ahead : LONGEST;
-    } else if (same) {
-        periods = count_time(in->time, c->sample_time, w);
-    }
+    const int same = w->seen == in->clock, periods = count_periods(c, in, w);
     if (periods > 0 || !w->known) {
         w->seen = in->clock;
         w->counter = in->counter;
-        w->time = by_counter ? 0.0 : in->time;
+        w->time = in->clock == IIWA14_CLOCK_TIME ? in->time : 0.0;
         w->lead = same && periods > 0 ? w->lead : 0.0;
     }
-    return periods > 0 && w->known ? periods : periods > 0;
+    if (periods <= 0) {
+        return 0;
+    }
+    return w->known ? periods : 1;
 }
 
 /*
@@ -1246,9 +1258,9 @@ static double sum_difference(const watch_t *before, int i, double differs, doubl
 }
 
 /*
- * Return the range of the controller's torque for which the position has been the same to the last bit; 0 until that has
- * lasted for STILL_TIME. A sound encoder shows how far a joint gives way even under friction, in a clamp or at a stop; a
- * frozen one does not. In a fault brakes may hold the joint.
+ * Return the range of the controller's torque for which position and velocity have been the same to the last bit; 0
+ * until that has lasted for STILL_TIME. A sound encoder shows how far a joint gives way even under friction, in a clamp
+ * or at a stop; a frozen one does not, nor a velocity that follows from it. In a fault brakes may hold the joint.
  */
 static double find_still_range(const memory_t *m, int i, watch_t *w)
 {
@@ -1256,7 +1268,8 @@ static double find_still_range(const memory_t *m, int i, watch_t *w)
     const int begins = w->q_age[i] == 0 || m->fault.reason != IIWA14_REASON_NONE;
     w->still_least[i] = begins ? own : smaller(w->still_least[i], own);
     w->still_most[i] = begins ? own : larger(w->still_most[i], own);
-    const int long_enough = w->q_age[i] * m->config.sample_time >= (1.0 - ROUNDED) * STILL_TIME;
+    const int age = w->q_age[i] < w->dq_age[i] ? w->q_age[i] : w->dq_age[i];
+    const int long_enough = age * m->config.sample_time >= (1.0 - ROUNDED) * STILL_TIME;
     return long_enough ? w->still_most[i] - w->still_least[i] : 0.0;
 }
 
@@ -2620,43 +2633,26 @@ static int find_mode(const memory_t *m)
     return holds_in_fault(m) ? IIWA14_MODE_HOLD : IIWA14_MODE_RELEASE;
 }
 
-/* Report fault and refusal. */
-static void report_reasons(const memory_t *m, const command_t *k, output_t *out)
-{
-    out->mode = find_mode(m);
-    out->fault = fault_of_reason(m->fault.reason);
-    out->reason = m->fault.reason;
-    out->fault_joint = m->fault.joint;
-    out->fault_seen = m->fault.seen;
-    out->fault_limit = m->fault.limit;
-    out->fault_time = m->fault.time;
-    out->refusal = k->refusal.code;
-    out->refusal_command = k->refusal.command;
-    out->refusal_entry = k->refusal.entry;
-    out->refusal_seen = k->refusal.seen;
-    out->refusal_limit = k->refusal.limit;
-    out->limited_joint = k->limited;
-}
-
-/* Report a step. */
+/* Report a step: what the memory holds, and what the phases found. */
 static void report(const memory_t *m, const phases_t *p, output_t *out)
 {
+    const refusal_t *const r = &p->command.refusal;
     const int lacks = m->watch.known && available(&m->account) < -ROUNDED_ENERGY;
-    report_reasons(m, &p->command, out);
+    report_memory(m, out);
     out->status = p->status | p->torque.status | (lacks ? (uint32_t)IIWA14_STATUS_TANK_DEFICIT : 0u);
     out->status |= m->fault.reason != IIWA14_REASON_NONE ? (uint32_t)IIWA14_STATUS_FAULT : 0u;
-    out->hold = m->account.hold;
-    out->energy_supplied = m->account.supplied;
-    out->tank = m->account.tank;
+    out->mode = find_mode(m);
+    out->fault = fault_of_reason(m->fault.reason);
+    out->refusal = r->code;
+    out->refusal_command = r->command;
+    out->refusal_entry = r->entry;
+    out->refusal_seen = r->seen;
+    out->refusal_limit = r->limit;
+    out->limited_joint = p->command.limited;
     out->stored = m->account.springs + m->account.zones;
     out->reserve = p->torque.reserve;
-    out->tank_initial = m->config.tank_initial;
-    out->scale = m->reference.scale;
     out->stiffness_share = p->law.cap;
     memcpy(out->own_torque, p->torque.own, sizeof out->own_torque);
-    memcpy(out->position, m->watch.q, sizeof out->position);
-    memcpy(out->reference, m->reference.r, sizeof out->reference);
-    memcpy(out->reference_velocity, m->reference.dr, sizeof out->reference_velocity);
     memcpy(out->damping_torque, p->law.damper, sizeof out->damping_torque);
     memcpy(out->limit_torque, p->law.zone, sizeof out->limit_torque);
     memcpy(out->feedforward_torque, p->law.feedforward, sizeof out->feedforward_torque);

@@ -159,6 +159,7 @@ class ControllerPage:
         structs: config, input and output.
         memory: records of the memory between steps.
         ranges: integers of the memory with their record, their bounds, and whether they are arrays over joints.
+        remembered: fields of the output copied from the memory: name, the memory's member, whether it is an array.
         choice_fields: name and words of the fields that are choices.
         outcomes: name and words of what a step reports.
         defaults, joint_defaults: C statements that set the configuration's fields, and entry i of those over joints.
@@ -199,6 +200,7 @@ class ControllerPage:
     structs: list[Struct]
     memory: list[Struct]
     ranges: tuple[tuple[str, str, int, int, bool], ...]
+    remembered: list[tuple[str, str, bool]]
     choice_fields: list[tuple[str, tuple[str, ...]]]
     outcomes: list[tuple[str, tuple[str, ...]]]
     defaults: list[str]
@@ -270,6 +272,7 @@ def controller_page(
         structs=[_struct(chain, prefix, *each) for each in (("config", _STRUCTS[0][1], fields), *_STRUCTS[1:])],
         memory=[_without_padding(_struct(chain, prefix, *each)) for each in RECORDS],
         ranges=RANGES,
+        remembered=[(f.name, f.memory, bool(f.shape)) for f in OUTPUT if f.memory],
         choice_fields=_choice_fields(fields),
         outcomes=_outcomes(),
         defaults=[line for f in fields for line in _defaults(f, prefix)],

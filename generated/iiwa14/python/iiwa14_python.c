@@ -15,7 +15,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "6bfe171a31acdce4"
+#define SOURCES "6655508bc448d262"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

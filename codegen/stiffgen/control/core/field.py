@@ -36,7 +36,7 @@ class Field:
     when: str = ""
     """Condition for the field: "tool", a tool pose; "loops", a robot with closed loops; "bounded", bounded springs."""
     memory: str = ""
-    """Member of the state's memory that an output reports; "=" for the same name."""
+    """Member of the state's memory that an output reports, with its record: "account.tank"."""
     reason: str = ""
 
     @property

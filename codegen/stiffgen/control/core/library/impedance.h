@@ -141,6 +141,7 @@ const char *stiffgen_joint(int joint);
 const char *meaning_of_refusal(int refusal);
 const char *name_of_command(int command);
 int fits_memory(const memory_t *m);
+void report_memory(const memory_t *m, output_t *out);
 
 /* matrix.c */
 double larger(double x, double y);
@@ -151,8 +152,6 @@ double dot(int count, const double *a, const double *b);
 double norm(int count, const double *x);
 void add_scaled(int count, double a, const double *x, double *y);
 int factorise(double *A);
-void solve_forward(const double *L, double *x);
-void solve_backward(const double *L, double *x);
 void invert_lower(const double *L, double *inverse);
 void form_pencil(const double *inverse, double *K, double *C);
 void multiply_lower(const double *L, const double *x, double *result);

@@ -51,25 +51,6 @@ int factorise(double *A)
     return 1;
 }
 
-/* Solve L x = b in place. */
-void solve_forward(const double *L, double *x)
-{
-    for (int i = 0; i < N; ++i) {
-        x[i] = (x[i] - dot(i, L + i * N, x)) / L[i * (N + 1)];
-    }
-}
-
-/* Solve L^T x = b in place. */
-void solve_backward(const double *L, double *x)
-{
-    for (int i = N - 1; i >= 0; --i) {
-        for (int k = i + 1; k < N; ++k) {
-            x[i] -= L[k * N + i] * x[k];
-        }
-        x[i] /= L[i * (N + 1)];
-    }
-}
-
 /* Invert L; the upper triangle of the result is 0. */
 void invert_lower(const double *L, double *inverse)
 {

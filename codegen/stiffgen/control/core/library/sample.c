@@ -28,30 +28,39 @@ static int count_time(double time, double sample_time, watch_t *w)
     return (int)ahead;
 }
 
+/* Count the sample times since the last call by the clock that is in use; 0 for another one. */
+static int count_periods(const config_t *c, const input_t *in, watch_t *w)
+{
+    if (w->seen != in->clock) {
+        return w->seen == 0; /* the first call */
+    }
+    if (in->clock == ID(CLOCK_TIME)) {
+        return count_time(in->time, c->sample_time, w);
+    }
+    const int32_t ahead = (int32_t)(in->counter - w->counter); /* unsigned, as the counter wraps */
+    return ahead < LONGEST ? ahead : LONGEST;
+}
+
 /*
  * Count the sample times since the last call; 0 where the clock stands still, goes back, changes its kind, or is not
  * given. While no account is kept each call counts one, and a clock that begins anew counts from the call after.
  */
 static int read_clock(const config_t *c, const input_t *in, watch_t *w)
 {
-    const int by_counter = in->clock == ID(CLOCK_COUNTER), first = w->seen == 0, same = w->seen == in->clock;
-    if (!by_counter && !(in->clock == ID(CLOCK_TIME) && fabs(in->time) <= LATEST)) {
+    if (in->clock != ID(CLOCK_COUNTER) && !(in->clock == ID(CLOCK_TIME) && fabs(in->time) <= LATEST)) {
         return 0;
     }
-    int periods = first ? 1 : 0;
-    if (same && by_counter) {
-        const int32_t ahead = (int32_t)(in->counter - w->counter); /* unsigned, as the counter wraps */
-        periods = ahead < LONGEST ? ahead : LONGEST;
-    } else if (same) {
-        periods = count_time(in->time, c->sample_time, w);
-    }
+    const int same = w->seen == in->clock, periods = count_periods(c, in, w);
     if (periods > 0 || !w->known) {
         w->seen = in->clock;
         w->counter = in->counter;
-        w->time = by_counter ? 0.0 : in->time;
+        w->time = in->clock == ID(CLOCK_TIME) ? in->time : 0.0;
         w->lead = same && periods > 0 ? w->lead : 0.0;
     }
-    return periods > 0 && w->known ? periods : periods > 0;
+    if (periods <= 0) {
+        return 0;
+    }
+    return w->known ? periods : 1;
 }
 
 /*
@@ -71,9 +80,9 @@ static double sum_difference(const watch_t *before, int i, double differs, doubl
 }
 
 /*
- * Return the range of the controller's torque for which the position has been the same to the last bit; 0 until that has
- * lasted for STILL_TIME. A sound encoder shows how far a joint gives way even under friction, in a clamp or at a stop; a
- * frozen one does not. In a fault brakes may hold the joint.
+ * Return the range of the controller's torque for which position and velocity have been the same to the last bit; 0
+ * until that has lasted for STILL_TIME. A sound encoder shows how far a joint gives way even under friction, in a clamp
+ * or at a stop; a frozen one does not, nor a velocity that follows from it. In a fault brakes may hold the joint.
  */
 static double find_still_range(const memory_t *m, int i, watch_t *w)
 {
@@ -81,7 +90,8 @@ static double find_still_range(const memory_t *m, int i, watch_t *w)
     const int begins = w->q_age[i] == 0 || m->fault.reason != ID(REASON_NONE);
     w->still_least[i] = begins ? own : smaller(w->still_least[i], own);
     w->still_most[i] = begins ? own : larger(w->still_most[i], own);
-    const int long_enough = w->q_age[i] * m->config.sample_time >= (1.0 - ROUNDED) * STILL_TIME;
+    const int age = w->q_age[i] < w->dq_age[i] ? w->q_age[i] : w->dq_age[i];
+    const int long_enough = age * m->config.sample_time >= (1.0 - ROUNDED) * STILL_TIME;
     return long_enough ? w->still_most[i] - w->still_least[i] : 0.0;
 }
 

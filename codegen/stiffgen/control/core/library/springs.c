@@ -74,15 +74,16 @@ void mass_with_motors(const memory_t *m, const double *q, double *M)
     }
 }
 
-/* Return the inertia of joint i beside any motion of the others: 1 / (sum over j of |(M^-1)_ij|). L: factor of M. */
-static double free_inertia(const double *L, int i)
+/* Return the inertia of joint i beside any motion of the others: 1 / (sum over j of |(M^-1)_ij|). inverse: L^-1. */
+static double free_inertia(const double *inverse, int i)
 {
-    double column[N] = {0.0}, sum = 0.0;
-    column[i] = 1.0;
-    solve_forward(L, column);
-    solve_backward(L, column);
+    double sum = 0.0;
     for (int j = 0; j < N; ++j) {
-        sum += fabs(column[j]);
+        double entry = 0.0;
+        for (int k = 0; k < N; ++k) {
+            entry += inverse[k * N + i] * inverse[k * N + j];
+        }
+        sum += fabs(entry);
     }
     return 1.0 / sum;
 }
@@ -91,13 +92,16 @@ static double free_inertia(const double *L, int i)
 void place_zones(const memory_t *m, const double *q, arm_t *arm)
 {
     const config_t *const c = &m->config;
-    double M[NN];
+    double M[NN], inverse[NN];
     mass_with_motors(m, q, M);
     const int positive = factorise(M);
+    if (positive) {
+        invert_lower(M, inverse);
+    }
     for (int i = 0; i < N; ++i) {
         const double rate = c->torque_rate_limit[i], range = c->upper_limit[i] - c->lower_limit[i];
         const double width = smaller(ZONE, ZONE * range), share = rate / (2.0 * width);
-        const double inertia = positive ? free_inertia(M, i) : c->motor_inertia[i];
+        const double inertia = positive ? free_inertia(inverse, i) : c->motor_inertia[i];
         const double damped = smaller(c->effort_limit[i], 0.5 * most_eigenvalue(c) * inertia);
         arm->zone[i] = c->lower_limit[i] + width;
         arm->zone[N + i] = c->upper_limit[i] - width;

@@ -203,43 +203,26 @@ static int find_mode(const memory_t *m)
     return holds_in_fault(m) ? ID(MODE_HOLD) : ID(MODE_RELEASE);
 }
 
-/* Report fault and refusal. */
-static void report_reasons(const memory_t *m, const command_t *k, output_t *out)
-{
-    out->mode = find_mode(m);
-    out->fault = fault_of_reason(m->fault.reason);
-    out->reason = m->fault.reason;
-    out->fault_joint = m->fault.joint;
-    out->fault_seen = m->fault.seen;
-    out->fault_limit = m->fault.limit;
-    out->fault_time = m->fault.time;
-    out->refusal = k->refusal.code;
-    out->refusal_command = k->refusal.command;
-    out->refusal_entry = k->refusal.entry;
-    out->refusal_seen = k->refusal.seen;
-    out->refusal_limit = k->refusal.limit;
-    out->limited_joint = k->limited;
-}
-
-/* Report a step. */
+/* Report a step: what the memory holds, and what the phases found. */
 static void report(const memory_t *m, const phases_t *p, output_t *out)
 {
+    const refusal_t *const r = &p->command.refusal;
     const int lacks = m->watch.known && available(&m->account) < -ROUNDED_ENERGY;
-    report_reasons(m, &p->command, out);
+    report_memory(m, out);
     out->status = p->status | p->torque.status | (lacks ? (uint32_t)ID(STATUS_TANK_DEFICIT) : 0u);
     out->status |= m->fault.reason != ID(REASON_NONE) ? (uint32_t)ID(STATUS_FAULT) : 0u;
-    out->hold = m->account.hold;
-    out->energy_supplied = m->account.supplied;
-    out->tank = m->account.tank;
+    out->mode = find_mode(m);
+    out->fault = fault_of_reason(m->fault.reason);
+    out->refusal = r->code;
+    out->refusal_command = r->command;
+    out->refusal_entry = r->entry;
+    out->refusal_seen = r->seen;
+    out->refusal_limit = r->limit;
+    out->limited_joint = p->command.limited;
     out->stored = m->account.springs + m->account.zones;
     out->reserve = p->torque.reserve;
-    out->tank_initial = m->config.tank_initial;
-    out->scale = m->reference.scale;
     out->stiffness_share = p->law.cap;
     memcpy(out->own_torque, p->torque.own, sizeof out->own_torque);
-    memcpy(out->position, m->watch.q, sizeof out->position);
-    memcpy(out->reference, m->reference.r, sizeof out->reference);
-    memcpy(out->reference_velocity, m->reference.dr, sizeof out->reference_velocity);
     memcpy(out->damping_torque, p->law.damper, sizeof out->damping_torque);
     memcpy(out->limit_torque, p->law.zone, sizeof out->limit_torque);
     memcpy(out->feedforward_torque, p->law.feedforward, sizeof out->feedforward_torque);
