@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from support.controller_inputs import KO, Arm, Q
+from support.controller_inputs import KO, STATED, Arm, Q
 
 Wiring = Callable[[np.ndarray], np.ndarray]
 LOAD = np.array([0.0, 0, -3 * 9.81, 0, 0, 0])
@@ -35,10 +35,10 @@ def hang_on(robot: ModuleType, wiring: Wiring, samples: int = 2500, **inputs: An
 
     Return the work of the torque [J] at its peak, that after the last half of the session, and the last output.
     """
-    controller = robot.Impedance(motor_inertia=0.1, errors="ignore", **inputs.pop("fields", {}))
+    controller = robot.Impedance(**STATED, errors="ignore", **inputs.pop("fields", {}))
     arm, work, peak, half = Arm(robot, Q), 0.0, 0.0, 0.0
     for k in range(samples):
-        out = controller.step(q=wiring(arm.q), dq=wiring(arm.dq), q0=wiring(Q), **SPRINGS, **inputs)
+        out = controller.step(q=wiring(arm.q), dq=wiring(arm.dq), q0=wiring(Q), counter=k, **SPRINGS, **inputs)
         before = arm.q
         arm.step(out.torque, LOAD if k > 50 else None)
         if np.abs(arm.q).max() > 1e3:
@@ -51,14 +51,14 @@ def hang_on(robot: ModuleType, wiring: Wiring, samples: int = 2500, **inputs: An
 WIRINGS = {f"flip {k}": flip(k) for k in (1, 2, 3, 5)} | {f"swap {k}": swap(k) for k in (0, 1, 3)}
 
 
-@pytest.mark.parametrize("fields", [{}, {"actuation": "gains"}, {"velocity_noise": 0.02}], ids=["", "gains", "noise"])
+@pytest.mark.parametrize("fields", [{}, {"velocity_noise": 0.02}], ids=["", "noise"])
 @pytest.mark.parametrize("name", WIRINGS)
 def test_an_arm_that_damping_drives_gets_no_torque(robot: ModuleType, name: str, fields: dict[str, Any]) -> None:
     """Before: the torque went to full effort, and stayed: 5534 J put out (joint 2 flipped)."""
     peak, late, out = hang_on(robot, WIRINGS[name], fields=fields)
     assert out.fault == robot.Fault.DISSIPATION
     assert peak < 30.0 and late == 0.0
-    assert not out.torque.any() and not out.kp.any() and not out.kd.any()
+    assert not out.torque.any() and out.mode == robot.Mode.LIMP
     assert "sign and order" in out.text
 
 
@@ -67,17 +67,17 @@ def test_the_torque_of_the_caller_ends_too(robot: ModuleType) -> None:
     offset = np.array([0.0, 5, 0, 0, 0, 0, 0])
     _, late, out = hang_on(robot, flip(1), torque_offset=offset)
     assert out.fault == robot.Fault.DISSIPATION
-    assert late == 0.0 and not out.torque.any() and not out.offset_torque.any()
+    assert late == 0.0 and not out.torque.any()
 
 
 @pytest.mark.parametrize(("share", "found"), [(1.2, False), (1.45, False), (1.7, True)])
 def test_a_bump_is_braked_up_to_one_and_a_half_times_the_limit(robot: ModuleType, share: float, found: bool) -> None:
     """A joint is pushed beyond its limit within 40 ms, and is below it after 100 ms."""
-    controller, q = robot.Impedance(motor_inertia=0.1), Q.copy()
+    controller, q = robot.Impedance(**STATED, position_quantum=2e-6), Q.copy()
     for k in range(300):
         dq = share * np.clip(min(k - 50, 150 - k) / 40, 0, 1) * robot.VELOCITY * np.eye(7)[4]
         q = q + 1e-3 * dq
-        out = controller.step(q=q, dq=dq, q0=Q, translation_stiffness=np.eye(3), rotation_stiffness=np.eye(3))
+        out = controller.step(q=q, dq=dq, q0=Q, counter=k, translation_stiffness=np.eye(3), rotation_stiffness=np.eye(3))
         if out.fault:
             break
     assert out.reason == (robot.Reason.DISSIPATION if found else robot.Reason.NONE), out.text
@@ -86,13 +86,13 @@ def test_a_bump_is_braked_up_to_one_and_a_half_times_the_limit(robot: ModuleType
 
 def test_a_reset_ends_the_fault(robot: ModuleType) -> None:
     """The arm rests, and its signs are right again: it takes springs and torque back."""
-    controller, q = robot.Impedance(motor_inertia=0.1), Q.copy()
+    controller, q = robot.Impedance(**STATED, position_quantum=2e-6), Q.copy()
     for k in range(400):
         dq = 1.8 * np.clip(min(k - 50, 150 - k) / 40, 0, 1) * robot.VELOCITY * np.eye(7)[4]
         q = q + 1e-3 * dq
-        out = controller.step(q=q, dq=dq, q0=q, **SPRINGS)
+        out = controller.step(q=q, dq=dq, q0=q, counter=k, **SPRINGS)
     assert out.reason == robot.Reason.DISSIPATION and not out.torque.any()
     controller.reset()
-    for _ in range(5):
-        out = controller.step(q=q, dq=np.zeros(7), q0=q, **SPRINGS)
+    for k in range(400, 405):
+        out = controller.step(q=q, dq=np.zeros(7), q0=q, counter=k, **SPRINGS)
     assert out.reason == robot.Reason.NONE and out.scale > 0.0

@@ -12,6 +12,13 @@ KT = np.diag([700.0, 700, 800])
 KO = np.diag([30.0, 20, 10])
 TASK_STIFFNESS = np.diag([700.0, 700, 800, 30, 30, 30])
 Q = np.array([0.3, 0.6, -0.4, -1.3, 0.2, 0.9, -0.5])
+STATED: dict[str, Any] = {
+    "sample_time": 1e-3,
+    "delay_samples": 0,
+    "motor_inertia": 0.1,
+    "heaviest_wrench": (100.0, 20.0),
+}
+"""Configuration fields without a default, for the arm of these tests."""
 SPRING = {"translation_stiffness": KT, "rotation_stiffness": KO}
 
 
@@ -39,6 +46,7 @@ def walk(random: np.random.Generator, robot: ModuleType, steps: int, **overrides
         "q0": middle + q0,
         "translation_stiffness": growth * positive(random, 700),
         "rotation_stiffness": growth * positive(random, 30),
+        "counter": np.arange(steps),
         "sample_valid": np.ones(steps, int),
         **overrides,
     }

@@ -220,17 +220,19 @@ static void step_controller(const plant_t *p, controller_t *c, const sensors_t *
     ROBOT_(impedance_input) input;
     memset(&input, 0, sizeof input);
     input.sample_valid = in->sensor[k] != LOST;
-    input.command = p->by_pose ? JOIN(UPPER, _COMMAND_EQUILIBRIUM) : JOIN(UPPER, _COMMAND_POSITION);
+    input.clock = JOIN(UPPER, _CLOCK_COUNTER);
     input.counter = s->counter;
     memcpy(input.q, s->q, sizeof input.q);
     memcpy(input.dq, s->dq, sizeof input.dq);
     memcpy(input.q0, in->goal + k * N, sizeof input.q0);
-    memcpy(input.equilibrium, in->pose + 16 * k, sizeof input.equilibrium);
+    for (int i = 0; i < N; ++i) {
+        input.posture_stiffness[i] = 1.0;
+    }
     for (int i = 0; i < 3; ++i) {
         input.translation_stiffness[4 * i] = in->translation[3 * k + i];
         input.rotation_stiffness[4 * i] = in->rotation[3 * k + i];
     }
-    ROBOT_(impedance_step)(c->config, c->state, &input, c->output);
+    ROBOT_(impedance_step)(c->state, &input, c->output);
     memcpy(torque, c->output->torque, N * sizeof *torque);
     row->status = c->output->status;
     row->reason = c->output->reason;
@@ -307,7 +309,13 @@ int run(const plant_t *p, const void *config, void *state, void *output, const d
     return code;
 }
 
+/* The defaults, and what has none but the motors: 1 ms, the usual wrench. */
 void defaults(void *config)
 {
-    ROBOT_(impedance_default_config)(config);
+    ROBOT_(impedance_config) *const c = config;
+    ROBOT_(impedance_default_config)(c);
+    c->sample_time = 1e-3;
+    c->delay_samples = 1;
+    c->heaviest_wrench[0] = 100.0;
+    c->heaviest_wrench[1] = 20.0;
 }
