@@ -43,7 +43,7 @@ typedef iiwa14_impedance_output output_t;
  */
 enum { NO_JOINT = -1, READY = 0x51f7, DELAYS = 6 }; /* DELAYS: torques of the account's history */
 enum { LONGEST = 100000 }; /* samples at which a counter stands still: 100 s at 1 kHz, and no overflow */
-enum { MOST_TURNS = 3 * N * N }; /* of QL: 40 are usual for seven joints; what is left then is neglected */
+enum { MOST_TURNS = 2 * N * N }; /* of QL: 40 are usual for seven joints; what is left then is neglected */
 
 /* Share by which numbers differ that are the same but for rounding: far above what any sum here can lose (1e-13), and
  * far below what matters to an arm. */
@@ -56,6 +56,7 @@ static const double COVERED = 0.7;   /* share of the available energy for spring
 static const double SCALE_TIME = 0.05; /* [s] shortest time in which the scale rises from 0 to 1 */
 static const double NOISE_RANGE = 6.0; /* velocity_noise counts this often in one sample */
 static const double SHAPED = 4.0; /* times the reference's own acceleration that follows a shaped command */
+static const double NO_TORQUE = 1e-9; /* [N m] or [N] that counts as none: nothing is divided by it */
 static const double TURN = 6.28318530717958648;
 static const double FARTHEST = 1e6; /* [rad] beyond it an angle has lost its last digits */
 
@@ -448,7 +449,7 @@ static int fits_memory(const memory_t *m)
     fits = fits && integers_within(m->watch.swings, N, 0, 32);
     fits = fits && integers_within(m->watch.since, N, 0, 100000);
     fits = fits && m->watch.known >= 0 && m->watch.known <= 1;
-    fits = fits && m->watch.seen >= 0 && m->watch.seen <= 1;
+    fits = fits && m->watch.seen >= 0 && m->watch.seen <= 2;
     fits = fits && m->watch.bad >= 0 && m->watch.bad <= 7;
     fits = fits && m->watch.missed >= 0 && m->watch.missed <= 100000;
     fits = fits && m->watch.good >= 0 && m->watch.good <= 100000;
@@ -549,11 +550,11 @@ static void invert_lower(const double *L, double *inverse)
     }
 }
 
-/* Compute C = L^-1 K L^-T of a symmetric K; K becomes L^-1 K. inverse: L^-1. */
-static void form_pencil(const double *inverse, double *K, double *C)
+/* Replace a symmetric K by C = L^-1 K L^-T. inverse: L^-1. */
+static void form_pencil(const double *inverse, double *K)
 {
     for (int j = 0; j < N; ++j) {
-        for (int i = N - 1; i >= 0; --i) { /* row i needs the rows above alone */
+        for (int i = N - 1; i >= 0; --i) { /* L^-1 K: row i needs the rows above alone */
             double sum = 0.0;
             for (int k = 0; k <= i; ++k) {
                 sum += inverse[i * N + k] * K[k * N + j];
@@ -562,8 +563,13 @@ static void form_pencil(const double *inverse, double *K, double *C)
         }
     }
     for (int i = 0; i < N; ++i) {
-        for (int j = 0; j <= i; ++j) {
-            C[i * N + j] = C[j * N + i] = dot(j + 1, inverse + j * N, K + i * N);
+        for (int j = i; j >= 0; --j) { /* entry j needs the entries before it alone */
+            K[i * N + j] = dot(j + 1, inverse + j * N, K + i * N);
+        }
+    }
+    for (int i = 0; i < N; ++i) {
+        for (int j = i + 1; j < N; ++j) {
+            K[i * N + j] = K[j * N + i];
         }
     }
 }
@@ -1245,10 +1251,12 @@ static int read_clock(const config_t *c, const input_t *in, watch_t *w)
  * Sum by how far the motions of q and dq differ while one of them stands still; up to `allowed` per sample is noise,
  * resolution and bias of dq, which therefore do not add up at rest. Return the sum.
  */
-static double sum_difference(const watch_t *before, int i, double differs, double allowed, sample_t *s)
+static double sum_difference(const watch_t *before, int i, double sample_time, double differs, double allowed, sample_t *s)
 {
     watch_t *const w = &s->watch;
-    const int q_changed = fabs(s->q[i] - before->q[i]) > SAME * fabs(s->q[i]), dq_changed = s->dq[i] != before->dq[i];
+    const double same = SAME * fabs(s->q[i]); /* and a velocity that differs by this in a sample follows from it */
+    const int q_changed = fabs(s->q[i] - before->q[i]) > same;
+    const int dq_changed = fabs(s->dq[i] - before->dq[i]) * sample_time > 4.0 * same;
     w->q_age[i] = q_changed ? 0 : count_up(before->q_age[i], 1);
     w->dq_age[i] = dq_changed ? 0 : count_up(before->dq_age[i], 1);
     const double sum = before->moved[i] + differs;
@@ -1279,7 +1287,7 @@ static finding_t find_frozen(const memory_t *m, int i, double differs, double el
     const config_t *const c = &m->config;
     const double drift = larger(RESTING * c->velocity_limit[i], c->velocity_noise);
     const double limit = larger(4.0 * c->position_quantum, drift * WINDOW * c->sample_time);
-    const double moved = sum_difference(&m->watch, i, differs, drift * elapsed, s);
+    const double moved = sum_difference(&m->watch, i, c->sample_time, differs, drift * elapsed, s);
     const double range = find_still_range(m, i, &s->watch), widest = STILL_RANGE * c->effort_limit[i];
     if (moved > limit) {
         return find(IIWA14_REASON_FROZEN, i, moved, limit);
@@ -1896,19 +1904,19 @@ static double find_cap(const config_t *c, const modes_t *modes)
 static void damp(const memory_t *m, const double *L, double *K, const double *slip, law_t *w)
 {
     const config_t *const c = &m->config;
-    double inverse[NN], C[NN], y[N];
+    double inverse[NN], y[N];
     modes_t modes;
     design_t d;
     invert_lower(L, inverse);
     design_joints(c, inverse, &d);
-    form_pencil(inverse, K, C);
-    find_modes(C, &modes);
+    form_pencil(inverse, K);
+    find_modes(K, &modes);
     w->cap = find_cap(c, &modes);
     w->status |= w->cap < 1.0 ? (uint32_t)IIWA14_STATUS_STIFFNESS_CAPPED : 0u;
     multiply_upper(L, slip, y);
-    to_modes(&modes, C, y);
+    to_modes(&modes, K, y);
     damp_modes(c, &modes, w->cap, &d, y);
-    from_modes(&modes, C, y);
+    from_modes(&modes, K, y);
     multiply_lower(L, y, w->damper);
     for (int i = 0; i < N; ++i) {
         const double dq = m->watch.dq[i], limit = SPEED * c->velocity_limit[i], excess = dq - clamp(dq, -limit, limit);
@@ -1955,7 +1963,6 @@ static void find_law(const memory_t *m, const command_t *k, law_t *w)
 
 /* The guard: scale and torque that effort, rate and account allow. */
 
-static const double NO_TORQUE = 1e-9; /* [N m] or [N] that counts as none: nothing is divided by it */
 static const double RELEASE = 0.8;    /* share of the rate limit at which the springs' torque falls after a fault */
 enum { ROUNDS = 6 };                  /* of a bisection */
 
@@ -2611,9 +2618,10 @@ static uint32_t add_offset(memory_t *m, const double *offset, const double *last
         const double given = offset != NULL && fabs(offset[i]) <= DBL_MAX ? offset[i] : m->caller.offset[i];
         const double wanted = has_no_torque(m->fault.reason) ? 0.0 : clamp(given, -most, most);
         const double near = clamp(own + wanted, last[i] - rate, last[i] + rate);
-        total[i] = clamp(near, -c->effort_limit[i], c->effort_limit[i]);
-        m->caller.offset[i] = total[i] - own;
-        status |= total[i] != own + wanted ? (uint32_t)IIWA14_STATUS_OFFSET_LIMITED : 0u;
+        const double left = clamp(near, -c->effort_limit[i], c->effort_limit[i]) - own;
+        m->caller.offset[i] = fabs(left) > NO_TORQUE ? left : 0.0;
+        total[i] = own + m->caller.offset[i];
+        status |= fabs(left - wanted) > NO_TORQUE ? (uint32_t)IIWA14_STATUS_OFFSET_LIMITED : 0u;
     }
     return status;
 }

@@ -355,18 +355,18 @@ typedef struct {
     double time; /* [s] time of the last call by clock time. */
     double lead; /* [samples] lead of the clock over the samples that it was counted as. */
     double fastest; /* largest speed over its limit since one is above its limit. */
-    int32_t q_age[7]; /* samples since q changed. */
-    int32_t dq_age[7]; /* samples since dq changed. */
-    int32_t swings[7]; /* swings to and fro without decay, twice; odd: the swing that goes on is downwards. */
-    int32_t since[7]; /* samples since the last one ended. */
+    int q_age[7]; /* samples since q changed. */
+    int dq_age[7]; /* samples since dq changed. */
+    int swings[7]; /* swings to and fro without decay, twice; odd: the swing that goes on is downwards. */
+    int since[7]; /* samples since the last one ended. */
     uint32_t counter; /* number of the last sample time. */
-    int32_t known; /* a position is believed: the account has begun. */
-    int32_t seen; /* a clock was seen. */
-    int32_t bad; /* the last three samples, one bit each: 1 was not believed. */
-    int32_t missed; /* calls since the last believed sample. */
-    int32_t good; /* believed samples in a row. */
-    int32_t fast; /* samples in a row beyond a velocity limit. */
-    int32_t rises; /* samples since then in which the speed has risen. */
+    int known; /* a position is believed: the account has begun. */
+    int seen; /* clock of the last call, IIWA14_CLOCK_...; 0 before the first. */
+    int bad; /* the last three samples, one bit each: 1 was not believed. */
+    int missed; /* calls since the last believed sample. */
+    int good; /* believed samples in a row. */
+    int fast; /* samples in a row beyond a velocity limit. */
+    int rises; /* samples since then in which the speed has risen. */
 } iiwa14_impedance_watch;
 
 /* Latched fault. */
@@ -374,10 +374,10 @@ typedef struct {
     double seen; /* number that the fault is about. */
     double limit; /* limit of this number. */
     double time; /* [s] time since the fault was latched. */
-    int32_t reason; /* its reason, IIWA14_REASON_...; 0 for no fault. */
-    int32_t joint; /* joint that the fault is about, or -1. */
-    int32_t reset; /* a reset is asked for. */
-    int32_t padding; /* of the record */
+    int reason; /* its reason, IIWA14_REASON_...; 0 for no fault. */
+    int joint; /* joint that the fault is about, or -1. */
+    int reset; /* a reset is asked for. */
+    int padding; /* of the record */
 } iiwa14_impedance_fault;
 
 /* Reference and springs in force (reference.c, guard.c). */
@@ -391,8 +391,8 @@ typedef struct {
     double rotation_stiffness[9]; /* [N m/rad] (3 x 3) stiffness Ko in force. */
     double scale; /* scale l of the springs, from 0 to 1. */
     double press; /* share of wrench_command in force. */
-    int32_t engaged; /* the springs are in force. */
-    int32_t commanded; /* a command was accepted since init. */
+    int engaged; /* the springs are in force. */
+    int commanded; /* a command was accepted since init. */
 } iiwa14_impedance_reference;
 
 /* Torque of the caller. */
@@ -410,8 +410,8 @@ typedef struct {
     double gap_change[7]; /* [N m] sum of |change of torque| in a gap, each times the intervals before it. */
     double gap_total[7]; /* [N m] sum of |torque| over the intervals of a gap. */
     double gap_torque[7]; /* [N m] torque that acted in the newest interval of a gap. */
-    int32_t gap; /* sample times since the last believed sample. */
-    int32_t hold; /* calls without a sample for which the last torque is held. */
+    int gap; /* sample times since the last believed sample. */
+    int hold; /* calls without a sample for which the last torque is held. */
 } iiwa14_impedance_account;
 
 typedef struct {

@@ -8,9 +8,9 @@ that is moved whatever it does, into the limit zones and along its torque, too; 
 targets that are streamed with jitter; missed samples, calls left out or early, velocities that lie, torques of the
 caller, commands of single precision, resets. Wrenches that the tip is to exert, accelerations of plans and what is said
 of their ramps come and go, and lie. Configurations vary in delay, missed_limit, rate limits, damping, tank, with
-Coriolis forces and without. The controller begins anew with another one while its torque is in force: limits of velocity
-and calls are raised and lowered. Further draws (widened.py): positions of single precision, late calls, old samples,
-restarts with another delay, tools.
+Coriolis forces and without. The controller begins anew with another one while its torque is in force: limits of
+velocity and calls are raised and lowered. Further draws (widened.py): positions of single precision, late calls, old
+samples, restarts with another delay, tools.
 
 The work that the robot puts out at its port is summed from the exact motion and the torque that acted, and compared
 with the controller's output energy_supplied, from the first sample to the last and at all times between. With --python

@@ -215,7 +215,7 @@ def change_configuration(random: Random, loop: Loop, made: Schedule) -> None:
     for _ in range(random.integers(1, 4)):
         names = random.choice([*drawn, *drawn, *scaled], random.integers(1, 5))
         made.changes.append({
-            name: drawn[name]() if name in drawn else base[name] * 10 ** random.uniform(-1, 0.7) for name in names
+            name: drawn[name]() if name in drawn else base[name] * 10 ** random.uniform(-1, 0.1) for name in names
         })  # fmt: skip
     for _ in range(random.integers(1, 6)):
         one = made.parts[random.integers(len(made.parts))]

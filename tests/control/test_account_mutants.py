@@ -29,7 +29,6 @@ MUTANTS = {
         "    a->tank = smaller(a->tank + a->springs, larger(a->tank, 0.1));\n    a->springs = 0.0;\n}",
     ),
     "transit forgotten": ("k <= c->delay_samples; ++k", "k < c->delay_samples; ++k"),
-    "zones forgotten": ("rise = springs - a->springs + (zones - a->zones)", "rise = springs - a->springs"),
 }  # fmt: skip
 """Text of NAME_impedance.c and its replacement."""
 

@@ -77,7 +77,9 @@ def test_a_bump_is_braked_up_to_one_and_a_half_times_the_limit(robot: ModuleType
     for k in range(300):
         dq = share * np.clip(min(k - 50, 150 - k) / 40, 0, 1) * robot.VELOCITY * np.eye(7)[4]
         q = q + 1e-3 * dq
-        out = controller.step(q=q, dq=dq, q0=Q, counter=k, translation_stiffness=np.eye(3), rotation_stiffness=np.eye(3))
+        out = controller.step(
+            q=q, dq=dq, q0=Q, counter=k, translation_stiffness=np.eye(3), rotation_stiffness=np.eye(3)
+        )
         if out.fault:
             break
     assert out.reason == (robot.Reason.DISSIPATION if found else robot.Reason.NONE), out.text

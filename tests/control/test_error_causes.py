@@ -14,7 +14,7 @@ from support.chains import ARM, replaced
 
 ERRORS = {
     "degrees per second": (('velocity="3"', 'velocity="1800"'), "velocity_limit: ", "shoulder.*limit 1800 rad/s"),
-    "mm/s": (('velocity="0.1"', 'velocity="2000"'), "reference_velocity_limit: ", "grip.*2000 m/s: are these mm/s"),
+    "mm/s": (('velocity="0.1"', 'velocity="2000"'), "velocity_limit: ", "grip.*2000 m/s: are these mm/s"),
     "degrees": (('lower="-2" upper="2"', 'lower="90" upper="90"'), "lower_limit, upper_limit: ", "are these degrees"),
     "one limit in degrees": (('lower="-1"', 'lower="-90"'), "lower_limit: ", "elbow.*-90 to 1 rad: are these degrees"),
 }  # fmt: skip

@@ -21,12 +21,12 @@ def start(loop: Loop, joints: Any, inside: float, sample_time: float, rise: floa
     q, effort = Q0.copy(), SHARE * loop.effort
     for joint, side in joints:
         q[joint] = (loop.upper if side > 0 else loop.lower)[joint] - side * inside
-    limits = {"effort_limit": effort, "torque_rate_limit": effort / rise, "reference_velocity_limit": loop.velocity}
-    config = loop.config(sample_time=sample_time, delay_samples=delay, motor_inertia=MOTOR, posture_stiffness=10.0,
-                         ramp_time=0.05, tip_velocity_limit=2.0, tip_rotation_limit=6.0, **limits)  # fmt: skip
+    limits = {"effort_limit": effort, "torque_rate_limit": effort / rise}
+    config = loop.config(sample_time=sample_time, delay_samples=delay, motor_inertia=MOTOR, ramp_time=0.05,
+                         tip_velocity_limit=(2.0, 6.0), **limits)  # fmt: skip
     episode = loop.episode(q=q, motor=MOTOR, sample_time=sample_time, delay=delay, differences=1,
                            effort=effort, rate=effort / rise, substeps=max(1, round(sample_time / 1e-3)))  # fmt: skip
-    return loop.run(round(2.0 / sample_time), loop.segments({"wanted": q}), episode, config)
+    return loop.run(round(2.0 / sample_time), loop.segments({"wanted": q, "joint": 10.0}), episode, config)
 
 
 def slow(*values: float) -> Any:

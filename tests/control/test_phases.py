@@ -126,9 +126,7 @@ BRANCHING = ("IfStmt", "ForStmt", "WhileStmt", "ConditionalOperator", "CaseStmt"
 
 def branches(function: Node) -> int:
     """Return the number of branches: statements, and operators that may leave out an operand."""
-    logical = sum(
-        node["kind"] == "BinaryOperator" and node["opcode"] in ("&&", "||") for node in walk(function)
-    )
+    logical = sum(node["kind"] == "BinaryOperator" and node["opcode"] in ("&&", "||") for node in walk(function))
     return logical + sum(node["kind"] in BRANCHING for node in walk(function))
 
 

@@ -315,7 +315,7 @@ def _without_padding(struct: Struct) -> Struct:
     halves = sum(math.prod(field.extents) for field in struct.fields if field.format.endswith("4"))
     if halves % 2 == 0:
         return struct
-    padding = Member("padding", "int32_t padding", ["/* of the record */"], "i4", [], False, "")
+    padding = Member("padding", "int padding", ["/* of the record */"], "i4", [], False, "")
     return replace(struct, fields=[*struct.fields, padding])
 
 

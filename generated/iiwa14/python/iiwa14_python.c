@@ -15,7 +15,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "6655508bc448d262"
+#define SOURCES "f1a688fc4229a894"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

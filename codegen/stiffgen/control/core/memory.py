@@ -20,10 +20,10 @@ def _number(name: str, shape: tuple[Extent, ...], unit: str, meaning: str, when:
 
 def _count(name: str, least: int, most: int, meaning: str, shape: tuple[Extent, ...] = SCALAR) -> Field:
     """Return an integer that lies between the bounds before and after every call."""
-    return Field(name, shape, "", meaning, least=least, most=most, type="int32_t")
+    return Field(name, shape, "", meaning, least=least, most=most, type="int")
 
 
-def _any(name: str, meaning: str, type_: str = "int32_t") -> Field:
+def _any(name: str, meaning: str, type_: str = "int") -> Field:
     """Return an integer that may have any value."""
     return Field(name, SCALAR, "", meaning, type=type_)
 
@@ -50,7 +50,7 @@ WATCH: tuple[Field, ...] = (
     _count("since", 0, _MOST, "samples since the last one ended", N),
     _any("counter", "number of the last sample time", "uint32_t"),
     _count("known", 0, 1, "a position is believed: the account has begun"),
-    _count("seen", 0, 1, "a clock was seen"),
+    _count("seen", 0, 2, "clock of the last call, NAME_CLOCK_...; 0 before the first"),
     _count("bad", 0, 7, "the last three samples, one bit each: 1 was not believed"),
     _count("missed", 0, _MOST, "calls since the last believed sample"),
     _count("good", 0, _MOST, "believed samples in a row"),
@@ -105,6 +105,6 @@ RANGES: tuple[tuple[str, str, int, int, bool], ...] = tuple(
     (record, field.name, int(field.least), int(field.most), bool(field.shape))
     for record, _, fields in RECORDS
     for field in fields
-    if field.type == "int32_t" and field.least == field.least
+    if field.type == "int" and field.least == field.least
 )
 """Integers of the memory with their bounds before and after every call; a memory beyond them is not believed."""

@@ -1,7 +1,6 @@
 /* The guard: scale and torque that effort, rate and account allow. */
 #include "impedance.h"
 
-static const double NO_TORQUE = 1e-9; /* [N m] or [N] that counts as none: nothing is divided by it */
 static const double RELEASE = 0.8;    /* share of the rate limit at which the springs' torque falls after a fault */
 enum { ROUNDS = 6 };                  /* of a bisection */
 

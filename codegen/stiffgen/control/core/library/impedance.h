@@ -24,7 +24,7 @@
 
 enum { NO_JOINT = -1, READY = 0x51f7, DELAYS = 6 }; /* DELAYS: torques of the account's history */
 enum { LONGEST = 100000 }; /* samples at which a counter stands still: 100 s at 1 kHz, and no overflow */
-enum { MOST_TURNS = 3 * N * N }; /* of QL: 40 are usual for seven joints; what is left then is neglected */
+enum { MOST_TURNS = 2 * N * N }; /* of QL: 40 are usual for seven joints; what is left then is neglected */
 
 /* Share by which numbers differ that are the same but for rounding: far above what any sum here can lose (1e-13), and
  * far below what matters to an arm. */
@@ -37,6 +37,7 @@ static const double COVERED = 0.7;   /* share of the available energy for spring
 static const double SCALE_TIME = 0.05; /* [s] shortest time in which the scale rises from 0 to 1 */
 static const double NOISE_RANGE = 6.0; /* velocity_noise counts this often in one sample */
 static const double SHAPED = 4.0; /* times the reference's own acceleration that follows a shaped command */
+static const double NO_TORQUE = 1e-9; /* [N m] or [N] that counts as none: nothing is divided by it */
 static const double TURN = 6.28318530717958648;
 static const double FARTHEST = 1e6; /* [rad] beyond it an angle has lost its last digits */
 
@@ -153,7 +154,7 @@ double norm(int count, const double *x);
 void add_scaled(int count, double a, const double *x, double *y);
 int factorise(double *A);
 void invert_lower(const double *L, double *inverse);
-void form_pencil(const double *inverse, double *K, double *C);
+void form_pencil(const double *inverse, double *K);
 void multiply_lower(const double *L, const double *x, double *result);
 void multiply_upper(const double *L, const double *x, double *result);
 double smallest_eigenvalue(const double *K);

@@ -59,19 +59,19 @@ static double find_cap(const config_t *c, const modes_t *modes)
 static void damp(const memory_t *m, const double *L, double *K, const double *slip, law_t *w)
 {
     const config_t *const c = &m->config;
-    double inverse[NN], C[NN], y[N];
+    double inverse[NN], y[N];
     modes_t modes;
     design_t d;
     invert_lower(L, inverse);
     design_joints(c, inverse, &d);
-    form_pencil(inverse, K, C);
-    find_modes(C, &modes);
+    form_pencil(inverse, K);
+    find_modes(K, &modes);
     w->cap = find_cap(c, &modes);
     w->status |= w->cap < 1.0 ? (uint32_t)ID(STATUS_STIFFNESS_CAPPED) : 0u;
     multiply_upper(L, slip, y);
-    to_modes(&modes, C, y);
+    to_modes(&modes, K, y);
     damp_modes(c, &modes, w->cap, &d, y);
-    from_modes(&modes, C, y);
+    from_modes(&modes, K, y);
     multiply_lower(L, y, w->damper);
     for (int i = 0; i < N; ++i) {
         const double dq = m->watch.dq[i], limit = SPEED * c->velocity_limit[i], excess = dq - clamp(dq, -limit, limit);

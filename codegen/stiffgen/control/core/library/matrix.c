@@ -67,11 +67,11 @@ void invert_lower(const double *L, double *inverse)
     }
 }
 
-/* Compute C = L^-1 K L^-T of a symmetric K; K becomes L^-1 K. inverse: L^-1. */
-void form_pencil(const double *inverse, double *K, double *C)
+/* Replace a symmetric K by C = L^-1 K L^-T. inverse: L^-1. */
+void form_pencil(const double *inverse, double *K)
 {
     for (int j = 0; j < N; ++j) {
-        for (int i = N - 1; i >= 0; --i) { /* row i needs the rows above alone */
+        for (int i = N - 1; i >= 0; --i) { /* L^-1 K: row i needs the rows above alone */
             double sum = 0.0;
             for (int k = 0; k <= i; ++k) {
                 sum += inverse[i * N + k] * K[k * N + j];
@@ -80,8 +80,13 @@ void form_pencil(const double *inverse, double *K, double *C)
         }
     }
     for (int i = 0; i < N; ++i) {
-        for (int j = 0; j <= i; ++j) {
-            C[i * N + j] = C[j * N + i] = dot(j + 1, inverse + j * N, K + i * N);
+        for (int j = i; j >= 0; --j) { /* entry j needs the entries before it alone */
+            K[i * N + j] = dot(j + 1, inverse + j * N, K + i * N);
+        }
+    }
+    for (int i = 0; i < N; ++i) {
+        for (int j = i + 1; j < N; ++j) {
+            K[i * N + j] = K[j * N + i];
         }
     }
 }

@@ -67,10 +67,12 @@ static int read_clock(const config_t *c, const input_t *in, watch_t *w)
  * Sum by how far the motions of q and dq differ while one of them stands still; up to `allowed` per sample is noise,
  * resolution and bias of dq, which therefore do not add up at rest. Return the sum.
  */
-static double sum_difference(const watch_t *before, int i, double differs, double allowed, sample_t *s)
+static double sum_difference(const watch_t *before, int i, double sample_time, double differs, double allowed, sample_t *s)
 {
     watch_t *const w = &s->watch;
-    const int q_changed = fabs(s->q[i] - before->q[i]) > SAME * fabs(s->q[i]), dq_changed = s->dq[i] != before->dq[i];
+    const double same = SAME * fabs(s->q[i]); /* and a velocity that differs by this in a sample follows from it */
+    const int q_changed = fabs(s->q[i] - before->q[i]) > same;
+    const int dq_changed = fabs(s->dq[i] - before->dq[i]) * sample_time > 4.0 * same;
     w->q_age[i] = q_changed ? 0 : count_up(before->q_age[i], 1);
     w->dq_age[i] = dq_changed ? 0 : count_up(before->dq_age[i], 1);
     const double sum = before->moved[i] + differs;
@@ -101,7 +103,7 @@ static finding_t find_frozen(const memory_t *m, int i, double differs, double el
     const config_t *const c = &m->config;
     const double drift = larger(RESTING * c->velocity_limit[i], c->velocity_noise);
     const double limit = larger(4.0 * c->position_quantum, drift * WINDOW * c->sample_time);
-    const double moved = sum_difference(&m->watch, i, differs, drift * elapsed, s);
+    const double moved = sum_difference(&m->watch, i, c->sample_time, differs, drift * elapsed, s);
     const double range = find_still_range(m, i, &s->watch), widest = STILL_RANGE * c->effort_limit[i];
     if (moved > limit) {
         return find(ID(REASON_FROZEN), i, moved, limit);

@@ -181,9 +181,10 @@ static uint32_t add_offset(memory_t *m, const double *offset, const double *last
         const double given = offset != NULL && fabs(offset[i]) <= DBL_MAX ? offset[i] : m->caller.offset[i];
         const double wanted = has_no_torque(m->fault.reason) ? 0.0 : clamp(given, -most, most);
         const double near = clamp(own + wanted, last[i] - rate, last[i] + rate);
-        total[i] = clamp(near, -c->effort_limit[i], c->effort_limit[i]);
-        m->caller.offset[i] = total[i] - own;
-        status |= total[i] != own + wanted ? (uint32_t)ID(STATUS_OFFSET_LIMITED) : 0u;
+        const double left = clamp(near, -c->effort_limit[i], c->effort_limit[i]) - own;
+        m->caller.offset[i] = fabs(left) > NO_TORQUE ? left : 0.0;
+        total[i] = own + m->caller.offset[i];
+        status |= fabs(left - wanted) > NO_TORQUE ? (uint32_t)ID(STATUS_OFFSET_LIMITED) : 0u;
     }
     return status;
 }
