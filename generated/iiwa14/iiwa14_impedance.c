@@ -17,6 +17,7 @@
 #endif
 
 enum { N = 7, NN = N * N, TIPS = 1 };
+enum { LOOP_JOINTS = 1 }; /* none; C has no empty arrays */
 
 typedef iiwa14_impedance_config config_t;
 typedef iiwa14_impedance_arm arm_t;
@@ -43,7 +44,7 @@ typedef iiwa14_impedance_output output_t;
  */
 enum { NO_JOINT = -1, READY = 0x51f7, DELAYS = 6 }; /* DELAYS: torques of the account's history */
 enum { LONGEST = 100000 }; /* samples at which a counter stands still: 100 s at 1 kHz, and no overflow */
-enum { MOST_TURNS = 2 * N * N }; /* of QL: 40 are usual for seven joints; what is left then is neglected */
+enum { MOST_TURNS = 3 * N * N / 2 }; /* of QL: 40 are usual for seven joints; what is left then is neglected */
 
 /* Share by which numbers differ that are the same but for rounding: far above what any sum here can lose (1e-13), and
  * far below what matters to an arm. */
@@ -75,7 +76,7 @@ typedef struct {
     finding_t lost, limit, unstable; /* sample or calls; position or speed; dissipation or shaking */
     uint32_t status;
     watch_t watch;
-    arm_t arm;
+    double joints[LOOP_JOINTS]; /* of closed loops */
 } sample_t;
 
 /* Why a command is refused: the first reason, argument and entry, the number that was seen, and what it may be. */
@@ -87,9 +88,9 @@ typedef struct {
 /* Accepted command: positions within the limits and on the reference's turn, stiffnesses symmetric to the last bit. */
 typedef struct {
     int accepted, shaped, limited;
-    double q0[N], translation[9 * TIPS], rotation[9 * TIPS], posture[N];
-    double wrench[6 * TIPS], acceleration[N]; /* 0 where they are refused */
-    int pressing, planned;
+    double q0[N], translation[9 * TIPS], rotation[9 * TIPS];
+    const double *posture, *wrench, *acceleration; /* of the input */
+    int pressing, planned;                         /* there is an accepted wrench, acceleration */
     refusal_t refusal;
 } command_t;
 
@@ -202,12 +203,18 @@ static int stiffgen_reaches(const double *q, const memory_t *m)
     return 1;
 }
 
-static int stiffgen_follow(const double *q, const memory_t *m, arm_t *arm)
+static int stiffgen_follow(const double *q, const memory_t *m, double *joints)
 {
     (void)q;
     (void)m;
-    (void)arm;
+    joints[0] = 0.0;
     return 1;
+}
+
+static void stiffgen_adopt(const double *joints, arm_t *arm)
+{
+    (void)joints;
+    (void)arm;
 }
 
 static void stiffgen_retract(const memory_t *m, double *q)
@@ -534,15 +541,14 @@ static int factorise(double *A)
     return 1;
 }
 
-/* Invert L; the upper triangle of the result is 0. */
+/* Invert the lower triangle L, also in place; the upper triangle of the result is not written. */
 static void invert_lower(const double *L, double *inverse)
 {
-    memset(inverse, 0, NN * sizeof *inverse);
     for (int j = 0; j < N; ++j) {
         inverse[j * (N + 1)] = 1.0 / L[j * (N + 1)];
-        for (int i = j + 1; i < N; ++i) {
-            double sum = 0.0;
-            for (int k = j; k < i; ++k) {
+        for (int i = j + 1; i < N; ++i) { /* columns beyond j are still those of L */
+            double sum = L[i * N + j] * inverse[j * (N + 1)];
+            for (int k = j + 1; k < i; ++k) {
                 sum += L[i * N + k] * inverse[k * N + j];
             }
             inverse[i * N + j] = -sum / L[i * (N + 1)];
@@ -854,7 +860,7 @@ static double free_inertia(const double *inverse, int i)
     double sum = 0.0;
     for (int j = 0; j < N; ++j) {
         double entry = 0.0;
-        for (int k = 0; k < N; ++k) {
+        for (int k = i > j ? i : j; k < N; ++k) {
             entry += inverse[k * N + i] * inverse[k * N + j];
         }
         sum += fabs(entry);
@@ -866,16 +872,16 @@ static double free_inertia(const double *inverse, int i)
 static void place_zones(const memory_t *m, const double *q, arm_t *arm)
 {
     const config_t *const c = &m->config;
-    double M[NN], inverse[NN];
+    double M[NN];
     mass_with_motors(m, q, M);
     const int positive = factorise(M);
     if (positive) {
-        invert_lower(M, inverse);
+        invert_lower(M, M);
     }
     for (int i = 0; i < N; ++i) {
         const double rate = c->torque_rate_limit[i], range = c->upper_limit[i] - c->lower_limit[i];
         const double width = smaller(ZONE, ZONE * range), share = rate / (2.0 * width);
-        const double inertia = positive ? free_inertia(inverse, i) : c->motor_inertia[i];
+        const double inertia = positive ? free_inertia(M, i) : c->motor_inertia[i];
         const double damped = smaller(c->effort_limit[i], 0.5 * most_eigenvalue(c) * inertia);
         arm->zone[i] = c->lower_limit[i] + width;
         arm->zone[N + i] = c->upper_limit[i] - width;
@@ -1063,6 +1069,170 @@ static void account_torque(account_t *a, const torque_t *t)
     a->hold = t->hold;
 }
 
+/* Commands: what is accepted, and why what is not is refused. */
+
+static const double COMMAND_TOLERANCE = 1e-6; /* of a stiffness, over its largest entry: single precision */
+static const double MOST_TRANSLATION = 5e3, MOST_ROTATION = 500.0; /* [N/m], [N m/rad] entries of a stiffness */
+static const double MOST_POSTURE = 1e4;                            /* [N m/rad] */
+
+static const double LATEST = 1e12; /* [s] a later time has lost its last digits */
+
+/* Return a refusal. Outputs are finite: a number that is not counts as 0. */
+static refusal_t refuse(int code, int command, int entry, double seen, double limit)
+{
+    const refusal_t r = {code, command, entry, fabs(seen) <= DBL_MAX ? seen : 0.0, limit};
+    return r;
+}
+
+/* Check that a call has a clock. */
+static refusal_t check_clock(const input_t *in)
+{
+    const int by_time = in != NULL && in->clock == IIWA14_CLOCK_TIME && fabs(in->time) <= LATEST;
+    const int timed = by_time || (in != NULL && in->clock == IIWA14_CLOCK_COUNTER);
+    return refuse(timed ? IIWA14_REFUSAL_NONE : IIWA14_REFUSAL_CLOCK, timed ? IIWA14_COMMAND_NONE : IIWA14_COMMAND_CLOCK, NO_JOINT,
+                  0.0, 0.0);
+}
+
+/* Return a refusal of nothing. */
+static refusal_t accept(void) { return refuse(IIWA14_REFUSAL_NONE, IIWA14_COMMAND_NONE, NO_JOINT, 0.0, 0.0); }
+
+/* Check that the entries of a command lie between bounds; `code` is why others are refused. */
+static refusal_t check_entries(const double *x, int count, double least, double most, int code, int command)
+{
+    for (int k = 0; k < count; ++k) {
+        if (!(fabs(x[k]) <= DBL_MAX)) {
+            return refuse(IIWA14_REFUSAL_NOT_FINITE, command, k, 0.0, most);
+        }
+        if (!(x[k] >= least && x[k] <= most)) {
+            return refuse(code, command, k, x[k], x[k] < least ? least : most);
+        }
+    }
+    return accept();
+}
+
+/* Accept a tip's stiffness: symmetric and positive semidefinite, up to single precision. result: its symmetric part. */
+static refusal_t accept_stiffness(const double *K, double most, int command, int tip, double *result)
+{
+    const int first = 9 * tip;
+    refusal_t found = check_entries(K, 9, -most, most, IIWA14_REFUSAL_STIFFNESS_LIMIT, command);
+    double size = DBL_MIN;
+    found.entry += found.code != IIWA14_REFUSAL_NONE ? first : 0;
+    for (int k = 0; found.code == IIWA14_REFUSAL_NONE && k < 9; ++k) {
+        result[k] = 0.5 * (K[k] + K[k % 3 * 3 + k / 3]);
+        size = larger(size, fabs(K[k]));
+    }
+    const double allowed = COMMAND_TOLERANCE * size;
+    for (int k = 1; found.code == IIWA14_REFUSAL_NONE && k < 9; ++k) {
+        const double apart = fabs(K[k] - K[k % 3 * 3 + k / 3]);
+        if (apart > allowed) {
+            found = refuse(IIWA14_REFUSAL_ASYMMETRIC, command, first + k, apart, allowed);
+        }
+    }
+    if (found.code == IIWA14_REFUSAL_NONE) {
+        const double least = smallest_eigenvalue(result);
+        found = least >= -allowed ? found : refuse(IIWA14_REFUSAL_INDEFINITE, command, first, least, -allowed);
+    }
+    return found;
+}
+
+/*
+ * Accept q0; a continuous joint takes the turn nearest to the reference. In a limit zone or beyond the limit by up to
+ * TOLERANCE it is followed to the zone, or to where the reference is already; limited: the first such joint.
+ */
+static refusal_t accept_positions(const memory_t *m, const double *given, double *q0, int *limited)
+{
+    const config_t *const c = &m->config;
+    const double *const r = m->reference.engaged ? m->reference.r : m->watch.q;
+    for (int i = 0; i < N; ++i) {
+        if (!(fabs(given[i]) <= FARTHEST)) {
+            return refuse(IIWA14_REFUSAL_NOT_FINITE, IIWA14_COMMAND_Q0, i, given[i], FARTHEST);
+        }
+        const double wanted = nearest_turn(i, given[i], r[i]), low = c->lower_limit[i], high = c->upper_limit[i];
+        if (beyond(c, i, wanted) > TOLERANCE) {
+            return refuse(IIWA14_REFUSAL_POSITION, IIWA14_COMMAND_Q0, i, wanted, wanted > high ? high : low);
+        }
+        q0[i] = clamp(wanted, smaller(m->arm.zone[i], larger(r[i], low)), larger(m->arm.zone[N + i], smaller(r[i], high)));
+        *limited = *limited == NO_JOINT && q0[i] != wanted ? i : *limited;
+    }
+    return stiffgen_reaches(q0, m) ? accept() : refuse(IIWA14_REFUSAL_LOOPS, IIWA14_COMMAND_Q0, NO_JOINT, 0.0, 0.0);
+}
+
+/* Accept q0 and the stiffnesses: the first refusal counts. */
+static refusal_t accept_springs(const memory_t *m, const input_t *in, command_t *k)
+{
+    refusal_t found = accept_positions(m, in->q0, k->q0, &k->limited);
+    for (int t = 0; found.code == IIWA14_REFUSAL_NONE && t < TIPS; ++t) {
+        found = accept_stiffness(in->translation_stiffness + 9 * t, MOST_TRANSLATION, IIWA14_COMMAND_TRANSLATION_STIFFNESS,
+                                 t, k->translation + 9 * t);
+    }
+    for (int t = 0; found.code == IIWA14_REFUSAL_NONE && t < TIPS; ++t) {
+        found = accept_stiffness(in->rotation_stiffness + 9 * t, MOST_ROTATION, IIWA14_COMMAND_ROTATION_STIFFNESS, t,
+                                 k->rotation + 9 * t);
+    }
+    if (found.code == IIWA14_REFUSAL_NONE) {
+        found = check_entries(in->posture_stiffness, N, 0.0, MOST_POSTURE, IIWA14_REFUSAL_STIFFNESS_LIMIT,
+                              IIWA14_COMMAND_POSTURE_STIFFNESS);
+    }
+    k->posture = in->posture_stiffness;
+    return found;
+}
+
+/* Accept the wrenches that the tips are to exert: finite, and no larger than heaviest_wrench. pressing: there is one. */
+static refusal_t accept_wrenches(const config_t *c, const double *wrench, int *pressing)
+{
+    refusal_t found = accept();
+    *pressing = 0;
+    for (int k = 0; found.code == IIWA14_REFUSAL_NONE && k < 2 * TIPS; ++k) { /* force and moment of a tip in turn */
+        const double *const part = wrench + 3 * k, most = c->heaviest_wrench[k % 2] * (1.0 + ROUNDED);
+        found = check_entries(part, 3, -most, most, IIWA14_REFUSAL_WRENCH, IIWA14_COMMAND_WRENCH_COMMAND);
+        const double size = found.code == IIWA14_REFUSAL_NONE ? norm(3, part) : 0.0;
+        found.entry += found.code != IIWA14_REFUSAL_NONE ? 3 * k : 0;
+        if (size > most) {
+            found = refuse(IIWA14_REFUSAL_WRENCH, IIWA14_COMMAND_WRENCH_COMMAND, 3 * k, size, most);
+        }
+        *pressing |= size > 0.0;
+    }
+    *pressing = *pressing && found.code == IIWA14_REFUSAL_NONE;
+    return found;
+}
+
+/* Accept the acceleration of a plan: at most SHAPED times that of the reference. planned: there is one. */
+static refusal_t accept_acceleration(const config_t *c, const double *acceleration, int *planned)
+{
+    *planned = 0;
+    for (int i = 0; i < N; ++i) {
+        const double most = SHAPED * SPEED * c->velocity_limit[i] / c->ramp_time;
+        refusal_t found = check_entries(acceleration + i, 1, -most, most, IIWA14_REFUSAL_ACCELERATION,
+                                        IIWA14_COMMAND_ACCELERATION);
+        if (found.code != IIWA14_REFUSAL_NONE) {
+            *planned = 0;
+            found.entry = i;
+            return found;
+        }
+        *planned |= acceleration[i] != 0.0;
+    }
+    return accept();
+}
+
+/* Accept a command: springs as a whole, wrench and acceleration each by itself. The first refusal is reported. */
+static void accept_command(const memory_t *m, const input_t *in, command_t *k)
+{
+    k->limited = NO_JOINT;
+    k->shaped = in->shaped != 0;
+    k->refusal = accept_springs(m, in, k);
+    k->accepted = k->refusal.code == IIWA14_REFUSAL_NONE;
+    const refusal_t wrench = accept_wrenches(&m->config, in->wrench_command, &k->pressing);
+    const refusal_t acceleration = accept_acceleration(&m->config, in->acceleration, &k->planned);
+    k->wrench = in->wrench_command;
+    k->acceleration = in->acceleration;
+    k->pressing = k->pressing && k->accepted;
+    k->planned = k->planned && k->accepted && k->shaped;
+    k->limited = k->accepted ? k->limited : NO_JOINT;
+    if (k->accepted) {
+        k->refusal = wrench.code != IIWA14_REFUSAL_NONE ? wrench : acceleration;
+    }
+}
+
 /* Watches: position and speed limits, damping that does not brake, and joints that shake. */
 
 static const double OVERSPEED_TIME = 0.2; /* [s] for which a joint may be beyond its velocity limit, as after a bump */
@@ -1170,17 +1340,15 @@ static void watch_shaking(const memory_t *m, sample_t *s)
     }
 }
 
-/* Return the watches after the end of a fault: what led to it counts no more. */
-static watch_t calm(const watch_t *before)
+/* Calm the watches after the end of a fault: what led to it counts no more. */
+static void calm(watch_t *w)
 {
-    watch_t w = *before;
-    w.fast = w.rises = w.bad = 0;
-    w.fastest = 0.0;
+    w->fast = w->rises = w->bad = 0;
+    w->fastest = 0.0;
     for (int i = 0; i < N; ++i) {
-        w.swings[i] %= 2;
-        w.moved[i] = 0.0;
+        w->swings[i] %= 2;
+        w->moved[i] = 0.0;
     }
-    return w;
 }
 
 /* Samples: what time it is, and whether a measurement is believed. */
@@ -1193,7 +1361,6 @@ static const double RESTING = 0.02;  /* share of the velocity limit that q and d
 static const double SAME = 1e-15;    /* relative change of q that is a toggling last bit */
 static const double FINE = 1e-6;     /* [rad] or [m] coarsest resolution that shows how far a joint gives way */
 static const double STILL_TIME = 0.02, STILL_RANGE = 0.03; /* [s]; share of the effort limit: then q is frozen */
-static const double LATEST = 1e12;   /* [s] a later time has lost its last digits */
 enum { WINDOW = 20 }; /* samples for which a value may stand still before it is judged */
 enum { LOST_SAMPLES = 10 }; /* samples in a row that are a communication fault */
 
@@ -1231,7 +1398,7 @@ static int count_periods(const config_t *c, const input_t *in, watch_t *w)
  */
 static int read_clock(const config_t *c, const input_t *in, watch_t *w)
 {
-    if (in->clock != IIWA14_CLOCK_COUNTER && !(in->clock == IIWA14_CLOCK_TIME && fabs(in->time) <= LATEST)) {
+    if (in == NULL || check_clock(in).code != IIWA14_REFUSAL_NONE) {
         return 0;
     }
     const int same = w->seen == in->clock, periods = count_periods(c, in, w);
@@ -1330,7 +1497,7 @@ static finding_t check_sample(const memory_t *m, const input_t *in, sample_t *s)
     for (int i = 0; found.reason == IIWA14_REASON_NONE && i < N; ++i) {
         found = check_joint(m, in, i, s);
     }
-    if (found.reason == IIWA14_REASON_NONE && !stiffgen_follow(s->q, m, &s->arm)) {
+    if (found.reason == IIWA14_REASON_NONE && !stiffgen_follow(s->q, m, s->joints)) {
         return find(IIWA14_REASON_LOOPS, NO_JOINT, 0.0, 0.0);
     }
     return found;
@@ -1366,10 +1533,9 @@ static void believe(const memory_t *m, const input_t *in, sample_t *s)
     finding_t found = find(IIWA14_REASON_NONE, NO_JOINT, 0.0, 0.0);
     s->status = 0u;
     s->watch = m->watch;
-    s->arm = m->arm;
     s->limit = s->unstable = found;
     s->periods = read_clock(&m->config, in, w);
-    const int there = in->sample_valid == 1 && s->periods > 0;
+    const int there = s->periods > 0 && in->sample_valid == 1;
     if (there) {
         found = check_sample(m, in, s);
         w->bad = ((w->bad << 1) | (found.reason != IIWA14_REASON_NONE)) & 7; /* the last three samples, a bit each */
@@ -1389,167 +1555,6 @@ static void believe(const memory_t *m, const input_t *in, sample_t *s)
         memcpy(w->dq, s->dq, sizeof w->dq);
         watch_limits(m, s);
         watch_shaking(m, s);
-    }
-}
-
-/* Commands: what is accepted, and why what is not is refused. */
-
-static const double COMMAND_TOLERANCE = 1e-6; /* of a stiffness, over its largest entry: single precision */
-static const double MOST_TRANSLATION = 5e3, MOST_ROTATION = 500.0; /* [N/m], [N m/rad] entries of a stiffness */
-static const double MOST_POSTURE = 1e4;                            /* [N m/rad] */
-
-/* Return a refusal. Outputs are finite: a number that is not counts as 0. */
-static refusal_t refuse(int code, int command, int entry, double seen, double limit)
-{
-    const refusal_t r = {code, command, entry, fabs(seen) <= DBL_MAX ? seen : 0.0, limit};
-    return r;
-}
-
-/* Check that a call has a clock. */
-static refusal_t check_clock(const input_t *in)
-{
-    const int timed = in->clock == IIWA14_CLOCK_COUNTER || (in->clock == IIWA14_CLOCK_TIME && fabs(in->time) <= DBL_MAX);
-    return refuse(timed ? IIWA14_REFUSAL_NONE : IIWA14_REFUSAL_CLOCK, timed ? IIWA14_COMMAND_NONE : IIWA14_COMMAND_CLOCK, NO_JOINT,
-                  0.0, 0.0);
-}
-
-/* Return a refusal of nothing. */
-static refusal_t accept(void) { return refuse(IIWA14_REFUSAL_NONE, IIWA14_COMMAND_NONE, NO_JOINT, 0.0, 0.0); }
-
-/* Check that the entries of a command lie between bounds; `code` is why others are refused. */
-static refusal_t check_entries(const double *x, int count, double least, double most, int code, int command)
-{
-    for (int k = 0; k < count; ++k) {
-        if (!(fabs(x[k]) <= DBL_MAX)) {
-            return refuse(IIWA14_REFUSAL_NOT_FINITE, command, k, 0.0, most);
-        }
-        if (!(x[k] >= least && x[k] <= most)) {
-            return refuse(code, command, k, x[k], x[k] < least ? least : most);
-        }
-    }
-    return accept();
-}
-
-/* Accept a tip's stiffness: symmetric and positive semidefinite, up to single precision. result: its symmetric part. */
-static refusal_t accept_stiffness(const double *K, double most, int command, int tip, double *result)
-{
-    const int first = 9 * tip;
-    refusal_t found = check_entries(K, 9, -most, most, IIWA14_REFUSAL_STIFFNESS_LIMIT, command);
-    double size = DBL_MIN;
-    found.entry += found.code != IIWA14_REFUSAL_NONE ? first : 0;
-    for (int k = 0; found.code == IIWA14_REFUSAL_NONE && k < 9; ++k) {
-        result[k] = 0.5 * (K[k] + K[k % 3 * 3 + k / 3]);
-        size = larger(size, fabs(K[k]));
-    }
-    const double allowed = COMMAND_TOLERANCE * size;
-    for (int k = 1; found.code == IIWA14_REFUSAL_NONE && k < 9; ++k) {
-        const double apart = fabs(K[k] - K[k % 3 * 3 + k / 3]);
-        if (apart > allowed) {
-            found = refuse(IIWA14_REFUSAL_ASYMMETRIC, command, first + k, apart, allowed);
-        }
-    }
-    if (found.code == IIWA14_REFUSAL_NONE) {
-        const double least = smallest_eigenvalue(result);
-        found = least >= -allowed ? found : refuse(IIWA14_REFUSAL_INDEFINITE, command, first, least, -allowed);
-    }
-    return found;
-}
-
-/*
- * Accept q0; a continuous joint takes the turn nearest to the reference. In a limit zone or beyond the limit by up to
- * TOLERANCE it is followed to the zone, or to where the reference is already; limited: the first such joint.
- */
-static refusal_t accept_positions(const memory_t *m, const double *given, double *q0, int *limited)
-{
-    const config_t *const c = &m->config;
-    const double *const r = m->reference.engaged ? m->reference.r : m->watch.q;
-    for (int i = 0; i < N; ++i) {
-        if (!(fabs(given[i]) <= FARTHEST)) {
-            return refuse(IIWA14_REFUSAL_NOT_FINITE, IIWA14_COMMAND_Q0, i, given[i], FARTHEST);
-        }
-        const double wanted = nearest_turn(i, given[i], r[i]), low = c->lower_limit[i], high = c->upper_limit[i];
-        if (beyond(c, i, wanted) > TOLERANCE) {
-            return refuse(IIWA14_REFUSAL_POSITION, IIWA14_COMMAND_Q0, i, wanted, wanted > high ? high : low);
-        }
-        q0[i] = clamp(wanted, smaller(m->arm.zone[i], larger(r[i], low)), larger(m->arm.zone[N + i], smaller(r[i], high)));
-        *limited = *limited == NO_JOINT && q0[i] != wanted ? i : *limited;
-    }
-    return stiffgen_reaches(q0, m) ? accept() : refuse(IIWA14_REFUSAL_LOOPS, IIWA14_COMMAND_Q0, NO_JOINT, 0.0, 0.0);
-}
-
-/* Accept q0 and the stiffnesses: the first refusal counts. */
-static refusal_t accept_springs(const memory_t *m, const input_t *in, command_t *k)
-{
-    refusal_t found = accept_positions(m, in->q0, k->q0, &k->limited);
-    for (int t = 0; found.code == IIWA14_REFUSAL_NONE && t < TIPS; ++t) {
-        found = accept_stiffness(in->translation_stiffness + 9 * t, MOST_TRANSLATION, IIWA14_COMMAND_TRANSLATION_STIFFNESS,
-                                 t, k->translation + 9 * t);
-    }
-    for (int t = 0; found.code == IIWA14_REFUSAL_NONE && t < TIPS; ++t) {
-        found = accept_stiffness(in->rotation_stiffness + 9 * t, MOST_ROTATION, IIWA14_COMMAND_ROTATION_STIFFNESS, t,
-                                 k->rotation + 9 * t);
-    }
-    if (found.code == IIWA14_REFUSAL_NONE) {
-        found = check_entries(in->posture_stiffness, N, 0.0, MOST_POSTURE, IIWA14_REFUSAL_STIFFNESS_LIMIT,
-                              IIWA14_COMMAND_POSTURE_STIFFNESS);
-    }
-    memcpy(k->posture, in->posture_stiffness, sizeof k->posture);
-    return found;
-}
-
-/* Accept the wrenches that the tips are to exert: finite, and no larger than heaviest_wrench. pressing: there is one. */
-static refusal_t accept_wrenches(const config_t *c, const double *wrench, int *pressing)
-{
-    refusal_t found = accept();
-    *pressing = 0;
-    for (int k = 0; found.code == IIWA14_REFUSAL_NONE && k < 2 * TIPS; ++k) { /* force and moment of a tip in turn */
-        const double *const part = wrench + 3 * k, most = c->heaviest_wrench[k % 2] * (1.0 + ROUNDED);
-        found = check_entries(part, 3, -most, most, IIWA14_REFUSAL_WRENCH, IIWA14_COMMAND_WRENCH_COMMAND);
-        const double size = found.code == IIWA14_REFUSAL_NONE ? norm(3, part) : 0.0;
-        found.entry += found.code != IIWA14_REFUSAL_NONE ? 3 * k : 0;
-        if (size > most) {
-            found = refuse(IIWA14_REFUSAL_WRENCH, IIWA14_COMMAND_WRENCH_COMMAND, 3 * k, size, most);
-        }
-        *pressing |= size > 0.0;
-    }
-    *pressing = *pressing && found.code == IIWA14_REFUSAL_NONE;
-    return found;
-}
-
-/* Accept the acceleration of a plan: at most SHAPED times that of the reference. planned: there is one. */
-static refusal_t accept_acceleration(const config_t *c, const double *acceleration, int *planned)
-{
-    *planned = 0;
-    for (int i = 0; i < N; ++i) {
-        const double most = SHAPED * SPEED * c->velocity_limit[i] / c->ramp_time;
-        refusal_t found = check_entries(acceleration + i, 1, -most, most, IIWA14_REFUSAL_ACCELERATION,
-                                        IIWA14_COMMAND_ACCELERATION);
-        if (found.code != IIWA14_REFUSAL_NONE) {
-            *planned = 0;
-            found.entry = i;
-            return found;
-        }
-        *planned |= acceleration[i] != 0.0;
-    }
-    return accept();
-}
-
-/* Accept a command: springs as a whole, wrench and acceleration each by itself. The first refusal is reported. */
-static void accept_command(const memory_t *m, const input_t *in, command_t *k)
-{
-    k->limited = NO_JOINT;
-    k->shaped = in->shaped != 0;
-    k->refusal = accept_springs(m, in, k);
-    k->accepted = k->refusal.code == IIWA14_REFUSAL_NONE;
-    const refusal_t wrench = accept_wrenches(&m->config, in->wrench_command, &k->pressing);
-    const refusal_t acceleration = accept_acceleration(&m->config, in->acceleration, &k->planned);
-    memcpy(k->wrench, in->wrench_command, sizeof k->wrench);
-    memcpy(k->acceleration, in->acceleration, sizeof k->acceleration);
-    k->pressing = k->pressing && k->accepted;
-    k->planned = k->planned && k->accepted && k->shaped;
-    k->limited = k->accepted ? k->limited : NO_JOINT;
-    if (k->accepted) {
-        k->refusal = wrench.code != IIWA14_REFUSAL_NONE ? wrench : acceleration;
     }
 }
 
@@ -1744,9 +1749,9 @@ static void mix_stiffness(const memory_t *m, const command_t *k, double share, s
 static void stiffen(const memory_t *m, const command_t *k, stiffness_t *next)
 {
     const reference_t *const f = &m->reference;
-    const int same = memcmp(f->translation_stiffness, k->translation, sizeof k->translation) == 0 &&
+    const int same = k->accepted && memcmp(f->translation_stiffness, k->translation, sizeof k->translation) == 0 &&
                      memcmp(f->rotation_stiffness, k->rotation, sizeof k->rotation) == 0 &&
-                     memcmp(f->posture_stiffness, k->posture, sizeof k->posture) == 0;
+                     memcmp(f->posture_stiffness, k->posture, sizeof f->posture_stiffness) == 0;
     double share = smaller(1.0, m->config.sample_time / STIFFNESS_TIME);
     next->status = 0u;
     for (int trial = 0; k->accepted && !same && trial < 2; ++trial) {
@@ -2484,7 +2489,7 @@ static void end_fault(memory_t *m)
     if (m->fault.reason != IIWA14_REASON_NONE && ends) {
         memset(&m->fault, 0, sizeof m->fault);
         m->fault.joint = NO_JOINT;
-        m->watch = calm(&m->watch);
+        calm(&m->watch);
     }
 }
 
@@ -2535,7 +2540,7 @@ static uint32_t follow_command(memory_t *m, const command_t *k)
 static void take_sample(memory_t *m, const sample_t *s)
 {
     double unused[N];
-    m->arm = s->arm;
+    stiffgen_adopt(s->joints, &m->arm);
     if (!m->watch.known) {
         place_zones(m, s->q, &m->arm);
         account_start(&m->account, m, zone_energy(m, s->q, unused, unused));
@@ -2699,7 +2704,7 @@ static int may_use(memory_t *m, const sample_t *s)
     return m->fault.reason == IIWA14_REASON_NONE;
 }
 
-/* Do the step of a memory that is believed. */
+/* Do the step of a memory that is believed. Without an input there is no sample and no clock. */
 static void do_step(memory_t *m, const input_t *in, const double *last, output_t *out)
 {
     sample_t s;
@@ -2728,7 +2733,6 @@ static void do_step(memory_t *m, const input_t *in, const double *last, output_t
 
 static int step(state_t *state, const input_t *in, output_t *out)
 {
-    input_t missed;
     double last[N];
     if (out == NULL) {
         return IIWA14_E_NULL;
@@ -2745,10 +2749,7 @@ static int step(state_t *state, const input_t *in, output_t *out)
     if (!is_believable(state) || !vote(state->torque, last)) {
         return step_without_memory(state, out);
     }
-    if (in == NULL) {
-        memset(&missed, 0, sizeof missed); /* no sample, and no clock */
-    }
-    do_step(&state->memory, in != NULL ? in : &missed, last, out);
+    do_step(&state->memory, in, last, out);
     store_copies(state->torque, out->torque);
     state->checksum = compute_checksum(state);
     return in != NULL ? IIWA14_OK : IIWA14_E_NULL;

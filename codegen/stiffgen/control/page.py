@@ -26,7 +26,7 @@ from stiffgen.rooms import optional
 LIBRARY = Path(__file__).parent / "core" / "library"
 """Folder of the C library that every NAME_impedance.c contains."""
 _PARTS = (
-    "matrix", "modes", "springs", "account", "watch", "sample", "command", "reference", "feedforward", "law", "guard",
+    "matrix", "modes", "springs", "account", "command", "watch", "sample", "reference", "feedforward", "law", "guard",
     "memory", "text", "init", "step",
 )  # fmt: skip
 SOURCES = tuple(f"{part}.c" for part in _PARTS)

@@ -15,7 +15,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "f1a688fc4229a894"
+#define SOURCES "4de0ace40323e008"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

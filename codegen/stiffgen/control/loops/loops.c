@@ -110,11 +110,11 @@ static void pick_motors(const double *joints, double *q)
 /*
  * Follow the arm to the motors' positions q of a sample. The first sample is reached from the start in FIRST_PARTS
  * parts. The way back must lead to the joints from where it came: close to a singularity Newton's method may take
- * another branch. Return whether it did; otherwise arm stays.
+ * another branch. Return whether it did.
  */
-int stiffgen_follow(const double *q, const memory_t *m, arm_t *arm)
+int stiffgen_follow(const double *q, const memory_t *m, double *joints)
 {
-    double from[N], at[N], before[JOINTS], joints[JOINTS], back[JOINTS];
+    double from[N], at[N], before[JOINTS], back[JOINTS];
     const int parts = m->watch.known ? 1 : FIRST_PARTS;
     int follows = 1;
     pick_motors(m->arm.joints, from);
@@ -131,10 +131,13 @@ int stiffgen_follow(const double *q, const memory_t *m, arm_t *arm)
             follows = follows && fabs(back[k] - before[k]) <= SAME_BRANCH;
         }
     }
-    if (follows) {
-        memcpy(arm->joints, joints, sizeof joints);
-    }
     return follows;
+}
+
+/* Take the joints of a believed sample. */
+void stiffgen_adopt(const double *joints, arm_t *arm)
+{
+    memcpy(arm->joints, joints, sizeof arm->joints);
 }
 
 /* Bring a posture into the reach of the closed loops: halve its distance from closed ones until the loops close. */

@@ -5,6 +5,8 @@ static const double COMMAND_TOLERANCE = 1e-6; /* of a stiffness, over its larges
 static const double MOST_TRANSLATION = 5e3, MOST_ROTATION = 500.0; /* [N/m], [N m/rad] entries of a stiffness */
 static const double MOST_POSTURE = 1e4;                            /* [N m/rad] */
 
+static const double LATEST = 1e12; /* [s] a later time has lost its last digits */
+
 /* Return a refusal. Outputs are finite: a number that is not counts as 0. */
 refusal_t refuse(int code, int command, int entry, double seen, double limit)
 {
@@ -15,7 +17,8 @@ refusal_t refuse(int code, int command, int entry, double seen, double limit)
 /* Check that a call has a clock. */
 refusal_t check_clock(const input_t *in)
 {
-    const int timed = in->clock == ID(CLOCK_COUNTER) || (in->clock == ID(CLOCK_TIME) && fabs(in->time) <= DBL_MAX);
+    const int by_time = in != NULL && in->clock == ID(CLOCK_TIME) && fabs(in->time) <= LATEST;
+    const int timed = by_time || (in != NULL && in->clock == ID(CLOCK_COUNTER));
     return refuse(timed ? ID(REFUSAL_NONE) : ID(REFUSAL_CLOCK), timed ? ID(COMMAND_NONE) : ID(COMMAND_CLOCK), NO_JOINT,
                   0.0, 0.0);
 }
@@ -100,7 +103,7 @@ static refusal_t accept_springs(const memory_t *m, const input_t *in, command_t 
         found = check_entries(in->posture_stiffness, N, 0.0, MOST_POSTURE, ID(REFUSAL_STIFFNESS_LIMIT),
                               ID(COMMAND_POSTURE_STIFFNESS));
     }
-    memcpy(k->posture, in->posture_stiffness, sizeof k->posture);
+    k->posture = in->posture_stiffness;
     return found;
 }
 
@@ -150,8 +153,8 @@ void accept_command(const memory_t *m, const input_t *in, command_t *k)
     k->accepted = k->refusal.code == ID(REFUSAL_NONE);
     const refusal_t wrench = accept_wrenches(&m->config, in->wrench_command, &k->pressing);
     const refusal_t acceleration = accept_acceleration(&m->config, in->acceleration, &k->planned);
-    memcpy(k->wrench, in->wrench_command, sizeof k->wrench);
-    memcpy(k->acceleration, in->acceleration, sizeof k->acceleration);
+    k->wrench = in->wrench_command;
+    k->acceleration = in->acceleration;
     k->pressing = k->pressing && k->accepted;
     k->planned = k->planned && k->accepted && k->shaped;
     k->limited = k->accepted ? k->limited : NO_JOINT;

@@ -24,7 +24,7 @@
 
 enum { NO_JOINT = -1, READY = 0x51f7, DELAYS = 6 }; /* DELAYS: torques of the account's history */
 enum { LONGEST = 100000 }; /* samples at which a counter stands still: 100 s at 1 kHz, and no overflow */
-enum { MOST_TURNS = 2 * N * N }; /* of QL: 40 are usual for seven joints; what is left then is neglected */
+enum { MOST_TURNS = 3 * N * N / 2 }; /* of QL: 40 are usual for seven joints; what is left then is neglected */
 
 /* Share by which numbers differ that are the same but for rounding: far above what any sum here can lose (1e-13), and
  * far below what matters to an arm. */
@@ -56,7 +56,7 @@ typedef struct {
     finding_t lost, limit, unstable; /* sample or calls; position or speed; dissipation or shaking */
     uint32_t status;
     watch_t watch;
-    arm_t arm;
+    double joints[LOOP_JOINTS]; /* of closed loops */
 } sample_t;
 
 /* Why a command is refused: the first reason, argument and entry, the number that was seen, and what it may be. */
@@ -68,9 +68,9 @@ typedef struct {
 /* Accepted command: positions within the limits and on the reference's turn, stiffnesses symmetric to the last bit. */
 typedef struct {
     int accepted, shaped, limited;
-    double q0[N], translation[9 * TIPS], rotation[9 * TIPS], posture[N];
-    double wrench[6 * TIPS], acceleration[N]; /* 0 where they are refused */
-    int pressing, planned;
+    double q0[N], translation[9 * TIPS], rotation[9 * TIPS];
+    const double *posture, *wrench, *acceleration; /* of the input */
+    int pressing, planned;                         /* there is an accepted wrench, acceleration */
     refusal_t refusal;
 } command_t;
 
@@ -131,7 +131,8 @@ void stiffgen_coriolis(const double *q, const memory_t *m, const double *velocit
 void stiffgen_home(arm_t *arm);
 int stiffgen_reaches(const double *q, const memory_t *m);
 void stiffgen_retract(const memory_t *m, double *q);
-int stiffgen_follow(const double *q, const memory_t *m, arm_t *arm);
+int stiffgen_follow(const double *q, const memory_t *m, double *joints);
+void stiffgen_adopt(const double *joints, arm_t *arm);
 int stiffgen_turns(int joint);
 int check_fields(const config_t *c);
 int check_tools(const config_t *c);
@@ -197,7 +198,7 @@ void account_torque(account_t *a, const torque_t *t);
 void believe(const memory_t *m, const input_t *in, sample_t *s);
 void watch_limits(const memory_t *m, sample_t *s);
 void watch_shaking(const memory_t *m, sample_t *s);
-watch_t calm(const watch_t *before);
+void calm(watch_t *w);
 finding_t find(int reason, int joint, double seen, double limit);
 
 /* command.c */

@@ -51,15 +51,14 @@ int factorise(double *A)
     return 1;
 }
 
-/* Invert L; the upper triangle of the result is 0. */
+/* Invert the lower triangle L, also in place; the upper triangle of the result is not written. */
 void invert_lower(const double *L, double *inverse)
 {
-    memset(inverse, 0, NN * sizeof *inverse);
     for (int j = 0; j < N; ++j) {
         inverse[j * (N + 1)] = 1.0 / L[j * (N + 1)];
-        for (int i = j + 1; i < N; ++i) {
-            double sum = 0.0;
-            for (int k = j; k < i; ++k) {
+        for (int i = j + 1; i < N; ++i) { /* columns beyond j are still those of L */
+            double sum = L[i * N + j] * inverse[j * (N + 1)];
+            for (int k = j + 1; k < i; ++k) {
                 sum += L[i * N + k] * inverse[k * N + j];
             }
             inverse[i * N + j] = -sum / L[i * (N + 1)];

@@ -190,9 +190,9 @@ static void mix_stiffness(const memory_t *m, const command_t *k, double share, s
 void stiffen(const memory_t *m, const command_t *k, stiffness_t *next)
 {
     const reference_t *const f = &m->reference;
-    const int same = memcmp(f->translation_stiffness, k->translation, sizeof k->translation) == 0 &&
+    const int same = k->accepted && memcmp(f->translation_stiffness, k->translation, sizeof k->translation) == 0 &&
                      memcmp(f->rotation_stiffness, k->rotation, sizeof k->rotation) == 0 &&
-                     memcmp(f->posture_stiffness, k->posture, sizeof k->posture) == 0;
+                     memcmp(f->posture_stiffness, k->posture, sizeof f->posture_stiffness) == 0;
     double share = smaller(1.0, m->config.sample_time / STIFFNESS_TIME);
     next->status = 0u;
     for (int trial = 0; k->accepted && !same && trial < 2; ++trial) {

@@ -9,7 +9,6 @@ static const double RESTING = 0.02;  /* share of the velocity limit that q and d
 static const double SAME = 1e-15;    /* relative change of q that is a toggling last bit */
 static const double FINE = 1e-6;     /* [rad] or [m] coarsest resolution that shows how far a joint gives way */
 static const double STILL_TIME = 0.02, STILL_RANGE = 0.03; /* [s]; share of the effort limit: then q is frozen */
-static const double LATEST = 1e12;   /* [s] a later time has lost its last digits */
 enum { WINDOW = 20 }; /* samples for which a value may stand still before it is judged */
 enum { LOST_SAMPLES = 10 }; /* samples in a row that are a communication fault */
 
@@ -47,7 +46,7 @@ static int count_periods(const config_t *c, const input_t *in, watch_t *w)
  */
 static int read_clock(const config_t *c, const input_t *in, watch_t *w)
 {
-    if (in->clock != ID(CLOCK_COUNTER) && !(in->clock == ID(CLOCK_TIME) && fabs(in->time) <= LATEST)) {
+    if (in == NULL || check_clock(in).code != ID(REFUSAL_NONE)) {
         return 0;
     }
     const int same = w->seen == in->clock, periods = count_periods(c, in, w);
@@ -146,7 +145,7 @@ static finding_t check_sample(const memory_t *m, const input_t *in, sample_t *s)
     for (int i = 0; found.reason == ID(REASON_NONE) && i < N; ++i) {
         found = check_joint(m, in, i, s);
     }
-    if (found.reason == ID(REASON_NONE) && !stiffgen_follow(s->q, m, &s->arm)) {
+    if (found.reason == ID(REASON_NONE) && !stiffgen_follow(s->q, m, s->joints)) {
         return find(ID(REASON_LOOPS), NO_JOINT, 0.0, 0.0);
     }
     return found;
@@ -182,10 +181,9 @@ void believe(const memory_t *m, const input_t *in, sample_t *s)
     finding_t found = find(ID(REASON_NONE), NO_JOINT, 0.0, 0.0);
     s->status = 0u;
     s->watch = m->watch;
-    s->arm = m->arm;
     s->limit = s->unstable = found;
     s->periods = read_clock(&m->config, in, w);
-    const int there = in->sample_valid == 1 && s->periods > 0;
+    const int there = s->periods > 0 && in->sample_valid == 1;
     if (there) {
         found = check_sample(m, in, s);
         w->bad = ((w->bad << 1) | (found.reason != ID(REASON_NONE))) & 7; /* the last three samples, a bit each */

@@ -80,7 +80,7 @@ static double free_inertia(const double *inverse, int i)
     double sum = 0.0;
     for (int j = 0; j < N; ++j) {
         double entry = 0.0;
-        for (int k = 0; k < N; ++k) {
+        for (int k = i > j ? i : j; k < N; ++k) {
             entry += inverse[k * N + i] * inverse[k * N + j];
         }
         sum += fabs(entry);
@@ -92,16 +92,16 @@ static double free_inertia(const double *inverse, int i)
 void place_zones(const memory_t *m, const double *q, arm_t *arm)
 {
     const config_t *const c = &m->config;
-    double M[NN], inverse[NN];
+    double M[NN];
     mass_with_motors(m, q, M);
     const int positive = factorise(M);
     if (positive) {
-        invert_lower(M, inverse);
+        invert_lower(M, M);
     }
     for (int i = 0; i < N; ++i) {
         const double rate = c->torque_rate_limit[i], range = c->upper_limit[i] - c->lower_limit[i];
         const double width = smaller(ZONE, ZONE * range), share = rate / (2.0 * width);
-        const double inertia = positive ? free_inertia(inverse, i) : c->motor_inertia[i];
+        const double inertia = positive ? free_inertia(M, i) : c->motor_inertia[i];
         const double damped = smaller(c->effort_limit[i], 0.5 * most_eigenvalue(c) * inertia);
         arm->zone[i] = c->lower_limit[i] + width;
         arm->zone[N + i] = c->upper_limit[i] - width;

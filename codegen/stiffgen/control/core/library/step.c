@@ -47,7 +47,7 @@ static void end_fault(memory_t *m)
     if (m->fault.reason != ID(REASON_NONE) && ends) {
         memset(&m->fault, 0, sizeof m->fault);
         m->fault.joint = NO_JOINT;
-        m->watch = calm(&m->watch);
+        calm(&m->watch);
     }
 }
 
@@ -98,7 +98,7 @@ static uint32_t follow_command(memory_t *m, const command_t *k)
 static void take_sample(memory_t *m, const sample_t *s)
 {
     double unused[N];
-    m->arm = s->arm;
+    stiffgen_adopt(s->joints, &m->arm);
     if (!m->watch.known) {
         place_zones(m, s->q, &m->arm);
         account_start(&m->account, m, zone_energy(m, s->q, unused, unused));
@@ -262,7 +262,7 @@ static int may_use(memory_t *m, const sample_t *s)
     return m->fault.reason == ID(REASON_NONE);
 }
 
-/* Do the step of a memory that is believed. */
+/* Do the step of a memory that is believed. Without an input there is no sample and no clock. */
 static void do_step(memory_t *m, const input_t *in, const double *last, output_t *out)
 {
     sample_t s;
@@ -291,7 +291,6 @@ static void do_step(memory_t *m, const input_t *in, const double *last, output_t
 
 int step(state_t *state, const input_t *in, output_t *out)
 {
-    input_t missed;
     double last[N];
     if (out == NULL) {
         return ID(E_NULL);
@@ -308,10 +307,7 @@ int step(state_t *state, const input_t *in, output_t *out)
     if (!is_believable(state) || !vote(state->torque, last)) {
         return step_without_memory(state, out);
     }
-    if (in == NULL) {
-        memset(&missed, 0, sizeof missed); /* no sample, and no clock */
-    }
-    do_step(&state->memory, in != NULL ? in : &missed, last, out);
+    do_step(&state->memory, in, last, out);
     store_copies(state->torque, out->torque);
     state->checksum = compute_checksum(state);
     return in != NULL ? ID(OK) : ID(E_NULL);

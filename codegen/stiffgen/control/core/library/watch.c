@@ -106,15 +106,13 @@ void watch_shaking(const memory_t *m, sample_t *s)
     }
 }
 
-/* Return the watches after the end of a fault: what led to it counts no more. */
-watch_t calm(const watch_t *before)
+/* Calm the watches after the end of a fault: what led to it counts no more. */
+void calm(watch_t *w)
 {
-    watch_t w = *before;
-    w.fast = w.rises = w.bad = 0;
-    w.fastest = 0.0;
+    w->fast = w->rises = w->bad = 0;
+    w->fastest = 0.0;
     for (int i = 0; i < N; ++i) {
-        w.swings[i] %= 2;
-        w.moved[i] = 0.0;
+        w->swings[i] %= 2;
+        w->moved[i] = 0.0;
     }
-    return w;
 }
