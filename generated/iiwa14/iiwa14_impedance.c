@@ -451,6 +451,11 @@ static const char *stiffgen_joint(int joint)
 static int fits_memory(const memory_t *m)
 {
     int fits = 1;
+    fits = fits && m->config.delay_samples >= 0 && m->config.delay_samples <= 5;
+    fits = fits && m->config.call_gap_limit >= 1 && m->config.call_gap_limit <= 100;
+    fits = fits && m->config.missed_limit >= 1 && m->config.missed_limit <= 100;
+    fits = fits && m->config.communication_reaction >= 1 && m->config.communication_reaction <= 3;
+    fits = fits && m->config.coriolis >= 1 && m->config.coriolis <= 2;
     fits = fits && integers_within(m->watch.q_age, N, 0, 100000);
     fits = fits && integers_within(m->watch.dq_age, N, 0, 100000);
     fits = fits && integers_within(m->watch.swings, N, 0, 32);
@@ -2731,9 +2736,18 @@ static void do_step(memory_t *m, const input_t *in, const double *last, output_t
     report(m, &p, out);
 }
 
+/* Guard the torque that leaves the step, whatever the memory holds: finite, and within the effort limit. */
+static void guard_output(const double *effort, double *torque)
+{
+    for (int i = 0; i < N; ++i) {
+        const double most = fabs(effort[i]); /* NaN fails every comparison, and becomes 0 */
+        torque[i] = fabs(torque[i]) <= DBL_MAX ? clamp(torque[i], -most, most) : 0.0;
+    }
+}
+
 static int step(state_t *state, const input_t *in, output_t *out)
 {
-    double last[N];
+    double last[N], effort[N];
     if (out == NULL) {
         return IIWA14_E_NULL;
     }
@@ -2746,10 +2760,11 @@ static int step(state_t *state, const input_t *in, output_t *out)
     if (state == NULL) {
         return IIWA14_E_NULL;
     }
-    if (!is_believable(state) || !vote(state->torque, last)) {
+    if (!is_believable(state) || !vote(state->torque, last) || !vote(state->effort, effort)) {
         return step_without_memory(state, out);
     }
     do_step(&state->memory, in, last, out);
+    guard_output(effort, out->torque);
     store_copies(state->torque, out->torque);
     state->checksum = compute_checksum(state);
     return in != NULL ? IIWA14_OK : IIWA14_E_NULL;

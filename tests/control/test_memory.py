@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stiffgen.control.memory_fields import MEMORY, RANGES
+from stiffgen.control.core.memory import RANGES, RECORDS
 from support.arms.memory import MemoryProgram
 from support.plant.loop import fill, struct
 from support.project import Once
@@ -43,13 +43,12 @@ def test_a_state_that_was_never_initialised_is_refused(
     """The step returns E_NOT_INITIALISED with a torque of 0, again and again, and so does reset."""
     known: dict = {}
     header = robot_folder / "iiwa14_impedance.h"
-    Config, Output = (struct(header, f"iiwa14_impedance_{name}", known, {}) for name in ("config", "output"))
-    library, config, output = ctypes.CDLL(str(program.library)), Config(), fill(Output(), torque=1.0)
-    library.iiwa14_impedance_default_config(ctypes.byref(config))
+    Output = struct(header, "iiwa14_impedance_output", known, {})
+    library, output = ctypes.CDLL(str(program.library)), fill(Output(), torque=1.0)
     state, sample = ctypes.create_string_buffer(pattern, 1 << 16), ctypes.create_string_buffer(1 << 16)
     library.iiwa14_impedance_error_text.restype = ctypes.c_char_p
     for _ in range(3):
-        code = library.iiwa14_impedance_step(ctypes.byref(config), state, sample, ctypes.byref(output))
+        code = library.iiwa14_impedance_step(state, sample, ctypes.byref(output))
         assert b"not initialised" in library.iiwa14_impedance_error_text(code)
         assert not np.ctypeslib.as_array(output.torque).any()
         assert b"not initialised" in library.iiwa14_impedance_error_text(library.iiwa14_impedance_reset(state))
@@ -57,15 +56,17 @@ def test_a_state_that_was_never_initialised_is_refused(
 
 def test_every_integer_that_the_library_bounds_has_its_range() -> None:
     """Doubles come first, so that the memory has no gaps; every bound is one that an int32_t can leave."""
-    doubles = [field.type == "double" for field in MEMORY]
-    assert doubles == sorted(doubles, reverse=True)
-    assert all(-(2**31) < least <= most < 2**31 - 1 for _, least, most in RANGES)
+    for _, _, fields in RECORDS:
+        doubles = [field.type == "double" for field in fields]
+        assert doubles == sorted(doubles, reverse=True)
+    assert all(-(2**31) < least <= most < 2**31 - 1 for _, _, least, most, _ in RANGES)
+    assert ("config", "delay_samples", 0, 5, False) in RANGES
 
 
 def test_the_program_finds_a_torque_beyond_its_limit(tmp_path: Path, robot_folder: Path) -> None:
     """A controller whose last guard is gone fails: the check is one."""
     source = (robot_folder / "iiwa14_impedance.c").read_text()
-    guarded = "last[i] = torque_stored && effort_stored ? clamp(last[i], -s->effort[i], s->effort[i]) : 0.0;"
+    guarded = "    guard_output(effort, out->torque);\n"
     assert guarded in source
     broken = tmp_path / "iiwa14_impedance.c"
     broken.write_text(source.replace(guarded, ""))

@@ -15,7 +15,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "4de0ace40323e008"
+#define SOURCES "4988824a08328596"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

@@ -7,6 +7,7 @@ are made from this table. Doubles come first, so that no padding lies between th
 
 from __future__ import annotations
 
+from stiffgen.control.core.config import CONFIG
 from stiffgen.control.core.field import POSE, SCALAR, SPRING, Extent, Field, N
 from stiffgen.control.core.words import REASONS
 
@@ -103,7 +104,7 @@ RECORDS: tuple[tuple[str, str, tuple[Field, ...]], ...] = (
 """Records of the memory in their order: name, summary, fields."""
 RANGES: tuple[tuple[str, str, int, int, bool], ...] = tuple(
     (record, field.name, int(field.least), int(field.most), bool(field.shape))
-    for record, _, fields in RECORDS
+    for record, fields in (("config", CONFIG), *((name, fields) for name, _, fields in RECORDS))
     for field in fields
     if field.type == "int" and field.least == field.least
 )

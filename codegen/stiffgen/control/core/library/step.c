@@ -289,9 +289,18 @@ static void do_step(memory_t *m, const input_t *in, const double *last, output_t
     report(m, &p, out);
 }
 
+/* Guard the torque that leaves the step, whatever the memory holds: finite, and within the effort limit. */
+static void guard_output(const double *effort, double *torque)
+{
+    for (int i = 0; i < N; ++i) {
+        const double most = fabs(effort[i]); /* NaN fails every comparison, and becomes 0 */
+        torque[i] = fabs(torque[i]) <= DBL_MAX ? clamp(torque[i], -most, most) : 0.0;
+    }
+}
+
 int step(state_t *state, const input_t *in, output_t *out)
 {
-    double last[N];
+    double last[N], effort[N];
     if (out == NULL) {
         return ID(E_NULL);
     }
@@ -304,10 +313,11 @@ int step(state_t *state, const input_t *in, output_t *out)
     if (state == NULL) {
         return ID(E_NULL);
     }
-    if (!is_believable(state) || !vote(state->torque, last)) {
+    if (!is_believable(state) || !vote(state->torque, last) || !vote(state->effort, effort)) {
         return step_without_memory(state, out);
     }
     do_step(&state->memory, in, last, out);
+    guard_output(effort, out->torque);
     store_copies(state->torque, out->torque);
     state->checksum = compute_checksum(state);
     return in != NULL ? ID(OK) : ID(E_NULL);
