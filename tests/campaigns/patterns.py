@@ -165,7 +165,7 @@ def plans(random: Random, loop: Loop) -> Schedule:
 
 
 def limits(random: Random, loop: Loop) -> Schedule:
-    """Draw an arm that is led to and fro as fast as the limits allow, while the controller begins anew with others."""
+    """Draw an arm that is led to and fro as fast as the limits allow, which change as the controller begins anew."""
     made = (pumping, shaking, gaps, presses, zones)[random.integers(5)](random, loop)
     made.episode |= timing(random)
     turns = list(made.parts)
@@ -190,7 +190,7 @@ def _limits(random: Random, loop: Loop) -> dict[str, Any]:
 
 
 def carried(random: Random, loop: Loop) -> Schedule:
-    """Draw an arm that is held away from where it is wanted; it begins anew with other limits, and is carried along its torque."""
+    """Draw an arm that is held away from where it is wanted; after a start anew it is carried along its torque."""
     made, period = _base(random, loop), int(random.integers(300, 900))
     made.parts[0] |= springs(random, loop, 30, 3)
     slow = 10 * loop.effort * 10 ** random.uniform(-1.5, 0)

@@ -17,7 +17,10 @@ from support.project import ROOT
 MOST = 1500
 """Schedules of a search; each of the mutants is seen within a third of them."""
 MUTANTS = {
-    "reserve x 0.3": ("    return sum;\n}\n\n/* Return the reserve R", "    return 0.3 * sum;\n}\n\n/* Return the reserve R"),
+    "reserve x 0.3": (
+        "    return sum;\n}\n\n/* Return the reserve R",
+        "    return 0.3 * sum;\n}\n\n/* Return the reserve R",
+    ),
     "travel not supplied": (
         "    a->tank += lack;\n    a->supplied += lack;\n}\n\n/* Book a change of stiffness",
         "    a->tank += lack;\n}\n\n/* Book a change of stiffness",

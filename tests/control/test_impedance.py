@@ -94,7 +94,7 @@ def test_a_step_without_a_clock_is_refused(robot: ModuleType) -> None:
     """In Python by TypeError; in C the call holds the torque, and lets it fall: ten lines put out 73 J before."""
     controller = robot.Impedance(**ARM)
     for given in ({}, {"counter": 1, "time": 0.1}):
-        with pytest.raises(TypeError, match="give counter= .* or time="):
+        with pytest.raises(TypeError, match=r"give counter= .* or time="):
             controller.step(**AT_REST, **given)
     with pytest.raises(TypeError, match="give counter="):
         controller.missed()
@@ -187,7 +187,7 @@ def test_a_refused_command_warns_once_or_raises(robot: ModuleType) -> None:
 
 def test_the_torque_is_that_of_springs_and_damping(robot: ModuleType) -> None:
     """Against the spring's kernel at the reference's pose, and the posture spring; at rest nothing else acts."""
-    controller, out = held_away(robot, tank_initial=200.0)
+    _, out = held_away(robot, tank_initial=200.0)
     E = robot.forward_kinematics(out.reference)
     expected = robot.spring.torque(Q, E, KT, KO) + 1.0 * (out.reference - Q)
     np.testing.assert_allclose(out.torque, expected, atol=1e-9)
@@ -208,11 +208,12 @@ def test_damping_is_that_of_the_modes(robot: ModuleType) -> None:
     M = robot.mass_matrix(q) + 0.1 * np.eye(7)
     L = np.linalg.cholesky(M)
     K = robot.spring.joint_stiffness(q, E, KT, KO) + np.eye(7)
-    l, V = np.linalg.eigh(np.linalg.solve(L, np.linalg.solve(L, K).T))
+    values, V = np.linalg.eigh(np.linalg.solve(L, np.linalg.solve(L, K).T))
     softness, late = np.diag(np.linalg.inv(M)).sum(), 0.5 * T
     own = min(0.1, 0.5 * 250 / softness)
-    p = np.abs(l) * late * (2 * zeta**2 - 1)
-    b = np.maximum(np.sqrt(np.maximum(p**2 + 4 * zeta**2 * np.abs(l) - (l * late) ** 2, 0)) - p, np.abs(l) * late)
+    p = np.abs(values) * late * (2 * zeta**2 - 1)
+    square = p**2 + 4 * zeta**2 * np.abs(values) - (values * late) ** 2
+    b = np.maximum(np.sqrt(np.maximum(square, 0)) - p, np.abs(values) * late)
     B = L @ (V * np.minimum(b, 250 - own * softness)) @ V.T @ L.T + own * np.eye(7)
     np.testing.assert_allclose(out.damping_torque, -B @ dq, rtol=1e-9)
 

@@ -32,8 +32,8 @@ def test_every_torque_is_within_its_limits_whatever_the_memory_holds(program: Me
     """
     done = program.run(400, seed)
     assert done.returncode == 0, done.stderr
-    kinds = [int(number) for number in re.findall(r"(\d+) (?:refused|faults|taken)", done.stdout)]
-    assert min(kinds) > 50, done.stdout
+    refused, faults, taken = (int(number) for number in re.findall(r"(\d+) (?:refused|faults|taken)", done.stdout))
+    assert refused > 50 and taken > 40 and faults > 0, done.stdout
 
 
 @pytest.mark.parametrize("pattern", [np.full(1 << 13, 5000.0).tobytes(), b"\x7d" * (1 << 16), b"\0" * (1 << 16)])

@@ -78,12 +78,11 @@ WRITING = {"memcpy", "memset", "memmove"}
 
 
 def targets(function: Node) -> Iterator[Node]:
-    """Yield the expressions that a function stores to: assignments, increments, first arguments of memcpy and its like."""
+    """Yield what a function stores to: by assignments, increments, and as first arguments of memcpy and its like."""
     for node in walk(function):
         kind = node["kind"]
-        if (kind == "BinaryOperator" and node["opcode"] == "=") or kind == "CompoundAssignOperator":
-            yield node["inner"][0]
-        elif kind == "UnaryOperator" and node["opcode"] in ("++", "--"):
+        assigns = kind == "CompoundAssignOperator" or (kind == "BinaryOperator" and node["opcode"] == "=")
+        if assigns or (kind == "UnaryOperator" and node["opcode"] in ("++", "--")):
             yield node["inner"][0]
         elif kind == "CallExpr":
             callee = next((each for each in walk(node["inner"][0]) if each["kind"] == "DeclRefExpr"), None)
