@@ -26,8 +26,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-
 from stiffgen.control.fields import CONFIG
+
 from stiffgen.control.sessions.library import CAREFUL, ControllerLibrary
 from stiffgen.control.sessions.sessions import differences
 from stiffgen.core.emit.build import kernel_sources

@@ -29,8 +29,8 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-
 from stiffgen.control.status_words import REASONS
+
 from support.plant.loop import Loop, N
 from support.plant.statics import random_stiffness
 from support.project import ROOT

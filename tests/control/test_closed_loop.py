@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-
 from stiffgen.control.status_words import FAULTS
+
 from support.plant.loop import Q0, Loop
 
 MOTOR = 0.1

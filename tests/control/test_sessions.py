@@ -13,15 +13,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from stiffgen.control.fields import CONFIG, Field
+from stiffgen.control.signals import INPUT
 
 import stiffgen
 from campaigns.mutations import Mutant, Workshop, changed_defaults, count_survivors, mutants
-from stiffgen.control.fields import CONFIG, Field
 from stiffgen.control.sessions import sessions
 from stiffgen.control.sessions.library import CAREFUL, ControllerLibrary, set_field
 from stiffgen.control.sessions.rules import check_rules
 from stiffgen.control.sessions.sessions import SESSIONS
-from stiffgen.control.signals import INPUT
 from stiffgen.core.opened import open_robot
 from stiffgen.core.verify.folder.forked import confined
 from support.controller_library import compile_c
