@@ -96,6 +96,8 @@ Impedance(sample_time=..., delay_samples=..., motor_inertia=..., heaviest_wrench
     Impedance controller; ``step(q=..., ...)`` gives the torque. Status, Mode, Fault and Reason name its outcomes.
 Policy(controller, pose=..., now=...)
     Port for slow commanders, such as learned policies; Refused and Stage name what happens to proposals.
+Follow(q, sample_time=..., **config)
+    Maker of positions from poses; ``step(pose=...)`` gives q0 and its status.
 PaperLaw(formula, **fields)
     Law Kq(q, F) (q0 - q) - B dq, to reproduce the paper; ``step(q=..., ...)`` gives the torque.
 joint_gains(...), late_work(...)
@@ -123,7 +125,7 @@ except ImportError as _error:
         "iiwa14: its C module is not built for this Python; run 'stiffgen generate FILE' on the robot's file again, "
         "with the same options and without --no-build (in stiffgen's repository: make generate)"
     ) from _error
-if getattr(_c, "SOURCES", "") != "4988824a08328596":
+if getattr(_c, "SOURCES", "") != "4b37e6808b7677b1":
     raise ImportError(
         "iiwa14: its C module was compiled from other sources than those in this folder; run 'stiffgen generate "
         "FILE' on the robot's file again (in stiffgen's repository: make generate). Restart Python if it has loaded the old module"
@@ -260,6 +262,7 @@ packed = _Functions(
 )
 
 from .impedance import CommandWarning, Fault, Impedance, Mode, Reason, Refusal, Refused, Status
+from .follow import Follow, FollowStatus
 from .paper import PaperLaw
 
 # Names that help() documents. Arrays and enumerations are left out, because help() would add the documentation of
@@ -280,7 +283,7 @@ __all__ = [
     "posture",
     "limits",
     "packed",
-    "Impedance", "PaperLaw",
+    "Impedance", "Follow", "PaperLaw",
 ]
 
 

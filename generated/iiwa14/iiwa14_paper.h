@@ -78,8 +78,6 @@ typedef struct {
     double dq[7];
     /* [rad] zero-force joint positions. */
     double q0[7];
-    /* [m] (4 x 4) pose of the tool in the tip's frame. */
-    double tool_pose[16];
     /* [N, N m] wrench of the ENVIRONMENT ON THE ROBOT at the tip, hybrid axes. */
     double wrench[6];
     /* [N/m, N, N m] (6 x 6) hybrid axes; symmetric, positive semidefinite. */

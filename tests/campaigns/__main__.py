@@ -49,6 +49,9 @@ CAMPAIGNS = {
     "poses": _campaign(
         "poses", "command random poses and look where the arm rests", "--count 4 --seconds 3", in_ci=False
     ),
+    "follow": _campaign(
+        "follow", "send Follow to random poses and back on random arms", "tests/data/scara.urdf --arms 2 --legs 4"
+    ),
     "spring-orbits": _campaign("spring_orbits", "compare the work of springs and laws on closed orbits"),
     "random-robots": _campaign(
         "long_run", "compare 100 000 random chains with Pinocchio", "--chains 2 --broken 2 --joints 4"

@@ -13,6 +13,13 @@ from stiffgen.control.core.field import MAX_DOF, Field
 from stiffgen.control.core.memory import RANGES, RECORDS
 from stiffgen.control.core.signals import INPUT, OUTPUT, OUTPUT_SECTIONS
 from stiffgen.control.core.words import COMMANDS, ERRORS, FAULTS, MODES, REASONS, REFUSALS, SEEN, STATUS
+from stiffgen.control.follow.fields import (
+    FOLLOW_CONFIG,
+    FOLLOW_ERRORS,
+    FOLLOW_STATE,
+    FOLLOW_STATUS,
+    FOLLOW_STRUCTS,
+)
 from stiffgen.control.paper_fields import PAPER_STRUCTS
 from stiffgen.control.presets import motor_tables
 from stiffgen.core.emit.library import Library
@@ -32,10 +39,12 @@ _PARTS = (
 SOURCES = tuple(f"{part}.c" for part in _PARTS)
 IMPEDANCE = Library(LIBRARY, "impedance.h", SOURCES)
 """C of every NAME_impedance.c."""
-MODULE = Library(Path(__file__).parent / "python", "controller.h", ("controller.c", "paper.c"))
+MODULE = Library(Path(__file__).parent / "python", "controller.h", ("controller.c", "paper.c", "follow.c"))
 """C of every NAME_python.c with a controller."""
 LAW = Library(Path(__file__).parent / "paper", "law.h", ("law.c",))
 """C of every NAME_paper.c."""
+FOLLOW = Library(Path(__file__).parent / "follow", "follow.h", ("poses.c", "solve.c", "fold.c", "follow.c"))
+"""C of every NAME_follow.c."""
 LOOPS = Library(Path(__file__).parent / "loops", "loops.h", ("loops.c",))
 """C of the NAME_impedance.c of robots with closed loops."""
 CONTROLLER_KERNELS = ("hybrid.jacobian", "spring.energy", "spring.wrench", "spring.linearization")
@@ -101,6 +110,11 @@ def has_paper_law(chain: Chain) -> bool:
     return len(chain.tips) == 1 and not chain.loops
 
 
+def has_follow(chain: Chain) -> bool:
+    """Return whether a robot with a controller has Follow beside it: no closed loops."""
+    return not chain.loops
+
+
 def called_kernels(chain: Chain, springs: Sequence[str]) -> tuple[str, ...]:
     """Return the functions that controller and paper's law of a robot with these kinds of springs call."""
     bounded = BOUNDED_KERNELS if "bounded" in springs else ()
@@ -132,6 +146,33 @@ class Struct:
 
 
 @dataclass(frozen=True)
+class FollowPage:
+    """Variable ``controller.follow`` of the templates: tables of NAME_follow.h, and the C of NAME_follow.c.
+
+    Attributes:
+        interface: types and constants of the C library.
+        library: functions of the C library, static.
+        structs: config, input and output.
+        state: memory between calls.
+        status: name and meaning of each bit.
+        errors: name, code and text.
+        checks: C condition on the configuration c, by field.
+        defaults, joint_defaults: C statements that set the configuration's fields, and entry i of those over joints.
+
+    """
+
+    interface: str
+    library: str
+    structs: list[Struct]
+    state: Struct
+    status: tuple[tuple[str, str], ...]
+    errors: list[tuple[str, int, str]]
+    checks: dict[str, str]
+    defaults: list[str]
+    joint_defaults: list[str]
+
+
+@dataclass(frozen=True)
 class ControllerPage:
     """Variable ``controller`` of the templates.
 
@@ -145,6 +186,7 @@ class ControllerPage:
         tool: whether the tool's pose is an argument.
         bounded: whether the folder has the bounded spring.
         paper: structs of the paper's law by itself; none with several tips or closed loops.
+        follow: Follow, which makes positions of poses; None with closed loops.
         tips: number of tips.
         scopes: prefix of the kernels' names, per tip.
         status, modes, faults: name and meaning.
@@ -183,6 +225,7 @@ class ControllerPage:
     tool: bool
     bounded: bool
     paper: list[Struct]
+    follow: FollowPage | None
     tips: int
     scopes: list[str]
     status: tuple[tuple[str, str], ...]
@@ -251,10 +294,11 @@ def controller_page(
         loops_interface=LOOPS.interface(name),
         loops=LOOPS.functions(name),
         module_interface=MODULE.interface(name),
-        module=MODULE.functions(name, () if has_paper_law(chain) else MODULE.sources[:1]),
+        module=MODULE.functions(name, _module_sources(chain)),
         tool=chain.runtime_tool,
         bounded=bounded,
         paper=[_struct(chain, prefix, *each) for each in PAPER_STRUCTS] if has_paper_law(chain) else [],
+        follow=_follow_page(name, chain) if has_follow(chain) else None,
         tips=len(chain.tips),
         scopes=_scopes(chain),
         status=STATUS,
@@ -274,13 +318,39 @@ def controller_page(
         ranges=RANGES,
         remembered=[(f.name, f.memory, bool(f.shape)) for f in OUTPUT if f.memory],
         choice_fields=_choice_fields(fields),
-        outcomes=_outcomes(),
+        outcomes=_outcomes(chain),
         defaults=[line for f in fields for line in _defaults(f, prefix)],
         joint_defaults=_joint_defaults(fields, name, index),
         motors=_motors(chain),
         axes=(placement.translation_axes or "base", placement.rotation_axes),
         centre=", ".join(map(repr, placement.centre)),
         start=[chain.start[k] for k in chain.actuated],
+    )
+
+
+def _module_sources(chain: Chain) -> tuple[str, ...]:
+    """Return the files of MODULE that a robot needs."""
+    wanted = (True, has_paper_law(chain), has_follow(chain))
+    return tuple(source for source, needed in zip(MODULE.sources, wanted, strict=True) if needed)
+
+
+def _follow_page(name: str, chain: Chain) -> FollowPage:
+    prefix = name.upper()
+    errors = [(error, -1 - k, text.replace("NAME", name)) for k, (error, text) in enumerate(FOLLOW_ERRORS)]
+    errors += [
+        (f"config_{field.name}", _FIRST_FIELD_ERROR - k, f"{field.name}: {field.rule}")
+        for k, field in enumerate(FOLLOW_CONFIG)
+    ]
+    return FollowPage(
+        interface=FOLLOW.interface(name),
+        library=FOLLOW.functions(name),
+        structs=[_struct(chain, prefix, *each) for each in FOLLOW_STRUCTS],
+        state=_struct(chain, prefix, "follow_state", "", FOLLOW_STATE),
+        status=FOLLOW_STATUS,
+        errors=errors,
+        checks={field.name: _check(field).replace("doubles_within", "all_within") for field in FOLLOW_CONFIG},
+        defaults=[f"config->{f.name} = {f.default};" for f in FOLLOW_CONFIG if not f.shape],
+        joint_defaults=[f"config->{f.name}[i] = {f.default.format(name=name)};" for f in FOLLOW_CONFIG if f.shape],
     )
 
 
@@ -291,16 +361,19 @@ def _turns(chain: Chain, index: int) -> bool:
     return whole and not chain.loops and chain.motor_coordinates[index].type == "continuous"
 
 
-def _outcomes() -> list[tuple[str, tuple[str, ...]]]:
+def _outcomes(chain: Chain) -> list[tuple[str, tuple[str, ...]]]:
     """Return name and words of the enumerations that a step reports."""
     tables = {"mode": MODES, "fault": FAULTS, "refusal": REFUSALS, "reason": REASONS}
     words = [(name, tuple(row[0] for row in rows)) for name, rows in tables.items()]
+    if has_follow(chain):
+        words.append(("follow", tuple(bit for bit, _ in FOLLOW_STATUS)))
     return [*words, ("command", COMMANDS)]
 
 
 def _struct(chain: Chain, prefix: str, name: str, summary: str, fields: tuple[Field, ...]) -> Struct:
     sizes = {"n": len(chain.motor_coordinates), "tips": len(chain.tips), "joints": chain.dof}
-    conditions = {"loops": bool(chain.loops)}
+    sizes["short"] = min(sizes["n"], 6 * sizes["tips"])
+    conditions = {"loops": bool(chain.loops), "tool": chain.runtime_tool}
     headings = _SECTIONS.get(name, {})
     members = [
         replace(_member(field, sizes, prefix, name), heading=headings.get(field.name, ""))
@@ -395,7 +468,7 @@ def _member(field: Field, sizes: dict[str, int], prefix: str, struct: str) -> Me
     if field.shape[:1] == ("tips",) and sizes["tips"] == 1:
         extents = extents[1:]
     default = field.default.replace("{name}_", "").replace("{i}", "i")
-    stated = field.choices or struct in ("config", "paper_config")
+    stated = field.choices or struct in ("config", "paper_config", "follow_config")
     bound = f" {field.rule[0].upper()}{field.rule[1:]}." if stated else ""
     if struct == "config":
         bound += f" Default: {default}; {field.reason}." if default else f" MUST BE STATED: {field.reason}."

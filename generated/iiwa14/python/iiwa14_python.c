@@ -13,9 +13,10 @@
 
 #include "../iiwa14_impedance.h"
 #include "../iiwa14_paper.h"
+#include "../iiwa14_follow.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "4988824a08328596"
+#define SOURCES "4b37e6808b7677b1"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;
@@ -2769,6 +2770,10 @@ typedef iiwa14_paper_config paper_config_t;
 typedef iiwa14_paper_state paper_state_t;
 typedef iiwa14_paper_input paper_input_t;
 typedef iiwa14_paper_output paper_output_t;
+typedef iiwa14_follow_config follow_config_t;
+typedef iiwa14_follow_state follow_state_t;
+typedef iiwa14_follow_input follow_input_t;
+typedef iiwa14_follow_output follow_output_t;
 
 static const field fields[] = {
     {"config", "sample_time", "f8", offsetof(config_t, sample_time), 0, {1, 1, 1}, 0, "s", "State these: they have no default."},
@@ -2848,7 +2853,6 @@ static const field fields[] = {
     {"paper_input", "q", "f8", offsetof(paper_input_t, q), 1, {7, 1, 1}, 0, "rad", ""},
     {"paper_input", "dq", "f8", offsetof(paper_input_t, dq), 1, {7, 1, 1}, 0, "rad/s", ""},
     {"paper_input", "q0", "f8", offsetof(paper_input_t, q0), 1, {7, 1, 1}, 0, "rad", ""},
-    {"paper_input", "tool_pose", "f8", offsetof(paper_input_t, tool_pose), 2, {4, 4, 1}, 0, "m", ""},
     {"paper_input", "wrench", "f8", offsetof(paper_input_t, wrench), 1, {6, 1, 1}, 0, "N, N m", ""},
     {"paper_input", "task_stiffness", "f8", offsetof(paper_input_t, task_stiffness), 2, {6, 6, 1}, 0, "N/m, N, N m", ""},
     {"paper_output", "torque", "f8", offsetof(paper_output_t, torque), 1, {7, 1, 1}, 0, "N m", ""},
@@ -2858,10 +2862,26 @@ static const field fields[] = {
     {"paper_output", "damping", "f8", offsetof(paper_output_t, damping), 2, {7, 7, 1}, 0, "N m s/rad", ""},
     {"paper_output", "saturated", "i4", offsetof(paper_output_t, saturated), 0, {1, 1, 1}, 0, "", ""},
     {"paper_output", "rate_limited", "i4", offsetof(paper_output_t, rate_limited), 0, {1, 1, 1}, 0, "", ""},
+    {"follow_config", "sample_time", "f8", offsetof(follow_config_t, sample_time), 0, {1, 1, 1}, 0, "s", ""},
+    {"follow_config", "lower_limit", "f8", offsetof(follow_config_t, lower_limit), 1, {7, 1, 1}, 1, "rad or m", ""},
+    {"follow_config", "upper_limit", "f8", offsetof(follow_config_t, upper_limit), 1, {7, 1, 1}, 1, "rad or m", ""},
+    {"follow_config", "limit_distance", "f8", offsetof(follow_config_t, limit_distance), 1, {7, 1, 1}, 0, "rad or m", ""},
+    {"follow_config", "velocity_limit", "f8", offsetof(follow_config_t, velocity_limit), 1, {7, 1, 1}, 0, "rad/s or m/s", ""},
+    {"follow_config", "tip_velocity_limit", "f8", offsetof(follow_config_t, tip_velocity_limit), 0, {1, 1, 1}, 0, "m/s", ""},
+    {"follow_config", "tip_rotation_limit", "f8", offsetof(follow_config_t, tip_rotation_limit), 0, {1, 1, 1}, 0, "rad/s", ""},
+    {"follow_config", "ramp_time", "f8", offsetof(follow_config_t, ramp_time), 0, {1, 1, 1}, 0, "s", ""},
+    {"follow_config", "smoothing", "f8", offsetof(follow_config_t, smoothing), 0, {1, 1, 1}, 0, "1", ""},
+    {"follow_input", "pose", "f8", offsetof(follow_input_t, pose), 2, {4, 4, 1}, 0, "m", ""},
+    {"follow_input", "posture", "f8", offsetof(follow_input_t, posture), 1, {7, 1, 1}, 0, "rad or m", ""},
+    {"follow_output", "q0", "f8", offsetof(follow_output_t, q0), 1, {7, 1, 1}, 0, "rad or m", ""},
+    {"follow_output", "dq0", "f8", offsetof(follow_output_t, dq0), 1, {7, 1, 1}, 0, "rad/s or m/s", ""},
+    {"follow_output", "error", "f8", offsetof(follow_output_t, error), 1, {2, 1, 1}, 0, "m, rad", ""},
+    {"follow_output", "status", "u4", offsetof(follow_output_t, status), 0, {1, 1, 1}, 0, "", ""},
 };
 
 static const structure structures[] = {
     {"state", sizeof(state_t)},
+    {"follow_state", sizeof(follow_state_t)},
     {"config", sizeof(config_t)},
     {"input", sizeof(input_t)},
     {"output", sizeof(output_t)},
@@ -2869,6 +2889,9 @@ static const structure structures[] = {
     {"paper_config", sizeof(paper_config_t)},
     {"paper_input", sizeof(paper_input_t)},
     {"paper_output", sizeof(paper_output_t)},
+    {"follow_config", sizeof(follow_config_t)},
+    {"follow_input", sizeof(follow_input_t)},
+    {"follow_output", sizeof(follow_output_t)},
 };
 
 static const choice choices[] = {
@@ -2942,6 +2965,11 @@ static const choice outcomes[] = {
     {"reason", "state", IIWA14_REASON_STATE},
     {"reason", "dissipation", IIWA14_REASON_DISSIPATION},
     {"reason", "shaking", IIWA14_REASON_SHAKING},
+    {"follow", "moving", IIWA14_FOLLOW_MOVING},
+    {"follow", "smoothed", IIWA14_FOLLOW_SMOOTHED},
+    {"follow", "by_joints", IIWA14_FOLLOW_BY_JOINTS},
+    {"follow", "unreachable", IIWA14_FOLLOW_UNREACHABLE},
+    {"follow", "refused", IIWA14_FOLLOW_REFUSED},
     {"command", "none", IIWA14_COMMAND_NONE},
     {"command", "clock", IIWA14_COMMAND_CLOCK},
     {"command", "q0", IIWA14_COMMAND_Q0},
@@ -3253,10 +3281,101 @@ static int add_paper(PyObject *module)
     return PyModule_AddFunctions(module, paper_methods);
 }
 
+/* Follow for Python. */
+
+/* Write the default configuration: argument (config). */
+static PyObject *follow_default(PyObject *module, PyObject *arguments)
+{
+    Py_buffer config;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "w*", &config)) {
+        return NULL;
+    }
+    void *c = structs(&config, sizeof(follow_config_t), 1);
+    if (c != NULL) {
+        iiwa14_follow_default_config((follow_config_t *)c);
+    }
+    PyBuffer_Release(&config);
+    return c != NULL ? Py_NewRef(Py_None) : NULL;
+}
+
+/* Begin at joint positions: arguments (config, state, q). Return the error's code. */
+static PyObject *follow_init(PyObject *module, PyObject *arguments)
+{
+    Py_buffer config, state, q;
+    PyObject *result = NULL;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "y*w*y*", &config, &state, &q)) {
+        return NULL;
+    }
+    const void *c = structs(&config, sizeof(follow_config_t), 1);
+    void *s = c != NULL ? structs(&state, sizeof(follow_state_t), 1) : NULL;
+    const void *x = s != NULL ? structs(&q, MOTORS * sizeof(double), 1) : NULL;
+    if (x != NULL) {
+        result = PyLong_FromLong(iiwa14_follow_init((const follow_config_t *)c, (follow_state_t *)s, (const double *)x));
+    }
+    PyBuffer_Release(&config);
+    PyBuffer_Release(&state);
+    PyBuffer_Release(&q);
+    return result;
+}
+
+/* Do a step per input: arguments (count, state, inputs, outputs). Return the last error. */
+static PyObject *follow_step(PyObject *module, PyObject *arguments)
+{
+    Py_buffer state, input, output;
+    Py_ssize_t count;
+    PyObject *result = NULL;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "nw*y*w*", &count, &state, &input, &output)) {
+        return NULL;
+    }
+    void *s = structs(&state, sizeof(follow_state_t), 1);
+    const follow_input_t *in = s != NULL ? structs(&input, sizeof(follow_input_t), count) : NULL;
+    follow_output_t *out = in != NULL ? structs(&output, sizeof(follow_output_t), count) : NULL;
+    if (out != NULL) {
+        int error = 0;
+        Py_BEGIN_ALLOW_THREADS
+        for (Py_ssize_t k = 0; k < count; ++k) {
+            const int code = iiwa14_follow_step((follow_state_t *)s, in + k, out + k);
+            error = code != 0 ? code : error;
+        }
+        Py_END_ALLOW_THREADS
+        result = PyLong_FromLong(error);
+    }
+    PyBuffer_Release(&state);
+    PyBuffer_Release(&input);
+    PyBuffer_Release(&output);
+    return result;
+}
+
+/* Return an error in words: argument (code). */
+static PyObject *follow_error_text(PyObject *module, PyObject *arguments)
+{
+    int code;
+    (void)module;
+    return PyArg_ParseTuple(arguments, "i", &code) ? PyUnicode_FromString(iiwa14_follow_error_text(code)) : NULL;
+}
+
+static PyMethodDef follow_methods[] = {
+    {"follow_default", follow_default, METH_VARARGS, NULL},
+    {"follow_init", follow_init, METH_VARARGS, NULL},
+    {"follow_step", follow_step, METH_VARARGS, NULL},
+    {"follow_error_text", follow_error_text, METH_VARARGS, NULL},
+    {NULL, NULL, 0, NULL},
+};
+
+/* Add Follow's functions to the module. */
+static int add_follow(PyObject *module)
+{
+    return PyModule_AddFunctions(module, follow_methods);
+}
+
 static PyModuleDef_Slot slots[] = {
     {Py_mod_exec, (void *)add_functions},
     {Py_mod_exec, (void *)add_controller},
     {Py_mod_exec, (void *)add_paper},
+    {Py_mod_exec, (void *)add_follow},
 #ifdef Py_mod_gil
     {Py_mod_gil, Py_MOD_GIL_NOT_USED},
 #endif

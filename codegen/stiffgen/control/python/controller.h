@@ -51,4 +51,6 @@ int add_controller(PyObject *module);
 
 int add_paper(PyObject *module);
 
+int add_follow(PyObject *module);
+
 #endif

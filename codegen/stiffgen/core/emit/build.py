@@ -113,6 +113,7 @@ def _sources(folder: Path, name: str) -> dict[Path, Sequence[str]]:
     options: dict[Path, Sequence[str]] = {
         **{source: [] for source in kernel_sources(folder, name)},
         folder / f"{name}_impedance.c": [],
+        folder / f"{name}_follow.c": [],
         folder / f"{name}_paper.c": [],
         Path(f"{python}_python.c"): [
             f"-I{sysconfig.get_path('include')}",

@@ -79,7 +79,10 @@ _ARGUMENT_NAMES = frozenset(
     for argument in (*kernel.arguments, *kernel.results, arguments.BASE_POSE, arguments.TOOL_POSE)
 )
 _FORBIDDEN_NAMES = (
-    RESERVED_NAMES | _ARGUMENT_NAMES | {kernel.name for kernel in KERNELS} | {"impedance", "paper", *CPP_NAMES}
+    RESERVED_NAMES
+    | _ARGUMENT_NAMES
+    | {kernel.name for kernel in KERNELS}
+    | {"impedance", "follow", "paper", *CPP_NAMES}
 )
 """Names that are forbidden for potentials."""
 
