@@ -16,8 +16,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import stiffgen
-from stiffgen.control import fields, signals, status_words
-from stiffgen.control.fields import Field
+from stiffgen.control.core import config, signals, words
+from stiffgen.control.core.field import Field
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.symbolic.arguments import Argument
 from stiffgen.core.symbolic.choices import KINDS, KernelOptions
@@ -133,8 +133,9 @@ def controller() -> str:
     """Return the page of the controller's fields: configuration, input and output of a step."""
 
     def row(field: Field) -> tuple[str, ...]:
-        default = f"; {field.rule}; default `{field.default.format(name='NAME', i='i')}`" if field.default else ""
-        return f"`{field.name}`", extent(field), field.unit, field.meaning + default
+        default = f"default `{field.default.format(name='NAME', i='i')}`" if field.default else "must be stated"
+        rule = f"; {field.rule}; {default}; {field.reason}" if field.reason else ""
+        return f"`{field.name}`", extent(field), field.unit, field.meaning + rule
 
     def tables(sections: Iterable[tuple[str, Sequence[Field]]]) -> str:
         return "\n".join(
@@ -142,29 +143,29 @@ def controller() -> str:
             for heading, which in sections
         )
 
-    config, results = tables(fields.CONFIG_SECTIONS), tables(signals.OUTPUT_SECTIONS)
+    settings, results = tables(config.CONFIG_SECTIONS), tables(signals.OUTPUT_SECTIONS)
     given = table(("field", "shape", "unit", "meaning"), map(row, signals.INPUT))
     return (
         "# Fields of the controller\n\n"
         "The members of `NAME_impedance_config`, `NAME_impedance_input` and `NAME_impedance_output`; in Python the "
         "same names, by keyword. n is the number of coordinates; the extent `tips` is left out where there is one. "
         "[The controller's page](../docs/controller.md) has the law.\n\n"
-        f"## Configuration\n\n{config}\n## Input of a step\n\n{given}\n## Output of a step\n\n{results}"
+        f"## Configuration\n\n{settings}\n## Input of a step\n\n{given}\n## Output of a step\n\n{results}"
     )
 
 
 def faults() -> str:
     """Return the page of modes, faults with their reasons, status bits and errors."""
     reasons = [
-        (f"`{name}`", cause, dict(status_words.FAULTS)[cause], meaning)
-        for name, cause, meaning in status_words.REASONS
+        (f"`{name}`", cause, dict(words.FAULTS)[cause], meaning)
+        for name, cause, meaning in words.REASONS
         if name != "none"
     ]
     pairs = {
         title: [(f"`{name}`", meaning) for name, meaning in which]
         for title, which in (
-            ("Modes", status_words.MODES), ("Status bits", status_words.STATUS),
-            ("Errors beyond single fields", status_words.ERRORS),
+            ("Modes", words.MODES), ("Status bits", words.STATUS),
+            ("Errors beyond single fields", words.ERRORS),
         )
     }  # fmt: skip
     sections = "\n".join(f"## {title}\n\n{table(('name', 'meaning'), rows)}" for title, rows in pairs.items())

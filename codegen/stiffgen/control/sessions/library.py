@@ -11,25 +11,35 @@ from typing import Any
 
 import numpy as np
 
-from stiffgen.control.fields import CONFIG, Field
-from stiffgen.control.policy_fields import POLICY, PROPOSAL
-from stiffgen.control.signals import INPUT, OUTPUT
+from stiffgen.control.core.config import CONFIG
+from stiffgen.control.core.field import Field
+from stiffgen.control.core.signals import INPUT, OUTPUT
 from stiffgen.core.emit.build import build_library
 from stiffgen.core.errors import BuildError
 from stiffgen.core.robot.chain import Chain
-from stiffgen.core.robot.geometry import FloatArray
 
+_STATED = {"sample_time": 1e-3, "delay_samples": 0.0, "motor_inertia": 0.3, "heaviest_wrench": 50.0}
+"""Values of the fields without a default, for every entry."""
 _STATE_SIZE = 1 << 19
 """Bytes of memory for a state: more than the largest robot needs."""
 _TYPES: dict[str, Any] = {"double": ctypes.c_double, "int": ctypes.c_int, "uint32_t": ctypes.c_uint32}
+
+
+def config_fields(chain: Chain, *, bounded: bool) -> tuple[Field, ...]:
+    """Return the fields that a robot's configuration has; ``bounded`` tells whether it has the bounded spring."""
+    has = {"": True, "tool": chain.runtime_tool, "bounded": bounded}
+    return tuple(field for field in CONFIG if has[field.when])
+
+
+def value_without_default(field: Field) -> float:
+    """Return a value for every entry of a field that has no default, or whose default the robot's file lacks."""
+    return _STATED.get(field.name, 20.0)
 
 
 def struct_of(chain: Chain, name: str, fields: Sequence[Field]) -> type[ctypes.Structure]:
     """Return the layout of a C struct of the controller."""
     members = []
     for field in fields:
-        if field.when == "tool" and not chain.runtime_tool:
-            continue
         count = math.prod(len(chain.tips) if extent == "tips" else extent_of(chain, extent) for extent in field.shape)
         members.append((field.name, _TYPES[field.type] * count if field.shape else _TYPES[field.type]))
     return type(name, (ctypes.Structure,), {"_fields_": members})
@@ -58,19 +68,25 @@ def build_controller(folder: Path, name: str, build: Path) -> Path:
 
 
 class ControllerLibrary:
-    """Compiled controller with a configuration, a state, an input, an output, a policy port and a proposal."""
+    """Compiled controller with a configuration, a state, an input and an output."""
 
-    def __init__(self, file: Path, name: str, chain: Chain) -> None:
+    def __init__(self, file: Path, name: str, chain: Chain, *, bounded: bool = False) -> None:
         self._library = ctypes.CDLL(str(file))
-        self._prefix, self._search = f"{name}_impedance_", f"{name}_find_posture"
-        self.config = struct_of(chain, "Config", CONFIG)()
+        self._prefix, self.fields = f"{name}_impedance_", config_fields(chain, bounded=bounded)
+        self.config = struct_of(chain, "Config", self.fields)()
         self.input = struct_of(chain, "Input", INPUT)()
         self.output = struct_of(chain, "Output", OUTPUT)()
-        self.policy = struct_of(chain, "Policy", POLICY)()
-        self.proposal = struct_of(chain, "Proposal", PROPOSAL)()
         self.state = (ctypes.c_double * (_STATE_SIZE // 8))()
-        self.call("default_config", self.config)  # before the size is found: init needs a configuration
+        self.take_defaults()  # before the size is found: init needs a configuration
         self.state_size = self._find_state_size()
+
+    def take_defaults(self) -> None:
+        """Take the default of every field, and some value where there is none; a robot's file may lack limits, too."""
+        self.call("default_config", self.config)
+        for field in self.fields:
+            values = np.ravel(getattr(self.config, field.name))
+            if not all(field.least <= value <= field.most for value in values):  # nor NaN
+                set_field(self.config, field, value_without_default(field), -1)
 
     def call(self, function: str, *arguments: Any) -> int:
         """Call a function; structs and arrays are passed by address, doubles by value, None as a null pointer."""
@@ -93,30 +109,6 @@ class ControllerLibrary:
         function.restype = ctypes.c_char_p
         return bytes(function(error) or b"")
 
-    def joint_gains(self, *arguments: FloatArray | None) -> tuple[int, bytes]:
-        """Call joint_gains with nine arrays; return its error code and the bytes of its three results.
-
-        Each result has one number more than the function may write, so that a write beyond its end shows.
-        """
-        n = len(self.config.kp_limit)
-        results = [np.zeros(n + 1) for _ in range(3)]
-        pointers = [None if each is None else each.ctypes.data_as(ctypes.c_void_p) for each in (*arguments, *results)]
-        code = int(self._library[self._prefix + "joint_gains"](*pointers))
-        return code, np.concatenate(results).tobytes()
-
-    def find_posture(self, *arguments: FloatArray | None) -> tuple[int, bytes]:
-        """Call find_posture with arrays, or null pointers, and the posture last; return its code and the posture."""
-        pointers = [None if each is None else each.ctypes.data_as(ctypes.c_void_p) for each in arguments]
-        code = int(self._library[self._search](ctypes.byref(self.config), *pointers))
-        return code, b"" if arguments[-1] is None else arguments[-1].tobytes()
-
-    def late_work(self, hold: float, *arguments: FloatArray | None) -> float:
-        """Return late_work for seven arrays, or null pointers."""
-        function = self._library[self._prefix + "late_work"]
-        function.restype = ctypes.c_double
-        pointers = [None if each is None else each.ctypes.data_as(ctypes.c_void_p) for each in arguments]
-        return float(function(*pointers, ctypes.c_double(hold)))
-
     def fault_text(self, size: int) -> tuple[int, bytes]:
         """Return the length of the text of the output's fault, and the text as it stands in ``size`` bytes."""
         text = ctypes.create_string_buffer(b"~" * 600)
@@ -124,12 +116,10 @@ class ControllerLibrary:
         return int(length), text.raw
 
     def refusal_text(self, size: int) -> tuple[int, bytes]:
-        """Return the code and the text of the output's refusal, as it stands in ``size`` bytes."""
-        text, out = ctypes.create_string_buffer(b"~" * 600), self.output
-        numbers = (out.refusal, out.refusal_argument, out.refusal_entry)
-        seen = [ctypes.c_double(each) for each in (out.refusal_seen, out.refusal_limit)]
-        code = self._library[self._prefix + "refusal_text"](*numbers, *seen, text, ctypes.c_size_t(size))
-        return int(code), text.raw
+        """Return the length of the text of the output's refusal, and the text as it stands in ``size`` bytes."""
+        text = ctypes.create_string_buffer(b"~" * 600)
+        length = self._library[self._prefix + "refusal_text"](ctypes.byref(self.output), text, ctypes.c_size_t(size))
+        return int(length), text.raw
 
 
 def is_same(reference: ControllerLibrary, library: ControllerLibrary) -> bool:

@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from stiffgen.control.fields import CONFIG, Field
+from stiffgen.control.core.config import CONFIG
+from stiffgen.control.core.field import Field
 from stiffgen.control.page import config_of
 from stiffgen.control.presets import motor_tables
-from stiffgen.control.sessions.library import ControllerLibrary
+from stiffgen.control.sessions.library import ControllerLibrary, set_field, value_without_default
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.robot.geometry import FloatArray
 from stiffgen.core.verify.result import Check, faultless
@@ -31,31 +32,48 @@ def check_rules(library: ControllerLibrary, module: Any, chain: Chain) -> list[C
 
     """
     library.call("default_config", library.config)
-    configs = {"C": library.config, "Python": module.Impedance().config}
-    defaults = []
-    for field in config_of(chain):
-        expected = default_of(field, chain)
-        for language, config in configs.items():
-            shown = config[field.name] if isinstance(config, dict) else getattr(config, field.name)
-            value = field.choices.index(shown) + 1 if isinstance(shown, str) else np.array(shown, dtype=float).ravel()
-            if not np.array_equal(np.broadcast_to(expected, np.shape(value)), value):
-                defaults.append(f"{field.name} in {language}")
+    names = [field.name for field in library.fields]
+    expected = {field.name: default_of(field, chain) for field in config_of(chain) if field.name in names}
+    # Numbers that a user must state, since there is no default, or since the robot's file lacks them.
+    given = {f.name: value_without_default(f) for f in library.fields if not _is_allowed(f, expected[f.name])}
+    config = module.Impedance(**given).config
+    faults = [f"{name} in C" for name, value in expected.items() if not _is(getattr(library.config, name), value)]
+    for field in library.fields:
+        shown, default = getattr(config, field.name), given.get(field.name, expected[field.name])
+        if not _is(field.choices.index(shown) + 1 if isinstance(shown, str) else shown, default):
+            faults.append(f"{field.name} in Python")
     return [
-        faultless("controller: defaults", "table of fields", defaults),
+        faultless("controller: defaults", "table of fields", faults),
         faultless("controller: rules", "table of fields", _rule_faults(library, chain)),
     ]
+
+
+def _is_allowed(field: Field, value: FloatArray) -> bool:
+    """Return whether a field takes a value; it takes no NaN."""
+    return bool(np.all((value >= field.least) & (value <= field.most)))
+
+
+def _is(value: Any, expected: FloatArray | float) -> bool:
+    """Return whether all entries of a field are the expected ones; one that must be stated is NaN, or an int -1."""
+    entries = np.array(value, dtype=float).ravel()
+    return np.array_equal(np.broadcast_to(np.ravel(expected), entries.shape), entries, equal_nan=True)
 
 
 def default_of(field: Field, chain: Chain) -> FloatArray:
     """Return the default of a field from the table, as the configuration in C should have it.
 
-    The table has the word of a choice, numbers with ", " between them, or a product of a number and a limit with one
-    entry per motor: "0.9 * {name}_velocity[{i}]" (a limit of the joint), "{name}_torque_rate[i]" (a motor's table).
+    A field that must be stated has NaN, or -1. The table has the word of a choice, "identity", numbers with ", "
+    between them, or a product of a number and a limit with one entry per motor: "0.9 * {name}_velocity[{i}]" (a
+    limit of the joint), "{name}_torque_rate[i]" (a motor's table).
     """
+    if not field.default:
+        return np.array(math.nan if field.type == "double" else -1.0)
+    if field.default == "identity":
+        return np.tile(np.eye(4), (len(chain.tips), 1, 1)).ravel()
     if field.choices:
         return np.array(field.choices.index(field.default) + 1.0)  # choices count from 1
     if ", " in field.default:
-        return np.array([float(entry) for entry in field.default.split(", ")])
+        return np.array([float(entry.replace("HUGE_VAL", "inf")) for entry in field.default.split(", ")])
     value, motors = np.ones(1), motor_tables(chain)
     for factor in field.default.split(" * "):
         limit = factor.removeprefix("{name}_").removesuffix("[i]").removesuffix("[{i}]")
@@ -82,7 +100,8 @@ def _rule_faults(library: ControllerLibrary, chain: Chain) -> list[str]:
     At its bounds a field may be refused by a rule about several fields, whose code is another one.
     """
     faults = []
-    for number, field in enumerate(CONFIG):
+    for field in library.fields:
+        number = [each.name for each in CONFIG].index(field.name)
         code, is_integer = _FIRST_FIELD_ERROR - number, field.type == "int"
         least, most = (int(field.least), int(field.most)) if is_integer else (field.least, field.most)
         inside = [each for each in (least, most) if math.isfinite(each)]
@@ -93,12 +112,10 @@ def _rule_faults(library: ControllerLibrary, chain: Chain) -> list[str]:
         beyond = [each for each in beyond if not (math.isinf(each) and each in (least, most))]  # infinity is allowed
         for place in _tried_entries(field, len(chain.motor_coordinates)):
             for value in (*inside, *beyond):
-                library.call("default_config", library.config)
-                if place < 0:
-                    setattr(library.config, field.name, value)
-                else:
-                    getattr(library.config, field.name)[place] = value
-                refused = library.call("validate", library.config)
+                library.take_defaults()
+                library.config.tank_initial = 1.0  # sizing takes long
+                set_field(library.config, field, value, place)
+                refused = library.call("init", library.config, library.state, None)
                 if (refused == code) != (value in beyond or math.isnan(value)):
                     faults.append(f"{field.name} {value!r}")
     return faults

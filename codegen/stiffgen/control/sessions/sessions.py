@@ -2,8 +2,7 @@
 """Run sessions of a folder's controller beside the installed generator's; results must be equal in bits.
 
 The reference is compiled on the spot from what this generator prints for the chain in the manifest. A simple arm
-follows the reference's torque. Most sessions are hostile (:mod:`~stiffgen.control.sessions.hostile`); the others
-command poses near and out of reach (:mod:`~stiffgen.control.sessions.seeking`).
+follows the reference's torque through hostile sessions (:mod:`~stiffgen.control.sessions.hostile`).
 """
 
 from __future__ import annotations
@@ -17,15 +16,14 @@ import numpy as np
 from stiffgen.control.sessions.hostile import HostileSession
 from stiffgen.control.sessions.library import ControllerLibrary, build_controller
 from stiffgen.control.sessions.rules import check_rules
-from stiffgen.control.sessions.seeking import SeekingSession
 from stiffgen.control.sessions.services import compare_services
 from stiffgen.core.opened import GeneratedRobot
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.verify.folder.forked import confined
 from stiffgen.core.verify.result import Check, faultless
 
-SESSIONS: tuple[type[HostileSession], ...] = (*[HostileSession] * 90, *[SeekingSession] * 8)
-"""Kinds of the sessions, in their order."""
+SESSIONS = 90
+"""Number of sessions."""
 
 
 def check_sessions(robot: GeneratedRobot, texts: Mapping[str, str], seed: int, build: Path) -> list[Check]:
@@ -47,12 +45,17 @@ def check_sessions(robot: GeneratedRobot, texts: Mapping[str, str], seed: int, b
     if f"{robot.name}_impedance.c" not in texts:
         return []
     files = _build_both(robot, texts, build)
-    reference, library = (ControllerLibrary(file, robot.name, robot.chain) for file in files)
+    reference, library = (open_controller(file, robot) for file in files)
     faults = confined(lambda: differences(reference, library, robot.chain, seed))
     return [
         *check_rules(library, robot.module, robot.chain),
         faultless("controller: sessions", "this generator's controller, in bits", faults),
     ]
+
+
+def open_controller(file: Path, robot: GeneratedRobot) -> ControllerLibrary:
+    """Load a compiled controller of a folder."""
+    return ControllerLibrary(file, robot.name, robot.chain, bounded="bounded" in robot.springs.springs)
 
 
 def _build_both(robot: GeneratedRobot, texts: Mapping[str, str], build: Path) -> tuple[Path, Path]:
@@ -84,11 +87,11 @@ def differences(
     reference: ControllerLibrary, library: ControllerLibrary, chain: Chain, seed: int, enough: int = 4
 ) -> list[str]:
     """Return the differences of a controller from the reference: in functions, then in sessions, up to a number."""
-    faults = compare_services(reference, library, chain)
-    for number, kind in enumerate(SESSIONS):
+    faults = compare_services(reference, library)
+    for number in range(SESSIONS):
         if len(faults) >= enough:
             break
-        session = kind(reference, library, chain, np.random.default_rng([seed, number]))
+        session = HostileSession(reference, library, chain, np.random.default_rng([seed, number]))
         step = session.find_difference()
         if step is not None:
             faults.append(f"session {number}: step {step}")

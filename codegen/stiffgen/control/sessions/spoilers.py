@@ -19,12 +19,14 @@ def _omit(session: Any, given: Any, joint: int, bad: float) -> None:
 
 
 def _skip(session: Any, given: Any, joint: int, bad: float) -> None:
-    session.counter = (session.counter + int(session.random.choice(LEFT_OUT))) % 2**32
-    given.counter = session.counter
+    session.ticks += int(session.random.choice(LEFT_OUT))
+    session.write_clock()
 
 
 def _age(session: Any, given: Any, joint: int, bad: float) -> None:
-    given.counter = (session.counter - 1) % 2**32
+    session.ticks -= 1  # for this call
+    session.write_clock()
+    session.ticks += 1
 
 
 def _break_number(session: Any, given: Any, joint: int, bad: float) -> None:
@@ -40,14 +42,14 @@ def _speed(session: Any, given: Any, joint: int, bad: float) -> None:
 
 
 def _break_command(session: Any, given: Any, joint: int, bad: float) -> None:
-    fields = ["q0", "translation_stiffness", "rotation_stiffness", "wrench", "equilibrium"]
-    fields += ["wrench_command", "velocity", "acceleration", "torque_offset"]
+    fields = ["q0", "translation_stiffness", "rotation_stiffness", "posture_stiffness"]
+    fields += ["wrench_command", "acceleration", "torque_offset", "time"]
     _put(session.random.choice(fields), given, int(session.random.integers(6)), bad)
     given.translation_stiffness[int(session.random.integers(9))] *= session.random.choice([1.0, -1.0, 1e3])
 
 
 def _break_flag(session: Any, given: Any, joint: int, bad: float) -> None:
-    name = str(session.random.choice(["command", "sample_valid", "wrench_valid", "external_valid"]))
+    name = str(session.random.choice(["clock", "sample_valid", "shaped"]))
     setattr(given, name, int(session.random.choice([-1, 0, 2, 3])))
 
 
@@ -55,18 +57,14 @@ def _clear(session: Any, given: Any, joint: int, bad: float) -> None:
     ctypes.memset(ctypes.byref(given), 0, ctypes.sizeof(given))
 
 
-def _move_tool(session: Any, given: Any, joint: int, bad: float) -> None:
-    if session.chain.runtime_tool:
-        given.tool_pose[3] += 1e-3
-    else:
-        _bump(session, given, joint, bad)
-
-
 def _bump(session: Any, given: Any, joint: int, bad: float) -> None:
     session.dq[joint] += 3.0 * float(session.random.normal())
 
 
 def _put(name: str, given: Any, place: int, value: float) -> None:
+    if name == "time":
+        given.time = value
+        return
     array = getattr(given, name)
     array[place % len(array)] = value
 
@@ -81,7 +79,6 @@ SPOILERS: tuple[tuple[float, Callable[[Any, Any, int, float], None]], ...] = (
     (0.06, _break_command),
     (0.061, _break_flag),
     (0.063, _clear),
-    (0.066, _move_tool),
     (0.07, _bump),
 )
 """Ends of the events' intervals, and what happens: to the input, to one joint's numbers, or to the arm itself."""
