@@ -222,6 +222,7 @@ static void step_controller(const plant_t *p, controller_t *c, const sensors_t *
     input.sample_valid = in->sensor[k] != LOST;
     input.clock = JOIN(UPPER, _CLOCK_COUNTER);
     input.counter = s->counter;
+    input.shaped = p->shaped;
     memcpy(input.q, s->q, sizeof input.q);
     memcpy(input.dq, s->dq, sizeof input.dq);
     memcpy(input.q0, in->goal + k * N, sizeof input.q0);

@@ -34,14 +34,14 @@ typedef struct {
     int state_period;       /* [samples] from one new state to the next */
     int clamp_start;        /* sample from which the tip is clamped where it is; -1: never */
     int law;                /* 0: stiffgen, else a law of laws.c */
-    int by_pose;            /* the command is the pose; the goal is the posture */
+    int shaped;             /* the goal is a point of a motion that has ramps already */
     int reset_after;        /* [samples] after which a fault is reset; 0: never */
 } plant_t;
 
 /* Arrays of an episode, one row per sample. */
 typedef struct {
     const double *goal;        /* N: commanded joint positions */
-    const double *pose;        /* 16: commanded pose, forward_kinematics(goal) where by_pose is 0 */
+    const double *pose;        /* 16: commanded pose, for the textbook laws */
     const double *translation; /* 3: diagonal of the stiffness */
     const double *rotation;    /* 3 */
     const double *load;        /* 6: wrench on the tip */

@@ -130,7 +130,10 @@ class Arm:
 
     def run(self, plant: Any, samples: int, config: Any = None, start: ArrayLike | None = None, seed: int = 0,
             **rows: Any) -> np.ndarray:  # fmt: skip
-        """Return the rows of an episode; inputs are constant or have a row per sample."""
+        """Return the rows of an episode; inputs are constant or have a row per sample.
+
+        ``pose`` goes to this controller through the robot's Follow, with ``goal`` as the posture.
+        """
         random = np.random.default_rng(seed)
         noise = self.maker.sensors.velocity_noise * random.normal(size=(samples, self.n))
         q = np.array(self.posture if start is None else start, dtype=float)
@@ -138,6 +141,10 @@ class Arm:
         pose = rows.get("pose")
         if pose is None:
             pose = self.module.forward_kinematics(np.ascontiguousarray(goal))
+        elif plant.law == 0:
+            poses = np.broadcast_to(np.asarray(pose, dtype=float).reshape(-1, 4, 4), (samples, 4, 4))
+            goal = self.module.Follow(q, sample_time=plant.sample_time).run(pose=poses, posture=goal).q0
+            plant.shaped = 1
         sizes = {"goal": self.n, "pose": 16, "translation": 3, "rotation": 3, "load": 6, "payload": 1,
                  "noise": self.n, "offset": self.n}  # fmt: skip
         values = {"translation": 600.0, "rotation": 30.0, "load": 0.0, "payload": 0.0, "noise": noise, "offset": 0.0}
@@ -154,7 +161,6 @@ class Arm:
         inputs = Inputs(**{name: array.ctypes.data for name, array in arrays.items()})
         result = (self.Row * samples)()
         output = self.Output()
-        plant.by_pose = int("pose" in rows)
         config = config if config is not None else self.config()
         start_q = np.ascontiguousarray(q)
         code = self.library.run(
