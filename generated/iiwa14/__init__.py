@@ -94,14 +94,12 @@ packed
 
 Impedance(sample_time=..., delay_samples=..., motor_inertia=..., heaviest_wrench=...)
     Impedance controller; ``step(q=..., ...)`` gives the torque. Status, Mode, Fault and Reason name its outcomes.
-Policy(controller, pose=..., now=...)
-    Port for slow commanders, such as learned policies; Refused and Stage name what happens to proposals.
-Follow(q, sample_time=..., **config)
-    Maker of positions from poses; ``step(pose=...)`` gives q0 and its status.
+Follow(q, sample_time=..., **fields)
+    Joint positions q0 from poses of the tips, on straight lines within all limits; says what is out of reach.
+Policy(pose=..., now=..., **settings)
+    Port for slow commanders, such as learned policies: checks, interpolates, holds and fades their proposals.
 PaperLaw(formula, **fields)
-    Law Kq(q, F) (q0 - q) - B dq, to reproduce the paper; ``step(q=..., ...)`` gives the torque.
-joint_gains(...), late_work(...)
-    Split of a torque for motors with a controller inside, and the most work that a late host costs.
+    Law Kq(q, F) (q0 - q) - B dq within limits of torque and rate, to reproduce the paper.
 DOF, JOINTS, BASE, TIP
     Number and names of the joint positions in q, base link, tip link.
 LOWER, UPPER, VELOCITY, EFFORT
@@ -125,7 +123,7 @@ except ImportError as _error:
         "iiwa14: its C module is not built for this Python; run 'stiffgen generate FILE' on the robot's file again, "
         "with the same options and without --no-build (in stiffgen's repository: make generate)"
     ) from _error
-if getattr(_c, "SOURCES", "") != "4b37e6808b7677b1":
+if getattr(_c, "SOURCES", "") != "ce726a227e397e97":
     raise ImportError(
         "iiwa14: its C module was compiled from other sources than those in this folder; run 'stiffgen generate "
         "FILE' on the robot's file again (in stiffgen's repository: make generate). Restart Python if it has loaded the old module"
@@ -263,6 +261,7 @@ packed = _Functions(
 
 from .impedance import CommandWarning, Fault, Impedance, Mode, Reason, Refusal, Refused, Status
 from .follow import Follow, FollowStatus
+from .policy import Policy, PolicyRefused, PolicyStage
 from .paper import PaperLaw
 
 # Names that help() documents. Arrays and enumerations are left out, because help() would add the documentation of
@@ -283,7 +282,7 @@ __all__ = [
     "posture",
     "limits",
     "packed",
-    "Impedance", "Follow", "PaperLaw",
+    "Impedance", "Follow", "Policy", "PaperLaw",
 ]
 
 

@@ -351,4 +351,5 @@ packed: Final[__packed]
 from .python.impedance import Fault as Fault, Impedance as Impedance, Mode as Mode, Reason as Reason, Status as Status
 from .python.impedance import CommandWarning as CommandWarning, Refusal as Refusal, Refused as Refused
 from .python.follow import Follow as Follow, FollowStatus as FollowStatus
+from .python.policy import Policy as Policy, PolicyRefused as PolicyRefused, PolicyStage as PolicyStage
 from .python.paper import PaperLaw as PaperLaw

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from stiffgen.control.page import has_follow, has_paper_law
+from stiffgen.control.companions import companions_of
 from stiffgen.core.emit.backend import Backend, Request
 
 _PYTHON = Path(__file__).parent / "python"
@@ -20,14 +20,11 @@ def _files(request: Request) -> dict[str, str | Path]:
     if request.options.python:
         files |= {f"python/{file}": _PYTHON / file for file in ("_structs.py", "impedance.py")}
         files["python/impedance.pyi"] = "impedance.pyi.j2"
-    if has_follow(request.chain):
-        files |= {f"{name}_follow.h": "follow.h.j2", f"{name}_follow.c": "follow.c.j2"}
+    for companion in companions_of(request.chain):
+        files |= {f"{name}{ending}": template for ending, template in companion.files.items()}
         if request.options.python:
-            files |= {"python/follow.py": _PYTHON / "follow.py", "python/follow.pyi": "follow.pyi.j2"}
-    if has_paper_law(request.chain):
-        files |= {f"{name}_paper.h": "paper.h.j2", f"{name}_paper.c": "paper.c.j2"}
-        if request.options.python:
-            files |= {"python/paper.py": _PYTHON / "paper.py", "python/paper.pyi": "paper.pyi.j2"}
+            module = companion.name
+            files |= {f"python/{module}.py": _PYTHON / f"{module}.py", f"python/{module}.pyi": f"{module}.pyi.j2"}
     return files
 
 

@@ -8,20 +8,22 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from stiffgen.control.companions import COMPANIONS, CompanionPage, companion_pages, companions_of
 from stiffgen.control.core.config import CONFIG, CONFIG_SECTIONS, STATED
 from stiffgen.control.core.field import MAX_DOF, Field
 from stiffgen.control.core.memory import RANGES, RECORDS
 from stiffgen.control.core.signals import INPUT, OUTPUT, OUTPUT_SECTIONS
 from stiffgen.control.core.words import COMMANDS, ERRORS, FAULTS, MODES, REASONS, REFUSALS, SEEN, STATUS
-from stiffgen.control.follow.fields import (
-    FOLLOW_CONFIG,
-    FOLLOW_ERRORS,
-    FOLLOW_STATE,
-    FOLLOW_STATUS,
-    FOLLOW_STRUCTS,
-)
-from stiffgen.control.paper_fields import PAPER_STRUCTS
 from stiffgen.control.presets import motor_tables
+from stiffgen.control.structs import (
+    Member,
+    Struct,
+    bound_text,
+    check_of,
+    defaults,
+    joint_defaults,
+    struct_of,
+)
 from stiffgen.core.emit.library import Library
 from stiffgen.core.errors import printable
 from stiffgen.core.lower.scalar import DOUBLE, Scalar
@@ -39,12 +41,10 @@ _PARTS = (
 SOURCES = tuple(f"{part}.c" for part in _PARTS)
 IMPEDANCE = Library(LIBRARY, "impedance.h", SOURCES)
 """C of every NAME_impedance.c."""
-MODULE = Library(Path(__file__).parent / "python", "controller.h", ("controller.c", "paper.c", "follow.c"))
-"""C of every NAME_python.c with a controller."""
-LAW = Library(Path(__file__).parent / "paper", "law.h", ("law.c",))
-"""C of every NAME_paper.c."""
-FOLLOW = Library(Path(__file__).parent / "follow", "follow.h", ("poses.c", "solve.c", "fold.c", "follow.c"))
-"""C of every NAME_follow.c."""
+MODULE = Library(
+    Path(__file__).parent / "python", "controller.h", ("controller.c", *(f"{each}.c" for each in COMPANIONS))
+)
+"""C of every NAME_python.c with a controller and all companions."""
 LOOPS = Library(Path(__file__).parent / "loops", "loops.h", ("loops.c",))
 """C of the NAME_impedance.c of robots with closed loops."""
 CONTROLLER_KERNELS = ("hybrid.jacobian", "spring.energy", "spring.wrench", "spring.linearization")
@@ -57,7 +57,6 @@ LOOP_KERNELS = ("close", *(f"motors.{name}" for name in ("jacobian", "mass_matri
 """Functions that the controller calls in robots with closed loops, in place of those of the tree."""
 BOUNDED_KERNELS = tuple(f"spring_bounded.{name}" for name in ("energy", "wrench", "linearization"))
 """Functions that the controller calls in folders with the bounded spring."""
-_FORMATS = {"double": "f8", "int": "i4", "int32_t": "i4", "uint32_t": "u4"}
 _STRUCTS = (
     ("config", "Configuration; start from the defaults, and state what has none.", CONFIG),
     ("input", "One sample and a command. A struct of zeros is a missed sample without a clock.", INPUT),
@@ -105,71 +104,11 @@ def has_controller(chain: Chain, scalar: Scalar = DOUBLE) -> bool:
     return fits and set(called_kernels(chain, ())) <= {kernel.choices[1] for kernel in chain_kernels(chain)}
 
 
-def has_paper_law(chain: Chain) -> bool:
-    """Return whether a robot with a controller has the paper's law beside it: one tip, no closed loops."""
-    return len(chain.tips) == 1 and not chain.loops
-
-
-def has_follow(chain: Chain) -> bool:
-    """Return whether a robot with a controller has Follow beside it: no closed loops."""
-    return not chain.loops
-
-
 def called_kernels(chain: Chain, springs: Sequence[str]) -> tuple[str, ...]:
-    """Return the functions that controller and paper's law of a robot with these kinds of springs call."""
+    """Return the functions that controller and companions of a robot with these kinds of springs call."""
     bounded = BOUNDED_KERNELS if "bounded" in springs else ()
-    paper = PAPER_KERNELS if has_paper_law(chain) else ()
+    paper = PAPER_KERNELS if any(each.name == "paper" for each in companions_of(chain)) else ()
     return (*CONTROLLER_KERNELS, *bounded, *paper, *(LOOP_KERNELS if chain.loops else TREE_KERNELS))
-
-
-@dataclass(frozen=True)
-class Member:
-    """Member of a C struct: declaration, comment, NumPy format, shape, whether unbounded, and a section's heading."""
-
-    name: str
-    declaration: str
-    comment: list[str]
-    format: str
-    extents: list[int]
-    unbounded: bool
-    unit: str
-    heading: str = ""
-
-
-@dataclass(frozen=True)
-class Struct:
-    """C struct NAME_impedance_<name>, or NAME_<name> of the paper's law."""
-
-    name: str
-    summary: str
-    fields: list[Member]
-
-
-@dataclass(frozen=True)
-class FollowPage:
-    """Variable ``controller.follow`` of the templates: tables of NAME_follow.h, and the C of NAME_follow.c.
-
-    Attributes:
-        interface: types and constants of the C library.
-        library: functions of the C library, static.
-        structs: config, input and output.
-        state: memory between calls.
-        status: name and meaning of each bit.
-        errors: name, code and text.
-        checks: C condition on the configuration c, by field.
-        defaults, joint_defaults: C statements that set the configuration's fields, and entry i of those over joints.
-
-    """
-
-    interface: str
-    library: str
-    structs: list[Struct]
-    state: Struct
-    status: tuple[tuple[str, str], ...]
-    errors: list[tuple[str, int, str]]
-    checks: dict[str, str]
-    defaults: list[str]
-    joint_defaults: list[str]
 
 
 @dataclass(frozen=True)
@@ -180,13 +119,11 @@ class ControllerPage:
         n: number of motors.
         interface: types and constants of the C library.
         library: functions of the C library, static.
-        law_interface, law: types and functions of the paper's law.
         loops_interface, loops: types and functions of closed loops.
         module_interface, module: types and functions of the C that gives the controller to Python.
         tool: whether the tool's pose is an argument.
         bounded: whether the folder has the bounded spring.
-        paper: structs of the paper's law by itself; none with several tips or closed loops.
-        follow: Follow, which makes positions of poses; None with closed loops.
+        companions: files beside the controller, by name.
         tips: number of tips.
         scopes: prefix of the kernels' names, per tip.
         status, modes, faults: name and meaning.
@@ -216,16 +153,13 @@ class ControllerPage:
     n: int
     interface: str
     library: str
-    law_interface: str
-    law: str
     loops_interface: str
     loops: str
     module_interface: str
     module: str
     tool: bool
     bounded: bool
-    paper: list[Struct]
-    follow: FollowPage | None
+    companions: dict[str, CompanionPage]
     tips: int
     scopes: list[str]
     status: tuple[tuple[str, str], ...]
@@ -270,12 +204,6 @@ def _choice_fields(fields: tuple[Field, ...]) -> list[tuple[str, tuple[str, ...]
     return [(f.name, f.choices) for f in (*fields, *INPUT) if f.choices]
 
 
-def _joint_defaults(fields: tuple[Field, ...], name: str, index: str) -> list[str]:
-    """Return the statements that set defaults of joint ``index``."""
-    each = (f for f in fields if f.shape == ("n",))
-    return [f"config->{f.name}[i] = {f.default.format(name=name, i=index) or '(double)NAN'};" for f in each]
-
-
 def controller_page(
     name: str, chain: Chain, scalar: Scalar, placement: Placement, *, bounded: bool
 ) -> ControllerPage | None:
@@ -289,16 +217,13 @@ def controller_page(
         n=len(chain.motor_coordinates),
         interface=IMPEDANCE.interface(name),
         library=IMPEDANCE.functions(name),
-        law_interface=LAW.interface(name),
-        law=LAW.functions(name),
         loops_interface=LOOPS.interface(name),
         loops=LOOPS.functions(name),
         module_interface=MODULE.interface(name),
-        module=MODULE.functions(name, _module_sources(chain)),
+        module=MODULE.functions(name, ("controller.c", *(f"{each.name}.c" for each in companions_of(chain)))),
         tool=chain.runtime_tool,
         bounded=bounded,
-        paper=[_struct(chain, prefix, *each) for each in PAPER_STRUCTS] if has_paper_law(chain) else [],
-        follow=_follow_page(name, chain) if has_follow(chain) else None,
+        companions=companion_pages(name, chain),
         tips=len(chain.tips),
         scopes=_scopes(chain),
         status=STATUS,
@@ -312,45 +237,22 @@ def controller_page(
         stated=[field.name for field in STATED],
         turns=[int(_turns(chain, k)) for k in range(len(chain.motor_coordinates))],
         errors=errors_of(name, chain, fields),
-        checks={field.name: _check(field) for field in fields},
-        structs=[_struct(chain, prefix, *each) for each in (("config", _STRUCTS[0][1], fields), *_STRUCTS[1:])],
-        memory=[_without_padding(_struct(chain, prefix, *each)) for each in RECORDS],
+        checks={field.name: check_of(field) for field in fields},
+        structs=[
+            struct_of(chain, prefix, *each, _SECTIONS.get(each[0]))
+            for each in (("config", _STRUCTS[0][1], fields), *_STRUCTS[1:])
+        ],
+        memory=[_without_padding(struct_of(chain, prefix, *each)) for each in RECORDS],
         ranges=RANGES,
         remembered=[(f.name, f.memory, bool(f.shape)) for f in OUTPUT if f.memory],
         choice_fields=_choice_fields(fields),
         outcomes=_outcomes(chain),
-        defaults=[line for f in fields for line in _defaults(f, prefix)],
-        joint_defaults=_joint_defaults(fields, name, index),
+        defaults=[line for f in fields for line in defaults(f, prefix)],
+        joint_defaults=joint_defaults(fields, name, index),
         motors=_motors(chain),
         axes=(placement.translation_axes or "base", placement.rotation_axes),
         centre=", ".join(map(repr, placement.centre)),
         start=[chain.start[k] for k in chain.actuated],
-    )
-
-
-def _module_sources(chain: Chain) -> tuple[str, ...]:
-    """Return the files of MODULE that a robot needs."""
-    wanted = (True, has_paper_law(chain), has_follow(chain))
-    return tuple(source for source, needed in zip(MODULE.sources, wanted, strict=True) if needed)
-
-
-def _follow_page(name: str, chain: Chain) -> FollowPage:
-    prefix = name.upper()
-    errors = [(error, -1 - k, text.replace("NAME", name)) for k, (error, text) in enumerate(FOLLOW_ERRORS)]
-    errors += [
-        (f"config_{field.name}", _FIRST_FIELD_ERROR - k, f"{field.name}: {field.rule}")
-        for k, field in enumerate(FOLLOW_CONFIG)
-    ]
-    return FollowPage(
-        interface=FOLLOW.interface(name),
-        library=FOLLOW.functions(name),
-        structs=[_struct(chain, prefix, *each) for each in FOLLOW_STRUCTS],
-        state=_struct(chain, prefix, "follow_state", "", FOLLOW_STATE),
-        status=FOLLOW_STATUS,
-        errors=errors,
-        checks={field.name: _check(field).replace("doubles_within", "all_within") for field in FOLLOW_CONFIG},
-        defaults=[f"config->{f.name} = {f.default};" for f in FOLLOW_CONFIG if not f.shape],
-        joint_defaults=[f"config->{f.name}[i] = {f.default.format(name=name)};" for f in FOLLOW_CONFIG if f.shape],
     )
 
 
@@ -365,22 +267,9 @@ def _outcomes(chain: Chain) -> list[tuple[str, tuple[str, ...]]]:
     """Return name and words of the enumerations that a step reports."""
     tables = {"mode": MODES, "fault": FAULTS, "refusal": REFUSALS, "reason": REASONS}
     words = [(name, tuple(row[0] for row in rows)) for name, rows in tables.items()]
-    if has_follow(chain):
-        words.append(("follow", tuple(bit for bit, _ in FOLLOW_STATUS)))
+    for each in companions_of(chain):
+        words += [(name, tuple(word for word, _ in rows)) for name, rows in each.words]
     return [*words, ("command", COMMANDS)]
-
-
-def _struct(chain: Chain, prefix: str, name: str, summary: str, fields: tuple[Field, ...]) -> Struct:
-    sizes = {"n": len(chain.motor_coordinates), "tips": len(chain.tips), "joints": chain.dof}
-    sizes["short"] = min(sizes["n"], 6 * sizes["tips"])
-    conditions = {"loops": bool(chain.loops), "tool": chain.runtime_tool}
-    headings = _SECTIONS.get(name, {})
-    members = [
-        replace(_member(field, sizes, prefix, name), heading=headings.get(field.name, ""))
-        for field in fields
-        if conditions.get(field.when, True)
-    ]
-    return Struct(name, summary, members)
 
 
 def _without_padding(struct: Struct) -> Struct:
@@ -392,23 +281,6 @@ def _without_padding(struct: Struct) -> Struct:
     return replace(struct, fields=[*struct.fields, padding])
 
 
-def _defaults(field: Field, prefix: str) -> list[str]:
-    """Return the C statements that set a number or a short array; nothing for an array over joints or of poses.
-
-    A field without a default has a value that its check refuses.
-    """
-    if not field.default:
-        unstated = "(double)NAN" if field.type == "double" else "-1"
-        places = [f"[{k}]" for k in range(int(field.shape[0]))] if field.shape and field.shape != ("n",) else [""]
-        return [] if field.shape == ("n",) else [f"config->{field.name}{place} = {unstated};" for place in places]
-    if field.choices:
-        return [f"config->{field.name} = {prefix}_{field.name.upper()}_{field.default.upper()};"]
-    if not field.shape:
-        return [f"config->{field.name} = {field.default};"]
-    entries = field.default.split(", ") if len(field.shape) == 1 and field.shape != ("n",) else []
-    return [f"config->{field.name}[{k}] = {entry};" for k, entry in enumerate(entries)]
-
-
 def _motors(chain: Chain) -> list[tuple[str, str, str]]:
     """Return name, source and C initialiser of the tables of motors."""
     motors = motor_tables(chain)
@@ -416,7 +288,7 @@ def _motors(chain: Chain) -> list[tuple[str, str, str]]:
         ("motor_inertia", motors.inertia_source, motors.motor_inertia),
         ("torque_rate", motors.rate_source, motors.torque_rate),
     )
-    return [(name, source, ", ".join(map(_bound, values))) for name, source, values in rows]
+    return [(name, source, ", ".join(map(bound_text, values))) for name, source, values in rows]
 
 
 def errors_of(name: str, chain: Chain, fields: Sequence[Field] = CONFIG) -> list[tuple[str, int, str]]:
@@ -439,60 +311,3 @@ def _error_text(field: Field) -> str:
     if field.default:
         return f"{field.name}: {field.rule}"
     return f"{field.name} [{field.unit}]: state it, since {field.reason}; {field.rule}"
-
-
-def _check(field: Field) -> str:
-    """Return the C condition on a field of the configuration c."""
-    if field.type == "int":
-        bounds, kind = f"{field.least:.0f}, {field.most:.0f}", "integers"
-    else:
-        least, most = (_bound(bound) for bound in (field.least, field.most))
-        bounds, kind = f"{least}, {most}", "doubles"
-    each = f"c->{field.name}" if field.shape else f"&c->{field.name}"
-    count = f"sizeof c->{field.name} / sizeof c->{field.name}[0]" if field.shape else "1"
-    return f"{kind}_within({each}, {count}, {bounds})"
-
-
-def _bound(bound: float) -> str:
-    if math.isinf(bound):
-        return "HUGE_VAL" if bound > 0 else "-HUGE_VAL"
-    return repr(float(bound))
-
-
-def _member(field: Field, sizes: dict[str, int], prefix: str, struct: str) -> Member:
-    """Return the member of a C struct; ``sizes`` are the extents with a name, and one tip has no extent.
-
-    The comment has unit, shape, meaning, the rule of a setting or choice, and the default.
-    """
-    extents = [sizes[extent] if isinstance(extent, str) else extent for extent in field.shape]
-    if field.shape[:1] == ("tips",) and sizes["tips"] == 1:
-        extents = extents[1:]
-    default = field.default.replace("{name}_", "").replace("{i}", "i")
-    stated = field.choices or struct in ("config", "paper_config", "follow_config")
-    bound = f" {field.rule[0].upper()}{field.rule[1:]}." if stated else ""
-    if struct == "config":
-        bound += f" Default: {default}; {field.reason}." if default else f" MUST BE STATED: {field.reason}."
-    elif default:
-        bound += f" Default: {default}."
-    shape = f" ({' x '.join(map(str, extents))})" if len(extents) > 1 else ""
-    unit = f"[{field.unit}]{shape} " if field.unit else ""
-    return Member(
-        name=field.name,
-        declaration=f"{field.type} {field.name}" + (f"[{math.prod(extents)}]" if extents else ""),
-        comment=_comment(f"{unit}{field.meaning.replace('NAME_', prefix + '_')}.{bound}"),
-        format=_FORMATS[field.type],
-        extents=extents,
-        unbounded=math.isinf(field.most),
-        unit=field.unit,
-    )
-
-
-def _comment(text: str, width: int = 108) -> list[str]:
-    """Return a C comment in lines of at most ``width`` characters."""
-    lines = ["/*"]
-    for word in text.split():
-        if len(lines[-1]) + 1 + len(word) > width:
-            lines.append(" *")
-        lines[-1] += f" {word}"
-    lines[-1] += " */"
-    return lines

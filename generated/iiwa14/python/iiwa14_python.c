@@ -12,11 +12,12 @@
 #include <numpy/ufuncobject.h>
 
 #include "../iiwa14_impedance.h"
-#include "../iiwa14_paper.h"
 #include "../iiwa14_follow.h"
+#include "../iiwa14_policy.h"
+#include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "4b37e6808b7677b1"
+#define SOURCES "ce726a227e397e97"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;
@@ -2766,16 +2767,53 @@ typedef iiwa14_impedance_config config_t;
 typedef iiwa14_impedance_state state_t;
 typedef iiwa14_impedance_input input_t;
 typedef iiwa14_impedance_output output_t;
-typedef iiwa14_paper_config paper_config_t;
-typedef iiwa14_paper_state paper_state_t;
-typedef iiwa14_paper_input paper_input_t;
-typedef iiwa14_paper_output paper_output_t;
-typedef iiwa14_follow_config follow_config_t;
 typedef iiwa14_follow_state follow_state_t;
+typedef iiwa14_policy_state policy_state_t;
+typedef iiwa14_follow_config follow_config_t;
 typedef iiwa14_follow_input follow_input_t;
 typedef iiwa14_follow_output follow_output_t;
+typedef iiwa14_policy_config policy_config_t;
+typedef iiwa14_policy_proposal policy_proposal_t;
+typedef iiwa14_policy_output policy_output_t;
+typedef iiwa14_paper_state paper_state_t;
+typedef iiwa14_paper_config paper_config_t;
+typedef iiwa14_paper_input paper_input_t;
+typedef iiwa14_paper_output paper_output_t;
 
 static const field fields[] = {
+    {"follow_state", "q", "f8", offsetof(follow_state_t, q), 1, {7, 1, 1}, 0, "rad or m", ""},
+    {"follow_state", "dq", "f8", offsetof(follow_state_t, dq), 1, {7, 1, 1}, 0, "rad/s or m/s", ""},
+    {"follow_state", "posture", "f8", offsetof(follow_state_t, posture), 1, {7, 1, 1}, 0, "rad or m", ""},
+    {"follow_state", "pose", "f8", offsetof(follow_state_t, pose), 2, {4, 4, 1}, 0, "m", ""},
+    {"follow_state", "twist", "f8", offsetof(follow_state_t, twist), 1, {6, 1, 1}, 0, "m/s", ""},
+    {"follow_state", "stream", "f8", offsetof(follow_state_t, stream), 1, {6, 1, 1}, 0, "m/s", ""},
+    {"follow_state", "weakest", "f8", offsetof(follow_state_t, weakest), 1, {6, 1, 1}, 0, "1", ""},
+    {"follow_state", "distance", "f8", offsetof(follow_state_t, distance), 0, {1, 1, 1}, 0, "m", ""},
+    {"follow_state", "asked", "f8", offsetof(follow_state_t, asked), 0, {1, 1, 1}, 0, "m", ""},
+    {"follow_state", "got", "f8", offsetof(follow_state_t, got), 0, {1, 1, 1}, 0, "m", ""},
+    {"follow_state", "push", "f8", offsetof(follow_state_t, push), 0, {1, 1, 1}, 0, "1", ""},
+    {"follow_state", "interval", "f8", offsetof(follow_state_t, interval), 0, {1, 1, 1}, 0, "s", ""},
+    {"follow_state", "age", "i4", offsetof(follow_state_t, age), 0, {1, 1, 1}, 0, "calls", ""},
+    {"follow_state", "period", "i4", offsetof(follow_state_t, period), 0, {1, 1, 1}, 0, "calls", ""},
+    {"follow_state", "stuck", "i4", offsetof(follow_state_t, stuck), 0, {1, 1, 1}, 0, "calls", ""},
+    {"follow_state", "by_joints", "i4", offsetof(follow_state_t, by_joints), 0, {1, 1, 1}, 0, "", ""},
+    {"follow_state", "begun", "i4", offsetof(follow_state_t, begun), 0, {1, 1, 1}, 0, "", ""},
+    {"follow_state", "ready", "i4", offsetof(follow_state_t, ready), 0, {1, 1, 1}, 0, "", ""},
+    {"policy_state", "now", "f8", offsetof(policy_state_t, now), 0, {1, 1, 1}, 0, "s", ""},
+    {"policy_state", "time", "f8", offsetof(policy_state_t, time), 1, {4, 1, 1}, 0, "s", ""},
+    {"policy_state", "begin", "f8", offsetof(policy_state_t, begin), 1, {4, 1, 1}, 0, "s", ""},
+    {"policy_state", "interval", "f8", offsetof(policy_state_t, interval), 1, {4, 1, 1}, 0, "s", ""},
+    {"policy_state", "refused_seen", "f8", offsetof(policy_state_t, refused_seen), 1, {4, 1, 1}, 0, "", ""},
+    {"policy_state", "refused_limit", "f8", offsetof(policy_state_t, refused_limit), 1, {4, 1, 1}, 0, "", ""},
+    {"policy_state", "from_translation", "f8", offsetof(policy_state_t, from_translation), 2, {3, 3, 1}, 0, "N/m", ""},
+    {"policy_state", "from_rotation", "f8", offsetof(policy_state_t, from_rotation), 2, {3, 3, 1}, 0, "N m/rad", ""},
+    {"policy_state", "from_wrench", "f8", offsetof(policy_state_t, from_wrench), 1, {6, 1, 1}, 0, "N, N m", ""},
+    {"policy_state", "to_translation", "f8", offsetof(policy_state_t, to_translation), 2, {3, 3, 1}, 0, "N/m", ""},
+    {"policy_state", "to_rotation", "f8", offsetof(policy_state_t, to_rotation), 2, {3, 3, 1}, 0, "N m/rad", ""},
+    {"policy_state", "to_wrench", "f8", offsetof(policy_state_t, to_wrench), 1, {6, 1, 1}, 0, "N, N m", ""},
+    {"policy_state", "refused", "i4", offsetof(policy_state_t, refused), 1, {4, 1, 1}, 0, "", ""},
+    {"policy_state", "refused_entry", "i4", offsetof(policy_state_t, refused_entry), 1, {4, 1, 1}, 0, "", ""},
+    {"policy_state", "ready", "i4", offsetof(policy_state_t, ready), 0, {1, 1, 1}, 0, "", ""},
     {"config", "sample_time", "f8", offsetof(config_t, sample_time), 0, {1, 1, 1}, 0, "s", "State these: they have no default."},
     {"config", "delay_samples", "i4", offsetof(config_t, delay_samples), 0, {1, 1, 1}, 0, "samples", ""},
     {"config", "motor_inertia", "f8", offsetof(config_t, motor_inertia), 1, {7, 1, 1}, 0, "kg m^2 or kg", ""},
@@ -2839,6 +2877,43 @@ static const field fields[] = {
     {"output", "damping_torque", "f8", offsetof(output_t, damping_torque), 1, {7, 1, 1}, 0, "N m or N", ""},
     {"output", "limit_torque", "f8", offsetof(output_t, limit_torque), 1, {7, 1, 1}, 0, "N m or N", ""},
     {"output", "feedforward_torque", "f8", offsetof(output_t, feedforward_torque), 1, {7, 1, 1}, 0, "N m or N", ""},
+    {"follow_config", "sample_time", "f8", offsetof(follow_config_t, sample_time), 0, {1, 1, 1}, 0, "s", ""},
+    {"follow_config", "lower_limit", "f8", offsetof(follow_config_t, lower_limit), 1, {7, 1, 1}, 1, "rad or m", ""},
+    {"follow_config", "upper_limit", "f8", offsetof(follow_config_t, upper_limit), 1, {7, 1, 1}, 1, "rad or m", ""},
+    {"follow_config", "limit_distance", "f8", offsetof(follow_config_t, limit_distance), 1, {7, 1, 1}, 0, "rad or m", ""},
+    {"follow_config", "velocity_limit", "f8", offsetof(follow_config_t, velocity_limit), 1, {7, 1, 1}, 0, "rad/s or m/s", ""},
+    {"follow_config", "tip_velocity_limit", "f8", offsetof(follow_config_t, tip_velocity_limit), 0, {1, 1, 1}, 0, "m/s", ""},
+    {"follow_config", "tip_rotation_limit", "f8", offsetof(follow_config_t, tip_rotation_limit), 0, {1, 1, 1}, 0, "rad/s", ""},
+    {"follow_config", "ramp_time", "f8", offsetof(follow_config_t, ramp_time), 0, {1, 1, 1}, 0, "s", ""},
+    {"follow_config", "smoothing", "f8", offsetof(follow_config_t, smoothing), 0, {1, 1, 1}, 0, "1", ""},
+    {"follow_input", "pose", "f8", offsetof(follow_input_t, pose), 2, {4, 4, 1}, 0, "m", ""},
+    {"follow_input", "posture", "f8", offsetof(follow_input_t, posture), 1, {7, 1, 1}, 0, "rad or m", ""},
+    {"follow_output", "q0", "f8", offsetof(follow_output_t, q0), 1, {7, 1, 1}, 0, "rad or m", ""},
+    {"follow_output", "dq0", "f8", offsetof(follow_output_t, dq0), 1, {7, 1, 1}, 0, "rad/s or m/s", ""},
+    {"follow_output", "error", "f8", offsetof(follow_output_t, error), 1, {2, 1, 1}, 0, "m, rad", ""},
+    {"follow_output", "status", "u4", offsetof(follow_output_t, status), 0, {1, 1, 1}, 0, "", ""},
+    {"policy_config", "hold_time", "f8", offsetof(policy_config_t, hold_time), 0, {1, 1, 1}, 0, "s", ""},
+    {"policy_config", "fade_time", "f8", offsetof(policy_config_t, fade_time), 0, {1, 1, 1}, 0, "s", ""},
+    {"policy_config", "stale_share", "f8", offsetof(policy_config_t, stale_share), 0, {1, 1, 1}, 0, "1", ""},
+    {"policy_config", "longest_interval", "f8", offsetof(policy_config_t, longest_interval), 0, {1, 1, 1}, 0, "s", ""},
+    {"policy_config", "clock_tolerance", "f8", offsetof(policy_config_t, clock_tolerance), 0, {1, 1, 1}, 0, "s", ""},
+    {"policy_config", "reach", "f8", offsetof(policy_config_t, reach), 0, {1, 1, 1}, 1, "m", ""},
+    {"policy_config", "translation_stiffness_limit", "f8", offsetof(policy_config_t, translation_stiffness_limit), 0, {1, 1, 1}, 0, "N/m", ""},
+    {"policy_config", "rotation_stiffness_limit", "f8", offsetof(policy_config_t, rotation_stiffness_limit), 0, {1, 1, 1}, 0, "N m/rad", ""},
+    {"policy_config", "heaviest_wrench", "f8", offsetof(policy_config_t, heaviest_wrench), 1, {2, 1, 1}, 1, "N, N m", ""},
+    {"policy_proposal", "valid", "i4", offsetof(policy_proposal_t, valid), 1, {4, 1, 1}, 0, "", ""},
+    {"policy_proposal", "time", "f8", offsetof(policy_proposal_t, time), 1, {4, 1, 1}, 0, "s", ""},
+    {"policy_proposal", "pose", "f8", offsetof(policy_proposal_t, pose), 2, {4, 4, 1}, 0, "m", ""},
+    {"policy_proposal", "translation_stiffness", "f8", offsetof(policy_proposal_t, translation_stiffness), 2, {3, 3, 1}, 0, "N/m", ""},
+    {"policy_proposal", "rotation_stiffness", "f8", offsetof(policy_proposal_t, rotation_stiffness), 2, {3, 3, 1}, 0, "N m/rad", ""},
+    {"policy_proposal", "wrench_command", "f8", offsetof(policy_proposal_t, wrench_command), 1, {6, 1, 1}, 0, "N, N m", ""},
+    {"policy_proposal", "gripper", "f8", offsetof(policy_proposal_t, gripper), 0, {1, 1, 1}, 0, "", ""},
+    {"policy_output", "pose", "f8", offsetof(policy_output_t, pose), 2, {4, 4, 1}, 0, "m", ""},
+    {"policy_output", "translation_stiffness", "f8", offsetof(policy_output_t, translation_stiffness), 2, {3, 3, 1}, 0, "N/m", ""},
+    {"policy_output", "rotation_stiffness", "f8", offsetof(policy_output_t, rotation_stiffness), 2, {3, 3, 1}, 0, "N m/rad", ""},
+    {"policy_output", "wrench_command", "f8", offsetof(policy_output_t, wrench_command), 1, {6, 1, 1}, 0, "N, N m", ""},
+    {"policy_output", "gripper", "f8", offsetof(policy_output_t, gripper), 0, {1, 1, 1}, 0, "", ""},
+    {"policy_output", "stage", "i4", offsetof(policy_output_t, stage), 1, {4, 1, 1}, 0, "", ""},
     {"paper_state", "torque", "f8", offsetof(paper_state_t, torque), 1, {7, 1, 1}, 0, "N m", ""},
     {"paper_state", "opposite", "f8", offsetof(paper_state_t, opposite), 1, {7, 1, 1}, 0, "N m", ""},
     {"paper_state", "change", "f8", offsetof(paper_state_t, change), 1, {7, 1, 1}, 0, "N m", ""},
@@ -2862,36 +2937,25 @@ static const field fields[] = {
     {"paper_output", "damping", "f8", offsetof(paper_output_t, damping), 2, {7, 7, 1}, 0, "N m s/rad", ""},
     {"paper_output", "saturated", "i4", offsetof(paper_output_t, saturated), 0, {1, 1, 1}, 0, "", ""},
     {"paper_output", "rate_limited", "i4", offsetof(paper_output_t, rate_limited), 0, {1, 1, 1}, 0, "", ""},
-    {"follow_config", "sample_time", "f8", offsetof(follow_config_t, sample_time), 0, {1, 1, 1}, 0, "s", ""},
-    {"follow_config", "lower_limit", "f8", offsetof(follow_config_t, lower_limit), 1, {7, 1, 1}, 1, "rad or m", ""},
-    {"follow_config", "upper_limit", "f8", offsetof(follow_config_t, upper_limit), 1, {7, 1, 1}, 1, "rad or m", ""},
-    {"follow_config", "limit_distance", "f8", offsetof(follow_config_t, limit_distance), 1, {7, 1, 1}, 0, "rad or m", ""},
-    {"follow_config", "velocity_limit", "f8", offsetof(follow_config_t, velocity_limit), 1, {7, 1, 1}, 0, "rad/s or m/s", ""},
-    {"follow_config", "tip_velocity_limit", "f8", offsetof(follow_config_t, tip_velocity_limit), 0, {1, 1, 1}, 0, "m/s", ""},
-    {"follow_config", "tip_rotation_limit", "f8", offsetof(follow_config_t, tip_rotation_limit), 0, {1, 1, 1}, 0, "rad/s", ""},
-    {"follow_config", "ramp_time", "f8", offsetof(follow_config_t, ramp_time), 0, {1, 1, 1}, 0, "s", ""},
-    {"follow_config", "smoothing", "f8", offsetof(follow_config_t, smoothing), 0, {1, 1, 1}, 0, "1", ""},
-    {"follow_input", "pose", "f8", offsetof(follow_input_t, pose), 2, {4, 4, 1}, 0, "m", ""},
-    {"follow_input", "posture", "f8", offsetof(follow_input_t, posture), 1, {7, 1, 1}, 0, "rad or m", ""},
-    {"follow_output", "q0", "f8", offsetof(follow_output_t, q0), 1, {7, 1, 1}, 0, "rad or m", ""},
-    {"follow_output", "dq0", "f8", offsetof(follow_output_t, dq0), 1, {7, 1, 1}, 0, "rad/s or m/s", ""},
-    {"follow_output", "error", "f8", offsetof(follow_output_t, error), 1, {2, 1, 1}, 0, "m, rad", ""},
-    {"follow_output", "status", "u4", offsetof(follow_output_t, status), 0, {1, 1, 1}, 0, "", ""},
 };
 
 static const structure structures[] = {
     {"state", sizeof(state_t)},
     {"follow_state", sizeof(follow_state_t)},
+    {"policy_state", sizeof(policy_state_t)},
     {"config", sizeof(config_t)},
     {"input", sizeof(input_t)},
     {"output", sizeof(output_t)},
+    {"follow_config", sizeof(follow_config_t)},
+    {"follow_input", sizeof(follow_input_t)},
+    {"follow_output", sizeof(follow_output_t)},
+    {"policy_config", sizeof(policy_config_t)},
+    {"policy_proposal", sizeof(policy_proposal_t)},
+    {"policy_output", sizeof(policy_output_t)},
     {"paper_state", sizeof(paper_state_t)},
     {"paper_config", sizeof(paper_config_t)},
     {"paper_input", sizeof(paper_input_t)},
     {"paper_output", sizeof(paper_output_t)},
-    {"follow_config", sizeof(follow_config_t)},
-    {"follow_input", sizeof(follow_input_t)},
-    {"follow_output", sizeof(follow_output_t)},
 };
 
 static const choice choices[] = {
@@ -2970,6 +3034,27 @@ static const choice outcomes[] = {
     {"follow", "by_joints", IIWA14_FOLLOW_BY_JOINTS},
     {"follow", "unreachable", IIWA14_FOLLOW_UNREACHABLE},
     {"follow", "refused", IIWA14_FOLLOW_REFUSED},
+    {"policy_part", "pose", IIWA14_POLICY_PART_POSE},
+    {"policy_part", "stiffness", IIWA14_POLICY_PART_STIFFNESS},
+    {"policy_part", "wrench", IIWA14_POLICY_PART_WRENCH},
+    {"policy_part", "gripper", IIWA14_POLICY_PART_GRIPPER},
+    {"policy_refused", "none", IIWA14_POLICY_REFUSED_NONE},
+    {"policy_refused", "time", IIWA14_POLICY_REFUSED_TIME},
+    {"policy_refused", "future", IIWA14_POLICY_REFUSED_FUTURE},
+    {"policy_refused", "order", IIWA14_POLICY_REFUSED_ORDER},
+    {"policy_refused", "stale", IIWA14_POLICY_REFUSED_STALE},
+    {"policy_refused", "not_finite", IIWA14_POLICY_REFUSED_NOT_FINITE},
+    {"policy_refused", "pose", IIWA14_POLICY_REFUSED_POSE},
+    {"policy_refused", "reach", IIWA14_POLICY_REFUSED_REACH},
+    {"policy_refused", "stiffness", IIWA14_POLICY_REFUSED_STIFFNESS},
+    {"policy_refused", "asymmetric", IIWA14_POLICY_REFUSED_ASYMMETRIC},
+    {"policy_refused", "indefinite", IIWA14_POLICY_REFUSED_INDEFINITE},
+    {"policy_refused", "wrench", IIWA14_POLICY_REFUSED_WRENCH},
+    {"policy_stage", "waiting", IIWA14_POLICY_STAGE_WAITING},
+    {"policy_stage", "moving", IIWA14_POLICY_STAGE_MOVING},
+    {"policy_stage", "holding", IIWA14_POLICY_STAGE_HOLDING},
+    {"policy_stage", "fading", IIWA14_POLICY_STAGE_FADING},
+    {"policy_stage", "faded", IIWA14_POLICY_STAGE_FADED},
     {"command", "none", IIWA14_COMMAND_NONE},
     {"command", "clock", IIWA14_COMMAND_CLOCK},
     {"command", "q0", IIWA14_COMMAND_Q0},
@@ -3209,78 +3294,6 @@ static int add_controller(PyObject *module)
     return failed ? -1 : 0;
 }
 
-/* Law of the paper for Python. */
-
-/* Write the paper's default configuration: argument (config). */
-static PyObject *paper_default(PyObject *module, PyObject *arguments)
-{
-    Py_buffer config;
-    (void)module;
-    if (!PyArg_ParseTuple(arguments, "w*", &config)) {
-        return NULL;
-    }
-    void *c = structs(&config, sizeof(paper_config_t), 1);
-    if (c != NULL) {
-        iiwa14_paper_default_config((paper_config_t *)c);
-    }
-    PyBuffer_Release(&config);
-    return c != NULL ? Py_NewRef(Py_None) : NULL;
-}
-
-/* Check a configuration of the paper's law: argument (config). */
-static PyObject *paper_validate(PyObject *module, PyObject *arguments)
-{
-    Py_buffer config;
-    PyObject *result = NULL;
-    (void)module;
-    if (!PyArg_ParseTuple(arguments, "y*", &config)) {
-        return NULL;
-    }
-    const void *c = structs(&config, sizeof(paper_config_t), 1);
-    if (c != NULL) {
-        result = PyLong_FromLong(iiwa14_paper_validate((const paper_config_t *)c));
-    }
-    PyBuffer_Release(&config);
-    return result;
-}
-
-/* Do one step of the paper's law: arguments (config, state, input, output). */
-static PyObject *paper_step(PyObject *module, PyObject *arguments)
-{
-    Py_buffer config, state, input, output;
-    PyObject *result = NULL;
-    (void)module;
-    if (!PyArg_ParseTuple(arguments, "y*w*y*w*", &config, &state, &input, &output)) {
-        return NULL;
-    }
-    const void *c = structs(&config, sizeof(paper_config_t), 1);
-    void *s = c != NULL ? structs(&state, sizeof(paper_state_t), 1) : NULL;
-    const void *in = s != NULL ? structs(&input, sizeof(paper_input_t), 1) : NULL;
-    void *out = in != NULL ? structs(&output, sizeof(paper_output_t), 1) : NULL;
-    if (out != NULL) {
-        result = PyLong_FromLong(iiwa14_paper_step((const paper_config_t *)c, (paper_state_t *)s,
-            (const paper_input_t *)in, (paper_output_t *)out));
-    }
-    PyBuffer_Release(&config);
-    PyBuffer_Release(&state);
-    PyBuffer_Release(&input);
-    PyBuffer_Release(&output);
-    return result;
-}
-
-static PyMethodDef paper_methods[] = {
-    {"paper_default", paper_default, METH_VARARGS, NULL},
-    {"paper_validate", paper_validate, METH_VARARGS, NULL},
-    {"paper_step", paper_step, METH_VARARGS, NULL},
-    {NULL, NULL, 0, NULL},
-};
-
-/* Add the functions of the paper's law to the module. */
-static int add_paper(PyObject *module)
-{
-    return PyModule_AddFunctions(module, paper_methods);
-}
-
 /* Follow for Python. */
 
 /* Write the default configuration: argument (config). */
@@ -3371,11 +3384,196 @@ static int add_follow(PyObject *module)
     return PyModule_AddFunctions(module, follow_methods);
 }
 
+/* Policy for Python. */
+
+/* Write the default configuration: argument (config). */
+static PyObject *policy_default(PyObject *module, PyObject *arguments)
+{
+    Py_buffer config;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "w*", &config)) {
+        return NULL;
+    }
+    void *c = structs(&config, sizeof(policy_config_t), 1);
+    if (c != NULL) {
+        iiwa14_policy_default_config((policy_config_t *)c);
+    }
+    PyBuffer_Release(&config);
+    return c != NULL ? Py_NewRef(Py_None) : NULL;
+}
+
+/* Start at poses: arguments (state, config, poses, now). Return the error's code. */
+static PyObject *policy_start(PyObject *module, PyObject *arguments)
+{
+    Py_buffer state, config, poses;
+    double now;
+    PyObject *result = NULL;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "w*y*y*d", &state, &config, &poses, &now)) {
+        return NULL;
+    }
+    void *s = structs(&state, sizeof(policy_state_t), 1);
+    const void *c = s != NULL ? structs(&config, sizeof(policy_config_t), 1) : NULL;
+    const void *x = c != NULL ? structs(&poses, sizeof(((policy_output_t *)NULL)->pose), 1) : NULL;
+    if (x != NULL) {
+        result = PyLong_FromLong(
+            iiwa14_policy_start((policy_state_t *)s, (const policy_config_t *)c, (const double *)x, now));
+    }
+    PyBuffer_Release(&state);
+    PyBuffer_Release(&config);
+    PyBuffer_Release(&poses);
+    return result;
+}
+
+/* Hand over a proposal: arguments (state, proposal, now). Return the number of refused parts, or an error. */
+static PyObject *policy_propose(PyObject *module, PyObject *arguments)
+{
+    Py_buffer state, proposal;
+    double now;
+    PyObject *result = NULL;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "w*y*d", &state, &proposal, &now)) {
+        return NULL;
+    }
+    void *s = structs(&state, sizeof(policy_state_t), 1);
+    const void *p = s != NULL ? structs(&proposal, sizeof(policy_proposal_t), 1) : NULL;
+    if (p != NULL) {
+        result = PyLong_FromLong(iiwa14_policy_propose((policy_state_t *)s, (const policy_proposal_t *)p, now));
+    }
+    PyBuffer_Release(&state);
+    PyBuffer_Release(&proposal);
+    return result;
+}
+
+/* Write the command of a time: arguments (state, now, output). Return the error's code. */
+static PyObject *policy_command(PyObject *module, PyObject *arguments)
+{
+    Py_buffer state, output;
+    double now;
+    PyObject *result = NULL;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "w*dw*", &state, &now, &output)) {
+        return NULL;
+    }
+    void *s = structs(&state, sizeof(policy_state_t), 1);
+    void *out = s != NULL ? structs(&output, sizeof(policy_output_t), 1) : NULL;
+    if (out != NULL) {
+        result = PyLong_FromLong(iiwa14_policy_command((policy_state_t *)s, now, (policy_output_t *)out));
+    }
+    PyBuffer_Release(&state);
+    PyBuffer_Release(&output);
+    return result;
+}
+
+/* Return in words why a part is refused, or an error: argument (code). */
+static PyObject *policy_refused_text(PyObject *module, PyObject *arguments)
+{
+    int code;
+    (void)module;
+    return PyArg_ParseTuple(arguments, "i", &code) ? PyUnicode_FromString(iiwa14_policy_refused_text(code)) : NULL;
+}
+
+static PyObject *policy_error_text(PyObject *module, PyObject *arguments)
+{
+    int code;
+    (void)module;
+    return PyArg_ParseTuple(arguments, "i", &code) ? PyUnicode_FromString(iiwa14_policy_error_text(code)) : NULL;
+}
+
+static PyMethodDef policy_methods[] = {
+    {"policy_default", policy_default, METH_VARARGS, NULL},
+    {"policy_start", policy_start, METH_VARARGS, NULL},
+    {"policy_propose", policy_propose, METH_VARARGS, NULL},
+    {"policy_command", policy_command, METH_VARARGS, NULL},
+    {"policy_refused_text", policy_refused_text, METH_VARARGS, NULL},
+    {"policy_error_text", policy_error_text, METH_VARARGS, NULL},
+    {NULL, NULL, 0, NULL},
+};
+
+/* Add the policy port's functions to the module. */
+static int add_policy(PyObject *module)
+{
+    return PyModule_AddFunctions(module, policy_methods);
+}
+
+/* Law of the paper for Python. */
+
+/* Write the paper's default configuration: argument (config). */
+static PyObject *paper_default(PyObject *module, PyObject *arguments)
+{
+    Py_buffer config;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "w*", &config)) {
+        return NULL;
+    }
+    void *c = structs(&config, sizeof(paper_config_t), 1);
+    if (c != NULL) {
+        iiwa14_paper_default_config((paper_config_t *)c);
+    }
+    PyBuffer_Release(&config);
+    return c != NULL ? Py_NewRef(Py_None) : NULL;
+}
+
+/* Check a configuration of the paper's law: argument (config). */
+static PyObject *paper_validate(PyObject *module, PyObject *arguments)
+{
+    Py_buffer config;
+    PyObject *result = NULL;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "y*", &config)) {
+        return NULL;
+    }
+    const void *c = structs(&config, sizeof(paper_config_t), 1);
+    if (c != NULL) {
+        result = PyLong_FromLong(iiwa14_paper_validate((const paper_config_t *)c));
+    }
+    PyBuffer_Release(&config);
+    return result;
+}
+
+/* Do one step of the paper's law: arguments (config, state, input, output). */
+static PyObject *paper_step(PyObject *module, PyObject *arguments)
+{
+    Py_buffer config, state, input, output;
+    PyObject *result = NULL;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "y*w*y*w*", &config, &state, &input, &output)) {
+        return NULL;
+    }
+    const void *c = structs(&config, sizeof(paper_config_t), 1);
+    void *s = c != NULL ? structs(&state, sizeof(paper_state_t), 1) : NULL;
+    const void *in = s != NULL ? structs(&input, sizeof(paper_input_t), 1) : NULL;
+    void *out = in != NULL ? structs(&output, sizeof(paper_output_t), 1) : NULL;
+    if (out != NULL) {
+        result = PyLong_FromLong(iiwa14_paper_step((const paper_config_t *)c, (paper_state_t *)s,
+            (const paper_input_t *)in, (paper_output_t *)out));
+    }
+    PyBuffer_Release(&config);
+    PyBuffer_Release(&state);
+    PyBuffer_Release(&input);
+    PyBuffer_Release(&output);
+    return result;
+}
+
+static PyMethodDef paper_methods[] = {
+    {"paper_default", paper_default, METH_VARARGS, NULL},
+    {"paper_validate", paper_validate, METH_VARARGS, NULL},
+    {"paper_step", paper_step, METH_VARARGS, NULL},
+    {NULL, NULL, 0, NULL},
+};
+
+/* Add the functions of the paper's law to the module. */
+static int add_paper(PyObject *module)
+{
+    return PyModule_AddFunctions(module, paper_methods);
+}
+
 static PyModuleDef_Slot slots[] = {
     {Py_mod_exec, (void *)add_functions},
     {Py_mod_exec, (void *)add_controller},
-    {Py_mod_exec, (void *)add_paper},
     {Py_mod_exec, (void *)add_follow},
+    {Py_mod_exec, (void *)add_policy},
+    {Py_mod_exec, (void *)add_paper},
 #ifdef Py_mod_gil
     {Py_mod_gil, Py_MOD_GIL_NOT_USED},
 #endif

@@ -11,6 +11,7 @@
 #include "iiwa14_impedance.h"
 #include "iiwa14_follow.h"
 #include "iiwa14_paper.h"
+#include "iiwa14_policy.h"
 
 #define ID(name) IIWA14_##name
 #define CALL(name) iiwa14_##name
@@ -19,12 +20,14 @@ typedef iiwa14_impedance_config config_t;
 typedef iiwa14_impedance_state state_t;
 typedef iiwa14_impedance_input input_t;
 typedef iiwa14_impedance_output output_t;
-typedef iiwa14_impedance_proposal proposal_t;
-typedef iiwa14_impedance_policy policy_t;
 typedef iiwa14_follow_config follow_config_t;
 typedef iiwa14_follow_state follow_state_t;
 typedef iiwa14_follow_input follow_input_t;
 typedef iiwa14_follow_output follow_output_t;
+typedef iiwa14_policy_config policy_config_t;
+typedef iiwa14_policy_state policy_state_t;
+typedef iiwa14_policy_proposal policy_proposal_t;
+typedef iiwa14_policy_output policy_output_t;
 typedef iiwa14_paper_config paper_config_t;
 typedef iiwa14_paper_state paper_state_t;
 typedef iiwa14_paper_input paper_input_t;

@@ -53,4 +53,6 @@ int add_paper(PyObject *module);
 
 int add_follow(PyObject *module);
 
+int add_policy(PyObject *module);
+
 #endif

@@ -19,6 +19,7 @@ from stiffgen.core.errors import BuildError, NoCompilerError
 from stiffgen.core.family import part
 from stiffgen.core.folder import temporary_folder
 from stiffgen.core.signals import signals_deferred
+from stiffgen.rooms import optional
 
 _LAST_LINES = 20
 _FLAGS = ("-O3", "-DNDEBUG", "-std=gnu99", "-fPIC")
@@ -109,12 +110,10 @@ def _wrapper_link(command: Sequence[str], objects: Mapping[str, str], folder: Pa
 
 def _sources(folder: Path, name: str) -> dict[Path, Sequence[str]]:
     """Return the folder's C files with the compiler's options for each."""
-    python, jax = folder / "python" / name, part("jax.build")
+    python, jax, companions = folder / "python" / name, part("jax.build"), optional("control.companions")
     options: dict[Path, Sequence[str]] = {
         **{source: [] for source in kernel_sources(folder, name)},
-        folder / f"{name}_impedance.c": [],
-        folder / f"{name}_follow.c": [],
-        folder / f"{name}_paper.c": [],
+        **{folder / f"{name}_{each}.c": [] for each in ("impedance", *(companions.COMPANIONS if companions else ()))},
         Path(f"{python}_python.c"): [
             f"-I{sysconfig.get_path('include')}",
             f"-I{np.get_include()}",

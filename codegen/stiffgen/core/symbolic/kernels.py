@@ -22,6 +22,7 @@ from stiffgen.core.symbolic.connection import REPRESENTATIONS
 from stiffgen.core.symbolic.kernel import PACKED, Kernel
 from stiffgen.core.symbolic.pose import jacobian_kernels, pose_kernels
 from stiffgen.core.symbolic.stiffness_kernels import stiffness_kernels
+from stiffgen.rooms import optional
 
 __all__ = [
     "KERNELS",
@@ -78,11 +79,13 @@ _ARGUMENT_NAMES = frozenset(
     for kernel in (*KERNELS, *asked("request, of one tip", _DEFAULT))
     for argument in (*kernel.arguments, *kernel.results, arguments.BASE_POSE, arguments.TOOL_POSE)
 )
+_COMPANIONS = optional("control.companions")
+"""Files beside the controller, which may have been taken out."""
 _FORBIDDEN_NAMES = (
     RESERVED_NAMES
     | _ARGUMENT_NAMES
     | {kernel.name for kernel in KERNELS}
-    | {"impedance", "follow", "paper", *CPP_NAMES}
+    | {"impedance", *(_COMPANIONS.COMPANIONS if _COMPANIONS else ()), *CPP_NAMES}
 )
 """Names that are forbidden for potentials."""
 
