@@ -183,7 +183,7 @@ ARMATURE = """<mujoco><worldbody><body name="one"><inertial pos="0 0 0.1" mass="
 
 
 def test_rotors_are_those_of_the_generated_controller(tmp_path):
-    """A preset, an armature and an estimate are kept; only an estimate from guessed limits is configured."""
+    """The header's preset, armature or estimate is stated in the configuration; a guessed limit gives its own."""
     without_limit = tmp_path / "without.urdf"
     without_limit.write_text(replaced((' effort="20" velocity="4"', "")))
     armature = tmp_path / "armature.xml"
@@ -198,11 +198,11 @@ def test_rotors_are_those_of_the_generated_controller(tmp_path):
         project = new_project(file, lambda found, tip=tip: decide(found, tip=tip), **options)
         control = (project / "src" / "control.hpp").read_text()
         robot = (project / "src" / "simulated_robot.hpp").read_text()
-        library = (project / "generated" / name / f"{name}_impedance.c").read_text()
-        configured = numbers_of(rf"{name}_motor_inertia\[\w+\] = ", library)
+        header = (project / "generated" / name / f"{name}_impedance.h").read_text()
+        said = re.search(r"motor_inertia of this robot, to be stated: (.*)", header)
         rotors = numbers_of("ROTORS = ", robot)
-        assert set(re.findall(r"config\.motor_inertia\[(\w+)\]", control)) == {str(k) for k in guessed}
-        expected = [0.005 * 100.0 / 2.0 if k in guessed else each for k, each in enumerate(configured)]
+        assert said and "(config.motor_inertia, ROTORS)" in control
+        expected = [0.005 * 100.0 / 2.0 if k in guessed else float(each) for k, each in enumerate(said[1].split(", "))]
         assert rotors == expected and all(rotors), name
     panda = (tmp_path / "panda" / "src" / "simulated_robot.hpp").read_text()
     assert "stated by Franka" in panda and "0.605721456" in panda

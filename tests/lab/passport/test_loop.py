@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import copy
+
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -10,6 +12,7 @@ from scipy.linalg import expm
 import stiffgen
 from stiffgen.control.presets import motor_tables
 from stiffgen.lab.passport.loop import (
+    MOST_STIFFNESS,
     POSTURE_STIFFNESS,
     Arms,
     LoopTiming,
@@ -20,6 +23,7 @@ from stiffgen.lab.passport.loop import (
     rendered_limit,
     slowest_roots,
     stable_limit,
+    step_torque,
 )
 
 ROTATION = 0.05
@@ -39,27 +43,38 @@ def robot(robot_folder):
 def arms(robot):
     motors, module = motor_tables(robot.chain), robot.module
     mass = module.mass_matrix(POSTURES) + np.diag(motors.motor_inertia)
-    return Arms(mass, module.hybrid.jacobian(POSTURES), np.array(motors.torque_rate), ROTATION)
+    return Arms(mass, module.hybrid.jacobian(POSTURES), ROTATION)
 
 
-def controller_output(robot, posture, k, timing, **config):
-    """Return the output of the controller at rest, with its stiffness in force."""
-    n, far = len(posture), np.full(len(posture), np.inf)
-    config = {
-        "sample_time": timing.period, "delay_samples": timing.delay, "stiffness_cap": "accept", "lower_limit": -far,
-        "translation_stiffness_limit": 1e6, "rotation_stiffness_limit": 1e5, "stiffness_time": 1e-4,
-        "limit_stiffness": np.zeros(n), "upper_limit": far, "position_quantum": timing.quantum, **config,
-    }  # fmt: skip
-    controller = robot.module.Impedance(**config)
-    springs = {"translation_stiffness": k * np.eye(3), "rotation_stiffness": ROTATION * k * np.eye(3)}
-    for _ in range(60):
-        out = controller.step(q=posture, dq=np.zeros(n), q0=posture, **springs)
-    return controller, springs, out
+class AtRest:
+    """Compiled controller at rest in a posture, with a stiffness in force."""
+
+    def __init__(self, robot, posture, k, timing):
+        n = len(posture)
+        self.controller = robot.module.Impedance(
+            sample_time=timing.period, delay_samples=timing.delay, heaviest_wrench=(100.0, 20.0),
+            motor_inertia=motor_tables(robot.chain).motor_inertia, lower_limit=np.full(n, -np.inf),
+            upper_limit=np.full(n, np.inf), torque_rate_limit=1e8, errors="raise",
+        )  # fmt: skip
+        self.posture = posture
+        self.springs = {"translation_stiffness": k * np.eye(3), "rotation_stiffness": ROTATION * k * np.eye(3)}
+        for counter in range(5):
+            self.out = self.step(self.controller, np.zeros(n), counter)
+
+    def step(self, controller, dq, counter):
+        return controller.step(q=self.posture, dq=dq, q0=self.posture, counter=counter, **self.springs)
+
+    def damping_torque(self, dq):
+        """Return the damping torque of a velocity that one sample has."""
+        return self.step(copy.deepcopy(self.controller), dq, 5).damping_torque
+
+    def damping(self):
+        """Return the damping matrix, column by column: small velocities, so that no joint is braked."""
+        return np.array([-self.damping_torque(1e-4 * e) / 1e-4 for e in np.eye(len(self.posture))]).T
 
 
 @pytest.mark.parametrize("timing", [
-    *(LoopTiming(1000.0, delay) for delay in (0, 1, 2, 4)), LoopTiming(200.0, 1), LoopTiming(1000.0, 1, 1e-5),
-    LoopTiming(1000.0, 0, 1e-4),
+    *(LoopTiming(1000.0, delay) for delay in (0, 1, 2, 4)), LoopTiming(200.0, 1), LoopTiming(100.0, 2),
 ])  # fmt: skip
 def test_damping_and_cap_are_the_controllers(robot, arms, timing):
     """The compiled controller has the same matrix B, and STIFFNESS_CAPPED begins at the rendered limit."""
@@ -68,26 +83,27 @@ def test_damping_and_cap_are_the_controllers(robot, arms, timing):
     for number, posture in enumerate(POSTURES):
         for share in (0.02, 0.3, 0.99):
             k = share * limit[number]
-            _, _, out = controller_output(robot, posture, k, timing)
-            assert not out.status & capped
+            at_rest = AtRest(robot, posture, k, timing)
+            assert not at_rest.out.status & capped
             wanted = find_modes(arms, np.full(2, k), timing).matrix[number]
-            np.testing.assert_allclose(out.damping, wanted, rtol=1e-9, atol=1e-9 * np.abs(wanted).max())
-        _, _, out = controller_output(robot, posture, 1.01 * limit[number], timing)
-        assert out.status & capped
+            np.testing.assert_allclose(at_rest.damping(), wanted, rtol=1e-8, atol=1e-8 * np.abs(wanted).max())
+        if limit[number] < MOST_STIFFNESS:
+            assert AtRest(robot, posture, 1.01 * limit[number], timing).out.status & capped
+        else:
+            with pytest.raises(ValueError, match=r"translation_stiffness.*5000"):
+                AtRest(robot, posture, 1.01 * limit[number], timing)
+    assert (limit < MOST_STIFFNESS).all() == (timing.rate < 500.0)  # both ends are seen
 
 
-@pytest.mark.parametrize("quantum", [1e-6, 1e-5, 1e-4])
-def test_the_mean_velocity_is_the_controllers(robot, arms, quantum):
-    """A velocity in one sample acts on the damping torque for as many samples as the velocity is averaged over."""
-    timing, posture = LoopTiming(1000.0, 0, quantum), POSTURES[0]
-    k, n = 20000.0, len(posture)
-    controller, springs, _ = controller_output(robot, posture, k, timing)
-    torques = []
-    for sample in range(12):
-        dq = np.full(n, 1e-3) * (sample == 0)
-        torques.append(controller.step(q=posture, dq=dq, q0=posture, **springs).damping_torque)
-    acting = int((np.abs(torques).max(axis=1) > 1e-9).sum())
-    assert acting == find_modes(arms, np.full(2, k), timing).averaged[0]
+def test_an_encoder_step_moves_the_controllers_torque(robot, arms):
+    """The joint and the signs of one step that move a damping torque most, by the compiled controller."""
+    timing, k = LoopTiming(1000.0, 0, 1e-6), 400.0
+    told = step_torque(arms, np.full(2, k), timing)
+    for number, posture in enumerate(POSTURES):
+        signs = np.sign(find_modes(arms, np.full(2, k), timing).matrix[number])
+        at_rest = AtRest(robot, posture, k, timing)
+        moved = [np.abs(at_rest.damping_torque(row * timing.quantum / timing.period)).max() for row in signs]
+        assert max(moved) == pytest.approx(told[number], rel=1e-8)
 
 
 @pytest.mark.parametrize(("delay", "cap"), [(0, 0.25), (1, 0.25), (2, 0.25), (3, 0.1875), (4, 0.15), (5, 0.125)])
@@ -98,10 +114,10 @@ def test_the_damping_of_stiff_springs_ends_at_its_cap(arms, delay, cap):
     assert (largest_damping <= cap + 1e-12).all() and (largest_damping > 0.97 * cap).all()
 
 
-def loop_of_all_joints(K, B, M, timing, averaged, environment):
-    """Return the matrix of a step: state q, v, earlier v (or q with an encoder), torques on their way."""
+def loop_of_all_joints(K, B, M, timing, environment):
+    """Return the matrix of a step: state q, v, earlier q with an encoder, torques on their way."""
     n, T, d = len(M), timing.period, timing.delay
-    back = averaged if timing.quantum > 0 else averaged - 1
+    back = int(timing.quantum > 0)
     continuous = np.zeros((3 * n, 3 * n))  # q, v, held torque
     continuous[:n, n : 2 * n] = np.eye(n)
     continuous[n : 2 * n, :n] = -np.linalg.solve(M, environment)
@@ -110,18 +126,13 @@ def loop_of_all_joints(K, B, M, timing, averaged, environment):
     size = n * (2 + back + d)
     A, law = np.zeros((size, size)), np.zeros((n, size))
     law[:, :n] = -K
-    if timing.quantum > 0:
-        law[:, :n] -= B / (averaged * T)
-        law[:, n * (1 + back) : n * (2 + back)] += B / (averaged * T)
-    else:
-        for sample in range(averaged):
-            law[:, n * (1 + sample) : n * (2 + sample)] = -B / averaged
     A[: 2 * n, : 2 * n] = exact[:, : 2 * n]
-    first = 0 if timing.quantum > 0 else 1  # which of q and v is remembered
-    for sample in range(back):
-        at = n * (2 + sample)
-        source = n * first if sample == 0 else at - n
-        A[at : at + n, source : source + n] = np.eye(n)
+    if back:
+        law[:, :n] -= B / T
+        law[:, 2 * n : 3 * n] = B / T
+        A[2 * n : 3 * n, :n] = np.eye(n)
+    else:
+        law[:, n : 2 * n] = -B
     queue = n * (2 + back)
     if d == 0:
         A[: 2 * n] += exact[:, 2 * n :] @ law
@@ -144,7 +155,7 @@ def test_roots_are_those_of_all_joints_at_once(arms, timing, wall):
     for number, M in enumerate(arms.mass):
         K = arms.springs(stiffness)[number]
         held = wall * (K - POSTURE_STIFFNESS * np.eye(7))
-        A = loop_of_all_joints(K, modes.matrix[number], M, timing, int(modes.averaged[number]), held)
+        A = loop_of_all_joints(K, modes.matrix[number], M, timing, held)
         away = np.abs(np.linalg.eigvals(A)[:, None] - roots[number]).min(axis=0)
         assert away.max() < 1e-4
 

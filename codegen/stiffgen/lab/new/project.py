@@ -193,7 +193,7 @@ def _variables(name: str, chain: Chain, answers: Answers, file: str) -> dict[str
     # limits to set because the URDF has none, by joint
     effort = {k: _FORCE for k, c in enumerate(coordinates) if not 1e-6 <= c.effort <= 1e5}
     velocity = {k: _SPEED for k, c in enumerate(coordinates) if not 2e-6 <= c.velocity <= 1e3}
-    rotors, configured = _rotors(chain, effort, velocity), motor_tables(chain).motor_inertia
+    rotors = _rotors(chain, effort, velocity)
     return {
         "name": name,
         "macro": name.upper(),
@@ -202,12 +202,9 @@ def _variables(name: str, chain: Chain, answers: Answers, file: str) -> dict[str
         "group": spring(answers.spring).name,
         # the start configuration, away from limits and from a stretched arm
         "posture": tuple(float(f"{_start(k, coordinate):.4g}") for k, coordinate in enumerate(coordinates)),
-        # width of the zone inside the limits that pushes back [rad or m]
-        "zone": min(0.1, *(float(f"{0.2 * (c.upper - c.lower):.2g}") for c in coordinates)),
-        # inertia of the motors at the joints [kg m^2 or kg], and where the generated controller has another number
+        # inertia of the motors at the joints [kg m^2 or kg], which the generated controller has no default for
         "rotors": rotors.motor_inertia,
         "rotors_source": rotors.inertia_source,
-        "other_rotors": {k: x for k, x in enumerate(rotors.motor_inertia) if x != configured[k]},
         "effort": effort,
         "velocity": velocity,
         "regenerate": _command(name, chain, answers, file),

@@ -14,7 +14,7 @@ from stiffgen.core.robot.selection import possible_tips, suggested_tips
 from stiffgen.core.symbolic.choices import KINDS
 
 CONTROLLERS = {
-    "impedance": "the generated controller: energy account, governor, limits, faults",
+    "impedance": "the generated controller: energy account, limits, watches, faults",
     "ros2": "a ros2_control package around the generated controller",
     "spring": "a law of your own to edit: the torque of a spring, and damping in the joints",
 }

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from stiffgen.core.errors import StiffgenError, printable
+from stiffgen.core.names import comment
 from stiffgen.core.robot.chain import Chain
 
 _NAME = "stiffgen_ros2"
@@ -91,25 +92,17 @@ def _replaced(text: str, old: str, new: str) -> str:
 
 
 def _guesses(variables: Mapping[str, Any]) -> list[str]:
-    """Return the lines that set what the robot's file does not state."""
-    lines = [
-        f"    config.motor_inertia[{joint}] = {coordinate.motor_inertia}; // kg m^2 or kg: the file's armature\n"
-        for joint, coordinate in enumerate(variables["robot"].coordinates)
-        if coordinate.motor_inertia
-    ]
-    if variables["zone"] < 0.1:
-        lines.append(f"    config.limit_zone = {variables['zone']}; // rad or m: a fifth of the narrowest range\n")
+    """Return the lines that set the motors' inertia, which has no default, and what the robot's file does not state."""
+    source = comment(variables["rotors_source"])
+    lines = [f"    // Inertia of the motors [kg m^2 or kg]. Source: {source}.\n"]
+    lines += [f"    config.motor_inertia[{joint}] = {value};\n" for joint, value in enumerate(variables["rotors"])]
     for joint, value in variables["effort"].items():
         lines += [
             f"    config.effort_limit[{joint}] = {value}; // N m or N: a guess, use your robot's\n",
             f"    config.torque_rate_limit[{joint}] = {10 * value};\n",
-            f"    config.limit_stiffness[{joint}] = {value};\n",
         ]
     for joint, value in variables["velocity"].items():
-        lines += [
-            f"    config.velocity_limit[{joint}] = {value}; // rad/s or m/s: a guess, use your robot's\n",
-            f"    config.reference_velocity_limit[{joint}] = {0.5 * value};\n",
-        ]
+        lines.append(f"    config.velocity_limit[{joint}] = {value}; // rad/s or m/s: a guess, use your robot's\n")
     return lines
 
 

@@ -20,18 +20,18 @@ largest damping has to leave there."""
 LARGEST_DAMPING, DELAYED_DAMPING = 0.25, 0.75
 """Largest eigenvalue of M^-1 B T; from a delay of 2 samples on, the second over 1 + delay."""
 DAMPING_RATIO, JOINT_DAMPING, POSTURE_STIFFNESS = 0.7, 0.1, 1.0
-"""Defaults of the controller: damping ratio of each mode, d [N m s/rad], posture spring [N m/rad]."""
-MOST_AVERAGED = 8
-"""Most samples whose mean velocity the damping uses."""
+"""Damping ratio of each mode (default), d [N m s/rad], posture spring [N m/rad] (default in Python)."""
 MOST_DELAY = 5
 """Largest delay of the controller [samples]."""
+MOST_STIFFNESS = 5000.0
+"""Largest entry of a commanded translation stiffness [N/m]; the controller refuses more."""
 
 
 @dataclass(frozen=True)
 class LoopTiming:
     """Rate of the loop [Hz], delay of its torques [samples], and encoder step [rad or m].
 
-    Without an encoder step the velocity is measured; with one it is the difference of two positions.
+    Without an encoder step the velocity is measured; with one the caller passes the difference of two positions.
     """
 
     rate: float = 1000.0
@@ -58,14 +58,13 @@ class LoopTiming:
 
 @dataclass(frozen=True)
 class Arms:
-    """Postures of an arm: mass matrices with rotors (P, n, n), Jacobians (P, 6, n), and torque rates (n) [N m/s].
+    """Postures of an arm: mass matrices with rotors (P, n, n), and hybrid Jacobians (P, 6, n).
 
-    The Jacobians are hybrid; the spring's stiffness is k in each direction, and ``rotation`` k about each axis [m^2].
+    The spring's stiffness is k in each direction, and ``rotation`` k about each axis [m^2].
     """
 
     mass: FloatArray
     jacobian: FloatArray
-    torque_rate: FloatArray
     rotation: float
 
     def springs(self, stiffness: FloatArray) -> FloatArray:
@@ -84,7 +83,6 @@ class Modes:
         damping: damping of each mode with the joint damping's share (P, n) [1/s].
         matrix: damping matrix B (P, n, n) [N m s/rad].
         tip: part of the eigenvalues by the tip's spring, the rest by the posture spring (P, n) [1/s^2].
-        averaged: number of samples whose mean velocity the damping uses (P).
 
     """
 
@@ -92,7 +90,6 @@ class Modes:
     damping: FloatArray
     matrix: FloatArray
     tip: FloatArray
-    averaged: np.ndarray
 
 
 def find_modes(arms: Arms, stiffness: FloatArray, timing: LoopTiming) -> Modes:
@@ -110,68 +107,43 @@ def find_modes(arms: Arms, stiffness: FloatArray, timing: LoopTiming) -> Modes:
     V = np.linalg.solve(np.swapaxes(L, 1, 2), vectors)
     squares = (V**2).sum(axis=1)  # of each mode: joint_damping I counts with them
     rows = L @ vectors  # M V
-    averaged = np.ones(len(values))
-    for _ in range(MOST_AVERAGED):  # the damping has the delay of the mean, and the mean is for the damping
-        most = _largest_damping(averaged, timing)
-        d = np.minimum(JOINT_DAMPING, 0.5 * most / squares.sum(axis=1))
-        b = np.minimum(_of_ratio(values, averaged, timing), (most - d * squares.sum(axis=1))[:, None])
-        B = np.einsum("pik,pk,pjk->pij", rows, b, rows) + d[:, None, None] * np.eye(len(arms.torque_rate))
-        before, averaged = averaged, _choose_mean(averaged, B, arms.torque_rate, timing)
-        if (averaged == before).all():
-            break
-    of_tip = values - POSTURE_STIFFNESS * squares
-    return Modes(values, b + d[:, None] * squares, B, of_tip, np.asarray(averaged, dtype=int))
+    most = _largest_damping(timing)
+    d = np.minimum(JOINT_DAMPING, 0.5 * most / squares.sum(axis=1))
+    b = np.minimum(_of_ratio(values, timing), (most - d * squares.sum(axis=1))[:, None])
+    B = np.einsum("pik,pk,pjk->pij", rows, b, rows) + d[:, None, None] * np.eye(arms.mass.shape[-1])
+    return Modes(values, b + d[:, None] * squares, B, values - POSTURE_STIFFNESS * squares)
 
 
-def _delay_of_mean(averaged: FloatArray, timing: LoopTiming) -> FloatArray:
-    """Return the delay of the mean of some samples [s]."""
-    return np.asarray(0.5 * (averaged - 1) * timing.period)
-
-
-def _largest_damping(averaged: FloatArray, timing: LoopTiming) -> FloatArray:
+def _largest_damping(timing: LoopTiming) -> float:
     """Return the largest eigenvalue of M^-1 B [1/s]."""
-    share = min(LARGEST_DAMPING, DELAYED_DAMPING / (1 + timing.delay))
-    return np.asarray(share / (timing.period + _delay_of_mean(averaged, timing)))
+    return min(LARGEST_DAMPING, DELAYED_DAMPING / (1 + timing.delay)) / timing.period
 
 
-def _of_ratio(values: FloatArray, averaged: FloatArray, timing: LoopTiming) -> FloatArray:
+def _of_ratio(values: FloatArray, timing: LoopTiming) -> FloatArray:
     """Return the damping that gives each mode its ratio, with torques that are late; no less than lambda late."""
     size, h, zeta = np.abs(values), timing.late, DAMPING_RATIO
-    later = h + _delay_of_mean(averaged, timing)[:, None]
-    p = size * (2 * zeta**2 * later - h)
+    p = size * h * (2 * zeta**2 - 1)
     root = np.sqrt(np.maximum(p * p + 4 * zeta**2 * size - (size * h) ** 2, 0.0))
     return np.maximum(root - p, size * h)
 
 
-def _choose_mean(averaged: FloatArray, B: FloatArray, torque_rate: FloatArray, timing: LoopTiming) -> FloatArray:
-    """Return of how many samples the velocity is the mean, so that one encoder step stays below the torque's rate.
-
-    A longer mean lowers the damping, so it is raised by one sample at a time until it suffices.
-    """
-    torque = np.abs(B).sum(axis=2) * timing.quantum / timing.period
-    needed = np.maximum(np.max(torque / (torque_rate * timing.period), axis=1), 1.0)
-    return np.asarray(np.where(needed > averaged, np.minimum(averaged + 1, MOST_AVERAGED), averaged))
-
-
 def characteristic(
-    stiffness: FloatArray, damping: FloatArray, timing: LoopTiming, averaged: int, environment: FloatArray
+    stiffness: FloatArray, damping: FloatArray, timing: LoopTiming, environment: FloatArray
 ) -> FloatArray:
     """Return the characteristic polynomials of scalar loops, highest power first (..., degree + 1).
 
     A unit mass on an environment's spring w^2 has x(z) = (1 - cos wT)/w^2 (z + 1)/D(z) u(z) and v(z) = sin wT/w
-    (z - 1)/D(z) u(z), with D = z^2 - 2 z cos wT + 1; the torque is u = -z^-delay (lambda x + b v). The velocity is the
-    mean of ``averaged`` samples of v, or with an encoder step (x_k - x_k-averaged)/(averaged T).
+    (z - 1)/D(z) u(z), with D = z^2 - 2 z cos wT + 1; the torque is u = -z^-delay (lambda x + b v). With an encoder step
+    the velocity is (x_k - x_k-1)/T.
 
     Args:
         stiffness: lambda (...) [1/s^2].
         damping: b (...) [1/s].
         timing: of the loop.
-        averaged: number of samples.
         environment: w^2 (...) [1/s^2], not negative.
 
     """
-    T, c, by_differences = timing.period, averaged, timing.quantum > 0
-    order = c if by_differences else c - 1  # samples that the velocity looks back
+    T, order = timing.period, int(timing.quantum > 0)  # samples that the velocity looks back
     w = np.sqrt(environment)
     to_position = 0.5 * (T * np.sinc(w * T / (2 * np.pi))) ** 2  # (1 - cos wT)/w^2
     to_velocity = T * np.sinc(w * T / np.pi)
@@ -179,29 +151,23 @@ def characteristic(
     result = np.zeros((*w.shape, 3 + timing.delay + order))
     result[..., :3] = np.stack([ones, -2.0 * np.cos(w * T), ones], axis=-1)
     result[..., -order - 2 : len(result.T) - order] += np.multiply.outer(stiffness * to_position, [1.0, 1.0])
-    if by_differences:
-        shape = np.convolve([1.0, 1.0], np.concatenate([[1.0], np.zeros(c - 1), [-1.0]])) / (c * T)
-        result[..., -len(shape) :] += np.multiply.outer(damping * to_position, shape)
+    if order:
+        result[..., -3:] += np.multiply.outer(damping * to_position, [1.0 / T, 0.0, -1.0 / T])
     else:
-        shape = np.convolve([1.0, -1.0], np.ones(c)) / c
-        result[..., -len(shape) :] += np.multiply.outer(damping * to_velocity, shape)
+        result[..., -2:] += np.multiply.outer(damping * to_velocity, [1.0, -1.0])
     return result
 
 
 def slowest_roots(modes: Modes, timing: LoopTiming, environment: FloatArray | None = None) -> np.ndarray:
     """Return the root of largest magnitude of each mode's loop (P, n), complex; environment: w^2 of each mode."""
     held = np.zeros_like(modes.stiffness) if environment is None else environment
-    found = np.zeros(modes.stiffness.shape, dtype=complex)
-    for count in np.unique(modes.averaged):
-        chosen = modes.averaged == count
-        polynomial = characteristic(modes.stiffness[chosen], modes.damping[chosen], timing, int(count), held[chosen])
-        degree = polynomial.shape[-1] - 1
-        companion = np.zeros((*polynomial.shape[:-1], degree, degree))
-        companion[..., 0, :] = -polynomial[..., 1:] / polynomial[..., :1]
-        companion[..., range(1, degree), range(degree - 1)] = 1.0
-        roots = np.linalg.eigvals(companion)
-        found[chosen] = np.take_along_axis(roots, np.abs(roots).argmax(axis=-1)[..., None], -1)[..., 0]
-    return found
+    polynomial = characteristic(modes.stiffness, modes.damping, timing, held)
+    degree = polynomial.shape[-1] - 1
+    companion = np.zeros((*polynomial.shape[:-1], degree, degree))
+    companion[..., 0, :] = -polynomial[..., 1:] / polynomial[..., :1]
+    companion[..., range(1, degree), range(degree - 1)] = 1.0
+    roots = np.linalg.eigvals(companion)
+    return np.asarray(np.take_along_axis(roots, np.abs(roots).argmax(axis=-1)[..., None], -1)[..., 0])
 
 
 def damping_attained(arms: Arms, stiffness: FloatArray, timing: LoopTiming) -> FloatArray:
@@ -211,17 +177,22 @@ def damping_attained(arms: Arms, stiffness: FloatArray, timing: LoopTiming) -> F
     return np.asarray((-exponent.real / np.abs(exponent)).min(axis=1))
 
 
+def step_torque(arms: Arms, stiffness: FloatArray, timing: LoopTiming) -> FloatArray:
+    """Return the largest torque (P) [N m or N] by which one encoder step of every joint moves the damping torque."""
+    B = find_modes(arms, stiffness, timing).matrix
+    return np.asarray(np.abs(B).sum(axis=2).max(axis=1) * timing.quantum / timing.period)
+
+
 def rendered_limit(arms: Arms, timing: LoopTiming) -> FloatArray:
-    """Return the stiffnesses (P) [N/m] up to which the controller renders a spring in full."""
+    """Return the stiffnesses (P) [N/m] up to which the controller renders a spring in full, and accepts it."""
     stable = LARGEST_STIFFNESS / (timing.period**2 * (1 + 2 * timing.delay))
+    b = _largest_damping(timing)
+    damped = ((np.sqrt(LEAST_RATIO**2 + timing.late * b) - LEAST_RATIO) / timing.late) ** 2
 
     def is_rendered(stiffness: FloatArray) -> np.ndarray:
-        modes = find_modes(arms, stiffness, timing)
-        b = _largest_damping(modes.averaged, timing)
-        damped = ((np.sqrt(LEAST_RATIO**2 + timing.late * b) - LEAST_RATIO) / timing.late) ** 2
-        return np.asarray(modes.stiffness[:, -1] <= np.minimum(stable, damped))
+        return np.asarray(find_modes(arms, stiffness, timing).stiffness[:, -1] <= min(stable, damped))
 
-    return largest(is_rendered, len(arms.mass))
+    return np.minimum(largest(is_rendered, len(arms.mass)), MOST_STIFFNESS)
 
 
 def passive_limit(arms: Arms, timing: LoopTiming) -> FloatArray:

@@ -10,6 +10,7 @@ from stiffgen.control.presets import Preset
 from stiffgen.core.errors import listed
 from stiffgen.core.rendering import environment
 from stiffgen.lab.page import POLICY, STYLE
+from stiffgen.lab.passport.loop import POSTURE_STIFFNESS
 from stiffgen.lab.passport.passport import Passport, Quantity
 from stiffgen.lab.passport.picture import draw_map
 
@@ -41,6 +42,7 @@ def render_page(passport: Passport, motors: Preset, csv: str) -> str:
             table=[_row(each) for each in passport.quantities],
             worst=_worst_postures(passport),
             motors=motors,
+            posture_stiffness=f"{POSTURE_STIFFNESS:g}",
             csv=csv,
             map=Markup(draw_map(passport)),
             policy=POLICY,
@@ -86,7 +88,7 @@ def warnings(passport: Passport) -> list[str]:
     elif passport["damping"].min() < _POORLY_DAMPED:
         lines.append(
             f"The damping ratio falls to {passport['damping'].min():.2f} at the rendered stiffness. Choose a softer "
-            "spring, a finer encoder or a measured velocity."
+            "spring or a measured velocity."
         )
     fallen = 0 if passport.force is None else int((passport.force.max(axis=1) <= 0).sum())
     if fallen:

@@ -25,6 +25,7 @@ from stiffgen.lab.passport.loop import (
     passive_limit,
     rendered_limit,
     stable_limit,
+    step_torque,
 )
 from stiffgen.lab.passport.postures import recorded_postures, spread_postures
 from stiffgen.lab.passport.statics import DIRECTIONS, UNITS, available_force, buckling_force, softest
@@ -48,8 +49,8 @@ class Quantity:
 
     @property
     def worst(self) -> int:
-        """Posture with the smallest value; the largest of a share that is lost."""
-        return int(self.values.argmax() if self.unit == "%" else self.values.argmin())
+        """Posture with the smallest value; the largest of a share that is lost, or of a disturbance."""
+        return int(self.values.argmax() if self.unit in ("%", "N m") else self.values.argmin())
 
 
 @dataclass(frozen=True)
@@ -125,7 +126,6 @@ def make_passport(robot: GeneratedRobot, options: PassportOptions, q: ArrayLike 
     arms = Arms(
         module.mass_matrix(postures) + np.diag(motors.motor_inertia),
         module.hybrid.jacobian(postures),
-        np.array(motors.torque_rate),
         ROTATION,
     )
     quantities = [*_of_loop(arms, options.timing)]
@@ -194,7 +194,7 @@ def _of_loop(arms: Arms, timing: LoopTiming) -> tuple[Quantity, ...]:
     """Return the limits of the sampled loop, and the damping at the rendered stiffness."""
     rendered, passive, stable = (limit(arms, timing) for limit in (rendered_limit, passive_limit, stable_limit))
     attained = damping_attained(arms, rendered, timing)
-    return (
+    quantities = (
         Quantity("rendered", "N/m", "stiffness that the impedance controller renders in full",
                  "the compiled controller, eight arms", rendered),
         Quantity("passive", "N/m", "slow motion gets no work out of the late torques: b >= lambda h in every mode",
@@ -207,6 +207,11 @@ def _of_loop(arms: Arms, timing: LoopTiming) -> tuple[Quantity, ...]:
         Quantity("contact", "N/m", "stiffest wall on which the tip does not chatter, at the rendered stiffness",
                  f"energy in contact, {_CAMPAIGN}", contact_limit(arms, rendered, timing)),
     )  # fmt: skip
+    if not timing.quantum:
+        return quantities
+    step = Quantity("step torque", "N m", "what one encoder step moves the damping torque by, at the rendered stiffness",
+                    "the compiled controller", step_torque(arms, rendered, timing))  # fmt: skip
+    return (*quantities, step)
 
 
 def _of_gains(
