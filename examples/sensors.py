@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Print the controller's configuration of the sensors, from a recording of the arm at a standstill.
 
-    python examples/sensors.py LOG.csv [--sample-time 0.001]
+    python examples/sensors.py LOG.csv
 
 LOG.csv has a header and columns q_0, q_1, ... [rad] and dq_0, dq_1, ... [rad/s], one row per sample, some seconds long.
 """
@@ -20,7 +20,6 @@ import stiffgen
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("log", help="recording, CSV with a header")
-    parser.add_argument("--sample-time", type=float, default=1e-3, help="time between samples [s] (default: 0.001)")
     options = parser.parse_args(arguments)
     rows = np.genfromtxt(options.log, delimiter=",", names=True)
     q, dq = (
@@ -28,7 +27,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for start in ("q_", "dq_")
     )
     try:
-        print(stiffgen.estimate_sensors(q, dq, options.sample_time).text)
+        print(stiffgen.estimate_sensors(q, dq).text)
     except stiffgen.StiffgenError as error:
         print(error, file=sys.stderr)
         return 2

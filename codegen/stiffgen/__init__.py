@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from stiffgen.lab.arms.series import in_series, tip_compliance_in_series
     from stiffgen.lab.arms.softness import compliance_determinant_gradient, compliance_gradient
     from stiffgen.lab.calibrate.calibration import Calibration, read_calibration, tare
+    from stiffgen.lab.laws import law_preset
 
 __all__ = [
     "Analysis",
@@ -90,6 +91,7 @@ __all__ = [
     "find_postures",
     "generate",
     "in_series",
+    "law_preset",
     "load",
     "load_chain",
     "measured_stiffness",
@@ -107,6 +109,7 @@ _HOMES = {
     "lab.analyze.analysis": ("Analysis", "analyze"),
     "lab.analyze.sensors": ("SensorProperties", "estimate_sensors"),
     "files.cache": ("load",),
+    "lab.laws": ("law_preset",),
     "lab.calibrate.calibration": ("Calibration", "read_calibration", "tare"),
     "families.jax.build": ("build_jax",),
     "core.generate": ("generate",),

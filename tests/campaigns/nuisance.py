@@ -98,7 +98,7 @@ def declared(arm: Arm, seed: int = 99) -> dict[str, float]:
     if sensors.velocity_quantum > 0.0:
         noise = sensors.velocity_quantum * np.round(noise / sensors.velocity_quantum)
     dq = np.gradient(q, 1e-3, axis=0) if sensors.differences else noise
-    return stiffgen.estimate_sensors(q, dq, 1e-3).fields
+    return stiffgen.estimate_sensors(q, dq).fields
 
 
 def nuisances(arm: Arm, episodes: int, seed: int) -> list[str]:

@@ -19,38 +19,27 @@ _LARGEST_MOTION = 0.01
 class SensorProperties:
     """Configuration fields of the controller that describe the sensors; ``text`` is the configuration to paste."""
 
-    sample_time: float
     position_quantum: float
     velocity_noise: float
-    state_period: float
 
     @property
     def fields(self) -> dict[str, float]:
         """Configuration fields by name."""
-        return {
-            "position_quantum": self.position_quantum,
-            "velocity_noise": self.velocity_noise,
-            "state_period": self.state_period,
-        }
+        return {"position_quantum": self.position_quantum, "velocity_noise": self.velocity_noise}
 
     @property
     def text(self) -> str:
         """Configuration in Python, with units."""
-        q, dq, period = (float(f"{value:.3g}") for value in self.fields.values())
-        return (
-            f"position_quantum={q!r},  # [rad or m]\n"
-            f"velocity_noise={dq!r},  # [rad/s or m/s]\n"
-            f"state_period={period!r},  # [s]"
-        )
+        q, dq = (float(f"{value:.3g}") for value in self.fields.values())
+        return f"position_quantum={q!r},  # [rad or m]\nvelocity_noise={dq!r},  # [rad/s or m/s]"
 
 
-def estimate_sensors(q: ArrayLike, dq: ArrayLike, sample_time: float) -> SensorProperties:
-    """Estimate quantum, noise and period of the states of an arm that stands still.
+def estimate_sensors(q: ArrayLike, dq: ArrayLike) -> SensorProperties:
+    """Estimate quantum and noise of the measured states of an arm that stands still.
 
     Args:
         q: measured joint positions (samples, joints) [rad or m].
         dq: measured joint velocities (samples, joints) [rad/s or m/s].
-        sample_time: time between samples [s].
 
     Returns:
         The properties. ``velocity_noise`` is the standard deviation or the resolution of dq, the larger one, of the
@@ -72,7 +61,7 @@ def estimate_sensors(q: ArrayLike, dq: ArrayLike, sample_time: float) -> SensorP
             f"joint {int(motion.argmax())} moves by {motion.max():.2g} rad or m: record the arm at a standstill"
         )
     noise = max(_mean_deviation(velocity), _resolution(velocity))
-    return SensorProperties(sample_time, _resolution(position), noise, _period(position, velocity) * sample_time)
+    return SensorProperties(_resolution(position), noise)
 
 
 def _mean_deviation(velocity: NDArray[np.float64]) -> float:
@@ -93,14 +82,3 @@ def _resolution(values: NDArray[np.float64]) -> float:
         if np.mean(np.abs(multiples - np.round(multiples)) < 0.1) > 0.9:
             found = max(found, float(step))
     return found
-
-
-def _period(position: NDArray[np.float64], velocity: NDArray[np.float64]) -> int:
-    """Return the number of samples from one new state to the next; 0 for one, or where nothing changes."""
-    changed = np.any(np.diff(np.hstack([position, velocity]), axis=0) != 0.0, axis=1)
-    at = np.flatnonzero(changed)
-    if len(at) < _FEWEST / 10 or changed.mean() > 0.75:
-        return 0
-    apart = np.diff(at)
-    period = int(np.median(apart))
-    return period if period > 1 and np.mean(apart == period) > 0.8 else 0

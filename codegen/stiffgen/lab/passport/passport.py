@@ -209,7 +209,7 @@ def _of_loop(arms: Arms, timing: LoopTiming) -> tuple[Quantity, ...]:
     )  # fmt: skip
     if not timing.quantum:
         return quantities
-    step = Quantity("step torque", "N m", "what one encoder step moves the damping torque by, at the rendered stiffness",
+    step = Quantity("step torque", "N m", "damping torque of one encoder step, at the rendered stiffness",
                     "the compiled controller", step_torque(arms, rendered, timing))  # fmt: skip
     return (*quantities, step)
 
