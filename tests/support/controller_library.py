@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.ctypeslib import ndpointer
 
 from stiffgen.control.page import LIBRARY, SOURCES
 from support.project import ROOT
@@ -25,21 +24,6 @@ WARNINGS = (
     "-Wcast-qual",
     "-Werror",
 )
-MAX_ROWS = 40
-IN = ndpointer(np.float64, flags="C_CONTIGUOUS")
-OUT = ndpointer(np.float64, flags=("C_CONTIGUOUS", "WRITEABLE"))
-
-SIGNATURES = {
-    "diagonalise_symmetric": (ctypes.c_int, OUT, OUT, OUT),
-    "find_largest_eigenvalue": (IN,),
-    "solve_pencil": (ctypes.c_int, IN, IN, OUT, OUT, OUT, OUT, OUT),
-    "solve_modes": (ctypes.c_int, IN, IN, OUT, OUT, OUT),
-    "refine_modes": (ctypes.c_int, IN, IN, OUT, OUT, OUT),
-    "soften": (IN, ctypes.c_double, OUT, OUT),
-    "is_positive_semidefinite": (ctypes.c_int, IN, ctypes.c_double),
-    "solve_rows": (ctypes.c_int, ctypes.c_int, IN, OUT),
-    "solve_damped": (ctypes.c_int, IN, ctypes.c_double, OUT),
-}
 
 
 def compile_c(output: Path, *arguments: str | Path, compiler: str = "cc") -> Path:
@@ -62,95 +46,66 @@ def compile_library(output: Path, *arguments: str | Path, compiler: str = "cc") 
 
 
 class Matrices:
-    """Functions of library/matrix.c, eigen.c and modes.c on NumPy arrays, for up to MAX_ROWS rows."""
+    """Functions of core/library/matrix.c and modes.c on NumPy arrays with a number of rows."""
 
-    def __init__(self, folder: Path) -> None:
-        path = compile_library(folder / "matrix.so", f"-DSTUB_ROWS={MAX_ROWS}")
-        self.library: Any = ctypes.CDLL(str(path))
-        for name, signature in SIGNATURES.items():
-            getattr(self.library, name).argtypes = signature
-        self.library.find_largest_eigenvalue.restype = ctypes.c_double
+    def __init__(self, folder: Path, rows: int) -> None:
+        sources = [LIBRARY / "matrix.c", LIBRARY / "modes.c"]
+        flags = (*LIBRARY_FLAGS, "-O2", "-shared", "-fPIC", f"-DSTUB_ROWS={rows}")
+        self.rows = rows
+        self.library: Any = ctypes.CDLL(str(compile_c(folder / f"matrix_{rows}.so", *flags, *sources, "-lm")))
+        self.library.smallest_eigenvalue.restype = ctypes.c_double
 
-    def diagonalise_symmetric(self, A: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
-        n = len(A)
-        values, rows = np.empty(n), np.empty((n, n))
-        return self.library.diagonalise_symmetric(n, A.copy(), values, rows), values, rows.T
+    def call(self, name: str, *arguments: np.ndarray) -> Any:
+        """Call a function with arrays, which it may change."""
+        return getattr(self.library, name)(*(each.ctypes.data_as(ctypes.c_void_p) for each in arguments))
 
-    def find_largest_eigenvalue(self, A: np.ndarray) -> float:
-        return float(self.library.find_largest_eigenvalue(A))
+    def find_modes(self, A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return eigenvalues and modes V, in columns, of a symmetric matrix."""
+        modes, turns = np.zeros(20 * self.rows**2 + 100), A.copy()  # more than modes_t
+        self.call("find_modes", turns, modes)
+        columns = []
+        for row in np.eye(self.rows):
+            column = row.copy()
+            self.call("from_modes", modes, turns, column)
+            back = column.copy()
+            self.call("to_modes", modes, turns, back)
+            np.testing.assert_allclose(back, row, rtol=0, atol=1e-13)
+            columns.append(column)
+        return modes[: self.rows].copy(), np.array(columns).T
 
-    def solve_pencil(self, K: np.ndarray, M: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
-        """Return the code, eigenvalues and eigenvectors V, V^T M V = I."""
-        n = len(K)
-        L, C, values, rows, scale = np.zeros((n, n)), np.empty((n, n)), np.empty(n), np.empty((n, n)), np.empty(1)
-        code = self.library.solve_pencil(n, K, M, L, C, values, rows, scale)
-        V = np.linalg.solve(np.tril(L).T, rows.T) / np.sqrt(scale) if code == 0 else rows
-        return code, values, V
+    def smallest_eigenvalue(self, A: np.ndarray) -> float:
+        """Return the smallest eigenvalue of a symmetric 3 x 3 matrix."""
+        return float(self.call("smallest_eigenvalue", A))
 
-    def solve_modes(self, K: np.ndarray, M: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
-        """Return the code, eigenvalues and modes V, V^T M V = I."""
-        n = len(K)
-        work, values, rows = np.empty(2 * n * n), np.empty(n), np.empty((n, n))
-        return self.library.solve_modes(n, K, M, work, values, rows), values, rows.T
-
-    def refine_modes(self, K: np.ndarray, M: np.ndarray, start: np.ndarray) -> tuple[bool, np.ndarray, np.ndarray]:
-        """Return whether the modes became those of the pencil, eigenvalues and modes V, V^T M V = I."""
-        n = len(K)
-        work, values, rows = np.empty(2 * n * n), np.empty(n), np.ascontiguousarray(start.T)
-        return bool(self.library.refine_modes(n, K, M, work, values, rows)), values, rows.T
-
-    def soften(self, wanted: np.ndarray, share: float, K: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
-        """Return whether K differed from wanted, K after the change, and the cost."""
-        rest, cost = K.copy(), np.empty((3, 3))
-        return self.library.soften(wanted, share, rest, cost), rest, cost
-
-    def is_positive_semidefinite(self, A: np.ndarray) -> bool:
-        return bool(self.library.is_positive_semidefinite(len(A), A, 1e-9))
-
-    def solve_rows(self, L: np.ndarray, X: np.ndarray) -> np.ndarray:
-        """Return L^-1 X; only the lower triangle of L is read."""
-        result = X.copy()
-        self.library.solve_rows(len(L), X.shape[1], L, result)
-        return result
-
-    def solve_damped(self, A: np.ndarray, shift: float, x: np.ndarray) -> tuple[bool, np.ndarray]:
-        """Return whether A + shift I is positive definite, and (A + shift I)^-1 x."""
-        result = x.copy()
-        return bool(self.library.solve_damped(len(A), A, shift, result)), result
+    def form_pencil(self, K: np.ndarray, M: np.ndarray) -> tuple[bool, np.ndarray]:
+        """Return whether M is positive definite, and L^-1 K L^-T with M = L L^T."""
+        L, inverse, C = M.copy(), np.zeros_like(M), K.copy()
+        if not self.call("factorise", L):
+            return False, C
+        self.call("invert_lower", L, inverse)
+        self.call("form_pencil", inverse, C)
+        return True, C
 
 
 def symmetric(random: np.random.Generator, values: np.ndarray) -> np.ndarray:
-    n = len(values)
-    Q = np.linalg.qr(random.normal(size=(n, n)))[0]
+    """Return a random symmetric matrix with these eigenvalues."""
+    Q = np.linalg.qr(random.normal(size=(len(values), len(values))))[0]
     A = Q @ np.diag(values) @ Q.T
     return np.asarray((A + A.T) / 2)
 
 
-def pencils(seed: int, count: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield (K, M) of every size up to MAX_ROWS: plain, clustered, repeated, singular, indefinite, graded spectra."""
-    random = np.random.default_rng(seed)
+def spectra(random: np.random.Generator, rows: int, count: int) -> Iterator[np.ndarray]:
+    """Yield symmetric matrices with spectra of every kind: plain, clustered, repeated, singular, positive, graded."""
     for index in range(count):
-        n = int(random.integers(1, MAX_ROWS + 1))
-        values = random.normal(size=n) * 10 ** random.uniform(-3, 4)
-        kind = index % 6
-        if kind == 1:
-            values = 100 + 1e-9 * random.normal(size=n)
-        elif kind == 2:
-            values = np.repeat(values[: (n + 2) // 3], 3)[:n]
-        elif kind == 3:
-            values[: n // 2] = 0.0
-        elif kind == 4:
-            values = np.abs(values)
-        elif kind == 5:
-            values = 10 ** random.uniform(-6, 3, size=n)
-        mass = 10 ** random.uniform(-1.5, 1.5, size=n)
-        if kind == 2:
-            mass[:] = mass[0]
-        yield symmetric(random, values), symmetric(random, mass)
+        values = random.normal(size=rows) * 10 ** random.uniform(-3, 4)
+        kinds = (
+            values, 100 + 1e-9 * values, np.repeat(values[: (rows + 2) // 3], 3)[:rows],
+            np.where(np.arange(rows) < rows // 2, 0.0, values), np.abs(values), 10 ** random.uniform(-6, 3, size=rows),
+        )  # fmt: skip
+        yield symmetric(random, kinds[index % 6])
 
 
-def residual(K: np.ndarray, M: np.ndarray, values: np.ndarray, vectors: np.ndarray) -> float:
-    """Return the largest |K v - lambda M v| / ((|K| + |lambda| |M|) |v|) in 2-norms."""
-    scale = np.linalg.norm(K, 2) + np.abs(values) * np.linalg.norm(M, 2)
-    difference = np.linalg.norm(K @ vectors - M @ vectors * values, axis=0)
-    return float(np.max(difference / np.where(scale > 0, scale, 1) / np.linalg.norm(vectors, axis=0)))
+def residual(A: np.ndarray, values: np.ndarray, V: np.ndarray) -> float:
+    """Return the largest error of |A V - V values| and |V^T V - I|, over the size of A."""
+    size = max(float(np.abs(A).max()), 1e-300)
+    return max(float(np.abs(A @ V - V * values).max()) / size, float(np.abs(V.T @ V - np.eye(len(A))).max()))

@@ -17,7 +17,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "ce726a227e397e97"
+#define SOURCES "6c47230e7392c255"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

@@ -24,20 +24,17 @@ void stiffgen_jacobians(const double *q, const memory_t *m, double *jacobian)
 }
 
 double stiffgen_spring(const double *q, const memory_t *m, const double *equilibrium,
-                       const double *translation_stiffness, const double *rotation_stiffness, const double *limits,
-                       double *wrench, double *torque, double *joint_stiffness)
+                       const double *translation_stiffness, const double *rotation_stiffness, double *torque,
+                       double *joint_stiffness)
 {
     double energy = 0.0;
-    (void)limits; /* this robot has no bounded spring */
     (void)m;
     (void)rotation_stiffness; /* no joint turns the tip */
-    memset(wrench, 0, 6 * sizeof(double));
     memset(torque, 0, N * sizeof(double));
     memset(joint_stiffness, 0, NN * sizeof(double));
     for (int i = 0; i < 3; ++i) {
         for (int j = 0; j < 3; ++j) {
             const double force = translation_stiffness[3 * i + j] * (q[j] - equilibrium[4 * j + 3]);
-            wrench[i] += force;
             torque[i] -= force;
             energy += 0.5 * (q[i] - equilibrium[4 * i + 3]) * force;
             joint_stiffness[i * N + j] = translation_stiffness[3 * i + j];
@@ -47,32 +44,28 @@ double stiffgen_spring(const double *q, const memory_t *m, const double *equilib
 }
 
 double stiffgen_spring_energy(const double *q, const memory_t *m, const double *equilibrium,
-                              const double *translation_stiffness, const double *rotation_stiffness,
-                              const double *limits)
+                              const double *translation_stiffness, const double *rotation_stiffness)
 {
-    double wrench[6], torque[N], tangent[NN];
-    return stiffgen_spring(q, m, equilibrium, translation_stiffness, rotation_stiffness, limits, wrench, torque,
-                           tangent);
+    double torque[N], tangent[NN];
+    return stiffgen_spring(q, m, equilibrium, translation_stiffness, rotation_stiffness, torque, tangent);
 }
 
-int stiffgen_has_bounded_spring(void)
+void stiffgen_spring_wrench(const double *q, const memory_t *m, const double *equilibrium,
+                            const double *translation_stiffness, const double *rotation_stiffness, double *wrench)
 {
-    return 0;
+    double torque[N], tangent[NN];
+    (void)stiffgen_spring(q, m, equilibrium, translation_stiffness, rotation_stiffness, torque, tangent);
+    for (int i = 0; i < 6; ++i) {
+        wrench[i] = i < 3 ? -torque[i] : 0.0;
+    }
 }
 
-void stiffgen_home(memory_t *m)
+void stiffgen_home(arm_t *arm)
 {
-    (void)m;
+    (void)arm;
 }
 
 int stiffgen_reaches(const double *q, const memory_t *m)
-{
-    (void)q;
-    (void)m;
-    return 1;
-}
-
-int stiffgen_follow(const double *q, memory_t *m)
 {
     (void)q;
     (void)m;
@@ -83,6 +76,20 @@ void stiffgen_retract(const memory_t *m, double *q)
 {
     (void)m;
     (void)q;
+}
+
+int stiffgen_follow(const double *q, const memory_t *m, double *joints)
+{
+    (void)q;
+    (void)m;
+    (void)joints;
+    return 1;
+}
+
+void stiffgen_adopt(const double *joints, arm_t *arm)
+{
+    (void)joints;
+    (void)arm;
 }
 
 int stiffgen_turns(int joint)
@@ -109,44 +116,30 @@ void stiffgen_coriolis(const double *q, const memory_t *m, const double *velocit
     memset(forces, 0, N * sizeof(double));
 }
 
-const double *stiffgen_tool(const input_t *input)
-{
-    (void)input;
-    return NULL;
-}
-
-const double *stiffgen_translation_axes(const double *pose, const double *equilibrium)
-{
-    (void)pose;
-    (void)equilibrium;
-    return NULL;
-}
-
-const double *stiffgen_rotation_axes(const double *pose, const double *equilibrium)
-{
-    (void)pose;
-    return equilibrium;
-}
-
-const double *stiffgen_centre(void)
-{
-    static const double centre[3] = {0.0, 0.0, 0.0};
-    return centre;
-}
-
 int check_fields(const config_t *c)
 {
     return doubles_within(&c->sample_time, 1, 1e-5, 0.1) ? ID(OK) : ID(E_CONFIG_SAMPLE_TIME);
 }
 
+int check_tools(const config_t *c)
+{
+    (void)c;
+    return ID(OK);
+}
+
+int fault_of_reason(int reason)
+{
+    return reason == ID(REASON_NONE) ? ID(FAULT_NONE) : ID(FAULT_SENSOR);
+}
+
 const char *meaning_of_reason(int reason)
 {
-    return reason == IIWA14_REASON_FROZEN ? "frozen" : "another reason";
+    return reason == ID(REASON_FROZEN) ? "frozen" : "another reason";
 }
 
 const char *seen_of_reason(int reason)
 {
-    return reason == IIWA14_REASON_FROZEN ? "motion" : "";
+    return reason == ID(REASON_FROZEN) ? "motion" : "";
 }
 
 const char *stiffgen_joint(int joint)
@@ -160,35 +153,20 @@ const char *meaning_of_refusal(int refusal)
     return refusal == ID(REFUSAL_NONE) ? "not refused" : "refused";
 }
 
-const char *name_of_argument(int argument)
+const char *name_of_command(int command)
 {
-    return argument == ID(ARGUMENT_NONE) ? "" : "argument";
-}
-
-double stiffgen_reach(int tip, const double *tool)
-{
-    (void)tip;
-    (void)tool;
-    return 10.0;
-}
-
-int fault_of_reason(int reason)
-{
-    return reason == ID(REASON_NONE) ? ID(FAULT_NONE) : ID(FAULT_SENSOR);
+    return command == ID(COMMAND_NONE) ? "" : "argument";
 }
 
 int fits_memory(const memory_t *m)
 {
-    return m->recent_count >= 0 && m->recent_count <= 8;
+    return m->account.hold >= 0 && m->account.hold <= 100;
 }
 
 void report_memory(const memory_t *m, output_t *out)
 {
-    out->fault = m->fault;
-    out->reason = m->reason;
-    out->elastic_energy = m->elastic_energy;
-    out->tank_energy = m->tank;
-    out->tank_reserve = m->reserve;
-    out->engagement = m->engagement;
-    out->scale = m->scale;
+    out->fault = fault_of_reason(m->fault.reason);
+    out->reason = m->fault.reason;
+    out->tank = m->account.tank;
+    out->scale = m->reference.scale;
 }

@@ -84,7 +84,7 @@ class HostileSession:
             fill(getattr(self.config, field.name), value * self.random.uniform(0.5, 1.0, self.n))
 
     def _start(self) -> None:
-        """Initialise both controllers, with the arm carried back inside its limits, sometimes with a torque in force."""
+        """Initialise both controllers, with the arm inside its limits, sometimes with a torque in force."""
         random = self.random
         self.q = np.clip(self.q, np.array(self.config.lower_limit), np.array(self.config.upper_limit))
         torque = None
