@@ -98,6 +98,10 @@ Follow(q, sample_time=..., **fields)
     Joint positions q0 from poses of the tips, on straight lines within all limits; says what is out of reach.
 Policy(pose=..., now=..., **settings)
     Port for slow commanders, such as learned policies: checks, interpolates, holds and fades their proposals.
+joint_gains(...), late_work(...)
+    Split of a torque for motors with a controller inside, and the most work that a late host costs.
+find_posture(pose, start)
+    Joint positions that have the tips at poses, searched from a start on; too slow for a control loop.
 PaperLaw(formula, **fields)
     Law Kq(q, F) (q0 - q) - B dq within limits of torque and rate, to reproduce the paper.
 DOF, JOINTS, BASE, TIP
@@ -123,7 +127,7 @@ except ImportError as _error:
         "iiwa14: its C module is not built for this Python; run 'stiffgen generate FILE' on the robot's file again, "
         "with the same options and without --no-build (in stiffgen's repository: make generate)"
     ) from _error
-if getattr(_c, "SOURCES", "") != "6c47230e7392c255":
+if getattr(_c, "SOURCES", "") != "60d5e25fc20a3d91":
     raise ImportError(
         "iiwa14: its C module was compiled from other sources than those in this folder; run 'stiffgen generate "
         "FILE' on the robot's file again (in stiffgen's repository: make generate). Restart Python if it has loaded the old module"
@@ -262,6 +266,8 @@ packed = _Functions(
 from .impedance import CommandWarning, Fault, Impedance, Mode, Reason, Refusal, Refused, Status
 from .follow import Follow, FollowStatus
 from .policy import Policy, PolicyRefused, PolicyStage
+from .gains import joint_gains, late_work
+from .find_posture import find_posture
 from .paper import PaperLaw
 
 # Names that help() documents. Arrays and enumerations are left out, because help() would add the documentation of
@@ -282,7 +288,7 @@ __all__ = [
     "posture",
     "limits",
     "packed",
-    "Impedance", "Follow", "Policy", "PaperLaw",
+    "Impedance", "Follow", "Policy", "joint_gains", "late_work", "find_posture", "PaperLaw",
 ]
 
 

@@ -352,4 +352,6 @@ from .python.impedance import Fault as Fault, Impedance as Impedance, Mode as Mo
 from .python.impedance import CommandWarning as CommandWarning, Refusal as Refusal, Refused as Refused
 from .python.follow import Follow as Follow, FollowStatus as FollowStatus
 from .python.policy import Policy as Policy, PolicyRefused as PolicyRefused, PolicyStage as PolicyStage
+from .python.gains import joint_gains as joint_gains, late_work as late_work
+from .python.find_posture import find_posture as find_posture
 from .python.paper import PaperLaw as PaperLaw

@@ -80,6 +80,10 @@ FOLLOW = Library(_HERE / "follow", "follow.h", ("poses.c", "solve.c", "fold.c", 
 """C of every NAME_follow.c."""
 POLICY = Library(_HERE / "policy", "policy.h", ("checks.c", "policy.c"))
 """C of every NAME_policy.c."""
+GAINS = Library(_HERE / "gains", "gains.h", ("gains.c",))
+"""C of every NAME_gains.c."""
+POSTURE = Library(_HERE / "posture", "posture.h", ("twists.c", "posture.c"))
+"""C of every NAME_find_posture.c."""
 LAW = Library(_HERE / "paper", "law.h", ("law.c",))
 """C of every NAME_paper.c."""
 
@@ -106,6 +110,29 @@ _ALL = (
         state=POLICY_STATE,
         words=POLICY_WORDS,
         errors=POLICY_ERRORS,
+    ),
+    Companion(
+        "gains",
+        "Split of a torque for motors with a controller inside, and the most work that a late host costs.",
+        GAINS,
+        ("joint_gains(...)", "late_work(...)"),
+        errors=(
+            ("null", "a pointer is NULL"),
+            ("number", "every argument must be finite, and no limit below 0"),
+        ),
+    ),
+    Companion(
+        "find_posture",
+        "Joint positions that have the tips at poses, searched from a start on; too slow for a control loop.",
+        POSTURE,
+        ("find_posture(pose, start)",),
+        _is_tree,
+        errors=(
+            ("null", "a pointer is NULL"),
+            ("pose", "a pose is no pose, or start is not finite"),
+            ("bounds", "lower and upper: lower must not be above upper"),
+            ("no_posture", "no posture of the poses was found within the bounds; one may exist"),
+        ),
     ),
     Companion(
         "paper",

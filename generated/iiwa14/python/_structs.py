@@ -36,17 +36,26 @@ for _field, _word, _value in (*_c.CHOICES, *_c.OUTCOMES):
     WORDS.setdefault(_field, {})[_word] = _value
 
 
-def _enumeration(kind: Any, name: str, values: Mapping[str, int]) -> Any:
+def of_shape(name: str, value: ArrayLike, shape: tuple[int, ...], *, one: bool = True) -> NDArray[np.float64]:
+    """Return an argument's numbers; one number stands for all where that is allowed."""
+    array = np.asarray(value, float)
+    if array.shape != shape and not (one and array.ndim == 0):
+        raise ValueError(f"{name}: shape {array.shape}, not {shape}")
+    return np.array(np.broadcast_to(array, shape))
+
+
+def enumeration(kind: Any, name: str, values: Mapping[str, int]) -> Any:
+    """Return an enumeration of words, in capitals."""
     return kind(name, {word.upper(): value for word, value in values.items()})
 
 
-Status = _enumeration(IntFlag, "Status", {name: bit for name, bit, _ in _c.STATUSES})
+Status = enumeration(IntFlag, "Status", {name: bit for name, bit, _ in _c.STATUSES})
 """Bits of a step's status."""
 STATUS_MEANING = {Status(bit): meaning for _, bit, meaning in _c.STATUSES}
 """Meaning of each bit."""
-Mode, Fault, Reason = (_enumeration(IntEnum, field.capitalize(), WORDS[field]) for field in ("mode", "fault", "reason"))
+Mode, Fault, Reason = (enumeration(IntEnum, field.capitalize(), WORDS[field]) for field in ("mode", "fault", "reason"))
 """Mode of a step, class of a latched fault, and reason for the fault."""
-Refused = _enumeration(IntEnum, "Refused", WORDS["refusal"])
+Refused = enumeration(IntEnum, "Refused", WORDS["refusal"])
 """Why a command is refused."""
 COMMANDS = {value: word for word, value in WORDS["command"].items()}
 """Arguments that a refusal is about, by number."""

@@ -14,10 +14,12 @@
 #include "../iiwa14_impedance.h"
 #include "../iiwa14_follow.h"
 #include "../iiwa14_policy.h"
+#include "../iiwa14_gains.h"
+#include "../iiwa14_find_posture.h"
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "6c47230e7392c255"
+#define SOURCES "60d5e25fc20a3d91"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;
@@ -3066,6 +3068,7 @@ static const choice outcomes[] = {
 };
 
 enum {
+    TIPS = 1,
     MOTORS = IIWA14_DOF,
     FIELDS = sizeof fields / sizeof *fields,
     STRUCTURES = sizeof structures / sizeof *structures,
@@ -3288,6 +3291,7 @@ static int add_controller(PyObject *module)
     const int failed = PyModule_AddFunctions(module, controller_methods) < 0
         || PyModule_AddStringConstant(module, "NAME", ROBOT) < 0
         || PyModule_AddIntConstant(module, "MOTORS", MOTORS) < 0
+        || PyModule_AddIntConstant(module, "TIPS", TIPS) < 0
         || add(module, "FIELDS", list_fields()) < 0 || add(module, "CHOICES", list_words(choices, CHOICES)) < 0
         || add(module, "OUTCOMES", list_words(outcomes, OUTCOMES)) < 0 || add(module, "STATUSES", list_statuses()) < 0
         || add(module, "SIZES", list_sizes()) < 0;
@@ -3496,6 +3500,114 @@ static int add_policy(PyObject *module)
     return PyModule_AddFunctions(module, policy_methods);
 }
 
+/* Gains for Python. */
+
+/* Split a torque for motors: arguments (numbers, results), in the order of the C function. Return the error's code. */
+static PyObject *joint_gains(PyObject *module, PyObject *arguments)
+{
+    enum { N = MOTORS };
+    Py_buffer numbers, results;
+    PyObject *result = NULL;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "y*w*", &numbers, &results)) {
+        return NULL;
+    }
+    const double *x = structs(&numbers, (7 * N + 2 * N * N) * sizeof(double), 1);
+    double *y = x != NULL ? structs(&results, 3 * N * sizeof(double), 1) : NULL;
+    if (y != NULL) {
+        const double *const limits = x + 5 * N + 2 * N * N;
+        result = PyLong_FromLong(iiwa14_joint_gains(x, x + N, x + 2 * N, x + 3 * N, x + 4 * N, x + 5 * N,
+            x + 5 * N + N * N, limits, limits + N, y, y + N, y + 2 * N));
+    }
+    PyBuffer_Release(&numbers);
+    PyBuffer_Release(&results);
+    return result;
+}
+
+/* Bound the work of motors whose host is late: arguments (numbers, hold), in the order of the C function. */
+static PyObject *late_work(PyObject *module, PyObject *arguments)
+{
+    enum { N = MOTORS };
+    Py_buffer numbers;
+    double hold;
+    PyObject *result = NULL;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "y*d", &numbers, &hold)) {
+        return NULL;
+    }
+    const double *x = structs(&numbers, 7 * N * sizeof(double), 1);
+    if (x != NULL) {
+        result = PyFloat_FromDouble(iiwa14_late_work(x, x + N, x + 2 * N, x + 3 * N, x + 4 * N, x + 5 * N, x + 6 * N,
+            hold));
+    }
+    PyBuffer_Release(&numbers);
+    return result;
+}
+
+static PyMethodDef gains_methods[] = {
+    {"joint_gains", joint_gains, METH_VARARGS, NULL},
+    {"late_work", late_work, METH_VARARGS, NULL},
+    {NULL, NULL, 0, NULL},
+};
+
+/* Add the functions of gains to the module. */
+static int add_gains(PyObject *module)
+{
+    return PyModule_AddFunctions(module, gains_methods);
+}
+
+/* Search for a posture, for Python. */
+
+/* Search: arguments (numbers, bounds, posture); numbers: poses, poses of tools and start; bounds: lower and upper, or
+ * None. Return the error's code. */
+static PyObject *find_posture(PyObject *module, PyObject *arguments)
+{
+    enum { N = MOTORS, POSES = 16 * TIPS };
+    Py_buffer numbers, bounds, posture;
+    PyObject *result = NULL;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "y*z*w*", &numbers, &bounds, &posture)) {
+        return NULL;
+    }
+    const double *x = structs(&numbers, (2 * POSES + N) * sizeof(double), 1), *limits = NULL;
+    double *y = x != NULL ? structs(&posture, N * sizeof(double), 1) : NULL;
+    if (y != NULL && bounds.buf != NULL) {
+        limits = structs(&bounds, 2 * N * sizeof(double), 1);
+        y = limits != NULL ? y : NULL;
+    }
+    if (y != NULL) {
+        int code = 0;
+        Py_BEGIN_ALLOW_THREADS
+        code = iiwa14_find_posture(x, x + POSES, x + 2 * POSES, limits, limits != NULL ? limits + N : NULL, y);
+        Py_END_ALLOW_THREADS
+        result = PyLong_FromLong(code);
+    }
+    PyBuffer_Release(&numbers);
+    PyBuffer_Release(&bounds);
+    PyBuffer_Release(&posture);
+    return result;
+}
+
+/* Return an error in words: argument (code). */
+static PyObject *find_posture_error_text(PyObject *module, PyObject *arguments)
+{
+    int code;
+    (void)module;
+    return PyArg_ParseTuple(arguments, "i", &code) ? PyUnicode_FromString(iiwa14_find_posture_error_text(code)) : NULL;
+}
+
+static PyMethodDef find_posture_methods[] = {
+    {"find_posture", find_posture, METH_VARARGS, NULL},
+    {"find_posture_error_text", find_posture_error_text, METH_VARARGS, NULL},
+    {NULL, NULL, 0, NULL},
+};
+
+/* Add the search to the module. */
+static int add_find_posture(PyObject *module)
+{
+    return PyModule_AddFunctions(module, find_posture_methods);
+}
+
 /* Law of the paper for Python. */
 
 /* Write the paper's default configuration: argument (config). */
@@ -3573,6 +3685,8 @@ static PyModuleDef_Slot slots[] = {
     {Py_mod_exec, (void *)add_controller},
     {Py_mod_exec, (void *)add_follow},
     {Py_mod_exec, (void *)add_policy},
+    {Py_mod_exec, (void *)add_gains},
+    {Py_mod_exec, (void *)add_find_posture},
     {Py_mod_exec, (void *)add_paper},
 #ifdef Py_mod_gil
     {Py_mod_gil, Py_MOD_GIL_NOT_USED},

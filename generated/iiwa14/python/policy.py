@@ -10,20 +10,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _c
-from ._structs import WORDS, layout
+from ._structs import WORDS, enumeration, layout, of_shape
 
 _CONFIG, _PROPOSAL, _OUTPUT, _STATE = (layout(f"policy_{name}") for name in ("config", "proposal", "output", "state"))
 _SETTINGS = _CONFIG.names or ()
 _PARTS = tuple(WORDS["policy_part"])
 
-
-def _enumeration(name: str, words: str) -> Any:
-    return IntEnum(name, {word.upper(): value for word, value in WORDS[words].items()})
-
-
-PolicyRefused = _enumeration("PolicyRefused", "policy_refused")
+PolicyRefused = enumeration(IntEnum, "PolicyRefused", WORDS["policy_refused"])
 """Why a part of a proposal is refused."""
-PolicyStage = _enumeration("PolicyStage", "policy_stage")
+PolicyStage = enumeration(IntEnum, "PolicyStage", WORDS["policy_stage"])
 """Stage of a part: WAITING, MOVING, HOLDING, FADING, FADED."""
 
 
@@ -78,8 +73,8 @@ class Policy:
         self._state, config = np.zeros(1, _STATE), np.zeros(1, _CONFIG)
         _c.policy_default(config)
         for name, value in settings.items():
-            config[name] = _of_shape(name, value, _CONFIG[name].shape)
-        code = _c.policy_start(self._state, config, _of_shape("pose", pose, _OUTPUT["pose"].shape), now)
+            config[name] = of_shape(name, value, _CONFIG[name].shape)
+        code = _c.policy_start(self._state, config, of_shape("pose", pose, _OUTPUT["pose"].shape, one=False), now)
         if code:
             raise ValueError(_c.policy_error_text(code))
 
@@ -111,7 +106,7 @@ class Policy:
         for k, fields in enumerate(parts):
             for name, value in fields.items():
                 if value is not None:
-                    row[name], row["valid"][0, k] = _of_shape(name, value, _PROPOSAL[name].shape), 1
+                    row[name], row["valid"][0, k] = of_shape(name, value, _PROPOSAL[name].shape, one=False), 1
         row["time"] = time
         _c.policy_propose(self._state, row, now)
         refused = zip(_PARTS, self._state["refused"][0].tolist(), strict=True)
@@ -146,10 +141,3 @@ class Policy:
         row = np.zeros(1, _OUTPUT)
         _c.policy_command(self._state, -np.inf, row)
         return {part: PolicyStage(k) for part, k in zip(_PARTS, row["stage"][0].tolist(), strict=True)}
-
-
-def _of_shape(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    array = np.array(value, float, order="C")
-    if array.shape != shape:
-        raise ValueError(f"{name}: shape {array.shape}, not {shape}")
-    return array

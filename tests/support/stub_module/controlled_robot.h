@@ -9,7 +9,9 @@
 #include "robot.h"
 
 #include "iiwa14_impedance.h"
+#include "iiwa14_find_posture.h"
 #include "iiwa14_follow.h"
+#include "iiwa14_gains.h"
 #include "iiwa14_paper.h"
 #include "iiwa14_policy.h"
 
@@ -33,6 +35,6 @@ typedef iiwa14_paper_state paper_state_t;
 typedef iiwa14_paper_input paper_input_t;
 typedef iiwa14_paper_output paper_output_t;
 
-enum { MOTORS = 7, FIELDS = 200, STRUCTURES = 9, CHOICES = 10, STATUSES = 20, OUTCOMES = 100 };
+enum { MOTORS = 7, TIPS = 1, FIELDS = 200, STRUCTURES = 9, CHOICES = 10, STATUSES = 20, OUTCOMES = 100 };
 
 #endif

@@ -213,6 +213,7 @@ int add_controller(PyObject *module)
     const int failed = PyModule_AddFunctions(module, controller_methods) < 0
         || PyModule_AddStringConstant(module, "NAME", ROBOT) < 0
         || PyModule_AddIntConstant(module, "MOTORS", MOTORS) < 0
+        || PyModule_AddIntConstant(module, "TIPS", TIPS) < 0
         || add(module, "FIELDS", list_fields()) < 0 || add(module, "CHOICES", list_words(choices, CHOICES)) < 0
         || add(module, "OUTCOMES", list_words(outcomes, OUTCOMES)) < 0 || add(module, "STATUSES", list_statuses()) < 0
         || add(module, "SIZES", list_sizes()) < 0;

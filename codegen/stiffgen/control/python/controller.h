@@ -55,4 +55,8 @@ int add_follow(PyObject *module);
 
 int add_policy(PyObject *module);
 
+int add_gains(PyObject *module);
+
+int add_find_posture(PyObject *module);
+
 #endif

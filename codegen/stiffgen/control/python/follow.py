@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _c
-from ._structs import WORDS, layout
+from ._structs import WORDS, enumeration, layout, of_shape
 
 _CONFIG, _INPUT, _OUTPUT = map(layout, ("follow_config", "follow_input", "follow_output"))
 _FIELDS, _INPUTS = _CONFIG.names or (), _INPUT.names or ()
-FollowStatus: Any = IntFlag("FollowStatus", {word.upper(): value for word, value in WORDS["follow"].items()})
+FollowStatus = enumeration(IntFlag, "FollowStatus", WORDS["follow"])
 """Bits of a step's status: MOVING, SMOOTHED, BY_JOINTS, UNREACHABLE, REFUSED."""
 
 
@@ -57,13 +57,13 @@ class Follow:
         self._config = np.zeros(1, _CONFIG)
         _c.follow_default(self._config)
         for name, value in {"sample_time": sample_time, **fields}.items():
-            self._config[name] = _of_shape(name, value, _CONFIG[name].shape)
+            self._config[name] = of_shape(name, value, _CONFIG[name].shape)
         self._state = np.zeros((_c.SIZES["follow_state"] + 7) // 8)
         self.restart(q)
 
     def restart(self, q: ArrayLike) -> None:
         """Begin anew at joint positions ``q`` (n), at rest; ValueError for positions that are not finite."""
-        start = _of_shape("q", q, (_c.MOTORS,), one=False)
+        start = of_shape("q", q, (_c.MOTORS,), one=False)
         code = _c.follow_init(self._config, self._state, start)
         if code:
             raise ValueError(_c.follow_error_text(code))
@@ -144,11 +144,3 @@ class Follow:
             self._posture = np.array(inputs["posture"][-1])
         self._last = outputs[-1:]
         return outputs, code
-
-
-def _of_shape(name: str, value: ArrayLike, shape: tuple[int, ...], *, one: bool = True) -> NDArray[np.float64]:
-    """Return an argument's numbers; one number stands for all where that is allowed."""
-    array = np.asarray(value, float)
-    if array.shape != shape and not (one and array.ndim == 0):
-        raise ValueError(f"{name}: shape {array.shape}, not {shape}")
-    return np.array(np.broadcast_to(array, shape))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _c
-from ._structs import layout
+from ._structs import layout, of_shape
 
 _CONFIG, _STATE, _INPUT, _OUTPUT = map(layout, ("paper_config", "paper_state", "paper_input", "paper_output"))
 _INPUTS, _OUTPUTS = _INPUT.names or (), _OUTPUT.names or ()
@@ -71,9 +71,9 @@ class PaperLaw:
         _c.paper_default(self._config)
         self._config["conventional"] = formula == "conventional"
         for name, value in fields.items():
-            self._config[name] = _of_shape(name, value, _CONFIG[name].shape)
+            self._config[name] = of_shape(name, value, _CONFIG[name].shape)
         self._state = np.zeros(1, _STATE)
-        self._state["torque"] = _of_shape("torque", torque, (_c.MOTORS,))
+        self._state["torque"] = of_shape("torque", torque, (_c.MOTORS,))
         if _c.paper_validate(self._config):
             raise ValueError(_ERRORS[-2])
         if not np.all(np.abs(self._state["torque"]) <= self._config["effort_limit"]):
@@ -108,7 +108,7 @@ class PaperLaw:
         _check_inputs(self.step, given)
         sample, output = np.zeros(1, _INPUT), np.zeros(1, _OUTPUT)
         for name, value in given.items():
-            sample[name] = _of_shape(name, value, _INPUT[name].shape, one=False)
+            sample[name] = of_shape(name, value, _INPUT[name].shape, one=False)
         code = _c.paper_step(self._config, self._state, sample, output)
         if code:
             raise ValueError(_ERRORS[code])
@@ -138,11 +138,3 @@ def _check_inputs(step: Any, values: Mapping[str, Any]) -> None:
 
 
 _tell_tool(PaperLaw.step)
-
-
-def _of_shape(name: str, value: ArrayLike, shape: tuple[int, ...], *, one: bool = True) -> NDArray[np.float64]:
-    """Return an argument's numbers; one number stands for all where that is allowed."""
-    array = np.asarray(value, float)
-    if array.shape != shape and not (one and array.ndim == 0):
-        raise ValueError(f"{name}: shape {array.shape}, not {shape}")
-    return np.array(np.broadcast_to(array, shape))
