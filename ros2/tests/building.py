@@ -83,8 +83,8 @@ def build(source: Path, folder: Path, distro: str, *options: str) -> Path:
 
 
 def compile_robot(folder: Path, robot: Path) -> None:
-    """Compile the robot's functions and its controller into a folder."""
-    for name in (robot.name, f"{robot.name}_impedance"):
+    """Compile the robot's functions, its controller and its makers of commands into a folder."""
+    for name in (robot.name, f"{robot.name}_impedance", f"{robot.name}_follow", f"{robot.name}_policy"):
         run(["cc", "-std=c99", "-O1", "-c", robot / f"{name}.c"], folder)
 
 

@@ -22,12 +22,18 @@ static void late_cycles_are_no_sensor_fault()
     check(!rig.has_fault(), "each tenth cycle three times as long");
 }
 
-static void half_rate_is_a_fault_that_is_told()
+static void a_wrong_rate_is_told()
 {
     Rig rig;
     rig.start();
-    rig.run(1000, 2e-3);
-    check(rig.has_fault() && stub::world().said("error", "calls are missing"), "every cycle twice as long as the sample time");
+    for (int k = 0; k < 20; ++k) {
+        rig.run(50, 2e-3);
+        rig.spin();
+    }
+    check(stub::world().times("updates in a row came too late: the manager does not keep its update_rate") == 1, "half of the rate");
+    check(!rig.has_fault(), "which the account covers");
+    rig.run(100, 1e-2);
+    check(rig.has_fault() && stub::world().said("error", "calls are missing"), "a tenth of the rate");
     check(largest(rig.torque) < 5.0, "the arm is released");
 }
 
@@ -135,7 +141,7 @@ static void a_frozen_position_is_a_fault()
 {
     for (const bool differenced : {false, true}) {
         Rig rig;
-        rig.set("velocity_source", differenced ? "differenced" : "measured");
+        rig.set("velocity_interface", !differenced);
         rig.start();
         sensor_msgs::msg::JointState message;
         for (std::size_t i = 0; i < N; ++i) {
@@ -152,14 +158,57 @@ static void a_frozen_position_is_a_fault()
             rig.update();
             rig.arm.step(rig.applied, 1e-3);
         }
-        check((rig.has_fault() && stub::world().said("error", "stands still")) == differenced, "seen if dq is declared as differenced");
+        check(rig.has_fault() && stub::world().said("error", "stands still"), differenced ? "seen without velocities" : "seen with velocities");
     }
 }
 
+static void a_torque_of_the_wrong_sign_is_a_fault()
+{
+    Rig rig;
+    rig.set("compensate_gravity", true);
+    rig.start();
+    rig.arm.push[2] = -10.0;
+    for (int cycle = 0; cycle < 2000; ++cycle) {
+        rig.read();
+        rig.update();
+        for (double &each : rig.applied) { each = -each; }
+        rig.arm.step(rig.applied, 1e-3);
+    }
+    check(rig.has_fault() && stub::world().said("error", "although it is braked: look at sign and order of the joints"), "DISSIPATION");
+    check(largest(rig.torque) == 0.0, "no torque is left, not even gravity's");
+}
+
+static void a_pose_goes_on_after_a_fault()
+{
+    Rig rig;
+    rig.start();
+    rig.run(100);
+    auto message = rig.pose_message();
+    message.pose.position.z -= 0.2;
+    rig.publish("~/target_pose", message);
+    rig.run(300); // on its way
+    rig.q[2] = NOT_A_NUMBER;
+    for (int cycle = 0; cycle < 3; ++cycle) { rig.update(); }
+    rig.run(2000);
+    const auto left = rig.tip();
+    check(rig.has_fault() && std::abs(left[2] - message.pose.position.z) > 0.02, "a fault on its way");
+    rig.call_reset();
+    double fastest = 0.0;
+    for (int cycle = 0; cycle < 4000; ++cycle) {
+        const auto before = rig.tip();
+        rig.run(1);
+        fastest = std::max(fastest, 1e3 * distance(before, rig.tip()));
+    }
+    check(std::abs(rig.tip()[2] - message.pose.position.z) < 3e-3 && !rig.has_fault(), "the pose is reached after the reset");
+    check(fastest < 0.8, "by a ramp from where the arm was");
+}
+
 const std::vector<Scenario> FAULTS = {
+    {"a_torque_of_the_wrong_sign_is_a_fault", a_torque_of_the_wrong_sign_is_a_fault},
+    {"a_pose_goes_on_after_a_fault", a_pose_goes_on_after_a_fault},
     {"a_frozen_position_is_a_fault", a_frozen_position_is_a_fault},
     {"late_cycles_are_no_sensor_fault", late_cycles_are_no_sensor_fault},
-    {"half_rate_is_a_fault_that_is_told", half_rate_is_a_fault_that_is_told},
+    {"a_wrong_rate_is_told", a_wrong_rate_is_told},
     {"tells_a_fault_once_and_resets", tells_a_fault_once_and_resets},
     {"tells_the_fault_of_each_activation", tells_the_fault_of_each_activation},
     {"kuka_needs_position_and_torque", kuka_needs_position_and_torque},

@@ -72,6 +72,9 @@ struct Rig {
             commands[joint + "/effort"] = std::make_shared<Command>(torque[i], joint, "effort");
             commands[joint + "/position"] = std::make_shared<Command>(position[i], joint, "position");
         }
+        set("delay_samples", 0); // what the controller wants to be stated
+        set("motor_inertia", std::vector<double>(arm.rotors.begin(), arm.rotors.end()));
+        set("heaviest_wrench", std::vector<double>{100.0, 20.0});
         const char *const axes[] = {"force.x", "force.y", "force.z", "torque.x", "torque.y", "torque.z"};
         for (std::size_t k = 0; k < 6; ++k) {
             states[std::string("wrist/") + axes[k]] = std::make_shared<State>(reading[k], "wrist", axes[k]);

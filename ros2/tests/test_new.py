@@ -43,6 +43,9 @@ def test_the_package_is_the_robots_own(panda: Path) -> None:
         path.name for path in panda.iterdir()
     }
     assert ElementTree.parse(panda / "package.xml").findtext("name") == "panda_ros2"
+    assert re.search(
+        r"motor_inertia: \[0\.\d+(, \d+\.\d+){6}\]  # \w+", (panda / "config" / "controllers.yaml").read_text()
+    )
     joints = re.search(r"^JOINTS = (.*)$", (panda / "launch" / "mock.launch.py").read_text(), re.MULTILINE)
     assert joints and joints[1].count("panda_joint") == 7
     assert "stiffgen generate urdf/panda.urdf --name Panda" in (panda / "README.md").read_text()

@@ -67,7 +67,7 @@ StiffnessController::Configuration StiffnessController::state_interface_configur
     Configuration configuration{controller_interface::interface_configuration_type::INDIVIDUAL, {}};
     for (const auto &joint : setup_.joints) {
         configuration.names.push_back(joint + "/position");
-        configuration.names.push_back(joint + "/velocity");
+        if (setup_.velocity_interface) { configuration.names.push_back(joint + "/velocity"); }
     }
     for (const char *axis : {"/force.x", "/force.y", "/force.z", "/torque.x", "/torque.y", "/torque.z"}) {
         if (!setup_.ft_sensor.empty()) { configuration.names.push_back(setup_.ft_sensor + axis); }
@@ -75,39 +75,37 @@ StiffnessController::Configuration StiffnessController::state_interface_configur
     return configuration;
 }
 
-// Read the state. Return whether every value is there; values may be NaN.
-bool StiffnessController::measure(Measured &measured) const
+// Read the state: per joint its position, and its velocity if it has the interface; then the sensor. Values may be NaN.
+Measured StiffnessController::measure() const
 {
+    const std::size_t width = setup_.velocity_interface ? 2 : 1, joints = width * robot::DOF;
+    Measured measured{};
     measured.is_complete = true;
-    for (std::size_t i = 0; i < robot::DOF; ++i) {
-        const auto q = value_of(state_interfaces_[2 * i]), dq = value_of(state_interfaces_[2 * i + 1]);
-        measured.is_complete = measured.is_complete && q && dq;
-        measured.q[i] = q.value_or(0.0);
-        measured.dq[i] = dq.value_or(0.0);
+    for (std::size_t k = 0; k < state_interfaces_.size(); ++k) {
+        const auto value = value_of(state_interfaces_[k]);
+        if (k < joints) {
+            measured.is_complete = measured.is_complete && value;
+            (k % width == 0 ? measured.q : measured.dq)[k / width] = value.value_or(0.0);
+        } else {
+            measured.reading[k - joints] = value.value_or(std::numeric_limits<double>::quiet_NaN());
+        }
     }
-    for (std::size_t k = 2 * robot::DOF; k < state_interfaces_.size(); ++k) {
-        measured.reading[k - 2 * robot::DOF] = value_of(state_interfaces_[k]).value_or(std::numeric_limits<double>::quiet_NaN());
-    }
-    return measured.is_complete;
+    return measured;
 }
 
 StiffnessController::Callback StiffnessController::on_activate(const State &)
 {
-    Measured measured;
-    measure(measured);
-    for (std::size_t i = 0; i < state_interfaces_.size(); ++i) {
-        const robot::Joints &values = i % 2 == 0 ? measured.q : measured.dq;
-        const bool is_joint = i < 2 * robot::DOF;
-        const double value = is_joint ? values[i / 2] : measured.reading[i - 2 * robot::DOF];
-        if (!measured.is_complete || !std::isfinite(value)) { // drivers start so
-            return refuse(state_interfaces_[i].get_name() + " is not a finite number yet; activate the controller once the driver measures it");
+    for (const auto &each : state_interfaces_) {
+        if (!std::isfinite(value_of(each).value_or(std::numeric_limits<double>::quiet_NaN()))) { // drivers start so
+            return refuse(each.get_name() + " is not a finite number yet; activate the controller once the driver measures it");
         }
     }
+    const Measured measured = measure();
     robot::Joints torque;
     for (std::size_t i = 0; i < robot::DOF; ++i) { torque[i] = value_of(command_interfaces_[i]).value_or(0.0); }
     settings_.read(loop_settings_);
-    const bool uses_port = setup_.policy && !is_in_chained_mode(); // the port would replace the references
-    const int error = law_.start(loop_settings_, uses_port, measured.q, torque);
+    const bool uses_policy = setup_.policy && !is_in_chained_mode(); // it would replace the references
+    const int error = law_.start(loop_settings_, uses_policy, measured.q, torque);
     if (error != robot::GOOD) { return refuse(robot::Impedance::error_text(error)); }
     for (Command old; commands_.pop(old);) {}
     write_reference(measured.q);
@@ -125,12 +123,10 @@ StiffnessController::Return StiffnessController::update_and_write_commands(const
     if (is_in_chained_mode()) {
         robot::Joints q0;
         read_reference(q0);
-        law_.follow(q0.data());
+        law_.refer(q0.data());
     }
     if (reset_.exchange(false)) { law_.reset(); }
-    Measured measured;
-    measure(measured);
-    const robot::Report &report = law_.step(measured, period.seconds());
+    const robot::Report &report = law_.step(measure(), period.seconds());
     time_ = law_.time();
     snapshots_.write(law_.snapshot());
     failed_writes_ = write(report) ? 0 : failed_writes_ + 1;

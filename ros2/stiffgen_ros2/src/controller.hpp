@@ -49,7 +49,7 @@ protected:
     Return update_and_write_commands(const rclcpp::Time &time, const rclcpp::Duration &period) override;
 
 private:
-    bool measure(Measured &measured) const;
+    Measured measure() const;
     void read_reference(robot::Joints &q0) const;
     void write_reference(const robot::Joints &q0);
     bool write(const robot::Report &report);

@@ -30,56 +30,40 @@ struct Choice {
 
 #define STIFFGEN_NUMBER(field) {#field, 0, [](robot::Config &c) { return &c.field; }}
 #define STIFFGEN_JOINTS(field) {#field, robot::DOF, [](robot::Config &c) { return &c.field[0]; }}
+#define STIFFGEN_PAIR(field) {#field, 2, [](robot::Config &c) { return &c.field[0]; }}
 #define STIFFGEN_INTEGER(field) {#field, [](robot::Config &c) { return &c.field; }}
 
 inline constexpr Numbers NUMBERS[] = {
-    STIFFGEN_NUMBER(translation_stiffness_limit),
-    STIFFGEN_NUMBER(rotation_stiffness_limit),
-    STIFFGEN_NUMBER(stiffness_time),
-    STIFFGEN_NUMBER(joint_damping),
-    STIFFGEN_NUMBER(position_tolerance),
-    STIFFGEN_NUMBER(limit_zone),
-    STIFFGEN_NUMBER(tip_velocity_limit),
-    STIFFGEN_NUMBER(tip_rotation_limit),
-    STIFFGEN_NUMBER(ramp_time),
-    STIFFGEN_NUMBER(energy_limit),
-    STIFFGEN_NUMBER(engagement_limit),
-    STIFFGEN_NUMBER(state_period),
     STIFFGEN_NUMBER(position_quantum),
     STIFFGEN_NUMBER(velocity_noise),
-    STIFFGEN_NUMBER(velocity_filter_time),
-    STIFFGEN_NUMBER(overspeed_time),
-    STIFFGEN_JOINTS(posture_stiffness),
-    STIFFGEN_JOINTS(damping_ratio),
+    STIFFGEN_NUMBER(damping_ratio),
+    STIFFGEN_NUMBER(ramp_time),
+    STIFFGEN_NUMBER(tank_initial),
+    STIFFGEN_PAIR(heaviest_wrench),
+    STIFFGEN_PAIR(tip_velocity_limit),
     STIFFGEN_JOINTS(motor_inertia),
+    STIFFGEN_JOINTS(lower_limit),
+    STIFFGEN_JOINTS(upper_limit),
     STIFFGEN_JOINTS(velocity_limit),
-    STIFFGEN_JOINTS(reference_velocity_limit),
     STIFFGEN_JOINTS(effort_limit),
     STIFFGEN_JOINTS(torque_rate_limit),
-    {"heaviest_wrench", 2, [](robot::Config &c) { return &c.heaviest_wrench[0]; }},
 };
 
 inline constexpr Integer INTEGERS[] = {
     STIFFGEN_INTEGER(delay_samples),
     STIFFGEN_INTEGER(missed_limit),
-    STIFFGEN_INTEGER(loss_limit),
     STIFFGEN_INTEGER(call_gap_limit),
 };
 
 inline constexpr Choice CHOICES[] = {
     {"coriolis", [](robot::Config &c) { return &c.coriolis; }, {"off", "on"}, {robot::CORIOLIS_OFF, robot::CORIOLIS_ON}},
-    {"stiffness_cap", [](robot::Config &c) { return &c.stiffness_cap; }, {"refuse", "accept"},
-        {robot::CAP_REFUSE, robot::CAP_ACCEPT}},
     {"communication_reaction", [](robot::Config &c) { return &c.communication_reaction; }, {"release", "hold", "resume"},
         {robot::REACTION_RELEASE, robot::REACTION_HOLD, robot::REACTION_RESUME}},
-    {"continuous_joints", [](robot::Config &c) { return &c.continuous_joints; }, {"wrapped", "counted"},
-        {robot::TURNS_WRAPPED, robot::TURNS_COUNTED}},
-    {"velocity_source", [](robot::Config &c) { return &c.velocity_source; }, {"measured", "differenced"},
-        {robot::SOURCE_MEASURED, robot::SOURCE_DIFFERENCED}},
 };
 
 #undef STIFFGEN_NUMBER
 #undef STIFFGEN_JOINTS
+#undef STIFFGEN_PAIR
 #undef STIFFGEN_INTEGER
 
 } // namespace stiffgen_ros2

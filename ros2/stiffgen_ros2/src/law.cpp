@@ -6,90 +6,80 @@
 
 namespace stiffgen_ros2 {
 
+static constexpr double TURN = 6.283185307179586;
+
 int Law::start(const Settings &settings, bool policy, const robot::Joints &q, const robot::Joints &torque)
 {
-    robot::Joints in_force = torque;
-    for (std::size_t i = 0; i < robot::DOF; ++i) {
-        const double limit = settings.config.effort_limit[i];
-        in_force[i] = std::isfinite(torque[i]) ? std::clamp(torque[i], -limit, limit) : 0.0;
-    }
-    impedance_ = robot::Impedance(settings.config, in_force);
-    sample_ = {};
     const unsigned activation = snapshot_.activation + 1;
     snapshot_ = {};
     snapshot_.activation = activation;
     snapshot_.is_active = true;
-    sample_.command = robot::BY_POSITION;
-    std::copy(q.begin(), q.end(), sample_.q0);
-    std::fill(std::begin(stiffness_), std::end(stiffness_), 0.0);
-    copy_stiffness(settings, {true, true}, stiffness_);
-    translation_order_ = settings.translation_order;
-    rotation_order_ = settings.rotation_order;
-    use_stiffness();
-    change(settings);
-    uses_port_ = policy;
-    has_proposal_ = has_stiffness_ = false;
-    wrench_end_ = 0.0;
-    robot::start(port_, robot::forward_kinematics(q).data(), 0.0);
+    settings_ = settings;
+    sample_ = command_of(settings);
+    sample_.clock = robot::BY_COUNTER;
+    robot::Report &report = snapshot_.report;
+    for (std::size_t i = 0; i < robot::DOF; ++i) {
+        const double limit = settings.config.effort_limit[i];
+        report.torque[i] = std::isfinite(torque[i]) ? std::clamp(torque[i], -limit, limit) : 0.0;
+        report.position[i] = sample_.q0[i] = target_.posture[i] = last_q_[i] = q[i];
+    }
+    std::copy(settings.translation_stiffness.begin(), settings.translation_stiffness.end(), stiffness_);
+    std::copy(settings.rotation_stiffness.begin(), settings.rotation_stiffness.end(), stiffness_ + 9);
+    age_ = wrench_end_ = 0.0;
+    wants_pose_ = has_proposal_ = has_stiffness_ = false;
+    uses_policy_ = policy && robot::start(policy_, robot::forward_kinematics(q).data(), 0.0) == 0;
+    return restart();
+}
+
+// Begin anew at the arm, with the settings and the torque in force.
+int Law::restart()
+{
+    robot::Joints torque;
+    std::copy(std::begin(snapshot_.report.torque), std::end(snapshot_.report.torque), torque.begin());
+    std::copy(std::begin(snapshot_.report.position), std::end(snapshot_.report.position), snapshot_.report.reference);
+    impedance_ = robot::Impedance(settings_.config, torque);
+    std::fill(std::begin(sample_.torque_offset), std::end(sample_.torque_offset), 0.0);
+    follows_ = wants_restart_ = false;
     return impedance_.error();
 }
 
 void Law::change(const Settings &settings)
 {
+    wants_restart_ = wants_restart_ || differs(settings_.config, settings.config);
     settings_ = settings;
-    impedance_.config() = settings.config;
-    double stiffness[36];
-    copy_stiffness(settings, {true, true}, stiffness);
-    const Assigned taken = take_stiffness(stiffness, settings.translation_order, settings.rotation_order);
-    if (taken.translation || taken.rotation) {
-        use_stiffness();
-        has_stiffness_ = false; // goes with the next proposals
-    }
+    std::copy(settings.posture_stiffness.begin(), settings.posture_stiffness.end(), sample_.posture_stiffness);
 }
 
-// Take the blocks of a stiffness that are newer than those in force: settings and commands come on ways of their own.
-Assigned Law::take_stiffness(const double *stiffness, std::uint64_t translation_order, std::uint64_t rotation_order)
+void Law::command(const Command &command)
 {
-    const Assigned newer = {translation_order > translation_order_, rotation_order > rotation_order_};
-    for (std::size_t row = 0; row < 6; ++row) {
-        if (row < 3 ? newer.translation : newer.rotation) { std::copy(stiffness + 6 * row, stiffness + 6 * row + 6, stiffness_ + 6 * row); }
+    if (uses_policy_ && command.kind != Command::JOINTS && !command.is_parameter) {
+        propose(command);
+        return;
     }
-    if (newer.translation) { translation_order_ = translation_order; }
-    if (newer.rotation) { rotation_order_ = rotation_order; }
-    return newer;
-}
-
-void Law::use_stiffness()
-{
-    for (std::size_t row = 0; row < 3; ++row) {
-        std::copy(stiffness_ + 6 * row, stiffness_ + 6 * row + 3, sample_.translation_stiffness + 3 * row);
-        std::copy(stiffness_ + 6 * (row + 3) + 3, stiffness_ + 6 * (row + 3) + 6, sample_.rotation_stiffness + 3 * row);
-    }
-}
-
-void Law::command_at_once(const Command &command)
-{
     switch (command.kind) {
     case Command::JOINTS:
         std::copy(command.values, command.values + robot::DOF, sample_.q0);
-        sample_.command = robot::BY_POSITION;
+        std::copy(command.values, command.values + robot::DOF, target_.posture);
+        wants_pose_ = false;
         break;
     case Command::POSE:
-        std::copy(command.values, command.values + 16, sample_.equilibrium);
-        sample_.command = robot::BY_EQUILIBRIUM;
+        std::copy(command.values, command.values + 16, target_.pose);
+        follows_ = follows_ && wants_pose_;
+        wants_pose_ = true;
         break;
     case Command::WRENCH:
         std::copy(command.values, command.values + 6, sample_.wrench_command);
         wrench_end_ = command.time - command.age + settings_.wrench_timeout;
         break;
     case Command::STIFFNESS:
-        take_stiffness(command.values, command.order, command.order);
-        use_stiffness();
+        if (command.blocks.translation) { std::copy(command.values, command.values + 9, stiffness_); }
+        if (command.blocks.rotation) { std::copy(command.values + 9, command.values + 18, stiffness_ + 9); }
+        has_stiffness_ = false; // goes with the next proposals
         break;
     }
 }
 
-// Hand a command to the policy port, which interpolates, holds and fades. Joint positions are the wanted posture.
+// Hand a command to the policy port, which interpolates, holds and fades. Joint positions are the posture of its poses.
 void Law::propose(const Command &command)
 {
     robot::Proposal proposal{};
@@ -97,86 +87,129 @@ void Law::propose(const Command &command)
     const double stamp = command.time - command.age;
     proposal.valid[part] = 1;
     proposal.time[part] = stamp;
-    if (part == robot::POSE) { std::copy(command.values, command.values + 16, proposal.equilibrium); }
+    if (part == robot::POSE) { std::copy(command.values, command.values + 16, proposal.pose); }
     if (part == robot::WRENCH) { std::copy(command.values, command.values + 6, proposal.wrench_command); }
-    if (part == robot::STIFFNESS) {
-        std::copy(command.values, command.values + 36, proposal.stiffness);
-    } else if (!has_stiffness_) { // until somebody commands one, the stiffness goes with each proposal, before such a command
+    const double *const stiffness = part == robot::STIFFNESS ? command.values : stiffness_;
+    std::copy(stiffness, stiffness + 9, proposal.translation_stiffness);
+    std::copy(stiffness + 9, stiffness + 18, proposal.rotation_stiffness);
+    if (part != robot::STIFFNESS && !has_stiffness_) { // until somebody commands one, it goes with each proposal, before such a command
         proposal.valid[robot::STIFFNESS] = 1;
         proposal.time[robot::STIFFNESS] = std::nextafter(stamp, stamp - 1.0);
-        std::copy(std::begin(stiffness_), std::end(stiffness_), proposal.stiffness);
     }
-    robot::propose(settings_.config, port_, proposal, snapshot_.time);
-    if (port_.refused[part] != 0) {
+    static_cast<void>(robot::propose(policy_, proposal, snapshot_.time));
+    if (policy_.refused[part] != 0) {
         ++snapshot_.refusals;
-        snapshot_.reason = port_.refused[part];
-        snapshot_.refusal = robot::refusal_of(port_, part);
+        snapshot_.refused_part = policy_.refused[part];
         return;
     }
     has_proposal_ = true;
     if (part != robot::STIFFNESS) { return; }
-    const Assigned taken = take_stiffness(command.values, command.order, command.order);
-    has_stiffness_ = has_stiffness_ || taken.translation || taken.rotation;
+    std::copy(command.values, command.values + 18, stiffness_);
+    has_stiffness_ = true;
 }
 
-void Law::command(const Command &command)
+// Write pose, stiffness and wrench in force: the policy port's from the first proposal on, else the commanded ones.
+void Law::use_commands()
 {
-    if (!uses_port_) {
-        command_at_once(command);
-    } else if (command.kind == Command::JOINTS) {
-        std::copy(command.values, command.values + robot::DOF, sample_.q0);
-    } else {
-        propose(command);
+    const double *translation = stiffness_, *rotation = stiffness_ + 9;
+    robot::PolicyOutput output;
+    if (uses_policy_ && has_proposal_) {
+        static_cast<void>(robot::command(policy_, snapshot_.time, output));
+        translation = output.translation_stiffness;
+        rotation = output.rotation_stiffness;
+        std::copy(std::begin(output.pose), std::end(output.pose), target_.pose);
+        std::copy(std::begin(output.wrench_command), std::end(output.wrench_command), sample_.wrench_command);
+        wants_pose_ = true;
+    } else if (snapshot_.time > wrench_end_) {
+        std::fill(std::begin(sample_.wrench_command), std::end(sample_.wrench_command), 0.0);
+    }
+    std::copy(translation, translation + 9, sample_.translation_stiffness);
+    std::copy(rotation, rotation + 9, sample_.rotation_stiffness);
+}
+
+void Law::refer(const double *q0)
+{
+    if (!finite(q0, robot::DOF)) { return; }
+    std::copy(q0, q0 + robot::DOF, sample_.q0);
+    wants_pose_ = false;
+}
+
+// Without velocities: the mean since the last complete sample. A joint without limits may have turned over.
+void Law::take_sample(const Measured &measured, double samples)
+{
+    // Late updates are missing samples, not a fault of the sensor: the counter says so.
+    sample_.counter += static_cast<std::uint32_t>(samples);
+    snapshot_.late = samples > 1.0 ? snapshot_.late + 1 : 0;
+    sample_.sample_valid = measured.is_complete ? 1 : 0;
+    age_ += samples;
+    for (std::size_t i = 0; i < robot::DOF; ++i) {
+        const double moved = measured.q[i] - last_q_[i];
+        const double way = std::isinf(settings_.config.lower_limit[i]) ? std::remainder(moved, TURN) : moved;
+        sample_.q[i] = measured.q[i];
+        sample_.dq[i] = settings_.differences_positions ? way / (age_ * settings_.config.sample_time) : measured.dq[i];
+    }
+    if (measured.is_complete && finite(measured.q.data(), robot::DOF)) {
+        last_q_ = measured.q;
+        age_ = 0.0;
     }
 }
 
-void Law::follow(const double *q0)
+// Let Follow make q0 from the pose. It begins where the springs are at rest: at a first pose, and after a fault or restart.
+void Law::follow_pose()
 {
-    if (std::all_of(q0, q0 + robot::DOF, [](double each) { return std::isfinite(each); })) {
-        std::copy(q0, q0 + robot::DOF, sample_.q0);
-        sample_.command = robot::BY_POSITION;
+    sample_.shaped = wants_pose_ ? 1 : 0;
+    snapshot_.follow = 0;
+    if (!wants_pose_) { return; }
+    const robot::Report &report = snapshot_.report;
+    if (!follows_ || report.fault != robot::NO_FAULT) {
+        follows_ = robot::start(follow_, settings_.config, report.reference) == robot::GOOD;
+    }
+    robot::FollowOutput output{};
+    static_cast<void>(robot::step(follow_, target_, output));
+    std::copy(output.q0, output.q0 + robot::DOF, sample_.q0);
+    snapshot_.follow = output.status;
+}
+
+// Add gravity's torque. After a start it grows at the rate at which the torque in force, which has its own share, falls.
+void Law::offset_gravity()
+{
+    const bool wanted = settings_.compensate_gravity;
+    const robot::Joints torque = wanted ? robot::gravity::gradient(last_q_, settings_.gravity) : robot::Joints{};
+    for (std::size_t i = 0; i < robot::DOF; ++i) {
+        const double rate = settings_.config.torque_rate_limit[i] * settings_.config.sample_time;
+        sample_.torque_offset[i] += std::clamp(torque[i] - sample_.torque_offset[i], -rate, rate);
     }
 }
 
-// Count a refusal by the controller once: a command stays in force until another one comes.
-void Law::note_refusal(const robot::Refusal &before)
+// Count faults, and each refusal once: a command stays in force until another one comes.
+void Law::note(const robot::Report &before)
 {
-    const robot::Refusal now = robot::refusal_of(snapshot_.report);
-    if (now.code != robot::NO_REFUSAL && (now.code != before.code || now.argument != before.argument)) {
+    const robot::Report &now = snapshot_.report;
+    snapshot_.faults += before.fault == robot::NO_FAULT && now.fault != robot::NO_FAULT;
+    if (now.refusal != robot::NO_REFUSAL && (now.refusal != before.refusal || now.refusal_command != before.refusal_command)) {
         ++snapshot_.refusals;
-        snapshot_.reason = 0;
-        snapshot_.refusal = now;
+        snapshot_.refused = now;
+        snapshot_.refused_part = 0;
     }
+    std::copy(std::begin(sample_.translation_stiffness), std::end(sample_.translation_stiffness), snapshot_.translation_stiffness);
+    std::copy(std::begin(sample_.rotation_stiffness), std::end(sample_.rotation_stiffness), snapshot_.rotation_stiffness);
 }
 
 const robot::Report &Law::step(const Measured &measured, double period)
 {
     const double sample_time = settings_.config.sample_time;
+    const robot::Report before = snapshot_.report;
     snapshot_.time += std::isfinite(period) && period > 0.0 ? period : sample_time;
-    // Late updates are missing samples, not a fault of the sensor: the counter says so.
-    const double samples = std::isfinite(period) ? std::clamp(std::round(period / sample_time), 1.0, 1e6) : 1.0;
-    sample_.counter += static_cast<std::uint32_t>(samples);
-    sample_.sample_valid = measured.is_complete ? 1 : 0;
-    std::copy(measured.q.begin(), measured.q.end(), sample_.q);
-    std::copy(measured.dq.begin(), measured.dq.end(), sample_.dq);
-    if (uses_port_ && has_proposal_) {
-        robot::command(port_, snapshot_.time, sample_);
-    } else if (snapshot_.time > wrench_end_) {
-        std::fill(std::begin(sample_.wrench_command), std::end(sample_.wrench_command), 0.0);
+    take_sample(measured, std::isfinite(period) ? std::clamp(std::round(period / sample_time), 1.0, 1e6) : 1.0);
+    if (wants_restart_ && before.fault == robot::NO_FAULT) {
+        ++snapshot_.restarts;
+        static_cast<void>(restart()); // the settings were checked
     }
-    if (!settings_.compensate_gravity) {
-        std::fill(std::begin(sample_.torque_offset), std::end(sample_.torque_offset), 0.0);
-    } else if (measured.is_complete) {
-        const robot::Joints torque = robot::gravity::gradient(measured.q, settings_.gravity);
-        for (std::size_t i = 0; i < robot::DOF; ++i) {
-            if (std::isfinite(torque[i])) { sample_.torque_offset[i] = torque[i]; }
-        }
-    }
-    const bool had_fault = snapshot_.report.fault != robot::NO_FAULT;
-    const robot::Refusal before = robot::refusal_of(snapshot_.report);
+    use_commands();
+    follow_pose();
+    offset_gravity();
     static_cast<void>(impedance_.step(sample_, snapshot_.report)); // an error lowers the torque; the status has it
-    snapshot_.faults += !had_fault && snapshot_.report.fault != robot::NO_FAULT;
-    note_refusal(before);
+    note(before);
     snapshot_.reading = measured.reading; // for the topics: the springs need no measured wrench
     return snapshot_.report;
 }

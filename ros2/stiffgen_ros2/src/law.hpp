@@ -1,41 +1,44 @@
 // SPDX-License-Identifier: MIT
-// The controller between measured state and torque, without ROS: commands, counter, gravity, fault and reset.
+// The controller between measured state and torque, without ROS: commands, counter, gravity, fault, restart and reset.
 #pragma once
 
 #include "robot.hpp"
 #include "settings.hpp"
 
-#include <cstdint>
-
 namespace stiffgen_ros2 {
 
-/// Command from a topic; which numbers it has depends on its kind.
+/// Command from a topic or a parameter; which numbers it has depends on its kind.
 struct Command {
     enum Kind { JOINTS, POSE, WRENCH, STIFFNESS } kind;
     double age; ///< [s] age at the time below
     double time; ///< [s] loop's time when the command arrived
-    std::uint64_t order; ///< of a stiffness, as in the settings
-    double values[36]; ///< q0 (n), pose (4 x 4), wrench (6), or stiffness (6 x 6)
+    bool is_parameter; ///< a stiffness from the parameters
+    Blocks blocks; ///< of a stiffness
+    double values[40]; ///< q0 (n), pose (4 x 4), wrench (6), or stiffness (3 x 3, 3 x 3)
 };
 
-static_assert(robot::DOF <= 36, "a command has room for 36 joints");
+static_assert(robot::DOF <= 40, "a command has room for 40 joints");
 
 /// What one update leaves for the other threads.
 struct Snapshot {
     robot::Report report;
+    double translation_stiffness[9], rotation_stiffness[9]; ///< commanded
     double time; ///< [s] loop's time
+    unsigned follow; ///< status of Follow; 0 while no pose is commanded
     unsigned activation; ///< number of the activation, from 1
     unsigned faults; ///< faults since the activation
-    unsigned refusals; ///< commands that the policy port or the controller refused since the activation
-    int reason; ///< reason of the policy port for the newest of them, or none
-    robot::Refusal refusal; ///< numbers of the newest of them, if it has any
+    unsigned late; ///< updates in a row that came by a sample time or more too late
+    unsigned restarts; ///< restarts with another configuration since the activation
+    unsigned refusals; ///< commands that the controller or the policy port refused since the activation
+    robot::Report refused; ///< newest of them, of the controller
+    int refused_part; ///< newest of them, of the policy port; 0: of the controller
     robot::Wrench reading; ///< of the force-torque sensor
     bool is_active;
 };
 
 /// Measured state of one update.
 struct Measured {
-    robot::Joints q, dq; ///< [rad or m], [rad/s or m/s]
+    robot::Joints q, dq; ///< [rad or m], [rad/s or m/s]; dq counts if there is a velocity interface
     bool is_complete; ///< false: an interface could not be read, and the sample counts as missed
     robot::Wrench reading{}; ///< of the force-torque sensor, in its axes; NaN while it cannot be read
 };
@@ -45,14 +48,14 @@ public:
     /// Start at rest at q from a torque in force. Return an error of the controller's init.
     int start(const Settings &settings, bool policy, const robot::Joints &q, const robot::Joints &torque);
 
-    /// Use other settings from the next step on.
+    /// Use other settings from the next step on; another configuration once no fault is latched.
     void change(const Settings &settings);
 
     /// Use a command from the next step on.
     void command(const Command &command);
 
     /// Command joint positions that another controller writes; NaN keeps the last ones.
-    void follow(const double *q0);
+    void refer(const double *q0);
 
     /// Do one step, `period` seconds after the last one. The torque is finite and within its limits.
     const robot::Report &step(const Measured &measured, double period);
@@ -63,21 +66,27 @@ public:
     double time() const { return snapshot_.time; }
 
 private:
+    int restart();
     void propose(const Command &command);
-    void note_refusal(const robot::Refusal &before);
-    void command_at_once(const Command &command);
-    Assigned take_stiffness(const double *stiffness, std::uint64_t translation_order, std::uint64_t rotation_order);
-    void use_stiffness();
+    void use_commands();
+    void take_sample(const Measured &measured, double samples);
+    void follow_pose();
+    void offset_gravity();
+    void note(const robot::Report &before);
 
     Settings settings_{};
-    robot::Impedance impedance_;
+    robot::Impedance impedance_{robot::Impedance::default_config()};
     robot::Sample sample_{};
-    robot::Policy port_{};
+    robot::Follow follow_{};
+    robot::FollowInput target_{}; // pose and posture
+    robot::Policy policy_{};
     Snapshot snapshot_{};
-    double stiffness_[36] = {}; // newest of parameters and commands, 6 x 6
-    std::uint64_t translation_order_ = 0, rotation_order_ = 0; // of its blocks
+    double stiffness_[18] = {}; // newest of parameters and commands
+    robot::Joints last_q_{}; // of the last complete sample
+    double age_ = 0.0; // [samples] of last_q_
     double wrench_end_ = 0.0;
-    bool uses_port_ = false, has_proposal_ = false, has_stiffness_ = false;
+    bool wants_pose_ = false, follows_ = false, wants_restart_ = false;
+    bool uses_policy_ = false, has_proposal_ = false, has_stiffness_ = false; // the last: from a proposal
 };
 
 } // namespace stiffgen_ros2

@@ -20,7 +20,7 @@ bool has_ours(const std::vector<rclcpp::Parameter> &changes)
     return std::any_of(changes.begin(), changes.end(), [](const auto &each) { return is_ours(each.get_name()); });
 }
 
-Assigned assigned(const std::vector<rclcpp::Parameter> &changes)
+Blocks assigned(const std::vector<rclcpp::Parameter> &changes)
 {
     return {has(changes, "translation_stiffness"), has(changes, "rotation_stiffness")};
 }
@@ -35,7 +35,8 @@ Parameters::Parameters(
 
 void Parameters::start(const Settings &settings)
 {
-    settings_.write(topics_->change(settings, {true, true}));
+    topics_->change(settings);
+    settings_.write(settings);
     const auto weak = weak_from_this();
     on_set_ = node_.add_on_set_parameters_callback([weak](const Changes &changes) {
         const auto self = weak.lock();
@@ -85,8 +86,7 @@ std::string Parameters::refuse(const Changes &changes) const
         return found != changes.rend() ? *found : node_.get_parameter(name); // of two values the last one will be set
     };
     Settings settings{};
-    const std::string reason = read_settings(lookup, sample_time_, settings);
-    return reason.empty() ? topics_->refuse_change(settings, assigned(changes)) : reason;
+    return read_settings(lookup, sample_time_, settings);
 }
 
 // Hand parameters that have been set to topics and loop.
@@ -104,7 +104,12 @@ void Parameters::use(const Changes &changes)
         RCLCPP_ERROR(node_.get_logger(), "the parameters do not act: %s", reason.c_str());
         return;
     }
-    settings_.write(topics_->change(settings, assigned(changes)));
+    topics_->change(settings);
+    settings_.write(settings);
+    const Blocks blocks = assigned(changes);
+    if ((blocks.translation || blocks.rotation) && !topics_->command_stiffness(settings, blocks)) {
+        RCLCPP_ERROR(node_.get_logger(), "the stiffness does not act: the loop takes no commands");
+    }
 }
 
 #if RCLCPP_VERSION_MAJOR < 21

@@ -10,12 +10,7 @@ namespace stiffgen_ros2 {
 
 namespace {
 
-std::string fault_text(const robot::Report &report)
-{
-    char text[256];
-    robot::fault_text(report, text, sizeof text);
-    return text;
-}
+constexpr unsigned MANY = 100; // updates
 
 std::string number(double value)
 {
@@ -24,13 +19,18 @@ std::string number(double value)
     return text;
 }
 
-std::string status_words(unsigned status)
+template <class Names> std::string status_words(unsigned status, const Names &names)
 {
     std::string words;
-    for (const auto &each : robot::STATUS_NAMES) {
+    for (const auto &each : names) {
         if ((status & each.bit) != 0) { words += (words.empty() ? "" : " ") + std::string(each.name); }
     }
     return words;
+}
+
+std::string refusal_text(const Snapshot &last)
+{
+    return last.refused_part != 0 ? robot::refused_text(last.refused_part) : robot::refusal_text(last.refused);
 }
 
 // Quaternion of a rotation (rows of a 4 x 4 pose), from its largest component.
@@ -103,7 +103,7 @@ void Report::start()
             if (!self) { return; }
             const robot::Report &report = self->last_.report;
             self->wants_reset_ = true;
-            response->message = report.fault == robot::NO_FAULT ? "no fault was latched" : "reset of: " + fault_text(report);
+            response->message = report.fault == robot::NO_FAULT ? "no fault was latched" : "reset of: " + robot::fault_text(report);
         });
     timer_ = node_.create_wall_timer(std::chrono::duration<double>(1.0 / setup_.state_rate), [weak] {
         if (const auto self = weak.lock()) { self->publish(); }
@@ -115,17 +115,26 @@ void Report::tell_changes()
 {
     if (last_.activation != activation_) { // the counts began again, maybe between two calls
         activation_ = last_.activation;
-        told_faults_ = told_refusals_ = 0;
+        told_faults_ = told_refusals_ = told_restarts_ = 0;
     }
     if (last_.faults > told_faults_) {
-        RCLCPP_ERROR(node_.get_logger(), "fault: %s; find the cause, then call ~/reset", fault_text(last_.report).c_str());
+        RCLCPP_ERROR(node_.get_logger(), "fault: %s; find the cause, then call ~/reset", robot::fault_text(last_.report).c_str());
     }
     if (last_.refusals > told_refusals_) {
         RCLCPP_WARN(node_.get_logger(), "commands refused: %u; the last one: %s", last_.refusals - told_refusals_,
-            robot::refusal_text(last_.refusal, last_.reason).c_str());
+            refusal_text(last_).c_str());
     }
+    if (last_.restarts > told_restarts_) {
+        RCLCPP_INFO(node_.get_logger(), "restarted with another configuration, from the torque in force; energy supplied counts anew");
+    }
+    const bool late = last_.late >= MANY;
+    if (late && !told_late_) {
+        RCLCPP_WARN(node_.get_logger(), "%u updates in a row came too late: the manager does not keep its update_rate", last_.late);
+    }
+    told_late_ = late;
     told_faults_ = last_.faults;
     told_refusals_ = last_.refusals;
+    told_restarts_ = last_.restarts;
 }
 
 diagnostic_msgs::msg::DiagnosticStatus Report::status() const
@@ -133,27 +142,25 @@ diagnostic_msgs::msg::DiagnosticStatus Report::status() const
     diagnostic_msgs::msg::DiagnosticStatus status;
     const robot::Report &report = last_.report;
     const bool has_fault = report.fault != robot::NO_FAULT;
-    double error = 0.0;
-    const robot::Array<4, 4> pose = robot::forward_kinematics(report.position);
-    for (const std::size_t k : {std::size_t{3}, std::size_t{7}, std::size_t{11}}) {
-        error += (pose[k] - report.equilibrium[k]) * (pose[k] - report.equilibrium[k]);
-    }
+    const robot::Array<4, 4> pose = robot::forward_kinematics(report.position), rest = robot::forward_kinematics(report.reference);
+    const double error = std::hypot(pose[3] - rest[3], pose[7] - rest[7], pose[11] - rest[11]);
     status.name = node_.get_name();
     status.hardware_id = robot::TIP_FRAME;
     status.level = has_fault ? diagnostic_msgs::msg::DiagnosticStatus::ERROR : diagnostic_msgs::msg::DiagnosticStatus::OK;
-    status.message = has_fault ? fault_text(report) : last_.is_active ? "active" : "inactive";
+    status.message = has_fault ? robot::fault_text(report) : last_.is_active ? "active" : "inactive";
     const std::pair<const char *, std::string> values[] = {
-        {"status", status_words(report.status)},
-        {"error [m]", number(std::sqrt(error))},
+        {"status", status_words(report.status, robot::STATUS_NAMES)},
+        {"target pose", status_words(last_.follow, robot::FOLLOW_NAMES)},
+        {"error [m]", number(error)},
         {"energy supplied [J]", number(report.energy_supplied)},
-        {"work at the port [J]", number(report.port_total)},
-        {"elastic energy [J]", number(report.elastic_energy)},
-        {"tank energy [J]", number(report.tank_energy)},
+        {"energy stored [J]", number(report.stored)},
+        {"tank [J]", number(report.tank)},
+        {"reserve [J]", number(report.reserve)},
         {"stiffness share", number(report.stiffness_share)},
-        {"force available [N]", number(report.force_available)},
+        {"restarts", std::to_string(last_.restarts)},
         {"faults", std::to_string(last_.faults)},
         {"commands refused", std::to_string(last_.refusals)},
-        {"last refusal", last_.refusals > 0 ? robot::refusal_text(last_.refusal, last_.reason) : ""},
+        {"last refusal", last_.refusals > 0 ? refusal_text(last_) : ""},
     };
     for (const auto &each : values) {
         diagnostic_msgs::msg::KeyValue value;
@@ -187,13 +194,16 @@ void Report::publish()
     pose.header.frame_id = setup_.base_frame;
     fill(robot::forward_kinematics(last_.report.position).data(), pose.pose);
     pose_->publish(pose);
-    fill(last_.report.equilibrium, pose.pose);
+    const robot::Array<4, 4> rest = robot::forward_kinematics(last_.report.reference);
+    fill(rest.data(), pose.pose);
     equilibrium_->publish(pose);
 
     // The springs' wrench on the environment: the negative of what the environment applies at rest.
     geometry_msgs::msg::WrenchStamped wrench;
     wrench.header = pose.header;
-    fill_opposite(last_.report.spring_wrench, wrench.wrench);
+    robot::Wrench applied = robot::spring::wrench(last_.report.position, rest, last_.translation_stiffness, last_.rotation_stiffness);
+    for (double &each : applied) { each *= last_.report.scale; }
+    fill_opposite(applied.data(), wrench.wrench);
     wrench_->publish(wrench);
     publish_measured(wrench);
 

@@ -39,7 +39,8 @@ private:
     Latest<Snapshot> &snapshots_;
     std::atomic<bool> &wants_reset_;
     Snapshot last_{};
-    unsigned activation_ = 0, told_faults_ = 0, told_refusals_ = 0;
+    unsigned activation_ = 0, told_faults_ = 0, told_refusals_ = 0, told_restarts_ = 0;
+    bool told_late_ = false;
     Publisher<geometry_msgs::msg::PoseStamped> pose_, equilibrium_;
     Publisher<geometry_msgs::msg::WrenchStamped> wrench_, measured_wrench_;
     Publisher<diagnostic_msgs::msg::DiagnosticStatus> state_;

@@ -7,7 +7,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <cstring>
 #include <fstream>
 #include <iterator>
 #include <limits>
@@ -18,9 +17,10 @@ namespace {
 
 // Parameters beside the fields of the configuration. Fixed: they change only while the controller is not configured.
 constexpr const char *FIXED[] = {
-    "joints", "prefix", "base_frame", "command_position", "policy", "state_rate", "sample_time", "ft_sensor", "ft_calibration"};
-constexpr const char *OTHERS[] = {
-    "translation_stiffness", "rotation_stiffness", "compensate_gravity", "gravity", "wrench_timeout", "target_timeout"};
+    "joints", "prefix", "base_frame", "command_position", "velocity_interface", "policy", "state_rate", "sample_time",
+    "ft_sensor", "ft_calibration"};
+constexpr const char *OTHERS[] = {"translation_stiffness", "rotation_stiffness", "posture_stiffness", "compensate_gravity", "gravity",
+    "wrench_timeout", "target_timeout"};
 
 template <class T> void declare(rclcpp_lifecycle::LifecycleNode &node, const std::string &name, const T &value)
 {
@@ -43,81 +43,72 @@ std::string counted(const std::string &name, std::size_t got, const std::string 
 }
 
 // Three numbers are the diagonal, nine the rows. Return why they are refused.
-std::string read_matrix(const Lookup &lookup, const std::string &name, std::array<double, 9> &matrix)
+std::string read_matrix(const Lookup &lookup, const std::string &name, double *matrix)
 {
     const std::vector<double> given = lookup(name).as_double_array();
-    if (given.size() == 9) {
-        std::copy(given.begin(), given.end(), matrix.begin());
-        return "";
-    }
-    if (given.size() != 3) { return counted(name, given.size(), "3 (the diagonal) or 9 (the rows)"); }
-    matrix.fill(0.0);
-    for (std::size_t k = 0; k < 3; ++k) { matrix[4 * k] = given[k]; }
+    if (given.size() != 3 && given.size() != 9) { return counted(name, given.size(), "3 (the diagonal) or 9 (the rows)"); }
+    for (std::size_t k = 0; k < 9; ++k) { matrix[k] = given.size() == 9 ? given[k] : (k % 4 == 0 ? given[k / 4] : 0.0); }
     return "";
+}
+
+// One number is for all. Return why they are refused.
+std::string read_numbers(const Lookup &lookup, const std::string &name, std::size_t count, double *numbers)
+{
+    const std::vector<double> given = lookup(name).as_double_array();
+    if (given.size() != count && given.size() != 1) { return counted(name, given.size(), std::to_string(count) + ", or 1 for all"); }
+    for (std::size_t i = 0; i < count; ++i) { numbers[i] = given[given.size() == 1 ? 0 : i]; }
+    return "";
+}
+
+// Read one of the words of a choice. Return why it is refused.
+std::string read_choice(const Lookup &lookup, const Choice &field, robot::Config &config)
+{
+    const std::string word = lookup(field.name).as_string();
+    std::string choices;
+    for (std::size_t i = 0; i < std::size(field.words) && field.words[i] != nullptr; ++i) {
+        choices += (choices.empty() ? "'" : " or '") + std::string(field.words[i]) + "'";
+        if (word == field.words[i]) {
+            *field.at(config) = field.values[i];
+            return "";
+        }
+    }
+    return std::string("parameter '") + field.name + "' is '" + word + "'; give " + choices;
 }
 
 std::string read_fields(const Lookup &lookup, robot::Config &config)
 {
+    std::string reason;
     for (const Numbers &field : NUMBERS) {
         if (field.count == 0) {
             *field.at(config) = lookup(field.name).as_double();
-            continue;
+        } else if (reason.empty()) {
+            reason = read_numbers(lookup, field.name, field.count, field.at(config));
         }
-        const std::vector<double> given = lookup(field.name).as_double_array();
-        if (given.size() != field.count && given.size() != 1) {
-            return counted(field.name, given.size(), std::to_string(field.count) + ", or 1 for all");
-        }
-        for (std::size_t i = 0; i < field.count; ++i) { field.at(config)[i] = given[given.size() == 1 ? 0 : i]; }
     }
     for (const Integer &field : INTEGERS) {
         using Limits = std::numeric_limits<int>; // outside of the field's range, which the controller names
         *field.at(config) = static_cast<int>(std::clamp<std::int64_t>(lookup(field.name).as_int(), Limits::min(), Limits::max()));
     }
     for (const Choice &field : CHOICES) {
-        const std::string word = lookup(field.name).as_string();
-        std::string choices;
-        bool found = false;
-        for (std::size_t i = 0; i < std::size(field.words) && field.words[i] != nullptr; ++i) {
-            choices += (choices.empty() ? "'" : " or '") + std::string(field.words[i]) + "'";
-            if (word == field.words[i]) {
-                *field.at(config) = field.values[i];
-                found = true;
-            }
-        }
-        if (!found) { return std::string("parameter '") + field.name + "' is '" + word + "'; give " + choices; }
+        if (reason.empty()) { reason = read_choice(lookup, field, config); }
     }
-    return "";
+    return reason;
 }
 
-int error_at(robot::Config config, double rate)
+// Let the controller judge the settings. It sizes the tank, too, which takes 0.1 ms: a restart in the loop then need not.
+std::string check(Settings &settings)
 {
-    config.sample_time = 1.0 / rate;
-    return robot::Impedance(config).error();
-}
-
-// Name the rate at which the stiffness limits are accepted, and what else can be done.
-std::string too_slow(const robot::Config &config)
-{
-    const double rate = 1.0 / config.sample_time;
-    double enough = rate;
-    while (enough < 2e4 && error_at(config, enough) == robot::TOO_STIFF) { enough = 10.0 * std::ceil(0.105 * enough + 0.1); }
-    char text[400];
-    std::snprintf(text, sizeof text,
-        "update_rate is %g Hz, and translation_stiffness_limit %g N/m with rotation_stiffness_limit %g N m/rad needs %g Hz or "
-        "more: set update_rate (or sample_time) accordingly, lower these limits, or set stiffness_cap to 'accept'",
-        rate, config.translation_stiffness_limit, config.rotation_stiffness_limit, enough);
-    return text;
-}
-
-std::string check(const Settings &settings)
-{
-    const int error = robot::Impedance(settings.config).error();
-    if (error == robot::TOO_STIFF) { return too_slow(settings.config); }
-    if (error != robot::GOOD) { return robot::Impedance::error_text(error); }
-    double stiffness[36] = {};
-    copy_stiffness(settings, {true, true}, stiffness);
-    const std::string reason = refuse_stiffness(settings.config, stiffness);
-    if (!reason.empty()) { return "translation_stiffness or rotation_stiffness: " + reason; }
+    robot::Impedance probe(settings.config);
+    if (probe.error() != robot::GOOD) { return robot::Impedance::error_text(probe.error()); }
+    robot::Report report{};
+    static_cast<void>(probe.step(robot::Sample{}, report));
+    settings.config.tank_initial = report.tank_initial;
+    const robot::Sample command = command_of(settings);
+    robot::Follow follow;
+    const int error = robot::start(follow, settings.config, command.q0);
+    if (error != robot::GOOD) { return robot::follow_text(error); }
+    const std::string reason = refuse(settings.config, command);
+    if (!reason.empty()) { return reason; }
     for (const double each : settings.gravity) {
         if (!std::isfinite(each) || std::abs(each) > 100.0) { return "gravity: give three numbers of at most 100 m/s^2"; }
     }
@@ -173,11 +164,13 @@ void declare_parameters(rclcpp_lifecycle::LifecycleNode &node)
     declare<std::string>(node, "ft_sensor", "");
     declare<std::string>(node, "ft_calibration", "");
     declare(node, "command_position", false);
+    declare(node, "velocity_interface", true);
     declare(node, "policy", false);
     declare(node, "state_rate", 20.0);
     declare(node, "sample_time", 0.0);
     declare(node, "translation_stiffness", std::vector<double>{400.0, 400.0, 400.0});
     declare(node, "rotation_stiffness", std::vector<double>{20.0, 20.0, 20.0});
+    declare(node, "posture_stiffness", std::vector<double>{1.0});
     declare(node, "compensate_gravity", false);
     declare(node, "gravity", std::vector<double>{0.0, 0.0, -9.81});
     declare(node, "wrench_timeout", 0.5);
@@ -205,6 +198,7 @@ std::string read_setup(const Lookup &lookup, Setup &setup)
     setup.base_frame = lookup("base_frame").as_string();
     if (setup.base_frame.empty()) { setup.base_frame = prefix + robot::BASE_FRAME; }
     setup.command_position = lookup("command_position").as_bool();
+    setup.velocity_interface = lookup("velocity_interface").as_bool();
     setup.policy = lookup("policy").as_bool();
     setup.state_rate = lookup("state_rate").as_double();
     if (!(setup.state_rate >= 1.0 && setup.state_rate <= 100.0)) { return "state_rate must lie between 1 and 100 Hz"; }
@@ -232,13 +226,19 @@ std::string read_settings(const Lookup &lookup, double sample_time, Settings &se
     settings.config = default_config();
     settings.config.sample_time = sample_time;
     std::string reason = read_fields(lookup, settings.config);
-    if (reason.empty()) { reason = read_matrix(lookup, "translation_stiffness", settings.translation_stiffness); }
-    if (reason.empty()) { reason = read_matrix(lookup, "rotation_stiffness", settings.rotation_stiffness); }
+    if (reason.empty()) { reason = read_matrix(lookup, "translation_stiffness", settings.translation_stiffness.data()); }
+    if (reason.empty()) { reason = read_matrix(lookup, "rotation_stiffness", settings.rotation_stiffness.data()); }
+    if (reason.empty()) { reason = read_numbers(lookup, "posture_stiffness", robot::DOF, settings.posture_stiffness.data()); }
     if (!reason.empty()) { return reason; }
     const std::vector<double> gravity = lookup("gravity").as_double_array();
     if (gravity.size() != 3) { return counted("gravity", gravity.size(), "3, in axes of the base"); }
     std::copy(gravity.begin(), gravity.end(), settings.gravity.begin());
     settings.compensate_gravity = lookup("compensate_gravity").as_bool();
+    settings.differences_positions = !lookup("velocity_interface").as_bool();
+    if (settings.differences_positions) { // the mean velocity since the last sample is half a sample old
+        settings.config.delay_samples += settings.config.delay_samples >= 0 ? 1 : 0;
+        settings.config.velocity_noise = std::max(settings.config.velocity_noise, settings.config.position_quantum / sample_time);
+    }
     settings.wrench_timeout = lookup("wrench_timeout").as_double();
     settings.target_timeout = lookup("target_timeout").as_double();
     return check(settings);
@@ -252,46 +252,45 @@ bool is_ours(const std::string &parameter)
            has_row(INTEGERS, parameter) || has_row(CHOICES, parameter);
 }
 
-namespace {
-
-// A port of its own knows whether the controller would accept a part.
-std::string refuse_part(const robot::Config &config, const robot::Proposal &proposal, int part)
+bool differs(robot::Config a, robot::Config b)
 {
-    robot::Policy port;
-    const robot::Array<4, 4> pose = robot::forward_kinematics(robot::Joints{});
-    robot::start(port, pose.data(), 0.0);
-    const int refused = robot::propose(config, port, proposal, 0.0);
-    return refused == 0 ? "" : robot::refusal_text(robot::refusal_of(port, part), port.refused[part]);
-}
-
-} // namespace
-
-std::string refuse_stiffness(const robot::Config &config, const double *stiffness)
-{
-    robot::Proposal proposal{};
-    proposal.valid[robot::STIFFNESS] = 1;
-    std::memcpy(proposal.stiffness, stiffness, sizeof proposal.stiffness);
-    return refuse_part(config, proposal, robot::STIFFNESS);
-}
-
-std::string refuse_pose(const robot::Config &config, const double *pose)
-{
-    robot::Proposal proposal{};
-    proposal.valid[robot::POSE] = 1;
-    std::memcpy(proposal.equilibrium, pose, sizeof proposal.equilibrium);
-    return refuse_part(config, proposal, robot::POSE);
-}
-
-std::string refuse_positions(const robot::Config &config, const double *q0)
-{
-    for (std::size_t i = 0; i < robot::DOF; ++i) {
-        const double limit = std::clamp(q0[i], config.lower_limit[i], config.upper_limit[i]);
-        const double rounded = 1e-6 * std::max(1.0, std::abs(limit)); // single precision, as in the controller
-        if (std::abs(q0[i] - limit) > std::max(config.position_tolerance, rounded)) {
-            return robot::refusal_text(robot::position_refusal(static_cast<int>(i), q0[i], limit), 0);
-        }
+    bool same = true;
+    for (const Numbers &field : NUMBERS) {
+        same = same && std::equal(field.at(a), field.at(a) + std::max<std::size_t>(field.count, 1), field.at(b));
     }
-    return "";
+    for (const Integer &field : INTEGERS) { same = same && *field.at(a) == *field.at(b); }
+    for (const Choice &field : CHOICES) { same = same && *field.at(a) == *field.at(b); }
+    return !same;
+}
+
+robot::Sample command_of(const Settings &settings)
+{
+    robot::Sample command{};
+    for (std::size_t i = 0; i < robot::DOF; ++i) {
+        const double lower = settings.config.lower_limit[i], upper = settings.config.upper_limit[i];
+        command.q0[i] = std::isfinite(lower) && std::isfinite(upper) ? 0.5 * (lower + upper) : std::clamp(0.0, lower, upper);
+        command.posture_stiffness[i] = settings.posture_stiffness[i];
+    }
+    std::copy(settings.translation_stiffness.begin(), settings.translation_stiffness.end(), command.translation_stiffness);
+    std::copy(settings.rotation_stiffness.begin(), settings.rotation_stiffness.end(), command.rotation_stiffness);
+    return command;
+}
+
+bool finite(const double *values, std::size_t count)
+{
+    return std::all_of(values, values + count, [](double each) { return std::isfinite(each); });
+}
+
+std::string refuse(const robot::Config &config, const robot::Sample &command)
+{
+    robot::Impedance probe(config); // an arm that rests at q0
+    robot::Sample sample = command;
+    robot::Report report{};
+    sample.clock = robot::BY_COUNTER;
+    sample.sample_valid = 1;
+    for (std::size_t i = 0; i < robot::DOF; ++i) { sample.q[i] = std::clamp(command.q0[i], config.lower_limit[i], config.upper_limit[i]); }
+    static_cast<void>(probe.step(sample, report));
+    return report.refusal == robot::NO_REFUSAL ? "" : robot::refusal_text(report);
 }
 
 } // namespace stiffgen_ros2

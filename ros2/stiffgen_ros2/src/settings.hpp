@@ -8,39 +8,38 @@
 #include <rclcpp_lifecycle/lifecycle_node.hpp>
 
 #include <array>
-#include <cstdint>
 #include <functional>
 #include <string>
 #include <vector>
 
 namespace stiffgen_ros2 {
 
-/// Settings that the loop uses; they may change while it runs.
+/// Blocks of a stiffness.
+struct Blocks {
+    bool translation, rotation;
+};
+
+/// Settings that the loop uses; they may change while it runs. Another configuration restarts the controller.
 struct Settings {
     robot::Config config;
     std::array<double, 9> translation_stiffness; ///< [N/m] base axes, row-major
     std::array<double, 9> rotation_stiffness; ///< [N m/rad] axes of the equilibrium, row-major
+    robot::Joints posture_stiffness; ///< [N m/rad or N/m]
     std::array<double, 3> gravity; ///< [m/s^2] acceleration of free fall, base axes
     bool compensate_gravity;
+    bool differences_positions; ///< the driver has no velocity interface
     double wrench_timeout; ///< [s] age from which a target_wrench counts as 0
     double target_timeout; ///< [s] age from which a target_pose or target_joint is refused
-    /// Place of the stiffness in the order of parameters and commands: the newest counts.
-    std::uint64_t translation_order, rotation_order;
 };
 
 /// Settings that stay as they are from on_configure to on_cleanup.
 struct Setup {
     std::vector<std::string> joints;
     std::string base_frame;
-    bool command_position = false, policy = false;
+    bool command_position = false, velocity_interface = true, policy = false;
     double state_rate = 0.0; ///< [1/s]
     std::string ft_sensor; ///< name of a force-torque sensor; empty: none is read
     robot::Calibration calibration; ///< of that sensor
-};
-
-/// Which blocks of the stiffness a change of parameters sets.
-struct Assigned {
-    bool translation, rotation;
 };
 
 using Lookup = std::function<rclcpp::Parameter(const std::string &)>;
@@ -63,24 +62,16 @@ bool is_fixed(const std::string &parameter);
 /// Return whether the parameter is one of the controller's.
 bool is_ours(const std::string &parameter);
 
-/// Write blocks of the settings' stiffness into a stiffness (6 x 6, row-major).
-inline void copy_stiffness(const Settings &settings, const Assigned &blocks, double *stiffness)
-{
-    for (std::size_t row = 0; row < 3; ++row) {
-        for (std::size_t column = 0; column < 3; ++column) {
-            if (blocks.translation) { stiffness[6 * row + column] = settings.translation_stiffness[3 * row + column]; }
-            if (blocks.rotation) { stiffness[6 * (row + 3) + column + 3] = settings.rotation_stiffness[3 * row + column]; }
-        }
-    }
-}
+/// Return whether the controller must restart to use the other configuration.
+bool differs(robot::Config a, robot::Config b);
 
-/// Return why a stiffness (6 x 6, row-major) is refused, or an empty text.
-std::string refuse_stiffness(const robot::Config &config, const double *stiffness);
+/// Return a command that holds the middle of the joints' ranges with the settings' stiffness.
+robot::Sample command_of(const Settings &settings);
 
-/// Return why a pose (4 x 4, row-major) is refused, or an empty text.
-std::string refuse_pose(const robot::Config &config, const double *pose);
+/// Return whether every number is finite.
+bool finite(const double *values, std::size_t count);
 
-/// Return why joint positions are refused, or an empty text.
-std::string refuse_positions(const robot::Config &config, const double *q0);
+/// Return why the controller would refuse a command, or an empty text.
+std::string refuse(const robot::Config &config, const robot::Sample &command);
 
 } // namespace stiffgen_ros2

@@ -14,9 +14,14 @@ namespace stiffgen_ros2 {
 
 class Simulation {
 public:
-    Simulation() : config_(default_config()) {}
+    Simulation()
+    {
+        const robot::Config limits = default_config();
+        for (std::size_t i = 0; i < robot::DOF; ++i) { rotors[i] = 0.005 * limits.effort_limit[i] / limits.velocity_limit[i]; }
+    }
 
     robot::Joints q{}, dq{};
+    robot::Joints rotors; // [kg m^2 or kg] an estimate: at the effort limit a rotor reaches its velocity limit in 5 ms
     std::array<double, 6> push{}; // [N, N m] wrench that the environment applies at the tip, hybrid axes
 
     /// Apply a torque for a time [s]; a torque that is not finite counts as 0.
@@ -36,7 +41,7 @@ private:
         const auto bias = robot::bias_forces(q, dq, std::array<double, 3>{});
         robot::Joints force;
         for (std::size_t i = 0; i < robot::DOF; ++i) {
-            mass[i * robot::DOF + i] += config_.motor_inertia[i];
+            mass[i * robot::DOF + i] += rotors[i];
             force[i] = (std::isfinite(torque[i]) ? torque[i] : 0.0) - bias[i] - FRICTION * dq[i];
             for (std::size_t k = 0; k < 6; ++k) { force[i] += jacobian[k * robot::DOF + i] * push[k]; }
         }
@@ -63,8 +68,6 @@ private:
             force[i] /= A[i * n + i];
         }
     }
-
-    robot::Config config_;
 };
 
 } // namespace stiffgen_ros2

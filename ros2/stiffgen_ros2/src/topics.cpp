@@ -27,11 +27,6 @@ bool rotation(const geometry_msgs::msg::Quaternion &q, double *pose)
     return true;
 }
 
-bool finite(const double *values, std::size_t count)
-{
-    return std::all_of(values, values + count, [](double each) { return std::isfinite(each); });
-}
-
 } // namespace
 
 Topics::Topics(rclcpp_lifecycle::LifecycleNode &node, const Setup &setup, Commands &commands, const std::atomic<double> &time)
@@ -47,35 +42,23 @@ void Topics::subscribe()
     subscribe("~/stiffness", stiffness_, &Topics::stiffness);
 }
 
-// An activation begins with the parameters' stiffness, whatever was commanded before.
-void Topics::forget_commands()
-{
-    if (known_activation_ == activation_) { return; }
-    known_activation_ = activation_;
-    copy_stiffness(settings_, {true, true}, stiffness_in_force_.data());
-}
-
-Settings Topics::change(const Settings &settings, const Assigned &assigned)
+void Topics::change(const Settings &settings)
 {
     const std::lock_guard<std::mutex> lock(mutex_);
-    forget_commands();
-    const std::uint64_t before[2] = {settings_.translation_order, settings_.rotation_order};
     settings_ = settings;
-    settings_.translation_order = assigned.translation ? ++order_ : before[0];
-    settings_.rotation_order = assigned.rotation ? ++order_ : before[1];
-    copy_stiffness(settings, assigned, stiffness_in_force_.data());
-    return settings_;
 }
 
-std::string Topics::refuse_change(const Settings &settings, const Assigned &assigned)
+bool Topics::command_stiffness(const Settings &settings, const Blocks &blocks)
 {
     const std::lock_guard<std::mutex> lock(mutex_);
-    if (!is_active_) { return ""; }
-    forget_commands();
-    std::array<double, 36> stiffness = stiffness_in_force_;
-    copy_stiffness(settings, assigned, stiffness.data());
-    const std::string reason = refuse_stiffness(settings.config, stiffness.data());
-    return reason.empty() ? "" : "the stiffness from ~/stiffness is in force: " + reason + "; command another one first";
+    Command command{};
+    command.kind = Command::STIFFNESS;
+    command.time = time_.load();
+    command.is_parameter = true;
+    command.blocks = blocks;
+    std::copy(settings.translation_stiffness.begin(), settings.translation_stiffness.end(), command.values);
+    std::copy(settings.rotation_stiffness.begin(), settings.rotation_stiffness.end(), command.values + 9);
+    return !is_active_ || commands_.push(command); // an activation begins with the settings
 }
 
 template <class Message> void Topics::subscribe(const char *topic, std::shared_ptr<rclcpp::Subscription<Message>> &subscription,
@@ -87,15 +70,10 @@ template <class Message> void Topics::subscribe(const char *topic, std::shared_p
         const std::lock_guard<std::mutex> lock(self->mutex_);
         Command command{};
         command.time = self->time_.load();
-        command.order = ++self->order_;
-        self->forget_commands();
         std::string reason = subscription->get_publisher_count() > 1
             ? "it has several publishers, whose commands would alternate; keep one"
             : ((*self).*convert)(message, command);
         if (reason.empty() && !self->commands_.push(command)) { reason = "the loop takes no commands"; }
-        if (reason.empty() && command.kind == Command::STIFFNESS) {
-            std::copy(command.values, command.values + 36, self->stiffness_in_force_.begin());
-        }
         self->tell(topic, reason);
     });
 }
@@ -139,11 +117,11 @@ std::string Topics::target_pose(const geometry_msgs::msg::PoseStamped &message, 
     const double position[3] = {p.x, p.y, p.z};
     if (!finite(position, 3)) { return "its position is not finite"; }
     if (!rotation(message.pose.orientation, command.values)) { return "its quaternion does not have the norm 1"; }
+    if (std::hypot(p.x, p.y, p.z) > robot::reach()) { return "its position is beyond the arm's reach; give metres"; }
     for (int i = 0; i < 3; ++i) { command.values[4 * i + 3] = position[i]; }
     command.values[15] = 1.0;
-    std::string reason = check_frame(message.header);
-    if (reason.empty()) { reason = check_stamp(message.header.stamp, "target_timeout", settings_.target_timeout, command); }
-    return reason.empty() ? refuse_pose(settings_.config, command.values) : reason;
+    const std::string reason = check_frame(message.header);
+    return reason.empty() ? check_stamp(message.header.stamp, "target_timeout", settings_.target_timeout, command) : reason;
 }
 
 std::string Topics::target_joint(const sensor_msgs::msg::JointState &message, Command &command)
@@ -158,8 +136,10 @@ std::string Topics::target_joint(const sensor_msgs::msg::JointState &message, Co
         command.values[i] = message.position[static_cast<std::size_t>(found - message.name.begin())];
         if (!std::isfinite(command.values[i])) { return "the position of '" + setup_.joints[i] + "' is not finite"; }
     }
+    robot::Sample wanted = command_of(settings_);
+    std::copy(command.values, command.values + robot::DOF, wanted.q0);
     const std::string reason = check_stamp(message.header.stamp, "target_timeout", settings_.target_timeout, command);
-    return reason.empty() ? refuse_positions(settings_.config, command.values) : reason;
+    return reason.empty() ? refuse(settings_.config, wanted) : reason;
 }
 
 std::string Topics::target_wrench(const geometry_msgs::msg::WrenchStamped &message, Command &command)
@@ -168,20 +148,30 @@ std::string Topics::target_wrench(const geometry_msgs::msg::WrenchStamped &messa
     const auto &f = message.wrench.force, &m = message.wrench.torque;
     const double wrench[6] = {f.x, f.y, f.z, m.x, m.y, m.z};
     std::copy(wrench, wrench + 6, command.values);
-    const double *most = settings_.config.heaviest_wrench;
-    if (!finite(wrench, 6) || std::hypot(f.x, f.y, f.z) > most[0] || std::hypot(m.x, m.y, m.z) > most[1]) {
-        return "it is not finite, or larger than heaviest_wrench";
-    }
-    const std::string reason = check_frame(message.header);
-    return reason.empty() ? check_stamp(message.header.stamp, "wrench_timeout", settings_.wrench_timeout, command) : reason;
+    std::string reason = check_frame(message.header);
+    if (reason.empty()) { reason = check_stamp(message.header.stamp, "wrench_timeout", settings_.wrench_timeout, command); }
+    robot::Sample wanted = command_of(settings_);
+    std::copy(wrench, wrench + 6, wanted.wrench_command);
+    return reason.empty() ? refuse(settings_.config, wanted) : reason;
 }
 
 std::string Topics::stiffness(const std_msgs::msg::Float64MultiArray &message, Command &command)
 {
     command.kind = Command::STIFFNESS;
+    command.blocks = {true, true};
     if (message.data.size() != 36) { return "it has " + std::to_string(message.data.size()) + " numbers instead of 36"; }
-    std::copy(message.data.begin(), message.data.end(), command.values);
-    return refuse_stiffness(settings_.config, command.values);
+    for (std::size_t row = 0; row < 6; ++row) {
+        const double *const entries = message.data.data() + 6 * row, *const own = entries + (row < 3 ? 0 : 3);
+        const double *const other = entries + (row < 3 ? 3 : 0);
+        if (std::any_of(other, other + 3, [](double each) { return each != 0.0; })) {
+            return "the springs do not couple translation and rotation: the blocks beside the diagonal must be 0";
+        }
+        std::copy(own, own + 3, command.values + 3 * row);
+    }
+    robot::Sample wanted = command_of(settings_);
+    std::copy(command.values, command.values + 9, wanted.translation_stiffness);
+    std::copy(command.values + 9, command.values + 18, wanted.rotation_stiffness);
+    return refuse(settings_.config, wanted);
 }
 
 } // namespace stiffgen_ros2

@@ -12,9 +12,7 @@
 #include <sensor_msgs/msg/joint_state.hpp>
 #include <std_msgs/msg/float64_multi_array.hpp>
 
-#include <array>
 #include <atomic>
-#include <cstdint>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -32,17 +30,16 @@ public:
     /// Begin to listen.
     void subscribe();
 
-    /// Use other settings in the checks. Return them with their place in the order of stiffnesses.
-    Settings change(const Settings &settings, const Assigned &assigned);
+    /// Use other settings in the checks.
+    void change(const Settings &settings);
 
-    /// Return why a stiffness commanded on the topic forbids a change of settings, or an empty text.
-    std::string refuse_change(const Settings &settings, const Assigned &assigned);
+    /// Command blocks of the settings' stiffness, in the order of the messages. Return false if the loop takes no commands.
+    bool command_stiffness(const Settings &settings, const Blocks &blocks);
 
     /// Accept messages. In chained mode another controller writes the joint positions, and targets are refused.
     void accept(bool chained)
     {
         is_chained_ = chained;
-        ++activation_;
         is_active_ = true;
     }
 
@@ -58,7 +55,6 @@ private:
     std::string stiffness(const std_msgs::msg::Float64MultiArray &message, Command &command);
     std::string check_frame(const std_msgs::msg::Header &header) const;
     std::string check_stamp(const builtin_interfaces::msg::Time &stamp, const char *limit, double most, Command &command) const;
-    void forget_commands();
     void tell(const char *topic, const std::string &reason);
 
     rclcpp_lifecycle::LifecycleNode &node_;
@@ -67,10 +63,6 @@ private:
     const std::atomic<double> &time_;
     std::mutex mutex_; // of the threads that write commands; the loop never takes it
     Settings settings_{};
-    std::array<double, 36> stiffness_in_force_{}; // newest of parameters and commands, 6 x 6
-    std::uint64_t order_ = 0; // of the newest stiffness
-    unsigned known_activation_ = 0; // whose commands are known
-    std::atomic<unsigned> activation_{0};
     std::atomic<bool> is_active_{false}, is_chained_{false};
     std::map<std::string, std::string> told_; // by topic
     std::shared_ptr<rclcpp::Subscription<geometry_msgs::msg::PoseStamped>> pose_;

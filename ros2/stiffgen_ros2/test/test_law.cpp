@@ -4,6 +4,7 @@
 #include "law.hpp"
 #include "simulation.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <limits>
@@ -53,6 +54,12 @@ int main()
     Loop loop;
     stiffgen_ros2::Settings settings{};
     settings.config = stiffgen_ros2::default_config();
+    settings.config.sample_time = 1e-3;
+    settings.config.delay_samples = 0;
+    settings.config.heaviest_wrench[0] = 100.0;
+    settings.config.heaviest_wrench[1] = 20.0;
+    settings.posture_stiffness.fill(1.0);
+    std::copy(loop.arm.rotors.begin(), loop.arm.rotors.end(), settings.config.motor_inertia);
     for (std::size_t k = 0; k < 3; ++k) {
         settings.translation_stiffness[4 * k] = 400.0;
         settings.rotation_stiffness[4 * k] = 20.0;

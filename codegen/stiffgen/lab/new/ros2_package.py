@@ -27,7 +27,8 @@ When the robot's file or its tool changes, generate the functions again:
 
 - Joint names are those of the robot's file. Set `joints` or `prefix` where the driver has others.
 - Compare `~/pose` with the pose that the robot itself reports, in several configurations, before torque is on.
-- `motor_inertia` and missing limits are guesses in `src/defaults.hpp`. Replace them, or set the parameters.
+- `config/controllers.yaml` states `motor_inertia`; where its comment says estimate, ask the maker, or measure it.
+- Limits that the robot's file lacks are guesses in `src/defaults.hpp`. Replace them, or set the parameters.
 - Start with small stiffness, with a hand on the emergency stop.
 
 {licences}
@@ -66,6 +67,7 @@ def package_files(variables: Mapping[str, Any]) -> dict[str, str]:
             files[file.replace(_NAME, package)] = text.replace(_NAME, package)
     cmake = _OF_THE_REPOSITORY.sub("", files["CMakeLists.txt"])
     files["CMakeLists.txt"] = _replaced(cmake, "set(ROBOT_NAME iiwa14 ", f"set(ROBOT_NAME {name} ")
+    files["config/controllers.yaml"] = _stated(files["config/controllers.yaml"], variables)
     files["package.xml"] = _replaced(files["package.xml"], "<license>MIT<", "<license>see README.md<")
     files["src/defaults.hpp"] = _replaced(
         files["src/defaults.hpp"], "    return config;\n", "".join(_guesses(variables)) + "    return config;\n"
@@ -92,10 +94,8 @@ def _replaced(text: str, old: str, new: str) -> str:
 
 
 def _guesses(variables: Mapping[str, Any]) -> list[str]:
-    """Return the lines that set the motors' inertia, which has no default, and what the robot's file does not state."""
-    source = comment(variables["rotors_source"])
-    lines = [f"    // Inertia of the motors [kg m^2 or kg]. Source: {source}.\n"]
-    lines += [f"    config.motor_inertia[{joint}] = {value};\n" for joint, value in enumerate(variables["rotors"])]
+    """Return the lines that set limits which the robot's file does not state."""
+    lines = []
     for joint, value in variables["effort"].items():
         lines += [
             f"    config.effort_limit[{joint}] = {value}; // N m or N: a guess, use your robot's\n",
@@ -104,6 +104,13 @@ def _guesses(variables: Mapping[str, Any]) -> list[str]:
     for joint, value in variables["velocity"].items():
         lines.append(f"    config.velocity_limit[{joint}] = {value}; // rad/s or m/s: a guess, use your robot's\n")
     return lines
+
+
+def _stated(text: str, variables: Mapping[str, Any]) -> str:
+    """Return the parameters with the robot's motor_inertia and its source."""
+    [line] = re.findall(r"^    motor_inertia: .*$", text, re.MULTILINE)
+    inertia = ", ".join(map(repr, map(float, variables["rotors"])))
+    return text.replace(line, f"    motor_inertia: [{inertia}]  # {comment(variables['rotors_source'])}")
 
 
 def _launch(text: str, variables: Mapping[str, Any]) -> str:
