@@ -358,25 +358,39 @@ def replayed_difference(robot: ModuleType, law: Law, motion: Array) -> tuple[flo
 
 
 PRESETS = {"droid": "polymetis", "serl": "SERL", "crisp": "CRISP"}
-"""Presets of the controller, and their laws."""
+"""Presets (:func:`stiffgen.law_preset`), and their laws."""
+ROTORS: Array = np.array([0.605721456] * 2 + [0.462474144] * 2 + [0.205544064] * 3)
+"""Inertia of the FR3's motors at the joints [kg m^2], which Franka states."""
+HEAVIEST = (100.0, 30.0)
+"""Heaviest force [N] and moment [N m] of the controller's springs on the way."""
+
+
+def controller(robot: ModuleType, preset: str) -> tuple[Any, dict[str, Any]]:
+    """Return the controller with a preset's fields, and the springs to command at every step."""
+    fields, springs = stiffgen.law_preset(preset)
+    arm = {"sample_time": 1e-3, "delay_samples": 0, "motor_inertia": ROTORS, "heaviest_wrench": HEAVIEST}
+    return robot.Impedance(**arm, **fields), springs
 
 
 def serve(robot: ModuleType, preset: str) -> TorqueAt:
-    """Return the controller with a preset behind its policy port, in place of a law; the first goal is the arm's."""
-    controller, springs = robot.Impedance.preset(preset)
-    ports: list[Any] = []
-    now = 0.0
+    """Return the controller with a preset, in place of a law; poses of goals go through policy port and Follow."""
+    law, springs = controller(robot, preset)
+    makers: list[Any] = []
+    steps = 0
 
     def torque_at(goal: State) -> Callable[[State], Array]:
-        ports.extend([] if ports else [robot.Policy(controller, pose=goal.pose, now=now)])
-        refused = ports[0].propose(now=now, time=now, equilibrium=goal.pose, **springs)
+        if not makers:  # the first goal is the arm's
+            makers[:] = robot.Policy(pose=goal.pose, now=0.0), robot.Follow(goal.q, sample_time=1e-3)
+        port, follow = makers
+        refused = port.propose(now=1e-3 * steps, time=1e-3 * steps, pose=goal.pose)
         if refused:
             raise ArithmeticError(f"the port refuses {refused}")
 
         def torque(state: State) -> Array:
-            nonlocal now
-            now += 1e-3
-            output = controller.step(q=state.q, dq=state.dq, posture=goal.q, **ports[0].command(now))
+            nonlocal steps
+            steps += 1
+            q0 = follow.step(pose=port.command(1e-3 * steps).pose, posture=goal.q).q0
+            output = law.step(q=state.q, dq=state.dq, q0=q0, shaped=True, counter=steps, **springs)
             return np.asarray(output.torque)
 
         return torque
@@ -386,12 +400,12 @@ def serve(robot: ModuleType, preset: str) -> TorqueAt:
 
 def served_rows(robot: ModuleType, samples: int = 1200) -> list[tuple[str, ...]]:
     """Return the table of presets: lags of law and of controller, and rms and maximum between their tips."""
-    made, rotors = [], robot.Impedance().config.motor_inertia
+    made: list[tuple[str, ...]] = []
     motion = recorded()[:samples]
     wanted = robot.forward_kinematics(motion)[:, :3, 3]
     for preset, name in PRESETS.items():
         both = (lambda goal, law=LAWS[name]: torques(robot, law, goal)[0]), serve(robot, preset)
-        tips = [robot.forward_kinematics(replay(robot, each, motion, rotors))[:, :3, 3] for each in both]
+        tips = [robot.forward_kinematics(replay(robot, each, motion, ROTORS))[:, :3, 3] for each in both]
         squares = [((a - b) ** 2).sum(1) for a, b in ((tips[0], wanted), (tips[1], wanted), (tips[0], tips[1]))]
         lengths = [*(np.sqrt(each.mean()) for each in squares), np.sqrt(squares[2].max())]
         made.append((f'"{preset}"', name, *(f"{1e3 * each:.1f} mm" for each in lengths)))

@@ -42,14 +42,18 @@ def pack(stamp: float, pose: np.ndarray, wrench: np.ndarray, gripper: float) -> 
 
 
 def unpack(data: bytes) -> dict[str, Any] | None:
-    """Return the arguments of Policy.propose, or None for a datagram that is no proposal."""
+    """Return the arguments of Policy.propose, or None for a datagram that is no proposal.
+
+    Springs of the controller do not couple translation and rotation: the blocks of the matrix that do are not read.
+    """
     if len(data) != PACKET.size or not data.startswith(MAGIC):
         return None
     numbers = np.array(PACKET.unpack(data)[1:])
     return {
         "time": numbers[0],
-        "equilibrium": numbers[1:17].reshape(4, 4),
-        "stiffness": numbers[17:53].reshape(6, 6),
+        "pose": numbers[1:17].reshape(4, 4),
+        "translation_stiffness": numbers[17:53].reshape(6, 6)[:3, :3],
+        "rotation_stiffness": numbers[17:53].reshape(6, 6)[3:, 3:],
         "wrench_command": numbers[53:59],
         "gripper": float(numbers[59]),
     }
@@ -89,11 +93,12 @@ def receive(incoming: socket.socket, port: Any, begin: float) -> list[str]:
 
 
 def simulate(robot: Any, seconds: float) -> list[dict[str, Any]]:
-    """Run controller, port and arm in real time; return a row for each half second."""
-    controller = robot.Impedance(heaviest_wrench=HEAVIEST, motor_inertia=np.diag(MOTOR))
+    """Run port, follower, controller and arm in real time; return a row for each half second."""
+    controller = robot.Impedance(sample_time=T, delay_samples=0, motor_inertia=np.diag(MOTOR), heaviest_wrench=HEAVIEST)
+    follow = robot.Follow(Q0, sample_time=T)
     q, dq, rows = Q0.copy(), np.zeros(7), []
     first, begin, refused = robot.forward_kinematics(Q0), time.monotonic(), []
-    port = robot.Policy(controller, pose=first, now=0.0)
+    port = robot.Policy(pose=first, now=0.0)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as incoming:
         incoming.bind(("127.0.0.1", 0))
         incoming.setblocking(False)
@@ -103,14 +108,18 @@ def simulate(robot: Any, seconds: float) -> list[dict[str, Any]]:
             time.sleep(max(begin + k * T - time.monotonic(), 0.0))
             refused += receive(incoming, port, begin)
             command = port.command(time.monotonic() - begin)
-            out = controller.step(q=q, dq=dq, posture=Q0, **command)
+            out = controller.step(
+                q=q, dq=dq, q0=follow.step(pose=command.pose).q0, shaped=True, counter=k,
+                translation_stiffness=command.translation_stiffness, rotation_stiffness=command.rotation_stiffness,
+                wrench_command=command.wrench_command,
+            )  # fmt: skip
             dq = dq + T * np.linalg.solve(robot.mass_matrix(q) + MOTOR, out.torque)
             q = q + T * dq
             if k % 500 == 0:
-                stiffness = float(command["translation_stiffness"][0, 0])
-                error = 1e3 * float(np.linalg.norm((command["equilibrium"] - robot.forward_kinematics(q))[:3, 3]))
+                stiffness = float(command.translation_stiffness[0, 0])
+                error = 1e3 * float(np.linalg.norm((command.pose - robot.forward_kinematics(q))[:3, 3]))
                 rows.append({"time": k * T, "stage": port.stage["pose"].name, "stiffness": stiffness, "error": error,
-                             "gripper": port.gripper, "fault": out.fault.name, "refused": refused})  # fmt: skip
+                             "gripper": command.gripper, "fault": out.fault.name, "refused": refused})  # fmt: skip
                 refused = []
         sender.join()
     return rows

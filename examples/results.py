@@ -75,8 +75,8 @@ def experiments(robots: Path) -> Rows:
         ("largest moment at the tool point", f"{max(bowl.largest_moment):.1f} N m", f"{board.moment:.2f} N m"),
         ("contact, of the samples", f"{min(bowl.contact):.0%}", f"{min(each.contact for each in found.values()):.0%}"),
         ("torque of the correction, at most", "", f"{board.correction_torque:.1g} N m"),
-        ("energy account, largest residual", *(_below(each, 1e-12) + " J" for each in (
-            bowl.balance, max(each.imbalance for each in found.values())))),
+        ("work beyond the controller's bound, largest", *("none" if each <= 0.0 else f"{each:.1e} J" for each in (
+            bowl.excess, found["potential"].excess))),
         ("replayed below recorded trajectory", "", f"{-1e3 * shift.mean[2]:.2f} mm"),
     ]  # fmt: skip
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Compute what both experiments report: the antisymmetric part's closed form, and the energy account."""
+"""Compute what both experiments report: the antisymmetric part's closed form, and the energy bound."""
 
 from __future__ import annotations
 
@@ -44,10 +44,9 @@ def worst_per_moment(robot: ModuleType, q: Array) -> float:
     return float((singular[:, 0] * singular[:, 1]).max() / 2)
 
 
-def imbalance(trace: Trace) -> Array:
-    """Return the residual of the controller's energy account (N,) [J] (docs/controller.md)."""
-    put_in = sum(trace[f"{name}_total"] for name in ("sampling", "reference", "stiffness"))
-    return np.asarray(trace["port_total"] + trace["elastic_energy"] - put_in)
+def excess(trace: Trace) -> float:
+    """Return the largest work at the port beyond the controller's bound (docs/energy.md) [J]; negative: kept."""
+    return float(np.max(trace["port_total"][1:] - trace["supplied_total"][:-1]))
 
 
 def largest(values: Array) -> float:

@@ -39,9 +39,9 @@ CAPTIONS = {
     "is below zero in the paper's law, which pulls by this matrix, the spring pushes away from its zero-force "
     "position, and damping alone slows it. In the potential law the matrix pulls nothing: it says that the torque "
     "falls as the arm yields, and the energy bounds where that ends.",
-    "energy.svg": "Energy account of the controller (docs/controller.md). The paper's law and the Cartesian law have "
-    "no energy: what they put out is all that is known. The potential law stores what the moving equilibrium puts in, "
-    "and damping takes it out.",
+    "energy.svg": "Energy account of the controller (docs/energy.md). The paper's law and the Cartesian law have "
+    "no energy: what they put out is all that is known. The potential law's tank and springs cover its torques, and "
+    "its bound on the work put out grows with the reference's travel alone.",
 }
 """Captions of the figures, in the order of the page."""
 
@@ -172,8 +172,8 @@ def energy(trials: Trials) -> Figure:
         panels[0].plot(trace["time"], trace["port_total"], LINES[law], color=COLOURS[law], label=law)
     for name, label, colour in (
         ("elastic_energy", "elastic", SHADES[0]),
-        ("reference_total", "put in: equilibrium moved", SHADES[2]),
-        ("sampling_total", "put in: torque held,\ndamping against it", SHADES[3]),
+        ("tank_energy", "tank", SHADES[2]),
+        ("supplied_total", "bound on the work\nput out", SHADES[3]),
         ("port_total", "put out at the port", POTENTIAL),
     ):
         panels[1].plot(potential["time"], potential[name], color=colour, label=label)

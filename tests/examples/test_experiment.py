@@ -21,7 +21,7 @@ from examples.bowl_wiping import analysis, trajectory
 from examples.bowl_wiping.__main__ import CAPTIONS, main
 from examples.bowl_wiping.bowl import bowl_plant
 from examples.experiments import render, report, trial
-from examples.experiments.analysis import closed_form, imbalance, worst_per_moment
+from examples.experiments.analysis import closed_form, excess, worst_per_moment
 from examples.experiments.motion import Motion, minimum_jerk
 from examples.experiments.plant import START_POSTURE, Plant
 from support.pictures import difference, share_of_pixels
@@ -120,9 +120,8 @@ def test_the_potential_law_is_the_gradient(plate: ModuleType, traces: dict[str, 
     paper, potential = ({name: values[traces["trial"] == k] for name, values in traces.items()} for k in (0, 2))
     q, error = potential["q"], potential["error"]
     spring = (plate.forward_kinematics(q + error), trial.TASK_STIFFNESS[:3, :3], trial.TASK_STIFFNESS[3:, 3:])
-    energy, torque, tangent = plate.spring.linearization(q, *spring)
+    energy, torque, _ = plate.spring.linearization(q, *spring)
     np.testing.assert_allclose(potential["torque"] - potential["damping_torque"], torque + error, atol=1e-9)
-    np.testing.assert_allclose(potential["stiffness"], tangent + np.eye(7), atol=1e-9)
     np.testing.assert_allclose(potential["elastic_energy"], energy + np.sum(error**2, axis=1) / 2, atol=1e-10)
     assert energy.max() > 1
     assert potential["antisymmetric"].max() == 0
@@ -134,13 +133,12 @@ def test_the_potential_law_is_the_gradient(plate: ModuleType, traces: dict[str, 
 
 
 @pytest.mark.slow  # the whole experiment
-def test_the_energy_account_closes(traces: dict[str, np.ndarray]) -> None:
-    assert np.abs(imbalance(traces)).max() < 1e-12
-    for index in range(3):  # and it is the work at the port, summed up outside
-        torque, q, port = (traces[name][traces["trial"] == index] for name in ("torque", "q", "port_total"))
-        work = np.cumsum(np.sum(torque[:-1] * np.diff(q, axis=0), axis=1))
-        np.testing.assert_allclose(port[1:], work, atol=1e-10)
-        assert np.abs(work).max() > 1
+def test_the_energy_bound_is_kept(traces: dict[str, np.ndarray]) -> None:
+    """Work summed up outside stays below what the controller says, from sample to sample."""
+    potential = {name: values[traces["trial"] == 2] for name, values in traces.items()}
+    assert np.abs(potential["port_total"]).max() > 1
+    assert excess(potential) <= 0
+    assert excess(potential | {"supplied_total": potential["port_total"] - 1.0}) > 0
     assert traces["elastic_energy"][traces["trial"] < 2].max() == 0
 
 
@@ -317,7 +315,7 @@ def test_bars_that_do_not_hold_are_named(plate: ModuleType, traces: dict[str, np
         closed_form_error=(0.0, 1e-6),
         contact=(0.8, 1.0, 1.0),
         largest_moment=(6.0, 6.0, np.nan),
-        balance=1e-9,
+        excess=1e-9,
         faults=({}, {"RATE_LIMITED": 3}, {}),
     )
     assert [bar.split(":")[0] for bar in bad.failed_bars()] == [
@@ -325,7 +323,7 @@ def test_bars_that_do_not_hold_are_named(plate: ModuleType, traces: dict[str, np
         "deviation from the closed form",
         "contact",
         "moment at the tool",
-        "energy account",
+        "energy bound",
         "fault in the conventional trial",
     ]
 

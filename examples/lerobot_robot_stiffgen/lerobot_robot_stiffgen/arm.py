@@ -104,8 +104,12 @@ class Stiffgen(Robot):  # type: ignore[misc]
             raise ValueError(f"start: {len(config.start)} positions, but the robot has {robot.DOF}: {robot.JOINTS}")
         if config.model is None and config.robot.is_dir():
             raise ValueError(f"{config.robot}: a folder has no model for MuJoCo; set model to the URDF or MJCF file")
-        inertia = {} if config.motor_inertia is None else {"motor_inertia": config.motor_inertia}
-        controller = robot.Impedance(sample_time=PERIOD, **inertia)
+        controller = robot.Impedance(
+            sample_time=PERIOD,
+            delay_samples=0,  # of the simulation
+            motor_inertia=config.motor_inertia,
+            heaviest_wrench=(config.heaviest_force, config.heaviest_moment),
+        )
         file = Path(config.model or config.robot)
         arm = SimulatedArm(file, list(robot.JOINTS), config.start, controller.config.motor_inertia, PERIOD)
         times = {"hold_time": config.validity, "fade_time": config.fade_time}
@@ -134,7 +138,7 @@ class Stiffgen(Robot):  # type: ignore[misc]
             stamp: time at which the action was made, on the clock of ``loop.now`` [s]. Default: now.
 
         Returns:
-            The action in force: pose of the springs' equilibrium, which the governor moves, and stiffness. In real
+            The action in force: pose of the controller's reference, which follows the action, and stiffness. In real
             time the method returns at once, and the action has only begun.
 
         Raises:
@@ -150,8 +154,8 @@ class Stiffgen(Robot):  # type: ignore[misc]
         values = {name: float(action[name]) for name in names}
         self.refused = self.loop.propose(
             stamp,
-            equilibrium=pose_matrix([values[name] for name in POSE[:3]], [values[name] for name in POSE[3:]]),
-            stiffness=self._stiffness(values),
+            pose=pose_matrix([values[name] for name in POSE[:3]], [values[name] for name in POSE[3:]]),
+            **self._springs(values),
         )
         if not self.config.real_time:
             self.loop.advance(1.0 / self.config.command_rate)
@@ -160,8 +164,8 @@ class Stiffgen(Robot):  # type: ignore[misc]
         if self.refused:
             reasons = ", ".join(f"{part}: {reason}" for part, reason in self.refused.items())
             logging.getLogger(__name__).warning("action refused (%s): %s", reasons, values)
-        equilibrium, *stiffness = self.loop.in_force
-        return dict(zip(names, [*_pose_values(equilibrium), *stiffness], strict=False))
+        pose, *stiffness = self.loop.in_force
+        return dict(zip(names, [*_pose_values(pose), *stiffness], strict=False))
 
     def disconnect(self) -> None:
         """Lead the arm to rest where it is, close its brakes and end the control loop.
@@ -170,15 +174,18 @@ class Stiffgen(Robot):  # type: ignore[misc]
             DeviceNotConnectedError: the robot is not connected.
 
         """
-        at_rest = self.loop.stop(self._stiffness({}))
+        at_rest = self.loop.stop(self._springs({}))
         self._loop = None
         if not at_rest:
             logging.getLogger(__name__).warning("%s did not come to rest; its brakes stopped it", self)
 
-    def _stiffness(self, action: dict[str, float]) -> Any:
-        """Return the stiffness (6, 6) of an action; what the action lacks is the configuration's."""
-        defaults = (self.config.translation_stiffness, self.config.rotation_stiffness)
-        return np.diag(np.repeat([action.get(*pair) for pair in zip(STIFFNESS, defaults, strict=True)], 3))
+    def _springs(self, action: dict[str, float]) -> dict[str, Any]:
+        """Return the stiffnesses (3, 3) of an action; what the action lacks is the configuration's."""
+        parts, config = ("translation_stiffness", "rotation_stiffness"), self.config
+        return {
+            part: action.get(name, getattr(config, part)) * np.eye(3)
+            for name, part in zip(STIFFNESS, parts, strict=True)
+        }
 
 
 def _pose_values(pose: Any) -> list[float]:

@@ -31,8 +31,12 @@ class StiffgenConfig(RobotConfig):  # type: ignore[misc]
     """Stiffness of the tip about every axis [N m/rad], where the action has none."""
     variable_stiffness: bool = False
     """Whether actions have ``stiffness.translation`` and ``stiffness.rotation``."""
-    motor_inertia: float | None = None
-    """Inertia of each rotor, seen at its joint [kg m^2]. Default: the controller's preset or estimate."""
+    motor_inertia: float = 0.1
+    """Inertia of each rotor, seen at its joint, of simulation and controller [kg m^2]."""
+    heaviest_force: float = 80.0
+    """Heaviest force that the springs are to exert at the tip [N]; the reference stops there."""
+    heaviest_moment: float = 15.0
+    """Heaviest moment of the springs at the tip [N m]."""
     command_rate: float = 20.0
     """Actions per second [Hz]. Without real time, each action advances the simulation by its inverse."""
     validity: float = 0.3

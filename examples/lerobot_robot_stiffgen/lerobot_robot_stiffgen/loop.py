@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Control loop at 1 kHz: policy port, controller and simulated arm, in real time or as fast as it can."""
+"""Control loop at 1 kHz: policy port, follower, controller and simulated arm, in real time or as fast as it can."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ class ControlLoop:
 
     Attributes:
         port: policy port.
-        in_force: equilibrium of the springs (4, 4), which the governor moves, and the controller's stiffness in
-            translation [N/m] and rotation [N m/rad], all of the last step.
+        in_force: pose of the controller's reference (4, 4), at which the springs are at rest, and the commanded
+            stiffness in translation [N/m] and rotation [N m/rad], all of the last step.
         fault: fault of the controller.
 
     """
@@ -36,9 +36,9 @@ class ControlLoop:
         self, robot: ModuleType, arm: SimulatedArm, controller: Any, real_time: bool, **settings: float
     ) -> None:
         self._robot, self._arm, self._controller = robot, arm, controller
-        self._posture = arm.q
         pose: Array = robot.forward_kinematics(arm.q)
-        self.port = robot.Policy(controller, pose=pose, now=0.0, **settings)
+        self._follow = robot.Follow(arm.q, sample_time=PERIOD)
+        self.port = robot.Policy(pose=pose, now=0.0, **settings)
         self.in_force: tuple[Array, float, float] = (pose, 0.0, 0.0)
         self.fault = robot.Fault.NONE
         self._steps, self._begin = 0, time.monotonic()
@@ -72,13 +72,14 @@ class ControlLoop:
         for _ in range(round(seconds / PERIOD)):
             self._step(self._steps * PERIOD)
 
-    def stop(self, stiffness: Array, limit: float = 5.0) -> bool:
+    def stop(self, springs: dict[str, Array], limit: float = 5.0) -> bool:
         """Lead the arm to rest where it is, close the brakes, end the loop; return whether it came to rest by itself.
 
-        ``stiffness`` (6, 6) holds the arm; ``limit`` [s] is the longest time before the brakes close.
+        ``springs``, stiffnesses as of a proposal, hold the arm; ``limit`` [s] is the longest time before the brakes
+        close.
         """
         q, _ = self.state()
-        self.propose(None, equilibrium=self._robot.forward_kinematics(q), stiffness=stiffness)
+        self.propose(None, pose=self._robot.forward_kinematics(q), **springs)
         end, at_rest = self.now + limit, False
         while not at_rest and self.now < end:
             self.advance(0.02)
@@ -92,9 +93,13 @@ class ControlLoop:
     def _step(self, now: float) -> None:
         with self._lock:
             command = self.port.command(now)
-            out = self._controller.step(q=self._arm.q, dq=self._arm.dq, posture=self._posture, **command)
-            stiffness = float(out.translation_stiffness[0, 0]), float(out.rotation_stiffness[0, 0])
-            self.in_force = np.array(out.equilibrium), *stiffness
+            springs = {name: getattr(command, name) for name in ("translation_stiffness", "rotation_stiffness")}
+            q0 = self._follow.step(pose=command.pose).q0
+            out = self._controller.step(
+                q=self._arm.q, dq=self._arm.dq, q0=q0, shaped=True, counter=self._steps, **springs
+            )
+            pose: Array = self._robot.forward_kinematics(out.reference)
+            self.in_force = pose, *(float(each[0, 0]) for each in springs.values())
             if out.fault != self.fault:
                 self.fault = out.fault
                 logging.getLogger(__name__).error("controller: %s", out.text or out.fault.name)
