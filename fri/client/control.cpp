@@ -7,26 +7,16 @@
 
 namespace {
 
-/* [s] without a wrench after which the contact force counts as at its limit. */
+/* [s] without a plausible wrench after which the contact force counts as at its limit. */
 const double WRENCH_PATIENCE = 0.05;
+
+/* Periods without a message after which the controller has a fault; the trajectory then waits. */
+const int LONGEST_GAP = 9;
 
 /* [s] of good samples after which a fault of the communication is reset. */
 const double RESET_TIME = 0.2;
 
 const double NOT_A_NUMBER = std::nan("");
-
-/* Return the Frobenius norm of a matrix' antisymmetric part. */
-double antisymmetric_norm(const double *matrix)
-{
-    double sum = 0.0;
-    for (int i = 0; i < JOINTS; ++i) {
-        for (int j = 0; j < i; ++j) {
-            const double half = (matrix[i * JOINTS + j] - matrix[j * JOINTS + i]) / 2.0;
-            sum += 2.0 * half * half;
-        }
-    }
-    return std::sqrt(sum);
-}
 
 } // namespace
 
@@ -73,7 +63,7 @@ double WipingClient::tip_error() const
     return std::sqrt(square);
 }
 
-/* Return the governor's lag [rad] behind the trajectory. */
+/* Return the lag [rad] of the controller's reference behind the trajectory. */
 double WipingClient::lag() const
 {
     double most = 0.0;
@@ -96,16 +86,10 @@ void WipingClient::watch_pace()
     }
 }
 
-/* Step the controller for lost messages, then advance the reference unless the controller has a fault. */
-void WipingClient::missed_and_advance()
+/* Advance the trajectory by the time since the last message, unless the controller has a fault. */
+void WipingClient::advance()
 {
-    const int lost = std::max(clock_.lost(), 0);
-    /* So many missed samples are a fault; from then on the length of the silence makes no difference. */
-    for (int k = 0; k < std::min(lost, config_.loss_limit); ++k) {
-        step_controller(false);
-        record_step(clock_.time() - (lost - k) * sample_time_);
-    }
-    double seconds = (lost < config_.loss_limit ? clock_.periods() : 1) * sample_time_;
+    double seconds = (clock_.periods() > LONGEST_GAP ? 1 : clock_.periods()) * sample_time_;
     if (!settings_.simulated_time) {
         /* Last check, should both counter and time stamps of the robot be wrong. */
         seconds = std::min(seconds, allowance_);
@@ -126,43 +110,23 @@ void WipingClient::missed_and_advance()
     watch_pace();
 }
 
-/* Contact force [N] for the pace. A wrench that is refused or missing counts as at the limit: the controller reports
- * none in its place. */
+/* Contact force [N] for the pace. A wrench that is missing or implausible counts as at the limit. */
 double WipingClient::contact_force() const
 {
-    const double limit = settings_.pace.force;
-    return wrench_refused_ || since_force_ > WRENCH_PATIENCE ? std::max(force_, limit) : force_;
-}
-
-/*
- * Tell the controller which torque acted on the joints beside its own: the environment's, by the robot's torque sensors,
- * and the guard's cuts. A joint that stands still although the sum must move it has a frozen position.
- */
-void WipingClient::fill_external_torque()
-{
-    const double *const external = robotState().getExternalTorque();
-    const bool told = connection_.arrival().message.has_external_torque && all_finite(external, JOINTS);
-    for (int i = 0; i < JOINTS; ++i) {
-        const double environment = told ? settings_.external_torque_sign * external[i] : 0.0;
-        input_.external_torque[i] = environment + guard_.sent()[i] - output_.torque[i];
-    }
-    input_.external_valid = 1;
+    const double force = size_of(tip_wrench_);
+    return since_wrench_ > WRENCH_PATIENCE ? std::max(force, settings_.pace.force) : force;
 }
 
 /* Fill the controller's input for this sample; false if there is none. */
 bool WipingClient::fill_input()
 {
-    if (!wrench_.read(q_, robotState().getExternalTorque(), input_.wrench)) {
+    if (!wrench_.read(q_, robotState().getExternalTorque(), tip_wrench_)) {
         return false;
     }
-    force_ = std::sqrt(input_.wrench[0] * input_.wrench[0] + input_.wrench[1] * input_.wrench[1] +
-                       input_.wrench[2] * input_.wrench[2]);
-    since_force_ = 0.0;
+    since_wrench_ = is_plausible(tip_wrench_) ? 0.0 : since_wrench_;
     copy(q_, input_.q, JOINTS);
     copy(velocity_.velocity(), input_.dq, JOINTS);
     reference_.at(pace_.value(), input_.q0, dq0_);
-    input_.wrench_valid = 1;
-    fill_external_torque();
     return true;
 }
 
@@ -172,13 +136,12 @@ void WipingClient::watch_controller()
 {
     record_.reset = 0;
     /* Messages lost in between are no good samples. */
-    const bool good = faulted_ && valid_ && clock_.lost() < config_.loss_limit;
+    const bool good = faulted_ && valid_ && clock_.lost() < config_.call_gap_limit;
     good_time_ = good ? good_time_ + sample_time_ : 0.0;
     if (!faulted_ || let_go_ != LET_GO_NONE) {
         return;
     }
     if (output_.fault != robot::FAULT_COMMUNICATION) {
-        controller_fault_ = output_.fault;
         let_go(LET_GO_CONTROLLER);
     } else if (good_time_ >= RESET_TIME) {
         int joint = 0;
@@ -196,17 +159,19 @@ void WipingClient::watch_controller()
 /* Record the controller's input; NaN for a step without a sample, which has not read it. */
 void WipingClient::record_input()
 {
-    const bool valid = input_.sample_valid != 0;
     record_.sample_valid = input_.sample_valid;
+    record_.counter = input_.counter;
     const struct {
         const double *from;
         double *to;
         int count;
-    } rows[] = {{input_.q, record_.q, JOINTS},   {input_.dq, record_.dq, JOINTS}, {input_.q0, record_.q0, JOINTS},
-                {dq0_, record_.dq0, JOINTS},     {input_.wrench, record_.wrench, 6},
-                {input_.external_torque, record_.load, JOINTS}};
+    } rows[] = {{input_.q, record_.q, JOINTS},
+                {input_.dq, record_.dq, JOINTS},
+                {input_.q0, record_.q0, JOINTS},
+                {dq0_, record_.dq0, JOINTS},
+                {tip_wrench_, record_.wrench, 6}};
     for (const auto &row : rows) {
-        if (valid) {
+        if (input_.sample_valid != 0) {
             copy(row.from, row.to, row.count);
         } else {
             fill(row.to, NOT_A_NUMBER, row.count);
@@ -215,49 +180,41 @@ void WipingClient::record_input()
     copy(wrench_.reading(), record_.reading, 6);
 }
 
-/* Count what the controller's status says, and note the events; valid: the step had a sample. */
-void WipingClient::count_output(bool valid)
+/* Count what the controller's status says, and note the events. */
+void WipingClient::count_output()
 {
-    if (valid) {
-        wrench_refused_ = (output_.status & robot::STATUS_WRENCH_REFUSED) != 0;
-        counters_.wrench_refused += wrench_refused_ ? 1 : 0;
-        events_ |= wrench_refused_ ? EVENT_WRENCH_REFUSED : 0;
-    }
     const bool fault = (output_.status & robot::STATUS_FAULT) != 0;
     counters_.controller_faults += fault && !faulted_ ? 1 : 0;
     events_ |= fault ? EVENT_CONTROLLER_FAULT : 0;
     counters_.saturated += (output_.status & robot::STATUS_SATURATED) != 0 ? 1 : 0;
     counters_.rate_limited += (output_.status & robot::STATUS_RATE_LIMITED) != 0 ? 1 : 0;
-    counters_.antisymmetric = std::max(counters_.antisymmetric, record_.antisymmetric);
     faulted_ = fault;
 }
 
-/* Step the controller, with input_ or without a sample. */
+/* Step the controller, with input_ or without a sample. The counter tells how many messages were lost. */
 void WipingClient::step_controller(bool valid)
 {
     if (valid && settings_.paper) {
-        paper_.step(config_, input_, faulted_ ? &output_ : NULL);
+        paper_.step(sample_time_, input_, tip_wrench_, faulted_);
         copy(paper_.torque(), input_.torque_offset, JOINTS);
     }
     input_.sample_valid = valid ? 1 : 0;
-    ++input_.counter;
-    robot::step(&config_, &state_, &input_, &output_);
+    input_.counter += static_cast<std::uint32_t>(clock_.periods());
+    robot::step(&state_, &input_, &output_);
     record_input();
     copy(output_.torque, record_.torque, JOINTS);
     record_.status = output_.status;
     record_.mode = output_.mode;
-    record_.antisymmetric =
-        antisymmetric_norm(settings_.paper ? paper_.joint_stiffness() : output_.joint_stiffness);
-    record_.tank_energy = output_.tank_energy;
-    record_.elastic_energy = settings_.paper ? paper_.energy() : output_.elastic_energy;
-    count_output(valid);
+    record_.tank_energy = output_.tank;
+    record_.elastic_energy = settings_.paper ? paper_.energy() : output_.stored;
+    count_output();
 }
 
 /* Push the step's row to the log. */
-void WipingClient::record_step(double time)
+void WipingClient::record_step()
 {
     record_.kind = Record::STEP;
-    record_.time = time;
+    record_.time = clock_.time();
     record_.start = start_;
     copy(guard_.sent(), record_.sent_torque, JOINTS);
     copy(robotState().getMeasuredTorque(), record_.measured_torque, JOINTS);
@@ -277,7 +234,7 @@ void WipingClient::record_step(double time)
 bool WipingClient::takes_control(bool torque_mode)
 {
     if (controlling_) {
-        missed_and_advance();
+        advance();
         return true;
     }
     if (!valid_ || !torque_mode || let_go_ != LET_GO_NONE || !(may_begin() || settings_.may_ask)) {
@@ -321,5 +278,5 @@ void WipingClient::control()
     }
     answers_before_zero_ = zero_ ? answers_before_zero_ : connection_.answers().count();
     zero_ = guard_.released();
-    record_step(clock_.time());
+    record_step();
 }

@@ -24,8 +24,7 @@ enum Event {
     EVENT_STOPPED = 1 << 15,
     EVENT_CONTROLLER_FAULT = 1 << 16,
     EVENT_LET_GO = 1 << 17,
-    EVENT_OTHER_VERSION = 1 << 18,
-    EVENT_WRENCH_REFUSED = 1 << 19
+    EVENT_OTHER_VERSION = 1 << 18
 };
 
 /* Name and meaning of an event, and the client's action: printed on the terminal. */
@@ -36,7 +35,7 @@ struct EventText {
 
 const EventText EVENT_TEXTS[] = {
     {EVENT_LOST_CYCLES, "lost cycles", "messages of the robot never came, or came too late",
-     "missed samples: the torque is held; three in a row are a fault of the controller"},
+     "the robot holds its torque; nine in a row are a fault of the controller"},
     {EVENT_MISSING_FIELD, "missing field", "the message lacks a value that is needed",
      "a missed sample"},
     {EVENT_BAD_TIMESTAMP, "bad time stamp", "the robot's clock was left out, or set",
@@ -62,7 +61,7 @@ const EventText EVENT_TEXTS[] = {
     {EVENT_NO_TIME, "no time passed", "the robot's clock does not follow the messages' counter",
      "a missed sample; if it goes on, lets go"},
     {EVENT_SLOWED, "slowed",
-     "the tip's distance, the governor's lag, the energy or the contact force is near its limit",
+     "the tip's distance, the reference's lag, the energy or the contact force is near its limit",
      "slows the trajectory down; at the limit it stands still"},
     {EVENT_PERIOD, "send period", "the robot reports another send period",
      "keeps the old one; if it goes on, lets go"},
@@ -74,8 +73,6 @@ const EventText EVENT_TEXTS[] = {
      "brings the torque to zero within 0.25 s, still answering"},
     {EVENT_OTHER_VERSION, "other version", "the messages lack the fields of this FRI version",
      "nothing: build the client for the robot's version"},
-    {EVENT_WRENCH_REFUSED, "wrench refused", "the wrench is beyond what the controller takes (500 N, 100 N m)",
-     "counts it as a contact force at its limit"},
 };
 
 #endif

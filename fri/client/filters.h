@@ -28,39 +28,49 @@ inline bool all_finite(const double *values, int count)
 }
 
 /*
- * Joint velocities [rad/s] from positions: difference quotient, then a first-order low pass. The filter is exact for
- * positions that are straight between samples, whose rate is the quotient. The first position gives zero.
+ * Joint velocities [rad/s] from positions: the difference over a span [s], or over as many positions as are known. It is
+ * late by half the span, and 0 as soon as the positions have stood still for it.
  */
-class VelocityFilter {
+class VelocityDifference {
 public:
-    explicit VelocityFilter(double time_constant) : time_constant_(time_constant), known_(false)
+    explicit VelocityDifference(double span) : span_(span), count_(0), time_(0.0)
     {
-        for (int i = 0; i < JOINTS; ++i) {
-            last_[i] = quotient_[i] = velocity_[i] = 0.0;
-        }
+        fill(quotient_, 0.0, JOINTS);
+        fill(velocity_, 0.0, JOINTS);
     }
 
     /* elapsed: [s] since the last position; 0: unknown, the velocity stays as it was. */
     void update(const double *q, double elapsed)
     {
-        const double weight = time_constant_ > 0.0 ? -std::expm1(-elapsed / time_constant_) : 1.0;
-        for (int i = 0; i < JOINTS; ++i) {
-            if (known_ && elapsed > 0.0) {
-                quotient_[i] = (q[i] - last_[i]) / elapsed;
-                velocity_[i] += weight * (quotient_[i] - velocity_[i]);
-            }
-            last_[i] = q[i];
+        count_ = elapsed > 0.0 ? count_ : 0;
+        time_ += elapsed;
+        unsigned back = count_ > 0 ? 1 : 0;
+        while (back < std::min<unsigned>(count_, LONGEST - 1) && time_ - when(back) < (1.0 - ROUNDED) * span_) {
+            ++back;
         }
-        known_ = true;
+        copy(q, past_[count_ % LONGEST], JOINTS);
+        when_[count_ % LONGEST] = time_;
+        ++count_;
+        for (int i = 0; i < JOINTS && back > 0; ++i) {
+            velocity_[i] = (q[i] - past(back + 1)[i]) / (time_ - when(back + 1));
+            quotient_[i] = (q[i] - past(2)[i]) / elapsed;
+        }
     }
 
     const double *velocity() const { return velocity_; }
-    const double *quotient() const { return quotient_; } /* before the low pass */
+    const double *quotient() const { return quotient_; } /* over the last period alone */
 
 private:
-    double time_constant_;
-    bool known_;
-    double last_[JOINTS], quotient_[JOINTS], velocity_[JOINTS];
+    enum { LONGEST = 64 };
+    static constexpr double ROUNDED = 1e-6;
+
+    const double *past(unsigned back) const { return past_[(count_ - back) % LONGEST]; }
+    double when(unsigned back) const { return when_[(count_ - back) % LONGEST]; }
+
+    double span_;
+    unsigned count_; /* positions known */
+    double time_;    /* [s] of the last one */
+    double when_[LONGEST], past_[LONGEST][JOINTS], quotient_[JOINTS], velocity_[JOINTS];
 };
 
 /*

@@ -56,9 +56,8 @@ Log::Log(Records &records, const std::string &path, Question &question)
         names(file_, name, JOINTS);
     }
     names(file_, "wrench", 6);
-    names(file_, "load", JOINTS);
     names(file_, "torque", JOINTS);
-    file_.append(",status,mode,sample_valid,start,reset,antisymmetric,tank_energy,elastic_energy");
+    file_.append(",status,mode,counter,sample_valid,start,reset,tank_energy,elastic_energy");
     for (const char *name : AFTER) {
         names(file_, name, JOINTS);
     }
@@ -188,11 +187,9 @@ void Log::write(const Record &record)
     values(file_, record.q0, JOINTS);
     values(file_, record.dq0, JOINTS);
     values(file_, record.wrench, 6);
-    values(file_, record.load, JOINTS);
     values(file_, record.torque, JOINTS);
-    file_.append(",%lu,%d,%d,%d,%d", static_cast<unsigned long>(record.status), record.mode, record.sample_valid,
-                 record.start, record.reset);
-    values(file_, &record.antisymmetric, 1);
+    file_.append(",%lu,%d,%lu,%d,%d,%d", static_cast<unsigned long>(record.status), record.mode,
+                 static_cast<unsigned long>(record.counter), record.sample_valid, record.start, record.reset);
     values(file_, &record.tank_energy, 1);
     values(file_, &record.elastic_energy, 1);
     values(file_, record.sent_torque, JOINTS);

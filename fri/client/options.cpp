@@ -136,9 +136,7 @@ const Row ROWS[] = {
     {"stiffness", "SIX", "diagonal of the task stiffness [N/m, N m/rad] (700,700,800,30,30,30)", take_stiffness},
     {"law", "NAME", "potential; for comparison: paper, conventional (potential)", take_law},
     {"damping-ratio", "X", "damping ratio of every mode [1] (0.7)",
-     [](Options &o, const Given &g) { o.settings.damping_ratio = g.number(0.0, 100.0); }},
-    {"joint-damping", "X", "additional damping of every joint [N m s/rad] (0.1)",
-     [](Options &o, const Given &g) { o.settings.joint_damping = g.number(0.0, 1000.0); }},
+     [](Options &o, const Given &g) { o.settings.damping_ratio = g.number(0.0, 2.0); }},
     {"posture-stiffness", "X", "stiffness of every joint towards the reference [N m/rad] (10)",
      [](Options &o, const Given &g) { o.settings.posture_stiffness = g.number(0.0, 1e4); }},
     {"motor-inertia", "X", "inertia of every rotor, seen at the joint [kg m^2] (0.1)",
@@ -151,9 +149,9 @@ const Row ROWS[] = {
      [](Options &o, const Given &g) { o.settings.speed_share = g.number(0.01, 1.0); }},
     {"error-limit", "M", "tip's distance at which the trajectory stands still, 0: none [m] (0.2)",
      [](Options &o, const Given &g) { o.settings.pace.error = g.number(0.0, 10.0); }},
-    {"lag-limit", "RAD", "governor's lag at which it stands still, 0: none [rad] (0.3)",
+    {"lag-limit", "RAD", "reference's lag at which it stands still, 0: none [rad] (0.3)",
      [](Options &o, const Given &g) { o.settings.pace.lag = g.number(0.0, 10.0); }},
-    {"energy-limit", "J", "springs' energy, also the governor's limit, 0: none [J] (6)",
+    {"energy-limit", "J", "springs' energy at which it stands still, 0: none [J] (6)",
      [](Options &o, const Given &g) { o.settings.pace.energy = g.number(0.0, 1e3); }},
     {"force-limit", "N", "contact force at which it stands still, 0: none [N] (150)",
      [](Options &o, const Given &g) { o.settings.pace.force = g.number(0.0, 1e3); }},
@@ -165,8 +163,10 @@ const Row ROWS[] = {
      [](Options &o, const Given &g) { o.settings.approach_limit = g.number(0.0, 10.0); }},
     {"approach-anyway", NULL, "move any way without a question",
      [](Options &o, const Given &) { o.settings.approach_anyway = true; }},
-    {"velocity-filter", "S", "time constant of the velocity filter [s] (0.004)",
-     [](Options &o, const Given &g) { o.settings.velocity_filter = g.number(0.0, 1.0); }},
+    {"velocity-span", "S", "time over which positions are differenced [s] (0.008)",
+     [](Options &o, const Given &g) { o.settings.velocity_span = g.number(0.0, 0.05); }},
+    {"delay-samples", "N", "periods from a message until its torque acts (0)",
+     [](Options &o, const Given &g) { o.settings.delay_samples = g.integer(0, 5); }},
     {"position-quantum", "RAD", "resolution of the measured positions if it is above 1e-6 [rad] (0)",
      [](Options &o, const Given &g) { o.settings.position_quantum = g.number(0.0, 0.01); }},
     {"wrench", "SOURCE", "external-torque, or sensor (external-torque)", take_wrench},
@@ -184,6 +184,12 @@ const Row ROWS[] = {
      [](Options &o, const Given &) { o.settings.simulated_time = true; }},
     {"realtime", "PRIORITY", "lock the memory, run with SCHED_FIFO, 1 to 99",
      [](Options &o, const Given &g) { o.realtime = g.integer(1, 99); }},
+};
+
+/* Options of older versions, and what to give now. */
+const char *const GONE[][2] = {
+    {"--joint-damping", "the controller damps by --damping-ratio, 0 to 2, alone"},
+    {"--velocity-filter", "give --velocity-span S, twice the old time constant"},
 };
 
 enum { COUNT = sizeof ROWS / sizeof *ROWS, FIRST = 256, HELP_WANTED = FIRST + COUNT };
@@ -211,6 +217,17 @@ std::vector<option> long_options()
     return found;
 }
 
+/* Return why a name is refused. */
+const char *refusal_of(const std::string &name)
+{
+    for (const auto &gone : GONE) {
+        if (name == gone[0]) {
+            return gone[1];
+        }
+    }
+    return "no such option; see fri_wiping --help";
+}
+
 /* Refuse names that are not written out: getopt_long takes any beginning, and a misspelt option must not set another. */
 void refuse_unknown(int argc, char **argv, const std::vector<option> &known)
 {
@@ -221,7 +238,7 @@ void refuse_unknown(int argc, char **argv, const std::vector<option> &known)
             found = name == std::string("--") + each->name;
         }
         if (!found) {
-            throw std::runtime_error(name + ": no such option; see fri_wiping --help");
+            throw std::runtime_error(name + ": " + refusal_of(name));
         }
     }
 }

@@ -7,7 +7,7 @@
 /* Limits at which the trajectory stands still; 0 switches a limit off. */
 struct PaceLimits {
     double error;    /* [m] distance of the tip from the trajectory */
-    double lag;      /* [rad] distance of the governor's posture from the trajectory */
+    double lag;      /* [rad] distance of the controller's reference from the trajectory */
     double energy;   /* [J] elastic energy of the springs */
     double force;    /* [N] contact force */
     double patience; /* [s] longest standstill; creeping counts in part */

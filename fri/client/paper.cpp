@@ -2,17 +2,10 @@
 /* PaperTorque: the law of the paper inside the client. */
 #include "paper.h"
 
+#include "wrench.h"
+
 #include <cmath>
 #include <cstring>
-
-namespace {
-
-double norm(const double *x)
-{
-    return std::sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]);
-}
-
-} // namespace
 
 PaperTorque::PaperTorque()
 {
@@ -42,18 +35,18 @@ void PaperTorque::begin()
     std::memset(&output_, 0, sizeof output_);
 }
 
-void PaperTorque::step(const robot::Config &controller, const robot::Input &sample, const robot::Output *faulted)
+void PaperTorque::step(double sample_time, const robot::Input &sample, const double *wrench, bool faulted)
 {
     std::memcpy(input_.q, sample.q, sizeof input_.q);
-    std::memcpy(input_.dq, faulted != NULL ? faulted->velocity : sample.dq, sizeof input_.dq);
-    std::memcpy(input_.q0, faulted != NULL ? sample.q : sample.q0, sizeof input_.q0);
-    std::memcpy(input_.wrench, sample.wrench, sizeof input_.wrench);
-    if (faulted != NULL) {
+    std::memcpy(input_.dq, sample.dq, sizeof input_.dq);
+    std::memcpy(input_.q0, faulted ? sample.q : sample.q0, sizeof input_.q0);
+    std::memcpy(input_.wrench, wrench, sizeof input_.wrench);
+    if (faulted) {
         std::memset(input_.wrench, 0, sizeof input_.wrench);
-    } else if (!(norm(sample.wrench) <= controller.force_limit && norm(sample.wrench + 3) <= controller.moment_limit)) {
+    } else if (!is_plausible(wrench)) {
         input_.wrench[0] = std::nan("");
     }
-    config_.sample_time = controller.sample_time;
+    config_.sample_time = sample_time;
     robot::paper_step(&config_, &state_, &input_, &output_);
 }
 

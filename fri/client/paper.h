@@ -12,7 +12,7 @@ class PaperTorque {
 public:
     PaperTorque();
 
-    /* Set gains, and the limits and inertia of the controller; the controller adds its joint_damping. */
+    /* Set gains, and the limits and inertia of the controller. */
     void configure(bool conventional, const double *task_stiffness, double posture_stiffness, double damping_ratio,
                    const robot::Config &controller);
 
@@ -20,14 +20,12 @@ public:
     void begin();
 
     /*
-     * Compute the torque of a sample. In a fault, `faulted` is the controller's last output, and the law damps alone: q0
-     * is the position, and the velocity the one that the controller believed. A wrench that the controller refuses stops
-     * the law: its torque falls to zero at the rate limit.
+     * Compute the torque of a sample. In a fault of the controller the law damps alone: q0 is the position. A wrench
+     * above 500 N or 100 N m, or none, stops the law: its torque falls to zero at the rate limit.
      */
-    void step(const robot::Config &controller, const robot::Input &sample, const robot::Output *faulted);
+    void step(double sample_time, const robot::Input &sample, const double *wrench, bool faulted);
 
     const double *torque() const { return output_.torque; }
-    const double *joint_stiffness() const { return output_.joint_stiffness; }
     double energy() const; /* [J] e^T Kq e / 2 with e = q0 - q */
 
 private:

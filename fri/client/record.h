@@ -18,11 +18,12 @@ struct Record {
     int start; /* 1: the controller was initialised just before this step */
     int reset; /* 1: a latched fault was reset just before this step */
     int sample_valid;
-    double q[JOINTS], dq[JOINTS], q0[JOINTS], dq0[JOINTS], wrench[6], load[JOINTS]; /* inputs of the step */
+        std::uint32_t counter;
+    double q[JOINTS], dq[JOINTS], q0[JOINTS], dq0[JOINTS], wrench[6]; /* inputs; dq0 is for the log alone */
     double torque[JOINTS];                                            /* output of the step */
     std::uint32_t status;
     int mode;
-    double antisymmetric, tank_energy, elastic_energy;
+    double tank_energy, elastic_energy;
 
     double sent_torque[JOINTS], sent_position[JOINTS];
     double measured_torque[JOINTS], external_torque[JOINTS];

@@ -10,6 +10,9 @@ namespace {
 /* Send periods [s] at which torque can be commanded. */
 const double SHORTEST_PERIOD = 0.001, LONGEST_PERIOD = 0.010;
 
+/* [rad] beyond a joint's limit that a position is believed. */
+const double POSITION_TOLERANCE = 0.1;
+
 } // namespace
 
 /* Initialise the controller for a send period. */
@@ -18,6 +21,7 @@ void WipingClient::adopt(double period)
     sample_time_ = period;
     other_period_ = 0;
     config_.sample_time = period;
+    config_.velocity_noise = settings_.position_quantum / std::max(settings_.velocity_span, period);
     controller_error_ = robot::init(&config_, &state_);
     if (controller_error_ != 0) {
         refuse(REFUSAL_CONTROLLER);
@@ -50,13 +54,12 @@ void WipingClient::watch_period()
     }
 }
 
-/* Return whether a position is within the limits and the controller's tolerance. One wild value must not stay in the
+/* Return whether a position is within the limits and the controller's tolerance of 0.1 rad. One wild value must not stay in the
  * filters. */
 bool WipingClient::within_limits(const double *q)
 {
     for (int i = 0; i < JOINTS; ++i) {
-        if (q[i] < robot::lower(i) - config_.position_tolerance ||
-            q[i] > robot::upper(i) + config_.position_tolerance) {
+        if (q[i] < robot::lower(i) - POSITION_TOLERANCE || q[i] > robot::upper(i) + POSITION_TOLERANCE) {
             wild_joint_ = i;
             wild_position_ = q[i];
             return false;
@@ -82,7 +85,7 @@ void WipingClient::observe()
     }
     counters_.clock_standing += clock_.standing() ? 1 : 0;
     wrench_.observe(clock_.periods() * sample_time_);
-    since_force_ += clock_.periods() * sample_time_;
+    since_wrench_ += clock_.periods() * sample_time_;
     watch_samples();
     watch_robot();
     const int quality = robotState().getConnectionQuality();

@@ -132,23 +132,13 @@ std::string diagnosis(const Options &options, const WipingClient &client, const 
     return "messages arrive, but none of use: " + (refused.empty() ? "the robot tells no usable send period" : refused);
 }
 
-const char *fault_text(int fault)
-{
-    switch (fault) {
-    case robot::FAULT_SENSOR: return "the measured positions are not believed";
-    case robot::FAULT_LIMIT: return "the arm is beyond a limit";
-    case robot::FAULT_ENERGY: return "the tank is almost empty and does not cover the springs' torque";
-    default: return "configuration";
-    }
-}
-
 /* Return which limit of the pace holds the arm, and its option. */
 std::string held_text(const WipingClient &client)
 {
     const PaceLimits &pace = client.settings().pace;
     const double limit[] = {0.0, pace.error, pace.lag, pace.energy, pace.force};
     static const char *const what[] = {"", "the tip's distance from where the trajectory wants it",
-                                       "the governor's lag", "the energy stored in the spring", "the contact force"};
+                                       "the reference's lag", "the energy stored in the spring", "the contact force"};
     static const char *const option[] = {"", "--error-limit", "--lag-limit", "--energy-limit", "--force-limit"};
     static const char *const unit[] = {"", " m", " rad", " J", " N"};
     const Pace::Reason held = client.held_by();
@@ -156,17 +146,20 @@ std::string held_text(const WipingClient &client)
            unit[held] + " for " + text("%g", pace.patience) + " s; free it, or see " + option[held];
 }
 
-/* Return the fault that the controller latched. */
+/* Return the fault that the controller latched, and where to look. */
 std::string controller_text(const WipingClient &client)
 {
-    if (client.controller_reason() == robot::REASON_FROZEN && client.controller_joint() >= 0) {
-        return std::string("the measured position of joint ") + robot::joint(client.controller_joint()) +
-               " does not follow the torque that acts on it: frozen, coarser than --position-quantum says, or the "
-               "joint is held and the external torque does not say so; check the joint's encoder, --position-quantum "
-               "and --external-torque-sign";
+    const robot::Output &output = client.output();
+    char fault[256];
+    robot::fault_text(&output, fault, sizeof fault);
+    const std::string said =
+        (output.fault == robot::FAULT_SENSOR ? "the measured positions are not believed: " : "the controller latched a fault: ") +
+        std::string(fault);
+    switch (output.reason) {
+    case robot::REASON_FROZEN: return said + "; check the joint's encoder, and see --position-quantum";
+    case robot::REASON_SHAKING: return said + "; see --delay-samples and --stiffness";
+    default: return said;
     }
-    return std::string("the controller latched a fault: ") + fault_text(client.controller_fault()) + ", reason " +
-           std::to_string(client.controller_reason()) + " of " + robot::name() + "_impedance.h";
 }
 
 /* Return why the client let go, if the reason needs no number. */

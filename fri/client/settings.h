@@ -11,7 +11,6 @@ struct Settings {
     bool paper;                  /* law of the paper instead of the exact spring, for comparison */
     bool conventional;           /* law of the paper without the correction */
     double damping_ratio;        /* [1] for every mode */
-    double joint_damping;        /* [N m s/rad] */
     double posture_stiffness;    /* [N m/rad] */
     double motor_inertia;        /* [kg m^2] */
     double effort_share;         /* share of the robot's effort limits */
@@ -22,7 +21,8 @@ struct Settings {
     double approach_limit;       /* [rad] longest way of a joint without a question */
     bool approach_anyway;        /* a long way needs no question */
     bool may_ask;                /* a person is at the terminal */
-    double velocity_filter;      /* [s] */
+    double velocity_span;        /* [s] over which positions are differenced */
+    int delay_samples;           /* from a message to the one from which its torque acts */
     double position_quantum;     /* [rad] resolution of the measured positions; 0: finer than 1e-6 */
     double wrench_damping;       /* damping of the least squares from the external torque */
     double external_torque_sign; /* 1: the external torque is J^T times the wrench that the environment applies; -1 */

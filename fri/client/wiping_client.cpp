@@ -23,14 +23,12 @@ double clamp(double x, double least, double most)
 WipingClient::WipingClient(const Settings &settings, const Trajectory &trajectory, WrenchSensor *sensor,
                            const Connection &connection, Records &records, Question &question)
     : settings_(settings), connection_(connection), records_(records), question_(question),
-      velocity_(settings.velocity_filter),
+      velocity_(settings.velocity_span),
       wrench_(sensor, settings.calibration, settings.wrench_damping, settings.external_torque_sign),
       reference_(trajectory, settings.approach_time), pace_(settings.pace), sample_time_(0.0), reported_period_(0.0),
       other_period_(0), since_position_(0.0), since_followed_(0.0), valid_(false), wild_joint_(0), wild_position_(0.0),
-      has_velocity_(false), force_(0.0), since_force_(1e9), wrench_refused_(false), button_(false), has_button_(false),
-      quality_(0), operation_mode_(0), without_torque_mode_(0), without_drives_(0), without_states_(0),
-      controlling_(false), start_(0), faulted_(false), good_time_(0.0), controller_fault_(robot::FAULT_NONE),
-      events_(0), last_command_(0.0), last_callback_(0.0), allowance_(0.0), held_by_(Pace::FREE), fast_samples_(0),
+      has_velocity_(false), since_wrench_(1e9), button_(false), has_button_(false), quality_(0), operation_mode_(0), without_torque_mode_(0), without_drives_(0), without_states_(0),
+      controlling_(false), start_(0), faulted_(false), good_time_(0.0), events_(0), last_command_(0.0), last_callback_(0.0), allowance_(0.0), held_by_(Pace::FREE), fast_samples_(0),
       fast_joint_(0), let_go_(LET_GO_NONE), zero_(false), answers_before_zero_(0), ended_(false),
       refusal_(REFUSAL_NONE), controller_error_(0)
 {
@@ -40,49 +38,38 @@ WipingClient::WipingClient(const Settings &settings, const Trajectory &trajector
     std::memset(&counters_, 0, sizeof counters_);
     std::memset(&record_, 0, sizeof record_);
     fill(q_, 0.0, JOINTS);
-    robot::default_config(&config_);
-    config_.joint_damping = settings.joint_damping;
-    /* The governor limits jumps; it lets the springs follow the trajectory itself. */
-    config_.ramp_time = 0.05;
-    config_.tip_velocity_limit = 2.0; /* [m/s] */
-    config_.tip_rotation_limit = 6.0; /* [rad/s] */
-    /* A message that is lost is also a call that is left out: the robot keeps the last torque until the next answer, so
-     * that the controller's fall of the torque does not reach it. */
-    config_.loss_limit = config_.missed_limit;
-    config_.velocity_source = robot::VELOCITY_SOURCE_DIFFERENCED; /* FRI has no velocity */
-    /* The basic fields that docs/controller.md tells users to state. No delay of the torque is known of a real robot:
-     * none is assumed, and settings.velocity_filter smooths the velocity. */
-    config_.delay_samples = 0;
-    config_.position_quantum = settings.position_quantum;
-    config_.velocity_noise = 0.0;
-    config_.heaviest_wrench[0] = settings.pace.force > 0.0 ? settings.pace.force : 150.0; /* [N] */
-    config_.heaviest_wrench[1] = 20.0;                                                    /* [N m] */
-    /* Energies are stated, too, not left to heaviest_wrench: the tank would hold 165 J (sample time 1 ms) to 223 J
-     * (10 ms) and the engagement 259 J, which bound the work that the arm can do on its surroundings. 10 J and 20 J are
-     * enough for the wiping of the tests. */
-    /* [J] small, whatever the robot could do: the pace of the trajectory looks at the energy, too */
-    config_.energy_limit = settings.pace.energy > 0.0 ? settings.pace.energy : 5.0;
-    config_.engagement_limit = 20.0;
-    config_.tank_initial = 10.0;
-    config_.stiffness_time = 0.05;
-    config_.stiffness_cap = robot::STIFFNESS_CAP_ACCEPT; /* slow send periods soften light joints; the status says so */
-    for (int i = 0; i < JOINTS; ++i) {
-        config_.posture_stiffness[i] = settings.paper ? 0.0 : settings.posture_stiffness;
-        config_.motor_inertia[i] = settings.motor_inertia;
-        config_.reference_velocity_limit[i] = robot::velocity(i); /* the file has been checked for it */
-        config_.damping_ratio[i] = settings.damping_ratio;
-        config_.effort_limit[i] *= settings.effort_share;
-        config_.torque_rate_limit[i] = config_.effort_limit[i] / settings.torque_rise;
-    }
-    paper_.configure(settings.conventional, settings.task_stiffness, settings.posture_stiffness,
-                     settings.damping_ratio, config_);
-    for (int i = 0; i < 3 && !settings.paper; ++i) {
-        input_.translation_stiffness[4 * i] = settings.task_stiffness[i];
-        input_.rotation_stiffness[4 * i] = settings.task_stiffness[3 + i];
-    }
-    input_.command = robot::COMMAND_POSITION;
+    fill(tip_wrench_, 0.0, 6);
+    configure();
     controller_error_ = robot::init(&config_, &state_);
     refusal_ = controller_error_ == 0 ? REFUSAL_NONE : REFUSAL_CONTROLLER;
+}
+
+/* Configure the controller, and set what every sample commands. */
+void WipingClient::configure()
+{
+    robot::default_config(&config_);
+    config_.sample_time = 0.005; /* [s] until the robot has told its send period */
+    config_.delay_samples = settings_.delay_samples;
+    config_.heaviest_wrench[0] = settings_.pace.force > 0.0 ? settings_.pace.force : 150.0; /* [N] */
+    config_.heaviest_wrench[1] = 20.0;                                                      /* [N m] */
+    config_.tip_velocity_limit[0] = 2.0; /* [m/s] the file has been checked for the joints' limits */
+    config_.tip_velocity_limit[1] = 6.0; /* [rad/s] */
+    config_.position_quantum = settings_.position_quantum;
+    for (int i = 0; i < JOINTS; ++i) {
+        config_.motor_inertia[i] = settings_.motor_inertia;
+        config_.effort_limit[i] *= settings_.effort_share;
+        config_.torque_rate_limit[i] = config_.effort_limit[i] / settings_.torque_rise;
+        input_.posture_stiffness[i] = settings_.paper ? 0.0 : settings_.posture_stiffness;
+    }
+    config_.damping_ratio = settings_.damping_ratio;
+    paper_.configure(settings_.conventional, settings_.task_stiffness, settings_.posture_stiffness,
+                     settings_.damping_ratio, config_);
+    for (int i = 0; i < 3 && !settings_.paper; ++i) {
+        input_.translation_stiffness[4 * i] = settings_.task_stiffness[i];
+        input_.rotation_stiffness[4 * i] = settings_.task_stiffness[3 + i];
+    }
+    input_.clock = robot::CLOCK_COUNTER;
+    input_.shaped = 1; /* a trajectory, and the move to it, have ramps */
 }
 
 void WipingClient::refuse(Refusal reason)

@@ -46,11 +46,9 @@ struct Counters {
     unsigned long long guarded; /* cycles whose torque the guard changed */
     unsigned long long slowed;  /* cycles in which the trajectory ran slower for a limit */
     unsigned long long sensor_silent;
-    unsigned long long wrench_refused; /* steps whose wrench the controller did not take */
     unsigned long long exceptions;              /* the FRI library refused a call */
     unsigned long long controller_faults;       /* faults that the controller latched */
     unsigned long long saturated, rate_limited; /* cycles with these bits of the controller's status */
-    double antisymmetric; /* [N m/rad] largest Frobenius norm of the applied stiffness' antisymmetric part */
 };
 
 /* Reasons to refuse a session, and to let go. */
@@ -104,9 +102,7 @@ public:
     const Defects &defects() const { return defects_; }
     int wild_joint() const { return wild_joint_; }           /* last joint far beyond its limit */
     double wild_position() const { return wild_position_; } /* [rad] of that joint */
-    int controller_fault() const { return controller_fault_; }
-    int controller_reason() const { return output_.reason; }
-    int controller_joint() const { return output_.fault_joint; } /* of that fault; -1: none */
+    const robot::Output &output() const { return output_; } /* of the controller's last step */
     const Question &question() const { return question_; }
     bool trajectory_done() const { return reference_.done(); }
     double progress() const { return reference_.progress(); } /* [s] in the trajectory */
@@ -120,6 +116,7 @@ public:
     const Settings &settings() const { return settings_; }
 
 private:
+    void configure();
     void watch_period();
     void adopt(double period);
     void observe();
@@ -138,18 +135,17 @@ private:
     void begin_commanding();
     void control();
     bool takes_control(bool torque_mode);
-    void missed_and_advance();
+    void advance();
     double tip_error() const;
     double lag() const;
     void watch_pace();
     bool fill_input();
-    void fill_external_torque();
     double contact_force() const;
     void watch_controller();
     void step_controller(bool valid);
     void record_input();
-    void count_output(bool valid);
-    void record_step(double time);
+    void count_output();
+    void record_step();
     void send(const double *position, const double *torque);
     void send_torque();
     void refuse(Refusal reason);
@@ -166,7 +162,7 @@ private:
     robot::Output output_;
     PaperTorque paper_;
     RobotClock clock_;
-    VelocityFilter velocity_;
+    VelocityDifference velocity_;
     Copies copies_;
     PositionFollower follower_;
     WrenchSource wrench_;
@@ -187,9 +183,8 @@ private:
     double wild_position_;
     bool has_velocity_;                    /* this message gave a new difference quotient */
     double q_[JOINTS];                     /* [rad] last measured position */
-    double force_;                         /* [N] contact force of the last sample, before the controller looks at it */
-    double since_force_;                   /* [s] since that sample */
-    bool wrench_refused_;                  /* by the controller, in that sample */
+    double tip_wrench_[6];                 /* [N, N m] of the environment, in the last sample */
+    double since_wrench_;                  /* [s] since the last plausible one */
     bool button_, has_button_;             /* pressed; the robot's messages have it */
     int quality_, operation_mode_;
     int without_torque_mode_, without_drives_, without_states_; /* messages in a row */
@@ -197,7 +192,6 @@ private:
     int start_;                                /* the next step is the controller's first */
     bool faulted_;
     double good_time_; /* [s] of good samples since the controller latched a fault */
-    int controller_fault_;
     double dq0_[JOINTS]; /* [rad/s] of the reference, for the log */
     std::uint32_t events_;
     double last_command_, last_callback_; /* [s] monotonic time; duration */

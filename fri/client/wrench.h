@@ -6,7 +6,20 @@
 #include "ring.h"
 
 #include <atomic>
+#include <cmath>
 #include <thread>
+
+/* Return the size of a force or moment. */
+inline double size_of(const double *x)
+{
+    return std::sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]);
+}
+
+/* Return whether a wrench is one that an LBR can meet: at most 500 N and 100 N m. */
+inline bool is_plausible(const double *wrench)
+{
+    return size_of(wrench) <= 500.0 && size_of(wrench + 3) <= 100.0;
+}
 
 /* Interface of a force/torque sensor; the robot is generated with its place and sign (--sensor). */
 class WrenchSensor {

@@ -19,6 +19,10 @@ GUARD = 1 << 6
 """Bit of the client's column `events`: the torque sent is not the controller's."""
 
 
+PLAUSIBLE = (500.0, 100.0)
+"""[N, N m] Largest wrench that the client takes for one."""
+
+
 @dataclass(frozen=True)
 class ClientLog:
     """Controller steps of a client's session: arrays of shape (steps,) or (steps, width) by name, and its summary."""
@@ -49,13 +53,9 @@ def read_client_log(log: Path, summary: Path) -> ClientLog:
 def controller(robot: Any, summary: Mapping[str, Any]) -> Any:
     """Return the controller of a generated robot, configured as a client's summary says."""
     told = summary["controller"]
-    names = ("sample_time", "motor_inertia", "position_quantum", "damping_ratio", "joint_damping", "effort_limit",
-             "torque_rate_limit", "reference_velocity_limit", "ramp_time", "tip_velocity_limit", "tip_rotation_limit",
-             "heaviest_wrench", "energy_limit", "loss_limit")  # fmt: skip
-    client = {"engagement_limit": 20.0, "tank_initial": 10.0, "stiffness_time": 0.05}
-    client["posture_stiffness"] = 0.0 if told["law"] == "paper" else told["posture_stiffness"]
-    words = {"stiffness_cap": "accept", "velocity_source": "differenced"}
-    return robot.Impedance({name: told[name] for name in names} | client, **words)
+    names = ("sample_time", "delay_samples", "motor_inertia", "heaviest_wrench", "position_quantum", "velocity_noise",
+             "tip_velocity_limit", "damping_ratio", "effort_limit", "torque_rate_limit")  # fmt: skip
+    return robot.Impedance(**{name: told[name] for name in names})
 
 
 def paper_law(robot: Any, summary: Mapping[str, Any]) -> Any:
@@ -75,7 +75,8 @@ def replayed_torque(robot: Any, log: ClientLog) -> NDArray[np.float64]:
     stiffness = np.diag(told["task_stiffness"])
     paper = told["law"] == "paper"
     blocks = (0.0 if paper else 1.0) * np.array([stiffness[:3, :3], stiffness[3:, 3:]])
-    springs = {"translation_stiffness": blocks[0], "rotation_stiffness": blocks[1]}
+    springs = {"translation_stiffness": blocks[0], "rotation_stiffness": blocks[1], "shaped": True}
+    springs["posture_stiffness"] = 0.0 if paper else told["posture_stiffness"]
     steps = np.flatnonzero((log["start"] != 0) | (log["reset"] != 0))
     for begin, end in pairwise([*steps, len(log)]):
         if log["start"][begin]:
@@ -84,14 +85,14 @@ def replayed_torque(robot: Any, log: ClientLog) -> NDArray[np.float64]:
         else:
             impedance.reset()
         part = slice(begin, end)
-        inputs = {name: log[name][part] for name in ("q", "dq", "q0", "wrench")}
-        inputs["external_torque"] = log["load"][part]
-        inputs["sample_valid"] = log["sample_valid"][part].astype(int)
+        inputs = {name: log[name][part] for name in ("q", "dq", "q0")}
+        inputs |= {name: log[name][part].astype(int) for name in ("counter", "sample_valid")}
         if law is None:
             torque[part] = impedance.run(**springs, **inputs).torque
             continue
-        for k in range(end - begin):
-            torque[begin + k] = law.step(impedance, springs, {name: each[k] for name, each in inputs.items()})
+        for k, wrench in enumerate(log["wrench"][part]):
+            sample = {name: each[k] for name, each in inputs.items()}
+            torque[begin + k] = law.step(impedance, springs, sample, wrench)
     return torque
 
 
@@ -104,19 +105,20 @@ class _PaperTorque:
         self._offset: NDArray[np.float64] = np.zeros(JOINTS)
         self._last: Any = None
 
-    def step(self, impedance: Any, springs: Mapping[str, Any], sample: Mapping[str, Any]) -> NDArray[np.float64]:
+    def step(
+        self, impedance: Any, springs: Mapping[str, Any], sample: Mapping[str, Any], wrench: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
         """Return the controller's torque of one step."""
         if sample["sample_valid"]:
-            self._offset = self._torque(impedance.config, sample)
+            self._offset = self._torque(sample, wrench)
         self._last = impedance.run(**springs, **sample, torque_offset=self._offset)
         return np.asarray(self._last.torque[0])
 
-    def _torque(self, config: Any, sample: Mapping[str, Any]) -> NDArray[np.float64]:
-        given = {name: np.array(sample[name]) for name in ("q", "dq", "q0", "wrench")}
+    def _torque(self, sample: Mapping[str, Any], wrench: NDArray[np.float64]) -> NDArray[np.float64]:
+        given = {name: np.array(sample[name]) for name in ("q", "dq", "q0")} | {"wrench": np.array(wrench)}
         if self._last is not None and int(self._last.status[0]) & self._bit:
-            given |= {"dq": self._last.velocity[0], "q0": given["q"], "wrench": np.zeros(6)}
-        sizes = np.linalg.norm(given["wrench"].reshape(2, 3), axis=1)
-        if not np.all(sizes <= [config.force_limit, config.moment_limit]):
+            given |= {"q0": given["q"], "wrench": np.zeros(6)}
+        if not np.all(np.linalg.norm(given["wrench"].reshape(2, 3), axis=1) <= PLAUSIBLE):
             given["wrench"][0] = np.nan
         try:
             return np.asarray(self._law.step(**given, task_stiffness=self._stiffness).torque)

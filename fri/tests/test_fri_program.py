@@ -160,6 +160,8 @@ def test_bad_trajectory_is_refused_in_one_line(name: str, one: Programs, tmp_pat
         (["--external-torque-sign", "0"], "it takes 1 or -1"),
         (["--effort-share", "nan"], "--effort-share nan"),
         (["--velocity", "3"], "--velocity: no such option"),
+        (["--joint-damping", "1"], "--joint-damping: the controller damps by --damping-ratio"),
+        (["--velocity-filter=0.004"], "--velocity-filter: give --velocity-span S, twice the old time constant"),
         (["--effort=0.5"], "--effort: no such option"),
         (["extra"], "extra: not an option"),
         (["--trajectory", TRAJECTORY, "--log", "/nowhere/log.csv"], "log /nowhere/log.csv"),
@@ -267,7 +269,7 @@ def watched_session(
     )  # fmt: skip
     assert code == 3
     told = json.loads((folder / "summary.json").read_text())
-    assert told["faults"]["controller_faults"] == 1 and told["log_rows"] > 300
+    assert told["faults"]["controller_faults"] == 1 and told["log_rows"] == 300
     allocations, datagrams, minor, major = map(int, result.read_text().split())
     assert datagrams == len(script.datagrams)
     return allocations, minor, major

@@ -47,7 +47,7 @@ MOTORS = (0.07, 0.2)
 EVER = 99.0
 FAULTS = ("one", "several", "all", "toggling", "late", "misled")
 HARMLESS = ("none", "rest", "push", "blocked", "held", "silent")
-WORDS = ("does not follow the torque", "are not believed", "repeat those of")
+WORDS = ("are not believed", "repeat those of")
 """Words of a last line about positions."""
 
 

@@ -88,7 +88,7 @@ private:
             places_.clear();
         }
         if (record.kind == Record::STEP && record.sample_valid) {
-            elastic = std::max(elastic, record.elastic_energy / client_.config().energy_limit);
+            elastic = std::max(elastic, record.elastic_energy / client_.settings().pace.energy);
             measure_error(record);
             measure_speed(record);
         }
