@@ -10,6 +10,9 @@ namespace {
 /* Send periods [s] at which torque can be commanded. */
 const double SHORTEST_PERIOD = 0.001, LONGEST_PERIOD = 0.010;
 
+/* [rad] Coarsest resolution whose last bits show that a joint gives way, also to the controller. Else friction hides it. */
+const double FINE = 1e-6;
+
 /* [rad] beyond a joint's limit that a position is believed. */
 const double POSITION_TOLERANCE = 0.1;
 
@@ -111,12 +114,30 @@ void WipingClient::take_position(const double *q, bool fresh)
         if (copies_.joint() >= 0 && controlling_) {
             let_go(LET_GO_COPIES);
         }
+        watch_standing(q);
         has_velocity_ = elapsed > 0.0;
         since_position_ = 0.0;
     }
     /* The arm moves even while the robot's clock stands still. */
     follower_.update(q, std::max(since_followed_, sample_time_));
     since_followed_ = 0.0;
+}
+
+/* Let go if a position stands still while the torque moves on. In a dry run no torque moves the arm. */
+void WipingClient::watch_standing(const double *q)
+{
+    if (let_go_ != LET_GO_NONE) {
+        return;
+    }
+    if (!controlling_ || faulted_ || settings_.dry_run) {
+        standing_.reset();
+        return;
+    }
+    const double share = config_.position_quantum > FINE ? 0.3 : 0.03;
+    standing_.add(q, output_.torque, config_.effort_limit, share, since_position_);
+    if (standing_.joint() >= 0) {
+        let_go(LET_GO_STANDING);
+    }
 }
 
 /* Return whether the message has the external torques, where the wrench is computed from them. */

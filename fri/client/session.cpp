@@ -193,6 +193,10 @@ std::string let_go_text(const Options &options, const WipingClient &client)
         return std::string("the measured positions of joint ") + robot::joint(client.copies().joint()) +
                " repeat those of " + std::to_string(client.copies().late()) +
                " messages before: late copies are not believed; check the joint's encoder and the robot's messages";
+    case LET_GO_STANDING:
+        return std::string("the measured positions of joint ") + robot::joint(client.standing().joint()) +
+               " are not believed: they stand still while the torque moves on; check the joint's encoder, and see "
+               "--position-quantum";
     case LET_GO_PERIOD:
         return "the robot's send period changed from " + text("%g", 1e3 * client.sample_time()) + " to " +
                text("%g", 1e3 * client.reported_period()) + " ms while commanding";

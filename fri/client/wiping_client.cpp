@@ -54,7 +54,8 @@ void WipingClient::configure()
     config_.heaviest_wrench[1] = 20.0;                                                      /* [N m] */
     config_.tip_velocity_limit[0] = 2.0; /* [m/s] the file has been checked for the joints' limits */
     config_.tip_velocity_limit[1] = 6.0; /* [rad/s] */
-    config_.position_quantum = settings_.position_quantum;
+    /* In a dry run the controller's torque does not act: positions that stand still are not frozen. */
+    config_.position_quantum = settings_.dry_run ? std::max(settings_.position_quantum, 1e-5) : settings_.position_quantum;
     for (int i = 0; i < JOINTS; ++i) {
         config_.motor_inertia[i] = settings_.motor_inertia;
         config_.effort_limit[i] *= settings_.effort_share;

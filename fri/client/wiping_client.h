@@ -16,6 +16,7 @@
 #include "paper.h"
 #include "robot.h"
 #include "settings.h"
+#include "standing.h"
 #include "timing.h"
 #include "wrench.h"
 
@@ -60,6 +61,7 @@ enum LetGo {
     LET_GO_HELD,        /* the trajectory stood still for too long */
     LET_GO_SPEED,
     LET_GO_COPIES, /* measured positions repeat earlier ones */
+    LET_GO_STANDING, /* a measured position stands still while the torque moves on */
     LET_GO_AWAY, /* the arm was moved far while messages were lost */
     LET_GO_SAFETY,
     LET_GO_DRIVES,
@@ -99,6 +101,7 @@ public:
     Pace::Reason held_by() const { return held_by_; }
     int fast_joint() const { return fast_joint_; }
     const Copies &copies() const { return copies_; }
+    const Standing &standing() const { return standing_; }
     const Defects &defects() const { return defects_; }
     int wild_joint() const { return wild_joint_; }           /* last joint far beyond its limit */
     double wild_position() const { return wild_position_; } /* [rad] of that joint */
@@ -121,6 +124,7 @@ private:
     void adopt(double period);
     void observe();
     void watch_samples();
+    void watch_standing(const double *q);
     void take_position(const double *q, bool fresh);
     bool has_torques() const;
     void watch_robot();
@@ -164,6 +168,7 @@ private:
     RobotClock clock_;
     VelocityDifference velocity_;
     Copies copies_;
+    Standing standing_;
     PositionFollower follower_;
     WrenchSource wrench_;
     Reference reference_;

@@ -36,7 +36,7 @@ from fri.support.wiping import (
 def test_torque_is_that_of_the_controller_stepped_in_python_on_what_the_robot_said(
     programs: Programs, robot: ModuleType, tmp_path: Path
 ) -> None:
-    """Everything anew in Python: velocities, wrench, reference; not from the client's log."""
+    """Everything anew in Python: velocities, wrench, reference; rounding of the log's decides what the governor tries."""
     cycles = 1500  # the move, and half a second into the trajectory
     wiped = Wiped(programs, moving_script(programs, robot, cycles), tmp_path)
     trajectory = np.loadtxt(TRAJECTORY, delimiter=",").T
@@ -59,8 +59,9 @@ def test_torque_is_that_of_the_controller_stepped_in_python_on_what_the_robot_sa
             q0, _ = minimum_jerk(t, 5.0, moving(robot, 0.0)[0], trajectory[0])
         else:
             q0 = trajectory[round((t - 5.0) / 0.005)]
-        out = controller.step(q=q, dq=velocity, q0=q0, counter=k, **springs)
-        np.testing.assert_allclose(wiped.log["wrench"][k], measured, rtol=0, atol=1e-9)
+        for name, value in (("q", q), ("dq", velocity), ("q0", q0), ("wrench", measured)):
+            np.testing.assert_allclose(wiped.log[name][k], value, rtol=0, atol=1e-9)
+        out = controller.step(q=q, dq=wiped.log["dq"][k], q0=wiped.log["q0"][k], counter=k, **springs)
         command = wiped.commands[9 + k]
         assert command is not None
         worst = np.maximum(worst, np.abs(command.torque - out.torque).max())  # max() would lose a NaN

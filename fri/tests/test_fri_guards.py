@@ -118,7 +118,7 @@ def test_a_clock_of_half_the_speed_is_let_go_and_named(one: Programs) -> None:
     script.begin(10, 10)
     for _ in range(1500):
         script.clock -= 2_500_000  # [ns] half a period
-        script.add(COMMANDING_ACTIVE)
+        script.add_resting(1)
     script.add(IDLE)
     code, _, errors = over_udp(one, script)
     assert code == 1 and "the robot's clock runs at about 50 % of what its messages' counter says" in errors

@@ -407,7 +407,7 @@ def test_after_a_stop_the_newest_alone_is_answered(programs: Programs, tmp_path:
     newest = asked + unanswered  # number of the last message during the stop, as the first is number 1
     script = programs.script()
     script.begin()
-    script.add(COMMANDING_ACTIVE, 150)
+    script.add_resting(150)
     datagrams = [each for each in script.datagrams if each is not None]
     summary = tmp_path / "summary.json"
     with served(programs.client, "--approach", "0.1", "--summary", summary) as session:

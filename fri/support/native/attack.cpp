@@ -166,6 +166,7 @@ void session(const Schedule &schedule, const std::string &file, int period)
     options.timeout = 1000;
     options.wait = 3.0;
     options.settings.approach_time = 0.3;
+    options.settings.delay_samples = 1; /* a torque acts from the next message on */
     options.settings.pace.patience = 1.0;
     const double quantum = schedule.value("quantum", 0.0, 0.0);
     options.settings.position_quantum = quantum > 1e-6 ? quantum : 0.0; /* as docs/fri.md asks for */
