@@ -36,7 +36,7 @@ from fri.support.wiping import (
 def test_torque_is_that_of_the_controller_stepped_in_python_on_what_the_robot_said(
     programs: Programs, robot: ModuleType, tmp_path: Path
 ) -> None:
-    """Everything anew in Python: velocities, wrench, reference; rounding of the log's decides what the governor tries."""
+    """Everything anew in Python; the torque from the logged rounding, which decides what the governor tries."""
     cycles = 1500  # the move, and half a second into the trajectory
     wiped = Wiped(programs, moving_script(programs, robot, cycles), tmp_path)
     trajectory = np.loadtxt(TRAJECTORY, delimiter=",").T
