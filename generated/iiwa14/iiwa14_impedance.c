@@ -24,6 +24,7 @@ typedef iiwa14_impedance_arm arm_t;
 typedef iiwa14_impedance_watch watch_t;
 typedef iiwa14_impedance_fault fault_t;
 typedef iiwa14_impedance_reference reference_t;
+typedef iiwa14_impedance_stiffness stiffness_t;
 typedef iiwa14_impedance_caller caller_t;
 typedef iiwa14_impedance_account account_t;
 typedef iiwa14_impedance_memory memory_t;
@@ -61,11 +62,15 @@ static const double NO_TORQUE = 1e-9; /* [N m] or [N] that counts as none: nothi
 static const double TURN = 6.28318530717958648;
 static const double FARTHEST = 1e6; /* [rad] beyond it an angle has lost its last digits */
 
-/* Finding about sample or arm: reason, joint, the number that was seen, and what it may be. */
+/*
+ * Finding about sample, arm or command: the reason of a fault or refusal, for a refusal the argument, joint or entry, the
+ * number that was seen, and what it may be.
+ */
 typedef struct {
-    int reason, joint;
+    int reason, command, entry;
     double seen, limit;
 } finding_t;
+static const finding_t NOTHING = {0, 0, NO_JOINT, 0.0, 0.0};
 
 /* Sample: what is believed of it, what the checks found, and the records that follow from it. */
 typedef struct {
@@ -79,19 +84,14 @@ typedef struct {
     double joints[LOOP_JOINTS]; /* of closed loops */
 } sample_t;
 
-/* Why a command is refused: the first reason, argument and entry, the number that was seen, and what it may be. */
-typedef struct {
-    int code, command, entry;
-    double seen, limit;
-} refusal_t;
-
 /* Accepted command: positions within the limits and on the reference's turn, stiffnesses symmetric to the last bit. */
 typedef struct {
     int accepted, shaped, limited;
-    double q0[N], translation[9 * TIPS], rotation[9 * TIPS];
-    const double *posture, *wrench, *acceleration; /* of the input */
-    int pressing, planned;                         /* there is an accepted wrench, acceleration */
-    refusal_t refusal;
+    double q0[N];
+    stiffness_t stiffness;
+    const double *wrench, *acceleration; /* of the input */
+    int pressing, planned;               /* there is an accepted wrench, acceleration */
+    finding_t refusal;
 } command_t;
 
 /* Move of the reference: where it goes, what the springs' energy rises by [J], and its travel [s]. */
@@ -102,9 +102,10 @@ typedef struct {
 
 /* Stiffness in force next, and the springs' energy with it [J]. */
 typedef struct {
-    double translation[9 * TIPS], rotation[9 * TIPS], posture[N], energy;
+    stiffness_t stiffness;
+    double energy;
     uint32_t status;
-} stiffness_t;
+} change_t;
 
 /* Wanted torques: pull, energy are of the springs at scale 1; cap: the scale that sample time and delay allow. */
 typedef struct {
@@ -789,23 +790,20 @@ static void from_modes(const modes_t *m, const double *A, double *y)
 static const double ZONE = 0.1; /* [rad] or [m] width of a limit zone, or this share of a short range */
 
 /* Energy of springs at a position, with their reference and stiffness, at scale 1. */
-static double spring_energy(const memory_t *m, const double *q, const double *r, const double *equilibrium, const double *Kt,
-                     const double *Ko, const double *posture_stiffness)
+static double spring_energy(const memory_t *m, const double *q, const double *r, const double *equilibrium, const stiffness_t *K)
 {
     double twice = 0.0;
     for (int i = 0; i < N; ++i) {
         const double away = q[i] - r[i];
-        twice += posture_stiffness[i] * away * away;
+        twice += K->posture[i] * away * away;
     }
-    return stiffgen_spring_energy(q, m, equilibrium, Kt, Ko) + 0.5 * twice;
+    return stiffgen_spring_energy(q, m, equilibrium, K->translation, K->rotation) + 0.5 * twice;
 }
 
 /* Energy of the springs in force at a position, at scale 1. */
 static double stored_energy(const memory_t *m, const double *q)
 {
-    const reference_t *const f = &m->reference;
-    return spring_energy(m, q, f->r, f->equilibrium, f->translation_stiffness, f->rotation_stiffness,
-                         f->posture_stiffness);
+    return spring_energy(m, q, m->reference.r, m->reference.equilibrium, &m->stiffness);
 }
 
 /* Energy of the zones inside the joint limits; pull and slope of each. A zone pulls with at most the effort limit. */
@@ -1079,61 +1077,64 @@ static void account_torque(account_t *a, const torque_t *t)
 static const double COMMAND_TOLERANCE = 1e-6; /* of a stiffness, over its largest entry: single precision */
 static const double MOST_TRANSLATION = 5e3, MOST_ROTATION = 500.0; /* [N/m], [N m/rad] entries of a stiffness */
 static const double MOST_POSTURE = 1e4;                            /* [N m/rad] */
-
 static const double LATEST = 1e12; /* [s] a later time has lost its last digits */
 
-/* Return a refusal. Outputs are finite: a number that is not counts as 0. */
-static refusal_t refuse(int code, int command, int entry, double seen, double limit)
+/* Return a finding; outputs are finite. */
+static finding_t find(int reason, int entry, double seen, double limit)
 {
-    const refusal_t r = {code, command, entry, fabs(seen) <= DBL_MAX ? seen : 0.0, limit};
-    return r;
+    const finding_t found = {reason, IIWA14_COMMAND_NONE, entry, fabs(seen) <= DBL_MAX ? seen : 0.0, limit};
+    return found;
+}
+
+/* Return a refusal. */
+static finding_t refuse(int reason, int command, int entry, double seen, double limit)
+{
+    finding_t found = find(reason, entry, seen, limit);
+    found.command = command;
+    return found;
 }
 
 /* Check that a call has a clock. */
-static refusal_t check_clock(const input_t *in)
+static finding_t check_clock(const input_t *in)
 {
     const int by_time = in != NULL && in->clock == IIWA14_CLOCK_TIME && fabs(in->time) <= LATEST;
     const int timed = by_time || (in != NULL && in->clock == IIWA14_CLOCK_COUNTER);
-    return refuse(timed ? IIWA14_REFUSAL_NONE : IIWA14_REFUSAL_CLOCK, timed ? IIWA14_COMMAND_NONE : IIWA14_COMMAND_CLOCK, NO_JOINT,
-                  0.0, 0.0);
+    return timed ? NOTHING : refuse(IIWA14_REFUSAL_CLOCK, IIWA14_COMMAND_CLOCK, NO_JOINT, 0.0, 0.0);
 }
 
-/* Return a refusal of nothing. */
-static refusal_t accept(void) { return refuse(IIWA14_REFUSAL_NONE, IIWA14_COMMAND_NONE, NO_JOINT, 0.0, 0.0); }
-
-/* Check that the entries of a command lie between bounds; `code` is why others are refused. */
-static refusal_t check_entries(const double *x, int count, double least, double most, int code, int command)
+/* Check that the entries of a command lie between bounds; `reason` is why others are refused. */
+static finding_t check_entries(const double *x, int count, double least, double most, int reason, int command)
 {
     for (int k = 0; k < count; ++k) {
         if (!(fabs(x[k]) <= DBL_MAX)) {
             return refuse(IIWA14_REFUSAL_NOT_FINITE, command, k, 0.0, most);
         }
         if (!(x[k] >= least && x[k] <= most)) {
-            return refuse(code, command, k, x[k], x[k] < least ? least : most);
+            return refuse(reason, command, k, x[k], x[k] < least ? least : most);
         }
     }
-    return accept();
+    return NOTHING;
 }
 
 /* Accept a tip's stiffness: symmetric and positive semidefinite, up to single precision. result: its symmetric part. */
-static refusal_t accept_stiffness(const double *K, double most, int command, int tip, double *result)
+static finding_t accept_stiffness(const double *K, double most, int command, int tip, double *result)
 {
     const int first = 9 * tip;
-    refusal_t found = check_entries(K, 9, -most, most, IIWA14_REFUSAL_STIFFNESS_LIMIT, command);
+    finding_t found = check_entries(K, 9, -most, most, IIWA14_REFUSAL_STIFFNESS_LIMIT, command);
     double size = DBL_MIN;
-    found.entry += found.code != IIWA14_REFUSAL_NONE ? first : 0;
-    for (int k = 0; found.code == IIWA14_REFUSAL_NONE && k < 9; ++k) {
+    found.entry += found.reason != IIWA14_REFUSAL_NONE ? first : 0;
+    for (int k = 0; found.reason == IIWA14_REFUSAL_NONE && k < 9; ++k) {
         result[k] = 0.5 * (K[k] + K[k % 3 * 3 + k / 3]);
         size = larger(size, fabs(K[k]));
     }
     const double allowed = COMMAND_TOLERANCE * size;
-    for (int k = 1; found.code == IIWA14_REFUSAL_NONE && k < 9; ++k) {
+    for (int k = 1; found.reason == IIWA14_REFUSAL_NONE && k < 9; ++k) {
         const double apart = fabs(K[k] - K[k % 3 * 3 + k / 3]);
         if (apart > allowed) {
             found = refuse(IIWA14_REFUSAL_ASYMMETRIC, command, first + k, apart, allowed);
         }
     }
-    if (found.code == IIWA14_REFUSAL_NONE) {
+    if (found.reason == IIWA14_REFUSAL_NONE) {
         const double least = smallest_eigenvalue(result);
         found = least >= -allowed ? found : refuse(IIWA14_REFUSAL_INDEFINITE, command, first, least, -allowed);
     }
@@ -1144,7 +1145,7 @@ static refusal_t accept_stiffness(const double *K, double most, int command, int
  * Accept q0; a continuous joint takes the turn nearest to the reference. In a limit zone or beyond the limit by up to
  * TOLERANCE it is followed to the zone, or to where the reference is already; limited: the first such joint.
  */
-static refusal_t accept_positions(const memory_t *m, const double *given, double *q0, int *limited)
+static finding_t accept_positions(const memory_t *m, const double *given, double *q0, int *limited)
 {
     const config_t *const c = &m->config;
     const double *const r = m->reference.engaged ? m->reference.r : m->watch.q;
@@ -1159,64 +1160,64 @@ static refusal_t accept_positions(const memory_t *m, const double *given, double
         q0[i] = clamp(wanted, smaller(m->arm.zone[i], larger(r[i], low)), larger(m->arm.zone[N + i], smaller(r[i], high)));
         *limited = *limited == NO_JOINT && q0[i] != wanted ? i : *limited;
     }
-    return stiffgen_reaches(q0, m) ? accept() : refuse(IIWA14_REFUSAL_LOOPS, IIWA14_COMMAND_Q0, NO_JOINT, 0.0, 0.0);
+    return stiffgen_reaches(q0, m) ? NOTHING : refuse(IIWA14_REFUSAL_LOOPS, IIWA14_COMMAND_Q0, NO_JOINT, 0.0, 0.0);
 }
 
 /* Accept q0 and the stiffnesses: the first refusal counts. */
-static refusal_t accept_springs(const memory_t *m, const input_t *in, command_t *k)
+static finding_t accept_springs(const memory_t *m, const input_t *in, command_t *k)
 {
-    refusal_t found = accept_positions(m, in->q0, k->q0, &k->limited);
-    for (int t = 0; found.code == IIWA14_REFUSAL_NONE && t < TIPS; ++t) {
+    finding_t found = accept_positions(m, in->q0, k->q0, &k->limited);
+    for (int t = 0; found.reason == IIWA14_REFUSAL_NONE && t < TIPS; ++t) {
         found = accept_stiffness(in->translation_stiffness + 9 * t, MOST_TRANSLATION, IIWA14_COMMAND_TRANSLATION_STIFFNESS,
-                                 t, k->translation + 9 * t);
+                                 t, k->stiffness.translation + 9 * t);
     }
-    for (int t = 0; found.code == IIWA14_REFUSAL_NONE && t < TIPS; ++t) {
+    for (int t = 0; found.reason == IIWA14_REFUSAL_NONE && t < TIPS; ++t) {
         found = accept_stiffness(in->rotation_stiffness + 9 * t, MOST_ROTATION, IIWA14_COMMAND_ROTATION_STIFFNESS, t,
-                                 k->rotation + 9 * t);
+                                 k->stiffness.rotation + 9 * t);
     }
-    if (found.code == IIWA14_REFUSAL_NONE) {
+    if (found.reason == IIWA14_REFUSAL_NONE) {
         found = check_entries(in->posture_stiffness, N, 0.0, MOST_POSTURE, IIWA14_REFUSAL_STIFFNESS_LIMIT,
                               IIWA14_COMMAND_POSTURE_STIFFNESS);
     }
-    k->posture = in->posture_stiffness;
+    memcpy(k->stiffness.posture, in->posture_stiffness, sizeof k->stiffness.posture);
     return found;
 }
 
 /* Accept the wrenches that the tips are to exert: finite, and no larger than heaviest_wrench. pressing: there is one. */
-static refusal_t accept_wrenches(const config_t *c, const double *wrench, int *pressing)
+static finding_t accept_wrenches(const config_t *c, const double *wrench, int *pressing)
 {
-    refusal_t found = accept();
+    finding_t found = NOTHING;
     *pressing = 0;
-    for (int k = 0; found.code == IIWA14_REFUSAL_NONE && k < 2 * TIPS; ++k) { /* force and moment of a tip in turn */
+    for (int k = 0; found.reason == IIWA14_REFUSAL_NONE && k < 2 * TIPS; ++k) { /* force and moment of a tip in turn */
         const double *const part = wrench + 3 * k, most = c->heaviest_wrench[k % 2] * (1.0 + ROUNDED);
         found = check_entries(part, 3, -most, most, IIWA14_REFUSAL_WRENCH, IIWA14_COMMAND_WRENCH_COMMAND);
-        const double size = found.code == IIWA14_REFUSAL_NONE ? norm(3, part) : 0.0;
-        found.entry += found.code != IIWA14_REFUSAL_NONE ? 3 * k : 0;
+        const double size = found.reason == IIWA14_REFUSAL_NONE ? norm(3, part) : 0.0;
+        found.entry += found.reason != IIWA14_REFUSAL_NONE ? 3 * k : 0;
         if (size > most) {
             found = refuse(IIWA14_REFUSAL_WRENCH, IIWA14_COMMAND_WRENCH_COMMAND, 3 * k, size, most);
         }
         *pressing |= size > 0.0;
     }
-    *pressing = *pressing && found.code == IIWA14_REFUSAL_NONE;
+    *pressing = *pressing && found.reason == IIWA14_REFUSAL_NONE;
     return found;
 }
 
 /* Accept the acceleration of a plan: at most SHAPED times that of the reference. planned: there is one. */
-static refusal_t accept_acceleration(const config_t *c, const double *acceleration, int *planned)
+static finding_t accept_acceleration(const config_t *c, const double *acceleration, int *planned)
 {
     *planned = 0;
     for (int i = 0; i < N; ++i) {
         const double most = SHAPED * SPEED * c->velocity_limit[i] / c->ramp_time;
-        refusal_t found = check_entries(acceleration + i, 1, -most, most, IIWA14_REFUSAL_ACCELERATION,
+        finding_t found = check_entries(acceleration + i, 1, -most, most, IIWA14_REFUSAL_ACCELERATION,
                                         IIWA14_COMMAND_ACCELERATION);
-        if (found.code != IIWA14_REFUSAL_NONE) {
+        if (found.reason != IIWA14_REFUSAL_NONE) {
             *planned = 0;
             found.entry = i;
             return found;
         }
         *planned |= acceleration[i] != 0.0;
     }
-    return accept();
+    return NOTHING;
 }
 
 /* Accept a command: springs as a whole, wrench and acceleration each by itself. The first refusal is reported. */
@@ -1225,16 +1226,16 @@ static void accept_command(const memory_t *m, const input_t *in, command_t *k)
     k->limited = NO_JOINT;
     k->shaped = in->shaped != 0;
     k->refusal = accept_springs(m, in, k);
-    k->accepted = k->refusal.code == IIWA14_REFUSAL_NONE;
-    const refusal_t wrench = accept_wrenches(&m->config, in->wrench_command, &k->pressing);
-    const refusal_t acceleration = accept_acceleration(&m->config, in->acceleration, &k->planned);
+    k->accepted = k->refusal.reason == IIWA14_REFUSAL_NONE;
+    const finding_t wrench = accept_wrenches(&m->config, in->wrench_command, &k->pressing);
+    const finding_t acceleration = accept_acceleration(&m->config, in->acceleration, &k->planned);
     k->wrench = in->wrench_command;
     k->acceleration = in->acceleration;
     k->pressing = k->pressing && k->accepted;
     k->planned = k->planned && k->accepted && k->shaped;
     k->limited = k->accepted ? k->limited : NO_JOINT;
     if (k->accepted) {
-        k->refusal = wrench.code != IIWA14_REFUSAL_NONE ? wrench : acceleration;
+        k->refusal = wrench.reason != IIWA14_REFUSAL_NONE ? wrench : acceleration;
     }
 }
 
@@ -1247,14 +1248,6 @@ static const double SHAKING_SPEED = 0.24;  /* share of the velocity limit, peak 
 static const double LASTING = 0.7;         /* share of the swing before that a swing which does not decay has */
 enum { RISES = 10, SWINGS = 12, MOST_SWINGS = 30 };
 
-/* Return a finding. */
-static finding_t find(int reason, int joint, double seen, double limit)
-{
-    const double shown = fabs(seen) <= DBL_MAX ? seen : 0.0; /* outputs are finite */
-    const finding_t found = {reason, joint, shown, limit};
-    return found;
-}
-
 /* Find a joint that is beyond its position limit by more than the tolerance. */
 static finding_t find_beyond(const config_t *c, const double *q)
 {
@@ -1263,7 +1256,7 @@ static finding_t find_beyond(const config_t *c, const double *q)
             return find(IIWA14_REASON_POSITION, i, q[i], q[i] > c->upper_limit[i] ? c->upper_limit[i] : c->lower_limit[i]);
         }
     }
-    return find(IIWA14_REASON_NONE, NO_JOINT, 0.0, 0.0);
+    return NOTHING;
 }
 
 /* Return the joint that is fastest over its limit, with its speed over it. */
@@ -1403,7 +1396,7 @@ static int count_periods(const config_t *c, const input_t *in, watch_t *w)
  */
 static int read_clock(const config_t *c, const input_t *in, watch_t *w)
 {
-    if (in == NULL || check_clock(in).code != IIWA14_REFUSAL_NONE) {
+    if (in == NULL || check_clock(in).reason != IIWA14_REFUSAL_NONE) {
         return 0;
     }
     const int same = w->seen == in->clock, periods = count_periods(c, in, w);
@@ -1465,7 +1458,7 @@ static finding_t find_frozen(const memory_t *m, int i, double differs, double el
         return find(IIWA14_REASON_FROZEN, i, moved, limit);
     }
     const int frozen = range > widest && c->position_quantum <= FINE;
-    return frozen ? find(IIWA14_REASON_FROZEN, i, range, widest) : find(IIWA14_REASON_NONE, NO_JOINT, 0.0, 0.0);
+    return frozen ? find(IIWA14_REASON_FROZEN, i, range, widest) : NOTHING;
 }
 
 /* Check joint i: numbers, then q and dq against each other and the last position. q is on the turn nearest to it. */
@@ -1479,7 +1472,7 @@ static finding_t check_joint(const memory_t *m, const input_t *in, int i, sample
     s->dq[i] = dq;
     s->q[i] = m->watch.known ? nearest_turn(i, in->q[i], m->watch.q[i]) : in->q[i];
     if (!m->watch.known) {
-        return find(IIWA14_REASON_NONE, NO_JOINT, 0.0, 0.0);
+        return NOTHING;
     }
     const double elapsed = c->sample_time * (m->account.gap + s->periods), moved = s->q[i] - m->watch.q[i];
     const double far = limit * elapsed, quanta = 2.0 * c->position_quantum, differs = dq * elapsed - moved;
@@ -1498,7 +1491,7 @@ static finding_t check_joint(const memory_t *m, const input_t *in, int i, sample
 /* Check a sample: why it is not believed, or REASON_NONE. */
 static finding_t check_sample(const memory_t *m, const input_t *in, sample_t *s)
 {
-    finding_t found = find(IIWA14_REASON_NONE, NO_JOINT, 0.0, 0.0);
+    finding_t found = NOTHING;
     for (int i = 0; found.reason == IIWA14_REASON_NONE && i < N; ++i) {
         found = check_joint(m, in, i, s);
     }
@@ -1528,14 +1521,14 @@ static finding_t judge_losses(const memory_t *m, const sample_t *s, finding_t fo
     if (m->watch.known && s->watch.missed >= LOST_SAMPLES) {
         return find(IIWA14_REASON_MISSED, NO_JOINT, s->watch.missed, LOST_SAMPLES);
     }
-    return find(IIWA14_REASON_NONE, NO_JOINT, 0.0, 0.0);
+    return NOTHING;
 }
 
 /* Judge time and sample of a call, and watch what the believed ones say of the arm. */
 static void believe(const memory_t *m, const input_t *in, sample_t *s)
 {
     watch_t *const w = &s->watch;
-    finding_t found = find(IIWA14_REASON_NONE, NO_JOINT, 0.0, 0.0);
+    finding_t found = NOTHING;
     s->status = 0u;
     s->watch = m->watch;
     s->limit = s->unstable = found;
@@ -1582,7 +1575,8 @@ static double relative_speed(const config_t *c, const double *x)
 
 /*
  * Find the reference's next velocity: the command's own motion if that is within the limits, and a speed towards q0 from
- * which a ramp can stop, changed no faster than the ramp. Return whether the reference moves.
+ * which a ramp can stop, changed no faster than the ramp. Below half of its speed the reference settles exponentially: an
+ * end of the braking at once throws the arm beyond q0 (8 mm for 2). Return whether the reference moves.
  */
 static int approach(const memory_t *m, const command_t *k, double *dr)
 {
@@ -1598,7 +1592,8 @@ static int approach(const memory_t *m, const command_t *k, double *dr)
         moved[i] = follow ? moved[i] : 0.0;
         rest[i] = k->accepted ? k->q0[i] - f->r[i] - moved[i] : 0.0;
     }
-    const double way = relative_speed(c, rest), stop = sqrt(0.25 * slope * slope + 2.0 * slope * way / T) - 0.5 * slope;
+    const double way = relative_speed(c, rest), settling = 0.5 * T / slope; /* [s] */
+    const double slow = larger(way / settling, slope), stop = way > 0.5 * settling ? sqrt(way / settling - 0.25) : slow;
     const double speed = smaller(smaller(way / T, 1.0), stop);
     for (int i = 0; i < N; ++i) {
         dr[i] = moved[i] / T + (way > 0.0 ? rest[i] * (speed / way) : 0.0);
@@ -1614,50 +1609,36 @@ static int approach(const memory_t *m, const command_t *k, double *dr)
     return way > ARRIVED || relative_speed(c, dr) > 0.0;
 }
 
-/* Compute the twist from pose E to pose F: linear, and angular by the antisymmetric part of the rotation between them. */
-static void find_twist(const double *E, const double *F, double *twist)
-{
-    double R[9];
-    for (int i = 0; i < 3; ++i) {
-        twist[i] = F[4 * i + 3] - E[4 * i + 3];
-        for (int j = 0; j < 3; ++j) {
-            R[3 * i + j] = dot(3, F + 4 * i, E + 4 * j);
-        }
-    }
-    const double axis[3] = {0.5 * (R[7] - R[5]), 0.5 * (R[2] - R[6]), 0.5 * (R[3] - R[1])};
-    const double sine = norm(3, axis), cosine = 0.5 * (R[0] + R[4] + R[8] - 1.0);
-    const double factor = sine < ROUNDED ? 1.0 : atan2(sine, cosine) / sine;
-    for (int i = 0; i < 3; ++i) {
-        twist[3 + i] = factor * axis[i];
-    }
-}
-
 /* Return how fast a move of the poses in a sample time is, over the governor's share of the tips' velocity limits. */
 static double tip_speed(const memory_t *m, const double *poses)
 {
-    const config_t *const c = &m->config;
+    const double *const limit = m->config.tip_velocity_limit;
     double most = 0.0;
     for (int t = 0; t < TIPS; ++t) {
-        double twist[6];
-        find_twist(m->reference.equilibrium + 16 * t, poses + 16 * t, twist);
-        const double speed = larger(norm(3, twist) / c->tip_velocity_limit[0], norm(3, twist + 3) / c->tip_velocity_limit[1]);
+        double moved = 0.0, turned = 0.0; /* squares of the distance, and of 2 sqrt(2) sin(angle / 2) */
+        for (int k = 16 * t; k < 16 * t + 12; ++k) {
+            const double change = poses[k] - m->reference.equilibrium[k], square = change * change;
+            moved += k % 4 == 3 ? square : 0.0;
+            turned += k % 4 == 3 ? 0.0 : square;
+        }
+        const double angle = 2.0 * asin(smaller(sqrt(0.125 * turned), 1.0));
+        const double speed = larger(angle / limit[1], sqrt(moved) / limit[0]);
         most = speed <= most ? most : speed; /* NaN stays */
     }
-    return most / (GOVERNOR * c->sample_time);
+    return most / (GOVERNOR * m->config.sample_time);
 }
 
 /* Return the largest wrench of a tip's spring, with its equilibria at poses, over heaviest_wrench. */
 static double find_load(const memory_t *m, const double *poses)
 {
-    const reference_t *const f = &m->reference;
     double wrench[6 * TIPS], most = 0.0;
-    stiffgen_spring_wrench(m->watch.q, m, poses, f->translation_stiffness, f->rotation_stiffness, wrench);
+    stiffgen_spring_wrench(m->watch.q, m, poses, m->stiffness.translation, m->stiffness.rotation, wrench);
     for (int t = 0; t < TIPS; ++t) {
         const double parts[2] = {norm(3, wrench + 6 * t) / m->config.heaviest_wrench[0],
                                  norm(3, wrench + 6 * t + 3) / m->config.heaviest_wrench[1]};
         most = larger(most, norm(2, parts));
     }
-    return f->scale * most;
+    return m->reference.scale * most;
 }
 
 /* Return whether a move that raises the energy is allowed: the tank pays, and no spring exceeds heaviest_wrench more. */
@@ -1681,9 +1662,7 @@ static double place(const memory_t *m, double share, move_t *g)
         g->r[i] = f->r[i] + share * m->config.sample_time * g->dr[i];
     }
     stiffgen_poses(g->r, m, g->equilibrium);
-    g->rise = f->scale * spring_energy(m, m->watch.q, g->r, g->equilibrium, f->translation_stiffness,
-                                       f->rotation_stiffness, f->posture_stiffness) -
-              m->account.springs;
+    g->rise = f->scale * spring_energy(m, m->watch.q, g->r, g->equilibrium, &m->stiffness) - m->account.springs;
     return tip_speed(m, g->equilibrium);
 }
 
@@ -1735,32 +1714,27 @@ static double mix(int count, const double *a, const double *b, double share, dou
 }
 
 /* Mix the stiffness in force with the commanded one, which is taken as it is once it is near. Find the energy. */
-static void mix_stiffness(const memory_t *m, const command_t *k, double share, stiffness_t *next)
+static void mix_stiffness(const memory_t *m, const stiffness_t *wanted, double share, change_t *next)
 {
     const reference_t *const f = &m->reference;
-    const double a = mix(9 * TIPS, f->translation_stiffness, k->translation, share, next->translation);
-    const double b = mix(9 * TIPS, f->rotation_stiffness, k->rotation, share, next->rotation);
-    const double c = mix(N, f->posture_stiffness, k->posture, share, next->posture);
+    const stiffness_t *const K = &m->stiffness;
+    const double a = mix(9 * TIPS, K->translation, wanted->translation, share, next->stiffness.translation);
+    const double b = mix(9 * TIPS, K->rotation, wanted->rotation, share, next->stiffness.rotation);
+    const double c = mix(N, K->posture, wanted->posture, share, next->stiffness.posture);
     if (larger(a, larger(b, c)) < SAME_STIFFNESS) {
-        memcpy(next->translation, k->translation, sizeof next->translation);
-        memcpy(next->rotation, k->rotation, sizeof next->rotation);
-        memcpy(next->posture, k->posture, sizeof next->posture);
+        next->stiffness = *wanted;
     }
-    next->energy = f->scale * spring_energy(m, m->watch.q, f->r, f->equilibrium, next->translation, next->rotation,
-                                            next->posture);
+    next->energy = f->scale * spring_energy(m, m->watch.q, f->r, f->equilibrium, &next->stiffness);
 }
 
 /* Change the stiffness towards the commanded one, as far as the tank can pay: the energy is linear in the share. */
-static void stiffen(const memory_t *m, const command_t *k, stiffness_t *next)
+static void stiffen(const memory_t *m, const command_t *k, change_t *next)
 {
-    const reference_t *const f = &m->reference;
-    const int same = k->accepted && memcmp(f->translation_stiffness, k->translation, sizeof k->translation) == 0 &&
-                     memcmp(f->rotation_stiffness, k->rotation, sizeof k->rotation) == 0 &&
-                     memcmp(f->posture_stiffness, k->posture, sizeof f->posture_stiffness) == 0;
+    const int same = memcmp(&m->stiffness, &k->stiffness, sizeof m->stiffness) == 0;
     double share = smaller(1.0, m->config.sample_time / STIFFNESS_TIME);
     next->status = 0u;
     for (int trial = 0; k->accepted && !same && trial < 2; ++trial) {
-        mix_stiffness(m, k, share, next);
+        mix_stiffness(m, &k->stiffness, share, next);
         const double cost = next->energy - m->account.springs, most = budget(m);
         if (cost <= most) {
             return;
@@ -1768,9 +1742,7 @@ static void stiffen(const memory_t *m, const command_t *k, stiffness_t *next)
         next->status = (uint32_t)IIWA14_STATUS_TANK_LIMITED;
         share *= (1.0 - ROUNDED) * most / cost;
     }
-    memcpy(next->translation, f->translation_stiffness, sizeof next->translation);
-    memcpy(next->rotation, f->rotation_stiffness, sizeof next->rotation);
-    memcpy(next->posture, f->posture_stiffness, sizeof next->posture);
+    next->stiffness = m->stiffness;
     next->energy = m->account.springs;
 }
 
@@ -1939,10 +1911,10 @@ static void pull(const memory_t *m, double *K, double *slip, law_t *w)
 {
     const reference_t *const f = &m->reference;
     double slope[N];
-    w->energy = stiffgen_spring(m->watch.q, m, f->equilibrium, f->translation_stiffness, f->rotation_stiffness, w->pull, K);
+    w->energy = stiffgen_spring(m->watch.q, m, f->equilibrium, m->stiffness.translation, m->stiffness.rotation, w->pull, K);
     (void)zone_energy(m, m->watch.q, w->zone, slope);
     for (int i = 0; i < N; ++i) {
-        const double away = f->r[i] - m->watch.q[i], k = f->posture_stiffness[i];
+        const double away = f->r[i] - m->watch.q[i], k = m->stiffness.posture[i];
         w->pull[i] += k * away;
         w->energy += 0.5 * k * away * away;
         K[i * (N + 1)] += k + slope[i];
@@ -2050,7 +2022,7 @@ static void let_fall(const memory_t *m, torque_t *t)
     (void)limit_torque(m, zero, t->own);
     t->hold = 1;
     t->status = 0u;
-    t->finding = find(IIWA14_REASON_NONE, NO_JOINT, 0.0, 0.0);
+    t->finding = NOTHING;
     t->reserve = reserve(m, t->own, 1.0);
 }
 
@@ -2090,7 +2062,7 @@ static void guard(const memory_t *m, const law_t *w, torque_t *t)
     }
     t->hold = m->fault.reason != IIWA14_REASON_NONE ? 1 : m->config.missed_limit;
     t->status = limit_torque(m, wanted, t->own);
-    t->finding = find(IIWA14_REASON_NONE, NO_JOINT, 0.0, 0.0);
+    t->finding = NOTHING;
     t->reserve = reserve(m, t->own, t->hold);
     if (t->reserve <= most) {
         return;
@@ -2178,78 +2150,60 @@ static int is_believable(const state_t *state)
 
 /* Texts: a fault or a refusal in words and numbers. */
 
-enum { POWERS = 330, MILLION = 1000000 }; /* of ten, down to the smallest number */
-static const double SAME_DIGITS = 1e-6; /* relative difference of two numbers whose digits may be the same */
+enum { DIGITS = 20, DECIMALS = 9 };
 
-/* Append characters to a text of the given size, as far as they fit with the final zero. */
-static void append(char *text, size_t size, size_t *length, const char *words)
+/* Text of the given size that is written so far. */
+typedef struct {
+    char *text;
+    size_t size, length;
+} writer_t;
+
+/* Append characters, as far as they fit with the final zero. */
+static void append(writer_t *w, const char *words)
 {
-    for (size_t k = 0; words[k] != '\0' && *length + 1u < size; ++k) {
-        text[*length] = words[k];
-        *length += 1u;
+    for (size_t k = 0; words[k] != '\0' && w->length + 1u < w->size; ++k) {
+        w->text[w->length] = words[k];
+        w->length += 1u;
     }
-    text[*length] = '\0';
+    w->text[w->length] = '\0';
 }
 
-/* Append a number that is given in millionths, at least 0, without zeros at the end of its decimals. */
-static void append_millionths(char *text, size_t size, size_t *length, int64_t millionths)
+/* Append words and a number with up to nine decimals; beyond a billion, and of NaN, a billion. */
+static void append_number(writer_t *w, const char *words, double number)
 {
-    char digits[24]; /* filled from the end */
-    int at = (int)sizeof digits - 1, shown = 0;
-    int64_t left = millionths;
-    digits[at] = '\0';
-    for (int place = 0; place < 7 || left > 0; ++place) { /* six decimals, then at least one digit before the point */
-        const int digit = (int)(left % 10);
-        if (place == 6 && shown) {
-            at -= 1;
-            digits[at] = '.';
+    char digits[DIGITS + 1] = {'\0'}; /* filled from the end */
+    int64_t left = (int64_t)((fabs(number) <= 1e9 ? fabs(number) : 1e9) * 1e9 + 0.5);
+    int at = DIGITS;
+    for (int place = 0; place <= DECIMALS || left > 0; ++place, left /= 10) {
+        if (place == DECIMALS && digits[at] != '\0') {
+            digits[--at] = '.';
         }
-        shown |= digit != 0 || place >= 6; /* zeros behind the last decimal are left out */
-        if (shown) {
-            at -= 1;
-            digits[at] = (char)('0' + digit);
+        if (place >= DECIMALS || digits[at] != '\0' || left % 10 != 0) { /* zeros behind the last decimal are left out */
+            digits[--at] = (char)('0' + left % 10);
         }
-        left /= 10;
     }
-    append(text, size, length, digits + at);
-}
-
-/* Append a number with up to six decimals, one below 1e-4 with its power of ten; beyond a billion or NaN a billion. */
-static void append_number(char *text, size_t size, size_t *length, double number)
-{
-    double shown = fabs(number) <= 1e9 ? fabs(number) : 1e9;
-    int power;
-    for (power = 0; power < POWERS && shown > 0.0 && shown < (power > 0 ? 1.0 : 1e-4); ++power) {
-        shown *= 10.0;
-    }
-    append(text, size, length, number < 0.0 ? "-" : "");
-    append_millionths(text, size, length, (int64_t)(shown * 1e6 + 0.5));
-    if (power > 0) {
-        append(text, size, length, "e-");
-        append_millionths(text, size, length, (int64_t)power * MILLION);
-    }
+    append(w, words);
+    append(w, number < 0.0 ? "-" : "");
+    append(w, digits + at);
 }
 
 /* Write what a fault is about into a text: joint, meaning with the fields to look at, what was seen, and its limit. */
 static void describe_fault(const output_t *out, char *text, size_t size)
 {
-    size_t length = 0;
+    writer_t w = {text, size, 0u};
     if (size == 0u) {
         return;
     }
-    text[0] = '\0';
     if (out->fault_joint >= 0 && out->fault_joint < N) {
-        append(text, size, &length, stiffgen_joint(out->fault_joint));
-        append(text, size, &length, ": ");
+        append(&w, stiffgen_joint(out->fault_joint));
+        append(&w, ": ");
     }
-    append(text, size, &length, meaning_of_reason(out->reason));
+    append(&w, meaning_of_reason(out->reason));
     if (seen_of_reason(out->reason)[0] != '\0') {
-        append(text, size, &length, "; ");
-        append(text, size, &length, seen_of_reason(out->reason));
-        append(text, size, &length, ": ");
-        append_number(text, size, &length, out->fault_seen);
-        append(text, size, &length, ", limit ");
-        append_number(text, size, &length, out->fault_limit);
+        append(&w, "; ");
+        append(&w, seen_of_reason(out->reason));
+        append_number(&w, ": ", out->fault_seen);
+        append_number(&w, ", limit ", out->fault_limit);
     }
 }
 
@@ -2257,37 +2211,28 @@ static void describe_fault(const output_t *out, char *text, size_t size)
 static void describe_refusal(const output_t *out, char *text, size_t size)
 {
     const int entry = out->refusal_entry, command = out->refusal_command;
-    size_t length = 0;
+    writer_t w = {text, size, 0u};
     if (size == 0u) {
         return;
     }
-    text[0] = '\0';
-    append(text, size, &length, name_of_command(command));
+    append(&w, name_of_command(command));
     if (command == IIWA14_COMMAND_Q0 && entry >= 0 && entry < N) {
-        append(text, size, &length, " of ");
-        append(text, size, &length, stiffgen_joint(entry));
+        append(&w, " of ");
+        append(&w, stiffgen_joint(entry));
     } else if (entry >= 0) {
-        append(text, size, &length, ", entry ");
-        append_number(text, size, &length, entry);
+        append_number(&w, ", entry ", entry);
     }
-    append(text, size, &length, command != IIWA14_COMMAND_NONE ? ": " : "");
-    append(text, size, &length, meaning_of_refusal(out->refusal));
+    append(&w, command != IIWA14_COMMAND_NONE ? ": " : "");
+    append(&w, meaning_of_refusal(out->refusal));
     if (entry >= 0 && out->refusal != IIWA14_REFUSAL_NOT_FINITE) {
-        const double apart = fabs(out->refusal_seen - out->refusal_limit);
-        append(text, size, &length, "; seen ");
-        append_number(text, size, &length, out->refusal_seen);
-        append(text, size, &length, ", limit ");
-        append_number(text, size, &length, out->refusal_limit);
-        if (apart > 0.0 && apart < SAME_DIGITS * fabs(out->refusal_limit)) {
-            append(text, size, &length, ", apart by ");
-            append_number(text, size, &length, apart);
-        }
+        append_number(&w, "; seen ", out->refusal_seen);
+        append_number(&w, ", limit ", out->refusal_limit);
     }
 }
 
 /* Configuration and start. */
 
-enum { POSTURES = 32, CLIMB = 4 }; /* in which the tank is sized; steps to its worst wrench */
+enum { POSTURES = 32, PATTERNS = 364 }; /* in which the tank is sized; of signs of its wrenches, (3^6 - 1) / 2 */
 
 /* Return whether all entries lie between the bounds (both allowed); NaN does not. */
 static int doubles_within(const double *x, size_t count, double least, double most)
@@ -2335,43 +2280,24 @@ static double spread_joint(int k, int i)
 }
 
 /*
- * Compute the torque of a wrench, over heaviest_wrench in each of its entries, within effort, and the direction in which
- * a wrench needs more reserve. Return the reserve.
+ * Return the most reserve of a tip's wrenches within heaviest_wrench, of those whose entries over it are alike up to sign,
+ * or 0: at most 14 % below the worst of all wrenches (four arms).
  */
-static double climb(const memory_t *m, const double *J, const double *wrench, double *direction)
-{
-    const config_t *const c = &m->config;
-    double torque[N] = {0.0}, slope[N];
-    for (int row = 0; row < 6; ++row) {
-        add_scaled(N, c->heaviest_wrench[row / 3] * wrench[row], J + row * N, torque);
-    }
-    for (int i = 0; i < N; ++i) {
-        const double most = c->effort_limit[i], fall = c->torque_rate_limit[i] * c->sample_time;
-        const double steep = c->velocity_limit[i] * (c->missed_limit + smaller(fabs(torque[i]), most) / fall);
-        slope[i] = torque[i] > 0.0 ? steep : -steep;
-        slope[i] = fabs(torque[i]) < most ? slope[i] : 0.0;
-        torque[i] = clamp(torque[i], -most, most);
-    }
-    for (int row = 0; row < 6; ++row) {
-        direction[row] = c->heaviest_wrench[row / 3] * dot(N, slope, J + row * N);
-    }
-    return reserve(m, torque, c->missed_limit);
-}
-
-/* Return the most reserve of a tip's wrenches within heaviest_wrench: the reserve is convex, so each step climbs. */
 static double wrench_reserve(const memory_t *m, const double *J)
 {
+    const config_t *const c = &m->config;
     double most = 0.0;
-    for (int start = 0; start < 6; ++start) {
-        double wrench[6] = {0.0}, direction[6];
-        wrench[start] = 1.0;
-        for (int round = 0; round < CLIMB; ++round) {
-            const double found = climb(m, J, wrench, direction), size = norm(6, direction);
-            most = found > most ? found : most; /* NaN is not */
-            for (int row = 0; size > 0.0 && row < 6; ++row) {
-                wrench[row] = direction[row] / size;
-            }
+    for (int k = 0; k < PATTERNS; ++k) {
+        double torque[N] = {0.0}, count = 0.0;
+        for (int row = 0, left = k; row < 6; ++row, left /= 3) {
+            const int side = left % 3 - 1;
+            add_scaled(N, side * c->heaviest_wrench[row / 3], J + row * N, torque);
+            count += side * side;
         }
+        for (int i = 0; i < N; ++i) {
+            torque[i] = clamp(torque[i] / sqrt(count), -c->effort_limit[i], c->effort_limit[i]);
+        }
+        most = larger(reserve(m, torque, c->missed_limit), most); /* NaN is not */
     }
     return most;
 }
@@ -2467,7 +2393,7 @@ static fault_t latch(const fault_t *before, const finding_t *found)
     fault_t next = *before;
     if (found->reason != IIWA14_REASON_NONE && (before->reason == IIWA14_REASON_NONE || worse)) {
         next.reason = found->reason;
-        next.joint = found->joint;
+        next.joint = found->entry;
         next.seen = found->seen;
         next.limit = found->limit;
         next.time = 0.0;
@@ -2510,9 +2436,7 @@ static void settle(memory_t *m, const command_t *k)
     f->engaged = 0;
     account_springs(&m->account, m, 0.0);
     if (k->accepted && m->fault.reason == IIWA14_REASON_NONE) {
-        memcpy(f->translation_stiffness, k->translation, sizeof f->translation_stiffness);
-        memcpy(f->rotation_stiffness, k->rotation, sizeof f->rotation_stiffness);
-        memcpy(f->posture_stiffness, k->posture, sizeof f->posture_stiffness);
+        m->stiffness = k->stiffness;
         f->engaged = f->commanded = 1;
         f->scale = 1.0;
         account_engage(&m->account, m);
@@ -2524,7 +2448,7 @@ static uint32_t follow_command(memory_t *m, const command_t *k)
 {
     reference_t *const f = &m->reference;
     move_t g;
-    stiffness_t next;
+    change_t next;
     govern(m, k, &g);
     account_move(&m->account, m, &g);
     memcpy(f->r, g.r, sizeof f->r);
@@ -2535,9 +2459,7 @@ static uint32_t follow_command(memory_t *m, const command_t *k)
     }
     stiffen(m, k, &next);
     account_springs(&m->account, m, next.energy);
-    memcpy(f->translation_stiffness, next.translation, sizeof f->translation_stiffness);
-    memcpy(f->rotation_stiffness, next.rotation, sizeof f->rotation_stiffness);
-    memcpy(f->posture_stiffness, next.posture, sizeof f->posture_stiffness);
+    m->stiffness = next.stiffness;
     return g.status | next.status;
 }
 
@@ -2575,7 +2497,7 @@ static void step_with_sample(memory_t *m, const sample_t *s, const input_t *in, 
     note(m, &s->lost);
     note(m, &s->limit);
     note(m, &s->unstable);
-    p->status |= p->command.refusal.code != IIWA14_REFUSAL_NONE ? (uint32_t)IIWA14_STATUS_COMMAND_REFUSED : 0u;
+    p->status |= p->command.refusal.reason != IIWA14_REFUSAL_NONE ? (uint32_t)IIWA14_STATUS_COMMAND_REFUSED : 0u;
     p->status |= p->command.limited != NO_JOINT ? (uint32_t)IIWA14_STATUS_COMMAND_LIMITED : 0u;
     const int holds = holds_in_fault(m);
     if (m->fault.reason != IIWA14_REASON_NONE) {
@@ -2654,14 +2576,14 @@ static int find_mode(const memory_t *m)
 /* Report a step: what the memory holds, and what the phases found. */
 static void report(const memory_t *m, const phases_t *p, output_t *out)
 {
-    const refusal_t *const r = &p->command.refusal;
+    const finding_t *const r = &p->command.refusal;
     const int lacks = m->watch.known && available(&m->account) < -ROUNDED_ENERGY;
     report_memory(m, out);
     out->status = p->status | p->torque.status | (lacks ? (uint32_t)IIWA14_STATUS_TANK_DEFICIT : 0u);
     out->status |= m->fault.reason != IIWA14_REASON_NONE ? (uint32_t)IIWA14_STATUS_FAULT : 0u;
     out->mode = find_mode(m);
     out->fault = fault_of_reason(m->fault.reason);
-    out->refusal = r->code;
+    out->refusal = r->reason;
     out->refusal_command = r->command;
     out->refusal_entry = r->entry;
     out->refusal_seen = r->seen;

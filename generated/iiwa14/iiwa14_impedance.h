@@ -380,20 +380,24 @@ typedef struct {
     int padding; /* of the record */
 } iiwa14_impedance_fault;
 
-/* Reference and springs in force (reference.c, guard.c). */
+/* Reference, and what of springs and wrench is in force (reference.c, guard.c). */
 typedef struct {
     double r[7]; /* [rad] reference: the springs are at rest at its poses. */
     double dr[7]; /* [rad/s] its velocity. */
     double wanted[7]; /* [rad] q0 of the last accepted command. */
-    double posture_stiffness[7]; /* [N m/rad] posture stiffness in force. */
     double equilibrium[16]; /* [m] (4 x 4) poses of the tips at r. */
-    double translation_stiffness[9]; /* [N/m] (3 x 3) stiffness Kt in force. */
-    double rotation_stiffness[9]; /* [N m/rad] (3 x 3) stiffness Ko in force. */
     double scale; /* scale l of the springs, from 0 to 1. */
     double press; /* share of wrench_command in force. */
     int engaged; /* the springs are in force. */
     int commanded; /* a command was accepted since init. */
 } iiwa14_impedance_reference;
+
+/* Stiffness of the springs in force (reference.c). */
+typedef struct {
+    double translation[9]; /* [N/m] (3 x 3) stiffness Kt. */
+    double rotation[9]; /* [N m/rad] (3 x 3) stiffness Ko. */
+    double posture[7]; /* [N m/rad] stiffness of the posture spring. */
+} iiwa14_impedance_stiffness;
 
 /* Torque of the caller. */
 typedef struct {
@@ -420,6 +424,7 @@ typedef struct {
     iiwa14_impedance_watch watch;
     iiwa14_impedance_fault fault;
     iiwa14_impedance_reference reference;
+    iiwa14_impedance_stiffness stiffness;
     iiwa14_impedance_caller caller;
     iiwa14_impedance_account account;
     uint32_t ready; /* mark of an initialised memory */

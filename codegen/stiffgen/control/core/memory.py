@@ -70,14 +70,16 @@ REFERENCE: tuple[Field, ...] = (
     _number("r", N, "rad", "reference: the springs are at rest at its poses"),
     _number("dr", N, "rad/s", "its velocity"),
     _number("wanted", N, "rad", "q0 of the last accepted command"),
-    _number("posture_stiffness", N, "N m/rad", "posture stiffness in force"),
     _number("equilibrium", POSE, "m", "poses of the tips at r"),
-    _number("translation_stiffness", SPRING, "N/m", "stiffness Kt in force"),
-    _number("rotation_stiffness", SPRING, "N m/rad", "stiffness Ko in force"),
     _number("scale", SCALAR, "", "scale l of the springs, from 0 to 1"),
     _number("press", SCALAR, "", "share of wrench_command in force"),
     _count("engaged", 0, 1, "the springs are in force"),
     _count("commanded", 0, 1, "a command was accepted since init"),
+)
+STIFFNESS: tuple[Field, ...] = (
+    _number("translation", SPRING, "N/m", "stiffness Kt"),
+    _number("rotation", SPRING, "N m/rad", "stiffness Ko"),
+    _number("posture", N, "N m/rad", "stiffness of the posture spring"),
 )
 ACCOUNT: tuple[Field, ...] = (
     _number("tank", SCALAR, "J", "energy in the tank"),
@@ -97,7 +99,8 @@ RECORDS: tuple[tuple[str, str, tuple[Field, ...]], ...] = (
     ("arm", "What depends on where the arm is: limit zones, and the joints of closed loops.", ARM),
     ("watch", "What samples leave (sample.c, watch.c).", WATCH),
     ("fault", "Latched fault.", FAULT),
-    ("reference", "Reference and springs in force (reference.c, guard.c).", REFERENCE),
+    ("reference", "Reference, and what of springs and wrench is in force (reference.c, guard.c).", REFERENCE),
+    ("stiffness", "Stiffness of the springs in force (reference.c).", STIFFNESS),
     ("caller", "Torque of the caller.", CALLER),
     ("account", "One purse; the functions account_ alone write it (account.c).", ACCOUNT),
 )

@@ -78,7 +78,7 @@ void let_fall(const memory_t *m, torque_t *t)
     (void)limit_torque(m, zero, t->own);
     t->hold = 1;
     t->status = 0u;
-    t->finding = find(ID(REASON_NONE), NO_JOINT, 0.0, 0.0);
+    t->finding = NOTHING;
     t->reserve = reserve(m, t->own, 1.0);
 }
 
@@ -118,7 +118,7 @@ void guard(const memory_t *m, const law_t *w, torque_t *t)
     }
     t->hold = m->fault.reason != ID(REASON_NONE) ? 1 : m->config.missed_limit;
     t->status = limit_torque(m, wanted, t->own);
-    t->finding = find(ID(REASON_NONE), NO_JOINT, 0.0, 0.0);
+    t->finding = NOTHING;
     t->reserve = reserve(m, t->own, t->hold);
     if (t->reserve <= most) {
         return;

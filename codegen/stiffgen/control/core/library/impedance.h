@@ -41,11 +41,15 @@ static const double NO_TORQUE = 1e-9; /* [N m] or [N] that counts as none: nothi
 static const double TURN = 6.28318530717958648;
 static const double FARTHEST = 1e6; /* [rad] beyond it an angle has lost its last digits */
 
-/* Finding about sample or arm: reason, joint, the number that was seen, and what it may be. */
+/*
+ * Finding about sample, arm or command: the reason of a fault or refusal, for a refusal the argument, joint or entry, the
+ * number that was seen, and what it may be.
+ */
 typedef struct {
-    int reason, joint;
+    int reason, command, entry;
     double seen, limit;
 } finding_t;
+static const finding_t NOTHING = {0, 0, NO_JOINT, 0.0, 0.0};
 
 /* Sample: what is believed of it, what the checks found, and the records that follow from it. */
 typedef struct {
@@ -59,19 +63,14 @@ typedef struct {
     double joints[LOOP_JOINTS]; /* of closed loops */
 } sample_t;
 
-/* Why a command is refused: the first reason, argument and entry, the number that was seen, and what it may be. */
-typedef struct {
-    int code, command, entry;
-    double seen, limit;
-} refusal_t;
-
 /* Accepted command: positions within the limits and on the reference's turn, stiffnesses symmetric to the last bit. */
 typedef struct {
     int accepted, shaped, limited;
-    double q0[N], translation[9 * TIPS], rotation[9 * TIPS];
-    const double *posture, *wrench, *acceleration; /* of the input */
-    int pressing, planned;                         /* there is an accepted wrench, acceleration */
-    refusal_t refusal;
+    double q0[N];
+    stiffness_t stiffness;
+    const double *wrench, *acceleration; /* of the input */
+    int pressing, planned;               /* there is an accepted wrench, acceleration */
+    finding_t refusal;
 } command_t;
 
 /* Move of the reference: where it goes, what the springs' energy rises by [J], and its travel [s]. */
@@ -82,9 +81,10 @@ typedef struct {
 
 /* Stiffness in force next, and the springs' energy with it [J]. */
 typedef struct {
-    double translation[9 * TIPS], rotation[9 * TIPS], posture[N], energy;
+    stiffness_t stiffness;
+    double energy;
     uint32_t status;
-} stiffness_t;
+} change_t;
 
 /* Wanted torques: pull, energy are of the springs at scale 1; cap: the scale that sample time and delay allow. */
 typedef struct {
@@ -115,36 +115,6 @@ typedef struct {
 
 /* ---- functions, by file ---- */
 
-/* robot.c: the robot's kernels at its tips, one after the other, and its tables. m: tools, springs' limits, and with
- * closed loops the joints from which they are closed */
-void stiffgen_poses(const double *q, const memory_t *m, double *pose);
-void stiffgen_jacobians(const double *q, const memory_t *m, double *jacobian);
-double stiffgen_spring_energy(const double *q, const memory_t *m, const double *equilibrium,
-                              const double *translation_stiffness, const double *rotation_stiffness);
-double stiffgen_spring(const double *q, const memory_t *m, const double *equilibrium,
-                       const double *translation_stiffness, const double *rotation_stiffness, double *torque,
-                       double *joint_stiffness);
-void stiffgen_spring_wrench(const double *q, const memory_t *m, const double *equilibrium,
-                            const double *translation_stiffness, const double *rotation_stiffness, double *wrench);
-void stiffgen_mass_matrix(const double *q, const memory_t *m, double *mass_matrix);
-void stiffgen_coriolis(const double *q, const memory_t *m, const double *velocity, double *forces);
-void stiffgen_home(arm_t *arm);
-int stiffgen_reaches(const double *q, const memory_t *m);
-void stiffgen_retract(const memory_t *m, double *q);
-int stiffgen_follow(const double *q, const memory_t *m, double *joints);
-void stiffgen_adopt(const double *joints, arm_t *arm);
-int stiffgen_turns(int joint);
-int check_fields(const config_t *c);
-int check_tools(const config_t *c);
-int fault_of_reason(int reason);
-const char *meaning_of_reason(int reason);
-const char *seen_of_reason(int reason);
-const char *stiffgen_joint(int joint);
-const char *meaning_of_refusal(int refusal);
-const char *name_of_command(int command);
-int fits_memory(const memory_t *m);
-void report_memory(const memory_t *m, output_t *out);
-
 /* matrix.c */
 double larger(double x, double y);
 double smaller(double x, double y);
@@ -166,8 +136,7 @@ void to_modes(const modes_t *m, const double *A, double *y);
 void from_modes(const modes_t *m, const double *A, double *y);
 
 /* springs.c */
-double spring_energy(const memory_t *m, const double *q, const double *r, const double *equilibrium, const double *Kt,
-                     const double *Ko, const double *posture_stiffness);
+double spring_energy(const memory_t *m, const double *q, const double *r, const double *equilibrium, const stiffness_t *K);
 double stored_energy(const memory_t *m, const double *q);
 double zone_energy(const memory_t *m, const double *q, double *pull, double *slope);
 double most_damping(const config_t *c);
@@ -199,17 +168,16 @@ void believe(const memory_t *m, const input_t *in, sample_t *s);
 void watch_limits(const memory_t *m, sample_t *s);
 void watch_shaking(const memory_t *m, sample_t *s);
 void calm(watch_t *w);
-finding_t find(int reason, int joint, double seen, double limit);
 
 /* command.c */
+finding_t find(int reason, int entry, double seen, double limit);
 void accept_command(const memory_t *m, const input_t *in, command_t *k);
-refusal_t check_clock(const input_t *in);
-refusal_t refuse(int code, int command, int entry, double seen, double limit);
+finding_t check_clock(const input_t *in);
 
 /* reference.c */
 double relative_speed(const config_t *c, const double *x);
 void govern(const memory_t *m, const command_t *k, move_t *g);
-void stiffen(const memory_t *m, const command_t *k, stiffness_t *next);
+void stiffen(const memory_t *m, const command_t *k, change_t *next);
 
 /* law.c, feedforward.c */
 void find_law(const memory_t *m, const command_t *k, law_t *w);

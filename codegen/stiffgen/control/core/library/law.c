@@ -84,10 +84,10 @@ static void pull(const memory_t *m, double *K, double *slip, law_t *w)
 {
     const reference_t *const f = &m->reference;
     double slope[N];
-    w->energy = stiffgen_spring(m->watch.q, m, f->equilibrium, f->translation_stiffness, f->rotation_stiffness, w->pull, K);
+    w->energy = stiffgen_spring(m->watch.q, m, f->equilibrium, m->stiffness.translation, m->stiffness.rotation, w->pull, K);
     (void)zone_energy(m, m->watch.q, w->zone, slope);
     for (int i = 0; i < N; ++i) {
-        const double away = f->r[i] - m->watch.q[i], k = f->posture_stiffness[i];
+        const double away = f->r[i] - m->watch.q[i], k = m->stiffness.posture[i];
         w->pull[i] += k * away;
         w->energy += 0.5 * k * away * away;
         K[i * (N + 1)] += k + slope[i];

@@ -18,7 +18,8 @@ double relative_speed(const config_t *c, const double *x)
 
 /*
  * Find the reference's next velocity: the command's own motion if that is within the limits, and a speed towards q0 from
- * which a ramp can stop, changed no faster than the ramp. Return whether the reference moves.
+ * which a ramp can stop, changed no faster than the ramp. Below half of its speed the reference settles exponentially: an
+ * end of the braking at once throws the arm beyond q0 (8 mm for 2). Return whether the reference moves.
  */
 static int approach(const memory_t *m, const command_t *k, double *dr)
 {
@@ -34,7 +35,8 @@ static int approach(const memory_t *m, const command_t *k, double *dr)
         moved[i] = follow ? moved[i] : 0.0;
         rest[i] = k->accepted ? k->q0[i] - f->r[i] - moved[i] : 0.0;
     }
-    const double way = relative_speed(c, rest), stop = sqrt(0.25 * slope * slope + 2.0 * slope * way / T) - 0.5 * slope;
+    const double way = relative_speed(c, rest), settling = 0.5 * T / slope; /* [s] */
+    const double slow = larger(way / settling, slope), stop = way > 0.5 * settling ? sqrt(way / settling - 0.25) : slow;
     const double speed = smaller(smaller(way / T, 1.0), stop);
     for (int i = 0; i < N; ++i) {
         dr[i] = moved[i] / T + (way > 0.0 ? rest[i] * (speed / way) : 0.0);
@@ -50,50 +52,36 @@ static int approach(const memory_t *m, const command_t *k, double *dr)
     return way > ARRIVED || relative_speed(c, dr) > 0.0;
 }
 
-/* Compute the twist from pose E to pose F: linear, and angular by the antisymmetric part of the rotation between them. */
-static void find_twist(const double *E, const double *F, double *twist)
-{
-    double R[9];
-    for (int i = 0; i < 3; ++i) {
-        twist[i] = F[4 * i + 3] - E[4 * i + 3];
-        for (int j = 0; j < 3; ++j) {
-            R[3 * i + j] = dot(3, F + 4 * i, E + 4 * j);
-        }
-    }
-    const double axis[3] = {0.5 * (R[7] - R[5]), 0.5 * (R[2] - R[6]), 0.5 * (R[3] - R[1])};
-    const double sine = norm(3, axis), cosine = 0.5 * (R[0] + R[4] + R[8] - 1.0);
-    const double factor = sine < ROUNDED ? 1.0 : atan2(sine, cosine) / sine;
-    for (int i = 0; i < 3; ++i) {
-        twist[3 + i] = factor * axis[i];
-    }
-}
-
 /* Return how fast a move of the poses in a sample time is, over the governor's share of the tips' velocity limits. */
 static double tip_speed(const memory_t *m, const double *poses)
 {
-    const config_t *const c = &m->config;
+    const double *const limit = m->config.tip_velocity_limit;
     double most = 0.0;
     for (int t = 0; t < TIPS; ++t) {
-        double twist[6];
-        find_twist(m->reference.equilibrium + 16 * t, poses + 16 * t, twist);
-        const double speed = larger(norm(3, twist) / c->tip_velocity_limit[0], norm(3, twist + 3) / c->tip_velocity_limit[1]);
+        double moved = 0.0, turned = 0.0; /* squares of the distance, and of 2 sqrt(2) sin(angle / 2) */
+        for (int k = 16 * t; k < 16 * t + 12; ++k) {
+            const double change = poses[k] - m->reference.equilibrium[k], square = change * change;
+            moved += k % 4 == 3 ? square : 0.0;
+            turned += k % 4 == 3 ? 0.0 : square;
+        }
+        const double angle = 2.0 * asin(smaller(sqrt(0.125 * turned), 1.0));
+        const double speed = larger(angle / limit[1], sqrt(moved) / limit[0]);
         most = speed <= most ? most : speed; /* NaN stays */
     }
-    return most / (GOVERNOR * c->sample_time);
+    return most / (GOVERNOR * m->config.sample_time);
 }
 
 /* Return the largest wrench of a tip's spring, with its equilibria at poses, over heaviest_wrench. */
 static double find_load(const memory_t *m, const double *poses)
 {
-    const reference_t *const f = &m->reference;
     double wrench[6 * TIPS], most = 0.0;
-    stiffgen_spring_wrench(m->watch.q, m, poses, f->translation_stiffness, f->rotation_stiffness, wrench);
+    stiffgen_spring_wrench(m->watch.q, m, poses, m->stiffness.translation, m->stiffness.rotation, wrench);
     for (int t = 0; t < TIPS; ++t) {
         const double parts[2] = {norm(3, wrench + 6 * t) / m->config.heaviest_wrench[0],
                                  norm(3, wrench + 6 * t + 3) / m->config.heaviest_wrench[1]};
         most = larger(most, norm(2, parts));
     }
-    return f->scale * most;
+    return m->reference.scale * most;
 }
 
 /* Return whether a move that raises the energy is allowed: the tank pays, and no spring exceeds heaviest_wrench more. */
@@ -117,9 +105,7 @@ static double place(const memory_t *m, double share, move_t *g)
         g->r[i] = f->r[i] + share * m->config.sample_time * g->dr[i];
     }
     stiffgen_poses(g->r, m, g->equilibrium);
-    g->rise = f->scale * spring_energy(m, m->watch.q, g->r, g->equilibrium, f->translation_stiffness,
-                                       f->rotation_stiffness, f->posture_stiffness) -
-              m->account.springs;
+    g->rise = f->scale * spring_energy(m, m->watch.q, g->r, g->equilibrium, &m->stiffness) - m->account.springs;
     return tip_speed(m, g->equilibrium);
 }
 
@@ -171,32 +157,27 @@ static double mix(int count, const double *a, const double *b, double share, dou
 }
 
 /* Mix the stiffness in force with the commanded one, which is taken as it is once it is near. Find the energy. */
-static void mix_stiffness(const memory_t *m, const command_t *k, double share, stiffness_t *next)
+static void mix_stiffness(const memory_t *m, const stiffness_t *wanted, double share, change_t *next)
 {
     const reference_t *const f = &m->reference;
-    const double a = mix(9 * TIPS, f->translation_stiffness, k->translation, share, next->translation);
-    const double b = mix(9 * TIPS, f->rotation_stiffness, k->rotation, share, next->rotation);
-    const double c = mix(N, f->posture_stiffness, k->posture, share, next->posture);
+    const stiffness_t *const K = &m->stiffness;
+    const double a = mix(9 * TIPS, K->translation, wanted->translation, share, next->stiffness.translation);
+    const double b = mix(9 * TIPS, K->rotation, wanted->rotation, share, next->stiffness.rotation);
+    const double c = mix(N, K->posture, wanted->posture, share, next->stiffness.posture);
     if (larger(a, larger(b, c)) < SAME_STIFFNESS) {
-        memcpy(next->translation, k->translation, sizeof next->translation);
-        memcpy(next->rotation, k->rotation, sizeof next->rotation);
-        memcpy(next->posture, k->posture, sizeof next->posture);
+        next->stiffness = *wanted;
     }
-    next->energy = f->scale * spring_energy(m, m->watch.q, f->r, f->equilibrium, next->translation, next->rotation,
-                                            next->posture);
+    next->energy = f->scale * spring_energy(m, m->watch.q, f->r, f->equilibrium, &next->stiffness);
 }
 
 /* Change the stiffness towards the commanded one, as far as the tank can pay: the energy is linear in the share. */
-void stiffen(const memory_t *m, const command_t *k, stiffness_t *next)
+void stiffen(const memory_t *m, const command_t *k, change_t *next)
 {
-    const reference_t *const f = &m->reference;
-    const int same = k->accepted && memcmp(f->translation_stiffness, k->translation, sizeof k->translation) == 0 &&
-                     memcmp(f->rotation_stiffness, k->rotation, sizeof k->rotation) == 0 &&
-                     memcmp(f->posture_stiffness, k->posture, sizeof f->posture_stiffness) == 0;
+    const int same = memcmp(&m->stiffness, &k->stiffness, sizeof m->stiffness) == 0;
     double share = smaller(1.0, m->config.sample_time / STIFFNESS_TIME);
     next->status = 0u;
     for (int trial = 0; k->accepted && !same && trial < 2; ++trial) {
-        mix_stiffness(m, k, share, next);
+        mix_stiffness(m, &k->stiffness, share, next);
         const double cost = next->energy - m->account.springs, most = budget(m);
         if (cost <= most) {
             return;
@@ -204,8 +185,6 @@ void stiffen(const memory_t *m, const command_t *k, stiffness_t *next)
         next->status = (uint32_t)ID(STATUS_TANK_LIMITED);
         share *= (1.0 - ROUNDED) * most / cost;
     }
-    memcpy(next->translation, f->translation_stiffness, sizeof next->translation);
-    memcpy(next->rotation, f->rotation_stiffness, sizeof next->rotation);
-    memcpy(next->posture, f->posture_stiffness, sizeof next->posture);
+    next->stiffness = m->stiffness;
     next->energy = m->account.springs;
 }

@@ -46,7 +46,7 @@ static int count_periods(const config_t *c, const input_t *in, watch_t *w)
  */
 static int read_clock(const config_t *c, const input_t *in, watch_t *w)
 {
-    if (in == NULL || check_clock(in).code != ID(REFUSAL_NONE)) {
+    if (in == NULL || check_clock(in).reason != ID(REFUSAL_NONE)) {
         return 0;
     }
     const int same = w->seen == in->clock, periods = count_periods(c, in, w);
@@ -108,7 +108,7 @@ static finding_t find_frozen(const memory_t *m, int i, double differs, double el
         return find(ID(REASON_FROZEN), i, moved, limit);
     }
     const int frozen = range > widest && c->position_quantum <= FINE;
-    return frozen ? find(ID(REASON_FROZEN), i, range, widest) : find(ID(REASON_NONE), NO_JOINT, 0.0, 0.0);
+    return frozen ? find(ID(REASON_FROZEN), i, range, widest) : NOTHING;
 }
 
 /* Check joint i: numbers, then q and dq against each other and the last position. q is on the turn nearest to it. */
@@ -122,7 +122,7 @@ static finding_t check_joint(const memory_t *m, const input_t *in, int i, sample
     s->dq[i] = dq;
     s->q[i] = m->watch.known ? nearest_turn(i, in->q[i], m->watch.q[i]) : in->q[i];
     if (!m->watch.known) {
-        return find(ID(REASON_NONE), NO_JOINT, 0.0, 0.0);
+        return NOTHING;
     }
     const double elapsed = c->sample_time * (m->account.gap + s->periods), moved = s->q[i] - m->watch.q[i];
     const double far = limit * elapsed, quanta = 2.0 * c->position_quantum, differs = dq * elapsed - moved;
@@ -141,7 +141,7 @@ static finding_t check_joint(const memory_t *m, const input_t *in, int i, sample
 /* Check a sample: why it is not believed, or REASON_NONE. */
 static finding_t check_sample(const memory_t *m, const input_t *in, sample_t *s)
 {
-    finding_t found = find(ID(REASON_NONE), NO_JOINT, 0.0, 0.0);
+    finding_t found = NOTHING;
     for (int i = 0; found.reason == ID(REASON_NONE) && i < N; ++i) {
         found = check_joint(m, in, i, s);
     }
@@ -171,14 +171,14 @@ static finding_t judge_losses(const memory_t *m, const sample_t *s, finding_t fo
     if (m->watch.known && s->watch.missed >= LOST_SAMPLES) {
         return find(ID(REASON_MISSED), NO_JOINT, s->watch.missed, LOST_SAMPLES);
     }
-    return find(ID(REASON_NONE), NO_JOINT, 0.0, 0.0);
+    return NOTHING;
 }
 
 /* Judge time and sample of a call, and watch what the believed ones say of the arm. */
 void believe(const memory_t *m, const input_t *in, sample_t *s)
 {
     watch_t *const w = &s->watch;
-    finding_t found = find(ID(REASON_NONE), NO_JOINT, 0.0, 0.0);
+    finding_t found = NOTHING;
     s->status = 0u;
     s->watch = m->watch;
     s->limit = s->unstable = found;

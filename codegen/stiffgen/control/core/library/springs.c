@@ -4,23 +4,20 @@
 static const double ZONE = 0.1; /* [rad] or [m] width of a limit zone, or this share of a short range */
 
 /* Energy of springs at a position, with their reference and stiffness, at scale 1. */
-double spring_energy(const memory_t *m, const double *q, const double *r, const double *equilibrium, const double *Kt,
-                     const double *Ko, const double *posture_stiffness)
+double spring_energy(const memory_t *m, const double *q, const double *r, const double *equilibrium, const stiffness_t *K)
 {
     double twice = 0.0;
     for (int i = 0; i < N; ++i) {
         const double away = q[i] - r[i];
-        twice += posture_stiffness[i] * away * away;
+        twice += K->posture[i] * away * away;
     }
-    return stiffgen_spring_energy(q, m, equilibrium, Kt, Ko) + 0.5 * twice;
+    return stiffgen_spring_energy(q, m, equilibrium, K->translation, K->rotation) + 0.5 * twice;
 }
 
 /* Energy of the springs in force at a position, at scale 1. */
 double stored_energy(const memory_t *m, const double *q)
 {
-    const reference_t *const f = &m->reference;
-    return spring_energy(m, q, f->r, f->equilibrium, f->translation_stiffness, f->rotation_stiffness,
-                         f->posture_stiffness);
+    return spring_energy(m, q, m->reference.r, m->reference.equilibrium, &m->stiffness);
 }
 
 /* Energy of the zones inside the joint limits; pull and slope of each. A zone pulls with at most the effort limit. */

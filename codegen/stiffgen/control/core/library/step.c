@@ -20,7 +20,7 @@ static fault_t latch(const fault_t *before, const finding_t *found)
     fault_t next = *before;
     if (found->reason != ID(REASON_NONE) && (before->reason == ID(REASON_NONE) || worse)) {
         next.reason = found->reason;
-        next.joint = found->joint;
+        next.joint = found->entry;
         next.seen = found->seen;
         next.limit = found->limit;
         next.time = 0.0;
@@ -63,9 +63,7 @@ static void settle(memory_t *m, const command_t *k)
     f->engaged = 0;
     account_springs(&m->account, m, 0.0);
     if (k->accepted && m->fault.reason == ID(REASON_NONE)) {
-        memcpy(f->translation_stiffness, k->translation, sizeof f->translation_stiffness);
-        memcpy(f->rotation_stiffness, k->rotation, sizeof f->rotation_stiffness);
-        memcpy(f->posture_stiffness, k->posture, sizeof f->posture_stiffness);
+        m->stiffness = k->stiffness;
         f->engaged = f->commanded = 1;
         f->scale = 1.0;
         account_engage(&m->account, m);
@@ -77,7 +75,7 @@ static uint32_t follow_command(memory_t *m, const command_t *k)
 {
     reference_t *const f = &m->reference;
     move_t g;
-    stiffness_t next;
+    change_t next;
     govern(m, k, &g);
     account_move(&m->account, m, &g);
     memcpy(f->r, g.r, sizeof f->r);
@@ -88,9 +86,7 @@ static uint32_t follow_command(memory_t *m, const command_t *k)
     }
     stiffen(m, k, &next);
     account_springs(&m->account, m, next.energy);
-    memcpy(f->translation_stiffness, next.translation, sizeof f->translation_stiffness);
-    memcpy(f->rotation_stiffness, next.rotation, sizeof f->rotation_stiffness);
-    memcpy(f->posture_stiffness, next.posture, sizeof f->posture_stiffness);
+    m->stiffness = next.stiffness;
     return g.status | next.status;
 }
 
@@ -128,7 +124,7 @@ static void step_with_sample(memory_t *m, const sample_t *s, const input_t *in, 
     note(m, &s->lost);
     note(m, &s->limit);
     note(m, &s->unstable);
-    p->status |= p->command.refusal.code != ID(REFUSAL_NONE) ? (uint32_t)ID(STATUS_COMMAND_REFUSED) : 0u;
+    p->status |= p->command.refusal.reason != ID(REFUSAL_NONE) ? (uint32_t)ID(STATUS_COMMAND_REFUSED) : 0u;
     p->status |= p->command.limited != NO_JOINT ? (uint32_t)ID(STATUS_COMMAND_LIMITED) : 0u;
     const int holds = holds_in_fault(m);
     if (m->fault.reason != ID(REASON_NONE)) {
@@ -207,14 +203,14 @@ static int find_mode(const memory_t *m)
 /* Report a step: what the memory holds, and what the phases found. */
 static void report(const memory_t *m, const phases_t *p, output_t *out)
 {
-    const refusal_t *const r = &p->command.refusal;
+    const finding_t *const r = &p->command.refusal;
     const int lacks = m->watch.known && available(&m->account) < -ROUNDED_ENERGY;
     report_memory(m, out);
     out->status = p->status | p->torque.status | (lacks ? (uint32_t)ID(STATUS_TANK_DEFICIT) : 0u);
     out->status |= m->fault.reason != ID(REASON_NONE) ? (uint32_t)ID(STATUS_FAULT) : 0u;
     out->mode = find_mode(m);
     out->fault = fault_of_reason(m->fault.reason);
-    out->refusal = r->code;
+    out->refusal = r->reason;
     out->refusal_command = r->command;
     out->refusal_entry = r->entry;
     out->refusal_seen = r->seen;

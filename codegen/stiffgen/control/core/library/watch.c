@@ -8,14 +8,6 @@ static const double SHAKING_SPEED = 0.24;  /* share of the velocity limit, peak 
 static const double LASTING = 0.7;         /* share of the swing before that a swing which does not decay has */
 enum { RISES = 10, SWINGS = 12, MOST_SWINGS = 30 };
 
-/* Return a finding. */
-finding_t find(int reason, int joint, double seen, double limit)
-{
-    const double shown = fabs(seen) <= DBL_MAX ? seen : 0.0; /* outputs are finite */
-    const finding_t found = {reason, joint, shown, limit};
-    return found;
-}
-
 /* Find a joint that is beyond its position limit by more than the tolerance. */
 static finding_t find_beyond(const config_t *c, const double *q)
 {
@@ -24,7 +16,7 @@ static finding_t find_beyond(const config_t *c, const double *q)
             return find(ID(REASON_POSITION), i, q[i], q[i] > c->upper_limit[i] ? c->upper_limit[i] : c->lower_limit[i]);
         }
     }
-    return find(ID(REASON_NONE), NO_JOINT, 0.0, 0.0);
+    return NOTHING;
 }
 
 /* Return the joint that is fastest over its limit, with its speed over it. */
