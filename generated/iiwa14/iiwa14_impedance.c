@@ -790,14 +790,14 @@ static void from_modes(const modes_t *m, const double *A, double *y)
 static const double ZONE = 0.1; /* [rad] or [m] width of a limit zone, or this share of a short range */
 
 /* Energy of springs at a position, with their reference and stiffness, at scale 1. */
-static double spring_energy(const memory_t *m, const double *q, const double *r, const double *equilibrium, const stiffness_t *K)
+static double spring_energy(const memory_t *m, const double *q, const double *r, const double *poses, const stiffness_t *K)
 {
     double twice = 0.0;
     for (int i = 0; i < N; ++i) {
         const double away = q[i] - r[i];
         twice += K->posture[i] * away * away;
     }
-    return stiffgen_spring_energy(q, m, equilibrium, K->translation, K->rotation) + 0.5 * twice;
+    return stiffgen_spring_energy(q, m, poses, K->translation, K->rotation) + 0.5 * twice;
 }
 
 /* Energy of the springs in force at a position, at scale 1. */
@@ -871,7 +871,7 @@ static double free_inertia(const double *inverse, int i)
     return 1.0 / sum;
 }
 
-/* Place the limit zones: their stiffness is what rate limit, damping and sample time can follow, with the inertia at q. */
+/* Place the limit zones: their stiffness is what rate limit, damping and sample time follow, by the inertia at q. */
 static void place_zones(const memory_t *m, const double *q, arm_t *arm)
 {
     const config_t *const c = &m->config;
@@ -998,8 +998,8 @@ static void account_time(account_t *a, const config_t *c, int periods)
 
 /*
  * Book the torques' work since the last believed sample, and what springs and zones store at q. The work is the smaller
- * of two bounds: by the change of q and the changes of torque, or by the torques alone. A continuous joint that can have
- * passed half a turn leaves its turn open: then q says nothing.
+ * of two bounds: by the change of q and the changes of torque, or by the torques alone. A continuous joint that can
+ * have passed half a turn leaves its turn open: then q says nothing.
  */
 static void account_interval(account_t *a, const memory_t *m, const double *q, double springs, double zones)
 {
@@ -1157,7 +1157,8 @@ static finding_t accept_positions(const memory_t *m, const double *given, double
         if (beyond(c, i, wanted) > TOLERANCE) {
             return refuse(IIWA14_REFUSAL_POSITION, IIWA14_COMMAND_Q0, i, wanted, wanted > high ? high : low);
         }
-        q0[i] = clamp(wanted, smaller(m->arm.zone[i], larger(r[i], low)), larger(m->arm.zone[N + i], smaller(r[i], high)));
+        const double least = smaller(m->arm.zone[i], larger(r[i], low));
+        q0[i] = clamp(wanted, least, larger(m->arm.zone[N + i], smaller(r[i], high)));
         *limited = *limited == NO_JOINT && q0[i] != wanted ? i : *limited;
     }
     return stiffgen_reaches(q0, m) ? NOTHING : refuse(IIWA14_REFUSAL_LOOPS, IIWA14_COMMAND_Q0, NO_JOINT, 0.0, 0.0);
@@ -1183,7 +1184,7 @@ static finding_t accept_springs(const memory_t *m, const input_t *in, command_t 
     return found;
 }
 
-/* Accept the wrenches that the tips are to exert: finite, and no larger than heaviest_wrench. pressing: there is one. */
+/* Accept the wrenches that the tips are to exert: finite, at most heaviest_wrench. pressing: there is one. */
 static finding_t accept_wrenches(const config_t *c, const double *wrench, int *pressing)
 {
     finding_t found = NOTHING;
@@ -1416,12 +1417,12 @@ static int read_clock(const config_t *c, const input_t *in, watch_t *w)
  * Sum by how far the motions of q and dq differ while one of them stands still; up to `allowed` per sample is noise,
  * resolution and bias of dq, which therefore do not add up at rest. Return the sum.
  */
-static double sum_difference(const watch_t *before, int i, double sample_time, double differs, double allowed, sample_t *s)
+static double sum_difference(const watch_t *before, int i, double T, double differs, double allowed, sample_t *s)
 {
     watch_t *const w = &s->watch;
     const double same = SAME * fabs(s->q[i]); /* and a velocity that differs by this in a sample follows from it */
     const int q_changed = fabs(s->q[i] - before->q[i]) > same;
-    const int dq_changed = fabs(s->dq[i] - before->dq[i]) * sample_time > 4.0 * same;
+    const int dq_changed = fabs(s->dq[i] - before->dq[i]) * T > 4.0 * same;
     w->q_age[i] = q_changed ? 0 : count_up(before->q_age[i], 1);
     w->dq_age[i] = dq_changed ? 0 : count_up(before->dq_age[i], 1);
     const double sum = before->moved[i] + differs;
@@ -1535,7 +1536,11 @@ static void believe(const memory_t *m, const input_t *in, sample_t *s)
     s->periods = read_clock(&m->config, in, w);
     const int there = s->periods > 0 && in->sample_valid == 1;
     if (there) {
+        const watch_t timed = *w;
         found = check_sample(m, in, s);
+        if (found.reason != IIWA14_REASON_NONE) { /* what is not believed leaves no records */
+            *w = timed;
+        }
         w->bad = ((w->bad << 1) | (found.reason != IIWA14_REASON_NONE)) & 7; /* the last three samples, a bit each */
         s->status = found.reason != IIWA14_REASON_NONE ? (uint32_t)IIWA14_STATUS_BAD_SAMPLE : 0u;
     } else {
@@ -1556,7 +1561,7 @@ static void believe(const memory_t *m, const input_t *in, sample_t *s)
     }
 }
 
-/* The reference: it moves to q0 within its limits of speed, ramp, wrench and work; the stiffness follows the command. */
+/* The reference moves to q0 within its limits of speed, ramp, wrench and work; the stiffness follows the command. */
 
 static const double STIFFNESS_TIME = 0.02;  /* [s] time constant of a change of stiffness */
 static const double SAME_STIFFNESS = 1e-3;  /* [N/m], [N m/rad] that a change of stiffness ends with */
@@ -1574,9 +1579,9 @@ static double relative_speed(const config_t *c, const double *x)
 }
 
 /*
- * Find the reference's next velocity: the command's own motion if that is within the limits, and a speed towards q0 from
- * which a ramp can stop, changed no faster than the ramp. Below half of its speed the reference settles exponentially: an
- * end of the braking at once throws the arm beyond q0 (8 mm for 2). Return whether the reference moves.
+ * Find the reference's next velocity: the command's own motion if that is within the limits, and a speed towards q0
+ * from which a ramp can stop, changed no faster than the ramp. Below half of its speed the reference settles
+ * exponentially: an abrupt end of the braking throws the arm beyond q0 (8 mm for 2). Return whether it moves.
  */
 static int approach(const memory_t *m, const command_t *k, double *dr)
 {
@@ -1641,7 +1646,7 @@ static double find_load(const memory_t *m, const double *poses)
     return m->reference.scale * most;
 }
 
-/* Return whether a move that raises the energy is allowed: the tank pays, and no spring exceeds heaviest_wrench more. */
+/* Return whether a move that raises the energy is allowed: the tank pays, no spring exceeds heaviest_wrench more. */
 static int may_rise(const memory_t *m, const move_t *g)
 {
     if (!(g->rise > 0.0)) {
@@ -1748,7 +1753,7 @@ static void stiffen(const memory_t *m, const command_t *k, change_t *next)
 
 /* Feed-forward: a wrench that the tips are to exert, the acceleration of a plan, Coriolis forces. The tank pays. */
 
-static const double COVERING = 0.35; /* of the available energy for feed-forward: springs and damping have the remainder */
+static const double COVERING = 0.35; /* of the available energy; springs and damping have the remainder */
 
 /* Return the share of the feed-forward that the tank pays: all from 3/4 of its initial energy on, none below 1/2. */
 static double fade_with_tank(const memory_t *m)
@@ -1880,8 +1885,8 @@ static double find_cap(const config_t *c, const modes_t *modes)
 }
 
 /*
- * Damp the modes of Kq v = l M v: B = L f(C) L^T + d I with M = L L^T, C = L^-1 Kq L^-T; a joint that is faster than
- * SPEED of its limit is braked by what is left. K: Kq, overwritten; slip: velocity of the reference less the arm's.
+ * Damp the modes of Kq v = l M v: B = L f(C) L^T + d I with M = L L^T, C = L^-1 Kq L^-T; joints that are faster than
+ * SPEED of their limits share what is left of the damping, as a brake. K: Kq, overwritten; slip: velocity of the reference less the arm's.
  */
 static void damp(const memory_t *m, const double *L, double *K, const double *slip, law_t *w)
 {
@@ -1900,9 +1905,14 @@ static void damp(const memory_t *m, const double *L, double *K, const double *sl
     damp_modes(c, &modes, w->cap, &d, y);
     from_modes(&modes, K, y);
     multiply_lower(L, y, w->damper);
+    int fast = 0;
+    for (int i = 0; i < N; ++i) {
+        fast += fabs(m->watch.dq[i]) > SPEED * c->velocity_limit[i];
+    }
     for (int i = 0; i < N; ++i) {
         const double dq = m->watch.dq[i], limit = SPEED * c->velocity_limit[i], excess = dq - clamp(dq, -limit, limit);
-        w->damper[i] += d.joint * slip[i] - (d.most - d.largest) / d.softness[i] * excess / N;
+        const double brake = (d.most - d.largest) / d.softness[i];
+        w->damper[i] += d.joint * slip[i] - (excess != 0.0 ? brake * excess / fast : 0.0);
     }
 }
 
@@ -1910,11 +1920,12 @@ static void damp(const memory_t *m, const double *L, double *K, const double *sl
 static void pull(const memory_t *m, double *K, double *slip, law_t *w)
 {
     const reference_t *const f = &m->reference;
+    const stiffness_t *const s = &m->stiffness;
     double slope[N];
-    w->energy = stiffgen_spring(m->watch.q, m, f->equilibrium, m->stiffness.translation, m->stiffness.rotation, w->pull, K);
+    w->energy = stiffgen_spring(m->watch.q, m, f->equilibrium, s->translation, s->rotation, w->pull, K);
     (void)zone_energy(m, m->watch.q, w->zone, slope);
     for (int i = 0; i < N; ++i) {
-        const double away = f->r[i] - m->watch.q[i], k = m->stiffness.posture[i];
+        const double away = f->r[i] - m->watch.q[i], k = s->posture[i];
         w->pull[i] += k * away;
         w->energy += 0.5 * k * away * away;
         K[i * (N + 1)] += k + slope[i];
@@ -1975,7 +1986,7 @@ static double scale_in_effort(const memory_t *m, const law_t *w, double *fall)
     return most;
 }
 
-/* Vary the scale: what sample time, effort, reserve and tank allow; after a fault to 0 as fast as the torque follows. */
+/* Vary the scale: what sample time, effort, reserve and tank allow; after a fault to 0 as the torque can follow. */
 static scale_t vary_scale(const memory_t *m, const law_t *w)
 {
     double fall;
@@ -2178,7 +2189,7 @@ static void append_number(writer_t *w, const char *words, double number)
         if (place == DECIMALS && digits[at] != '\0') {
             digits[--at] = '.';
         }
-        if (place >= DECIMALS || digits[at] != '\0' || left % 10 != 0) { /* zeros behind the last decimal are left out */
+        if (place >= DECIMALS || digits[at] != '\0' || left % 10 != 0) { /* no zeros at the end */
             digits[--at] = (char)('0' + left % 10);
         }
     }
@@ -2280,8 +2291,8 @@ static double spread_joint(int k, int i)
 }
 
 /*
- * Return the most reserve of a tip's wrenches within heaviest_wrench, of those whose entries over it are alike up to sign,
- * or 0: at most 14 % below the worst of all wrenches (four arms).
+ * Return the most reserve of a tip's wrenches within heaviest_wrench, of those whose entries over it are alike up to
+ * sign, or 0: at most 14 % below the worst of all wrenches (four arms).
  */
 static double wrench_reserve(const memory_t *m, const double *J)
 {
@@ -2474,8 +2485,8 @@ static void take_sample(memory_t *m, const sample_t *s)
     } else {
         const double springs = m->reference.scale != 0.0 ? m->reference.scale * stored_energy(m, s->q) : 0.0;
         account_interval(&m->account, m, s->q, springs, zone_energy(m, s->q, unused, unused));
+        m->watch = s->watch;
     }
-    m->watch = s->watch;
     m->watch.known = 1;
 }
 

@@ -13,14 +13,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from stiffgen.control.status_words import FAULTS
 
+from stiffgen.control.core.words import FAULTS, REASONS
 from support.plant.loop import Q0, Loop
 
 MOTOR = 0.1
 DISSIPATION = [name for name, _ in FAULTS].index("dissipation")
+REASON = {name: k for k, (name, *_) in enumerate(REASONS)}
+SPEED, GOVERNOR = 0.72, 0.8
+"""Shares of the velocity limits of joints and tip that the reference uses."""
 TRANSLATION, ROTATION = np.diag([700.0, 700, 800]), np.diag([30.0, 30, 30])
-CONFIGURATION, SENSOR, COMMUNICATION, LIMIT, ENERGY = 5, 1, 2, 3, 4
 
 
 def config(loop: Loop, **values: Any) -> Any:
@@ -43,16 +45,11 @@ def directions(count: int, size: float, seed: int = 1) -> list[np.ndarray]:
 # ---- loads ----
 
 
-@pytest.mark.parametrize("measured", [0, 1])
 @pytest.mark.parametrize("force", [10.0, 20.0, 40.0, 80.0])
-def test_a_load_hangs_at_the_tip(loop: Loop, force: float, measured: int) -> None:
-    """Dropped on at once. It sinks to the static solution, whether or not the wrench is known.
-
-    Before, measured: away by 1.00, 1.42, 1.68 rad for ever at 0.50, 1.40, 2.11 times the velocity limit, with 0, 0, 5
-    fallbacks; not measured: 0.036, 0.072, 0.145 rad.
-    """
+def test_a_load_hangs_at_the_tip(loop: Loop, force: float) -> None:
+    """Dropped on at once. It sinks to the static solution. Before: 0.036, 0.072, 0.145 rad."""
     load = np.array([0, 0, -force, 0, 0, 0])
-    parts = loop.segments({"measure_wrench": measured}, {"start": 10, "load": load})
+    parts = loop.segments({}, {"start": 10, "load": load})
     summary = loop.run(12000, parts, configs=config(loop))
     assert_contract(summary)
     found = loop.springs(Q0, TRANSLATION, ROTATION, 1.0).rest(load, np.zeros(7))
@@ -72,7 +69,7 @@ def test_the_tip_is_clamped(loop: Loop) -> None:
     Before, of 40 displacements at worst: 14 fallbacks in 4 s, 135 N m of torque, the arm away by 1.5 rad.
     """
     for away in directions(6, 0.45):
-        parts = loop.segments({"measure_wrench": 1, "clamp": 1, "wanted": Q0 + away})
+        parts = loop.segments({"clamp": 1, "wanted": Q0 + away})
         summary = loop.run(8000, parts, loop.episode(substeps=4), config(loop))
         assert_contract(summary)
         assert summary.faults == 0
@@ -81,7 +78,7 @@ def test_the_tip_is_clamped(loop: Loop) -> None:
         assert summary.torque < 1.5 * np.abs(springs.gradient(Q0)).max() + 5
 
 
-# ---- the governor ----
+# ---- the reference ----
 
 
 @pytest.mark.parametrize("size", [0.5, 1.0, 1.5])
@@ -95,15 +92,14 @@ def test_far_from_the_wanted_posture(loop: Loop, size: float, when: int) -> None
     for away in directions(3, size):
         wanted = np.clip(Q0 + away, loop.lower + 0.2, loop.upper - 0.2)
         settings = config(loop)
-        governor = np.array(settings.reference_velocity_limit)
         parts = loop.segments({"wanted": Q0 if when else wanted}, {"start": when or 1, "wanted": wanted})
-        summary = loop.run(8000, parts, loop.episode(velocity_limit=governor), settings)
+        summary = loop.run(8000, parts, loop.episode(velocity_limit=loop.velocity), settings)
         assert_contract(summary)
         assert summary.faults == 0
-        assert summary.reference_speed <= 1 + 1e-9
-        assert summary.tip_reference_speed <= settings.tip_velocity_limit * (1 + 1e-9)
-        assert summary.speed < 1.1
-        assert summary.tip_speed < 1.1 * settings.tip_velocity_limit
+        assert summary.reference_speed <= SPEED + 1e-9
+        assert summary.tip_reference_speed <= GOVERNOR * settings.tip_velocity_limit[0] * (1 + 1e-9)
+        assert summary.speed < 1.1 * SPEED
+        assert summary.tip_speed < 1.1 * settings.tip_velocity_limit[0]
         assert summary.error < 0.01
 
 
@@ -121,29 +117,15 @@ def test_a_planner_with_gaps(loop: Loop) -> None:
         {"start": 1500, "wanted": Q0 + 1.0 * rate, "wanted_rate": 0.0},
     )
     settings = config(loop)
-    summary = loop.run(6000, parts, loop.episode(velocity_limit=np.array(settings.reference_velocity_limit)), settings)
+    summary = loop.run(6000, parts, configs=settings)
     assert_contract(summary)
     assert summary.faults == 0
     assert summary.torque_step < 0.5
-    assert summary.reference_speed <= 1 + 1e-9
+    assert summary.reference_speed <= SPEED + 1e-9
     assert summary.error < 0.01
 
 
 # ---- low limits ----
-
-
-@pytest.mark.parametrize("stiffness", [(700.0, 30.0), (4900.0, 490.0)])
-def test_a_start_off_in_each_joint_is_not_stopped_by_the_energy_limit(
-    loop: Loop, stiffness: tuple[float, float]
-) -> None:
-    """0.1 rad in each joint, the springs up to the stiffest accepted: the arm follows, so that little is stored."""
-    gains = {"translation": np.diag([stiffness[0]] * 3), "rotation": np.diag([stiffness[1]] * 3)}
-    off = np.array([0.1, -0.1, 0.1, 0.1, -0.1, 0.1, -0.1])
-    for q in (Q0 + off, Q0 + np.abs(off)):
-        summary, rows = loop.run(5000, loop.segments(gains), loop.episode(q=q), config(loop), rows=True)
-        assert summary.faults == 0
-        assert summary.error < 1e-3
-        assert rows["energy"].max() < 0.2
 
 
 @pytest.mark.parametrize("delay", [0, 2])
@@ -152,6 +134,7 @@ def test_commissioning_limits_leave_the_arm_able_to_run(loop: Loop, delay: int, 
     """A fifth of the effort, a tenth of the torque rate: a start, a move of 0.5 rad and a load of 20 N latch nothing.
 
     A first version of this controller latched an energy fault, since the tank had to cover a torque that falls slowly.
+    A coarse encoder's velocity is a difference over 8 samples: of one sample it would be noise beyond the torque rate.
     """
     full = loop.config()
     settings = config(
@@ -168,7 +151,7 @@ def test_commissioning_limits_leave_the_arm_able_to_run(loop: Loop, delay: int, 
         (Q0, [{}, {"start": 300, "wanted": there}]),
         (Q0, [{}, {"start": 300, "load": [0, 0, -20, 0, 0, 0]}]),
     ):
-        episode = loop.episode(q=q, delay=delay, quantum=quantum, differences=int(quantum > 0))
+        episode = loop.episode(q=q, delay=delay, quantum=quantum, differences=8 * int(quantum > 0))
         summary, rows = loop.run(5000, loop.segments(*parts), episode, settings, rows=True)
         assert summary.finite
         assert summary.torque_step <= 0.1 + 1e-9
@@ -183,8 +166,8 @@ def test_a_reset_forgets_what_was_missed(loop: Loop) -> None:
     """After a fault for missed samples and a reset, two missed ones are no fault again: the count begins anew."""
     lost: dict[str, Any] = {"start": 500, "missed": 1}
     parts = loop.segments(
-        {}, lost, {"start": 520, "missed": 0}, {"start": 522, "reset": 1}, {"start": 524, "missed": 1},
-        {"start": 526, "missed": 0},
+        {}, lost, {"start": 520, "missed": 0}, {"start": 530, "reset": 1}, {"start": 534, "missed": 1},
+        {"start": 536, "missed": 0},
     )  # fmt: skip
     summary = loop.run(1500, parts, configs=config(loop))
     assert summary.resets == 1
@@ -211,17 +194,16 @@ def test_fault_cycle(loop: Loop, resets: int) -> None:
             {"start": start + 2500, "hand_stiffness": 0.0, "hand_damping": 0.0},
         ]
     settings = config(loop)
-    episode = loop.episode(engagement=settings.engagement_limit)
-    summary, rows = loop.run(49000, loop.segments(*parts), episode, settings, rows=True)
+    summary, rows = loop.run(49000, loop.segments(*parts), configs=settings, rows=True)
     assert_contract(summary)
     assert summary.resets == 12 * resets, "a fault stays until it is reset"
     assert summary.faults == (12 if resets else 1)
-    assert summary.excess <= settings.tank_initial + 1e-9
+    assert summary.excess_supplied <= 1e-9
     if not resets:
         assert summary.port <= settings.tank_initial
         assert rows["scale"][-1] == 0.0
     else:
-        assert summary.error < 0.05, "the governor brings the equilibrium back"
+        assert summary.error < 0.05, "the reference comes back"
 
 
 @pytest.mark.parametrize("joint", range(7))
@@ -302,10 +284,10 @@ def test_a_fast_arm_is_braked(loop: Loop) -> None:
     on, let the damping fade, and the arm ran away at 30 times the limit.
     """
     push = np.array([0, 0, 0, 70.0, 0, 9, 9])
-    parts = loop.segments({}, {"start": 100, "push": 0.7 * push}, {"start": 180, "push": 0.0})
+    parts = loop.segments({}, {"start": 100, "push": 0.65 * push}, {"start": 180, "push": 0.0})
     summary, rows = loop.run(1500, parts, configs=config(loop), rows=True)
     assert_contract(summary)
-    assert summary.faults == 0, "80 ms, less than overspeed_time"
+    assert summary.faults == 0, "80 ms, less than 0.2 s"
     assert 1.2 < summary.speed < 1.5, "the push is not right for this test"
     assert np.abs(rows["v"][-1]).max() < 0.1
     parts = loop.segments({}, {"start": 100, "push": push}, {"start": 180, "push": 0.0})
@@ -322,7 +304,7 @@ def test_beyond_a_joint_limit(loop: Loop) -> None:
     beyond = Q0.copy()
     beyond[3] = loop.lower[3] - 0.15
     parts = loop.segments({}, {"start": 10, "driven": 2, "driven_to": beyond, "driven_at": 0.8, "driven_by": 20.0})
-    summary, rows = loop.run(4000, parts, configs=config(loop), rows=True)
+    summary, rows = loop.run(4000, parts, configs=config(loop, position_quantum=2e-6), rows=True)
     assert_contract(summary)
     assert rows["q"][-1, 3] < loop.lower[3] - 0.14
     assert rows["acted"][-1, 3] > 30
@@ -337,12 +319,14 @@ def test_beyond_a_joint_limit(loop: Loop) -> None:
 def test_delay_and_differenced_velocity(loop: Loop, delay: int, motor: float) -> None:
     """A push for 0.1 s, velocity by differences of an encoder: comes to rest, declared delay or not at 0.1 kg m^2.
 
+    Without motors, five samples of delay leave 6 % of the stiffness: the arm then takes 9 s.
+
     Before, without motor inertia: 0, 809, 615 fallbacks in 5 s at 0.9, 2.7, 4.9 times the velocity limit.
     """
     parts = loop.segments({}, {"start": 1000, "push": [0, 3, 0, 1.5, 0, 0.1, 0]}, {"start": 1100, "push": 0.0})
     episode = loop.episode(delay=delay, differences=1, motor=motor, quantum=1e-4)
     settings = config(loop, delay_samples=delay, motor_inertia=motor, position_quantum=1e-4)
-    summary = loop.run(6000, parts, episode, settings)
+    summary = loop.run(6000 if motor else 12000, parts, episode, settings)
     assert_contract(summary)
     assert summary.faults == 0
     assert summary.ripple < (2e-3 if motor else 5e-3)
@@ -373,13 +357,14 @@ def test_designed_damping_ratio(loop: Loop, ratio: float, delay: int) -> None:
             continue
         period = 2 * np.pi / (omega * np.sqrt(1 - ratio**2))
         samples = int(1.2 * period / 1e-3)
-        settings = config(loop, motor_inertia=MOTOR, damping_ratio=ratio, joint_damping=0.0, delay_samples=delay)
+        settings = config(loop, motor_inertia=MOTOR, damping_ratio=ratio, delay_samples=delay)
         push = (loop.mass_matrix(Q0) + MOTOR * np.eye(7)) @ vector / np.abs(vector).max()
         parts = loop.segments({}, {"start": 5, "push": push * 0.05 * min(value, 10)}, {"start": 15, "push": 0.0})
         summary, rows = loop.run(samples + 30, parts, loop.episode(delay=delay), settings, rows=True)
         assert summary.faults == 0
         found = fitted_ratio(rows["q"][16:, :] - Q0, (loop.mass_matrix(Q0) + MOTOR * np.eye(7)) @ vector)
-        assert abs(found / ratio - 1) < 0.02, (omega, found)
+        designed = ratio + 0.1 * (vector @ vector) / (2 * omega)  # the joints' own 0.1 N m s/rad
+        assert abs(found / designed - 1) < 0.02, (omega, found)
 
 
 def fitted_ratio(moved: np.ndarray, weight: np.ndarray) -> float:
@@ -390,89 +375,7 @@ def fitted_ratio(moved: np.ndarray, weight: np.ndarray) -> float:
     return float(decrement / np.hypot(np.pi, decrement))
 
 
-# ---- energy and configuration ----
-
-
-def test_softening_passes_an_empty_tank(loop: Loop) -> None:
-    """Softer in three directions, stiffer in one, with a tank that cannot pay: the softer part is done.
-
-    Before: the whole change was blocked.
-    """
-    settings = config(loop, tank_initial=0.05, stiffness_time=0.01)
-    parts = loop.segments(
-        {"push": [0, 10, 0, 10, 0, 0, 0]},
-        {"start": 2000, "translation": np.diag([100.0, 100, 100]), "rotation": np.diag([30.0, 30, 300])},
-    )
-    summary, output = loop.run(4000, parts, configs=settings, outputs=True)
-    assert_contract(summary)
-    if summary.faults == 0:
-        assert np.allclose(np.diag(output["translation_stiffness"][-1].reshape(3, 3)), 100, rtol=1e-3)
-
-
-def test_lowered_limits_come_down_at_the_rate_limit(loop: Loop) -> None:
-    """effort_limit, stiffness and damping changed while it runs.
-
-    Before: lowering effort_limit to 5 N m jumped the torque by 230 N m, 72 times what the rate limit allows.
-    """
-    away = Q0 + np.array([0, 0.6, 0, 0, 0, 0, 0])
-    changes = [
-        {"effort_limit": 5.0},
-        {"damping_ratio": 3.0, "joint_damping": 5.0},
-        {"posture_stiffness": 100.0},
-        {"limit_zone": 1.0},
-        {"limit_stiffness": 1e5},
-        {"motor_inertia": 1.0},
-        {"energy_limit": 1e-3},
-    ]
-    for change in changes:
-        parts = loop.segments({"wanted": away}, {"start": 3000, "config": 1})
-        episode = loop.episode(substeps=2)
-        parts = loop.segments({"clamp": 1, "wanted": away}, {"start": 3000, "config": 1})
-        summary, rows = loop.run(4000, parts, episode, [config(loop), config(loop, **change)], rows=True)
-        assert summary.finite
-        assert summary.torque_step <= 1 + 1e-9, change
-        if "effort_limit" in change:
-            assert np.abs(rows["acted"][2990]).max() > 10
-            assert np.abs(rows["acted"][-1]).max() <= 5
-
-
-LIMIT_CHANGES = (
-    {"limit_zone": 0.6},
-    {"limit_zone": 0.6, "limit_stiffness": 3e3},
-    {"limit_stiffness": 5e4},
-    {"lower_limit": None},
-    {"velocity_limit": 0.05},
-    {"delay_samples": 2},
-    {"posture_stiffness": 500.0, "stiffness_time": 1e-4},
-    {"tank_initial": 5.0},
-    {"damping_ratio": 5.0, "joint_damping": 20.0},
-)
-
-
-@pytest.mark.parametrize("change", LIMIT_CHANGES, ids=lambda change: "-".join(change))
-def test_energy_of_a_changed_configuration(loop: Loop, change: dict[str, Any]) -> None:
-    """Limits and gains changed while it runs, near a joint limit and with the arm held away: nothing is put out by it.
-
-    A first version of this controller threw the arm out of a limit zone that had become wider: 984 J.
-    """
-    near = Q0.copy()
-    near[3] = loop.lower[3] + 0.15
-    if "lower_limit" in change:
-        change = {"lower_limit": loop.lower + 0.4 * (np.arange(7) == 3)}
-    before, after = config(loop, tank_initial=0.5), config(loop, **({"tank_initial": 0.5} | change))
-    for q, driven in ((near, 0), (Q0, 2)):
-        held = {"driven": driven, "driven_to": Q0 + 0.3, "driven_at": 0.5, "driven_by": 10.0}
-        parts = loop.segments(
-            {"wanted": q, **held},
-            {"start": 1500, "config": 1},
-            {"start": 1600, "driven": 0},
-            {"start": 2500, "config": 0, "driven": driven},
-            {"start": 3200, "config": 1},
-            {"start": 3300, "driven": 0},
-        )
-        summary = loop.run(4500, parts, loop.episode(q=q), [before, after])
-        assert_contract(summary)
-        assert summary.port_most <= 0.5 + 1e-9
+# ---- configuration ----
 
 
 def test_every_accepted_configuration_keeps_the_torque(loop: Loop) -> None:

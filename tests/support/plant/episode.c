@@ -4,12 +4,12 @@
 #include <math.h>
 #include <string.h>
 
-enum { MOST_DELAY = 8 };
+enum { MOST_DELAY = 8, MOST_WINDOW = 16 };
 
 static const double FULL_TURN = 6.28318530717958648;
 
 typedef struct {
-    double last_measured[N], held_q[N], held_dq[N];
+    double past[MOST_WINDOW][N], held_q[N], held_dq[N]; /* past: the last measured positions, newest first */
     double off[N]; /* [rad] most that a position in single precision was off by */
     int seen;
     uint32_t counter, drawn;
@@ -65,13 +65,17 @@ static void measure(const episode_t *e, const segment_t *s, const motion_t *moti
         }
         double dq = motion->v[i];
         if (e->differences) {
-            dq = sensors->seen ? (q - sensors->last_measured[i]) / e->sample_time : 0.0;
+            const int window = sensors->seen < e->differences ? sensors->seen : e->differences;
+            dq = window > 0 ? (q - sensors->past[window - 1][i]) / (window * e->sample_time) : 0.0;
         }
         dq += s->dq_offset[i];
         if (s->dq_stuck && (s->dq_mask >> i & 1)) {
             dq = s->dq_stuck == STUCK_ZERO ? 0.0 : sensors->held_dq[i];
         }
-        sensors->last_measured[i] = sensors->held_q[i] = q;
+        for (int k = MOST_WINDOW - 1; k > 0; --k) {
+            sensors->past[k][i] = sensors->past[k - 1][i];
+        }
+        sensors->past[0][i] = sensors->held_q[i] = q;
         sensors->held_dq[i] = dq;
         const double turn = e->wrapped >> i & 1 ? FULL_TURN : HUGE_VAL;
         sample->q[i] = remainder(q, turn);
@@ -85,7 +89,7 @@ static void measure(const episode_t *e, const segment_t *s, const motion_t *moti
         sample->wanted[i] = remainder(sample->wanted[i], turn);
         sample->wanted_rate[i] = s->wanted_rate[i];
     }
-    sensors->seen = 1;
+    sensors->seen += sensors->seen < MOST_WINDOW;
     sensors->counter += s->frozen_counter ? 0u : 1u;
     sample->counter = sensors->counter + e->first_counter;
     sample->valid = !s->missed;

@@ -50,7 +50,7 @@ typedef struct {
     plant_t plant;
     double sample_time;
     int delay;                   /* [samples] from a sample to when its torque acts */
-    int differences;             /* velocity: 1 by differences of the measured q, 0 true */
+    int differences;             /* [samples] over which the velocity is a difference of measured positions, at most 16; 0: true */
     double quantum;              /* [rad] of the encoder; 0: exact */
     double q[N], v[N];           /* at the start */
     double velocity_limit[N];    /* [rad/s] what speeds are compared with */

@@ -28,12 +28,13 @@ int law_init(const void *config, void *state, const double *torque, const double
 {
     (void)config;
     (void)state;
+    (void)torque;
+    (void)tool;
     return 0;
 }
 
 void law_step(void *state, const sample_t *sample, void *output, command_t *command)
 {
-    (void)config;
     (void)state;
     (void)sample;
     (void)output;

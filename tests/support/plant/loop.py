@@ -24,8 +24,6 @@ LAW = HERE / "law.c"
 """The generated controller."""
 FREE = HERE / "free.c"
 """Law without a controller: the arm floats; needs ``sources=KERNELS``."""
-TEXTBOOK = HERE / "textbook.c"
-"""Textbook law to compare with; needs ``sources=KERNELS``."""
 KERNELS = ("iiwa14.c", "iiwa14_batch.c")
 """C files of the robot that the plant uses."""
 N = 7
@@ -166,7 +164,7 @@ class Loop:
         ):
             known[record] = struct(header, record, known, sizes)
         self._known = known
-        if law in (FREE, TEXTBOOK):
+        if law == FREE:
             self.Config: Any = ctypes.c_int
             self.Output: Any = ctypes.c_int
         else:

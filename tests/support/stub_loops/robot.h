@@ -9,7 +9,13 @@ enum { N = 3, JOINTS = 7, TIPS = 1 };
 
 typedef struct {
     double joints[JOINTS];
-    int known;
+} arm_t;
+
+typedef struct {
+    arm_t arm;
+    struct {
+        int known;
+    } watch;
 } memory_t;
 
 void stub_close(const double *q, const double *start, double *joints);

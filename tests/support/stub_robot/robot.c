@@ -23,22 +23,29 @@ void stiffgen_jacobians(const double *q, const memory_t *m, double *jacobian)
     }
 }
 
+void stiffgen_spring_wrench(const double *q, const memory_t *m, const double *equilibrium,
+                            const double *translation_stiffness, const double *rotation_stiffness, double *wrench)
+{
+    (void)m;
+    (void)rotation_stiffness; /* no joint turns the tip */
+    memset(wrench, 0, 6 * sizeof(double));
+    for (int k = 0; k < 9; ++k) {
+        wrench[k / 3] += translation_stiffness[k] * (q[k % 3] - equilibrium[4 * (k % 3) + 3]);
+    }
+}
+
 double stiffgen_spring(const double *q, const memory_t *m, const double *equilibrium,
                        const double *translation_stiffness, const double *rotation_stiffness, double *torque,
                        double *joint_stiffness)
 {
-    double energy = 0.0;
-    (void)m;
-    (void)rotation_stiffness; /* no joint turns the tip */
+    double energy = 0.0, wrench[6];
+    stiffgen_spring_wrench(q, m, equilibrium, translation_stiffness, rotation_stiffness, wrench);
     memset(torque, 0, N * sizeof(double));
     memset(joint_stiffness, 0, NN * sizeof(double));
     for (int i = 0; i < 3; ++i) {
-        for (int j = 0; j < 3; ++j) {
-            const double force = translation_stiffness[3 * i + j] * (q[j] - equilibrium[4 * j + 3]);
-            torque[i] -= force;
-            energy += 0.5 * (q[i] - equilibrium[4 * i + 3]) * force;
-            joint_stiffness[i * N + j] = translation_stiffness[3 * i + j];
-        }
+        torque[i] = -wrench[i];
+        energy += 0.5 * (q[i] - equilibrium[4 * i + 3]) * wrench[i];
+        memcpy(joint_stiffness + i * N, translation_stiffness + 3 * i, 3 * sizeof(double));
     }
     return energy;
 }
@@ -50,14 +57,22 @@ double stiffgen_spring_energy(const double *q, const memory_t *m, const double *
     return stiffgen_spring(q, m, equilibrium, translation_stiffness, rotation_stiffness, torque, tangent);
 }
 
-void stiffgen_spring_wrench(const double *q, const memory_t *m, const double *equilibrium,
-                            const double *translation_stiffness, const double *rotation_stiffness, double *wrench)
+void stiffgen_mass_matrix(const double *q, const memory_t *m, double *mass_matrix)
 {
-    double torque[N], tangent[NN];
-    (void)stiffgen_spring(q, m, equilibrium, translation_stiffness, rotation_stiffness, torque, tangent);
-    for (int i = 0; i < 6; ++i) {
-        wrench[i] = i < 3 ? -torque[i] : 0.0;
+    (void)q;
+    (void)m;
+    memset(mass_matrix, 0, NN * sizeof(double));
+    for (int i = 0; i < N; ++i) {
+        mass_matrix[i * (N + 1)] = 2.0;
     }
+}
+
+void stiffgen_coriolis(const double *q, const memory_t *m, const double *velocity, double *forces)
+{
+    (void)q;
+    (void)m;
+    (void)velocity;
+    memset(forces, 0, N * sizeof(double));
 }
 
 void stiffgen_home(arm_t *arm)
@@ -82,7 +97,7 @@ int stiffgen_follow(const double *q, const memory_t *m, double *joints)
 {
     (void)q;
     (void)m;
-    (void)joints;
+    joints[0] = 0.0;
     return 1;
 }
 
@@ -98,24 +113,6 @@ int stiffgen_turns(int joint)
     return 0;
 }
 
-void stiffgen_mass_matrix(const double *q, const memory_t *m, double *mass_matrix)
-{
-    (void)q;
-    (void)m;
-    memset(mass_matrix, 0, NN * sizeof(double));
-    for (int i = 0; i < N; ++i) {
-        mass_matrix[i * (N + 1)] = 2.0;
-    }
-}
-
-void stiffgen_coriolis(const double *q, const memory_t *m, const double *velocity, double *forces)
-{
-    (void)q;
-    (void)m;
-    (void)velocity;
-    memset(forces, 0, N * sizeof(double));
-}
-
 int check_fields(const config_t *c)
 {
     return doubles_within(&c->sample_time, 1, 1e-5, 0.1) ? ID(OK) : ID(E_CONFIG_SAMPLE_TIME);
@@ -129,7 +126,7 @@ int check_tools(const config_t *c)
 
 int fault_of_reason(int reason)
 {
-    return reason == ID(REASON_NONE) ? ID(FAULT_NONE) : ID(FAULT_SENSOR);
+    return reason == ID(REASON_NONE) ? ID(FAULT_NONE) : ID(FAULT_COMMUNICATION);
 }
 
 const char *meaning_of_reason(int reason)
@@ -160,12 +157,11 @@ const char *name_of_command(int command)
 
 int fits_memory(const memory_t *m)
 {
-    return m->account.hold >= 0 && m->account.hold <= 100;
+    return integers_within(&m->account.gap, 1, 0, 2 * LONGEST);
 }
 
 void report_memory(const memory_t *m, output_t *out)
 {
-    out->fault = fault_of_reason(m->fault.reason);
     out->reason = m->fault.reason;
     out->tank = m->account.tank;
     out->scale = m->reference.scale;

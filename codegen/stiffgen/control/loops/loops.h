@@ -1,8 +1,8 @@
 /*
  * ---- closed loops: the controller's q are the motors' positions, from which the other joints follow ----
  *
- * The joints are found by Newton's method from those of the last sample (m->arm.joints), on whose branch they stay. Along
- * the arm's motion they are a smooth function of the motors' positions, and so is the energy of the springs.
+ * The joints are found by Newton's method from those of the last sample (m->arm.joints), on whose branch they stay.
+ * Along the arm's motion they are a smooth function of the motors' positions, and so is the energy of the springs.
  */
 #ifndef LOOPS_H
 #define LOOPS_H

@@ -168,7 +168,7 @@ def damping_torque(
             short = (middle - value * timing.late) < 2 * ratio * np.sqrt(value * max(1 - middle * timing.late, 0))
             low, high = (middle, high) if short else (low, middle)
         b[k] = min(low, most)
-    brake = (most - b.max()) / softness * excess / len(M)
+    brake = (most - b.max()) / softness * excess / max(np.count_nonzero(excess), 1)  # the fast joints share it
     return M @ V @ (b * (V.T @ M @ slip)) + joint * slip - brake, cap
 
 

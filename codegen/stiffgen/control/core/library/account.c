@@ -105,8 +105,8 @@ void account_time(account_t *a, const config_t *c, int periods)
 
 /*
  * Book the torques' work since the last believed sample, and what springs and zones store at q. The work is the smaller
- * of two bounds: by the change of q and the changes of torque, or by the torques alone. A continuous joint that can have
- * passed half a turn leaves its turn open: then q says nothing.
+ * of two bounds: by the change of q and the changes of torque, or by the torques alone. A continuous joint that can
+ * have passed half a turn leaves its turn open: then q says nothing.
  */
 void account_interval(account_t *a, const memory_t *m, const double *q, double springs, double zones)
 {

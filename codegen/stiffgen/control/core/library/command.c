@@ -84,7 +84,8 @@ static finding_t accept_positions(const memory_t *m, const double *given, double
         if (beyond(c, i, wanted) > TOLERANCE) {
             return refuse(ID(REFUSAL_POSITION), ID(COMMAND_Q0), i, wanted, wanted > high ? high : low);
         }
-        q0[i] = clamp(wanted, smaller(m->arm.zone[i], larger(r[i], low)), larger(m->arm.zone[N + i], smaller(r[i], high)));
+        const double least = smaller(m->arm.zone[i], larger(r[i], low));
+        q0[i] = clamp(wanted, least, larger(m->arm.zone[N + i], smaller(r[i], high)));
         *limited = *limited == NO_JOINT && q0[i] != wanted ? i : *limited;
     }
     return stiffgen_reaches(q0, m) ? NOTHING : refuse(ID(REFUSAL_LOOPS), ID(COMMAND_Q0), NO_JOINT, 0.0, 0.0);
@@ -110,7 +111,7 @@ static finding_t accept_springs(const memory_t *m, const input_t *in, command_t 
     return found;
 }
 
-/* Accept the wrenches that the tips are to exert: finite, and no larger than heaviest_wrench. pressing: there is one. */
+/* Accept the wrenches that the tips are to exert: finite, at most heaviest_wrench. pressing: there is one. */
 static finding_t accept_wrenches(const config_t *c, const double *wrench, int *pressing)
 {
     finding_t found = NOTHING;

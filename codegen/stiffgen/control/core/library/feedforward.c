@@ -1,7 +1,7 @@
 /* Feed-forward: a wrench that the tips are to exert, the acceleration of a plan, Coriolis forces. The tank pays. */
 #include "impedance.h"
 
-static const double COVERING = 0.35; /* of the available energy for feed-forward: springs and damping have the remainder */
+static const double COVERING = 0.35; /* of the available energy; springs and damping have the remainder */
 
 /* Return the share of the feed-forward that the tank pays: all from 3/4 of its initial energy on, none below 1/2. */
 static double fade_with_tank(const memory_t *m)

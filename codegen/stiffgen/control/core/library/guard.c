@@ -31,7 +31,7 @@ static double scale_in_effort(const memory_t *m, const law_t *w, double *fall)
     return most;
 }
 
-/* Vary the scale: what sample time, effort, reserve and tank allow; after a fault to 0 as fast as the torque follows. */
+/* Vary the scale: what sample time, effort, reserve and tank allow; after a fault to 0 as the torque can follow. */
 scale_t vary_scale(const memory_t *m, const law_t *w)
 {
     double fall;

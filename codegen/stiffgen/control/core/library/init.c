@@ -40,7 +40,7 @@ int validate(const config_t *c)
  * Return number k of joint i in [0, 1): bits of k and i, mixed until no relation is left (finaliser of MurmurHash3, A.
  * Appleby, public domain). Multiples of one number would keep the joints near a curve.
  */
-static double spread_joint(int k, int i)
+double spread_joint(int k, int i)
 {
     uint32_t bits = ((uint32_t)k << 8) + (uint32_t)i + 1u;
     bits = (bits ^ (bits >> 16)) * 0x85ebca6bu;
@@ -49,8 +49,8 @@ static double spread_joint(int k, int i)
 }
 
 /*
- * Return the most reserve of a tip's wrenches within heaviest_wrench, of those whose entries over it are alike up to sign,
- * or 0: at most 14 % below the worst of all wrenches (four arms).
+ * Return the most reserve of a tip's wrenches within heaviest_wrench, of those whose entries over it are alike up to
+ * sign, or 0: at most 14 % below the worst of all wrenches (four arms).
  */
 static double wrench_reserve(const memory_t *m, const double *J)
 {

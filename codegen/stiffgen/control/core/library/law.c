@@ -53,8 +53,8 @@ static double find_cap(const config_t *c, const modes_t *modes)
 }
 
 /*
- * Damp the modes of Kq v = l M v: B = L f(C) L^T + d I with M = L L^T, C = L^-1 Kq L^-T; a joint that is faster than
- * SPEED of its limit is braked by what is left. K: Kq, overwritten; slip: velocity of the reference less the arm's.
+ * Damp the modes of Kq v = l M v: B = L f(C) L^T + d I with M = L L^T, C = L^-1 Kq L^-T; joints that are faster than
+ * SPEED of their limits share what is left of the damping, as a brake. K: Kq, overwritten; slip: velocity of the reference less the arm's.
  */
 static void damp(const memory_t *m, const double *L, double *K, const double *slip, law_t *w)
 {
@@ -73,9 +73,14 @@ static void damp(const memory_t *m, const double *L, double *K, const double *sl
     damp_modes(c, &modes, w->cap, &d, y);
     from_modes(&modes, K, y);
     multiply_lower(L, y, w->damper);
+    int fast = 0;
+    for (int i = 0; i < N; ++i) {
+        fast += fabs(m->watch.dq[i]) > SPEED * c->velocity_limit[i];
+    }
     for (int i = 0; i < N; ++i) {
         const double dq = m->watch.dq[i], limit = SPEED * c->velocity_limit[i], excess = dq - clamp(dq, -limit, limit);
-        w->damper[i] += d.joint * slip[i] - (d.most - d.largest) / d.softness[i] * excess / N;
+        const double brake = (d.most - d.largest) / d.softness[i];
+        w->damper[i] += d.joint * slip[i] - (excess != 0.0 ? brake * excess / fast : 0.0);
     }
 }
 
@@ -83,11 +88,12 @@ static void damp(const memory_t *m, const double *L, double *K, const double *sl
 static void pull(const memory_t *m, double *K, double *slip, law_t *w)
 {
     const reference_t *const f = &m->reference;
+    const stiffness_t *const s = &m->stiffness;
     double slope[N];
-    w->energy = stiffgen_spring(m->watch.q, m, f->equilibrium, m->stiffness.translation, m->stiffness.rotation, w->pull, K);
+    w->energy = stiffgen_spring(m->watch.q, m, f->equilibrium, s->translation, s->rotation, w->pull, K);
     (void)zone_energy(m, m->watch.q, w->zone, slope);
     for (int i = 0; i < N; ++i) {
-        const double away = f->r[i] - m->watch.q[i], k = m->stiffness.posture[i];
+        const double away = f->r[i] - m->watch.q[i], k = s->posture[i];
         w->pull[i] += k * away;
         w->energy += 0.5 * k * away * away;
         K[i * (N + 1)] += k + slope[i];

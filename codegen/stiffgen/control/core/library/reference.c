@@ -1,4 +1,4 @@
-/* The reference: it moves to q0 within its limits of speed, ramp, wrench and work; the stiffness follows the command. */
+/* The reference moves to q0 within its limits of speed, ramp, wrench and work; the stiffness follows the command. */
 #include "impedance.h"
 
 static const double STIFFNESS_TIME = 0.02;  /* [s] time constant of a change of stiffness */
@@ -17,9 +17,9 @@ double relative_speed(const config_t *c, const double *x)
 }
 
 /*
- * Find the reference's next velocity: the command's own motion if that is within the limits, and a speed towards q0 from
- * which a ramp can stop, changed no faster than the ramp. Below half of its speed the reference settles exponentially: an
- * end of the braking at once throws the arm beyond q0 (8 mm for 2). Return whether the reference moves.
+ * Find the reference's next velocity: the command's own motion if that is within the limits, and a speed towards q0
+ * from which a ramp can stop, changed no faster than the ramp. Below half of its speed the reference settles
+ * exponentially: an abrupt end of the braking throws the arm beyond q0 (8 mm for 2). Return whether it moves.
  */
 static int approach(const memory_t *m, const command_t *k, double *dr)
 {
@@ -84,7 +84,7 @@ static double find_load(const memory_t *m, const double *poses)
     return m->reference.scale * most;
 }
 
-/* Return whether a move that raises the energy is allowed: the tank pays, and no spring exceeds heaviest_wrench more. */
+/* Return whether a move that raises the energy is allowed: the tank pays, no spring exceeds heaviest_wrench more. */
 static int may_rise(const memory_t *m, const move_t *g)
 {
     if (!(g->rise > 0.0)) {

@@ -66,12 +66,12 @@ static int read_clock(const config_t *c, const input_t *in, watch_t *w)
  * Sum by how far the motions of q and dq differ while one of them stands still; up to `allowed` per sample is noise,
  * resolution and bias of dq, which therefore do not add up at rest. Return the sum.
  */
-static double sum_difference(const watch_t *before, int i, double sample_time, double differs, double allowed, sample_t *s)
+static double sum_difference(const watch_t *before, int i, double T, double differs, double allowed, sample_t *s)
 {
     watch_t *const w = &s->watch;
     const double same = SAME * fabs(s->q[i]); /* and a velocity that differs by this in a sample follows from it */
     const int q_changed = fabs(s->q[i] - before->q[i]) > same;
-    const int dq_changed = fabs(s->dq[i] - before->dq[i]) * sample_time > 4.0 * same;
+    const int dq_changed = fabs(s->dq[i] - before->dq[i]) * T > 4.0 * same;
     w->q_age[i] = q_changed ? 0 : count_up(before->q_age[i], 1);
     w->dq_age[i] = dq_changed ? 0 : count_up(before->dq_age[i], 1);
     const double sum = before->moved[i] + differs;
@@ -185,7 +185,11 @@ void believe(const memory_t *m, const input_t *in, sample_t *s)
     s->periods = read_clock(&m->config, in, w);
     const int there = s->periods > 0 && in->sample_valid == 1;
     if (there) {
+        const watch_t timed = *w;
         found = check_sample(m, in, s);
+        if (found.reason != ID(REASON_NONE)) { /* what is not believed leaves no records */
+            *w = timed;
+        }
         w->bad = ((w->bad << 1) | (found.reason != ID(REASON_NONE))) & 7; /* the last three samples, a bit each */
         s->status = found.reason != ID(REASON_NONE) ? (uint32_t)ID(STATUS_BAD_SAMPLE) : 0u;
     } else {

@@ -4,14 +4,14 @@
 static const double ZONE = 0.1; /* [rad] or [m] width of a limit zone, or this share of a short range */
 
 /* Energy of springs at a position, with their reference and stiffness, at scale 1. */
-double spring_energy(const memory_t *m, const double *q, const double *r, const double *equilibrium, const stiffness_t *K)
+double spring_energy(const memory_t *m, const double *q, const double *r, const double *poses, const stiffness_t *K)
 {
     double twice = 0.0;
     for (int i = 0; i < N; ++i) {
         const double away = q[i] - r[i];
         twice += K->posture[i] * away * away;
     }
-    return stiffgen_spring_energy(q, m, equilibrium, K->translation, K->rotation) + 0.5 * twice;
+    return stiffgen_spring_energy(q, m, poses, K->translation, K->rotation) + 0.5 * twice;
 }
 
 /* Energy of the springs in force at a position, at scale 1. */
@@ -85,7 +85,7 @@ static double free_inertia(const double *inverse, int i)
     return 1.0 / sum;
 }
 
-/* Place the limit zones: their stiffness is what rate limit, damping and sample time can follow, with the inertia at q. */
+/* Place the limit zones: their stiffness is what rate limit, damping and sample time follow, by the inertia at q. */
 void place_zones(const memory_t *m, const double *q, arm_t *arm)
 {
     const config_t *const c = &m->config;

@@ -101,8 +101,8 @@ static void take_sample(memory_t *m, const sample_t *s)
     } else {
         const double springs = m->reference.scale != 0.0 ? m->reference.scale * stored_energy(m, s->q) : 0.0;
         account_interval(&m->account, m, s->q, springs, zone_energy(m, s->q, unused, unused));
+        m->watch = s->watch;
     }
-    m->watch = s->watch;
     m->watch.known = 1;
 }
 

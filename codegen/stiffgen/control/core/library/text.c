@@ -29,7 +29,7 @@ static void append_number(writer_t *w, const char *words, double number)
         if (place == DECIMALS && digits[at] != '\0') {
             digits[--at] = '.';
         }
-        if (place >= DECIMALS || digits[at] != '\0' || left % 10 != 0) { /* zeros behind the last decimal are left out */
+        if (place >= DECIMALS || digits[at] != '\0' || left % 10 != 0) { /* no zeros at the end */
             digits[--at] = (char)('0' + left % 10);
         }
     }
