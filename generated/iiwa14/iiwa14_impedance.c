@@ -33,8 +33,8 @@ typedef iiwa14_impedance_input input_t;
 typedef iiwa14_impedance_output output_t;
 
 /*
- * The impedance controller as a C library, independent of the robot. docs/controller.md has the equations, docs/energy.md
- * the theorem. A step has phases, each a file, whose results nothing changes later:
+ * The impedance controller as a C library, independent of the robot. docs/controller.md has the equations,
+ * docs/energy.md the theorem. A step has phases, each a file, whose results nothing changes later:
  *   sample = believe(memory, input)              sample.c, watch.c
  *   command = accept_command(memory, input)      command.c
  *   reference = govern(memory, command)          reference.c
@@ -51,8 +51,8 @@ enum { MOST_TURNS = 2 * N * (N + 2) }; /* of QL: seven joints need 62 on average
  * far below what matters to an arm. */
 static const double ROUNDED = 1e-9;
 static const double GOVERNOR = 0.8;  /* share of its velocity limits that a tip's equilibrium uses */
-static const double SPEED = 0.72;    /* share of its velocity limit that a joint's reference uses; damping rises above */
-static const double TOLERANCE = 0.1; /* [rad] or [m] beyond a position limit that is no fault: calibration, compliance */
+static const double SPEED = 0.72;    /* the same of a joint's reference; damping rises above */
+static const double TOLERANCE = 0.1; /* [rad] or [m] beyond a limit that is no fault: calibration, compliance */
 static const double FLOOR = 0.1;     /* share of tank_initial that moves, stiffness and scale are not paid from */
 static const double COVERED = 0.7;   /* share of the available energy for springs; damping has the remainder */
 static const double SCALE_TIME = 0.05; /* [s] shortest time in which the scale rises from 0 to 1 */
@@ -63,8 +63,8 @@ static const double TURN = 6.28318530717958648;
 static const double FARTHEST = 1e6; /* [rad] beyond it an angle has lost its last digits */
 
 /*
- * Finding about sample, arm or command: the reason of a fault or refusal, for a refusal the argument, joint or entry, the
- * number that was seen, and what it may be.
+ * Finding about sample, arm or command: the reason of a fault or refusal, for a refusal the argument, joint or entry,
+ * the number that was seen, and what it may be.
  */
 typedef struct {
     int reason, command, entry;
@@ -76,7 +76,6 @@ static const finding_t NOTHING = {0, 0, NO_JOINT, 0.0, 0.0};
 typedef struct {
     int good;     /* the sample is believed */
     int periods;  /* sample times since the last call; 0: the clock stands still or is not given */
-    int usable;   /* springs and damping may act on it */
     double q[N], dq[N];
     finding_t lost, limit, unstable; /* sample or calls; position or speed; dissipation or shaking */
     uint32_t status;
@@ -529,6 +528,17 @@ static void add_scaled(int count, double a, const double *x, double *y)
     }
 }
 
+/* Mix two vectors: a + share (b - a). Return the largest distance to b that is left. */
+static double mix(int count, const double *a, const double *b, double share, double *result)
+{
+    double left = 0.0;
+    for (int i = 0; i < count; ++i) {
+        result[i] = a[i] + share * (b[i] - a[i]);
+        left = larger(left, fabs(b[i] - result[i]));
+    }
+    return left;
+}
+
 /* Factorise A = L L^T in place: the lower triangle becomes L. Return 0 where A is not positive definite. */
 static int factorise(double *A)
 {
@@ -798,12 +808,6 @@ static double spring_energy(const memory_t *m, const double *q, const double *r,
         twice += K->posture[i] * away * away;
     }
     return stiffgen_spring_energy(q, m, poses, K->translation, K->rotation) + 0.5 * twice;
-}
-
-/* Energy of the springs in force at a position, at scale 1. */
-static double stored_energy(const memory_t *m, const double *q)
-{
-    return spring_energy(m, q, m->reference.r, m->reference.equilibrium, &m->stiffness);
 }
 
 /* Energy of the zones inside the joint limits; pull and slope of each. A zone pulls with at most the effort limit. */
@@ -1546,7 +1550,7 @@ static void believe(const memory_t *m, const input_t *in, sample_t *s)
     } else {
         s->status = (uint32_t)IIWA14_STATUS_MISSED;
     }
-    s->good = s->usable = there && found.reason == IIWA14_REASON_NONE;
+    s->good = there && found.reason == IIWA14_REASON_NONE;
     w->missed = s->good ? 0 : count_up(w->missed, 1);
     w->good = s->good ? count_up(w->good, 1) : 0;
     s->lost = judge_losses(m, s, found);
@@ -1707,17 +1711,6 @@ static void govern(const memory_t *m, const command_t *k, move_t *g)
     stand(m, g);
 }
 
-/* Mix two vectors: a + share (b - a). Return the largest distance to b that is left. */
-static double mix(int count, const double *a, const double *b, double share, double *result)
-{
-    double left = 0.0;
-    for (int i = 0; i < count; ++i) {
-        result[i] = a[i] + share * (b[i] - a[i]);
-        left = larger(left, fabs(b[i] - result[i]));
-    }
-    return left;
-}
-
 /* Mix the stiffness in force with the commanded one, which is taken as it is once it is near. Find the energy. */
 static void mix_stiffness(const memory_t *m, const stiffness_t *wanted, double share, change_t *next)
 {
@@ -1754,12 +1747,6 @@ static void stiffen(const memory_t *m, const command_t *k, change_t *next)
 /* Feed-forward: a wrench that the tips are to exert, the acceleration of a plan, Coriolis forces. The tank pays. */
 
 static const double COVERING = 0.35; /* of the available energy; springs and damping have the remainder */
-
-/* Return the share of the feed-forward that the tank pays: all from 3/4 of its initial energy on, none below 1/2. */
-static double fade_with_tank(const memory_t *m)
-{
-    return clamp(4.0 * m->account.tank / m->config.tank_initial - 2.0, 0.0, 1.0);
-}
 
 /*
  * Return the share of the wrenches that the speed of the tips allows: where contact is lost, a tip must not run away.
@@ -1811,7 +1798,8 @@ static void feed_forward(const memory_t *m, const command_t *k, const double *L,
     if (!m->reference.engaged || m->fault.reason != IIWA14_REASON_NONE) {
         return;
     }
-    const double paid = fade_with_tank(m);
+    /* the tank pays for all from 3/4 of its initial energy on, for none below 1/2 */
+    const double paid = clamp(4.0 * m->account.tank / m->config.tank_initial - 2.0, 0.0, 1.0);
     if (k->pressing) {
         press_tips(m, k, paid, w);
     }
@@ -1886,7 +1874,8 @@ static double find_cap(const config_t *c, const modes_t *modes)
 
 /*
  * Damp the modes of Kq v = l M v: B = L f(C) L^T + d I with M = L L^T, C = L^-1 Kq L^-T; joints that are faster than
- * SPEED of their limits share what is left of the damping, as a brake. K: Kq, overwritten; slip: velocity of the reference less the arm's.
+ * SPEED of their limits share the rest of the damping as a brake. K: Kq, overwritten; slip: velocity of the reference
+ * less the arm's.
  */
 static void damp(const memory_t *m, const double *L, double *K, const double *slip, law_t *w)
 {
@@ -2037,14 +2026,6 @@ static void let_fall(const memory_t *m, torque_t *t)
     t->reserve = reserve(m, t->own, 1.0);
 }
 
-/* Mix torques: a + share (b - a). */
-static void mix_torques(const double *a, const double *b, double share, double *result)
-{
-    for (int i = 0; i < N; ++i) {
-        result[i] = a[i] + share * (b[i] - a[i]);
-    }
-}
-
 /*
  * Cover a torque by the largest share of the way to it from one that falls to 0. The reserve is convex in the torque,
  * so the covered shares are an interval that begins at 0. Return the share.
@@ -2053,10 +2034,10 @@ static double cover(const memory_t *m, const double *falling, double hold, doubl
 {
     double trial[N], share = 0.0, step = 0.5;
     for (int round = 0; round < ROUNDS; ++round, step *= 0.5) {
-        mix_torques(falling, torque, share + step, trial);
+        (void)mix(N, falling, torque, share + step, trial);
         share += reserve(m, trial, hold) <= available(&m->account) ? step : 0.0;
     }
-    mix_torques(falling, torque, share, trial);
+    (void)mix(N, falling, torque, share, trial);
     memcpy(torque, trial, sizeof trial);
     return share;
 }
@@ -2483,8 +2464,10 @@ static void take_sample(memory_t *m, const sample_t *s)
         place_zones(m, s->q, &m->arm);
         account_start(&m->account, m, zone_energy(m, s->q, unused, unused));
     } else {
-        const double springs = m->reference.scale != 0.0 ? m->reference.scale * stored_energy(m, s->q) : 0.0;
-        account_interval(&m->account, m, s->q, springs, zone_energy(m, s->q, unused, unused));
+        const reference_t *const f = &m->reference;
+        const int stores = f->scale != 0.0;
+        const double U = stores ? spring_energy(m, s->q, f->r, f->equilibrium, &m->stiffness) : 0.0;
+        account_interval(&m->account, m, s->q, f->scale * U, zone_energy(m, s->q, unused, unused));
         m->watch = s->watch;
     }
     m->watch.known = 1;

@@ -19,7 +19,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "60d5e25fc20a3d91"
+#define SOURCES "b66a72d3b77d2787"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

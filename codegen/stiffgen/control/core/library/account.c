@@ -11,7 +11,7 @@ double available(const account_t *a) { return a->tank + a->springs + a->zones; }
 int call_gap(const config_t *c) { return c->call_gap_limit < c->missed_limit ? c->call_gap_limit : c->missed_limit; }
 
 /* Return the farthest that joint i is taken to move in a sample time: the velocity limit's motion, or what it does. */
-double farthest(const config_t *c, const double *dq, int i)
+static double farthest(const config_t *c, const double *dq, int i)
 {
     return larger(c->velocity_limit[i], fabs(dq[i])) * c->sample_time;
 }

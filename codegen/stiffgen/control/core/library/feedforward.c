@@ -3,12 +3,6 @@
 
 static const double COVERING = 0.35; /* of the available energy; springs and damping have the remainder */
 
-/* Return the share of the feed-forward that the tank pays: all from 3/4 of its initial energy on, none below 1/2. */
-static double fade_with_tank(const memory_t *m)
-{
-    return clamp(4.0 * m->account.tank / m->config.tank_initial - 2.0, 0.0, 1.0);
-}
-
 /*
  * Return the share of the wrenches that the speed of the tips allows: where contact is lost, a tip must not run away.
  * All up to half of tip_velocity_limit along the wrench, none from the limit on.
@@ -59,7 +53,8 @@ void feed_forward(const memory_t *m, const command_t *k, const double *L, law_t 
     if (!m->reference.engaged || m->fault.reason != ID(REASON_NONE)) {
         return;
     }
-    const double paid = fade_with_tank(m);
+    /* the tank pays for all from 3/4 of its initial energy on, for none below 1/2 */
+    const double paid = clamp(4.0 * m->account.tank / m->config.tank_initial - 2.0, 0.0, 1.0);
     if (k->pressing) {
         press_tips(m, k, paid, w);
     }

@@ -82,14 +82,6 @@ void let_fall(const memory_t *m, torque_t *t)
     t->reserve = reserve(m, t->own, 1.0);
 }
 
-/* Mix torques: a + share (b - a). */
-static void mix_torques(const double *a, const double *b, double share, double *result)
-{
-    for (int i = 0; i < N; ++i) {
-        result[i] = a[i] + share * (b[i] - a[i]);
-    }
-}
-
 /*
  * Cover a torque by the largest share of the way to it from one that falls to 0. The reserve is convex in the torque,
  * so the covered shares are an interval that begins at 0. Return the share.
@@ -98,10 +90,10 @@ static double cover(const memory_t *m, const double *falling, double hold, doubl
 {
     double trial[N], share = 0.0, step = 0.5;
     for (int round = 0; round < ROUNDS; ++round, step *= 0.5) {
-        mix_torques(falling, torque, share + step, trial);
+        (void)mix(N, falling, torque, share + step, trial);
         share += reserve(m, trial, hold) <= available(&m->account) ? step : 0.0;
     }
-    mix_torques(falling, torque, share, trial);
+    (void)mix(N, falling, torque, share, trial);
     memcpy(torque, trial, sizeof trial);
     return share;
 }

@@ -1,6 +1,6 @@
 /*
- * The impedance controller as a C library, independent of the robot. docs/controller.md has the equations, docs/energy.md
- * the theorem. A step has phases, each a file, whose results nothing changes later:
+ * The impedance controller as a C library, independent of the robot. docs/controller.md has the equations,
+ * docs/energy.md the theorem. A step has phases, each a file, whose results nothing changes later:
  *   sample = believe(memory, input)              sample.c, watch.c
  *   command = accept_command(memory, input)      command.c
  *   reference = govern(memory, command)          reference.c
@@ -30,8 +30,8 @@ enum { MOST_TURNS = 2 * N * (N + 2) }; /* of QL: seven joints need 62 on average
  * far below what matters to an arm. */
 static const double ROUNDED = 1e-9;
 static const double GOVERNOR = 0.8;  /* share of its velocity limits that a tip's equilibrium uses */
-static const double SPEED = 0.72;    /* share of its velocity limit that a joint's reference uses; damping rises above */
-static const double TOLERANCE = 0.1; /* [rad] or [m] beyond a position limit that is no fault: calibration, compliance */
+static const double SPEED = 0.72;    /* the same of a joint's reference; damping rises above */
+static const double TOLERANCE = 0.1; /* [rad] or [m] beyond a limit that is no fault: calibration, compliance */
 static const double FLOOR = 0.1;     /* share of tank_initial that moves, stiffness and scale are not paid from */
 static const double COVERED = 0.7;   /* share of the available energy for springs; damping has the remainder */
 static const double SCALE_TIME = 0.05; /* [s] shortest time in which the scale rises from 0 to 1 */
@@ -42,8 +42,8 @@ static const double TURN = 6.28318530717958648;
 static const double FARTHEST = 1e6; /* [rad] beyond it an angle has lost its last digits */
 
 /*
- * Finding about sample, arm or command: the reason of a fault or refusal, for a refusal the argument, joint or entry, the
- * number that was seen, and what it may be.
+ * Finding about sample, arm or command: the reason of a fault or refusal, for a refusal the argument, joint or entry,
+ * the number that was seen, and what it may be.
  */
 typedef struct {
     int reason, command, entry;
@@ -55,7 +55,6 @@ static const finding_t NOTHING = {0, 0, NO_JOINT, 0.0, 0.0};
 typedef struct {
     int good;     /* the sample is believed */
     int periods;  /* sample times since the last call; 0: the clock stands still or is not given */
-    int usable;   /* springs and damping may act on it */
     double q[N], dq[N];
     finding_t lost, limit, unstable; /* sample or calls; position or speed; dissipation or shaking */
     uint32_t status;
@@ -123,6 +122,7 @@ int count_up(int x, int by);
 double dot(int count, const double *a, const double *b);
 double norm(int count, const double *x);
 void add_scaled(int count, double a, const double *x, double *y);
+double mix(int count, const double *a, const double *b, double share, double *result);
 int factorise(double *A);
 void invert_lower(const double *L, double *inverse);
 void form_pencil(const double *inverse, double *K);
@@ -136,8 +136,7 @@ void to_modes(const modes_t *m, const double *A, double *y);
 void from_modes(const modes_t *m, const double *A, double *y);
 
 /* springs.c */
-double spring_energy(const memory_t *m, const double *q, const double *r, const double *equilibrium, const stiffness_t *K);
-double stored_energy(const memory_t *m, const double *q);
+double spring_energy(const memory_t *m, const double *q, const double *r, const double *poses, const stiffness_t *K);
 double zone_energy(const memory_t *m, const double *q, double *pull, double *slope);
 double most_damping(const config_t *c);
 double most_eigenvalue(const config_t *c);
@@ -149,7 +148,6 @@ void place_zones(const memory_t *m, const double *q, arm_t *arm);
 /* account.c */
 double available(const account_t *a);
 int call_gap(const config_t *c);
-double farthest(const config_t *c, const double *dq, int i);
 double reserve(const memory_t *m, const double *torque, double hold);
 double covered_share(const memory_t *m, const double *torque, double most);
 double budget(const memory_t *m);
@@ -203,7 +201,6 @@ void describe_refusal(const output_t *out, char *text, size_t size);
 /* init.c */
 int doubles_within(const double *x, size_t count, double least, double most);
 int integers_within(const int *x, size_t count, int least, int most);
-int validate(const config_t *c);
 int initialise(const config_t *c, state_t *state, const double *torque);
 int request_reset(state_t *state);
 

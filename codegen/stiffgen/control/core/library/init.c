@@ -25,7 +25,7 @@ int integers_within(const int *x, size_t count, int least, int most)
 }
 
 /* Check a configuration: OK, or the error of the first field that is refused. */
-int validate(const config_t *c)
+static int validate(const config_t *c)
 {
     const int error = check_fields(c);
     for (int i = 0; error == ID(OK) && i < N; ++i) {

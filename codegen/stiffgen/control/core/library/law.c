@@ -54,7 +54,8 @@ static double find_cap(const config_t *c, const modes_t *modes)
 
 /*
  * Damp the modes of Kq v = l M v: B = L f(C) L^T + d I with M = L L^T, C = L^-1 Kq L^-T; joints that are faster than
- * SPEED of their limits share what is left of the damping, as a brake. K: Kq, overwritten; slip: velocity of the reference less the arm's.
+ * SPEED of their limits share the rest of the damping as a brake. K: Kq, overwritten; slip: velocity of the reference
+ * less the arm's.
  */
 static void damp(const memory_t *m, const double *L, double *K, const double *slip, law_t *w)
 {

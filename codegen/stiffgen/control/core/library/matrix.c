@@ -33,6 +33,17 @@ void add_scaled(int count, double a, const double *x, double *y)
     }
 }
 
+/* Mix two vectors: a + share (b - a). Return the largest distance to b that is left. */
+double mix(int count, const double *a, const double *b, double share, double *result)
+{
+    double left = 0.0;
+    for (int i = 0; i < count; ++i) {
+        result[i] = a[i] + share * (b[i] - a[i]);
+        left = larger(left, fabs(b[i] - result[i]));
+    }
+    return left;
+}
+
 /* Factorise A = L L^T in place: the lower triangle becomes L. Return 0 where A is not positive definite. */
 int factorise(double *A)
 {

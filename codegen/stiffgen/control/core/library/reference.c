@@ -145,17 +145,6 @@ void govern(const memory_t *m, const command_t *k, move_t *g)
     stand(m, g);
 }
 
-/* Mix two vectors: a + share (b - a). Return the largest distance to b that is left. */
-static double mix(int count, const double *a, const double *b, double share, double *result)
-{
-    double left = 0.0;
-    for (int i = 0; i < count; ++i) {
-        result[i] = a[i] + share * (b[i] - a[i]);
-        left = larger(left, fabs(b[i] - result[i]));
-    }
-    return left;
-}
-
 /* Mix the stiffness in force with the commanded one, which is taken as it is once it is near. Find the energy. */
 static void mix_stiffness(const memory_t *m, const stiffness_t *wanted, double share, change_t *next)
 {

@@ -195,7 +195,7 @@ void believe(const memory_t *m, const input_t *in, sample_t *s)
     } else {
         s->status = (uint32_t)ID(STATUS_MISSED);
     }
-    s->good = s->usable = there && found.reason == ID(REASON_NONE);
+    s->good = there && found.reason == ID(REASON_NONE);
     w->missed = s->good ? 0 : count_up(w->missed, 1);
     w->good = s->good ? count_up(w->good, 1) : 0;
     s->lost = judge_losses(m, s, found);

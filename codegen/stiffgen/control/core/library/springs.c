@@ -14,12 +14,6 @@ double spring_energy(const memory_t *m, const double *q, const double *r, const 
     return stiffgen_spring_energy(q, m, poses, K->translation, K->rotation) + 0.5 * twice;
 }
 
-/* Energy of the springs in force at a position, at scale 1. */
-double stored_energy(const memory_t *m, const double *q)
-{
-    return spring_energy(m, q, m->reference.r, m->reference.equilibrium, &m->stiffness);
-}
-
 /* Energy of the zones inside the joint limits; pull and slope of each. A zone pulls with at most the effort limit. */
 double zone_energy(const memory_t *m, const double *q, double *pull, double *slope)
 {

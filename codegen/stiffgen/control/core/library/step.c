@@ -99,8 +99,10 @@ static void take_sample(memory_t *m, const sample_t *s)
         place_zones(m, s->q, &m->arm);
         account_start(&m->account, m, zone_energy(m, s->q, unused, unused));
     } else {
-        const double springs = m->reference.scale != 0.0 ? m->reference.scale * stored_energy(m, s->q) : 0.0;
-        account_interval(&m->account, m, s->q, springs, zone_energy(m, s->q, unused, unused));
+        const reference_t *const f = &m->reference;
+        const int stores = f->scale != 0.0;
+        const double U = stores ? spring_energy(m, s->q, f->r, f->equilibrium, &m->stiffness) : 0.0;
+        account_interval(&m->account, m, s->q, f->scale * U, zone_energy(m, s->q, unused, unused));
         m->watch = s->watch;
     }
     m->watch.known = 1;
