@@ -325,7 +325,7 @@ static int propose(policy_t *p, const proposal_t *proposal, double now)
     const double share_before = stiffness_share(p), wrench_before = share_left(p, overdue(p, IIWA14_POLICY_PART_WRENCH));
     const int refusals = propose_parts(p, proposal, timed, accepted);
     const double share_after = stiffness_share(p);
-    /* An accepted pose may raise the stiffness' share by itself: the stiffness goes to its goal anew, without a jump. */
+    /* An accepted pose may raise the stiffness' share by itself: the stiffness goes to its goal anew, with no jump. */
     if (accepted[IIWA14_POLICY_PART_STIFFNESS] || share_after > share_before) {
         begin_at(9 * TIPS, p->command.translation_stiffness, share_before, share_after, p->from_translation);
         begin_at(9 * TIPS, p->command.rotation_stiffness, share_before, share_after, p->from_rotation);

@@ -19,7 +19,14 @@ from support.controller_library import compile_library
 from support.plant.loop import fill, struct
 from support.project import ROOT
 
-LIBRARIES = {"controller": IMPEDANCE, "loops": LOOPS, "follow": FOLLOW, "policy": POLICY, "paper": LAW, "Python": MODULE}
+LIBRARIES = {
+    "controller": IMPEDANCE,
+    "loops": LOOPS,
+    "follow": FOLLOW,
+    "policy": POLICY,
+    "paper": LAW,
+    "Python": MODULE,
+}
 HEADER = ROOT / "generated" / "iiwa14" / "iiwa14_impedance.h"
 SAMPLE_TIME, CALLS, VELOCITY, RATE, POSTURE, STIFFNESS = 1e-3, 3, 2.0, 1e4, 10.0, 100.0
 """Numbers of the stub's configuration and command."""

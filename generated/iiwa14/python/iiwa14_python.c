@@ -19,7 +19,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "b66a72d3b77d2787"
+#define SOURCES "662b09c464f898db"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;
