@@ -41,10 +41,10 @@ def test_a_change_is_seen() -> None:
         assert difference(picture.replace(old, new, 1), picture, WITHIN)
 
 
-def test_controller(robot: ModuleType) -> None:
+def test_controller() -> None:
     from examples import controller
 
-    assert_same(controller.draw(robot))
+    assert_same(controller.draw())
 
 
 @pytest.mark.wide(instead="test_controller")
