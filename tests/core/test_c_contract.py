@@ -9,12 +9,14 @@ import subprocess
 import pytest
 
 import stiffgen
+from stiffgen.control.companions import COMPANIONS
 from stiffgen.core.symbolic.kernels import KERNELS
 from stiffgen.core.verify.kernels.samples import Samples
 from support.c_program import STRICT, run_kernels
 from support.chains import chain_urdf
 from support.project import ROOT, compilers, require_compiler
 
+COMPANION_HEADERS, COMPANION_SOURCES = ([f"_{name}.{ending}" for name in COMPANIONS] for ending in ("h", "c"))
 # libm, and what compilers insert for copies and runs of zeros.
 ALLOWED = {"sin", "cos", "sincos", "sqrt", "fmax", "memcpy", "memset", "memmove"}
 
@@ -51,7 +53,7 @@ def test_other_chains_compile_without_a_warning(compiler, tmp_path):
 
 @pytest.mark.parametrize("standard", ["-std=c89", "-ansi", "-std=gnu89", "-std=iso9899:199409"])
 @pytest.mark.parametrize("compiler", compilers())
-@pytest.mark.parametrize("file", [".h", "_impedance.h", "_paper.h", ".c", "_batch.c", "_impedance.c"])
+@pytest.mark.parametrize("file", [".h", "_impedance.h", ".c", "_batch.c", "_impedance.c", *COMPANION_HEADERS])
 def test_c89_is_refused_by_a_sentence(file, compiler, standard, robot_folder):
     """The first error names the remedy."""
     command = [compiler, standard, "-fsyntax-only", "-x", "c", robot_folder / f"iiwa14{file}"]
@@ -72,9 +74,9 @@ FIRST = {
 @pytest.mark.parametrize(
     ("file", "language"),
     [
-        *((f"iiwa14{end}", "c") for end in (".c", "_batch.c", "_impedance.c", "_paper.c", "_dispatch.c")),
-        *((f"iiwa14{end}", "c") for end in (".h", "_impedance.h", "_paper.h")),
-        *((f"iiwa14{end}", "c++") for end in (".h", "_impedance.h", ".hpp")),
+        *((f"iiwa14{end}", "c") for end in (".c", "_batch.c", "_impedance.c", "_dispatch.c", *COMPANION_SOURCES)),
+        *((f"iiwa14{end}", "c") for end in (".h", "_impedance.h", *COMPANION_HEADERS)),
+        *((f"iiwa14{end}", "c++") for end in (".h", "_impedance.h", ".hpp", *COMPANION_HEADERS)),
     ],
 )
 @pytest.mark.parametrize("compiler", compilers())

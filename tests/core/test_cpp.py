@@ -148,20 +148,21 @@ void controller()
     {name}_impedance_config config = {name}::Impedance::default_config(), plain;
     {name}_impedance_default_config(&plain);
     check(std::memcmp(&config, &plain, sizeof config) != 0, __LINE__);
-    config.sample_time = -1.0;
     check({name}::Impedance(config).error() != {macro}_E_CONFIG_SAMPLE_TIME, __LINE__);
-    check({name}::Impedance::validate(config) != {macro}_E_CONFIG_SAMPLE_TIME, __LINE__);
     check(std::strstr({name}::Impedance::error_text({macro}_E_CONFIG_SAMPLE_TIME), "sample_time") == nullptr, __LINE__);
-    config = plain;
-    config.joint_damping = 0.3;
+    config.sample_time = 0.001;
+    config.delay_samples = 0;
+    config.heaviest_wrench[0] = 50.0;
+    config.heaviest_wrench[1] = 10.0;
+    for (double &inertia : config.motor_inertia) {{ inertia = 0.1; }}
+    {tool}
     {name}_impedance_state state{{}};
     check({name}_impedance_init(&config, &state, held.data()) != {macro}_OK, __LINE__);
     {name}::Impedance first(config, held), second(config);
     static_assert(std::is_trivially_copyable_v<{name}::Impedance>);
     check(first.error() != {macro}_OK, __LINE__);
     {name}::Impedance::Sample sample{{}};
-    sample.sample_valid = 1;
-    sample.command = {macro}_COMMAND_POSITION;
+    sample.clock = {macro}_CLOCK_COUNTER;
     {stiffness}
     for (uint32_t k = 0; k < 400; ++k) {{
         {name}::Impedance::Report expected{{}}, found{{}};
@@ -173,7 +174,7 @@ void controller()
         sample.q0[0] += 0.1;
         if (k == 300) {{ check({name}_impedance_reset(&state) != first.reset(), __LINE__); }}
         if (k == 150) {{ second = first; }}
-        check({name}_impedance_step(&config, &state, &sample, &expected) != first.step(sample, found), __LINE__);
+        check({name}_impedance_step(&state, &sample, &expected) != first.step(sample, found), __LINE__);
         check(std::memcmp(&expected, &found, sizeof found) != 0, __LINE__);
         if (k >= 150 && k < 300) {{
             {name}::Impedance::Report copied{{}};
@@ -202,11 +203,17 @@ def program(name: str, chain: stiffgen.Chain, options: KernelOptions) -> str:
             for field, value in (("translation_stiffness", 500.0), ("rotation_stiffness", 30.0))
             for tip in range(len(chain.tips)) for k in range(3)
         ]  # fmt: skip
-        if chain.runtime_tool:
-            diagonals += [f"sample.tool_pose[{5 * k}] = 1.0;" for k in range(4)]
+        tool = [
+            f"config.tool_pose[{16 * tip + 5 * k}] = 1.0;" for tip in range(len(chain.tips)) for k in range(4)
+        ] if chain.runtime_tool else []  # fmt: skip
         numbers = {"q": values_of(np.array(middle)), "held": values_of(0.01 * np.arange(chain.dof))}
         text = CONTROLLER.format(
-            name=name, macro=name.upper(), n=chain.dof, stiffness="\n    ".join(diagonals), **numbers
+            name=name,
+            macro=name.upper(),
+            n=chain.dof,
+            stiffness="\n    ".join(diagonals),
+            tool=" ".join(tool),
+            **numbers,
         )
         parts.append(text)
         names.append("controller")

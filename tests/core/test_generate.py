@@ -11,6 +11,7 @@ import sys
 import pytest
 
 import stiffgen
+from stiffgen.control.companions import COMPANIONS
 from stiffgen.core.emit.render import render
 from stiffgen.core.errors import BuildError, OutputError, StiffgenError
 from stiffgen.core.manifest import chain_from_manifest
@@ -19,11 +20,13 @@ from support.project import ROOT, URDF
 
 FILES = {
     "iiwa14.h", "iiwa14.hpp", "iiwa14_lanes.h", "iiwa14.c", "iiwa14_batch.c", "iiwa14_dispatch.c",
-    "iiwa14_impedance.h", "iiwa14_sensor.h", "iiwa14_paper.h", "iiwa14_paper.c", "python/paper.py", "python/paper.pyi",
-    "iiwa14_impedance.c", "CMakeLists.txt", "__init__.py", "__init__.pyi", "py.typed", "README.md", "pyproject.toml",
-    "manifest.json", "python/iiwa14_python.c", "python/_presets.py", "python/_structs.py",
+    "iiwa14_impedance.h", "iiwa14_impedance.c", "iiwa14_sensor.h",
+    "CMakeLists.txt", "__init__.py", "__init__.pyi", "py.typed", "README.md", "pyproject.toml",
+    "manifest.json", "python/iiwa14_python.c", "python/_structs.py",
     "python/impedance.py", "python/impedance.pyi",
     "python/casadi.py", "python/jax.py", "python/torch.py",
+    *(f"iiwa14_{name}.{ending}" for name in COMPANIONS for ending in ("h", "c")),
+    *(f"python/{name}.{ending}" for name in COMPANIONS for ending in ("py", "pyi")),
 }  # fmt: skip
 
 
@@ -238,8 +241,15 @@ Kq = iiwa14.body.joint_stiffness(q=q, wrench=[0, 0, 0, 0, 0, 1], task_stiffness=
 pose = iiwa14.forward_kinematics(q)
 names: tuple[str, ...] = iiwa14.JOINTS
 print(iiwa14.LOWER, iiwa14.TIP, iiwa14.hybrid.jacobian.signature, pose, names)
-controller = iiwa14.Impedance(sample_time=0.001, record=10)
-out = controller.step(q=q, dq=np.zeros(7))
+controller = iiwa14.Impedance(sample_time=0.001, delay_samples=0, motor_inertia=0.1, heaviest_wrench=(50, 9), record=5)
+follow, port = iiwa14.Follow(q, sample_time=0.001), iiwa14.Policy(pose=pose, now=0.0, hold_time=0.2)
+command = port.command(0.0)
+q0 = follow.step(pose=command.pose).q0
+stiffness = {"translation_stiffness": command.translation_stiffness, "rotation_stiffness": command.rotation_stiffness}
+out = controller.step(q=q, dq=np.zeros(7), q0=q0, counter=0, shaped=True, **stiffness)
+posture: NDArray[np.float64] | None = iiwa14.find_posture(pose, q)
+gains = iiwa14.joint_gains(q=q, dq=q, torque=q, joint_stiffness=Kq, damping=Kq, kp_limit=100.0, kd_limit=10.0)
+work: float = iiwa14.late_work(q=q, q_des=q, tau_ff=q, kp=gains.kp, kd=gains.kd, velocity_limit=1.0, hold=0.1)
 torque: NDArray[np.float64] = out.torque
 if out.status & iiwa14.Status.MISSED:
     print(controller.config.sample_time)
@@ -249,6 +259,9 @@ iiwa14.hybrid.joint_stiffness(q, wrnch=F, task_stiffness=K)  # ERROR
 iiwa14.hybrid.jacobian(q, otu=Kq)  # ERROR
 iiwa14.Impedence()  # ERROR
 iiwa14.Impedance(sample_tme=0.001)  # ERROR
+iiwa14.Policy(pose=pose, now=0.0, hold=0.2)  # ERROR
+port.command(0.0).poses  # ERROR
+iiwa14.PolicyStage.MOVED  # ERROR
 out.torqe  # ERROR
 iiwa14.Status.MISED  # ERROR
 controller.step(qq=q)  # ERROR

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 import stiffgen
+from stiffgen.control.companions import COMPANIONS
 from stiffgen.core.emit.render import render
 from support.project import URDF
 
@@ -63,17 +64,18 @@ def test_wheel_needs_numpy_alone_and_works_anywhere(folder: Path, robot: ModuleT
     assert (headers["Name"], headers["Version"]) == ("stiffgen-iiwa14", stiffgen.__version__)
     (compiled,) = (name for name in names if name.endswith((".so", ".pyd")))
     assert compiled.startswith("iiwa14/python/iiwa14_python.")
-    controllers = [f"{name}.{end}" for name in ("impedance", "paper") for end in ("py", "pyi")]
-    modules = [
-        f"python/{name}" for name in ("_presets.py", "_structs.py", *controllers, "casadi.py", "jax.py", "torch.py")
-    ]
+    controllers = [f"{name}.{end}" for name in ("impedance", *COMPANIONS) for end in ("py", "pyi")]
+    modules = [f"python/{name}" for name in ("_structs.py", *controllers, "casadi.py", "jax.py", "torch.py")]
     package = ("__init__.py", "__init__.pyi", "py.typed", "manifest.json", *modules)
     expected = {f"iiwa14/{file}" for file in package} | {compiled}
     assert {name for name in names if ".dist-info/" not in name} == expected
     run(*pip, "install", "--no-deps", "--no-index", "--target", tmp_path / "site", wheel, cwd=tmp_path)
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
-    code = example(folder, "python") + "print(iiwa14.__file__, iiwa14.Impedance().config.sample_time)\n"
+    code = (
+        example(folder, "python")
+        + "print(iiwa14.__file__, iiwa14.Follow([0.0] * 7, sample_time=0.001).config['sample_time'])\n"
+    )
     out = run(sys.executable, "-c", code, cwd=elsewhere, PYTHONPATH=str(tmp_path / "site"))
     *matrix, last = out.splitlines()
     assert last == f"{tmp_path / 'site' / 'iiwa14' / '__init__.py'} 0.001"
@@ -99,6 +101,7 @@ def test_installed_files_carry_the_name(prefix: Path) -> None:
         "include/iiwa14.hpp",
         "include/iiwa14_impedance.h",
         "include/iiwa14_sensor.h",
+        *(f"include/iiwa14_{name}.h" for name in COMPANIONS),
         "lib/libiiwa14.a",
     } <= installed
     assert [path for path in installed if not Path(path).name.removeprefix("lib").startswith("iiwa14")] == []

@@ -11,6 +11,7 @@ import pytest
 
 import stiffgen
 from stiffgen.cli import main
+from stiffgen.control.companions import COMPANIONS
 from stiffgen.control.page import called_kernels
 from stiffgen.core.errors import ChainError, OutputError
 from stiffgen.core.symbolic.kernels import chain_kernels
@@ -51,8 +52,8 @@ def test_controller_brings_the_functions_that_it_calls(tmp_path: Path) -> None:
 
 
 def names_in_controller(folder: Path) -> set[str]:
-    """Return the names NAME_... in the C of a folder's controller and its paper's law, without NAME_."""
-    sources = [folder / f"{folder.name}_{part}.c" for part in ("impedance", "paper")]
+    """Return the names NAME_... in the C of a folder's controller and its companions, without NAME_."""
+    sources = [folder / f"{folder.name}_{part}.c" for part in ("impedance", *COMPANIONS)]
     text = "".join(file.read_text() for file in sources if file.exists())
     code = re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)
     return set(re.findall(rf"\b{folder.name}_(\w+)\b", code))

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import stiffgen
+from stiffgen.control.companions import COMPANIONS
 from stiffgen.core.emit import backend
 from stiffgen.core.emit.render import render
 from support.project import URDF
@@ -32,6 +33,13 @@ int main(void)
     right_forward_kinematics(q, b);
     left_impedance_default_config(&left_config);
     right_impedance_default_config(&right_config);
+    left_config.sample_time = right_config.sample_time = 0.001;
+    left_config.delay_samples = right_config.delay_samples = 0;
+    left_config.heaviest_wrench[0] = right_config.heaviest_wrench[0] = 50.0;
+    left_config.heaviest_wrench[1] = right_config.heaviest_wrench[1] = 10.0;
+    for (int i = 0; i < 7; ++i) {
+        left_config.motor_inertia[i] = right_config.motor_inertia[i] = 0.1;
+    }
     right_config.sample_time = -1.0;
     const int good = left_impedance_init(&left_config, &left_state, NULL);
     const int bad = right_impedance_init(&right_config, &right_state, NULL);
@@ -66,7 +74,11 @@ def pair(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def objects(pair: Path) -> dict[str, Path]:
     """The sources, compiled, by the name of the file."""
     compiled = {}
-    for stem in (f"{name}{part}" for name in ("left", "right") for part in ("", "_batch", "_impedance")):
+    for stem in (
+        f"{name}{part}"
+        for name in ("left", "right")
+        for part in ("", "_batch", "_impedance", *(f"_{each}" for each in COMPANIONS))
+    ):
         compiled[stem] = pair / f"{stem}.o"
         run("gcc", *STRICT, "-fPIC", "-c", pair / f"{stem}.c", "-o", compiled[stem])
     return compiled
@@ -90,14 +102,15 @@ def test_two_robots_in_one_shared_library(pair: Path, objects: dict[str, Path]) 
     )
     assert run(pair / "shared").split()[2:4] == ["1", "0"]
     exported = {line.split()[-1] for line in run("nm", "-D", "--defined-only", library).splitlines()}
-    assert {"left_mass_matrix", "right_impedance_step"} <= exported
+    assert {"left_mass_matrix", "right_impedance_step", "left_policy_start", "right_find_posture"} <= exported
     assert {name for name in exported if not re.match(r"left_|right_", name)} == set()
 
 
+@pytest.mark.parametrize("part", ["impedance", *COMPANIONS])
 @pytest.mark.parametrize("name", ["left", "right"])
-def test_headers_name_nothing_without_the_prefix(pair: Path, name: str) -> None:
+def test_headers_name_nothing_without_the_prefix(pair: Path, name: str, part: str) -> None:
     """Macros, enumerators, types and functions of a robot's headers, as the preprocessor and the compiler see them."""
-    header = pair / f"{name}_impedance.h"
+    header = pair / f"{name}_{part}.h"
     (pair / "only.c").write_text(f'#include "{header.name}"\n')
     (pair / "base.c").write_text("#include <stddef.h>\n#include <stdint.h>\n")
     macros = [set(run("gcc", "-std=c99", "-dM", "-E", pair / file).splitlines()) for file in ("only.c", "base.c")]

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from stiffgen.control.companions import COMPANIONS
 from stiffgen.control.core.config import CONFIG
 from stiffgen.control.core.field import Field
 from stiffgen.control.core.signals import INPUT, OUTPUT
@@ -55,12 +56,13 @@ CAREFUL = ("-O1", "-fsanitize=bounds", "-fsanitize-undefined-trap-on-error", "-f
 
 
 def build_controller(folder: Path, name: str, build: Path) -> Path:
-    """Compile the kernels and the controller in a folder into a shared library in the new folder ``build``.
+    """Compile kernels, controller and companions in a folder into a shared library in the new folder ``build``.
 
     A compiler that refuses :data:`CAREFUL` compiles without these flags.
     """
     build.mkdir(parents=True)
-    controller = [folder.resolve() / f"{name}_impedance.c"]
+    parts = (folder.resolve() / f"{name}_{part}.c" for part in ("impedance", *COMPANIONS))
+    controller = [part for part in parts if part.exists()]
     try:
         return build_library(folder, name, build, CAREFUL, more=controller)
     except BuildError:

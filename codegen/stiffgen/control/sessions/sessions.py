@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from stiffgen.control.sessions.companions import compare_companions
 from stiffgen.control.sessions.hostile import HostileSession
 from stiffgen.control.sessions.library import ControllerLibrary, build_controller
 from stiffgen.control.sessions.rules import check_rules
@@ -47,9 +48,11 @@ def check_sessions(robot: GeneratedRobot, texts: Mapping[str, str], seed: int, b
     files = _build_both(robot, texts, build)
     reference, library = (open_controller(file, robot) for file in files)
     faults = confined(lambda: differences(reference, library, robot.chain, seed))
+    beside = confined(lambda: compare_companions(*files, robot.name, robot.chain))
     return [
         *check_rules(library, robot.module, robot.chain),
         faultless("controller: sessions", "this generator's controller, in bits", faults),
+        faultless("controller: companions", "this generator's companions, in bits", beside),
     ]
 
 
