@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 from pathlib import Path
@@ -10,6 +11,7 @@ from xml.etree import ElementTree
 
 import cmake
 import ninja
+import yaml
 
 ROS2 = Path(__file__).parents[1]
 PACKAGE, STUBS = ROS2 / "stiffgen_ros2", ROS2 / "stubs"
@@ -25,11 +27,31 @@ function(pluginlib_export_plugin_description_file category file)
 endfunction()
 """
 FAKE_AMENT = """
+function(ament_add_test name unused program)
+  add_test(NAME ${name} COMMAND ${program})
+endfunction()
 macro(ament_package)
   install(FILES package.xml DESTINATION share/${PROJECT_NAME})
 endmacro()
 include(CTest)
 """
+GENERATE_PARAMETERS = """
+set(folder ${CMAKE_CURRENT_LIST_DIR})
+function(generate_parameter_library NAME file)
+  file(READ ${file} text)
+  configure_file(${folder}/header.hpp.in include/${PROJECT_NAME}/${NAME}.hpp @ONLY)
+  add_library(${NAME} INTERFACE)
+  target_include_directories(${NAME} INTERFACE ${CMAKE_CURRENT_BINARY_DIR}/include)
+endfunction()
+"""
+TYPES = {
+    "bool": "bool",
+    "double": "double",
+    "string": "std::string",
+    "double_array": "std::vector<double>",
+    "string_array": "std::vector<std::string>",
+}
+"""Types of generate_parameter_library, in C++."""
 SCENARIOS = [
     name
     for file in ("lifecycle", "commands", "changes", "faults")
@@ -61,9 +83,30 @@ def fake_packages(folder: Path, distro: str) -> Path:
         text += f"target_compile_definitions({target} INTERFACE STUB_DISTRO={DISTROS[distro]})\n"
         text += f"set({name}_TARGETS {target})\n" + (PLUGINLIB if name == "pluginlib" else "")
         (package / f"{name}Config.cmake").write_text(text)
+    describe_parameters(folder / "generate_parameter_library")
     if AMENT.exists():  # Debian's own
         (folder / "ament_cmake" / "ament_cmakeConfig.cmake").unlink()
     return folder
+
+
+def describe_parameters(folder: Path) -> None:
+    """Write a config file of generate_parameter_library: its header declares what parameters.yaml describes."""
+    [(name, described)] = yaml.safe_load((PACKAGE / "src" / "parameters.yaml").read_text()).items()
+    lines = []
+    for key, each in described.items():
+        declare = f"node->template declare_parameter<{TYPES[each['type']]}>"
+        lines.append(f'        {declare}("{key}", {literal(each["default_value"])});')
+    header = "struct ParamListener {\n    template <class Node> explicit ParamListener(Node node)\n    {\n"
+    header = f"namespace @NAME@ {{\n{header}" + "\n".join(lines) + "\n    }\n};\n}\n"
+    folder.mkdir()
+    (folder / "header.hpp.in").write_text(header)
+    (folder / f"{folder.name}Config.cmake").write_text(GENERATE_PARAMETERS)
+    assert name == "stiffgen_ros2_parameters"
+
+
+def literal(value: object) -> str:
+    """Return a default as C++."""
+    return json.dumps(value).replace("[", "{").replace("]", "}")
 
 
 def build(source: Path, folder: Path, distro: str, *options: str) -> Path:
@@ -73,7 +116,8 @@ def build(source: Path, folder: Path, distro: str, *options: str) -> Path:
     command = [CMAKE / "cmake", "-S", source, "-B", folder / "build", "-G", "Ninja", *options]
     command += [f"-DCMAKE_MAKE_PROGRAM={Path(ninja.BIN_DIR) / 'ninja'}", "-DCMAKE_BUILD_TYPE=None"]
     command += [f"-DCMAKE_CXX_FLAGS={flags}", "-DCMAKE_C_FLAGS=-O0", f"-DCMAKE_PREFIX_PATH={packages}"]
-    command += [f"-D{name}_DIR={packages / name}" for name in FOUND if (packages / name).glob("*")]
+    names = (*FOUND, "generate_parameter_library")
+    command += [f"-D{name}_DIR={packages / name}" for name in names if (packages / name).glob("*")]
     command += ["-DPython3_EXECUTABLE=/usr/bin/python3"] if AMENT.exists() else []  # has Debian's ament packages
     run(command, folder)
     run([CMAKE / "cmake", "--build", folder / "build", "-j2"], folder)

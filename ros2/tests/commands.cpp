@@ -245,6 +245,7 @@ static void tells_its_state()
     check(rig.last<geometry_msgs::msg::WrenchStamped>("~/wrench").wrench.force.x < -5.0, "the springs push against the environment");
     const auto array = rig.last<diagnostic_msgs::msg::DiagnosticArray>("/diagnostics");
     check(array.status.size() == 1 && array.status[0].level == 0 && array.status[0].message == "active", "diagnostics");
+    check(array.status[0].name == "arm: state" && array.status[0].hardware_id == robot::TIP_FRAME, "named after node and tip");
     check(array.status[0].values.size() >= 8 && array.status[0].values[2].key == "error [m]", "values");
 }
 

@@ -126,6 +126,8 @@ static void starts_again()
     check(rig.controller->on_cleanup(rig.state) == Callback::SUCCESS, "clean up");
     late(rig.pose_message()); // a thread of the executor that was on its way
     check(rig.node->publishers.at("~/state").expired() && rig.node->subscriptions.at("~/target_pose").expired(), "nothing is left");
+    rig.spin();
+    check(rig.last<diagnostic_msgs::msg::DiagnosticArray>("/diagnostics").status[0].message == "unconfigured", "diagnostics go on");
     check(rig.controller->on_configure(rig.state) == Callback::SUCCESS, "configure again");
 }
 

@@ -11,8 +11,13 @@ from types import ModuleType
 from xml.etree import ElementTree
 
 import pytest
+import yaml
 
-from .building import DISTROS, FOUND, PACKAGE, ROS2, STRICT, STUBS, build, configured, run
+import stiffgen
+
+from .building import DISTROS, FOUND, PACKAGE, ROS2, STRICT, STUBS, TYPES, build, configured, literal, run
+
+HERE = Path(__file__).parent
 
 
 @pytest.mark.slow
@@ -36,6 +41,8 @@ def test_the_package_is_built_and_installed(tmp_path: Path) -> None:
         binary = installed / "lib" / f"lib{library.get('path')}.so"
         symbols = run(["nm", "-C", binary], tmp_path)
         assert "libiiwa14" not in run(["readelf", "-d", binary], tmp_path)
+        parameters = f"{library.get('path')}_parameters::ParamListener" in symbols
+        assert parameters == (library.get("path") == "stiffgen_ros2"), "described by generate_parameter_library"
         for each in library:
             assert f"vtable for {each.get('type')}" in symbols
 
@@ -43,11 +50,44 @@ def test_the_package_is_built_and_installed(tmp_path: Path) -> None:
 def test_package_xml_declares_what_cmake_finds() -> None:
     package = ElementTree.parse(PACKAGE / "package.xml").getroot()
     declared = [element.text for tag in ("buildtool_depend", "depend") for element in package.findall(tag)]
-    assert sorted(map(str, declared)) == sorted(FOUND)
+    assert sorted(map(str, declared)) == sorted([*FOUND, "generate_parameter_library"])
     included = set()
     for file in (PACKAGE / "src").iterdir():
         included |= set(re.findall(r"#include <(\w+)/", file.read_text()))
-    assert included <= set(FOUND)
+    assert included <= {*FOUND, PACKAGE.name}
+
+
+def test_placeholders_of_the_package_stand_in_one_place() -> None:
+    """Whoever releases the package fills in package.xml; its version is stiffgen's, which the changelog begins with."""
+    files = [path for path in ROS2.rglob("*") if path.is_file() and path.suffix != ".pyc" and path.parent != HERE]
+    assert [path.name for path in files if "example.com" in path.read_text()] == ["package.xml"]
+    package = ElementTree.parse(PACKAGE / "package.xml").getroot()
+    assert package.findtext("version") == stiffgen.__version__
+    assert {url.get("type") for url in package.findall("url")} == {"website", "repository", "bugtracker"}
+    title, first = re.findall(r"^(\w.*)$", (PACKAGE / "CHANGELOG.rst").read_text(), re.MULTILINE)[:2]
+    assert title == "Changelog for package stiffgen_ros2" and first in ("Forthcoming", stiffgen.__version__)
+
+
+def test_the_declaration_of_quality_tells_the_truth() -> None:
+    """Level 4 asks for no more; what would be a claim is checked: warnings, licences, no installed header."""
+    text = (PACKAGE / "QUALITY_DECLARATION.md").read_text()
+    assert "claims **Quality Level 4**" in text and ("below 1.0.0" in text) == stiffgen.__version__.startswith("0.")
+    assert {"-Wall", "-Wextra", "-Wpedantic", "-Werror"} <= set(STRICT)
+    assert "DESTINATION include" not in (PACKAGE / "CMakeLists.txt").read_text()
+    for file in (*(PACKAGE / "src").glob("*.?pp"), *(PACKAGE / "test").iterdir()):
+        assert file.read_text().startswith("// SPDX-License-Identifier: MIT\n"), file
+
+
+def test_described_parameters_are_those_of_the_source() -> None:
+    """parameters.yaml has each parameter that is no field of the configuration, with the default of settings.cpp."""
+    [described] = yaml.safe_load((PACKAGE / "src" / "parameters.yaml").read_text()).values()
+    source = (PACKAGE / "src" / "settings.cpp").read_text()
+    declared = re.findall(r'^    declare(?:<[\w:]+>)?\(node, "(\w+)", (.*)\);$', source, re.MULTILINE)
+    assert {name for name, _ in declared} == set(described)
+    for name, default in declared:
+        wanted = TYPES[described[name]["type"]] + literal(described[name]["default_value"])
+        assert re.sub(r"\(\)$", "{}", default) in (wanted, literal(described[name]["default_value"])), name
+        assert len(described[name]["description"]) > 10
 
 
 @pytest.mark.parametrize("distro", DISTROS)

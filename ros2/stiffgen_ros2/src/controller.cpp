@@ -47,8 +47,9 @@ StiffnessController::Callback StiffnessController::on_configure(const State &)
     parameters_ = std::make_shared<Parameters>(*node, sample_time_, topics_, settings_);
     parameters_->start(settings);
     topics_->subscribe();
-    report_ = std::make_shared<Report>(*node, setup_, snapshots_, reset_);
+    std::atomic_store(&report_, std::make_shared<Report>(*node, setup_, snapshots_, reset_));
     report_->start();
+    start_diagnostics();
     return Callback::SUCCESS;
 }
 
@@ -164,10 +165,24 @@ StiffnessController::Callback StiffnessController::release()
     return Callback::SUCCESS;
 }
 
+// Publish the state on /diagnostics, as often as diagnostic_updater.period says.
+void StiffnessController::start_diagnostics()
+{
+    if (diagnostics_) { return; }
+    diagnostics_ = std::make_unique<diagnostic_updater::Updater>(get_node());
+    diagnostics_->setHardwareID(robot::TIP_FRAME);
+    diagnostics_->add("state", [this](diagnostic_updater::DiagnosticStatusWrapper &status) {
+        const auto report = std::atomic_load(&report_); // another thread may clean up
+        const auto state = report ? report->status() : diagnostic_msgs::msg::DiagnosticStatus();
+        status.summary(state.level, report ? state.message : "unconfigured");
+        status.values = state.values;
+    });
+}
+
 void StiffnessController::forget()
 {
     parameters_.reset();
-    report_.reset();
+    std::atomic_store(&report_, std::shared_ptr<Report>());
     topics_.reset();
 }
 

@@ -10,6 +10,7 @@
 #include "topics.hpp"
 
 #include <controller_interface/chainable_controller_interface.hpp>
+#include <diagnostic_updater/diagnostic_updater.hpp>
 #include <rclcpp/version.h>
 
 #include <atomic>
@@ -55,6 +56,7 @@ private:
     bool write(const robot::Report &report);
     Callback release();
     void forget();
+    void start_diagnostics();
     Callback refuse(const std::string &reason);
 
     Setup setup_;
@@ -70,6 +72,7 @@ private:
     std::shared_ptr<Topics> topics_;
     std::shared_ptr<Report> report_;
     std::shared_ptr<Parameters> parameters_;
+    std::unique_ptr<diagnostic_updater::Updater> diagnostics_; // stays: its timer does not ask whether it still lives
 };
 
 } // namespace stiffgen_ros2

@@ -4,12 +4,12 @@
 
 #include <array>
 #include <atomic>
-#include <cstddef>
 #include <type_traits>
 
 namespace stiffgen_ros2 {
 
-/// Newest value from one writing thread to one reading thread, by three copies: each side has one for itself.
+/// Newest value from one writing thread to one reading thread, by three copies: each side has one for itself, and
+/// neither waits. The boxes of realtime_tools have a lock.
 template <class T> class Latest {
 public:
     static_assert(std::is_trivially_copyable_v<T>, "a copy must not allocate");
@@ -35,36 +35,6 @@ private:
     std::array<T, 3> slots_{};
     std::atomic<unsigned> middle_{1};
     unsigned front_ = 0, back_ = 2;
-};
-
-/// Queue from one writing thread to one reading thread.
-template <class T, std::size_t Size> class Queue {
-public:
-    static_assert(std::is_trivially_copyable_v<T>, "a copy must not allocate");
-
-    /// Append a value; return false if the queue is full.
-    bool push(const T &value) noexcept
-    {
-        const std::size_t end = end_.load(std::memory_order_relaxed), next = (end + 1) % Size;
-        if (next == begin_.load(std::memory_order_acquire)) { return false; }
-        slots_[end] = value;
-        end_.store(next, std::memory_order_release);
-        return true;
-    }
-
-    /// Take the oldest value; return false if there is none.
-    bool pop(T &value) noexcept
-    {
-        const std::size_t begin = begin_.load(std::memory_order_relaxed);
-        if (begin == end_.load(std::memory_order_acquire)) { return false; }
-        value = slots_[begin];
-        begin_.store((begin + 1) % Size, std::memory_order_release);
-        return true;
-    }
-
-private:
-    std::array<T, Size> slots_{};
-    std::atomic<std::size_t> begin_{0}, end_{0};
 };
 
 } // namespace stiffgen_ros2

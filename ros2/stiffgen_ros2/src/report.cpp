@@ -86,7 +86,6 @@ void Report::start()
     equilibrium_ = node_.create_publisher<geometry_msgs::msg::PoseStamped>("~/equilibrium", rclcpp::QoS(1));
     wrench_ = node_.create_publisher<geometry_msgs::msg::WrenchStamped>("~/wrench", rclcpp::QoS(1));
     state_ = node_.create_publisher<diagnostic_msgs::msg::DiagnosticStatus>("~/state", rclcpp::QoS(1));
-    diagnostics_ = node_.create_publisher<diagnostic_msgs::msg::DiagnosticArray>("/diagnostics", rclcpp::QoS(1));
     pose_->on_activate(); // the node's own transition does not reach the publishers of a controller
     equilibrium_->on_activate();
     wrench_->on_activate();
@@ -95,7 +94,6 @@ void Report::start()
         measured_wrench_->on_activate();
     }
     state_->on_activate();
-    diagnostics_->on_activate();
     reset_ = node_.create_service<Trigger>(
         "~/reset", [weak](const std::shared_ptr<Trigger::Request>, std::shared_ptr<Trigger::Response> response) {
             const auto self = weak.lock();
@@ -207,12 +205,7 @@ void Report::publish()
     wrench_->publish(wrench);
     publish_measured(wrench);
 
-    const auto status_now = status();
-    state_->publish(status_now);
-    diagnostic_msgs::msg::DiagnosticArray array;
-    array.header.stamp = pose.header.stamp;
-    array.status.push_back(status_now);
-    diagnostics_->publish(array);
+    state_->publish(status());
 }
 
 } // namespace stiffgen_ros2

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
-// State topics, diagnostics and the log, written by a timer outside the loop.
+// State topics and the log, written by a timer outside the loop.
 #pragma once
 
 #include "exchange.hpp"
 #include "law.hpp"
 
-#include <diagnostic_msgs/msg/diagnostic_array.hpp>
+#include <diagnostic_msgs/msg/diagnostic_status.hpp>
 #include <geometry_msgs/msg/pose_stamped.hpp>
 #include <geometry_msgs/msg/wrench_stamped.hpp>
 #include <rclcpp/rclcpp.hpp>
@@ -26,13 +26,15 @@ public:
     /// Begin to publish, and offer the service.
     void start();
 
+    /// Return fault, status, energies and refusals in words.
+    diagnostic_msgs::msg::DiagnosticStatus status() const;
+
 private:
     template <class Message> using Publisher = typename rclcpp_lifecycle::LifecyclePublisher<Message>::SharedPtr;
 
     void publish();
     void publish_measured(geometry_msgs::msg::WrenchStamped message);
     void tell_changes();
-    diagnostic_msgs::msg::DiagnosticStatus status() const;
 
     rclcpp_lifecycle::LifecycleNode &node_;
     Setup setup_;
@@ -44,7 +46,6 @@ private:
     Publisher<geometry_msgs::msg::PoseStamped> pose_, equilibrium_;
     Publisher<geometry_msgs::msg::WrenchStamped> wrench_, measured_wrench_;
     Publisher<diagnostic_msgs::msg::DiagnosticStatus> state_;
-    Publisher<diagnostic_msgs::msg::DiagnosticArray> diagnostics_;
     std::shared_ptr<rclcpp::Service<std_srvs::srv::Trigger>> reset_;
     rclcpp::TimerBase::SharedPtr timer_;
 };

@@ -4,6 +4,10 @@
 #include "defaults.hpp"
 #include "fields.hpp"
 
+#if STIFFGEN_ROS2_PARAMETERS
+#include <stiffgen_ros2/stiffgen_ros2_parameters.hpp>
+#endif
+
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -144,6 +148,9 @@ std::string read_sensor(const Lookup &lookup, Setup &setup)
 
 void declare_parameters(rclcpp_lifecycle::LifecycleNode &node)
 {
+#if STIFFGEN_ROS2_PARAMETERS
+    const stiffgen_ros2_parameters::ParamListener described(&node); // declares with descriptions; the checks are ours
+#endif
     robot::Config config = default_config();
     for (const Numbers &field : NUMBERS) {
         const double *first = field.at(config);

@@ -2,13 +2,13 @@
 // Subscriptions of the controller: each message is checked, and refused with a sentence, before the loop sees it.
 #pragma once
 
-#include "exchange.hpp"
 #include "law.hpp"
 
 #include <geometry_msgs/msg/pose_stamped.hpp>
 #include <geometry_msgs/msg/wrench_stamped.hpp>
 #include <rclcpp/rclcpp.hpp>
 #include <rclcpp_lifecycle/lifecycle_node.hpp>
+#include <realtime_tools/lock_free_queue.hpp>
 #include <sensor_msgs/msg/joint_state.hpp>
 #include <std_msgs/msg/float64_multi_array.hpp>
 
@@ -20,7 +20,7 @@
 
 namespace stiffgen_ros2 {
 
-using Commands = Queue<Command, 64>;
+using Commands = realtime_tools::LockFreeSPSCQueue<Command, 64>;
 
 // Shared: a callback that another thread still runs keeps it alive.
 class Topics : public std::enable_shared_from_this<Topics> {

@@ -13,7 +13,7 @@ from stiffgen.core.names import comment
 from stiffgen.core.robot.chain import Chain
 
 _NAME = "stiffgen_ros2"
-_NOT_COPIED = ("LICENSE",)
+_NOT_COPIED = ("LICENSE", "CHANGELOG.rst", "QUALITY_DECLARATION.md")
 _LICENCE = re.compile(r"\A(//|#) SPDX-License-Identifier[:] MIT\n")
 _OF_THE_REPOSITORY = re.compile(r"[^\n]*# in stiffgen's repository\n.*?endif\(\)\n", re.DOTALL)
 _ENDING = """
