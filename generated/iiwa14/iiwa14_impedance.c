@@ -507,7 +507,11 @@ static double clamp(double x, double least, double most)
 }
 
 /* Count up to LONGEST. */
-static int count_up(int x, int by) { return x + by < LONGEST ? x + by : LONGEST; }
+static int count_up(int x, int by)
+{
+    const int sum = x + by;
+    return sum < LONGEST ? sum : LONGEST;
+}
 
 static double dot(int count, const double *a, const double *b)
 {
@@ -635,6 +639,8 @@ static double smallest_eigenvalue(const double *K)
  * (Golub, Van Loan 8.3; the vectors stay in A), then implicit QL by squares (Pal, Walker, Kahan; Parlett 8.15).
  */
 
+enum { SWEEPS = 30 }; /* for one eigenvalue; two are usual */
+
 /* Add a turn of two rows, or, for the row ~row, a change of its sign. */
 static void add_turn(modes_t *m, int row, double cosine, double sine)
 {
@@ -725,10 +731,10 @@ static void find_modes(double *A, modes_t *m)
 {
     const double size = norm(NN, A), negligible = 0.25 * DBL_EPSILON * DBL_EPSILON;
     double e[N];
-    m->count = 0;
+    memset(m, 0, sizeof *m);
     tridiagonalise(A, size > 0.0 ? 1.0 / size : 0.0, m, e);
     for (int l = 0; l < N; ++l) {
-        while (m->count <= MOST_TURNS - N - 1) {
+        for (int round = 0; round < SWEEPS && m->count <= MOST_TURNS - N - 1; ++round) {
             int last = l;
             while (last < N - 1 && e[last] > negligible) {
                 ++last;
@@ -770,13 +776,14 @@ static void turn(const modes_t *m, int k, double side, double *y)
 /* Replace y by its parts in the modes. A: what find_modes left. */
 static void to_modes(const modes_t *m, const double *A, double *y)
 {
+    const int count = m->count;
     for (int k = 0; k < N - 1; ++k) {
         reflect(m, A, k, y);
     }
     for (int i = 0; i < N; ++i) {
         y[i] *= m->side[i];
     }
-    for (int k = 0; k < m->count; ++k) {
+    for (int k = 0; k < count; ++k) {
         turn(m, k, 1.0, y);
     }
 }
@@ -784,7 +791,8 @@ static void to_modes(const modes_t *m, const double *A, double *y)
 /* Replace y, parts in the modes, by the vector that it is. */
 static void from_modes(const modes_t *m, const double *A, double *y)
 {
-    for (int k = m->count - 1; k >= 0; --k) {
+    const int count = m->count;
+    for (int k = count - 1; k >= 0; --k) {
         turn(m, k, -1.0, y);
     }
     for (int i = 0; i < N; ++i) {
@@ -986,8 +994,8 @@ static void account_open(account_t *a, const config_t *c, const double *torque)
 static void account_time(account_t *a, const config_t *c, int periods)
 {
     const double *const acting = a->history + c->delay_samples * N;
-    for (int k = 0; k < periods;) {
-        const int count = k >= DELAYS ? periods - k : 1;
+    for (int k = 0; k <= DELAYS && k < periods; ++k) {
+        const int count = k == DELAYS ? periods - k : 1;
         for (int i = 0; i < N; ++i) {
             const double before = a->gap == 0 ? acting[i] : a->gap_torque[i];
             a->gap_change[i] = (a->gap == 0 ? 0.0 : a->gap_change[i]) + fabs(acting[i] - before) * a->gap;
@@ -996,7 +1004,6 @@ static void account_time(account_t *a, const config_t *c, int periods)
         }
         a->gap = count_up(a->gap, count);
         memmove(a->history + N, a->history, (DELAYS - 1) * N * sizeof *a->history);
-        k += count;
     }
 }
 
@@ -1330,8 +1337,8 @@ static void watch_shaking(const memory_t *m, sample_t *s)
         } else if (turned > least) { /* it has turned round */
             const double whole = fabs(w->peak[i] - w->last_peak[i]);
             const int lasts = whole > LASTING * w->swing[i];
-            w->swings[i] = lasts ? w->swings[i] + 1 : 1 - w->swings[i] % 2;
-            w->swings[i] -= w->swings[i] > MOST_SWINGS ? 2 : 0;
+            const int swings = lasts ? w->swings[i] + 1 : 1 - w->swings[i] % 2;
+            w->swings[i] = swings > MOST_SWINGS ? swings - 2 : swings;
             w->swing[i] = whole;
             w->last_peak[i] = w->peak[i];
             w->peak[i] = dq;
@@ -1406,7 +1413,7 @@ static int read_clock(const config_t *c, const input_t *in, watch_t *w)
     }
     const int same = w->seen == in->clock, periods = count_periods(c, in, w);
     if (periods > 0 || !w->known) {
-        w->seen = in->clock;
+        w->seen = in->clock == IIWA14_CLOCK_TIME ? IIWA14_CLOCK_TIME : IIWA14_CLOCK_COUNTER;
         w->counter = in->counter;
         w->time = in->clock == IIWA14_CLOCK_TIME ? in->time : 0.0;
         w->lead = same && periods > 0 ? w->lead : 0.0;
@@ -1534,7 +1541,7 @@ static void believe(const memory_t *m, const input_t *in, sample_t *s)
 {
     watch_t *const w = &s->watch;
     finding_t found = NOTHING;
-    s->status = 0u;
+    memset(s, 0, sizeof *s);
     s->watch = m->watch;
     s->limit = s->unstable = found;
     s->periods = read_clock(&m->config, in, w);
@@ -1865,11 +1872,12 @@ static void damp_modes(const config_t *c, const modes_t *modes, double cap, desi
 /* Return the scale at which the stiffest mode is one that sample time and delay allow. */
 static double find_cap(const config_t *c, const modes_t *modes)
 {
+    const double most = most_eigenvalue(c);
     double stiffest = 0.0;
     for (int i = 0; i < N; ++i) {
         stiffest = larger(stiffest, modes->d[i]);
     }
-    return smaller(most_eigenvalue(c) / larger(stiffest, DBL_MIN), 1.0);
+    return stiffest > most ? most / stiffest : 1.0;
 }
 
 /*

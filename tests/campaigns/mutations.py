@@ -26,10 +26,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from stiffgen.control.fields import CONFIG
 
-from stiffgen.control.sessions.library import CAREFUL, ControllerLibrary
-from stiffgen.control.sessions.sessions import differences
+from stiffgen.control.core.config import CONFIG
+from stiffgen.control.sessions.library import CAREFUL
+from stiffgen.control.sessions.sessions import differences, open_controller
 from stiffgen.core.emit.build import kernel_sources
 from stiffgen.core.opened import GeneratedRobot, open_robot
 from stiffgen.core.robot.chain import Chain
@@ -107,11 +107,12 @@ def changed_defaults(text: str) -> list[Mutant]:
     """Change every default of the configuration, one at a time."""
     found = []
     for field in CONFIG:
-        pattern = re.compile(rf"config->{field.name}(?:\[i\])? = ([^;]+);")
+        pattern = re.compile(rf"config->{field.name}(?:\[\w\])? = ([^;]+);")
         match = pattern.search(text)
         if match is None:
             continue
-        value = "2" if field.type == "int" else f"2.0 * ({match[1]}) + 0.01"
+        value = "1.0" if "NAN" in match[1] else f"2.0 * ({match[1]}) + 0.01"
+        value = "2" if field.type == "int" else value
         after = f"{match[0].partition(' = ')[0]} = {value};"
         if after != match[0]:
             line = text.count("\n", 0, match.start()) + 1
@@ -157,9 +158,8 @@ class Workshop:
 
     def faults(self, library: Path, seed: int) -> list[str]:
         """Return the first fault that the sessions see."""
-        chain, name = self.robot.chain, self.robot.name
-        reference, changed = (ControllerLibrary(each, name, chain) for each in (self.reference, library))
-        return differences(reference, changed, chain, seed, enough=1)
+        reference, changed = (open_controller(each, self.robot) for each in (self.reference, library))
+        return differences(reference, changed, self.robot.chain, seed, enough=1)
 
 
 class KernelWorkshop(Workshop):

@@ -13,18 +13,19 @@ from support.controller_library import compile_c
 from support.project import ROOT, Once
 
 SESSIONS = (
-    "start", "poses", "zero", "lost", "gains", "differenced", "press", "refused", "policy", "paper", "self-check",
+    "start", "poses", "zero", "lost", "clock", "press", "refused", "policy", "paper", "self-check",
 )  # fmt: skip
+PARTS = ("", "_impedance", "_follow", "_policy", "_paper")
 URDFS = {"iiwa14": ROOT / "urdf" / "iiwa14.urdf", "scara": ROOT / "tests" / "data" / "scara.urdf"}
 
 
 def build_program(name: str, output: Path) -> Path:
     """Compile the sessions with a robot's C files."""
     folder = generate(URDFS[name], output=output, build=False)
-    headers = [f"-include{name}{part}.h" for part in ("", "_impedance", "_paper")]
+    headers = [f"-include{name}{part}.h" for part in PARTS]
     names = [f"-DROBOT(x)={name}_##x", f"-DUPPER(x)={name.upper()}_##x", "-D_GNU_SOURCE", f"-I{folder}"]
     sources = [ROOT / "tests" / "support" / "trapped_session.c"]
-    sources += [folder / f"{name}{part}.c" for part in ("", "_impedance", "_paper")]
+    sources += [folder / f"{name}{part}.c" for part in PARTS]
     return compile_c(output / "sessions", "-std=c99", "-O1", *names, *headers, *sources, "-lm")
 
 

@@ -19,7 +19,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "662b09c464f898db"
+#define SOURCES "c203a915e0a00f01"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

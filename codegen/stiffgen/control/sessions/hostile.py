@@ -247,8 +247,8 @@ class HostileSession:
 
     def write_clock(self) -> None:
         """Write both clocks; the one in seconds is up to a third of a sample time early or late."""
-        self.input.counter = self.ticks % 2**32
-        self.input.time = (self.ticks % 2**32 + self.random.uniform(-0.3, 0.3)) * float(self.config.sample_time)
+        given, ticks = self.input, self.ticks % 2**32
+        given.counter, given.time = ticks, (ticks + self.random.uniform(-0.3, 0.3)) * float(self.config.sample_time)
 
     def _spoil_sample(self) -> None:
         """Sometimes omit, repeat, skip or falsify samples and commands.

@@ -36,8 +36,8 @@ def check_rules(library: ControllerLibrary, module: Any, chain: Chain) -> list[C
     expected = {field.name: default_of(field, chain) for field in config_of(chain) if field.name in names}
     # Numbers that a user must state, since there is no default, or since the robot's file lacks them.
     given = {f.name: value_without_default(f) for f in library.fields if not _is_allowed(f, expected[f.name])}
-    config = module.Impedance(**given).config
     faults = [f"{name} in C" for name, value in expected.items() if not _is(getattr(library.config, name), value)]
+    config = module.Impedance(**given).config
     for field in library.fields:
         shown, default = getattr(config, field.name), given.get(field.name, expected[field.name])
         if not _is(field.choices.index(shown) + 1 if isinstance(shown, str) else shown, default):

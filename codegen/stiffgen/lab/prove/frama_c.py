@@ -78,6 +78,7 @@ def analyse(
     rounds: int = 0,
     apart: Sequence[str] = (),
     by_contract: Sequence[str] = (),
+    by_code: Sequence[str] = (),
 ) -> Findings:
     """Analyse the file ``source`` in ``folder`` from ``entry`` on.
 
@@ -91,6 +92,7 @@ def analyse(
         rounds: least number of unrolled rounds of every loop, with or without a known bound.
         apart: functions whose branches are analysed separately.
         by_contract: functions that are replaced by their contract.
+        by_code: functions whose calls are analysed separately for result 0 and for others.
 
     """
     table = folder / f"{source}_{entry}.csv"
@@ -105,6 +107,7 @@ def analyse(
         *("-eva-show-progress", "-eva-split-return", "auto"),
         *(["-eva-slevel-function", ",".join(f"{each}:200" for each in apart)] if apart else []),
         *(["-eva-use-spec", ",".join(by_contract)] if by_contract else []),
+        *(["-eva-split-return-function", ",".join(f"{each}:0" for each in by_code)] if by_code else []),
         *("-eva-msg-key=-initial-state,-final-states", "-then", "-report-csv", str(table)),
     ]
     result = run(command, folder, timeout)

@@ -32,10 +32,7 @@ _AT_ONCE = 2
 _LIMITS = 4.0
 """Time of an analysis of the controller in time limits of one function: it covers many functions."""
 _FRAME = ", configuration and sample not written"
-_APART = (
-    "factorise_cholesky", "factorise_pencil", "diagonalise_pencil", "solve_pencil", "solve_modes", "soften",
-    "design_damping", "step_without_sample", "accept_search", "search_posture",
-)  # fmt: skip
+_APART = ("factorise", "covered_share", "initialise", "step")
 """Functions of the controller whose paths are analysed separately: results exist only on the path of success."""
 
 
@@ -237,7 +234,9 @@ def _findings(run: _ProofRun, analysis: _ControllerAnalysis) -> frama_c.Findings
     run.progress(f"Frama-C: controller, {name.replace('_', ' ')}")
     file = run.work / f"{name}.c"
     file.write_text(harness.controller(run.robot, entries, by_contract=by_contract))
-    text = (run.robot.folder / f"{run.robot.name}_impedance.c").read_text(encoding="utf-8")
+    source = f"{run.robot.name}_impedance.c"
+    text = harness.with_comparisons(run.robot, (run.robot.folder / source).read_text(encoding="utf-8"))
+    (run.work / source).write_text(text, encoding="utf-8")  # in the place of the folder's
     result = frama_c.analyse(
         run.provers,
         run.work,
@@ -245,8 +244,9 @@ def _findings(run: _ProofRun, analysis: _ControllerAnalysis) -> frama_c.Findings
         run.includes,
         _LIMITS * run.timeout,
         rounds=run.robot.chain.dof + 2,  # no loop over the joints is merged, with two rounds to spare
-        apart=[each for each in _APART if f" {each}(" in text],  # those that this folder's controller has
+        apart=[*_APART, f"{run.robot.name}_impedance_step", *(f"prove_{entry}" for entry in entries)],
         by_contract=["validate"] if by_contract else [],
+        by_code=["step", f"{run.robot.name}_impedance_step", "initialise", f"{run.robot.name}_impedance_init"],
     )
     if ends := result.open_ends(entries):
         result.alarms.setdefault(f"{run.robot.name}_impedance_step", []).extend(ends)

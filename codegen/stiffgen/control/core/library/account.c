@@ -89,8 +89,8 @@ void account_open(account_t *a, const config_t *c, const double *torque)
 void account_time(account_t *a, const config_t *c, int periods)
 {
     const double *const acting = a->history + c->delay_samples * N;
-    for (int k = 0; k < periods;) {
-        const int count = k >= DELAYS ? periods - k : 1;
+    for (int k = 0; k <= DELAYS && k < periods; ++k) {
+        const int count = k == DELAYS ? periods - k : 1;
         for (int i = 0; i < N; ++i) {
             const double before = a->gap == 0 ? acting[i] : a->gap_torque[i];
             a->gap_change[i] = (a->gap == 0 ? 0.0 : a->gap_change[i]) + fabs(acting[i] - before) * a->gap;
@@ -99,7 +99,6 @@ void account_time(account_t *a, const config_t *c, int periods)
         }
         a->gap = count_up(a->gap, count);
         memmove(a->history + N, a->history, (DELAYS - 1) * N * sizeof *a->history);
-        k += count;
     }
 }
 

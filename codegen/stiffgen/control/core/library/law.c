@@ -45,11 +45,12 @@ static void damp_modes(const config_t *c, const modes_t *modes, double cap, desi
 /* Return the scale at which the stiffest mode is one that sample time and delay allow. */
 static double find_cap(const config_t *c, const modes_t *modes)
 {
+    const double most = most_eigenvalue(c);
     double stiffest = 0.0;
     for (int i = 0; i < N; ++i) {
         stiffest = larger(stiffest, modes->d[i]);
     }
-    return smaller(most_eigenvalue(c) / larger(stiffest, DBL_MIN), 1.0);
+    return stiffest > most ? most / stiffest : 1.0;
 }
 
 /*

@@ -12,7 +12,11 @@ double clamp(double x, double least, double most)
 }
 
 /* Count up to LONGEST. */
-int count_up(int x, int by) { return x + by < LONGEST ? x + by : LONGEST; }
+int count_up(int x, int by)
+{
+    const int sum = x + by;
+    return sum < LONGEST ? sum : LONGEST;
+}
 
 double dot(int count, const double *a, const double *b)
 {

@@ -5,6 +5,8 @@
  */
 #include "impedance.h"
 
+enum { SWEEPS = 30 }; /* for one eigenvalue; two are usual */
+
 /* Add a turn of two rows, or, for the row ~row, a change of its sign. */
 static void add_turn(modes_t *m, int row, double cosine, double sine)
 {
@@ -95,10 +97,10 @@ void find_modes(double *A, modes_t *m)
 {
     const double size = norm(NN, A), negligible = 0.25 * DBL_EPSILON * DBL_EPSILON;
     double e[N];
-    m->count = 0;
+    memset(m, 0, sizeof *m);
     tridiagonalise(A, size > 0.0 ? 1.0 / size : 0.0, m, e);
     for (int l = 0; l < N; ++l) {
-        while (m->count <= MOST_TURNS - N - 1) {
+        for (int round = 0; round < SWEEPS && m->count <= MOST_TURNS - N - 1; ++round) {
             int last = l;
             while (last < N - 1 && e[last] > negligible) {
                 ++last;
@@ -140,13 +142,14 @@ static void turn(const modes_t *m, int k, double side, double *y)
 /* Replace y by its parts in the modes. A: what find_modes left. */
 void to_modes(const modes_t *m, const double *A, double *y)
 {
+    const int count = m->count;
     for (int k = 0; k < N - 1; ++k) {
         reflect(m, A, k, y);
     }
     for (int i = 0; i < N; ++i) {
         y[i] *= m->side[i];
     }
-    for (int k = 0; k < m->count; ++k) {
+    for (int k = 0; k < count; ++k) {
         turn(m, k, 1.0, y);
     }
 }
@@ -154,7 +157,8 @@ void to_modes(const modes_t *m, const double *A, double *y)
 /* Replace y, parts in the modes, by the vector that it is. */
 void from_modes(const modes_t *m, const double *A, double *y)
 {
-    for (int k = m->count - 1; k >= 0; --k) {
+    const int count = m->count;
+    for (int k = count - 1; k >= 0; --k) {
         turn(m, k, -1.0, y);
     }
     for (int i = 0; i < N; ++i) {

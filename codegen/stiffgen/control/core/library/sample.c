@@ -51,7 +51,7 @@ static int read_clock(const config_t *c, const input_t *in, watch_t *w)
     }
     const int same = w->seen == in->clock, periods = count_periods(c, in, w);
     if (periods > 0 || !w->known) {
-        w->seen = in->clock;
+        w->seen = in->clock == ID(CLOCK_TIME) ? ID(CLOCK_TIME) : ID(CLOCK_COUNTER);
         w->counter = in->counter;
         w->time = in->clock == ID(CLOCK_TIME) ? in->time : 0.0;
         w->lead = same && periods > 0 ? w->lead : 0.0;
@@ -179,7 +179,7 @@ void believe(const memory_t *m, const input_t *in, sample_t *s)
 {
     watch_t *const w = &s->watch;
     finding_t found = NOTHING;
-    s->status = 0u;
+    memset(s, 0, sizeof *s);
     s->watch = m->watch;
     s->limit = s->unstable = found;
     s->periods = read_clock(&m->config, in, w);

@@ -85,8 +85,8 @@ void watch_shaking(const memory_t *m, sample_t *s)
         } else if (turned > least) { /* it has turned round */
             const double whole = fabs(w->peak[i] - w->last_peak[i]);
             const int lasts = whole > LASTING * w->swing[i];
-            w->swings[i] = lasts ? w->swings[i] + 1 : 1 - w->swings[i] % 2;
-            w->swings[i] -= w->swings[i] > MOST_SWINGS ? 2 : 0;
+            const int swings = lasts ? w->swings[i] + 1 : 1 - w->swings[i] % 2;
+            w->swings[i] = swings > MOST_SWINGS ? swings - 2 : swings;
             w->swing[i] = whole;
             w->last_peak[i] = w->peak[i];
             w->peak[i] = dq;
