@@ -218,7 +218,7 @@ class _Stream:
         """Write a proposal."""
         random = self.random
         fill(proposal.valid, random.choice([0, 1, 1, 1, 2], 4))
-        fill(proposal.time, self.now - random.choice([0.0, 0.0, 0.02, 0.3, 2.0, -0.003, -0.1], 4))
+        fill(proposal.time, self.now - random.choice([0.0, 0.02, 0.3, 2.0, -0.003, -0.007, -0.1], 4))
         fill(proposal.pose, random_poses(random, self.tips, 0.4))
         fill(proposal.translation_stiffness, self._stiffness(400.0))
         fill(proposal.rotation_stiffness, self._stiffness(20.0))
