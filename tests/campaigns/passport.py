@@ -6,7 +6,7 @@
 
 MuJoCo reads each robot's file. A spring (translation k, rotation 0.05 m^2 k) with the controller's damping law runs at
 a rate, with a delay and an encoder; no cap acts. Without an encoder step the velocity is exact; with one, positions
-are rounded to it and the velocity is their difference over the samples that the damping law averages.
+are rounded to it and the velocity is their difference over one sample.
 
 A stiffness passes if the arm, pushed at the tip in a random direction and let go, loses energy: the largest energy of
 the last quarter of the episode is below that of the quarter before it, or below a hundredth of the first. The result is
@@ -144,14 +144,9 @@ class Law:
         inverse = np.linalg.inv(root)
         self.values, vectors = np.linalg.eigh(inverse @ self.Kq @ inverse.T)
         self.modes = inverse.T @ vectors  # M-orthonormal columns
-        self.averaged, rows, trace = 1, root @ vectors, float(np.trace(np.linalg.inv(M)))
-        for _ in range(8):  # the damping knows the delay of the mean, and the mean the damping
-            self.B = self.design(rows, trace)
-            rate = np.array(motor_tables(plant.robot.chain).torque_rate) / timing.rate
-            needed = float((np.abs(self.B).sum(axis=1) * timing.quantum * timing.rate / rate).max())
-            self.averaged += int(needed > self.averaged and self.averaged < 8)
+        self.B = self.design(root @ vectors, float(np.trace(np.linalg.inv(M))))
         self.rounds = True
-        self.positions: list[np.ndarray] = []
+        self.before = posture
         self.sent = [np.zeros(n)] * timing.delay
 
     def design(self, rows: np.ndarray, trace: float) -> np.ndarray:
@@ -162,10 +157,9 @@ class Law:
             0.7,
             np.abs(self.values),
         )
-        of_mean = 0.5 * (self.averaged - 1) * T
-        most = min(0.25, 0.75 / (1 + self.timing.delay)) / (T + of_mean)
+        most = min(0.25, 0.75 / (1 + self.timing.delay)) / T
         joint = min(0.1, 0.5 * most / trace)
-        p = size * (2 * zeta**2 * (late + of_mean) - late)
+        p = size * late * (2 * zeta**2 - 1)
         b = np.maximum(np.sqrt(np.maximum(p * p + 4 * zeta**2 * size - (size * late) ** 2, 0)) - p, size * late)
         return np.asarray(rows @ np.diag(np.minimum(b, most - joint * trace)) @ rows.T + joint * np.eye(len(rows)))
 
@@ -180,8 +174,7 @@ class Law:
         quantum = self.timing.quantum
         if quantum > 0:
             q = np.round(q / quantum) * quantum if self.rounds else q
-            self.positions = [*(self.positions or [q] * self.averaged), q][-self.averaged - 1 :]
-            v = (q - self.positions[0]) * self.timing.rate / self.averaged
+            v, self.before = (q - self.before) * self.timing.rate, q
         spring = self.module.spring.torque(q, self.pose, self.k * np.eye(3), ROTATION * self.k * np.eye(3))
         self.sent.append(spring - (q - self.posture) - self.B @ v)
         return self.sent.pop(0)
@@ -263,7 +256,7 @@ def least_damping(plant: Plant, posture: np.ndarray, k: float, timing: LoopTimin
             motion.append(shape @ M @ (data.qpos - posture))
             data.qfrc_applied[:] = law.torque(data.qpos.copy(), data.qvel.copy())
             mujoco.mj_step(model, data, 2)
-        order = 2 + timing.delay + (law.averaged if timing.quantum > 0 else law.averaged - 1)
+        order = 2 + timing.delay + int(timing.quantum > 0)
         rows = np.array([motion[i : i + order] for i in range(len(motion) - order)])
         recursion = np.linalg.lstsq(rows, np.array(motion[order:]), rcond=1e-9)[0]
         roots = np.roots([1.0, *-recursion[::-1]])
@@ -287,24 +280,20 @@ def largest(passes: Any) -> float:
 
 def capped_from(robot: GeneratedRobot, posture: np.ndarray, timing: LoopTiming) -> float:
     """Return the stiffness [N/m] below which the C controller never says STIFFNESS_CAPPED, up to 0.1 %."""
-    module, limit, n = robot.module, 1e6, len(posture)
+    module, n = robot.module, len(posture)
     config = {
-        "sample_time": 1 / timing.rate, "delay_samples": timing.delay, "stiffness_cap": "accept",
-        "translation_stiffness_limit": limit, "rotation_stiffness_limit": 0.1 * limit, "limit_stiffness": np.zeros(n),
-        "stiffness_time": 1e-4, "lower_limit": np.full(n, -np.inf), "upper_limit": np.full(n, np.inf),
-        "position_quantum": timing.quantum,
+        "sample_time": 1 / timing.rate, "delay_samples": timing.delay, "heaviest_wrench": (100.0, 20.0),
+        "motor_inertia": motor_tables(robot.chain).motor_inertia, "lower_limit": -np.inf, "upper_limit": np.inf,
     }  # fmt: skip
 
     def passes(k: float) -> bool:
         springs = {"translation_stiffness": k * np.eye(3), "rotation_stiffness": ROTATION * k * np.eye(3)}
-        controller = module.Impedance(**config)
-        shares = []
-        for _ in range(40):  # the accepted stiffness rises to the commanded one
-            out = controller.step(q=posture, dq=np.zeros(n), q0=posture, **springs)
-            shares.append(bool(out.status & module.Status.STIFFNESS_CAPPED))
-        return not any(shares[20:])  # the mean of the velocity settles first
+        controller = module.Impedance(**config, errors="ignore")
+        for counter in range(3):
+            out = controller.step(q=posture, dq=np.zeros(n), q0=posture, counter=counter, **springs)
+        return not out.status & (module.Status.STIFFNESS_CAPPED | module.Status.COMMAND_REFUSED)
 
-    low, high = 1.0, limit
+    low, high = 1.0, 1e6
     while high > 1.001 * low:
         middle = np.sqrt(low * high)
         low, high = (middle, high) if passes(middle) else (low, middle)
@@ -375,10 +364,9 @@ def compare(plant: Plant, timing: LoopTiming, postures: np.ndarray, controller: 
 
 def sweep_caps(plant: Plant, postures: np.ndarray) -> tuple[float, LoopTiming]:
     """Return the least damping ratio at the stiffness cap of all postures and loops, and its loop."""
-    motors = motor_tables(plant.robot.chain)
     mass = np.array([plant.mass(q) for q in postures])
     jacobian = np.array([plant.jacobian(q) for q in postures])
-    arms = Arms(mass, jacobian, np.array(motors.torque_rate), ROTATION)
+    arms = Arms(mass, jacobian, ROTATION)
     found = [(damping_attained(arms, rendered_limit(arms, timing), timing).min(), timing) for timing in SWEPT]
     least, timing = min(found, key=lambda each: each[0])
     return float(least), timing

@@ -101,6 +101,23 @@ static void clipped(const sample_t *s, memory_t *m, const double *J, const doubl
     add_nullspace(s, J, NULL, torque);
 }
 
+/* Shorten a vector of three entries to a length. */
+static void clip_norm(double *x, double most)
+{
+    const double size = sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]), share = most / fmax(size, most);
+    for (int k = 0; k < 3; ++k) {
+        x[k] *= share;
+    }
+}
+
+/* 4: as 1, with the error clipped to 0.05 m and 0.2 rad, its direction kept. */
+static void clipped_vector(const sample_t *s, const double *J, double *error, const double *twist, double *torque)
+{
+    clip_norm(error, 0.05);
+    clip_norm(error + 3, 0.2);
+    rotation_vector(s, J, error, twist, torque);
+}
+
 /* 3: operational space. torque = J^T Lambda (K e - D J dq) / mass + dynamically consistent nullspace. */
 static void operational(const sample_t *s, memory_t *m, const double *J, const double *L, const double *error,
                         const double *twist, double *torque)
@@ -136,6 +153,8 @@ void textbook(int law, const sample_t *s, memory_t *memory, double *torque)
         rotation_vector(s, J, error, twist, torque);
     } else if (law == 2) {
         clipped(s, memory, J, error, twist, torque);
+    } else if (law == 4) {
+        clipped_vector(s, J, error, twist, torque);
     } else {
         ROBOT_(mass_matrix)(s->q, L);
         factorise(N, L);
