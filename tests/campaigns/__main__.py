@@ -122,6 +122,9 @@ CAMPAIGNS = {
     ),
     "settle": _campaign("settle", "let random situations come to rest"),
     "nuisance": _campaign("nuisance", "count faults in harmless episodes of four arms", "--episodes 3 --arms ur5"),
+    "harmless": _campaign(
+        "harmless", "count alarms in 1000 harmless sessions, and wire arms wrongly", "--sessions 12 --arms iiwa14"
+    ),
     "compare": _campaign(
         "compare",
         "compare the controller with laws in use, into docs/results.md",
@@ -130,12 +133,6 @@ CAMPAIGNS = {
         in_ci=False,
     ),
     "energy": _campaign("energy", "attack the controller's energy bound", "--count 4 --climb 2", in_ci=False),
-    "policy": Campaign(
-        "tests/campaigns/energy.py",
-        "attack the energy bound through the policy port",
-        "--policy --count 20 --climb 10",
-        "--policy",
-    ),
     "motors": _campaign(
         "motors",
         "measure the stiffness that motors with a controller inside allow",

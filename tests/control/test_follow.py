@@ -68,8 +68,9 @@ def test_the_tip_goes_straight_and_stops_without_overshoot(robot: ModuleType) ->
     assert along.max() < np.linalg.norm(way) + 1e-6
     assert max(follow.error) < 1e-6
     speed = np.diff(along) / 1e-3
-    ramp = 0.75 / 0.4  # [m/s^2]
-    assert np.sqrt(0.9 * ramp * np.linalg.norm(way)) < speed.max() <= 0.75
+    ramp = 0.75 / 0.2  # [m/s^2]; below half of the speed the stop is exponential, with 0.1 s
+    most = np.sqrt((np.linalg.norm(way) - 0.25 * 0.1 * 0.75) / (0.5 / ramp + 0.1 / 0.75))  # [m/s]
+    assert 0.95 * most < speed.max() < 1.01 * most
     assert np.abs(np.diff(speed)).max() / 1e-3 < 1.1 * ramp
 
 
@@ -270,10 +271,12 @@ def test_a_configuration_is_refused(robot: ModuleType, fields: dict[str, Any], m
 
 
 def test_steps_and_run_agree(robot: ModuleType) -> None:
-    """And the sample time does not change where the arm ends."""
+    """And the tip ends at the goal at another sample time; the self-motion on the way there is another one."""
     goal = moved(robot.forward_kinematics(Q), (0.1, 0.1, 0.0), 0.3)
     one, many, slow = (robot.Follow(Q, sample_time=T) for T in (1e-3, 1e-3, 4e-3))
     path = many.run(pose=held(goal, 2.5)).q0
     for q in path:
         np.testing.assert_array_equal(one.step(pose=goal).q0, q)
-    assert np.abs(slow.run(pose=np.repeat(goal[None], 625, axis=0)).q0[-1] - path[-1]).max() < 5e-3
+    ends = np.array([slow.run(pose=np.repeat(goal[None], 625, axis=0)).q0[-1], path[-1]])
+    np.testing.assert_allclose(robot.forward_kinematics(ends), [goal, goal], atol=1e-6)
+    assert np.abs(ends[0] - ends[1]).max() < 0.05

@@ -19,7 +19,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "c203a915e0a00f01"
+#define SOURCES "751d984d48892f33"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

@@ -8,17 +8,21 @@ static const double FREED = 0.5;        /* share of the asked way above which th
 static const double LEAST_PUSH = 0.02;  /* share of full speed to a goal that stands still out of reach */
 static const double FINE_TIME = 0.03;   /* [s] from pose to pose up to which a stream is followed as a motion */
 static const double COARSE_TIME = 0.5;  /* [s] up to which poses are a stream at all */
-static const double HELD = 2.0;         /* times the ramp's time, to a pose that stands still */
 static const double JOINT_RAMP = 0.25;  /* times the ramp's time in which a joint may reach its velocity limit */
 static const double POSTURE_TIME = 0.3; /* [s] in which free joints go to the posture */
 static const double FREE = 0.5;         /* share of its velocity limit up to which a joint does so */
 static const double AT_REST = 1e-4;     /* share of its velocity limit up to which a joint rests */
 static const double SAME = 1e-9;        /* [s] at full speed between poses that are the same */
 
-/* Return the largest share of full speed from which a ramp of this slope stops within a way [s]. */
+/*
+ * Return the largest share of full speed from which a ramp of this slope stops within a way [s]; below half of it the
+ * stop is exponential: an abrupt end of the braking throws the arm beyond the goal (6 mm for 2).
+ */
 static double stopping_speed(double way, double slope, double T)
 {
-    return sqrt(0.25 * slope * slope + 2.0 * slope * way / T) - 0.5 * slope;
+    const double settling = 0.5 * T / slope; /* [s] */
+    const double speed = way > 0.5 * settling ? sqrt(way / settling - 0.25) : fmax(way / settling, slope);
+    return fmin(way / T, speed);
 }
 
 static int is_stuck(const state_t *s)
@@ -106,7 +110,7 @@ static void take_goal(state_t *s, const double *goal)
 static void plan_twist(state_t *s, const step_t *k)
 {
     const config_t *const c = &s->config;
-    const double T = c->sample_time, slope = T / ((s->period > 0 ? 1.0 : HELD) * c->ramp_time);
+    const double T = c->sample_time, slope = T / c->ramp_time;
     double rest[ROWS], change[ROWS];
     for (int r = 0; r < ROWS; ++r) {
         rest[r] = k->rest[r] - T * s->stream[r];
@@ -165,7 +169,7 @@ static int goes_by_joints(const state_t *s, const step_t *k)
 static void go_by_joints(state_t *s, const step_t *k, double *velocity)
 {
     const config_t *const c = &s->config;
-    const double T = c->sample_time, slope = T / (HELD * c->ramp_time);
+    const double T = c->sample_time, slope = T / c->ramp_time;
     double twist[ROWS], last = relative_speed(c, s->twist); /* share of full speed */
     multiply(k->J, velocity, twist);
     double way = relative_speed(c, twist); /* [s] at full speed */
