@@ -245,8 +245,8 @@ controller = iiwa14.Impedance(sample_time=0.001, delay_samples=0, motor_inertia=
 follow, port = iiwa14.Follow(q, sample_time=0.001), iiwa14.Policy(pose=pose, now=0.0, hold_time=0.2)
 command = port.command(0.0)
 q0 = follow.step(pose=command.pose).q0
-stiffness = {"translation_stiffness": command.translation_stiffness, "rotation_stiffness": command.rotation_stiffness}
-out = controller.step(q=q, dq=np.zeros(7), q0=q0, counter=0, shaped=True, **stiffness)
+Kt, Ko = command.translation_stiffness, command.rotation_stiffness
+out = controller.step(q=q, dq=q, q0=q0, translation_stiffness=Kt, rotation_stiffness=Ko, counter=0, shaped=True)
 posture: NDArray[np.float64] | None = iiwa14.find_posture(pose, q)
 gains = iiwa14.joint_gains(q=q, dq=q, torque=q, joint_stiffness=Kq, damping=Kq, kp_limit=100.0, kd_limit=10.0)
 work: float = iiwa14.late_work(q=q, q_des=q, tau_ff=q, kp=gains.kp, kd=gains.kd, velocity_limit=1.0, hold=0.1)
