@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parent.parent
 ROBOT = ROOT / "generated" / "iiwa14"
 SOURCES = ("iiwa14.c", "iiwa14_impedance.c")
 OWN = ("impedance_step.c", "contenders/seven_sincos.c")
-DESIGNS = ("spring, the equilibrium moves", "spring, equilibrium and stiffness move")
+DESIGNS = ("the reference moves", "reference and stiffness move")
 
 
 def main() -> int:

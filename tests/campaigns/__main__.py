@@ -46,9 +46,6 @@ CAMPAIGNS = {
     "fuzz-recordings": _campaign("fuzz_recordings", "read 200 000 damaged recordings", "1000"),
     "versions": _campaign("versions", "compare robots made with the oldest and newest packages allowed"),
     "sine-cosine": _campaign("sine_cosine", "derive the polynomials of sine and cosine, and measure them"),
-    "poses": _campaign(
-        "poses", "command random poses and look where the arm rests", "--count 4 --seconds 3", in_ci=False
-    ),
     "follow": _campaign(
         "follow", "send Follow to random poses and back on random arms", "tests/data/scara.urdf --arms 2 --legs 4"
     ),
@@ -117,10 +114,9 @@ CAMPAIGNS = {
     "soak": _campaign(
         "soak",
         "run the controller for a million hostile steps",
-        "--steps 12000 --pencils 20 --builds threads valgrind",
+        "--steps 12000 --matrices 20 --builds threads valgrind",
         in_ci=False,
     ),
-    "settle": _campaign("settle", "let random situations come to rest"),
     "nuisance": _campaign("nuisance", "count faults in harmless episodes of four arms", "--episodes 3 --arms ur5"),
     "harmless": _campaign(
         "harmless", "count alarms in 1000 harmless sessions, and wire arms wrongly", "--sessions 12 --arms iiwa14"

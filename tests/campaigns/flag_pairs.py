@@ -106,25 +106,29 @@ int main(int count, char **words)
     }
     show_paper(q, stiffness, bad);
     arm_impedance_default_config(&config);
-    config.stiffness_cap = ARM_STIFFNESS_CAP_ACCEPT;
+    config.sample_time = 1e-3;
+    config.delay_samples = 0;
+    for (int i = 0; i < 2; ++i) { config.motor_inertia[i] = 0.1; config.heaviest_wrench[i] = 50.0; }
     printf("%d ", arm_impedance_init(&config, &state, NULL));
     for (int k = 0; k < 400; ++k) {
-        double *const fields[] = {in.q, in.dq, in.q0, in.translation_stiffness, in.rotation_stiffness, in.wrench,
-                                  in.torque_offset, in.wrench_command, in.velocity, in.acceleration};
+        double *const fields[] = {in.q, in.dq, in.q0, in.translation_stiffness, in.rotation_stiffness,
+                                  in.posture_stiffness, in.torque_offset, in.wrench_command, in.acceleration, &in.time};
         memset(&in, 0, sizeof in);
-        in.sample_valid = in.wrench_valid = in.command = 1;
+        in.sample_valid = 1;
+        in.clock = k < 200 ? ARM_CLOCK_TIME : ARM_CLOCK_COUNTER;
         in.counter = (uint32_t)k;
+        in.time = 1e-3 * k;
         for (int i = 0; i < 2; ++i) {
             in.q[i] = q[i] + 1e-4 * k;
             in.dq[i] = 0.1;
             in.q0[i] = q[i] + 0.1;
         }
         for (int i = 0; i < 9; i += 4) { in.translation_stiffness[i] = 300.0; in.rotation_stiffness[i] = 20.0; }
-        if (k % 20 == 10) { fields[k / 20 % 10][k / 200] = bad[count % 2]; }
-        printf("%d ", arm_impedance_step(&config, &state, &in, &out));
+        if (k % 20 == 10) { fields[k / 20 % 10][k / 20 % 10 == 9 ? 0 : k / 200] = bad[count % 2]; }
+        printf("%d ", arm_impedance_step(&state, &in, &out));
         if (k % 5 == 0) { printf("%d ", arm_impedance_reset(&state)); }
         show(2, out.torque);
-        show(4, out.damping);
+        show(2, out.damping_torque);
         printf("%x ", (unsigned)out.status & (ARM_STATUS_FAULT | ARM_STATUS_BAD_SAMPLE | ARM_STATUS_COMMAND_REFUSED));
     }
     return 0;

@@ -62,10 +62,15 @@ static void make_configs(iiwa14_impedance_config *c)
 {
     for (int k = 0; k < CONFIGS; ++k) {
         iiwa14_impedance_default_config(&c[k]);
+        c[k].sample_time = 1e-3;
+        c[k].delay_samples = 0;
+        c[k].heaviest_wrench[0] = 100.0;
+        c[k].heaviest_wrench[1] = 20.0;
+        for (int i = 0; i < N; ++i) {
+            c[k].motor_inertia[i] = 0.1;
+        }
     }
-    for (int i = 0; i < N; ++i) {
-        c[1].damping_ratio[i] = 2.0;
-    }
+    c[1].damping_ratio = 2.0;
     c[2].delay_samples = 2;
     c[3].coriolis = IIWA14_CORIOLIS_ON;
 }
@@ -73,8 +78,8 @@ static void make_configs(iiwa14_impedance_config *c)
 static void good_sample(iiwa14_impedance_input *in, double t, unsigned long long *random)
 {
     memset(in, 0, sizeof *in);
-    in->sample_valid = in->wrench_valid = 1;
-    in->command = IIWA14_COMMAND_POSITION;
+    in->sample_valid = 1;
+    in->clock = IIWA14_CLOCK_COUNTER;
     in->counter = (uint32_t)(t * 1e3 + 0.5);
     for (int i = 0; i < N; ++i) {
         const double rate = 0.7 + 0.3 * i;
@@ -83,7 +88,7 @@ static void good_sample(iiwa14_impedance_input *in, double t, unsigned long long
         in->q0[i] = POSTURE[i] + 0.1 * sin(0.9 * rate * t + i);
     }
     for (int k = 0; k < 6; ++k) {
-        in->wrench[k] = sin((1.1 + k) * t) + uniform(random);
+        in->wrench_command[k] = sin((1.1 + k) * t) + uniform(random);
     }
     for (int k = 0; k < 3; ++k) {
         in->translation_stiffness[4 * k] = 700.0 * (1.2 + sin(0.3 * t));
@@ -101,13 +106,12 @@ static int spoil(iiwa14_impedance_input *in, unsigned long long *random)
 }
 
 static const char *check(const iiwa14_impedance_config *c, const iiwa14_impedance_output *out, const double *last,
-    int bad, int missed, int quiet)
+    int bad, int missed)
 {
     const unsigned refused = IIWA14_STATUS_BAD_SAMPLE | IIWA14_STATUS_COMMAND_REFUSED;
-    (void)quiet;
     for (int i = 0; i < N; ++i) {
         if (!isfinite(out->torque[i]) || !isfinite(out->position[i]) || !isfinite(out->reference[i]) ||
-            !isfinite(out->tank_energy) || !isfinite(out->port_total)) {
+            !isfinite(out->tank) || !isfinite(out->energy_supplied)) {
             return "output not finite";
         }
         if (fabs(out->torque[i]) > c->effort_limit[i]) {
@@ -145,7 +149,7 @@ static void *work(void *argument)
         const int bad = uniform(&random) < 0.01 && spoil(&in, &random);
         const int missed = uniform(&random) < 0.01;
         in.sample_valid = !missed;
-        if (j->failure == NULL && iiwa14_impedance_step(c, &state, &in, &out) != IIWA14_OK) {
+        if (j->failure == NULL && iiwa14_impedance_step(&state, &in, &out) != IIWA14_OK) {
             j->failure = "step refused";
         }
         if (k % 20 == 0 && iiwa14_impedance_reset(&state) != IIWA14_OK) {
@@ -155,7 +159,7 @@ static void *work(void *argument)
         j->recovered += quiet == QUIET + 1;
         j->bad += bad && !missed;
         j->missed += missed;
-        j->failure = j->failure != NULL ? j->failure : check(c, &out, last, bad, missed, quiet);
+        j->failure = j->failure != NULL ? j->failure : check(c, &out, last, bad, missed);
         j->at = k;
         memcpy(last, out.torque, sizeof last);
     }

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Short form of the energy search's further draws (widened.py, python_layer.py), and seeded faults that it finds."""
+"""Short form of the energy search's further draws (widened.py, python_layer.py)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ import pytest
 
 from campaigns import energy, patterns, schedules, widened
 from campaigns.python_layer import PythonLayer, module_sources
-from support.folders import copy_folder
 from support.plant.loop import Loop
 from support.project import Once
 
@@ -92,7 +91,7 @@ def test_each_draw_reaches_its_situation(loop: Loop) -> None:
 def test_a_delay_changes_only_where_the_controller_restarts(loop: Loop) -> None:
     """A segment that another one with the same start replaces restarts nothing; the delay that is declared stays."""
     replaced = [{"wanted": loop.home}, {"start": 5, "restart": 1, "delay": 0}, {"start": 5, "restart": 0}]
-    chosen = schedules.Schedule({"delay_samples": 2, "engagement_limit": 1.0}, {"delay": 2}, replaced)
+    chosen = schedules.Schedule({"delay_samples": 2}, {"delay": 2}, replaced)
     assert [config["delay_samples"] for config in widened.settings(chosen)[1]] == [2]
     assert energy.measure(loop, chosen).summary.restarts == 0
     del chosen.parts[2]
@@ -100,12 +99,12 @@ def test_a_delay_changes_only_where_the_controller_restarts(loop: Loop) -> None:
     assert energy.measure(loop, chosen).summary.restarts == 1
 
 
-def test_tools_change_in_faults_and_are_refused_while_springs_are_in_force(hands: Loop) -> None:
+def test_energy_of_two_tips_with_tools(hands: Loop) -> None:
+    """A restart takes other tools."""
     assert (hands.tips, hands.tools) == (2, True)
     np.testing.assert_allclose(hands.jacobian(hands.home)[:3], tip_by_differences(hands), atol=1e-8)
     found = drawn(hands, 44)
-    assert total(found, "tools") > 40
-    assert total(found, "tools_refused") > 1000
+    assert total(found, "restarts") > 10
     assert max(got.summary.port_most for _, got in found) > 0.1
 
 
@@ -137,82 +136,26 @@ def test_a_python_layer_that_counts_calls_is_found(compiled: Loop, robot: Module
     """Calls are late, and numbered all the same: 3 J more are put out than supplied."""
 
     class Forgetful(robot.Impedance):  # type: ignore[misc, name-defined]
+        calls = 0
+
         def step(self, *, time: float, **values: Any) -> Any:
-            return super().step(**values)
+            self.calls += 1
+            return super().step(counter=self.calls, **values)
 
     chosen = patterns.gaps(np.random.default_rng(3), compiled)
     chosen.episode |= {"late": 0.5, "delay": 2}
-    chosen.config |= {"delay_samples": 2, "call_gap_limit": 6, "missed_limit": 10, "actuation": 1}
+    chosen.config |= {"delay_samples": 2, "call_gap_limit": 6, "missed_limit": 10}
     assert energy.difference(compiled, robot, chosen) == 0.0
     assert energy.difference(compiled, SimpleNamespace(Impedance=Forgetful), chosen) > 0.1
     with PythonLayer(compiled, SimpleNamespace(Impedance=Forgetful)):
         assert energy.measure(compiled, chosen).excess > 0.1
 
 
-ACCOUNT = "port_work = dot(N, find_acting_torque(s), motion)"
-ALL_BUT_ONE = ACCOUNT.replace("N", "N - 1")
-MOTION = "    add_scaled(N, -1.0, m->q, motion);\n"
-BRIDGE = "bridge_missing_calls(s, last, ahead);"
-TOOL = "        memcpy(m->tool_pose, stiffgen_tool(s->input), sizeof m->tool_pose);\n"
-START = "    memset(m, 0, sizeof *m);\n    place_no_tools"
-FAULTS: dict[str, tuple[str, Any, dict[str, str]]] = {
-    "calls that are late count as one": ("turning", patterns.drained, {BRIDGE: "bridge_missing_calls(s, last, 1);"}),
-    "counters beyond the half tell no missing calls": (
-        "turning", patterns.drained, {BRIDGE: f"if ((int32_t)counter > 0) {{ {BRIDGE} }}"}
-    ),
-    "an old sample is believed": ("turning", patterns.carried, {"if (ahead < 0 && (": "if (0 && ("}),
-    "positions of single precision move by more": (
-        "turning", patterns.drained, {MOTION: MOTION + """    for (int i = 0; i < N; ++i) {
-        motion[i] -= q[i] == (float)q[i] ? copysign(1e-4, find_acting_torque(s)[i]) : 0.0;
-    }
-"""}
-    ),
-    "a restart keeps the delay": (
-        "turning", patterns.drained, {
-            "    memset(state, 0, sizeof *state);\n    const int error": "    const int error",
-            START: "    const int kept = m->delay;\n    memset(m, 0, sizeof *m);\n    m->delay = kept;\n"
-            "    place_no_tools",
-            "m->delay = s->c->delay_samples;": "m->delay = m->delay > 0 ? m->delay : s->c->delay_samples;",
-        }
-    ),
-    "another tool brings energy": (
-        "hands", patterns.gaps,
-        {TOOL: "        m->tank += memcmp(m->tool_pose, s->input->tool_pose, sizeof m->tool_pose) ? 0.2 : 0;\n" + TOOL}
-    ),
-    "a joint of the second tip is not booked": ("hands", patterns.drained, {ACCOUNT: ALL_BUT_ONE}),
-    "a motor of the closed loops is not booked": ("five_bar", patterns.carried, {ACCOUNT: ALL_BUT_ONE}),
-}  # fmt: skip
-
-
-IN_CI = {"calls that are late count as one", "an old sample is believed", "a restart keeps the delay",
-         "another tool brings energy"}  # fmt: skip
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("fault", [
-    fault if fault in IN_CI else pytest.param(fault, marks=pytest.mark.wide) for fault in FAULTS
-])  # fmt: skip
-def test_the_search_finds_a_seeded_fault(fault: str, once: Once, tmp_path: Path) -> None:
-    arm, pattern, changes = FAULTS[fault]
-    robot, home = made(once, arm)
-    robot = copy_folder(robot, tmp_path)
-    source = robot / f"{arm}_impedance.c"
-    text = source.read_text()
-    for old, new in changes.items():
-        assert text.count(old) == 1, old
-        text = text.replace(old, new)
-    source.write_text(text)
-    spoilt = Loop(tmp_path, robot, flags=("-O0",), home=home)
-    every = (np.random.default_rng(seed) for seed in range(60))
-    found = (energy.attempt(spoilt, widened.widen(random, spoilt, pattern(random, spoilt))).excess for random in every)
-    assert any(excess > 1e3 * energy.TOLERANCE for excess in found)
-
-
 def test_a_raised_velocity_limit_leaves_the_tank_room(five_bar: Loop) -> None:
     """Springs that give way under the raised limit keep their energy in the account: a full tank lost it before."""
     stiff = np.diag([1000.0, 700.0, 100.0])[None]
     slow = {"call_gap_limit": 11, "velocity_limit": np.full(2, 1.6)}
-    small = {"tank_initial": 0.66, "engagement_limit": 6.8, "missed_limit": 1, "torque_rate_limit": np.full(2, 147.0)}
+    small = {"tank_initial": 0.66, "missed_limit": 1, "torque_rate_limit": np.full(2, 147.0)}
     carried = {"driven": 3, "driven_to": np.array([3.9, 3.9]), "driven_by": np.full(2, 1e7)}
     parts: list[dict[str, Any]] = [
         {},

@@ -63,14 +63,17 @@ FAULTS = (
     Fault("the batch never ends", "done += LANES", "done += 0", BATCH, "hybrid_joint_stiffness"),
     Fault("the batch writes beside", "+ 49 * done)", "+ 49 * done + 1)", BATCH, "hybrid_joint_stiffness"),
     Fault("a shift beyond the width", "<< 62)", "<< 64)", "void sine_cosine(", "forward_kinematics"),
-    Fault("a rate too many", "i < N; ++i", "i <= N; ++i", "void start_memory(", part="services"),
-    Fault("a loop without end", "count / 8; ++block", "count / 8; block += 0", "t compute_checksum(", part="services"),
+    Fault("a rate too many", "i < N; ++i", "i <= N; ++i", "int initialise(", part="services"),
+    Fault("a loop without end", "k < whole; k += 4", "k < whole; k += 0", "t compute_checksum(", part="services"),
     Fault("an invalid number is taken", "x[i] > most", "x[i] > most + 1", "int integers_within(", part="services"),
-    Fault("a goal too short", "goal[16 * TIPS]", "goal[16 * TIPS - 1]", "int search_posture(", part="services"),
-    Fault("a start is written", "memcpy(posture, q", "memcpy((void *)start, q", "int search_posture(", part="services"),
-    Fault("a delay beyond the memory of torques", "c->delay_samples;", "c->delay_samples + 1;", "", part="step"),
-    Fault("a velocity too old", "k < count; ++k", "k <= count; ++k", "void smooth_velocity(", part="step"),
-    Fault("a counter without a bound", "clamp_count(m->missed + 1, LONGEST)", "m->missed + 1", "", part="step"),
+    Fault(
+        "the configuration is written", "m->config = *c;", "m->config = *c;\n    ((config_t *)c)->coriolis = 2;",
+        "int initialise(", part="services",
+    ),
+    Fault("a delay beyond the memory of torques", "c->delay_samples * N;", "6 * N;", "account_time(", part="step"),
+    Fault("a turn too many", "k < count; ++k", "k <= count; ++k", "void to_modes(", part="step"),
+    Fault("a mode too many", "last < N - 1", "last < N", "void find_modes(", part="step"),
+    Fault("a counter without a bound", "sum < LONGEST ? sum : LONGEST", "sum", "int count_up(", part="step"),
 )  # fmt: skip
 
 

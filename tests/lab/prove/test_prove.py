@@ -117,8 +117,7 @@ def test_the_controller_is_proved() -> None:
     verdicts = prove(FOLDER, parts=("services", "step"))
     assert_proved(verdicts)
     proved = {v.function for v in verdicts}
-    assert {"iiwa14_impedance_step", "iiwa14_impedance_validate", "fits_memory"} < proved
-    assert {"iiwa14_find_posture", "search_posture", "start_trial", "try_posture"} < proved
+    assert {"iiwa14_impedance_step", "iiwa14_impedance_init", "validate", "fits_memory", "find_modes"} < proved
 
 
 @pytest.mark.slow
@@ -152,7 +151,7 @@ def test_a_width_runs_clean(monkeypatch: pytest.MonkeyPatch, shapes: Path) -> No
         pytest.param("an argument is written", marks=pytest.mark.wide),
         pytest.param("a rate too many", marks=pytest.mark.wide),
         pytest.param("an invalid number is taken", marks=pytest.mark.wide),
-        pytest.param("a start is written", marks=pytest.mark.wide),
+        pytest.param("the configuration is written", marks=pytest.mark.wide),
     ],
 )
 def test_a_fault_is_caught(title: str, tmp_path: Path) -> None:
