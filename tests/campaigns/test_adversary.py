@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from campaigns import energy, patterns, schedules
+from campaigns import energy, patterns, schedules, widened
 from support.plant.loop import Q0, Loop
 from support.project import Once
 
@@ -41,6 +41,23 @@ def test_energy_of_joints_without_limits(turning: Loop, pattern: Any) -> None:
         got = energy.measure(turning, pattern(np.random.default_rng(seed), turning))
         assert got.excess <= energy.TOLERANCE, seed
         assert got.summary.finite
+
+
+@pytest.mark.parametrize("name", ["hands", "five_bar"])
+def test_energy_of_other_kinds(once: Once, name: str) -> None:
+    """Two tips with tools that change at a start anew; closed loops in the motors' coordinates."""
+    folder = once(f"kind-{name}", lambda folder: energy.generate_arm(name, folder, build=False))
+    robot, home = energy.generate_arm(name, folder)
+    loop, supplied = Loop(folder, robot, home=home), 0.0
+    for seed in range(25):
+        random = np.random.default_rng(seed)
+        chosen = schedules.schedule(random, loop)
+        widened.widen(random, loop, chosen)
+        got = energy.measure(loop, chosen)
+        assert got.excess <= energy.TOLERANCE, seed
+        assert got.summary.finite and got.summary.effort <= 1 and got.summary.torque_step <= 1 + 1e-9
+        supplied = max(supplied, got.summary.port_most)
+    assert supplied > 0.01, "no schedule puts out anything"
 
 
 @pytest.mark.slow
