@@ -657,7 +657,7 @@ static void add_turn(modes_t *m, int row, double cosine, double sine)
 static double eliminate(double *A, int k, double *beta)
 {
     const int count = N - k - 1;
-    double *const v = A + k * N + k + 1, w[N];
+    double *const v = A + k * N + k + 1, w[N] = {0.0};
     const double below = count > 1 ? dot(count - 1, v + 1, v + 1) : 0.0, first = count > 0 ? v[0] : 0.0;
     *beta = 0.0;
     if (!(below > 0.0)) {

@@ -19,7 +19,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "751d984d48892f33"
+#define SOURCES "a36cb8e41fe628d9"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;
