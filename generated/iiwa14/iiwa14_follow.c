@@ -402,7 +402,7 @@ static void keep_margin(state_t *s, const step_t *k, double *velocity)
 
 /* From poses of the tips to joint positions: the way's speed, the joints' bounds, and what is out of reach. */
 
-static const double NEAR = 1e-3;        /* [m] from the goal up to which nothing is out of reach */
+static const double ARRIVED = 1e-3;     /* [m] from the goal up to which nothing is out of reach */
 static const double STUCK_TIME = 0.3;   /* [s] over which progress is looked at */
 static const double PROGRESS = 0.1;     /* share of the asked way below which the tips are stuck */
 static const double FREED = 0.5;        /* share of the asked way above which they move freely */
@@ -440,7 +440,7 @@ static void watch_progress(state_t *s, const double *here)
     const double distance = weigh(rest);
     s->asked += share * (fmin(T * weigh(s->twist), s->distance) - s->asked);
     s->got += share * (s->distance - distance - s->got);
-    s->stuck = distance > NEAR && s->got < PROGRESS * s->asked ? s->stuck + (s->stuck < LONGEST) : 0;
+    s->stuck = distance > ARRIVED && s->got < PROGRESS * s->asked ? s->stuck + (s->stuck < LONGEST) : 0;
     const double more = s->got > FREED * s->asked ? share : 0.0;
     s->push = fmin(fmax(s->push + (is_stuck(s) ? -share * s->push : more), LEAST_PUSH), 1.0);
 }
@@ -558,12 +558,12 @@ static void bound_joints(const state_t *s, step_t *k)
 static int goes_by_joints(const state_t *s, const step_t *k)
 {
     double poses[16 * TIPS], rest[ROWS];
-    if (!(s->by_joints || is_stuck(s)) || s->distance < NEAR) {
+    if (!(s->by_joints || is_stuck(s)) || s->distance < ARRIVED) {
         return 0;
     }
     stiffgen_poses(s->posture, k->tool, poses);
     compare_poses(poses, k->goal, rest);
-    return weigh(rest) < NEAR;
+    return weigh(rest) < ARRIVED;
 }
 
 /* Go straight to the posture, as fast as joints and tips may, by a ramp. velocity: the way there, then the velocity. */

@@ -19,7 +19,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "a36cb8e41fe628d9"
+#define SOURCES "8de5f6a97f868bf8"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;
