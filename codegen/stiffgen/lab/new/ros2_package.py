@@ -110,7 +110,7 @@ def _stated(text: str, variables: Mapping[str, Any]) -> str:
     """Return the parameters with the robot's motor_inertia and its source."""
     [line] = re.findall(r"^    motor_inertia: .*$", text, re.MULTILINE)
     inertia = ", ".join(map(repr, map(float, variables["rotors"])))
-    return text.replace(line, f"    motor_inertia: [{inertia}]  # {comment(variables['rotors_source'])}")
+    return text.replace(line, f"    motor_inertia: [{inertia}]  # {comment(variables['rotors_source'], 200)}")
 
 
 def _launch(text: str, variables: Mapping[str, Any]) -> str:
