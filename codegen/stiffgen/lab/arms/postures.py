@@ -51,8 +51,8 @@ def find_postures(
         robot: a robot with one tip and a fixed base, from ``stiffgen.load`` or ``open_robot``, or its module.
         pose: (4, 4) pose of the tip in the base.
         near: (n) joint positions to start from, such as the arm's.
-        margin: distance from the limits [rad or m]: the width of the controller's limit zones; at most a quarter of a joint's
-            range is kept away from each of its limits.
+        margin: distance from the limits [rad or m], by default the width of the controller's limit zones; at most a
+            quarter of a joint's range is kept away from each of its limits.
         starts: number of points to start from.
         steps: number of steps from each.
 
