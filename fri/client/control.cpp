@@ -126,7 +126,7 @@ bool WipingClient::fill_input()
     since_wrench_ = is_plausible(tip_wrench_) ? 0.0 : since_wrench_;
     copy(q_, input_.q, JOINTS);
     copy(velocity_.velocity(), input_.dq, JOINTS);
-    reference_.at(pace_.value(), input_.q0, dq0_);
+    reference_.at(input_.q0);
     return true;
 }
 
@@ -168,7 +168,6 @@ void WipingClient::record_input()
     } rows[] = {{input_.q, record_.q, JOINTS},
                 {input_.dq, record_.dq, JOINTS},
                 {input_.q0, record_.q0, JOINTS},
-                {dq0_, record_.dq0, JOINTS},
                 {tip_wrench_, record_.wrench, 6}};
     for (const auto &row : rows) {
         if (input_.sample_valid != 0) {

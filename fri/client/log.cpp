@@ -15,7 +15,7 @@
 
 namespace {
 
-const char *const SEVEN[] = {"q", "dq", "q0", "dq0"};
+const char *const BEFORE[] = {"q", "dq", "q0"};
 const char *const AFTER[] = {"sent_torque", "sent_position", "measured_torque", "external_torque"};
 
 void names(LogFile &file, const char *name, int count)
@@ -52,7 +52,7 @@ Log::Log(Records &records, const std::string &path, Question &question)
     }
     file_.create(path);
     file_.append("time");
-    for (const char *name : SEVEN) {
+    for (const char *name : BEFORE) {
         names(file_, name, JOINTS);
     }
     names(file_, "wrench", 6);
@@ -185,7 +185,6 @@ void Log::write(const Record &record)
     values(file_, record.q, JOINTS);
     values(file_, record.dq, JOINTS);
     values(file_, record.q0, JOINTS);
-    values(file_, record.dq0, JOINTS);
     values(file_, record.wrench, 6);
     values(file_, record.torque, JOINTS);
     file_.append(",%lu,%d,%lu,%d,%d,%d", static_cast<unsigned long>(record.status), record.mode,

@@ -151,7 +151,7 @@ const Row ROWS[] = {
      [](Options &o, const Given &g) { o.settings.pace.error = g.number(0.0, 10.0); }},
     {"lag-limit", "RAD", "reference's lag at which it stands still, 0: none [rad] (0.3)",
      [](Options &o, const Given &g) { o.settings.pace.lag = g.number(0.0, 10.0); }},
-    {"energy-limit", "J", "springs' energy at which it stands still, 0: none [J] (6)",
+    {"energy-limit", "J", "springs' energy, also the reference's limit, 0: none [J] (6)",
      [](Options &o, const Given &g) { o.settings.pace.energy = g.number(0.0, 1e3); }},
     {"force-limit", "N", "contact force at which it stands still, 0: none [N] (150)",
      [](Options &o, const Given &g) { o.settings.pace.force = g.number(0.0, 1e3); }},

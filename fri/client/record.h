@@ -19,8 +19,8 @@ struct Record {
     int reset; /* 1: a latched fault was reset just before this step */
     int sample_valid;
         std::uint32_t counter;
-    double q[JOINTS], dq[JOINTS], q0[JOINTS], dq0[JOINTS], wrench[6]; /* inputs; dq0 is for the log alone */
-    double torque[JOINTS];                                            /* output of the step */
+    double q[JOINTS], dq[JOINTS], q0[JOINTS], wrench[6]; /* inputs of the step; wrench at the tip */
+    double torque[JOINTS];                               /* output of the step */
     std::uint32_t status;
     int mode;
     double tank_energy, elastic_energy;

@@ -35,8 +35,8 @@ public:
     /* Start a move from a configuration to where the trajectory stopped, or to its start. */
     void begin(const double *q)
     {
-        double goal[JOINTS], rate[JOINTS];
-        trajectory_.at(progress(), goal, rate);
+        double goal[JOINTS];
+        trajectory_.at(progress(), goal);
         approach_.plan(q, goal, approach_time_);
         clock_ = Elapsed();
         approaching_ = approach_.duration() > 0.0;
@@ -45,8 +45,8 @@ public:
     /* Return the largest distance [rad] of a joint from the goal of begin, and the joint. */
     double distance(const double *q, int *joint) const
     {
-        double goal[JOINTS], rate[JOINTS], most = -1.0;
-        trajectory_.at(progress(), goal, rate);
+        double goal[JOINTS], most = -1.0;
+        trajectory_.at(progress(), goal);
         for (int i = 0; i < JOINTS; ++i) {
             if (std::fabs(q[i] - goal[i]) > most) {
                 most = std::fabs(q[i] - goal[i]);
@@ -71,16 +71,13 @@ public:
         }
     }
 
-    /* Compute position and velocity; pace: rate of the trajectory's time. */
-    void at(double pace, double *q, double *dq) const
+    /* Compute the position. */
+    void at(double *q) const
     {
         if (approaching_) {
-            approach_.at(clock_.seconds(), q, dq);
+            approach_.at(clock_.seconds(), q);
         } else {
-            trajectory_.at(progress(), q, dq);
-        }
-        for (int i = 0; i < JOINTS; ++i) {
-            dq[i] *= pace;
+            trajectory_.at(progress(), q);
         }
     }
 

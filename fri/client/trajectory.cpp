@@ -153,7 +153,7 @@ void Trajectory::differentiate()
     }
 }
 
-void Trajectory::at(double time, double *q, double *dq) const
+void Trajectory::at(double time, double *q) const
 {
     const double place = std::min(std::max(time / period_, 0.0), static_cast<double>(count() - 1));
     const int s = std::min(static_cast<int>(place), count() - 2);
@@ -163,8 +163,6 @@ void Trajectory::at(double time, double *q, double *dq) const
         const double p = sample(s).q[j], a = sample(s).dq[j] * period_, b = sample(s + 1).dq[j] * period_;
         const double way = sample(s + 1).q[j] - p;
         q[j] = p + u * (a + u * (3.0 * way - 2.0 * a - b + u * (a + b - 2.0 * way)));
-        /* Not that polynomial's derivative, which would rattle with the file's last decimal. */
-        dq[j] = ((1.0 - u) * a + u * b) / period_;
     }
 }
 
@@ -179,13 +177,11 @@ void Approach::plan(const double *from, const double *to, double least)
     }
 }
 
-void Approach::at(double time, double *q, double *dq) const
+void Approach::at(double time, double *q) const
 {
     const double s = duration_ > 0.0 ? std::min(std::max(time / duration_, 0.0), 1.0) : 1.0;
     const double place = s * s * s * (10.0 + s * (-15.0 + 6.0 * s));
-    const double rate = duration_ > 0.0 ? 30.0 * s * s * (1.0 - s) * (1.0 - s) / duration_ : 0.0;
     for (int j = 0; j < JOINTS; ++j) {
         q[j] = from_[j] + place * (to_[j] - from_[j]);
-        dq[j] = rate * (to_[j] - from_[j]);
     }
 }

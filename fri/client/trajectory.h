@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-/* Zero-force joint trajectory [rad] from a file, through its samples, with velocities fitted to several of them. */
+/* Zero-force joint trajectory [rad] from a file, through its samples, smooth in between. */
 class Trajectory {
 public:
     /*
@@ -20,8 +20,8 @@ public:
 
     double duration() const { return (count() - 1) * period_; }
 
-    /* Compute position and velocity at a time [s], clamped to 0 .. duration. */
-    void at(double time, double *q, double *dq) const;
+    /* Compute the position at a time [s], clamped to 0 .. duration. */
+    void at(double time, double *q) const;
 
 private:
     struct Sample {
@@ -46,7 +46,7 @@ public:
     void plan(const double *from, const double *to, double least);
 
     double duration() const { return duration_; }
-    void at(double time, double *q, double *dq) const;
+    void at(double time, double *q) const;
 
 private:
     double duration_;

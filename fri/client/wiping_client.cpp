@@ -18,6 +18,16 @@ double clamp(double x, double least, double most)
     return std::min(std::max(x, least), most);
 }
 
+/* Return the force or moment at which springs with three stiffnesses store an energy [J] (0: any), `most` at most. */
+double heaviest(const double *stiffness, double energy, double most)
+{
+    double softest = HUGE_VAL;
+    for (int i = 0; i < 3; ++i) {
+        softest = stiffness[i] > 0.0 ? std::min(softest, stiffness[i]) : softest;
+    }
+    return energy > 0.0 ? std::min(std::sqrt(2.0 * energy * softest), most) : most;
+}
+
 } // namespace
 
 WipingClient::WipingClient(const Settings &settings, const Trajectory &trajectory, WrenchSensor *sensor,
@@ -50,8 +60,9 @@ void WipingClient::configure()
     robot::default_config(&config_);
     config_.sample_time = 0.005; /* [s] until the robot has told its send period */
     config_.delay_samples = settings_.delay_samples;
-    config_.heaviest_wrench[0] = settings_.pace.force > 0.0 ? settings_.pace.force : 150.0; /* [N] */
-    config_.heaviest_wrench[1] = 20.0;                                                      /* [N m] */
+    const PaceLimits &pace = settings_.pace;
+    config_.heaviest_wrench[0] = heaviest(settings_.task_stiffness, pace.energy, pace.force > 0.0 ? pace.force : 150.0);
+    config_.heaviest_wrench[1] = heaviest(settings_.task_stiffness + 3, pace.energy, 20.0);
     config_.tip_velocity_limit[0] = 2.0; /* [m/s] the file has been checked for the joints' limits */
     config_.tip_velocity_limit[1] = 6.0; /* [rad/s] */
     /* In a dry run the controller's torque does not act: positions that stand still are not frozen. */

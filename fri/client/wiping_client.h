@@ -197,7 +197,6 @@ private:
     int start_;                                /* the next step is the controller's first */
     bool faulted_;
     double good_time_; /* [s] of good samples since the controller latched a fault */
-    double dq0_[JOINTS]; /* [rad/s] of the reference, for the log */
     std::uint32_t events_;
     double last_command_, last_callback_; /* [s] monotonic time; duration */
     double allowance_;                    /* [s] that the trajectory may advance, by this machine's time */

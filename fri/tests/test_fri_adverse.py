@@ -159,7 +159,7 @@ def test_a_held_arm_stops_the_trajectory_and_is_let_go(
         wanted, there = (plate.forward_kinematics(run.client[name])[:, :3, 3] for name in ("q0", "q"))
         assert np.nanmax(np.linalg.norm(wanted - there, axis=1)) < limit + 0.1  # and what it covers in 0.25 s
     elif option == "--energy-limit":
-        assert run.client["elastic_energy"].max() < 1.5 * limit  # and what it covers in 0.25 s
+        assert run.client["elastic_energy"].max() < 1.05 * limit  # the controller holds its reference
     assert run.client["pace"][-1] < 0.02
     assert release_time(run) <= RELEASE
     assert "slowed: " in run.output and "let go: " in run.output

@@ -258,9 +258,9 @@ def test_button_holds_the_trajectory_and_need_not_exist(programs: Programs, tmp_
     script.add(COMMANDING_ACTIVE, 200, ios=[button(True)])
     script.add(COMMANDING_ACTIVE, 200, ios=[button(False)])
     wiped = Wiped(programs, script, tmp_path)
-    q0, dq0 = wiped.log["q0"], wiped.log["dq0"]
-    assert np.ptp(q0[260:400], axis=0).max() == 0.0 and not dq0[260:400].any()
-    assert np.abs(np.diff(dq0, axis=0)).max() < 0.01  # comes to a stand and goes on smoothly
+    q0 = wiped.log["q0"]
+    assert np.ptp(q0[260:400], axis=0).max() == 0.0
+    assert np.abs(np.diff(q0, 2, axis=0)).max() < 0.01 * 0.005  # comes to a stand and goes on smoothly
     assert np.abs(q0[599] - q0[400]).max() > 0.01
     assert (wiped.log["events"][200:400].astype(int) & 1 << 8).all()
     assert wiped.faults["missing_fields"] == wiped.faults["exceptions"] == 0

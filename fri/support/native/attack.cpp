@@ -172,8 +172,8 @@ void session(const Schedule &schedule, const std::string &file, int period)
     options.settings.position_quantum = quantum > 1e-6 ? quantum : 0.0; /* as docs/fri.md asks for */
     options.settings.may_ask = schedule.events.count("answer") > 0;
     const Trajectory trajectory(file, options.trajectory_period);
-    Vector start, rate;
-    trajectory.at(0.0, start.data(), rate.data());
+    Vector start;
+    trajectory.at(0.0, start.data());
     start[0] += 0.02;
     World world(schedule, start, period);
     std::unique_ptr<Records> records(new Records);
