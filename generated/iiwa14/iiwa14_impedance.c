@@ -1443,16 +1443,16 @@ static double sum_difference(const watch_t *before, int i, double T, double diff
 }
 
 /*
- * Return the range of the controller's torque for which position and velocity have been the same to the last bit; 0
+ * Return the range of the torque for which position and velocity have been the same to the last bit; 0
  * until that has lasted for STILL_TIME. A sound encoder shows how far a joint gives way even under friction, in a clamp
  * or at a stop; a frozen one does not, nor a velocity that follows from it. In a fault brakes may hold the joint.
  */
 static double find_still_range(const memory_t *m, int i, watch_t *w)
 {
-    const double own = m->account.history[i];
+    const double acting = m->account.history[i] + m->caller.offset[i];
     const int begins = w->q_age[i] == 0 || m->fault.reason != IIWA14_REASON_NONE;
-    w->still_least[i] = begins ? own : smaller(w->still_least[i], own);
-    w->still_most[i] = begins ? own : larger(w->still_most[i], own);
+    w->still_least[i] = begins ? acting : smaller(w->still_least[i], acting);
+    w->still_most[i] = begins ? acting : larger(w->still_most[i], acting);
     const int age = w->q_age[i] < w->dq_age[i] ? w->q_age[i] : w->dq_age[i];
     const int long_enough = age * m->config.sample_time >= (1.0 - ROUNDED) * STILL_TIME;
     return long_enough ? w->still_most[i] - w->still_least[i] : 0.0;
@@ -2232,7 +2232,7 @@ static void describe_refusal(const output_t *out, char *text, size_t size)
 
 /* Configuration and start. */
 
-enum { POSTURES = 32, PATTERNS = 364 }; /* in which the tank is sized; of signs of its wrenches, (3^6 - 1) / 2 */
+enum { POSTURES = 32 }; /* in which the tank is sized */
 
 /* Return whether all entries lie between the bounds (both allowed); NaN does not. */
 static int doubles_within(const double *x, size_t count, double least, double most)
@@ -2280,22 +2280,17 @@ static double spread_joint(int k, int i)
 }
 
 /*
- * Return the most reserve of a tip's wrenches within heaviest_wrench, of those whose entries over it are alike up to
- * sign, or 0: at most 14 % below the worst of all wrenches (four arms).
+ * Return the most reserve of a tip's wrenches: heaviest_wrench along each axis. The worst wrench of all directions needs
+ * at most 1.4 times as much (four arms); a search for it would take as long as a hundred steps.
  */
 static double wrench_reserve(const memory_t *m, const double *J)
 {
     const config_t *const c = &m->config;
-    double most = 0.0;
-    for (int k = 0; k < PATTERNS; ++k) {
-        double torque[N] = {0.0}, count = 0.0;
-        for (int row = 0, left = k; row < 6; ++row, left /= 3) {
-            const int side = left % 3 - 1;
-            add_scaled(N, side * c->heaviest_wrench[row / 3], J + row * N, torque);
-            count += side * side;
-        }
+    double torque[N], most = 0.0;
+    for (int row = 0; row < 6; ++row) {
         for (int i = 0; i < N; ++i) {
-            torque[i] = clamp(torque[i] / sqrt(count), -c->effort_limit[i], c->effort_limit[i]);
+            const double wanted = c->heaviest_wrench[row / 3] * J[row * N + i];
+            torque[i] = clamp(wanted, -c->effort_limit[i], c->effort_limit[i]);
         }
         most = larger(reserve(m, torque, c->missed_limit), most); /* NaN is not */
     }

@@ -55,7 +55,8 @@ def test_an_arm_that_is_led_back_is_kept_inside_again(robot: ModuleType) -> None
         out = controller.step(q=q, dq=0.5 * np.eye(N)[3], q0=Q, counter=k, **SPRING)
         assert out.fault and not out.own_torque.any()
     controller.reset()
-    for k in range(k + 1, k + 6):
+    for _ in range(5):
+        k += 1
         out = controller.step(q=q, dq=np.zeros(N), q0=q, counter=k, **SPRING)
     assert not out.fault, out.text
     while q[3] > robot.LOWER[3] + 0.05:

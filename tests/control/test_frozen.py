@@ -90,3 +90,12 @@ def test_an_arm_at_rest_may_stand_still_for_ever(robot: ModuleType) -> None:
     steps = 20000
     out = robot.Impedance(**STATED).run(q=Q, dq=np.zeros(7), q0=Q, counter=np.arange(steps), **SPRING)
     assert not out.fault.any()
+
+
+def test_a_restart_under_gravity_is_no_frozen_position(robot: ModuleType) -> None:
+    """The own torque falls while the caller's rises: the sum moves nothing. Before, the own one alone was judged."""
+    controller, gravity = robot.Impedance(**STATED, torque_rate_limit=1000.0), np.array([0, 42.0, 0, -20, 0, 1, 0])
+    controller.restart(gravity)
+    for k in range(400):
+        out = controller.step(q=Q, dq=np.zeros(7), q0=Q, counter=k, torque_offset=gravity, **SPRING)
+        assert not out.fault, out.text

@@ -81,16 +81,16 @@ static double sum_difference(const watch_t *before, int i, double T, double diff
 }
 
 /*
- * Return the range of the controller's torque for which position and velocity have been the same to the last bit; 0
+ * Return the range of the torque for which position and velocity have been the same to the last bit; 0
  * until that has lasted for STILL_TIME. A sound encoder shows how far a joint gives way even under friction, in a clamp
  * or at a stop; a frozen one does not, nor a velocity that follows from it. In a fault brakes may hold the joint.
  */
 static double find_still_range(const memory_t *m, int i, watch_t *w)
 {
-    const double own = m->account.history[i];
+    const double acting = m->account.history[i] + m->caller.offset[i];
     const int begins = w->q_age[i] == 0 || m->fault.reason != ID(REASON_NONE);
-    w->still_least[i] = begins ? own : smaller(w->still_least[i], own);
-    w->still_most[i] = begins ? own : larger(w->still_most[i], own);
+    w->still_least[i] = begins ? acting : smaller(w->still_least[i], acting);
+    w->still_most[i] = begins ? acting : larger(w->still_most[i], acting);
     const int age = w->q_age[i] < w->dq_age[i] ? w->q_age[i] : w->dq_age[i];
     const int long_enough = age * m->config.sample_time >= (1.0 - ROUNDED) * STILL_TIME;
     return long_enough ? w->still_most[i] - w->still_least[i] : 0.0;
