@@ -118,9 +118,9 @@ typedef struct {
     uint32_t status;
 } scale_t;
 
-/* Torque that leaves the controller, without the caller's, and the calls for which it would be held. */
+/* Torque that leaves the controller, without the caller's, where its rate leads it, and calls for which it is held. */
 typedef struct {
-    double own[N], reserve;
+    double own[N], aim[N], reserve;
     int hold;
     finding_t finding;
     uint32_t status;
@@ -1450,7 +1450,7 @@ static double sum_difference(const watch_t *before, int i, double T, double diff
 static double find_still_range(const memory_t *m, int i, watch_t *w)
 {
     const double acting = m->account.history[i] + m->caller.offset[i];
-    const int begins = w->q_age[i] == 0 || m->fault.reason != IIWA14_REASON_NONE;
+    const int begins = w->q_age[i] <= 1 || m->fault.reason != IIWA14_REASON_NONE;
     w->still_least[i] = begins ? acting : smaller(w->still_least[i], acting);
     w->still_most[i] = begins ? acting : larger(w->still_most[i], acting);
     const int age = w->q_age[i] < w->dq_age[i] ? w->q_age[i] : w->dq_age[i];
@@ -2006,8 +2006,8 @@ static scale_t vary_scale(const memory_t *m, const law_t *w)
     return next;
 }
 
-/* Limit a wanted torque in effort (the caller's has its part first) and rate. NaN becomes 0. */
-static uint32_t limit_torque(const memory_t *m, const double *wanted, double *own)
+/* Limit a wanted torque in effort (the caller's has its part first): aim; and in rate: own. NaN becomes 0. */
+static uint32_t limit_torque(const memory_t *m, const double *wanted, double *aim, double *own)
 {
     const config_t *const c = &m->config;
     uint32_t status = 0u;
@@ -2015,10 +2015,10 @@ static uint32_t limit_torque(const memory_t *m, const double *wanted, double *ow
         const double last = m->account.history[i], rate = c->torque_rate_limit[i] * c->sample_time;
         const double most = c->effort_limit[i], offset = m->caller.offset[i];
         const double x = fabs(wanted[i]) <= DBL_MAX ? wanted[i] : 0.0;
-        const double y = clamp(x, smaller(-most - offset, 0.0), larger(most - offset, 0.0));
-        own[i] = clamp(y, last - rate, last + rate);
-        status |= y != x ? (uint32_t)IIWA14_STATUS_SATURATED : 0u;
-        status |= own[i] != y ? (uint32_t)IIWA14_STATUS_RATE_LIMITED : 0u;
+        aim[i] = clamp(x, smaller(-most - offset, 0.0), larger(most - offset, 0.0));
+        own[i] = clamp(aim[i], last - rate, last + rate);
+        status |= aim[i] != x ? (uint32_t)IIWA14_STATUS_SATURATED : 0u;
+        status |= own[i] != aim[i] ? (uint32_t)IIWA14_STATUS_RATE_LIMITED : 0u;
     }
     return status;
 }
@@ -2027,7 +2027,7 @@ static uint32_t limit_torque(const memory_t *m, const double *wanted, double *ow
 static void let_fall(const memory_t *m, torque_t *t)
 {
     static const double zero[N] = {0.0};
-    (void)limit_torque(m, zero, t->own);
+    (void)limit_torque(m, zero, t->aim, t->own);
     t->hold = 1;
     t->status = 0u;
     t->finding = NOTHING;
@@ -2061,7 +2061,7 @@ static void guard(const memory_t *m, const law_t *w, torque_t *t)
         wanted[i] = none ? 0.0 : m->reference.scale * w->pull[i] + w->zone[i] + w->damper[i] + w->feedforward[i];
     }
     t->hold = m->fault.reason != IIWA14_REASON_NONE ? 1 : m->config.missed_limit;
-    t->status = limit_torque(m, wanted, t->own);
+    t->status = limit_torque(m, wanted, t->aim, t->own);
     t->finding = NOTHING;
     t->reserve = reserve(m, t->own, t->hold);
     if (t->reserve <= most) {
@@ -2072,6 +2072,7 @@ static void guard(const memory_t *m, const law_t *w, torque_t *t)
         t->hold = 1;
     }
     const double share = cover(m, falling.own, t->hold, t->own);
+    memcpy(t->aim, t->own, sizeof t->aim);
     t->status |= (uint32_t)IIWA14_STATUS_RESERVE;
     t->reserve = reserve(m, t->own, t->hold);
     if (share == 0.0 && m->account.tank < FLOOR * m->config.tank_initial) {
@@ -2280,8 +2281,8 @@ static double spread_joint(int k, int i)
 }
 
 /*
- * Return the most reserve of a tip's wrenches: heaviest_wrench along each axis. The worst wrench of all directions needs
- * at most 1.4 times as much (four arms); a search for it would take as long as a hundred steps.
+ * Return the most reserve of a tip's wrenches: heaviest_wrench along each axis. The worst wrench of all directions
+ * needs at most 1.4 times as much (four arms); a search for it would take as long as a hundred steps.
  */
 static double wrench_reserve(const memory_t *m, const double *J)
 {
@@ -2526,6 +2527,7 @@ static void step_without_sample(memory_t *m, torque_t *t)
     let_fall(m, t);
     if (m->watch.known && m->fault.reason == IIWA14_REASON_NONE && m->watch.missed < m->account.hold) {
         memcpy(t->own, m->account.history, sizeof t->own);
+        memcpy(t->aim, t->own, sizeof t->aim);
         t->hold = m->account.hold;
         t->reserve = reserve(m, t->own, t->hold - m->watch.missed);
     }
@@ -2536,8 +2538,11 @@ static void step_without_sample(memory_t *m, torque_t *t)
     }
 }
 
-/* Add the caller's torque: the own one has the rate limit first, the caller's the effort limit. Return the status. */
-static uint32_t add_offset(memory_t *m, const double *offset, const double *last, double *total)
+/*
+ * Add the caller's torque: the own one has the rate limit first, the caller's the effort limit. The sum goes straight
+ * to where both lead: own torque that was the caller's before a start anew falls as his rises. Return the status.
+ */
+static uint32_t add_offset(memory_t *m, const double *offset, const double *aim, const double *last, double *total)
 {
     const config_t *const c = &m->config;
     uint32_t status = 0u;
@@ -2546,7 +2551,7 @@ static uint32_t add_offset(memory_t *m, const double *offset, const double *last
         const double most = 2.0 * c->effort_limit[i]; /* turns the own torque round */
         const double given = offset != NULL && fabs(offset[i]) <= DBL_MAX ? offset[i] : m->caller.offset[i];
         const double wanted = has_no_torque(m->fault.reason) ? 0.0 : clamp(given, -most, most);
-        const double near = clamp(own + wanted, last[i] - rate, last[i] + rate);
+        const double near = clamp(aim[i] + wanted, last[i] - rate, last[i] + rate);
         const double left = clamp(near, -c->effort_limit[i], c->effort_limit[i]) - own;
         m->caller.offset[i] = fabs(left) > NO_TORQUE ? left : 0.0;
         total[i] = own + m->caller.offset[i];
@@ -2651,7 +2656,7 @@ static void do_step(memory_t *m, const input_t *in, const double *last, output_t
     }
     account_torque(&m->account, &p.torque);
     note(m, &p.torque.finding);
-    p.status |= add_offset(m, usable ? in->torque_offset : NULL, last, out->torque);
+    p.status |= add_offset(m, usable ? in->torque_offset : NULL, p.torque.aim, last, out->torque);
     report(m, &p, out);
 }
 

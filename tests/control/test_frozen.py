@@ -93,9 +93,10 @@ def test_an_arm_at_rest_may_stand_still_for_ever(robot: ModuleType) -> None:
 
 
 def test_a_restart_under_gravity_is_no_frozen_position(robot: ModuleType) -> None:
-    """The own torque falls while the caller's rises: the sum moves nothing. Before, the own one alone was judged."""
+    """The own torque falls while the caller's rises, and their sum stays. Before, it rose by a half, and was FROZEN."""
     controller, gravity = robot.Impedance(**STATED, torque_rate_limit=1000.0), np.array([0, 42.0, 0, -20, 0, 1, 0])
     controller.restart(gravity)
     for k in range(400):
         out = controller.step(q=Q, dq=np.zeros(7), q0=Q, counter=k, torque_offset=gravity, **SPRING)
         assert not out.fault, out.text
+        np.testing.assert_allclose(out.torque, gravity, atol=1e-9)

@@ -19,7 +19,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "8de5f6a97f868bf8"
+#define SOURCES "f82198dad3d845dc"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

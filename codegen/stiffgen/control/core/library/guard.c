@@ -54,8 +54,8 @@ scale_t vary_scale(const memory_t *m, const law_t *w)
     return next;
 }
 
-/* Limit a wanted torque in effort (the caller's has its part first) and rate. NaN becomes 0. */
-static uint32_t limit_torque(const memory_t *m, const double *wanted, double *own)
+/* Limit a wanted torque in effort (the caller's has its part first): aim; and in rate: own. NaN becomes 0. */
+static uint32_t limit_torque(const memory_t *m, const double *wanted, double *aim, double *own)
 {
     const config_t *const c = &m->config;
     uint32_t status = 0u;
@@ -63,10 +63,10 @@ static uint32_t limit_torque(const memory_t *m, const double *wanted, double *ow
         const double last = m->account.history[i], rate = c->torque_rate_limit[i] * c->sample_time;
         const double most = c->effort_limit[i], offset = m->caller.offset[i];
         const double x = fabs(wanted[i]) <= DBL_MAX ? wanted[i] : 0.0;
-        const double y = clamp(x, smaller(-most - offset, 0.0), larger(most - offset, 0.0));
-        own[i] = clamp(y, last - rate, last + rate);
-        status |= y != x ? (uint32_t)ID(STATUS_SATURATED) : 0u;
-        status |= own[i] != y ? (uint32_t)ID(STATUS_RATE_LIMITED) : 0u;
+        aim[i] = clamp(x, smaller(-most - offset, 0.0), larger(most - offset, 0.0));
+        own[i] = clamp(aim[i], last - rate, last + rate);
+        status |= aim[i] != x ? (uint32_t)ID(STATUS_SATURATED) : 0u;
+        status |= own[i] != aim[i] ? (uint32_t)ID(STATUS_RATE_LIMITED) : 0u;
     }
     return status;
 }
@@ -75,7 +75,7 @@ static uint32_t limit_torque(const memory_t *m, const double *wanted, double *ow
 void let_fall(const memory_t *m, torque_t *t)
 {
     static const double zero[N] = {0.0};
-    (void)limit_torque(m, zero, t->own);
+    (void)limit_torque(m, zero, t->aim, t->own);
     t->hold = 1;
     t->status = 0u;
     t->finding = NOTHING;
@@ -109,7 +109,7 @@ void guard(const memory_t *m, const law_t *w, torque_t *t)
         wanted[i] = none ? 0.0 : m->reference.scale * w->pull[i] + w->zone[i] + w->damper[i] + w->feedforward[i];
     }
     t->hold = m->fault.reason != ID(REASON_NONE) ? 1 : m->config.missed_limit;
-    t->status = limit_torque(m, wanted, t->own);
+    t->status = limit_torque(m, wanted, t->aim, t->own);
     t->finding = NOTHING;
     t->reserve = reserve(m, t->own, t->hold);
     if (t->reserve <= most) {
@@ -120,6 +120,7 @@ void guard(const memory_t *m, const law_t *w, torque_t *t)
         t->hold = 1;
     }
     const double share = cover(m, falling.own, t->hold, t->own);
+    memcpy(t->aim, t->own, sizeof t->aim);
     t->status |= (uint32_t)ID(STATUS_RESERVE);
     t->reserve = reserve(m, t->own, t->hold);
     if (share == 0.0 && m->account.tank < FLOOR * m->config.tank_initial) {

@@ -97,9 +97,9 @@ typedef struct {
     uint32_t status;
 } scale_t;
 
-/* Torque that leaves the controller, without the caller's, and the calls for which it would be held. */
+/* Torque that leaves the controller, without the caller's, where its rate leads it, and calls for which it is held. */
 typedef struct {
-    double own[N], reserve;
+    double own[N], aim[N], reserve;
     int hold;
     finding_t finding;
     uint32_t status;

@@ -49,8 +49,8 @@ double spread_joint(int k, int i)
 }
 
 /*
- * Return the most reserve of a tip's wrenches: heaviest_wrench along each axis. The worst wrench of all directions needs
- * at most 1.4 times as much (four arms); a search for it would take as long as a hundred steps.
+ * Return the most reserve of a tip's wrenches: heaviest_wrench along each axis. The worst wrench of all directions
+ * needs at most 1.4 times as much (four arms); a search for it would take as long as a hundred steps.
  */
 static double wrench_reserve(const memory_t *m, const double *J)
 {

@@ -88,7 +88,7 @@ static double sum_difference(const watch_t *before, int i, double T, double diff
 static double find_still_range(const memory_t *m, int i, watch_t *w)
 {
     const double acting = m->account.history[i] + m->caller.offset[i];
-    const int begins = w->q_age[i] == 0 || m->fault.reason != ID(REASON_NONE);
+    const int begins = w->q_age[i] <= 1 || m->fault.reason != ID(REASON_NONE);
     w->still_least[i] = begins ? acting : smaller(w->still_least[i], acting);
     w->still_most[i] = begins ? acting : larger(w->still_most[i], acting);
     const int age = w->q_age[i] < w->dq_age[i] ? w->q_age[i] : w->dq_age[i];

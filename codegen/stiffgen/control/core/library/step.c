@@ -158,6 +158,7 @@ static void step_without_sample(memory_t *m, torque_t *t)
     let_fall(m, t);
     if (m->watch.known && m->fault.reason == ID(REASON_NONE) && m->watch.missed < m->account.hold) {
         memcpy(t->own, m->account.history, sizeof t->own);
+        memcpy(t->aim, t->own, sizeof t->aim);
         t->hold = m->account.hold;
         t->reserve = reserve(m, t->own, t->hold - m->watch.missed);
     }
@@ -168,8 +169,11 @@ static void step_without_sample(memory_t *m, torque_t *t)
     }
 }
 
-/* Add the caller's torque: the own one has the rate limit first, the caller's the effort limit. Return the status. */
-static uint32_t add_offset(memory_t *m, const double *offset, const double *last, double *total)
+/*
+ * Add the caller's torque: the own one has the rate limit first, the caller's the effort limit. The sum goes straight
+ * to where both lead: own torque that was the caller's before a start anew falls as his rises. Return the status.
+ */
+static uint32_t add_offset(memory_t *m, const double *offset, const double *aim, const double *last, double *total)
 {
     const config_t *const c = &m->config;
     uint32_t status = 0u;
@@ -178,7 +182,7 @@ static uint32_t add_offset(memory_t *m, const double *offset, const double *last
         const double most = 2.0 * c->effort_limit[i]; /* turns the own torque round */
         const double given = offset != NULL && fabs(offset[i]) <= DBL_MAX ? offset[i] : m->caller.offset[i];
         const double wanted = has_no_torque(m->fault.reason) ? 0.0 : clamp(given, -most, most);
-        const double near = clamp(own + wanted, last[i] - rate, last[i] + rate);
+        const double near = clamp(aim[i] + wanted, last[i] - rate, last[i] + rate);
         const double left = clamp(near, -c->effort_limit[i], c->effort_limit[i]) - own;
         m->caller.offset[i] = fabs(left) > NO_TORQUE ? left : 0.0;
         total[i] = own + m->caller.offset[i];
@@ -283,7 +287,7 @@ static void do_step(memory_t *m, const input_t *in, const double *last, output_t
     }
     account_torque(&m->account, &p.torque);
     note(m, &p.torque.finding);
-    p.status |= add_offset(m, usable ? in->torque_offset : NULL, last, out->torque);
+    p.status |= add_offset(m, usable ? in->torque_offset : NULL, p.torque.aim, last, out->torque);
     report(m, &p, out);
 }
 
