@@ -132,7 +132,7 @@ def tables(robot: GeneratedRobot, options: argparse.Namespace) -> int:
         write_targets(options.json, robot, rows)
     counted = {f"`{k.qualified_name}`": [told(row.instructions[k.qualified_name]) for row in rows] for k in kernels}
     counted["controller's step, largest count seen"] = [str(row.step[1]) if row.step else "-" for row in rows]
-    counted["the step, QL iterations at their bound, at most"] = [str(row.longest_step or "-") for row in rows]
+    counted["the step, turns of the modes at their bound, at most"] = [str(row.longest_step or "-") for row in rows]
     show([row.machine for row in rows], counted | size_rows(rows), robot.scalar if options.page else None)
     return int(not all(row.right for row in rows))
 

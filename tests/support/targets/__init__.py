@@ -301,41 +301,43 @@ def _sizes(machine: Machine, compiled: Path) -> tuple[int, int]:
     return text, data + bss
 
 
-_QL = "diagonalise_symmetric"
 _LONGEST = """
-/* The decomposition, and before it one on a copy in which every eigenvalue takes all iterations that it may. */
-static int diagonalise_symmetric(int n, double *A, double *d, double *rows)
+/* The modes, and before them those of a copy with all turns that there may be. */
+static void find_modes(double *A, modes_t *m)
 {
-    double copy[MAX_ROWS * MAX_ROWS], values[MAX_ROWS], vectors[MAX_ROWS * MAX_ROWS];
-    memcpy(copy, A, sizeof *copy * (size_t)(n * n));
-    const int ended = eigen_longest(n, copy, values, vectors);
-    __asm__ volatile("" : : "r"(ended), "r"(copy), "r"(values), "r"(vectors) : "memory");
-    return eigen_found(n, A, d, rows);
+    double copy[NN], y[N] = {0.0};
+    modes_t longest;
+    memcpy(copy, A, sizeof copy);
+    find_longest_modes(copy, &longest);
+    to_modes(&longest, copy, y);
+    from_modes(&longest, copy, y);
+    __asm__ volatile("" : : "r"(y), "r"(copy) : "memory");
+    find_own_modes(A, m);
 }
 """
 
 
 def with_longest_iterations(source: str) -> str:
-    """Return the controller's C with an additional QL iteration of the longest length that its bound permits."""
-    found = re.search(rf"^static int {_QL}\(.*?^}}\n", source, flags=re.M | re.S)
+    """Return the controller's C with additional modes of as many turns as their bound permits."""
+    found = re.search(r"^static void find_modes\(double \*A, modes_t \*m\)\n\{.*?^}\n", source, flags=re.M | re.S)
     assert found is not None
-    going_on = "e[m] > NEGLIGIBLE"
+    going_on = "e[last] > negligible"
     assert found[0].count(going_on) == 1
-    longest = found[0].replace(_QL, "eigen_longest").replace(going_on, "iteration < MAX_ITERATIONS")
-    own = found[0].replace(_QL, "eigen_found")
+    longest = found[0].replace("find_modes", "find_longest_modes").replace(going_on, "1")
+    own = found[0].replace("find_modes", "find_own_modes")
     return source[: found.start()] + longest + own + _LONGEST + source[found.end() :]
 
 
 def step_count(machine: Machine, folder: Path, work: Path, steps: int, *, longest: bool = False) -> Count:
     """Count the instructions of the impedance controller's step, in smooth and hostile motions in turn.
 
-    ``longest``: with every QL iteration at its bound (:func:`with_longest_iterations`).
+    ``longest``: with all turns of the modes (:func:`with_longest_iterations`).
     """
     name, program = folder.name, work / "step"
     own = [str(HERE / "cortex_m.c"), f"-T{HERE / 'cortex_m.ld'}"] if machine.bare else []
     (work / "robot.h").write_text(
         f'#include "{name}_impedance.h"\n#define ROBOT(x) {name}_impedance_##x\n'
-        f"#define COMMAND {name.upper()}_COMMAND_POSITION\n"
+        f"#define CLOCK {name.upper()}_CLOCK_COUNTER\n"
     )
     controller, text = work / "controller.c", (folder / f"{name}_impedance.c").read_text()
     controller.write_text(with_longest_iterations(text) if longest else text)

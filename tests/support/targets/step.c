@@ -2,7 +2,7 @@
 /*
  * The controller's step at many states, between marks: half of them of smooth motions, half hostile (samples missed or
  * not finite, counters that leap, stiffnesses that change, resets), so that every loop is seen at its longest.
- * ROBOT(x), the prefix, and COMMAND are defined in robot.h, which includes the header; STATES by a flag.
+ * ROBOT(x), the prefix, and CLOCK are defined in robot.h, which includes the header; STATES by a flag.
  */
 #include "robot.h"
 
@@ -43,6 +43,10 @@ int main(void)
     enum { N = sizeof in.q / sizeof *in.q };
     uint32_t counter = 0;
     ROBOT(default_config)(&config);
+    config.sample_time = 1e-3;
+    config.delay_samples = 0;
+    config.heaviest_wrench[0] = 100.0;
+    config.heaviest_wrench[1] = 20.0;
     for (int i = 0; i < N; ++i) {
         config.motor_inertia[i] = 0.1;
     }
@@ -59,15 +63,14 @@ int main(void)
             in.q0[i] = middle + 0.3 * sin(rate * t + 0.05);
         }
         for (int i = 0; i < 6; ++i) {
-            in.wrench[i] = uniform(-20.0, 20.0);
+            in.wrench_command[i] = hostile ? uniform(-8.0, 8.0) : 0.0;
         }
         if (k % 50 == 0) {
             symmetric(in.translation_stiffness, 3, hostile ? uniform(0.0, 3000.0) : 700.0);
             symmetric(in.rotation_stiffness, 3, hostile ? uniform(0.0, 300.0) : 30.0);
         }
         in.sample_valid = 1;
-        in.wrench_valid = 1;
-        in.command = COMMAND;
+        in.clock = CLOCK;
         counter += 1;
         if (hostile) {
             in.sample_valid = kind != 0;
@@ -79,7 +82,7 @@ int main(void)
         }
         in.counter = counter;
         mark_begin();
-        ROBOT(step)(&config, &state, &in, &out);
+        ROBOT(step)(&state, &in, &out);
         mark_end();
         if (kind == 39) {
             ROBOT(reset)(&state);
