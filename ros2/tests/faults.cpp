@@ -193,6 +193,8 @@ static void a_pose_goes_on_after_a_fault()
     const auto left = rig.tip();
     check(rig.has_fault() && std::abs(left[2] - message.pose.position.z) > 0.02, "a fault on its way");
     rig.call_reset();
+    rig.run(50);
+    check(rig.status().values[1].value.find("MOVING") != std::string::npos, "Follow begins where the arm is");
     double fastest = 0.0;
     for (int cycle = 0; cycle < 4000; ++cycle) {
         const auto before = rig.tip();
