@@ -32,9 +32,9 @@ static int all_within(const double *x, int count, double least, double most)
 }
 
 /* Split a torque at (q, dq) into tau_ff and gains. */
-int iiwa14_joint_gains(const double *q, const double *dq, const double *q_des, const double *dq_des,
-                      const double *torque, const double *joint_stiffness, const double *damping,
-                      const double *kp_limit, const double *kd_limit, double *tau_ff, double *kp, double *kd)
+static int split_torque(const double *q, const double *dq, const double *q_des, const double *dq_des, const double *torque,
+                 const double *joint_stiffness, const double *damping, const double *kp_limit, const double *kd_limit,
+                 double *tau_ff, double *kp, double *kd)
 {
     const double *const vectors[5] = {q, dq, q_des, dq_des, torque};
     const double *const others[7] = {joint_stiffness, damping, kp_limit, kd_limit, tau_ff, kp, kd};
@@ -75,7 +75,7 @@ static double bound_motor_work(double a, double kp, double kd, double speed, dou
 }
 
 /* Bound the work of all motors within `hold` after the sample. */
-double iiwa14_late_work(const double *q, const double *q_des, const double *dq_des, const double *tau_ff,
+static double bound_late_work(const double *q, const double *q_des, const double *dq_des, const double *tau_ff,
                        const double *kp, const double *kd, const double *velocity_limit, double hold)
 {
     const double *const vectors[7] = {q, q_des, dq_des, tau_ff, kp, kd, velocity_limit};
@@ -92,4 +92,17 @@ double iiwa14_late_work(const double *q, const double *q_des, const double *dq_d
         work += fabs(most) <= DBL_MAX ? most : (double)NAN;
     }
     return work;
+}
+
+int iiwa14_joint_gains(const double *q, const double *dq, const double *q_des, const double *dq_des, const double *torque,
+    const double *joint_stiffness, const double *damping, const double *kp_limit, const double *kd_limit, double *tau_ff,
+    double *kp, double *kd)
+{
+    return split_torque(q, dq, q_des, dq_des, torque, joint_stiffness, damping, kp_limit, kd_limit, tau_ff, kp, kd);
+}
+
+double iiwa14_late_work(const double *q, const double *q_des, const double *dq_des, const double *tau_ff, const double *kp,
+    const double *kd, const double *velocity_limit, double hold)
+{
+    return bound_late_work(q, q_des, dq_des, tau_ff, kp, kd, velocity_limit, hold);
 }

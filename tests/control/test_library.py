@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stiffgen.control.companions import FOLLOW, LAW, POLICY
+from stiffgen.control.companions import COMPANIONS
 from stiffgen.control.page import IMPEDANCE, LIBRARY, LOOPS, MODULE
 from support.c_library import check_compiles, check_contained, check_order, check_sizes, check_tool
 from support.controller_library import compile_library
@@ -22,10 +22,8 @@ from support.project import ROOT
 LIBRARIES = {
     "controller": IMPEDANCE,
     "loops": LOOPS,
-    "follow": FOLLOW,
-    "policy": POLICY,
-    "paper": LAW,
     "Python": MODULE,
+    **{name: companion.library for name, companion in COMPANIONS.items()},
 }
 HEADER = ROOT / "generated" / "iiwa14" / "iiwa14_impedance.h"
 SAMPLE_TIME, CALLS, VELOCITY, RATE, POSTURE, STIFFNESS = 1e-3, 3, 2.0, 1e4, 10.0, 100.0
@@ -77,9 +75,8 @@ def test_editors_open_every_file(which: str, tool: str) -> None:
 
 def test_generated_files_contain_the_libraries() -> None:
     check_contained(IMPEDANCE, HEADER.with_suffix(".c").read_text())
-    check_contained(LAW, (HEADER.parent / "iiwa14_paper.c").read_text())
-    check_contained(FOLLOW, (HEADER.parent / "iiwa14_follow.c").read_text())
-    check_contained(POLICY, (HEADER.parent / "iiwa14_policy.c").read_text())
+    for name, companion in COMPANIONS.items():
+        check_contained(companion.library, (HEADER.parent / f"iiwa14_{name}.c").read_text())
     check_contained(MODULE, (HEADER.parent / "python" / "iiwa14_python.c").read_text())
 
 

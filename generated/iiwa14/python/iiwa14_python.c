@@ -19,7 +19,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "f82198dad3d845dc"
+#define SOURCES "089710424546a437"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

@@ -6,7 +6,6 @@
 #include "iiwa14_gains.h"
 
 #define ID(name) IIWA14_##name
-#define CALL(name) iiwa14_##name
 
 enum { N = 7 };
 

@@ -1,8 +1,8 @@
 #ifndef GAINS_H
 #define GAINS_H
 
-/* The robot's number of joints and names. The generator writes them, and these files into NAME_gains.c;
- * tests/support/stub_gains has a robot to compile the files by themselves. */
+/* The robot's number of joints. The generator writes it, and these files with all functions static, into
+ * NAME_gains.c; tests/support/stub_gains has a robot to compile the files by themselves. */
 #include "robot.h"
 
 #include <float.h>
@@ -10,5 +10,11 @@
 #include <stddef.h>
 
 /* ---- functions, by file ---- */
+
+int split_torque(const double *q, const double *dq, const double *q_des, const double *dq_des, const double *torque,
+                 const double *joint_stiffness, const double *damping, const double *kp_limit, const double *kd_limit,
+                 double *tau_ff, double *kp, double *kd);
+double bound_late_work(const double *q, const double *q_des, const double *dq_des, const double *tau_ff,
+                       const double *kp, const double *kd, const double *velocity_limit, double hold);
 
 #endif
