@@ -19,7 +19,7 @@ from stiffgen.core.emit.build import build_library
 from stiffgen.core.errors import BuildError
 from stiffgen.core.robot.chain import Chain
 
-_STATED = {"sample_time": 1e-3, "delay_samples": 0.0, "motor_inertia": 0.3, "heaviest_wrench": 50.0}
+_STATED: dict[str, float] = {"sample_time": 1e-3, "delay_samples": 0, "motor_inertia": 0.3, "heaviest_wrench": 50.0}
 """Values of the fields without a default, for every entry."""
 _STATE_SIZE = 1 << 19
 """Bytes of memory for a state: more than the largest robot needs."""
