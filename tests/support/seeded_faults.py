@@ -64,7 +64,6 @@ FAULTS = (
     Fault("the batch writes beside", "+ 49 * done)", "+ 49 * done + 1)", BATCH, "hybrid_joint_stiffness"),
     Fault("a shift beyond the width", "<< 62)", "<< 64)", "void sine_cosine(", "forward_kinematics"),
     Fault("a rate too many", "i < N; ++i", "i <= N; ++i", "int initialise(", part="services"),
-    Fault("a loop without end", "k < whole; k += 4", "k < whole; k += 0", "t compute_checksum(", part="services"),
     Fault("an invalid number is taken", "x[i] > most", "x[i] > most + 1", "int integers_within(", part="services"),
     Fault(
         "the configuration is written", "m->config = *c;", "m->config = *c;\n    ((config_t *)c)->coriolis = 2;",

@@ -19,7 +19,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "089710424546a437"
+#define SOURCES "1966483e684bc050"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

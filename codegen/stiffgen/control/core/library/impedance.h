@@ -24,7 +24,7 @@
 
 enum { NO_JOINT = -1, READY = 0x51f7, DELAYS = 6 }; /* DELAYS: torques of the account's history */
 enum { LONGEST = 100000 }; /* samples at which a counter stands still: 100 s at 1 kHz, and no overflow */
-enum { MOST_TURNS = 2 * N * (N + 2) }; /* of QL: seven joints need 62 on average, 90 at most of 3 000 matrices */
+enum { MOST_TURNS = 2 * N * (N + 1) }; /* of QL: seven joints need 62 on average, 90 at most of 3 000 matrices */
 
 /* Share by which numbers differ that are the same but for rounding: far above what any sum here can lose (1e-13), and
  * far below what matters to an arm. */
