@@ -52,7 +52,7 @@ BELOW = {
     ),
     "docs/robots": ("urdf/README",),
     "docs/derivatives": ("docs/casadi",),
-    "docs/controller": ("docs/energy", "docs/passport", "docs/lerobot", "reference/hazards"),
+    "docs/controller": ("docs/energy", "docs/lerobot", "reference/hazards"),
     "docs/ros2": ("ros2/stiffgen_ros2/README",),
     "docs/fri": ("docs/fri_reference",),
     "docs/results": ("docs/experiment",),
