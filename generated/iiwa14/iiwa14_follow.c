@@ -44,24 +44,20 @@ enum { ROWS = 6 * TIPS, WIDE = (int)N > 6 * TIPS, SHORT = WIDE ? 6 * TIPS : (int
 enum { READY = 0x51f0110, LONGEST = 1000000 }; /* mark of init; calls at which a counter stands still */
 
 /* [m] that counts as much as one radian. Twists, of all tips and linear first in hybrid axes, have their rotations
- * multiplied by it here, and so has the Jacobian. */
+ * multiplied by it here, and so has the Jacobian J. */
 static const double RADIAN = 0.2;
 static const double FARTHEST = 1e6; /* [m] or [rad] beyond which a number is a mistake */
 
 /* What one call works with. */
 typedef struct {
-    const double *tool;       /* poses of tools, or NULL */
-    double here[16 * TIPS];   /* poses at q */
-    double goal[16 * TIPS];   /* commanded poses, orthonormal */
-    double rest[ROWS];        /* [m] twists from here to the goal */
-    double J[ROWS * N], G[ROWS * ROWS]; /* Jacobian, and J J^T */
-    double low[N], high[N];   /* [rad/s] velocities that each joint may have */
-    const double *most;       /* [rad/s] its velocity limit */
+    const double *tool;     /* poses of tools, or NULL */
+    double rest[ROWS];      /* [m] twists from here to the goal */
+    double J[ROWS * N];     /* Jacobian of the twists */
+    double low[N], high[N]; /* [rad/s] velocities that each joint may have */
 } step_t;
-/* Poses of the tips, the twists between them, and what size these have. */
+/* Poses of the tips, and the twists between them. */
 
 static const double ROUGH = 1e-3;   /* what R^T R may differ from 1 by: single precision and drift, not a mistake */
-static const double CLEAN = 1e-12;  /* up to which it is orthonormal already */
 static const double NO_SINE = 1e-6; /* sine up to which, near half a turn, it has lost the digits of the axis */
 
 static double dot(int n, const double *a, const double *b)
@@ -73,9 +69,12 @@ static double dot(int n, const double *a, const double *b)
     return sum;
 }
 
-static double norm(int n, const double *a)
+static double norm(int n, const double *a) { return sqrt(dot(n, a, a)); }
+
+static double clamp(double x, double least, double most)
 {
-    return sqrt(dot(n, a, a));
+    const double low = x < least ? least : x;
+    return low > most ? most : low;
 }
 
 /* Return whether all numbers lie between the bounds. NaN does not: its bits tell, whatever a compiler's flags say. */
@@ -90,49 +89,26 @@ static int all_within(const double *x, int count, double least, double most)
     return good;
 }
 
-/* Copy a pose with its rotation made orthonormal: two Newton steps R (3 - R^T R) / 2. Return OK or what is wrong. */
+/* Copy a pose with its rotation R made orthonormal, R (3 - R^T R) / 2. Return OK or what is wrong. */
 static int clean_pose(const double *pose, double *clean)
 {
     if (!all_within(pose, 16, -FARTHEST, FARTHEST) || norm(3, pose + 12) > 0.0 || fabs(pose[15] - 1.0) > 0.0) {
         return IIWA14_FOLLOW_E_POSE;
     }
-    memcpy(clean, pose, 16 * sizeof *clean);
-    double off = 1.0;
-    for (int round = 0; round < 2 && off > CLEAN; ++round) {
-        double R[12], D[9];
-        off = 0.0;
-        memcpy(R, clean, sizeof R);
-        for (int k = 0; k < 9; ++k) {
-            const int i = k / 3, j = k % 3;
-            D[k] = (i == j ? 3.0 : 0.0) - R[i] * R[j] - R[4 + i] * R[4 + j] - R[8 + i] * R[8 + j];
-            off = fmax(off, fabs(D[k] - (i == j ? 2.0 : 0.0)));
-        }
-        if (off > ROUGH) {
-            return IIWA14_FOLLOW_E_ROTATION;
-        }
-        for (int k = 0; k < 9 && off > CLEAN; ++k) {
-            clean[4 * (k / 3) + k % 3] = dot(3, R + 4 * (k / 3), D + 3 * (k % 3)) / 2.0; /* D is symmetric */
-        }
-    }
-    const double *const x = clean, *const y = clean + 4;
+    const double *const x = pose, *const y = pose + 4, *const z = pose + 8;
     const double cross[3] = {x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]};
-    return dot(3, cross, clean + 8) > 0.0 ? IIWA14_FOLLOW_OK : IIWA14_FOLLOW_E_ROTATION;
-}
-
-/* Turn the axis times the sine (w) of a rotation D into the rotation vector. */
-static void take_logarithm(const double *D, double *w)
-{
-    const double cosine = (D[0] + D[4] + D[8] - 1.0) / 2.0, angle = atan2(norm(3, w), cosine);
-    if (cosine < 0.0 && norm(3, w) < NO_SINE) { /* the axis is the longest column of D + 1 */
-        const int first = D[0] > D[4] ? 0 : 1, k = D[8] > D[4 * first] ? 2 : first;
-        for (int i = 0; i < 3; ++i) {
-            w[i] = D[3 * i + k] + (i == k ? 1.0 : 0.0);
-        }
+    double D[9], off = dot(3, cross, z) > 0.0 ? 0.0 : 1.0;
+    for (int k = 0; k < 9; ++k) {
+        const int i = k / 3, j = k % 3;
+        const double one = i == j ? 1.0 : 0.0, product = x[i] * x[j] + y[i] * y[j] + z[i] * z[j];
+        D[k] = 1.5 * one - 0.5 * product;
+        off = fmax(off, fabs(product - one));
     }
-    const double size = norm(3, w);
-    for (int i = 0; i < 3; ++i) {
-        w[i] *= size > 0.0 ? angle / size : 1.0;
+    memcpy(clean, pose, 16 * sizeof *clean);
+    for (int k = 0; k < 9; ++k) {
+        clean[4 * (k / 3) + k % 3] = dot(3, pose + 4 * (k / 3), D + 3 * (k % 3)); /* D is symmetric */
     }
+    return off > ROUGH ? IIWA14_FOLLOW_E_ROTATION : IIWA14_FOLLOW_OK;
 }
 
 /* Compute the twists [m] that lead the tips from poses to others: motions of the origins, and rotation vectors. */
@@ -143,13 +119,31 @@ static void compare_poses(const double *from, const double *to, double *twists)
         for (int k = 0; k < 9; ++k) {
             D[k] = dot(3, to + 4 * (k / 3), from + 4 * (k % 3));
         }
-        double w[3] = {(D[7] - D[5]) / 2.0, (D[2] - D[6]) / 2.0, (D[3] - D[1]) / 2.0};
-        take_logarithm(D, w);
+        double axis[3] = {(D[7] - D[5]) / 2.0, (D[2] - D[6]) / 2.0, (D[3] - D[1]) / 2.0}; /* times the sine */
+        const double sine = norm(3, axis), angle = atan2(sine, (D[0] + D[4] + D[8] - 1.0) / 2.0);
+        if (angle > 1.0 && sine < NO_SINE) { /* the axis is the longest column of D + 1 */
+            const int first = D[0] > D[4] ? 0 : 1, k = D[8] > D[4 * first] ? 2 : first;
+            for (int i = 0; i < 3; ++i) {
+                axis[i] = D[3 * i + k] + (i == k ? 1.0 : 0.0);
+            }
+        }
+        const double size = norm(3, axis);
         for (int i = 0; i < 3; ++i) {
             twists[i] = to[4 * i + 3] - from[4 * i + 3];
-            twists[3 + i] = RADIAN * w[i];
+            twists[3 + i] = size > 0.0 ? RADIAN * angle / size * axis[i] : 0.0;
         }
     }
+}
+
+/* Return the time [s] that twists take at the tips' full speed; of velocities: their share of it. */
+static double way_of(const config_t *c, const double *twists)
+{
+    double most = 0.0;
+    for (int r = 0; r < ROWS; r += 6) {
+        most = fmax(most, norm(3, twists + r) / c->tip_velocity_limit);
+        most = fmax(most, norm(3, twists + r + 3) / (RADIAN * c->tip_rotation_limit));
+    }
+    return most;
 }
 
 /* Compute the Jacobian of the twists. */
@@ -161,34 +155,12 @@ static void weighed_jacobian(const double *q, const double *tool, double *J)
     }
 }
 
-/* Return the size [m] of the largest twist of a tip. */
-static double weigh(const double *twists)
-{
-    double most = 0.0;
-    for (int r = 0; r < ROWS; r += 6) {
-        most = fmax(most, norm(3, twists + r) + norm(3, twists + r + 3));
-    }
-    return most;
-}
-
-/* Return the twists' size over the speeds that a tip may have [s]; for velocities: [1]. */
-static double relative_speed(const config_t *c, const double *twists)
-{
-    double most = 0.0;
-    for (int r = 0; r < ROWS; r += 6) {
-        most = fmax(most, norm(3, twists + r) / c->tip_velocity_limit);
-        most = fmax(most, norm(3, twists + r + 3) / (RADIAN * c->tip_rotation_limit));
-    }
-    return most;
-}
-
 /* Velocities of the joints for the tips' twists, within the joints' bounds: damped least squares. */
 
 static const double DAMPING = 1e-3; /* [m^2] added to squares of singular values */
-static const double SLIP = 5e-3;    /* [m/s] that a tip may be off its line while its rotation lags */
-static const double GAIN = 0.7;     /* share of a tip's error that must go, so that its rotation may lag */
-static const double LAG = 40.0;     /* times the rotations' damping, where they lag */
-enum { ROUNDS = 2 }; /* of refinement: the share (damping / (damping + singular value^2))^ROUNDS of a twist is lost */
+static const double HELP = 1e-6;    /* [m^2/s] of a fixed joint's column times what the twists lack, from which it helps */
+enum { PASSES = (int)N + 3 };       /* that fix or free a joint */
+enum { ROUNDS = 3 }; /* of refinement: the share (damping / (damping + singular value^2))^ROUNDS of a twist is lost */
 
 /* Factorise a symmetric positive definite A = L L^T (lower triangles). */
 static void factorise(int n, const double *A, double *L)
@@ -234,94 +206,92 @@ static void add_column(const double *J, int joint, double share, double *A)
     }
 }
 
-/* Let the free joints do what the twists lack. A: damped J J^T of the free joints. */
-static void move_free(const double *J, const double *A, const double *twists, const int *fixed, double *velocity)
+/*
+ * Let the free joints do what the twists lack, from velocities that cost nothing. A: damped J J^T of the free joints.
+ * sides: as for choose. lack: what the twists lack in the end.
+ */
+static void move_free(const double *J, const double *A, const double *twists, const int *sides, double *velocity,
+    double *lack)
 {
-    double L[ROWS * ROWS], x[ROWS];
+    double L[ROWS * ROWS];
     factorise(ROWS, A, L);
-    for (int round = 0; round < ROUNDS; ++round) {
-        multiply(J, velocity, x);
-        for (int r = 0; r < ROWS; ++r) {
-            x[r] = twists[r] - x[r];
-        }
-        solve(ROWS, L, x);
-        for (int i = 0; i < N; ++i) {
-            for (int r = 0; r < ROWS && fixed[i] == 0; ++r) {
-                velocity[i] += J[r * N + i] * x[r];
+    for (int round = 0; round <= ROUNDS; ++round) {
+        for (int i = 0; i < N && round > 0; ++i) {
+            for (int r = 0; r < ROWS && sides[i] % 2 == 0; ++r) {
+                velocity[i] += J[r * N + i] * lack[r];
             }
         }
+        multiply(J, velocity, lack);
+        for (int r = 0; r < ROWS; ++r) {
+            lack[r] = twists[r] - lack[r];
+        }
+        if (round < ROUNDS) {
+            solve(ROWS, L, lack);
+        }
     }
 }
 
 /*
- * Solve J velocity = twists, from velocities that cost nothing. A joint that would be faster than it may, or would
- * leave its range, is fixed at what it may do, worst first, and the others do what is left as well as they can. (To
- * slow all joints keeps the line, but near singular postures the tip then hardly moves.) Return how many are fixed.
+ * Choose the joint that changes sides: the one farthest beyond its bound, which is then fixed there; without one, the
+ * fixed joint that helps the tips most when it leaves its bound. sides: 1 and -1 for joints at their upper and lower
+ * bounds, 0 free, 2 freed for good. Return -1 for none.
  */
-static int solve_bounded(const step_t *k, const double *twists, const double *free, double lag, double *velocity)
+static int choose(const double *J, const double *lack, const double *low, const double *high, const int *sides,
+    const double *velocity)
 {
-    double A[ROWS * ROWS];
-    int fixed[N] = {0};
-    memcpy(A, k->G, sizeof A);
-    for (int r = 0; r < ROWS; ++r) {
-        A[r * (ROWS + 1)] += r % 6 < 3 ? DAMPING : lag * DAMPING;
-    }
-    for (int count = 0; count < N; ++count) {
-        int worst = -1;
-        double most = DBL_EPSILON;
-        for (int i = 0; i < N; ++i) {
-            velocity[i] = fixed[i] ? velocity[i] : free[i];
-        }
-        move_free(k->J, A, twists, fixed, velocity);
-        for (int i = 0; i < N; ++i) {
-            const double beyond = fmax(velocity[i] - k->high[i], k->low[i] - velocity[i]) / k->most[i];
-            worst = !fixed[i] && beyond > most ? i : worst;
-            most = worst == i ? beyond : most;
-        }
-        if (worst < 0) {
-            return count;
-        }
-        fixed[worst] = 1;
-        velocity[worst] = fmin(fmax(velocity[worst], k->low[worst]), k->high[worst]);
-        add_column(k->J, worst, -1.0, A);
-    }
-    return N;
-}
-
-/* Return the largest error [m/s] of a tip's translation. */
-static double slip(const double *J, const double *twists, const double *velocity)
-{
-    double most = 0.0, error[ROWS];
-    multiply(J, velocity, error);
-    for (int r = 0; r < ROWS; ++r) {
-        error[r] -= twists[r];
-        most = r % 6 == 2 ? fmax(most, norm(3, error + r - 2)) : most;
-    }
-    return most;
-}
-
-/*
- * Find velocities for the twists; they begin as those that cost nothing. The tips' places come first: where joints are
- * at their bounds, and the tips can be much nearer their lines if rotations lag, these lag as far as that needs.
- * (Without "much", they would be given up for whatever little a place out of reach gains by it.)
- */
-static void solve_velocity(const step_t *k, const double *twists, double *velocity)
-{
-    double free[N], lagging[N];
-    memcpy(free, velocity, sizeof free);
-    const int fixed = solve_bounded(k, twists, free, 1.0, velocity);
-    const double error = slip(k->J, twists, velocity);
-    if (fixed == 0 || error <= SLIP) {
-        return;
-    }
-    solve_bounded(k, twists, free, LAG, lagging);
-    const double least = slip(k->J, twists, lagging);
-    if (least > GAIN * error) {
-        return;
-    }
-    const double share = fmax(0.0, SLIP - least) / (error - least); /* the bounds are convex, and so is the error */
+    int beyond = -1, inward = -1;
+    double farthest = DBL_EPSILON, most = HELP;
     for (int i = 0; i < N; ++i) {
-        velocity[i] = lagging[i] + share * (velocity[i] - lagging[i]);
+        const int side = sides[i] % 2;
+        const double over = side == 0 ? fabs(velocity[i] - clamp(velocity[i], low[i], high[i])) : 0.0;
+        double help = 0.0;
+        for (int r = 0; r < ROWS && side != 0; ++r) {
+            help -= side * J[r * N + i] * lack[r];
+        }
+        beyond = over > farthest ? i : beyond;
+        farthest = over > farthest ? over : farthest;
+        inward = help > most ? i : inward;
+        most = help > most ? help : most;
+    }
+    return beyond >= 0 ? beyond : inward;
+}
+
+/*
+ * Solve J velocity = twists as well as bounds allow, from velocities that cost nothing. A joint that would be faster than
+ * it may, or would leave its range, is fixed at its bound, worst first, and freed once if that helps. (To slow all joints
+ * keeps the line, but near singular postures the tip then hardly moves.) sides: those of the last call, where the search
+ * begins.
+ */
+static void solve_velocity(const double *J, const double *twists, const double *low, const double *high, int *sides,
+    double *velocity)
+{
+    double A[ROWS * ROWS] = {0.0}, free[N], lack[ROWS];
+    memcpy(free, velocity, sizeof free);
+    for (int i = 0; i < N; ++i) {
+        sides[i] %= 2;
+        const double bound = sides[i] > 0 ? high[i] : low[i];
+        velocity[i] = sides[i] == 0 ? free[i] : bound;
+        add_column(J, i, sides[i] == 0 ? 1.0 : 0.0, A);
+    }
+    for (int r = 0; r < ROWS; ++r) {
+        A[r * (ROWS + 1)] += DAMPING;
+    }
+    for (int pass = 0, joint = 0; pass < PASSES && joint >= 0; ++pass) {
+        move_free(J, A, twists, sides, velocity, lack);
+        joint = choose(J, lack, low, high, sides, velocity);
+        if (joint >= 0) {
+            const int freed = sides[joint] % 2 != 0, above = velocity[joint] > high[joint] ? 1 : -1;
+            const double bound = clamp(velocity[joint], low[joint], high[joint]);
+            sides[joint] = freed ? 2 : above;
+            add_column(J, joint, freed ? 1.0 : -1.0, A);
+            for (int i = 0; i < N; ++i) {
+                velocity[i] = sides[i] % 2 == 0 ? free[i] : velocity[i];
+            }
+            velocity[joint] = freed ? free[joint] : bound;
+        }
+    }
+    for (int i = 0; i < N; ++i) {
+        velocity[i] = clamp(velocity[i], low[i], high[i]);
     }
 }
 
@@ -342,7 +312,7 @@ static void find_weakest(const step_t *step, double *weakest, double *v)
     double A[SHORT * SHORT], L[SHORT * SHORT];
     for (int k = 0; k < SHORT * SHORT; ++k) {
         const int i = k / SHORT, j = k % SHORT;
-        A[k] = (WIDE ? step->G[k % (ROWS * ROWS)] : 0.0) + (i == j ? DBL_EPSILON : 0.0);
+        A[k] = (WIDE && j <= i ? dot(N, J + i * N, J + j * N) : 0.0) + (i == j ? DBL_EPSILON : 0.0);
         for (int r = 0; r < ROWS && !WIDE && j <= i; ++r) {
             A[k] += J[r * N + i] * J[r * N + j];
         }
@@ -402,11 +372,14 @@ static void keep_margin(state_t *s, const step_t *k, double *velocity)
 
 /* From poses of the tips to joint positions: the way's speed, the joints' bounds, and what is out of reach. */
 
-static const double ARRIVED = 1e-3;     /* [m] from the goal up to which nothing is out of reach */
-static const double STUCK_TIME = 0.3;   /* [s] over which progress is looked at */
-static const double PROGRESS = 0.1;     /* share of the asked way below which the tips are stuck */
+static const double ARRIVED = 1e-3;     /* [s] at full speed from the goal, up to which nothing is out of reach */
+static const double STUCK_TIME = 0.3;   /* [s] without progress after which the tips are stuck */
+static const double MEAN_TIME = 0.1;    /* [s] of the means that progress is told by */
+static const double PROGRESS = 0.1;     /* share of the asked velocity below which there is none */
 static const double FREED = 0.5;        /* share of the asked way above which they move freely */
 static const double LEAST_PUSH = 0.02;  /* share of full speed to a goal that stands still out of reach */
+static const double LAG = 0.25;         /* least weight of rotations along a motion */
+static const double SLIP = 0.02;        /* [m] of a tip off its place from which rotations have their whole weight */
 static const double FINE_TIME = 0.03;   /* [s] from pose to pose up to which a stream is followed as a motion */
 static const double COARSE_TIME = 0.5;  /* [s] up to which poses are a stream at all */
 static const double JOINT_RAMP = 0.25;  /* times the ramp's time in which a joint may reach its velocity limit */
@@ -426,58 +399,45 @@ static double stopping_speed(double way, double slope, double T)
     return fmin(way / T, speed);
 }
 
-static int is_stuck(const state_t *s)
-{
-    return s->stuck * s->config.sample_time > STUCK_TIME;
-}
+static int is_stuck(const state_t *s) { return s->stuck * s->config.sample_time > STUCK_TIME; }
 
 /* Note how much of the asked way the tips went; after a while without progress short of the goal they are stuck. */
 static void watch_progress(state_t *s, const double *here)
 {
-    const double T = s->config.sample_time, share = T / STUCK_TIME;
+    const double T = s->config.sample_time, share = fmin(T / MEAN_TIME, 1.0);
     double rest[ROWS];
     compare_poses(here, s->pose, rest);
-    const double distance = weigh(rest);
-    s->asked += share * (fmin(T * weigh(s->twist), s->distance) - s->asked);
-    s->got += share * (s->distance - distance - s->got);
-    s->stuck = distance > ARRIVED && s->got < PROGRESS * s->asked ? s->stuck + (s->stuck < LONGEST) : 0;
-    const double more = s->got > FREED * s->asked ? share : 0.0;
-    s->push = fmin(fmax(s->push + (is_stuck(s) ? -share * s->push : more), LEAST_PUSH), 1.0);
+    const double way = way_of(&s->config, rest);
+    s->asked += share * (fmin(T * way_of(&s->config, s->twist), s->way) - s->asked);
+    s->got += share * (s->way - way - s->got);
+    const int free = s->got > FREED * s->asked, blocked = s->got < PROGRESS * s->asked && s->stuck < LONGEST;
+    s->stuck = free || way < ARRIVED ? 0 : s->stuck + blocked;
+    const double more = free ? share : 0.0;
+    s->push = clamp(s->push + (is_stuck(s) ? -share * s->push : more), LEAST_PUSH, 1.0);
 }
 
-/* Adopt the poses of tools, where there are any. Return OK, or what is wrong. */
-static int take_tool(state_t *s, const input_t *input)
-{
-    const double *const given = stiffgen_tool(input);
-    double *const kept = stiffgen_kept_tool(s), clean[16 * TIPS];
-    for (int t = 0; t < TIPS && given != NULL; ++t) {
-        if (clean_pose(given + 16 * t, clean + 16 * t) != IIWA14_FOLLOW_OK) {
-            return IIWA14_FOLLOW_E_TOOL;
-        }
-    }
-    if (given != NULL) {
-        memcpy(kept, clean, sizeof clean);
-    }
-    return IIWA14_FOLLOW_OK;
-}
-
-/* Adopt what is good of a command. Return OK, or what is wrong; in its place the last good one stays. */
-static int take_command(state_t *s, const input_t *input, step_t *k)
+/* Adopt what is good of a command: poses with tools, and the posture. Return OK or what is wrong. */
+static int take_command(state_t *s, const input_t *input, double *goal)
 {
     const config_t *const c = &s->config;
+    const double *const given = stiffgen_tool(input);
+    double tools[16 * TIPS];
     int result = IIWA14_FOLLOW_OK;
     for (int t = 0; t < TIPS && result == IIWA14_FOLLOW_OK; ++t) {
-        result = clean_pose(input->pose + 16 * t, k->goal + 16 * t);
+        const int good = given == NULL || clean_pose(given + 16 * t, tools + 16 * t) == IIWA14_FOLLOW_OK;
+        result = good ? clean_pose(input->pose + 16 * t, goal + 16 * t) : IIWA14_FOLLOW_E_TOOL;
     }
     if (result != IIWA14_FOLLOW_OK) {
-        memcpy(k->goal, s->pose, sizeof k->goal);
+        memcpy(goal, s->pose, sizeof s->pose);
+    } else if (given != NULL) {
+        memcpy(stiffgen_kept_tool(s), tools, sizeof tools);
     }
     if (!all_within(input->posture, N, -FARTHEST, FARTHEST)) {
         return result != IIWA14_FOLLOW_OK ? result : IIWA14_FOLLOW_E_POSTURE;
     }
     for (int i = 0; i < N; ++i) {
-        const double least = c->lower_limit[i] + c->limit_distance[i], most = c->upper_limit[i] - c->limit_distance[i];
-        s->posture[i] = fmin(fmax(input->posture[i], least), most);
+        const double margin = c->limit_distance[i];
+        s->posture[i] = clamp(input->posture[i], c->lower_limit[i] + margin, c->upper_limit[i] - margin);
     }
     return result;
 }
@@ -488,7 +448,7 @@ static void take_goal(state_t *s, const double *goal)
     double moved[ROWS];
     compare_poses(s->pose, goal, moved);
     s->age += s->age < LONGEST;
-    const double way = relative_speed(&s->config, moved), time = s->age * s->config.sample_time;
+    const double way = way_of(&s->config, moved), time = s->age * s->config.sample_time;
     const int fine = time <= FINE_TIME && way <= time * (1.0 + SAME);
     if (way > SAME) {
         s->interval = fine || time > COARSE_TIME ? 0.0 : time;
@@ -516,8 +476,8 @@ static void plan_twist(state_t *s, const step_t *k)
     for (int r = 0; r < ROWS; ++r) {
         rest[r] = k->rest[r] - T * s->stream[r];
     }
-    const double way = relative_speed(c, rest), smooth = fmax(c->smoothing * s->interval, T);
-    const double most = fmin(s->push, relative_speed(c, s->twist) + slope);
+    const double way = way_of(c, rest), smooth = fmax(c->smoothing * s->interval, T);
+    const double most = fmin(s->push, way_of(c, s->twist) + slope);
     const double speed = fmin(fmin(most, way / smooth), stopping_speed(way, slope, T));
     for (int r = 0; r < ROWS; r += 3) { /* each translation and rotation stops by itself: one may lag */
         const double limit = r % 6 < 3 ? c->tip_velocity_limit : RADIAN * c->tip_rotation_limit;
@@ -548,9 +508,8 @@ static void bound_joints(const state_t *s, step_t *k)
         const double down = fmax(s->q[i] - c->lower_limit[i] - c->limit_distance[i], 0.0);
         const double fast = most * fmin(stopping_speed(up / most, slope, T), 1.0);
         const double slow = -most * fmin(stopping_speed(down / most, slope, T), 1.0);
-        const double high = fmin(fmax(fmin(fast, s->dq[i] + change), s->dq[i] - change), up / T);
-        k->high[i] = fmax(high, -down / T);
-        k->low[i] = fmin(fmax(fmin(fmax(slow, s->dq[i] - change), s->dq[i] + change), -down / T), k->high[i]);
+        k->high[i] = clamp(clamp(fast, s->dq[i] - change, s->dq[i] + change), -down / T, up / T);
+        k->low[i] = clamp(clamp(slow, s->dq[i] - change, s->dq[i] + change), -down / T, k->high[i]);
     }
 }
 
@@ -558,78 +517,90 @@ static void bound_joints(const state_t *s, step_t *k)
 static int goes_by_joints(const state_t *s, const step_t *k)
 {
     double poses[16 * TIPS], rest[ROWS];
-    if (!(s->by_joints || is_stuck(s)) || s->distance < ARRIVED) {
+    if (!(s->by_joints || is_stuck(s)) || way_of(&s->config, k->rest) < ARRIVED) {
         return 0;
     }
     stiffgen_poses(s->posture, k->tool, poses);
-    compare_poses(poses, k->goal, rest);
-    return weigh(rest) < ARRIVED;
+    compare_poses(poses, s->pose, rest);
+    return way_of(&s->config, rest) < ARRIVED;
 }
 
 /* Go straight to the posture, as fast as joints and tips may, by a ramp. velocity: the way there, then the velocity. */
-static void go_by_joints(state_t *s, const step_t *k, double *velocity)
+static void go_by_joints(state_t *s, step_t *k, double *velocity)
 {
     const config_t *const c = &s->config;
     const double T = c->sample_time, slope = T / c->ramp_time;
-    double twist[ROWS], last = relative_speed(c, s->twist); /* share of full speed */
-    multiply(k->J, velocity, twist);
-    double way = relative_speed(c, twist); /* [s] at full speed */
+    double last = way_of(c, s->twist); /* share of full speed */
+    multiply(k->J, velocity, s->twist);
+    double way = way_of(c, s->twist); /* [s] at full speed */
     for (int i = 0; i < N; ++i) {
         way = fmax(way, fabs(velocity[i]) / c->velocity_limit[i]);
         last = fmax(last, fabs(s->dq[i]) / c->velocity_limit[i]);
     }
-    const double speed = fmin(fmin(1.0, way / T), fmin(stopping_speed(way, slope, T), last + slope));
+    const double speed = fmin(fmin(1.0, last + slope), stopping_speed(way, slope, T));
     for (int i = 0; i < N; ++i) {
-        const double wanted = way > 0.0 ? velocity[i] * speed / way : 0.0;
-        velocity[i] = fmin(fmax(wanted, k->low[i]), k->high[i]);
+        velocity[i] = clamp(way > 0.0 ? velocity[i] * speed / way : 0.0, k->low[i], k->high[i]);
     }
     multiply(k->J, velocity, s->twist);
 }
 
-/* Follow the line; what it leaves free goes to the posture. velocity: the way to the posture, then the velocity. */
-static void go_by_line(state_t *s, const step_t *k, double *velocity)
+/*
+ * Follow the line; what it leaves free goes to the posture. Along a motion the tips' places come first, and rotations may
+ * lag, but a place out of reach is not worth all of a rotation. velocity: the way to the posture, then the velocity.
+ */
+static void go_by_line(state_t *s, step_t *k, double *velocity)
 {
-    double time = POSTURE_TIME;
-    for (int i = 0; i < N; ++i) {
-        time = fmax(time, fabs(velocity[i]) / (FREE * k->most[i]));
-    }
-    for (int i = 0; i < N; ++i) {
-        velocity[i] = fmin(fmax(velocity[i] / time, k->low[i]), k->high[i]);
-    }
+    double twist[ROWS], J[ROWS * N];
     plan_twist(s, k);
-    solve_velocity(k, s->twist, velocity);
+    for (int r = 0; r < ROWS; ++r) {
+        const int lags = s->period > 0 && r % 6 >= 3;
+        const double weight = lags ? clamp(norm(3, k->rest + r / 6 * 6) / SLIP, LAG, 1.0) : 1.0;
+        twist[r] = weight * s->twist[r];
+        for (int i = 0; i < N; ++i) {
+            J[r * N + i] = weight * k->J[r * N + i];
+        }
+    }
+    for (int i = 0; i < N; ++i) {
+        const double most = FREE * s->config.velocity_limit[i];
+        velocity[i] = clamp(clamp(velocity[i] / POSTURE_TIME, -most, most), k->low[i], k->high[i]);
+    }
+    solve_velocity(J, twist, k->low, k->high, s->sides, velocity);
     keep_margin(s, k, velocity);
 }
 
 /* Report where the tips of q0 are short of the goal, and why. */
-static void report(const state_t *s, const step_t *step, int result, output_t *out)
+static void report(const state_t *s, const step_t *k, int result, output_t *out)
 {
     int moving = 0;
     for (int i = 0; i < N; ++i) {
-        moving = moving || fabs(s->dq[i]) > AT_REST * step->most[i];
+        moving = moving || fabs(s->dq[i]) > AT_REST * s->config.velocity_limit[i];
     }
     for (int t = 0; t < TIPS; ++t) {
-        out->error[2 * t] = norm(3, step->rest + 6 * t);
-        out->error[2 * t + 1] = norm(3, step->rest + 6 * t + 3) / RADIAN;
+        out->error[2 * t] = norm(3, k->rest + 6 * t);
+        out->error[2 * t + 1] = norm(3, k->rest + 6 * t + 3) / RADIAN;
     }
     memcpy(out->q0, s->q, sizeof out->q0);
     memcpy(out->dq0, s->dq, sizeof out->dq0);
     const int unreachable = is_stuck(s) && !s->by_joints;
     const int bits[5] = {moving, s->interval > 0.0, s->by_joints, unreachable, result != IIWA14_FOLLOW_OK};
-    for (int k = 0; k < 5; ++k) {
-        out->status |= bits[k] ? 1u << k : 0u;
+    for (int b = 0; b < 5; ++b) {
+        out->status |= bits[b] ? 1u << b : 0u;
     }
 }
 
 static int start(const config_t *c, state_t *s, const double *q)
 {
-    memset(s, 0, sizeof *s);
     if (!all_within(q, N, -FARTHEST, FARTHEST)) {
         return IIWA14_FOLLOW_E_START;
     }
     s->config = *c;
     memcpy(s->q, q, sizeof s->q);
     memcpy(s->posture, q, sizeof s->posture);
+    double *const tools = stiffgen_kept_tool(s);
+    for (int k = 0; k < 16 * TIPS && tools != NULL; ++k) {
+        tools[k] = k % 16 % 5 == 0 ? 1.0 : 0.0;
+    }
+    stiffgen_poses(q, tools, s->pose);
     for (int i = 0; i < SHORT; ++i) {
         s->weakest[i] = 1.0;
     }
@@ -641,30 +612,18 @@ static int start(const config_t *c, state_t *s, const double *q)
 
 static int follow(state_t *s, const input_t *input, output_t *out)
 {
-    double velocity[N];
+    double goal[16 * TIPS], here[16 * TIPS], velocity[N];
     step_t k;
-    memset(&k, 0, sizeof k);
-    const int tool = take_tool(s, input);
+    const int result = take_command(s, input, goal);
     k.tool = stiffgen_kept_tool(s);
-    k.most = s->config.velocity_limit;
-    if (s->begun == 0 && tool != IIWA14_FOLLOW_OK) {
-        memcpy(out->q0, s->q, sizeof out->q0);
-        return tool;
-    }
-    stiffgen_poses(s->q, k.tool, k.here);
-    if (s->begun == 0) {
-        memcpy(s->pose, k.here, sizeof s->pose);
-    }
-    s->begun = 1;
-    watch_progress(s, k.here);
-    const int command = take_command(s, input, &k), result = tool != IIWA14_FOLLOW_OK ? tool : command;
-    take_goal(s, k.goal);
-    compare_poses(k.here, s->pose, k.rest);
-    s->distance = weigh(k.rest);
+    stiffgen_poses(s->q, k.tool, here);
+    watch_progress(s, here);
+    take_goal(s, goal);
+    compare_poses(here, s->pose, k.rest);
+    s->way = way_of(&s->config, k.rest);
     weighed_jacobian(s->q, k.tool, k.J);
     bound_joints(s, &k);
     for (int i = 0; i < N; ++i) {
-        add_column(k.J, i, 1.0, k.G);
         velocity[i] = s->posture[i] - s->q[i];
     }
     s->by_joints = goes_by_joints(s, &k);

@@ -116,16 +116,16 @@ typedef struct {
     double twist[6]; /* [m/s] velocities of the tips that the ramp asks for; rotations times 0.2 m, here and below. */
     double stream[6]; /* [m/s] velocities of the commanded poses. */
     double weakest[6]; /* [1] direction in which the tips move least. */
-    double distance; /* [m] size of the twists to the poses. */
-    double asked; /* [m] mean way that a call asks for. */
-    double got; /* [m] mean way that a call gains. */
+    double way; /* [s] time to the poses at full speed. */
+    double asked; /* [s] mean way that a call asks for. */
+    double got; /* [s] mean way that a call gains. */
     double push; /* [1] share of full speed. */
     double interval; /* [s] time from pose to pose of a coarse stream; 0: none. */
+    int sides[7]; /* 1, -1: the joint was at its upper or lower bound; 0, 2: it was free. */
     int age; /* [calls] age of the poses. */
     int period; /* [calls] from pose to pose of a fine stream; 0: none. */
     int stuck; /* [calls] without progress. */
     int by_joints; /* 1: on the way to the posture. */
-    int begun; /* 1: step was called. */
     int ready; /* mark that init wrote the state. */
 } iiwa14_follow_state;
 

@@ -47,7 +47,7 @@ CAMPAIGNS = {
     "versions": _campaign("versions", "compare robots made with the oldest and newest packages allowed"),
     "sine-cosine": _campaign("sine_cosine", "derive the polynomials of sine and cosine, and measure them"),
     "follow": _campaign(
-        "follow", "send Follow to random poses and back on random arms", "tests/data/scara.urdf --arms 2 --legs 4"
+        "follow", "send Follow to random poses and back on random arms", "tests/data/scara.urdf --arms 1 --legs 4"
     ),
     "spring-orbits": _campaign("spring_orbits", "compare the work of springs and laws on closed orbits"),
     "random-robots": _campaign(

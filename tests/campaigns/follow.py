@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Send Follow to random legal poses and back, on random arms of six and seven joints.
+"""Send Follow to random legal poses and back: a SCARA, an arm like the RM65, and random arms of six and seven joints.
 
     python tests/campaigns/follow.py [ROBOT.urdf:TIP ...] [--arms 30] [--legs 60] [--seed 1]
 
@@ -17,13 +17,14 @@ import re
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import stiffgen
-from support.plant.loop import fill, struct
+from support.plant.loop import struct
 from support.project import ROOT
 
 Array = np.ndarray[Any, np.dtype[Any]]
@@ -37,30 +38,45 @@ _LINK = (
 )
 _JOINT = (
     '<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{name}"/>'
-    '<origin xyz="{x:.3f} {y:.3f} {z:.3f}" rpy="{roll:.4f} {pitch:.4f} 0"/><axis xyz="0 0 1"/>'
+    '<origin xyz="{place}" rpy="{turn}"/><axis xyz="0 0 1"/>'
     '<limit lower="{lower:.3f}" upper="{upper:.3f}" effort="100" velocity="{velocity:.2f}"/></joint>'
 )
+RM65 = (
+    ("0 0 0.2405", "0 0 0", 3.106, 3.14),
+    ("0 0 0", "-1.570796 -1.570796 0", 2.268, 3.14),
+    ("0.256 0 0", "0 0 1.570796", 2.356, 3.92),
+    ("0 -0.21 0", "1.570796 0 0", 3.106, 3.92),
+    ("0 0 0", "-1.570796 0 0", 2.234, 3.92),
+    ("0 0 0.144", "1.570796 0 0", 3.140, 3.92),
+)
+"""Places, turns, limits [rad] and speeds [rad/s] of the joints of an arm like the RM65."""
+
+
+def arm_urdf(joints: Iterable[tuple[str, str, float, float, float]]) -> str:
+    """Return the URDF of a serial arm: of each joint its place, turn, lower and upper limit, and speed."""
+    parts, parent = ['<link name="base"/>'], "base"
+    for k, (place, turn, lower, upper, velocity) in enumerate(joints):
+        name = f"l{k}"
+        parts.append(_LINK.format(name=name))
+        parts.append(
+            _JOINT.format(name=name, parent=parent, place=place, turn=turn, lower=lower, upper=upper, velocity=velocity)
+        )
+        parent = name
+    parts.append(f'<link name="tip"/><joint name="tip" type="fixed"><parent link="{parent}"/><child link="tip"/>')
+    parts.append('<origin xyz="0.05 0.02 0.1"/></joint>')
+    return f'<robot name="arm">{"".join(parts)}</robot>'
 
 
 def random_arm(random: np.random.Generator, joints: int) -> str:
     """Return the URDF of a random arm: axes at right angles or parallel, links up to 0.4 m, ranges of 3 to 6 rad."""
-    parts, parent = ['<link name="base"/>'], "base"
+    rows = []
     for k in range(joints):
         turn = random.choice([-np.pi / 2, 0.0, np.pi / 2], p=[0.4, 0.2, 0.4]) if k else 0.0
         length = random.uniform(0.05, 0.4) if k < joints - 2 else random.uniform(0.03, 0.15)
         x, z = random.choice([0.0, length]), random.uniform(0.0, length)
-        half = random.uniform(1.5, 3.0, 2)
-        parts.append(_LINK.format(name=f"l{k}"))
-        parts.append(
-            _JOINT.format(
-                name=f"l{k}", parent=parent, x=x, y=0.0, z=z, roll=turn, pitch=0.0, lower=-half[0], upper=half[1],
-                velocity=random.uniform(1.0, 3.5),
-            )
-        )  # fmt: skip
-        parent = f"l{k}"
-    parts.append('<link name="tip"/><joint name="tip" type="fixed"><parent link="' + parent + '"/><child link="tip"/>')
-    parts.append('<origin xyz="0.05 0.02 0.1"/></joint>')
-    return f'<robot name="arm">{"".join(parts)}</robot>'
+        lower, upper = random.uniform(1.5, 3.0, 2)
+        rows.append((f"{x:.3f} 0 {z:.3f}", f"{turn:.4f} 0 0", -lower, upper, random.uniform(1.0, 3.5)))
+    return arm_urdf(rows)
 
 
 class Arm:
@@ -71,13 +87,12 @@ class Arm:
         robot = folder / name
         self.name, self.n = name, int(re.findall(r"_DOF (\d+)", (robot / f"{name}.h").read_text())[0])
         macros = [f"-DROBOT={name}", f"-DUPPER={name.upper()}", "-include", f"{name}_follow.h"]
-        sources = [LEGS, *(robot / f"{name}{part}.c" for part in ("", "_follow", "_impedance"))]
+        sources = [LEGS, *(robot / f"{name}{part}.c" for part in ("", "_follow", "_find_posture"))]
         command = ["gcc", "-std=gnu99", "-O1", "-shared", "-fPIC", f"-I{robot}", *macros, *map(str, sources)]
         library = folder / f"{name}.so"
         subprocess.run([*command, "-lm", "-o", str(library)], check=True)
-        self.library, known = ctypes.CDLL(str(library)), dict[str, Any]()
-        self.Leg = struct(LEGS, "leg_t", known, {})
-        self.Config = struct(robot / f"{name}_impedance.h", f"{name}_impedance_config", known, {})
+        self.library = ctypes.CDLL(str(library))
+        self.Leg = struct(LEGS, "leg_t", {}, {})
         limits = (np.array((ctypes.c_double * self.n).in_dll(self.library, f"{name}_{x}")) for x in ("lower", "upper"))
         self.lower, self.upper = (np.clip(limit, -3.0, 3.0) for limit in limits)
 
@@ -96,11 +111,11 @@ class Arm:
         return leg, q
 
     def find_posture(self, pose: Array, start: Array) -> Array | None:
-        config, posture = self.Config(), np.empty(self.n)
-        getattr(self.library, f"{self.name}_impedance_default_config")(ctypes.byref(config))
+        """Return a posture of the pose within what Follow may use, or None."""
+        posture = np.empty(self.n)
         search = getattr(self.library, f"{self.name}_find_posture")
-        fill(config, motor_inertia=0.1)
-        return posture if search(ctypes.byref(config), *map(_pointer, (pose, start, posture))) == 0 else None
+        code = search(_pointer(pose), None, _pointer(start), None, None, _pointer(posture))
+        return posture if code == 0 else None
 
 
 def _pointer(array: Array) -> Any:
@@ -147,6 +162,9 @@ def main() -> int:
     print("| arm | " + " | ".join(COUNTS) + " |\n|---|" + "---|" * len(COUNTS))
     with tempfile.TemporaryDirectory() as made:
         folder, files = Path(made), [tuple(robot.partition(":")[::2]) for robot in options.robots]
+        (folder / "rm65.urdf").write_text(arm_urdf((a, b, -most, most, v) for a, b, most, v in RM65))
+        if not files:
+            files = [(str(ROOT / "tests" / "data" / "scara.urdf"), ""), (str(folder / "rm65.urdf"), "tip")]
         for k in range(options.arms):
             file = folder / f"arm{k}.urdf"
             file.write_text(random_arm(np.random.default_rng([options.seed, k]), 6 + k % 2))

@@ -19,7 +19,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "1966483e684bc050"
+#define SOURCES "84a230d3951e7b68"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;
@@ -2790,16 +2790,16 @@ static const field fields[] = {
     {"follow_state", "twist", "f8", offsetof(follow_state_t, twist), 1, {6, 1, 1}, 0, "m/s", ""},
     {"follow_state", "stream", "f8", offsetof(follow_state_t, stream), 1, {6, 1, 1}, 0, "m/s", ""},
     {"follow_state", "weakest", "f8", offsetof(follow_state_t, weakest), 1, {6, 1, 1}, 0, "1", ""},
-    {"follow_state", "distance", "f8", offsetof(follow_state_t, distance), 0, {1, 1, 1}, 0, "m", ""},
-    {"follow_state", "asked", "f8", offsetof(follow_state_t, asked), 0, {1, 1, 1}, 0, "m", ""},
-    {"follow_state", "got", "f8", offsetof(follow_state_t, got), 0, {1, 1, 1}, 0, "m", ""},
+    {"follow_state", "way", "f8", offsetof(follow_state_t, way), 0, {1, 1, 1}, 0, "s", ""},
+    {"follow_state", "asked", "f8", offsetof(follow_state_t, asked), 0, {1, 1, 1}, 0, "s", ""},
+    {"follow_state", "got", "f8", offsetof(follow_state_t, got), 0, {1, 1, 1}, 0, "s", ""},
     {"follow_state", "push", "f8", offsetof(follow_state_t, push), 0, {1, 1, 1}, 0, "1", ""},
     {"follow_state", "interval", "f8", offsetof(follow_state_t, interval), 0, {1, 1, 1}, 0, "s", ""},
+    {"follow_state", "sides", "i4", offsetof(follow_state_t, sides), 1, {7, 1, 1}, 0, "", ""},
     {"follow_state", "age", "i4", offsetof(follow_state_t, age), 0, {1, 1, 1}, 0, "calls", ""},
     {"follow_state", "period", "i4", offsetof(follow_state_t, period), 0, {1, 1, 1}, 0, "calls", ""},
     {"follow_state", "stuck", "i4", offsetof(follow_state_t, stuck), 0, {1, 1, 1}, 0, "calls", ""},
     {"follow_state", "by_joints", "i4", offsetof(follow_state_t, by_joints), 0, {1, 1, 1}, 0, "", ""},
-    {"follow_state", "begun", "i4", offsetof(follow_state_t, begun), 0, {1, 1, 1}, 0, "", ""},
     {"follow_state", "ready", "i4", offsetof(follow_state_t, ready), 0, {1, 1, 1}, 0, "", ""},
     {"policy_state", "now", "f8", offsetof(policy_state_t, now), 0, {1, 1, 1}, 0, "s", ""},
     {"policy_state", "time", "f8", offsetof(policy_state_t, time), 1, {4, 1, 1}, 0, "s", ""},

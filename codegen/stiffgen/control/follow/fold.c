@@ -16,7 +16,7 @@ static void find_weakest(const step_t *step, double *weakest, double *v)
     double A[SHORT * SHORT], L[SHORT * SHORT];
     for (int k = 0; k < SHORT * SHORT; ++k) {
         const int i = k / SHORT, j = k % SHORT;
-        A[k] = (WIDE ? step->G[k % (ROWS * ROWS)] : 0.0) + (i == j ? DBL_EPSILON : 0.0);
+        A[k] = (WIDE && j <= i ? dot(N, J + i * N, J + j * N) : 0.0) + (i == j ? DBL_EPSILON : 0.0);
         for (int r = 0; r < ROWS && !WIDE && j <= i; ++r) {
             A[k] += J[r * N + i] * J[r * N + j];
         }

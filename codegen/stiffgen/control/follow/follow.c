@@ -1,11 +1,14 @@
 /* From poses of the tips to joint positions: the way's speed, the joints' bounds, and what is out of reach. */
 #include "follow.h"
 
-static const double ARRIVED = 1e-3;     /* [m] from the goal up to which nothing is out of reach */
-static const double STUCK_TIME = 0.3;   /* [s] over which progress is looked at */
-static const double PROGRESS = 0.1;     /* share of the asked way below which the tips are stuck */
+static const double ARRIVED = 1e-3;     /* [s] at full speed from the goal, up to which nothing is out of reach */
+static const double STUCK_TIME = 0.3;   /* [s] without progress after which the tips are stuck */
+static const double MEAN_TIME = 0.1;    /* [s] of the means that progress is told by */
+static const double PROGRESS = 0.1;     /* share of the asked velocity below which there is none */
 static const double FREED = 0.5;        /* share of the asked way above which they move freely */
 static const double LEAST_PUSH = 0.02;  /* share of full speed to a goal that stands still out of reach */
+static const double LAG = 0.25;         /* least weight of rotations along a motion */
+static const double SLIP = 0.02;        /* [m] of a tip off its place from which rotations have their whole weight */
 static const double FINE_TIME = 0.03;   /* [s] from pose to pose up to which a stream is followed as a motion */
 static const double COARSE_TIME = 0.5;  /* [s] up to which poses are a stream at all */
 static const double JOINT_RAMP = 0.25;  /* times the ramp's time in which a joint may reach its velocity limit */
@@ -25,58 +28,45 @@ static double stopping_speed(double way, double slope, double T)
     return fmin(way / T, speed);
 }
 
-static int is_stuck(const state_t *s)
-{
-    return s->stuck * s->config.sample_time > STUCK_TIME;
-}
+static int is_stuck(const state_t *s) { return s->stuck * s->config.sample_time > STUCK_TIME; }
 
 /* Note how much of the asked way the tips went; after a while without progress short of the goal they are stuck. */
 static void watch_progress(state_t *s, const double *here)
 {
-    const double T = s->config.sample_time, share = T / STUCK_TIME;
+    const double T = s->config.sample_time, share = fmin(T / MEAN_TIME, 1.0);
     double rest[ROWS];
     compare_poses(here, s->pose, rest);
-    const double distance = weigh(rest);
-    s->asked += share * (fmin(T * weigh(s->twist), s->distance) - s->asked);
-    s->got += share * (s->distance - distance - s->got);
-    s->stuck = distance > ARRIVED && s->got < PROGRESS * s->asked ? s->stuck + (s->stuck < LONGEST) : 0;
-    const double more = s->got > FREED * s->asked ? share : 0.0;
-    s->push = fmin(fmax(s->push + (is_stuck(s) ? -share * s->push : more), LEAST_PUSH), 1.0);
+    const double way = way_of(&s->config, rest);
+    s->asked += share * (fmin(T * way_of(&s->config, s->twist), s->way) - s->asked);
+    s->got += share * (s->way - way - s->got);
+    const int free = s->got > FREED * s->asked, blocked = s->got < PROGRESS * s->asked && s->stuck < LONGEST;
+    s->stuck = free || way < ARRIVED ? 0 : s->stuck + blocked;
+    const double more = free ? share : 0.0;
+    s->push = clamp(s->push + (is_stuck(s) ? -share * s->push : more), LEAST_PUSH, 1.0);
 }
 
-/* Adopt the poses of tools, where there are any. Return OK, or what is wrong. */
-static int take_tool(state_t *s, const input_t *input)
-{
-    const double *const given = stiffgen_tool(input);
-    double *const kept = stiffgen_kept_tool(s), clean[16 * TIPS];
-    for (int t = 0; t < TIPS && given != NULL; ++t) {
-        if (clean_pose(given + 16 * t, clean + 16 * t) != ID(FOLLOW_OK)) {
-            return ID(FOLLOW_E_TOOL);
-        }
-    }
-    if (given != NULL) {
-        memcpy(kept, clean, sizeof clean);
-    }
-    return ID(FOLLOW_OK);
-}
-
-/* Adopt what is good of a command. Return OK, or what is wrong; in its place the last good one stays. */
-static int take_command(state_t *s, const input_t *input, step_t *k)
+/* Adopt what is good of a command: poses with tools, and the posture. Return OK or what is wrong. */
+static int take_command(state_t *s, const input_t *input, double *goal)
 {
     const config_t *const c = &s->config;
+    const double *const given = stiffgen_tool(input);
+    double tools[16 * TIPS];
     int result = ID(FOLLOW_OK);
     for (int t = 0; t < TIPS && result == ID(FOLLOW_OK); ++t) {
-        result = clean_pose(input->pose + 16 * t, k->goal + 16 * t);
+        const int good = given == NULL || clean_pose(given + 16 * t, tools + 16 * t) == ID(FOLLOW_OK);
+        result = good ? clean_pose(input->pose + 16 * t, goal + 16 * t) : ID(FOLLOW_E_TOOL);
     }
     if (result != ID(FOLLOW_OK)) {
-        memcpy(k->goal, s->pose, sizeof k->goal);
+        memcpy(goal, s->pose, sizeof s->pose);
+    } else if (given != NULL) {
+        memcpy(stiffgen_kept_tool(s), tools, sizeof tools);
     }
     if (!all_within(input->posture, N, -FARTHEST, FARTHEST)) {
         return result != ID(FOLLOW_OK) ? result : ID(FOLLOW_E_POSTURE);
     }
     for (int i = 0; i < N; ++i) {
-        const double least = c->lower_limit[i] + c->limit_distance[i], most = c->upper_limit[i] - c->limit_distance[i];
-        s->posture[i] = fmin(fmax(input->posture[i], least), most);
+        const double margin = c->limit_distance[i];
+        s->posture[i] = clamp(input->posture[i], c->lower_limit[i] + margin, c->upper_limit[i] - margin);
     }
     return result;
 }
@@ -87,7 +77,7 @@ static void take_goal(state_t *s, const double *goal)
     double moved[ROWS];
     compare_poses(s->pose, goal, moved);
     s->age += s->age < LONGEST;
-    const double way = relative_speed(&s->config, moved), time = s->age * s->config.sample_time;
+    const double way = way_of(&s->config, moved), time = s->age * s->config.sample_time;
     const int fine = time <= FINE_TIME && way <= time * (1.0 + SAME);
     if (way > SAME) {
         s->interval = fine || time > COARSE_TIME ? 0.0 : time;
@@ -115,8 +105,8 @@ static void plan_twist(state_t *s, const step_t *k)
     for (int r = 0; r < ROWS; ++r) {
         rest[r] = k->rest[r] - T * s->stream[r];
     }
-    const double way = relative_speed(c, rest), smooth = fmax(c->smoothing * s->interval, T);
-    const double most = fmin(s->push, relative_speed(c, s->twist) + slope);
+    const double way = way_of(c, rest), smooth = fmax(c->smoothing * s->interval, T);
+    const double most = fmin(s->push, way_of(c, s->twist) + slope);
     const double speed = fmin(fmin(most, way / smooth), stopping_speed(way, slope, T));
     for (int r = 0; r < ROWS; r += 3) { /* each translation and rotation stops by itself: one may lag */
         const double limit = r % 6 < 3 ? c->tip_velocity_limit : RADIAN * c->tip_rotation_limit;
@@ -147,9 +137,8 @@ static void bound_joints(const state_t *s, step_t *k)
         const double down = fmax(s->q[i] - c->lower_limit[i] - c->limit_distance[i], 0.0);
         const double fast = most * fmin(stopping_speed(up / most, slope, T), 1.0);
         const double slow = -most * fmin(stopping_speed(down / most, slope, T), 1.0);
-        const double high = fmin(fmax(fmin(fast, s->dq[i] + change), s->dq[i] - change), up / T);
-        k->high[i] = fmax(high, -down / T);
-        k->low[i] = fmin(fmax(fmin(fmax(slow, s->dq[i] - change), s->dq[i] + change), -down / T), k->high[i]);
+        k->high[i] = clamp(clamp(fast, s->dq[i] - change, s->dq[i] + change), -down / T, up / T);
+        k->low[i] = clamp(clamp(slow, s->dq[i] - change, s->dq[i] + change), -down / T, k->high[i]);
     }
 }
 
@@ -157,78 +146,90 @@ static void bound_joints(const state_t *s, step_t *k)
 static int goes_by_joints(const state_t *s, const step_t *k)
 {
     double poses[16 * TIPS], rest[ROWS];
-    if (!(s->by_joints || is_stuck(s)) || s->distance < ARRIVED) {
+    if (!(s->by_joints || is_stuck(s)) || way_of(&s->config, k->rest) < ARRIVED) {
         return 0;
     }
     stiffgen_poses(s->posture, k->tool, poses);
-    compare_poses(poses, k->goal, rest);
-    return weigh(rest) < ARRIVED;
+    compare_poses(poses, s->pose, rest);
+    return way_of(&s->config, rest) < ARRIVED;
 }
 
 /* Go straight to the posture, as fast as joints and tips may, by a ramp. velocity: the way there, then the velocity. */
-static void go_by_joints(state_t *s, const step_t *k, double *velocity)
+static void go_by_joints(state_t *s, step_t *k, double *velocity)
 {
     const config_t *const c = &s->config;
     const double T = c->sample_time, slope = T / c->ramp_time;
-    double twist[ROWS], last = relative_speed(c, s->twist); /* share of full speed */
-    multiply(k->J, velocity, twist);
-    double way = relative_speed(c, twist); /* [s] at full speed */
+    double last = way_of(c, s->twist); /* share of full speed */
+    multiply(k->J, velocity, s->twist);
+    double way = way_of(c, s->twist); /* [s] at full speed */
     for (int i = 0; i < N; ++i) {
         way = fmax(way, fabs(velocity[i]) / c->velocity_limit[i]);
         last = fmax(last, fabs(s->dq[i]) / c->velocity_limit[i]);
     }
-    const double speed = fmin(fmin(1.0, way / T), fmin(stopping_speed(way, slope, T), last + slope));
+    const double speed = fmin(fmin(1.0, last + slope), stopping_speed(way, slope, T));
     for (int i = 0; i < N; ++i) {
-        const double wanted = way > 0.0 ? velocity[i] * speed / way : 0.0;
-        velocity[i] = fmin(fmax(wanted, k->low[i]), k->high[i]);
+        velocity[i] = clamp(way > 0.0 ? velocity[i] * speed / way : 0.0, k->low[i], k->high[i]);
     }
     multiply(k->J, velocity, s->twist);
 }
 
-/* Follow the line; what it leaves free goes to the posture. velocity: the way to the posture, then the velocity. */
-static void go_by_line(state_t *s, const step_t *k, double *velocity)
+/*
+ * Follow the line; what it leaves free goes to the posture. Along a motion the tips' places come first, and rotations may
+ * lag, but a place out of reach is not worth all of a rotation. velocity: the way to the posture, then the velocity.
+ */
+static void go_by_line(state_t *s, step_t *k, double *velocity)
 {
-    double time = POSTURE_TIME;
-    for (int i = 0; i < N; ++i) {
-        time = fmax(time, fabs(velocity[i]) / (FREE * k->most[i]));
-    }
-    for (int i = 0; i < N; ++i) {
-        velocity[i] = fmin(fmax(velocity[i] / time, k->low[i]), k->high[i]);
-    }
+    double twist[ROWS], J[ROWS * N];
     plan_twist(s, k);
-    solve_velocity(k, s->twist, velocity);
+    for (int r = 0; r < ROWS; ++r) {
+        const int lags = s->period > 0 && r % 6 >= 3;
+        const double weight = lags ? clamp(norm(3, k->rest + r / 6 * 6) / SLIP, LAG, 1.0) : 1.0;
+        twist[r] = weight * s->twist[r];
+        for (int i = 0; i < N; ++i) {
+            J[r * N + i] = weight * k->J[r * N + i];
+        }
+    }
+    for (int i = 0; i < N; ++i) {
+        const double most = FREE * s->config.velocity_limit[i];
+        velocity[i] = clamp(clamp(velocity[i] / POSTURE_TIME, -most, most), k->low[i], k->high[i]);
+    }
+    solve_velocity(J, twist, k->low, k->high, s->sides, velocity);
     keep_margin(s, k, velocity);
 }
 
 /* Report where the tips of q0 are short of the goal, and why. */
-static void report(const state_t *s, const step_t *step, int result, output_t *out)
+static void report(const state_t *s, const step_t *k, int result, output_t *out)
 {
     int moving = 0;
     for (int i = 0; i < N; ++i) {
-        moving = moving || fabs(s->dq[i]) > AT_REST * step->most[i];
+        moving = moving || fabs(s->dq[i]) > AT_REST * s->config.velocity_limit[i];
     }
     for (int t = 0; t < TIPS; ++t) {
-        out->error[2 * t] = norm(3, step->rest + 6 * t);
-        out->error[2 * t + 1] = norm(3, step->rest + 6 * t + 3) / RADIAN;
+        out->error[2 * t] = norm(3, k->rest + 6 * t);
+        out->error[2 * t + 1] = norm(3, k->rest + 6 * t + 3) / RADIAN;
     }
     memcpy(out->q0, s->q, sizeof out->q0);
     memcpy(out->dq0, s->dq, sizeof out->dq0);
     const int unreachable = is_stuck(s) && !s->by_joints;
     const int bits[5] = {moving, s->interval > 0.0, s->by_joints, unreachable, result != ID(FOLLOW_OK)};
-    for (int k = 0; k < 5; ++k) {
-        out->status |= bits[k] ? 1u << k : 0u;
+    for (int b = 0; b < 5; ++b) {
+        out->status |= bits[b] ? 1u << b : 0u;
     }
 }
 
 int start(const config_t *c, state_t *s, const double *q)
 {
-    memset(s, 0, sizeof *s);
     if (!all_within(q, N, -FARTHEST, FARTHEST)) {
         return ID(FOLLOW_E_START);
     }
     s->config = *c;
     memcpy(s->q, q, sizeof s->q);
     memcpy(s->posture, q, sizeof s->posture);
+    double *const tools = stiffgen_kept_tool(s);
+    for (int k = 0; k < 16 * TIPS && tools != NULL; ++k) {
+        tools[k] = k % 16 % 5 == 0 ? 1.0 : 0.0;
+    }
+    stiffgen_poses(q, tools, s->pose);
     for (int i = 0; i < SHORT; ++i) {
         s->weakest[i] = 1.0;
     }
@@ -240,30 +241,18 @@ int start(const config_t *c, state_t *s, const double *q)
 
 int follow(state_t *s, const input_t *input, output_t *out)
 {
-    double velocity[N];
+    double goal[16 * TIPS], here[16 * TIPS], velocity[N];
     step_t k;
-    memset(&k, 0, sizeof k);
-    const int tool = take_tool(s, input);
+    const int result = take_command(s, input, goal);
     k.tool = stiffgen_kept_tool(s);
-    k.most = s->config.velocity_limit;
-    if (s->begun == 0 && tool != ID(FOLLOW_OK)) {
-        memcpy(out->q0, s->q, sizeof out->q0);
-        return tool;
-    }
-    stiffgen_poses(s->q, k.tool, k.here);
-    if (s->begun == 0) {
-        memcpy(s->pose, k.here, sizeof s->pose);
-    }
-    s->begun = 1;
-    watch_progress(s, k.here);
-    const int command = take_command(s, input, &k), result = tool != ID(FOLLOW_OK) ? tool : command;
-    take_goal(s, k.goal);
-    compare_poses(k.here, s->pose, k.rest);
-    s->distance = weigh(k.rest);
+    stiffgen_poses(s->q, k.tool, here);
+    watch_progress(s, here);
+    take_goal(s, goal);
+    compare_poses(here, s->pose, k.rest);
+    s->way = way_of(&s->config, k.rest);
     weighed_jacobian(s->q, k.tool, k.J);
     bound_joints(s, &k);
     for (int i = 0; i < N; ++i) {
-        add_column(k.J, i, 1.0, k.G);
         velocity[i] = s->posture[i] - s->q[i];
     }
     s->by_joints = goes_by_joints(s, &k);

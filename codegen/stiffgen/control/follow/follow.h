@@ -14,37 +14,35 @@ enum { ROWS = 6 * TIPS, WIDE = (int)N > 6 * TIPS, SHORT = WIDE ? 6 * TIPS : (int
 enum { READY = 0x51f0110, LONGEST = 1000000 }; /* mark of init; calls at which a counter stands still */
 
 /* [m] that counts as much as one radian. Twists, of all tips and linear first in hybrid axes, have their rotations
- * multiplied by it here, and so has the Jacobian. */
+ * multiplied by it here, and so has the Jacobian J. */
 static const double RADIAN = 0.2;
 static const double FARTHEST = 1e6; /* [m] or [rad] beyond which a number is a mistake */
 
 /* What one call works with. */
 typedef struct {
-    const double *tool;       /* poses of tools, or NULL */
-    double here[16 * TIPS];   /* poses at q */
-    double goal[16 * TIPS];   /* commanded poses, orthonormal */
-    double rest[ROWS];        /* [m] twists from here to the goal */
-    double J[ROWS * N], G[ROWS * ROWS]; /* Jacobian, and J J^T */
-    double low[N], high[N];   /* [rad/s] velocities that each joint may have */
-    const double *most;       /* [rad/s] its velocity limit */
+    const double *tool;     /* poses of tools, or NULL */
+    double rest[ROWS];      /* [m] twists from here to the goal */
+    double J[ROWS * N];     /* Jacobian of the twists */
+    double low[N], high[N]; /* [rad/s] velocities that each joint may have */
 } step_t;
 
 /* ---- functions, by file ---- */
 
 double dot(int n, const double *a, const double *b);
 double norm(int n, const double *a);
+double clamp(double x, double least, double most);
 int all_within(const double *x, int count, double least, double most);
 int clean_pose(const double *pose, double *clean);
 void compare_poses(const double *from, const double *to, double *twists);
+double way_of(const config_t *c, const double *twists);
+
 void weighed_jacobian(const double *q, const double *tool, double *J);
-double weigh(const double *twists);
-double relative_speed(const config_t *c, const double *twists);
 
 void factorise(int n, const double *A, double *L);
 void solve(int n, const double *L, double *x);
 void multiply(const double *J, const double *velocity, double *twists);
-void add_column(const double *J, int joint, double share, double *A);
-void solve_velocity(const step_t *k, const double *twists, double *velocity);
+void solve_velocity(const double *J, const double *twists, const double *low, const double *high, int *sides,
+    double *velocity);
 
 void keep_margin(state_t *s, const step_t *k, double *velocity);
 

@@ -2,10 +2,9 @@
 #include "follow.h"
 
 static const double DAMPING = 1e-3; /* [m^2] added to squares of singular values */
-static const double SLIP = 5e-3;    /* [m/s] that a tip may be off its line while its rotation lags */
-static const double GAIN = 0.7;     /* share of a tip's error that must go, so that its rotation may lag */
-static const double LAG = 40.0;     /* times the rotations' damping, where they lag */
-enum { ROUNDS = 2 }; /* of refinement: the share (damping / (damping + singular value^2))^ROUNDS of a twist is lost */
+static const double HELP = 1e-6;    /* [m^2/s] of a fixed joint's column times what the twists lack, from which it helps */
+enum { PASSES = (int)N + 3 };       /* that fix or free a joint */
+enum { ROUNDS = 3 }; /* of refinement: the share (damping / (damping + singular value^2))^ROUNDS of a twist is lost */
 
 /* Factorise a symmetric positive definite A = L L^T (lower triangles). */
 void factorise(int n, const double *A, double *L)
@@ -41,7 +40,7 @@ void multiply(const double *J, const double *velocity, double *twists)
 }
 
 /* Add the products of a joint's column to A, the lower triangle of J J^T, times a share. */
-void add_column(const double *J, int joint, double share, double *A)
+static void add_column(const double *J, int joint, double share, double *A)
 {
     for (int r = 0; r < ROWS; ++r) {
         const double part = share * J[r * N + joint];
@@ -51,93 +50,91 @@ void add_column(const double *J, int joint, double share, double *A)
     }
 }
 
-/* Let the free joints do what the twists lack. A: damped J J^T of the free joints. */
-static void move_free(const double *J, const double *A, const double *twists, const int *fixed, double *velocity)
+/*
+ * Let the free joints do what the twists lack, from velocities that cost nothing. A: damped J J^T of the free joints.
+ * sides: as for choose. lack: what the twists lack in the end.
+ */
+static void move_free(const double *J, const double *A, const double *twists, const int *sides, double *velocity,
+    double *lack)
 {
-    double L[ROWS * ROWS], x[ROWS];
+    double L[ROWS * ROWS];
     factorise(ROWS, A, L);
-    for (int round = 0; round < ROUNDS; ++round) {
-        multiply(J, velocity, x);
-        for (int r = 0; r < ROWS; ++r) {
-            x[r] = twists[r] - x[r];
-        }
-        solve(ROWS, L, x);
-        for (int i = 0; i < N; ++i) {
-            for (int r = 0; r < ROWS && fixed[i] == 0; ++r) {
-                velocity[i] += J[r * N + i] * x[r];
+    for (int round = 0; round <= ROUNDS; ++round) {
+        for (int i = 0; i < N && round > 0; ++i) {
+            for (int r = 0; r < ROWS && sides[i] % 2 == 0; ++r) {
+                velocity[i] += J[r * N + i] * lack[r];
             }
         }
+        multiply(J, velocity, lack);
+        for (int r = 0; r < ROWS; ++r) {
+            lack[r] = twists[r] - lack[r];
+        }
+        if (round < ROUNDS) {
+            solve(ROWS, L, lack);
+        }
     }
 }
 
 /*
- * Solve J velocity = twists, from velocities that cost nothing. A joint that would be faster than it may, or would
- * leave its range, is fixed at what it may do, worst first, and the others do what is left as well as they can. (To
- * slow all joints keeps the line, but near singular postures the tip then hardly moves.) Return how many are fixed.
+ * Choose the joint that changes sides: the one farthest beyond its bound, which is then fixed there; without one, the
+ * fixed joint that helps the tips most when it leaves its bound. sides: 1 and -1 for joints at their upper and lower
+ * bounds, 0 free, 2 freed for good. Return -1 for none.
  */
-static int solve_bounded(const step_t *k, const double *twists, const double *free, double lag, double *velocity)
+static int choose(const double *J, const double *lack, const double *low, const double *high, const int *sides,
+    const double *velocity)
 {
-    double A[ROWS * ROWS];
-    int fixed[N] = {0};
-    memcpy(A, k->G, sizeof A);
-    for (int r = 0; r < ROWS; ++r) {
-        A[r * (ROWS + 1)] += r % 6 < 3 ? DAMPING : lag * DAMPING;
-    }
-    for (int count = 0; count < N; ++count) {
-        int worst = -1;
-        double most = DBL_EPSILON;
-        for (int i = 0; i < N; ++i) {
-            velocity[i] = fixed[i] ? velocity[i] : free[i];
-        }
-        move_free(k->J, A, twists, fixed, velocity);
-        for (int i = 0; i < N; ++i) {
-            const double beyond = fmax(velocity[i] - k->high[i], k->low[i] - velocity[i]) / k->most[i];
-            worst = !fixed[i] && beyond > most ? i : worst;
-            most = worst == i ? beyond : most;
-        }
-        if (worst < 0) {
-            return count;
-        }
-        fixed[worst] = 1;
-        velocity[worst] = fmin(fmax(velocity[worst], k->low[worst]), k->high[worst]);
-        add_column(k->J, worst, -1.0, A);
-    }
-    return N;
-}
-
-/* Return the largest error [m/s] of a tip's translation. */
-static double slip(const double *J, const double *twists, const double *velocity)
-{
-    double most = 0.0, error[ROWS];
-    multiply(J, velocity, error);
-    for (int r = 0; r < ROWS; ++r) {
-        error[r] -= twists[r];
-        most = r % 6 == 2 ? fmax(most, norm(3, error + r - 2)) : most;
-    }
-    return most;
-}
-
-/*
- * Find velocities for the twists; they begin as those that cost nothing. The tips' places come first: where joints are
- * at their bounds, and the tips can be much nearer their lines if rotations lag, these lag as far as that needs.
- * (Without "much", they would be given up for whatever little a place out of reach gains by it.)
- */
-void solve_velocity(const step_t *k, const double *twists, double *velocity)
-{
-    double free[N], lagging[N];
-    memcpy(free, velocity, sizeof free);
-    const int fixed = solve_bounded(k, twists, free, 1.0, velocity);
-    const double error = slip(k->J, twists, velocity);
-    if (fixed == 0 || error <= SLIP) {
-        return;
-    }
-    solve_bounded(k, twists, free, LAG, lagging);
-    const double least = slip(k->J, twists, lagging);
-    if (least > GAIN * error) {
-        return;
-    }
-    const double share = fmax(0.0, SLIP - least) / (error - least); /* the bounds are convex, and so is the error */
+    int beyond = -1, inward = -1;
+    double farthest = DBL_EPSILON, most = HELP;
     for (int i = 0; i < N; ++i) {
-        velocity[i] = lagging[i] + share * (velocity[i] - lagging[i]);
+        const int side = sides[i] % 2;
+        const double over = side == 0 ? fabs(velocity[i] - clamp(velocity[i], low[i], high[i])) : 0.0;
+        double help = 0.0;
+        for (int r = 0; r < ROWS && side != 0; ++r) {
+            help -= side * J[r * N + i] * lack[r];
+        }
+        beyond = over > farthest ? i : beyond;
+        farthest = over > farthest ? over : farthest;
+        inward = help > most ? i : inward;
+        most = help > most ? help : most;
+    }
+    return beyond >= 0 ? beyond : inward;
+}
+
+/*
+ * Solve J velocity = twists as well as bounds allow, from velocities that cost nothing. A joint that would be faster than
+ * it may, or would leave its range, is fixed at its bound, worst first, and freed once if that helps. (To slow all joints
+ * keeps the line, but near singular postures the tip then hardly moves.) sides: those of the last call, where the search
+ * begins.
+ */
+void solve_velocity(const double *J, const double *twists, const double *low, const double *high, int *sides,
+    double *velocity)
+{
+    double A[ROWS * ROWS] = {0.0}, free[N], lack[ROWS];
+    memcpy(free, velocity, sizeof free);
+    for (int i = 0; i < N; ++i) {
+        sides[i] %= 2;
+        const double bound = sides[i] > 0 ? high[i] : low[i];
+        velocity[i] = sides[i] == 0 ? free[i] : bound;
+        add_column(J, i, sides[i] == 0 ? 1.0 : 0.0, A);
+    }
+    for (int r = 0; r < ROWS; ++r) {
+        A[r * (ROWS + 1)] += DAMPING;
+    }
+    for (int pass = 0, joint = 0; pass < PASSES && joint >= 0; ++pass) {
+        move_free(J, A, twists, sides, velocity, lack);
+        joint = choose(J, lack, low, high, sides, velocity);
+        if (joint >= 0) {
+            const int freed = sides[joint] % 2 != 0, above = velocity[joint] > high[joint] ? 1 : -1;
+            const double bound = clamp(velocity[joint], low[joint], high[joint]);
+            sides[joint] = freed ? 2 : above;
+            add_column(J, joint, freed ? 1.0 : -1.0, A);
+            for (int i = 0; i < N; ++i) {
+                velocity[i] = sides[i] % 2 == 0 ? free[i] : velocity[i];
+            }
+            velocity[joint] = freed ? free[joint] : bound;
+        }
+    }
+    for (int i = 0; i < N; ++i) {
+        velocity[i] = clamp(velocity[i], low[i], high[i]);
     }
 }
