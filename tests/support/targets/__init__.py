@@ -302,6 +302,9 @@ def _sizes(machine: Machine, compiled: Path) -> tuple[int, int]:
 
 
 _LONGEST = """
+static void to_modes(const modes_t *m, const double *A, double *y);
+static void from_modes(const modes_t *m, const double *A, double *y);
+
 /* The modes, and before them those of a copy with all turns that there may be. */
 static void find_modes(double *A, modes_t *m)
 {
