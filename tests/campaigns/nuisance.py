@@ -123,7 +123,9 @@ def detections(arm: Arm) -> list[str]:
         times = 1e-3 * np.arange(SAMPLES)[:, None]
         goal = arm.posture + 0.15 * np.sin(0.2 * arm.velocity / 0.15 * times)
         sensor, offset = np.zeros(SAMPLES), np.zeros((SAMPLES, arm.n))
-        sensor[at : at + 8 if fault == SKIPPED else SAMPLES] = fault
+        sensor[at : at + 9 if fault == SKIPPED else SAMPLES] = (
+            fault  # 9: more than call_gap_limit and missed_limit allow
+        )
         offset[at:, 1] = 0.5 * (fault == 0)
         rows = arm.run(arm.plant(), SAMPLES, config, goal=goal, sensor=sensor, offset=offset)
         found = int(np.argmax(rows["faulted"])) if rows["faulted"].any() else SAMPLES

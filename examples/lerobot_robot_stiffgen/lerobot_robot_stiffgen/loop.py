@@ -99,7 +99,8 @@ class ControlLoop:
                 q=self._arm.q, dq=self._arm.dq, q0=q0, shaped=True, counter=self._steps, **springs
             )
             pose: Array = self._robot.forward_kinematics(out.reference)
-            self.in_force = pose, *(float(each[0, 0]) for each in springs.values())
+            translation, rotation = (float(each[0, 0]) for each in springs.values())
+            self.in_force = pose, translation, rotation
             if out.fault != self.fault:
                 self.fault = out.fault
                 logging.getLogger(__name__).error("controller: %s", out.text or out.fault.name)
