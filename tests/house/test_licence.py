@@ -18,7 +18,8 @@ COMMENTS = {
 }  # fmt: skip
 BEGIN = {suffix: comment for comment, suffixes in COMMENTS.items() for suffix in suffixes}
 OF_THE_USER = re.compile(
-    r"generated/|codegen/stiffgen/(control/(library|loops|paper|python)|core/emit/\w+/library|(\w+/)*(templates|wrappers))/"
+    r"generated/|codegen/stiffgen/(control/(core/library|loops|paper|python)|core/emit/\w+/library"
+    r"|(\w+/)*(templates|wrappers))/|codegen/stiffgen/control/(follow|policy|gains|posture)/\w+\.[ch]$"
 )
 
 
