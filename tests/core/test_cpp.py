@@ -35,6 +35,7 @@ HEAD = r"""
 #include <Eigen/Core>
 #endif
 #include "{name}.hpp"
+#include <cmath>
 #include <cstdio>
 #include <cstring>
 #if __cplusplus >= 202002L
@@ -171,6 +172,10 @@ void controller()
         {name}::assign<{n}>(sample.q, q0);
         {name}::assign<{n}>(sample.dq, dq);
         {name}::assign<{n}>(sample.q0, q0);
+        for (int i = 0; i < {n}; ++i) {{ // an arm that swings: one that stands still to the last bit is a fault
+            sample.q[i] += 1e-3 * std::sin(0.01 * k);
+            sample.dq[i] = 1e-2 * std::cos(0.01 * k);
+        }}
         sample.q0[0] += 0.1;
         if (k == 300) {{ check({name}_impedance_reset(&state) != first.reset(), __LINE__); }}
         if (k == 150) {{ second = first; }}
