@@ -158,7 +158,7 @@ static void weighed_jacobian(const double *q, const double *tool, double *J)
 /* Velocities of the joints for the tips' twists, within the joints' bounds: damped least squares. */
 
 static const double DAMPING = 1e-3; /* [m^2] added to squares of singular values */
-static const double HELP = 1e-6;    /* [m^2/s] of a fixed joint's column times what the twists lack, from which it helps */
+static const double HELP = 1e-6;    /* [m^2/s] of a fixed joint's column times the twists' lack, from which it helps */
 enum { PASSES = (int)N + 3 };       /* that fix or free a joint */
 enum { ROUNDS = 3 }; /* of refinement: the share (damping / (damping + singular value^2))^ROUNDS of a twist is lost */
 
@@ -257,10 +257,10 @@ static int choose(const double *J, const double *lack, const double *low, const 
 }
 
 /*
- * Solve J velocity = twists as well as bounds allow, from velocities that cost nothing. A joint that would be faster than
- * it may, or would leave its range, is fixed at its bound, worst first, and freed once if that helps. (To slow all joints
- * keeps the line, but near singular postures the tip then hardly moves.) sides: those of the last call, where the search
- * begins.
+ * Solve J velocity = twists as well as bounds allow, from velocities that cost nothing. A joint that would be faster
+ * than it may, or would leave its range, is fixed at its bound, worst first, and freed once if that helps. (To slow all
+ * joints keeps the line, but near singular postures the tip then hardly moves.) sides: those of the last call, where
+ * the search begins.
  */
 static void solve_velocity(const double *J, const double *twists, const double *low, const double *high, int *sides,
     double *velocity)
@@ -545,8 +545,9 @@ static void go_by_joints(state_t *s, step_t *k, double *velocity)
 }
 
 /*
- * Follow the line; what it leaves free goes to the posture. Along a motion the tips' places come first, and rotations may
- * lag, but a place out of reach is not worth all of a rotation. velocity: the way to the posture, then the velocity.
+ * Follow the line; what it leaves free goes to the posture. Along a motion the tips' places come first, and rotations
+ * may lag, but a place out of reach is not worth all of a rotation. velocity: the way to the posture, then the
+ * velocity.
  */
 static void go_by_line(state_t *s, step_t *k, double *velocity)
 {

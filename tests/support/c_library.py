@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stiffgen.core.emit.library import Library
+from stiffgen.core.library import Library
 from support.project import require_compiler
 
 _FUNCTION = re.compile(r"^(?:static )?(?:const )?\w+ \*?(\w+)\([^;{]*\)\n\{", re.MULTILINE)

@@ -17,7 +17,7 @@ from stiffgen.control.follow.fields import FOLLOW_ERRORS, FOLLOW_STATE, FOLLOW_S
 from stiffgen.control.paper_fields import PAPER_STRUCTS
 from stiffgen.control.policy.fields import POLICY_ERRORS, POLICY_STATE, POLICY_STRUCTS, POLICY_WORDS
 from stiffgen.control.structs import Struct, check_of, defaults, joint_defaults, struct_of
-from stiffgen.core.emit.library import Library
+from stiffgen.core.library import Library
 from stiffgen.core.robot.chain import Chain, Tip
 
 _HERE = Path(__file__).parent
@@ -25,7 +25,7 @@ _FIRST_FIELD_ERROR = -20
 _REACH_MARGIN = 0.05
 """Share by which a pose may be farther away than the links reach: the robot's file may be that wrong."""
 
-Rows = tuple[tuple[str, str], ...]
+Words = tuple[tuple[str, str], ...]
 """Words of an enumeration with their meanings."""
 
 
@@ -67,8 +67,8 @@ class Companion:
     enumerations: tuple[str, ...] = ()
     structs: tuple[tuple[str, str, tuple[Field, ...]], ...] = ()
     state: tuple[Field, ...] = ()
-    words: tuple[tuple[str, Rows], ...] = ()
-    errors: Rows = ()
+    words: tuple[tuple[str, Words], ...] = ()
+    errors: Words = ()
 
     @property
     def files(self) -> dict[str, str]:
@@ -169,7 +169,7 @@ class CompanionPage:
     calls: tuple[str, ...]
     exports: tuple[str, ...]
     enumerations: tuple[str, ...]
-    words: tuple[tuple[str, Rows], ...]
+    words: tuple[tuple[str, Words], ...]
     interface: str
     library: str
     structs: list[Struct]

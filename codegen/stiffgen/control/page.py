@@ -24,8 +24,8 @@ from stiffgen.control.structs import (
     joint_defaults,
     struct_of,
 )
-from stiffgen.core.emit.library import Library
 from stiffgen.core.errors import printable
+from stiffgen.core.library import Library
 from stiffgen.core.lower.scalar import DOUBLE, Scalar
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.symbolic.kernels import chain_kernels

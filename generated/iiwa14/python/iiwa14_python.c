@@ -19,7 +19,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "84a230d3951e7b68"
+#define SOURCES "b601ecc067bfecb4"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

@@ -174,8 +174,9 @@ static void go_by_joints(state_t *s, step_t *k, double *velocity)
 }
 
 /*
- * Follow the line; what it leaves free goes to the posture. Along a motion the tips' places come first, and rotations may
- * lag, but a place out of reach is not worth all of a rotation. velocity: the way to the posture, then the velocity.
+ * Follow the line; what it leaves free goes to the posture. Along a motion the tips' places come first, and rotations
+ * may lag, but a place out of reach is not worth all of a rotation. velocity: the way to the posture, then the
+ * velocity.
  */
 static void go_by_line(state_t *s, step_t *k, double *velocity)
 {

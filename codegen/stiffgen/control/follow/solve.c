@@ -2,7 +2,7 @@
 #include "follow.h"
 
 static const double DAMPING = 1e-3; /* [m^2] added to squares of singular values */
-static const double HELP = 1e-6;    /* [m^2/s] of a fixed joint's column times what the twists lack, from which it helps */
+static const double HELP = 1e-6;    /* [m^2/s] of a fixed joint's column times the twists' lack, from which it helps */
 enum { PASSES = (int)N + 3 };       /* that fix or free a joint */
 enum { ROUNDS = 3 }; /* of refinement: the share (damping / (damping + singular value^2))^ROUNDS of a twist is lost */
 
@@ -101,10 +101,10 @@ static int choose(const double *J, const double *lack, const double *low, const 
 }
 
 /*
- * Solve J velocity = twists as well as bounds allow, from velocities that cost nothing. A joint that would be faster than
- * it may, or would leave its range, is fixed at its bound, worst first, and freed once if that helps. (To slow all joints
- * keeps the line, but near singular postures the tip then hardly moves.) sides: those of the last call, where the search
- * begins.
+ * Solve J velocity = twists as well as bounds allow, from velocities that cost nothing. A joint that would be faster
+ * than it may, or would leave its range, is fixed at its bound, worst first, and freed once if that helps. (To slow all
+ * joints keeps the line, but near singular postures the tip then hardly moves.) sides: those of the last call, where
+ * the search begins.
  */
 void solve_velocity(const double *J, const double *twists, const double *low, const double *high, int *sides,
     double *velocity)

@@ -141,11 +141,11 @@ def _law(bench: _Bench) -> list[Check]:
     """Check a slow motion of arm and reference into the limit zones: every term of the torque, and their sum."""
     errors: dict[str, float] = {}  # the largest one of each quantity, in all steps
     for delay, coriolis_on in ((0, "off"), (5, "on")):
-        _Motion(bench, errors, delay, coriolis_on).run()
+        _Movement(bench, errors, delay, coriolis_on).run()
     return [Check(f"controller: {name}", "differentiated energy, law", error, _BOUND) for name, error in errors.items()]
 
 
-class _Motion:
+class _Movement:
     """Motion of an arm in 0.4 s, in its first half followed by the command with feed-forward, and what is compared."""
 
     def __init__(self, bench: _Bench, errors: dict[str, float], delay: int, coriolis_on: str) -> None:

@@ -54,7 +54,7 @@ class Companions:
         return [bytes(self.structs[struct]) for struct in structs]
 
 
-Both = tuple[Companions, Companions]
+Pair = tuple[Companions, Companions]
 """Companions of the reference and of the folder."""
 
 
@@ -69,7 +69,7 @@ def compare_companions(reference: Path, library: Path, name: str, chain: Chain) 
             faults.append("policy or follow: start differs")
         elif not all(stream.step(both) for _ in range(STEPS)):
             faults.append("policy or follow: a step differs")
-    comparisons: dict[str, Callable[[Both, Random, Chain], bool]] = {
+    comparisons: dict[str, Callable[[Pair, Random, Chain], bool]] = {
         "gains": _same_gains,
         "find_posture": _same_postures,
     }
@@ -77,11 +77,11 @@ def compare_companions(reference: Path, library: Path, name: str, chain: Chain) 
     return list(dict.fromkeys(faults))
 
 
-def _true(both: Both, random: Random, chain: Chain) -> bool:
+def _true(both: Pair, random: Random, chain: Chain) -> bool:
     return True
 
 
-def _same_texts(both: Both, companion: str) -> bool:
+def _same_texts(both: Pair, companion: str) -> bool:
     """Return whether the texts of errors are the same, and of refusals where there are any."""
     functions = [f"{companion}_error_text"] if COMPANIONS[companion].errors and companion != "gains" else []
     functions += ["policy_refused_text"] if companion == "policy" else []
@@ -104,7 +104,7 @@ def _spoil(random: Random, share: float, array: Any) -> None:
         array[int(random.integers(len(array)))] = float(random.choice(_BAD))
 
 
-def _same_gains(both: Both, random: Random, chain: Chain) -> bool:
+def _same_gains(both: Pair, random: Random, chain: Chain) -> bool:
     """Compare splits of torques, and bounds on late work, with good and bad numbers."""
     n = len(chain.motor_coordinates)
     for _ in range(60):
@@ -127,7 +127,7 @@ def _same_gains(both: Both, random: Random, chain: Chain) -> bool:
     return True
 
 
-def _same_postures(both: Both, random: Random, chain: Chain) -> bool:
+def _same_postures(both: Pair, random: Random, chain: Chain) -> bool:
     """Compare searches for postures of poses: some in reach, some beyond, some with bad numbers."""
     n, tips = len(chain.motor_coordinates), len(chain.tips)
     for _ in range(20):
@@ -156,7 +156,7 @@ class _Stream:
         self.now = float(random.choice([0.0, 10.0, -3.0]))
         self.lies = float(random.choice([0.0, 0.2]))  # share of proposals with a bad number, and of other faults
 
-    def start(self, both: Both) -> bool:
+    def start(self, both: Pair) -> bool:
         """Start ports and followers, sometimes with bad numbers; return whether they are the same."""
         random = self.random
         poses, q = _array(random_poses(random, self.tips, 0.3)), _array(random.normal(size=self.n))
@@ -181,7 +181,7 @@ class _Stream:
         parts = [part for part in each.structs if part.startswith(("policy", "follow"))]
         return each.bits(*parts)
 
-    def _change_settings(self, both: Both, part: str) -> None:
+    def _change_settings(self, both: Pair, part: str) -> None:
         """Change some fields of a configuration, in one struct, and copy it."""
         config = both[0].structs[part]
         for name, kind in config._fields_:
@@ -194,7 +194,7 @@ class _Stream:
                     array[int(self.random.integers(len(array)))] *= share
         ctypes.memmove(ctypes.byref(both[1].structs[part]), ctypes.byref(config), ctypes.sizeof(config))
 
-    def step(self, both: Both) -> bool:
+    def step(self, both: Pair) -> bool:
         """Propose and command at the next time, and follow; return whether all structs are the same."""
         random = self.random
         self.now += float(random.choice([1e-3, 0.02, 0.1, 0.4, 3.0, -0.01], p=[0.5, 0.2, 0.1, 0.1, 0.05, 0.05]))

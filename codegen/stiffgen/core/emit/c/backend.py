@@ -12,9 +12,9 @@ from typing import Any
 from stiffgen.core.emit.backend import Backend, Request
 from stiffgen.core.emit.c import CFunction, suffix_of
 from stiffgen.core.emit.c.dispatch import DispatchedFunction, batch_function, batch_self_check, single_functions
-from stiffgen.core.emit.library import Library
 from stiffgen.core.emit.pages import Definition, shared_functions
 from stiffgen.core.emit.texts import declared, definition_comment, prototype, wrapped
+from stiffgen.core.library import Library
 from stiffgen.core.lower.variant import Variant
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.symbolic.arguments import Argument

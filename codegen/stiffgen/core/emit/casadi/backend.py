@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from stiffgen.core.emit.backend import Backend, Request
-from stiffgen.core.emit.library import Library
+from stiffgen.core.library import Library
 
 CALLS = Library(Path(__file__).parent / "library", "calls.h", ("calls.c",))
 """C of every NAME_calls.c, which computes derivatives from vector-Jacobian products."""

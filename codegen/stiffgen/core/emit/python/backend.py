@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from stiffgen.core.emit.backend import Backend, Request
-from stiffgen.core.emit.library import Library
 from stiffgen.core.emit.pages import KernelGroup, KernelPage, groups_of
 from stiffgen.core.emit.texts import arguments_elsewhere, documented_arguments, wrapped
+from stiffgen.core.library import Library
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.symbolic.kernel import Kernel, absent_functions
 from stiffgen.core.symbolic.measured import ASYMMETRY, REMEDY
