@@ -17,6 +17,7 @@ import pytest
 
 import stiffgen
 from stiffgen.files import cache
+from support.controller_inputs import STATED
 from support.project import URDF, Once
 
 ONE = "value = pickle.load(open(name, 'rb')); print(type(value).__name__)"
@@ -67,15 +68,15 @@ def evaluated(opened: str) -> stiffgen.GeneratedRobot:
 def values_of(robot: stiffgen.GeneratedRobot) -> dict[str, Any]:
     """Return one of each kind of value that users hold."""
     module: ModuleType = robot.module
-    controller, q = module.Impedance(record=2, errors="ignore"), 0.5 * (module.LOWER + module.UPPER)
+    controller, q = module.Impedance(**STATED, record=2, errors="ignore"), 0.5 * (module.LOWER + module.UPPER)
     stiffness = {"translation_stiffness": 300 * np.eye(3), "rotation_stiffness": 20 * np.eye(3)}
-    out = controller.step(q=q, dq=0 * q, q0=q, **stiffness)
+    out = controller.step(q=q, dq=0 * q, q0=q, counter=0, **stiffness)
     pose = module.forward_kinematics(q)
     return {
         "robot": robot, "functions": module.hybrid, "function": module.hybrid.jacobian, "by name": robot.kernels,
         "class": module.Impedance, "controller": controller, "output": out, "trace": controller.trace,
         "status": module.Status(1), "mode": out.mode, "config": controller.config, "split": module.joint_gains,
-        "law": module.PaperLaw("corrected"), "policy": module.Policy(controller, pose=pose, now=0.0),
+        "law": module.PaperLaw("corrected"), "policy": module.Policy(pose=pose, now=0.0),
         "chain": robot.chain, "springs": robot.springs, "spring": module.spring,
     }  # fmt: skip
 
