@@ -38,7 +38,6 @@ int Law::restart()
     std::copy(std::begin(snapshot_.report.torque), std::end(snapshot_.report.torque), torque.begin());
     std::copy(std::begin(snapshot_.report.position), std::end(snapshot_.report.position), snapshot_.report.reference);
     impedance_ = robot::Impedance(settings_.config, torque);
-    std::fill(std::begin(sample_.torque_offset), std::end(sample_.torque_offset), 0.0);
     follows_ = wants_restart_ = false;
     return impedance_.error();
 }
@@ -170,15 +169,12 @@ void Law::follow_pose()
     snapshot_.follow = output.status;
 }
 
-// Add gravity's torque. After a start it grows at the rate at which the torque in force, which has its own share, falls.
+// Add gravity's torque.
 void Law::offset_gravity()
 {
     const bool wanted = settings_.compensate_gravity;
     const robot::Joints torque = wanted ? robot::gravity::gradient(last_q_, settings_.gravity) : robot::Joints{};
-    for (std::size_t i = 0; i < robot::DOF; ++i) {
-        const double rate = settings_.config.torque_rate_limit[i] * settings_.config.sample_time;
-        sample_.torque_offset[i] += std::clamp(torque[i] - sample_.torque_offset[i], -rate, rate);
-    }
+    std::copy(torque.begin(), torque.end(), sample_.torque_offset);
 }
 
 // Count faults, and each refusal once: a command stays in force until another one comes.
