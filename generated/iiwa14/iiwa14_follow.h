@@ -78,8 +78,8 @@ typedef struct {
     double tip_velocity_limit;
     /* [rad/s] largest velocity of each tip's rotation. Must lie between 1e-06 and 100. Default: 1.9. */
     double tip_rotation_limit;
-    /* [s] time from rest to full speed along a pose that moves; to a pose at rest it is twice as long, and a
-     * joint may reach its velocity limit in a quarter of it. Must lie between 0.001 and 100. Default: 0.2. */
+    /* [s] time from rest to full speed to a pose; along a coarse stream it is half as long again, and a joint
+     * may reach its velocity limit in a quarter of it. Must lie between 0.001 and 100. Default: 0.2. */
     double ramp_time;
     /* [1] time constant of coarse streams, over the time from one pose to the next; 0: poses are followed as
      * they come. Must lie between 0 and 100. Default: 1.0. */

@@ -19,7 +19,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "b601ecc067bfecb4"
+#define SOURCES "231c512fddc8431b"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

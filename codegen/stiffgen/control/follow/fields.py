@@ -53,7 +53,7 @@ FOLLOW_CONFIG: tuple[Field, ...] = (
         "ramp_time",
         SCALAR,
         "s",
-        "time from rest to full speed along a pose that moves; to a pose at rest it is twice as long, and a joint may "
+        "time from rest to full speed to a pose; along a coarse stream it is half as long again, and a joint may "
         "reach its velocity limit in a quarter of it",
         "0.2",
         1e-3,

@@ -11,6 +11,7 @@ static const double LAG = 0.25;         /* least weight of rotations along a mot
 static const double SLIP = 0.02;        /* [m] of a tip off its place from which rotations have their whole weight */
 static const double FINE_TIME = 0.03;   /* [s] from pose to pose up to which a stream is followed as a motion */
 static const double COARSE_TIME = 0.5;  /* [s] up to which poses are a stream at all */
+static const double COARSE_RAMP = 1.5;  /* times the ramp's time, along a coarse stream, whose noise is no motion */
 static const double JOINT_RAMP = 0.25;  /* times the ramp's time in which a joint may reach its velocity limit */
 static const double POSTURE_TIME = 0.3; /* [s] in which free joints go to the posture */
 static const double FREE = 0.5;         /* share of its velocity limit up to which a joint does so */
@@ -100,7 +101,7 @@ static void take_goal(state_t *s, const double *goal)
 static void plan_twist(state_t *s, const step_t *k)
 {
     const config_t *const c = &s->config;
-    const double T = c->sample_time, slope = T / c->ramp_time;
+    const double T = c->sample_time, slope = T / ((s->interval > 0.0 ? COARSE_RAMP : 1.0) * c->ramp_time);
     double rest[ROWS], change[ROWS];
     for (int r = 0; r < ROWS; ++r) {
         rest[r] = k->rest[r] - T * s->stream[r];
