@@ -296,6 +296,17 @@ def test_a_fast_arm_is_braked(loop: Loop) -> None:
     assert not outputs["torque"][-1].any()
 
 
+def test_an_arm_under_a_load_sinks_slowly_in_a_fault(loop: Loop) -> None:
+    """Springs are released; damping remains: 0.5 rad/s under 3 N m at joint 4, 3.9 rad/s without damping."""
+    load = np.array([0, 0, 0, 3.0, 0, 0, 0])
+    parts = loop.segments({}, {"start": 100, "skip": 10}, {"start": 111, "skip": 0, "push": load})
+    summary, rows = loop.run(600, parts, configs=config(loop), rows=True)
+    assert_contract(summary)
+    assert summary.faults == 1
+    assert rows["scale"][-1] == 0.0
+    assert 0.1 < rows["v"][-1, 3] < SPEED * loop.velocity[3]
+
+
 def test_beyond_a_joint_limit(loop: Loop) -> None:
     """0.15 rad beyond a limit the arm is still pushed back, in a fault.
 
