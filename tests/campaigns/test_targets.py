@@ -160,7 +160,7 @@ def test_the_page_states_memory_and_stack_of_a_cortex_m7(robot_folder, tmp_path)
     assert int(rows["RAM that stays, controller, in addition [bytes]"]) == found.controller_ram > 0
     flash = 1000 * int(rows["flash of the controller, in addition [kB]"])
     assert flash == pytest.approx(found.controller_flash, rel=0.05)
-    for name in ("impedance_init", "find_posture", "impedance_self_check"):
+    for name in ("impedance_init", "impedance_self_check"):
         stated = int(rows[f"stack of `{name}` [bytes]"])
         assert stated == pytest.approx(found.controller_stacks[name], rel=0.05), name
     unstated = {name for name in found.controller_stacks if f"stack of `{name}` [bytes]" not in rows}
@@ -169,7 +169,7 @@ def test_the_page_states_memory_and_stack_of_a_cortex_m7(robot_folder, tmp_path)
 
 def test_the_campaign_makes_the_pages_numbers():
     """Each row of the page's tables is one that the campaign prints; filling replaces cells of its machines alone."""
-    footprints = [Footprint(1, 2, 3, 4, 5000, 6, {"find_posture": 7, "impedance_init": 8, "impedance_self_check": 9})]
+    footprints = [Footprint(1, 2, 3, 4, 5000, 6, {"impedance_init": 8, "impedance_self_check": 9})]
     made = size_rows(footprints)
     page = (ROOT / "docs" / "targets.md").read_text()
     names = re.findall(r"^\| ([^|]*\[(?:kB|bytes)\]) \|", page, re.MULTILINE)
