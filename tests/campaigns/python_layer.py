@@ -80,7 +80,9 @@ class PythonLayer:
             out = self._controller.step(**self._clock(given), **self._sample(given))
         else:
             out = self._controller.missed(**self._clock(given))
-        fill(output, **{name: out[name] for name in out.names})
+        refused = out.refusal  # of Python: None, or a record with its reason
+        rest = {name: out[name] for name in out.names if name != "refusal"}
+        fill(output, **rest, refusal=0 if refused is None else int(refused.reason))
 
     def _sample(self, given: Any) -> dict[str, Any]:
         """Return a sample's values as arguments of ``step``."""

@@ -133,7 +133,10 @@ def test_python_puts_out_and_supplies_the_same(compiled: Loop, robot: ModuleType
 
 
 def test_a_python_layer_that_counts_calls_is_found(compiled: Loop, robot: ModuleType) -> None:
-    """Calls are late, and numbered all the same: 3 J more are put out than supplied."""
+    """Calls are late, and numbered all the same: 6 J more are put out than supplied.
+
+    With less velocity_noise q and dq contradict each other then, and a sensor fault comes first.
+    """
 
     class Forgetful(robot.Impedance):  # type: ignore[misc, name-defined]
         calls = 0
@@ -142,9 +145,13 @@ def test_a_python_layer_that_counts_calls_is_found(compiled: Loop, robot: Module
             self.calls += 1
             return super().step(counter=self.calls, **values)
 
-    chosen = patterns.gaps(np.random.default_rng(3), compiled)
+        def missed(self, *, time: float) -> Any:
+            self.calls += 1
+            return super().missed(counter=self.calls)
+
+    chosen = patterns.gaps(np.random.default_rng(13), compiled)
     chosen.episode |= {"late": 0.5, "delay": 2}
-    chosen.config |= {"delay_samples": 2, "call_gap_limit": 6, "missed_limit": 10}
+    chosen.config |= {"delay_samples": 2, "call_gap_limit": 6, "missed_limit": 10, "velocity_noise": 1.0}
     assert energy.difference(compiled, robot, chosen) == 0.0
     assert energy.difference(compiled, SimpleNamespace(Impedance=Forgetful), chosen) > 0.1
     with PythonLayer(compiled, SimpleNamespace(Impedance=Forgetful)):

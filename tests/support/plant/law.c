@@ -52,10 +52,8 @@ int law_init(const void *config, void *state, const double *torque, const double
 #else
     (void)tool;
 #endif
-    if (law_elsewhere != NULL) {
-        return law_elsewhere(&c, torque, NULL, NULL);
-    }
-    return ROBOT_(impedance_init)(&c, state, torque);
+    const int code = ROBOT_(impedance_init)(&c, state, torque); /* law_step reads limits there */
+    return law_elsewhere != NULL ? law_elsewhere(&c, torque, NULL, NULL) : code;
 }
 
 void law_step(void *state, const sample_t *sample, void *output, command_t *command)
