@@ -244,7 +244,7 @@ def difference(loop: Loop, module: Any, chosen: Schedule) -> float:
         got = measure(loop, chosen)
     if layer.failure:
         raise AssertionError(layer.failure)
-    return max(abs(got.summary.port_most - by_c.summary.port_most), abs(got.excess - by_c.excess))
+    return float(max(abs(got.summary.port_most - by_c.summary.port_most), abs(got.excess - by_c.excess)))
 
 
 def generate_arm(name: str, folder: Path, build: bool = True) -> tuple[Path, tuple[float, ...]]:

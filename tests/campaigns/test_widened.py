@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -90,7 +90,11 @@ def test_each_draw_reaches_its_situation(loop: Loop) -> None:
 
 def test_a_delay_changes_only_where_the_controller_restarts(loop: Loop) -> None:
     """A segment that another one with the same start replaces restarts nothing; the delay that is declared stays."""
-    replaced = [{"wanted": loop.home}, {"start": 5, "restart": 1, "delay": 0}, {"start": 5, "restart": 0}]
+    replaced: list[dict[str, Any]] = [
+        {"wanted": loop.home},
+        {"start": 5, "restart": 1, "delay": 0},
+        {"start": 5, "restart": 0},
+    ]
     chosen = schedules.Schedule({"delay_samples": 2}, {"delay": 2}, replaced)
     assert [config["delay_samples"] for config in widened.settings(chosen)[1]] == [2]
     assert energy.measure(loop, chosen).summary.restarts == 0
@@ -149,12 +153,14 @@ def test_a_python_layer_that_counts_calls_is_found(compiled: Loop, robot: Module
             self.calls += 1
             return super().missed(counter=self.calls)
 
+    forgetful = ModuleType("forgetful")
+    forgetful.Impedance = Forgetful  # type: ignore[attr-defined]
     chosen = patterns.gaps(np.random.default_rng(13), compiled)
     chosen.episode |= {"late": 0.5, "delay": 2}
     chosen.config |= {"delay_samples": 2, "call_gap_limit": 6, "missed_limit": 10, "velocity_noise": 1.0}
     assert energy.difference(compiled, robot, chosen) == 0.0
-    assert energy.difference(compiled, SimpleNamespace(Impedance=Forgetful), chosen) > 0.1
-    with PythonLayer(compiled, SimpleNamespace(Impedance=Forgetful)):
+    assert energy.difference(compiled, forgetful, chosen) > 0.1
+    with PythonLayer(compiled, forgetful):
         assert energy.measure(compiled, chosen).excess > 0.1
 
 
