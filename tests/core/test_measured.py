@@ -254,7 +254,8 @@ def test_one_sentence(robot: ModuleType, chain: Chain) -> None:
     K, Kq = np.eye(6) + 1e-3 * np.eye(6, k=2), np.eye(7) + 1e-3 * np.eye(7, k=2)
     law = robot.PaperLaw(motor_inertia=0.1)
     spring = {"translation_stiffness": 100 * K[:3, :3], "rotation_stiffness": np.eye(3)}
-    controller = robot.Impedance(motor_inertia=0.1, errors="raise")
+    arm = {"sample_time": 1e-3, "delay_samples": 1, "motor_inertia": 0.1, "heaviest_wrench": [80.0, 15.0]}
+    controller = robot.Impedance(**arm, errors="raise")
     calls = {
         "in_series": lambda: stiffgen.in_series(Kq, np.ones(7)),
         "gears": lambda: stiffgen.in_series(np.eye(7), Kq),
@@ -267,7 +268,7 @@ def test_one_sentence(robot: ModuleType, chain: Chain) -> None:
         "move_stiffness": lambda: stiffgen.move_stiffness(np.eye(4), F, K, "body", "hybrid"),
         "analyze": lambda: checked_stiffness(K),
         "PaperLaw": lambda: law.step(q=q, dq=0 * q, q0=q, wrench=F, task_stiffness=K),
-        "Impedance": lambda: [controller.step(q=q, dq=0 * q, q0=q, **spring) for _ in range(5)],
+        "Impedance": lambda: [controller.step(counter=k, q=q, dq=0 * q, q0=q, **spring) for k in range(5)],
     }
     silent = []
     for name, call in calls.items():
