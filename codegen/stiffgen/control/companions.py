@@ -164,6 +164,7 @@ class CompanionPage:
 
     """
 
+    # More than twelve fields: one for each variable that the companions' templates read.
     name: str
     summary: str
     calls: tuple[str, ...]
@@ -194,11 +195,6 @@ def _page(companion: Companion, name: str, chain: Chain) -> CompanionPage:
     prefix = name.upper()
     structs = [(struct, summary, _with_reach(fields, chain)) for struct, summary, fields in companion.structs]
     config: Sequence[Field] = next((f for struct, _, f in structs if struct == f"{companion.name}_config"), ())
-    errors = [(error, -1 - k, text.replace("NAME", name)) for k, (error, text) in enumerate(companion.errors)]
-    errors += [
-        (f"config_{field.name}", _FIRST_FIELD_ERROR - k, f"{field.name}: {field.rule}")
-        for k, field in enumerate(config)
-    ]
     return CompanionPage(
         name=companion.name,
         summary=companion.summary,
@@ -210,11 +206,20 @@ def _page(companion: Companion, name: str, chain: Chain) -> CompanionPage:
         library=companion.library.functions(name),
         structs=[struct_of(chain, prefix, *each) for each in structs],
         state=struct_of(chain, prefix, f"{companion.name}_state", "", companion.state) if companion.state else None,
-        errors=errors,
+        errors=_errors(companion, name, config),
         checks={field.name: check_of(field).replace("doubles_within", "all_within") for field in config},
         defaults=[line for field in config for line in defaults(field, prefix)],
         joint_defaults=joint_defaults(config, name),
     )
+
+
+def _errors(companion: Companion, name: str, config: Sequence[Field]) -> list[tuple[str, int, str]]:
+    """Return name, code and text of a companion's own errors, then of those of the configuration's fields."""
+    own = [(error, -1 - k, text.replace("NAME", name)) for k, (error, text) in enumerate(companion.errors)]
+    return own + [
+        (f"config_{field.name}", _FIRST_FIELD_ERROR - k, f"{field.name}: {field.rule}")
+        for k, field in enumerate(config)
+    ]
 
 
 def _with_reach(fields: tuple[Field, ...], chain: Chain) -> tuple[Field, ...]:

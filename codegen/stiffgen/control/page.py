@@ -235,13 +235,10 @@ def controller_page(
         refusals=REFUSALS,
         commands=COMMANDS,
         stated=[field.name for field in STATED],
-        turns=[int(_turns(chain, k)) for k in range(len(chain.motor_coordinates))],
+        turns=_turns(chain),
         errors=errors_of(name, chain, fields),
         checks={field.name: check_of(field) for field in fields},
-        structs=[
-            struct_of(chain, prefix, *each, _SECTIONS.get(each[0]))
-            for each in (("config", _STRUCTS[0][1], fields), *_STRUCTS[1:])
-        ],
+        structs=_structs(chain, prefix, fields),
         memory=[_without_padding(struct_of(chain, prefix, *each)) for each in RECORDS],
         ranges=RANGES,
         remembered=[(f.name, f.memory, bool(f.shape)) for f in OUTPUT if f.memory],
@@ -256,7 +253,18 @@ def controller_page(
     )
 
 
-def _turns(chain: Chain, index: int) -> bool:
+def _structs(chain: Chain, prefix: str, fields: tuple[Field, ...]) -> list[Struct]:
+    """Return the structs of the header; the configuration has these fields."""
+    tables = (("config", _STRUCTS[0][1], fields), *_STRUCTS[1:])
+    return [struct_of(chain, prefix, *each, _SECTIONS.get(each[0])) for each in tables]
+
+
+def _turns(chain: Chain) -> list[int]:
+    """Return 1 for each motor a turn of which leaves the robot the same, else 0."""
+    return [int(_makes_whole_turns(chain, index)) for index in range(len(chain.motor_coordinates))]
+
+
+def _makes_whole_turns(chain: Chain, index: int) -> bool:
     """Return whether the robot is the same a turn of a coordinate farther: all its joints make whole turns."""
     moved = [joint for joint in chain.joints if joint.coordinate == index]
     whole = all(not joint.prismatic and float(joint.multiplier).is_integer() for joint in moved)
