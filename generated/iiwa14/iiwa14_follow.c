@@ -262,7 +262,7 @@ static int choose(const double *J, const double *lack, const double *low, const 
  * joints keeps the line, but near singular postures the tip then hardly moves.) sides: those of the last call, where
  * the search begins.
  */
-static void solve_velocity(const double *J, const double *twists, const double *low, const double *high, int *sides,
+static void solve_bounded(const double *J, const double *twists, const double *low, const double *high, int *sides,
     double *velocity)
 {
     double A[ROWS * ROWS] = {0.0}, free[N], lack[ROWS];
@@ -499,7 +499,7 @@ static void plan_twist(state_t *s, const step_t *k)
 }
 
 /* Bound the joints' velocities: by their limits, a ramp, and a stop before the ends of their ranges. */
-static void bound_joints(const state_t *s, step_t *k)
+static void bound_each_joint(const state_t *s, step_t *k)
 {
     const config_t *const c = &s->config;
     const double T = c->sample_time, slope = T / (JOINT_RAMP * c->ramp_time);
@@ -515,7 +515,7 @@ static void bound_joints(const state_t *s, step_t *k)
 }
 
 /* Return whether to go to the posture by joints: the tips are stuck, or were, and the posture has them at the goal. */
-static int goes_by_joints(const state_t *s, const step_t *k)
+static int takes_posture(const state_t *s, const step_t *k)
 {
     double poses[16 * TIPS], rest[ROWS];
     if (!(s->by_joints || is_stuck(s)) || way_of(&s->config, k->rest) < ARRIVED) {
@@ -527,7 +527,7 @@ static int goes_by_joints(const state_t *s, const step_t *k)
 }
 
 /* Go straight to the posture, as fast as joints and tips may, by a ramp. velocity: the way there, then the velocity. */
-static void go_by_joints(state_t *s, step_t *k, double *velocity)
+static void move_to_posture(state_t *s, step_t *k, double *velocity)
 {
     const config_t *const c = &s->config;
     const double T = c->sample_time, slope = T / c->ramp_time;
@@ -566,7 +566,7 @@ static void go_by_line(state_t *s, step_t *k, double *velocity)
         const double most = FREE * s->config.velocity_limit[i];
         velocity[i] = clamp(clamp(velocity[i] / POSTURE_TIME, -most, most), k->low[i], k->high[i]);
     }
-    solve_velocity(J, twist, k->low, k->high, s->sides, velocity);
+    solve_bounded(J, twist, k->low, k->high, s->sides, velocity);
     keep_margin(s, k, velocity);
 }
 
@@ -624,12 +624,12 @@ static int follow(state_t *s, const input_t *input, output_t *out)
     compare_poses(here, s->pose, k.rest);
     s->way = way_of(&s->config, k.rest);
     weighed_jacobian(s->q, k.tool, k.J);
-    bound_joints(s, &k);
+    bound_each_joint(s, &k);
     for (int i = 0; i < N; ++i) {
         velocity[i] = s->posture[i] - s->q[i];
     }
-    s->by_joints = goes_by_joints(s, &k);
-    (s->by_joints ? go_by_joints : go_by_line)(s, &k, velocity);
+    s->by_joints = takes_posture(s, &k);
+    (s->by_joints ? move_to_posture : go_by_line)(s, &k, velocity);
     for (int i = 0; i < N; ++i) {
         s->dq[i] = velocity[i];
         s->q[i] += s->config.sample_time * velocity[i];

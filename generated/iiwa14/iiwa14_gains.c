@@ -75,8 +75,8 @@ static double bound_motor_work(double a, double kp, double kd, double speed, dou
 }
 
 /* Bound the work of all motors within `hold` after the sample. */
-static double bound_late_work(const double *q, const double *q_des, const double *dq_des, const double *tau_ff,
-                       const double *kp, const double *kd, const double *velocity_limit, double hold)
+static double work_of_late_host(const double *q, const double *q_des, const double *dq_des, const double *tau_ff,
+                         const double *kp, const double *kd, const double *velocity_limit, double hold)
 {
     const double *const vectors[7] = {q, q_des, dq_des, tau_ff, kp, kd, velocity_limit};
     double work = 0.0;
@@ -104,5 +104,5 @@ int iiwa14_joint_gains(const double *q, const double *dq, const double *q_des, c
 double iiwa14_late_work(const double *q, const double *q_des, const double *dq_des, const double *tau_ff, const double *kp,
     const double *kd, const double *velocity_limit, double hold)
 {
-    return bound_late_work(q, q_des, dq_des, tau_ff, kp, kd, velocity_limit, hold);
+    return work_of_late_host(q, q_des, dq_des, tau_ff, kp, kd, velocity_limit, hold);
 }

@@ -562,7 +562,7 @@ static int factorise(double *A)
 }
 
 /* Invert the lower triangle L, also in place; the upper triangle of the result is not written. */
-static void invert_lower(const double *L, double *inverse)
+static void invert_triangle(const double *L, double *inverse)
 {
     for (int j = 0; j < N; ++j) {
         inverse[j * (N + 1)] = 1.0 / L[j * (N + 1)];
@@ -891,7 +891,7 @@ static void place_zones(const memory_t *m, const double *q, arm_t *arm)
     mass_with_motors(m, q, M);
     const int positive = factorise(M);
     if (positive) {
-        invert_lower(M, M);
+        invert_triangle(M, M);
     }
     for (int i = 0; i < N; ++i) {
         const double rate = c->torque_rate_limit[i], range = c->upper_limit[i] - c->lower_limit[i];
@@ -1836,7 +1836,7 @@ typedef struct {
 } design_t;
 
 /* Compute (M^-1)_ii = |L^-1 e_i|^2, and from their sum what the joints' own damping leaves to the modes. */
-static void design_joints(const config_t *c, const double *inverse, design_t *d)
+static void design_each_joint(const config_t *c, const double *inverse, design_t *d)
 {
     double trace = 0.0;
     for (int i = 0; i < N; ++i) {
@@ -1891,8 +1891,8 @@ static void damp(const memory_t *m, const double *L, double *K, const double *sl
     double inverse[NN], y[N];
     modes_t modes;
     design_t d;
-    invert_lower(L, inverse);
-    design_joints(c, inverse, &d);
+    invert_triangle(L, inverse);
+    design_each_joint(c, inverse, &d);
     form_pencil(inverse, K);
     find_modes(K, &modes);
     w->cap = find_cap(c, &modes);
@@ -1967,7 +1967,7 @@ static int holds_in_fault(const memory_t *m)
 static int has_no_torque(int reason) { return fault_of_reason(reason) >= IIWA14_FAULT_DISSIPATION; }
 
 /* Return the scale that effort limits allow beside the other torques; after a fault how far it may fall: fall. */
-static double scale_in_effort(const memory_t *m, const law_t *w, double *fall)
+static double scale_within_bounds(const memory_t *m, const law_t *w, double *fall)
 {
     const config_t *const c = &m->config;
     double most = w->cap;
@@ -1988,7 +1988,7 @@ static scale_t vary_scale(const memory_t *m, const law_t *w)
 {
     double fall;
     scale_t next = {m->reference.scale, 0u};
-    double target = scale_in_effort(m, w, &fall);
+    double target = scale_within_bounds(m, w, &fall);
     next.status |= target < w->cap ? (uint32_t)IIWA14_STATUS_SATURATED : 0u;
     const double covered = covered_share(m, w->pull, COVERED * available(&m->account));
     next.status |= covered < target ? (uint32_t)IIWA14_STATUS_RESERVE : 0u;

@@ -82,7 +82,7 @@ class Matrices:
         L, inverse, C = M.copy(), np.zeros_like(M), K.copy()
         if not self.call("factorise", L):
             return False, C
-        self.call("invert_lower", L, inverse)
+        self.call("invert_triangle", L, inverse)
         self.call("form_pencil", inverse, C)
         return True, C
 

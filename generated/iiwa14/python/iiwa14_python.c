@@ -19,7 +19,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "231c512fddc8431b"
+#define SOURCES "a8969b45bb501183"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

@@ -106,7 +106,7 @@ static int choose(const double *J, const double *lack, const double *low, const 
  * joints keeps the line, but near singular postures the tip then hardly moves.) sides: those of the last call, where
  * the search begins.
  */
-void solve_velocity(const double *J, const double *twists, const double *low, const double *high, int *sides,
+void solve_bounded(const double *J, const double *twists, const double *low, const double *high, int *sides,
     double *velocity)
 {
     double A[ROWS * ROWS] = {0.0}, free[N], lack[ROWS];

@@ -59,8 +59,8 @@ static double bound_motor_work(double a, double kp, double kd, double speed, dou
 }
 
 /* Bound the work of all motors within `hold` after the sample. */
-double bound_late_work(const double *q, const double *q_des, const double *dq_des, const double *tau_ff,
-                       const double *kp, const double *kd, const double *velocity_limit, double hold)
+double work_of_late_host(const double *q, const double *q_des, const double *dq_des, const double *tau_ff,
+                         const double *kp, const double *kd, const double *velocity_limit, double hold)
 {
     const double *const vectors[7] = {q, q_des, dq_des, tau_ff, kp, kd, velocity_limit};
     double work = 0.0;

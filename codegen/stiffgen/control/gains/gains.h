@@ -14,7 +14,7 @@
 int split_torque(const double *q, const double *dq, const double *q_des, const double *dq_des, const double *torque,
                  const double *joint_stiffness, const double *damping, const double *kp_limit, const double *kd_limit,
                  double *tau_ff, double *kp, double *kd);
-double bound_late_work(const double *q, const double *q_des, const double *dq_des, const double *tau_ff,
-                       const double *kp, const double *kd, const double *velocity_limit, double hold);
+double work_of_late_host(const double *q, const double *q_des, const double *dq_des, const double *tau_ff,
+                         const double *kp, const double *kd, const double *velocity_limit, double hold);
 
 #endif

@@ -15,7 +15,7 @@ int holds_in_fault(const memory_t *m)
 int has_no_torque(int reason) { return fault_of_reason(reason) >= ID(FAULT_DISSIPATION); }
 
 /* Return the scale that effort limits allow beside the other torques; after a fault how far it may fall: fall. */
-static double scale_in_effort(const memory_t *m, const law_t *w, double *fall)
+static double scale_within_bounds(const memory_t *m, const law_t *w, double *fall)
 {
     const config_t *const c = &m->config;
     double most = w->cap;
@@ -36,7 +36,7 @@ scale_t vary_scale(const memory_t *m, const law_t *w)
 {
     double fall;
     scale_t next = {m->reference.scale, 0u};
-    double target = scale_in_effort(m, w, &fall);
+    double target = scale_within_bounds(m, w, &fall);
     next.status |= target < w->cap ? (uint32_t)ID(STATUS_SATURATED) : 0u;
     const double covered = covered_share(m, w->pull, COVERED * available(&m->account));
     next.status |= covered < target ? (uint32_t)ID(STATUS_RESERVE) : 0u;

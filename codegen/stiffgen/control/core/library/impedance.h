@@ -124,7 +124,7 @@ double norm(int count, const double *x);
 void add_scaled(int count, double a, const double *x, double *y);
 double mix(int count, const double *a, const double *b, double share, double *result);
 int factorise(double *A);
-void invert_lower(const double *L, double *inverse);
+void invert_triangle(const double *L, double *inverse);
 void form_pencil(const double *inverse, double *K);
 void multiply_lower(const double *L, const double *x, double *result);
 void multiply_upper(const double *L, const double *x, double *result);

@@ -9,7 +9,7 @@ typedef struct {
 } design_t;
 
 /* Compute (M^-1)_ii = |L^-1 e_i|^2, and from their sum what the joints' own damping leaves to the modes. */
-static void design_joints(const config_t *c, const double *inverse, design_t *d)
+static void design_each_joint(const config_t *c, const double *inverse, design_t *d)
 {
     double trace = 0.0;
     for (int i = 0; i < N; ++i) {
@@ -64,8 +64,8 @@ static void damp(const memory_t *m, const double *L, double *K, const double *sl
     double inverse[NN], y[N];
     modes_t modes;
     design_t d;
-    invert_lower(L, inverse);
-    design_joints(c, inverse, &d);
+    invert_triangle(L, inverse);
+    design_each_joint(c, inverse, &d);
     form_pencil(inverse, K);
     find_modes(K, &modes);
     w->cap = find_cap(c, &modes);

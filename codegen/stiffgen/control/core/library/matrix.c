@@ -67,7 +67,7 @@ int factorise(double *A)
 }
 
 /* Invert the lower triangle L, also in place; the upper triangle of the result is not written. */
-void invert_lower(const double *L, double *inverse)
+void invert_triangle(const double *L, double *inverse)
 {
     for (int j = 0; j < N; ++j) {
         inverse[j * (N + 1)] = 1.0 / L[j * (N + 1)];
