@@ -155,6 +155,8 @@ class Bench:
         """Return how far [mrad] a joint goes beyond its limit if its goal is 0.3 rad beyond; negative: not at all."""
         arm, beyond = self.arm, -np.inf
         for joint, most in enumerate(arm.module.UPPER):
+            if not np.isfinite(most):  # a continuous joint
+                continue
             start = arm.posture.copy()
             start[joint] = most - 0.4
             q = arm.posture.copy()
