@@ -2177,10 +2177,12 @@ static void append_number(writer_t *w, const char *words, double number)
     int at = DIGITS;
     for (int place = 0; place <= DECIMALS || left > 0; ++place, left /= 10) {
         if (place == DECIMALS && digits[at] != '\0') {
-            digits[--at] = '.';
+            --at;
+            digits[at] = '.';
         }
         if (place >= DECIMALS || digits[at] != '\0' || left % 10 != 0) { /* no zeros at the end */
-            digits[--at] = (char)('0' + left % 10);
+            --at;
+            digits[at] = (char)('0' + left % 10);
         }
     }
     append(w, words);

@@ -19,7 +19,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "a8969b45bb501183"
+#define SOURCES "1654b2e91021f99f"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;
