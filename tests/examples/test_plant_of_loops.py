@@ -49,11 +49,10 @@ def test_mujoco_sees_the_same(loop: Loop) -> None:
     model.dof_armature[:] = MOTOR
     site = model.site("tip").id
     step = loop.stepper(config)
+    springs = {"translation": TRANSLATION, "rotation": ROTATION, "joint": 1.0}  # those of a segment
     J = np.zeros((6, 7))
     for k in range(2000):
-        command = step(
-            q=data.qpos, dq=data.qvel, wanted=Q0 if k < 300 else wanted, translation=TRANSLATION, rotation=ROTATION
-        )
+        command = step(q=data.qpos, dq=data.qvel, wanted=Q0 if k < 300 else wanted, **springs)
         for _ in range(5):
             mujoco.mj_forward(model, data)
             mujoco.mj_jacSite(model, data, J[:3], J[3:], site)
