@@ -63,15 +63,20 @@ def _pose(robot: Any) -> dict[str, float]:
     return {name: robot.get_observation()[name] for name in POSE}
 
 
-def _site(robot: Any) -> tuple[np.ndarray, Rotation]:
-    """Return MuJoCo's own pose of the tip in the base, at the observed joint positions."""
+def _mujoco() -> mujoco.MjModel:
+    """Return MuJoCo's own model of the robot's file, with a site at the tip."""
     spec = mujoco.MjSpec.from_file(str(URDF))
     spec.compiler.fusestatic = False
     spec.body("link_ee").add_site(name="tip")
-    model = spec.compile()
-    data, seen = mujoco.MjData(model), robot.get_observation()
-    for joint in robot.model.JOINTS:
-        data.joint(joint).qpos[0] = seen[f"{joint}.pos"]
+    return spec.compile()
+
+
+def _site(model: mujoco.MjModel, seen: dict[str, float]) -> tuple[np.ndarray, Rotation]:
+    """Return MuJoCo's own pose of the tip in the base, at the joint positions of an observation."""
+    data = mujoco.MjData(model)
+    for joint in range(model.njnt):
+        name = model.joint(joint).name
+        data.joint(name).qpos[0] = seen[f"{name}.pos"]
     mujoco.mj_forward(model, data)
     base, rotation = data.body("link_0").xpos, data.body("link_0").xmat.reshape(3, 3)
     tip = data.site("tip")
@@ -94,7 +99,7 @@ def test_lerobot_finds_it(plugin: ModuleType, make: Any) -> None:
 
 def test_frames_and_units_are_mujocos(make: Any) -> None:
     """The tip goes to a pose in m and rad; 8 N move it by 1 cm at 800 N/m, and the joints by angles in rad."""
-    robot = make()
+    robot, model = make(), _mujoco()
     first = _pose(robot)
     turn = Rotation.from_rotvec([0.1, -0.2, 0.15]) * Rotation.from_rotvec([first[name] for name in POSE[3:]])
     goal = dict(
@@ -104,7 +109,7 @@ def test_frames_and_units_are_mujocos(make: Any) -> None:
         sent = robot.send_action(goal)
     assert sent == pytest.approx(goal, abs=1e-6)
     for seen, tolerance in ((_pose(robot), 1e-12), (goal, 1e-4)):
-        position, rotation = _site(robot)
+        position, rotation = _site(model, robot.get_observation())
         np.testing.assert_allclose(position, [seen[name] for name in POSE[:3]], atol=tolerance)
         error = rotation * Rotation.from_rotvec([seen[name] for name in POSE[3:]]).inv()
         assert error.magnitude() <= tolerance
@@ -112,7 +117,7 @@ def test_frames_and_units_are_mujocos(make: Any) -> None:
     arm.data.body("link_ee").xfrc_applied[:3] = [0.0, 0.0, -8.0]  # N
     for _ in range(60):
         robot.send_action(goal)
-    moved = _site(robot)[0] - [goal[name] for name in POSE[:3]]
+    moved = _site(model, robot.get_observation())[0] - [goal[name] for name in POSE[:3]]
     np.testing.assert_allclose(moved, [0.0, 0.0, -0.01], atol=5e-4)
     q = [robot.get_observation()[f"{joint}.pos"] for joint in robot.model.JOINTS]
     np.testing.assert_array_equal(q, arm.data.qpos)
@@ -207,7 +212,7 @@ def test_disconnect_leaves_the_arm_at_rest(make: Any, caplog: pytest.LogCaptureF
     for _ in range(8):
         arm.send_action(first | {"ee.y": first["ee.y"] + 0.2})
     loop = arm.loop
-    before = _site(arm)[0]
+    before = _site(_mujoco(), arm.get_observation())[0]
     assert np.abs(loop.state()[1]).max() > 0.1, "the arm moves"
     arm.disconnect()
     assert "brakes" not in caplog.text and not np.any(loop.state()[1])
@@ -287,6 +292,29 @@ def test_code_of_the_page(
         if block.language == "python":
             exec(block.code, {})
     assert re.fullmatch(r"moved by -0\.0[78]\d m, refused: \{\}\n", capsys.readouterr().out)
+
+
+def test_the_recorded_arm_turns_and_goes_round_a_circle(plugin: ModuleType) -> None:
+    """The tip is 0.2 s late; poses are MuJoCo's, and positions the trapezoidal rule's of the velocities."""
+    episode = importlib.import_module(f"{plugin.__name__}.episode").read(EPISODE)
+    model, time = _mujoco(), np.arange(120) * PERIOD
+    rows = [dict(zip(episode.state_names, state, strict=True)) for state in episode.states]
+    seen = {name: np.array([row[name] for row in rows]) for name in episode.state_names}
+    turns = [Rotation.from_rotvec([row[name] for name in POSE[3:]]) for row in rows]
+    for row, turn in zip(rows, turns, strict=True):
+        position, rotation = _site(model, row)
+        np.testing.assert_allclose(position, [row[name] for name in POSE[:3]], atol=1e-6)
+        assert (rotation * turn.inv()).magnitude() < 1e-6
+    late = 2 * np.pi / 3.0 * np.maximum(time - 0.2, 0.0)
+    for name, way in (("x", 0.0 * late), ("y", 0.05 * np.sin(late)), ("z", 0.05 * (1 - np.cos(late)))):
+        np.testing.assert_allclose(seen[f"ee.{name}"] - seen[f"ee.{name}"][0], way, atol=5e-3)
+    for turn, angle in zip(turns, 0.2 * np.sin(late), strict=True):
+        wanted = Rotation.from_rotvec(turns[0].as_rotvec() + np.array([angle, 0.0, 0.0]))
+        assert (turn * wanted.inv()).magnitude() < 0.02
+    for k in range(1, 8):
+        steps, velocity = np.diff(seen[f"A{k}.pos"]), seen[f"A{k}.vel"]
+        np.testing.assert_allclose(steps, PERIOD / 2 * (velocity[1:] + velocity[:-1]), atol=1e-3)
+        assert np.ptp(velocity) > 0.02, "rad/s"
 
 
 def test_the_recorded_episode_is_replayed(make: Any, plugin: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
