@@ -46,6 +46,9 @@ FOUND = {
     "old messages are not a robot that counts anew": (
         "5: 440259048 multiplier 2.234380 0.174768 3 replay 2.653331 0.444852 150", END
     ),
+    "while the fault of a lost clock waits damping brakes the arm": (
+        "5: 732407263 frozen 0.813011 0.037403 0", END
+    ),
 }  # fmt: skip
 """Former faults: the schedule that showed each, and the sentence that the session ends with now."""
 

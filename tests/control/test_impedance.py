@@ -119,8 +119,12 @@ def test_a_counter_that_stands_still_ends_the_account(robot: ModuleType) -> None
             np.testing.assert_array_equal(out.torque, last.torque)
     assert out.reason == robot.Reason.CLOCK and out.mode == robot.Mode.LIMP
     assert not out.torque.any()
+    moving = np.full(7, 0.1)
+    for k in range(700, 740):  # the clock goes on: damping brakes, the springs wait for the reset
+        out = controller.step(**AT_REST | {"q": Q + moving * 1e-3 * (k - 700), "dq": moving}, counter=k)
+    assert out.mode == robot.Mode.FOLLOW and out.torque @ moving < -0.1 and out.stored == 0.0
     controller.reset()
-    for k in range(700, 720):
+    for k in range(740, 760):
         out = controller.step(**AT_REST, counter=k)
     assert out.mode == robot.Mode.ACTIVE
 

@@ -19,7 +19,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "1654b2e91021f99f"
+#define SOURCES "94df2df34620c827"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

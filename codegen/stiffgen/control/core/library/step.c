@@ -250,7 +250,7 @@ static int step_without_memory(state_t *state, output_t *out)
     return ID(E_NOT_INITIALISED);
 }
 
-/* Return whether a sample may be used: a first one must be within the limits, and no fault may wait. */
+/* Return whether a sample may be used: a first one within the limits, while no fault waits but that of a lost clock. */
 static int may_use(memory_t *m, const sample_t *s)
 {
     if (!s->good || m->watch.known) {
@@ -258,10 +258,12 @@ static int may_use(memory_t *m, const sample_t *s)
     }
     m->watch = s->watch;
     note(m, &s->limit);
-    if (s->limit.reason == ID(REASON_NONE)) {
-        end_fault(m);
+    if (s->limit.reason != ID(REASON_NONE)) {
+        return 0;
     }
-    return m->fault.reason == ID(REASON_NONE);
+    end_fault(m);
+    const int lost = fault_of_reason(m->fault.reason) == ID(FAULT_COMMUNICATION); /* damping brakes until the reset */
+    return m->fault.reason == ID(REASON_NONE) || (lost && m->watch.good > TRUSTED);
 }
 
 /* Do the step of a memory that is believed. Without an input there is no sample and no clock. */
