@@ -1544,6 +1544,7 @@ static void believe(const memory_t *m, const input_t *in, sample_t *s)
     memset(s, 0, sizeof *s);
     s->watch = m->watch;
     s->limit = s->unstable = found;
+    s->status = (uint32_t)IIWA14_STATUS_MISSED;
     s->periods = read_clock(&m->config, in, w);
     const int there = s->periods > 0 && in->sample_valid == 1;
     if (there) {
@@ -1554,8 +1555,6 @@ static void believe(const memory_t *m, const input_t *in, sample_t *s)
         }
         w->bad = ((w->bad << 1) | (found.reason != IIWA14_REASON_NONE)) & 7; /* the last three samples, a bit each */
         s->status = found.reason != IIWA14_REASON_NONE ? (uint32_t)IIWA14_STATUS_BAD_SAMPLE : 0u;
-    } else {
-        s->status = (uint32_t)IIWA14_STATUS_MISSED;
     }
     s->good = there && found.reason == IIWA14_REASON_NONE;
     w->missed = s->good ? 0 : count_up(w->missed, 1);
@@ -2627,14 +2626,14 @@ static int may_use(memory_t *m, const sample_t *s)
     if (!s->good || m->watch.known) {
         return s->good;
     }
+    const int brakes = fault_of_reason(m->fault.reason) == IIWA14_FAULT_COMMUNICATION; /* until the reset, by damping */
     m->watch = s->watch;
     note(m, &s->limit);
-    if (s->limit.reason != IIWA14_REASON_NONE) {
-        return 0;
+    if (s->limit.reason == IIWA14_REASON_NONE) {
+        end_fault(m);
     }
-    end_fault(m);
-    const int lost = fault_of_reason(m->fault.reason) == IIWA14_FAULT_COMMUNICATION; /* damping brakes until the reset */
-    return m->fault.reason == IIWA14_REASON_NONE || (lost && m->watch.good > TRUSTED);
+    return m->fault.reason == IIWA14_REASON_NONE ||
+           (brakes && s->limit.reason == IIWA14_REASON_NONE && m->watch.good > TRUSTED);
 }
 
 /* Do the step of a memory that is believed. Without an input there is no sample and no clock. */

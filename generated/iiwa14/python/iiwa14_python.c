@@ -19,7 +19,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "94df2df34620c827"
+#define SOURCES "289d19fe737202d7"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

@@ -182,6 +182,7 @@ void believe(const memory_t *m, const input_t *in, sample_t *s)
     memset(s, 0, sizeof *s);
     s->watch = m->watch;
     s->limit = s->unstable = found;
+    s->status = (uint32_t)ID(STATUS_MISSED);
     s->periods = read_clock(&m->config, in, w);
     const int there = s->periods > 0 && in->sample_valid == 1;
     if (there) {
@@ -192,8 +193,6 @@ void believe(const memory_t *m, const input_t *in, sample_t *s)
         }
         w->bad = ((w->bad << 1) | (found.reason != ID(REASON_NONE))) & 7; /* the last three samples, a bit each */
         s->status = found.reason != ID(REASON_NONE) ? (uint32_t)ID(STATUS_BAD_SAMPLE) : 0u;
-    } else {
-        s->status = (uint32_t)ID(STATUS_MISSED);
     }
     s->good = there && found.reason == ID(REASON_NONE);
     w->missed = s->good ? 0 : count_up(w->missed, 1);

@@ -256,14 +256,14 @@ static int may_use(memory_t *m, const sample_t *s)
     if (!s->good || m->watch.known) {
         return s->good;
     }
+    const int brakes = fault_of_reason(m->fault.reason) == ID(FAULT_COMMUNICATION); /* until the reset, by damping */
     m->watch = s->watch;
     note(m, &s->limit);
-    if (s->limit.reason != ID(REASON_NONE)) {
-        return 0;
+    if (s->limit.reason == ID(REASON_NONE)) {
+        end_fault(m);
     }
-    end_fault(m);
-    const int lost = fault_of_reason(m->fault.reason) == ID(FAULT_COMMUNICATION); /* damping brakes until the reset */
-    return m->fault.reason == ID(REASON_NONE) || (lost && m->watch.good > TRUSTED);
+    return m->fault.reason == ID(REASON_NONE) ||
+           (brakes && s->limit.reason == ID(REASON_NONE) && m->watch.good > TRUSTED);
 }
 
 /* Do the step of a memory that is believed. Without an input there is no sample and no clock. */
