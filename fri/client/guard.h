@@ -24,8 +24,12 @@ public:
         releasing_ = false;
     }
 
-    /* Bring the torque to zero within RELEASE_TIME. */
-    void release() { releasing_ = true; }
+    /* Bring the torque to zero within RELEASE_TIME; at_once: at the rate limit, as where the positions are false. */
+    void release(bool at_once)
+    {
+        releasing_ = true;
+        share_ = at_once ? 0.0 : share_;
+    }
     bool releasing() const { return releasing_; }
 
     /* Return whether a release has brought the torque to zero. */

@@ -10,7 +10,7 @@ namespace {
 /* Send periods [s] at which torque can be commanded. */
 const double SHORTEST_PERIOD = 0.001, LONGEST_PERIOD = 0.010;
 
-/* [rad] Coarsest resolution whose last bits show that a joint gives way, also to the controller. Else friction hides it. */
+/* [rad] Coarsest resolution whose last bits show that a joint gives way, also to the controller. */
 const double FINE = 1e-6;
 
 /* [rad] beyond a joint's limit that a position is believed. */
@@ -133,8 +133,7 @@ void WipingClient::watch_standing(const double *q)
         standing_.reset();
         return;
     }
-    const double share = config_.position_quantum > FINE ? 0.3 : 0.03;
-    standing_.add(q, output_.torque, config_.effort_limit, share, since_position_);
+    standing_.add(q, output_.torque, config_.effort_limit, config_.position_quantum > FINE, since_position_);
     if (standing_.joint() >= 0) {
         let_go(LET_GO_STANDING);
     }

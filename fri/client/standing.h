@@ -8,8 +8,8 @@
 
 /*
  * Positions that take two values at most, as of an encoder that stands still but for a bit, while the controller's torque
- * moves on: a sound encoder shows that its joint gives way. The controller itself finds a position that is the same to
- * the last bit.
+ * moves on: a sound encoder shows that its joint gives way. The controller itself finds a fine position that is the same
+ * to the last bit. A coarse one takes two values in stiction, too: it stands at one, under twice as much torque.
  */
 class Standing {
 public:
@@ -24,13 +24,14 @@ public:
     }
 
     /*
-     * Take positions [rad], the torque before them and the effort limits [N m], `elapsed` [s] after the last ones. share:
-     * of the effort limit that the torque ranges over before a position stands.
+     * Take positions [rad], the torque before them and the effort limits [N m], `elapsed` [s] after the last ones.
+     * coarse: friction and contacts may hold a joint within one step of its encoder.
      */
-    void add(const double *q, const double *torque, const double *effort, double share, double elapsed)
+    void add(const double *q, const double *torque, const double *effort, bool coarse, double elapsed)
     {
+        const double share = coarse ? COARSE_RANGE : RANGE;
         for (int i = 0; i < JOINTS; ++i) {
-            const bool stands = q[i] == value_[i] || q[i] == other_[i];
+            const bool stands = q[i] == value_[i] || (!coarse && q[i] == other_[i]);
             if (!stands) {
                 other_[i] = value_[i];
                 value_[i] = q[i];
@@ -45,7 +46,8 @@ public:
     int joint() const { return joint_; } /* whose position stands; -1: none */
 
 private:
-    static constexpr double TIME = 0.02; /* [s] */
+    /* [s]; shares of the effort limit that the torque ranges over before a position stands */
+    static constexpr double TIME = 0.02, RANGE = 0.03, COARSE_RANGE = 0.06;
 
     int joint_;
     double value_[JOINTS] = {0.0}, other_[JOINTS] = {0.0}, time_[JOINTS], least_[JOINTS], most_[JOINTS];

@@ -93,7 +93,7 @@ void WipingClient::let_go(LetGo reason)
 {
     if (let_go_ == LET_GO_NONE) {
         let_go_ = reason;
-        guard_.release();
+        guard_.release(reason == LET_GO_STANDING);
         events_ |= EVENT_LET_GO;
     }
 }

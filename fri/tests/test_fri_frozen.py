@@ -36,6 +36,8 @@ FROZEN = {
     "A2 and A4, friction of 6 %": "5: 1726982099 still 3.378709 99 14 sticky 0 99 0.0609755717 hum 0 99 0.0359807906 "
     "motor 0 99 0.10012912",
     "A4 and an external torque that believes it, friction of 7 %": "5: 3 still 3 99 8 misled 3 99 1 sticky 0 99 0.07",
+    "A3, a coarse encoder": "1: 484755101 still 4 99 4 quantum 0 99 1e-5 motor 0 99 0.1",
+    "A5, a coarse encoder": "5: 1992815089 still 5.5 99 16 quantum 0 99 1e-5 motor 0 99 0.148260385",
     "A4, a bit toggles": "5: 1806300648 toggling 4.456081 99 840 hum 0 99 0.140785962 motor 0 99 0.169610608",
 }  # fmt: skip
 """Schedules with faulty encoders. Before, A6 reached 4.8 velocity limits, all seven 6.1, and nothing let go.
@@ -120,5 +122,5 @@ def test_the_simulated_robot_freezes_a_joint(session: Callable[..., Run], tmp_pa
     """The same in a session over UDP: A6 stands still, and the client's last line names it."""
     run = session("2.7", "--lockstep", "--duration", 8, "--stiffness", 0, "--faults", "still@4-20:A6")
     assert run.code == 1
-    assert "the measured positions are not believed: A6: " in run.error
+    assert "the measured positions of joint A6 are not believed" in run.error
     assert np.abs(run.robot.log["dq"][:, 5]).max() < 2.35
