@@ -29,7 +29,7 @@ public:
      */
     void add(const double *q, const double *torque, const double *effort, bool coarse, double elapsed)
     {
-        const double share = coarse ? COARSE_RANGE : RANGE;
+        const double share = (coarse ? 2.0 : 1.0) * RANGE;
         for (int i = 0; i < JOINTS; ++i) {
             const bool stands = q[i] == value_[i] || (!coarse && q[i] == other_[i]);
             if (!stands) {
@@ -46,8 +46,8 @@ public:
     int joint() const { return joint_; } /* whose position stands; -1: none */
 
 private:
-    /* [s]; shares of the effort limit that the torque ranges over before a position stands */
-    static constexpr double TIME = 0.02, RANGE = 0.03, COARSE_RANGE = 0.06;
+    /* [s]; share of the effort limit that the torque ranges over before a position stands */
+    static constexpr double TIME = 0.02, RANGE = 0.03;
 
     int joint_;
     double value_[JOINTS] = {0.0}, other_[JOINTS] = {0.0}, time_[JOINTS], least_[JOINTS], most_[JOINTS];
