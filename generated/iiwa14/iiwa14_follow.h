@@ -121,7 +121,6 @@ typedef struct {
     double got; /* [s] mean way that a call gains. */
     double push; /* [1] share of full speed. */
     double interval; /* [s] time from pose to pose of a coarse stream; 0: none. */
-    int sides[7]; /* 1, -1: the joint was at its upper or lower bound; 0, 2: it was free. */
     int age; /* [calls] age of the poses. */
     int period; /* [calls] from pose to pose of a fine stream; 0: none. */
     int stuck; /* [calls] without progress. */

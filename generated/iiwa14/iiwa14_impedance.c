@@ -561,17 +561,17 @@ static int factorise(double *A)
     return 1;
 }
 
-/* Invert the lower triangle L, also in place; the upper triangle of the result is not written. */
-static void invert_triangle(const double *L, double *inverse)
+/* Invert the lower triangle L in place; the upper one stays. */
+static void invert_triangle(double *L)
 {
     for (int j = 0; j < N; ++j) {
-        inverse[j * (N + 1)] = 1.0 / L[j * (N + 1)];
+        L[j * (N + 1)] = 1.0 / L[j * (N + 1)];
         for (int i = j + 1; i < N; ++i) { /* columns beyond j are still those of L */
-            double sum = L[i * N + j] * inverse[j * (N + 1)];
+            double sum = L[i * N + j] * L[j * (N + 1)];
             for (int k = j + 1; k < i; ++k) {
-                sum += L[i * N + k] * inverse[k * N + j];
+                sum += L[i * N + k] * L[k * N + j];
             }
-            inverse[i * N + j] = -sum / L[i * (N + 1)];
+            L[i * N + j] = -sum / L[i * (N + 1)];
         }
     }
 }
@@ -600,22 +600,23 @@ static void form_pencil(const double *inverse, double *K)
     }
 }
 
-/* Compute L x. */
-static void multiply_lower(const double *L, const double *x, double *result)
+/* Compute L x. inverse: L^-1, which takes the place of L. */
+static void multiply_lower(const double *inverse, const double *x, double *result)
 {
     for (int i = 0; i < N; ++i) {
-        result[i] = dot(i + 1, L + i * N, x);
+        result[i] = (x[i] - dot(i, inverse + i * N, result)) / inverse[i * (N + 1)];
     }
 }
 
-/* Compute L^T x. */
-static void multiply_upper(const double *L, const double *x, double *result)
+/* Compute L^T x. inverse: L^-1. */
+static void multiply_upper(const double *inverse, const double *x, double *result)
 {
-    for (int i = 0; i < N; ++i) {
-        result[i] = 0.0;
-        for (int k = i; k < N; ++k) {
-            result[i] += L[k * N + i] * x[k];
+    for (int i = N - 1; i >= 0; --i) {
+        double sum = x[i];
+        for (int k = i + 1; k < N; ++k) {
+            sum -= inverse[k * N + i] * result[k];
         }
+        result[i] = sum / inverse[i * (N + 1)];
     }
 }
 
@@ -731,7 +732,7 @@ static void find_modes(double *A, modes_t *m)
 {
     const double size = norm(NN, A), negligible = 0.25 * DBL_EPSILON * DBL_EPSILON;
     double e[N];
-    memset(m, 0, sizeof *m);
+    m->count = 0;
     tridiagonalise(A, size > 0.0 ? 1.0 / size : 0.0, m, e);
     for (int l = 0; l < N; ++l) {
         for (int round = 0; round < SWEEPS && m->count <= MOST_TURNS - N - 1; ++round) {
@@ -760,41 +761,38 @@ static void reflect(const modes_t *m, const double *A, int k, double *y)
     }
 }
 
-/* Apply turn k to a vector; side -1: backwards. */
-static void turn(const modes_t *m, int k, double side, double *y)
+/* Apply all turns to a vector; side -1: backwards, from the last on. */
+static void turn(const modes_t *m, double side, double *y)
 {
-    const int i = m->row[k];
-    if (i < 0) {
-        y[~i] = -y[~i];
-    } else {
-        const double c = m->cosine[k], s = side * m->sine[k], a = y[i], b = y[i + 1];
-        y[i] = c * a - s * b;
-        y[i + 1] = s * a + c * b;
+    const int count = m->count;
+    for (int j = 0; j < count; ++j) {
+        const int k = side > 0.0 ? j : count - 1 - j, i = m->row[k];
+        if (i < 0) {
+            y[~i] = -y[~i];
+        } else {
+            const double c = m->cosine[k], s = side * m->sine[k], a = y[i], b = y[i + 1];
+            y[i] = c * a - s * b;
+            y[i + 1] = s * a + c * b;
+        }
     }
 }
 
 /* Replace y by its parts in the modes. A: what find_modes left. */
 static void to_modes(const modes_t *m, const double *A, double *y)
 {
-    const int count = m->count;
     for (int k = 0; k < N - 1; ++k) {
         reflect(m, A, k, y);
     }
     for (int i = 0; i < N; ++i) {
         y[i] *= m->side[i];
     }
-    for (int k = 0; k < count; ++k) {
-        turn(m, k, 1.0, y);
-    }
+    turn(m, 1.0, y);
 }
 
 /* Replace y, parts in the modes, by the vector that it is. */
 static void from_modes(const modes_t *m, const double *A, double *y)
 {
-    const int count = m->count;
-    for (int k = count - 1; k >= 0; --k) {
-        turn(m, k, -1.0, y);
-    }
+    turn(m, -1.0, y);
     for (int i = 0; i < N; ++i) {
         y[i] *= m->side[i];
     }
@@ -891,7 +889,7 @@ static void place_zones(const memory_t *m, const double *q, arm_t *arm)
     mass_with_motors(m, q, M);
     const int positive = factorise(M);
     if (positive) {
-        invert_triangle(M, M);
+        invert_triangle(M);
     }
     for (int i = 0; i < N; ++i) {
         const double rate = c->torque_rate_limit[i], range = c->upper_limit[i] - c->lower_limit[i];
@@ -1786,18 +1784,18 @@ static void press_tips(const memory_t *m, const command_t *k, double paid, law_t
 }
 
 /* Add the torque M ddr of a plan's acceleration while the reference moves: one that died is not followed. */
-static void carry(const memory_t *m, const command_t *k, double paid, const double *L, law_t *w)
+static void carry(const memory_t *m, const command_t *k, double paid, const double *inverse, law_t *w)
 {
     double half[N], torque[N];
     const int moves = relative_speed(&m->config, m->reference.dr) > 0.0;
     w->status |= !moves || paid < 1.0 ? (uint32_t)IIWA14_STATUS_FEEDFORWARD_LIMITED : 0u;
-    multiply_upper(L, k->acceleration, half);
-    multiply_lower(L, half, torque);
+    multiply_upper(inverse, k->acceleration, half);
+    multiply_lower(inverse, half, torque);
     add_scaled(N, moves ? paid : 0.0, torque, w->feedforward);
 }
 
-/* Compute the feed-forward torque of springs that are in force without a fault. L: factor of M, or NULL. */
-static void feed_forward(const memory_t *m, const command_t *k, const double *L, law_t *w)
+/* Compute the feed-forward torque of springs in force, without a fault. inverse: L^-1 with M = L L^T, or NULL. */
+static void feed_forward(const memory_t *m, const command_t *k, const double *inverse, law_t *w)
 {
     memset(w->feedforward, 0, sizeof w->feedforward);
     w->press = 0.0;
@@ -1809,8 +1807,8 @@ static void feed_forward(const memory_t *m, const command_t *k, const double *L,
     if (k->pressing) {
         press_tips(m, k, paid, w);
     }
-    if (k->planned && L != NULL) {
-        carry(m, k, paid, L, w);
+    if (k->planned && inverse != NULL) {
+        carry(m, k, paid, inverse, w);
     }
     if (m->config.coriolis == IIWA14_CORIOLIS_ON) {
         double forces[N];
@@ -1881,26 +1879,25 @@ static double find_cap(const config_t *c, const modes_t *modes)
 
 /*
  * Damp the modes of Kq v = l M v: B = L f(C) L^T + d I with M = L L^T, C = L^-1 Kq L^-T; joints that are faster than
- * SPEED of their limits share the rest of the damping as a brake. K: Kq, overwritten; slip: velocity of the reference
- * less the arm's.
+ * SPEED of their limits share the rest of the damping as a brake. inverse: L^-1; K: Kq, overwritten; slip: velocity of
+ * the reference less the arm's.
  */
-static void damp(const memory_t *m, const double *L, double *K, const double *slip, law_t *w)
+static void damp(const memory_t *m, const double *inverse, double *K, const double *slip, law_t *w)
 {
     const config_t *const c = &m->config;
-    double inverse[NN], y[N];
+    double y[N];
     modes_t modes;
     design_t d;
-    invert_triangle(L, inverse);
     design_each_joint(c, inverse, &d);
     form_pencil(inverse, K);
     find_modes(K, &modes);
     w->cap = find_cap(c, &modes);
     w->status |= w->cap < 1.0 ? (uint32_t)IIWA14_STATUS_STIFFNESS_CAPPED : 0u;
-    multiply_upper(L, slip, y);
+    multiply_upper(inverse, slip, y);
     to_modes(&modes, K, y);
     damp_modes(c, &modes, w->cap, &d, y);
     from_modes(&modes, K, y);
-    multiply_lower(L, y, w->damper);
+    multiply_lower(inverse, y, w->damper);
     int fast = 0;
     for (int i = 0; i < N; ++i) {
         fast += fabs(m->watch.dq[i]) > SPEED * c->velocity_limit[i];
@@ -1940,6 +1937,7 @@ static void find_law(const memory_t *m, const command_t *k, law_t *w)
     mass_with_motors(m, m->watch.q, M);
     const int positive = factorise(M);
     if (positive) {
+        invert_triangle(M);
         damp(m, M, K, slip, w);
     } else {
         w->status |= (uint32_t)IIWA14_STATUS_MASS_MATRIX;
@@ -2479,7 +2477,7 @@ static void take_sample(memory_t *m, const sample_t *s)
 }
 
 /*
- * Step with a believed sample.
+ * Step with a believed sample, whose findings are noted.
  *
  *   springs    fault                   what is done                                           mode at the end
  *   no         none                    settle; a command that is accepted engages             START or ACTIVE
@@ -2489,13 +2487,8 @@ static void take_sample(memory_t *m, const sample_t *s)
  *   yes        dissipation, shaking    settle: no torque at all                               LIMP
  *   yes        any other               let the scale fall, settle at 0                        RELEASE, FOLLOW
  */
-static void step_with_sample(memory_t *m, const sample_t *s, const input_t *in, phases_t *p)
+static void step_with_sample(memory_t *m, phases_t *p)
 {
-    take_sample(m, s);
-    accept_command(m, in, &p->command);
-    note(m, &s->lost);
-    note(m, &s->limit);
-    note(m, &s->unstable);
     p->status |= p->command.refusal.reason != IIWA14_REFUSAL_NONE ? (uint32_t)IIWA14_STATUS_COMMAND_REFUSED : 0u;
     p->status |= p->command.limited != NO_JOINT ? (uint32_t)IIWA14_STATUS_COMMAND_LIMITED : 0u;
     const int holds = holds_in_fault(m);
@@ -2636,25 +2629,43 @@ static int may_use(memory_t *m, const sample_t *s)
            (brakes && s->limit.reason == IIWA14_REASON_NONE && m->watch.good > TRUSTED);
 }
 
+/*
+ * Pass the time of a call, and take the input's sample and command. Return whether the sample is used. (The sample's
+ * scratch ends here, before that of the law begins: the two share the stack.)
+ */
+static int take_input(memory_t *m, const input_t *in, phases_t *p)
+{
+    sample_t s;
+    believe(m, in, &s);
+    p->status = s.status;
+    account_time(&m->account, &m->config, s.periods);
+    m->fault.time += m->config.sample_time * s.periods;
+    const int usable = may_use(m, &s);
+    if (usable) {
+        take_sample(m, &s);
+        accept_command(m, in, &p->command);
+        note(m, &s.lost);
+        note(m, &s.limit);
+        note(m, &s.unstable);
+    } else {
+        m->watch = s.watch;
+        note(m, &s.lost);
+    }
+    return usable;
+}
+
 /* Do the step of a memory that is believed. Without an input there is no sample and no clock. */
 static void do_step(memory_t *m, const input_t *in, const double *last, output_t *out)
 {
-    sample_t s;
     phases_t p;
     memset(&p, 0, sizeof p);
     p.command.limited = NO_JOINT;
     p.law.cap = 1.0;
     p.command.refusal = check_clock(in);
-    believe(m, in, &s);
-    p.status = s.status;
-    account_time(&m->account, &m->config, s.periods);
-    m->fault.time += m->config.sample_time * s.periods;
-    const int usable = may_use(m, &s);
+    const int usable = take_input(m, in, &p);
     if (usable) {
-        step_with_sample(m, &s, in, &p);
+        step_with_sample(m, &p);
     } else {
-        m->watch = s.watch;
-        note(m, &s.lost);
         step_without_sample(m, &p.torque);
     }
     account_torque(&m->account, &p.torque);

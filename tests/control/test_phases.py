@@ -18,8 +18,9 @@ GOLDEN = ROOT / "generated" / "iiwa14"
 PURSE = ("tank", "supplied", "springs", "zones", "history", "gap", "gap_change", "gap_total", "gap_torque", "hold")
 """Members of the account that its functions alone write; torque_t has a hold of its own."""
 ASSEMBLY = (
-    "note", "end_fault", "settle", "follow_command", "take_sample", "step_with_sample", "step_without_sample",
-    "add_offset", "may_use", "do_step", "step", "step_without_memory", "initialise", "request_reset", "prepare_check",
+    "note", "end_fault", "settle", "follow_command", "take_sample", "take_input", "step_with_sample",
+    "step_without_sample", "add_offset", "may_use", "do_step", "step", "step_without_memory",
+    "initialise", "request_reset", "prepare_check",
 )  # fmt: skip
 """Functions of step.c and init.c that put the phases' results into the memory, and the start of the self-check."""
 SMALL, MOST_BRANCHES = 30, 12

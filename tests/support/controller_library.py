@@ -79,11 +79,11 @@ class Matrices:
 
     def form_pencil(self, K: np.ndarray, M: np.ndarray) -> tuple[bool, np.ndarray]:
         """Return whether M is positive definite, and L^-1 K L^-T with M = L L^T."""
-        L, inverse, C = M.copy(), np.zeros_like(M), K.copy()
+        L, C = M.copy(), K.copy()
         if not self.call("factorise", L):
             return False, C
-        self.call("invert_triangle", L, inverse)
-        self.call("form_pencil", inverse, C)
+        self.call("invert_triangle", L)
+        self.call("form_pencil", L, C)
         return True, C
 
 

@@ -19,7 +19,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "289d19fe737202d7"
+#define SOURCES "382022b3d44b4945"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;
@@ -2795,7 +2795,6 @@ static const field fields[] = {
     {"follow_state", "got", "f8", offsetof(follow_state_t, got), 0, {1, 1, 1}, 0, "s", ""},
     {"follow_state", "push", "f8", offsetof(follow_state_t, push), 0, {1, 1, 1}, 0, "1", ""},
     {"follow_state", "interval", "f8", offsetof(follow_state_t, interval), 0, {1, 1, 1}, 0, "s", ""},
-    {"follow_state", "sides", "i4", offsetof(follow_state_t, sides), 1, {7, 1, 1}, 0, "", ""},
     {"follow_state", "age", "i4", offsetof(follow_state_t, age), 0, {1, 1, 1}, 0, "calls", ""},
     {"follow_state", "period", "i4", offsetof(follow_state_t, period), 0, {1, 1, 1}, 0, "calls", ""},
     {"follow_state", "stuck", "i4", offsetof(follow_state_t, stuck), 0, {1, 1, 1}, 0, "calls", ""},

@@ -83,7 +83,6 @@ FOLLOW_STATE: tuple[Field, ...] = (
     Field("got", SCALAR, "s", "mean way that a call gains"),
     Field("push", SCALAR, "1", "share of full speed"),
     Field("interval", SCALAR, "s", "time from pose to pose of a coarse stream; 0: none"),
-    Field("sides", N, "", "1, -1: the joint was at its upper or lower bound; 0, 2: it was free", type="int"),
     Field("age", SCALAR, "calls", "age of the poses", type="int"),
     Field("period", SCALAR, "calls", "from pose to pose of a fine stream; 0: none", type="int"),
     Field("stuck", SCALAR, "calls", "without progress", type="int"),

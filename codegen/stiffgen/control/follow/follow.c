@@ -195,7 +195,7 @@ static void go_by_line(state_t *s, step_t *k, double *velocity)
         const double most = FREE * s->config.velocity_limit[i];
         velocity[i] = clamp(clamp(velocity[i] / POSTURE_TIME, -most, most), k->low[i], k->high[i]);
     }
-    solve_bounded(J, twist, k->low, k->high, s->sides, velocity);
+    solve_bounded(J, twist, k->low, k->high, velocity);
     keep_margin(s, k, velocity);
 }
 

@@ -41,8 +41,7 @@ void weighed_jacobian(const double *q, const double *tool, double *J);
 void factorise(int n, const double *A, double *L);
 void solve(int n, const double *L, double *x);
 void multiply(const double *J, const double *velocity, double *twists);
-void solve_bounded(const double *J, const double *twists, const double *low, const double *high, int *sides,
-    double *velocity);
+void solve_bounded(const double *J, const double *twists, const double *low, const double *high, double *velocity);
 
 void keep_margin(state_t *s, const step_t *k, double *velocity);
 

@@ -103,22 +103,18 @@ static int choose(const double *J, const double *lack, const double *low, const 
 /*
  * Solve J velocity = twists as well as bounds allow, from velocities that cost nothing. A joint that would be faster
  * than it may, or would leave its range, is fixed at its bound, worst first, and freed once if that helps. (To slow all
- * joints keeps the line, but near singular postures the tip then hardly moves.) sides: those of the last call, where
- * the search begins.
+ * joints keeps the line, but near singular postures the tip then hardly moves.) Each call begins with all joints free:
+ * one fixed by the last call stays at its bound as long as others can do its part, and the arm swings about the goal.
  */
-void solve_bounded(const double *J, const double *twists, const double *low, const double *high, int *sides,
-    double *velocity)
+void solve_bounded(const double *J, const double *twists, const double *low, const double *high, double *velocity)
 {
-    double A[ROWS * ROWS] = {0.0}, free[N], lack[ROWS];
+    double A[ROWS * ROWS], free[N], lack[ROWS];
+    int sides[N] = {0};
     memcpy(free, velocity, sizeof free);
-    for (int i = 0; i < N; ++i) {
-        sides[i] %= 2;
-        const double bound = sides[i] > 0 ? high[i] : low[i];
-        velocity[i] = sides[i] == 0 ? free[i] : bound;
-        add_column(J, i, sides[i] == 0 ? 1.0 : 0.0, A);
-    }
     for (int r = 0; r < ROWS; ++r) {
-        A[r * (ROWS + 1)] += DAMPING;
+        for (int s = 0; s <= r; ++s) {
+            A[r * ROWS + s] = dot(N, J + r * N, J + s * N) + (r == s ? DAMPING : 0.0);
+        }
     }
     for (int pass = 0, joint = 0; pass < PASSES && joint >= 0; ++pass) {
         move_free(J, A, twists, sides, velocity, lack);

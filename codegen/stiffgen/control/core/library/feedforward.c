@@ -35,18 +35,18 @@ static void press_tips(const memory_t *m, const command_t *k, double paid, law_t
 }
 
 /* Add the torque M ddr of a plan's acceleration while the reference moves: one that died is not followed. */
-static void carry(const memory_t *m, const command_t *k, double paid, const double *L, law_t *w)
+static void carry(const memory_t *m, const command_t *k, double paid, const double *inverse, law_t *w)
 {
     double half[N], torque[N];
     const int moves = relative_speed(&m->config, m->reference.dr) > 0.0;
     w->status |= !moves || paid < 1.0 ? (uint32_t)ID(STATUS_FEEDFORWARD_LIMITED) : 0u;
-    multiply_upper(L, k->acceleration, half);
-    multiply_lower(L, half, torque);
+    multiply_upper(inverse, k->acceleration, half);
+    multiply_lower(inverse, half, torque);
     add_scaled(N, moves ? paid : 0.0, torque, w->feedforward);
 }
 
-/* Compute the feed-forward torque of springs that are in force without a fault. L: factor of M, or NULL. */
-void feed_forward(const memory_t *m, const command_t *k, const double *L, law_t *w)
+/* Compute the feed-forward torque of springs in force, without a fault. inverse: L^-1 with M = L L^T, or NULL. */
+void feed_forward(const memory_t *m, const command_t *k, const double *inverse, law_t *w)
 {
     memset(w->feedforward, 0, sizeof w->feedforward);
     w->press = 0.0;
@@ -58,8 +58,8 @@ void feed_forward(const memory_t *m, const command_t *k, const double *L, law_t 
     if (k->pressing) {
         press_tips(m, k, paid, w);
     }
-    if (k->planned && L != NULL) {
-        carry(m, k, paid, L, w);
+    if (k->planned && inverse != NULL) {
+        carry(m, k, paid, inverse, w);
     }
     if (m->config.coriolis == ID(CORIOLIS_ON)) {
         double forces[N];

@@ -124,10 +124,10 @@ double norm(int count, const double *x);
 void add_scaled(int count, double a, const double *x, double *y);
 double mix(int count, const double *a, const double *b, double share, double *result);
 int factorise(double *A);
-void invert_triangle(const double *L, double *inverse);
+void invert_triangle(double *L);
 void form_pencil(const double *inverse, double *K);
-void multiply_lower(const double *L, const double *x, double *result);
-void multiply_upper(const double *L, const double *x, double *result);
+void multiply_lower(const double *inverse, const double *x, double *result);
+void multiply_upper(const double *inverse, const double *x, double *result);
 double smallest_eigenvalue(const double *K);
 
 /* modes.c */
@@ -179,7 +179,7 @@ void stiffen(const memory_t *m, const command_t *k, change_t *next);
 
 /* law.c, feedforward.c */
 void find_law(const memory_t *m, const command_t *k, law_t *w);
-void feed_forward(const memory_t *m, const command_t *k, const double *L, law_t *w);
+void feed_forward(const memory_t *m, const command_t *k, const double *inverse, law_t *w);
 
 /* guard.c */
 scale_t vary_scale(const memory_t *m, const law_t *w);

@@ -55,26 +55,25 @@ static double find_cap(const config_t *c, const modes_t *modes)
 
 /*
  * Damp the modes of Kq v = l M v: B = L f(C) L^T + d I with M = L L^T, C = L^-1 Kq L^-T; joints that are faster than
- * SPEED of their limits share the rest of the damping as a brake. K: Kq, overwritten; slip: velocity of the reference
- * less the arm's.
+ * SPEED of their limits share the rest of the damping as a brake. inverse: L^-1; K: Kq, overwritten; slip: velocity of
+ * the reference less the arm's.
  */
-static void damp(const memory_t *m, const double *L, double *K, const double *slip, law_t *w)
+static void damp(const memory_t *m, const double *inverse, double *K, const double *slip, law_t *w)
 {
     const config_t *const c = &m->config;
-    double inverse[NN], y[N];
+    double y[N];
     modes_t modes;
     design_t d;
-    invert_triangle(L, inverse);
     design_each_joint(c, inverse, &d);
     form_pencil(inverse, K);
     find_modes(K, &modes);
     w->cap = find_cap(c, &modes);
     w->status |= w->cap < 1.0 ? (uint32_t)ID(STATUS_STIFFNESS_CAPPED) : 0u;
-    multiply_upper(L, slip, y);
+    multiply_upper(inverse, slip, y);
     to_modes(&modes, K, y);
     damp_modes(c, &modes, w->cap, &d, y);
     from_modes(&modes, K, y);
-    multiply_lower(L, y, w->damper);
+    multiply_lower(inverse, y, w->damper);
     int fast = 0;
     for (int i = 0; i < N; ++i) {
         fast += fabs(m->watch.dq[i]) > SPEED * c->velocity_limit[i];
@@ -114,6 +113,7 @@ void find_law(const memory_t *m, const command_t *k, law_t *w)
     mass_with_motors(m, m->watch.q, M);
     const int positive = factorise(M);
     if (positive) {
+        invert_triangle(M);
         damp(m, M, K, slip, w);
     } else {
         w->status |= (uint32_t)ID(STATUS_MASS_MATRIX);

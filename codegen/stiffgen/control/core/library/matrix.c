@@ -66,17 +66,17 @@ int factorise(double *A)
     return 1;
 }
 
-/* Invert the lower triangle L, also in place; the upper triangle of the result is not written. */
-void invert_triangle(const double *L, double *inverse)
+/* Invert the lower triangle L in place; the upper one stays. */
+void invert_triangle(double *L)
 {
     for (int j = 0; j < N; ++j) {
-        inverse[j * (N + 1)] = 1.0 / L[j * (N + 1)];
+        L[j * (N + 1)] = 1.0 / L[j * (N + 1)];
         for (int i = j + 1; i < N; ++i) { /* columns beyond j are still those of L */
-            double sum = L[i * N + j] * inverse[j * (N + 1)];
+            double sum = L[i * N + j] * L[j * (N + 1)];
             for (int k = j + 1; k < i; ++k) {
-                sum += L[i * N + k] * inverse[k * N + j];
+                sum += L[i * N + k] * L[k * N + j];
             }
-            inverse[i * N + j] = -sum / L[i * (N + 1)];
+            L[i * N + j] = -sum / L[i * (N + 1)];
         }
     }
 }
@@ -105,22 +105,23 @@ void form_pencil(const double *inverse, double *K)
     }
 }
 
-/* Compute L x. */
-void multiply_lower(const double *L, const double *x, double *result)
+/* Compute L x. inverse: L^-1, which takes the place of L. */
+void multiply_lower(const double *inverse, const double *x, double *result)
 {
     for (int i = 0; i < N; ++i) {
-        result[i] = dot(i + 1, L + i * N, x);
+        result[i] = (x[i] - dot(i, inverse + i * N, result)) / inverse[i * (N + 1)];
     }
 }
 
-/* Compute L^T x. */
-void multiply_upper(const double *L, const double *x, double *result)
+/* Compute L^T x. inverse: L^-1. */
+void multiply_upper(const double *inverse, const double *x, double *result)
 {
-    for (int i = 0; i < N; ++i) {
-        result[i] = 0.0;
-        for (int k = i; k < N; ++k) {
-            result[i] += L[k * N + i] * x[k];
+    for (int i = N - 1; i >= 0; --i) {
+        double sum = x[i];
+        for (int k = i + 1; k < N; ++k) {
+            sum -= inverse[k * N + i] * result[k];
         }
+        result[i] = sum / inverse[i * (N + 1)];
     }
 }
 

@@ -97,7 +97,7 @@ void find_modes(double *A, modes_t *m)
 {
     const double size = norm(NN, A), negligible = 0.25 * DBL_EPSILON * DBL_EPSILON;
     double e[N];
-    memset(m, 0, sizeof *m);
+    m->count = 0;
     tridiagonalise(A, size > 0.0 ? 1.0 / size : 0.0, m, e);
     for (int l = 0; l < N; ++l) {
         for (int round = 0; round < SWEEPS && m->count <= MOST_TURNS - N - 1; ++round) {
@@ -126,41 +126,38 @@ static void reflect(const modes_t *m, const double *A, int k, double *y)
     }
 }
 
-/* Apply turn k to a vector; side -1: backwards. */
-static void turn(const modes_t *m, int k, double side, double *y)
+/* Apply all turns to a vector; side -1: backwards, from the last on. */
+static void turn(const modes_t *m, double side, double *y)
 {
-    const int i = m->row[k];
-    if (i < 0) {
-        y[~i] = -y[~i];
-    } else {
-        const double c = m->cosine[k], s = side * m->sine[k], a = y[i], b = y[i + 1];
-        y[i] = c * a - s * b;
-        y[i + 1] = s * a + c * b;
+    const int count = m->count;
+    for (int j = 0; j < count; ++j) {
+        const int k = side > 0.0 ? j : count - 1 - j, i = m->row[k];
+        if (i < 0) {
+            y[~i] = -y[~i];
+        } else {
+            const double c = m->cosine[k], s = side * m->sine[k], a = y[i], b = y[i + 1];
+            y[i] = c * a - s * b;
+            y[i + 1] = s * a + c * b;
+        }
     }
 }
 
 /* Replace y by its parts in the modes. A: what find_modes left. */
 void to_modes(const modes_t *m, const double *A, double *y)
 {
-    const int count = m->count;
     for (int k = 0; k < N - 1; ++k) {
         reflect(m, A, k, y);
     }
     for (int i = 0; i < N; ++i) {
         y[i] *= m->side[i];
     }
-    for (int k = 0; k < count; ++k) {
-        turn(m, k, 1.0, y);
-    }
+    turn(m, 1.0, y);
 }
 
 /* Replace y, parts in the modes, by the vector that it is. */
 void from_modes(const modes_t *m, const double *A, double *y)
 {
-    const int count = m->count;
-    for (int k = count - 1; k >= 0; --k) {
-        turn(m, k, -1.0, y);
-    }
+    turn(m, -1.0, y);
     for (int i = 0; i < N; ++i) {
         y[i] *= m->side[i];
     }

@@ -87,7 +87,7 @@ void place_zones(const memory_t *m, const double *q, arm_t *arm)
     mass_with_motors(m, q, M);
     const int positive = factorise(M);
     if (positive) {
-        invert_triangle(M, M);
+        invert_triangle(M);
     }
     for (int i = 0; i < N; ++i) {
         const double rate = c->torque_rate_limit[i], range = c->upper_limit[i] - c->lower_limit[i];

@@ -109,7 +109,7 @@ static void take_sample(memory_t *m, const sample_t *s)
 }
 
 /*
- * Step with a believed sample.
+ * Step with a believed sample, whose findings are noted.
  *
  *   springs    fault                   what is done                                           mode at the end
  *   no         none                    settle; a command that is accepted engages             START or ACTIVE
@@ -119,13 +119,8 @@ static void take_sample(memory_t *m, const sample_t *s)
  *   yes        dissipation, shaking    settle: no torque at all                               LIMP
  *   yes        any other               let the scale fall, settle at 0                        RELEASE, FOLLOW
  */
-static void step_with_sample(memory_t *m, const sample_t *s, const input_t *in, phases_t *p)
+static void step_with_sample(memory_t *m, phases_t *p)
 {
-    take_sample(m, s);
-    accept_command(m, in, &p->command);
-    note(m, &s->lost);
-    note(m, &s->limit);
-    note(m, &s->unstable);
     p->status |= p->command.refusal.reason != ID(REFUSAL_NONE) ? (uint32_t)ID(STATUS_COMMAND_REFUSED) : 0u;
     p->status |= p->command.limited != NO_JOINT ? (uint32_t)ID(STATUS_COMMAND_LIMITED) : 0u;
     const int holds = holds_in_fault(m);
@@ -266,25 +261,43 @@ static int may_use(memory_t *m, const sample_t *s)
            (brakes && s->limit.reason == ID(REASON_NONE) && m->watch.good > TRUSTED);
 }
 
+/*
+ * Pass the time of a call, and take the input's sample and command. Return whether the sample is used. (The sample's
+ * scratch ends here, before that of the law begins: the two share the stack.)
+ */
+static int take_input(memory_t *m, const input_t *in, phases_t *p)
+{
+    sample_t s;
+    believe(m, in, &s);
+    p->status = s.status;
+    account_time(&m->account, &m->config, s.periods);
+    m->fault.time += m->config.sample_time * s.periods;
+    const int usable = may_use(m, &s);
+    if (usable) {
+        take_sample(m, &s);
+        accept_command(m, in, &p->command);
+        note(m, &s.lost);
+        note(m, &s.limit);
+        note(m, &s.unstable);
+    } else {
+        m->watch = s.watch;
+        note(m, &s.lost);
+    }
+    return usable;
+}
+
 /* Do the step of a memory that is believed. Without an input there is no sample and no clock. */
 static void do_step(memory_t *m, const input_t *in, const double *last, output_t *out)
 {
-    sample_t s;
     phases_t p;
     memset(&p, 0, sizeof p);
     p.command.limited = NO_JOINT;
     p.law.cap = 1.0;
     p.command.refusal = check_clock(in);
-    believe(m, in, &s);
-    p.status = s.status;
-    account_time(&m->account, &m->config, s.periods);
-    m->fault.time += m->config.sample_time * s.periods;
-    const int usable = may_use(m, &s);
+    const int usable = take_input(m, in, &p);
     if (usable) {
-        step_with_sample(m, &s, in, &p);
+        step_with_sample(m, &p);
     } else {
-        m->watch = s.watch;
-        note(m, &s.lost);
         step_without_sample(m, &p.torque);
     }
     account_torque(&m->account, &p.torque);
