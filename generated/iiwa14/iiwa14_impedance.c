@@ -611,12 +611,13 @@ static void multiply_lower(const double *inverse, const double *x, double *resul
 /* Compute L^T x. inverse: L^-1. */
 static void multiply_upper(const double *inverse, const double *x, double *result)
 {
-    for (int i = N - 1; i >= 0; --i) {
-        double sum = x[i];
+    memcpy(result, x, N * sizeof *result);
+    for (int last = 0; last < N; ++last) {
+        const int i = N - 1 - last;
         for (int k = i + 1; k < N; ++k) {
-            sum -= inverse[k * N + i] * result[k];
+            result[i] -= inverse[k * N + i] * result[k];
         }
-        result[i] = sum / inverse[i * (N + 1)];
+        result[i] /= inverse[i * (N + 1)];
     }
 }
 
@@ -732,7 +733,7 @@ static void find_modes(double *A, modes_t *m)
 {
     const double size = norm(NN, A), negligible = 0.25 * DBL_EPSILON * DBL_EPSILON;
     double e[N];
-    m->count = 0;
+    memset(m, 0, sizeof *m);
     tridiagonalise(A, size > 0.0 ? 1.0 / size : 0.0, m, e);
     for (int l = 0; l < N; ++l) {
         for (int round = 0; round < SWEEPS && m->count <= MOST_TURNS - N - 1; ++round) {

@@ -19,7 +19,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "382022b3d44b4945"
+#define SOURCES "a7bdbbfb08bd33f4"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

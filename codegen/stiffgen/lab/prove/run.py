@@ -32,7 +32,7 @@ _AT_ONCE = 2
 _LIMITS = 4.0
 """Time of an analysis of the controller in time limits of one function: it covers many functions."""
 _FRAME = ", configuration and sample not written"
-_APART = ("factorise", "covered_share", "initialise", "step")
+_APART = ("factorise", "covered_share", "initialise", "step", "take_input", "do_step")
 """Functions of the controller whose paths are analysed separately: results exist only on the path of success."""
 
 

@@ -116,12 +116,13 @@ void multiply_lower(const double *inverse, const double *x, double *result)
 /* Compute L^T x. inverse: L^-1. */
 void multiply_upper(const double *inverse, const double *x, double *result)
 {
-    for (int i = N - 1; i >= 0; --i) {
-        double sum = x[i];
+    memcpy(result, x, N * sizeof *result);
+    for (int last = 0; last < N; ++last) {
+        const int i = N - 1 - last;
         for (int k = i + 1; k < N; ++k) {
-            sum -= inverse[k * N + i] * result[k];
+            result[i] -= inverse[k * N + i] * result[k];
         }
-        result[i] = sum / inverse[i * (N + 1)];
+        result[i] /= inverse[i * (N + 1)];
     }
 }
 

@@ -97,7 +97,7 @@ void find_modes(double *A, modes_t *m)
 {
     const double size = norm(NN, A), negligible = 0.25 * DBL_EPSILON * DBL_EPSILON;
     double e[N];
-    m->count = 0;
+    memset(m, 0, sizeof *m);
     tridiagonalise(A, size > 0.0 ? 1.0 / size : 0.0, m, e);
     for (int l = 0; l < N; ++l) {
         for (int round = 0; round < SWEEPS && m->count <= MOST_TURNS - N - 1; ++round) {
