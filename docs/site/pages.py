@@ -33,14 +33,14 @@ PAGES = (
 )  # fmt: skip
 CONTENTS = {
     "Begin": (
-        "docs/start", "docs/playground", "docs/wrench", "docs/conventions", "docs/robots", "docs/troubleshooting",
+        "docs/start", "docs/wrench", "docs/robots", "docs/words",
     ),
     "Understand": ("docs/theory", "docs/whole_body", "docs/loops", "docs/compliance"),
     "Use": (
-        "docs/embedding", "docs/derivatives", "docs/controller", "docs/ros2", "docs/fri", "docs/analyze",
-        "docs/measured",
+        "docs/embedding", "docs/derivatives", "docs/controller", "docs/policies", "docs/ros2", "docs/fri",
+        "docs/analyze",
     ),
-    "Evidence": ("docs/results", "docs/performance", "docs/proofs"),
+    "Evidence": ("docs/results", "docs/performance", "docs/guarantees"),
     "Reference": ("reference/python", "reference/command_line", "reference/functions"),
     "Change the generator": ("docs/design", "CONTRIBUTING", "CHANGELOG"),
 }  # fmt: skip
@@ -51,13 +51,10 @@ BELOW = {
         "notebooks/first_steps", "notebooks/my_robot", "notebooks/springs_and_orbits", "notebooks/tuning",
     ),
     "docs/robots": ("urdf/README",),
-    "docs/derivatives": ("docs/casadi",),
-    "docs/controller": ("docs/energy", "docs/lerobot", "reference/hazards"),
+    "docs/controller": ("docs/energy", "reference/hazards"),
     "docs/ros2": ("ros2/stiffgen_ros2/README",),
-    "docs/fri": ("docs/fri_reference",),
-    "docs/results": ("docs/experiment",),
-    "docs/performance": ("docs/accuracy", "docs/targets", "benchmarks/RESULTS"),
-    "docs/proofs": ("reference/misra",),
+    "docs/performance": ("benchmarks/RESULTS",),
+    "docs/guarantees": ("reference/misra",),
     "reference/functions": ("reference/controller", "reference/faults", "reference/cpp"),
     "docs/design": (
         "docs/README", "codegen/stiffgen/core/emit/README", "GENERATED_CODE", ".github/SUPPORT", ".github/SECURITY",
@@ -266,7 +263,8 @@ def misra() -> str:
     """Return the page of MISRA's findings: the table that the tests compare with cppcheck."""
     return (
         "# Findings of MISRA C:2012\n\n"
-        "In the C of a folder, with the reason why each kind is accepted ([proofs](../docs/proofs.md#misra-c-2012)). "
+        "In the C of a folder, with the reason why each kind is accepted "
+        "([guarantees](../docs/guarantees.md#misra-c-2012)). "
         "Numbers are the standard's rules; words are cppcheck's own checks.\n\n"
         + table(("kind", "file", "finding", "reason"), (tuple(row.values()) for row in records("misra.csv")))
     )
@@ -323,7 +321,7 @@ def playground(folder: Path) -> None:
         print("no clang or wasm-ld: the site goes without the playground itself")
         return
     page = write_page(ROOT / "generated" / "iiwa14", folder / "as_it_is" / "playground" / "iiwa14.html")
-    with (folder / "docs" / "playground.md").open("a") as text:
+    with (folder / "docs" / "start.md").open("a") as text:
         text.write(f'\n<p><a href="../playground/{page.name}">The iiwa 14 to play with</a></p>\n')
 
 

@@ -79,7 +79,7 @@ def page(content: Content) -> str:
     times = " and ".join(f"{1e3 * each:g}" for each in content.sample_times)
     made = (
         f"Controller every {times} ms, seed {content.seed}, stiffgen {stiffgen.__version__}, MuJoCo "
-        f"{mujoco.__version__}. docs/experiment.md tells how it is made."
+        f"{mujoco.__version__}. docs/results.md tells how it is made."
     )
     return "\n".join(
         [

@@ -44,7 +44,7 @@ class Link:
             raise LinkError(
                 f"cannot send from {own[0] or '0.0.0.0'}:{own[1]}: {error.strerror or error}; choose another "
                 "--robot-host or --robot-port, or run client and robot in two network namespaces "
-                "(docs/fri_reference.md)"
+                "(docs/fri.md)"
             ) from error
         try:
             if not deaf:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The commands in docs/fri.md and docs/fri_reference.md against the programs that take them."""
+"""The commands in docs/fri.md against the programs that take them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from stiffgen.cli import parser as stiffgen_parser
 from support.pages import blocks, commands
 from support.project import ROOT
 
-PAGES = {name: (ROOT / "docs" / name).read_text() for name in ("fri.md", "fri_reference.md")}
+PAGES = {name: (ROOT / "docs" / name).read_text() for name in ("fri.md",)}
 SOURCES = ROOT / "fri" / "client"
 CLIENT_OPTIONS = set(re.findall(r'\{"([a-z-]+)", (?:"[A-Z]+"|NULL|no_argument)', (SOURCES / "options.cpp").read_text()))
 ROBOT_OPTIONS = {name.lstrip("-") for action in arguments()._actions for name in action.option_strings}
@@ -48,11 +48,11 @@ def test_every_option_of_the_robot_has_a_help() -> None:
 
 def test_every_kind_of_fault_is_in_the_help() -> None:
     assert {kind for kind in KINDS if not re.search(rf"^{kind}\b", arguments().format_help(), re.M)} == set()
-    for line in re.findall(r"^--faults (\S+)", PAGES["fri_reference.md"], re.M):
+    for line in re.findall(r"^--faults (\S+)", PAGES["fri.md"], re.M):
         parse_faults(line, "2.7")
 
 
-@pytest.mark.parametrize("page", ["fri.md", "fri_reference.md"])
+@pytest.mark.parametrize("page", PAGES)
 def test_every_command_that_is_shown_can_be_given(page: str) -> None:
     rules = re.findall(r"^([a-z][\w/ -]*):", (ROOT / "Makefile").read_text(), re.M)
     targets = {target for rule in rules for target in rule.split()}

@@ -162,7 +162,7 @@ CAMPAIGNS = {
     ),
     "rooms": _campaign("rooms", "delete each optional room in a copy, and run the tests of the kernels"),
     "torch": _campaign("torch_wrapper", "test NAME.torch"),
-    "drake": Campaign("tests/campaigns/drake_conventions.py", "test docs/conventions.md against Drake"),
+    "drake": Campaign("tests/campaigns/drake_conventions.py", "test docs/wrench.md against Drake"),
 }
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Drake's line of docs/conventions.md: ``make campaign NAME=drake``; Drake is too large for the other tests."""
+"""Drake's line of docs/wrench.md: ``make campaign NAME=drake``; Drake is too large for the other tests."""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@
 
 Compiles a folder for every machine of tests/support/targets, compares values (the iiwa 14's golden ones, another
 robot's with those of this machine), counts the instructions of every function at many states (denormals, limits, zeros;
-NaN, infinity and 1e300 in what is no angle) and of the controller's step, and prints the tables of docs/targets.md:
+NaN, infinity and 1e300 in what is no angle) and of the controller's step, and prints the tables of docs/guarantees.md:
 ``--page`` puts the numbers into the page, ``--sizes`` leaves out what is run. ``--json FILE`` writes what was found for
 ``stiffgen verify --report FILE.html --evidence FILE``. Exit code 1 if a value is wrong.
 """
@@ -32,7 +32,7 @@ from support.golden_calls import golden_calls
 from support.project import ROOT
 from support.targets import MACHINES, Count, Footprint, Machine, built, counts, footprint, run, step_count
 
-PAGE = ROOT / "docs" / "targets.md"
+PAGE = ROOT / "docs" / "guarantees.md"
 Calls = Sequence[tuple[Kernel, Sequence[np.ndarray], np.ndarray]]
 
 
@@ -103,7 +103,7 @@ def main() -> int:
     parser.add_argument("--json", type=Path, help="a file for what is found")
     parser.add_argument("--scalar", choices=SCALARS, default="double", help="float: the iiwa 14 generated anew for it")
     parser.add_argument("--sizes", action="store_true", help="flash, memory and stacks alone: nothing is run")
-    parser.add_argument("--page", action="store_true", help="put the numbers into docs/targets.md")
+    parser.add_argument("--page", action="store_true", help="put the numbers into docs/guarantees.md")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as place:
         folder = options.folder
@@ -163,7 +163,7 @@ def show(machines: Sequence[str], table: dict[str, list[str]], scalar: Scalar | 
     for name, row in table.items():
         print(f"| {name} | {' | '.join(row)} |")
     if scalar is not None:
-        doubles, heading, floats = PAGE.read_text().partition("\n## Single precision\n")
+        doubles, heading, floats = PAGE.read_text().partition("\n### Single precision on other processors\n")
         if scalar == DOUBLE:
             doubles = filled(doubles, machines, table)
         else:

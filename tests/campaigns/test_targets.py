@@ -149,7 +149,7 @@ def test_the_golden_values_are_those_of_the_file(golden):
 def test_the_page_states_memory_and_stack_of_a_cortex_m7(robot_folder, tmp_path):
     """Permanent memory with the self-check's constants, and the deepest path of a whole step: as measured."""
     found = footprint(tools(BY_NAME["Cortex-M7, FPU for double"]), robot_folder, tmp_path)
-    table = (ROOT / "docs" / "targets.md").read_text().partition("| --- |")[2]
+    table = (ROOT / "docs" / "guarantees.md").read_text().partition("FPU for float |")[2]
     rows = {
         line.split("|")[1].strip(): line.split("|")[5].strip() for line in table.splitlines() if line.count("|") == 7
     }
@@ -171,7 +171,7 @@ def test_the_campaign_makes_the_pages_numbers():
     """Each row of the page's tables is one that the campaign prints; filling replaces cells of its machines alone."""
     footprints = [Footprint(1, 2, 3, 4, 5000, 6, {"impedance_init": 8, "impedance_self_check": 9})]
     made = size_rows(footprints)
-    page = (ROOT / "docs" / "targets.md").read_text()
+    page = (ROOT / "docs" / "guarantees.md").read_text()
     names = re.findall(r"^\| ([^|]*\[(?:kB|bytes)\]) \|", page, re.MULTILINE)
     assert len(names) > 10 and set(names) <= set(made)
     table = "| | one | other |\n| --- | ---: | ---: |\n| RAM that stays [bytes] | 5 | 5 |\n| else | 5 | 5 |\n"

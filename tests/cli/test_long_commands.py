@@ -47,7 +47,7 @@ def test_long_commands_name_their_usual_time(capsys: pytest.CaptureFixture[str])
     (line,) = re.findall(r"\n +verify +([^\n]+(?:\n {10,}[^\n]+)*)", capsys.readouterr().out)
     assert re.search(TIME, " ".join(line.split()))
     (rule,) = re.findall(r"(?m)^experiment:.*## (.*)$", (ROOT / "Makefile").read_text())
-    page = (ROOT / "docs" / "experiment.md").read_text()
+    page = (ROOT / "docs" / "results.md").read_text().partition("\n## The paper's experiments in simulation\n")[2]
     found = [re.search(TIME, text) for text in (rule, page.partition("\n#")[0])]
     assert all(found) and len({each.group() for each in found if each}) == 1
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The lines of docs/conventions.md about programs that are installed: Pinocchio, MuJoCo, and the messages of ROS 2."""
+"""The lines of docs/wrench.md about programs that are installed: Pinocchio, MuJoCo, and the messages of ROS 2."""
 
 from __future__ import annotations
 
@@ -106,6 +106,6 @@ def test_ros_messages_have_the_order_of_the_page():
 
 
 def test_the_page_has_a_section_for_each():
-    page = (ROOT / "docs" / "conventions.md").read_text()
+    page = (ROOT / "docs" / "wrench.md").read_text()
     for program in ("libfranka", "KUKA FRI", "UR", "ROS 2 messages", "ros2_control", "MuJoCo", "Drake", "Pinocchio"):
-        assert f"\n## {program}" in page, program
+        assert f"\n### {program}" in page, program

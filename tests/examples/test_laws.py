@@ -243,7 +243,7 @@ first_or_all = pytest.mark.parametrize("count", [1, pytest.param(None, marks=pyt
 def test_the_table_is_that_of_the_page(panda: ModuleType, count: int | None, monkeypatch: pytest.MonkeyPatch) -> None:
     """The replay near the goal differs by millimetres, as the page says."""
     monkeypatch.setattr(laws, "LAWS", dict(islice(laws.LAWS.items(), count)))
-    page = (laws.PANDA.parents[2] / "docs" / "flutter.md").read_text()
+    page = (laws.PANDA.parents[2] / "docs" / "policies.md").read_text()
     for row in laws.rows(panda):
         assert f"\n| {' | '.join(row)} |" in page, row
 
@@ -255,6 +255,6 @@ def test_presets_serve_goals_as_the_page_says(
 ) -> None:
     """The controller designs its own damping, and its port interpolates: millimetres from the law's motion."""
     monkeypatch.setattr(laws, "PRESETS", dict(islice(laws.PRESETS.items(), count)))
-    page = (laws.PANDA.parents[2] / "docs" / "flutter.md").read_text()
+    page = (laws.PANDA.parents[2] / "docs" / "policies.md").read_text()
     for row in laws.served_rows(panda):
         assert f"| {' | '.join(row)} |" in page, row

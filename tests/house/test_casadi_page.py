@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The code of docs/casadi.md: IPOPT takes the compiled functions and comes nearer to the wanted stiffness."""
+"""The code of docs/derivatives.md: IPOPT takes the compiled functions and comes nearer to the wanted stiffness."""
 
 from __future__ import annotations
 
@@ -35,7 +35,8 @@ assert near < far, (near, far)
 
 @pytest.mark.slow
 def test_code_of_the_page(derived: Path, tmp_path: Path) -> None:
-    (code,) = (block.code for block in blocks(ROOT / "docs" / "casadi.md") if block.language == "python")
+    page = ROOT / "docs" / "derivatives.md"
+    (code,) = (block.code for block in blocks(page) if "ca.Opti()" in block.code)
     (tmp_path / "generated").symlink_to(derived.parent)
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([*sys.path, str(tmp_path)])}
     subprocess.run([sys.executable, "-c", BEFORE + code + AFTER], cwd=tmp_path, env=environment, check=True)

@@ -67,9 +67,38 @@ def bare(code: str) -> str:
     return re.sub(r",(?=[)}\]])", "", re.sub(r"\s+", "", code))
 
 
-def test_pages_stay_few() -> None:
-    """One question has one page: at most 30 in docs/."""
-    assert len(list((ROOT / "docs").glob("*.md"))) <= 30
+def words(text: str) -> int:
+    """The number of words, those of programs and tables among them: a word has a letter or a digit."""
+    return sum(
+        bool(re.search("[A-Za-z0-9]", word)) for word in re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL).split()
+    )
+
+
+def test_pages_stay_few_and_short() -> None:
+    """One question has one page; results, which commands write, may be long."""
+    counts = {page.name: words(page.read_text()) for page in (ROOT / "docs").glob("*.md")}
+    assert len(counts) <= 22
+    assert {name: count for name, count in counts.items() if count > 2500} == {"results.md": counts["results.md"]}
+    both = sum(words((ROOT / name).read_text()) for name in ("README.md", "CONTRIBUTING.md"))
+    assert sum(counts.values()) + both <= 38000
+
+
+def test_the_readme_shows_a_program_before_its_120th_word() -> None:
+    text = (ROOT / "README.md").read_text()
+    assert words(text) <= 700
+    assert words(text.partition("```")[0]) < 120 and "](docs/" in text.partition("```")[0]
+
+
+def test_the_readme_names_both_commands_with_needs_and_times() -> None:
+    """`make test` takes the same time wherever a page or the Makefile states one."""
+    readme = (ROOT / "README.md").read_text()
+    for target in ("generate", "test"):
+        assert re.search(rf"^\| `make {target}` \|.*\| \d+ minutes? \|$", readme, re.MULTILINE), target
+    texts = {page.name: page.read_text() for page in PAGES} | {"Makefile": MAKEFILE}
+    stated = r"`make test`[^`\n]*?\b(\d+) minutes|^test:.*\((\d+) minutes\)"
+    found = {name: [*map("".join, re.findall(stated, text, re.MULTILINE))] for name, text in texts.items()}
+    times = {name: times for name, times in found.items() if times}
+    assert len(times) > 2 and len({time for each in times.values() for time in each}) == 1, times
 
 
 @pages(PAGES)

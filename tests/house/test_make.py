@@ -175,10 +175,3 @@ def test_benchmark_of_a_step_runs() -> None:
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("ratio of the medians") == 2
-
-
-def test_the_readmes_first_screen_names_both_commands() -> None:
-    """A new user finds what sets everything up, with needs and times, in the first 24 lines."""
-    first = "\n".join((ROOT / "README.md").read_text().splitlines()[:24])
-    for target in ("generate", "test"):
-        assert re.search(rf"^\| `make {target}` \|.*\| \d+ minutes? \|$", first, re.MULTILINE), target

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Options of earlier versions, each with what takes its place; docs/troubleshooting.md has the table."""
+"""Options of earlier versions, each with what takes its place; CHANGELOG.md has the table."""
 
 from __future__ import annotations
 

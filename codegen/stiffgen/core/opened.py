@@ -293,7 +293,7 @@ def functions_of(module: ModuleType, kernels: tuple[Kernel, ...], folder: Path) 
 def open_robot(folder: str | Path, *, trust_potentials: bool = False) -> GeneratedRobot:
     """Open a robot's folder. Its module is imported when it is first asked for.
 
-    Importing the module runs the folder's Python and machine code: open folders of people you trust (docs/proofs.md).
+    Importing the module runs the folder's code: open folders of people you trust (docs/guarantees.md).
 
     Args:
         folder: what ``stiffgen generate`` wrote.

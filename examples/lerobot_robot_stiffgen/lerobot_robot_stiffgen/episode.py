@@ -4,7 +4,7 @@
     python -m lerobot_robot_stiffgen.episode record FOLDER --robot FILE   needs lerobot[dataset]
     python -m lerobot_robot_stiffgen.episode replay FOLDER --robot FILE   prints the largest differences
 
-FOLDER is a LeRobotDataset (version 3) with one episode. lerobot-replay replays it, too (docs/lerobot.md).
+FOLDER is a LeRobotDataset (version 3) with one episode. lerobot-replay replays it, too (docs/policies.md).
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Picture of the playground in docs/playground.md, taken in headless Chromium.
+"""Picture of the playground in docs/start.md, taken in headless Chromium.
 
 PYTHONPATH=tests:. python -m contract.play.picture docs/playground.png    (after make generate)
 """

@@ -2,7 +2,7 @@
 """Antisymmetric residual of a measured stiffness, and the errors of a sensor that would make it.
 
 In every conservative environment antisym(Km) is known from the load alone: in body representation
-``[[0, [f]], [[f], [m]]] / 2`` (docs/measured.md, equation 2). What is left over comes from the sensor: a turn and a
+``[[0, [f]], [[f], [m]]] / 2`` (docs/analyze.md, equation 2). What is left over comes from the sensor: a turn and a
 shift of its frame change Km by ``T Km``, which is asymmetric whatever the load, and a bias is a load that is not there.
 """
 

@@ -16,7 +16,7 @@ from stiffgen.core.symbolic.kernels import Kernel
 from stiffgen.rooms import optional
 
 MOST = 3
-"""Configurations in a batch with one lane: a first, a middle, a last (docs/proofs.md has the argument)."""
+"""Configurations in a batch with one lane: a first, a middle, a last (docs/guarantees.md has the argument)."""
 
 _EXACT = {"fabs"}
 """Functions that ESBMC computes itself; all others of libm may return any value."""

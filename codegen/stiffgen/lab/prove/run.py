@@ -68,7 +68,7 @@ def prove(
     json: str | Path | None = None,
     progress: Callable[[str], None] = lambda step: None,
 ) -> list[Verdict]:
-    """Prove the claims of docs/proofs.md about the C of a robot's folder, for all inputs.
+    """Prove the claims of docs/guarantees.md about the C of a robot's folder, for all inputs.
 
     Args:
         folder: what ``stiffgen generate`` wrote; it need not be compiled.

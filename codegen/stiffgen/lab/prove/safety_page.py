@@ -31,7 +31,7 @@ _CONTRACTS = (
     ("Every result is what its equation says", "the comparisons below; functions without an oracle are named below"),
     (
         "Rounding errors stay below the bounds of header and manifest, for all inputs in their ranges",
-        f"the analysis (docs/accuracy.md), done again; rows '{CERTIFIED}' hold the compiled functions to it",
+        f"the analysis (docs/guarantees.md), done again; rows '{CERTIFIED}' hold the compiled functions to it",
     ),
     (
         "Accesses stay in their arrays, nothing uninitialised is read, no undefined behaviour, loops are bounded, "
@@ -92,7 +92,7 @@ def write_page(
         seed: of the random generator.
         urdf: the file that the chain was compared with, or None.
         proofs: the verdicts' file of ``stiffgen prove DIR --json FILE``, or None.
-        targets: measurements on other machines (docs/targets.md), or None.
+        targets: measurements on other machines (docs/guarantees.md), or None.
 
     Raises:
         OutputError: ``file`` cannot be written, ``proofs`` or ``targets`` cannot be read or are about other C files.
@@ -188,7 +188,7 @@ def targets_for(robot: GeneratedRobot, file: Path) -> tuple[Target, ...]:
 
     """
     sources, targets = read_targets(file)
-    _must_be_of(robot, sources, file, "measure this folder again, as docs/targets.md says")
+    _must_be_of(robot, sources, file, "measure this folder again, as docs/guarantees.md says")
     return targets
 
 
@@ -284,8 +284,8 @@ def _uncovered(
     else:
         lines.insert(
             0,
-            "Proofs are about the C text, not about what a compiler made of it; docs/proofs.md lists what they take "
-            "for granted.",
+            "Proofs are about the C text, not about what a compiler made of it; docs/guarantees.md lists what they "
+            "take for granted.",
         )
         lines += [
             f"Not proved: {each.function}: {each.claims} ({each.detail})"

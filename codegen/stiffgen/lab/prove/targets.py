@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Write and read measurements of a folder's C on other processors (docs/targets.md)."""
+"""Write and read measurements of a folder's C on other processors (docs/guarantees.md)."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Target:
 
     """
 
-    # More than twelve fields: one for each figure of docs/targets.md.
+    # More than twelve fields: one for each figure of docs/guarantees.md.
     machine: str
     compiler: str
     emulator: str
@@ -87,7 +87,7 @@ def read_targets(file: Path) -> tuple[dict[str, str], tuple[Target, ...]]:
         targets = tuple(_target(row) for row in content["targets"])
         return dict(content["sources"]), targets
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise OutputError(f"{file}: holds no targets ({error}); docs/targets.md says how they are measured") from error
+        raise OutputError(f"{file}: holds no targets ({error}); docs/guarantees.md says how to measure") from error
 
 
 def _target(row: Any) -> Target:

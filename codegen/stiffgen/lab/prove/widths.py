@@ -2,7 +2,7 @@
 """Run the vector builds of a folder's kernels in arrays of exact size under clang's sanitizers.
 
 The proofs cover one lane. More lanes change only the accessed entries, which depend on no number. One run of every
-kernel, with every kind of batch, therefore covers all inputs. docs/proofs.md has the argument.
+kernel, with every kind of batch, therefore covers all inputs. docs/guarantees.md has the argument.
 """
 
 from __future__ import annotations
