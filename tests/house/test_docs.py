@@ -25,7 +25,7 @@ from support.project import ROOT, files_of_tests, require_compiler, require_prog
 
 BLOCKS = {page: blocks(page) for page in PAGES}
 ALL = [block for page in PAGES for block in BLOCKS[page]]
-LANGUAGES = ("python", "c", "cpp", "cmake", "sh", "console", "text")
+LANGUAGES = ("python", "c", "cpp", "java", "cmake", "sh", "console", "text")
 MAKEFILE = (ROOT / "Makefile").read_text()
 
 

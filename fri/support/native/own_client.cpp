@@ -76,6 +76,12 @@ int main()
     check(std::fabs(robot.torque[1] + 3.0) < 0.5, "the torque carries the push");
     check(std::fabs(robot.position[1] - robot.measured[1]) < 0.01, "the position follows the measured one");
 
+    for (const double jump : {1e9, -1e9, 0.0}) { // the clock is set, back, and stands still: undefined behaviour traps
+        robot.time += jump;
+        client.command();
+    }
+    for (int i = 0; i < 7; ++i) { check(std::isfinite(robot.torque[i]), "finite when the clock jumps"); }
+
     robot.measured[4] = std::nan("");
     for (int cycle = 0; cycle < 200; ++cycle, robot.time += 0.005) { client.command(); }
     for (int i = 0; i < 7; ++i) { check(std::isfinite(robot.torque[i]) && std::isfinite(robot.position[i]), "finite with a NaN"); }
