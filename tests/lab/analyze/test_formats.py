@@ -11,10 +11,13 @@ import pyarrow as pa
 import pytest
 
 import stiffgen
+from stiffgen.lab.analyze import analysis
+from stiffgen.lab.analyze.options import AnalysisOptions
 from stiffgen.lab.analyze.recording import csv_file, parquet_file
 from stiffgen.lab.analyze.report import late_rows
 from support import recordings
 from support.analysis import BAD, JOINTS, ROWS, K, assert_same, bad_csv, command, measured, run
+from support.chains import chain_urdf
 
 
 def blanks(path):
@@ -240,6 +243,35 @@ def test_degrees_are_recognised(here, robot_folder, capsys):
     assert (code, out) == (1, "")
     assert "none of its 300 rows" in err and "radians" in err and "line 2: q_0 is" in err
     assert sorted(p.name for p in here.iterdir()) == ["degrees.csv"]
+
+
+@pytest.mark.parametrize("fixed", [True, False])
+def test_lists_as_lerobot_writes_them_and_degrees(here, robot_folder, fixed):
+    """The same numbers as in columns of their own; a list that is too short costs its row."""
+    recordings.write_parquet(here / "plain.parquet", ROWS)
+    expected = stiffgen.analyze("plain.parquet", robot_folder, K, figures=False).summary
+    kinds = (pa.list_(pa.float64(), 7), pa.list_(pa.float64(), 6)) if fixed else 2 * (pa.list_(pa.float64()),)
+    parts = (np.degrees(ROWS[:, 1:8]).tolist(), ROWS[:, 8:].tolist())
+    if not fixed:
+        parts[0][5] = parts[0][5][:3]
+    columns = {"time": ROWS[:, 0]} | {
+        f"observation.{name}": pa.array(part, kind)
+        for name, part, kind in zip(("state", "wrench"), parts, kinds, strict=True)
+    }
+    pa.parquet.write_table(pa.table(columns), here / "lists.parquet")
+    names = {"q": "observation.state:deg", "wrench": "observation.wrench"}
+    found = stiffgen.analyze("lists.parquet", robot_folder, K, figures=False, **names).summary
+    assert found["rows_bad"] == ({} if fixed else {"missing value": 1})
+    for name in ("singular_value_symmetric", "eigenvalue_smallest") if fixed else ():
+        assert found["measures"][name]["mean"] == pytest.approx(expected["measures"][name]["mean"], rel=1e-12)
+
+
+def test_a_sliding_joint_has_no_degrees(here):
+    """Metres would be taken for degrees."""
+    (here / "lift.urdf").write_text(chain_urdf("prr"))
+    chain = stiffgen.load_chain(here / "lift.urdf")
+    with pytest.raises(stiffgen.RecordingError, match="slide and have no degrees"):
+        analysis.request_of(AnalysisOptions("lift.csv", "lift", K, q="q_:deg"), chain)
 
 
 def test_an_empty_recording_exits_with_1(here, robot_folder, capsys):

@@ -129,7 +129,7 @@ def run_analysis(options: AnalysisOptions) -> Analysis:
     )
     _check(options)
     with swapped_in(target) as staging:  # nothing is written if the analysis fails
-        recording = open_recording(log, _request(options, chain), progress=lambda step: progress(step, 0.0))
+        recording = open_recording(log, request_of(options, chain), progress=lambda step: progress(step, 0.0))
         summarised = partial(
             summarise_partition,
             robot=robot.absolute(),
@@ -162,9 +162,9 @@ def _check(options: AnalysisOptions) -> None:
         raise RecordingError(f"--export {shell_word(options.export)}: choose one of {listed(EXPORTS)}")
 
 
-def _request(options: AnalysisOptions, chain: Chain) -> RecordingRequest:
+def request_of(options: AnalysisOptions, chain: Chain) -> RecordingRequest:
     """Return the columns and topics to read."""
-    return RecordingRequest(
+    request = RecordingRequest(
         joints=chain.coordinate_names,
         q=chosen_names(options.q),
         wrench=chosen_names(options.wrench),
@@ -172,6 +172,10 @@ def _request(options: AnalysisOptions, chain: Chain) -> RecordingRequest:
         topics=tuple(options.topics),
         tolerance=options.tolerance,
     )
+    sliding = [joint.name for joint in chain.joints if joint.prismatic] if request.degrees else ()
+    if sliding:
+        raise RecordingError(f"--q: {listed(sliding)} slide and have no degrees; record them in m, the others in rad")
+    return request
 
 
 def _exported(folder: Path, options: AnalysisOptions, task: Task, recording: Recording, result: Summary) -> None:

@@ -340,7 +340,7 @@ def judged(robot: ModuleType, task: Task, columns: Columns, block: Block) -> Jud
     dof = len(columns.q)
     values = block.values
     timed = int(columns.time is not None)
-    q, wrench = values[:, timed : timed + dof], values[:, timed + dof :]
+    q, wrench = columns.positions(values), values[:, timed + dof :]
     reasons = dict(block.problems)
     for index in np.flatnonzero(~np.isfinite(values).all(axis=1)):
         reasons.setdefault(int(index), _not_a_number(columns, block, int(index)))

@@ -71,8 +71,8 @@ class AnalysisOptions:
     )
     tip: str | None = option("tip link, for a robot with several tips", default=None, metavar="LINK")
     q: str | Sequence[str] | None = option(
-        "joint positions [rad or m]: prefix of their columns, or names with commas (default: q_0 ...; NPZ: one "
-        "array q; MCAP: joint names, default: the robot's)",
+        "joint positions [rad or m; with the ending :deg in degrees]: prefix of their columns, or names with commas "
+        "(default: q_0 ...; NPZ: one array q; MCAP: joint names, default: the robot's)",
         default=None,
         group=COLUMNS,
         metavar="PREFIX|A,B,...",

@@ -128,7 +128,10 @@ def bad_rows(recording: Recording, result: Summary, most: int = 5) -> list[str]:
     if left:
         lines.append(f"and {left} more")
     if result.bad.get("beyond joint limits", 0) > result.rows / 2:
-        lines.append("joint positions are read in radians (metres): are these degrees, or another order of joints?")
+        lines.append(
+            "joint positions are read in radians (metres): are these degrees (--q PREFIX:deg), or another order of "
+            "joints?"
+        )
     return lines
 
 

@@ -63,7 +63,7 @@ def read_rows(
     rows = rows[np.isfinite(rows).all(axis=1)]
     first, n = int(opened.columns.time is not None), len(names)
     time = rows[:, 0] if first else None
-    return rows[:, first : first + n], rows[:, first + n :], time
+    return opened.columns.positions(rows), rows[:, first + n :], time
 
 
 def standing(q: FloatArray, reading: FloatArray, time: FloatArray | None) -> StandingPoses:

@@ -11,7 +11,7 @@ import importlib
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -33,6 +33,8 @@ PARTITION_ROWS = 1 << 18
 """Rows per partition, for formats that can be divided at any row."""
 
 NAME_OTHERS = "Name others with --q, --wrench (a prefix, or names with commas) and --time-column"
+DEGREES = ":deg"
+"""Ending of the joint positions' prefix or last name, where they are recorded in degrees."""
 _NUMBER = re.compile(r"\d{1,3}\]?", re.ASCII)
 _WRENCH_NAMES = (("fx", "fy", "fz", "mx", "my", "mz"), ("fx", "fy", "fz", "tx", "ty", "tz"))
 
@@ -96,16 +98,23 @@ class Partition(Protocol):
 
 @dataclass(frozen=True)
 class Columns:
-    """Columns of a file in the order of ``Block.values``: time (if there is one), q, wrench."""
+    """Columns of a file in the order of ``Block.values``: time (if there is one), q, wrench; q may be in degrees."""
 
     time: str | None
     q: tuple[str, ...]
     wrench: tuple[str, ...]
+    degrees: bool = False
 
     @property
     def names(self) -> tuple[str, ...]:
         """Return the names of all columns."""
         return (*((self.time,) if self.time else ()), *self.q, *self.wrench)
+
+    def positions(self, values: FloatArray) -> FloatArray:
+        """Return the joint positions [rad, m] of rows of ``Block.values``."""
+        first = int(self.time is not None)
+        q = values[:, first : first + len(self.q)]
+        return np.radians(q) if self.degrees else q
 
 
 def chosen_names(chosen: str | Sequence[str] | None) -> tuple[str, ...] | str | None:
@@ -121,7 +130,8 @@ class RecordingRequest:
 
     Attributes:
         joints: names of the robot's coordinates, in the order of q.
-        q: names of the columns with q, or their prefix, or None for ``q_0`` ... (NPZ: one array ``q``).
+        q: names of the columns with q, or their prefix, or None for ``q_0`` ... (NPZ: one array ``q``). An ending
+            ``:deg`` says that they are in degrees.
         wrench: names of the six columns of the wrench, or their prefix, or None for ``wrench_0`` ... (NPZ: one array
             ``wrench``).
         time: name of the column with time [s], None for ``time`` if there is one, "" for no time.
@@ -141,6 +151,18 @@ class RecordingRequest:
     def dof(self) -> int:
         """Return the number of joint positions per row."""
         return len(self.joints)
+
+    @property
+    def degrees(self) -> bool:
+        """Return whether the joint positions are recorded in degrees."""
+        return bool(self.q) and (self.q if isinstance(self.q, str) else self.q[-1]).endswith(DEGREES)
+
+    def without_unit(self) -> RecordingRequest:
+        """Return the request with the names as they stand in the file."""
+        if not self.degrees or self.q is None:
+            return self
+        q = self.q.removesuffix(DEGREES) if isinstance(self.q, str) else (*self.q[:-1], self.q[-1][: -len(DEGREES)])
+        return replace(self, q=q or None)
 
     def names_found(self, path: Path, names: Sequence[str]) -> tuple[tuple[str, ...] | None, tuple[str, ...] | None]:
         """Return the names of the columns with q and wrench, also of those that begin with a prefix; None for default.
@@ -279,8 +301,8 @@ def open_recording(
         raise RecordingError(f"{path}: leave out the options of MCAP files: --topic, --tolerance")
     reader = importlib.import_module(f"{__name__}.{known.module}")
     with _decoding(path):
-        opened: Recording = reader.open_file(path, request, progress)
-    return opened
+        opened: Recording = reader.open_file(path, request.without_unit(), progress)
+    return replace(opened, columns=replace(opened.columns, degrees=request.degrees))
 
 
 def read_blocks(partition: Partition, most: int) -> Iterator[Block]:
