@@ -254,6 +254,7 @@ def test_links_lead_somewhere(page: Path) -> None:
         if link.startswith(("http://", "https://", "mailto:")):
             continue
         file, _, anchor = link.partition("#")
+        assert file != page.name and link != "#", f"{link}: a page that links to itself names the section alone"
         target = page.parent / file if file else page
         assert target.exists(), link
         if anchor and target.suffix == ".md":
