@@ -2,7 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-PIP := $(BIN)/pip install --quiet --disable-pip-version-check
+PIP := $(BIN)/pip install --disable-pip-version-check
 URDFS := $(sort $(wildcard urdf/*.urdf))
 GENERATOR := $(shell find codegen -name '*.py' -o -name '*.j2' -o -name '*.[ch]')
 TORCH ?= torch>=2.5
@@ -29,7 +29,7 @@ help:  ## print this list
 	@awk -F ':.*## ' '/^[a-z].*:.*## / {printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 	@echo "  make EXAMPLE          run an example: $(EXAMPLES)"
 
-generate: $(VENV)/installed  ## generate and build every robot in urdf/, and print one result
+generate: $(VENV)/installed  ## generate and build every robot in urdf/, and print one result (2 minutes)
 	@set -e; for urdf in $(URDFS); do $(BIN)/stiffgen generate $$urdf; done
 	@$(BIN)/python examples/bowl_posture.py
 
@@ -142,6 +142,7 @@ $(VENV)/installed: pyproject.toml requirements.lock
 	@$(PYTHON) -c 'import sys; sys.exit("stiffgen needs Python 3.11 or newer; set PYTHON=") if sys.version_info < (3, 11) else 0'
 	@echo "making the environment $(VENV), up to 15 s ..."
 	@$(PYTHON) -m venv $(VENV) || { echo "python3 -m venv failed; on Debian: apt-get install python3-venv" >&2; exit 1; }
+	@echo "installing the packages of requirements.lock, 500 MB, usually 1 minute ..."
 	$(PIP) --no-deps --require-hashes --requirement requirements.lock
 	$(PIP) --no-deps --no-build-isolation --editable .
 	@touch $@

@@ -123,7 +123,9 @@ def faults(folder: Path) -> list[str]:
 def main(folder: Path) -> int:
     """Stage, build and check the site; return 0 if all is well."""
     cut_the_network()
+    print("writing the pages, and compiling the playground, usually half a minute ...", flush=True)
     stage(folder / "pages")
+    print("building the site, usually a minute ...", flush=True)
     options = ["--quiet", "--fail-on-warning", "--keep-going", "-E", "-c", str(Path(__file__).parent)]
     code = sphinx([*options, str(folder / "pages"), str(folder / "html")])
     if code == 0:

@@ -17,7 +17,7 @@ import signal
 import subprocess
 import sys
 import time as wall
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -98,8 +98,15 @@ def child(command: list[str], **files: Any) -> Iterator[subprocess.Popen[bytes]]
                 process.wait()
 
 
-def build_client(robot: Path, version: str, folder: Path) -> Path:
+def build_client(robot: Path, version: str, folder: Path, say: Callable[[str], None]) -> Path:
     """Configure and build the client with the machine's instructions, as the NumPy module is built; return the program.
+
+    Parameters
+    ----------
+    robot, version, folder
+        Folder of the generated robot, FRI version, folder of the build.
+    say
+        Called with each line of the build, which takes up to four minutes.
 
     Raises
     ------
@@ -117,9 +124,14 @@ def build_client(robot: Path, version: str, folder: Path) -> Path:
         [program, "-S", str(CLIENT), "-B", str(folder), *options],
         [program, "--build", str(folder), "-j2"],
     ):
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        if done.returncode:
-            last = "\n".join((done.stdout + done.stderr).strip().splitlines()[-15:])
+        lines = []
+        pipe: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+        with subprocess.Popen(command, **pipe) as process:
+            for line in process.stdout or ():
+                lines.append(line.rstrip())
+                say(lines[-1])
+        if process.returncode:
+            last = "\n".join(lines[-15:])
             raise RefusedError(f"the client does not build:\n{last}")
     return folder / "fri_wiping"
 
@@ -266,8 +278,9 @@ def run(options: argparse.Namespace, console: Console) -> int:
     options.output.mkdir(parents=True, exist_ok=True)
     for name in ("client.csv", "client.json", "client.txt", "robot.npz", "robot.json", "session.svg"):
         (options.output / name).unlink(missing_ok=True)  # remove results of an earlier run
-    with console.status("building the client ..."):
-        client = build_client(options.robot, options.protocol, options.output / f"client-{options.protocol}")
+    console.print("building the client, up to 4 minutes ...")
+    folder = options.output / f"client-{options.protocol}"
+    client = build_client(options.robot, options.protocol, folder, lambda line: console.print(line, markup=False))
     run_session(options, client)
     if report(options, console):
         return 0

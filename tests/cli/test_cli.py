@@ -267,6 +267,8 @@ def test_standard_output_that_cannot_be_written(arguments, unbuffered, monkeypat
         processes = [stiffgen_process(*arguments, stdout=output) for output in (full, writing)]
     os.close(writing)
     processes.append(stiffgen_process(*arguments, stdout=subprocess.DEVNULL, preexec_fn=lambda: os.close(1)))
+    piped = processes.pop(1)  # as into head
+    assert (piped.communicate()[1], piped.returncode) == ("", 128 + signal.SIGPIPE)
     for process in processes:
         error = process.communicate()[1]
         assert process.returncode == 2, error

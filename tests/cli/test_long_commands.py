@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from stiffgen.cli import COMMANDS, main
+from stiffgen.cli.console import TextConsole
 from stiffgen.core.errors import StiffgenError
 from stiffgen.core.verify.result import Check
 from stiffgen.lab.analyze.options import AnalysisOptions
@@ -38,6 +39,18 @@ def test_verify_prints_progress_then_the_summary_then_each_comparison(
     assert lines[0] == "1 of 2 comparisons within their bound"
     first_row = next(k for k, line in enumerate(lines) if "fine" in line)
     assert next(k for k, line in enumerate(lines) if line.startswith("FAILED wrong, another")) < first_row
+
+
+def test_verify_ends_with_the_verdict_at_a_terminal(
+    robot_folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Five lines at most beside what failed; the table of hundreds of rows is for pipes."""
+    checks = [Check(f"kernel_{k}", "an oracle", 0.0, 1e-9) for k in range(300)] + [Check("wrong", "another", 1.0, 1e-9)]
+    monkeypatch.setattr("stiffgen.cli.verify.verify", lambda *_, **__: checks)
+    monkeypatch.setattr("stiffgen.cli.verify.tables", lambda: TextConsole(force_terminal=True, width=60))
+    assert main(["verify", str(robot_folder)]) == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 5 and lines[-2:] == ["300 of 301 comparisons within their bound", "FAILED wrong, another"]
 
 
 def test_long_commands_name_their_usual_time(capsys: pytest.CaptureFixture[str]) -> None:

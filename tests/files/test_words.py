@@ -54,6 +54,13 @@ def test_what_a_urdf_has_and_the_functions_do_not_is_named(name: str, tmp_path: 
     assert re.search(words, remark)
 
 
+def test_soft_limits_that_are_the_limits_are_no_remark(tmp_path: Path) -> None:
+    """Makers repeat the limits; nothing is left out then."""
+    soft = '<safety_controller soft_lower_limit="-1" soft_upper_limit="1"/>'
+    assert LIMIT == 'lower="-1" upper="1"'
+    assert describe(written(tmp_path, replaced((AXIS, AXIS + soft)))).remarks == ()
+
+
 def test_the_joints_with_dynamics_are_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Damping and friction apart; inspect prints both."""
     both, one = '<dynamics damping="0.7" friction="2"/>', '<dynamics damping="0.1"/>'

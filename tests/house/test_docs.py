@@ -94,7 +94,7 @@ def test_the_readme_names_both_commands_with_needs_and_times() -> None:
     readme = (ROOT / "README.md").read_text()
     for target in ("generate", "test"):
         assert re.search(rf"^\| `make {target}` \|.*\| \d+ minutes? \|$", readme, re.MULTILINE), target
-    texts = {page.name: page.read_text() for page in PAGES} | {"Makefile": MAKEFILE}
+    texts = {str(page.relative_to(ROOT)): page.read_text() for page in PAGES} | {"Makefile": MAKEFILE}
     stated = r"`make test`[^`\n]*?\b(\d+) minutes|^test:.*\((\d+) minutes\)"
     found = {name: [*map("".join, re.findall(stated, text, re.MULTILINE))] for name, text in texts.items()}
     times = {name: times for name, times in found.items() if times}

@@ -71,6 +71,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         message, code = f"ended by {signal.Signals(error.number).name}", 128 + error.number
     except MemoryError:
         message, code = "the memory that this process may use is not enough; allow more (ulimit -v)", 2
+    except BrokenPipeError:  # a reader such as head has what it wants
+        _discard_output()
+        return 128 + signal.SIGPIPE
     except OSError as error:
         where = "standard output" if error.filename is None else printable(str(error.filename), 200)
         message, code = f"{where}: {error.strerror or error}", 2

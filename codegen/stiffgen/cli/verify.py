@@ -11,7 +11,7 @@ from types import ModuleType
 from rich.table import Table
 
 from stiffgen.cli.arguments import natural, positive
-from stiffgen.cli.console import Progress, messages, table, tables
+from stiffgen.cli.console import Progress, messages, print_table, table, tables
 from stiffgen.cli.folders import add_folder_or_robot, chosen_folder
 from stiffgen.core.errors import StiffgenError, listed
 from stiffgen.core.manifest import MANIFEST
@@ -80,9 +80,7 @@ def run(options: argparse.Namespace) -> int:
     proofs, targets = _checked_evidence(page, options, folder) if page is not None else (None, None)
     checks = _checks(options, folder, urdf)
     chain = open_robot(folder).chain
-    _print_summary(checks)
-    _print_omissions(urdf, [] if options.kinds else lacking_kinds(chain))
-    _print_rows(checks)
+    _print_verdict(checks, urdf, [] if options.kinds else lacking_kinds(chain))
     if page is not None and has_report:
         page.write_page(
             folder,
@@ -121,9 +119,24 @@ def _run_kinds_alone(options: argparse.Namespace) -> int:
         raise StiffgenError("verify what? Give a robot's folder or file, or --kinds")
     with Progress(messages(wide=False)).shown() as progress:
         checks = check_kinds(seed=options.samples[1], progress=progress)
-    _print_summary(checks)
-    _print_rows(checks)
+    _print_verdict(checks, Path(), [])
     return 0 if all(check.passed for check in checks) else 1
+
+
+def _print_verdict(checks: list[Check], urdf: Path | None, lacking: list[str]) -> None:
+    """Print what was found. A terminal ends with the verdict; elsewhere each comparison follows as a row of a table."""
+    console = tables()
+    if console.is_terminal:
+        if lacking:
+            print(f"{len(lacking)} kinds of robots that this is none of: --kinds compares all kernels on them")
+        _print_omissions(urdf, [])
+        print("each comparison: pipe the output, as in 'stiffgen verify ROBOT | less'")
+        _print_summary(checks)
+        return
+    _print_summary(checks)
+    _print_omissions(urdf, lacking)
+    print()
+    print_table(console, _check_table(checks))
 
 
 def _print_omissions(urdf: Path | None, lacking: list[str]) -> None:
@@ -143,12 +156,6 @@ def _print_summary(checks: list[Check]) -> None:
         if check.verdict != "ok":
             word = check.verdict if check.verdict == "FAILED" else "NOT COMPARED"
             print(f"{word} {check.kernel}, {check.oracle}" + (f": {check.detail}" if check.detail else ""))
-
-
-def _print_rows(checks: list[Check]) -> None:
-    """Print the table of all comparisons."""
-    print()
-    tables().print(_check_table(checks))
 
 
 def _asks(folder: Path) -> bool:

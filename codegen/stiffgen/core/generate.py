@@ -69,7 +69,7 @@ def generate_folder(urdf: str | Path, options: GenerationOptions) -> Path:
             (staging / file).parent.mkdir(exist_ok=True)
             (staging / file).write_text(text, encoding="utf-8", newline="\n")
         if options.build and options.python:
-            options.progress(f"compiling {name}")
+            options.progress(f"compiling {name}, usually 10 to 30 s for an arm")
             build_module(staging, name)
     return folder
 

@@ -14,7 +14,8 @@ from stiffgen.core.robot.chain import Chain, Coordinate, Joint, Sensor, Tool
 from stiffgen.core.robot.impossible import unit_motions
 
 _TURNS = 4 * math.pi  # [rad]
-_FASTEST = {"prismatic": 10.0, "revolute": 20.0}  # [m/s, rad/s]
+_FASTEST = {"prismatic": 10.0, "revolute": 28.0}
+"""[m/s, rad/s]; wrists of SCARA arms reach 26 rad/s."""
 _SIZE = 3.0  # [m]
 _SMALLEST = 0.3  # a body of this size is plausible on the shortest chain [m]
 _GRAVITY = 9.81

@@ -28,12 +28,15 @@ def left_out(joints: Mapping[str, etree._Element], unread: Collection[str] = ())
         if names:
             yield f"{_having(names)} a limit of {attribute}, not read before URDF 1.2: {listed(names, 8)}"
     for name, joint in moving.items():
-        yield from _soft_limits(name, joint.find("safety_controller"))
+        yield from _soft_limits(name, joint.find("safety_controller"), joint.find("limit"))
 
 
-def _soft_limits(name: str, soft: etree._Element | None) -> Iterator[str]:
+def _soft_limits(name: str, soft: etree._Element | None, hard: etree._Element | None) -> Iterator[str]:
+    """Yield a remark about soft limits that are not the limits themselves."""
     if soft is not None and any(soft.get(key) is not None for key in _SOFT):
         lower, upper = (_number(soft, key) for key in _SOFT)
+        if hard is not None and (lower, upper) == (_number(hard, "lower"), _number(hard, "upper")):
+            return
         yield (
             f"joint '{printable(name)}': soft limits {lower:g} to {upper:g} (safety_controller) are not used; set "
             "<limit>, or lower_limit and upper_limit of the controller's configuration"

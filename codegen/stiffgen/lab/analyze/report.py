@@ -89,7 +89,8 @@ def statements(recording: Recording, result: Summary, summary: Mapping[str, Any]
         else f"The corrected stiffness is NOT symmetric at {result.asymmetric} rows.",
         f"The conventional stiffness is asymmetric by up to {worst['most']:.4g} {worst['unit']}{within} "
         f"({worst['most_at']}).",
-        f"The corrected stiffness is indefinite at {100 * summary['share_indefinite']:.3g} % of the rows.",
+        f"The corrected stiffness is indefinite at {100 * summary['share_indefinite']:.3g} % of the rows. It is "
+        "that of wrench and --task-stiffness at the tip; a posture spring of the controller is not in it.",
         *beside_torque_limits(summary),
     ]
     return lines + list(recording.notes)
