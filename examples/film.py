@@ -50,17 +50,16 @@ def text(place: tuple[float, float], words: str) -> str:
 
 
 def film() -> str:
-    """Return the SVG text: a row for each limb, a column for each law."""
-    top, left, body = 34, 74, ""
+    """Return the SVG text: one row, the limbs under one law beside those under the other."""
+    top, body, count = 52, "", len(POSTURES)
     motions = {(joint, law): watch_limb(joint, law, LAST, EVERY)[1] for joint in POSTURES for law in LAWS}
     for column, law in enumerate(LAWS):
-        body += text((left + (column + 0.5) * WIDTH, 22), law)
+        body += text(((column + 0.5) * count * WIDTH, 20), law)
         for row, joint in enumerate(POSTURES):
-            place = left + column * WIDTH, top + row * HEIGHT
-            body += panel(motions[joint, law], motions[joint, GRADIENT][-1], law, place)
-    for row, joint in enumerate(POSTURES):
-        body += text((left / 2 + 4, top + row * HEIGHT + 0.42 * HEIGHT), joint)
-    width, height = left + WIDTH * len(LAWS), top + HEIGHT * len(POSTURES)
+            left = (column * count + row) * WIDTH
+            body += text((left + WIDTH / 2, 42), joint)
+            body += panel(motions[joint, law], motions[joint, GRADIENT][-1], law, (left, top))
+    width, height = WIDTH * len(LAWS) * count, top + HEIGHT
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}" '
         'font-family="system-ui, sans-serif" font-size="14" text-anchor="middle" fill="currentColor" '

@@ -248,7 +248,7 @@ def hazards() -> str:
     """Return the page of the controller's hazards: a section each, since names of tests are wide."""
     parts = [
         "# Hazards of the controller\n\n"
-        "[The controller's page](../docs/controller.md#safety-case) has the rest of the safety case.\n"
+        "[The controller's page](../docs/controller.md#faults) has the classes of faults.\n"
     ]
     for row in records("hazards.csv"):
         tests = ", ".join(f"`{test}`" for test in row["tests"].split())

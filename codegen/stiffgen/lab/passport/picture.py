@@ -44,12 +44,14 @@ def _panel(figure: Any, axes: Any, passport: Passport, quantity: Quantity, ink: 
     wide = high > 5 * low > 0
     norm = scale.LogNorm(max(low, high / 1e3), high) if wide else scale.Normalize(low, max(high, low + 1e-9))
     order = np.argsort(-values)  # the weak postures lie on top
-    dots = axes.scatter(across[order], up[order], c=values[order], norm=norm, cmap="viridis", s=26, linewidth=0)
+    dots = axes.scatter(
+        across[order], up[order], c=values[order], norm=norm, cmap="viridis", s=26, linewidth=0.6, edgecolor=ink
+    )
     worst = quantity.worst
     axes.scatter(across[worst], up[worst], s=110, facecolor="none", edgecolor="#d6456b", linewidth=1.6)
     bar = figure.colorbar(dots, ax=axes, label=f"[{quantity.unit}]", extend="both", format="{x:g}")
     bar.ax.yaxis.set_minor_formatter(import_module("matplotlib.ticker").NullFormatter())
-    bar.outline.set_visible(False)
+    bar.outline.set_edgecolor(ink)  # the darkest colour vanishes on a dark page without a line round it
     axes.plot(0, 0, "s", color=ink, markersize=6)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set(xlabel="distance from the base's axis [m]", ylabel="height above the base [m]", title=quantity.name)

@@ -37,7 +37,7 @@ function giveWay(page, home) {
   compliance.pressOrBack();
 }
 
-/** Return the presets: name, what sets them, whether the page is there, and whether they need a tree. */
+/** Return the presets: name, what sets them, whether the page is there, the panel that shows it, and whether they need a tree. */
 function presetsOf(page, home) {
   const { state, robot } = page, { load, stiffen } = page.controls;
   let near = null, homeName = robot.paper ? "Paper's posture" : "Bent posture";
@@ -48,28 +48,36 @@ function presetsOf(page, home) {
       name: homeName, act() { page.stand(home); load(WRENCH); stiffen(GAINS); },
       holds: () => alike(state.q, home) && alike(state.wrench, WRENCH) && alike(state.gains, GAINS),
     },
-    { name: "Moment at the tip", act: () => load(MOMENT), holds: () => alike(state.wrench, MOMENT) && !gives() },
-    { name: "Energy out of nothing", act: () => giveEnergy(page), holds: gives, needsTree: true },
-    { name: "No load", act: () => load([0, 0, 0, 0, 0, 0]), holds: () => alike(state.wrench, [0, 0, 0, 0, 0, 0]) },
+    { name: "Moment at the tip", act: () => load(MOMENT), holds: () => alike(state.wrench, MOMENT) && !gives(), panel: "matrix-title" },
+    { name: "Energy out of nothing", act: () => giveEnergy(page), holds: gives, needsTree: true, panel: "loop-title" },
+    { name: "No load", act: () => load([0, 0, 0, 0, 0, 0]), holds: () => alike(state.wrench, [0, 0, 0, 0, 0, 0]), panel: "matrix-title" },
     {
       name: "Near singular", act() { near = nearSingular(state.tip, home); page.stand(near); },
-      holds: () => alike(state.q, near), needsTree: true,
+      holds: () => alike(state.q, near), needsTree: true, panel: "matrix-title",
     },
     {
       name: "A ball joint", act() { page.drives.stop(); page.drives.push(); },
-      holds: () => page.drives.bodies() !== null,
+      holds: () => page.drives.bodies() !== null, panel: "drive-title",
     },
-    { name: "Gives way", act: () => giveWay(page, home), holds: () => page.compliance.press !== null },
+    { name: "Gives way", act: () => giveWay(page, home), holds: () => page.compliance.press !== null, panel: "softness-title" },
   ].filter(({ needsTree }) => !(needsTree && robot.loops));
+}
+
+/** Scroll to a panel's title, unless it is in view; a closed loop's page lacks some panels. */
+function show(title) {
+  if (!title.checkVisibility()) return;
+  const { top } = title.getBoundingClientRect();
+  if (top < 0 || top > 0.6 * window.innerHeight) title.scrollIntoView({ block: "start" });
 }
 
 /** Make the buttons. Gives {mark()}, which marks the last one pressed while its values are the page's; at first, the first. */
 export function presetButtons(page, home) {
-  const made = presetsOf(page, home).map(({ name, act, holds }) => {
+  const made = presetsOf(page, home).map(({ name, act, holds, panel }) => {
     const button = Object.assign(document.createElement("button"), { type: "button", textContent: name });
     button.addEventListener("click", () => {
       pressed = button;
       act();
+      if (panel) show(page.$(panel));
     });
     return { button, holds };
   });
