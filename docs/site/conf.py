@@ -34,6 +34,7 @@ html_show_sphinx = False
 html_math_renderer = "mathml"
 html_static_path = [str(Path(__file__).parent / "static")]
 html_css_files = ["site.css"]
+html_js_files = [("full_size.js", {"defer": "defer"})]
 pygments_style, pygments_dark_style = "default", "monokai"
 
 
