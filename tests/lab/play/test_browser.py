@@ -198,19 +198,6 @@ def test_the_preset_that_was_pressed_is_marked_while_it_holds(page: Page) -> Non
     assert page.js(PRESSED) == []
 
 
-@pytest.mark.parametrize("width", [1400, 360])
-def test_a_preset_scrolls_to_what_it_shows(page: Page, width: int) -> None:
-    """Its panel lies up to 3700 pixels down; on a phone the arm stays above it."""
-    page.window(width, 900)
-    for name, title in (("Energy out of nothing", "loop-title"), ("Moment at the tip", "matrix-title")):
-        page.js("scrollTo(0, 0)")
-        press(page, name)
-        top = page.js(f"document.getElementById('{title}').getBoundingClientRect().top")
-        assert 0 <= top < 0.61 * 900, (name, top)
-        if width == 360:
-            assert 0 <= page.js("document.getElementById('arm').getBoundingClientRect().top") < 5
-
-
 def test_a_clamped_value_says_so(page: Page) -> None:
     page.js(
         "(() => { const box = document.querySelector('#joints input[type=number]'); box.value = 500;"

@@ -63,3 +63,18 @@ def test_a_change_is_seen(page: Page, file: Path, tmp_path: Path, old: str, new:
         assert not np.all(colours == [0x27, 0x93, 0x5F], axis=2).any()
     else:
         assert share_of_pixels(changed, COMMITTED) > SAME
+
+
+@pytest.mark.parametrize("width", [1400, 360])
+def test_a_preset_scrolls_to_what_it_shows(page: Page, file: Path, width: int) -> None:
+    """Its panel lies up to 3700 pixels down; on a phone the arm stays above it."""
+    page.window(width, 900)
+    page.open(file)
+    for name, title in (("Energy out of nothing", "loop-title"), ("Moment at the tip", "matrix-title")):
+        page.js("scrollTo(0, 0)")
+        page.js(f"[...document.querySelectorAll('#presets button')].find(b => b.textContent === {name!r}).click()")
+        page.settle()
+        top = page.js(f"document.getElementById('{title}').getBoundingClientRect().top")
+        assert 0 <= top < 0.61 * 900, (name, top)
+        if width == 360:
+            assert 0 <= page.js("document.getElementById('arm').getBoundingClientRect().top") < 5
