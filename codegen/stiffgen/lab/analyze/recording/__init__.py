@@ -155,7 +155,10 @@ class RecordingRequest:
     @property
     def degrees(self) -> bool:
         """Return whether the joint positions are recorded in degrees."""
-        return bool(self.q) and (self.q if isinstance(self.q, str) else self.q[-1]).endswith(DEGREES)
+        if not self.q:
+            return False
+        last = self.q if isinstance(self.q, str) else self.q[-1]
+        return last.endswith(DEGREES)
 
     def without_unit(self) -> RecordingRequest:
         """Return the request with the names as they stand in the file."""
