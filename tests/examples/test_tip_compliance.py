@@ -21,7 +21,7 @@ def test_the_pages_table_is_that_of_the_results(robot: ModuleType) -> None:
     rows = [row[:4] for row in tip_compliance.rows(robot)]
     assert ["| " + " | ".join(row) + " |" for row in rows[:-1]] == re.findall(r"^\| [\d.]+ to .*$", PAGE, re.MULTILINE)
     assert rows[-1][2:] == ("unstable", "none")
-    assert "With 7.5 to 40 N m/rad no equilibrium" in PAGE
+    assert "With 7.5 to 40 N m/rad there is no equilibrium" in PAGE
 
 
 @pytest.mark.parametrize("share", tip_compliance.SHARES[:-1])
