@@ -47,6 +47,22 @@ static void check(bool good, const char *what)
     failed += !good;
 }
 
+/* A push of 3 N m on joint 2 for 5 s; each 50th message is lost. */
+static void push_arm(StiffnessClient &client)
+{
+    auto &robot = KUKA::FRI::robot;
+    double speed[7] = {}, mass[49];
+    for (int cycle = 0; cycle < 1000; ++cycle, robot.time += 0.005) {
+        if (cycle % 50 != 49) { client.command(); }
+        iiwa14_mass_matrix(robot.measured, mass);
+        for (int i = 0; i < 7; ++i) {
+            const double push = i == 1 ? 3.0 : 0.0;
+            speed[i] += 0.005 * (robot.torque[i] + push - 2.0 * speed[i]) / (mass[8 * i] + 0.5);
+            robot.measured[i] += 0.005 * speed[i];
+        }
+    }
+}
+
 int main()
 {
     auto &robot = KUKA::FRI::robot;
@@ -60,17 +76,8 @@ int main()
     check(robot.torques == 20 && robot.positions == 20, "both are sent while waiting");
     check(robot.torque[1] == 0.0 && robot.position[1] == start[1], "zero torque and the ipo's position while waiting");
 
-    double speed[7] = {}, mass[49];
     client.onStateChange(KUKA::FRI::COMMANDING_WAIT, KUKA::FRI::COMMANDING_ACTIVE);
-    for (int cycle = 0; cycle < 1000; ++cycle, robot.time += 0.005) { // a push of 3 N m on joint 2; each 50th message is lost
-        if (cycle % 50 != 49) { client.command(); }
-        iiwa14_mass_matrix(robot.measured, mass);
-        for (int i = 0; i < 7; ++i) {
-            const double push = i == 1 ? 3.0 : 0.0;
-            speed[i] += 0.005 * (robot.torque[i] + push - 2.0 * speed[i]) / (mass[8 * i] + 0.5);
-            robot.measured[i] += 0.005 * speed[i];
-        }
-    }
+    push_arm(client);
     const double moved = robot.measured[1] - start[1];
     check(moved > 0.002 && moved < 0.2, "the arm gives way to the push, and is held");
     check(std::fabs(robot.torque[1] + 3.0) < 0.5, "the torque carries the push");
