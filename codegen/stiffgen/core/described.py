@@ -20,7 +20,7 @@ _Chosen = TypeVar("_Chosen")
 _Result = TypeVar("_Result")
 _OPTIONS = "        options: record of options."
 """Line of a docstring that becomes the meanings of the record's fields."""
-_LISTS = ("accept_inertia", "ignore", "package_path", "springs", "topics")
+_LISTS = ("accept_inertia", "ignore", "package_path", "pairs", "springs", "topics")
 """Options with a list of words, one of which a message puts behind the name."""
 _WORDS = ("base", "calibration", "dask", "export", "kernels", "name", "q", "representation", "scalar", "tip", "wrench")
 """Options with one word, which a message may put behind the name."""

@@ -29,6 +29,7 @@ FAMILIES: dict[str, tuple[str, ...]] = {
     "springs": (),
     "sensor": (),
     "contacts": ("springs",),
+    "pair": ("springs",),
     "joints": (),
     "loops": (),
     "loops.of_joints": ("loops", "joints"),
@@ -43,8 +44,8 @@ FAMILIES: dict[str, tuple[str, ...]] = {
 
 RESERVED = frozenset(
     ("body", "spatial", "hybrid", "spring", "posture", "limits", "gravity", "motors", "sensor", "close", "packed",
-     "forward_kinematics", "mass_matrix", "bias_forces", "static_torque_derivatives", "manipulability",
-     "manipulability_gradient")
+     "pair", "absolute", "bimanual", "forward_kinematics", "mass_matrix", "bias_forces", "static_torque_derivatives",
+     "manipulability", "manipulability_gradient")
 )  # fmt: skip
 """Names that no tip may have: those of all families, so that a robot keeps its names when a family is taken out."""
 
@@ -53,6 +54,7 @@ TablePlace = Literal[
     "tip",  # behind the stiffnesses
     "tree",  # of all joints
     "totals",  # sums over tips
+    "pairs",  # of two tips
     "joints",
     "motors",
     "motors, joints",
@@ -77,6 +79,7 @@ class Asked:
         runtime_tool: whether the tool's pose is an argument.
         floating: whether the base moves.
         springs: records of the chosen springs.
+        pairs: words of --pair.
         known: the robot; None for the table of a robot without special features.
         tips: of several, all.
         sensor: of this tip.
@@ -94,6 +97,7 @@ class Asked:
     tips: tuple[Tip, ...] = ()
     sensor: MountedSensor | None = None
     kernels: tuple[Kernel, ...] = ()
+    pairs: tuple[str, ...] = ()
 
     @property
     def chain(self) -> Chain:

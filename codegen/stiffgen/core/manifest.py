@@ -64,6 +64,7 @@ def springs_of_manifest(content: dict[str, Any], trust_potentials: bool) -> Kern
             else sealed_potential(each)
             for each in recorded["potentials"]
         ),
+        pairs=tuple(recorded.get("pairs", ())),
         derivatives=bool(content.get("derivatives", False)),
         kernels=tuple(recorded.get("groups", (ALL,))),
         batches=recorded.get("batches", True),

@@ -62,8 +62,7 @@ class LoweredKernels:
         """Return a kernel's function, lowered once."""
         name, chain = kernel.qualified_name, self.chain
         if name not in self.functions:
-            title = comment(kernel.tip.link) if kernel.tip else ""
-            scope = self._scope(kernel.scope(chain), kernel.scope_name(chain), title)
+            scope = self._scope(kernel.scope(chain), kernel.scope_name(chain), comment(kernel.place))
             inputs = tuple(argument.array(chain) for argument in kernel.arguments)
             outputs = tuple(result.array(chain) for result in kernel.results)
             self.functions[name] = self._lowered(Function(name, scope, inputs, outputs), kernel.steps(chain))
@@ -75,7 +74,9 @@ class LoweredKernels:
             tips = term.chain.tips
             branch = tips[0].name if len(self.chain.tips) > 1 and len(tips) == 1 else ""
             inputs = tuple(array for array, _ in term.arguments)
-            function = Function(term.function, self._scope(term.chain, branch), inputs, tuple(results))
+            known = (scope for scope in self.scopes.values() if scope.chain == term.chain)
+            scope = next(known, None) or self._scope(term.chain, branch)
+            function = Function(term.function, scope, inputs, tuple(results))
             self.functions[term.function] = self._lowered(function, term.program)
         return self.functions[term.function]
 

@@ -341,12 +341,12 @@ def chain_reach(chain: Chain, ranges: Ranges, scalar: Scalar) -> float:
     translations = [*(joint.translation for joint in joints), *(tip.translation for tip in chain.tips)]
     lengths = [math.sqrt(sum(x * x for x in translation)) for translation in translations]
     strokes = [
-        abs(joint.multiplier) * _largest(chain, joint.coordinate - chain.base_joints, ranges, scalar)
+        abs(joint.multiplier) * _largest(chain, joint.coordinate - chain.base_coordinates, ranges, scalar)
         + abs(joint.offset)
         for joint in joints
         if joint.prismatic
     ]
-    base = ranges.distance * math.sqrt(3.0) if chain.floating else 0.0
+    base = ranges.distance * math.sqrt(3.0) if chain.base_joints else 0.0
     tool = ranges.tool * math.sqrt(3.0) if chain.runtime_tool else 0.0
     total = 0.0
     for length in (*lengths, *strokes, base, tool):
@@ -381,7 +381,7 @@ def argument_sizes(chain: Chain, argument: Argument, ranges: Ranges, reach: floa
             return [_largest(chain, k, ranges, scalar) for k in range(count)]
         if largest == "rates":
             limits = [coordinate.velocity for coordinate in chain.coordinates]
-            return [ranges.rate] * chain.base_joints + [v if math.isfinite(v) else ranges.rate for v in limits]
+            return [ranges.rate] * chain.base_coordinates + [v if math.isfinite(v) else ranges.rate for v in limits]
         if largest == "reach":
             return [reach] * count
         if largest == "rotation":

@@ -88,9 +88,9 @@ def _symbols(storage: Storage, *, is_argument: bool) -> tuple[set[int], list[ca.
 
 def _sliding(f: Lowering) -> set[int]:
     """Return the entries of q whose joints slide, on the chain or in its closed loops."""
-    base = f.chain.base_joints
+    base, first = f.chain.base_joints, f.chain.base_coordinates
     in_loops = (joint for loop in f.chain.loops for end in (loop.first, loop.second) for joint in end.joints)
-    return {joint.coordinate - base for joint in (*f.chain.joints[base:], *in_loops) if joint.prismatic}
+    return {joint.coordinate - first for joint in (*f.chain.joints[base:], *in_loops) if joint.prismatic}
 
 
 def _argument(f: Lowering, step: StraightLine, operand: Operand, k: int, sliding: set[int]) -> Access:

@@ -393,7 +393,7 @@ class Chain:
     @property
     def motors(self) -> tuple[int, ...]:
         """Velocity coordinates of the motors: those of a floating base, then the actuated joints."""
-        return (*range(self.base_joints), *(self.base_joints + k for k in self.actuated))
+        return (*range(self.base_coordinates), *(self.base_coordinates + k for k in self.actuated))
 
     @property
     def motor_coordinates(self) -> tuple[Coordinate, ...]:
@@ -406,14 +406,19 @@ class Chain:
         return tuple(coordinate.name for coordinate in self.coordinates)
 
     @property
-    def base_joints(self) -> int:
-        """Number of joints of a floating base: 6 or 0."""
+    def base_coordinates(self) -> int:
+        """Number of velocity coordinates of a floating base: 6 or 0."""
         return BASE_JOINTS if self.floating else 0
+
+    @property
+    def base_joints(self) -> int:
+        """Number of joints of a floating base: 6 or 0; 0 in a part of the robot that its base does not move."""
+        return BASE_JOINTS if self.floating and self.joints and self.joints[0].coordinate < BASE_JOINTS else 0
 
     @property
     def dof(self) -> int:
         """Number of velocity coordinates: six for a floating base, plus the entries of q."""
-        return self.base_joints + len(self.coordinates)
+        return self.base_coordinates + len(self.coordinates)
 
     @property
     def coupled(self) -> bool:

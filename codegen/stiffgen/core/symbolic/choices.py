@@ -66,6 +66,14 @@ class KernelOptions:
         metavar="FILE.py:FUNCTION",
         action="append",
     )
+    pairs: Sequence[str] = option(
+        "spring between two tips; repeatable",
+        default=(),
+        flag="--pair",
+        group="springs",
+        metavar="A:B",
+        action="append",
+    )
     derivatives: bool = option(
         "generate NAME_vjp for every function: gradients in reverse mode", default=False, group="output"
     )
@@ -87,6 +95,7 @@ class KernelOptions:
     def __post_init__(self) -> None:
         """Take one word for the only spring; refuse values of other types."""
         object.__setattr__(self, "springs", checked_words(self.springs, "--spring"))
+        object.__setattr__(self, "pairs", checked_words(self.pairs, "--pair"))
         checked_words(self.kernels, "--kernels")
         if not isinstance(self.placement, Placement):
             raise OptionError(f"--placement: takes a record stiffgen.Placement(...), not {shown(self.placement)}")
@@ -135,6 +144,7 @@ class KernelOptions:
                 }
                 for each in self.potentials
             ],
+            **({"pairs": list(self.pairs)} if self.pairs else {}),
             # absent: all kernels but those on request; with functions of batches
             **({"groups": list(self.groups)} if self.groups else {}),
             **({"batches": False} if not self.batches else {}),

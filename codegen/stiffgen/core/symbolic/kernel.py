@@ -20,6 +20,22 @@ class Batch:
     results: tuple[Argument, ...]
 
 
+@dataclass(frozen=True)
+class Span:
+    """Stretch of a robot between two tips, on which a kernel runs.
+
+    Attributes:
+        name: prefix of the kernels' internal functions, which no tip has.
+        title: phrase for their comments.
+        of: function of the robot that returns the chain of the stretch, with the robot's coordinates.
+
+    """
+
+    name: str
+    title: str
+    of: Callable[[Chain], Chain]
+
+
 PACKED = "_packed"
 """Suffix of functions that store symmetric results as their upper triangles."""
 
@@ -72,6 +88,8 @@ class Kernel:
     """Names that the group lacks on purpose, each with the reason and what takes its place."""
     of_masses: bool = False
     """Whether the kernel needs all moving joints, including side joints, which move masses but no tip."""
+    span: Span | None = None
+    """Stretch between two tips on which the kernel runs; None for a kernel of a tip or of the robot."""
 
     def __post_init__(self) -> None:
         """Raise StiffgenError if an argument's record is not complete."""
@@ -123,13 +141,17 @@ class Kernel:
         return Batch("_batch", self.results), *((self.packed,) if self.packed else ())
 
     def scope(self, chain: Chain) -> Chain:
-        """Return the part of the chain that the program needs: branch to the tip, paths to all tips, or all joints."""
+        """Return the part that the program needs: branch to the tip, paths to all tips, a span, or all joints."""
+        if self.span:
+            return self.span.of(chain)
         if self.of_masses:
             return chain
         return chain.branch(self.tip) if self.tip else chain.without_side_joints()
 
     def scope_name(self, chain: Chain) -> str:
-        """Return the name of the scope: the tip's name, "tree" for all joints with side joints, else ""."""
+        """Return the name of the scope: of the tip or span, "tree" for all joints with side joints, else ""."""
+        if self.span:
+            return self.span.name
         if self.of_masses and len(chain.without_side_joints().joints) < len(chain.joints):
             return "tree"
         return self.tip.name if self.tip else ""
@@ -138,6 +160,11 @@ class Kernel:
         """Return the program for a chain, which runs on the chain's :meth:`scope`, with arguments' symmetric parts."""
         arguments = [argument.array(chain) for argument in self.arguments]
         return with_symmetric_parts(self.program(self.scope(chain)), arguments)
+
+    @property
+    def place(self) -> str:
+        """Tip link or span of the kernel, for comments; "" for a kernel of the robot."""
+        return self.span.title if self.span else self.tip.link if self.tip else ""
 
     def signature(self, chain: Chain) -> str:
         """Return the shapes as a signature of a NumPy generalised ufunc, "(7),(6)->(7,7)"."""

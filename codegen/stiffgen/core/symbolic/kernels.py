@@ -112,9 +112,12 @@ def chain_kernels(chain: Chain, options: KernelOptions | None = None) -> tuple[K
     options = options or KernelOptions()
     springs = options.all_springs()
     _check_names(springs[len(springs) - len(options.potentials) :])
-    of = _of_features(springs, runtime_tool=chain.runtime_tool, floating=chain.floating, known=chain)
+    pairs = tuple(options.pairs)
+    if pairs:
+        needed("pair.kernels", "--pair")
+    of = _of_features(springs, runtime_tool=chain.runtime_tool, floating=chain.floating, known=chain, pairs=pairs)
     on_request = asked("request", of)
-    everything = *_all_kernels(chain, of), *asked("motors", of), *on_request
+    everything = *_all_kernels(chain, of), *asked("pairs", of), *asked("motors", of), *on_request
     kernels = _select(everything, options.groups)
     if chain.loops:  # vectors of joints also hold coordinates, of which a path to a tip has more than joints
         kernels = tuple(replace(each, of_masses=True) if each.of_coordinates else each for each in kernels)

@@ -108,9 +108,9 @@ def jacobian_column_derivative(
 
 def joint_position(chain: Chain, joint: Joint, q: ca.SX) -> ca.SX:
     """Return the position of a joint [rad or m] at joint positions q; the joints of a floating base are at zero."""
-    if joint.coordinate < chain.base_joints:
+    if joint.coordinate < chain.base_coordinates:
         return ca.SX(0)
-    return joint.multiplier * q[joint.coordinate - chain.base_joints] + joint.offset
+    return joint.multiplier * q[joint.coordinate - chain.base_coordinates] + joint.offset
 
 
 @dataclass(frozen=True)
@@ -204,7 +204,7 @@ class Configuration:
         The tool pose may be absent. With ``seen_from_tip``, the base pose is absent.
         """
         values = list(arguments)
-        base_pose = values.pop(0) if chain.floating and not seen_from_tip else None
+        base_pose = values.pop(0) if chain.base_joints and not seen_from_tip else None
         return Configuration(values[0], base_pose, values[1] if len(values) > 1 else None)
 
     @property

@@ -44,6 +44,7 @@ class StiffnessModel:
     * ``model.spring.torque``, ``model.posture.torque``, ``model.limits.torque``;
     * with a force-torque sensor ``model.sensor.tip_wrench``;
     * with closed loops ``model.close``, ``model.motors.joint_stiffness``;
+    * with ``pairs=["left_hand:right_hand"]`` ``model.pair.joint_stiffness``;
     * with several tips ``model.left_hand.hybrid.jacobian`` and ``model.hybrid.joint_stiffness_total``;
     * with ``kernels="all,compliance"`` ``model.hybrid.tip_compliance``, ``model.hybrid.stability``.
 
@@ -57,6 +58,7 @@ class StiffnessModel:
         potentials: your own functions U(p, R, parameters) (:mod:`stiffgen.families.springs.potentials`); a group has
             the name of its function.
         derivatives: add the vector-Jacobian product of every function, as ``model.hybrid.joint_stiffness_vjp``.
+        pairs: pairs of tips "A:B" with a spring between them, as ``model.pair.joint_stiffness``.
         kernels: groups or functions, as for :func:`stiffgen.generate`: "all,compliance" adds the tip's compliance,
             "all,tangents" bounds for implicit steps.
 
@@ -85,6 +87,7 @@ class StiffnessModel:
         springs: Sequence[str] = (),
         placement: Placement | None = None,
         potentials: Sequence[Callable[..., Any]] = (),
+        pairs: Sequence[str] = (),
         derivatives: bool = False,
         kernels: str | Sequence[str] = ALL,
     ) -> None:
@@ -93,6 +96,7 @@ class StiffnessModel:
             springs=springs,
             placement=placement or Placement(),
             potentials=tuple(map(Potential, potentials)),
+            pairs=pairs,
             derivatives=derivatives,
             kernels=kernels,
         )

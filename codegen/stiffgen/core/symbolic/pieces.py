@@ -18,7 +18,7 @@ from stiffgen.core.symbolic.steps import Map, SparseSum, StraightLine, SumJoints
 
 def configuration_arrays(chain: Chain, *, seen_from_tip: bool = False) -> tuple[Array, ...]:
     """Return the arrays of the configuration arguments; ``seen_from_tip`` leaves out the base's pose."""
-    floating = chain.floating and not seen_from_tip
+    floating = chain.base_joints > 0 and not seen_from_tip
     arguments = configuration_arguments(runtime_tool=chain.runtime_tool, floating=floating)
     return tuple(argument.array(chain) for argument in arguments)
 
@@ -100,7 +100,7 @@ def with_base_connection(
     ``pairs`` returns steps for the base as six joints in series; the connection of the base accounts for the difference
     to a motion along one twist. ``generalised_force(*operands)`` is the gradient, per joint.
     """
-    if not chain.floating:
+    if not chain.base_joints:
         return pairs(output)
     m = len(chain.joints)
     serial, tau = Array("S", (m, m)), Array("tau", (m,))

@@ -86,7 +86,7 @@ class Over(Enum):
             return
         m = len(chain.joints)
         if not self.is_pairs:
-            count = {Over.ONCE: 1, Over.JOINTS: m, Over.COORDINATES: chain.dof - chain.base_joints}[self]
+            count = {Over.ONCE: 1, Over.JOINTS: m, Over.COORDINATES: len(chain.coordinates)}[self]
             yield from ((0, j) for j in range(count))
         elif self.is_paths:
             yield from self._paths(chain)

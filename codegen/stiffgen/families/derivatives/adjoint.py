@@ -147,7 +147,7 @@ class _Reverse(Gradients):
         operands = tuple(Operand(each, "") for each in (*motions, *contributions))
 
         def body(*values: ca.SX) -> ca.SX:
-            joints = [value[self.chain.base_joints :] for value in values[: len(motions)]]
+            joints = [value[self.chain.base_coordinates :] for value in values[: len(motions)]]
             total = sum((*joints, *values[len(motions) :]), ca.SX.zeros(*extents(argument.shape)))
             if not argument.symmetric_part:
                 return total
@@ -161,7 +161,7 @@ class _Reverse(Gradients):
         operands = tuple(Operand(each, "") for each in (*self.motions, *((pose, *entries) if entries else ())))
 
         def body(*values: ca.SX) -> ca.SX:
-            total = sum((value[: self.chain.base_joints] for value in values[: len(self.motions)]), ca.SX.zeros(6))
+            total = sum((value[: self.chain.base_coordinates] for value in values[: len(self.motions)]), ca.SX.zeros(6))
             if entries:
                 value, *gradients = values[len(self.motions) :]
                 bar = value[:3, :3].T @ sum(gradients, ca.SX.zeros(4, 4))[:3, :]

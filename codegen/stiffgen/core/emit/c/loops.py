@@ -143,7 +143,7 @@ class Loops:
         """Return the number of joints or coordinates of a loop."""
         if over is not Over.COORDINATES:
             return self.scope.size
-        return str(self.scope.chain.dof - self.scope.chain.base_joints) if self.scope.chain.floating else "N"
+        return str(len(self.scope.chain.coordinates)) if self.scope.chain.floating else "N"
 
     def steps_of(self, over: Over) -> str:
         """Return the number of cycles of a loop over joints or coordinates, or over their vectors."""

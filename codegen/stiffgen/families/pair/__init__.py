@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Family pair: springs between two tips."""
