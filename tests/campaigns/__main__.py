@@ -59,6 +59,9 @@ CAMPAIGNS = {
         "robots_table", "compare real robots with Pinocchio and MuJoCo, into docs/robots.md", None, "build/robots"
     ),
     "random-warnings": _campaign("compiler_warnings", "compile random robots by gcc at every level"),
+    "pairs": _campaign(
+        "pairs", "compare springs between two tips with 60 digits, and sum up their work", "--trees 1 --orbits 1"
+    ),
     "spring-digits": _campaign("springs_digits", "compare every spring with 60 digits", "1 1 pose"),
     "linkages": _campaign("linkages", "compare 200 random linkages with 60 digits", "2 1", in_ci=False),
     "compliance": _campaign(

@@ -292,7 +292,13 @@ def test_a_plan_is_written(robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     posture = ",".join(map(str, POSTURE))
     command = ["measure", "--plan", "plan.csv", "--robot", str(robot.folder), "--posture", posture]
     assert main([*command, "--stiffness", "800,700,500,60,40,30", "--tared"]) == 0
-    assert np.loadtxt("plan.csv", delimiter=",").shape == (4401, 7)
+    wide = np.loadtxt("plan.csv", delimiter=",")
+    assert wide.shape == (4401, 7)
+    narrow = [*command, "--stiffness", "800,700,500,60,40,30", "--tared", "--deviation", "0.1,0.2,0.02"]
+    assert main(narrow) == 0
+    assert np.ptp(np.loadtxt("plan.csv", delimiter=","), axis=0).max() < 0.5 * np.ptp(wide, axis=0).max()
+    assert main([*narrow[:-1], "0.1,1"]) == 2
+    assert "--deviation: has 2 numbers" in capsys.readouterr().err
     assert main(command) == 2
     assert "--stiffness" in capsys.readouterr().err
     log = ["measure", "log.csv", "--robot", str(robot.folder), "--calibration", "sensor.json", "--axes", "base"]

@@ -60,10 +60,9 @@ def add(command: argparse.ArgumentParser) -> None:
     plan.add_argument(
         "--stiffness", type=numbers, metavar="K,K,K,K,K,K", help="expected at the sensor: diagonal [N/m, N m/rad]"
     )
-    plan.add_argument("--deviation", type=float, default=0.1, metavar="DEG", help="wanted of the turn [deg] (0.1)")
     plan.add_argument(
-        "--most-wrench", nargs=2, type=float, default=(10.0, 1.0), metavar=("N", "NM"),
-        help="largest change of force and moment (10 1)",
+        "--deviation", type=numbers, default=(0.1,), metavar="DEG[,N,NM]",
+        help="wanted of the turn [deg]; largest change of force and moment (0.1,10,1)",
     )  # fmt: skip
     command.set_defaults(run=run)
 
@@ -89,12 +88,13 @@ def _plan(options: argparse.Namespace) -> int:
         raise RecordingError("--plan: needs --robot DIR, --posture Q,Q,... and --stiffness K,K,K,K,K,K")
     if len(options.stiffness) != 6:
         raise RecordingError(f"--stiffness: has {len(options.stiffness)} numbers, not six")
+    if len(options.deviation) not in (1, 3):
+        raise RecordingError(f"--deviation: has {len(options.deviation)} numbers, not one or three")
     robot = open_robot(options.robot)
     robot.require_doubles("'stiffgen measure'")
-    chosen = PlanOptions(
-        options.stiffness, math.radians(options.deviation), most_wrench=tuple(options.most_wrench),
-        has_bias=not options.tared,
-    )  # fmt: skip
+    chosen = PlanOptions(options.stiffness, math.radians(options.deviation[0]), has_bias=not options.tared)
+    if options.deviation[1:]:
+        chosen = replace(chosen, most_wrench=options.deviation[1:])
     made = plan_excitation(robot, options.posture, chosen)
     write_atomically(options.plan, made.to_csv())
     amplitude = 1000 * made.amplitude
@@ -104,7 +104,7 @@ def _plan(options: argparse.Namespace) -> int:
         "standard deviation)"
     )
     if made.limit:
-        print(f"the limit of {made.limit} keeps the motion smaller than {options.deviation:g} deg asks for")
+        print(f"the limit of {made.limit} keeps the motion smaller than {options.deviation[0]:g} deg asks for")
     print(terminal_text(str(options.plan)))
     return 0
 
