@@ -120,6 +120,20 @@ def pendulum_spring(angle: Array, k: float = 1.0) -> dict[str, Array]:
     return {"torque": -k * np.sin(angle), "tangent": k * np.cos(angle), "secant_law": -k * np.cos(angle) * angle}
 
 
+def pair_forces(aside: float, angle: float, apart: float, k: float) -> dict[str, float]:
+    """Return the force [N] that pulls tip B back, along y, of three springs of ``k`` [N/m] between tips A and B.
+
+    At rest B lies at (``apart``, 0) of A [m] and has A's axes. It is ``aside`` [m] along y and turned by ``angle``
+    [rad] about z. Seen from a tip alone, the spring acts on the displacement of the other one in its axes.
+    """
+    B = turn(np.array([0.0, 0.0, angle]))
+    between, rest = np.array([apart, aside, 0.0]), np.array([apart, 0.0, 0.0])
+    from_a = between - rest
+    from_b = between - B @ rest
+    half_way = between - (np.eye(3) + B) @ rest / 2
+    return {name: float(k * e[1]) for name, e in (("A", from_a), ("half-way", half_way), ("B", from_b))}
+
+
 def tables(robot: ModuleType) -> str:
     lines = [f"{'net work of the orbit [J]':30s}{'30, 30, 10':>12s}{'30, 20, 10':>12s}{'30, 30, 30':>12s}"]
     lines += [f"{name:30s}" + "".join(f"{round(value, 9) + 0.0:12.4f}" for value in row) for name, row in orbit_table()]
@@ -143,6 +157,7 @@ def draw() -> dict[str, str]:
             "theory_basis.svg": themed_svg(_basis_figure()),
             "theory_tangent.svg": themed_svg(_tangent_figure()),
             "theory_orbit.svg": themed_svg(_orbit_figure()),
+            "theory_pair.svg": themed_svg(_pair_figure()),
         }
 
 
@@ -258,6 +273,42 @@ def _orbit_figure() -> Any:
     axes.axhline(0, color=INK, linewidth=0.8)
     axes.set(xlabel="laps", ylabel="energy put out by\nthe law [J]", xlim=(0, 3))
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    return figure
+
+
+def _pair_figure() -> Any:
+    from matplotlib.figure import Figure
+
+    from examples.style import AXES, CORRECTED, INK
+
+    figure = Figure(figsize=(7.8, 2.6), layout="constrained")
+    apart, aside, angle, k = 0.4, 0.02, 0.1, 800.0
+    scale = 4.0  # of displacements and turns, which are small beside the distance
+    a, b, heading = np.zeros(2), np.array([apart, scale * aside]), scale * angle
+    out = -np.array([np.cos(heading), np.sin(heading)])  # from B towards A, in B's axes
+    places = {
+        "A": (b, np.array([apart, 0.0])),
+        "half-way": (b + apart / 2 * out, np.array([apart / 2, 0.0])),
+        "B": (a, b + apart * out),
+    }
+    forces = pair_forces(aside, angle, apart, k)
+    for axes, (name, (there, wanted)) in zip(figure.subplots(1, 3), places.items(), strict=True):
+        axes.plot([0, apart], [0, 0], color=AXES[0], linewidth=2)
+        axes.plot(*np.array([b, b + apart * out]).T, color=AXES[1], linewidth=2)
+        for point, letter in ((a, "A"), (b, "B")):
+            axes.plot(*point, "o", color=INK, markersize=5)
+            axes.text(point[0], point[1] + 0.025, letter, ha="center", color=INK)
+        if abs(forces[name]) > 1:
+            _arrow(axes, there, wanted - there, CORRECTED, width=2)
+        else:
+            axes.plot(*there, "o", color=CORRECTED, markersize=6)
+        pull = f"{forces[name]:.0f} N" if abs(forces[name]) > 1 else "no force"
+        title = (
+            "centre half-way" if name == "half-way" else f"centre at {'B' if name == 'A' else 'A'}, seen from {name}"
+        )
+        axes.set(xlim=(-0.06, 0.46), ylim=(-0.12, 0.14), aspect="equal", title=f"{title}: {pull}", xticks=[], yticks=[])
+        axes.grid(False)
+        axes.spines[:].set_visible(False)
     return figure
 
 

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from stiffgen.lab import drive  # noqa: F401
     from stiffgen.lab.analyze.analysis import Analysis, analyze
     from stiffgen.lab.analyze.sensors import SensorProperties, estimate_sensors
+    from stiffgen.lab.arms.hands import HeldWrench, internal_wrench, relative_compliance
     from stiffgen.lab.arms.loaded import BucklingLoad, Settled, buckling_load, settle
     from stiffgen.lab.arms.loads import (
         ExternalWrench,
@@ -65,6 +66,7 @@ __all__ = [
     "ExternalWrench",
     "GeneratedRobot",
     "GenerationOptions",
+    "HeldWrench",
     "KernelOptions",
     "MeasuredStiffness",
     "MissingExtraError",
@@ -91,6 +93,7 @@ __all__ = [
     "find_postures",
     "generate",
     "in_series",
+    "internal_wrench",
     "law_preset",
     "load",
     "load_chain",
@@ -98,6 +101,7 @@ __all__ = [
     "move_stiffness",
     "open_robot",
     "read_calibration",
+    "relative_compliance",
     "settle",
     "stiffness_deviation",
     "tare",
@@ -126,6 +130,7 @@ _HOMES = {
     "core.options": ("GenerationOptions",),
     "lab.arms.postures": ("find_postures",),
     "core.robot.chain": ("Chain", "Sensor", "Tool"),
+    "lab.arms.hands": ("HeldWrench", "internal_wrench", "relative_compliance"),
     "lab.arms.series": ("in_series", "tip_compliance_in_series"),
     "lab.arms.softness": ("compliance_determinant_gradient", "compliance_gradient"),
     "core.symbolic.measured": ("MeasuredStiffness", "StiffnessResidual", "measured_stiffness"),

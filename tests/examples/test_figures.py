@@ -29,7 +29,7 @@ def test_theory() -> None:
     from examples import theory
 
     pictures = theory.draw()
-    assert len(pictures) == 3
+    assert len(pictures) == 4
     assert_same(pictures)
 
 

@@ -111,7 +111,10 @@ def relative(kind: PairKind, a: TipFrame, b: TipFrame, parameters: tuple[ca.SX, 
     translation = _translation(a, b, B, rest[:3, 3], symmetric_from_upper(Kt))
     both = with_limits(kind, translation, _rotation(A, B, symmetric_from_upper(Ko)), parameters)
     return Terms(
-        both.V, both.F, both.K, (Section("A = Ra; B = Rb E0^T", {"B": B}, {"B": Kind.ROTATION}), *both.sections)
+        both.V,
+        both.F,
+        both.K,
+        (Section("A = Ra, B = Rb E0^T; RB is B", {"RB": B}, {"RB": Kind.ROTATION}), *both.sections),
     )
 
 
@@ -133,7 +136,7 @@ def absolute(a: TipFrame, b: TipFrame, parameters: tuple[ca.SX, ...], origin: ca
             K[rows, columns] = quarter
     K[WA, WA], K[WB, WB] = own.K[3:, 3:], other.K[3:, 3:]
     sections = (
-        Section("B0 = Rb E0^T", {"B0": B}, {"B0": Kind.ROTATION}),
+        Section("RH = Rb E0^T", {"RH": B}, {"RH": Kind.ROTATION}),
         Section("displacement em of the tips' middle, force fm", {"em": e, "fm": f}),
         *own.sections,
         *other.sections,
