@@ -62,7 +62,8 @@ class LoweredKernels:
         """Return a kernel's function, lowered once."""
         name, chain = kernel.qualified_name, self.chain
         if name not in self.functions:
-            scope = self._scope(kernel.scope(chain), kernel.scope_name(chain), comment(kernel.place))
+            title = comment(kernel.place) if kernel.place else ""
+            scope = self._scope(kernel.scope(chain), kernel.scope_name(chain), title)
             inputs = tuple(argument.array(chain) for argument in kernel.arguments)
             outputs = tuple(result.array(chain) for result in kernel.results)
             self.functions[name] = self._lowered(Function(name, scope, inputs, outputs), kernel.steps(chain))

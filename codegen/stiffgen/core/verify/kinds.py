@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from stiffgen.core.errors import StiffgenError, listed
+from stiffgen.core.family import is_there
 from stiffgen.core.folder import temporary_folder
 from stiffgen.core.loading import read_chain
 from stiffgen.core.robot.chain import Chain, ChainOptions
@@ -42,12 +43,14 @@ class RobotKind:
         joints: links and joints of the smallest robot on the link ``base``, as XML.
         is_of: function of a chain that returns whether the chain has what makes the kind.
         options: options of ``load_chain``.
+        pairs: pairs of tips with springs between them, where the family is there.
 
     """
 
     joints: str
     is_of: Callable[[Chain], bool]
     options: dict[str, Any] = field(default_factory=lambda: {"tip": "tip"})
+    pairs: tuple[str, ...] = ()
 
     def chain(self, folder: Path) -> Chain:
         """Write the robot's file into a folder and read it."""
@@ -99,7 +102,10 @@ KINDS: dict[str, RobotKind] = {
         lambda chain: len(chain.without_side_joints().joints) < len(chain.joints),
     ),
     "two tips": RobotKind(
-        _TWO + _joint("one", "three", "prismatic"), lambda chain: len(chain.tips) > 1, {"tip": ["tip", "three"]}
+        _TWO + _joint("one", "three", "prismatic"),
+        lambda chain: len(chain.tips) > 1,
+        {"tip": ["tip", "three"]},
+        ("tip:three",),
     ),
     "tool at run time": RobotKind(_SLIDE, lambda chain: chain.runtime_tool, {"tip": "tip", "runtime_tool": True}),
     "floating base": RobotKind(_TWO, lambda chain: chain.floating, {"tip": "tip", "floating_base": True}),
@@ -140,7 +146,8 @@ def check_kinds(
         progress(f"{name} ({number} of {len(KINDS)})")
         with temporary_folder("kind") as folder:
             chain = kind.chain(folder)
-        options = KernelOptions(kernels="all,compliance,tangents")
+        pairs = kind.pairs if is_there("pair") else ()
+        options = KernelOptions(kernels="all,compliance,tangents", pairs=pairs)
         table = [kernel for kernel in chain_kernels(chain, options) if not only or kernel.function in only]
         seen |= {kernel.function for kernel in table}
         checks += [replace(check, kernel=f"{name}: {check.kernel}") for check in _rows(chain, table, options, seed)]
