@@ -85,7 +85,7 @@ PARAMETERS: dict[str, tuple[Argument, ...]] = {
 
 
 @dataclass(frozen=True)
-class _Energy:
+class _TipEnergy:
     """Energy of two tips, from which six kernels follow.
 
     Attributes:
@@ -157,20 +157,20 @@ def _seen_from_first(chain: Chain, spring: Spring, **results: Argument) -> Progr
     return spring_joint_terms(chain, spring, **results)
 
 
-def _between(of: Asked, pair: TipPair, kind: PairKind) -> _Energy:
+def _between(of: Asked, pair: TipPair, kind: PairKind) -> _TipEnergy:
     """Return the spring between the tips."""
     tools = (TOOL_POSES,) if of.runtime_tool else ()
     group, seen = pair.group(f"pair{kind.suffix}"), (Q, *tools, *kind.parameters)
     spring = seen_from_first(group, kind, has_tools=of.runtime_tool)
     hessian = "d2U/dq2 = dJ^T/dq . F + J^T (K + Gamma F) J on the joints from A to B, F and K of B seen from A"
-    return _Energy(
+    return _TipEnergy(
         group, "the spring between the tips", kind.equation, f"{hessian} (Lachner, Nah, Hogan 2025)",
         f"{pair.note} {kind.domain}", partial(_seen_from_first, spring=spring), seen, pair.on_the_way,
         EnergyOfTips(partial(tips.relative, kind), (*_base(of), *seen)), pair.from_the_base,
     )  # fmt: skip
 
 
-def _held(of: Asked, pair: TipPair, kind: str) -> _Energy:
+def _held(of: Asked, pair: TipPair, kind: str) -> _TipEnergy:
     """Return the absolute spring of both tips, or its sum with the spring between them."""
     tools = (TOOL_POSES,) if of.runtime_tool else ()
     define, words, equation, note = tips.absolute, "the spring that holds both tips", _TWO, _ABSOLUTE
@@ -180,7 +180,7 @@ def _held(of: Asked, pair: TipPair, kind: str) -> _Energy:
     inputs = (*_base(of), Q, *tools, *PARAMETERS[kind])
     energy = EnergyOfTips(define, inputs)
     span = pair.from_the_base
-    return _Energy(
+    return _TipEnergy(
         pair.group(kind), words, equation, _HESSIAN, f"{pair.note} {note}", energy.in_joints, inputs, span, energy, span
     )
 
