@@ -201,6 +201,7 @@ def test_manifest_and_module(tmp_path: Path) -> None:
     assert {kernel.group for kernel in opened.table if kernel.span} == {"pair"}
     for file in ("tree.h", "tree.hpp", "tree_batch.c", "README.md", "__init__.pyi"):
         assert "pair" in (folder / file).read_text(), file
+    assert "## Springs between two tips\n\n`tree.pair`: springs" in (folder / "README.md").read_text()
     assert "A is left, B is right" in (folder / "tree.h").read_text()
     assert "Rounding: every entry of joint_stiffness within" in (folder / "tree.h").read_text()
 

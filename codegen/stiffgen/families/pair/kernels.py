@@ -52,7 +52,8 @@ JOINT_STIFFNESS = Argument(
 
 _ABSOLUTE = (
     "Kt acts on the middle of the origins of A and B, half of Ko on the rotation of each: a common turn costs what it "
-    "costs an ordinary spring, and the relative rotational stiffness grows by Ko/4. The energy is smooth everywhere."
+    "costs an ordinary spring, and the relative rotational stiffness grows by Ko/4. Of rest, the absolute spring reads "
+    "the rotation alone. The energy is smooth everywhere."
 )
 _TWO = "U = (pm - p0)^T Kt (pm - p0)/2 + (tr(G (I - R0^T A)) + tr(G (I - R0^T B)))/2, pm = (pa + pb)/2"
 _HESSIAN = "d2U/dq2 = Ja^T (Kaa Ja + Kab Jb) + Jb^T (Kba Ja + Kbb Jb) + load terms of Fa and Fb"
@@ -176,7 +177,10 @@ def _held(of: Asked, pair: TipPair, kind: str) -> _TipEnergy:
     define, words, equation, note = tips.absolute, "the spring that holds both tips", _TWO, _ABSOLUTE
     if kind == "bimanual":
         define, words = tips.bimanual, "the springs that hold both tips and between them"
-        equation, note = "sum of the energies of absolute and pair", f"{_ABSOLUTE} {TRACE.domain}"
+        equation, note = (
+            "sum of the energies of absolute and pair",
+            f"{_ABSOLUTE} The spring between the tips is that of pair.",
+        )
     inputs = (*_base(of), Q, *tools, *PARAMETERS[kind])
     energy = EnergyOfTips(define, inputs)
     span = pair.from_the_base

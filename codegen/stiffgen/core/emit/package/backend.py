@@ -51,6 +51,7 @@ def _variables(request: Request) -> dict[str, Any]:
     return {
         "example": _example(request),
         "group_names": {page.group for page in request.kernels},
+        "pair_names": list(dict.fromkeys(page.group for page in request.kernels if page.kernel.span)),
         "wrappers": request.has_wrappers,
     } | packed_functions(request)
 
