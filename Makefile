@@ -2,7 +2,11 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-PIP := $(BIN)/pip install --disable-pip-version-check
+# pip is silent while it unpacks: beside it, say every second how much the environment has grown to.
+pip = @echo "pip install $(1)"; \
+  (was=0; while sleep 1 && kill -0 $$$$ 2>/dev/null; do now=$$(du -sm $(VENV) | cut -f1); \
+  [ "$$now" = "$$was" ] || echo "  $(VENV): $$now MB"; was=$$now; done) & beat=$$!; \
+  $(BIN)/pip install --disable-pip-version-check $(1); code=$$?; kill $$beat; exit $$code
 URDFS := $(sort $(wildcard urdf/*.urdf))
 GENERATOR := $(shell find codegen -name '*.py' -o -name '*.j2' -o -name '*.[ch]')
 TORCH ?= torch>=2.5
@@ -143,8 +147,8 @@ $(VENV)/installed: pyproject.toml requirements.lock
 	@echo "making the environment $(VENV), up to 15 s ..."
 	@$(PYTHON) -m venv $(VENV) || { echo "python3 -m venv failed; on Debian: apt-get install python3-venv" >&2; exit 1; }
 	@echo "installing the packages of requirements.lock, 500 MB, usually 1 minute ..."
-	$(PIP) --no-deps --require-hashes --requirement requirements.lock
-	$(PIP) --no-deps --no-build-isolation --editable .
+	$(call pip,--no-deps --require-hashes --requirement requirements.lock)
+	$(call pip,--no-deps --no-build-isolation --editable .)
 	@touch $@
 
 .PHONY: lock
@@ -166,14 +170,14 @@ build/dist-venv/installed:
 
 
 $(VENV)/installed-test: $(VENV)/installed
-	$(PIP) --editable '.[test,lint]'
-	$(PIP) --no-deps 'lerobot>=0.4.4'  # its base classes alone: with PyTorch it has 6 GB
+	$(call pip,--editable '.[test,lint]')
+	$(call pip,--no-deps 'lerobot>=0.4.4')
 	@touch $@
 
 $(VENV)/installed-torch: $(VENV)/installed-test
-	$(PIP) '$(TORCH)'
+	$(call pip,'$(TORCH)')
 	@touch $@
 
 $(VENV)/installed-%: $(VENV)/installed
-	$(PIP) --editable '.[$*]'
+	$(call pip,--editable '.[$*]')
 	@touch $@

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Picture of the playground in docs/start.md, taken in headless Chromium.
 
-PYTHONPATH=tests:. python -m contract.play.picture docs/playground.png    (after make generate)
+PYTHONPATH=tests:. python -m lab.play.picture docs/playground.png    (after make generate)
 """
 
 from __future__ import annotations

@@ -293,10 +293,10 @@ def test_every_control_has_a_name_and_is_reached_by_tab(page: Page) -> None:
 
 def test_tip_is_dragged_by_mouse_and_keys(page: Page) -> None:
     before, (x, y) = place_of_tip(page), seen_tip(page)
-    page.drag([(x, y), (x - 10, y - 8), (x - 25, y - 20), (x - 40, y - 30)])
+    page.drag([(x, y), (x - 7, y - 6), (x - 18, y - 14), (x - 28, y - 21)])
     page.settle()
     assert 0.02 < np.linalg.norm(np.subtract(place_of_tip(page), before)) < 0.6
-    np.testing.assert_allclose(seen_tip(page), (x - 40, y - 30), atol=4)
+    np.testing.assert_allclose(seen_tip(page), (x - 28, y - 21), atol=4)
     shown = float(page.js("document.querySelector('#joints input[type=number]').value"))
     assert shown == pytest.approx(np.degrees(page.js("playground.state.q[0]")), abs=0.06)  # sliders follow
     page.js("document.getElementById('arm').focus()")
@@ -318,6 +318,7 @@ def test_loop_is_gone_round(page: Page) -> None:
     focus(page, "place on the loop")
     page.press("ArrowRight", 3)
     assert not page.js("playground.state.going")
+    page.js("document.getElementById('arm').scrollIntoView()")
     at = page.js("playground.state.lap")
     (x, y) = page.js(
         "(() => { const b = document.getElementById('arm').getBoundingClientRect(), [x, y] = playground.view.seen("
@@ -327,7 +328,6 @@ def test_loop_is_gone_round(page: Page) -> None:
         "(() => { const b = document.getElementById('arm').getBoundingClientRect(), [x, y] = playground.view.seen("
         "playground.now.marker(2 * Math.PI * (playground.state.lap + 0.1))); return [b.left + x, b.top + y]; })()"
     )
-    page.js("document.getElementById('arm').scrollIntoView()")
     page.drag([(x, y), tuple(ahead)])
     assert page.js("playground.state.lap") == pytest.approx(at + 0.1, abs=0.04)
 

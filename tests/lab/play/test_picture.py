@@ -40,7 +40,7 @@ def page() -> Iterator[Page]:
 
 def test_the_picture_is_the_page(page: Page, file: Path) -> None:
     found = share_of_pixels(take(page, file), COMMITTED)
-    again = "PYTHONPATH=tests python -m contract.play.picture docs/playground.png takes it anew"
+    again = "PYTHONPATH=tests python -m lab.play.picture docs/playground.png takes it anew"
     assert found < SAME, f"{found:.3f} of docs/playground.png differs: {again}"
     colours = np.rint(255 * pixels(COMMITTED)[..., :3]).astype(int)
     for key in KEYS:
@@ -78,3 +78,21 @@ def test_a_preset_scrolls_to_what_it_shows(page: Page, file: Path, width: int) -
         assert 0 <= top < 0.61 * 900, (name, top)
         if width == 360:
             assert 0 <= page.js("document.getElementById('arm').getBoundingClientRect().top") < 5
+
+
+@pytest.mark.parametrize(("width", "height"), [(1400, 900), (360, 740)])
+def test_the_first_load_shows_the_effect_without_a_click(page: Page, file: Path, width: int, height: int) -> None:
+    """The pushed arm, the difference of mirrored entries and the energy of a lap; a wide window has both matrices."""
+    page.window(width, height)
+    page.open(file)
+    apart = page.js("2 * Math.max(...playground.now.matrices.antisymmetric)")
+    net = page.js("playground.now.works.conventional.at(-1)")
+    text = page.js("document.getElementById('effect').textContent")
+    assert f"{apart:.3g} N m/rad" in text and f"{abs(net):.3g} J" in text
+    matrices = ["#maps figure:nth-child(1)", "#maps figure:nth-child(2)"]
+    for part in ["#arm", "#effect", *(matrices if width > 1000 else [])]:
+        top, bottom = page.js(f"(b => [b.top, b.bottom])(document.querySelector('{part}').getBoundingClientRect())")
+        assert 0 <= top < bottom <= height, part
+    page.js("[...document.querySelectorAll('#presets button')].find(b => b.textContent === 'No load').click()")
+    page.settle()
+    assert page.js("document.getElementById('effect').textContent").startswith("No moment acts")

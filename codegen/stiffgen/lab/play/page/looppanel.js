@@ -34,6 +34,17 @@ function wordOfGo({ state, calm }) {
   return state.lap >= LAPS ? "Go round again" : "Go round";
 }
 
+/** Return what the load does to the conventional matrix and to the work of a lap. */
+function effectOf({ matrices, works, loop }, metres, joules) {
+  const apart = 2 * largest(matrices.antisymmetric), most = largest(matrices.conventional);
+  if (apart <= 1e-9 * most) return "No moment acts: the conventional matrix, too, is symmetric, and no law makes energy in a lap.";
+  const radius = metres ? `${number(1000 * loop.radius)} mm` : `${number(loop.radius)} rad`;
+  const made = works.conventional?.at(-1) ?? 0, energy = joules(Math.abs(made));
+  const lap = made > 0 ? `makes ${energy} out of nothing, and takes as much in reverse` : `takes ${energy}, and makes as much out of nothing in reverse`;
+  return `Under this push, mirrored entries of the conventional matrix differ by up to ${number(apart)} N m/rad: ` +
+    `a lap of the loop, radius ${radius}, ${lap}. Corrected: 0 N m/rad, 0 J.`;
+}
+
 /** The panel of a page. */
 export class LoopPanel {
   constructor(page) {
@@ -61,6 +72,7 @@ export class LoopPanel {
     const joules = (value) => (Math.abs(value) <= 1e-12 * Math.max(1, most) ? "0 J" : `${number(value)} J`);
     for (const law of LAWS) $(`law-${law}`).textContent = works[law] ? joules(works[law].at(-1)) : "–";
     const done = ["conventional", "exact"].filter((law) => works[law]).map((law) => `${law} ${joules(workAt(works[law], state.lap))}`);
+    $("effect").textContent = effectOf(now, this.metres, joules);
     const smaller = loop.radius < state.loop.radius * (1 - 1e-9) ? ` The radius is clamped to ${number(loop.radius)}: near a singular posture a short way of the tip needs a long one of the joints.` : "";
     $("lap").textContent = `${state.lap.toFixed(2)} laps, put out so far: ${done.join(", ")}.${smaller}`;
     $("go").textContent = wordOfGo(this.page);
@@ -81,11 +93,16 @@ export class LoopPanel {
     this.places.set(lap);
   }
 
+  /** Whether the loop's radius is a length. */
+  get metres() {
+    const { kind, joints } = this.page.state.loop;
+    return kind === "carry" || (kind === "joints" && this.page.robot.coordinates[joints[0]].prismatic);
+  }
+
   /** Make the sliders of the radius and of the place anew, in the units of the loop's kind. */
   fill() {
-    const { page } = this, { $, state, robot } = page, { kind, joints, radius } = state.loop;
-    const metres = kind === "carry" || (kind === "joints" && robot.coordinates[joints[0]].prismatic);
-    const [min, max, step, unit, scale] = metres ? [5, 300, 5, "mm", 1000] : [0.01, 0.5, 0.01, "rad", 1];
+    const { page } = this, { $, state } = page, { kind, radius } = state.loop;
+    const [min, max, step, unit, scale] = this.metres ? [5, 300, 5, "mm", 1000] : [0.01, 0.5, 0.01, "rad", 1];
     $("loop-sliders").replaceChildren();
     slider($("loop-sliders"), {
       label: "radius of the loop", shown: "radius", unit, min, max, step,
