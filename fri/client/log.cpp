@@ -15,6 +15,7 @@
 
 namespace {
 
+const unsigned long long HEADER_LINES = 2; /* the comment and the columns' names */
 const char *const BEFORE[] = {"q", "dq", "q0"};
 const char *const AFTER[] = {"sent_torque", "sent_position", "measured_torque", "external_torque"};
 
@@ -42,7 +43,7 @@ const char *state_name(int state)
     return state >= 0 && state < 5 ? states[state] : "unknown state";
 }
 
-Log::Log(Records &records, const std::string &path, Question &question)
+Log::Log(Records &records, const std::string &path, double posture_stiffness, Question &question)
     : records_(records), question_(question), asked_(0), events_(0), stop_(false)
 {
     std::fill(told_, told_ + EVENTS, -1e9);
@@ -51,6 +52,8 @@ Log::Log(Records &records, const std::string &path, Question &question)
         return;
     }
     file_.create(path);
+    file_.append("# robot: %s, posture_stiffness: %g N m/rad", robot::name(), posture_stiffness);
+    file_.end_row();
     file_.append("time");
     for (const char *name : BEFORE) {
         names(file_, name, JOINTS);
@@ -92,7 +95,7 @@ void Log::finish()
 
 unsigned long long Log::rows() const
 {
-    return file_.rows() > 0 ? file_.rows() - 1 : 0;
+    return file_.rows() > HEADER_LINES ? file_.rows() - HEADER_LINES : 0;
 }
 
 std::string Log::trouble() const

@@ -22,8 +22,11 @@ const char *state_name(int state);
  */
 class Log {
 public:
-    /* An empty path: no file. Throws std::runtime_error if the file exists or cannot be made. */
-    Log(Records &records, const std::string &path, Question &question);
+    /*
+     * An empty path: no file. The file begins with a comment that names the robot and the stiffness of its posture
+     * springs [N m/rad]. Throws std::runtime_error if the file exists or cannot be made.
+     */
+    Log(Records &records, const std::string &path, double posture_stiffness, Question &question);
     ~Log();
 
     void start();

@@ -134,7 +134,7 @@ int run(Options &options)
     if (client->refusal() != REFUSAL_NONE) {
         throw std::runtime_error(refusal_text(*client) + "; see fri_wiping --help");
     }
-    std::unique_ptr<Log> log(new Log(*records, options.log, question));
+    std::unique_ptr<Log> log(new Log(*records, options.log, options.settings.posture_stiffness, question));
     check_files(options, *log);
     log->start();
     if (options.realtime > 0) {

@@ -40,6 +40,7 @@ class ClientLog:
 def read_client_log(log: Path, summary: Path) -> ClientLog:
     """Read the CSV and JSON that fri_wiping writes; columns name_0, name_1, ... become one array."""
     with log.open() as stream:
+        assert stream.readline().startswith("# robot: ")
         names = stream.readline().strip().split(",")
         lines = stream.readlines()
     values = np.loadtxt(lines, delimiter=",", ndmin=2) if lines else np.zeros((0, len(names)))

@@ -46,7 +46,7 @@ def test_a_log_that_does_not_fit_is_no_success(limit: int | None, one: Programs,
     code, out, errors = whole_session(one, tmp_path, "--log", log, "--summary", summary, limit=limit)
     told = json.loads(summary.read_text())
     text = log.read_text()
-    assert text.endswith("\n") and text.count("\n") == told["log_rows"] + 1
+    assert text.endswith("\n") and text.count("\n") == told["log_rows"] + 2
     assert told["trajectory_done"] and told["exit_code"] == code
     if limit is None:
         assert (code, told["log_rows"]) == (0, 400)

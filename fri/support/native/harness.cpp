@@ -262,7 +262,7 @@ int wiping(int argc, char **argv)
     std::unique_ptr<WipingClient> client(
         new WipingClient(options.settings, trajectory, NULL, connection, *records, question));
     std::remove(log_path.c_str()); /* of the session before */
-    Log log(*records, log_path, question);
+    Log log(*records, log_path, options.settings.posture_stiffness, question);
     log.keep(true);
     ClientApplication application(connection, *client);
     application.connect(30200);

@@ -346,3 +346,16 @@ def test_dask_without_a_scheduler_is_refused(here, robot_folder, capsys):
     assert code == 2
     assert "--dask nonsense://x" in err and "dask scheduler" in err
     assert not (here / "analysis").exists()
+
+
+def test_a_comment_before_the_columns_is_named_beside_the_robot(here, robot_folder, capsys):
+    """The client's log states the posture spring, which the analysed stiffness leaves out."""
+    plain = recordings.write_csv(here / "plain.csv", ROWS)
+    plain.write_text("# robot: wiper, posture_stiffness: 10 N m/rad\n" + plain.read_text())
+    code, out, _ = run(capsys, *command(robot_folder, plain, "--no-figures"))
+    assert code == 0
+    assert f"at the tip of {robot_folder.name} (without a tool)" in out
+    assert "The log states: robot: wiper, posture_stiffness: 10 N m/rad." in out
+    summary = json.loads((here / "analysis" / "plain" / "summary.json").read_text())
+    assert summary["rows_analysed"] == 300 and summary["measures"]["moment"]["most_at"].startswith("line ")
+    assert (summary["folder"], summary["tool"]) == (robot_folder.name, "without a tool")

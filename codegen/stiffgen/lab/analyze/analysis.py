@@ -58,7 +58,7 @@ from stiffgen.lab.analyze.recording import (
     open_recording,
     read_blocks,
 )
-from stiffgen.lab.analyze.report import bad_rows, write_report
+from stiffgen.lab.analyze.report import bad_rows, tool_words, write_report
 from stiffgen.lab.analyze.task import SensorTask, Task
 from stiffgen.rooms import optional
 
@@ -140,7 +140,7 @@ def run_analysis(options: AnalysisOptions) -> Analysis:
         result = _reduced(summarised, recording.partitions, options.dask, progress)
         if not result.good:
             raise EmptyRecordingError(_nothing_left(recording, result))
-        summary = _summary(recording, chain, task, result)
+        summary = _summary(robot, recording, chain, task, result)
         (staging / SUMMARY).write_text(json.dumps(summary, indent=1, allow_nan=False) + "\n", encoding="utf-8")
         if options.export is not None:
             _exported(staging, options, task, recording, result)
@@ -454,7 +454,7 @@ def _smallest_torque_limit(chain: Chain) -> dict[str, Any] | None:
     return {"joint": weakest.name, "limit": weakest.effort}
 
 
-def _summary(recording: Recording, chain: Chain, task: Task, result: Summary) -> dict[str, Any]:
+def _summary(robot: Path, recording: Recording, chain: Chain, task: Task, result: Summary) -> dict[str, Any]:
     """Return the contents of summary.json; docs/analyze.md lists them."""
     assert result.q_least is not None and result.q_most is not None
     times = result.times
@@ -462,6 +462,8 @@ def _summary(recording: Recording, chain: Chain, task: Task, result: Summary) ->
         "generator": GENERATOR,
         "recording": printable(recording.path.name, 255),
         "robot": chain.robot,
+        "folder": printable(robot.name, 255),
+        "tool": tool_words(chain),
         "base": chain.base,
         "tip": next(tip.link for tip in chain.tips if tip.name == task.tip),
         "representation": task.representation,

@@ -77,6 +77,14 @@ def table_rows(summary: Mapping[str, Any]) -> list[tuple[str, ...]]:
 TABLE_HEAD = ("quantity", "unit", "least", "mean", "median", "99 %", "most", "least at", "most at")
 
 
+def tool_words(chain: Chain) -> str:
+    """Return the tool in words: its place on the tip link and its mass, where it has one."""
+    if chain.tool is None:
+        return "without a tool"
+    place = " ".join(f"{x:g}" for x in chain.tool.xyz)
+    return f"tool at {place} m, {chain.tool.mass:g} kg"
+
+
 def statements(recording: Recording, result: Summary, summary: Mapping[str, Any]) -> list[str]:
     """Return the findings in sentences."""
     worst = summary["measures"]["singular_value_antisymmetric"]
@@ -90,7 +98,8 @@ def statements(recording: Recording, result: Summary, summary: Mapping[str, Any]
         f"The conventional stiffness is asymmetric by up to {worst['most']:.4g} {worst['unit']}{within} "
         f"({worst['most_at']}).",
         f"The corrected stiffness is indefinite at {100 * summary['share_indefinite']:.3g} % of the rows. It is "
-        "that of wrench and --task-stiffness at the tip; a posture spring of the controller is not in it.",
+        f"that of wrench and --task-stiffness at the tip of {summary['folder']} ({summary['tool']}); a posture spring "
+        "of the controller is not in it.",
         *beside_torque_limits(summary),
     ]
     return lines + list(recording.notes)

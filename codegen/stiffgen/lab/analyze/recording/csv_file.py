@@ -24,6 +24,8 @@ _BLANKS = " "
 """Delimiter of a file whose cells stand apart by any number of spaces and tabs."""
 _RUN = re.compile(rb"[ \t]+")
 _EDGE = re.compile(rb"^[ \t]+|[ \t\r]+$", re.MULTILINE)
+_STATED = re.compile(r"\w+: [^,;\t]+(, \w+: [^,;\t]+)*")
+"""Comment before the names of the columns, such as ``robot: iiwa14, posture_stiffness: 10 N m/rad``."""
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?|[+-]?(nan|inf|infinity)", re.ASCII | re.IGNORECASE)
 
 
@@ -163,6 +165,7 @@ def open_file(path: Path, request: RecordingRequest, progress: Callable[[str], N
     """Find the columns in the header line, and divide the file at line ends."""
     extra("pyarrow.csv", "reading CSV")
     header_line = 0
+    stated: list[str] = []
     with path.open("rb") as file:
         header = ""
         while not header:
@@ -173,6 +176,9 @@ def open_file(path: Path, request: RecordingRequest, progress: Callable[[str], N
             header_line += 1
             # NumPy's savetxt marks the header as a comment.
             header = line.decode("utf-8-sig", errors="replace").strip().removeprefix("#").strip()
+            if line.startswith(b"#") and _STATED.fullmatch(header):
+                stated.append(header)
+                header = ""
         delimiter = _delimiter(header)
         names = _cells(header, delimiter)
         if all(_number(name) is not None for name in names):
@@ -188,7 +194,8 @@ def open_file(path: Path, request: RecordingRequest, progress: Callable[[str], N
             stop = start + len(piece)
             partitions.append(_partition(path, start, stop, row, delimiter, names, columns))
             start, row = stop, row + piece.count(b"\n")
-    return Recording(path, columns, tuple(partitions), first_line=header_line + 1)
+    notes = tuple(f"The log states: {printable(text, 200)}." for text in stated)
+    return Recording(path, columns, tuple(partitions), first_line=header_line + 1, notes=notes)
 
 
 def _delimiter(header: str) -> str:
