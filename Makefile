@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 # pip is silent while it unpacks: beside it, say every second how much the environment has grown to.
 pip = @echo "pip install $(1)"; \
-  (was=0; while sleep 1 && kill -0 $$$$ 2>/dev/null; do now=$$(du -sm $(VENV) | cut -f1); \
+  (was=0; while sleep 1 && kill -0 $$$$ 2>/dev/null; do now=$$(du -sm $(VENV) 2>/dev/null | cut -f1); \
   [ "$$now" = "$$was" ] || echo "  $(VENV): $$now MB"; was=$$now; done) & beat=$$!; \
   $(BIN)/pip install --disable-pip-version-check $(1); code=$$?; kill $$beat; exit $$code
 URDFS := $(sort $(wildcard urdf/*.urdf))
@@ -31,7 +31,6 @@ endif
 
 help:  ## print this list
 	@awk -F ':.*## ' '/^[a-z].*:.*## / {printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
-	@echo "  make EXAMPLE          run an example: $(EXAMPLES)"
 
 generate: $(VENV)/installed  ## generate and build every robot in urdf/, and print one result (2 minutes)
 	@set -e; for urdf in $(URDFS); do $(BIN)/stiffgen generate $$urdf; done
@@ -41,19 +40,19 @@ test: $(VENV)/installed-test  ## run the quick tests or those of ROOM=control (1
 	$(if $(ROOM),$(if $(CHOSEN),,$(error ROOM=$(ROOM) has no tests; rooms are $(filter-out data support __pycache__,$(notdir $(patsubst %/,%,$(wildcard tests/*/)))) fri ros2)))
 	$(BIN)/python -m pytest $(SPREAD) -m '$(TESTS)' $(CHOSEN)
 
-test-slow: $(VENV)/installed-test  ## run the other tests, with the short forms of the campaigns
+test-slow: $(VENV)/installed-test  ## run the other tests, with the short forms of the campaigns (30 minutes)
 	$(BIN)/python -m pytest $(SPREAD) -m 'slow and not wide' $(CHOSEN)
 
-test-wide: $(VENV)/installed-test  ## run further robots, compilers and pages of what test-slow tests: before a release
+test-wide: $(VENV)/installed-test  ## run further robots, compilers and pages of what test-slow tests: before a release (hours)
 	$(BIN)/python -m pytest $(SPREAD) -m wide
 
-lint: $(VENV)/installed-test  ## run ruff, mypy and reuse (licences)
+lint: $(VENV)/installed-test  ## run ruff, mypy and reuse (20 s)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/reuse lint --lines
 
-check-generated: $(VENV)/installed  ## compare generated/iiwa14 with what the generator writes
+check-generated: $(VENV)/installed  ## compare generated/iiwa14 with what the generator writes (10 s)
 	@set -e; fresh=$$(mktemp -d); trap 'rm -rf "$$fresh"' EXIT; \
 	$(BIN)/stiffgen generate urdf/iiwa14.urdf --no-build --output "$$fresh" >/dev/null; \
 	versions() { sed -n '/"versions"/,/}/p' "$$1/manifest.json" | tr -d ' "\n'; }; \
@@ -64,24 +63,24 @@ check-generated: $(VENV)/installed  ## compare generated/iiwa14 with what the ge
 	  echo "generated/iiwa14 is out of date; run 'make generate' and commit what it changes" >&2; exit 1; }; \
 	echo "generated/iiwa14 is what the generator writes"
 
-docs: $(VENV)/installed-docs  ## build the pages and the reference as a site, into build/site/html/
+docs: $(VENV)/installed-docs  ## build the pages and the reference as a site, into build/site/html/ (1 minute)
 	$(BIN)/python docs/site/build.py build/site
 
-report: docs  ## print docs/results.md as build/results.pdf (needs chromium)
+report: docs  ## print docs/results.md as build/results.pdf (1 minute; needs chromium)
 	@command -v chromium >/dev/null || { echo "chromium is not installed; on Debian: apt-get install chromium" >&2; exit 1; }
 	chromium --headless --no-sandbox --disable-gpu --no-pdf-header-footer --print-to-pdf=build/results.pdf \
 	  "file://$(CURDIR)/build/site/html/docs/results.html"
 
-dist: build/dist-venv/installed $(VENV)/installed-test  ## build the wheels of stiffgen and of one robot, and check them (twine)
+dist: build/dist-venv/installed $(VENV)/installed-test  ## build the wheels of stiffgen and of one robot, and check them (30 s)
 	rm -rf build/dist
 	$(BIN)/python -m build --no-isolation --outdir build/dist
 	$(BIN)/pip wheel --quiet --no-deps --no-build-isolation --wheel-dir build/dist generated/iiwa14
 	build/dist-venv/bin/twine check --strict build/dist/*
 
-bench: $(VENV)/installed-test $(VENV)/installed-bench  ## time against what a user could take instead, into benchmarks/RESULTS.md
+bench: $(VENV)/installed-test $(VENV)/installed-bench  ## time against what a user could take instead, into benchmarks/RESULTS.md (minutes)
 	$(BIN)/python benchmarks/run.py
 
-bench-cuda: $(VENV)/installed-test  ## check every CUDA function, and time the joint stiffness, on this machine's GPU (needs nvcc)
+bench-cuda: $(VENV)/installed-test  ## check every CUDA function, and time the joint stiffness, on this machine's GPU (minutes; needs nvcc)
 	@PYTHONPATH=tests:. $(BIN)/python -m campaigns.receipts bench-cuda $(MAKE) --no-print-directory _bench-cuda
 
 .PHONY: _bench-cuda
@@ -97,10 +96,10 @@ _bench-cuda:
 # Campaigns of one package more than the tests have.
 campaign: $(VENV)/installed-test $(patsubst %,$(VENV)/installed-%,$(filter fuzz torch drake,$(NAME)))
 campaign: $(if $(filter rounding-errors targets,$(NAME)),generate)
-campaign:  ## run a long search: NAME=..., OPTIONS="...", RECEIPT=yes to record it; without a name, list them
+campaign:  ## run a long search: NAME=..., OPTIONS="...", RECEIPT=yes to record it; without a name, list them (minutes to hours)
 	@PYTHONPATH=tests:. $(BIN)/python -m campaigns $(if $(RECEIPT),--receipt) $(NAME) $(OPTIONS)
 
-compare: $(VENV)/installed-test  ## compare the controller with laws in use, into docs/results.md
+compare: $(VENV)/installed-test  ## compare the controller with laws in use, into docs/results.md (minutes to hours)
 	@PYTHONPATH=tests:. $(BIN)/python -m campaigns compare
 
 clean:  ## remove what the above made, but not generated/
@@ -117,13 +116,13 @@ experiment: build/robots/iiwa14_plate build/robots/iiwa14_ball  ## run the paper
 flutter: $(VENV)/installed-examples  ## push a ball joint that three drives hold, and one on a spring (1 minute)
 	@mkdir -p build
 	$(BIN)/python -m examples.flutter --figure build/flutter.svg --film build/flutter_film.svg
-whole-body: build/robots/solo12
+whole-body: build/robots/solo12  ## find the stiffness of a standing quadruped (minutes)
 	$(BIN)/python -m examples.whole_body
-adaptive: build/robots/iiwa14_derivatives
+adaptive: build/robots/iiwa14_derivatives  ## adapt the stiffness on an energy tank (1 minute)
 	$(BIN)/python -m examples.adaptive
-optimal-control: build/robots/iiwa14_wiping
+optimal-control: build/robots/iiwa14_wiping  ## choose the task stiffness along a trajectory (minutes)
 	$(BIN)/python -m examples.optimal_control
-fri-demo: build/robots/iiwa14_plate
+fri-demo: build/robots/iiwa14_plate  ## run the FRI client against a simulated LBR (5 minutes)
 	@$(BIN)/python -m fri.robot.demo
 
 iiwa14_derivatives := urdf/iiwa14.urdf --derivatives

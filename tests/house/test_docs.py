@@ -76,11 +76,11 @@ def words(text: str) -> int:
 
 def test_pages_stay_few_and_short() -> None:
     """One question has one page; results, which commands write, may be long."""
-    counts = {page.name: words(page.read_text()) for page in (ROOT / "docs").glob("*.md")}
-    assert len(counts) <= 22
+    pages = [*(ROOT / "docs").glob("*.md"), ROOT / "CONTRIBUTING.md"]
+    counts = {page.name: words(page.read_text()) for page in pages}
+    assert len(counts) <= 23
     assert {name: count for name, count in counts.items() if count > 2500} == {"results.md": counts["results.md"]}
-    both = sum(words((ROOT / name).read_text()) for name in ("README.md", "CONTRIBUTING.md"))
-    assert sum(counts.values()) + both <= 38000
+    assert sum(counts.values()) + words((ROOT / "README.md").read_text()) <= 38000
 
 
 def test_the_readme_shows_a_program_before_its_120th_word() -> None:

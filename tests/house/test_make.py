@@ -24,6 +24,9 @@ def test_help_prints_every_target() -> None:
     assert set(" ".join(targets).split()) <= words
     for target in ("experiment", "test"):  # those that a new user waits for
         assert re.search(rf"^  make {target} +.*\([0-9]+ minutes\)$", said, re.MULTILINE)
+    timed = re.compile(r"\((\d+ (s|minutes?)|minutes( to hours)?|hours)[;)]")
+    without = [line.split()[1] for line in said.splitlines() if not timed.search(line)]
+    assert without == ["help", "clean", "lock"]
 
 
 def wants_to_install(environment: Path) -> bool:
