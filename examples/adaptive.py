@@ -169,7 +169,7 @@ def figure(runs: dict[str, Run]) -> str:
         ports.axhline(TANK, color=INK, linestyle=":", linewidth=1, label=f"bound of {TANK:g} J")
         ports.set(title="work put out by the controller", ylabel="[J]")
         # Beside the curves, which fill their panels.
-        drawing.legend(handles=[*ports.lines, careful_k.lines[0]], loc="outside lower center", ncols=3)
+        drawing.legend(handles=[*ports.lines, careful_k.lines[1]], loc="outside lower center", ncols=3)
         for axes in (tanks, ports):
             axes.set_xlabel("time [s]")
         svg = themed_svg(drawing)

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 from urllib.parse import unquote, urldefrag
 
+from narrow import narrow
 from pages import stage
 from sphinx.cmd.build import main as sphinx
 
@@ -47,7 +48,9 @@ class Page(HTMLParser):
         given = {key: value for key, value in attrs if value}
         self.anchors |= {given[key] for key in ("id", "name") if key in given}
         self.links += [given["href"]] if tag == "a" and "href" in given else []
-        self.loaded += [given[key] for key in ("src", "href", "data") if key in given and tag not in ("a", "base")]
+        self.loaded += [
+            given[key] for key in ("src", "srcset", "href", "data") if key in given and tag not in ("a", "base")
+        ]
 
 
 class Excerpt(HTMLParser):
@@ -96,6 +99,26 @@ def write_excerpts(folder: Path) -> None:
     (folder / "_static" / "excerpts.js").write_text(f"window.excerpts = {text};\n")
 
 
+def fold_figures(folder: Path) -> None:
+    """Write narrow forms of the figures that have one, and let the pages show them in narrow windows."""
+    folded = {file.name: text for file in (folder / "_images").glob("*.svg") if (text := narrow(file.read_text()))}
+    (folder / "narrow").mkdir(exist_ok=True)
+    for name, text in folded.items():
+        (folder / "narrow" / name).write_text(text)
+
+    def both(found: re.Match[str]) -> str:
+        if found[3] not in folded:
+            return found[0]
+        source = f'<source media="(max-width: 30em)" srcset="{found[2]}narrow/{found[3]}">'
+        return f"<picture>{source}{found[0]}</picture>"
+
+    for file in folder.rglob("*.html"):
+        text = file.read_text()
+        changed = re.sub(r'(<img [^>]*src="([^"]*)_images/([^"/]+)"[^>]*>)', both, text)
+        if changed != text:
+            file.write_text(changed)
+
+
 def faults(folder: Path) -> list[str]:
     """Return links of the site that lead nowhere, and addresses that it would load from a network."""
     pages = {file.resolve(): Page(file) for file in folder.rglob("*.html")}
@@ -130,6 +153,7 @@ def main(folder: Path) -> int:
     code = sphinx([*options, str(folder / "pages"), str(folder / "html")])
     if code == 0:
         write_excerpts(folder / "html")
+        fold_figures(folder / "html")
     wrong = faults(folder / "html") if code == 0 else []
     print("\n".join([*wrong, f"open {folder}/html/index.html"]))
     return code or bool(wrong)

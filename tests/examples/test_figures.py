@@ -41,6 +41,13 @@ def test_a_change_is_seen() -> None:
         assert difference(picture.replace(old, new, 1), picture, WITHIN)
 
 
+def test_no_legend_shows_a_name_of_matplotlib() -> None:
+    """A line without a label has the name _child0."""
+    pictures = [*(ROOT / "docs").glob("*.svg"), *(ROOT / "docs" / "figures").glob("*.svg")]
+    assert len(pictures) > 20
+    assert [picture.name for picture in pictures if ">_child" in picture.read_text()] == []
+
+
 def test_controller() -> None:
     from examples import controller
 

@@ -3,6 +3,7 @@
 for (const picture of document.querySelectorAll("article img")) {
   if (picture.closest("a")) continue;
   const link = Object.assign(document.createElement("a"), { href: picture.src, title: "full size" });
-  picture.replaceWith(link);
-  link.append(picture);
+  const whole = picture.closest("picture") ?? picture;
+  whole.replaceWith(link);
+  link.append(whole);
 }
