@@ -197,7 +197,7 @@ def _of_loop(arms: Arms, timing: LoopTiming) -> tuple[Quantity, ...]:
     quantities = (
         Quantity("rendered", "N/m", "stiffness that the impedance controller renders in full",
                  "the compiled controller, eight arms", rendered),
-        Quantity("passive", "N/m", "slow motion gets no work out of the late torques: b >= lambda h in every mode",
+        Quantity("passive", "N/m", "late torques put out no work in slow motion",
                  f"work of slow cycles, {_CAMPAIGN}", passive),
         Quantity("stable", "N/m", "the sampled loop's roots are inside the unit circle",
                  f"energy after a push, {_CAMPAIGN}", stable),
