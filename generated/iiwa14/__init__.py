@@ -127,7 +127,7 @@ except ImportError as _error:
         "iiwa14: its C module is not built for this Python; run 'stiffgen generate FILE' on the robot's file again, "
         "with the same options and without --no-build (in stiffgen's repository: make generate)"
     ) from _error
-if getattr(_c, "SOURCES", "") != "a7bdbbfb08bd33f4":
+if getattr(_c, "SOURCES", "") != "f954b169846207e6":
     raise ImportError(
         "iiwa14: its C module was compiled from other sources than those in this folder; run 'stiffgen generate "
         "FILE' on the robot's file again (in stiffgen's repository: make generate). Restart Python if it has loaded the old module"

@@ -26,54 +26,114 @@ static void stiffgen_jacobians(const double *q, const double *tool, double *jaco
     iiwa14_hybrid_jacobian(q, jacobians + 0);
 }
 
+static const double FARTHEST = 1e6; /* [m] or [rad] beyond which a number is a mistake, or has lost its last digits */
+static const double RADIAN = 0.2; /* [m] that counts as much as one radian */
 enum { ROWS = 6 * TIPS };                  /* of the Jacobians of all tips */
-static const double FARTHEST = 1e6;        /* [m] or [rad] beyond which a number is a mistake */
-static const double HALF_TURN = 3.14159265358979324;
-/* Poses, and the twists between them. */
+static double larger(double x, double y) { return x > y ? x : y; }
 
-static const double ROUGH = 1e-3;   /* what R^T R may differ from 1 by: single precision and drift, not a mistake */
-static const double NO_SINE = 1e-6; /* sine up to which, near half a turn, it has lost the digits of the axis */
+static double smaller(double x, double y) { return x < y ? x : y; }
 
-static double dot(int n, const double *a, const double *b)
+static double clamp(double x, double least, double most)
+{
+    const double low = x < least ? least : x;
+    return low > most ? most : low;
+}
+
+static double dot(int count, const double *a, const double *b)
 {
     double sum = 0.0;
-    for (int i = 0; i < n; ++i) {
+    for (int i = 0; i < count; ++i) {
         sum += a[i] * b[i];
     }
     return sum;
 }
 
-static double norm(int n, const double *a) { return sqrt(dot(n, a, a)); }
+static double norm(int count, const double *x) { return sqrt(dot(count, x, x)); }
 
-/* Return whether all numbers lie between the bounds; NaN does not. */
-static int all_within(const double *x, int count, double least, double most)
+/* Return whether all entries lie between the bounds (both allowed); NaN does not. */
+static int doubles_within(const double *x, size_t count, double least, double most)
 {
-    int good = 1;
-    for (int i = 0; i < count; ++i) {
-        good = good && x[i] >= least && x[i] <= most;
+    for (size_t i = 0; i < count; ++i) {
+        if (!(x[i] >= least && x[i] <= most)) {
+            return 0;
+        }
     }
-    return good;
+    return 1;
 }
 
-/* Copy a pose with its rotation made orthonormal, by two Newton steps R (3 - R^T R) / 2. Return whether it is one. */
+/* Factorise a positive definite A = L L^T (lower triangles); the pivots of a semidefinite one are not quite 0. */
+static void find_triangle(int n, const double *A, double *L)
+{
+    for (int i = 0; i < n; ++i) {
+        for (int j = 0; j <= i; ++j) {
+            const double rest = A[i * n + j] - dot(j, L + i * n, L + j * n);
+            L[i * n + j] = i == j ? sqrt(larger(rest, DBL_MIN)) : rest / L[j * n + j];
+        }
+    }
+}
+
+/* Solve L L^T x = b in place. */
+static void solve_triangles(int n, const double *L, double *x)
+{
+    for (int i = 0; i < n; ++i) {
+        x[i] = (x[i] - dot(i, L + i * n, x)) / L[i * n + i];
+    }
+    for (int i = n - 1; i >= 0; --i) {
+        for (int k = i + 1; k < n; ++k) {
+            x[i] -= L[k * n + i] * x[k];
+        }
+        x[i] /= L[i * n + i];
+    }
+}
+
+static const double ROUGH = 1e-3; /* what R^T R may differ from 1 by: single precision and drift, not a mistake */
+
+static const double EXACT = 1e-13; /* up to which R is orthonormal but for rounding */
+
+static const double NO_SINE = 1e-6; /* sine up to which, near half a turn, it has lost the digits of the axis */
+
+/* Return the largest entry of R^T R - 1 for a pose with rotation R, and where it is in the pose. */
+static double rotation_error(const double *pose, int *entry)
+{
+    double most = 0.0;
+    for (int k = 0; k < 9; ++k) {
+        const int i = k / 3, j = k % 3;
+        const double product = pose[i] * pose[j] + pose[4 + i] * pose[4 + j] + pose[8 + i] * pose[8 + j];
+        const double off = fabs(product - (i == j ? 1.0 : 0.0));
+        *entry = off > most ? 4 * i + j : *entry;
+        most = larger(off, most);
+    }
+    return most;
+}
+
+/* Return whether a matrix has the numbers and the last row of a pose. */
+static int has_form_of_pose(const double *pose)
+{
+    const double last[4] = {pose[12], pose[13], pose[14], pose[15] - 1.0};
+    return doubles_within(pose, 16, -FARTHEST, FARTHEST) && doubles_within(last, 4, 0.0, 0.0);
+}
+
+/*
+ * Copy a pose with its rotation R made orthonormal, by two Newton steps R (3 - R^T R) / 2: one leaves 1e-6 of ROUGH,
+ * two leave 1e-12. Return whether it is a pose.
+ */
 static int clean_pose(const double *pose, double *clean)
 {
-    if (!all_within(pose, 16, -FARTHEST, FARTHEST) || norm(3, pose + 12) > 0.0 || fabs(pose[15] - 1.0) > 0.0) {
+    int unused = 0;
+    const double off = rotation_error(pose, &unused);
+    if (!has_form_of_pose(pose) || off > ROUGH) {
         return 0;
     }
     memcpy(clean, pose, 16 * sizeof *clean);
-    for (int round = 0; round < 2; ++round) {
+    for (int round = 0; round < 2 && off > EXACT; ++round) {
         double R[12], D[9];
         memcpy(R, clean, sizeof R);
         for (int k = 0; k < 9; ++k) {
             const int i = k / 3, j = k % 3;
-            D[k] = (i == j ? 3.0 : 0.0) - R[i] * R[j] - R[4 + i] * R[4 + j] - R[8 + i] * R[8 + j];
-            if (fabs(D[k] - (i == j ? 2.0 : 0.0)) > ROUGH) {
-                return 0;
-            }
+            D[k] = (i == j ? 1.5 : 0.0) - 0.5 * (R[i] * R[j] + R[4 + i] * R[4 + j] + R[8 + i] * R[8 + j]);
         }
         for (int k = 0; k < 9; ++k) {
-            clean[k / 3 * 4 + k % 3] = dot(3, R + k / 3 * 4, D + k % 3 * 3) / 2.0; /* D is symmetric */
+            clean[k / 3 * 4 + k % 3] = dot(3, R + k / 3 * 4, D + k % 3 * 3); /* D is symmetric */
         }
     }
     const double *const x = clean, *const y = clean + 4;
@@ -81,36 +141,25 @@ static int clean_pose(const double *pose, double *clean)
     return dot(3, cross, clean + 8) > 0.0;
 }
 
-/* Turn the axis times the sine (w) of a rotation D into the rotation vector. */
-static void take_logarithm(const double *D, double *w)
+/* Compute the twist (hybrid axes) from a pose to another: motion of the origin [m], and rotation vector [rad]. */
+static void compare_pose(const double *from, const double *to, double *twist)
 {
-    const double cosine = (D[0] + D[4] + D[8] - 1.0) / 2.0, angle = atan2(norm(3, w), cosine);
-    if (cosine < 0.0 && norm(3, w) < NO_SINE) { /* the axis is the longest column of D + 1 */
+    double D[9]; /* the rotation between the poses */
+    for (int k = 0; k < 9; ++k) {
+        D[k] = dot(3, to + k / 3 * 4, from + k % 3 * 4);
+    }
+    double axis[3] = {(D[7] - D[5]) / 2.0, (D[2] - D[6]) / 2.0, (D[3] - D[1]) / 2.0}; /* times the sine */
+    const double sine = norm(3, axis), angle = atan2(sine, (D[0] + D[4] + D[8] - 1.0) / 2.0);
+    if (angle > 1.0 && sine < NO_SINE) { /* the axis is the longest column of D + 1 */
         const int first = D[0] > D[4] ? 0 : 1, k = D[8] > D[4 * first] ? 2 : first;
         for (int i = 0; i < 3; ++i) {
-            w[i] = D[3 * i + k] + (i == k ? 1.0 : 0.0);
+            axis[i] = D[3 * i + k] + (i == k ? 1.0 : 0.0);
         }
     }
-    const double size = norm(3, w);
+    const double size = norm(3, axis);
     for (int i = 0; i < 3; ++i) {
-        w[i] *= size > 0.0 ? angle / size : 1.0;
-    }
-}
-
-/* Compute the twists (hybrid axes) of all tips from poses to others: motions of the origins, and rotation vectors. */
-static void compare_poses(const double *from, const double *to, double *twists)
-{
-    for (int t = 0; t < TIPS; ++t, from += 16, to += 16, twists += 6) {
-        double D[9]; /* the rotation between the poses */
-        for (int k = 0; k < 9; ++k) {
-            D[k] = dot(3, to + k / 3 * 4, from + k % 3 * 4);
-        }
-        double w[3] = {(D[7] - D[5]) / 2.0, (D[2] - D[6]) / 2.0, (D[3] - D[1]) / 2.0};
-        take_logarithm(D, w);
-        for (int i = 0; i < 3; ++i) {
-            twists[i] = to[4 * i + 3] - from[4 * i + 3];
-            twists[3 + i] = w[i];
-        }
+        twist[i] = to[4 * i + 3] - from[4 * i + 3];
+        twist[3 + i] = size > 0.0 ? angle / size * axis[i] : 0.0;
     }
 }
 
@@ -118,17 +167,17 @@ static void compare_poses(const double *from, const double *to, double *twists)
 
 enum { TRIALS = 40, STEPS = 60 }; /* of a search; of a trial */
 static const double REACHED = 5e-6;      /* [m] or [rad] from a pose at which one step more is the last */
-static const double RADIAN = 0.25;       /* [m] that count as much as one radian */
 static const double FLAT_SHARE = 1e-9;   /* damping at the pose, over the largest square of a joint's twist */
 static const double STEP_SHARE = 0.05;   /* damping over the error: what its neglected second derivative may do */
 static const double LONGEST_STEP = 0.5;  /* [rad] or [m] */
+static const double HALF_TURN = 3.14159265358979324;
 
 /* Return the largest distance [m] or angle [rad] of the tips' twists. */
 static double largest_part(const double *twists)
 {
     double most = 0.0;
     for (int k = 0; k < ROWS; k += 3) {
-        most = fmax(most, norm(3, twists + k));
+        most = larger(most, norm(3, twists + k));
     }
     return most;
 }
@@ -146,7 +195,7 @@ static double weigh(const double *q, const double *tool, double *X, double *erro
         X[k] = J[r * N + i] / (r % 6 < 3 ? RADIAN : 1.0);
     }
     for (int i = 0; i < N; ++i) {
-        longest = fmax(longest, norm(ROWS, X + i * ROWS));
+        longest = larger(longest, norm(ROWS, X + i * ROWS));
     }
     for (int k = 0; k < N * ROWS; ++k) {
         X[k] /= longest;
@@ -158,27 +207,20 @@ static double weigh(const double *q, const double *tool, double *X, double *erro
     return FLAT_SHARE + squares + STEP_SHARE * sqrt(squares);
 }
 
-/* Solve (X^T X + damping) x = b in place, by a Cholesky factor. */
+/* Solve (X^T X + damping) x = b in place. */
 static void solve_damped(const double *X, double damping, double *x)
 {
-    double L[ROWS * ROWS];
+    double A[ROWS * ROWS], L[ROWS * ROWS];
     for (int r = 0; r < ROWS; ++r) {
         for (int s = 0; s <= r; ++s) {
-            double sum = r == s ? damping : 0.0;
+            A[r * ROWS + s] = r == s ? damping : 0.0;
             for (int i = 0; i < N; ++i) {
-                sum += X[i * ROWS + r] * X[i * ROWS + s];
+                A[r * ROWS + s] += X[i * ROWS + r] * X[i * ROWS + s];
             }
-            const double rest = sum - dot(s, L + r * ROWS, L + s * ROWS);
-            L[r * ROWS + s] = r == s ? sqrt(fmax(rest, DBL_MIN)) : rest / L[s * ROWS + s];
         }
-        x[r] = (x[r] - dot(r, L + r * ROWS, x)) / L[r * ROWS + r];
     }
-    for (int r = ROWS - 1; r >= 0; --r) {
-        for (int s = r + 1; s < ROWS; ++s) {
-            x[r] -= L[s * ROWS + r] * x[s];
-        }
-        x[r] /= L[r * ROWS + r];
-    }
+    find_triangle(ROWS, A, L);
+    solve_triangles(ROWS, L, x);
 }
 
 /*
@@ -191,7 +233,7 @@ static int hold_joint(const double *q, const double *low, const double *high, in
     double farthest = 0.0;
     int found = -1;
     for (int i = 0; i < N; ++i) {
-        const double next = q[i] + step[i], beyond = fabs(next - fmin(fmax(next, low[i]), high[i]));
+        const double next = q[i] + step[i], beyond = fabs(next - clamp(next, low[i], high[i]));
         found = !held[i] && beyond > farthest ? i : found;
         farthest = found == i ? beyond : farthest;
     }
@@ -199,7 +241,7 @@ static int hold_joint(const double *q, const double *low, const double *high, in
         return 0;
     }
     held[found] = 1;
-    step[found] = fmin(fmax(q[found] + step[found], low[found]), high[found]) - q[found];
+    step[found] = clamp(q[found] + step[found], low[found], high[found]) - q[found];
     for (int r = 0; r < ROWS; ++r) {
         error[r] -= step[found] * X[found * ROWS + r];
         X[found * ROWS + r] = 0.0;
@@ -240,9 +282,9 @@ static void start_trial(const double *start, const double *low, const double *hi
 {
     const double share = trial == 0 ? 0.0 : 0.4 + 0.6 * trial / (double)TRIALS; /* of the way to an even spread */
     for (int i = 0; i < N; ++i) {
-        const double least = fmax(low[i], start[i] - HALF_TURN), most = fmin(high[i], start[i] + HALF_TURN);
+        const double least = larger(low[i], start[i] - HALF_TURN), most = smaller(high[i], start[i] + HALF_TURN);
         const double far = least + spread(trial, i) * (most - least);
-        q[i] = fmin(fmax(start[i] + share * (far - start[i]), low[i]), high[i]);
+        q[i] = clamp(start[i] + share * (far - start[i]), low[i], high[i]);
     }
 }
 
@@ -253,10 +295,12 @@ static int try_posture(const double *goal, const double *tool, const double *low
     for (int k = 0; k < STEPS && !found; ++k) {
         double here[16 * TIPS], error[ROWS], step[N];
         stiffgen_poses(q, tool, here);
-        compare_poses(here, goal, error);
+        for (int t = 0; t < TIPS; ++t) {
+            compare_pose(here + 16 * t, goal + 16 * t, error + 6 * t);
+        }
         found = largest_part(error) <= REACHED; /* improved by one step more */
         find_step(q, tool, low, high, error, step);
-        const double share = fmin(LONGEST_STEP / fmax(norm(N, step), LONGEST_STEP), 1.0);
+        const double share = smaller(LONGEST_STEP / larger(norm(N, step), LONGEST_STEP), 1.0);
         for (int i = 0; i < N; ++i) {
             q[i] += share * step[i];
         }
@@ -269,7 +313,7 @@ static int search(const double *poses, const double *tool, const double *start, 
            double *posture)
 {
     double goal[16 * TIPS], tools[16 * TIPS], q[N];
-    int good = all_within(start, N, -FARTHEST, FARTHEST);
+    int good = doubles_within(start, N, -FARTHEST, FARTHEST);
     memmove(posture, start, N * sizeof *posture); /* both may be one array */
     for (int t = 0; t < TIPS; ++t) {
         good = good && clean_pose(poses + 16 * t, goal + 16 * t);

@@ -40,36 +40,24 @@ static double *stiffgen_kept_tool(state_t *state)
     return NULL;
 }
 
-enum { ROWS = 6 * TIPS, WIDE = (int)N > 6 * TIPS, SHORT = WIDE ? 6 * TIPS : (int)N }; /* of the Jacobians of all tips */
+static const double FARTHEST = 1e6; /* [m] or [rad] beyond which a number is a mistake, or has lost its last digits */
+static const double RADIAN = 0.2; /* [m] that counts as much as one radian */
+enum { ROWS = 6 * TIPS, WIDE = (int)N > ROWS, SHORT = WIDE ? ROWS : (int)N, LONG = WIDE ? (int)N : ROWS };
 enum { READY = 0x51f0110, LONGEST = 1000000 }; /* mark of init; calls at which a counter stands still */
 
-/* [m] that counts as much as one radian. Twists, of all tips and linear first in hybrid axes, have their rotations
- * multiplied by it here, and so has the Jacobian J. */
-static const double RADIAN = 0.2;
-static const double FARTHEST = 1e6; /* [m] or [rad] beyond which a number is a mistake */
-
-/* What one call works with. */
+/*
+ * What one call works with. Twists, of all tips and linear first in hybrid axes, have their rotations multiplied by
+ * RADIAN, and so has the Jacobian J.
+ */
 typedef struct {
     const double *tool;     /* poses of tools, or NULL */
     double rest[ROWS];      /* [m] twists from here to the goal */
     double J[ROWS * N];     /* Jacobian of the twists */
     double low[N], high[N]; /* [rad/s] velocities that each joint may have */
 } step_t;
-/* Poses of the tips, and the twists between them. */
+static double larger(double x, double y) { return x > y ? x : y; }
 
-static const double ROUGH = 1e-3;   /* what R^T R may differ from 1 by: single precision and drift, not a mistake */
-static const double NO_SINE = 1e-6; /* sine up to which, near half a turn, it has lost the digits of the axis */
-
-static double dot(int n, const double *a, const double *b)
-{
-    double sum = 0.0;
-    for (int i = 0; i < n; ++i) {
-        sum += a[i] * b[i];
-    }
-    return sum;
-}
-
-static double norm(int n, const double *a) { return sqrt(dot(n, a, a)); }
+static double smaller(double x, double y) { return x < y ? x : y; }
 
 static double clamp(double x, double least, double most)
 {
@@ -77,104 +65,41 @@ static double clamp(double x, double least, double most)
     return low > most ? most : low;
 }
 
-/* Return whether all numbers lie between the bounds. NaN does not: its bits tell, whatever a compiler's flags say. */
-static int all_within(const double *x, int count, double least, double most)
+static double dot(int count, const double *a, const double *b)
 {
-    int good = 1;
+    double sum = 0.0;
     for (int i = 0; i < count; ++i) {
-        uint64_t bits;
-        memcpy(&bits, x + i, sizeof bits);
-        good = good && (bits << 1) <= 0xffe0000000000000u && x[i] >= least && x[i] <= most;
+        sum += a[i] * b[i];
     }
-    return good;
+    return sum;
 }
 
-/* Copy a pose with its rotation R made orthonormal, R (3 - R^T R) / 2. Return OK or what is wrong. */
-static int clean_pose(const double *pose, double *clean)
-{
-    if (!all_within(pose, 16, -FARTHEST, FARTHEST) || norm(3, pose + 12) > 0.0 || fabs(pose[15] - 1.0) > 0.0) {
-        return IIWA14_FOLLOW_E_POSE;
-    }
-    const double *const x = pose, *const y = pose + 4, *const z = pose + 8;
-    const double cross[3] = {x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]};
-    double D[9], off = dot(3, cross, z) > 0.0 ? 0.0 : 1.0;
-    for (int k = 0; k < 9; ++k) {
-        const int i = k / 3, j = k % 3;
-        const double one = i == j ? 1.0 : 0.0, product = x[i] * x[j] + y[i] * y[j] + z[i] * z[j];
-        D[k] = 1.5 * one - 0.5 * product;
-        off = fmax(off, fabs(product - one));
-    }
-    memcpy(clean, pose, 16 * sizeof *clean);
-    for (int k = 0; k < 9; ++k) {
-        clean[4 * (k / 3) + k % 3] = dot(3, pose + 4 * (k / 3), D + 3 * (k % 3)); /* D is symmetric */
-    }
-    return off > ROUGH ? IIWA14_FOLLOW_E_ROTATION : IIWA14_FOLLOW_OK;
-}
+static double norm(int count, const double *x) { return sqrt(dot(count, x, x)); }
 
-/* Compute the twists [m] that lead the tips from poses to others: motions of the origins, and rotation vectors. */
-static void compare_poses(const double *from, const double *to, double *twists)
+/* Return whether all entries lie between the bounds (both allowed); NaN does not. */
+static int doubles_within(const double *x, size_t count, double least, double most)
 {
-    for (int t = 0; t < TIPS; ++t, from += 16, to += 16, twists += 6) {
-        double D[9]; /* the rotation between the poses */
-        for (int k = 0; k < 9; ++k) {
-            D[k] = dot(3, to + 4 * (k / 3), from + 4 * (k % 3));
-        }
-        double axis[3] = {(D[7] - D[5]) / 2.0, (D[2] - D[6]) / 2.0, (D[3] - D[1]) / 2.0}; /* times the sine */
-        const double sine = norm(3, axis), angle = atan2(sine, (D[0] + D[4] + D[8] - 1.0) / 2.0);
-        if (angle > 1.0 && sine < NO_SINE) { /* the axis is the longest column of D + 1 */
-            const int first = D[0] > D[4] ? 0 : 1, k = D[8] > D[4 * first] ? 2 : first;
-            for (int i = 0; i < 3; ++i) {
-                axis[i] = D[3 * i + k] + (i == k ? 1.0 : 0.0);
-            }
-        }
-        const double size = norm(3, axis);
-        for (int i = 0; i < 3; ++i) {
-            twists[i] = to[4 * i + 3] - from[4 * i + 3];
-            twists[3 + i] = size > 0.0 ? RADIAN * angle / size * axis[i] : 0.0;
+    for (size_t i = 0; i < count; ++i) {
+        if (!(x[i] >= least && x[i] <= most)) {
+            return 0;
         }
     }
+    return 1;
 }
 
-/* Return the time [s] that twists take at the tips' full speed; of velocities: their share of it. */
-static double way_of(const config_t *c, const double *twists)
-{
-    double most = 0.0;
-    for (int r = 0; r < ROWS; r += 6) {
-        most = fmax(most, norm(3, twists + r) / c->tip_velocity_limit);
-        most = fmax(most, norm(3, twists + r + 3) / (RADIAN * c->tip_rotation_limit));
-    }
-    return most;
-}
-
-/* Compute the Jacobian of the twists. */
-static void weighed_jacobian(const double *q, const double *tool, double *J)
-{
-    stiffgen_jacobians(q, tool, J);
-    for (int k = 0; k < ROWS * N; ++k) {
-        J[k] *= k / N % 6 < 3 ? 1.0 : RADIAN;
-    }
-}
-
-/* Velocities of the joints for the tips' twists, within the joints' bounds: damped least squares. */
-
-static const double DAMPING = 1e-3; /* [m^2] added to squares of singular values */
-static const double HELP = 1e-6;    /* [m^2/s] of a fixed joint's column times the twists' lack, from which it helps */
-enum { PASSES = (int)N + 3 };       /* that fix or free a joint */
-enum { ROUNDS = 3 }; /* of refinement: the share (damping / (damping + singular value^2))^ROUNDS of a twist is lost */
-
-/* Factorise a symmetric positive definite A = L L^T (lower triangles). */
-static void factorise(int n, const double *A, double *L)
+/* Factorise a positive definite A = L L^T (lower triangles); the pivots of a semidefinite one are not quite 0. */
+static void find_triangle(int n, const double *A, double *L)
 {
     for (int i = 0; i < n; ++i) {
         for (int j = 0; j <= i; ++j) {
             const double rest = A[i * n + j] - dot(j, L + i * n, L + j * n);
-            L[i * n + j] = i == j ? sqrt(fmax(rest, DBL_MIN)) : rest / L[j * n + j];
+            L[i * n + j] = i == j ? sqrt(larger(rest, DBL_MIN)) : rest / L[j * n + j];
         }
     }
 }
 
 /* Solve L L^T x = b in place. */
-static void solve(int n, const double *L, double *x)
+static void solve_triangles(int n, const double *L, double *x)
 {
     for (int i = 0; i < n; ++i) {
         x[i] = (x[i] - dot(i, L + i * n, x)) / L[i * n + i];
@@ -187,6 +112,111 @@ static void solve(int n, const double *L, double *x)
     }
 }
 
+static const double ROUGH = 1e-3; /* what R^T R may differ from 1 by: single precision and drift, not a mistake */
+
+static const double EXACT = 1e-13; /* up to which R is orthonormal but for rounding */
+
+static const double NO_SINE = 1e-6; /* sine up to which, near half a turn, it has lost the digits of the axis */
+
+/* Return the largest entry of R^T R - 1 for a pose with rotation R, and where it is in the pose. */
+static double rotation_error(const double *pose, int *entry)
+{
+    double most = 0.0;
+    for (int k = 0; k < 9; ++k) {
+        const int i = k / 3, j = k % 3;
+        const double product = pose[i] * pose[j] + pose[4 + i] * pose[4 + j] + pose[8 + i] * pose[8 + j];
+        const double off = fabs(product - (i == j ? 1.0 : 0.0));
+        *entry = off > most ? 4 * i + j : *entry;
+        most = larger(off, most);
+    }
+    return most;
+}
+
+/* Return whether a matrix has the numbers and the last row of a pose. */
+static int has_form_of_pose(const double *pose)
+{
+    const double last[4] = {pose[12], pose[13], pose[14], pose[15] - 1.0};
+    return doubles_within(pose, 16, -FARTHEST, FARTHEST) && doubles_within(last, 4, 0.0, 0.0);
+}
+
+/*
+ * Copy a pose with its rotation R made orthonormal, by two Newton steps R (3 - R^T R) / 2: one leaves 1e-6 of ROUGH,
+ * two leave 1e-12. Return whether it is a pose.
+ */
+static int clean_pose(const double *pose, double *clean)
+{
+    int unused = 0;
+    const double off = rotation_error(pose, &unused);
+    if (!has_form_of_pose(pose) || off > ROUGH) {
+        return 0;
+    }
+    memcpy(clean, pose, 16 * sizeof *clean);
+    for (int round = 0; round < 2 && off > EXACT; ++round) {
+        double R[12], D[9];
+        memcpy(R, clean, sizeof R);
+        for (int k = 0; k < 9; ++k) {
+            const int i = k / 3, j = k % 3;
+            D[k] = (i == j ? 1.5 : 0.0) - 0.5 * (R[i] * R[j] + R[4 + i] * R[4 + j] + R[8 + i] * R[8 + j]);
+        }
+        for (int k = 0; k < 9; ++k) {
+            clean[k / 3 * 4 + k % 3] = dot(3, R + k / 3 * 4, D + k % 3 * 3); /* D is symmetric */
+        }
+    }
+    const double *const x = clean, *const y = clean + 4;
+    const double cross[3] = {x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]};
+    return dot(3, cross, clean + 8) > 0.0;
+}
+
+/* Compute the twist (hybrid axes) from a pose to another: motion of the origin [m], and rotation vector [rad]. */
+static void compare_pose(const double *from, const double *to, double *twist)
+{
+    double D[9]; /* the rotation between the poses */
+    for (int k = 0; k < 9; ++k) {
+        D[k] = dot(3, to + k / 3 * 4, from + k % 3 * 4);
+    }
+    double axis[3] = {(D[7] - D[5]) / 2.0, (D[2] - D[6]) / 2.0, (D[3] - D[1]) / 2.0}; /* times the sine */
+    const double sine = norm(3, axis), angle = atan2(sine, (D[0] + D[4] + D[8] - 1.0) / 2.0);
+    if (angle > 1.0 && sine < NO_SINE) { /* the axis is the longest column of D + 1 */
+        const int first = D[0] > D[4] ? 0 : 1, k = D[8] > D[4 * first] ? 2 : first;
+        for (int i = 0; i < 3; ++i) {
+            axis[i] = D[3 * i + k] + (i == k ? 1.0 : 0.0);
+        }
+    }
+    const double size = norm(3, axis);
+    for (int i = 0; i < 3; ++i) {
+        twist[i] = to[4 * i + 3] - from[4 * i + 3];
+        twist[3 + i] = size > 0.0 ? angle / size * axis[i] : 0.0;
+    }
+}
+
+/* Twists of the tips, in which lengths and angles count alike. */
+
+/* Let one radian of twists, or of columns of a Jacobian, count as much as RADIAN. */
+static void weigh(int columns, double *rows)
+{
+    for (int r = 0; r < ROWS; ++r) {
+        for (int i = 0; i < columns && r % 6 >= 3; ++i) {
+            rows[r * columns + i] *= RADIAN;
+        }
+    }
+}
+
+/* Compute the twists [m] that lead the tips from poses to others. */
+static void compare_poses(const double *from, const double *to, double *twists)
+{
+    for (int t = 0; t < TIPS; ++t) {
+        compare_pose(from + 16 * t, to + 16 * t, twists + 6 * t);
+    }
+    weigh(1, twists);
+}
+
+/* Compute the Jacobian of the twists. */
+static void weighed_jacobian(const double *q, const double *tool, double *J)
+{
+    stiffgen_jacobians(q, tool, J);
+    weigh(N, J);
+}
+
 /* Compute the twists of velocities. */
 static void multiply(const double *J, const double *velocity, double *twists)
 {
@@ -194,6 +224,29 @@ static void multiply(const double *J, const double *velocity, double *twists)
         twists[r] = dot(N, J + r * N, velocity);
     }
 }
+
+/* Return the tips' full speed [m/s] in row r of twists, of a translation or a rotation. */
+static double full_speed(const config_t *c, int r)
+{
+    return r % 6 < 3 ? c->tip_velocity_limit : RADIAN * c->tip_rotation_limit;
+}
+
+/* Return the time [s] that twists take at the tips' full speed; of velocities: their share of it. */
+static double way_of(const config_t *c, const double *twists)
+{
+    double most = 0.0;
+    for (int r = 0; r < ROWS; r += 3) {
+        most = larger(most, norm(3, twists + r) / full_speed(c, r));
+    }
+    return most;
+}
+
+/* Velocities of the joints for the tips' twists, within the joints' bounds: damped least squares. */
+
+static const double DAMPING = 1e-3; /* [m^2] added to squares of singular values */
+static const double HELP = 1e-6;    /* [m^2/s] of a fixed joint's column times the twists' lack, from which it helps */
+enum { PASSES = (int)N + 3 };       /* that fix or free a joint */
+enum { ROUNDS = 3 }; /* of refinement: the share (damping / (damping + singular value^2))^ROUNDS of a twist is lost */
 
 /* Add the products of a joint's column to A, the lower triangle of J J^T, times a share. */
 static void add_column(const double *J, int joint, double share, double *A)
@@ -208,25 +261,27 @@ static void add_column(const double *J, int joint, double share, double *A)
 
 /*
  * Let the free joints do what the twists lack, from velocities that cost nothing. A: damped J J^T of the free joints.
- * sides: as for choose. lack: what the twists lack in the end.
+ * sides: as for choose. lack: what the twists lack in the end: DAMPING x after each round, which solves A x = lack.
  */
 static void move_free(const double *J, const double *A, const double *twists, const int *sides, double *velocity,
     double *lack)
 {
-    double L[ROWS * ROWS];
-    factorise(ROWS, A, L);
-    for (int round = 0; round <= ROUNDS; ++round) {
-        for (int i = 0; i < N && round > 0; ++i) {
-            for (int r = 0; r < ROWS && sides[i] % 2 == 0; ++r) {
-                velocity[i] += J[r * N + i] * lack[r];
-            }
-        }
-        multiply(J, velocity, lack);
+    double L[ROWS * ROWS], sum[ROWS] = {0.0};
+    find_triangle(ROWS, A, L);
+    multiply(J, velocity, lack);
+    for (int r = 0; r < ROWS; ++r) {
+        lack[r] = twists[r] - lack[r];
+    }
+    for (int round = 0; round < ROUNDS; ++round) {
+        solve_triangles(ROWS, L, lack);
         for (int r = 0; r < ROWS; ++r) {
-            lack[r] = twists[r] - lack[r];
+            sum[r] += lack[r];
+            lack[r] *= DAMPING;
         }
-        if (round < ROUNDS) {
-            solve(ROWS, L, lack);
+    }
+    for (int r = 0; r < ROWS; ++r) {
+        for (int i = 0; i < N; ++i) {
+            velocity[i] += sides[i] % 2 == 0 ? J[r * N + i] * sum[r] : 0.0;
         }
     }
 }
@@ -302,28 +357,31 @@ static const double AHEAD = 1e-4;    /* [rad] of the difference that tells how t
 static const double FLAT = 0.05;     /* [m] of bend below which there is no fold, as in a wrist's singular posture */
 
 /* Improve the joints' motion v (norm 1) that moves the tips least, by an inverse iteration on the shorter side of J. */
-static void find_weakest(const step_t *step, double *weakest, double *v)
+static void find_weakest(const double *J, double *weakest, double *v)
 {
-    const double *const J = step->J;
     double A[SHORT * SHORT], L[SHORT * SHORT];
-    for (int k = 0; k < SHORT * SHORT; ++k) {
-        const int i = k / SHORT, j = k % SHORT;
-        A[k] = (WIDE && j <= i ? dot(N, J + i * N, J + j * N) : 0.0) + (i == j ? DBL_EPSILON : 0.0);
-        for (int r = 0; r < ROWS && !WIDE && j <= i; ++r) {
-            A[k] += J[r * N + i] * J[r * N + j];
+    for (int i = 0; i < SHORT; ++i) {
+        for (int j = 0; j <= i; ++j) {
+            double sum = i == j ? DBL_EPSILON : 0.0;
+            for (int k = 0; k < LONG; ++k) {
+                sum += WIDE ? J[i * N + k] * J[j * N + k] : J[k * N + i] * J[k * N + j];
+            }
+            A[i * SHORT + j] = sum;
         }
     }
-    factorise(SHORT, A, L);
-    solve(SHORT, L, weakest);
+    find_triangle(SHORT, A, L);
+    solve_triangles(SHORT, L, weakest);
     const double size = norm(SHORT, weakest);
-    memset(v, 0, N * sizeof *v);
     for (int k = 0; k < SHORT; ++k) {
         weakest[k] /= size;
-        for (int i = 0; i < N; ++i) {
-            v[i] += WIDE ? J[k * N + i] * weakest[k] : (i == k ? weakest[k] : 0.0);
+    }
+    for (int i = 0; i < N; ++i) {
+        v[i] = WIDE ? 0.0 : weakest[i];
+        for (int k = 0; k < SHORT && WIDE; ++k) {
+            v[i] += J[k * N + i] * weakest[k];
         }
     }
-    const double length = fmax(norm(N, v), DBL_MIN);
+    const double length = larger(norm(N, v), DBL_MIN);
     for (int i = 0; i < N; ++i) {
         v[i] /= length;
     }
@@ -336,7 +394,7 @@ static void find_weakest(const step_t *step, double *weakest, double *v)
 static void keep_margin(state_t *s, const step_t *k, double *velocity)
 {
     double v[N], q[N], J[ROWS * N], here[ROWS], ahead[ROWS], toward = 0.0;
-    find_weakest(k, s->weakest, v);
+    find_weakest(k->J, s->weakest, v);
     multiply(k->J, v, here);
     if (norm(ROWS, here) > NEAR_FOLD) {
         return;
@@ -362,7 +420,7 @@ static void keep_margin(state_t *s, const step_t *k, double *velocity)
     const double push = RATE * (MARGIN - value) / bend - side * dot(N, v, velocity);
     const int bound = inside < 0.0 || (value < SIDE && 2.0 * bend * inside > MARGIN * MARGIN);
     for (int i = 0; i < N && push > 0.0 && bound; ++i) {
-        velocity[i] = fmin(fmax(velocity[i] + side * push * v[i], k->low[i]), k->high[i]);
+        velocity[i] = clamp(velocity[i] + side * push * v[i], k->low[i], k->high[i]);
     }
 }
 
@@ -392,25 +450,29 @@ static const double SAME = 1e-9;        /* [s] at full speed between poses that 
 static double stopping_speed(double way, double slope, double T)
 {
     const double settling = 0.5 * T / slope; /* [s] */
-    const double speed = way > 0.5 * settling ? sqrt(way / settling - 0.25) : fmax(way / settling, slope);
-    return fmin(way / T, speed);
+    const double speed = way > 0.5 * settling ? sqrt(way / settling - 0.25) : larger(way / settling, slope);
+    return smaller(way / T, speed);
 }
 
 static int is_stuck(const state_t *s) { return s->stuck * s->config.sample_time > STUCK_TIME; }
 
 /* Note how much of the asked way the tips went; after a while without progress short of the goal they are stuck. */
-static void watch_progress(state_t *s, const double *here)
+static void watch_progress(state_t *s, double way)
 {
-    const double T = s->config.sample_time, share = fmin(T / MEAN_TIME, 1.0);
-    double rest[ROWS];
-    compare_poses(here, s->pose, rest);
-    const double way = way_of(&s->config, rest);
-    s->asked += share * (fmin(T * way_of(&s->config, s->twist), s->way) - s->asked);
+    const double T = s->config.sample_time, share = smaller(T / MEAN_TIME, 1.0);
+    s->asked += share * (smaller(T * way_of(&s->config, s->twist), s->way) - s->asked);
     s->got += share * (s->way - way - s->got);
     const int free = s->got > FREED * s->asked, blocked = s->got < PROGRESS * s->asked && s->stuck < LONGEST;
     s->stuck = free || way < ARRIVED ? 0 : s->stuck + blocked;
     const double more = free ? share : 0.0;
     s->push = clamp(s->push + (is_stuck(s) ? -share * s->push : more), LEAST_PUSH, 1.0);
+}
+
+/* Return OK for a pose, of which `clean` is the copy, or what is wrong. */
+static int check_pose(const double *pose, double *clean)
+{
+    const int wrong = has_form_of_pose(pose) ? IIWA14_FOLLOW_E_ROTATION : IIWA14_FOLLOW_E_POSE;
+    return clean_pose(pose, clean) ? IIWA14_FOLLOW_OK : wrong;
 }
 
 /* Adopt what is good of a command: poses with tools, and the posture. Return OK or what is wrong. */
@@ -421,15 +483,15 @@ static int take_command(state_t *s, const input_t *input, double *goal)
     double tools[16 * TIPS];
     int result = IIWA14_FOLLOW_OK;
     for (int t = 0; t < TIPS && result == IIWA14_FOLLOW_OK; ++t) {
-        const int good = given == NULL || clean_pose(given + 16 * t, tools + 16 * t) == IIWA14_FOLLOW_OK;
-        result = good ? clean_pose(input->pose + 16 * t, goal + 16 * t) : IIWA14_FOLLOW_E_TOOL;
+        const int good = given == NULL || clean_pose(given + 16 * t, tools + 16 * t);
+        result = good ? check_pose(input->pose + 16 * t, goal + 16 * t) : IIWA14_FOLLOW_E_TOOL;
     }
     if (result != IIWA14_FOLLOW_OK) {
         memcpy(goal, s->pose, sizeof s->pose);
     } else if (given != NULL) {
         memcpy(stiffgen_kept_tool(s), tools, sizeof tools);
     }
-    if (!all_within(input->posture, N, -FARTHEST, FARTHEST)) {
+    if (!doubles_within(input->posture, N, -FARTHEST, FARTHEST)) {
         return result != IIWA14_FOLLOW_OK ? result : IIWA14_FOLLOW_E_POSTURE;
     }
     for (int i = 0; i < N; ++i) {
@@ -439,11 +501,16 @@ static int take_command(state_t *s, const input_t *input, double *goal)
     return result;
 }
 
-/* See whether the goal belongs to a motion, a fine stream with a velocity, or to a coarse stream, which is smoothed. */
-static void take_goal(state_t *s, const double *goal)
+/*
+ * See whether the goal belongs to a motion, a fine stream with a velocity, or to a coarse stream, which is smoothed.
+ * Return whether it is a new one.
+ */
+static int take_goal(state_t *s, const double *goal)
 {
-    double moved[ROWS];
-    compare_poses(s->pose, goal, moved);
+    double moved[ROWS] = {0.0};
+    if (memcmp(goal, s->pose, sizeof s->pose) != 0) {
+        compare_poses(s->pose, goal, moved);
+    }
     s->age += s->age < LONGEST;
     const double way = way_of(&s->config, moved), time = s->age * s->config.sample_time;
     const int fine = time <= FINE_TIME && way <= time * (1.0 + SAME);
@@ -462,6 +529,7 @@ static void take_goal(state_t *s, const double *goal)
         s->stream[r] = way > SAME && fine ? moved[r] / time : old;
     }
     s->interval = s->age * s->config.sample_time > COARSE_TIME ? 0.0 : s->interval;
+    return way > SAME;
 }
 
 /* Change the tips' velocity: along with a stream, and straight to the goal, by a ramp that stops there. */
@@ -473,21 +541,21 @@ static void plan_twist(state_t *s, const step_t *k)
     for (int r = 0; r < ROWS; ++r) {
         rest[r] = k->rest[r] - T * s->stream[r];
     }
-    const double way = way_of(c, rest), smooth = fmax(c->smoothing * s->interval, T);
-    const double most = fmin(s->push, way_of(c, s->twist) + slope);
-    const double speed = fmin(fmin(most, way / smooth), stopping_speed(way, slope, T));
+    const double way = way_of(c, rest), smooth = larger(c->smoothing * s->interval, T);
+    const double most = smaller(s->push, way_of(c, s->twist) + slope);
+    const double speed = smaller(smaller(most, way / smooth), stopping_speed(way, slope, T));
     for (int r = 0; r < ROWS; r += 3) { /* each translation and rotation stops by itself: one may lag */
-        const double limit = r % 6 < 3 ? c->tip_velocity_limit : RADIAN * c->tip_rotation_limit;
+        const double limit = full_speed(c, r);
         const double own = norm(3, rest + r) / limit;
-        const double share = own > 0.0 ? fmin(own * speed / way, stopping_speed(own, slope, T)) / own : 0.0;
+        const double share = own > 0.0 ? smaller(own * speed / way, stopping_speed(own, slope, T)) / own : 0.0;
         for (int i = r; i < r + 3; ++i) {
             change[i] = s->stream[i] + rest[i] * share;
         }
-        const double over = fmax(norm(3, change + r) / limit, 1.0);
+        const double over = larger(norm(3, change + r) / limit, 1.0);
         for (int i = r; i < r + 3; ++i) {
             change[i] = change[i] / over - s->twist[i];
         }
-        const double jump = fmax(norm(3, change + r) / (limit * slope), 1.0);
+        const double jump = larger(norm(3, change + r) / (limit * slope), 1.0);
         for (int i = r; i < r + 3; ++i) {
             s->twist[i] += change[i] / jump;
         }
@@ -501,10 +569,10 @@ static void bound_each_joint(const state_t *s, step_t *k)
     const double T = c->sample_time, slope = T / (JOINT_RAMP * c->ramp_time);
     for (int i = 0; i < N; ++i) {
         const double most = c->velocity_limit[i], change = slope * most;
-        const double up = fmax(c->upper_limit[i] - c->limit_distance[i] - s->q[i], 0.0);
-        const double down = fmax(s->q[i] - c->lower_limit[i] - c->limit_distance[i], 0.0);
-        const double fast = most * fmin(stopping_speed(up / most, slope, T), 1.0);
-        const double slow = -most * fmin(stopping_speed(down / most, slope, T), 1.0);
+        const double up = larger(c->upper_limit[i] - c->limit_distance[i] - s->q[i], 0.0);
+        const double down = larger(s->q[i] - c->lower_limit[i] - c->limit_distance[i], 0.0);
+        const double fast = most * smaller(stopping_speed(up / most, slope, T), 1.0);
+        const double slow = -most * smaller(stopping_speed(down / most, slope, T), 1.0);
         k->high[i] = clamp(clamp(fast, s->dq[i] - change, s->dq[i] + change), -down / T, up / T);
         k->low[i] = clamp(clamp(slow, s->dq[i] - change, s->dq[i] + change), -down / T, k->high[i]);
     }
@@ -531,10 +599,10 @@ static void move_to_posture(state_t *s, step_t *k, double *velocity)
     multiply(k->J, velocity, s->twist);
     double way = way_of(c, s->twist); /* [s] at full speed */
     for (int i = 0; i < N; ++i) {
-        way = fmax(way, fabs(velocity[i]) / c->velocity_limit[i]);
-        last = fmax(last, fabs(s->dq[i]) / c->velocity_limit[i]);
+        way = larger(way, fabs(velocity[i]) / c->velocity_limit[i]);
+        last = larger(last, fabs(s->dq[i]) / c->velocity_limit[i]);
     }
-    const double speed = fmin(fmin(1.0, last + slope), stopping_speed(way, slope, T));
+    const double speed = smaller(smaller(1.0, last + slope), stopping_speed(way, slope, T));
     for (int i = 0; i < N; ++i) {
         velocity[i] = clamp(way > 0.0 ? velocity[i] * speed / way : 0.0, k->low[i], k->high[i]);
     }
@@ -588,7 +656,7 @@ static void report(const state_t *s, const step_t *k, int result, output_t *out)
 
 static int start(const config_t *c, state_t *s, const double *q)
 {
-    if (!all_within(q, N, -FARTHEST, FARTHEST)) {
+    if (!doubles_within(q, N, -FARTHEST, FARTHEST)) {
         return IIWA14_FOLLOW_E_START;
     }
     s->config = *c;
@@ -615,9 +683,11 @@ static int follow(state_t *s, const input_t *input, output_t *out)
     const int result = take_command(s, input, goal);
     k.tool = stiffgen_kept_tool(s);
     stiffgen_poses(s->q, k.tool, here);
-    watch_progress(s, here);
-    take_goal(s, goal);
     compare_poses(here, s->pose, k.rest);
+    watch_progress(s, way_of(&s->config, k.rest));
+    if (take_goal(s, goal)) {
+        compare_poses(here, s->pose, k.rest);
+    }
     s->way = way_of(&s->config, k.rest);
     weighed_jacobian(s->q, k.tool, k.J);
     bound_each_joint(s, &k);
@@ -652,31 +722,31 @@ void iiwa14_follow_default_config(config_t *config)
 
 static int validate(const config_t *c)
 {
-    if (!all_within(&c->sample_time, 1, 1e-05, 0.1)) {
+    if (!doubles_within(&c->sample_time, 1, 1e-05, 0.1)) {
         return IIWA14_FOLLOW_E_CONFIG_SAMPLE_TIME;
     }
-    if (!all_within(c->lower_limit, sizeof c->lower_limit / sizeof c->lower_limit[0], -HUGE_VAL, HUGE_VAL)) {
+    if (!doubles_within(c->lower_limit, sizeof c->lower_limit / sizeof c->lower_limit[0], -HUGE_VAL, HUGE_VAL)) {
         return IIWA14_FOLLOW_E_CONFIG_LOWER_LIMIT;
     }
-    if (!all_within(c->upper_limit, sizeof c->upper_limit / sizeof c->upper_limit[0], -HUGE_VAL, HUGE_VAL)) {
+    if (!doubles_within(c->upper_limit, sizeof c->upper_limit / sizeof c->upper_limit[0], -HUGE_VAL, HUGE_VAL)) {
         return IIWA14_FOLLOW_E_CONFIG_UPPER_LIMIT;
     }
-    if (!all_within(c->limit_distance, sizeof c->limit_distance / sizeof c->limit_distance[0], 0.0, 1000.0)) {
+    if (!doubles_within(c->limit_distance, sizeof c->limit_distance / sizeof c->limit_distance[0], 0.0, 1000.0)) {
         return IIWA14_FOLLOW_E_CONFIG_LIMIT_DISTANCE;
     }
-    if (!all_within(c->velocity_limit, sizeof c->velocity_limit / sizeof c->velocity_limit[0], 1e-06, 1000.0)) {
+    if (!doubles_within(c->velocity_limit, sizeof c->velocity_limit / sizeof c->velocity_limit[0], 1e-06, 1000.0)) {
         return IIWA14_FOLLOW_E_CONFIG_VELOCITY_LIMIT;
     }
-    if (!all_within(&c->tip_velocity_limit, 1, 1e-06, 100.0)) {
+    if (!doubles_within(&c->tip_velocity_limit, 1, 1e-06, 100.0)) {
         return IIWA14_FOLLOW_E_CONFIG_TIP_VELOCITY_LIMIT;
     }
-    if (!all_within(&c->tip_rotation_limit, 1, 1e-06, 100.0)) {
+    if (!doubles_within(&c->tip_rotation_limit, 1, 1e-06, 100.0)) {
         return IIWA14_FOLLOW_E_CONFIG_TIP_ROTATION_LIMIT;
     }
-    if (!all_within(&c->ramp_time, 1, 0.001, 100.0)) {
+    if (!doubles_within(&c->ramp_time, 1, 0.001, 100.0)) {
         return IIWA14_FOLLOW_E_CONFIG_RAMP_TIME;
     }
-    if (!all_within(&c->smoothing, 1, 0.0, 100.0)) {
+    if (!doubles_within(&c->smoothing, 1, 0.0, 100.0)) {
         return IIWA14_FOLLOW_E_CONFIG_SMOOTHING;
     }
     for (int i = 0; i < N; ++i) {

@@ -43,6 +43,7 @@ typedef iiwa14_impedance_output output_t;
  *   account_...                                  account.c: the only writers of tank, supplied, springs, zones
  * U(q; r, K) is the energy of the springs, with reference r and stiffness K; l, the scale; the torque is that of l U.
  */
+static const double FARTHEST = 1e6; /* [m] or [rad] beyond which a number is a mistake, or has lost its last digits */
 enum { NO_JOINT = -1, READY = 0x51f7, DELAYS = 6 }; /* DELAYS: torques of the account's history */
 enum { LONGEST = 100000 }; /* samples at which a counter stands still: 100 s at 1 kHz, and no overflow */
 enum { MOST_TURNS = 2 * N * (N + 1) }; /* of QL: seven joints need 62 on average, 90 at most of 3 000 matrices */
@@ -60,7 +61,6 @@ static const double NOISE_RANGE = 6.0; /* velocity_noise counts this often in on
 static const double SHAPED = 4.0; /* times the reference's own acceleration that follows a shaped command */
 static const double NO_TORQUE = 1e-9; /* [N m] or [N] that counts as none: nothing is divided by it */
 static const double TURN = 6.28318530717958648;
-static const double FARTHEST = 1e6; /* [rad] beyond it an angle has lost its last digits */
 
 /*
  * Finding about sample, arm or command: the reason of a fault or refusal, for a refusal the argument, joint or entry,
@@ -494,8 +494,6 @@ static void report_memory(const memory_t *m, output_t *out)
     out->scale = m->reference.scale;
 }
 
-/* Numbers, vectors, and matrices of N rows, row-major. */
-
 static double larger(double x, double y) { return x > y ? x : y; }
 
 static double smaller(double x, double y) { return x < y ? x : y; }
@@ -504,13 +502,6 @@ static double clamp(double x, double least, double most)
 {
     const double low = x < least ? least : x;
     return low > most ? most : low;
-}
-
-/* Count up to LONGEST. */
-static int count_up(int x, int by)
-{
-    const int sum = x + by;
-    return sum < LONGEST ? sum : LONGEST;
 }
 
 static double dot(int count, const double *a, const double *b)
@@ -523,6 +514,41 @@ static double dot(int count, const double *a, const double *b)
 }
 
 static double norm(int count, const double *x) { return sqrt(dot(count, x, x)); }
+
+/* Return whether all entries lie between the bounds (both allowed); NaN does not. */
+static int doubles_within(const double *x, size_t count, double least, double most)
+{
+    for (size_t i = 0; i < count; ++i) {
+        if (!(x[i] >= least && x[i] <= most)) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
+/* Return the smallest eigenvalue of a symmetric 3 x 3 matrix, by the roots of its characteristic polynomial. */
+static double smallest_eigenvalue(const double *K)
+{
+    static const double rounded = 1e-9, third = 2.09439510239319549; /* [rad] of a turn */
+    const double mean = (K[0] + K[4] + K[8]) / 3.0, a = K[0] - mean, d = K[4] - mean, f = K[8] - mean;
+    const double b = K[1], c = K[2], e = K[5];
+    const double p = sqrt((a * a + d * d + f * f + 2.0 * (b * b + c * c + e * e)) / 6.0);
+    if (!(p > rounded * fabs(mean))) {
+        return mean - 2.0 * p;
+    }
+    const double det = a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d);
+    const double angle = acos(clamp(0.5 * det / (p * p * p), -1.0, 1.0)) / 3.0;
+    return mean + 2.0 * p * cos(angle + third);
+}
+
+/* Numbers, vectors, and matrices of N rows, row-major. */
+
+/* Count up to LONGEST. */
+static int count_up(int x, int by)
+{
+    const int sum = x + by;
+    return sum < LONGEST ? sum : LONGEST;
+}
 
 /* Compute y += a x. */
 static void add_scaled(int count, double a, const double *x, double *y)
@@ -619,20 +645,6 @@ static void multiply_upper(const double *inverse, const double *x, double *resul
         }
         result[i] /= inverse[i * (N + 1)];
     }
-}
-
-/* Return the smallest eigenvalue of a symmetric 3 x 3 matrix, by the roots of its characteristic polynomial. */
-static double smallest_eigenvalue(const double *K)
-{
-    const double mean = (K[0] + K[4] + K[8]) / 3.0, a = K[0] - mean, d = K[4] - mean, f = K[8] - mean;
-    const double b = K[1], c = K[2], e = K[5];
-    const double p = sqrt((a * a + d * d + f * f + 2.0 * (b * b + c * c + e * e)) / 6.0);
-    if (!(p > ROUNDED * fabs(mean))) {
-        return mean - 2.0 * p;
-    }
-    const double det = a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d);
-    const double angle = acos(clamp(0.5 * det / (p * p * p), -1.0, 1.0)) / 3.0;
-    return mean + 2.0 * p * cos(angle + TURN / 3.0);
 }
 
 /*
@@ -2235,17 +2247,7 @@ static void describe_refusal(const output_t *out, char *text, size_t size)
 
 enum { POSTURES = 32 }; /* in which the tank is sized */
 
-/* Return whether all entries lie between the bounds (both allowed); NaN does not. */
-static int doubles_within(const double *x, size_t count, double least, double most)
-{
-    for (size_t i = 0; i < count; ++i) {
-        if (!(x[i] >= least && x[i] <= most)) {
-            return 0;
-        }
-    }
-    return 1;
-}
-
+/* Return whether all entries lie between the bounds (both allowed). */
 static int integers_within(const int *x, size_t count, int least, int most)
 {
     for (size_t i = 0; i < count; ++i) {

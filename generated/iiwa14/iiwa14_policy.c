@@ -18,6 +18,7 @@ typedef iiwa14_policy_state policy_t;
 typedef iiwa14_policy_proposal proposal_t;
 typedef iiwa14_policy_output output_t;
 
+static const double FARTHEST = 1e6; /* [m] or [rad] beyond which a number is a mistake, or has lost its last digits */
 enum { PARTS = 4, WHOLE = -1, READY = 0x9011c7 }; /* of a proposal; entry of a refusal of all; mark of start */
 enum { ACCEPTED = IIWA14_POLICY_REFUSED_NONE };
 
@@ -26,13 +27,72 @@ typedef struct {
     int code, entry;
     double seen, limit;
 } refusal_t;
+static double larger(double x, double y) { return x > y ? x : y; }
+
+static double smaller(double x, double y) { return x < y ? x : y; }
+
+static double clamp(double x, double least, double most)
+{
+    const double low = x < least ? least : x;
+    return low > most ? most : low;
+}
+
+static double dot(int count, const double *a, const double *b)
+{
+    double sum = 0.0;
+    for (int i = 0; i < count; ++i) {
+        sum += a[i] * b[i];
+    }
+    return sum;
+}
+
+static double norm(int count, const double *x) { return sqrt(dot(count, x, x)); }
+
+/* Return whether all entries lie between the bounds (both allowed); NaN does not. */
+static int doubles_within(const double *x, size_t count, double least, double most)
+{
+    for (size_t i = 0; i < count; ++i) {
+        if (!(x[i] >= least && x[i] <= most)) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
+/* Return the smallest eigenvalue of a symmetric 3 x 3 matrix, by the roots of its characteristic polynomial. */
+static double smallest_eigenvalue(const double *K)
+{
+    static const double rounded = 1e-9, third = 2.09439510239319549; /* [rad] of a turn */
+    const double mean = (K[0] + K[4] + K[8]) / 3.0, a = K[0] - mean, d = K[4] - mean, f = K[8] - mean;
+    const double b = K[1], c = K[2], e = K[5];
+    const double p = sqrt((a * a + d * d + f * f + 2.0 * (b * b + c * c + e * e)) / 6.0);
+    if (!(p > rounded * fabs(mean))) {
+        return mean - 2.0 * p;
+    }
+    const double det = a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d);
+    const double angle = acos(clamp(0.5 * det / (p * p * p), -1.0, 1.0)) / 3.0;
+    return mean + 2.0 * p * cos(angle + third);
+}
+
+/* Return the largest entry of R^T R - 1 for a pose with rotation R, and where it is in the pose. */
+static double rotation_error(const double *pose, int *entry)
+{
+    double most = 0.0;
+    for (int k = 0; k < 9; ++k) {
+        const int i = k / 3, j = k % 3;
+        const double product = pose[i] * pose[j] + pose[4 + i] * pose[4 + j] + pose[8 + i] * pose[8 + j];
+        const double off = fabs(product - (i == j ? 1.0 : 0.0));
+        *entry = off > most ? 4 * i + j : *entry;
+        most = larger(off, most);
+    }
+    return most;
+}
+
 /* Checks of proposals: what is refused, and the numbers that say why. */
 
-static const double FARTHEST = 1e6;        /* [m] beyond which a number is a mistake */
 static const double POSE_TOLERANCE = 1e-3; /* what R^T R may differ from 1 by: single precision and drift */
 static const double TOLERANCE = 1e-6;      /* of a stiffness, over its largest entry: single precision */
 static const double ROUNDED = 1e-9;        /* share by which numbers differ that are the same but for rounding */
-static const double TURN = 6.28318530717958648;
 
 /* Return a refusal; a number that is not finite counts as 0. */
 static refusal_t refuse(int code, int entry, double seen, double limit)
@@ -48,7 +108,7 @@ static refusal_t accept(void) { return refuse(ACCEPTED, WHOLE, 0.0, 0.0); }
 static refusal_t check_numbers(const double *x, int first, int count, double most, int code)
 {
     for (int k = first; k < first + count; ++k) {
-        if (!(fabs(x[k]) <= fmin(most, DBL_MAX))) {
+        if (!(fabs(x[k]) <= smaller(most, DBL_MAX))) {
             return refuse(fabs(x[k]) <= DBL_MAX ? code : IIWA14_POLICY_REFUSED_NOT_FINITE, k, x[k], most);
         }
     }
@@ -60,12 +120,10 @@ static refusal_t check_pose(const double *P, int first)
 {
     const double det = P[0] * (P[5] * P[10] - P[6] * P[9]) - P[1] * (P[4] * P[10] - P[6] * P[8]) +
                        P[2] * (P[4] * P[9] - P[5] * P[8]);
-    for (int k = 0; k < 9; ++k) {
-        const int i = k / 3, j = k % 3; /* entry of R^T R */
-        const double off = fabs(P[i] * P[j] + P[4 + i] * P[4 + j] + P[8 + i] * P[8 + j] - (i == j ? 1.0 : 0.0));
-        if (off > POSE_TOLERANCE) {
-            return refuse(IIWA14_POLICY_REFUSED_POSE, first + 4 * i + j, off, POSE_TOLERANCE);
-        }
+    int entry = 0;
+    const double off = rotation_error(P, &entry);
+    if (off > POSE_TOLERANCE) {
+        return refuse(IIWA14_POLICY_REFUSED_POSE, first + entry, off, POSE_TOLERANCE);
     }
     for (int i = 12; i < 16; ++i) {
         if (fabs(P[i] - (i == 15 ? 1.0 : 0.0)) > 0.0) {
@@ -80,27 +138,13 @@ static refusal_t check_poses(const config_t *c, const double *poses)
 {
     refusal_t found = check_numbers(poses, 0, 16 * TIPS, FARTHEST, IIWA14_POLICY_REFUSED_POSE);
     for (int t = 0; found.code == ACCEPTED && t < TIPS; ++t) {
-        const double *const P = poses + 16 * t, far = sqrt(P[3] * P[3] + P[7] * P[7] + P[11] * P[11]);
+        const double *const P = poses + 16 * t, place[3] = {P[3], P[7], P[11]}, far = norm(3, place);
         found = check_pose(P, 16 * t);
         if (found.code == ACCEPTED && far > c->reach) {
             found = refuse(IIWA14_POLICY_REFUSED_REACH, 16 * t + 3, far, c->reach);
         }
     }
     return found;
-}
-
-/* Return the smallest eigenvalue of a symmetric matrix (3 x 3), by the roots of its characteristic polynomial. */
-static double smallest_eigenvalue(const double *K)
-{
-    const double mean = (K[0] + K[4] + K[8]) / 3.0, a = K[0] - mean, d = K[4] - mean, f = K[8] - mean;
-    const double b = K[1], c = K[2], e = K[5];
-    const double p = sqrt((a * a + d * d + f * f + 2.0 * (b * b + c * c + e * e)) / 6.0);
-    if (!(p > ROUNDED * fabs(mean))) {
-        return mean - 2.0 * p;
-    }
-    const double det = a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d);
-    const double angle = acos(fmin(fmax(0.5 * det / (p * p * p), -1.0), 1.0)) / 3.0;
-    return mean + 2.0 * p * cos(angle + TURN / 3.0);
 }
 
 /* Check stiffnesses (3 x 3) of all tips: symmetric, positive semidefinite. symmetric: their symmetric parts. */
@@ -112,7 +156,7 @@ static refusal_t check_stiffness(const double *stiffness, double most, double *s
         double *const S = symmetric + 9 * t, size = DBL_MIN;
         for (int k = 0; k < 9; ++k) {
             S[k] = 0.5 * (K[k] + K[k % 3 * 3 + k / 3]);
-            size = fmax(size, fabs(K[k]));
+            size = larger(size, fabs(K[k]));
         }
         const double allowed = TOLERANCE * size, least = smallest_eigenvalue(S);
         found = least < -allowed ? refuse(IIWA14_POLICY_REFUSED_INDEFINITE, 9 * t, least, -allowed) : found;
@@ -131,7 +175,7 @@ static refusal_t check_wrench(const config_t *c, const double *wrench)
     for (int k = 0; found.code == ACCEPTED && k < 2 * TIPS; ++k) {
         const double *const x = wrench + 3 * k, most = c->heaviest_wrench[k % 2] * (1.0 + ROUNDED);
         found = check_numbers(wrench, 3 * k, 3, most, IIWA14_POLICY_REFUSED_WRENCH);
-        const double size = found.code == ACCEPTED ? sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]) : 0.0;
+        const double size = found.code == ACCEPTED ? norm(3, x) : 0.0;
         found = size > most ? refuse(IIWA14_POLICY_REFUSED_WRENCH, 3 * k, size, most) : found;
     }
     return found;
@@ -145,7 +189,7 @@ static const double SHORTEST_INTERVAL = 1.0 / 60.0; /* [s] of an interpolation: 
 static int advance_time(policy_t *p, double now)
 {
     const int finite = fabs(now) <= DBL_MAX;
-    p->now = finite ? fmax(p->now, now) : p->now;
+    p->now = finite ? larger(p->now, now) : p->now;
     return finite;
 }
 
@@ -153,20 +197,20 @@ static int advance_time(policy_t *p, double now)
 static double overdue(const policy_t *p, int part)
 {
     const double late = p->now - p->time[part] - p->config.hold_time;
-    return p->command.stage[part] == IIWA14_POLICY_STAGE_WAITING ? 0.0 : fmax(late, 0.0);
+    return p->command.stage[part] == IIWA14_POLICY_STAGE_WAITING ? 0.0 : larger(late, 0.0);
 }
 
 /* Return the share of a fade that is left: 1 before, 0 at its end, with a slope of 0 at both. */
 static double share_left(const policy_t *p, double late)
 {
-    const double x = late > 0.0 ? fmin(late / p->config.fade_time, 1.0) : 0.0; /* a fade_time of 0: at once */
+    const double x = late > 0.0 ? smaller(late / p->config.fade_time, 1.0) : 0.0; /* a fade_time of 0: at once */
     return 1.0 - x * x * (3.0 - 2.0 * x);
 }
 
 /* Return how far the interpolation of a part has come, 0 to 1. */
 static double progress(const policy_t *p, int part)
 {
-    return fmin((p->now - p->begin[part]) / fmax(p->interval[part], SHORTEST_INTERVAL), 1.0);
+    return smaller((p->now - p->begin[part]) / larger(p->interval[part], SHORTEST_INTERVAL), 1.0);
 }
 
 /* Return the stage of a part at the port's time; one that was never accepted goes on waiting. */
@@ -193,7 +237,7 @@ static void mix(int count, double x, double share, const double *from, const dou
 /* Return the share of the stiffness: a pose cannot fade, so that a stale pose fades the stiffness, too. */
 static double stiffness_share(const policy_t *p)
 {
-    const double late = fmax(overdue(p, IIWA14_POLICY_PART_POSE), overdue(p, IIWA14_POLICY_PART_STIFFNESS));
+    const double late = larger(overdue(p, IIWA14_POLICY_PART_POSE), overdue(p, IIWA14_POLICY_PART_STIFFNESS));
     return p->config.stale_share + (1.0 - p->config.stale_share) * share_left(p, late);
 }
 
@@ -281,9 +325,9 @@ static refusal_t propose_part(policy_t *p, const proposal_t *proposal, int part)
 /* Note the time of an accepted part; its interpolation takes the commander's period. */
 static void note_accepted(policy_t *p, int part, double time)
 {
-    const double most = fmax(p->config.longest_interval, SHORTEST_INTERVAL);
+    const double most = larger(p->config.longest_interval, SHORTEST_INTERVAL);
     const int first = p->command.stage[part] == IIWA14_POLICY_STAGE_WAITING;
-    p->interval[part] = first ? most : fmin(fmax(time - p->time[part], SHORTEST_INTERVAL), most);
+    p->interval[part] = first ? most : clamp(time - p->time[part], SHORTEST_INTERVAL, most);
     p->begin[part] = p->now;
     p->time[part] = time;
     p->command.stage[part] = IIWA14_POLICY_STAGE_MOVING;
@@ -374,43 +418,33 @@ void iiwa14_policy_default_config(config_t *config)
     config->heaviest_wrench[1] = HUGE_VAL;
 }
 
-/* Return whether all numbers lie between the bounds; NaN does not. */
-static int all_within(const double *x, size_t count, double least, double most)
-{
-    int good = 1;
-    for (size_t i = 0; i < count; ++i) {
-        good = good && x[i] >= least && x[i] <= most;
-    }
-    return good;
-}
-
 static int validate(const config_t *c)
 {
-    if (!all_within(&c->hold_time, 1, 0.0, 10.0)) {
+    if (!doubles_within(&c->hold_time, 1, 0.0, 10.0)) {
         return IIWA14_POLICY_E_CONFIG_HOLD_TIME;
     }
-    if (!all_within(&c->fade_time, 1, 0.0, 10.0)) {
+    if (!doubles_within(&c->fade_time, 1, 0.0, 10.0)) {
         return IIWA14_POLICY_E_CONFIG_FADE_TIME;
     }
-    if (!all_within(&c->stale_share, 1, 0.0, 1.0)) {
+    if (!doubles_within(&c->stale_share, 1, 0.0, 1.0)) {
         return IIWA14_POLICY_E_CONFIG_STALE_SHARE;
     }
-    if (!all_within(&c->longest_interval, 1, 0.0, 1.0)) {
+    if (!doubles_within(&c->longest_interval, 1, 0.0, 1.0)) {
         return IIWA14_POLICY_E_CONFIG_LONGEST_INTERVAL;
     }
-    if (!all_within(&c->clock_tolerance, 1, 0.0, 10.0)) {
+    if (!doubles_within(&c->clock_tolerance, 1, 0.0, 10.0)) {
         return IIWA14_POLICY_E_CONFIG_CLOCK_TOLERANCE;
     }
-    if (!all_within(&c->reach, 1, 0.0, HUGE_VAL)) {
+    if (!doubles_within(&c->reach, 1, 0.0, HUGE_VAL)) {
         return IIWA14_POLICY_E_CONFIG_REACH;
     }
-    if (!all_within(&c->translation_stiffness_limit, 1, 0.0, 1000000000.0)) {
+    if (!doubles_within(&c->translation_stiffness_limit, 1, 0.0, 1000000000.0)) {
         return IIWA14_POLICY_E_CONFIG_TRANSLATION_STIFFNESS_LIMIT;
     }
-    if (!all_within(&c->rotation_stiffness_limit, 1, 0.0, 1000000000.0)) {
+    if (!doubles_within(&c->rotation_stiffness_limit, 1, 0.0, 1000000000.0)) {
         return IIWA14_POLICY_E_CONFIG_ROTATION_STIFFNESS_LIMIT;
     }
-    if (!all_within(c->heaviest_wrench, sizeof c->heaviest_wrench / sizeof c->heaviest_wrench[0], 0.0, HUGE_VAL)) {
+    if (!doubles_within(c->heaviest_wrench, sizeof c->heaviest_wrench / sizeof c->heaviest_wrench[0], 0.0, HUGE_VAL)) {
         return IIWA14_POLICY_E_CONFIG_HEAVIEST_WRENCH;
     }
     return IIWA14_POLICY_OK;

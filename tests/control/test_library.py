@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stiffgen.control.companions import COMPANIONS
+from stiffgen.control.companions import COMPANIONS, SHARED
 from stiffgen.control.page import IMPEDANCE, LIBRARY, LOOPS, MODULE
 from support.c_library import check_compiles, check_contained, check_order, check_sizes, check_tool
 from support.controller_library import compile_library
@@ -20,6 +20,7 @@ from support.plant.loop import fill, struct
 from support.project import ROOT
 
 LIBRARIES = {
+    "shared": SHARED,
     "controller": IMPEDANCE,
     "loops": LOOPS,
     "Python": MODULE,
@@ -83,7 +84,7 @@ def test_generated_files_contain_the_libraries() -> None:
 @pytest.mark.parametrize("which", LIBRARIES)
 def test_no_file_calls_one_behind_it(which: str) -> None:
     """In the order of the sources; so there is no circle."""
-    check_order(LIBRARIES[which], {"controller": 60, "loops": 10, "Python": 3}.get(which, 0))
+    check_order(LIBRARIES[which], {"controller": 55, "shared": 10, "loops": 10, "Python": 3}.get(which, 0))
 
 
 def test_a_constant_of_the_header_serves_several_files() -> None:

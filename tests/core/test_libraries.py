@@ -11,6 +11,7 @@ import pytest
 from stiffgen.core.emit.c.backend import SENSOR
 from stiffgen.core.emit.casadi.backend import CALLS
 from stiffgen.core.emit.python.backend import MODULE
+from stiffgen.core.library import Library
 from support.c_library import check_compiles, check_contained, check_order, check_sizes, check_tool
 from support.project import ROOT
 
@@ -44,3 +45,28 @@ def test_no_file_calls_one_behind_it(which: str, public: int) -> None:
 @pytest.mark.parametrize("which", LIBRARIES)
 def test_functions_fit_on_a_page(which: str) -> None:
     check_sizes(LIBRARIES[which])
+
+
+def test_a_library_takes_what_it_uses_of_a_shared_one(tmp_path: Path) -> None:
+    """Also what that uses in turn, with its constants; nothing for a word in a comment."""
+    shared, own = tmp_path / "shared", tmp_path / "own"
+    texts = {
+        shared / "shared.h": "#ifndef SHARED_H\n#define SHARED_H\n\n#include <math.h>\n\n"
+        "static const double FAR = 1.0;\n\nstatic const double NEAR = 2.0;\n\n"
+        "/* ---- functions, by file ---- */\nint one(int x);\n#endif\n",
+        shared / "shared.c": '/* One. */\n#include "shared.h"\n\nint one(int x) { return x; }\n\n'
+        "static const int TWO = 2;\n\n/* Return twice. */\nint twice(int x)\n{\n    return TWO * one(x);\n}\n\n"
+        "int far(int x) { return FAR > 0.0 ? x : 0; }\n",
+        own / "own.h": '#ifndef OWN_H\n#define OWN_H\n\n#include "../shared/shared.h"\n\nenum { A = 1 };\n\n'
+        "/* ---- functions, by file ---- */\n#endif\n",
+        own / "own.c": '/* far is a word */\n#include "own.h"\n\nint four(void) { return twice(A); }\n',
+    }
+    for path, text in texts.items():
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text)
+    library = Library(own, "own.h", ("own.c",), shared=Library(shared, "shared.h", ("shared.c",)))
+    text = library.functions("arm")
+    assert all(each in text for each in ("static int one(", "TWO = 2", "static int twice(")) and "far(" not in text
+    assert "FAR" not in library.interface("arm") and "A = 1" in library.interface("arm")
+    assert "static int far(" in library.functions("arm", callers="far(1)")
+    assert library.interface("arm", "far(1)").startswith("static const double FAR = 1.0;\n")

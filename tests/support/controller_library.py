@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from stiffgen.control.companions import SHARED
 from stiffgen.control.page import LIBRARY, SOURCES
 from support.project import ROOT
 
@@ -36,20 +37,21 @@ def compile_c(output: Path, *arguments: str | Path, compiler: str = "cc") -> Pat
 
 
 STUB = ROOT / "tests" / "support" / "stub_robot"
+SHARED_SOURCES = [SHARED.folder / source for source in SHARED.sources]
 LIBRARY_FLAGS = ("-std=c99", *WARNINGS, f"-I{LIBRARY}", f"-I{STUB}", f"-I{ROOT / 'generated' / 'iiwa14'}")
 
 
 def compile_library(output: Path, *arguments: str | Path, compiler: str = "cc") -> Path:
     """Compile the controller's library with its stub robot into a shared library, every function visible."""
-    sources = (STUB / "robot.c", *(LIBRARY / source for source in SOURCES))
+    sources = (STUB / "robot.c", *SHARED_SOURCES, *(LIBRARY / source for source in SOURCES))
     return compile_c(output, *LIBRARY_FLAGS, "-O2", "-shared", "-fPIC", *arguments, *sources, "-lm", compiler=compiler)
 
 
 class Matrices:
-    """Functions of core/library/matrix.c and modes.c on NumPy arrays with a number of rows."""
+    """Functions of shared/, core/library/matrix.c and modes.c on NumPy arrays with a number of rows."""
 
     def __init__(self, folder: Path, rows: int) -> None:
-        sources = [LIBRARY / "matrix.c", LIBRARY / "modes.c"]
+        sources = [*SHARED_SOURCES, LIBRARY / "matrix.c", LIBRARY / "modes.c"]
         flags = (*LIBRARY_FLAGS, "-O2", "-shared", "-fPIC", f"-DSTUB_ROWS={rows}")
         self.rows = rows
         self.library: Any = ctypes.CDLL(str(compile_c(folder / f"matrix_{rows}.so", *flags, *sources, "-lm")))

@@ -76,13 +76,15 @@ class Companion:
         return {f"_{self.name}.{ending}": f"{self.name}.{ending}.j2" for ending in ("h", "c")}
 
 
-FOLLOW = Library(_HERE / "follow", "follow.h", ("poses.c", "solve.c", "fold.c", "follow.c"))
+SHARED = Library(_HERE / "shared", "shared.h", ("vectors.c", "matrices.c", "poses.c"))
+"""C of which the files of controller and companions contain what they use."""
+FOLLOW = Library(_HERE / "follow", "follow.h", ("twists.c", "solve.c", "fold.c", "follow.c"), shared=SHARED)
 """C of every NAME_follow.c."""
-POLICY = Library(_HERE / "policy", "policy.h", ("checks.c", "policy.c"))
+POLICY = Library(_HERE / "policy", "policy.h", ("checks.c", "policy.c"), shared=SHARED)
 """C of every NAME_policy.c."""
-GAINS = Library(_HERE / "gains", "gains.h", ("gains.c",))
+GAINS = Library(_HERE / "gains", "gains.h", ("gains.c",), shared=SHARED)
 """C of every NAME_gains.c."""
-POSTURE = Library(_HERE / "posture", "posture.h", ("twists.c", "posture.c"))
+POSTURE = Library(_HERE / "posture", "posture.h", ("posture.c",), shared=SHARED)
 """C of every NAME_find_posture.c."""
 LAW = Library(_HERE / "paper", "law.h", ("law.c",))
 """C of every NAME_paper.c."""
@@ -195,6 +197,8 @@ def _page(companion: Companion, name: str, chain: Chain) -> CompanionPage:
     prefix = name.upper()
     structs = [(struct, summary, _with_reach(fields, chain)) for struct, summary, fields in companion.structs]
     config: Sequence[Field] = next((f for struct, _, f in structs if struct == f"{companion.name}_config"), ())
+    checks = {field.name: check_of(field) for field in config}
+    callers = "\n".join(checks.values())
     return CompanionPage(
         name=companion.name,
         summary=companion.summary,
@@ -202,12 +206,12 @@ def _page(companion: Companion, name: str, chain: Chain) -> CompanionPage:
         exports=tuple(call.partition("(")[0] for call in companion.calls),
         enumerations=companion.enumerations,
         words=companion.words,
-        interface=companion.library.interface(name),
-        library=companion.library.functions(name),
+        interface=companion.library.interface(name, callers),
+        library=companion.library.functions(name, callers=callers),
         structs=[struct_of(chain, prefix, *each) for each in structs],
         state=struct_of(chain, prefix, f"{companion.name}_state", "", companion.state) if companion.state else None,
         errors=_errors(companion, name, config),
-        checks={field.name: check_of(field).replace("doubles_within", "all_within") for field in config},
+        checks=checks,
         defaults=[line for field in config for line in defaults(field, prefix)],
         joint_defaults=joint_defaults(config, name),
     )

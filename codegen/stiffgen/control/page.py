@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from stiffgen.control.companions import COMPANIONS, CompanionPage, companion_pages, companions_of
+from stiffgen.control.companions import COMPANIONS, SHARED, CompanionPage, companion_pages, companions_of
 from stiffgen.control.core.config import CONFIG, CONFIG_SECTIONS, STATED
 from stiffgen.control.core.field import MAX_DOF, Field
 from stiffgen.control.core.memory import RANGES, RECORDS
@@ -39,7 +39,7 @@ _PARTS = (
     "memory", "text", "init", "step",
 )  # fmt: skip
 SOURCES = tuple(f"{part}.c" for part in _PARTS)
-IMPEDANCE = Library(LIBRARY, "impedance.h", SOURCES)
+IMPEDANCE = Library(LIBRARY, "impedance.h", SOURCES, shared=SHARED)
 """C of every NAME_impedance.c."""
 MODULE = Library(
     Path(__file__).parent / "python", "controller.h", ("controller.c", *(f"{each}.c" for each in COMPANIONS))
@@ -213,10 +213,11 @@ def controller_page(
     prefix, index = name.upper(), "loop_motors[i]" if chain.loops else "i"
     conditions = {"": True, "tool": chain.runtime_tool, "bounded": bounded}
     fields = tuple(field for field in config_of(chain) if conditions[field.when])
+    checks = {field.name: check_of(field) for field in fields}
     return ControllerPage(
         n=len(chain.motor_coordinates),
         interface=IMPEDANCE.interface(name),
-        library=IMPEDANCE.functions(name),
+        library=IMPEDANCE.functions(name, callers="\n".join(checks.values())),
         loops_interface=LOOPS.interface(name),
         loops=LOOPS.functions(name),
         module_interface=MODULE.interface(name),
@@ -237,7 +238,7 @@ def controller_page(
         stated=[field.name for field in STATED],
         turns=_turns(chain),
         errors=errors_of(name, chain, fields),
-        checks={field.name: check_of(field) for field in fields},
+        checks=checks,
         structs=_structs(chain, prefix, fields),
         memory=[_without_padding(struct_of(chain, prefix, *each)) for each in RECORDS],
         ranges=RANGES,

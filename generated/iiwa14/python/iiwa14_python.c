@@ -19,7 +19,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "a7bdbbfb08bd33f4"
+#define SOURCES "f954b169846207e6"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

@@ -10,28 +10,31 @@ static const double AHEAD = 1e-4;    /* [rad] of the difference that tells how t
 static const double FLAT = 0.05;     /* [m] of bend below which there is no fold, as in a wrist's singular posture */
 
 /* Improve the joints' motion v (norm 1) that moves the tips least, by an inverse iteration on the shorter side of J. */
-static void find_weakest(const step_t *step, double *weakest, double *v)
+static void find_weakest(const double *J, double *weakest, double *v)
 {
-    const double *const J = step->J;
     double A[SHORT * SHORT], L[SHORT * SHORT];
-    for (int k = 0; k < SHORT * SHORT; ++k) {
-        const int i = k / SHORT, j = k % SHORT;
-        A[k] = (WIDE && j <= i ? dot(N, J + i * N, J + j * N) : 0.0) + (i == j ? DBL_EPSILON : 0.0);
-        for (int r = 0; r < ROWS && !WIDE && j <= i; ++r) {
-            A[k] += J[r * N + i] * J[r * N + j];
+    for (int i = 0; i < SHORT; ++i) {
+        for (int j = 0; j <= i; ++j) {
+            double sum = i == j ? DBL_EPSILON : 0.0;
+            for (int k = 0; k < LONG; ++k) {
+                sum += WIDE ? J[i * N + k] * J[j * N + k] : J[k * N + i] * J[k * N + j];
+            }
+            A[i * SHORT + j] = sum;
         }
     }
-    factorise(SHORT, A, L);
-    solve(SHORT, L, weakest);
+    find_triangle(SHORT, A, L);
+    solve_triangles(SHORT, L, weakest);
     const double size = norm(SHORT, weakest);
-    memset(v, 0, N * sizeof *v);
     for (int k = 0; k < SHORT; ++k) {
         weakest[k] /= size;
-        for (int i = 0; i < N; ++i) {
-            v[i] += WIDE ? J[k * N + i] * weakest[k] : (i == k ? weakest[k] : 0.0);
+    }
+    for (int i = 0; i < N; ++i) {
+        v[i] = WIDE ? 0.0 : weakest[i];
+        for (int k = 0; k < SHORT && WIDE; ++k) {
+            v[i] += J[k * N + i] * weakest[k];
         }
     }
-    const double length = fmax(norm(N, v), DBL_MIN);
+    const double length = larger(norm(N, v), DBL_MIN);
     for (int i = 0; i < N; ++i) {
         v[i] /= length;
     }
@@ -44,7 +47,7 @@ static void find_weakest(const step_t *step, double *weakest, double *v)
 void keep_margin(state_t *s, const step_t *k, double *velocity)
 {
     double v[N], q[N], J[ROWS * N], here[ROWS], ahead[ROWS], toward = 0.0;
-    find_weakest(k, s->weakest, v);
+    find_weakest(k->J, s->weakest, v);
     multiply(k->J, v, here);
     if (norm(ROWS, here) > NEAR_FOLD) {
         return;
@@ -70,6 +73,6 @@ void keep_margin(state_t *s, const step_t *k, double *velocity)
     const double push = RATE * (MARGIN - value) / bend - side * dot(N, v, velocity);
     const int bound = inside < 0.0 || (value < SIDE && 2.0 * bend * inside > MARGIN * MARGIN);
     for (int i = 0; i < N && push > 0.0 && bound; ++i) {
-        velocity[i] = fmin(fmax(velocity[i] + side * push * v[i], k->low[i]), k->high[i]);
+        velocity[i] = clamp(velocity[i] + side * push * v[i], k->low[i], k->high[i]);
     }
 }

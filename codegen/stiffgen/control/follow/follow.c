@@ -25,25 +25,29 @@ static const double SAME = 1e-9;        /* [s] at full speed between poses that 
 static double stopping_speed(double way, double slope, double T)
 {
     const double settling = 0.5 * T / slope; /* [s] */
-    const double speed = way > 0.5 * settling ? sqrt(way / settling - 0.25) : fmax(way / settling, slope);
-    return fmin(way / T, speed);
+    const double speed = way > 0.5 * settling ? sqrt(way / settling - 0.25) : larger(way / settling, slope);
+    return smaller(way / T, speed);
 }
 
 static int is_stuck(const state_t *s) { return s->stuck * s->config.sample_time > STUCK_TIME; }
 
 /* Note how much of the asked way the tips went; after a while without progress short of the goal they are stuck. */
-static void watch_progress(state_t *s, const double *here)
+static void watch_progress(state_t *s, double way)
 {
-    const double T = s->config.sample_time, share = fmin(T / MEAN_TIME, 1.0);
-    double rest[ROWS];
-    compare_poses(here, s->pose, rest);
-    const double way = way_of(&s->config, rest);
-    s->asked += share * (fmin(T * way_of(&s->config, s->twist), s->way) - s->asked);
+    const double T = s->config.sample_time, share = smaller(T / MEAN_TIME, 1.0);
+    s->asked += share * (smaller(T * way_of(&s->config, s->twist), s->way) - s->asked);
     s->got += share * (s->way - way - s->got);
     const int free = s->got > FREED * s->asked, blocked = s->got < PROGRESS * s->asked && s->stuck < LONGEST;
     s->stuck = free || way < ARRIVED ? 0 : s->stuck + blocked;
     const double more = free ? share : 0.0;
     s->push = clamp(s->push + (is_stuck(s) ? -share * s->push : more), LEAST_PUSH, 1.0);
+}
+
+/* Return OK for a pose, of which `clean` is the copy, or what is wrong. */
+static int check_pose(const double *pose, double *clean)
+{
+    const int wrong = has_form_of_pose(pose) ? ID(FOLLOW_E_ROTATION) : ID(FOLLOW_E_POSE);
+    return clean_pose(pose, clean) ? ID(FOLLOW_OK) : wrong;
 }
 
 /* Adopt what is good of a command: poses with tools, and the posture. Return OK or what is wrong. */
@@ -54,15 +58,15 @@ static int take_command(state_t *s, const input_t *input, double *goal)
     double tools[16 * TIPS];
     int result = ID(FOLLOW_OK);
     for (int t = 0; t < TIPS && result == ID(FOLLOW_OK); ++t) {
-        const int good = given == NULL || clean_pose(given + 16 * t, tools + 16 * t) == ID(FOLLOW_OK);
-        result = good ? clean_pose(input->pose + 16 * t, goal + 16 * t) : ID(FOLLOW_E_TOOL);
+        const int good = given == NULL || clean_pose(given + 16 * t, tools + 16 * t);
+        result = good ? check_pose(input->pose + 16 * t, goal + 16 * t) : ID(FOLLOW_E_TOOL);
     }
     if (result != ID(FOLLOW_OK)) {
         memcpy(goal, s->pose, sizeof s->pose);
     } else if (given != NULL) {
         memcpy(stiffgen_kept_tool(s), tools, sizeof tools);
     }
-    if (!all_within(input->posture, N, -FARTHEST, FARTHEST)) {
+    if (!doubles_within(input->posture, N, -FARTHEST, FARTHEST)) {
         return result != ID(FOLLOW_OK) ? result : ID(FOLLOW_E_POSTURE);
     }
     for (int i = 0; i < N; ++i) {
@@ -72,11 +76,16 @@ static int take_command(state_t *s, const input_t *input, double *goal)
     return result;
 }
 
-/* See whether the goal belongs to a motion, a fine stream with a velocity, or to a coarse stream, which is smoothed. */
-static void take_goal(state_t *s, const double *goal)
+/*
+ * See whether the goal belongs to a motion, a fine stream with a velocity, or to a coarse stream, which is smoothed.
+ * Return whether it is a new one.
+ */
+static int take_goal(state_t *s, const double *goal)
 {
-    double moved[ROWS];
-    compare_poses(s->pose, goal, moved);
+    double moved[ROWS] = {0.0};
+    if (memcmp(goal, s->pose, sizeof s->pose) != 0) {
+        compare_poses(s->pose, goal, moved);
+    }
     s->age += s->age < LONGEST;
     const double way = way_of(&s->config, moved), time = s->age * s->config.sample_time;
     const int fine = time <= FINE_TIME && way <= time * (1.0 + SAME);
@@ -95,6 +104,7 @@ static void take_goal(state_t *s, const double *goal)
         s->stream[r] = way > SAME && fine ? moved[r] / time : old;
     }
     s->interval = s->age * s->config.sample_time > COARSE_TIME ? 0.0 : s->interval;
+    return way > SAME;
 }
 
 /* Change the tips' velocity: along with a stream, and straight to the goal, by a ramp that stops there. */
@@ -106,21 +116,21 @@ static void plan_twist(state_t *s, const step_t *k)
     for (int r = 0; r < ROWS; ++r) {
         rest[r] = k->rest[r] - T * s->stream[r];
     }
-    const double way = way_of(c, rest), smooth = fmax(c->smoothing * s->interval, T);
-    const double most = fmin(s->push, way_of(c, s->twist) + slope);
-    const double speed = fmin(fmin(most, way / smooth), stopping_speed(way, slope, T));
+    const double way = way_of(c, rest), smooth = larger(c->smoothing * s->interval, T);
+    const double most = smaller(s->push, way_of(c, s->twist) + slope);
+    const double speed = smaller(smaller(most, way / smooth), stopping_speed(way, slope, T));
     for (int r = 0; r < ROWS; r += 3) { /* each translation and rotation stops by itself: one may lag */
-        const double limit = r % 6 < 3 ? c->tip_velocity_limit : RADIAN * c->tip_rotation_limit;
+        const double limit = full_speed(c, r);
         const double own = norm(3, rest + r) / limit;
-        const double share = own > 0.0 ? fmin(own * speed / way, stopping_speed(own, slope, T)) / own : 0.0;
+        const double share = own > 0.0 ? smaller(own * speed / way, stopping_speed(own, slope, T)) / own : 0.0;
         for (int i = r; i < r + 3; ++i) {
             change[i] = s->stream[i] + rest[i] * share;
         }
-        const double over = fmax(norm(3, change + r) / limit, 1.0);
+        const double over = larger(norm(3, change + r) / limit, 1.0);
         for (int i = r; i < r + 3; ++i) {
             change[i] = change[i] / over - s->twist[i];
         }
-        const double jump = fmax(norm(3, change + r) / (limit * slope), 1.0);
+        const double jump = larger(norm(3, change + r) / (limit * slope), 1.0);
         for (int i = r; i < r + 3; ++i) {
             s->twist[i] += change[i] / jump;
         }
@@ -134,10 +144,10 @@ static void bound_each_joint(const state_t *s, step_t *k)
     const double T = c->sample_time, slope = T / (JOINT_RAMP * c->ramp_time);
     for (int i = 0; i < N; ++i) {
         const double most = c->velocity_limit[i], change = slope * most;
-        const double up = fmax(c->upper_limit[i] - c->limit_distance[i] - s->q[i], 0.0);
-        const double down = fmax(s->q[i] - c->lower_limit[i] - c->limit_distance[i], 0.0);
-        const double fast = most * fmin(stopping_speed(up / most, slope, T), 1.0);
-        const double slow = -most * fmin(stopping_speed(down / most, slope, T), 1.0);
+        const double up = larger(c->upper_limit[i] - c->limit_distance[i] - s->q[i], 0.0);
+        const double down = larger(s->q[i] - c->lower_limit[i] - c->limit_distance[i], 0.0);
+        const double fast = most * smaller(stopping_speed(up / most, slope, T), 1.0);
+        const double slow = -most * smaller(stopping_speed(down / most, slope, T), 1.0);
         k->high[i] = clamp(clamp(fast, s->dq[i] - change, s->dq[i] + change), -down / T, up / T);
         k->low[i] = clamp(clamp(slow, s->dq[i] - change, s->dq[i] + change), -down / T, k->high[i]);
     }
@@ -164,10 +174,10 @@ static void move_to_posture(state_t *s, step_t *k, double *velocity)
     multiply(k->J, velocity, s->twist);
     double way = way_of(c, s->twist); /* [s] at full speed */
     for (int i = 0; i < N; ++i) {
-        way = fmax(way, fabs(velocity[i]) / c->velocity_limit[i]);
-        last = fmax(last, fabs(s->dq[i]) / c->velocity_limit[i]);
+        way = larger(way, fabs(velocity[i]) / c->velocity_limit[i]);
+        last = larger(last, fabs(s->dq[i]) / c->velocity_limit[i]);
     }
-    const double speed = fmin(fmin(1.0, last + slope), stopping_speed(way, slope, T));
+    const double speed = smaller(smaller(1.0, last + slope), stopping_speed(way, slope, T));
     for (int i = 0; i < N; ++i) {
         velocity[i] = clamp(way > 0.0 ? velocity[i] * speed / way : 0.0, k->low[i], k->high[i]);
     }
@@ -221,7 +231,7 @@ static void report(const state_t *s, const step_t *k, int result, output_t *out)
 
 int start(const config_t *c, state_t *s, const double *q)
 {
-    if (!all_within(q, N, -FARTHEST, FARTHEST)) {
+    if (!doubles_within(q, N, -FARTHEST, FARTHEST)) {
         return ID(FOLLOW_E_START);
     }
     s->config = *c;
@@ -248,9 +258,11 @@ int follow(state_t *s, const input_t *input, output_t *out)
     const int result = take_command(s, input, goal);
     k.tool = stiffgen_kept_tool(s);
     stiffgen_poses(s->q, k.tool, here);
-    watch_progress(s, here);
-    take_goal(s, goal);
     compare_poses(here, s->pose, k.rest);
+    watch_progress(s, way_of(&s->config, k.rest));
+    if (take_goal(s, goal)) {
+        compare_poses(here, s->pose, k.rest);
+    }
     s->way = way_of(&s->config, k.rest);
     weighed_jacobian(s->q, k.tool, k.J);
     bound_each_joint(s, &k);

@@ -6,39 +6,6 @@ static const double HELP = 1e-6;    /* [m^2/s] of a fixed joint's column times t
 enum { PASSES = (int)N + 3 };       /* that fix or free a joint */
 enum { ROUNDS = 3 }; /* of refinement: the share (damping / (damping + singular value^2))^ROUNDS of a twist is lost */
 
-/* Factorise a symmetric positive definite A = L L^T (lower triangles). */
-void factorise(int n, const double *A, double *L)
-{
-    for (int i = 0; i < n; ++i) {
-        for (int j = 0; j <= i; ++j) {
-            const double rest = A[i * n + j] - dot(j, L + i * n, L + j * n);
-            L[i * n + j] = i == j ? sqrt(fmax(rest, DBL_MIN)) : rest / L[j * n + j];
-        }
-    }
-}
-
-/* Solve L L^T x = b in place. */
-void solve(int n, const double *L, double *x)
-{
-    for (int i = 0; i < n; ++i) {
-        x[i] = (x[i] - dot(i, L + i * n, x)) / L[i * n + i];
-    }
-    for (int i = n - 1; i >= 0; --i) {
-        for (int k = i + 1; k < n; ++k) {
-            x[i] -= L[k * n + i] * x[k];
-        }
-        x[i] /= L[i * n + i];
-    }
-}
-
-/* Compute the twists of velocities. */
-void multiply(const double *J, const double *velocity, double *twists)
-{
-    for (int r = 0; r < ROWS; ++r) {
-        twists[r] = dot(N, J + r * N, velocity);
-    }
-}
-
 /* Add the products of a joint's column to A, the lower triangle of J J^T, times a share. */
 static void add_column(const double *J, int joint, double share, double *A)
 {
@@ -52,25 +19,27 @@ static void add_column(const double *J, int joint, double share, double *A)
 
 /*
  * Let the free joints do what the twists lack, from velocities that cost nothing. A: damped J J^T of the free joints.
- * sides: as for choose. lack: what the twists lack in the end.
+ * sides: as for choose. lack: what the twists lack in the end: DAMPING x after each round, which solves A x = lack.
  */
 static void move_free(const double *J, const double *A, const double *twists, const int *sides, double *velocity,
     double *lack)
 {
-    double L[ROWS * ROWS];
-    factorise(ROWS, A, L);
-    for (int round = 0; round <= ROUNDS; ++round) {
-        for (int i = 0; i < N && round > 0; ++i) {
-            for (int r = 0; r < ROWS && sides[i] % 2 == 0; ++r) {
-                velocity[i] += J[r * N + i] * lack[r];
-            }
-        }
-        multiply(J, velocity, lack);
+    double L[ROWS * ROWS], sum[ROWS] = {0.0};
+    find_triangle(ROWS, A, L);
+    multiply(J, velocity, lack);
+    for (int r = 0; r < ROWS; ++r) {
+        lack[r] = twists[r] - lack[r];
+    }
+    for (int round = 0; round < ROUNDS; ++round) {
+        solve_triangles(ROWS, L, lack);
         for (int r = 0; r < ROWS; ++r) {
-            lack[r] = twists[r] - lack[r];
+            sum[r] += lack[r];
+            lack[r] *= DAMPING;
         }
-        if (round < ROUNDS) {
-            solve(ROWS, L, lack);
+    }
+    for (int r = 0; r < ROWS; ++r) {
+        for (int i = 0; i < N; ++i) {
+            velocity[i] += sides[i] % 2 == 0 ? J[r * N + i] * sum[r] : 0.0;
         }
     }
 }

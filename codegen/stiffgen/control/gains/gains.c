@@ -5,16 +5,6 @@
  */
 #include "gains.h"
 
-/* Return whether all numbers lie between the bounds; NaN does not. */
-static int all_within(const double *x, int count, double least, double most)
-{
-    int good = 1;
-    for (int i = 0; i < count; ++i) {
-        good = good && x[i] >= least && x[i] <= most;
-    }
-    return good;
-}
-
 /* Split a torque at (q, dq) into tau_ff and gains. */
 int split_torque(const double *q, const double *dq, const double *q_des, const double *dq_des, const double *torque,
                  const double *joint_stiffness, const double *damping, const double *kp_limit, const double *kd_limit,
@@ -27,14 +17,15 @@ int split_torque(const double *q, const double *dq, const double *q_des, const d
             return ID(GAINS_E_NULL);
         }
     }
-    int good = all_within(joint_stiffness, N * N, -DBL_MAX, DBL_MAX) && all_within(damping, N * N, -DBL_MAX, DBL_MAX);
+    int good = doubles_within(kp_limit, N, 0.0, HUGE_VAL) && doubles_within(kd_limit, N, 0.0, HUGE_VAL);
+    good = good && doubles_within(joint_stiffness, N * N, -DBL_MAX, DBL_MAX);
+    good = good && doubles_within(damping, N * N, -DBL_MAX, DBL_MAX);
     for (int k = 0; k < 5; ++k) {
-        good = good && all_within(vectors[k], N, -DBL_MAX, DBL_MAX);
+        good = good && doubles_within(vectors[k], N, -DBL_MAX, DBL_MAX);
     }
-    good = good && all_within(kp_limit, N, 0.0, HUGE_VAL) && all_within(kd_limit, N, 0.0, HUGE_VAL);
     for (int i = 0; i < N; ++i) {
-        kp[i] = fmin(fmax(joint_stiffness[i * (N + 1)], 0.0), kp_limit[i]);
-        kd[i] = fmin(fmax(damping[i * (N + 1)], 0.0), kd_limit[i]);
+        kp[i] = clamp(joint_stiffness[i * (N + 1)], 0.0, kp_limit[i]);
+        kd[i] = clamp(damping[i * (N + 1)], 0.0, kd_limit[i]);
         tau_ff[i] = torque[i] - kp[i] * (q_des[i] - q[i]) - kd[i] * (dq_des[i] - dq[i]);
         good = good && fabs(tau_ff[i]) <= DBL_MAX;
     }

@@ -3,6 +3,7 @@
 
 /* The robot's number of joints. The generator writes it, and these files with all functions static, into
  * NAME_gains.c; tests/support/stub_gains has a robot to compile the files by themselves. */
+#include "../shared/shared.h"
 #include "robot.h"
 
 #include <float.h>

@@ -1,11 +1,9 @@
 /* Checks of proposals: what is refused, and the numbers that say why. */
 #include "policy.h"
 
-static const double FARTHEST = 1e6;        /* [m] beyond which a number is a mistake */
 static const double POSE_TOLERANCE = 1e-3; /* what R^T R may differ from 1 by: single precision and drift */
 static const double TOLERANCE = 1e-6;      /* of a stiffness, over its largest entry: single precision */
 static const double ROUNDED = 1e-9;        /* share by which numbers differ that are the same but for rounding */
-static const double TURN = 6.28318530717958648;
 
 /* Return a refusal; a number that is not finite counts as 0. */
 refusal_t refuse(int code, int entry, double seen, double limit)
@@ -21,7 +19,7 @@ refusal_t accept(void) { return refuse(ACCEPTED, WHOLE, 0.0, 0.0); }
 static refusal_t check_numbers(const double *x, int first, int count, double most, int code)
 {
     for (int k = first; k < first + count; ++k) {
-        if (!(fabs(x[k]) <= fmin(most, DBL_MAX))) {
+        if (!(fabs(x[k]) <= smaller(most, DBL_MAX))) {
             return refuse(fabs(x[k]) <= DBL_MAX ? code : ID(POLICY_REFUSED_NOT_FINITE), k, x[k], most);
         }
     }
@@ -33,12 +31,10 @@ static refusal_t check_pose(const double *P, int first)
 {
     const double det = P[0] * (P[5] * P[10] - P[6] * P[9]) - P[1] * (P[4] * P[10] - P[6] * P[8]) +
                        P[2] * (P[4] * P[9] - P[5] * P[8]);
-    for (int k = 0; k < 9; ++k) {
-        const int i = k / 3, j = k % 3; /* entry of R^T R */
-        const double off = fabs(P[i] * P[j] + P[4 + i] * P[4 + j] + P[8 + i] * P[8 + j] - (i == j ? 1.0 : 0.0));
-        if (off > POSE_TOLERANCE) {
-            return refuse(ID(POLICY_REFUSED_POSE), first + 4 * i + j, off, POSE_TOLERANCE);
-        }
+    int entry = 0;
+    const double off = rotation_error(P, &entry);
+    if (off > POSE_TOLERANCE) {
+        return refuse(ID(POLICY_REFUSED_POSE), first + entry, off, POSE_TOLERANCE);
     }
     for (int i = 12; i < 16; ++i) {
         if (fabs(P[i] - (i == 15 ? 1.0 : 0.0)) > 0.0) {
@@ -53,27 +49,13 @@ refusal_t check_poses(const config_t *c, const double *poses)
 {
     refusal_t found = check_numbers(poses, 0, 16 * TIPS, FARTHEST, ID(POLICY_REFUSED_POSE));
     for (int t = 0; found.code == ACCEPTED && t < TIPS; ++t) {
-        const double *const P = poses + 16 * t, far = sqrt(P[3] * P[3] + P[7] * P[7] + P[11] * P[11]);
+        const double *const P = poses + 16 * t, place[3] = {P[3], P[7], P[11]}, far = norm(3, place);
         found = check_pose(P, 16 * t);
         if (found.code == ACCEPTED && far > c->reach) {
             found = refuse(ID(POLICY_REFUSED_REACH), 16 * t + 3, far, c->reach);
         }
     }
     return found;
-}
-
-/* Return the smallest eigenvalue of a symmetric matrix (3 x 3), by the roots of its characteristic polynomial. */
-static double smallest_eigenvalue(const double *K)
-{
-    const double mean = (K[0] + K[4] + K[8]) / 3.0, a = K[0] - mean, d = K[4] - mean, f = K[8] - mean;
-    const double b = K[1], c = K[2], e = K[5];
-    const double p = sqrt((a * a + d * d + f * f + 2.0 * (b * b + c * c + e * e)) / 6.0);
-    if (!(p > ROUNDED * fabs(mean))) {
-        return mean - 2.0 * p;
-    }
-    const double det = a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d);
-    const double angle = acos(fmin(fmax(0.5 * det / (p * p * p), -1.0), 1.0)) / 3.0;
-    return mean + 2.0 * p * cos(angle + TURN / 3.0);
 }
 
 /* Check stiffnesses (3 x 3) of all tips: symmetric, positive semidefinite. symmetric: their symmetric parts. */
@@ -85,7 +67,7 @@ refusal_t check_stiffness(const double *stiffness, double most, double *symmetri
         double *const S = symmetric + 9 * t, size = DBL_MIN;
         for (int k = 0; k < 9; ++k) {
             S[k] = 0.5 * (K[k] + K[k % 3 * 3 + k / 3]);
-            size = fmax(size, fabs(K[k]));
+            size = larger(size, fabs(K[k]));
         }
         const double allowed = TOLERANCE * size, least = smallest_eigenvalue(S);
         found = least < -allowed ? refuse(ID(POLICY_REFUSED_INDEFINITE), 9 * t, least, -allowed) : found;
@@ -104,7 +86,7 @@ refusal_t check_wrench(const config_t *c, const double *wrench)
     for (int k = 0; found.code == ACCEPTED && k < 2 * TIPS; ++k) {
         const double *const x = wrench + 3 * k, most = c->heaviest_wrench[k % 2] * (1.0 + ROUNDED);
         found = check_numbers(wrench, 3 * k, 3, most, ID(POLICY_REFUSED_WRENCH));
-        const double size = found.code == ACCEPTED ? sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]) : 0.0;
+        const double size = found.code == ACCEPTED ? norm(3, x) : 0.0;
         found = size > most ? refuse(ID(POLICY_REFUSED_WRENCH), 3 * k, size, most) : found;
     }
     return found;

@@ -7,7 +7,7 @@ static const double SHORTEST_INTERVAL = 1.0 / 60.0; /* [s] of an interpolation: 
 static int advance_time(policy_t *p, double now)
 {
     const int finite = fabs(now) <= DBL_MAX;
-    p->now = finite ? fmax(p->now, now) : p->now;
+    p->now = finite ? larger(p->now, now) : p->now;
     return finite;
 }
 
@@ -15,20 +15,20 @@ static int advance_time(policy_t *p, double now)
 static double overdue(const policy_t *p, int part)
 {
     const double late = p->now - p->time[part] - p->config.hold_time;
-    return p->command.stage[part] == ID(POLICY_STAGE_WAITING) ? 0.0 : fmax(late, 0.0);
+    return p->command.stage[part] == ID(POLICY_STAGE_WAITING) ? 0.0 : larger(late, 0.0);
 }
 
 /* Return the share of a fade that is left: 1 before, 0 at its end, with a slope of 0 at both. */
 static double share_left(const policy_t *p, double late)
 {
-    const double x = late > 0.0 ? fmin(late / p->config.fade_time, 1.0) : 0.0; /* a fade_time of 0: at once */
+    const double x = late > 0.0 ? smaller(late / p->config.fade_time, 1.0) : 0.0; /* a fade_time of 0: at once */
     return 1.0 - x * x * (3.0 - 2.0 * x);
 }
 
 /* Return how far the interpolation of a part has come, 0 to 1. */
 static double progress(const policy_t *p, int part)
 {
-    return fmin((p->now - p->begin[part]) / fmax(p->interval[part], SHORTEST_INTERVAL), 1.0);
+    return smaller((p->now - p->begin[part]) / larger(p->interval[part], SHORTEST_INTERVAL), 1.0);
 }
 
 /* Return the stage of a part at the port's time; one that was never accepted goes on waiting. */
@@ -55,7 +55,7 @@ static void mix(int count, double x, double share, const double *from, const dou
 /* Return the share of the stiffness: a pose cannot fade, so that a stale pose fades the stiffness, too. */
 static double stiffness_share(const policy_t *p)
 {
-    const double late = fmax(overdue(p, ID(POLICY_PART_POSE)), overdue(p, ID(POLICY_PART_STIFFNESS)));
+    const double late = larger(overdue(p, ID(POLICY_PART_POSE)), overdue(p, ID(POLICY_PART_STIFFNESS)));
     return p->config.stale_share + (1.0 - p->config.stale_share) * share_left(p, late);
 }
 
@@ -143,9 +143,9 @@ static refusal_t propose_part(policy_t *p, const proposal_t *proposal, int part)
 /* Note the time of an accepted part; its interpolation takes the commander's period. */
 static void note_accepted(policy_t *p, int part, double time)
 {
-    const double most = fmax(p->config.longest_interval, SHORTEST_INTERVAL);
+    const double most = larger(p->config.longest_interval, SHORTEST_INTERVAL);
     const int first = p->command.stage[part] == ID(POLICY_STAGE_WAITING);
-    p->interval[part] = first ? most : fmin(fmax(time - p->time[part], SHORTEST_INTERVAL), most);
+    p->interval[part] = first ? most : clamp(time - p->time[part], SHORTEST_INTERVAL, most);
     p->begin[part] = p->now;
     p->time[part] = time;
     p->command.stage[part] = ID(POLICY_STAGE_MOVING);

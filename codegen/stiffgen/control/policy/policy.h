@@ -3,6 +3,7 @@
 
 /* The robot's structs. The generator writes them, and these files with all functions static, into NAME_policy.c;
  * tests/support/stub_policy has a robot to compile the files by themselves. */
+#include "../shared/shared.h"
 #include "robot.h"
 
 #include <float.h>

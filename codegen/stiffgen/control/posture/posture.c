@@ -3,17 +3,17 @@
 
 enum { TRIALS = 40, STEPS = 60 }; /* of a search; of a trial */
 static const double REACHED = 5e-6;      /* [m] or [rad] from a pose at which one step more is the last */
-static const double RADIAN = 0.25;       /* [m] that count as much as one radian */
 static const double FLAT_SHARE = 1e-9;   /* damping at the pose, over the largest square of a joint's twist */
 static const double STEP_SHARE = 0.05;   /* damping over the error: what its neglected second derivative may do */
 static const double LONGEST_STEP = 0.5;  /* [rad] or [m] */
+static const double HALF_TURN = 3.14159265358979324;
 
 /* Return the largest distance [m] or angle [rad] of the tips' twists. */
 static double largest_part(const double *twists)
 {
     double most = 0.0;
     for (int k = 0; k < ROWS; k += 3) {
-        most = fmax(most, norm(3, twists + k));
+        most = larger(most, norm(3, twists + k));
     }
     return most;
 }
@@ -31,7 +31,7 @@ static double weigh(const double *q, const double *tool, double *X, double *erro
         X[k] = J[r * N + i] / (r % 6 < 3 ? RADIAN : 1.0);
     }
     for (int i = 0; i < N; ++i) {
-        longest = fmax(longest, norm(ROWS, X + i * ROWS));
+        longest = larger(longest, norm(ROWS, X + i * ROWS));
     }
     for (int k = 0; k < N * ROWS; ++k) {
         X[k] /= longest;
@@ -43,27 +43,20 @@ static double weigh(const double *q, const double *tool, double *X, double *erro
     return FLAT_SHARE + squares + STEP_SHARE * sqrt(squares);
 }
 
-/* Solve (X^T X + damping) x = b in place, by a Cholesky factor. */
+/* Solve (X^T X + damping) x = b in place. */
 static void solve_damped(const double *X, double damping, double *x)
 {
-    double L[ROWS * ROWS];
+    double A[ROWS * ROWS], L[ROWS * ROWS];
     for (int r = 0; r < ROWS; ++r) {
         for (int s = 0; s <= r; ++s) {
-            double sum = r == s ? damping : 0.0;
+            A[r * ROWS + s] = r == s ? damping : 0.0;
             for (int i = 0; i < N; ++i) {
-                sum += X[i * ROWS + r] * X[i * ROWS + s];
+                A[r * ROWS + s] += X[i * ROWS + r] * X[i * ROWS + s];
             }
-            const double rest = sum - dot(s, L + r * ROWS, L + s * ROWS);
-            L[r * ROWS + s] = r == s ? sqrt(fmax(rest, DBL_MIN)) : rest / L[s * ROWS + s];
         }
-        x[r] = (x[r] - dot(r, L + r * ROWS, x)) / L[r * ROWS + r];
     }
-    for (int r = ROWS - 1; r >= 0; --r) {
-        for (int s = r + 1; s < ROWS; ++s) {
-            x[r] -= L[s * ROWS + r] * x[s];
-        }
-        x[r] /= L[r * ROWS + r];
-    }
+    find_triangle(ROWS, A, L);
+    solve_triangles(ROWS, L, x);
 }
 
 /*
@@ -76,7 +69,7 @@ static int hold_joint(const double *q, const double *low, const double *high, in
     double farthest = 0.0;
     int found = -1;
     for (int i = 0; i < N; ++i) {
-        const double next = q[i] + step[i], beyond = fabs(next - fmin(fmax(next, low[i]), high[i]));
+        const double next = q[i] + step[i], beyond = fabs(next - clamp(next, low[i], high[i]));
         found = !held[i] && beyond > farthest ? i : found;
         farthest = found == i ? beyond : farthest;
     }
@@ -84,7 +77,7 @@ static int hold_joint(const double *q, const double *low, const double *high, in
         return 0;
     }
     held[found] = 1;
-    step[found] = fmin(fmax(q[found] + step[found], low[found]), high[found]) - q[found];
+    step[found] = clamp(q[found] + step[found], low[found], high[found]) - q[found];
     for (int r = 0; r < ROWS; ++r) {
         error[r] -= step[found] * X[found * ROWS + r];
         X[found * ROWS + r] = 0.0;
@@ -125,9 +118,9 @@ static void start_trial(const double *start, const double *low, const double *hi
 {
     const double share = trial == 0 ? 0.0 : 0.4 + 0.6 * trial / (double)TRIALS; /* of the way to an even spread */
     for (int i = 0; i < N; ++i) {
-        const double least = fmax(low[i], start[i] - HALF_TURN), most = fmin(high[i], start[i] + HALF_TURN);
+        const double least = larger(low[i], start[i] - HALF_TURN), most = smaller(high[i], start[i] + HALF_TURN);
         const double far = least + spread(trial, i) * (most - least);
-        q[i] = fmin(fmax(start[i] + share * (far - start[i]), low[i]), high[i]);
+        q[i] = clamp(start[i] + share * (far - start[i]), low[i], high[i]);
     }
 }
 
@@ -138,10 +131,12 @@ static int try_posture(const double *goal, const double *tool, const double *low
     for (int k = 0; k < STEPS && !found; ++k) {
         double here[16 * TIPS], error[ROWS], step[N];
         stiffgen_poses(q, tool, here);
-        compare_poses(here, goal, error);
+        for (int t = 0; t < TIPS; ++t) {
+            compare_pose(here + 16 * t, goal + 16 * t, error + 6 * t);
+        }
         found = largest_part(error) <= REACHED; /* improved by one step more */
         find_step(q, tool, low, high, error, step);
-        const double share = fmin(LONGEST_STEP / fmax(norm(N, step), LONGEST_STEP), 1.0);
+        const double share = smaller(LONGEST_STEP / larger(norm(N, step), LONGEST_STEP), 1.0);
         for (int i = 0; i < N; ++i) {
             q[i] += share * step[i];
         }
@@ -154,7 +149,7 @@ int search(const double *poses, const double *tool, const double *start, const d
            double *posture)
 {
     double goal[16 * TIPS], tools[16 * TIPS], q[N];
-    int good = all_within(start, N, -FARTHEST, FARTHEST);
+    int good = doubles_within(start, N, -FARTHEST, FARTHEST);
     memmove(posture, start, N * sizeof *posture); /* both may be one array */
     for (int t = 0; t < TIPS; ++t) {
         good = good && clean_pose(poses + 16 * t, goal + 16 * t);

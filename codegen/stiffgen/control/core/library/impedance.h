@@ -14,6 +14,7 @@
 
 /* Structs, sizes and the macro ID, which adds the robot's prefix. The generator writes them, and these files with all
  * functions static, into NAME_impedance.c; tests/support/stub_robot has a robot to compile the files by themselves. */
+#include "../../shared/shared.h"
 #include "robot.h"
 
 #include <float.h>
@@ -39,7 +40,6 @@ static const double NOISE_RANGE = 6.0; /* velocity_noise counts this often in on
 static const double SHAPED = 4.0; /* times the reference's own acceleration that follows a shaped command */
 static const double NO_TORQUE = 1e-9; /* [N m] or [N] that counts as none: nothing is divided by it */
 static const double TURN = 6.28318530717958648;
-static const double FARTHEST = 1e6; /* [rad] beyond it an angle has lost its last digits */
 
 /*
  * Finding about sample, arm or command: the reason of a fault or refusal, for a refusal the argument, joint or entry,
@@ -115,12 +115,7 @@ typedef struct {
 /* ---- functions, by file ---- */
 
 /* matrix.c */
-double larger(double x, double y);
-double smaller(double x, double y);
-double clamp(double x, double least, double most);
 int count_up(int x, int by);
-double dot(int count, const double *a, const double *b);
-double norm(int count, const double *x);
 void add_scaled(int count, double a, const double *x, double *y);
 double mix(int count, const double *a, const double *b, double share, double *result);
 int factorise(double *A);
@@ -128,7 +123,6 @@ void invert_triangle(double *L);
 void form_pencil(const double *inverse, double *K);
 void multiply_lower(const double *inverse, const double *x, double *result);
 void multiply_upper(const double *inverse, const double *x, double *result);
-double smallest_eigenvalue(const double *K);
 
 /* modes.c */
 void find_modes(double *A, modes_t *m);
@@ -199,7 +193,6 @@ void describe_fault(const output_t *out, char *text, size_t size);
 void describe_refusal(const output_t *out, char *text, size_t size);
 
 /* init.c */
-int doubles_within(const double *x, size_t count, double least, double most);
 int integers_within(const int *x, size_t count, int least, int most);
 int initialise(const config_t *c, state_t *state, const double *torque);
 int request_reset(state_t *state);

@@ -3,17 +3,7 @@
 
 enum { POSTURES = 32 }; /* in which the tank is sized */
 
-/* Return whether all entries lie between the bounds (both allowed); NaN does not. */
-int doubles_within(const double *x, size_t count, double least, double most)
-{
-    for (size_t i = 0; i < count; ++i) {
-        if (!(x[i] >= least && x[i] <= most)) {
-            return 0;
-        }
-    }
-    return 1;
-}
-
+/* Return whether all entries lie between the bounds (both allowed). */
 int integers_within(const int *x, size_t count, int least, int most)
 {
     for (size_t i = 0; i < count; ++i) {

@@ -1,33 +1,12 @@
 /* Numbers, vectors, and matrices of N rows, row-major. */
 #include "impedance.h"
 
-double larger(double x, double y) { return x > y ? x : y; }
-
-double smaller(double x, double y) { return x < y ? x : y; }
-
-double clamp(double x, double least, double most)
-{
-    const double low = x < least ? least : x;
-    return low > most ? most : low;
-}
-
 /* Count up to LONGEST. */
 int count_up(int x, int by)
 {
     const int sum = x + by;
     return sum < LONGEST ? sum : LONGEST;
 }
-
-double dot(int count, const double *a, const double *b)
-{
-    double sum = 0.0;
-    for (int i = 0; i < count; ++i) {
-        sum += a[i] * b[i];
-    }
-    return sum;
-}
-
-double norm(int count, const double *x) { return sqrt(dot(count, x, x)); }
 
 /* Compute y += a x. */
 void add_scaled(int count, double a, const double *x, double *y)
@@ -124,18 +103,4 @@ void multiply_upper(const double *inverse, const double *x, double *result)
         }
         result[i] /= inverse[i * (N + 1)];
     }
-}
-
-/* Return the smallest eigenvalue of a symmetric 3 x 3 matrix, by the roots of its characteristic polynomial. */
-double smallest_eigenvalue(const double *K)
-{
-    const double mean = (K[0] + K[4] + K[8]) / 3.0, a = K[0] - mean, d = K[4] - mean, f = K[8] - mean;
-    const double b = K[1], c = K[2], e = K[5];
-    const double p = sqrt((a * a + d * d + f * f + 2.0 * (b * b + c * c + e * e)) / 6.0);
-    if (!(p > ROUNDED * fabs(mean))) {
-        return mean - 2.0 * p;
-    }
-    const double det = a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d);
-    const double angle = acos(clamp(0.5 * det / (p * p * p), -1.0, 1.0)) / 3.0;
-    return mean + 2.0 * p * cos(angle + TURN / 3.0);
 }
