@@ -2,11 +2,13 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-# pip is silent while it unpacks: beside it, say every second how much the environment has grown to.
-pip = @echo "pip install $(1)"; \
-  (was=0; while sleep 1 && kill -0 $$$$ 2>/dev/null; do now=$$(du -sm $(VENV) 2>/dev/null | cut -f1); \
+# venv is silent, and pip while it unpacks: beside a command, say every second how much the environment has grown to.
+beside_its_size = (was=0; while sleep 1 && kill -0 $$$$ 2>/dev/null; do now=$$(du -sm $(VENV) 2>/dev/null | cut -f1); \
   [ "$$now" = "$$was" ] || echo "  $(VENV): $$now MB"; was=$$now; done) & beat=$$!; \
-  $(BIN)/pip install --disable-pip-version-check $(1); code=$$?; kill $$beat; exit $$code
+  $(1); code=$$?; kill $$beat; [ $$code = 0 ]
+comma := ,
+pip = @echo "pip install $(1)"; \
+  $(call beside_its_size,$(BIN)/pip install --disable-pip-version-check $(1))
 URDFS := $(sort $(wildcard urdf/*.urdf))
 GENERATOR := $(shell find codegen -name '*.py' -o -name '*.j2' -o -name '*.[ch]')
 TORCH ?= torch>=2.5
@@ -144,7 +146,8 @@ build/robots/iiwa14_plate build/robots/iiwa14_ball: build/robots/%: urdf/iiwa14.
 $(VENV)/installed: pyproject.toml requirements.lock
 	@$(PYTHON) -c 'import sys; sys.exit("stiffgen needs Python 3.11 or newer; set PYTHON=") if sys.version_info < (3, 11) else 0'
 	@echo "making the environment $(VENV), up to 15 s ..."
-	@$(PYTHON) -m venv $(VENV) || { echo "python3 -m venv failed; on Debian: apt-get install python3-venv" >&2; exit 1; }
+	@$(call beside_its_size,$(PYTHON) -m venv $(VENV)) \
+	  || { echo "python3 -m venv failed; on Debian: apt-get install python3-venv" >&2; exit 1; }
 	@echo "installing the packages of requirements.lock, 500 MB, usually 1 minute ..."
 	$(call pip,--no-deps --require-hashes --requirement requirements.lock)
 	$(call pip,--no-deps --no-build-isolation --editable .)
@@ -169,7 +172,7 @@ build/dist-venv/installed:
 
 
 $(VENV)/installed-test: $(VENV)/installed
-	$(call pip,--editable '.[test,lint]')
+	$(call pip,--editable '.[test$(comma)lint]')
 	$(call pip,--no-deps 'lerobot>=0.4.4')
 	@touch $@
 

@@ -36,6 +36,23 @@ def wants_to_install(environment: Path) -> bool:
     return "--no-build-isolation --editable ." in said
 
 
+def test_pip_gets_whole_arguments_and_its_failure_ends_make(tmp_path: Path) -> None:
+    """Beside pip make prints the environment's size; commas of extras stay in one argument."""
+    (tmp_path / "bin").mkdir()
+    scripts = {"bin/pip": 'printf "%s\\n" "$@" >> "$0.said"', "python": "exit 0"}
+    for name, script in scripts.items():
+        (tmp_path / name).write_text(f"#!/bin/sh\n{script}\n")
+        (tmp_path / name).chmod(0o755)
+    command = ["make", str(tmp_path / "installed-test"), f"VENV={tmp_path}", f"PYTHON={tmp_path / 'python'}"]
+    subprocess.run(command, cwd=ROOT, capture_output=True, check=True)
+    said = (tmp_path / "bin" / "pip.said").read_text().splitlines()
+    assert ".[test,lint]" in said and "lerobot>=0.4.4" in said and "--require-hashes" in said
+    (tmp_path / "bin" / "pip").write_text("#!/bin/sh\nexit 3\n")
+    (tmp_path / "installed").unlink()
+    assert subprocess.run(command, cwd=ROOT, capture_output=True, check=False).returncode != 0
+    assert not (tmp_path / "installed").exists()
+
+
 def test_make_notices_what_is_installed(tmp_path: Path) -> None:
     """A copy (``pip install '.[xacro]'``), another clone's link, no package at all; the link to this clone is kept."""
     packages = tmp_path / "lib" / "python3.11" / "site-packages"
