@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 import pytest
@@ -69,3 +71,20 @@ def test_no_name_is_broken(tmp_path: Path) -> None:
         assert page.js(BROKEN)[0] == ["a_b" * 200]
     assert broken == {}
     assert wide == {}
+
+
+def test_figures_with_panels_in_a_row_are_folded() -> None:
+    """Each panel keeps its elements and goes below the one before; rows, colour bars and common legends stay."""
+    spec = spec_from_file_location("narrow", ROOT / "docs" / "site" / "narrow.py")
+    assert spec is not None and spec.loader is not None
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    texts = {name: (ROOT / "docs" / f"{name}.svg").read_text() for name in ("flutter", "adaptive", "measured")}
+    folded = module.narrow(texts["flutter"])
+    wide, high = map(float, re.findall(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', texts["flutter"])[0])
+    narrow, higher = map(float, re.findall(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', folded)[0])
+    assert narrow < 0.6 * wide and higher == 2 * high
+    assert re.search(rf'id="axes_2"[^>]*translate\(-[\d.]+ {high:g}\)', folded)
+    assert folded.count("<text") == texts["flutter"].count("<text")
+    others = [texts["adaptive"], texts["measured"], (ROOT / "docs" / "analyze_moment.svg").read_text()]
+    assert [module.narrow(text) for text in others] == [None, None, None]
