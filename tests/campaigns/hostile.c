@@ -116,6 +116,7 @@ static void change(config_t *config)
     case 3: config->tank_initial = exp(6.0 * (uniform() - 0.5)); break;
     case 4: config->communication_reaction = 1 + (int)(bits() % 3); break;
     case 5: config->damping_ratio = 2.0 * uniform(); break;
+    case 6: config->coulomb_friction[bits() % N] = fresh.effort_limit[0] * uniform(); break;
     default: break;
     }
     if (bits() % 20 == 0) {

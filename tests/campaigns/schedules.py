@@ -123,6 +123,11 @@ def draw_wrench(random: Random) -> np.ndarray:
     return np.concatenate(parts) * (random.random() < 0.8) * (1 - 1e-9)
 
 
+def draw_friction(random: Random, loop: Loop) -> np.ndarray:
+    """Return the friction that the controller is told, up to the effort limits; the plant has none. Often it is 0."""
+    return np.asarray(loop.effort * 10 ** random.uniform(-3, 0, loop.n) * (random.random() < 0.4))
+
+
 def draw_plan(random: Random, joints: int) -> dict[str, Any]:
     """Return what a plan says of q0: that it has ramps already, and its acceleration; half of them lie."""
     acceleration = np.clip(random.normal(size=joints) * 10 ** random.uniform(-2, 1.5), -30, 30)
@@ -152,6 +157,7 @@ def schedule(random: Random, loop: Loop, moving: bool = False, sensors: bool = F
             "motor_inertia": motor,
             "coriolis": int(random.integers(1, 3)),
             "damping_ratio": float(random.uniform(0, 1.5)),
+            "coulomb_friction": draw_friction(random, loop),
             "ramp_time": float(10 ** random.uniform(-3, -0.5)),
             "position_quantum": 1e-4 if sensors else float(random.choice([0.0, 2e-6, 2e-6])),
             "missed_limit": int(random.integers(1, 7)),
@@ -205,6 +211,7 @@ def change_configuration(random: Random, loop: Loop, made: Schedule) -> None:
         "call_gap_limit": lambda: int(random.integers(1, 13)),
         "missed_limit": lambda: int(random.integers(1, 30)),
         "coriolis": lambda: int(random.integers(1, 3)),
+        "coulomb_friction": lambda: draw_friction(random, loop),
         "communication_reaction": lambda: int(random.integers(1, 4)),
         "lower_limit": lambda: loop.home - 10 ** random.uniform(-1.5, 0.3, loop.n) * turning,
         "upper_limit": lambda: loop.home + 10 ** random.uniform(-1.5, 0.3, loop.n) * turning,

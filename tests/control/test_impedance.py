@@ -288,6 +288,22 @@ def test_coriolis_forces_are_compensated(robot: ModuleType) -> None:
     np.testing.assert_allclose(out.feedforward_torque, robot.bias_forces(q, dq, np.zeros(3)), atol=1e-12)
 
 
+def test_friction_is_fed_forward_by_the_reference_alone(robot: ModuleType) -> None:
+    """In full from 0.02 rad/s of the reference on, with its sign; nothing at rest, however the arm moves."""
+    friction = np.linspace(0.5, 2.0, 7)
+    controller = robot.Impedance(**ARM, tank_initial=500.0, position_quantum=2e-6, coulomb_friction=friction)
+    for k in range(100):
+        goal = Q + 1e-3 * k * np.array([0.3, -0.3, 0.01, -0.01, 0.0, 0.1, 0.0])
+        out = controller.step(**AT_REST | {"q0": goal}, counter=k, shaped=True)
+    np.testing.assert_allclose(out.reference_velocity, [0.3, -0.3, 0.01, -0.01, 0, 0.1, 0], atol=1e-9)
+    np.testing.assert_allclose(out.feedforward_torque, friction * [1, -1, 0.5, -0.5, 0, 1, 0], atol=1e-6)
+    still = robot.Impedance(**ARM, tank_initial=500.0, coulomb_friction=friction)
+    for k in range(5):
+        moved = {"q": Q + 1e-3 * k * 0.2, "dq": np.full(7, 0.2)}
+        out = still.step(**AT_REST | moved, counter=k)
+    assert not out.feedforward_torque.any()
+
+
 def test_an_acceleration_carries_a_shaped_plan(robot: ModuleType) -> None:
     """M ddr, only with shaped, and only while the reference moves."""
     controller = robot.Impedance(**ARM, tank_initial=500.0, position_quantum=2e-6)

@@ -47,6 +47,7 @@ inline constexpr Numbers NUMBERS[] = {
     STIFFGEN_JOINTS(velocity_limit),
     STIFFGEN_JOINTS(effort_limit),
     STIFFGEN_JOINTS(torque_rate_limit),
+    STIFFGEN_JOINTS(coulomb_friction),
 };
 
 inline constexpr Integer INTEGERS[] = {

@@ -223,6 +223,17 @@ LAW: tuple[Field, ...] = (
         reason="many robots do so themselves",
     ),
     Field(
+        "coulomb_friction",
+        N,
+        "N m or N",
+        "sliding friction of the joints, of which nine tenths are best stated; fed forward with the sign of the "
+        "reference's velocity (in full from 0.02 rad/s on), paid from the tank",
+        "0.0",
+        0.0,
+        1e4,
+        reason="it varies with temperature and load; stated too large, the arm runs ahead of its reference",
+    ),
+    Field(
         "spring_limit",
         (2,),
         "N, N m",

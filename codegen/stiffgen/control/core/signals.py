@@ -147,7 +147,7 @@ _DIAGNOSTICS: tuple[Field, ...] = (
     Field("stiffness_share", SCALAR, "", "share of the springs' stiffness that sample time and delay allow"),
     Field("damping_torque", N, "N m or N", "B (dr - dq), and the brake of joints beyond 0.72 of velocity_limit"),
     Field("limit_torque", N, "N m or N", "torque of the limit zones"),
-    Field("feedforward_torque", N, "N m or N", "torque of wrench_command, acceleration and Coriolis forces"),
+    Field("feedforward_torque", N, "N m or N", "torque of wrench_command, acceleration, friction and Coriolis forces"),
 )
 
 OUTPUT_SECTIONS = (

@@ -156,10 +156,11 @@ class _Movement:
         self.posture = np.linspace(1.0, 3.0, n)
         self.wrench = np.tile([5.0, -3.0, 4.0, 0.5, 0.3, -0.2], (len(bench.robot.chain.tips), 1))
         self.acceleration = np.linspace(-10.0, 10.0, n) * reach
+        self.friction = np.linspace(0.5, 2.0, n)
         self.controller = bench.controller(
             rests=0, lower_limit=q - 1.1 * reach, upper_limit=q + 1.1 * reach, delay_samples=delay,
             velocity_limit=np.linspace(4.5, 10.0, n) * reach, effort_limit=np.linspace(400.0, 500.0, n),
-            torque_rate_limit=1e5, coriolis=coriolis_on,
+            torque_rate_limit=1e5, coriolis=coriolis_on, coulomb_friction=self.friction,
         )  # fmt: skip
         self.inertia = 0.5 * np.eye(n)
         self.zones = place_zones(self.controller.config, self._mass_matrix(q), self.timing)
@@ -217,8 +218,9 @@ class _Movement:
         self.hold("stiffness share", out.stiffness_share, share)
 
     def _compare_feedforward(self, out: Any, at: FloatArray, rate: FloatArray) -> None:
-        """Compare the torque of wrench, acceleration and Coriolis forces."""
+        """Compare the torque of wrench, acceleration, friction and Coriolis forces."""
         expected = wrench_torque(self.bench.poses, at, self.wrench)
+        expected = expected + self.friction * np.clip(out.reference_velocity / 0.02, -1.0, 1.0)
         if np.any(out.reference_velocity):
             expected = expected + self._mass_matrix(at) @ self.acceleration
         if self.coriolis:

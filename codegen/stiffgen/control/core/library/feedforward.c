@@ -1,7 +1,11 @@
-/* Feed-forward: a wrench that the tips are to exert, the acceleration of a plan, Coriolis forces. The tank pays. */
+/*
+ * Feed-forward: a wrench that the tips are to exert, the acceleration of a plan, friction, Coriolis forces. The tank
+ * pays.
+ */
 #include "impedance.h"
 
 static const double COVERING = 0.35; /* of the available energy; springs and damping have the remainder */
+static const double SLOW = 0.02;     /* [rad/s] or [m/s] of the reference from which on friction has its full size */
 
 /*
  * Return the share of the wrenches that the speed of the tips allows: where contact is lost, a tip must not run away.
@@ -65,6 +69,10 @@ void feed_forward(const memory_t *m, const command_t *k, const double *inverse, 
         double forces[N];
         stiffgen_coriolis(m->watch.q, m, m->watch.dq, forces);
         add_scaled(N, paid, forces, w->feedforward);
+    }
+    for (int i = 0; i < N; ++i) { /* by the reference's velocity: at rest it is 0, whatever dq does */
+        const double side = clamp(m->reference.dr[i] / SLOW, -1.0, 1.0);
+        w->feedforward[i] += paid * m->config.coulomb_friction[i] * side;
     }
     const double share = covered_share(m, w->feedforward, COVERING * available(&m->account));
     for (int i = 0; i < N && share < 1.0; ++i) {
