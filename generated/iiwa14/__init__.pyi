@@ -354,4 +354,6 @@ from .python.follow import Follow as Follow, FollowStatus as FollowStatus
 from .python.policy import Policy as Policy, PolicyRefused as PolicyRefused, PolicyStage as PolicyStage
 from .python.gains import joint_gains as joint_gains, late_work as late_work
 from .python.find_posture import find_posture as find_posture
+from .python.settle import Settle as Settle, SettleStatus as SettleStatus
+from .python.press import Press as Press, PressStage as PressStage
 from .python.paper import PaperLaw as PaperLaw

@@ -295,6 +295,9 @@ static int check_fields(const config_t *c)
     if (!integers_within(&c->coriolis, 1, 1, 2)) {
         return IIWA14_E_CONFIG_CORIOLIS;
     }
+    if (!doubles_within(c->coulomb_friction, sizeof c->coulomb_friction / sizeof c->coulomb_friction[0], 0.0, 10000.0)) {
+        return IIWA14_E_CONFIG_COULOMB_FRICTION;
+    }
     return IIWA14_OK;
 }
 
@@ -1761,9 +1764,13 @@ static void stiffen(const memory_t *m, const command_t *k, change_t *next)
     next->energy = m->account.springs;
 }
 
-/* Feed-forward: a wrench that the tips are to exert, the acceleration of a plan, Coriolis forces. The tank pays. */
+/*
+ * Feed-forward: a wrench that the tips are to exert, the acceleration of a plan, friction, Coriolis forces. The tank
+ * pays.
+ */
 
 static const double COVERING = 0.35; /* of the available energy; springs and damping have the remainder */
+static const double SLOW = 0.02;     /* [rad/s] or [m/s] of the reference from which on friction has its full size */
 
 /*
  * Return the share of the wrenches that the speed of the tips allows: where contact is lost, a tip must not run away.
@@ -1827,6 +1834,10 @@ static void feed_forward(const memory_t *m, const command_t *k, const double *in
         double forces[N];
         stiffgen_coriolis(m->watch.q, m, m->watch.dq, forces);
         add_scaled(N, paid, forces, w->feedforward);
+    }
+    for (int i = 0; i < N; ++i) { /* by the reference's velocity: at rest it is 0, whatever dq does */
+        const double side = clamp(m->reference.dr[i] / SLOW, -1.0, 1.0);
+        w->feedforward[i] += paid * m->config.coulomb_friction[i] * side;
     }
     const double share = covered_share(m, w->feedforward, COVERING * available(&m->account));
     for (int i = 0; i < N && share < 1.0; ++i) {
@@ -2741,6 +2752,7 @@ void iiwa14_impedance_default_config(config_t *config)
         config->velocity_limit[i] = iiwa14_velocity[i];
         config->effort_limit[i] = iiwa14_effort[i];
         config->torque_rate_limit[i] = iiwa14_torque_rate[i];
+        config->coulomb_friction[i] = 0.0;
     }
 }
 
@@ -2830,6 +2842,8 @@ const char *iiwa14_impedance_error_text(int code)
         return "tank_initial: must lie between 0 and 100000";
     case IIWA14_E_CONFIG_CORIOLIS:
         return "coriolis: must be off or on";
+    case IIWA14_E_CONFIG_COULOMB_FRICTION:
+        return "coulomb_friction: every entry must lie between 0 and 10000";
     default:
         return "unknown error";
     }

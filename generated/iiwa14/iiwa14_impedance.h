@@ -60,7 +60,8 @@ enum {
     IIWA14_E_CONFIG_DAMPING_RATIO = -35,
     IIWA14_E_CONFIG_RAMP_TIME = -36,
     IIWA14_E_CONFIG_TANK_INITIAL = -37,
-    IIWA14_E_CONFIG_CORIOLIS = -38
+    IIWA14_E_CONFIG_CORIOLIS = -38,
+    IIWA14_E_CONFIG_COULOMB_FRICTION = -39
 };
 
 /* Choices. No choice has the value 0, so that a configuration or an input of zeros is refused. */
@@ -220,6 +221,11 @@ typedef struct {
     /* whether the torque compensates Coriolis and centrifugal forces; on: C(q, dq) dq is added, paid from the
      * tank. Must be off or on. Default: off; many robots do so themselves. */
     int coriolis;
+    /* [N m or N] sliding friction of the joints, of which nine tenths are best stated; fed forward with the
+     * sign of the reference's velocity (in full from 0.02 rad/s on), paid from the tank. Every entry must lie
+     * between 0 and 10000. Default: 0.0; it varies with temperature and load; stated too large, the arm runs
+     * ahead of its reference. */
+    double coulomb_friction[7];
 } iiwa14_impedance_config;
 
 /* One sample and a command. A struct of zeros is a missed sample without a clock. */
@@ -331,7 +337,7 @@ typedef struct {
     double damping_torque[7];
     /* [N m or N] torque of the limit zones. */
     double limit_torque[7];
-    /* [N m or N] torque of wrench_command, acceleration and Coriolis forces. */
+    /* [N m or N] torque of wrench_command, acceleration, friction and Coriolis forces. */
     double feedforward_torque[7];
 } iiwa14_impedance_output;
 

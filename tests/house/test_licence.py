@@ -19,7 +19,8 @@ COMMENTS = {
 BEGIN = {suffix: comment for comment, suffixes in COMMENTS.items() for suffix in suffixes}
 OF_THE_USER = re.compile(
     r"generated/|codegen/stiffgen/(control/(core/library|loops|paper|python)|core/emit/\w+/library"
-    r"|(\w+/)*(templates|wrappers))/|codegen/stiffgen/control/(follow|policy|gains|posture|shared)/\w+\.[ch]$"
+    r"|(\w+/)*(templates|wrappers))/"
+    r"|codegen/stiffgen/control/(follow|policy|gains|posture|settle|press|shared)/\w+\.[ch]$"
 )
 
 

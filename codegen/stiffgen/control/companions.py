@@ -16,6 +16,8 @@ from stiffgen.control.core.field import Field
 from stiffgen.control.follow.fields import FOLLOW_ERRORS, FOLLOW_STATE, FOLLOW_STATUS, FOLLOW_STRUCTS
 from stiffgen.control.paper_fields import PAPER_STRUCTS
 from stiffgen.control.policy.fields import POLICY_ERRORS, POLICY_STATE, POLICY_STRUCTS, POLICY_WORDS
+from stiffgen.control.press.fields import PRESS_ERRORS, PRESS_STAGES, PRESS_STATE, PRESS_STRUCTS
+from stiffgen.control.settle.fields import SETTLE_ERRORS, SETTLE_STATE, SETTLE_STATUS, SETTLE_STRUCTS
 from stiffgen.control.structs import Struct, check_of, defaults, joint_defaults, struct_of
 from stiffgen.core.library import Library
 from stiffgen.core.robot.chain import Chain, Tip
@@ -86,6 +88,10 @@ GAINS = Library(_HERE / "gains", "gains.h", ("gains.c",), shared=SHARED)
 """C of every NAME_gains.c."""
 POSTURE = Library(_HERE / "posture", "posture.h", ("posture.c",), shared=SHARED)
 """C of every NAME_find_posture.c."""
+SETTLE = Library(_HERE / "settle", "settle.h", ("decay.c", "pose.c", "settle.c"), shared=SHARED)
+"""C of every NAME_settle.c."""
+PRESS = Library(_HERE / "press", "press.h", ("press.c",), shared=SHARED)
+"""C of every NAME_press.c."""
 LAW = Library(_HERE / "paper", "law.h", ("law.c",))
 """C of every NAME_paper.c."""
 
@@ -135,6 +141,30 @@ _ALL = (
             ("bounds", "lower and upper: lower must not be above upper"),
             ("no_posture", "no posture of the poses was found within the bounds; one may exist"),
         ),
+    ),
+    Companion(
+        "settle",
+        "No error at rest under friction and an unknown payload: an integral moves the commanded pose within a limit.",
+        SETTLE,
+        ("Settle(controller, settle_force=..., **fields)",),
+        _is_serial,
+        ("SettleStatus",),
+        SETTLE_STRUCTS,
+        SETTLE_STATE,
+        (("settle", SETTLE_STATUS),),
+        SETTLE_ERRORS,
+    ),
+    Companion(
+        "press",
+        "Force along an axis with a sensor's wrench: approach, contact, loss; it makes a pose and a wrench_command.",
+        PRESS,
+        ("Press(controller, **fields)",),
+        _is_serial,
+        ("PressStage",),
+        PRESS_STRUCTS,
+        PRESS_STATE,
+        (("press_stage", PRESS_STAGES),),
+        PRESS_ERRORS,
     ),
     Companion(
         "paper",

@@ -19,6 +19,7 @@ typedef struct {
 typedef struct {
     double M[N * N]; /* Cholesky factor */
     double bias[N], J[6 * N], pose[16], start[N], load[6];
+    double wall, wall_speed; /* [m], [m/s] */
 } instant_t;
 
 int factorise(int n, double *A)
@@ -81,10 +82,10 @@ static void start_instant(const plant_t *p, const motion_t *m, const double *loa
     factorise(N, at->M);
 }
 
-/* Compute the wrench of wall and clamp on the tip. */
-static void touch(const plant_t *p, const motion_t *m, const instant_t *at, double *wrench)
+/* Compute the wrench of wall and clamp on the tip, a time after the sample. */
+static void touch(const plant_t *p, const motion_t *m, const instant_t *at, double time, double *wrench)
 {
-    double moved[6] = {0.0}, twist[6] = {0.0}, depth = 0.0, speed = 0.0;
+    double moved[6] = {0.0}, twist[6] = {0.0}, place[3];
     memset(wrench, 0, 6 * sizeof *wrench);
     for (int k = 0; k < 6; ++k) {
         for (int i = 0; i < N; ++i) {
@@ -93,15 +94,9 @@ static void touch(const plant_t *p, const motion_t *m, const instant_t *at, doub
         }
     }
     for (int k = 0; k < 3; ++k) {
-        depth += p->wall_normal[k] * (p->wall_point[k] - at->pose[4 * k + 3] - moved[k]);
-        speed -= p->wall_normal[k] * twist[k];
+        place[k] = at->pose[4 * k + 3] + moved[k];
     }
-    if (p->wall_stiffness > 0.0 && depth > 0.0) {
-        const double force = fmax(p->wall_stiffness * depth + p->wall_damping * speed, 0.0);
-        for (int k = 0; k < 3; ++k) {
-            wrench[k] = force * p->wall_normal[k];
-        }
-    }
+    touch_surface(p, place, twist, at->wall + at->wall_speed * time, at->wall_speed, wrench);
     if (m->clamped) {
         const double *const C = m->clamp, *const H = at->pose;
         double turn[9] = {0.0};
@@ -142,7 +137,7 @@ static double advance(const plant_t *p, motion_t *m, const instant_t *at, const 
     memset(contact, 0, 6 * sizeof *contact);
     for (int s = 0; s < SUBSTEPS; ++s) {
         double force[N];
-        touch(p, m, at, wrench);
+        touch(p, m, at, s * h, wrench);
         for (int k = 0; k < 6; ++k) {
             contact[k] += wrench[k] / SUBSTEPS;
         }
@@ -211,11 +206,13 @@ typedef struct {
     const ROBOT_(impedance_config) *config;
     ROBOT_(impedance_state) *state;
     ROBOT_(impedance_output) *output;
+    makers_t makers;
+    int stepped;
 } controller_t;
 
 /* Step this controller with what the sensors say. */
 static void step_controller(const plant_t *p, controller_t *c, const sensors_t *s, const inputs_t *in, int k,
-                            double *torque, row_t *row)
+                            const double *wrench, double *torque, row_t *row)
 {
     ROBOT_(impedance_input) input;
     memset(&input, 0, sizeof input);
@@ -226,6 +223,12 @@ static void step_controller(const plant_t *p, controller_t *c, const sensors_t *
     memcpy(input.q, s->q, sizeof input.q);
     memcpy(input.dq, s->dq, sizeof input.dq);
     memcpy(input.q0, in->goal + k * N, sizeof input.q0);
+    if (p->makers) {
+        made_t made;
+        make_command(p, &c->makers, in, k, wrench, c->stepped ? c->output : NULL, &made, row);
+        memcpy(input.q0, made.q0, sizeof input.q0);
+        memcpy(input.wrench_command, made.wrench_command, sizeof input.wrench_command);
+    }
     for (int i = 0; i < N; ++i) {
         input.posture_stiffness[i] = 1.0;
     }
@@ -234,6 +237,9 @@ static void step_controller(const plant_t *p, controller_t *c, const sensors_t *
         input.rotation_stiffness[4 * i] = in->rotation[3 * k + i];
     }
     ROBOT_(impedance_step)(c->state, &input, c->output);
+    c->stepped = 1;
+    row->supplied = c->output->energy_supplied;
+    row->tank = c->output->tank;
     memcpy(torque, c->output->torque, N * sizeof *torque);
     row->status = c->output->status;
     row->reason = c->output->reason;
@@ -270,7 +276,8 @@ static void step_textbook(const plant_t *p, const sensors_t *s, const inputs_t *
 int run(const plant_t *p, const void *config, void *state, void *output, const double *q, int samples,
         const inputs_t *in, row_t *rows)
 {
-    controller_t controller = {config, state, output};
+    static const double nothing[6] = {0.0};
+    controller_t controller = {.config = config, .state = state, .output = output};
     motion_t motion;
     sensors_t sensors;
     memory_t memory;
@@ -280,12 +287,15 @@ int run(const plant_t *p, const void *config, void *state, void *output, const d
     memset(&memory, 0, sizeof memory);
     memcpy(motion.q, q, sizeof motion.q);
     memcpy(motion.theta, q, sizeof motion.theta);
-    const int code = ROBOT_(impedance_init)(controller.config, controller.state, NULL);
+    int code = ROBOT_(impedance_init)(controller.config, controller.state, NULL);
+    code = code == 0 && p->makers ? start_makers(p, controller.config, q, &controller.makers) : code;
     for (int k = 0; code == 0 && k < samples; ++k) {
         instant_t at;
         row_t *const row = rows + k;
         memset(row, 0, sizeof *row);
         start_instant(p, &motion, in->load + 6 * k, in->payload[k], &at);
+        at.wall = in->wall[k];
+        at.wall_speed = k + 1 < samples ? (in->wall[k + 1] - in->wall[k]) / p->sample_time : 0.0;
         if (k == p->clamp_start) {
             memcpy(motion.clamp, at.pose, sizeof motion.clamp);
             motion.clamped = 1;
@@ -294,7 +304,8 @@ int run(const plant_t *p, const void *config, void *state, void *output, const d
         if (in->sensor[k] == SKIPPED) {
             *row = k > 0 ? rows[k - 1] : *row;
         } else if (p->law == 0) {
-            step_controller(p, &controller, &sensors, in, k, torque, row);
+            const int seen = k - 1 - (int)p->wrench_delay;
+            step_controller(p, &controller, &sensors, in, k, seen >= 0 ? rows[seen].contact : nothing, torque, row);
         } else if (in->sensor[k] != LOST) {
             step_textbook(p, &sensors, in, k, &memory, torque, row);
         }
@@ -303,6 +314,7 @@ int run(const plant_t *p, const void *config, void *state, void *output, const d
         work += advance(p, &motion, &at, pipe[p->delay], row->contact);
         memcpy(row->q, motion.q, sizeof row->q);
         memcpy(row->v, motion.v, sizeof row->v);
+        memcpy(row->motors, motion.theta, sizeof row->motors);
         memcpy(row->torque, pipe[p->delay], sizeof row->torque);
         memcpy(row->pose, at.pose, sizeof row->pose);
         row->work = work;

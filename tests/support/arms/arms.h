@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT */
 /*
  * Arm with motors, friction, flexible joints, a wall, a clamp, a payload and sensors, under a control law. Compiled for
- * one generated robot: -DROBOT=NAME -DUPPER=NAME_IN_CAPITALS -DJOINTS=DOF, with NAME.h and NAME_impedance.h included. Everything that changes in time
- * comes in arrays with one row per sample.
+ * one generated robot: -DROBOT=NAME -DUPPER=NAME_IN_CAPITALS -DJOINTS=DOF, with NAME.h, NAME_impedance.h and headers of
+ * the makers of commands included. Everything that changes in time comes in arrays with one row per sample.
  */
 #ifndef ARMS_H
 #define ARMS_H
@@ -24,6 +24,9 @@ typedef struct {
     double wall_normal[3];  /* towards the free side */
     double wall_stiffness;  /* [N/m]; 0: no wall */
     double wall_damping;    /* [N s/m] */
+    double wall_friction;   /* of a tip that slides */
+    double wall_radius;     /* [m] of a cylinder along wall_axis, through wall_point; negative: inside it; 0: a plane */
+    double wall_axis[3];    /* unit vector; 0: a sphere */
     double stop_stiffness;  /* [N m/rad] of the mechanical stops, 0.05 rad beyond the limits; 0: none */
     double position_quantum, velocity_quantum; /* of the sensors; 0: exact */
     double unit[N];         /* of the sensors: 1, or another one that q and dq are mistaken in */
@@ -36,6 +39,10 @@ typedef struct {
     int law;                /* 0: stiffgen, else a law of laws.c */
     int shaped;             /* the goal is a point of a motion that has ramps already */
     int reset_after;        /* [samples] after which a fault is reset; 0: never */
+    int makers;             /* 1: pose goes through Settle and Press, then Follow, within the loop; 0: goal is q0 */
+    int normal;             /* 1: the axis of Press is the surface's normal, from the sensor */
+    double settle_force[2]; /* [N], [N m]; 0: no Settle */
+    double wrench_delay;    /* [samples] from a contact to its measurement */
 } plant_t;
 
 /* Arrays of an episode, one row per sample. */
@@ -48,6 +55,9 @@ typedef struct {
     const double *payload;     /* 1: mass at the tip [kg] */
     const double *noise;       /* N: added to dq */
     const double *offset;      /* N: added to q, after rounding */
+    const double *wall;        /* 1: the wall's displacement along its normal [m] */
+    const double *press;       /* 5: axis, force [N], search */
+    const double *wrench_noise; /* 6: added to the measured contact */
     const uint8_t *sensor;     /* 0 good, 1 lost, 2 call skipped, then the faults of sensor_fault_t */
 } inputs_t;
 
@@ -56,11 +66,15 @@ enum { GOOD, LOST, SKIPPED, Q_FROZEN, DQ_FROZEN, DQ_ZERO, DQ_REVERSED, NOT_A_NUM
 typedef struct {
     double q[N];
     double v[N];
+    double motors[N]; /* [rad] motors' positions: what the encoders see */
     double torque[N];
     double pose[16];
     double contact[6];
     double work;
-    double detail[2];
+    double supplied;
+    double tank;
+    double command[16]; /* moved pose that Follow is given */
+    double detail[2];   /* error and stage of Press */
     uint32_t status;
     int32_t reason;
     int32_t faulted;
@@ -79,6 +93,24 @@ typedef struct {
     int started;
 } memory_t;
 
+typedef struct {
+    ROBOT_(follow_state) follow;
+    ROBOT_(settle_state) settle;
+    ROBOT_(press_state) press;
+    double normal[3];
+    int started;
+} makers_t;
+
+/* What the makers of commands give the controller. */
+typedef struct {
+    double q0[N], wrench_command[6];
+} made_t;
+
+int start_makers(const plant_t *p, const ROBOT_(impedance_config) *config, const double *q, makers_t *m);
+void make_command(const plant_t *p, makers_t *m, const inputs_t *in, int k, const double *wrench,
+                  const ROBOT_(impedance_output) *last, made_t *made, row_t *row);
+void touch_surface(const plant_t *p, const double *place, const double *velocity, double wall, double wall_speed,
+                   double *force);
 void textbook(int law, const sample_t *sample, memory_t *memory, double *torque);
 int factorise(int n, double *A);
 void solve(int n, const double *L, double *x);

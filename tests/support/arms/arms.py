@@ -68,7 +68,10 @@ MAKERS = {
 class Inputs(ctypes.Structure):
     """The struct inputs_t."""
 
-    NAMES = ("goal", "pose", "translation", "rotation", "load", "payload", "noise", "offset", "sensor")
+    NAMES = (
+        "goal", "pose", "translation", "rotation", "load", "payload", "noise", "offset", "wall", "press",
+        "wrench_noise", "sensor",
+    )  # fmt: skip
     _fields_ = [(name, ctypes.c_void_p) for name in NAMES]
 
 
@@ -93,8 +96,10 @@ class Arm:
         path = folder / f"{name}_arm.so"
         if not path.exists():
             names = (f"-DROBOT={name}", f"-DUPPER={name.upper()}", f"-DJOINTS={n}")
-            headers = ("-include", f"{name}.h", "-include", f"{name}_impedance.h")
-            sources = [HERE / "arms.c", HERE / "laws.c", made / f"{name}.c", made / f"{name}_impedance.c"]
+            parts = ("", "_impedance", "_follow", "_settle", "_press")
+            headers = [word for part in parts for word in ("-include", f"{name}{part}.h")]
+            sources = [HERE / f"{part}.c" for part in ("arms", "laws", "makers")]
+            sources += [made / f"{name}{part}.c" for part in parts]
             subprocess.run(["gcc", *flags, *names, f"-I{made}", f"-I{HERE}", *headers, *map(str, sources),
                             "-lm", "-o", str(path)], check=True)  # fmt: skip
         self.library = ctypes.CDLL(str(path))
@@ -141,20 +146,22 @@ class Arm:
         pose = rows.get("pose")
         if pose is None:
             pose = self.module.forward_kinematics(np.ascontiguousarray(goal))
-        elif plant.law == 0:
+        elif plant.law == 0 and not plant.makers:
             poses = np.broadcast_to(np.asarray(pose, dtype=float).reshape(-1, 4, 4), (samples, 4, 4))
             goal = self.module.Follow(q, sample_time=plant.sample_time).run(pose=poses, posture=goal).q0
             plant.shaped = 1
+        plant.shaped |= plant.makers
         sizes = {"goal": self.n, "pose": 16, "translation": 3, "rotation": 3, "load": 6, "payload": 1,
-                 "noise": self.n, "offset": self.n}  # fmt: skip
-        values = {"translation": 600.0, "rotation": 30.0, "load": 0.0, "payload": 0.0, "noise": noise, "offset": 0.0}
+                 "noise": self.n, "offset": self.n, "wall": 1, "press": 5, "wrench_noise": 6}  # fmt: skip
+        values = {"translation": 600.0, "rotation": 30.0, "load": 0.0, "payload": 0.0, "noise": noise, "offset": 0.0,
+                  "wall": 0.0, "press": (0.0, 0.0, 1.0, 0.0, 0.0), "wrench_noise": 0.0}  # fmt: skip
         values |= rows | {"goal": goal, "pose": pose}
         arrays: dict[str, np.ndarray] = {}
         for name, size in sizes.items():
             value = np.asarray(values[name], dtype=float)
             if name == "pose":
                 value = value.reshape(-1, 16)
-            if name == "payload" and value.ndim == 1:
+            if size == 1 and value.ndim == 1:
                 value = value[:, None]
             arrays[name] = np.ascontiguousarray(np.broadcast_to(value, (samples, size)))
         arrays["sensor"] = np.ascontiguousarray(np.broadcast_to(rows.get("sensor", 0), samples), dtype=np.uint8)

@@ -14,6 +14,8 @@
 #include "iiwa14_gains.h"
 #include "iiwa14_paper.h"
 #include "iiwa14_policy.h"
+#include "iiwa14_press.h"
+#include "iiwa14_settle.h"
 
 #define ID(name) IIWA14_##name
 #define CALL(name) iiwa14_##name
@@ -30,6 +32,14 @@ typedef iiwa14_policy_config policy_config_t;
 typedef iiwa14_policy_state policy_state_t;
 typedef iiwa14_policy_proposal policy_proposal_t;
 typedef iiwa14_policy_output policy_output_t;
+typedef iiwa14_settle_config settle_config_t;
+typedef iiwa14_settle_state settle_state_t;
+typedef iiwa14_settle_input settle_input_t;
+typedef iiwa14_settle_output settle_output_t;
+typedef iiwa14_press_config press_config_t;
+typedef iiwa14_press_state press_state_t;
+typedef iiwa14_press_input press_input_t;
+typedef iiwa14_press_output press_output_t;
 typedef iiwa14_paper_config paper_config_t;
 typedef iiwa14_paper_state paper_state_t;
 typedef iiwa14_paper_input paper_input_t;

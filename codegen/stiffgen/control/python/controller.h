@@ -59,4 +59,8 @@ int add_gains(PyObject *module);
 
 int add_find_posture(PyObject *module);
 
+int add_settle(PyObject *module);
+
+int add_press(PyObject *module);
+
 #endif

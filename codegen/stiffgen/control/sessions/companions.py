@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Compare two builds of the controller's companions: policy port and Follow in streams, gains, search for postures."""
+"""Compare two builds of the controller's companions: policy port and Follow in streams, makers, gains, postures."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import numpy as np
 
 from stiffgen.control.companions import COMPANIONS, companions_of
 from stiffgen.control.sessions.library import fill, struct_of
+from stiffgen.control.sessions.makers import SAME_MAKERS
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.robot.geometry import FloatArray
 
@@ -72,6 +73,7 @@ def compare_companions(reference: Path, library: Path, name: str, chain: Chain) 
     comparisons: dict[str, Callable[[Pair, Random, Chain], bool]] = {
         "gains": _same_gains,
         "find_posture": _same_postures,
+        **SAME_MAKERS,
     }
     faults += [f"{each}: results differ" for each in present if not comparisons.get(each, _true)(both, random, chain)]
     return list(dict.fromkeys(faults))

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Press: a force along an axis, held with a sensor's wrench."""

@@ -1,0 +1,180 @@
+/*
+ * A force along an axis. An integral of the measured force's error acts at once, as wrench_command; what it grows to is
+ * handed over to the equilibrium, whose spring then exerts it and needs nothing from the tank.
+ */
+#include "press.h"
+
+static const double UNIT = 1e-3;         /* what the axis' length may differ from 1 by */
+static const double GAIN = 0.5;          /* of the integral, over the tip's decay: stable below 1 on any wall */
+static const double HAND_OVER = 0.3;     /* [s] time constant with which the equilibrium takes over */
+static const double FASTEST = 0.1;       /* [m/s] of the equilibrium in contact */
+static const double RUNAWAY = 0.08;      /* [m/s] of a tip without a force, from which on contact is lost at once */
+static const double SOFTEST = 50.0;      /* [N/m] stiffness along the axis below which less is handed over */
+static const double AHEAD = 0.03;        /* [m] of the equilibrium before the tip in an approach */
+static const double TOUCHED = 0.2;       /* share of the force from which on there is contact */
+static const double RELEASED = 0.1;      /* share below which there may be none */
+static const double WAIT = 0.03;         /* [s] of low force for which the equilibrium waits: most contacts return */
+static const double LOST_TIME = 0.15;    /* [s] of low force after which contact is lost */
+static const double SPEED_TIME = 0.01;   /* [s] time constant of the tip's measured speed */
+static const double MOST = 2.0;          /* times the force that the integral may have */
+enum { SAMPLES = 3 };                    /* with a force, before contact */
+
+/* Return whether all numbers are finite, and no mistakes. */
+static int all_good(const double *x, int count) { return doubles_within(x, (size_t)count, -FARTHEST, FARTHEST); }
+
+int start(const config_t *c, const controller_t *controller, state_t *s)
+{
+    const int timed = controller->sample_time > 0.0 && controller->sample_time <= 1.0 && controller->delay_samples >= 0;
+    if (!timed || !all_good(&controller->damping_ratio, 1) || !all_good(controller->motor_inertia, N)) {
+        return ID(PRESS_E_CONTROLLER);
+    }
+    s->config = *c;
+    s->controller = *controller;
+    s->ready = READY;
+    return ID(PRESS_OK);
+}
+
+/* Check an input. Return OK or what is wrong. */
+static int check(const state_t *s, const input_t *in)
+{
+    const int stiff = all_good(in->translation_stiffness, 9) && all_good(in->rotation_stiffness, 9);
+    if (!stiff || !all_good(in->pose, 16) || !all_good(in->wrench, 6)) {
+        return ID(PRESS_E_NUMBER);
+    }
+    if (!(fabs(norm(3, in->axis) - 1.0) <= UNIT)) {
+        return ID(PRESS_E_AXIS);
+    }
+    const int good = in->force >= 0.0 && MOST * in->force <= s->controller.heaviest_wrench[0];
+    return good ? ID(PRESS_OK) : ID(PRESS_E_FORCE);
+}
+
+/* Return how far the moved pose is before the tip along the axis; here: the measured pose. */
+static double lead(const state_t *s, const input_t *in, const double *here)
+{
+    const double ahead[3] = {in->pose[3] + s->offset[0] - here[3], in->pose[7] + s->offset[1] - here[7],
+                             in->pose[11] + s->offset[2] - here[11]};
+    return dot(3, ahead, in->axis);
+}
+
+/* Note how fast the tip moves along the axis. */
+static void watch(state_t *s, const input_t *in, const double *here)
+{
+    const double moved[3] = {here[3] - s->here[3], here[7] - s->here[7], here[11] - s->here[11]};
+    const double T = s->controller.sample_time, speed = s->known ? dot(3, moved, in->axis) / T : 0.0;
+    s->speed += smaller(T / SPEED_TIME, 1.0) * (speed - s->speed);
+    memcpy(s->here, here, sizeof s->here);
+    memcpy(s->pose, in->pose, sizeof s->pose);
+    s->known = 1;
+}
+
+/* Move the offset along the axis, within offset_limit. */
+static void move(state_t *s, const double *axis, double by)
+{
+    for (int k = 0; k < 3; ++k) {
+        s->offset[k] += by * axis[k];
+    }
+    const double size = norm(3, s->offset), most = s->config.offset_limit;
+    for (int k = 0; k < 3 && size > most; ++k) {
+        s->offset[k] *= most / size;
+    }
+}
+
+/* Advance along the axis at a speed, unless the pose is far enough before the tip. */
+static void advance(state_t *s, const input_t *in, const double *here, double speed)
+{
+    move(s, in->axis, clamp(AHEAD - lead(s, in, here), 0.0, speed * s->controller.sample_time));
+}
+
+/* Lose contact: no force of its own, and the equilibrium at the tip. */
+static void lose(state_t *s, const input_t *in, const double *here)
+{
+    s->force = s->low = 0.0;
+    s->touched = 0;
+    s->stage = ID(PRESS_STAGE_LOST);
+    move(s, in->axis, -lead(s, in, here));
+}
+
+/* Hold the force: integrate its error, and hand over. measured: the force along the axis. */
+static void hold(state_t *s, const input_t *in, const double *here, double measured, const tuning_t *tuned)
+{
+    const double T = s->controller.sample_time;
+    s->low = measured < RELEASED * in->force ? s->low + T : 0.0;
+    if (s->low >= LOST_TIME || (s->low > 0.0 && s->speed > RUNAWAY)) {
+        lose(s, in, here);
+        return;
+    }
+    if (s->low > 0.0) { /* soon the equilibrium follows the surface; the integral waits: it would drive the tip */
+        advance(s, in, here, s->low > WAIT ? FASTEST : 0.0);
+        return;
+    }
+    const double most = smaller(MOST * in->force, s->controller.heaviest_wrench[0] / (1.0 + UNIT));
+    const double stiffness = larger(tuned->stiffness, SOFTEST);
+    s->force = clamp(s->force + tuned->gain * (in->force - measured) * T, -most, most);
+    const double rate = clamp(s->force / (stiffness * HAND_OVER), -FASTEST, FASTEST);
+    move(s, in->axis, rate * T);
+    s->force -= stiffness * rate * T;
+}
+
+/* Find the stage that the input asks for, before its step is done. */
+static void choose_stage(state_t *s, const input_t *in, const last_t *last, const double *here)
+{
+    const int ended = (last->status & (uint32_t)ID(STATUS_FAULT)) != 0u;
+    if (!(in->force > 0.0)) {
+        s->stage = ID(PRESS_STAGE_OFF);
+    } else if (ended && s->stage != ID(PRESS_STAGE_LOST)) {
+        lose(s, in, here);
+    } else if (!ended && (s->stage == ID(PRESS_STAGE_OFF) || (s->stage == ID(PRESS_STAGE_LOST) && in->search != 0))) {
+        s->stage = ID(PRESS_STAGE_APPROACH);
+        s->touched = 0;
+        s->low = s->force = 0.0;
+    }
+}
+
+/* Do what the stage asks for. */
+static void act(state_t *s, const input_t *in, const double *here, double measured, const tuning_t *tuned)
+{
+    const double T = s->controller.sample_time, size = norm(3, s->offset);
+    if (s->stage == ID(PRESS_STAGE_OFF)) { /* the pose goes back */
+        s->force = 0.0;
+        const double left = size > s->config.approach_speed * T ? 1.0 - s->config.approach_speed * T / size : 0.0;
+        for (int k = 0; k < 3; ++k) {
+            s->offset[k] *= left;
+        }
+    } else if (s->stage == ID(PRESS_STAGE_APPROACH)) {
+        s->touched = measured > TOUCHED * in->force ? s->touched + 1 : 0;
+        if (s->touched >= SAMPLES) {
+            s->stage = ID(PRESS_STAGE_CONTACT);
+        } else {
+            advance(s, in, here, s->config.approach_speed);
+        }
+    } else if (s->stage == ID(PRESS_STAGE_CONTACT)) {
+        hold(s, in, here, measured, tuned);
+    }
+}
+
+int press(state_t *s, const input_t *in, const last_t *last, output_t *out)
+{
+    const int result = check(s, in);
+    tuning_t tuned;
+    const int told = last != NULL && all_good(last->position, N);
+    memcpy(out->pose, result == ID(PRESS_OK) || !s->known ? in->pose : s->pose, sizeof out->pose);
+    if (result == ID(PRESS_OK) && told) {
+        double here[16];
+        const double wrench[6] = {in->axis[0], in->axis[1], in->axis[2], 0.0, 0.0, 0.0};
+        const double measured = -dot(3, in->axis, in->wrench);
+        stiffgen_pose(&s->controller, last->position, here);
+        watch(s, in, here);
+        tuned.gain = GAIN * CALL(tip_decay)(&s->controller, last->position, in->translation_stiffness,
+                                            in->rotation_stiffness, wrench, &tuned.stiffness);
+        out->gain = tuned.gain;
+        out->error = in->force - measured;
+        choose_stage(s, in, last, here);
+        act(s, in, here, measured, &tuned);
+    }
+    for (int k = 0; k < 3; ++k) { /* a step whose input is wrong exerts no wrench, and holds the pose */
+        out->pose[4 * k + 3] += s->offset[k];
+        out->wrench_command[k] = result == ID(PRESS_OK) ? s->force * in->axis[k] : 0.0;
+    }
+    out->stage = s->stage;
+    return result;
+}

@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: MIT
+"""Press: a force along an axis with a sensor's wrench, on simulated arms and by its rules."""
+
+from __future__ import annotations
+
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from support.arms.arms import Arm
+from support.project import Once
+
+Q = np.array([0.3, 0.6, -0.4, -1.3, 0.2, 0.9, -0.5])
+SPRINGS = {"translation_stiffness": 600.0 * np.eye(3), "rotation_stiffness": 30.0 * np.eye(3)}
+STATED = {"sample_time": 1e-3, "delay_samples": 1, "motor_inertia": 0.1, "heaviest_wrench": (100.0, 20.0)}
+AXIS = np.array([0.6, 0.0, -0.8])
+
+
+class Pressed:
+    """Press before a controller whose arm stands still; the sensor says what it is told."""
+
+    def __init__(self, robot: ModuleType, **fields: Any) -> None:
+        self.controller = robot.Impedance(**STATED, position_quantum=2e-6)
+        self.press = robot.Press(self.controller, **fields)
+        self.pose = robot.forward_kinematics(Q)
+        self.last = self.controller.step(q=Q, dq=0 * Q, q0=Q, counter=0, **SPRINGS)
+
+    def step(self, felt: float, force: float = 15.0, **inputs: Any) -> Any:
+        """Return the result of a step with a force felt against the axis [N]."""
+        wrench = np.r_[-felt * AXIS, 0.0, 0.0, 0.0]
+        given = {"pose": self.pose, "last": self.last, "wrench": wrench, "axis": AXIS, "force": force}
+        return self.press.step(**(given | SPRINGS | inputs))
+
+    def run(self, steps: int, felt: float, **inputs: Any) -> Any:
+        for _ in range(steps):
+            made = self.step(felt, **inputs)
+        return made
+
+    def ahead(self, made: Any) -> float:
+        """Return how far the pose is before the commanded one along the axis [m]; beside it, nothing."""
+        moved = made.pose[:3, 3] - self.pose[:3, 3]
+        np.testing.assert_allclose(np.cross(moved, AXIS), 0.0, atol=1e-12)
+        np.testing.assert_array_equal(made.pose[:3, :3], self.pose[:3, :3])
+        return float(moved @ AXIS)
+
+
+def test_an_approach_is_slow_and_stays_near_the_tip(robot: ModuleType) -> None:
+    """5 cm/s along the axis, and at most 3 cm before the tip."""
+    pressed = Pressed(robot)
+    assert pressed.ahead(pressed.run(100, 0.0)) == pytest.approx(0.005)
+    made = pressed.run(2000, 0.0)
+    assert pressed.ahead(made) == pytest.approx(0.03)
+    assert made.stage == robot.PressStage.APPROACH and not made.wrench_command.any()
+
+
+def test_contact_integrates_and_hands_over(robot: ModuleType) -> None:
+    """Three samples of a fifth of the force; then wrench_command and the spring together grow by the gain."""
+    pressed = Pressed(robot)
+    start = pressed.ahead(pressed.run(99, 0.0))
+    assert pressed.run(2, 4.0).stage == robot.PressStage.APPROACH
+    made = pressed.run(1, 4.0)
+    assert made.stage == robot.PressStage.CONTACT
+    start = pressed.ahead(made)
+    made = pressed.run(50, 10.0)
+    np.testing.assert_allclose(np.cross(made.wrench_command[:3], AXIS), 0.0, atol=1e-12)
+    grown = float(made.wrench_command[:3] @ AXIS) + 600.0 * (pressed.ahead(made) - start)
+    assert 4.0 < pressed.press.gain < 20.0
+    assert grown == pytest.approx(50 * 1e-3 * pressed.press.gain * 5.0, rel=1e-9)
+    made = pressed.run(3000, 15.0)  # handed over
+    assert abs(made.wrench_command[:3] @ AXIS) < 1e-3 and pressed.ahead(made) > start
+
+
+@pytest.mark.parametrize("search", [False, True])
+def test_lost_contact(robot: ModuleType, search: bool) -> None:
+    """0.15 s without a force: the pose is at the tip, without a wrench; it stops there, or looks again."""
+    pressed = Pressed(robot)
+    pressed.run(103, 10.0)
+    stages = [pressed.step(0.0, search=search).stage for _ in range(151)]
+    assert stages[148] == robot.PressStage.CONTACT
+    made = pressed.run(500, 0.0, search=search)
+    assert made.stage == (robot.PressStage.APPROACH if search else robot.PressStage.LOST)
+    assert not made.wrench_command.any()
+    assert pressed.ahead(made) == pytest.approx(0.025 if search else 0.0, abs=6e-4)
+    if not search:  # a force of 0 ends it, and the next one begins anew
+        assert pressed.run(2, 0.0, force=0.0).stage == robot.PressStage.OFF
+        assert pressed.run(1, 0.0).stage == robot.PressStage.APPROACH
+
+
+def test_what_is_refused(robot: ModuleType) -> None:
+    pressed = Pressed(robot)
+    for match, inputs in (
+        ("axis", {"axis": (0.0, 0.0, 0.0)}),
+        ("axis", {"axis": (0.0, np.nan, 1.0)}),
+        ("force", {"force": -1.0}),
+        ("force", {"force": 51.0}),
+        ("not finite", {"wrench": np.full(6, np.inf)}),
+    ):
+        with pytest.raises(ValueError, match=match):
+            pressed.step(0.0, **inputs)
+    with pytest.raises(TypeError, match="there are: approach_speed"):
+        robot.Press(pressed.controller, speed=1)
+
+
+@pytest.fixture(scope="module")
+def iiwa(once: Once) -> Arm:
+    folder = once("arms-iiwa14", lambda folder: Arm("iiwa14", folder))
+    return Arm("iiwa14", folder)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stiffness", [1e3, 1e5])
+def test_a_wall_feels_the_force(iiwa: Arm, stiffness: float) -> None:
+    """15 N within 0.4 N rms on any wall, and an impact of at most 35 N: the short form of the campaign."""
+    samples, random = 6000, np.random.default_rng(1)
+    pose = iiwa.module.forward_kinematics(iiwa.posture)
+    plant = iiwa.plant(
+        flexible=True, makers=1, wall_stiffness=stiffness, wall_point=pose[:3, 3] - [0, 0, 0.02], wrench_delay=1
+    )
+    noise, press = 0.3 * random.normal(size=(samples, 6)), (0.0, 0.0, -1.0, 15.0, 0.0)
+    config = iiwa.config(position_quantum=1e-6)
+    rows = iiwa.run(plant, samples, config, goal=iiwa.posture, pose=pose, press=press, wrench_noise=noise)
+    force = rows["contact"][:, 2]
+    error = float(np.sqrt(np.mean((force[-2000:] - 15.0) ** 2)))
+    print(f"{stiffness:g} N/m: {error:.2f} N rms, impact {force.max():.1f} N")
+    assert not rows["faulted"].any()
+    assert error <= 0.4 and force.max() <= 35.0
