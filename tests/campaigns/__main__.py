@@ -132,6 +132,11 @@ CAMPAIGNS = {
         in_ci=False,
     ),
     "energy": _campaign("energy", "attack the controller's energy bound", "--count 4 --climb 2", in_ci=False),
+    "force": _campaign(
+        "force",
+        "measure Settle, Press and friction on three arms against their bars",
+        "--arms iiwa14 --postures 1 --rows 'rest,wall 1e5,moving wall 1e4,bowl'",
+    ),
     "motors": _campaign(
         "motors",
         "measure the stiffness that motors with a controller inside allow",

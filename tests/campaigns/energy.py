@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Search for schedules that break the controller's energy bound, by hill climbing.
 
-    python tests/campaigns/energy.py [--count 100000] [--seed 1] [--climb 200] [--arm iiwa14] [--python]
+    python tests/campaigns/energy.py [--count 100000] [--seed 1] [--climb 200] [--arm iiwa14] [--python] [--makers]
 
 A schedule (schedules.py) says what an environment and a planner do to the robot in two seconds: loads, pushes, an arm
 that is moved whatever it does, into the limit zones and along its torque, too; stiffness and commands that change, and
@@ -13,11 +13,12 @@ velocity and calls are raised and lowered. Further draws (widened.py): positions
 samples, restarts with another delay, tools.
 
 The work that the robot puts out at its port is summed from the exact motion and the torque that acted, and compared
-with the controller's output energy_supplied, from the first sample to the last and at all times between. With --python
-the best schedule of each climb is run once more through the class Impedance: its work and its energy_supplied are those
-of C. Other arms than the iiwa 14 are generated: j2s6s200 and turning have joints without limits, whose encoders wrap,
-and which make more than half a turn while no sample comes; hands has two tips, and tools at run time; five_bar has
-closed loops.
+with the controller's output energy_supplied, from the first sample to the last and at all times between. With
+--python the best schedule of each climb is run once more through the class Impedance: its work and its
+energy_supplied are those of C. With --makers commands come through Settle, Press and Follow, which are told lies.
+Other arms than the iiwa 14 are generated: j2s6s200 and turning have joints without limits, whose encoders wrap, and
+which make more than half a turn while no sample comes; hands has two tips, and tools at run time; five_bar has closed
+loops.
 
 A climb starts at a random schedule and keeps each change that brings the work nearer to the bound or
 beyond. A schedule in which control is lost at the start counts for nothing, and nothing else is exempted.
@@ -57,7 +58,7 @@ from campaigns.schedules import (
 )  # fmt: skip
 from campaigns.widened import settings, vary, widen
 from support.arms.arms import MAKERS
-from support.plant.loop import LAW, Q0, Loop
+from support.plant.loop import LAW, MAKERS_LAW, Q0, Loop, makers_of
 from support.project import ROOT
 from support.small_robots import Small, five_bar, turning_arm
 
@@ -268,8 +269,10 @@ def generate_arm(name: str, folder: Path, build: bool = True) -> tuple[Path, tup
 def _start(law: Path, robot: Path, home: tuple[float, ...], python: bool) -> None:
     global _loop, _module
     _folder = tempfile.mkdtemp()
-    sources = module_sources(robot) if python else None
-    _loop = Loop(Path(_folder), robot, law, sources, SEARCH_FLAGS, home=home)
+    made: dict[str, Any] = {"sources": module_sources(robot) if python else None, "flags": ()}
+    made |= makers_of(robot) if law == MAKERS_LAW else {}
+    flags = (*made["flags"], *SEARCH_FLAGS)  # the last one of a kind counts
+    _loop = Loop(Path(_folder), robot, law, made["sources"], flags, home=home)
     _module = stiffgen.open_robot(robot).module if python else None
     shutil.rmtree(_folder)
 
@@ -302,13 +305,17 @@ def main() -> int:
     parser.add_argument("--workers", type=int, default=os.cpu_count())
     parser.add_argument("--arm", choices=ARMS, default="iiwa14")
     parser.add_argument("--python", action="store_true", help="compare the class Impedance with C on each climb's best")
+    parser.add_argument(
+        "--makers", action="store_true", help="commands come through Settle, Press and Follow, which lie"
+    )
     options = parser.parse_args()
     start, climbs = time.monotonic(), -(-options.count // options.climb)
     tasks = [(options.seed + k, options.climb, k % 2 == 1) for k in range(climbs)]
     rows: list[Climbed] = []
     folder = Path(tempfile.mkdtemp())
     robot = (ROOT / "generated" / "iiwa14", Q0) if options.arm == "iiwa14" else generate_arm(options.arm, folder)
-    with multiprocessing.Pool(options.workers, _start, (LAW, *robot, options.python)) as pool:
+    law = MAKERS_LAW if options.makers else LAW
+    with multiprocessing.Pool(options.workers, _start, (law, *robot, options.python)) as pool:
         for row in pool.imap_unordered(_climb, tasks):
             rows.append(row)
             if row.beyond:

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from campaigns import energy, patterns, schedules, widened
-from support.plant.loop import Q0, Loop
-from support.project import Once
+from support.plant.loop import MAKERS_LAW, Q0, Loop, makers_of
+from support.project import ROOT, Once
 
 
 @pytest.mark.parametrize("pattern", [*patterns.PATTERNS, schedules.schedule], ids=lambda pattern: pattern.__name__)
@@ -66,6 +66,20 @@ def test_energy_hill_climbed(loop: Loop, moving: bool) -> None:
     for seed in range(5):
         got = energy.climb(np.random.default_rng(seed), loop, 60, moving)[1]
         assert got.excess <= energy.TOLERANCE, seed
+
+
+def test_energy_of_makers_that_are_told_lies(once: Once) -> None:
+    """Settle, Press and Follow in front, with lies about force, axis and the last output: commands, and no more."""
+    robot = ROOT / "generated" / "iiwa14"
+    folder = once("makers", lambda folder: Loop(folder, robot, MAKERS_LAW, **makers_of(robot)))
+    loop, most = Loop(folder, robot, MAKERS_LAW, **makers_of(robot)), 0.0
+    for pattern in (*patterns.PATTERNS, schedules.schedule):
+        for seed in range(10):
+            got = energy.measure(loop, pattern(np.random.default_rng(seed), loop))
+            assert got.excess <= energy.TOLERANCE, (pattern, seed)
+            assert got.summary.finite and got.summary.effort <= 1 and got.summary.torque_step <= 1 + 1e-9
+            most = max(most, got.summary.port_most)
+    assert most > 0.1, "no schedule puts out anything"
 
 
 STIFF = {"translation": np.diag([3000.0, 3000, 3000]), "rotation": np.diag([200.0, 200, 200])}

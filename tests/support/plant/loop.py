@@ -22,6 +22,8 @@ from support.plant.statics import Springs
 HERE = Path(__file__).resolve().parent
 LAW = HERE / "law.c"
 """The generated controller."""
+MAKERS_LAW = HERE / "makers_law.c"
+"""The controller behind Settle, Press and Follow, which are told lies; needs :func:`makers_of` a robot."""
 FREE = HERE / "free.c"
 """Law without a controller: the arm floats; needs ``sources=KERNELS``."""
 KERNELS = ("iiwa14.c", "iiwa14_batch.c")
@@ -82,6 +84,14 @@ def fill(target: ctypes.Structure, **values: Any) -> Any:
         else:
             setattr(target, name, value)
     return target
+
+
+def makers_of(robot: Path) -> dict[str, Any]:
+    """Return sources and flags of a loop with ``MAKERS_LAW``."""
+    parts = ("impedance", "follow", "settle", "press")
+    headers = [word for part in parts for word in ("-include", f"{robot.name}_{part}.h")]
+    sources = tuple(f"{robot.name}{part}.c" for part in ("", "_batch", *(f"_{part}" for part in parts)))
+    return {"sources": sources, "flags": ("-O1", "-march=native", *headers)}
 
 
 @dataclass(frozen=True)
