@@ -2,10 +2,12 @@
 """Measure Settle, Press and friction on simulated arms, and compare each figure with its bar.
 
     python tests/campaigns/force.py [--arms iiwa14,panda,ur5] [--postures 20] [--rows rest,wall] [--share 0.9]
+        [--figure docs/held.svg]
 
 The plants (tests/support/arms/arms.c) have friction that sticks and slips, elastic joints, the makers' sensors and one
 sample of delay. The force sensor has 0.3 N of noise, and is a sample late. 600 N/m, 30 N m/rad, 15 N. A row prints the
 median and the worst of the postures; a figure beyond its bar ends the campaign with exit code 1.
+With --figure it draws errors at rest and on a slow line, before and after, instead of comparing.
 """
 
 from __future__ import annotations
@@ -28,6 +30,8 @@ SETTLE = (40.0, 4.0)
 """settle_force [N, N m]: 3 kg and friction."""
 STEP = np.array([0.0, 0.08, -0.06])
 DOWN = np.array([0.0, 0.0, -1.0])
+PERIOD = 5000
+"""[samples] of a slow line, 0.2 Hz."""
 LOST = 3
 """Stage of Press."""
 
@@ -75,17 +79,33 @@ class Bench:
         """Return where the encoders see the tip [m], per sample."""
         return np.asarray(np.reshape(self.kinematics(np.ascontiguousarray(rows["motors"])), (-1, 4, 4))[:, :3, 3])
 
-    def rest(self, payload: float) -> tuple[float, ...]:
-        """Return the error at rest after a step of 10 cm [mm], and what the overshoot is more than today's [mm]."""
+    def rests(self, payload: float) -> tuple[list[float], list[float]]:
+        """Return errors at rest after a step of 10 cm, and overshoots [mm]: today, and with Settle and friction."""
         goal = self.pose.copy()
         goal[:3, 3] += STEP
-        errors, beyond = [], []
+        errors, beyond = list[float](), list[float]()
         for settle, share in (((0.0, 0.0), 0.0), (SETTLE, self.share)):
             rows = self.run(7000, {"settle_force": settle}, share, pose=goal, payload=payload)
             away = MM * (self.motors(rows) - goal[:3, 3])
             errors.append(float(np.linalg.norm(away[-1])))
-            beyond.append(float((away @ STEP).max() / np.linalg.norm(STEP)))
-        return errors[1], max(beyond[1], 0.0) - max(beyond[0], 0.0) if payload == 0.0 else 0.0
+            beyond.append(max(float((away @ STEP).max() / np.linalg.norm(STEP)), 0.0))
+        return errors, beyond
+
+    def rest(self, payload: float) -> tuple[float, ...]:
+        """Return the error at rest with Settle [mm], and what the overshoot is more than today's [mm]."""
+        errors, beyond = self.rests(payload)
+        return errors[1], beyond[1] - beyond[0] if payload == 0.0 else 0.0
+
+    def lines(self) -> list[float]:
+        """Return the rms error of a line of 10 cm at 0.2 Hz [mm]: today, and with friction."""
+        time, errors = np.arange(2 * PERIOD) / PERIOD, []
+        poses = np.tile(self.pose, (len(time), 1, 1))
+        poses[:, 1, 3] += 0.1 * np.minimum(4 * time, 1.0) * np.sin(2 * np.pi * time)
+        for share in (0.0, self.share):
+            tips = self.run(len(time), {}, share, pose=poses)["pose"].reshape(-1, 4, 4)[:, :3, 3]
+            away = np.linalg.norm(tips - poses[:, :3, 3], axis=1)[PERIOD:]
+            errors.append(MM * float(np.sqrt(np.mean(away**2))))
+        return errors
 
     def travel(self) -> tuple[float, ...]:
         """Return the way [mm] of the offset in the last 30 of 60 s at rest."""
@@ -199,6 +219,37 @@ def postures(arm: Arm, count: int) -> list[Array]:
     return found
 
 
+def draw(benches: dict[str, list[Bench]]) -> str:
+    """Return the picture: medians before and after, by arm, at rest without and with 3 kg, and on a slow line."""
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    from stiffgen.style import CONVENTIONAL, CORRECTED, STYLE, themed_svg
+
+    measures: dict[str, Callable[[Bench], list[float]]] = {
+        "at rest": lambda b: b.rests(0.0)[0],
+        "at rest, with 3 kg": lambda b: b.rests(3.0)[0],
+        "on a line, 0.2 Hz": Bench.lines,
+    }
+    with mpl.rc_context(STYLE):
+        drawing = Figure(figsize=(7.5, 2.6), layout="constrained")
+        for axes, (title, measure) in zip(drawing.subplots(1, 3, sharey=True), measures.items(), strict=True):
+            medians = np.array([np.median([measure(b) for b in some], axis=0) for some in benches.values()])
+            print(
+                f"{title}: "
+                + ", ".join(f"{n} {b:.1f} to {a:.1f} mm" for n, (b, a) in zip(benches, medians, strict=True))
+            )
+            rows = np.arange(len(benches))
+            axes.hlines(rows, medians[:, 1], medians[:, 0], color=CONVENTIONAL, linewidth=1)
+            axes.plot(medians[:, 0], rows, "o", color=CONVENTIONAL, label="before")
+            axes.plot(medians[:, 1], rows, "o", color=CORRECTED, label="after")
+            axes.set(title=title, xlabel="error [mm]", xscale="log", xlim=(0.4, 100))
+            axes.set_yticks(rows, list(benches))
+            axes.set_ylim(len(benches) - 0.5, -0.5)
+        drawing.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+        return themed_svg(drawing)
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--arms", default="iiwa14,panda,ur5")
@@ -206,15 +257,16 @@ def main() -> int:
     parser.add_argument("--rows", default=",".join(ROWS))
     parser.add_argument("--share", type=float, default=0.9, help="of the true friction that is fed forward")
     parser.add_argument("--folder", type=Path, help="where the arms are compiled, or were")
+    parser.add_argument("--figure", type=Path, metavar="FILE", help="draw errors before and after instead")
     options = parser.parse_args()
-    beyond = 0
+    beyond, benches = 0, dict[str, list[Bench]]()
     with tempfile.TemporaryDirectory() as made:
         for name in options.arms.split(","):
             arm = Arm(name, options.folder or Path(made))
-            chosen = postures(arm, options.postures)
-            for row in options.rows.split(","):
+            benches[name] = [Bench(arm, q, options.share) for q in postures(arm, options.postures)]
+            for row in options.rows.split(",") if not options.figure else ():
                 measure, bars = ROWS[row]
-                figures = np.array([measure(Bench(arm, q, options.share)) for q in chosen])
+                figures = np.array([measure(bench) for bench in benches[name]])
                 good = [bar.holds(name, column) for bar, column in zip(bars, figures.T, strict=False)]
                 told = [
                     f"{np.median(column):.2f} / {column.max():.2f} {bar.name}"
@@ -222,6 +274,9 @@ def main() -> int:
                 ]
                 beyond += not all(good)
                 print(f"{name}, {row}: {', '.join(told)}{'' if all(good) else '  BEYOND'}", flush=True)
+        if options.figure:
+            options.figure.write_text(draw(benches))
+            return 0
     print(f"{beyond} rows beyond their bars")
     return 1 if beyond else 0
 
