@@ -102,6 +102,10 @@ joint_gains(...), late_work(...)
     Split of a torque for motors with a controller inside, and the most work that a late host costs.
 find_posture(pose, start)
     Joint positions that have the tips at poses, searched from a start on; too slow for a control loop.
+Settle(controller, settle_force=..., **fields)
+    No error at rest under friction and an unknown payload: an integral moves the commanded pose within a limit.
+Press(controller, **fields)
+    Force along an axis with a sensor's wrench: approach, contact, loss; it makes a pose and a wrench_command.
 PaperLaw(formula, **fields)
     Law Kq(q, F) (q0 - q) - B dq within limits of torque and rate, to reproduce the paper.
 DOF, JOINTS, BASE, TIP
@@ -127,7 +131,7 @@ except ImportError as _error:
         "iiwa14: its C module is not built for this Python; run 'stiffgen generate FILE' on the robot's file again, "
         "with the same options and without --no-build (in stiffgen's repository: make generate)"
     ) from _error
-if getattr(_c, "SOURCES", "") != "f954b169846207e6":
+if getattr(_c, "SOURCES", "") != "b3ffba74ab37fc47":
     raise ImportError(
         "iiwa14: its C module was compiled from other sources than those in this folder; run 'stiffgen generate "
         "FILE' on the robot's file again (in stiffgen's repository: make generate). Restart Python if it has loaded the old module"
@@ -268,6 +272,8 @@ from .follow import Follow, FollowStatus
 from .policy import Policy, PolicyRefused, PolicyStage
 from .gains import joint_gains, late_work
 from .find_posture import find_posture
+from .settle import Settle, SettleStatus
+from .press import Press, PressStage
 from .paper import PaperLaw
 
 # Names that help() documents. Arrays and enumerations are left out, because help() would add the documentation of
@@ -288,7 +294,7 @@ __all__ = [
     "posture",
     "limits",
     "packed",
-    "Impedance", "Follow", "Policy", "joint_gains", "late_work", "find_posture", "PaperLaw",
+    "Impedance", "Follow", "Policy", "joint_gains", "late_work", "find_posture", "Settle", "Press", "PaperLaw",
 ]
 
 

@@ -28,18 +28,50 @@ static void stiffgen_pose(const controller_t *controller, const double *q, doubl
     iiwa14_forward_kinematics(q, pose);
 }
 
+static const double FARTHEST = 1e6; /* [m] or [rad] beyond which a number is a mistake, or has lost its last digits */
 enum { READY = 0x94e55 }; /* mark of init */
 
 /* What the arm is along the axis: gain of the integral [1/s], stiffness of the springs [N/m]. */
 typedef struct {
     double gain, stiffness;
 } tuning_t;
+static double larger(double x, double y) { return x > y ? x : y; }
+
+static double smaller(double x, double y) { return x < y ? x : y; }
+
+static double clamp(double x, double least, double most)
+{
+    const double low = x < least ? least : x;
+    return low > most ? most : low;
+}
+
+static double dot(int count, const double *a, const double *b)
+{
+    double sum = 0.0;
+    for (int i = 0; i < count; ++i) {
+        sum += a[i] * b[i];
+    }
+    return sum;
+}
+
+static double norm(int count, const double *x) { return sqrt(dot(count, x, x)); }
+
+/* Return whether all entries lie between the bounds (both allowed); NaN does not. */
+static int doubles_within(const double *x, size_t count, double least, double most)
+{
+    for (size_t i = 0; i < count; ++i) {
+        if (!(x[i] >= least && x[i] <= most)) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
 /*
  * A force along an axis. An integral of the measured force's error acts at once, as wrench_command; what it grows to is
  * handed over to the equilibrium, whose spring then exerts it and needs nothing from the tank.
  */
 
-static const double FARTHEST = 1e6;      /* [m], [N] beyond which a number is a mistake */
 static const double UNIT = 1e-3;         /* what the axis' length may differ from 1 by */
 static const double GAIN = 0.5;          /* of the integral, over the tip's decay: stable below 1 on any wall */
 static const double HAND_OVER = 0.3;     /* [s] time constant with which the equilibrium takes over */
@@ -55,19 +87,8 @@ static const double SPEED_TIME = 0.01;   /* [s] time constant of the tip's measu
 static const double MOST = 2.0;          /* times the force that the integral may have */
 enum { SAMPLES = 3 };                    /* with a force, before contact */
 
-static double dot3(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-
-static double clamp(double x, double least, double most) { return fmin(fmax(x, least), most); }
-
 /* Return whether all numbers are finite, and no mistakes. */
-static int all_good(const double *x, int count)
-{
-    int good = 1;
-    for (int i = 0; i < count; ++i) {
-        good = good && fabs(x[i]) <= FARTHEST;
-    }
-    return good;
-}
+static int all_good(const double *x, int count) { return doubles_within(x, (size_t)count, -FARTHEST, FARTHEST); }
 
 static int start(const config_t *c, const controller_t *controller, state_t *s)
 {
@@ -88,7 +109,7 @@ static int check(const state_t *s, const input_t *in)
     if (!stiff || !all_good(in->pose, 16) || !all_good(in->wrench, 6)) {
         return IIWA14_PRESS_E_NUMBER;
     }
-    if (!(fabs(sqrt(dot3(in->axis, in->axis)) - 1.0) <= UNIT)) {
+    if (!(fabs(norm(3, in->axis) - 1.0) <= UNIT)) {
         return IIWA14_PRESS_E_AXIS;
     }
     const int good = in->force >= 0.0 && MOST * in->force <= s->controller.heaviest_wrench[0];
@@ -100,15 +121,15 @@ static double lead(const state_t *s, const input_t *in, const double *here)
 {
     const double ahead[3] = {in->pose[3] + s->offset[0] - here[3], in->pose[7] + s->offset[1] - here[7],
                              in->pose[11] + s->offset[2] - here[11]};
-    return dot3(ahead, in->axis);
+    return dot(3, ahead, in->axis);
 }
 
 /* Note how fast the tip moves along the axis. */
 static void watch(state_t *s, const input_t *in, const double *here)
 {
     const double moved[3] = {here[3] - s->here[3], here[7] - s->here[7], here[11] - s->here[11]};
-    const double T = s->controller.sample_time, speed = s->known ? dot3(moved, in->axis) / T : 0.0;
-    s->speed += fmin(T / SPEED_TIME, 1.0) * (speed - s->speed);
+    const double T = s->controller.sample_time, speed = s->known ? dot(3, moved, in->axis) / T : 0.0;
+    s->speed += smaller(T / SPEED_TIME, 1.0) * (speed - s->speed);
     memcpy(s->here, here, sizeof s->here);
     memcpy(s->pose, in->pose, sizeof s->pose);
     s->known = 1;
@@ -120,7 +141,7 @@ static void move(state_t *s, const double *axis, double by)
     for (int k = 0; k < 3; ++k) {
         s->offset[k] += by * axis[k];
     }
-    const double size = sqrt(dot3(s->offset, s->offset)), most = s->config.offset_limit;
+    const double size = norm(3, s->offset), most = s->config.offset_limit;
     for (int k = 0; k < 3 && size > most; ++k) {
         s->offset[k] *= most / size;
     }
@@ -154,8 +175,8 @@ static void hold(state_t *s, const input_t *in, const double *here, double measu
         advance(s, in, here, s->low > WAIT ? FASTEST : 0.0);
         return;
     }
-    const double most = fmin(MOST * in->force, s->controller.heaviest_wrench[0] / (1.0 + UNIT));
-    const double stiffness = fmax(tuned->stiffness, SOFTEST);
+    const double most = smaller(MOST * in->force, s->controller.heaviest_wrench[0] / (1.0 + UNIT));
+    const double stiffness = larger(tuned->stiffness, SOFTEST);
     s->force = clamp(s->force + tuned->gain * (in->force - measured) * T, -most, most);
     const double rate = clamp(s->force / (stiffness * HAND_OVER), -FASTEST, FASTEST);
     move(s, in->axis, rate * T);
@@ -180,7 +201,7 @@ static void choose_stage(state_t *s, const input_t *in, const last_t *last, cons
 /* Do what the stage asks for. */
 static void act(state_t *s, const input_t *in, const double *here, double measured, const tuning_t *tuned)
 {
-    const double T = s->controller.sample_time, size = sqrt(dot3(s->offset, s->offset));
+    const double T = s->controller.sample_time, size = norm(3, s->offset);
     if (s->stage == IIWA14_PRESS_STAGE_OFF) { /* the pose goes back */
         s->force = 0.0;
         const double left = size > s->config.approach_speed * T ? 1.0 - s->config.approach_speed * T / size : 0.0;
@@ -208,7 +229,7 @@ static int press(state_t *s, const input_t *in, const last_t *last, output_t *ou
     if (result == IIWA14_PRESS_OK && told) {
         double here[16];
         const double wrench[6] = {in->axis[0], in->axis[1], in->axis[2], 0.0, 0.0, 0.0};
-        const double measured = -dot3(in->axis, in->wrench);
+        const double measured = -dot(3, in->axis, in->wrench);
         stiffgen_pose(&s->controller, last->position, here);
         watch(s, in, here);
         tuned.gain = GAIN * iiwa14_tip_decay(&s->controller, last->position, in->translation_stiffness,
@@ -233,22 +254,12 @@ void iiwa14_press_default_config(config_t *config)
     config->offset_limit = 0.3;
 }
 
-/* Return whether all numbers lie between the bounds; NaN does not. */
-static int all_within(const double *x, size_t count, double least, double most)
-{
-    int good = 1;
-    for (size_t i = 0; i < count; ++i) {
-        good = good && x[i] >= least && x[i] <= most;
-    }
-    return good;
-}
-
 static int validate(const config_t *c)
 {
-    if (!all_within(&c->approach_speed, 1, 0.0001, 1.0)) {
+    if (!doubles_within(&c->approach_speed, 1, 0.0001, 1.0)) {
         return IIWA14_PRESS_E_CONFIG_APPROACH_SPEED;
     }
-    if (!all_within(&c->offset_limit, 1, 0.0, 10.0)) {
+    if (!doubles_within(&c->offset_limit, 1, 0.0, 10.0)) {
         return IIWA14_PRESS_E_CONFIG_OFFSET_LIMIT;
     }
     return IIWA14_PRESS_OK;

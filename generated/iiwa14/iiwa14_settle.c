@@ -44,6 +44,7 @@ static const double *stiffgen_tool(const controller_t *controller)
     return NULL;
 }
 
+static const double FARTHEST = 1e6; /* [m] or [rad] beyond which a number is a mistake, or has lost its last digits */
 enum { READY = 0x5e771e }; /* mark of init */
 
 /* Error of one kind, translation or rotation, and what the springs make of it. */
@@ -52,10 +53,15 @@ typedef struct {
     double axis[3];   /* unit vector along the error, in base axes */
     double stiffness; /* along it, in force [N/m] or [N m/rad] */
 } error_t;
-/* Decay of the tip's speed under the controller's damping: the one number that tunes integrals on any arm. */
+static double larger(double x, double y) { return x > y ? x : y; }
 
-static const double FARTHEST = 1e6;      /* [m], [rad], [N] beyond which a number is a mistake */
-static const double JOINT_DAMPING = 0.1; /* [N m s/rad] of every joint, as in the controller */
+static double smaller(double x, double y) { return x < y ? x : y; }
+
+static double clamp(double x, double least, double most)
+{
+    const double low = x < least ? least : x;
+    return low > most ? most : low;
+}
 
 static double dot(int count, const double *a, const double *b)
 {
@@ -68,47 +74,78 @@ static double dot(int count, const double *a, const double *b)
 
 static double norm(int count, const double *x) { return sqrt(dot(count, x, x)); }
 
-static double clamp(double x, double least, double most) { return fmin(fmax(x, least), most); }
+/* Return whether all entries lie between the bounds (both allowed); NaN does not. */
+static int doubles_within(const double *x, size_t count, double least, double most)
+{
+    for (size_t i = 0; i < count; ++i) {
+        if (!(x[i] >= least && x[i] <= most)) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
+/* Factorise a positive definite A = L L^T (lower triangles); the pivots of a semidefinite one are not quite 0. */
+static void find_triangle(int n, const double *A, double *L)
+{
+    for (int i = 0; i < n; ++i) {
+        for (int j = 0; j <= i; ++j) {
+            const double rest = A[i * n + j] - dot(j, L + i * n, L + j * n);
+            L[i * n + j] = i == j ? sqrt(larger(rest, DBL_MIN)) : rest / L[j * n + j];
+        }
+    }
+}
+
+/* Solve L L^T x = b in place. */
+static void solve_triangles(int n, const double *L, double *x)
+{
+    for (int i = 0; i < n; ++i) {
+        x[i] = (x[i] - dot(i, L + i * n, x)) / L[i * n + i];
+    }
+    for (int i = n - 1; i >= 0; --i) {
+        for (int k = i + 1; k < n; ++k) {
+            x[i] -= L[k * n + i] * x[k];
+        }
+        x[i] /= L[i * n + i];
+    }
+}
+
+static const double NO_SINE = 1e-6; /* sine up to which, near half a turn, it has lost the digits of the axis */
+
+/* Compute the twist (hybrid axes) from a pose to another: motion of the origin [m], and rotation vector [rad]. */
+static void compare_pose(const double *from, const double *to, double *twist)
+{
+    double D[9]; /* the rotation between the poses */
+    for (int k = 0; k < 9; ++k) {
+        D[k] = dot(3, to + k / 3 * 4, from + k % 3 * 4);
+    }
+    double axis[3] = {(D[7] - D[5]) / 2.0, (D[2] - D[6]) / 2.0, (D[3] - D[1]) / 2.0}; /* times the sine */
+    const double sine = norm(3, axis), angle = atan2(sine, (D[0] + D[4] + D[8] - 1.0) / 2.0);
+    if (angle > 1.0 && sine < NO_SINE) { /* the axis is the longest column of D + 1 */
+        const int first = D[0] > D[4] ? 0 : 1, k = D[8] > D[4 * first] ? 2 : first;
+        for (int i = 0; i < 3; ++i) {
+            axis[i] = D[3 * i + k] + (i == k ? 1.0 : 0.0);
+        }
+    }
+    const double size = norm(3, axis);
+    for (int i = 0; i < 3; ++i) {
+        twist[i] = to[4 * i + 3] - from[4 * i + 3];
+        twist[3 + i] = size > 0.0 ? angle / size * axis[i] : 0.0;
+    }
+}
+
+/* Decay of the tip's speed under the controller's damping: the one number that tunes integrals on any arm. */
+
+static const double JOINT_DAMPING = 0.1; /* [N m s/rad] of every joint, as in the controller */
 
 /* Return whether all numbers are finite, and no mistakes. */
-static int all_finite(const double *x, int count)
-{
-    int good = 1;
-    for (int i = 0; i < count; ++i) {
-        good = good && fabs(x[i]) <= FARTHEST;
-    }
-    return good;
-}
+static int all_finite(const double *x, int count) { return doubles_within(x, (size_t)count, -FARTHEST, FARTHEST); }
 
 /* Return whether a configuration of the controller has the numbers that are read here. */
 static int is_usable(const controller_t *c)
 {
     const int timed = c->sample_time > 0.0 && c->sample_time <= 1.0 && c->delay_samples >= 0;
     return timed && all_finite(&c->damping_ratio, 1) && all_finite(c->motor_inertia, N);
-}
-
-/* Solve L L^T x = b in place for A = L L^T; A becomes L. Return 0 where A is not positive definite. */
-static int solve_definite(double *A, double *x)
-{
-    for (int i = 0; i < N; ++i) {
-        double *const row = A + i * N;
-        for (int j = 0; j < i; ++j) {
-            row[j] = (row[j] - dot(j, row, A + j * N)) / A[j * (N + 1)];
-        }
-        const double pivot = row[i] - dot(i, row, row);
-        if (!(pivot > 0.0)) {
-            return 0;
-        }
-        row[i] = sqrt(pivot);
-        x[i] = (x[i] - dot(i, row, x)) / row[i];
-    }
-    for (int i = N - 1; i >= 0; --i) {
-        for (int k = i + 1; k < N; ++k) {
-            x[i] -= A[k * N + i] * x[k];
-        }
-        x[i] /= A[i * (N + 1)];
-    }
-    return 1;
 }
 
 /* Return v . K v for a vector of the base; turns: K is in the axes of a pose. */
@@ -139,7 +176,7 @@ static double spring_of(const double *Kt, const double *Ko, const double *pose, 
 static double find_decay(const controller_t *c, const double *q, const double *Kt, const double *Ko, const double *wrench,
                   double *stiffness)
 {
-    double M[N * N], J[6 * N], x[N], twist[6], pose[16];
+    double M[N * N], L[N * N], J[6 * N], x[N], twist[6], pose[16];
     stiffgen_mass_matrix(q, M);
     stiffgen_poses(q, stiffgen_tool(c), pose);
     stiffgen_jacobians(q, stiffgen_tool(c), J);
@@ -151,48 +188,32 @@ static double find_decay(const controller_t *c, const double *q, const double *K
         }
     }
     *stiffness = spring_of(Kt, Ko, pose, wrench);
-    if (!solve_definite(M, x)) {
-        return 0.0;
-    }
+    find_triangle(N, M, L);
+    solve_triangles(N, L, x);
     for (int k = 0; k < 6; ++k) {
         twist[k] = dot(N, J + k * N, x);
     }
     const double inertia = dot(6, twist, wrench), T = c->sample_time; /* x . M x */
-    if (!(inertia > 0.0)) {
+    if (!(inertia > 0.0) || !all_finite(x, N)) { /* M is singular */
         return 0.0;
     }
-    const double l = fmax(spring_of(Kt, Ko, pose, twist) / inertia, 0.0);
+    const double l = larger(spring_of(Kt, Ko, pose, twist) / inertia, 0.0);
     const double late = (c->delay_samples + 0.5) * T, zeta = c->damping_ratio;
     const double p = l * late * (2.0 * zeta * zeta - 1.0), root = p * p + 4.0 * zeta * zeta * l - l * l * late * late;
-    const double damping = sqrt(fmax(root, 0.0)) - p + JOINT_DAMPING * dot(N, x, x) / inertia;
-    return clamp(damping, 0.0, fmin(0.25, 0.75 / (1.0 + c->delay_samples)) / T);
+    const double damping = sqrt(larger(root, 0.0)) - p + JOINT_DAMPING * dot(N, x, x) / inertia;
+    return clamp(damping, 0.0, smaller(0.25, 0.75 / (1.0 + c->delay_samples)) / T);
 }
 
-/* Poses of the tip, and the twists between them: translation, then rotation vector, in base axes. */
+/* Moves of a pose by a twist: translation, then rotation vector, in base axes. */
 
-static const double NO_SINE = 1e-9; /* sine up to which the axis of a turn has no digits */
-
-/* Compute the twist that leads the tip from a pose to another; half a turn has none. */
-static void compare_pose(const double *from, const double *to, double *twist)
-{
-    double D[9]; /* the rotation between the poses */
-    for (int k = 0; k < 9; ++k) {
-        D[k] = dot(3, to + 4 * (k / 3), from + 4 * (k % 3));
-    }
-    const double axis[3] = {(D[7] - D[5]) / 2.0, (D[2] - D[6]) / 2.0, (D[3] - D[1]) / 2.0}; /* times the sine */
-    const double sine = norm(3, axis), angle = atan2(sine, (D[0] + D[4] + D[8] - 1.0) / 2.0);
-    for (int i = 0; i < 3; ++i) {
-        twist[i] = to[4 * i + 3] - from[4 * i + 3];
-        twist[3 + i] = sine > NO_SINE ? angle / sine * axis[i] : axis[i];
-    }
-}
+static const double NO_TURN = 1e-9; /* [rad] up to which a turn has no axis */
 
 /* Move a pose by a twist: its place by the translation, and turned about the place. */
 static void move_pose(const double *twist, double *pose)
 {
     const double *const w = twist + 3, angle = norm(3, w);
-    const double a = angle > NO_SINE ? sin(angle) / angle : 1.0;
-    const double half = angle > NO_SINE ? sin(0.5 * angle) / angle : 0.5, b = 2.0 * half * half;
+    const double a = angle > NO_TURN ? sin(angle) / angle : 1.0;
+    const double half = angle > NO_TURN ? sin(0.5 * angle) / angle : 0.5, b = 2.0 * half * half;
     for (int column = 0; column < 3; ++column) { /* v + a w x v + b w x (w x v) */
         const double v[3] = {pose[column], pose[4 + column], pose[8 + column]}, along = dot(3, w, v);
         for (int i = 0; i < 3; ++i) {
@@ -244,13 +265,13 @@ static void watch(state_t *s, const double *pose, const double *here)
     const double T = s->controller.sample_time;
     double moved[6], change = 0.0;
     for (int k = 0; k < 16; ++k) {
-        change = fmax(change, fabs(pose[k] - s->pose[k]));
+        change = larger(change, fabs(pose[k] - s->pose[k]));
     }
-    s->rest = s->known && change <= SAME ? fmin(s->rest + T, 1.0) : 0.0;
+    s->rest = s->known && change <= SAME ? smaller(s->rest + T, 1.0) : 0.0;
     compare_pose(s->here, here, moved);
     for (int k = 0; k < 6; ++k) {
         const double speed = s->known ? moved[k] / T : 0.0;
-        s->velocity[k] += fmin(T / SPEED_TIME, 1.0) * (speed - s->velocity[k]);
+        s->velocity[k] += smaller(T / SPEED_TIME, 1.0) * (speed - s->velocity[k]);
     }
     memcpy(s->pose, pose, sizeof s->pose);
     memcpy(s->here, here, sizeof s->here);
@@ -315,7 +336,7 @@ static int integrate(state_t *s, const input_t *in, const last_t *last, int kind
                                     wrench, &stiffness);
     const double share = decay * s->controller.sample_time / SLOWNESS;
     for (int k = 0; k < 3; ++k) {
-        s->offset[3 * kind + k] += share * (e.size - 0.5 * band) * fmax(NEAR * band / e.size, 1.0) * e.axis[k];
+        s->offset[3 * kind + k] += share * (e.size - 0.5 * band) * larger(NEAR * band / e.size, 1.0) * e.axis[k];
     }
     return 1;
 }
@@ -367,25 +388,15 @@ void iiwa14_settle_default_config(config_t *config)
     config->contact_wrench[1] = 1.0;
 }
 
-/* Return whether all numbers lie between the bounds; NaN does not. */
-static int all_within(const double *x, size_t count, double least, double most)
-{
-    int good = 1;
-    for (size_t i = 0; i < count; ++i) {
-        good = good && x[i] >= least && x[i] <= most;
-    }
-    return good;
-}
-
 static int validate(const config_t *c)
 {
-    if (!all_within(c->settle_force, sizeof c->settle_force / sizeof c->settle_force[0], 0.0, 10000.0)) {
+    if (!doubles_within(c->settle_force, sizeof c->settle_force / sizeof c->settle_force[0], 0.0, 10000.0)) {
         return IIWA14_SETTLE_E_CONFIG_SETTLE_FORCE;
     }
-    if (!all_within(c->settle_band, sizeof c->settle_band / sizeof c->settle_band[0], 1e-06, 1.0)) {
+    if (!doubles_within(c->settle_band, sizeof c->settle_band / sizeof c->settle_band[0], 1e-06, 1.0)) {
         return IIWA14_SETTLE_E_CONFIG_SETTLE_BAND;
     }
-    if (!all_within(c->contact_wrench, sizeof c->contact_wrench / sizeof c->contact_wrench[0], 0.0, 100000.0)) {
+    if (!doubles_within(c->contact_wrench, sizeof c->contact_wrench / sizeof c->contact_wrench[0], 0.0, 100000.0)) {
         return IIWA14_SETTLE_E_CONFIG_CONTACT_WRENCH;
     }
     return IIWA14_SETTLE_OK;

@@ -16,10 +16,12 @@
 #include "../iiwa14_policy.h"
 #include "../iiwa14_gains.h"
 #include "../iiwa14_find_posture.h"
+#include "../iiwa14_settle.h"
+#include "../iiwa14_press.h"
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "f954b169846207e6"
+#define SOURCES "b3ffba74ab37fc47"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;
@@ -2771,12 +2773,20 @@ typedef iiwa14_impedance_input input_t;
 typedef iiwa14_impedance_output output_t;
 typedef iiwa14_follow_state follow_state_t;
 typedef iiwa14_policy_state policy_state_t;
+typedef iiwa14_settle_state settle_state_t;
+typedef iiwa14_press_state press_state_t;
 typedef iiwa14_follow_config follow_config_t;
 typedef iiwa14_follow_input follow_input_t;
 typedef iiwa14_follow_output follow_output_t;
 typedef iiwa14_policy_config policy_config_t;
 typedef iiwa14_policy_proposal policy_proposal_t;
 typedef iiwa14_policy_output policy_output_t;
+typedef iiwa14_settle_config settle_config_t;
+typedef iiwa14_settle_input settle_input_t;
+typedef iiwa14_settle_output settle_output_t;
+typedef iiwa14_press_config press_config_t;
+typedef iiwa14_press_input press_input_t;
+typedef iiwa14_press_output press_output_t;
 typedef iiwa14_paper_state paper_state_t;
 typedef iiwa14_paper_config paper_config_t;
 typedef iiwa14_paper_input paper_input_t;
@@ -2815,6 +2825,23 @@ static const field fields[] = {
     {"policy_state", "refused", "i4", offsetof(policy_state_t, refused), 1, {4, 1, 1}, 0, "", ""},
     {"policy_state", "refused_entry", "i4", offsetof(policy_state_t, refused_entry), 1, {4, 1, 1}, 0, "", ""},
     {"policy_state", "ready", "i4", offsetof(policy_state_t, ready), 0, {1, 1, 1}, 0, "", ""},
+    {"settle_state", "offset", "f8", offsetof(settle_state_t, offset), 1, {6, 1, 1}, 0, "m, rad", ""},
+    {"settle_state", "pose", "f8", offsetof(settle_state_t, pose), 2, {4, 4, 1}, 0, "m", ""},
+    {"settle_state", "here", "f8", offsetof(settle_state_t, here), 2, {4, 4, 1}, 0, "m", ""},
+    {"settle_state", "velocity", "f8", offsetof(settle_state_t, velocity), 1, {6, 1, 1}, 0, "m/s, rad/s", ""},
+    {"settle_state", "rest", "f8", offsetof(settle_state_t, rest), 0, {1, 1, 1}, 0, "s", ""},
+    {"settle_state", "known", "i4", offsetof(settle_state_t, known), 0, {1, 1, 1}, 0, "", ""},
+    {"settle_state", "ready", "i4", offsetof(settle_state_t, ready), 0, {1, 1, 1}, 0, "", ""},
+    {"press_state", "offset", "f8", offsetof(press_state_t, offset), 1, {3, 1, 1}, 0, "m", ""},
+    {"press_state", "pose", "f8", offsetof(press_state_t, pose), 2, {4, 4, 1}, 0, "m", ""},
+    {"press_state", "here", "f8", offsetof(press_state_t, here), 2, {4, 4, 1}, 0, "m", ""},
+    {"press_state", "force", "f8", offsetof(press_state_t, force), 0, {1, 1, 1}, 0, "N", ""},
+    {"press_state", "speed", "f8", offsetof(press_state_t, speed), 0, {1, 1, 1}, 0, "m/s", ""},
+    {"press_state", "low", "f8", offsetof(press_state_t, low), 0, {1, 1, 1}, 0, "s", ""},
+    {"press_state", "touched", "i4", offsetof(press_state_t, touched), 0, {1, 1, 1}, 0, "samples", ""},
+    {"press_state", "stage", "i4", offsetof(press_state_t, stage), 0, {1, 1, 1}, 0, "", ""},
+    {"press_state", "known", "i4", offsetof(press_state_t, known), 0, {1, 1, 1}, 0, "", ""},
+    {"press_state", "ready", "i4", offsetof(press_state_t, ready), 0, {1, 1, 1}, 0, "", ""},
     {"config", "sample_time", "f8", offsetof(config_t, sample_time), 0, {1, 1, 1}, 0, "s", "State these: they have no default."},
     {"config", "delay_samples", "i4", offsetof(config_t, delay_samples), 0, {1, 1, 1}, 0, "samples", ""},
     {"config", "motor_inertia", "f8", offsetof(config_t, motor_inertia), 1, {7, 1, 1}, 0, "kg m^2 or kg", ""},
@@ -2834,6 +2861,7 @@ static const field fields[] = {
     {"config", "ramp_time", "f8", offsetof(config_t, ramp_time), 0, {1, 1, 1}, 0, "s", ""},
     {"config", "tank_initial", "f8", offsetof(config_t, tank_initial), 0, {1, 1, 1}, 0, "J", ""},
     {"config", "coriolis", "i4", offsetof(config_t, coriolis), 0, {1, 1, 1}, 0, "", ""},
+    {"config", "coulomb_friction", "f8", offsetof(config_t, coulomb_friction), 1, {7, 1, 1}, 0, "N m or N", ""},
     {"input", "sample_valid", "i4", offsetof(input_t, sample_valid), 0, {1, 1, 1}, 0, "", ""},
     {"input", "clock", "i4", offsetof(input_t, clock), 0, {1, 1, 1}, 0, "", ""},
     {"input", "counter", "u4", offsetof(input_t, counter), 0, {1, 1, 1}, 0, "samples", ""},
@@ -2915,6 +2943,32 @@ static const field fields[] = {
     {"policy_output", "wrench_command", "f8", offsetof(policy_output_t, wrench_command), 1, {6, 1, 1}, 0, "N, N m", ""},
     {"policy_output", "gripper", "f8", offsetof(policy_output_t, gripper), 0, {1, 1, 1}, 0, "", ""},
     {"policy_output", "stage", "i4", offsetof(policy_output_t, stage), 1, {4, 1, 1}, 0, "", ""},
+    {"settle_config", "settle_force", "f8", offsetof(settle_config_t, settle_force), 1, {2, 1, 1}, 0, "N, N m", ""},
+    {"settle_config", "settle_band", "f8", offsetof(settle_config_t, settle_band), 1, {2, 1, 1}, 0, "m, rad", ""},
+    {"settle_config", "contact_wrench", "f8", offsetof(settle_config_t, contact_wrench), 1, {2, 1, 1}, 0, "N, N m", ""},
+    {"settle_input", "pose", "f8", offsetof(settle_input_t, pose), 2, {4, 4, 1}, 0, "m", ""},
+    {"settle_input", "translation_stiffness", "f8", offsetof(settle_input_t, translation_stiffness), 2, {3, 3, 1}, 0, "N/m", ""},
+    {"settle_input", "rotation_stiffness", "f8", offsetof(settle_input_t, rotation_stiffness), 2, {3, 3, 1}, 0, "N m/rad", ""},
+    {"settle_input", "wrench", "f8", offsetof(settle_input_t, wrench), 1, {6, 1, 1}, 0, "N, N m", ""},
+    {"settle_input", "hold", "i4", offsetof(settle_input_t, hold), 0, {1, 1, 1}, 0, "", ""},
+    {"settle_output", "pose", "f8", offsetof(settle_output_t, pose), 2, {4, 4, 1}, 0, "m", ""},
+    {"settle_output", "offset", "f8", offsetof(settle_output_t, offset), 1, {6, 1, 1}, 0, "m, rad", ""},
+    {"settle_output", "error", "f8", offsetof(settle_output_t, error), 1, {2, 1, 1}, 0, "m, rad", ""},
+    {"settle_output", "status", "u4", offsetof(settle_output_t, status), 0, {1, 1, 1}, 0, "", ""},
+    {"press_config", "approach_speed", "f8", offsetof(press_config_t, approach_speed), 0, {1, 1, 1}, 0, "m/s", ""},
+    {"press_config", "offset_limit", "f8", offsetof(press_config_t, offset_limit), 0, {1, 1, 1}, 0, "m", ""},
+    {"press_input", "pose", "f8", offsetof(press_input_t, pose), 2, {4, 4, 1}, 0, "m", ""},
+    {"press_input", "translation_stiffness", "f8", offsetof(press_input_t, translation_stiffness), 2, {3, 3, 1}, 0, "N/m", ""},
+    {"press_input", "rotation_stiffness", "f8", offsetof(press_input_t, rotation_stiffness), 2, {3, 3, 1}, 0, "N m/rad", ""},
+    {"press_input", "wrench", "f8", offsetof(press_input_t, wrench), 1, {6, 1, 1}, 0, "N, N m", ""},
+    {"press_input", "axis", "f8", offsetof(press_input_t, axis), 1, {3, 1, 1}, 0, "", ""},
+    {"press_input", "force", "f8", offsetof(press_input_t, force), 0, {1, 1, 1}, 0, "N", ""},
+    {"press_input", "search", "i4", offsetof(press_input_t, search), 0, {1, 1, 1}, 0, "", ""},
+    {"press_output", "pose", "f8", offsetof(press_output_t, pose), 2, {4, 4, 1}, 0, "m", ""},
+    {"press_output", "wrench_command", "f8", offsetof(press_output_t, wrench_command), 1, {6, 1, 1}, 0, "N, N m", ""},
+    {"press_output", "error", "f8", offsetof(press_output_t, error), 0, {1, 1, 1}, 0, "N", ""},
+    {"press_output", "gain", "f8", offsetof(press_output_t, gain), 0, {1, 1, 1}, 0, "1/s", ""},
+    {"press_output", "stage", "i4", offsetof(press_output_t, stage), 0, {1, 1, 1}, 0, "", ""},
     {"paper_state", "torque", "f8", offsetof(paper_state_t, torque), 1, {7, 1, 1}, 0, "N m", ""},
     {"paper_state", "opposite", "f8", offsetof(paper_state_t, opposite), 1, {7, 1, 1}, 0, "N m", ""},
     {"paper_state", "change", "f8", offsetof(paper_state_t, change), 1, {7, 1, 1}, 0, "N m", ""},
@@ -2944,6 +2998,8 @@ static const structure structures[] = {
     {"state", sizeof(state_t)},
     {"follow_state", sizeof(follow_state_t)},
     {"policy_state", sizeof(policy_state_t)},
+    {"settle_state", sizeof(settle_state_t)},
+    {"press_state", sizeof(press_state_t)},
     {"config", sizeof(config_t)},
     {"input", sizeof(input_t)},
     {"output", sizeof(output_t)},
@@ -2953,6 +3009,12 @@ static const structure structures[] = {
     {"policy_config", sizeof(policy_config_t)},
     {"policy_proposal", sizeof(policy_proposal_t)},
     {"policy_output", sizeof(policy_output_t)},
+    {"settle_config", sizeof(settle_config_t)},
+    {"settle_input", sizeof(settle_input_t)},
+    {"settle_output", sizeof(settle_output_t)},
+    {"press_config", sizeof(press_config_t)},
+    {"press_input", sizeof(press_input_t)},
+    {"press_output", sizeof(press_output_t)},
     {"paper_state", sizeof(paper_state_t)},
     {"paper_config", sizeof(paper_config_t)},
     {"paper_input", sizeof(paper_input_t)},
@@ -3056,6 +3118,14 @@ static const choice outcomes[] = {
     {"policy_stage", "holding", IIWA14_POLICY_STAGE_HOLDING},
     {"policy_stage", "fading", IIWA14_POLICY_STAGE_FADING},
     {"policy_stage", "faded", IIWA14_POLICY_STAGE_FADED},
+    {"settle", "moving", IIWA14_SETTLE_MOVING},
+    {"settle", "settled", IIWA14_SETTLE_SETTLED},
+    {"settle", "held", IIWA14_SETTLE_HELD},
+    {"settle", "limited", IIWA14_SETTLE_LIMITED},
+    {"press_stage", "off", IIWA14_PRESS_STAGE_OFF},
+    {"press_stage", "approach", IIWA14_PRESS_STAGE_APPROACH},
+    {"press_stage", "contact", IIWA14_PRESS_STAGE_CONTACT},
+    {"press_stage", "lost", IIWA14_PRESS_STAGE_LOST},
     {"command", "none", IIWA14_COMMAND_NONE},
     {"command", "clock", IIWA14_COMMAND_CLOCK},
     {"command", "q0", IIWA14_COMMAND_Q0},
@@ -3607,6 +3677,180 @@ static int add_find_posture(PyObject *module)
     return PyModule_AddFunctions(module, find_posture_methods);
 }
 
+/* Settle for Python. */
+
+/* Write the default configuration: argument (config). */
+static PyObject *settle_default(PyObject *module, PyObject *arguments)
+{
+    Py_buffer config;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "w*", &config)) {
+        return NULL;
+    }
+    void *c = structs(&config, sizeof(settle_config_t), 1);
+    if (c != NULL) {
+        iiwa14_settle_default_config((settle_config_t *)c);
+    }
+    PyBuffer_Release(&config);
+    return c != NULL ? Py_NewRef(Py_None) : NULL;
+}
+
+/* Begin: arguments (config, the controller's config, state). Return the error's code. */
+static PyObject *settle_init(PyObject *module, PyObject *arguments)
+{
+    Py_buffer config, controller, state;
+    PyObject *result = NULL;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "y*y*w*", &config, &controller, &state)) {
+        return NULL;
+    }
+    const void *c = structs(&config, sizeof(settle_config_t), 1);
+    const void *k = c != NULL ? structs(&controller, sizeof(config_t), 1) : NULL;
+    void *s = k != NULL ? structs(&state, sizeof(settle_state_t), 1) : NULL;
+    if (s != NULL) {
+        result = PyLong_FromLong(
+            iiwa14_settle_init((const settle_config_t *)c, (const config_t *)k, (settle_state_t *)s));
+    }
+    PyBuffer_Release(&config);
+    PyBuffer_Release(&controller);
+    PyBuffer_Release(&state);
+    return result;
+}
+
+/* Do a step: arguments (state, input, the controller's output or None, output). Return the error's code. */
+static PyObject *settle_step(PyObject *module, PyObject *arguments)
+{
+    Py_buffer state, input, last, output;
+    PyObject *result = NULL;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "w*y*z*w*", &state, &input, &last, &output)) {
+        return NULL;
+    }
+    void *s = structs(&state, sizeof(settle_state_t), 1);
+    const void *in = s != NULL ? structs(&input, sizeof(settle_input_t), 1) : NULL;
+    const void *before = in != NULL && last.buf != NULL ? structs(&last, sizeof(output_t), 1) : NULL;
+    const int good = in != NULL && (before != NULL || last.buf == NULL);
+    void *out = good ? structs(&output, sizeof(settle_output_t), 1) : NULL;
+    if (out != NULL) {
+        result = PyLong_FromLong(iiwa14_settle_step(
+            (settle_state_t *)s, (const settle_input_t *)in, (const output_t *)before, (settle_output_t *)out));
+    }
+    PyBuffer_Release(&state);
+    PyBuffer_Release(&input);
+    PyBuffer_Release(&last);
+    PyBuffer_Release(&output);
+    return result;
+}
+
+/* Return an error in words: argument (code). */
+static PyObject *settle_error_text(PyObject *module, PyObject *arguments)
+{
+    int code;
+    (void)module;
+    return PyArg_ParseTuple(arguments, "i", &code) ? PyUnicode_FromString(iiwa14_settle_error_text(code)) : NULL;
+}
+
+static PyMethodDef settle_methods[] = {
+    {"settle_default", settle_default, METH_VARARGS, NULL},
+    {"settle_init", settle_init, METH_VARARGS, NULL},
+    {"settle_step", settle_step, METH_VARARGS, NULL},
+    {"settle_error_text", settle_error_text, METH_VARARGS, NULL},
+    {NULL, NULL, 0, NULL},
+};
+
+/* Add Settle's functions to the module. */
+static int add_settle(PyObject *module)
+{
+    return PyModule_AddFunctions(module, settle_methods);
+}
+
+/* Press for Python. */
+
+/* Write the default configuration: argument (config). */
+static PyObject *press_default(PyObject *module, PyObject *arguments)
+{
+    Py_buffer config;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "w*", &config)) {
+        return NULL;
+    }
+    void *c = structs(&config, sizeof(press_config_t), 1);
+    if (c != NULL) {
+        iiwa14_press_default_config((press_config_t *)c);
+    }
+    PyBuffer_Release(&config);
+    return c != NULL ? Py_NewRef(Py_None) : NULL;
+}
+
+/* Begin: arguments (config, the controller's config, state). Return the error's code. */
+static PyObject *press_init(PyObject *module, PyObject *arguments)
+{
+    Py_buffer config, controller, state;
+    PyObject *result = NULL;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "y*y*w*", &config, &controller, &state)) {
+        return NULL;
+    }
+    const void *c = structs(&config, sizeof(press_config_t), 1);
+    const void *k = c != NULL ? structs(&controller, sizeof(config_t), 1) : NULL;
+    void *s = k != NULL ? structs(&state, sizeof(press_state_t), 1) : NULL;
+    if (s != NULL) {
+        result = PyLong_FromLong(
+            iiwa14_press_init((const press_config_t *)c, (const config_t *)k, (press_state_t *)s));
+    }
+    PyBuffer_Release(&config);
+    PyBuffer_Release(&controller);
+    PyBuffer_Release(&state);
+    return result;
+}
+
+/* Do a step: arguments (state, input, the controller's output or None, output). Return the error's code. */
+static PyObject *press_step(PyObject *module, PyObject *arguments)
+{
+    Py_buffer state, input, last, output;
+    PyObject *result = NULL;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "w*y*z*w*", &state, &input, &last, &output)) {
+        return NULL;
+    }
+    void *s = structs(&state, sizeof(press_state_t), 1);
+    const void *in = s != NULL ? structs(&input, sizeof(press_input_t), 1) : NULL;
+    const void *before = in != NULL && last.buf != NULL ? structs(&last, sizeof(output_t), 1) : NULL;
+    const int good = in != NULL && (before != NULL || last.buf == NULL);
+    void *out = good ? structs(&output, sizeof(press_output_t), 1) : NULL;
+    if (out != NULL) {
+        result = PyLong_FromLong(iiwa14_press_step(
+            (press_state_t *)s, (const press_input_t *)in, (const output_t *)before, (press_output_t *)out));
+    }
+    PyBuffer_Release(&state);
+    PyBuffer_Release(&input);
+    PyBuffer_Release(&last);
+    PyBuffer_Release(&output);
+    return result;
+}
+
+/* Return an error in words: argument (code). */
+static PyObject *press_error_text(PyObject *module, PyObject *arguments)
+{
+    int code;
+    (void)module;
+    return PyArg_ParseTuple(arguments, "i", &code) ? PyUnicode_FromString(iiwa14_press_error_text(code)) : NULL;
+}
+
+static PyMethodDef press_methods[] = {
+    {"press_default", press_default, METH_VARARGS, NULL},
+    {"press_init", press_init, METH_VARARGS, NULL},
+    {"press_step", press_step, METH_VARARGS, NULL},
+    {"press_error_text", press_error_text, METH_VARARGS, NULL},
+    {NULL, NULL, 0, NULL},
+};
+
+/* Add Press's functions to the module. */
+static int add_press(PyObject *module)
+{
+    return PyModule_AddFunctions(module, press_methods);
+}
+
 /* Law of the paper for Python. */
 
 /* Write the paper's default configuration: argument (config). */
@@ -3686,6 +3930,8 @@ static PyModuleDef_Slot slots[] = {
     {Py_mod_exec, (void *)add_policy},
     {Py_mod_exec, (void *)add_gains},
     {Py_mod_exec, (void *)add_find_posture},
+    {Py_mod_exec, (void *)add_settle},
+    {Py_mod_exec, (void *)add_press},
     {Py_mod_exec, (void *)add_paper},
 #ifdef Py_mod_gil
     {Py_mod_gil, Py_MOD_GIL_NOT_USED},
