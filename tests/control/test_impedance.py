@@ -262,6 +262,30 @@ def test_samples_that_are_lost_and_come_back(robot: ModuleType) -> None:
     assert modes == {"release": "FOLLOW", "hold": "HOLD", "resume": "ACTIVE"}
 
 
+def test_a_reset_after_a_lost_sensor_brakes_a_coasting_arm(robot: ModuleType) -> None:
+    """No damping acts in the fault, and the springs of the reset begin slack where the arm is: they only brake it."""
+    for joint in range(7):
+        controller, arm = robot.Impedance(**ARM, position_quantum=2e-6), Arm(robot, Q)
+        springs, work, most = {**AT_REST, "translation_stiffness": 2000 * np.eye(3)}, 0.0, 0.0
+        for k in range(10):
+            springs |= {"q": arm.q * (np.nan if k > 5 else 1.0), "dq": arm.dq}
+            out = controller.step(**springs, counter=k)
+        assert out.reason == robot.Reason.NOT_FINITE
+        arm.dq[joint] = 0.8 * robot.VELOCITY[joint]
+        for k in range(10, 1000):
+            if k == 60:
+                assert not out.torque.any() and out.fault == robot.Fault.SENSOR
+                controller.reset()
+                springs["q0"] = arm.q
+            out, before = controller.step(**springs | {"q": arm.q, "dq": arm.dq}, counter=k), arm.dq
+            arm.step(out.torque - robot.bias_forces(arm.q, arm.dq, np.zeros(3)))
+            work += 1e-3 * float(out.torque @ (before + arm.dq)) / 2
+            most = max(most, float(np.max(np.abs(arm.dq) / robot.VELOCITY)))
+            assert work < 1e-6
+        assert out.mode == robot.Mode.ACTIVE and not out.fault and most < 1.05
+        assert np.max(np.abs(arm.dq) / robot.VELOCITY) < 0.4  # self-motion, which no spring opposes, ends slowly
+
+
 def test_a_wrench_is_exerted_and_paid_from_the_tank(robot: ModuleType) -> None:
     """J^T F at rest; the share rises from 0, and the tank pays for the work of a tip that gives way."""
     controller = robot.Impedance(**ARM, tank_initial=100.0, position_quantum=2e-6)
