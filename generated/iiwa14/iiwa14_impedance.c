@@ -17,6 +17,7 @@
 #endif
 
 enum { N = 7, NN = N * N, TIPS = 1 };
+enum { SPRINGS = 1, TWISTS = 1 }; /* tips */
 enum { LOOP_JOINTS = 1 }; /* none; C has no empty arrays */
 
 typedef iiwa14_impedance_config config_t;
@@ -1141,10 +1142,10 @@ static finding_t check_entries(const double *x, int count, double least, double 
     return NOTHING;
 }
 
-/* Accept a tip's stiffness: symmetric and positive semidefinite, up to single precision. result: its symmetric part. */
-static finding_t accept_stiffness(const double *K, double most, int command, int tip, double *result)
+/* Accept a stiffness: symmetric, positive semidefinite, up to single precision. result: its symmetric part. */
+static finding_t accept_stiffness(const double *K, double most, int command, int spring, double *result)
 {
-    const int first = 9 * tip;
+    const int first = 9 * spring;
     finding_t found = check_entries(K, 9, -most, most, IIWA14_REFUSAL_STIFFNESS_LIMIT, command);
     double size = DBL_MIN;
     found.entry += found.reason != IIWA14_REFUSAL_NONE ? first : 0;
@@ -1193,11 +1194,11 @@ static finding_t accept_positions(const memory_t *m, const double *given, double
 static finding_t accept_springs(const memory_t *m, const input_t *in, command_t *k)
 {
     finding_t found = accept_positions(m, in->q0, k->q0, &k->limited);
-    for (int t = 0; found.reason == IIWA14_REFUSAL_NONE && t < TIPS; ++t) {
+    for (int t = 0; found.reason == IIWA14_REFUSAL_NONE && t < SPRINGS; ++t) {
         found = accept_stiffness(in->translation_stiffness + 9 * t, MOST_TRANSLATION, IIWA14_COMMAND_TRANSLATION_STIFFNESS,
                                  t, k->stiffness.translation + 9 * t);
     }
-    for (int t = 0; found.reason == IIWA14_REFUSAL_NONE && t < TIPS; ++t) {
+    for (int t = 0; found.reason == IIWA14_REFUSAL_NONE && t < SPRINGS; ++t) {
         found = accept_stiffness(in->rotation_stiffness + 9 * t, MOST_ROTATION, IIWA14_COMMAND_ROTATION_STIFFNESS, t,
                                  k->stiffness.rotation + 9 * t);
     }
@@ -1209,12 +1210,12 @@ static finding_t accept_springs(const memory_t *m, const input_t *in, command_t 
     return found;
 }
 
-/* Accept the wrenches that the tips are to exert: finite, at most heaviest_wrench. pressing: there is one. */
+/* Accept the wrenches that tips and pairs are to exert: finite, at most heaviest_wrench. pressing: there is one. */
 static finding_t accept_wrenches(const config_t *c, const double *wrench, int *pressing)
 {
     finding_t found = NOTHING;
     *pressing = 0;
-    for (int k = 0; found.reason == IIWA14_REFUSAL_NONE && k < 2 * TIPS; ++k) { /* force and moment of a tip in turn */
+    for (int k = 0; found.reason == IIWA14_REFUSAL_NONE && k < 2 * TWISTS; ++k) { /* force, moment of each in turn */
         const double *const part = wrench + 3 * k, most = c->heaviest_wrench[k % 2] * (1.0 + ROUNDED);
         found = check_entries(part, 3, -most, most, IIWA14_REFUSAL_WRENCH, IIWA14_COMMAND_WRENCH_COMMAND);
         const double size = found.reason == IIWA14_REFUSAL_NONE ? norm(3, part) : 0.0;
@@ -1736,8 +1737,8 @@ static void mix_stiffness(const memory_t *m, const stiffness_t *wanted, double s
 {
     const reference_t *const f = &m->reference;
     const stiffness_t *const K = &m->stiffness;
-    const double a = mix(9 * TIPS, K->translation, wanted->translation, share, next->stiffness.translation);
-    const double b = mix(9 * TIPS, K->rotation, wanted->rotation, share, next->stiffness.rotation);
+    const double a = mix(9 * SPRINGS, K->translation, wanted->translation, share, next->stiffness.translation);
+    const double b = mix(9 * SPRINGS, K->rotation, wanted->rotation, share, next->stiffness.rotation);
     const double c = mix(N, K->posture, wanted->posture, share, next->stiffness.posture);
     if (larger(a, larger(b, c)) < SAME_STIFFNESS) {
         next->stiffness = *wanted;
@@ -1779,7 +1780,7 @@ static const double SLOW = 0.02;     /* [rad/s] or [m/s] of the reference from w
 static double fade_with_speed(const memory_t *m, const double *wrench, const double *J)
 {
     double most = 0.0;
-    for (int k = 0; k < 2 * TIPS; ++k) { /* force and moment of a tip in turn */
+    for (int k = 0; k < 2 * TWISTS; ++k) { /* force, moment of each in turn */
         const double *const part = wrench + 3 * k, size = norm(3, part);
         double power = 0.0;
         for (int i = 0; i < 3; ++i) {
@@ -1793,12 +1794,12 @@ static double fade_with_speed(const memory_t *m, const double *wrench, const dou
 /* Add the torque J^T F of the commanded wrenches F, by a share that rises from 0 when they begin. */
 static void press_tips(const memory_t *m, const command_t *k, double paid, law_t *w)
 {
-    double J[6 * N * TIPS];
+    double J[6 * N * TWISTS];
     stiffgen_jacobians(m->watch.q, m, J);
     const double share = paid * fade_with_speed(m, k->wrench, J);
     w->press = smaller(share, m->reference.press + m->config.sample_time / SCALE_TIME);
     w->status |= share < 1.0 ? (uint32_t)IIWA14_STATUS_FEEDFORWARD_LIMITED : 0u;
-    for (int row = 0; row < 6 * TIPS; ++row) {
+    for (int row = 0; row < 6 * TWISTS; ++row) {
         add_scaled(N, w->press * k->wrench[row], J + row * N, w->feedforward);
     }
 }
@@ -2317,7 +2318,7 @@ static double size_tank(const memory_t *m)
     const config_t *const c = &m->config;
     double most = 0.0;
     for (int k = 0; k < POSTURES; ++k) {
-        double q[N], J[6 * N * TIPS], sum = 0.0;
+        double q[N], J[6 * N * TWISTS], sum = 0.0;
         for (int i = 0; i < N; ++i) {
             const double low = larger(c->lower_limit[i], smaller(c->upper_limit[i], 0.5 * TURN) - TURN);
             const double high = smaller(c->upper_limit[i], low + TURN);
@@ -2804,6 +2805,8 @@ const char *iiwa14_impedance_error_text(int code)
         return "lower_limit, upper_limit: lower must be below upper";
     case IIWA14_E_TOOL_POSE:
         return "tool_pose: no pose; its rotation must be orthonormal, and its last row 0 0 0 1";
+    case IIWA14_E_SPRING_LIMITS:
+        return "spring_limit: state both force and moment, or neither";
     case IIWA14_E_CONFIG_SAMPLE_TIME:
         return "sample_time [s]: state it, since speeds, rates and the account are computed from it; must lie between 1e-05 and 0.1";
     case IIWA14_E_CONFIG_DELAY_SAMPLES:
@@ -2885,7 +2888,7 @@ static void prepare_check(config_t *c, input_t *in)
     c->tank_initial = 10.0;
     in->sample_valid = 1;
     in->clock = IIWA14_CLOCK_COUNTER;
-    for (int k = 0; k < 9 * TIPS; k += 1) {
+    for (int k = 0; k < 9 * SPRINGS; k += 1) {
         in->translation_stiffness[k] = k % 9 % 4 == 0 ? 300.0 : 0.0;
         in->rotation_stiffness[k] = k % 9 % 4 == 0 ? 30.0 : 0.0;
     }

@@ -17,8 +17,8 @@ with the controller's output energy_supplied, from the first sample to the last 
 --python the best schedule of each climb is run once more through the class Impedance: its work and its
 energy_supplied are those of C. With --makers commands come through Settle, Press and Follow, which are told lies.
 Other arms than the iiwa 14 are generated: j2s6s200 and turning have joints without limits, whose encoders wrap, and
-which make more than half a turn while no sample comes; hands has two tips, and tools at run time; five_bar has closed
-loops.
+which make more than half a turn while no sample comes; hands has two tips, and tools at run time; pair has springs
+between the two and absolute ones; five_bar has closed loops.
 
 A climb starts at a random schedule and keeps each change that brings the work nearer to the bound or
 beyond. A schedule in which control is lost at the start counts for nothing, and nothing else is exempted.
@@ -205,8 +205,8 @@ OTHERS: dict[str, tuple[Small, tuple[float, ...]]] = {
     "five_bar": (five_bar(), (0.1, -0.15)),
 }
 """Small robots and their postures [rad]: one without joint limits, and a linkage with two motors."""
-ARMS = (*MAKERS, "hands", *OTHERS)
-"""Arms of the search; hands has two tips that take tools at run time."""
+ARMS = (*MAKERS, "hands", "pair", *OTHERS)
+"""Arms of the search; hands has two tips that take tools at run time, pair has springs between them, too."""
 
 SEARCH_FLAGS = ("-O3", "-march=native")
 """Flags of a long search: a schedule takes 0.7 of the time that it takes with the tests' -O1."""
@@ -254,9 +254,10 @@ def generate_arm(name: str, folder: Path, build: bool = True) -> tuple[Path, tup
     if name in MAKERS:
         file, home = MAKERS[name].urdf, MAKERS[name].posture
         options: dict[str, Any] = {"tip": MAKERS[name].tip}
-    elif name == "hands":
+    elif name in ("hands", "pair"):
         file, home = ROOT / "tests" / "data" / "dual_arm.urdf", (0.2, 0.5, 0.7, -0.4, 0.6)
         options = {"tip": ["left hand", "right-hand"], "runtime_tool": True}
+        options |= {"pairs": ["left hand:right-hand"]} if name == "pair" else {}
     else:
         small, home = OTHERS[name]
         file, options = folder / f"{name}.urdf", small.all_options()

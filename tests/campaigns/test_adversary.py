@@ -43,9 +43,9 @@ def test_energy_of_joints_without_limits(turning: Loop, pattern: Any) -> None:
         assert got.summary.finite
 
 
-@pytest.mark.parametrize("name", ["hands", "five_bar"])
+@pytest.mark.parametrize("name", ["hands", "pair", "five_bar"])
 def test_energy_of_other_kinds(once: Once, name: str) -> None:
-    """Two tips with tools that change at a start anew; closed loops in the motors' coordinates."""
+    """Two tips with tools that change at a start anew, with springs between them; closed loops in motor coordinates."""
     folder = once(f"kind-{name}", lambda folder: energy.generate_arm(name, folder, build=False))
     robot, home = energy.generate_arm(name, folder)
     loop, supplied = Loop(folder, robot, home=home), 0.0

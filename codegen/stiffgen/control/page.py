@@ -25,6 +25,7 @@ from stiffgen.control.structs import (
     struct_of,
 )
 from stiffgen.core.errors import printable
+from stiffgen.core.family import needed
 from stiffgen.core.library import Library
 from stiffgen.core.lower.scalar import DOUBLE, Scalar
 from stiffgen.core.robot.chain import Chain
@@ -104,11 +105,36 @@ def has_controller(chain: Chain, scalar: Scalar = DOUBLE) -> bool:
     return fits and set(called_kernels(chain, ())) <= {kernel.choices[1] for kernel in chain_kernels(chain)}
 
 
-def called_kernels(chain: Chain, springs: Sequence[str]) -> tuple[str, ...]:
-    """Return the functions that controller and companions of a robot with these kinds of springs call."""
+def called_kernels(chain: Chain, springs: Sequence[str], pairs: Sequence[str] = ()) -> tuple[str, ...]:
+    """Return the functions that controller and companions of a robot with these springs and pairs call."""
     bounded = BOUNDED_KERNELS if "bounded" in springs else ()
+    groups = ("bimanual", "absolute", "pair_bounded") if bounded else ("bimanual",)
+    of_pairs = tuple(
+        f"{group}{pair.suffix}.{name}"
+        for pair in pairs_of(chain, pairs)
+        for group in groups
+        for name in ("energy", "wrench", "linearization")
+    )
     paper = PAPER_KERNELS if any(each.name == "paper" for each in companions_of(chain)) else ()
-    return (*CONTROLLER_KERNELS, *bounded, *paper, *(LOOP_KERNELS if chain.loops else TREE_KERNELS))
+    return (*CONTROLLER_KERNELS, *bounded, *of_pairs, *paper, *(LOOP_KERNELS if chain.loops else TREE_KERNELS))
+
+
+@dataclass(frozen=True)
+class HeldPair:
+    """Pair of tips that the controller has springs of: the tips' numbers, and what follows the names of its groups."""
+
+    first: int
+    second: int
+    suffix: str
+
+
+def pairs_of(chain: Chain, words: Sequence[str]) -> tuple[HeldPair, ...]:
+    """Return the pairs of tips that words A:B name."""
+    found = needed("pair.way", "--pair").pairs_of(chain, words) if words else ()
+    return tuple(
+        HeldPair(chain.tips.index(pair.first), chain.tips.index(pair.second), f"_{pair.name}" if pair.name else "")
+        for pair in found
+    )
 
 
 @dataclass(frozen=True)
@@ -125,6 +151,7 @@ class ControllerPage:
         bounded: whether the folder has the bounded spring.
         companions: files beside the controller, by name.
         tips: number of tips.
+        pairs: pairs of tips with springs.
         scopes: prefix of the kernels' names, per tip.
         status, modes, faults: name and meaning.
         reasons: name, class of the fault and meaning.
@@ -161,6 +188,7 @@ class ControllerPage:
     bounded: bool
     companions: dict[str, CompanionPage]
     tips: int
+    pairs: tuple[HeldPair, ...]
     scopes: list[str]
     status: tuple[tuple[str, str], ...]
     modes: tuple[tuple[str, str], ...]
@@ -205,7 +233,7 @@ def _choice_fields(fields: tuple[Field, ...]) -> list[tuple[str, tuple[str, ...]
 
 
 def controller_page(
-    name: str, chain: Chain, scalar: Scalar, placement: Placement, *, bounded: bool
+    name: str, chain: Chain, scalar: Scalar, placement: Placement, *, bounded: bool, pairs: Sequence[str] = ()
 ) -> ControllerPage | None:
     """Return the template variables of a robot's controller; None without one."""
     if not has_controller(chain, scalar):
@@ -214,6 +242,7 @@ def controller_page(
     conditions = {"": True, "tool": chain.runtime_tool, "bounded": bounded}
     fields = tuple(field for field in config_of(chain) if conditions[field.when])
     checks = {field.name: check_of(field) for field in fields}
+    held = pairs_of(chain, pairs)
     return ControllerPage(
         n=len(chain.motor_coordinates),
         interface=IMPEDANCE.interface(name),
@@ -226,6 +255,7 @@ def controller_page(
         bounded=bounded,
         companions=companion_pages(name, chain),
         tips=len(chain.tips),
+        pairs=held,
         scopes=_scopes(chain),
         status=STATUS,
         modes=MODES,
@@ -239,8 +269,8 @@ def controller_page(
         turns=_turns(chain),
         errors=errors_of(name, chain, fields),
         checks=checks,
-        structs=_structs(chain, prefix, fields),
-        memory=[_without_padding(struct_of(chain, prefix, *each)) for each in RECORDS],
+        structs=_structs(chain, prefix, fields, len(held)),
+        memory=[_without_padding(struct_of(chain, prefix, *each, pairs=len(held))) for each in RECORDS],
         ranges=RANGES,
         remembered=[(f.name, f.memory, bool(f.shape)) for f in OUTPUT if f.memory],
         choice_fields=_choice_fields(fields),
@@ -254,10 +284,10 @@ def controller_page(
     )
 
 
-def _structs(chain: Chain, prefix: str, fields: tuple[Field, ...]) -> list[Struct]:
+def _structs(chain: Chain, prefix: str, fields: tuple[Field, ...], pairs: int) -> list[Struct]:
     """Return the structs of the header; the configuration has these fields."""
     tables = (("config", _STRUCTS[0][1], fields), *_STRUCTS[1:])
-    return [struct_of(chain, prefix, *each, _SECTIONS.get(each[0])) for each in tables]
+    return [struct_of(chain, prefix, *each, _SECTIONS.get(each[0]), pairs=pairs) for each in tables]
 
 
 def _turns(chain: Chain) -> list[int]:

@@ -12,6 +12,13 @@ from stiffgen.core.robot.chain import Chain
 
 _FORMATS = {"double": "f8", "int": "i4", "int32_t": "i4", "uint32_t": "u4"}
 
+_OF_ONE_TIP = {
+    "tips": "",
+    "springs": "; in the order tips, pairs (axes of A), absolute springs of the pairs",
+    "twists": "; in the order tips, pairs (of B against A, axes of A, moment about the origin of B)",
+}
+"""Extents that are left out where they are 1, and the order of the entries in robots with pairs."""
+
 
 @dataclass(frozen=True)
 class Member:
@@ -43,10 +50,11 @@ def struct_of(
     summary: str,
     fields: Sequence[Field],
     headings: Mapping[str, str] | None = None,
+    *,
+    pairs: int = 0,
 ) -> Struct:
     """Return the C struct of a chain with some fields; ``headings`` stand above fields, by name."""
-    sizes = {"n": len(chain.motor_coordinates), "tips": len(chain.tips), "joints": chain.dof}
-    sizes["short"] = min(sizes["n"], 6 * sizes["tips"])
+    sizes = sizes_of(chain, pairs)
     conditions = {"loops": bool(chain.loops), "tool": chain.runtime_tool}
     members = [
         replace(_member(field, sizes, prefix, name), heading=(headings or {}).get(field.name, ""))
@@ -56,13 +64,22 @@ def struct_of(
     return Struct(name, summary, members)
 
 
+def sizes_of(chain: Chain, pairs: int) -> dict[str, int]:
+    """Return the extents with a name of a chain with some pairs of tips."""
+    n, tips = len(chain.motor_coordinates), len(chain.tips)
+    both = {"springs": tips + 2 * pairs, "twists": tips + pairs}
+    return {"n": n, "tips": tips, "joints": chain.dof, "short": min(n, 6 * tips), **both}
+
+
 def _member(field: Field, sizes: dict[str, int], prefix: str, struct: str) -> Member:
     """Return the member of a C struct; ``sizes`` are the extents with a name, and one tip has no extent.
 
     The comment has unit, shape, meaning, the rule of a setting or choice, and the default.
     """
     extents = [sizes[extent] if isinstance(extent, str) else extent for extent in field.shape]
-    if field.shape[:1] == ("tips",) and sizes["tips"] == 1:
+    place = str(field.shape[0]) if field.shape else ""
+    order = _OF_ONE_TIP.get(place, "") if place and extents[0] > sizes["tips"] else ""
+    if place in _OF_ONE_TIP and extents[0] == 1:
         extents = extents[1:]
     default = field.default.replace("{name}_", "").replace("{i}", "i").replace("HUGE_VAL", "infinity")
     stated = field.choices or struct.endswith("config")
@@ -76,7 +93,7 @@ def _member(field: Field, sizes: dict[str, int], prefix: str, struct: str) -> Me
     return Member(
         name=field.name,
         declaration=f"{field.type} {field.name}" + (f"[{math.prod(extents)}]" if extents else ""),
-        comment=_comment(f"{unit}{field.meaning.replace('NAME_', prefix + '_')}.{bound}"),
+        comment=_comment(f"{unit}{field.meaning.replace('NAME_', prefix + '_')}{order}.{bound}"),
         format=_FORMATS[field.type],
         extents=extents,
         unbounded=math.isinf(field.most),

@@ -21,7 +21,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "b3ffba74ab37fc47"
+#define SOURCES "0f2646e239432659"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

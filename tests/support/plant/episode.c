@@ -105,9 +105,9 @@ static void measure(const episode_t *e, const segment_t *s, const motion_t *moti
         to_single(sample->dq, N);
         to_single(sample->wanted, N);
         to_single(sample->acceleration, N);
-        to_single(sample->wrench_command, 6 * TIPS);
-        to_single(sample->translation, 9 * TIPS);
-        to_single(sample->rotation, 9 * TIPS);
+        to_single(sample->wrench_command, 6 * TWISTS);
+        to_single(sample->translation, 9 * SPRINGS);
+        to_single(sample->rotation, 9 * SPRINGS);
         to_single(sample->torque_offset, N);
     }
 }

@@ -35,9 +35,9 @@ typedef struct {
     double joint;                /* [N m/rad] posture stiffness */
     double wanted_rate[N];       /* [rad/s] moves `wanted` from the segment's start on */
     double jitter;               /* [rad] added to every joint of `wanted` with alternating sign */
-    double translation[9 * TIPS], rotation[9 * TIPS];
+    double translation[9 * SPRINGS], rotation[9 * SPRINGS];
     double load[6], push[N];     /* the load at the first tip */
-    double wrench_command[6 * TIPS]; /* [N, N m] */
+    double wrench_command[6 * TWISTS]; /* [N, N m] */
     double tool[4 * TIPS];       /* [m], [rad] tools of robots that take them: position in the tip, turn about its x axis */
     double torque_offset[N];     /* [N m] torque that the caller adds: its work is not the law's */
     double acceleration[N];      /* [rad/s^2] of the plan, as stated */

@@ -19,12 +19,12 @@ typedef struct {
     int shaped;                /* 1: q0 is a point of a motion that has ramps already, as stated */
     double acceleration[N];    /* [rad/s^2] of the plan, as stated */
     double joint;              /* [N m/rad] posture stiffness */
-    double wrench_command[6 * TIPS]; /* [N, N m] wrench that the tip is to exert, base axes */
+    double wrench_command[6 * TWISTS]; /* [N, N m] wrench that the tip is to exert, base axes */
     double tool[16 * TIPS];    /* [m] poses of the tools in the tips, for robots that take them */
     double torque_offset[N];   /* [N m] torque that the caller adds */
     double wrench[6 * TIPS];   /* [N, N m] measured wrench of the environment on the robot, base axes */
-    double translation[9 * TIPS]; /* [N/m] base axes */
-    double rotation[9 * TIPS]; /* [N m/rad] axes of the tip at the equilibrium */
+    double translation[9 * SPRINGS]; /* [N/m] base axes */
+    double rotation[9 * SPRINGS]; /* [N m/rad] axes of the tip at the equilibrium */
 } sample_t;
 
 /* Values of a step that the episodes read, for every law. */
@@ -35,7 +35,7 @@ typedef struct {
     double q_des[N];           /* [rad] position where kp is at rest */
     double reference[N];       /* [rad] equilibrium posture in use */
     double equilibrium[16 * TIPS]; /* [m] pose in use */
-    double translation[9 * TIPS], rotation[9 * TIPS]; /* [N/m], [N m/rad] in use */
+    double translation[9 * SPRINGS], rotation[9 * SPRINGS]; /* [N/m], [N m/rad] in use */
     double joint[N];           /* [N m/rad] posture stiffness */
     double scale;              /* [1] of the elastic energy: below 1 while it is released */
     double energy;             /* [J] elastic and of the limits, by the law's account */

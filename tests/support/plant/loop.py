@@ -96,16 +96,17 @@ def makers_of(robot: Path) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class _Kind:
-    """Kind of a robot: number of tips, tools at run time, entries of the joints with a motor, flags for the plant."""
+    """Kind of a robot: numbers of tips and pairs, tools, entries of the joints with a motor, flags for the plant."""
 
     tips: int
+    pairs: int
     tools: bool
     motors: list[int]
     flags: list[str]
 
 
 def _kind(robot: Path) -> _Kind:
-    """Read from the generated files how many tips a robot has, whether tools are given at run time, and its motors."""
+    """Read from the generated files how many tips and pairs a robot has, whether it takes tools, and its motors."""
     name = robot.name
     header = (robot / f"{name}.h").read_text()
     (dof,) = re.findall(rf"#define {name.upper()}_DOF (\d+)", header)
@@ -120,7 +121,9 @@ def _kind(robot: Path) -> _Kind:
             re.findall(rf"static const \w+ loop_{array}\[\w+\] = {{([^}}]*)}}", text) for array in ("start", "motors")
         )
         flags, motors = [*flags, f"-DPLANT_START={start}"], [int(k) for k in found.split(",")]
-    return _Kind(len(scopes), tools, motors, flags)
+    pairs = len(re.findall(rf"^void {name}_bimanual_energy\(", header, re.MULTILINE))
+    flags += ["-DPLANT_PAIR"] * pairs
+    return _Kind(len(scopes), pairs, tools, motors, flags)
 
 
 class Loop:
@@ -161,7 +164,8 @@ class Loop:
         if not path.exists():
             subprocess.run([*command, "-o", str(path)], check=True)
         self.library = ctypes.CDLL(str(path))
-        sizes = {"N": self.n, "TIPS": self.tips}
+        sizes = {"N": self.n, "TIPS": self.tips, "TWISTS": self.tips + kind.pairs}
+        sizes["SPRINGS"] = sizes["TWISTS"] + kind.pairs
         known: dict[str, Any] = {}
         for header, record in (
             (HERE / "plant.h", "plant_t"),
@@ -258,7 +262,7 @@ class Loop:
     def segment(self, base: Any = None, **values: Any) -> Any:
         """Return the segment ``base`` with some fields changed and no reset; default: home, the paper's springs.
 
-        Stiffness and wrench command of one tip are those of all tips.
+        Stiffness and wrench command of one tip are those of all tips and pairs.
         """
         new = self.Segment()
         if base is None:

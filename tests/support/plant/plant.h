@@ -2,7 +2,7 @@
 /*
  * A rigid arm as a plant, on a generated robot's mass matrix, Jacobian and forward kinematics. Compiled for one robot:
  * -DROBOT=NAME -DUPPER=NAME_IN_CAPITALS -DPLANT_N=COORDINATES, with NAME.h included, and NAME_impedance.h for its
- * controller. With two tips -DPLANT_FIRST=NAME_TIP_ and -DPLANT_SECOND, with tools at run time -DPLANT_TOOLS, with closed
+ * controller. With two tips -DPLANT_FIRST=NAME_TIP_ and -DPLANT_SECOND, with a pair of them -DPLANT_PAIR, with tools at run time -DPLANT_TOOLS, with closed
  * loops -DPLANT_START=JOINTS: loads act at the first tip, tools weigh nothing, and q are positions of the motors.
  *
  *     (M(q) + diag(motor)) dv/dt + c(q, v) = torque + push - friction v + J^T load + clamp + stops + hand
@@ -33,6 +33,11 @@
 enum { N = PLANT_N, TIPS = 2 };
 #else
 enum { N = PLANT_N, TIPS = 1 };
+#endif
+#ifdef PLANT_PAIR
+enum { SPRINGS = TIPS + 2, TWISTS = TIPS + 1 };
+#else
+enum { SPRINGS = TIPS, TWISTS = TIPS };
 #endif
 
 typedef struct {

@@ -5,7 +5,7 @@
 
 #define CALL(name) stub_##name
 
-enum { N = 3, JOINTS = 7, TIPS = 1 };
+enum { N = 3, JOINTS = 7, TIPS = 1, TWISTS = 1 };
 
 typedef struct {
     double joints[JOINTS];

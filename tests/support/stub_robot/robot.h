@@ -13,7 +13,7 @@
 #define STUB_ROWS 7
 #endif
 
-enum { N = STUB_ROWS, NN = N * N, TIPS = 1, LOOP_JOINTS = 1 };
+enum { N = STUB_ROWS, NN = N * N, TIPS = 1, SPRINGS = 1, TWISTS = 1, LOOP_JOINTS = 1 };
 
 #define ID(name) IIWA14_##name
 

@@ -10,7 +10,8 @@ MAX_DOF = 40
 """Most coordinates of a robot with a controller."""
 
 Extent = int | str
-"""Extent of a field: a number, "n" for the coordinates, "tips" for the tips (left out if there is one), or "joints"."""
+"""Extent of a field: a number, "n" for the coordinates, "joints", or one that is left out if it is 1: "tips"; "springs"
+(tips, pairs, absolute springs of pairs); "twists" (tips, pairs)."""
 
 
 @dataclass(frozen=True)
@@ -56,4 +57,6 @@ class Field:
 SCALAR: tuple[Extent, ...] = ()
 N, NN = ("n",), ("n", "n")
 POSE, WRENCH, TASK, SPRING = ("tips", 4, 4), ("tips", 6), ("tips", 6, 6), ("tips", 3, 3)
-"""Shapes of a pose, a wrench, a task stiffness, and the stiffness of a spring's translation or rotation."""
+"""Shapes, at the tips, of poses, wrenches, task stiffnesses, and stiffnesses of a spring's translation or rotation."""
+SPRINGS, WRENCHES = ("springs", 3, 3), ("twists", 6)
+"""Shapes of the stiffnesses of all springs, and of the wrenches of tips and pairs."""

@@ -8,7 +8,7 @@ are made from this table. Doubles come first, so that no padding lies between th
 from __future__ import annotations
 
 from stiffgen.control.core.config import CONFIG
-from stiffgen.control.core.field import POSE, SCALAR, SPRING, Extent, Field, N
+from stiffgen.control.core.field import POSE, SCALAR, SPRINGS, Extent, Field, N
 from stiffgen.control.core.words import REASONS
 
 _MOST = 100_000
@@ -77,8 +77,8 @@ REFERENCE: tuple[Field, ...] = (
     _count("commanded", 0, 1, "a command was accepted since init"),
 )
 STIFFNESS: tuple[Field, ...] = (
-    _number("translation", SPRING, "N/m", "stiffness Kt"),
-    _number("rotation", SPRING, "N m/rad", "stiffness Ko"),
+    _number("translation", SPRINGS, "N/m", "stiffness Kt"),
+    _number("rotation", SPRINGS, "N m/rad", "stiffness Ko"),
     _number("posture", N, "N m/rad", "stiffness of the posture spring"),
 )
 ACCOUNT: tuple[Field, ...] = (

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from stiffgen.control.core.field import SCALAR, SPRING, WRENCH, Field, N
+from stiffgen.control.core.field import SCALAR, SPRINGS, WRENCHES, Field, N
 
 INPUT: tuple[Field, ...] = (
     Field(
@@ -40,14 +40,14 @@ INPUT: tuple[Field, ...] = (
     ),
     Field(
         "translation_stiffness",
-        SPRING,
+        SPRINGS,
         "N/m",
         "wanted stiffness Kt, in the axes of the spring kernels (default: base); symmetric, positive semidefinite, at "
         "most 5000",
     ),
     Field(
         "rotation_stiffness",
-        SPRING,
+        SPRINGS,
         "N m/rad",
         "wanted stiffness Ko, in the axes of the spring kernels (default: equilibrium's); symmetric, positive "
         "semidefinite, at most 500",
@@ -55,7 +55,7 @@ INPUT: tuple[Field, ...] = (
     Field("posture_stiffness", N, "N m/rad", "stiffness k of the posture spring k (q - r)^2 / 2, 0 to 10000"),
     Field(
         "wrench_command",
-        WRENCH,
+        WRENCHES,
         "N, N m",
         "(force, moment) that the TIP IS TO EXERT on the environment, hybrid axes, beside the springs; at most "
         "heaviest_wrench; it fades out from half of the tip's velocity limits on, and below 3/4 of tank_initial, since "

@@ -122,5 +122,6 @@ ERRORS: tuple[tuple[str, str], ...] = (
     ("torque", "the initial torque is not finite or beyond the effort limit"),
     ("position_limits", "lower_limit, upper_limit: lower must be below upper"),
     ("tool_pose", "tool_pose: no pose; its rotation must be orthonormal, and its last row 0 0 0 1"),
+    ("spring_limits", "spring_limit: state both force and moment, or neither"),
 )
 """Errors that are not those of single configuration fields, NAME_E_<NAME>, from -1 down."""

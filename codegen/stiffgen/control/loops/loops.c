@@ -14,14 +14,14 @@ void stiffgen_poses(const double *q, const memory_t *m, double *pose)
     stiffgen_tree_poses(joints, m, pose);
 }
 
-/* Compute the tips' Jacobians J G with respect to the motors; G = d joints/dq. */
+/* Compute the Jacobians J G of tips and pairs with respect to the motors; G = d joints/dq. */
 void stiffgen_jacobians(const double *q, const memory_t *m, double *jacobian)
 {
-    double joints[JOINTS], G[JOINTS * N], J[6 * JOINTS * TIPS];
+    double joints[JOINTS], G[JOINTS * N], J[6 * JOINTS * TWISTS];
     close_loops(q, m, joints);
     CALL(motors_jacobian)(joints, G);
     stiffgen_tree_jacobians(joints, m, J);
-    for (int row = 0; row < 6 * TIPS; ++row) {
+    for (int row = 0; row < 6 * TWISTS; ++row) {
         for (int i = 0; i < N; ++i) {
             double sum = 0.0;
             for (int k = 0; k < JOINTS; ++k) {

@@ -7,10 +7,12 @@ Steps that reach the limits (torque, rate, velocity of the reference) and the fa
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from stiffgen.control.page import pairs_of
 from stiffgen.control.sessions.law import (
     PERIOD,
     Timing,
@@ -18,6 +20,7 @@ from stiffgen.control.sessions.law import (
     damping_torque,
     differences,
     elastic_torque,
+    energy_of_all,
     joint_hessian,
     place_zones,
     potential,
@@ -48,10 +51,10 @@ class _Bench:
         span = upper - lower
         self.q = lower + span * self.random.uniform(0.35, 0.65, len(span))
         self.reach = float(min(0.1, 0.2 * np.abs(span).min()))
-        tips = len(chain.tips)
+        tips, self.pairs = len(chain.tips), [(each.first, each.second) for each in pairs_of(chain, robot.springs.pairs)]
         self.tools = np.broadcast_to(np.eye(4), (tips, 4, 4)).copy()
         self.tools[:, :3, 3] = (0.02, -0.03, 0.1)
-        roots = self.random.normal(size=(2, tips, 3, 3))
+        roots = self.random.normal(size=(2, tips + 2 * len(self.pairs), 3, 3))
         Kt, Ko = (roots @ np.swapaxes(roots, 2, 3) / 3 + 0.3 * np.eye(3)) * np.array([300.0, 20.0])[:, None, None, None]
         if tips == 1:
             self.tools, Kt, Ko = self.tools[0], Kt[0], Ko[0]
@@ -116,6 +119,16 @@ class _Bench:
         """Step once at q, at rest."""
         return self.step(controller, **{"q": self.q, "dq": np.zeros(len(self.q)), "q0": self.q, **changed})
 
+    @property
+    def where(self) -> tuple[Any, ...]:
+        """Axes and centre of the tips' springs, and the pairs."""
+        return self.robot.springs.placement, self.pairs
+
+    def energy(self, tip: int, here: FloatArray, equilibria: FloatArray, pose: FloatArray) -> float:
+        """Return the springs' energy with one tip at another pose."""
+        poses = np.where(np.arange(len(here))[:, None, None] == tip, pose, here)
+        return energy_of_all(poses, equilibria, *self.spring.values(), *self.where)
+
     def status(self, out: Any, *names: str) -> bool:
         """Return whether any of the bits is set."""
         return any(out.status & self.robot.module.Status[name] for name in names)
@@ -154,7 +167,7 @@ class _Movement:
         # the arm moves from q to q + way in 0.4 s, the command to q + aim / 2 in the first half of this
         self.way, self.aim = (bench.random.choice([-1.0, 1.0], n) * reach for _ in range(2))
         self.posture = np.linspace(1.0, 3.0, n)
-        self.wrench = np.tile([5.0, -3.0, 4.0, 0.5, 0.3, -0.2], (len(bench.robot.chain.tips), 1))
+        self.wrench = np.tile([5.0, -3.0, 4.0, 0.5, 0.3, -0.2], (len(bench.robot.chain.tips) + len(bench.pairs), 1))
         self.acceleration = np.linspace(-10.0, 10.0, n) * reach
         self.friction = np.linspace(0.5, 2.0, n)
         self.controller = bench.controller(
@@ -203,7 +216,7 @@ class _Movement:
         """Compare springs, zones and damping with the law."""
         bench, zones = self.bench, self.zones
         Kt, Ko = bench.spring["translation_stiffness"], bench.spring["rotation_stiffness"]
-        spring = (bench.poses(out.reference), out.reference, Kt, Ko, self.posture, bench.robot.springs.placement)
+        spring = (bench.poses(out.reference), out.reference, Kt, Ko, self.posture, *bench.where)
         pull = out.own_torque - out.damping_torque - out.limit_torque - out.feedforward_torque
         self.hold("elastic torque", pull, out.scale * elastic_torque(bench.poses, at, *spring))
         self.hold("stored", out.stored, out.scale * potential(bench.poses, at, *spring) + zones.energy(at))
@@ -219,7 +232,7 @@ class _Movement:
 
     def _compare_feedforward(self, out: Any, at: FloatArray, rate: FloatArray) -> None:
         """Compare the torque of wrench, acceleration, friction and Coriolis forces."""
-        expected = wrench_torque(self.bench.poses, at, self.wrench)
+        expected = wrench_torque(self.bench.poses, at, self.wrench, self.bench.pairs)
         expected = expected + self.friction * np.clip(out.reference_velocity / 0.02, -1.0, 1.0)
         if np.any(out.reference_velocity):
             expected = expected + self._mass_matrix(at) @ self.acceleration
@@ -259,7 +272,6 @@ def _governor(bench: _Bench) -> list[str]:
     In each row another limit binds: the joints' velocity, the wrench, the tips' velocity.
     """
     faults, n = [], len(bench.q)
-    spring, placement = [np.reshape(K, (-1, 3, 3)) for K in bench.spring.values()], bench.robot.springs.placement
     here = np.reshape(bench.poses(bench.q), (-1, 4, 4))
     limits: tuple[tuple[Any, tuple[float, float], tuple[float, float]], ...] = (
         (np.linspace(0.2, 0.5, n) * bench.reach, (1e4, 1e4), (100.0, 100.0)),
@@ -282,8 +294,8 @@ def _governor(bench: _Bench) -> list[str]:
             if not ((way <= tip_speed[0] * PERIOD) & (turned <= tip_speed[1] * PERIOD)).all():
                 faults.append(f"step {step}: the reference is faster than the tip's limits")
             last, tips = np.array(out.reference), moved
-        for pose, equilibrium, Kt, Ko in zip(here, tips, *spring, strict=True):
-            pushed = wrench(pose, equilibrium, Kt, Ko, placement)
+        for tip, pose in enumerate(here):
+            pushed = wrench(partial(bench.energy, tip, here, tips), pose)
             load = [np.linalg.norm(part) / most for part, most in zip(pushed.reshape(2, 3), heaviest, strict=True)]
             if not np.linalg.norm(load) <= 1 + 1e-6:
                 faults.append("the springs exert more than heaviest_wrench")
@@ -347,7 +359,7 @@ def _release_faults(bench: _Bench) -> list[str]:
     # the second joint's limit is the tighter one, where there are several
     limit = np.where(np.arange(n) == min(1, n - 1), 2.0, 8.0) * bench.reach
     controller = bench.controller(velocity_limit=limit, effort_limit=50.0, torque_rate_limit=50.0)
-    spring = (*bench.spring.values(), 1.0, bench.robot.springs.placement)
+    spring = (*bench.spring.values(), 1.0, *bench.where)
     steps = 0
     while steps < 300:
         steps += 1

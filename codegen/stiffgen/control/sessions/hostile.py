@@ -99,7 +99,7 @@ class HostileSession:
         self.ticks = int(random.integers(0, 2**32))
         self.goal = self.q + 0.0
         self.absent = self.held = self.stuck = 0
-        self.pressed = np.zeros(6 * len(self.chain.tips))
+        self.pressed = np.zeros(len(self.input.wrench_command))
         share = random.choice([0.0, 0.2])  # a torque in force at the start is the caller's as far as it is offset
         self.offset = random.normal(size=self.n) * np.array(self.config.effort_limit) * share
         self.rate, self.stated = np.zeros(self.n), np.zeros(self.n)
@@ -114,12 +114,12 @@ class HostileSession:
         return errors[0]
 
     def _choose_stiffness(self) -> None:
-        """Choose translational and rotational stiffness of the tips, (2, tips, 3, 3), and of the posture.
+        """Choose translational and rotational stiffness of the springs, (2, springs, 3, 3), and of the posture.
 
         One in ten is not positive.
         """
-        random, tips = self.random, len(self.chain.tips)
-        roots = random.normal(size=(2, tips, 3, 3))
+        random = self.random
+        roots = random.normal(size=(2, len(self.input.rotation_stiffness) // 9, 3, 3))
         scale = np.array([500.0, 20.0]) * 10.0 ** random.uniform(-1.5, 0.5)  # [N/m], [N m/rad]
         self.stiffness = (roots @ np.swapaxes(roots, 2, 3) / 3) * scale[:, None, None, None]
         self.posture = random.uniform(0.0, 1.0, self.n) * 10.0 ** random.uniform(-1.0, 2.0) * random.integers(0, 2)
@@ -175,7 +175,7 @@ class HostileSession:
             self._choose_stiffness()
         if random.random() < 0.02:
             size = np.repeat(self.config.heaviest_wrench, 3) * random.choice([0.0, 0.1, 0.7])
-            self.pressed = (random.uniform(-1.0, 1.0, (len(self.chain.tips), 6)) * size).ravel()
+            self.pressed = (random.uniform(-1.0, 1.0, (len(self.pressed) // 6, 6)) * size).ravel()
         if random.random() < 0.01:
             share = random.choice([0.0, 0.01, 0.2, 0.9])
             self.offset = random.normal(size=self.n) * np.array(self.config.effort_limit) * share

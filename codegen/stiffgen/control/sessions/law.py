@@ -8,7 +8,7 @@ definition instead of its solved form.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +19,8 @@ from stiffgen.core.symbolic.placement import Placement
 
 Poses = Callable[[FloatArray], Any]
 """Poses of the tips at q, (4, 4) or (tips, 4, 4)."""
+Pairs = Sequence[tuple[int, int]]
+"""Tips of each pair, by number."""
 
 DEFAULT = Placement()
 PERIOD = 1e-3
@@ -43,8 +45,50 @@ def energy(pose: Any, equilibrium: Any, Kt: Any, Ko: Any, placement: Placement =
     return float(e @ Kt @ e / 2 + w @ Ko @ w / (1 + cosine))
 
 
-def wrench(pose: Any, equilibrium: Any, Kt: Any, Ko: Any, placement: Placement = DEFAULT) -> FloatArray:
-    """Return the gradient of U of one tip in hybrid axes [N, N m], by differences along the six unit twists."""
+def pair_energy(a: Any, b: Any, rests: tuple[Any, Any], Kt: Any, Ko: Any) -> float:
+    """Return the energy [J] of the spring between tips at poses a and b, at rest at ``rests``.
+
+    Its centre is half-way between the tips, its stiffness half in the axes of each: the displacement there is
+    pb - pa - (A + B) d0/2, with the pose (E0, d0) of B in A at rest, A = Ra and B = Rb E0^T.
+    """
+    rest = np.linalg.inv(rests[0]) @ rests[1]
+    A, B = a[:3, :3], b[:3, :3] @ rest[:3, :3].T
+    e = b[:3, 3] - a[:3, 3] - (A + B) @ rest[:3, 3] / 2
+    turned, fixed = np.eye(4), np.eye(4)
+    turned[:3, :3] = A.T @ B
+    translation = sum((R.T @ e) @ Kt @ (R.T @ e) for R in (A, B)) / 4
+    return float(translation) + energy(turned, fixed, np.zeros((3, 3)), Ko)
+
+
+def absolute_energy(a: Any, b: Any, rests: tuple[Any, Any], Kt: Any, Ko: Any) -> float:
+    """Return the energy [J] of the absolute spring of tips at poses a and b: the middle, and half on each rotation."""
+    e = (a[:3, 3] + b[:3, 3] - rests[0][:3, 3] - rests[1][:3, 3]) / 2
+    rest = np.linalg.inv(rests[0]) @ rests[1]
+    seen = np.array(b, dtype=float)
+    seen[:3, :3] = b[:3, :3] @ rest[:3, :3].T
+    none = np.zeros((3, 3))
+    halves = (energy(pose, rests[0], none, Ko) / 2 for pose in (a, seen))
+    return float(e @ Kt @ e / 2) + sum(halves)
+
+
+def energy_of_all(
+    poses: Any, equilibria: Any, Kt: Any, Ko: Any, placement: Placement = DEFAULT, pairs: Pairs = ()
+) -> float:
+    """Return the energy [J] of all springs: poses, equilibria (tips, 4, 4), stiffnesses in the controller's order."""
+    tips = np.reshape(poses, (-1, 4, 4)), np.reshape(equilibria, (-1, 4, 4))
+    stiffness = list(zip(np.reshape(Kt, (-1, 3, 3)), np.reshape(Ko, (-1, 3, 3)), strict=True))
+    count = len(tips[0])
+    of_tips = zip(*tips, stiffness[:count], strict=True)
+    whole = sum((energy(pose, rest, *K, placement) for pose, rest, K in of_tips), 0.0)
+    for k, (i, j) in enumerate(pairs):
+        rests = tips[1][i], tips[1][j]
+        whole += pair_energy(tips[0][i], tips[0][j], rests, *stiffness[count + k])
+        whole += absolute_energy(tips[0][i], tips[0][j], rests, *stiffness[count + len(pairs) + k])
+    return whole
+
+
+def wrench(energy_at: Callable[[FloatArray], float], pose: Any) -> FloatArray:
+    """Return the gradient [N, N m] of an energy of a tip's pose, hybrid axes, by differences along the unit twists."""
     h, result = 1e-3, np.empty(6)
     for k in range(6):
         values = []
@@ -58,7 +102,7 @@ def wrench(pose: Any, equilibrium: Any, Kt: Any, Ko: Any, placement: Placement =
                 turn[i, i] = turn[j, j] = np.cos(step)
                 turn[j, i], turn[i, j] = np.sin(step), -np.sin(step)
                 moved[:3, :3] = turn @ moved[:3, :3]
-            values.append(energy(moved, equilibrium, Kt, Ko, placement))
+            values.append(energy_at(moved))
         result[k] = (8 * (values[0] - values[1]) - (values[2] - values[3])) / (12 * h)
     return result
 
@@ -72,14 +116,23 @@ def differences(function: Callable[[FloatArray], Any], q: FloatArray) -> FloatAr
     return np.array(rows)
 
 
-def wrench_torque(poses: Poses, q: FloatArray, wrenches: Any) -> FloatArray:
-    """Return J^T F [N m], (n), of wrenches F (tips, 6) in hybrid axes, by differences of the poses."""
+def wrench_torque(poses: Poses, q: FloatArray, wrenches: Any, pairs: Pairs = ()) -> FloatArray:
+    """Return J^T F [N m], (n), by differences of the poses, of wrenches F (tips, then pairs; 6).
+
+    A tip's is in hybrid axes; a pair's acts on B, in the axes of A, and its reaction on A.
+    """
     here = np.reshape(poses(q), (-1, 4, 4))
     slopes = np.reshape(differences(poses, q), (len(q), -1, 4, 4))
     turns = slopes[..., :3, :3] @ np.swapaxes(here[:, :3, :3], 1, 2)
     spins = np.stack([turns[..., 2, 1], turns[..., 0, 2], turns[..., 1, 0]], axis=-1)
     twists = np.concatenate([slopes[..., :3, 3], spins], axis=-1)
-    return np.asarray((twists * np.reshape(wrenches, (-1, 6))).sum(axis=(1, 2)))
+    given = np.reshape(wrenches, (-1, 6))
+    tips = np.array(given[: len(here)], dtype=float)
+    for (i, j), F in zip(pairs, given[len(here) :], strict=True):
+        f, m = here[i, :3, :3] @ F[:3], here[i, :3, :3] @ F[3:]
+        tips[j] += np.concatenate([f, m])
+        tips[i] -= np.concatenate([f, m + np.cross(here[j, :3, 3] - here[i, :3, 3], f)])
+    return np.asarray((twists * tips).sum(axis=(1, 2)))
 
 
 def potential(
@@ -91,11 +144,10 @@ def potential(
     Ko: Any,
     k: Any,
     placement: Placement = DEFAULT,
+    pairs: Pairs = (),
 ) -> float:
-    """Return the energy [J] of the springs of all tips and of the posture potential k (q - posture)^2 / 2."""
-    tips = (np.reshape(poses(q), (-1, 4, 4)), np.reshape(equilibrium, (-1, 4, 4)))
-    stiffness = (np.reshape(Kt, (-1, 3, 3)), np.reshape(Ko, (-1, 3, 3)))
-    springs = sum(energy(*each, placement) for each in zip(*tips, *stiffness, strict=True))
+    """Return the energy [J] of the springs of tips and pairs and of the posture potential k (q - posture)^2 / 2."""
+    springs = energy_of_all(poses(q), equilibrium, Kt, Ko, placement, pairs)
     return springs + float(np.sum(k * (q - posture) ** 2) / 2)
 
 

@@ -15,6 +15,7 @@ from stiffgen.control.companions import COMPANIONS
 from stiffgen.control.core.config import CONFIG
 from stiffgen.control.core.field import Field
 from stiffgen.control.core.signals import INPUT, OUTPUT
+from stiffgen.control.structs import sizes_of
 from stiffgen.core.emit.build import build_library
 from stiffgen.core.errors import BuildError
 from stiffgen.core.robot.chain import Chain
@@ -37,18 +38,18 @@ def value_without_default(field: Field) -> float:
     return _STATED.get(field.name, 20.0)
 
 
-def struct_of(chain: Chain, name: str, fields: Sequence[Field]) -> type[ctypes.Structure]:
-    """Return the layout of a C struct of the controller."""
+def struct_of(chain: Chain, name: str, fields: Sequence[Field], pairs: int = 0) -> type[ctypes.Structure]:
+    """Return the layout of a C struct of the controller of a robot with some pairs of tips."""
     members = []
     for field in fields:
-        count = math.prod(len(chain.tips) if extent == "tips" else extent_of(chain, extent) for extent in field.shape)
+        count = math.prod(extent_of(chain, extent, pairs) for extent in field.shape)
         members.append((field.name, _TYPES[field.type] * count if field.shape else _TYPES[field.type]))
     return type(name, (ctypes.Structure,), {"_fields_": members})
 
 
-def extent_of(chain: Chain, extent: int | str) -> int:
-    """Return a fixed extent, or the number of motors."""
-    return len(chain.motor_coordinates) if isinstance(extent, str) else extent
+def extent_of(chain: Chain, extent: int | str, pairs: int = 0) -> int:
+    """Return a fixed extent, or one with a name."""
+    return sizes_of(chain, pairs)[extent] if isinstance(extent, str) else extent
 
 
 CAREFUL = ("-O1", "-fsanitize=bounds", "-fsanitize-undefined-trap-on-error", "-ftrivial-auto-var-init=pattern")
@@ -72,11 +73,11 @@ def build_controller(folder: Path, name: str, build: Path) -> Path:
 class ControllerLibrary:
     """Compiled controller with a configuration, a state, an input and an output."""
 
-    def __init__(self, file: Path, name: str, chain: Chain, *, bounded: bool = False) -> None:
+    def __init__(self, file: Path, name: str, chain: Chain, *, bounded: bool = False, pairs: int = 0) -> None:
         self._library = ctypes.CDLL(str(file))
         self._prefix, self.fields = f"{name}_impedance_", config_fields(chain, bounded=bounded)
         self.config = struct_of(chain, "Config", self.fields)()
-        self.input = struct_of(chain, "Input", INPUT)()
+        self.input = struct_of(chain, "Input", INPUT, pairs)()
         self.output = struct_of(chain, "Output", OUTPUT)()
         self.state = (ctypes.c_double * (_STATE_SIZE // 8))()
         self.take_defaults()  # before the size is found: init needs a configuration

@@ -58,7 +58,10 @@ def check_sessions(robot: GeneratedRobot, texts: Mapping[str, str], seed: int, b
 
 def open_controller(file: Path, robot: GeneratedRobot) -> ControllerLibrary:
     """Load a compiled controller of a folder."""
-    return ControllerLibrary(file, robot.name, robot.chain, bounded="bounded" in robot.springs.springs)
+    springs = robot.springs
+    return ControllerLibrary(
+        file, robot.name, robot.chain, bounded="bounded" in springs.springs, pairs=len(springs.pairs)
+    )
 
 
 def _build_both(robot: GeneratedRobot, texts: Mapping[str, str], build: Path) -> tuple[Path, Path]:

@@ -79,7 +79,8 @@ class Request:
         """Springs and groups of functions; the controller's functions are among the groups where it is there."""
         groups = self.options.groups
         if groups and _CONTROLLER and self.has_controller:
-            groups = tuple(dict.fromkeys((*groups, *_CONTROLLER.called_kernels(self.chain, self.options.springs))))
+            called = _CONTROLLER.called_kernels(self.chain, self.options.springs, self.options.pairs)
+            groups = tuple(dict.fromkeys((*groups, *called)))
         return replace(self.options, kernels=groups)
 
     @property
@@ -145,7 +146,9 @@ class Request:
         if not _CONTROLLER or not self.has_controller:
             return None
         placement, bounded = self.springs.placement, "bounded" in self.springs.springs
-        page: object = _CONTROLLER.controller_page(self.name, self.chain, self.scalar, placement, bounded=bounded)
+        page: object = _CONTROLLER.controller_page(
+            self.name, self.chain, self.scalar, placement, bounded=bounded, pairs=self.options.pairs
+        )
         return page
 
     @cached_property

@@ -43,10 +43,10 @@ static finding_t check_entries(const double *x, int count, double least, double 
     return NOTHING;
 }
 
-/* Accept a tip's stiffness: symmetric and positive semidefinite, up to single precision. result: its symmetric part. */
-static finding_t accept_stiffness(const double *K, double most, int command, int tip, double *result)
+/* Accept a stiffness: symmetric, positive semidefinite, up to single precision. result: its symmetric part. */
+static finding_t accept_stiffness(const double *K, double most, int command, int spring, double *result)
 {
-    const int first = 9 * tip;
+    const int first = 9 * spring;
     finding_t found = check_entries(K, 9, -most, most, ID(REFUSAL_STIFFNESS_LIMIT), command);
     double size = DBL_MIN;
     found.entry += found.reason != ID(REFUSAL_NONE) ? first : 0;
@@ -95,11 +95,11 @@ static finding_t accept_positions(const memory_t *m, const double *given, double
 static finding_t accept_springs(const memory_t *m, const input_t *in, command_t *k)
 {
     finding_t found = accept_positions(m, in->q0, k->q0, &k->limited);
-    for (int t = 0; found.reason == ID(REFUSAL_NONE) && t < TIPS; ++t) {
+    for (int t = 0; found.reason == ID(REFUSAL_NONE) && t < SPRINGS; ++t) {
         found = accept_stiffness(in->translation_stiffness + 9 * t, MOST_TRANSLATION, ID(COMMAND_TRANSLATION_STIFFNESS),
                                  t, k->stiffness.translation + 9 * t);
     }
-    for (int t = 0; found.reason == ID(REFUSAL_NONE) && t < TIPS; ++t) {
+    for (int t = 0; found.reason == ID(REFUSAL_NONE) && t < SPRINGS; ++t) {
         found = accept_stiffness(in->rotation_stiffness + 9 * t, MOST_ROTATION, ID(COMMAND_ROTATION_STIFFNESS), t,
                                  k->stiffness.rotation + 9 * t);
     }
@@ -111,12 +111,12 @@ static finding_t accept_springs(const memory_t *m, const input_t *in, command_t 
     return found;
 }
 
-/* Accept the wrenches that the tips are to exert: finite, at most heaviest_wrench. pressing: there is one. */
+/* Accept the wrenches that tips and pairs are to exert: finite, at most heaviest_wrench. pressing: there is one. */
 static finding_t accept_wrenches(const config_t *c, const double *wrench, int *pressing)
 {
     finding_t found = NOTHING;
     *pressing = 0;
-    for (int k = 0; found.reason == ID(REFUSAL_NONE) && k < 2 * TIPS; ++k) { /* force and moment of a tip in turn */
+    for (int k = 0; found.reason == ID(REFUSAL_NONE) && k < 2 * TWISTS; ++k) { /* force, moment of each in turn */
         const double *const part = wrench + 3 * k, most = c->heaviest_wrench[k % 2] * (1.0 + ROUNDED);
         found = check_entries(part, 3, -most, most, ID(REFUSAL_WRENCH), ID(COMMAND_WRENCH_COMMAND));
         const double size = found.reason == ID(REFUSAL_NONE) ? norm(3, part) : 0.0;

@@ -14,7 +14,7 @@ static const double SLOW = 0.02;     /* [rad/s] or [m/s] of the reference from w
 static double fade_with_speed(const memory_t *m, const double *wrench, const double *J)
 {
     double most = 0.0;
-    for (int k = 0; k < 2 * TIPS; ++k) { /* force and moment of a tip in turn */
+    for (int k = 0; k < 2 * TWISTS; ++k) { /* force, moment of each in turn */
         const double *const part = wrench + 3 * k, size = norm(3, part);
         double power = 0.0;
         for (int i = 0; i < 3; ++i) {
@@ -28,12 +28,12 @@ static double fade_with_speed(const memory_t *m, const double *wrench, const dou
 /* Add the torque J^T F of the commanded wrenches F, by a share that rises from 0 when they begin. */
 static void press_tips(const memory_t *m, const command_t *k, double paid, law_t *w)
 {
-    double J[6 * N * TIPS];
+    double J[6 * N * TWISTS];
     stiffgen_jacobians(m->watch.q, m, J);
     const double share = paid * fade_with_speed(m, k->wrench, J);
     w->press = smaller(share, m->reference.press + m->config.sample_time / SCALE_TIME);
     w->status |= share < 1.0 ? (uint32_t)ID(STATUS_FEEDFORWARD_LIMITED) : 0u;
-    for (int row = 0; row < 6 * TIPS; ++row) {
+    for (int row = 0; row < 6 * TWISTS; ++row) {
         add_scaled(N, w->press * k->wrench[row], J + row * N, w->feedforward);
     }
 }

@@ -62,7 +62,7 @@ static double size_tank(const memory_t *m)
     const config_t *const c = &m->config;
     double most = 0.0;
     for (int k = 0; k < POSTURES; ++k) {
-        double q[N], J[6 * N * TIPS], sum = 0.0;
+        double q[N], J[6 * N * TWISTS], sum = 0.0;
         for (int i = 0; i < N; ++i) {
             const double low = larger(c->lower_limit[i], smaller(c->upper_limit[i], 0.5 * TURN) - TURN);
             const double high = smaller(c->upper_limit[i], low + TURN);

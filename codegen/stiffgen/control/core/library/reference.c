@@ -150,8 +150,8 @@ static void mix_stiffness(const memory_t *m, const stiffness_t *wanted, double s
 {
     const reference_t *const f = &m->reference;
     const stiffness_t *const K = &m->stiffness;
-    const double a = mix(9 * TIPS, K->translation, wanted->translation, share, next->stiffness.translation);
-    const double b = mix(9 * TIPS, K->rotation, wanted->rotation, share, next->stiffness.rotation);
+    const double a = mix(9 * SPRINGS, K->translation, wanted->translation, share, next->stiffness.translation);
+    const double b = mix(9 * SPRINGS, K->rotation, wanted->rotation, share, next->stiffness.rotation);
     const double c = mix(N, K->posture, wanted->posture, share, next->stiffness.posture);
     if (larger(a, larger(b, c)) < SAME_STIFFNESS) {
         next->stiffness = *wanted;
