@@ -1,0 +1,316 @@
+# SPDX-License-Identifier: MIT
+"""Two arms hold one box: springs between the hands and absolute springs of both, in MuJoCo.
+
+    python -m examples.two_arms                prints the box's errors, the internal force, and the work of a lap
+    python -m examples.two_arms --figure FILE  draws them
+
+Two iiwa 14 on a stand press a box of 2 kg between their hands, lift it, and turn it by 90 degrees, until one hand is on
+top of the box and the other below. A person pushes the box with 30 N. The frame of the object is 5 mm and 3 degrees
+off in one hand. The hands only touch the box: nothing but friction holds it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+import stiffgen
+
+Array = NDArray[np.float64]
+
+URDF = Path(__file__).resolve().parents[1] / "urdf" / "iiwa14.urdf"
+SIDES = {"left": 1.0, "right": -1.0}
+"""Names of the arms, and their sides along y."""
+GAP, TILT = 0.15, 0.5236
+"""Place [m] of a base along y, and its tilt outwards [rad]."""
+TIP = "link_ee"
+START = np.array([0.53, 1.32, -0.94, -1.32, -0.18, 0.85, -1.01, 0.04, 1.08, -0.11, -1.32, -1.88, -1.27, -2.66])
+"""Joint positions [rad] from which the first posture is searched."""
+
+WIDTH, MASS, PLACE = 0.3, 2.0, np.array([0.641, 0.0, 0.224])
+"""Box: width [m] between the hands, mass [kg], place [m]."""
+PAD, YAW = 0.02, 1.885
+"""Thickness [m] of the rubber pads on the flanges, and the hands' turn about the axis between them [rad]."""
+FRICTION, ROTOR, STEP = 1.0, 0.3, 1e-3
+"""Friction of the pads, inertia of the rotors [kg m^2], sample time [s]."""
+SQUEEZE, PUSH = 20.0, 30.0
+"""Internal force, and force of the person along x [N]."""
+OFF, TURNED = 0.005, np.radians(3.0)
+"""Error of the object's frame in the right hand [m, rad]."""
+BETWEEN, ABSOLUTE = (400.0, 20.0), (800.0, 40.0)
+"""Stiffness between the hands, and of both in the base [N/m, N m/rad]."""
+LIFT, TURN, PUSHED, END = (1.0, 2.5), (2.5, 6.0), (7.0, 7.5), 9.0
+"""Beginning and end of the parts of the session [s]."""
+
+
+def described() -> str:
+    """Return the URDF of the stand with both arms."""
+    inner = re.sub(r"<robot[^>]*>|</robot>|<\?xml.*?\?>|<!--.*?-->", "", URDF.read_text(), flags=re.DOTALL)
+    root = re.findall(r'<link\s+name="([^"]*)"', inner)[0]
+    arms = []
+    for side, sign in SIDES.items():
+        arm = re.sub(r'\b(name|link|joint)="([^"]*)"', rf'\1="{side}_\2"', inner)
+        joint = f'<joint name="{side}_stand" type="fixed"><parent link="stand"/><child link="{side}_{root}"/>'
+        arms.append(f'{arm}{joint}<origin xyz="0 {sign * GAP} 0" rpy="{-sign * TILT} 0 0"/></joint>')
+    return f'<robot name="two_arms"><link name="stand"/>{"".join(arms)}</robot>'
+
+
+def generated(folder: Path) -> tuple[Any, Path]:
+    """Return the module of both arms, generated in a folder, and the URDF."""
+    file = folder / "two_arms.urdf"
+    file.write_text(described())
+    tips = [f"{side}_{TIP}" for side in SIDES]
+    made = stiffgen.generate(file, output=folder, tip=tips, pairs=[":".join(tips)], batches=False)
+    return stiffgen.open_robot(made).module, file
+
+
+def scene(file: Path) -> mujoco.MjModel:
+    """Return the arms with pads on their flanges, and the box, which floats until it is held."""
+    spec = mujoco.MjSpec.from_file(str(file))
+    spec.option.timestep, spec.option.integrator = STEP, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.cone, spec.option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, 10.0
+    spec.compiler.fusestatic = False
+    for joint in spec.joints:
+        joint.armature = ROTOR
+    for geom in spec.geoms:
+        geom.contype = geom.conaffinity = 0
+    soft = {"solref": [0.01, 1.0], "friction": [FRICTION, 0.02, 1e-4], "condim": 4}
+    for side in SIDES:
+        spec.body(f"{side}_{TIP}").add_geom(
+            name=f"{side}_pad", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.04, 0.04, PAD / 2], pos=[0, 0, PAD / 2],
+            mass=0.0, contype=1, conaffinity=1, rgba=[0.2, 0.2, 0.2, 1], **soft,
+        )  # fmt: skip
+    box = spec.worldbody.add_body(name="box", pos=PLACE)
+    box.add_freejoint()
+    box.add_geom(
+        name="box", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.1, WIDTH / 2, 0.1], mass=MASS, rgba=[0.8, 0.6, 0.3, 1],
+        **soft,
+    )  # fmt: skip
+    return spec.compile()
+
+
+def turned(axis: int, angle: float) -> Array:
+    """Return a pose at the origin, turned about a coordinate axis."""
+    c, s, (j, k) = np.cos(angle), np.sin(angle), ((axis + 1) % 3, (axis + 2) % 3)
+    pose = np.eye(4)
+    pose[j, j] = pose[k, k] = c
+    pose[k, j], pose[j, k] = s, -s
+    return pose
+
+
+def placed(x: float, y: float, z: float) -> Array:
+    """Return a pose without rotation."""
+    pose = np.eye(4)
+    pose[:3, 3] = x, y, z
+    return pose
+
+
+def grasps() -> Array:
+    """Return the poses of both hands in the object (2, 4, 4): their z axes point into the box."""
+    away = WIDTH / 2 + PAD
+    return np.array(
+        [placed(0, sign * away, 0) @ turned(0, sign * np.pi / 2) @ turned(2, sign * YAW) for sign in SIDES.values()]
+    )
+
+
+def smooth(time: float, span: tuple[float, float]) -> float:
+    """Return the share of a motion of minimum jerk."""
+    s = float(np.clip((time - span[0]) / (span[1] - span[0]), 0.0, 1.0))
+    return s**3 * (10 - 15 * s + 6 * s**2)
+
+
+def wanted(time: float) -> Array:
+    """Return the pose of the object: lifted by 0.1 m, then turned by 90 degrees about x."""
+    return placed(*(PLACE + np.array([0.0, 0.0, 0.1 * smooth(time, LIFT)]))) @ turned(0, np.pi / 2 * smooth(time, TURN))
+
+
+@dataclass
+class Session:
+    """Records of a session, one row per sample.
+
+    Attributes:
+        time: [s].
+        error: distance [m] and angle [rad] of the box from its wanted pose.
+        internal: force [N] that the hands press together with, by least squares from both contacts.
+        contacts: number of hands that touch the box.
+        faults: number of samples in a fault.
+
+    """
+
+    time: Array
+    error: Array
+    internal: Array
+    contacts: Array
+    faults: int
+
+
+def contact_wrenches(model: mujoco.MjModel, data: mujoco.MjData, origins: Array) -> tuple[Array, Array]:
+    """Return the wrenches of the box on both hands (2, 6) at their origins, base axes, and which of them touch it."""
+    wrenches, touches = np.zeros((2, 6)), np.zeros(2, bool)
+    for k in range(data.ncon):
+        contact, local = data.contact[k], np.zeros(6)
+        names = [model.geom(g).name for g in contact.geom]
+        pad = next(name for name in names if name.endswith("_pad"))
+        mujoco.mj_contactForce(model, data, k, local)
+        frame = contact.frame.reshape(3, 3).T
+        force = frame @ local[:3] * (1.0 if names[1] == pad else -1.0)  # on the second geom
+        moment = frame @ local[3:] * (1.0 if names[1] == pad else -1.0)
+        hand = list(SIDES).index(pad.removesuffix("_pad"))
+        wrenches[hand] += np.concatenate([force, moment + np.cross(contact.pos - origins[hand], force)])
+        touches[hand] = True
+    return wrenches, touches
+
+
+def springs() -> dict[str, Array]:
+    """Return the stiffnesses: none at single tips, the pair's, the absolute one's."""
+    values = np.array([(0.0, 0.0), (0.0, 0.0), BETWEEN, ABSOLUTE])
+    names = ("translation_stiffness", "rotation_stiffness")
+    return {name: values[:, k, None, None] * np.eye(3) for k, name in enumerate(names)}
+
+
+def run(module: Any, file: Path, end: float = END) -> Session:
+    """Hold, lift, turn and push the box."""
+    model = scene(file)
+    data, held = mujoco.MjData(model), grasps()
+    joints = [model.joint(name) for name in module.JOINTS]
+    at, rate = (np.array([getattr(j, which)[0] for j in joints]) for which in ("qposadr", "dofadr"))
+    believed = held @ np.array([np.eye(4), placed(OFF, 0, 0) @ turned(1, TURNED)])
+    q = np.asarray(module.find_posture(wanted(0.0) @ held, START))
+    data.qpos[at] = q
+    data.qpos[-7:-4] = PLACE
+    data.qpos[-4:] = 1.0, 0.0, 0.0, 0.0
+    mujoco.mj_forward(model, data)
+    follow = module.Follow(q, sample_time=STEP)
+    stated = {"sample_time": STEP, "delay_samples": 0, "motor_inertia": ROTOR, "heaviest_wrench": [80.0, 20.0]}
+    arms, stiff, rows, faults = module.Impedance(**stated, errors="raise"), springs(), [], 0
+    box = model.body("box").id
+    for k in range(round(end / STEP)):
+        time, q, dq = k * STEP, data.qpos[at], data.qvel[rate]
+        q0, _ = follow.step(pose=wanted(time) @ believed)
+        wrench = np.zeros((3, 6))
+        wrench[2, 2] = -SQUEEZE * smooth(time, (0.0, 0.3))  # of the right hand, along the z axis of the left one
+        weight = MASS * 9.81 * smooth(time, (0.3, 0.9))
+        wrench[:2, 2] = weight / 2
+        out = arms.step(
+            counter=k, q=q, dq=dq, q0=q0, shaped=True, posture_stiffness=2.0, wrench_command=wrench,
+            torque_offset=data.qfrc_bias[rate], **stiff,
+        )  # fmt: skip
+        data.qfrc_applied[rate] = out.torque
+        data.xfrc_applied[box] = 0.0
+        data.xfrc_applied[box, 0] = PUSH * (PUSHED[0] <= time < PUSHED[1])
+        data.xfrc_applied[box, 2] = MASS * 9.81 - weight  # a table carries what the hands do not yet carry
+        mujoco.mj_step(model, data)
+        faults += bool(out.fault)
+        poses = np.array([data.body(f"{side}_{TIP}").xpos for side in SIDES])
+        wrenches, touches = contact_wrenches(model, data, poses)
+        frames = np.tile(np.eye(4), (2, 1, 1))
+        frames[:, :3, 3] = poses
+        inner = stiffgen.internal_wrench(*wrenches, *frames).internal
+        R, goal = data.body("box").xmat.reshape(3, 3), wanted(time)
+        angle = np.arccos(np.clip((np.trace(R.T @ goal[:3, :3]) - 1) / 2, -1, 1))
+        away = np.linalg.norm(data.body("box").xpos - goal[:3, 3])
+        rows.append((time, away, angle, np.linalg.norm(inner[:3]), touches.sum()))
+    table = np.array(rows)
+    return Session(table[:, 0], table[:, 1:3], table[:, 3], table[:, 4], faults)
+
+
+def usual_torque(module: Any, q: Array, rest: Array, K: Array) -> Array:
+    """Return the torque of the usual law: K times displacement and rotation vector of B in A, in the axes of A."""
+    hands = [getattr(module, f"{side}_{TIP}") for side in SIDES]
+    a, b = (hand.forward_kinematics(q) for hand in hands)
+    Ja, Jb = (hand.hybrid.jacobian(q) for hand in hands)
+    seen = np.linalg.inv(rest) @ np.linalg.inv(a) @ b
+    R, arm = seen[:3, :3], b[:3, 3] - a[:3, 3]
+    w = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2
+    size = np.linalg.norm(w)
+    turn = w * (np.arctan2(size, (np.trace(R) - 1) / 2) / size if size > 0 else 1.0)
+    axes = a[:3, :3] @ rest[:3, :3]
+    f, m = axes @ K[:3, :3] @ seen[:3, 3], axes @ K[3:, 3:] @ turn
+    on_a = -np.concatenate([f, m + np.cross(arm, f)])
+    return np.asarray(-Jb.T @ np.concatenate([f, m]) - Ja.T @ on_a)
+
+
+def work_of_lap(module: Any, size: float = 0.4, nodes: int = 400) -> tuple[float, float]:
+    """Return the work [J] of the usual law and of the pair's spring round one closed lap of all joints."""
+    random = np.random.default_rng(2)
+    middle = np.asarray(module.find_posture(wanted(0.0) @ grasps(), START))
+    waves = random.normal(size=(2, len(middle))) * size / 2
+    t = 2 * np.pi * np.arange(nodes)[:, None] / nodes
+    q = middle + np.cos(t) * waves[0] + np.sin(t) * waves[1]
+    rate = np.cos(t) * waves[1] - np.sin(t) * waves[0]
+    K = np.diag([400.0, 300.0, 500.0, 30.0, 20.0, 10.0])
+    rest = np.linalg.inv(grasps()[0]) @ grasps()[1]
+    usual = sum(float(usual_torque(module, at, rest, K) @ along) for at, along in zip(q, rate, strict=True))
+    exact = sum(
+        float(module.pair.torque(at, rest, K[:3, :3], K[3:, 3:]) @ along) for at, along in zip(q, rate, strict=True)
+    )
+    return usual * 2 * np.pi / nodes, exact * 2 * np.pi / nodes
+
+
+def told(session: Session, work: tuple[float, float]) -> str:
+    """Return the results in lines."""
+    time, internal = session.time, session.internal
+    held = (time > 0.9) & (time < PUSHED[0])
+    rest = (time > PUSHED[0] - 0.3) & (time < PUSHED[0])
+    away, angle = 1e3 * session.error[:, 0], np.degrees(session.error[:, 1])
+    last = time > END - 0.2
+    return "\n".join(
+        [
+            f"both hands touch the box: {100 * (session.contacts[time > 0.2] == 2).mean():.1f} % of the time; "
+            f"samples in a fault: {session.faults}",
+            f"internal force before the push: {internal[held].min():.1f} to {internal[held].max():.1f} N",
+            f"box at rest: {away[rest].mean():.1f} mm, {angle[rest].mean():.1f} deg off",
+            f"pushed by {PUSH:.0f} N: {away[time >= PUSHED[0]].max():.1f} mm, later {away[last].mean():.1f} mm",
+            f"work of a lap: K times rotation vector {work[0]:.2g} J, spring between the hands {abs(work[1]):.0e} J",
+        ]
+    )
+
+
+def figure(session: Session) -> str:
+    """Return the SVG text: internal force, and distance of the box from its wanted place."""
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    from examples.style import CORRECTED, INK, POTENTIAL, STYLE, themed_svg
+
+    with mpl.rc_context(STYLE):
+        drawing = Figure(figsize=(7.5, 3.2), layout="constrained")
+        left, right = drawing.subplots(1, 2)
+        every = slice(None, None, 20)
+        left.plot(session.time[every], session.internal[every], color=POTENTIAL)
+        left.axhline(SQUEEZE, color=INK, linewidth=0.8, linestyle="--")
+        left.set(
+            xlabel="time [s]", ylabel="internal force [N]", ylim=(0, 2 * SQUEEZE), title="squeeze, commanded: 20 N"
+        )
+        right.plot(session.time[every], 1e3 * session.error[every, 0], color=CORRECTED)
+        right.set(xlabel="time [s]", ylabel="distance [mm]", title="box from its wanted place")
+        for axes in (left, right):
+            for name, span in (("lift", LIFT), ("turn", TURN), ("push", PUSHED)):
+                axes.axvspan(*span, alpha=0.08, color=INK, linewidth=0)
+                axes.text(sum(span) / 2, 0.02, name, transform=axes.get_xaxis_transform(), ha="center")
+        return themed_svg(drawing)
+
+
+def main() -> None:
+    """Print the results."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--figure", type=Path, metavar="FILE", help="also draw an SVG")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        module, file = generated(Path(folder))
+        session = run(module, file)
+        print(told(session, work_of_lap(module)))
+    if options.figure:
+        options.figure.write_text(figure(session))
+
+
+if __name__ == "__main__":
+    main()
