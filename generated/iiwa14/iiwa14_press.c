@@ -250,7 +250,7 @@ static int press(state_t *s, const input_t *in, const last_t *last, output_t *ou
 void iiwa14_press_default_config(config_t *config)
 {
     memset(config, 0, sizeof *config);
-    config->approach_speed = 0.05;
+    config->approach_speed = 0.04;
     config->offset_limit = 0.3;
 }
 

@@ -52,7 +52,7 @@ enum {
 
 /* Configuration of Press; start from the defaults. */
 typedef struct {
-    /* [m/s] speed at which contact is looked for. Must lie between 0.0001 and 1. Default: 0.05. */
+    /* [m/s] speed at which contact is looked for. Must lie between 0.0001 and 1. Default: 0.04. */
     double approach_speed;
     /* [m] farthest that the pose is moved from the commanded one. Must lie between 0 and 10. Default: 0.3. */
     double offset_limit;

@@ -21,7 +21,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "0f2646e239432659"
+#define SOURCES "ba6c82e1ece1429d"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;
