@@ -30,6 +30,7 @@ SETTLE = (40.0, 4.0)
 """settle_force [N, N m]: 3 kg and friction."""
 STEP = np.array([0.0, 0.08, -0.06])
 DOWN = np.array([0.0, 0.0, -1.0])
+TITLES = {"iiwa14": "iiwa 14", "panda": "Panda", "ur5": "UR5"}
 PERIOD = 5000
 """[samples] of a slow line, 0.2 Hz."""
 LOST = 3
@@ -244,7 +245,8 @@ def draw(benches: dict[str, list[Bench]]) -> str:
             axes.plot(medians[:, 0], rows, "o", color=CONVENTIONAL, label="before")
             axes.plot(medians[:, 1], rows, "o", color=CORRECTED, label="after")
             axes.set(title=title, xlabel="error [mm]", xscale="log", xlim=(0.4, 100))
-            axes.set_yticks(rows, list(benches))
+            axes.set_xticks([1, 10, 100], ["1", "10", "100"])
+            axes.set_yticks(rows, [TITLES[name] for name in benches])
             axes.set_ylim(len(benches) - 0.5, -0.5)
         drawing.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
         return themed_svg(drawing)
