@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from stiffgen.files.cache import load
     from stiffgen.lab import drive  # noqa: F401
     from stiffgen.lab.analyze.analysis import Analysis, analyze
+    from stiffgen.lab.analyze.friction import JointFriction, estimate_friction
     from stiffgen.lab.analyze.sensors import SensorProperties, estimate_sensors
     from stiffgen.lab.arms.hands import HeldWrench, internal_wrench, relative_compliance
     from stiffgen.lab.arms.loaded import BucklingLoad, Settled, buckling_load, settle
@@ -67,6 +68,7 @@ __all__ = [
     "GeneratedRobot",
     "GenerationOptions",
     "HeldWrench",
+    "JointFriction",
     "KernelOptions",
     "MeasuredStiffness",
     "MissingExtraError",
@@ -88,6 +90,7 @@ __all__ = [
     "build_jax",
     "compliance_determinant_gradient",
     "compliance_gradient",
+    "estimate_friction",
     "estimate_sensors",
     "external_wrench",
     "find_postures",
@@ -111,6 +114,7 @@ __all__ = [
 
 _HOMES = {
     "lab.analyze.analysis": ("Analysis", "analyze"),
+    "lab.analyze.friction": ("JointFriction", "estimate_friction"),
     "lab.analyze.sensors": ("SensorProperties", "estimate_sensors"),
     "files.cache": ("load",),
     "lab.laws": ("law_preset",),

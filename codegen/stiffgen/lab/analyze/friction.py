@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: MIT
+"""Estimate the joints' sliding friction from a slow motion there and back, for the controller's coulomb_friction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stiffgen.core.errors import RecordingError
+
+_PARTS = 20
+"""Parts of a joint's way; the outer ones, where the joint turns back, are left out."""
+_LEAST_WAY = 0.1
+"""[rad or m] way of a joint below which elastic joints hide its friction."""
+_FASTEST = 0.3
+"""[rad/s or m/s] beyond which viscous friction and inertia are no longer small."""
+_APART = 0.1
+"""[rad or m] between the postures on both ways: what remains of gravity must be the same."""
+_SHARE = 0.9
+"""Share of the friction that is fed forward: more makes the arm run ahead of its reference."""
+
+
+@dataclass(frozen=True)
+class JointFriction:
+    """Sliding friction of each joint [N m or N]: the mean along its way, and the smallest and largest of its parts.
+
+    ``fields`` and ``text`` are the configuration: 90 % of the mean.
+    """
+
+    mean: NDArray[np.float64]
+    smallest: NDArray[np.float64]
+    largest: NDArray[np.float64]
+
+    @property
+    def fields(self) -> dict[str, NDArray[np.float64]]:
+        """Configuration fields by name; a joint whose friction does not show has 0."""
+        return {"coulomb_friction": _SHARE * np.maximum(self.mean, 0.0)}
+
+    @property
+    def text(self) -> str:
+        """Configuration in Python, with units."""
+        values = [float(f"{value:.3g}") for value in self.fields["coulomb_friction"]]
+        return f"coulomb_friction={values!r},  # [N m or N]"
+
+
+def estimate_friction(q: ArrayLike, dq: ArrayLike, torque: ArrayLike) -> JointFriction:
+    """Estimate the sliding friction of joints that move slowly there and back on one path, at most 0.3 rad/s.
+
+    At the same posture the torque of the way there has friction with one sign, that of the way back with the other, and
+    the same gravity: half of their difference is the friction, with the viscous one at this speed.
+
+    Args:
+        q: measured joint positions (samples, joints) [rad or m]; several joints, or all, may move at once.
+        dq: measured joint velocities (samples, joints) [rad/s or m/s].
+        torque: torque of the motors (samples, joints) [N m or N], commanded or from their current. A torque sensor
+            behind the gear does not see the gear's friction. Subtract the model's ``gravity_torque``: joints lag,
+            so that postures on both ways differ a little, and gravity with them.
+
+    Returns:
+        The friction.
+
+    Raises:
+        RecordingError: shapes differ or entries are not finite; a joint moves less than 0.1 rad, faster than 0.3 rad/s,
+            or not there and back on one path.
+
+    """
+    position, velocity, effort = (np.array(each, dtype=float, ndmin=2) for each in (q, dq, torque))
+    if not position.shape == velocity.shape == effort.shape or not np.isfinite([position, velocity, effort]).all():
+        raise RecordingError(
+            f"q {position.shape}, dq {velocity.shape} and torque {effort.shape} must be finite, of one shape"
+        )
+    parts = np.array([_halves(position, velocity, effort, joint) for joint in range(position.shape[1])])
+    return JointFriction(parts.mean(axis=1), parts.min(axis=1), parts.max(axis=1))
+
+
+def _halves(
+    q: NDArray[np.float64], dq: NDArray[np.float64], torque: NDArray[np.float64], joint: int
+) -> NDArray[np.float64]:
+    """Return half of the difference of a joint's torque between both ways, for each part of its way."""
+    own, speed = q[:, joint], dq[:, joint]
+    low, way = float(own.min()), float(np.ptp(own))
+    typical = float(np.quantile(np.abs(speed), 0.9))
+    if way < _LEAST_WAY or typical > _FASTEST:
+        raise RecordingError(
+            f"joint {joint} moves by {way:.2g} rad or m at {typical:.2g} per s: "
+            f"at least {_LEAST_WAY}, at most {_FASTEST}"
+        )
+    part = np.minimum(((own - low) / way * _PARTS).astype(int), _PARTS - 1)
+    halves = []
+    for index in range(2, _PARTS - 2):
+        there, back = ((part == index) & (side * speed > 0.3 * typical) for side in (1.0, -1.0))
+        if not there.any() or not back.any():
+            raise RecordingError(
+                f"joint {joint} does not go there and back: some of its way was taken in one direction"
+            )
+        apart = float(np.abs(q[there].mean(axis=0) - q[back].mean(axis=0)).max())
+        if apart > _APART:
+            raise RecordingError(
+                f"joint {joint}: postures there and back are {apart:.2g} rad or m apart; use one path, held stiffly"
+            )
+        halves.append(0.5 * float(torque[there, joint].mean() - torque[back, joint].mean()))
+    return np.array(halves)
