@@ -47,7 +47,7 @@ OFF, TURNED = 0.005, np.radians(3.0)
 """Error of the object's frame in the right hand [m, rad]."""
 BETWEEN, ABSOLUTE = (400.0, 20.0), (800.0, 40.0)
 """Stiffness between the hands, and of both in the base [N/m, N m/rad]."""
-LIFT, TURN, PUSHED, END = (1.0, 2.5), (2.5, 6.0), (7.0, 7.5), 9.0
+LIFT, TURN, PUSHED, END = (1.0, 2.5), (2.5, 7.0), (8.0, 8.6), 10.0
 """Beginning and end of the parts of the session [s]."""
 
 
@@ -133,7 +133,7 @@ def wanted(time: float) -> Array:
 
 
 @dataclass
-class Session:
+class BoxSession:
     """Records of a session, one row per sample.
 
     Attributes:
@@ -176,7 +176,7 @@ def springs() -> dict[str, Array]:
     return {name: values[:, k, None, None] * np.eye(3) for k, name in enumerate(names)}
 
 
-def run(module: Any, file: Path, end: float = END) -> Session:
+def run(module: Any, file: Path, end: float = END) -> BoxSession:
     """Hold, lift, turn and push the box."""
     model = scene(file)
     data, held = mujoco.MjData(model), grasps()
@@ -205,7 +205,8 @@ def run(module: Any, file: Path, end: float = END) -> Session:
         )  # fmt: skip
         data.qfrc_applied[rate] = out.torque
         data.xfrc_applied[box] = 0.0
-        data.xfrc_applied[box, 0] = PUSH * (PUSHED[0] <= time < PUSHED[1])
+        begun, ended = smooth(time, (PUSHED[0], PUSHED[0] + 0.1)), smooth(time, (PUSHED[1] - 0.1, PUSHED[1]))
+        data.xfrc_applied[box, 0] = PUSH * (begun - ended)
         data.xfrc_applied[box, 2] = MASS * 9.81 - weight  # a table carries what the hands do not yet carry
         mujoco.mj_step(model, data)
         faults += bool(out.fault)
@@ -219,7 +220,7 @@ def run(module: Any, file: Path, end: float = END) -> Session:
         away = np.linalg.norm(data.body("box").xpos - goal[:3, 3])
         rows.append((time, away, angle, np.linalg.norm(inner[:3]), touches.sum()))
     table = np.array(rows)
-    return Session(table[:, 0], table[:, 1:3], table[:, 3], table[:, 4], faults)
+    return BoxSession(table[:, 0], table[:, 1:3], table[:, 3], table[:, 4], faults)
 
 
 def usual_torque(module: Any, q: Array, rest: Array, K: Array) -> Array:
@@ -255,7 +256,7 @@ def work_of_lap(module: Any, size: float = 0.4, nodes: int = 400) -> tuple[float
     return usual * 2 * np.pi / nodes, exact * 2 * np.pi / nodes
 
 
-def told(session: Session, work: tuple[float, float]) -> str:
+def told(session: BoxSession, work: tuple[float, float]) -> str:
     """Return the results in lines."""
     time, internal = session.time, session.internal
     held = (time > 0.9) & (time < PUSHED[0])
@@ -266,15 +267,16 @@ def told(session: Session, work: tuple[float, float]) -> str:
         [
             f"both hands touch the box: {100 * (session.contacts[time > 0.2] == 2).mean():.1f} % of the time; "
             f"samples in a fault: {session.faults}",
-            f"internal force before the push: {internal[held].min():.1f} to {internal[held].max():.1f} N",
+            f"internal force before the push: {internal[held].min():.1f} to {internal[held].max():.1f} N, "
+            f"{100 * (np.abs(internal[held] / SQUEEZE - 1) <= 0.15).mean():.1f} % of the time within 15 %",
             f"box at rest: {away[rest].mean():.1f} mm, {angle[rest].mean():.1f} deg off",
             f"pushed by {PUSH:.0f} N: {away[time >= PUSHED[0]].max():.1f} mm, later {away[last].mean():.1f} mm",
-            f"work of a lap: K times rotation vector {work[0]:.2g} J, spring between the hands {abs(work[1]):.0e} J",
+            f"work of a lap: K times rotation vector {abs(work[0]):.2g} J, spring between the hands {abs(work[1]):.0e} J",
         ]
     )
 
 
-def figure(session: Session) -> str:
+def figure(session: BoxSession) -> str:
     """Return the SVG text: internal force, and distance of the box from its wanted place."""
     import matplotlib as mpl
     from matplotlib.figure import Figure

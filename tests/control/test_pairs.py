@@ -129,8 +129,9 @@ def test_lines_of_the_page(dual: GeneratedRobot) -> None:
     arms = module.Impedance(**STATED, position_quantum=1e-5, errors="raise")
     poses = np.array([tip.forward_kinematics(q) for tip in (module.left_hand, module.right_hand)])
     follow, object_pose, grasps = module.Follow(q, sample_time=1e-3), np.eye(4), poses
+    found: dict[str, Any] = {}
     for k in range(60):
         given = {"np": np, "arms": arms, "follow": follow, "object_pose": object_pose, "grasps": grasps}
-        exec(lines, given | {"k": k, "q": q, "dq": dq}, found := {})
+        exec(lines, given | {"k": k, "q": q, "dq": dq}, found)
         assert not found["out"].fault and not found["out"].refusal
     assert np.abs(found["out"].feedforward_torque).max() > 1.0

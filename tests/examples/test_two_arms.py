@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: MIT
+"""Two arms hold a box: the program's session, and what docs/whole_body.md says of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from examples import two_arms
+from support.pictures import difference
+from support.project import ROOT
+
+
+@pytest.mark.slow
+def test_the_box_is_held(tmp_path: Path) -> None:
+    """Lifted, turned and pushed; the usual law does work round a closed lap, the spring between the hands none."""
+    module, file = two_arms.generated(tmp_path)
+    session, work = two_arms.run(module, file), two_arms.work_of_lap(module)
+    assert session.faults == 0
+    held = (session.time > 0.9) & (session.time < two_arms.PUSHED[0])
+    assert (np.abs(session.internal[held] / two_arms.SQUEEZE - 1) <= 0.15).mean() > 0.97
+    assert (session.contacts[held] == 2).mean() > 0.99
+    assert 1e3 * session.error[-1, 0] < 10.0 and np.degrees(session.error[-1, 1]) < 3.0
+    assert abs(work[0]) > 0.1 and abs(work[1]) < 1e-9
+    assert difference(two_arms.figure(session), (ROOT / "docs" / "two_arms.svg").read_text(), 20.0) == ""
+
+
+def test_the_squeeze_is_along_the_axis_between_the_hands() -> None:
+    left, right = two_arms.grasps()
+    away = right[:3, 3] - left[:3, 3]
+    np.testing.assert_allclose(left[:3, 2], away / np.linalg.norm(away), atol=1e-12)
+    np.testing.assert_allclose(right[:3, 2], -left[:3, 2], atol=1e-12)
