@@ -271,7 +271,7 @@ def told(session: BoxSession, work: tuple[float, float]) -> str:
             f"{100 * (np.abs(internal[held] / SQUEEZE - 1) <= 0.15).mean():.1f} % of the time within 15 %",
             f"box at rest: {away[rest].mean():.1f} mm, {angle[rest].mean():.1f} deg off",
             f"pushed by {PUSH:.0f} N: {away[time >= PUSHED[0]].max():.1f} mm, later {away[last].mean():.1f} mm",
-            f"work of a lap: K times rotation vector {abs(work[0]):.2g} J, spring between the hands {abs(work[1]):.0e} J",
+            f"work of a lap: K times rotation vector {abs(work[0]):.2g} J, spring of the pair {abs(work[1]):.0e} J",
         ]
     )
 

@@ -71,16 +71,22 @@ def sizes_of(chain: Chain, pairs: int) -> dict[str, int]:
     return {"n": n, "tips": tips, "joints": chain.dof, "short": min(n, 6 * tips), **both}
 
 
+def _extents(field: Field, sizes: dict[str, int]) -> tuple[list[int], str]:
+    """Return the extents of a member, and the order of its first axis in words where there are pairs."""
+    extents = [sizes[extent] if isinstance(extent, str) else extent for extent in field.shape]
+    place = str(field.shape[0]) if field.shape else ""
+    if place not in _OF_ONE_TIP:
+        return extents, ""
+    order = _OF_ONE_TIP[place] if extents[0] > sizes["tips"] else ""
+    return (extents[1:] if extents[0] == 1 else extents), order
+
+
 def _member(field: Field, sizes: dict[str, int], prefix: str, struct: str) -> Member:
     """Return the member of a C struct; ``sizes`` are the extents with a name, and one tip has no extent.
 
     The comment has unit, shape, meaning, the rule of a setting or choice, and the default.
     """
-    extents = [sizes[extent] if isinstance(extent, str) else extent for extent in field.shape]
-    place = str(field.shape[0]) if field.shape else ""
-    order = _OF_ONE_TIP.get(place, "") if place and extents[0] > sizes["tips"] else ""
-    if place in _OF_ONE_TIP and extents[0] == 1:
-        extents = extents[1:]
+    extents, order = _extents(field, sizes)
     default = field.default.replace("{name}_", "").replace("{i}", "i").replace("HUGE_VAL", "infinity")
     stated = field.choices or struct.endswith("config")
     bound = f" {field.rule[0].upper()}{field.rule[1:]}." if stated else ""
