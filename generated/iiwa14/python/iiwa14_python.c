@@ -21,7 +21,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "ba6c82e1ece1429d"
+#define SOURCES "fb1badac62278fc0"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

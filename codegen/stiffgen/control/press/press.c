@@ -34,8 +34,8 @@ int start(const config_t *c, const controller_t *controller, state_t *s)
     return ID(PRESS_OK);
 }
 
-/* Check an input. Return OK or what is wrong. */
-static int check(const state_t *s, const input_t *in)
+/* Judge an input. Return OK or what is wrong. */
+static int judge(const state_t *s, const input_t *in)
 {
     const int stiff = all_good(in->translation_stiffness, 9) && all_good(in->rotation_stiffness, 9);
     if (!stiff || !all_good(in->pose, 16) || !all_good(in->wrench, 6)) {
@@ -68,7 +68,7 @@ static void watch(state_t *s, const input_t *in, const double *here)
 }
 
 /* Move the offset along the axis, within offset_limit. */
-static void move(state_t *s, const double *axis, double by)
+static void shift(state_t *s, const double *axis, double by)
 {
     for (int k = 0; k < 3; ++k) {
         s->offset[k] += by * axis[k];
@@ -82,7 +82,7 @@ static void move(state_t *s, const double *axis, double by)
 /* Advance along the axis at a speed, unless the pose is far enough before the tip. */
 static void advance(state_t *s, const input_t *in, const double *here, double speed)
 {
-    move(s, in->axis, clamp(AHEAD - lead(s, in, here), 0.0, speed * s->controller.sample_time));
+    shift(s, in->axis, clamp(AHEAD - lead(s, in, here), 0.0, speed * s->controller.sample_time));
 }
 
 /* Lose contact: no force of its own, and the equilibrium at the tip. */
@@ -91,7 +91,7 @@ static void lose(state_t *s, const input_t *in, const double *here)
     s->force = s->low = 0.0;
     s->touched = 0;
     s->stage = ID(PRESS_STAGE_LOST);
-    move(s, in->axis, -lead(s, in, here));
+    shift(s, in->axis, -lead(s, in, here));
 }
 
 /* Hold the force: integrate its error, and hand over. measured: the force along the axis. */
@@ -111,7 +111,7 @@ static void hold(state_t *s, const input_t *in, const double *here, double measu
     const double stiffness = larger(tuned->stiffness, SOFTEST);
     s->force = clamp(s->force + tuned->gain * (in->force - measured) * T, -most, most);
     const double rate = clamp(s->force / (stiffness * HAND_OVER), -FASTEST, FASTEST);
-    move(s, in->axis, rate * T);
+    shift(s, in->axis, rate * T);
     s->force -= stiffness * rate * T;
 }
 
@@ -154,7 +154,7 @@ static void act(state_t *s, const input_t *in, const double *here, double measur
 
 int press(state_t *s, const input_t *in, const last_t *last, output_t *out)
 {
-    const int result = check(s, in);
+    const int result = judge(s, in);
     tuning_t tuned;
     const int told = last != NULL && all_good(last->position, N);
     memcpy(out->pose, result == ID(PRESS_OK) || !s->known ? in->pose : s->pose, sizeof out->pose);

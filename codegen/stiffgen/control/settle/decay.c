@@ -41,19 +41,19 @@ static double spring_of(const double *Kt, const double *Ko, const double *pose, 
 double find_decay(const controller_t *c, const double *q, const double *Kt, const double *Ko, const double *wrench,
                   double *stiffness)
 {
-    double M[N * N], L[N * N], J[6 * N], x[N], twist[6], pose[16];
-    stiffgen_mass_matrix(q, M);
+    double mass[N * N], L[N * N], J[6 * N], x[N], twist[6], pose[16];
+    stiffgen_mass_matrix(q, mass);
     stiffgen_poses(q, stiffgen_tool(c), pose);
     stiffgen_jacobians(q, stiffgen_tool(c), J);
     for (int i = 0; i < N; ++i) {
-        M[i * (N + 1)] += c->motor_inertia[i];
+        mass[i * (N + 1)] += c->motor_inertia[i];
         x[i] = 0.0;
         for (int k = 0; k < 6; ++k) {
             x[i] += J[k * N + i] * wrench[k];
         }
     }
     *stiffness = spring_of(Kt, Ko, pose, wrench);
-    find_triangle(N, M, L);
+    find_triangle(N, mass, L);
     solve_triangles(N, L, x);
     for (int k = 0; k < 6; ++k) {
         twist[k] = dot(N, J + k * N, x);

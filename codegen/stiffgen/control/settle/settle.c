@@ -7,7 +7,7 @@ static const double ARRIVED[2] = {2e-3, 6e-3};  /* [m], [rad] of the equilibrium
 static const double SLOW[2] = {0.05, 0.15};     /* [m/s], [rad/s] of the tip up to which it rests */
 static const double SPEED_TIME = 0.01;    /* [s] time constant of the tip's measured speed */
 static const double BEYOND = 1.7;         /* times the error of settle_force, from which on it is no friction */
-static const double NEAR = 3.0;           /* times settle_band: smaller errors are integrated as fast as this one */
+static const double CLOSEST = 3.0;        /* times settle_band: smaller errors are integrated as fast as this one */
 static const double SLOWNESS = 4.0;       /* time of the integral times the decay: stable from 1 on */
 static const double OFFSET_LIMIT[2] = {0.2, 0.5};   /* [m], [rad] of the offset, whatever the stiffness is */
 
@@ -108,7 +108,7 @@ static int integrate(state_t *s, const input_t *in, const last_t *last, int kind
                                     wrench, &stiffness);
     const double share = decay * s->controller.sample_time / SLOWNESS;
     for (int k = 0; k < 3; ++k) {
-        s->offset[3 * kind + k] += share * (e.size - 0.5 * band) * larger(NEAR * band / e.size, 1.0) * e.axis[k];
+        s->offset[3 * kind + k] += share * (e.size - 0.5 * band) * larger(CLOSEST * band / e.size, 1.0) * e.axis[k];
     }
     return 1;
 }
@@ -134,9 +134,9 @@ int settle(state_t *s, const input_t *in, const last_t *last, output_t *out)
             out->status |= moves ? (uint32_t)ID(SETTLE_MOVING) : 0u;
             out->status |= limited ? (uint32_t)ID(SETTLE_LIMITED) : 0u;
         }
-        const int near = out->error[0] <= s->config.settle_band[0] && out->error[1] <= s->config.settle_band[1];
+        const int settled = out->error[0] <= s->config.settle_band[0] && out->error[1] <= s->config.settle_band[1];
         out->status |= rests ? 0u : (uint32_t)ID(SETTLE_HELD);
-        out->status |= near ? (uint32_t)ID(SETTLE_SETTLED) : 0u;
+        out->status |= settled ? (uint32_t)ID(SETTLE_SETTLED) : 0u;
         memcpy(out->pose, in->pose, sizeof out->pose);
     } else {
         s->rest = 0.0;
