@@ -17,7 +17,10 @@ from stiffgen.core.robot.geometry import FloatArray
 
 _CHOSEN_APART = ("sample_time", "delay_samples", "motor_inertia", "lower_limit", "upper_limit", "tool_pose")
 """Fields of the configuration that a session chooses by rules of their own."""
-_RANGES = {"position_quantum": (-7.0, -3.0), "velocity_noise": (-4.0, -1.0), "spring_limit": (0.0, 2.0)}
+_RANGES = {
+    "position_quantum": (-7.0, -3.0), "velocity_noise": (-4.0, -1.0), "spring_limit": (0.0, 2.0),
+    "coulomb_friction": (-1.0, 2.0),
+}  # fmt: skip
 """Powers of ten between which fields lie whose default is 0 or infinite."""
 _TANK = (-3.0, 1.5)
 """Powers of ten [J] of a tank that is stated."""
