@@ -136,7 +136,7 @@ def test_help_is_for_a_reader(robot):
     assert "joint_stiffness(q, wrench, task_stiffness)\n" in pydoc.plain(pydoc.render_doc(robot.hybrid))
     assert "SimpleNamespace" not in text
     assert "ndarray(shape" not in text and "__abs__" not in text  # the pages of arrays and of integers
-    assert len(text.splitlines()) < 700  # four classes: Impedance, Follow, Policy, PaperLaw
+    assert len(text.splitlines()) < 850  # six classes: Impedance, Follow, Policy, Settle, Press, PaperLaw
     assert repr(robot.hybrid).startswith("<iiwa14.hybrid: jacobian, ")
     assert set(vars(robot.hybrid)) == {kernel.name for kernel in KERNELS if kernel.group == "hybrid"}
 
