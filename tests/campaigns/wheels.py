@@ -2,16 +2,17 @@
 """Build the wheels of robots and import each in a clean environment: ``make campaign NAME=wheels``.
 
 The robots are iiwa 7, iiwa 14, the Panda of tests/data, and FR3 and UR5e from the cache of robot_descriptions
-(ROBOT_DESCRIPTIONS_CACHE) if it has them. A robot that could not be built is named, with the reason. A wheel is built
-with each Python of 3.11 to 3.14 that pyenv keeps or the path has, runs on every processor of the architecture (dispatch
-by instruction set) and, with auditwheel's tag, on every glibc from that tag on. It has less than 2 MB, and NumPy is all
-that it needs. Exit code 1 if one fails.
+(ROBOT_DESCRIPTIONS_CACHE) if it has them; ``--robots ur5e=ur5e.urdf,tool0`` takes a file. A robot that could not be
+built is named, with the reason. A wheel is built with each Python of 3.11 to 3.14 that pyenv keeps or the path has.
+It runs on every processor of the architecture (dispatch by instruction set) and, with auditwheel's tag, on every glibc
+from that tag on. It has less than 2 MB, and NumPy is all that it needs. Exit code 1 if one fails.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
+import platform
 import shutil
 import subprocess
 import sys
@@ -31,6 +32,8 @@ ROBOTS = {
     "ur5e": ("ur5e_description", "--tip", "tool0"),
 }
 """Sources and options."""
+Robot = tuple[str, tuple[str, ...]]
+"""A name, and its source with options."""
 TRIAL = """
 import importlib, sys
 import numpy as np
@@ -57,6 +60,30 @@ def run(*words: str | Path, folder: Path = ROOT) -> None:
         done.check_returncode()
 
 
+def robot(word: str) -> Robot:
+    """Return the robot that a word of ``--robots`` names: NAME of the table, or NAME=FILE,TIP.
+
+    Raises:
+        argparse.ArgumentTypeError: the table does not have the name, or there is no such file.
+
+    """
+    name, _, place = word.partition("=")
+    if not place:
+        if name not in ROBOTS:
+            raise argparse.ArgumentTypeError(f"'{name}' is none of {', '.join(ROBOTS)}; give NAME=FILE,TIP")
+        return name, ROBOTS[name]
+    file, _, tip = place.partition(",")
+    if not Path(file).is_file():
+        raise argparse.ArgumentTypeError(f"{name}: there is no file '{file}'")
+    return name, (str(Path(file).resolve()), *(("--tip", tip) if tip else ()))
+
+
+def compiler() -> str:
+    """Return the compiler's name and version, and the C library's."""
+    done = subprocess.run(["cc", "--version"], capture_output=True, text=True, check=True)
+    return f"{done.stdout.splitlines()[0]}; {' '.join(platform.libc_ver())}"
+
+
 def cached(source: str) -> str:
     """Return why a source cannot be read without a download, empty if it can."""
     if source.endswith(".urdf"):
@@ -65,10 +92,9 @@ def cached(source: str) -> str:
     return "" if Path(place).is_dir() else "robot_descriptions has no cache on this machine"
 
 
-def generated(names: Sequence[str], folder: Path) -> Iterator[str]:
+def generated(robots: Sequence[Robot], folder: Path) -> Iterator[str]:
     """Generate each robot; yield the names of those that are there."""
-    for name in names:
-        source, *options = ROBOTS[name]
+    for name, (source, *options) in robots:
         missing = cached(source)
         if not missing:
             try:
@@ -112,10 +138,11 @@ def wheel(name: str, version: str, python: str, folder: Path) -> Path:
 def main() -> int:
     """Build, measure and import; print a line per wheel."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--robots", nargs="*", choices=ROBOTS, default=list(ROBOTS))
+    parser.add_argument("--robots", nargs="*", type=robot, default=list(ROBOTS.items()), metavar="NAME[=FILE,TIP]")
     parser.add_argument("--folder", type=Path, default=ROOT / "build" / "wheels")
     options = parser.parse_args()
     folder, wrong = options.folder.resolve(), 0
+    print(f"built by {compiler()}", flush=True)
     names = list(generated(options.robots, folder / "robots"))
     for version in VERSIONS:
         python = interpreter(version)
