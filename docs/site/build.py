@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import json
 import re
+import shutil
 import socket
 import sys
 from html.parser import HTMLParser
@@ -148,6 +149,7 @@ def main(folder: Path) -> int:
     cut_the_network()
     print("writing the pages, and compiling the playground, usually half a minute ...", flush=True)
     stage(folder / "pages")
+    shutil.rmtree(folder / "html", ignore_errors=True)  # pages of an older build would be followed, too
     print("building the site, usually a minute ...", flush=True)
     options = ["--quiet", "--fail-on-warning", "--keep-going", "-E", "-c", str(Path(__file__).parent)]
     code = sphinx([*options, str(folder / "pages"), str(folder / "html")])

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -47,6 +48,15 @@ LOADED = (
 LONG = "document.querySelector('article p').innerHTML = '<b style=\"word-break: break-all\">' + 'a_b'.repeat(200)"
 
 
+def site_module(name: str) -> ModuleType:
+    """Return a module of docs/site; a package of the same name may be installed."""
+    spec = spec_from_file_location(name, ROOT / "docs" / "site" / f"{name}.py")
+    assert spec is not None and spec.loader is not None
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
 @pytest.mark.wide(instead="tests/house/test_docs.py::test_every_block_says_its_language")
 def test_no_name_is_broken(tmp_path: Path) -> None:
     """All pages, 1400 and 360 pixels wide; a name that is broken on purpose is found."""
@@ -75,10 +85,7 @@ def test_no_name_is_broken(tmp_path: Path) -> None:
 
 def test_figures_with_panels_in_a_row_are_folded() -> None:
     """Each panel keeps its elements and goes below the one before; rows, colour bars and common legends stay."""
-    spec = spec_from_file_location("narrow", ROOT / "docs" / "site" / "narrow.py")
-    assert spec is not None and spec.loader is not None
-    module = module_from_spec(spec)
-    spec.loader.exec_module(module)
+    module = site_module("narrow")
     texts = {name: (ROOT / "docs" / f"{name}.svg").read_text() for name in ("flutter", "adaptive", "measured")}
     folded = module.narrow(texts["flutter"])
     wide, high = map(float, re.findall(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', texts["flutter"])[0])
@@ -88,3 +95,23 @@ def test_figures_with_panels_in_a_row_are_folded() -> None:
     assert folded.count("<text") == texts["flutter"].count("<text")
     others = [texts["adaptive"], texts["measured"], (ROOT / "docs" / "analyze_moment.svg").read_text()]
     assert [module.narrow(text) for text in others] == [None, None, None]
+
+
+def test_a_build_begins_without_the_one_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A page of an older build, whose link leads nowhere by now, is gone and fails no check."""
+    monkeypatch.syspath_prepend(ROOT / "docs" / "site")
+    pytest.importorskip("sphinx")
+    build = site_module("build")
+    old = tmp_path / "html" / "old.html"
+    old.parent.mkdir()
+    old.write_text('<a href="gone.html">gone</a>')
+    assert build.faults(tmp_path / "html") == ["old.html leads to gone.html"]
+
+    def write(words: list[str]) -> int:
+        (Path(words[-1]) / "_static").mkdir(parents=True)
+        return 0
+
+    for name, instead in (("cut_the_network", lambda: None), ("stage", lambda _: None), ("sphinx", write)):
+        monkeypatch.setattr(build, name, instead)
+    assert build.main(tmp_path) == 0
+    assert not old.exists()
