@@ -89,17 +89,17 @@ def print_note(text: str) -> None:
 
 
 class Progress:
-    """Progress as a spinner on a terminal, as lines elsewhere."""
+    """Progress as a spinner on a terminal, as lines elsewhere if ``lines``."""
 
-    def __init__(self, console: Console) -> None:
-        self._console = console
+    def __init__(self, console: Console, *, lines: bool = True) -> None:
+        self._console, self._lines = console, lines
         self._status = console.status("") if console.is_terminal else None
 
     def __call__(self, step: str) -> None:
         """Show the next step."""
         if self._status:
             self._status.update(escape(terminal_text(step)))
-        else:
+        elif self._lines:
             self._console.print(f"{terminal_text(step)} ...", markup=False)
 
     @contextmanager

@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from stiffgen.cli.arguments import add_robot, source_of
-from stiffgen.cli.console import print_table, table, tables
+from stiffgen.cli.console import Progress, messages, print_table, table, tables
 from stiffgen.cli.records import add_options, group_of, values_of
 from stiffgen.cli.robots import LISTS, list_robots
 from stiffgen.cli.survey import TipSurvey, missing_limits, narrowed_limits, survey_tip
@@ -49,7 +49,9 @@ def run(options: argparse.Namespace) -> int:
     if options.urdf is None:
         raise StiffgenError("inspect: give a robot's FILE; --list known lists the robots that can be named")
     try:
-        description = describe(source_of(options), Reading(**values_of(options, Reading)))
+        with Progress(messages(), lines=False).shown() as progress:
+            progress(f"reading {options.urdf}")
+            description = describe(source_of(options), Reading(**values_of(options, Reading)))
     except DescriptionError as error:
         raise StiffgenError(error.full) from error  # all problems, where other commands show the first ones
     console = tables()

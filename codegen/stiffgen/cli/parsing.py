@@ -12,6 +12,7 @@ from typing import Any
 
 from stiffgen.cli.memory import check_memory
 from stiffgen.cli.replaced import refusal
+from stiffgen.cli.waiting import waiting
 from stiffgen.core.errors import StiffgenError
 
 _ASSIGNMENT = re.compile(r"(\w+):=(.*)", re.DOTALL)
@@ -105,7 +106,8 @@ class CommandParser(Parser):
             self._is_complete = True
             check_memory()
             try:
-                module = import_module(f"stiffgen.{self.module}")
+                with waiting(f"{self.prog}: loading packages"):
+                    module = import_module(f"stiffgen.{self.module}")
             except ModuleNotFoundError as error:
                 if not str(error.name).startswith("stiffgen."):
                     raise

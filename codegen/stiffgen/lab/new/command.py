@@ -47,10 +47,13 @@ def run(options: argparse.Namespace) -> int:
     if chosen.get("runtime_tool"):
         raise StiffgenError("--tool runtime: a project's loop has a fixed tool; give NAME=VALUE")
     progress = Progress(messages())
-    with ExitStack() as spinner:
+    with ExitStack() as terminal:
+        reading = terminal.enter_context(Progress(messages(), lines=False).shown())
+        reading(f"reading {options.urdf}")
 
         def decided(description: Description) -> Answers:
             """Ask what is open, and show progress only afterwards: a spinner would overwrite the questions."""
+            terminal.close()
             answers = decide(
                 description,
                 _ask if sys.stdin is not None and sys.stdin.isatty() else None,
@@ -61,7 +64,7 @@ def run(options: argparse.Namespace) -> int:
                 controller=controller or None,
                 masses=options.masses,
             )
-            spinner.enter_context(progress.shown())
+            terminal.enter_context(progress.shown())
             return answers
 
         project = new_project(
