@@ -45,6 +45,7 @@ typedef iiwa14_impedance_output output_t;
  * U(q; r, K) is the energy of the springs, with reference r and stiffness K; l, the scale; the torque is that of l U.
  */
 static const double FARTHEST = 1e6; /* [m] or [rad] beyond which a number is a mistake, or has lost its last digits */
+static const double JOINT_DAMPING = 0.1; /* [N m s/rad] of every joint, whatever the springs do */
 enum { NO_JOINT = -1, READY = 0x51f7, DELAYS = 6 }; /* DELAYS: torques of the account's history */
 enum { LONGEST = 100000 }; /* samples at which a counter stands still: 100 s at 1 kHz, and no overflow */
 enum { MOST_TURNS = 2 * N * (N + 1) }; /* of QL: seven joints need 62 on average, 90 at most of 3 000 matrices */
@@ -59,6 +60,7 @@ static const double FLOOR = 0.1;     /* share of tank_initial that moves, stiffn
 static const double COVERED = 0.7;   /* share of the available energy for springs; damping has the remainder */
 static const double SCALE_TIME = 0.05; /* [s] shortest time in which the scale rises from 0 to 1 */
 static const double NOISE_RANGE = 6.0; /* velocity_noise counts this often in one sample */
+static const double TREND_TIME = 0.01; /* [s] by which the trend of the reference is late */
 static const double SHAPED = 4.0; /* times the reference's own acceleration that follows a shaped command */
 static const double NO_TORQUE = 1e-9; /* [N m] or [N] that counts as none: nothing is divided by it */
 static const double TURN = 6.28318530717958648;
@@ -545,6 +547,23 @@ static double smallest_eigenvalue(const double *K)
     return mean + 2.0 * p * cos(angle + third);
 }
 
+/* Return the largest eigenvalue of M^-1 B [1/s] that is stable with the torque held for a sample time, and late. */
+static double most_damping(double sample_time, int delay_samples)
+{
+    return smaller(0.25, 0.75 / (1.0 + delay_samples)) / sample_time;
+}
+
+/*
+ * Return the damping [1/s] of a mode with eigenvalue l [1/s^2]: of the ratio damping_ratio, with a torque that is late
+ * by a time [s].
+ */
+static double mode_damping(double l, double late, double damping_ratio)
+{
+    const double zeta = damping_ratio, p = l * late * (2.0 * zeta * zeta - 1.0);
+    const double square = p * p + 4.0 * zeta * zeta * l - l * l * late * late;
+    return larger(sqrt(larger(square, 0.0)) - p, l * late);
+}
+
 /* Numbers, vectors, and matrices of N rows, row-major. */
 
 /* Count up to LONGEST. */
@@ -849,16 +868,10 @@ static double zone_energy(const memory_t *m, const double *q, double *pull, doub
     return energy;
 }
 
-/* Return the largest eigenvalue of M^-1 B [1/s] that is stable with the torque held for a sample time, and late. */
-static double most_damping(const config_t *c)
-{
-    return smaller(0.25, 0.75 / (1.0 + c->delay_samples)) / c->sample_time;
-}
-
 /* Return the largest eigenvalue of M^-1 K [1/s^2] that sample time and delay allow beside this damping. */
 static double most_eigenvalue(const config_t *c)
 {
-    const double T = c->sample_time, late = (c->delay_samples + 0.5) * T, b = most_damping(c);
+    const double T = c->sample_time, late = (c->delay_samples + 0.5) * T, b = most_damping(T, c->delay_samples);
     const double root = (sqrt(0.0625 + late * b) - 0.25) / late;
     return smaller(0.0625 / (T * T * (1.0 + 2.0 * c->delay_samples)), root * root);
 }
@@ -1772,6 +1785,7 @@ static void stiffen(const memory_t *m, const command_t *k, change_t *next)
 
 static const double COVERING = 0.35; /* of the available energy; springs and damping have the remainder */
 static const double SLOW = 0.02;     /* [rad/s] or [m/s] of the reference from which on friction has its full size */
+static const double AHEAD = 0.09;    /* [s] for which a braking reference is looked ahead: the arm is behind it */
 
 /*
  * Return the share of the wrenches that the speed of the tips allows: where contact is lost, a tip must not run away.
@@ -1815,6 +1829,17 @@ static void carry(const memory_t *m, const command_t *k, double paid, const doub
     add_scaled(N, moves ? paid : 0.0, torque, w->feedforward);
 }
 
+/*
+ * Return the part of a joint's friction that is fed forward, from -1 to 1: by the reference's velocity, at rest 0
+ * whatever dq does. It ends before the reference does, by the velocity to which a braking one will fall: an arm that is
+ * behind would be carried beyond q0 (4.0 mm for 2.6).
+ */
+static double side_of_friction(const reference_t *f, int i)
+{
+    const double dr = f->dr[i], later = dr + AHEAD / TREND_TIME * (dr - f->trend[i]);
+    return clamp(clamp(later, smaller(dr, 0.0), larger(dr, 0.0)) / SLOW, -1.0, 1.0);
+}
+
 /* Compute the feed-forward torque of springs in force, without a fault. inverse: L^-1 with M = L L^T, or NULL. */
 static void feed_forward(const memory_t *m, const command_t *k, const double *inverse, law_t *w)
 {
@@ -1836,9 +1861,8 @@ static void feed_forward(const memory_t *m, const command_t *k, const double *in
         stiffgen_coriolis(m->watch.q, m, m->watch.dq, forces);
         add_scaled(N, paid, forces, w->feedforward);
     }
-    for (int i = 0; i < N; ++i) { /* by the reference's velocity: at rest it is 0, whatever dq does */
-        const double side = clamp(m->reference.dr[i] / SLOW, -1.0, 1.0);
-        w->feedforward[i] += paid * m->config.coulomb_friction[i] * side;
+    for (int i = 0; i < N; ++i) {
+        w->feedforward[i] += paid * m->config.coulomb_friction[i] * side_of_friction(&m->reference, i);
     }
     const double share = covered_share(m, w->feedforward, COVERING * available(&m->account));
     for (int i = 0; i < N && share < 1.0; ++i) {
@@ -1850,8 +1874,6 @@ static void feed_forward(const memory_t *m, const command_t *k, const double *in
 
 /* The law: torque of springs, zones and damping at the believed sample. */
 
-static const double JOINT_DAMPING = 0.1; /* [N m s/rad] of every joint, whatever the springs do */
-
 /* Damping that is designed: eigenvalues of M^-1 B, the share of the joints alone, and (M^-1)_ii. */
 typedef struct {
     double joint, most, largest, softness[N];
@@ -1860,6 +1882,7 @@ typedef struct {
 /* Compute (M^-1)_ii = |L^-1 e_i|^2, and from their sum what the joints' own damping leaves to the modes. */
 static void design_each_joint(const config_t *c, const double *inverse, design_t *d)
 {
+    const double most = most_damping(c->sample_time, c->delay_samples);
     double trace = 0.0;
     for (int i = 0; i < N; ++i) {
         d->softness[i] = 0.0;
@@ -1868,24 +1891,17 @@ static void design_each_joint(const config_t *c, const double *inverse, design_t
         }
         trace += d->softness[i];
     }
-    d->joint = smaller(JOINT_DAMPING, 0.5 * most_damping(c) / trace);
-    d->most = most_damping(c) - d->joint * trace;
+    d->joint = smaller(JOINT_DAMPING, 0.5 * most / trace);
+    d->most = most - d->joint * trace;
     d->largest = 0.0;
-}
-
-/* Return the damping of a mode with eigenvalue l: of the ratio damping_ratio, with a torque that is late. */
-static double mode_damping(const config_t *c, double l)
-{
-    const double late = (c->delay_samples + 0.5) * c->sample_time, zeta = c->damping_ratio;
-    const double p = l * late * (2.0 * zeta * zeta - 1.0), square = p * p + 4.0 * zeta * zeta * l - l * l * late * late;
-    return larger(sqrt(larger(square, 0.0)) - p, l * late);
 }
 
 /* Damp y, parts of a velocity in the modes: an unstable mode as if it were stable. */
 static void damp_modes(const config_t *c, const modes_t *modes, double cap, design_t *d, double *y)
 {
+    const double late = (c->delay_samples + 0.5) * c->sample_time;
     for (int k = 0; k < N; ++k) {
-        const double b = clamp(mode_damping(c, fabs(modes->d[k]) * cap), 0.0, d->most);
+        const double b = clamp(mode_damping(fabs(modes->d[k]) * cap, late, c->damping_ratio), 0.0, d->most);
         y[k] *= b;
         d->largest = larger(d->largest, b);
     }
@@ -2434,13 +2450,20 @@ static void end_fault(memory_t *m)
     }
 }
 
+/* End the reference's motion. */
+static void stop_reference(reference_t *f)
+{
+    memset(f->dr, 0, sizeof f->dr);
+    memset(f->trend, 0, sizeof f->trend);
+}
+
 /* Settle the reference at the arm, where the springs store nothing. A command that is accepted engages them. */
 static void settle(memory_t *m, const command_t *k)
 {
     reference_t *const f = &m->reference;
     memcpy(f->r, m->watch.q, sizeof f->r);
     memcpy(f->wanted, m->watch.q, sizeof f->wanted);
-    memset(f->dr, 0, sizeof f->dr);
+    stop_reference(f);
     stiffgen_poses(m->watch.q, m, f->equilibrium);
     f->scale = f->press = 0.0;
     f->engaged = 0;
@@ -2463,6 +2486,7 @@ static uint32_t follow_command(memory_t *m, const command_t *k)
     account_move(&m->account, m, &g);
     memcpy(f->r, g.r, sizeof f->r);
     memcpy(f->dr, g.dr, sizeof f->dr);
+    (void)mix(N, f->trend, g.dr, smaller(m->config.sample_time / TREND_TIME, 1.0), f->trend);
     memcpy(f->equilibrium, g.equilibrium, sizeof f->equilibrium);
     if (k->accepted) {
         memcpy(f->wanted, k->q0, sizeof f->wanted);
@@ -2516,7 +2540,7 @@ static void step_with_sample(memory_t *m, phases_t *p)
     } else if (m->fault.reason == IIWA14_REASON_NONE && !holds) {
         p->status |= follow_command(m, &p->command);
     } else {
-        memset(m->reference.dr, 0, sizeof m->reference.dr);
+        stop_reference(&m->reference);
     }
     find_law(m, &p->command, &p->law);
     m->reference.press = p->law.press;

@@ -391,6 +391,7 @@ typedef struct {
 typedef struct {
     double r[7]; /* [rad] reference: the springs are at rest at its poses. */
     double dr[7]; /* [rad/s] its velocity. */
+    double trend[7]; /* [rad/s] its velocity, 10 ms late. */
     double wanted[7]; /* [rad] q0 of the last accepted command. */
     double equilibrium[16]; /* [m] (4 x 4) poses of the tips at r. */
     double scale; /* scale l of the springs, from 0 to 1. */

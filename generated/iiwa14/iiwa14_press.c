@@ -67,6 +67,16 @@ static int doubles_within(const double *x, size_t count, double least, double mo
     return 1;
 }
 
+/* Return whether all numbers are finite, and no mistakes. */
+static int all_finite(const double *x, int count) { return doubles_within(x, (size_t)count, -FARTHEST, FARTHEST); }
+
+/* Return whether a controller's configuration has the numbers that its damping is found from. */
+static int is_usable(double sample_time, int delay_samples, double damping_ratio, int joints, const double *motor_inertia)
+{
+    const int timed = sample_time > 0.0 && sample_time <= 1.0 && delay_samples >= 0;
+    return timed && all_finite(&damping_ratio, 1) && all_finite(motor_inertia, joints);
+}
+
 /*
  * A force along an axis. An integral of the measured force's error acts at once, as wrench_command; what it grows to is
  * handed over to the equilibrium, whose spring then exerts it and needs nothing from the tank.
@@ -83,17 +93,15 @@ static const double TOUCHED = 0.2;       /* share of the force from which on the
 static const double RELEASED = 0.1;      /* share below which there may be none */
 static const double WAIT = 0.03;         /* [s] of low force for which the equilibrium waits: most contacts return */
 static const double LOST_TIME = 0.15;    /* [s] of low force after which contact is lost */
+static const double DOUBT_TIME = 0.2;    /* [s] of springs beyond disagreement_limit: impacts and turns are shorter */
 static const double SPEED_TIME = 0.01;   /* [s] time constant of the tip's measured speed */
 static const double MOST = 2.0;          /* times the force that the integral may have */
 enum { SAMPLES = 3 };                    /* with a force, before contact */
 
-/* Return whether all numbers are finite, and no mistakes. */
-static int all_good(const double *x, int count) { return doubles_within(x, (size_t)count, -FARTHEST, FARTHEST); }
-
 static int start(const config_t *c, const controller_t *controller, state_t *s)
 {
-    const int timed = controller->sample_time > 0.0 && controller->sample_time <= 1.0 && controller->delay_samples >= 0;
-    if (!timed || !all_good(&controller->damping_ratio, 1) || !all_good(controller->motor_inertia, N)) {
+    const controller_t *const k = controller;
+    if (!is_usable(k->sample_time, k->delay_samples, k->damping_ratio, N, k->motor_inertia)) {
         return IIWA14_PRESS_E_CONTROLLER;
     }
     s->config = *c;
@@ -105,8 +113,8 @@ static int start(const config_t *c, const controller_t *controller, state_t *s)
 /* Judge an input. Return OK or what is wrong. */
 static int judge(const state_t *s, const input_t *in)
 {
-    const int stiff = all_good(in->translation_stiffness, 9) && all_good(in->rotation_stiffness, 9);
-    if (!stiff || !all_good(in->pose, 16) || !all_good(in->wrench, 6)) {
+    const int stiff = all_finite(in->translation_stiffness, 9) && all_finite(in->rotation_stiffness, 9);
+    if (!stiff || !all_finite(in->pose, 16) || !all_finite(in->wrench, 6)) {
         return IIWA14_PRESS_E_NUMBER;
     }
     if (!(fabs(norm(3, in->axis) - 1.0) <= UNIT)) {
@@ -153,12 +161,22 @@ static void advance(state_t *s, const input_t *in, const double *here, double sp
     shift(s, in->axis, clamp(AHEAD - lead(s, in, here), 0.0, speed * s->controller.sample_time));
 }
 
-/* Lose contact: no force of its own, and the equilibrium at the tip. */
-static void lose(state_t *s, const input_t *in, const double *here)
+/* Return the force [N] that spring and wrench_command exert along the axis: what is known without the sensor. */
+static double find_exerted(const state_t *s, const input_t *in, const last_t *last, const double *here,
+                           double stiffness)
 {
-    s->force = s->low = 0.0;
+    double rest[16];
+    stiffgen_pose(&s->controller, last->reference, rest);
+    const double stretch[3] = {rest[3] - here[3], rest[7] - here[7], rest[11] - here[11]};
+    return stiffness * dot(3, stretch, in->axis) + s->force;
+}
+
+/* Let go, into a stage: no force of its own, and the equilibrium at the tip. */
+static void let_go(state_t *s, const input_t *in, const double *here, int stage)
+{
+    s->force = s->low = s->doubt = 0.0;
     s->touched = 0;
-    s->stage = IIWA14_PRESS_STAGE_LOST;
+    s->stage = stage;
     shift(s, in->axis, -lead(s, in, here));
 }
 
@@ -168,7 +186,7 @@ static void hold(state_t *s, const input_t *in, const double *here, double measu
     const double T = s->controller.sample_time;
     s->low = measured < RELEASED * in->force ? s->low + T : 0.0;
     if (s->low >= LOST_TIME || (s->low > 0.0 && s->speed > RUNAWAY)) {
-        lose(s, in, here);
+        let_go(s, in, here, IIWA14_PRESS_STAGE_LOST);
         return;
     }
     if (s->low > 0.0) { /* soon the equilibrium follows the surface; the integral waits: it would drive the tip */
@@ -189,12 +207,24 @@ static void choose_stage(state_t *s, const input_t *in, const last_t *last, cons
     const int ended = (last->status & (uint32_t)IIWA14_STATUS_FAULT) != 0u;
     if (!(in->force > 0.0)) {
         s->stage = IIWA14_PRESS_STAGE_OFF;
+    } else if (s->stage == IIWA14_PRESS_STAGE_DOUBTED) {
+        return;
     } else if (ended && s->stage != IIWA14_PRESS_STAGE_LOST) {
-        lose(s, in, here);
+        let_go(s, in, here, IIWA14_PRESS_STAGE_LOST);
     } else if (!ended && (s->stage == IIWA14_PRESS_STAGE_OFF || (s->stage == IIWA14_PRESS_STAGE_LOST && in->search != 0))) {
         s->stage = IIWA14_PRESS_STAGE_APPROACH;
         s->touched = 0;
-        s->low = s->force = 0.0;
+        s->low = s->force = s->doubt = 0.0;
+    }
+}
+
+/* Doubt a sensor that says less than the springs press, and let go where that lasts. */
+static void doubt(state_t *s, const input_t *in, const double *here, double excess)
+{
+    const int sought = s->stage == IIWA14_PRESS_STAGE_APPROACH || s->stage == IIWA14_PRESS_STAGE_CONTACT;
+    s->doubt = sought && excess > s->config.disagreement_limit ? s->doubt + s->controller.sample_time : 0.0;
+    if (s->doubt >= DOUBT_TIME) {
+        let_go(s, in, here, IIWA14_PRESS_STAGE_DOUBTED);
     }
 }
 
@@ -202,7 +232,7 @@ static void choose_stage(state_t *s, const input_t *in, const last_t *last, cons
 static void act(state_t *s, const input_t *in, const double *here, double measured, const tuning_t *tuned)
 {
     const double T = s->controller.sample_time, size = norm(3, s->offset);
-    if (s->stage == IIWA14_PRESS_STAGE_OFF) { /* the pose goes back */
+    if (s->stage == IIWA14_PRESS_STAGE_OFF || s->stage == IIWA14_PRESS_STAGE_DOUBTED) { /* the pose goes back */
         s->force = 0.0;
         const double left = size > s->config.approach_speed * T ? 1.0 - s->config.approach_speed * T / size : 0.0;
         for (int k = 0; k < 3; ++k) {
@@ -224,7 +254,7 @@ static int press(state_t *s, const input_t *in, const last_t *last, output_t *ou
 {
     const int result = judge(s, in);
     tuning_t tuned;
-    const int told = last != NULL && all_good(last->position, N);
+    const int told = last != NULL && all_finite(last->position, N) && all_finite(last->reference, N);
     memcpy(out->pose, result == IIWA14_PRESS_OK || !s->known ? in->pose : s->pose, sizeof out->pose);
     if (result == IIWA14_PRESS_OK && told) {
         double here[16];
@@ -236,7 +266,9 @@ static int press(state_t *s, const input_t *in, const last_t *last, output_t *ou
                                             in->rotation_stiffness, wrench, &tuned.stiffness);
         out->gain = tuned.gain;
         out->error = in->force - measured;
+        out->pressing = find_exerted(s, in, last, here, tuned.stiffness);
         choose_stage(s, in, last, here);
+        doubt(s, in, here, out->pressing - measured);
         act(s, in, here, measured, &tuned);
     }
     for (int k = 0; k < 3; ++k) { /* a step whose input is wrong exerts no wrench, and holds the pose */
@@ -251,6 +283,7 @@ void iiwa14_press_default_config(config_t *config)
 {
     memset(config, 0, sizeof *config);
     config->approach_speed = 0.04;
+    config->disagreement_limit = 50.0;
     config->offset_limit = 0.3;
 }
 
@@ -258,6 +291,9 @@ static int validate(const config_t *c)
 {
     if (!doubles_within(&c->approach_speed, 1, 0.0001, 1.0)) {
         return IIWA14_PRESS_E_CONFIG_APPROACH_SPEED;
+    }
+    if (!doubles_within(&c->disagreement_limit, 1, 0.0, 10000.0)) {
+        return IIWA14_PRESS_E_CONFIG_DISAGREEMENT_LIMIT;
     }
     if (!doubles_within(&c->offset_limit, 1, 0.0, 10.0)) {
         return IIWA14_PRESS_E_CONFIG_OFFSET_LIMIT;
@@ -303,6 +339,8 @@ const char *iiwa14_press_error_text(int code)
         return "force: must be at least 0, and at most half of the controller's heaviest_wrench";
     case IIWA14_PRESS_E_CONFIG_APPROACH_SPEED:
         return "approach_speed: must lie between 0.0001 and 1";
+    case IIWA14_PRESS_E_CONFIG_DISAGREEMENT_LIMIT:
+        return "disagreement_limit: must lie between 0 and 10000";
     case IIWA14_PRESS_E_CONFIG_OFFSET_LIMIT:
         return "offset_limit: must lie between 0 and 10";
     default:

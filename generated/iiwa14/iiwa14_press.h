@@ -7,6 +7,8 @@
  *              to is handed over to the equilibrium within 0.3 s: the spring then exerts it.
  *   approach   the pose goes along the axis at approach_speed, at most 3 cm before the tip, until a fifth of the force is felt.
  *   loss       after 0.15 s with less than a tenth of the force the tip stops, or looks for contact again (search).
+ *   doubt      where the springs press beyond the measured force by disagreement_limit for 0.2 s, the pose goes back: the
+ *              sensor is frozen, or reads too little.
  *   axis       in base axes; it may turn with a surface. What is not along the axis follows the commanded pose.
  *
  * A wrist's sensor gives the wrench at the tip by iiwa14_sensor.h or a calibration. Motor torques are no force sensor.
@@ -39,7 +41,8 @@ enum {
     IIWA14_PRESS_E_AXIS = -5, /* axis: must be a unit vector, up to 1e-3 */
     IIWA14_PRESS_E_FORCE = -6, /* force: must be at least 0, and at most half of the controller's heaviest_wrench */
     IIWA14_PRESS_E_CONFIG_APPROACH_SPEED = -20, /* approach_speed: must lie between 0.0001 and 1 */
-    IIWA14_PRESS_E_CONFIG_OFFSET_LIMIT = -21 /* offset_limit: must lie between 0 and 10 */
+    IIWA14_PRESS_E_CONFIG_DISAGREEMENT_LIMIT = -21, /* disagreement_limit: must lie between 0 and 10000 */
+    IIWA14_PRESS_E_CONFIG_OFFSET_LIMIT = -22 /* offset_limit: must lie between 0 and 10 */
 };
 
 /* Stages. */
@@ -47,13 +50,18 @@ enum {
     IIWA14_PRESS_STAGE_OFF = 0, /* no force is wanted */
     IIWA14_PRESS_STAGE_APPROACH = 1, /* the pose moves along the axis until something is touched */
     IIWA14_PRESS_STAGE_CONTACT = 2, /* the force is held */
-    IIWA14_PRESS_STAGE_LOST = 3 /* contact was lost, or the controller has a fault: the tip stops until search is set, or force was 0 */
+    IIWA14_PRESS_STAGE_LOST = 3, /* contact was lost, or the controller has a fault: the tip stops until search is set, or force was 0 */
+    IIWA14_PRESS_STAGE_DOUBTED = 4 /* the springs press beyond the measured force by disagreement_limit: the pose goes back until force was 0 */
 };
 
 /* Configuration of Press; start from the defaults. */
 typedef struct {
     /* [m/s] speed at which contact is looked for. Must lie between 0.0001 and 1. Default: 0.04. */
     double approach_speed;
+    /* [N] most that the springs may press beyond the measured force, but for 0.2 s: friction and payload that
+     * are not known; a sensor that is frozen or reads too little is found by it. Must lie between 0 and 10000.
+     * Default: 50.0. */
+    double disagreement_limit;
     /* [m] farthest that the pose is moved from the commanded one. Must lie between 0 and 10. Default: 0.3. */
     double offset_limit;
 } iiwa14_press_config;
@@ -84,6 +92,8 @@ typedef struct {
     double wrench_command[6];
     /* [N] force less the measured one along the axis. */
     double error;
+    /* [N] force that springs and wrench_command exert along the axis, by the measured position. */
+    double pressing;
     /* [1/s] gain of the integral: half of the tip's decay along the axis. */
     double gain;
     /* IIWA14_PRESS_STAGE_.... */
@@ -99,6 +109,7 @@ typedef struct {
     double here[16]; /* [m] (4 x 4) last measured pose. */
     double force; /* [N] force of wrench_command along the axis. */
     double speed; /* [m/s] measured speed of the tip along the axis, smoothed. */
+    double doubt; /* [s] time for which the springs have pressed beyond disagreement_limit. */
     double low; /* [s] time for which the force has been low in contact. */
     int touched; /* [samples] samples with a force before contact. */
     int stage; /* IIWA14_PRESS_STAGE_.... */

@@ -45,6 +45,7 @@ static const double *stiffgen_tool(const controller_t *controller)
 }
 
 static const double FARTHEST = 1e6; /* [m] or [rad] beyond which a number is a mistake, or has lost its last digits */
+static const double JOINT_DAMPING = 0.1; /* [N m s/rad] of every joint, whatever the springs do */
 enum { READY = 0x5e771e }; /* mark of init */
 
 /* Error of one kind, translation or rotation, and what the springs make of it. */
@@ -85,6 +86,9 @@ static int doubles_within(const double *x, size_t count, double least, double mo
     return 1;
 }
 
+/* Return whether all numbers are finite, and no mistakes. */
+static int all_finite(const double *x, int count) { return doubles_within(x, (size_t)count, -FARTHEST, FARTHEST); }
+
 /* Factorise a positive definite A = L L^T (lower triangles); the pivots of a semidefinite one are not quite 0. */
 static void find_triangle(int n, const double *A, double *L)
 {
@@ -108,6 +112,30 @@ static void solve_triangles(int n, const double *L, double *x)
         }
         x[i] /= L[i * n + i];
     }
+}
+
+/* Return whether a controller's configuration has the numbers that its damping is found from. */
+static int is_usable(double sample_time, int delay_samples, double damping_ratio, int joints, const double *motor_inertia)
+{
+    const int timed = sample_time > 0.0 && sample_time <= 1.0 && delay_samples >= 0;
+    return timed && all_finite(&damping_ratio, 1) && all_finite(motor_inertia, joints);
+}
+
+/* Return the largest eigenvalue of M^-1 B [1/s] that is stable with the torque held for a sample time, and late. */
+static double most_damping(double sample_time, int delay_samples)
+{
+    return smaller(0.25, 0.75 / (1.0 + delay_samples)) / sample_time;
+}
+
+/*
+ * Return the damping [1/s] of a mode with eigenvalue l [1/s^2]: of the ratio damping_ratio, with a torque that is late
+ * by a time [s].
+ */
+static double mode_damping(double l, double late, double damping_ratio)
+{
+    const double zeta = damping_ratio, p = l * late * (2.0 * zeta * zeta - 1.0);
+    const double square = p * p + 4.0 * zeta * zeta * l - l * l * late * late;
+    return larger(sqrt(larger(square, 0.0)) - p, l * late);
 }
 
 static const double NO_SINE = 1e-6; /* sine up to which, near half a turn, it has lost the digits of the axis */
@@ -135,18 +163,6 @@ static void compare_pose(const double *from, const double *to, double *twist)
 }
 
 /* Decay of the tip's speed under the controller's damping: the one number that tunes integrals on any arm. */
-
-static const double JOINT_DAMPING = 0.1; /* [N m s/rad] of every joint, as in the controller */
-
-/* Return whether all numbers are finite, and no mistakes. */
-static int all_finite(const double *x, int count) { return doubles_within(x, (size_t)count, -FARTHEST, FARTHEST); }
-
-/* Return whether a configuration of the controller has the numbers that are read here. */
-static int is_usable(const controller_t *c)
-{
-    const int timed = c->sample_time > 0.0 && c->sample_time <= 1.0 && c->delay_samples >= 0;
-    return timed && all_finite(&c->damping_ratio, 1) && all_finite(c->motor_inertia, N);
-}
 
 /* Return v . K v for a vector of the base; turns: K is in the axes of a pose. */
 static double square_in(const double *K, int turns, const double *pose, const double *v)
@@ -198,10 +214,8 @@ static double find_decay(const controller_t *c, const double *q, const double *K
         return 0.0;
     }
     const double l = larger(spring_of(Kt, Ko, pose, twist) / inertia, 0.0);
-    const double late = (c->delay_samples + 0.5) * T, zeta = c->damping_ratio;
-    const double p = l * late * (2.0 * zeta * zeta - 1.0), root = p * p + 4.0 * zeta * zeta * l - l * l * late * late;
-    const double damping = sqrt(larger(root, 0.0)) - p + JOINT_DAMPING * dot(N, x, x) / inertia;
-    return clamp(damping, 0.0, smaller(0.25, 0.75 / (1.0 + c->delay_samples)) / T);
+    const double damping = mode_damping(l, (c->delay_samples + 0.5) * T, c->damping_ratio);
+    return clamp(damping + JOINT_DAMPING * dot(N, x, x) / inertia, 0.0, most_damping(T, c->delay_samples));
 }
 
 /* Moves of a pose by a twist: translation, then rotation vector, in base axes. */
@@ -241,7 +255,8 @@ static const double OFFSET_LIMIT[2] = {0.2, 0.5};   /* [m], [rad] of the offset,
 
 static int start(const config_t *c, const controller_t *controller, state_t *s)
 {
-    if (!is_usable(controller)) {
+    const controller_t *const k = controller;
+    if (!is_usable(k->sample_time, k->delay_samples, k->damping_ratio, N, k->motor_inertia)) {
         return IIWA14_SETTLE_E_CONTROLLER;
     }
     s->config = *c;
@@ -425,11 +440,14 @@ double iiwa14_tip_decay(const controller_t *controller, const double *q, const d
     const double *rotation_stiffness, const double *wrench, double *stiffness)
 {
     double along = 0.0, decay = 0.0;
-    const int given = controller != NULL && q != NULL && translation_stiffness != NULL && rotation_stiffness != NULL;
-    const int good = given && wrench != NULL && is_usable(controller) && all_finite(q, N) && all_finite(wrench, 6) &&
-                     all_finite(translation_stiffness, 9) && all_finite(rotation_stiffness, 9);
+    const controller_t *const k = controller;
+    const int given = k != NULL && q != NULL && translation_stiffness != NULL && rotation_stiffness != NULL;
+    const int good = given && wrench != NULL &&
+                     is_usable(k->sample_time, k->delay_samples, k->damping_ratio, N, k->motor_inertia) &&
+                     all_finite(q, N) && all_finite(wrench, 6) && all_finite(translation_stiffness, 9) &&
+                     all_finite(rotation_stiffness, 9);
     if (good) {
-        decay = find_decay(controller, q, translation_stiffness, rotation_stiffness, wrench, &along);
+        decay = find_decay(k, q, translation_stiffness, rotation_stiffness, wrench, &along);
     }
     if (stiffness != NULL) {
         *stiffness = along;

@@ -126,3 +126,21 @@ def test_a_wall_feels_the_force(iiwa: Arm, stiffness: float) -> None:
     print(f"{stiffness:g} N/m: {error:.2f} N rms, impact {force.max():.1f} N")
     assert not rows["faulted"].any()
     assert error <= 0.4 and force.max() <= 35.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", [{"wrench_last": 750}, {"wrench_gain": 0.2}])
+def test_a_sensor_that_says_too_little(iiwa: Arm, fault: dict[str, float]) -> None:
+    """One that freezes in the first contact, and one that says a fifth: the tip lets go before 80 N."""
+    samples, random = 8000, np.random.default_rng(1)
+    pose = iiwa.module.forward_kinematics(iiwa.posture)
+    noise, press = 0.3 * random.normal(size=(samples, 6)), (0.0, 0.0, -1.0, 15.0, 1.0)
+    plant = iiwa.plant(
+        flexible=True, makers=1, wall_stiffness=1e4, wall_point=pose[:3, 3] - [0, 0, 0.02], wrench_delay=1, **fault
+    )
+    config = iiwa.config(position_quantum=1e-6)
+    rows = iiwa.run(plant, samples, config, goal=iiwa.posture, pose=pose, press=press, wrench_noise=noise)
+    force = rows["contact"][:, 2]
+    print(f"{fault}: most {force.max():.1f} N, at the end {force[-500:].mean():.1f} N")
+    assert rows["detail"][-1, 1] == iiwa.module.PressStage.DOUBTED
+    assert force.max() <= 80.0 and force[-500:].mean() < 1.0

@@ -112,7 +112,7 @@ def test_defaults_and_rules_are_the_tables(workshop: Workshop) -> None:
 @pytest.mark.parametrize(("count", "most"), [(2, 0), pytest.param(5, 1, marks=pytest.mark.wide)])
 def test_sessions_kill_mutants(workshop: Workshop, count: int, most: int) -> None:
     """Draw some with a fixed seed; equivalent ones may be among them. ``make campaign NAME=mutations`` counts many."""
-    counted, survivors = count_survivors(workshop, mutants(workshop.text, count, seed=5), seed=0)
+    counted, survivors = count_survivors(workshop, mutants(workshop.text, count, seed=8), seed=0)
     assert counted >= count - most and len(survivors) <= most, survivors
 
 

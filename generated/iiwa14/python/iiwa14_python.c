@@ -21,7 +21,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "fb1badac62278fc0"
+#define SOURCES "2322665bbac7bed3"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;
@@ -2837,6 +2837,7 @@ static const field fields[] = {
     {"press_state", "here", "f8", offsetof(press_state_t, here), 2, {4, 4, 1}, 0, "m", ""},
     {"press_state", "force", "f8", offsetof(press_state_t, force), 0, {1, 1, 1}, 0, "N", ""},
     {"press_state", "speed", "f8", offsetof(press_state_t, speed), 0, {1, 1, 1}, 0, "m/s", ""},
+    {"press_state", "doubt", "f8", offsetof(press_state_t, doubt), 0, {1, 1, 1}, 0, "s", ""},
     {"press_state", "low", "f8", offsetof(press_state_t, low), 0, {1, 1, 1}, 0, "s", ""},
     {"press_state", "touched", "i4", offsetof(press_state_t, touched), 0, {1, 1, 1}, 0, "samples", ""},
     {"press_state", "stage", "i4", offsetof(press_state_t, stage), 0, {1, 1, 1}, 0, "", ""},
@@ -2956,6 +2957,7 @@ static const field fields[] = {
     {"settle_output", "error", "f8", offsetof(settle_output_t, error), 1, {2, 1, 1}, 0, "m, rad", ""},
     {"settle_output", "status", "u4", offsetof(settle_output_t, status), 0, {1, 1, 1}, 0, "", ""},
     {"press_config", "approach_speed", "f8", offsetof(press_config_t, approach_speed), 0, {1, 1, 1}, 0, "m/s", ""},
+    {"press_config", "disagreement_limit", "f8", offsetof(press_config_t, disagreement_limit), 0, {1, 1, 1}, 0, "N", ""},
     {"press_config", "offset_limit", "f8", offsetof(press_config_t, offset_limit), 0, {1, 1, 1}, 0, "m", ""},
     {"press_input", "pose", "f8", offsetof(press_input_t, pose), 2, {4, 4, 1}, 0, "m", ""},
     {"press_input", "translation_stiffness", "f8", offsetof(press_input_t, translation_stiffness), 2, {3, 3, 1}, 0, "N/m", ""},
@@ -2967,6 +2969,7 @@ static const field fields[] = {
     {"press_output", "pose", "f8", offsetof(press_output_t, pose), 2, {4, 4, 1}, 0, "m", ""},
     {"press_output", "wrench_command", "f8", offsetof(press_output_t, wrench_command), 1, {6, 1, 1}, 0, "N, N m", ""},
     {"press_output", "error", "f8", offsetof(press_output_t, error), 0, {1, 1, 1}, 0, "N", ""},
+    {"press_output", "pressing", "f8", offsetof(press_output_t, pressing), 0, {1, 1, 1}, 0, "N", ""},
     {"press_output", "gain", "f8", offsetof(press_output_t, gain), 0, {1, 1, 1}, 0, "1/s", ""},
     {"press_output", "stage", "i4", offsetof(press_output_t, stage), 0, {1, 1, 1}, 0, "", ""},
     {"paper_state", "torque", "f8", offsetof(paper_state_t, torque), 1, {7, 1, 1}, 0, "N m", ""},
@@ -3126,6 +3129,7 @@ static const choice outcomes[] = {
     {"press_stage", "approach", IIWA14_PRESS_STAGE_APPROACH},
     {"press_stage", "contact", IIWA14_PRESS_STAGE_CONTACT},
     {"press_stage", "lost", IIWA14_PRESS_STAGE_LOST},
+    {"press_stage", "doubted", IIWA14_PRESS_STAGE_DOUBTED},
     {"command", "none", IIWA14_COMMAND_NONE},
     {"command", "clock", IIWA14_COMMAND_CLOCK},
     {"command", "q0", IIWA14_COMMAND_Q0},

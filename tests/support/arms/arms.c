@@ -304,7 +304,8 @@ int run(const plant_t *p, const void *config, void *state, void *output, const d
         if (in->sensor[k] == SKIPPED) {
             *row = k > 0 ? rows[k - 1] : *row;
         } else if (p->law == 0) {
-            const int seen = k - 1 - (int)p->wrench_delay;
+            const int fresh = k - 1 - (int)p->wrench_delay, last = (int)p->wrench_last;
+            const int seen = last > 0 && last < fresh ? last : fresh;
             step_controller(p, &controller, &sensors, in, k, seen >= 0 ? rows[seen].contact : nothing, torque, row);
         } else if (in->sensor[k] != LOST) {
             step_textbook(p, &sensors, in, k, &memory, torque, row);

@@ -43,6 +43,8 @@ typedef struct {
     int normal;             /* 1: the axis of Press is the surface's normal, from the sensor */
     double settle_force[2]; /* [N], [N m]; 0: no Settle */
     double wrench_delay;    /* [samples] from a contact to its measurement */
+    double wrench_last;     /* sample whose contact the sensor repeats from then on; 0: it works */
+    double wrench_gain;     /* of the sensor: 1, or less of one that reads too little */
 } plant_t;
 
 /* Arrays of an episode, one row per sample. */

@@ -130,6 +130,7 @@ class Arm:
             "position_quantum": sensors.position_quantum, "velocity_quantum": sensors.velocity_quantum,
             "differences": int(sensors.differences), "delay": 1, "state_period": 1, "clamp_start": -1,
             "effort": self.effort, "rate": 10 * self.effort, "unit": 1.0,
+            "wrench_gain": 1.0,
         }  # fmt: skip
         return fill(self.Plant(), **(first | values))
 

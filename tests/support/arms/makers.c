@@ -63,7 +63,7 @@ void make_command(const plant_t *p, makers_t *m, const inputs_t *in, int k, cons
         push.rotation_stiffness[4 * i] = rest.rotation_stiffness[4 * i] = in->rotation[3 * k + i];
     }
     for (int i = 0; i < 6; ++i) {
-        push.wrench[i] = rest.wrench[i] = wrench[i] + in->wrench_noise[6 * k + i];
+        push.wrench[i] = rest.wrench[i] = p->wrench_gain * wrench[i] + in->wrench_noise[6 * k + i];
     }
     memcpy(rest.pose, in->pose + 16 * k, sizeof rest.pose);
     ROBOT_(settle_step)(&m->settle, &rest, last, &moved);

@@ -42,6 +42,7 @@ int law_init(const void *config, void *state, const double *torque, const double
     settle.contact_wrench[0] = settle.contact_wrench[1] = draw() < 0.5 ? 1e4 : 5.0;
     ROBOT_(press_default_config)(&press);
     press.approach_speed = draw() + 1e-3;
+    press.disagreement_limit = 1e4; /* no doubt: it would let go of most lies */
     (void)ROBOT_(settle_init)(&settle, config, &makers.settle);
     (void)ROBOT_(press_init)(&press, config, &makers.press);
     return init_controller(config, state, torque, tool);

@@ -69,6 +69,7 @@ FAULT: tuple[Field, ...] = (
 REFERENCE: tuple[Field, ...] = (
     _number("r", N, "rad", "reference: the springs are at rest at its poses"),
     _number("dr", N, "rad/s", "its velocity"),
+    _number("trend", N, "rad/s", "its velocity, 10 ms late"),
     _number("wanted", N, "rad", "q0 of the last accepted command"),
     _number("equilibrium", POSE, "m", "poses of the tips at r"),
     _number("scale", SCALAR, "", "scale l of the springs, from 0 to 1"),

@@ -7,6 +7,16 @@ from stiffgen.control.core.field import POSE, SCALAR, SPRING, WRENCH, Field
 
 PRESS_CONFIG: tuple[Field, ...] = (
     Field("approach_speed", SCALAR, "m/s", "speed at which contact is looked for", "0.04", 1e-4, 1.0),
+    Field(
+        "disagreement_limit",
+        SCALAR,
+        "N",
+        "most that the springs may press beyond the measured force, but for 0.2 s: friction and payload that are not "
+        "known; a sensor that is frozen or reads too little is found by it",
+        "50.0",
+        0.0,
+        1e4,
+    ),
     Field("offset_limit", SCALAR, "m", "farthest that the pose is moved from the commanded one", "0.3", 0.0, 10.0),
 )
 PRESS_STATE: tuple[Field, ...] = (
@@ -15,6 +25,7 @@ PRESS_STATE: tuple[Field, ...] = (
     Field("here", POSE, "m", "last measured pose"),
     Field("force", SCALAR, "N", "force of wrench_command along the axis"),
     Field("speed", SCALAR, "m/s", "measured speed of the tip along the axis, smoothed"),
+    Field("doubt", SCALAR, "s", "time for which the springs have pressed beyond disagreement_limit"),
     Field("low", SCALAR, "s", "time for which the force has been low in contact"),
     Field("touched", SCALAR, "samples", "samples with a force before contact", type="int"),
     Field("stage", SCALAR, "", "NAME_PRESS_STAGE_...", type="int"),
@@ -34,6 +45,7 @@ PRESS_OUTPUT: tuple[Field, ...] = (
     Field("pose", POSE, "m", "moved pose, for Follow"),
     Field("wrench_command", WRENCH, "N, N m", "wrench_command for the controller's step"),
     Field("error", SCALAR, "N", "force less the measured one along the axis"),
+    Field("pressing", SCALAR, "N", "force that springs and wrench_command exert along the axis, by the measured position"),
     Field("gain", SCALAR, "1/s", "gain of the integral: half of the tip's decay along the axis"),
     Field("stage", SCALAR, "", "NAME_PRESS_STAGE_...", type="int"),
 )
@@ -47,6 +59,7 @@ PRESS_STAGES = (
     ("approach", "the pose moves along the axis until something is touched"),
     ("contact", "the force is held"),
     ("lost", "contact was lost, or the controller has a fault: the tip stops until search is set, or force was 0"),
+    ("doubted", "the springs press beyond the measured force by disagreement_limit: the pose goes back until force was 0"),
 )
 """Stages from 0 on, with their meanings."""
 PRESS_ERRORS = (

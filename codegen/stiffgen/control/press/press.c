@@ -15,17 +15,15 @@ static const double TOUCHED = 0.2;       /* share of the force from which on the
 static const double RELEASED = 0.1;      /* share below which there may be none */
 static const double WAIT = 0.03;         /* [s] of low force for which the equilibrium waits: most contacts return */
 static const double LOST_TIME = 0.15;    /* [s] of low force after which contact is lost */
+static const double DOUBT_TIME = 0.2;    /* [s] of springs beyond disagreement_limit: impacts and turns are shorter */
 static const double SPEED_TIME = 0.01;   /* [s] time constant of the tip's measured speed */
 static const double MOST = 2.0;          /* times the force that the integral may have */
 enum { SAMPLES = 3 };                    /* with a force, before contact */
 
-/* Return whether all numbers are finite, and no mistakes. */
-static int all_good(const double *x, int count) { return doubles_within(x, (size_t)count, -FARTHEST, FARTHEST); }
-
 int start(const config_t *c, const controller_t *controller, state_t *s)
 {
-    const int timed = controller->sample_time > 0.0 && controller->sample_time <= 1.0 && controller->delay_samples >= 0;
-    if (!timed || !all_good(&controller->damping_ratio, 1) || !all_good(controller->motor_inertia, N)) {
+    const controller_t *const k = controller;
+    if (!is_usable(k->sample_time, k->delay_samples, k->damping_ratio, N, k->motor_inertia)) {
         return ID(PRESS_E_CONTROLLER);
     }
     s->config = *c;
@@ -37,8 +35,8 @@ int start(const config_t *c, const controller_t *controller, state_t *s)
 /* Judge an input. Return OK or what is wrong. */
 static int judge(const state_t *s, const input_t *in)
 {
-    const int stiff = all_good(in->translation_stiffness, 9) && all_good(in->rotation_stiffness, 9);
-    if (!stiff || !all_good(in->pose, 16) || !all_good(in->wrench, 6)) {
+    const int stiff = all_finite(in->translation_stiffness, 9) && all_finite(in->rotation_stiffness, 9);
+    if (!stiff || !all_finite(in->pose, 16) || !all_finite(in->wrench, 6)) {
         return ID(PRESS_E_NUMBER);
     }
     if (!(fabs(norm(3, in->axis) - 1.0) <= UNIT)) {
@@ -85,12 +83,22 @@ static void advance(state_t *s, const input_t *in, const double *here, double sp
     shift(s, in->axis, clamp(AHEAD - lead(s, in, here), 0.0, speed * s->controller.sample_time));
 }
 
-/* Lose contact: no force of its own, and the equilibrium at the tip. */
-static void lose(state_t *s, const input_t *in, const double *here)
+/* Return the force [N] that spring and wrench_command exert along the axis: what is known without the sensor. */
+static double find_exerted(const state_t *s, const input_t *in, const last_t *last, const double *here,
+                           double stiffness)
 {
-    s->force = s->low = 0.0;
+    double rest[16];
+    stiffgen_pose(&s->controller, last->reference, rest);
+    const double stretch[3] = {rest[3] - here[3], rest[7] - here[7], rest[11] - here[11]};
+    return stiffness * dot(3, stretch, in->axis) + s->force;
+}
+
+/* Let go, into a stage: no force of its own, and the equilibrium at the tip. */
+static void let_go(state_t *s, const input_t *in, const double *here, int stage)
+{
+    s->force = s->low = s->doubt = 0.0;
     s->touched = 0;
-    s->stage = ID(PRESS_STAGE_LOST);
+    s->stage = stage;
     shift(s, in->axis, -lead(s, in, here));
 }
 
@@ -100,7 +108,7 @@ static void hold(state_t *s, const input_t *in, const double *here, double measu
     const double T = s->controller.sample_time;
     s->low = measured < RELEASED * in->force ? s->low + T : 0.0;
     if (s->low >= LOST_TIME || (s->low > 0.0 && s->speed > RUNAWAY)) {
-        lose(s, in, here);
+        let_go(s, in, here, ID(PRESS_STAGE_LOST));
         return;
     }
     if (s->low > 0.0) { /* soon the equilibrium follows the surface; the integral waits: it would drive the tip */
@@ -121,12 +129,24 @@ static void choose_stage(state_t *s, const input_t *in, const last_t *last, cons
     const int ended = (last->status & (uint32_t)ID(STATUS_FAULT)) != 0u;
     if (!(in->force > 0.0)) {
         s->stage = ID(PRESS_STAGE_OFF);
+    } else if (s->stage == ID(PRESS_STAGE_DOUBTED)) {
+        return;
     } else if (ended && s->stage != ID(PRESS_STAGE_LOST)) {
-        lose(s, in, here);
+        let_go(s, in, here, ID(PRESS_STAGE_LOST));
     } else if (!ended && (s->stage == ID(PRESS_STAGE_OFF) || (s->stage == ID(PRESS_STAGE_LOST) && in->search != 0))) {
         s->stage = ID(PRESS_STAGE_APPROACH);
         s->touched = 0;
-        s->low = s->force = 0.0;
+        s->low = s->force = s->doubt = 0.0;
+    }
+}
+
+/* Doubt a sensor that says less than the springs press, and let go where that lasts. */
+static void doubt(state_t *s, const input_t *in, const double *here, double excess)
+{
+    const int sought = s->stage == ID(PRESS_STAGE_APPROACH) || s->stage == ID(PRESS_STAGE_CONTACT);
+    s->doubt = sought && excess > s->config.disagreement_limit ? s->doubt + s->controller.sample_time : 0.0;
+    if (s->doubt >= DOUBT_TIME) {
+        let_go(s, in, here, ID(PRESS_STAGE_DOUBTED));
     }
 }
 
@@ -134,7 +154,7 @@ static void choose_stage(state_t *s, const input_t *in, const last_t *last, cons
 static void act(state_t *s, const input_t *in, const double *here, double measured, const tuning_t *tuned)
 {
     const double T = s->controller.sample_time, size = norm(3, s->offset);
-    if (s->stage == ID(PRESS_STAGE_OFF)) { /* the pose goes back */
+    if (s->stage == ID(PRESS_STAGE_OFF) || s->stage == ID(PRESS_STAGE_DOUBTED)) { /* the pose goes back */
         s->force = 0.0;
         const double left = size > s->config.approach_speed * T ? 1.0 - s->config.approach_speed * T / size : 0.0;
         for (int k = 0; k < 3; ++k) {
@@ -156,7 +176,7 @@ int press(state_t *s, const input_t *in, const last_t *last, output_t *out)
 {
     const int result = judge(s, in);
     tuning_t tuned;
-    const int told = last != NULL && all_good(last->position, N);
+    const int told = last != NULL && all_finite(last->position, N) && all_finite(last->reference, N);
     memcpy(out->pose, result == ID(PRESS_OK) || !s->known ? in->pose : s->pose, sizeof out->pose);
     if (result == ID(PRESS_OK) && told) {
         double here[16];
@@ -168,7 +188,9 @@ int press(state_t *s, const input_t *in, const last_t *last, output_t *out)
                                             in->rotation_stiffness, wrench, &tuned.stiffness);
         out->gain = tuned.gain;
         out->error = in->force - measured;
+        out->pressing = find_exerted(s, in, last, here, tuned.stiffness);
         choose_stage(s, in, last, here);
+        doubt(s, in, here, out->pressing - measured);
         act(s, in, here, measured, &tuned);
     }
     for (int k = 0; k < 3; ++k) { /* a step whose input is wrong exerts no wrench, and holds the pose */

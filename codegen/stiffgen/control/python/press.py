@@ -40,7 +40,8 @@ class Press:
     controller : Impedance or its config
         Controller whose damping tunes the integral, and whose heaviest_wrench bounds it.
     **fields
-        Fields of the configuration (NAME_press.h): approach_speed [m/s], offset_limit [m].
+        Fields of the configuration (NAME_press.h): approach_speed [m/s], offset_limit [m],
+        disagreement_limit [N].
 
     Raises
     ------

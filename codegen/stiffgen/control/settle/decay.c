@@ -1,18 +1,6 @@
 /* Decay of the tip's speed under the controller's damping: the one number that tunes integrals on any arm. */
 #include "settle.h"
 
-static const double JOINT_DAMPING = 0.1; /* [N m s/rad] of every joint, as in the controller */
-
-/* Return whether all numbers are finite, and no mistakes. */
-int all_finite(const double *x, int count) { return doubles_within(x, (size_t)count, -FARTHEST, FARTHEST); }
-
-/* Return whether a configuration of the controller has the numbers that are read here. */
-int is_usable(const controller_t *c)
-{
-    const int timed = c->sample_time > 0.0 && c->sample_time <= 1.0 && c->delay_samples >= 0;
-    return timed && all_finite(&c->damping_ratio, 1) && all_finite(c->motor_inertia, N);
-}
-
 /* Return v . K v for a vector of the base; turns: K is in the axes of a pose. */
 double square_in(const double *K, int turns, const double *pose, const double *v)
 {
@@ -63,8 +51,6 @@ double find_decay(const controller_t *c, const double *q, const double *Kt, cons
         return 0.0;
     }
     const double l = larger(spring_of(Kt, Ko, pose, twist) / inertia, 0.0);
-    const double late = (c->delay_samples + 0.5) * T, zeta = c->damping_ratio;
-    const double p = l * late * (2.0 * zeta * zeta - 1.0), root = p * p + 4.0 * zeta * zeta * l - l * l * late * late;
-    const double damping = sqrt(larger(root, 0.0)) - p + JOINT_DAMPING * dot(N, x, x) / inertia;
-    return clamp(damping, 0.0, smaller(0.25, 0.75 / (1.0 + c->delay_samples)) / T);
+    const double damping = mode_damping(l, (c->delay_samples + 0.5) * T, c->damping_ratio);
+    return clamp(damping + JOINT_DAMPING * dot(N, x, x) / inertia, 0.0, most_damping(T, c->delay_samples));
 }

@@ -13,7 +13,8 @@ static const double OFFSET_LIMIT[2] = {0.2, 0.5};   /* [m], [rad] of the offset,
 
 int start(const config_t *c, const controller_t *controller, state_t *s)
 {
-    if (!is_usable(controller)) {
+    const controller_t *const k = controller;
+    if (!is_usable(k->sample_time, k->delay_samples, k->damping_ratio, N, k->motor_inertia)) {
         return ID(SETTLE_E_CONTROLLER);
     }
     s->config = *c;

@@ -22,8 +22,6 @@ typedef struct {
 /* ---- functions, by file ---- */
 
 /* decay.c */
-int all_finite(const double *x, int count);
-int is_usable(const controller_t *c);
 double square_in(const double *K, int turns, const double *pose, const double *v);
 double find_decay(const controller_t *c, const double *q, const double *Kt, const double *Ko, const double *wrench,
                   double *stiffness);

@@ -12,6 +12,8 @@ static const double FARTHEST = 1e6; /* [m] or [rad] beyond which a number is a m
 
 static const double RADIAN = 0.2; /* [m] that counts as much as one radian */
 
+static const double JOINT_DAMPING = 0.1; /* [N m s/rad] of every joint, whatever the springs do */
+
 /* ---- functions, by file ---- */
 
 /* vectors.c */
@@ -21,11 +23,17 @@ double clamp(double x, double least, double most);
 double dot(int count, const double *a, const double *b);
 double norm(int count, const double *x);
 int doubles_within(const double *x, size_t count, double least, double most);
+int all_finite(const double *x, int count);
 
 /* matrices.c */
 double smallest_eigenvalue(const double *K);
 void find_triangle(int n, const double *A, double *L);
 void solve_triangles(int n, const double *L, double *x);
+
+/* damping.c */
+int is_usable(double sample_time, int delay_samples, double damping_ratio, int joints, const double *motor_inertia);
+double most_damping(double sample_time, int delay_samples);
+double mode_damping(double l, double late, double damping_ratio);
 
 /* poses.c */
 double rotation_error(const double *pose, int *entry);

@@ -32,3 +32,6 @@ int doubles_within(const double *x, size_t count, double least, double most)
     }
     return 1;
 }
+
+/* Return whether all numbers are finite, and no mistakes. */
+int all_finite(const double *x, int count) { return doubles_within(x, (size_t)count, -FARTHEST, FARTHEST); }

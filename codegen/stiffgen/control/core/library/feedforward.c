@@ -6,6 +6,7 @@
 
 static const double COVERING = 0.35; /* of the available energy; springs and damping have the remainder */
 static const double SLOW = 0.02;     /* [rad/s] or [m/s] of the reference from which on friction has its full size */
+static const double AHEAD = 0.09;    /* [s] for which a braking reference is looked ahead: the arm is behind it */
 
 /*
  * Return the share of the wrenches that the speed of the tips allows: where contact is lost, a tip must not run away.
@@ -49,6 +50,17 @@ static void carry(const memory_t *m, const command_t *k, double paid, const doub
     add_scaled(N, moves ? paid : 0.0, torque, w->feedforward);
 }
 
+/*
+ * Return the part of a joint's friction that is fed forward, from -1 to 1: by the reference's velocity, at rest 0
+ * whatever dq does. It ends before the reference does, by the velocity to which a braking one will fall: an arm that is
+ * behind would be carried beyond q0 (4.0 mm for 2.6).
+ */
+static double side_of_friction(const reference_t *f, int i)
+{
+    const double dr = f->dr[i], later = dr + AHEAD / TREND_TIME * (dr - f->trend[i]);
+    return clamp(clamp(later, smaller(dr, 0.0), larger(dr, 0.0)) / SLOW, -1.0, 1.0);
+}
+
 /* Compute the feed-forward torque of springs in force, without a fault. inverse: L^-1 with M = L L^T, or NULL. */
 void feed_forward(const memory_t *m, const command_t *k, const double *inverse, law_t *w)
 {
@@ -70,9 +82,8 @@ void feed_forward(const memory_t *m, const command_t *k, const double *inverse, 
         stiffgen_coriolis(m->watch.q, m, m->watch.dq, forces);
         add_scaled(N, paid, forces, w->feedforward);
     }
-    for (int i = 0; i < N; ++i) { /* by the reference's velocity: at rest it is 0, whatever dq does */
-        const double side = clamp(m->reference.dr[i] / SLOW, -1.0, 1.0);
-        w->feedforward[i] += paid * m->config.coulomb_friction[i] * side;
+    for (int i = 0; i < N; ++i) {
+        w->feedforward[i] += paid * m->config.coulomb_friction[i] * side_of_friction(&m->reference, i);
     }
     const double share = covered_share(m, w->feedforward, COVERING * available(&m->account));
     for (int i = 0; i < N && share < 1.0; ++i) {

@@ -37,6 +37,7 @@ static const double FLOOR = 0.1;     /* share of tank_initial that moves, stiffn
 static const double COVERED = 0.7;   /* share of the available energy for springs; damping has the remainder */
 static const double SCALE_TIME = 0.05; /* [s] shortest time in which the scale rises from 0 to 1 */
 static const double NOISE_RANGE = 6.0; /* velocity_noise counts this often in one sample */
+static const double TREND_TIME = 0.01; /* [s] by which the trend of the reference is late */
 static const double SHAPED = 4.0; /* times the reference's own acceleration that follows a shaped command */
 static const double NO_TORQUE = 1e-9; /* [N m] or [N] that counts as none: nothing is divided by it */
 static const double TURN = 6.28318530717958648;
@@ -132,7 +133,6 @@ void from_modes(const modes_t *m, const double *A, double *y);
 /* springs.c */
 double spring_energy(const memory_t *m, const double *q, const double *r, const double *poses, const stiffness_t *K);
 double zone_energy(const memory_t *m, const double *q, double *pull, double *slope);
-double most_damping(const config_t *c);
 double most_eigenvalue(const config_t *c);
 double beyond(const config_t *c, int i, double q);
 double nearest_turn(int i, double q, double other);

@@ -1,8 +1,6 @@
 /* The law: torque of springs, zones and damping at the believed sample. */
 #include "impedance.h"
 
-static const double JOINT_DAMPING = 0.1; /* [N m s/rad] of every joint, whatever the springs do */
-
 /* Damping that is designed: eigenvalues of M^-1 B, the share of the joints alone, and (M^-1)_ii. */
 typedef struct {
     double joint, most, largest, softness[N];
@@ -11,6 +9,7 @@ typedef struct {
 /* Compute (M^-1)_ii = |L^-1 e_i|^2, and from their sum what the joints' own damping leaves to the modes. */
 static void design_each_joint(const config_t *c, const double *inverse, design_t *d)
 {
+    const double most = most_damping(c->sample_time, c->delay_samples);
     double trace = 0.0;
     for (int i = 0; i < N; ++i) {
         d->softness[i] = 0.0;
@@ -19,24 +18,17 @@ static void design_each_joint(const config_t *c, const double *inverse, design_t
         }
         trace += d->softness[i];
     }
-    d->joint = smaller(JOINT_DAMPING, 0.5 * most_damping(c) / trace);
-    d->most = most_damping(c) - d->joint * trace;
+    d->joint = smaller(JOINT_DAMPING, 0.5 * most / trace);
+    d->most = most - d->joint * trace;
     d->largest = 0.0;
-}
-
-/* Return the damping of a mode with eigenvalue l: of the ratio damping_ratio, with a torque that is late. */
-static double mode_damping(const config_t *c, double l)
-{
-    const double late = (c->delay_samples + 0.5) * c->sample_time, zeta = c->damping_ratio;
-    const double p = l * late * (2.0 * zeta * zeta - 1.0), square = p * p + 4.0 * zeta * zeta * l - l * l * late * late;
-    return larger(sqrt(larger(square, 0.0)) - p, l * late);
 }
 
 /* Damp y, parts of a velocity in the modes: an unstable mode as if it were stable. */
 static void damp_modes(const config_t *c, const modes_t *modes, double cap, design_t *d, double *y)
 {
+    const double late = (c->delay_samples + 0.5) * c->sample_time;
     for (int k = 0; k < N; ++k) {
-        const double b = clamp(mode_damping(c, fabs(modes->d[k]) * cap), 0.0, d->most);
+        const double b = clamp(mode_damping(fabs(modes->d[k]) * cap, late, c->damping_ratio), 0.0, d->most);
         y[k] *= b;
         d->largest = larger(d->largest, b);
     }

@@ -30,16 +30,10 @@ double zone_energy(const memory_t *m, const double *q, double *pull, double *slo
     return energy;
 }
 
-/* Return the largest eigenvalue of M^-1 B [1/s] that is stable with the torque held for a sample time, and late. */
-double most_damping(const config_t *c)
-{
-    return smaller(0.25, 0.75 / (1.0 + c->delay_samples)) / c->sample_time;
-}
-
 /* Return the largest eigenvalue of M^-1 K [1/s^2] that sample time and delay allow beside this damping. */
 double most_eigenvalue(const config_t *c)
 {
-    const double T = c->sample_time, late = (c->delay_samples + 0.5) * T, b = most_damping(c);
+    const double T = c->sample_time, late = (c->delay_samples + 0.5) * T, b = most_damping(T, c->delay_samples);
     const double root = (sqrt(0.0625 + late * b) - 0.25) / late;
     return smaller(0.0625 / (T * T * (1.0 + 2.0 * c->delay_samples)), root * root);
 }

@@ -51,13 +51,20 @@ static void end_fault(memory_t *m)
     }
 }
 
+/* End the reference's motion. */
+static void stop_reference(reference_t *f)
+{
+    memset(f->dr, 0, sizeof f->dr);
+    memset(f->trend, 0, sizeof f->trend);
+}
+
 /* Settle the reference at the arm, where the springs store nothing. A command that is accepted engages them. */
 static void settle(memory_t *m, const command_t *k)
 {
     reference_t *const f = &m->reference;
     memcpy(f->r, m->watch.q, sizeof f->r);
     memcpy(f->wanted, m->watch.q, sizeof f->wanted);
-    memset(f->dr, 0, sizeof f->dr);
+    stop_reference(f);
     stiffgen_poses(m->watch.q, m, f->equilibrium);
     f->scale = f->press = 0.0;
     f->engaged = 0;
@@ -80,6 +87,7 @@ static uint32_t follow_command(memory_t *m, const command_t *k)
     account_move(&m->account, m, &g);
     memcpy(f->r, g.r, sizeof f->r);
     memcpy(f->dr, g.dr, sizeof f->dr);
+    (void)mix(N, f->trend, g.dr, smaller(m->config.sample_time / TREND_TIME, 1.0), f->trend);
     memcpy(f->equilibrium, g.equilibrium, sizeof f->equilibrium);
     if (k->accepted) {
         memcpy(f->wanted, k->q0, sizeof f->wanted);
@@ -133,7 +141,7 @@ static void step_with_sample(memory_t *m, phases_t *p)
     } else if (m->fault.reason == ID(REASON_NONE) && !holds) {
         p->status |= follow_command(m, &p->command);
     } else {
-        memset(m->reference.dr, 0, sizeof m->reference.dr);
+        stop_reference(&m->reference);
     }
     find_law(m, &p->command, &p->law);
     m->reference.press = p->law.press;
