@@ -100,7 +100,7 @@ def main(turn: float) -> None:
     """Plan, run, measure."""
     folder = stiffgen.generate(URDF, tip=FLANGE, kernels="hybrid,body", controller=False, name="held")
     posture, stiffness = ",".join(map(str, POSTURE)), "5000,5000,5000,40,40,40"
-    robot = ("--robot", str(folder), "--tared")
+    robot = ("--robot", str(folder), "--calibration", "none")
     measure("--plan", "plan.csv", *robot, "--posture", posture, "--stiffness", stiffness, "--deviation", "0.02")
     time, q, readings = record(held_arm(), np.loadtxt("plan.csv", delimiter=","), turn)
     with Path("measured.csv").open("w", newline="") as file:

@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from stiffgen.files.cache import load
     from stiffgen.lab import drive  # noqa: F401
     from stiffgen.lab.analyze.analysis import Analysis, analyze
-    from stiffgen.lab.analyze.friction import JointFriction, estimate_friction
     from stiffgen.lab.analyze.sensors import SensorProperties, estimate_sensors
     from stiffgen.lab.arms.hands import HeldWrench, internal_wrench, relative_compliance
     from stiffgen.lab.arms.loaded import BucklingLoad, Settled, buckling_load, settle
@@ -53,6 +52,7 @@ if TYPE_CHECKING:
     from stiffgen.lab.arms.softness import compliance_determinant_gradient, compliance_gradient
     from stiffgen.lab.calibrate.calibration import Calibration, read_calibration, tare
     from stiffgen.lab.laws import law_preset
+    from stiffgen.lab.measure.friction import JointFriction, estimate_friction
 
 __all__ = [
     "Analysis",
@@ -114,7 +114,7 @@ __all__ = [
 
 _HOMES = {
     "lab.analyze.analysis": ("Analysis", "analyze"),
-    "lab.analyze.friction": ("JointFriction", "estimate_friction"),
+    "lab.measure.friction": ("JointFriction", "estimate_friction"),
     "lab.analyze.sensors": ("SensorProperties", "estimate_sensors"),
     "files.cache": ("load",),
     "lab.laws": ("law_preset",),

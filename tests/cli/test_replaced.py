@@ -18,6 +18,7 @@ PLACES |= {"play": ["generated/iiwa14"], "prove": ["generated/iiwa14"], "verify"
 PLACES |= {
     "analyze": ["log.csv", "--robot", "generated/iiwa14", "--task-stiffness", "300"],
     "calibrate": ["log.csv", "--robot", "generated/iiwa14"],
+    "measure": ["log.csv"],
 }
 OLD = [(command, option) for command, options in REPLACED.items() for option in options]
 

@@ -43,6 +43,7 @@ REPLACED = {
         "--wrench-topic": "--topic",
     },
     "calibrate": {"--picture": "a second --output FILE.svg", "--at": "--check KG,X,Y,Z"},
+    "measure": {"--rotation": "nothing: the columns' names or number tell", "--tared": "--calibration none"},
     "prove": {"--part": _WORDS, "--only": _WORDS},
     "verify": {
         "--urdf": "the file behind the folder: DIR URDF",

@@ -274,7 +274,7 @@ def test_from_recording_to_page(robot, tmp_path: Path, monkeypatch: pytest.Monke
     names = ["time", *pose, *(f"wrench_{i}" for i in range(6))]
     rows = np.column_stack([time, poses[:, :3, 3], quaternion, F])
     np.savetxt("log.csv", rows, delimiter=",", header=",".join(names), comments="")
-    assert main(["measure", "log.csv", "--tared"]) == 1
+    assert main(["measure", "log.csv", "--calibration", "none"]) == 1
     assert "turn: (" in capsys.readouterr().out
     assert "chi-square" in Path("log_measured.html").read_text()
     table = Path("log_measured.csv").read_text()
@@ -291,10 +291,10 @@ def test_a_plan_is_written(robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.chdir(tmp_path)
     posture = ",".join(map(str, POSTURE))
     command = ["measure", "--plan", "plan.csv", "--robot", str(robot.folder), "--posture", posture]
-    assert main([*command, "--stiffness", "800,700,500,60,40,30", "--tared"]) == 0
+    assert main([*command, "--stiffness", "800,700,500,60,40,30", "--calibration", "none"]) == 0
     wide = np.loadtxt("plan.csv", delimiter=",")
     assert wide.shape == (4401, 7)
-    narrow = [*command, "--stiffness", "800,700,500,60,40,30", "--tared", "--deviation", "0.1,0.2,0.02"]
+    narrow = [*command, "--stiffness", "800,700,500,60,40,30", "--calibration", "none", "--deviation", "0.1,0.2,0.02"]
     assert main(narrow) == 0
     assert np.ptp(np.loadtxt("plan.csv", delimiter=","), axis=0).max() < 0.5 * np.ptp(wide, axis=0).max()
     assert main([*narrow[:-1], "0.1,1"]) == 2

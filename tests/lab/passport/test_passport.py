@@ -106,6 +106,9 @@ def test_postures_fill_the_joints_ranges(robot):
         (("--kp", "1,2"), "--kp: takes one positive number, or 7 with commas"),
         (("--kc", "0"), "--kc: takes one positive number"),
         (("--kp", "a"), "'a' is not a number"),
+        (("--friction", "1,2"), "--friction: takes one number from 0, or 7 with commas"),
+        (("--friction", "-1"), "--friction: takes one number"),
+        (("--friction", "absent.csv"), "absent.csv: is no table of 'stiffgen measure --friction'"),
         (("log.csv",), "log.csv: cannot be read"),
     ],
 )
@@ -129,6 +132,24 @@ def test_a_robot_without_a_passport_is_refused(tmp_path, unoptimised, options, s
     robot = stiffgen.open_robot(stiffgen.generate(URDF, output=tmp_path, controller=False, build=False, **options))
     with pytest.raises(StiffgenError, match=said):
         make_passport(robot, PassportOptions())
+
+
+def test_friction_from_a_table(robot_folder, tmp_path, monkeypatch, capsys):
+    """The table of 'measure --friction' gives the page of its numbers; that of another robot is refused."""
+    monkeypatch.chdir(tmp_path)
+    rows = [f"A{k},{k},0.1,{k},{k},{0.9 * k}" for k in range(1, 8)]
+    head = "joint,friction,half_width_95,smallest,largest,coulomb_friction"
+    (tmp_path / "log_friction.csv").write_text("\n".join([head, *rows]) + "\n")
+    said = []
+    for given in ("log_friction.csv", "1,2,3,4,5,6,7"):
+        assert main(["passport", str(robot_folder), "--friction", given]) == 0
+        said.append(capsys.readouterr().out)
+    assert said[0] == said[1] and "Friction leaves the tip at most " in said[0]
+    text = (tmp_path / "iiwa14_passport.html").read_text()
+    assert ">rest error</td>" in text and ">force error</td>" in text and "every joint sticks" in text
+    (tmp_path / "log_friction.csv").write_text("\n".join([head, *rows[:6]]) + "\n")
+    assert main(["passport", str(robot_folder), "--friction", "log_friction.csv"]) == 2
+    assert "has the joints A1" in capsys.readouterr().err
 
 
 def test_without_matplotlib_the_extra_is_named(robot_folder, tmp_path, monkeypatch, capsys):

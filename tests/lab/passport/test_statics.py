@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 from scipy.optimize import linprog
@@ -92,3 +94,53 @@ def test_buckling_is_where_the_energy_loses_its_curvature(robot):
             H = np.diag(KP) - (np.array(rows) + np.array(rows).T) / 2
             smallest.append(np.linalg.eigvalsh(H)[0])
         assert min(smallest) == pytest.approx(0.0, abs=1e-4)
+
+
+FRICTION = 0.01 * np.array([3.0, 4.0, 2.0, 2.5, 1.0, 0.8, 0.6])
+"""[N m] so small that equilibria are linear in it within a percent."""
+
+
+def stuck(module, q, stiffness, friction, normal=None):
+    """Return the tip's way [m] along x, y, z, or its force on a wall across ``normal`` [N], where friction holds it.
+
+    Newton steps: torque of the generated spring, posture springs of 1 N m/rad, friction of the joints, force of a wall.
+    """
+    pose, n = module.forward_kinematics(q), len(q)
+    at, force = q.copy(), 0.0
+    tangent = module.spring.joint_stiffness(q, pose, *stiffness) + np.eye(n)
+    for _ in range(40):
+        J = module.hybrid.jacobian(at)[:3]
+        left = module.spring.torque(at, pose, *stiffness) - (at - q) + friction
+        way = module.forward_kinematics(at)[:3, 3] - pose[:3, 3]
+        if normal is None:
+            at = at + np.linalg.solve(tangent, left)
+            continue
+        row = normal @ J
+        system = np.block([[tangent, -row[:, None]], [row[None], np.zeros((1, 1))]])
+        step = np.linalg.solve(system, np.append(left + row * force, -normal @ way))
+        at, force = at + step[:n], force + step[n]
+    assert np.abs(left + (0.0 if normal is None else row * force)).max() < 1e-9
+    return way if normal is None else force
+
+
+def test_errors_by_friction_are_those_of_equilibria(robot):
+    """The worst of all signs of the joints' friction, solved without linearising."""
+    module = robot.module
+    passport = make_passport(robot, PassportOptions(friction=tuple(FRICTION)), POSTURES)
+    for number, q in enumerate(POSTURES):
+        k = passport["rendered"][number]
+        stiffness = (k * np.eye(3), 0.05 * k * np.eye(3))
+        signs = np.array(list(product((-1.0, 1.0), repeat=7)))[:64]  # the others are their opposites
+        ways = np.abs([stuck(module, q, stiffness, each * FRICTION) for each in signs])
+        forces = [abs(stuck(module, q, stiffness, each * FRICTION, u)) for each in signs for u in np.eye(3)]
+        assert passport["rest error"][number] == pytest.approx(1e3 * np.max(ways), rel=0.02)
+        assert passport["force error"][number] == pytest.approx(np.max(forces), rel=0.02)
+
+
+def test_errors_by_friction_grow_with_it(robot):
+    """Twice the friction, twice the errors; friction of one number is that of all joints; none is no quantity."""
+    single, double = (make_passport(robot, PassportOptions(friction=c), POSTURES) for c in ((1.0,), (2.0,) * 7))
+    for name in ("rest error", "force error"):
+        np.testing.assert_allclose(double[name], 2 * single[name])
+        assert double.quantity(name).worst == double[name].argmax()
+    assert "rest error" not in {each.name for each in make_passport(robot, PassportOptions(), POSTURES).quantities}

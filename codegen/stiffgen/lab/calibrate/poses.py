@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -36,26 +37,27 @@ class StandingPoses:
 
 
 def read_rows(
-    log: str | Path, names: tuple[str, ...], q: str | None = None, reading: str | None = None, *, most: int = _MOST_ROWS
+    log: str | Path,
+    names: tuple[str, ...],
+    q: str | None = None,
+    reading: str | None = None,
+    *,
+    most: int = _MOST_ROWS,
+    readings: int = 6,
+    positions_flag: str = "--q",
 ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
     """Return positions, readings and time (None without) of all rows without a missing number.
 
     ``names`` are those of the positions, in order. ``q`` and ``reading`` are prefixes of columns, or their names with
-    commas; None for the default names. ``most`` is the largest number of rows.
+    commas; None for the default names. ``most`` is the largest number of rows, ``readings`` that of numbers in a
+    reading. ``positions_flag`` is the caller's option for ``q``.
 
     Raises:
         RecordingError: the recording cannot be read, is too long, or the reader of recordings has been taken out.
 
     """
-    recording = optional("lab.analyze.recording")
-    if recording is None:
-        raise RecordingError(f"{log}: recordings are read with the package's folder analyze/, which is not there")
-    request = recording.RecordingRequest(
-        names,
-        q=recording.chosen_names(q),
-        wrench=recording.chosen_names(reading),
-    )
-    opened = recording.open_recording(log, request)
+    opened = _opened(log, names, q, reading, readings, positions_flag)
+    recording = _reader(log)
     blocks = [block.values for part in opened.partitions for block in recording.read_blocks(part, 1 << 16)]
     rows = np.concatenate(blocks) if blocks else np.zeros((0, len(opened.columns.names)))
     if len(rows) > most:
@@ -64,6 +66,38 @@ def read_rows(
     first, n = int(opened.columns.time is not None), len(names)
     time = rows[:, 0] if first else None
     return opened.columns.positions(rows), rows[:, first + n :], time
+
+
+def has_columns(log: str | Path, names: tuple[str, ...], q: str | None, reading: str | None) -> bool:
+    """Return whether a recording opens with these positions and readings; see ``read_rows``."""
+    try:
+        _opened(log, names, q, reading, 6, "--positions")
+    except RecordingError:
+        return False
+    return True
+
+
+def _reader(log: str | Path) -> Any:
+    """Return the package that reads recordings; its room may have been taken out."""
+    recording = optional("lab.analyze.recording")
+    if recording is None:
+        raise RecordingError(f"{log}: recordings are read with the package's folder analyze/, which is not there")
+    return recording
+
+
+def _opened(
+    log: str | Path, names: tuple[str, ...], q: str | None, reading: str | None, readings: int, positions_flag: str
+) -> Any:
+    """Return a recording with its columns found."""
+    recording = _reader(log)
+    request = recording.RecordingRequest(
+        names,
+        q=recording.chosen_names(q),
+        wrench=recording.chosen_names(reading),
+        readings=readings,
+        flags=(positions_flag, "--reading"),
+    )
+    return recording.open_recording(log, request)
 
 
 def standing(q: FloatArray, reading: FloatArray, time: FloatArray | None) -> StandingPoses:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The command ``measure``: a stiffness from recorded motions about a pose, and what is wrong with the sensor."""
+"""The command ``measure``: a stiffness from motions about a pose, with the sensor's errors, or the joints' friction."""
 
 from __future__ import annotations
 
@@ -15,9 +15,14 @@ from stiffgen.core.opened import GeneratedRobot, open_robot
 from stiffgen.lab.calibrate.calibration import Calibration, tip_functions
 from stiffgen.lab.measure.measurement import Measurement, joint_stiffness_deviation, measure_stiffness
 from stiffgen.lab.measure.page import render_page, statements, to_csv
-from stiffgen.lab.measure.plan import PERIODS, PlanOptions, plan_excitation
+from stiffgen.lab.measure.plan import PERIODS, PlanOptions, plan_excitation, rows_of
 from stiffgen.lab.measure.residual import NORMAL
-from stiffgen.lab.measure.rows import ROTATIONS, RowOptions, calibration_of, read_measurement
+from stiffgen.lab.measure.rows import RowOptions, calibration_of, read_measurement
+from stiffgen.lab.measure.slow_motion import friction_of, lines_of, plan_slow_motion, read_slow_motion
+from stiffgen.lab.measure.slow_motion import to_csv as to_table
+
+TARED = Path("none")
+"""Calibration of readings without a bias."""
 
 
 def add(command: argparse.ArgumentParser) -> None:
@@ -31,28 +36,31 @@ def add(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--positions",
         metavar="PREFIX|A,B,...",
-        help="joint positions, or without a robot x, y, z [m] and rotation (default: q_0 ...; pose_x ...)",
+        help="joint positions, or without a robot x, y, z [m] and qx, qy, qz, qw or rx, ry, rz [rad] "
+        "(default: q_0 ...; pose_x ...)",
     )
     command.add_argument(
-        "--rotation",
-        choices=ROTATIONS,
-        default="quaternion",
-        help="of recorded poses: qx, qy, qz, qw, or rx, ry, rz [rad]",
-    )
-    command.add_argument(
-        "--reading", metavar="PREFIX|FX,...", help="readings: prefix of their columns, or six names (default: wrench_)"
+        "--reading",
+        metavar="PREFIX|FX,...",
+        help="readings: prefix of their columns, or names (default: wrench_; --friction: torque_)",
     )
     command.add_argument(
         "--axes", choices=("sensor", "base"), default="sensor", help="axes of the readings (default: sensor)"
     )
     command.add_argument("--window", nargs=2, type=float, metavar=("FROM", "TO"), help="part of the recording [s]")
-    bias = command.add_mutually_exclusive_group()
-    bias.add_argument(
-        "--calibration", type=Path, metavar="FILE", help="file of 'stiffgen calibrate': bias and payload are taken off"
+    command.add_argument(
+        "--calibration",
+        type=Path,
+        metavar="FILE|none",
+        help="file of 'stiffgen calibrate': bias and payload are taken off; none: no bias (default: an unknown bias)",
     )
-    bias.add_argument("--tared", action="store_true", help="readings have no bias (default: one that is not known)")
     command.add_argument(
         "--correct", type=Path, metavar="FILE", help="write the calibration with the rotation found by this measurement"
+    )
+    command.add_argument(
+        "--friction",
+        action="store_true",
+        help="friction of each joint from torques along a slow motion there and back; needs --robot",
     )
     plan = command.add_argument_group("plan", "write a motion to run, in place of a recording; needs --robot")
     plan.add_argument("--plan", type=Path, metavar="FILE.csv", help="trajectory to write: the FRI client's format")
@@ -79,7 +87,28 @@ def run(options: argparse.Namespace) -> int:
     """Write a plan, or page and table of a recording; return 1 if the sensor does not agree with the pose."""
     if (options.plan is None) == (options.log is None):
         raise RecordingError("give a recording LOG, or --plan FILE.csv for the motion to record")
+    if options.friction:
+        return _friction(options)
     return _measure(options) if options.plan is None else _plan(options)
+
+
+def _friction(options: argparse.Namespace) -> int:
+    """Write the table of a recording's friction, or the motion to record."""
+    if options.robot is None or (options.plan is not None and options.posture is None):
+        raise RecordingError("--friction: needs --robot DIR, and with --plan FILE.csv --posture Q,Q,...")
+    robot = open_robot(options.robot)
+    robot.require_doubles("'stiffgen measure'")
+    if options.plan is not None:
+        write_atomically(options.plan, rows_of(plan_slow_motion(robot, options.posture)))
+        print(f"0.25 rad or m to each side of the posture at 0.1 per s, twice there and back; 200 Hz\n{options.plan}")
+        return 0
+    window = options.window and tuple(options.window)
+    motion = read_slow_motion(options.log, robot, options.positions, options.reading, window)
+    found = friction_of(options.log, motion)
+    joints, table = robot.chain.coordinate_names, Path(f"{options.log.stem}_friction.csv")
+    write_atomically(table, to_table(found, joints))
+    print(terminal_text("\n".join([*lines_of(found, motion, joints), str(table)])))
+    return 0
 
 
 def _plan(options: argparse.Namespace) -> int:
@@ -92,7 +121,7 @@ def _plan(options: argparse.Namespace) -> int:
         raise RecordingError(f"--deviation: has {len(options.deviation)} numbers, not one or three")
     robot = open_robot(options.robot)
     robot.require_doubles("'stiffgen measure'")
-    chosen = PlanOptions(options.stiffness, math.radians(options.deviation[0]), has_bias=not options.tared)
+    chosen = PlanOptions(options.stiffness, math.radians(options.deviation[0]), has_bias=options.calibration != TARED)
     if options.deviation[1:]:
         chosen = replace(chosen, most_wrench=options.deviation[1:])
     made = plan_excitation(robot, options.posture, chosen)
@@ -111,7 +140,7 @@ def _plan(options: argparse.Namespace) -> int:
 
 def _measure(options: argparse.Namespace) -> int:
     robot, calibration = _opened(options)
-    columns = RowOptions(options.positions, options.reading, options.rotation, options.window and tuple(options.window))
+    columns = RowOptions(options.positions, options.reading, options.window and tuple(options.window))
     with Progress(messages()).shown() as progress:
         progress(f"reading {options.log}")
         rows = read_measurement(options.log, columns, robot, calibration)
@@ -119,7 +148,7 @@ def _measure(options: argparse.Namespace) -> int:
         try:
             found = measure_stiffness(
                 rows.time, rows.poses, rows.readings, in_base_axes=options.axes == "base",
-                has_bias=not (options.tared or calibration),
+                has_bias=options.calibration is None,
             )  # fmt: skip
         except RecordingError as error:
             raise RecordingError(f"{options.log}: {error}") from error
@@ -143,7 +172,7 @@ def _opened(options: argparse.Namespace) -> tuple[GeneratedRobot | None, Calibra
     robot = open_robot(options.robot) if options.robot else None
     if robot is not None:
         robot.require_doubles("'stiffgen measure'")
-    if options.calibration is None:
+    if options.calibration in (None, TARED):
         if options.correct is not None:
             raise OutputError("--correct: needs the file to correct; give --calibration FILE, too")
         return robot, None

@@ -70,8 +70,13 @@ class Plan:
     limit: str
 
     def to_csv(self) -> str:
-        """Return q row by row, without a header: the trajectory file of the FRI client."""
-        return "".join(",".join(f"{each:.9f}" for each in row) + "\n" for row in self.q)
+        """Return the trajectory file of the FRI client."""
+        return rows_of(self.q)
+
+
+def rows_of(q: FloatArray) -> str:
+    """Return joint positions (N, n) row by row, without a header: the trajectory file of the FRI client."""
+    return "".join(",".join(f"{each:.9f}" for each in row) + "\n" for row in q)
 
 
 def plan_excitation(robot: GeneratedRobot, q: ArrayLike, options: PlanOptions) -> Plan:

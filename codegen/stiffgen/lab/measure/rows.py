@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 
@@ -13,12 +13,15 @@ from stiffgen.core.errors import RecordingError
 from stiffgen.core.opened import GeneratedRobot
 from stiffgen.core.robot.geometry import FloatArray
 from stiffgen.lab.calibrate.calibration import Calibration, read_calibration, tip_functions
-from stiffgen.lab.calibrate.poses import read_rows
+from stiffgen.lab.calibrate.poses import has_columns, read_rows
 from stiffgen.lab.measure.motion import skew
 
 Rotation = Literal["quaternion", "vector"]
-ROTATIONS: tuple[Rotation, ...] = get_args(Rotation)
-_NAMES = {"quaternion": ("x", "y", "z", "qx", "qy", "qz", "qw"), "vector": ("x", "y", "z", "rx", "ry", "rz")}
+"""Form of a recorded pose's rotation: (x, y, z, w), or a rotation vector [rad]."""
+_NAMES: dict[Rotation, tuple[str, ...]] = {
+    "quaternion": ("x", "y", "z", "qx", "qy", "qz", "qw"),
+    "vector": ("x", "y", "z", "rx", "ry", "rz"),
+}
 _MOST_ROWS = 1 << 22
 
 
@@ -39,14 +42,12 @@ class RowOptions:
     Attributes:
         positions: joint positions, or the pose without a robot: prefix of the columns, or names with commas.
         reading: prefix of the six columns of the readings, or their names with commas.
-        rotation: form of a recorded pose's rotation: "quaternion" (x, y, z, w) or "vector" (rotation vector [rad]).
         window: first and last time [s].
 
     """
 
     positions: str | None = None
     reading: str | None = None
-    rotation: Rotation = "quaternion"
     window: tuple[float, float] | None = None
 
 
@@ -59,20 +60,33 @@ def read_measurement(
         RecordingError: the recording cannot be read, has no time, or its poses are none.
 
     """
-    names = _NAMES[options.rotation] if robot is None else robot.chain.coordinate_names
     positions = options.positions or ("pose_" if robot is None else None)
-    where, readings, time = read_rows(log, names, positions, options.reading, most=_MOST_ROWS)
+    rotation = find_rotation(log, positions, options.reading) if robot is None and positions else "quaternion"
+    names = _NAMES[rotation] if robot is None else robot.chain.coordinate_names
+    where, readings, time = read_rows(
+        log, names, positions, options.reading, most=_MOST_ROWS, positions_flag="--positions"
+    )
     if time is None:
         raise RecordingError(f"{log}: has no column time [s]; a motion is judged by its velocity")
     if options.window is not None:
         inside = (time >= options.window[0]) & (time <= options.window[1])
         time, where, readings = time[inside], where[inside], readings[inside]
     if robot is None:
-        return MeasurementRows(time, recorded_poses(where, options.rotation), readings)
+        return MeasurementRows(time, recorded_poses(where, rotation), readings)
     if calibration is not None:
         bias, payload = np.array(calibration.bias), np.array(calibration.payload)
         readings = readings - tip_functions(robot).sensor.reading(where, np.zeros(6), bias, payload)
     return MeasurementRows(time, sensor_poses(robot, where), readings, where.mean(axis=0) if len(where) else None)
+
+
+def find_rotation(log: Path, positions: str, reading: str | None) -> Rotation:
+    """Return the form of a recording's rotations, by the number of names with commas, or by the columns of a prefix."""
+    if "," in positions:
+        return "vector" if positions.count(",") == len(_NAMES["vector"]) - 1 else "quaternion"
+    is_vector = not has_columns(log, _NAMES["quaternion"], positions, reading) and has_columns(
+        log, _NAMES["vector"], positions, reading
+    )
+    return "vector" if is_vector else "quaternion"
 
 
 def calibration_of(robot: GeneratedRobot | None, file: Path) -> Calibration:
@@ -118,8 +132,8 @@ def recorded_poses(columns: FloatArray, rotation: Rotation) -> FloatArray:
         if (np.abs(length - 1) > 0.01).any():
             row = int(np.abs(length - 1).argmax())
             raise RecordingError(
-                f"row {row}: the quaternion has the length {length[row]:.3g}, not 1; for rotation vectors give "
-                "--rotation vector"
+                f"row {row}: the quaternion has the length {length[row]:.3g}, not 1; name six columns for a position "
+                "and a rotation vector"
             )
         axis, half = turn[:, :3] / length[:, None], turn[:, 3] / length
         sine, cosine = 2 * half, half**2 - (axis**2).sum(axis=1)

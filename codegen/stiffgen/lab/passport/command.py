@@ -11,6 +11,7 @@ from stiffgen.cli.folders import add_folder_or_robot, chosen_folder
 from stiffgen.control.presets import motor_tables
 from stiffgen.core.folder import write_atomically
 from stiffgen.core.opened import open_robot
+from stiffgen.lab.measure.slow_motion import read_friction
 from stiffgen.lab.passport.loop import LoopTiming
 from stiffgen.lab.passport.page import render_page, statements, warnings
 from stiffgen.lab.passport.passport import PassportOptions, make_passport
@@ -37,6 +38,11 @@ def add(command: argparse.ArgumentParser) -> None:
     )
     command.add_argument("--kp", type=_numbers, metavar="K|K,K,...", help="gains of a PD arm, to judge too [N m/rad]")
     command.add_argument("--kc", type=_numbers, metavar="K|K,K,...", help="stiffness of elastic gears [N m/rad]")
+    command.add_argument(
+        "--friction",
+        metavar="C|C,C,...|FILE.csv",
+        help="sliding friction of the joints [N m or N], or the table of 'stiffgen measure --friction'",
+    )
     command.set_defaults(run=run)
 
 
@@ -48,11 +54,25 @@ def _numbers(text: str) -> tuple[float, ...]:
         raise argparse.ArgumentTypeError(f"'{text}' is not a number, or numbers with commas") from None
 
 
+def _friction(text: str | None, joints: tuple[str, ...]) -> tuple[float, ...] | None:
+    """Return the friction of the joints from numbers with commas, or from a table; None without."""
+    if text is None:
+        return None
+    try:
+        return _numbers(text)
+    except argparse.ArgumentTypeError:
+        return read_friction(Path(text), joints)
+
+
 def run(options: argparse.Namespace) -> int:
     """Write page and table into the working folder; print the findings and the files."""
     robot = open_robot(chosen_folder(options))
     chosen = PassportOptions(
-        LoopTiming(options.rate, options.delay, options.sensor), options.kp, options.kc, options.recording
+        LoopTiming(options.rate, options.delay, options.sensor),
+        options.kp,
+        options.kc,
+        options.recording,
+        _friction(options.friction, robot.chain.coordinate_names),
     )
     page = Path(f"{robot.name}_passport.html")
     table = page.with_suffix(".csv")

@@ -71,6 +71,12 @@ def statements(passport: Passport) -> list[str]:
         lines.append(f"The robot's file states no effort limit of {which}: {result}.")
     if "lost to gears" in named:
         lines.append(f"Elastic gears take up to {named['lost to gears'].values.max():.0f} % of the rendered stiffness.")
+    if "rest error" in named:
+        rest, force = (named[name].values for name in ("rest error", "force error"))
+        lines.append(
+            f"Friction leaves the tip at most {_number(rest.max())} mm (median {_number(float(np.median(rest)))}) off "
+            f"at rest, and its force on a wall {_number(force.max())} N ({_number(float(np.median(force)))})."
+        )
     if "buckling" in named:
         lines.append(f"By its joint gains the arm holds {_number(named['buckling'].values.min())} N in every posture.")
     return lines

@@ -28,7 +28,14 @@ from stiffgen.lab.passport.loop import (
     step_torque,
 )
 from stiffgen.lab.passport.postures import recorded_postures, spread_postures
-from stiffgen.lab.passport.statics import DIRECTIONS, UNITS, available_force, buckling_force, softest
+from stiffgen.lab.passport.statics import (
+    DIRECTIONS,
+    UNITS,
+    available_force,
+    buckling_force,
+    errors_by_friction,
+    softest,
+)
 
 ROTATION = 0.05
 """[m^2] rotational over translational stiffness of the springs: 20 N m/rad beside 400 N/m."""
@@ -39,18 +46,22 @@ _CAMPAIGN = "MuJoCo, eight arms"
 
 @dataclass(frozen=True)
 class Quantity:
-    """Column of a passport: values (P), unit, meaning, and what it was verified against."""
+    """Column of a passport: values (P), unit, meaning, and what it was verified against.
+
+    ``is_error``: the largest value is the worst, of a share that is lost, or of a disturbance.
+    """
 
     name: str
     unit: str
     meaning: str
     verified: str
     values: FloatArray
+    is_error: bool = False
 
     @property
     def worst(self) -> int:
-        """Posture with the smallest value; the largest of a share that is lost, or of a disturbance."""
-        return int(self.values.argmax() if self.unit in ("%", "N m") else self.values.argmin())
+        """Posture with the smallest value, or the largest error."""
+        return int(self.values.argmax() if self.is_error else self.values.argmin())
 
 
 @dataclass(frozen=True)
@@ -92,12 +103,16 @@ class Passport:
 
 @dataclass(frozen=True)
 class PassportOptions:
-    """Timing of the loop, gains kp and stiffnesses kc of elastic gears [N m/rad] (one for all, or n), postures."""
+    """Timing of the loop, gains kp and stiffnesses kc of elastic gears [N m/rad] (one for all, or n), postures.
+
+    ``friction``: sliding friction of the joints [N m or N] (one for all, or n).
+    """
 
     timing: LoopTiming = field(default_factory=LoopTiming)
     kp: tuple[float, ...] | None = None
     kc: tuple[float, ...] | None = None
     recording: Path | None = None
+    friction: tuple[float, ...] | None = None
 
 
 def make_passport(robot: GeneratedRobot, options: PassportOptions, q: ArrayLike | None = None) -> Passport:
@@ -133,23 +148,13 @@ def make_passport(robot: GeneratedRobot, options: PassportOptions, q: ArrayLike 
     available = available_force(arms.jacobian, gravity, np.array(module.EFFORT))
     force = available if np.isfinite(available).all() else None
     if force is not None:
-        quantities += [
-            Quantity(
-                f"force {name}",
-                "N",
-                f"largest force of the tip along {name}, at rest",
-                f"inverse dynamics, {_CAMPAIGN}",
-                force[:, k],
-            )
-            for k, name in enumerate(DIRECTIONS)
-        ]
+        quantities += _of_force(force)
     rendered = next(each.values for each in quantities if each.name == "rendered")
     Kq = arms.springs(rendered)
     if options.kc is not None:
-        left = softest(arms.jacobian, in_series(Kq, _diagonal(options.kc, n)))
-        lost = 100.0 * (1.0 - left / softest(arms.jacobian, Kq))
-        meaning = "share of the rendered stiffness that elastic gears take, softest direction"
-        quantities.append(Quantity("lost to gears", "%", meaning, "energy of motors and links, solved", lost))
+        quantities.append(_lost_to_gears(arms, Kq, _diagonal(options.kc, n)))
+    if options.friction is not None:
+        quantities += _of_friction(arms, Kq, np.broadcast_to(np.array(options.friction), n))
     if options.kp is not None:
         quantities += _of_gains(robot, options, arms, postures)
     tip = module.forward_kinematics(postures)[:, :3, 3]
@@ -181,9 +186,17 @@ def _check(robot: GeneratedRobot, options: PassportOptions) -> None:
         raise StiffgenError(f"--delay {timing.delay}: must lie between 0 and {MOST_DELAY} samples")
     if not 0.0 <= timing.quantum <= 0.1:
         raise StiffgenError(f"--sensor {timing.quantum:g}: an encoder step lies between 0 and 0.1 rad or m")
+    _check_joints(options, chain.dof)
+
+
+def _check_joints(options: PassportOptions, n: int) -> None:
+    """Refuse numbers that are not one per joint, or out of their range."""
     for flag, values in (("--kp", options.kp), ("--kc", options.kc)):
-        if values is not None and (len(values) not in (1, chain.dof) or not all(0 < each < 1e12 for each in values)):
-            raise StiffgenError(f"{flag}: takes one positive number, or {chain.dof} with commas [N m/rad or N/m]")
+        if values is not None and (len(values) not in (1, n) or not all(0 < each < 1e12 for each in values)):
+            raise StiffgenError(f"{flag}: takes one positive number, or {n} with commas [N m/rad or N/m]")
+    values = options.friction
+    if values is not None and (len(values) not in (1, n) or not all(0 <= each < 1e6 for each in values)):
+        raise StiffgenError(f"--friction: takes one number from 0, or {n} with commas [N m or N], or a table")
 
 
 def _diagonal(values: tuple[float, ...], n: int) -> FloatArray:
@@ -210,8 +223,35 @@ def _of_loop(arms: Arms, timing: LoopTiming) -> tuple[Quantity, ...]:
     if not timing.quantum:
         return quantities
     step = Quantity("step torque", "N m", "damping torque of one encoder step, at the rendered stiffness",
-                    "the compiled controller", step_torque(arms, rendered, timing))  # fmt: skip
+                    "the compiled controller", step_torque(arms, rendered, timing), is_error=True)  # fmt: skip
     return (*quantities, step)
+
+
+def _of_force(force: FloatArray) -> list[Quantity]:
+    """Return the force that the motors leave in each direction, from (P, 6) [N]."""
+    return [
+        Quantity(f"force {name}", "N", f"largest force of the tip along {name}, at rest",
+                 f"inverse dynamics, {_CAMPAIGN}", force[:, k])
+        for k, name in enumerate(DIRECTIONS)
+    ]  # fmt: skip
+
+
+def _lost_to_gears(arms: Arms, Kq: FloatArray, Kc: FloatArray) -> Quantity:
+    """Return the share of the springs' stiffness that gears of the stiffness Kc take [%]."""
+    lost = 100.0 * (1.0 - softest(arms.jacobian, in_series(Kq, Kc)) / softest(arms.jacobian, Kq))
+    meaning = "share of the rendered stiffness that elastic gears take, softest direction"
+    return Quantity("lost to gears", "%", meaning, "energy of motors and links, solved", lost, is_error=True)
+
+
+def _of_friction(arms: Arms, Kq: FloatArray, friction: FloatArray) -> tuple[Quantity, ...]:
+    """Return what friction leaves at the rendered stiffness: the error of a tip at rest, and of its force on a wall."""
+    rest, force = errors_by_friction(arms.jacobian, Kq, friction)
+    return (
+        Quantity("rest error", "mm", "largest error along x, y or z at which friction holds the tip, at the rendered "
+                 "stiffness", "equilibria of spring and friction, solved", 1e3 * rest, is_error=True),
+        Quantity("force error", "N", "largest error of the force on a rigid wall across x, y or z by friction",
+                 "equilibria on a wall, solved", force, is_error=True),
+    )  # fmt: skip
 
 
 def _of_gains(

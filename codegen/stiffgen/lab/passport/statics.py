@@ -53,3 +53,25 @@ def buckling_force(kinematic: FloatArray, joint_stiffness: FloatArray) -> FloatA
     largest = np.linalg.eigvalsh(np.linalg.solve(L, np.swapaxes(half, 2, 3)))[..., -1].max(axis=1)
     with np.errstate(divide="ignore"):
         return np.asarray(np.where(largest > 1e-12, 1.0 / largest, np.inf))
+
+
+def errors_by_friction(
+    jacobian: FloatArray, joint_stiffness: FloatArray, friction: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the largest rest error [m] and force error [N] along x, y or z that sticking joints leave (P), (P).
+
+    At rest the springs' torque in each joint is at most its friction: Kq dq = s with abs(s_i) <= c_i, and the tip is
+    off by J dq. Along a unit vector u that is at most e = sum_i c_i abs((u^T J Kq^-1)_i), with every joint's friction
+    at its worst sign. A rigid wall with the normal u takes the error, and its force is off by e / (u^T J Kq^-1 J^T u).
+    Both hold for small errors, about one posture.
+
+    Args:
+        jacobian: hybrid Jacobians (P, 6, n).
+        joint_stiffness: Kq of the springs (P, n, n), positive definite [N m/rad].
+        friction: of each joint (n) [N m or N].
+
+    """
+    per_torque = np.swapaxes(np.linalg.solve(joint_stiffness, np.swapaxes(jacobian[:, :3], 1, 2)), 1, 2)
+    error = np.abs(per_torque) @ friction
+    compliance = np.einsum("pki,pki->pk", per_torque, jacobian[:, :3])
+    return np.asarray(error.max(axis=1)), np.asarray((error / compliance).max(axis=1))

@@ -32,7 +32,6 @@ from stiffgen.core.robot.geometry import FloatArray
 PARTITION_ROWS = 1 << 18
 """Rows per partition, for formats that can be divided at any row."""
 
-NAME_OTHERS = "Name others with --q, --wrench (a prefix, or names with commas) and --time-column"
 DEGREES = ":deg"
 """Ending of the joint positions' prefix or last name, where they are recorded in degrees."""
 _NUMBER = re.compile(r"\d{1,3}\]?", re.ASCII)
@@ -137,6 +136,8 @@ class RecordingRequest:
         time: name of the column with time [s], None for ``time`` if there is one, "" for no time.
         topics: topics of an MCAP file to read, at most one of each type (default: the only ones of their type).
         tolerance: MCAP: largest time between joint positions and their wrench [s].
+        readings: numbers in place of a wrench's six, such as a torque per joint; they are named by ``wrench``.
+        flags: the caller's options for q, wrench and time, for messages.
 
     """
 
@@ -146,11 +147,25 @@ class RecordingRequest:
     time: str | None = None
     topics: tuple[str, ...] = ()
     tolerance: float = 0.01
+    readings: int = 6
+    flags: tuple[str, ...] = ("--q", "--wrench", "--time-column")
 
     @property
     def dof(self) -> int:
         """Return the number of joint positions per row."""
         return len(self.joints)
+
+    @property
+    def remedy(self) -> str:
+        """Return what to do about columns that are not found."""
+        positions, readings, *time = self.flags
+        named = f"Name others with {positions}, {readings} (a prefix, or names with commas)"
+        return f"{named} and {time[0]}" if time else named
+
+    @property
+    def endings(self) -> tuple[tuple[str, ...], ...]:
+        """Return the endings of the readings' columns behind a prefix, beside numbers."""
+        return (*([self.joints] if self.readings == self.dof else []), *(_WRENCH_NAMES if self.readings == 6 else ()))
 
     @property
     def degrees(self) -> bool:
@@ -176,8 +191,8 @@ class RecordingRequest:
         """
         q, wrench = self.q, self.wrench
         return (
-            _prefixed(path, names, "--q", q, [self.joints]) if isinstance(q, str) else q,
-            _prefixed(path, names, "--wrench", wrench, _WRENCH_NAMES) if isinstance(wrench, str) else wrench,
+            _prefixed(path, names, self.flags[0], q, [self.joints]) if isinstance(q, str) else q,
+            _prefixed(path, names, self.flags[1], wrench, self.endings) if isinstance(wrench, str) else wrench,
         )
 
     def table_columns(self, path: Path, names: Sequence[str]) -> Columns:
@@ -189,16 +204,17 @@ class RecordingRequest:
         """
         q, wrench = self.names_found(path, names)
         if q is not None and len(q) != self.dof:
-            raise RecordingError(f"--q: {len(q)} names, but the robot has {self.dof} joint positions")
-        if wrench is not None and len(wrench) != 6:
-            raise RecordingError(f"--wrench: {len(wrench)} names, but a wrench has 6 entries")
+            raise RecordingError(f"{self.flags[0]}: {len(q)} names, but the robot has {self.dof} joint positions")
+        if wrench is not None and len(wrench) != self.readings:
+            what = "a wrench" if self.readings == 6 else "a row"
+            raise RecordingError(f"{self.flags[1]}: {len(wrench)} names, but {what} has {self.readings} entries")
         time = ("time" if "time" in names else None) if self.time is None else self.time
         columns = Columns(
             time=time or None,
             q=q or tuple(f"q_{i}" for i in range(self.dof)),
-            wrench=wrench or tuple(f"wrench_{i}" for i in range(6)),
+            wrench=wrench or tuple(f"wrench_{i}" for i in range(self.readings)),
         )
-        _check_columns(path, columns, names)
+        _check_columns(path, columns, names, self.remedy)
         return columns
 
 
@@ -353,7 +369,6 @@ def extra(module: str, purpose: str) -> Any:
 
 
 __all__ = [
-    "NAME_OTHERS",
     "PARTITION_ROWS",
     "Block",
     "Columns",
@@ -367,11 +382,11 @@ __all__ = [
 ]
 
 
-def _check_columns(path: Path, columns: Columns, names: Sequence[str]) -> None:
+def _check_columns(path: Path, columns: Columns, names: Sequence[str], remedy: str) -> None:
     """Refuse a table that lacks a column, or has several of one name."""
     absent = [name for name in columns.names if name not in names]
     if absent:
-        raise RecordingError(f"{path}: has no column {listed(absent)}; it has {listed(names, 40)}. {NAME_OTHERS}")
+        raise RecordingError(f"{path}: has no column {listed(absent)}; it has {listed(names, 40)}. {remedy}")
     doubled = sorted({name for name in columns.names if list(names).count(name) > 1})
     if doubled:
         raise RecordingError(f"{path}: has several columns {listed(doubled)}; rename all but one of each")

@@ -19,7 +19,7 @@ import numpy as np
 
 from stiffgen.core.errors import RecordingError, listed
 from stiffgen.core.robot.geometry import FloatArray
-from stiffgen.lab.analyze.recording import NAME_OTHERS, Block, Columns, Recording, RecordingRequest
+from stiffgen.lab.analyze.recording import Block, Columns, Recording, RecordingRequest
 
 _START = 12
 """Bytes of an array's file with the length of its header, in every version of the format."""
@@ -76,13 +76,13 @@ def open_file(path: Path, request: RecordingRequest, progress: Callable[[str], N
         for name in (*time, *q, *wrench):
             with archive.open(f"{name}.npy") as stream:
                 arrays[name] = _header(path, archive, name, stream)
-    for group, width, what in ((time, 1, "time"), (q, request.dof, "q"), (wrench, 6, "wrench")):
+    for group, width, what in ((time, 1, "time"), (q, request.dof, "q"), (wrench, request.readings, "wrench")):
         _check_shapes(path, {name: arrays[name].shape for name in group}, width, what)
     lengths = {name: array.shape[0] for name, array in arrays.items()}
     if len(set(lengths.values())) > 1:
         shown = ", ".join(f"{name} {length}" for name, length in lengths.items())
         raise RecordingError(f"{path}: the arrays differ in length ({shown}); write arrays with one entry per row")
-    columns = Columns(time[0] if time else None, _column_names(q, request.dof), _column_names(wrench, 6))
+    columns = Columns(time[0] if time else None, _column_names(q, request.dof), _column_names(wrench, request.readings))
     rows = next(iter(lengths.values()))
     _check_sums(path, tuple(arrays))
     return Recording(path, columns, (NpzPartition(path, (*time, *q, *wrench), rows),) if rows else ())
@@ -159,16 +159,16 @@ def _chosen(path: Path, request: RecordingRequest, names: Sequence[str]) -> tupl
     """Return the names of the arrays with time, q and wrench: one two-dimensional array, or one array per column."""
     q, wrench = request.names_found(path, names)
     q = q or (("q",) if "q" in names else tuple(f"q_{i}" for i in range(request.dof)))
-    wrench = wrench or (("wrench",) if "wrench" in names else tuple(f"wrench_{i}" for i in range(6)))
+    wrench = wrench or (("wrench",) if "wrench" in names else tuple(f"wrench_{i}" for i in range(request.readings)))
     default_time = "time" if "time" in names else ""
     time_name = default_time if request.time is None else request.time
     time = (time_name,) if time_name else ()
-    for option, chosen, width in (("--q", q, request.dof), ("--wrench", wrench, 6)):
+    for option, chosen, width in ((request.flags[0], q, request.dof), (request.flags[1], wrench, request.readings)):
         if len(chosen) not in (1, width):
             raise RecordingError(f"{option}: name one array (N, {width}), or {width} arrays (N,)")
     absent = [name for name in (*time, *q, *wrench) if name not in names]
     if absent:
-        raise RecordingError(f"{path}: has no array {listed(absent)}; it has {listed(names, 40)}. {NAME_OTHERS}")
+        raise RecordingError(f"{path}: has no array {listed(absent)}; it has {listed(names, 40)}. {request.remedy}")
     return time, q, wrench
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import mpmath
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -20,18 +21,26 @@ _APART = 0.1
 """[rad or m] between the postures on both ways: what remains of gravity must be the same."""
 _SHARE = 0.9
 """Share of the friction that is fed forward: more makes the arm run ahead of its reference."""
+_BLOCKS = 4
+"""Blocks of the way whose means the interval is of: long ones, so that errors that last count once in each."""
+_TAIL = 0.05
+"""Probability that a mean lies outside its interval."""
 
 
 @dataclass(frozen=True)
 class JointFriction:
     """Sliding friction of each joint [N m or N]: the mean along its way, and the smallest and largest of its parts.
 
+    ``half_width`` is that of the mean's 95 % interval, by Student's t from the means of four blocks of the way. Noise,
+    errors that last for less than a block, and friction that varies along the way widen it. A bias that both directions
+    share cancels; one that follows the direction, such as viscous friction, is part of the mean.
     ``fields`` and ``text`` are the configuration: 90 % of the mean.
     """
 
     mean: NDArray[np.float64]
     smallest: NDArray[np.float64]
     largest: NDArray[np.float64]
+    half_width: NDArray[np.float64]
 
     @property
     def fields(self) -> dict[str, NDArray[np.float64]]:
@@ -72,7 +81,9 @@ def estimate_friction(q: ArrayLike, dq: ArrayLike, torque: ArrayLike) -> JointFr
             f"q {position.shape}, dq {velocity.shape} and torque {effort.shape} must be finite, of one shape"
         )
     parts = np.array([_halves(position, velocity, effort, joint) for joint in range(position.shape[1])])
-    return JointFriction(parts.mean(axis=1), parts.min(axis=1), parts.max(axis=1))
+    blocks = parts.reshape(len(parts), _BLOCKS, -1).mean(axis=2)
+    wide = student_quantile(_BLOCKS - 1, _TAIL) / np.sqrt(_BLOCKS)
+    return JointFriction(parts.mean(axis=1), parts.min(axis=1), parts.max(axis=1), wide * blocks.std(axis=1, ddof=1))
 
 
 def _halves(
@@ -100,5 +111,27 @@ def _halves(
             raise RecordingError(
                 f"joint {joint}: postures there and back are {apart:.2g} rad or m apart; use one path, held stiffly"
             )
-        halves.append(0.5 * float(torque[there, joint].mean() - torque[back, joint].mean()))
+        halves.append(_half(own, torque[:, joint], there, back))
     return np.array(halves)
+
+
+def _half(
+    own: NDArray[np.float64], torque: NDArray[np.float64], there: NDArray[np.bool_], back: NDArray[np.bool_]
+) -> float:
+    """Return half of the difference of the mean torques, at one position: samples of both ways differ a little."""
+    x = [own[rows] - own[rows].mean() for rows in (there, back)]
+    size = float(sum((each**2).sum() for each in x))
+    work = float(sum((each * torque[rows]).sum() for each, rows in zip(x, (there, back), strict=True)))
+    slope = work / size if size > 0 else 0.0
+    apart = float(own[there].mean() - own[back].mean())
+    return 0.5 * (float(torque[there].mean() - torque[back].mean()) - slope * apart)
+
+
+def student_quantile(freedom: float, tail: float) -> float:
+    """Return the two-sided quantile of Student's t that is exceeded with a probability of ``tail``; by bisection."""
+    low, high = 0.0, 1.0  # of freedom / (freedom + t^2), which falls as t grows
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        is_beyond = mpmath.betainc(freedom / 2, 0.5, 0, middle, regularized=True) < tail
+        low, high = (middle, high) if is_beyond else (low, middle)
+    return float(np.sqrt(freedom * (1.0 / high - 1.0)))
