@@ -175,7 +175,7 @@ def project(folder: Path, robot_folder: Path) -> None:
     for old, new in ((names[0], "base_link"), (names[-1], "tool0")):
         arm = arm.replace(f'"{old}"', f'"{new}"')
     for name in ("my_arm", "my_robot"):
-        (folder / f"{name}.urdf").write_text(arm)
+        (folder / f"{name}.urdf").write_text(re.sub('<robot name="[^"]*"', f'<robot name="{name}"', arm))
     dual = (ROOT / "tests" / "data" / "dual_arm.urdf").read_text()
     soles = dual.replace('"left hand"', '"left_sole_link"').replace('"right-hand"', '"right_sole_link"')
     (folder / "robot.urdf").write_text(soles)
