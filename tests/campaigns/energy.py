@@ -166,7 +166,7 @@ def measure(loop: Loop, chosen: Schedule) -> Measured:
     excess = summary.excess_supplied
     dead = summary.faults and summary.fault_at < LIVE
     bound = summary.port_most - excess
-    ratio = summary.port_most / bound if bound > 0 else np.inf
+    ratio = summary.port_most / bound if bound > 0 else 0.0  # without a supply the excess alone says what was put out
     interest = 1 + excess if excess > 0 else ratio  # the excess alone would choose the smallest tank
     if summary.status_or & TANK_DEFICIT:
         interest = np.inf

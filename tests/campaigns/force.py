@@ -28,6 +28,8 @@ Array = np.ndarray[Any, np.dtype[Any]]
 FORCE, NOISE, DEPTH, RADIUS, MM = 15.0, 0.3, 0.02, 0.3, 1e3
 SETTLE = (40.0, 4.0)
 """settle_force [N, N m]: 3 kg and friction."""
+PRESSING = 0.6
+"""Share of the true friction that is fed forward while pressing: at 0.9 a UR5 loses a hard wall that moves."""
 STEP = np.array([0.0, 0.08, -0.06])
 DOWN = np.array([0.0, 0.0, -1.0])
 TITLES = {"iiwa14": "iiwa 14", "panda": "Panda", "ur5": "UR5"}
@@ -141,7 +143,7 @@ class Bench:
 
     def press(self, samples: int, plant: dict[str, Any], axis: Any = DOWN, **rows: Any) -> tuple[Array, Array]:
         """Return the rows of an arm that presses, and the force against the axis [N]."""
-        done = self.run(samples, plant, 0.0, press=np.r_[axis, FORCE, 0.0], **rows)
+        done = self.run(samples, plant, PRESSING, press=np.r_[axis, FORCE, 0.0], **rows)
         return done, -done["contact"][:, :3] @ np.asarray(axis)
 
     def still(self, stiffness: float, axis: Any = DOWN) -> tuple[float, ...]:
