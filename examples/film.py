@@ -17,6 +17,7 @@ SIZE = 145.0  # pixels per metre
 WIDTH, HEIGHT = 190, 270  # of a panel
 AZIMUTH = np.radians(-35.0)  # from which one looks, level with the limb
 THICK = 13  # pixels
+LETTERS = 26  # pixels: 11 on a phone, where the film is 330 wide
 
 
 def seen(points: Array) -> Array:
@@ -51,18 +52,18 @@ def text(place: tuple[float, float], words: str) -> str:
 
 def film() -> str:
     """Return the SVG text: one row, the limbs under one law beside those under the other."""
-    top, body, count = 52, "", len(POSTURES)
+    top, body, count = 4 * LETTERS // 3, "", len(POSTURES)
     motions = {(joint, law): watch_limb(joint, law, LAST, EVERY)[1] for joint in POSTURES for law in LAWS}
     for column, law in enumerate(LAWS):
-        body += text(((column + 0.5) * count * WIDTH, 20), law)
+        body += text(((column + 0.5) * count * WIDTH, LETTERS), law)
         for row, joint in enumerate(POSTURES):
             left = (column * count + row) * WIDTH
-            body += text((left + WIDTH / 2, 42), joint)
+            body += text((left + WIDTH / 2, 9 * LETTERS // 4), joint)
             body += panel(motions[joint, law], motions[joint, GRADIENT][-1], law, (left, top))
     width, height = WIDTH * len(LAWS) * count, top + HEIGHT
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}" '
-        'font-family="system-ui, sans-serif" font-size="14" text-anchor="middle" fill="currentColor" '
+        f'font-family="system-ui, sans-serif" font-size="{LETTERS}" text-anchor="middle" fill="currentColor" '
         'stroke-linecap="round" stroke-linejoin="round" role="img">\n'
         "<style>svg { color: #1f2328; } @media (prefers-color-scheme: dark) { svg { color: #e6edf3; } }</style>\n"
         f"{body}</svg>\n"

@@ -8,8 +8,8 @@ from itertools import pairwise
 from xml.etree import ElementTree
 
 _SVG = "{http://www.w3.org/2000/svg}"
-_SPACE = 7.0
-"""Room right of a panel for its last tick's label [pt]."""
+_SPACE, _GAP = 7.0, 3.0
+"""Room right of a panel for its last tick's label, and part of it that the next panel's label does not reach [pt]."""
 _BAR = 0.15
 """Width of a panel over the widest one's, below which it is a colour bar."""
 _NUMBER = re.compile(r"-?\d+\.?\d*(?:e-?\d+)?")
@@ -45,9 +45,10 @@ def narrow(svg: str) -> str | None:
     widths = [right - left for left, _, right, _ in boxes]
     if min(widths) < _BAR * max(widths) or any(each.get("id", "").startswith("legend") for each in figure):
         return None
-    ends = [0.0, *(box[2] + _SPACE for box in boxes[:-1]), size[2]]
-    width = max(right - left for left, right in pairwise(ends))
-    for number, ((group, _), left) in enumerate(zip(panels, ends, strict=False)):
+    starts = [0.0, *(box[2] + _GAP for box in boxes[:-1])]
+    ends = [*(box[2] + _SPACE for box in boxes[:-1]), size[2]]
+    width = max(right - left for left, right in zip(starts, ends, strict=True))
+    for number, ((group, _), left) in enumerate(zip(panels, starts, strict=True)):
         group.set("transform", f"translate({-left:g} {number * size[3]:g})")
     root.set("viewBox", f"0 0 {width:g} {len(panels) * size[3]:g}")
     root.set("width", f"{width:g}pt")

@@ -97,6 +97,19 @@ def test_figures_with_panels_in_a_row_are_folded() -> None:
     assert [module.narrow(text) for text in others] == [None, None, None]
 
 
+def test_no_panel_of_a_folded_figure_loses_its_label() -> None:
+    """Labels along the vertical axis, in 9 points, stand that far from the edge in every panel."""
+    module, panels = site_module("narrow"), 0
+    for file in sorted((ROOT / "docs").rglob("*.svg")):
+        folded = module.narrow(file.read_text())
+        for panel in re.split(r'(?=id="axes_\d)', folded or "")[1:]:
+            shift = float(re.findall(r'^id="axes_\d" transform="translate\((\S+) ', panel)[0])
+            labels = re.findall(r'font-size: ([\d.]+)px[^>]*transform="rotate\(-90 ([\d.]+) ', panel)
+            assert [label for label in labels if float(label[1]) + shift < float(label[0])] == [], file
+            panels += 1
+    assert panels > 8
+
+
 def test_a_build_begins_without_the_one_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A page of an older build, whose link leads nowhere by now, is gone and fails no check."""
     monkeypatch.syspath_prepend(ROOT / "docs" / "site")

@@ -169,6 +169,13 @@ def test_a_robot_without_effort_limits_has_one_map(robot):
     assert "force" not in alone.split("<h2>What")[0]
 
 
+def test_a_quantity_that_is_the_same_everywhere_has_a_bar_with_distinct_labels(robot):
+    passport = make_passport(robot, PassportOptions(), spread_postures(robot.chain, 5))
+    assert np.ptp(passport.quantity("rendered").values) == 0
+    labels = re.findall(r">(\d{4})</text>", render_page(passport, motor_tables(robot.chain), "t.csv"))
+    assert "5000" in labels and len(labels) == len(set(labels)) > 1
+
+
 def test_a_loop_that_is_not_stable_is_said(robot):
     """The page warns where the limit is below the rendered stiffness, and of little damping; else it does not."""
     passport = make_passport(robot, PassportOptions(), spread_postures(robot.chain, 5))

@@ -343,6 +343,8 @@ def test_phone_with_touch(page: Page) -> None:
     page.window(360, 740, scale=2, touch=True)
     page.settle()
     assert page.js("document.documentElement.scrollWidth") == 360
+    labels = "[...document.querySelectorAll('.slider label')].filter(e => e.checkVisibility())"
+    assert page.js(f"{labels}.filter(e => e.scrollWidth > e.clientWidth).map(e => e.textContent)") == []
     page.js("document.getElementById('arm').scrollIntoView()")
     before, (x, y) = place_of_tip(page), seen_tip(page)
     page.drag([(x, y), (x - 10, y - 8), (x - 20, y - 20)], touch=True)

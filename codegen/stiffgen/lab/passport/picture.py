@@ -11,6 +11,9 @@ import numpy as np
 from stiffgen.lab.drawing import draw_svg
 from stiffgen.lab.passport.passport import Passport, Quantity
 
+_LEAST_RANGE = 0.01
+"""Half of the least range of a colour bar, over the value: where all postures have one value, it is in the middle."""
+
 
 def draw_map(passport: Passport) -> str:
     """Return an SVG in the page's colours: stiffness in one panel, the least force of all directions in another.
@@ -41,8 +44,10 @@ def _panel(figure: Any, axes: Any, passport: Passport, quantity: Quantity, ink: 
     across, up = np.linalg.norm(passport.tip[:, :2], axis=1), passport.tip[:, 2]
     values = np.maximum(quantity.values, 1e-9)
     low, high = np.quantile(values, [0.02, 0.98])
+    if high < (1 + _LEAST_RANGE) * low:  # else every tick of the bar has one label
+        low, high = (1 - _LEAST_RANGE) * low, (1 + _LEAST_RANGE) * high
     wide = high > 5 * low > 0
-    norm = scale.LogNorm(max(low, high / 1e3), high) if wide else scale.Normalize(low, max(high, low + 1e-9))
+    norm = scale.LogNorm(max(low, high / 1e3), high) if wide else scale.Normalize(low, high)
     order = np.argsort(-values)  # the weak postures lie on top
     dots = axes.scatter(
         across[order], up[order], c=values[order], norm=norm, cmap="viridis", s=26, linewidth=0.6, edgecolor=ink
