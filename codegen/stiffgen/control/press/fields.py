@@ -45,7 +45,9 @@ PRESS_OUTPUT: tuple[Field, ...] = (
     Field("pose", POSE, "m", "moved pose, for Follow"),
     Field("wrench_command", WRENCH, "N, N m", "wrench_command for the controller's step"),
     Field("error", SCALAR, "N", "force less the measured one along the axis"),
-    Field("pressing", SCALAR, "N", "force that springs and wrench_command exert along the axis, by the measured position"),
+    Field(
+        "pressing", SCALAR, "N", "force that springs and wrench_command exert along the axis, by the measured position"
+    ),
     Field("gain", SCALAR, "1/s", "gain of the integral: half of the tip's decay along the axis"),
     Field("stage", SCALAR, "", "NAME_PRESS_STAGE_...", type="int"),
 )
@@ -59,7 +61,10 @@ PRESS_STAGES = (
     ("approach", "the pose moves along the axis until something is touched"),
     ("contact", "the force is held"),
     ("lost", "contact was lost, or the controller has a fault: the tip stops until search is set, or force was 0"),
-    ("doubted", "the springs press beyond the measured force by disagreement_limit: the pose goes back until force was 0"),
+    (
+        "doubted",
+        "the springs press beyond the measured force by disagreement_limit: the pose goes back until force was 0",
+    ),
 )
 """Stages from 0 on, with their meanings."""
 PRESS_ERRORS = (
