@@ -282,7 +282,7 @@ static int press(state_t *s, const input_t *in, const last_t *last, output_t *ou
 void iiwa14_press_default_config(config_t *config)
 {
     memset(config, 0, sizeof *config);
-    config->approach_speed = 0.04;
+    config->approach_speed = 0.03;
     config->disagreement_limit = 50.0;
     config->offset_limit = 0.3;
 }

@@ -56,7 +56,7 @@ enum {
 
 /* Configuration of Press; start from the defaults. */
 typedef struct {
-    /* [m/s] speed at which contact is looked for. Must lie between 0.0001 and 1. Default: 0.04. */
+    /* [m/s] speed at which contact is looked for. Must lie between 0.0001 and 1. Default: 0.03. */
     double approach_speed;
     /* [N] most that the springs may press beyond the measured force, but for 0.2 s: friction and payload that
      * are not known; a sensor that is frozen or reads too little is found by it. Must lie between 0 and 10000.

@@ -47,9 +47,9 @@ class Pressed:
 
 
 def test_an_approach_is_slow_and_stays_near_the_tip(robot: ModuleType) -> None:
-    """4 cm/s along the axis, and at most 3 cm before the tip."""
+    """3 cm/s along the axis, and at most 3 cm before the tip."""
     pressed = Pressed(robot)
-    assert pressed.ahead(pressed.run(100, 0.0)) == pytest.approx(0.004)
+    assert pressed.ahead(pressed.run(100, 0.0)) == pytest.approx(0.003)
     made = pressed.run(2000, 0.0)
     assert pressed.ahead(made) == pytest.approx(0.03)
     assert made.stage == robot.PressStage.APPROACH and not made.wrench_command.any()
@@ -82,7 +82,7 @@ def test_lost_contact(robot: ModuleType, search: bool) -> None:
     made = pressed.run(500, 0.0, search=search)
     assert made.stage == (robot.PressStage.APPROACH if search else robot.PressStage.LOST)
     assert not made.wrench_command.any()
-    assert pressed.ahead(made) == pytest.approx(0.020 if search else 0.0, abs=6e-4)
+    assert pressed.ahead(made) == pytest.approx(0.015 if search else 0.0, abs=6e-4)
     if not search:  # a force of 0 ends it, and the next one begins anew
         assert pressed.run(2, 0.0, force=0.0).stage == robot.PressStage.OFF
         assert pressed.run(1, 0.0).stage == robot.PressStage.APPROACH
@@ -129,18 +129,22 @@ def test_a_wall_feels_the_force(iiwa: Arm, stiffness: float) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("fault", [{"wrench_last": 750}, {"wrench_gain": 0.2}])
-def test_a_sensor_that_says_too_little(iiwa: Arm, fault: dict[str, float]) -> None:
+def test_a_sensor_that_says_too_little(iiwa: Arm) -> None:
     """One that freezes in the first contact, and one that says a fifth: the tip lets go before 80 N."""
     samples, random = 8000, np.random.default_rng(1)
     pose = iiwa.module.forward_kinematics(iiwa.posture)
     noise, press = 0.3 * random.normal(size=(samples, 6)), (0.0, 0.0, -1.0, 15.0, 1.0)
-    plant = iiwa.plant(
-        flexible=True, makers=1, wall_stiffness=1e4, wall_point=pose[:3, 3] - [0, 0, 0.02], wrench_delay=1, **fault
-    )
-    config = iiwa.config(position_quantum=1e-6)
-    rows = iiwa.run(plant, samples, config, goal=iiwa.posture, pose=pose, press=press, wrench_noise=noise)
-    force = rows["contact"][:, 2]
-    print(f"{fault}: most {force.max():.1f} N, at the end {force[-500:].mean():.1f} N")
-    assert rows["detail"][-1, 1] == iiwa.module.PressStage.DOUBTED
-    assert force.max() <= 80.0 and force[-500:].mean() < 1.0
+    wall = {"wall_stiffness": 1e4, "wall_point": pose[:3, 3] - [0, 0, 0.02], "wrench_delay": 1}
+
+    def pressed(**fault: float) -> np.ndarray:
+        plant = iiwa.plant(flexible=True, makers=1, **wall, **fault)
+        config = iiwa.config(position_quantum=1e-6)
+        return iiwa.run(plant, samples, config, goal=iiwa.posture, pose=pose, press=press, wrench_noise=noise)
+
+    touched = int(np.argmax(pressed()["contact"][:, 2] > 5.0))
+    for fault in ({"wrench_last": touched}, {"wrench_gain": 0.2}):
+        rows = pressed(**fault)
+        force = rows["contact"][:, 2]
+        print(f"{fault}: most {force.max():.1f} N, at the end {force[-500:].mean():.1f} N")
+        assert rows["detail"][-1, 1] == iiwa.module.PressStage.DOUBTED
+        assert force.max() <= 80.0 and force[-500:].mean() < 1.0

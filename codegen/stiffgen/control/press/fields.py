@@ -6,7 +6,7 @@ from __future__ import annotations
 from stiffgen.control.core.field import POSE, SCALAR, SPRING, WRENCH, Field
 
 PRESS_CONFIG: tuple[Field, ...] = (
-    Field("approach_speed", SCALAR, "m/s", "speed at which contact is looked for", "0.04", 1e-4, 1.0),
+    Field("approach_speed", SCALAR, "m/s", "speed at which contact is looked for", "0.03", 1e-4, 1.0),
     Field(
         "disagreement_limit",
         SCALAR,
