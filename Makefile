@@ -118,11 +118,11 @@ experiment: build/robots/iiwa14_plate build/robots/iiwa14_ball  ## run the paper
 flutter: $(VENV)/installed-examples  ## push a ball joint that three drives hold, and one on a spring (1 minute)
 	@mkdir -p build
 	$(BIN)/python -m examples.flutter --figure build/flutter.svg --film build/flutter_film.svg
-whole-body: build/robots/solo12  ## find the stiffness of a standing quadruped (minutes)
+whole-body: build/robots/solo12  ## find the stiffness of a standing quadruped (4 minutes)
 	$(BIN)/python -m examples.whole_body
 adaptive: build/robots/iiwa14_derivatives  ## adapt the stiffness on an energy tank (1 minute)
 	$(BIN)/python -m examples.adaptive
-optimal-control: build/robots/iiwa14_wiping  ## choose the task stiffness along a trajectory (minutes)
+optimal-control: build/robots/iiwa14_wiping  ## choose the task stiffness along a trajectory (1 minute)
 	$(BIN)/python -m examples.optimal_control
 fri-demo: build/robots/iiwa14_plate  ## run the FRI client against a simulated LBR (5 minutes)
 	@$(BIN)/python -m fri.robot.demo
