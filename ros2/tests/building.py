@@ -126,9 +126,13 @@ def build(source: Path, folder: Path, distro: str, *options: str) -> Path:
     return installed
 
 
+MAKERS = ("follow", "policy", "settle", "press")
+"""Makers of commands that the package uses."""
+
+
 def compile_robot(folder: Path, robot: Path) -> None:
     """Compile the robot's functions, its controller and its makers of commands into a folder."""
-    for name in (robot.name, f"{robot.name}_impedance", f"{robot.name}_follow", f"{robot.name}_policy"):
+    for name in (robot.name, f"{robot.name}_impedance", *(f"{robot.name}_{part}" for part in MAKERS)):
         run(["cc", "-std=c99", "-O1", "-c", robot / f"{name}.c"], folder)
 
 

@@ -249,6 +249,75 @@ static void tells_its_state()
     check(array.status[0].values.size() >= 8 && array.status[0].values[2].key == "error [m]", "values");
 }
 
+static Numbers settle_message(double force, double moment)
+{
+    Numbers message;
+    message.data = {force, moment};
+    return message;
+}
+
+static void settles_under_an_unknown_payload()
+{
+    Rig rig;
+    rig.start();
+    rig.run(100);
+    const auto wanted = rig.tip();
+    rig.arm.push[2] = -10.0;
+    rig.run(3000);
+    const double before = distance(wanted, rig.tip());
+    check(before > 0.01, "the payload bends the springs");
+    rig.publish("~/settle", settle_message(20.0, 3.0));
+    rig.run(8000);
+    check(distance(wanted, rig.tip()) < 1.5e-3, "the tip is back within the band");
+    check(rig.allocated == 0 && stub::world().logged_in_update == 0, "no allocation, no log");
+    check(rig.told("settle").find("SETTLED") != std::string::npos, "the state says so");
+    rig.publish("~/settle", settle_message(0.0, 0.0));
+    rig.run(3000);
+    check(std::abs(distance(wanted, rig.tip()) - before) < 1e-3, "0 ends it");
+    check(!rig.has_fault(), "no fault");
+}
+
+static void keeps_settling_at_a_target_joint()
+{
+    Rig rig;
+    rig.start();
+    rig.arm.push[2] = -10.0;
+    rig.publish("~/settle", settle_message(20.0, 3.0));
+    sensor_msgs::msg::JointState message;
+    robot::Joints q0 = rig.arm.q;
+    q0[1] += 0.1;
+    for (std::size_t i = 0; i < N; ++i) {
+        message.name.push_back(robot::JOINTS[i]);
+        message.position.push_back(q0[i]);
+    }
+    rig.publish("~/target_joint", message);
+    rig.run(10000);
+    const auto pose = robot::forward_kinematics(q0);
+    check(distance({pose[3], pose[7], pose[11]}, rig.tip()) < 1.5e-3, "the tip is at the joints' pose");
+}
+
+static void refuses_a_bad_settle_or_press()
+{
+    Rig rig;
+    rig.start();
+    Numbers one;
+    one.data = {20.0};
+    rig.publish("~/settle", one);
+    check(stub::world().said("warn", "~/settle is refused: it has 1 numbers"), "one number");
+    rig.publish("~/settle", settle_message(-1.0, 0.0));
+    check(stub::world().said("warn", "settle_force: every entry must lie between"), "a negative force");
+    rig.publish("~/settle", settle_message(NOT_A_NUMBER, 0.0));
+    check(stub::world().said("warn", "settle_force"), "NaN");
+    geometry_msgs::msg::WrenchStamped press;
+    press.header.frame_id = robot::BASE_FRAME;
+    press.wrench.force.z = -15.0;
+    rig.publish("~/press", press);
+    check(stub::world().said("warn", "~/press is refused: it needs a force sensor: set ft_sensor"), "no sensor");
+    const auto before = rig.tip();
+    rig.run(500);
+    check(distance(before, rig.tip()) < 1e-4, "the arm stays");
+}
+
 const std::vector<Scenario> COMMANDS = {
     {"follows_a_target_pose", follows_a_target_pose},
     {"says_what_it_cannot_reach", says_what_it_cannot_reach},
@@ -261,4 +330,7 @@ const std::vector<Scenario> COMMANDS = {
     {"leads_proposals_through_the_policy_port", leads_proposals_through_the_policy_port},
     {"compensates_gravity", compensates_gravity},
     {"tells_its_state", tells_its_state},
+    {"settles_under_an_unknown_payload", settles_under_an_unknown_payload},
+    {"keeps_settling_at_a_target_joint", keeps_settling_at_a_target_joint},
+    {"refuses_a_bad_settle_or_press", refuses_a_bad_settle_or_press},
 };

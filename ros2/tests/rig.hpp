@@ -186,6 +186,16 @@ struct Rig {
         return last<diagnostic_msgs::msg::DiagnosticStatus>("~/state");
     }
 
+    // Value of ~/state by its key.
+    std::string told(const std::string &key)
+    {
+        for (const auto &each : status().values) {
+            if (each.key == key) { return each.value; }
+        }
+        check(false, "the state has no such key");
+        return "";
+    }
+
     bool has_fault() { return status().level == diagnostic_msgs::msg::DiagnosticStatus::ERROR; }
 
     std_srvs::srv::Trigger::Response call_reset()

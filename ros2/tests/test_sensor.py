@@ -20,6 +20,8 @@ SCENARIOS = (
     "refuses_the_calibration_of_another_sensor",
     "measures_the_wrench_at_the_tip",
     "goes_on_without_a_reading",
+    "presses_on_a_floor_and_stops_where_it_ends",
+    "refuses_a_bad_press",
 )
 
 

@@ -91,6 +91,11 @@ Measured StiffnessController::measure() const
             measured.reading[k - joints] = value.value_or(std::numeric_limits<double>::quiet_NaN());
         }
     }
+#if STIFFGEN_ROS2_SENSOR
+    double q[robot::DOF];
+    std::copy(measured.q.begin(), measured.q.end(), q);
+    if (!setup_.ft_sensor.empty()) { measured.wrench = robot::tip_wrench(q, measured.reading, setup_.calibration); }
+#endif
     return measured;
 }
 

@@ -26,6 +26,8 @@ int Law::start(const Settings &settings, bool policy, const robot::Joints &q, co
     std::copy(settings.translation_stiffness.begin(), settings.translation_stiffness.end(), stiffness_);
     std::copy(settings.rotation_stiffness.begin(), settings.rotation_stiffness.end(), stiffness_ + 9);
     age_ = wrench_end_ = 0.0;
+    settles_ = presses_ = false;
+    std::fill(std::begin(wrench_), std::end(wrench_), 0.0);
     wants_pose_ = has_proposal_ = has_stiffness_ = false;
     uses_policy_ = policy && robot::start(policy_, robot::forward_kinematics(q).data(), 0.0) == 0;
     return restart();
@@ -39,6 +41,8 @@ int Law::restart()
     std::copy(std::begin(snapshot_.report.position), std::end(snapshot_.report.position), snapshot_.report.reference);
     impedance_ = robot::Impedance(settings_.config, torque);
     follows_ = wants_restart_ = false;
+    settles_ = settles_ && robot::start(settle_, settings_.config, settle_force_) == robot::GOOD;
+    presses_ = presses_ && robot::start(press_, settings_.config) == robot::GOOD;
     return impedance_.error();
 }
 
@@ -51,7 +55,8 @@ void Law::change(const Settings &settings)
 
 void Law::command(const Command &command)
 {
-    if (uses_policy_ && command.kind != Command::JOINTS && !command.is_parameter) {
+    const bool moves_pose = command.kind == Command::SETTLE || command.kind == Command::PRESS;
+    if (uses_policy_ && command.kind != Command::JOINTS && !moves_pose && !command.is_parameter) {
         propose(command);
         return;
     }
@@ -60,6 +65,7 @@ void Law::command(const Command &command)
         std::copy(command.values, command.values + robot::DOF, sample_.q0);
         std::copy(command.values, command.values + robot::DOF, target_.posture);
         wants_pose_ = false;
+        if (settles_ || presses_) { hold_here(); }
         break;
     case Command::POSE:
         std::copy(command.values, command.values + 16, target_.pose);
@@ -67,7 +73,7 @@ void Law::command(const Command &command)
         wants_pose_ = true;
         break;
     case Command::WRENCH:
-        std::copy(command.values, command.values + 6, sample_.wrench_command);
+        std::copy(command.values, command.values + 6, wrench_);
         wrench_end_ = command.time - command.age + settings_.wrench_timeout;
         break;
     case Command::STIFFNESS:
@@ -75,7 +81,35 @@ void Law::command(const Command &command)
         if (command.blocks.rotation) { std::copy(command.values + 9, command.values + 18, stiffness_ + 9); }
         has_stiffness_ = false; // goes with the next proposals
         break;
+    case Command::SETTLE:
+        std::copy(command.values, command.values + 2, settle_force_);
+        settles_ = std::max(settle_force_[0], settle_force_[1]) > 0.0 && robot::start(settle_, settings_.config, settle_force_) == robot::GOOD;
+        if (settles_) { hold_here(); }
+        break;
+    case Command::PRESS: press(command); break;
     }
+}
+
+// Press with a force along itself; 0 ends it. The axis of the last force stays.
+void Law::press(const Command &command)
+{
+    const double *const f = command.values, force = std::hypot(f[0], f[1], f[2]);
+    pressed_.force = force;
+    if (force > 0.0) {
+        for (std::size_t k = 0; k < 3; ++k) { pressed_.axis[k] = f[k] / force; }
+        presses_ = presses_ || robot::start(press_, settings_.config) == robot::GOOD;
+        hold_here();
+    }
+}
+
+// Settle and Press move a pose. Where joint positions are commanded, it is the tip's pose there.
+void Law::hold_here()
+{
+    if (wants_pose_) { return; }
+    const auto pose = robot::forward_kinematics(sample_.q0);
+    std::copy(pose.begin(), pose.end(), target_.pose);
+    follows_ = false;
+    wants_pose_ = true;
 }
 
 // Hand a command to the policy port, which interpolates, holds and fades. Joint positions are the posture of its poses.
@@ -117,11 +151,12 @@ void Law::use_commands()
         translation = output.translation_stiffness;
         rotation = output.rotation_stiffness;
         std::copy(std::begin(output.pose), std::end(output.pose), target_.pose);
-        std::copy(std::begin(output.wrench_command), std::end(output.wrench_command), sample_.wrench_command);
+        std::copy(std::begin(output.wrench_command), std::end(output.wrench_command), wrench_);
         wants_pose_ = true;
     } else if (snapshot_.time > wrench_end_) {
-        std::fill(std::begin(sample_.wrench_command), std::end(sample_.wrench_command), 0.0);
+        std::fill(std::begin(wrench_), std::end(wrench_), 0.0);
     }
+    std::copy(std::begin(wrench_), std::end(wrench_), sample_.wrench_command);
     std::copy(translation, translation + 9, sample_.translation_stiffness);
     std::copy(rotation, rotation + 9, sample_.rotation_stiffness);
 }
@@ -154,19 +189,50 @@ void Law::take_sample(const Measured &measured, double samples)
 }
 
 // Let Follow make q0 from the pose. It begins where the springs are at rest: at a first pose, and after a fault or restart.
-void Law::follow_pose()
+void Law::follow_pose(const robot::Wrench &wrench)
 {
     sample_.shaped = wants_pose_ ? 1 : 0;
-    snapshot_.follow = 0;
+    snapshot_.follow = snapshot_.settle = 0;
+    snapshot_.stage = robot::STAGE_OFF;
     if (!wants_pose_) { return; }
     const robot::Report &report = snapshot_.report;
     if (!follows_ || report.fault != robot::NO_FAULT) {
         follows_ = robot::start(follow_, settings_.config, report.reference) == robot::GOOD;
     }
     robot::FollowOutput output{};
-    static_cast<void>(robot::step(follow_, target_, output));
+    robot::FollowInput moved = target_;
+    move_pose(wrench, moved);
+    static_cast<void>(robot::step(follow_, moved, output));
     std::copy(output.q0, output.q0 + robot::DOF, sample_.q0);
     snapshot_.follow = output.status;
+}
+
+// Let Settle and then Press move the commanded pose, and Press add its force. Settle holds its offset while Press presses.
+void Law::move_pose(const robot::Wrench &wrench, robot::FollowInput &moved)
+{
+    const double *const translation = sample_.translation_stiffness, *const rotation = sample_.rotation_stiffness;
+    if (settles_) {
+        robot::SettleOutput output{};
+        std::copy(std::begin(moved.pose), std::end(moved.pose), settled_.pose);
+        std::copy(translation, translation + 9, settled_.translation_stiffness);
+        std::copy(rotation, rotation + 9, settled_.rotation_stiffness);
+        std::copy(wrench.begin(), wrench.end(), settled_.wrench);
+        settled_.hold = presses_ && press_.stage != robot::STAGE_OFF ? 1 : 0;
+        static_cast<void>(robot::step(settle_, settled_, snapshot_.report, output)); // without a reading: the last pose
+        std::copy(std::begin(output.pose), std::end(output.pose), moved.pose);
+        snapshot_.settle = output.status;
+    }
+    if (presses_) {
+        robot::PressOutput output{};
+        std::copy(std::begin(moved.pose), std::end(moved.pose), pressed_.pose);
+        std::copy(translation, translation + 9, pressed_.translation_stiffness);
+        std::copy(rotation, rotation + 9, pressed_.rotation_stiffness);
+        std::copy(wrench.begin(), wrench.end(), pressed_.wrench);
+        static_cast<void>(robot::step(press_, pressed_, snapshot_.report, output)); // without a reading: no force
+        std::copy(std::begin(output.pose), std::end(output.pose), moved.pose);
+        for (std::size_t k = 0; k < 6; ++k) { sample_.wrench_command[k] += output.wrench_command[k]; }
+        snapshot_.stage = output.stage;
+    }
 }
 
 // Add gravity's torque.
@@ -202,7 +268,7 @@ const robot::Report &Law::step(const Measured &measured, double period)
         static_cast<void>(restart()); // the settings were checked
     }
     use_commands();
-    follow_pose();
+    follow_pose(measured.wrench);
     offset_gravity();
     static_cast<void>(impedance_.step(sample_, snapshot_.report)); // an error lowers the torque; the status has it
     note(before);

@@ -9,12 +9,12 @@ namespace stiffgen_ros2 {
 
 /// Command from a topic or a parameter; which numbers it has depends on its kind.
 struct Command {
-    enum Kind { JOINTS, POSE, WRENCH, STIFFNESS } kind;
+    enum Kind { JOINTS, POSE, WRENCH, STIFFNESS, SETTLE, PRESS } kind;
     double age; ///< [s] age at the time below
     double time; ///< [s] loop's time when the command arrived
     bool is_parameter; ///< a stiffness from the parameters
     Blocks blocks; ///< of a stiffness
-    double values[40]; ///< q0 (n), pose (4 x 4), wrench (6), or stiffness (3 x 3, 3 x 3)
+    double values[40]; ///< q0 (n), pose (4 x 4), wrench (6), stiffness (3 x 3, 3 x 3), settle_force (2), force to press with (3)
 };
 
 static_assert(robot::DOF <= 40, "a command has room for 40 joints");
@@ -25,6 +25,8 @@ struct Snapshot {
     double translation_stiffness[9], rotation_stiffness[9]; ///< commanded
     double time; ///< [s] loop's time
     unsigned follow; ///< status of Follow; 0 while no pose is commanded
+    unsigned settle; ///< status of Settle; 0 while it is off
+    int stage; ///< of Press
     unsigned activation; ///< number of the activation, from 1
     unsigned faults; ///< faults since the activation
     unsigned late; ///< updates in a row that came by a sample time or more too late
@@ -41,6 +43,7 @@ struct Measured {
     robot::Joints q, dq; ///< [rad or m], [rad/s or m/s]; dq counts if there is a velocity interface
     bool is_complete; ///< false: an interface could not be read, and the sample counts as missed
     robot::Wrench reading{}; ///< of the force-torque sensor, in its axes; NaN while it cannot be read
+    robot::Wrench wrench{}; ///< of the environment at the tip, base axes, by that sensor; 0 without one
 };
 
 class Law {
@@ -68,9 +71,12 @@ public:
 private:
     int restart();
     void propose(const Command &command);
+    void press(const Command &command);
+    void hold_here();
     void use_commands();
     void take_sample(const Measured &measured, double samples);
-    void follow_pose();
+    void follow_pose(const robot::Wrench &wrench);
+    void move_pose(const robot::Wrench &wrench, robot::FollowInput &moved);
     void offset_gravity();
     void note(const robot::Report &before);
 
@@ -79,12 +85,19 @@ private:
     robot::Sample sample_{};
     robot::Follow follow_{};
     robot::FollowInput target_{}; // pose and posture
+    robot::Settle settle_{};
+    robot::SettleInput settled_{};
+    robot::Press press_{};
+    robot::PressInput pressed_{};
     robot::Policy policy_{};
     Snapshot snapshot_{};
     double stiffness_[18] = {}; // newest of parameters and commands
+    double wrench_[6] = {}; // commanded
+    double settle_force_[2] = {}; // [N, N m] 0: Settle is off
     robot::Joints last_q_{}; // of the last complete sample
     double age_ = 0.0; // [samples] of last_q_
     double wrench_end_ = 0.0;
+    bool settles_ = false, presses_ = false;
     bool wants_pose_ = false, follows_ = false, wants_restart_ = false;
     bool uses_policy_ = false, has_proposal_ = false, has_stiffness_ = false; // the last: from a proposal
 };

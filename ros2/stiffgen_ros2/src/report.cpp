@@ -159,6 +159,8 @@ diagnostic_msgs::msg::DiagnosticStatus Report::status() const
         {"faults", std::to_string(last_.faults)},
         {"commands refused", std::to_string(last_.refusals)},
         {"last refusal", last_.refusals > 0 ? refusal_text(last_) : ""},
+        {"settle", status_words(last_.settle, robot::SETTLE_NAMES)},
+        {"press", robot::STAGE_NAMES[last_.stage]},
     };
     for (const auto &each : values) {
         diagnostic_msgs::msg::KeyValue value;

@@ -40,6 +40,8 @@ void Topics::subscribe()
     subscribe("~/target_joint", joint_, &Topics::target_joint);
     subscribe("~/target_wrench", wrench_, &Topics::target_wrench);
     subscribe("~/stiffness", stiffness_, &Topics::stiffness);
+    subscribe("~/settle", settle_, &Topics::settle);
+    subscribe("~/press", press_, &Topics::press);
 }
 
 void Topics::change(const Settings &settings)
@@ -172,6 +174,36 @@ std::string Topics::stiffness(const std_msgs::msg::Float64MultiArray &message, C
     std::copy(command.values, command.values + 9, wanted.translation_stiffness);
     std::copy(command.values + 9, command.values + 18, wanted.rotation_stiffness);
     return refuse(settings_.config, wanted);
+}
+
+// Largest force and moment that the offset may add; 0, 0 ends it.
+std::string Topics::settle(const std_msgs::msg::Float64MultiArray &message, Command &command)
+{
+    command.kind = Command::SETTLE;
+    if (is_chained_) { return CHAINED; }
+    if (message.data.size() != 2) { return "it has " + std::to_string(message.data.size()) + " numbers instead of settle_force's two"; }
+    std::copy(message.data.begin(), message.data.end(), command.values);
+    robot::Settle scratch{};
+    const int error = robot::start(scratch, settings_.config, command.values);
+    return error == robot::GOOD ? "" : robot::settle_text(error);
+}
+
+// Force that the tip is to exert; 0 ends it. The sensor's wrench closes the loop.
+std::string Topics::press(const geometry_msgs::msg::WrenchStamped &message, Command &command)
+{
+    command.kind = Command::PRESS;
+    if (is_chained_) { return CHAINED; }
+    if (setup_.ft_sensor.empty()) { return "it needs a force sensor: set ft_sensor; friction makes motor torques none (1.4 to 12.7 N off on a UR5)"; }
+    const auto &f = message.wrench.force, &m = message.wrench.torque;
+    const double force[3] = {f.x, f.y, f.z}, most = 0.5 * settings_.config.heaviest_wrench[0];
+    if (!finite(force, 3)) { return "its force is not finite"; }
+    if (m.x != 0.0 || m.y != 0.0 || m.z != 0.0) { return "it takes a force alone: its torque must be 0"; }
+    char text[80];
+    std::snprintf(text, sizeof text, "its force is above half of heaviest_wrench, %g N", most);
+    if (std::hypot(f.x, f.y, f.z) > most) { return text; }
+    std::copy(force, force + 3, command.values);
+    const std::string reason = check_frame(message.header);
+    return reason.empty() ? check_stamp(message.header.stamp, "target_timeout", settings_.target_timeout, command) : reason;
 }
 
 } // namespace stiffgen_ros2

@@ -52,6 +52,8 @@ private:
     std::string target_pose(const geometry_msgs::msg::PoseStamped &message, Command &command);
     std::string target_joint(const sensor_msgs::msg::JointState &message, Command &command);
     std::string target_wrench(const geometry_msgs::msg::WrenchStamped &message, Command &command);
+    std::string settle(const std_msgs::msg::Float64MultiArray &message, Command &command);
+    std::string press(const geometry_msgs::msg::WrenchStamped &message, Command &command);
     std::string stiffness(const std_msgs::msg::Float64MultiArray &message, Command &command);
     std::string check_frame(const std_msgs::msg::Header &header) const;
     std::string check_stamp(const builtin_interfaces::msg::Time &stamp, const char *limit, double most, Command &command) const;
@@ -67,8 +69,8 @@ private:
     std::map<std::string, std::string> told_; // by topic
     std::shared_ptr<rclcpp::Subscription<geometry_msgs::msg::PoseStamped>> pose_;
     std::shared_ptr<rclcpp::Subscription<sensor_msgs::msg::JointState>> joint_;
-    std::shared_ptr<rclcpp::Subscription<geometry_msgs::msg::WrenchStamped>> wrench_;
-    std::shared_ptr<rclcpp::Subscription<std_msgs::msg::Float64MultiArray>> stiffness_;
+    std::shared_ptr<rclcpp::Subscription<geometry_msgs::msg::WrenchStamped>> wrench_, press_;
+    std::shared_ptr<rclcpp::Subscription<std_msgs::msg::Float64MultiArray>> stiffness_, settle_;
 };
 
 } // namespace stiffgen_ros2

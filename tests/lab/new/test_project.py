@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 from xml.sax.saxutils import escape
 
@@ -44,19 +45,37 @@ def asked(*answers: str):
     return ask, questions
 
 
-def test_options_leave_nothing_to_ask():
+def test_options_leave_friction_alone_to_ask():
     tool = Tool(xyz=(0.0, 0.0, 0.2))
-    ask, questions = asked()
+    ask, questions = asked("")
     found = decide(read_description(DUAL), ask, tip="left hand", base="base", tool=tool, controller="impedance")
     assert found == Answers("left hand", "base", tool, "trace", "impedance")
-    assert questions == []
+    assert [question.split(":")[0] for question in questions] == ["Friction to feed forward"]
 
 
 def test_the_only_tip_is_taken_and_empty_answers_are_the_defaults():
     assert decide(read_description(URDF), None) == Answers("link_ee", "link_0", None, "trace", "impedance")
-    ask, questions = asked("", "", "")
+    ask, questions = asked("", "", "", "")
     assert decide(read_description(URDF), ask) == Answers("link_ee", "link_0", None, "trace", "impedance")
-    assert [question.split(":")[0].split("\n")[0] for question in questions] == ["Base link", "Tool", "Controller"]
+    assert [question.split(":")[0].split("\n")[0] for question in questions] == [
+        "Base link", "Tool", "Controller", "Friction to feed forward",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("controller", "file"), [("impedance", "src/control.hpp"), ("ros2", "config/controllers.yaml")]
+)
+def test_friction_is_asked_and_stated(tmp_path, controller, file):
+    """Numbers for each joint, with commas or spaces; 0 without an answer."""
+    for number, answers in enumerate((("3,2", "-1 2 2 1 1 1 1", "3, 2.5,2,1 1,0.5,0"), ("",))):
+        ask, questions = asked(*answers)
+        chosen = partial(decide, ask=ask, tip="link_ee", base="link_0", tool=Tool(), controller=controller)
+        folder = new_project(URDF, chosen, output=tmp_path / str(number), build=False)
+        stated = "3.0, 2.5, 2.0, 1.0, 1.0, 0.5, 0.0" if number == 0 else ", ".join(["0.0"] * 7)
+        assert stated in (folder / file).read_text()
+        assert "of 7 joints" in questions[0] and questions[1:] == ["7 numbers from 0 [N m or N], or nothing []"] * (
+            len(answers) - 1
+        )
 
 
 def test_answers_are_taken_and_wrong_ones_asked_again():
@@ -242,7 +261,7 @@ def test_questions_at_a_terminal(tmp_path):
         command, cwd=tmp_path, stdin=theirs, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
     os.close(theirs)
-    os.write(ours, b"\n0 0 0.1\n\n")
+    os.write(ours, b"\n0 0 0.1\n\n\n")
     out, err = process.communicate()
     os.close(ours)
     assert (process.returncode, out.strip()) == (0, "arm_control"), err

@@ -205,6 +205,8 @@ def _variables(name: str, chain: Chain, answers: Answers, file: str) -> dict[str
         # inertia of the motors at the joints [kg m^2 or kg], which the generated controller has no default for
         "rotors": rotors.motor_inertia,
         "rotors_source": rotors.inertia_source,
+        # friction fed forward [N m or N]: 0 until somebody has measured it
+        "friction": answers.friction or (0.0,) * chain.dof,
         "effort": effort,
         "velocity": velocity,
         "regenerate": _command(name, chain, answers, file),

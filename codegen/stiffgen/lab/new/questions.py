@@ -29,7 +29,10 @@ Ask = Callable[[str], str]
 
 @dataclass(frozen=True)
 class Answers:
-    """Decisions: links, tool (None: none), kind of spring, controller, and whether the file's masses are used."""
+    """Decisions: links, tool (None: none), kind of spring, controller, and whether the file's masses are used.
+
+    ``friction`` is the coulomb_friction of a generated controller, per joint [N m or N]; empty: 0, none is fed forward.
+    """
 
     tip: str
     base: str
@@ -37,6 +40,7 @@ class Answers:
     spring: str
     controller: str
     masses: bool = True
+    friction: tuple[float, ...] = ()
 
 
 def decide(
@@ -84,7 +88,8 @@ def decide(
                 f"spring {spring}: the impedance controller has the spring 'trace'; "
                 f"choose --controller spring={spring}, or the spring 'trace'"
             )
-        return Answers(survey.tip, base, tool, "trace", controller)
+        joints = survey.coordinates if base == survey.base else survey_tip(description, survey.tip, base).coordinates
+        return Answers(survey.tip, base, tool, "trace", controller, friction=_friction(ask, len(joints)))
     spring = spring or _chosen(ask, f"Spring: {', '.join(KINDS)} [trace]", "trace", KINDS)
     return Answers(survey.tip, base, tool, spring, controller, masses)
 
@@ -153,3 +158,23 @@ def _tool(ask: Ask | None, tip: str) -> Tool | None:
         else:
             return Tool(xyz=(x, y, z))
     return None
+
+
+def _friction(ask: Ask | None, count: int) -> tuple[float, ...]:
+    """Return the answered coulomb_friction of each joint; empty without a terminal or after an empty answer."""
+    question = (
+        f"Friction to feed forward: coulomb_friction of {count} joints [N m or N], as 'stiffgen measure --friction' "
+        "prints it; nothing where it is not known []"
+    )
+    while ask is not None:
+        answer = ask(question).replace(",", " ").split()
+        if not answer:
+            return ()
+        try:
+            values = tuple(map(float, answer))
+        except ValueError:
+            values = ()
+        if len(values) == count and all(0 <= each < 1e6 for each in values):
+            return values
+        question = f"{count} numbers from 0 [N m or N], or nothing []"
+    return ()

@@ -107,10 +107,11 @@ def _guesses(variables: Mapping[str, Any]) -> list[str]:
 
 
 def _stated(text: str, variables: Mapping[str, Any]) -> str:
-    """Return the parameters with the robot's motor_inertia and its source."""
+    """Return the parameters with the robot's motor_inertia and its source, and its friction."""
     [line] = re.findall(r"^    motor_inertia: .*$", text, re.MULTILINE)
-    inertia = ", ".join(map(repr, map(float, variables["rotors"])))
-    return text.replace(line, f"    motor_inertia: [{inertia}]  # {comment(variables['rotors_source'], 200)}")
+    inertia, friction = (", ".join(map(repr, map(float, variables[name]))) for name in ("rotors", "friction"))
+    text = text.replace(line, f"    motor_inertia: [{inertia}]  # {comment(variables['rotors_source'], 200)}")
+    return re.sub(r"^    coulomb_friction: \[.*?\]", f"    coulomb_friction: [{friction}]", text, flags=re.MULTILINE)
 
 
 def _launch(text: str, variables: Mapping[str, Any]) -> str:
