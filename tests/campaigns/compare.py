@@ -7,6 +7,9 @@ The laws stand in tests/support/arms/laws.c, each written from its formula: a ro
 nullspace; a quaternion with clipped error and an integral; operational space, decoupled by inertia; the first one with
 clipped error. All have the same limits of torque and torque rate. Poses reach this controller through Follow.
 
+Rows of Settle and Press compare Settle, Press and 90 % of the friction fed forward with the same laws. What these laws know of a
+force is its spring: their pose lies F / K inside the surface. The second one's integral is clipped to 20 N.
+
 The plant (tests/support/arms/arms.c) has friction that sticks and slips, flexible joints, the maker's sensors and one
 sample of delay. 600 N/m and 30 N m/rad unless a row says more.
 """
@@ -30,6 +33,8 @@ from support.arms.arms import FLAGS, Arm
 
 Array = np.ndarray[Any, np.dtype[Any]]
 LAWS = ("stiffgen", "rotation vector", "quaternion, clipped", "operational space", "rotation vector, clipped")
+FORCE, DEPTH = 15.0, 0.02
+"""Force that is to be held [N], and how far the surface is away at the start [m]."""
 MARK = "<!-- laws in use -->"
 
 
@@ -52,13 +57,17 @@ class Bench:
         self.arm, self.law = arm, law
         self.pose = arm.module.forward_kinematics(arm.posture)
 
-    def run(self, samples: int, poses: Any, plant: dict[str, Any] | None = None, **inputs: Any) -> Array:
+    def run(
+        self, samples: int, poses: Any, plant: dict[str, Any] | None = None, friction: float = 0.0, **inputs: Any
+    ) -> Array:
+        """Return the rows of an episode; a share of the true friction is fed forward by this controller alone."""
         arm, sensors = self.arm, self.arm.maker.sensors
         made = arm.plant(flexible=True, law=self.law, **(plant or {}))
         config = arm.config(
             delay_samples=made.delay,
             position_quantum=sensors.position_quantum,
             velocity_noise=max(sensors.velocity_noise, sensors.velocity_quantum),
+            coulomb_friction=friction * arm.maker.friction * arm.effort,
         )
         poses = np.broadcast_to(poses, (samples, 4, 4))
         return arm.run(made, samples, config, goal=arm.posture, pose=poses, **inputs)
@@ -85,6 +94,49 @@ class Bench:
     def step(self) -> float:
         goal = turned(self.pose, (0.0, 0.08, -0.06))
         return float(self.away(self.run(5000, goal), goal)[-500:].mean())
+
+    def held(self, payload: float) -> float:
+        """Return the error [mm] that the encoders see 7 s after a step of 10 cm, with a payload [kg] nobody stated."""
+        goal = turned(self.pose, (0.0, 0.08, -0.06))
+        makers = {"makers": 1, "settle_force": (40.0, 4.0), "wrench_delay": 1} if self.law == 0 else {}
+        rows = self.run(7000, goal, makers, 0.9, payload=payload)
+        seen = self.arm.module.forward_kinematics(np.ascontiguousarray(rows["motors"][-1])).reshape(4, 4)
+        return 1e3 * float(np.linalg.norm(seen[:3, 3] - goal[:3, 3]))
+
+    def pressed(self, poses: Array, inwards: Array, plant: dict[str, Any], **inputs: Any) -> Array:
+        """Return the motion of a tip that is to press with FORCE along unit vectors: by Press, or F / K inside."""
+        if self.law == 0:
+            noise = 0.3 * np.random.default_rng(1).normal(size=(len(poses), 6))
+            order = np.concatenate([inwards, np.full((len(poses), 1), FORCE), np.zeros((len(poses), 1))], axis=1)
+            return self.run(
+                len(poses), poses, plant | {"makers": 1, "wrench_delay": 1}, press=order, wrench_noise=noise, **inputs
+            )
+        inside = poses.copy()
+        inside[:, :3, 3] += (DEPTH + FORCE / 600.0) * inwards
+        return self.run(len(poses), inside, plant, **inputs)
+
+    def wall_force(self, way: float) -> float:
+        """Return the rms error [N] of the force on a wall of 1e4 N/m, still or moving by a way [m] at 0.5 Hz."""
+        time, down = np.arange(9000) * 1e-3, np.tile([0.0, 0.0, -1.0], (9000, 1))
+        wall = {"wall_stiffness": 1e4, "wall_point": self.pose[:3, 3] - [0, 0, DEPTH]}
+        moved = way * np.clip(time - 3.0, 0.0, 1.0) * np.sin(np.pi * time)
+        rows = self.pressed(np.tile(self.pose, (9000, 1, 1)), down, wall, wall=moved)
+        return float(np.sqrt(np.mean((rows["contact"][4000:, 2] - FORCE) ** 2)))
+
+    def wiped(self) -> float:
+        """Return the rms error [N] of the force across a cylinder of 0.3 m that is wiped at 0.1 m/s, friction 0.2."""
+        time, radius = np.arange(8000) * 1e-3, 0.3
+        angle = 0.4 * np.sin(0.1 / (0.4 * radius) * np.maximum(time - 3.0, 0.0))
+        normal = np.stack([np.zeros(8000), np.sin(angle), np.cos(angle)], axis=1)
+        poses = np.tile(self.pose, (8000, 1, 1))
+        poses[:, :3, 3] += radius * (normal - [0.0, 0.0, 1.0])
+        wall = {
+            "wall_stiffness": 1e4, "wall_point": self.pose[:3, 3] - [0, 0, DEPTH + radius], "wall_radius": radius,
+            "wall_axis": (1.0, 0.0, 0.0), "wall_friction": 0.2,
+        }  # fmt: skip
+        rows = self.pressed(poses, -normal, wall)
+        force = (rows["contact"][:, :3] * normal).sum(axis=1)
+        return float(np.sqrt(np.mean((force[4000:] - FORCE) ** 2)))
 
     def overshoot(self) -> float:
         """Return how far [mm] the tip goes beyond the end of a step of 10 cm."""
@@ -234,6 +286,11 @@ ROWS: dict[str, Callable[[Bench], float]] = {
     "payload of 3 kg dropped: largest speed over its limit": Bench.drop,
     "stiffness switched 100 to 2000 N/m at 5 Hz, 30 N swing: most work put out [J]": Bench.switched,
     "orbit of a 20 N force: work put out per turn [J]": Bench.orbit,
+    "Settle, step of 10 cm: error at the motors [mm]": lambda b: b.held(0.0),
+    "Settle, 3 kg [mm]": lambda b: b.held(3.0),
+    "Press, 15 N on 1e4 N/m: rms error [N]": lambda b: b.wall_force(0.0),
+    "Press, wall moves by 2 cm at 0.5 Hz [N]": lambda b: b.wall_force(0.02),
+    "Press, cylinder wiped at 0.1 m/s [N]": Bench.wiped,
 }
 STEPS = 200
 COUNTED = (*("-O3" if flag == "-O1" else flag for flag in FLAGS), "-mno-avx512f")
