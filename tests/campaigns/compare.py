@@ -7,8 +7,8 @@ The laws stand in tests/support/arms/laws.c, each written from its formula: a ro
 nullspace; a quaternion with clipped error and an integral; operational space, decoupled by inertia; the first one with
 clipped error. All have the same limits of torque and torque rate. Poses reach this controller through Follow.
 
-Rows of Settle and Press compare Settle, Press and 90 % of the friction fed forward with the same laws. What these laws know of a
-force is its spring: their pose lies F / K inside the surface. The second one's integral is clipped to 20 N.
+Rows of Settle and Press compare these makers, with 90 % of the friction fed forward, with the same laws. What those
+know of a force is their spring: their pose lies F / K inside the surface. The second one's integral is clipped to 20 N.
 
 The plant (tests/support/arms/arms.c) has friction that sticks and slips, flexible joints, the maker's sensors and one
 sample of delay. 600 N/m and 30 N m/rad unless a row says more.
