@@ -86,6 +86,14 @@ void take_stiffness(Options &options, const Given &given)
     }
 }
 
+void take_friction(Options &options, const Given &given)
+{
+    const std::vector<Given> parts = given.parts(7, "seven numbers");
+    for (std::size_t i = 0; i < 7; ++i) {
+        options.settings.friction[i] = parts[i].number(0.0, 1e3);
+    }
+}
+
 void take_law(Options &options, const Given &given)
 {
     if (given.text != "potential" && given.text != "paper" && given.text != "conventional") {
@@ -141,6 +149,8 @@ const Row ROWS[] = {
      [](Options &o, const Given &g) { o.settings.posture_stiffness = g.number(0.0, 1e4); }},
     {"motor-inertia", "X", "inertia of every rotor, seen at the joint [kg m^2] (0.1)",
      [](Options &o, const Given &g) { o.settings.motor_inertia = g.number(0.0, 100.0); }},
+    {"friction", "SEVEN", "coulomb_friction fed forward, as 'stiffgen measure --friction' prints it [N m] (0)",
+     take_friction},
     {"effort-share", "X", "share of the robot's effort limits [1] (0.25)",
      [](Options &o, const Given &g) { o.settings.effort_share = g.number(0.001, 1.0); }},
     {"torque-rise", "S", "least time from zero to that limit, 0.1 to 0.25 [s] (0.25)",
@@ -186,10 +196,13 @@ const Row ROWS[] = {
      [](Options &o, const Given &g) { o.realtime = g.integer(1, 99); }},
 };
 
-/* Options of older versions, and what to give now. */
+/* Options of older versions, and what to give now; and options that are missed, and why there are none. */
 const char *const GONE[][2] = {
     {"--joint-damping", "the controller damps by --damping-ratio, 0 to 2, alone"},
     {"--velocity-filter", "give --velocity-span S, twice the old time constant"},
+    {"--settle", "the client follows joint positions, and Settle moves poses: use NAME_settle.h, or ~/settle in ROS 2"},
+    {"--press", "the client follows joint positions, and external torques are no force sensor (friction hides 1.4 to 12.7 N "
+                "on a UR5): use NAME_press.h, or ~/press in ROS 2, with a sensor's wrench"},
 };
 
 enum { COUNT = sizeof ROWS / sizeof *ROWS, FIRST = 256, HELP_WANTED = FIRST + COUNT };

@@ -69,6 +69,7 @@ void WipingClient::configure()
     config_.position_quantum = settings_.dry_run ? std::max(settings_.position_quantum, 1e-5) : settings_.position_quantum;
     for (int i = 0; i < JOINTS; ++i) {
         config_.motor_inertia[i] = settings_.motor_inertia;
+        config_.coulomb_friction[i] = settings_.friction[i];
         config_.effort_limit[i] *= settings_.effort_share;
         config_.torque_rate_limit[i] = config_.effort_limit[i] / settings_.torque_rise;
         input_.posture_stiffness[i] = settings_.paper ? 0.0 : settings_.posture_stiffness;

@@ -56,7 +56,8 @@ def controller(robot: Any, summary: Mapping[str, Any]) -> Any:
     told = summary["controller"]
     names = ("sample_time", "delay_samples", "motor_inertia", "heaviest_wrench", "position_quantum", "velocity_noise",
              "tip_velocity_limit", "damping_ratio", "effort_limit", "torque_rate_limit")  # fmt: skip
-    return robot.Impedance(**{name: told[name] for name in names})
+    friction = told.get("coulomb_friction", 0.0)  # summaries of older clients have none
+    return robot.Impedance(**{name: told[name] for name in names}, coulomb_friction=friction)
 
 
 def paper_law(robot: Any, summary: Mapping[str, Any]) -> Any:

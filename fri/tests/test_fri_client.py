@@ -117,6 +117,15 @@ def test_the_papers_law_is_the_controllers_offset(
     np.testing.assert_array_equal(replayed_torque(robot, wiped.log), wiped.log["torque"])
 
 
+def test_friction_is_fed_forward(open_programs: Programs, robot: ModuleType, tmp_path: Path) -> None:
+    """The controller has the stated friction, and its torque is another one than without."""
+    wiped = Wiped(open_programs, moving_script(open_programs, robot, 300), tmp_path, "--friction", "3,3,2,2,1,1,0.5")
+    assert wiped.summary["controller"]["coulomb_friction"] == [3.0, 3.0, 2.0, 2.0, 1.0, 1.0, 0.5]
+    np.testing.assert_array_equal(replayed_torque(robot, wiped.log), wiped.log["torque"])
+    wiped.log.summary["controller"]["coulomb_friction"] = 0.0
+    assert np.abs(replayed_torque(robot, wiped.log) - wiped.log["torque"]).max() > 0.5
+
+
 def test_the_counter_tells_of_lost_messages(programs: Programs, robot: ModuleType, tmp_path: Path) -> None:
     script = moving_script(programs, robot, 100)
     del script.datagrams[40:42]
