@@ -71,6 +71,28 @@ def test_bounded_springs_and_tools(once: Once) -> None:
         rest = {"dq": np.zeros(5), "q0": Q, "posture_stiffness": 0.0}
         out = soft.step(counter=counter, q=Q if counter < 2 else moved, **rest, **stiff(400.0, 2))
     assert 0 < np.abs(out.own_torque).max() < 20.0
+    limited_springs_are_those_of_the_kernels(robot)
+
+
+def limited_springs_are_those_of_the_kernels(robot: GeneratedRobot) -> None:
+    """Each hand has a tool of its own, and the springs reach their limits: stored energy and torque of both springs."""
+    module, limits, off = robot.module, (5.0, 1.0), Q + np.array([0.1, 0.3, -0.2, 0.2, 0.1])
+    tools = np.tile(np.eye(4), (2, 1, 1))
+    tools[0, :3, 3], tools[1, :3, :3] = (0.1, -0.05, 0.2), np.diag([-1.0, -1.0, 1.0])
+    controller = module.Impedance(**STATED, **WIDE, spring_limit=limits, tool_pose=tools, position_quantum=1e-5)
+    for counter in range(300):
+        share = np.clip((counter - 50) / 200, 0.0, 1.0)
+        at = {"q": Q + share * (off - Q), "dq": (off - Q) / 0.2 if 0 < share < 1 else np.zeros(5)}
+        out = controller.step(counter=counter, **at, q0=Q, posture_stiffness=0.0, **stiff(400.0, 2, 3))
+    left, right = module.left_hand.forward_kinematics(Q, tools[0]), module.right_hand.forward_kinematics(Q, tools[1])
+    rest, middle = np.linalg.inv(right) @ left, right.copy()
+    middle[:3, 3] = (left[:3, 3] + right[:3, 3]) / 2
+    given = off, tools[::-1]
+    K = 400.0 * np.eye(3), 20.0 * np.eye(3)
+    energy = module.pair_bounded.energy(*given, rest, *K, *limits) + module.absolute.energy(*given, middle, rest, *K)
+    assert out.stored == pytest.approx(float(energy), rel=1e-12)
+    torque = module.pair_bounded.torque(*given, rest, *K, *limits) + module.absolute.torque(*given, middle, rest, *K)
+    np.testing.assert_allclose(out.own_torque / out.scale, torque, rtol=1e-9)
 
 
 def test_the_pair_leaves_common_motion_alone(dual: GeneratedRobot) -> None:
@@ -101,6 +123,29 @@ def test_a_squeeze_is_internal(dual: GeneratedRobot) -> None:
     expected = expected + module.right_hand.hybrid.jacobian(Q).T @ on_a
     np.testing.assert_allclose(out.feedforward_torque, expected, rtol=1e-12, atol=1e-12)
     assert np.abs(expected).max() > 1.0
+
+
+@pytest.mark.parametrize(
+    ("way", "heavier"), [((0, 0.3, -0.2, 0.2, 0.1), 1), ((0.3, 0, 0, 0.3, 0.3), 0)], ids=["B", "A"]
+)
+def test_each_hand_counts_for_the_heaviest_wrench_and_the_purse(
+    way: tuple[float, ...], heavier: int, dual: GeneratedRobot
+) -> None:
+    """The reference moves on as far as the heavier hand's springs may pull, and each joule of theirs is supplied."""
+    module, heaviest = dual.module, (20.0, 5.0)
+    controller = module.Impedance(
+        **STATED | {"heaviest_wrench": heaviest}, **WIDE, position_quantum=1e-5, tank_initial=1e3
+    )
+    for counter in range(1500):
+        q0 = Q if counter < 50 else Q + np.array(way)
+        out = controller.step(counter=counter, q=Q, dq=np.zeros(5), q0=q0, posture_stiffness=0.0, **stiff(400.0, 2, 3))
+    a, b = module.right_hand.forward_kinematics(out.reference), module.left_hand.forward_kinematics(out.reference)
+    middle, K = a.copy(), (400.0 * np.eye(3), 20.0 * np.eye(3))
+    middle[:3, 3] = (a[:3, 3] + b[:3, 3]) / 2
+    wrenches = np.reshape(module.bimanual.wrench(Q, middle, np.linalg.inv(a) @ b, *K, *K), (2, 2, 3))
+    loads = np.linalg.norm(np.linalg.norm(wrenches, axis=2) / heaviest, axis=1)
+    assert 0.999 < loads[heavier] <= 1.0 and loads[1 - heavier] < 0.9
+    assert out.energy_supplied - 1e3 == pytest.approx(out.stored, rel=1e-9) and out.stored > 0.1
 
 
 def test_an_asymmetric_stiffness_of_a_pair_is_refused_by_its_entry(dual: GeneratedRobot) -> None:

@@ -53,7 +53,7 @@ class _Bench:
         self.reach = float(min(0.1, 0.2 * np.abs(span).min()))
         tips, self.pairs = len(chain.tips), [(each.first, each.second) for each in pairs_of(chain, robot.springs.pairs)]
         self.tools = np.broadcast_to(np.eye(4), (tips, 4, 4)).copy()
-        self.tools[:, :3, 3] = (0.02, -0.03, 0.1)
+        self.tools[:, :3, 3] = np.array([0.02, -0.03, 0.1]) + np.arange(tips)[:, None] * (0.05, 0.0, 0.0)
         roots = self.random.normal(size=(2, tips + 2 * len(self.pairs), 3, 3))
         Kt, Ko = (roots @ np.swapaxes(roots, 2, 3) / 3 + 0.3 * np.eye(3)) * np.array([300.0, 20.0])[:, None, None, None]
         if tips == 1:
