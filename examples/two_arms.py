@@ -3,8 +3,9 @@
 
     python -m examples.two_arms                prints the box's errors, the internal force, and the work of a lap
     python -m examples.two_arms --figure FILE  draws them
+    python -m examples.two_arms --arm panda    with two Pandas in place of two iiwa 14; or ur5
 
-Two iiwa 14 on a stand press a box of 2 kg between their hands, lift it, and turn it by 90 degrees, until one hand is on
+Two arms on a stand press a box of 2 kg between their hands, lift it, and turn it by 90 degrees, until one hand is on
 top of the box and the other below. A person pushes the box with 30 N. The frame of the object is 5 mm and 3 degrees
 off in one hand. The hands only touch the box: nothing but friction holds it.
 """
@@ -26,19 +27,53 @@ import stiffgen
 
 Array = NDArray[np.float64]
 
-URDF = Path(__file__).resolve().parents[1] / "urdf" / "iiwa14.urdf"
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@dataclass(frozen=True)
+class Arm:
+    """Kind of the two arms, and where they hold the box: so that joints are far from their limits all along.
+
+    Attributes:
+        urdf: file of one arm.
+        tip: link whose z axis points into the box.
+        gap: place [m] of a base along y.
+        tilt: tilt outwards [rad] of a base.
+        start: joint positions [rad] of both from which the first posture is searched.
+        place: place [m] of the box.
+        yaw: the hands' turn about the axis between them [rad].
+
+    """
+
+    urdf: Path
+    tip: str
+    gap: float
+    tilt: float
+    start: tuple[float, ...]
+    place: tuple[float, float, float]
+    yaw: float
+
+
+IIWA = Arm(
+    ROOT / "urdf" / "iiwa14.urdf", "link_ee", 0.15, 0.5236,
+    (0.53, 1.32, -0.94, -1.32, -0.18, 0.85, -1.01, 0.04, 1.08, -0.11, -1.32, -1.88, -1.27, -2.66),
+    (0.641, 0.0, 0.224), 1.885,
+)  # fmt: skip
+PANDA = Arm(
+    ROOT / "tests" / "data" / "panda.urdf", "panda_hand_tcp", 0.112, 0.143,
+    (0.95, -0.09, -0.37, -2.45, -1.05, 1.27, 0.88, -0.73, -0.08, 0.15, -2.45, 1.05, 1.29, 0.70),
+    (0.374, 0.0, 0.332), -0.843,
+)  # fmt: skip
+UR5 = Arm(
+    ROOT / "tests" / "data" / "ur5.urdf", "tool0", 0.374, 0.885,
+    (-1.17, 1.15, -2.30, -1.07, -1.82, -2.44, -1.97, 2.44, 1.85, 1.07, -1.82, 2.44), (0.260, 0.0, 0.333), 0.390,
+)  # fmt: skip
+ARMS = {"iiwa14": IIWA, "panda": PANDA, "ur5": UR5}
 SIDES = {"left": 1.0, "right": -1.0}
 """Names of the arms, and their sides along y."""
-GAP, TILT = 0.15, 0.5236
-"""Place [m] of a base along y, and its tilt outwards [rad]."""
-TIP = "link_ee"
-START = np.array([0.53, 1.32, -0.94, -1.32, -0.18, 0.85, -1.01, 0.04, 1.08, -0.11, -1.32, -1.88, -1.27, -2.66])
-"""Joint positions [rad] from which the first posture is searched."""
 
-WIDTH, MASS, PLACE = 0.3, 2.0, np.array([0.641, 0.0, 0.224])
-"""Box: width [m] between the hands, mass [kg], place [m]."""
-PAD, YAW = 0.02, 1.885
-"""Thickness [m] of the rubber pads on the flanges, and the hands' turn about the axis between them [rad]."""
+WIDTH, MASS, PAD = 0.3, 2.0, 0.02
+"""Box: width [m] between the hands, mass [kg]; thickness [m] of the rubber pads on the flanges."""
 FRICTION, ROTOR, STEP = 1.0, 0.3, 1e-3
 """Friction of the pads, inertia of the rotors [kg m^2], sample time [s]."""
 SQUEEZE, PUSH = 20.0, 30.0
@@ -51,28 +86,32 @@ LIFT, TURN, PUSHED, END = (1.0, 2.5), (2.5, 7.0), (8.0, 8.6), 10.0
 """Beginning and end of the parts of the session [s]."""
 
 
-def described() -> str:
-    """Return the URDF of the stand with both arms."""
-    inner = re.sub(r"<robot[^>]*>|</robot>|<\?xml.*?\?>|<!--.*?-->", "", URDF.read_text(), flags=re.DOTALL)
-    root = re.findall(r'<link\s+name="([^"]*)"', inner)[0]
+def described(arm: Arm = IIWA) -> str:
+    """Return the URDF of the stand with both arms; fingers stay where they are."""
+    inner = re.sub(
+        r"<robot[^>]*>|</robot>|<\?xml.*?\?>|<!--.*?-->|<mimic[^>]*>", "", arm.urdf.read_text(), flags=re.DOTALL
+    )
+    inner = inner.replace('type="prismatic"', 'type="fixed"')
+    children = re.findall(r'<child\s+link="([^"]*)"', inner)
+    (root,) = (link for link in re.findall(r'<link\s+name="([^"]*)"', inner) if link not in children)
     arms = []
     for side, sign in SIDES.items():
-        arm = re.sub(r'\b(name|link|joint)="([^"]*)"', rf'\1="{side}_\2"', inner)
+        one = re.sub(r'\b(name|link|joint)="([^"]*)"', rf'\1="{side}_\2"', inner)
         joint = f'<joint name="{side}_stand" type="fixed"><parent link="stand"/><child link="{side}_{root}"/>'
-        arms.append(f'{arm}{joint}<origin xyz="0 {sign * GAP} 0" rpy="{-sign * TILT} 0 0"/></joint>')
+        arms.append(f'{one}{joint}<origin xyz="0 {sign * arm.gap} 0" rpy="{-sign * arm.tilt} 0 0"/></joint>')
     return f'<robot name="two_arms"><link name="stand"/>{"".join(arms)}</robot>'
 
 
-def generated(folder: Path) -> tuple[Any, Path]:
+def generated(folder: Path, arm: Arm = IIWA) -> tuple[Any, Path]:
     """Return the module of both arms, generated in a folder, and the URDF."""
     file = folder / "two_arms.urdf"
-    file.write_text(described())
-    tips = [f"{side}_{TIP}" for side in SIDES]
+    file.write_text(described(arm))
+    tips = [f"{side}_{arm.tip}" for side in SIDES]
     made = stiffgen.generate(file, output=folder, tip=tips, pairs=[":".join(tips)], batches=False)
     return stiffgen.open_robot(made).module, file
 
 
-def scene(file: Path) -> mujoco.MjModel:
+def scene(file: Path, arm: Arm = IIWA) -> mujoco.MjModel:
     """Return the arms with pads on their flanges, and the box, which floats until it is held."""
     spec = mujoco.MjSpec.from_file(str(file))
     spec.option.timestep, spec.option.integrator = STEP, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -84,11 +123,11 @@ def scene(file: Path) -> mujoco.MjModel:
         geom.contype = geom.conaffinity = 0
     soft = {"solref": [0.01, 1.0], "friction": [FRICTION, 0.02, 1e-4], "condim": 4}
     for side in SIDES:
-        spec.body(f"{side}_{TIP}").add_geom(
+        spec.body(f"{side}_{arm.tip}").add_geom(
             name=f"{side}_pad", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.04, 0.04, PAD / 2], pos=[0, 0, PAD / 2],
             mass=0.0, contype=1, conaffinity=1, rgba=[0.2, 0.2, 0.2, 1], **soft,
         )  # fmt: skip
-    box = spec.worldbody.add_body(name="box", pos=PLACE)
+    box = spec.worldbody.add_body(name="box", pos=arm.place)
     box.add_freejoint()
     box.add_geom(
         name="box", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.1, WIDTH / 2, 0.1], mass=MASS, rgba=[0.8, 0.6, 0.3, 1],
@@ -113,11 +152,11 @@ def placed(x: float, y: float, z: float) -> Array:
     return pose
 
 
-def grasps() -> Array:
+def grasps(arm: Arm = IIWA) -> Array:
     """Return the poses of both hands in the object (2, 4, 4): their z axes point into the box."""
     away = WIDTH / 2 + PAD
     return np.array(
-        [placed(0, sign * away, 0) @ turned(0, sign * np.pi / 2) @ turned(2, sign * YAW) for sign in SIDES.values()]
+        [placed(0, sign * away, 0) @ turned(0, sign * np.pi / 2) @ turned(2, sign * arm.yaw) for sign in SIDES.values()]
     )
 
 
@@ -127,9 +166,10 @@ def smooth(time: float, span: tuple[float, float]) -> float:
     return s**3 * (10 - 15 * s + 6 * s**2)
 
 
-def wanted(time: float) -> Array:
+def wanted(time: float, arm: Arm = IIWA) -> Array:
     """Return the pose of the object: lifted by 0.1 m, then turned by 90 degrees about x."""
-    return placed(*(PLACE + np.array([0.0, 0.0, 0.1 * smooth(time, LIFT)]))) @ turned(0, np.pi / 2 * smooth(time, TURN))
+    lifted = np.array(arm.place) + np.array([0.0, 0.0, 0.1 * smooth(time, LIFT)])
+    return placed(*lifted) @ turned(0, np.pi / 2 * smooth(time, TURN))
 
 
 @dataclass
@@ -176,16 +216,16 @@ def springs() -> dict[str, Array]:
     return {name: values[:, k, None, None] * np.eye(3) for k, name in enumerate(names)}
 
 
-def run(module: Any, file: Path, end: float = END) -> BoxSession:
+def run(module: Any, file: Path, arm: Arm = IIWA, end: float = END) -> BoxSession:
     """Hold, lift, turn and push the box."""
-    model = scene(file)
-    data, held = mujoco.MjData(model), grasps()
+    model = scene(file, arm)
+    data, held = mujoco.MjData(model), grasps(arm)
     joints = [model.joint(name) for name in module.JOINTS]
     at, rate = (np.array([getattr(j, which)[0] for j in joints]) for which in ("qposadr", "dofadr"))
     believed = held @ np.array([np.eye(4), placed(OFF, 0, 0) @ turned(1, TURNED)])
-    q = np.asarray(module.find_posture(wanted(0.0) @ held, START))
+    q = np.asarray(module.find_posture(wanted(0.0, arm) @ held, arm.start))
     data.qpos[at] = q
-    data.qpos[-7:-4] = PLACE
+    data.qpos[-7:-4] = arm.place
     data.qpos[-4:] = 1.0, 0.0, 0.0, 0.0
     mujoco.mj_forward(model, data)
     follow = module.Follow(q, sample_time=STEP)
@@ -194,7 +234,7 @@ def run(module: Any, file: Path, end: float = END) -> BoxSession:
     box = model.body("box").id
     for k in range(round(end / STEP)):
         time, q, dq = k * STEP, data.qpos[at], data.qvel[rate]
-        q0, _ = follow.step(pose=wanted(time) @ believed)
+        q0, _ = follow.step(pose=wanted(time, arm) @ believed)
         wrench = np.zeros((3, 6))
         wrench[2, 2] = -SQUEEZE * smooth(time, (0.0, 0.3))  # of the right hand, along the z axis of the left one
         weight = MASS * 9.81 * smooth(time, (0.3, 0.9))
@@ -210,12 +250,12 @@ def run(module: Any, file: Path, end: float = END) -> BoxSession:
         data.xfrc_applied[box, 2] = MASS * 9.81 - weight  # a table carries what the hands do not yet carry
         mujoco.mj_step(model, data)
         faults += bool(out.fault)
-        poses = np.array([data.body(f"{side}_{TIP}").xpos for side in SIDES])
+        poses = np.array([data.body(f"{side}_{arm.tip}").xpos for side in SIDES])
         wrenches, touches = contact_wrenches(model, data, poses)
         frames = np.tile(np.eye(4), (2, 1, 1))
         frames[:, :3, 3] = poses
         inner = stiffgen.internal_wrench(*wrenches, *frames).internal
-        R, goal = data.body("box").xmat.reshape(3, 3), wanted(time)
+        R, goal = data.body("box").xmat.reshape(3, 3), wanted(time, arm)
         angle = np.arccos(np.clip((np.trace(R.T @ goal[:3, :3]) - 1) / 2, -1, 1))
         away = np.linalg.norm(data.body("box").xpos - goal[:3, 3])
         rows.append((time, away, angle, np.linalg.norm(inner[:3]), touches.sum()))
@@ -223,33 +263,33 @@ def run(module: Any, file: Path, end: float = END) -> BoxSession:
     return BoxSession(table[:, 0], table[:, 1:3], table[:, 3], table[:, 4], faults)
 
 
-def usual_torque(module: Any, q: Array, rest: Array, K: Array) -> Array:
+def usual_torque(module: Any, q: Array, rest: Array, K: Array, arm: Arm = IIWA) -> Array:
     """Return the torque of the usual law: K times displacement and rotation vector of B in A, in the axes of A."""
-    hands = [getattr(module, f"{side}_{TIP}") for side in SIDES]
+    hands = [getattr(module, f"{side}_{arm.tip}") for side in SIDES]
     a, b = (hand.forward_kinematics(q) for hand in hands)
     Ja, Jb = (hand.hybrid.jacobian(q) for hand in hands)
     seen = np.linalg.inv(rest) @ np.linalg.inv(a) @ b
-    R, arm = seen[:3, :3], b[:3, 3] - a[:3, 3]
+    R, lever = seen[:3, :3], b[:3, 3] - a[:3, 3]
     w = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2
     size = np.linalg.norm(w)
     turn = w * (np.arctan2(size, (np.trace(R) - 1) / 2) / size if size > 0 else 1.0)
     axes = a[:3, :3] @ rest[:3, :3]
     f, m = axes @ K[:3, :3] @ seen[:3, 3], axes @ K[3:, 3:] @ turn
-    on_a = -np.concatenate([f, m + np.cross(arm, f)])
+    on_a = -np.concatenate([f, m + np.cross(lever, f)])
     return np.asarray(-Jb.T @ np.concatenate([f, m]) - Ja.T @ on_a)
 
 
-def work_of_lap(module: Any, size: float = 0.4, nodes: int = 400) -> tuple[float, float]:
+def work_of_lap(module: Any, arm: Arm = IIWA, size: float = 0.4, nodes: int = 400) -> tuple[float, float]:
     """Return the work [J] of the usual law and of the pair's spring round one closed lap of all joints."""
     random = np.random.default_rng(2)
-    middle = np.asarray(module.find_posture(wanted(0.0) @ grasps(), START))
+    middle = np.asarray(module.find_posture(wanted(0.0, arm) @ grasps(arm), arm.start))
     waves = random.normal(size=(2, len(middle))) * size / 2
     t = 2 * np.pi * np.arange(nodes)[:, None] / nodes
     q = middle + np.cos(t) * waves[0] + np.sin(t) * waves[1]
     rate = np.cos(t) * waves[1] - np.sin(t) * waves[0]
     K = np.diag([400.0, 300.0, 500.0, 30.0, 20.0, 10.0])
-    rest = np.linalg.inv(grasps()[0]) @ grasps()[1]
-    usual = sum(float(usual_torque(module, at, rest, K) @ along) for at, along in zip(q, rate, strict=True))
+    rest = np.linalg.inv(grasps(arm)[0]) @ grasps(arm)[1]
+    usual = sum(float(usual_torque(module, at, rest, K, arm) @ along) for at, along in zip(q, rate, strict=True))
     exact = sum(
         float(module.pair.torque(at, rest, K[:3, :3], K[3:, 3:]) @ along) for at, along in zip(q, rate, strict=True)
     )
@@ -305,11 +345,13 @@ def main() -> None:
     """Print the results."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--figure", type=Path, metavar="FILE", help="also draw an SVG")
+    parser.add_argument("--arm", choices=ARMS, default="iiwa14", help="kind of both arms")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        module, file = generated(Path(folder))
-        session = run(module, file)
-        print(told(session, work_of_lap(module)))
+        arm = ARMS[options.arm]
+        module, file = generated(Path(folder), arm)
+        session = run(module, file, arm)
+        print(told(session, work_of_lap(module, arm)))
     if options.figure:
         options.figure.write_text(figure(session))
 

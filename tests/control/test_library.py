@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stiffgen.control.companions import COMPANIONS, SHARED
+from stiffgen.control.companions import CARRY, COMPANIONS, SHARED
 from stiffgen.control.page import IMPEDANCE, LIBRARY, LOOPS, MODULE
 from support.c_library import check_compiles, check_contained, check_order, check_sizes, check_tool
 from support.controller_library import compile_library
@@ -24,6 +24,7 @@ LIBRARIES = {
     "controller": IMPEDANCE,
     "loops": LOOPS,
     "Python": MODULE,
+    "carry": CARRY,
     **{name: companion.library for name, companion in COMPANIONS.items()},
 }
 HEADER = ROOT / "generated" / "iiwa14" / "iiwa14_impedance.h"

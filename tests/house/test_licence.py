@@ -20,7 +20,7 @@ BEGIN = {suffix: comment for comment, suffixes in COMMENTS.items() for suffix in
 OF_THE_USER = re.compile(
     r"generated/|codegen/stiffgen/(control/(core/library|loops|paper|python)|core/emit/\w+/library"
     r"|(\w+/)*(templates|wrappers))/"
-    r"|codegen/stiffgen/control/(follow|policy|gains|posture|settle|press|shared)/\w+\.[ch]$"
+    r"|codegen/stiffgen/control/(carry|follow|policy|gains|posture|settle|press|shared)/\w+\.[ch]$"
 )
 
 

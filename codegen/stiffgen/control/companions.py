@@ -58,9 +58,11 @@ class Companion:
         state: fields of the memory between calls; the template adds records.
         words: enumerations that Python knows, too: name, and words with meanings.
         errors: errors with texts, from -1 down; those of the configuration's fields follow.
+        of_several: C that robots of several tips have behind the library's; the shared functions are the library's.
 
     """
 
+    # More than twelve fields: one table row describes a companion in C, in Python and on the page.
     name: str
     summary: str
     library: Library
@@ -71,6 +73,7 @@ class Companion:
     state: tuple[Field, ...] = ()
     words: tuple[tuple[str, Words], ...] = ()
     errors: Words = ()
+    of_several: Library | None = None
 
     @property
     def files(self) -> dict[str, str]:
@@ -82,13 +85,15 @@ SHARED = Library(_HERE / "shared", "shared.h", ("vectors.c", "matrices.c", "damp
 """C of which the files of controller and companions contain what they use."""
 FOLLOW = Library(_HERE / "follow", "follow.h", ("twists.c", "solve.c", "fold.c", "follow.c"), shared=SHARED)
 """C of every NAME_follow.c."""
+CARRY = Library(_HERE / "carry", "carry.h", ("carry.c",))
+"""C of the NAME_follow.c of robots with several tips, behind the other."""
 POLICY = Library(_HERE / "policy", "policy.h", ("checks.c", "policy.c"), shared=SHARED)
 """C of every NAME_policy.c."""
 GAINS = Library(_HERE / "gains", "gains.h", ("gains.c",), shared=SHARED)
 """C of every NAME_gains.c."""
 POSTURE = Library(_HERE / "posture", "posture.h", ("posture.c",), shared=SHARED)
 """C of every NAME_find_posture.c."""
-SETTLE = Library(_HERE / "settle", "settle.h", ("decay.c", "pose.c", "settle.c"), shared=SHARED)
+SETTLE = Library(_HERE / "settle", "settle.h", ("decay.c", "settle.c"), shared=SHARED)
 """C of every NAME_settle.c."""
 PRESS = Library(_HERE / "press", "press.h", ("press.c",), shared=SHARED)
 """C of every NAME_press.c."""
@@ -107,6 +112,7 @@ _ALL = (
         FOLLOW_STATE,
         (("follow", FOLLOW_STATUS),),
         FOLLOW_ERRORS,
+        CARRY,
     ),
     Companion(
         "policy",
@@ -228,7 +234,8 @@ def _page(companion: Companion, name: str, chain: Chain) -> CompanionPage:
     structs = [(struct, summary, _with_reach(fields, chain)) for struct, summary, fields in companion.structs]
     config: Sequence[Field] = next((f for struct, _, f in structs if struct == f"{companion.name}_config"), ())
     checks = {field.name: check_of(field) for field in config}
-    callers = "\n".join(checks.values())
+    more = companion.of_several.functions(name) if companion.of_several and len(chain.tips) > 1 else ""
+    callers = "\n".join((*checks.values(), more))
     return CompanionPage(
         name=companion.name,
         summary=companion.summary,
@@ -237,7 +244,7 @@ def _page(companion: Companion, name: str, chain: Chain) -> CompanionPage:
         enumerations=companion.enumerations,
         words=companion.words,
         interface=companion.library.interface(name, callers),
-        library=companion.library.functions(name, callers=callers),
+        library=companion.library.functions(name, callers=callers) + more,
         structs=[struct_of(chain, prefix, *each) for each in structs],
         state=struct_of(chain, prefix, f"{companion.name}_state", "", companion.state) if companion.state else None,
         errors=_errors(companion, name, config),

@@ -55,7 +55,7 @@ def struct_of(
 ) -> Struct:
     """Return the C struct of a chain with some fields; ``headings`` stand above fields, by name."""
     sizes = sizes_of(chain, pairs)
-    conditions = {"loops": bool(chain.loops), "tool": chain.runtime_tool}
+    conditions = {"loops": bool(chain.loops), "tool": chain.runtime_tool, "several": len(chain.tips) > 1}
     members = [
         replace(_member(field, sizes, prefix, name), heading=(headings or {}).get(field.name, ""))
         for field in fields

@@ -21,7 +21,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "e5984ef010b1c517"
+#define SOURCES "a03f2e2074986074"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

@@ -35,7 +35,8 @@ class Field:
     type: str = "double"
     choices: tuple[str, ...] = ()
     when: str = ""
-    """Condition for the field: "tool", a tool pose; "loops", a robot with closed loops; "bounded", bounded springs."""
+    """Condition for the field: "tool", a tool pose; "loops", a robot with closed loops; "bounded", bounded springs;
+    "several", several tips."""
     memory: str = ""
     """Member of the state's memory that an output reports, with its record: "account.tank"."""
     reason: str = ""

@@ -88,11 +88,26 @@ FOLLOW_STATE: tuple[Field, ...] = (
     Field("stuck", SCALAR, "calls", "without progress", type="int"),
     Field("by_joints", SCALAR, "", "1: on the way to the posture", type="int"),
     Field("ready", SCALAR, "", "mark that init wrote the state", type="int"),
+    Field("grasp", POSE, "m", "last accepted grasps", when="several"),
+    Field("object", (4, 4), "m", "pose of the object, on its way", when="several"),
+    Field("goal", (4, 4), "m", "last accepted pose of the object", when="several"),
+    Field("carried", (6,), "m/s, rad/s", "velocity of the object", when="several"),
+    Field("waits", SCALAR, "calls", "for which the object has waited for a tip", type="int", when="several"),
+    Field("held", SCALAR, "", "1: the last call had an object", type="int", when="several"),
 )
 FOLLOW_INPUT: tuple[Field, ...] = (
     Field("pose", POSE, "m", "pose wanted of the tip, in the base"),
     Field("posture", N, "rad or m", "posture: where joints go that the poses leave free, and on which branch"),
     Field("tool_pose", POSE, "m", "pose of the tool in the tip's frame", when="tool"),
+    Field(
+        "object_pose",
+        (4, 4),
+        "m",
+        "pose wanted of an object that all tips hold: it goes there on one straight way, and they keep their places in "
+        "it; pose does not count then. All 0: none",
+        when="several",
+    ),
+    Field("grasp", POSE, "m", "poses of the tips in the object", when="several"),
 )
 FOLLOW_OUTPUT: tuple[Field, ...] = (
     Field("q0", N, "rad or m", "command"),

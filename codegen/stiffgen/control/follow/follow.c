@@ -22,7 +22,7 @@ static const double SAME = 1e-9;        /* [s] at full speed between poses that 
  * Return the largest share of full speed from which a ramp of this slope stops within a way [s]; below half of it the
  * stop is exponential: an abrupt end of the braking throws the arm beyond the goal (6 mm for 2).
  */
-static double stopping_speed(double way, double slope, double T)
+double stopping_speed(double way, double slope, double T)
 {
     const double settling = 0.5 * T / slope; /* [s] */
     const double speed = way > 0.5 * settling ? sqrt(way / settling - 0.25) : larger(way / settling, slope);

@@ -36,6 +36,7 @@ void solve_bounded(const double *J, const double *twists, const double *low, con
 
 void keep_margin(state_t *s, const step_t *k, double *velocity);
 
+double stopping_speed(double way, double slope, double T);
 int start(const config_t *c, state_t *s, const double *q);
 int follow(state_t *s, const input_t *input, output_t *out);
 

@@ -91,46 +91,55 @@ class Follow:
         return np.array(self._last["error"][0])
 
     def step(
-        self, *, pose: ArrayLike, posture: ArrayLike | None = None, tool_pose: ArrayLike | None = None
+        self,
+        *,
+        pose: ArrayLike | None = None,
+        posture: ArrayLike | None = None,
+        tool_pose: ArrayLike | None = None,
+        object_pose: ArrayLike | None = None,
+        grasp: ArrayLike | None = None,
     ) -> FollowOutput:
         """Do one step.
 
         ``pose`` (4, 4) is the tip's in the base, of several tips (tips, 4, 4). ``posture`` (n) is where joints go that
         the pose leaves free, and what q0 goes to where the straight line is blocked and the posture has the pose; it
         stays until another one is given, and is ``q`` at first. ``tool_pose`` (4, 4) is the tool's, of robots that take
-        it at run time alone. Returns q0 (n) and the status (:class:`FollowStatus`).
+        it at run time alone. Several tips that hold one object take its ``object_pose`` (4, 4) in the base in place of
+        ``pose``, and their poses in it, ``grasp`` (tips, 4, 4): on the object's straight way they keep their places in
+        it. Returns q0 (n) and the status (:class:`FollowStatus`).
 
         ValueError for a pose that is no pose, or numbers that are not finite; the step was done with the last good
         ones, and ``q0`` has its result.
         """
-        output, code = self._do(1, pose, posture, tool_pose)
+        given = {"pose": pose, "posture": posture, "tool_pose": tool_pose, "object_pose": object_pose, "grasp": grasp}
+        output, code = self._do(1, given)
         if code:
             raise ValueError(_c.follow_error_text(code))
         return FollowOutput(np.array(output["q0"][0]), FollowStatus(int(output["status"][0])))
 
     def run(
-        self, *, pose: ArrayLike, posture: ArrayLike | None = None, tool_pose: ArrayLike | None = None
+        self,
+        *,
+        pose: ArrayLike | None = None,
+        posture: ArrayLike | None = None,
+        tool_pose: ArrayLike | None = None,
+        object_pose: ArrayLike | None = None,
+        grasp: ArrayLike | None = None,
     ) -> FollowOutput:
         """Do a step for each of the poses, (steps, 4, 4) or (steps, tips, 4, 4): a path is converted in one call.
 
-        ``posture`` and ``tool_pose`` are as for ``step``, or have a row per step. Returns q0 (steps, n) and the status
-        (steps) as integers. ValueError if any step was refused.
+        The other arguments are as for ``step``, or have a row per step. Returns q0 (steps, n) and the status (steps) as
+        integers. ValueError if any step was refused.
         """
-        steps = len(np.asarray(pose))
-        output, code = self._do(steps, pose, posture, tool_pose)
+        steps = len(np.asarray(object_pose if pose is None else pose))
+        given = {"pose": pose, "posture": posture, "tool_pose": tool_pose, "object_pose": object_pose, "grasp": grasp}
+        output, code = self._do(steps, given)
         if code:
             raise ValueError(_c.follow_error_text(code))
         return FollowOutput(np.array(output["q0"]), np.array(output["status"]))
 
-    def _do(
-        self, steps: int, pose: ArrayLike, posture: ArrayLike | None, tool_pose: ArrayLike | None
-    ) -> tuple[NDArray[Any], int]:
-        given: dict[str, Any] = {"pose": pose, "posture": self._posture if posture is None else posture}
-        if tool_pose is not None:
-            given["tool_pose"] = tool_pose
-        if set(given) != set(_INPUTS):
-            missing = "tool_pose must be given" if "tool_pose" in _INPUTS else "this robot has no tool_pose"
-            raise TypeError(f"{missing}: see NAME_follow_input in NAME_follow.h")
+    def _do(self, steps: int, arguments: dict[str, ArrayLike | None]) -> tuple[NDArray[Any], int]:
+        given = {"posture": self._posture, **_given(arguments)}
         inputs, outputs = np.zeros(steps, _INPUT), np.zeros(steps, _OUTPUT)
         for name, value in given.items():
             array, shape = np.asarray(value, float), _INPUT[name].shape
@@ -144,3 +153,15 @@ class Follow:
             self._posture = np.array(inputs["posture"][-1])
         self._last = outputs[-1:]
         return outputs, code
+
+
+def _given(arguments: dict[str, ArrayLike | None]) -> dict[str, ArrayLike]:
+    """Return the arguments that are given; TypeError if they are not those that the robot takes together."""
+    given = {name: value for name, value in arguments.items() if value is not None}
+    if ("pose" in given) == ("object_pose" in given) or ("object_pose" in given) != ("grasp" in given):
+        raise TypeError("give pose, or object_pose and grasp")
+    unknown = [name for name in given if name not in _INPUTS]
+    if unknown or ("tool_pose" in _INPUTS and "tool_pose" not in given):
+        wrong = f"this robot has no {unknown[0]}" if unknown else "tool_pose must be given"
+        raise TypeError(f"{wrong}: see NAME_follow_input in NAME_follow.h")
+    return given

@@ -26,9 +26,6 @@ double square_in(const double *K, int turns, const double *pose, const double *v
 double find_decay(const controller_t *c, const double *q, const double *Kt, const double *Ko, const double *wrench,
                   double *stiffness);
 
-/* pose.c */
-void move_pose(const double *twist, double *pose);
-
 /* settle.c */
 int start(const config_t *c, const controller_t *controller, state_t *s);
 int settle(state_t *s, const input_t *in, const last_t *last, output_t *out);

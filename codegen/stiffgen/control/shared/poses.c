@@ -1,4 +1,4 @@
-/* Poses, and the twist between two. */
+/* Poses, the twist between two, and moves by a twist. */
 #include "shared.h"
 
 static const double ROUGH = 1e-3; /* what R^T R may differ from 1 by: single precision and drift, not a mistake */
@@ -75,5 +75,26 @@ void compare_pose(const double *from, const double *to, double *twist)
     for (int i = 0; i < 3; ++i) {
         twist[i] = to[4 * i + 3] - from[4 * i + 3];
         twist[3 + i] = size > 0.0 ? angle / size * axis[i] : 0.0;
+    }
+}
+
+static const double NO_TURN = 1e-9; /* [rad] up to which a turn has no axis */
+
+/* Move a pose by a twist in base axes: its place by the translation, and turned about the place. */
+void move_pose(const double *twist, double *pose)
+{
+    const double *const w = twist + 3, angle = norm(3, w);
+    const double a = angle > NO_TURN ? sin(angle) / angle : 1.0;
+    const double half = angle > NO_TURN ? sin(0.5 * angle) / angle : 0.5, b = 2.0 * half * half;
+    for (int column = 0; column < 3; ++column) { /* v + a w x v + b w x (w x v) */
+        const double v[3] = {pose[column], pose[4 + column], pose[8 + column]}, along = dot(3, w, v);
+        for (int i = 0; i < 3; ++i) {
+            const int j = (i + 1) % 3, k = (i + 2) % 3;
+            const double cross = w[j] * v[k] - w[k] * v[j];
+            pose[4 * i + column] = v[i] + a * cross + b * (w[i] * along - v[i] * angle * angle);
+        }
+    }
+    for (int i = 0; i < 3; ++i) {
+        pose[4 * i + 3] += twist[i];
     }
 }

@@ -40,5 +40,6 @@ double rotation_error(const double *pose, int *entry);
 int has_form_of_pose(const double *pose);
 int clean_pose(const double *pose, double *clean);
 void compare_pose(const double *from, const double *to, double *twist);
+void move_pose(const double *twist, double *pose);
 
 #endif

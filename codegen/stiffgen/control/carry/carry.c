@@ -1,0 +1,132 @@
+/* An object that several tips hold: one straight, shaped way, no faster than all tips follow. */
+#include "carry.h"
+
+static const double SPARE = 0.8;            /* share of the tips' full speed along the way */
+static const double LEFT[2] = {3e-4, 1e-3}; /* [m], [rad] of a tip off its place at which the object waits for it */
+static const double BRAKES = 4.0;           /* times the ramp's acceleration */
+static const double WAITING = 0.9;          /* share of LEFT from which it counts as waiting */
+static const double WAITED = 0.3;           /* [s] after which the rest of the way is out of reach */
+static const double THERE = 1e-9;           /* [s] at full speed */
+
+/* Compute the pose a b. */
+static void place(const double *a, const double *b, double *pose)
+{
+    for (int k = 0; k < 12; ++k) {
+        const double *const row = a + k / 4 * 4, column[3] = {b[k % 4], b[4 + k % 4], b[8 + k % 4]};
+        pose[k] = dot(3, row, column) + (k % 4 == 3 ? row[3] : 0.0);
+    }
+    memcpy(pose + 12, a + 12, 4 * sizeof *pose);
+}
+
+/* Compute how far each tip is off its place (TIPS), over LEFT; return the largest. */
+static double find_lag(const state_t *s, const double *here, double *lag)
+{
+    double most = 0.0, twist[6];
+    for (int t = 0; t < TIPS; ++t) {
+        compare_pose(here + 16 * t, s->pose + 16 * t, twist);
+        lag[t] = larger(norm(3, twist) / LEFT[0], norm(3, twist + 3) / LEFT[1]);
+        most = larger(most, lag[t]);
+    }
+    return most;
+}
+
+/* Begin at rest where a tip at a pose has the object. Return whether that is a pose. */
+static int hold(state_t *s, const double *here, const double *grasp)
+{
+    double back[16] = {0.0}, object[16];
+    for (int i = 0; i < 3; ++i) {
+        for (int j = 0; j < 3; ++j) {
+            back[4 * i + j] = grasp[4 * j + i];
+            back[4 * i + 3] -= grasp[4 * j + i] * grasp[4 * j + 3];
+        }
+    }
+    place(here, back, object);
+    object[15] = 1.0;
+    memset(s->carried, 0, sizeof s->carried);
+    s->waits = 0;
+    return clean_pose(object, s->object);
+}
+
+static int is_waiting(const state_t *s) { return s->waits * s->config.sample_time > WAITED; }
+
+/*
+ * Adopt what is good of a command. After a wait, another goal begins where the tip that is farthest off its place has
+ * the object: from there all tips can go on. Return whether the command is good.
+ */
+static int take_object(state_t *s, const input_t *input, const double *lag)
+{
+    double goal[16], grasp[16 * TIPS], here[16 * TIPS];
+    int good = clean_pose(input->object_pose, goal), last = 0;
+    for (int t = 0; t < TIPS; ++t) {
+        good = clean_pose(input->grasp + 16 * t, grasp + 16 * t) && good;
+        last = s->held && lag[t] > lag[last] ? t : last;
+    }
+    if (!good) {
+        return 0;
+    }
+    memcpy(s->grasp, grasp, sizeof s->grasp);
+    if (!s->held || (is_waiting(s) && memcmp(goal, s->goal, sizeof goal) != 0)) {
+        stiffgen_poses(s->q, stiffgen_tool(input), here);
+        s->held = hold(s, here + 16 * last, grasp + 16 * last);
+    }
+    memcpy(s->goal, goal, sizeof s->goal);
+    return s->held;
+}
+
+/* Move the object towards its goal; lag: the largest. */
+static void advance(state_t *s, double lag)
+{
+    const config_t *const c = &s->config;
+    const double T = c->sample_time, slope = T / c->ramp_time;
+    double rest[6], step[6], lever = 0.0;
+    for (int t = 0; t < TIPS; ++t) {
+        const double *const g = s->grasp + 16 * t, origin[3] = {g[3], g[7], g[11]};
+        lever = larger(lever, norm(3, origin));
+    }
+    const double share = SPARE / (1.0 + lever * c->tip_rotation_limit / c->tip_velocity_limit); /* of the tips' speed */
+    const double full[2] = {share * c->tip_velocity_limit, share * c->tip_rotation_limit};
+    compare_pose(s->object, s->goal, rest);
+    const double way = larger(norm(3, rest) / full[0], norm(3, rest + 3) / full[1]); /* [s] at full speed */
+    const double last = larger(norm(3, s->carried) / full[0], norm(3, s->carried + 3) / full[1]);
+    const double most = smaller(clamp(1.0 - lag, 0.0, 1.0), last + slope);
+    const double speed = smaller(most, stopping_speed(way, slope, T));
+    for (int r = 0; r < 6; r += 3) {
+        double change[3];
+        for (int i = 0; i < 3; ++i) {
+            change[i] = (way > THERE ? rest[r + i] * speed / way : 0.0) - s->carried[r + i];
+        }
+        const double jump = larger(norm(3, change) / (full[r / 3] * BRAKES * slope), 1.0);
+        for (int i = 0; i < 3; ++i) {
+            s->carried[r + i] += change[i] / jump;
+            step[r + i] = T * s->carried[r + i];
+        }
+    }
+    move_pose(step, s->object);
+    s->waits = lag > WAITING && way > THERE ? s->waits + (s->waits < LONGEST) : 0;
+}
+
+int carry(state_t *s, const input_t *input, output_t *out)
+{
+    double here[16 * TIPS], lag[TIPS], wanted[16], twist[6];
+    input_t each = *input;
+    stiffgen_poses(s->q, stiffgen_kept_tool(s), here);
+    const double most = find_lag(s, here, lag);
+    const int good = take_object(s, input, lag);
+    memcpy(each.pose, s->pose, sizeof each.pose);
+    if (s->held) {
+        advance(s, most);
+    }
+    for (int t = 0; t < TIPS && s->held; ++t) {
+        place(s->object, s->grasp + 16 * t, each.pose + 16 * t);
+    }
+    const int result = follow(s, &each, out);
+    for (int t = 0; t < TIPS && s->held; ++t) { /* of the goal, not of the way */
+        place(s->goal, s->grasp + 16 * t, wanted);
+        compare_pose(here + 16 * t, wanted, twist);
+        out->error[2 * t] = norm(3, twist);
+        out->error[2 * t + 1] = norm(3, twist + 3);
+    }
+    out->status |= is_waiting(s) ? (uint32_t)ID(FOLLOW_UNREACHABLE) : 0u;
+    out->status |= good ? 0u : (uint32_t)ID(FOLLOW_REFUSED);
+    return good || result != ID(FOLLOW_OK) ? result : ID(FOLLOW_E_POSE);
+}
