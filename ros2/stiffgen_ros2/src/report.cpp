@@ -155,12 +155,12 @@ diagnostic_msgs::msg::DiagnosticStatus Report::status() const
         {"tank [J]", number(report.tank)},
         {"reserve [J]", number(report.reserve)},
         {"stiffness share", number(report.stiffness_share)},
+        {"settle", status_words(last_.settle, robot::SETTLE_NAMES)},
+        {"press", robot::STAGE_NAMES[last_.stage]},
         {"restarts", std::to_string(last_.restarts)},
         {"faults", std::to_string(last_.faults)},
         {"commands refused", std::to_string(last_.refusals)},
         {"last refusal", last_.refusals > 0 ? refusal_text(last_) : ""},
-        {"settle", status_words(last_.settle, robot::SETTLE_NAMES)},
-        {"press", robot::STAGE_NAMES[last_.stage]},
     };
     for (const auto &each : values) {
         diagnostic_msgs::msg::KeyValue value;
