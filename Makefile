@@ -81,6 +81,7 @@ dist: build/dist-venv/installed $(VENV)/installed-test  ## build the wheels of s
 
 bench: $(VENV)/installed-test $(VENV)/installed-bench  ## time against what a user could take instead, into benchmarks/RESULTS.md (minutes)
 	$(BIN)/python benchmarks/run.py
+	$(BIN)/python -m benchmarks.pairs
 
 bench-cuda: $(VENV)/installed-test  ## check every CUDA function, and time the joint stiffness, on this machine's GPU (minutes; needs nvcc)
 	@PYTHONPATH=tests:. $(BIN)/python -m campaigns.receipts bench-cuda $(MAKE) --no-print-directory _bench-cuda
