@@ -4,7 +4,7 @@
 The iiwa 14 is generated with ``--scalar float`` and its sine and cosine compiled for several widths of vectors, with
 and without fused multiply-add; each of the 2.34e9 floats is held against sine and cosine of doubles, which are off by
 2^-29 of what is measured. The largest errors are printed, in units of 2^-24 and in ulp; exit code 1 if one is beyond
-the two units on which the bounds of rounding rest (lower/rounding.py) or the ulps that templates/sine_cosine.c names.
+the two units on which the bounds of rounding rest (families/rounding) or the ulps that templates/sine_cosine.c names.
 """
 
 from __future__ import annotations

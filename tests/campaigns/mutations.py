@@ -38,11 +38,11 @@ from stiffgen.core.verify.folder.bounds import check_bounds
 from stiffgen.core.verify.folder.files import check_c_tables, print_again
 from stiffgen.core.verify.folder.forked import confined
 from stiffgen.core.verify.kernels.batches import LONG, check_c_batches
-from stiffgen.core.verify.kernels.certified import check_certified_bounds
 from stiffgen.core.verify.kernels.formulas import check_against_casadi, check_far_angles
 from stiffgen.core.verify.kernels.not_finite import check_not_finite
 from stiffgen.core.verify.kernels.samples import argument_samples
 from stiffgen.core.verify.result import Check
+from stiffgen.families.rounding.certified import check_certified_bounds
 
 ROOT = Path(__file__).parents[2]
 OPERATORS = (

@@ -24,16 +24,15 @@ OUTSIDE = ("fri", "ros2")
 """Folders beside the package that can be taken out as well."""
 ROOMS = (*(room for room in OPTIONAL if room != "cli"), *OUTSIDE)
 """The command line is deleted together with the lab, whose commands it runs."""
-BACKENDS = ("cuda", "jax", "torch")
-ALL_FAMILIES = (*(name for name in FAMILIES if "." not in name), *BACKENDS)
+WITHOUT_KERNELS = ("cpp", "cuda", "jax", "torch", "rounding")
+ALL_FAMILIES = (*(name for name in FAMILIES if "." not in name), *WITHOUT_KERNELS)
 KERNELS = ("--kernels", "hybrid.joint_stiffness,hybrid.jacobian", "--no-batches", "--no-masses")
 """A small folder, whose verification takes seconds."""
 TESTS = tuple(
-    f"tests/core/test_{name}.py"
-    for name in ("bounds", "graph", "spots", "choices", "libraries", "chain", "golden", "connection")
+    f"tests/core/test_{name}.py" for name in ("graph", "spots", "choices", "libraries", "chain", "golden", "connection")
 )
 """Unit tests and oracles of the kernels that need no room."""
-OF_THE_CORE = tuple(f"tests/core/test_{name}.py" for name in ("bounds", "spots", "connection"))
+OF_THE_CORE = tuple(f"tests/core/test_{name}.py" for name in ("choices", "description", "golden", "spots", "connection"))
 """Tests that need no family either."""
 LOAD = "import stiffgen; assert stiffgen.load('urdf/iiwa14.urdf', kernels='limits', controller=False).chain.dof == 7"
 GENERATE = "import stiffgen; print(stiffgen.generate('urdf/iiwa14.urdf', output='whole', build=False))"

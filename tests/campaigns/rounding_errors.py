@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 import stiffgen
-from stiffgen.core.lower.rounding import Ranges
+from stiffgen.core.lower.ranges import Ranges
 from stiffgen.core.lower.scalar import DOUBLE, SCALARS
 from stiffgen.core.opened import open_robot
 from stiffgen.core.symbolic.kernels import chain_kernels

@@ -22,11 +22,12 @@ import numpy as np
 
 import stiffgen
 from stiffgen.core.emit.build import build_library
-from stiffgen.core.lower.rounding import ErrorBounds, NoBound, Ranges, argument_sizes, chain_reach, rounded_up
+from stiffgen.core.lower.ranges import Ranges
 from stiffgen.core.lower.scalar import DOUBLE, FLOAT, Scalar
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.symbolic.kernels import Kernel, chain_kernels
 from stiffgen.core.verify.kernels.samples import argument_samples
+from stiffgen.families.rounding.bounds import ErrorBounds, NoBound, argument_sizes, chain_reach, rounded_up
 from support.project import URDF
 
 WIDTHS = {

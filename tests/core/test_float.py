@@ -17,11 +17,12 @@ import stiffgen
 from stiffgen import open_robot
 from stiffgen.cli import main
 from stiffgen.control.companions import COMPANIONS
-from stiffgen.core.lower.rounding import ErrorBounds, NoBound, Ranges, rounded_up
+from stiffgen.core.lower.ranges import Ranges
 from stiffgen.core.lower.scalar import FLOAT
 from stiffgen.core.symbolic.kernels import KERNELS, chain_kernels
 from stiffgen.core.verify.result import as_results
 from stiffgen.core.verify.verify import verify
+from stiffgen.families.rounding.bounds import ErrorBounds, NoBound, rounded_up
 from support.c_program import STRICT, language_flags
 from support.chains import chain_urdf
 from support.float_sines import Sines

@@ -14,7 +14,7 @@ import pytest
 
 import stiffgen
 from stiffgen.core.errors import OptionError, RecordingError, StiffgenError
-from stiffgen.core.lower.rounding import Ranges
+from stiffgen.core.lower.ranges import Ranges
 from stiffgen.core.options import GenerationOptions
 from stiffgen.core.robot.chain import Chain
 from stiffgen.lab.calibrate.calibration import Calibration, read_calibration

@@ -23,7 +23,7 @@ CHAINS = {"rprmrr": ["AVX2", "no vectors"], "rrprrrrrr": ["native"], "rrrpmrrrrr
 """Widths of the single calls by chain; ``verify`` builds the batches in every width.
 
 Six joints leave places of the second vector empty, nine fill the widest vector and begin another, and eleven
-coordinates leave one place of the narrowest. Seven joints in every width: tests/core/test_rounding.py.
+coordinates leave one place of the narrowest. Seven joints in every width: tests/families/rounding/test_rounding.py.
 """
 
 

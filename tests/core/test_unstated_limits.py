@@ -15,13 +15,14 @@ from stiffgen.control.page import config_of
 from stiffgen.control.presets import motor_tables
 from stiffgen.core.errors import DescriptionError
 from stiffgen.core.loading import describe
-from stiffgen.core.lower.rounding import ErrorBounds, Ranges
+from stiffgen.core.lower.ranges import Ranges
 from stiffgen.core.lower.scalar import DOUBLE
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.symbolic.kernels import chain_kernels
 from stiffgen.core.symbolic.model import casadi_function
-from stiffgen.core.verify.kernels.certified import within
 from stiffgen.core.verify.kernels.rounding import with_more_digits
+from stiffgen.families.rounding.bounds import ErrorBounds
+from stiffgen.families.rounding.certified import within
 from support.chains import ARM, replaced
 
 ELBOW = 'effort="20" velocity="4"'

@@ -18,7 +18,7 @@ from stiffgen.cli.survey import survey_tip
 from stiffgen.core.described import in_python
 from stiffgen.core.errors import DescriptionError, InertiaWarning, StiffgenError, shell_word
 from stiffgen.core.loading import describe, read_chain
-from stiffgen.core.lower.rounding import Ranges
+from stiffgen.core.lower.ranges import Ranges
 from stiffgen.core.options import GenerationOptions
 from stiffgen.core.robot.description import Reading
 from stiffgen.core.verify.folder.files import check_urdf

@@ -85,7 +85,7 @@ import stiffgen
 from stiffgen.core.symbolic.kernels import chain_kernels
 from stiffgen.core.verify.kernels.missing import function_of_stacks
 from stiffgen.core.verify.kernels.oracles import check_robot
-from stiffgen.core.verify.kinds import check_kinds
+from stiffgen.cli.kinds import check_kinds
 failed = [check for check in check_kinds(["load_stiffness"]) if not check.passed]
 print("\\n".join(sorted({check.kernel.partition(":")[0] for check in failed})))
 chain = stiffgen.load_chain(sys.argv[1])

@@ -29,7 +29,7 @@ sys.exit(pytest.main(["-q", "-p", "no:cacheprovider", "-p", "no:hypothesispytest
 """
 
 
-@pytest.mark.parametrize("name", ["bounds", "graph", "spots", "choices"])
+@pytest.mark.parametrize("name", ["graph", "spots", "choices"])
 def test_unit_tests_need_no_more_than_the_core(name: str) -> None:
     command = [sys.executable, "-c", RUN, "-m", "not slow", f"tests/core/test_{name}.py"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)

@@ -27,8 +27,8 @@ TOP = {"__init__.py", "__main__.py", "_version.py", "rooms.py", "py.typed", "err
 """All that lies at the top; errors and style are names of users' filters and scripts."""
 TABLES = ("stiffgen", "stiffgen.rooms", "stiffgen.core.family", "stiffgen.core.emit.registry", "stiffgen.cli")
 """Modules with tables of names."""
-BACKENDS = ("cuda", "jax", "torch")
-"""Families that are found as backends (``core/emit/registry.py``), without a record."""
+WITHOUT_KERNELS = ("cpp", "cuda", "jax", "torch", "rounding")
+"""Families without a record: backends (``core/emit/registry.py``), and the bounds that a header states."""
 
 
 def modules() -> dict[str, Path]:
@@ -109,7 +109,7 @@ def test_families_import_only_what_the_table_declares() -> None:
 
 def test_every_family_is_registered() -> None:
     folders = {each.name for each in (PACKAGE / "families").iterdir() if (each / "__init__.py").exists()}
-    assert folders == {name for name in FAMILIES if "." not in name} | set(BACKENDS)
+    assert folders == {name for name in FAMILIES if "." not in name} | set(WITHOUT_KERNELS)
 
 
 def test_rooms_are_named_only_in_tables() -> None:

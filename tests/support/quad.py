@@ -19,11 +19,12 @@ from typing import Literal, NamedTuple
 import numpy as np
 from flint import arb, ctx
 
-from stiffgen.core.lower.rounding import ErrorBounds, NoBound, Ranges, argument_sizes, chain_reach
+from stiffgen.core.lower.ranges import Ranges
 from stiffgen.core.lower.scalar import DOUBLE, SCALARS, Scalar
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.symbolic.kernels import Kernel
 from stiffgen.core.verify.kernels.rounding import Stages
+from stiffgen.families.rounding.bounds import ErrorBounds, NoBound, argument_sizes, chain_reach
 from support.generated_c import kernel_text
 from support.graphs import BALLS
 

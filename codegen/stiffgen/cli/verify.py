@@ -13,10 +13,10 @@ from rich.table import Table
 from stiffgen.cli.arguments import natural, positive
 from stiffgen.cli.console import Progress, messages, print_table, table, tables
 from stiffgen.cli.folders import add_folder_or_robot, chosen_folder
+from stiffgen.cli.kinds import check_kinds, lacking_kinds
 from stiffgen.core.errors import StiffgenError, listed
 from stiffgen.core.manifest import MANIFEST
 from stiffgen.core.opened import open_robot
-from stiffgen.core.verify.kinds import check_kinds, lacking_kinds
 from stiffgen.core.verify.result import Check
 from stiffgen.core.verify.verify import default_count, verify
 from stiffgen.rooms import optional

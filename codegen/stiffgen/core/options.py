@@ -11,7 +11,7 @@ from typing import Any
 from stiffgen.core.described import option, python_option, with_attributes
 from stiffgen.core.errors import ChainError, OptionError, listed
 from stiffgen.core.given import checked_path, shown
-from stiffgen.core.lower.rounding import Ranges
+from stiffgen.core.lower.ranges import Ranges
 from stiffgen.core.lower.scalar import DOUBLE, SCALARS, Scalar
 from stiffgen.core.robot.chain import ChainOptions
 from stiffgen.core.symbolic.choices import ALL, KernelOptions
@@ -67,7 +67,7 @@ class GenerationOptions(ChainOptions, KernelOptions):
             raise OptionError(f"--output: no folder's name holds a NUL byte, as {shown(self.output)} does")
         if not isinstance(self.ranges, Ranges):
             raise OptionError(
-                f"--range: takes a record stiffgen.core.lower.rounding.Ranges(...), not {shown(self.ranges)}"
+                f"--range: takes a record stiffgen.core.lower.ranges.Ranges(...), not {shown(self.ranges)}"
             )
 
     @property

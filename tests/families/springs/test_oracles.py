@@ -17,13 +17,13 @@ from stiffgen.core.symbolic.choices import KINDS, KernelOptions
 from stiffgen.core.symbolic.kernels import KERNELS, chain_kernels
 from stiffgen.core.verify.kernels import batches
 from stiffgen.core.verify.kernels.batches import LONG, check_stacks
-from stiffgen.core.verify.kernels.certified import check_certified_bounds
 from stiffgen.core.verify.kernels.missing import function_of_stacks
 from stiffgen.core.verify.kernels.not_finite import check_not_finite
 from stiffgen.core.verify.kernels.oracles import check_kernels, check_oracles
 from stiffgen.core.verify.kernels.references import References
 from stiffgen.core.verify.kernels.samples import argument_samples
 from stiffgen.core.verify.result import NO_ORACLE, Check, as_results, compared
+from stiffgen.families.rounding.certified import check_certified_bounds
 from support.chains import chain_urdf
 from support.project import ROOT
 

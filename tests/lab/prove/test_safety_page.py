@@ -13,8 +13,8 @@ import pytest
 from stiffgen.cli import main
 from stiffgen.core.errors import OutputError
 from stiffgen.core.opened import open_robot
-from stiffgen.core.verify.kernels.certified import CERTIFIED
 from stiffgen.core.verify.result import NO_ORACLE, Check
+from stiffgen.families.rounding.certified import CERTIFIED
 from stiffgen.lab.prove.safety_page import targets_for, write_page
 from stiffgen.lab.prove.targets import Target, write_targets
 from support.project import ROOT

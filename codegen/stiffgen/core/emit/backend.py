@@ -20,8 +20,9 @@ from stiffgen.core.emit.pages import (
     tool_lines,
     wrapped_pages,
 )
+from stiffgen.core.family import part
 from stiffgen.core.lower.graph import LIBM, LIBM_OF_TWO, OWN, Operations
-from stiffgen.core.lower.rounding import ErrorBounds, Ranges, Stated
+from stiffgen.core.lower.ranges import Ranges, Stated
 from stiffgen.core.lower.scalar import DOUBLE, Scalar
 from stiffgen.core.lower.variant import BATCH, SINGLE, Variant
 from stiffgen.core.names import comment
@@ -109,9 +110,12 @@ class Request:
 
     @cached_property
     def bounds(self) -> dict[str, tuple[Stated, ...]]:
-        """Rounding bounds of every function, by qualified name."""
-        bounds = ErrorBounds(self.chain, self.ranges, self.scalar, self.single.lowered)
-        return {kernel.qualified_name: tuple(bounds.stated(kernel)) for kernel, _ in self.single.kernels}
+        """Rounding bounds of every function, by qualified name; none where the family that finds them is gone."""
+        kernels, found = [kernel for kernel, _ in self.single.kernels], part("rounding.bounds")
+        if found is None:
+            return {kernel.qualified_name: () for kernel in kernels}
+        bounds = found.ErrorBounds(self.chain, self.ranges, self.scalar, self.single.lowered)
+        return {kernel.qualified_name: tuple(bounds.stated(kernel)) for kernel in kernels}
 
     def pages(self, code: VariantCode) -> list[KernelPage]:
         """Return the public functions of one configuration, printed in a variant."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from stiffgen.core.emit.c import CFunction, Scope, VariantCode
 from stiffgen.core.emit.texts import cost, declared, definition_comment, documentation, prototype, wrapped
-from stiffgen.core.lower.rounding import Stated
+from stiffgen.core.lower.ranges import Stated
 from stiffgen.core.lower.scalar import Scalar
 from stiffgen.core.lower.variant import Variant
 from stiffgen.core.robot.chain import Chain

@@ -7,7 +7,7 @@ from stiffgen.rooms import optional
 
 _FOLDERS = (
     "core.emit.c",
-    "core.emit.cpp",
+    "families.cpp",
     "core.emit.python",
     "core.emit.package",
     "families.cuda",

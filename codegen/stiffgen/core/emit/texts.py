@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from stiffgen.core.emit.c import CFunction
 from stiffgen.core.lower.graph import Operations
-from stiffgen.core.lower.rounding import Stated
+from stiffgen.core.lower.ranges import Stated
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.symbolic.arguments import Argument
 from stiffgen.core.symbolic.kernels import Kernel

@@ -3,7 +3,7 @@
 
 A printer walks the items of a :class:`Function` in order. Everything that it needs to know about an array (where it
 lives, how it is laid out, which entries are zero) is in the array's record. Rounding bounds
-(:mod:`stiffgen.core.lower.rounding`) are computed from the same items.
+(:mod:`stiffgen.families.rounding`) are computed from the same items.
 """
 
 from __future__ import annotations

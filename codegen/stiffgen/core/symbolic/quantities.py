@@ -21,7 +21,7 @@ Named = Literal[
     "positions", "rates", "force", "moment", "translation_stiffness", "coupling", "rotation_stiffness", "gravity",
     "distance", "tool", "reach", "rotation", "none",
 ]  # fmt: skip
-"""Ranges of :class:`stiffgen.core.lower.rounding.Ranges`, of the chain ("positions", "rates", "reach") or of rotations.
+"""Ranges of :class:`stiffgen.core.lower.ranges.Ranges`, of the chain ("positions", "rates", "reach") or of rotations.
 
 "none": no range is known; functions with such an argument have no certified bound.
 """

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import ctypes
-import json
 import math
 import warnings
 from collections.abc import Callable, Mapping
@@ -32,7 +31,6 @@ from stiffgen.core.verify.folder.files import (
 )
 from stiffgen.core.verify.folder.widths import build_widths
 from stiffgen.core.verify.kernels.batches import LONG, check_c_batches, check_stacks
-from stiffgen.core.verify.kernels.certified import check_certified_bounds
 from stiffgen.core.verify.kernels.formulas import check_against_casadi, check_far_angles
 from stiffgen.core.verify.kernels.missing import missing_functions
 from stiffgen.core.verify.kernels.not_finite import check_not_finite
@@ -141,12 +139,15 @@ def _steps(
         ("comparing with CasADi", lambda: check_against_casadi(single, chain, min(count, 50), seed, springs)),
         ("angles many turns away", lambda: check_far_angles(single, chain, seed, springs)),
         ("stacks of every length", lambda: check_stacks(kernels, single, table, chain, pool)),
-        ("certified bounds", lambda: _check_rounding((single, kernels), robot, texts()[MANIFEST], pool)),
         ("NaN and infinity", lambda: check_not_finite(kernels, table, pool, robot.scalar)),
     ]
     of_languages = robot, single, pool, build / "languages", other_version
     steps += _steps_of_rooms(of_languages, texts, libraries, seed)
     loops, derivatives, masses = map(part, ("loops.oracles", "derivatives.check", "dynamics.masses"))
+    rounding = part("rounding.certified")
+    if rounding:
+        of_bounds = (single, kernels), robot, pool
+        steps.insert(-1, ("certified bounds", lambda: rounding.check_folder(*of_bounds, texts()[MANIFEST])))
     if chain.loops:
         projected = min(count, 50)
         steps.append(
@@ -190,16 +191,6 @@ def _steps_of_rooms(
             ("hostile sessions", lambda: controller.check_sessions(robot, texts(), seed, build / "sessions")),
         ]
     return steps
-
-
-def _check_rounding(
-    variants: tuple[Kernels, Kernels], robot: GeneratedRobot, printed: str, pool: Mapping[Argument, FloatArray]
-) -> list[Check]:
-    """Compare with the bounds of the manifest, and these with the manifest that was ``printed`` again."""
-    fresh = json.loads(printed)["rounding"]
-    return check_certified_bounds(
-        variants, robot.table, robot.chain, robot.scalar, robot.manifest["rounding"], fresh, pool
-    )
 
 
 def _check_memory(

@@ -17,8 +17,8 @@ from stiffgen.core.errors import OutputError, listed
 from stiffgen.core.opened import GeneratedRobot, open_robot
 from stiffgen.core.rendering import environment
 from stiffgen.core.robot.geometry import FloatArray
-from stiffgen.core.verify.kernels.certified import CERTIFIED
 from stiffgen.core.verify.result import NO_ORACLE, Check
+from stiffgen.families.rounding.certified import CERTIFIED
 from stiffgen.lab.page import POLICY, STYLE
 from stiffgen.lab.prove.targets import Target, read_targets
 from stiffgen.lab.prove.verdict import Outcome, Verdict, VerdictFile, read_content, read_verdicts

@@ -3,24 +3,37 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from stiffgen.core.lower.rounding import ErrorBounds, Ranges, argument_sizes, chain_reach, kinds
+from stiffgen.core.lower.ranges import Ranges
 from stiffgen.core.lower.scalar import Scalar
+from stiffgen.core.opened import GeneratedRobot
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.robot.geometry import FloatArray
 from stiffgen.core.symbolic.arguments import Argument
 from stiffgen.core.symbolic.kernels import Kernel
 from stiffgen.core.verify.kernels.rounding import with_more_digits
 from stiffgen.core.verify.result import Check, Kernels, as_results, left_out
+from stiffgen.families.rounding.bounds import ErrorBounds, argument_sizes, chain_reach, kinds
 
 CERTIFIED = "certified bound of rounding"
 """The oracle's name in the table: errors are fractions of the bound."""
 _SLACK = 1.0 + 2.0 * float(np.finfo(np.longdouble).eps / np.finfo(float).eps)
 """Allowance for the reference's own error: the reference runs the same statements in longer numbers."""
+
+
+def check_folder(
+    variants: Sequence[Kernels], robot: GeneratedRobot, pool: Mapping[Argument, FloatArray], printed: str
+) -> list[Check]:
+    """Compare with the bounds of a folder's manifest, and these with the manifest that was ``printed`` again."""
+    fresh = json.loads(printed)["rounding"]
+    return check_certified_bounds(
+        variants, robot.table, robot.chain, robot.scalar, robot.manifest["rounding"], fresh, pool
+    )
 
 
 def check_certified_bounds(

@@ -12,11 +12,10 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.core.lower import rounding, statements
-from stiffgen.core.lower.analysis import Bound, BoundAnalysis, added
+from stiffgen.core.lower import statements
 from stiffgen.core.lower.form import Statements
 from stiffgen.core.lower.graph import Graph, build_graph
-from stiffgen.core.lower.rounding import ErrorBounds, NoBound, Ranges, argument_sizes, chain_reach
+from stiffgen.core.lower.ranges import Ranges
 from stiffgen.core.lower.scalar import DOUBLE, FLOAT
 from stiffgen.core.lower.steps import lowered
 from stiffgen.core.lower.variant import SINGLE
@@ -25,6 +24,8 @@ from stiffgen.core.symbolic.kernels import chain_kernels
 from stiffgen.core.symbolic.kinematics import Kind
 from stiffgen.core.symbolic.program import Array
 from stiffgen.core.symbolic.steps import SumJoints
+from stiffgen.families.rounding.analysis import Bound, BoundAnalysis, added
+from stiffgen.families.rounding.bounds import ErrorBounds, NoBound, argument_sizes, chain_reach
 from support.chains import chain_urdf
 
 OPERATIONS: dict[str, Callable] = {
@@ -190,4 +191,4 @@ def test_bounds_are_those_of_the_form_that_is_printed(chain):
     before = ErrorBounds(chain, code=code).of(kernel)
     graph = code.shared["tip_pose"].items[0].body.graph
     graph.keys[:] = [("const", 7.0 * a, b) if kind == "const" else (kind, a, b) for kind, a, b in graph.keys]
-    assert rounding.ErrorBounds(chain, code=code).of(kernel) != before
+    assert ErrorBounds(chain, code=code).of(kernel) != before

@@ -9,10 +9,10 @@ import pytest
 
 import stiffgen
 from stiffgen.cli import main
+from stiffgen.cli.kinds import KINDS, check_kinds, lacking_kinds
 from stiffgen.core.errors import StiffgenError
 from stiffgen.core.symbolic.choices import KernelOptions
 from stiffgen.core.symbolic.kernels import chain_kernels
-from stiffgen.core.verify.kinds import KINDS, check_kinds, lacking_kinds
 from support.project import ROOT
 
 

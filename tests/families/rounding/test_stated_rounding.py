@@ -10,18 +10,19 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.core.lower.rounding import ErrorBounds, Ranges
+from stiffgen.core.lower.ranges import Ranges
 from stiffgen.core.lower.scalar import DOUBLE
 from stiffgen.core.symbolic.choices import KernelOptions, Potential
 from stiffgen.core.symbolic.kernels import chain_kernels
 from stiffgen.core.symbolic.model import casadi_function, folded
-from stiffgen.core.verify.kernels.certified import check_certified_bounds, within
 from stiffgen.core.verify.kernels.formulas import compare
 from stiffgen.core.verify.kernels.missing import function_of_stacks
 from stiffgen.core.verify.kernels.rounding import rounding_errors, with_more_digits
 from stiffgen.core.verify.kernels.samples import argument_samples
 from stiffgen.core.verify.result import Check, as_results
 from stiffgen.families.derivatives.check import check_derivatives
+from stiffgen.families.rounding.bounds import ErrorBounds
+from stiffgen.families.rounding.certified import check_certified_bounds, within
 from support.chains import chain_urdf
 from support.exact_tree import mp
 from support.graphs import exactly

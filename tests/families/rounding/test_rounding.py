@@ -11,8 +11,9 @@ import pytest
 
 import stiffgen
 from core.sine_cosine_proof import NotProvedError, proved_units
-from stiffgen.core.lower.rounding import ErrorBounds, NoBound, Ranges, rounded_up
+from stiffgen.core.lower.ranges import Ranges
 from stiffgen.core.symbolic.kernels import chain_kernels
+from stiffgen.families.rounding.bounds import ErrorBounds, NoBound, rounded_up
 from support.chains import chain_urdf
 from support.generated_c import kernel_text
 from support.project import ROOT, require_compiler
