@@ -21,6 +21,7 @@ from stiffgen.control.sessions.law import (
     differences,
     elastic_torque,
     energy_of_all,
+    friction_side,
     joint_hessian,
     place_zones,
     potential,
@@ -169,7 +170,7 @@ class _Movement:
         self.posture = np.linspace(1.0, 3.0, n)
         self.wrench = np.tile([5.0, -3.0, 4.0, 0.5, 0.3, -0.2], (len(bench.robot.chain.tips) + len(bench.pairs), 1))
         self.acceleration = np.linspace(-10.0, 10.0, n) * reach
-        self.friction = np.linspace(0.5, 2.0, n)
+        self.friction, self.trend = np.linspace(0.5, 2.0, n), np.zeros(n)
         self.controller = bench.controller(
             rests=0, lower_limit=q - 1.1 * reach, upper_limit=q + 1.1 * reach, delay_samples=delay,
             velocity_limit=np.linspace(4.5, 10.0, n) * reach, effort_limit=np.linspace(400.0, 500.0, n),
@@ -202,6 +203,7 @@ class _Movement:
             if step:
                 self.hold("reference velocity", out.reference_velocity, (out.reference - last) / PERIOD)
             last = np.array(out.reference)
+            self.trend = self.trend + PERIOD / 0.01 * (out.reference_velocity - self.trend)
             if step % 40 == 0:  # a comparison takes much longer than a step
                 self._compare(out, at, rate)
             if step % 100 == 0 and step:  # the wrench has faded in
@@ -233,7 +235,7 @@ class _Movement:
     def _compare_feedforward(self, out: Any, at: FloatArray, rate: FloatArray) -> None:
         """Compare the torque of wrench, acceleration, friction and Coriolis forces."""
         expected = wrench_torque(self.bench.poses, at, self.wrench, self.bench.pairs)
-        expected = expected + self.friction * np.clip(out.reference_velocity / 0.02, -1.0, 1.0)
+        expected = expected + self.friction * friction_side(out.reference_velocity, self.trend)
         if np.any(out.reference_velocity):
             expected = expected + self._mass_matrix(at) @ self.acceleration
         if self.coriolis:

@@ -161,6 +161,17 @@ def joint_hessian(poses: Poses, q: FloatArray, *spring: Any) -> FloatArray:
     return -differences(lambda at: elastic_torque(poses, at, *spring), q).T
 
 
+def friction_side(velocity: FloatArray, trend: FloatArray) -> FloatArray:
+    """Return the parts (n) of the joints' friction that are fed forward, from -1 to 1.
+
+    They follow the reference's velocity (n) [rad/s], but one that brakes by what is left of it in 0.09 s. ``trend`` is
+    that velocity behind a low-pass of 0.01 s.
+    """
+    later = velocity + 9.0 * (velocity - trend)
+    left = np.clip(later, np.minimum(velocity, 0.0), np.maximum(velocity, 0.0))
+    return np.asarray(np.clip(left / 0.02, -1.0, 1.0))
+
+
 def coriolis(mass_matrix: Callable[[FloatArray], FloatArray], q: FloatArray, dq: FloatArray) -> FloatArray:
     """Return the Coriolis and centrifugal forces [N m], (n), by differences of the mass matrix."""
     slopes = differences(mass_matrix, q)  # dM/dq_k in row k
