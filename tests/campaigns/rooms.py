@@ -32,7 +32,9 @@ TESTS = tuple(
     f"tests/core/test_{name}.py" for name in ("graph", "spots", "choices", "libraries", "chain", "golden", "connection")
 )
 """Unit tests and oracles of the kernels that need no room."""
-OF_THE_CORE = tuple(f"tests/core/test_{name}.py" for name in ("choices", "description", "golden", "spots", "connection"))
+OF_THE_CORE = tuple(
+    f"tests/core/test_{name}.py" for name in ("choices", "description", "golden", "spots", "connection")
+)
 """Tests that need no family either."""
 LOAD = "import stiffgen; assert stiffgen.load('urdf/iiwa14.urdf', kernels='limits', controller=False).chain.dof == 7"
 GENERATE = "import stiffgen; print(stiffgen.generate('urdf/iiwa14.urdf', output='whole', build=False))"
