@@ -316,7 +316,7 @@ def test_friction_is_fed_forward_by_the_reference_alone(robot: ModuleType) -> No
     """In full from 0.02 rad/s of the reference on, with its sign; nothing at rest, however the arm moves."""
     friction = np.linspace(0.5, 2.0, 7)
     controller = robot.Impedance(**ARM, tank_initial=500.0, position_quantum=2e-6, coulomb_friction=friction)
-    for k in range(100):
+    for k in range(400):  # until the reference has stopped braking: friction ends before it
         goal = Q + 1e-3 * k * np.array([0.3, -0.3, 0.01, -0.01, 0.0, 0.1, 0.0])
         out = controller.step(**AT_REST | {"q0": goal}, counter=k, shaped=True)
     np.testing.assert_allclose(out.reference_velocity, [0.3, -0.3, 0.01, -0.01, 0, 0.1, 0], atol=1e-9)

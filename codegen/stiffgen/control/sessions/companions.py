@@ -33,7 +33,7 @@ class Companions:
     def __init__(self, file: Path, name: str, chain: Chain) -> None:
         self._library, self._name = ctypes.CDLL(str(file)), name
         self.structs: dict[str, Any] = {}
-        has = {"": True, "tool": chain.runtime_tool, "loops": bool(chain.loops)}
+        has = {"": True, "tool": chain.runtime_tool, "loops": bool(chain.loops), "several": len(chain.tips) > 1}
         for companion in companions_of(chain):
             for struct, _, fields in companion.structs:
                 self.structs[struct] = struct_of(chain, struct, [field for field in fields if has[field.when]])()
@@ -206,6 +206,8 @@ class _Stream:
             self._propose(both[0].structs["policy_proposal"])
             source, target = (ctypes.byref(each.structs["policy_proposal"]) for each in both)
             ctypes.memmove(target, source, ctypes.sizeof(both[0].structs["policy_proposal"]))
+            if self.follows and self.tips > 1:
+                self._hold(both)
         results: list[object] = []
         for each in both:
             code = each.call("policy_propose", "policy_state", "policy_proposal", now) if proposed else 0
@@ -215,6 +217,17 @@ class _Stream:
                 codes.append(each.call("follow_step", "follow_state", "follow_input", "follow_output"))
             results.append((codes, self._bits(each)))
         return results[0] == results[1]
+
+    def _hold(self, both: Pair) -> None:
+        """Let the tips hold an object, sometimes with a bad number, or none."""
+        random = self.random
+        pose, grasp = _array(random_poses(random, 1, 0.4)), _array(random_poses(random, self.tips, 0.2))
+        _spoil(random, self.lies, pose)
+        _spoil(random, self.lies, grasp)
+        held = pose if random.random() < 0.7 else np.zeros(16)
+        for each in both:
+            fill(each.structs["follow_input"].object_pose, held)
+            fill(each.structs["follow_input"].grasp, grasp)
 
     def _propose(self, proposal: Any) -> None:
         """Write a proposal."""
