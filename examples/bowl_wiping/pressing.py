@@ -75,7 +75,8 @@ def wipe(robot: ModuleType, *, press: bool, end: float = END) -> Pressed:
     """Return the force of a sweep; ``robot`` is the module of the arm with the plate."""
     bowl = replace(BELIEVED, bottom=BELIEVED.bottom - TOO_LOW)
     start, _ = plate_pose(0.0, -LIFT)
-    q = posture_of(robot, start)
+    half_turns = np.full(robot.DOF, np.pi)  # the recorded start is beyond the limits
+    q = robot.find_posture(start, START_POSTURE, lower=-half_turns, upper=half_turns)
     plant = Plant(STEP, surface=bowl.surface(), tool=PLATE, q=q)
     springs = {"translation_stiffness": STIFFNESS * np.eye(3), "rotation_stiffness": TURNING * np.eye(3)}
     controller = robot.Impedance(
@@ -101,17 +102,6 @@ def wipe(robot: ModuleType, *, press: bool, end: float = END) -> Pressed:
         force.append(float(-axis @ plant.contact_wrench()[:3]))
     time = np.arange(len(force), dtype=np.float64) * STEP
     return Pressed(np.asarray(time), np.array(force), int(last.fault) if last is not None else 0)
-
-
-def posture_of(robot: ModuleType, pose: Array) -> Array:
-    """Return joint positions with a pose of the tip, from the paper's start posture by damped Gauss-Newton steps."""
-    q = np.array(START_POSTURE)
-    for _ in range(200):
-        here, J = np.asarray(robot.forward_kinematics(q)), np.asarray(robot.hybrid.jacobian(q))
-        turn = 0.5 * np.cross(here[:3, :3], pose[:3, :3], axis=0).sum(axis=1)
-        error = np.concatenate([pose[:3, 3] - here[:3, 3], turn])
-        q = q + J.T @ np.linalg.solve(J @ J.T + 1e-4 * np.eye(6), 0.3 * error)
-    return np.asarray(q)
 
 
 def said(name: str, found: Pressed) -> str:
