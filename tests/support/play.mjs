@@ -8,10 +8,12 @@ import { Body, DRIVES, flutterLimit } from "./drives.js";
 import { startKernels } from "./kernels.js";
 import * as mechanics from "./mechanics.js";
 import { SWING_LAWS, Swing } from "./swing.js";
+import { Hands } from "./twoarms.js";
 
 const { data, wasm, tip: index, tasks } = JSON.parse(readFileSync(process.argv[2], "utf8"));
 const kernels = await startKernels(Buffer.from(wasm, "base64"), data.functions, `${data.name}_self_check`);
 const tip = new mechanics.Tip(data, index, kernels);
+const hands = data.pair ? new Hands(data, data.tips.map((_, k) => new mechanics.Tip(data, k, kernels))) : null;
 const plain = (value) => JSON.parse(JSON.stringify(value, (_, each) => (ArrayBuffer.isView(each) ? Array.from(each) : each)));
 
 const DO = {
@@ -57,6 +59,13 @@ const DO = {
   }),
   limit: ({ target }) => flutterLimit(target),
   bent: () => mechanics.bentPosture(data),
+  grasp: ({ q, reach }) => hands.grasp(Float64Array.from(q), reach),
+  rest: ({ q, box, grasps }) => hands.rest(Float64Array.from(q), Float64Array.from(box), grasps.map((each) => Float64Array.from(each))),
+  works: ({ q, radius, grasps, points }) => {
+    const lap = hands.lap(Float64Array.from(q), radius), poses = grasps.map((each) => Float64Array.from(each));
+    const way = Array.from({ length: points }, (_, k) => lap.at((2 * Math.PI * k) / points));
+    return { way, works: hands.works(lap, poses) };
+  },
   singular: ({ q }) => {
     const near = mechanics.nearSingular(tip, Float64Array.from(q));
     return [mechanics.distanceFromSingular(tip, Float64Array.from(q)), mechanics.distanceFromSingular(tip, near)];

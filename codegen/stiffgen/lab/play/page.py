@@ -15,6 +15,7 @@ from typing import Any
 
 from stiffgen._version import __version__
 from stiffgen.core.errors import OutputError, printable
+from stiffgen.core.family import part
 from stiffgen.core.folder import unwritable, write_atomically
 from stiffgen.core.opened import GeneratedRobot, open_robot
 from stiffgen.core.robot.chain import Chain, Tip
@@ -45,10 +46,14 @@ OF_LOOPS = ("close", "motors_jacobian")
 OF_MOTORS = ("motors_torque", "motors_joint_stiffness")
 """Functions that the page calls for each tip of a robot with closed loops."""
 
+OF_PAIR = ("pair_wrench", "bimanual_energy", "bimanual_torque", "bimanual_joint_stiffness")
+"""Functions that the page calls for the first pair of tips of a robot without closed loops."""
+
 SCRIPTS = (
-    "algebra.js", "kernels.js", "chain.js", "mechanics.js", "swing.js", "compliance.js", "solids.js", "figures.js",
-    "drives.js", "panels.js", "swingpanel.js", "view.js", "compliancepanel.js", "drivepanel.js", "values.js",
-    "matrixpanel.js", "motorpanel.js", "looppanel.js", "controls.js", "presets.js", "main.js",
+    "algebra.js", "kernels.js", "chain.js", "mechanics.js", "twoarms.js", "swing.js", "compliance.js", "solids.js",
+    "figures.js", "drives.js", "panels.js", "swingpanel.js", "view.js", "compliancepanel.js", "drivepanel.js",
+    "twoarmspanel.js", "values.js", "matrixpanel.js", "motorpanel.js", "looppanel.js", "controls.js", "presets.js",
+    "main.js",
 )  # fmt: skip
 """Modules of the page, each after the modules that it imports."""
 
@@ -138,6 +143,25 @@ def _tips_and_functions(robot: GeneratedRobot) -> tuple[list[dict[str, Any]], di
     return tips, functions
 
 
+def _pair_and_functions(robot: GeneratedRobot) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the first pair's tips and names of functions as the page's data has them, and the functions' arrays.
+
+    Both are empty for a robot without pairs or their functions, and for one with closed loops.
+    """
+    chain, words = robot.chain, robot.springs.pairs
+    if not words or chain.loops:
+        return {}, {}
+    pair = part("pair.way").pairs_of(chain, words)[0]
+    table = {kernel.qualified_name: kernel for kernel in robot.table}
+    kinds = [role.partition("_") for role in OF_PAIR]
+    called = {f"{kind}_{quantity}": f"{pair.group(kind)}_{quantity}" for kind, _, quantity in kinds}
+    if not all(each in table for each in called.values()):
+        return {}, {}
+    names = {role: f"{robot.name}_{each}" for role, each in called.items()}
+    functions = {names[role]: _arrays(table[each], chain) for role, each in called.items()}
+    return {"pair": {"tips": [chain.tips.index(tip) for tip in (pair.first, pair.second)], "kernels": names}}, functions
+
+
 def page_data(robot: GeneratedRobot) -> dict[str, Any]:
     """Return the page's data of its robot: functions with their arrays, joints, coordinates, tips, springs' axes.
 
@@ -147,11 +171,12 @@ def page_data(robot: GeneratedRobot) -> dict[str, Any]:
     """
     chain = robot.chain
     tips, functions = _tips_and_functions(robot)
+    pair, of_pair = _pair_and_functions(robot)
     placement = robot.springs
     joints, ends = drawn_joints(chain)
     return {
         "name": robot.name,
-        "functions": functions,
+        "functions": functions | of_pair,
         "tips": tips,
         "joints": joints,
         "loops": {"actuated": chain.actuated, "start": chain.start, "ends": ends} if chain.loops else None,
@@ -171,6 +196,7 @@ def page_data(robot: GeneratedRobot) -> dict[str, Any]:
             "rotation": placement.placement.rotation_axes,
         },
         "paper": _papers_posture(chain),
+        **pair,
     }
 
 

@@ -12,7 +12,7 @@ export function theme() {
   };
   const names = [
     "page", "ink", "panel", "line", "soft", "corrected", "conventional", "exact", "secant", "negative", "translation",
-    "rotation", "x", "y", "z", "arm", "floor", "shadow",
+    "rotation", "x", "y", "z", "arm", "floor", "shadow", "carton",
   ];
   return Object.fromEntries(names.map((name) => [name, parsed(name)]));
 }

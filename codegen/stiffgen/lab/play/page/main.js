@@ -13,6 +13,7 @@ import { Tip, bentPosture } from "./mechanics.js";
 import { showMotors } from "./motorpanel.js";
 import { presetButtons } from "./presets.js";
 import { swingPanel } from "./swingpanel.js";
+import { TwoArmsPanel } from "./twoarmspanel.js";
 import { ellipsoidsOf, startState, valuesOf } from "./values.js";
 import { View } from "./view.js";
 
@@ -32,7 +33,7 @@ class Page {
     this.calm = window.matchMedia("(prefers-reduced-motion: reduce)");
     this.tips = robot.tips.map((_, k) => new Tip(robot, k, kernels));
     const known = robot.loops?.start ?? robot.paper, start = known ? Float64Array.from(known) : bentPosture(robot);
-    const home = robot.loops ? this.tips[0].movedTo(start, start) : start; // closed to the last digit
+    const home = this.home = robot.loops ? this.tips[0].movedTo(start, start) : start; // closed to the last digit
     this.state = startState(this.tips[0], home);
     this.swing = swingPanel({ $, state: this.state, now: () => this.now, redraw: () => this.redraw(), calm: this.calm });
     this.matrices = matrixPanel(this);
@@ -40,7 +41,8 @@ class Page {
     this.loop = new LoopPanel(this);
     this.compliance = new CompliancePanel(this);
     this.drives = new DrivePanel(this);
-    this.motions = [this.swing, this.compliance, this.drives];
+    this.twoArms = robot.pair ? new TwoArmsPanel(this) : null;
+    this.motions = [this.swing, this.compliance, this.drives, this.twoArms].filter(Boolean);
     this.presets = presetButtons(this, home);
   }
 
@@ -131,12 +133,12 @@ class Page {
     this.redraw();
   }
 
-  /** Return the state as the view shows it: on the loop, swinging, or pressed. */
+  /** Return the state as the view shows it: on the loop, swinging, pressed, or with a box. */
   shown() {
     const { state, now } = this, phase = 2 * Math.PI * state.lap, arms = this.drives.bodies() ?? this.swing.arms();
     const q = arms || state.lap === 0 ? state.q : now.loop.at(phase);
     const ellipsoids = ellipsoidsOf(this.robot, state.show, now.matrices.K, this.compliance.softness());
-    return { ...state, arms, q, ellipsoids, loop: now.path, marker: now.marker(phase), ...this.compliance.shown() };
+    return { ...state, arms, q, ellipsoids, loop: now.path, marker: now.marker(phase), ...this.compliance.shown(), ...this.twoArms?.shown() };
   }
 
   /** Draw the arm, or say why not. */
@@ -145,6 +147,7 @@ class Page {
       this.view = new View($("arm"), $("letters"), this.robot, {
         state: () => this.shown(),
         moved: (q) => this.posture(q),
+        boxed: (place) => this.twoArms.carry(place),
         carried: (part) => this.loop.setLap(this.state.lap + part),
         redraw: () => this.redraw(),
       });

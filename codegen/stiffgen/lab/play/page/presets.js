@@ -37,7 +37,7 @@ function giveWay(page, home) {
   compliance.pressOrBack();
 }
 
-/** Return the presets: name, what sets them, whether the page is there, the panel that shows it, and whether they need a tree. */
+/** Return the presets: name, what sets them, whether the page is there, the panel that shows it, and whether they need a tree or a pair. */
 function presetsOf(page, home) {
   const { state, robot } = page, { load, stiffen } = page.controls;
   let near = null, homeName = robot.paper ? "Paper's posture" : "Bent posture";
@@ -59,8 +59,12 @@ function presetsOf(page, home) {
       name: "A ball joint", act() { page.drives.stop(); page.drives.push(); },
       holds: () => page.drives.bodies() !== null, panel: "drive-title",
     },
+    {
+      name: "Two arms on a box", act: () => page.twoArms.hold(),
+      holds: () => page.twoArms.held !== null, needsPair: true, panel: "two-arms-title",
+    },
     { name: "Gives way", act: () => giveWay(page, home), holds: () => page.compliance.press !== null, panel: "softness-title" },
-  ].filter(({ needsTree }) => !(needsTree && robot.loops));
+  ].filter(({ needsTree, needsPair }) => !(needsTree && robot.loops) && !(needsPair && !robot.pair));
 }
 
 /** Scroll to a panel's title, unless it is in view; a closed loop's page lacks some panels. */

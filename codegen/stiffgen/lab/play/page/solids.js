@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Solids drawn by WebGL: spheres, drums and cones, each with a pose, a colour and an opacity.
+// Solids drawn by WebGL: spheres, drums, cones and boxes, each with a pose, a colour and an opacity.
 
 const VERTEX = `#version 300 es
 in vec3 position; in vec3 normal;
@@ -70,7 +70,22 @@ function grid() {
   return { points, triangles };
 }
 
-const MESHES = { sphere: sphere(), drum: drum(1), cone: drum(0), grid: grid() };
+/** Make a box from -1 to 1 along each axis. */
+function box() {
+  const points = [], triangles = [];
+  for (let k = 0; k < 6; ++k) {
+    const axis = k >> 1, sign = 2 * (k % 2) - 1, [u, v] = [(axis + 1) % 3, (axis + 2) % 3];
+    const corners = [[-1, -1], [sign, -sign], [1, 1], [-sign, sign]].map(([a, b]) => {
+      const p = [0, 0, 0], n = [0, 0, 0];
+      [p[axis], p[u], p[v], n[axis]] = [sign, a, b, sign];
+      return points.push(...p, ...n) / 6 - 1;
+    });
+    triangles.push(...[0, 1, 2, 0, 2, 3].map((i) => corners[i]));
+  }
+  return { points, triangles };
+}
+
+const MESHES = { sphere: sphere(), drum: drum(1), cone: drum(0), grid: grid(), box: box() };
 
 /** Canvas with solids. The constructor throws where the browser has no WebGL. */
 export class Solids {

@@ -28,12 +28,12 @@ function rayToSegment(eye, way, from, to) {
 }
 
 /**
- * The arm on a canvas. `state()` gives what is to be seen: {tip, q, ellipsoids, wrench, loop, marker}; `moved(q)` and
- * `carried(part of a lap)` are told what a drag did.
+ * The arm on a canvas. `state()` gives what is to be seen: {tip, q, ellipsoids, wrench, loop, marker}, and
+ * with a box {boxes, goal}; `moved(q)`, `carried(part of a lap)`, `boxed(place)` are told what a drag did.
  */
 export class View {
-  constructor(canvas, letters, robot, { state, moved, carried, redraw }) {
-    Object.assign(this, { canvas, robot, state, moved, carried, redraw });
+  constructor(canvas, letters, robot, { state, moved, carried, boxed, redraw }) {
+    Object.assign(this, { canvas, robot, state, moved, carried, boxed, redraw });
     this.solids = new Solids(canvas);
     this.size = reach(robot);
     this.thick = this.size * 0.055;
@@ -186,6 +186,8 @@ export class View {
       const half = scaled(axis, joint.prismatic ? 0.5 * r : 0.55 * r);
       drum(plus(origin, half, -1), plus(origin, half), joint.prismatic ? r * 1.15 : r * 1.45, colour);
     });
+    const solids = this.boxes(state, colours), { goal, boxes } = state;
+    if (!swing) for (const each of solids) (each.opacity < 1 ? through : solid).push(each);
     const shadows = solid.map(({ mesh, model: each }) => ({ mesh, model: flattened(each, -0.002 * this.size), colour: colours.shadow, shaded: 0 }));
     const wide = 1.25 * this.size;
     plain.push({ mesh: "grid", model: model([wide, 0, 0], [0, wide, 0], [0, 0, 1], [0, 0, -0.004 * this.size]), colour: colours.floor, shaded: 0 });
@@ -202,6 +204,10 @@ export class View {
       return [...plain, ...shadows, ...solid];
     }
     this.arrows(hand.origin, wrench, colours.ink, drum);
+    if (goal) {
+      drum(originOf(boxes[0].pose), goal, this.thick * 0.1, colours.ink);
+      ball(goal, this.thick * 0.3, colours.ink);
+    }
     if (loop) {
       loop.forEach((point, k) => drum(point, loop[(k + 1) % loop.length], this.thick * 0.1, colours.ink));
       drum(hand.origin, marker, this.thick * 0.06, colours.ink);
@@ -217,6 +223,14 @@ export class View {
       through.push({ mesh: "sphere", model: model(...axes, hand.origin), colour: colours[name], opacity: 0.45 });
     }
     return [...plain, ...shadows, ...solid, ...through];
+  }
+
+  /** Return the solids of the boxes that the hands hold. */
+  boxes({ boxes }, { carton: colour }) {
+    return (boxes ?? []).map(({ pose, half, opacity }) => {
+      const axes = half.map((long, k) => [0, 1, 2].map((i) => pose[4 * i + k] * long));
+      return { mesh: "box", model: model(...axes, originOf(pose)), colour, opacity };
+    });
   }
 
   /** Draw the force as an arrow at the tip and the moment as an arrow with a ring. */
@@ -263,9 +277,10 @@ export class View {
 
   /** Return the object under a pixel of the canvas: the loop's bead, the tip, a link, or null. */
   grabbed(x, y, ease) {
-    const { tip, q, loop, marker } = this.state(), [eye, way] = this.ray(x, y), { frames, links, tip: hand } = this.parts(tip, q);
+    const { tip, q, loop, marker, boxes } = this.state(), [eye, way] = this.ray(x, y), { frames, links, tip: hand } = this.parts(tip, q);
     const near = (point, radius) => rayToSegment(eye, way, point, point).distance < radius * ease;
     const depth = (point) => dot(plus(point, eye, -1), way);
+    if (boxes) return this.grabbedBox(boxes, eye, way, ease);
     if (loop && near(marker, this.thick * 0.8)) return { kind: "bead" };
     if (near(hand.origin, this.thick * 1.3)) return { kind: "tip", depth: depth(hand.origin), offset: plus(hand.origin, plus(eye, way, depth(hand.origin)), -1), orientation: rotationOf(tip.pose(q)) };
     let best = null;
@@ -276,6 +291,14 @@ export class View {
     if (!best) return null;
     const point = plus(plus(eye, way, best.depth), frames[best.joint].origin, -1), R = frames[best.joint].rotation;
     return { ...best, local: multiply(transpose(R, 3, 3), point, 3, 3, 1) };
+  }
+
+  /** Return the held box where a ray meets it, or null: on a lap there are two, which nobody drags. */
+  grabbedBox([{ pose, half }, another], eye, way, ease) {
+    const middle = originOf(pose), along = [0, 1, 2].map((i) => pose[4 * i] * half[0]);
+    const { distance } = rayToSegment(eye, way, plus(middle, along, -1), plus(middle, along)), depth = dot(plus(middle, eye, -1), way);
+    if (another || distance > half[1] * 1.2 * ease) return null;
+    return { kind: "box", depth, offset: plus(this.state().goal, plus(eye, way, depth), -1) };
   }
 
   dragged(event) {
@@ -292,7 +315,8 @@ export class View {
       this.carryBead(place);
     } else {
       const { tip, q } = this.state(), [eye, way] = this.ray(...place), goal = plus(eye, way, this.drag.depth);
-      if (this.drag.kind === "tip") this.moved(follow(tip, q, plus(goal, this.drag.offset), this.drag.orientation));
+      if (this.drag.kind === "box") this.boxed(plus(goal, this.drag.offset));
+      else if (this.drag.kind === "tip") this.moved(follow(tip, q, plus(goal, this.drag.offset), this.drag.orientation));
       else this.moved(this.pulled(tip, q, goal));
     }
   }
@@ -331,8 +355,9 @@ export class View {
     const ways = { ArrowLeft: [-1, 0, 0], ArrowRight: [1, 0, 0], ArrowUp: [0, 1, 0], ArrowDown: [0, -1, 0], PageUp: [0, 0, 1], PageDown: [0, 0, -1] };
     const way = ways[event.key];
     if (event.shiftKey && way) {
-      const { tip, q } = this.state(), pose = tip.pose(q);
-      this.moved(follow(tip, q, plus(originOf(pose), way, 0.01 * this.size), rotationOf(pose)));
+      const { tip, q, goal } = this.state(), pose = tip.pose(q);
+      if (goal) this.boxed(plus(goal, way, 0.01 * this.size));
+      else this.moved(follow(tip, q, plus(originOf(pose), way, 0.01 * this.size), rotationOf(pose)));
     } else if (way && !way[2]) {
       this.look(0.12 * way[0], 0.12 * way[1]);
     } else if (event.key === "+" || event.key === "-") {
