@@ -160,7 +160,8 @@ export class Hands {
 
   /**
    * Return the work [J] that both laws have put out up to every point of a lap, LAP_POINTS + 1 numbers each, from their
-   * wrenches. The sum over equal steps is exact to rounding for the whole lap, since the integrand is periodic and smooth.
+   * wrenches. The sum over equal steps is exact to rounding for the whole lap, since the integrand is periodic and smooth;
+   * the usual law's jumps where one hand is a half turn from rest, seen from the other.
    */
   works(lap, grasps) {
     const spring = this.spring(grasps), step = (2 * Math.PI) / LAP_POINTS, { n, base } = this;

@@ -14,7 +14,7 @@ const AXES = ["x", "y", "z"];
 /** The panel of a page whose robot has a pair. */
 export class TwoArmsPanel {
   constructor(page) {
-    Object.assign(this, { page, hands: new Hands(page.robot, page.tips), home: null, radius: 0.4 });
+    Object.assign(this, { page, hands: new Hands(page.robot, page.tips), home: null, radius: 0.3 });
     this.stop();
     const { $ } = page, far = 10 * Math.round(40 * reach(page.robot));
     $("two-arms-panel").hidden = false;
