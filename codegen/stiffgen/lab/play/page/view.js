@@ -213,16 +213,21 @@ export class View {
       drum(hand.origin, marker, this.thick * 0.06, colours.ink);
       ball(marker, this.thick * 0.42, colours.conventional);
     }
-    for (const { name, block, length } of ellipsoids) {
+    through.push(...this.shells(ellipsoids, hand.origin, colours));
+    return [...plain, ...shadows, ...solid, ...through];
+  }
+
+  /** Return the solids of matrices' ellipsoids about a point. */
+  shells(ellipsoids, at, colours) {
+    return ellipsoids.map(({ name, block, length }) => {
       const { values, vectors } = eigen(block, 3);
       const axes = [0, 1, 2].map((k) => {
         const long = Math.min(0.6 * this.size, Math.max(0.004 * this.size, length * Math.abs(values[k])));
         return [0, 1, 2].map((i) => vectors[3 * i + k] * long);
       });
       if (dot(cross(axes[0], axes[1]), axes[2]) < 0) axes[2] = scaled(axes[2], -1);
-      through.push({ mesh: "sphere", model: model(...axes, hand.origin), colour: colours[name], opacity: 0.45 });
-    }
-    return [...plain, ...shadows, ...solid, ...through];
+      return { mesh: "sphere", model: model(...axes, at), colour: colours[name], opacity: 0.45 };
+    });
   }
 
   /** Return the solids of the boxes that the hands hold. */
