@@ -10,28 +10,15 @@ each, in turn in one process. The fastest rounds are compared: others on a share
 from __future__ import annotations
 
 import tempfile
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 import stiffgen
-from benchmarks.tools import COUNT, URDF
+from benchmarks.tools import COUNT, URDF, least
 from examples.two_arms import IIWA, SIDES, described
 
 ROUNDS = 101
-
-
-def fastest(calls: dict[str, Callable[[], object]], rounds: int = ROUNDS) -> dict[str, float]:
-    """Return the fastest of some rounds [s] of each call; the calls take turns."""
-    times = dict.fromkeys(calls, float("inf"))
-    for _ in range(rounds):
-        for name, call in calls.items():
-            begun = time.perf_counter()
-            call()
-            times[name] = min(times[name], time.perf_counter() - begun)
-    return times
 
 
 def measured(folder: Path, rounds: int = ROUNDS) -> dict[str, float]:
@@ -48,7 +35,7 @@ def measured(folder: Path, rounds: int = ROUNDS) -> dict[str, float]:
     arms, arm = (stiffgen.open_robot(made).module for made in (two, one))
     halves = [np.ascontiguousarray(q[:, side]) for side in (slice(7), slice(7, 14))]
     hands = [getattr(arms, tip).spring for tip in tips]
-    times = fastest(
+    times = least(
         {
             "pair of arms": lambda: arms.pair.joint_stiffness(q, pose, *K),
             "two springs of the two arms": lambda: [hand.joint_stiffness(q, pose, *K) for hand in hands],

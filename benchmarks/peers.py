@@ -16,7 +16,6 @@ import importlib
 import os
 import sys
 import tempfile
-import time
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -27,7 +26,7 @@ import numpy as np
 
 import stiffgen
 from benchmarks.run import BOOST
-from benchmarks.tools import COUNT, HERE, NATIVE, URDF, pinned, run
+from benchmarks.tools import COUNT, HERE, NATIVE, URDF, least, pinned, run
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.symbolic.choices import KernelOptions
 
@@ -136,19 +135,6 @@ def pinocchio_table(folder: Path | None, scratch: Path, rounds: int) -> None:
             print(
                 f"| {robot.title} | `{theirs}` | {slow:.0f} | `{ours}` | {fast:.0f} | {fast / slow:.2f} |", flush=True
             )
-
-
-def least(calls: dict[str, Callable[[], object]], rounds: int) -> dict[str, float]:
-    """Return the least seconds of each call, in turn."""
-    best = dict.fromkeys(calls, float("inf"))
-    for call in calls.values():
-        call()  # compiles
-    for _ in range(rounds):
-        for name, call in calls.items():
-            start = time.perf_counter()
-            call()
-            best[name] = min(best[name], time.perf_counter() - start)
-    return best
 
 
 def _agree(what: str, found: object, expected: object) -> None:

@@ -84,6 +84,19 @@ def in_turn(calls: dict[str, Callable[[], object]], repeat: int = 31, target: fl
     return [(name, *quartiles(values)) for name, values in times.items()]
 
 
+def least(calls: dict[str, Callable[[], object]], rounds: int) -> dict[str, float]:
+    """Return the least seconds of each call, in turn."""
+    best = dict.fromkeys(calls, float("inf"))
+    for call in calls.values():
+        call()  # compiles
+    for _ in range(rounds):
+        for name, call in calls.items():
+            start = time.perf_counter()
+            call()
+            best[name] = min(best[name], time.perf_counter() - start)
+    return best
+
+
 def timed(call: Callable[[], object], repeat: int = 15, target: float = 0.02) -> tuple[float, float, float]:
     """Microseconds a call: median and quartiles of batches of calls."""
     start = time.perf_counter()

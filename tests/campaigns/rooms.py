@@ -25,6 +25,7 @@ OUTSIDE = ("fri", "ros2")
 ROOMS = (*(room for room in OPTIONAL if room != "cli"), *OUTSIDE)
 """The command line is deleted together with the lab, whose commands it runs."""
 WITHOUT_KERNELS = ("cpp", "cuda", "jax", "torch", "rounding")
+"""Families without a record: backends (``core/emit/registry.py``), and the bounds that a header states."""
 ALL_FAMILIES = (*(name for name in FAMILIES if "." not in name), *WITHOUT_KERNELS)
 KERNELS = ("--kernels", "hybrid.joint_stiffness,hybrid.jacobian", "--no-batches", "--no-masses")
 """A small folder, whose verification takes seconds."""

@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 
 import stiffgen
+from campaigns.rooms import WITHOUT_KERNELS
 from stiffgen.cli import COMMANDS
 from stiffgen.core.family import FAMILIES
 from support.project import ROOT
@@ -27,8 +28,6 @@ TOP = {"__init__.py", "__main__.py", "_version.py", "rooms.py", "py.typed", "err
 """All that lies at the top; errors and style are names of users' filters and scripts."""
 TABLES = ("stiffgen", "stiffgen.rooms", "stiffgen.core.family", "stiffgen.core.emit.registry", "stiffgen.cli")
 """Modules with tables of names."""
-WITHOUT_KERNELS = ("cpp", "cuda", "jax", "torch", "rounding")
-"""Families without a record: backends (``core/emit/registry.py``), and the bounds that a header states."""
 
 
 def modules() -> dict[str, Path]:

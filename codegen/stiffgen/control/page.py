@@ -22,6 +22,7 @@ from stiffgen.control.structs import (
     check_of,
     defaults,
     joint_defaults,
+    present,
     struct_of,
 )
 from stiffgen.core.errors import printable
@@ -239,8 +240,7 @@ def controller_page(
     if not has_controller(chain, scalar):
         return None
     prefix, index = name.upper(), "loop_motors[i]" if chain.loops else "i"
-    conditions = {"": True, "tool": chain.runtime_tool, "bounded": bounded}
-    fields = tuple(field for field in config_of(chain) if conditions[field.when])
+    fields = present(config_of(chain), chain, bounded=bounded)
     checks = {field.name: check_of(field) for field in fields}
     held = pairs_of(chain, pairs)
     return ControllerPage(

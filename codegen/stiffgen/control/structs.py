@@ -43,6 +43,13 @@ class Struct:
     fields: list[Member]
 
 
+def present(fields: Sequence[Field], chain: Chain, *, bounded: bool = False) -> tuple[Field, ...]:
+    """Return the fields that a robot has, by their conditions; ``bounded`` tells whether its springs are bounded."""
+    several = len(chain.tips) > 1
+    holds = {"": True, "tool": chain.runtime_tool, "loops": bool(chain.loops), "several": several, "bounded": bounded}
+    return tuple(field for field in fields if holds[field.when])
+
+
 def struct_of(
     chain: Chain,
     prefix: str,
@@ -55,11 +62,9 @@ def struct_of(
 ) -> Struct:
     """Return the C struct of a chain with some fields; ``headings`` stand above fields, by name."""
     sizes = sizes_of(chain, pairs)
-    conditions = {"loops": bool(chain.loops), "tool": chain.runtime_tool, "several": len(chain.tips) > 1}
     members = [
         replace(_member(field, sizes, prefix, name), heading=(headings or {}).get(field.name, ""))
-        for field in fields
-        if conditions.get(field.when, True)
+        for field in present(fields, chain, bounded=True)  # of a configuration the caller left out the others
     ]
     return Struct(name, summary, members)
 

@@ -210,13 +210,16 @@ void Law::follow_pose(const robot::Wrench &wrench)
 // Let Settle and then Press move the commanded pose, and Press add its force. Settle holds its offset while Press presses.
 void Law::move_pose(const robot::Wrench &wrench, robot::FollowInput &moved)
 {
-    const double *const translation = sample_.translation_stiffness, *const rotation = sample_.rotation_stiffness;
+    const auto tell = [&](auto &input) { // what both makers are told
+        const double *const translation = sample_.translation_stiffness, *const rotation = sample_.rotation_stiffness;
+        std::copy(std::begin(moved.pose), std::end(moved.pose), input.pose);
+        std::copy(translation, translation + 9, input.translation_stiffness);
+        std::copy(rotation, rotation + 9, input.rotation_stiffness);
+        std::copy(wrench.begin(), wrench.end(), input.wrench);
+    };
     if (settles_) {
         robot::SettleOutput output{};
-        std::copy(std::begin(moved.pose), std::end(moved.pose), settled_.pose);
-        std::copy(translation, translation + 9, settled_.translation_stiffness);
-        std::copy(rotation, rotation + 9, settled_.rotation_stiffness);
-        std::copy(wrench.begin(), wrench.end(), settled_.wrench);
+        tell(settled_);
         settled_.hold = presses_ && press_.stage != robot::STAGE_OFF ? 1 : 0;
         static_cast<void>(robot::step(settle_, settled_, snapshot_.report, output)); // without a reading: the last pose
         std::copy(std::begin(output.pose), std::end(output.pose), moved.pose);
@@ -224,10 +227,7 @@ void Law::move_pose(const robot::Wrench &wrench, robot::FollowInput &moved)
     }
     if (presses_) {
         robot::PressOutput output{};
-        std::copy(std::begin(moved.pose), std::end(moved.pose), pressed_.pose);
-        std::copy(translation, translation + 9, pressed_.translation_stiffness);
-        std::copy(rotation, rotation + 9, pressed_.rotation_stiffness);
-        std::copy(wrench.begin(), wrench.end(), pressed_.wrench);
+        tell(pressed_);
         static_cast<void>(robot::step(press_, pressed_, snapshot_.report, output)); // without a reading: no force
         std::copy(std::begin(output.pose), std::end(output.pose), moved.pose);
         for (std::size_t k = 0; k < 6; ++k) { sample_.wrench_command[k] += output.wrench_command[k]; }

@@ -14,6 +14,7 @@ import numpy as np
 from stiffgen.control.companions import COMPANIONS, companions_of
 from stiffgen.control.sessions.library import fill, struct_of
 from stiffgen.control.sessions.makers import SAME_MAKERS
+from stiffgen.control.structs import present
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.robot.geometry import FloatArray
 
@@ -33,10 +34,9 @@ class Companions:
     def __init__(self, file: Path, name: str, chain: Chain) -> None:
         self._library, self._name = ctypes.CDLL(str(file)), name
         self.structs: dict[str, Any] = {}
-        has = {"": True, "tool": chain.runtime_tool, "loops": bool(chain.loops), "several": len(chain.tips) > 1}
         for companion in companions_of(chain):
             for struct, _, fields in companion.structs:
-                self.structs[struct] = struct_of(chain, struct, [field for field in fields if has[field.when]])()
+                self.structs[struct] = struct_of(chain, struct, present(fields, chain))()
             self.structs[f"{companion.name}_state"] = (ctypes.c_char * _STATE_SIZE)()
 
     def call(self, function: str, *arguments: Any, result: Any = ctypes.c_int) -> Any:

@@ -15,7 +15,7 @@ from stiffgen.control.companions import COMPANIONS
 from stiffgen.control.core.config import CONFIG
 from stiffgen.control.core.field import Field
 from stiffgen.control.core.signals import INPUT, OUTPUT
-from stiffgen.control.structs import sizes_of
+from stiffgen.control.structs import present, sizes_of
 from stiffgen.core.emit.build import build_library
 from stiffgen.core.errors import BuildError
 from stiffgen.core.robot.chain import Chain
@@ -29,8 +29,7 @@ _TYPES: dict[str, Any] = {"double": ctypes.c_double, "int": ctypes.c_int, "uint3
 
 def config_fields(chain: Chain, *, bounded: bool) -> tuple[Field, ...]:
     """Return the fields that a robot's configuration has; ``bounded`` tells whether it has the bounded spring."""
-    has = {"": True, "tool": chain.runtime_tool, "bounded": bounded}
-    return tuple(field for field in CONFIG if has[field.when])
+    return present(CONFIG, chain, bounded=bounded)
 
 
 def value_without_default(field: Field) -> float:

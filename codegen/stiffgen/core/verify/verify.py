@@ -125,6 +125,10 @@ def _steps(
     pool = argument_samples(chain, LONG, seed, springs)
     texts = cache(partial(print_again, robot))
     libraries = cache(partial(build_widths, robot, build))
+    rounding, bounds = part("rounding.certified"), list[tuple[str, Comparison]]()
+    if rounding:
+        of_bounds = (single, kernels), robot, pool
+        bounds.append(("certified bounds", lambda: rounding.check_folder(*of_bounds, texts()[MANIFEST])))
     steps: list[tuple[str, Comparison]] = [
         (
             "printing again",
@@ -139,15 +143,12 @@ def _steps(
         ("comparing with CasADi", lambda: check_against_casadi(single, chain, min(count, 50), seed, springs)),
         ("angles many turns away", lambda: check_far_angles(single, chain, seed, springs)),
         ("stacks of every length", lambda: check_stacks(kernels, single, table, chain, pool)),
+        *bounds,
         ("NaN and infinity", lambda: check_not_finite(kernels, table, pool, robot.scalar)),
     ]
     of_languages = robot, single, pool, build / "languages", other_version
     steps += _steps_of_rooms(of_languages, texts, libraries, seed)
     loops, derivatives, masses = map(part, ("loops.oracles", "derivatives.check", "dynamics.masses"))
-    rounding = part("rounding.certified")
-    if rounding:
-        of_bounds = (single, kernels), robot, pool
-        steps.insert(-1, ("certified bounds", lambda: rounding.check_folder(*of_bounds, texts()[MANIFEST])))
     if chain.loops:
         projected = min(count, 50)
         steps.append(
