@@ -53,6 +53,8 @@ FULL = (
 FUZZER = "fri_fuzz"
 """The target for libFuzzer, which clang alone builds."""
 SANITIZERS = "-O1 -g1 -fsanitize=address,undefined -fno-sanitize-recover=all"
+QUICK_SANITIZERS = SANITIZERS.replace("-O1", "-O0")
+"""The same for short runs: clang takes a minute of optimising with both sanitizers for the kernels alone."""
 
 
 def run_cmake(*commands: Sequence[object]) -> None:

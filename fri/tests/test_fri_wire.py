@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import re
 import struct
-import subprocess
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -35,7 +34,6 @@ from fri.support.wiping import (
     MONITORING_READY,
     MONITORING_WAIT,
 )
-from support.project import ROOT
 
 
 def counters(line: str) -> bytes:
@@ -44,23 +42,6 @@ def counters(line: str) -> bytes:
 
 
 # ---- building ------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-def test_clang_takes_the_sources_without_a_warning(open_programs: Programs, plate_folder: Path) -> None:
-    folder, client = open_programs.folder, ROOT / "fri" / "client"
-    sources = [
-        *client.glob("*.cpp"),
-        *(client / "open_fri").glob("*.cpp"),
-        ROOT / "fri" / "support" / "native" / "harness.cpp",
-    ]
-    includes = [client, client / "open_fri", plate_folder, folder / "client"]
-    number = {"1.15": 115, "2.5": 205, "2.7": 207}[open_programs.version]
-    command = ["clang++", "-std=c++17", "-fsyntax-only", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow",
-               "-Werror", f"-DFRI_VERSION={number}", "-DOPEN_FRI", *(f"-I{i}" for i in includes),
-               f"-isystem{folder / 'client' / 'open_fri'}", *map(str, sources)]  # fmt: skip
-    done = subprocess.run(command, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr[-3000:]
 
 
 @pytest.mark.parametrize(
