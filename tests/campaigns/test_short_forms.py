@@ -7,12 +7,14 @@ import os
 import shlex
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from campaigns.__main__ import CAMPAIGNS
-from support.project import ROOT
+from support.arms.arms import MAKERS, Arm
+from support.project import ROOT, Once
 
 
 def test_every_campaign_is_a_program_and_the_makefile_lists_it() -> None:
@@ -32,9 +34,12 @@ def test_every_campaign_is_a_program_and_the_makefile_lists_it() -> None:
         if campaign.short is not None
     ],
 )
-def test_short_form(name: str, tmp_path: Path) -> None:
+def test_short_form(name: str, tmp_path: Path, once: Once) -> None:
+    """Arms are generated and compiled once for all campaigns and the tests of the controller."""
     campaign = CAMPAIGNS[name]
-    command = campaign.command(shlex.split(str(campaign.short).format(folder=tmp_path)))
+    short = str(campaign.short)
+    arms = {arm: once(f"arms-{arm}", partial(Arm, arm)) for arm in MAKERS if f"{{{arm}}}" in short}
+    command = campaign.command(shlex.split(short.format(folder=tmp_path, **arms)))
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT / "tests"), str(ROOT), *sys.path])}
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -4,7 +4,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,6 +25,11 @@ OTHER = {machine.name: machine for machine in MACHINES if not machine.name.start
 BY_NAME = {machine.name: machine for machine in MACHINES}
 
 
+def some(names: Iterable[str], *in_ci: str) -> list[Any]:
+    """Return machines as parameters; those that CI does not run are wide."""
+    return [pytest.param(name, marks=() if name in in_ci else pytest.mark.wide) for name in names]
+
+
 def tools(machine):
     require_program(machine.compiler[0], machine.packages[0])
     require_program(machine.emulator[0], machine.packages[-1])
@@ -30,7 +37,7 @@ def tools(machine):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", OTHER)
+@pytest.mark.parametrize("name", some(OTHER, "aarch64", "Cortex-M7, FPU for double"))
 def test_golden_values(name, robot_folder, chain, tmp_path):
     machine = tools(OTHER[name])
     calls = golden_calls(3)
@@ -46,7 +53,7 @@ def floats(tmp_path_factory):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", OTHER)
+@pytest.mark.parametrize("name", some(OTHER, "Cortex-M7, FPU for float"))
 def test_golden_values_of_floats(name, floats, chain, tmp_path):
     machine = tools(OTHER[name])
     calls = golden_calls(3)
@@ -58,7 +65,9 @@ def test_golden_values_of_floats(name, floats, chain, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["Cortex-M7, FPU for float", "aarch64", "x86-64 clang"])
+@pytest.mark.parametrize(
+    "name", some(["Cortex-M7, FPU for float", "aarch64", "x86-64 clang"], "Cortex-M7, FPU for float")
+)
 def test_the_same_instructions_for_every_float(name, floats, chain, tmp_path):
     """Nothing is software on an FPU of single precision, where doubles take ten to forty times as many."""
     machine = tools(BY_NAME[name])
@@ -70,7 +79,15 @@ def test_the_same_instructions_for_every_float(name, floats, chain, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name in BY_NAME if name != "Cortex-M7, FPU for float"])
+@pytest.mark.parametrize(
+    "name",
+    some(
+        [name for name in BY_NAME if name != "Cortex-M7, FPU for float"],
+        "x86-64 gcc",
+        "aarch64",
+        "Cortex-M7, FPU for double",
+    ),
+)
 def test_the_same_instructions_for_every_input(name, robot_folder, chain, tmp_path):
     """Denormals, limits, zeros, and NaN, infinity and 1e300 in what is no angle. Software double precision branches."""
     machine = tools(BY_NAME[name])

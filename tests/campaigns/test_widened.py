@@ -12,27 +12,21 @@ import pytest
 
 from campaigns import energy, patterns, schedules, widened
 from campaigns.python_layer import PythonLayer, module_sources
+from support.plant.fixture import loop_of
 from support.plant.loop import Loop
 from support.project import Once
-
-
-def made(once: Once, arm: str) -> tuple[Path, tuple[float, ...]]:
-    folder = once(f"energy_{arm}", lambda folder: energy.generate_arm(arm, folder, build=False))
-    return energy.generate_arm(arm, folder)
 
 
 @pytest.fixture(scope="module")
 def hands(once: Once) -> Loop:
     """Return a robot with two tips, which takes tools at run time."""
-    robot, home = made(once, "hands")
-    return Loop(robot.parent, robot, home=home)
+    return loop_of(once, "hands")
 
 
 @pytest.fixture(scope="module")
 def five_bar(once: Once) -> Loop:
     """Return a linkage with two motors."""
-    robot, home = made(once, "five_bar")
-    return Loop(robot.parent, robot, home=home)
+    return loop_of(once, "five_bar")
 
 
 def tip_by_differences(loop: Loop) -> np.ndarray:
