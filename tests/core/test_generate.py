@@ -38,7 +38,15 @@ def listing(folder):
     return sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
 
 
-def test_same_bytes_in_another_process_and_place(chain, tmp_path):
+SMALL = {"kernels": "hybrid.jacobian", "controller": False, "masses": False}
+
+
+@pytest.fixture(scope="module")
+def rendered(chain):
+    return render(chain, "iiwa14")
+
+
+def test_same_bytes_in_another_process_and_place(rendered, tmp_path):
     """Another hash seed, working directory and output path."""
     code = f"import stiffgen; stiffgen.generate({str(URDF)!r}, output='deep/er', build=False)"
     environment = {
@@ -50,12 +58,12 @@ def test_same_bytes_in_another_process_and_place(chain, tmp_path):
     subprocess.run([sys.executable, "-c", code], check=True, cwd=tmp_path, env=environment)
     folder = tmp_path / "deep" / "er" / "iiwa14"
     written = {name: (folder / name).read_text(encoding="utf-8") for name in files(folder)}
-    assert written == render(chain, "iiwa14")
+    assert written == rendered
 
 
-def test_committed_folder_is_up_to_date(chain):
+def test_committed_folder_is_up_to_date(rendered):
     committed = ROOT / "generated" / "iiwa14"
-    for file, text in render(chain, "iiwa14").items():
+    for file, text in rendered.items():
         assert (committed / file).read_text(encoding="utf-8") == text, f"run 'make generate': iiwa14/{file} differs"
 
 
@@ -64,8 +72,8 @@ def test_files(robot_folder):
     assert [name.split(".")[0] for name in built if "__pycache__" not in name] == ["python/iiwa14_python"]
 
 
-def test_no_traces_of_the_machine(chain):
-    for file, text in render(chain, "iiwa14").items():
+def test_no_traces_of_the_machine(rendered):
+    for file, text in rendered.items():
         assert str(ROOT) not in text, file
         assert "/home" not in text and "/tmp" not in text and "http" not in text, file
 
@@ -109,7 +117,7 @@ def test_moved_folder_imports(robot_folder, tmp_path):
 
 
 def test_unbuilt_folder_says_what_to_do(tmp_path):
-    stiffgen.generate(URDF, output=tmp_path, build=False)
+    stiffgen.generate(URDF, output=tmp_path, build=False, **SMALL)
     done = subprocess.run(
         [sys.executable, "-c", "import iiwa14"], cwd=tmp_path, capture_output=True, text=True, check=False
     )
@@ -118,7 +126,8 @@ def test_unbuilt_folder_says_what_to_do(tmp_path):
 
 
 def test_regenerating_replaces_the_folder(tmp_path):
-    folder = stiffgen.generate(URDF, output=tmp_path, build=False)
+    folder = tmp_path / "iiwa14"
+    shutil.copytree(ROOT / "generated" / "iiwa14", folder, ignore=shutil.ignore_patterns("*.so", "__pycache__"))
     (folder / "iiwa14.c").write_text("edited")
     (folder / "python" / "iiwa14_python.cpython-00.so").write_text("old build")
     assert stiffgen.generate(URDF, output=tmp_path, build=False) == folder
@@ -140,10 +149,10 @@ def test_foreign_folders_are_never_overwritten(content, tmp_path):
 
 
 def test_a_users_file_in_a_generated_folder_is_kept(tmp_path):
-    folder = stiffgen.generate(URDF, output=tmp_path, build=False)
+    folder = stiffgen.generate(URDF, output=tmp_path, build=False, **SMALL)
     (folder / "notes.txt").write_text("mine")
     with pytest.raises(OutputError, match=r"notes\.txt"):
-        stiffgen.generate(URDF, output=tmp_path, build=False)
+        stiffgen.generate(URDF, output=tmp_path, build=False, **SMALL)
     assert (folder / "notes.txt").read_text() == "mine"
 
 
@@ -159,7 +168,7 @@ def test_a_link_or_file_in_the_way(tmp_path):
 def test_a_failing_compiler_leaves_nothing_behind(existing, tmp_path, monkeypatch):
     output = tmp_path / "out"
     if existing:
-        stiffgen.generate(URDF, output=output, build=False)
+        stiffgen.generate(URDF, output=output, build=False, **SMALL)
         (output / "iiwa14" / "iiwa14.c").write_text("as it was")
     before = listing(tmp_path)
     broken = tmp_path / "broken-cc"
@@ -171,7 +180,7 @@ def test_a_failing_compiler_leaves_nothing_behind(existing, tmp_path, monkeypatc
     broken.chmod(0o755)
     monkeypatch.setenv("CC", str(broken))
     with pytest.raises(BuildError, match="my last words"):
-        stiffgen.generate(URDF, output=output)
+        stiffgen.generate(URDF, output=output, **SMALL)
     broken.unlink()
     assert listing(tmp_path) == before
 
@@ -179,11 +188,11 @@ def test_a_failing_compiler_leaves_nothing_behind(existing, tmp_path, monkeypatc
 def test_a_missing_compiler_is_named(tmp_path, monkeypatch):
     monkeypatch.setenv("CC", "no-such-cc")
     with pytest.raises(BuildError, match=r"no-such-cc.*set CC.*build=False"):
-        stiffgen.generate(URDF, output=tmp_path)
+        stiffgen.generate(URDF, output=tmp_path, **SMALL)
     monkeypatch.delenv("CC")
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(BuildError, match="no C compiler"):
-        stiffgen.generate(URDF, output=tmp_path)
+        stiffgen.generate(URDF, output=tmp_path, **SMALL)
     assert listing(tmp_path) == []
 
 
@@ -196,7 +205,7 @@ def test_own_flags_come_last(tmp_path, monkeypatch):
     compiler.chmod(0o755)
     monkeypatch.setenv("CC", f"{compiler} -DFIRST")
     monkeypatch.setenv("CFLAGS", "-O2 '-DOWN=a b'")
-    stiffgen.generate(URDF, output=tmp_path / "generated")
+    stiffgen.generate(URDF, output=tmp_path / "generated", **SMALL)
     made = [line for line in seen.read_text().splitlines() if "-march=native -c" not in line or "-O3" in line]
     assert all(any(source in line for line in made) for source in ("iiwa14.c", "iiwa14_python.c", "self_check.c"))
     for line in made:
@@ -212,7 +221,7 @@ def test_unusable_names_are_refused(name, tmp_path):
 
 @pytest.mark.usefixtures("unoptimised")
 def test_another_name_prefixes_everything(tmp_path):
-    folder = stiffgen.generate(URDF, output=tmp_path, name="left_arm")
+    folder = stiffgen.generate(URDF, output=tmp_path, name="left_arm", controller=False, batches=False)
     header = (folder / "left_arm.h").read_text()
     assert "LEFT_ARM_DOF 7" in header
     assert "left_arm_hybrid_joint_stiffness" in header
@@ -224,7 +233,7 @@ def test_another_name_prefixes_everything(tmp_path):
 def test_unwritable_output(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError, match="output="):
-        stiffgen.generate(URDF, output=tmp_path / "file", build=False)
+        stiffgen.generate(URDF, output=tmp_path / "file", build=False, **SMALL)
 
 
 USER_SCRIPT = """\

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -18,6 +20,7 @@ from support.chains import chain_urdf, replaced
 from support.project import kernels_of
 
 
+@cache
 def dependence(chain, kernel, index):
     """Which entries of the results depend on which entries of an argument, from the expression graph."""
     function = casadi_function(chain, kernel)
@@ -72,7 +75,7 @@ def test_an_infinite_slide_is_nan(tmp_path):
         '<joint name="s" type="prismatic"><parent link="a"/><child link="b"/><axis xyz="1 0 0"/></joint>'
         '<joint name="t" type="continuous"><parent link="b"/><child link="c"/><axis xyz="0 0 1"/></joint></robot>'
     )
-    slide = open_robot(stiffgen.generate(urdf, output=tmp_path)).module
+    slide = open_robot(stiffgen.generate(urdf, output=tmp_path, kernels="spatial", controller=False)).module
     with np.errstate(invalid="ignore"):
         assert np.isnan(slide.forward_kinematics([np.inf, 0])[0, 3])
         assert np.isnan(slide.spatial.jacobian([-np.inf, 0])[1, 1])
@@ -88,6 +91,7 @@ def test_what_overflows_is_nan(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("unoptimised")
 @pytest.mark.parametrize("types", ["rpr", *(pytest.param(types, marks=pytest.mark.wide) for types in ("prpm", "rrm"))])
 def test_what_overflows_is_nan_with_every_spring(types, tmp_path):
     check_overflow(types, OTHERS, tmp_path)
@@ -97,7 +101,7 @@ def check_overflow(types, springs, tmp_path):
     """Of slides, joints that mimic and springs: no result is infinite however large the arguments are."""
     urdf = tmp_path / "chain.urdf"
     urdf.write_text(chain_urdf(types))
-    opened = open_robot(stiffgen.generate(urdf, output=tmp_path, springs=springs))
+    opened = open_robot(stiffgen.generate(urdf, output=tmp_path, springs=springs, controller=False))
     pool = argument_samples(opened.chain, STACK, 4, opened.springs)
     failed = [check for check in check_not_finite(opened.kernels, opened.table, pool) if not check.passed]
     assert failed == []
@@ -113,7 +117,8 @@ def test_what_overflows_is_nan_with_two_tips(tmp_path):
     )
     urdf = tmp_path / "arm.urdf"
     urdf.write_text(replaced(("</robot>", branch)))
-    folder = stiffgen.generate(urdf, tip=["finger", "side"], runtime_tool=True, output=tmp_path)
+    options = {"tip": ["finger", "side"], "runtime_tool": True, "controller": False}
+    folder = stiffgen.generate(urdf, output=tmp_path, **options)
     opened = open_robot(folder)
     pool = argument_samples(opened.chain, STACK, 4, opened.springs)
     failed = [check for check in check_not_finite(opened.kernels, opened.table, pool) if not check.passed]
