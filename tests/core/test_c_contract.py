@@ -21,18 +21,21 @@ COMPANION_HEADERS, COMPANION_SOURCES = ([f"_{name}.{ending}" for name in COMPANI
 ALLOWED = {"sin", "cos", "sincos", "sqrt", "fmax", "memcpy", "memset", "memmove"}
 
 
-MARKS = {("c99", "-O2"): (), ("c++11", "-O0"): (), ("c99", "-O3"): pytest.mark.slow, ("c++20", "-O0"): pytest.mark.slow}
-"""Cases that are not wide: the levels and languages that users build with."""
+MARKS = {
+    ("gcc", "c99", "-O2"): (), ("gcc", "c++11", "-O0"): (), ("clang", "c++11", "-O0"): (),
+    ("clang", "c99", "-O2"): pytest.mark.slow, ("gcc", "c++20", "-O0"): pytest.mark.slow,
+}  # fmt: skip
+"""Cases that are not wide: a level and the languages that users build with."""
 
 
-@pytest.mark.parametrize("compiler", compilers())
 @pytest.mark.parametrize(
-    ("language", "optimisation"),
+    ("compiler", "language", "optimisation"),
     [
         pytest.param(*case, marks=MARKS.get(case, pytest.mark.wide))
+        for compiler in compilers()
         for case in (
-            *(("c99", level) for level in ("-O0", "-O2", "-O3")),  # warnings of the optimiser
-            *((language, "-O0") for language in ("c11", "c++11", "c++20")),  # warnings of the language
+            *((compiler, "c99", level) for level in ("-O0", "-O2", "-O3")),  # warnings of the optimiser
+            *((compiler, language, "-O0") for language in ("c11", "c++11", "c++20")),  # warnings of the language
         )
     ],
 )
@@ -41,17 +44,24 @@ def test_compiles_without_a_warning(compiler, language, optimisation, compiled):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("compiler", [pytest.param("gcc", marks=pytest.mark.slow), "clang"])
+@pytest.mark.parametrize("compiler", [pytest.param("gcc", marks=pytest.mark.wide), "clang"])
 def test_other_chains_compile_without_a_warning(compiler, tmp_path):
     """Sliding and mimic joints. (gcc meets random robots at every level: test_warnings.py.)"""
     urdf = tmp_path / "arm.urdf"
     urdf.write_text(chain_urdf("rprmrr"))
-    folder = stiffgen.generate(urdf, output=tmp_path, name="arm", build=False)
+    folder = stiffgen.generate(urdf, output=tmp_path, name="arm", build=False, controller=False)
     command = [require_compiler(compiler), "-std=c99", "-O1", *STRICT]
     subprocess.run([*command, "-c", str(folder / "arm.c"), "-o", str(tmp_path / "o")], check=True)
 
 
-@pytest.mark.parametrize("standard", ["-std=c89", "-ansi", "-std=gnu89", "-std=iso9899:199409"])
+@pytest.mark.parametrize(
+    "standard",
+    [
+        "-std=c89",
+        "-std=iso9899:199409",
+        *(pytest.param(each, marks=pytest.mark.wide) for each in ("-ansi", "-std=gnu89")),
+    ],
+)
 @pytest.mark.parametrize("compiler", compilers())
 @pytest.mark.parametrize("file", [".h", "_impedance.h", ".c", "_batch.c", "_impedance.c", *COMPANION_HEADERS])
 def test_c89_is_refused_by_a_sentence(file, compiler, standard, robot_folder):
@@ -72,17 +82,18 @@ FIRST = {
 
 
 @pytest.mark.parametrize(
-    ("file", "language"),
+    ("files", "language"),
     [
-        *((f"iiwa14{end}", "c") for end in (".c", "_batch.c", "_impedance.c", "_dispatch.c", *COMPANION_SOURCES)),
-        *((f"iiwa14{end}", "c") for end in (".h", "_impedance.h", *COMPANION_HEADERS)),
-        *((f"iiwa14{end}", "c++") for end in (".h", "_impedance.h", ".hpp", *COMPANION_HEADERS)),
+        *(((end,), "c") for end in (".c", "_batch.c", "_impedance.c", "_dispatch.c", *COMPANION_SOURCES)),
+        ((".h", "_impedance.h", *COMPANION_HEADERS), "c"),
+        ((".h", "_impedance.h", ".hpp", *COMPANION_HEADERS), "c++"),
     ],
 )
-@pytest.mark.parametrize("compiler", compilers())
-def test_macros_of_platforms_do_no_harm(compiler, file, language, robot_folder, tmp_path):
+@pytest.mark.parametrize("compiler", ["gcc", pytest.param("clang", marks=pytest.mark.wide)])
+def test_macros_of_platforms_do_no_harm(compiler, files, language, robot_folder, tmp_path):
     """Compile beside the macros of Arduino, Windows, Apple, GNU, X11, Qt and termios, such as check, near, N and I."""
-    lines = [*(f"#include <{each}>" for each in FIRST[language]), f'#include "{PLATFORM}"', f'#include "{file}"', ""]
+    lines = [*(f"#include <{each}>" for each in FIRST[language]), f'#include "{PLATFORM}"']
+    lines += [*(f'#include "iiwa14{end}"' for end in files), ""]
     source = tmp_path / ("a.c" if language == "c" else "a.cpp")
     source.write_text("\n".join(lines))
     standard = "-std=gnu99" if language == "c" else "-std=gnu++17"
@@ -102,7 +113,7 @@ def test_compiles_alone(robot_folder, tmp_path):
 @pytest.mark.parametrize(
     ("compiler", "optimisation"),
     [
-        pytest.param(compiler, level, marks=() if level == "-O2" else pytest.mark.slow)
+        pytest.param(compiler, level, marks=MARKS.get((compiler, "c99", level), pytest.mark.wide))
         for compiler in compilers()
         for level in ("-O0", "-O2", "-O3")
     ],

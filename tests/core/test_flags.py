@@ -17,7 +17,7 @@ import stiffgen
 from support.c_program import run_kernels
 from support.chains import chain_urdf
 from support.generated_c import kernel_text
-from support.project import assert_close, require_32_bits, require_compiler
+from support.project import URDF, assert_close, require_32_bits, require_compiler
 
 REORDERED = "-fassociative-math -fno-signed-zeros -fno-trapping-math"
 REFUSED = [
@@ -61,10 +61,34 @@ RIGHT = [
     ("clang", "-O2 -frounding-math"),
 ]
 QUICK = [("gcc", "-O0 -m32"), ("clang", f"-O2 {REORDERED}")]
+FURTHER = [
+    ("gcc", "-O2 -m32 -std=c99"),
+    ("gcc", "-O3 -m32 -march=i386"),
+    ("gcc", "-O2 -m32 -msse2 -mfpmath=sse"),
+    ("gcc", "-O2 -mfpmath=387"),
+    ("gcc", "-O3 -march=native -mno-fma"),
+    ("clang", "-O2 -m32"),
+    ("clang", "-Ofast -fno-finite-math-only"),
+    ("clang", "-O2 -frounding-math"),
+]
+"""Wide. Of each kind one stays: 32 bits with x87 (its exponents, too), rounding, fused operations, reordered sums."""
+
+
+def mark_of(build):
+    if build in QUICK:
+        return ()
+    return pytest.mark.wide if build in FURTHER else pytest.mark.slow
 
 
 def named(build: tuple) -> str:
     return " ".join(map(str, build[:2])).replace(BLIND, "blind")
+
+
+@pytest.fixture(scope="module")
+def folder(once):
+    """The iiwa 14 with one function beside sines, cosines and the self-check."""
+    few = {"kernels": "hybrid.joint_stiffness", "controller": False, "python": False, "build": False}
+    return once("flags", lambda output: stiffgen.generate(URDF, output=output, **few)) / "iiwa14"
 
 
 def compiled(build: tuple, folder: Path, target: Path) -> subprocess.CompletedProcess[str]:
@@ -82,33 +106,32 @@ def compiled(build: tuple, folder: Path, target: Path) -> subprocess.CompletedPr
 
 
 @pytest.mark.parametrize("build", REFUSED, ids=named)
-def test_refused(build, robot_folder, tmp_path):
-    done = compiled(build, robot_folder, tmp_path / "robot.so")
+def test_refused(build, folder, tmp_path):
+    done = compiled(build, folder, tmp_path / "robot.so")
     assert done.returncode != 0
     assert "compile without" in done.stderr or "constants_must_be_doubles" in done.stderr
 
 
 @pytest.mark.slow  # the build with clang and a small robot, below, finds the same
 @pytest.mark.parametrize("build", FOUND, ids=named)
-def test_found_by_the_self_check(build, robot_folder, tmp_path):
-    folder = tmp_path
-    text = kernel_text(robot_folder, "iiwa14")
+def test_found_by_the_self_check(build, folder, tmp_path):
+    text = kernel_text(folder, "iiwa14")
     if "NO_BARRIER" in build[1]:  # the code as it would be without what makes it independent of the order of sums
         text = text.replace("__asm__", "(void)").replace('(void)("" : "+x"(x))', "(void)0")
         text = text.replace("halved.bits = turns.bits - 0x0010000000000000ULL;", "halved.number = 0.5 * turns.number;")
-    (folder / "iiwa14.c").write_text(text)
-    (folder / "iiwa14.h").write_text((robot_folder / "iiwa14.h").read_text())
-    done = compiled(build, folder, tmp_path / "robot.so")
+    (tmp_path / "iiwa14.c").write_text(text)
+    (tmp_path / "iiwa14.h").write_text((folder / "iiwa14.h").read_text())
+    done = compiled(build, tmp_path, tmp_path / "robot.so")
     assert done.returncode == 0, done.stderr
     assert ctypes.CDLL(str(tmp_path / "robot.so")).iiwa14_self_check() == build[2]
 
 
 @pytest.mark.parametrize(
     "build",
-    [pytest.param(build, marks=[] if build in QUICK else [pytest.mark.slow]) for build in RIGHT],
+    [pytest.param(build, marks=mark_of(build)) for build in RIGHT],
     ids=[named(build) for build in RIGHT],
 )
-def test_right(build, robot_folder, golden, tmp_path):
+def test_right(build, folder, golden, tmp_path):
     """Golden values, NaN for infinity, and the self-check agrees."""
     compiler, flags = build
     if "-m32" in flags:
@@ -121,7 +144,7 @@ def test_right(build, robot_folder, golden, tmp_path):
         calls.append(("hybrid_joint_stiffness", (q, np.where(np.arange(6) == 3, value, wrench), stiffness), 49))
     # Too large for a double, not for a register of x87.
     calls.append(("hybrid_joint_stiffness", (q, wrench, np.full((6, 6), 1.7e308)), 49))
-    found = run_kernels(robot_folder, "iiwa14", calls, compiler, "gnu99", flags.split(), tmp_path)
+    found = run_kernels(folder, "iiwa14", calls, compiler, "gnu99", flags.split(), tmp_path)
     for sample, value in zip(golden, found, strict=False):
         assert_close(value.reshape(7, 7), sample.by["hybrid"]["joint_stiffness"])
     for value in found[len(golden) : -1]:
@@ -137,5 +160,5 @@ def test_the_build_runs_the_self_check(tmp_path, monkeypatch):
     monkeypatch.setenv("CFLAGS", "-O1")  # without optimisation nothing is dropped
     (tmp_path / "one.urdf").write_text(chain_urdf("r"))
     with pytest.raises(stiffgen.BuildError, match=r"change its arithmetic \(self-check 10"):
-        stiffgen.generate(tmp_path / "one.urdf", output=tmp_path / "generated")
+        stiffgen.generate(tmp_path / "one.urdf", output=tmp_path / "generated", kernels="hybrid", batches=False)
     assert not (tmp_path / "generated").exists()
