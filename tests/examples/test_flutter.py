@@ -62,7 +62,7 @@ def test_three_drives_flutter_as_the_page_says_and_the_gradient_rests() -> None:
     assert flutter.simulate(1.8, 0.2, flutter.GRADIENT, seconds=2.0)[-1] < 1e-4
 
 
-@pytest.mark.slow
+@pytest.mark.wide(instead="test_three_drives_flutter_as_the_page_says_and_the_gradient_rests")
 def test_the_picture_is_todays() -> None:
     """It raises where the drives do not flutter below the limit and rest above it."""
     assert difference(flutter.figure(), (ROOT / "docs" / "flutter.svg").read_text(), 1.0) == ""

@@ -74,7 +74,7 @@ def test_the_wall_stops_the_tip(iiwa: ModuleType) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("count", [3, pytest.param(None, marks=pytest.mark.wide)])
+@pytest.mark.parametrize("count", [1, pytest.param(None, marks=pytest.mark.wide)])
 def test_the_tables_are_those_of_the_page(iiwa: ModuleType, count: int | None) -> None:
     """Within one step of the search: at its limit a spring is stable on one processor and not on the next."""
     for row in islice(chain(implicit.rows(iiwa), implicit.deviation_rows(iiwa)), count):

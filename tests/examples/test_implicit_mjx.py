@@ -14,8 +14,8 @@ import pytest
 from support.project import ROOT
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("test", ["a_motion_into_a_wall", pytest.param("the_tangent_stands", marks=pytest.mark.wide)])
+@pytest.mark.wide(instead="tests/examples/test_implicit.py::test_the_callback_solves_the_implicit_step")
+@pytest.mark.parametrize("test", ["a_motion_into_a_wall", "the_tangent_stands"])
 @pytest.mark.skipif(find_spec("mujoco.mjx") is None, reason="mujoco-mjx is not installed (extra mjx)")
 def test_implicit_steps_in_mjx(test: str, tmp_path: Path) -> None:
     """Run a test of steps_in_mjx.py."""

@@ -77,7 +77,7 @@ def test_load_is_that_of_the_bowl_on_the_tool(graph, as_numpy):
     assert softest(constant).min() < 0  # as the page says
 
 
-@pytest.mark.slow
+@pytest.mark.wide(instead="test_solution_with_few_knots")
 def test_program(tmp_path):
     """make optimal-control, with fewer knots: all three ways, the table and the figure."""
     folder = stiffgen.generate(

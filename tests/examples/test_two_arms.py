@@ -14,7 +14,14 @@ from support.project import ROOT
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "away", "turned"), [("iiwa14", 10, 3), ("panda", 20, 3), ("ur5", 25, 5)])
+@pytest.mark.parametrize(
+    ("name", "away", "turned"),
+    [
+        ("iiwa14", 10, 3),
+        pytest.param("panda", 20, 3, marks=pytest.mark.wide),
+        pytest.param("ur5", 25, 5, marks=pytest.mark.wide),
+    ],
+)
 def test_the_box_is_held(name: str, away: float, turned: float, tmp_path: Path) -> None:
     """Lifted, turned and pushed; the usual law does work round a closed lap, the spring between the hands none."""
     arm = two_arms.ARMS[name]
