@@ -286,6 +286,7 @@ def test_another_version_of_the_same_framing_is_told(scenario: Scenario, version
 # ---- the robot's own states -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @versions
 @pytest.mark.parametrize(
     ("fault", "text"),
@@ -326,6 +327,7 @@ def test_a_long_way_to_the_trajectory_is_refused_without_a_terminal(scenario: Sc
     assert len(run.torque) == 0
 
 
+@pytest.mark.slow
 def test_a_long_way_to_the_trajectory_is_gone_when_told_to(scenario: Scenario) -> None:
     assert scenario("2.7", "", *FAR, "--duration", 8, client=("--approach-anyway",)).code == DONE
 
@@ -363,6 +365,7 @@ def person(tmp_path: Path) -> Iterator[tuple[Person, Any]]:
         yield Person(master, lambda: "".join(file.read_text() for file in tmp_path.glob("client-*.txt"))), stdin
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("answer", "code"), [(b"y\n", DONE), (b"n\n", INTERRUPTED)])
 def test_a_long_way_to_the_trajectory_is_asked_about(
     scenario: Scenario, person: tuple[Person, Any], answer: bytes, code: int

@@ -110,6 +110,7 @@ def test_faulty_encoders_of_the_simulated_robot() -> None:
     assert np.array_equal(told(late="all_5")[15:], path[10:-5])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", ["still@1-2", "still@1-2:A8", "stuck@1-2:A6", "late@1-2:A6_0", "toggling@1-2:A1_52",
                                    "still@1-2:A1_3", "client.still@1-2:A1", "still@1:A1"])  # fmt: skip
 def test_encoder_faults_that_cannot_be_read(fault: str) -> None:

@@ -127,6 +127,7 @@ def session(tmp_path: Path, plate_folder: Path) -> Iterator[Any]:
     yield run
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("version", VERSIONS)
 def test_a_session_in_each_version(session: Any, plate: ModuleType, version: str) -> None:
     client = PythonClient(version)
@@ -167,6 +168,7 @@ def test_a_session_in_each_version(session: Any, plate: ModuleType, version: str
     assert np.argmax(outcome.log["state"] == S.MONITORING_READY) == 95
 
 
+@pytest.mark.slow
 def test_lockstep_sessions_are_equal(session: Any) -> None:
     digests = [session(PythonClient("2.5"), *LOCKSTEP, "--bowl").summary["digest"] for _ in range(2)]
     assert digests[0] == digests[1]
@@ -184,6 +186,7 @@ def test_receive_multiplier(session: Any, multiplier: int) -> None:
     assert outcome.log["tracking"].max() == 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("answer", "reason"),
     [

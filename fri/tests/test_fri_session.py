@@ -74,6 +74,7 @@ def test_faults_are_counted_and_harmless(
     assert put_in["client"]["drop"] == run.faults["lost_answers"] > 0
 
 
+@pytest.mark.slow
 @versions
 def test_random_loss_both_ways(session: Callable[..., Run], version: str, plate: ModuleType) -> None:
     options = (*LOCKSTEP, *TOLERANT, "--duration", 2.0, "--seed", 1, "--faults", "drop=0.1@0.1-3")
@@ -95,6 +96,7 @@ def test_loss_that_quality_does_not_bear_ends_with_a_reason(session: Callable[..
     assert SessionState.COMMANDING_ACTIVE not in run.robot.log["state"]
 
 
+@pytest.mark.slow
 @versions
 def test_silence_is_survived(session: Callable[..., Run], version: str, plate: ModuleType) -> None:
     run = session(version, *LOCKSTEP, "--duration", 1.5, "--faults", "robot.silence@1.5-1.7")
@@ -109,6 +111,7 @@ def test_silence_is_survived(session: Callable[..., Run], version: str, plate: M
     )
 
 
+@pytest.mark.slow
 @versions
 def test_state_drops_while_commanding(session: Callable[..., Run], version: str, plate: ModuleType) -> None:
     drops = "state@1.3:monitoring_wait,state@2.6:monitoring_ready,state@3.9:commanding_wait"
@@ -155,6 +158,7 @@ def test_the_demo_ends_with_its_client(tmp_path: Path, plate_folder: Path, monke
     assert all(child.poll() is not None for child in children)
 
 
+@pytest.mark.slow
 def test_the_demos_figure(session: Callable[..., Run], plate: ModuleType) -> None:
     run = session("2.7", *LOCKSTEP, "--duration", 1.0)
     assert run.client is not None

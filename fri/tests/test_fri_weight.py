@@ -116,6 +116,7 @@ def check(
     return run
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wrench", [SENSOR, TORQUE])
 def test_the_clients_wrench_passes(check: Callable[..., tuple[int, str]], wrench: str) -> None:
     code, said = check(wrench)
@@ -124,6 +125,7 @@ def test_the_clients_wrench_passes(check: Callable[..., tuple[int, str]], wrench
     assert force < (0.1 if wrench == SENSOR else 1.0) and moment < (0.1 if wrench == SENSOR else 2.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("wrench", "fault"), [*((SENSOR, fault) for fault in (*FAULTS, *OF_SENSOR)), *((TORQUE, fault) for fault in FAULTS)]
 )

@@ -27,6 +27,7 @@ def client() -> str:
     return block.code
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("version", ["115", "205", "207"])
 def test_the_pages_client(client: str, version: str, robot_folder: Path, tmp_path: Path) -> None:
     """It waits with torque and position, holds the arm against a push, follows it, and sends no NaN."""
@@ -44,6 +45,7 @@ def test_the_pages_client(client: str, version: str, robot_folder: Path, tmp_pat
     assert (done.stdout, done.returncode) == ("", 0)
 
 
+@pytest.mark.slow
 def test_the_pages_program_meets_the_simulated_robot(robot_folder: Path, plate_folder: Path, tmp_path: Path) -> None:
     """Client and connection with the open library, built by the page's commands; the session ends as planned."""
     if missing := require_tools():

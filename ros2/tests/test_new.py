@@ -31,6 +31,7 @@ def panda(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_the_package_is_the_robots_own(panda: Path) -> None:
     """No name of the repository's robot is left, nor the generator's licence; the launch file has the arm's joints."""
     assert (panda / "urdf" / "panda.LICENSE").read_text() == PANDA.with_name("panda.LICENSE").read_text()
@@ -69,6 +70,7 @@ def test_the_scenarios_of_another_robot(panda: Path, tmp_path: Path) -> None:
         assert (done.stdout, done.returncode) == ("", 0), name
 
 
+@pytest.mark.slow
 def test_a_template_is_expanded_and_keeps_its_licence(tmp_path: Path) -> None:
     """The launch file needs no xacro and no package of the maker; licences go with the copies."""
     maker = tmp_path / "maker_description"
@@ -109,6 +111,7 @@ def without_limits(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "arm_ros2"
 
 
+@pytest.mark.slow
 def test_missing_limits_are_guesses_that_can_be_seen(without_limits: Path) -> None:
     defaults = (without_limits / "src" / "defaults.hpp").read_text()
     assert defaults.count("a guess, use your robot's") == 14
@@ -119,6 +122,7 @@ def test_guesses_are_compiled(without_limits: Path, tmp_path: Path) -> None:
     build(without_limits, tmp_path, "rolling", "-DARM_DISPATCH=OFF")  # its test needs limits
 
 
+@pytest.mark.slow
 def test_refused_robots_leave_nothing(tmp_path: Path) -> None:
     mjcf = tmp_path / "arm.xml"
     mjcf.write_text(

@@ -90,7 +90,9 @@ def test_described_parameters_are_those_of_the_source() -> None:
         assert len(described[name]["description"]) > 10
 
 
-@pytest.mark.parametrize("distro", DISTROS)
+@pytest.mark.parametrize(
+    "distro", [pytest.param(name, marks=() if name == "jazzy" else pytest.mark.slow) for name in DISTROS]
+)
 def test_the_mock_system(distro: str, robot_folder: Path, robot_objects: Path, tmp_path: Path) -> None:
     configured(tmp_path, PACKAGE, robot_folder.name)
     include = [f"-I{path}" for path in (PACKAGE / "src", tmp_path, STUBS, robot_folder)]

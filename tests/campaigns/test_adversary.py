@@ -42,6 +42,7 @@ def test_energy_of_joints_without_limits(turning: Loop, pattern: Any) -> None:
         assert got.summary.finite
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["hands", "pair", "five_bar"])
 def test_energy_of_other_kinds(once: Once, name: str) -> None:
     """Two tips with tools that change at a start anew, with springs between them; closed loops in motor coordinates."""
@@ -65,6 +66,7 @@ def test_energy_hill_climbed(loop: Loop, moving: bool) -> None:
         assert got.excess <= energy.TOLERANCE, seed
 
 
+@pytest.mark.slow
 def test_energy_of_makers_that_are_told_lies(once: Once) -> None:
     """Settle, Press and Follow in front, with lies about force, axis and the last output: commands, and no more."""
     robot = ROOT / "generated" / "iiwa14"

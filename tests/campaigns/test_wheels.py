@@ -18,6 +18,7 @@ def test_a_name_is_that_of_the_table() -> None:
         wheels.robot("ur9")
 
 
+@pytest.mark.slow
 def test_a_file_takes_the_place_of_a_download(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A file wins over the table's source; its folder is where the wheel's builder looks."""
     file = ROOT / "tests" / "data" / "scara.urdf"

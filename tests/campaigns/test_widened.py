@@ -97,6 +97,7 @@ def test_a_delay_changes_only_where_the_controller_restarts(loop: Loop) -> None:
     assert energy.measure(loop, chosen).summary.restarts == 1
 
 
+@pytest.mark.slow
 def test_energy_of_two_tips_with_tools(hands: Loop) -> None:
     """A restart takes other tools."""
     assert (hands.tips, hands.tools) == (2, True)
@@ -106,6 +107,7 @@ def test_energy_of_two_tips_with_tools(hands: Loop) -> None:
     assert max(got.summary.port_most for _, got in found) > 0.1
 
 
+@pytest.mark.slow
 def test_energy_of_closed_loops(five_bar: Loop) -> None:
     """Loads act at the tip of a linkage, whose motors are the controller's joints."""
     assert five_bar.motors != list(range(five_bar.n))
@@ -158,6 +160,7 @@ def test_a_python_layer_that_counts_calls_is_found(compiled: Loop, robot: Module
         assert energy.measure(compiled, chosen).excess > 0.1
 
 
+@pytest.mark.slow
 def test_a_raised_velocity_limit_leaves_the_tank_room(five_bar: Loop) -> None:
     """Springs that give way under the raised limit keep their energy in the account: a full tank lost it before."""
     stiff = np.diag([1000.0, 700.0, 100.0])[None]

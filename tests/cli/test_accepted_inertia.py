@@ -70,6 +70,7 @@ def test_the_refusal_has_the_number_and_the_remedy(name: str, tmp_path: Path) ->
         load_chain(written(tmp_path, arm((SOUND, tensor, SOUND))))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("accepted", ["l2", "all"])
 @pytest.mark.parametrize("tensor", [TRIANGLE, LINE, NEGATIVE])
 def test_an_accepted_inertia_is_used_as_it_is(tensor: tuple[float, ...], accepted: str, tmp_path: Path) -> None:
@@ -84,6 +85,7 @@ def test_an_accepted_inertia_is_used_as_it_is(tensor: tuple[float, ...], accepte
     assert [(each.link, each.is_nearest) for each in chain.accepted] == [("l2", False)]
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::stiffgen.core.errors.InertiaWarning")
 @pytest.mark.parametrize("tensor", [LARGE, (-0.5, 0.2, 0.0, 0.1, 0.0, 0.1), (0.0, 0.9, 0.9, 0.0, 0.9, 0.0)])
 def test_an_indefinite_mass_matrix_gets_the_nearest_tensor(tensor: tuple[float, ...], tmp_path: Path) -> None:
@@ -159,6 +161,7 @@ RECORDED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RECORDED)
 def test_generate_records_it_and_verify_reads_it_again(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -183,6 +186,7 @@ def load_with_warning(file: Path):  # type: ignore[no-untyped-def]
         return load_chain(file, accept_inertia=["l2"])
 
 
+@pytest.mark.slow
 def test_new_says_the_remedy_and_takes_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = written(tmp_path, arm((SOUND, LINE, TRIANGLE)))
     command = ["new", str(file), "--no-build", "--output", str(tmp_path / "project")]

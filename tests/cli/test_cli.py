@@ -57,6 +57,7 @@ def test_inspect_shows_every_problem(capsys, tmp_path):
     assert "joint 'A2'" in out and "joint 'A6'" in out and "link 'link_4'" in out
 
 
+@pytest.mark.slow
 def test_generate_prints_the_folder(capsys, tmp_path):
     code, out, err = run(capsys, "generate", URDF, "--output", tmp_path, "--no-build", "--tip", "link_ee")
     assert (code, out.strip()) == (0, str(tmp_path / "iiwa14"))
@@ -225,7 +226,8 @@ def test_options_that_contradict_are_refused(capsys, tmp_path, options, named):
 @pytest.mark.slow
 @pytest.mark.usefixtures("unoptimised")
 def test_another_robot_in_the_folder_is_refused(capsys, tmp_path):
-    generate = ("generate", URDF, "--no-build", "--output", tmp_path)
+    small = ("--kernels", "limits", "--no-controller", "--no-batches")
+    generate = ("generate", URDF, "--no-build", "--output", tmp_path, *small)
     assert run(capsys, *generate)[0] == 0
     before = (tmp_path / "iiwa14" / "iiwa14.h").read_text()
     assert run(capsys, *generate, "--tool", "mass=1")[0] == 0  # the same q, frames and arguments
@@ -249,6 +251,7 @@ def stiffgen_process(*arguments, **options):
     return subprocess.Popen(command, stderr=subprocess.PIPE, text=True, **options)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "unbuffered"),
     [
@@ -301,6 +304,7 @@ def test_a_signal_leaves_nothing_behind(tmp_path):
         os.kill(int(pid.read_text()), 0)
 
 
+@pytest.mark.slow
 def test_a_full_disk(capsys, tmp_path, monkeypatch):
     def full(self, *arguments, **options):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self))
@@ -312,6 +316,7 @@ def test_a_full_disk(capsys, tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unoptimised")
 @pytest.mark.parametrize("name", [
     "a; b\nc\\d $HOME (\"e\") '#", *(pytest.param(name, marks=pytest.mark.slow) for name in

@@ -235,6 +235,7 @@ FINGERS = {  # joint c, its relation to a, and what inspect says
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FINGERS)
 def test_followers_of_an_mjcf_file(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """MuJoCo's own relation: q_b - ref_b = 0.05 - 0.7 (q_a - ref_a), with the ranges that its model states."""

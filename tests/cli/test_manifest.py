@@ -54,6 +54,7 @@ def manifest(folder):
     file.write_text(content)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", HOSTILE)
 def test_hostile_manifests(case, folder, manifest, capsys):
     manifest.write_text(HOSTILE[case](json.loads(manifest.read_text())))
@@ -63,6 +64,7 @@ def test_hostile_manifests(case, folder, manifest, capsys):
     assert "generate" in err and len(err) < 1000 and "\x1b" not in err
 
 
+@pytest.mark.slow
 def test_a_manifest_without_an_end(folder, manifest):
     """A link to a device that can be read for ever."""
     manifest.unlink()
@@ -71,6 +73,7 @@ def test_a_manifest_without_an_end(folder, manifest):
         open_robot(folder)
 
 
+@pytest.mark.slow
 def test_generate_over_a_damaged_manifest(folder, manifest):
     """What cannot be compared is of another version, and is replaced."""
     for case in ("limit", "coordinate"):

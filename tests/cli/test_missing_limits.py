@@ -35,6 +35,7 @@ COMMANDS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", COMMANDS)
 def test_named_by_every_command(command, tmp_path, monkeypatch, capsys) -> None:
     arm(tmp_path, velocity=("A2", "A5"), effort=("A7",))
@@ -51,6 +52,7 @@ def test_named_by_every_command(command, tmp_path, monkeypatch, capsys) -> None:
         assert ("src/control.hpp" if command == "new" else field) in line
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("command", "removed"),
     [(each, {}) for each in COMMANDS.values()]

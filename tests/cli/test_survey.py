@@ -145,6 +145,7 @@ def test_the_command_shows_parents_tips_and_what_is_left_out(tmp_path, capsys):
     assert "foot" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_generate_warns_of_what_is_beside_the_chain(tmp_path, capsys):
     urdf = tmp_path / "arm.urdf"
     urdf.write_text(

@@ -40,6 +40,7 @@ def folder(tmp_path: Path, unoptimised) -> Path:
     return tmp_path / "arm"
 
 
+@pytest.mark.slow
 def test_only_trusted_verification_runs_the_source(folder, monkeypatch, capsys):
     escaped = folder.parent / "escaped"
     assert "bowl" in repr(open_robot(folder))

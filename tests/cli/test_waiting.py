@@ -47,6 +47,7 @@ def at_a_terminal(command: list[str], folder: Path) -> str:
     return written.decode(errors="replace")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_terminal_is_told_before_packages_are_loaded_and_the_file_is_read(name: str, here: Path) -> None:
     text = at_a_terminal([*STIFFGEN, *COMMANDS[name]], here)

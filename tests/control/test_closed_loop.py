@@ -63,6 +63,7 @@ def test_a_load_hangs_at_the_tip(loop: Loop, force: float) -> None:
     assert summary.port < 0, "the load does the work"
 
 
+@pytest.mark.slow
 def test_the_tip_is_clamped(loop: Loop) -> None:
     """Nothing grows: the moment stays what the springs make of the displacement, and nothing falls back.
 
@@ -81,6 +82,7 @@ def test_the_tip_is_clamped(loop: Loop) -> None:
 # ---- the reference ----
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [0.5, 1.0, 1.5])
 @pytest.mark.parametrize("when", [0, 500])
 def test_far_from_the_wanted_posture(loop: Loop, size: float, when: int) -> None:

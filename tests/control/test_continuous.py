@@ -48,6 +48,7 @@ def spin(robot: ModuleType, shown: Any, commanded: Any, steps: int = 3000, **con
     return outs
 
 
+@pytest.mark.slow
 def test_a_wrapped_encoder_gives_the_torque_of_one_that_counts(turning: ModuleType) -> None:
     """A jump of a turn was a sensor fault before, 40 ms after the start of the motion."""
     counted = spin(turning, lambda q: q, lambda q0, k: q0)
@@ -62,6 +63,7 @@ def test_a_wrapped_encoder_gives_the_torque_of_one_that_counts(turning: ModuleTy
             assert getattr(mine, energy) == pytest.approx(getattr(other, energy), abs=1e-9), energy
 
 
+@pytest.mark.slow
 def test_a_command_a_turn_away_is_the_same_command(turning: ModuleType) -> None:
     """Turns that change from call to call bring in no work, and the joint goes the shorter way."""
     turns = np.array([1.0, 0.0, -2.0]) * TURN
@@ -77,6 +79,7 @@ def test_a_command_a_turn_away_is_the_same_command(turning: ModuleType) -> None:
     np.testing.assert_allclose(arm.q, START * [-1, 1, -1] + [TURN, 0, -TURN], atol=0.01)
 
 
+@pytest.mark.slow
 def test_a_gap_in_which_the_turn_is_lost_costs_the_most(turning: ModuleType) -> None:
     """A torque moves a joint by more than half a turn while no sample comes: the shorter way would be work back."""
     held = {"missed_limit": 100, "tank_initial": 300.0, "velocity_limit": 60.0, "position_quantum": 2e-6}

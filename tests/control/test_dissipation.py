@@ -51,6 +51,7 @@ def hang_on(robot: ModuleType, wiring: Wiring, samples: int = 2500, **inputs: An
 WIRINGS = {f"flip {k}": flip(k) for k in (1, 2, 3, 5)} | {f"swap {k}": swap(k) for k in (0, 1, 3)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fields", [{}, {"velocity_noise": 0.02}], ids=["", "noise"])
 @pytest.mark.parametrize("name", WIRINGS)
 def test_an_arm_that_damping_drives_gets_no_torque(robot: ModuleType, name: str, fields: dict[str, Any]) -> None:

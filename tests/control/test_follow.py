@@ -147,6 +147,7 @@ def test_out_of_reach_and_back(robot: ModuleType) -> None:
     assert np.abs(q[-1] - Q).max() < 0.02
 
 
+@pytest.mark.slow
 def test_the_arm_keeps_its_side_of_a_fold(made: Any) -> None:
     """The elbow of the j2s6s200 stretches toward a target out of reach; before, it came back bent the other way."""
     robot, q = made(*J2S6S200), np.array(J2S6S200[2])
@@ -159,6 +160,7 @@ def test_the_arm_keeps_its_side_of_a_fold(made: Any) -> None:
     assert errors(robot, path, poses)[0][-1] < 0.02
 
 
+@pytest.mark.slow
 def test_the_tip_stays_where_it_turns(made: Any) -> None:
     """A swing by 0.5 rad that joints of the j2s6s200 cannot keep up with: the rotation lags, the tip stays in place.
 
@@ -174,6 +176,7 @@ def test_the_tip_stays_where_it_turns(made: Any) -> None:
         assert away.max() < 3.1e-3 and turned.max() > 0.2  # 1.3 times what the controller before this one had
 
 
+@pytest.mark.slow
 def test_a_sine_turns_the_tip_little(made: Any) -> None:
     """A sine of 5 cm at 1 Hz, faster than joints of the j2s6s200: at most 1.3 times the rotation of before, 67 mrad."""
     robot, q = made(*J2S6S200), np.array(J2S6S200[2])
@@ -195,6 +198,7 @@ def test_an_arm_rests_out_of_reach(robot: ModuleType) -> None:
         assert np.abs(speed[50:-50] - smooth).max() < 0.05
 
 
+@pytest.mark.slow
 def test_the_scara_folds_and_comes_back(made: Any) -> None:
     """Before, the arm ended 0.044 rad beyond a limit, its tip 660 mm off, and stayed there."""
     robot, q = made(*SCARA), np.array(SCARA[2])
@@ -206,6 +210,7 @@ def test_the_scara_folds_and_comes_back(made: Any) -> None:
         assert (path > robot.LOWER).all() and (path < robot.UPPER).all()
 
 
+@pytest.mark.slow
 def test_a_quill_stops_before_its_end_and_comes_back(made: Any) -> None:
     robot, q = made(*SCARA), np.array([0.3, -0.7, 0.1, 1.0])
     follow, near = robot.Follow(q, sample_time=1e-3), q - np.array([0.0, 0.0, 0.09, 0.0])
@@ -216,6 +221,7 @@ def test_a_quill_stops_before_its_end_and_comes_back(made: Any) -> None:
     assert max(follow.error) < 1e-6 and not status[-1]
 
 
+@pytest.mark.slow
 def test_a_stretched_arm_leaves_its_posture(made: Any) -> None:
     """At q2 = 0 no velocity moves the tip inwards; the posture says to which side the elbow bends."""
     robot = made(*SCARA)
@@ -240,6 +246,7 @@ def test_a_posture_leads_where_the_line_is_blocked(robot: ModuleType) -> None:
     assert (np.abs(np.diff(path, axis=0)) <= 1e-3 * follow.config["velocity_limit"] * (1 + 1e-9)).all()
 
 
+@pytest.mark.slow
 def test_two_tips_with_tools_reach_their_poses_together(once: Once) -> None:
     """A tree whose trunk moves both tips; with sliding, continuous and mimicking joints, tools given at run time."""
 
@@ -267,6 +274,7 @@ def test_two_tips_with_tools_reach_their_poses_together(once: Once) -> None:
         np.testing.assert_allclose(tip.forward_kinematics(path[-1], tool_pose=tool), pose, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_random_legs_end_at_their_poses_or_say_so(robot: ModuleType, made: Any) -> None:
     """A short form of ``make campaign NAME=follow``: there and back, within all limits, and no end in silence."""
     random = np.random.default_rng(7)

@@ -79,6 +79,7 @@ def commands(seed: int) -> tuple[dict[str, Any], float]:
     return command | {"kd": 10 ** random.uniform(-2, 2, 7) * (random.random(7) < 0.7)}, 10 ** random.uniform(-3, -1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(8))
 def test_no_motion_takes_more_than_the_late_work(robot: ModuleType, seed: int) -> None:
     """Hill climbing over motions of up to the hold comes near the bound, and never beyond."""

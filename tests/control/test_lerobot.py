@@ -97,6 +97,7 @@ def test_lerobot_finds_it(plugin: ModuleType, make: Any) -> None:
     assert list(robot.send_action(_pose(robot))) == list(robot.action_features)
 
 
+@pytest.mark.slow
 def test_frames_and_units_are_mujocos(make: Any) -> None:
     """The tip goes to a pose in m and rad; 8 N move it by 1 cm at 800 N/m, and the joints by angles in rad."""
     robot, model = make(), _mujoco()
@@ -317,6 +318,7 @@ def test_the_recorded_arm_turns_and_goes_round_a_circle(plugin: ModuleType) -> N
         assert np.ptp(velocity) > 0.02, "rad/s"
 
 
+@pytest.mark.slow
 def test_the_recorded_episode_is_replayed(make: Any, plugin: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
     """By the plug-in's function, and by LeRobot's own where all of LeRobot is installed."""
     module = importlib.import_module(f"{plugin.__name__}.episode")
@@ -346,6 +348,7 @@ def _replay_by_lerobot(config: Any, monkeypatch: pytest.MonkeyPatch) -> np.ndarr
     return np.array(states)
 
 
+@pytest.mark.slow
 def test_hostile_streams_keep_the_velocity_limits(make: Any) -> None:
     """Actions jump by up to 1 m and 1 rad, their stiffness is random. Before: 5.11 rad/s in joint 6, limit 2.36."""
     random, robot = np.random.default_rng(3), make(variable_stiffness=True)

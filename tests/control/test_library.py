@@ -123,6 +123,7 @@ def started(library: Library) -> Any:
     return state
 
 
+@pytest.mark.slow
 def test_a_step_of_the_stub(library: Library) -> None:
     """An arm that is held at q = 0 is pulled to q0 by its springs, and the tank keeps what this torque may put out.
 

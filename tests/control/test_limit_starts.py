@@ -37,6 +37,7 @@ def wide(*values: float) -> Any:
     return pytest.param(*values, marks=pytest.mark.wide)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("inside", [1e-3, -1e-3, 0.01])
 @pytest.mark.parametrize(
     ("sample_time", "rise", "delay"),

@@ -63,6 +63,7 @@ def test_every_integer_that_the_library_bounds_has_its_range() -> None:
     assert ("config", "delay_samples", 0, 5, False) in RANGES
 
 
+@pytest.mark.slow
 def test_the_program_finds_a_torque_beyond_its_limit(tmp_path: Path, robot_folder: Path) -> None:
     """A controller whose last guard is gone fails: the check is one."""
     source = (robot_folder / "iiwa14_impedance.c").read_text()

@@ -11,6 +11,7 @@ import pytest
 from support.controller_library import Matrices, residual, spectra, symmetric
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rows", [1, 2, 3, 6, 7, 12, 40])
 def test_modes_are_those_of_the_matrix(rows: int, tmp_path: Path) -> None:
     """Before: 65 turns for seven joints, and errors up to the size of the matrix in 47 % of such matrices."""

@@ -120,6 +120,7 @@ def controller(robot: Any, **config: Any) -> Any:
     return robot.module.Impedance(**{**CONFIG, **config})
 
 
+@pytest.mark.slow
 def test_the_joints_are_mujocos(ankle: Any) -> None:
     linkage = Linkage(ankle.module)
     for a in np.random.default_rng(1).uniform(-0.6, 0.6, (10, 2)):
@@ -128,6 +129,7 @@ def test_the_joints_are_mujocos(ankle: Any) -> None:
         assert np.abs(ankle.module.forward_kinematics(joints) - linkage.pose()).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_the_torque_is_the_slope_of_the_springs_energy(ankle: Any) -> None:
     """Differences of the energy along MuJoCo's closure, a tenth of half a turn from the reference."""
     linkage, arm = Linkage(ankle.module), controller(ankle, position_quantum=1e-3)
@@ -150,6 +152,7 @@ def test_the_torque_is_the_slope_of_the_springs_energy(ankle: Any) -> None:
     assert out.stored == pytest.approx(stored(a), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_the_pages_lines(ankle: Any) -> None:
     (block,) = (each for each in blocks(ROOT / "docs" / "loops.md") if "ankle.Impedance" in each.code)
     names = {"ankle": ankle.module, "Kt": SPRING["translation_stiffness"], "Ko": SPRING["rotation_stiffness"]}
@@ -158,6 +161,7 @@ def test_the_pages_lines(ankle: Any) -> None:
     assert not names["out"].fault
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("force", [(60.0, 0, 300), (-40.0, 30, 150)])
 def test_a_loaded_ankle_rests_where_its_energy_is_least(ankle: Any, force: tuple[float, ...]) -> None:
     """MuJoCo simulates the linkage; torques act at the motors alone, a force at the sole. After 3 s it rests there."""

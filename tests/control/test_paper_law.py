@@ -157,6 +157,7 @@ def spoil_sample(law: InC) -> None:
     law.given.q[3] = np.nan
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", [lower_effort, take_effort, spoil_sample_time, spoil_formula, spoil_sample])
 def test_no_change_jumps(in_c: InC, change: Any) -> None:
     """Before: 142 N m became 3.2 with a lowered effort limit, and 0 with a refused configuration, in one call."""
@@ -183,6 +184,7 @@ def test_a_torque_in_force_beyond_the_limit_is_refused(robot: ModuleType) -> Non
         robot.PaperLaw(torque=np.nan)
 
 
+@pytest.mark.slow
 def test_the_header_states_the_bounds(in_c: InC) -> None:
     """Each bound of the configuration is accepted, and the next number beyond is not. Before: "nan and nan"."""
     for header in HEADER.parent.glob("*.h*"):

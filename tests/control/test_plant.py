@@ -18,6 +18,7 @@ def loop(robot_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Loop:
     return Loop(tmp_path_factory.mktemp("free"), robot_folder, FREE, KERNELS)
 
 
+@pytest.mark.slow
 def test_energy_of_a_free_motion(loop: Loop) -> None:
     """A throw at 1 to 2 rad/s for two seconds without motor inertia: energy kept to 1e-8 J.
 
@@ -29,6 +30,7 @@ def test_energy_of_a_free_motion(loop: Loop) -> None:
     assert abs(summary.energy_error) < 1e-8 < 0.1 * summary.kinetic
 
 
+@pytest.mark.slow
 def test_work_of_load_clamp_hand_and_stops(loop: Loop) -> None:
     """What the environment does to the arm is in the balance: to 1e-3 of the energy in play: a stop is a kink."""
     episode = loop.episode(stop_stiffness=2e4, stop_damping=50.0, substeps=10)

@@ -95,6 +95,7 @@ def test_every_changed_default_is_found(workshop: Workshop, field: Field, monkey
     assert "defaults" in failed_rules(workshop, workshop.reference)
 
 
+@pytest.mark.slow
 def test_defaults_and_rules_are_the_tables(workshop: Workshop) -> None:
     """A default and a rule changed in the C: the table is the generator's, not the folder's."""
     defaults = changed_defaults(workshop.text)

@@ -29,6 +29,7 @@ def build_program(name: str, output: Path) -> Path:
     return compile_c(output / "sessions", "-std=c99", "-O1", *names, *headers, *sources, "-lm")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", URDFS)
 def test_nothing_is_raised(once: Once, name: str) -> None:
     """Before: 0/0 in the first step (compare_modes), and in each step without stiffness; both ended the program."""

@@ -26,6 +26,7 @@ def folder(tmp_path_factory):
     )
 
 
+@pytest.mark.slow
 def test_greed_is_bounded(robot):
     """What gives out more than two joules with a large tank gives out none of them with a small one."""
     free = adaptive.simulate(robot, adaptive.greedy, adaptive.HUGE, duration=8.0)

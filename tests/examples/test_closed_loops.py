@@ -95,6 +95,7 @@ def five_bar_motors(x: np.ndarray, y: float) -> np.ndarray:
     return np.stack(angles, axis=1)
 
 
+@pytest.mark.slow
 def test_stiffness_is_the_change_of_the_torque_as_the_motors_turn() -> None:
     """A wrench that does not turn, without a spring: the tangent of -G^T J^T F with respect to the motors."""
     robot, start = example.ankle(), np.array([-0.5, -0.4])
@@ -107,6 +108,7 @@ def test_stiffness_is_the_change_of_the_torque_as_the_motors_turn() -> None:
         np.testing.assert_allclose(-change, stiffness[k], rtol=1e-7, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_numbers_of_the_page() -> None:
     angles, whole, without = example.ankle_results()
     assert angles[0] == -0.6
@@ -143,6 +145,7 @@ def test_five_bar_against_the_intersection_of_two_circles() -> None:
     np.testing.assert_allclose(on_line, np.stack([x, np.full_like(x, 0.4)], axis=1), atol=1e-12)
 
 
+@pytest.mark.slow
 def test_delta_against_the_intersection_of_three_spheres() -> None:
     a = ca.SX.sym("a", 3)
     reach = 0.12 + 0.3 * ca.cos(a)
@@ -228,6 +231,7 @@ def test_leg_against_rods_of_constant_length() -> None:
                 assert abs(float(total / (4 * step**2)) - stiffness[i, j]) < 1e-9 * np.abs(stiffness).max()
 
 
+@pytest.mark.slow
 def test_each_sine_of_a_stiffness_is_computed_once(tmp_path: Path) -> None:
     """Tip and loops share pitch and roll; the comment in C counts a sine and a cosine of each of 8 joints."""
     text = "".join(

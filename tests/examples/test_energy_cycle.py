@@ -76,6 +76,7 @@ def test_the_page_shows_every_law_in_both_themes() -> None:
     assert all(law in texts_of(committed) for law in cycle.LAWS)
 
 
+@pytest.mark.slow
 def test_a_laps_work_on_the_playground(robot: ModuleType, robot_folder: Path, tmp_path: Path) -> None:
     """Net work of the four laws: closed form and sums of examples/energy_cycle.py."""
     scripts = Scripts(open_robot(robot_folder), tmp_path)

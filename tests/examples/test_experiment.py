@@ -251,6 +251,7 @@ def test_reference() -> None:
     assert minimum_jerk(0.5) == 0.5
 
 
+@pytest.mark.slow
 def test_stated_geometry(plate: ModuleType) -> None:
     """Poses as the description has them, and the inverse kinematics goes through them."""
     poses = trajectory.poses(plate, trajectory.STATED, 2801)

@@ -25,6 +25,7 @@ def assert_same(pictures: dict[str, str], within: float = WITHIN) -> None:
     assert found == dict.fromkeys(pictures, "")
 
 
+@pytest.mark.slow
 def test_theory() -> None:
     from examples import theory
 

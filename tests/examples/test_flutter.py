@@ -54,6 +54,7 @@ def test_angles_are_those_that_were_measured_elsewhere() -> None:
     assert {row[4] for row in rows} == {"below 1e-4 rad"}
 
 
+@pytest.mark.slow
 def test_three_drives_flutter_as_the_page_says_and_the_gradient_rests() -> None:
     """Simulate all cases of the drives, and 2 s of the gradient where the damping ratio is 0.2."""
     for (target, ratio), row in zip(flutter.CASES, page_rows(), strict=True):

@@ -93,6 +93,7 @@ FORMULAS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LAWS)
 def test_the_law_is_its_formula(name: str, panda: ModuleType) -> None:
     """At states near the goal and far from it, alone and in a batch."""
@@ -108,6 +109,7 @@ def test_the_law_is_its_formula(name: str, panda: ModuleType) -> None:
                 assert np.abs(found - expected).max() <= 1e-12 * max(np.abs(expected).max(), 1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LAWS)
 def test_the_twin_has_the_tangent_of_the_law_at_rest(name: str, panda: ModuleType) -> None:
     """Equal to 1e-9 for the symmetric part; only two laws have another part."""
@@ -127,6 +129,7 @@ def test_the_twin_has_the_tangent_of_the_law_at_rest(name: str, panda: ModuleTyp
             assert np.abs(damping - D).max() <= 1e-9 * np.abs(D).max()
 
 
+@pytest.mark.slow
 def test_no_spring_has_the_tangent_of_gains_of_ratio_three(panda: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
     """Full decoupling with 150 and 50 1/s^2: even the symmetric part of the tangent at rest is not positive."""
     goal = laws.State.of(panda, laws.HOME)
@@ -140,6 +143,7 @@ def test_no_spring_has_the_tangent_of_gains_of_ratio_three(panda: ModuleType, mo
     assert smallest() < -3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LAWS)
 def test_only_the_twin_does_no_work_round_orbits(name: str, panda: ModuleType) -> None:
     works, twins = laws.orbit_work(panda, laws.LAWS[name], 0.2, 40)
@@ -161,6 +165,7 @@ def stiffness_of(controller: Any, springs: dict[str, Any], q: np.ndarray) -> np.
     return np.array([(torque(-e) - torque(e)) / 2e-6 for e in 1e-6 * np.eye(7)]).T
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("preset", "name"), laws.PRESETS.items())
 def test_a_preset_has_the_stiffness_of_its_law(preset: str, name: str, panda: ModuleType) -> None:
     """Equal at rest, but for the projector of two laws: the controller's posture spring acts in every direction."""
@@ -180,6 +185,7 @@ def test_a_preset_has_the_stiffness_of_its_law(preset: str, name: str, panda: Mo
             assert np.abs(ours - K).max() <= 1e-7 * size
 
 
+@pytest.mark.slow
 def test_the_preset_of_droids_own_files_is_softer(panda: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
     """DROID's installation copies files over polymetis' own: 400 N/m where polymetis has 750."""
     monkeypatch.setattr(laws, "KX", np.diag([400.0, 400.0, 400.0, 15.0, 15.0, 15.0]))
@@ -189,6 +195,7 @@ def test_the_preset_of_droids_own_files_is_softer(panda: ModuleType, monkeypatch
     assert np.abs(ours - law).max() <= 1e-7 * np.abs(law).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("preset", "name"), laws.PRESETS.items())
 def test_the_ratio_of_a_preset_is_that_of_its_law(preset: str, name: str, panda: ModuleType) -> None:
     """Median over modes and postures, with Franka's rotors."""
@@ -202,6 +209,7 @@ def test_the_ratio_of_a_preset_is_that_of_its_law(preset: str, name: str, panda:
     assert stiffgen.law_preset(preset)[0]["damping_ratio"] == pytest.approx(np.median(ratios), rel=0.1)
 
 
+@pytest.mark.slow
 def test_the_bound_of_serls_preset_is_its_clip(panda: ModuleType) -> None:
     controller, springs = laws.controller(panda, "serl")
     K, clip = laws.SERL_K.diagonal(), laws.SERL_CLIP

@@ -44,6 +44,7 @@ def as_numpy(graph):
     )
 
 
+@pytest.mark.slow
 def test_solution_with_few_knots(graph, as_numpy):
     """By the graph and exact Hessians: the tool where it has to be, positive definite, far nearer than the constant."""
     task = problem.bowl_task(as_numpy, 3)

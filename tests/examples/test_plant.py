@@ -74,6 +74,7 @@ def test_coriolis_torques_are_compensated() -> None:
     np.testing.assert_allclose(plant.q, ABOVE + 0.001 * middle, atol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("timestep", [0.001, 0.005])
 def test_pressing_with_a_known_force(plate: ModuleType, timestep: float) -> None:
     """A force command J^T f down into the bowl: at rest the environment answers with -f, in sensor and contacts."""
@@ -91,6 +92,7 @@ def test_pressing_with_a_known_force(plate: ModuleType, timestep: float) -> None
     )
 
 
+@pytest.mark.slow
 def test_sensor_agrees_with_the_contacts_in_motion(plate: ModuleType) -> None:
     """Weight and inertia of the tool do not show: sliding and bumping, sensor minus tool is the sum of the contacts."""
     plant, forces, rates = bowl_plant(), [], []

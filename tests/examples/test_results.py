@@ -49,6 +49,7 @@ def test_every_table_has_its_section_and_its_command() -> None:
         assert re.search(rf"examples\.results \"?{section}|make experiment", PAGE.replace("\n", " "))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "section",
     [  # a quick relative of the simulation is in test_flutter.py

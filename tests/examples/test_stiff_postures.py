@@ -22,6 +22,7 @@ def cases(robot: ModuleType, panda: ModuleType) -> tuple[Arm, ...]:
     return stiff_postures.arms(robot, panda)
 
 
+@pytest.mark.slow
 def test_equal_springs_without_a_load_are_the_published_case(cases: tuple[Arm, ...]) -> None:
     """|J^T f|^2 and its gradient are k times the compliance and its gradient; the postures are the same."""
     for arm in cases:
@@ -32,6 +33,7 @@ def test_equal_springs_without_a_load_are_the_published_case(cases: tuple[Arm, .
         assert np.abs(equal.stiffest(equal.slopes) - arm.stiffest(arm.torque_slopes)).max() <= 1e-6
 
 
+@pytest.mark.slow
 def test_the_descent_ends_in_the_valley_of_the_self_motion(cases: tuple[Arm, ...]) -> None:
     """The tip stays, and no posture between start and end, or 0.2 rad beyond, is stiffer."""
     for arm in cases:
@@ -48,6 +50,7 @@ def test_the_descent_ends_in_the_valley_of_the_self_motion(cases: tuple[Arm, ...
         assert values.min() <= arm.compliance(found) * (1 + 1e-3)
 
 
+@pytest.mark.slow
 def test_the_iiwa_gives_way_by_as_much_as_solved_equilibria_say(cases: tuple[Arm, ...]) -> None:
     """Pinocchio reads the URDF: 1 N more in each posture moves the tip by the compliance of the table."""
     model = pinocchio.buildModelFromUrdf(str(URDF))
@@ -71,6 +74,7 @@ def test_the_iiwa_gives_way_by_as_much_as_solved_equilibria_say(cases: tuple[Arm
         assert arm.compliance(q) == pytest.approx(moved, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_the_picture_is_todays(cases: tuple[Arm, ...]) -> None:
     drawn = stiff_postures.figure((cases[1], cases[2]))
     assert difference(drawn, (ROOT / "docs" / "stiff_postures.svg").read_text(), 1.0) == ""

@@ -37,6 +37,7 @@ def test_gradient_is_the_derivative_of_the_trace_energy() -> None:
             assert axis == pytest.approx(-difference, abs=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", theory.LAWS)
 def test_work_of_small_orbits_falls_with_the_third_power(law: str) -> None:
     x, y, z = np.eye(3)

@@ -23,6 +23,7 @@ def torque(case: wrist.Case, R: np.ndarray) -> np.ndarray:
     return law + np.cross(fitting, 2 * (np.array([0, 0.1, 1]) - fitting))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", HOSE, ids=lambda case: case.name)
 def test_the_limit_is_that_of_the_linearised_body(case: wrist.Case) -> None:
     R = np.eye(3)
@@ -70,6 +71,7 @@ def test_the_antisymmetric_part_is_what_the_page_says() -> None:
     assert part == pytest.approx((2.0 + 1.5 - 2 * 0.2) * e / 4, rel=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", wrist.CASES, ids=lambda case: case.name)
 def test_pushes_grow_below_the_limit_and_not_above_it(case: wrist.Case) -> None:
     limit = wrist.limit(case)

@@ -138,6 +138,7 @@ def test_escapes_are_one_sentence(package, capsys, escape):
         assert "outside the template's packages" in sentence and "--package-path" in sentence
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bomb", BOMBS)
 def test_bombs_are_one_sentence_within_seconds(package, capsys, bomb):
     before = os.times()
@@ -147,6 +148,7 @@ def test_bombs_are_one_sentence_within_seconds(package, capsys, bomb):
     assert spent < 5, spent
 
 
+@pytest.mark.slow
 def test_every_entry_of_stiffgen_refuses(package, capsys, tmp_path):
     """A file that is not named as a template is expanded on request alone; a template never runs a program."""
     for name in ("evil.urdf", "evil.urdf.xacro"):

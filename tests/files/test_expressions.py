@@ -125,6 +125,7 @@ BOMBS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bomb", BOMBS)
 def test_large_values_are_refused_at_once(bomb):
     start = time.process_time()

@@ -123,6 +123,7 @@ def test_generate_keeps_no_folder_that_load_could_not_make(here, monkeypatch):
     assert main([*words, "--output", "out"]) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", ["module", "header", "manifest", "record", "absent"])
 def test_a_damaged_entry_is_made_again(here, capsys, damage):
     """Also a compiled module that was cut short, which ends the process (SIGBUS) that imports it."""

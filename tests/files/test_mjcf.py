@@ -93,6 +93,7 @@ def test_ball_joint_on_the_chain_is_refused(tmp_path):
         stiffgen.load_chain(written(tmp_path, ARM), tip="pendulum")
 
 
+@pytest.mark.slow
 def test_constraints_that_no_mimic_expresses(tmp_path):
     file = written(tmp_path, ARM.replace("0.01 0.8 0 0 0", "0.01 0.8 0.5 0 0"))
     with pytest.raises(DescriptionError, match="'fingers' of right, left is not linear"):

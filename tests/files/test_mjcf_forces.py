@@ -61,6 +61,7 @@ PLAIN = {name: ({}, text) for name, text in ACTUATORS.items()}
 CASES = {**PLAIN, **{f"clamp, {k}": v for k, v in CLAMPS.items()}, **DISABLED}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_the_effort_is_available_in_both_directions(name: str, tmp_path: Path) -> None:
     """MuJoCo's forces at all corners of the controls: the effort limit is the largest that both directions reach."""
@@ -163,6 +164,7 @@ def needed(file: Path) -> list[np.ndarray]:
     return torques
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::stiffgen.core.errors.OmissionWarning")
 @pytest.mark.parametrize("name", LEFT_OUT)
 def test_what_changes_the_dynamics_of_mujoco_is_named(name: str, tmp_path: Path) -> None:
@@ -191,6 +193,7 @@ WITHOUT_EFFECT = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", WITHOUT_EFFECT)
 def test_settings_without_forces_are_not_named(name: str, tmp_path: Path) -> None:
     assert describe(model(tmp_path, **WITHOUT_EFFECT[name])).remarks == ()
@@ -232,6 +235,7 @@ NAMED = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMED)
 def test_no_part_is_removed_while_another_names_it(name: str, tmp_path: Path) -> None:
     text = WRAP.format(**dict.fromkeys(("compiler", "tendon", "side", "more"), "") | NAMED[name])

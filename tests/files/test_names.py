@@ -175,6 +175,7 @@ def test_a_copy_of_menagerie_comes_before_a_download(menagerie, monkeypatch, tmp
     assert not (menagerie / "asked").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", ["left_hand", "right_hand", "follower_1.2"])
 def test_the_default_model_of_a_robot(menagerie, tmp_path, monkeypatch, model):
     """The package's list decides which of a folder's models it is, downloaded or copied."""
@@ -188,6 +189,7 @@ def test_the_default_model_of_a_robot(menagerie, tmp_path, monkeypatch, model):
         assert describe("maker_hand").robot == f"{model} of {folder.name}"
 
 
+@pytest.mark.slow
 def test_a_file_of_keyframes_is_no_robot(tmp_path, monkeypatch):
     """Without the package's list: the file has a body and is no scene."""
     hand(tmp_path / "maker_hand")

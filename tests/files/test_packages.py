@@ -166,6 +166,7 @@ def test_what_is_no_package_xml_is_passed_over(tmp_path, template, kind):
     assert found(template, tmp_path) == "ros/parts"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("folder", [".", "..", "elsewhere", "elsewhere/old", "/"])
 def test_a_robot_is_the_same_from_every_working_folder(tmp_path, monkeypatch, folder):
     """Two packages of one name: the template includes its own, whatever the working folder and an empty variable."""

@@ -88,6 +88,7 @@ def run(code: str, *arguments: str) -> str:
     return done.stdout
 
 
+@pytest.mark.slow
 def test_another_process_reads_all(opened: str, tmp_path: Path) -> None:
     """Each value by a process that imported nothing of stiffgen before."""
     values = values_of(evaluated(opened))
@@ -98,6 +99,7 @@ def test_another_process_reads_all(opened: str, tmp_path: Path) -> None:
     assert names == [type(value).__name__ for value in values.values()]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["spawn", "forkserver", "fork"])
 def test_a_pool(method: str, opened: str, tmp_path: Path) -> None:
     """Functions and robots as arguments of other processes, which hung before."""
@@ -107,6 +109,7 @@ def test_a_pool(method: str, opened: str, tmp_path: Path) -> None:
     assert (done.returncode, done.stdout) == (0, "((6, 7), (6, 7))\n(6, 7)\n"), done.stderr
 
 
+@pytest.mark.slow
 def test_values_come_back_as_they_were(opened: str) -> None:
     """In the same process: the same functions and classes, also after a second call that opens the robot."""
     robot = evaluated(opened)
@@ -123,6 +126,7 @@ def test_values_come_back_as_they_were(opened: str) -> None:
     assert np.array_equal(pickle.loads(pickle.dumps(values["output"])).torque, values["output"].torque)
 
 
+@pytest.mark.slow
 def test_a_robot_that_is_not_there(shared: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("STIFFGEN_CACHE", str(shared))
     robot = stiffgen.load(URDF, batches=False)

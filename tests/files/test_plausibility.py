@@ -111,6 +111,7 @@ def test_gravity_is_that_of_pinocchio(tmp_path: Path) -> None:
     assert "joint 'shoulder': gravity needs up to" in note
 
 
+@pytest.mark.slow
 def test_generate_and_new_print_the_notes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "arm.urdf").write_text(replaced('lower="-2" upper="2"', 'lower="-120" upper="120"'))
     file, quiet = str(tmp_path / "arm.urdf"), ["--no-build", "--output"]

@@ -47,6 +47,7 @@ def assert_agrees(file: Path) -> None:
     assert (j.lower, j.upper) == (model.lowerPositionLimit[0], model.upperPositionLimit[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("version", ["1.1", "1.2"])
 @pytest.mark.parametrize("xyzw", ["0.5 0.5 0.5 0.5", "0.1 -0.7 0.2 0.3", "1 2 3 4", "0 0 0.70710678118 0.70710678118"])
 def test_quaternions(version: str, xyzw: str, tmp_path: Path) -> None:
@@ -54,6 +55,7 @@ def test_quaternions(version: str, xyzw: str, tmp_path: Path) -> None:
     assert_agrees(written(tmp_path, arm(version, f'quat_xyzw="{xyzw}"', f'quat_xyzw="{xyzw}"')))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("version", ["", "1.0", "1.1"])
 def test_angles_and_missing_bounds_of_older_versions(version: str, tmp_path: Path) -> None:
     for limit in (LIMIT, 'upper="2" velocity="1" effort="10"', 'lower="-1" velocity="1" effort="10"'):

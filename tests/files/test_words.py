@@ -226,6 +226,7 @@ UNLIMITED = {
 FIRST, *OTHERS = UNLIMITED
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [FIRST, *(pytest.param(each, marks=pytest.mark.wide) for each in OTHERS)])
 def test_mjcf_files_are_not_told_to_edit_limits(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = written(tmp_path, MODEL.replace('<joint name="j"/>', UNLIMITED[name]), "arm.xml")
@@ -241,6 +242,7 @@ def test_mjcf_files_are_not_told_to_edit_limits(name: str, tmp_path: Path, capsy
         assert "MJCF has none" in said and 'actuatorfrcrange="..." to joint j' in said
 
 
+@pytest.mark.slow
 def test_a_chain_without_reach(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The tip lies on the only axis: the range of positions is 0, which the bounds took for unknown."""
     file = written(tmp_path, MODEL, "arm.xml")

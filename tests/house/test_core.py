@@ -29,6 +29,7 @@ sys.exit(pytest.main(["-q", "-p", "no:cacheprovider", "-p", "no:hypothesispytest
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["graph", "spots", "choices"])
 def test_unit_tests_need_no_more_than_the_core(name: str) -> None:
     command = [sys.executable, "-c", RUN, "-m", "not slow", f"tests/core/test_{name}.py"]

@@ -118,6 +118,7 @@ def test_a_marker_names_what_is_there() -> None:
             assert bare(block.code) in bare((ROOT / block.what).read_text()), block
 
 
+@pytest.mark.slow
 @pages([page for page in having("python") if page.name != "CONTRIBUTING.md"])  # tests/house/test_contributing.py
 def test_python_prints_what_the_page_says(page: Path, robot_folder: Path, tmp_path: Path, request) -> None:
     code = "\n".join(block.code for block in of(page, "python"))
@@ -130,6 +131,7 @@ def test_python_prints_what_the_page_says(page: Path, robot_folder: Path, tmp_pa
     assert out == expected or not expected
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("language", "compiler"), [("c", "gcc"), ("cpp", "g++")])
 def test_c_and_cpp_print_what_the_page_says(language, compiler, robot_folder, derived, tmp_path) -> None:
     """Programs are compiled and run; declarations and fragments are parts of what is generated."""

@@ -10,6 +10,8 @@ import subprocess
 import sys
 from pathlib import PurePath
 
+import pytest
+
 from stiffgen.core.emit.backend import OF_ITS_USER
 from support.project import ROOT
 
@@ -75,6 +77,7 @@ def test_generated_code_says_whose_it_is() -> None:
     assert all(word in page for word in ("used, changed and licensed in any way", "belongs to the user", "warranty"))
 
 
+@pytest.mark.slow
 def test_reuse_passes() -> None:
     done = subprocess.run(
         [sys.executable, "-m", "reuse", "--root", str(ROOT), "lint", "--lines"],

@@ -7,6 +7,7 @@ import ctypes
 import subprocess
 
 import numpy as np
+import pytest
 
 from stiffgen.core.emit.backend import Backend, Request
 from stiffgen.core.emit.c.backend import BACKEND as C
@@ -37,6 +38,7 @@ static void sine_cosine(const double *x, double *sine, double *cosine, int count
 """
 
 
+@pytest.mark.slow
 def test_a_backend_s_own_template_comes_first(chain, tmp_path):
     """Before, a new backend's header.h.j2 and macros.j2 were those of emit/c."""
     (tmp_path / "templates").mkdir()
@@ -60,6 +62,7 @@ def plain_variables(request: Request) -> dict[str, object]:
     return {"variant": PLAIN, "code": code, "definitions": functions}
 
 
+@pytest.mark.slow
 def test_plain_c_has_the_golden_values(chain, golden, tmp_path):
     (tmp_path / "templates").mkdir()
     (tmp_path / "templates" / "plain.c.j2").write_text(TEMPLATE)

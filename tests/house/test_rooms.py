@@ -3,12 +3,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
 
 from campaigns.rooms import ALL_FAMILIES, OF_THE_CORE, ROOMS, House, functions_of
+from stiffgen.core.family import FAMILIES
 from support.project import ROOT
+
+NEEDED = {name for others in FAMILIES.values() for name in others}
+"""Families without which another one adds nothing."""
 
 
 @pytest.mark.slow
@@ -36,10 +41,22 @@ def test_the_kernels_need_no_room(tmp_path: Path) -> None:
     house.test_kernels()
 
 
+def assert_the_same_without(families: Iterable[str], folder: Path) -> None:
+    """Every function that is left has the text of the whole house's; the controller goes where its functions go."""
+    house = House([f"families.{family}" for family in families], folder)
+    whole, left = functions_of(ROOT / "generated" / "iiwa14"), house.functions()
+    assert left.items() <= whole.items() and len(left) >= 30
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    "family", [pytest.param(name, marks=() if name == "sensor" else pytest.mark.slow) for name in ALL_FAMILIES]
+    "family", [pytest.param(name, marks=() if name in NEEDED else pytest.mark.wide) for name in ALL_FAMILIES]
 )
 def test_functions_are_the_same_without_a_family(family: str, tmp_path: Path) -> None:
-    """Every function that is left has the text of the whole house's; the controller goes where its functions go."""
-    whole, left = functions_of(ROOT / "generated" / "iiwa14"), House((f"families.{family}",), tmp_path).functions()
-    assert left.items() <= whole.items() and len(left) >= 30
+    assert_the_same_without([family], tmp_path)
+
+
+@pytest.mark.slow
+def test_functions_are_the_same_without_the_families_that_none_needs(tmp_path: Path) -> None:
+    """All at once: that none of them imports another one is tests/house/test_walls.py's."""
+    assert_the_same_without(set(ALL_FAMILIES) - NEEDED, tmp_path)

@@ -190,6 +190,7 @@ def test_only_tests_of_examples_import_examples() -> None:
     assert {file.parent for file in found} == {ROOT / "tests" / "examples"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("line", ["from stiffgen.lab import style", "import stiffgen.cli.console"])
 def test_a_wrong_import_is_seen(line: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     file = tmp_path / "chain.py"

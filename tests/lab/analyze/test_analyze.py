@@ -223,6 +223,7 @@ def test_a_missing_extra_is_named(here, robot_folder, capsys, monkeypatch):
     assert not (here / "analysis").exists()
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_rows(here, robot_folder, monkeypatch):
     monkeypatch.setattr(parquet_file, "PARTITION_ROWS", 1000)
     monkeypatch.setattr(analysis, "_MOST_THREADS", 1)  # what two of them hold at once is left to chance
@@ -278,6 +279,7 @@ def test_quantiles_lie_within_the_extremes(robot):
                     assert summary.least[column] <= summary.quantile(name, share) <= summary.most[column], name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("representation", "words"), [("hybrid", "coincide"), ("body", "is not this symmetric part")])
 def test_the_first_figure_says_whether_corrected_and_symmetric_part_coincide(
     here, capsys, robot, robot_folder, representation, words

@@ -57,6 +57,7 @@ def test_joint_positions_with_a_wrong_stamp_cost_their_own_row(tmp_path, seconds
     assert_matched(rows, problems)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seconds", [-100.0, -3.0, -0.5, -0.05, 0.5, 100.0])
 @pytest.mark.parametrize("recorder", [False, True])
 def test_a_clock_that_is_set(tmp_path, seconds, recorder):

@@ -55,6 +55,7 @@ def test_a_stored_array_whose_checksum_is_wrong(tmp_path):
         open_recording(log, RecordingRequest(joints=damaged_recordings.JOINTS))
 
 
+@pytest.mark.slow
 def test_no_control_character_reaches_the_terminal(tmp_path, monkeypatch, robot_folder, capfd):
     """Neither from the name of a file nor from its content, be it good or damaged; nor is a name refused."""
     monkeypatch.chdir(tmp_path)

@@ -301,6 +301,7 @@ def test_time_that_runs_backwards(here, robot_folder, monkeypatch):
         assert "time runs backwards at row 50, row 120;" in late_rows(late.recording, late.result)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["cut.npz", "cut.parquet", "cut.csv"])
 def test_cuts_do_not_matter(name, here, robot_folder, monkeypatch):
     rows = recordings.draw(3000)
@@ -330,6 +331,7 @@ def test_dask_gives_the_same(here, robot_folder, monkeypatch):
     assert dask_result.summary == here_result.summary
 
 
+@pytest.mark.slow
 def test_dask_local_and_the_command(here, robot_folder, capsys):
     log = recordings.write_parquet(here / "log.parquet", ROWS)
     outs = []

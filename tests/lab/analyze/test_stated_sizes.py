@@ -57,6 +57,7 @@ def read(file: Path) -> tuple[str, int]:
     return said, int(taken)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "shape", "words"),
     [
@@ -76,6 +77,7 @@ def test_an_archive_takes_no_memory_by_its_size(kind: str, shape: tuple[int, ...
     assert taken < 60
 
 
+@pytest.mark.slow
 def test_a_long_header_is_not_read(tmp_path: Path) -> None:
     with zipfile.ZipFile(tmp_path / "log.npz", "w", zipfile.ZIP_DEFLATED) as archive:
         for name in ("q", "wrench"):
@@ -119,6 +121,7 @@ SIZES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SIZES)
 def test_a_model_that_states_a_size_is_refused_before_it_is_parsed(name: str, tmp_path: Path) -> None:
     pytest.importorskip("mujoco")

@@ -224,6 +224,7 @@ def test_the_softest_load_by_scipy(robot: ModuleType, gravity: tuple[float, ...]
     assert found.softest_stability == pytest.approx(expected.fun, rel=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", [BENDING, FLAT], ids=["fold", "plane"])
 def test_mujoco_stays_below_and_falls_above(robot: ModuleType, case: tuple[np.ndarray, ...]) -> None:
     rest, springs, direction = case

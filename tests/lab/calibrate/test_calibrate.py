@@ -56,6 +56,7 @@ def sensor(robots):
     return stiffgen.open_robot(robots["truth"]).module.sensor
 
 
+@pytest.mark.slow
 def test_within_its_intervals(sensor):
     """All ten numbers at once, in 95 of 100 recordings with noise, quantum, drift and a walk of the bias."""
     within, widths = 0, []
@@ -79,6 +80,7 @@ UNEXCITED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", UNEXCITED)
 def test_unexcited_recordings_are_refused(sensor, case):
     for seed in range(25):
@@ -88,6 +90,7 @@ def test_unexcited_recordings_are_refused(sensor, case):
             estimate(sensor, poses)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "message"),
     [
@@ -125,6 +128,7 @@ def logs(tmp_path_factory, sensor):
     return folder
 
 
+@pytest.mark.slow
 def test_from_recording_to_file(robots, logs, tmp_path, capsys):
     """The whole command: poses found, table printed, file and picture written, and read again."""
     file, picture = tmp_path / "sensor.json", tmp_path / "residuals.svg"
@@ -144,6 +148,7 @@ def test_from_recording_to_file(robots, logs, tmp_path, capsys):
     )
 
 
+@pytest.mark.slow
 def test_a_picture_that_cannot_be_drawn_leaves_no_file(robots, logs, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     file, picture = tmp_path / "sensor.json", tmp_path / "residuals.svg"
@@ -152,6 +157,7 @@ def test_a_picture_that_cannot_be_drawn_leaves_no_file(robots, logs, tmp_path, m
     assert not file.exists() and not picture.exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", ["truth", *FAULTS])
 def test_a_weight_at_the_tip_shows_each_fault(robots, logs, tmp_path, capsys, fault):
     """What a user can run on a real arm: two kilograms at the tip, with the calibration of the true sensor."""
@@ -171,6 +177,7 @@ def test_a_weight_at_the_tip_shows_each_fault(robots, logs, tmp_path, capsys, fa
     assert code == int(fault != "truth")
 
 
+@pytest.mark.slow
 def test_a_weight_elsewhere(robots, logs, tmp_path, capsys):
     """The weight hangs at the tip's origin; one who says 40 mm beside it is told about the moment."""
     file, log = tmp_path / "sensor.json", str(logs / "weight.csv")
@@ -201,6 +208,7 @@ def test_damaged_files_are_refused(tmp_path, text, message):
         stiffgen.read_calibration(tmp_path / "nothing.json")
 
 
+@pytest.mark.slow
 def test_refusals_of_the_command(robots, logs, tmp_path, capsys, robot_folder):
     """No sensor, no pose at rest, and the calibration of another sensor; nothing is written."""
     log, file = str(logs / "free.csv"), tmp_path / "sensor.json"
@@ -226,6 +234,7 @@ def test_refusals_of_the_command(robots, logs, tmp_path, capsys, robot_folder):
     assert "is the calibration of another sensor" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_readings_are_analysed(robots, logs, tmp_path, capsys):
     """``analyze --calibration`` takes the wrench of readings: the weight of two kilograms, and no moment at the tip."""
     file, log = tmp_path / "sensor.json", logs / "weight.csv"
@@ -255,6 +264,7 @@ def test_readings_are_analysed(robots, logs, tmp_path, capsys):
             stiffgen.analyze(log, calibration=file, **arguments)
 
 
+@pytest.mark.slow
 def test_deviations_of_an_analysis_are_those_of_drawn_readings(robots):
     """Two thousand readings with the sensor's noise, each analysed by itself."""
     robot = stiffgen.open_robot(robots["truth"]).module
@@ -287,6 +297,7 @@ WRONG = {
 """Matrices on force and moment, and the remedy where no sensor made the wrench."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", WRONG)
 def test_no_sensor_is_blamed_on_an_arm_without_one(tmp_path, capsys, robot_folder, robots, fault):
     """Before, each remedy named an option of --sensor; with a sensor it may be the cause, so that both are named."""

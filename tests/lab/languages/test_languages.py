@@ -112,6 +112,7 @@ DAMAGES = [
 """File, and its changes: text, replacement, words of the row that fails."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("file", "changes"), DAMAGES)
 def test_a_damage_is_found_by_numbers(
     file: str, changes: list[tuple[str, str, str]], folder: Path, library: ctypes.CDLL, tmp_path: Path,
@@ -139,6 +140,7 @@ def with_versions(folder: Path, stiffgen_version: str) -> None:
     (folder / "manifest.json").write_text(json.dumps(manifest, indent=1) + "\n")
 
 
+@pytest.mark.slow
 def test_text_of_another_version_is_not_compared_and_does_not_pass(folder: Path, tmp_path: Path) -> None:
     """Before, six damages in one folder passed ("1400 of 1400", exit code 0)."""
     other = copy_folder(folder, tmp_path)
@@ -153,6 +155,7 @@ def test_text_of_another_version_is_not_compared_and_does_not_pass(folder: Path,
     assert (accepted.verdict, accepted.passed) == ("not compared", True)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unoptimised", "narrowest_width")
 def test_the_command_tells_what_is_not_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "arm.urdf").write_text(chain_urdf("rr"))
@@ -173,6 +176,7 @@ def test_the_command_tells_what_is_not_compared(tmp_path: Path, capsys: pytest.C
     assert "FAILED arm.hpp, C functions, in bits: forward_kinematics, returned" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("module", ["cpp", "jax"])
 def test_a_missing_tool_passes_only_with_the_generators_text(
     module: str, folder: Path, library: ctypes.CDLL, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -192,6 +196,7 @@ def test_a_missing_tool_passes_only_with_the_generators_text(
         assert "no-such-compiler" in row.detail or "pip install no_such_package" in row.detail
 
 
+@pytest.mark.slow
 def test_a_missing_c_compiler_is_no_pass_and_a_failing_one_is_a_fault(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -41,6 +41,7 @@ def test_gravity_is_no_friction() -> None:
     assert found.text.startswith("coulomb_friction=[1.") and found.text.endswith("# [N m or N]")
 
 
+@pytest.mark.slow
 def test_intervals_contain_the_friction() -> None:
     """95 % intervals of 600 joints hold 88 to 99 %: noise that lasts 0.3 s, friction that varies along the way or not.
 

@@ -163,6 +163,7 @@ def robot(tmp_path_factory: pytest.TempPathFactory):
     return stiffgen.open_robot(folder)
 
 
+@pytest.mark.slow
 def test_a_plan_keeps_its_promise(robot) -> None:
     """The pose follows the twist, delays fake nothing, and the deviation is that of a simulated recording."""
     options = PlanOptions(np.array([800.0, 700, 500, 60, 40, 30]), deviation=np.radians(0.02), most_wrench=(20.0, 3.0))
@@ -196,6 +197,7 @@ def test_a_wrong_plan_is_refused(robot, change, words: str) -> None:
         plan_excitation(robot, POSTURE, PlanOptions(**{"stiffness": (700.0,) * 3 + (40.0,) * 3} | change))
 
 
+@pytest.mark.slow
 def test_joint_stiffness_has_the_deviation_of_repeated_measurements(robot) -> None:
     q, found = POSTURE, [measure_stiffness(*recorded(5, count=1000))]
     stated = joint_stiffness_deviation(found[0], robot.module, q).deviation
@@ -220,6 +222,7 @@ def sensing(tmp_path_factory: pytest.TempPathFactory):
     return stiffgen.open_robot(folder)
 
 
+@pytest.mark.slow
 def test_a_mounted_sensor_is_a_tip_at_its_place(sensing, tmp_path: Path) -> None:
     """The joint stiffness through the sensor's mounting is that of a robot whose tip is a link at the sensor."""
     link = '<link name="cell"/><joint name="mount" type="fixed"><parent link="link_ee"/><child link="cell"/>'
@@ -236,6 +239,7 @@ def test_a_mounted_sensor_is_a_tip_at_its_place(sensing, tmp_path: Path) -> None
     np.testing.assert_allclose(mounted.deviation, expected.deviation, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_calibration_is_corrected(sensing, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
     """Bias and payload of the file are taken off; its rotation becomes the turn that was found, and nothing else."""
     monkeypatch.chdir(tmp_path)

@@ -62,6 +62,7 @@ def test_the_only_tip_is_taken_and_empty_answers_are_the_defaults():
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("controller", "file"), [("impedance", "src/control.hpp"), ("ros2", "config/controllers.yaml")]
 )
@@ -114,6 +115,7 @@ def test_bad_input_is_one_message_and_leaves_nothing(arguments, named, tmp_path,
     assert [path.name for path in tmp_path.iterdir()] == ["taken"] and not list((tmp_path / "taken").iterdir())
 
 
+@pytest.mark.slow
 def test_without_masses_and_a_fault_of_inertia(tmp_path, capsys):
     """A fault is named before any question; without masses the project is of the spring and of rotors alone."""
     faulty = tmp_path / "faulty.urdf"
@@ -135,6 +137,7 @@ def test_elements_to_ignore_stand_in_the_readmes_command(tmp_path, capsys):
     assert "--ignore axles" in regenerate((tmp_path / "out" / "README.md").read_text())
 
 
+@pytest.mark.slow
 def test_a_template_takes_its_files_with_it(tmp_path):
     (tmp_path / "arms" / "urdf").mkdir(parents=True)
     (tmp_path / "arms" / "package.xml").write_text("<package><name>arms</name></package>")
@@ -150,6 +153,7 @@ def test_a_template_takes_its_files_with_it(tmp_path):
     assert copy == describe(template, reading)
 
 
+@pytest.mark.slow
 def test_licences_go_with_the_copies(tmp_path):
     """From beside the file, else from the nearest folder above, up to the package; nothing outside of it is read."""
     (tmp_path / "LICENSE").write_text("of somebody else")
@@ -201,6 +205,7 @@ ARMATURE = """<mujoco><worldbody><body name="one"><inertial pos="0 0 0.1" mass="
 """
 
 
+@pytest.mark.slow
 def test_rotors_are_those_of_the_generated_controller(tmp_path):
     """The header's preset, armature or estimate is stated in the configuration; a guessed limit gives its own."""
     without_limit = tmp_path / "without.urdf"

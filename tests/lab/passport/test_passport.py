@@ -134,6 +134,7 @@ def test_a_robot_without_a_passport_is_refused(tmp_path, unoptimised, options, s
         make_passport(robot, PassportOptions())
 
 
+@pytest.mark.slow
 def test_friction_from_a_table(robot_folder, tmp_path, monkeypatch, capsys):
     """The table of 'measure --friction' gives the page of its numbers; that of another robot is refused."""
     monkeypatch.chdir(tmp_path)

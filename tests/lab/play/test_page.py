@@ -193,6 +193,7 @@ def test_a_drag_out_of_reach_and_back_does_not_fold_the_elbow_over(scripts: Scri
     assert np.linalg.norm(np.asarray(robot.forward_kinematics(postures[-1]))[:3, 3] - places[-1]) < 2e-3
 
 
+@pytest.mark.slow
 def test_the_arm_swings_as_an_integration_in_python_does(scripts: Scripts, robot: ModuleType) -> None:
     """Each law from the same start, with SciPy's integrator; only the conventional law makes energy."""
     from scipy.integrate import solve_ivp
@@ -244,6 +245,7 @@ def test_page_is_the_same_every_time(scripts: Scripts, written: Path) -> None:
     assert page.page_text(scripts.robot) == written.read_text()
 
 
+@pytest.mark.slow
 def test_names_from_a_file_cannot_leave_the_data(scripts: Scripts) -> None:
     robot = scripts.robot
     data = page.page_data(robot)

@@ -76,6 +76,7 @@ def test_a_straight_arm_gives_way_where_its_stiffness_is_used_up(scripts: Script
     assert found["ways"]["loaded"] > 0.5 and found["ways"]["usual"] < 0.005
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("target", "ratio", "angle"),
     [(0.3, 0.05, 1.15), (0.3, 0.086, 0.0017), (0.9, 0.2, 1.23), (1.8, 0.05, 3.14), (1.8, 0.2, 2.74)],

@@ -120,7 +120,7 @@ def test_the_controller_is_proved() -> None:
     assert {"iiwa14_impedance_step", "iiwa14_impedance_init", "validate", "fits_memory", "find_modes"} < proved
 
 
-@pytest.mark.slow
+@pytest.mark.wide(instead="test_the_controller_is_proved")
 @pytest.mark.usefixtures("provers")
 def test_the_papers_law_is_proved(tmp_path: Path) -> None:
     """For all inputs, by Eva, of an arm of two joints (of seven: ``make campaign NAME=proofs``); a fault is caught."""
