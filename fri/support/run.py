@@ -22,6 +22,10 @@ versions = pytest.mark.parametrize(
     ],
 )
 """Parameters for a test in each version of the FRI; 2.7 runs among the quick tests."""
+newest = pytest.mark.parametrize(
+    "version", [*(pytest.param(name, marks=pytest.mark.wide) for name in ("1.15", "2.5")), "2.7"]
+)
+"""For what lies above the messages: further versions are wide."""
 
 
 @dataclass

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from campaigns.attack_fri import DONE, EARLY, FAULT, INTERRUPTED, Attack, climb, measures, parse, untrue
-from fri.support.run import versions
+from fri.support.run import newest, versions
 from fri.support.session import POSTURE, Programs, write_short_trajectory
 
 
@@ -24,7 +24,7 @@ def attack(version: str, make_programs: Callable[[str], Programs], tmp_path: Pat
 
 
 @pytest.mark.slow
-@versions
+@newest
 def test_a_short_climb_finds_nothing(attack: Attack) -> None:
     most, breaks = climb(attack, np.random.default_rng(5), 150)
     assert not breaks

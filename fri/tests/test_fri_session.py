@@ -18,7 +18,7 @@ from fri.robot import demo
 from fri.robot.__main__ import RefusedError
 from fri.robot.messages import SessionState
 from fri.support.python_client import free_port
-from fri.support.run import Run, versions
+from fri.support.run import Run, newest, versions
 from support.pictures import difference
 from support.project import ROOT
 
@@ -75,7 +75,7 @@ def test_faults_are_counted_and_harmless(
 
 
 @pytest.mark.slow
-@versions
+@newest
 def test_random_loss_both_ways(session: Callable[..., Run], version: str, plate: ModuleType) -> None:
     options = (*LOCKSTEP, *TOLERANT, "--duration", 2.0, "--seed", 1, "--faults", "drop=0.1@0.1-3")
     run = session(version, *options)
@@ -88,7 +88,7 @@ def test_random_loss_both_ways(session: Callable[..., Run], version: str, plate:
 
 
 @pytest.mark.slow
-@versions
+@newest
 def test_loss_that_quality_does_not_bear_ends_with_a_reason(session: Callable[..., Run], version: str) -> None:
     run = session(version, *LOCKSTEP, "--duration", 2.0, "--faults", "drop=0.1")
     assert run.robot.code == 1
@@ -97,7 +97,7 @@ def test_loss_that_quality_does_not_bear_ends_with_a_reason(session: Callable[..
 
 
 @pytest.mark.slow
-@versions
+@newest
 def test_silence_is_survived(session: Callable[..., Run], version: str, plate: ModuleType) -> None:
     run = session(version, *LOCKSTEP, "--duration", 1.5, "--faults", "robot.silence@1.5-1.7")
     assert (run.robot.code, run.code) == (0, EARLY)
@@ -112,7 +112,7 @@ def test_silence_is_survived(session: Callable[..., Run], version: str, plate: M
 
 
 @pytest.mark.slow
-@versions
+@newest
 def test_state_drops_while_commanding(session: Callable[..., Run], version: str, plate: ModuleType) -> None:
     drops = "state@1.3:monitoring_wait,state@2.6:monitoring_ready,state@3.9:commanding_wait"
     run = session(version, *LOCKSTEP, "--duration", 2.0, "--faults", drops)

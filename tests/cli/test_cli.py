@@ -255,10 +255,10 @@ def stiffgen_process(*arguments, **options):
 @pytest.mark.parametrize(
     ("arguments", "unbuffered"),
     [
-        pytest.param(["--help"], "", marks=pytest.mark.slow),
+        (["--help"], ""),
         (["inspect", URDF], "1"),
-        pytest.param(["--help"], "1", marks=pytest.mark.slow),
-        pytest.param(["inspect", URDF], "", marks=pytest.mark.slow),
+        pytest.param(["--help"], "1", marks=pytest.mark.wide),
+        pytest.param(["inspect", URDF], "", marks=pytest.mark.wide),
     ],
     ids=["help", "inspect, unbuffered", "help, unbuffered", "inspect"],
 )
@@ -319,7 +319,7 @@ def test_a_full_disk(capsys, tmp_path, monkeypatch):
 @pytest.mark.slow
 @pytest.mark.usefixtures("unoptimised")
 @pytest.mark.parametrize("name", [
-    "a; b\nc\\d $HOME (\"e\") '#", *(pytest.param(name, marks=pytest.mark.slow) for name in
+    "a; b\nc\\d $HOME (\"e\") '#", *(pytest.param(name, marks=pytest.mark.wide) for name in
     ("semi;colon", "new\nline", "back\\slash", "sp ace $HOME", '(paren) "quote" #')),
 ])  # fmt: skip
 def test_any_character_in_the_output_folder(tmp_path, name):

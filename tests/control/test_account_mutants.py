@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import shutil
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,7 +13,7 @@ import pytest
 
 from campaigns import energy, patterns, schedules
 from support.plant.loop import Loop
-from support.project import ROOT
+from support.project import ROOT, Once
 
 MOST = 1500
 """Schedules of a search; each of the mutants is seen within a third of them."""
@@ -53,15 +54,29 @@ def first_beyond(loop: Loop) -> int:
     return 0
 
 
+@pytest.fixture(scope="module")
+def kernels(once: Once) -> tuple[str, ...]:
+    """Return the objects of the kernels, which no mutant changes."""
+    names = ("iiwa14", "iiwa14_batch")
+    flags = ("-std=c99", "-O1", "-march=native", "-fPIC")
+
+    def make(folder: Path) -> None:
+        for name in names:
+            command = ["gcc", *flags, "-c", ROOT / "generated" / "iiwa14" / f"{name}.c", "-o", folder / f"{name}.o"]
+            subprocess.run(command, check=True)
+
+    return tuple(str(once("kernels-of-mutants", make) / f"{name}.o") for name in names)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("mutant", MUTANTS)
-def test_the_adversary_sees(mutant: str, tmp_path: Path) -> None:
+def test_the_adversary_sees(mutant: str, kernels: tuple[str, ...], tmp_path: Path) -> None:
     robot = tmp_path / "iiwa14"
     shutil.copytree(ROOT / "generated" / "iiwa14", robot)
     source, (old, new) = robot / "iiwa14_impedance.c", MUTANTS[mutant]
     text = source.read_text()
     assert text.count(old) == 1
     source.write_text(text.replace(old, new))
-    found = first_beyond(Loop(tmp_path, robot))
+    found = first_beyond(Loop(tmp_path, robot, sources=(*kernels, source.name)))
     assert 0 < found < MOST, found
     print(f"{mutant}: seen after {found} schedules")

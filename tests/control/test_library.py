@@ -67,7 +67,9 @@ def test_every_file_compiles_by_itself(which: str, compiler: str, tmp_path: Path
 
 @pytest.mark.slow
 @pytest.mark.parametrize("tool", ["clang-tidy", pytest.param("clangd", marks=pytest.mark.wide)])
-@pytest.mark.parametrize("which", LIBRARIES)
+@pytest.mark.parametrize(
+    "which", [pytest.param(name, marks=pytest.mark.wide if name in COMPANIONS else ()) for name in LIBRARIES]
+)
 def test_editors_open_every_file(which: str, tool: str) -> None:
     """No diagnostics with the flags of compile_flags.txt, which both tools read."""
     if shutil.which(tool) is None:

@@ -38,10 +38,10 @@ def wide(*values: float) -> Any:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("inside", [1e-3, -1e-3, 0.01])
+@pytest.mark.parametrize("inside", [1e-3, -1e-3, pytest.param(0.01, marks=pytest.mark.wide)])
 @pytest.mark.parametrize(
     ("sample_time", "rise", "delay"),
-    [slow(1e-3, 0.25, 0), wide(2e-3, 0.25, 0), (5e-3, 0.25, 0), slow(5e-3, 0.1, 2), wide(1e-2, 0.25, 0),
+    [slow(1e-3, 0.25, 0), wide(2e-3, 0.25, 0), (5e-3, 0.25, 0), wide(5e-3, 0.1, 2), wide(1e-2, 0.25, 0),
      slow(1e-2, 2.0, 1)],
 )  # fmt: skip
 def test_start_at_the_limits(loop: Loop, sample_time: float, rise: float, delay: int, inside: float) -> None:

@@ -39,7 +39,7 @@ def test_greed_is_bounded(robot):
     assert not free.held.any() and bound.held.mean() > 0.05  # it waits for the tank
 
 
-@pytest.mark.slow
+@pytest.mark.wide(instead="test_greed_is_bounded")
 def test_gradient_is_that_of_the_loss(folder):
     robot, random = open_robot(folder).module, np.random.default_rng(0)
     for _ in range(20):
@@ -51,7 +51,7 @@ def test_gradient_is_that_of_the_loss(folder):
             assert (ahead - behind) / 2e-5 == pytest.approx(gradient[i], rel=1e-6, abs=1e-6)
 
 
-@pytest.mark.wide(instead="test_gradient_is_that_of_the_loss")
+@pytest.mark.wide(instead="test_greed_is_bounded")
 def test_program(folder, tmp_path):
     figure = tmp_path / "figure.svg"
     command = [sys.executable, "-m", "examples.adaptive", "--robot", str(folder), "--figure", str(figure)]

@@ -202,7 +202,7 @@ def leg_geometry() -> Callable[..., list[mp.matrix]]:
     return gaps
 
 
-@pytest.mark.slow
+@pytest.mark.wide(instead="test_delta_against_the_intersection_of_three_spheres")
 def test_leg_against_rods_of_constant_length() -> None:
     """Tarsus and foot follow from the rods' lengths with 40 digits; U = F . p is differentiated twice."""
     pytest.importorskip("mujoco")

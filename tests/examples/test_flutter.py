@@ -69,7 +69,7 @@ def test_the_picture_is_todays() -> None:
     assert difference(flutter.figure(), (ROOT / "docs" / "flutter.svg").read_text(), 1.0) == ""
 
 
-@pytest.mark.slow
+@pytest.mark.wide(instead="test_three_drives_flutter_as_the_page_says_and_the_gradient_rests")
 def test_shoulder_and_hip_flutter_as_the_page_says() -> None:
     page = (ROOT / "docs" / "flutter.md").read_text()
     rows = flutter.limb_rows()
@@ -79,6 +79,6 @@ def test_shoulder_and_hip_flutter_as_the_page_says() -> None:
         assert f"| {' | '.join(row)} |" in page
 
 
-@pytest.mark.wide(instead="test_shoulder_and_hip_flutter_as_the_page_says")
+@pytest.mark.wide(instead="test_three_drives_flutter_as_the_page_says_and_the_gradient_rests")
 def test_the_film_is_the_motion() -> None:
     assert difference(film.film(), (ROOT / "docs" / "flutter_film.svg").read_text(), 1.0) == ""

@@ -30,7 +30,7 @@ def rings(stance: Stance) -> list[identify.Found]:
     return trials.identified(stance, 1.6)
 
 
-@pytest.mark.slow  # the robot is compiled
+@pytest.mark.wide(instead="test_identification_finds_modes_that_are_known")
 def test_rest_is_the_simulations_too(stance: Stance) -> None:
     acceleration = trials.simulated(stance).acceleration(trials.legs_law(stance))
     assert np.abs(acceleration).max() < 1e-8
@@ -38,7 +38,7 @@ def test_rest_is_the_simulations_too(stance: Stance) -> None:
     assert np.abs(trials.simulated(elsewhere).acceleration(trials.legs_law(stance))).max() > 1e-2
 
 
-@pytest.mark.slow  # the robot is compiled
+@pytest.mark.wide(instead="test_identification_finds_modes_that_are_known")
 def test_stiffness_is_the_slope_of_the_gradient_where_it_is_zero(stance: Stance) -> None:
     K, step = stance.stiffness(), 1e-5
     columns = [
@@ -48,7 +48,7 @@ def test_stiffness_is_the_slope_of_the_gradient_where_it_is_zero(stance: Stance)
     assert np.array_equal(K, K.T)
 
 
-@pytest.mark.slow
+@pytest.mark.wide(instead="test_identification_finds_modes_that_are_known")
 def test_the_softest_modes_are_those_of_the_simulation(stance: Stance) -> None:
     found, M = rings(stance), stance.mass_matrix()
     for mode, own in zip(stance.modes()[:SOFTEST], found, strict=False):
@@ -58,7 +58,7 @@ def test_the_softest_modes_are_those_of_the_simulation(stance: Stance) -> None:
     assert abs(without / found[0].frequency - 1) > 50 * BAR
 
 
-@pytest.mark.slow
+@pytest.mark.wide(instead="test_identification_finds_modes_that_are_known")
 def test_a_load_too_heavy_lets_it_fall_as_predicted(solo: ModuleType) -> None:
     heavy = standing(solo, np.array([0.0, 0.0, -60.0]))
     falling, M = heavy.modes()[0], heavy.mass_matrix()
@@ -70,7 +70,7 @@ def test_a_load_too_heavy_lets_it_fall_as_predicted(solo: ModuleType) -> None:
     assert heavy.modes(heavy.stiffness_without_base_term())[0].frequency > 0  # missed
 
 
-@pytest.mark.slow  # the robot is compiled
+@pytest.mark.wide(instead="test_identification_finds_modes_that_are_known")
 def test_base_term_left_out_of_everything_cancels_at_rest_without_a_load(solo: ModuleType, stance: Stance) -> None:
     at_rest = standing(solo)
     np.testing.assert_allclose(at_rest.stiffness_without_base_term(), at_rest.stiffness(), atol=1e-9)
@@ -80,7 +80,7 @@ def test_base_term_left_out_of_everything_cancels_at_rest_without_a_load(solo: M
     assert np.abs(loaded - loaded.T).max() > 10
 
 
-@pytest.mark.slow  # the robot is compiled
+@pytest.mark.wide(instead="test_identification_finds_modes_that_are_known")
 def test_modes_of_a_matrix_that_is_not_symmetric(stance: Stance) -> None:
     K, M = stance.contacts_without_base_term(), stance.mass_matrix()
     modes = stance.modes(K)
@@ -92,7 +92,7 @@ def test_modes_of_a_matrix_that_is_not_symmetric(stance: Stance) -> None:
         )
 
 
-@pytest.mark.slow  # the robot is compiled
+@pytest.mark.wide(instead="test_identification_finds_modes_that_are_known")
 def test_no_rest_is_refused(stance: Stance) -> None:
     with pytest.raises(StiffgenError, match="no rest near its posture"):
         replace(stance, load=np.array([0.0, 0.0, 1e5])).at_rest()
@@ -111,7 +111,7 @@ def test_identification_finds_modes_that_are_known() -> None:
         assert identify.agreement(np.eye(3), mode.shape, shape) > 1 - 1e-8
 
 
-@pytest.mark.slow  # the robot is compiled
+@pytest.mark.wide(instead="test_identification_finds_modes_that_are_known")
 def test_the_law_is_the_gradient_and_contacts_supply_the_bases_part(solo: ModuleType, stance: Stance) -> None:
     """Torques and contact forces together are -dU/dq + gravity's gradient, in all 18 entries."""
     random = np.random.default_rng(1)
@@ -141,7 +141,7 @@ def test_the_law_is_the_gradient_and_contacts_supply_the_bases_part(solo: Module
     assert not command.contact_forces[0].any() and np.abs(command.on_base).max() > 10
 
 
-@pytest.mark.slow
+@pytest.mark.wide(instead="test_identification_finds_modes_that_are_known")
 def test_at_rest_the_ground_gives_what_the_law_asks(solo: ModuleType) -> None:
     trace = trials.at_wall(solo, supplies=True)
     rest = np.searchsorted(trace.time, trials.PUSHED[0]) - 1
@@ -149,7 +149,7 @@ def test_at_rest_the_ground_gives_what_the_law_asks(solo: ModuleType) -> None:
     assert trace.wall[rest, 0] < -4 and np.all(trace.ground[rest, 1:, 2] > 0)
 
 
-@pytest.mark.wide(instead="test_rest_is_the_simulations_too")
+@pytest.mark.wide(instead="test_identification_finds_modes_that_are_known")
 def test_the_whole_report(solo: ModuleType, tmp_path: Path) -> None:
     """All bars hold, and the page's pictures are those drawn now."""
     folder = str(Path(str(solo.__file__)).parent)

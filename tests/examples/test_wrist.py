@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import mujoco
 import numpy as np
 import pytest
@@ -15,6 +18,11 @@ HOSE, ROD = [case for case in wrist.CASES if case.hose], next(case for case in w
 INERTIA = np.diag([0.004, 0.012, 0.014])
 
 
+def first_of(cases: Sequence[wrist.Case]) -> list[Any]:
+    """Return cases as parameters, all but the first of them wide."""
+    return [cases[0], *(pytest.param(case, marks=pytest.mark.wide) for case in cases[1:])]
+
+
 def torque(case: wrist.Case, R: np.ndarray) -> np.ndarray:
     """Return the moment on the hand in base axes, by SciPy: law, and hose of 2 N/m from (0, 0.1, 1) to (0, 0.1, 0)."""
     K, fitting = np.diag(case.gains), R @ [0, 0.1, 0]
@@ -24,7 +32,7 @@ def torque(case: wrist.Case, R: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", HOSE, ids=lambda case: case.name)
+@pytest.mark.parametrize("case", first_of(HOSE), ids=lambda case: case.name)
 def test_the_limit_is_that_of_the_linearised_body(case: wrist.Case) -> None:
     R = np.eye(3)
     for _ in range(6000):
@@ -72,7 +80,7 @@ def test_the_antisymmetric_part_is_what_the_page_says() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", wrist.CASES, ids=lambda case: case.name)
+@pytest.mark.parametrize("case", first_of(wrist.CASES), ids=lambda case: case.name)
 def test_pushes_grow_below_the_limit_and_not_above_it(case: wrist.Case) -> None:
     limit = wrist.limit(case)
     swings = [wrist.watch(case, wrist.LAW, share * limit, seconds=8.0)[1] for share in (0.8, 1.25)]

@@ -124,7 +124,10 @@ def test_generate_keeps_no_folder_that_load_could_not_make(here, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("damage", ["module", "header", "manifest", "record", "absent"])
+@pytest.mark.parametrize(
+    "damage",
+    ["module", "manifest", *(pytest.param(name, marks=pytest.mark.wide) for name in ("header", "record", "absent"))],
+)
 def test_a_damaged_entry_is_made_again(here, capsys, damage):
     """Also a compiled module that was cut short, which ends the process (SIGBUS) that imports it."""
     robot = stiffgen.load("arm.urdf", **SMALL)

@@ -27,6 +27,8 @@ BLOCKS = {page: blocks(page) for page in PAGES}
 ALL = [block for page in PAGES for block in BLOCKS[page]]
 LANGUAGES = ("python", "c", "cpp", "java", "cmake", "sh", "console", "text")
 MAKEFILE = (ROOT / "Makefile").read_text()
+SHOWN_FIRST = ("README", "start", "embedding")
+"""Pages whose commands CI runs; of the others it looks the words up."""
 
 
 def of(page: Path, *languages: str) -> list[Block]:
@@ -208,7 +210,13 @@ def check_packages(words: list[str]) -> None:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("unoptimised")
-@pages(having("sh"))
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, id=str(page.relative_to(ROOT)), marks=() if page.stem in SHOWN_FIRST else pytest.mark.wide)
+        for page in having("sh")
+    ],
+)
 def test_commands(page: Path, robot_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Every line runs in a scratch copy but those of make, pip and apt-get, whose words are looked up."""
     seen = [line for other in PAGES[: PAGES.index(page)] for block in of(other, "sh") for line in commands(block)]

@@ -31,7 +31,10 @@ def shown(book: nbformat.NotebookNode) -> list[tuple[str, list[str]]]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "notebook",
+    [pytest.param(path, id=path.stem, marks=() if path.stem == "my_robot" else pytest.mark.wide) for path in NOTEBOOKS],
+)
 def test_runs(notebook: Path, robot_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A notebook runs beside nothing but ``generated``, and shows what is committed, but for the numbers."""
     (tmp_path / "generated").symlink_to(robot_folder.parent)

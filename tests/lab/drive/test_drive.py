@@ -249,7 +249,7 @@ for form in ("trace", "log"):
 """
 
 
-@pytest.mark.slow
+@pytest.mark.wide(instead="tests/families/jax/test_jax.py::test_wrapper_for_jax")
 def test_jax_differentiates_the_energy_to_torque_and_stiffness() -> None:
     """In a process of its own: JAX has threads, and other tests fork."""
     pytest.importorskip("jax")

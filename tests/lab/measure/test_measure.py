@@ -58,7 +58,9 @@ def test_turns_and_levers_are_found() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("spring", [SOFT, STIFF], ids=["soft", "stiff"])
+@pytest.mark.parametrize(
+    "spring", [pytest.param(SOFT, id="soft"), pytest.param(STIFF, id="stiff", marks=pytest.mark.wide)]
+)
 def test_rates_of_a_hundred(spring: Spring) -> None:
     alarms, turns, levers = rates(spring, 100)
     assert (turns, levers >= 95) == (100, True)
