@@ -47,7 +47,7 @@ StiffnessController::Callback StiffnessController::on_configure(const State &)
     parameters_ = std::make_shared<Parameters>(*node, sample_time_, topics_, settings_);
     parameters_->start(settings);
     topics_->subscribe();
-    std::atomic_store(&report_, std::make_shared<Report>(*node, setup_, snapshots_, reset_));
+    change_report(std::make_shared<Report>(*node, setup_, snapshots_, reset_));
     report_->start();
     start_diagnostics();
     return Callback::SUCCESS;
@@ -177,17 +177,29 @@ void StiffnessController::start_diagnostics()
     diagnostics_ = std::make_unique<diagnostic_updater::Updater>(get_node());
     diagnostics_->setHardwareID(robot::TIP_FRAME);
     diagnostics_->add("state", [this](diagnostic_updater::DiagnosticStatusWrapper &status) {
-        const auto report = std::atomic_load(&report_); // another thread may clean up
-        const auto state = report ? report->status() : diagnostic_msgs::msg::DiagnosticStatus();
-        status.summary(state.level, report ? state.message : "unconfigured");
+        const auto found = report();
+        const auto state = found ? found->status() : diagnostic_msgs::msg::DiagnosticStatus();
+        status.summary(state.level, found ? state.message : "unconfigured");
         status.values = state.values;
     });
+}
+
+std::shared_ptr<Report> StiffnessController::report() const
+{
+    const std::lock_guard<std::mutex> lock(report_change_);
+    return report_;
+}
+
+void StiffnessController::change_report(std::shared_ptr<Report> report)
+{
+    const std::lock_guard<std::mutex> lock(report_change_);
+    report_.swap(report);
 }
 
 void StiffnessController::forget()
 {
     parameters_.reset();
-    std::atomic_store(&report_, std::shared_ptr<Report>());
+    change_report(nullptr);
     topics_.reset();
 }
 

@@ -15,6 +15,7 @@
 
 #include <atomic>
 #include <memory>
+#include <mutex>
 #include <string>
 #include <vector>
 
@@ -57,6 +58,8 @@ private:
     Callback release();
     void forget();
     void start_diagnostics();
+    std::shared_ptr<Report> report() const;
+    void change_report(std::shared_ptr<Report> report);
     Callback refuse(const std::string &reason);
 
     Setup setup_;
@@ -71,6 +74,7 @@ private:
     int failed_writes_ = 0;
     std::shared_ptr<Topics> topics_;
     std::shared_ptr<Report> report_;
+    mutable std::mutex report_change_; // the diagnostics' thread may read report_ while another one cleans up
     std::shared_ptr<Parameters> parameters_;
     std::unique_ptr<diagnostic_updater::Updater> diagnostics_; // stays: its timer does not ask whether it still lives
 };
