@@ -23,6 +23,8 @@ from support.project import ROOT, URDF, assert_close
 DATA = ROOT / "tests" / "data"
 ARMS = {URDF: "link_ee", DATA / "ur5.urdf": "tool0", DATA / "panda.urdf": "panda_hand", DATA / "solo12.urdf": "FL_FOOT"}
 
+MEASURE = "manipulability", "manipulability_gradient"
+ALONG = "hybrid.stiffness_direction_gradient"
 BASES = pytest.mark.parametrize(
     "floating", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["fixed", "floating"]
 )
@@ -40,7 +42,7 @@ def _arm(urdf, tmp_path):
 def test_manipulability_by_pinocchio(urdf, tmp_path):
     """w by singular values, and w tr(J^+ dJ/dq_i); a leg of three joints has the determinant of J^T J."""
     chain, oracle = _arm(urdf, tmp_path)
-    kernels = StiffnessModel(chain)
+    kernels = StiffnessModel(chain, kernels=MEASURE)
     for q in np.random.default_rng(3).uniform(-1.5, 1.5, (4, len(chain.coordinates))):
         state = oracle.at(q)
         J, rates = state.jacobian["hybrid"], state.derivative["hybrid"]
@@ -61,7 +63,7 @@ def test_sixty_digits_close_to_a_singularity(elbow):
     q = np.array([0.3, -0.7, 0.5, elbow, 0.9, -1.2, 0.4])
     chain = load_chain(URDF)
     tree, exact = ExactTree(URDF.read_text(), [c.name for c in chain.coordinates]), [mp.mpf(each) for each in q]
-    kernels, w = StiffnessModel(chain), _exact_manipulability(tree, exact)
+    kernels, w = StiffnessModel(chain, kernels=MEASURE), _exact_manipulability(tree, exact)
     assert abs(float(kernels.manipulability(q)) - float(w)) < 2e-16
     step, gradient = mp.mpf(10) ** -12, []
     for k in range(7):
@@ -75,11 +77,11 @@ def test_measure_and_gradient_are_zero_where_w_is_zero(tmp_path):
     """Six parallel sliding joints: exact zeros on the way give no NaN, but NaN in gives NaN out."""
     file = tmp_path / "slides.urdf"
     file.write_text(chain_urdf("pppppp"))
-    kernels, q = StiffnessModel(load_chain(file)), np.linspace(-1, 1, 6)
+    kernels, q = StiffnessModel(load_chain(file), kernels=MEASURE), np.linspace(-1, 1, 6)
     assert float(kernels.manipulability(q)) == 0
     assert not np.array(kernels.manipulability_gradient(q)).any()
     file.write_text(chain_urdf("rrrrrr"))
-    kernels, q[2] = StiffnessModel(load_chain(file)), np.nan
+    kernels, q[2] = StiffnessModel(load_chain(file), kernels=MEASURE), np.nan
     assert np.isnan(float(kernels.manipulability(q)))
     assert np.isnan(np.array(kernels.manipulability_gradient(q))).all()
 
@@ -90,7 +92,7 @@ def test_sliding_and_mimic_joints_and_a_tool_of_run_time(types, floating, tmp_pa
     file = tmp_path / "robot.urdf"
     file.write_text(chain_urdf(types))
     chain = load_chain(file, floating_base=floating, runtime_tool=True)
-    kernels, references = StiffnessModel(chain), References(chain, 3, 5)
+    kernels, references = StiffnessModel(chain, kernels=(*MEASURE, ALONG)), References(chain, 3, 5)
     expected = references.of(manipulability)
     along = gradient_along(references, references.samples[DIRECTION], references.samples[TASK_STIFFNESS])
     for k in range(3):
@@ -118,7 +120,7 @@ def test_direction_gradient_by_complex_steps(floating):
     v = references.samples[DIRECTION]
     of = gradients(casadi_function(chain, stiffness), shaped, [v[:, :, None] * v[:, None, :]])
     expected = np.concatenate([each[..., 0] for each in of[: len(references.posture_of("hybrid"))]], axis=1)
-    kernels = StiffnessModel(chain)
+    kernels = StiffnessModel(chain, kernels=ALONG)
     for k in range(4):
         found = kernels.hybrid.stiffness_direction_gradient(*(each[k] for each in given), v[k])
         assert_close(np.array(found).ravel(), expected[k])
@@ -129,7 +131,7 @@ def test_gradient_of_the_smallest_eigenvalue_by_pinocchio(tmp_path):
     chain, oracle = _arm(URDF, tmp_path)
     random = np.random.default_rng(9)
     F, K = random.normal(size=6) * 20, np.diag([700.0, 600, 800, 30, 20, 25])
-    kernels, step = StiffnessModel(chain).hybrid, 1e-3
+    kernels, step = StiffnessModel(chain, kernels=("hybrid.joint_stiffness", ALONG)).hybrid, 1e-3
 
     def smallest(q):
         return np.linalg.eigvalsh(oracle.at(q).joint_stiffness("hybrid", F, K + gamma_F("hybrid", F)))[0]

@@ -27,7 +27,10 @@ def load(robot, tip):
     postures = np.random.default_rng(5).uniform(
         pinocchio.lowerPositionLimit, pinocchio.upperPositionLimit, (20, pinocchio.nq)
     )
-    return stiffgen.StiffnessModel(stiffgen.load_chain(urdf, tip=tip)), pinocchio, pinocchio.createData(), postures
+    names = [f"{rep}.{name}" for rep in FRAMES for name in ("jacobian", "jacobian_transpose_derivative")]
+    chain = stiffgen.load_chain(urdf, tip=tip)
+    model = stiffgen.StiffnessModel(chain, kernels=("forward_kinematics", "mass_matrix", *names))
+    return model, pinocchio, pinocchio.createData(), postures
 
 
 @pytest.mark.parametrize("robot", ROBOTS)

@@ -36,6 +36,10 @@ BASES = pytest.mark.parametrize(
 KERNEL = "static_torque_derivatives"
 
 
+def function_of(chain):
+    return getattr(stiffgen.StiffnessModel(chain, kernels=KERNEL), KERNEL)
+
+
 class Pinocchio:
     """Pinocchio's model of a chain, and its rows and columns in the order of the chain's coordinates."""
 
@@ -96,7 +100,7 @@ def test_derivative_of_the_static_torque_by_pinocchio(urdf, floating, tmp_path):
     file = tmp_path / urdf.name
     file.write_text(with_exact_right_angles(urdf.read_text()))
     chain = stiffgen.load_chain(file, tip=ROBOTS[urdf], floating_base=floating)
-    function, oracle = stiffgen.StiffnessModel(chain).static_torque_derivatives, Pinocchio(file, chain)
+    function, oracle = function_of(chain), Pinocchio(file, chain)
     random = np.random.default_rng(6)
     for _ in range(3):
         q, gravity = random.uniform(-2, 2, len(chain.coordinates)), random.normal(size=3) * 6
@@ -125,7 +129,7 @@ def test_two_arms_with_a_tool_each(floating):
 
 def _compare(chain):
     """Compare the function with the derivative of dU/dq - J^T F, differentiated along the poses in long doubles."""
-    function = getattr(stiffgen.StiffnessModel(chain), KERNEL)
+    function = function_of(chain)
     references = References(chain, 3, 8)
     (kernel,) = (each for each in chain_kernels(chain) if each.name == KERNEL)
     given, expected = references.samples.of(kernel.arguments), references.of(static_torque_derivatives)
