@@ -51,7 +51,7 @@ def distance(case: str, random: np.random.Generator) -> tuple[float, float]:
     if case == "near":
         return 10 ** random.uniform(-9, -3), 10 ** random.uniform(-9, -3)
     if case == "small":
-        return 10 ** random.uniform(-3, -1), 1e-3
+        return 10 ** random.uniform(-2, -0.8), 1e-3
     if case == "edge":
         return np.pi - 10 ** random.uniform(-9, -6), random.uniform(0.01, 0.5)
     return random.uniform(0.01, np.pi - 0.01), random.uniform(0.01, 0.5)

@@ -50,9 +50,10 @@ def ur5():
     ("seed", "rep", "total", "floating"),
     [
         (0, "hybrid", True, False), (1, "body", False, False), (2, "spatial", True, False),
+        pytest.param(3, "body", True, True, marks=pytest.mark.slow),
         *(
-            pytest.param(3, rep, total, True, marks=pytest.mark.slow)
-            for rep, total in (("body", True), ("hybrid", False), ("spatial", True), ("spatial", False))
+            pytest.param(3, rep, total, True, marks=pytest.mark.wide)
+            for rep, total in (("hybrid", False), ("spatial", True), ("spatial", False))
         ),
     ],
     ids=str,
@@ -89,7 +90,14 @@ def test_oracles_of_verify_see_a_wrong_sign(monkeypatch):
     assert failed() == {each.qualified_name for each in table}
 
 
-@pytest.mark.parametrize("robot", ["one turning joint", "one coordinate of two joints", "four-bar", "slider-crank"])
+@pytest.mark.parametrize(
+    "robot",
+    [
+        "one coordinate of two joints",
+        *(pytest.param(robot, marks=pytest.mark.slow) for robot in ("four-bar", "one joint on a floating base")),
+        *(pytest.param(robot, marks=pytest.mark.wide) for robot in ("one turning joint", "slider-crank")),
+    ],
+)
 def test_smallest_scope(robot, tmp_path):
     """With one joint or one motor H is a number. Closed loops remain closed where an angle is many turns away."""
     chain = {**TREES, **LINKAGES}[robot].load(tmp_path)
@@ -204,7 +212,12 @@ def planar():
 SMALL = {**TREES, **LINKAGES, "planar": planar()}
 
 
-@pytest.mark.parametrize("robot", SMALL)
+FURTHER = "one sliding joint", "two tips on one way", "two tips of one joint each", "slider-crank"
+
+
+@pytest.mark.parametrize(
+    "robot", [pytest.param(robot, marks=pytest.mark.wide if robot in FURTHER else ()) for robot in SMALL]
+)
 def test_the_model_refuses_whole_results(robot, tmp_path):
     """Before: entries of directions in which the tip cannot move stayed zeros in unstable postures (27 of 36)."""
     chain = SMALL[robot].load(tmp_path)
@@ -275,7 +288,8 @@ def test_smallest_eigenvalues(scale):
             assert abs(ends.mean() - expected[0]) <= 1e-15 * n * np.abs(expected).max()
 
 
-@pytest.mark.parametrize("floating", [False, pytest.param(True, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("floating", [False, pytest.param(True, marks=pytest.mark.wide)])
 def test_compiled_calls_refuse_as_the_model_does(floating, tmp_path, unoptimised):
     """Single calls and stacks of a tree with mimic joints: stable, unstable, and joint stiffnesses that are no numbers.
 
@@ -352,13 +366,15 @@ def test_a_tip_that_cannot_move_in_all_directions_has_no_stiffness():
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("unoptimised")
 def test_gradients_of_the_compliance_of_motors(tmp_path):
     """In batches too, which were not printed before: against central differences, along closed configurations."""
     linkage, random, step = random_linkage(1), np.random.default_rng(0), 1e-5
     file = tmp_path / "linkage.urdf"
     file.write_text(linkage.urdf)
-    kernels = "motors.tip_compliance"
-    folder = generate(file, name="linkage", output=tmp_path, derivatives=True, kernels=kernels, **linkage.options)
+    kernels = "close", "motors.jacobian", "motors.tip_compliance"
+    options = {"derivatives": True, "kernels": kernels, "controller": False}
+    folder = generate(file, name="linkage", output=tmp_path, **options, **linkage.options)
     robot = open_robot(folder).module
     with np.errstate(invalid="ignore"):  # some positions of the motors have no closed configuration
         q = np.array([robot.close(each, robot.START) for each in random.uniform(-0.3, 0.3, (30, 2))])

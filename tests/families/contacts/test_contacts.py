@@ -36,8 +36,16 @@ def random_pose(random: np.random.Generator) -> np.ndarray:
     return pose
 
 
-@pytest.fixture(scope="module", params=[(robot, base) for robot in ROBOTS for base in ("floats", "stands", "tools")],
-                ids="-".join)  # fmt: skip
+FURTHER = ("tree", "tools"), *((robot, base) for robot in ("solo12", "dual_arm") for base in ("stands", "tools"))
+"""Wide: the tree stands and floats, and each robot with a base that floats stays, the two arms with tools."""
+SETTINGS = [
+    pytest.param((robot, base), id=f"{robot}-{base}", marks=pytest.mark.wide if (robot, base) in FURTHER else ())
+    for robot in ROBOTS
+    for base in ("floats", "stands", "tools")
+]
+
+
+@pytest.fixture(scope="module", params=SETTINGS)
 def setting(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
     """Kernels of a tree with sliding and mimic joints, a quadruped, two arms; the base floats, stands, and with tools
     at run time.
@@ -83,7 +91,7 @@ def test_one_pass_is_the_sum_over_the_tips(setting: SimpleNamespace, group: str,
     assert kernel.by_tips is not None
     one_pass, by_tips = (casadi_function(chain, each) for each in (kernel, replace(kernel, program=kernel.by_tips)))
     random = np.random.default_rng(3)
-    for _ in range(20):
+    for _ in range(5):
         given = arguments(chain, kernel, random)
         for value, expected in zip(as_results(one_pass(*given)), as_results(by_tips(*given)), strict=True):
             found = np.asarray(value)

@@ -28,8 +28,11 @@ OPTIONS = KernelOptions(derivatives=True)
 
 CASES = {"arm": {}, "walker": {"tip": ["left", "right"], "floating_base": True}}
 """Three joints, one sliding and one that mimics; and four joints with two tips on a floating base."""
-FEWER = {"arm": {}, "walker": {"kernels": ("body", "mass_matrix", "gravity")}}
-"""Of the walker a few functions: the arm has every formula, and these have the base's pose and both tips."""
+FEWER = {
+    "arm": {"kernels": ("hybrid", "spring", "limits", "mass_matrix", "bias_forces", "gravity", "manipulability")},
+    "walker": {"kernels": ("body", "mass_matrix", "gravity")},
+}
+"""Kernels of every kind; single calls of all of them: test_casadi.py. Of the walker, what has base or tips."""
 
 
 def urdf_of(case, folder):
@@ -55,7 +58,7 @@ def expected(chain, kernel, pool, count):
 
 
 def test_default_folder_knows_nothing_of_it(urdf):
-    texts = render(stiffgen.load_chain(urdf), "arm")
+    texts = render(stiffgen.load_chain(urdf), "arm", GenerationOptions(controller=False))
     public = [text for name, text in texts.items() if not name.endswith(".c")]
     assert len(public) > 8 and not any("vjp" in text for text in public)  # in C: steps of gradients
     assert "derivatives" not in json.loads(texts["manifest.json"])
@@ -64,11 +67,17 @@ def test_default_folder_knows_nothing_of_it(urdf):
 @pytest.mark.slow
 @pytest.mark.usefixtures("unoptimised", "narrowest_width")
 @pytest.mark.parametrize(
-    "case", [pytest.param(case, marks=() if case == "arm" else pytest.mark.wide) for case in CASES]
+    ("case", "fewer"),
+    [("arm", True), *(pytest.param(*each, marks=pytest.mark.wide) for each in (("arm", False), ("walker", True)))],
 )
-def test_folder_is_verified(case, tmp_path):
-    """Against differences and CasADi, with NaN, stacks of every length and the bounds of memory; reopened as it was."""
-    chosen = {"derivatives": True, "controller": False, **CASES[case], **FEWER[case]}
+def test_folder_is_verified(case, fewer, tmp_path, monkeypatch):
+    """Against differences and CasADi, with NaN, stacks of every length and the bounds of memory; reopened as it was.
+
+    The frameworks have a test of their own: tests/lab/languages/test_languages.py.
+    """
+    if fewer:
+        monkeypatch.setattr("stiffgen.lab.languages.check.check_wrappers", lambda material: [])
+    chosen = {"derivatives": True, "controller": False, **CASES[case], **(FEWER[case] if fewer else {})}
     folder = stiffgen.generate(urdf_of(case, tmp_path), output=tmp_path, name=case, **chosen)
     robot = open_robot(folder)
     assert robot.springs.derivatives
@@ -82,7 +91,8 @@ def test_copies_of_entries_have_names_of_their_own(tmp_path):
     """In a matrix of eleven columns entries 1, 11 and 11, 1 are two."""
     urdf = tmp_path / "chain.urdf"
     urdf.write_text(chain_urdf("r" * 12))
-    source = merged(render(stiffgen.load_chain(urdf), "arm", GenerationOptions(derivatives=True)), "arm")["arm.c"]
+    options = GenerationOptions(derivatives=True, controller=False, kernels=("hybrid", "mass_matrix"))
+    source = merged(render(stiffgen.load_chain(urdf), "arm", options), "arm")["arm.c"]
     for body in re.split(r"\n}\n", source):
         outermost = re.findall(r"^    const \w+ (\w+) = ", body, re.MULTILINE)
         assert len(outermost) == len(set(outermost))
@@ -94,8 +104,9 @@ def test_copies_of_entries_have_names_of_their_own(tmp_path):
 def test_cuda_on_the_host(case, tmp_path):
     """Cotangents lie with each configuration; gradients come back whole."""
     chain = stiffgen.load_chain(urdf_of(case, tmp_path), **CASES[case])
-    options = KernelOptions(derivatives=True, **FEWER[case])
-    texts = render(chain, "arm", GenerationOptions(cuda=True, derivatives=True, **FEWER[case]))
+    few = {"derivatives": True, "kernels": ("hybrid", "mass_matrix", "spring.linearization", "gravity.gradient")}
+    options = KernelOptions(**few)
+    texts = render(chain, "arm", GenerationOptions(cuda=True, controller=False, **few))
     for name in ("arm.cu", "arm_cuda.h"):
         (tmp_path / name).write_text(texts[name])
     host = HostCuda(tmp_path / "arm.cu", "arm", chain, tmp_path, options=options)

@@ -6,7 +6,9 @@ A size of 1 makes a vector, a matrix and a number alike. Code that infers which 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -22,10 +24,27 @@ from stiffgen.families.loops.oracles import check_loops
 from support.small_robots import LINKAGES, TREES, Small, part
 
 ALL_SPRINGS = KernelOptions(springs=("rotation_vector", "quaternion", "coupled", "bounded"))
-SPRINGS = [
-    pytest.param(KernelOptions(), id="one spring"),
-    pytest.param(ALL_SPRINGS, id="all springs", marks=pytest.mark.slow),
-]
+FURTHER = (
+    "one sliding joint", "two tips on one joint", "two tips of one joint each", "one coordinate of two joints",
+    "four-bar",
+)  # fmt: skip
+"""Robots that are wide with all springs: of each kind another one stays in CI."""
+
+
+def cases(robots: Iterable[str], one_spring: dict[str, Any]) -> list[Any]:
+    """Return every robot with one spring, quick but for the marks of ``one_spring``, and with all springs."""
+    found = []
+    for robot in robots:
+        mark = one_spring.get(robot, ())
+        found.append(pytest.param(robot, KernelOptions(), id=f"{robot}-one spring", marks=mark))
+        mark = pytest.mark.wide if robot in FURTHER else pytest.mark.slow
+        found.append(pytest.param(robot, ALL_SPRINGS, id=f"{robot}-all springs", marks=mark))
+    return found
+
+
+MARKS = dict.fromkeys(("one turning joint", "two tips on one joint", "slider-crank"), pytest.mark.slow) | {
+    "four-bar": pytest.mark.wide
+}
 
 
 def failed_checks(robot: Small, options: KernelOptions, folder: Path) -> list[Check]:
@@ -39,19 +58,12 @@ def failed_checks(robot: Small, options: KernelOptions, folder: Path) -> list[Ch
     return [check for check in checks if not check.passed]
 
 
-@pytest.mark.parametrize("springs", SPRINGS)
-@pytest.mark.parametrize("robot", [
-    pytest.param(name, marks=pytest.mark.slow if name in ("one turning joint", "two tips on one joint") else ())
-    for name in TREES
-])  # fmt: skip
+@pytest.mark.parametrize(("robot", "springs"), cases(TREES, MARKS))
 def test_kernels_of_trees(robot: str, springs: KernelOptions, tmp_path) -> None:
     assert failed_checks(TREES[robot], springs, tmp_path) == []
 
 
-@pytest.mark.parametrize("springs", SPRINGS)
-@pytest.mark.parametrize("robot", [
-    pytest.param(name, marks=pytest.mark.slow if name == "four-bar" else ()) for name in LINKAGES
-])  # fmt: skip
+@pytest.mark.parametrize(("robot", "springs"), cases(LINKAGES, MARKS))
 def test_kernels_of_linkages(robot: str, springs: KernelOptions, tmp_path) -> None:
     """Functions of the motors at tips on crank, coupler and rocker; of the open tree, whose paths are as short."""
     chain = LINKAGES[robot].load(tmp_path)

@@ -29,9 +29,9 @@ ROBOTS = {
 @pytest.fixture(
     scope="module",
     params=[
-        "closed loops",
+        pytest.param("closed loops", marks=pytest.mark.slow),
         pytest.param("two tips", marks=pytest.mark.wide),
-        pytest.param("floating base", marks=pytest.mark.slow),
+        pytest.param("floating base", marks=pytest.mark.wide),
     ],
 )
 def printed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:

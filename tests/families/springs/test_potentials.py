@@ -48,6 +48,12 @@ def most(p, R, parameters):
 def kinks(p, R, parameters):
     return ca.fmax(0, p[2] - 0.1) ** 3 + ca.fabs(p[0]) ** 3
 
+def sines_and_roots(p, R, parameters):
+    return sines(p, R, parameters) + roots(p, R, parameters)
+
+def with_pieces(p, R, parameters):
+    return larger(p, R, parameters) + pieces(p, R, parameters) + kinks(p, R, parameters)
+
 LOCALS = ("angle", "sine", "J", "K", "q", "p", "R", "x", "i", "n", "a", "a_bar", "a_step", "a_of_tips")
 WORDS = (
     "count", "energy", "torque", "wrench", "lanes", "poison", "int", "double", "lambda", "class", "M_PI", "NAN", "I",
@@ -62,8 +68,8 @@ NAMES = ("polynomial", "sines", "roots", "larger", "pieces", "chosen", "angle", 
 
 ``most`` has as many as a potential may have.
 """
-FORMULAS = ("sines", "roots", "larger", "pieces", "chosen", "kinks")
-"""Those that differ in their formulas; the others in names."""
+FORMULAS = ("sines_and_roots", "with_pieces", "chosen")
+"""Every formula, in few functions; the other potentials differ in names."""
 ROBOT = """<robot name="two"><link name="base"/><link name="a"/><link name="b"/><link name="c"/>
 <joint name="j1" type="revolute"><parent link="base"/><child link="a"/><origin xyz="0 0.1 0.3"/><axis xyz="0 1 0"/>
 </joint><joint name="j2" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0.4 0 0" rpy="0 0 1"/>
@@ -81,10 +87,12 @@ OPTIONS = {
 }
 
 
-def generated(work: Path, *options: str) -> Path:
+def generated(work: Path, names: tuple[str, ...], *options: str) -> Path:
+    """Generate a folder with the functions of some potentials alone."""
     (work / "robot.urdf").write_text(ROBOT)
     (work / "mine.py").write_text(POTENTIALS)
-    potentials = [word for name in NAMES for word in ("--potential", f"{work / 'mine.py'}:{name}")]
+    potentials = [word for name in names for word in ("--potential", f"{work / 'mine.py'}:{name}")]
+    potentials += ["--kernels", ",".join(names), "--no-controller"]
     command = ["generate", str(work / "robot.urdf"), "--no-masses", "--name", "made", "--output", str(work)]
     assert main([*command, *potentials, *options]) == 0
     return work / "made"
@@ -100,7 +108,7 @@ SLOW = {
 
 @pytest.mark.parametrize("name", ["one tip", *(pytest.param(name, marks=mark) for name, mark in SLOW.items())])
 def test_potentials_compile_with_every_option(name: str, tmp_path: Path) -> None:
-    folder = generated(tmp_path, "--no-build", *OPTIONS[name])
+    folder = generated(tmp_path, NAMES, "--no-build", *OPTIONS[name])
     for file in folder.glob("made*.c"):
         if file.stem in ("made", "made_batch"):
             subprocess.run(["cc", "-std=c99", *STRICT, "-fsyntax-only", file], check=True)
@@ -112,6 +120,10 @@ def test_potentials_compile_with_every_option(name: str, tmp_path: Path) -> None
     ("name", "potentials"), [("derivatives", FORMULAS), pytest.param("two tips", NAMES, marks=pytest.mark.wide)]
 )
 @pytest.mark.usefixtures("unoptimised", "narrowest_width")
-def test_potentials_have_the_values_of_their_energies(name: str, potentials: tuple[str, ...], tmp_path: Path) -> None:
-    folder = generated(tmp_path, "--kernels", ",".join(potentials), *OPTIONS[name])
+def test_potentials_have_the_values_of_their_energies(
+    name: str, potentials: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The frameworks have a test of their own: tests/lab/languages/test_languages.py."""
+    monkeypatch.setattr("stiffgen.lab.languages.check.check_wrappers", lambda material: [])
+    folder = generated(tmp_path, potentials, *OPTIONS[name])
     assert [check for check in verify(folder, count=5, trust_potentials=True) if not check.passed] == []

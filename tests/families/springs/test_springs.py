@@ -21,18 +21,30 @@ from support.spring_digits import CASES, FEW, ROBOTS, by_casadi, pose_errors, ro
 BOUND = 1e-11
 
 
-@pytest.mark.parametrize("case", [*CASES, "small"])
-def test_wrench_and_hessian_at_poses_of_doubles(case):
+@pytest.mark.parametrize(
+    ("case", "count"),
+    [*((case, 6) for case in CASES), ("small", 10), pytest.param("small", 60, marks=pytest.mark.wide)],
+)
+def test_wrench_and_hessian_at_poses_of_doubles(case, count):
     """The spring alone, its pose given: right to the last digits of F and K themselves, however small they are.
 
     Small angles are those among which a series takes the place of the closed form.
     """
-    for spring, errors in pose_errors(FEW, case, count=6 if case in CASES else 60, seed=3).items():
+    for spring, errors in pose_errors(FEW, case, count, seed=3).items():
         assert max(errors.values()) <= BOUND, (spring, errors)
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
-@pytest.mark.parametrize("case", CASES)
+IN_CI = ("six axes", "random"), *(("slides and mimics", case) for case in CASES)
+
+
+@pytest.mark.parametrize(
+    ("robot", "case"),
+    [
+        pytest.param(robot, case, marks=() if (robot, case) in IN_CI else pytest.mark.wide)
+        for robot in ROBOTS
+        for case in CASES
+    ],
+)
 def test_kernels_along_the_kinematics(robot, case, tmp_path):
     """Torque and tangent from q: beyond 1e-11 of the result, what rounding the pose costs (16 roundings)."""
     urdf = urdf_of(robot, tmp_path)
