@@ -132,7 +132,9 @@ void WipingClient::onStateChange(KUKA::FRI::ESessionState oldState, KUKA::FRI::E
     }
     controlling_ = false;
     defects_.reset();
-    copies_.reset();
+    if (let_go_ == LET_GO_NONE) {
+        copies_.reset(); /* else the last line still names the joint */
+    }
     guard_.reset();
     ended_ = newState == KUKA::FRI::IDLE;
 }
