@@ -47,6 +47,7 @@ void WipingClient::begin_commanding()
     controlling_ = true;
     start_ = 1;
     robot::init(&config_, &state_);
+    settling_.begin(config_);
     std::memset(&output_, 0, sizeof output_);
     paper_.begin();
 }
@@ -55,7 +56,7 @@ void WipingClient::begin_commanding()
 double WipingClient::tip_error() const
 {
     double wanted[16], there[16], square = 0.0;
-    robot::pose(input_.q0, wanted);
+    robot::pose(wanted_, wanted);
     robot::pose(q_, there);
     for (int i = 0; i < 3; ++i) {
         square += (wanted[4 * i + 3] - there[4 * i + 3]) * (wanted[4 * i + 3] - there[4 * i + 3]);
@@ -126,7 +127,11 @@ bool WipingClient::fill_input()
     since_wrench_ = is_plausible(tip_wrench_) ? 0.0 : since_wrench_;
     copy(q_, input_.q, JOINTS);
     copy(velocity_.velocity(), input_.dq, JOINTS);
-    reference_.at(input_.q0);
+    reference_.at(wanted_);
+    copy(wanted_, input_.q0, JOINTS);
+    /* Whatever slows the trajectory down holds Settle: a person, a question, a limit, letting go. */
+    const bool stands = pace_.value() < 1.0 || let_go_ != LET_GO_NONE;
+    settling_.step(start_ != 0 ? NULL : &output_, tip_wrench_, stands, &input_);
     return true;
 }
 
@@ -150,6 +155,7 @@ void WipingClient::watch_controller()
             return;
         }
         robot::reset(&state_);
+        settling_.begin(config_);
         reference_.begin(q_);
         record_.reset = 1;
         good_time_ = 0.0;

@@ -94,6 +94,14 @@ void take_friction(Options &options, const Given &given)
     }
 }
 
+void take_settle(Options &options, const Given &given)
+{
+    const std::vector<Given> parts = given.parts(2, "two numbers");
+    for (std::size_t i = 0; i < 2; ++i) {
+        options.settings.settle_force[i] = parts[i].number(0.0, i == 0 ? 100.0 : 20.0);
+    }
+}
+
 void take_law(Options &options, const Given &given)
 {
     if (given.text != "potential" && given.text != "paper" && given.text != "conventional") {
@@ -151,6 +159,8 @@ const Row ROWS[] = {
      [](Options &o, const Given &g) { o.settings.motor_inertia = g.number(0.0, 100.0); }},
     {"friction", "SEVEN", "coulomb_friction fed forward, as 'stiffgen measure --friction' prints it [N m] (0)",
      take_friction},
+    {"settle", "TWO", "no error at rest: most force and moment that the springs may add [N, N m] (0,0)",
+     take_settle},
     {"effort-share", "X", "share of the robot's effort limits [1] (0.25)",
      [](Options &o, const Given &g) { o.settings.effort_share = g.number(0.001, 1.0); }},
     {"torque-rise", "S", "least time from zero to that limit, 0.1 to 0.25 [s] (0.25)",
@@ -200,8 +210,7 @@ const Row ROWS[] = {
 const char *const GONE[][2] = {
     {"--joint-damping", "the controller damps by --damping-ratio, 0 to 2, alone"},
     {"--velocity-filter", "give --velocity-span S, twice the old time constant"},
-    {"--settle", "the client follows joint positions, and Settle moves poses: use NAME_settle.h, or ~/settle in ROS 2"},
-    {"--press", "the client follows joint positions, and external torques are no force sensor (friction hides 1.4 to 12.7 N "
+    {"--press", "the client holds no force, and external torques are no force sensor (friction hides 1.4 to 12.7 N "
                 "on a UR5): use NAME_press.h, or ~/press in ROS 2, with a sensor's wrench"},
 };
 
@@ -297,8 +306,24 @@ bool Options::parse(int argc, char **argv)
     if (trajectory.empty()) {
         throw std::runtime_error("no trajectory; name a file with --trajectory");
     }
+    check_settle();
     read_calibration();
     return true;
+}
+
+/* Settle moves the exact springs' rest, and a frozen position that is coarse would show too late. */
+void Options::check_settle() const
+{
+    if (settings.settle_force[0] <= 0.0 && settings.settle_force[1] <= 0.0) {
+        return;
+    }
+    if (settings.paper) {
+        throw std::runtime_error("--settle: it moves the springs of --law potential; leave --law out");
+    }
+    if (settings.position_quantum > 1e-6) {
+        throw std::runtime_error("--settle: it takes positions that are finer than 1e-6 rad, not --position-quantum " +
+                                 plain(settings.position_quantum));
+    }
 }
 
 /* Without a calibration a sensor's bias and the tool's weight would stand for a contact. */

@@ -23,6 +23,7 @@ struct Options {
     bool parse(int argc, char **argv);
 
 private:
+    void check_settle() const;
     void read_calibration();
 };
 

@@ -131,10 +131,16 @@ void WipingClient::watch_standing(const double *q)
     }
     if (!controlling_ || faulted_ || settings_.dry_run) {
         standing_.reset();
+        settled_.reset();
         return;
     }
     standing_.add(q, output_.torque, config_.effort_limit, config_.position_quantum > FINE, since_position_);
-    if (standing_.joint() >= 0) {
+    if (settling_.moves_at_rest()) {
+        settled_.add(q, output_.torque, config_.effort_limit, false, since_position_);
+    } else {
+        settled_.reset();
+    }
+    if (standing_.joint() >= 0 || settled_.joint() >= 0) {
         let_go(LET_GO_STANDING);
     }
 }

@@ -194,7 +194,7 @@ std::string let_go_text(const Options &options, const WipingClient &client)
                " repeat those of " + std::to_string(client.copies().late()) +
                " messages before: late copies are not believed; check the joint's encoder and the robot's messages";
     case LET_GO_STANDING:
-        return std::string("the measured positions of joint ") + robot::joint(client.standing().joint()) +
+        return std::string("the measured positions of joint ") + robot::joint(client.standing_joint()) +
                " are not believed: they stand still while the torque moves on; check the joint's encoder, and see "
                "--position-quantum";
     case LET_GO_PERIOD:

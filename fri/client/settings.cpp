@@ -13,6 +13,7 @@ Settings::Settings()
     const double stiffness[6] = {700.0, 700.0, 800.0, 30.0, 30.0, 30.0};
     std::copy(stiffness, stiffness + 6, task_stiffness);
     std::fill(friction, friction + 7, 0.0);
+    std::fill(settle_force, settle_force + 2, 0.0);
     /* The bowl wiping has 0.1 m, 3.7 J and 85 N. */
     pace.error = 0.2;
     pace.lag = 0.3;

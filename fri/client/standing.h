@@ -5,6 +5,7 @@
 #include "filters.h"
 
 #include <algorithm>
+#include <cmath>
 
 /*
  * Positions that take two values at most, as of an encoder that stands still but for a bit, while the controller's torque
@@ -13,11 +14,14 @@
  */
 class Standing {
 public:
-    Standing() { reset(); }
+    /* range: share of the effort limit that the torque ranges over before a position stands. */
+    explicit Standing(double range) : range_(range) { reset(); }
 
     void reset()
     {
         joint_ = -1;
+        std::fill(value_, value_ + JOINTS, std::nan(""));
+        std::fill(other_, other_ + JOINTS, std::nan(""));
         std::fill(time_, time_ + JOINTS, 0.0);
         std::fill(least_, least_ + JOINTS, 0.0);
         std::fill(most_, most_ + JOINTS, 0.0);
@@ -29,7 +33,7 @@ public:
      */
     void add(const double *q, const double *torque, const double *effort, bool coarse, double elapsed)
     {
-        const double share = (coarse ? 2.0 : 1.0) * RANGE;
+        const double share = (coarse ? 2.0 : 1.0) * range_;
         for (int i = 0; i < JOINTS; ++i) {
             const bool stands = q[i] == value_[i] || (!coarse && q[i] == other_[i]);
             if (!stands) {
@@ -46,11 +50,11 @@ public:
     int joint() const { return joint_; } /* whose position stands; -1: none */
 
 private:
-    /* [s]; share of the effort limit that the torque ranges over before a position stands */
-    static constexpr double TIME = 0.02, RANGE = 0.03;
+    static constexpr double TIME = 0.02; /* [s] */
 
+    const double range_;
     int joint_;
-    double value_[JOINTS] = {0.0}, other_[JOINTS] = {0.0}, time_[JOINTS], least_[JOINTS], most_[JOINTS];
+    double value_[JOINTS], other_[JOINTS], time_[JOINTS], least_[JOINTS], most_[JOINTS];
 };
 
 #endif

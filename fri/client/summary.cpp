@@ -137,6 +137,7 @@ void Summary::set_controller(const robot::Config &config, const Settings &settin
         {"delay_samples", number(config.delay_samples)},
         {"motor_inertia", number(config.motor_inertia[0])},
         {"coulomb_friction", list(config.coulomb_friction, JOINTS)},
+        {"settle_force", list(settings.settle_force, 2)},
         {"heaviest_wrench", list(config.heaviest_wrench, 2)},
         {"position_quantum", number(config.position_quantum)},
         {"velocity_noise", number(config.velocity_noise)},

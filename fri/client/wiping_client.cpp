@@ -10,6 +10,10 @@ using KUKA::FRI::FRIException;
 
 namespace {
 
+/* Share of the effort limit that the torque ranges over before a position stands. Less at rest, where Settle alone
+ * changes the torque: it may stop just above the friction of a joint that then goes on unseen. */
+const double STANDING_RANGE = 0.03, SETTLED_RANGE = 0.015;
+
 /* Periods that the trajectory may be ahead of this machine's time, since late messages arrive together. */
 const double ALLOWANCE = 8.0;
 
@@ -33,7 +37,8 @@ double heaviest(const double *stiffness, double energy, double most)
 WipingClient::WipingClient(const Settings &settings, const Trajectory &trajectory, WrenchSensor *sensor,
                            const Connection &connection, Records &records, Question &question)
     : settings_(settings), connection_(connection), records_(records), question_(question),
-      velocity_(settings.velocity_span),
+      settling_(settings.settle_force), velocity_(settings.velocity_span),
+      standing_(STANDING_RANGE), settled_(SETTLED_RANGE),
       wrench_(sensor, settings.calibration, settings.wrench_damping, settings.external_torque_sign),
       reference_(trajectory, settings.approach_time), pace_(settings.pace), sample_time_(0.0), reported_period_(0.0),
       other_period_(0), since_position_(0.0), since_followed_(0.0), valid_(false), wild_joint_(0), wild_position_(0.0),
@@ -48,6 +53,7 @@ WipingClient::WipingClient(const Settings &settings, const Trajectory &trajector
     std::memset(&counters_, 0, sizeof counters_);
     std::memset(&record_, 0, sizeof record_);
     fill(q_, 0.0, JOINTS);
+    fill(wanted_, 0.0, JOINTS);
     fill(tip_wrench_, 0.0, 6);
     configure();
     controller_error_ = robot::init(&config_, &state_);

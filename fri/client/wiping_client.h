@@ -16,6 +16,7 @@
 #include "paper.h"
 #include "robot.h"
 #include "settings.h"
+#include "settle.h"
 #include "standing.h"
 #include "timing.h"
 #include "wrench.h"
@@ -101,7 +102,7 @@ public:
     Pace::Reason held_by() const { return held_by_; }
     int fast_joint() const { return fast_joint_; }
     const Copies &copies() const { return copies_; }
-    const Standing &standing() const { return standing_; }
+    int standing_joint() const { return std::max(standing_.joint(), settled_.joint()); }
     const Defects &defects() const { return defects_; }
     int wild_joint() const { return wild_joint_; }           /* last joint far beyond its limit */
     double wild_position() const { return wild_position_; } /* [rad] of that joint */
@@ -165,10 +166,11 @@ private:
     robot::Input input_;
     robot::Output output_;
     PaperTorque paper_;
+    Settling settling_;
     RobotClock clock_;
     VelocityDifference velocity_;
     Copies copies_;
-    Standing standing_;
+    Standing standing_, settled_; /* always; at rest, while Settle moves the command */
     PositionFollower follower_;
     WrenchSource wrench_;
     Reference reference_;
@@ -188,6 +190,7 @@ private:
     double wild_position_;
     bool has_velocity_;                    /* this message gave a new difference quotient */
     double q_[JOINTS];                     /* [rad] last measured position */
+    double wanted_[JOINTS];                /* [rad] of the trajectory, in the last sample */
     double tip_wrench_[6];                 /* [N, N m] of the environment, in the last sample */
     double since_wrench_;                  /* [s] since the last plausible one */
     bool button_, has_button_;             /* pressed; the robot's messages have it */

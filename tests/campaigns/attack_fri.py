@@ -47,6 +47,7 @@ KINDS: dict[str, tuple[float, ...] | tuple[str, float, float]] = {
     "offset": ("signed", 1e-3, 0.5), "noise": ("log", 1e-6, 3e-2), "gain": (-1, 0, 2, 10), "button": (0,),
     "held": (0,), "blocked": (0, 1, 2, 3, 4, 5, 6), "push": ("signed", 1, 100), "silence": (0,),
     "slow": ("log", 0.1, 20), "patient": (0,), "stop": (0, 1), "interrupt": (1, 2), "answer": (0, 1),
+    "settle": (5, 35, 100),
 }  # fmt: skip
 """An event's values: one of some numbers, or a share, or a number on a logarithmic scale with or without sign."""
 

@@ -70,6 +70,8 @@ public:
     double elastic = 0.0, lead = 0.0, reference = 0.0, error = 0.0;
     bool let_go = false;
     double let_go_time = -1.0, zero_time = -1.0, apart = 0.0;
+    double end[JOINTS];             /* [rad] of the trajectory */
+    double rest = 0.0, force = 0.0; /* in the last sample: [m] of the tip from the end, [N] of the torque at the tip */
 
 private:
     struct Place {
@@ -89,21 +91,30 @@ private:
         }
         if (record.kind == Record::STEP && record.sample_valid) {
             elastic = std::max(elastic, record.elastic_energy / client_.settings().pace.energy);
-            measure_error(record);
+            error = std::max(error, distance(record.q0));
             measure_speed(record);
+            measure_rest(record);
         }
     }
 
-    /* Distance of the tip from the reference [m]. */
-    void measure_error(const Record &record)
+    /* Return the distance [m] of the arm's tip from where it is at joint positions. */
+    double distance(const double *q) const
     {
         double wanted[16], there[16], square = 0.0;
-        robot::pose(record.q0, wanted);
+        robot::pose(q, wanted);
         robot::pose(world_.arm.q.data(), there);
         for (int i = 0; i < 3; ++i) {
             square += (wanted[4 * i + 3] - there[4 * i + 3]) * (wanted[4 * i + 3] - there[4 * i + 3]);
         }
-        error = std::max(error, std::sqrt(square));
+        return std::sqrt(square);
+    }
+
+    void measure_rest(const Record &record)
+    {
+        double wrench[6];
+        robot::external_wrench(record.q, record.torque, 1e-3, wrench);
+        rest = distance(end);
+        force = size_of(wrench);
     }
 
     /* Speed of the reference, as a share of the velocity limits. */
@@ -148,13 +159,15 @@ void print(const Ending &ending, const World &world, const Watcher &seen, const 
                 world.axis_delta, world.unanswered, world.not_finite, world.sent, world.last_torque, recent, last);
     std::printf("\"release\": %.17g, \"let_go\": %s, \"done\": %s, \"idle\": %s, \"interrupted\": %s, \"interrupts\": %d, "
                 "\"declined\": %s, \"moved\": %s, \"refused\": %s, \"state\": %d, \"progress\": %.17g, \"parted\": %.17g, "
-                "\"let_go_time\": %.17g, \"beyond\": %.17g, \"apart\": %.17g, \"held\": %.17g}\n",
+                "\"let_go_time\": %.17g, \"beyond\": %.17g, \"apart\": %.17g, \"held\": %.17g, \"rest\": %.17g, "
+                "\"force\": %.17g}\n",
                 seen.zero_time >= 0.0 ? seen.zero_time - seen.let_go_time : -1.0, boolean(seen.let_go),
                 boolean(client.trajectory_done()), boolean(world.idle_seen), boolean(world.interrupted),
                 static_cast<int>(interrupts), boolean(client.question().state() == Question::NO), boolean(world.moved),
                 boolean(client.refusal() != REFUSAL_NONE), world.last_state, client.progress(), world.parted,
                 seen.let_go_time, world.beyond, seen.let_go ? seen.apart : world.apart,
-                world.parted_joint >= 0 ? world.held[static_cast<std::size_t>(world.parted_joint)] : 0.0);
+                world.parted_joint >= 0 ? world.held[static_cast<std::size_t>(world.parted_joint)] : 0.0,
+                seen.rest, seen.force);
     std::fflush(stdout);
 }
 
@@ -170,6 +183,9 @@ void session(const Schedule &schedule, const std::string &file, int period)
     options.settings.pace.patience = 1.0;
     const double quantum = schedule.value("quantum", 0.0, 0.0);
     options.settings.position_quantum = quantum > 1e-6 ? quantum : 0.0; /* as docs/fri.md asks for */
+    const double settle = quantum > 1e-6 ? 0.0 : schedule.first("settle", 0.0); /* as the options ask for */
+    options.settings.settle_force[0] = settle;
+    options.settings.settle_force[1] = 0.1 * settle;
     options.settings.may_ask = schedule.events.count("answer") > 0;
     const Trajectory trajectory(file, options.trajectory_period);
     Vector start;
@@ -187,6 +203,7 @@ void session(const Schedule &schedule, const std::string &file, int period)
         world.torque_rate[i] = client->config().torque_rate_limit[i];
     }
     Watcher watcher(world, *client, *records, question);
+    trajectory.at(trajectory.duration(), watcher.end);
     world.watch = [&watcher] { watcher.look(); };
     application.connect(30200);
     Ending ending = {FAULT, "the client does not end"};

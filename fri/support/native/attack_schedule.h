@@ -81,6 +81,7 @@ const char *const KINDS[] = {
     "stop",     /* the client stands still, for LENGTH, before it receives (0) or in its callback (1) */
     "interrupt", /* Ctrl-C; so many times */
     "answer",   /* to the question: 1 yes, 0 no */
+    "settle",   /* [N] --settle, all the time; a tenth of it in N m */
 };
 enum { KIND_COUNT = sizeof KINDS / sizeof *KINDS };
 
@@ -126,6 +127,13 @@ struct Schedule {
     {
         const Event *const event = at(kind, time);
         return event != NULL ? event->value : otherwise;
+    }
+
+    /* Value of the first event of a kind, whenever it is. */
+    double first(const char *kind, double otherwise) const
+    {
+        const auto found = events.find(kind);
+        return found != events.end() ? found->second.front().value : otherwise;
     }
 
     /* An event that begins now, once. */
