@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
 
@@ -287,6 +288,25 @@ def test_dry_run_sends_zero(open_programs: Programs, robot: ModuleType, tmp_path
     wiped = Wiped(open_programs, moving_script(open_programs, robot, 60), tmp_path, "--dry-run")
     assert np.abs(wiped.log["torque"]).max() > 0.5
     assert all(not command.torque.any() for command in wiped.commands[9:] if command is not None)
+
+
+def test_an_arm_led_by_hand_in_a_dry_run_is_not_let_go(one: Programs, robot: ModuleType, tmp_path: Path) -> None:
+    """Ten poses far from the trajectory, as a sensor's calibration asks for; the log has each of them at rest."""
+    rng, script = np.random.default_rng(4), one.script()
+    script.begin()
+    poses = [POSTURE, *(POSTURE + rng.uniform(-0.5, 0.5, (10, 7)) * [0.5, 0.5, 0.5, 0.5, 1, 1, 1])]
+    for before, pose in pairwise(poses):
+        for k in range(400):  # a second there, a second of rest
+            place = minimum_jerk(0.005 * k, 1.0, before, pose)[0]
+            script.add(COMMANDING_ACTIVE, position=place + 1e-5 * np.cos(k * np.arange(1, 8)))
+    limits = [f"--{name}-limit" for name in ("error", "lag", "energy")]
+    options = [word for name in limits for word in (name, "0")]
+    wiped = Wiped(one, script, tmp_path, "--effort-share", "0.25", "--force-limit", "150", *options, "--dry-run")
+    assert len(wiped.log) == 4000 and wiped.log["sample_valid"].all()
+    assert not (wiped.log["events"].astype(int) & 1 << 17).any() and wiped.faults["controller_faults"] == 0
+    assert not any(command.torque.any() for command in wiped.commands[9:] if command and command.torque is not None)
+    for k, pose in enumerate(poses[1:]):
+        np.testing.assert_allclose(wiped.log["q"][400 * k + 200 : 400 * k + 400], np.tile(pose, (200, 1)), atol=1e-4)
 
 
 def test_quality_drop_is_counted(open_programs: Programs, tmp_path: Path) -> None:

@@ -39,7 +39,7 @@ def whole(told: dict[str, Any]) -> bool:
     return all(value <= 1 + 1e-6 for value in measures(parse(told["line"]), told).values())
 
 
-@pytest.mark.parametrize("period", [1, 5])
+@pytest.mark.parametrize("period", [pytest.param(1, marks=pytest.mark.slow), 5])
 @pytest.mark.parametrize("friction", [0.01, 0.02])
 def test_rests_within_a_millimetre_under_friction(
     resting: Callable[[str], dict[str, Any]], period: int, friction: float
@@ -72,8 +72,12 @@ FAULTS = (
     "safety 2 9 1", "interrupt 1.6 1 1", "period 2 9 2", "held 2 1 0", "push 2.000001 1 20", "stop 2 0.1 1",
 )  # fmt: skip
 
+QUICK = ("drop 1.5 4 0.05", "silence 2 0.2 0", "button 1.6 1 0", "held 2 1 0")
 
-@pytest.mark.parametrize("fault", FAULTS)
+
+@pytest.mark.parametrize(
+    "fault", [pytest.param(each, marks=() if each in QUICK else pytest.mark.slow) for each in FAULTS]
+)
 def test_faults_while_it_settles(resting: Callable[[str], dict[str, Any]], fault: str) -> None:
     assert whole(resting(f"5: 1 sticky 0 99 0.02 {SETTLE} {fault}"))
 
@@ -162,7 +166,8 @@ def test_a_button_and_a_fault_end_it(one: Programs, robot: ModuleType, short: Pa
 # ---- with the simulated robot ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("weight", "settles"), [(0.3, True), pytest.param(1.0, False, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("weight", "settles"), [(0.3, True), (1.0, False)])
 def test_a_small_load_is_carried_and_a_contact_left(
     session: Callable[..., Run], plate: ModuleType, tmp_path: Path, weight: float, settles: bool
 ) -> None:
