@@ -7,8 +7,8 @@
  *              to is handed over to the equilibrium within 0.3 s: the spring then exerts it.
  *   approach   the pose goes along the axis at approach_speed, at most 3 cm before the tip, until a fifth of the force is felt.
  *   loss       after 0.15 s with less than a tenth of the force the tip stops, or looks for contact again (search).
- *   doubt      where the springs press beyond the measured force by disagreement_limit for 0.2 s, the pose goes back: the
- *              sensor is frozen, or reads too little.
+ *   doubt      where the springs press beyond the measured force by disagreement_limit for 0.2 s, or an
+ *              approach presses for 5 s on a tip that stands, the pose goes back: the sensor is frozen, or reads too little.
  *   axis       in base axes; it may turn with a surface. What is not along the axis follows the commanded pose.
  *
  * A wrist's sensor gives the wrench at the tip by iiwa14_sensor.h or a calibration. Motor torques are no force sensor.
@@ -51,7 +51,7 @@ enum {
     IIWA14_PRESS_STAGE_APPROACH = 1, /* the pose moves along the axis until something is touched */
     IIWA14_PRESS_STAGE_CONTACT = 2, /* the force is held */
     IIWA14_PRESS_STAGE_LOST = 3, /* contact was lost, or the controller has a fault: the tip stops until search is set, or force was 0 */
-    IIWA14_PRESS_STAGE_DOUBTED = 4 /* the springs press beyond the measured force by disagreement_limit: the pose goes back until force was 0 */
+    IIWA14_PRESS_STAGE_DOUBTED = 4 /* the springs press beyond the measured force by disagreement_limit, or an approach presses for 5 s and the tip goes less than 1 mm: the pose goes back until force was 0 */
 };
 
 /* Configuration of Press; start from the defaults. */
@@ -59,8 +59,9 @@ typedef struct {
     /* [m/s] speed at which contact is looked for. Must lie between 0.0001 and 1. Default: 0.03. */
     double approach_speed;
     /* [N] most that the springs may press beyond the measured force, but for 0.2 s: friction and payload that
-     * are not known; a sensor that is frozen or reads too little is found by it. Must lie between 0 and 10000.
-     * Default: 50.0. */
+     * are not known; a sensor that is frozen or reads too little is found by it. Below it an approach ends that
+     * presses, from 3 cm before the tip on, while the tip goes less than 1 mm in 5 s: friction of a UR5 lets it
+     * creep by 1.5. Must lie between 0 and 10000. Default: 50.0. */
     double disagreement_limit;
     /* [m] farthest that the pose is moved from the commanded one. Must lie between 0 and 10. Default: 0.3. */
     double offset_limit;
@@ -110,6 +111,8 @@ typedef struct {
     double force; /* [N] force of wrench_command along the axis. */
     double speed; /* [m/s] measured speed of the tip along the axis, smoothed. */
     double doubt; /* [s] time for which the springs have pressed beyond disagreement_limit. */
+    double stalled; /* [s] time for which an approach has pressed while the tip stood. */
+    double gone; /* [m] way of the tip along the axis in that time. */
     double low; /* [s] time for which the force has been low in contact. */
     int touched; /* [samples] samples with a force before contact. */
     int stage; /* IIWA14_PRESS_STAGE_.... */

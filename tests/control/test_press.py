@@ -128,22 +128,59 @@ def test_a_wall_feels_the_force(iiwa: Arm, stiffness: float) -> None:
     assert error <= 0.4 and force.max() <= 35.0
 
 
+def pressed_rows(arm: Arm, samples: int, axis: tuple[float, float, float], stiffness: float, **plant: float) -> Any:
+    """Return the rows of an arm whose tip presses with 15 N on a wall of 1e4 N/m that is 2 cm away, if it is down."""
+    pose = arm.module.forward_kinematics(arm.posture)
+    wall = {"wall_stiffness": 1e4, "wall_point": pose[:3, 3] - [0, 0, 0.02], "wrench_delay": 1}
+    noise, press = 0.3 * np.random.default_rng(1).normal(size=(samples, 6)), (*axis, 15.0, 1.0)
+    sensors = arm.maker.sensors
+    config = arm.config(position_quantum=sensors.position_quantum, velocity_noise=sensors.velocity_noise)
+    return arm.run(
+        arm.plant(flexible=True, makers=1, **wall, **plant), samples, config, goal=arm.posture, pose=pose,
+        press=press, wrench_noise=noise, translation=stiffness,
+    )  # fmt: skip
+
+
+def test_a_slow_approach_has_its_time(robot: ModuleType) -> None:
+    """5 s count from where the pose is 27 mm before a tip that stands, 5.4 s at 5 mm/s: not from contact's 3 N on."""
+    pressed = Pressed(robot, approach_speed=0.005)
+    follow, stages = robot.Follow(Q, sample_time=1e-3), []
+    for counter in range(1, 11000):
+        made = pressed.step(0.0)
+        q0 = follow.step(pose=made.pose).q0
+        pressed.last = pressed.controller.step(q=Q, dq=0 * Q, q0=q0, shaped=True, counter=counter, **SPRINGS)
+        stages.append(made.stage)
+    assert 10.3 < 1e-3 * stages.index(robot.PressStage.DOUBTED) < 10.5
+
+
+@pytest.mark.slow
+def test_an_approach_on_a_sensor_that_says_nothing_ends(iiwa: Arm) -> None:
+    """3 cm of spring, 18 N, for 5 s, and then none; before, for good."""
+    rows = pressed_rows(iiwa, 9000, (0.0, 0.0, -1.0), 600.0, wrench_gain=0.0)
+    force = rows["contact"][:, 2]
+    print(f"most {force.max():.1f} N, for {1e-3 * (force > 9.0).sum():.1f} s, at the end {force[-500:].mean():.1f} N")
+    assert rows["detail"][-1, 1] == iiwa.module.PressStage.DOUBTED
+    assert 15.0 < force.max() < 20.0 and (force > 9.0).sum() < 6000 and force[-500:].max() < 1.0
+
+
+@pytest.mark.slow
+def test_friction_ends_no_approach(once: Once) -> None:
+    """A UR5's friction, some 20 N at the tip and not fed forward, against 9 N of spring: the tip creeps on."""
+    ur5 = Arm("ur5", once("arms-ur5", lambda folder: Arm("ur5", folder)))
+    rows = pressed_rows(ur5, 9000, (0.0, 1.0, 0.0), 300.0)
+    way = 1e3 * (rows["pose"].reshape(-1, 4, 4)[[2000, -1], 1, 3] - rows["pose"].reshape(-1, 4, 4)[0, 1, 3])
+    print(f"{way[0]:.1f} mm in 2 s, {way[1]:.1f} mm in 9 s")
+    assert way[1] - way[0] < 60.0  # 210 mm without friction
+    assert (rows["detail"][1:, 1] == ur5.module.PressStage.APPROACH).all()
+
+
 @pytest.mark.slow
 def test_a_sensor_that_says_too_little(iiwa: Arm) -> None:
     """One that freezes in the first contact, and one that says a fifth: the tip lets go before 80 N."""
-    samples, random = 8000, np.random.default_rng(1)
-    pose = iiwa.module.forward_kinematics(iiwa.posture)
-    noise, press = 0.3 * random.normal(size=(samples, 6)), (0.0, 0.0, -1.0, 15.0, 1.0)
-    wall = {"wall_stiffness": 1e4, "wall_point": pose[:3, 3] - [0, 0, 0.02], "wrench_delay": 1}
-
-    def pressed(**fault: float) -> np.ndarray:
-        plant = iiwa.plant(flexible=True, makers=1, **wall, **fault)
-        config = iiwa.config(position_quantum=1e-6)
-        return iiwa.run(plant, samples, config, goal=iiwa.posture, pose=pose, press=press, wrench_noise=noise)
-
-    touched = int(np.argmax(pressed()["contact"][:, 2] > 5.0))
+    down = (0.0, 0.0, -1.0)
+    touched = int(np.argmax(pressed_rows(iiwa, 8000, down, 600.0)["contact"][:, 2] > 5.0))
     for fault in ({"wrench_last": touched}, {"wrench_gain": 0.2}):
-        rows = pressed(**fault)
+        rows = pressed_rows(iiwa, 8000, down, 600.0, **fault)
         force = rows["contact"][:, 2]
         print(f"{fault}: most {force.max():.1f} N, at the end {force[-500:].mean():.1f} N")
         assert rows["detail"][-1, 1] == iiwa.module.PressStage.DOUBTED

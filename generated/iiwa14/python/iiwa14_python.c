@@ -21,7 +21,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "a03f2e2074986074"
+#define SOURCES "e3ba6491eab49b18"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;
@@ -2838,6 +2838,8 @@ static const field fields[] = {
     {"press_state", "force", "f8", offsetof(press_state_t, force), 0, {1, 1, 1}, 0, "N", ""},
     {"press_state", "speed", "f8", offsetof(press_state_t, speed), 0, {1, 1, 1}, 0, "m/s", ""},
     {"press_state", "doubt", "f8", offsetof(press_state_t, doubt), 0, {1, 1, 1}, 0, "s", ""},
+    {"press_state", "stalled", "f8", offsetof(press_state_t, stalled), 0, {1, 1, 1}, 0, "s", ""},
+    {"press_state", "gone", "f8", offsetof(press_state_t, gone), 0, {1, 1, 1}, 0, "m", ""},
     {"press_state", "low", "f8", offsetof(press_state_t, low), 0, {1, 1, 1}, 0, "s", ""},
     {"press_state", "touched", "i4", offsetof(press_state_t, touched), 0, {1, 1, 1}, 0, "samples", ""},
     {"press_state", "stage", "i4", offsetof(press_state_t, stage), 0, {1, 1, 1}, 0, "", ""},

@@ -12,7 +12,8 @@ PRESS_CONFIG: tuple[Field, ...] = (
         SCALAR,
         "N",
         "most that the springs may press beyond the measured force, but for 0.2 s: friction and payload that are not "
-        "known; a sensor that is frozen or reads too little is found by it",
+        "known; a sensor that is frozen or reads too little is found by it. Below it an approach ends that presses, "
+        "from 3 cm before the tip on, while the tip goes less than 1 mm in 5 s: friction of a UR5 lets it creep by 1.5",
         "50.0",
         0.0,
         1e4,
@@ -26,6 +27,8 @@ PRESS_STATE: tuple[Field, ...] = (
     Field("force", SCALAR, "N", "force of wrench_command along the axis"),
     Field("speed", SCALAR, "m/s", "measured speed of the tip along the axis, smoothed"),
     Field("doubt", SCALAR, "s", "time for which the springs have pressed beyond disagreement_limit"),
+    Field("stalled", SCALAR, "s", "time for which an approach has pressed while the tip stood"),
+    Field("gone", SCALAR, "m", "way of the tip along the axis in that time"),
     Field("low", SCALAR, "s", "time for which the force has been low in contact"),
     Field("touched", SCALAR, "samples", "samples with a force before contact", type="int"),
     Field("stage", SCALAR, "", "NAME_PRESS_STAGE_...", type="int"),
@@ -63,7 +66,8 @@ PRESS_STAGES = (
     ("lost", "contact was lost, or the controller has a fault: the tip stops until search is set, or force was 0"),
     (
         "doubted",
-        "the springs press beyond the measured force by disagreement_limit: the pose goes back until force was 0",
+        "the springs press beyond the measured force by disagreement_limit, or an approach presses for 5 s and the tip "
+        "goes less than 1 mm: the pose goes back until force was 0",
     ),
 )
 """Stages from 0 on, with their meanings."""

@@ -11,11 +11,14 @@ static const double FASTEST = 0.1;       /* [m/s] of the equilibrium in contact 
 static const double RUNAWAY = 0.08;      /* [m/s] of a tip without a force, from which on contact is lost at once */
 static const double SOFTEST = 50.0;      /* [N/m] stiffness along the axis below which less is handed over */
 static const double AHEAD = 0.03;        /* [m] of the equilibrium before the tip in an approach */
+static const double NEARLY = 0.9;        /* share of it from which on it is as far as it goes */
 static const double TOUCHED = 0.2;       /* share of the force from which on there is contact */
 static const double RELEASED = 0.1;      /* share below which there may be none */
 static const double WAIT = 0.03;         /* [s] of low force for which the equilibrium waits: most contacts return */
 static const double LOST_TIME = 0.15;    /* [s] of low force after which contact is lost */
 static const double DOUBT_TIME = 0.2;    /* [s] of springs beyond disagreement_limit: impacts and turns are shorter */
+static const double STALL_TIME = 5.0;    /* [s] of an approach that presses and stands, after which it is blocked */
+static const double STALL_WAY = 1e-3;    /* [m] that the tip goes in it if friction holds it: a UR5 creeps by 1.5 mm */
 static const double SPEED_TIME = 0.01;   /* [s] time constant of the tip's measured speed */
 static const double MOST = 2.0;          /* times the force that the integral may have */
 enum { SAMPLES = 3 };                    /* with a force, before contact */
@@ -54,12 +57,13 @@ static double lead(const state_t *s, const input_t *in, const double *here)
     return dot(3, ahead, in->axis);
 }
 
-/* Note how fast the tip moves along the axis. */
+/* Note how fast the tip moves along the axis, and how far it has gone since the approach stood. */
 static void watch(state_t *s, const input_t *in, const double *here)
 {
     const double moved[3] = {here[3] - s->here[3], here[7] - s->here[7], here[11] - s->here[11]};
-    const double T = s->controller.sample_time, speed = s->known ? dot(3, moved, in->axis) / T : 0.0;
-    s->speed += smaller(T / SPEED_TIME, 1.0) * (speed - s->speed);
+    const double T = s->controller.sample_time, way = s->known ? dot(3, moved, in->axis) : 0.0;
+    s->speed += smaller(T / SPEED_TIME, 1.0) * (way / T - s->speed);
+    s->gone += way;
     memcpy(s->here, here, sizeof s->here);
     memcpy(s->pose, in->pose, sizeof s->pose);
     s->known = 1;
@@ -140,12 +144,19 @@ static void choose_stage(state_t *s, const input_t *in, const last_t *last, cons
     }
 }
 
-/* Doubt a sensor that says less than the springs press, and let go where that lasts. */
+/*
+ * Doubt a sensor that says less than the springs press, and let go where that lasts; in an approach also where they press
+ * as hard as they may, by more than contact takes, and the tip stands: friction alone would let it creep.
+ */
 static void doubt(state_t *s, const input_t *in, const double *here, double excess)
 {
-    const int sought = s->stage == ID(PRESS_STAGE_APPROACH) || s->stage == ID(PRESS_STAGE_CONTACT);
-    s->doubt = sought && excess > s->config.disagreement_limit ? s->doubt + s->controller.sample_time : 0.0;
-    if (s->doubt >= DOUBT_TIME) {
+    const int seeks = s->stage == ID(PRESS_STAGE_APPROACH), holds = s->stage == ID(PRESS_STAGE_CONTACT);
+    const int stands = lead(s, in, here) > NEARLY * AHEAD && fabs(s->gone) < STALL_WAY;
+    const double T = s->controller.sample_time;
+    s->doubt = (seeks || holds) && excess > s->config.disagreement_limit ? s->doubt + T : 0.0;
+    s->stalled = seeks && stands && excess > TOUCHED * in->force ? s->stalled + T : 0.0;
+    s->gone = s->stalled > 0.0 ? s->gone : 0.0;
+    if (s->doubt >= DOUBT_TIME || s->stalled >= STALL_TIME) {
         let_go(s, in, here, ID(PRESS_STAGE_DOUBTED));
     }
 }
