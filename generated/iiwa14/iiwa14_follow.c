@@ -432,7 +432,7 @@ static const double MEAN_TIME = 0.1;    /* [s] of the means that progress is tol
 static const double PROGRESS = 0.1;     /* share of the asked velocity below which there is none */
 static const double FREED = 0.5;        /* share of the asked way above which they move freely */
 static const double LEAST_PUSH = 0.02;  /* share of full speed to a goal that stands still out of reach */
-static const double LAG = 0.25;         /* least weight of rotations along a motion */
+static const double LAG = 0.25;         /* least weight of rotations along a motion that turns */
 static const double SLIP = 0.02;        /* [m] of a tip off its place from which rotations have their whole weight */
 static const double FINE_TIME = 0.03;   /* [s] from pose to pose up to which a stream is followed as a motion */
 static const double COARSE_TIME = 0.5;  /* [s] up to which poses are a stream at all */
@@ -609,18 +609,23 @@ static void move_to_posture(state_t *s, step_t *k, double *velocity)
     multiply(k->J, velocity, s->twist);
 }
 
-/*
- * Follow the line; what it leaves free goes to the posture. Along a motion the tips' places come first, and rotations
- * may lag, but a place out of reach is not worth all of a rotation. velocity: the way to the posture, then the
- * velocity.
- */
+/* Return the weight of a tip's rotation: all where the motion keeps it; where it turns, a place in reach comes first. */
+static double rotation_weight(const state_t *s, const step_t *k, int tip)
+{
+    const double *const stream = s->stream + 6 * tip;
+    const double turning = norm(3, stream + 3) / full_speed(&s->config, 3);
+    const double most = larger(turning, norm(3, stream) / full_speed(&s->config, 0));
+    const double kept = most > 0.0 ? 1.0 - (1.0 - LAG) * turning / most : LAG;
+    return s->period > 0 ? larger(kept, clamp(norm(3, k->rest + 6 * tip) / SLIP, LAG, 1.0)) : 1.0;
+}
+
+/* Follow the line; what it leaves free goes to the posture. velocity: the way to the posture, then the velocity. */
 static void go_by_line(state_t *s, step_t *k, double *velocity)
 {
     double twist[ROWS], J[ROWS * N];
     plan_twist(s, k);
     for (int r = 0; r < ROWS; ++r) {
-        const int lags = s->period > 0 && r % 6 >= 3;
-        const double weight = lags ? clamp(norm(3, k->rest + r / 6 * 6) / SLIP, LAG, 1.0) : 1.0;
+        const double weight = r % 6 >= 3 ? rotation_weight(s, k, r / 6) : 1.0;
         twist[r] = weight * s->twist[r];
         for (int i = 0; i < N; ++i) {
             J[r * N + i] = weight * k->J[r * N + i];

@@ -21,7 +21,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "e3ba6491eab49b18"
+#define SOURCES "8e78e9f39e505c30"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;
