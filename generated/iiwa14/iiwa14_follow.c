@@ -609,7 +609,7 @@ static void move_to_posture(state_t *s, step_t *k, double *velocity)
     multiply(k->J, velocity, s->twist);
 }
 
-/* Return the weight of a tip's rotation: all where the motion keeps it; where it turns, a place in reach comes first. */
+/* Return a rotation's weight: all where the motion keeps it; where the motion turns, a place in reach comes first. */
 static double rotation_weight(const state_t *s, const step_t *k, int tip)
 {
     const double *const stream = s->stream + 6 * tip;

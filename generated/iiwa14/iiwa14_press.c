@@ -223,8 +223,8 @@ static void choose_stage(state_t *s, const input_t *in, const last_t *last, cons
 }
 
 /*
- * Doubt a sensor that says less than the springs press, and let go where that lasts; in an approach also where they press
- * as hard as they may, by more than contact takes, and the tip stands: friction alone would let it creep.
+ * Doubt a sensor that says less than the springs press, and let go where that lasts; in an approach also where they
+ * press as hard as they may, by more than contact takes, and the tip stands: friction alone would let it creep.
  */
 static void doubt(state_t *s, const input_t *in, const double *here, double excess)
 {

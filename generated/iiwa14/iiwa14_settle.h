@@ -52,7 +52,8 @@ enum {
 /* Configuration of Settle; start from the defaults, and state settle_force. */
 typedef struct {
     /* [N, N m] largest force and moment that the offset lets the springs exert: the payload or friction that is
-     * not known; 0: none, the pose stays as it is. Every entry must lie between 0 and 10000. Default: 0.0, 0.0. */
+     * not known. Where springs pull by 1.25 times as much in all, something blocks the tip: the offset grows no
+     * more. 0: none, the pose stays as it is. Every entry must lie between 0 and 10000. Default: 0.0, 0.0. */
     double settle_force[2];
     /* [m, rad] error that is left: below (static less sliding friction) / stiffness the arm would hunt. Every
      * entry must lie between 1e-06 and 1. Default: 0.001, 0.003. */

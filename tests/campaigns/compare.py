@@ -98,10 +98,14 @@ class Bench:
     def held(self, payload: float) -> float:
         """Return the error [mm] that the encoders see 7 s after a step of 10 cm, with a payload [kg] nobody stated."""
         goal = turned(self.pose, (0.0, 0.08, -0.06))
-        makers = {"makers": 1, "settle_force": (40.0, 4.0), "wrench_delay": 1} if self.law == 0 else {}
-        rows = self.run(7000, goal, makers, 0.9, payload=payload)
+        rows = self.settled(np.tile(goal, (7000, 1, 1)), payload=payload)
         seen = self.arm.module.forward_kinematics(np.ascontiguousarray(rows["motors"][-1])).reshape(4, 4)
         return 1e3 * float(np.linalg.norm(seen[:3, 3] - goal[:3, 3]))
+
+    def settled(self, poses: Array, **inputs: Any) -> Array:
+        """Return the rows of an episode with Settle and friction fed forward; other laws go as they are."""
+        makers = {"makers": 1, "settle_force": (40.0, 4.0), "wrench_delay": 1} if self.law == 0 else {}
+        return self.run(len(poses), poses, makers, 0.9, **inputs)
 
     def pressed(self, poses: Array, inwards: Array, plant: dict[str, Any], **inputs: Any) -> Array:
         """Return the motion of a tip that is to press with FORCE along unit vectors: by Press, or F / K inside."""
@@ -144,16 +148,16 @@ class Bench:
         moved = self.run(3000, turned(self.pose, way))["pose"].reshape(-1, 4, 4)[:, :3, 3] - self.pose[:3, 3]
         return 1e3 * float((moved @ way).max() / np.linalg.norm(way) - np.linalg.norm(way))
 
-    def out_and_back(self, after: float) -> tuple[Array, Array]:
+    def out_and_back(self, after: float, makers: bool = False) -> tuple[Array, Array]:
         """Return motion and target, until some time after a target that was 0.5 m out of reach is back at the start."""
         outwards = self.pose[:3, 3] / np.linalg.norm(self.pose[:3, 3])
         time = np.arange(6000 + round(1e3 * after) + 1) * 1e-3
         share = np.where(time < 6.0, 0.5 * (1.0 - np.cos(2 * np.pi * time / 6.0)), 0.0)
         goal = np.array([turned(self.pose, 0.5 * x * outwards) for x in share])
-        return self.run(len(goal), goal), goal
+        return (self.settled(goal) if makers else self.run(len(goal), goal)), goal
 
-    def back(self, after: float) -> float:
-        return float(self.away(*self.out_and_back(after))[-1])
+    def back(self, after: float, makers: bool = False) -> float:
+        return float(self.away(*self.out_and_back(after, makers))[-1])
 
     def sine(self) -> float:
         """Return the rms error [mm] of a swing of 5 cm at 1 Hz that has grown within a second."""
@@ -288,6 +292,7 @@ ROWS: dict[str, Callable[[Bench], float]] = {
     "orbit of a 20 N force: work put out per turn [J]": Bench.orbit,
     "Settle, step of 10 cm: error at the motors [mm]": lambda b: b.held(0.0),
     "Settle, 3 kg [mm]": lambda b: b.held(3.0),
+    "Settle, out of reach and back, 1 s later [mm]": lambda b: b.back(1.0, True),
     "Press, 15 N on 1e4 N/m: rms error [N]": lambda b: b.wall_force(0.0),
     "Press, wall moves by 2 cm at 0.5 Hz [N]": lambda b: b.wall_force(0.02),
     "Press, cylinder wiped at 0.1 m/s [N]": Bench.wiped,

@@ -70,13 +70,35 @@ def test_a_moved_pose_is_the_offset_after_the_wanted_one(robot: ModuleType) -> N
 
 def test_the_springs_exert_at_most_settle_force_more(robot: ModuleType) -> None:
     """600 N/m and 30 N m/rad: with 12 N and 0.9 N m, 2 cm and 30 mrad; less when the stiffness is raised."""
-    held = Held(robot, off=0.005, settle_force=(12.0, 0.9))
+    held = Held(robot, off=0.002, settle_force=(12.0, 0.9))
     status = held.run(4000).status
     offset = held.settle.offset
     assert status & robot.SettleStatus.LIMITED
     assert np.linalg.norm(offset[:3]) <= 0.02 + 1e-12 and np.linalg.norm(offset[3:]) == pytest.approx(0.03)
     held.run(1, rotation_stiffness=60.0 * np.eye(3))
     assert np.linalg.norm(held.settle.offset[3:]) == pytest.approx(0.015)
+
+
+def test_a_blocked_tip_is_pulled_no_harder(robot: ModuleType) -> None:
+    """The tip stands 14 mm off, 8.5 N: the offset stops where both pull by 1.25 times settle_force, not by 20.5 N."""
+    held = Held(robot, off=0.01, settle_force=(12.0, 0.0))
+    held.run(4000)
+    error = held.pose[:3, 3] - robot.forward_kinematics(Q + held.off)[:3, 3]
+    assert 600.0 * float(np.linalg.norm(error)) > 8.0
+    assert 600.0 * float(np.linalg.norm(held.settle.offset[:3] + error)) == pytest.approx(15.0, abs=0.1)
+
+
+def test_a_creeping_tip_is_turned_back_within_the_band(robot: ModuleType) -> None:
+    """An error of 0.95 mm moves the offset, one of 0.85 mm does not: friction's creep goes on while it turns."""
+    held = Held(robot, off=0.0)
+    held.run(100)
+    for error, moves in ((0.85e-3, False), (0.95e-3, True)):
+        held.pose = robot.forward_kinematics(Q)
+        held.pose[0, 3] += error
+        held.run(200)
+        before = held.settle.offset
+        held.run(5)
+        assert (np.linalg.norm(held.settle.offset - before) > 0.0) == moves
 
 
 @pytest.mark.parametrize("why", ["moving", "touched", "asked", "far", "fault"])

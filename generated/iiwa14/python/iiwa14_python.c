@@ -21,7 +21,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "8e78e9f39e505c30"
+#define SOURCES "92fda6f9d7bdaf6f"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

@@ -10,8 +10,9 @@ SETTLE_CONFIG: tuple[Field, ...] = (
         "settle_force",
         (2,),
         "N, N m",
-        "largest force and moment that the offset lets the springs exert: the payload or friction that is not known; "
-        "0: none, the pose stays as it is",
+        "largest force and moment that the offset lets the springs exert: the payload or friction that is not known. "
+        "Where springs pull by 1.25 times as much in all, something blocks the tip: the offset grows no more. 0: none, "
+        "the pose stays as it is",
         "0.0, 0.0",
         0.0,
         1e4,

@@ -6,7 +6,8 @@ static const double SAME = 1e-9;          /* change of a pose's entry that is no
 static const double ARRIVED[2] = {2e-3, 6e-3};  /* [m], [rad] of the equilibrium from the moved command */
 static const double SLOW[2] = {0.05, 0.15};     /* [m/s], [rad/s] of the tip up to which it rests */
 static const double SPEED_TIME = 0.01;    /* [s] time constant of the tip's measured speed */
-static const double BEYOND = 1.7;         /* times the error of settle_force, from which on it is no friction */
+static const double BEYOND = 1.25;        /* times settle_force, up to which error and offset may pull together */
+static const double LEFT = 0.9;           /* times settle_band, up to which an error is left: a tip may still creep */
 static const double CLOSEST = 3.0;        /* times settle_band: smaller errors are integrated as fast as this one */
 static const double SLOWNESS = 4.0;       /* time of the integral times the decay: stable from 1 on */
 static const double OFFSET_LIMIT[2] = {0.2, 0.5};   /* [m], [rad] of the offset, whatever the stiffness is */
@@ -95,13 +96,18 @@ static int limit_offset(const state_t *s, const input_t *in, const last_t *last,
     return d.size > length;
 }
 
-/* Integrate the error of one kind, unless it is within the band or too large for friction. Return whether it does. */
+/*
+ * Integrate the error of one kind, unless it is within the band, or the springs pull more than friction or a payload
+ * need: something blocks the tip. Return whether it does.
+ */
 static int integrate(state_t *s, const input_t *in, const last_t *last, int kind, const double *error)
 {
     const error_t e = measure(s, in, last, kind, error);
+    double *const offset = s->offset + 3 * kind;
+    const double stretch[3] = {error[0] + offset[0], error[1] + offset[1], error[2] + offset[2]};
     const double most = s->config.settle_force[kind], band = s->config.settle_band[kind];
     double wrench[6] = {0.0}, stiffness;
-    if (!(e.size > band && e.stiffness > 0.0 && e.stiffness * e.size < BEYOND * most)) {
+    if (!(e.size > LEFT * band && e.stiffness > 0.0 && e.stiffness * norm(3, stretch) < BEYOND * most)) {
         return 0;
     }
     memcpy(wrench + 3 * kind, e.axis, sizeof e.axis);
@@ -109,7 +115,7 @@ static int integrate(state_t *s, const input_t *in, const last_t *last, int kind
                                     wrench, &stiffness);
     const double share = decay * s->controller.sample_time / SLOWNESS;
     for (int k = 0; k < 3; ++k) {
-        s->offset[3 * kind + k] += share * (e.size - 0.5 * band) * larger(CLOSEST * band / e.size, 1.0) * e.axis[k];
+        offset[k] += share * (e.size - 0.5 * band) * larger(CLOSEST * band / e.size, 1.0) * e.axis[k];
     }
     return 1;
 }
