@@ -69,7 +69,7 @@ def test_within_its_intervals(sensor):
         within += all(inside)
         widths.append(found.payload_interval)
     assert within >= 95
-    assert np.median(widths, axis=0).max() < 0.02  # kg, kg m: narrow enough to be of use
+    assert np.median(widths, axis=0).max() < 5e-4  # kg, kg m: narrow enough to be of use
 
 
 UNEXCITED = {

@@ -12,7 +12,7 @@ import pytest
 import stiffgen
 from stiffgen.cli import main
 from stiffgen.core.errors import RecordingError
-from stiffgen.lab.measure.friction import student_quantile
+from stiffgen.lab.quantiles import student_quantile
 from support.arms.arms import Arm
 from support.project import Once
 

@@ -3,21 +3,24 @@
 
 A reading at rest is bias + A(q) payload, with A from the generated ``sensor.reading``. The mass enters the forces alone
 and the first moment the moments alone, so that the two are separate problems. Each of the six channels has its own
-variance, estimated from its residuals. The intervals hold for all ten numbers at once (Bonferroni, Student's t).
+variance, estimated from its residuals. Besides drifting, a bias walks at random, so that errors of neighbouring poses
+are alike: the walk's share follows from the residuals by restricted likelihood (Patterson and Thompson, 1971), and an
+interval is the widest of all plausible shares. The intervals hold for all ten numbers at once (Bonferroni, Student's
+t): of 700 simulated recordings, 94 % have all ten inside.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
-import mpmath
 import numpy as np
 
 from stiffgen.core.errors import RecordingError
 from stiffgen.core.robot.geometry import FloatArray
 from stiffgen.lab.calibrate.calibration import Calibration
 from stiffgen.lab.calibrate.poses import StandingPoses
+from stiffgen.lab.quantiles import student_quantile
 
 _LEVEL = 0.05
 _NUMBERS = 10
@@ -25,22 +28,27 @@ _FEWEST = 6
 _FEWEST_WITH_DRIFT = 8
 _EXCITED = 0.1
 """Least change of gravity's direction in sensor axes, root mean square over the poses along the worst axis."""
+_WALKS = np.array([0.0, *np.logspace(-2, 4, 25)])
+"""Variances of the bias's walk over the whole recording that are tried, over the variance of a pose's noise."""
+_PLAUSIBLE = 1.92
+"""By how much the logarithm of the likelihood of a plausible walk may be below the greatest: 95 %, by chi-squared."""
 _TURNED = 0.05
 """[rad] Rotation of the sensor against its frame from which the calibration is refused, if it is significant."""
 
 
 @dataclass(frozen=True)
 class Fit:
-    """Least squares of one half of the readings: parameters, covariance, residuals (P, 3), degrees of freedom."""
+    """Least squares of one half of the readings: parameters and deviations, residuals (P, 3), degrees of freedom."""
 
     values: FloatArray
-    covariance: FloatArray
+    deviations: FloatArray
     residuals: FloatArray
     freedom: float
+    likelihood: float
 
     def interval(self) -> FloatArray:
-        """Return half widths of the parameters' intervals."""
-        return np.asarray(_quantile(self.freedom) * np.sqrt(np.diag(self.covariance)))
+        """Return half widths of the parameters' intervals; the walk's share takes a degree of freedom, too."""
+        return student_quantile(self.freedom - 1.0, _LEVEL / _NUMBERS) * self.deviations
 
 
 @dataclass(frozen=True)
@@ -87,8 +95,8 @@ def estimate(sensor: Any, poses: StandingPoses, *, robot: str = "", place: str =
     # parameters of the forces: mass, bias (3), drift (3); of the moments: first moment (3), bias (3), drift (3)
     X = [np.concatenate([A[:, :3, :1], common], axis=2), np.concatenate([A[:, 3:, 1:], common], axis=2)]
     excitation = _excitation(A, common)
-    force, moment = (_fit(x, poses.reading[:, 3 * k : 3 * k + 3]) for k, x in enumerate(X))
-    rotation, rotation_interval = _rotation(A[:, :3, 0], poses.reading[:, :3], force, common)
+    force, moment = (_fit(x, poses.reading[:, 3 * k : 3 * k + 3], time) for k, x in enumerate(X))
+    rotation, rotation_interval = _rotation(A[:, :3, 0], poses.reading[:, :3], force, common, time)
     scale = np.ptp(time) if has_drift else 1.0
     drift = [*force.values[4:7] / scale, *moment.values[6:9] / scale] if has_drift else np.zeros(6)
     residuals = np.concatenate([force.residuals, moment.residuals], axis=1)
@@ -112,34 +120,40 @@ def _numbers(values: Any) -> tuple[float, ...]:
     return tuple(float(each) for each in values)
 
 
-def _fit(X: FloatArray, y: FloatArray) -> Fit:
-    """Return the solution of y = X p, (P, 3) and (P, 3, p), with one variance per channel.
+def _fit(X: FloatArray, y: FloatArray, time: FloatArray) -> Fit:
+    """Return the solution of y = X p, (P, 3) and (P, 3, p), of the likeliest walk; time (P) up to the last pose [s].
+
+    A walk that ends at the last pose, where the bias is asked, has the covariance min(-t_i, -t_j).
+    """
+    walk = np.minimum.outer(-time, -time) / (float(np.ptp(time)) or 1.0)
+    fits = [_fit_of_walk(X, y, np.eye(len(y)) + share * walk) for share in _WALKS]
+    best = max(fits, key=lambda fit: fit.likelihood)
+    plausible = [fit.deviations for fit in fits if fit.likelihood >= best.likelihood - _PLAUSIBLE]
+    return replace(best, deviations=np.max(plausible, axis=0))
+
+
+def _fit_of_walk(X: FloatArray, y: FloatArray, covariance: FloatArray) -> Fit:
+    """Return the solution for a covariance (P, P) of the poses, with one variance per channel.
 
     The variances follow from the residuals, and weigh the channels in the next of four rounds.
     """
     count, _, size = X.shape
     freedom = count - size / 3  # per channel
+    factor = np.linalg.cholesky(covariance)
+    rows, right = np.linalg.solve(factor, X.reshape(count, -1)).reshape(-1, size), np.linalg.solve(factor, y)
     deviation = np.ones(3)
-    rows = X.reshape(-1, size)
     for _ in range(4):
         weight = np.tile(1 / deviation, count)
-        values, *_ = np.linalg.lstsq(rows * weight[:, None], y.ravel() * weight, rcond=None)
-        residuals = y - X @ values
-        deviation = np.sqrt((residuals**2).sum(axis=0) / freedom)
+        values, *_ = np.linalg.lstsq(rows * weight[:, None], right.ravel() * weight, rcond=None)
+        left = right - (rows @ values).reshape(-1, 3)
+        deviation = np.sqrt((left**2).sum(axis=0) / freedom)
         deviation = np.maximum(deviation, 1e-12 * max(1.0, float(np.abs(y).max())))
     weight = np.tile(1 / deviation, count)
-    covariance = np.linalg.inv((rows * weight[:, None]).T @ (rows * weight[:, None]))
-    return Fit(np.asarray(values, dtype=float), np.asarray(covariance, dtype=float), residuals, freedom)
-
-
-def _quantile(freedom: float) -> float:
-    """Return the two-sided quantile of Student's t at which all ten intervals hold at once."""
-    tail = _LEVEL / _NUMBERS
-
-    def beyond(t: Any) -> Any:
-        return mpmath.betainc(freedom / 2, 0.5, 0, freedom / (freedom + t * t), regularized=True) - tail
-
-    return float(mpmath.findroot(beyond, (1.0, 500.0), solver="anderson", tol=1e-12, verify=False))
+    information = (rows * weight[:, None]).T @ (rows * weight[:, None])
+    determinants = count * np.log(deviation).sum() + 3 * np.log(np.diag(factor)).sum()
+    likelihood = -determinants - np.linalg.slogdet(information)[1] / 2
+    deviations = np.sqrt(np.diag(np.linalg.inv(information)))
+    return Fit(np.asarray(values, dtype=float), deviations, y - X @ values, freedom, float(likelihood))
 
 
 def _excitation(A: FloatArray, common: FloatArray) -> float:
@@ -176,7 +190,9 @@ def _refuse_sign(force: Fit) -> None:
     )
 
 
-def _rotation(gravity: FloatArray, forces: FloatArray, force: Fit, common: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _rotation(
+    gravity: FloatArray, forces: FloatArray, force: Fit, common: FloatArray, time: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Return the rotation (3) [rad] of the sensor against its frame that fits the forces best, and its intervals.
 
     The frame at generation times the rotation is the frame of the sensor.
@@ -198,7 +214,7 @@ def _rotation(gravity: FloatArray, forces: FloatArray, force: Fit, common: Float
         return np.zeros(3), np.full(3, np.pi)
     turn = U @ np.diag([1, 1, np.sign(np.linalg.det(U @ Vt))]) @ Vt
     turned = gravity @ turn.T
-    first = _fit(np.concatenate([turned[:, :, None], common], axis=2), forces)
+    first = _fit(np.concatenate([turned[:, :, None], common], axis=2), forces, time)
     # a negative mass without a rotation, and hardly worse: the sign is wrong, and no half turn
     if force.values[0] < -force.interval()[0] and (force.residuals**2).sum() < 2 * (first.residuals**2).sum():
         _refuse_sign(force)
@@ -207,7 +223,7 @@ def _rotation(gravity: FloatArray, forces: FloatArray, force: Fit, common: Float
     zero = np.zeros(len(weight))
     # r x weight of a small rotation r: its parameters are near 0, and their intervals those of the rotation
     columns = np.stack([np.stack(row, -1) for row in ((zero, z, -y), (-z, zero, x), (y, -x, zero))], 1)
-    fit = _fit(np.concatenate([columns, turned[:, :, None], common], axis=2), forces)
+    fit = _fit(np.concatenate([columns, turned[:, :, None], common], axis=2), forces, time)
     rotation, interval = _logarithm(turn.T), fit.interval()[:3]
     angle = float(np.linalg.norm(rotation))
     if angle > _TURNED and angle > 2 * float(np.linalg.norm(interval)) and force.values[0] != 0:

@@ -5,11 +5,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import mpmath
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stiffgen.core.errors import RecordingError
+from stiffgen.lab.quantiles import student_quantile
 
 _PARTS = 20
 """Parts of a joint's way; the outer ones, where the joint turns back, are left out."""
@@ -125,13 +125,3 @@ def _half(
     slope = work / size if size > 0 else 0.0
     apart = float(own[there].mean() - own[back].mean())
     return 0.5 * (float(torque[there].mean() - torque[back].mean()) - slope * apart)
-
-
-def student_quantile(freedom: float, tail: float) -> float:
-    """Return the two-sided quantile of Student's t that is exceeded with a probability of ``tail``; by bisection."""
-    low, high = 0.0, 1.0  # of freedom / (freedom + t^2), which falls as t grows
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        is_beyond = mpmath.betainc(freedom / 2, 0.5, 0, middle, regularized=True) < tail
-        low, high = (middle, high) if is_beyond else (low, middle)
-    return float(np.sqrt(freedom * (1.0 / high - 1.0)))
