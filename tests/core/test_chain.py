@@ -36,7 +36,9 @@ def assert_agrees(chain: Chain, text: str) -> None:
     assert disagreements(chain, oracle, np.random.default_rng(0)) == {}
 
 
-@pytest.mark.parametrize("robot", ["iiwa7", "iiwa14", "med7", "med14"])
+@pytest.mark.parametrize(
+    "robot", ["iiwa14", "med7", *(pytest.param(robot, marks=pytest.mark.wide) for robot in ("iiwa7", "med14"))]
+)
 def test_arms_of_this_repository(robot):
     text = (URDF / f"{robot}.urdf").read_text()
     for base, tip in ((None, "link_ee"), ("link_2", "link_6"), ("link_0", "link_1")):

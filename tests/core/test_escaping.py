@@ -10,6 +10,7 @@ import pytest
 
 import stiffgen
 from stiffgen import open_robot
+from stiffgen.core.symbolic.choices import KernelOptions
 from support.cuda_host import HostCuda
 
 EVIL = [
@@ -36,7 +37,9 @@ def test_evil_names(several_tips, tmp_path):
     urdf.write_text(f"<robot name={quoteattr(EVIL[0])}>{''.join(elements)}</robot>", encoding="utf-8")
     tips = [links[7], links[-1]] if several_tips else links[-1]
     output = tmp_path / "out"
-    folder = stiffgen.generate(urdf, tip=tips, output=output, lock={EVIL[3]: 0.1}, cuda=True)
+    few = KernelOptions(kernels=("hybrid.jacobian", "mass_matrix"))  # the controller brings what it calls
+    options = {"tip": tips, "lock": {EVIL[3]: 0.1}}
+    folder = stiffgen.generate(urdf, output=output, cuda=True, kernels=few.kernels, **options)
     assert [path.name for path in output.iterdir()] == ["error_x"]
     robot = open_robot(folder).module
     names = [joint for joint in joints if joint != EVIL[3]]
@@ -49,8 +52,8 @@ def test_evil_names(several_tips, tmp_path):
     else:
         assert tips == robot.TIP
         assert robot.hybrid.jacobian(np.zeros(robot.DOF)).shape == (6, robot.DOF)
-    chain = stiffgen.load_chain(urdf, tip=tips, lock={EVIL[3]: 0.1})
-    HostCuda(folder / "error_x.cu", "error_x", chain, tmp_path, level="-O0")  # compiles without a warning
+    chain = stiffgen.load_chain(urdf, **options)
+    HostCuda(folder / "error_x.cu", "error_x", chain, tmp_path, level="-O0", options=few)  # compiles without a warning
     for path in folder.iterdir():
         if path.suffix in (".c", ".h", ".cu", ".txt", ".md"):
             assert path.read_text(encoding="utf-8").isascii(), path.name

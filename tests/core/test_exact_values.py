@@ -54,7 +54,7 @@ def compared(text: str, chain: Chain) -> tuple[list[Kernel], dict[str, float]]:
 
 
 @pytest.mark.parametrize("robot", [
-    pytest.param(name, marks=() if name in SMALL else pytest.mark.slow) for name in ROBOTS
+    *SMALL, pytest.param("tree", marks=pytest.mark.slow), pytest.param("floating tree", marks=pytest.mark.wide)
 ])  # fmt: skip
 def test_kernels_have_the_values_of_the_file(robot: str, tmp_path: Path) -> None:
     _, errors = compared(*load(tmp_path, robot))
@@ -120,8 +120,7 @@ def test_a_fault_of_differentiation_is_seen(name: str, tmp_path: Path, monkeypat
         return tuple(each * (1 + 1e-6) for each in found) if isinstance(found, tuple) else found * (1 + 1e-6)
 
     monkeypatch.setattr(ca, name, wrong)
-    _, errors = compared(text, chain)
-    table = list(chain_kernels(chain))
+    table, errors = compared(text, chain)
     functions = {kernel.qualified_name: function_of_stacks(chain, kernel) for kernel in table}
     failed = [check for check in check_robot(functions, chain, 2, 0, None, table) if not check.passed]
     assert failed or max(errors.values()) > BOUND

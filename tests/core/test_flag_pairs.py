@@ -20,13 +20,15 @@ def sources(once: Once) -> Path:
     return once("flag-pairs", write_sources) / "arm"
 
 
-@pytest.mark.parametrize("compiler", [name for name in COMPILERS if name in FLAGS])
+@pytest.mark.slow
+@pytest.mark.parametrize("compiler", [name for name in COMPILERS if set(UNSEEN) & set(FLAGS.get(name, ()))])
 def test_flags_that_no_macro_tells_are_found(compiler: str, sources: Path, tmp_path: Path) -> None:
     """Before: with clang -fno-honor-nans every check said 0, and every torque was NaN."""
     unseen = [(flag,) for flag in FLAGS[compiler] if flag in UNSEEN]
-    assert set(sweep(compiler, unseen, sources, tmp_path).values()) <= {"found"}
+    assert set(sweep(compiler, unseen, sources, tmp_path).values()) == {"found"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compiler", [name for name in COMPILERS if name in FLAGS])
 def test_the_papers_law_sees_nan_by_its_bits(compiler: str, sources: Path, tmp_path: Path) -> None:
     """No macro tells some flags. Before: -ffinite-math-only compiled, and clang -fno-honor-nans gave torques of NaN."""

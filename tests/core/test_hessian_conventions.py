@@ -14,7 +14,8 @@ from support.project import URDF, assert_close
 
 @pytest.fixture(scope="module")
 def model():
-    return stiffgen.StiffnessModel(stiffgen.load_chain(URDF, tip="link_7"), derivatives=True)
+    names = "hybrid.jacobian", "hybrid.jacobian_transpose_derivative"
+    return stiffgen.StiffnessModel(stiffgen.load_chain(URDF, tip="link_7"), derivatives=True, kernels=names)
 
 
 def hessian(model, q):

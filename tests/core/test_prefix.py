@@ -13,8 +13,11 @@ import stiffgen
 from stiffgen.control.companions import COMPANIONS
 from stiffgen.core.emit import backend
 from stiffgen.core.emit.render import render
+from stiffgen.core.options import GenerationOptions
 from support.project import URDF
 
+FEW = GenerationOptions(kernels="limits")
+"""The controller brings the functions that it calls."""
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror", "-O0")
 MAIN = """
 #include <stdio.h>
@@ -62,7 +65,7 @@ def pair(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         for name, robot, version in (("left", "iiwa14", "0.1.0"), ("right", "iiwa7", "9.9.9")):
             patch.setattr(backend, "__version__", version)
-            for file, text in render(stiffgen.load_chain(URDF.parent / f"{robot}.urdf"), name).items():
+            for file, text in render(stiffgen.load_chain(URDF.parent / f"{robot}.urdf"), name, FEW).items():
                 if file.endswith((".c", ".h", ".hpp")) and "/" not in file:
                     assert file.startswith(name)
                     (folder / file).write_text(text)

@@ -74,7 +74,24 @@ def runnable(flags: str) -> bool:
     return "-mavx2" not in flags or " avx2 " in Path("/proc/cpuinfo").read_text()
 
 
-@pytest.fixture(scope="module", params=BUILDS, ids=lambda build: " ".join(build))
+FURTHER = [
+    ("gcc", "-O0"),
+    ("gcc", "-O3 -mavx2 -mfma"),
+    ("gcc", "-O3 -m32 -std=c99"),
+    ("gcc", "-O2 -m32 -msse2 -mfpmath=both"),
+    ("clang", "-O0"),
+    ("clang", "-O2 -DSTIFFGEN_NO_VECTORS"),
+    ("clang", "-O2 -m32"),
+    ("clang", "-O3 -mavx2 -mfma -fassociative-math -fno-signed-zeros -fno-trapping-math"),
+]
+"""Wide. Of each kind one stays: with and without vectors and fused operations, x87, 32 bits, reordered sums."""
+
+
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param(build, marks=pytest.mark.wide if build in FURTHER else ()) for build in BUILDS],
+    ids=[" ".join(build) for build in BUILDS],
+)
 def sine_cosine(request, robot_folder, tmp_path_factory):
     compiler, flags = request.param
     if not runnable(flags):

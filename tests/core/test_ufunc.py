@@ -317,7 +317,14 @@ def test_threads_agree(robot, samples):
     assert all(np.array_equal(call.result(), expected) for call in calls)
 
 
-@pytest.mark.parametrize("kernel", KERNELS, ids=lambda kernel: kernel.qualified_name)
+FOR_DASK = "forward_kinematics", "hybrid_joint_stiffness", "spring_linearization", "gravity_energy", "bias_forces"
+"""Of every kind one: a matrix, several arguments, several results, a number, masses. The others are wide."""
+
+
+@pytest.mark.parametrize("kernel", [
+    pytest.param(kernel, id=kernel.qualified_name, marks=() if kernel.qualified_name in FOR_DASK else pytest.mark.wide)
+    for kernel in KERNELS
+])  # fmt: skip
 def test_dask_arrays(kernel, chain, robot, samples):
     """Through apply_gufunc with type and sizes named, as docs/performance.md says."""
     ufunc = kernels_of(robot, chain)[kernel.qualified_name]

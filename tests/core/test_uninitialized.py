@@ -55,8 +55,8 @@ def test_a_joint_without_a_force_that_shares_its_coordinate(tmp_path: Path) -> N
         pytest.param(9, "native", marks=pytest.mark.wide),
         (11, "native"),
         pytest.param(13, "no vectors", marks=pytest.mark.wide),
-        (16, "native"),
-        (23, "no vectors"),
+        pytest.param(16, "native", marks=pytest.mark.wide),
+        pytest.param(23, "no vectors", marks=pytest.mark.wide),
     ],
 )
 def test_random_robots(seed: int, width: str, tmp_path: Path) -> None:
