@@ -202,7 +202,7 @@ def test_symbols_carry_the_name(small):
 
 
 @pytest.mark.parametrize("part", ["casadi", "calls"])
-@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+@pytest.mark.parametrize("compiler", ["gcc", pytest.param("clang", marks=pytest.mark.wide)])
 def test_source_is_free_of_warnings(small, compiler, part, tmp_path):
     require_compiler(compiler)
     source = small.folder / "python" / f"arm_{part}.c"

@@ -49,7 +49,7 @@ COMPARED = """
 
 @pytest.mark.parametrize("scalar", [DOUBLE, FLOAT], ids=lambda scalar: scalar.name)
 @pytest.mark.parametrize("flags", ["-march=native", "-mavx2", "-msse2", "-DSTIFFGEN_NO_VECTORS"])
-@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+@pytest.mark.parametrize("compiler", ["gcc", pytest.param("clang", marks=pytest.mark.slow)])
 def test_lanes_choose_as_numbers_do(compiler, flags, scalar, tmp_path):
     require_compiler(compiler)
     calls = {*OWN, *(f"{name}_lanes" for name in OWN), "masked"}

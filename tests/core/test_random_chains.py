@@ -39,7 +39,7 @@ def chain_of(robot: Robot, file: Path) -> Chain:
     return chain_between(read_description(file), ChainOptions(tip=robot.tip, base=robot.base))
 
 
-@settings(FEW, max_examples=20)
+@settings(FEW, max_examples=12)
 @given(robot=robots(), seed=st.integers(0, 999))
 def test_random_chains_agree_with_pinocchio(file, robot, seed):
     check_against_pinocchio(file, robot, seed)
@@ -69,7 +69,7 @@ def test_broken_files_are_refused_or_read(file, data, leaf):
         assert str(error).startswith("robot.urdf:")
 
 
-@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 6))])
+@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.wide) for seed in range(2, 6))])
 def test_stiffness_against_differentiation(file, seed):
     """The casadi.Function of every kernel, against the oracles that a generated folder is verified with."""
     chain = chain_of(random_robot(Plain(seed), 5), file)

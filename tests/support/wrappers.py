@@ -24,13 +24,14 @@ from support.exact_tree import tree_urdf
 Array = npt.NDArray[np.float64]
 
 
-def small_robot(output: Path, types: str = "rpm") -> GeneratedRobot:
+def small_robot(output: Path, types: str = "rpm", kernels: str = "all") -> GeneratedRobot:
     """Generate a robot "arm" with derivatives: three joints, one sliding and one that mimics (or others)."""
     urdf = output / "chain.urdf"
     urdf.write_text(chain_urdf(types))
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("CFLAGS", "-O0")  # compiles in a third of the time
-        return open_robot(stiffgen.generate(urdf, output=output, name="arm", derivatives=True))
+        options: dict[str, Any] = {"derivatives": True, "controller": False, "kernels": kernels}
+        return open_robot(stiffgen.generate(urdf, output=output, name="arm", **options))
 
 
 def floating_robot(output: Path) -> GeneratedRobot:

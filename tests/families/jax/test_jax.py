@@ -34,5 +34,5 @@ def test_wrapper_for_jax(chosen, tmp_path):
 @pytest.mark.slow
 def test_generating_does_not_load_jax(tmp_path):
     """Its headers are found without it: what generates a folder may fork afterwards."""
-    assert (small_robot(tmp_path).folder / "python" / "arm_jax.so").exists()
+    assert (small_robot(tmp_path, "r", "hybrid.jacobian").folder / "python" / "arm_jax.so").exists()
     assert "jax" not in sys.modules
