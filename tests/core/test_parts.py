@@ -51,6 +51,9 @@ def test_controller_brings_the_functions_that_it_calls(tmp_path: Path) -> None:
     assert "body_jacobian" not in names
 
 
+FURTHER = "bounded spring", "two tips and tools", "closed loop"
+
+
 def names_in_controller(folder: Path) -> set[str]:
     """Return the names NAME_... in the C of a folder's controller and its companions, without NAME_."""
     sources = [folder / f"{folder.name}_{part}.c" for part in ("impedance", *COMPANIONS)]
@@ -59,7 +62,10 @@ def names_in_controller(folder: Path) -> set[str]:
     return set(re.findall(rf"\b{folder.name}_(\w+)\b", code))
 
 
-@pytest.mark.parametrize("robot", ["one tip", "bounded spring", "two tips and tools", "closed loop"])
+@pytest.mark.parametrize(
+    "robot",
+    ["one tip", *(pytest.param(robot, marks=pytest.mark.slow) for robot in FURTHER)],
+)
 def test_controller_brings_no_other_functions_than_it_calls(robot: str, tmp_path: Path) -> None:
     """Of all functions that the robot can have, the listed ones are those that the C of its controller names."""
     urdf, options = tmp_path / "arm.urdf", {}

@@ -18,6 +18,7 @@ from stiffgen.cli import main
 from stiffgen.core.emit.render import render
 from stiffgen.core.options import GenerationOptions
 from stiffgen.core.symbolic.arguments import Q
+from stiffgen.core.symbolic.choices import KernelOptions
 from stiffgen.core.symbolic.connection import REPRESENTATIONS
 from stiffgen.core.symbolic.kernels import MAX_BATCH_JOINTS, chain_kernels
 from stiffgen.core.symbolic.model import casadi_function, folded
@@ -40,7 +41,7 @@ def shared(argument):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    return stiffgen.generate(URDF, output=tmp_path_factory.mktemp("cuda"), build=False, cuda=True)
+    return stiffgen.generate(URDF, output=tmp_path_factory.mktemp("cuda"), build=False, cuda=True, controller=False)
 
 
 @pytest.fixture(scope="module")
@@ -169,7 +170,9 @@ def test_other_chains(case, compiler, tmp_path):
     else:
         sensor = stiffgen.Sensor("right-hand", sign="robot")
         urdf, options = DUAL, {"tip": ["left hand", "right-hand"], "runtime_tool": True, "sensor": sensor}
-    folder = stiffgen.generate(urdf, output=tmp_path, name="arm", build=False, cuda=True, **options)
+    folder = stiffgen.generate(
+        urdf, output=tmp_path, name="arm", build=False, cuda=True, controller=False, **options
+    )  # fmt: skip
     chain = stiffgen.load_chain(urdf, **options)
     host = HostCuda(folder / "arm.cu", "arm", chain, tmp_path, {"gcc": "g++", "clang": "clang++"}[compiler])
     pool = argument_samples(chain, 5, seed=9)
@@ -222,9 +225,11 @@ def test_slides(tmp_path):
     for types in ("pp", "pr"):
         urdf = tmp_path / f"{types}.urdf"
         urdf.write_text(chain_urdf(types))
-        folder = stiffgen.generate(urdf, output=tmp_path, name=types, build=False, cuda=True)
+        few = {"kernels": ("body.jacobian", "spatial.jacobian"), "controller": False}
+        folder = stiffgen.generate(urdf, output=tmp_path, name=types, build=False, cuda=True, **few)
         assert ("sine_cosine" in (folder / f"{types}.cu").read_text()) == ("r" in types)
-        host = HostCuda(folder / f"{types}.cu", types, stiffgen.load_chain(urdf), tmp_path)
+        options = KernelOptions(kernels=few["kernels"])
+        host = HostCuda(folder / f"{types}.cu", types, stiffgen.load_chain(urdf), tmp_path, options=options)
         found = host("spatial_jacobian", np.array([[0.1, 0.2], [np.inf, 0.2]]))
         assert np.isfinite(found[0]).all() and not np.isinf(found[1]).any()
         assert np.isnan(found[1, :3, 1]).any() == ("r" in types)
@@ -253,9 +258,11 @@ def test_files(folder, chain):
 
 
 def test_cuda_files_go_when_not_asked_for(tmp_path):
-    folder = stiffgen.generate(URDF, output=tmp_path, build=False, cuda=True)
+    few = {"kernels": "limits", "controller": False, "masses": False}
+    folder = stiffgen.generate(URDF, output=tmp_path, build=False, cuda=True, **few)
     assert "IIWA14_CUDA" in (folder / "CMakeLists.txt").read_text()
-    assert main(["generate", str(URDF), "--no-build", "--output", str(tmp_path)]) == 0
+    words = ["--no-build", "--kernels", "limits", "--no-controller", "--no-masses", "--output", str(tmp_path)]
+    assert main(["generate", str(URDF), *words]) == 0
     assert list(folder.glob("*cu*")) == []
     assert "CUDA" not in (folder / "CMakeLists.txt").read_text() + (folder / "README.md").read_text()
 
@@ -263,7 +270,8 @@ def test_cuda_files_go_when_not_asked_for(tmp_path):
 def test_a_chain_too_long_is_refused(tmp_path, capsys):
     urdf = tmp_path / "long.urdf"
     urdf.write_text(chain_urdf("r" * (MAX_BATCH_JOINTS + 1)))
-    assert main(["generate", str(urdf), "--cuda", "--output", str(tmp_path / "out")]) == 2
+    few = ["--kernels", "hybrid.jacobian", "--no-controller", "--no-masses"]
+    assert main(["generate", str(urdf), "--cuda", *few, "--output", str(tmp_path / "out")]) == 2
     message = capsys.readouterr().err.splitlines()[-1]
     assert message.startswith("stiffgen: --cuda: the chain has 25 moving joints") and "at most 24" in message
     assert not (tmp_path / "out").exists()
@@ -329,9 +337,11 @@ def test_nvcc(architecture, folder, tmp_path):
 
 
 @pytest.mark.slow
-def test_cmake(folder, tmp_path):
+def test_cmake(tmp_path):
     """The option, in a project that calls a launch function from C (with a stride that is refused)."""
     require_nvcc()
+    few = {"kernels": "hybrid.jacobian", "controller": False, "masses": False}
+    folder = stiffgen.generate(URDF, output=tmp_path, build=False, cuda=True, **few)
     (tmp_path / "main.c").write_text(
         '#include "iiwa14_cuda.h"\nint main(void) { return iiwa14_hybrid_jacobian_cuda(1, 0, 0, 0, 0) == 1 ? 0 : 1; }\n'
     )
