@@ -88,8 +88,8 @@ FROZEN = {
     "A1 to A4": "1: 1411036418 still 3.020814 99 15 sticky 0 99 0.0265808987 motor 0 99 0.184929506",
     "A6": "2: 763191540 still 1.873257 99 32 sticky 0 99 0.00923203699 quantum 0 99 1e-6 motor 0 99 0.179607985",
 }
-"""Positions that stand still while Settle moves the command. With the client's other guard alone the arm comes to 1.6,
-1.3 and 0.7 rad from its measured positions.
+"""Positions that stand still while Settle moves the command. With the client's other guard alone the last
+two creep on, or are let go late.
 """
 
 
