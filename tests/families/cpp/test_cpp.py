@@ -25,9 +25,14 @@ DATA = ROOT / "tests" / "data"
 ROBOTS = {
     "iiwa14": (URDF, {}),
     "dual": (DATA / "dual_arm.urdf", {"tip": ["left hand", "right-hand"]}),
+    "other": (
+        DATA / "dual_arm.urdf",
+        {"tip": ["left hand", "right-hand"], "kernels": "forward_kinematics", "controller": False},
+    ),
     "tooled": (URDF, {"runtime_tool": True, "derivatives": True, "sensor": stiffgen.Sensor("link_ee")}),
     "solo12": (DATA / "solo12.urdf", {"floating_base": True, "tip": ["FL_FOOT", "HR_FOOT"]}),
 }
+OF_KERNELS = "derivatives", "kernels", "controller"
 EIGEN = Path("/usr/include/eigen3")
 
 HEAD = r"""
@@ -235,7 +240,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[Path
     def make(name: str) -> tuple[Path, list[str]]:
         urdf, options = ROBOTS[name]
         folder = stiffgen.generate(urdf, name=name, output=tmp_path_factory.mktemp(name), build=False, **options)
-        chain = stiffgen.load_chain(urdf, **{key: value for key, value in options.items() if key != "derivatives"})
+        chain = stiffgen.load_chain(urdf, **{key: value for key, value in options.items() if key not in OF_KERNELS})
         sources = [
             source for source in (f"{name}.c", f"{name}_batch.c", f"{name}_impedance.c") if (folder / source).exists()
         ]
@@ -388,15 +393,15 @@ def test_a_column_major_matrix_of_the_wrong_size_gives_nan(made, tmp_path):
 @pytest.mark.slow
 def test_two_robots_and_files_with_and_without_eigen_make_one_program(made, tmp_path):
     one, objects = made("iiwa14")
-    two, others = made("dual")
+    two, others = made("other")
     (tmp_path / "with.cpp").write_text(
-        '#include <Eigen/Core>\n#include "dual.hpp"\n#include "iiwa14.hpp"\n'
+        '#include <Eigen/Core>\n#include "other.hpp"\n#include "iiwa14.hpp"\n'
         "double with() { iiwa14::Matrix<7> q; q.setZero(); return iiwa14::mass_matrix(q)[0]; }\n"
     )
     (tmp_path / "without.cpp").write_text(
-        '#include "iiwa14.hpp"\n#include "dual.hpp"\ndouble with();\n'
-        "int main() { const std::array<double, 7> q{}; const std::array<double, dual::POSITIONS> x{};"
-        "return !(with() == iiwa14::mass_matrix(q)[0] && dual::left_hand::forward_kinematics(x)[15] == 1.0); }\n"
+        '#include "iiwa14.hpp"\n#include "other.hpp"\ndouble with();\n'
+        "int main() { const std::array<double, 7> q{}; const std::array<double, other::POSITIONS> x{};"
+        "return !(with() == iiwa14::mass_matrix(q)[0] && other::left_hand::forward_kinematics(x)[15] == 1.0); }\n"
     )
     line = ["g++", "-std=c++17", "-isystem", str(eigen()), f"-I{one}", f"-I{two}", "with.cpp", "without.cpp"]
     linked = [str(one / each) for each in objects] + [str(two / each) for each in others]

@@ -26,7 +26,7 @@ from support.small_robots import LINKAGES, TREES, Small, part
 ALL_SPRINGS = KernelOptions(springs=("rotation_vector", "quaternion", "coupled", "bounded"))
 FURTHER = (
     "one sliding joint", "two tips on one joint", "two tips of one joint each", "one coordinate of two joints",
-    "four-bar",
+    "four-bar", "slider-crank",
 )  # fmt: skip
 """Robots that are wide with all springs: of each kind another one stays in CI."""
 

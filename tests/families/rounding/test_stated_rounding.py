@@ -27,7 +27,11 @@ from support.chains import chain_urdf
 from support.exact_tree import mp
 from support.graphs import exactly
 
-OPTIONS = KernelOptions(derivatives=True)
+NAMES = (
+    "hybrid.joint_stiffness", "hybrid.jacobian", "body.kinematic_stiffness", "spring.torque", "mass_matrix",
+    "gravity.joint_stiffness",
+)  # fmt: skip
+OPTIONS = KernelOptions(derivatives=True, kernels=NAMES)
 
 
 @pytest.fixture(scope="module")
