@@ -132,6 +132,7 @@ def test_a_welded_loop_is_singular_where_its_passive_joints_are_in_line(tmp_path
     chain = load_chain(file, tip="end", close_loops=True, masses=False)
     assert [each.name for each in chain.coordinates] == ["crank", "coupler", "end", "rocker"]
     model = StiffnessModel(chain, kernels=("close", "motors.residual", "motors.jacobian", "motors.condition"))
+    # angle of the crank that has coupler and rocker in line: a triangle of sides 0.15, 0.3 and 0.15 + 0.25
     straight = math.acos((0.15**2 + 0.3**2 - 0.4**2) / (2 * 0.15 * 0.3))
     for away, is_singular in ((0.0, True), (1e-3, False)):
         elbow = 0.15 * np.exp(1j * (straight - away))
@@ -143,6 +144,7 @@ def test_a_welded_loop_is_singular_where_its_passive_joints_are_in_line(tmp_path
         q = np.array([straight - away, direction - (straight - away), rocker - direction, rocker])
         assert np.abs(np.array(model.motors.residual(q))).max() < 1e-15
         assert np.isnan(np.array(model.motors.jacobian(q))).any() == is_singular
+        # velocity of the weld's gap at unit rates of crank, coupler, end (none) and rocker
         levers = 1j * np.array([point, point - elbow, 0, 0.3 - point])
         levers /= np.sqrt(np.mean(np.abs(levers[[0, 1, 3]]) ** 2))
         C = np.array([levers.real, levers.imag, [1, 1, 1, -1]])

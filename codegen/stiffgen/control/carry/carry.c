@@ -30,17 +30,17 @@ static double find_lag(const state_t *s, const double *here, double *lag)
     return most;
 }
 
-/* Begin at rest where a tip at a pose has the object. Return whether that is a pose. */
+/* Place the object, at rest, by a tip's pose and its grasp: here grasp^-1. Return whether the result is a pose. */
 static int hold(state_t *s, const double *here, const double *grasp)
 {
-    double back[16] = {0.0}, object[16];
+    double inverse[16] = {0.0}, object[16];
     for (int i = 0; i < 3; ++i) {
         for (int j = 0; j < 3; ++j) {
-            back[4 * i + j] = grasp[4 * j + i];
-            back[4 * i + 3] -= grasp[4 * j + i] * grasp[4 * j + 3];
+            inverse[4 * i + j] = grasp[4 * j + i];
+            inverse[4 * i + 3] -= grasp[4 * j + i] * grasp[4 * j + 3];
         }
     }
-    place(here, back, object);
+    place(here, inverse, object);
     object[15] = 1.0;
     memset(s->carried, 0, sizeof s->carried);
     s->waits = 0;
@@ -73,7 +73,7 @@ static int take_object(state_t *s, const input_t *input, const double *lag)
     return s->held;
 }
 
-/* Move the object towards its goal; lag: the largest. */
+/* Move the object towards its goal for a sample; lag: the tips' largest, from 1 on it stops. Speeds: shares of full. */
 static void advance(state_t *s, double lag)
 {
     const config_t *const c = &s->config;
@@ -83,7 +83,8 @@ static void advance(state_t *s, double lag)
         const double *const g = s->grasp + 16 * t, origin[3] = {g[3], g[7], g[11]};
         lever = larger(lever, norm(3, origin));
     }
-    const double share = SPARE / (1.0 + lever * c->tip_rotation_limit / c->tip_velocity_limit); /* of the tips' speed */
+    /* At full speed a tip at the longest lever moves at SPARE of its limit v: share (v + lever w) = SPARE v. */
+    const double share = SPARE / (1.0 + lever * c->tip_rotation_limit / c->tip_velocity_limit);
     const double full[2] = {share * c->tip_velocity_limit, share * c->tip_rotation_limit};
     compare_pose(s->object, s->goal, rest);
     const double way = larger(norm(3, rest) / full[0], norm(3, rest + 3) / full[1]); /* [s] at full speed */

@@ -286,7 +286,10 @@ def _dots(J: Array, covectors: tuple[Operand, ...], output: Array, *, floating: 
 
 
 def _column_sums(moves: Representation, J: Array, bar: Array, base: int) -> tuple[list[Step], list[Array]]:
-    """Return the steps and arrays of the sums of y_i for every joint j, where dJ_i/dq_j . J_bar_i = J_j . y_i."""
+    """Return the steps and arrays of the sums of y_i for every joint j, where dJ_i/dq_j . J_bar_i = J_j . y_i.
+
+    dJ_i/dq_j is linear in J_j, so that y_i needs J_i and J_bar_i alone; it is another one for j before and beyond i.
+    """
     column, moving, seed = ca.SX.sym("column", 6), ca.SX.sym("moving", 6), ca.SX.sym("c", 6)
     symbols_of = (Operand(J, "j"), column), (Operand(bar, "j"), seed)
     steps: list[Step] = []

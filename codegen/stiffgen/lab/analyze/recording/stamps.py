@@ -167,7 +167,7 @@ def matched(messages: Iterable[Message], tolerance: int) -> Iterator[Match]:
 
     ``LATENESS`` bounds how far apart in the log the two may be, and so the messages in memory.
     """
-    waiting: deque[tuple[Message, int]] = deque()  # joint positions whose wrench may still come; wrenches before them
+    waiting: deque[tuple[Message, int]] = deque()  # joint positions, each with how many wrenches had come before it
     window, reach = _Window(tolerance), tolerance + LATENESS
     for message in messages:
         if message.is_wrench:
