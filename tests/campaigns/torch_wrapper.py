@@ -76,6 +76,14 @@ def test_forward_mode_is_the_transpose_of_reverse_mode(small, arm):
         assert torch.allclose(forward, reverse, rtol=1e-12, atol=1e-12)
         with pytest.raises(NotImplementedError, match=r"\(\) has first derivatives only"):
             torch.func.jacfwd(torch.func.jacfwd(function))(q[0])
+    # a number per state has no entries to sum over
+    most = torch.full((small.chain.dof,), 0.8, dtype=torch.float64)
+    zone = torch.tensor(0.5, dtype=torch.float64)
+    forward, reverse = (
+        mode(lambda zone: arm.limits.energy(q[0], -most, most, zone, most))(zone)
+        for mode in (torch.func.jacfwd, torch.func.jacrev)
+    )
+    assert forward == reverse != 0
 
 
 # PyTorch 2.15's check reads .grad of a copy; its way to hide the warning is too late where a warning is an error.

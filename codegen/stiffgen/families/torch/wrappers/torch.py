@@ -116,7 +116,8 @@ def _differentiable(function: Function) -> Any:
         gradients = gradients_of(tuple(tensor.unsqueeze(0) for tensor in tensors), cotangents)
         for gradient, tangent in zip(gradients, tangents, strict=True):
             if tangent is not None:
-                change = change + (gradient * tangent.unsqueeze(0)).flatten(1 + len(leading)).sum(-1)
+                products = gradient * tangent.unsqueeze(0)
+                change = change + products.reshape(*products.shape[: 1 + len(leading)], -1).sum(-1)  # numbers, too
         parts = change.movedim(0, -1).split(sizes, dim=-1)
         results = tuple(part.reshape((*leading, *shape)) for part, shape in zip(parts, function.results, strict=True))
         return results[0] if one else results
