@@ -38,11 +38,11 @@ generate: $(VENV)/installed  ## generate and build every robot in urdf/, and pri
 	@set -e; for urdf in $(URDFS); do $(BIN)/stiffgen generate $$urdf; done
 	@$(BIN)/python examples/bowl_posture.py
 
-test: $(VENV)/installed-test  ## run the quick tests or those of ROOM=control (14 minutes)
+test: $(VENV)/installed-test  ## run the quick tests or those of ROOM=control (7 minutes)
 	$(if $(ROOM),$(if $(CHOSEN),,$(error ROOM=$(ROOM) has no tests; rooms are $(filter-out data support __pycache__,$(notdir $(patsubst %/,%,$(wildcard tests/*/)))) fri ros2)))
 	$(BIN)/python -m pytest $(SPREAD) -m '$(TESTS)' $(CHOSEN)
 
-test-slow: $(VENV)/installed-test  ## run the other tests, with the short forms of the campaigns (30 minutes)
+test-slow: $(VENV)/installed-test  ## run the other tests, with the short forms of the campaigns (20 minutes)
 	$(BIN)/python -m pytest $(SPREAD) -m 'slow and not wide' $(CHOSEN)
 
 test-wide: $(VENV)/installed-test  ## run further robots, compilers and pages of what test-slow tests: before a release (hours)
