@@ -48,6 +48,7 @@ void WipingClient::begin_commanding()
     start_ = 1;
     robot::init(&config_, &state_);
     settling_.begin(config_);
+    pressing_.begin(config_);
     std::memset(&output_, 0, sizeof output_);
     paper_.begin();
 }
@@ -132,7 +133,35 @@ bool WipingClient::fill_input()
     /* Whatever slows the trajectory down holds Settle: a person, a question, a limit, letting go. */
     const bool stands = pace_.value() < 1.0 || let_go_ != LET_GO_NONE;
     settling_.step(start_ != 0 ? NULL : &output_, tip_wrench_, stands, &input_);
+    press();
     return true;
+}
+
+/* Return whether a force is wanted: nothing that stops the trajectory, slows it down or ends it lets it go. */
+bool WipingClient::presses() const
+{
+    const bool person = button_ || question_.state() == Question::ASKED;
+    const bool ends = let_go_ != LET_GO_NONE || faulted_ || !is_plausible(tip_wrench_);
+    return !person && !ends && pace_.reason() == Pace::FREE;
+}
+
+/* Let Press move the command of this sample, and note how its force ended. */
+void WipingClient::press()
+{
+    const Pressing::End before = pressing_.end();
+    const bool wanted = presses();
+    if (wanted && !reference_.approaching() && wrench_.frozen()) {
+        pressing_.doubt();
+    }
+    pressing_.step(start_ != 0 ? NULL : &output_, tip_wrench_, !reference_.approaching(), wanted, &input_);
+    if (pressing_.end() == before) {
+        return;
+    }
+    if (pressing_.end() == Pressing::LOST || pressing_.end() == Pressing::MISSED) {
+        event(EVENT_CONTACT_LOST, &counters_.contact_lost);
+    } else {
+        event(EVENT_SENSOR_DOUBTED, &counters_.sensor_doubted);
+    }
 }
 
 /* Reset a fault of the communication after good samples; let go for any other fault. The arm then starts from where it
@@ -156,6 +185,7 @@ void WipingClient::watch_controller()
         }
         robot::reset(&state_);
         settling_.begin(config_);
+        pressing_.begin(config_);
         reference_.begin(q_);
         record_.reset = 1;
         good_time_ = 0.0;
@@ -174,7 +204,8 @@ void WipingClient::record_input()
     } rows[] = {{input_.q, record_.q, JOINTS},
                 {input_.dq, record_.dq, JOINTS},
                 {input_.q0, record_.q0, JOINTS},
-                {tip_wrench_, record_.wrench, 6}};
+                {tip_wrench_, record_.wrench, 6},
+                {input_.wrench_command, record_.wrench_command, 6}};
     for (const auto &row : rows) {
         if (input_.sample_valid != 0) {
             copy(row.from, row.to, row.count);

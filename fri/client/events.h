@@ -24,7 +24,9 @@ enum Event {
     EVENT_STOPPED = 1 << 15,
     EVENT_CONTROLLER_FAULT = 1 << 16,
     EVENT_LET_GO = 1 << 17,
-    EVENT_OTHER_VERSION = 1 << 18
+    EVENT_OTHER_VERSION = 1 << 18,
+    EVENT_CONTACT_LOST = 1 << 19,
+    EVENT_SENSOR_DOUBTED = 1 << 20
 };
 
 /* Name and meaning of an event, and the client's action: printed on the terminal. */
@@ -73,6 +75,11 @@ const EventText EVENT_TEXTS[] = {
      "brings the torque to zero within 0.25 s, still answering"},
     {EVENT_OTHER_VERSION, "other version", "the messages lack the fields of this FRI version",
      "nothing: build the client for the robot's version"},
+    {EVENT_CONTACT_LOST, "contact lost", "the tip presses on nothing any more, or has found nothing",
+     "presses no more; the pose goes back"},
+    {EVENT_SENSOR_DOUBTED, "sensor doubted",
+     "the springs press much harder than the sensor says, or it says always the same",
+     "presses no more; the pose goes back"},
 };
 
 #endif

@@ -59,6 +59,7 @@ Log::Log(Records &records, const std::string &path, double posture_stiffness, Qu
         names(file_, name, JOINTS);
     }
     names(file_, "wrench", 6);
+    names(file_, "wrench_command", 6);
     names(file_, "torque", JOINTS);
     file_.append(",status,mode,counter,sample_valid,start,reset,tank_energy,elastic_energy");
     for (const char *name : AFTER) {
@@ -189,6 +190,7 @@ void Log::write(const Record &record)
     values(file_, record.dq, JOINTS);
     values(file_, record.q0, JOINTS);
     values(file_, record.wrench, 6);
+    values(file_, record.wrench_command, 6);
     values(file_, record.torque, JOINTS);
     file_.append(",%lu,%d,%lu,%d,%d,%d", static_cast<unsigned long>(record.status), record.mode,
                  static_cast<unsigned long>(record.counter), record.sample_valid, record.start, record.reset);

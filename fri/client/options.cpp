@@ -161,6 +161,8 @@ const Row ROWS[] = {
      take_friction},
     {"settle", "TWO", "no error at rest: most force and moment that the springs may add [N, N m] (0,0)",
      take_settle},
+    {"press", "N", "force to hold along the tool's z axis, with --wrench sensor [N] (0)",
+     [](Options &o, const Given &g) { o.settings.press_force = g.number(0.0, 100.0); }},
     {"effort-share", "X", "share of the robot's effort limits [1] (0.25)",
      [](Options &o, const Given &g) { o.settings.effort_share = g.number(0.001, 1.0); }},
     {"torque-rise", "S", "least time from zero to that limit, 0.1 to 0.25 [s] (0.25)",
@@ -206,12 +208,10 @@ const Row ROWS[] = {
      [](Options &o, const Given &g) { o.realtime = g.integer(1, 99); }},
 };
 
-/* Options of older versions, and what to give now; and options that are missed, and why there are none. */
+/* Options of older versions, and what to give now. */
 const char *const GONE[][2] = {
     {"--joint-damping", "the controller damps by --damping-ratio, 0 to 2, alone"},
     {"--velocity-filter", "give --velocity-span S, twice the old time constant"},
-    {"--press", "the client holds no force, and external torques are no force sensor (friction hides 1.4 to 12.7 N "
-                "on a UR5): use NAME_press.h, or ~/press in ROS 2, with a sensor's wrench"},
 };
 
 enum { COUNT = sizeof ROWS / sizeof *ROWS, FIRST = 256, HELP_WANTED = FIRST + COUNT };
@@ -307,6 +307,7 @@ bool Options::parse(int argc, char **argv)
         throw std::runtime_error("no trajectory; name a file with --trajectory");
     }
     check_settle();
+    check_press();
     read_calibration();
     return true;
 }
@@ -323,6 +324,32 @@ void Options::check_settle() const
     if (settings.position_quantum > 1e-6) {
         throw std::runtime_error("--settle: it takes positions that are finer than 1e-6 rad, not --position-quantum " +
                                  plain(settings.position_quantum));
+    }
+}
+
+/* Press needs a force sensor, and the exact springs; Settle would work against it. */
+void Options::check_press() const
+{
+    if (settings.press_force <= 0.0) {
+        return;
+    }
+    const struct {
+        bool wrong;
+        const char *why;
+    } cases[] = {
+        {!sensor,
+         "it takes --wrench sensor: external torques are no force sensor (friction hides 1.4 to 12.7 N on a UR5)"},
+        {settings.paper, "it moves the springs of --law potential; leave --law out"},
+        {settings.settle_force[0] > 0.0 || settings.settle_force[1] > 0.0,
+         "the force moves the tip to where it presses, and --settle back; give one of them"},
+        {settings.dry_run, "in a --dry-run nothing presses; leave one of them out"},
+        {settings.position_quantum > 1e-6,
+         "it takes positions that are finer than 1e-6 rad; leave --position-quantum out"},
+    };
+    for (const auto &each : cases) {
+        if (each.wrong) {
+            throw std::runtime_error(std::string("--press: ") + each.why);
+        }
     }
 }
 

@@ -24,6 +24,7 @@ struct Options {
 
 private:
     void check_settle() const;
+    void check_press() const;
     void read_calibration();
 };
 

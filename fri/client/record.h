@@ -18,8 +18,9 @@ struct Record {
     int start; /* 1: the controller was initialised just before this step */
     int reset; /* 1: a latched fault was reset just before this step */
     int sample_valid;
-        std::uint32_t counter;
+    std::uint32_t counter;
     double q[JOINTS], dq[JOINTS], q0[JOINTS], wrench[6]; /* inputs of the step; wrench at the tip */
+    double wrench_command[6];                            /* the same: of Press, [N, N m] */
     double torque[JOINTS];                               /* output of the step */
     std::uint32_t status;
     int mode;

@@ -83,6 +83,7 @@ public:
 
     /* Return whether the arm moves back to where the trajectory stopped. */
     bool returning() const { return progress() > 0.0 && approaching_; }
+    bool approaching() const { return approaching_; } /* the arm is not on the trajectory yet */
     double progress() const { return progress_.seconds(); } /* [s] in the trajectory */
     bool done() const { return done_; }
 

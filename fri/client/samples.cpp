@@ -10,6 +10,9 @@ namespace {
 /* Send periods [s] at which torque can be commanded. */
 const double SHORTEST_PERIOD = 0.001, LONGEST_PERIOD = 0.010;
 
+/* [s] Longest one at which a force is held: at 10 ms it swings on a wall of 1e4 N/m. */
+const double LONGEST_PRESSING = 0.0051;
+
 /* [rad] Coarsest resolution whose last bits show that a joint gives way, also to the controller. */
 const double FINE = 1e-6;
 
@@ -28,6 +31,9 @@ void WipingClient::adopt(double period)
     controller_error_ = robot::init(&config_, &state_);
     if (controller_error_ != 0) {
         refuse(REFUSAL_CONTROLLER);
+    }
+    if (pressing_.wants() && period > LONGEST_PRESSING) {
+        refuse(REFUSAL_PRESS_PERIOD);
     }
 }
 
@@ -87,7 +93,7 @@ void WipingClient::observe()
         events_ |= EVENT_LOST_CYCLES;
     }
     counters_.clock_standing += clock_.standing() ? 1 : 0;
-    wrench_.observe(clock_.periods() * sample_time_);
+    wrench_.observe(clock_.periods() * sample_time_, q_);
     since_wrench_ += clock_.periods() * sample_time_;
     watch_samples();
     watch_robot();
@@ -135,7 +141,7 @@ void WipingClient::watch_standing(const double *q)
         return;
     }
     standing_.add(q, output_.torque, config_.effort_limit, config_.position_quantum > FINE, since_position_);
-    if (settling_.moves_at_rest()) {
+    if (settling_.moves_at_rest() || pressing_.moves_at_rest()) {
         settled_.add(q, output_.torque, config_.effort_limit, false, since_position_);
     } else {
         settled_.reset();

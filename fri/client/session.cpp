@@ -266,6 +266,29 @@ Ending find_ending(const Options &options, const WipingClient &client, const Con
     return Ending{asked ? INTERRUPTED : FAULT, let_go_text(options, client) + "; " + end};
 }
 
+/* Return what became of the force of --press, if it was not held. */
+std::string press_text(const WipingClient &client)
+{
+    switch (client.pressing().end()) {
+    case Pressing::LOST: return "contact was lost";
+    case Pressing::DOUBTED: return "the springs pressed much harder than the sensor said; check it and its calibration";
+    case Pressing::FROZEN: return "the sensor's reading stood still while the arm moved; check the sensor";
+    case Pressing::MISSED: return "nothing was touched";
+    default: return client.trajectory_done() && !client.pressing().touched() ? "nothing was touched" : "";
+    }
+}
+
+/* Add to an ending that the force of --press was not held: the trajectory alone is not what was asked for. */
+Ending with_force(const WipingClient &client, Ending ending)
+{
+    const std::string lost = client.pressing().wants() && ending.code != REFUSED ? press_text(client) : "";
+    if (!lost.empty()) {
+        ending.sentence += "; the force of --press was not held: " + lost;
+        ending.code = ending.code == DONE ? FAULT : ending.code;
+    }
+    return ending;
+}
+
 } // namespace
 
 std::string refusal_text(const WipingClient &client)
@@ -286,6 +309,13 @@ std::string refusal_text(const WipingClient &client)
                text("%.2f", client.question().distance()) +
                " rad from " + client.question().where() +
                ", more than --approach-limit; move the arm nearer, or give --approach-anyway";
+    case REFUSAL_PRESS:
+        return "--press takes at most half of the heaviest wrench, " +
+               text("%.1f", 0.5 * client.config().heaviest_wrench[0]) +
+               " N, which --stiffness, --energy-limit and --force-limit set";
+    case REFUSAL_PRESS_PERIOD:
+        return "--press takes a send period of at most 5 ms, and the robot's is " + text("%g", period) +
+               " ms; set it in the robot application";
     case REFUSAL_CONTROLLER: return std::string("controller: ") + robot::error_text(client.controller_error());
     default: return "";
     }
@@ -310,5 +340,5 @@ Ending run_session(const Options &options, WipingClient &client, Connection &con
         }
     }
     application.disconnect();
-    return find_ending(options, client, connection, watch.seen, interrupts);
+    return with_force(client, find_ending(options, client, connection, watch.seen, interrupts));
 }

@@ -5,9 +5,10 @@
 
 Settings::Settings()
     : paper(false), conventional(false), damping_ratio(0.7), posture_stiffness(10.0), motor_inertia(0.1),
-      effort_share(0.25), torque_rise(0.25), speed_share(0.9), sample_time(0.0), approach_time(5.0), approach_limit(0.8),
-      approach_anyway(false), may_ask(false), velocity_span(0.008), delay_samples(0), position_quantum(0.0),
-      wrench_damping(0.01), external_torque_sign(1.0), pace(), dry_run(false), simulated_time(false)
+      press_force(0.0), effort_share(0.25), torque_rise(0.25), speed_share(0.9), sample_time(0.0), approach_time(5.0),
+      approach_limit(0.8), approach_anyway(false), may_ask(false), velocity_span(0.008), delay_samples(0),
+      position_quantum(0.0), wrench_damping(0.01), external_torque_sign(1.0), pace(), dry_run(false),
+      simulated_time(false)
 {
     /* Stiffness of the paper. */
     const double stiffness[6] = {700.0, 700.0, 800.0, 30.0, 30.0, 30.0};

@@ -15,6 +15,7 @@ struct Settings {
     double motor_inertia;        /* [kg m^2] */
     double friction[7];          /* [N m] coulomb_friction of each joint, fed forward; 0: none */
     double settle_force[2];      /* [N, N m] most that Settle lets the springs exert more; 0, 0: none */
+    double press_force;          /* [N] that Press holds along the tool's z axis; 0: none */
     double effort_share;         /* share of the robot's effort limits */
     double torque_rise;          /* [s] least time from zero torque to the effort limit */
     double speed_share;          /* share of the velocity limits at which the client lets go */

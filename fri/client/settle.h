@@ -2,7 +2,7 @@
 #ifndef FRI_CLIENT_SETTLE_H
 #define FRI_CLIENT_SETTLE_H
 
-#include "robot.h"
+#include "moved.h"
 
 /*
  * Moves resting joint positions until the measured tip rests at their pose: Settle moves the pose, and Follow makes
@@ -23,13 +23,13 @@ public:
     void step(const robot::Output *last, const double *wrench, bool hold, robot::Input *sample);
 
     /* Return whether an offset has moved the command, and the command rests: the torque changes by Settle alone. */
-    bool moves_at_rest() const { return follows_ && settle_.rest > 0.0; }
+    bool moves_at_rest() const { return moved_.follows() && settle_.rest > 0.0; }
 
 private:
     const double *const force_;
-    bool settles_, follows_; /* Follow runs since the first offset */
+    bool settles_;
     robot::Settle settle_;
-    robot::Follow follow_;
+    MovedPose moved_;
 };
 
 #endif

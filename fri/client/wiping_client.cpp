@@ -10,8 +10,8 @@ using KUKA::FRI::FRIException;
 
 namespace {
 
-/* Share of the effort limit that the torque ranges over before a position stands. Less at rest, where Settle alone
- * changes the torque: it may stop just above the friction of a joint that then goes on unseen. */
+/* Share of the effort limit that the torque ranges over before a position stands. Less at rest, where Settle or Press
+ * alone changes the torque: it may stop just above the friction of a joint that then goes on unseen. */
 const double STANDING_RANGE = 0.03, SETTLED_RANGE = 0.015;
 
 /* Periods that the trajectory may be ahead of this machine's time, since late messages arrive together. */
@@ -37,7 +37,8 @@ double heaviest(const double *stiffness, double energy, double most)
 WipingClient::WipingClient(const Settings &settings, const Trajectory &trajectory, WrenchSensor *sensor,
                            const Connection &connection, Records &records, Question &question)
     : settings_(settings), connection_(connection), records_(records), question_(question),
-      settling_(settings.settle_force), velocity_(settings.velocity_span),
+      settling_(settings.settle_force), pressing_(settings.press_force, settings.pace.error),
+      velocity_(settings.velocity_span),
       standing_(STANDING_RANGE), settled_(SETTLED_RANGE),
       wrench_(sensor, settings.calibration, settings.wrench_damping, settings.external_torque_sign),
       reference_(trajectory, settings.approach_time), pace_(settings.pace), sample_time_(0.0), reported_period_(0.0),
@@ -58,6 +59,9 @@ WipingClient::WipingClient(const Settings &settings, const Trajectory &trajector
     configure();
     controller_error_ = robot::init(&config_, &state_);
     refusal_ = controller_error_ == 0 ? REFUSAL_NONE : REFUSAL_CONTROLLER;
+    if (2.0 * settings.press_force > config_.heaviest_wrench[0]) {
+        refuse(REFUSAL_PRESS);
+    }
 }
 
 /* Configure the controller, and set what every sample commands. */

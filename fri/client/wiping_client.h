@@ -14,6 +14,7 @@
 #include "record.h"
 #include "reference.h"
 #include "paper.h"
+#include "press.h"
 #include "robot.h"
 #include "settings.h"
 #include "settle.h"
@@ -48,13 +49,22 @@ struct Counters {
     unsigned long long guarded; /* cycles whose torque the guard changed */
     unsigned long long slowed;  /* cycles in which the trajectory ran slower for a limit */
     unsigned long long sensor_silent;
+    unsigned long long contact_lost, sensor_doubted; /* ends of Press: at most one, once */
     unsigned long long exceptions;              /* the FRI library refused a call */
     unsigned long long controller_faults;       /* faults that the controller latched */
     unsigned long long saturated, rate_limited; /* cycles with these bits of the controller's status */
 };
 
 /* Reasons to refuse a session, and to let go. */
-enum Refusal { REFUSAL_NONE, REFUSAL_SAMPLE_TIME, REFUSAL_TORQUE_MODE, REFUSAL_APPROACH, REFUSAL_CONTROLLER };
+enum Refusal {
+    REFUSAL_NONE,
+    REFUSAL_SAMPLE_TIME,
+    REFUSAL_TORQUE_MODE,
+    REFUSAL_APPROACH,
+    REFUSAL_CONTROLLER,
+    REFUSAL_PRESS, /* more than Press may exert */
+    REFUSAL_PRESS_PERIOD
+};
 enum LetGo {
     LET_GO_NONE,
     LET_GO_INTERRUPTED, /* by a person or a signal */
@@ -101,6 +111,7 @@ public:
     LetGo gone() const { return let_go_; }
     Pace::Reason held_by() const { return held_by_; }
     int fast_joint() const { return fast_joint_; }
+    const Pressing &pressing() const { return pressing_; }
     const Copies &copies() const { return copies_; }
     int standing_joint() const { return std::max(standing_.joint(), settled_.joint()); }
     const Defects &defects() const { return defects_; }
@@ -145,6 +156,8 @@ private:
     double lag() const;
     void watch_pace();
     bool fill_input();
+    bool presses() const;
+    void press();
     double contact_force() const;
     void watch_controller();
     void step_controller(bool valid);
@@ -167,10 +180,11 @@ private:
     robot::Output output_;
     PaperTorque paper_;
     Settling settling_;
+    Pressing pressing_;
     RobotClock clock_;
     VelocityDifference velocity_;
     Copies copies_;
-    Standing standing_, settled_; /* always; at rest, while Settle moves the command */
+    Standing standing_, settled_; /* always; at rest, while Settle or Press moves the command */
     PositionFollower follower_;
     WrenchSource wrench_;
     Reference reference_;

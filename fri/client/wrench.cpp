@@ -81,19 +81,43 @@ namespace {
 /* [s] A sensor that has been silent for so long has failed. */
 const double SENSOR_PATIENCE = 0.05;
 
+/* [s] of the same reading to the last bit, and [rad] that a joint moves meanwhile, after which the sensor is frozen. */
+const double FROZEN_TIME = 0.25, FROZEN_MOVE = 1e-4;
+
 } // namespace
 
 WrenchSource::WrenchSource(WrenchSensor *sensor, const Calibration &calibration, double damping, double sign)
-    : sensor_(sensor), calibration_(calibration), damping_(damping), sign_(sign), age_(1e9)
+    : sensor_(sensor), calibration_(calibration), damping_(damping), sign_(sign), age_(1e9), same_(0.0), moved_(false)
 {
     std::fill(reading_, reading_ + 6, std::nan(""));
+    std::fill(since_, since_ + 7, 0.0);
 }
 
-void WrenchSource::observe(double seconds)
+void WrenchSource::observe(double seconds, const double *q)
 {
-    if (sensor_ != NULL) {
-        age_ = sensor_->read(reading_) ? 0.0 : age_ + seconds;
+    if (sensor_ == NULL) {
+        return;
     }
+    double before[6];
+    copy(reading_, before, 6);
+    age_ = sensor_->read(reading_) ? 0.0 : age_ + seconds;
+    if (!std::equal(before, before + 6, reading_)) {
+        same_ = 0.0;
+        return;
+    }
+    if (same_ <= 0.0) {
+        copy(q, since_, JOINTS);
+        moved_ = false;
+    }
+    same_ += seconds;
+    for (int i = 0; i < JOINTS; ++i) {
+        moved_ = moved_ || std::fabs(q[i] - since_[i]) > FROZEN_MOVE;
+    }
+}
+
+bool WrenchSource::frozen() const
+{
+    return same_ > FROZEN_TIME && moved_;
 }
 
 bool WrenchSource::silent() const

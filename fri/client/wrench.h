@@ -68,11 +68,14 @@ public:
 
     bool uses_external_torque() const { return sensor_ == NULL; }
 
-    /* Take the sensor's newest reading; call once per message with the seconds since the last one. */
-    void observe(double seconds);
+    /* Take the sensor's newest reading; call once per message with the seconds since the last one, and positions. */
+    void observe(double seconds, const double *q);
 
     /* Return whether the sensor has been silent for too long. */
     bool silent() const;
+
+    /* Return whether the sensor has said the same to the last bit for long, while the arm moved: no sensor does. */
+    bool frozen() const;
 
     /* Newest reading (6); NaN before the first one. */
     const double *reading() const { return reading_; }
@@ -85,7 +88,10 @@ private:
     const Calibration calibration_;
     const double damping_, sign_;
     double reading_[6];
-    double age_; /* [s] */
+    double age_;  /* [s] */
+    double same_; /* [s] for which the reading has been the same, and the positions before it */
+    double since_[7];
+    bool moved_; /* a joint has moved since */
 };
 
 #endif

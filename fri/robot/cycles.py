@@ -146,6 +146,7 @@ class Cycles:
         self._encoders = encoders.Encoders()
         self.statistics = Statistics()
         self.wrench = np.zeros(6)
+        self._reading = robot.plant.reading
         self.in_contact = robot.plant.in_contact
         self._epoch = LOCKSTEP_EPOCH if settings.lockstep else wall.time_ns()
         self._cycle = 0
@@ -239,8 +240,7 @@ class Cycles:
             self.session.force(SessionState[self._forced.pop(0).argument])
             self._follow_state(old)
         monitoring = self._monitoring()
-        if self._settings.sensor_port:
-            self._link.send_reading(self.robot.plant.reading, self._settings.sensor_port)
+        self._send_reading()
         self._arrived.clear()
         self._received = 0
         if self.session.state is SessionState.IDLE:
@@ -251,6 +251,14 @@ class Cycles:
             return monitoring, [Delivery(datagram, 0, True)]
         injector = self.injectors["robot"]
         return monitoring, injector.send(datagram, self.time, self._cycle) + injector.release(self._cycle)
+
+    def _send_reading(self) -> None:
+        """Send the sensor's reading, with the sensor's faults."""
+        fault = self._faults.condition("sensor", self.time)
+        if fault != "frozen":
+            self._reading = self.robot.plant.reading
+        if self._settings.sensor_port and fault != "silent":
+            self._link.send_reading(self._reading, self._settings.sensor_port)
 
     def _take(self, datagram: bytes) -> None:
         """Accept a datagram from the client and apply the faults of its direction."""

@@ -45,6 +45,7 @@ still:JOINTS     the measured positions of joints stand still: A6, A2+A4, or all
 stuck:JOINTS_Q   they are Q [rad], such as A6_0.3
 toggling:JOINTS_BIT  they stand still but for a bit (0 to 51) that toggles, such as A6_32
 late:JOINTS_CYCLES   they are those of so many cycles ago, such as all_20
+sensor:WHAT      the force-torque sensor is silent, or its reading is frozen (default silent)
 ===============  =======================================================================================
 """
 
@@ -74,7 +75,7 @@ from .messages import (
 DIRECTIONS = ("robot", "client")
 KINDS = ("drop", "delay", "reorder", "duplicate", "garbage", "empty", "identifier", "missing", "six", "nan", "crc",
          "silence", "state", "quality", "truncate", "version", "burst", "jitter", "resolution", "clock", "standing",
-         "safety", "drives", "operation", "period", "held", *encoders.KINDS)  # fmt: skip
+         "safety", "drives", "operation", "period", "held", "sensor", *encoders.KINDS)  # fmt: skip
 _CONDITIONS: dict[str, tuple[Any, str | None]] = {
     "quality": (Quality, None),
     "safety": (SafetyState, "SAFETY_STOP_LEVEL_1"),
@@ -86,6 +87,7 @@ _CONDITIONS: dict[str, tuple[Any, str | None]] = {
     "clock": ((-1e9, 1e9), None),
     "period": ((0.0, 100.0), None),
     "held": (None, ""),
+    "sensor": (("silent", "frozen"), "silent"),
     **dict.fromkeys(encoders.KINDS, ("joints", None)),
 }
 """Arguments of the robot's own faults: valid names or bounds, and default."""

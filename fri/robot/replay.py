@@ -87,7 +87,7 @@ def replayed_torque(robot: Any, log: ClientLog) -> NDArray[np.float64]:
         else:
             impedance.reset()
         part = slice(begin, end)
-        inputs = {name: log[name][part] for name in ("q", "dq", "q0")}
+        inputs = {name: log[name][part] for name in ("q", "dq", "q0", "wrench_command") if name in log.columns}
         inputs |= {name: log[name][part].astype(int) for name in ("counter", "sample_valid")}
         if law is None:
             torque[part] = impedance.run(**springs, **inputs).torque

@@ -146,6 +146,9 @@ def test_bad_trajectory_is_refused_in_one_line(name: str, one: Programs, tmp_pat
     assert done.stderr.count("\n") == 1 and wanted in done.stderr and str(file) in done.stderr
 
 
+PRESSING: list[str | Path] = ["--trajectory", "x", "--press", "15", "--wrench", "sensor"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "wanted"),
     [
@@ -164,7 +167,13 @@ def test_bad_trajectory_is_refused_in_one_line(name: str, one: Programs, tmp_pat
         (["--velocity-filter=0.004"], "--velocity-filter: give --velocity-span S, twice the old time constant"),
         (["--friction", "1,2"], "--friction 1,2: it takes seven numbers"),
         (["--friction", "1,1,1,1,1,1,-1"], "--friction -1: it takes a number from 0"),
-        (["--press", "15"], "--press: the client holds no force, and external torques are no force sensor"),
+        (["--press", "101"], "--press 101: it takes a number from 0 to 100"),
+        (["--trajectory", "x", "--press", "15"], "--press: it takes --wrench sensor: external torques are no force"),
+        ([*PRESSING, "--law", "paper"], "--press: it moves the springs of --law potential; leave --law out"),
+        ([*PRESSING, "--settle", "35,3"], "and --settle back; give one of them"),
+        ([*PRESSING, "--dry-run"], "--press: in a --dry-run nothing presses"),
+        ([*PRESSING, "--position-quantum", "1e-5"], "--press: it takes positions that are finer than 1e-6 rad"),
+        (PRESSING, "--wrench sensor: it takes --calibration FILE"),
         (["--settle", "35"], "--settle 35: it takes two numbers"),
         (["--settle", "101,3"], "--settle 101: it takes a number from 0 to 100"),
         (["--trajectory", "x", "--settle", "35,3", "--law", "paper"], "--settle: it moves the springs of --law poten"),

@@ -23,8 +23,11 @@ from typing import Any
 
 import numpy as np
 
+import stiffgen
 from fri.robot.messages import VERSIONS, SessionState
 from fri.support.session import SANITIZERS, build, write_short_trajectory
+from support.plate import NAME, SENSOR, TOOL
+from support.project import URDF
 
 DONE, FAULT, REFUSED, EARLY, INTERRUPTED = range(5)
 PERIODS = (1, 2, 5, 10)
@@ -47,7 +50,8 @@ KINDS: dict[str, tuple[float, ...] | tuple[str, float, float]] = {
     "offset": ("signed", 1e-3, 0.5), "noise": ("log", 1e-6, 3e-2), "gain": (-1, 0, 2, 10), "button": (0,),
     "held": (0,), "blocked": (0, 1, 2, 3, 4, 5, 6), "push": ("signed", 1, 100), "silence": (0,),
     "slow": ("log", 0.1, 20), "patient": (0,), "stop": (0, 1), "interrupt": (1, 2), "answer": (0, 1),
-    "settle": (5, 35, 100),
+    "settle": (5, 35, 100), "press": (5, 15, 40), "wall": (-0.05, 0, 0.005, 0.02, 0.05), "numb": (0,), "mute": (0,),
+    "weak": (-1, 0, 0.2, 0.5, 2),
 }  # fmt: skip
 """An event's values: one of some numbers, or a share, or a number on a logarithmic scale with or without sign."""
 
@@ -56,7 +60,7 @@ LIES = {"offset", "noise", "nan", "gain", "without"}
 FORCES = {"push", "slow", "patient", "counter", "counting", "stuck", "silence"}
 """The arm is moved by something else than the client, or by an old torque."""
 CUTS = {"drop", "delay", "burst", "garbage", "cut", "silence", "stop", "slow", "stuck", "counter", "counting", "replay",
-        "twice", "deaf", "state", "mode", "multiplier", "period", "without"}  # fmt: skip
+        "twice", "deaf", "state", "mode", "multiplier", "period", "without", "mute"}  # fmt: skip
 """Messages do not come one a period, or command nothing: a release takes longer, or ends with the patience for it."""
 
 
@@ -116,6 +120,13 @@ def draw_event(rng: np.random.Generator) -> Event:
     return Event(kind, round(float(rng.uniform(0.0, 4.0)), 6), length, draw_value(rng, kind))
 
 
+def begin(rng: np.random.Generator) -> Schedule:
+    """Begin a climb: without an event, or with a force that is held along a wall, which events alone seldom make."""
+    kinds = ("press", "wall") if rng.uniform() < 0.25 else ()
+    events = tuple(Event(kind, 0.0, 99.0, draw_value(rng, kind)) for kind in kinds)
+    return Schedule(int(rng.choice(PERIODS)), int(rng.integers(1 << 31)), events)
+
+
 def mutate(rng: np.random.Generator, schedule: Schedule) -> Schedule:
     """Mutate the schedule."""
     events = list(schedule.events)
@@ -156,7 +167,7 @@ def measures(schedule: Schedule, told: Mapping[str, Any]) -> dict[str, float]:
         result["sound messages without an answer"] = 2.0 * float(told["unanswered"])
     if not kinds & (LIES | FORCES):
         result["stored energy"] = told["elastic"] / 1.05  # the governor's limit
-        if not kinds & (CUTS | {"frozen"}):  # without samples the arm coasts
+        if not kinds & (CUTS | {"frozen", "coarse"}):  # without samples, or time in them, the arm coasts
             result["distance from the reference"] = told["error"] / TIP_ERROR
         result["energy of the arm"] = told["kinetic"] / ENERGY
         result["speed of the arm"] = told["fast"]
@@ -269,7 +280,7 @@ def climb(
         names = [name for name in sorted(most) if name not in breaks]
         target = names[climbs % len(names)] if names else ""
         climbs += 1
-        best, height = Schedule(int(rng.choice(PERIODS)), int(rng.integers(1 << 31))), -1.0
+        best, height = begin(rng), -1.0
         for _ in range(60):
             mutant = mutate(rng, best)
             told = attack.play(mutant)
@@ -305,21 +316,23 @@ def main(given: Iterable[str] | None = None) -> int:
     parser.add_argument("--sanitize", action="store_true", help="under the address and undefined-behaviour sanitizers")
     parser.add_argument("--play", metavar="SCHEDULE", help="one schedule, as a break is printed; what it comes to")
     options = parser.parse_args(None if given is None else list(given))
-    broken = 0
+    broken, base = 0, options.folder.resolve()
+    robot = stiffgen.generate(URDF, name=NAME, tool=TOOL, sensor=SENSOR, build=False, output=base / "robots")
     for version in options.version or VERSIONS:
-        folder = options.folder.resolve() / (version + ("-sanitized" if options.sanitize else ""))
+        folder = base / (version + ("-sanitized" if options.sanitize else ""))
         print(f"FRI {version}: building ...", flush=True)
         compiler, flags = ("clang", SANITIZERS) if options.sanitize else ("gcc", "-O1")
-        build(folder, [f"-DOPEN_FRI_VERSION={version}"], compiler=compiler, flags=flags, targets=["attack"])
+        given = [f"-DOPEN_FRI_VERSION={version}", f"-DROBOT_NAME={NAME}", f"-DROBOT_DIR={robot}"]
+        build(folder, given, compiler=compiler, flags=flags, targets=["attack"])
         with Attack(folder / "attack", write_short_trajectory(folder / "short.csv")) as attack:
             if options.play:
                 schedule = parse(options.play)
                 told = attack.play(schedule)
                 print(json.dumps({**told, **measures(schedule, told)}, indent=2), *untrue(schedule, told), sep="\n")
                 continue
-            begin = time.monotonic()
+            began = time.monotonic()
             most, breaks = climb(attack, np.random.default_rng(options.seed), options.sessions, report)
-            print(f"{attack.sessions} sessions in {time.monotonic() - begin:.0f} s; most of what is allowed:")
+            print(f"{attack.sessions} sessions in {time.monotonic() - began:.0f} s; most of what is allowed:")
             for name, value in sorted(most.items()):
                 print(f"  {name:40s} {value:.6g}")
             broken += len(breaks)

@@ -71,6 +71,7 @@ public:
     bool let_go = false;
     double let_go_time = -1.0, zero_time = -1.0, apart = 0.0;
     double end[JOINTS];             /* [rad] of the trajectory */
+    double commanded = 0.0, most_commanded = 0.0; /* [N] wrench_command: of the last sample, at most */
     double rest = 0.0, force = 0.0; /* in the last sample: [m] of the tip from the end, [N] of the torque at the tip */
 
 private:
@@ -94,6 +95,8 @@ private:
             error = std::max(error, distance(record.q0));
             measure_speed(record);
             measure_rest(record);
+            commanded = size_of(record.wrench_command);
+            most_commanded = std::max(most_commanded, commanded);
         }
     }
 
@@ -150,6 +153,7 @@ void print(const Ending &ending, const World &world, const Watcher &seen, const 
     const double last = seconds();
     const long recent = std::count_if(world.deliveries.begin(), world.deliveries.end(),
                                       [last](double time) { return time > last - 0.5; });
+    const double count = std::max(world.counted, 1);
     std::printf("{\"code\": %d, \"sentence\": \"%s\", \"over_limit\": %.17g, \"step\": %.17g, \"rate\": %.17g, "
                 "\"lead\": %.17g, \"reference\": %.17g, \"elastic\": %.17g, \"error\": %.17g, \"kinetic\": %.17g, "
                 "\"fast\": %.17g, \"work\": %.17g, \"axis_delta\": %.17g, \"unanswered\": %u, \"not_finite\": %u, "
@@ -160,14 +164,17 @@ void print(const Ending &ending, const World &world, const Watcher &seen, const 
     std::printf("\"release\": %.17g, \"let_go\": %s, \"done\": %s, \"idle\": %s, \"interrupted\": %s, \"interrupts\": %d, "
                 "\"declined\": %s, \"moved\": %s, \"refused\": %s, \"state\": %d, \"progress\": %.17g, \"parted\": %.17g, "
                 "\"let_go_time\": %.17g, \"beyond\": %.17g, \"apart\": %.17g, \"held\": %.17g, \"rest\": %.17g, "
-                "\"force\": %.17g}\n",
+                "\"force\": %.17g, \"pressed\": %.17g, \"hardest\": %.17g, \"mean\": %.17g, \"rms\": %.17g, "
+                "\"commanded\": %.17g, \"most_commanded\": %.17g}\n",
                 seen.zero_time >= 0.0 ? seen.zero_time - seen.let_go_time : -1.0, boolean(seen.let_go),
                 boolean(client.trajectory_done()), boolean(world.idle_seen), boolean(world.interrupted),
                 static_cast<int>(interrupts), boolean(client.question().state() == Question::NO), boolean(world.moved),
                 boolean(client.refusal() != REFUSAL_NONE), world.last_state, client.progress(), world.parted,
                 seen.let_go_time, world.beyond, seen.let_go ? seen.apart : world.apart,
                 world.parted_joint >= 0 ? world.held[static_cast<std::size_t>(world.parted_joint)] : 0.0,
-                seen.rest, seen.force);
+                seen.rest, seen.force, world.pressed, world.hardest, world.mean / count,
+                std::sqrt(std::max(world.square / count - std::pow(world.mean / count, 2), 0.0)), seen.commanded,
+                seen.most_commanded);
     std::fflush(stdout);
 }
 
@@ -186,6 +193,10 @@ void session(const Schedule &schedule, const std::string &file, int period)
     const double settle = quantum > 1e-6 ? 0.0 : schedule.first("settle", 0.0); /* as the options ask for */
     options.settings.settle_force[0] = settle;
     options.settings.settle_force[1] = 0.1 * settle;
+    const bool refused = quantum > 1e-6 || settle > 0.0 || !robot::has_sensor();
+    const double press = refused ? 0.0 : schedule.first("press", 0.0);
+    options.settings.press_force = press; /* as the options ask for, too */
+    options.sensor = press > 0.0;
     options.settings.may_ask = schedule.events.count("answer") > 0;
     const Trajectory trajectory(file, options.trajectory_period);
     Vector start;
@@ -195,8 +206,9 @@ void session(const Schedule &schedule, const std::string &file, int period)
     std::unique_ptr<Records> records(new Records);
     Question question;
     std::unique_ptr<Connection> connection(new Connection(world, 1e-3 * options.timeout));
+    WrenchSensor *const sensor = options.sensor ? &world.sensor : NULL;
     std::unique_ptr<WipingClient> client(
-        new WipingClient(options.settings, trajectory, NULL, *connection, *records, question));
+        new WipingClient(options.settings, trajectory, sensor, *connection, *records, question));
     KUKA::FRI::ClientApplication application(*connection, *client);
     for (int i = 0; i < JOINTS; ++i) {
         world.effort[i] = client->config().effort_limit[i];

@@ -6,6 +6,7 @@
 #include "attack_schedule.h"
 
 extern "C" void ROBOT_MASS_MATRIX(const double *q, double *mass_matrix);
+extern "C" void ROBOT_JACOBIAN(const double *q, double *jacobian); /* of the tip, hybrid frame */
 
 namespace {
 
@@ -121,13 +122,74 @@ bool take_joints(Part values, Vector *joints)
     return true;
 }
 
+/* ---- the wall ---------------------------------------------------------------------------------------------------- */
+
+/* A plane without friction in the tip's way, a spring and a damper. */
+class Wall {
+public:
+    /* Across the z axis of the tip at the start. */
+    explicit Wall(const Vector &start) { robot::pose(start.data(), pose_); }
+
+    /* It stands so far [m] before the start; farther, where the tip is beyond that. */
+    void stand(double distance, const Vector &q)
+    {
+        distance_ = stands_ ? distance_ : std::max(distance, way(q));
+        stands_ = true;
+    }
+    void fall() { stands_ = false; }
+
+    /* Add the joint torques of the contact; force: on the tip, base axes [N]. */
+    void touch(const Vector &q, const Vector &dq, Vector *torque)
+    {
+        double J[6 * JOINTS];
+        ROBOT_JACOBIAN(q.data(), J);
+        const double deep = stands_ ? way(q) - distance_ : 0.0;
+        double speed = 0.0;
+        for (int k = 0; k < 3; ++k) {
+            for (int i = 0; i < JOINTS; ++i) {
+                speed += axis(k) * J[k * JOINTS + i] * dq[static_cast<std::size_t>(i)];
+            }
+        }
+        size = deep > 0.0 ? std::max(STIFFNESS * deep + DAMPING * speed, 0.0) : 0.0;
+        for (int k = 0; k < 3; ++k) {
+            force[k] = -size * axis(k);
+            for (int i = 0; i < JOINTS; ++i) {
+                (*torque)[static_cast<std::size_t>(i)] += J[k * JOINTS + i] * force[k];
+            }
+        }
+    }
+
+    double size = 0.0, force[3] = {0.0, 0.0, 0.0}; /* [N] on the tip, base axes */
+
+private:
+    static constexpr double STIFFNESS = 1e4, DAMPING = 30.0;
+
+    double axis(int k) const { return pose_[4 * k + 2]; }
+
+    /* Return how far the tip is along the axis from the start. */
+    double way(const Vector &q) const
+    {
+        double there[16], sum = 0.0;
+        robot::pose(q.data(), there);
+        for (int k = 0; k < 3; ++k) {
+            sum += axis(k) * (there[4 * k + 3] - pose_[4 * k + 3]);
+        }
+        return sum;
+    }
+
+    double pose_[16], distance_ = 0.0;
+    bool stands_ = false;
+};
+
+constexpr double Wall::STIFFNESS, Wall::DAMPING;
+
 /* ---- the arm ----------------------------------------------------------------------------------------------------- */
 
 /* Rigid, without gravity and Coriolis forces, that the robot compensates. What blocks a joint is a stiff spring. Motor
  * inertia and friction act before a joint's torque sensor, the links and the environment behind it. */
 class Arm {
 public:
-    explicit Arm(const Vector &start) : q(start), anchor_(start)
+    explicit Arm(const Vector &start) : q(start), wall(start), anchor_(start)
     {
         dq.fill(0.0), external.fill(0.0), sensed.fill(0.0), dry.fill(0.0), bristle_.fill(0.0), blocked_.fill(false);
     }
@@ -144,10 +206,12 @@ public:
     {
         double M[JOINTS * JOINTS];
         ROBOT_MASS_MATRIX(q.data(), M);
-        Vector force, friction;
+        Vector force, friction, pressed;
+        pressed.fill(0.0);
+        wall.touch(q, dq, &pressed);
         for (std::size_t i = 0; i < JOINTS; ++i) {
             anchor_[i] = blocked[i] && !blocked_[i] ? q[i] : anchor_[i];
-            external[i] = push[i] + (blocked[i] ? BLOCK * (anchor_[i] - q[i]) - DAMPING * dq[i] : 0.0);
+            external[i] = push[i] + pressed[i] + (blocked[i] ? BLOCK * (anchor_[i] - q[i]) - DAMPING * dq[i] : 0.0);
             const int joint = static_cast<int>(i);
             const double beyond = q[i] - std::min(std::max(q[i], robot::lower(joint)), robot::upper(joint));
             external[i] -= beyond != 0.0 ? BLOCK * beyond + DAMPING * dq[i] : 0.0;
@@ -174,6 +238,7 @@ public:
     Vector q, dq, external; /* [rad], [rad/s], [N m] of the environment */
     Vector sensed;          /* [N m] by the joints' torque sensors */
     Vector dry;             /* [N m] friction of a joint that slides */
+    Wall wall;
     double motor = 0.2;     /* [kg m^2] motors' inertia */
     double kinetic = 0.0, work = 0.0; /* [J]; done by the torques given */
 

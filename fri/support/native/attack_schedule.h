@@ -82,6 +82,12 @@ const char *const KINDS[] = {
     "interrupt", /* Ctrl-C; so many times */
     "answer",   /* to the question: 1 yes, 0 no */
     "settle",   /* [N] --settle, all the time; a tenth of it in N m */
+    /* --press, and what it meets */
+    "press",    /* [N] it, all the time, with a sensor */
+    "wall",     /* stands so far [m] before the tip's start along its z axis, or at the tip, if that is beyond it */
+    "numb",     /* the sensor's reading stands still */
+    "mute",     /* the sensor sends no readings */
+    "weak",     /* share of the truth that the sensor says */
 };
 enum { KIND_COUNT = sizeof KINDS / sizeof *KINDS };
 

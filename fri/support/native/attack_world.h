@@ -4,6 +4,7 @@
 
 /* The robot's side of a hostile session: its network, and the states of its controller. */
 #include "attack_robot.h"
+#include "attack_sensor.h"
 
 namespace {
 
@@ -108,6 +109,10 @@ public:
     }
 
     std::function<void()> watch; /* after each answer */
+    ContactSensor sensor;
+    double pressed = 0.0, hardest = 0.0; /* [N] on the wall: now, at most */
+    double mean = 0.0, square = 0.0;     /* [N], [N^2] sums of it of the last second with torque */
+    int counted = 0;                     /* cycles of these */
 
     std::vector<Answer> answers; /* of the present motion */
     double torque_rate[JOINTS], sample_time = 0.0; /* the client's; 0: not known yet */
@@ -253,6 +258,12 @@ private:
             for (int i = 0; i < JOINTS; ++i) {
                 arm.dry[static_cast<std::size_t>(i)] = schedule.value("sticky", time, 0.0) * effort[i];
             }
+            const Event *const wall = schedule.at("wall", time);
+            if (wall != NULL) {
+                arm.wall.stand(wall->value, arm.q);
+            } else {
+                arm.wall.fall();
+            }
             const double elapsed = std::min(1e-9 * static_cast<double>(now_ns - last_cycle_), 0.1);
             const int count = std::max(1, static_cast<int>(std::lround(elapsed / 0.00025)));
             for (int k = 0; k < count; ++k) {
@@ -265,12 +276,15 @@ private:
                 }
             }
             torque_ = commanded_;
+            note_contact(time);
         } else {
             arm.hold();
             torque_.fill(0.0);
             commanded_.fill(0.0);
             anchor_ = arm.q;
+            pressed = 0.0;
         }
+        sensor.measure(schedule, time, arm.q, arm.wall.force);
         last_cycle_ = now_ns;
         state_ = state;
         ++cycles_;
@@ -278,6 +292,18 @@ private:
                                                    ? 0
                                                    : std::llround(schedule.value("counting", time, 1.0)));
         dispatch(message(state, time), state, time);
+    }
+
+    /* Note the force on the wall; mean and square of a second that ends before the robot ends the session. */
+    void note_contact(double time)
+    {
+        pressed = arm.wall.size;
+        hardest = std::max(hardest, pressed);
+        if (time > END - 1.2 && time < END - 0.2) {
+            mean += pressed;
+            square += pressed * pressed;
+            ++counted;
+        }
     }
 
     /* What becomes of a message on its way. */
