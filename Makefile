@@ -38,7 +38,7 @@ generate: $(VENV)/installed  ## generate and build every robot in urdf/, and pri
 	@set -e; for urdf in $(URDFS); do $(BIN)/stiffgen generate $$urdf; done
 	@$(BIN)/python examples/bowl_posture.py
 
-test: $(VENV)/installed-test  ## run the quick tests or those of ROOM=control (7 minutes)
+test: $(VENV)/installed-test  ## run the quick tests or those of ROOM=control (9 minutes)
 	$(if $(ROOM),$(if $(CHOSEN),,$(error ROOM=$(ROOM) has no tests; rooms are $(filter-out data support __pycache__,$(notdir $(patsubst %/,%,$(wildcard tests/*/)))) fri ros2)))
 	$(BIN)/python -m pytest $(SPREAD) -m '$(TESTS)' $(CHOSEN)
 
