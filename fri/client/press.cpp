@@ -9,8 +9,8 @@ namespace {
 /* [N] beyond the force that the springs may press more than is measured: friction, and a payload that is not known. */
 const double UNKNOWN = 10.0, MOST_UNKNOWN = 50.0;
 
-/* [s] of a search for contact beyond the way there at Press' speed of 3 cm/s. */
-const double PATIENCE = 5.0, SPEED = 0.03;
+/* [s] of a search for contact beyond the way there at Press' speed. */
+const double PATIENCE = 5.0;
 
 /* [rad/s] below which the trajectory rests. */
 const double REST = 1e-4;
@@ -91,7 +91,7 @@ void Pressing::note(const robot::PressOutput &made)
 {
     touched_ = touched_ || made.stage == robot::PRESS_CONTACT;
     sought_ = made.stage == robot::PRESS_APPROACH ? sought_ + controller_.sample_time : 0.0;
-    if (end_ == HELD && sought_ > offset_limit_ / SPEED + PATIENCE) {
+    if (end_ == HELD && sought_ > offset_limit_ / press_.config.approach_speed + PATIENCE) {
         end_ = MISSED;
     } else if (end_ == HELD && made.stage == robot::PRESS_LOST) {
         end_ = LOST;

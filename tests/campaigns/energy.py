@@ -59,7 +59,7 @@ from campaigns.schedules import (
 from campaigns.widened import settings, vary, widen
 from support.arms.arms import MAKERS
 from support.plant.loop import LAW, MAKERS_LAW, Q0, Loop, makers_of
-from support.project import ROOT
+from support.project import ROOT, Once
 from support.small_robots import Small, five_bar, turning_arm
 
 TOLERANCE = 1e-9
@@ -268,6 +268,16 @@ def generate_arm(name: str, folder: Path, build: bool = True) -> tuple[Path, tup
     if not made.exists():
         stiffgen.generate(file, name=name, output=folder, build=build, kernels="mass_matrix", **options)
     return made, home
+
+
+def loop_of(once: Once, name: str) -> Loop:
+    """Return the controller in the loop with another robot of the adversary's."""
+
+    def make(folder: Path) -> Loop:
+        robot, home = generate_arm(name, folder, build=False)
+        return Loop(folder, robot, home=home)
+
+    return make(once(f"energy-{name}", make))
 
 
 def _start(law: Path, robot: Path, home: tuple[float, ...], python: bool) -> None:

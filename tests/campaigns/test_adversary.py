@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from campaigns import energy, patterns, schedules, widened
-from support.plant.fixture import loop_of
 from support.plant.loop import MAKERS_LAW, Q0, Loop, makers_of
 from support.project import ROOT, Once
 
@@ -29,7 +28,7 @@ def test_energy_of_schedules(loop: Loop, pattern: object) -> None:
 @pytest.fixture(scope="module")
 def turning(once: Once) -> Loop:
     """Return the controller in the loop with an arm whose first and last joint turn without limits."""
-    return loop_of(once, "turning")
+    return energy.loop_of(once, "turning")
 
 
 @pytest.mark.parametrize("pattern", [patterns.turns, patterns.gaps, patterns.carried, schedules.schedule],
@@ -46,7 +45,7 @@ def test_energy_of_joints_without_limits(turning: Loop, pattern: Any) -> None:
 @pytest.mark.parametrize("name", ["hands", "pair", "five_bar"])
 def test_energy_of_other_kinds(once: Once, name: str) -> None:
     """Two tips with tools that change at a start anew, with springs between them; closed loops in motor coordinates."""
-    loop, supplied = loop_of(once, name), 0.0
+    loop, supplied = energy.loop_of(once, name), 0.0
     for seed in range(25):
         random = np.random.default_rng(seed)
         chosen = schedules.schedule(random, loop)

@@ -12,7 +12,6 @@ import pytest
 
 from campaigns import energy, patterns, schedules, widened
 from campaigns.python_layer import PythonLayer, module_sources
-from support.plant.fixture import loop_of
 from support.plant.loop import Loop
 from support.project import Once
 
@@ -20,13 +19,13 @@ from support.project import Once
 @pytest.fixture(scope="module")
 def hands(once: Once) -> Loop:
     """Return a robot with two tips, which takes tools at run time."""
-    return loop_of(once, "hands")
+    return energy.loop_of(once, "hands")
 
 
 @pytest.fixture(scope="module")
 def five_bar(once: Once) -> Loop:
     """Return a linkage with two motors."""
-    return loop_of(once, "five_bar")
+    return energy.loop_of(once, "five_bar")
 
 
 def tip_by_differences(loop: Loop) -> np.ndarray:

@@ -118,7 +118,7 @@ FAULTS = {
     "tool at run time": ('columns_of(chain, "hybrid")', 'columns_of(replace(chain, runtime_tool=False), "hybrid")'),
 }  # fmt: skip
 """Faults in the recipe's program: text and its replacement. An iiwa shows the first three."""
-IN_CI = ("sign", "multiplier of mimic joints", "the base's twist", "tool at run time")
+IN_CI = ("sign", "a slide taken for a turn", "multiplier of mimic joints", "the base's twist", "tool at run time")
 """One that every arm shows, and one for each kind of robot that an iiwa is not."""
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The controller in the loop with simulated robots, compiled once for all workers."""
+"""Fixture: the controller in the loop with a simulated arm."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from campaigns import energy
 from support.plant.loop import Loop
 from support.project import Once
 
@@ -16,13 +15,3 @@ from support.project import Once
 def loop(robot_folder: Path, once: Once) -> Loop:
     """Return the controller in the loop with a simulated arm, compiled once for all workers."""
     return Loop(once("loop", lambda folder: Loop(folder, robot_folder)), robot_folder)
-
-
-def loop_of(once: Once, name: str) -> Loop:
-    """Return the controller in the loop with another robot of the adversary's."""
-
-    def make(folder: Path) -> Loop:
-        robot, home = energy.generate_arm(name, folder, build=False)
-        return Loop(folder, robot, home=home)
-
-    return make(once(f"energy-{name}", make))
