@@ -81,6 +81,7 @@ def make_programs(once: Once, robot_library: Callable[[str, str], list[str]]) ->
         version = "2.7" if name == "sanitized" else name.removeprefix("standin-")
 
         def filled(folder: Path) -> None:
+            """Configure and build the programs into an empty folder."""
             if name == "sdk":
                 options = sdk_options() or []
             elif name.startswith("standin"):
@@ -110,6 +111,7 @@ def client_program(
     """
 
     def program(version: str) -> Path:
+        """Return the client fri_wiping of an FRI version; other versions than 2.7 are built once for all slow tests."""
         if version == "2.7":  # the others are those of the slow tests
             return make_programs(version).client
 
@@ -138,6 +140,9 @@ def session(
         terminal: IO[bytes] | None = None,
         at: Sequence[tuple[float, Callable[[subprocess.Popen[str]], object]]] = (),
     ) -> Run:
+        """Run emulator and client against each other; `at` has pairs of session time [s] and call with the client's
+        process.
+        """
         port = free_port()
         files = [tmp_path / f"client-{port}.csv", tmp_path / f"client-{port}.json"]
         for file in files:

@@ -53,6 +53,7 @@ class Scenario:
         lockstep: bool = True,
         **more: Any,
     ) -> Run:
+        """Run a session of the short trajectory; `faults` are the emulator's, `period` is the send period [ms]."""
         run = self._session(
             version, *(["--lockstep"] if lockstep else []), "--send-period", period, "--duration", 1.1 + REST,
             *(["--faults", faults] if faults else []), *options, client=("--approach", 0.1, *client),
@@ -113,6 +114,7 @@ def release_time(run: Run) -> float:
 def test_the_trajectory_takes_as_long_as_ever_whatever_the_clock_does(
     scenario: Scenario, version: str, faults: str, period: int
 ) -> None:
+    """Spoil the robot's time stamps: the trajectory advances by the messages' counter, so that its 1.1 s stay 1.1 s."""
     run = scenario(version, faults, period=period)
     assert (run.robot.code, run.code) == (0, DONE)
     assert run.client is not None
@@ -151,6 +153,9 @@ def test_losses_cost_no_time_and_no_velocity(scenario: Scenario, version: str) -
 def test_a_held_arm_stops_the_trajectory_and_is_let_go(
     scenario: Scenario, plate: ModuleType, version: str, option: str, limit: float, what: str
 ) -> None:
+    """Hold the arm from 1.4 s on: each of the three limits stops the trajectory, and 0.3 s later (--hold-time) the
+    client lets go.
+    """
     run = scenario(version, "held@1.4-9", client=(option, limit, "--hold-time", 0.3))
     assert run.code == FAULT
     assert f"the arm is held: {what}" in last_line(run)
@@ -167,6 +172,7 @@ def test_a_held_arm_stops_the_trajectory_and_is_let_go(
 
 @versions
 def test_an_arm_that_is_held_for_a_while_goes_on(scenario: Scenario, version: str) -> None:
+    """Hold the arm for 0.6 s, less than --hold-time: the trajectory slows down, continues and reaches its end."""
     run = scenario(
         version,
         "held@1.0-1.6",
@@ -175,8 +181,8 @@ def test_an_arm_that_is_held_for_a_while_goes_on(scenario: Scenario, version: st
         client=("--energy-limit", 0.3, "--hold-time", 1.0, "--effort-share", 1, "--torque-rise", 0.1),
     )
     assert run.code == DONE, last_line(run)
-    assert run.faults["slowed"] > 20
-    assert 1.3 < trajectory_time(run) < 2.6
+    assert run.faults["slowed"] > 20  # samples of 5 ms: at least 0.1 s of the hold
+    assert 1.3 < trajectory_time(run) < 2.6  # [s] 1.1 s of trajectory, longer by up to the hold and its slow-down
 
 
 def test_the_defaults_for_commissioning_are_low(scenario: Scenario) -> None:
@@ -263,6 +269,7 @@ def test_cut_and_incomplete_messages_are_refused_and_counted(scenario: Scenario,
 def test_the_other_framing_is_named(
     client_program: Callable[[str], Path], version: str, other: str, found: str
 ) -> None:
+    """Send messages of another FRI version: the client names the version that the robot speaks."""
     message = RobotScript(other).message(SessionState.MONITORING_WAIT)
     with served(client_program(version), "--wait", 2, "--timeout", 3000) as session:
         while session.client.poll() is None:
@@ -298,6 +305,7 @@ def test_another_version_of_the_same_framing_is_told(scenario: Scenario, version
     ],
 )
 def test_the_robots_own_states_are_heeded(scenario: Scenario, version: str, fault: str, text: str) -> None:
+    """Change a state of the robot while commanding, from 1.7 s on: the client names the state and lets go in time."""
     run = scenario(version, fault)
     assert run.code == FAULT
     assert text in last_line(run)

@@ -26,6 +26,9 @@ def attack(version: str, make_programs: Callable[[str], Programs], tmp_path: Pat
 @pytest.mark.slow
 @newest
 def test_a_short_climb_finds_nothing(attack: Attack) -> None:
+    """Search 150 schedules for a broken bound; the largest torque steps must come close to their bounds, or the
+    search is idle.
+    """
     most, breaks = climb(attack, np.random.default_rng(5), 150)
     assert not breaks
     assert attack.sessions >= 150

@@ -76,6 +76,7 @@ def test_torque_is_that_of_the_controller_stepped_in_python_on_what_the_robot_sa
 def test_position_follows_the_measured_one_without_a_transient(
     programs: Programs, robot: ModuleType, tmp_path: Path
 ) -> None:
+    """Compare the commanded position with the measured one through a low-pass filter of 8 ms, in closed form."""
     wiped = Wiped(programs, moving_script(programs, robot, 400), tmp_path)
     y = x = POSTURE
     for command in wiped.commands[6:9]:  # waiting: the interpolator's position, and torque
@@ -128,12 +129,15 @@ def test_friction_is_fed_forward(open_programs: Programs, robot: ModuleType, tmp
 
 
 def test_the_counter_tells_of_lost_messages(programs: Programs, robot: ModuleType, tmp_path: Path) -> None:
+    """Lose 2 of 100 messages: the client counts them, keeps the samples' time right and takes dq as a mean over the
+    gap.
+    """
     script = moving_script(programs, robot, 100)
-    del script.datagrams[40:42]
+    del script.datagrams[40:42]  # 9 messages before the first sample: samples 31 and 32 are lost
     wiped = Wiped(programs, script, tmp_path)
     assert wiped.faults["lost_cycles"] == 2 and wiped.faults["controller_faults"] == 0
     assert wiped.log["sample_valid"].all() and len(wiped.log) == 98
-    steps = np.where(np.arange(97) == 30, 3, 1)
+    steps = np.where(np.arange(97) == 30, 3, 1)  # the gap of three periods follows sample 30
     np.testing.assert_array_equal(np.diff(wiped.log["counter"]), steps)
     np.testing.assert_allclose(np.diff(wiped.log["time"]), 0.005 * steps, atol=1e-9)
     mean = (moving(robot, 33 * 0.005)[0] - moving(robot, 30 * 0.005)[0]) / 0.015
@@ -142,6 +146,7 @@ def test_the_counter_tells_of_lost_messages(programs: Programs, robot: ModuleTyp
 
 
 def test_silence_leads_to_the_fallback_and_back(programs: Programs, robot: ModuleType, tmp_path: Path) -> None:
+    """Lose 40 messages (200 ms): the controller reports a fault, and then starts again from the measured position."""
     script = moving_script(programs, robot, 400)
     del script.datagrams[109:149]  # 200 ms in the middle
     wiped = Wiped(programs, script, tmp_path)
@@ -222,6 +227,7 @@ def test_hostile_session_never_makes_an_unsafe_torque(
 def test_missing_field_is_counted_and_holds_the_torque(
     field: str, open_programs: Programs, robot: ModuleType, tmp_path: Path
 ) -> None:
+    """Leave a field out of sample 60: the torque is held for one sample, or the time is taken from the counter."""
     script = open_programs.script()
     script.begin()
     for k in range(100):
@@ -229,7 +235,7 @@ def test_missing_field_is_counted_and_holds_the_torque(
         change = (lambda m: m.monitorData.ClearField(field)) if k == 60 else None
         script.add(COMMANDING_ACTIVE, change=change, position=q, external_torque=torque)
     wiped = Wiped(open_programs, script, tmp_path)
-    before, at = wiped.commands[68], wiped.commands[69]
+    before, at = wiped.commands[68], wiped.commands[69]  # samples 59 and 60, after 9 messages without commands
     assert before is not None and at is not None
     if field == "timestamp":
         assert wiped.faults["bad_timestamps"] == 1 and wiped.log["sample_valid"].all()
@@ -244,6 +250,7 @@ def test_missing_field_is_counted_and_holds_the_torque(
 def test_wild_position_does_not_stay_in_the_filters(
     value: float, open_programs: Programs, robot: ModuleType, tmp_path: Path
 ) -> None:
+    """Send one wild position [rad] of joint 3 in sample 60: later commands and velocities are those without it."""
     script = open_programs.script()
     script.begin()
     for k in range(100):
@@ -257,11 +264,14 @@ def test_wild_position_does_not_stay_in_the_filters(
         command = wiped.commands[9 + k]
         assert command is not None
         np.testing.assert_allclose(command.position, moving(robot, k * 0.005)[0], atol=0.02)
-    assert np.abs(wiped.log["dq"][61:]).max() < 1.0
+    assert np.abs(wiped.log["dq"][61:]).max() < 1.0  # [rad/s] the true motion is slower
     assert_safe(wiped, robot)
 
 
 def test_button_holds_the_trajectory_and_need_not_exist(programs: Programs, tmp_path: Path) -> None:
+    """Press the button during samples 200 to 399 (1 s): the reference comes to rest, and moves again after the
+    release.
+    """
     script = programs.script()
     for state in (MONITORING_READY, COMMANDING_WAIT):
         script.add(state, 3, ios=[button(False)])
@@ -271,8 +281,8 @@ def test_button_holds_the_trajectory_and_need_not_exist(programs: Programs, tmp_
     q0 = wiped.log["q0"]
     assert np.ptp(q0[260:400], axis=0).max() == 0.0
     assert np.abs(np.diff(q0, 2, axis=0)).max() < 0.01 * 0.005  # comes to a stand and goes on smoothly
-    assert np.abs(q0[599] - q0[400]).max() > 0.01
-    assert (wiped.log["events"][200:400].astype(int) & 1 << 8).all()
+    assert np.abs(q0[599] - q0[400]).max() > 0.01  # [rad] the trajectory continues
+    assert (wiped.log["events"][200:400].astype(int) & 1 << 8).all()  # bit 8: the button is pressed
     assert wiped.faults["missing_fields"] == wiped.faults["exceptions"] == 0
 
 
@@ -310,6 +320,7 @@ def test_an_arm_led_by_hand_in_a_dry_run_is_not_let_go(one: Programs, robot: Mod
 
 
 def test_quality_drop_is_counted(open_programs: Programs, tmp_path: Path) -> None:
+    """Let the quality fall once: one drop is counted, and its event (bit 3) stands in one row of the log."""
     script = open_programs.script()
     script.begin()
     script.add(COMMANDING_ACTIVE, 5)
@@ -320,6 +331,7 @@ def test_quality_drop_is_counted(open_programs: Programs, tmp_path: Path) -> Non
 
 
 def test_clock_that_was_set_costs_no_cycles(open_programs: Programs, tmp_path: Path) -> None:
+    """Set the robot's clock an hour ahead, then two back: both stamps count as bad, and the sample time stays 5 ms."""
     script = open_programs.script()
     script.begin()
     script.add(COMMANDING_ACTIVE, 5)
@@ -362,6 +374,7 @@ def test_after_the_trajectory_a_long_way_back_is_not_gone(one: Programs, tmp_pat
 
 @pytest.mark.slow
 def test_sanitizers_find_nothing_in_a_hostile_session(sanitized: Programs, robot: ModuleType, tmp_path: Path) -> None:
+    """Send garbage and missing fields to a client with sanitizers, which end it at the first undefined access."""
     script = moving_script(sanitized, robot, 200)
     script.datagrams += [b"", b"\xff" * 1600, *[os.urandom(200) for _ in range(20)]]
     script.add(COMMANDING_ACTIVE, 5, change=lambda m: m.ClearField("monitorData"))

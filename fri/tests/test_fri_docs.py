@@ -54,6 +54,7 @@ def test_every_kind_of_fault_is_in_the_help() -> None:
 
 @pytest.mark.parametrize("page", PAGES)
 def test_every_command_that_is_shown_can_be_given(page: str) -> None:
+    """Parse each command of a page with the parser of its program: a renamed option or target fails."""
     rules = re.findall(r"^([a-z][\w/ -]*):", (ROOT / "Makefile").read_text(), re.M)
     targets = {target for rule in rules for target in rule.split()}
     variables = re.findall(

@@ -72,12 +72,13 @@ def test_an_early_end_that_loses_its_record_is_a_fault(
 
 
 def test_an_interrupted_session_that_loses_its_summary_is_a_fault(one: Programs) -> None:
+    """Interrupt a session whose summary cannot be written: exit code 1, and both facts are told."""
     script = one.script()
     script.begin()
     script.add_resting(120)
     with served(one.client, "--simulated-time", "--approach", "0.1", "--summary", "/dev/full") as session:
         for k, datagram in enumerate(script.datagrams):
-            if k == 60:
+            if k == 60:  # the 52nd sample of 5 ms: the session is commanding
                 session.client.send_signal(signal.SIGINT)
                 time.sleep(0.01)
             session.send(datagram or b"")

@@ -101,19 +101,21 @@ def test_messages_without_the_robots_states_are_heeded(name: str, one: Programs)
 
 
 def test_a_button_that_is_not_told_any_more_is_pressed(one: Programs, tmp_path: Path) -> None:
+    """Leave the button out of the messages from sample 100 on: the trajectory stops as if it were pressed."""
     script = one.script()
     script.add(MONITORING_READY, 3, ios=[button(False)])
     script.begin(3, 3)
     script.add(COMMANDING_ACTIVE, 100, ios=[button(False)])
     script.add(COMMANDING_ACTIVE, 100)
     log = Wiped(one, script, tmp_path).log
-    assert log["pace"][99] == 1.0 and not log["pace"][160:].any()
+    assert log["pace"][99] == 1.0 and not log["pace"][160:].any()  # 1: full speed; 60 samples of 5 ms suffice to stop
 
 
 # ---- samples that are bad for long ----------------------------------------------------------------------------------
 
 
 def test_a_clock_of_half_the_speed_is_let_go_and_named(one: Programs) -> None:
+    """Let the time stamps advance 2.5 ms per 5 ms: the client lets go and names the clock."""
     script = one.script()
     script.begin(10, 10)
     for _ in range(1500):
@@ -147,17 +149,20 @@ def test_positions_beyond_a_limit_are_let_go_and_named(one: Programs, robot: Any
 
 
 def test_a_silent_sensor_is_let_go_and_named(one: Programs, plate_folder: Path, tmp_path: Path) -> None:
+    """Let the wrench sensor send 40 readings, then none: the client lets go and names the sensor's port."""
+    readings = 40
     sensor_port, calibration = free_port(), tmp_path / "sensor.json"
     calibration.write_text(calibration_text(plate_folder))
     options = ("--wrench", "sensor", "--sensor-port", sensor_port, "--calibration", calibration)
     script = one.script()
     script.begin()
-    script.add(COMMANDING_ACTIVE, 800)
+    script.add(COMMANDING_ACTIVE, 800)  # 4 s of 5 ms each
     with served(one.client, "--simulated-time", *options) as session:
         for k, datagram in enumerate(script.datagrams):
-            if k < 40:
+            if k < readings:
+                # One wrench [N, N m] as six doubles, any values.
                 session.robot.sendto(struct.pack("<6d", *range(6)), ("127.0.0.1", sensor_port))
-                while unread(sensor_port):
+                while unread(sensor_port):  # so that reading k belongs to message k
                     time.sleep(0.0005)
             session.send(datagram or b"")
             try:
@@ -170,6 +175,7 @@ def test_a_silent_sensor_is_let_go_and_named(one: Programs, plate_folder: Path, 
 
 
 def test_a_robot_that_comes_back_on_another_port_is_named(one: Programs) -> None:
+    """Send from another port after 20 samples: the client ignores the messages and names the other sender."""
     script = one.script()
     script.begin()
     script.add(COMMANDING_ACTIVE, 20)
@@ -185,6 +191,7 @@ def test_a_robot_that_comes_back_on_another_port_is_named(one: Programs) -> None
 
 
 def test_a_joint_array_that_is_never_seven_is_named(one: Programs) -> None:
+    """Send six torques in each message: the client names the count instead of waiting without a word."""
     script = one.script()
     script.add(MONITORING_WAIT, 100, change=lambda m: m.monitorData.measuredTorque.value.pop())
     with served(one.client, "--wait", 0.5, "--timeout", 300) as session:

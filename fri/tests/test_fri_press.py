@@ -140,12 +140,15 @@ ENDS = {
 
 @pytest.mark.parametrize("fault", ENDS)
 def test_what_happens_in_contact(pressing: Callable[..., dict[str, Any]], fault: str) -> None:
-    told = pressing(f"5: 1 {PRESS} {fault}")
-    code, mean = ENDS[fault]
-    assert told["code"] == code, told["sentence"]
-    assert abs(told["mean"] - mean) <= (1.0 if mean else 0.0)
-    assert told["hardest"] <= 22.0
-    assert whole(told)
+    """Inject a fault while the tool presses: exit code, mean force [N] and largest force [N] stay within their
+    bounds.
+    """
+    result = pressing(f"5: 1 {PRESS} {fault}")  # send period 5 ms
+    code, mean_force = ENDS[fault]
+    assert result["code"] == code, result["sentence"]
+    assert abs(result["mean"] - mean_force) <= (1.0 if mean_force else 0.0)  # [N]
+    assert result["hardest"] <= 22.0  # [N]
+    assert whole(result)
 
 
 @pytest.mark.parametrize("when", [0.8, 1.05, 1.6, 3.0, 4.2])
@@ -180,6 +183,7 @@ def test_positions_that_stand_still_at_rest(pressing: Callable[..., dict[str, An
      ("10: 1 press 0 99 15", "--press takes a send period of at most 5 ms, and the robot's is 10 ms")],
 )  # fmt: skip
 def test_what_is_refused_at_the_start(pressing: Callable[..., dict[str, Any]], line: str, text: str) -> None:
+    """Ask for a force or a send period beyond what Press takes: the client refuses before the arm moves."""
     told = pressing(line)
     assert told["code"] == REFUSED and text in told["sentence"] and not told["moved"]
 
@@ -260,6 +264,7 @@ def test_the_bowl_is_pressed_with_the_force(wipe: Callable[..., Pressed]) -> Non
     [("frozen", EARLY, "the sensor's reading stood still while the arm moved"), ("silent", FAULT, "is silent")],
 )
 def test_a_sensor_that_fails_in_the_bowl(wipe: Callable[..., Pressed], fault: str, code: int, text: str) -> None:
+    """Let the sensor fail from 2.5 s on: the force stays below 40 N and has vanished 1.9 s later."""
     held = wipe(4.6, "--faults", f"sensor@2.5-9:{fault}")
     assert held.run.code == code and text in held.run.error
     assert held.force(0.0, 4.6).max() <= 40.0 and held.force(4.4, 4.6).max(initial=0.0) <= 1.0

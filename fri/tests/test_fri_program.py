@@ -46,6 +46,7 @@ from support.project import ROOT
 
 
 def test_session_over_udp_ends_with_idle(programs: Programs, robot: ModuleType, tmp_path: Path) -> None:
+    """End the session by IDLE after 200 samples: exit code 3 (ended early), with full log, states and timing."""
     script = moving_script(programs, robot, 200)
     script.add(MONITORING_READY, 3)
     script.add(IDLE)
@@ -55,6 +56,7 @@ def test_session_over_udp_ends_with_idle(programs: Programs, robot: ModuleType, 
     for line in ("IDLE -> MONITORING_WAIT", "COMMANDING_WAIT -> COMMANDING_ACTIVE", "MONITORING_READY -> IDLE"):
         assert line in out
     told = json.loads(summary.read_text())
+    # 9 before, 200, 3 after
     assert (told["cycles"], told["commanding_cycles"], told["log_rows"], told["log_overruns"]) == (212, 200, 200, 0)
     assert 0 < told["callback_median_us"] <= told["callback_9999_us"] <= told["callback_worst_us"]
     assert read_client_log(log, summary)["time"].size == 200
@@ -87,6 +89,7 @@ REFUSALS: dict[str, tuple[Callable[[RobotScript], object], tuple[str, ...], str]
 
 @pytest.mark.parametrize("name", REFUSALS)
 def test_robot_that_cannot_be_used_is_refused_in_one_line(name: str, programs: Programs) -> None:
+    """Let the robot announce what the client cannot serve: exit code 2 and one line with the reason."""
     add, options, text = REFUSALS[name]
     script = programs.script()
     add(script)
@@ -138,6 +141,7 @@ TRAJECTORIES: dict[str, tuple[Callable[[], str], str]] = {
 
 @pytest.mark.parametrize("name", TRAJECTORIES)
 def test_bad_trajectory_is_refused_in_one_line(name: str, one: Programs, tmp_path: Path) -> None:
+    """Give a faulty trajectory file: exit code 2 (refused) and one line that names the file and the fault."""
     text, wanted = TRAJECTORIES[name]
     file = tmp_path / "trajectory.csv"
     file.write_text(text())
@@ -185,6 +189,7 @@ PRESSING: list[str | Path] = ["--trajectory", "x", "--press", "15", "--wrench", 
     ],
 )
 def test_bad_option_is_refused_in_one_line(arguments: list[str | Path], wanted: str, one: Programs) -> None:
+    """Give a faulty option: exit code 2 (refused) and one line that names the option and its values."""
     done = fri_wiping(one, *arguments)
     assert done.returncode == 2 and done.stderr.count("\n") == 1 and wanted in done.stderr
 
@@ -307,6 +312,7 @@ def test_nothing_is_allocated_from_the_opening_of_the_port_to_its_closing(
 def test_with_locked_memory_the_fri_thread_meets_no_page_fault(
     registered: bool, programs: Programs, robot: ModuleType, tmp_path: Path
 ) -> None:
+    """Run with --realtime: the FRI thread must have no page fault and no allocation after its first message."""
     tried = fri_wiping(
         programs, "--trajectory", TRAJECTORY, "--port", str(free_port()), "--realtime", "1", "--wait", "0.1"
     )

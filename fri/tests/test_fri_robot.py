@@ -69,6 +69,7 @@ def rows(count: int) -> np.ndarray:
 
 
 def example(version: str, commanding: bool) -> tuple[Monitoring, bytes]:
+    """Return a monitoring message with all fields, and its bytes put together by hand."""
     q, torque, command, sent, external, ipo, pose = rows(7)
     message = Monitoring(
         state=S.COMMANDING_ACTIVE, quality=Quality.GOOD, send_period=5, receive_multiplier=2, sequence=300,
@@ -107,6 +108,7 @@ def example(version: str, commanding: bool) -> tuple[Monitoring, bytes]:
 @pytest.mark.parametrize("version", VERSIONS)
 @pytest.mark.parametrize("commanding", [False, True])
 def test_monitoring_message_byte_by_byte(version: str, commanding: bool) -> None:
+    """Compare an encoded monitoring message with bytes put together by hand from the protocol's description."""
     message, datagram = example(version, commanding)
     protocol = Protocol(version)
     assert protocol.encode_monitoring(message) == datagram
@@ -127,6 +129,7 @@ def test_size_while_monitoring() -> None:
 
 @pytest.mark.parametrize(("version", "size"), [("1.15", 145), ("2.5", 145), ("2.7", 153)])
 def test_torque_command_byte_by_byte(version: str, size: int) -> None:
+    """Compare an encoded torque command with bytes put together by hand; its size is the one seen on the wire."""
     position, torque = rows(2)
     header = bytes.fromhex("0a0a 0881800d 10c701 18c801".replace(" ", ""))
     body = header + bytes.fromhex("128201") + joints(1, position) + joints(3, torque)
@@ -175,6 +178,7 @@ GOOD_HEADER = block(1, number(1, 0x34001), number(2, 1), number(3, 2))
     ],
 )
 def test_what_is_no_command(version: str, datagram: bytes, reason: str) -> None:
+    """Decode damaged commands: each is refused with its reason, instead of moving the robot."""
     with pytest.raises(MessageError, match=reason):
         Protocol(version).decode_command(datagram)
 
@@ -185,6 +189,7 @@ def test_unknown_version() -> None:
 
 
 def test_quaternion_is_the_rotation() -> None:
+    """Compare the quaternion of rotations, half turns included, with SciPy's up to sign."""
     turns = [
         *Rotation.random(50, rng=np.random.default_rng(2)),
         Rotation.from_euler("x", np.pi),
@@ -201,6 +206,9 @@ def test_quaternion_is_the_rotation() -> None:
 
 
 def test_quality_is_the_share_of_answers_in_time() -> None:
+    """Compare the quality with its thresholds: FAIR from 70 % of answers in time, GOOD from 95 %, EXCELLENT from 99
+    %.
+    """
     meter = QualityMeter(Policy(), multiplier=1, grace_cycles=0)
     found = {}
     for k in range(100):
@@ -213,6 +221,7 @@ def test_quality_is_the_share_of_answers_in_time() -> None:
 
 
 def test_late_answers_have_grace() -> None:
+    """Answer three cycles late, which the grace of three covers, and four cycles late, which it does not."""
     meter = QualityMeter(Policy(), multiplier=1, grace_cycles=3)
     for k in range(200):
         if k >= 3:
@@ -224,11 +233,12 @@ def test_late_answers_have_grace() -> None:
         if k >= 4:
             late.answered(k - 4)
         late.judge(k)
-    assert late.missing == 197
+    assert late.missing == 197  # 200 cycles less the three of the start
 
 
 @pytest.mark.parametrize("phase", [0, 1, 2])
 def test_one_answer_is_due_in_so_many_messages(phase: int) -> None:
+    """Answer each third message, as the receive multiplier asks for: none is missing."""
     meter = QualityMeter(Policy(), multiplier=3, grace_cycles=0)
     for k in range(300):
         if k % 3 == phase:
@@ -259,6 +269,7 @@ class Script:
 
 
 def test_the_way_of_a_session() -> None:
+    """Step through the states of a session: 100 cycles are 1 s, and each state lasts as the policy says."""
     script = Script()
     session = script.session
     script.cycles(3, Quality.FAIR)
@@ -285,6 +296,7 @@ def test_the_way_of_a_session() -> None:
 
 
 def test_incomplete_commands_do_not_count_and_abort_after_a_second() -> None:
+    """Send incomplete commands: they count as no command, and after 100 cycles (1 s) the session ends."""
     script = Script()
     script.cycles(101)
     script.cycles(100, complete=False)
@@ -297,6 +309,7 @@ def test_incomplete_commands_do_not_count_and_abort_after_a_second() -> None:
 
 
 def test_a_missed_second_aborts_the_motion_a_shorter_gap_does_not() -> None:
+    """Leave out 100 commands (1 s), which the robot survives, and then 101, which end the motion."""
     script = Script(duration=10)
     script.to_active()
     script.cycles(100, complete=False)
@@ -308,6 +321,7 @@ def test_a_missed_second_aborts_the_motion_a_shorter_gap_does_not() -> None:
 
 
 def test_quality_breaks_motions_off_and_they_start_again_so_often() -> None:
+    """Let the quality fall twice with one restart allowed: the second fall ends the session."""
     script = Script(restarts=1)
     script.to_active()
     script.cycles(1, Quality.FAIR)
@@ -320,6 +334,7 @@ def test_quality_breaks_motions_off_and_they_start_again_so_often() -> None:
 
 
 def test_time_in_active_adds_up_over_motions() -> None:
+    """Break a motion off after 0.6 s: the next one lasts the remaining 0.4 s."""
     script = Script(duration=1.0)
     script.to_active()
     script.cycles(60)
@@ -344,6 +359,7 @@ def test_no_answer_for_two_seconds_ends_the_session() -> None:
 
 
 def test_quality_that_never_gets_good_ends_the_session() -> None:
+    """Let the quality alternate for 10 s (1000 cycles): the session gives up instead of waiting for ever."""
     script = Script()
     for _ in range(500):
         script.cycles(1, Quality.GOOD)
@@ -380,6 +396,7 @@ def test_quality_that_never_gets_good_ends_the_session() -> None:
     ],
 )
 def test_refused_faults(text: str, reason: str) -> None:
+    """Give misspelt fault options: each is refused with what is wrong."""
     with pytest.raises(FaultError, match=reason):
         parse_faults(text, "1.15")
 
@@ -421,6 +438,7 @@ def test_order_of_held_datagrams() -> None:
 
 
 def test_faults_are_counted_and_named() -> None:
+    """Inject one loss at 0.01 s and two duplicates at 0.03 s: counts and names tell of them."""
     faults = injector("drop@0.01,duplicate=1@0.03-0.05")
     names = []
     for k in range(6):
@@ -449,6 +467,7 @@ def test_spoiled_datagrams_are_what_they_claim(kind: str, reason: str) -> None:
 
 
 def test_spoiled_values() -> None:
+    """Decode messages with spoiled fields: six values, NaN, or no field, and nothing else changes."""
     protocol = Protocol("2.5")
     six = protocol.decode_monitoring(spoiled("six", "2.5"))
     values = [six.monitorData.measuredJointPosition, six.monitorData.externalTorque, six.ipoData.jointPosition]

@@ -48,6 +48,7 @@ def make_robot(plate: ModuleType, stiffness: float, mode: CommandMode = CommandM
 
 
 def test_joint_impedance_gives_way_as_a_spring(plate: ModuleType) -> None:
+    """Push with constant torques for 2 s: the deflection [rad] is torque / stiffness, and the arm is at rest."""
     robot = make_robot(plate, 200.0)
     torque = np.array([15.0, -12, 10, 8, -6, 4, 5])
     robot.release()
@@ -59,6 +60,7 @@ def test_joint_impedance_gives_way_as_a_spring(plate: ModuleType) -> None:
 
 
 def test_without_stiffness_the_torque_alone_moves_the_arm(plate: ModuleType) -> None:
+    """Step 1 ms without joint stiffness: dq [rad/s] is that of M^-1 torque, with the rotors' inertia."""
     robot = make_robot(plate, 0.0)
     torque = np.array([1.0, -1, 1, 1, -1, 1, -1])
     robot.release()
@@ -70,6 +72,7 @@ def test_without_stiffness_the_torque_alone_moves_the_arm(plate: ModuleType) -> 
 
 
 def test_hold_keeps_the_arm_where_it_is(plate: ModuleType) -> None:
+    """Stop a moving arm: it stays within 1e-6 rad for 1 s and measures gravity alone."""
     robot = make_robot(plate, 0.0)
     robot.release()
     robot.command(Command(0, 0, FREE, np.full(7, 5.0), ()))
@@ -104,6 +107,9 @@ def test_pose_is_in_millimetres(plate: ModuleType) -> None:
     ],
 )
 def test_objections(plate: ModuleType, joint: int, position: float, torque: float, reason: str | None) -> None:
+    """Command values at the robot's limits: an axis delta of 10 degrees (0.1745 rad) per cycle, and the torque limits
+    [N m].
+    """
     at, of = FREE.copy(), np.zeros(7)
     at[joint] += position
     of[joint] = torque
@@ -130,12 +136,13 @@ def session(tmp_path: Path, plate_folder: Path) -> Iterator[Any]:
 @pytest.mark.slow
 @pytest.mark.parametrize("version", VERSIONS)
 def test_a_session_in_each_version(session: Any, plate: ModuleType, version: str) -> None:
+    """Run a whole session: states, fields of its messages, time stamps and counters are those of the FRI version."""
     client = PythonClient(version)
     outcome = session(client, *LOCKSTEP)
     assert (outcome.code, outcome.summary["end"]) == (0, "as planned")
     assert outcome.states == WAY
     active = [m for m in client.seen if m.connectionInfo.sessionState == S.COMMANDING_ACTIVE]
-    assert len(active) == 40
+    assert len(active) == 40  # 0.2 s of 5 ms each
     message = active[20]
     q = np.array(message.monitorData.measuredJointPosition.value)
     pose = plate.forward_kinematics(q)
@@ -178,6 +185,7 @@ def test_lockstep_sessions_are_equal(session: Any) -> None:
 
 @pytest.mark.parametrize("multiplier", [2, 3])
 def test_receive_multiplier(session: Any, multiplier: int) -> None:
+    """Ask for an answer to each 2nd or 3rd message: the robot accepts that many and misses none."""
     client = PythonClient("1.15")
     outcome = session(client, "--lockstep", "--duration", 0.1, "--send-period", 1, "--receive-multiplier", multiplier)
     assert outcome.code == 0
@@ -198,6 +206,7 @@ def test_receive_multiplier(session: Any, multiplier: int) -> None:
     ],
 )
 def test_bad_commands_end_the_session(session: Any, answer: Any, reason: str) -> None:
+    """Command what a robot must refuse: it names the reason, stops (safety stop 1) and stays finite."""
     outcome = session(PythonClient("2.7", answer), *LOCKSTEP)
     assert outcome.code == 1
     assert reason in outcome.summary["end"]
@@ -215,6 +224,7 @@ def test_the_arm_that_moves_too_far_is_stopped(session: Any) -> None:
 
 
 def test_position_mode_follows_the_commanded_position(session: Any) -> None:
+    """Command positions 0.05 rad beside the interpolator's: the robot goes there, within 2 mrad."""
     shift = np.array([0, 0.05, 0, -0.05, 0, 0.05, 0])
     client = PythonClient(
         "2.5",
@@ -231,6 +241,9 @@ def test_position_mode_follows_the_commanded_position(session: Any) -> None:
 
 
 def test_inputs_and_outputs(session: Any) -> None:
+    """Set outputs and press the button from 0.1 to 0.2 s (messages 20 to 39): messages show values, unknown names are
+    refused.
+    """
     wish = (
         IOValue("A.Level", IOType.ANALOG, IODirection.OUTPUT, 0.25),
         IOValue("No.Such", IOType.BOOLEAN, IODirection.OUTPUT, 1),
@@ -248,6 +261,7 @@ def test_inputs_and_outputs(session: Any) -> None:
 
 
 def test_state_and_quality_faults(session: Any) -> None:
+    """Force a state and a quality: the session starts again after each, and both are counted."""
     outcome = session(PythonClient("1.15"), "--lockstep", "--duration", 0.4, "--send-period", 2,
                       "--faults", "state@0.5:monitoring_wait,quality@1.0-1.1:fair")  # fmt: skip
     assert outcome.code == 0
@@ -260,6 +274,7 @@ def test_state_and_quality_faults(session: Any) -> None:
 
 @pytest.mark.slow
 def test_faults_of_both_ways_in_lockstep(session: Any) -> None:
+    """Inject faults both ways: counts of robot and client agree, and equal seeds give equal digests."""
     faults = "robot.garbage=0.02@0.2-0.8,client.drop=0.05@0.2-0.8,client.six=0.02@0.2-0.8,robot.drop=0.03@0.2-0.8"
     options = ("--lockstep", "--duration", 0.3, "--send-period", 2, "--thresholds", 0.6, 0.5, 0.4, "--faults", faults)
     client = PythonClient("2.5")
@@ -287,6 +302,7 @@ def test_commands_that_come_twice_or_late_are_dropped(session: Any) -> None:
 
 @pytest.mark.slow
 def test_by_the_clock(session: Any) -> None:
+    """Run by the real clock instead of lockstep: same states, and stamps 10 ms apart."""
     client = PythonClient("2.7")
     outcome = session(client, "--duration", 0.2, "--send-period", 10, "--thresholds", 0.5, 0.4, 0.3)
     assert outcome.code == 0
@@ -296,6 +312,7 @@ def test_by_the_clock(session: Any) -> None:
 
 
 def test_a_client_that_goes_is_noticed(session: Any) -> None:
+    """Stop answering at message 50: the robot ends the session with exit code 1 and names the client."""
     client = PythonClient("1.15")
 
     def leave(message: Any) -> Any:
@@ -355,6 +372,7 @@ def test_a_robot_without_a_sensor_is_refused(robot_folder: Path) -> None:
 def test_refusals(
     options: tuple[object, ...], reason: str, plate_folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: Any
 ) -> None:
+    """Give faulty options: exit code 2 (refused) and one line with the reason."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("0.0.0.0", 0))
         words = [taken.getsockname()[1] if option == "taken" else option for option in options]

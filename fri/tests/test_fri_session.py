@@ -35,6 +35,7 @@ TOLERANT = ("--thresholds", 0.6, 0.5, 0.3)
 def test_repeated_sessions_are_equal_and_the_torque_is_the_controllers(
     session: Callable[..., Run], plate: ModuleType, version: str
 ) -> None:
+    """Run a session twice: equal digests, and torques that the controller repeats from the log."""
     first, second = (session(version, *LOCKSTEP, "--duration", 1.5) for _ in range(2))
     for run in (first, second):
         assert (run.robot.code, run.code, run.error.count("\n")) == (0, EARLY, 1)
@@ -43,7 +44,7 @@ def test_repeated_sessions_are_equal_and_the_torque_is_the_controllers(
     assert first.robot.summary["digest"] == second.robot.summary["digest"]
     first.check(plate)
     assert first.client is not None
-    assert len(first.client) == 300
+    assert len(first.client) == 300  # 1.5 s of 5 ms each
     assert np.ptp(first.robot.log["command_torque"][first.robot.log["has_torque"]]) > 5.0  # N m
 
 
@@ -62,6 +63,9 @@ COUNTED = [
 def test_faults_are_counted_and_harmless(
     session: Callable[..., Run], version: str, plate: ModuleType, kinds: dict[str, str]
 ) -> None:
+    """Inject faults of several kinds: the client counts as many as were put in, and its torques stay the
+    controller's.
+    """
     if version != "2.7":  # no frame, no checksum
         kinds = {kind: name.replace("frame", "decode") for kind, name in kinds.items() if kind != "crc"}
     faults = ",".join([f"robot.{kind}=0.04@1.2-2" for kind in kinds] + ["client.drop=0.02@1.2-2"])
@@ -77,6 +81,7 @@ def test_faults_are_counted_and_harmless(
 @pytest.mark.slow
 @newest
 def test_random_loss_both_ways(session: Callable[..., Run], version: str, plate: ModuleType) -> None:
+    """Lose 10 % of messages and answers: both counts agree with the emulator's, and the run can be repeated."""
     options = (*LOCKSTEP, *TOLERANT, "--duration", 2.0, "--seed", 1, "--faults", "drop=0.1@0.1-3")
     run = session(version, *options)
     assert (run.robot.code, run.code) == (0, EARLY)
@@ -99,6 +104,7 @@ def test_loss_that_quality_does_not_bear_ends_with_a_reason(session: Callable[..
 @pytest.mark.slow
 @newest
 def test_silence_is_survived(session: Callable[..., Run], version: str, plate: ModuleType) -> None:
+    """Let the robot be silent for 0.2 s (40 messages): the motion breaks off and starts again."""
     run = session(version, *LOCKSTEP, "--duration", 1.5, "--faults", "robot.silence@1.5-1.7")
     assert (run.robot.code, run.code) == (0, EARLY)
     run.check(plate)
@@ -114,6 +120,7 @@ def test_silence_is_survived(session: Callable[..., Run], version: str, plate: M
 @pytest.mark.slow
 @newest
 def test_state_drops_while_commanding(session: Callable[..., Run], version: str, plate: ModuleType) -> None:
+    """Force the robot out of COMMANDING_ACTIVE three times: the client goes on each time and counts the drops."""
     drops = "state@1.3:monitoring_wait,state@2.6:monitoring_ready,state@3.9:commanding_wait"
     run = session(version, *LOCKSTEP, "--duration", 2.0, "--faults", drops)
     assert (run.robot.code, run.code) == (0, EARLY)
@@ -135,6 +142,7 @@ def demo_options(folder: Path, robot: Path, port: int) -> argparse.Namespace:
 def test_the_demo_says_that_the_port_is_taken(
     tmp_path: Path, plate_folder: Path, client_program: Callable[[str], Path]
 ) -> None:
+    """Start the demo on a port in use: it refuses with the reason instead of waiting."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("0.0.0.0", 0))
         options = demo_options(tmp_path, plate_folder, taken.getsockname()[1])
@@ -144,6 +152,7 @@ def test_the_demo_says_that_the_port_is_taken(
 
 @pytest.mark.slow
 def test_the_demo_ends_with_its_client(tmp_path: Path, plate_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Replace the client by /bin/false: the demo ends and leaves no process behind."""
     children = []
     popen = subprocess.Popen
 
@@ -160,6 +169,7 @@ def test_the_demo_ends_with_its_client(tmp_path: Path, plate_folder: Path, monke
 
 @pytest.mark.slow
 def test_the_demos_figure(session: Callable[..., Run], plate: ModuleType) -> None:
+    """Compare the drawn antisymmetric part with its closed form J^T [m]_x J / 2, and look for the figure's labels."""
     run = session("2.7", *LOCKSTEP, "--duration", 1.0)
     assert run.client is not None
     parts = demo.antisymmetric_parts(plate, run.client)

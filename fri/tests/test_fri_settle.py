@@ -151,6 +151,9 @@ def test_the_command_is_the_trajectory_until_the_arm_rests(
 
 
 def test_a_button_and_a_fault_end_it(one: Programs, robot: ModuleType, short: Path, tmp_path: Path) -> None:
+    """Press the button (samples 320 to 399) and then lose 200 ms: Settle stops, and starts again from where the arm
+    is.
+    """
     script = at_rest(one, short, 0.004, pressed=range(320, 400))
     del script.datagrams[6 + 500 : 6 + 540]  # 200 ms of silence
     wiped = wipe(one, script, tmp_path, short, "--settle", "20,2")

@@ -69,6 +69,7 @@ def seeded(once: Once, make_programs: Callable[[str], Programs]) -> Path:
     programs = make_programs("2.7")
 
     def make(folder: Path) -> None:
+        """Build the client with all faults in wrench.cpp, each behind an environment variable."""
         text = SOURCE.read_text()
         for call, faults in zip(CALLS, (FAULTS | OF_SENSOR, FAULTS), strict=True):
             assert text.count(call) == 1
@@ -97,6 +98,7 @@ def check(
     """A session with a hanging weight; exit code and words of ``calibrate --check`` on the client's log."""
 
     def run(wrench: str, fault: str = "") -> tuple[int, str]:
+        """Record the hanging weight with the seeded client, and return exit code and output of the check."""
         monkeypatch.setenv("FRI_CLIENT", str(seeded))
         monkeypatch.setenv("SEEDED", fault)
         np.savetxt(tmp_path / "still.csv", np.tile(POSTURE, (300, 1)), delimiter=",")
@@ -130,6 +132,7 @@ def test_the_clients_wrench_passes(check: Callable[..., tuple[int, str]], wrench
     ("wrench", "fault"), [*((SENSOR, fault) for fault in (*FAULTS, *OF_SENSOR)), *((TORQUE, fault) for fault in FAULTS)]
 )
 def test_a_weight_shows_each_seeded_fault(check: Callable[..., tuple[int, str]], wrench: str, fault: str) -> None:
+    """Seed a fault in the wrench code: `calibrate --check` with a known weight must find it and hint at its cause."""
     code, said = check(wrench, fault)
     hints = {"the sign": "the force points up", "the lever": "the moment alone is wrong"}
     assert code == 1 and hints.get(fault, "look at") in said

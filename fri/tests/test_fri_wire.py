@@ -53,6 +53,7 @@ def counters(line: str) -> bytes:
     ],
 )
 def test_wrong_build_option_is_refused_with_the_remedy(options: list[str], wanted: str, tmp_path: Path) -> None:
+    """Configure with a wrong option: CMake stops and says what is missing."""
     with pytest.raises(AssertionError, match=re.escape(wanted)):
         build(tmp_path, options, compiler="gcc", flags="")
 
@@ -80,6 +81,7 @@ def test_an_sdk_older_than_the_interface_is_refused(version: str, said_by: str, 
 
 
 def test_torque_command_is_byte_for_byte_what_was_seen_on_the_wire(every: Programs) -> None:
+    """Compare a command with the bytes recorded from KUKA's client: 145 bytes, 153 with the frame of FRI 2.7."""
     script = every.script()
     script.begin()
     script.add(COMMANDING_ACTIVE, 200 - script.sequence - 1)
@@ -96,6 +98,7 @@ def test_torque_command_is_byte_for_byte_what_was_seen_on_the_wire(every: Progra
 
 
 def random_fields(rng: np.random.Generator) -> dict[str, Any]:
+    """Return random values of all fields of a monitoring message; the pose is in mm."""
     arrays = ("position", "torque", "commanded_position", "commanded_torque", "external_torque", "ipo")
     quaternion = rng.normal(size=4)
     return {
@@ -139,6 +142,9 @@ def repack(datagram: bytes, protocol: Protocol) -> bytes:
         return out + bytes([value])
 
     def encode(m: Any) -> bytes:
+        """Return the message in wire format with its fields in reverse order, unpacked arrays packed and the reverse,
+        and an unknown field.
+        """
         fields = []
         for descriptor, value in m.ListFields():
             number, repeated = descriptor.number, hasattr(value, "append")
@@ -164,6 +170,7 @@ def repack(datagram: bytes, protocol: Protocol) -> bytes:
 
 
 def assert_seen(seen: dict[str, Any], sent: dict[str, Any], script: RobotScript, version: str) -> None:
+    """Fail unless the client's getters returned what the message contained."""
     for name in ("position", "torque", "commanded_torque", "external_torque", "ipo"):
         np.testing.assert_array_equal(seen[name], sent[name], err_msg=name)
     for name in ("quality", "safety", "drive", "operation", "control", "overlay", "tracking"):
@@ -186,6 +193,7 @@ def assert_seen(seen: dict[str, Any], sent: dict[str, Any], script: RobotScript,
 
 
 def test_every_getter_gives_what_an_independent_codec_sent(every: Programs) -> None:
+    """Send ten messages with random fields, encoded by protobuf: each getter returns its field."""
     rng = np.random.default_rng(3)
     for _ in range(10):
         script, fields = every.script(), random_fields(rng)
@@ -202,6 +210,7 @@ def test_arrays_in_either_encoding_unknown_fields_and_any_order(every: Programs)
 
 
 def test_commands_are_read_by_an_independent_codec(every: Programs) -> None:
+    """Decode the client's commands by protobuf: position, torque and outputs are what it was told to send."""
     rng = np.random.default_rng(5)
     script = every.script()
     sent = [random_fields(rng) for _ in range(5)]
@@ -223,6 +232,7 @@ def test_commands_are_read_by_an_independent_codec(every: Programs) -> None:
 
 
 def test_states_callbacks_and_idle(every: Programs) -> None:
+    """Walk through all states: callbacks and state changes come in the SDK's order, and none is answered in IDLE."""
     script = every.script()
     for state in (IDLE, MONITORING_WAIT, MONITORING_READY, COMMANDING_WAIT, COMMANDING_ACTIVE, MONITORING_READY, IDLE):
         script.add(state, 2)
@@ -245,6 +255,7 @@ def test_setters_out_of_place_are_refused_from_2_7_on(every: Programs) -> None:
 
 
 def test_every_nth_message_is_answered(every: Programs) -> None:
+    """Announce a receive multiplier of 3: the client answers each third message, with the right counters."""
     script = every.script()
     script.begin(3, 3)
     script.add(COMMANDING_ACTIVE, 12, receive_multiplier=3)
@@ -257,6 +268,7 @@ def test_every_nth_message_is_answered(every: Programs) -> None:
 
 
 def test_command_is_cleared_each_cycle(every: Programs) -> None:
+    """Command in one cycle: outputs and position do not stay in the next command."""
     script = every.script()
     script.begin(1, 1)
     script.add(COMMANDING_ACTIVE, ios=[IOValue("Group.Lamp", IOType.BOOLEAN, IODirection.OUTPUT, False)])
@@ -312,6 +324,7 @@ CHANGES: dict[str, tuple[str, Callable[[Any], object]]] = {
 
 @pytest.mark.parametrize("name", CHANGES)
 def test_bad_message_is_counted_skipped_and_refused_as_a_whole(name: str, programs: Programs) -> None:
+    """Put a bad message between two sound ones: it is counted once, and none of its values shows up later."""
     fault, change = CHANGES[name]
     script = programs.script()
     script.add(COMMANDING_WAIT, position=np.arange(7.0))
@@ -330,6 +343,7 @@ FAULTS = ("empty", "too_long", "frame", "checksum", "decode", "identifier", "joi
 
 
 def test_bad_datagrams_of_every_kind_end_no_session(programs: Programs) -> None:
+    """Send one datagram of each bad kind: each is counted once, and the session continues."""
     framed = programs.version == "2.7"
     script = programs.script()
     script.begin()
@@ -357,6 +371,7 @@ def test_bad_datagrams_of_every_kind_end_no_session(programs: Programs) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("length", [0, 1, 7, 8, 2**31, 2**32 - 1, 2**32 - 8])
 def test_length_in_front_is_not_trusted(length: int, sanitized: Programs) -> None:
+    """Lie in the length field of FRI 2.7: the reader stays within the datagram (sanitizers watch)."""
     script = sanitized.script()
     sound = script.message(MONITORING_WAIT)
     script.datagrams += [struct.pack("<I", length) + sound[4:], sound[:7], sound]
@@ -373,6 +388,7 @@ def test_three_thousand_fuzzed_datagrams_are_survived(sanitized: Programs, tmp_p
 
 @pytest.mark.slow
 def test_every_truncation_of_a_message_is_survived(sanitized: Programs) -> None:
+    """Cut a message after each byte: no cut is read beyond its end (sanitizers watch)."""
     script = sanitized.script()
     body = script.protocol.unframe(script.message(COMMANDING_ACTIVE, **random_fields(np.random.default_rng(6))))
     script.datagrams += [script.protocol.frame(body[:k]) for k in range(len(body))]
@@ -385,6 +401,7 @@ def test_every_truncation_of_a_message_is_survived(sanitized: Programs) -> None:
 
 
 def test_missing_fields_are_not_a_number_and_never_old(open_programs: Programs) -> None:
+    """Leave fields out: getters return NaN, not the value of an earlier message."""
     script = open_programs.script()
     script.add(COMMANDING_WAIT, position=np.ones(7))
     for field in ("measuredJointPosition", "measuredTorque", "commandedTorque", "externalTorque", "timestamp"):
@@ -396,6 +413,7 @@ def test_missing_fields_are_not_a_number_and_never_old(open_programs: Programs) 
 
 
 def test_sequence_counter_tells_lost_messages_lost_answers_and_restarts(programs: Programs) -> None:
+    """Jump in the sequence counter: losses, late answers, restarts and the wrap at 2^32 are told apart."""
     script = programs.script()
     script.add(MONITORING_WAIT, 1)
     script.lose(4)

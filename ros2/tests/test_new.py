@@ -61,6 +61,7 @@ def test_the_package_is_built(panda: Path, tmp_path: Path) -> None:
 
 @pytest.mark.wide(instead="test_the_package_is_the_robots_own")
 def test_the_scenarios_of_another_robot(panda: Path, tmp_path: Path) -> None:
+    """Run all scenarios of the law on a Panda instead of the iiwa 14."""
     objects, robot = tmp_path / "robot", panda / "generated" / "Panda"
     objects.mkdir()
     compile_robot(objects, robot)
@@ -124,6 +125,7 @@ def test_guesses_are_compiled(without_limits: Path, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_refused_robots_leave_nothing(tmp_path: Path) -> None:
+    """Give robots that the ROS 2 package cannot serve: exit code 2, a reason, and no folder."""
     mjcf = tmp_path / "arm.xml"
     mjcf.write_text(
         '<mujoco model="arm"><worldbody><body name="link"><joint name="a" axis="0 0 1" range="-1 1" limited="true"/>'

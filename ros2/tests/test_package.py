@@ -48,6 +48,7 @@ def test_the_package_is_built_and_installed(tmp_path: Path) -> None:
 
 
 def test_package_xml_declares_what_cmake_finds() -> None:
+    """Compare package.xml with CMakeLists.txt and the includes: a missing dependency fails at the user's build."""
     package = ElementTree.parse(PACKAGE / "package.xml").getroot()
     declared = [element.text for tag in ("buildtool_depend", "depend") for element in package.findall(tag)]
     assert sorted(map(str, declared)) == sorted([*FOUND, "generate_parameter_library"])
@@ -94,6 +95,7 @@ def test_described_parameters_are_those_of_the_source() -> None:
     "distro", [pytest.param(name, marks=() if name == "jazzy" else pytest.mark.slow) for name in DISTROS]
 )
 def test_the_mock_system(distro: str, robot_folder: Path, robot_objects: Path, tmp_path: Path) -> None:
+    """Compile and run the mock hardware against stubs of the headers of a ROS distribution."""
     configured(tmp_path, PACKAGE, robot_folder.name)
     include = [f"-I{path}" for path in (PACKAGE / "src", tmp_path, STUBS, robot_folder)]
     source = tmp_path / "main.cpp"

@@ -364,6 +364,7 @@ def _rounded(value: float) -> str:
 
 
 def main() -> int:
+    """Measure all arms, print or write the table, and return 0."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--arms", default="iiwa14,panda,ur5,j2s6s200")
     parser.add_argument("--output", type=Path, help="page whose table is written anew, with its CSV")

@@ -23,6 +23,9 @@ from support.warnings import LEVELS, VECTORS, complaints, preprocessed, sources_
 
 
 def main(count: int, most_moving: int, first: int) -> int:
+    """Compile `count` random robots from seed `first` on, with all levels of warnings; return 1 if one was warned
+    about.
+    """
     seen: set[int] = set()
     failed, kinds = 0, Counter[str]()
     with ThreadPoolExecutor(int(os.environ.get("WORKERS", os.cpu_count() or 1))) as pool:

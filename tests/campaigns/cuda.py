@@ -91,6 +91,7 @@ ROBOTS = {
 
 
 def main() -> int:
+    """Compile and run the CUDA checks of the chosen robots; return 1 if one is wrong, 2 if one does not compile."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--robots", nargs="*", choices=ROBOTS, default=list(ROBOTS))
     parser.add_argument("--rows", type=int, default=300, help="random configurations per launch")

@@ -25,6 +25,7 @@ def model():
 
 @pytest.fixture(scope="module")
 def drake():
+    """Return Drake's plant of the iiwa 14, welded to the world, and its context at Q."""
     plant = MultibodyPlant(0.0)
     Parser(plant).AddModels(str(URDF))
     base = plant.GetBodyByName(stiffgen.load_chain(URDF).base)

@@ -128,6 +128,7 @@ def changed(random: Random, loop: Loop, old: Schedule, moving: bool, sensors: bo
 
 
 def _change_config(random: Random, new: Schedule) -> None:
+    """Change one entry of the configuration: whole numbers are drawn anew, others multiplied by a random factor."""
     name = CLIMBED[random.integers(len(CLIMBED))]
     if name not in new.config:  # only where it is not 0
         return
@@ -142,6 +143,7 @@ def _change_config(random: Random, new: Schedule) -> None:
 
 
 def _shake(random: Random, one: dict[str, Any]) -> None:
+    """Change one part of a schedule by random factors of one size, 1 % to 100 %."""
     size = 10 ** random.uniform(-2, 0)
     for name in ("load", "push", "driven_to", "driven_at", "hand_target", "dq_offset", "wanted_rate", "jitter"):
         if name in one and np.any(one[name]):
@@ -281,6 +283,7 @@ def loop_of(once: Once, name: str) -> Loop:
 
 
 def _start(law: Path, robot: Path, home: tuple[float, ...], python: bool) -> None:
+    """Build the loop of a worker process, once for all its climbs."""
     global _loop, _module
     _folder = tempfile.mkdtemp()
     made: dict[str, Any] = {"sources": module_sources(robot) if python else None, "flags": ()}
@@ -312,6 +315,7 @@ def _tell(rows: list[Climbed], climb_length: int) -> None:
 
 
 def main() -> int:
+    """Climb from random schedules to the largest energy put out; return 1 if one is beyond the bound."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=100_000)
     parser.add_argument("--seed", type=int, default=1)

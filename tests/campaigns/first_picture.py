@@ -20,6 +20,7 @@ BAR = 120.0
 
 
 def main() -> int:
+    """Install the wheel into a fresh environment, generate and draw; return 1 if all of it takes longer than BAR."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--folder", type=Path, help="folder for the virtual environment (default: a temporary one)")
     options = parser.parse_args()

@@ -173,6 +173,7 @@ def assert_unchanged(plain: list[str], changed: list[str], flags: tuple[str, ...
 
 
 def sweep(compiler: str, combinations: list[tuple[str, ...]], sources: Path, work: Path) -> dict[tuple[str, ...], str]:
+    """Return the verdict of each combination of compiler flags; a combination that runs must print the plain values."""
     verdict, plain = judge(compiler, (), sources, work)
     assert verdict == "ran"
     found = {}
@@ -184,6 +185,9 @@ def sweep(compiler: str, combinations: list[tuple[str, ...]], sources: Path, wor
 
 
 def main() -> int:
+    """Judge all flags and pairs of flags of the chosen compilers; return 1 if none was refused, as the sweep is idle
+    then.
+    """
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--compilers", nargs="*", choices=COMPILERS, default=COMPILERS)
     parser.add_argument("--pairs", type=int, help="pairs drawn for each compiler; default: all")

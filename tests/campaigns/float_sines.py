@@ -44,6 +44,7 @@ def largest(parts: list[Worst]) -> Worst:
 
 
 def main() -> int:
+    """Compare sine and cosine of floats with exact ones, for each float of the range; return 1 beyond the bounds."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--builds", nargs="*", choices=list(BUILDS), default=list(BUILDS))
     parser.add_argument("--every", type=int, default=1, help="part of 2^24 floats, every so many (default: all)")

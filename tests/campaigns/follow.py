@@ -83,6 +83,7 @@ class Arm:
     """A robot's Follow and search for postures, compiled from its folder."""
 
     def __init__(self, urdf: Path, tip: str | None, name: str, folder: Path) -> None:
+        """Generate the arm, compile its follower into a library, and read the joint limits (within 3 rad)."""
         stiffgen.generate(urdf, name=name, tip=tip, output=folder, build=False, batches=False)
         robot = folder / name
         self.name, self.n = name, int(re.findall(r"_DOF (\d+)", (robot / f"{name}.h").read_text())[0])
@@ -152,6 +153,7 @@ def survey(arm: Arm, legs: int, random: np.random.Generator) -> dict[str, int]:
 
 
 def main() -> int:
+    """Follow random legs with random arms, count the outcomes, and return 1 if one is bad."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("robots", nargs="*", metavar="ROBOT.urdf:TIP")
     parser.add_argument("--arms", type=int, default=30)

@@ -255,6 +255,7 @@ def draw(benches: dict[str, list[Bench]]) -> str:
 
 
 def main() -> int:
+    """Measure force control of all arms and postures, compare with the bars, and return 1 if a row is beyond."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--arms", default="iiwa14,panda,ur5")
     parser.add_argument("--postures", type=int, default=20)

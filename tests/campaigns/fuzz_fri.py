@@ -20,6 +20,7 @@ from fri.support.session import FUZZER, SANITIZERS, build, fuzz
 
 
 def main() -> int:
+    """Build the fuzzers of the chosen FRI versions and run them; return the first exit code that is not 0."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", nargs="?", type=Path, default=Path("build/fri-fuzz"))
     parser.add_argument("--nanopb-source", type=Path)

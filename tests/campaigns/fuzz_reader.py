@@ -71,6 +71,7 @@ class Reader:
         self.file = scratch / "fuzzed.urdf"
 
     def __call__(self, data: bytes) -> None:
+        """Read the fuzzed file: it is refused with a printable message, or gives finite chains."""
         self.file.write_bytes(data)
         try:
             description = read_description(self.file)
@@ -92,6 +93,7 @@ class Reader:
 
 
 def _assert_finite(joints, *matrices) -> None:
+    """Fail if a number of the joints or matrices is infinite, NaN or beyond 1e300."""
     numbers = [*matrices]
     for joint in joints:
         body = joint.body
@@ -106,6 +108,7 @@ def _assert_finite(joints, *matrices) -> None:
 
 
 def main() -> None:
+    """Write a corpus of valid and broken files, and fuzz the reader of URDF files with it."""
     folders = [argument for argument in sys.argv[1:] if not argument.startswith("-")]
     options = [argument for argument in sys.argv[1:] if argument.startswith("-")]
     corpus = Path(folders[0] if folders else "build/fuzz-corpus")

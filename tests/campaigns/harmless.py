@@ -92,6 +92,7 @@ def measure_wiring(arm: Arm, wiring: Wiring) -> tuple[float, float, str]:
 
 
 def main() -> int:
+    """Run harmless sessions, which must raise no alarm, and wrong wirings, which must stay within work and speed."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sessions", type=int, default=1000, help="harmless sessions of all arms together")
     parser.add_argument("--seed", type=int, default=1)

@@ -45,6 +45,7 @@ def under_control(said: str) -> int:
 
 
 def main() -> int:
+    """Run the hostile program in 20 parts, the first two without flipped bits; return 1 if one fails or is idle."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--steps", type=int, default=10_000_000)
     parser.add_argument("--flips", type=int, default=100_000)

@@ -177,6 +177,7 @@ def test_nothing_is_copied(small, arm):
 
 
 def test_errors_name_the_thing(small):
+    """Call with a wrong type, shape, name or leading dimensions: each error names the function and what to do."""
     arm = wrapper(small, "jax")
     q = np.zeros(small.chain.dof)
     with pytest.raises(TypeError, match=r'float64.*jax\.config\.update\("jax_enable_x64", True\)'):

@@ -63,6 +63,7 @@ def check_broken(seed: int, file: Path) -> str:
 
 
 def main() -> int:
+    """Read broken files and check random chains, each seed within HANG seconds; return 1 if one fails."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--chains", type=int, default=100_000)
     parser.add_argument("--broken", type=int, default=100_000)

@@ -153,6 +153,9 @@ def largest(bench: Bench, form: str, host: float, postures: np.ndarray, ladder: 
 
 
 def main() -> int:
+    """Find the largest stable stiffness of each form at each host rate; return 1 if gains fall below the ratio
+    --least.
+    """
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--hosts", type=float, nargs="+", default=[100.0, 200.0, 500.0, 1000.0], help="[Hz]")
     parser.add_argument("--postures", type=int, default=len(POSTURES), help="number of postures")

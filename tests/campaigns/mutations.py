@@ -124,6 +124,7 @@ class Workshop:
     """Compiler of mutants against the kernels of one folder, compiled once."""
 
     def __init__(self, robot: GeneratedRobot, folder: Path) -> None:
+        """Print the robot's sources, compile its kernels once, and keep the unchanged controller as reference."""
         self.robot, self.folder, self.built = robot, folder, 0
         for file, text in print_again(robot).items():
             if file.endswith((".c", ".h")):
@@ -202,6 +203,7 @@ def _of_c(library: ctypes.CDLL, name: str, kernel: Kernel, chain: Chain, *, batc
     shapes_of_results = [result.array(chain).shape for result in kernel.results]
 
     def call(*arguments: Any) -> Any:
+        """Call the compiled kernel for one state, or for leading dimensions of states."""
         stacks = [
             np.reshape(np.ascontiguousarray(each, float), (-1, *shape))
             for each, shape in zip(arguments, shapes, strict=True)

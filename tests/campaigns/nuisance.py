@@ -135,6 +135,7 @@ def detections(arm: Arm) -> list[str]:
 
 
 def main() -> int:
+    """Run ordinary episodes, of which at most one in a thousand may raise a fault, and the faults to be detected."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--episodes", type=int, default=250, help="episodes per arm")
     parser.add_argument("--seed", type=int, default=1)

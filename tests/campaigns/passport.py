@@ -136,6 +136,7 @@ class Law:
     """Springs and modal damping at a posture, sampled, late, with an encoder; written from docs/controller.md."""
 
     def __init__(self, plant: Plant, posture: np.ndarray, k: float, timing: LoopTiming) -> None:
+        """Linearise plant and controller at the posture; `k` is the translation stiffness [N/m]."""
         self.module, self.posture, self.k, self.timing = plant.robot.module, posture, k, timing
         self.pose = self.module.forward_kinematics(posture)
         n, J, M = len(posture), plant.jacobian(posture), plant.mass(posture)
@@ -373,6 +374,7 @@ def sweep_caps(plant: Plant, postures: np.ndarray) -> tuple[float, LoopTiming]:
 
 
 def main() -> int:
+    """Compare the passport's limits with simulations of the loop; return 1 if one differs."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--arms", default=",".join(ARMS), help="names with commas")
     parser.add_argument("--postures", type=int, default=3, help="postures of each arm")

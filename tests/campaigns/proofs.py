@@ -39,6 +39,7 @@ def random_arm(joints: int) -> str:
 
 
 def main(names: list[str]) -> int:
+    """Prove the functions of the robots, given by name or number of joints; return 1 if one stays open."""
     open_ones = 0
     for name in names or ["iiwa14", "6", "12"]:
         with tempfile.TemporaryDirectory() as folder:

@@ -75,6 +75,7 @@ class PythonLayer:
         return {name: np.array(value) if isinstance(value, ctypes.Array) else value for name, value in values}
 
     def _step(self, given: Any, output: Any) -> None:
+        """Step the controller by its Python class, and fill the record that the C loop expects."""
         self.calls += 1
         if given.sample_valid:
             out = self._controller.step(**self._clock(given), **self._sample(given))

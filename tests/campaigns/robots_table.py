@@ -210,6 +210,7 @@ def run(package: str, folder: Path) -> list[dict[str, str]]:
 
 
 def main() -> int:
+    """Check the packages one after the other, and write table and page after each; return 1 if a chain is wrong."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path)
     parser.add_argument("packages", nargs="*", default=list(PACKAGES))

@@ -53,6 +53,7 @@ class House:
     """A copy of what git tracks, without some rooms (``lab.play``) and families (``families.loops``)."""
 
     def __init__(self, rooms: Collection[str], folder: Path) -> None:
+        """Copy the committed files to the folder, without those of the rooms that are to be absent."""
         self.rooms, self.folder = tuple(rooms), folder
         gone = tuple(
             f"{room}/" if room in OUTSIDE else f"codegen/stiffgen/{room.replace('.', '/')}/" for room in self.rooms

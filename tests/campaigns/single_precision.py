@@ -73,6 +73,7 @@ def timed(calls: Sequence[Callable[[], None]]) -> list[float]:
 
 
 def compare_times(chain: Chain, kernels: Sequence[Kernel], both: Sequence[Batches]) -> None:
+    """Print the times per state [ns] of batches in double and single precision, and their ratio."""
     pool = argument_samples(chain, COUNT, 0)
     print(f"{'batch of ' + str(COUNT):40} {'double [ns]':>12} {'float [ns]':>12} {'ratio':>7}")
     for kernel in kernels:
@@ -107,6 +108,7 @@ def drawn(chain: Chain, kernel: Kernel, count: int, random: np.random.Generator)
 
 
 def compare_errors(chain: Chain, kernels: Sequence[Kernel], both: Sequence[Batches], states: int) -> bool:
+    """Print the errors of single precision beside their bounds; return whether all are within."""
     print(f"\nerrors of floats over {states} states, and the bounds of header and manifest")
     bounds, exact = ErrorBounds(chain, scalar=FLOAT), ErrorBounds(chain, scalar=DOUBLE)
     held = True
@@ -141,6 +143,7 @@ def compare_errors(chain: Chain, kernels: Sequence[Kernel], both: Sequence[Batch
 
 
 def main() -> int:
+    """Compare times and errors of batches in single and in double precision; return 1 beyond a bound."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--states", type=int, default=1_000_000)
     parser.add_argument("--width", choices=list(WIDTHS), default="native")

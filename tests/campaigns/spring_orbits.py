@@ -34,6 +34,7 @@ class Orbit:
     """A closed curve in the space of joints, and a spring's parameters."""
 
     def __init__(self, random: np.random.Generator, lower: Array, upper: Array) -> None:
+        """Draw a closed path of joint positions (three harmonics), a rest position, stiffnesses and a wrench."""
         self.size = float(np.exp(random.uniform(np.log(0.05), np.log(1.0))))
         self.centre = random.uniform(0.6 * lower, 0.6 * upper)
         self.waves = random.normal(size=(3, 2, len(lower))) * np.array([1.0, 0.3, 0.1])[:, None, None]
@@ -93,6 +94,8 @@ def laws(model: stiffgen.StiffnessModel, orbit: Orbit) -> dict[str, Law]:
         return lambda q: np.array(torque(q, *given)).ravel()
 
     def common(moment: Callable[[Array, float], Array]) -> Law:
+        """Return the law of a spring whose moment is a function of the rotation error (sine, angle)."""
+
         def law(q: Array) -> Array:
             pose, J = np.array(model.forward_kinematics(q)), np.array(model.hybrid.jacobian(q))
             sine, angle = rotation_error(H[:3, :3].T @ pose[:3, :3])
@@ -102,6 +105,7 @@ def laws(model: stiffgen.StiffnessModel, orbit: Orbit) -> dict[str, Law]:
         return law
 
     def secant(name: str) -> Law:
+        """Return the law that multiplies the joint stiffness at q by the deflection from rest, which has no energy."""
         stiffness = getattr(model.hybrid, name)
 
         K = np.zeros((6, 6))

@@ -96,6 +96,7 @@ def failures(table: Table) -> list[str]:
 
 
 def main(count: int = 1000, workers: int = multiprocessing.cpu_count(), *subjects: str) -> int:
+    """Count the digits that springs lose in their worst poses, over all robots; return 1 beyond the bounds."""
     subjects = subjects or SUBJECTS
     start, table = time.monotonic(), {}
     with tempfile.TemporaryDirectory() as folder:

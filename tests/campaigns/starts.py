@@ -94,6 +94,7 @@ def starts(arm: Arm, episodes: int, seed: int) -> list[str]:
 
 
 def main() -> int:
+    """Start the controller in random ways, and with damaged memory; return 1 if a start breaks a bound."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--episodes", type=int, default=1000, help="episodes per arm")
     parser.add_argument("--trials", type=int, default=100_000, help="trials of memory per arm")

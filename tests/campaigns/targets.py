@@ -95,6 +95,7 @@ def measured(machine: Machine, robot: GeneratedRobot, kernels: Sequence[Kernel],
 
 
 def main() -> int:
+    """Count instructions of the functions on the target machines, or measure sizes alone (--sizes)."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--folder", type=Path, default=ROOT / "generated" / "iiwa14")
     parser.add_argument("--states", type=int, default=100_000, help="a tenth of them where doubles are software")

@@ -255,6 +255,9 @@ def test_every_fault_still_applies(fault, robot_folder):
     ],
 )
 def test_no_fault_passes(fault, folder, failures):
+    """Seed a fault in a generated file: `verify` or the compiled module's self-check must find it, unless it is
+    harmless.
+    """
     file = place(fault, folder)
     file.write_text(corrupted(file.read_text(), fault))
     try:
@@ -306,6 +309,7 @@ def fewer(chain: dict[str, Any]) -> None:
     ids=lambda spoil: spoil.__name__,
 )
 def test_another_chain_in_the_manifest(spoil: Callable[[dict[str, Any]], None], robot_folder, tmp_path, failures):
+    """Spoil the chain in the manifest: `verify` must not pass with functions of another chain."""
     folder = tmp_path / "iiwa14"
     shutil.copytree(robot_folder, folder)
     manifest = json.loads((folder / "manifest.json").read_text())

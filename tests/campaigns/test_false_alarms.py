@@ -19,5 +19,6 @@ from campaigns.false_alarms import alarms, random_chain
     ],
 )
 def test_right_functions_pass(robot: int, count: int, seed: int, tmp_path: Path) -> None:
+    """Verify correct functions of chains that once raised a false alarm."""
     found = alarms(random_chain(tmp_path, robot), count, seed)
     assert [f"{each.kernel}, {each.oracle}: {each.error:.2e}" for each in found] == []

@@ -55,6 +55,7 @@ def with_switches(source, chosen=lambda function: True, signs=SIGN):
     poison = closed = False
 
     def switch(match):
+        """Return the sign with a factor `flip[k]` in front, unless its sign means no arithmetic or changes nothing."""
         before = match.string[: match.start()]
         if before.count("[") > before.count("]"):
             return match[0]  # of an index
@@ -129,6 +130,8 @@ def batch_call(function):
 
 
 def cuda_call(host, name):
+    """Return a call that fills the outputs state by state, from the CUDA function compiled for the host."""
+
     def call(arguments, outs):
         for c in range(len(outs[0])):
             values = as_results(host(name, *(a[c : c + 1] if a.ndim == 2 else a[c] for a in arguments)))

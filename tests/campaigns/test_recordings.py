@@ -68,6 +68,7 @@ def write(file: Path, arm: ModuleType, q: np.ndarray, contact: bool) -> None:
 
 @pytest.fixture(scope="module")
 def folder(arm: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with a free and a pressed recording of 4 s (800 rows of 5 ms), with known payload and wrench."""
     path = tmp_path_factory.mktemp("recordings")
     at = 0.005 * np.arange(800)
     q = NEAR + 0.3 * np.sin(2.0 * at[:, None] * np.array([0.7, 0.5, 0.9, 0.6, 1.1, 1.3, 0.8]))
@@ -77,13 +78,14 @@ def folder(arm: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_payload_and_asymmetry_are_those_put_in(arm: ModuleType, folder: Path) -> None:
+    """Recover the payload of the free recording and the asymmetry of the pressed one, both known."""
     free, pressed = (recordings.read_recording(folder / f"RobotData_{name}_1.txt") for name in ("Free", "Pressed"))
     q = recordings.solve_postures(arm, free.poses, NEAR)
     np.testing.assert_allclose(arm.forward_kinematics(q), free.poses, rtol=0, atol=1e-8)
     payload = recordings.estimate_payload(arm.sensor, q[free.settled :], free.reading[free.settled :])
     np.testing.assert_allclose(payload.values, PAYLOAD, rtol=0, atol=1e-9)
     found = recordings.analyse(arm, pressed, payload, NEAR[None])
-    assert found.moment.max() == pytest.approx(5.0, abs=1e-6)
+    assert found.moment.max() == pytest.approx(5.0, abs=1e-6)  # [N m], as written by `wrenches`
     expected = closed_form(q[-1], wrenches(pressed.time)[-1, 3:])
     assert found.value[-1] == pytest.approx(np.linalg.norm(expected, 2), abs=1e-6)
 
@@ -104,6 +106,7 @@ def test_work_of_a_lap_is_that_of_its_area(arm: ModuleType) -> None:
 def test_the_page_has_what_the_recordings_show(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, arm: ModuleType
 ) -> None:
+    """Recompute the table and the figure of docs/results.md from the recordings."""
     if not FOLDER.exists():
         pytest.skip("the recordings are not committed")
     assert recordings.main([str(FOLDER), "--figure", str(tmp_path / "figure.svg")]) == 0

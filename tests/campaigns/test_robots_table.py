@@ -25,6 +25,7 @@ def test_urdf_files_agree(file, chains):
 
 
 def test_mjcf_agrees_and_a_difference_is_seen(tmp_path, monkeypatch):
+    """Compare an MJCF file with MuJoCo, then with a link that is 1e-6 m longer, which must be seen."""
     file, other = tmp_path / "arm.xml", tmp_path / "other.xml"
     file.write_text(MJCF.format(0.2))
     other.write_text(MJCF.format(0.200001))

@@ -39,6 +39,7 @@ def tools(machine):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", some(OTHER, "aarch64", "Cortex-M7, FPU for double"))
 def test_golden_values(name, robot_folder, chain, tmp_path):
+    """Run the double-precision functions on other machines: golden values, up to rounding."""
     machine = tools(OTHER[name])
     calls = golden_calls(3)
     program = built(machine, robot_folder, chain, [(kernel, given) for kernel, given, _ in calls], tmp_path)
@@ -55,6 +56,7 @@ def floats(tmp_path_factory):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", some(OTHER, "Cortex-M7, FPU for float"))
 def test_golden_values_of_floats(name, floats, chain, tmp_path):
+    """Run the single-precision functions on another machine: golden values within 2e-6 of the largest."""
     machine = tools(OTHER[name])
     calls = golden_calls(3)
     plain = [(kernel, given) for kernel, given, _ in calls]
@@ -102,6 +104,7 @@ def test_the_same_instructions_for_every_input(name, robot_folder, chain, tmp_pa
 
 @pytest.mark.slow
 def test_a_branch_is_seen(robot_folder, chain, tmp_path):
+    """Put a branch into a generated function: fewest and most instructions must differ."""
     machine = tools(BY_NAME["aarch64"])
     (kernel,) = (kernel for kernel in chain_kernels(chain) if kernel.qualified_name == "spring_wrench")
     folder = tmp_path / "iiwa14"
@@ -119,6 +122,7 @@ def test_a_branch_is_seen(robot_folder, chain, tmp_path):
 
 @pytest.mark.slow
 def test_the_step_is_bounded_and_small(robot_folder, tmp_path):
+    """Count instructions and sizes of one controller step: 200 000 instructions and 16 KB of stack are the bounds."""
     machine = tools(BY_NAME["aarch64"])
     count = step_count(machine, robot_folder, tmp_path, 400)
     assert count.states == 400

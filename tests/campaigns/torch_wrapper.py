@@ -126,6 +126,7 @@ def test_gradients_through_the_bases_pose(walker):
 
 
 def test_gradient_of_shared_arguments_is_summed(small, arm):
+    """Differentiate with arguments shared by several states: gradients are summed over the states."""
     n = small.chain.dof
     random = torch.Generator().manual_seed(1)
     q = torch.randn((4, n), generator=random, dtype=torch.float64, requires_grad=True)
@@ -167,6 +168,7 @@ def test_compiles(small, arm):
 
 
 def test_other_types_and_errors(small, arm):
+    """Call with float32, which is converted, and with wrong shapes or counts, whose errors name the argument."""
     n = small.chain.dof
     single = torch.zeros(n, dtype=torch.float32, requires_grad=True)
     arm.hybrid.jacobian(single).sum().backward()

@@ -172,6 +172,9 @@ def blame(reason: str) -> str:
 
 
 def main() -> int:
+    """Compare the makers' files with the records of their robots; return 1 if a chain is wrong or stiffgen refuses
+    one.
+    """
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path)
     parser.add_argument("words", nargs="*")

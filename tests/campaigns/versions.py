@@ -75,6 +75,7 @@ def values_with(requirements: list[str], folder: Path, states: int) -> dict[str,
 
 
 def main() -> int:
+    """Compare values computed with the oldest and newest packages; return 1 if they differ by more than 1e-12."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--states", type=int, default=1000)
     options = parser.parse_args()

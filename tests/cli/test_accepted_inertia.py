@@ -89,6 +89,7 @@ def test_an_accepted_inertia_is_used_as_it_is(tensor: tuple[float, ...], accepte
 @pytest.mark.filterwarnings("ignore::stiffgen.core.errors.InertiaWarning")
 @pytest.mark.parametrize("tensor", [LARGE, (-0.5, 0.2, 0.0, 0.1, 0.0, 0.1), (0.0, 0.9, 0.9, 0.0, 0.9, 0.0)])
 def test_an_indefinite_mass_matrix_gets_the_nearest_tensor(tensor: tuple[float, ...], tmp_path: Path) -> None:
+    """Accept an inertia with an indefinite mass matrix: M becomes Pinocchio's of the nearest possible tensor."""
     file = written(tmp_path, arm((SOUND, SOUND, tensor)))
     chain = load_chain(file, accept_inertia=["all"])
     assert [(each.link, each.is_nearest) for each in chain.accepted] == [("l3", True)]
@@ -166,6 +167,7 @@ RECORDED = {
 def test_generate_records_it_and_verify_reads_it_again(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    """Accept an impossible inertia: warning, pages and manifest say so, and reading the folder gives the same chain."""
     tensor, fault, is_nearest = RECORDED[name]
     file = written(tmp_path, arm((SOUND, tensor)))
     command = ["generate", str(file), "--accept-inertia", "l2", "--output", str(tmp_path), "--no-build"]
@@ -188,6 +190,7 @@ def load_with_warning(file: Path):  # type: ignore[no-untyped-def]
 
 @pytest.mark.slow
 def test_new_says_the_remedy_and_takes_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Refuse a project of a robot with impossible inertias, name the option, and take it."""
     file = written(tmp_path, arm((SOUND, LINE, TRIANGLE)))
     command = ["new", str(file), "--no-build", "--output", str(tmp_path / "project")]
     assert main(command) == 2

@@ -45,6 +45,7 @@ def test_inspect(capsys):
 
 
 def test_inspect_shows_every_problem(capsys, tmp_path):
+    """Put several faults into a file: `inspect` lists all of them, not only the first one."""
     text = (
         URDF.read_text()
         .replace('<axis xyz="0 1 0"/>', '<axis xyz="0 0 0"/>')
@@ -78,6 +79,7 @@ def test_generate_prints_the_folder(capsys, tmp_path):
     ],
 )
 def test_refusals(capsys, tmp_path, monkeypatch, arguments, named):
+    """Name files, tips, bases and names that do not exist: exit code 2, and the remedy is named."""
     monkeypatch.chdir(tmp_path)
     code, out, err = run(capsys, *arguments)
     assert (code, out) == (2, "")
@@ -102,6 +104,7 @@ def test_usage_errors_exit_with_2(capsys):
 @pytest.mark.slow
 @pytest.mark.usefixtures("unoptimised", "narrowest_width")
 def test_verify(capsys, robot_folder):
+    """Verify the iiwa 14 by the command: all comparisons pass, and each kind of oracle is listed."""
     code, out, err = run(capsys, "verify", robot_folder, URDF, "--samples", 20)
     assert code == 0
     assert re.search(r"(\d+) of \1 comparisons within their bound", out)
@@ -172,6 +175,7 @@ LONG = "a" * 300
     ],
 )
 def test_a_name_too_long_for_the_file_system(capsys, tmp_path, monkeypatch, arguments):
+    """Give names beyond the file system's length: exit code 2, one message, no file and no traceback."""
     monkeypatch.chdir(tmp_path)
     code, out, err = run(capsys, *arguments)
     assert (code, out) == (2, "")
@@ -193,6 +197,7 @@ def test_a_name_too_long_for_the_file_system(capsys, tmp_path, monkeypatch, argu
     ],
 )
 def test_an_option_given_twice_or_without_a_number_is_refused(capsys, arguments, named):
+    """Give an option twice or a comma as decimal point: exit code 2, and the option is named."""
     with pytest.raises(SystemExit) as stopped:
         main([str(a) for a in arguments])
     assert stopped.value.code == 2
@@ -217,6 +222,7 @@ def test_an_option_given_twice_or_without_a_number_is_refused(capsys, arguments,
     ],
 )
 def test_options_that_contradict_are_refused(capsys, tmp_path, options, named):
+    """Give contradicting options: exit code 2, the option is named, and no folder is written."""
     code, out, err = run(capsys, "generate", URDF, "--no-build", "--output", tmp_path, *options)
     assert (code, out) == (2, "")
     assert named in err
@@ -226,6 +232,7 @@ def test_options_that_contradict_are_refused(capsys, tmp_path, options, named):
 @pytest.mark.slow
 @pytest.mark.usefixtures("unoptimised")
 def test_another_robot_in_the_folder_is_refused(capsys, tmp_path):
+    """Generate another q, tip or tool into the same folder: refused, and the files stay as they were."""
     small = ("--kernels", "limits", "--no-controller", "--no-batches")
     generate = ("generate", URDF, "--no-build", "--output", tmp_path, *small)
     assert run(capsys, *generate)[0] == 0
@@ -263,6 +270,7 @@ def stiffgen_process(*arguments, **options):
     ids=["help", "inspect, unbuffered", "help, unbuffered", "inspect"],
 )
 def test_standard_output_that_cannot_be_written(arguments, unbuffered, monkeypatch):
+    """Write to a full disk, a closed pipe and a closed output: no traceback, and exit codes as other programs have."""
     monkeypatch.setenv("PYTHONUNBUFFERED", unbuffered)
     reading, writing = os.pipe()
     os.close(reading)
@@ -306,6 +314,8 @@ def test_a_signal_leaves_nothing_behind(tmp_path):
 
 @pytest.mark.slow
 def test_a_full_disk(capsys, tmp_path, monkeypatch):
+    """Let each write fail for lack of room: exit code 2, the reason, and nothing left behind."""
+
     def full(self, *arguments, **options):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self))
 
@@ -336,6 +346,7 @@ def test_any_character_in_the_output_folder(tmp_path, name):
 
 @pytest.mark.parametrize("damage", ["{", "[]", '{"generator": "stiffgen", "files": {}}', "no text \\0"])
 def test_a_damaged_manifest_is_one_sentence(damage, capsys, robot_folder, tmp_path):
+    """Damage the manifest: exit code 2 and one line that names the file."""
     folder = tmp_path / "iiwa14"
     shutil.copytree(robot_folder, folder)
     (folder / "manifest.json").write_text(damage)

@@ -43,6 +43,7 @@ def script(shell: str, capsys: pytest.CaptureFixture[str]) -> str:
 def test_bash_completes(
     words: list[str], completed: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    """Complete words in bash by the printed script: options, commands and values."""
     file = tmp_path / "stiffgen.bash"
     file.write_text(script("bash", capsys))
     command = COMPLETE.format(script=file, words=" ".join(words))

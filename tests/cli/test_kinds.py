@@ -25,6 +25,7 @@ def test_all_kernels_agree_on_every_kind(capsys: pytest.CaptureFixture[str]) -> 
 
 
 def test_each_smallest_robot_is_of_its_kind(tmp_path: Path) -> None:
+    """Check that the smallest robots have the kinds named, and together all functions of the iiwa 14."""
     chains = {name: kind.chain(tmp_path) for name, kind in KINDS.items()}
     for name, chain in chains.items():
         assert name not in lacking_kinds(chain)

@@ -54,6 +54,7 @@ def test_verify_ends_with_the_verdict_at_a_terminal(
 
 
 def test_long_commands_name_their_usual_time(capsys: pytest.CaptureFixture[str]) -> None:
+    """Look for the usual time in help texts, Makefile and page; the last two must agree."""
     assert re.search(TIME, COMMANDS["verify"][1])
     with pytest.raises(SystemExit):
         main(["--help"])
@@ -83,6 +84,7 @@ PARTS = (["log.csv"], ["--robot", "generated/arm"], ["--task-stiffness", *"12345
 
 @pytest.mark.parametrize("parts", list(permutations(PARTS)), ids=lambda parts: "-".join(part[0] for part in parts))
 def test_arguments_of_analyze_in_any_order(parts: tuple[list[str], ...], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Give the arguments of `analyze` in each order: the six stiffnesses must not swallow the file's name."""
     seen: list[AnalysisOptions] = []
 
     def run_analysis(options: AnalysisOptions) -> None:

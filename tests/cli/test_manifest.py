@@ -57,6 +57,7 @@ def manifest(folder):
 @pytest.mark.slow
 @pytest.mark.parametrize("case", HOSTILE)
 def test_hostile_manifests(case, folder, manifest, capsys):
+    """Open a hostile manifest: exit code 2, a short message without escape codes, and no traceback."""
     manifest.write_text(HOSTILE[case](json.loads(manifest.read_text())))
     assert main(["play", str(folder)]) == 2
     err = capsys.readouterr().err

@@ -38,6 +38,7 @@ COMMANDS = {
 @pytest.mark.slow
 @pytest.mark.parametrize("command", COMMANDS)
 def test_named_by_every_command(command, tmp_path, monkeypatch, capsys) -> None:
+    """Leave limits out of a URDF: each command names the joints, and where to write the limit."""
     arm(tmp_path, velocity=("A2", "A5"), effort=("A7",))
     monkeypatch.chdir(tmp_path)
     assert main(COMMANDS[command]) == 0

@@ -25,6 +25,7 @@ OLD = [(command, option) for command, options in REPLACED.items() for option in 
 
 @pytest.mark.parametrize(("command", "option"), OLD)
 def test_what_takes_its_place_is_named(command: str, option: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Give an option of an older release: exit code 2, and the option that replaces it is named."""
     with pytest.raises(SystemExit) as ended:
         main([command, *PLACES[command], f"{option}=1"])
     error = capsys.readouterr().err.splitlines()[-1]
@@ -35,6 +36,7 @@ def test_what_takes_its_place_is_named(command: str, option: str, capsys: pytest
 
 @pytest.mark.parametrize("command", REPLACED)
 def test_old_options_are_gone_and_new_ones_are_there(command: str) -> None:
+    """Compare the table of replaced options with the parser: old ones unknown, named ones known."""
     parser = CommandParser(prog=command)
     import_module(f"stiffgen.{COMMANDS[command][0]}").add(parser)
     known = set(parser._option_string_actions)

@@ -119,6 +119,7 @@ def test_names_are_whole_in_a_narrow_terminal(width, described, tmp_path, monkey
 
 
 def test_hindrances(described):
+    """Survey tips that have no chain: each states why, and what would still be possible."""
     assert survey_tip(described(ARM), "base").hindrance == "no moving joint"
     heavy = survey_tip(described(ARM.replace('izz="0.03"', 'izz="0.5"', 1)), "finger")
     assert heavy.hindrance.startswith("only with --no-masses: link 'upper'") and len(heavy.coordinates) == 3
@@ -130,6 +131,7 @@ def test_hindrances(described):
 
 
 def test_the_command_shows_parents_tips_and_what_is_left_out(tmp_path, capsys):
+    """Print the survey of an arm with a leg: joints with their links, coordinates of each tip, and joints left out."""
     urdf = tmp_path / "arm.urdf"
     urdf.write_text(OTHER_LIMB.replace("</robot>", FREE.format("floating")))
     assert main(["inspect", str(urdf)]) == 0
@@ -147,6 +149,7 @@ def test_the_command_shows_parents_tips_and_what_is_left_out(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_generate_warns_of_what_is_beside_the_chain(tmp_path, capsys):
+    """Misspell an element of another limb: `generate` warns, and `inspect` lists the fault."""
     urdf = tmp_path / "arm.urdf"
     urdf.write_text(
         OTHER_LIMB.replace('<joint name="hip" type="revolute">', '<joint name="hip" type="revolute"><orgin/>')

@@ -42,6 +42,7 @@ def folder(tmp_path: Path, unoptimised) -> Path:
 
 @pytest.mark.slow
 def test_only_trusted_verification_runs_the_source(folder, monkeypatch, capsys):
+    """Open a folder whose potential has side effects: its source runs only after --trust-potentials or "y"."""
     escaped = folder.parent / "escaped"
     assert "bowl" in repr(open_robot(folder))
     with monkeypatch.context() as patched:

@@ -30,6 +30,7 @@ def loaded(code: str) -> set[str]:
     ],
 )
 def test_what_an_import_loads(code: str, needed: set[str]) -> None:
+    """Import parts of the package: a heavy dependency must not be loaded before it is needed."""
     assert loaded(code) <= needed
 
 
@@ -50,6 +51,7 @@ stiffgen.analyze("log.npz", {folder!r}, np.diag([300.0] * 3 + [20.0] * 3), figur
 def test_a_finished_folder_needs_no_reader_and_no_printer(
     use: str, most: int, robot_folder: Path, tmp_path: Path
 ) -> None:
+    """Use a generated folder: generator and reader stay unloaded, and few modules are loaded."""
     place = {"folder": str(robot_folder), "parent": str(robot_folder.parent), "name": robot_folder.name}
     code = f"import sys, stiffgen\n{use.format(**place)}\nprint(*(m for m in sys.modules if m.startswith('stiffgen')))"
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)

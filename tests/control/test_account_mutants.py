@@ -71,6 +71,7 @@ def kernels(once: Once) -> tuple[str, ...]:
 @pytest.mark.slow
 @pytest.mark.parametrize("mutant", MUTANTS)
 def test_the_adversary_sees(mutant: str, kernels: tuple[str, ...], tmp_path: Path) -> None:
+    """Seed a fault in the energy account: random schedules must put out more energy than allowed."""
     robot = tmp_path / "iiwa14"
     shutil.copytree(ROOT / "generated" / "iiwa14", robot)
     source, (old, new) = robot / "iiwa14_impedance.c", MUTANTS[mutant]

@@ -38,11 +38,11 @@ def wrapped(q: Any) -> np.ndarray:
 
 
 def spin(robot: ModuleType, shown: Any, commanded: Any, steps: int = 3000, **config: Any) -> list[Any]:
-    """Let the first joint make two turns, the last one back, under a load."""
+    """Let the first joint make two turns, the last one back, under a load; `steps` are samples of 1 ms."""
     controller, arm, outs = robot.Impedance(**STATED, tip_velocity_limit=(10.0, 20.0), **config), Arm(robot, START), []
     for k in range(steps):
-        q0 = START + max(0.0, 1e-3 * (k - 200)) * np.array([4.0, 0.0, -3.0])
-        pushed = np.array([8.0, -5.0, 3.0, 0, 0, 0]) * (k > 1000)
+        q0 = START + max(0.0, 1e-3 * (k - 200)) * np.array([4.0, 0.0, -3.0])  # rates [rad/s] from 0.2 s on
+        pushed = np.array([8.0, -5.0, 3.0, 0, 0, 0]) * (k > 1000)  # wrench [N, N m] on the tip from 1 s on
         outs.append(controller.step(q=shown(arm.q), dq=arm.dq, q0=commanded(q0, k), counter=k, **SPRING))
         arm.step(outs[-1].torque, pushed)
     return outs
@@ -99,6 +99,7 @@ def test_a_gap_in_which_the_turn_is_lost_costs_the_most(turning: ModuleType) -> 
     (part("two", "three", "prismatic", more=MIMIC.format("1")), [0, 0]),
 ])  # fmt: skip
 def test_gears_and_screws_are_not_the_same_a_turn_farther(last: str, turns: list[int], tmp_path: Path) -> None:
+    """Let another joint follow the turning one: a turn is the same place only for whole multipliers and no screw."""
     chain = turning_arm(last).load(tmp_path)
     page = controller_page("small", chain, DOUBLE, Placement(), bounded=False)
     assert page is not None and page.turns == turns

@@ -43,6 +43,7 @@ def test_bounds_are_kept(robot: ModuleType) -> None:
 
 
 def test_refusals(robot: ModuleType) -> None:
+    """Give poses out of reach, matrices that are no pose, and bad starts: None or an error, never a wrong posture."""
     pose = robot.forward_kinematics(START)
     beyond = pose.copy()
     beyond[:3, 3] *= 3.0

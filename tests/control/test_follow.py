@@ -216,6 +216,7 @@ def test_the_scara_folds_and_comes_back(made: Any) -> None:
 
 @pytest.mark.slow
 def test_a_quill_stops_before_its_end_and_comes_back(made: Any) -> None:
+    """Ask for 0.01 m before a limit: the follower stops 0.02 m before it, reports UNREACHABLE, and comes back."""
     robot, q = made(*SCARA), np.array([0.3, -0.7, 0.1, 1.0])
     follow, near = robot.Follow(q, sample_time=1e-3), q - np.array([0.0, 0.0, 0.09, 0.0])
     _, status = follow.run(pose=held(robot.forward_kinematics(near), 4.0), posture=near)
@@ -306,6 +307,7 @@ BAD_POSES = {
 
 @pytest.mark.parametrize("bad", BAD_POSES)
 def test_a_pose_is_refused_and_the_last_good_one_counts(robot: ModuleType, bad: str) -> None:
+    """Give a bad pose in every second sample: q0 stays that of the good poses, to the bit."""
     start = robot.forward_kinematics(Q)
     goal, (spoil, message) = moved(start, (0.05, 0.0, 0.0)), BAD_POSES[bad]
     follow, undisturbed = (robot.Follow(Q, sample_time=1e-3) for _ in range(2))
@@ -339,6 +341,7 @@ def test_a_rotation_in_single_precision_is_made_orthonormal(robot: ModuleType) -
     ],
 )
 def test_a_configuration_is_refused(robot: ModuleType, fields: dict[str, Any], message: str) -> None:
+    """Give impossible settings: each is refused and named when the follower is made."""
     with pytest.raises(ValueError, match=message):
         robot.Follow(Q, **{"sample_time": 1e-3, **fields})
     with pytest.raises(TypeError, match="there are: sample_time"):

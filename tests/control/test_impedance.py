@@ -25,6 +25,7 @@ AT_REST: dict[str, Any] = {"q": Q, "dq": np.zeros(7), "q0": Q, **SPRING}
 
 
 def test_at_most_twenty_fields_and_each_has_a_reason() -> None:
+    """Check the configuration: at most 20 fields, each with unit and reason, and the header says them."""
     everywhere = [field for field in CONFIG if not field.when]
     assert len(everywhere) <= 20
     assert all(field.reason for field in CONFIG)
@@ -49,6 +50,7 @@ def test_what_has_no_default_is_named(robot: ModuleType, name: str) -> None:
 
 
 def test_a_field_that_does_not_exist_or_is_out_of_range(robot: ModuleType) -> None:
+    """Give unknown fields and values out of range: the error names the field and what it takes."""
     with pytest.raises(TypeError, match="no configuration field 'engagement_limit'; there are: sample_time"):
         robot.Impedance(**ARM, engagement_limit=1.0)
     with pytest.raises(ValueError, match="damping_ratio: must lie between 0 and 2"):
@@ -60,6 +62,7 @@ def test_a_field_that_does_not_exist_or_is_out_of_range(robot: ModuleType) -> No
 
 
 def test_a_configuration_is_kept(robot: ModuleType) -> None:
+    """Assign to a configuration in use: refused, and restart() takes the change and keeps the other fields."""
     controller = robot.Impedance(**ARM)
     with pytest.raises(AttributeError, match=r"damping_ratio: a controller keeps its configuration; restart\(torque"):
         controller.config.damping_ratio = 1.0
@@ -82,6 +85,7 @@ OLD = {
 
 @pytest.mark.parametrize("name", OLD)
 def test_old_arguments_are_told_the_new_line(robot: ModuleType, name: str) -> None:
+    """Pass an argument of an older release: the error says the line to write now."""
     value, words = OLD[name]
     controller = robot.Impedance(**ARM)
     with pytest.raises(TypeError, match=words):
@@ -112,6 +116,7 @@ def held_away(robot: ModuleType, **config: Any) -> tuple[Any, Any]:
 
 
 def test_a_counter_that_stands_still_ends_the_account(robot: ModuleType) -> None:
+    """Stop the counter for 0.6 s: the controller goes limp (CLOCK), and brakes once the counter moves again."""
     controller, last = held_away(robot)
     for k in range(600):
         out = controller.step(**AT_REST | {"q0": Q + 0.1}, counter=599)
@@ -180,6 +185,7 @@ def test_a_refusal_has_command_entry_seen_and_limit(robot: ModuleType, name: str
 
 
 def test_a_refused_command_warns_once_or_raises(robot: ModuleType) -> None:
+    """Command q0 beyond the limits: one warning for three samples, or an exception with errors="raise"."""
     controller = robot.Impedance(**ARM)
     with pytest.warns(robot.CommandWarning, match="beyond the joint's limit") as told:
         for k in range(3):
@@ -223,6 +229,7 @@ def test_damping_is_that_of_the_modes(robot: ModuleType) -> None:
 
 
 def test_a_q0_in_a_limit_zone_is_followed_to_the_zone(robot: ModuleType) -> None:
+    """Command q0 beyond a joint limit: the reference stops 0.1 rad before it, where the limit zone begins."""
     controller, arm = robot.Impedance(**ARM), Arm(robot, Q)
     goal = Q.copy()
     goal[5] = robot.UPPER[5] + 0.05
@@ -235,6 +242,7 @@ def test_a_q0_in_a_limit_zone_is_followed_to_the_zone(robot: ModuleType) -> None
 
 
 def test_a_restart_with_the_torque_in_force_has_no_jump(robot: ModuleType) -> None:
+    """Restart with the last torque: the next one differs by at most the torque rate limit times 1 ms."""
     controller, last = held_away(robot)
     controller.restart(last.torque, damping_ratio=1.0)
     out = controller.step(**AT_REST | {"q0": Q + 0.1}, counter=0)

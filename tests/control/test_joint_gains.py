@@ -18,6 +18,7 @@ def applied(command: Any, q: np.ndarray, dq: np.ndarray, q_des: Any, dq_des: Any
 
 
 def states(seed: int, count: int) -> Any:
+    """Yield random states with stiffness, damping and limits of gains, in SI units."""
     random = np.random.default_rng(seed)
     for _ in range(count):
         A, B = random.normal(size=(2, 7, 7))
@@ -32,6 +33,7 @@ def states(seed: int, count: int) -> Any:
 
 
 def test_the_split_is_exact_and_within_bounds(robot: ModuleType) -> None:
+    """Split torques into gains and feed-forward: their sum is exact, and each gain is the nearest allowed one."""
     bounded = set()
     for state in states(1, 50):
         gains = robot.joint_gains(**state)

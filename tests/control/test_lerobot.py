@@ -258,6 +258,7 @@ def test_a_hand_of_mjcf_is_fixed_and_actuators_are_off(plugin: ModuleType, tmp_p
 
 
 def test_a_hand_is_fixed(plugin: ModuleType) -> None:
+    """Simulate a Panda with its hand: seven positions only, and a torque moves its own joint."""
     names = [f"panda_joint{k}" for k in range(7, 0, -1)]
     start = np.array([0.1, 1.2, 0.3, -2.0, 0.5, 0.4, 0.7])
     arm = importlib.import_module(f"{plugin.__name__}.simulation").SimulatedArm(PANDA, names, start, 0.1, 1e-3)

@@ -36,6 +36,7 @@ class Library:
     """The compiled library with one controller."""
 
     def __init__(self, path: Path) -> None:
+        """Load the library and build the ctypes records of its header."""
         self.c: Any = ctypes.CDLL(str(path))
         known: dict[str, Any] = {}
         records = ("arm", "watch", "fault", "reference", "stiffness", "caller", "account")

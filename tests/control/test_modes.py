@@ -24,6 +24,7 @@ def test_modes_are_those_of_the_matrix(rows: int, tmp_path: Path) -> None:
 
 
 def test_pencils_are_formed(tmp_path: Path) -> None:
+    """Compare L^-1 K L^-T, where M = L L^T, with NumPy; a mass matrix that is not positive is refused."""
     matrices, random = Matrices(tmp_path, 7), np.random.default_rng(12)
     for K in spectra(random, 7, 60):
         M = symmetric(random, 10 ** random.uniform(-1.5, 1.5, 7))

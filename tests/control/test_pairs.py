@@ -22,6 +22,8 @@ Q = np.array([0.2, 0.5, 0.7, -0.4, 0.6])
 
 
 def made(once: Once, name: str, **options: Any) -> GeneratedRobot:
+    """Return a dual arm with the spring from its right to its left hand, generated once for all workers."""
+
     def make(folder: Path) -> None:
         chosen: dict[str, Any] = {
             "tip": ["left hand", "right-hand"],

@@ -96,6 +96,7 @@ def test_a_sample_is_refused_aloud(robot: ModuleType, changed: dict[str, Any], m
     ],
 )
 def test_a_configuration_is_refused(robot: ModuleType, fields: dict[str, Any]) -> None:
+    """Give impossible or unknown settings: each is refused when the law is made."""
     with pytest.raises(ValueError, match="must be finite"):
         robot.PaperLaw(**fields)
     with pytest.raises(TypeError, match="stiffness_cap"):
@@ -116,6 +117,7 @@ class InC:
     """The law in C: its structs with a configuration of defaults and a sample at rest in Q, and its functions."""
 
     def __init__(self, robot_folder: Path, once: Once) -> None:
+        """Compile the law, build the ctypes records of its header, and set defaults, posture and stiffness."""
         sources = [robot_folder / "iiwa14_paper.c"]
         made = once("paper-law", lambda folder: build_library(robot_folder, "iiwa14", folder, more=sources))
         self.library, known = ctypes.CDLL(str(next(made.glob("iiwa14_kernels*")))), dict[str, Any]()

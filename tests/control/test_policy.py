@@ -146,6 +146,7 @@ def test_a_stamp_ahead_of_the_clock_blocks_nothing(robot: ModuleType) -> None:
 
 
 def test_arguments_are_checked(robot: ModuleType) -> None:
+    """Give wrong settings, poses and shapes: each is refused before it reaches the controller."""
     with pytest.raises(TypeError, match="no setting 'hold'"):
         _port(robot, hold=1.0)
     with pytest.raises(ValueError, match="stale_share: must lie between 0 and 1"):

@@ -89,6 +89,7 @@ def test_lost_contact(robot: ModuleType, search: bool) -> None:
 
 
 def test_what_is_refused(robot: ModuleType) -> None:
+    """Give bad axes, forces [N] and wrenches: each is refused and named."""
     pressed = Pressed(robot)
     for match, inputs in (
         ("axis", {"axis": (0.0, 0.0, 0.0)}),

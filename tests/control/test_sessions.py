@@ -81,6 +81,7 @@ def test_the_folders_own_controller_runs(change: str, tmp_path: Path, monkeypatc
 
 @pytest.mark.parametrize("field", [field for field in CONFIG if not field.when], ids=lambda field: field.name)
 def test_every_changed_default_is_found(workshop: Workshop, field: Field, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Change one default of the C library: the rule "defaults" must notice the difference to the table."""
     call = ControllerLibrary.call
 
     def call_changed(library: ControllerLibrary, function: str, *arguments: Any) -> int:

@@ -59,6 +59,7 @@ def test_the_offset_grows_against_the_error(robot: ModuleType) -> None:
 
 
 def test_a_moved_pose_is_the_offset_after_the_wanted_one(robot: ModuleType) -> None:
+    """Compose the offset [m, rad], in base axes, with the wanted pose: that is the moved pose, up to rounding."""
     held = Held(robot)
     moved = held.run(600).pose
     offset = held.settle.offset

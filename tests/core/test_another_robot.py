@@ -36,6 +36,7 @@ def contents(folder: Path) -> dict[Path, bytes]:
 @pytest.mark.parametrize("names", PAIRS.values(), ids=PAIRS)
 @pytest.mark.parametrize("files", [("left.urdf", "right.urdf"), ("left/arm.urdf", "right/arm.urdf")])
 def test_robots_whose_names_become_one(names, files, tmp_path, capsys):
+    """Generate two robots whose names become one identifier: refused without --name, --output or force."""
     left, right = (written(tmp_path / file, name) for file, name in zip(files, names, strict=True))
     folder = stiffgen.generate(left, output=tmp_path / "out", **SMALL)
     before = contents(folder)
@@ -63,6 +64,7 @@ def test_files_of_one_name_of_robot(tmp_path):
 
 
 def test_arguments_of_one_template(tmp_path):
+    """Generate a template with another argument into the same folder: refused; the same argument again is taken."""
     pytest.importorskip("xacrodoc")
     text = chain_urdf("rr").replace("-0.02 0.3", "-0.02 $(arg length)", 1)
     head = '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="chain"><xacro:arg name="length" default="0.3"/>'

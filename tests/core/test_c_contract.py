@@ -40,6 +40,7 @@ MARKS = {
     ],
 )
 def test_compiles_without_a_warning(compiler, language, optimisation, compiled):
+    """Compile with strict warnings as errors, for each compiler, language and optimisation."""
     assert compiled(compiler, language, optimisation).exists()
 
 
@@ -178,6 +179,7 @@ int main(void)
     [pytest.param([], id="plain"), pytest.param(["-fsanitize=thread"], id="thread-sanitizer", marks=pytest.mark.slow)],
 )
 def test_eight_threads(flags, robot_folder, tmp_path):
+    """Call the functions from eight threads: equal results, and no data race for the thread sanitizer."""
     main = tmp_path / "main.c"
     main.write_text(THREADS)
     program = tmp_path / "program"

@@ -56,6 +56,7 @@ def test_arms_of_this_repository(robot):
     ],
 )
 def test_base_and_tip_anywhere(tmp_path, base, tip, names):
+    """Take a part of the arm as chain: coordinates and values are those of Pinocchio between the two links."""
     chain = loaded(tmp_path, ARM, base=base, tip=tip)
     assert [c.name for c in chain.coordinates] == names
     assert_agrees(chain, ARM)
@@ -92,6 +93,7 @@ MIMICS = {
 
 @pytest.mark.parametrize("name", MIMICS)
 def test_mimic(tmp_path, name):
+    """Let one joint follow another: two coordinates are left, with Pinocchio's values."""
     joint, mimic = MIMICS[name]
     head = f'<joint name="{joint}" type="{"prismatic" if joint == "grip" else "revolute"}">'
     text = replaced((head, head + mimic))
@@ -108,6 +110,7 @@ def test_a_multiplier_of_zero_makes_no_coordinate(tmp_path):
 
 
 def test_mimics_of_mimics_and_of_joints_off_the_chain(tmp_path):
+    """Chain two mimic relations to a joint off the path: multipliers, limits and values agree with Pinocchio's."""
     crank = (
         f'<link name="crank">{INERTIAL}</link><joint name="motor" type="revolute"><parent link="base"/>'
         '<child link="crank"/><axis xyz="0 1 1"/><limit lower="-0.5" upper="0.7" velocity="8" effort="9"/></joint>'
@@ -139,6 +142,7 @@ def test_a_follower_beside_the_chain_is_carried_at_its_offset(tmp_path):
 
 @pytest.mark.parametrize("kind", ["floating", "planar"])
 def test_floating_and_planar_joints(tmp_path, kind):
+    """Put a floating or planar joint into the path: refused with a base beyond it; beside the path it is no fault."""
     text = replaced(('name="grip" type="prismatic"', f'name="grip" type="{kind}"'))
     assert_agrees(loaded(tmp_path, text, tip="hand"), text)
     with pytest.raises(ChainError) as refusal:
@@ -169,6 +173,7 @@ def test_floating_and_planar_joints(tmp_path, kind):
     ],
 )
 def test_chains_that_do_not_exist(tmp_path, options, words):
+    """Ask for tips and bases that do not exist or have no joint between: refused, with those that are possible."""
     with pytest.raises(ChainError) as refusal:
         loaded(tmp_path, ARM, **options)
     assert str(refusal.value).startswith("arm.urdf")
@@ -184,6 +189,7 @@ def test_several_leaves_need_a_tip(tmp_path):
 
 
 def test_too_many_moving_joints(tmp_path):
+    """Give one joint more than the most allowed: refused, with the count."""
     count = MAX_MOVING_JOINTS + 1
     text = "".join(
         f'<link name="l{k}"/><joint name="j{k}" type="revolute"><parent link="l{k - 1}"/><child link="l{k}"/></joint>'
@@ -209,6 +215,7 @@ def test_many_turns(tmp_path, angle):
 
 
 def test_masses_left_out_on_request(tmp_path):
+    """Leave impossible masses out by masses=False: no function of masses is generated."""
     text = replaced(('izz="0.03"', 'izz="0.3"'))
     with pytest.raises(DescriptionError, match=r"'upper'.*masses=False"):
         loaded(tmp_path, text)
@@ -221,6 +228,7 @@ def test_masses_left_out_on_request(tmp_path):
 
 @pytest.mark.slow
 def test_forty_joints_are_generated_in_size(tmp_path):
+    """Generate the largest chain, 40 joints: values agree with Pinocchio, and the text grows linearly."""
     robot = None
     for seed in range(1000):
         robot = random_robot(Plain(seed), 40)

@@ -51,8 +51,10 @@ COMPARED = """
 @pytest.mark.parametrize("flags", ["-march=native", "-mavx2", "-msse2", "-DSTIFFGEN_NO_VECTORS"])
 @pytest.mark.parametrize("compiler", ["gcc", pytest.param("clang", marks=pytest.mark.slow)])
 def test_lanes_choose_as_numbers_do(compiler, flags, scalar, tmp_path):
+    """Compile the templates of comparisons and choices: lanes must give the bits of single numbers."""
     require_compiler(compiler)
     calls = {*OWN, *(f"{name}_lanes" for name in OWN), "masked"}
+    # The program: the templates' functions, and same(x), a vector with x in each lane.
     text = '{% from "choices.c.j2" import choices with context %}{% include "lanes.c" %}'
     text += "static inline lanes same(double x)\n{\n    lanes all;\n    for (int n = 0; n < LANES; ++n) {\n"
     text += "        ((double *)&all)[n] = x;\n    }\n    return all;\n}\n{{ choices(variant, calls) }}"
@@ -78,6 +80,7 @@ def test_lanes_choose_as_numbers_do(compiler, flags, scalar, tmp_path):
     includes = "#include <math.h>\n#define EXCESS_PRECISION 0\n"
     text = source + MAIN.replace("COMPARED", compared)
     if scalar is FLOAT:
+        # Least and largest numbers of single precision in place of those of double.
         text = text.replace("double", "float").replace("5e-324", "1e-45f").replace("1.7e308", "3e38f")
         text = text.replace("2.5", "2.5f")
     file.write_text(includes + text)

@@ -115,6 +115,7 @@ def test_appendix_uncorrected_stiffness_of_the_anthropomorphic_arm():
 
 
 def test_appendix_corrected_stiffness_of_the_anthropomorphic_arm():
+    """Compare with the closed form of the paper's appendix, by symbols: the corrected stiffness is symmetric."""
     q, Jr, s, c = anthropomorphic_arm()
     m = sp.Matrix(F[3:])
     kinematic = sp.Matrix.hstack(*(sp.diff(Jr.T, qi) * m for qi in q))

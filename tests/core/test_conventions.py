@@ -23,6 +23,9 @@ def pin():
 
 
 def test_pinocchio_frames_and_orders(pin, robot):
+    """Compare the three representations with Pinocchio's frames: LOCAL, WORLD, LOCAL_WORLD_ALIGNED; linear part
+    first.
+    """
     model, data, frame = pin
     pinocchio.computeJointJacobians(model, data, Q)
     for name, theirs in (

@@ -23,6 +23,8 @@ from support.chains import ARM, INERTIAL, replaced
 
 @pytest.fixture
 def read(tmp_path: Path):
+    """Return a function that writes a text to arm.urdf and reads it."""
+
     def reader(content: str | bytes) -> Description:
         file = tmp_path / "arm.urdf"
         file.write_bytes(content.encode() if isinstance(content, str) else content)
@@ -106,6 +108,7 @@ FAULTS = {
 
 @pytest.mark.parametrize("name", FAULTS)
 def test_every_fault_names_element_and_remedy(read, tmp_path, name):
+    """Put one fault into a URDF: the message names element and remedy, in few lines."""
     changes, words = FAULTS[name]
     text = replaced(*changes)
     problems = all_problems(read, text)
@@ -126,6 +129,7 @@ def test_a_faulty_bound_is_one_problem(read):
 
 
 def test_all_problems_at_once_also_those_of_the_file(read):
+    """Put six faults into a URDF: all are listed at once, not one per run."""
     everything = replaced(
         (' name="arm"', ""), ('xyz="0 1 0"', 'xyz="0 0 0"'), ('mass value="2"', 'mass value="-2"'),
         ('child link="hand"', 'child link="hands"'), ('effort="5"', 'effort="-5"'), ('velocity="4"', 'velocity="x"'),
@@ -210,6 +214,7 @@ def test_windows_line_ends(read):
     ],
 )
 def test_limits_left_out(read, limit, bounds):
+    """Leave limits out, in part or whole: a missing bound is 0 beside a stated one, else infinite."""
     elbow = read(replaced(('<limit lower="-1" upper="1" effort="20" velocity="4"/>', limit))).joints["elbow"]
     assert (elbow.lower, elbow.upper, elbow.velocity, elbow.effort) == bounds
 
@@ -231,6 +236,7 @@ def test_a_continuous_joint_has_no_bounds_whatever_the_file_says(read):
     ],
 )  # fmt: skip
 def test_axes_get_unit_length_and_exact_zeros(read, axis, expected):
+    """Read axes of any length: unit length, and tiny components (SNAP of geometry.py) become exactly 0."""
     got = read(replaced(('xyz="0 1 0"', f'xyz="{axis}"'))).joints["elbow"].axis
     assert np.allclose(got, expected, rtol=0, atol=2e-16)
     assert [v == 0 for v in got] == [v == 0 for v in expected]
@@ -312,6 +318,7 @@ REFUSED_BESIDE = {
 
 @pytest.mark.parametrize("name", BESIDE)
 def test_problems_beside_the_chain_are_warned_of(read, name, tmp_path):
+    """Put a fault beside the chain: a warning, and the chain is that of the sound file."""
     text = replaced(*BESIDE[name])
     description = read(text)
     assert description.problems
@@ -394,6 +401,7 @@ VENDORS = (  # of the joints of FR3, of Gen3 and others
 
 @pytest.mark.parametrize("added", VENDORS)
 def test_elements_of_a_vendor_pass_with_a_note(read, tmp_path, added):
+    """Add unknown elements of vendors: a note and a warning, and the chain is that of the sound file."""
     description = read(replaced(('<axis xyz="0 1 0"/>', f'<axis xyz="0 1 0"/>{added}')))
     assert not description.problems
     assert len(description.notes) == added.count("><") - ("inner" in added) * 2 + 1
@@ -403,6 +411,7 @@ def test_elements_of_a_vendor_pass_with_a_note(read, tmp_path, added):
 
 
 def test_an_element_that_resembles_a_known_one_is_ignored_by_name(read, tmp_path):
+    """Misspell an element: refused, unless the user names it in `ignore`."""
     read(replaced(('<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><axles/>')))
     file = tmp_path / "arm.urdf"
     with pytest.raises(DescriptionError, match=r"<axles> is no element of <joint>.*<axis>.*ignore=\[.axles.\]"):
@@ -442,6 +451,7 @@ def test_what_is_repeated_word_for_word_passes(read):
 
 
 def test_a_follower_of_a_broken_follower_is_refused(read):
+    """Let a joint follow one whose own mimic relation is broken: refused, as its position is unknown."""
     text = replaced(('<axis xyz="0 1 0"/>', '<mimic joint="grip"/>'), ('<axis xyz="1 0 0"/>', '<mimic joint="ghost"/>'))
     description = read(text)
     assert {problem.element for problem in description.problems} == {"joint elbow", "joint grip"}
@@ -473,6 +483,7 @@ def test_a_follower_of_a_broken_follower_is_refused(read):
     ],
 )  # fmt: skip
 def test_files_that_are_no_urdf(read, content, words):
+    """Read files that are no URDF: refused with what the file is and what to give."""
     with pytest.raises(DescriptionError) as refusal:
         read(content)
     message = str(refusal.value)

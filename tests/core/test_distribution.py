@@ -36,6 +36,7 @@ def tracked(*folders: str) -> set[str]:
 
 @pytest.mark.slow
 def test_the_wheel_has_the_whole_package_and_nothing_else(built: Path) -> None:
+    """Compare the wheel with the committed files, byte by byte: a missing data file fails at the user's."""
     (wheel,) = built.glob("*.whl")
     assert wheel.name == f"stiffgen-{stiffgen.__version__}-py3-none-any.whl"
     with zipfile.ZipFile(wheel) as archive:

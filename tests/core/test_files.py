@@ -38,6 +38,7 @@ def planted(folder: Path) -> str:
     "file", ["__init__.py", "python/impedance.py", "numpy.py", "iiwa14_other.so", "extra/notes.txt"]
 )
 def test_nothing_of_a_folder_with_other_files_is_run(file: str, robot_folder: Path, tmp_path: Path) -> None:
+    """Plant code in a folder: `verify` reports the file and runs nothing of the folder."""
     folder = copy_folder(robot_folder, tmp_path)
     (folder / file).parent.mkdir(exist_ok=True)
     before = (folder / file).read_text() if (folder / file).exists() else ""
@@ -68,6 +69,7 @@ def test_evidence_is_a_regular_file(read: Callable[[Path], Any]) -> None:
 def test_bytecode_beside_the_sources_is_not_run(
     robot_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Plant bytecode with the stamp of its source: stiffgen's loader ignores it, Python's own would run it."""
     folder = copy_folder(robot_folder, tmp_path)
     source, other = next(folder.rglob("impedance.py")), tmp_path / "other.py"
     other.write_text(source.read_text() + planted(folder))
@@ -92,6 +94,7 @@ def texts() -> dict[str, str]:
 
 @pytest.mark.parametrize("file", ["iiwa14.c", "iiwa14.hpp", "README.md", "manifest.json"])
 def test_digests_stamped_again_do_not_hide_a_change(file: str, texts: dict[str, str], tmp_path: Path) -> None:
+    """Change a file and its digest: `verify` still finds the change, by printing the robot again."""
     folder = copy_folder(FOLDER, tmp_path)
     assert check_text(open_robot(folder), texts).passed
     (folder / file).write_text((folder / file).read_text().replace("iiwa14.urdf", "iiwa15.urdf"))
@@ -113,6 +116,7 @@ def evidence(kind: str, folder: Path, **changed: Any) -> dict[str, Any]:
 
 @pytest.mark.parametrize("kind", ["proofs", "targets"])
 def test_evidence_covers_every_source(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Remove a source's digest from the evidence: refused, as that source may have changed."""
     read: Callable[..., Any] = filed_for if kind == "proofs" else targets_for
     file, robot, whole = tmp_path / "evidence.json", open_robot(FOLDER), evidence(kind, FOLDER)
     file.write_text(json.dumps(whole))
@@ -141,6 +145,7 @@ def test_evidence_covers_every_source(kind: str, tmp_path: Path, capsys: pytest.
     ],
 )
 def test_evidence_with_unknown_values_is_refused(kind: str, changed: dict[str, Any], tmp_path: Path) -> None:
+    """Give evidence with values of the wrong kind: refused instead of printed."""
     file = tmp_path / "evidence.json"
     file.write_text(json.dumps(evidence(kind, FOLDER, **changed)))
     read: Callable[..., Any] = filed_for if kind == "proofs" else targets_for
@@ -161,6 +166,7 @@ def test_a_folder_is_intact_by_whatever_path_it_is_named(
 
 @pytest.mark.parametrize("file", ["../outside.h", "python/../../outside.h", "{}/outside.h"])
 def test_a_manifest_names_no_file_outside_of_its_folder(file: str, robot_folder: Path, tmp_path: Path) -> None:
+    """List a file outside of the folder in the manifest: counted as missing, not read."""
     folder = copy_folder(robot_folder, tmp_path)
     (tmp_path / "outside.h").write_text("")
     manifest = json.loads((folder / "manifest.json").read_text())

@@ -92,6 +92,7 @@ def folder(once):
 
 
 def compiled(build: tuple, folder: Path, target: Path) -> subprocess.CompletedProcess[str]:
+    """Compile iiwa14.c of a folder to a shared library with one build's compiler and flags."""
     compiler, flags = build[:2]
     command = [
         require_compiler(compiler),
@@ -115,6 +116,7 @@ def test_refused(build, folder, tmp_path):
 @pytest.mark.slow  # the build with clang and a small robot, below, finds the same
 @pytest.mark.parametrize("build", FOUND, ids=named)
 def test_found_by_the_self_check(build, folder, tmp_path):
+    """Compile with flags that break the arithmetic: the self-check returns the number of the broken property."""
     text = kernel_text(folder, "iiwa14")
     if "NO_BARRIER" in build[1]:  # the code as it would be without what makes it independent of the order of sums
         text = text.replace("__asm__", "(void)").replace('(void)("" : "+x"(x))', "(void)0")

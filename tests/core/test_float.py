@@ -36,6 +36,8 @@ ALLOWED = {"sinf", "cosf", "sincosf", "sqrtf", "fmaxf", "memcpy", "memset", "mem
 
 @pytest.fixture(scope="module")
 def folder(once):
+    """Return the folder of the iiwa 14 in single precision, built once for all workers."""
+
     def make(output):
         with pytest.MonkeyPatch.context() as patch:
             patch.setenv("CFLAGS", "-O1")  # compiles in half the time
@@ -147,6 +149,7 @@ def test_no_error_is_beyond_its_bound(floats, robot, chain):
 
 
 def test_header_and_manifest_state_type_and_bounds(folder, chain):
+    """Compare type and rounding bound in header and manifest with those computed anew."""
     manifest, header = json.loads((folder / "manifest.json").read_text()), (folder / f"{NAME}.h").read_text()
     assert manifest["scalar"] == "float" and open_robot(folder).scalar == FLOAT
     assert "Single precision" in header and "up to 6000 rad" in header and "to 6 digits" in header
@@ -256,6 +259,7 @@ def test_flags_are_refused_found_or_harmless(compiler, flags, verdict, few, tmp_
 
 
 def test_two_types_in_one_program(folder, robot_folder, tmp_path):
+    """Link a robot in floats with one in doubles: both work, and differ by rounding alone."""
     (tmp_path / "main.c").write_text(
         f'#include "iiwa14.h"\n#include "{NAME}.h"\n#include <stdio.h>\nint main(void)\n{{\n'
         "    const double q[7] = {0.5};\n    const float p[7] = {0.5f};\n    double a[16];\n    float b[16];\n"
@@ -274,6 +278,7 @@ def test_two_types_in_one_program(folder, robot_folder, tmp_path):
 
 
 def test_cpp_takes_floats_and_refuses_doubles(folder, tmp_path):
+    """Compile C++ with arrays of floats, and with doubles, which the compiler refuses with a clear message."""
     text = (
         f'#include "{NAME}.hpp"\n#include <cstdio>\nint main()\n{{\n    const std::array<NUMBER, 7> q{{}};\n'
         f"    const auto pose = {NAME}::forward_kinematics(q);\n"
@@ -294,6 +299,7 @@ def test_cpp_takes_floats_and_refuses_doubles(folder, tmp_path):
 
 
 def test_numpy_converts_and_can_refuse_to(floats):
+    """Call with lists, float64 and integers, which are converted; casting="safe" and complex numbers are refused."""
     q = [0.1] * 7
     expected = floats.forward_kinematics(np.array(q, np.float32))
     assert expected.dtype == np.float32
@@ -330,6 +336,8 @@ def test_sines_of_some_floats(folder, tmp_path):
 
 
 def test_what_needs_doubles_is_refused(folder, tmp_path, capsys):
+    """Ask for what single precision cannot do: exit code 2, the reason, and nothing written."""
+
     def refusal(*arguments):
         assert main([*map(str, arguments)]) == 2
         return capsys.readouterr().err.splitlines()[-1]

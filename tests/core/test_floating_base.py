@@ -169,6 +169,7 @@ def free_flyer(tree):
 
 
 def test_pinocchio(tree):
+    """Compare bias forces and Jacobians of a floating robot with Pinocchio's, with gravity and without."""
     model, data, order = free_flyer(tree)
     q, v = pin.neutral(model), np.zeros(model.nv)
     q[:7] = pin.SE3ToXYZQUAT(pin.SE3(tree.base[:3, :3], tree.base[:3, 3]))
@@ -190,6 +191,7 @@ def test_pinocchio(tree):
 
 
 def test_a_floating_root_joint_is_the_base(tree, tmp_path):
+    """Declare the floating base by a root joint: the same chain as by the option floating_base."""
     text = tree.file.read_text()
     world = (
         '<link name="world"/><joint name="free" type="floating"><parent link="world"/><child link="pelvis"/></joint>'
@@ -204,6 +206,7 @@ def test_a_floating_root_joint_is_the_base(tree, tmp_path):
 
 
 def test_what_moves_before_a_floating_joint_refuses_it(tree, tmp_path):
+    """Put a moving joint above the floating one: refused, with the base to choose."""
     text = tree.file.read_text()
     before = (
         '<link name="world"/><link name="cart"/><joint name="rail" type="prismatic"><parent link="world"/>'
@@ -229,6 +232,7 @@ ROBOTS = {
 
 
 def urdf_of(robot):
+    """Return the file of a robot of the test data or of example-robot-data; skip without it."""
     if (DATA / robot).exists():
         return DATA / robot
     try:
@@ -278,6 +282,8 @@ def test_real_robots(robot, tmp_path):
 
 
 def test_texts_name_the_world_and_a_users_docstring_stays():
+    """Check the texts of a floating robot: "world" in place of "base", except in a user's own docstring."""
+
     def own(p, R, parameters):
         """Act in base axes, in the base frame."""
         return p[0] ** 2

@@ -37,6 +37,7 @@ def python(code, cwd, **environment):
 
 
 def test_the_next_run_removes_what_a_killed_one_left(tmp_path, monkeypatch):
+    """Kill a run: the next one removes its temporary folders, and none that is still in use."""
     temporary = tmp_path / "tmp"
     temporary.mkdir()
     monkeypatch.setenv("TMPDIR", str(temporary))
@@ -80,6 +81,7 @@ def test_swaps_at_the_same_time(tmp_path, fallback):
 
 
 def test_a_swap_in_one_step_where_the_system_has_it(tmp_path):
+    """Exchange two folders in one step on Linux; with an absent one, report that it did not happen."""
     one, other = tmp_path / "one", tmp_path / "other"
     one.mkdir()
     other.mkdir()
@@ -143,6 +145,7 @@ def test_an_error_elsewhere_does_not_blame_the_output(tmp_path):
     ],
 )
 def test_the_remedy_fits_the_error(number, remedy):
+    """Give errors of the file system: each message has the remedy of its error."""
     message = str(folder.unwritable(Path("arm"), OSError(number, os.strerror(number))))
     assert message.startswith(f"arm: cannot be written ({os.strerror(number)}); {remedy}")
     assert ("room" in message) == (number == errno.ENOSPC)

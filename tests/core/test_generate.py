@@ -126,6 +126,7 @@ def test_unbuilt_folder_says_what_to_do(tmp_path):
 
 
 def test_regenerating_replaces_the_folder(tmp_path):
+    """Generate over an edited folder: exactly the files of a fresh one, readable by others."""
     folder = tmp_path / "iiwa14"
     shutil.copytree(ROOT / "generated" / "iiwa14", folder, ignore=shutil.ignore_patterns("*.so", "__pycache__"))
     (folder / "iiwa14.c").write_text("edited")
@@ -138,6 +139,7 @@ def test_regenerating_replaces_the_folder(tmp_path):
 
 @pytest.mark.parametrize("content", [{}, {"notes.txt": "mine"}, {"manifest.json": "{}"}, {"manifest.json": "[1]"}])
 def test_foreign_folders_are_never_overwritten(content, tmp_path):
+    """Generate over a folder of the user: refused, and nothing in it changes."""
     target = tmp_path / "iiwa14"
     target.mkdir()
     for file, text in content.items():
@@ -166,6 +168,7 @@ def test_a_link_or_file_in_the_way(tmp_path):
 
 @pytest.mark.parametrize("existing", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_a_failing_compiler_leaves_nothing_behind(existing, tmp_path, monkeypatch):
+    """Let the compiler fail: its words are shown, and the folder stays as it was."""
     output = tmp_path / "out"
     if existing:
         stiffgen.generate(URDF, output=output, build=False, **SMALL)
@@ -186,6 +189,7 @@ def test_a_failing_compiler_leaves_nothing_behind(existing, tmp_path, monkeypatc
 
 
 def test_a_missing_compiler_is_named(tmp_path, monkeypatch):
+    """Generate without a C compiler: refused with the variable to set and the option to build later."""
     monkeypatch.setenv("CC", "no-such-cc")
     with pytest.raises(BuildError, match=r"no-such-cc.*set CC.*build=False"):
         stiffgen.generate(URDF, output=tmp_path, **SMALL)
@@ -221,6 +225,7 @@ def test_unusable_names_are_refused(name, tmp_path):
 
 @pytest.mark.usefixtures("unoptimised")
 def test_another_name_prefixes_everything(tmp_path):
+    """Generate under another name: all identifiers have it as prefix, and none the old one."""
     folder = stiffgen.generate(URDF, output=tmp_path, name="left_arm", controller=False, batches=False)
     header = (folder / "left_arm.h").read_text()
     assert "LEFT_ARM_DOF 7" in header

@@ -96,6 +96,7 @@ def test_other_values_are_refused_by_the_options_name(name: str, arm: Path) -> N
 
 
 def test_options_of_generation(arm: Path, tmp_path: Path) -> None:
+    """Pass options of wrong type or spelling: refused with the one that was meant."""
     cases: list[tuple[dict[str, Any], str]] = [
         ({"spring": "bounded"}, r"generate\(\) has no option spring=\.\.\.; did you mean springs="),
         ({"springs": "bouned"}, "there is no spring 'bouned'"),
@@ -125,6 +126,7 @@ def test_names_that_no_file_has(source: Any) -> None:
 
 
 def test_a_calibration_with_endless_numbers(tmp_path: Path) -> None:
+    """Read calibrations with infinite, NaN or absurd values: refused, without an overflow."""
     zeros: dict[str, Any] = {
         "bias": 6, "payload": 4, "bias_interval": 6, "payload_interval": 4, "drift": 6, "noise": 6, "rotation": 3,
         "rotation_interval": 3,

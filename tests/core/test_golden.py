@@ -14,6 +14,7 @@ GOLDEN_KEYS = ("jacobian", "kinematic_stiffness", "connection_correction", "join
 
 
 def arguments(name, sample):
+    """Return the arguments of a function at a golden sample."""
     return {
         "forward_kinematics": (sample.q,),
         "jacobian": (sample.q,),
@@ -26,6 +27,7 @@ def arguments(name, sample):
 
 
 def reference(rep, name, sample):
+    """Return the golden value of a function; the uncorrected stiffness is J^T K J plus the kinematic one."""
     golden = sample.by[rep]
     if name == "connection_correction":
         return golden["gamma_F"]
@@ -59,6 +61,7 @@ def test_pose(golden, model, robot):
 
 
 def test_joint_hessian_of_the_golden_potential(golden, model, robot):
+    """Compare the joint stiffness with the Hessian of a potential, in body and in hybrid form."""
     for sample in golden:
         potential = sample.potential
         data = potential["wrench_body"], potential["covariant_hessian_body"]
@@ -78,6 +81,7 @@ def test_joint_hessian_of_the_golden_potential(golden, model, robot):
     ],
 )
 def test_c_program(compiler, language, optimisation, golden, robot_folder, compiled, tmp_path):
+    """Compile a C program with each compiler, language and optimisation: golden values, up to rounding."""
     calls, expected = [], []
     for sample in golden:
         calls.append(("forward_kinematics", arguments("forward_kinematics", sample), 16))

@@ -20,6 +20,7 @@ def postures(count, n, seed):
 
 @pytest.mark.parametrize("rep", REPRESENTATIONS)
 def test_derivative_is_casadis_derivative_of_the_jacobian(rep, chain, model):
+    """Compare dJ^T/dq with CasADi's own derivative of the Jacobian, at 20 postures."""
     q = ca.SX.sym("q", chain.dof)
     jacobian = joint_jacobian(chain, q, representation=rep).result
     differentiated = ca.Function("dJ", [q], [ca.jacobian(ca.vec(jacobian), q)])
@@ -31,6 +32,7 @@ def test_derivative_is_casadis_derivative_of_the_jacobian(rep, chain, model):
 
 
 def test_jacobians_are_the_derivative_of_the_pose(chain, model):
+    """Compare the three Jacobians with twists from CasADi's derivative of the pose, at 20 postures."""
     q = ca.SX.sym("q", chain.dof)
     pose = forward_kinematics(chain, q).result
     rate = ca.Function("dH", [q], [ca.jacobian(ca.vec(pose), q), pose])

@@ -66,6 +66,7 @@ def test_every_chain(types, tmp_path, monkeypatch):
     ],
 )
 def test_derivatives(types, widths, options, tmp_path, monkeypatch):
+    """Check all oracles of robots whose rows do not fill the vectors, in one width each."""
     check_every_oracle(types, widths, "derivatives", tmp_path, monkeypatch, 3, derivatives=True, **options)
 
 

@@ -58,6 +58,7 @@ def test_size_and_warnings(folder, tmp_path):
 
 
 def test_values(folder):
+    """Compare the compiled functions of a long chain with CasADi's; joint stiffnesses are symmetric to the bit."""
     chain = stiffgen.load_chain(folder.parent.parent / "chain.urdf")
     robot = open_robot(folder).module
     checks = check_against_casadi(kernels_of(robot, chain), chain, 2, 0)

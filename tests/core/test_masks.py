@@ -28,6 +28,7 @@ def value(expression: ca.SX, symbols: list[ca.SX], *numbers: float) -> float:
     ],
 )
 def test_masks(mask, cases):
+    """Evaluate masks at numbers on both sides of their condition, and at NaN, which must stay NaN."""
     symbols = [ca.SX.sym("a"), ca.SX.sym("b")]
     for numbers, expected in (cases | {(NAN, 1.0): NAN, (1.0, NAN): NAN}).items():
         assert np.array_equal(value(mask(*symbols), symbols, *numbers), expected, equal_nan=True), numbers

@@ -165,6 +165,7 @@ def test_seeded_mistakes_leave_a_residual(loaded: tuple[Environment, Array]) -> 
 
 
 def test_stacks_and_no_moment(loaded: tuple[Environment, Array]) -> None:
+    """Pass leading dimensions, which broadcast, and no wrench, where nothing is corrected."""
     environment, pose = loaded
     F, Km = environment.measured("body", pose)
     one, many = stiffgen.measured_stiffness(Km, F, "body"), stiffgen.measured_stiffness([Km, Km.T], [[F], [F]], "body")
@@ -187,6 +188,7 @@ def test_stacks_and_no_moment(loaded: tuple[Environment, Array]) -> None:
     ],
 )
 def test_refusals(arguments: tuple[Any, ...], message: str) -> None:
+    """Pass wrong shapes or representations: refused, and the argument is named."""
     with pytest.raises(StiffgenError, match=f"^measured_stiffness: .*{message}"):
         stiffgen.measured_stiffness(*arguments)
 
@@ -217,6 +219,7 @@ def with_stiffnesses(kernels: Any, pool: dict[Argument, Array]) -> list[tuple[Ke
     ],
 )
 def test_every_function_of_casadi_uses_the_symmetric_part(chain: Chain, options: KernelOptions, least: int) -> None:
+    """Pass K plus an antisymmetric matrix to each function: the results are those of K, to the bit."""
     pool = argument_samples(chain, 2, 5, options)
     cases = with_stiffnesses(chain_kernels(chain, options), pool)
     assert len(cases) >= least

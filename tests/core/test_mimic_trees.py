@@ -42,6 +42,7 @@ def tree(seed: int) -> tuple[str, str, set[str]]:
 
 
 def drawn_tree(seed: int, source: random.Random) -> tuple[str, str, set[str]]:
+    """Return text, tip and kinds of couplings of a random tree of 5 to 9 joints, two of which may follow."""
     size = source.randint(5, 9)
     parents = [0, *(source.choice((k, source.randint(0, k))) for k in range(1, size))]
     path, link = set(), source.randint(2, size)
@@ -79,6 +80,7 @@ class Oracle:
     """Pinocchio's values at one state of the chain's coordinates; all other coordinates rest at zero."""
 
     def __init__(self, text: str, chain: Chain, seed: int) -> None:
+        """Build Pinocchio's model and draw q, dq and gravity [m/s^2]; `columns` are the coordinates in its order."""
         model = self.model = pin.buildModelFromXML(text, mimic=True)
         random_state = np.random.default_rng(seed)
         self.q, self.velocity = random_state.uniform(-2, 2, (2, chain.dof))
@@ -90,6 +92,9 @@ class Oracle:
         self.rates[self.columns] = self.velocity
 
     def values(self) -> dict[str, np.ndarray]:
+        """Return Pinocchio's mass matrix, bias forces, Coriolis forces and gravity torques in the chain's
+        coordinates.
+        """
         model, c = self.model, self.columns
         upper = np.triu(pin.crba(model, model.createData(), self.positions))
         mass = upper + np.triu(upper, 1).T
@@ -110,6 +115,7 @@ def error(computed: np.ndarray, reference: np.ndarray) -> float:
 
 @pytest.mark.parametrize("seed", ROBOTS)
 def test_dynamics_with_couplings_agree_with_pinocchio(seed: int, tmp_path: Path) -> None:
+    """Compare dynamics of random trees with mimic joints with Pinocchio's, and the Hessian with its differences."""
     text, tip, _ = tree(seed)
     (tmp_path / "tree.urdf").write_text(text)
     chain = load_chain(tmp_path / "tree.urdf", tip=tip)
@@ -155,6 +161,7 @@ GRIPPER = ARM + finger("left", 0.5, "1 0 0") + finger("right", 3, "-1 0 0", '<mi
 
 
 def test_the_other_finger_moves_its_mass_and_not_the_tip(tmp_path: Path) -> None:
+    """Let a second finger follow: both masses count (0.5 + 3 kg), and the tip's Jacobian is without it."""
     file = tmp_path / "gripper.urdf"
     file.write_text(GRIPPER)
     chain = load_chain(file, tip="left")
@@ -167,6 +174,7 @@ def test_the_other_finger_moves_its_mass_and_not_the_tip(tmp_path: Path) -> None
 
 
 def test_a_follower_before_the_base_is_refused(tmp_path: Path) -> None:
+    """Let a joint before the base follow one beyond it: refused, as its mass would be missing."""
     file = tmp_path / "gripper.urdf"
     file.write_text(
         GRIPPER.replace('<mimic joint="to_left"/>', "").replace(

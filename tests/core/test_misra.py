@@ -46,6 +46,7 @@ def found(source: Path, dump: Path) -> set[str]:
     [pytest.param(file, marks=pytest.mark.wide if file == KERNELS else (), id=name) for file, name in NAMES.items()],
 )
 def test_every_finding_is_argued(file: str, tmp_path: Path) -> None:
+    """Compare the findings of the MISRA checker with docs/misra.csv: no new kind, and no row without a finding."""
     files = [KERNELS, "iiwa14_batch.c"] if file == KERNELS else [file]
     kinds = set().union(*(found(FOLDER / each, tmp_path) for each in files))
     assert kinds - argued(file) == set(), "a new kind of finding: mend it, or argue it in docs/misra.csv"

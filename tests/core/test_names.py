@@ -38,12 +38,14 @@ SLOW = settings(derandomize=True, max_examples=500, deadline=None)
     ],
 )  # fmt: skip
 def test_the_rule(name, made):
+    """Compare identifiers made of names with those expected: reserved words, other scripts, long and empty ones."""
     assert identifier(name) == made
 
 
 @SLOW
 @given(ANY_TEXT | st.from_regex(r"\A[a-zA-Z0-9_]{0,60}\Z") | st.sampled_from(keyword.kwlist))
 def test_an_identifier_is_one_in_c_and_python_and_stays_as_it_is(name):
+    """Make identifiers of any text: valid in C and Python, and made again they stay."""
     made = identifier(name)
     assert re.fullmatch(r"[A-Za-z](_?[A-Za-z0-9])*", made)
     assert not keyword.iskeyword(made) and not keyword.issoftkeyword(made)
@@ -55,6 +57,7 @@ def test_an_identifier_is_one_in_c_and_python_and_stays_as_it_is(name):
     "name", ["", "a b", "../x", "int", "_x", "x_", "a__b", "é", "a" * 41, "stiffgen", "x\n", "\udcff"]
 )
 def test_a_chosen_name_is_checked_and_the_nearest_offered(name):
+    """Choose an invalid name: refused in one line that ends with a valid one."""
     with pytest.raises(StiffgenError) as refusal:
         checked_identifier(name)
     nearest = str(refusal.value).split()[-1]
@@ -84,6 +87,7 @@ def test_c_strings_hold_the_utf8_bytes(text):
 @SLOW
 @given(ANY_TEXT | st.sampled_from(["*/", "\\\n", "??/", '"""', "]](x)", "<script>", "`", "#]]", "@X@", "${x}"]))
 def test_comments_stay_comments(text):
+    """Put any text into a comment: no sequence is left that ends a comment in C, Python, CMake or HTML."""
     made = comment(text)
     assert 0 < len(made) <= 80
     assert made.isprintable() and made.isascii()

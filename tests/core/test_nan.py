@@ -37,12 +37,13 @@ def flat(value):
 @pytest.mark.parametrize("kernel", KERNELS, ids=lambda kernel: kernel.qualified_name)
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_every_dependent_entry_is_nan(kernel, value, chain, robot):
+    """Spoil one entry of one argument: exactly the entries of the result that depend on it become NaN."""
     samples = Samples(chain, 1, seed=2)
     arguments = [samples[argument][0] for argument in kernel.arguments]
     ufunc = kernels_of(robot, chain)[kernel.qualified_name]
     clean = flat(ufunc(*arguments))
     for index, argument in enumerate(arguments):
-        depends = dependence(chain, kernel, index)
+        depends = dependence(chain, kernel, index)  # (entries of the result, entries of the argument), bool
         for entry in range(argument.size):
             spoiled = [np.array(a) for a in arguments]
             spoiled[index].flat[entry] = value

@@ -52,6 +52,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.wide(instead="test_find_package_knows_its_version")
 def test_wheel_needs_numpy_alone_and_works_anywhere(folder: Path, robot: ModuleType, tmp_path: Path) -> None:
+    """Build and install the robot's wheel: NumPy is its only need, and its example runs elsewhere."""
     before = sorted(folder.rglob("*"))
     pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet")
     run(*pip, "wheel", "--no-build-isolation", "--no-deps", "--wheel-dir", tmp_path, folder, cwd=tmp_path)
@@ -98,6 +99,7 @@ def prefix(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_installed_files_carry_the_name(prefix: Path) -> None:
+    """Install the robot's library: all files carry its name, so that two robots fit beside each other."""
     installed = {path.relative_to(prefix).as_posix() for path in prefix.rglob("*") if path.is_file()}
     assert {
         "include/iiwa14.h",
@@ -113,6 +115,7 @@ def test_installed_files_carry_the_name(prefix: Path) -> None:
 def test_pkg_config_compiles_the_readmes_examples(
     folder: Path, prefix: Path, robot: ModuleType, tmp_path: Path
 ) -> None:
+    """Compile the README's examples in C and C++ by pkg-config: the right number is printed."""
     (tmp_path / "example.c").write_text(example(folder, "c"))
     path = str(prefix / "lib" / "pkgconfig")
     flags = run("pkg-config", "--cflags", "--libs", "iiwa14", cwd=tmp_path, PKG_CONFIG_PATH=path).split()
@@ -156,6 +159,7 @@ def test_a_shared_library_is_built_where_the_project_asks_for_one(folder: Path, 
     [("", True), (RELEASE, True), (stiffgen.__version__, True), ("0.2", False), ("0.99", False), ("1.0", False)],
 )
 def test_find_package_knows_its_version(folder: Path, prefix: Path, asked: str, found: bool, tmp_path: Path) -> None:
+    """Ask CMake for versions: compatible ones are found, others refused."""
     (tmp_path / "example.c").write_text(example(folder, "c"))
     (tmp_path / "CMakeLists.txt").write_text(
         f"cmake_minimum_required(VERSION 3.18)\nproject(app LANGUAGES C)\nfind_package(iiwa14 {asked} REQUIRED)\n"
@@ -183,6 +187,7 @@ TOOLS = {
 
 @pytest.mark.parametrize("kind", TOOLS)
 def test_the_tool_is_said_in_header_readme_and_python(kind: str) -> None:
+    """Generate with a tool: header, README and Python module state its data."""
     tool, said = TOOLS[kind]
     texts = render(stiffgen.load_chain(URDF, tool=tool), "arm", FEW)
     for file in ("arm.h", "README.md"):

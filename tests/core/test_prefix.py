@@ -98,6 +98,7 @@ def test_two_robots_and_two_versions_in_one_program(pair: Path, objects: dict[st
 
 @pytest.mark.slow
 def test_two_robots_in_one_shared_library(pair: Path, objects: dict[str, Path]) -> None:
+    """Link two robots into one library: each symbol has its robot's prefix."""
     library = pair / "libarms.so"
     run("gcc", "-shared", *objects.values(), "-lm", "-o", library)
     run(

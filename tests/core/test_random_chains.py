@@ -61,6 +61,7 @@ def check_against_pinocchio(file, robot, seed):
 @settings(FEW, max_examples=100)
 @given(data=broken_files(), leaf=st.integers(0, 9))
 def test_broken_files_are_refused_or_read(file, data, leaf):
+    """Read random broken files: a chain or a message with the file's name, never another exception."""
     file.write_bytes(data)
     try:
         description = read_description(file)
@@ -75,6 +76,7 @@ def test_stiffness_against_differentiation(file, seed):
     chain = chain_of(random_robot(Plain(seed), 5), file)
 
     def over_samples(kernel):
+        """Return the CasADi function of a kernel over samples, one after the other, as the compiled one takes them."""
         function, shapes = casadi_function(chain, kernel), [result.array(chain).shape for result in kernel.results]
 
         def stacks(*arguments):

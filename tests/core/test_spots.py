@@ -41,4 +41,5 @@ def access(layout: Layout, at: str, k: int, array: Array = MATRIX, **more: objec
     ],
 )  # fmt: skip
 def test_spot(entry, spot):
+    """Compare the place of an entry in the printed code with the one expected from its layout."""
     assert spot_of(entry) == spot

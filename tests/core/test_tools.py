@@ -84,6 +84,7 @@ def test_runtime_tool_is_the_fixed_tool():
 
 
 def test_locked_joints():
+    """Compare a robot with two locked joints with Pinocchio's reduced model."""
     full = with_tool()
     locks = {"A3": 0.4, "A5": -1.2}
     ids = [full.getJointId(name) for name in locks]
@@ -101,6 +102,7 @@ def test_locked_joints():
 
 
 def test_a_locked_master_holds_its_followers(tmp_path):
+    """Lock a joint that another follows: the follower stays at -2 x 0.1 + 0.5 rad, by plane trigonometry."""
     urdf = tmp_path / "m.urdf"
     joint = (
         '<joint name="{0}" type="revolute"><parent link="{1}"/><child link="{2}"/><origin xyz="0.3 0 0"/>'
@@ -128,6 +130,7 @@ def dual():
 
 
 def test_dual_arm_shares_one_q(dual):
+    """Compare both arms with Pinocchio: one q, and no coupling of their masses but through the lift."""
     assert [c.name for c in dual.coordinates] == ["lift", "ls", "le", "rs", "re"]
     assert [tip.name for tip in dual.tips] == ["left_hand", "right_hand"]
     model = stiffgen.StiffnessModel(dual, kernels=JACOBIANS)
@@ -157,7 +160,9 @@ def test_dual_arm_folder(runtime_tool, tmp_path):
     assert [check for check in checks if not check.passed] == []
     of_joints = 4 * len(JOINT_POTENTIALS)  # energy, torque, joint stiffness, which is symmetric
     of_masses = 6 + 2  # M, bias forces, energy, gradient, Hessian, static torque; two are symmetric
-    assert len(checks) == of_masses + of_joints + 2 * (28 + 11) + 6 + 8
+    of_tip = 28 + 11  # values, and symmetry of the matrices among them
+    of_both_tips = 6 + 8  # totals over the tips; numbers as counted, so that a lost check is noticed
+    assert len(checks) == of_masses + of_joints + 2 * of_tip + of_both_tips
     q, random = np.zeros((3, 5)), np.random.default_rng(1)
     contacts = random.normal(size=(3, 2, 6)), random.normal(size=(3, 2, 6, 6))
     poses = [np.broadcast_to(np.eye(4), (3, 2, 4, 4))] if runtime_tool else []
@@ -217,6 +222,7 @@ def test_references_see_a_wrong_tool_point(robot):
     ],
 )
 def test_refusals(options, named, capsys, tmp_path):
+    """Give impossible locks and tools: exit code 2, the option is named, and no folder is written."""
     assert main(["generate", str(URDF), "--output", str(tmp_path), "--no-build", *options]) == 2
     assert named in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
@@ -228,6 +234,7 @@ def test_all_locked_is_refused():
 
 
 def test_command_line_options_reach_the_chain(tmp_path):
+    """Give tool and lock by the command line: header and README state them."""
     options = ["--tool", "xyz=0,0,0.24", "--tool", "mass=0.455", "--lock", "A3=0.1", "--kernels", "hybrid.jacobian"]
     options += ["--no-controller"]
     assert main(["generate", str(URDF), "--output", str(tmp_path), "--no-build", *options]) == 0

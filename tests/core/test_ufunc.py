@@ -52,6 +52,7 @@ def result_of(kernel, index, chain, robot):
 
 @pytest.mark.parametrize("kernel", KERNELS, ids=lambda kernel: kernel.qualified_name)
 def test_signature_and_documentation(kernel, chain, robot):
+    """Compare a function's signature, docstring and units with its record in the kernel table."""
     ufunc = kernels_of(robot, chain)[kernel.qualified_name]
     assert isinstance(ufunc, np.ufunc)
     assert ufunc.signature == kernel.signature(chain)
@@ -114,6 +115,7 @@ def test_wrong_names(robot, samples):
 
 
 def test_a_call_by_name_keeps_no_reference(robot, samples):
+    """Call by names, and wrongly, 100 times: reference counts of all arrays stay."""
     q, wrench, stiffness = samples[Q][0].copy(), samples[WRENCH][0].copy(), samples[TASK_STIFFNESS][0].copy()
     out = np.empty((7, 7))
     before = [sys.getrefcount(array) for array in (q, wrench, stiffness, out)]
@@ -222,6 +224,7 @@ def test_out(kernel, index, chain, robot, samples):
 
 
 def test_out_may_overlap_an_input(robot, samples):
+    """Write the result over the argument's own memory: the values are those without overlap."""
     stiffness = samples[TASK_STIFFNESS].copy()
     expected = robot.hybrid.connection_correction(samples[WRENCH])
     buffer = np.zeros((12, 6, 6))
@@ -246,6 +249,7 @@ def test_out_may_overlap_an_input(robot, samples):
     ],
 )
 def test_wrong_shapes_name_the_argument(shapes, named, robot):
+    """Pass wrong shapes: the error names the argument, its shape and the one expected."""
     with pytest.raises(ValueError, match=re.escape(f"hybrid_joint_stiffness(): {named}")):
         robot.hybrid.joint_stiffness(*(np.zeros(shape) for shape in shapes))
 
@@ -308,6 +312,7 @@ def test_the_gil_is_released(robot, samples):
 
 
 def test_threads_agree(robot, samples):
+    """Call from eight threads: all results are equal to the bit."""
     expected = robot.hybrid.joint_stiffness(samples[Q], samples[WRENCH], samples[TASK_STIFFNESS])
     with ThreadPoolExecutor(8) as pool:
         calls = [
@@ -348,6 +353,7 @@ def test_dask_cannot_call_them_as_they_are(robot, samples):
 
 
 def test_constants(robot, chain):
+    """Compare the module's constants with the chain; its arrays cannot be written."""
     assert robot.DOF == 7
     assert robot.JOINTS == ("A1", "A2", "A3", "A4", "A5", "A6", "A7")
     assert (robot.BASE, robot.TIP) == ("link_0", "link_ee")
@@ -394,6 +400,7 @@ def called(folder, code):
     ],
 )
 def test_a_newcomers_mistakes(robot_folder, code, message):
+    """Make usual mistakes in a fresh interpreter: the message names function, argument and remedy."""
     assert re.match(message, called(robot_folder, code))
 
 

@@ -23,6 +23,7 @@ COUNT = 3
 
 
 def check(seed: int, width: str, folder: Path) -> None:
+    """Compile a varied robot with clang's memory sanitizer for one width, and run all its functions."""
     clang = require_compiler("clang")
     sources_of_varied_robot(seed, 4, folder)
     robot = open_robot(folder)

@@ -40,6 +40,7 @@ def elbow(folder: Path, limits: str, version: str = "") -> Chain:
 @pytest.mark.parametrize("number", ["0", "0.0", "-0", "-1", "-1.0", " -1e0 "])
 @pytest.mark.parametrize("key", ["effort", "velocity"])
 def test_a_limit_that_is_not_stated_is_infinite(key: str, number: str, tmp_path: Path) -> None:
+    """Write 0 or a negative limit: read as none, with a remark that names the joint."""
     other = {"effort": 'velocity="4"', "velocity": 'effort="20"'}[key]
     coordinate = elbow(tmp_path, f'{other} {key}="{number}"').coordinates[1]
     assert (coordinate.effort, coordinate.velocity) == ((math.inf, 4) if key == "effort" else (20, math.inf))
@@ -87,6 +88,7 @@ FINGERS = """<robot name="hand"><link name="palm"/><link name="a"/><link name="b
 
 @pytest.mark.parametrize("unstated", ['effort="0" velocity="0"', 'effort="-1" velocity="-1"', ""])
 def test_a_leader_without_limits_has_those_of_its_followers(unstated: str, tmp_path: Path) -> None:
+    """Leave one finger's limits out: the other's count, through the multiplier 0.5 (30 N become 15 N)."""
     text = FINGERS.format(unstated, 'effort="30" velocity="0.1"')
     (first,) = load_chain(written(tmp_path, text), tip="a", masses=False).coordinates
     assert (first.effort, first.velocity) == (15, 0.2)
@@ -121,6 +123,7 @@ def test_rounding_bounds_hold_for_fast_joints_without_a_velocity_limit(number: s
 
 
 def test_an_actuator_that_pushes_in_one_direction_states_no_effort(tmp_path: Path) -> None:
+    """Give an actuator a range of 0 to 5: it states no effort limit, and a remark says so."""
     pytest.importorskip("mujoco")
     (tmp_path / "arm.xml").write_text(
         '<mujoco><worldbody><body name="a"><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/><joint name="j"/>'

@@ -25,6 +25,7 @@ def output(*command: str | Path) -> str:
     [(["-mavx512f"], 32, 64), (["-mavx2", "-mno-avx512f"], 32, 32), (["-msse2", "-mno-avx"], 16, 16)],
 )
 def test_bytes_of_a_vector(compiler: str, flags: list[str], single: int, batch: int, robot_folder: Path) -> None:
+    """Preprocess for three instruction sets: single calls and batches use vectors of the expected bytes."""
     for file, expected in (("iiwa14.c", single), ("iiwa14_batch.c", batch)):
         macros = output(require_compiler(compiler), *flags, "-E", "-dM", robot_folder / file)
         assert re.findall(r"^#define LANE_BYTES (\d+)$", macros, re.MULTILINE) == [str(expected)]

@@ -21,6 +21,7 @@ HALVES = {2: "1, 3", 4: "2, 6, 3, 7", 8: "4, 12, 5, 13, 6, 14, 7, 15"}
 @pytest.mark.usefixtures("unoptimised")
 @pytest.mark.parametrize("lanes", [2, *(pytest.param(each, marks=pytest.mark.slow) for each in HALVES if each > 2)])
 def test_a_wrong_transpose_is_found_in_the_width_that_has_it(lanes: int, robot_folder: Path, tmp_path: Path) -> None:
+    """Seed a wrong transpose in one width: its self-check and its batches fail, those of other widths pass."""
     width = next(each for each in WIDTHS if each.lanes == lanes)
     if not width.is_available:
         pytest.skip(f"the processor has no {width.name}")

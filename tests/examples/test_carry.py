@@ -81,6 +81,7 @@ def test_by_themselves_they_do_not(arms: ModuleType) -> None:
 
 @pytest.mark.slow
 def test_out_of_reach_they_wait_together_and_come_back(arms: ModuleType) -> None:
+    """Carry an object out of reach: both arms stop with it between them (2 mm, 0.3 deg), and come back."""
     follow, goal = ready(arms), turned((0, 0, 0.3), 2, np.pi / 2)
     _, apart, status = carried(arms, follow, goal, 6.0)
     assert status[-1] & arms.FollowStatus.UNREACHABLE and follow.error[:, 0].min() > 0.1

@@ -133,6 +133,7 @@ def compare_with_energy(loaded: Loaded, starts: np.ndarray, point: ca.SX, a: ca.
 
 
 def test_five_bar_against_the_intersection_of_two_circles() -> None:
+    """Compare the five-bar linkage (links of 0.2 and 0.35 m) with plane geometry: energy, torque and stiffness."""
     a = ca.SX.sym("a", 2)
     left = 0.2 * ca.vertcat(ca.cos(a[0]), ca.sin(a[0]))
     across = ca.vertcat(0.3, 0) + 0.2 * ca.vertcat(ca.cos(a[1]), ca.sin(a[1])) - left
@@ -147,6 +148,7 @@ def test_five_bar_against_the_intersection_of_two_circles() -> None:
 
 @pytest.mark.slow
 def test_delta_against_the_intersection_of_three_spheres() -> None:
+    """Compare the delta robot (arms 0.3 m, rods 0.7 m) with the point that is 0.7 m from its three elbows."""
     a = ca.SX.sym("a", 3)
     reach = 0.12 + 0.3 * ca.cos(a)
     centres = [

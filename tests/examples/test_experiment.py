@@ -59,6 +59,7 @@ def angular_jacobians(q: np.ndarray) -> np.ndarray:
 
 @pytest.mark.slow  # the whole experiment
 def test_traces_have_the_documented_columns(traces: dict[str, np.ndarray]) -> None:
+    """Check the traces: documented columns of equal length, three trials, finite, from the start posture."""
     assert list(traces) == list(trial.COLUMNS)
     assert len({len(values) for values in traces.values()}) == 1
     assert np.array_equal(np.unique(traces["trial"]), [0, 1, 2])
@@ -99,6 +100,7 @@ def test_the_kernels_on_both_paper_trials_states(plate: ModuleType, traces: dict
 
 @pytest.mark.slow  # the whole experiment
 def test_contact_moments_and_faults(plate: ModuleType, traces: dict[str, np.ndarray]) -> None:
+    """Check the three trials: contact for 90 % of the wipe, at least 5 N m, no fault, and balance of torques."""
     for index in range(3):
         wipe = (traces["trial"] == index) & traces["pressing"]
         assert traces["contact"][wipe].mean() >= 0.9
@@ -150,6 +152,7 @@ def test_the_wrench_used_is_the_mean_of_three(traces: dict[str, np.ndarray]) -> 
 
 @pytest.mark.slow  # the whole experiment
 def test_report_and_figures(results: Path) -> None:
+    """Check the report: all bars hold, each figure is in it, with units, and nothing is loaded from elsewhere."""
     page = (results / "report.html").read_text()
     assert "All bars of the experiment hold." in page
     assert render.HINT in page.replace("&#x27;", "'")
@@ -273,6 +276,7 @@ def test_stated_geometry(plate: ModuleType) -> None:
 
 @pytest.mark.slow
 def test_the_recording_is_the_measured_geometry(plate: ModuleType) -> None:
+    """Compare the recording with both geometries: 0.4 mm and 0.3 deg with the measured one only."""
     measured = trajectory.compare(plate, trajectory.MEASURED)
     assert measured.position < 0.4e-3
     assert np.degrees(measured.orientation) < 0.3
@@ -307,6 +311,7 @@ def test_worst_per_moment(plate: ModuleType) -> None:
 
 @pytest.mark.slow  # the whole experiment
 def test_bars_that_do_not_hold_are_named(plate: ModuleType, traces: dict[str, np.ndarray]) -> None:
+    """Spoil each finding: each bar that fails is named, in order."""
     trials = [{name: values[traces["trial"] == index] for name, values in traces.items()} for index in range(3)]
     found = analysis.findings(plate, trials)
     assert found.failed_bars() == []

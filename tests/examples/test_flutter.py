@@ -28,6 +28,7 @@ def drive_stiffness(target: float) -> np.ndarray:
 
 @pytest.mark.parametrize("target", flutter.TARGETS)
 def test_the_limit_is_where_an_eigenvalue_crosses_the_axis(target: float) -> None:
+    """Compare the damping limit with eigenvalues: growth at 0.99 of the limit, decay at 1.01."""
     K = drive_stiffness(target)
     assert np.abs(K - K.T).max() == pytest.approx(flutter.STIFFNESS * target, rel=1e-6)
     growth = []
@@ -71,6 +72,7 @@ def test_the_picture_is_todays() -> None:
 
 @pytest.mark.wide(instead="test_three_drives_flutter_as_the_page_says_and_the_gradient_rests")
 def test_shoulder_and_hip_flutter_as_the_page_says() -> None:
+    """Recompute the table of docs/flutter.md."""
     page = (ROOT / "docs" / "flutter.md").read_text()
     rows = flutter.limb_rows()
     assert [row[5] for row in rows] == ["below 1e-3 rad"] * 2

@@ -62,6 +62,7 @@ def test_the_positive_tangent_stands_stiffness_that_others_do_not(iiwa: ModuleTy
 
 
 def test_the_wall_stops_the_tip(iiwa: ModuleType) -> None:
+    """Press the tip against a wall for 1 s: one contact, with more than 20 N."""
     model = implicit.arm(0.01, wall=True)
     (task,) = implicit.tasks(iiwa, 0.05, 0.5, 1e4, count=1)
     data = mujoco.MjData(model)

@@ -146,6 +146,7 @@ def test_no_spring_has_the_tangent_of_gains_of_ratio_three(panda: ModuleType, mo
 @pytest.mark.slow
 @pytest.mark.parametrize("name", LAWS)
 def test_only_the_twin_does_no_work_round_orbits(name: str, panda: ModuleType) -> None:
+    """Move round 40 closed orbits: the law does work, its twin with an energy does none up to rounding."""
     works, twins = laws.orbit_work(panda, laws.LAWS[name], 0.2, 40)
     assert twins.max() < 1e-10
     assert np.median(works) > 1e-3
@@ -218,6 +219,7 @@ def test_the_bound_of_serls_preset_is_its_clip(panda: ModuleType) -> None:
 
 
 def test_names_without_a_preset_are_refused(robot: ModuleType) -> None:
+    """Ask for presets that do not exist: refused with those that do, or with why there is none."""
     with pytest.raises(stiffgen.StiffgenError, match=r'no preset "droit"; there are: crisp, droid, droid_400, serl'):
         stiffgen.law_preset("droit")
     for name in ("robosuite", "isaac_lab", "newton"):

@@ -54,6 +54,7 @@ def test_the_recorded_board_is_flattest_at_the_tool_point() -> None:
 
 
 def test_the_board_lies_under_the_recorded_ball() -> None:
+    """Compare the board's surface with the recorded path of the ball: 95 % within 1.2 mm."""
     surface = board.board()
     path = np.array(board.ball_path())
     place = (path[:, :2] - np.array(surface.centre) + surface.half) / (2 * np.array(surface.half))
@@ -78,6 +79,7 @@ def traces(results: Path) -> dict[str, trial.Trace]:
 
 @pytest.mark.wide(instead="test_the_replayed_trajectory_lies_20_mm_lower")
 def test_report(results: Path) -> None:
+    """Check the report: all bars hold, and nothing is loaded from elsewhere."""
     page = (results / "report.html").read_text()
     assert "All bars of the experiment hold." in page
     assert page.count("<svg") == len(CAPTIONS) - 2  # picture and film are no SVG

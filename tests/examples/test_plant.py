@@ -35,6 +35,7 @@ def test_kinematics_and_masses_are_the_generated_ones(plate: ModuleType) -> None
 
 
 def test_without_a_tool_it_is_the_plain_arm(robot: ModuleType) -> None:
+    """Compare the plant without a tool with the generated functions: pose, mass matrix, no wrench."""
     q = postures(1)[0]
     plant = Plant(q=q)
     np.testing.assert_allclose(plant.pose, robot.forward_kinematics(q), atol=1e-12)
@@ -98,16 +99,16 @@ def test_sensor_agrees_with_the_contacts_in_motion(plate: ModuleType) -> None:
     plant, forces, rates = bowl_plant(), [], []
     for k in range(1500):
         J = plate.hybrid.jacobian(plant.q)
-        push = np.array([20 * np.sin(0.01 * k), 20 * np.cos(0.02 * k), -60, 1.0, -2.0, 1.0])
-        plant.step(J.T @ push - 2 * plant.dq)
+        push = np.array([20 * np.sin(0.01 * k), 20 * np.cos(0.02 * k), -60, 1.0, -2.0, 1.0])  # [N, N m], slides
+        plant.step(J.T @ push - 2 * plant.dq)  # joint damping 2 N m s/rad
         np.testing.assert_allclose(plant.wrench(plate), plant.contact_wrench(), atol=1e-6)
         J = plate.hybrid.jacobian(plant.q)
         np.testing.assert_allclose(plant.external_torque(), J.T @ plant.wrench(plate), atol=1e-6)
         forces.append(np.linalg.norm(plant.contact_wrench()[:3]))
         rates.append(np.abs(plant.dq).max())
-    assert max(forces) > 60
-    assert min(forces) == 0
-    assert max(rates) > 0.5
+    assert max(forces) > 60  # [N] a bump beyond the push of 60 N
+    assert min(forces) == 0  # [N] and time without contact
+    assert max(rates) > 0.5  # [rad/s] in motion
 
 
 def test_a_push_on_the_tool_shows_in_the_sensor(plate: ModuleType) -> None:
@@ -141,6 +142,7 @@ def test_the_surface_is_the_sphere(plate: ModuleType) -> None:
 
 
 def test_the_same_torques_give_the_same_motion(plate: ModuleType) -> None:
+    """Repeat a run of 500 steps: the same bits, and a wrench that is not zero."""
     ends = []
     for _ in range(2):
         plant = bowl_plant()

@@ -18,6 +18,7 @@ EXAMPLES = sorted([*ROOT.glob("examples/**/*.py"), *ROOT.glob("examples/**/*.ipy
 
 @pytest.mark.parametrize("file", EXAMPLES, ids=lambda file: str(file.relative_to(ROOT / "examples")))
 def test_examples_import_public_names(file):
+    """Parse each example: it imports public names only, as a user can."""
     text = file.read_text()
     if file.suffix == ".ipynb":
         cells = json.loads(text)["cells"]

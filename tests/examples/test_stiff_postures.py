@@ -57,6 +57,8 @@ def test_the_iiwa_gives_way_by_as_much_as_solved_equilibria_say(cases: tuple[Arm
     data, tip, arm = model.createData(), model.getFrameId("link_ee"), cases[1]
 
     def solved(q: np.ndarray, load: float) -> float:
+        """Return the tip's position along the load [m] under `load` [N], by Pinocchio and a root search."""
+
         def jacobian(at: np.ndarray) -> np.ndarray:
             frame = pinocchio.LOCAL_WORLD_ALIGNED
             return np.array(pinocchio.computeFrameJacobian(model, data, at, tip, frame)[:3])

@@ -28,6 +28,7 @@ def test_page_has_what_the_script_prints(robot: ModuleType) -> None:
 
 
 def test_gradient_is_the_derivative_of_the_trace_energy() -> None:
+    """Compare the moment with central differences (1e-6 rad) of the trace energy, at 50 rotations."""
     random = np.random.default_rng(1)
     for _ in range(50):
         R = theory.turn(random.normal(size=3))
@@ -40,6 +41,7 @@ def test_gradient_is_the_derivative_of_the_trace_energy() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("law", theory.LAWS)
 def test_work_of_small_orbits_falls_with_the_third_power(law: str) -> None:
+    """Shrink an orbit tenfold: the work falls by 1000, as the field's curl predicts; a gradient does none."""
     x, y, z = np.eye(3)
 
     def net(size: float) -> float:

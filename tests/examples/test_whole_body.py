@@ -40,6 +40,7 @@ def test_rest_is_the_simulations_too(stance: Stance) -> None:
 
 @pytest.mark.wide(instead="test_identification_finds_modes_that_are_known")
 def test_stiffness_is_the_slope_of_the_gradient_where_it_is_zero(stance: Stance) -> None:
+    """Compare the stiffness (18 x 18) with differences of the gradient (step 1e-5); it is symmetric to the bit."""
     K, step = stance.stiffness(), 1e-5
     columns = [
         (stance.moved(step * x).gradient() - stance.moved(-step * x).gradient()) / (2 * step) for x in np.eye(18)
@@ -50,6 +51,7 @@ def test_stiffness_is_the_slope_of_the_gradient_where_it_is_zero(stance: Stance)
 
 @pytest.mark.wide(instead="test_identification_finds_modes_that_are_known")
 def test_the_softest_modes_are_those_of_the_simulation(stance: Stance) -> None:
+    """Compare the softest modes with those identified from a simulation, and show that the base term matters."""
     found, M = rings(stance), stance.mass_matrix()
     for mode, own in zip(stance.modes()[:SOFTEST], found, strict=False):
         assert own.frequency == pytest.approx(mode.frequency, rel=1e-3)  # the bar is 2 %
@@ -60,6 +62,7 @@ def test_the_softest_modes_are_those_of_the_simulation(stance: Stance) -> None:
 
 @pytest.mark.wide(instead="test_identification_finds_modes_that_are_known")
 def test_a_load_too_heavy_lets_it_fall_as_predicted(solo: ModuleType) -> None:
+    """Load the base with 60 N: one mode grows, at the predicted rate, which the stiffness without base term misses."""
     heavy = standing(solo, np.array([0.0, 0.0, -60.0]))
     falling, M = heavy.modes()[0], heavy.mass_matrix()
     # The square of a growing motion grows as well, twice as fast: the mode is known by its direction.
@@ -72,6 +75,7 @@ def test_a_load_too_heavy_lets_it_fall_as_predicted(solo: ModuleType) -> None:
 
 @pytest.mark.wide(instead="test_identification_finds_modes_that_are_known")
 def test_base_term_left_out_of_everything_cancels_at_rest_without_a_load(solo: ModuleType, stance: Stance) -> None:
+    """Leave the base term out: it cancels at rest, while contacts alone are asymmetric by the weight."""
     at_rest = standing(solo)
     np.testing.assert_allclose(at_rest.stiffness_without_base_term(), at_rest.stiffness(), atol=1e-9)
     asymmetry = at_rest.contacts_without_base_term()
@@ -82,6 +86,7 @@ def test_base_term_left_out_of_everything_cancels_at_rest_without_a_load(solo: M
 
 @pytest.mark.wide(instead="test_identification_finds_modes_that_are_known")
 def test_modes_of_a_matrix_that_is_not_symmetric(stance: Stance) -> None:
+    """Compare the modes of an asymmetric stiffness with SciPy's eigenvalues of M^-1 K."""
     K, M = stance.contacts_without_base_term(), stance.mass_matrix()
     modes = stance.modes(K)
     expected = np.sort_complex(scipy.linalg.eigvals(np.linalg.solve(M, K)))

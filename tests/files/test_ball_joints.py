@@ -48,6 +48,7 @@ def written(folder: Path, name: str, text: str) -> Path:
     ],
 )
 def test_refused_by_name_with_a_remedy(name: str, kind: str, tip: str, words: str, tmp_path: Path) -> None:
+    """Ask for a chain through a ball, floating or planar joint: refused with a remedy."""
     text = (URDF if name.endswith("urdf") else MJCF).replace("TYPE", kind)
     with pytest.raises(StiffgenError, match=words):
         stiffgen.load_chain(written(tmp_path, name, text), tip=tip)
@@ -67,6 +68,7 @@ def test_refused_by_name_with_a_remedy(name: str, kind: str, tip: str, words: st
 def test_a_lock_names_the_type_of_the_file(
     name: str, kind: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    """Lock a joint that has no single position: exit code 2, its type as in the file, and a remedy."""
     text = (URDF if name.endswith("urdf") else MJCF).replace("TYPE", kind)
     command = ["generate", str(written(tmp_path, name, text)), "--tip", "hand", "--lock", "elbow=0"]
     assert main([*command, "--output", str(tmp_path / "generated")]) == 2

@@ -130,6 +130,7 @@ def refusal(package: Path, text: str, capsys: pytest.CaptureFixture[str]) -> str
 
 @pytest.mark.parametrize("escape", ESCAPES)
 def test_escapes_are_one_sentence(package, capsys, escape):
+    """Expand templates that reach for files or code: refused in one line."""
     if escape == "comment":  # comments are not the robot's; what they hold is evaluated where xacro does so
         assert "does not evaluate" in refusal(package, ESCAPES[escape], capsys)
         return
@@ -141,6 +142,7 @@ def test_escapes_are_one_sentence(package, capsys, escape):
 @pytest.mark.slow
 @pytest.mark.parametrize("bomb", BOMBS)
 def test_bombs_are_one_sentence_within_seconds(package, capsys, bomb):
+    """Expand templates that grow without bound: refused in one line, within 5 s of processor time."""
     before = os.times()
     refusal(package, BOMBS[bomb], capsys)
     after = os.times()
@@ -172,6 +174,7 @@ def test_a_named_folder_may_be_read(package, capsys):
 
 
 def test_variables_of_the_environment_are_noted(package, monkeypatch):
+    """Read an environment variable in a template: a note, as the file alone no longer determines the robot."""
     monkeypatch.setenv("ARM_LENGTH", "0.5")
     (package / "t.xacro").write_text(template(prop("$(optenv ARM_LENGTH 1)$(optenv ARM_NO)"), name="l${x}"))
     description = describe(package / "t.xacro")

@@ -44,10 +44,12 @@ def evaluate(text: str) -> object:
     ],
 )  # fmt: skip
 def test_values_are_those_of_python(text):
+    """Evaluate expressions of templates: the values of Python's eval."""
     assert evaluate(text) == eval(text, dict(SYMBOLS))
 
 
 def test_entries_are_attributes():
+    """Read entries of a dictionary as attributes: an entry comes before a method of its name."""
     assert evaluate("data.a.z + data['a']['z']") == 1.0
     assert evaluate("math.degrees(math.pi) + python.abs(-1)") == 181.0
     assert evaluate("data.items") == 7  # an entry comes before the method
@@ -92,6 +94,7 @@ ESCAPES = {
 
 @pytest.mark.parametrize("escape", ESCAPES)
 def test_escapes_are_refused(escape, capsys):
+    """Evaluate expressions that try to leave the evaluator: refused, with no side effect."""
     with pytest.raises((ExpressionError, NameError, TypeError, SyntaxError)) as refusal:
         evaluate(ESCAPES[escape])
     assert capsys.readouterr().out == ""
@@ -142,6 +145,7 @@ def test_steps_add_up_over_expressions():
 
 
 def test_sizes_count_what_text_would_show():
+    """Count the size of nested lists: shared parts count each time, and a circle is refused."""
     shared = ["ab"] * 3
     assert size([shared, shared]) == 1 + 2 * (1 + 3 * 2)
     endless: list[object] = []

@@ -114,6 +114,7 @@ sys.exit(code)
     [pytest.param(name, marks=() if len(text) < 20_000 else pytest.mark.slow) for name, text in HOSTILE.items()],
 )
 def test_refused_in_time_and_memory_and_nothing_written(tmp_path, name):
+    """Read hostile files with bounded memory and time: exit code 2, no traceback, no other file."""
     content = HOSTILE[name]
     (tmp_path / "evil.urdf").write_bytes(content.encode() if isinstance(content, str) else content)
     command = "inspect" if name == "as many faults as joints" else "generate"
@@ -133,6 +134,7 @@ def test_refused_in_time_and_memory_and_nothing_written(tmp_path, name):
 @pytest.mark.slow
 @pytest.mark.parametrize("deep", [pytest.param(False, marks=pytest.mark.wide), True])
 def test_the_largest_file_is_read_in_time(tmp_path, deep):
+    """Read files with the most joints allowed, in one line and side by side."""
     text = tree(MAX_JOINTS, deep=deep)
     file = tmp_path / "large.urdf"
     file.write_text(text.replace("fixed", "revolute", 1))
@@ -175,6 +177,7 @@ def test_every_byte_replaced(tmp_path):
 
 @pytest.mark.slow
 def test_inspect_prints_every_problem_and_any_name_on_any_terminal(tmp_path):
+    """Inspect names with control characters on UTF-8 and ASCII terminals: all problems, no raw character."""
     text = ARM.replace("elbow", "ellbögen\u202e").replace('"0 1 0"', '"0 0 0"').replace('effort="5"', 'effort="-5"')
     (tmp_path / "arm.urdf").write_text(text, encoding="utf-8")
     for encoding in ("utf-8", "ascii"):

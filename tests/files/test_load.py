@@ -51,6 +51,7 @@ def until(file: Path) -> None:
 
 
 def test_first_use_generates_and_the_next_opens(here, monkeypatch, capsys):
+    """Load twice: the second opens the entry without a compiler; list and clear the cache."""
     robot = stiffgen.load("arm.urdf", **SMALL)
     assert "compiling" in capsys.readouterr().err
     assert robot.module.hybrid.jacobian(np.zeros(7)).shape == (6, 7)
@@ -74,6 +75,7 @@ def test_first_use_generates_and_the_next_opens(here, monkeypatch, capsys):
 
 
 def test_what_the_name_of_an_entry_depends_on(here, monkeypatch):
+    """Change options, file, flags and version: each gives another entry, the same ones the same."""
     made = []
     monkeypatch.setattr(cache, "generate_folder", lambda file, options: made.append(options.output) or options.output)
     for name in ("_record", "_opened"):
@@ -163,6 +165,7 @@ def test_the_readmes_line(here, monkeypatch):
 
 @pytest.mark.slow
 def test_two_processes_at_once_generate_once(here):
+    """Load in two processes at once: one compiles, the other waits, and both get the robot."""
     (here / "wait").touch()
     first = start()
     until(here / "started")
@@ -177,6 +180,7 @@ def test_two_processes_at_once_generate_once(here):
 
 @pytest.mark.slow
 def test_after_a_kill_nothing_broken_is_opened(here):
+    """Kill a process while it compiles: no entry is left, and the next load makes it anew."""
     (here / "wait").touch()
     process = start()
     until(here / "started")
@@ -190,6 +194,7 @@ def test_after_a_kill_nothing_broken_is_opened(here):
 
 
 def test_refusals(here, monkeypatch):
+    """Load with wrong options, files, caches and compilers: refused, and no cache is left."""
     with pytest.raises(stiffgen.StiffgenError, match=r"load\(\) decides 'output' itself"):
         stiffgen.load("arm.urdf", output="here")
     with pytest.raises(stiffgen.DescriptionError, match=r"absent\.urdf: cannot be read"):

@@ -72,6 +72,7 @@ def test_chain_agrees_with_mujoco(tmp_path, tip, dof):
 
 
 def test_limits_forces_and_motors(tmp_path):
+    """Compare limits, efforts and rotor inertias with those of the model."""
     chain = assert_agrees(written(tmp_path, ARM), tip="tool")
     yaw, pitch, lift, roll = chain.coordinates
     assert (yaw.lower, yaw.upper, yaw.effort, yaw.type) == (*np.radians([-120, 150]), 60.0, "revolute")
@@ -95,6 +96,7 @@ def test_ball_joint_on_the_chain_is_refused(tmp_path):
 
 @pytest.mark.slow
 def test_constraints_that_no_mimic_expresses(tmp_path):
+    """Read constraints that are not linear or determine no joint: refused where they matter, held where constant."""
     file = written(tmp_path, ARM.replace("0.01 0.8 0 0 0", "0.01 0.8 0.5 0 0"))
     with pytest.raises(DescriptionError, match="'fingers' of right, left is not linear"):
         stiffgen.load_chain(file, tip="right")
@@ -125,6 +127,7 @@ def test_constraints_that_a_flag_disables(tmp_path, flag):
 
 
 def test_loops_are_named(tmp_path, capsys):
+    """Read a model with loop constraints: a warning names them with their bodies."""
     loops = """<connect name="bar" body1="left" body2="palm" anchor="0 0 0"/><weld site1="tool" site2="side"/>
       <connect name="off" active="false" body1="left" body2="palm" anchor="0 0 0"/>"""
     file = written(tmp_path, ARM.replace("</equality>", f"{loops}</equality>"))
@@ -135,6 +138,7 @@ def test_loops_are_named(tmp_path, capsys):
 
 
 def test_the_controller_takes_the_armature(tmp_path):
+    """Read rotor inertias (armature): the controller takes them before the maker's and before estimates."""
     chain = stiffgen.load_chain(written(tmp_path, ARM), tip="tool")
     motors = motor_tables(chain)
     assert (motors.motor_inertia, motors.inertia_source) == ((0.2, 0.05, 0.05, 0.05), "armature of the file")
@@ -163,6 +167,7 @@ def test_missing_meshes_matter_only_for_inertias_from_them(tmp_path):
 
 
 def test_files_that_went_in_are_recorded(tmp_path):
+    """Include a file: its path and digest are recorded, so that a change is noticed."""
     part = '<mujocoinclude><body name="link"><joint name="j"/><geom size="0.1"/></body></mujocoinclude>'
     (tmp_path / "sub").mkdir()
     (tmp_path / "sub" / "part.xml").write_text(part)
@@ -199,6 +204,7 @@ HOSTILE = {
 
 @pytest.mark.parametrize("name", HOSTILE)
 def test_hostile_files_are_refused_in_one_sentence(tmp_path, capsys, name):
+    """Read hostile models: exit code 2, one sentence, and no other file."""
     text, words = HOSTILE[name]
     before = {"arm.xml"}
     file = written(tmp_path, text)

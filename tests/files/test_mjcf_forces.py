@@ -88,6 +88,7 @@ def test_actuators_that_push_one_way_only(tmp_path: Path) -> None:
 
 
 def test_inertias_that_actuators_reflect(tmp_path: Path) -> None:
+    """Compare reflected rotor inertias with the change of MuJoCo's mass matrix."""
     file = model(tmp_path, actuator='<motor joint="j1" gear="10" armature="0.5"/>', joint='armature="0.25"')
     m = mujoco.MjModel.from_xml_path(str(file))
     d = mujoco.MjData(m)
@@ -168,6 +169,7 @@ def needed(file: Path) -> list[np.ndarray]:
 @pytest.mark.filterwarnings("ignore::stiffgen.core.errors.OmissionWarning")
 @pytest.mark.parametrize("name", LEFT_OUT)
 def test_what_changes_the_dynamics_of_mujoco_is_named(name: str, tmp_path: Path) -> None:
+    """Add springs, friction and the like: each changes MuJoCo's dynamics, and a remark names it."""
     parts, words = LEFT_OUT[name]
     plain = needed(model(tmp_path))
     file = model(tmp_path, **parts)
@@ -238,6 +240,7 @@ NAMED = {
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NAMED)
 def test_no_part_is_removed_while_another_names_it(name: str, tmp_path: Path) -> None:
+    """Read models whose parts name each other: masses and pose agree with MuJoCo's."""
     text = WRAP.format(**dict.fromkeys(("compiler", "tendon", "side", "more"), "") | NAMED[name])
     (tmp_path / "wrap.xml").write_text(text)
     m = mujoco.MjModel.from_xml_string(text.replace('<texture name="no" type="2d" file="no.png"/>', "").replace(

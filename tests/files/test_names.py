@@ -61,6 +61,7 @@ def described(tmp_path, monkeypatch):
 
 
 def test_a_name_stands_for_a_file(described, capsys):
+    """Name robots instead of files: the same description, and nothing else on standard output."""
     assert describe("arm").file == describe("arm_description").file == "arm.urdf"
     assert "Cloning" not in capsys.readouterr().out  # standard output holds the result alone
     lab = describe("lab")
@@ -78,6 +79,7 @@ def test_a_file_comes_before_a_name(described):
 
 
 def test_unknown_names_and_no_network(described, capsys):
+    """Misspell a name or take the network away: refused with a suggestion or what to do."""
     with pytest.raises(DescriptionError, match="did you mean arm"):
         describe("armm")
     with pytest.raises(DescriptionError, match=r"cannot be downloaded .Could not resolve host.*connect to the network"):
@@ -97,6 +99,7 @@ def test_robots_lists_name_format_and_licence(described, capsys):
 
 
 def test_menagerie(tmp_path, monkeypatch, capsys):
+    """Read a robot of Menagerie by its name; the list states its licence."""
     folder = tmp_path / "maker_arm"
     folder.mkdir()
     (folder / "LICENSE").write_text("BSD 3-Clause\n")
@@ -165,6 +168,7 @@ def test_robots_of_the_package_of_menagerie(menagerie, capsys):
 
 
 def test_a_copy_of_menagerie_comes_before_a_download(menagerie, monkeypatch, tmp_path):
+    """Name robots that a local copy has: nothing is downloaded."""
     hand(tmp_path / "copy" / "maker_hand")
     monkeypatch.setenv("MUJOCO_MENAGERIE_PATH", str(tmp_path / "copy"))
     assert describe("maker_hand").robot == "left"

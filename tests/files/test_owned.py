@@ -71,6 +71,7 @@ CHANGES: dict[str, Callable[[Path], object]] = {
 @pytest.mark.usefixtures("quick")
 @pytest.mark.parametrize("change", [pytest.param(name, marks=[root] if "owner" in name else []) for name in CHANGES])
 def test_an_entry_of_others_is_made_again_elsewhere(change, place, capsys):
+    """Let others write to an entry: it is not run, and a folder of one's own is used."""
     folder = load()
     assert folder.is_relative_to(place) and load() == folder
     CHANGES[change](folder)
@@ -91,6 +92,7 @@ def test_an_entry_of_others_is_made_again_elsewhere(change, place, capsys):
 
 @pytest.mark.usefixtures("quick")
 def test_both_places_of_others(place):
+    """Let others write to both places of the cache: refused with the variable to set."""
     place.parent.chmod(0o777)
     taken = place.parents[2] / "temporary" / f"stiffgen-{os.getuid()}"
     taken.mkdir()
@@ -101,6 +103,7 @@ def test_both_places_of_others(place):
 
 @pytest.mark.usefixtures("quick")
 def test_a_record_that_leaves_the_cache(place, tmp_path, capsys):
+    """Let a record of the cache point outside: the entry counts as damaged and is made anew."""
     folder = load()
     shutil.copytree(folder, tmp_path / "outside")
     record = folder.parent / "entry.json"

@@ -141,6 +141,7 @@ def test_marked_and_hidden_folders_hold_no_packages(tmp_path, template, marker):
 
 
 def test_search_ends_before_home_and_temporary_folders(tmp_path, template, monkeypatch):
+    """Search a package upwards: folders that others can write to, and HOME, end the search."""
     package(tmp_path / "above" / "it" / "ws" / "others" / "parts")
     assert found(template, tmp_path) == "above/it/ws/others/parts"
     (tmp_path / "above" / "it" / "ws").chmod(0o1777)
@@ -154,6 +155,7 @@ def test_search_ends_before_home_and_temporary_folders(tmp_path, template, monke
 
 @pytest.mark.parametrize("kind", ["pipe", "folder", "large", "no name"])
 def test_what_is_no_package_xml_is_passed_over(tmp_path, template, kind):
+    """Put pipes, folders and large files in place of package.xml: passed over, without waiting."""
     folder = package(tmp_path / "above" / "it" / "ws" / "src" / "a")
     (folder / "package.xml").unlink()
     if kind == "pipe":

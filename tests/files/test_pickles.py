@@ -128,6 +128,7 @@ def test_values_come_back_as_they_were(opened: str) -> None:
 
 @pytest.mark.slow
 def test_a_robot_that_is_not_there(shared: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Unpickle a value of a robot that the cache lacks: the error says to load its file."""
     monkeypatch.setenv("STIFFGEN_CACHE", str(shared))
     robot = stiffgen.load(URDF, batches=False)
     (tmp_path / "status").write_bytes(pickle.dumps(robot.module.Status(1)))

@@ -76,6 +76,7 @@ def test_a_wrong_unit_is_a_note_with_its_number(name: str, tmp_path: Path, capsy
     ],
 )
 def test_tools_in_other_units(tool: Tool, words: str, tmp_path: Path) -> None:
+    """Give tools in degrees, millimetres or grams: a note asks for the unit."""
     assert any(words in each for each in said(tmp_path, SOUND, tool=tool))
 
 
@@ -87,6 +88,7 @@ def test_tools_in_other_units(tool: Tool, words: str, tmp_path: Path) -> None:
     ],
 )
 def test_sensors_in_other_units(sensor: Sensor, words: str, tmp_path: Path) -> None:
+    """Give sensors in degrees or millimetres: a note asks for the unit."""
     (found,) = said(tmp_path, SOUND, tip="hand", sensor=sensor)
     assert words in found
 
@@ -113,6 +115,7 @@ def test_gravity_is_that_of_pinocchio(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_generate_and_new_print_the_notes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Write limits in degrees: `generate` and `new` ask whether they are."""
     (tmp_path / "arm.urdf").write_text(replaced('lower="-2" upper="2"', 'lower="-120" upper="120"'))
     file, quiet = str(tmp_path / "arm.urdf"), ["--no-build", "--output"]
     assert main(["generate", file, "--no-controller", *quiet, str(tmp_path)]) == 0
@@ -130,6 +133,7 @@ def test_a_refused_inertia_names_its_unit(tmp_path: Path) -> None:
 
 
 def test_a_refused_lock_names_its_unit(tmp_path: Path) -> None:
+    """Lock at degrees: the refusal asks, where the number in radians would be within the limits."""
     with pytest.raises(ChainError, match=r"limits are -2 to 2; is it in degrees\? 90 degrees are 1.5708 rad"):
         said(tmp_path, SOUND, lock={"shoulder": 90.0})
     for degrees, radians in ((30.0, "0.523599"), (-57.0, "-0.994838")):

@@ -38,6 +38,7 @@ COUNTS = {
 
 @pytest.fixture
 def folder(tmp_path):
+    """Return a folder with pipes and with files that include or copy."""
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "folder").mkdir()
     os.mkfifo(tmp_path / "folder" / "pipe")
@@ -62,6 +63,7 @@ def test_many_copies_are_refused(folder, kind):
 
 @pytest.mark.parametrize("text", [FILES["include of a pipe"], COUNTS["replicate"].format(BODY.format(""))])
 def test_the_refusal_is_one_sentence_within_seconds(folder, capsys, text):
+    """Include a pipe or copy too often: refused in one line, within 5 s of processor time."""
     (folder / "m.xml").write_text(f"<mujoco>{text}</mujoco>")
     before = os.times()
     assert main(["inspect", str(folder / "m.xml")]) == 2
@@ -71,6 +73,7 @@ def test_the_refusal_is_one_sentence_within_seconds(folder, capsys, text):
 
 
 def test_a_few_copies_and_missing_files_are_read(folder):
+    """Copy a few times and name an absent mesh: read; a circle of includes is refused."""
     # The file itself, again; a circle of includes is MuJoCo's to refuse.
     text = BODY.format('<geom type="mesh" mesh="m"/><replicate count="3" offset="0 0 1"><site name="s"/></replicate>')
     (folder / "m.xml").write_text(

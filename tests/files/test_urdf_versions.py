@@ -18,6 +18,7 @@ LIMIT = 'lower="-2" upper="1.5" velocity="1" effort="10"'
 
 
 def arm(version: str = "", origin: str = "", of_inertial: str = "", limit: str = LIMIT, kind: str = "revolute") -> str:
+    """Return a one-joint URDF of a version, with given attributes of its origins, inertia and limit."""
     stated = f' version="{version}"' if version else ""
     inertial = f'<inertial>{INERTIAL.format(of_inertial)} ixy="0.001" ixz="0.002" iyz="0.003"/></inertial>'
     return (
@@ -34,6 +35,7 @@ def written(folder: Path, text: str) -> Path:
 
 
 def assert_agrees(file: Path) -> None:
+    """Fail unless pose, mass and limits agree with Pinocchio's at q = 0.7 rad."""
     chain = load_chain(file)
     model = pin.buildModelFromUrdf(str(file))
     data = model.createData()
@@ -167,6 +169,7 @@ VENDORS = {
 @pytest.mark.filterwarnings("ignore::stiffgen.core.errors.DescriptionWarning")
 @pytest.mark.parametrize("name", VENDORS)
 def test_unknown_attributes_are_a_note(name: str, tmp_path: Path) -> None:
+    """Add attributes of vendors: values agree with Pinocchio's, and a note names the attribute."""
     old, new = VENDORS[name]
     text = arm()
     assert old in text

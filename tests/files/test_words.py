@@ -115,6 +115,7 @@ REFUSED_ROTORS = {
 
 @pytest.mark.parametrize("name", REFUSED_ROTORS)
 def test_rotors_that_cannot_be_used_are_named(name: str, tmp_path: Path) -> None:
+    """State rotors that cannot be used: a remark says why, and the inertia stays 0."""
     joint, value, words = REFUSED_ROTORS[name]
     rotor = (
         f'<transmission name="t"><joint name="{joint}"/><drake:rotor_inertia {value}/><drake:gear_ratio value="100"/>'
@@ -132,6 +133,7 @@ NAMES = ["關節/1", "right_finger[0]/base", "Übung", "DFKI_Motor_0.axis", "bas
 def test_names_are_shown_as_written_and_accepted_back(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    """Print unusual names: shown as in the file, and accepted as options."""
     text = ARM.replace('"hand"', f'"{name}"').replace('"elbow"', f'"{name} joint"')
     file = written(tmp_path, text)
     assert main(["inspect", str(file), "--tip", name]) == 0
@@ -198,6 +200,7 @@ COMMAS = {
     ],
 )  # fmt: skip
 def test_a_remedy_that_is_obeyed_does_no_harm(old: str, new: str, remedy: str, obeyed: str, tmp_path: Path) -> None:
+    """Obey the remedy of a refusal: the file is read afterwards."""
     with pytest.raises(DescriptionError, match=remedy):
         stiffgen.load_chain(written(tmp_path, replaced((old, new))), tip="hand")
     assert stiffgen.load_chain(written(tmp_path, replaced((old, obeyed))), tip="hand").dof == 2
@@ -229,6 +232,7 @@ FIRST, *OTHERS = UNLIMITED
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [FIRST, *(pytest.param(each, marks=pytest.mark.wide) for each in OTHERS)])
 def test_mjcf_files_are_not_told_to_edit_limits(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Leave limits of an MJCF model out: the words name its own attribute, not URDF's <limit>."""
     file = written(tmp_path, MODEL.replace('<joint name="j"/>', UNLIMITED[name]), "arm.xml")
     quiet = ["--no-build", "--output", str(tmp_path / "out")]
     for command in (
@@ -250,6 +254,7 @@ def test_a_chain_without_reach(tmp_path: Path, capsys: pytest.CaptureFixture[str
 
 
 def test_load_speaks_python(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Refuse in load(): the remedies are Python arguments, not options of the command."""
     monkeypatch.setenv("STIFFGEN_CACHE", str(tmp_path / "cache"))
     thumb = f'<link name="t">{INERTIAL}</link><joint name="tj" type="revolute"><parent link="hand"/><child link="t"/>'
     file = written(tmp_path, replaced(("</robot>", f"{thumb}</joint></robot>")))
@@ -280,6 +285,7 @@ REFUSED: dict[str, tuple[str, str, dict[str, Any], str]] = {
 @pytest.mark.parametrize("name", REFUSED)
 @pytest.mark.parametrize("function", [stiffgen.load_chain, stiffgen.generate])
 def test_python_speaks_python(function: Callable[..., Any], name: str, tmp_path: Path) -> None:
+    """Refuse in load_chain() and generate(): the remedies are Python arguments."""
     old, new, options, words = REFUSED[name]
     file = written(tmp_path, replaced((old, new)) if old else ARM)
     more = {} if function is stiffgen.load_chain else {"output": tmp_path, "build": False}
@@ -290,6 +296,7 @@ def test_python_speaks_python(function: Callable[..., Any], name: str, tmp_path:
 
 
 def test_options_of_generation_speak_python(tmp_path: Path) -> None:
+    """Refuse options of generate(): the words name Python arguments."""
     file = written(tmp_path, ARM)
     for options, words in (
         ({"scalar": "half"}, r"^scalar='half': is not one of"),
@@ -428,6 +435,7 @@ PART = f"<robot>{ARM.split('?>')[1].split('>', 1)[1]}"
 
 
 def test_arguments_of_a_template(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Leave arguments of a template out: all that are missing are named at once."""
     file = written(tmp_path, TEMPLATE, "arm.xacro")
     written(tmp_path, PART, "6dof.xacro")
     with pytest.raises(StiffgenError, match=r"needs values for its arguments 'type', 'maker'; add type:=VALUE maker:="):
@@ -456,6 +464,7 @@ EMPTY = {
 
 @pytest.mark.parametrize("place", EMPTY)
 def test_an_empty_argument_is_named_wherever_it_is_used(place: str, tmp_path: Path) -> None:
+    """Use an empty argument in different places: the refusal names it each time."""
     declared = '<xacro:arg name="model" default=""/><xacro:arg name="prefix" default=""/>'
     other = '<xacro:include filename="$(dirname)/$(arg prefix)part.xacro"/>'
     head = '<robot name="a" xmlns:xacro="http://www.ros.org/wiki/xacro">'

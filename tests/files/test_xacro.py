@@ -117,6 +117,7 @@ def written(folder: Path, files: dict[str, str]) -> Path:
 
 @pytest.mark.parametrize("vendor", VENDORS)
 def test_constructs_of_vendors(tmp_path, vendor):
+    """Expand the constructs that makers use: the joints, and the digests of all files that went in."""
     files = VENDORS[vendor]
     description = describe(written(tmp_path, files))
     assert description.problems == ()
@@ -134,6 +135,7 @@ def test_constructs_of_vendors(tmp_path, vendor):
 
 
 def test_arguments_change_the_robot_and_stand_in_the_manifest(tmp_path, capsys):
+    """Give an argument of a template: another tip, recorded in the manifest and read again."""
     template = written(tmp_path, VENDORS["yaml by joint, include by argument"])
     chain = stiffgen.load_chain(template, arguments={"hand": "false"})
     assert (chain.tip, chain.arguments, len(chain.inputs)) == ("a", (("hand", "false"),), 3)
@@ -149,6 +151,7 @@ def test_arguments_change_the_robot_and_stand_in_the_manifest(tmp_path, capsys):
 
 
 def test_packages_by_path_and_environment(tmp_path, monkeypatch):
+    """Find a package by --package-path and by ROS_PACKAGE_PATH."""
     files = {
         "arm.urdf.xacro": f'<robot {XACRO} name="arm"><xacro:include filename="$(find lone_parts)/a.xacro"/></robot>'
     }
@@ -194,6 +197,7 @@ FAULTS = {
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_faults_are_one_sentence(tmp_path, capsys, fault):
+    """Put faults into templates: one line each, with where."""
     text, sentence = FAULTS[fault]
     file = tmp_path / ("t.urdf" if fault == "arguments of a URDF" else "t.xacro")
     file.write_text(text)
@@ -214,6 +218,7 @@ def test_without_xacrodoc_the_extra_is_named(tmp_path, monkeypatch):
 
 
 def test_quaternion_equals_angles():
+    """Compare a pose from a quaternion of any length with one from angles: within one rounding."""
     from stiffgen.core.robot.geometry import Pose
 
     angle = 0.3

@@ -39,6 +39,7 @@ FMA = Instruction("vfmadd231pd", "ymm0,ymm1,ymm2")
 def test_what_an_instruction_needs(
     mnemonic: str, operands: str, accesses: tuple[int, int], units: tuple[int, ...] | None
 ) -> None:
+    """Parse instructions of x86: memory accesses (reads, writes) and execution units."""
     found = Instruction(mnemonic, operands)
     assert found.accesses == accesses
     assert (found.unit[0] if found.unit else None) == units
@@ -101,6 +102,7 @@ def test_pages_say_what_was_measured() -> None:
 
 
 def test_new_sentences_replace_the_old(tmp_path: Path) -> None:
+    """Replace measured sentences of the pages: line breaks and bullets stay as they should."""
     old, new = ["A takes 10 ns.", "B takes 2 us."], ["A takes 20 ns, and that is " + "long " * 30 + "enough.", "B."]
     (tmp_path / "docs" / "paper").mkdir(parents=True)
     (tmp_path / "README.md").write_text("x\n* A takes\n  10 ns.\ny\n")

@@ -123,6 +123,7 @@ def test_a_marker_names_what_is_there() -> None:
 @pytest.mark.slow
 @pages([page for page in having("python") if page.name != "CONTRIBUTING.md"])  # tests/house/test_contributing.py
 def test_python_prints_what_the_page_says(page: Path, robot_folder: Path, tmp_path: Path, request) -> None:
+    """Run the Python of a page: it prints what the page shows."""
     code = "\n".join(block.code for block in of(page, "python"))
     folder = request.getfixturevalue("derived") if re.search(r"_vjp|\.jax|\.casadi", code) else robot_folder
     (tmp_path / "generated").symlink_to(folder.parent)
@@ -260,6 +261,7 @@ def test_commands_in_sentences_exist(page: Path) -> None:
 
 @pages(PAGES)
 def test_links_lead_somewhere(page: Path) -> None:
+    """Follow the links of a page: each file and section exists."""
     for link in re.findall(r"\]\(([^)\s]+)\)", page.read_text()):
         if link.startswith(("http://", "https://", "mailto:")):
             continue
@@ -293,6 +295,7 @@ def test_an_entry_of_the_changelog_has_at_most_fifteen_words() -> None:
 
 
 def test_every_test_that_the_design_names_exists():
+    """Look up each test that docs/design.md names."""
     design = (ROOT / "docs" / "design.md").read_text()
     file = ""
     for named_file, test in re.findall(r"`(test_\w+\.py)?(?:::(test_\w+))?`", design):
@@ -304,6 +307,7 @@ def test_every_test_that_the_design_names_exists():
 
 
 def test_the_cpp_reference_has_every_function(monkeypatch: pytest.MonkeyPatch, chain: stiffgen.Chain) -> None:
+    """Compare the C++ reference with the kernel table: each function and argument."""
     monkeypatch.syspath_prepend(ROOT / "docs" / "site")
     text = import_module("pages").cpp()
     sections = dict(re.findall(r"^## `iiwa14(?:::)?(.*?)`\n(.*?)(?=^## |\Z)", text, re.MULTILINE | re.DOTALL))

@@ -33,6 +33,7 @@ def sources() -> list[str]:
 
 
 def test_every_source_begins_with_its_licence() -> None:
+    """Read the first lines of our sources: each states its licence."""
     ours = [file for file in sources() if not OF_THE_USER.match(file)]
     assert len(ours) > 250
     for file in ours:
@@ -79,6 +80,7 @@ def test_generated_code_says_whose_it_is() -> None:
 
 @pytest.mark.slow
 def test_reuse_passes() -> None:
+    """Run the REUSE tool: each file has a licence."""
     done = subprocess.run(
         [sys.executable, "-m", "reuse", "--root", str(ROOT), "lint", "--lines"],
         capture_output=True,

@@ -17,6 +17,7 @@ from support.project import ROOT
 
 
 def test_help_prints_every_target() -> None:
+    """Compare `make` with the Makefile: each target, and a time for all but three."""
     said = subprocess.run(["make", "--no-print-directory"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     words = set(re.findall(r"[\w-]+", said))
     makefile = (ROOT / "Makefile").read_text()
@@ -130,10 +131,11 @@ def test_floors_are_above_known_holes() -> None:
 
 @pytest.mark.parametrize("change", ["none", "text", "versions"])
 def test_check_generated_names_other_versions(change: str, tmp_path: Path) -> None:
-    """A generator in place of the real one, whose folder differs by an edit, or because casadi is another."""
+    """Replace the generator by a copy with an edit or another casadi: `make check-generated` tells which."""
     packages = tmp_path / "lib" / "python3.11" / "site-packages"
     packages.mkdir(parents=True)
     (packages / "_stiffgen.pth").write_text(str(ROOT / "codegen"))
+    # $6 stands for the folder behind --output, which the generator gets as its fifth argument.
     edits = {"none": "true", "text": "echo >> $6/iiwa14/iiwa14.c"}
     edits["versions"] = f'{edits["text"]}; sed -i \'s/"casadi": .*/"casadi": "3.7.2",/\' $6/iiwa14/manifest.json'
     generator = tmp_path / "bin" / "stiffgen"
@@ -189,6 +191,7 @@ def test_the_benchmark_runs(tmp_path: Path):
 
 @pytest.mark.slow
 def test_benchmark_of_a_step_runs() -> None:
+    """Run the benchmark of a controller step with 2000 steps: it prints its two ratios."""
     script = ROOT / "benchmarks" / "impedance_step.py"
     core = min(os.sched_getaffinity(0))
     command = [sys.executable, str(script), "--steps", "2000", "--core", str(core)]

@@ -64,6 +64,7 @@ def plain_variables(request: Request) -> dict[str, object]:
 
 @pytest.mark.slow
 def test_plain_c_has_the_golden_values(chain, golden, tmp_path):
+    """Print plain C by a new backend of a few lines: golden values."""
     (tmp_path / "templates").mkdir()
     (tmp_path / "templates" / "plain.c.j2").write_text(TEMPLATE)
     texts = print_files(Request(chain, "plain"), [Backend(tmp_path, plain_files, plain_variables)])

@@ -29,6 +29,7 @@ NUMBERS = {
 
 
 def test_the_paper_is_short_and_cites_what_it_lists() -> None:
+    """Check the paper: 750 to 1750 words, as JOSS asks, each source cited, all sections."""
     words = len(re.findall(r"[\w@'-]+", re.sub(r"^\|[^\n]*$|\$\$.*?\$\$", "", BODY, flags=re.MULTILINE | re.DOTALL)))
     assert 750 <= words <= 1750  # JOSS
     listed = set(re.findall(r"@\w+\{(\w+),", (ROOT / "docs" / "paper" / "paper.bib").read_text()))

@@ -65,6 +65,7 @@ def claims() -> list[Block]:
 
 
 def test_numbers_of_a_page_are_those_of_its_receipts() -> None:
+    """Compare the numbers of the pages with the receipts that they link to."""
     linked = [block for block in claims() if LINK.search(block[1])]
     assert {name for _, block in linked for name, _, _ in LINK.findall(block)} == set(RECEIPTS)
     for page, block in linked:
@@ -94,6 +95,7 @@ def test_a_changed_number_is_seen() -> None:
 
 @pytest.mark.parametrize("name", RECEIPTS)
 def test_a_receipt_is_complete_and_names_no_machine(name: str) -> None:
+    """Check a receipt: all fields, and no path, host or date."""
     receipt = RECEIPTS[name]
     assert receipt.command and receipt.output
     assert receipt.recorded in (receipts.BY_COMMAND, receipts.BEFORE)
@@ -104,6 +106,7 @@ def test_a_receipt_is_complete_and_names_no_machine(name: str) -> None:
 
 
 def test_a_run_writes_its_receipt(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run a command: output without paths and host, digest of the sources; a failing run writes none."""
     monkeypatch.setenv("RECEIPTS", str(tmp_path))
     lines = f"3.5 of 4 in {ROOT}/build on {platform.node()}"
     assert receipts.run("trial", ["sh", "-c", f"echo '{lines}'"], "make trial") == 0
@@ -125,6 +128,7 @@ def test_a_campaign_is_recorded_on_request(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_the_digest_follows_a_source(tmp_path: Path) -> None:
+    """Change a source: another digest; a test does not count."""
     file = tmp_path / "codegen" / "stiffgen" / "law.c"
     file.parent.mkdir(parents=True)
     file.write_text("one")

@@ -47,7 +47,7 @@ def test_the_citation_names_the_journal() -> None:
     for file in files:
         text = (ROOT / file).read_text()
         if re.search(r"2503\.06802", text) and file != "tests/house/test_release.py":
-            assert "10.1177/02783649251393332" in text, file
+            assert "10.1177/02783649251393332" in text, file  # the journal's DOI
 
 
 @pytest.mark.parametrize("target", ["lint", "check-generated", "generate", "test"])

@@ -17,6 +17,7 @@ PAGE = (ROOT / "docs" / "performance.md").read_text()
 
 @pytest.mark.slow
 def test_code_of_the_page(robot, monkeypatch):
+    """Run the code of docs/threads.md with fewer rows: the results of one call."""
     monkeypatch.setitem(sys.modules, "generated", SimpleNamespace(iiwa14=robot))
     code = "\n".join(re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL))
     assert "COUNT = 10_000_000" in code

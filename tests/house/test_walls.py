@@ -65,6 +65,7 @@ def test_nothing_else_lies_at_the_top() -> None:
 
 
 def test_imports_run_towards_the_core() -> None:
+    """Check the imports between rooms: none away from the core."""
     wrong = [
         f"{module} imports {other}"
         for module, others in imports().items()
@@ -91,6 +92,7 @@ def needs(name: str) -> set[str]:
 
 
 def test_families_import_only_what_the_table_declares() -> None:
+    """Check the imports between families against the table FAMILIES."""
     wrong = []
     for module, others in imports().items():
         if room(module) != "families" or module.count(".") < 3:
@@ -160,6 +162,7 @@ def test_commands_lie_in_cli_and_lab() -> None:
 
 
 def test_no_test_imports_a_test_and_each_lies_in_a_room() -> None:
+    """Check imports and folders of the tests: shared code belongs to tests/support."""
     tests = ROOT / "tests"
     files = list(tests.rglob("test_*.py"))
     names = {file.stem for file in files}
@@ -193,6 +196,7 @@ def test_only_tests_of_examples_import_examples() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("line", ["from stiffgen.lab import style", "import stiffgen.cli.console"])
 def test_a_wrong_import_is_seen(line: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Put a forbidden import into a module: the test of the walls must fail."""
     file = tmp_path / "chain.py"
     file.write_text(f"{line}\n")
     wrong = modules() | {"stiffgen.core.robot.chain": file}

@@ -37,6 +37,7 @@ def replaced(file: Path) -> dict[str, str]:
 
 
 def test_ci_runs_another_of_the_kind() -> None:
+    """Look up the test that each wide one names in its place: it exists and CI runs it."""
     files = [*files_of_tests(), ROOT / "tests" / "campaigns" / "jax_wrapper.py"]
     wide = {file: replaced(file) for file in files}
     assert sum(map(len, wide.values())) > 10

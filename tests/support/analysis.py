@@ -67,6 +67,7 @@ BAD = {  # line: (what stands there, category, words of the reason)
 
 
 def bad_csv(path: Path) -> Path:
+    """Write a CSV file with one bad row of each kind, and return its path."""
     lines = recordings.write_csv(path, ROWS).read_text().split("\n")
     for line, (cell, _, _) in BAD.items():
         cells = lines[line - 1].split(",")

@@ -29,6 +29,7 @@ def run_forked(arguments: list[str], folder: Path, megabytes: int, seconds: int)
 
 
 def _confined(arguments: list[str], folder: Path, megabytes: int, seconds: int) -> None:
+    """Run the command in this process with bounded memory and time, and print its peak [MB] at the end."""
     from stiffgen.cli import main
 
     limit = 4 * megabytes * 2**20

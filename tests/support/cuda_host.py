@@ -40,6 +40,7 @@ class HostCuda:
         number: type[np.floating[Any]] = np.float64,
         options: KernelOptions | None = None,
     ) -> None:
+        """Compile the CUDA source for the host, without a GPU, and load it."""
         flags = [
             "-x",
             "c++",
@@ -102,6 +103,7 @@ class HostCuda:
         return array.shape[0] * (array.shape[0] + 1) // 2 if result.symmetric else array.size
 
     def _dense(self, result: Argument, found: np.ndarray) -> np.ndarray:
+        """Return results as matrices; symmetric ones are stored as upper triangles."""
         shape, count = result.array(self.chain).shape, len(found)
         if not result.symmetric:
             return found.reshape(count, *shape)

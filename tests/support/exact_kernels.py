@@ -94,6 +94,7 @@ class ExactRobot:
         return self.tree.poses(self.base, self.q)[link]
 
     def jacobian(self, representation: str, link: str) -> mpmath.matrix:
+        """Return the Jacobian (6, size) of a link by central differences of its pose."""
         R, p = self.pose(link)
         total = mp.zeros(6, self.size)
         for k in range(self.size):

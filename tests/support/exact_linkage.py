@@ -145,6 +145,7 @@ class ExactLinkage:
     """Closed configurations of a linkage with 60 digits, as a function of the motors' positions."""
 
     def __init__(self, linkage: Linkage, coordinates: list[str], motors: Sequence[int], q: np.ndarray) -> None:
+        """Read the linkage, and close its loops at the motor positions of q."""
         self.tree = ExactTree(linkage.urdf, coordinates)
         self.passive = [k for k in range(len(coordinates)) if k not in motors]
         self.motors = list(motors)

@@ -40,6 +40,7 @@ def tree_urdf(seed: int, joints: int = 12) -> str:
         return " ".join(f"{source.uniform(low, high):.6f}" for _ in range(count))
 
     def link(name: str) -> str:
+        """Return a link with random mass [kg], centre [m] and inertia [kg m^2]."""
         xx, yy = source.uniform(0.02, 0.04), source.uniform(0.02, 0.04)
         offs = [f"{source.uniform(-0.004, 0.004):.6f}" for _ in range(3)]
         return (
@@ -106,6 +107,7 @@ class ExactTree:
     """Robot whose file lists joints after their parents; ``coordinates`` names the entries of q."""
 
     def __init__(self, text: str, coordinates: list[str]) -> None:
+        """Read bodies and joints of a URDF text as numbers of many digits."""
         robot = ET.fromstring(text)
         self.size = len(coordinates)
         self.bodies: dict[str, tuple[mpmath.mpf, Pose, mpmath.matrix]] = {}
@@ -167,11 +169,12 @@ class ExactTree:
     def twists(
         self, base: Pose, q: list[mpmath.mpf], size: int, frames: Callable[[dict[str, Pose]], list[Pose]]
     ) -> list[mpmath.matrix]:
-        """Return the body Jacobians (6, size) of some frames, by central differences."""
+        """Return the body Jacobians (6, size) of some frames, by central differences of position and rotation."""
         here = frames(self.moved(base, q, [mp.mpf(0)] * size))
         jacobians = [mp.zeros(6, size) for _ in here]
         for k in range(size):
             ends = [frames(self.moved(base, q, [sign * STEP * (i == k) for i in range(size)])) for sign in (1, -1)]
+            # (R1, p1) ahead and (R0, p0) behind: v is the velocity, W the skew matrix of the angular velocity.
             for jacobian, (R, _), (R1, p1), (R0, p0) in zip(jacobians, here, *ends, strict=True):
                 v, W = R.T * (p1 - p0) / (2 * STEP), R.T * (R1 - R0) / (2 * STEP)
                 jacobian[:, k] = mp.matrix([*v, W[2, 1], W[0, 2], W[1, 0]])

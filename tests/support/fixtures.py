@@ -26,6 +26,7 @@ def once(tmp_path_factory: pytest.TempPathFactory) -> Once:
     root = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
 
     def made(name: str, make: Callable[[Path], object]) -> Path:
+        """Return the folder `name`, made by one worker while the others wait."""
         folder, done = root / name, root / f"{name}.made"
         with FileLock(f"{folder}.lock"):
             if not done.exists():

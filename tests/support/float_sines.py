@@ -62,6 +62,7 @@ class Sines:
     """Sine and cosine of a folder of floats, compiled with the given flags."""
 
     def __init__(self, folder: Path, compiler: str, flags: Sequence[str], work: Path) -> None:
+        """Compile the sine and cosine of a robot in floats into a library."""
         source, library = work / "sines.c", work / "sines.so"
         source.write_text(_SOURCE.format(name=folder.name))
         command = [

@@ -43,6 +43,7 @@ class MujocoChain:
     """Chain between two bodies (or from a body to a site) of a model; ``coordinates`` are names of joints."""
 
     def __init__(self, file: str | Path, tip: str, base: str, coordinates: list[str]) -> None:
+        """Load the model without armature, which the chain counts separately, and find tip, base and joints."""
         self.model = copy.deepcopy(_model(str(file)))
         self.data = mujoco.MjData(self.model)
         self.coordinates = coordinates
@@ -116,6 +117,7 @@ class MujocoChain:
         return np.array([known.get(k, 0.0) for k in range(self.model.njnt)])
 
     def _update(self, q: np.ndarray, velocity: np.ndarray) -> None:
+        """Move MuJoCo's model to q and velocity, and update what its functions read."""
         m, d = self.model, self.data
         d.qpos[:] = m.qpos0
         positions = self._positions(q)

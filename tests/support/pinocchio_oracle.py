@@ -71,6 +71,7 @@ class PinocchioChain:
     """Chain in Pinocchio; ValueError if Pinocchio cannot read the robot, or if a mimic relation is broken."""
 
     def __init__(self, xml: str | bytes, tip: str, base: str | None = None, *, masses: bool = True) -> None:
+        """Build Pinocchio's model of the URDF, and the matrix from coordinates to moving joints."""
         self.xml = readable_by_pinocchio(xml, masses)
         self.joints = {joint.get("name", ""): joint for joint in self.xml.findall("joint")}
         above = {child_of(joint, "child").get("link"): joint for joint in self.joints.values()}
@@ -106,6 +107,7 @@ class PinocchioChain:
         return pin.buildModelFromXML(ET.tostring(self.xml, encoding="unicode"))
 
     def _prune(self, path: list[ET.Element], masses: bool) -> None:
+        """Remove the links and joints that the chain does not use."""
         kept = {self.base, *(child_of(joint, "child").get("link") for joint in path)}
         first = next(joint for joint in reversed(path) if joint.get("type") in MOVING)
         beyond = [child_of(first, "child").get("link")] if masses else []
@@ -127,6 +129,7 @@ class PinocchioChain:
         return int(self.model.joints[self.model.getJointId(joint)].idx_v)
 
     def _relation(self, joint: str) -> tuple[str, float, float]:
+        """Return the joint that moves another one through mimic relations, with multiplier and offset."""
         multiplier, offset, steps = 1.0, 0.0, 0
         while (mimic := self.joints[joint].find("mimic")) is not None:
             if self.joints[joint].get("type") not in MOVING:

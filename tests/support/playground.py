@@ -33,6 +33,7 @@ class Scripts:
     """The page's modules with a robot's kernels, in node."""
 
     def __init__(self, robot: GeneratedRobot, folder: Path) -> None:
+        """Compile the robot for WebAssembly and copy the page's scripts for Node."""
         require_wasm()
         self._node = require_program("node", "nodejs")
         self.robot, self._folder = robot, folder

@@ -131,6 +131,7 @@ class Measured:
         self.library = ctypes.CDLL(str(library))
 
     def _driver(self, name: str, quad: str, kernel: Kernel) -> str:
+        """Return the C function that calls a kernel in double, in batches and in quad, and stores the differences."""
         arguments = [a.array(self.chain) for a in kernel.arguments]
         results = [r.array(self.chain) for r in kernel.results]
         total, number, start = sum(r.size for r in results), self.number, 0

@@ -99,6 +99,7 @@ def random_robot(source: Source, most_moving: int) -> Robot:
 
 
 def _joints(source: Source, kinds: list[str], parents: list[int], names: list[str], before: int) -> list[str]:
+    """Return joints of random types, origins, axes, limits and mimic relations."""
     moving = [k for k, kind in enumerate(kinds) if kind in ("revolute", "continuous", "prismatic")]
     order = moving if source.integer(0, 1) else moving[::-1]  # a follower's master comes earlier in this order
     joints = []
@@ -136,6 +137,7 @@ def _origin(source: Source) -> list[str]:
 
 
 def _link(source: Source, name: str) -> str:
+    """Return a link with a random inertia of a box, or none."""
     if source.integer(0, 4) == 0:
         return f"<link name={quoteattr(name)}/>"
     x, y, z = (source.real(0.01, 0.5) for _ in range(3))  # a box's half axes: any tensor made so is a body's
@@ -187,6 +189,7 @@ def broken_file(source: Source, most_moving: int = 4) -> bytes:
 
 
 def _mutated(source: Source, text: str) -> str:
+    """Return the text with one random damage: a value, a name, a piece lost, doubled or inserted."""
     quotes = [i for i, c in enumerate(text) if c == '"']
     tags = [i for i, c in enumerate(text) if c == "<"]
     if len(quotes) < 2 or len(tags) < 2:

@@ -162,6 +162,7 @@ def by_casadi(chain: stiffgen.Chain) -> Evaluated:
     """Return the kernels as CasADi functions."""
 
     def kernels(kind: str, placement: Placement) -> dict[str, Callable[..., np.ndarray]]:
+        """Return the functions of a spring over samples, by name."""
         chosen = spring(kind, placement)
         table = [
             k

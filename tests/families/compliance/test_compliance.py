@@ -59,6 +59,7 @@ def ur5():
     ids=str,
 )  # fmt: skip
 def test_trees_on_both_sides_of_the_limit(seed, rep, total, floating, tmp_path):
+    """Load trees on both sides of the stability limit: values agree, and NaN exactly where unstable."""
     file = tmp_path / "tree.urdf"
     file.write_text(tree_urdf(seed, 4))
     case = Case(load_chain(file, tip=["left", "right"], floating_base=floating), rep, total=total, seed=seed)
@@ -74,6 +75,7 @@ def test_trees_on_both_sides_of_the_limit(seed, rep, total, floating, tmp_path):
 
 
 def test_oracles_of_verify_see_a_wrong_sign(monkeypatch):
+    """Turn the sign of the load's stiffness: each function of compliance must fail."""
     chain = load_chain(UR5, tip="tool0")
     table = [each for each in chain_kernels(chain, FAMILY) if each.on_request and each.group == "hybrid"]
     assert not check_oracles(table, FAMILY)
@@ -111,6 +113,7 @@ def test_smallest_scope(robot, tmp_path):
 
 
 def test_far_angles_are_whole_turns(tmp_path, monkeypatch):
+    """Check the samples far away: they differ from the near ones by whole turns, some by more than 1e8."""
     pools = []
     monkeypatch.setattr(formulas, "compare", lambda kernels, chain, pool, options: pools.append(pool) or [])
     chain = LINKAGES["four-bar"].load(tmp_path)
@@ -342,6 +345,7 @@ def test_products_are_lowered_column_by_column():
 
 
 def test_kernels_on_request_alone():
+    """Choose kernels: those of compliance and tangents come only when named."""
     chain = load_chain(UR5, tip="tool0")
     whole, more = chain_kernels(chain), chain_kernels(chain, KernelOptions(kernels=("all", "compliance")))
     assert not any(each.on_request for each in whole)

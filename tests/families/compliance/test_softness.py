@@ -73,6 +73,7 @@ def test_gradients_of_a_direction_against_the_kernels_products(robot: ModuleType
 
 @pytest.mark.parametrize("block", BLOCKS)
 def test_gradients_of_determinants_against_differences_by_pinocchio(robot: ModuleType, states, block) -> None:
+    """Compare log determinant and gradient with differences of fourth order (step 1e-3 rad) by Pinocchio."""
     (q, wrench, _), arm, step, rows = states, Pinocchio(), 1e-3, BLOCKS[block]
     logarithm, gradient = stiffgen.compliance_determinant_gradient(robot, q, wrench, SPRINGS, block)
 
@@ -102,6 +103,7 @@ def test_unstable_and_singular_postures_have_none(robot: ModuleType) -> None:
 
 
 def test_what_is_refused(robot: ModuleType) -> None:
+    """Pass wrong shapes or blocks: refused, and the argument is named."""
     q, F, K = np.zeros(7), np.zeros(6), np.ones(7)
     for call, words in (
         (lambda: stiffgen.compliance_gradient(robot, q, F, K, np.ones(4)), "takes directions"),

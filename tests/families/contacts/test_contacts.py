@@ -65,6 +65,7 @@ def setting(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
 
 
 def arguments(chain: stiffgen.Chain, kernel: Kernel, random: np.random.Generator) -> list[np.ndarray]:
+    """Return random arguments of a kernel; forces and stiffnesses have the size 100."""
     given = []
     for argument in kernel.arguments:
         shape = argument.array(chain).shape
@@ -117,6 +118,7 @@ def test_the_work_does_not_grow_with_the_tips(tmp_path: Path) -> None:
     """Four tips on one chain of twenty joints cost little more than one: covectors and pairs are made once."""
 
     def operations(tips: int) -> int:
+        """Return the CasADi instructions of the total joint stiffness of a chain with that many tips."""
         names = [f"l{k}" for k in (20, 19, 18, 17)[:tips]]
         links = "".join(f'<link name="l{k}"/>' for k in range(21))
         joints = "".join(

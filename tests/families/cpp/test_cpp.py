@@ -238,6 +238,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[Path
 
     @cache
     def make(name: str) -> tuple[Path, list[str]]:
+        """Return the folder of a robot with the C++ program of all functions, and its compiled objects."""
         urdf, options = ROBOTS[name]
         folder = stiffgen.generate(urdf, name=name, output=tmp_path_factory.mktemp(name), build=False, **options)
         chain = stiffgen.load_chain(urdf, **{key: value for key, value in options.items() if key not in OF_KERNELS})
@@ -282,6 +283,7 @@ def command(compiler: str, standard: str, with_eigen: bool) -> list[str]:
     CASES,
 )
 def test_every_function_gives_the_bits_of_c(made, name, compiler, standard, with_eigen, tmp_path):
+    """Call each function in C++, with arrays and Eigen: the bits of C."""
     folder, objects = made(name)
     build = [*command(compiler, standard, with_eigen), "main.cpp", *objects, "-o", str(tmp_path / "a"), "-lm"]
     subprocess.run(build, cwd=folder, check=True)
@@ -392,6 +394,7 @@ def test_a_column_major_matrix_of_the_wrong_size_gives_nan(made, tmp_path):
 
 @pytest.mark.slow
 def test_two_robots_and_files_with_and_without_eigen_make_one_program(made, tmp_path):
+    """Link files with and without Eigen, of two robots: no symbol is defined twice with different code."""
     one, objects = made("iiwa14")
     two, others = made("other")
     (tmp_path / "with.cpp").write_text(

@@ -258,6 +258,7 @@ def test_files(folder, chain):
 
 
 def test_cuda_files_go_when_not_asked_for(tmp_path):
+    """Generate with CUDA and again without: no CUDA file and no word of CUDA is left."""
     few = {"kernels": "limits", "controller": False, "masses": False}
     folder = stiffgen.generate(URDF, output=tmp_path, build=False, cuda=True, **few)
     assert "IIWA14_CUDA" in (folder / "CMakeLists.txt").read_text()
@@ -268,6 +269,7 @@ def test_cuda_files_go_when_not_asked_for(tmp_path):
 
 
 def test_a_chain_too_long_is_refused(tmp_path, capsys):
+    """Ask for CUDA for 25 joints: exit code 2, the most allowed (24), and no folder."""
     urdf = tmp_path / "long.urdf"
     urdf.write_text(chain_urdf("r" * (MAX_BATCH_JOINTS + 1)))
     few = ["--kernels", "hybrid.jacobian", "--no-controller", "--no-masses"]
@@ -357,6 +359,7 @@ def test_cmake(tmp_path):
 
 @pytest.mark.wide(instead="test_nvcc")
 def test_nvcc_takes_mimic_joints_and_the_benchmark(tmp_path):
+    """Compile a robot with mimic joints and the benchmark with nvcc."""
     urdf = tmp_path / "arm.urdf"
     urdf.write_text(chain_urdf("rprmrr"))
     arm = stiffgen.generate(urdf, output=tmp_path, name="arm", build=False, cuda=True)

@@ -63,6 +63,7 @@ def test_every_launch_function_is_right(check):
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_is_found(fault, check):
+    """Seed a fault in the CUDA code: the check program says WRONG and where."""
     pattern, text, message = FAULTS[fault]
     source = check.folder / "arm.cu"
     right = source.read_text()

@@ -84,6 +84,7 @@ def products(chain):
     ],
 )
 def test_products_are_complex_steps(robot, tmp_path):
+    """Compare all VJPs and JVPs with complex steps, which have no cancellation."""
     chain = ROBOTS[robot](tmp_path)
     errors = {k.qualified_name: worst_error(chain, k, p, 3, seed=5) for k, p in products(chain)}
     assert {name: error for name, error in errors.items() if not error <= BOUND} == {}
@@ -111,6 +112,7 @@ def test_gradients_of_stiffnesses_are_symmetric(chain):
 
 @pytest.mark.slow
 def test_both_triangles_of_a_cotangent_count(chain):
+    """Transpose the cotangent of a symmetric result: the products stay, up to rounding."""
     model = stiffgen.StiffnessModel(chain, derivatives=True, kernels=("hybrid.jacobian", "hybrid.joint_stiffness"))
     random = np.random.default_rng(4)
     q, F, K, C = (random.normal(size=shape) for shape in (chain.dof, 6, (6, 6), (chain.dof, chain.dof)))

@@ -89,6 +89,7 @@ def test_measure_and_gradient_are_zero_where_w_is_zero(tmp_path):
 @BASES
 @pytest.mark.parametrize("types", ["rprrp", pytest.param("rrmrrprr", marks=pytest.mark.wide)])
 def test_sliding_and_mimic_joints_and_a_tool_of_run_time(types, floating, tmp_path):
+    """Compare manipulability and its gradients with the references, for other joints and tools."""
     file = tmp_path / "robot.urdf"
     file.write_text(chain_urdf(types))
     chain = load_chain(file, floating_base=floating, runtime_tool=True)

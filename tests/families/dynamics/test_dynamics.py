@@ -117,6 +117,7 @@ FORCES = ("bias_forces", "gravity_gradient", "gravity_joint_stiffness")
 
 
 def compare_with_pinocchio(chain, oracle, seed=5):
+    """Fail unless all forces agree with the oracle in five random states, with gravity and without."""
     kernels = {kernel.qualified_name: kernel for kernel in chain_kernels(chain)}
     random = np.random.default_rng(seed)
     for _ in range(5):

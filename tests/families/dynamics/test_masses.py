@@ -62,6 +62,7 @@ def checks_of(urdf: Path, kernels_of: Chain, chain: Chain) -> list[Check]:
 
 @pytest.mark.parametrize("options", [{"tip": "left"}, {"tip": "right"}, {"tip": ["left", "right"]}])
 def test_a_parallel_gripper(options: dict[str, Any], tmp_path: Path) -> None:
+    """Verify the masses of a parallel gripper, for each tip and for both."""
     urdf = tmp_path / "gripper.urdf"
     urdf.write_text(GRIPPER)
     chain = stiffgen.load_chain(urdf, **options)
@@ -87,6 +88,7 @@ def test_forces_that_are_zero_are_no_false_alarm(tmp_path: Path) -> None:
 
 
 def test_a_finger_that_does_not_move_is_found(tmp_path: Path) -> None:
+    """Take the following finger's mass away: each function of masses must fail."""
     urdf = tmp_path / "gripper.urdf"
     urdf.write_text(GRIPPER)
     chain = stiffgen.load_chain(urdf, tip="left")
@@ -140,6 +142,7 @@ def test_terms_that_cancel_are_no_false_alarm(tmp_path: Path) -> None:
 def test_masses_that_are_not_compared_have_a_row_with_the_reason(
     text: str, masses: bool, reason: str, tmp_path: Path
 ) -> None:
+    """Verify masses where it is impossible: a row that states the reason, not silence."""
     urdf, file = tmp_path / "gripper.urdf", tmp_path / "other.urdf"
     urdf.write_text(GRIPPER)
     file.write_text(text)

@@ -22,6 +22,7 @@ ROBOTS = ("iiwa14", "iiwa7", "med14", "med7")
 
 @cache
 def load(robot, tip):
+    """Return model, Pinocchio's model and data, and 20 random postures within the limits."""
     urdf = ROOT / "urdf" / f"{robot}.urdf"
     pinocchio = pin.buildModelFromUrdf(str(urdf))
     postures = np.random.default_rng(5).uniform(
@@ -36,6 +37,7 @@ def load(robot, tip):
 @pytest.mark.parametrize("robot", ROBOTS)
 @pytest.mark.parametrize("rep", FRAMES)
 def test_jacobian_and_pose(robot, rep):
+    """Compare Jacobians and poses with Pinocchio's."""
     model, pinocchio, data, postures = load(robot, "link_ee")
     tip = pinocchio.getFrameId("link_ee")
     for q in postures:

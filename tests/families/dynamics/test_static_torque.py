@@ -97,6 +97,7 @@ class Pinocchio:
 @pytest.mark.parametrize("urdf", ROBOTS, ids=lambda urdf: urdf.stem)
 @pytest.mark.filterwarnings("ignore::stiffgen.core.errors.DescriptionWarning")
 def test_derivative_of_the_static_torque_by_pinocchio(urdf, floating, tmp_path):
+    """Compare the derivative of the static torque with Pinocchio's, with wrenches and with gravity alone."""
     file = tmp_path / urdf.name
     file.write_text(with_exact_right_angles(urdf.read_text()))
     chain = stiffgen.load_chain(file, tip=ROBOTS[urdf], floating_base=floating)

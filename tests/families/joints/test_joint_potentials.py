@@ -31,6 +31,7 @@ def model():
 
 
 def test_values_at_the_edges(model):
+    """Compare with values in long double around limits and ramps, where branches meet."""
     deep = 0
     for group, arguments in cases():
         expected = by_hand(group, *(np.asarray(each, np.longdouble)[None] for each in arguments))

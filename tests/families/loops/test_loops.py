@@ -149,6 +149,7 @@ FAULTS = {
     "fault", [pytest.param(fault, marks=() if fault == "G" else pytest.mark.wide) for fault in FAULTS]
 )
 def test_a_wrong_sign_is_found(fault, tmp_path, monkeypatch):
+    """Turn one sign of the closure: the comparison with exact linkages must show it."""
     name, wrong = FAULTS[fault]
     monkeypatch.setattr(closure.Closure, name, wrong)
     for seed in (0, 1):
@@ -232,6 +233,7 @@ def compare_with_energy(chain: Chain, a: ca.SX, point: ca.SX, starts: np.ndarray
 
 
 def test_five_bar_against_its_closed_form(tmp_path):
+    """Compare the five-bar linkage with its closed form: energy, torque and stiffness at 40 motor positions."""
     chain = five_bar(tmp_path)
     a, point = five_bar_point()
     upper = functions(chain, "close", "forward_kinematics")
@@ -341,6 +343,7 @@ def test_stewart_platform_against_its_closed_form(tmp_path):
 
 
 def test_torque_does_no_work_on_a_closed_orbit(tmp_path):
+    """Move the motors round a circle of 0.3 rad in 256 steps: the spring does no work up to rounding."""
     chain = five_bar(tmp_path)
     motors = functions(chain, "close", "motors_spring_torque", "motors_spring_joint_stiffness")
     q = motors.close([2.0, 1.0], [2.0, -1.2, 1.0, 0.9]).ravel()

@@ -43,6 +43,7 @@ def loaded(folder: Path, *bars: str, **options):
 
 
 def test_a_planar_loop_has_two_equations(tmp_path):
+    """Read a four-bar linkage: two equations, one motor, and a start that closes the loop."""
     chain = loaded(tmp_path, CRANK, COUPLER, ROCKER, loop=[LOOP], actuated=["crank"])
     assert [each.name for each in chain.coordinates] == ["crank", "coupler", "rocker"]
     assert chain.actuated == (0,)
@@ -212,6 +213,7 @@ REFUSALS = {
 
 @pytest.mark.parametrize("message", REFUSALS)
 def test_refused(message, tmp_path):
+    """Describe loops that cannot be closed or driven: refused with the reason."""
     options = {"loop": [LOOP], "actuated": ["crank"]} | REFUSALS[message]
     bars = [CRANK, COUPLER, ROCKER, options.pop("extra", "")]
     if bars[3]:

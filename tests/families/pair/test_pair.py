@@ -83,6 +83,7 @@ def test_tangent_is_that_of_mujocos_torque(tmp_path: Path) -> None:
     wrench = function_of_stacks(chain, kernels["pair_wrench"])
 
     def torque(q: np.ndarray) -> np.ndarray:
+        """Return the torque (dof) [N m] of both ends' wrenches through MuJoCo's Jacobians."""
         data.qpos[order] = q
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
@@ -128,6 +129,7 @@ def test_the_half_way_point_serves_both_tips_alike(tmp_path: Path) -> None:
 )
 @pytest.mark.slow
 def test_oracles_of_verify_and_gradients(options: dict[str, Any], tmp_path: Path) -> None:
+    """Run all oracles of the springs between two tips, with derivatives; the counts notice a lost check."""
     chain = loaded(tmp_path, tree_urdf(7, 6), **options)
     chosen = stiffgen.KernelOptions(pairs=BOTH, springs=("bounded",), derivatives=True)
     table = tuple(kernel for kernel in chain_kernels(chain, chosen) if kernel.span)
@@ -136,11 +138,12 @@ def test_oracles_of_verify_and_gradients(options: dict[str, Any], tmp_path: Path
     checks = check_oracles(table, chosen) + check_robot(functions, chain, 3, 0, chosen, table)
     pool = argument_samples(chain, 3, 0, chosen)
     checks += check_derivatives(functions, table, chain, pool)
-    assert len(checks) == 44 + 24
+    assert len(checks) == 44 + 24  # values and symmetry; VJPs
     assert all(check.passed for check in checks), [check for check in checks if not check.passed]
 
 
 def test_bounded_spring_keeps_its_limits(tmp_path: Path) -> None:
+    """Pull two tips far apart: the bounded spring stays below 30 N, and stores less than the free one."""
     chain = loaded(tmp_path, tree_urdf(7))
     table = chain_kernels(chain, stiffgen.KernelOptions(pairs=BOTH, springs=("bounded",)))
     kernels = {kernel.qualified_name: kernel for kernel in table if kernel.span}

@@ -157,6 +157,7 @@ def test_sizes_of_arguments_are_the_ranges(chain):
 
 
 def bounds_of(chain) -> dict[str, dict[str, list[float]]]:
+    """Return the rounding bounds of all kernels that have one."""
     analysis, found = ErrorBounds(chain), {}
     for kernel in chain_kernels(chain):
         try:

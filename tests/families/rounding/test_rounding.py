@@ -72,6 +72,7 @@ def test_some_errors_are_within_their_bounds(robot_folder, chain, tmp_path):
     ids=["sliding and coupled joints", "floating base", "tool at run time"],
 )
 def test_other_chains(types, options, tmp_path):
+    """Climb to the largest rounding errors of other chains: all stay within the bounds."""
     urdf = tmp_path / "chain.urdf"
     urdf.write_text(chain_urdf(types))
     folder = stiffgen.generate(urdf, output=tmp_path, name="other", build=False, controller=False, **options)
@@ -140,6 +141,7 @@ COEFFICIENTS = ("0.008333333333322118", "0.008333333333300000"), ("2.75573136213
     ],
 )
 def test_the_proof_fails_where_the_code_is_wrong(statement, broken):
+    """Change a coefficient or a statement of the sine: the proof must fail or exceed 2 units."""
     assert statement in SINES
     try:
         units = proved_units(SINES.replace(statement, broken))
@@ -149,6 +151,7 @@ def test_the_proof_fails_where_the_code_is_wrong(statement, broken):
 
 
 def test_bounds_are_stated_in_header_and_manifest(robot_folder, chain):
+    """Compare the bounds in header and manifest with those computed anew."""
     stated = json.loads((robot_folder / "manifest.json").read_text())["rounding"]
     header = (robot_folder / "iiwa14.h").read_text()
     found = ErrorBounds(chain)

@@ -72,6 +72,7 @@ def functions_of(chain, name, change):
     for kernel in chain_kernels(chain, OPTIONS):
 
         def call(*stacks, kernel=kernel):
+            """Evaluate the CasADi function of a kernel over samples; the result of `name` is changed."""
             function = casadi_function(chain, kernel)
             rows = [
                 [np.asarray(x) for x in as_results(function(*(a.reshape(folded(a.shape)) for a in one)))]

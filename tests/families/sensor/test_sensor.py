@@ -159,6 +159,7 @@ def payload_of(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
     ],
 )
 def test_refused(sensor, message, tmp_path):
+    """Describe sensors that do not fit the chain: refused, and the link is named."""
     with pytest.raises(ChainError, match=message):
         load(tmp_path, ARM, {"tip": "hand", "sensor": sensor})
 

@@ -80,6 +80,7 @@ def test_each_kernel_is_found_wrong_by_its_own_oracle(small: Chain) -> None:
 
 
 def test_a_reference_that_is_nan_is_said_to_be_nan() -> None:
+    """Compare with NaN on one side: a fault that names the side, and not a pass."""
     right = np.arange(6.0).reshape(2, 3)
     spoiled = np.array(right)
     spoiled[1, 2] = np.nan
@@ -150,6 +151,7 @@ def test_a_wrong_batch_has_its_rounding_analysed_once_per_layout(small: Chain, m
 
 
 def test_a_function_without_a_certified_bound_has_a_row_with_the_reason() -> None:
+    """Verify functions without a rounding bound: a row that states why there is none."""
     robot = open_robot(ROOT / "generated" / "iiwa14")
     rounding, pool = robot.manifest["rounding"], argument_samples(robot.chain, 2, 0)
     table = [kernel for kernel in robot.table if kernel.qualified_name in ("posture_energy", "manipulability")]

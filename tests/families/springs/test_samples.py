@@ -31,6 +31,7 @@ DATA = ROOT / "tests" / "data"
     ],
 )
 def test_an_argument_without_a_draw_or_a_range_names_the_line_to_write(record: dict, line: str) -> None:
+    """Leave random values or range of an argument out: the error names the line to write."""
     load = Argument("load", (3,), "N", "weight at the tip", **record)
     with pytest.raises(StiffgenError, match=rf"kernel forward_kinematics: .*{line}"):
         replace(POSE, arguments=(*POSE.arguments, load))

@@ -40,6 +40,7 @@ def check(kernel: Kernel, function: CFunction) -> None:
 
 @pytest.mark.parametrize("variant", [SINGLE, BATCH, CUDA])
 def test_no_quantity_of_a_spring_is_numbered(variant: Variant) -> None:
+    """Print the springs: each local has a name, not a number."""
     chain = stiffgen.load_chain(URDF)
     seen = 0
     for kernel, function in printed(chain, variant, Placement()):
@@ -58,6 +59,7 @@ def test_nor_with_other_axes_and_a_shifted_centre(placement: Placement) -> None:
 
 @pytest.mark.slow
 def test_nor_of_several_tips() -> None:
+    """Print the totals of two tips: no local is declared twice."""
     chain = stiffgen.load_chain(DUAL, tip=["left hand", "right-hand"])
     totals = [pair for pair in printed(chain, SINGLE, Placement()) if pair[0].name.endswith("_total")]
     assert len(totals) == 4 * len(KINDS)

@@ -110,6 +110,7 @@ def named(function, **parameters):
 
 
 def test_a_potential_of_ones_own():
+    """Generate a user's potential: wrench in closed form, torque and stiffness by differences (step 1e-5 rad)."""
     model = stiffgen.StiffnessModel(stiffgen.load_chain(URDF), potentials=[scaled])
     q, centre = np.linspace(-1, 1, 7), np.array([0.1, 0.2, 0.3])
     away = np.array(model.forward_kinematics(q))[:3, 3] - centre
@@ -150,10 +151,12 @@ def test_a_potential_of_ones_own():
     ],
 )
 def test_potentials_refused(function, message):
+    """Define potentials that cannot be generated: refused with the reason."""
     refusal(function, message)
 
 
 def test_potentials_of_files(tmp_path, capsys):
+    """Name files without a usable potential: exit code 2, the reason, and no folder."""
     file = tmp_path / "mine.py"
     for text, where, message in (
         ("x = 1", "well", "has no function 'well'"),

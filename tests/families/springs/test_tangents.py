@@ -76,6 +76,7 @@ def test_the_family_is_on_request() -> None:
     "options", [TREE_OPTIONS, pytest.param({"tip": "left hand", "floating_base": True}, marks=pytest.mark.wide)]
 )
 def test_verified_on_trees_and_floating_bases(options: dict[str, object], tmp_path: Path) -> None:
+    """Verify the tangents of springs on a tree and on a floating base."""
     folder = stiffgen.generate(
         TREE, output=tmp_path, kernels=("tangents",), springs=("bounded", "coupled"), masses=False, controller=False,
         **options,

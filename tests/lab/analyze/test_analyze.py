@@ -83,6 +83,7 @@ def test_hybrid_closed_form(robot):
 
 
 def test_column_mapping(here, robot_folder, robot):
+    """Name the columns in any order: the measures of the usual names."""
     names = ["t", *(f"a{i}" for i in range(7)), *("fx", "fy", "fz", "mx", "my", "mz")]
     order = np.random.default_rng(0).permutation(14)
     extra = [*(names[i] for i in order), "other", "other"]
@@ -100,6 +101,7 @@ def test_column_mapping(here, robot_folder, robot):
 
 
 def test_negated_wrench(here, robot_folder):
+    """Turn the wrench's sign and pass negate_wrench: the measures of the original."""
     recordings.write_npz(here / "a.npz", ROWS)
     turned = ROWS * np.r_[np.ones(8), -np.ones(6)]
     recordings.write_npz(here / "b.npz", turned)
@@ -112,6 +114,7 @@ def test_negated_wrench(here, robot_folder):
 
 @pytest.mark.parametrize("stiffness", [["1", "2", "3", "4", "5", "6"], ["K.csv"]])
 def test_the_recording_stands_anywhere(stiffness):
+    """Give the arguments in each order: the stiffness does not swallow the file's name."""
     words = ["--task-stiffness", *stiffness]
     for order in itertools.permutations((["log.csv"], words, ["--robot", "DIR"])):
         options = parser().parse_args(["analyze", *itertools.chain(*order)])
@@ -121,6 +124,7 @@ def test_the_recording_stands_anywhere(stiffness):
 
 
 def test_task_stiffness_from_a_file(here, robot_folder, capsys):
+    """Read the stiffness from a file, with a coupling of 12 N: the summary has it."""
     log = recordings.write_npz(here / "log.npz", ROWS)
     matrix = np.diag(np.array(K, dtype=float))
     matrix[0, 4] = matrix[4, 0] = 12.0
@@ -132,6 +136,7 @@ def test_task_stiffness_from_a_file(here, robot_folder, capsys):
 
 
 def test_a_robot_of_several_tips_and_a_tool_at_run_time(here, robot):
+    """Analyse one tip of a dual arm: refused without --tip, and its own functions with it."""
     dual = stiffgen.load_chain(ROOT / "tests" / "data" / "dual_arm.urdf", tip=["left hand", "right-hand"])
     assert _tip(dual, "left hand") == "left_hand"
     with pytest.raises(RecordingError, match="choose with --tip: left hand, right-hand"):
@@ -152,6 +157,7 @@ def test_units_follow_the_joints(chain):
 
 
 def test_report(here, robot_folder, capsys):
+    """Write the report of a recording with bad rows and a hostile name: all figures, escaped text, same bytes again."""
     log = here / "<b>log & co.csv"
     bad_csv(log)
     code, out, err = run(capsys, *command(robot_folder, log))
@@ -194,6 +200,7 @@ def test_report(here, robot_folder, capsys):
 @pytest.mark.slow
 @pytest.mark.parametrize("change", ["backwards", "jump", "none", "one row"])
 def test_figures_over_rows_where_time_is_of_no_use(change, here, robot_folder):
+    """Analyse recordings whose time jumps or is absent: figures over row numbers."""
     rows = ROWS[:1].copy() if change == "one row" else ROWS.copy()
     if change == "backwards":
         rows[100:, 0] -= 1
@@ -205,6 +212,7 @@ def test_figures_over_rows_where_time_is_of_no_use(change, here, robot_folder):
 
 
 def test_a_missing_extra_is_named(here, robot_folder, capsys, monkeypatch):
+    """Take pyarrow away: exit code 2 and the command that installs it."""
     import importlib
 
     find = importlib.import_module
@@ -225,6 +233,7 @@ def test_a_missing_extra_is_named(here, robot_folder, capsys, monkeypatch):
 
 @pytest.mark.slow
 def test_memory_does_not_grow_with_the_rows(here, robot_folder, monkeypatch):
+    """Analyse six times as many rows: the peak of memory stays within 10 % and 1 MB."""
     monkeypatch.setattr(parquet_file, "PARTITION_ROWS", 1000)
     monkeypatch.setattr(analysis, "_MOST_THREADS", 1)  # what two of them hold at once is left to chance
     peaks = []
@@ -284,6 +293,7 @@ def test_quantiles_lie_within_the_extremes(robot):
 def test_the_first_figure_says_whether_corrected_and_symmetric_part_coincide(
     here, capsys, robot, robot_folder, representation, words
 ):
+    """Analyse in two representations: the corrected stiffness is the symmetric part in the hybrid one only."""
     recordings.write_csv(here / "log.csv", ROWS)
     arguments = command(robot_folder, "log.csv", "--representation", representation)
     assert run(capsys, *arguments)[0] == 0

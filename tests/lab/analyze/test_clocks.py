@@ -47,6 +47,7 @@ def test_a_wrench_with_a_wrong_stamp_costs_its_own_row(tmp_path, seconds):
 
 @pytest.mark.parametrize("seconds", [1e3, -1e3])
 def test_joint_positions_with_a_wrong_stamp_cost_their_own_row(tmp_path, seconds):
+    """Shift one stamp by 1000 s: that row alone is lost, with the reason."""
     log = recordings.write_mcap(
         tmp_path / "a.mcap", LONG, JOINTS, clocks=lambda row: (round(seconds * SECOND) * (row == 101), 0, 0)
     )

@@ -37,6 +37,7 @@ def archive(path, compression, **counts):
 
 @pytest.mark.parametrize("compression", [zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED])
 def test_an_array_whose_length_is_not_what_its_header_says(tmp_path, compression):
+    """Lie in an array's header: refused, whether longer or shorter."""
     request = RecordingRequest(joints=damaged_recordings.JOINTS)
     assert open_recording(archive(tmp_path / "good.npz", compression), request).partitions[0].rows == 10
     for rows, found in ((24, "is damaged"), (9, "array time has more bytes than its header says"), (-1, "is damaged")):
@@ -46,6 +47,7 @@ def test_an_array_whose_length_is_not_what_its_header_says(tmp_path, compression
 
 
 def test_a_stored_array_whose_checksum_is_wrong(tmp_path):
+    """Flip one bit of a stored array: refused by its checksum."""
     log = recordings.write_npz(tmp_path / "log.npz", damaged_recordings.ROWS)
     content = bytearray(log.read_bytes())
     place = content.find(damaged_recordings.ROWS[5, 1:8].tobytes())

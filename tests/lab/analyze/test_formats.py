@@ -30,6 +30,7 @@ def blanks(path):
 
 
 def write_all(folder):
+    """Write the same rows in all formats and dialects, and return the files."""
     lines = recordings.write_csv(folder / "plain.csv", ROWS).read_text()
     commented = "# " + lines.replace(",", " ; ").replace("\n", "\r\n")
     (folder / "excel.csv").write_bytes(b"\xef\xbb\xbf" + commented.encode())
@@ -53,6 +54,8 @@ def write_all(folder):
 
 
 def test_formats_agree_with_a_direct_computation(here, robot, robot_folder, monkeypatch):
+    """Read 300 rows in all formats, in several partitions: each measure is NumPy's over all rows."""
+    # Small partitions (rows; bytes) and pieces (bytes), so that 300 rows are cut several times.
     monkeypatch.setattr(parquet_file, "PARTITION_ROWS", 90)
     monkeypatch.setattr(csv_file, "_PARTITION", 20_000)
     monkeypatch.setattr(csv_file, "_PIECE", 3_000)
@@ -66,14 +69,14 @@ def test_formats_agree_with_a_direct_computation(here, robot, robot_folder, monk
         assert summary == done.summary
         assert (summary["rows"], summary["rows_analysed"], summary["rows_bad"]) == (300, 300, {}), file.name
         assert summary["rows_corrected_not_symmetric"] == 0
-        first = 2 if done.recording.first_line else 0
+        first = 2 if done.recording.first_line else 0  # text files count lines, below a header; others rows from 0
         for name, values in expected.items():
             found = summary["measures"][name]
             assert found["least"] == values.min() and found["most"] == values.max(), (file.name, name)
             np.testing.assert_allclose(found["mean"], values.mean(), rtol=1e-12, atol=1e-15)
             np.testing.assert_allclose(found["rms"], np.sqrt((values**2).mean()), rtol=1e-12)
             assert int(found["most_at"].split()[1]) == values.argmax() + first
-            if name == "moment":
+            if name == "moment":  # quantiles are middles of bins of 2.3 %
                 np.testing.assert_allclose(found["median"], np.quantile(values, 0.5), rtol=0.03)
                 np.testing.assert_allclose(found["quantile_95"], np.quantile(values, 0.95), rtol=0.03)
         negative = (expected["eigenvalue_smallest"] < 0) & (expected["eigenvalue_largest"] > 0)
@@ -111,6 +114,7 @@ def test_columns_by_prefix(case, here, robot_folder, capsys):
 
 @pytest.mark.parametrize("kind", ["npz", "csv", "parquet"])
 def test_export_is_the_joint_stiffness_of_the_good_rows(kind, here, robot, robot_folder, capsys):
+    """Export with two bad rows: the joint stiffness of the others, to the bit, in each format."""
     rows = ROWS.copy()
     rows[[5, 40], 3] = np.nan
     log = recordings.write_npz(here / "log.npz", rows)
@@ -144,6 +148,7 @@ def test_the_asymmetry_is_compared_with_the_smallest_torque_limit(here, robot, r
 
 
 def test_float32_and_integers(here, robot_folder):
+    """Read float32 and integers: the measures of both agree."""
     rows = np.round(ROWS)
     np.savez(here / "i.npz", q=rows[:, 1:8].astype(np.int16), wrench=rows[:, 8:].astype(np.float32))
     recordings.write_parquet(here / "f.parquet", rows.astype(np.float32))
@@ -154,6 +159,7 @@ def test_float32_and_integers(here, robot_folder):
 
 
 def test_mcap(here, robot, robot_folder):
+    """Read a bag with five missing wrenches: those rows are lost, and the others have the direct values."""
     log = recordings.write_mcap(here / "bag.mcap", ROWS, JOINTS, skip=(100, 101, 102, 103, 104))
     summary = stiffgen.analyze(log, robot_folder, K, figures=False, tolerance=0.002).summary
     assert (summary["rows"], summary["rows_bad"]) == (300, {"no wrench in time": 5})
@@ -198,6 +204,7 @@ def test_mcap_takes_the_nearest_wrench():
 
 @pytest.mark.parametrize("piece", [700, 1 << 22])
 def test_bad_rows_of_csv_are_named_by_line_and_counted(here, robot_folder, capsys, monkeypatch, piece):
+    """Read a CSV file with each kind of bad row: each is named by its line, whatever the pieces."""
     monkeypatch.setattr(csv_file, "_PIECE", piece)
     log = bad_csv(here / "bad.csv")
     code, out, err = run(capsys, *command(robot_folder, log, "--no-figures"))
@@ -221,6 +228,7 @@ def test_bad_rows_of_csv_are_named_by_line_and_counted(here, robot_folder, capsy
 
 
 def test_bad_rows_of_the_other_formats(here, robot_folder):
+    """Read NaN, infinity and missing values in Parquet and NPZ: each is named by its row."""
     rows = ROWS.copy()
     rows[10, 3], rows[11, 9], rows[12, 0] = np.nan, np.inf, np.nan
     table = pa.table({n: pa.array(c, mask=np.arange(300) == 20) for n, c in zip(recordings.NAMES, rows.T, strict=True)})
@@ -236,6 +244,7 @@ def test_bad_rows_of_the_other_formats(here, robot_folder):
 
 
 def test_degrees_are_recognised(here, robot_folder, capsys):
+    """Record degrees: no row is used, and the message asks for radians."""
     rows = ROWS.copy()
     rows[:, 1:8] = np.degrees(rows[:, 1:8])
     log = recordings.write_csv(here / "degrees.csv", rows)
@@ -275,6 +284,7 @@ def test_a_sliding_joint_has_no_degrees(here):
 
 
 def test_an_empty_recording_exits_with_1(here, robot_folder, capsys):
+    """Analyse recordings without rows: exit code 1, the reason, and no folder."""
     for log in (
         recordings.write_csv(here / "e.csv", ROWS[:0]),
         recordings.write_npz(here / "e.npz", ROWS[:0]),
@@ -287,6 +297,7 @@ def test_an_empty_recording_exits_with_1(here, robot_folder, capsys):
 
 
 def test_time_that_runs_backwards(here, robot_folder, monkeypatch):
+    """Let time run backwards twice, once at a cut: both places are named."""
     monkeypatch.setattr(parquet_file, "PARTITION_ROWS", 50)
     rows = ROWS.copy()
     rows[50:, 0] -= 0.1
@@ -304,6 +315,7 @@ def test_time_that_runs_backwards(here, robot_folder, monkeypatch):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["cut.npz", "cut.parquet", "cut.csv"])
 def test_cuts_do_not_matter(name, here, robot_folder, monkeypatch):
+    """Cut the recording into partitions and blocks: the same results."""
     rows = recordings.draw(3000)
     rows[[17, 2000], 3] = np.nan
     write = {"npz": recordings.write_npz, "csv": recordings.write_csv, "parquet": recordings.write_parquet}
@@ -311,7 +323,7 @@ def test_cuts_do_not_matter(name, here, robot_folder, monkeypatch):
     whole = stiffgen.analyze(name, robot_folder, K, figures=False, block_rows=1000)
     assert len(whole.recording.partitions) == 1
     assert whole.result.envelope.shift == 1  # 3000 rows in bins of 2: 1500 bins
-    monkeypatch.setattr(csv_file, "_PARTITION", 100_001)
+    monkeypatch.setattr(csv_file, "_PARTITION", 100_001)  # [bytes] no multiple of a row
     for block in (7, 64):
         cut = stiffgen.analyze(name, robot_folder, K, figures=False, block_rows=block)
         assert not name.endswith("csv") or len(cut.recording.partitions) > 4
@@ -319,6 +331,7 @@ def test_cuts_do_not_matter(name, here, robot_folder, monkeypatch):
 
 
 def test_dask_gives_the_same(here, robot_folder, monkeypatch):
+    """Analyse on a cluster of two workers: the bits of the analysis without."""
     monkeypatch.setattr(csv_file, "_PARTITION", 20_000)
     log = bad_csv(here / "log.csv")
     here_result = stiffgen.analyze(log, robot_folder, K, figures=False)
@@ -333,6 +346,7 @@ def test_dask_gives_the_same(here, robot_folder, monkeypatch):
 
 @pytest.mark.slow
 def test_dask_local_and_the_command(here, robot_folder, capsys):
+    """Analyse by --dask local: the output and summary of the analysis without."""
     log = recordings.write_parquet(here / "log.parquet", ROWS)
     outs = []
     for options in ((), ("--dask", "local")):

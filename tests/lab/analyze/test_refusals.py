@@ -91,6 +91,7 @@ def cut_off(here):
 
 @pytest.mark.parametrize(("case", "named"), REFUSALS, ids=[named for _, named in REFUSALS])
 def test_refusals(case, named, here, robot_folder, capsys):
+    """Give recordings and options that cannot be analysed: exit code 2, the reason, and no file."""
     (here / "taken").mkdir()
     log, rest = case(here, recordings.write_csv(here / "log.csv", ROWS[:20]))
     before = sorted(here.iterdir())
@@ -146,6 +147,7 @@ def unreachable(address, **_):
 
 @pytest.mark.parametrize("name", ["d.npz", "d.parquet"])
 def test_damage_in_the_middle_leaves_nothing(name, here, robot_folder, capsys):
+    """Zero 5000 bytes in the middle of a recording: exit code 2, and no folder is left."""
     recordings.write_npz(here / "d.npz", recordings.draw(20_000), compressed=True)
     recordings.write_parquet(here / "d.parquet", recordings.draw(20_000), compression="gzip")
     content = bytearray((here / name).read_bytes())

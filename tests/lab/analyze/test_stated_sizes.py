@@ -79,6 +79,7 @@ def test_an_archive_takes_no_memory_by_its_size(kind: str, shape: tuple[int, ...
 
 @pytest.mark.slow
 def test_a_long_header_is_not_read(tmp_path: Path) -> None:
+    """State a header of 200 MB: refused, and at most 60 MB of memory taken."""
     with zipfile.ZipFile(tmp_path / "log.npz", "w", zipfile.ZIP_DEFLATED) as archive:
         for name in ("q", "wrench"):
             with archive.open(f"{name}.npy", "w") as target:
@@ -91,6 +92,7 @@ def test_a_long_header_is_not_read(tmp_path: Path) -> None:
 
 
 def test_an_array_by_columns_is_read_whole_or_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Read an array stored by columns: turned if small, else refused with what to do."""
     q, wrench = np.arange(70.0).reshape(10, 7), np.arange(60.0).reshape(10, 6)
     np.savez(tmp_path / "log.npz", q=np.asfortranarray(q), wrench=wrench)
     recording = open_recording(tmp_path / "log.npz", RecordingRequest(joints=JOINTS))
@@ -124,6 +126,7 @@ SIZES = {
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SIZES)
 def test_a_model_that_states_a_size_is_refused_before_it_is_parsed(name: str, tmp_path: Path) -> None:
+    """State a huge size in a model: refused within 400 MB of memory."""
     pytest.importorskip("mujoco")
     text, words = SIZES[name]
     (tmp_path / "arm.xml").write_text(MODEL.format(text, ""))

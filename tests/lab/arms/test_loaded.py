@@ -123,6 +123,7 @@ def test_a_saddle_is_told_and_left(robot: ModuleType) -> None:
 
 
 def test_no_number_is_no_posture_and_few_steps_do_not_converge(robot: ModuleType) -> None:
+    """Settle from NaN, under infinite load, or with two steps: not converged, and NaN where there is no posture."""
     rest = np.array([np.full(7, 0.3), np.full(7, np.nan), np.full(7, 0.3)])
     wrench = np.array([[10.0] * 6, [1.0] * 6, [np.inf] * 6])
     found = stiffgen.settle(robot, rest, SOFT, wrench)
@@ -136,6 +137,7 @@ def test_no_number_is_no_posture_and_few_steps_do_not_converge(robot: ModuleType
 
 @pytest.mark.parametrize("gravity", [None, (0.1, 0.2, -0.3)], ids=["weightless", "heavy"])
 def test_a_fold_against_arc_length(robot: ModuleType, gravity: tuple[float, ...] | None) -> None:
+    """Compare the buckling load with the fold that arc-length continuation finds."""
     rest, springs, direction = BENDING
     found = stiffgen.buckling_load(robot, rest, springs, direction, gravity=gravity)
     expected = Arm(rest, springs, gravity).fold(direction / np.linalg.norm(direction))
@@ -227,6 +229,7 @@ def test_the_softest_load_by_scipy(robot: ModuleType, gravity: tuple[float, ...]
 @pytest.mark.slow
 @pytest.mark.parametrize("case", [BENDING, FLAT], ids=["fold", "plane"])
 def test_mujoco_stays_below_and_falls_above(robot: ModuleType, case: tuple[np.ndarray, ...]) -> None:
+    """Load MuJoCo's arm with 0.95 and 1.05 of the buckling load for 20 s: it stays, and it falls."""
     rest, springs, direction = case
     found = stiffgen.buckling_load(robot, rest, springs, direction)
     spec = mujoco.MjSpec.from_file(str(URDF))

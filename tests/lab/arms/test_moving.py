@@ -41,6 +41,7 @@ def test_the_same_spring(source, target, state, model):
 
 
 def test_the_papers_form_is_another_spring(state, model):
+    """Move a stiffness as a tensor: another joint stiffness than the exact one, equal for a moment alone."""
     q, pose, F, K, Kq = state
     wrench, stiffness = stiffgen.move_stiffness(pose, F, K, "hybrid", "spatial", as_tensor=True)
     found = np.array(model.spatial.joint_stiffness(q, wrench, stiffness))

@@ -51,6 +51,7 @@ tip_compliance_in_series(C, H, [], "world")                    | no representati
 
 @pytest.mark.parametrize("line", CALLS.strip().split("\n"))
 def test_a_refused_call_has_its_sentence(line: str, robot: ModuleType) -> None:
+    """Call with wrong arguments: each refusal has the sentence listed."""
     code, words = (part.strip() for part in line.split(" | "))
     far = np.eye(4)
     far[0, 3] = 3.0

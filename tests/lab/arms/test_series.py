@@ -35,6 +35,7 @@ def exact(Kq: np.ndarray, Kc: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("ratio", [1e-6, 1e-2, 1.0, 1e2, 1e6])
 @pytest.mark.parametrize("rank", [7, 6, 3])
 def test_soft_and_stiff_gears_against_60_digits(ratio, rank):
+    """Put springs and gears in series, ratios 1e-6 to 1e6: 1e-13 of 60-digit values, and symmetric to the bit."""
     random = np.random.default_rng(rank)
     Kq = np.array([spring(random, 7, rank) for _ in range(5)])
     gears = ratio * random.uniform(1, 3, 7)

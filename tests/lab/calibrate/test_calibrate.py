@@ -83,6 +83,7 @@ UNEXCITED = {
 @pytest.mark.slow
 @pytest.mark.parametrize("case", UNEXCITED)
 def test_unexcited_recordings_are_refused(sensor, case):
+    """Move too little to tell payload and bias apart: refused, for 25 seeds."""
     for seed in range(25):
         random = np.random.default_rng(seed)
         poses = SimulatedSensor(sensor, random).poses(UNEXCITED[case](random))
@@ -120,6 +121,7 @@ def write_log(path, sensor, random, extra=0.0, simulated=None):
 
 @pytest.fixture(scope="module")
 def logs(tmp_path_factory, sensor):
+    """Return a folder with recordings of a free sensor and of one with a weight of 2 kg, with the same bias."""
     folder, random = tmp_path_factory.mktemp("logs"), np.random.default_rng(5)
     simulated = write_log(folder / "free.csv", sensor, random)
     simulated.drift = 0 * simulated.drift
@@ -200,6 +202,7 @@ def test_a_weight_elsewhere(robots, logs, tmp_path, capsys):
     ],
 )
 def test_damaged_files_are_refused(tmp_path, text, message):
+    """Read damaged calibrations: refused, instead of a wrong wrench."""
     file = tmp_path / "sensor.json"
     file.write_text(text)
     with pytest.raises(RecordingError, match=message):

@@ -77,6 +77,7 @@ def spring(form: str):
 
 @pytest.mark.parametrize("form", FORMS)
 def test_the_drive_is_the_spring_of_its_form(form: str) -> None:
+    """Compare the ball-joint drive with the generated spring of its form, also at large deflections."""
     bodies, targets, stiffnesses = cases()
     found = [function(bodies, targets, stiffnesses, form) for function in (drive.energy, drive.torque, drive.stiffness)]
     reference = spring(form)
@@ -92,6 +93,7 @@ def test_the_drive_is_the_spring_of_its_form(form: str) -> None:
 
 @pytest.mark.parametrize("form", FORMS)
 def test_torque_and_stiffness_differentiate_the_energy(form: str) -> None:
+    """Compare torque and stiffness with differences of the energy along turns about fixed axes (step 1e-5 rad)."""
     bodies, targets, stiffnesses = cases()
     far = np.repeat(ANGLES, 3) < 3.0  # a difference must not cross the half turn
     step = 1e-5
@@ -181,6 +183,7 @@ def library(tmp_path: Path) -> ctypes.CDLL:
 
 @pytest.mark.parametrize("form", FORMS)
 def test_the_header_computes_the_same(form: str, library: ctypes.CDLL) -> None:
+    """Compare the C header with Python: energy, torque, stiffness and damping; NaN stays NaN."""
     bodies, targets, stiffnesses = cases()
     inertia = positive(np.random.default_rng(2), 0.01)
     bodies, targets = np.vstack([bodies, bodies[:2], bodies[:1]]), np.vstack([targets, targets[:2], targets[:1]])

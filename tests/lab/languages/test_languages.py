@@ -62,6 +62,7 @@ def material_of(robot: GeneratedRobot, library: ctypes.CDLL, build: Path, *, oth
 
 @pytest.mark.slow
 def test_every_language_passes(folder: Path, library: ctypes.CDLL, tmp_path: Path) -> None:
+    """Verify all languages of a small robot: each installed one is compared and passes."""
     shared = material_of(open_robot(folder), library, tmp_path / "build")
     given = shared.robot, shared.single, shared.pool, tmp_path / "languages", False
     checks = check_languages(*given, {"one": library}, shared.texts)
@@ -158,6 +159,7 @@ def test_text_of_another_version_is_not_compared_and_does_not_pass(folder: Path,
 @pytest.mark.slow
 @pytest.mark.usefixtures("unoptimised", "narrowest_width")
 def test_the_command_tells_what_is_not_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Verify a folder of another version: the texts are not compared, which the command says and fails for."""
     (tmp_path / "arm.urdf").write_text(chain_urdf("rr"))
     small = stiffgen.generate(
         tmp_path / "arm.urdf", output=tmp_path, name="arm", kernels="forward_kinematics", controller=False
@@ -181,6 +183,7 @@ def test_the_command_tells_what_is_not_compared(tmp_path: Path, capsys: pytest.C
 def test_a_missing_tool_passes_only_with_the_generators_text(
     module: str, folder: Path, library: ctypes.CDLL, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Take the compiler or JAX away: passes only if the text is what this generator prints."""
     other = copy_folder(folder, tmp_path)
     material = material_of(open_robot(other), library, tmp_path / "build")
     monkeypatch.setenv("CXX", "no-such-compiler")

@@ -168,6 +168,7 @@ def test_from_plan_to_table(planned: tuple[list[str], np.ndarray], capsys: Any, 
 def test_what_the_command_refuses(
     planned: tuple[list[str], np.ndarray], capsys: Any, arguments: list[str], said: str
 ) -> None:
+    """Give recordings and plans that cannot be used: exit code 2, the reason, and no file."""
     command, q = planned
     write_log(q, np.zeros_like(q))
     assert main([*command, *arguments]) == 2

@@ -106,6 +106,7 @@ def test_another_spring_does_not_go_with_the_controller():
     ],
 )
 def test_bad_input_is_one_message_and_leaves_nothing(arguments, named, tmp_path, monkeypatch, capsys):
+    """Give what no project can be made of: exit code 2, one message, and no folder."""
     (tmp_path / "taken").mkdir()
     monkeypatch.chdir(tmp_path)
     assert main(["new", *arguments]) == 2
@@ -139,6 +140,7 @@ def test_elements_to_ignore_stand_in_the_readmes_command(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_a_template_takes_its_files_with_it(tmp_path):
+    """Make a project of a template: its files come with it, and regenerate the same robot."""
     (tmp_path / "arms" / "urdf").mkdir(parents=True)
     (tmp_path / "arms" / "package.xml").write_text("<package><name>arms</name></package>")
     (tmp_path / "arms" / "part.xacro").write_text(chain_urdf("rrr"))
@@ -249,6 +251,7 @@ def regenerate(readme: str) -> str:
 
 @pytest.mark.slow
 def test_a_signal_leaves_nothing(tmp_path):
+    """Stop `new` by SIGTERM: its exit code, and no folder."""
     process = subprocess.Popen([*STIFFGEN, "new", str(URDF)], cwd=tmp_path, stdin=subprocess.DEVNULL)
     while process.poll() is None and not any(tmp_path.iterdir()):
         time.sleep(0.01)
@@ -259,6 +262,7 @@ def test_a_signal_leaves_nothing(tmp_path):
 
 @pytest.mark.slow
 def test_questions_at_a_terminal(tmp_path):
+    """Answer the questions of `new` at a terminal: the tool's origin ends up in the header."""
     (tmp_path / "arm.urdf").write_text(ARM)  # the hand is no leaf, and its finger one
     ours, theirs = pty.openpty()
     command = [*STIFFGEN, "new", "arm.urdf", "--no-build"]

@@ -50,6 +50,7 @@ class AtRest:
     """Compiled controller at rest in a posture, with a stiffness in force."""
 
     def __init__(self, robot, posture, k, timing):
+        """Start the controller at rest with the translation stiffness `k` [N/m], and let it settle for five steps."""
         n = len(posture)
         self.controller = robot.module.Impedance(
             sample_time=timing.period, delay_samples=timing.delay, heaviest_wrench=(100.0, 20.0),
@@ -162,6 +163,7 @@ def test_roots_are_those_of_all_joints_at_once(arms, timing, wall):
 
 @pytest.mark.parametrize("timing", TIMINGS)
 def test_limits_are_where_their_conditions_end(arms, timing):
+    """Evaluate the conditions beside the limits: they hold at 0.999 of the stiffness, and not at 1.01."""
     for limit, holds in (
         (stable_limit(arms, timing), lambda k: (np.abs(slowest_roots(find_modes(arms, k, timing), timing)) < 1)),
         (passive_limit(arms, timing), lambda k: (lambda m: m.damping >= m.stiffness * timing.late)(

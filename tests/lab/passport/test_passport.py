@@ -79,6 +79,7 @@ def test_postures_of_a_recording(robot, tmp_path):
     ],
 )
 def test_a_recording_that_does_not_fit_is_refused(robot, tmp_path, text, said):
+    """Take postures from a recording without positions: refused with the reason."""
     file = tmp_path / "log.csv"
     if text is not None:
         file.write_text(text)
@@ -113,6 +114,7 @@ def test_postures_fill_the_joints_ranges(robot):
     ],
 )
 def test_refusals(robot_folder, tmp_path, monkeypatch, capsys, options, said):
+    """Give options out of range: exit code 2, the option is named, and no file."""
     monkeypatch.chdir(tmp_path)
     try:
         code = main(["passport", str(robot_folder), *options])
@@ -129,6 +131,7 @@ def test_refusals(robot_folder, tmp_path, monkeypatch, capsys, options, said):
     ],
 )
 def test_a_robot_without_a_passport_is_refused(tmp_path, unoptimised, options, said):
+    """Ask for the passport of a floating robot or one without gravity: refused with the reason."""
     robot = stiffgen.open_robot(stiffgen.generate(URDF, output=tmp_path, controller=False, build=False, **options))
     with pytest.raises(StiffgenError, match=said):
         make_passport(robot, PassportOptions())

@@ -134,6 +134,7 @@ class _Browser:
     """Process of the browser, with a thread that reads its messages."""
 
     def __init__(self, program: str, profile: str) -> None:
+        """Start Chromium with its debugging pipes at the file numbers 3 and 4, and a thread that reads its answers."""
         (to_read, self._write), (self._read, to_write) = os.pipe(), os.pipe()
         # Use numbers that are neither 3 nor 4, so that no copy closes a pipe that is still to be copied.
         to_read, to_write = (_moved_up(end) for end in (to_read, to_write))
@@ -152,6 +153,7 @@ class _Browser:
         self._reader.start()
 
     def _listen(self) -> None:
+        """Read messages, which end with a zero byte: answers go to the queue, events to their page."""
         left = b""
         while chunk := os.read(self._read, 1 << 16):
             *messages, left = (left + chunk).split(b"\0")
@@ -162,6 +164,7 @@ class _Browser:
                     page.see(message)
 
     def ask(self, method: str, parameters: dict[str, Any], session: str | None = None) -> dict[str, Any]:
+        """Send a command and return its result; fail if Chromium does not answer within _WAIT seconds."""
         self._number += 1
         message = {"id": self._number, "method": method, "params": parameters}
         if session:
@@ -185,6 +188,7 @@ class _Browser:
         return page
 
     def close(self) -> None:
+        """End the browser with its children, and the reading thread."""
         self.process.terminate()
         try:
             self.process.wait(20)

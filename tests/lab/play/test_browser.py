@@ -76,6 +76,7 @@ def browser() -> Iterator[object]:
 
 @pytest.fixture
 def page(browser, file: Path) -> Page:  # type: ignore[no-untyped-def]
+    """Return the page in a browser; fail at the end for errors or requests to other hosts."""
     opened = browser.page()
     opened.window(1280, 900)
     opened.open(file)
@@ -125,6 +126,7 @@ def seen_tip(page: Page) -> tuple[float, float]:
 
 
 def test_values_are_pythons(page: Page, robot: ModuleType) -> None:
+    """Compute joint stiffnesses in the page: Python's values, in 20 states."""
     random = np.random.default_rng(5)
     formula = "playground.tips[0].jointStiffness(...[{q}, {F}, {K}].map(x => Float64Array.from(x)), {c})"
     for _ in range(20):
@@ -137,6 +139,7 @@ def test_values_are_pythons(page: Page, robot: ModuleType) -> None:
 
 
 def test_a_moment_by_keyboard_makes_it_asymmetric_at_once(page: Page) -> None:
+    """Raise the moment to 2 N m by keyboard: asymmetry, and net work -pi r^2 m with r = 0.1 m."""
     press(page, "No load")
     assert page.js(ASYMMETRY) < 1e-12
     assert abs(page.js(NET)) < 1e-12
@@ -154,6 +157,7 @@ def test_a_moment_by_keyboard_makes_it_asymmetric_at_once(page: Page) -> None:
 
 
 def test_presets_and_controls(page: Page) -> None:
+    """Use presets, sliders, loops and matrix maps by keyboard: state and words follow."""
     press(page, "Near singular")
     near = page.js("Array.from(playground.state.q)")
     press(page, "Paper's posture")
@@ -199,6 +203,7 @@ def test_the_preset_that_was_pressed_is_marked_while_it_holds(page: Page) -> Non
 
 
 def test_a_clamped_value_says_so(page: Page) -> None:
+    """Type 500 degrees: clamped to the limit of 170, and a note says it."""
     page.js(
         "(() => { const box = document.querySelector('#joints input[type=number]'); box.value = 500;"
         " box.dispatchEvent(new Event('input')); })()"
@@ -212,6 +217,7 @@ def test_a_clamped_value_says_so(page: Page) -> None:
 
 
 def test_push_and_let_go(page: Page) -> None:
+    """Let three arms go: the conventional one puts out energy, the others none."""
     press(page, "Let go")
     page.js("new Promise(done => setTimeout(() => done(null), 1500))")
     laws, text = page.js("[playground.swing.arms(), document.getElementById('swing-text').textContent]")
@@ -248,6 +254,7 @@ def test_an_arm_on_joint_springs_gives_way(page: Page) -> None:
 
 
 def test_a_ball_joint_flutters_on_three_drives(page: Page) -> None:
+    """Push the ball joint: three drives swing on, the trace form rests; with more damping both rest."""
     page.prefer(prefers_reduced_motion="reduce")
     page.settle()
     press(page, "A ball joint")
@@ -267,6 +274,7 @@ def test_a_ball_joint_flutters_on_three_drives(page: Page) -> None:
 
 
 def test_every_control_has_a_name_and_is_reached_by_tab(page: Page) -> None:
+    """Walk through the page by Tab: each control has a name and shows its focus."""
     nodes = page.do("Accessibility.getFullAXTree")["nodes"]
     roles = ("slider", "spinbutton", "button", "combobox", "checkbox", "radio", "application", "image")
     named = [node for node in nodes if node.get("role", {}).get("value") in roles]
@@ -292,6 +300,7 @@ def test_every_control_has_a_name_and_is_reached_by_tab(page: Page) -> None:
 
 
 def test_tip_is_dragged_by_mouse_and_keys(page: Page) -> None:
+    """Drag the tip by mouse, then move it by keys: the arm follows within 4 pixels."""
     before, (x, y) = place_of_tip(page), seen_tip(page)
     page.drag([(x, y), (x - 7, y - 6), (x - 18, y - 14), (x - 28, y - 21)])
     page.settle()
@@ -311,6 +320,7 @@ def test_tip_is_dragged_by_mouse_and_keys(page: Page) -> None:
 
 
 def test_loop_is_gone_round(page: Page) -> None:
+    """Go round the loop by button, keys and mouse."""
     press(page, "Go round")
     page.js("new Promise(done => setTimeout(() => done(null), 600))")
     assert page.js("playground.state.lap") > 0
@@ -340,6 +350,7 @@ def test_less_motion(page: Page) -> None:
 
 
 def test_phone_with_touch(page: Page) -> None:
+    """Use the page on a phone's screen by touch: nothing is cut off, and the arm stays in view."""
     page.window(360, 740, scale=2, touch=True)
     page.settle()
     assert page.js("document.documentElement.scrollWidth") == 360
@@ -382,6 +393,7 @@ def test_contrast(page: Page, scheme: str) -> None:
 
 
 def test_without_webgl_the_rest_works(browser, file: Path, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    """Take WebGL away: a message in place of the arm, and the controls still work."""
     text = file.read_text().replace('getContext("webgl2"', 'getContext("none"')
     (tmp_path / "play.html").write_text(text)
     page = browser.page()
@@ -398,6 +410,7 @@ def test_without_webgl_the_rest_works(browser, file: Path, tmp_path: Path) -> No
     "name", [pytest.param(name, marks=() if name in ("one joint", "two tips") else pytest.mark.wide) for name in ROBOTS]
 )
 def test_other_robots(browser, name: str, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    """Open the pages of other robots: sliders for each coordinate, and no work of the exact law."""
     types, options = ROBOTS[name]
     urdf = ROOT / "tests" / "data" / "dual_arm.urdf" if types is None else tmp_path / "arm.urdf"
     if types:
@@ -463,6 +476,7 @@ def test_a_four_bar_stays_closed_while_it_is_dragged(browser, four_bar: Path) ->
     crank = names.index("crank")
 
     def check(before: np.ndarray) -> np.ndarray:
+        """Fail unless the loop is closed and the motors' stiffness is Python's; return q."""
         page.settle()
         q = np.array(page.js("Array.from(playground.state.q)"))
         assert np.abs(q - before).max() > 0.01

@@ -33,6 +33,7 @@ SCRIPT = (
     ],
 )
 def test_what_names_share_is_left_out(names: list[str], shown: list[str], tmp_path: Path) -> None:
+    """Shorten the joints' names: what all share is left out."""
     for file in SCRIPTS:
         with as_file(files("stiffgen.lab.play") / "page" / file) as source:
             shutil.copyfile(source, tmp_path / file)

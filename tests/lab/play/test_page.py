@@ -42,6 +42,8 @@ def scripts(robot_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Scr
 
 @pytest.fixture(scope="module")
 def other(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Scripts]:
+    """Return a function that generates another robot and its scripts."""
+
     def made(name: str) -> Scripts:
         folder, (types, options) = tmp_path_factory.mktemp("other"), OTHERS[name]
         urdf = ROOT / "tests" / "data" / "dual_arm.urdf" if types is None else folder / "arm.urdf"
@@ -54,6 +56,7 @@ def other(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Scripts]:
 
 
 def check_kernels(scripts: Scripts, count: int) -> None:
+    """Fail unless the page's functions give Python's values, each in `count` random states."""
     robot, random = scripts.robot, np.random.default_rng(3)
     table = {f"{robot.name}_{kernel.qualified_name}": kernel for kernel in robot.table}
     tasks, expected = [], []
@@ -94,6 +97,7 @@ def test_kernels_in_webassembly(scripts: Scripts) -> None:
     "name", [pytest.param(name, marks=() if name == "two tips" else pytest.mark.wide) for name in OTHERS]
 )
 def test_kernels_of_other_robots(other: Callable[[str], Scripts], name: str) -> None:
+    """Compare values and drawings of other robots; the laws with an energy do no work."""
     scripts = other(name)
     check_kernels(scripts, 30)
     check_drawing(scripts)
@@ -108,6 +112,7 @@ def test_kernels_of_other_robots(other: Callable[[str], Scripts], name: str) -> 
 
 
 def test_a_links_point_moves_as_its_jacobian_says(scripts: Scripts) -> None:
+    """Compare the Jacobian of a point on a link with differences (step 1e-6 rad)."""
     q, point, step = np.array([0.3, -0.5, 0.2, 1.0, 0.4, -0.7, 0.1]), np.array([0.2, 0.1, 0.6]), 1e-6
     tasks = [{"do": "frames", "q": q + sign * step * axis} for axis in np.eye(7) for sign in (1, -1)]
     origin = np.array(scripts.run([{"do": "frames", "q": q}])[0]["origin"])
@@ -153,6 +158,7 @@ def test_no_spring_for_a_moment_that_is_too_large(scripts: Scripts) -> None:
 
 
 def test_a_turn_of_the_tip_costs_the_moment_times_the_area(scripts: Scripts) -> None:
+    """Turn the tip round a loop of 0.1 rad: the conventional work is -pi r^2 times the moment."""
     q = np.radians([70.45, 55.35, -36.13, -94.85, 2.43, 11.60, 139.89])
     axes = [[0, 1], [1, 2], [2, 0]]
     tasks = [
@@ -164,6 +170,7 @@ def test_a_turn_of_the_tip_costs_the_moment_times_the_area(scripts: Scripts) -> 
 
 
 def test_the_tip_follows_a_drag_and_postures_are_what_they_say(scripts: Scripts, robot: ModuleType) -> None:
+    """Drag the tip by 7 cm: reached within 1 mm; the named postures are within limits, or singular."""
     q = np.radians([70.45, 55.35, -36.13, -94.85, 2.43, 11.60, 139.89])
     pose = np.asarray(robot.forward_kinematics(q))
     place = pose[:3, 3] + [0.05, -0.04, 0.03]
@@ -212,6 +219,7 @@ def test_the_arm_swings_as_an_integration_in_python_does(scripts: Scripts, robot
             time: float, x: np.ndarray, exact: bool = swing["law"] == "exact", spring: list = spring, K: np.ndarray = K,
             start: np.ndarray = start,
         ) -> np.ndarray:  # fmt: skip
+            """Return d(q, dq)/dt of the arm on its spring, with damping, for SciPy's integrator."""
             at, velocity = x[:7], x[7:]
             torque = robot.spring.torque(at, *spring) if exact else start - K @ (at - q)
             M, bias = robot.mass_matrix(at), robot.bias_forces(at, velocity, np.zeros(3))
@@ -230,6 +238,7 @@ def written(scripts: Scripts, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_page_is_one_small_file_that_asks_for_nothing(written: Path, tmp_path: Path) -> None:
+    """Check the page: below 1 MB, valid script, and nothing loaded from elsewhere."""
     text = written.read_text()
     assert written.stat().st_size < 1_000_000
     assert not re.search(r"https?://|src=|@import|{{", re.sub(r'"wasm">[^<]*<', "<", text))
@@ -247,6 +256,7 @@ def test_page_is_the_same_every_time(scripts: Scripts, written: Path) -> None:
 
 @pytest.mark.slow
 def test_names_from_a_file_cannot_leave_the_data(scripts: Scripts) -> None:
+    """Name joints like HTML tags: the page escapes them."""
     robot = scripts.robot
     data = page.page_data(robot)
     assert data["tips"][0]["link"] == "link_ee"
@@ -272,6 +282,7 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, st
 def test_command(
     capsys: pytest.CaptureFixture[str], scripts: Scripts, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Write the page by the command: its name on standard output, and the browser opened once."""
     opened: list[str] = []
     monkeypatch.setattr("webbrowser.open", lambda address: not opened.append(address))
     monkeypatch.setenv("DISPLAY", ":0")
@@ -287,6 +298,7 @@ def test_command(
 def test_refusals(
     capsys: pytest.CaptureFixture[str], robot_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Ask for pages that cannot be made: exit code 2, the reason, and no file."""
     require_wasm()
     monkeypatch.chdir(tmp_path)
     code, _, err = run(capsys, "play", tmp_path)
@@ -311,6 +323,7 @@ def test_refusals(
 
 @pytest.mark.slow
 def test_wheel_holds_the_page(tmp_path: Path) -> None:
+    """Build the wheel: the page's files are in it."""
     pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet")
     subprocess.run([*pip, "wheel", "--no-build-isolation", "--no-deps", "--wheel-dir", tmp_path, ROOT], check=True)
     (wheel,) = tmp_path.glob("*.whl")

@@ -39,6 +39,7 @@ def page() -> Iterator[Page]:
 
 
 def test_the_picture_is_the_page(page: Page, file: Path) -> None:
+    """Compare the committed picture with the page as drawn now, and look for its colours."""
     found = share_of_pixels(take(page, file), COMMITTED)
     again = "PYTHONPATH=tests python -m lab.play.picture docs/playground.png takes it anew"
     assert found < SAME, f"{found:.3f} of docs/playground.png differs: {again}"

@@ -28,6 +28,7 @@ HANDS = ("left hand", "right-hand")
 
 @pytest.fixture(scope="module")
 def scripts(tmp_path_factory: pytest.TempPathFactory) -> Scripts:
+    """Return the page's scripts for a dual arm with a spring between its hands."""
     folder = tmp_path_factory.mktemp("pair")
     (folder / "scripts").mkdir()
     made = stiffgen.generate(

@@ -155,6 +155,7 @@ def test_a_width_runs_clean(monkeypatch: pytest.MonkeyPatch, shapes: Path) -> No
     ],
 )
 def test_a_fault_is_caught(title: str, tmp_path: Path) -> None:
+    """Prove code with a seeded fault: refuted, or an alarm."""
     (fault,) = (each for each in FAULTS if each.title == title)
     only = (fault.only,) if fault.only else ()
     found = outcomes(prove(faulty(fault, tmp_path), parts=(fault.part,), only=only))
@@ -233,6 +234,7 @@ def test_the_harness_of_a_folder_with_derivatives_is_c(tmp_path: Path) -> None:
 
 
 def test_missing_program_is_named(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """Take the provers away: exit code 2 and how to install them."""
     monkeypatch.setattr(tools.shutil, "which", lambda name: None)
     monkeypatch.setattr(tools, "_bundled", lambda: None)
     assert main(["prove", str(FOLDER)]) == 2
@@ -274,6 +276,7 @@ def test_missing_sanitizers_are_named_before_the_first_proof(
 
 
 def test_bad_input_is_refused(tmp_path: Path) -> None:
+    """Ask for proofs that cannot be made: refused with the reason."""
     with pytest.raises(StiffgenError, match=r"nonsense: no kernel of .*hybrid_joint_stiffness"):
         prove(FOLDER, only=("nonsense",))
     with pytest.raises(StiffgenError, match="nothing to prove: kernels alone were named"):
@@ -297,6 +300,7 @@ def test_verdicts_of_other_bytes_are_refused(tmp_path: Path) -> None:
 
 
 def test_page_shows_what_it_was_given(tmp_path: Path) -> None:
+    """Write the page of a failed comparison and an open proof: both stand on it, escaped, without a date."""
     sources = open_robot(FOLDER).source_digests()
     verdict = {"function": "act", "claims": "in bounds", "tool": "Frama-C", "outcome": "alarm", "seconds": 1.0}
     content = {"robot": "iiwa14", "sources": sources, "tools": {"ESBMC": "8.4"}, "verdicts": [verdict]}

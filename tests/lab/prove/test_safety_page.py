@@ -32,6 +32,7 @@ def page_of(tmp_path: Path, *checks: Check, targets: Path | None = None) -> str:
 
 
 def test_targets_are_shown_or_said_not_to_have_been_run(tmp_path: Path) -> None:
+    """Write the page with results of other machines, one wrong, and without: numbers, or "Not run"."""
     file = tmp_path / "targets.json"
     write_targets(file, open_robot(FOLDER), [TARGET, replace(TARGET, machine="riscv64", right=False)])
     page = page_of(tmp_path, targets=file)
@@ -46,6 +47,7 @@ def test_targets_are_shown_or_said_not_to_have_been_run(tmp_path: Path) -> None:
 
 
 def test_targets_of_other_bytes_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Give results of other sources, without --report, or twice: refused (exit code 2) instead of shown."""
     file = tmp_path / "targets.json"
     write_targets(file, open_robot(FOLDER), [TARGET])
     content = json.loads(file.read_text())

@@ -89,6 +89,7 @@ class Arm:
     """
 
     def __init__(self, name: str, folder: Path, maker: Maker | None = None, flags: tuple[str, ...] = FLAGS) -> None:
+        """Generate the arm of a maker, compile it with plant and laws, and read the ctypes records of its headers."""
         self.name, self.maker = name, maker or MAKERS[name]
         made = folder / name
         if not (made / f"{name}.h").exists():

@@ -25,6 +25,7 @@ class MemoryProgram:
 
     def __init__(self, name: str, folder: Path, robot: Path, controller: Path | None = None,
                  flags: tuple[str, ...] = SANITIZERS) -> None:  # fmt: skip
+        """Compile the program that damages the controller's memory, with sanitizers, and the plain library."""
         self.program, self.library = folder / f"{name}_memory", folder / f"{name}_memory.so"
         if self.program.exists():
             return

@@ -28,6 +28,7 @@ class DeviceCheck:
     """Sources of the program for a robot in a folder: NAME's C and CUDA, ``launches.cu`` and ``samples.bin``."""
 
     def __init__(self, chain: Chain, name: str, options: GenerationOptions, folder: Path, rows: int = 300) -> None:
+        """Write the robot's sources, samples and table of launch functions to the folder."""
         self.chain, self.name, self.folder = chain, name, folder
         self.number = np.float64 if options.scalar == "double" else np.float32
         self.kernels = [kernel for kernel in chain_kernels(chain, options) if kernel.batch]

@@ -147,6 +147,7 @@ class Loop:
         flags: tuple[str, ...] = ("-O1", "-march=native"),
         home: ArrayLike = Q0,
     ) -> None:
+        """Compile plant, law and robot into one library, and read the ctypes records of their headers."""
         path, name = folder / "loop.so", robot.name
         self.robot = robot
         self.home = np.array(home, dtype=float)

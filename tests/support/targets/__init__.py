@@ -166,6 +166,7 @@ def _program(
     counted: Sequence[Kernel],
     scalar: Scalar,
 ) -> str:
+    """Return the C program that prints golden values and counts instructions on the target."""
     arrays, golden, counts = [], [], []
     for side, ends in (("low", [c.lower for c in chain.coordinates]), ("high", [c.upper for c in chain.coordinates])):
         turn = -math.pi if side == "low" else math.pi  # where a joint has no limit
