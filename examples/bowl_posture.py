@@ -23,6 +23,7 @@ WRENCH = np.array([5.0, -10.0, 15.0, 4.0, -3.0, 8.0])  # N and N m, applied by t
 
 
 def main() -> None:
+    """Print energy, torque and stiffness of a spring, and both joint stiffnesses, halfway through the bowl's wiping."""
     trajectory = np.loadtxt(TRAJECTORY, delimiter=",")
     sample = trajectory.shape[1] // 2
     q = trajectory[:, sample]

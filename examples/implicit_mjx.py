@@ -106,6 +106,7 @@ def searching(robot: ModuleType, wall: bool) -> Callable[[implicit.Cell], dict[s
     shape = (len(WEIGHTS), len(implicit.SEARCHED))
 
     def search(cell: implicit.Cell) -> dict[str, float]:
+        """Return the largest stable stiffness [N/m] of each tangent, all states at once."""
         timed = model.tree_replace({"opt.timestep": jnp.asarray(cell.step)})
         tasks = [implicit.tasks(robot, cell.away, cell.turn, stiffness) for stiffness in implicit.SEARCHED]
         springs = (np.stack(each) for each in zip(*(task.arguments for row in tasks for task in row), strict=True))

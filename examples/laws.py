@@ -239,6 +239,7 @@ def robosuite(goal: State, state: State) -> Array:
 
 
 def robosuite_twin(goal: State) -> Twin:
+    """Return the spring whose gradient has robosuite's stiffness at the goal: gains times inertia there."""
     inverse, R = mobility(goal)[1], goal.pose[:3, :3]
     Lp, Lo = np.linalg.inv(inverse[:3, :3]), np.linalg.inv(inverse[3:, 3:])
     taken: Any = goal.J.T @ np.linalg.solve(inverse, goal.J)
@@ -379,6 +380,7 @@ def serve(robot: ModuleType, preset: str) -> TorqueAt:
     steps = 0
 
     def torque_at(goal: State) -> Callable[[State], Array]:
+        """Return the torque function of a goal; the first goal places policy and follower."""
         if not makers:  # the first goal is the arm's
             makers[:] = robot.Policy(pose=goal.pose, now=0.0), robot.Follow(goal.q, sample_time=1e-3)
         port, follow = makers

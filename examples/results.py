@@ -269,6 +269,7 @@ def replaced(text: str, section: str, made: str) -> str:
 
 
 def main() -> int:
+    """Print the tables of the chosen sections, and write them into the page with --write."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("sections", nargs="*", metavar="SECTION", help=", ".join(SECTIONS))
     parser.add_argument("--write", action="store_true", help="replace the tables in docs/results.md")

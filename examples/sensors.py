@@ -18,6 +18,7 @@ import stiffgen
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
+    """Print what a recording of positions and velocities tells of the encoders."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("log", help="recording, CSV with a header")
     options = parser.parse_args(arguments)

@@ -135,6 +135,7 @@ def pair_forces(aside: float, angle: float, apart: float, k: float) -> dict[str,
 
 
 def tables(robot: ModuleType) -> str:
+    """Return the printed tables: work of the laws round an orbit, and asymmetry along the trajectory."""
     lines = [f"{'net work of the orbit [J]':30s}{'30, 30, 10':>12s}{'30, 20, 10':>12s}{'30, 30, 30':>12s}"]
     lines += [f"{name:30s}" + "".join(f"{round(value, 9) + 0.0:12.4f}" for value in row) for name, row in orbit_table()]
     antisymmetric, symmetric = asymmetry(robot)
@@ -182,6 +183,7 @@ def _arrow(
 
 
 def _basis_figure() -> Any:
+    """Draw a force's components in polar axes, and two steps that do not commute."""
     from matplotlib.figure import Figure
 
     from examples.style import AXES, INK
@@ -229,6 +231,7 @@ def _basis_figure() -> Any:
 
 
 def _tangent_figure() -> Any:
+    """Draw the torque of a pendulum's spring, its tangent, and the tangent used as a secant."""
     from matplotlib.figure import Figure
 
     from examples.style import CORRECTED, INK, POTENTIAL
@@ -258,6 +261,7 @@ def _tangent_figure() -> Any:
 
 
 def _orbit_figure() -> Any:
+    """Draw the energy [J] that each law puts out over three laps of an orbit."""
     from matplotlib.figure import Figure
 
     from examples.style import CONVENTIONAL, INK, POTENTIAL, SHADES
@@ -277,6 +281,7 @@ def _orbit_figure() -> Any:
 
 
 def _pair_figure() -> Any:
+    """Draw the forces of three springs between two frames, by the place of their centre."""
     from matplotlib.figure import Figure
 
     from examples.style import AXES, CORRECTED, INK
@@ -313,6 +318,7 @@ def _pair_figure() -> Any:
 
 
 def main() -> None:
+    """Print the tables, and draw the figures of docs/theory.md with --figures."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--figures", action="store_true", help="draw docs/theory_*.svg")
     options = parser.parse_args()

@@ -72,6 +72,7 @@ class Wrist:
     """A case in MuJoCo under its law, or under the gradient with the law's stiffness and damping at the target."""
 
     def __init__(self, case: Case, law: str, ratio: float) -> None:
+        """Build the wrist of a case, and the torque of the law or of the gradient with the same stiffness at rest."""
         spec = mujoco.MjSpec.from_file(str(MODEL))
         if not case.rod:
             spec.delete(spec.body("rod"))

@@ -95,6 +95,7 @@ def main(experiment: Experiment, describe: _Describe, arguments: Sequence[str] |
 
 
 def _parser(experiment: Experiment) -> argparse.ArgumentParser:
+    """Return the parser of an experiment's command."""
     first, *more = experiment.sample_times
     others = f", and {', '.join(f'{each:g}' for each in more)} for the table" if more else ""
     parser = argparse.ArgumentParser(
@@ -115,6 +116,7 @@ def _parser(experiment: Experiment) -> argparse.ArgumentParser:
 
 
 def _experiment(experiment: Experiment, describe: _Describe, options: argparse.Namespace) -> int:
+    """Run the trials, write report, figures, picture and film, and return 1 if a bar does not hold."""
     console = Console(stderr=True)
     robot = open_arm(experiment, options.robot)
     times = (options.sample_time,) if options.sample_time else experiment.sample_times
@@ -227,6 +229,7 @@ def read_traces(experiment: Experiment, folder: Path) -> dict[str, Trace]:
 
 
 def _print(content: report.Content, console: Console) -> None:
+    """Print the report's tables, and which pictures and bars fail."""
     for section in content.sections:
         table = Table(*section.head, title=section.title, show_lines=True)
         for row in section.rows:

@@ -82,6 +82,7 @@ class Plant:
         tool: WorkingTool | None = None,
         q: ArrayLike = START_POSTURE,
     ) -> None:
+        """Build the model, whose substeps [s] divide the timestep evenly, and place the arm at q [rad]."""
         if not 0 < timestep < np.inf:
             raise StiffgenError(f"timestep {timestep} s must be positive")
         self._substeps = int(np.ceil(timestep / LONGEST_SUBSTEP * (1 - 1e-12)))
@@ -232,6 +233,7 @@ def _cross(a: Array, b: Array) -> Array:
 
 
 def _model(surface: Surface | None, tool: WorkingTool | None, substep: float) -> mujoco.MjModel:
+    """Return MuJoCo's model of the iiwa 14 with sensor, and with tool and surface where given; substep in s."""
     if not URDF.is_file():
         raise StiffgenError(f"{URDF.name} is not in urdf/; run the example from a checkout of the repository")
     spec = mujoco.MjSpec.from_file(str(URDF))
@@ -259,6 +261,7 @@ def _model(surface: Surface | None, tool: WorkingTool | None, substep: float) ->
 
 
 def _add_tool(flange: mujoco.MjsBody, tool: WorkingTool) -> mujoco.MjsBody:
+    """Hang the tool on the flange: a mass that touches by its spheres only."""
     body = flange.add_body(
         name="tool", mass=tool.mass, ipos=[0, 0, tool.com], inertia=tool.inertia, explicitinertial=True
     )
@@ -284,6 +287,7 @@ def _add_tool(flange: mujoco.MjsBody, tool: WorkingTool) -> mujoco.MjsBody:
 
 
 def _add_surface(spec: mujoco.MjSpec, surface: Surface) -> None:
+    """Add the surface as a height field, with its friction and softness."""
     height = surface.height
     rows, columns = height.shape
     spec.add_hfield(

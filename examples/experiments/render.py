@@ -69,6 +69,7 @@ def film(experiment: str, configurations: NDArray[np.float64], file: Path) -> st
 
 
 def _in_a_process(what: str, experiment: str, configurations: NDArray[np.float64], file: Path) -> str | None:
+    """Draw in a process of its own, since a failing graphics driver ends it; return a hint if all fail."""
     chosen = os.environ.get("MUJOCO_GL")
     file.unlink(missing_ok=True)
     with tempfile.TemporaryDirectory() as folder:
@@ -104,6 +105,7 @@ def scene(experiment: str, size: tuple[int, int]) -> tuple[Any, Any, Plant]:
 
 
 def _draw(experiment: str, configurations: NDArray[np.float64], file: Path) -> None:
+    """Draw the last configuration of (rows, 7) [rad], and the others as shadows, into a PNG file."""
     import mujoco
     from matplotlib.image import imsave
 
@@ -126,6 +128,7 @@ def _draw(experiment: str, configurations: NDArray[np.float64], file: Path) -> N
 
 
 def _film(experiment: str, configurations: NDArray[np.float64], file: Path) -> None:
+    """Draw the configurations (frames, 7) [rad] into a film."""
     import imageio_ffmpeg
 
     renderer, camera, plant = scene(experiment, FILM_SIZE)

@@ -114,6 +114,7 @@ def _section(section: Section, content: Content) -> str:
 
 
 def _figure(name: str, content: Content) -> str:
+    """Return the HTML of a figure, picture or film with its caption."""
     if name == PICTURE:
         body = _data(content.picture, '<img alt="overlaid configurations of the arm" src="data:image/png;base64,{}">')
     elif name == FILM:

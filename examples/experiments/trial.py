@@ -187,6 +187,7 @@ class _ControllerSteps:
         return np.asarray(output.torque)
 
     def columns(self) -> Trace:
+        """Return the trial's columns, each with a row per sample: states, torques, energies [J]."""
         inputs, outputs = self._impedance.trace
         q, torque = np.array(inputs["q"]), np.array(outputs["torque"])
         springs = (self._robot.forward_kinematics(outputs.reference), *SPRING.values())

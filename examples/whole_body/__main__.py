@@ -33,6 +33,7 @@ RESULTS = Path("build/whole_body")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the example for a generated folder; return 2 if it cannot be run."""
     parser = argparse.ArgumentParser(prog="python -m examples.whole_body", description=__doc__.splitlines()[0])
     parser.add_argument("--robot", type=Path, default=ROBOT, metavar="DIR", help=f"generated folder (default: {ROBOT})")
     parser.add_argument(
@@ -56,6 +57,7 @@ def _robot(folder: Path) -> ModuleType:
 
 
 def report(robot: ModuleType, output: Path) -> int:
+    """Run all trials, write tables and figures, and return 1 if a bar does not hold."""
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),

@@ -51,6 +51,7 @@ def _projected(points: Array) -> Array:
 
 
 def _modes(loaded: Loaded) -> Figure:
+    """Draw the softest modes as skeletons, displaced both ways."""
     stance, count = loaded.stance, len(loaded.rows)
     figure = Figure(figsize=(7.8, 4.6), layout="constrained")
     panels = figure.subplots(2, 3).ravel()
@@ -84,6 +85,7 @@ def _displaced(stance: Stance, mode: Mode, sign: int, rest: list[Array]) -> Stan
 
 
 def _load(loads: list[Loaded]) -> Figure:
+    """Draw the softest mode [Hz] over the load [N]: predicted, without the base's term, simulated."""
     figure = Figure(figsize=(7.8, 3.3), layout="constrained")
     axes = figure.subplots()
     force = [loaded.force for loaded in loads]
@@ -102,6 +104,7 @@ def _load(loads: list[Loaded]) -> Figure:
 
 
 def _wall(pressing: Trace, not_supplied: Trace) -> Figure:
+    """Draw asked and supplied wrench on the base, and how far the base moves [mm]."""
     figure = Figure(figsize=(7.8, 5.4), layout="constrained")
     force, moment, base = figure.subplots(3, 1, sharex=True)
     weight = pressing.asked[0, 2]

@@ -119,6 +119,7 @@ def gather(robot: ModuleType, rung: Callable[[], None], controlled: Callable[[],
 
 
 def _loaded(robot: ModuleType, load: Array, softest: int, rung: Callable[[], None] | None) -> Loaded:
+    """Return predicted and simulated modes under a load (3) [N]; without `rung`, predictions only."""
     stance = standing(robot, load)
     modes = stance.modes()
     without = stance.modes(stance.stiffness_without_base_term())[0].frequency
@@ -152,6 +153,7 @@ def tables(findings: Findings) -> str:
 
 
 def _mode_table(title: str, loaded: Loaded) -> str:
+    """Return the table of modes: predicted, found, and predicted with terms left out."""
     stance = loaded.stance
     variants = (
         stance.stiffness_without_base_term(),
@@ -179,6 +181,7 @@ def _mode_table(title: str, loaded: Loaded) -> str:
 
 
 def _load_table(loads: list[Loaded]) -> str:
+    """Return the table of the softest mode over the load."""
     lines = ["softest mode under a load [Hz]; below zero: growth rate / 2 pi of a fall",
              f"{'load [N]':>10s}{'predicted':>12s}{'found':>10s}{'without the base term':>24s}"]  # fmt: skip
     lines += [
@@ -190,6 +193,7 @@ def _load_table(loads: list[Loaded]) -> str:
 
 
 def _wall_table(findings: Findings) -> str:
+    """Return the table of asked and supplied wrenches on the base, at rest on the wall."""
     trace, other = findings.pressing, findings.not_supplied
     at = _resting(trace)
     head = "".join(f"{name:>9s}" for name in ("fx", "fy", "fz", "mx", "my", "mz"))

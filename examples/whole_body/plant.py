@@ -58,6 +58,7 @@ class Plant:
         load: Array | None = None,
         wall: Wall | None = None,
     ) -> None:
+        """Place base (4, 4) and joints, with a spring per foot: place (3) [m] and stiffness (3, 3) [N/m]."""
         self.model = _model()
         self.data = mujoco.MjData(self.model)
         self._sites = np.array([self.model.site(foot).id for foot in FEET])
@@ -136,6 +137,7 @@ class Plant:
 
 
 def _model() -> mujoco.MjModel:
+    """Return MuJoCo's model of the quadruped with a free base and sites at its feet."""
     if not URDF.is_file():
         raise StiffgenError(f"{URDF.name} is not in tests/data/; run the example from a checkout of the repository")
     spec = mujoco.MjSpec.from_file(str(URDF))

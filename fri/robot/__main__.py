@@ -162,6 +162,7 @@ def load_robot(folder: Path) -> ModuleType:
 
 
 def _check(options: argparse.Namespace) -> None:
+    """Refuse options out of range, before the session starts."""
     if not 1 <= options.send_period <= 10:
         raise RefusedError(f"--send-period {options.send_period}: commanding takes 1 to 10 ms")
     if not 1 <= options.receive_multiplier <= 100:
@@ -194,6 +195,7 @@ def _check(options: argparse.Namespace) -> None:
 
 
 def _io(text: str) -> IOValue:
+    """Parse Group.Name=VALUE into an output: true or false, a whole number, or another number."""
     name, _, value = text.partition("=")
     try:
         if not 0 < len(name) <= 63:
@@ -208,6 +210,7 @@ def _io(text: str) -> IOValue:
 
 
 def _robot(options: argparse.Namespace, policy: Policy) -> Robot:
+    """Return the emulated robot in the bowl, with the weight [kg] hung on it."""
     model = load_robot(options.robot)
     start = {} if options.start is None else {"q": options.start}
     if options.start and not ((np.array(options.start) > model.LOWER) & (np.array(options.start) < model.UPPER)).all():
@@ -256,6 +259,7 @@ def _status_line(console: Console, emulator: Emulator) -> Iterator[None]:
         return
 
     def line() -> Text:
+        """Return the line of the display: state, quality, time, counts and force [N]."""
         session, statistics = emulator.session, emulator.statistics
         contact = "contact" if emulator.in_contact else "free"
         force = float(np.linalg.norm(emulator.wrench[:3]))
@@ -323,6 +327,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
 
 
 def _print(console: Console, result: dict[str, Any]) -> None:
+    """Print the result of a session."""
     counts = {f"{d}.{kind}": n for d, kinds in result["faults"].items() for kind, n in kinds.items()}
     lines = [
         f"session ended {result['end']}" if result["end"] == "as planned" else f"session failed: {result['end']}",

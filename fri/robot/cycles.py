@@ -126,6 +126,7 @@ class Cycles:
         seed: int = 0,
         recorder: Recorder | None = None,
     ) -> None:
+        """Connect link, protocol, robot and session, and start all counters; periods are in s, settings in ms."""
         self._link = link
         self._protocol = protocol
         self.robot = robot
@@ -173,6 +174,7 @@ class Cycles:
         self._interrupted = True
 
     def _monitoring(self) -> Monitoring:
+        """Return the message of this cycle: the robot's state, as far as no fault condition changes it."""
         session, robot = self.session, self.robot
         commanding = session.state in COMMANDING
         stopped = session.failure is not None
@@ -268,6 +270,7 @@ class Cycles:
             self._decode(delivery.datagram)
 
     def _decode(self, datagram: bytes) -> None:
+        """Read a command; reject it if it is damaged, old, or answers a message that was not sent."""
         statistics = self.statistics
         try:
             command = self._protocol.decode_command(datagram)
@@ -325,6 +328,7 @@ class Cycles:
             session.end("interrupted")
 
     def _follow_state(self, old: SessionState) -> None:
+        """Release the arm when commanding starts, and hold it when commanding ends."""
         new = self.session.state
         if new is old:
             return
@@ -364,6 +368,7 @@ class Cycles:
                 known.value = io.value
 
     def _record(self, sent: Monitoring) -> Any:
+        """Fill a row of the recording with what was sent; return None without a recorder."""
         if self._recorder is None:
             return None
         row = self._recorder.new_row()

@@ -247,6 +247,7 @@ def _among(item: str, word: str, words: Iterable[str]) -> str:
 
 
 def _condition(item: str, kind: str, argument: str) -> str:
+    """Check the argument of a condition, such as a safety state, and return it."""
     allowed, default = _CONDITIONS[kind]
     argument = argument or default or ""
     if allowed == "joints":
@@ -308,6 +309,7 @@ class FaultInjector:
     def __init__(
         self, protocol: Protocol, direction: str, faults: tuple[Fault, ...], seed: int, period: float = 0.005
     ) -> None:
+        """Prepare the faults of one direction, with random numbers of its own, so that runs repeat."""
         self._protocol = protocol
         self._period = period
         self._class = protocol.monitoring_class if direction == "robot" else protocol.command_class
@@ -321,6 +323,7 @@ class FaultInjector:
         """Kind of the fault that hit the last datagram, or None."""
 
     def _hit(self, time: float) -> Fault | None:
+        """Return the fault that hits a datagram at a time [s], the first one listed."""
         found = None
         for k, fault in enumerate(self._faults):
             lucky = fault.probability is None or self._random.random() < fault.probability
@@ -363,6 +366,7 @@ class FaultInjector:
         return [delivery for _, delivery in due]
 
     def _changed(self, fault: Fault, datagram: bytes) -> bytes:
+        """Return the datagram with the fault: other bytes, or a message with changed fields."""
         if fault.kind == "garbage":
             return self._random.bytes(int(self._random.integers(1, MOST_BYTES + 1)))
         if fault.kind == "empty":
@@ -403,6 +407,7 @@ class FaultInjector:
 
 
 def _spoil_joint_values(message: Any, kind: str) -> None:
+    """Spoil all arrays of joints in a message, and in those inside of it."""
     for part in (child for field, child in message.ListFields() if field.message_type and not field.is_repeated):
         if part.DESCRIPTOR.name != "JointValues":
             _spoil_joint_values(part, kind)

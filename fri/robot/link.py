@@ -33,6 +33,7 @@ class Link:
     """
 
     def __init__(self, host: str, port: int, deaf: bool = False, own: tuple[str, int] = ("", 0)) -> None:
+        """Open the socket to the client; a deaf link takes answers from any address."""
         self.address = f"{host}:{port}"
         self.deaf = deaf
         self._peer = (host, port)

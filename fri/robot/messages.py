@@ -302,6 +302,7 @@ class Protocol:
     """
 
     def __init__(self, version: str) -> None:
+        """Choose messages and frame of an FRI version."""
         if version not in VERSIONS:
             raise MessageError("version", f"no FRI version '{version}'; there are {', '.join(VERSIONS)}")
         self.version = version
@@ -336,6 +337,7 @@ class Protocol:
         return body
 
     def _parse(self, kind: Any, identifier: int, datagram: bytes) -> Any:
+        """Return the message in a datagram; raise MessageError with the kind of fault."""
         try:
             message = kind.FromString(self.unframe(datagram))
         except DecodeError as error:

@@ -117,6 +117,7 @@ class _PaperTorque:
         return np.asarray(self._last.torque[0])
 
     def _torque(self, sample: Mapping[str, Any], wrench: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the law's torque (7) [N m] for a logged sample, treated as the client treats it."""
         given = {name: np.array(sample[name]) for name in ("q", "dq", "q0")} | {"wrench": np.array(wrench)}
         if self._last is not None and int(self._last.status[0]) & self._bit:
             given |= {"q0": given["q"], "wrench": np.zeros(6)}

@@ -87,6 +87,7 @@ class Robot:
     def __init__(
         self, plant: Plant, model: Any, motor_inertia: float, stiffness: Array, mode: CommandMode, policy: Policy
     ) -> None:
+        """Start at the plant's q, held; stiffness (7) [N m/rad], motor inertia [kg m^2]."""
         self.plant = plant
         self.model = model
         self._motor_inertia = motor_inertia * np.eye(JOINTS)
@@ -175,6 +176,7 @@ class Robot:
         return None
 
     def _torque(self) -> Array:
+        """Return the torque (7) [N m]: held at an anchor, or joint impedance plus the commanded torque."""
         mass = self.model.mass_matrix(self.q) + self._motor_inertia
         if not self._impedance:
             w = HOLD_FREQUENCY

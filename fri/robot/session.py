@@ -66,6 +66,7 @@ class QualityMeter:
     """
 
     def __init__(self, policy: Policy, multiplier: int, grace_cycles: int) -> None:
+        """Start with no answer in time; grace is in cycles."""
         self._policy = policy
         self._multiplier = multiplier
         self._grace = grace_cycles
@@ -134,6 +135,7 @@ class Session:
         restarts: int,
         report: Callable[[SessionState, SessionState, str], None],
     ) -> None:
+        """Start in IDLE; period and duration are in s, counters in cycles."""
         self._period = period
         self._policy = policy
         self._duration = duration

@@ -70,6 +70,7 @@ class PythonClient(threading.Thread):
     def __init__(
         self, version: str, answer: Answer = follow, outputs: tuple[IOValue, ...] = (), robot_host: str | None = None
     ) -> None:
+        """Open the client's socket; `answer` maps a message to position and torque, or to None."""
         super().__init__(daemon=True)
         self.protocol = Protocol(version)
         self.answer = answer
@@ -91,6 +92,7 @@ class PythonClient(threading.Thread):
         self.join(10.0)
 
     def run(self) -> None:
+        """Answer messages until the session is IDLE or 5 s pass without one."""
         sent = received = 0
         with self.socket:
             while True:

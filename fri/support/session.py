@@ -128,6 +128,7 @@ class RobotScript:
         self.datagrams: list[bytes | None] = []
 
     def message(self, state: int, change: Callable[[Any], object] | None = None, **fields: Any) -> bytes:
+        """Return the next message of the robot, with given fields, changed before it is encoded."""
         self.sequence += 1
         self.clock += self.period * 1_000_000
         commanding = state in (SessionState.COMMANDING_WAIT, SessionState.COMMANDING_ACTIVE)

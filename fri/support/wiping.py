@@ -28,6 +28,7 @@ class Wiped:
     """Session of the wiping client: its steps, log and summary."""
 
     def __init__(self, programs: Programs, script: RobotScript, folder: Path, *options: str) -> None:
+        """Run the client on the script's messages; its log, summary and commands (None: not sent) are read back."""
         files = (folder / "log.csv", folder / "summary.json")
         arguments = ("wiping", *map(str, files), "--trajectory", str(TRAJECTORY), *FULL, *options)
         self.steps = run_harness(programs.folder, script.datagrams, *arguments)

@@ -110,6 +110,7 @@ def _show_warning(
     file: TextIO | None = None,
     line: str | None = None,
 ) -> None:
+    """Print a warning in one line, in place of warnings.showwarning, whose signature this is."""
     print(f"stiffgen: warning: {terminal_text(str(message))}", file=sys.stderr)
 
 

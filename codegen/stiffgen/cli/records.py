@@ -155,6 +155,7 @@ def _part_of(record: type[Any]) -> Callable[[str], tuple[str, Any]]:
 
 
 def _lock(text: str) -> tuple[str, float]:
+    """Parse JOINT=VALUE into the joint's name and its position [rad or m]."""
     joint, separator, value = text.rpartition("=")
     if not separator or not joint:
         raise argparse.ArgumentTypeError(f"'{text}' is not JOINT=VALUE")

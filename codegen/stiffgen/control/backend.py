@@ -13,6 +13,7 @@ _PYTHON = Path(__file__).parent / "python"
 
 
 def _files(request: Request) -> dict[str, str | Path]:
+    """Return the controller's files and those of its companions, with their templates or sources."""
     if not request.controller:
         return {}
     name = request.name

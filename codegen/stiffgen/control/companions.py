@@ -230,6 +230,7 @@ def companion_pages(name: str, chain: Chain) -> dict[str, CompanionPage]:
 
 
 def _page(companion: Companion, name: str, chain: Chain) -> CompanionPage:
+    """Return what the templates print of a companion: structs, checks, defaults and functions."""
     prefix = name.upper()
     structs = [(struct, summary, _with_reach(fields, chain)) for struct, summary, fields in companion.structs]
     config: Sequence[Field] = next((f for struct, _, f in structs if struct == f"{companion.name}_config"), ())

@@ -399,6 +399,7 @@ def _difference(a: Vector, b: Vector) -> Vector:
 
 
 def _product(a: Quaternion, b: Quaternion) -> Quaternion:
+    """Return the Hamilton product of two quaternions (w, x, y, z)."""
     (aw, ax, ay, az), (bw, bx, by, bz) = a, b
     return (
         aw * bw - ax * bx - ay * by - az * bz,

@@ -39,6 +39,7 @@ class Packages:
     """
 
     def __init__(self, template: Path, named: list[Path], environment: Mapping[str, str]) -> None:
+        """List the places where packages are searched, nearest first."""
         above = [template.parent, *template.parent.parents]  # nearest first
         self.own = next((each for each in above if _name_of(each) is not None), template.parent)
         self.found: dict[str, Path] = {}

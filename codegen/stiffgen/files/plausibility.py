@@ -78,6 +78,7 @@ def _about_limits(coordinate: Coordinate) -> Iterator[Doubt]:
 
 
 def _about_tool(chain: Chain) -> Iterator[str]:
+    """Yield questions about a tool whose units look wrong."""
     tool = chain.tool
     assert tool is not None
     yield from _about_place("tool", tool)

@@ -47,6 +47,7 @@ class StiffgenConfig(RobotConfig):  # type: ignore[misc]
     """Whether the simulation follows the clock. If not, it advances with each action, as fast as it can."""
 
     def __post_init__(self) -> None:
+        """Refuse rates [Hz], stiffnesses and times [s] out of range."""
         super().__post_init__()
         for name, most in (
             ("command_rate", 1000.0),

@@ -35,6 +35,7 @@ class ControlLoop:
     def __init__(
         self, robot: ModuleType, arm: SimulatedArm, controller: Any, real_time: bool, **settings: float
     ) -> None:
+        """Start policy and follower at the arm's pose, and the thread if the loop runs in real time."""
         self._robot, self._arm, self._controller = robot, arm, controller
         pose: Array = robot.forward_kinematics(arm.q)
         self._follow = robot.Follow(arm.q, sample_time=PERIOD)
@@ -91,6 +92,7 @@ class ControlLoop:
         return at_rest
 
     def _step(self, now: float) -> None:
+        """Do one cycle at the time `now` [s]: policy, follower, controller, arm."""
         with self._lock:
             command = self.port.command(now)
             springs = {name: getattr(command, name) for name in ("translation_stiffness", "rotation_stiffness")}

@@ -31,6 +31,7 @@ class SimulatedArm:
     def __init__(
         self, file: Path, joints: list[str], start: ArrayLike, motor_inertia: ArrayLike, timestep: float
     ) -> None:
+        """Build the arm alone from a URDF or MJCF file: other joints, actuators and contacts are removed."""
         spec = mujoco.MjSpec.from_file(str(file))
         missing = set(joints) - {joint.name for joint in spec.joints}
         if missing:

@@ -84,6 +84,7 @@ def refusal_of(rows: NDArray[Any]) -> Refusal | None:
 
 
 def _number(name: str, value: Any) -> Any:
+    """Return the number of a word such as "release"; numbers pass."""
     if not isinstance(value, str):
         return value
     words = WORDS.get(name, {})
@@ -163,6 +164,7 @@ class Config:
 
 
 def _listing(title: str, values: Mapping[str, Any]) -> str:
+    """Return the values line by line below a title, with names in a column of equal width."""
     width = max(len(name) for name in values)
     indent = " " * (width + 7)
 
@@ -193,6 +195,7 @@ class Record:
         return self._rows.dtype.names or ()
 
     def __getattr__(self, name: str) -> Any:
+        """Return a field of the record; of a single step its value, of several their column."""
         if name.startswith("_") or name not in self.names:
             raise AttributeError(f"no field '{name}'; there are: {', '.join(self.names)}")
         if not self._single:

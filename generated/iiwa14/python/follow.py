@@ -52,6 +52,7 @@ class Follow:
     """
 
     def __init__(self, q: ArrayLike, *, sample_time: float, **fields: ArrayLike) -> None:
+        """Set the configuration, refuse unknown fields, and start at q [rad or m]."""
         unknown = sorted(set(fields) - set(_FIELDS))
         if unknown:
             raise TypeError(f"no configuration field '{unknown[0]}'; there are: {', '.join(_FIELDS)}")
@@ -140,6 +141,9 @@ class Follow:
         return FollowOutput(np.array(output["q0"]), np.array(output["status"]))
 
     def _do(self, steps: int, arguments: dict[str, ArrayLike | None]) -> tuple[NDArray[Any], int]:
+        """Run `steps` samples in C and return their outputs (steps) and the code; arguments may be constant over
+        steps.
+        """
         given = {"posture": self._posture, **_given(arguments)}
         inputs, outputs = np.zeros(steps, _INPUT), np.zeros(steps, _OUTPUT)
         for name, value in given.items():

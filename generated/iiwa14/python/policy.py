@@ -67,6 +67,7 @@ class Policy:
     """
 
     def __init__(self, *, pose: ArrayLike, now: float, **settings: ArrayLike) -> None:
+        """Set the settings and start at the pose (4, 4) at the time `now` [s]."""
         unknown = sorted(set(settings) - set(_SETTINGS))
         if unknown:
             raise TypeError(f"no setting '{unknown[0]}'; there are: {', '.join(_SETTINGS)}")

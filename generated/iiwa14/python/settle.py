@@ -55,6 +55,7 @@ class Settle:
     """
 
     def __init__(self, controller: Any, *, settle_force: ArrayLike, **fields: ArrayLike) -> None:
+        """Set the configuration, and take the controller's, whose springs are moved."""
         unknown = sorted(set(fields) - set(_FIELDS))
         if unknown:
             raise TypeError(f"no configuration field '{unknown[0]}'; there are: {', '.join(_FIELDS)}")

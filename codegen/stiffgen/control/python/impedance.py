@@ -109,6 +109,7 @@ class Impedance:
         errors: str = "warn",
         **fields: ArrayLike,
     ) -> None:
+        """Check the words, make room for `record` samples, and start with `torque` [N m] in force."""
         if errors not in ("warn", "raise", "ignore"):
             raise ValueError(f"errors: no value {errors!r}; it takes warn, raise or ignore")
         self._errors, self._warned = errors, set[tuple[int, int]]()
@@ -220,11 +221,13 @@ class Impedance:
         return Record(self._run(values, lengths.pop() if lengths else 1))
 
     def _run(self, values: Mapping[str, Any], count: int) -> NDArray[Any]:
+        """Run `count` samples in C and return their outputs; each value has one row per sample, or one for all."""
         inputs, outputs = np.zeros(count, INPUT), np.zeros(count, OUTPUT)
         for name, value in values.items():
             shape = (count, *INPUT[name].shape)
             if np.shape(value) not in (shape, shape[1:]):
                 raise ValueError(f"{name}: shape {np.shape(value)}, not {shape[1:]} or {shape}")
+            # C's counter is an uint32_t, which wraps round.
             inputs[name] = np.asarray(value) % 2**32 if name == "counter" else value
         code = _c.run(self._state, inputs, outputs, count)
         if code:

@@ -62,6 +62,7 @@ class PaperLaw:
     """
 
     def __init__(self, formula: str = "corrected", *, torque: ArrayLike = 0.0, **fields: ArrayLike) -> None:
+        """Set formula and configuration, and start with `torque` [N m] in force, which must be within effort_limit."""
         if formula not in ("corrected", "conventional"):
             raise ValueError(f"formula: no value '{formula}'; it takes corrected, conventional")
         unknown = sorted(set(fields) - set(_FIELDS))

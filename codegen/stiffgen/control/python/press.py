@@ -53,6 +53,7 @@ class Press:
     """
 
     def __init__(self, controller: Any, **fields: ArrayLike) -> None:
+        """Set the configuration, and take the controller's, whose springs the force is put through."""
         unknown = sorted(set(fields) - set(_FIELDS))
         if unknown:
             raise TypeError(f"no configuration field '{unknown[0]}'; there are: {', '.join(_FIELDS)}")

@@ -46,6 +46,7 @@ class _Bench:
     """
 
     def __init__(self, robot: GeneratedRobot, seed: int) -> None:
+        """Draw a configuration within the limits, tools and springs [N/m, N m/rad] of all tips and pairs."""
         self.robot, chain = robot, robot.chain
         self.random = np.random.default_rng(seed)
         lower, upper = self._bounds()
@@ -163,6 +164,7 @@ class _Movement:
     """Motion of an arm in 0.4 s, in its first half followed by the command with feed-forward, and what is compared."""
 
     def __init__(self, bench: _Bench, errors: dict[str, float], delay: int, coriolis_on: str) -> None:
+        """Plan the motion of arm and command, and start a controller with room for them around q."""
         self.bench, self.errors, self.timing, self.coriolis = bench, errors, Timing(delay), coriolis_on == "on"
         q, n, reach = bench.q, len(bench.q), bench.reach
         # the arm moves from q to q + way in 0.4 s, the command to q + aim / 2 in the first half of this

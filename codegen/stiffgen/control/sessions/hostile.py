@@ -38,6 +38,7 @@ class HostileSession:
     """Number of steps."""
 
     def __init__(self, reference: ControllerLibrary, library: ControllerLibrary, chain: Chain, random: Random) -> None:
+        """Draw a session: calm or wild, its configuration, and where the arm starts within its limits."""
         self.both, self.chain, self.random = (reference, library), chain, random
         self.config, self.input, self.output = reference.config, reference.input, reference.output
         motors, self.n = chain.motor_coordinates, len(chain.motor_coordinates)
@@ -169,6 +170,7 @@ class HostileSession:
         self._choose_troubles()
 
     def _choose_commands(self, number: int) -> None:
+        """Change goal, stiffness, wrench, torque offset or plan, each with a probability of 1 or 2 % per sample."""
         random = self.random
         if number == 5 or random.random() < 0.01:
             self.goal = self.q + random.normal(size=self.n) * 10.0 ** random.uniform(-3, -0.5 if self.calm else 0)
@@ -186,6 +188,7 @@ class HostileSession:
             self._choose_plan()
 
     def _choose_troubles(self) -> None:
+        """Let a load, a reset, another configuration, an obstacle or a clock's restart happen, each rarely."""
         random, rate = self.random, 0.15 if self.calm else 1.0
         if random.random() < 0.03 * rate:
             share = 0.02 if self.calm else random.choice([0, 0.3])

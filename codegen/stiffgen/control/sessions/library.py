@@ -73,6 +73,7 @@ class ControllerLibrary:
     """Compiled controller with a configuration, a state, an input and an output."""
 
     def __init__(self, file: Path, name: str, chain: Chain, *, bounded: bool = False, pairs: int = 0) -> None:
+        """Load the compiled controller, build its records, and find the size of its state."""
         self._library = ctypes.CDLL(str(file))
         self._prefix, self.fields = f"{name}_impedance_", config_fields(chain, bounded=bounded)
         self.config = struct_of(chain, "Config", self.fields)()

@@ -75,6 +75,7 @@ class Graph:
         return self.add("sub", second, int(first)) if kind == "sub" else ("neg", a, 0)
 
     def _mul(self, a: int | float, b: int) -> Key | int:
+        """Return the product of two nodes: signs are drawn out, and equal comparisons (0 or 1) are their own square."""
         for factor, other in ((int(a), b), (b, int(a))):
             if self.keys[factor][0] == "neg":
                 return self.add("neg", self.add("mul", int(self.keys[factor][1]), other))

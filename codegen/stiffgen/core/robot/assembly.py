@@ -124,6 +124,7 @@ def _closed_loops(
 
 
 def _tips(selection: Selection, tree: _JointTree, tool: Tool | None, reserved: Container[str]) -> tuple[Tip, ...]:
+    """Return the tips with frames in the axes of their joints; the tool is part of the frame."""
     first = BASE_JOINTS if selection.floating else 0
     tool_pose = _tool_pose(tool)
     frames = [(pose @ tool_pose).rounded() for pose in tree.tip_poses]
@@ -203,6 +204,7 @@ def _body(inertia: Inertia) -> RigidBody:
 
 
 def _joint(selection: Selection, tree: _JointTree, index: int, inertia: Inertia) -> Joint:
+    """Return joint number `index` of the tree, with the inertia of all that moves with it."""
     return selection.couplings.moving_joint(
         tree.moving[index],
         tree.poses[index],
@@ -239,6 +241,7 @@ class _JointTree:
     """Parents and poses of the moving joints, and frames of the tips; the joints on the paths come first."""
 
     def __init__(self, description: Description, selection: Selection) -> None:
+        """Place the joints of all paths, then side joints: parents and poses in the parent's frame."""
         self.moving = moving = (*selection.moving, *selection.side)
         self.on_paths = len(selection.moving)
         self.parents = [-1] * len(moving)

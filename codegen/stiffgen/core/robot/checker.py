@@ -115,6 +115,7 @@ class Checker:
         self.remarks += remarks
 
     def _named(self, tag: str, into: dict[str, etree._Element]) -> Iterator[Problem]:
+        """Collect the elements of a tag by name; yield a problem for each without name, or with one twice."""
         for position, element in enumerate(self.robot.findall(tag), start=1):
             name = element.get("name", "")
             if not name.strip():
@@ -351,6 +352,7 @@ class Checker:
         )
 
     def _origin(self, this: str, element: etree._Element) -> Iterator[Problem]:
+        """Yield the problems of an element's <origin>."""
         origin = element.find("origin")
         if origin is not None:
             yield from self._spelling(this, origin)
@@ -360,6 +362,7 @@ class Checker:
                 yield from self._quaternion(this, origin)
 
     def _quaternion(self, this: str, origin: etree._Element) -> Iterator[Problem]:
+        """Yield the problems of a quaternion, which URDF 1.1 has in place of rpy."""
         yield from self._number(this, origin, "quat_xyzw", 4)
         if origin.get("rpy") is not None:
             yield Problem(this, f"{_title(this)}: its <origin> has rpy and quat_xyzw; remove one of the two")

@@ -220,6 +220,7 @@ class Inertia:
         return self._with(other, -1)
 
     def _with(self, other: Inertia, sign: int) -> Inertia:
+        """Return the sum of two inertias about one point, or with sign -1 their difference."""
         return Inertia(
             self.mass + sign * other.mass,
             tuple(a + sign * b for a, b in zip(self.moment, other.moment, strict=True)),

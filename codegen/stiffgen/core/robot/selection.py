@@ -218,6 +218,7 @@ def _check_count(file: str, base: str, tips: list[str], moving: list[JointElemen
 def _check_tips_move(
     description: Description, couplings: Couplings, base: str, tips: list[str], paths: list[list[JointElement]]
 ) -> None:
+    """Refuse a tip that no joint moves."""
     for tip, path in zip(tips, paths, strict=True):
         if not any(couplings.moves(element) for element in path):
             raise ChainError(

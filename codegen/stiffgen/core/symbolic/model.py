@@ -91,6 +91,7 @@ class StiffnessModel:
         derivatives: bool = False,
         kernels: str | Sequence[str] = ALL,
     ) -> None:
+        """Derive the chosen functions, and set each at its path, such as hybrid.joint_stiffness."""
         self.chain = chain
         options = KernelOptions(
             springs=springs,

@@ -36,10 +36,13 @@ def jacobian_derivative(chain: Chain, representation: Representation, result: Ar
     """Return the program of dJ^T/dq from brackets of columns, one half of the pairs after the other."""
 
     def steps(output: Array) -> Program:
+        """Return the program: pose recursion, then dJ_j/dq_i in two halves, which differ in formula."""
         recursion, J = columns_of(chain, representation)
         diagonal_outward = stiffness.diagonal_is_outward(representation)
 
         def half(over: Over, outward: bool) -> Map:
+            """Return the map over half of the pairs (i, j)."""
+
             def derivative(moving: ca.SX, column: ca.SX) -> ca.SX:
                 return kinematics.jacobian_column_derivative(representation, column, moving, moving_is_outward=outward)
 

@@ -229,6 +229,7 @@ class SumJoints(OnSource):
         return not self.columns and len(self.source.shape) > 1
 
     def _evaluate(self, run: Unrolling) -> None:
+        """Sum joints into coordinates by their multipliers; `spread` is the transpose."""
         m, n, joints = len(run.chain.joints), run.chain.dof, run.chain.joints
         source, output = run.entries[self.source.name], [ca.SX(0)] * self.output.size
         extent = n if self.spread else m  # of the source, per index that runs over joints or coordinates
@@ -296,6 +297,7 @@ class Sum(Step):
         return self.reads
 
     def _evaluate(self, run: Unrolling) -> None:
+        """Evaluate the program of each term, and add the results, except those kept apart."""
         totals = {o.name: [] if o.name in self.apart else [ca.SX(0)] * o.size for o in self.outputs}
         for term in self.terms:
             arguments = {}

@@ -63,6 +63,7 @@ def joint_stiffness_uncorrected(
     """Return the program of docs/theory.md (2), dJ^T/dq . F + J^T K J, all entries."""
 
     def steps(output: Array) -> Program:
+        """Return the program: y_j = K J_j, then Kq_ij over all pairs."""
         recursion, J = columns_of(chain, representation)
         y = Array("y", J.shape)
         matrix = Operand(task_stiffness.array(chain), "")

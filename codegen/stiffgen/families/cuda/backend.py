@@ -157,6 +157,7 @@ def _documentation(chain: Chain, kernel: Kernel, varying: list[Argument]) -> lis
 
 
 def _variables(request: Request) -> dict[str, Any]:
+    """Return what the templates of CUDA read; refuse chains too long for its registers."""
     code = request.print(VARIANT)
     if not code.kernels:
         raise ChainError(

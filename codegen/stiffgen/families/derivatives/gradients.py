@@ -34,6 +34,7 @@ class Gradients:
     """
 
     def __init__(self, chain: Chain, program: Program, names: dict[str, str]) -> None:
+        """Prepare the gradient of a program: what it writes, which entries are zero, and what later maps overwrite."""
         self.chain = chain
         self.written = {array.name for step in program for array in step.writes}  # all but the kernel's arguments
         self.names = names

@@ -71,6 +71,7 @@ class MovedMasses:
     """
 
     def __init__(self, chain: Chain, q: ca.SX) -> None:
+        """Place all joints in base axes, then sum masses and first moments from tips to base."""
         r = PoseRecursion(chain, q)
         self.rotations: list[ca.SX] = []
         self.offsets: list[ca.SX] = []

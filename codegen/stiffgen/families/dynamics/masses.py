@@ -80,6 +80,7 @@ class _Model:
     """Links and joints of a URDF file, as its elements state them."""
 
     def __init__(self, root: ElementTree.Element, chain: Chain) -> None:
+        """Read bodies and the tree of joints from the file; the tool's body is added to the tip's link."""
         self.chain = chain
         self.joints = {joint.get("name", ""): joint for joint in root.findall("joint")}
         self.below: dict[str, list[str]] = {}

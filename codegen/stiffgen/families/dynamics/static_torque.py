@@ -119,6 +119,7 @@ def static_torque_derivatives(chain: Chain, result: Argument, inputs: tuple[Argu
         branches = Map("joints of different branches: 0", Over.UPPER, pair, (), lambda: ca.SX(0), mirror=True)
 
         def product(outer: ca.SX, column: ca.SX) -> ca.SX:
+            """Return the outer joint's arm times the column's axis, its last three entries."""
             return ca.SX(ca.dot(outer, column[size - 3 :]))
 
         return (

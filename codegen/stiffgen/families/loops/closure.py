@@ -130,6 +130,7 @@ class Closure:
     """
 
     def __init__(self, chain: Chain, q: ca.SX, *turns: ca.SX) -> None:
+        """Derive the gaps c at the loops' ends, and their Jacobian dc/dq (rows of all loops, n)."""
         self.chain = chain
         self.n, self.motors = chain.dof, chain.motors
         pairs = zip(*map(ca.vertsplit, turns or sines_and_cosines(chain, q)), strict=True)

@@ -50,6 +50,7 @@ def _of_masses(chain: Chain) -> tuple[Kernel, ...]:
         return motor_programs.reduction(chain, tree, OF_TREE["gradient"].array(chain), None, (gradient,), "G")
 
     def gravity_stiffness(chain: Chain) -> Program:
+        """Return the program of gravity's stiffness for the motors, from the tree's gradient and Hessian."""
         hessian = OF_TREE["joint_stiffness"]
         tree = dynamics.gravity_gradient(chain, OF_TREE["gradient"])
         written = {array.name for step in tree for array in step.writes}

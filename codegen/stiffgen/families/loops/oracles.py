@@ -46,6 +46,7 @@ class _Equations:
     """Equations c(q) of a chain's loops and their derivatives; ``rows`` has loop and row (of 6) of each equation."""
 
     def __init__(self, chain: Chain) -> None:
+        """Derive gaps, Jacobian, weighted Hessian and velocity products by CasADi's own derivatives."""
         self.sizes = [sum(len(loop.rows) for loop in chain.loops), len(chain.coordinates)]
         q, weights, rates = (ca.SX.sym(name, self.sizes[k]) for name, k in (("q", 1), ("w", 0), ("dq", 1)))
         self.rows: list[tuple[int, int]] = []

@@ -88,6 +88,7 @@ def reduction(
     arrays = gradient_read, *((hessian_read,) if hessian_read else ()), *((columns,) if columns else ())
 
     def expressions(chain: Chain, q: ca.SX, *inputs: ca.SX) -> Expressions:
+        """Return the expressions of the motors' results from those of the open tree."""
         values = inputs[: len(arrays)]
         closure = Closure(chain, q, *inputs[len(arrays) :])
         of_tree = sign * _summed_vector(chain, values[0], of_joints=gradient_read != gradient)

@@ -53,6 +53,7 @@ class _Parameters:
         self._owner, self._values = owner, values
 
     def __getattr__(self, name: str) -> ca.SX:
+        """Return a declared parameter, or name those that are."""
         if name.startswith("_"):
             raise AttributeError(name)
         if name not in self._values:

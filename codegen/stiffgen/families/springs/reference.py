@@ -83,6 +83,7 @@ def textbook(name: str, placement: Placement) -> Energy:
     translation = placement.translation_axes or ("equilibrium" if kind == "coupled" else "base")
 
     def energy(p: ca.SX, R: ca.SX, H: ca.SX, *stiffnesses: ca.SX) -> ca.SX:
+        """Return the energy [J] at position p and rotation R of the tip, with equilibrium H."""
         R0, p0, centre = H[:3, :3], H[:3, 3], ca.DM(placement.centre)
         away = _in(translation, R, R0).T @ (p + R @ centre - p0 - R0 @ centre)
         if kind == "bounded":

@@ -111,6 +111,7 @@ def _csv(file: Path, parts: Iterator[Rows], good: int, count: int) -> None:
 
 
 def _parquet(file: Path, parts: Iterator[Rows], good: int, count: int) -> None:
+    """Write row numbers, times and stiffness entries to a Parquet file, part by part."""
     pa, parquet = extra("pyarrow", "--export parquet"), extra("pyarrow.parquet", "--export parquet")
     names = columns(count)
     schema = pa.schema([(names[0], pa.int64()), *((name, pa.float64()) for name in names[1:])])

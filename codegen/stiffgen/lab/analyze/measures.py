@@ -376,6 +376,7 @@ def summarise(robot: ModuleType, task: Task, columns: Columns, block: Block) -> 
 
 
 def _not_a_number(columns: Columns, block: Block, index: int) -> RowProblem:
+    """Return what is wrong with the first entry of a row that is not finite."""
     column = int(np.argmax(~np.isfinite(block.values[index])))
     name, value = columns.names[column], block.values[index, column]
     if block.missing is not None and block.missing[index, column]:

@@ -346,6 +346,7 @@ class _Arm:
             return self._at(q, rest, F)
 
     def _at(self, q: FloatArray, rest: FloatArray, F: FloatArray) -> _State:
+        """Return residual torque (P, n), its derivative (P, n, n), J, and the eigensystem of H at q (P, n)."""
         hybrid, K = self.module.hybrid, self.stiffness
         J = hybrid.jacobian(q)
         residual = np.einsum("kij,kj->ki", K, q - rest) - np.einsum("kai,ka->ki", J, F)

@@ -113,6 +113,9 @@ class _Posture:
     """A stack of loaded postures: H (..., n, n), the identity where it is not positive definite, and J (..., 6, n)."""
 
     def __init__(self, module: Any, q: FloatArray, wrench: FloatArray, springs: FloatArray) -> None:
+        """Evaluate H = diag(springs) - Kq of the load (..., n, n) and J (..., 6, n); unstable postures get H = 1, J =
+        0.
+        """
         hybrid = module.hybrid
         with np.errstate(invalid="ignore"):
             hessian = springs - hybrid.joint_stiffness(q, wrench, np.zeros((6, 6)))

@@ -94,6 +94,7 @@ def read_calibration(file: str | Path) -> Calibration:
 
 
 def _of_content(content: Mapping[str, Any]) -> Calibration:
+    """Return the calibration in the content of a file; raise ValueError for anything else."""
     if not isinstance(content, dict) or content.get("generator") != GENERATOR:
         raise ValueError("another generator")
     arrays: dict[str, Any] = {name: tuple(map(float, content[name])) for name in _SIZES}

@@ -21,6 +21,7 @@ def residual_picture(poses: StandingPoses, found: Estimate) -> str:
     x = poses.time if has_time else range(len(poses))
 
     def draw(figure: Any, style: Any) -> None:
+        """Draw the residuals over time or pose: forces [N] above, moments [N m] below."""
         # residuals are (P, 6): three forces, three moments
         for k, (axes, unit) in enumerate(zip(figure.subplots(2, 1, sharex=True), ("N", "N m"), strict=True)):
             for channel, (name, colour) in enumerate(zip("xyz", style.AXES, strict=True)):

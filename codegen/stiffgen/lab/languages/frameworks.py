@@ -79,6 +79,7 @@ def _matrix(value: Any) -> Any:
 
 
 def _torch(function: Any, given: Stacks, directions: Stacks, cotangents: Stacks) -> Answer:
+    """Return values, reverse mode contracted with directions, and forward mode contracted with cotangents."""
     torch = import_module("torch")
     tensors = [torch.tensor(each, requires_grad=bool(cotangents)) for each in given]
     values = _several(function(*tensors))
@@ -93,6 +94,7 @@ def _torch(function: Any, given: Stacks, directions: Stacks, cotangents: Stacks)
 
 
 def _jax(function: Any, given: Stacks, directions: Stacks, cotangents: Stacks) -> Answer:
+    """Return values, reverse mode contracted with directions, and forward mode contracted with cotangents."""
     jax = import_module("jax")
     jax.config.update("jax_enable_x64", True)
     if not cotangents:

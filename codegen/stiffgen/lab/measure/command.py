@@ -139,6 +139,7 @@ def _plan(options: argparse.Namespace) -> int:
 
 
 def _measure(options: argparse.Namespace) -> int:
+    """Fit the stiffness to a recording, write page and table, and return 1 if the residual is an alarm."""
     robot, calibration = _opened(options)
     columns = RowOptions(options.positions, options.reading, options.window and tuple(options.window))
     with Progress(messages()).shown() as progress:

@@ -171,6 +171,7 @@ def _follow(robot: GeneratedRobot, start: FloatArray, twist: FloatArray) -> Floa
 
 
 def _check_path(robot: GeneratedRobot, path: FloatArray, rate: float) -> None:
+    """Refuse a path (rows, n) [rad] sampled at `rate` [Hz] beyond a joint's range or velocity limit."""
     fastest = np.abs(np.diff(path, axis=0)).max(axis=0) * rate
     for k, each in enumerate(robot.chain.coordinates):
         if path[:, k].min() < each.lower or path[:, k].max() > each.upper:

@@ -67,6 +67,7 @@ def faked_errors(motion: PoseMotion, fit: StiffnessFit) -> tuple[float, float]:
 
 
 def _one_way(motion: PoseMotion, fit: StiffnessFit) -> Iterator[str]:
+    """Yield a refusal where a small delay of the sensor would look like a turn or a shift of it."""
     turn, lever = faked_errors(motion, fit)
     if turn > MOST_TURN or lever > MOST_LEVER:
         yield (
@@ -77,6 +78,7 @@ def _one_way(motion: PoseMotion, fit: StiffnessFit) -> Iterator[str]:
 
 
 def _sliding(fit: StiffnessFit) -> Iterator[str]:
+    """Yield a refusal where the eigenvalues of the stiffness do not have one sign, as a spring's have."""
     values, deviations, vectors = eigenvalues(fit)
     signs = np.where(np.abs(values) > _SIGMAS * deviations, np.sign(values), 0.0)
     if (signs == 1.0).all() or (signs == -1.0).all():
@@ -93,6 +95,7 @@ def _sliding(fit: StiffnessFit) -> Iterator[str]:
 
 
 def _no_function_of_pose(motion: PoseMotion, fit: StiffnessFit) -> Iterator[str]:
+    """Yield a refusal where the fit leaves lasting changes of forces or moments over."""
     changes = motion.reading - motion.reading.mean(axis=0)
     for name, part in (("forces", slice(0, 3)), ("moments", slice(3, 6))):
         left = float(np.linalg.norm(fit.residuals[:, part])) / max(float(np.linalg.norm(changes[:, part])), 1e-300)

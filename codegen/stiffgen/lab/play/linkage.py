@@ -70,6 +70,7 @@ def _shared(
 
 
 def _record(chain: Chain, joint: Joint, parent: int, place: _PoseMatrix) -> dict[str, Any]:
+    """Return a joint as the page's scripts read it; its place is in the parent joint's frame."""
     return {
         "name": joint.name,
         "prismatic": joint.prismatic,

@@ -186,6 +186,7 @@ def _bits(run: _ProofRun, chosen: Sequence[Kernel], entries: Sequence[str], pool
     symmetric = {each.qualified_name for each in chosen if any(result.symmetric for result in each.results)}
 
     def bits(entry: str) -> Verdict:
+        """Compare the bits of the printed function with those of its model, by ESBMC."""
         run.progress(f"ESBMC: {entry}, bits")
         kernel = entry.removesuffix("_batch")
         outcome, seconds, detail = esbmc.check(

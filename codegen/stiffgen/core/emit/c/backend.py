@@ -110,6 +110,7 @@ def _public_functions(request: Request, batches: list[BatchPage]) -> list[Dispat
 
 
 def _variables(request: Request) -> dict[str, Any]:
+    """Return what the templates of C read: pages of functions, constants and shared helpers."""
     single, batch = request.single, request.batch
     batch_names = [
         f"{kernel.qualified_name}{each.suffix}" for kernel, _ in batch.kernels for each in kernel.batches
@@ -135,6 +136,7 @@ def _variables(request: Request) -> dict[str, Any]:
 
 
 def _files(request: Request) -> dict[str, str]:
+    """Return the C files of a request with their templates."""
     name = request.name
     files = {f"{name}.h": "header.h.j2", f"{name}_lanes.h": "lanes.h.j2", f"{name}.c": "source.c.j2"}
     if request.has_widths:

@@ -24,6 +24,7 @@ def _variables(request: Request) -> dict[str, Any]:
 
 
 def _files(request: Request) -> dict[str, str | Path]:
+    """Return the files of the CasADi wrapper, where wrappers are asked for."""
     if not request.has_wrappers:
         return {}
     return {

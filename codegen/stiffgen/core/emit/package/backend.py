@@ -34,6 +34,7 @@ def _example(request: Request) -> dict[str, Any]:
 
 
 def _python_example(request: Request, names: set[str], path: list[str]) -> dict[str, Any]:
+    """Return call and arguments of the README's example: a joint stiffness where there is one."""
     chain = request.chain
     several = len(chain.tips) > 1
     stiffness = "hybrid.joint_stiffness_total" if several else "hybrid.joint_stiffness"

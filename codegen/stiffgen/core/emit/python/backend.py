@@ -37,6 +37,7 @@ def _packed_pages(chain: Chain, pages: list[KernelPage]) -> list[KernelPage]:
 
 
 def _docstring(chain: Chain, kernel: Kernel) -> list[str]:
+    """Return the lines of a function's docstring in NumPy's layout, with shapes and units."""
     lines = [kernel.summary, "", *wrapped(kernel.equation, 88), ""]
     if kernel.note:
         lines += [*wrapped(kernel.note, 88), ""]
@@ -110,6 +111,7 @@ def packed_functions(request: Request) -> dict[str, Any]:
 
 
 def _variables(request: Request) -> dict[str, Any]:
+    """Return what the templates of the Python module read."""
     packed = _packed_pages(request.chain, request.kernels)
     pages = [*request.kernels, *packed]
     return {
@@ -138,6 +140,7 @@ def _variables(request: Request) -> dict[str, Any]:
 
 
 def _files(request: Request) -> dict[str, str]:
+    """Return the files of the Python module; without wrappers, modules that say how to get them."""
     if not request.options.python:
         return {}
     files = {

@@ -38,6 +38,7 @@ def function_of_stacks(chain: Chain, kernel: Kernel) -> Callable[..., Any]:
     shapes = [result.array(chain).shape for result in kernel.results]
 
     def call(*stacks: FloatArray) -> Any:
+        """Evaluate the CasADi function row by row and stack its results."""
         rows = [
             as_results(function(*(a.reshape(fold) for a, fold in zip(one, folds, strict=True))))
             for one in zip(*stacks, strict=True)

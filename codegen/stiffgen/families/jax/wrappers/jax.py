@@ -150,6 +150,7 @@ def _differentiable(function: Function) -> Any:
 
     @evaluated.defjvp
     def derivative(arguments: tuple[jax.Array, ...], tangents: tuple[jax.Array, ...]) -> Any:
+        """Return results and their changes along tangents; JAX transposes them into the VJP."""
         if function.is_gradient:
             raise NotImplementedError(function.no_derivative)
         fixed = _first_order(function.path, arguments)
@@ -166,6 +167,7 @@ def _differentiable(function: Function) -> Any:
 
     @functools.wraps(getattr(_c, function.name))
     def call(*arguments: Any, **named: Any) -> jax.Array | tuple[jax.Array, ...]:
+        """Check that JAX computes in float64, order the arguments, and run."""
         if jnp.result_type(float) != jnp.float64:
             raise TypeError(
                 f"{NAME}.jax computes in float64, which JAX has switched off; "

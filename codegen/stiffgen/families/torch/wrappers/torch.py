@@ -32,6 +32,7 @@ def _operator(function: Function) -> Any:
         return results[0] if one else results
 
     def evaluate(*tensors: torch.Tensor) -> Tensors | torch.Tensor:
+        """Check the tensors' type, and compute into the memory of new ones."""
         for tensor, name in zip(tensors, function.arguments, strict=True):
             if tensor.dtype != torch.float64:
                 raise TypeError(f"{function.path}(): {name} is {tensor.dtype}; the operator needs torch.float64")
