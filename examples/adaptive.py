@@ -102,7 +102,7 @@ def greedy(time: float, q: Array, wrench: Array, stiffness: Array) -> Array:
 
 
 def simulate(robot: Any, learner: Learner, tank: float, duration: float = DURATION) -> Run:
-    """Run the controller with a simulated arm, from rest at Q0."""
+    """Run the controller with a simulated arm, from rest at Q0, for `duration` [s] with a tank of `tank` [J]."""
     steps = round(duration / T)
     controller = robot.Impedance(
         sample_time=T,
@@ -114,7 +114,7 @@ def simulate(robot: Any, learner: Learner, tank: float, duration: float = DURATI
     )
     q, dq, stiffness = Q0.copy(), np.zeros(7), np.full(3, USUAL)
     asked, loads = np.empty(steps), np.empty(steps)
-    every = round(LEARN / T)
+    every = round(LEARN / T)  # samples between two decisions of the learner
     for k in range(steps):
         wrench = np.array([0.0, 0.0, -LOAD * np.sin(np.pi * k * T / PERIOD) ** 2, 0.0, 0.0, 0.0])
         if k % every == 0:
@@ -124,12 +124,13 @@ def simulate(robot: Any, learner: Learner, tank: float, duration: float = DURATI
             q=q, dq=dq, q0=Q0, counter=k, translation_stiffness=np.diag(stiffness), rotation_stiffness=ROTATION,
             posture_stiffness=POSTURE_STIFFNESS,
         )  # fmt: skip
+        # M ddq = torque + load - bias forces, without gravity; semi-implicit Euler.
         force = out.torque + robot.hybrid.jacobian(q).T @ wrench - robot.bias_forces(q, dq, np.zeros(3))
         dq = dq + T * np.linalg.solve(robot.mass_matrix(q) + MOTOR * np.eye(7), force)
         q = q + T * dq
     inputs, outputs = controller.trace
     tip = robot.forward_kinematics(inputs.q)[:, :3, 3]
-    work = np.sum(outputs.torque[:-1] * np.diff(inputs.q, axis=0), axis=1)
+    work = np.sum(outputs.torque[:-1] * np.diff(inputs.q, axis=0), axis=1)  # [J] per sample, put into the arm
     return Run(
         time=np.asarray(T * np.arange(steps), dtype=np.float64),
         load=loads,
@@ -157,7 +158,7 @@ def figure(runs: dict[str, Run]) -> str:
         drawing, ((careful_k, greedy_k), (tanks, ports)) = plt.subplots(2, 2, figsize=(7.5, 5.2), layout="constrained")
         for axes, name in zip((careful_k, greedy_k), runs, strict=False):
             run = runs[name]
-            axes.plot(run.time[::10], run.asked[::10], color=colours[name])
+            axes.plot(run.time[::10], run.asked[::10], color=colours[name])  # every 10th sample is enough
             asked = np.where(run.held, run.asked, np.nan)
             axes.plot(run.time[::10], asked[::10], color=INK, linewidth=3, label="held back by the tank")
             axes.set(title=f"stiffness in z, {name}", ylabel="[N/m]", ylim=(0, 1.08 * STIFF))

@@ -58,7 +58,11 @@ GROUND = np.diag([0.0, 0.0, 0.0, 20.0, 20.0, 0.0])  # N m/rad of a soft ground
 def model(
     links: list[Link], tip: str, loops: list[str], actuated: list[str], sliding: Sequence[str] = ()
 ) -> stiffgen.StiffnessModel:
-    """Return the functions of a linkage; joints are hinges, except those that are ``sliding``."""
+    """Return the functions of a linkage; joints are hinges, except those that are ``sliding``.
+
+    A link is its name, its parent's, the place of its joint in the parent's frame "x y z" [m], and the joint's axis
+    ("": welded).
+    """
     kinds = dict.fromkeys(sliding, "prismatic") | {name: "fixed" for name, _, _, axis in links if not axis}
     text = "".join(
         f'<link name="{name}"/><joint name="{name}" type="{kinds.get(name, "continuous")}"><parent link="{parent}"/>'
@@ -124,6 +128,7 @@ def figure() -> str:
         q = np.array(robot.chain.start)
         for angle, strength in ((0.6, 1.0), (1.0, 0.5), (1.4, 0.25)):
             q = np.array(robot.close(angle, q)).ravel()
+            # Points of the plane as complex numbers [m]: crank 0.15, coupler 0.35 with the tip, rocker to (0.3, 0).
             elbow = 0.15 * np.exp(1j * q[0])
             end, tip = elbow + 0.35 * np.exp(1j * (q[0] + q[1])), elbow + (0.2 + 0.1j) * np.exp(1j * (q[0] + q[1]))
             bars, plate = np.array([0, elbow, end, 0.3]), np.array([elbow, tip, end])

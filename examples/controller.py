@@ -34,7 +34,7 @@ PAYMENTS = (
 
 
 def figure() -> str:
-    """Return the SVG text."""
+    """Return the SVG text of the controller's block diagram: boxes of phases, signals and payments between them."""
     import matplotlib as mpl
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure

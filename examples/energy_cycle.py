@@ -151,6 +151,7 @@ def figure(robot: ModuleType, q: Array) -> str:
         left.set(xlabel="laps", ylabel="work put out [J]", title=f"stiffness held, radius {RADIUS} rad")
         radii = np.geomspace(0.005, RADIUS, 10)
         for law in LAWS:
+            # The exact law's work is rounding, of which 1e-18 J is still on the logarithmic axis.
             values = [max(abs(following(robot, q, plane, radius, law)[-1]), 1e-18) for radius in radii]
             right.loglog(radii, values, "o-", color=colours[law], markersize=3, label=law)
         areas = [abs(area_integral(robot, q, plane, radius, "conventional")) for radius in radii]

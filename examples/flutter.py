@@ -112,12 +112,13 @@ def watch_limb(joint: str, law: str, seconds: float = 12.0, every: int = 40) -> 
     data, adr, first = mujoco.MjData(model), model.joint(joint).qposadr[0], model.joint(joint).dofadr[0]
     aim, push, M = np.zeros(4), np.zeros(4), np.zeros((model.nv, model.nv))
     mujoco.mju_axisAngle2Quat(aim, np.array(target) / np.linalg.norm(target), float(np.linalg.norm(target)))
-    across = np.cross(target, [1.0, 1.0, 1.0])
+    across = np.cross(target, [1.0, 1.0, 1.0])  # an axis perpendicular to the target's
     mujoco.mju_axisAngle2Quat(push, across / np.linalg.norm(across), PUSH)
     mujoco.mju_mulQuat(data.qpos[adr : adr + 4], aim, push)
     mujoco.mj_forward(model, data)
     mujoco.mj_fullM(model, data, M)
     dofs = slice(first, first + 3)
+    # The ratio of the slowest axis, that of the largest inertia.
     model.dof_damping[dofs] = 2 * ratio * np.sqrt(stiffness * np.linalg.eigvalsh(M[dofs, dofs])[-1])
     data.ctrl[:] = target if law == DRIVES else ()
     body, angles, points = model.joint(joint).bodyid[0], list[float](), list[Array]()

@@ -80,7 +80,7 @@ def connected(address: str, patience: float = 30.0) -> Any:
 
 
 def wipe(robot: Any, module: Any, seconds: float) -> dict[str, float]:
-    """Follow the circle; return the counts. Print the first fault when it comes."""
+    """Follow the circle for `seconds`; return the counts. Print the first fault when it comes."""
     franka = import_module("pylibfranka")
     start = np.array(robot.read_once().q)
     rest = module.forward_kinematics(start)
@@ -89,7 +89,7 @@ def wipe(robot: Any, module: Any, seconds: float) -> dict[str, float]:
         sample_time=SAMPLE_TIME, delay_samples=1, motor_inertia=ROTORS, heaviest_wrench=HEAVIEST,
         torque_rate_limit=np.minimum(10.0 * module.EFFORT, 900.0),
     )  # fmt: skip
-    Kt, Ko = TRANSLATION * np.eye(3), ROTATION * np.eye(3)
+    Kt, Ko = TRANSLATION * np.eye(3), ROTATION * np.eye(3)  # [N/m], [N m/rad]
     counted = {"cycles": 0, "missed": 0, "faults": 0, "error": 0.0, "step": 0.0}
     control, counter, elapsed = robot.start_torque_control(), 0, 0.0
     while elapsed < seconds:

@@ -117,7 +117,7 @@ def symmetrising(robots: Path) -> Rows:
 def spatial_term(robots: Path) -> Rows:
     """Compare one spring in two representations: joint stiffness of the spatial form less the hybrid one."""
     robot = _iiwa()
-    q = np.loadtxt(energy_cycle.TRAJECTORY, delimiter=",").T[::20]
+    q = np.loadtxt(energy_cycle.TRAJECTORY, delimiter=",").T[::20]  # every 20th posture, (rows, 7) [rad]
     K = robot.hybrid.joint_stiffness(q, energy_cycle.WRENCH, TASK_STIFFNESS)
     rows: Rows = []
     for name, as_tensor in (("with the covariant term", False), ("without it, as in the paper's spatial form", True)):
@@ -171,7 +171,7 @@ def wrenches(robots: Path) -> Rows:
     }
     found: dict[str, list[list[float]]] = {name: [] for name in (*wrong, "the published client")}
     random, none = np.random.default_rng(0), np.zeros(6)
-    for q in np.loadtxt(energy_cycle.TRAJECTORY, delimiter=",").T[::20]:
+    for q in np.loadtxt(energy_cycle.TRAJECTORY, delimiter=",").T[::20]:  # every 20th posture (7) [rad]
         wrench = random.uniform(-1, 1, 6) * [20, 20, 20, 2, 2, 2]
         right = np.array(true.hybrid.joint_stiffness(q, wrench, TASK_STIFFNESS))
         reading = true.sensor.reading(q, wrench, none, _PAYLOAD)
@@ -180,6 +180,7 @@ def wrenches(robots: Path) -> Rows:
             off = np.array(true.hybrid.joint_stiffness(q, taken, TASK_STIFFNESS)) - right
             found[name].append([np.abs((taken - wrench)[3:]).max(), np.abs(off).max() / np.abs(right).max()])
         J, lever = np.array(client.hybrid.jacobian(q)), np.array([0, 0, 0.035 + _TOOL_POINT[2]])
+        # The published client's Jacobian:
         moved = np.vstack([J[:3] - theory.cross_matrix(lever) @ J[3:], J[3:]])  # the lever stays in base axes
         matrix = TASK_STIFFNESS + np.array(client.hybrid.connection_correction(wrench))
         off = np.array(client.hybrid.kinematic_stiffness(q, wrench)) + moved.T @ matrix @ moved - right

@@ -124,8 +124,10 @@ def arms(iiwa: ModuleType, panda: ModuleType) -> tuple[Arm, ...]:
 
     The forces downwards are those of the payloads, 14 kg and 3 kg.
     """
+    # [N m/rad] per joint
     soft, firm = 0.2 * np.array([800.0, 800, 600, 500, 300, 200, 150]), np.array([600.0] * 4 + [250, 150, 50])
     sideways, down = np.array([0.0, 1, 0]), np.array([0.0, 0, -1])
+    # Postures [rad]; the last number of an arm is the load [N].
     bent, raised = np.array([0.3, 0.9, 0.8, -1.5, 0.4, 0.8, 0.0]), np.array([0.07, 1.46, 1.6, -1.5, -0.82, 0.94, 0.81])
     turned = np.array([-0.4, 0.3, 0.8, -1.8, -0.5, 1.9, 0.8])
     return (

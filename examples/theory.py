@@ -190,6 +190,7 @@ def _basis_figure() -> Any:
 
     figure = Figure(figsize=(7.8, 3.7), layout="constrained")
     left, right = figure.subplots(1, 2)
+    # Left: one force at three places on a circle of radius 1.6, with its component along e_2 there.
     for angle in np.radians([15, 50, 85]):
         at = 1.6 * np.array([np.cos(angle), np.sin(angle)])
         out, along = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
@@ -202,6 +203,7 @@ def _basis_figure() -> Any:
     left.plot(1.6 * np.cos(arc), 1.6 * np.sin(arc), color=INK, linewidth=0.7, alpha=0.5)
     left.set(xlim=(-0.7, 2.7), ylim=(-0.15, 2.5), aspect="equal",
              title="one force F, three places: its component\non $e_2$ changes because $e_2$ turns")  # fmt: skip
+    # Right: a step of 1.5 along e_1 (kind 0) and a turn of 40 deg (kind 1), in both orders.
     for order, colour, style in ((0, AXES[0], "-"), (1, AXES[1], "--")):
         position, heading = np.zeros(2), 0.0
         for kind in ((0, 1), (1, 0))[order]:
@@ -287,7 +289,7 @@ def _pair_figure() -> Any:
     from examples.style import AXES, CORRECTED, INK
 
     figure = Figure(figsize=(7.8, 2.6), layout="constrained")
-    apart, aside, angle, k = 0.4, 0.02, 0.1, 800.0
+    apart, aside, angle, k = 0.4, 0.02, 0.1, 800.0  # [m], [m], [rad], [N/m]
     scale = 4.0  # of displacements and turns, which are small beside the distance
     a, b, heading = np.zeros(2), np.array([apart, scale * aside]), scale * angle
     out = -np.array([np.cos(heading), np.sin(heading)])  # from B towards A, in B's axes

@@ -144,7 +144,7 @@ def figure(robot: ModuleType) -> str:
         lost, unloaded = heights[0] - heights, postures[0].compliance()[2, 2]
         left.plot(forces, 1e3 * lost, color=INK, label="solved")
         left.plot(forces, 1e3 * unloaded * forces, "--", color=CONVENTIONAL, label="C without the load's terms")
-        for at in range(10, len(forces), 15):
+        for at in range(10, len(forces), 15):  # tangents of 12 N at each 15th load
             push, slope = forces[at] + np.array([-6.0, 6.0]), postures[at].compliance()[2, 2]
             label = "slope: C with the load's terms" if at == 10 else None
             left.plot(push, 1e3 * (lost[at] + slope * (push - forces[at])), color=CORRECTED, linewidth=2.5, label=label)
@@ -152,7 +152,7 @@ def figure(robot: ModuleType) -> str:
         left.legend(loc="upper left")
         for stiffness, line in ((100.0, "-"), (200.0, "--"), (300.0, ":")):
             end = buckling_force(robot, stiffness)
-            push = np.linspace(0, 1.15 * end, 60)
+            push = np.linspace(0, 1.15 * end, 60)  # up to 15 % beyond the buckling force
             values = [upright(robot, force, stiffness).stability() for force in push]
             right.plot(push, values, line, color=CORRECTED, label=f"{stiffness:.0f} N m/rad")
             right.plot(end, 0, "o", color=CONVENTIONAL, markersize=5)

@@ -217,11 +217,12 @@ def springs() -> dict[str, Array]:
 
 
 def run(module: Any, file: Path, arm: Arm = IIWA, end: float = END) -> BoxSession:
-    """Hold, lift, turn and push the box."""
+    """Hold, lift, turn and push the box for `end` seconds; the steps of STEP seconds make the rows of the session."""
     model = scene(file, arm)
     data, held = mujoco.MjData(model), grasps(arm)
     joints = [model.joint(name) for name in module.JOINTS]
     at, rate = (np.array([getattr(j, which)[0] for j in joints]) for which in ("qposadr", "dofadr"))
+    # The controller's grasps: the right hand is believed to be OFF [m] and TURNED [rad] from where it is.
     believed = held @ np.array([np.eye(4), placed(OFF, 0, 0) @ turned(1, TURNED)])
     q = np.asarray(module.find_posture(wanted(0.0, arm) @ held, arm.start))
     data.qpos[at] = q
@@ -235,6 +236,7 @@ def run(module: Any, file: Path, arm: Arm = IIWA, end: float = END) -> BoxSessio
     for k in range(round(end / STEP)):
         time, q, dq = k * STEP, data.qpos[at], data.qvel[rate]
         q0, _ = follow.step(pose=wanted(time, arm) @ believed)
+        # Rows: left hand, right hand (base axes), and the pair's own, which squeezes [N, N m].
         wrench = np.zeros((3, 6))
         wrench[2, 2] = -SQUEEZE * smooth(time, (0.0, 0.3))  # of the right hand, along the z axis of the left one
         weight = MASS * 9.81 * smooth(time, (0.3, 0.9))
@@ -254,6 +256,7 @@ def run(module: Any, file: Path, arm: Arm = IIWA, end: float = END) -> BoxSessio
         wrenches, touches = contact_wrenches(model, data, poses)
         frames = np.tile(np.eye(4), (2, 1, 1))
         frames[:, :3, 3] = poses
+        # The squeeze: the part of both wrenches that cancels in the sum.
         inner = stiffgen.internal_wrench(*wrenches, *frames).internal
         R, goal = data.body("box").xmat.reshape(3, 3), wanted(time, arm)
         angle = np.arccos(np.clip((np.trace(R.T @ goal[:3, :3]) - 1) / 2, -1, 1))
@@ -264,14 +267,14 @@ def run(module: Any, file: Path, arm: Arm = IIWA, end: float = END) -> BoxSessio
 
 
 def usual_torque(module: Any, q: Array, rest: Array, K: Array, arm: Arm = IIWA) -> Array:
-    """Return the torque of the usual law: K times displacement and rotation vector of B in A, in the axes of A."""
+    """Return the torque (n) [N m] of the usual law: K (6, 6) times displacement and rotation vector of B in A."""
     hands = [getattr(module, f"{side}_{arm.tip}") for side in SIDES]
     a, b = (hand.forward_kinematics(q) for hand in hands)
     Ja, Jb = (hand.hybrid.jacobian(q) for hand in hands)
-    seen = np.linalg.inv(rest) @ np.linalg.inv(a) @ b
+    seen = np.linalg.inv(rest) @ np.linalg.inv(a) @ b  # pose of B seen from where it rests
     R, lever = seen[:3, :3], b[:3, 3] - a[:3, 3]
     w = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2
-    size = np.linalg.norm(w)
+    size = np.linalg.norm(w)  # sine of the angle; w / sine * angle is the rotation vector
     turn = w * (np.arctan2(size, (np.trace(R) - 1) / 2) / size if size > 0 else 1.0)
     axes = a[:3, :3] @ rest[:3, :3]
     f, m = axes @ K[:3, :3] @ seen[:3, 3], axes @ K[3:, 3:] @ turn
@@ -285,8 +288,8 @@ def work_of_lap(module: Any, arm: Arm = IIWA, size: float = 0.4, nodes: int = 40
     middle = np.asarray(module.find_posture(wanted(0.0, arm) @ grasps(arm), arm.start))
     waves = random.normal(size=(2, len(middle))) * size / 2
     t = 2 * np.pi * np.arange(nodes)[:, None] / nodes
-    q = middle + np.cos(t) * waves[0] + np.sin(t) * waves[1]
-    rate = np.cos(t) * waves[1] - np.sin(t) * waves[0]
+    q = middle + np.cos(t) * waves[0] + np.sin(t) * waves[1]  # (nodes, n) [rad], an ellipse in joint space
+    rate = np.cos(t) * waves[1] - np.sin(t) * waves[0]  # dq/dt; the sums below are trapezoids of a periodic function
     K = np.diag([400.0, 300.0, 500.0, 30.0, 20.0, 10.0])
     rest = np.linalg.inv(grasps(arm)[0]) @ grasps(arm)[1]
     usual = sum(float(usual_torque(module, at, rest, K, arm) @ along) for at, along in zip(q, rate, strict=True))

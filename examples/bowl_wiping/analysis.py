@@ -83,7 +83,7 @@ class Findings:
 
 
 def findings(robot: ModuleType, trials: list[Trace]) -> Findings:
-    """Analyse the trials, in the order of :data:`LAWS`."""
+    """Analyse the trials, in the order of :data:`LAWS`: two of the paper's law, then the potential's."""
     paper, potential = trials[:2], trials[2]
     applied = [parts(trace["stiffness"])[1] for trace in paper]
     formula = [
@@ -91,7 +91,7 @@ def findings(robot: ModuleType, trials: list[Trace]) -> Findings:
         for trace in paper
     ]
     closed = [closed_form(robot, trace["q"], trace["wrench_used"]) for trace in paper]
-    wipes = [trace["pressing"] for trace in trials]
+    wipes = [trace["pressing"] for trace in trials]  # masks of the samples in which the tool wipes
     conventional, wipe = trials[1], wipes[1]
     moment = np.linalg.norm(conventional["wrench_used"][wipe, 3:], axis=1)
     per_moment = conventional["antisymmetric"][wipe] / moment

@@ -40,7 +40,7 @@ def costs(robot: GeneratedRobot, functions: Mapping[str, Any]) -> dict[str, dict
     """Return processor times [us] of a joint stiffness, one product and all derivatives: least of all repeats."""
     random = np.random.default_rng(0)
     many = CONFIGURATIONS
-    q = random.uniform(-1, 1, (7, many))
+    q = random.uniform(-1, 1, (7, many))  # CasADi maps over columns, one per configuration
     wrench, root = random.normal(size=(6, many)), random.normal(size=(6, 6 * many))
     stiffness = np.hstack([block @ block.T for block in np.split(root, many, axis=1)])
     cotangent = random.normal(size=(7, 7 * many))
@@ -133,6 +133,7 @@ def main() -> int:
         GRAPH: StiffnessModel(opened.chain),
     }
     task = bowl_task(robot, options.knots)
+    # The same task three times: derivatives by compiled functions, by CasADi's graph, and with the exact Hessian.
     solutions = {
         COMPILED: solve(functions[COMPILED], robot, task),
         GRAPH: solve(functions[GRAPH], robot, task),

@@ -48,17 +48,18 @@ def ball_path() -> tuple[tuple[float, float, float], ...]:
 
 
 def board(width: float = WIDTH) -> Surface:
-    """Return the board with obstacles of a width across the path [m]."""
+    """Return the board, whose height follows the recorded ball, with obstacles of `width` [m] across the path."""
     path = np.array(ball_path())
     low, high = path[:, :2].min(axis=0) - MARGIN, path[:, :2].max(axis=0) + MARGIN
     columns, rows = np.ceil((high - low) / CELL).astype(int) + 1
     x, y = np.linspace(low[0], high[0], columns), np.linspace(low[1], high[1], rows)
     points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     distance, nearest = cKDTree(path[:, :2]).query(points, k=NEIGHBOURS)
-    weight = 1 / (distance**2 + CELL**2)
+    weight = 1 / (distance**2 + CELL**2)  # by inverse square distance to the path's points
     under = path[:, 2] - BALL_RADIUS
     along = (weight * under[nearest]).sum(axis=1) / weight.sum(axis=1)
     level = float(np.median(under))
+    # Full height within half the width of the path, then down to the level over FALL [m], as half a cosine.
     beyond = np.clip((distance[:, 0] - width / 2) / FALL, 0, 1)
     share = (1 + np.cos(np.pi * beyond)) / 2
     height = gaussian_filter((level + share * (along - level)).reshape(rows, columns), 1.0)

@@ -118,10 +118,10 @@ def at_wall(robot: ModuleType, *, supplies: bool, progress: Progress = lambda: N
     """Stand on three feet, press on the wall with the fourth; ``supplies`` as :class:`WholeBodyLaw` takes it."""
     base = np.eye(4)
     base[2, 3] = -feet(robot, np.eye(4), POSTURE)[:, 2, 3].mean()
-    places = level(feet(robot, base, POSTURE))
+    places = level(feet(robot, base, POSTURE))  # (4, 4, 4): poses of the feet on the ground
     base[:3, 3] += LEAN
     reached = places.copy()
-    reached[FEET.index(PRESSING), :3, 3] = WALL.at - 0.01, 0.14, 0.07
+    reached[FEET.index(PRESSING), :3, 3] = WALL.at - 0.01, 0.14, 0.07  # [m] 1 cm before the wall
     q = _with_feet_at(robot, base, reached)
     none, zero = np.zeros((len(FEET), 3, 3)), np.zeros((3, 3))
     in_base = reached.copy()
@@ -140,12 +140,14 @@ def at_wall(robot: ModuleType, *, supplies: bool, progress: Progress = lambda: N
     for step in range(round(END / TIMESTEP)):
         time = step * TIMESTEP
         if step % CONTROL_STEPS == 0:
+            # The foot's equilibrium moves into the wall, up to DEPTH behind its surface.
             share = np.clip((time - APPROACH[0]) / (APPROACH[1] - APPROACH[0]), 0, 1)
             targets = reached.copy()
             targets[FEET.index(PRESSING), 0, 3] = start + share * (WALL.at + DEPTH - start)
             law = replace(law, of_ground=replace(law.of_ground, equilibria=targets))
             command = law.command(plant.base_pose, plant.q, plant.rates[6:])
             progress()
+        # The plant's step is shorter than the controller's, whose torque is held in between.
         held = command.torque
         pose, joints = plant.base_pose, plant.q
         plant.step(lambda *_, held=held: held, PUSH if PUSHED[0] <= time < PUSHED[1] else None)

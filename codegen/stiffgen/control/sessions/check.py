@@ -51,12 +51,14 @@ class _Bench:
         self.random = np.random.default_rng(seed)
         lower, upper = self._bounds()
         span = upper - lower
-        self.q = lower + span * self.random.uniform(0.35, 0.65, len(span))
+        self.q = lower + span * self.random.uniform(0.35, 0.65, len(span))  # the middle third of each range
         self.reach = float(min(0.1, 0.2 * np.abs(span).min()))
         tips, self.pairs = len(chain.tips), [(each.first, each.second) for each in pairs_of(chain, robot.springs.pairs)]
         self.tools = np.broadcast_to(np.eye(4), (tips, 4, 4)).copy()
+        # [m] off all axes, different for each tip
         self.tools[:, :3, 3] = np.array([0.02, -0.03, 0.1]) + np.arange(tips)[:, None] * (0.05, 0.0, 0.0)
         roots = self.random.normal(size=(2, tips + 2 * len(self.pairs), 3, 3))
+        # Positive definite, of the size 300 N/m and 20 N m/rad.
         Kt, Ko = (roots @ np.swapaxes(roots, 2, 3) / 3 + 0.3 * np.eye(3)) * np.array([300.0, 20.0])[:, None, None, None]
         if tips == 1:
             self.tools, Kt, Ko = self.tools[0], Kt[0], Ko[0]

@@ -55,7 +55,9 @@ class _Maker:
         return results[0] == results[1]
 
     def step(self, both: Sequence[Any]) -> bool:
-        """Do a step; return whether the builds have the same bits."""
+        """Do a step with drawn inputs, some of them lies (NaN, infinite, huge); return whether the builds have the
+        same bits.
+        """
         random, name = self.random, self.name
         axis = np.array([0.0, 0.6, -0.8])
         drawn = {

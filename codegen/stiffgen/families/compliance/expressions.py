@@ -141,7 +141,7 @@ def packed_hessian(chain: Chain, joint_stiffness: ca.SX, load_stiffness: ca.SX) 
 
 def unpacked(triangle: ca.SX) -> ca.SX:
     """Return the symmetric matrix of an upper triangle that is stored row by row."""
-    n = math.isqrt(2 * triangle.numel())
+    n = math.isqrt(2 * triangle.numel())  # n (n + 1) / 2 entries: the root of twice as many, rounded down, is n
     result, entries = ca.SX(n, n), iter(ca.vertsplit(triangle))
     for i in range(n):
         for j in range(i, n):
@@ -184,6 +184,7 @@ def tip_stiffness(chain: Chain, J: ca.SX, hessian: ca.SX) -> Expressions:
         """Return left . D^-1 right."""
         return sum((x * y * d for x, y, d in zip(left, right, factors.inverse, strict=True)), ca.SX(0))
 
+    # Gram and Schmidt: take from column a its parts along the columns before; `row` keeps the combination.
     for a in range(size):
         square_before = product(columns[a], columns[a])
         row = [ca.SX(0)] * size
@@ -195,7 +196,7 @@ def tip_stiffness(chain: Chain, J: ca.SX, hessian: ca.SX) -> Expressions:
         U.append(row)
         square = product(columns[a], columns[a])
         inverse_squares.append(reciprocal_or_nan(square, square, SINGULAR**2 * square_before))
-    result = ca.SX(size, size)
+    result = ca.SX(size, size)  # U^T S^-1 U
     for a in range(size):
         for b in range(a, size):
             terms = [U[k][a] * U[k][b] * inverse_squares[k] for k in range(b, size)]

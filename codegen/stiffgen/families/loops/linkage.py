@@ -95,7 +95,7 @@ class Linkage:
             if joint.prismatic:
                 p = p + R @ axis * position
             else:
-                cross = np.cross(np.eye(3), axis)
+                cross = np.cross(np.eye(3), axis)  # [axis]_x of Rodrigues' formula
                 R = R @ (np.eye(3) + np.sin(position) * cross + (1 - np.cos(position)) * cross @ cross)
         p, R = p + R @ np.array(end.translation), R @ np.array(end.rotation)
         J = np.zeros((6, len(q)))

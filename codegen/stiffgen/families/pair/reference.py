@@ -15,7 +15,11 @@ FramePose = tuple[ca.SX, ca.SX]
 
 
 def energies(a: FramePose, b: FramePose, rest: ca.SX, Kt: ca.SX, Ko: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Return the energies of translation and rotation at the poses of both tips."""
+    """Return the energies of translation and rotation [J] at the poses of both tips, from their definitions.
+
+    Each tip's axes carry half of Kt for the displacement e of the half-way points; G = tr(Ko)/2 I - Ko is the trace
+    form's matrix, B the rotation of tip b turned back by the rest rotation.
+    """
     (A, pa), (Rb, pb) = a, b
     Kt, Ko = (Kt + Kt.T) / 2, (Ko + Ko.T) / 2
     B = Rb @ rest[:3, :3].T

@@ -135,7 +135,9 @@ def seen_from_first(group: str, kind: PairKind, *, has_tools: bool) -> Spring:
 def _parts(
     p: ca.SX, R: ca.SX, tools: tuple[ca.SX, ca.SX] | None, rest: ca.SX, Kt: ca.SX, Ko: ca.SX
 ) -> tuple[Terms, Terms]:
-    """Return translation and rotation of the energy, seen from the first tip link."""
+    """Return translation and rotation of the energy; p, R is tip B seen from tip A, rest the pose there without
+    force.
+    """
     Kt, Ko = symmetric_from_upper(Kt), symmetric_from_upper(Ko)
     half = 0.5 * rest[:3, 3]
     c = -(rest[:3, :3].T @ half)
@@ -151,7 +153,7 @@ def _parts(
         values = {"R0": R0, "p0": p0, "Kta": Kt, "Koa": Ko}
         title = "between the tip links: rest rotation R0, origin p0; stiffnesses in A's axes"
         sections.append(Section(title, values, {"R0": Kind.ROTATION}))
-    N, arm = R @ rest[:3, :3].T, R @ c
+    N, arm = R @ rest[:3, :3].T, R @ c  # N: how far B is turned from rest, in A's axes (1 at rest).
     e = p - rest[:3, 3] + (R - rest[:3, :3]) @ c
     sections.append(
         Section("c: point half-way at rest in B's axes; displacement e there, in A's axes", {"c": c, "e": e})

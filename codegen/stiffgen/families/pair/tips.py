@@ -40,13 +40,18 @@ def axial(matrix: ca.SX) -> ca.SX:
 
 
 def _rotation(A: ca.SX, B: ca.SX, Ko: ca.SX) -> Terms:
-    """Return the terms of tr(G (I - A^T B)) = tr((B - A) G (B - A)^T)/2; none cancels near the rest pose."""
+    """Return the terms of tr(G (I - A^T B)) = tr((B - A) G (B - A)^T)/2; none cancels near the rest pose.
+
+    A and B are the tips' rotations, B turned back by the rest rotation. Differentiating A by a turn w gives [w] A,
+    so that moments are axial vectors of Y and second derivatives are those of M, own and mixed.
+    """
     G = 0.5 * ca.trace(Ko) * ca.SX.eye(3) - Ko
     D = B - A
     W, L = D @ G, B @ G
     M, Y = L @ A.T, W @ A.T
     u = axial(Y)
     trace = [M[(k + 1) % 3, (k + 1) % 3] + M[(k + 2) % 3, (k + 2) % 3] for k in range(3)]  # tr(M) - M_kk
+    # Blocks of two turns: tr(M) I - sym(M) of one tip with itself, M - tr(M) I between the tips.
     own, coupling = -0.5 * (M + M.T), ca.densify(ca.SX(M))
     for k in range(3):
         own[k, k], coupling[k, k] = trace[k], -trace[k]
@@ -83,14 +88,14 @@ def _half(S: ca.SX, f: ca.SX, arms: tuple[ca.SX, ca.SX], other: ca.SX, *, turns_
 
 
 def _translation(a: TipFrame, b: TipFrame, B: ca.SX, d0: ca.SX, Kt: ca.SX) -> Terms:
-    """Return the terms of e^T S e/2."""
+    """Return the terms of e^T S e/2: e is B's origin less A's less the rest displacement, half in each tip's axes."""
     (A, pa), (_, pb) = a, b
     half = 0.5 * d0
     la, lb = A @ half, B @ half
     e = pb - pa - la - lb
     SA, SB = (symmetric_from_upper((X @ (0.5 * Kt)) @ X.T) for X in (A, B))
     fA, fB = SA @ e, SB @ e
-    f = fA + fB
+    f = fA + fB  # the force on B; A's axes carry one half of the stiffness, B's the other
     F = ca.vertcat(-f, -ca.cross(la, f) - ca.cross(e, fA), f, -ca.cross(lb, f) - ca.cross(e, fB))
     K = _half(SA, fA, (e + la, lb), lb, turns_with_second=False) + _half(
         SB, fB, (la, e + lb), la, turns_with_second=True

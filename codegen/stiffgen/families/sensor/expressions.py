@@ -150,7 +150,9 @@ def _shifted(motion: Motion, offset: ca.SX) -> Motion:
 def _motions(
     chain: Chain, configuration: Configuration, frames: Sequence[Frame], velocity: ca.SX, acceleration: ca.SX
 ) -> tuple[list[Motion], list[Section]]:
-    """Return the motion of every joint's frame, and sections with those behind the base."""
+    """Return each joint frame's motion (angular velocity, its rate, acceleration of its origin), and sections with
+    them.
+    """
     base_rotation, base_origin = configuration.base
     zero, base_joints = ca.SX(3, 1), chain.base_joints
     of_base: Motion = (zero, zero, zero)
@@ -167,7 +169,7 @@ def _motions(
         rate = joint.multiplier * velocity[joint.coordinate] * axis
         own_acceleration = joint.multiplier * acceleration[joint.coordinate] * axis
         if joint.prismatic:
-            a = a + 2 * cross(w, rate) + own_acceleration
+            a = a + 2 * cross(w, rate) + own_acceleration  # a slide's Coriolis acceleration and its own
         else:
             w, e = w + rate, e + cross(w, rate) + own_acceleration
         moving = ca.densify(w), ca.densify(e), ca.densify(a)

@@ -272,12 +272,14 @@ def _follow(
         slope = np.abs(arm.tangent(state, unit)).max(axis=1)
         step = np.minimum(np.where(slope > 0, _NEAR / 2 / slope, most), most)
     growth, going = np.full(len(rest), 2.0), np.flatnonzero((state.eigenvalues[:, 0] > 0) & converged)
+    # Raise each load by its step while the posture stays stable and near; else halve the step, until it is exact.
     while len(going):
         trial = load[going] + step[going]
         part = arm.rows(going)
         q, converged, state = part.newton(
             at[going], rest[going], trial[:, None] * unit[going], _TOLERANCE, _PATH_STEPS
         )  # fmt: skip
+        # stable, and still on the path of the last posture
         is_next = converged & (state.eigenvalues[:, 0] > 0) & (np.abs(q - at[going]).max(axis=1) <= _NEAR)
         reached, failed = going[is_next], going[~is_next]
         load[reached], at[reached] = trial[is_next], q[is_next]

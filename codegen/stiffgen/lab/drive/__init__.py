@@ -129,6 +129,9 @@ def stiffness(rotation: AnyArray, target: AnyArray, rotation_stiffness: AnyArray
 
     The matrix is symmetric, and negative in some directions at large deflections. Arguments and errors as in
     :func:`energy`.
+
+    The energy is V = g(eta) eps^T K eps of the deflection's quaternion (eta, eps). A turn by y changes eta by
+    -eps . y / 2 and eps by T y / 2, T = eta I + [eps]; V to second order in y gives the terms below.
     """
     turn = _Deflection(rotation, target, rotation_stiffness, form)
     xp, eye = turn.xp, np.eye(3)

@@ -107,7 +107,11 @@ def _no_function_of_pose(motion: PoseMotion, fit: StiffnessFit) -> Iterator[str]
 
 
 def _too_curved(motion: PoseMotion, fit: StiffnessFit) -> Iterator[str]:
-    """Compare with a fit that has radial terms of third order: twelve columns, X |v|^2 and X |w|^2."""
+    """Compare with a fit that has radial terms of third order: twelve columns, X |v|^2 and X |w|^2.
+
+    X (rows, 6) is the twist from the mean pose, scaled to size 1; Z holds all columns. Yield a refusal if the
+    stiffness differs between both fits by more than four deviations and _CURVED.
+    """
     size = np.maximum(np.sqrt((motion.twist**2).mean(axis=0)), 1e-300)
     X = motion.twist / size
     radial = [X * (X[:, part] ** 2).sum(axis=1, keepdims=True) for part in (slice(0, 3), slice(3, 6))]

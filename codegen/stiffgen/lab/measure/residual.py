@@ -94,6 +94,7 @@ def analyse_residual(fit: StiffnessFit, *, has_bias: bool) -> Residual:
     covariance = fit.covariance(operator)
     names = ("turn", "lever", "force bias", "moment bias") if has_bias else ("turn", "lever")
     causes = {name: sensor_columns(fit.Km, fit.load, name) for name in names}
+    # Whitened least squares for the causes theta: r = W theta + noise of unit variance; columns scaled to length 1.
     whiten = np.linalg.inv(np.linalg.cholesky(covariance))
     r, W = whiten @ values, whiten @ np.concatenate(list(causes.values()), axis=1)
     scale = np.maximum(np.linalg.norm(W, axis=0), 1e-300)
@@ -109,7 +110,7 @@ def analyse_residual(fit: StiffnessFit, *, has_bias: bool) -> Residual:
         errors.append(SensorError(name, theta[part], deviation, _verdict(theta, spread, scale, deviation, part)))
     found = np.concatenate([np.full(3, each.verdict == "found") for each in errors])
     explained = np.concatenate(list(causes.values()), axis=1) @ np.where(found, theta, 0.0)
-    chi2, over = float(r @ r), r - W @ theta
+    chi2, over = float(r @ r), r - W @ theta  # before and after the causes; 15 entries in all
     return Residual(
         values, covariance, chi2, tail(chi2, 15), tuple(errors), values - explained,
         tail(float(over @ over), 15 - np.linalg.matrix_rank(W / scale, tol=1e-6)),

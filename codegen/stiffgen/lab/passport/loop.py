@@ -184,9 +184,14 @@ def step_torque(arms: Arms, stiffness: FloatArray, timing: LoopTiming) -> FloatA
 
 
 def rendered_limit(arms: Arms, timing: LoopTiming) -> FloatArray:
-    """Return the stiffnesses (P) [N/m] up to which the controller renders a spring in full, and accepts it."""
+    """Return the stiffnesses (P) [N/m] up to which the controller renders a spring in full, and accepts it.
+
+    The largest eigenvalue lambda of M^-1 Kq must stay below two bounds [1/s^2]: that of the sampled loop, and that of
+    damping. With torques late by ``timing.late`` [s], a damping ratio r takes b = 2 r sqrt(lambda) + late lambda [1/s].
+    """
     stable = LARGEST_STIFFNESS / (timing.period**2 * (1 + 2 * timing.delay))
     b = _largest_damping(timing)
+    # lambda from that quadratic in sqrt(lambda), with the largest b and the least ratio.
     damped = ((np.sqrt(LEAST_RATIO**2 + timing.late * b) - LEAST_RATIO) / timing.late) ** 2
 
     def is_rendered(stiffness: FloatArray) -> np.ndarray:
