@@ -123,6 +123,7 @@ def watch_limb(joint: str, law: str, seconds: float = 12.0, every: int = 40) -> 
     data.ctrl[:] = target if law == DRIVES else ()
     body, angles, points = model.joint(joint).bodyid[0], list[float](), list[Array]()
     for step in range(round(seconds / model.opt.timestep) + 1):
+        # The form "log" has the torque stiffness * angle: its size gives the angle under both laws.
         torque = drive.torque(data.qpos[adr : adr + 4][XYZW], aim[XYZW], stiffness * np.eye(3), "log")
         if step % every == 0:
             mujoco.mj_kinematics(model, data)

@@ -310,7 +310,9 @@ def orbit_work(
     random, t = np.random.default_rng(seed), np.linspace(0, 2 * np.pi, nodes, endpoint=False)
     found = np.zeros((2, count))
     for k in range(count):
-        axes = np.linalg.qr(random.normal(size=(7, 3)))[0].T
+        axes = np.linalg.qr(random.normal(size=(7, 3)))[
+            0
+        ].T  # orthonormal: two of the circle's plane, one to its centre
         goal = State.of(robot, HOME + random.uniform(-0.3, 0.3, 7))
         q = goal.q + radius * (axes[2] + np.outer(np.cos(t), axes[0]) + np.outer(np.sin(t), axes[1]))
         rate = radius * (np.outer(np.cos(t), axes[1]) - np.outer(np.sin(t), axes[0]))

@@ -40,7 +40,7 @@ def held_arm(seed: int = 0) -> mujoco.MjModel:
     spec.option.timestep = 0.001
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     for joint in spec.joints:
-        joint.armature = 0.3
+        joint.armature = 0.3  # [kg m^2] reflected rotors
     plain = spec.compile()
     data = mujoco.MjData(plain)
     data.qpos[:] = POSTURE
@@ -52,7 +52,7 @@ def held_arm(seed: int = 0) -> mujoco.MjModel:
     body = plain.body(FLANGE).id
     origin, R = data.xpos[body], data.xmat[body].reshape(3, 3)
     random = np.random.default_rng(seed)
-    for k in range(8):
+    for k in range(8):  # eight springs of 0.3 m, in random directions, within 0.1 m of the flange
         near = random.uniform(-0.1, 0.1, 3)
         there = origin + R @ near
         away = random.normal(size=3)

@@ -270,11 +270,11 @@ def _orbit_figure() -> Any:
 
     figure = Figure(figsize=(7.8, 3.3), layout="constrained")
     axes = figure.subplots()
-    orientations, K = example_orbit(), np.diag([30.0, 30.0, 10.0])
+    orientations, K = example_orbit(), np.diag([30.0, 30.0, 10.0])  # [N m/rad]
     colours = (CONVENTIONAL, SHADES[0], SHADES[1], POTENTIAL)
     for (name, law), colour, line in zip(LAWS.items(), colours, ("-", "--", ":", "-"), strict=True):
         once = work(law, K, orientations)
-        three = np.concatenate([once, *(once[1:] + lap * once[-1] for lap in (1, 2))])
+        three = np.concatenate([once, *(once[1:] + lap * once[-1] for lap in (1, 2))])  # each lap adds the same work
         axes.plot(np.linspace(0, 3, len(three))[::20], three[::20], line, color=colour, linewidth=1.8, label=name)
     axes.axhline(0, color=INK, linewidth=0.8)
     axes.set(xlabel="laps", ylabel="energy put out by\nthe law [J]", xlim=(0, 3))

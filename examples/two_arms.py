@@ -217,7 +217,7 @@ def springs() -> dict[str, Array]:
 
 
 def run(module: Any, file: Path, arm: Arm = IIWA, end: float = END) -> BoxSession:
-    """Hold, lift, turn and push the box for `end` seconds; the steps of STEP seconds make the rows of the session."""
+    """Hold, lift, turn and push the box for `end` seconds in simulation, and return the session's rows."""
     model = scene(file, arm)
     data, held = mujoco.MjData(model), grasps(arm)
     joints = [model.joint(name) for name in module.JOINTS]
@@ -300,10 +300,10 @@ def work_of_lap(module: Any, arm: Arm = IIWA, size: float = 0.4, nodes: int = 40
 
 
 def told(session: BoxSession, work: tuple[float, float]) -> str:
-    """Return the results in lines."""
+    """Return the results of a session in lines; `work` [J] is that of both laws round a lap."""
     time, internal = session.time, session.internal
-    held = (time > 0.9) & (time < PUSHED[0])
-    rest = (time > PUSHED[0] - 0.3) & (time < PUSHED[0])
+    held = (time > 0.9) & (time < PUSHED[0])  # from the moment on at which the hands carry the whole weight
+    rest = (time > PUSHED[0] - 0.3) & (time < PUSHED[0])  # lifted and turned
     away, angle = 1e3 * session.error[:, 0], np.degrees(session.error[:, 1])
     last = time > END - 0.2
     return "\n".join(

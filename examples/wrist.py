@@ -85,11 +85,12 @@ class Wrist:
         body = self.model.body("hand")
         inertia, gains = np.diag(body.inertia), np.array(case.gains)
         stiffness = np.diag(gains)
+        # Weighted laws multiply by the inertia afterwards, so that their gains are [1/s^2] and [1/s].
         damping = 2 * ratio * np.diag(np.sqrt(gains if case.weighted else gains * body.inertia))
         R0 = matrix(self.target)
         before = inertia if case.weighted else np.eye(3)
         at_rest = [before @ R0.T @ each @ R0 for each in (stiffness, damping)]
-        K0, D0 = ((each + each.T) / 2 for each in at_rest)
+        K0, D0 = ((each + each.T) / 2 for each in at_rest)  # symmetric parts, in the body's axes at the target
 
         def of_law(R: Array, rate: Array) -> Array:
             e = rotation_vector(self.target, self.data.qpos)

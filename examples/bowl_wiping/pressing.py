@@ -72,8 +72,8 @@ def plate_pose(time: float, depth: float) -> tuple[Array, Array]:
 
 
 def wipe(robot: ModuleType, *, press: bool, end: float = END) -> Pressed:
-    """Return the force of a sweep; ``robot`` is the module of the arm with the plate."""
-    bowl = replace(BELIEVED, bottom=BELIEVED.bottom - TOO_LOW)
+    """Return the force [N] of a sweep of `end` seconds, held by Press or by the depth that the spring needs."""
+    bowl = replace(BELIEVED, bottom=BELIEVED.bottom - TOO_LOW)  # the true bowl lies lower than believed
     start, _ = plate_pose(0.0, -LIFT)
     half_turns = np.full(robot.DOF, np.pi)  # the recorded start is beyond the limits
     q = robot.find_posture(start, START_POSTURE, lower=-half_turns, upper=half_turns)
@@ -86,7 +86,7 @@ def wipe(robot: ModuleType, *, press: bool, end: float = END) -> Pressed:
     follow, hold = robot.Follow(q, sample_time=STEP), robot.Press(controller)
     random, last, force = np.random.default_rng(0), None, list[float]()
     for k in range(round(end / STEP)):
-        depth = 0.0 if press else FORCE / STIFFNESS
+        depth = 0.0 if press else FORCE / STIFFNESS  # [m] at which the spring would give the force
         pose, axis = plate_pose(k * STEP, depth - LIFT * max(1.0 - k * STEP, 0.0))
         command: dict[str, Any] = {}
         if press:

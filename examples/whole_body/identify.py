@@ -52,6 +52,8 @@ def modes(responses: Array, sample_time: float, order: int, block_rows: int = 60
     scale = np.abs(responses).max(axis=(0, 2), keepdims=True)
     scaled = responses / np.where(scale == 0, 1, scale)
     picked = range(0, columns, max(1, columns // 150))
+    # Eigensystem realisation (Juang and Pappa 1985): Hankel matrices of the responses and of those a sample later;
+    # their singular vectors give the system's matrix A, whose eigenvalues are those of the modes.
     first, later = (
         np.hstack(
             [scaled[start + late : start + late + block_rows].reshape(-1, responses.shape[2]) for start in picked]

@@ -267,6 +267,7 @@ def report(options: argparse.Namespace, console: Console) -> bool:
     for name, value in rows:
         table.add_row(name, value)
     console.print(table)
+    # Bars: the replay agrees up to rounding, 1e-10 N m; the torque's rate stays within its limit.
     good = told["trajectory_done"] and found.compared > 0 and found.worst <= 1e-10 and commands.worst_rate <= 1 + 1e-9
     return bool(good and commands.not_finite == commands.beyond_limit == 0)
 

@@ -237,6 +237,7 @@ def write_session(folder: Path, version: str) -> dict[str, str]:
     corpus = folder / "corpus"
     corpus.mkdir(exist_ok=True)
     body = script.protocol.unframe(hostile)
+    # The corpus: a first byte of 1 asks the fuzzer to frame the body, 0 to take the bytes as they are.
     sound = {"framed": b"\x01" + body, "raw": b"\x00" + hostile, "empty": b"", "long": b"\x00" + 1600 * b"\x0a"}
     for state in range(5):
         sound[f"state{state}"] = b"\x01" + script.protocol.unframe(script.message(state, ios=ios))

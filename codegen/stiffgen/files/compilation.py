@@ -205,7 +205,9 @@ def _content(mujoco: Any, compiled: Any) -> dict[str, Any]:
 
 
 def _tree(mujoco: Any, model: Any) -> dict[str, Any]:
-    """Return bodies, joints and sites."""
+    """Return bodies, joints and sites of MuJoCo's compiled model, as JSON can carry them; lengths in m, angles in
+    rad.
+    """
     joint_types = {
         mujoco.mjtJoint.mjJNT_FREE: "free",
         mujoco.mjtJoint.mjJNT_BALL: "ball",

@@ -198,6 +198,7 @@ class _Movement:
         shape = (-1,) if len(self.wrench) == 1 else self.wrench.shape
         for step in range(401):
             phase = np.pi * step / 400
+            # half a cosine in 0.4 s: rate = d(at)/dt
             at, rate = q + self.way * (0.5 - 0.5 * np.cos(phase)), self.way * np.pi / 0.8 * np.sin(phase)
             out = bench.step(
                 self.controller, q=at, dq=rate, q0=q + 0.5 * self.aim * min(1.0, step / 200), shaped=True,
@@ -207,7 +208,7 @@ class _Movement:
             if step:
                 self.hold("reference velocity", out.reference_velocity, (out.reference - last) / PERIOD)
             last = np.array(out.reference)
-            self.trend = self.trend + PERIOD / 0.01 * (out.reference_velocity - self.trend)
+            self.trend = self.trend + PERIOD / 0.01 * (out.reference_velocity - self.trend)  # low-pass filter of 10 ms
             if step % 40 == 0:  # a comparison takes much longer than a step
                 self._compare(out, at, rate)
             if step % 100 == 0 and step:  # the wrench has faded in
@@ -331,6 +332,7 @@ def _faults(bench: _Bench) -> list[str]:
 def _sensor_faults(bench: _Bench, title: str, changed: Mapping[str, Any]) -> list[str]:
     """Pass a bad sample once, then twice; then reset."""
     faults, sensor = [], bench.robot.module.Fault.SENSOR
+    # [N m], [N m/s]: 0.5 N m per sample of 1 ms
     controller = bench.controller(effort_limit=50.0, torque_rate_limit=500.0)
     goal = bench.q + 0.1 * bench.reach
     last = np.array([bench.rest(controller, q0=goal) for _ in range(55)][-1].torque)
@@ -398,6 +400,7 @@ def _other_faults(bench: _Bench) -> list[str]:
     if kinds != [0] * 9 + [int(module.Fault.COMMUNICATION)]:
         faults.append("missed samples")
     for name, sign in (("upper_limit", 1.0), ("lower_limit", -1.0)):
+        # The fault begins 0.1 rad beyond a limit.
         for beyond, expected in ((0.099, module.Reason.NONE), (0.101, module.Reason.POSITION)):
             bounds = {"lower_limit": q - 1.0, "upper_limit": q + 1.0, name: q - sign * beyond}
             if bench.rest(bench.controller(rests=0, **bounds)).reason != expected:

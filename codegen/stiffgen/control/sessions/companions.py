@@ -199,6 +199,7 @@ class _Stream:
     def step(self, both: Pair) -> bool:
         """Propose and command at the next time, and follow; return whether all structs are the same."""
         random = self.random
+        # [s] mostly a cycle; sometimes a pause, or backwards
         self.now += float(random.choice([1e-3, 0.02, 0.1, 0.4, 3.0, -0.01], p=[0.5, 0.2, 0.1, 0.1, 0.05, 0.05]))
         now = ctypes.c_double(self.now if random.random() > 0.3 * self.lies else float(random.choice(_BAD)))
         proposed = random.random() < 0.5

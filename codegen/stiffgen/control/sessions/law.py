@@ -122,10 +122,10 @@ def wrench_torque(poses: Poses, q: FloatArray, wrenches: Any, pairs: Pairs = ())
     A tip's is in hybrid axes; a pair's acts on B, in the axes of A, and its reaction on A.
     """
     here = np.reshape(poses(q), (-1, 4, 4))
-    slopes = np.reshape(differences(poses, q), (len(q), -1, 4, 4))
+    slopes = np.reshape(differences(poses, q), (len(q), -1, 4, 4))  # dH/dq_i of each tip
     turns = slopes[..., :3, :3] @ np.swapaxes(here[:, :3, :3], 1, 2)
     spins = np.stack([turns[..., 2, 1], turns[..., 0, 2], turns[..., 1, 0]], axis=-1)
-    twists = np.concatenate([slopes[..., :3, 3], spins], axis=-1)
+    twists = np.concatenate([slopes[..., :3, 3], spins], axis=-1)  # hybrid Jacobians, (n, tips, 6)
     given = np.reshape(wrenches, (-1, 6))
     tips = np.array(given[: len(here)], dtype=float)
     for (i, j), F in zip(pairs, given[len(here) :], strict=True):

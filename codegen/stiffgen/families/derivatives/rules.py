@@ -324,7 +324,7 @@ def _statements(
         sums = {output.name: ca.SX.zeros(output.size) for output in step.outputs}
         for (output, _), value in zip(bars, values[count:], strict=True):
             sums[output.name] += column(value)
-        seed = ca.vertcat(*(sums[output.name] for output in step.outputs))
+        seed = ca.vertcat(*(sums[output.name] for output in step.outputs))  # the gradient with respect to all outputs
         stacked = ca.vertcat(*map(ca.vec, of_variables))
         gradient = ca.densify(ca.jtimes(column(forward.result), stacked, seed, True))  # True: transposed Jacobian
         entries = []

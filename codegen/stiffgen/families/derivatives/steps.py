@@ -111,6 +111,7 @@ class Scan(OnSource):
     base: int = 0
 
     def _evaluate(self, run: Unrolling) -> None:
+        # Row by row: the sum over the joints up to each one, or over those beyond it.
         m, output = self.source.shape[1], []
         source = run.entries[self.source.name]
         for row in (source[start : start + m] for start in range(0, len(source), m)):

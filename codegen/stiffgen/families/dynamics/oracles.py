@@ -25,7 +25,7 @@ def dynamics(r: References) -> dict[str, FloatArray]:
 
 
 def static_torque_derivatives(r: References) -> FloatArray:
-    """Return the derivative of dU/dq - J^T F: J from differentiated poses, the base moved twice."""
+    """Return the derivative of dU/dq - J^T F (samples, n, n): J from differentiated poses, the base moved twice."""
     chain, place, moves = r.chain, r.place, ca.SX.sym("s", r.chain.base_joints)
     gravity, count = ca.SX.sym("g", 3), len(chain.tips)
     wrenches, tools = (ca.SX.sym(name, size, count) for name, size in (("F", 6), ("T", 16)))

@@ -69,7 +69,7 @@ def columns_and_covectors(chain: Chain, *arguments: ca.SX) -> Expressions:
     columns, u_columns, t_columns, zero = [], [], [], ca.SX.zeros(3)
     moving: list[list[bool]] = []  # rows in which some column on the way to a joint is not always zero
     for index, (joint, axis) in enumerate(zip(chain.joints, masses.axes, strict=True)):
-        force = loads.sums[index]
+        force = loads.sums[index]  # of all loads beyond the joint
         if joint.prismatic:
             column, u = zero, cross(force, axis)
             t = u

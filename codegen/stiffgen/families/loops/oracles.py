@@ -53,6 +53,7 @@ class _Equations:
         equations = []
         for number, loop in enumerate(chain.loops):
             first, second = (_end_pose(chain, end, q) for end in (loop.first, loop.second))
+            # Six rows: the ends' distance, and the axis of their turn times its sine; a loop uses some of them.
             turn = (first[:3, :3] @ second[:3, :3].T - second[:3, :3] @ first[:3, :3].T) / 2
             gap = ca.vertcat(first[:3, 3] - second[:3, 3], turn[2, 1], turn[0, 2], turn[1, 0])
             equations += [gap[row] for row in loop.rows]

@@ -248,6 +248,7 @@ def close(chain: Chain, actuated: Argument, start: Argument, result: Argument) -
     parts = [Array(f"motors{k}", motors.shape, "m") for k in range(1, TRACKING)]
 
     def spread(chain: Chain, actuated: ca.SX, start: ca.SX) -> Expressions:
+        """Return the motors' positions after 1, 2, ... of the equal parts of their way."""
         from_ = ca.vertcat(*(start[joint] for joint in chain.actuated))
         moved = (from_ + (actuated - from_) * (k / TRACKING) for k in range(1, TRACKING))
         return Expressions(ca.densify(ca.vertcat(*moved)), ())

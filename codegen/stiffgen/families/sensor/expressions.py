@@ -69,10 +69,10 @@ def _to_tip(chain: Chain, R: ca.SX, arm: ca.SX, reading: ca.SX, bias: ca.SX, loa
 
 
 def tip_wrench(chain: Chain, pose: ca.SX, *arguments: ca.SX) -> Expressions:
-    """Return the wrench at the tip; ``arguments`` are a tool pose (at run time), reading, bias and payload.
+    """Return the wrench (6) at the tip; ``arguments`` are a tool pose (at run time), reading, bias and payload.
 
     All that does not depend on the pose is computed in the tip's axes first, so that three products with its rotation
-    remain behind the kinematics.
+    remain behind the kinematics. The payload is mass [kg] and first moment (3) [kg m], in the sensor's axes.
     """
     *tool_pose, reading, bias, payload = arguments
     sensor = _sensor_of(chain)

@@ -99,6 +99,7 @@ def expressions(
     if base_joints:
         second = ca.vertcat(accelerations[:3] + ca.cross(rates[3:6], rates[:3]), accelerations[3:])
     flat = ca.vec(pose)
+    # The pose's second time derivative: velocities twice, then accelerations once.
     along = ca.jtimes(ca.jtimes(flat, place.coordinates, rates), place.coordinates, rates)
     motion = ca.reshape(along + ca.jtimes(flat, place.coordinates, second), 4, 4)
     still = environment_wrench(chain, pose, tip, ca.SX.zeros(4, 4), r, b, at_rest)

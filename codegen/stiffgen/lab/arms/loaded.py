@@ -247,7 +247,7 @@ def _softest(arm: _Arm, rest: FloatArray, unit: FloatArray, trace: list[list[_Po
         return found
     part, (low, high), near = arm.rows(owners), np.array(ends).T, np.array(starts)
     for _ in range(_SECTIONS):
-        loads = np.stack([high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)])
+        loads = np.stack([high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)])  # (2, k): the two inner points
         values = np.stack([part.stability_under(each, near, rest[owners], unit[owners]) for each in loads])
         for owner, load, value in zip([*owners, *owners], loads.ravel(), values.ravel(), strict=True):
             if value < _SOFTER * found[owner, 1]:
@@ -379,7 +379,9 @@ class _Arm:
     def newton(
         self, start: FloatArray, rest: FloatArray, F: FloatArray, tolerance: float, steps: int
     ) -> tuple[FloatArray, Any, _State]:
-        """Return postures (k, n), whether they are at rest (k), and their states."""
+        """Return postures (k, n), whether they are at rest (k), and their states; `start`, `rest` (k, n), loads F (k,
+        6).
+        """
         q = np.array(start)
         converged, going = np.zeros(len(q), dtype=bool), np.arange(len(q))
         for _ in range(steps):

@@ -142,6 +142,7 @@ def _errors(poses: FloatArray, goal: FloatArray) -> FloatArray:
 
 def _step(module: Any, q: FloatArray, goal: FloatArray, near: FloatArray | None) -> FloatArray:
     """Return damped steps of least squares, and a motion towards ``near`` that leaves the tip where it is."""
+    # Levenberg-Marquardt: (J^T W J + damping) step = J^T W error, with more damping far from the goal.
     error, J = _errors(_function(module, "forward_kinematics", q), goal), _function(module, "jacobian", q)
     weight = np.array([1 / _SQUARED] * 3 + [1.0] * 3)
     transposed = np.swapaxes(J, 1, 2)

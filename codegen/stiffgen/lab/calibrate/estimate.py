@@ -135,7 +135,8 @@ def _fit(X: FloatArray, y: FloatArray, time: FloatArray) -> Fit:
 def _fit_of_walk(X: FloatArray, y: FloatArray, covariance: FloatArray) -> Fit:
     """Return the solution for a covariance (P, P) of the poses, with one variance per channel.
 
-    The variances follow from the residuals, and weigh the channels in the next of four rounds.
+    X is (P, 3, unknowns), y (P, 3). The variances follow from the residuals, and weigh the channels in the next of four
+    rounds; the likelihood compares covariances.
     """
     count, _, size = X.shape
     freedom = count - size / 3  # per channel

@@ -108,6 +108,7 @@ def _wrench_faults(
     addresses = [ctypes.c_void_p(each.ctypes.data) for each in (jacobian, torque, deviation, wrench, unexplained)]
     given = (*addresses[:2], addresses[2] if weighted else None, ctypes.c_double(damping), *addresses[3:])
     condition = library.sensor_wrench(*given)
+    # J^T F = torque in the least-squares sense: singular values s damped as s / (s^2 + damping^2).
     U, s, Vt = np.linalg.svd(jacobian.T / scale[:, None], full_matrices=False)
     is_bounded = dof >= 6
     if is_bounded or damping:
@@ -124,7 +125,7 @@ def _wrench_faults(
 
 def _filter_faults(library: ctypes.CDLL, random: np.random.Generator, kind: int) -> Iterator[str]:
     """Yield the differences of a filter from its transfer function and its difference equation."""
-    readings = random.normal(size=(40, 6))
+    readings = random.normal(size=(40, 6))  # samples, channels; one is missing
     readings[25, 2] = np.nan
     design, filtered = np.zeros(6), readings.copy()
     is_made = _call_filter(library, kind, _FREQUENCY, design, filtered)

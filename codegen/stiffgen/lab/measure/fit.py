@@ -80,12 +80,15 @@ def fit_stiffness(motion: PoseMotion) -> StiffnessFit:
 
 
 def _fit(motion: PoseMotion, *, quadratic: bool) -> StiffnessFit:
+    """Fit readings (rows, 6) to columns of the twists by least squares; also noise and its growth by correlation in
+    time.
+    """
     X, Y = motion.twist, motion.reading
-    size = np.maximum(np.sqrt((X**2).mean(axis=0)), 1e-300)
+    size = np.maximum(np.sqrt((X**2).mean(axis=0)), 1e-300)  # columns of equal size, for the condition
     Z = columns(X / size, quadratic=quadratic)
     values = np.linalg.lstsq(Z, Y, rcond=None)[0]
     residuals = Y - Z @ values
-    growth = autocorrelation_time(residuals)
+    growth = autocorrelation_time(residuals)  # factor of the variance: correlated rows tell less than independent ones
     scale = np.concatenate([[1.0], size])
     information = np.linalg.pinv(Z.T @ Z, hermitian=True)[:7, :7] / np.outer(scale, scale) * growth
     floor = np.diag((1e-12 * np.maximum(np.abs(Y).max(axis=0), 1e-6)) ** 2)  # readings without noise

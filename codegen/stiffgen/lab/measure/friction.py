@@ -100,7 +100,7 @@ def _halves(
         )
     part = np.minimum(((own - low) / way * _PARTS).astype(int), _PARTS - 1)
     halves = []
-    for index in range(2, _PARTS - 2):
+    for index in range(2, _PARTS - 2):  # without both ends of the way, where the joint turns round
         there, back = ((part == index) & (side * speed > 0.3 * typical) for side in (1.0, -1.0))
         if not there.any() or not back.any():
             raise RecordingError(

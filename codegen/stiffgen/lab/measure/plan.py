@@ -162,6 +162,7 @@ def _follow(robot: GeneratedRobot, start: FloatArray, twist: FloatArray) -> Floa
             return path
         J = np.array(functions.hybrid.jacobian(path), dtype=float)
         arm = here[:, :3, 3] - np.asarray(functions.forward_kinematics(path), dtype=float)[:, :3, 3]
+        # (n, 6, joints), now of the sensor's origin
         J[:, :3] += np.cross(J[:, 3:], arm[:, :, None], axis=1)  # from the tip's origin to the sensor's
         path = path + np.einsum("nij,nj->ni", np.linalg.pinv(J, rcond=1e-6), error)
     raise StiffgenError(
