@@ -1283,6 +1283,7 @@ static void accept_command(const memory_t *m, const input_t *in, command_t *k)
 
 static const double OVERSPEED_TIME = 0.2; /* [s] for which a joint may be beyond its velocity limit, as after a bump */
 static const double OUT_OF_CONTROL = 1.5; /* velocity limits from which on rising speed is no bump */
+static const double STRONG = 0.7;         /* share of the effort limit that brakes in vain: no bump, either */
 static const double SHAKING_PERIOD = 0.04; /* [s] longest half of a swing that is shaking */
 static const double SHAKING_SPEED = 0.24;  /* share of the velocity limit, peak to peak, that is shaking */
 static const double LASTING = 0.7;         /* share of the swing before that a swing which does not decay has */
@@ -1313,8 +1314,8 @@ static int find_fastest(const config_t *c, const double *dq, double *most)
 }
 
 /*
- * Watch positions and speeds. Damping brakes a joint beyond its velocity limit; if its speed still rises, in a fault or
- * far above the limit, the law drives the arm: sign or order of the joints is wrong.
+ * Watch positions and speeds. Damping brakes a joint beyond its velocity limit; if its speed still rises, in a fault,
+ * far above the limit, or against a strong brake, the law drives the arm: sign or order of the joints is wrong.
  */
 static void watch_limits(const memory_t *m, sample_t *s)
 {
@@ -1328,7 +1329,9 @@ static void watch_limits(const memory_t *m, sample_t *s)
     w->fast = is_fast ? count_up(w->fast, 1) : 0;
     w->rises = is_fast ? count_up(w->rises, most > w->fastest) : 0;
     w->fastest = is_fast ? larger(w->fastest, most) : 0.0;
-    if (w->rises >= RISES && (m->fault.reason != IIWA14_REASON_NONE || most > OUT_OF_CONTROL)) {
+    const double brake = s->dq[joint] > 0.0 ? -m->account.history[joint] : m->account.history[joint];
+    const int no_bump = most > OUT_OF_CONTROL || brake > STRONG * c->effort_limit[joint];
+    if (w->rises >= RISES && (m->fault.reason != IIWA14_REASON_NONE || no_bump)) {
         s->unstable = find(IIWA14_REASON_DISSIPATION, joint, speed, limit);
     }
     const int too_long = w->fast * c->sample_time > OVERSPEED_TIME * (1.0 + ROUNDED);
@@ -1874,9 +1877,12 @@ static void feed_forward(const memory_t *m, const command_t *k, const double *in
 
 /* The law: torque of springs, zones and damping at the believed sample. */
 
-/* Damping that is designed: eigenvalues of M^-1 B, the share of the joints alone, and (M^-1)_ii. */
+/* Designed damping. */
 typedef struct {
-    double joint, most, largest, softness[N];
+    double joint;       /* [N m s/rad] each joint's own */
+    double most;        /* [1/s] largest eigenvalue of M^-1 B that sample time and delay allow, less the joints' share */
+    double largest;     /* [1/s] largest that a mode has */
+    double softness[N]; /* (M^-1)_ii */
 } design_t;
 
 /* Compute (M^-1)_ii = |L^-1 e_i|^2, and from their sum what the joints' own damping leaves to the modes. */
@@ -1919,35 +1925,44 @@ static double find_cap(const config_t *c, const modes_t *modes)
 }
 
 /*
- * Damp the modes of Kq v = l M v: B = L f(C) L^T + d I with M = L L^T, C = L^-1 Kq L^-T; joints that are faster than
- * SPEED of their limits share the rest of the damping as a brake. inverse: L^-1; K: Kq, overwritten; slip: velocity of
- * the reference less the arm's.
+ * Add each joint's own damping of the slip, and brake joints that are faster than SPEED of their velocity limits. The
+ * brakes share the damping that the modes leave: an eigenvalue of M^-1 B rises by at most the sum of brake (M^-1)_ii.
+ */
+static void damp_joints(const memory_t *m, const design_t *d, const double *slip, double *damper)
+{
+    double excess[N]; /* velocity beyond SPEED of the limit */
+    int fast = 0;     /* joints that have some */
+    for (int i = 0; i < N; ++i) {
+        const double limit = SPEED * m->config.velocity_limit[i];
+        excess[i] = m->watch.dq[i] - clamp(m->watch.dq[i], -limit, limit);
+        fast += excess[i] != 0.0;
+    }
+    for (int i = 0; i < N; ++i) {
+        const double brake = (d->most - d->largest) / d->softness[i];
+        damper[i] += d->joint * slip[i] - (excess[i] != 0.0 ? brake * excess[i] / fast : 0.0);
+    }
+}
+
+/*
+ * Damp the modes of Kq v = l M v: B = L f(C) L^T + d I with M = L L^T, C = L^-1 Kq L^-T. inverse: L^-1; K: Kq,
+ * overwritten; slip: velocity of the reference less the arm's.
  */
 static void damp(const memory_t *m, const double *inverse, double *K, const double *slip, law_t *w)
 {
-    const config_t *const c = &m->config;
-    double y[N];
+    double y[N]; /* slip, then damping torque, in the modes */
     modes_t modes;
     design_t d;
-    design_each_joint(c, inverse, &d);
+    design_each_joint(&m->config, inverse, &d);
     form_pencil(inverse, K);
     find_modes(K, &modes);
-    w->cap = find_cap(c, &modes);
+    w->cap = find_cap(&m->config, &modes);
     w->status |= w->cap < 1.0 ? (uint32_t)IIWA14_STATUS_STIFFNESS_CAPPED : 0u;
     multiply_upper(inverse, slip, y);
     to_modes(&modes, K, y);
-    damp_modes(c, &modes, w->cap, &d, y);
+    damp_modes(&m->config, &modes, w->cap, &d, y);
     from_modes(&modes, K, y);
     multiply_lower(inverse, y, w->damper);
-    int fast = 0;
-    for (int i = 0; i < N; ++i) {
-        fast += fabs(m->watch.dq[i]) > SPEED * c->velocity_limit[i];
-    }
-    for (int i = 0; i < N; ++i) {
-        const double dq = m->watch.dq[i], limit = SPEED * c->velocity_limit[i], excess = dq - clamp(dq, -limit, limit);
-        const double brake = (d.most - d.largest) / d.softness[i];
-        w->damper[i] += d.joint * slip[i] - (excess != 0.0 ? brake * excess / fast : 0.0);
-    }
+    damp_joints(m, &d, slip, w->damper);
 }
 
 /* Compute the springs' torque with the posture spring's, their energy and tangent, the zones' torque, and the slip. */

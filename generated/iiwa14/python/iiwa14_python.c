@@ -21,7 +21,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "92fda6f9d7bdaf6f"
+#define SOURCES "0ee4427d22548387"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

@@ -1,9 +1,12 @@
 /* The law: torque of springs, zones and damping at the believed sample. */
 #include "impedance.h"
 
-/* Damping that is designed: eigenvalues of M^-1 B, the share of the joints alone, and (M^-1)_ii. */
+/* Designed damping. */
 typedef struct {
-    double joint, most, largest, softness[N];
+    double joint;       /* [N m s/rad] each joint's own */
+    double most;        /* [1/s] largest eigenvalue of M^-1 B that sample time and delay allow, less the joints' share */
+    double largest;     /* [1/s] largest that a mode has */
+    double softness[N]; /* (M^-1)_ii */
 } design_t;
 
 /* Compute (M^-1)_ii = |L^-1 e_i|^2, and from their sum what the joints' own damping leaves to the modes. */
@@ -46,35 +49,44 @@ static double find_cap(const config_t *c, const modes_t *modes)
 }
 
 /*
- * Damp the modes of Kq v = l M v: B = L f(C) L^T + d I with M = L L^T, C = L^-1 Kq L^-T; joints that are faster than
- * SPEED of their limits share the rest of the damping as a brake. inverse: L^-1; K: Kq, overwritten; slip: velocity of
- * the reference less the arm's.
+ * Add each joint's own damping of the slip, and brake joints that are faster than SPEED of their velocity limits. The
+ * brakes share the damping that the modes leave: an eigenvalue of M^-1 B rises by at most the sum of brake (M^-1)_ii.
+ */
+static void damp_joints(const memory_t *m, const design_t *d, const double *slip, double *damper)
+{
+    double excess[N]; /* velocity beyond SPEED of the limit */
+    int fast = 0;     /* joints that have some */
+    for (int i = 0; i < N; ++i) {
+        const double limit = SPEED * m->config.velocity_limit[i];
+        excess[i] = m->watch.dq[i] - clamp(m->watch.dq[i], -limit, limit);
+        fast += excess[i] != 0.0;
+    }
+    for (int i = 0; i < N; ++i) {
+        const double brake = (d->most - d->largest) / d->softness[i];
+        damper[i] += d->joint * slip[i] - (excess[i] != 0.0 ? brake * excess[i] / fast : 0.0);
+    }
+}
+
+/*
+ * Damp the modes of Kq v = l M v: B = L f(C) L^T + d I with M = L L^T, C = L^-1 Kq L^-T. inverse: L^-1; K: Kq,
+ * overwritten; slip: velocity of the reference less the arm's.
  */
 static void damp(const memory_t *m, const double *inverse, double *K, const double *slip, law_t *w)
 {
-    const config_t *const c = &m->config;
-    double y[N];
+    double y[N]; /* slip, then damping torque, in the modes */
     modes_t modes;
     design_t d;
-    design_each_joint(c, inverse, &d);
+    design_each_joint(&m->config, inverse, &d);
     form_pencil(inverse, K);
     find_modes(K, &modes);
-    w->cap = find_cap(c, &modes);
+    w->cap = find_cap(&m->config, &modes);
     w->status |= w->cap < 1.0 ? (uint32_t)ID(STATUS_STIFFNESS_CAPPED) : 0u;
     multiply_upper(inverse, slip, y);
     to_modes(&modes, K, y);
-    damp_modes(c, &modes, w->cap, &d, y);
+    damp_modes(&m->config, &modes, w->cap, &d, y);
     from_modes(&modes, K, y);
     multiply_lower(inverse, y, w->damper);
-    int fast = 0;
-    for (int i = 0; i < N; ++i) {
-        fast += fabs(m->watch.dq[i]) > SPEED * c->velocity_limit[i];
-    }
-    for (int i = 0; i < N; ++i) {
-        const double dq = m->watch.dq[i], limit = SPEED * c->velocity_limit[i], excess = dq - clamp(dq, -limit, limit);
-        const double brake = (d.most - d.largest) / d.softness[i];
-        w->damper[i] += d.joint * slip[i] - (excess != 0.0 ? brake * excess / fast : 0.0);
-    }
+    damp_joints(m, &d, slip, w->damper);
 }
 
 /* Compute the springs' torque with the posture spring's, their energy and tangent, the zones' torque, and the slip. */

@@ -3,6 +3,7 @@
 
 static const double OVERSPEED_TIME = 0.2; /* [s] for which a joint may be beyond its velocity limit, as after a bump */
 static const double OUT_OF_CONTROL = 1.5; /* velocity limits from which on rising speed is no bump */
+static const double STRONG = 0.7;         /* share of the effort limit that brakes in vain: no bump, either */
 static const double SHAKING_PERIOD = 0.04; /* [s] longest half of a swing that is shaking */
 static const double SHAKING_SPEED = 0.24;  /* share of the velocity limit, peak to peak, that is shaking */
 static const double LASTING = 0.7;         /* share of the swing before that a swing which does not decay has */
@@ -33,8 +34,8 @@ static int find_fastest(const config_t *c, const double *dq, double *most)
 }
 
 /*
- * Watch positions and speeds. Damping brakes a joint beyond its velocity limit; if its speed still rises, in a fault or
- * far above the limit, the law drives the arm: sign or order of the joints is wrong.
+ * Watch positions and speeds. Damping brakes a joint beyond its velocity limit; if its speed still rises, in a fault,
+ * far above the limit, or against a strong brake, the law drives the arm: sign or order of the joints is wrong.
  */
 void watch_limits(const memory_t *m, sample_t *s)
 {
@@ -48,7 +49,9 @@ void watch_limits(const memory_t *m, sample_t *s)
     w->fast = is_fast ? count_up(w->fast, 1) : 0;
     w->rises = is_fast ? count_up(w->rises, most > w->fastest) : 0;
     w->fastest = is_fast ? larger(w->fastest, most) : 0.0;
-    if (w->rises >= RISES && (m->fault.reason != ID(REASON_NONE) || most > OUT_OF_CONTROL)) {
+    const double brake = s->dq[joint] > 0.0 ? -m->account.history[joint] : m->account.history[joint];
+    const int no_bump = most > OUT_OF_CONTROL || brake > STRONG * c->effort_limit[joint];
+    if (w->rises >= RISES && (m->fault.reason != ID(REASON_NONE) || no_bump)) {
         s->unstable = find(ID(REASON_DISSIPATION), joint, speed, limit);
     }
     const int too_long = w->fast * c->sample_time > OVERSPEED_TIME * (1.0 + ROUNDED);
