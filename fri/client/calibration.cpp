@@ -13,6 +13,7 @@ Calibration::Calibration()
     std::fill(payload, payload + 4, 0.0);
 }
 
+/* Read bias and payload from a file of 'stiffgen calibrate'; throw if it is none, or of another sensor. */
 Calibration::Calibration(const std::string &path)
 {
     std::ifstream file(path.c_str(), std::ios::binary);

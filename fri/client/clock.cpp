@@ -60,6 +60,7 @@ void RobotClock::follow(std::uint32_t advance, std::int64_t stamp, double passed
     ahead_ -= std::fabs(ahead_) < LARGEST_DRIFT ? DRIFT * ahead_ : 0.0;
 }
 
+/* Take a message: `advance` of its counter (0: anew), its stamp [ns] (0: none), and the send period [s]. */
 void RobotClock::update(std::uint32_t advance, std::int64_t stamp, double period)
 {
     bad_ = stamp == 0;

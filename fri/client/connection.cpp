@@ -28,6 +28,7 @@ std::uint32_t add_periods(std::uint32_t sum, std::uint32_t periods, bool *anew)
 
 } // namespace
 
+/* Return how many datagrams were refused, for whatever fault. */
 unsigned long long Traffic::refused() const
 {
     unsigned long long sum = 0;
@@ -37,6 +38,7 @@ unsigned long long Traffic::refused() const
     return sum;
 }
 
+/* Wait at most `patience` [s] for a message. */
 Connection::Connection(Datagrams &datagrams, double patience)
     : datagrams_(datagrams), patience_(patience), deadline_(NEVER), handed_on_(false), handing_time_(0.0), sequence_(0),
       sequence_known_(false), elsewhere_(0), in_a_row_(0), last_answer_(0), reflected_(0),
@@ -155,6 +157,7 @@ int Connection::collect(Buffer buffer, std::size_t capacity, double give_up, std
     return taken;
 }
 
+/* Return the size of the newest message, in the buffer, or -1 after a silence, a signal or the deadline. */
 int Connection::receive(Buffer buffer, Size capacity)
 {
     const double give_up = std::min(monotonic_time() + patience_, deadline_);
@@ -180,6 +183,7 @@ int Connection::receive(Buffer buffer, Size capacity)
     return taken;
 }
 
+/* Send an answer, and note how long it took from the message's arrival and which counter it has. */
 bool Connection::send(SendBytes bytes, Size size)
 {
     const std::uint8_t *const data = reinterpret_cast<const std::uint8_t *>(bytes);

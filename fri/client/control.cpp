@@ -39,6 +39,7 @@ bool WipingClient::may_begin()
     return question_.state() == Question::YES;
 }
 
+/* Start controller, filters and trajectory where the arm is; a trajectory far away waits for an answer. */
 void WipingClient::begin_commanding()
 {
     reference_.begin(q_);
@@ -65,7 +66,7 @@ double WipingClient::tip_error() const
     return std::sqrt(square);
 }
 
-/* Return the lag [rad] of the controller's reference behind the trajectory. */
+/* Return the lag [rad] of the controller's reference behind the trajectory, that of the joint with the largest one. */
 double WipingClient::lag() const
 {
     double most = 0.0;
@@ -91,9 +92,10 @@ void WipingClient::watch_pace()
 /* Advance the trajectory by the time since the last message, unless the controller has a fault. */
 void WipingClient::advance()
 {
+    /* A gap that is too long counts as one period: a jump of the reference would be worse than a late trajectory. */
     double seconds = (clock_.periods() > LONGEST_GAP ? 1 : clock_.periods()) * sample_time_;
     if (!settings_.simulated_time) {
-        /* Last check, should both counter and time stamps of the robot be wrong. */
+        /* Last check, by this computer's clock, should both counter and time stamps of the robot be wrong. */
         seconds = std::min(seconds, allowance_);
         allowance_ -= seconds;
     }
@@ -101,7 +103,7 @@ void WipingClient::advance()
         let_go(LET_GO_DECLINED);
     }
     const bool waits = button_ || question_.state() == Question::ASKED || let_go_ != LET_GO_NONE;
-    if (!faulted_) {
+    if (!faulted_) { /* in a fault the reference stays: the arm starts again from where it is */
         pace_.update(tip_error(), lag(), record_.elastic_energy, contact_force(), waits, seconds);
         const bool returning = reference_.returning();
         reference_.advance(pace_.value() * seconds);
@@ -130,9 +132,9 @@ bool WipingClient::fill_input()
     copy(velocity_.velocity(), input_.dq, JOINTS);
     reference_.at(wanted_);
     copy(wanted_, input_.q0, JOINTS);
-    /* Whatever slows the trajectory down holds Settle: a person, a question, a limit, letting go. */
+    /* Settle waits while the trajectory is slowed down: by a person, a question, a limit, or letting go. */
     const bool stands = pace_.value() < 1.0 || let_go_ != LET_GO_NONE;
-    settling_.step(start_ != 0 ? NULL : &output_, tip_wrench_, stands, &input_);
+    settling_.step(start_ != 0 ? NULL : &output_, tip_wrench_, stands, &input_); /* no output before the first step */
     press();
     return true;
 }
@@ -292,6 +294,7 @@ void WipingClient::send_torque()
     send(follower_.position(), guard_.sent());
 }
 
+/* Do this message's part of the control: take control or follow, step the controller, send its torque. */
 void WipingClient::control()
 {
     const bool torque_mode = robotState().getClientCommandMode() == KUKA::FRI::TORQUE;

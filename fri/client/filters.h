@@ -17,6 +17,7 @@ inline void fill(double *x, double value, int count)
     std::fill(x, x + count, value);
 }
 
+/* Return whether no value is NaN or infinite. */
 inline bool all_finite(const double *values, int count)
 {
     for (int i = 0; i < count; ++i) {

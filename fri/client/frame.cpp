@@ -234,6 +234,7 @@ std::size_t find_field(std::size_t first, std::uint32_t number)
     return FIELD_COUNT;
 }
 
+/* Read the fields of one part of the message, whose type is around.more, and check their numbers. */
 Fault Walk::part(const Field &around, Bytes bytes)
 {
     const std::size_t first = first_field(static_cast<Type>(around.more));
@@ -429,6 +430,7 @@ Fault unframe(const std::uint8_t *datagram, std::size_t size, Bytes *body)
     return sound ? FAULT_NONE : FAULT_CHECKSUM;
 }
 
+/* Read a message without its frame; a robot that commands must also send measurement and interpolator. */
 Fault check_body(Bytes body, Message *message)
 {
     std::memset(message, 0, sizeof *message);
@@ -489,7 +491,7 @@ bool answer_counter(const std::uint8_t *datagram, std::size_t size, std::uint32_
         return false;
     }
     while (header.key(&number, &wire) && wire == VARINT && header.varint(&value)) {
-        if (number == 2) {
+        if (number == 2) { /* header.sequenceCounter */
             *sequence = static_cast<std::uint32_t>(value);
             return true;
         }

@@ -43,6 +43,7 @@ const char *state_name(int state)
     return state >= 0 && state < 5 ? states[state] : "unknown state";
 }
 
+/* Create the file, if there is a path, and write its header: the columns in the order of write(). */
 Log::Log(Records &records, const std::string &path, double posture_stiffness, Question &question)
     : records_(records), question_(question), asked_(0), events_(0), stop_(false)
 {
@@ -85,6 +86,7 @@ void Log::start()
     thread_ = std::thread(&Log::run, this);
 }
 
+/* Write what is left, and close the file. */
 void Log::finish()
 {
     if (thread_.joinable()) {
@@ -99,6 +101,7 @@ unsigned long long Log::rows() const
     return file_.rows() > HEADER_LINES ? file_.rows() - HEADER_LINES : 0;
 }
 
+/* Return why rows are missing, "" if none is. */
 std::string Log::trouble() const
 {
     std::string text;
@@ -113,6 +116,7 @@ std::string Log::trouble() const
     return text;
 }
 
+/* Write records until the session has ended, and ask the question; in a thread of its own. */
 void Log::run()
 {
     Record record;
@@ -150,6 +154,7 @@ void Log::ask()
     }
 }
 
+/* Print events that are new since the last record, each kind at most once per second. */
 void Log::tell(double time, std::uint32_t events)
 {
     const double pause = 1.0;
@@ -174,6 +179,7 @@ void Log::tell(double time, std::uint32_t events)
     events_ = events;
 }
 
+/* Print a change of state, or write a step's row. */
 void Log::write(const Record &record)
 {
     if (record.kind == Record::STATE) {

@@ -25,6 +25,7 @@ LogFile::~LogFile()
     }
 }
 
+/* Create the file; an existing one is never overwritten, except a device or pipe. */
 void LogFile::create(const std::string &path)
 {
     struct stat found;
@@ -47,6 +48,7 @@ bool LogFile::same(const std::string &path) const
            mine.st_dev == other.st_dev && mine.st_ino == other.st_ino;
 }
 
+/* Add formatted text to the buffer, cut at its end. */
 void LogFile::append(const char *format, ...)
 {
     va_list arguments;
@@ -84,6 +86,7 @@ void LogFile::flush()
     size_ = 0;
 }
 
+/* Write the buffer and close the file; return the first error of all writes, 0 for none. */
 int LogFile::close()
 {
     if (!is_open()) {

@@ -120,6 +120,7 @@ void finish(const Options &options, const WipingClient &client, const Connection
     }
 }
 
+/* Prepare everything that may fail, wait for the robot, run the session, and return its exit code. */
 int run(Options &options)
 {
     options.settings.may_ask = isatty(STDIN_FILENO) != 0;

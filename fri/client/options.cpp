@@ -102,6 +102,7 @@ void take_settle(Options &options, const Given &given)
     }
 }
 
+/* Take --law: potential (exact springs), paper, or paper with the conventional formula. */
 void take_law(Options &options, const Given &given)
 {
     if (given.text != "potential" && given.text != "paper" && given.text != "conventional") {
@@ -216,6 +217,7 @@ const char *const GONE[][2] = {
 
 enum { COUNT = sizeof ROWS / sizeof *ROWS, FIRST = 256, HELP_WANTED = FIRST + COUNT };
 
+/* Print the options with their help. */
 void print_help()
 {
     std::fputs(HEAD, stdout);
@@ -283,6 +285,7 @@ Options::Options()
 {
 }
 
+/* Parse the command line; false after --help; throw for what is refused. */
 bool Options::parse(int argc, char **argv)
 {
     const std::vector<option> known = long_options();

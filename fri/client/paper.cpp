@@ -14,6 +14,7 @@ PaperTorque::PaperTorque()
     begin();
 }
 
+/* Set formula, gains and limits; task_stiffness has six diagonal entries [N/m, N m/rad]. */
 void PaperTorque::configure(bool conventional, const double *task_stiffness, double posture_stiffness,
                             double damping_ratio, const robot::Config &controller)
 {
@@ -35,6 +36,7 @@ void PaperTorque::begin()
     std::memset(&output_, 0, sizeof output_);
 }
 
+/* Compute the paper's torque for a sample; in a fault, at the measured position and without a wrench. */
 void PaperTorque::step(double sample_time, const robot::Input &sample, const double *wrench, bool faulted)
 {
     std::memcpy(input_.q, sample.q, sizeof input_.q);
@@ -50,6 +52,7 @@ void PaperTorque::step(double sample_time, const robot::Input &sample, const dou
     robot::paper_step(&config_, &state_, &input_, &output_);
 }
 
+/* Return half of torque times deflection [J]: the law has no energy of its own. */
 double PaperTorque::energy() const
 {
     double sum = 0.0;

@@ -31,6 +31,7 @@ std::string count(unsigned long long value)
     return std::to_string(value);
 }
 
+/* Return numbers as a list of JSON. */
 template <typename T> std::string list(const T *values, int size)
 {
     std::string text = "[";
@@ -47,6 +48,7 @@ std::string quoted(const std::string &text)
 
 } // namespace
 
+/* Return the library and the FRI version that this client was built with. */
 const char *fri_description()
 {
 #ifdef OPEN_FRI
@@ -64,6 +66,7 @@ Summary::Summary(const WipingClient &client, const Connection &connection, const
     set_controller(client.config(), options.settings);
 }
 
+/* Fill counts and times of the session. */
 void Summary::set_session(const WipingClient &client, const Connection &connection, const Records &records,
                           const Log &log, int code)
 {
@@ -91,6 +94,7 @@ void Summary::set_session(const WipingClient &client, const Connection &connecti
     };
 }
 
+/* Fill the counts of all faults, in the order in which they are printed. */
 void Summary::set_faults(const Counters &c, const Traffic &traffic)
 {
     faults_ = Fields{
@@ -128,6 +132,7 @@ void Summary::set_faults(const Counters &c, const Traffic &traffic)
     }
 }
 
+/* Fill the controller's settings, from which a replay configures its own. */
 void Summary::set_controller(const robot::Config &config, const Settings &settings)
 {
     controller_ = Fields{
@@ -151,6 +156,7 @@ void Summary::set_controller(const robot::Config &config, const Settings &settin
     };
 }
 
+/* Print the session, and the faults that occurred. */
 void Summary::print() const
 {
     for (const auto &field : session_) {
@@ -172,6 +178,7 @@ void Summary::print() const
     std::fflush(stdout);
 }
 
+/* Write the summary as JSON; return the error, 0 for none. */
 int Summary::write(const std::string &path) const
 {
     std::FILE *const file = std::fopen(path.c_str(), "w");

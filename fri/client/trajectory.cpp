@@ -36,6 +36,7 @@ std::string text(double value)
     return stream.str();
 }
 
+/* Return the numbers of a line; refuse, with row and column, what is no finite number. */
 std::vector<double> numbers(const std::string &path, const std::string &line, size_t row)
 {
     std::vector<double> values;
@@ -57,6 +58,7 @@ std::vector<double> numbers(const std::string &path, const std::string &line, si
     }
 }
 
+/* Return the rows of a CSV file, all of one length; blank lines are left out. */
 std::vector<std::vector<double>> read(const std::string &path)
 {
     std::ifstream file(path.c_str());
@@ -86,6 +88,7 @@ std::vector<std::vector<double>> read(const std::string &path)
 
 } // namespace
 
+/* Read samples [rad], by rows or by columns, `period` [s] apart; refuse what the arm cannot follow. */
 Trajectory::Trajectory(const std::string &path, double period) : period_(period)
 {
     const std::vector<std::vector<double>> rows = read(path);
@@ -109,6 +112,7 @@ Trajectory::Trajectory(const std::string &path, double period) : period_(period)
     differentiate();
 }
 
+/* Refuse positions beyond limits, steps beyond velocity limits, and a start or end that is not at rest. */
 void Trajectory::check(const std::string &path) const
 {
     for (int j = 0; j < JOINTS; ++j) {
@@ -138,6 +142,7 @@ void Trajectory::check(const std::string &path) const
     }
 }
 
+/* Set dq of each sample to the slope of a line fitted to the samples around it; 0 at both ends. */
 void Trajectory::differentiate()
 {
     for (int s = 1; s + 1 < count(); ++s) {
@@ -153,6 +158,7 @@ void Trajectory::differentiate()
     }
 }
 
+/* Return the position (7) [rad] at a time [s], held at both ends. */
 void Trajectory::at(double time, double *q) const
 {
     const double place = std::min(std::max(time / period_, 0.0), static_cast<double>(count() - 1));
@@ -166,6 +172,7 @@ void Trajectory::at(double time, double *q) const
     }
 }
 
+/* Plan the move, at least `least` [s] long, at most at a quarter of each joint's velocity limit. */
 void Approach::plan(const double *from, const double *to, double least)
 {
     duration_ = least;
@@ -177,6 +184,7 @@ void Approach::plan(const double *from, const double *to, double least)
     }
 }
 
+/* Return the position (7) [rad] at a time [s], by a polynomial that starts and ends without acceleration. */
 void Approach::at(double time, double *q) const
 {
     const double s = duration_ > 0.0 ? std::min(std::max(time / duration_, 0.0), 1.0) : 1.0;

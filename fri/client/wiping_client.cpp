@@ -34,6 +34,7 @@ double heaviest(const double *stiffness, double energy, double most)
 
 } // namespace
 
+/* Configure the controller; a session that cannot be controlled is refused later, by refusal(). */
 WipingClient::WipingClient(const Settings &settings, const Trajectory &trajectory, WrenchSensor *sensor,
                            const Connection &connection, Records &records, Question &question)
     : settings_(settings), connection_(connection), records_(records), question_(question),
@@ -100,6 +101,7 @@ void WipingClient::refuse(Refusal reason)
     refusal_ = refusal_ == REFUSAL_NONE ? reason : refusal_;
 }
 
+/* Begin to let go, for the first reason that comes: the torque goes to zero, and the session ends. */
 void WipingClient::let_go(LetGo reason)
 {
     if (let_go_ == LET_GO_NONE) {
@@ -128,6 +130,7 @@ void WipingClient::note()
     events_ = 0;
 }
 
+/* Log the change; control ends with each one, and all that judges samples in a row starts anew. */
 void WipingClient::onStateChange(KUKA::FRI::ESessionState oldState, KUKA::FRI::ESessionState newState)
 {
     record_.kind = Record::STATE;
@@ -136,7 +139,7 @@ void WipingClient::onStateChange(KUKA::FRI::ESessionState oldState, KUKA::FRI::E
     record_.to = newState;
     records_.push(record_);
     without_torque_mode_ = 0;
-    if (oldState == KUKA::FRI::COMMANDING_ACTIVE) {
+    if (oldState == KUKA::FRI::COMMANDING_ACTIVE) { /* a question is about the position of then */
         counters_.state_drops += reference_.done() ? 0 : 1;
         question_.forget();
     }
@@ -149,6 +152,7 @@ void WipingClient::onStateChange(KUKA::FRI::ESessionState oldState, KUKA::FRI::E
     ended_ = newState == KUKA::FRI::IDLE;
 }
 
+/* Command position and torque; the position is kept within the limits, beyond which the robot would stop. */
 void WipingClient::send(const double *position, const double *torque)
 {
     double within[JOINTS];
@@ -170,6 +174,7 @@ void WipingClient::send(const double *position, const double *torque)
 
 /* ---- callbacks -------------------------------------------------------------------------------------------------- */
 
+/* Answer a message of the monitoring states. */
 void WipingClient::monitor()
 {
     observe();
@@ -179,6 +184,7 @@ void WipingClient::monitor()
     note();
 }
 
+/* Answer while the robot waits for commands: the interpolator's position and no torque. */
 void WipingClient::waitForCommand()
 {
     const double zero[JOINTS] = {0.0};
@@ -198,6 +204,7 @@ void WipingClient::waitForCommand()
     note();
 }
 
+/* Answer a message while commanding, and measure how long that takes. */
 void WipingClient::command()
 {
     const double begin = monotonic_time();

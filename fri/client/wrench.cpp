@@ -17,6 +17,7 @@
 #include <cstring>
 #include <stdexcept>
 
+/* Bind the port on this computer, and start the thread that receives. */
 UdpWrenchSensor::UdpWrenchSensor(int port) : socket_(::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0)), stop_(false)
 {
     struct sockaddr_in local;
@@ -41,6 +42,7 @@ UdpWrenchSensor::~UdpWrenchSensor()
     ::close(socket_);
 }
 
+/* Receive readings until the end: datagrams of six doubles, little-endian, all finite. */
 void UdpWrenchSensor::receive()
 {
     while (!stop_) {
@@ -63,6 +65,7 @@ void UdpWrenchSensor::receive()
     }
 }
 
+/* Take the newest reading; false if none came since the last call. */
 bool UdpWrenchSensor::read(double reading[6])
 {
     Sample sample;
@@ -93,6 +96,7 @@ WrenchSource::WrenchSource(WrenchSensor *sensor, const Calibration &calibration,
     std::fill(since_, since_ + 7, 0.0);
 }
 
+/* Take a reading, and note for how long it has been the same and whether the arm moved meanwhile. */
 void WrenchSource::observe(double seconds, const double *q)
 {
     if (sensor_ == NULL) {
@@ -125,6 +129,7 @@ bool WrenchSource::silent() const
     return sensor_ != NULL && age_ > SENSOR_PATIENCE;
 }
 
+/* Return the wrench at the tip [N, N m], from sensor or external torques; false if there is none. */
 bool WrenchSource::read(const double *q, const double *external_torque, double *wrench) const
 {
     if (sensor_ != NULL) {

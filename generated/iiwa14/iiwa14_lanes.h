@@ -290,6 +290,7 @@ static inline lanes fmax_lanes(lanes a, lanes b)
  */
 #define FAR 1e4
 
+/* Replace sines and cosines of angles beyond FAR, and of NaN, by those of the C library. */
 static void by_libm_beyond_far(const double *x, double *sine, double *cosine, int count)
 {
     for (int k = 0; k < count; ++k) {

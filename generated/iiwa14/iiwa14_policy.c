@@ -104,7 +104,7 @@ static refusal_t refuse(int code, int entry, double seen, double limit)
 /* Return a refusal of nothing. */
 static refusal_t accept(void) { return refuse(ACCEPTED, WHOLE, 0.0, 0.0); }
 
-/* Check that x[first], ... are finite, and no larger than a bound; `code` is why larger ones are refused. */
+/* Check that `count` numbers from x[first] on are finite, and no larger than `most`; else refuse them for `code`. */
 static refusal_t check_numbers(const double *x, int first, int count, double most, int code)
 {
     for (int k = first; k < first + count; ++k) {
@@ -291,7 +291,7 @@ static void take(refusal_t found, int count, const double *given, double *taken)
     }
 }
 
-/* Check a part of a proposal, and accept it for all tips or none. Return why not. */
+/* Check a part of a proposal, and accept it for all tips or none. Return why it is refused, or that it is not. */
 static refusal_t propose_part(policy_t *p, const proposal_t *proposal, int part)
 {
     const config_t *const c = &p->config;

@@ -101,6 +101,7 @@ static const double SPEED_TIME = 0.01;   /* [s] time constant of the tip's measu
 static const double MOST = 2.0;          /* times the force that the integral may have */
 enum { SAMPLES = 3 };                    /* with a force, before contact */
 
+/* Keep both configurations; refuse a controller that is not configured. */
 static int start(const config_t *c, const controller_t *controller, state_t *s)
 {
     const controller_t *const k = controller;
@@ -261,6 +262,7 @@ static void act(state_t *s, const input_t *in, const double *here, double measur
     }
 }
 
+/* Do a step: without a good input or an output of the controller, the pose stays and no force is added. */
 static int press(state_t *s, const input_t *in, const last_t *last, output_t *out)
 {
     const int result = judge(s, in);

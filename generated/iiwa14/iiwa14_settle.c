@@ -252,6 +252,7 @@ static const double CLOSEST = 3.0;        /* times settle_band: smaller errors a
 static const double SLOWNESS = 4.0;       /* time of the integral times the decay: stable from 1 on */
 static const double OFFSET_LIMIT[2] = {0.2, 0.5};   /* [m], [rad] of the offset, whatever the stiffness is */
 
+/* Keep both configurations; refuse a controller that is not configured. */
 static int start(const config_t *c, const controller_t *controller, state_t *s)
 {
     const controller_t *const k = controller;
@@ -360,6 +361,7 @@ static int integrate(state_t *s, const input_t *in, const last_t *last, int kind
     return 1;
 }
 
+/* Do a step: where the arm rests and nobody touches it, the offset integrates the error that friction leaves. */
 static int settle(state_t *s, const input_t *in, const last_t *last, output_t *out)
 {
     double here[16], error[6];

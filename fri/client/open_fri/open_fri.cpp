@@ -14,6 +14,7 @@ namespace {
 enum IoType { IO_BOOLEAN = 0, IO_DIGITAL = 1, IO_ANALOG = 2 };
 enum { IO_OUTPUT = 1 };
 
+/* Return whether no value is NaN or infinite. */
 bool all_finite(const double *values, int count)
 {
     for (int i = 0; i < count; ++i) {
@@ -25,6 +26,7 @@ bool all_finite(const double *values, int count)
 }
 
 #if FRI_VERSION >= 200
+/* Convert a pose, x y z and quaternion w x y z, into rows of rotation and translation. */
 void to_matrix(const double *pose, double (&matrix)[3][4])
 {
     const double w = pose[3], x = pose[4], y = pose[5], z = pose[6];
@@ -49,6 +51,7 @@ const double *LBRState::getIpoJointPosition() const
     return message_.interpolator_position;
 }
 
+/* Return an IO of the last message by name and type; throw if there is none. */
 const open_fri::Io &LBRState::io(const char *name, std::uint32_t type) const
 {
     for (int i = 0; i < message_.io_count; ++i) {
@@ -105,6 +108,7 @@ void LBRCommand::require(bool fits, const char *message) const
     }
 }
 
+/* Command positions [rad]; throw if the robot takes none now, or one is not finite. */
 void LBRCommand::setJointPosition(const double *values)
 {
 #if FRI_VERSION >= 207
@@ -116,6 +120,7 @@ void LBRCommand::setJointPosition(const double *values)
     message_.has_position = true;
 }
 
+/* Command a wrench [N, N m]; throw if the robot takes none now, or it is not finite. */
 void LBRCommand::setWrench(const double *values)
 {
 #if FRI_VERSION >= 207
@@ -126,6 +131,7 @@ void LBRCommand::setWrench(const double *values)
     message_.has_wrench = true;
 }
 
+/* Command torques [N m]; throw if the robot takes none now, or one is not finite. */
 void LBRCommand::setTorque(const double *values)
 {
 #if FRI_VERSION >= 207
@@ -136,6 +142,7 @@ void LBRCommand::setTorque(const double *values)
     message_.has_torque = true;
 }
 
+/* Return the entry of an output in this command, added if it is new. */
 open_fri::Io &LBRCommand::output(const char *name, std::uint32_t type)
 {
     require(state_.io(name, type).direction == IO_OUTPUT, "the IO is an input");
@@ -169,6 +176,7 @@ void LBRCommand::setAnalogIOValue(const char *name, const double value)
 
 /* ---- client ----------------------------------------------------------------------------------------------------- */
 
+/* Answer a monitored message; 1.x repeats the commanded position. */
 void LBRClient::monitor()
 {
 #if FRI_VERSION < 200
@@ -207,7 +215,7 @@ void ClientApplication::disconnect()
     }
 }
 
-/* Whether an answer is due. */
+/* Call the client for this state; return whether an answer is due. */
 bool ClientApplication::callback(LBRState &state)
 {
     const ESessionState now = state.getSessionState();
@@ -230,6 +238,7 @@ bool ClientApplication::callback(LBRState &state)
     return true;
 }
 
+/* Receive a message, call the client, and answer; false if there was no message or no answer left. */
 bool ClientApplication::step()
 {
     if (!connection_.isOpen()) {

@@ -40,7 +40,7 @@ void fill(double *values, int count)
     }
 }
 
-/* Seven values or none at all. */
+/* Take an array of joints; false if it is present without exactly seven values. */
 bool take(bool present, const open_fri_Joints &from, double *to)
 {
     if (present && from.value_count != JOINTS) {
@@ -59,6 +59,7 @@ void take_pose(bool present, const open_fri_Pose &from, double *to)
     }
 }
 
+/* Take drives, safety and modes; false for a value that the protocol does not have. */
 bool take_robot(const open_fri_Robot &from, Monitoring *to)
 {
     if (from.has_joints && from.joints != JOINTS) {
@@ -82,7 +83,7 @@ bool take_robot(const open_fri_Robot &from, Monitoring *to)
     return from.safety <= 3 && from.operation <= 2 && from.control <= 3;
 }
 
-/* Every array of joints: seven values or none. */
+/* Take every array of joints; false if one has neither seven values nor none. */
 bool take_joints(const open_fri_Measurement &from, Monitoring *to)
 {
     return take(from.has_position, from.position, to->position) && take(from.has_torque, from.torque, to->torque) &&
@@ -91,6 +92,7 @@ bool take_joints(const open_fri_Measurement &from, Monitoring *to)
            take(from.has_external_torque, from.external_torque, to->external_torque);
 }
 
+/* Take the inputs and outputs; false for an unknown type or direction. */
 bool take_ios(const open_fri_Measurement &from, Monitoring *to)
 {
     to->io_count = from.ios_count;
@@ -108,6 +110,7 @@ bool take_ios(const open_fri_Measurement &from, Monitoring *to)
     return true;
 }
 
+/* Take the measured values; false for arrays of wrong length or values out of range. */
 bool take_measurement(const open_fri_Measurement &from, Monitoring *to)
 {
     if (!take_joints(from, to)) {
@@ -127,6 +130,7 @@ bool take_measurement(const open_fri_Measurement &from, Monitoring *to)
     return take_ios(from, to) && strategy && to->nanoseconds < 1000000000u;
 }
 
+/* Take what the robot's interpolator commands; false for values out of range. */
 bool take_interpolator(const open_fri_Interpolator &from, Monitoring *to)
 {
     if (!take(from.has_position, from.position, to->interpolator_position)) {
@@ -141,6 +145,7 @@ bool take_interpolator(const open_fri_Interpolator &from, Monitoring *to)
     return from.command_mode <= 4 && from.overlay <= 2;
 }
 
+/* Take a decoded message; false if it is another message, or a value is out of range. */
 bool take_message(const open_fri_Monitoring &from, Monitoring *to)
 {
     clear(to);
@@ -177,6 +182,7 @@ bool encode_joints(pb_ostream_t *stream, const pb_field_t *field, void *const *v
     return true;
 }
 
+/* Let a joint array be encoded unpacked, if it is present. */
 void give_joints(bool present, const double *values, bool *has, open_fri_SentJoints *to)
 {
     *has = present;
@@ -186,6 +192,7 @@ void give_joints(bool present, const double *values, bool *has, open_fri_SentJoi
     }
 }
 
+/* Fill the command's part of the message that is to be encoded. */
 void give_data(const Command &from, open_fri_CommandData *to)
 {
     give_joints(from.has_position, from.position, &to->has_position, &to->position);
@@ -210,6 +217,7 @@ void give_data(const Command &from, open_fri_CommandData *to)
 
 } // namespace
 
+/* Set counters to 0 and values to NaN, so that a field that is left out is never an old one. */
 void clear(Monitoring *message)
 {
     std::memset(message, 0, sizeof *message);
@@ -226,6 +234,7 @@ void clear(Monitoring *message)
     fill(&message->interpolator_redundancy, 1);
 }
 
+/* Decode a datagram; false if frame, checksum or message are wrong. */
 bool decode(const std::uint8_t *datagram, std::size_t size, Monitoring *message)
 {
     if (size < FRAME_FRONT + FRAME_BACK || size > DATAGRAM_SIZE) {
@@ -243,6 +252,7 @@ bool decode(const std::uint8_t *datagram, std::size_t size, Monitoring *message)
     return pb_decode(&stream, open_fri_Monitoring_fields, &wire) && take_message(wire, message);
 }
 
+/* Encode a command, with its frame in 2.7; return its size, 0 if it does not fit. */
 std::size_t encode(const Command &command, std::uint32_t sequence, std::uint32_t reflected, std::uint8_t *datagram,
                    std::size_t capacity)
 {

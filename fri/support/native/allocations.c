@@ -66,6 +66,7 @@ int posix_memalign(void **memory, size_t alignment, size_t size)
     return *memory == NULL;
 }
 
+/* Replace the C library's: count datagrams, and note the page faults before the first one. */
 ssize_t recvmsg(int fd, struct msghdr *message, int flags)
 {
     ssize_t (*const real)(int, struct msghdr *, int) = dlsym(RTLD_NEXT, "recvmsg");
@@ -84,6 +85,7 @@ int bind(int fd, const struct sockaddr *address, socklen_t length)
     return result;
 }
 
+/* Replace the C library's: when the watched socket is closed, write allocations, datagrams and page faults. */
 int close(int fd)
 {
     int (*const real)(int) = dlsym(RTLD_NEXT, "close");

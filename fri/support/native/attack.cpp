@@ -11,7 +11,7 @@
  */
 #include "attack_world.h"
 
-/* In place of the C library's. */
+/* Replace the C library's, so that the client's clock is the schedule's: now_ns after EPOCH. */
 extern "C" int clock_gettime(clockid_t, struct timespec *time) noexcept
 {
     const std::int64_t told = EPOCH + now_ns;
@@ -178,6 +178,7 @@ void print(const Ending &ending, const World &world, const Watcher &seen, const 
     std::fflush(stdout);
 }
 
+/* Run a session of one schedule with the client, and print how it went. */
 void session(const Schedule &schedule, const std::string &file, int period)
 {
     now_ns = 0;
@@ -230,6 +231,7 @@ void session(const Schedule &schedule, const std::string &file, int period)
 
 } // namespace
 
+/* Run the schedules of standard input, one per line. */
 int main(int argc, char **argv)
 {
     if (argc < 3 || argc > 4) {

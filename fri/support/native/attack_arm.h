@@ -35,6 +35,7 @@ void put(Octets *out, unsigned number, const Octets &part)
     out->insert(out->end(), part.begin(), part.end());
 }
 
+/* Append a field with doubles in the wire format, each with its own key. */
 void put_reals(Octets *out, unsigned number, const double *values, int count)
 {
     Octets part;
@@ -47,6 +48,7 @@ void put_reals(Octets *out, unsigned number, const double *values, int count)
     put(out, number, part);
 }
 
+/* Return the body with length and checksum around it, as 2.7 has it. */
 Octets framed(const Octets &body)
 {
     if (FRI_VERSION < 207) {
@@ -70,6 +72,7 @@ struct Part {
     std::size_t size;
 };
 
+/* Take a number of the wire format, seven bits per byte, lowest first. */
 std::uint64_t take_varint(Part *part)
 {
     std::uint64_t value = 0;
@@ -111,6 +114,7 @@ Part field(Part in, unsigned number, std::uint64_t *value = NULL)
 
 typedef std::array<double, JOINTS> Vector;
 
+/* Take seven doubles, each behind its key of one byte. */
 bool take_joints(Part values, Vector *joints)
 {
     if (values.size != 9 * JOINTS) {

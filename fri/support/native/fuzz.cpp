@@ -139,6 +139,7 @@ bool check_at_the_edge(const Bytes_ &datagram)
     return sound;
 }
 
+/* Return the fuzzer's bytes; in a frame with a right checksum if the first bit asks for it. */
 Bytes_ framed(const std::uint8_t *data, size_t size)
 {
     if (size == 0 || FRI_VERSION < 207 || (data[0] & 1) == 0) {
@@ -166,6 +167,7 @@ Bytes_ framed(const std::uint8_t *data, size_t size)
 
 } // namespace
 
+/* Read the session into which hostile datagrams are put: each has two bytes of length, low first, and two of zero. */
 extern "C" int LLVMFuzzerInitialize(int *, char ***)
 {
     std::FILE *const file = std::fopen(std::getenv("FRI_FUZZ_SESSION"), "rb");
@@ -178,10 +180,11 @@ extern "C" int LLVMFuzzerInitialize(int *, char ***)
     }
     std::fclose(file);
     require(session.size() >= 2, "FRI_FUZZ_SESSION");
-    trajectory.reset(new Trajectory(std::getenv("FRI_FUZZ_TRAJECTORY"), 0.005));
+    trajectory.reset(new Trajectory(std::getenv("FRI_FUZZ_TRAJECTORY"), 0.005)); /* [s] per sample */
     return 0;
 }
 
+/* Send the session with one hostile datagram before its last message, and check what the client then does. */
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, size_t size)
 {
     static Records ring;

@@ -29,6 +29,7 @@ namespace {
 /* Output of the lines: KUKA's library prints to standard output, which is redirected to standard error. */
 std::FILE *lines;
 
+/* Print an array as a field of JSON. */
 void print(const char *name, const double *values, int count)
 {
     std::fprintf(lines, ", \"%s\": [", name);
@@ -222,6 +223,7 @@ private:
     }
 };
 
+/* Print the counts of the connection as a line of JSON. */
 void statistics(const Traffic &t)
 {
     std::fprintf(lines, "{\"messages\": %llu, \"timeouts\": %llu, \"lost_messages\": %llu, \"lost_answers\": %llu, "
@@ -233,6 +235,7 @@ void statistics(const Traffic &t)
     std::fprintf(lines, "}\n");
 }
 
+/* Print what each getter of the library returns, per message. */
 int probe()
 {
     Script script;
@@ -248,6 +251,7 @@ int probe()
     return 0;
 }
 
+/* Run the client on the messages of standard input, without a thread or a network. */
 int wiping(int argc, char **argv)
 {
     const std::string log_path = argv[2], summary_path = argv[3];
@@ -278,6 +282,7 @@ int wiping(int argc, char **argv)
 
 } // namespace
 
+/* Print lines of JSON on standard output, and what the client prints on standard error. */
 int main(int argc, char **argv)
 {
     const std::string mode = argc > 1 ? argv[1] : "";

@@ -21,7 +21,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "0ee4427d22548387"
+#define SOURCES "aee24acde0eab737"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;
@@ -2092,6 +2092,7 @@ static kernel kernels[KERNELS] = {
 
 /* Memory of operands: sizes, use in place, copies. */
 
+/* Return the numbers of an operand in one configuration. */
 static npy_intp size_of(const kernel *k, int operand)
 {
     npy_intp size = 1;
@@ -2161,6 +2162,7 @@ static number value_at(const char *at)
     return value;
 }
 
+/* Return whether a position is so far beyond its limits that it may be in degrees. */
 static int is_beyond_a_turn(const char *q, const npy_intp *steps)
 {
     int beyond = 0;
@@ -2222,6 +2224,7 @@ static void look_at_inputs(const kernel *k, char **args, npy_intp count, const n
     }
 }
 
+/* Warn of a suspicious input, once per process; return -1 if the warning is an exception. */
 static int warn(int bit, const char *message)
 {
     if ((suspicious & bit & ~warned) == 0) {
@@ -2368,6 +2371,7 @@ static void loop(char **args, const npy_intp *dimensions, const npy_intp *steps,
 
 /* Errors that name the argument in place of NumPy's. */
 
+/* Set a TypeError about an argument, which lists the function's arguments. Return NULL. */
 static PyObject *argument_error(const kernel *k, const char *what, const char *name)
 {
     PyObject *names = PyUnicode_FromString(k->argument[0]);
@@ -2521,7 +2525,7 @@ static int argument_place(const kernel *k, PyObject *name)
 /* The type of floats, and names of the arguments that choose a loop; of robots in floats alone. */
 static PyObject *float_type, *dtype_name, *other_names[2];
 
-/* Prepare the calls of robots in floats. */
+/* Prepare the calls of robots in floats: the names of NumPy's options for the type. Return -1 on failure. */
 static int prepare_floats(void)
 {
     if (NUMBER != NPY_FLOAT) {
@@ -2546,9 +2550,10 @@ static PyObject *call_for_floats(PyObject *self, PyObject *const *args, size_t f
         chosen = PyUnicode_Compare(name, dtype_name) == 0 || PyUnicode_Compare(name, other_names[0]) == 0
             || PyUnicode_Compare(name, other_names[1]) == 0;
     }
-    if (chosen) {
+    if (chosen) { /* the caller has chosen the type, or gives more than any function takes */
         return numpys_call(self, args, flags, keywords);
     }
+    /* Vectorcall: named values come behind the others, their names in a tuple. Add dtype as the last one. */
     PyObject *const names = PyTuple_New(named + 1);
     if (names == NULL) {
         return NULL;
@@ -2701,6 +2706,7 @@ static int check_build(void)
     return 0;
 }
 
+/* Make a kernel a NumPy ufunc of the module; return -1 on failure. */
 static int add_ufunc(PyObject *module, int index, PyObject *arguments)
 {
     const kernel *const k = &kernels[index];
@@ -3164,6 +3170,7 @@ static void *structs(const Py_buffer *buffer, size_t size, Py_ssize_t count)
     return buffer->buf;
 }
 
+/* Write the default configuration: argument (config). */
 static PyObject *default_config(PyObject *module, PyObject *arguments)
 {
     Py_buffer config;
@@ -3201,6 +3208,7 @@ static PyObject *initialise(PyObject *module, PyObject *arguments)
     return result;
 }
 
+/* Reset a fault: argument (state). Return the error's code. */
 static PyObject *reset(PyObject *module, PyObject *arguments)
 {
     Py_buffer state;
@@ -3306,6 +3314,7 @@ static int append(PyObject *list, PyObject *item)
     return error ? -1 : 0;
 }
 
+/* Return a list of (field, word, number): the words that Python takes in place of numbers. */
 static PyObject *list_words(const choice *first, int count)
 {
     PyObject *list = PyList_New(0);
@@ -3317,6 +3326,7 @@ static PyObject *list_words(const choice *first, int count)
     return list;
 }
 
+/* Return a list of the structs' fields: struct, name, format, offset, shape, whether unbounded, unit, heading. */
 static PyObject *list_fields(void)
 {
     PyObject *list = PyList_New(0);
@@ -3336,6 +3346,7 @@ static PyObject *list_fields(void)
     return list;
 }
 
+/* Return a list of (name, bit, meaning) of the status. */
 static PyObject *list_statuses(void)
 {
     PyObject *list = PyList_New(0);
@@ -3347,6 +3358,7 @@ static PyObject *list_statuses(void)
     return list;
 }
 
+/* Return the sizes [bytes] of the structs by name. */
 static PyObject *list_sizes(void)
 {
     PyObject *sizes = PyDict_New();

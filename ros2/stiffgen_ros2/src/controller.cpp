@@ -18,6 +18,7 @@ StiffnessController::Callback StiffnessController::refuse(const std::string &rea
     return Callback::FAILURE;
 }
 
+// Declare the parameters; a number of the wrong type is an error here.
 StiffnessController::Callback StiffnessController::on_init()
 {
     try {
@@ -29,6 +30,7 @@ StiffnessController::Callback StiffnessController::on_init()
     return Callback::SUCCESS;
 }
 
+// Read and check all parameters, and create topics, services and diagnostics.
 StiffnessController::Callback StiffnessController::on_configure(const State &)
 {
     const auto node = get_node();
@@ -53,6 +55,7 @@ StiffnessController::Callback StiffnessController::on_configure(const State &)
     return Callback::SUCCESS;
 }
 
+// Return the interfaces that are written: efforts, and positions where they are asked for.
 StiffnessController::Configuration StiffnessController::command_interface_configuration() const
 {
     Configuration configuration{controller_interface::interface_configuration_type::INDIVIDUAL, {}};
@@ -63,6 +66,7 @@ StiffnessController::Configuration StiffnessController::command_interface_config
     return configuration;
 }
 
+// Return the interfaces that are read: positions, velocities and the wrench sensor's six axes.
 StiffnessController::Configuration StiffnessController::state_interface_configuration() const
 {
     Configuration configuration{controller_interface::interface_configuration_type::INDIVIDUAL, {}};
@@ -99,6 +103,7 @@ Measured StiffnessController::measure() const
     return measured;
 }
 
+// Start the law at the measured position, with the efforts in force; refuse while a state is not finite.
 StiffnessController::Callback StiffnessController::on_activate(const State &)
 {
     for (const auto &each : state_interfaces_) {
@@ -122,6 +127,7 @@ StiffnessController::Callback StiffnessController::on_activate(const State &)
     return Callback::SUCCESS;
 }
 
+// Do one cycle: take settings and commands, step the law, write efforts. No lock is waited for.
 StiffnessController::Return StiffnessController::update_and_write_commands(const rclcpp::Time &, const rclcpp::Duration &period)
 {
     if (settings_.read(loop_settings_)) { law_.change(loop_settings_); }
@@ -226,6 +232,7 @@ StiffnessController::Callback StiffnessController::on_shutdown(const State &)
 }
 
 #if RCLCPP_VERSION_MAJOR < 21
+// Return the references that another controller may write: a position [rad] per joint.
 std::vector<hardware_interface::CommandInterface> StiffnessController::on_export_reference_interfaces()
 {
     reference_interfaces_.assign(robot::DOF, std::numeric_limits<double>::quiet_NaN());
@@ -246,6 +253,7 @@ void StiffnessController::write_reference(const robot::Joints &q0)
     std::copy(q0.begin(), q0.begin() + static_cast<std::ptrdiff_t>(reference_interfaces_.size()), reference_interfaces_.begin());
 }
 #else
+// Return the same references, in the form of newer distributions.
 std::vector<hardware_interface::CommandInterface::SharedPtr> StiffnessController::on_export_reference_interfaces_list()
 {
     std::vector<hardware_interface::CommandInterface::SharedPtr> exported;

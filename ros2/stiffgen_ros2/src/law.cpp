@@ -8,6 +8,7 @@ namespace stiffgen_ros2 {
 
 static constexpr double TURN = 6.283185307179586;
 
+// Start at q with `torque` [N m] in force, from the settings; return the controller's error, GOOD for none.
 int Law::start(const Settings &settings, bool policy, const robot::Joints &q, const robot::Joints &torque)
 {
     const unsigned activation = snapshot_.activation + 1;
@@ -53,6 +54,7 @@ void Law::change(const Settings &settings)
     std::copy(settings.posture_stiffness.begin(), settings.posture_stiffness.end(), sample_.posture_stiffness);
 }
 
+// Take a command; with a policy port, commands become proposals, except joints, Settle and Press.
 void Law::command(const Command &command)
 {
     const bool moves_pose = command.kind == Command::SETTLE || command.kind == Command::PRESS;
@@ -251,12 +253,13 @@ void Law::note(const robot::Report &before)
     if (now.refusal != robot::NO_REFUSAL && (now.refusal != before.refusal || now.refusal_command != before.refusal_command)) {
         ++snapshot_.refusals;
         snapshot_.refused = now;
-        snapshot_.refused_part = 0;
+        snapshot_.refused_part = 0; // the controller's own refusal, not the policy port's
     }
     std::copy(std::begin(sample_.translation_stiffness), std::end(sample_.translation_stiffness), snapshot_.translation_stiffness);
     std::copy(std::begin(sample_.rotation_stiffness), std::end(sample_.rotation_stiffness), snapshot_.rotation_stiffness);
 }
 
+// Step the controller with a measurement; `period` [s] since the last step tells missed samples.
 const robot::Report &Law::step(const Measured &measured, double period)
 {
     const double sample_time = settings_.config.sample_time;

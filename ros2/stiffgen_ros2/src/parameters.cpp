@@ -33,6 +33,7 @@ Parameters::Parameters(
 {
 }
 
+// Put the settings in force, and check and use later changes of parameters.
 void Parameters::start(const Settings &settings)
 {
     topics_->change(settings);
@@ -76,6 +77,7 @@ Parameters::Result Parameters::check(const Changes &changes)
     return result;
 }
 
+// Return why changes are refused, "" if they are not.
 std::string Parameters::refuse(const Changes &changes) const
 {
     for (const auto &each : changes) {
@@ -113,6 +115,7 @@ void Parameters::use(const Changes &changes)
 }
 
 #if RCLCPP_VERSION_MAJOR < 21
+// Use accepted changes once the node has them: older distributions tell of changes before they are made.
 void Parameters::look()
 {
     Changes changes;

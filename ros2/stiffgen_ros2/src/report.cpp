@@ -19,6 +19,7 @@ std::string number(double value)
     return text;
 }
 
+// Return the names of the bits that are set.
 template <class Names> std::string status_words(unsigned status, const Names &names)
 {
     std::string words;
@@ -78,6 +79,7 @@ Report::Report(rclcpp_lifecycle::LifecycleNode &node, const Setup &setup, Latest
 {
 }
 
+// Create publishers, the reset service, and the timer that publishes at state_rate [Hz].
 void Report::start()
 {
     using Trigger = std_srvs::srv::Trigger;
@@ -135,6 +137,7 @@ void Report::tell_changes()
     told_restarts_ = last_.restarts;
 }
 
+// Return the state in words and numbers: fault, error of the tip, energies, refusals.
 diagnostic_msgs::msg::DiagnosticStatus Report::status() const
 {
     diagnostic_msgs::msg::DiagnosticStatus status;
@@ -185,6 +188,7 @@ void Report::publish_measured(geometry_msgs::msg::WrenchStamped message)
 #endif
 }
 
+// Publish the newest snapshot, if there is one: poses, wrenches, state.
 void Report::publish()
 {
     if (!snapshots_.read(last_)) { return; }

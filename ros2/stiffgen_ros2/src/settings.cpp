@@ -79,6 +79,7 @@ std::string read_choice(const Lookup &lookup, const Choice &field, robot::Config
     return std::string("parameter '") + field.name + "' is '" + word + "'; give " + choices;
 }
 
+// Read the configuration's fields from the parameters; return the first fault, "" for none.
 std::string read_fields(const Lookup &lookup, robot::Config &config)
 {
     std::string reason;
@@ -146,6 +147,7 @@ std::string read_sensor(const Lookup &lookup, Setup &setup)
 
 } // namespace
 
+// Declare all parameters with their defaults, those of the configuration from the controller's own.
 void declare_parameters(rclcpp_lifecycle::LifecycleNode &node)
 {
 #if STIFFGEN_ROS2_PARAMETERS
@@ -184,6 +186,7 @@ void declare_parameters(rclcpp_lifecycle::LifecycleNode &node)
     declare(node, "target_timeout", 1.0);
 }
 
+// Read what only configuration decides: joints, frame, interfaces, sensor; return the fault, "" for none.
 std::string read_setup(const Lookup &lookup, Setup &setup)
 {
     const std::string prefix = lookup("prefix").as_string();
@@ -212,6 +215,7 @@ std::string read_setup(const Lookup &lookup, Setup &setup)
     return read_sensor(lookup, setup);
 }
 
+// Read the sample time [s], which must agree with the update rate [Hz] within 10 %.
 std::string read_sample_time(const Lookup &lookup, unsigned update_rate, double &sample_time)
 {
     const double given = lookup("sample_time").as_double(), rate = static_cast<double>(update_rate);
@@ -228,6 +232,7 @@ std::string read_sample_time(const Lookup &lookup, unsigned update_rate, double 
     return "";
 }
 
+// Read what may change while active; return the fault, "" for none.
 std::string read_settings(const Lookup &lookup, double sample_time, Settings &settings)
 {
     settings.config = default_config();
@@ -259,6 +264,7 @@ bool is_ours(const std::string &parameter)
            has_row(INTEGERS, parameter) || has_row(CHOICES, parameter);
 }
 
+// Return whether two configurations differ in a field that has a parameter.
 bool differs(robot::Config a, robot::Config b)
 {
     bool same = true;
@@ -270,6 +276,7 @@ bool differs(robot::Config a, robot::Config b)
     return !same;
 }
 
+// Return a command with the settings' springs, at rest in the middle of the limits.
 robot::Sample command_of(const Settings &settings)
 {
     robot::Sample command{};
@@ -288,6 +295,7 @@ bool finite(const double *values, std::size_t count)
     return std::all_of(values, values + count, [](double each) { return std::isfinite(each); });
 }
 
+// Return why the controller would refuse a command, by giving it to one that rests there; "" if it takes it.
 std::string refuse(const robot::Config &config, const robot::Sample &command)
 {
     robot::Impedance probe(config); // an arm that rests at q0

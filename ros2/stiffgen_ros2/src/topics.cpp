@@ -34,6 +34,7 @@ Topics::Topics(rclcpp_lifecycle::LifecycleNode &node, const Setup &setup, Comman
 {
 }
 
+// Subscribe to all command topics.
 void Topics::subscribe()
 {
     subscribe("~/target_pose", pose_, &Topics::target_pose);
@@ -50,6 +51,7 @@ void Topics::change(const Settings &settings)
     settings_ = settings;
 }
 
+// Command the settings' stiffness, the given blocks of it; false if the loop takes no commands.
 bool Topics::command_stiffness(const Settings &settings, const Blocks &blocks)
 {
     const std::lock_guard<std::mutex> lock(mutex_);
@@ -63,6 +65,7 @@ bool Topics::command_stiffness(const Settings &settings, const Blocks &blocks)
     return !is_active_ || commands_.push(command); // an activation begins with the settings
 }
 
+// Subscribe to one topic: convert a message into a command, queue it, and tell the sender why if it is refused.
 template <class Message> void Topics::subscribe(const char *topic, std::shared_ptr<rclcpp::Subscription<Message>> &subscription,
     std::string (Topics::*convert)(const Message &, Command &))
 {
@@ -111,6 +114,7 @@ std::string Topics::check_stamp(const builtin_interfaces::msg::Time &stamp, cons
     return text;
 }
 
+// Convert a pose; return why it is refused, "" if it is not.
 std::string Topics::target_pose(const geometry_msgs::msg::PoseStamped &message, Command &command)
 {
     command.kind = Command::POSE;
@@ -126,6 +130,7 @@ std::string Topics::target_pose(const geometry_msgs::msg::PoseStamped &message, 
     return reason.empty() ? check_stamp(message.header.stamp, "target_timeout", settings_.target_timeout, command) : reason;
 }
 
+// Convert joint positions, in any order of names; return why they are refused, "" if they are not.
 std::string Topics::target_joint(const sensor_msgs::msg::JointState &message, Command &command)
 {
     command.kind = Command::JOINTS;
@@ -144,6 +149,7 @@ std::string Topics::target_joint(const sensor_msgs::msg::JointState &message, Co
     return reason.empty() ? refuse(settings_.config, wanted) : reason;
 }
 
+// Convert a wrench in base axes; return why it is refused, "" if it is not.
 std::string Topics::target_wrench(const geometry_msgs::msg::WrenchStamped &message, Command &command)
 {
     command.kind = Command::WRENCH;
@@ -157,6 +163,7 @@ std::string Topics::target_wrench(const geometry_msgs::msg::WrenchStamped &messa
     return reason.empty() ? refuse(settings_.config, wanted) : reason;
 }
 
+// Convert a stiffness, 36 numbers row by row; return why it is refused, "" if it is not.
 std::string Topics::stiffness(const std_msgs::msg::Float64MultiArray &message, Command &command)
 {
     command.kind = Command::STIFFNESS;

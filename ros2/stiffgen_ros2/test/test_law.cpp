@@ -49,6 +49,7 @@ struct Loop {
     }
 };
 
+// Run the law on a simulated arm, in samples of 1 ms: it holds, yields to a push, returns, and latches faults.
 int main()
 {
     Loop loop;

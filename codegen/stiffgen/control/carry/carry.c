@@ -106,13 +106,14 @@ static void advance(state_t *s, double lag)
     s->waits = lag > WAITING && way > THERE ? s->waits + (s->waits < LONGEST) : 0;
 }
 
+/* Do a step: move the object as far as all tips can follow, and let each tip follow its place on the object. */
 int carry(state_t *s, const input_t *input, output_t *out)
 {
     double here[16 * TIPS], lag[TIPS], wanted[16], twist[6];
     input_t each = *input;
     stiffgen_poses(s->q, stiffgen_kept_tool(s), here);
     const double most = find_lag(s, here, lag);
-    const int good = take_object(s, input, lag);
+    const int good = take_object(s, input, lag); /* else the last good command stays in force */
     memcpy(each.pose, s->pose, sizeof each.pose);
     if (s->held) {
         advance(s, most);

@@ -5,7 +5,10 @@
  */
 #include "gains.h"
 
-/* Split a torque at (q, dq) into tau_ff and gains. */
+/*
+ * Split a torque at (q, dq) [N m] into tau_ff and diagonal gains, those of the motors' own loop: the nearest ones to
+ * joint_stiffness and damping (N x N) that lie between 0 and the limits. All results are NaN if a number is not finite.
+ */
 int split_torque(const double *q, const double *dq, const double *q_des, const double *dq_des, const double *torque,
                  const double *joint_stiffness, const double *damping, const double *kp_limit, const double *kd_limit,
                  double *tau_ff, double *kp, double *kd)

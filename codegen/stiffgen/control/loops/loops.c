@@ -40,6 +40,10 @@ double stiffgen_spring_energy(const double *q, const memory_t *m, const double *
     return stiffgen_tree_spring_energy(joints, m, equilibrium, translation_stiffness, rotation_stiffness);
 }
 
+/*
+ * Return the springs' energy [J], with torque and stiffness of the motors: those of the open tree, carried over by the
+ * loops.
+ */
 double stiffgen_spring(const double *q, const memory_t *m, const double *equilibrium,
     const double *translation_stiffness, const double *rotation_stiffness, double *torque, double *joint_stiffness)
 {

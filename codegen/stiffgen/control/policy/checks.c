@@ -15,7 +15,7 @@ refusal_t refuse(int code, int entry, double seen, double limit)
 /* Return a refusal of nothing. */
 refusal_t accept(void) { return refuse(ACCEPTED, WHOLE, 0.0, 0.0); }
 
-/* Check that x[first], ... are finite, and no larger than a bound; `code` is why larger ones are refused. */
+/* Check that `count` numbers from x[first] on are finite, and no larger than `most`; else refuse them for `code`. */
 static refusal_t check_numbers(const double *x, int first, int count, double most, int code)
 {
     for (int k = first; k < first + count; ++k) {

@@ -109,7 +109,7 @@ static void take(refusal_t found, int count, const double *given, double *taken)
     }
 }
 
-/* Check a part of a proposal, and accept it for all tips or none. Return why not. */
+/* Check a part of a proposal, and accept it for all tips or none. Return why it is refused, or that it is not. */
 static refusal_t propose_part(policy_t *p, const proposal_t *proposal, int part)
 {
     const config_t *const c = &p->config;

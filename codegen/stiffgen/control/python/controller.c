@@ -11,6 +11,7 @@ void *structs(const Py_buffer *buffer, size_t size, Py_ssize_t count)
     return buffer->buf;
 }
 
+/* Write the default configuration: argument (config). */
 static PyObject *default_config(PyObject *module, PyObject *arguments)
 {
     Py_buffer config;
@@ -48,6 +49,7 @@ static PyObject *initialise(PyObject *module, PyObject *arguments)
     return result;
 }
 
+/* Reset a fault: argument (state). Return the error's code. */
 static PyObject *reset(PyObject *module, PyObject *arguments)
 {
     Py_buffer state;
@@ -153,6 +155,7 @@ static int append(PyObject *list, PyObject *item)
     return error ? -1 : 0;
 }
 
+/* Return a list of (field, word, number): the words that Python takes in place of numbers. */
 static PyObject *list_words(const choice *first, int count)
 {
     PyObject *list = PyList_New(0);
@@ -164,6 +167,7 @@ static PyObject *list_words(const choice *first, int count)
     return list;
 }
 
+/* Return a list of the structs' fields: struct, name, format, offset, shape, whether unbounded, unit, heading. */
 static PyObject *list_fields(void)
 {
     PyObject *list = PyList_New(0);
@@ -183,6 +187,7 @@ static PyObject *list_fields(void)
     return list;
 }
 
+/* Return a list of (name, bit, meaning) of the status. */
 static PyObject *list_statuses(void)
 {
     PyObject *list = PyList_New(0);
@@ -194,6 +199,7 @@ static PyObject *list_statuses(void)
     return list;
 }
 
+/* Return the sizes [bytes] of the structs by name. */
 static PyObject *list_sizes(void)
 {
     PyObject *sizes = PyDict_New();

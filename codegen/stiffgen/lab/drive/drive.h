@@ -31,6 +31,10 @@ typedef struct drive_state {
     double share;      /* eps^T K eps */
 } drive_state;
 
+/*
+ * Evaluate the deflection (eta, eps) of the target to the body, the energy's factor g(eta) with derivatives, and the
+ * terms that energy, torque and stiffness share.
+ */
 static inline drive_state drive_evaluate(const double rotation[4], const double target[4], const double K[9], int form)
 {
     const double *const a = target, *const b = rotation;

@@ -39,6 +39,7 @@ struct Ring {
     }
 };
 
+/* Encode joint values unpacked, one key per value. */
 bool encode_joints(pb_ostream_t *stream, const pb_field_t *field, void *const *values)
 {
     const double *const value = static_cast<const double *>(*values);
@@ -117,6 +118,7 @@ EOperationMode LBRState::getOperationMode() const
     return static_cast<EOperationMode>(data->in.robot.operation);
 }
 
+/* Return the drives' state, TRANSITIONING if they differ. */
 EDriveState LBRState::getDriveState() const
 {
     for (int i = 1; i < data->in.robot.drives_count; ++i) {
@@ -179,6 +181,7 @@ const double *LBRState::getCommandedJointPosition() const { return data->command
 #else
 const double *LBRState::getMeasuredCartesianPose() const { return data->in.measurement.pose.element; }
 
+/* Convert x y z and quaternion w x y z into rows of rotation and translation. */
 void LBRState::getMeasuredCartesianPoseAsMatrix(double (&matrix)[3][4]) const
 {
     const double *const p = getMeasuredCartesianPose();
@@ -205,6 +208,7 @@ const double *LBRState::getExternalForce() const { return data->in.measurement.e
 
 namespace {
 
+/* Throw, from 2.7 on, if a command does not fit the command mode. */
 void require_mode(const ClientData *data, bool fits)
 {
 #if STANDIN_VERSION >= 207
@@ -342,6 +346,7 @@ bool unframe(const char *received, size_t size, const uint8_t **body, size_t *le
     return true;
 }
 
+/* Decode a message, and say what is wrong, as KUKA's library does. */
 bool decode(const uint8_t *body, size_t length, open_fri_Monitoring *message)
 {
     pb_istream_t in = pb_istream_from_buffer(body, length);
@@ -406,6 +411,7 @@ size_t encode(ClientData &data)
 
 } // namespace
 
+/* Receive a message, call the client, and answer, as KUKA's library does. */
 bool ClientApplication::step()
 {
     if (!connection_.isOpen()) {

@@ -33,6 +33,7 @@
 {% endif %}
 #define FAR {{ "1e4" if wide else "6e3f" }}
 
+/* Replace sines and cosines of angles beyond FAR, and of NaN, by those of the C library. */
 static void by_libm_beyond_far(const {{ scalar.name }} *x, {{ scalar.name }} *sine, {{ scalar.name }} *cosine, int count)
 {
     for (int k = 0; k < count; ++k) {

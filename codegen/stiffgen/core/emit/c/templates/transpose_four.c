@@ -2,6 +2,7 @@
 /* 4 x 4 squares, for remainders shorter than LANES. */
 typedef float four __attribute__((vector_size(16)));
 
+/* Transpose a square of 4 x 4 floats in two rounds, each of which interleaves pairs of rows. */
 static inline void transpose_four(four square[4])
 {
     for (int round = 0; round < 2; ++round) {

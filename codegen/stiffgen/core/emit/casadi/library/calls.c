@@ -6,6 +6,7 @@ static casadi_int size_of(const CALL(casadi_function) *f, int operand)
     return f->shape[operand][0] * f->shape[operand][1];
 }
 
+/* Return the numbers of the operands first, ..., end - 1 together. */
 static casadi_int size_of_all(const CALL(casadi_function) *f, int first, int end)
 {
     casadi_int size = 0;
@@ -46,6 +47,7 @@ static void store_result(const CALL(casadi_function) *f, int operand, const doub
     }
 }
 
+/* Evaluate a function for CasADi: arguments and results are column-major there, row-major here; w is work space. */
 void CALL(casadi_evaluate)(const CALL(casadi_function) *f, const double **arg, double **res, double *w)
 {
     const double *in[MAX_OPERANDS];
@@ -169,6 +171,7 @@ void CALL(casadi_jacobian)(const CALL(casadi_function) *f, const double **arg, d
     }
 }
 
+/* Return the work space of the Jacobian, in numbers: that of the largest result's products. */
 casadi_int CALL(casadi_jacobian_work)(const CALL(casadi_function) *f)
 {
     const casadi_int inputs = size_of_all(f, 0, f->inputs), outputs = size_of_all(f, f->inputs, f->inputs + f->outputs);

@@ -24,7 +24,7 @@ static int argument_place(const kernel *k, PyObject *name)
 /* The type of floats, and names of the arguments that choose a loop; of robots in floats alone. */
 static PyObject *float_type, *dtype_name, *other_names[2];
 
-/* Prepare the calls of robots in floats. */
+/* Prepare the calls of robots in floats: the names of NumPy's options for the type. Return -1 on failure. */
 int prepare_floats(void)
 {
     if (NUMBER != NPY_FLOAT) {
@@ -49,9 +49,10 @@ static PyObject *call_for_floats(PyObject *self, PyObject *const *args, size_t f
         chosen = PyUnicode_Compare(name, dtype_name) == 0 || PyUnicode_Compare(name, other_names[0]) == 0
             || PyUnicode_Compare(name, other_names[1]) == 0;
     }
-    if (chosen) {
+    if (chosen) { /* the caller has chosen the type, or gives more than any function takes */
         return numpys_call(self, args, flags, keywords);
     }
+    /* Vectorcall: named values come behind the others, their names in a tuple. Add dtype as the last one. */
     PyObject *const names = PyTuple_New(named + 1);
     if (names == NULL) {
         return NULL;

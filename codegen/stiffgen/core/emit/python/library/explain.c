@@ -1,6 +1,7 @@
 /* Errors that name the argument in place of NumPy's. */
 #include "ufuncs.h"
 
+/* Set a TypeError about an argument, which lists the function's arguments. Return NULL. */
 PyObject *argument_error(const kernel *k, const char *what, const char *name)
 {
     PyObject *names = PyUnicode_FromString(k->argument[0]);

@@ -14,6 +14,7 @@ static number value_at(const char *at)
     return value;
 }
 
+/* Return whether a position is so far beyond its limits that it may be in degrees. */
 static int is_beyond_a_turn(const char *q, const npy_intp *steps)
 {
     int beyond = 0;
@@ -75,6 +76,7 @@ void look_at_inputs(const kernel *k, char **args, npy_intp count, const npy_intp
     }
 }
 
+/* Warn of a suspicious input, once per process; return -1 if the warning is an exception. */
 static int warn(int bit, const char *message)
 {
     if ((suspicious & bit & ~warned) == 0) {

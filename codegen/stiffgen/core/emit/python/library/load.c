@@ -47,6 +47,7 @@ static int check_build(void)
     return 0;
 }
 
+/* Make a kernel a NumPy ufunc of the module; return -1 on failure. */
 static int add_ufunc(PyObject *module, int index, PyObject *arguments)
 {
     const kernel *const k = &kernels[index];

@@ -1,6 +1,7 @@
 /* Memory of operands: sizes, use in place, copies. */
 #include "ufuncs.h"
 
+/* Return the numbers of an operand in one configuration. */
 npy_intp size_of(const kernel *k, int operand)
 {
     npy_intp size = 1;
