@@ -53,7 +53,7 @@ def test_torque_is_that_of_the_controller_stepped_in_python_on_what_the_robot_sa
         velocity = (q - known[-2]) / 0.010  # over 8 ms at least
         known.append(q)
         J = robot.hybrid.jacobian(q)
-        measured = np.linalg.solve(J @ J.T + 1e-4 * np.eye(6), J @ torque)
+        measured = np.linalg.solve(J @ J.T + 1e-4 * np.eye(6), J @ torque)  # damped least squares, 0.01^2
         assert np.linalg.norm(measured - wrench) <= 0.02 * np.linalg.norm(wrench) + 1e-12  # the damping's share
         t = k * 0.005
         if t < 5.0:
@@ -309,10 +309,12 @@ def test_an_arm_led_by_hand_in_a_dry_run_is_not_let_go(one: Programs, robot: Mod
         for k in range(400):  # a second there, a second of rest
             place = minimum_jerk(0.005 * k, 1.0, before, pose)[0]
             script.add(COMMANDING_ACTIVE, position=place + 1e-5 * np.cos(k * np.arange(1, 8)))
+    # A limit of 0 is none: the hand moves the arm away from the trajectory.
     limits = [f"--{name}-limit" for name in ("error", "lag", "energy")]
     options = [word for name in limits for word in (name, "0")]
     wiped = Wiped(one, script, tmp_path, "--effort-share", "0.25", "--force-limit", "150", *options, "--dry-run")
     assert len(wiped.log) == 4000 and wiped.log["sample_valid"].all()
+    # Bit 17: the client let go.
     assert not (wiped.log["events"].astype(int) & 1 << 17).any() and wiped.faults["controller_faults"] == 0
     assert not any(command.torque.any() for command in wiped.commands[9:] if command and command.torque is not None)
     for k, pose in enumerate(poses[1:]):

@@ -92,7 +92,7 @@ def test_rests_pushes_and_holds_are_no_frozen_positions(long_attack: Attack, lin
 
 def test_faulty_encoders_of_the_simulated_robot() -> None:
     """Still, stuck at a value, one bit that toggles, and late copies, of one joint, several or all."""
-    path = np.cumsum(np.full((30, 7), 0.01), axis=0)
+    path = np.cumsum(np.full((30, 7), 0.01), axis=0)  # [rad] each joint moves on by 0.01 per sample; faults from 10 on
 
     def told(**faults: str) -> np.ndarray:
         encoders = Encoders()

@@ -224,6 +224,7 @@ def test_wrench_from_a_sensor(one: Programs, robot: ModuleType, plate_folder: Pa
                "--summary", summary)  # fmt: skip
     with served(one.client, *options) as session:
         for k, datagram in enumerate(script.datagrams):
+            # The sensor is silent from message 60 on; datagrams of another size never count.
             for sample in [struct.pack("<6d", *told)] * (k < 60) + [b"short"]:
                 session.robot.sendto(sample, ("127.0.0.1", sensor_port))
             while unread(sensor_port):  # the sensor's thread is not in lockstep

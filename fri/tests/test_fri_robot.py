@@ -81,7 +81,8 @@ def example(version: str, commanding: bool) -> tuple[Monitoring, bytes]:
     is_2x = version != "1.15"
     body = b"".join(
         [
-            block(1, number(1, 0x245142), number(2, 300), number(3, 128)),
+            # Numbers of blocks and fields are those of the protocol's description; enumerations are written as numbers.
+            block(1, number(1, 0x245142), number(2, 300), number(3, 128)),  # header: identifier, sequence, reflected
             block(2, number(1, 7), number(2, 3), number(5, 2) * 7, number(6, 2), number(7, 0)),
             block(
                 3,
@@ -96,7 +97,7 @@ def example(version: str, commanding: bool) -> tuple[Monitoring, bytes]:
                 block(10, number(1, 0), double(2, -0.5)) if is_2x else b"",
                 block(15, number(1, 1_700_000_000), number(2, 999_000_000)),
             ),
-            block(4, number(1, 4), number(2, 2), number(3, 5), number(4, 2)),
+            block(4, number(1, 4), number(2, 2), number(3, 5), number(4, 2)),  # state, quality, period, multiplier
             block(5, joints(1, ipo) if commanding else b"", number(10, 3), number(11, 0), double(12, 0.75)),
         ]
     )

@@ -34,7 +34,7 @@ Wiring = Callable[[np.ndarray], np.ndarray]
 
 
 def session(arm: Arm, random: np.random.Generator) -> np.ndarray:
-    """Run a harmless session; return its rows."""
+    """Run a harmless session: a motion within 0.25 rad, at times a push of up to 25 N or a payload; return its rows."""
     flexible = random.random() < 0.3
     delay = int(random.integers(0, 2 if flexible else 3))
     way = random.uniform(-0.25, 0.25, arm.n)

@@ -110,7 +110,7 @@ def command(bench: Bench, form: str, q: np.ndarray, v: np.ndarray, goal: Any, st
 
 
 def passes(bench: Bench, form: str, host: float, stiffness: float, posture: np.ndarray, wall: bool) -> bool:
-    """Return whether the arm is passive in an episode of 1.4 s, and comes to rest."""
+    """Return whether the arm is passive in an episode of 1.4 s, and comes to rest; host rate [Hz], stiffness [N/m]."""
     model, data = bench.model, mujoco.MjData(bench.model)
     data.qpos[:] = posture
     goal = (bench.robot.forward_kinematics(posture), posture)
@@ -136,7 +136,7 @@ def passes(bench: Bench, form: str, host: float, stiffness: float, posture: np.n
         put_out -= force @ (before + J @ data.qvel) / 2 * INNER
         speed = float(np.abs(data.qvel).max())
         fastest, last = max(fastest, speed), max(last, speed) if k >= 12000 else 0.0
-        if not speed < 50 or put_out > 1e-3:
+        if not speed < 50 or put_out > 1e-3:  # [rad/s], [J]
             return False
     return last < 0.3 * fastest
 

@@ -151,7 +151,7 @@ def schedule(random: Random, loop: Loop, moving: bool = False, sensors: bool = F
     motor = np.exp(random.uniform(np.log(0.02), np.log(0.3), loop.n))
     made = Schedule(
         {
-            "tank_initial": float(10 ** random.uniform(-1, 0.6)),
+            "tank_initial": float(10 ** random.uniform(-1, 0.6)),  # [J] 0.1 to 4
             "heaviest_wrench": np.array([100.0, 20.0]) * 10 ** random.uniform(-1, 0.5),
             "delay_samples": delay,
             "motor_inertia": motor,
@@ -163,7 +163,7 @@ def schedule(random: Random, loop: Loop, moving: bool = False, sensors: bool = F
             "missed_limit": int(random.integers(1, 7)),
             "call_gap_limit": int(random.integers(1, 7)),
             "communication_reaction": int(random.integers(1, 4)),
-            "torque_rate_limit": 10 * loop.effort * 10 ** random.uniform(-1.5, 1.5),
+            "torque_rate_limit": 10 * loop.effort * 10 ** random.uniform(-1.5, 1.5),  # [N m/s]
         },
         {
             "delay": delay,

@@ -35,7 +35,7 @@ class Orbit:
 
     def __init__(self, random: np.random.Generator, lower: Array, upper: Array) -> None:
         """Draw a closed path of joint positions (three harmonics), a rest position, stiffnesses and a wrench."""
-        self.size = float(np.exp(random.uniform(np.log(0.05), np.log(1.0))))
+        self.size = float(np.exp(random.uniform(np.log(0.05), np.log(1.0))))  # [rad] largest distance from the centre
         self.centre = random.uniform(0.6 * lower, 0.6 * upper)
         self.waves = random.normal(size=(3, 2, len(lower))) * np.array([1.0, 0.3, 0.1])[:, None, None]
         largest = max(np.linalg.norm(self._away(t)) for t in np.linspace(0, 2 * np.pi, 200))

@@ -185,6 +185,6 @@ def test_a_loaded_ankle_rests_where_its_energy_is_least(ankle: Any, force: tuple
         return energy(pose, equilibrium) + float((a - goal) @ (a - goal)) / 2 - float(load @ pose[:3, 3])
 
     best = minimize(total, rest, method="Nelder-Mead", options={"xatol": 1e-9, "fatol": 1e-15}).x
-    assert speed < 1e-3
-    assert np.abs(rest - goal).max() > 0.05
-    assert np.abs(rest - best).max() < 1e-4
+    assert speed < 1e-3  # [rad/s] at rest
+    assert np.abs(rest - goal).max() > 0.05  # [rad] the load moves the ankle
+    assert np.abs(rest - best).max() < 1e-4  # [rad] to the least of its energy

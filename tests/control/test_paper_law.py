@@ -39,15 +39,16 @@ def test_torque_and_damping(robot: ModuleType, formula: str) -> None:
         wrench = random.normal(size=6) * [40, 40, 40, 8, 8, 8]
         out = law.step(q=q, dq=dq, q0=q + e, wrench=wrench, task_stiffness=TASK_STIFFNESS)
         K = getattr(robot.hybrid, KERNELS[formula])(q, wrench, TASK_STIFFNESS) + 3.0 * np.eye(7)
-        M = robot.mass_matrix(q) + 0.1 * np.eye(7)
+        M = robot.mass_matrix(q) + 0.1 * np.eye(7)  # with the rotors
         values, vectors = scipy.linalg.eigh((K + K.T) / 2, M)
+        # 0.8 is twice the damping ratio, 0.2 N m s/rad the joint damping.
         B = M @ vectors @ np.diag(0.8 * np.sqrt(np.abs(values))) @ vectors.T @ M + 0.2 * np.eye(7)
         np.testing.assert_allclose(out.joint_stiffness, K, rtol=1e-12, atol=1e-10)
         np.testing.assert_allclose(out.damping, B, atol=1e-10)
         np.testing.assert_allclose(out.torque, K @ e - B @ dq, atol=1e-9)
         assert not (out.saturated or out.rate_limited)
         least = min(least, values[0])
-    assert least < -1
+    assert least < -1  # [1/s^2] some mode falls, and is damped as if it stood
 
 
 def test_limits(robot: ModuleType) -> None:

@@ -216,7 +216,7 @@ def test_a_session_with_a_poor_commander(robot: ModuleType) -> None:
     q, dq, refused = Q, np.zeros(7), set()
     for k in range(4000):
         now = 1e-3 * k
-        if k % 50 == 0 and not 1000 <= k < 2200:
+        if k % 50 == 0 and not 1000 <= k < 2200:  # 20 Hz, with a silence of 1.2 s
             goal = _pose(robot) if k % 100 else _goal(robot)
             stamp = now - random.choice([0.0, 0.02, 0.2, -0.5], p=[0.6, 0.2, 0.1, 0.1])
             bad = goal * np.nan if random.random() < 0.1 else goal
@@ -229,4 +229,4 @@ def test_a_session_with_a_poor_commander(robot: ModuleType) -> None:
         assert not out.fault and not out.status & robot.Status.COMMAND_REFUSED, out.text
         q, dq = follow.q0, follow.dq0
     assert {robot.PolicyRefused.FUTURE, robot.PolicyRefused.NOT_FINITE, robot.PolicyRefused.ORDER} <= refused
-    assert 0.0 < out.energy_supplied < 1000.0
+    assert 0.0 < out.energy_supplied < 1000.0  # [J]

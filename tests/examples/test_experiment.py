@@ -260,7 +260,7 @@ def test_stated_geometry(plate: ModuleType) -> None:
     poses = trajectory.poses(plate, trajectory.STATED, 2801)
     centre = plate.forward_kinematics(trajectory.CENTRE_POSTURE)[:3, 3]
     arm = poses[:, :3, 3] - centre
-    np.testing.assert_allclose(np.linalg.norm(arm, axis=1), 0.09, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(arm, axis=1), 0.09, atol=1e-12)  # [m] radius of the circle
     np.testing.assert_allclose(arm[:, 2], 0, atol=1e-12)
     np.testing.assert_allclose(arm[[0, 1400, 2800]], [[0.09, 0, 0], [-0.09, 0, 0], [0.09, 0, 0]], atol=1e-9)
     travel = np.gradient(poses[:, :3, 3], axis=0)[300:1100]

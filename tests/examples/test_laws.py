@@ -37,6 +37,7 @@ def error(goal: laws.State, state: laws.State) -> np.ndarray:
 
 def polymetis(goal: laws.State, state: laws.State) -> np.ndarray:
     """Write the law joint by joint: adaptive gains sum_k Kx_k J_ki J_kj beside fixed ones."""
+    # Polymetis' defaults: Kx [N/m, N m/rad] and Kxd at the tip, k and d at the joints.
     x, xd = [750, 750, 750, 15, 15, 15], [37, 37, 37, 2, 2, 2]
     k, d = [40, 30, 50, 25, 35, 25, 10], [4, 6, 5, 5, 3, 2, 1]
     torque = np.zeros(7)

@@ -312,6 +312,7 @@ def test_compiled_calls_refuse_as_the_model_does(floating, tmp_path, unoptimised
         stacks = [pool[each].copy() for each in kernel.arguments]
         springs = stacks[[each.name for each in kernel.arguments].index("joint_stiffness")]
         springs *= np.where(np.arange(count) % 2, 10.0, 1e-3)[:, None, None]  # stable, and mostly not
+        # Odd states get entries that are infinite, NaN, zero or huge, on the diagonal and beside it.
         last = springs.shape[1] - 1
         springs[1, 0, 0], springs[3, last, last], springs[5, last, last] = np.inf, np.inf, np.nan
         springs[7, 0, last], springs[9, 0, 0], springs[11] = np.inf, 0.0, 1e160 * springs[11]

@@ -330,6 +330,7 @@ def test_stewart_platform_against_its_closed_form(tmp_path):
         length, J = map(np.array, of_pose(place))
         start = np.array(chain.start)
         start[pose] = place
+        # x(l) inverts the legs' lengths l(x): forces J^-T dU/dx, stiffness J^-T (H - sum f d2l/dx2) J^-1.
         q = motors.close(length, chain.start).ravel()
         assert np.abs(q[pose] - place).max() < 1e-11
         gradient = -model.spring_torque(q, *given).ravel()[pose]

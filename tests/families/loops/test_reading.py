@@ -147,7 +147,7 @@ def test_a_welded_loop_is_singular_where_its_passive_joints_are_in_line(tmp_path
         assert np.isnan(np.array(model.motors.jacobian(q))).any() == is_singular
         # velocity of the weld's gap at unit rates of crank, coupler, end (none) and rocker
         levers = 1j * np.array([point, point - elbow, 0, 0.3 - point])
-        levers /= np.sqrt(np.mean(np.abs(levers[[0, 1, 3]]) ** 2))
+        levers /= np.sqrt(np.mean(np.abs(levers[[0, 1, 3]]) ** 2))  # lengths in units of their mean, beside angles
         C = np.array([levers.real, levers.imag, [1, 1, 1, -1]])
         expected = np.linalg.norm(C) * np.linalg.norm(np.linalg.inv(C[:, 1:])) - 2
         if not is_singular:

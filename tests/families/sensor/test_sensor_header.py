@@ -166,6 +166,7 @@ def test_filters_and_reader_in_c(robot, tmp_path, compiler):
     text = Calibration("felt", "l2", bias, payload, bias, payload, bias, bias, (0.0,) * 3, (0.1,) * 3, 9).to_json()
     done = subprocess.run([str(program), text], check=True, capture_output=True, text=True)
     rows = np.array([line.split() for line in done.stdout.splitlines()], dtype=float)
+    # Per filter 3000 rows (a ramp, two sines, a constant 7) and its delay [samples]; gains at corner and notch.
     for f, gains in enumerate([(np.sqrt(0.5), None), (np.sqrt(0.5), None), (None, 0.0)]):
         outputs, delay = rows[3001 * f : 3001 * f + 3000], rows[3001 * f + 3000, 0]
         np.testing.assert_allclose(2999 - outputs[-1, 0], delay, rtol=1e-9, atol=1e-9)

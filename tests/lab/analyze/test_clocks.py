@@ -79,7 +79,7 @@ def test_a_clock_that_is_set(tmp_path, seconds, recorder):
 
 def test_a_match_is_the_nearest_of_those_logged_beside():
     """Against a search over all wrenches, where one stamp in eight is wrong by up to 5 s."""
-    random, tolerance = np.random.default_rng(0), 8_000_000
+    random, tolerance = np.random.default_rng(0), 8_000_000  # [ns], as all times here
     for _ in range(50):
         logged = np.cumsum(random.integers(1, 20_000_000, 200))
         wrong = random.integers(-5 * SECOND, 5 * SECOND, 200) * (random.random(200) < 1 / 8)

@@ -59,6 +59,7 @@ def test_no_wrench_from_a_singular_posture(module):
 def test_deviations_of_the_stiffness(module):
     """Standard deviations of 20000 drawn wrenches, correlated ones."""
     random, q = np.random.default_rng(2), np.array([0.4, 0.9, -0.3, -1.2, 0.5, 1.0, 0.2])
+    # [N, N m]; its square is the covariance
     root = np.diag([0.4, 0.5, 0.8, 0.02, 0.03, 0.05]) @ (np.eye(6) + 0.4 * random.normal(size=(6, 6)))
     mean, covariance = np.array([10.0, -20, 30, 5, -8, 3]), root @ root.T
     found = stiffgen.stiffness_deviation(module, q, mean, K, covariance)

@@ -111,7 +111,7 @@ def test_a_mount_under_a_load_against_a_floating_base():
         for chain in (load_chain(UR5, tip="tool0", floating_base=True), load_chain(UR5, tip="tool0"))
     ]
     (exact, _), (arm, pose) = [(each["hybrid_tip_compliance"], each["forward_kinematics"]) for each in functions]
-    random, turning = np.random.default_rng(0), 2e4
+    random, turning = np.random.default_rng(0), 2e4  # stiffness [N m/rad] of the mount against turning
     mount = np.diag([1e6] * 3 + [turning] * 3) + 1e3 * spring(random, 6)
     springs = np.diag(random.uniform(2e3, 8e3, 6))
     both = np.block([[mount, np.zeros((6, 6))], [np.zeros((6, 6)), springs]])

@@ -23,7 +23,7 @@ def recording(**changes: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return q, dq and torque of three joints that go there and back twice, under gravity and noise."""
     settings = {"way": 0.4, "speed": 0.1, "back": 1.0} | changes
     random, samples = np.random.default_rng(2), 16000
-    phase = np.arange(samples) / samples * 4
+    phase = np.arange(samples) / samples * 4  # two ways there and back
     wave = np.abs((phase % 2.0) - 1.0) - 0.5  # triangles
     q = settings["way"] * wave[:, None] * np.array([1.0, -0.8, 0.5]) + np.array([0.2, 0.5, -0.3])
     side = np.where(phase % 2.0 < 1.0, -1.0, settings["back"])
@@ -48,10 +48,11 @@ def test_intervals_contain_the_friction() -> None:
     Each joint goes there and back twice in 20 s, with 30 N m of gravity.
     """
     random, samples = np.random.default_rng(4), 4000
-    phase = np.arange(samples) / samples * 4
+    phase = np.arange(samples) / samples * 4  # two ways there and back, in samples of 5 ms
     q = 0.5 * (np.abs(phase % 2.0 - 1.0) - 0.5)[:, None] + np.zeros(200)
     dq = np.where(phase % 2.0 < 1.0, -0.1, 0.1)[:, None] + np.zeros(200)
     for lasting, ripple, range_ in ((0.0, 0.0, (0.9, 0.99)), (0.3, 0.0, (0.88, 0.99)), (0.3, 0.2, (0.88, 0.99))):
+        # Noise whose correlation decays in `lasting` [s], of constant variance.
         noise, kept = random.normal(size=q.shape), np.exp(-0.005 / lasting) if lasting else 0.0
         for k in range(1, samples):
             noise[k] = kept * noise[k - 1] + np.sqrt(1 - kept**2) * noise[k]
@@ -125,7 +126,7 @@ def test_from_plan_to_table(planned: tuple[list[str], np.ndarray], capsys: Any, 
     robot = stiffgen.open_robot(robot_folder)
     dq = np.gradient(plan, axis=0) * 200.0
     q = plan - LAG * dq
-    true = np.array([3.0, 4.0, 2.0, 2.5, 1.0, 0.8, 0.6])
+    true = np.array([3.0, 4.0, 2.0, 2.5, 1.0, 0.8, 0.6])  # [N m] Coulomb friction
     torque = true * np.tanh(dq / 0.01) + 0.2 * np.random.default_rng(3).normal(size=q.shape)
     found = []
     for weight, said in (

@@ -250,6 +250,7 @@ def test_a_mounted_sensor_is_a_tip_at_its_place(sensing, tmp_path: Path) -> None
 def test_a_calibration_is_corrected(sensing, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
     """Bias and payload of the file are taken off; its rotation becomes the turn that was found, and nothing else."""
     monkeypatch.chdir(tmp_path)
+    # Bias [N, N m]; payload: mass [kg] and first moment [kg m].
     bias, payload = np.array([3.0, -2.0, 5.0, 0.1, 0.2, -0.1]), np.array([0.8, 0.01, -0.02, 0.03])
     none = (0.0,) * 6
     file = Calibration("sensing", sensing.chain.sensor.text, tuple(bias), tuple(payload), none, (0.0,) * 4, none, none,
